@@ -1,0 +1,30 @@
+"""refsim: reference implementations of published particle-fluid methods.
+
+Every equation stands as a readable NumPy reference, a Numba CPU kernel and a CUDA kernel. Importing this
+package loads no Numba and compiles nothing.
+"""
+
+from refsim.boundary.akinci_2012 import BoxWalls
+from refsim.errors import InputError, RunStopped
+from refsim.run import Simulation, StepResult
+from refsim.scene import Ball, Box, Cloud, Plan, Scene, make_plan
+from refsim.sph import Gravity, WeaklyCompressible
+
+__version__ = "0.1.0"
+
+__all__ = [
+    "Ball",
+    "Box",
+    "BoxWalls",
+    "Cloud",
+    "Gravity",
+    "InputError",
+    "Plan",
+    "RunStopped",
+    "Scene",
+    "Simulation",
+    "StepResult",
+    "WeaklyCompressible",
+    "__version__",
+    "make_plan",
+]

@@ -1,0 +1,1 @@
+"""Boundaries: walls of particles, sampled meshes, coupling. One folder per published method."""

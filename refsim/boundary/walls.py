@@ -1,0 +1,42 @@
+"""Wall particles as every pass sees them, whichever effect made them.
+
+Parameter groups are flat: Numba's parallel loops take tuples of arrays, not tuples of tuples.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+
+class WallParticles(NamedTuple):
+    """Wall particles on the host, as an effect hands them to the runner (float64)."""
+
+    position: np.ndarray  # (m, 3) [m]
+    volume: np.ndarray  # (m,) V_b [m^dim]
+
+
+class WallRows(NamedTuple):
+    """Wall particles and, row by row, those near each fluid particle (CPU)."""
+
+    position: Any
+    volume: Any
+    start: Any
+    count: Any
+    index: Any
+
+
+class WallColumns(NamedTuple):
+    """Wall particles and, column by column, those near each fluid particle (GPU)."""
+
+    position: Any
+    volume: Any
+    count: Any
+    index: Any
+
+
+def with_list(position: Any, volume: Any, neighbours: Any) -> WallRows | WallColumns:
+    """Wall particles together with their list, whichever of the two forms it has."""
+    parts = (position, volume, *neighbours)
+    return WallRows(*parts) if len(parts) == 5 else WallColumns(*parts)

@@ -1,0 +1,147 @@
+"""Formulas and kernels: the only module that names Numba's decorators.
+
+A scalar formula is written once in plain Python and marked `@formula`; CPU kernels, CUDA kernels and the
+CUDA simulator all call it. Compiled code is cached on disk under a digest of the package's sources, because
+Numba's own cache looks at one file only and would return old numbers after an edit in another.
+"""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import inspect
+import os
+import pathlib
+import shutil
+import sys
+from collections.abc import Callable
+from typing import Any
+
+import numba
+from numba import njit, prange
+from numba.extending import register_jitable
+
+__all__ = ["CudaKernel", "cache_folder", "cpu_kernel", "cuda", "cuda_kernel", "formula", "prange"]
+
+THREADS_PER_BLOCK = 128
+if "NUMBA_THREADING_LAYER" not in os.environ:
+    # Starting a parallel loop costs about 20 microseconds in this layer; OpenMP's barrier takes a millisecond
+    # where virtual cores are shared.
+    numba.config.THREADING_LAYER = "workqueue"
+_CACHES_KEPT = 6
+
+
+def formula(function: Callable) -> Callable:
+    """Mark a scalar formula: plain Python when called from Python, compiled where a kernel calls it."""
+    return register_jitable(error_model="numpy")(function)
+
+
+def source_digest(*packages: pathlib.Path) -> str:
+    """Digest of every Python source below the given folders (names and contents)."""
+    digest = hashlib.sha256(f"{numba.__version__} {sys.version_info[:2]}".encode())
+    for package in packages:
+        for path in sorted(package.rglob("*.py")):
+            digest.update(path.relative_to(package).as_posix().encode())
+            digest.update(path.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+def cache_root() -> pathlib.Path:
+    """Folder of all caches: $REFSIM_CACHE_DIR, else the user's cache folder."""
+    chosen = os.environ.get("REFSIM_CACHE_DIR")
+    if chosen:
+        return pathlib.Path(chosen)
+    base = os.environ.get("XDG_CACHE_HOME") or pathlib.Path.home() / ".cache"
+    return pathlib.Path(base) / "refsim"
+
+
+@functools.cache
+def cache_folder(package: pathlib.Path) -> str:
+    """Cache folder for kernels whose sources lie in `package`; folders of old sources are cleared away."""
+    house = pathlib.Path(__file__).parent
+    folder = cache_root() / source_digest(*({house, package}))
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        os.utime(folder)
+        caches = sorted((p for p in cache_root().iterdir() if p.is_dir()), key=lambda p: p.stat().st_mtime)
+        for stale in caches[:-_CACHES_KEPT]:
+            shutil.rmtree(stale, ignore_errors=True)
+    except OSError:  # a read-only home still works: Numba then compiles in every process
+        pass
+    return str(folder)
+
+
+def _package_of(function: Callable) -> pathlib.Path:
+    top = sys.modules.get(function.__module__.partition(".")[0])
+    path = getattr(top, "__file__", None) or function.__code__.co_filename
+    return pathlib.Path(path).parent
+
+
+def _cached(dispatcher: Any, function: Callable) -> Any:
+    folder = cache_folder(_package_of(function))
+    if not os.access(folder, os.W_OK):
+        return dispatcher
+    before, numba.config.CACHE_DIR = numba.config.CACHE_DIR, folder
+    try:
+        dispatcher.enable_caching()
+    finally:
+        numba.config.CACHE_DIR = before
+    return dispatcher
+
+
+def cpu_kernel(function: Callable | None = None, *, fastmath: bool = False, parallel: bool = True) -> Any:
+    """Compile a kernel for the CPU; its loop over particles is a `prange`."""
+    if function is None:
+        return functools.partial(cpu_kernel, fastmath=fastmath, parallel=parallel)
+    return _cached(njit(parallel=parallel, error_model="numpy", fastmath=fastmath)(function), function)
+
+
+class CudaKernel:
+    """A CUDA kernel that launches itself over the rows of its last argument."""
+
+    def __init__(self, function: Callable, fastmath: bool) -> None:
+        self.function = function
+        self.dispatcher = _load_cuda().jit(fastmath=fastmath, extensions=[_AbsentArgument()])(function)
+        self.__name__ = function.__name__
+        self.__doc__ = function.__doc__
+        self.__wrapped__ = function
+        self.__signature__ = inspect.signature(function)
+
+    def __call__(self, *arguments: Any) -> None:
+        from refsim import backend
+
+        rows = arguments[-1].shape[0]
+        threads = 8 if backend.simulated() else THREADS_PER_BLOCK
+        if rows:
+            self.dispatcher[(rows + threads - 1) // threads, threads, backend.stream()](*arguments)
+
+
+class _AbsentArgument:
+    """Lets `None` stand for an absent optional argument of a CUDA kernel: it travels as a null pointer."""
+
+    def prepare_args(self, ty: Any, value: Any, stream: Any, retr: Any) -> tuple[Any, Any]:
+        from numba import types
+
+        if isinstance(ty, types.NoneType):
+            return types.CPointer(types.void), 0
+        return ty, value
+
+
+def cuda_kernel(function: Callable | None = None, *, fastmath: bool = False) -> Any:
+    """Compile a kernel for CUDA (or for the CUDA simulator, if NUMBA_ENABLE_CUDASIM is set)."""
+    if function is None:
+        return functools.partial(cuda_kernel, fastmath=fastmath)
+    return CudaKernel(function, fastmath)
+
+
+@functools.cache
+def _load_cuda() -> Any:
+    from numba import cuda as module
+
+    return module
+
+
+def __getattr__(name: str) -> Any:
+    if name == "cuda":
+        return _load_cuda()
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -1,0 +1,110 @@
+"""Neighbour search: cell sort and one shared list with a skin, on an unbounded domain.
+
+The list holds every pair nearer than `radius + skin` at the moment it is built and stays valid until some
+particle has moved half the skin. Rows follow the particles' cell order, so the answer repeats bit for bit.
+Reference: all pairs (`refsim.neighbours.reference`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from refsim.backend import Backend
+from refsim.errors import InputError, RunStopped
+
+MOST_NEIGHBOURS = 4096  # a particle with more is inside a collapsed clump
+AUDITED_ROWS = 8
+
+
+@dataclass
+class SearchLog:
+    """What the search did during a run."""
+
+    rebuilds: int = 0
+    audited_rows: int = 0
+    missed_neighbours: int = 0
+    most_neighbours: int = 0
+    list_bytes: int = 0
+
+
+@dataclass
+class NeighbourSearch:
+    """The shared list of one particle set, and its lists against static sets (walls).
+
+    radius  distance [m] up to which neighbours are wanted
+    skin    share of the radius by which the list reaches further
+    """
+
+    backend: Backend
+    dim: int
+    dtype: str
+    radius: float
+    skin: float = 0.1
+    log: SearchLog = field(default_factory=SearchLog)
+
+    def __post_init__(self) -> None:
+        if not self.skin >= 0.0:
+            raise InputError(
+                f"skin = {self.skin} is not possible; give zero or a positive share of the radius."
+            )
+        self.reach = self.radius * (1 + self.skin)
+        self.allowed_way = 0.5 * self.skin * self.radius
+        if self.backend.name == "cuda":
+            from refsim.neighbours import cuda as programs
+        else:
+            from refsim.neighbours import cpu as programs
+        self.programs = programs.Search(self.backend, self.dim, self.reach, self.log)
+
+    def order(self, position: Any) -> Any:
+        """Permutation that puts the particles into cell order (stable)."""
+        return self.programs.order(position)
+
+    def build(self, position: Any) -> Any:
+        """List of the particles, which stand in cell order; raises RunStopped where a clump has collapsed."""
+        self.log.rebuilds += 1
+        return self._checked(self.programs.build(position))
+
+    def build_against(self, position: Any, static: StaticSet) -> Any:
+        """List of the static particles (walls) near each particle."""
+        return self._checked(self.programs.build_against(position, static.prepared))
+
+    def static_set(self, position: np.ndarray) -> StaticSet:
+        """Static particles, sorted by cell once; `order` says how their other arrays must be sorted."""
+        return StaticSet(*self.programs.static_set(np.asarray(position, dtype=self.dtype)))
+
+    def audit(self, position: Any, neighbours: Any, seed: int) -> None:
+        """Compare sampled rows of the list in use with all pairs; the misses are counted in the log."""
+        n = position.shape[0]
+        rows = np.random.default_rng(seed).choice(n, size=min(AUDITED_ROWS, n), replace=False)
+        self.log.audited_rows += len(rows)
+        self.log.missed_neighbours += self.programs.missed(position, neighbours, np.sort(rows), self.radius)
+
+    def _checked(self, result: tuple[Any, int]) -> Any:
+        neighbours, most = result
+        self.log.most_neighbours = max(self.log.most_neighbours, most)
+        if most > MOST_NEIGHBOURS:
+            raise RunStopped(
+                "collapsed",
+                f"A particle has {most} neighbours: particles have collapsed into a clump; take a smaller step or"
+                " a smaller cohesion, or a larger sound speed.",
+            )
+        return neighbours
+
+
+@dataclass(frozen=True)
+class StaticSet:
+    """Particles that never move: the search's own data and the order in which it keeps them."""
+
+    prepared: Any
+    order: np.ndarray
+    position: Any
+
+
+def coincident_pairs(position: np.ndarray) -> list[tuple[int, int]]:
+    """Pairs of particles at exactly the same place; position (n, 3) [m]."""
+    order = np.lexsort(position.T)
+    same = (np.diff(position[order], axis=0) == 0).all(1)
+    return [(int(min(a, b)), int(max(a, b))) for a, b in zip(order[:-1][same], order[1:][same])]

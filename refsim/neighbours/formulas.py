@@ -1,0 +1,45 @@
+"""Cells of the neighbour search: integer coordinates packed into one sortable 63-bit key, x lowest.
+
+The domain is unbounded: only occupied cells exist, as a sorted list of keys. Coordinates beyond 2^20 cells
+from the origin are clamped, which never separates two neighbours (clamping does not increase distances);
+it only makes the far cells fuller.
+"""
+
+import math
+
+from refsim.compile import formula
+
+BITS = 21
+OFFSET = 1 << 20
+LARGEST = (1 << 21) - 2  # leaves a cell free on either side, so that key +- 1 never wraps
+
+
+@formula
+def cell_coordinate(x, inverse_cell):
+    """Integer cell coordinate of x [m], clamped to 1..LARGEST; NaN goes to the first cell."""
+    scaled = math.floor(float(x) * inverse_cell) + OFFSET
+    if not scaled > 1.0:
+        return 1
+    if scaled > LARGEST:
+        return LARGEST
+    return int(scaled)
+
+
+@formula
+def cell_key(cx, cy, cz):
+    """Sortable key of a cell; cells that follow each other in x have consecutive keys."""
+    return (cz << (2 * BITS)) | (cy << BITS) | cx
+
+
+@formula
+def lower_bound(keys, key):
+    """First position in the sorted `keys` whose value is not below `key`."""
+    low = 0
+    high = len(keys)
+    while low < high:
+        middle = (low + high) >> 1
+        if keys[middle] < key:
+            low = middle + 1
+        else:
+            high = middle
+    return low

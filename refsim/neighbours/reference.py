@@ -1,0 +1,37 @@
+"""NumPy oracle of the neighbour search: all pairs, in blocks of rows of at most 64 MB."""
+
+import numpy as np
+
+BLOCK_BYTES = 64 * 2**20
+
+
+def pair_blocks(query, source, rows=None):
+    """Yield (place, separation, distance) for blocks of queries against all sources, in float64.
+
+    query (n, 3), source (m, 3) [m]; rows: indices of the wanted queries, all by default. `place` is the block's
+    slice of the result, separation (b, m, 3) = x_query - x_source, distance (b, m).
+    """
+    query = np.asarray(query, dtype=float)
+    source = np.asarray(source, dtype=float)
+    if rows is not None:
+        query = query[rows]
+    size = max(1, BLOCK_BYTES // (8 * 8 * max(1, len(source))))
+    for first in range(0, len(query), size):
+        place = slice(first, min(first + size, len(query)))
+        separation = query[place, None, :] - source[None, :, :]
+        yield place, separation, np.sqrt((separation**2).sum(-1))
+
+
+def other_particles(place, count, rows=None):
+    """Mask (b, count), False where a query of the block meets itself."""
+    own = np.arange(count)[place] if rows is None else np.asarray(rows)[place]
+    return own[:, None] != np.arange(count)[None, :]
+
+
+def neighbour_list(position, radius, rows=None):
+    """For each query the sorted array of the other particles nearer than `radius` [m]."""
+    found = []
+    for place, _, distance in pair_blocks(position, position, rows):
+        near = (distance < radius) & other_particles(place, len(position), rows)
+        found.extend(np.flatnonzero(line) for line in near)
+    return found

@@ -1,0 +1,98 @@
+"""One equation, its three programs, its hard inputs: the registry that makes the tests.
+
+Arguments are bound by name. A kernel names the arrays and parameter groups it takes; its outputs stand last.
+The reference takes the same names, less the neighbour structures and the outputs, and returns
+`{output: (value, scale)}`, where `scale` is the sum of the absolute terms behind each value (None for integers).
+"""
+
+from __future__ import annotations
+
+import functools
+import importlib
+import inspect
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+BACKENDS = ("numpy", "cpu", "cuda")
+
+
+@dataclass(frozen=True)
+class Operation:
+    """One equation of one paper and where its programs stand.
+
+    name        "folder.operation", unique
+    folder      the package that holds reference.py, cpu.py and cuda.py
+    paper       author and year, or "standard"
+    equation    the paper's number, with the spec's erratum where the adopted reading differs
+    function    name of the function in all three files
+    outputs     kernel arguments that are written
+    adds        outputs to which the kernel adds instead of assigning
+    optional    arguments that are None where the scene has no such thing
+    tolerance   c in the bound c * neighbours * eps * sum|terms|, with its reason in `tolerance_reason`
+    variants    argument overrides under which the operation is tested again (None drops an optional term)
+    invariants  names of the contract's conservation and symmetry checks that hold
+    cases       names of hard inputs beside the common ones
+    """
+
+    name: str
+    folder: str
+    paper: str
+    equation: str
+    function: str
+    outputs: tuple[str, ...]
+    adds: tuple[str, ...] = ()
+    optional: tuple[str, ...] = ()
+    tolerance: float = 4.0
+    tolerance_reason: str = (
+        "one rounding in each of distance, kernel, product and sum, and a few in the kernel's polynomial"
+    )
+    variants: tuple[Mapping[str, Any], ...] = field(default_factory=lambda: ({},))
+    invariants: tuple[str, ...] = ()
+    cases: tuple[str, ...] = ()
+
+    def program(self, backend: str) -> Callable:
+        """The function that computes this operation on `backend`, imported at first use."""
+        return _program(self.folder, {"numpy": "reference"}.get(backend, backend), self.function)
+
+    def arguments(self, backend: str) -> tuple[str, ...]:
+        """Names that the program takes, in order."""
+        function = self.program(backend)
+        names = inspect.signature(getattr(function, "py_func", function)).parameters
+        return tuple(name for name in names if name != "rows")
+
+    def bind(self, backend: str, lookup: Callable[[str], Any]) -> Callable[[], None]:
+        """A call without arguments: the program on the values that `lookup` gives for its names."""
+        function = self.program(backend)
+        values = [lookup(name) for name in self.arguments(backend)]
+        if backend != "numpy":
+            return functools.partial(function, *values)
+        targets = {name: lookup(name) for name in self.outputs}
+
+        def call() -> None:
+            for name, (value, _) in function(*values).items():
+                target = targets[name]
+                if target is None:
+                    continue
+                if name in self.adds:
+                    target += value.astype(target.dtype)
+                else:
+                    target[...] = value
+
+        return call
+
+
+REGISTRY: dict[str, Operation] = {}
+
+
+def register(operation: Operation) -> Operation:
+    """Enter an operation; a name is entered once."""
+    if operation.name in REGISTRY:
+        raise ValueError(f"operation {operation.name!r} is registered twice")
+    REGISTRY[operation.name] = operation
+    return operation
+
+
+@functools.cache
+def _program(folder: str, module: str, function: str) -> Callable:
+    return getattr(importlib.import_module(f"{folder}.{module}"), function)

@@ -1,0 +1,43 @@
+"""Particle fields: named arrays of one dtype, only those that the plan asks for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Field:
+    """A named particle array.
+
+    components  1 for a scalar (n,), 3 for a vector (n, 3)
+    dtype       "real" (the run's dtype) or a NumPy dtype name
+    state       True where the value outlives the step: it is reordered with the particles and checkpointed
+    """
+
+    name: str
+    unit: str
+    meaning: str
+    components: int = 1
+    dtype: str = "real"
+    state: bool = False
+
+    def shape(self, count: int) -> tuple[int, ...]:
+        """Array shape for `count` particles."""
+        return (count,) if self.components == 1 else (count, self.components)
+
+    def numpy_dtype(self, real: str) -> np.dtype:
+        """NumPy dtype in a run of dtype `real`."""
+        return np.dtype(real if self.dtype == "real" else self.dtype)
+
+
+POSITION = Field("position", "m", "particle position x", 3, state=True)
+VELOCITY = Field("velocity", "m/s", "velocity v, half a step behind the position", 3, state=True)
+ACCELERATION = Field("acceleration", "m/s^2", "sum of all accelerations", 3)
+MASS = Field("mass", "kg (kg/m in 2D)", "particle mass m", state=True)
+IDENTITY = Field(
+    "identity", "-", "the particle's number at the start; never changes", dtype="int32", state=True
+)
+
+BASE = (POSITION, VELOCITY, ACCELERATION, MASS, IDENTITY)

@@ -1,0 +1,331 @@
+"""A scene: particles and a list of effects; and the plan that follows from it.
+
+The plan is the union of what the effects ask for: fields, passes in dependency order, one neighbour list.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import pathlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import msgspec
+import numpy as np
+
+from refsim.effect import EFFECTS, Discretisation, Effect, Pass, require
+from refsim.errors import InputError
+from refsim.operation import REGISTRY
+from refsim.particles import BASE, Field
+
+Vector = tuple[float, float, float]
+
+
+class Box(
+    msgspec.Struct, tag="box", tag_field="shape", frozen=True, kw_only=True, forbid_unknown_fields=True
+):
+    """Lattice block of `cells` particles per axis, each in the middle of its cell.
+
+    lower     corner of the block [m]
+    cells     particles along x, y and z (1 along z in 2D)
+    velocity  of every particle [m/s]
+    """
+
+    lower: Vector = (0.0, 0.0, 0.0)
+    cells: tuple[int, int, int]
+    velocity: Vector = (0.0, 0.0, 0.0)
+
+    def positions(self, grid: Discretisation) -> np.ndarray:
+        """Positions (n, 3) [m]."""
+        if min(self.cells) < 1 or (grid.dim == 2 and self.cells[2] != 1):
+            raise InputError(
+                f"fluid box: cells = {list(self.cells)} is not possible in {grid.dim}D; give at least 1 along each"
+                " axis, and 1 along z in 2D."
+            )
+        axes = [(np.arange(n) + 0.5) * grid.spacing + low for n, low in zip(self.cells, self.lower)]
+        if grid.dim == 2:
+            axes[2] = np.zeros(1)
+        return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+
+
+class Ball(
+    msgspec.Struct, tag="ball", tag_field="shape", frozen=True, kw_only=True, forbid_unknown_fields=True
+):
+    """Ball (disc in 2D) cut out of the lattice.
+
+    center    [m]
+    radius    [m]
+    velocity  of every particle [m/s]
+    """
+
+    center: Vector = (0.0, 0.0, 0.0)
+    radius: float
+    velocity: Vector = (0.0, 0.0, 0.0)
+
+    def positions(self, grid: Discretisation) -> np.ndarray:
+        """Positions (n, 3) [m]."""
+        require("fluid ball", radius=(self.radius, "positive"))
+        reach = math.ceil(self.radius / grid.spacing) + 1
+        steps = (np.arange(-reach, reach) + 0.5) * grid.spacing
+        axes = [steps, steps, steps if grid.dim == 3 else np.zeros(1)]
+        points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+        return points[(points**2).sum(1) <= self.radius**2] + np.array(self.center)
+
+
+class Cloud(
+    msgspec.Struct, tag="cloud", tag_field="shape", frozen=True, kw_only=True, forbid_unknown_fields=True
+):
+    """Particles given one by one.
+
+    position  (n, 3) or (n, 2) coordinates [m]; from TOML a list of lists
+    file      instead of `position`: a .npy file or a text file with one particle a line (comma separated)
+    velocity  one for all [m/s], or (n, 3)
+    mass      (n,) [kg; kg/m in 2D]; left out, the fluid's lattice mass
+    """
+
+    position: Any = None
+    file: str = ""
+    velocity: Any = (0.0, 0.0, 0.0)
+    mass: Any = None
+
+    def positions(self, grid: Discretisation) -> np.ndarray:
+        """Positions (n, 3) [m]."""
+        values = self.position
+        if self.file:
+            try:
+                path = pathlib.Path(self.file)
+                values = np.load(path) if path.suffix == ".npy" else np.loadtxt(path, delimiter=",", ndmin=2)
+            except (OSError, ValueError) as error:
+                raise InputError(
+                    f"fluid cloud: cannot read positions from {self.file!r} ({error})."
+                ) from None
+        try:
+            points = np.array(values, dtype=float)
+        except (TypeError, ValueError):
+            raise InputError(
+                "fluid cloud: position must be a list of coordinates; give (n, 3) numbers."
+            ) from None
+        if points.ndim != 2 or points.shape[1] not in (2, 3):
+            raise InputError(
+                f"fluid cloud: position has shape {points.shape}; give one row of 2 or 3 numbers for each particle."
+            )
+        if points.shape[1] == 2:
+            points = np.hstack([points, np.zeros((len(points), 1))])
+        return points
+
+
+class Scene(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Everything a run needs, in SI units.
+
+    spacing         initial particle distance d [m]
+    support_radius  radius h beyond which the smoothing kernels vanish [m]; at least one spacing
+    fluid           boxes, balls and clouds of particles
+    effects         what acts on them
+    dim             2 (z = 0, masses per metre of depth) or 3
+    dtype           "float32" or "float64"
+    end_time        where `refsim run` stops [s]
+    step            fixed step [s]; 0 lets the stable step decide
+    step_factor     share of the stable step that is taken
+    skin            share of the support radius by which the neighbour list reaches further
+    name            title in reports
+    """
+
+    spacing: float
+    support_radius: float
+    fluid: tuple[Box | Ball | Cloud, ...]
+    effects: tuple[Any, ...] = ()
+    dim: Literal[2, 3] = 3
+    dtype: Literal["float32", "float64"] = "float32"
+    end_time: float = 1.0
+    step: float = 0.0
+    step_factor: float = 1.0
+    skin: float = 0.1
+    name: str = "scene"
+
+
+@dataclass(frozen=True)
+class InitialState:
+    """Particles at the start, on the host in float64."""
+
+    position: np.ndarray
+    velocity: np.ndarray
+    mass: np.ndarray
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What a scene needs: nothing that no effect asks for stands here."""
+
+    scene: Scene
+    grid: Discretisation
+    effects: Mapping[str, Effect]
+    state: InitialState
+    fields: Mapping[str, Field]
+    passes: tuple[tuple[Effect, Pass], ...]
+    list_radius: float
+    shared: Mapping[str, Any]
+    parameters: Mapping[str, Mapping[str, Any]]
+    walls: Any = None
+    notes: tuple[str, ...] = field(default_factory=tuple)
+
+    def launches(self, on_demand: bool = False) -> tuple[str, ...]:
+        """Names of the operations that one step launches, in order."""
+        return tuple(p.operation for _, p in self.passes if on_demand or not p.on_demand)
+
+    def field_bytes(self) -> dict[str, int]:
+        """Bytes per particle of each field."""
+        real = self.grid.dtype
+        return {name: f.components * f.numpy_dtype(real).itemsize for name, f in self.fields.items()}
+
+
+def make_plan(scene: Scene) -> Plan:
+    """Check the scene and work out its plan. Raises InputError, with one sentence, for bad input."""
+    require(
+        "scene",
+        spacing=(scene.spacing, "positive"),
+        support_radius=(scene.support_radius, "positive"),
+        end_time=(scene.end_time, "not negative"),
+        step=(scene.step, "not negative"),
+        step_factor=(scene.step_factor, "positive"),
+        skin=(scene.skin, "not negative"),
+    )
+    if scene.dim not in (2, 3):
+        raise InputError(f"scene: dim = {scene.dim} is not possible; give 2 or 3.")
+    if scene.dtype not in ("float32", "float64"):
+        raise InputError(f"scene: dtype = {scene.dtype!r} is not possible; give 'float32' or 'float64'.")
+    if scene.support_radius < scene.spacing:
+        raise InputError(
+            f"scene: support_radius = {scene.support_radius} m is below one spacing ({scene.spacing} m), so that no"
+            " particle would have a neighbour; give at least 1.5 spacings."
+        )
+    effects = _effects(scene)
+    empty = Discretisation(scene.dim, scene.dtype, scene.spacing, scene.support_radius, 0)
+    state = _initial_state(scene, empty, effects)
+    grid = dataclasses.replace(empty, count=len(state.position))
+    for effect in effects.values():
+        effect.check(grid, effects)
+    fields = {f.name: f for f in BASE}
+    shared: dict[str, Any] = {"walls": None}
+    parameters = {}
+    walls = []
+    for name, effect in effects.items():
+        fields |= {f.name: f for f in effect.fields(effects)}
+        shared |= effect.shares(grid, effects)
+        parameters[name] = effect.prepare(grid, effects)
+        made = effect.walls(grid, effects)
+        if made is not None:
+            walls.append(made)
+    passes = _ordered([(e, p) for e in effects.values() for p in e.passes(effects)], fields)
+    merged = None
+    if walls:
+        merged = type(walls[0])(*(np.concatenate(parts) for parts in zip(*walls)))
+    return Plan(
+        scene=scene,
+        grid=grid,
+        effects=effects,
+        state=state,
+        fields=fields,
+        passes=passes,
+        list_radius=max((e.list_radius(grid) for e in effects.values()), default=0.0),
+        shared=shared,
+        parameters=parameters,
+        walls=merged,
+    )
+
+
+def _effects(scene: Scene) -> dict[str, Effect]:
+    effects: dict[str, Effect] = {}
+    for effect in scene.effects:
+        if not isinstance(effect, Effect):
+            raise InputError(f"scene: {effect!r} is not an effect; choose from {', '.join(sorted(EFFECTS))}.")
+        if effect.name in effects:
+            raise InputError(f"scene: effect {effect.name!r} is listed twice; keep one.")
+        effects[effect.name] = effect
+    for effect in effects.values():
+        for needed in effect.needs():
+            if needed not in effects:
+                raise InputError(f"Effect {effect.name!r} needs effect {needed!r}; add it to the scene.")
+    return effects
+
+
+def _initial_state(scene: Scene, grid: Discretisation, effects: Mapping[str, Effect]) -> InitialState:
+    positions, velocities, masses = [], [], []
+    for part in scene.fluid:
+        points = part.positions(grid)
+        velocity = np.broadcast_to(np.asarray(part.velocity, dtype=float), points.shape)
+        mass = getattr(part, "mass", None)
+        if mass is None:
+            fluid = effects.get("weakly_compressible")
+            own = fluid.particle_mass(grid) if fluid else 1.0
+            mass = np.full(len(points), own)
+        positions.append(points)
+        velocities.append(velocity)
+        masses.append(np.broadcast_to(np.asarray(mass, dtype=float), (len(points),)))
+    if not positions or not sum(len(p) for p in positions):
+        raise InputError("scene: there are no particles; add a fluid box, ball or cloud.")
+    position, velocity, mass = map(np.concatenate, (positions, velocities, masses))
+    _check_particles(position, velocity, mass, scene)
+    return InitialState(position, velocity, mass)
+
+
+def _check_particles(position: np.ndarray, velocity: np.ndarray, mass: np.ndarray, scene: Scene) -> None:
+    from refsim.neighbours import coincident_pairs
+
+    for name, values in (("position", position), ("velocity", velocity), ("mass", mass)):
+        bad = np.flatnonzero(~np.isfinite(values.astype(scene.dtype)).reshape(len(values), -1).all(1))
+        if len(bad):
+            raise InputError(
+                f"scene: the {name} of particle {bad[0]} is not a finite number"
+                f" ({len(bad)} such particles); correct the input."
+            )
+    if (mass <= 0).any():
+        bad = int(np.flatnonzero(mass <= 0)[0])
+        raise InputError(f"scene: the mass of particle {bad} is {mass[bad]} kg; give a positive mass.")
+    if scene.dim == 2 and position[:, 2].any():
+        bad = int(np.flatnonzero(position[:, 2])[0])
+        raise InputError(f"scene: particle {bad} has z = {position[bad, 2]} m in a 2D scene; set z to 0.")
+    same = coincident_pairs(position.astype(scene.dtype))
+    if same:
+        a, b = same[0]
+        raise InputError(
+            f"scene: particles {a} and {b} are at the same place ({len(same)} such pairs in {scene.dtype});"
+            " remove the duplicates or move them apart."
+        )
+
+
+def _ordered(
+    passes: Sequence[tuple[Effect, Pass]], fields: Mapping[str, Field]
+) -> tuple[tuple[Effect, Pass], ...]:
+    """Passes so that every field is written, then updated, then read; otherwise in the effects' order."""
+    for _, p in passes:
+        if p.operation not in REGISTRY:
+            raise InputError(f"A pass asks for operation {p.operation!r}, which is not registered.")
+    writers: dict[str, list[int]] = {}
+    updaters: dict[str, list[int]] = {}
+    for k, (_, p) in enumerate(passes):
+        for name in p.writes:
+            writers.setdefault(name, []).append(k)
+        for name in p.updates:
+            updaters.setdefault(name, []).append(k)
+    after: list[set[int]] = [set() for _ in passes]
+    for k, (_, p) in enumerate(passes):
+        for name in p.reads:
+            after[k].update(w for w in writers.get(name, []) if w != k)
+            if name not in p.updates:
+                after[k].update(u for u in updaters.get(name, []) if u != k)
+        for name in p.updates:
+            after[k].update(w for w in writers.get(name, []) if w != k)
+    done: list[int] = []
+    waiting = list(range(len(passes)))
+    while waiting:
+        ready = next((k for k in waiting if after[k] <= set(done)), None)
+        if ready is None:
+            names = ", ".join(passes[k][1].operation for k in waiting)
+            raise InputError(
+                f"scene: the passes {names} wait for each other; one effect must not need the other."
+            )
+        done.append(ready)
+        waiting.remove(ready)
+    return tuple(passes[k] for k in done)

@@ -1,0 +1,71 @@
+"""Smoothing kernels W(r, h) in q = r/h, h the support radius (spec section 0, kernel table).
+
+`value` and `slope` give the dimensionless shapes w(q) and w'(q); the host multiplies in the normalisation
+(`refsim.smoothing.smoothing`), so that float32 never meets a power of h beyond the one it needs.
+"""
+
+from refsim.compile import formula
+from refsim.smoothing.shapes import CUBIC_SPLINE, POLY6, SPIKY
+
+
+@formula
+def value(q, shape):
+    """w(q) of W = scale * w(q), zero for q >= 1; dimensionless."""
+    real = type(q)
+    one = real(1)
+    if q >= one:
+        return real(0)
+    if shape == POLY6:
+        a = one - q * q
+        return a * a * a
+    a = one - q
+    if shape == SPIKY:
+        return a * a * a
+    if shape == CUBIC_SPLINE:
+        if q <= real(0.5):
+            return one - real(6) * q * q * a
+        return real(2) * a * a * a
+    a = a * a
+    return a * a * (one + real(4) * q)
+
+
+@formula
+def slope(q, shape):
+    """w'(q) of dW/dr = scale * w'(q) / h, zero for q >= 1, never positive; dimensionless."""
+    real = type(q)
+    one = real(1)
+    if q >= one:
+        return real(0)
+    if shape == POLY6:
+        a = one - q * q
+        return real(-6) * q * a * a
+    a = one - q
+    if shape == SPIKY:
+        return real(-3) * a * a
+    if shape == CUBIC_SPLINE:
+        if q <= real(0.5):
+            return q * (real(18) * q - real(12))
+        return real(-6) * a * a
+    return real(-20) * q * a * a * a
+
+
+@formula
+def kernel_value(r, smoothing):
+    """W(r, h) [1/m^dim]."""
+    return smoothing.value_scale * value(r * smoothing.inverse_radius, smoothing.shape)
+
+
+@formula
+def kernel_slope(r, smoothing):
+    """dW/dr [1/m^(dim+1)], never positive; grad W_ij = dW/dr * (x_i - x_j)/r."""
+    return smoothing.slope_scale * slope(r * smoothing.inverse_radius, smoothing.shape)
+
+
+@formula
+def viscosity_laplacian(r, smoothing):
+    """Laplacian of the viscosity kernel, A (h - r) >= 0 [1/m^(dim+2)]."""
+    real = type(r)
+    q = r * smoothing.inverse_radius
+    if q >= real(1):
+        return real(0)
+    return smoothing.laplacian_scale * (real(1) - q)

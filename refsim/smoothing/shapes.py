@@ -1,0 +1,60 @@
+"""Names and normalisations of the smoothing kernels; computed on the host in float64."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from refsim.errors import InputError
+
+POLY6, SPIKY, CUBIC_SPLINE, WENDLAND_C2 = range(4)
+SHAPES = {"poly6": POLY6, "spiky": SPIKY, "cubic_spline": CUBIC_SPLINE, "wendland_c2": WENDLAND_C2}
+
+# Coefficient of 1/h^dim that makes the integral of W one, by dimension.
+NORMALISATION = {
+    POLY6: {2: 4 / math.pi, 3: 315 / (64 * math.pi)},
+    SPIKY: {2: 10 / math.pi, 3: 15 / math.pi},
+    CUBIC_SPLINE: {2: 40 / (7 * math.pi), 3: 8 / math.pi},
+    WENDLAND_C2: {2: 7 / math.pi, 3: 21 / (2 * math.pi)},
+}
+# Coefficient of (h - r)/h^(dim+3): exact on quadratic fields.
+VISCOSITY_LAPLACIAN = {2: 40 / math.pi, 3: 45 / math.pi}
+
+
+class Smoothing(NamedTuple):
+    """One smoothing kernel as the compiled code takes it; all but `shape` and `dim` in the run's dtype."""
+
+    support_radius: float  # h [m]
+    inverse_radius: float  # 1/h [1/m]
+    value_scale: float  # [1/m^dim]
+    slope_scale: float  # [1/m^(dim+1)]
+    laplacian_scale: float  # [1/m^(dim+2)]
+    shape: int
+    dim: int
+
+
+def smoothing(shape: str, support_radius: float, dim: int, dtype: str = "float64") -> Smoothing:
+    """Smoothing kernel `shape` of support `support_radius` [m] in `dim` dimensions.
+
+    Raises InputError for an unknown shape, a dimension other than 2 or 3, or a radius that is not positive.
+    """
+    if shape not in SHAPES:
+        raise InputError(f"Smoothing kernel {shape!r} is unknown: choose one of {', '.join(SHAPES)}.")
+    if dim not in (2, 3):
+        raise InputError(f"dim = {dim} is not possible: choose 2 or 3.")
+    if not (support_radius > 0 and math.isfinite(support_radius)):
+        raise InputError(f"support_radius = {support_radius} must be a positive length in metres.")
+    real = np.dtype(dtype).type
+    h = float(support_radius)
+    norm = NORMALISATION[SHAPES[shape]][dim] / h**dim
+    return Smoothing(
+        real(h),
+        real(1 / h),
+        real(norm),
+        real(norm / h),
+        real(VISCOSITY_LAPLACIAN[dim] / h ** (dim + 2)),
+        np.int32(SHAPES[shape]),
+        np.int32(dim),
+    )

@@ -1,0 +1,259 @@
+"""Weakly compressible SPH: density, equation of state, pressure, viscosity, leap-frog (Jiang & Zhu 2023, (7) to (11)).
+
+Contents: WeaklyCompressible, Gravity; operations sph.density, sph.state, sph.pressure, sph.momentum,
+sph.gravity, sph.extremes, sph.kick_drift.
+"""
+
+from __future__ import annotations
+
+import functools
+import itertools
+import math
+from collections.abc import Mapping
+from typing import Any, ClassVar, Literal, NamedTuple
+
+import numpy as np
+
+from refsim.effect import Discretisation, Effect, Extremes, Pass, require
+from refsim.errors import InputError
+from refsim.operation import Operation, register
+from refsim.particles import Field
+from refsim.smoothing import smoothing
+
+DENSITY = Field("density", "kg/m^3 (kg/m^2 in 2D)", "density rho, J(7)")
+NUMBER_DENSITY = Field("number_density", "1/m^3 (1/m^2 in 2D)", "number density delta, J(8)")
+PRESSURE = Field("pressure", "Pa", "pressure p, J(9)")
+
+SETS = {"wendland": ("wendland_c2", "wendland_c2"), "mueller": ("poly6", "spiky")}
+
+
+class Fluid(NamedTuple):
+    """Equation of state as the kernels take it."""
+
+    rest_density: float  # [kg/m^dim]
+    stiffness: float  # rho0 c^2 / g [Pa]
+    exponent: int
+    clamp: int
+
+
+class ViscosityTerm(NamedTuple):
+    """Viscous term as the kernels take it."""
+
+    coefficient: float  # dynamic viscosity [Pa s]; negative for the printed sign of J(11)
+
+
+@functools.lru_cache(maxsize=64)
+def lattice_number_density(shape: str, support_radius: float, spacing: float, dim: int) -> float:
+    """Sum of W over the infinite square or cubic lattice, self included [1/m^dim]: delta0 of spec section 0."""
+    from refsim.smoothing.reference import kernel_value
+
+    reach = math.ceil(support_radius / spacing)
+    steps = np.array(list(itertools.product(range(-reach, reach + 1), repeat=dim)), dtype=float) * spacing
+    distance = np.sqrt((steps**2).sum(1))
+    return float(kernel_value(distance, smoothing(shape, support_radius, dim)).sum())
+
+
+class WeaklyCompressible(Effect, frozen=True, kw_only=True):
+    """Liquid whose pressure follows from its summed density.
+
+    rest_density       rho0 [kg/m^3; kg/m^2 in 2D]
+    sound_speed        numerical sound speed c [m/s]
+    dynamic_viscosity  mu [Pa s]; 0 leaves viscosity out
+    state              "linear" (J(9)) or "tait" (exponent 7)
+    clamp_pressure     negative pressures become zero
+    kernels            "wendland" (Wendland C2 throughout) or "mueller" (poly6 for sums, spiky for gradients)
+    literal            printed readings to use: {"E3"} takes the printed sign of J(11), which blows up
+    """
+
+    name: ClassVar[str] = "weakly_compressible"
+
+    rest_density: float = 1000.0
+    sound_speed: float
+    dynamic_viscosity: float = 0.0
+    state: Literal["linear", "tait"] = "linear"
+    clamp_pressure: bool = True
+    kernels: Literal["wendland", "mueller"] = "wendland"
+    literal: tuple[str, ...] = ()
+
+    def check(self, grid: Discretisation, others: Mapping[str, Effect]) -> None:
+        require(
+            self.name,
+            rest_density=(self.rest_density, "positive"),
+            sound_speed=(self.sound_speed, "positive"),
+            dynamic_viscosity=(self.dynamic_viscosity, "not negative"),
+        )
+        unknown = set(self.literal) - {"E3"}
+        if unknown:
+            raise InputError(f"{self.name}: literal has {sorted(unknown)}; only 'E3' is switchable here.")
+
+    def fields(self, others: Mapping[str, Effect]) -> tuple[Field, ...]:
+        return (DENSITY, PRESSURE)
+
+    def passes(self, others: Mapping[str, Effect]) -> tuple[Pass, ...]:
+        forces = "sph.momentum" if self.dynamic_viscosity > 0 else "sph.pressure"
+        return (
+            Pass("sph.density", ("position", "mass"), ("density", "number_density")),
+            Pass("sph.state", ("density",), ("pressure",)),
+            Pass(
+                forces,
+                ("position", "velocity", "mass", "density", "pressure"),
+                updates=("acceleration",),
+                names={"smoothing": "gradient_smoothing"},
+            ),
+        )
+
+    def list_radius(self, grid: Discretisation) -> float:
+        return grid.support_radius
+
+    def sum_kernel(self) -> str:
+        """Name of the smoothing kernel of all summations."""
+        return SETS[self.kernels][0]
+
+    def rest_number_density(self, grid: Discretisation) -> float:
+        """delta0, the number density of the undisturbed lattice [1/m^dim]."""
+        return lattice_number_density(self.sum_kernel(), grid.support_radius, grid.spacing, grid.dim)
+
+    def particle_mass(self, grid: Discretisation) -> float:
+        """m = rho0/delta0 [kg; kg/m in 2D], so that the interior of a lattice has exactly the rest density."""
+        return self.rest_density / self.rest_number_density(grid)
+
+    def shares(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, Any]:
+        sums, gradients = SETS[self.kernels]
+        exponent = 7 if self.state == "tait" else 1
+        return {
+            "smoothing": smoothing(sums, grid.support_radius, grid.dim, grid.dtype),
+            "gradient_smoothing": smoothing(gradients, grid.support_radius, grid.dim, grid.dtype),
+            "fluid": Fluid(
+                grid.real(self.rest_density),
+                grid.real(self.rest_density * self.sound_speed**2 / exponent),
+                np.int32(exponent),
+                np.int32(self.clamp_pressure),
+            ),
+        }
+
+    def prepare(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, Any]:
+        sign = -1.0 if "E3" in self.literal else 1.0
+        viscous = self.dynamic_viscosity > 0
+        return {"viscosity": ViscosityTerm(grid.real(sign * self.dynamic_viscosity)) if viscous else None}
+
+    def step_limits(
+        self, grid: Discretisation, others: Mapping[str, Effect], extremes: Extremes
+    ) -> dict[str, float]:
+        limits = {"acoustic": 0.4 * grid.support_radius / (self.sound_speed + extremes.speed)}
+        if self.dynamic_viscosity > 0:
+            half = 0.5 * grid.support_radius
+            limits["viscous"] = 0.125 * half**2 * self.rest_density / self.dynamic_viscosity
+        return limits
+
+
+class Gravity(Effect, frozen=True, kw_only=True):
+    """Uniform acceleration [m/s^2]."""
+
+    name: ClassVar[str] = "gravity"
+
+    acceleration: tuple[float, float, float] = (0.0, 0.0, -9.81)
+
+    def check(self, grid: Discretisation, others: Mapping[str, Effect]) -> None:
+        for axis, value in zip("xyz", self.acceleration):
+            require(self.name, **{f"acceleration along {axis}": (value, "finite")})
+        if grid.dim == 2 and self.acceleration[2] != 0:
+            raise InputError("gravity: acceleration has a z part in a 2D scene; point it along x or y.")
+
+    def passes(self, others: Mapping[str, Effect]) -> tuple[Pass, ...]:
+        return (Pass("sph.gravity", updates=("acceleration",)),)
+
+    def prepare(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, Any]:
+        return {"field": np.array(self.acceleration, dtype=grid.dtype)}
+
+
+_HERE = "refsim.sph"
+DENSITY_OPERATION = register(
+    Operation(
+        name="sph.density",
+        folder=_HERE,
+        paper="Jiang & Zhu 2023",
+        equation="J(7), J(8)",
+        function="density",
+        outputs=("number_density", "density"),
+        optional=("number_density", "walls"),
+        variants=({}, {"walls": None}, {"number_density": None}),
+        invariants=("translation", "rotation", "reordering"),
+    )
+)
+register(
+    Operation(
+        name="sph.state",
+        folder=_HERE,
+        paper="Jiang & Zhu 2023; Tait",
+        equation="J(9)",
+        function="state",
+        outputs=("pressure",),
+        tolerance=4.0,
+        tolerance_reason="one rounding for each factor of the power, counted in the scale by the exponent",
+        invariants=("reordering",),
+    )
+)
+register(
+    Operation(
+        name="sph.pressure",
+        folder=_HERE,
+        paper="Jiang & Zhu 2023",
+        equation="J(10)",
+        function="momentum",
+        outputs=("acceleration",),
+        adds=("acceleration",),
+        optional=("walls", "viscosity"),
+        tolerance=8.0,
+        variants=({"viscosity": None, "walls": None}, {"viscosity": None}),
+        invariants=("translation", "rotation", "reordering", "linear_momentum", "angular_momentum"),
+    )
+)
+register(
+    Operation(
+        name="sph.momentum",
+        folder=_HERE,
+        paper="Jiang & Zhu 2023",
+        equation="J(10), J(11) with E3",
+        function="momentum",
+        outputs=("acceleration",),
+        adds=("acceleration",),
+        optional=("walls", "viscosity"),
+        tolerance=8.0,
+        variants=({"walls": None}, {}),
+        invariants=("translation", "rotation", "reordering", "linear_momentum", "galilean", "dissipation"),
+    )
+)
+register(
+    Operation(
+        name="sph.gravity",
+        folder=_HERE,
+        paper="standard",
+        equation="J(6), g",
+        function="gravity",
+        outputs=("acceleration",),
+        adds=("acceleration",),
+        invariants=("reordering",),
+    )
+)
+register(
+    Operation(
+        name="sph.extremes",
+        folder=_HERE,
+        paper="standard",
+        equation="max |v|^2, max |a|^2",
+        function="extremes",
+        outputs=("extremes",),
+    )
+)
+register(
+    Operation(
+        name="sph.kick_drift",
+        folder=_HERE,
+        paper="standard",
+        equation="leap-frog with a changing step (spec section 7)",
+        function="kick_drift",
+        outputs=("displacement", "velocity", "position"),
+        tolerance_reason="one rounding in each product and sum",
+        invariants=("reordering",),
+    )
+)

@@ -1,0 +1,93 @@
+"""CPU kernels of weakly compressible SPH."""
+
+from refsim.compile import cpu_kernel, prange
+from refsim.neighbours.rows import cpu_row
+from refsim.sph import formulas, particle
+
+
+@cpu_kernel
+def density(position, mass, neighbours, walls, smoothing, fluid, number_density, density):
+    """J(7), and J(8) where `number_density` is wanted."""
+    for i in prange(density.shape[0]):
+        rho, number = particle.kernel_sums(
+            i, cpu_row(neighbours, i), position, mass, neighbours.index, smoothing
+        )
+        if walls is not None:
+            filled = fluid.rest_density * particle.wall_sum(i, cpu_row(walls, i), position, walls, smoothing)
+            rho += filled
+            number += filled / mass[i]
+        density[i] = rho
+        if number_density is not None:
+            number_density[i] = number
+
+
+@cpu_kernel
+def state(density, fluid, pressure):
+    """J(9) or Tait."""
+    for i in prange(pressure.shape[0]):
+        pressure[i] = formulas.state_pressure(density[i], fluid)
+
+
+@cpu_kernel
+def momentum(
+    position, velocity, mass, density, pressure, neighbours, walls, smoothing, fluid, viscosity, acceleration
+):
+    """J(10) and J(11), walls after Akinci 2012; added to the acceleration."""
+    for i in prange(acceleration.shape[0]):
+        ax, ay, az = particle.momentum(
+            i,
+            cpu_row(neighbours, i),
+            position,
+            velocity,
+            mass,
+            density,
+            pressure,
+            neighbours.index,
+            smoothing,
+            viscosity,
+        )
+        if walls is not None:
+            bx, by, bz = particle.wall_pressure(
+                i, cpu_row(walls, i), position, density, pressure, walls, smoothing, fluid
+            )
+            ax += bx
+            ay += by
+            az += bz
+        acceleration[i, 0] += ax
+        acceleration[i, 1] += ay
+        acceleration[i, 2] += az
+
+
+@cpu_kernel
+def gravity(field, acceleration):
+    """Uniform acceleration."""
+    for i in prange(acceleration.shape[0]):
+        for c in range(3):
+            acceleration[i, c] += field[c]
+
+
+@cpu_kernel
+def extremes(velocity, acceleration, extremes):
+    """Largest |v|^2 and |a|^2, and the number of particles where either is not finite."""
+    speed = extremes.dtype.type(0)
+    force = extremes.dtype.type(0)
+    broken = 0
+    for i in prange(velocity.shape[0]):
+        s, f, bad = particle.squares(i, velocity, acceleration)
+        speed = max(speed, s)
+        force = max(force, f)
+        broken += bad
+    extremes[0] = speed
+    extremes[1] = force
+    extremes[2] = broken
+
+
+@cpu_kernel
+def kick_drift(acceleration, build_position, timestep, displacement, velocity, position):
+    """Leap-frog step; `displacement[0]` is the largest squared way since the list was built [m^2]."""
+    largest = displacement.dtype.type(0)
+    for i in prange(position.shape[0]):
+        largest = max(
+            largest, particle.kick_drift(i, position, velocity, acceleration, build_position, timestep)
+        )
+    displacement[0] = largest

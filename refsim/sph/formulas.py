@@ -1,0 +1,36 @@
+"""Scalar formulas of weakly compressible SPH: Jiang & Zhu 2023, equations (7) to (11), and the common solver."""
+
+from refsim.compile import formula
+
+
+@formula
+def state_pressure(density, fluid):
+    """J(9) and Tait: p = (rho0 c^2 / g) ((rho/rho0)^g - 1) [Pa]; g = 1 is J(9) with k = c^2."""
+    real = type(density)
+    ratio = density / fluid.rest_density
+    power = ratio
+    for _ in range(1, fluid.exponent):
+        power *= ratio
+    pressure = fluid.stiffness * (power - real(1))
+    if fluid.clamp and pressure < real(0):
+        return real(0)
+    return pressure
+
+
+@formula
+def pressure_pair(volume_j, pressure_i, pressure_j, slope):
+    """J(10) for one neighbour: factor of e_ij in the force density [N/m^3], -V_j (p_i + p_j)/2 W'(r)."""
+    real = type(slope)
+    return real(-0.5) * volume_j * (pressure_i + pressure_j) * slope
+
+
+@formula
+def viscosity_pair(volume_j, viscosity, laplacian):
+    """J(11) for one neighbour: factor of (v_j - v_i) in the force density [N s/m^4], mu V_j lap W (E3)."""
+    return viscosity.coefficient * volume_j * laplacian
+
+
+@formula
+def wall_pressure_pair(wall_mass, pressure_i, density_i, slope):
+    """Akinci 2012 for one wall particle: factor of e_ib in the acceleration [m/s^2], -Psi_b p_i/rho_i^2 W'."""
+    return -wall_mass * pressure_i / (density_i * density_i) * slope

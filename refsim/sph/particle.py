@@ -1,0 +1,126 @@
+"""What one particle does in weakly compressible SPH; the CPU and the CUDA kernels share these loops.
+
+`row` is (first, stride, count) of the particle's neighbours in `index`; the wall's row likewise.
+"""
+
+import math
+
+from refsim.compile import formula
+from refsim.smoothing.formulas import kernel_slope, kernel_value, viscosity_laplacian
+from refsim.sph.formulas import pressure_pair, viscosity_pair, wall_pressure_pair
+
+
+@formula
+def kernel_sums(i, row, position, mass, index, smoothing):
+    """J(7) and J(8) over the fluid, self included: (sum m_j W_ij, sum W_ij)."""
+    first, stride, count = row
+    h = smoothing.support_radius
+    limit = h * h
+    own = kernel_value(type(h)(0), smoothing)
+    density = mass[i] * own
+    number = own
+    x, y, z = position[i, 0], position[i, 1], position[i, 2]
+    for k in range(count):
+        j = index[first + k * stride]
+        dx, dy, dz = x - position[j, 0], y - position[j, 1], z - position[j, 2]
+        r2 = dx * dx + dy * dy + dz * dz
+        if r2 < limit:
+            w = kernel_value(math.sqrt(r2), smoothing)
+            density += mass[j] * w
+            number += w
+    return density, number
+
+
+@formula
+def wall_sum(i, row, position, walls, smoothing):
+    """Sum of V_b W_ib over the wall particles; dimensionless."""
+    first, stride, count = row
+    h = smoothing.support_radius
+    limit = h * h
+    total = type(h)(0)
+    x, y, z = position[i, 0], position[i, 1], position[i, 2]
+    for k in range(count):
+        b = walls.index[first + k * stride]
+        dx, dy, dz = x - walls.position[b, 0], y - walls.position[b, 1], z - walls.position[b, 2]
+        r2 = dx * dx + dy * dy + dz * dz
+        if r2 < limit:
+            total += walls.volume[b] * kernel_value(math.sqrt(r2), smoothing)
+    return total
+
+
+@formula
+def momentum(i, row, position, velocity, mass, density, pressure, index, smoothing, viscosity):
+    """J(10) and, unless `viscosity` is None, J(11): acceleration of particle i [m/s^2]."""
+    first, stride, count = row
+    h = smoothing.support_radius
+    real = type(h)
+    limit = h * h
+    tiny = real(1e-9) * h
+    ax, ay, az = real(0), real(0), real(0)
+    x, y, z = position[i, 0], position[i, 1], position[i, 2]
+    u, v, w = velocity[i, 0], velocity[i, 1], velocity[i, 2]
+    own = pressure[i]
+    for k in range(count):
+        j = index[first + k * stride]
+        dx, dy, dz = x - position[j, 0], y - position[j, 1], z - position[j, 2]
+        r2 = dx * dx + dy * dy + dz * dz
+        if r2 < limit:
+            r = math.sqrt(r2)
+            volume = mass[j] / density[j]
+            f = pressure_pair(volume, own, pressure[j], kernel_slope(r, smoothing)) / (r + tiny)
+            ax += f * dx
+            ay += f * dy
+            az += f * dz
+            if viscosity is not None:
+                g = viscosity_pair(volume, viscosity, viscosity_laplacian(r, smoothing))
+                ax += g * (velocity[j, 0] - u)
+                ay += g * (velocity[j, 1] - v)
+                az += g * (velocity[j, 2] - w)
+    rho = density[i]
+    return ax / rho, ay / rho, az / rho
+
+
+@formula
+def wall_pressure(i, row, position, density, pressure, walls, smoothing, fluid):
+    """Akinci 2012: acceleration [m/s^2] by the walls' mirrored pressure."""
+    first, stride, count = row
+    h = smoothing.support_radius
+    real = type(h)
+    limit = h * h
+    tiny = real(1e-9) * h
+    ax, ay, az = real(0), real(0), real(0)
+    x, y, z = position[i, 0], position[i, 1], position[i, 2]
+    for k in range(count):
+        b = walls.index[first + k * stride]
+        dx, dy, dz = x - walls.position[b, 0], y - walls.position[b, 1], z - walls.position[b, 2]
+        r2 = dx * dx + dy * dy + dz * dz
+        if r2 < limit:
+            r = math.sqrt(r2)
+            wall_mass = fluid.rest_density * walls.volume[b]
+            f = wall_pressure_pair(wall_mass, pressure[i], density[i], kernel_slope(r, smoothing)) / (
+                r + tiny
+            )
+            ax += f * dx
+            ay += f * dy
+            az += f * dz
+    return ax, ay, az
+
+
+@formula
+def kick_drift(i, position, velocity, acceleration, build_position, timestep):
+    """Leap-frog with a changing step: v += (dt_previous + dt)/2 a, x += dt v; squared way since the list [m^2]."""
+    squared = type(timestep[0])(0)
+    for c in range(3):
+        velocity[i, c] += timestep[0] * acceleration[i, c]
+        position[i, c] += timestep[1] * velocity[i, c]
+        way = position[i, c] - build_position[i, c]
+        squared += way * way
+    return squared
+
+
+@formula
+def squares(i, velocity, acceleration):
+    """(|v|^2, |a|^2, whether either is not finite) of particle i."""
+    speed = velocity[i, 0] ** 2 + velocity[i, 1] ** 2 + velocity[i, 2] ** 2
+    force = acceleration[i, 0] ** 2 + acceleration[i, 1] ** 2 + acceleration[i, 2] ** 2
+    return speed, force, not (math.isfinite(speed) and math.isfinite(force))
