@@ -1,8 +1,8 @@
 """Formulas and kernels: the only module that names Numba's decorators.
 
 A scalar formula is written once in plain Python and marked `@formula`; CPU kernels, CUDA kernels and the
-CUDA simulator all call it. Compiled code is cached on disk under a digest of the package's sources, because
-Numba's own cache looks at one file only and would return old numbers after an edit in another.
+CUDA simulator all call it. Compiled code is cached on disk under a digest of every source behind a kernel,
+because Numba's own cache looks at one file only and would return old numbers after an edit in another.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ import hashlib
 import inspect
 import os
 import pathlib
+import re
 import shutil
 import sys
 from collections.abc import Callable
@@ -21,14 +22,13 @@ import numba
 from numba import njit, prange
 from numba.extending import register_jitable
 
-__all__ = ["CudaKernel", "cache_folder", "cpu_kernel", "cuda", "cuda_kernel", "formula", "prange"]
 
 THREADS_PER_BLOCK = 128
 if "NUMBA_THREADING_LAYER" not in os.environ:
     # Starting a parallel loop costs about 20 microseconds in this layer; OpenMP's barrier takes a millisecond
     # where virtual cores are shared.
     numba.config.THREADING_LAYER = "workqueue"
-_CACHES_KEPT = 6
+_CACHES_KEPT = 200
 
 
 def formula(function: Callable) -> Callable:
@@ -36,13 +36,38 @@ def formula(function: Callable) -> Callable:
     return register_jitable(error_model="numpy")(function)
 
 
-def source_digest(*packages: pathlib.Path) -> str:
-    """Digest of every Python source below the given folders (names and contents)."""
+_IMPORT = re.compile(r"^(?:from[ \t]+([\w.]+)[ \t]+import[ \t]+(\([^)]*\)|[^\n]*)|import[ \t]+([\w.]+))", re.MULTILINE)
+
+
+def sources_behind(path: pathlib.Path) -> list[pathlib.Path]:
+    """The file and every source of its own package that it imports, directly or through others."""
+    package = path.parent
+    while (package.parent / "__init__.py").exists():
+        package = package.parent
+    found, waiting = set(), [path]
+    while waiting:
+        file = waiting.pop()
+        if file in found or not file.exists():
+            continue
+        found.add(file)
+        for module, names, plain in _IMPORT.findall(file.read_text()):
+            target = (module or plain).split(".")
+            if target[0] != package.name:
+                continue
+            stem = package.parent.joinpath(*target)
+            inside = [stem / f"{name}.py" for name in re.findall(r"\w+", names)]
+            only_modules = bool(inside) and all(p.exists() for p in inside)
+            waiting += inside if only_modules else [*inside, stem.with_suffix(".py"), stem / "__init__.py"]
+    return sorted(found)
+
+
+@functools.cache
+def source_digest(path: pathlib.Path) -> str:
+    """Digest of a kernel file and of everything of its package behind it (names and contents)."""
     digest = hashlib.sha256(f"{numba.__version__} {sys.version_info[:2]}".encode())
-    for package in packages:
-        for path in sorted(package.rglob("*.py")):
-            digest.update(path.relative_to(package).as_posix().encode())
-            digest.update(path.read_bytes())
+    for source in sources_behind(path):
+        digest.update(source.as_posix().encode())
+        digest.update(source.read_bytes())
     return digest.hexdigest()[:16]
 
 
@@ -56,10 +81,9 @@ def cache_root() -> pathlib.Path:
 
 
 @functools.cache
-def cache_folder(package: pathlib.Path) -> str:
-    """Cache folder for kernels whose sources lie in `package`; folders of old sources are cleared away."""
-    house = pathlib.Path(__file__).parent
-    folder = cache_root() / source_digest(*({house, package}))
+def cache_folder(path: pathlib.Path) -> str:
+    """Cache folder for the kernels of a source file; the folders longest unused are cleared away."""
+    folder = cache_root() / source_digest(path)
     try:
         folder.mkdir(parents=True, exist_ok=True)
         os.utime(folder)
@@ -71,14 +95,8 @@ def cache_folder(package: pathlib.Path) -> str:
     return str(folder)
 
 
-def _package_of(function: Callable) -> pathlib.Path:
-    top = sys.modules.get(function.__module__.partition(".")[0])
-    path = getattr(top, "__file__", None) or function.__code__.co_filename
-    return pathlib.Path(path).parent
-
-
 def _cached(dispatcher: Any, function: Callable) -> Any:
-    folder = cache_folder(_package_of(function))
+    folder = cache_folder(pathlib.Path(function.__code__.co_filename))
     if not os.access(folder, os.W_OK):
         return dispatcher
     before, numba.config.CACHE_DIR = numba.config.CACHE_DIR, folder

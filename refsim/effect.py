@@ -94,9 +94,7 @@ class Effect(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
         """Static boundary particles that it brings into the scene."""
         return None
 
-    def step_limits(
-        self, grid: Discretisation, others: Mapping[str, Effect], extremes: Extremes
-    ) -> dict[str, float]:
+    def step_limits(self, grid: Discretisation, others: Mapping[str, Effect], extremes: Extremes) -> dict[str, float]:
         """Largest stable steps [s] by the name of what limits them."""
         return {}
 

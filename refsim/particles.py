@@ -36,8 +36,6 @@ POSITION = Field("position", "m", "particle position x", 3, state=True)
 VELOCITY = Field("velocity", "m/s", "velocity v, half a step behind the position", 3, state=True)
 ACCELERATION = Field("acceleration", "m/s^2", "sum of all accelerations", 3)
 MASS = Field("mass", "kg (kg/m in 2D)", "particle mass m", state=True)
-IDENTITY = Field(
-    "identity", "-", "the particle's number at the start; never changes", dtype="int32", state=True
-)
+IDENTITY = Field("identity", "-", "the particle's number at the start; never changes", dtype="int32", state=True)
 
 BASE = (POSITION, VELOCITY, ACCELERATION, MASS, IDENTITY)

@@ -69,8 +69,7 @@ class Simulation:
         self.first_length: float | None = None
         self.timings = Timings()
         self.fields = {
-            name: self.backend.zeros(f.shape(n), f.numpy_dtype(grid.dtype))
-            for name, f in self.plan.fields.items()
+            name: self.backend.zeros(f.shape(n), f.numpy_dtype(grid.dtype)) for name, f in self.plan.fields.items()
         }
         self._set("position", state.position)
         self._set("velocity", state.velocity)
@@ -98,8 +97,7 @@ class Simulation:
         self._calls: list[tuple[str, bool, Callable[[], None]]] = []
         self._bind()
         self._own = {
-            name: self.backend.bind(REGISTRY[name], self._own_lookup)
-            for name in ("sph.extremes", "sph.kick_drift")
+            name: self.backend.bind(REGISTRY[name], self._own_lookup) for name in ("sph.extremes", "sph.kick_drift")
         }
 
     # Reading the state

@@ -23,9 +23,7 @@ from refsim.particles import BASE, Field
 Vector = tuple[float, float, float]
 
 
-class Box(
-    msgspec.Struct, tag="box", tag_field="shape", frozen=True, kw_only=True, forbid_unknown_fields=True
-):
+class Box(msgspec.Struct, tag="box", tag_field="shape", frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Lattice block of `cells` particles per axis, each in the middle of its cell.
 
     lower     corner of the block [m]
@@ -50,9 +48,7 @@ class Box(
         return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
 
 
-class Ball(
-    msgspec.Struct, tag="ball", tag_field="shape", frozen=True, kw_only=True, forbid_unknown_fields=True
-):
+class Ball(msgspec.Struct, tag="ball", tag_field="shape", frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Ball (disc in 2D) cut out of the lattice.
 
     center    [m]
@@ -74,9 +70,7 @@ class Ball(
         return points[(points**2).sum(1) <= self.radius**2] + np.array(self.center)
 
 
-class Cloud(
-    msgspec.Struct, tag="cloud", tag_field="shape", frozen=True, kw_only=True, forbid_unknown_fields=True
-):
+class Cloud(msgspec.Struct, tag="cloud", tag_field="shape", frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Particles given one by one.
 
     position  (n, 3) or (n, 2) coordinates [m]; from TOML a list of lists
@@ -98,15 +92,11 @@ class Cloud(
                 path = pathlib.Path(self.file)
                 values = np.load(path) if path.suffix == ".npy" else np.loadtxt(path, delimiter=",", ndmin=2)
             except (OSError, ValueError) as error:
-                raise InputError(
-                    f"fluid cloud: cannot read positions from {self.file!r} ({error})."
-                ) from None
+                raise InputError(f"fluid cloud: cannot read positions from {self.file!r} ({error}).") from None
         try:
             points = np.array(values, dtype=float)
         except (TypeError, ValueError):
-            raise InputError(
-                "fluid cloud: position must be a list of coordinates; give (n, 3) numbers."
-            ) from None
+            raise InputError("fluid cloud: position must be a list of coordinates; give (n, 3) numbers.") from None
         if points.ndim != 2 or points.shape[1] not in (2, 3):
             raise InputError(
                 f"fluid cloud: position has shape {points.shape}; give one row of 2 or 3 numbers for each particle."
@@ -295,9 +285,7 @@ def _check_particles(position: np.ndarray, velocity: np.ndarray, mass: np.ndarra
         )
 
 
-def _ordered(
-    passes: Sequence[tuple[Effect, Pass]], fields: Mapping[str, Field]
-) -> tuple[tuple[Effect, Pass], ...]:
+def _ordered(passes: Sequence[tuple[Effect, Pass]], fields: Mapping[str, Field]) -> tuple[tuple[Effect, Pass], ...]:
     """Passes so that every field is written, then updated, then read; otherwise in the effects' order."""
     for _, p in passes:
         if p.operation not in REGISTRY:
@@ -323,9 +311,7 @@ def _ordered(
         ready = next((k for k in waiting if after[k] <= set(done)), None)
         if ready is None:
             names = ", ".join(passes[k][1].operation for k in waiting)
-            raise InputError(
-                f"scene: the passes {names} wait for each other; one effect must not need the other."
-            )
+            raise InputError(f"scene: the passes {names} wait for each other; one effect must not need the other.")
         done.append(ready)
         waiting.remove(ready)
     return tuple(passes[k] for k in done)

@@ -47,9 +47,7 @@ class NeighbourSearch:
 
     def __post_init__(self) -> None:
         if not self.skin >= 0.0:
-            raise InputError(
-                f"skin = {self.skin} is not possible; give zero or a positive share of the radius."
-            )
+            raise InputError(f"skin = {self.skin} is not possible; give zero or a positive share of the radius.")
         self.reach = self.radius * (1 + self.skin)
         self.allowed_way = 0.5 * self.skin * self.radius
         if self.backend.name == "cuda":

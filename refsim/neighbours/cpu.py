@@ -21,9 +21,7 @@ def cell_keys(position, inverse_cell, keys):
 
 
 @cpu_kernel
-def build_list(
-    query, query_keys, source, cells, first, radius, dim, exclude_self, index, start, count, needed
-):
+def build_list(query, query_keys, source, cells, first, radius, dim, exclude_self, index, start, count, needed):
     """Write each query's sources within `radius` [m] into `index`; rows of a chunk follow each other.
 
     `cells` are the sorted keys of the occupied source cells, `first` (cells + 1) their first source.

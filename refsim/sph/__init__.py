@@ -136,9 +136,7 @@ class WeaklyCompressible(Effect, frozen=True, kw_only=True):
         viscous = self.dynamic_viscosity > 0
         return {"viscosity": ViscosityTerm(grid.real(sign * self.dynamic_viscosity)) if viscous else None}
 
-    def step_limits(
-        self, grid: Discretisation, others: Mapping[str, Effect], extremes: Extremes
-    ) -> dict[str, float]:
+    def step_limits(self, grid: Discretisation, others: Mapping[str, Effect], extremes: Extremes) -> dict[str, float]:
         limits = {"acoustic": 0.4 * grid.support_radius / (self.sound_speed + extremes.speed)}
         if self.dynamic_viscosity > 0:
             half = 0.5 * grid.support_radius

@@ -9,9 +9,7 @@ from refsim.sph import formulas, particle
 def density(position, mass, neighbours, walls, smoothing, fluid, number_density, density):
     """J(7), and J(8) where `number_density` is wanted."""
     for i in prange(density.shape[0]):
-        rho, number = particle.kernel_sums(
-            i, cpu_row(neighbours, i), position, mass, neighbours.index, smoothing
-        )
+        rho, number = particle.kernel_sums(i, cpu_row(neighbours, i), position, mass, neighbours.index, smoothing)
         if walls is not None:
             filled = fluid.rest_density * particle.wall_sum(i, cpu_row(walls, i), position, walls, smoothing)
             rho += filled
@@ -29,9 +27,7 @@ def state(density, fluid, pressure):
 
 
 @cpu_kernel
-def momentum(
-    position, velocity, mass, density, pressure, neighbours, walls, smoothing, fluid, viscosity, acceleration
-):
+def momentum(position, velocity, mass, density, pressure, neighbours, walls, smoothing, fluid, viscosity, acceleration):
     """J(10) and J(11), walls after Akinci 2012; added to the acceleration."""
     for i in prange(acceleration.shape[0]):
         ax, ay, az = particle.momentum(
@@ -87,7 +83,5 @@ def kick_drift(acceleration, build_position, timestep, displacement, velocity, p
     """Leap-frog step; `displacement[0]` is the largest squared way since the list was built [m^2]."""
     largest = displacement.dtype.type(0)
     for i in prange(position.shape[0]):
-        largest = max(
-            largest, particle.kick_drift(i, position, velocity, acceleration, build_position, timestep)
-        )
+        largest = max(largest, particle.kick_drift(i, position, velocity, acceleration, build_position, timestep))
     displacement[0] = largest

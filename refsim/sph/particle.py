@@ -97,9 +97,7 @@ def wall_pressure(i, row, position, density, pressure, walls, smoothing, fluid):
         if r2 < limit:
             r = math.sqrt(r2)
             wall_mass = fluid.rest_density * walls.volume[b]
-            f = wall_pressure_pair(wall_mass, pressure[i], density[i], kernel_slope(r, smoothing)) / (
-                r + tiny
-            )
+            f = wall_pressure_pair(wall_mass, pressure[i], density[i], kernel_slope(r, smoothing)) / (r + tiny)
             ax += f * dx
             ay += f * dy
             az += f * dz

@@ -56,14 +56,8 @@ class BoxWalls(Effect, frozen=True, kw_only=True):
         """Positions (m, 3) [m] half a spacing outside the box and volumes (m,) [m^dim]."""
         position = box_layer(self.lower, self.upper, grid.spacing, grid.dim, self.open_faces)
         shape = others["weakly_compressible"].sum_kernel()
-        factor = (
-            1.0
-            if "g" in self.literal
-            else calibrated_factor(shape, grid.support_radius, grid.spacing, grid.dim)
-        )
-        return WallParticles(
-            position, factor / wall_kernel_sums(position, shape, grid.support_radius, grid.dim)
-        )
+        factor = 1.0 if "g" in self.literal else calibrated_factor(shape, grid.support_radius, grid.spacing, grid.dim)
+        return WallParticles(position, factor / wall_kernel_sums(position, shape, grid.support_radius, grid.dim))
 
     def count_outside(self, position: np.ndarray, grid: Discretisation) -> int:
         """Number of positions (n, 3) [m] that stand behind a wall: particles that leaked."""
@@ -76,9 +70,7 @@ class BoxWalls(Effect, frozen=True, kw_only=True):
         return int(outside.sum())
 
 
-def box_layer(
-    lower: tuple, upper: tuple, spacing: float, dim: int, open_faces: tuple[str, ...] = ()
-) -> np.ndarray:
+def box_layer(lower: tuple, upper: tuple, spacing: float, dim: int, open_faces: tuple[str, ...] = ()) -> np.ndarray:
     """One layer of points (m, 3) [m] half a spacing outside the box, edges and corners included."""
     axes, faces = [], []
     for axis in range(3):
