@@ -19,9 +19,9 @@ from collections.abc import Callable
 from typing import Any
 
 import numba
-from numba import njit, prange
+from numba import njit
+from numba import prange as prange
 from numba.extending import register_jitable
-
 
 THREADS_PER_BLOCK = 128
 if "NUMBA_THREADING_LAYER" not in os.environ:
