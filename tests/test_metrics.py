@@ -1,0 +1,564 @@
+"""The yardsticks themselves, held against answers that can be worked out by hand or by another program."""
+
+from itertools import combinations
+
+import numpy as np
+import pytest
+from scipy.spatial import ConvexHull
+from scipy.spatial.transform import Rotation
+
+from validation.metrics import dam_break, droplet, shapes
+from validation.metrics.surface_truth import arc_cover_surface, cap_cover_surface, detection_score
+
+
+def grid(*sites):
+    """Lattice of unit spacing, (n, dim)."""
+    return np.stack(np.meshgrid(*[np.arange(float(n)) for n in sites], indexing="ij"), axis=-1).reshape(-1, len(sites))
+
+
+def rim(*sites):
+    """Which sites of ``grid`` lie on its outside."""
+    point = grid(*sites)
+    return ((point == 0) | (point == np.array(sites) - 1)).any(axis=1)
+
+
+def turned(point, seed=3):
+    """A copy turned by some angle and moved away from the origin."""
+    if point.shape[1] == 2:
+        angle = 0.4 + seed
+        turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    else:
+        turn = Rotation.random(rng=np.random.default_rng(seed)).as_matrix()
+    return point @ turn.T + 17.3
+
+
+COVER = {2: arc_cover_surface, 3: cap_cover_surface}
+
+
+# Surface truth
+
+
+@pytest.mark.parametrize("sites", [(6, 9), (5, 4, 6)], ids=["2D", "3D"])
+@pytest.mark.parametrize("radius", [0.9, 1.2, 1.6])
+def test_block_has_its_outside_as_surface(sites, radius):
+    assert np.array_equal(COVER[len(sites)](grid(*sites), radius), rim(*sites))
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_single_pair_and_filament_are_all_surface(dim):
+    line = np.zeros((12, dim))
+    line[:, 0] = np.arange(12)
+    for count in (1, 2, 12):
+        for radius in (0.4, 0.6, 1.2, 5.0):
+            assert COVER[dim](line[:count], radius).all()
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_thin_sheets_have_an_interior_from_three_layers_on(dim):
+    wide = (9,) * (dim - 1)
+    for layers in (1, 2):
+        assert COVER[dim](grid(*wide, layers), 1.2).all()
+    answer = COVER[dim](grid(*wide, 3), 1.2)
+    assert np.array_equal(answer, rim(*wide, 3))
+    assert (~answer).sum() == 7 ** (dim - 1)
+
+
+@pytest.mark.parametrize(("dim", "narrow"), [(2, 0.9), (3, 0.95)])
+def test_one_particle_cavity_is_seen_by_a_probe_that_fits_in(dim, narrow):
+    """The hole's centre is one spacing from its 2 dim nearest neighbours: a probe fits iff R < 1."""
+    sites = (7,) * dim
+    block = grid(*sites)
+    hole = np.all(block == 3, axis=1)
+    beside = np.sum((block - 3) ** 2, axis=1) == 1
+    assert np.array_equal(COVER[dim](block[~hole], narrow), (rim(*sites) | beside)[~hole])
+    assert np.array_equal(COVER[dim](block[~hole], 1.05), rim(*sites)[~hole])
+
+
+def test_ring_of_two_layers_is_all_surface_and_of_four_is_not():
+    for layers, interior in ((2, 0), (4, 2)):
+        ring = [
+            (10 + k) * np.stack((np.cos(angle), np.sin(angle)), axis=1)
+            for k in range(layers)
+            for angle in [np.linspace(0, 2 * np.pi, round(2 * np.pi * (10 + k)), endpoint=False)]
+        ]
+        answer = [
+            flags.all()
+            for flags in np.split(arc_cover_surface(np.vstack(ring), 1.2), np.cumsum(list(map(len, ring)))[:-1])
+        ]
+        assert answer == [True] + [False] * interior + [True]
+
+
+def test_lattice_disc_against_neighbours_counted_by_hand():
+    """With R just above half a diagonal a lattice site is interior iff its four nearest sites are there."""
+    disc = grid(25, 25) - 12
+    disc = disc[np.sum(disc**2, axis=1) <= 130]
+    present = {tuple(site) for site in disc.astype(int)}
+    steps = ((1, 0), (-1, 0), (0, 1), (0, -1))
+    expected = [any((x + i, y + j) not in present for i, j in steps) for x, y in disc.astype(int)]
+    assert np.array_equal(arc_cover_surface(disc, 0.7072), expected)
+
+
+def test_touching_discs_close_the_surface_in_every_orientation():
+    """R of half a cell's diagonal: four discs meet in one point, a tie."""
+    for seed in range(5):
+        assert np.array_equal(arc_cover_surface(turned(grid(7, 7), seed), np.sqrt(0.5)), rim(7, 7))
+        assert np.array_equal(cap_cover_surface(turned(grid(5, 5, 5), seed), np.sqrt(0.75)), rim(5, 5, 5))
+    assert arc_cover_surface(grid(7, 7), 0.999 * np.sqrt(0.5)).all()
+    assert cap_cover_surface(grid(5, 5, 5), 0.999 * np.sqrt(0.75)).all()
+
+
+def brute_force_2d(point, radius):
+    """On a circle, the farthest from all discs is reached next to a crossing with another circle: try them all."""
+    answer = []
+    for i, x in enumerate(point):
+        other = np.delete(point, i, axis=0)
+        trial = [x + (radius, 0.0)]
+        for y in other:
+            gap = np.linalg.norm(y - x)
+            if gap < 2 * radius:
+                angle = np.arctan2(*(y - x)[::-1]) + np.arccos(gap / (2 * radius)) * np.array([-1 - 1e-9, 1 + 1e-9])
+                trial += list(x + radius * np.stack((np.cos(angle), np.sin(angle)), axis=1))
+        gaps = np.linalg.norm(np.array(trial)[:, None] - other, axis=2).min(axis=1)
+        answer.append(bool((gaps >= radius).any()))
+    return np.array(answer)
+
+
+def brute_force_3d(point, radius):
+    """A sphere is bare iff a crossing of two cap circles is bare, or a circle without crossings, or all of it."""
+    answer = []
+    for i, x in enumerate(point):
+        other = np.delete(point, i, axis=0) - x
+        near = other[np.linalg.norm(other, axis=1) < 2 * radius]
+        trial = []
+        for y in near:  # one point of every circle
+            side = np.cross(y, np.eye(3)[np.argmin(np.abs(y))])
+            trial.append(y / 2 + side / np.linalg.norm(side) * np.sqrt(radius**2 - y @ y / 4))
+        for y, z in combinations(near, 2):  # u.y = |y|^2 / 2, u.z = |z|^2 / 2, |u| = R
+            base = np.linalg.lstsq(np.array([y, z]), [y @ y / 2, z @ z / 2], rcond=None)[0]
+            normal = np.cross(y, z)
+            rest = radius**2 - base @ base
+            if rest > 0:
+                out = normal / np.linalg.norm(normal) * np.sqrt(rest)
+                trial += [base + out, base - out]
+        bare = [np.linalg.norm(near - u, axis=1).min() >= radius - 1e-9 for u in trial]
+        answer.append(len(near) == 0 or any(bare))
+    return np.array(answer)
+
+
+@pytest.mark.parametrize("count", [20, 40, 60])
+def test_covers_agree_with_brute_force_on_random_clouds(count):
+    rng = np.random.default_rng(count)
+    for _ in range(4):
+        cloud = rng.random((count, 2)) * 5
+        expected = brute_force_2d(cloud, 1.0)
+        assert np.array_equal(arc_cover_surface(cloud, 1.0), expected)
+    cloud = rng.random((count, 3)) * 2.5
+    expected = brute_force_3d(cloud, 1.0)
+    assert np.array_equal(cap_cover_surface(cloud, 1.0), expected)
+    if count == 60:
+        assert 0 < expected.sum() < count
+
+
+def test_cap_cover_against_a_densely_sampled_sphere():
+    cloud = grid(6, 6, 6) + np.random.default_rng(5).normal(0, 0.25, (216, 3))
+    direction = droplet.fibonacci_directions(4000)
+    probe = cloud[:, None] + 1.1 * direction
+    seen = np.empty(len(cloud), dtype=bool)
+    for i in range(len(cloud)):
+        other = np.delete(cloud, i, axis=0)
+        other = other[np.linalg.norm(other - cloud[i], axis=1) < 2.2]
+        seen[i] = (np.linalg.norm(probe[i][:, None] - other, axis=2) >= 1.1).all(axis=1).any()
+    exact = cap_cover_surface(cloud, 1.1)
+    assert not (seen & ~exact).any()  # a bare sample is a proof
+    assert (exact & ~seen).sum() <= 4  # holes narrower than the samples' distance
+    assert 100 < exact.sum() < 216
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_cover_does_not_depend_on_frame_order_or_unit(dim):
+    rng = np.random.default_rng(11)
+    cloud = grid(*(7,) * dim) + rng.normal(0, 0.2, (7**dim, dim))
+    expected = COVER[dim](cloud, 1.1)
+    assert 0 < expected.sum() < len(cloud)
+    assert np.array_equal(COVER[dim](turned(cloud), 1.1), expected)
+    assert np.array_equal(COVER[dim](cloud + 1e5, 1.1), expected)
+    assert np.array_equal(COVER[dim](cloud * 1e-6, 1.1e-6), expected)
+    order = rng.permutation(len(cloud))
+    assert np.array_equal(COVER[dim](cloud[order], 1.1), expected[order])
+    some = order[:20]
+    assert np.array_equal(COVER[dim](cloud, 1.1, None, some), expected[some])
+    mask = cloud[:, 0] > 3
+    assert np.array_equal(COVER[dim](cloud, 1.1, None, mask), expected[mask])
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_coincident_particles_are_one(dim):
+    twin = np.zeros((2, dim))
+    assert COVER[dim](twin, 1.0).all()
+    assert COVER[dim](twin + [[0.0] * dim, [1e-12] * dim], 1.0).all()
+    row = np.zeros((3, dim))
+    row[:, 0] = -1e-12, 0.0, 1e-12
+    assert COVER[dim](row, 1.0).all()
+    block = grid(*(5,) * dim)
+    double = np.vstack((block, block, block[:3]))
+    expected = np.tile(rim(*(5,) * dim), 2)
+    assert np.array_equal(COVER[dim](double, 1.2)[: 2 * len(block)], expected)
+    one_sided = np.zeros((3, dim))
+    one_sided[1:, 0] = 1.0  # equal caps: neither may hide the other's boundary
+    assert COVER[dim](one_sided, 1.0).all()
+    one_sided[2, 0] += 1e-8
+    assert COVER[dim](one_sided, 1.0)[0]
+
+
+def test_cap_inside_a_cap_leaves_nothing_bare():
+    """Six caps of 60 degrees about the axes cover the sphere; a seventh, smaller, is concentric with one of them."""
+    axes = np.vstack((np.zeros((1, 3)), np.eye(3), -np.eye(3)))
+    beyond = [[1.9, 0.0, 0.0]]
+    for frame in (lambda point: point, turned):
+        assert not cap_cover_surface(frame(np.vstack((axes, beyond))), 1.0)[0]
+        assert not cap_cover_surface(frame(axes), 1.0)[0]
+        assert cap_cover_surface(frame(np.delete(np.vstack((axes, beyond)), 1, axis=0)), 1.0)[0]
+    assert cap_cover_surface(axes * 1.16, 1.0)[0]  # 54.5 degrees: short of the cube's corners at 54.7
+    assert not cap_cover_surface(axes * 1.15, 1.0)[0]
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_walls_cover_but_are_not_judged(dim):
+    block = grid(*(6,) * dim)
+    outside = grid(*(8,) * dim)[rim(*(8,) * dim)] - 1
+    assert not COVER[dim](block, 1.2, outside).any()
+    tank = outside[outside[:, -1] < 6]  # open at the top
+    assert np.array_equal(COVER[dim](block, 1.2, tank), block[:, -1] == 5)
+    assert COVER[dim](block[:1], 1.2, tank[:1]).tolist() == [True]
+
+
+def test_arc_cover_takes_flat_clouds_and_refuses_others():
+    block = grid(5, 5)
+    flat = np.column_stack((block, np.zeros(25)))
+    assert np.array_equal(arc_cover_surface(flat, 1.2, block[:2] - 1), arc_cover_surface(block, 1.2, block[:2] - 1))
+    with pytest.raises(ValueError, match="third coordinate"):
+        arc_cover_surface(grid(3, 3, 3), 1.2)
+    with pytest.raises(ValueError, match="radius"):
+        arc_cover_surface(block, 0.0)
+    with pytest.raises(ValueError, match="finite"):
+        cap_cover_surface(np.full((2, 3), np.nan), 1.0)
+    with pytest.raises(ValueError, match="shape"):
+        cap_cover_surface(block, 1.0)
+    assert arc_cover_surface(np.zeros((0, 2)), 1.0).shape == (0,)
+
+
+def test_detection_score_counts():
+    truth = [1, 1, 1, 1, 0, 0, 0, 0, 0, 0]
+    flags = [1, 1, 1, 0, 1, 1, 0, 0, 0, 0]
+    score = detection_score(flags, truth)
+    assert score.precision == pytest.approx(3 / 5)
+    assert score.recall == pytest.approx(3 / 4)
+    assert score.f1 == pytest.approx(2 / 3)
+    assert (score.false_interior, score.false_surface) == (1, 2)
+    nothing = detection_score([0, 0], [0, 1])
+    assert np.isnan(nothing.precision)
+    assert nothing.recall == 0
+    assert nothing.f1 == 0
+    with pytest.raises(ValueError, match="must both"):
+        detection_score([1], [1, 0])
+
+
+# Shapes
+
+
+def test_rotated_lattice_cube_is_a_lattice_cut_by_a_cube():
+    for count in (1, 100, 5039):
+        cut = shapes.rotated_lattice_cube(count, seed=2, spacing=0.1)
+        assert cut.position.shape == (count, 3)
+        assert np.abs(cut.position).max() < cut.side / 2
+        assert cut.side == pytest.approx(0.1 * count ** (1 / 3), rel=0.02 if count > 1000 else 0.6)
+    site = cut.position @ cut.rotation / 0.1
+    site -= site[0]
+    assert np.abs(site - np.rint(site)).max() < 1e-9
+    assert np.linalg.det(cut.rotation) == pytest.approx(1)
+    assert np.abs(cut.rotation).max() < 0.99  # really turned
+    middle = cut.position[np.argmin(np.linalg.norm(cut.position, axis=1))]
+    lattice = (grid(41, 41, 41) - 20) @ cut.rotation.T * 0.1 + middle  # far beyond the cube
+    assert (np.abs(lattice) < cut.side / 2).all(axis=1).sum() == 5039  # no site of the cube is missing
+    again = shapes.rotated_lattice_cube(5039, seed=2, spacing=0.1)
+    assert np.array_equal(again.position, cut.position)
+    assert not np.allclose(shapes.rotated_lattice_cube(5039, seed=4, spacing=0.1).position, cut.position)
+
+
+def test_rotated_box_keeps_its_sides_on_turned_axes():
+    box = shapes.rotated_box(4913)
+    assert box.shape == (22, 17, 13)
+    assert len(box.position) == 4862
+    upright = box.position @ box.rotation
+    assert np.ptp(upright, axis=0) == pytest.approx([21, 16, 12])
+    assert np.abs(box.rotation).max() < 0.99
+    assert box.position.mean(axis=0) == pytest.approx(np.zeros(3), abs=1e-12)
+
+
+def test_lattice_cube_and_ball():
+    cube = shapes.lattice_cube(4, spacing=0.5)
+    assert cube.shape == (64, 3)
+    assert np.abs(cube).max() == 0.75
+    assert droplet.nearest_neighbour_distance(cube) == pytest.approx(0.5)
+    ball = shapes.lattice_ball(33)  # whole shells: 1 + 6 + 12 + 8 + 6
+    assert sorted(np.sum(ball**2, axis=1)) == [0] + [1] * 6 + [2] * 12 + [3] * 8 + [4] * 6
+    assert len(np.unique(shapes.lattice_ball(4913), axis=0)) == 4913
+    for bad in (0, 2.5, -3):
+        with pytest.raises(ValueError, match="whole number"):
+            shapes.lattice_ball(bad)
+    with pytest.raises(ValueError, match="spacing"):
+        shapes.lattice_cube(3, spacing=0.0)
+
+
+# Droplet
+
+
+def test_radius_variation_of_lattice_shapes():
+    scale = droplet.radius_variation_scale(4913)
+    assert round(scale.ball, 4) == 0.0094
+    assert scale.cube == pytest.approx(0.148, abs=5e-4)
+    ball = shapes.lattice_ball(4913)
+    assert round(droplet.radius_variation(ball, cone=15), 4) == 0.0042
+    assert droplet.radius_variation(ball * 1e-3 + [5.0, -2.0, 1.0]) == pytest.approx(scale.ball, rel=1e-9)
+
+
+def test_radius_variation_of_a_known_surface():
+    """A sphere with a band about its equator that lies farther out: two values, seen from each cone by its reach."""
+    direction = droplet.fibonacci_directions(40_000)
+    point = np.vstack((direction, -direction))
+    assert droplet.radius_variation(point) < 1e-12
+    band = np.abs(point[:, 2]) < 0.5
+    point[band] *= 1.1
+    axis = droplet.fibonacci_directions(200)
+    angle = np.degrees(np.arcsin(np.abs(axis[:, 2])))
+    out = angle < 30 + 10  # a cone reaches 10 degrees beyond its axis
+    expected = np.where(out, 1.1, 1.0)
+    assert droplet.radius_variation(point) == pytest.approx(expected.std() / expected.mean(), rel=2e-2)
+    assert np.isnan(droplet.radius_variation(np.eye(3)))
+
+
+def test_fibonacci_directions_are_even():
+    direction = droplet.fibonacci_directions(200)
+    assert np.linalg.norm(direction, axis=1) == pytest.approx(1)
+    assert np.abs(direction.mean(axis=0)).max() < 2e-3
+    assert (direction.T @ direction / 200) == pytest.approx(np.eye(3) / 3, abs=2e-3)
+    nearest = droplet.nearest_neighbour_distance(direction)
+    assert nearest.min() > 0.75 * np.sqrt(4 * np.pi / 200)
+
+
+def test_nearest_neighbour_distance():
+    point = [[0.0, 0, 0], [1, 0, 0], [1, 0.25, 0], [9, 0, 0]]
+    assert droplet.nearest_neighbour_distance(point).tolist() == [1, 0.25, 0.25, 8]
+    assert droplet.nearest_neighbour_distance(np.zeros((1, 3))).tolist() == [np.inf]
+    assert droplet.nearest_neighbour_distance(np.zeros((2, 3))).tolist() == [0, 0]
+
+
+def test_cubic_moment_tells_cube_ball_and_octahedron():
+    cube = shapes.lattice_cube(17)
+    # sums over -8..8: <x^2> = 24, <x^4> = 1032
+    assert droplet.cubic_moment(cube) == pytest.approx((3 * 1032) / (3 * 1032 + 6 * 24**2) - 0.6, rel=1e-12)
+    assert droplet.cubic_moment(cube + 5.0) == pytest.approx(-0.12747, abs=1e-5)
+    assert abs(droplet.cubic_moment(shapes.lattice_ball(4913))) < 0.01
+    corner = np.vstack((np.eye(3), -np.eye(3)))
+    assert droplet.cubic_moment(corner) == pytest.approx(0.4)
+    turn = Rotation.random(rng=np.random.default_rng(0)).as_matrix()
+    assert droplet.cubic_moment(cube @ turn.T, axes=turn) == pytest.approx(droplet.cubic_moment(cube))
+    assert droplet.cubic_moment(cube @ turn.T) != pytest.approx(droplet.cubic_moment(cube), abs=1e-3)
+
+
+def test_inertia_anisotropy_of_a_box():
+    box = shapes.rotated_box(4913)
+    second = (np.array(box.shape) ** 2 - 1) / 12  # of n sites of unit spacing
+    assert droplet.inertia_anisotropy(box.position) == pytest.approx((second[0] - second[2]) / second.mean())
+    assert droplet.inertia_anisotropy(shapes.lattice_cube(5)) == pytest.approx(0, abs=1e-12)
+    assert droplet.inertia_anisotropy(3e-4 * box.position) == pytest.approx(droplet.inertia_anisotropy(box.position))
+
+
+def layered_ball(layers):
+    """Concentric shells of even points, spacing about 1: a relaxed drop of known roundness."""
+    shell = [droplet.fibonacci_directions(round(4 * np.pi * (k**2 + 1 / 12))) * k for k in range(1, layers + 1)]
+    return np.vstack([np.zeros((1, 3)), *shell])
+
+
+def test_surface_mesh_of_a_round_drop_is_a_smooth_sphere():
+    point = layered_ball(10)
+    vertices, faces = droplet.surface_mesh(point, 1.0)
+    radius = np.linalg.norm(vertices - point.mean(axis=0), axis=1)
+    assert radius.std() / radius.mean() < 2e-3
+    assert droplet.sphericity(vertices, faces) > 0.9995
+    # half a spacing outside the last shell, less the Gaussian's shift of one squared over R
+    assert radius.mean() == pytest.approx(10.5 - 1 / 10.5, abs=0.03)
+    assert droplet.mesh_volume(vertices, faces) == pytest.approx(4 / 3 * np.pi * radius.mean() ** 3, rel=3e-3)
+    moved, _ = droplet.surface_mesh(point * 1e-3 + 7.0, 1e-3)
+    assert moved == pytest.approx(vertices * 1e-3 + 7.0, abs=1e-6)
+
+
+def test_surface_mesh_of_a_cube_has_flat_faces_half_a_spacing_out():
+    vertices, faces = droplet.surface_mesh(shapes.lattice_cube(13), 1.0, smoothing=0.8)
+    middle = vertices[(np.abs(vertices[:, :2]) < 3).all(axis=1) & (vertices[:, 2] > 0)]
+    assert np.abs(middle[:, 2] - 6.5).max() < 0.01
+    assert 0.806 < droplet.sphericity(vertices, faces) < 0.9
+    assert droplet.mesh_volume(vertices, faces) == pytest.approx(13**3, rel=0.04)  # the edges are rounded
+
+
+def test_surface_mesh_of_noise_and_of_two_drops_is_closed():
+    rng = np.random.default_rng(0)
+    noisy = shapes.lattice_ball(500) + rng.normal(0, 0.3, (500, 3))
+    assert droplet.mesh_volume(*droplet.surface_mesh(noisy, 1.0)) > 0
+    ball = layered_ball(4)
+    alone = droplet.mesh_volume(*droplet.surface_mesh(ball, 1.0))
+    both = droplet.mesh_volume(*droplet.surface_mesh(np.vstack((ball, ball + [0, 0, 20.0])), 1.0))
+    assert both == pytest.approx(2 * alone, rel=1e-6)
+
+
+def test_surface_mesh_says_why_it_cannot():
+    with pytest.raises(ValueError, match="no surface"):
+        droplet.surface_mesh(np.zeros((1, 3)), 1.0)
+    with pytest.raises(ValueError, match="far away"):
+        droplet.surface_mesh([[0.0, 0, 0], [1e6, 1e6, 1e6]], 1.0)
+    with pytest.raises(ValueError, match="spacing"):
+        droplet.surface_mesh(shapes.lattice_cube(3), -1.0)
+
+
+def test_mesh_measures_of_a_tetrahedron_and_a_cube():
+    corner = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
+    face = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
+    assert droplet.mesh_volume(corner + 100.0, face) == pytest.approx(1 / 6)
+    assert droplet.mesh_area(corner, face) == pytest.approx(1.5 + np.sqrt(3) / 2)
+    assert droplet.mesh_volume(corner, face[:, ::-1]) == pytest.approx(-1 / 6)
+    with pytest.raises(ValueError, match="positive volume"):
+        droplet.sphericity(corner, face[:, ::-1])
+    with pytest.raises(ValueError, match="not closed"):
+        droplet.mesh_volume(corner, face[:3])
+    with pytest.raises(ValueError, match="not closed"):
+        droplet.mesh_volume(corner, np.vstack((face[:3], face[3:, ::-1])))
+    box = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], dtype=float)
+    side = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    triangle = np.array([t for a, b, c, d in side for t in ((a, b, c), (a, c, d))])
+    assert droplet.sphericity(box * 3, triangle) == pytest.approx((np.pi / 6) ** (1 / 3))
+
+
+# Dam break
+
+
+def test_datasets_are_the_published_series():
+    size = {"martin_moyce_1.125in": 10, "martin_moyce_2.25in": 15, "koshizuka_oka": 9, "koshizuka_oka_mps": 18}
+    assert set(dam_break.FRONT_DATA) == set(size)
+    for name, points in size.items():
+        series, entry = dam_break.load_front_data(name), dam_break.FRONT_DATA[name]
+        assert len(series.time) == len(series.front) == points
+        assert (np.diff(series.front) > 0).all()
+        assert series.front[0] >= 1
+        assert (series.front <= dam_break.ritter_front(series.time, entry.aspect_ratio) + 0.005).all()
+        assert entry.aspect_ratio == 2
+        assert entry.doi.startswith("10.")
+        assert entry.source
+    assert dam_break.FRONT_DATA["martin_moyce_2.25in"].length_scale == pytest.approx(0.05715)
+    assert dam_break.load_front_data("koshizuka_oka").front[4] == 1.892
+    with pytest.raises(KeyError, match="koshizuka_oka"):
+        dam_break.load_front_data("nobody")
+
+
+def test_data_spread_is_that_of_the_files():
+    spread = {(pair.series, pair.against): pair for pair in dam_break.data_spread()}
+    narrow = spread["koshizuka_oka", "martin_moyce_1.125in"]
+    assert (narrow.highest, narrow.lowest) == (pytest.approx(0.067, abs=5e-4), pytest.approx(-0.108, abs=5e-4))
+    wide = spread["koshizuka_oka", "martin_moyce_2.25in"]
+    assert wide.lowest == pytest.approx(-0.073, abs=5e-4)
+    between = spread["martin_moyce_2.25in", "martin_moyce_1.125in"]
+    # by hand at T = 5.091: 6.271 + (5.091 - 4.961) / (5.316 - 4.961) (6.717 - 6.271) = 6.4343; 6.980 / 6.4343
+    assert between.largest == pytest.approx(6.980 / 6.4343 - 1, abs=1e-4)
+    assert dam_break.data_tolerance() == narrow.largest
+    fitted = dam_break.data_spread(fit_offset=True)
+    assert all(0 < abs(pair.offset) < 0.3 for pair in fitted)
+
+
+def planted(offset):
+    """A smooth front, and data read from it by a clock that runs behind by ``offset``."""
+    time = np.linspace(0, 5, 400)
+    at = np.array([0.6, 1.1, 1.9, 2.4, 3.3, 3.9])
+    front = 1 + 2 * time**2 / (time + 1.5)
+    return time, front, dam_break.FrontData(at, np.interp(at + offset, time, front))
+
+
+@pytest.mark.parametrize("offset", [-0.37, 0.0, 0.125, 0.41])
+def test_offset_fit_finds_a_planted_offset(offset):
+    time, front, data = planted(offset)
+    fit = dam_break.fit_time_offset(time, front, data)
+    assert fit.offset == pytest.approx(offset, abs=1e-5)
+    assert fit.rms < 1e-5
+    assert fit.points == 6
+    assert not fit.at_limit
+    error = dam_break.front_error(time, front, data, fit.offset)
+    assert abs(error.largest) < 1e-5
+    assert error.points == 6
+    assert dam_break.front_error(time, front, data).rms >= 0.3 * abs(offset)
+
+
+def test_offset_fit_reports_its_limits():
+    time, front, data = planted(0.45)
+    assert dam_break.fit_time_offset(time, front, data, max_offset=0.2).at_limit
+    short = time < 3.0
+    assert dam_break.fit_time_offset(time[short], front[short], data).points == 4
+    assert dam_break.fit_time_offset(time, front, data, max_offset=1.0, from_rest=False).points == 5
+    with pytest.raises(ValueError, match="data points"):
+        dam_break.fit_time_offset(time[:60], front[:60], data)
+
+
+def test_front_error_is_relative_to_the_data():
+    data = dam_break.FrontData(np.array([1.0, 2.0, 3.0, 9.0]), np.array([2.0, 4.0, 5.0, 20.0]))
+    error = dam_break.front_error([0.0, 4.0], [1.0, 5.0], data)  # 2, 3, 4 there; the last point is out of reach
+    assert error.largest == pytest.approx(-0.25)
+    assert error.at == 2.0
+    assert error.points == 3
+    assert error.rms == pytest.approx(np.sqrt((0.25**2 + 0.2**2) / 3))
+    with pytest.raises(ValueError, match="no data point"):
+        dam_break.front_error([20.0, 21.0], [1.0, 2.0], data)
+
+
+def test_front_position_leaves_spray_out():
+    column = (grid(10, 20) + 0.5) * 0.1
+    front = dam_break.front_position(column, 0.1)
+    assert front.connected == pytest.approx(1.0)
+    assert front.farthest == pytest.approx(1.0)
+    assert front.detached == 0
+    spray = np.vstack((column, [[1.7, 0.05], [1.8, 0.05], [2.5, 0.4]]))
+    front = dam_break.front_position(spray, 0.1)
+    assert front.connected == pytest.approx(1.0)
+    assert front.farthest == pytest.approx(2.55)
+    assert front.detached == 3
+    tongue = np.vstack((column, [[1.1, 0.05], [1.25, 0.05], [1.4, 0.05]]))
+    assert dam_break.front_position(tongue, 0.1).connected == pytest.approx(1.45)
+    assert dam_break.front_position(tongue, 0.1, link=1.2).connected == pytest.approx(1.0)
+    assert dam_break.front_position(column[:, ::-1], 0.1, axis=1).connected == pytest.approx(1.0)
+    assert dam_break.front_position(column[:1], 0.1).connected == pytest.approx(0.1)
+
+
+def test_units_and_ritter_bound():
+    assert dam_break.dimensionless_time(1.0, width=2.0, gravity=9.0) == pytest.approx(3.0)
+    assert dam_break.ritter_speed(2.0, gravity=8.0) == pytest.approx(8.0)
+    # in SI: width a, height 2 a, time t; the dimensionless bound is the same motion
+    width, time = 0.05715, 0.1
+    reach = width + dam_break.ritter_speed(2 * width) * time
+    assert dam_break.ritter_front(dam_break.dimensionless_time(time, width)) == pytest.approx(reach / width)
+    assert dam_break.ritter_front(1.0) == pytest.approx(3.0)
+
+
+def test_read_front_data_refuses_broken_files(tmp_path):
+    path = tmp_path / "series.csv"
+    for text in ("t,z\n1,2\n", "t,z\n1,2\n1,3\n", "t,z\n1,2\n2,nan\n", "t,z\n1,2,3\n2,3,4\n", "t,z\n1,x\n2,3\n"):
+        path.write_text(text)
+        with pytest.raises(ValueError, match="series"):
+            dam_break.read_front_data(path)
+    path.write_text("t,z\n1,2\n2,3\n")
+    assert dam_break.read_front_data(path).front.tolist() == [2, 3]
+
+
+def test_neighbour_search_is_completed_in_dense_clumps():
+    """More neighbours than one search returns: what decides must not be the number looked at."""
+    rng = np.random.default_rng(8)
+    for dim in (2, 3):
+        clump = rng.normal(0, 1e-3, (150, dim))
+        answer = COVER[dim](clump, 1.0)
+        # R is a thousand times the clump's size, so the probe is all but flat: the convex hull
+        assert np.array_equal(np.flatnonzero(answer), np.sort(ConvexHull(clump).vertices))
