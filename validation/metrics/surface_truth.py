@@ -116,7 +116,7 @@ def cap_cover_surface(
     neighbours needed to settle it (inside a lattice the nearest 23 suffice): 0.15 ms a particle on average
     for a cube of 17^3 at R = 1.2 spacings.
     Raises ValueError for other shapes, non-finite positions, a radius that is not positive.
-    Source: Haque & Dilts 2007, J. Comput. Phys. 226:1 (cap cover); here by arcs on every cap's boundary, see
+    Source: Haque & Dilts 2007, J. Comput. Phys. 226:1710 (cap cover); here by arcs on every cap's boundary, see
     the module's head.
     """
     return _surface(_clouds(position, walls, (3,)), radius, rows, tie, _sphere_uncovered, first=24)
