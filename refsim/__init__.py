@@ -9,6 +9,7 @@ from refsim.errors import InputError, RunStopped
 from refsim.run import Simulation, StepResult
 from refsim.scene import Ball, Box, Cloud, Plan, Scene, make_plan
 from refsim.sph import Gravity, WeaklyCompressible
+from refsim.surface_detection import SurfaceDetection
 
 __version__ = "0.1.0"
 
@@ -24,6 +25,7 @@ __all__ = [
     "Scene",
     "Simulation",
     "StepResult",
+    "SurfaceDetection",
     "WeaklyCompressible",
     "__version__",
     "make_plan",

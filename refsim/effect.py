@@ -116,3 +116,17 @@ def require(owner: str, **bounds: tuple[float, str]) -> None:
         test, words = tests[rule]
         if not (math.isfinite(value) and test(value)):
             raise InputError(f"{owner}: {name} = {value} is not possible; give {words}.")
+
+
+def literal_errata(owner: str, literal: tuple[str, ...], switchable: tuple[str, ...]) -> frozenset[str]:
+    """Errata whose printed reading `literal` asks for; "all" in it means every one of `switchable`.
+
+    Raises InputError, naming the effect `owner`, for anything else.
+    """
+    chosen = {literal} if isinstance(literal, str) else set(literal)
+    unknown = chosen - set(switchable) - {"all"}
+    if unknown:
+        raise InputError(
+            f"{owner}: literal has {', '.join(sorted(unknown))}; only {', '.join(switchable)} or all can be given here."
+        )
+    return frozenset(switchable if "all" in chosen else chosen)

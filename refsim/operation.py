@@ -2,7 +2,8 @@
 
 Arguments are bound by name. A kernel names the arrays and parameter groups it takes; its outputs stand last.
 The reference takes the same names, less the neighbour structures and the outputs, and returns
-`{output: (value, scale)}`, where `scale` is the sum of the absolute terms behind each value (None for integers).
+`{output: (value, scale)}`, where `scale` is the sum of the absolute terms behind each value; for a flag, of which
+nothing can be nearly right, it is the margin: the relative distance of the decision from flipping.
 """
 
 from __future__ import annotations
@@ -27,6 +28,7 @@ class Operation:
     equation    the paper's number, with the spec's erratum where the adopted reading differs
     function    name of the function in all three files
     outputs     kernel arguments that are written
+    exact       outputs compared exactly wherever the margin exceeds tolerance * eps
     adds        outputs to which the kernel adds instead of assigning
     optional    arguments that are None where the scene has no such thing
     tolerance   c in the bound c * neighbours * eps * sum|terms|, with its reason in `tolerance_reason`
@@ -41,6 +43,7 @@ class Operation:
     equation: str
     function: str
     outputs: tuple[str, ...]
+    exact: tuple[str, ...] = ()
     adds: tuple[str, ...] = ()
     optional: tuple[str, ...] = ()
     tolerance: float = 4.0

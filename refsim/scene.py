@@ -207,7 +207,7 @@ def make_plan(scene: Scene) -> Plan:
         made = effect.walls(grid, effects)
         if made is not None:
             walls.append(made)
-    passes = _ordered([(e, p) for e in effects.values() for p in e.passes(effects)], fields)
+    passes = _ordered(_merged([(e, p) for e in effects.values() for p in e.passes(effects)], parameters), fields)
     merged = None
     if walls:
         merged = type(walls[0])(*(np.concatenate(parts) for parts in zip(*walls)))
@@ -283,6 +283,55 @@ def _check_particles(position: np.ndarray, velocity: np.ndarray, mass: np.ndarra
             f"scene: particles {a} and {b} are at the same place ({len(same)} such pairs in {scene.dtype});"
             " remove the duplicates or move them apart."
         )
+
+
+def _merged(
+    passes: Sequence[tuple[Effect, Pass]], parameters: Mapping[str, Mapping[str, Any]]
+) -> list[tuple[Effect, Pass]]:
+    """One launch where two effects ask for the same; what one wants in each step is not left until it is looked at.
+
+    A pass over every row also serves an effect that wants it for its `candidates` only. Raises InputError where two
+    effects would write one field in different ways.
+    """
+    kept: list[tuple[Effect, Pass]] = []
+    for effect, p in passes:
+        rivals = [k for k, (e, q) in enumerate(kept) if e is not effect and set(p.writes) & set(q.writes)]
+        for k in rivals:
+            other, q = kept[k]
+            if not _same_but_candidates(effect, p, other, q, parameters):
+                field_name = sorted(set(p.writes) & set(q.writes))[0]
+                raise InputError(
+                    f"Effects {other.name!r} and {effect.name!r} compute field {field_name!r} in different ways; give"
+                    " them the same settings or remove one."
+                )
+            first, second = q.names.get("candidates"), p.names.get("candidates")
+            names = {**q.names, **p.names}
+            if first != second:
+                names["candidates"] = None
+            reads = tuple(dict.fromkeys(q.reads + p.reads))
+            kept[k] = (other, dataclasses.replace(q, reads=reads, names=names, on_demand=q.on_demand and p.on_demand))
+        if not rivals:
+            kept.append((effect, p))
+    return kept
+
+
+def _same_but_candidates(
+    effect: Effect, p: Pass, other: Effect, q: Pass, parameters: Mapping[str, Mapping[str, Any]]
+) -> bool:
+    def bound(p: Pass) -> dict[str, str | None]:
+        return {name: field_name for name, field_name in p.names.items() if name != "candidates"}
+
+    if (p.operation, p.writes, p.updates, bound(p)) != (q.operation, q.writes, q.updates, bound(q)):
+        return False
+    names = {p.names.get(name, name) for name in REGISTRY[p.operation].arguments("numpy")}
+    own, its = parameters[effect.name], parameters[other.name]
+    return all(_same(own.get(name), its.get(name)) for name in names)
+
+
+def _same(a: Any, b: Any) -> bool:
+    if isinstance(a, tuple) and isinstance(b, tuple):
+        return len(a) == len(b) and all(map(_same, a, b))
+    return type(a) is type(b) and bool(np.array_equal(a, b))
 
 
 def _ordered(passes: Sequence[tuple[Effect, Pass]], fields: Mapping[str, Field]) -> tuple[tuple[Effect, Pass], ...]:

@@ -1,0 +1,197 @@
+"""Free-surface detection in one or two steps (Jiang & Zhu 2023, (12) and (13)).
+
+Contents: SurfaceDetection; fields NEAR_SURFACE and SURFACE; NearSurfaceLimit, FanScan; passes near_surface_pass,
+fan_scan_pass; operations surface_detection.near_surface, surface_detection.fan_scan.
+
+Another effect that needs the detected sets takes the scene's settings, or the default ones, from
+`detection_in(others)` and lists `passes`, `fields` and `parameters` of these; a pass that both effects list
+runs once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, ClassVar, Literal, NamedTuple
+
+import numpy as np
+
+from refsim.effect import Discretisation, Effect, Pass, literal_errata, require
+from refsim.errors import InputError
+from refsim.operation import Operation, register
+from refsim.particles import Field
+from refsim.sph import NUMBER_DENSITY
+from refsim.surface_normal import (
+    CORRECTED_NORMAL,
+    SURFACE_NORMAL,
+    color_gradient_pass,
+    corrected_pass,
+    normal_term,
+)
+
+NEAR_SURFACE = Field("near_surface", "-", "1 in the near-surface set N, J(12)", dtype="uint8")
+SURFACE = Field("surface", "-", "1 in the surface set S", dtype="uint8")
+
+METHODS = ("number_density", "fan_scan", "two_step")
+NORMALS = {"color": SURFACE_NORMAL, "corrected": CORRECTED_NORMAL}
+
+
+class NearSurfaceLimit(NamedTuple):
+    """J(12) as the kernels take it."""
+
+    number_density: float  # lambda delta0 [1/m^dim]
+
+
+class FanScan(NamedTuple):
+    """J(13) as the kernels take it."""
+
+    radius: float  # s [m]
+    support_radius: float  # h [m], in which neighbours are counted
+    smallest_normal: float  # shorter normals have no direction, in the normal's unit
+    printed: int  # the printed "<" of the second line (E5)
+
+
+def near_surface_pass(on_demand: bool = False, output: str = "near_surface") -> Pass:
+    """The pass that writes the near-surface set N into field `output`, J(12); it reads `number_density`."""
+    names = {} if output == "near_surface" else {"near_surface": output}
+    return Pass("surface_detection.near_surface", ("number_density",), (output,), on_demand=on_demand, names=names)
+
+
+def fan_scan_pass(
+    normal: Literal["color", "corrected"] = "color", candidates: str | None = None, on_demand: bool = False
+) -> Pass:
+    """The pass that writes field `surface`, J(13), from the named kind of normal.
+
+    `candidates` names a uint8 field: rows where it is zero are not scanned and are no surface.
+    """
+    field = NORMALS[normal].name
+    reads = ("position", field) if candidates is None else ("position", field, candidates)
+    names = {"surface_normal": field, "candidates": candidates}
+    return Pass("surface_detection.fan_scan", reads, ("surface",), on_demand=on_demand, names=names)
+
+
+class SurfaceDetection(Effect, frozen=True, kw_only=True):
+    """Marks the particles of the free surface in field `surface`.
+
+    method       "number_density" (S = N, J(12)), "fan_scan" (J(13) for every particle) or "two_step" (J(13) in N)
+    threshold    lambda of J(12); the paper's range is 0.90 to 0.99, its choice 0.98
+    scan_radius  s of J(13): "half" of the support radius, or the "full" one, which doubles the list radius
+    scan_normal  "color" (J(19)) or "corrected" (J(20))
+    each_step    detect in every step; by default only when the state is looked at
+    literal      printed readings to use: "E5" (the "<" of J(13)), "E6" (s = h), "E10" (V_j = m_j/rho_i); or "all"
+
+    A particle with fewer than 3 neighbours within the support radius is surface whatever its normal; one with more
+    whose normal has no direction is not (E20). Wall particles count as neighbours and block the scan.
+    """
+
+    name: ClassVar[str] = "surface_detection"
+
+    method: Literal["number_density", "fan_scan", "two_step"] = "two_step"
+    threshold: float = 0.98
+    scan_radius: Literal["half", "full"] = "half"
+    scan_normal: Literal["color", "corrected"] = "color"
+    each_step: bool = False
+    literal: tuple[str, ...] = ()
+
+    def needs(self) -> tuple[str, ...]:
+        return ("weakly_compressible",)
+
+    def check(self, grid: Discretisation, others: Mapping[str, Effect]) -> None:
+        require(self.name, threshold=(self.threshold, "positive"))
+        if self.threshold > 1.2:
+            raise InputError(
+                f"{self.name}: threshold = {self.threshold} would take every particle for near the surface; give a"
+                " number up to 1.2 (the paper uses 0.90 to 0.99)."
+            )
+        choices = {"method": METHODS, "scan_radius": ("half", "full"), "scan_normal": tuple(NORMALS)}
+        for key, allowed in choices.items():
+            value = getattr(self, key)
+            if value not in allowed:
+                raise InputError(f"{self.name}: {key} = {value!r} is unknown; choose one of {', '.join(allowed)}.")
+        self._printed()
+
+    def fields(self, others: Mapping[str, Effect]) -> tuple[Field, ...]:
+        fields = [SURFACE]
+        if self.method == "two_step":
+            fields.append(NEAR_SURFACE)
+        if self.method != "number_density":
+            fields.append(NORMALS[self.scan_normal])
+        if self.method != "fan_scan" or self.scan_normal == "corrected":
+            fields.append(NUMBER_DENSITY)
+        return tuple(fields)
+
+    def passes(self, others: Mapping[str, Effect]) -> tuple[Pass, ...]:
+        return self.detection_passes(on_demand=not self.each_step)
+
+    def detection_passes(self, on_demand: bool = False) -> tuple[Pass, ...]:
+        """Passes that end with field `surface`, in every step or on demand."""
+        if self.method == "number_density":
+            return (near_surface_pass(on_demand, output="surface"),)
+        candidates = "near_surface" if self.method == "two_step" else None
+        normals = {"color": color_gradient_pass, "corrected": corrected_pass}[self.scan_normal]
+        scan = (normals(candidates, on_demand), fan_scan_pass(self.scan_normal, candidates, on_demand))
+        return scan if candidates is None else (near_surface_pass(on_demand), *scan)
+
+    def list_radius(self, grid: Discretisation) -> float:
+        scanned = self.method != "number_density"
+        return grid.support_radius * (2.0 if scanned and self._full() else 1.0)
+
+    def prepare(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, Any]:
+        fluid: Any = others["weakly_compressible"]
+        h = grid.support_radius
+        # Without rounding a normal without direction is exactly zero; its unit is 1 or, for J(20), 1/m.
+        smallest = max(1e-12, 64.0 * float(np.finfo(grid.dtype).eps))
+        if self.scan_normal == "corrected":
+            smallest /= h
+        return {
+            **normal_term(fluid, grid, own_density="E10" in self._printed()),
+            "near_surface_limit": NearSurfaceLimit(grid.real(self.threshold * fluid.rest_number_density(grid))),
+            "fan_scan": FanScan(
+                grid.real(h if self._full() else 0.5 * h),
+                grid.real(h),
+                grid.real(smallest),
+                np.int32("E5" in self._printed()),
+            ),
+        }
+
+    def _printed(self) -> frozenset[str]:
+        return literal_errata(self.name, self.literal, ("E5", "E6", "E10"))
+
+    def _full(self) -> bool:
+        return self.scan_radius == "full" or "E6" in self._printed()
+
+
+def detection_in(others: Mapping[str, Effect]) -> SurfaceDetection:
+    """The scene's surface detection, or one with the default settings where the scene has none."""
+    found = others.get(SurfaceDetection.name)
+    return found if isinstance(found, SurfaceDetection) else SurfaceDetection()
+
+
+_HERE = "refsim.surface_detection"
+register(
+    Operation(
+        name="surface_detection.near_surface",
+        folder=_HERE,
+        paper="Jiang & Zhu 2023",
+        equation="J(12)",
+        function="near_surface",
+        outputs=("near_surface",),
+        exact=("near_surface",),
+        invariants=("reordering",),
+    )
+)
+register(
+    Operation(
+        name="surface_detection.fan_scan",
+        folder=_HERE,
+        paper="Jiang & Zhu 2023, after Marrone et al. 2010",
+        equation="J(13) with E5, E6, E20",
+        function="fan_scan",
+        outputs=("surface",),
+        exact=("surface",),
+        optional=("walls", "candidates"),
+        tolerance=16.0,
+        tolerance_reason="roundings of the distance, the unit normal and their product, relative to the distance",
+        variants=({}, {"walls": None, "candidates": None}, {"candidates": None}, {"walls": None}),
+        invariants=("translation", "reordering"),
+    )
+)

@@ -1,0 +1,29 @@
+"""CPU kernels of surface detection."""
+
+from refsim.compile import cpu_kernel, prange
+from refsim.neighbours.rows import cpu_row
+from refsim.surface_detection import formulas, particle
+
+
+@cpu_kernel
+def near_surface(number_density, near_surface_limit, near_surface):
+    """J(12)."""
+    for i in prange(near_surface.shape[0]):
+        near_surface[i] = formulas.is_near_surface(number_density[i], near_surface_limit)
+
+
+@cpu_kernel
+def fan_scan(position, surface_normal, candidates, neighbours, walls, fan_scan, surface):
+    """J(13); zero where a particle is no candidate. A normal without direction counts as an occupied region."""
+    for i in prange(surface.shape[0]):
+        near, occupied = particle.ENOUGH, True
+        if candidates is None or candidates[i] != 0:
+            nx, ny, nz, directed = particle.unit(surface_normal, i, fan_scan.smallest_normal)
+            near, occupied = particle.scan_row(
+                i, cpu_row(neighbours, i), position, position, neighbours.index, (nx, ny, nz), fan_scan, 0, not directed
+            )
+            if walls is not None:
+                near, occupied = particle.scan_row(
+                    i, cpu_row(walls, i), position, walls.position, walls.index, (nx, ny, nz), fan_scan, near, occupied
+                )
+        surface[i] = near < particle.ENOUGH or not occupied

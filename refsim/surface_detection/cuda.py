@@ -1,0 +1,39 @@
+"""CUDA kernels of surface detection."""
+
+from refsim.compile import cuda, cuda_kernel
+from refsim.neighbours.rows import cuda_row
+from refsim.surface_detection import formulas, particle
+
+
+@cuda_kernel
+def near_surface(number_density, near_surface_limit, near_surface):
+    """J(12)."""
+    i = cuda.grid(1)
+    if i < near_surface.shape[0]:
+        near_surface[i] = formulas.is_near_surface(number_density[i], near_surface_limit)
+
+
+@cuda_kernel
+def fan_scan(position, surface_normal, candidates, neighbours, walls, fan_scan, surface):
+    """J(13); zero where a particle is no candidate. A normal without direction counts as an occupied region."""
+    i = cuda.grid(1)
+    if i < surface.shape[0]:
+        near, occupied = particle.ENOUGH, True
+        if candidates is None or candidates[i] != 0:
+            nx, ny, nz, directed = particle.unit(surface_normal, i, fan_scan.smallest_normal)
+            near, occupied = particle.scan_row(
+                i,
+                cuda_row(neighbours, i),
+                position,
+                position,
+                neighbours.index,
+                (nx, ny, nz),
+                fan_scan,
+                0,
+                not directed,
+            )
+            if walls is not None:
+                near, occupied = particle.scan_row(
+                    i, cuda_row(walls, i), position, walls.position, walls.index, (nx, ny, nz), fan_scan, near, occupied
+                )
+        surface[i] = near < particle.ENOUGH or not occupied

@@ -1,0 +1,25 @@
+"""Scalar formulas of surface detection: Jiang & Zhu 2023, equations (12) and (13)."""
+
+from refsim.compile import formula
+
+
+@formula
+def is_near_surface(number_density, near_surface_limit):
+    """J(12): delta_i <= lambda delta0, both [1/m^dim]."""
+    return number_density <= near_surface_limit.number_density
+
+
+@formula
+def in_scan_region(squared, along, fan_scan):
+    """J(13) for one particle: |x_ij|^2 [m^2] and n_hat . x_ij [m], n inward, which is the way along the outward axis.
+
+    From sqrt2 s on, a ball of radius s around x_i - s n_hat; nearer, a cone of total opening pi/2. Both lines are
+    squared, so that no root is taken. E5: the printed "<" of the second line describes the outside of the cone.
+    """
+    real = type(squared)
+    s = fan_scan.radius
+    if squared >= real(2) * s * s:
+        return squared < real(2) * s * along
+    if fan_scan.printed:
+        return along < real(0) or real(2) * along * along < squared
+    return along > real(0) and real(2) * along * along > squared

@@ -1,0 +1,74 @@
+"""NumPy oracle of surface detection: all pairs, float64.
+
+Answers are flags, so that each function returns {output: (flags, margin)}: margin (n,) >= 0 is the relative
+distance of the decision from flipping. It is built like the decision itself: every comparison becomes a signed
+number (positive where it holds), "and" the smaller, "or" the larger, "not" the negative of its parts.
+"""
+
+import numpy as np
+
+from refsim.neighbours.reference import other_particles, pair_blocks
+
+ENOUGH = 3
+
+
+def _rows(array, rows):
+    array = np.asarray(array, dtype=float)
+    return array if rows is None else array[rows]
+
+
+def near_surface(number_density, near_surface_limit, rows=None):
+    """Near-surface flags (n,), number_density (n,) [1/m^dim]: J(12) delta_i <= lambda delta0."""
+    margin = 1 - _rows(number_density, rows) / float(near_surface_limit.number_density)
+    return {"near_surface": ((margin >= 0).astype(np.uint8), np.abs(margin))}
+
+
+def _in_region(separation, distance, axis, fan_scan):
+    """Signed margin, positive where J(13) puts a particle into the scan region.
+
+    separation (b, m, 3) = x_i - x_j [m], distance (b, m) [m], axis (b, 3): outward unit vectors, or zero.
+    """
+    s = float(fan_scan.radius)
+    beyond = distance / (np.sqrt(2) * s) - 1
+    ball = 1 - np.linalg.norm(-separation - s * axis[:, None, :], axis=-1) / s
+    there = distance > 0
+    cosine = (-separation * axis[:, None, :]).sum(-1) / np.where(there, distance, 1.0)
+    cone = cosine - np.sqrt(0.5)
+    if fan_scan.printed:
+        cone = np.where(there, -cone, -1.0)
+    far, close = np.minimum(beyond, ball), np.minimum(-beyond, cone)
+    # Where both lines say the same, the distance at which they meet decides nothing.
+    return np.maximum(np.maximum(far, close), np.minimum(ball, cone))
+
+
+def fan_scan(position, surface_normal, candidates, walls, fan_scan, rows=None):
+    """Surface flags (n,); position (n, 3) [m], surface_normal (n, 3) inward, candidates (n,) or None.
+
+    J(13), a = -n/|n|: particle j is in the region of i where |x_ij| >= sqrt2 s and |x_j - x_i - s a| < s, or
+    |x_ij| < sqrt2 s and a . (x_j - x_i) > sqrt(1/2) |x_ij| (E5: printed "<"). i is surface where nobody is in its
+    region, or where fewer than 3 particles are nearer than h; a normal below `smallest_normal` finds nothing (E20).
+    """
+    n = len(position)
+    normal = _rows(surface_normal, rows)
+    length = np.linalg.norm(normal, axis=1)
+    axis = -normal / np.where(length > 0, length, 1.0)[:, None]
+    occupied = np.full(len(normal), -np.inf)
+    nearest = np.full((len(normal), ENOUGH), np.inf)
+
+    def look(place, separation, distance, allowed):
+        inside = _in_region(separation, distance, axis[place], fan_scan)
+        occupied[place] = np.maximum(occupied[place], np.where(allowed, inside, -np.inf).max(1, initial=-np.inf))
+        ranked = np.hstack([nearest[place], np.where(allowed, distance, np.inf)])
+        nearest[place] = np.sort(ranked, axis=1)[:, :ENOUGH]
+
+    for place, separation, distance in pair_blocks(position, position, rows):
+        look(place, separation, distance, other_particles(place, n, rows))
+    if walls is not None:
+        for place, separation, distance in pair_blocks(position, walls.position, rows):
+            look(place, separation, distance, np.ones(distance.shape, dtype=bool))
+    directed = length / float(fan_scan.smallest_normal) - 1
+    sparse = nearest[:, -1] / float(fan_scan.support_radius) - 1
+    surface = np.maximum(sparse, np.minimum(directed, -occupied))
+    if candidates is not None:
+        surface = np.where(_rows(candidates, rows) != 0, surface, -np.inf)
+    return {"surface": ((surface > 0).astype(np.uint8), np.abs(surface))}

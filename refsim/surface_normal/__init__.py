@@ -1,0 +1,93 @@
+"""Surface normals, inward: colour gradient and corrected normals (Jiang & Zhu 2023, (19) and (20)).
+
+Contents: SURFACE_NORMAL, CORRECTED_NORMAL, NormalTerm, color_gradient_pass, corrected_pass, normal_term;
+operations surface_normal.color_gradient, surface_normal.corrected. There is no effect of its own: effects that
+need normals declare the field, list the pass and hand out `normal_term`.
+
+Walls count as occupied. In J(19) a wall particle contributes h V_b grad W_ib, so that liquid at a wall has no
+spurious normal. In J(20) it is given the particle's own number density, hence adds nothing to the sum; its
+volume stands in the denominator, which the wall completes.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from refsim.effect import Discretisation, Pass
+from refsim.operation import Operation, register
+from refsim.particles import Field
+
+if TYPE_CHECKING:
+    from refsim.sph import WeaklyCompressible
+
+SURFACE_NORMAL = Field("surface_normal", "-", "colour-gradient normal n, inward, J(19)", 3)
+CORRECTED_NORMAL = Field("corrected_normal", "1/m", "corrected normal n*, inward, J(20)", 3)
+
+
+class NormalTerm(NamedTuple):
+    """What the normals take beside the particles, as the kernels take it."""
+
+    rest_number_density: float  # delta0 [1/m^dim]
+    own_density: int  # V_j = m_j/rho_i as printed (E10) instead of m_j/rho_j
+
+
+def normal_term(fluid: WeaklyCompressible, grid: Discretisation, own_density: bool = False) -> dict[str, NormalTerm]:
+    """Parameter group of both normals, for `Effect.prepare`; own_density=True is the literal reading of E10."""
+    return {"normal_term": NormalTerm(grid.real(fluid.rest_number_density(grid)), np.int32(own_density))}
+
+
+def color_gradient_pass(candidates: str | None = None, on_demand: bool = False) -> Pass:
+    """The pass that writes field `surface_normal`, J(19).
+
+    `candidates` names a uint8 field: rows where it is zero are not computed and get a zero normal.
+    """
+    return _pass("surface_normal.color_gradient", (), "surface_normal", candidates, on_demand)
+
+
+def corrected_pass(candidates: str | None = None, on_demand: bool = False) -> Pass:
+    """The pass that writes field `corrected_normal`, J(20); it reads field `number_density`, for every row."""
+    return _pass("surface_normal.corrected", ("number_density",), "corrected_normal", candidates, on_demand)
+
+
+def _pass(operation: str, reads: tuple[str, ...], output: str, candidates: str | None, on_demand: bool) -> Pass:
+    reads = ("position", "mass", "density", *reads)
+    names: dict[str, Any] = {"candidates": candidates}
+    if candidates is not None:
+        reads = (*reads, candidates)
+    return Pass(operation, reads, (output,), on_demand=on_demand, names=names)
+
+
+_HERE = "refsim.surface_normal"
+_INVARIANTS = ("translation", "rotation", "reordering")
+_VARIANTS = ({}, {"walls": None, "candidates": None}, {"candidates": None}, {"walls": None})
+register(
+    Operation(
+        name="surface_normal.color_gradient",
+        folder=_HERE,
+        paper="Jiang & Zhu 2023",
+        equation="J(19) with E10",
+        function="color_gradient",
+        outputs=("surface_normal",),
+        optional=("walls", "candidates"),
+        tolerance=8.0,
+        variants=_VARIANTS,
+        invariants=_INVARIANTS,
+    )
+)
+register(
+    Operation(
+        name="surface_normal.corrected",
+        folder=_HERE,
+        paper="Jiang & Zhu 2023",
+        equation="J(20), J(15) with E10",
+        function="corrected",
+        outputs=("corrected_normal",),
+        optional=("walls", "candidates"),
+        tolerance=12.0,
+        tolerance_reason="the roundings of one pair, and once more those of the denominator",
+        variants=_VARIANTS,
+        invariants=_INVARIANTS,
+    )
+)

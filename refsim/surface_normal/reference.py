@@ -1,0 +1,95 @@
+"""NumPy oracle of surface normals: all pairs, float64.
+
+Each function returns {output: (value, scale)}; scale is the sum of the absolute terms behind the value.
+Arrays: position (n, 3) [m]; mass [kg], density [kg/m^dim], number_density [1/m^dim] (n,); candidates (n,) uint8
+or None. `rows` picks particles.
+"""
+
+import numpy as np
+
+from refsim.neighbours.reference import pair_blocks
+from refsim.smoothing.reference import kernel_slope, kernel_value
+
+
+def _rows(array, rows):
+    array = np.asarray(array, dtype=float)
+    return array if rows is None else array[rows]
+
+
+def _gradient(separation, distance, smoothing):
+    apart = distance + 1e-9 * float(smoothing.support_radius)
+    return (kernel_slope(distance, smoothing) / apart)[..., None] * separation
+
+
+def _neighbour_volumes(mass, density, density_i, normal_term):
+    """V_j as a (b, n) table: m_j/rho_j, or the printed m_j/rho_i (E10)."""
+    mass, density = np.asarray(mass, dtype=float), np.asarray(density, dtype=float)
+    if normal_term.own_density:
+        return mass[None, :] / density_i[:, None]
+    return np.broadcast_to(mass / density, (len(density_i), len(mass)))
+
+
+def _only_candidates(output, value, scale, candidates, rows):
+    if candidates is not None:
+        wanted = _rows(candidates, rows) != 0
+        value, scale = value * wanted[:, None], scale * wanted[:, None]
+    return {output: (value, scale)}
+
+
+def color_gradient(position, mass, density, candidates, walls, gradient_smoothing, normal_term, rows=None):
+    """Colour-gradient normals, inward, dimensionless; zero for particles that are no candidates.
+
+    J(19) n_i = h sum_j (m_j/rho_j) grad W_ij + h sum_b V_b grad W_ib (E10: printed m_j/rho_i).
+    """
+    h = float(gradient_smoothing.support_radius)
+    density_i = _rows(density, rows)
+    value, scale = np.zeros((len(density_i), 3)), np.zeros((len(density_i), 3))
+
+    def add(place, terms):
+        value[place] += terms.sum(1)
+        scale[place] += np.abs(terms).sum(1)
+
+    for place, separation, distance in pair_blocks(position, position, rows):
+        volume = _neighbour_volumes(mass, density, density_i[place], normal_term)
+        add(place, h * volume[..., None] * _gradient(separation, distance, gradient_smoothing))
+    if walls is not None:
+        volume = np.asarray(walls.volume, dtype=float)
+        for place, separation, distance in pair_blocks(position, walls.position, rows):
+            add(place, h * volume[None, :, None] * _gradient(separation, distance, gradient_smoothing))
+    return _only_candidates("surface_normal", value, scale, candidates, rows)
+
+
+def corrected(
+    position,
+    mass,
+    density,
+    number_density,
+    candidates,
+    walls,
+    smoothing,
+    gradient_smoothing,
+    normal_term,
+    rows=None,
+):
+    """Corrected normals, inward [1/m]; zero for particles that are no candidates.
+
+    J(20) n_i* = sum_j ((delta_j - delta_i)/delta0) V_j grad W_ij / sum_k V_k W_ik, self in the denominator only;
+    V_j = m_j/rho_j (E10: printed m_j/rho_i). Walls: delta_b = delta_i, V_b in the denominator.
+    """
+    density_i, number_i = _rows(density, rows), _rows(number_density, rows)
+    number = np.asarray(number_density, dtype=float)
+    volume_k = np.asarray(mass, dtype=float) / np.asarray(density, dtype=float)
+    value, scale = np.zeros((len(density_i), 3)), np.zeros((len(density_i), 3))
+    filled = np.zeros(len(density_i))
+    for place, separation, distance in pair_blocks(position, position, rows):
+        filled[place] += kernel_value(distance, smoothing) @ volume_k
+        volume = _neighbour_volumes(mass, density, density_i[place], normal_term)
+        rise = (number[None, :] - number_i[place, None]) / float(normal_term.rest_number_density)
+        terms = (rise * volume)[..., None] * _gradient(separation, distance, gradient_smoothing)
+        value[place] += terms.sum(1)
+        scale[place] += np.abs(terms).sum(1)
+    if walls is not None:
+        for place, _, distance in pair_blocks(position, walls.position, rows):
+            filled[place] += kernel_value(distance, smoothing) @ np.asarray(walls.volume, dtype=float)
+    value, scale = value / filled[:, None], scale / filled[:, None]
+    return _only_candidates("corrected_normal", value, scale, candidates, rows)
