@@ -43,10 +43,6 @@ class Backend:
         """Copy `values` (a host array, an array of this backend or a number) into `target`."""
         target[...] = values
 
-    def reorder(self, array: Any, order: Any) -> None:
-        """array <- array[order], in place."""
-        array[...] = array[order]
-
     def bind(self, operation: Operation, lookup: Callable[[str], Any]) -> Callable[[], None]:
         """The operation on the values that `lookup` gives for its argument names."""
         return operation.bind(self.name, lookup)
@@ -80,13 +76,6 @@ class CudaBackend(Backend):
         if np.isscalar(values):
             values = np.full(target.shape, values, target.dtype)
         target.copy_to_device(values)
-
-    def reorder(self, array: Any, order: Any) -> None:
-        from refsim.neighbours.cuda import gather
-
-        moved = self.empty(array.shape, array.dtype)
-        gather(array, order, moved)
-        array.copy_to_device(moved)
 
     def synchronize(self) -> None:
         self.cuda.synchronize()

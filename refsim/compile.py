@@ -29,6 +29,7 @@ if "NUMBA_THREADING_LAYER" not in os.environ:
     # where virtual cores are shared.
     numba.config.THREADING_LAYER = "workqueue"
 _CACHES_KEPT = 200
+ANY_ORDER = {"reassoc", "contract", "arcp", "nsz"}
 
 
 def formula(function: Callable) -> Callable:
@@ -107,11 +108,13 @@ def _cached(dispatcher: Any, function: Callable) -> Any:
     return dispatcher
 
 
-def cpu_kernel(function: Callable | None = None, *, fastmath: bool = False, parallel: bool = True) -> Any:
-    """Compile a kernel for the CPU; its loop over particles is a `prange`."""
-    if function is None:
-        return functools.partial(cpu_kernel, fastmath=fastmath, parallel=parallel)
-    return _cached(njit(parallel=parallel, error_model="numpy", fastmath=fastmath)(function), function)
+def cpu_kernel(function: Callable) -> Any:
+    """Compile a kernel for the CPU; its loop over particles is a `prange`.
+
+    Sums may be taken in another order and products fused, so that loops over neighbours vectorise. The
+    contract's bound holds for any order of summation; NaN and infinity keep their meaning.
+    """
+    return _cached(njit(parallel=True, error_model="numpy", fastmath=set(ANY_ORDER))(function), function)
 
 
 class CudaKernel:

@@ -19,7 +19,6 @@ from refsim.operation import REGISTRY
 from refsim.scene import Plan, Scene, make_plan
 
 SMALLEST_STEP = 1e-6  # share of the first step below which the run is taken to have diverged
-AUDIT_MARGIN = 1e-5  # share of the radius left out of the audit: positions are stepped back with rounding
 
 
 @dataclass(frozen=True)
@@ -76,7 +75,8 @@ class Simulation:
         self._set("mass", state.mass)
         self._set("identity", np.arange(n))
         self._extremes = self.backend.zeros(3, grid.dtype)
-        self._displacement = self.backend.zeros(1, grid.dtype)
+        self._displacement = self.backend.zeros(2, grid.dtype)
+        self.stopped_at_walls = 0
         self._timestep = self.backend.zeros(2, grid.dtype)
         self.build_position = self.backend.asarray(self._host("position"))
         self._squared_way = math.inf
@@ -140,7 +140,7 @@ class Simulation:
             )
         limits = self.step_limits(Extremes(math.sqrt(speed2), math.sqrt(force2)))
         limiter = min(limits, key=lambda k: limits[k])
-        length = limits[limiter] * self.plan.scene.step_factor
+        length = float(limits[limiter] * self.plan.scene.step_factor)
         if self.plan.scene.step > 0:
             length, limiter = self.plan.scene.step, "fixed"
         if self.first_length is None:
@@ -156,7 +156,8 @@ class Simulation:
             np.array([0.5 * (self.previous_length + length), length], dtype=self.plan.grid.dtype),
         )
         self._own["sph.kick_drift"]()
-        self._squared_way = float(self.backend.host(self._displacement)[0])
+        self._squared_way, stopped = (float(x) for x in self.backend.host(self._displacement))
+        self.stopped_at_walls += int(stopped)
         self.time += length
         self.steps += 1
         self.previous_length = length
@@ -189,7 +190,11 @@ class Simulation:
         self.backend.assign(self.fields[name], values.astype(self.fields[name].dtype))
 
     def _on_backend(self, value: Any) -> Any:
-        return self.backend.asarray(value) if isinstance(value, np.ndarray) else value
+        if isinstance(value, np.ndarray):
+            return self.backend.asarray(value)
+        if isinstance(value, tuple) and any(isinstance(part, np.ndarray) for part in value):
+            return type(value)(*(self._on_backend(part) for part in value))
+        return value
 
     def _prepare_walls(self) -> None:
         walls = self.plan.walls
@@ -210,11 +215,17 @@ class Simulation:
             return
         began = time.perf_counter()
         if search.log.rebuilds:
-            self._audit()
+            search.audit(
+                self.fields["position"],
+                self.fields["velocity"],
+                self.previous_length,
+                self._shared["neighbours"],
+                self.steps,
+            )
         order = search.order(self.fields["position"])
         for name, f in self.plan.fields.items():
             if f.state:
-                self.backend.reorder(self.fields[name], order)
+                self.fields[name] = search.reorder(self.fields[name], order)
         self.backend.assign(self.build_position, self.fields["position"])
         self.rebuild_list()
         self.timings.add("neighbours", time.perf_counter() - began)
@@ -228,12 +239,6 @@ class Simulation:
             self._shared["walls"] = with_list(*self._wall_data, listed)
         self._squared_way = 0.0
         self._bind()
-
-    def _audit(self) -> None:
-        """Check the list where it was last used: at the positions before the latest drift."""
-        velocity, position = self._host("velocity"), self._host("position")
-        before = position - position.dtype.type(self.previous_length) * velocity
-        self.search.audit(self.backend.asarray(before), self._shared["neighbours"], self.steps)
 
     def _bind(self) -> None:
         self._calls = []
@@ -251,6 +256,9 @@ class Simulation:
                 raise KeyError(f"{operation.name} takes {name!r}, which no effect of the scene provides")
 
             self._calls.append((operation.name, p.on_demand, self.backend.bind(operation, lookup)))
+        self._own = {
+            name: self.backend.bind(REGISTRY[name], self._own_lookup) for name in ("sph.extremes", "sph.kick_drift")
+        }
 
     def _own_lookup(self, name: str) -> Any:
         own = {
@@ -258,5 +266,6 @@ class Simulation:
             "displacement": self._displacement,
             "timestep": self._timestep,
             "build_position": self.build_position,
+            "bounds": self._shared.get("bounds"),
         }
         return own[name] if name in own else self.fields[name]

@@ -17,6 +17,14 @@ class WallParticles(NamedTuple):
     volume: np.ndarray  # (m,) V_b [m^dim]
 
 
+class Bounds(NamedTuple):
+    """Planes that no particle passes: a last guard behind the wall particles, for spray whose density is too
+    small to be pushed back. Open sides are infinite."""
+
+    lower: Any  # (3,) [m]
+    upper: Any  # (3,) [m]
+
+
 class WallRows(NamedTuple):
     """Wall particles and, row by row, those near each fluid particle (CPU)."""
 

@@ -2,10 +2,11 @@
 
 import numpy as np
 
-from refsim.compile import cpu_kernel, prange
+from refsim.compile import cpu_kernel, formula, prange
 from refsim.neighbours.formulas import BITS, cell_coordinate, cell_key, lower_bound
 from refsim.neighbours.rows import NeighbourRows
 
+PLACE_OF_BYTE = np.uint64(0x0020406080A0C0E0)  # times a lone 1 in byte k: k in the three highest bits
 CHUNKS = 64  # fixed, so that the list does not depend on the number of threads
 
 
@@ -18,6 +19,29 @@ def cell_keys(position, inverse_cell, keys):
             cell_coordinate(position[i, 1], inverse_cell),
             cell_coordinate(position[i, 2], inverse_cell),
         )
+
+
+@formula
+def mark_near(x, y, z, limit, candidates, near, mark):
+    """mark[m] = whether column m of `near` lies within the root of `limit` [m^2] of (x, y, z); vectorised."""
+    for m in range(candidates):
+        dx = x - near[0, m]
+        dy = y - near[1, m]
+        dz = z - near[2, m]
+        mark[m] = dx * dx + dy * dy + dz * dz < limit
+
+
+@formula
+def append_marked(words, candidates, names, index, at):
+    """Append the names of the marked candidates to `index`, eight marks at a time; the next free place."""
+    for word in range(np.uint64((candidates + 7) // 8)):
+        marks = words[word]
+        while marks != np.uint64(0):
+            lowest = marks & (~marks + np.uint64(1))
+            index[at] = names[(word << np.uint64(3)) + ((lowest * PLACE_OF_BYTE) >> np.uint64(61))]
+            at += np.uint64(1)
+            marks ^= lowest
+    return at
 
 
 @cpu_kernel
@@ -36,62 +60,103 @@ def build_list(query, query_keys, source, cells, first, radius, dim, exclude_sel
         end = (chunk + 1) * rows // CHUNKS
         room = share * (chunk + 1)
         at = share * chunk
-        low = np.empty(9, np.int64)
-        high = np.empty(9, np.int64)
-        ranges = 0
+        near = np.empty((3, 512), query.dtype)  # positions of the sources in the cells around the query's
+        names = np.empty(512, np.int32)
+        mark = np.zeros(512, np.uint8)
+        low_cell = np.zeros(9, np.int64)
         current = np.int64(-1)
+        candidates = 0
+        own = np.int64(0)
         for i in range(begin, end):
             if query_keys[i] != current:
+                # Queries mostly come in cell order, so each of the nine rows of cells is walked forward.
+                backward = query_keys[i] < current or current < 0
                 current = query_keys[i]
-                ranges = 0
-                for dz in range(layers):
-                    for dy in range(3):
-                        middle = current + ((dy - 1) << BITS)
-                        if layers == 3:
-                            middle += (dz - 1) << (2 * BITS)
-                        a = lower_bound(cells, middle - 1)
-                        b = a
-                        while b < cells.shape[0] and cells[b] <= middle + 1:
-                            b += 1
-                        if b > a:
-                            low[ranges] = first[a]
-                            high[ranges] = first[b]
-                            ranges += 1
-            xi = query[i, 0]
-            yi = query[i, 1]
-            zi = query[i, 2]
+                candidates = 0
+                for k in range(3 * layers):
+                    middle = current + (np.int64(k % 3 - 1) << BITS)
+                    if layers == 3:
+                        middle += np.int64(k // 3 - 1) << (2 * BITS)
+                    a = lower_bound(cells, middle - 1) if backward else low_cell[k]
+                    while a < cells.shape[0] and cells[a] < middle - 1:
+                        a += 1
+                    low_cell[k] = a
+                    b = a
+                    while b < cells.shape[0] and cells[b] <= middle + 1:
+                        b += 1
+                    low = first[a]
+                    size = first[b] - low
+                    if candidates + size > names.shape[0]:
+                        grown = 2 * (candidates + size)
+                        wider = np.empty((3, grown), query.dtype)
+                        wider[:, :candidates] = near[:, :candidates]
+                        longer = np.empty(grown, np.int32)
+                        longer[:candidates] = names[:candidates]
+                        near, names, mark = wider, longer, np.zeros(8 * ((grown + 7) // 8), np.uint8)
+                    if exclude_self and k == layers + layers // 3:
+                        own = candidates - low  # the middle row of cells holds the query itself
+                    for m in range(size):
+                        names[candidates + m] = low + m
+                        near[0, candidates + m] = source[low + m, 0]
+                        near[1, candidates + m] = source[low + m, 1]
+                        near[2, candidates + m] = source[low + m, 2]
+                    candidates += size
+            mark_near(query[i, 0], query[i, 1], query[i, 2], limit, candidates, near, mark)
+            mark[candidates : 8 * ((candidates + 7) // 8)] = 0
+            if exclude_self:
+                mark[own + i] = 0
             start[i] = at
-            for k in range(ranges):
-                for j in range(low[k], high[k]):
-                    dx = xi - source[j, 0]
-                    dy_ = yi - source[j, 1]
-                    dz_ = zi - source[j, 2]
-                    if dx * dx + dy_ * dy_ + dz_ * dz_ < limit and not (exclude_self and i == j):
+            if at + candidates <= room:
+                at = np.int64(append_marked(mark.view(np.uint64), candidates, names, index, np.uint64(at)))
+            else:
+                for m in range(candidates):
+                    if mark[m]:
                         if at < room:
-                            index[at] = j
+                            index[at] = names[m]
                         at += 1
             count[i] = at - start[i]
         needed[chunk] = at - share * chunk
 
 
 @cpu_kernel
-def count_missed(position, count, start, index, rows, radius, missed):
-    """Neighbours nearer than `radius` [m] that the list lacks, for each sampled row: all pairs against the list."""
+def reorder_scalars(values, order, moved):
+    """moved[i] = values[order[i]]."""
+    for i in prange(order.shape[0]):
+        moved[i] = values[order[i]]
+
+
+@cpu_kernel
+def reorder_vectors(values, order, moved):
+    """moved[i, :] = values[order[i], :]."""
+    for i in prange(order.shape[0]):
+        for c in range(values.shape[1]):
+            moved[i, c] = values[order[i], c]
+
+
+@cpu_kernel
+def count_missed(position, velocity, drift, start, count, index, rows, radius, missed):
+    """Neighbours nearer than `radius` [m] that the list lacks, for each sampled row: all pairs against the list.
+
+    The list was last used at position - drift * velocity, before the latest step.
+    """
     limit = radius * radius
     for k in prange(rows.shape[0]):
         i = rows[k]
+        x = position[i, 0] - drift * velocity[i, 0]
+        y = position[i, 1] - drift * velocity[i, 1]
+        z = position[i, 2] - drift * velocity[i, 2]
         true = 0
         for j in range(position.shape[0]):
-            dx = position[i, 0] - position[j, 0]
-            dy = position[i, 1] - position[j, 1]
-            dz = position[i, 2] - position[j, 2]
-            true += i != j and dx * dx + dy * dy + dz * dz < limit
+            dx = x - (position[j, 0] - drift * velocity[j, 0])
+            dy = y - (position[j, 1] - drift * velocity[j, 1])
+            dz = z - (position[j, 2] - drift * velocity[j, 2])
+            true += (dx * dx + dy * dy + dz * dz < limit) & (i != j)
         listed = 0
         for m in range(start[i], start[i] + count[i]):
             j = index[m]
-            dx = position[i, 0] - position[j, 0]
-            dy = position[i, 1] - position[j, 1]
-            dz = position[i, 2] - position[j, 2]
+            dx = x - (position[j, 0] - drift * velocity[j, 0])
+            dy = y - (position[j, 1] - drift * velocity[j, 1])
+            dz = z - (position[j, 2] - drift * velocity[j, 2])
             listed += dx * dx + dy * dy + dz * dz < limit
         missed[k] = true - listed
 
@@ -151,8 +216,13 @@ class Search:
         self.log.list_bytes = sum(a.nbytes for a in self.storage.values()) + 12 * n
         return NeighbourRows(start, count, index), int(count.max(initial=0))
 
-    def missed(self, position, neighbours, rows, radius):
+    def missed(self, position, velocity, drift, neighbours, rows, radius):
         missed = np.zeros(len(rows), np.int64)
-        start, count, index = neighbours
-        count_missed(position, count, start, index, rows, position.dtype.type(radius), missed)
+        real = position.dtype.type
+        count_missed(position, velocity, real(drift), *neighbours, rows, real(radius), missed)
         return int(missed.sum())
+
+    def reorder(self, array, order):
+        moved = np.empty_like(array)
+        (reorder_scalars if array.ndim == 1 else reorder_vectors)(array, order, moved)
+        return moved

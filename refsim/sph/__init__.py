@@ -251,6 +251,8 @@ register(
         equation="leap-frog with a changing step (spec section 7)",
         function="kick_drift",
         outputs=("displacement", "velocity", "position"),
+        optional=("bounds",),
+        variants=({"bounds": None}, {}),
         tolerance_reason="one rounding in each product and sum",
         invariants=("reordering",),
     )

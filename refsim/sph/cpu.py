@@ -79,9 +79,14 @@ def extremes(velocity, acceleration, extremes):
 
 
 @cpu_kernel
-def kick_drift(acceleration, build_position, timestep, displacement, velocity, position):
-    """Leap-frog step; `displacement[0]` is the largest squared way since the list was built [m^2]."""
+def kick_drift(acceleration, build_position, bounds, timestep, displacement, velocity, position):
+    """Leap-frog step; `displacement` is the largest squared way since the list [m^2] and the number of particles
+    that a wall's plane stopped."""
     largest = displacement.dtype.type(0)
+    stopped = 0
     for i in prange(position.shape[0]):
-        largest = max(largest, particle.kick_drift(i, position, velocity, acceleration, build_position, timestep))
+        squared, hit = particle.kick_drift(i, position, velocity, acceleration, build_position, bounds, timestep)
+        largest = max(largest, squared)
+        stopped += hit
     displacement[0] = largest
+    displacement[1] = stopped

@@ -105,15 +105,26 @@ def wall_pressure(i, row, position, density, pressure, walls, smoothing, fluid):
 
 
 @formula
-def kick_drift(i, position, velocity, acceleration, build_position, timestep):
-    """Leap-frog with a changing step: v += (dt_previous + dt)/2 a, x += dt v; squared way since the list [m^2]."""
+def kick_drift(i, position, velocity, acceleration, build_position, bounds, timestep):
+    """Leap-frog with a changing step: v += (dt_previous + dt)/2 a, x += dt v, stopped at the walls' planes.
+
+    Returns (squared way since the list was built [m^2], whether a wall's plane stopped the particle).
+    """
     squared = type(timestep[0])(0)
+    stopped = False
     for c in range(3):
-        velocity[i, c] += timestep[0] * acceleration[i, c]
-        position[i, c] += timestep[1] * velocity[i, c]
-        way = position[i, c] - build_position[i, c]
+        v = velocity[i, c] + timestep[0] * acceleration[i, c]
+        x = position[i, c] + timestep[1] * v
+        if bounds is not None:  # noqa: SIM102  (a test of its own is what Numba prunes)
+            if x < bounds.lower[c] or x > bounds.upper[c]:
+                x = min(max(x, bounds.lower[c]), bounds.upper[c])
+                v = type(v)(0)
+                stopped = True
+        velocity[i, c] = v
+        position[i, c] = x
+        way = x - build_position[i, c]
         squared += way * way
-    return squared
+    return squared, stopped
 
 
 @formula

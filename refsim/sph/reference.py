@@ -97,8 +97,11 @@ def extremes(velocity, acceleration):
     return {"extremes": (value, value)}
 
 
-def kick_drift(acceleration, build_position, timestep, velocity, position):
-    """Leap-frog: v += (dt_previous + dt)/2 a [m/s], x += dt v [m]; largest squared way since the list [m^2]."""
+def kick_drift(acceleration, build_position, bounds, timestep, velocity, position):
+    """Leap-frog: v += (dt_previous + dt)/2 a [m/s], x += dt v [m], stopped at the walls' planes `bounds` [m].
+
+    displacement: [largest squared way since the list was built [m^2], number of stopped particles].
+    """
     kick, drift = (float(t) for t in timestep)
     a = np.asarray(acceleration, dtype=float)
     old_v, old_x = np.asarray(velocity, dtype=float), np.asarray(position, dtype=float)
@@ -106,11 +109,20 @@ def kick_drift(acceleration, build_position, timestep, velocity, position):
     x = old_x + drift * v
     v_scale = np.abs(old_v) + np.abs(kick * a)
     x_scale = np.abs(old_x) + np.abs(drift) * v_scale
+    stopped = np.zeros(len(x), dtype=bool)
+    if bounds is not None:
+        inside = np.clip(x, np.asarray(bounds.lower, dtype=float), np.asarray(bounds.upper, dtype=float))
+        v = np.where(inside == x, v, 0.0)
+        stopped = (inside != x).any(1)
+        x = inside
     way = x - np.asarray(build_position, dtype=float)
     squared = (way**2).sum(1)
     bound = ((np.abs(way) + x_scale) ** 2).sum(1)
     return {
         "velocity": (v, v_scale),
         "position": (x, x_scale),
-        "displacement": (np.array([squared.max(initial=0)]), np.array([bound.max(initial=0)])),
+        "displacement": (
+            np.array([squared.max(initial=0), stopped.sum()]),
+            np.array([bound.max(initial=0), 0.0]),
+        ),
     }
