@@ -10,6 +10,7 @@ from refsim.run import Simulation, StepResult
 from refsim.scene import Ball, Box, Cloud, Plan, Scene, make_plan
 from refsim.sph import Gravity, WeaklyCompressible
 from refsim.surface_detection import SurfaceDetection
+from refsim.surface_tension.jiang_zhu_2023 import JiangZhu2023
 
 __version__ = "0.1.0"
 
@@ -20,6 +21,7 @@ __all__ = [
     "Cloud",
     "Gravity",
     "InputError",
+    "JiangZhu2023",
     "Plan",
     "RunStopped",
     "Scene",

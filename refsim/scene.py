@@ -295,7 +295,7 @@ def _merged(
     """
     kept: list[tuple[Effect, Pass]] = []
     for effect, p in passes:
-        rivals = [k for k, (e, q) in enumerate(kept) if e is not effect and set(p.writes) & set(q.writes)]
+        rivals = [k for k, (_, q) in enumerate(kept) if set(p.writes) & set(q.writes)]
         for k in rivals:
             other, q = kept[k]
             if not _same_but_candidates(effect, p, other, q, parameters):

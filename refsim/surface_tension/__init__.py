@@ -1,0 +1,1 @@
+"""Surface tension of free surfaces: one folder for each published model."""

@@ -1,0 +1,425 @@
+"""Free-surface tension by pair forces on surface particles (Jiang & Zhu 2023, (14) to (18) and (21)).
+
+Contents: JiangZhu2023; kirkwood_buff_sigma, internal_pressure; operations jiang_zhu_2023.corrected_density,
+.replace_density, .soft_weight, .cohesion, .area, .tension.
+
+"Tension acts on surface particles only" leaves open which pairs act. The default is the soft surface weight of the
+pair mode "soft": w_i rises smoothly from 0 in the bulk to 1 at the surface with |h grad c|, and a pair acts with
+(w_i + w_j)/2. That keeps the linear momentum, heats nothing by switching, and puts no cohesive pressure into the
+bulk. The other readings are pair modes beside it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any, ClassVar, Literal, NamedTuple
+
+import msgspec
+import numpy as np
+
+from refsim.effect import Discretisation, Effect, Extremes, Pass, literal_errata, require
+from refsim.errors import InputError
+from refsim.operation import Operation, register
+from refsim.particles import Field
+from refsim.smoothing.shapes import NORMALISATION, POLY6
+from refsim.sph import NUMBER_DENSITY
+from refsim.surface_detection import NEAR_SURFACE, SurfaceDetection, detection_in, near_surface_pass
+from refsim.surface_normal import (
+    CORRECTED_NORMAL,
+    SURFACE_NORMAL,
+    color_gradient_pass,
+    corrected_pass,
+    normal_term,
+)
+from refsim.surface_tension.jiang_zhu_2023.modes import AREA_TERMS, PAIR_MODES
+
+CORRECTED_DENSITY = Field("corrected_density", "kg/m^3 (kg/m^2 in 2D)", "density rho* near the surface, J(14)")
+SURFACE_WEIGHT = Field("surface_weight", "-", "soft surface weight w, 0 in the bulk, 1 at the surface")
+
+ALPHA = {2: 0.75, 3: 0.6}  # of J(17); 0.6 in 2D is the printed reading (E7)
+BETA = 0.9
+INNER = 0.8  # support of the repulsive kernel, as a share of h
+MARKED_MODES = ("one_sided", "either", "both")  # those that ask for the surface set S
+AKINCI_RATIO = 1e-3  # eps'/(gamma rho0) of Akinci et al. 2013 for water
+
+
+class PairSelection(NamedTuple):
+    """Which pairs act, as the kernels take it."""
+
+    mode: int  # of PAIR_MODES
+
+
+class SoftThresholds(NamedTuple):
+    """Soft surface weight as the kernels take it; |h grad c| is dimensionless."""
+
+    lower: float
+    upper: float
+    inverse_width: float
+
+
+class Cohesion(NamedTuple):
+    """J(16), J(17) as the kernels take them."""
+
+    gamma: float  # [m^4/(kg s^2)]; negative for the printed sign (E4)
+    alpha: float
+    beta: float
+    amplitude: float  # gamma W_poly6(0, h)
+    inner_share: float  # W_poly6(0, 0.8 h)/W_poly6(0, h)
+    inner_stretch: float  # 1/0.8
+
+
+class AreaTerm(NamedTuple):
+    """J(21) or J(18) as the kernels take them."""
+
+    kind: int  # of AREA_TERMS
+    coefficient: float  # eps of J(21) [N/m^5; N/m^4 in 2D], or eps' of J(18) [m/s^2]
+
+
+def force_moment(power: int, alpha: float, beta: float, dim: int) -> float:
+    """Integral over q of q^power C(q h) h^dim, with C of J(17); dimensionless, exact by Gauss quadrature."""
+    node, weight = np.polynomial.legendre.leggauss(16)
+
+    def shell(radius: float) -> float:
+        q = 0.5 * radius * (node + 1)
+        return 0.5 * radius * float(weight @ (q**power * (1 - (q / radius) ** 2) ** 3)) / radius**dim
+
+    return NORMALISATION[POLY6][dim] * (alpha * shell(INNER) - beta * shell(1.0))
+
+
+def kirkwood_buff_sigma(
+    gamma: float, rest_density: float, support_radius: float, dim: int, alpha: float | None = None, beta: float = BETA
+) -> float:
+    """Nominal surface tension [N/m] of the pair force between all particles, for a sharp surface and g(r) = 1.
+
+    3D sigma = -(pi/8) rho0^2 gamma int r^4 C dr; 2D sigma = -(1/3) rho0^2 gamma int r^3 C dr (spec 10.1).
+    """
+    alpha = ALPHA[dim] if alpha is None else alpha
+    factor = math.pi / 8 if dim == 3 else 1 / 3
+    moment = force_moment(4 if dim == 3 else 3, alpha, beta, dim)
+    return -factor * rest_density**2 * gamma * support_radius**2 * moment
+
+
+def internal_pressure(
+    gamma: float, rest_density: float, support_radius: float, dim: int, alpha: float | None = None, beta: float = BETA
+) -> float:
+    """Cohesive pressure [Pa] that the pair force between all particles puts into the bulk; positive compresses.
+
+    3D P = -(2 pi/3) rho0^2 gamma int r^3 C dr; 2D P = -(pi/2) rho0^2 gamma int r^2 C dr (spec 7).
+    """
+    alpha = ALPHA[dim] if alpha is None else alpha
+    factor = 2 * math.pi / 3 if dim == 3 else math.pi / 2
+    moment = force_moment(3 if dim == 3 else 2, alpha, beta, dim)
+    return -factor * rest_density**2 * gamma * support_radius * moment
+
+
+class JiangZhu2023(Effect, frozen=True, kw_only=True):
+    """Surface tension of a free liquid surface.
+
+    surface_tension     sigma [N/m]; nominal: turned into gamma by the Kirkwood-Buff integral (kirkwood_buff_sigma).
+                        Measured values lie within about a third of it
+    gamma               coefficient of J(16) [m^4/(kg s^2)], instead of sigma
+    pair_mode           "soft" (pairs weighted by their soft surface weights), "all", or by the surface set S:
+                        "one_sided" (force on i in S without reaction: loses momentum), "either", "both"
+    area_term           "corrected" (J(21) with normals J(20)), "color" (J(18) with normals J(19)) or "none"
+    area_ratio          eps_r of J(21), eps = eps_r gamma rho0^2 h^(1 - dim); stable up to about 0.01
+    area_acceleration   eps' of J(18) [m/s^2]; left out, 0.001 gamma rho0
+    density_correction  correct the density near the surface, J(14) and J(15), before the equation of state
+    threshold           lambda of J(12), the near-surface set N of the density correction and of S; left out, that
+                        of the scene's surface detection, else the paper's 0.98
+    soft_lower          |h grad c| up to which the soft surface weight is 0
+    soft_upper          |h grad c| from which it is 1
+    literal             printed readings to use: "E4" (sign of J(16)), "E7" (alpha = 0.6 in 2D), "E10" (V_j =
+                        m_j/rho_i in the normals), "E5" and "E6" (in the surface detection); or "all"
+
+    Pair modes by S detect the surface in every step, as the scene's surface detection says or in two steps. Pair
+    force and area term keep the linear momentum but for "one_sided" (J(18): for equal masses); the area term does
+    not keep the angular momentum (E12).
+    """
+
+    name: ClassVar[str] = "jiang_zhu_2023"
+
+    surface_tension: float | None = None
+    gamma: float | None = None
+    pair_mode: Literal["soft", "all", "one_sided", "either", "both"] = "soft"
+    area_term: Literal["corrected", "color", "none"] = "corrected"
+    area_ratio: float = 0.01
+    area_acceleration: float | None = None
+    density_correction: bool = False
+    threshold: float | None = None
+    soft_lower: float = 0.3
+    soft_upper: float = 1.0
+    literal: tuple[str, ...] = ()
+
+    def needs(self) -> tuple[str, ...]:
+        return ("weakly_compressible",)
+
+    def check(self, grid: Discretisation, others: Mapping[str, Effect]) -> None:
+        if (self.surface_tension is None) == (self.gamma is None):
+            given = "both" if self.gamma is not None else "neither"
+            raise InputError(f"{self.name}: {given} of surface_tension and gamma given; give exactly one of them.")
+        own = {
+            "surface_tension": (self.surface_tension, "not negative"),
+            "gamma": (self.gamma, "not negative"),
+            "area_ratio": (self.area_ratio, "not negative"),
+            "area_acceleration": (self.area_acceleration, "not negative"),
+            "threshold": (self.threshold, "positive"),
+            "soft_lower": (self.soft_lower, "not negative"),
+            "soft_upper": (self.soft_upper, "positive"),
+        }
+        require(self.name, **{key: rule for key, rule in own.items() if rule[0] is not None})
+        for key, allowed in (("pair_mode", PAIR_MODES), ("area_term", (*AREA_TERMS, "none"))):
+            if getattr(self, key) not in allowed:
+                raise InputError(
+                    f"{self.name}: {key} = {getattr(self, key)!r} is unknown; choose one of {', '.join(allowed)}."
+                )
+        if self.soft_upper <= self.soft_lower:
+            raise InputError(
+                f"{self.name}: soft_upper = {self.soft_upper} is not above soft_lower = {self.soft_lower}; give"
+                " soft_lower < soft_upper (0.3 and 1.0 by default)."
+            )
+        self._printed()
+        if self._marked() or self.density_correction:
+            self._detection(others).check(grid, others)
+        self._check_collapse(grid, others)
+
+    def _check_collapse(self, grid: Discretisation, others: Mapping[str, Effect]) -> None:
+        """p = c^2 (rho - rho0) holds against the cohesion P_int (rho/rho0)^2 only for P_int < rho0 c^2/4."""
+        fluid: Any = others["weakly_compressible"]
+        if self.pair_mode != "all" or fluid.state != "linear":
+            return
+        pressure = internal_pressure(
+            self.signed_gamma(grid, others), fluid.rest_density, grid.support_radius, grid.dim, self._alpha(grid.dim)
+        )
+        if pressure >= 0.25 * fluid.rest_density * fluid.sound_speed**2:
+            needed = math.sqrt(4 * pressure / fluid.rest_density)
+            raise InputError(
+                f"{self.name}: with pair_mode 'all' the cohesive pressure of {pressure:.4g} Pa would collapse the"
+                f" liquid; give weakly_compressible a sound_speed above {needed:.4g} m/s (10 times that for 1 %"
+                " compression), or take pair_mode 'soft'."
+            )
+
+    def coefficient(self, grid: Discretisation, others: Mapping[str, Effect]) -> float:
+        """gamma of J(16) [m^4/(kg s^2)], given or from sigma."""
+        if self.gamma is not None:
+            return self.gamma
+        rest_density = others["weakly_compressible"].rest_density  # type: ignore[attr-defined]
+        return self.surface_tension / kirkwood_buff_sigma(
+            1.0, rest_density, grid.support_radius, grid.dim, self._alpha(grid.dim)
+        )
+
+    def nominal_tension(self, grid: Discretisation, others: Mapping[str, Effect]) -> float:
+        """sigma [N/m], given or from gamma."""
+        if self.surface_tension is not None:
+            return self.surface_tension
+        rest_density = others["weakly_compressible"].rest_density  # type: ignore[attr-defined]
+        return kirkwood_buff_sigma(self.gamma, rest_density, grid.support_radius, grid.dim, self._alpha(grid.dim))
+
+    def signed_gamma(self, grid: Discretisation, others: Mapping[str, Effect]) -> float:
+        """gamma with the printed sign of J(16) where E4 is taken literally."""
+        return (-1 if "E4" in self._printed() else 1) * self.coefficient(grid, others)
+
+    def fields(self, others: Mapping[str, Effect]) -> tuple[Field, ...]:
+        fields: list[Field] = []
+        if self.density_correction:
+            fields += [NUMBER_DENSITY, NEAR_SURFACE, CORRECTED_DENSITY]
+        if self._acts():
+            if self.pair_mode == "soft":
+                fields += [SURFACE_NORMAL, SURFACE_WEIGHT]
+            if self._marked():
+                fields += self._detection(others).fields(others)
+            if self._area() == "corrected":
+                fields += [NUMBER_DENSITY, CORRECTED_NORMAL]
+            if self._area() == "color":
+                fields.append(SURFACE_NORMAL)
+        return tuple(fields)
+
+    def passes(self, others: Mapping[str, Effect]) -> tuple[Pass, ...]:
+        passes: list[Pass] = []
+        if self.density_correction:
+            # The correction reads the raw density: it counts as an updater, before every other reader.
+            passes += [
+                near_surface_pass(),
+                Pass(
+                    "jiang_zhu_2023.corrected_density",
+                    ("position", "mass", "near_surface"),
+                    ("corrected_density",),
+                    ("density",),
+                ),
+                Pass("jiang_zhu_2023.replace_density", ("corrected_density",), updates=("density",)),
+            ]
+        if not self._acts():
+            return tuple(passes)
+        reads = ["position", "mass"]
+        names: dict[str, str | None] = {"surface_weight": None, "surface": None, "area_normal": None}
+        if self.pair_mode == "soft" or self._area() == "color":
+            passes.append(color_gradient_pass())
+        if self.pair_mode == "soft":
+            passes.append(Pass("jiang_zhu_2023.soft_weight", ("surface_normal",), ("surface_weight",)))
+            names["surface_weight"] = "surface_weight"
+        if self._marked():
+            passes += self._detection(others).detection_passes()
+            names["surface"] = "surface"
+        operation = "jiang_zhu_2023.tension"
+        if self._area() == "none":
+            operation = "jiang_zhu_2023.cohesion"
+        elif self._area() == "corrected":
+            passes.append(corrected_pass())
+            names["area_normal"] = "corrected_normal"
+            reads.append("density")
+        else:
+            names["area_normal"] = "surface_normal"
+        reads += [name for name in names.values() if name is not None]
+        passes.append(Pass(operation, tuple(reads), updates=("acceleration",), names=names))
+        return tuple(passes)
+
+    def list_radius(self, grid: Discretisation) -> float:
+        if self._acts() and self._marked():
+            return max(grid.support_radius, self._detection({}).list_radius(grid))
+        return grid.support_radius if self._acts() or self.density_correction else 0.0
+
+    def prepare(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, Any]:
+        real, h, dim = grid.real, grid.support_radius, grid.dim
+        fluid: Any = others["weakly_compressible"]
+        gamma = self.signed_gamma(grid, others)
+        area = None
+        if self._area() == "corrected":
+            eps = self.area_ratio * abs(gamma) * fluid.rest_density**2 * h ** (1 - dim)
+            area = AreaTerm(np.int32(AREA_TERMS["corrected"]), real(eps))
+        elif self._area() == "color":
+            eps = self.area_acceleration
+            if eps is None:
+                eps = AKINCI_RATIO * abs(gamma) * fluid.rest_density
+            area = AreaTerm(np.int32(AREA_TERMS["color"]), real(eps))
+        groups = self._detection(others).prepare(grid, others)
+        groups |= normal_term(fluid, grid, own_density="E10" in self._printed())
+        return groups | {
+            "pairs": PairSelection(np.int32(PAIR_MODES[self.pair_mode])),
+            "soft": SoftThresholds(
+                real(self.soft_lower), real(self.soft_upper), real(1 / (self.soft_upper - self.soft_lower))
+            ),
+            "cohesion": Cohesion(
+                real(gamma),
+                real(self._alpha(dim)),
+                real(BETA),
+                real(gamma * NORMALISATION[POLY6][dim] / h**dim),
+                real(INNER**-dim),
+                real(1 / INNER),
+            ),
+            "area": area,
+        }
+
+    def step_limits(self, grid: Discretisation, others: Mapping[str, Effect], extremes: Extremes) -> dict[str, float]:
+        sigma = abs(self.nominal_tension(grid, others))
+        if sigma == 0:
+            return {}
+        rest_density = others["weakly_compressible"].rest_density  # type: ignore[attr-defined]
+        half = 0.5 * grid.support_radius
+        return {"capillary": 0.25 * math.sqrt(rest_density * half**3 / (2 * math.pi * sigma))}
+
+    def _printed(self) -> frozenset[str]:
+        return literal_errata(self.name, self.literal, ("E4", "E5", "E6", "E7", "E10"))
+
+    def _detection(self, others: Mapping[str, Effect]) -> SurfaceDetection:
+        """How N and S are found: as the scene's surface detection says, with this effect's own wishes."""
+        found = detection_in(others)
+        wanted = (*found.literal, *sorted(self._printed() & {"E5", "E6", "E10"}))
+        threshold = found.threshold if self.threshold is None else self.threshold
+        return msgspec.structs.replace(found, literal=tuple(dict.fromkeys(wanted)), threshold=threshold)
+
+    def _alpha(self, dim: int) -> float:
+        return ALPHA[3] if "E7" in self._printed() else ALPHA[dim]
+
+    def _acts(self) -> bool:
+        return (self.gamma if self.gamma is not None else self.surface_tension) != 0
+
+    def _marked(self) -> bool:
+        return self.pair_mode in MARKED_MODES
+
+    def _area(self) -> str:
+        """The area term that is really computed: one with a coefficient of zero is left out."""
+        left_out = {"corrected": self.area_ratio == 0, "color": self.area_acceleration == 0}
+        return "none" if left_out.get(self.area_term, True) else self.area_term
+
+
+_HERE = "refsim.surface_tension.jiang_zhu_2023"
+_PAPER = "Jiang & Zhu 2023"
+_SYMMETRY = ("translation", "rotation", "reordering")
+register(
+    Operation(
+        name="jiang_zhu_2023.corrected_density",
+        folder=_HERE,
+        paper=_PAPER,
+        equation="J(14), J(15) with E8",
+        function="corrected_density",
+        outputs=("corrected_density",),
+        optional=("walls",),
+        tolerance=8.0,
+        tolerance_reason="the roundings of one pair in each of two sums, and their quotient",
+        variants=({}, {"walls": None}),
+        invariants=_SYMMETRY,
+    )
+)
+register(
+    Operation(
+        name="jiang_zhu_2023.replace_density",
+        folder=_HERE,
+        paper=_PAPER,
+        equation="J(14), in place of J(7)",
+        function="replace_density",
+        outputs=("density",),
+        tolerance=0.0,
+        tolerance_reason="a copy",
+        invariants=("reordering",),
+    )
+)
+register(
+    Operation(
+        name="jiang_zhu_2023.soft_weight",
+        folder=_HERE,
+        paper="in place of the surface set of Jiang & Zhu 2023",
+        equation="spec 10.2, from J(19)",
+        function="soft_weight",
+        outputs=("surface_weight",),
+        tolerance=8.0,
+        tolerance_reason="roundings of the normal's length, of the ramp and of the cubic",
+        invariants=("rotation", "reordering"),
+    )
+)
+_PAIR = {
+    "folder": _HERE,
+    "paper": _PAPER,
+    "function": "tension",
+    "outputs": ("acceleration",),
+    "adds": ("acceleration",),
+    "optional": ("surface_weight", "surface", "area_normal", "cohesion", "area"),
+    "tolerance": 12.0,
+}
+_SOFT, _ALL, _MARKED = {"surface": None}, {"surface_weight": None, "surface": None}, {"surface_weight": None}
+register(
+    Operation(
+        name="jiang_zhu_2023.cohesion",
+        equation="J(16) with E4, J(17) with E7",
+        variants=tuple(modes | {"area": None, "area_normal": None} for modes in (_SOFT, _ALL, _MARKED)),
+        invariants=(*_SYMMETRY, "linear_momentum", "angular_momentum"),
+        **_PAIR,
+    )
+)
+register(
+    Operation(
+        name="jiang_zhu_2023.area",
+        equation="J(21); J(18) with E11",
+        variants=(_SOFT | {"cohesion": None},),
+        invariants=(*_SYMMETRY, "linear_momentum"),
+        **_PAIR,
+    )
+)
+register(
+    Operation(
+        name="jiang_zhu_2023.tension",
+        equation="J(16), J(17), J(21); J(18)",
+        variants=(_SOFT, _ALL, _MARKED),
+        invariants=(*_SYMMETRY, "linear_momentum"),
+        **_PAIR,
+    )
+)

@@ -1,0 +1,57 @@
+"""CUDA kernels of Jiang & Zhu 2023."""
+
+from refsim.compile import cuda, cuda_kernel
+from refsim.neighbours.rows import cuda_row
+from refsim.sph.particle import wall_sum
+from refsim.surface_tension.jiang_zhu_2023 import formulas, particle
+
+
+@cuda_kernel
+def corrected_density(position, mass, density, near_surface, neighbours, walls, smoothing, fluid, corrected_density):
+    """J(14), J(15) on the near-surface particles; the others keep their density."""
+    i = cuda.grid(1)
+    if i < corrected_density.shape[0]:
+        rho = density[i]
+        if near_surface[i]:
+            mass_sum, volume_sum = particle.density_sums(
+                i, cuda_row(neighbours, i), position, mass, density, neighbours.index, smoothing
+            )
+            if walls is not None:
+                filled = fluid.rest_density * wall_sum(i, cuda_row(walls, i), position, walls, smoothing)
+                mass_sum += filled
+                volume_sum += filled / rho
+            rho = formulas.normalised_density(mass_sum, volume_sum)
+        corrected_density[i] = rho
+
+
+@cuda_kernel
+def replace_density(corrected_density, density):
+    """rho <- rho*, so that everything that follows reads the corrected density."""
+    i = cuda.grid(1)
+    if i < density.shape[0]:
+        density[i] = corrected_density[i]
+
+
+@cuda_kernel
+def soft_weight(surface_normal, soft, surface_weight):
+    """Soft surface weight (spec 10.2)."""
+    i = cuda.grid(1)
+    if i < surface_weight.shape[0]:
+        surface_weight[i] = particle.soft_weight(i, surface_normal, soft)
+
+
+@cuda_kernel
+def tension(
+    position, mass, density, surface_weight, surface, area_normal, neighbours, smoothing, pairs, cohesion, area,
+    acceleration,
+):  # fmt: skip
+    """J(16), J(17) and J(21) or J(18); added to the acceleration."""
+    i = cuda.grid(1)
+    if i < acceleration.shape[0]:
+        ax, ay, az = particle.tension(
+            i, cuda_row(neighbours, i), position, mass, density, surface_weight, surface, area_normal,
+            neighbours.index, smoothing, pairs, cohesion, area,
+        )  # fmt: skip
+        acceleration[i, 0] += ax
+        acceleration[i, 1] += ay
+        acceleration[i, 2] += az

@@ -1,0 +1,114 @@
+"""NumPy oracle of Jiang & Zhu 2023: all pairs, float64.
+
+Each function returns {output: (value, scale)}; scale is the sum of the absolute terms behind the value.
+Arrays: position, normals (n, 3); mass, density, weights, marks (n,); SI units. `rows` picks particles.
+"""
+
+import numpy as np
+
+from refsim.neighbours.reference import pair_blocks
+from refsim.smoothing.reference import kernel_value
+
+INNER = 0.8  # the repulsive kernel's support, as a share of h
+MODES = ("soft", "all", "one_sided", "either", "both")
+
+
+def _rows(array, rows):
+    array = np.asarray(array, dtype=float)
+    return array if rows is None else array[rows]
+
+
+def corrected_density(position, mass, density, near_surface, walls, smoothing, fluid, rows=None):
+    """Density [kg/m^dim], corrected where `near_surface` is set; self included, one pass with the raw densities.
+
+    J(14), J(15) rho*_i = sum_j m_j W_ij / sum_k (m_k/rho_k) W_ik; walls m_k -> rho0 V_b, rho_k -> rho_i (spec 3).
+    """
+    mass, rho = np.asarray(mass, dtype=float), np.asarray(density, dtype=float)
+    own = _rows(density, rows)
+    above, below = np.zeros(len(own)), np.zeros(len(own))
+    for place, _, distance in pair_blocks(position, position, rows):
+        w = kernel_value(distance, smoothing)
+        above[place] += w @ mass
+        below[place] += w @ (mass / rho)
+    if walls is not None:
+        filling = float(fluid.rest_density) * np.asarray(walls.volume, dtype=float)
+        for place, _, distance in pair_blocks(position, walls.position, rows):
+            w = kernel_value(distance, smoothing)
+            above[place] += w @ filling
+            below[place] += (w @ filling) / own[place]
+    value = np.where(_rows(near_surface, rows) != 0, above / below, own)
+    return {"corrected_density": (value, 2 * value)}
+
+
+def replace_density(corrected_density, rows=None):
+    """rho_i <- rho*_i [kg/m^dim], J(14)."""
+    value = _rows(corrected_density, rows)
+    return {"density": (value, value)}
+
+
+def soft_weight(surface_normal, soft, rows=None):
+    """w = 3 t^2 - 2 t^3, t = (|n| - lower)/(upper - lower) held in 0..1, n = h grad c of J(19); dimensionless.
+
+    The scale is the value's change where t moves by its own terms, |n| and the bounds, over the width.
+    """
+    lower, upper = float(soft.lower), float(soft.upper)
+    steepness = np.sqrt((_rows(surface_normal, rows) ** 2).sum(-1))
+    t = np.clip((steepness - lower) / (upper - lower), 0, 1)
+    return {"surface_weight": (t**2 * (3 - 2 * t), 1.5 * (steepness + lower) / (upper - lower) + 3 * t**2 + 2 * t**3)}
+
+
+def pair_shares(mode, weight_i, weight_j, surface_i, surface_j):
+    """Share of each pair force that acts on i (spec 10.2, 10.3); dimensionless, any shapes that broadcast."""
+    name = MODES[int(mode)]
+    on_i, on_j = np.asarray(surface_i) != 0, np.asarray(surface_j) != 0
+    if name == "soft":
+        return (np.asarray(weight_i, dtype=float) + np.asarray(weight_j, dtype=float)) / 2
+    acts = {
+        "all": np.ones(np.broadcast(on_i, on_j).shape, dtype=bool),
+        "one_sided": on_i & np.ones_like(on_j),
+        "either": on_i | on_j,
+        "both": on_i & on_j,
+    }
+    return acts[name].astype(float)
+
+
+def tension(position, mass, density, surface_weight, surface, area_normal, smoothing, pairs, cohesion, area, rows=None):
+    """Acceleration F/m [m/s^2] by the pair force and the area term; marks and weights that are None count as 0.
+
+    J(16) a_i = gamma sum_j m_j C(r) e_ij (sign of E4); J(17) C = alpha W_poly6(r, 0.8h) - beta W_poly6(r, h);
+    J(21) a_i = -eps sum_j m_j/(rho_i rho_j) (n*_i - n*_j); J(18) a_i = -eps' sum_j (n_i - n_j).
+    """
+    h, dim = float(smoothing.support_radius), smoothing.dim
+    mass = np.asarray(mass, dtype=float)
+    count = len(mass)
+    weight = np.zeros(count) if surface_weight is None else np.asarray(surface_weight, dtype=float)
+    marked = np.zeros(count) if surface is None else np.asarray(surface)
+    own = np.arange(count) if rows is None else np.asarray(rows)
+    value, scale = np.zeros((len(own), 3)), np.zeros((len(own), 3))
+    for place, separation, distance in pair_blocks(position, position, rows):
+        i = own[place]
+        near = (distance < h) & (i[:, None] != np.arange(count)[None, :])
+        share = near * pair_shares(pairs.mode, weight[i, None], weight[None, :], marked[i, None], marked[None, :])
+        if cohesion is not None:
+            unit = separation / (distance + 1e-9 * h)[..., None]
+            repulsion = float(cohesion.alpha) * _poly6(distance, INNER * h, dim)
+            attraction = float(cohesion.beta) * _poly6(distance, h, dim)
+            strength = float(cohesion.gamma) * share * mass[None, :]
+            value[place] += ((strength * (repulsion - attraction))[..., None] * unit).sum(1)
+            scale[place] += ((np.abs(strength) * (repulsion + attraction))[..., None] * np.abs(unit)).sum(1)
+        if area is not None:
+            normal = np.asarray(area_normal, dtype=float)
+            factor = float(area.coefficient) * share
+            if int(area.kind) == 0:
+                rho = np.asarray(density, dtype=float)
+                factor = factor * (mass / rho)[None, :] / rho[i, None]
+            value[place] -= (factor[..., None] * (normal[i, None, :] - normal[None, :, :])).sum(1)
+            size = np.abs(normal[i, None, :]) + np.abs(normal[None, :, :])
+            scale[place] += (np.abs(factor)[..., None] * size).sum(1)
+    return {"acceleration": (value, scale)}
+
+
+def _poly6(r, radius, dim):
+    """Poly6 kernel W(r, radius) [1/m^dim] at distances r [m]."""
+    norm = 4 / np.pi if dim == 2 else 315 / (64 * np.pi)
+    return np.where(r < radius, norm / radius**dim * (1 - (r / radius) ** 2) ** 3, 0.0)
