@@ -44,6 +44,78 @@ def append_marked(words, candidates, names, index, at):
     return at
 
 
+@formula
+def build_chunk(chunk, query, query_keys, source, cells, first, radius, dim, exclude_self, index, start, count):
+    """One chunk of `build_list`: a function of its own, so that its buffers belong to one thread.
+
+    Returns the room it wanted.
+    """
+    rows = query.shape[0]
+    share = index.shape[0] // CHUNKS
+    limit = radius * radius
+    layers = 1 if dim == 2 else 3
+    begin = chunk * rows // CHUNKS
+    end = (chunk + 1) * rows // CHUNKS
+    room = share * (chunk + 1)
+    at = share * chunk
+    near = np.empty((3, 512), query.dtype)  # positions of the sources in the cells around the query's
+    names = np.empty(512, np.int32)
+    mark = np.zeros(512, np.uint8)
+    low_cell = np.zeros(9, np.int64)
+    current = np.int64(-1)
+    candidates = 0
+    own = np.int64(0)
+    for i in range(begin, end):
+        if query_keys[i] != current:
+            # Queries mostly come in cell order, so each of the nine rows of cells is walked forward.
+            backward = query_keys[i] < current or current < 0
+            current = query_keys[i]
+            candidates = 0
+            for k in range(3 * layers):
+                middle = current + (np.int64(k % 3 - 1) << BITS)
+                if layers == 3:
+                    middle += np.int64(k // 3 - 1) << (2 * BITS)
+                a = lower_bound(cells, middle - 1) if backward else low_cell[k]
+                while a < cells.shape[0] and cells[a] < middle - 1:
+                    a += 1
+                low_cell[k] = a
+                b = a
+                while b < cells.shape[0] and cells[b] <= middle + 1:
+                    b += 1
+                low = first[a]
+                size = first[b] - low
+                if candidates + size > names.shape[0]:
+                    grown = 2 * (candidates + size)
+                    wider = np.empty((3, grown), query.dtype)
+                    wider[:, :candidates] = near[:, :candidates]
+                    longer = np.empty(grown, np.int32)
+                    longer[:candidates] = names[:candidates]
+                    near, names, mark = wider, longer, np.zeros(8 * ((grown + 7) // 8), np.uint8)
+                if exclude_self and k == layers + layers // 3:
+                    own = candidates - low  # the middle row of cells holds the query itself
+                for m in range(size):
+                    names[candidates + m] = low + m
+                    near[0, candidates + m] = source[low + m, 0]
+                    near[1, candidates + m] = source[low + m, 1]
+                    near[2, candidates + m] = source[low + m, 2]
+                candidates += size
+        mark_near(query[i, 0], query[i, 1], query[i, 2], limit, candidates, near, mark)
+        mark[candidates : 8 * ((candidates + 7) // 8)] = 0
+        if exclude_self:
+            mark[own + i] = 0
+        start[i] = at
+        if at + candidates <= room:
+            at = np.int64(append_marked(mark.view(np.uint64), candidates, names, index, np.uint64(at)))
+        else:
+            for m in range(candidates):
+                if mark[m]:
+                    if at < room:
+                        index[at] = names[m]
+                    at += 1
+        count[i] = at - start[i]
+    return at - share * chunk
+
+
 @cpu_kernel
 def build_list(query, query_keys, source, cells, first, radius, dim, exclude_self, index, start, count, needed):
     """Write each query's sources within `radius` [m] into `index`; rows of a chunk follow each other.
@@ -51,71 +123,10 @@ def build_list(query, query_keys, source, cells, first, radius, dim, exclude_sel
     `cells` are the sorted keys of the occupied source cells, `first` (cells + 1) their first source.
     `needed[chunk]` is the room the chunk wanted; where it exceeds the chunk's share nothing is written past it.
     """
-    rows = query.shape[0]
-    share = index.shape[0] // CHUNKS
-    limit = radius * radius
-    layers = 1 if dim == 2 else 3
     for chunk in prange(CHUNKS):
-        begin = chunk * rows // CHUNKS
-        end = (chunk + 1) * rows // CHUNKS
-        room = share * (chunk + 1)
-        at = share * chunk
-        near = np.empty((3, 512), query.dtype)  # positions of the sources in the cells around the query's
-        names = np.empty(512, np.int32)
-        mark = np.zeros(512, np.uint8)
-        low_cell = np.zeros(9, np.int64)
-        current = np.int64(-1)
-        candidates = 0
-        own = np.int64(0)
-        for i in range(begin, end):
-            if query_keys[i] != current:
-                # Queries mostly come in cell order, so each of the nine rows of cells is walked forward.
-                backward = query_keys[i] < current or current < 0
-                current = query_keys[i]
-                candidates = 0
-                for k in range(3 * layers):
-                    middle = current + (np.int64(k % 3 - 1) << BITS)
-                    if layers == 3:
-                        middle += np.int64(k // 3 - 1) << (2 * BITS)
-                    a = lower_bound(cells, middle - 1) if backward else low_cell[k]
-                    while a < cells.shape[0] and cells[a] < middle - 1:
-                        a += 1
-                    low_cell[k] = a
-                    b = a
-                    while b < cells.shape[0] and cells[b] <= middle + 1:
-                        b += 1
-                    low = first[a]
-                    size = first[b] - low
-                    if candidates + size > names.shape[0]:
-                        grown = 2 * (candidates + size)
-                        wider = np.empty((3, grown), query.dtype)
-                        wider[:, :candidates] = near[:, :candidates]
-                        longer = np.empty(grown, np.int32)
-                        longer[:candidates] = names[:candidates]
-                        near, names, mark = wider, longer, np.zeros(8 * ((grown + 7) // 8), np.uint8)
-                    if exclude_self and k == layers + layers // 3:
-                        own = candidates - low  # the middle row of cells holds the query itself
-                    for m in range(size):
-                        names[candidates + m] = low + m
-                        near[0, candidates + m] = source[low + m, 0]
-                        near[1, candidates + m] = source[low + m, 1]
-                        near[2, candidates + m] = source[low + m, 2]
-                    candidates += size
-            mark_near(query[i, 0], query[i, 1], query[i, 2], limit, candidates, near, mark)
-            mark[candidates : 8 * ((candidates + 7) // 8)] = 0
-            if exclude_self:
-                mark[own + i] = 0
-            start[i] = at
-            if at + candidates <= room:
-                at = np.int64(append_marked(mark.view(np.uint64), candidates, names, index, np.uint64(at)))
-            else:
-                for m in range(candidates):
-                    if mark[m]:
-                        if at < room:
-                            index[at] = names[m]
-                        at += 1
-            count[i] = at - start[i]
-        needed[chunk] = at - share * chunk
+        needed[chunk] = build_chunk(
+            chunk, query, query_keys, source, cells, first, radius, dim, exclude_self, index, start, count
+        )
 
 
 @cpu_kernel
