@@ -32,7 +32,7 @@ class WallRows(NamedTuple):
     volume: Any
     start: Any
     count: Any
-    index: Any
+    entries: Any
 
 
 class WallColumns(NamedTuple):
@@ -41,7 +41,7 @@ class WallColumns(NamedTuple):
     position: Any
     volume: Any
     count: Any
-    index: Any
+    entries: Any
 
 
 def with_list(position: Any, volume: Any, neighbours: Any) -> WallRows | WallColumns:

@@ -8,18 +8,18 @@ from refsim.compile import formula
 
 
 class NeighbourRows(NamedTuple):
-    """CPU list: neighbours of i are index[start[i] : start[i] + count[i]]."""
+    """CPU list: neighbours of i are entries[start[i] : start[i] + count[i]]."""
 
     start: Any  # (n,) int64
     count: Any  # (n,) int32
-    index: Any  # (capacity,) int32
+    entries: Any  # (capacity,) int32
 
 
 class NeighbourColumns(NamedTuple):
-    """GPU list: the k-th neighbour of i is index[k * n + i], so that neighbouring threads read neighbouring words."""
+    """GPU list: the k-th neighbour of i is entries[k * n + i], so that neighbouring threads read neighbouring words."""
 
     count: Any  # (n,) int32
-    index: Any  # (capacity * n,) int32
+    entries: Any  # (capacity * n,) int32
 
 
 @formula

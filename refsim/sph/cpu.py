@@ -9,7 +9,7 @@ from refsim.sph import formulas, particle
 def density(position, mass, neighbours, walls, smoothing, fluid, number_density, density):
     """J(7), and J(8) where `number_density` is wanted."""
     for i in prange(density.shape[0]):
-        rho, number = particle.kernel_sums(i, cpu_row(neighbours, i), position, mass, neighbours.index, smoothing)
+        rho, number = particle.kernel_sums(i, cpu_row(neighbours, i), position, mass, neighbours.entries, smoothing)
         if walls is not None:
             filled = fluid.rest_density * particle.wall_sum(i, cpu_row(walls, i), position, walls, smoothing)
             rho += filled
@@ -38,7 +38,7 @@ def momentum(position, velocity, mass, density, pressure, neighbours, walls, smo
             mass,
             density,
             pressure,
-            neighbours.index,
+            neighbours.entries,
             smoothing,
             viscosity,
         )

@@ -40,7 +40,7 @@ def wall_sum(i, row, position, walls, smoothing):
     total = type(h)(0)
     x, y, z = position[i, 0], position[i, 1], position[i, 2]
     for k in range(count):
-        b = walls.index[first + k * stride]
+        b = walls.entries[first + k * stride]
         dx, dy, dz = x - walls.position[b, 0], y - walls.position[b, 1], z - walls.position[b, 2]
         r2 = dx * dx + dy * dy + dz * dz
         if r2 < limit:
@@ -91,7 +91,7 @@ def wall_pressure(i, row, position, density, pressure, walls, smoothing, fluid):
     ax, ay, az = real(0), real(0), real(0)
     x, y, z = position[i, 0], position[i, 1], position[i, 2]
     for k in range(count):
-        b = walls.index[first + k * stride]
+        b = walls.entries[first + k * stride]
         dx, dy, dz = x - walls.position[b, 0], y - walls.position[b, 1], z - walls.position[b, 2]
         r2 = dx * dx + dy * dy + dz * dz
         if r2 < limit:
@@ -124,6 +124,8 @@ def kick_drift(i, position, velocity, acceleration, build_position, bounds, time
         position[i, c] = x
         way = x - build_position[i, c]
         squared += way * way
+    if not squared >= type(squared)(0):  # no number: a maximum over the particles would pass over it
+        squared = type(squared)(math.inf)
     return squared, stopped
 
 

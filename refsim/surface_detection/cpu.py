@@ -20,10 +20,26 @@ def fan_scan(position, surface_normal, candidates, neighbours, walls, fan_scan, 
         if candidates is None or candidates[i] != 0:
             nx, ny, nz, directed = particle.unit(surface_normal, i, fan_scan.smallest_normal)
             near, occupied = particle.scan_row(
-                i, cpu_row(neighbours, i), position, position, neighbours.index, (nx, ny, nz), fan_scan, 0, not directed
+                i,
+                cpu_row(neighbours, i),
+                position,
+                position,
+                neighbours.entries,
+                (nx, ny, nz),
+                fan_scan,
+                0,
+                not directed,
             )
             if walls is not None:
                 near, occupied = particle.scan_row(
-                    i, cpu_row(walls, i), position, walls.position, walls.index, (nx, ny, nz), fan_scan, near, occupied
+                    i,
+                    cpu_row(walls, i),
+                    position,
+                    walls.position,
+                    walls.entries,
+                    (nx, ny, nz),
+                    fan_scan,
+                    near,
+                    occupied,
                 )
         surface[i] = near < particle.ENOUGH or not occupied

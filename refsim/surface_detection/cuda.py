@@ -26,7 +26,7 @@ def fan_scan(position, surface_normal, candidates, neighbours, walls, fan_scan, 
                 cuda_row(neighbours, i),
                 position,
                 position,
-                neighbours.index,
+                neighbours.entries,
                 (nx, ny, nz),
                 fan_scan,
                 0,
@@ -34,6 +34,14 @@ def fan_scan(position, surface_normal, candidates, neighbours, walls, fan_scan, 
             )
             if walls is not None:
                 near, occupied = particle.scan_row(
-                    i, cuda_row(walls, i), position, walls.position, walls.index, (nx, ny, nz), fan_scan, near, occupied
+                    i,
+                    cuda_row(walls, i),
+                    position,
+                    walls.position,
+                    walls.entries,
+                    (nx, ny, nz),
+                    fan_scan,
+                    near,
+                    occupied,
                 )
         surface[i] = near < particle.ENOUGH or not occupied

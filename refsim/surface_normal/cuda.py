@@ -17,7 +17,7 @@ def color_gradient(
         nx, ny, nz = real(0), real(0), real(0)
         if candidates is None or candidates[i] != 0:
             nx, ny, nz = particle.color_gradient(
-                i, cuda_row(neighbours, i), position, mass, density, neighbours.index, gradient_smoothing, normal_term
+                i, cuda_row(neighbours, i), position, mass, density, neighbours.entries, gradient_smoothing, normal_term
             )
             if walls is not None:
                 bx, by, bz = particle.wall_color_gradient(i, cuda_row(walls, i), position, walls, gradient_smoothing)
@@ -56,7 +56,7 @@ def corrected(
                 mass,
                 density,
                 number_density,
-                neighbours.index,
+                neighbours.entries,
                 smoothing,
                 gradient_smoothing,
                 normal_term,

@@ -46,7 +46,7 @@ def wall_color_gradient(i, row, position, walls, gradient_smoothing):
     nx, ny, nz = real(0), real(0), real(0)
     x, y, z = position[i, 0], position[i, 1], position[i, 2]
     for k in range(count):
-        b = walls.index[first + k * stride]
+        b = walls.entries[first + k * stride]
         dx, dy, dz = x - walls.position[b, 0], y - walls.position[b, 1], z - walls.position[b, 2]
         r2 = dx * dx + dy * dy + dz * dz
         if r2 < limit:

@@ -13,7 +13,7 @@ def corrected_density(position, mass, density, near_surface, neighbours, walls, 
         rho = density[i]
         if near_surface[i]:
             mass_sum, volume_sum = particle.density_sums(
-                i, cpu_row(neighbours, i), position, mass, density, neighbours.index, smoothing
+                i, cpu_row(neighbours, i), position, mass, density, neighbours.entries, smoothing
             )
             if walls is not None:
                 filled = fluid.rest_density * wall_sum(i, cpu_row(walls, i), position, walls, smoothing)
@@ -46,7 +46,7 @@ def tension(
     for i in prange(acceleration.shape[0]):
         ax, ay, az = particle.tension(
             i, cpu_row(neighbours, i), position, mass, density, surface_weight, surface, area_normal,
-            neighbours.index, smoothing, pairs, cohesion, area,
+            neighbours.entries, smoothing, pairs, cohesion, area,
         )  # fmt: skip
         acceleration[i, 0] += ax
         acceleration[i, 1] += ay
