@@ -56,26 +56,32 @@ class CudaBackend(Backend):
 
     def __init__(self) -> None:
         super().__init__("cuda")
+        from refsim import device
         from refsim.compile import cuda
 
-        self.cuda = cuda
+        self.cuda, self.device = cuda, device
 
     def asarray(self, values: np.ndarray) -> Any:
         return self.cuda.to_device(np.ascontiguousarray(values))
 
     def empty(self, shape: Any, dtype: Any) -> Any:
-        return self.cuda.device_array(shape, np.dtype(dtype))
+        return self.device.empty(shape, dtype)
 
     def zeros(self, shape: Any, dtype: Any) -> Any:
-        return self.asarray(np.zeros(shape, dtype))
+        array = self.empty(shape, dtype)
+        self.device.fill(array, 0)
+        return array
 
     def host(self, array: Any) -> np.ndarray:
         return array.copy_to_host()
 
     def assign(self, target: Any, values: Any) -> None:
-        if np.isscalar(values):
-            values = np.full(target.shape, values, target.dtype)
-        target.copy_to_device(values)
+        if np.ndim(values) == 0:
+            self.device.fill(target, values)
+        elif isinstance(values, np.ndarray):
+            target.copy_to_device(np.ascontiguousarray(np.broadcast_to(values, target.shape), target.dtype))
+        else:
+            target.copy_to_device(values)
 
     def synchronize(self) -> None:
         self.cuda.synchronize()
@@ -84,6 +90,11 @@ class CudaBackend(Backend):
 def simulated() -> bool:
     """Whether CUDA kernels run in Numba's CUDA simulator."""
     return os.environ.get("NUMBA_ENABLE_CUDASIM", "0") not in ("", "0")
+
+
+def array_library() -> str:
+    """What sorts and compacts arrays for the CUDA backend: CuPy, or NumPy in its place in the simulator."""
+    return "NumPy in place of CuPy (CUDA simulator)" if simulated() else "CuPy"
 
 
 _STREAM: Any = 0

@@ -24,6 +24,7 @@ from numba import prange as prange
 from numba.extending import register_jitable
 
 THREADS_PER_BLOCK = 128
+SIMULATED_THREADS = 8  # each is a Python thread
 if "NUMBA_THREADING_LAYER" not in os.environ:
     # Starting a parallel loop costs about 20 microseconds in this layer; OpenMP's barrier takes a millisecond
     # where virtual cores are shared.
@@ -118,29 +119,37 @@ def cpu_kernel(function: Callable) -> Any:
 
 
 class CudaKernel:
-    """A CUDA kernel that launches itself over the rows of its last argument."""
+    """A CUDA kernel that launches itself over the rows of one of its arguments: the last one, or `rows_of`."""
 
-    def __init__(self, function: Callable, fastmath: bool) -> None:
+    def __init__(self, function: Callable, fastmath: bool, rows_of: str | None) -> None:
+        from refsim.backend import simulated
+
+        names = list(inspect.signature(function).parameters)
         self.function = function
-        self.dispatcher = _load_cuda().jit(fastmath=fastmath, extensions=[_AbsentArgument()])(function)
+        self.rows_at = names.index(rows_of) if rows_of else len(names) - 1
+        self.threads = SIMULATED_THREADS if simulated() else THREADS_PER_BLOCK
         self.__name__ = function.__name__
         self.__doc__ = function.__doc__
         self.__wrapped__ = function
         self.__signature__ = inspect.signature(function)
+        if simulated():  # takes None as it is and has neither this option nor a cache
+            self.dispatcher = _load_cuda().jit(fastmath=fastmath)(function)
+        else:
+            options = {"fastmath": fastmath, "extensions": [_AbsentArgument()]}
+            self.dispatcher = _cached(_load_cuda().jit(**options)(function), function)
 
     def __call__(self, *arguments: Any) -> None:
-        from refsim import backend
+        from refsim.backend import stream
 
-        rows = arguments[-1].shape[0]
-        threads = 8 if backend.simulated() else THREADS_PER_BLOCK
+        rows = arguments[self.rows_at].shape[0]
         if rows:
-            self.dispatcher[(rows + threads - 1) // threads, threads, backend.stream()](*arguments)
+            self.dispatcher[(rows + self.threads - 1) // self.threads, self.threads, stream()](*arguments)
 
 
 class _AbsentArgument:
     """Lets `None` stand for an absent optional argument of a CUDA kernel: it travels as a null pointer."""
 
-    def prepare_args(self, ty: Any, value: Any, stream: Any, retr: Any) -> tuple[Any, Any]:
+    def prepare_args(self, ty: Any, value: Any, **_: Any) -> tuple[Any, Any]:
         from numba import types
 
         if isinstance(ty, types.NoneType):
@@ -148,11 +157,14 @@ class _AbsentArgument:
         return ty, value
 
 
-def cuda_kernel(function: Callable | None = None, *, fastmath: bool = False) -> Any:
-    """Compile a kernel for CUDA (or for the CUDA simulator, if NUMBA_ENABLE_CUDASIM is set)."""
+def cuda_kernel(function: Callable | None = None, *, fastmath: bool = False, rows_of: str | None = None) -> Any:
+    """Compile a kernel for CUDA (or for the CUDA simulator, if NUMBA_ENABLE_CUDASIM is set).
+
+    It is launched with a thread for each row of its last argument, or of the argument called `rows_of`.
+    """
     if function is None:
-        return functools.partial(cuda_kernel, fastmath=fastmath)
-    return CudaKernel(function, fastmath)
+        return functools.partial(cuda_kernel, fastmath=fastmath, rows_of=rows_of)
+    return CudaKernel(function, fastmath, rows_of)
 
 
 @functools.cache

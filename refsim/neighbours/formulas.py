@@ -17,12 +17,12 @@ LARGEST = (1 << 21) - 2  # leaves a cell free on either side, so that key +- 1 n
 @formula
 def cell_coordinate(x, inverse_cell):
     """Integer cell coordinate of x [m], clamped to 1..LARGEST; NaN goes to the first cell."""
-    scaled = math.floor(float(x) * inverse_cell) + OFFSET
-    if not scaled > 1.0:
+    scaled = float(x) * inverse_cell
+    if not scaled > 1.0 - OFFSET:
         return 1
-    if scaled > LARGEST:
+    if scaled >= LARGEST - OFFSET:  # before it becomes an integer, which it may be too large for
         return LARGEST
-    return int(scaled)
+    return math.floor(scaled) + OFFSET
 
 
 @formula

@@ -1,0 +1,142 @@
+"""CUDA kernels of weakly compressible SPH."""
+
+from refsim import device
+from refsim.compile import THREADS_PER_BLOCK, cuda, cuda_kernel, formula
+from refsim.neighbours.rows import cuda_row
+from refsim.sph import formulas, particle
+
+
+@cuda_kernel
+def density(position, mass, neighbours, walls, smoothing, fluid, number_density, density):
+    """J(7), and J(8) where `number_density` is wanted."""
+    i = cuda.grid(1)
+    if i < density.shape[0]:
+        rho, number = particle.kernel_sums(i, cuda_row(neighbours, i), position, mass, neighbours.entries, smoothing)
+        if walls is not None:
+            filled = fluid.rest_density * particle.wall_sum(i, cuda_row(walls, i), position, walls, smoothing)
+            rho += filled
+            number += filled / mass[i]
+        density[i] = rho
+        if number_density is not None:
+            number_density[i] = number
+
+
+@cuda_kernel
+def state(density, fluid, pressure):
+    """J(9) or Tait."""
+    i = cuda.grid(1)
+    if i < pressure.shape[0]:
+        pressure[i] = formulas.state_pressure(density[i], fluid)
+
+
+@cuda_kernel
+def momentum(position, velocity, mass, density, pressure, neighbours, walls, smoothing, fluid, viscosity, acceleration):
+    """J(10) and J(11), walls after Akinci 2012; added to the acceleration."""
+    i = cuda.grid(1)
+    if i < acceleration.shape[0]:
+        ax, ay, az = particle.momentum(
+            i,
+            cuda_row(neighbours, i),
+            position,
+            velocity,
+            mass,
+            density,
+            pressure,
+            neighbours.entries,
+            smoothing,
+            viscosity,
+        )
+        if walls is not None:
+            bx, by, bz = particle.wall_pressure(
+                i, cuda_row(walls, i), position, density, pressure, walls, smoothing, fluid
+            )
+            ax += bx
+            ay += by
+            az += bz
+        acceleration[i, 0] += ax
+        acceleration[i, 1] += ay
+        acceleration[i, 2] += az
+
+
+@cuda_kernel
+def gravity(field, acceleration):
+    """Uniform acceleration."""
+    i = cuda.grid(1)
+    if i < acceleration.shape[0]:
+        for c in range(3):
+            acceleration[i, c] += field[c]
+
+
+# Reductions: a tree in shared memory, then one atomic for each block. Maxima do not depend on the order in which
+# the blocks come, nor do sums of whole numbers (up to 2^24 in float32), so the answers repeat bit for bit. The
+# outputs are cleared before every launch.
+
+
+@formula
+def largest_of_block(values, mine):
+    """Largest `mine` of the block's threads (a power of two of them); `values` is shared, one place for each."""
+    place = cuda.threadIdx.x
+    values[place] = mine
+    cuda.syncthreads()
+    half = cuda.blockDim.x // 2
+    while half > 0:
+        if place < half and values[place + half] > values[place]:
+            values[place] = values[place + half]
+        cuda.syncthreads()
+        half //= 2
+    return values[0]
+
+
+def extremes(velocity, acceleration, extremes):
+    """Largest |v|^2 and |a|^2, and the number of particles where either is not finite."""
+    device.fill(extremes, 0)
+    reduce_extremes(velocity, acceleration, extremes)
+
+
+@cuda_kernel(rows_of="velocity")
+def reduce_extremes(velocity, acceleration, extremes):
+    """Largest |v|^2 and |a|^2, and the number of broken particles."""
+    i = cuda.grid(1)
+    real = extremes.dtype.type
+    zero = real(0)
+    speed, force, broken = zero, zero, False
+    if i < velocity.shape[0]:
+        speed, force, broken = particle.squares(i, velocity, acceleration)
+        if not speed >= zero:  # no number: counted, but it must not hide the others' largest
+            speed = zero
+        if not force >= zero:
+            force = zero
+    speeds = cuda.shared.array(THREADS_PER_BLOCK, extremes.dtype)
+    forces = cuda.shared.array(THREADS_PER_BLOCK, extremes.dtype)
+    largest_speed = largest_of_block(speeds, speed)
+    largest_force = largest_of_block(forces, force)
+    count = cuda.syncthreads_count(1 if broken else 0)
+    if cuda.threadIdx.x == 0:
+        cuda.atomic.max(extremes, 0, largest_speed)
+        cuda.atomic.max(extremes, 1, largest_force)
+        if count > 0:
+            cuda.atomic.add(extremes, 2, real(count))
+
+
+def kick_drift(acceleration, build_position, bounds, timestep, displacement, velocity, position):
+    """Leap-frog step; `displacement` is the largest squared way since the list [m^2] and the number of particles
+    that a wall's plane stopped."""
+    device.fill(displacement, 0)
+    step_and_reduce(acceleration, build_position, bounds, timestep, displacement, velocity, position)
+
+
+@cuda_kernel
+def step_and_reduce(acceleration, build_position, bounds, timestep, displacement, velocity, position):
+    """Leap-frog step of every particle, the largest squared way and the number of stopped particles."""
+    i = cuda.grid(1)
+    real = displacement.dtype.type
+    squared, stopped = real(0), False
+    if i < position.shape[0]:
+        squared, stopped = particle.kick_drift(i, position, velocity, acceleration, build_position, bounds, timestep)
+    shared = cuda.shared.array(THREADS_PER_BLOCK, displacement.dtype)
+    largest = largest_of_block(shared, squared)
+    stops = cuda.syncthreads_count(1 if stopped else 0)
+    if cuda.threadIdx.x == 0:
+        cuda.atomic.max(displacement, 0, largest)
+        if stops > 0:
+            cuda.atomic.add(displacement, 1, real(stops))
