@@ -395,12 +395,15 @@ _PAIR = {
     "optional": ("surface_weight", "surface", "area_normal", "cohesion", "area"),
     "tolerance": 12.0,
 }
-_SOFT, _ALL, _MARKED = {"surface": None}, {"surface_weight": None, "surface": None}, {"surface_weight": None}
+_MODES = {name: {"pairs": PairSelection(np.int32(number))} for name, number in PAIR_MODES.items()}
+_SOFT = _MODES["soft"] | {"surface": None}
+_ALL = _MODES["all"] | {"surface_weight": None, "surface": None}
+_EITHER, _BOTH, _ONE_SIDED = (_MODES[m] | {"surface_weight": None} for m in ("either", "both", "one_sided"))
 register(
     Operation(
         name="jiang_zhu_2023.cohesion",
         equation="J(16) with E4, J(17) with E7",
-        variants=tuple(modes | {"area": None, "area_normal": None} for modes in (_SOFT, _ALL, _MARKED)),
+        variants=tuple(modes | {"area": None, "area_normal": None} for modes in (_SOFT, _ALL, _EITHER)),
         invariants=(*_SYMMETRY, "linear_momentum", "angular_momentum"),
         **_PAIR,
     )
@@ -418,7 +421,7 @@ register(
     Operation(
         name="jiang_zhu_2023.tension",
         equation="J(16), J(17), J(21); J(18)",
-        variants=(_SOFT, _ALL, _MARKED),
+        variants=(_SOFT, _ALL, _EITHER, _BOTH, _ONE_SIDED),
         invariants=(*_SYMMETRY, "linear_momentum"),
         **_PAIR,
     )

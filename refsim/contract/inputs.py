@@ -1,0 +1,202 @@
+"""All that an operation names, on one case, on one backend: what the steps of the ladder run on."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+
+from refsim import cases
+from refsim.backend import Backend
+from refsim.boundary.walls import with_list
+from refsim.neighbours import NeighbourSearch
+from refsim.neighbours.reference import pair_blocks
+from refsim.neighbours.rows import NeighbourColumns, NeighbourRows
+from refsim.operation import REGISTRY, Operation
+from refsim.particles import BASE, Field
+
+LISTS = ("search", "all_pairs")
+
+
+@functools.cache
+def fields() -> dict[str, Field]:
+    """All fields that some method's package declares, by name."""
+    import importlib
+
+    found = {f.name: f for f in BASE}
+    for folder in sorted({operation.folder for operation in REGISTRY.values()}):
+        found |= {v.name: v for v in vars(importlib.import_module(folder)).values() if isinstance(v, Field)}
+    return found
+
+
+class Inputs:
+    """Arguments by name on the host, already rounded to `dtype`, so that every program gets the same numbers.
+
+    case       what they are made from
+    order      permutation of the particles (into cell order); none by default
+    overrides  values that replace the case's own; None drops an optional argument
+    """
+
+    def __init__(
+        self, case: cases.Case, dtype: str, order: np.ndarray | None = None, overrides: Mapping[str, Any] | None = None
+    ) -> None:
+        cases.discover()
+        self.case, self.dtype, self.order = case, dtype, order
+        self._values: dict[str, Any] = dict(overrides or {})
+
+    def replaced(self, **overrides: Any) -> Inputs:
+        """The same with other values; arrays must stand in this object's order of particles."""
+        return Inputs(self.case, self.dtype, self.order, {**self._values, **overrides})
+
+    def __contains__(self, name: str) -> bool:
+        return name in self._values or name in cases.PARTICLES or name in cases.GROUPS or name in fields()
+
+    def __getitem__(self, name: str) -> Any:
+        """The argument `name`; the walls come as WallParticles. KeyError where nothing makes it."""
+        if name not in self._values:
+            self._values[name] = self._made(name)
+        return self._values[name]
+
+    def per_particle(self, name: str) -> bool:
+        """Whether the argument has one row for each particle."""
+        return name in cases.PARTICLES or (name in fields() and name not in cases.GROUPS)
+
+    def output(self, operation: Operation, name: str) -> Any:
+        """Values that output `name` has before the launch: its own where it is read, else values that show neglect."""
+        if name in self._values and self._values[name] is None:
+            return None
+        if name in operation.adds or name in operation.arguments("numpy") or not self.per_particle(name):
+            return np.array(self[name])
+        kind = fields()[name]
+        dtype = kind.numpy_dtype(self.dtype)
+        unset = np.nan if dtype.kind == "f" else np.iinfo(dtype).max
+        return np.full(kind.shape(len(self["position"])), unset, dtype)
+
+    def _made(self, name: str) -> Any:
+        if name == "walls":
+            return self["wall_particles"]
+        if name in cases.PARTICLES:
+            values = np.asarray(cases.PARTICLES[name](self.case, self.case.random(name)))
+            values = values.astype(self.dtype) if values.dtype.kind == "f" else values
+            return values if self.order is None else values[self.order]
+        if name in cases.GROUPS:
+            made = cases.GROUPS[name](self.case, self.case.grid(self.dtype))
+            return made[name]
+        raise KeyError(
+            f"nothing makes the argument {name!r}: mark a function with refsim.cases.particles or .groups in the"
+            " method folder's cases.py"
+        )
+
+
+@functools.cache
+def prepared(case_name: str, backend_name: str, dtype: str, lists: str = "search") -> tuple[Inputs, Any, Any]:
+    """(inputs in cell order, neighbours, walls with their list) of a case by name; both lists on the backend."""
+    cases.discover()
+    return prepare(cases.CASES[case_name](), backend_for(backend_name), dtype, lists)
+
+
+@functools.cache
+def backend_for(name: str) -> Backend:
+    """The backend called `name`; InputError where it cannot run here."""
+    from refsim.backend import choose
+
+    return choose(name)
+
+
+def prepare(case: cases.Case, backend: Backend, dtype: str, lists: str = "search") -> tuple[Inputs, Any, Any]:
+    """(inputs, neighbours, walls with their list) of a case; `lists` by the backend's "search" or "all_pairs"."""
+    inputs = Inputs(case, dtype)
+    if backend.name == "numpy":
+        return inputs, None, inputs["walls"]
+    if lists == "all_pairs":
+        return inputs, *all_pairs(inputs, backend)
+    search = NeighbourSearch(backend, case.dim, dtype, case.list_radius, case.skin)
+    order = search.order(backend.asarray(inputs["position"]))
+    inputs = Inputs(case, dtype, backend.host(order))
+    position = backend.asarray(inputs["position"])
+    neighbours = search.build(position)
+    walls = inputs["walls"]
+    static = search.static_set(walls.position)
+    volume = backend.asarray(walls.volume[static.order])
+    return inputs, neighbours, with_list(static.position, volume, search.build_against(position, static))
+
+
+def all_pairs(inputs: Inputs, backend: Backend) -> tuple[Any, Any]:
+    """(neighbours, walls with their list) from the oracle's pairs, for particles in any order."""
+    radius = inputs.case.list_radius * (1 + inputs.case.skin)
+    position, walls = inputs["position"], inputs["walls"]
+    own = listed(position, position, radius, True, backend)
+    near = listed(position, walls.position, radius, False, backend)
+    return own, with_list(backend.asarray(walls.position), backend.asarray(walls.volume), near)
+
+
+def listed(query: np.ndarray, source: np.ndarray, radius: float, exclude_self: bool, backend: Backend) -> Any:
+    """The sources nearer than `radius` [m] to each query, as the backend's kernels take them."""
+    rows: list[np.ndarray] = []
+    for place, _, distance in pair_blocks(query, source):
+        near = distance < radius
+        if exclude_self:
+            near &= np.arange(len(query))[place, None] != np.arange(len(source))[None, :]
+        rows += [np.flatnonzero(line) for line in near]
+    count = np.array([len(r) for r in rows], np.int32)
+    if backend.name == "cuda":
+        index = np.zeros((max(count.max(initial=0), 1), len(rows)), np.int32)
+        for i, row in enumerate(rows):
+            index[: len(row), i] = row
+        return NeighbourColumns(backend.asarray(count), backend.asarray(index.reshape(-1)))
+    index = np.concatenate([*rows, np.zeros(1, int)]).astype(np.int32)
+    return NeighbourRows(np.cumsum(count, dtype=np.int64) - count, count, index)
+
+
+def value_of(operation: Operation, name: str, inputs: Inputs, neighbours: Any, walls: Any, backend: Backend) -> Any:
+    """The argument `name` of the operation, on the backend."""
+    if name in operation.outputs:
+        return on_backend(inputs.output(operation, name), backend)
+    if name == "neighbours":
+        return neighbours
+    if name == "walls" and ("walls" not in inputs._values or inputs._values["walls"] is not None):
+        return walls
+    return on_backend(inputs[name], backend)
+
+
+def on_backend(value: Any, backend: Backend) -> Any:
+    """A value with its arrays on the backend (a copy)."""
+    if isinstance(value, np.ndarray):
+        return backend.asarray(value)
+    if isinstance(value, tuple) and hasattr(value, "_fields") and any(isinstance(v, np.ndarray) for v in value):
+        return type(value)(*(on_backend(part, backend) for part in value))
+    return value
+
+
+def with_variant(inputs: Inputs, variant: Mapping[str, Any]) -> Inputs:
+    """Inputs with a variant's overrides; a callable override is called with (case, grid)."""
+    if not variant:
+        return inputs.replaced()
+    grid = inputs.case.grid(inputs.dtype)
+    return inputs.replaced(**{k: v(inputs.case, grid) if callable(v) else v for k, v in variant.items()})
+
+
+def bindings(
+    operation: Operation | str, backend: str, dtype: str, case: str, variant: Mapping[str, Any] | int = 0,
+    lists: str = "search",
+) -> dict[str, Any]:  # fmt: skip
+    """Values of everything that the operation's program on `backend` takes, by argument name, on one case.
+
+    operation  an Operation or its name
+    dtype      "float32" or "float64"
+    case       name in refsim.cases.CASES
+    variant    overrides, or the number of one of the operation's own variants
+    lists      "search" (refsim's neighbour search) or "all_pairs" (the oracle)
+
+    Arrays that are written are copies of their own. Raises KeyError where nothing makes an argument.
+    """
+    operation = REGISTRY[operation] if isinstance(operation, str) else operation
+    chosen = operation.variants[variant] if isinstance(variant, int) else variant
+    made, neighbours, walls = prepared(case, backend, dtype, lists)
+    inputs, place = with_variant(made, chosen), backend_for(backend)
+    return {name: value_of(operation, name, inputs, neighbours, walls, place) for name in operation.arguments(backend)}
+
+
+Program = Callable[..., Any]

@@ -1,0 +1,201 @@
+"""Inputs and closed forms of weakly compressible SPH."""
+
+import math
+
+import numpy as np
+
+from refsim.boundary.walls import Bounds, WallParticles
+from refsim.cases import REST_DENSITY, Case, Exact, closed_form, groups, particles
+from refsim.sph import Fluid, ViscosityTerm
+
+FLUID = "weakly_compressible"
+
+
+@particles("density")
+def _density(case, random):
+    """Up to a tenth off the rest density."""
+    return REST_DENSITY * random.uniform(0.9, 1.1, case.count)
+
+
+@particles("number_density")
+def _number_density(case, random):
+    """Between a corner of the lattice and slightly compressed."""
+    return case.effects[FLUID].rest_number_density(case.grid("float64")) * random.uniform(0.4, 1.05, case.count)
+
+
+@particles("pressure")
+def _pressure(case, random):
+    """Of either sign, so that nothing relies on clamping."""
+    return 4e4 * random.uniform(-0.5, 1.0, case.count)
+
+
+@groups("smoothing", "gradient_smoothing", "fluid")
+def _shared(case, grid):
+    return case.effects[FLUID].shares(grid, case.effects)
+
+
+@groups("viscosity")
+def _viscosity(case, grid):
+    return case.effects[FLUID].prepare(grid, case.effects)
+
+
+@groups("field")
+def _field(case, grid):
+    return {"field": np.array([0.3, -9.81, 1.7], dtype=grid.dtype)}
+
+
+# Closed forms: h = 2 m, so that in 3D Wendland W(0) = 21/(16 pi) and W(h/2) = 3/16 W(0), with slope W'(h/2) =
+# -5/4 W(0)/h; in 2D W(0) = 7/(4 pi).
+
+W0 = 21 / (16 * math.pi)
+PAIR = Case("pair", 3, np.array([[0.0, 0.0, 0.0], [0.0, 1.0, 0.0]]), spacing=1.0, support_radius=2.0)
+FLAT_PAIR = Case("flat_pair", 2, np.array([[0.0, 0.0, 0.0], [0.6, 0.8, 0.0]]), spacing=1.0, support_radius=2.0)
+WATER = Fluid(1000.0, 4e5, np.int32(1), np.int32(0))
+
+
+@closed_form("sph.density")
+def two_particles_and_a_wall():
+    """rho_1 = m_1 W(0) + m_2 W(h/2) + rho0 V_b W(h/2)."""
+    wall = Case(
+        "pair_on_wall", 3, PAIR.position, spacing=1.0, support_radius=2.0, wall_position=np.array([[0.0, 0.0, 1.0]])
+    )
+    mass = np.array([2.0, 3.0])
+    volume = 0.5
+    reach = 3 / 16 * W0
+    diagonal = (1 - math.sqrt(0.5)) ** 4 * (1 + 4 * math.sqrt(0.5)) * W0
+    filled = 1000 * volume * np.array([reach, diagonal])
+    rho = mass * W0 + mass[::-1] * reach + filled
+    return Exact(
+        wall,
+        {"mass": mass, "walls": WallParticles(wall.wall_position, np.array([volume])), "fluid": WATER},
+        {"density": rho, "number_density": W0 + reach + filled / mass},
+    )
+
+
+@closed_form("sph.density")
+def two_particles_in_the_plane():
+    """The same by the factor of 2D, W(0) = 7/(pi h^2)."""
+    mass = np.array([2.0, 3.0])
+    own = 7 / (4 * math.pi)
+    return Exact(
+        FLAT_PAIR, {"mass": mass},
+        {"density": own * (mass + 3 / 16 * mass[::-1]), "number_density": np.full(2, 19 / 16 * own)},
+    )  # fmt: skip
+
+
+@closed_form("sph.state")
+def linear_state():
+    """p = c^2 (rho - rho0) with c^2 = 400."""
+    return Exact(PAIR, {"density": np.array([1001.0, 990.0]), "fluid": WATER}, {"pressure": np.array([400.0, -4000.0])})
+
+
+@closed_form("sph.state")
+def clamped_tait():
+    """p = B ((rho/rho0)^7 - 1), 2^7 = 128; never below zero."""
+    fluid = Fluid(1000.0, 100.0, np.int32(7), np.int32(1))
+    return Exact(PAIR, {"density": np.array([2000.0, 500.0]), "fluid": fluid}, {"pressure": np.array([12700.0, 0.0])})
+
+
+@closed_form("sph.pressure", "sph.momentum")
+def pressed_pair():
+    """Equal pressures p push two particles apart with (m_j p/rho^2) |W'(h/2)|, here 3 p/rho^2 on the first."""
+    slope = 5 / 4 * W0 / 2
+    push = 200.0 / 1000.0**2 * slope
+    return Exact(
+        PAIR,
+        {
+            "mass": np.array([2.0, 3.0]), "density": np.full(2, 1000.0), "pressure": np.full(2, 200.0),
+            "velocity": np.zeros((2, 3)), "fluid": WATER,
+        },
+        {"acceleration": np.array([[0.0, -3 * push, 0.0], [0.0, 2 * push, 0.0]])},
+    )  # fmt: skip
+
+
+@closed_form("sph.pressure")
+def pressed_against_a_wall():
+    """One wall particle below: a = rho0 V_b (p/rho^2) |W'(h/2)| upwards."""
+    case = Case(
+        "on_wall", 3, np.zeros((1, 3)), spacing=1.0, support_radius=2.0, wall_position=np.array([[0.0, -1.0, 0.0]])
+    )
+    walls = WallParticles(case.wall_position, np.array([0.25]))
+    push = 1000 * 0.25 * 200.0 / 900.0**2 * (5 / 4 * W0 / 2)
+    return Exact(
+        case,
+        {
+            "mass": np.array([2.0]), "density": np.array([900.0]), "pressure": np.array([200.0]),
+            "velocity": np.zeros((1, 3)), "fluid": WATER, "walls": walls,
+        },
+        {"acceleration": np.array([[0.0, push, 0.0]])},
+    )  # fmt: skip
+
+
+@closed_form("sph.momentum")
+def sheared_pair():
+    """Viscosity mu m_j/(rho_i rho_j) 45/(pi h^6) (h - r) (v_j - v_i) draws velocities together."""
+    factor = 0.5 / 1000.0**2 * 45 / (math.pi * 64)
+    return Exact(
+        PAIR,
+        {
+            "mass": np.array([2.0, 3.0]), "density": np.full(2, 1000.0), "pressure": np.zeros(2),
+            "velocity": np.array([[1.0, 0.0, 0.0], [-1.0, 0.0, 4.0]]), "fluid": WATER,
+            "viscosity": ViscosityTerm(0.5),
+        },
+        {"acceleration": factor * np.array([[-6.0, 0.0, 12.0], [4.0, 0.0, -8.0]])},
+    )  # fmt: skip
+
+
+@closed_form("sph.gravity")
+def falling():
+    """Every particle takes g."""
+    return Exact(PAIR, {"field": np.array([0.0, 2.0, -9.75])}, {"acceleration": np.array([[0.0, 2.0, -9.75]] * 2)})
+
+
+@closed_form("sph.extremes")
+def largest_squares():
+    """3-4-5 triangles."""
+    return Exact(
+        PAIR,
+        {
+            "velocity": np.array([[3.0, 4.0, 0.0], [1.0, 0.0, 0.0]]),
+            "acceleration": np.array([[0.0, 0.0, 1.0], [0.0, 5.0, 12.0]]),
+        },
+        {"extremes": np.array([25.0, 169.0, 0.0])},
+    )
+
+
+@closed_form("sph.kick_drift")
+def one_leap():
+    """v = 1 + 0.5 * 2, x = 0 + 0.25 * v; the second particle stays and counts two metres from where it was listed."""
+    return Exact(
+        PAIR,
+        {
+            "velocity": np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 0.0]]),
+            "acceleration": np.array([[2.0, 0.0, 0.0], [0.0, 0.0, 0.0]]),
+            "build_position": np.array([[0.0, 0.0, 0.0], [0.0, 1.0, 2.0]]),
+            "timestep": np.array([0.5, 0.25]),
+        },
+        {
+            "velocity": np.array([[2.0, 0.0, 0.0], [0.0, 0.0, 0.0]]),
+            "position": np.array([[0.5, 0.0, 0.0], [0.0, 1.0, 0.0]]),
+            "displacement": np.array([4.0, 0.0]),
+        },
+    )
+
+
+@closed_form("sph.kick_drift")
+def stopped_by_a_plane():
+    """The first particle would pass the plane x = 0.25: it is put there and loses that part of its velocity."""
+    far = np.full(3, np.inf)
+    return Exact(
+        PAIR,
+        {
+            "velocity": np.array([[2.0, 1.0, 0.0], [0.0, 0.0, 0.0]]), "acceleration": np.zeros((2, 3)),
+            "build_position": PAIR.position, "timestep": np.array([0.5, 0.25]),
+            "bounds": Bounds(-far, np.array([0.25, np.inf, np.inf])),
+        },
+        {
+            "velocity": np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 0.0]]),
+            "position": np.array([[0.25, 0.25, 0.0], [0.0, 1.0, 0.0]]),
+            "displacement": np.array([0.125, 1.0]),
+        },
+    )  # fmt: skip

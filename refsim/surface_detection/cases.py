@@ -1,0 +1,45 @@
+"""Inputs and closed forms of surface detection."""
+
+import numpy as np
+
+from refsim.cases import Case, Exact, closed_form, groups, particles
+from refsim.surface_detection import FanScan, NearSurfaceLimit, SurfaceDetection
+
+
+@particles("surface", "near_surface")
+def _marks(case, random):
+    return (random.random(case.count) < 0.5).astype(np.uint8)
+
+
+@groups("near_surface_limit", "fan_scan")
+def _detection(case, grid):
+    literal = ("E5", "E6", "E10") if case.literal else ()
+    return SurfaceDetection(threshold=0.9, literal=literal).prepare(grid, case.effects)
+
+
+@closed_form("surface_detection.near_surface")
+def thresholds():
+    """At the limit a particle still counts as near the surface."""
+    case = Case("thresholds", 3, np.array([[0.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 2.0, 0.0]]))
+    return Exact(
+        case,
+        {"number_density": np.array([0.5, 0.75, 1.0]), "near_surface_limit": NearSurfaceLimit(0.75)},
+        {"near_surface": np.array([1, 1, 0], np.uint8)},
+    )
+
+
+@closed_form("surface_detection.fan_scan")
+def one_in_the_way():
+    """h = 2, s = 1, normals along -y: particle 0 looks to +y.
+
+    Particle 1 at 45 degrees off that axis and 2 behind leave the fan open; 3 stands in the ball of radius s around
+    the scan's centre. 0 and 3 have three neighbours, 0 is blocked by 3, and 3 has nobody above.
+    """
+    position = np.array([[0.0, 0.0, 0.0], [1.0, 0.3, 0.0], [-0.4, -1.0, 0.0], [0.0, 1.5, 0.0]])
+    case = Case("fan", 2, position, spacing=1.0, support_radius=2.0)
+    return Exact(
+        case,
+        {"surface_normal": np.array([[0.0, -2.0, 0.0]] * 4), "candidates": np.array([1, 0, 1, 1], np.uint8),
+         "fan_scan": FanScan(1.0, 2.0, 1e-6, np.int32(0))},
+        {"surface": np.array([0, 0, 1, 1], np.uint8)},
+    )  # fmt: skip

@@ -1,0 +1,107 @@
+"""Inputs and closed forms of Jiang & Zhu 2023."""
+
+import math
+
+import numpy as np
+
+from refsim.cases import Case, Exact, closed_form, groups, particles
+from refsim.surface_tension.jiang_zhu_2023 import AreaTerm, Cohesion, JiangZhu2023, PairSelection, SoftThresholds
+
+
+@particles("surface_weight")
+def _surface_weight(case, random):
+    """From the bulk to the surface; some exactly 0 and some exactly 1."""
+    return np.clip(random.uniform(-0.3, 1.3, case.count), 0, 1)
+
+
+@particles("corrected_density")
+def _corrected_density(case, random):
+    return 1000 * random.uniform(0.95, 1.05, case.count)
+
+
+@groups("pairs", "soft", "cohesion", "area")
+def _tension(case, grid):
+    effect = JiangZhu2023(
+        surface_tension=0.07,
+        area_term="color" if case.literal else "corrected",
+        area_ratio=0.2,
+        literal=("all",) if case.literal else (),
+    )
+    return effect.prepare(grid, case.effects)
+
+
+# h = 2 m in 3D: poly6 W(0, h) = 315/(512 pi) and W(h/2, h) = 27/64 of it; W(h/2, 0.8 h) = (1 - 25/64)^3/0.512 of it.
+PAIR = Case("tension_pair", 3, np.array([[0.0, 0.0, 0.0], [0.0, 1.0, 0.0]]), spacing=1.0, support_radius=2.0)
+W0 = 315 / (512 * math.pi)
+SHAPE = 0.6 * (39 / 64) ** 3 / 0.512 - 0.9 * 27 / 64
+COHESION = Cohesion(0.5, 0.6, 0.9, 0.5 * W0, 1 / 0.512, 1.25)
+MASS, DENSITY = np.array([2.0, 3.0]), np.array([1000.0, 500.0])
+
+
+@closed_form("jiang_zhu_2023.corrected_density")
+def two_densities():
+    """(m_1 W(0) + m_2 W(h/2)) / (V_1 W(0) + V_2 W(h/2)), W(h/2) = 3/16 W(0); the second particle is left alone."""
+    value = (2 + 3 * 3 / 16) / (2 / 1000 + 3 / 500 * 3 / 16)
+    return Exact(
+        PAIR,
+        {"mass": MASS, "density": DENSITY, "near_surface": np.array([1, 0], np.uint8)},
+        {"corrected_density": np.array([value, 500.0])},
+    )
+
+
+@closed_form("jiang_zhu_2023.replace_density")
+def copied():
+    """A copy."""
+    return Exact(PAIR, {"corrected_density": np.array([3.0, 4.0])}, {"density": np.array([3.0, 4.0])})
+
+
+@closed_form("jiang_zhu_2023.soft_weight")
+def half_way():
+    """Half way up the ramp the weight is 1/2; a quarter up it is 5/32."""
+    return Exact(
+        PAIR,
+        {"surface_normal": np.array([[0.0, 0.3, 0.4], [0.0, 0.375, 0.0]]), "soft": SoftThresholds(0.25, 0.75, 2.0)},
+        {"surface_weight": np.array([0.5, 5 / 32])},
+    )
+
+
+def _cohesion(share):
+    pull = share * 0.5 * W0 * SHAPE
+    return np.array([[0.0, -3 * pull, 0.0], [0.0, 2 * pull, 0.0]])
+
+
+@closed_form("jiang_zhu_2023.cohesion", "jiang_zhu_2023.tension")
+def cohering_pair():
+    """a_1 = gamma m_2 C(h/2) e_12, half of it where one of the two is of the bulk."""
+    return Exact(
+        PAIR,
+        {"mass": MASS, "density": DENSITY, "surface_weight": np.array([1.0, 0.0]), "surface": None,
+         "pairs": PairSelection(np.int32(0)), "cohesion": COHESION, "area": AreaTerm(np.int32(0), 0.0),
+         "area_normal": np.zeros((2, 3))},
+        {"acceleration": _cohesion(0.5)},
+    )  # fmt: skip
+
+
+@closed_form("jiang_zhu_2023.cohesion")
+def cohering_marked_pair():
+    """Particle 2 is of the surface: the pair acts where either has to be."""
+    return Exact(
+        PAIR,
+        {"mass": MASS, "density": DENSITY, "surface_weight": None, "surface": np.array([0, 1], np.uint8),
+         "pairs": PairSelection(np.int32(3)), "cohesion": COHESION},
+        {"acceleration": _cohesion(1.0)},
+    )  # fmt: skip
+
+
+@closed_form("jiang_zhu_2023.area", "jiang_zhu_2023.tension")
+def area_pair():
+    """a_1 = -eps m_2/(rho_1 rho_2) (n_1 - n_2), halved by the weights; cohesion is zero."""
+    difference = np.array([0.5, -1.0, 0.0])
+    factor = 0.5 * 8.0 / (1000.0 * 500.0)
+    return Exact(
+        PAIR,
+        {"mass": MASS, "density": DENSITY, "surface_weight": np.array([1.0, 0.0]), "surface": None,
+         "pairs": PairSelection(np.int32(0)), "cohesion": COHESION._replace(amplitude=0.0, gamma=0.0),
+         "area": AreaTerm(np.int32(0), 8.0), "area_normal": np.array([difference, [0.0, 0.0, 0.0]])},
+        {"acceleration": factor * np.array([-3 * difference, 2 * difference])},
+    )  # fmt: skip
