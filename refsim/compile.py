@@ -98,6 +98,8 @@ def cache_folder(path: pathlib.Path) -> str:
 
 
 def _cached(dispatcher: Any, function: Callable) -> Any:
+    if not hasattr(dispatcher, "enable_caching"):  # plain Python under NUMBA_DISABLE_JIT and in the simulator
+        return dispatcher
     folder = cache_folder(pathlib.Path(function.__code__.co_filename))
     if not os.access(folder, os.W_OK):
         return dispatcher
@@ -132,11 +134,10 @@ class CudaKernel:
         self.__doc__ = function.__doc__
         self.__wrapped__ = function
         self.__signature__ = inspect.signature(function)
-        if simulated():  # takes None as it is and has neither this option nor a cache
-            self.dispatcher = _load_cuda().jit(fastmath=fastmath)(function)
-        else:
-            options = {"fastmath": fastmath, "extensions": [_AbsentArgument()]}
-            self.dispatcher = _cached(_load_cuda().jit(**options)(function), function)
+        options: dict[str, Any] = {"fastmath": fastmath}
+        if not simulated():  # the simulator takes None as it is and has no such option
+            options["extensions"] = [_AbsentArgument()]
+        self.dispatcher = _cached(_load_cuda().jit(**options)(function), function)
 
     def __call__(self, *arguments: Any) -> None:
         from refsim.backend import stream

@@ -46,12 +46,17 @@ def free_bytes() -> float:
 
 def stable_order(keys: Any) -> Any:
     """Permutation (n,) int64 that sorts the int64 `keys`; equal keys keep their order (radix sort)."""
+    if not keys.shape[0]:
+        return empty(0, np.int64)
     return _wrapped(library().argsort(_seen(keys), kind="stable"))
 
 
 def runs(keys: Any) -> tuple[Any, Any, Any]:
     """Runs of equal `keys` (n,): (key of each run, first place of each run and n at the end, run of each place)."""
-    xp, seen = library(), _seen(keys)
+    xp = library()
+    if not keys.shape[0]:
+        return keys, _wrapped(xp.zeros(1, dtype=np.int64)), empty(0, np.int32)
+    seen = _seen(keys)
     begins = xp.ones(len(seen), dtype=bool)
     begins[1:] = seen[1:] != seen[:-1]
     first = xp.flatnonzero(begins)

@@ -158,7 +158,7 @@ class Search:
         while True:
             build_list(position, cell, low, high, source, radius, int(exclude_self), index, count)
             most = device.largest(count)
-            if most <= index.shape[0] // n or most > MOST_NEIGHBOURS:
+            if most * n <= index.shape[0] or most > MOST_NEIGHBOURS:
                 break
             index = self._grown(name, n, most)
         self.storage[name] = index

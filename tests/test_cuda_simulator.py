@@ -1,0 +1,272 @@
+"""The CUDA backend in Numba's CUDA simulator: kernels, search and whole runs, with tens of particles.
+
+Run it as `NUMBA_ENABLE_CUDASIM=1 NUMBA_DISABLE_JIT=1 pytest tests/test_cuda_simulator.py`; without the simulator
+everything here is skipped, because compiled kernels would need a GPU (`scripts/gpu_check.py`).
+"""
+
+import numpy as np
+import pytest
+
+from refsim import (
+    Ball,
+    Box,
+    BoxWalls,
+    Gravity,
+    JiangZhu2023,
+    RunStopped,
+    Scene,
+    Simulation,
+    SurfaceDetection,
+    WeaklyCompressible,
+    backend,
+    neighbours,
+)
+from refsim.neighbours.reference import neighbour_list, pair_blocks
+
+pytestmark = pytest.mark.skipif(
+    not backend.simulated(), reason="runs in the CUDA simulator only: set NUMBA_ENABLE_CUDASIM=1 NUMBA_DISABLE_JIT=1"
+)
+RADIUS = 0.2
+SKIN = 0.25
+
+
+@pytest.fixture(scope="module")
+def cuda():
+    return backend.choose("cuda")
+
+
+def cloud(count, dim, seed=1, spacing=0.1):
+    position = np.random.default_rng(seed).uniform(0, spacing * count ** (1 / dim), (count, 3))
+    position[:, dim:] = 0
+    return position
+
+
+def built(cuda, position, dim, dtype="float64", radius=RADIUS):
+    """(search, positions in cell order on the host, its list)."""
+    search = neighbours.NeighbourSearch(cuda, dim, dtype, radius, SKIN)
+    there = cuda.asarray(position.astype(dtype))
+    there = search.reorder(there, search.order(there))
+    return search, cuda.host(there), search.build(there)
+
+
+def columns(cuda, listed):
+    """Neighbours of each particle, in the list's own order."""
+    count, entries = cuda.host(listed.count), cuda.host(listed.entries)
+    return [entries[i :: len(count)][: count[i]] for i in range(len(count))]
+
+
+def assert_all_pairs(cuda, position, listed, reach=RADIUS * (1 + SKIN)):
+    expected = neighbour_list(position.astype(float), reach)
+    for own, true in zip(columns(cuda, listed), expected, strict=True):
+        assert list(own) == list(true)  # in the order of the particles, so that sums repeat
+
+
+HARD = {
+    "cloud_2d": (cloud(60, 2), 2),
+    "cloud_3d": (cloud(60, 3), 3),
+    "lattice on cell borders": (
+        RADIUS * (1 + SKIN) * np.stack(np.meshgrid(*[np.arange(4) - 2.0] * 3), axis=-1).reshape(-1, 3),
+        3,
+    ),
+    "flung particle": (np.vstack([cloud(30, 3), [[1e5, -1e5, 3e4]]]), 3),
+    "beyond the cells": (np.vstack([cloud(20, 3), [[1e15, 0, 0], [1e15, 0.1, 0], [-1e30, 0, 1e30]]]), 3),
+    "coincident": (np.vstack([cloud(20, 2), cloud(20, 2)[:3], cloud(20, 2)[:1]]), 2),
+    "one": (np.zeros((1, 3)), 3),
+    "none": (np.zeros((0, 3)), 2),
+}
+
+
+@pytest.mark.parametrize("name", HARD)
+def test_list_equals_all_pairs(cuda, name):
+    position, dim = HARD[name]
+    search, ordered, listed = built(cuda, position, dim)
+    assert sorted(map(tuple, ordered)) == sorted(map(tuple, position))
+    assert_all_pairs(cuda, ordered, listed)
+    assert search.log.most_neighbours == max((len(own) for own in columns(cuda, listed)), default=0)
+
+
+def test_list_in_float32(cuda):
+    _, ordered, listed = built(cuda, cloud(60, 3, seed=5), 3, "float32")
+    assert ordered.dtype == np.float32
+    assert_all_pairs(cuda, ordered, listed)
+
+
+def test_particle_at_no_place_has_no_neighbours_and_hides_none(cuda):
+    position = cloud(30, 3)
+    position[11, 1] = np.nan
+    _, ordered, listed = built(cuda, position, 3)
+    lost = int(np.flatnonzero(np.isnan(ordered[:, 1]))[0])
+    assert not len(columns(cuda, listed)[lost])
+    assert_all_pairs(cuda, ordered, listed)
+
+
+def test_room_grows_until_everything_fits(cuda):
+    search, ordered, listed = built(cuda, cloud(40, 3, spacing=0.15), 3)
+    room = listed.entries.shape[0] // 40
+    for squeeze in (0.7, 0.2):
+        position = squeeze * ordered
+        listed = search.build(search.reorder(cuda.asarray(position), search.order(cuda.asarray(position))))
+        order = cuda.host(search.order(cuda.asarray(position)))
+        assert_all_pairs(cuda, position[order], listed)
+    assert listed.entries.shape[0] // 40 >= search.log.most_neighbours == 39 > room
+
+
+def test_collapsed_clump_stops_the_run_before_memory_does(cuda, monkeypatch):
+    import refsim.neighbours.cuda as programs
+
+    for module in (neighbours, programs):
+        monkeypatch.setattr(module, "MOST_NEIGHBOURS", 8)
+    with pytest.raises(RunStopped, match="collapsed into a clump"):
+        built(cuda, 0.1 * cloud(20, 3), 3)
+
+
+def test_list_larger_than_the_device_stops_the_run(cuda, monkeypatch):
+    from refsim import device
+
+    monkeypatch.setattr(device, "free_bytes", lambda: 100)
+    with pytest.raises(RunStopped, match="neighbour list needs") as stopped:
+        built(cuda, cloud(20, 3), 3)
+    assert stopped.value.reason == "out_of_memory"
+
+
+def test_walls_near_each_particle(cuda):
+    fluid, walls = cloud(30, 2), cloud(25, 2, seed=2) - [0.1, 0.1, 0]
+    search, ordered, _ = built(cuda, fluid, 2)
+    static = search.static_set(walls)
+    assert np.array_equal(cuda.host(static.position), walls[static.order])
+    near = search.build_against(cuda.asarray(ordered), static)
+    (_, _, distance), *_ = pair_blocks(ordered, walls[static.order])
+    for own, true in zip(columns(cuda, near), distance, strict=True):
+        assert sorted(own) == list(np.flatnonzero(true < RADIUS * (1 + SKIN)))
+
+
+def test_audit_counts_what_a_list_misses(cuda):
+    search, ordered, listed = built(cuda, cloud(40, 3), 3)
+    velocity = np.random.default_rng(3).normal(size=ordered.shape)
+    drift = 0.01
+    moved = cuda.asarray(ordered + drift * velocity)
+    search.audit(moved, cuda.asarray(velocity), drift, listed, seed=1)
+    assert search.log.audited_rows == 8
+    assert search.log.missed_neighbours == 0
+    rows = np.arange(40)
+    wide = 1.5 * search.reach
+    expected = sum(map(len, neighbour_list(ordered, wide))) - sum(map(len, columns(cuda, listed)))
+    assert expected > 0
+    assert search.programs.missed(moved, cuda.asarray(velocity), drift, listed, rows, wide) == expected
+
+
+def test_equal_keys_keep_their_order(cuda):
+    from refsim import device
+
+    keys = np.array([3, 1, 3, 1, 2**62, 3, 1], np.int64)
+    order = cuda.host(device.stable_order(cuda.asarray(keys)))
+    assert list(order) == [1, 3, 6, 0, 2, 5, 4]
+    cells, first, cell = (cuda.host(a) for a in device.runs(cuda.asarray(keys[order])))
+    assert (list(cells), list(first), list(cell)) == ([1, 3, 2**62], [0, 3, 6, 7], [0, 0, 0, 1, 1, 1, 2])
+
+
+@pytest.mark.parametrize("shape", [(), (3,), (1,)])
+def test_arrays_are_filled_assigned_and_reordered(cuda, shape):
+    values = np.random.default_rng(4).normal(size=(19, *shape)).astype(np.float32)
+    there = cuda.zeros(values.shape, np.float32)
+    assert not cuda.host(there).any()
+    cuda.assign(there, 2.5)
+    assert (cuda.host(there) == 2.5).all()
+    cuda.assign(there, values.astype(float))
+    assert np.array_equal(cuda.host(there), values)
+    copy = cuda.empty(values.shape, np.float32)
+    cuda.assign(copy, there)
+    order = np.random.default_rng(5).permutation(19)
+    search = neighbours.NeighbourSearch(cuda, 3, "float32", RADIUS)
+    assert np.array_equal(cuda.host(search.reorder(copy, cuda.asarray(order))), values[order])
+    assert np.array_equal(cuda.host(copy), values)
+
+
+def test_largest_values_do_not_outlive_their_call(cuda):
+    from refsim.sph import cuda as kernels
+
+    out = cuda.asarray(np.array([1e9, 1e9, 7.0]))
+    velocity = np.random.default_rng(6).normal(size=(21, 3))
+    velocity[3] = np.nan
+    velocity[20] = [3.0, 4.0, 12.0]
+    kernels.extremes(cuda.asarray(velocity), cuda.asarray(0.5 * velocity), out)
+    assert np.allclose(cuda.host(out), [169.0, 42.25, 1.0])
+    place = cuda.asarray(np.zeros((21, 3)))
+    way = cuda.asarray(np.array([1e9, 5.0]))
+    steps = cuda.asarray(np.array([0.0, 0.1]))
+    kernels.kick_drift(place, cuda.asarray(np.zeros((21, 3))), None, steps, way, cuda.asarray(velocity), place)
+    assert cuda.host(way)[0] == np.inf  # the particle that is nowhere
+    assert cuda.host(way)[1] == 0
+
+
+def dam_break(dtype):
+    spacing = 0.02
+    return Scene(
+        dim=2,
+        dtype=dtype,
+        spacing=spacing,
+        support_radius=2 * spacing,
+        skin=0.05,
+        fluid=(Box(cells=(5, 6, 1)),),
+        effects=(
+            WeaklyCompressible(sound_speed=8.0, dynamic_viscosity=0.2, state="tait"),
+            Gravity(acceleration=(2.0, -9.81, 0.0)),
+            BoxWalls(lower=(0.0, 0.0, 0.0), upper=(0.2, 0.2, 0.0)),
+            SurfaceDetection(),
+        ),
+    )
+
+
+def droplet(dtype):
+    spacing = 0.01
+    return Scene(
+        dim=3,
+        dtype=dtype,
+        spacing=spacing,
+        support_radius=2 * spacing,
+        skin=0.05,
+        fluid=(Ball(radius=0.018, velocity=(0.3, -0.1, 0.2)),),
+        effects=(
+            WeaklyCompressible(sound_speed=5.0, dynamic_viscosity=0.05),
+            JiangZhu2023(surface_tension=0.07, density_correction=True),
+        ),
+    )
+
+
+# Steps are few because rounding differences grow with every one of them; the tolerances allow for that growth.
+@pytest.mark.parametrize(
+    ("scene", "dtype", "steps", "tolerance"),
+    [(dam_break, "float64", 8, 1e-9), (dam_break, "float32", 3, 1e-4), (droplet, "float64", 4, 1e-9)],
+)
+def test_run_follows_the_references_and_repeats_bit_for_bit(scene, dtype, steps, tolerance):
+    oracle, run, again = (Simulation(scene(dtype), name) for name in ("numpy", "cuda", "cuda"))
+    for _ in range(steps):
+        expected, result, repeated = (s.step() for s in (oracle, run, again))
+        assert result.limiter == expected.limiter
+        assert result == repeated
+        assert abs(result.length - expected.length) <= tolerance * expected.length
+    for s in (oracle, run, again):
+        s.evaluate()
+    assert run.search.log.missed_neighbours == 0
+    for name, f in run.plan.fields.items():
+        values = run.field(name)
+        assert np.array_equal(values, again.field(name)), name
+        if f.numpy_dtype(dtype).kind == "i":
+            assert np.array_equal(values, oracle.field(name)), name
+        else:
+            largest = np.abs(oracle.field(name)).max()
+            assert np.abs(values - oracle.field(name)).max() <= tolerance * largest, name
+
+
+def test_run_rebuilds_its_list_and_audits_the_old_one():
+    run = Simulation(dam_break("float64"), "cuda")
+    run.step()
+    run._squared_way = np.inf
+    run.step()
+    assert run.search.log.rebuilds == 2
+    assert run.search.log.audited_rows == 8
+    assert run.search.log.missed_neighbours == 0
+
+
+def test_what_stands_in_is_reported():
+    assert "in place of CuPy" in backend.array_library()
