@@ -1,0 +1,548 @@
+"""Surface normals and surface detection: what they must do whatever the numbers, and the CPU against the oracle."""
+
+import math
+from typing import ClassVar
+
+import numpy as np
+import pytest
+
+from refsim import Ball, Box, BoxWalls, Cloud, InputError, Scene, Simulation, SurfaceDetection, WeaklyCompressible
+from refsim.boundary.walls import WallParticles, WallRows
+from refsim.effect import EFFECTS, Discretisation, Effect
+from refsim.neighbours.reference import neighbour_list, pair_blocks
+from refsim.neighbours.rows import NeighbourRows
+from refsim.operation import REGISTRY
+from refsim.scene import make_plan
+from refsim.smoothing import smoothing
+from refsim.sph import Fluid
+from refsim.sph.reference import density as reference_density
+from refsim.surface_detection import FanScan, NearSurfaceLimit, detection_in
+from refsim.surface_detection.cases import CASES, Arrangement, notch
+from refsim.surface_normal import NormalTerm
+from validation.metrics.surface_truth import arc_cover_surface, cap_cover_surface
+
+METHODS = ("number_density", "fan_scan", "two_step")
+PROBE = 1.2  # radius of the truth's probe, in spacings
+CENTER = np.array([0.63, 0.77, 0])  # of the disc
+
+
+def lattice(shape, dim=2):
+    return shape.positions(Discretisation(dim, "float64", 1.0, 2.6, 0))
+
+
+def disc(radius=10.2):
+    """A disc cut off centre, so that no normal lies exactly on a diagonal: there a neighbour would be a tie."""
+    block = lattice(Box(cells=(30, 30, 1))) - [15, 15, 0]
+    return block[np.linalg.norm(block - CENTER, axis=1) < radius]
+
+
+def jittered_disc(seed=5):
+    """A disc without ties: every particle off its lattice point by up to a tenth of the spacing."""
+    points = disc()
+    points[:, :2] += np.random.default_rng(seed).uniform(-0.1, 0.1, (len(points), 2))
+    return points
+
+
+def detect(position, backend="numpy", dtype="float64", spacing=1.0, dim=2, ratio=2.6, walls=(), **settings):
+    """A simulation whose fields belong to the given positions; these are in spacings."""
+    scene = Scene(
+        spacing=spacing,
+        support_radius=ratio * spacing,
+        dim=dim,
+        dtype=dtype,
+        fluid=(Cloud(position=position * spacing),),
+        effects=(WeaklyCompressible(sound_speed=10.0), SurfaceDetection(**settings), *walls),
+    )
+    simulation = Simulation(scene, backend)
+    simulation.evaluate()
+    return simulation
+
+
+def surface(position, **options):
+    return detect(position, **options).field("surface").astype(bool)
+
+
+def turned(position, angle):
+    c, s = math.cos(angle), math.sin(angle)
+    return position @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]])
+
+
+# What is found
+
+
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+def test_ring_of_a_disc_is_found_exactly_on_the_cpu(dtype):
+    position = disc()
+    simulation = detect(position, "cpu", dtype, spacing=0.01)
+    truth = arc_cover_surface(position[:, :2], PROBE)
+    assert 40 < truth.sum() < 80
+    np.testing.assert_array_equal(simulation.field("surface").astype(bool), truth)
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.3, 1.1])
+@pytest.mark.parametrize("method", ["fan_scan", "two_step"])
+def test_ring_of_a_disc_is_found_exactly_at_any_angle(method, angle):
+    position = turned(disc(7.4), angle)
+    truth = arc_cover_surface(position[:, :2], PROBE)
+    np.testing.assert_array_equal(surface(position, method=method), truth)
+
+
+def test_faces_of_a_block_are_found_exactly_in_3d():
+    position = lattice(Box(cells=(7, 6, 5)), dim=3)
+    truth = cap_cover_surface(position, PROBE)
+    assert truth.sum() == 7 * 6 * 5 - 5 * 4 * 3
+    np.testing.assert_array_equal(surface(position, dim=3), truth)
+
+
+def test_number_density_alone_takes_a_second_layer_in():
+    position = disc()
+    truth = arc_cover_surface(position[:, :2], PROBE)
+    found = surface(position, method="number_density")
+    assert found[truth].all()
+    assert found.sum() > truth.sum()
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_two_steps_find_what_both_of_them_find(seed):
+    position = np.random.default_rng(seed).uniform(0, 18, (250, 3)) * [1, 1, 0]
+    one, two, both = (surface(position, method=m) for m in METHODS)
+    np.testing.assert_array_equal(both, one & two)
+    assert both.sum() < one.sum()
+
+
+def test_a_missing_particle_makes_no_surface_but_a_hole_does():
+    block = lattice(Box(cells=(21, 21, 1))) - [10.5, 10.5, 0]
+    inner = np.abs(block[:, :2]).max(1) < 8
+    cavity = np.hypot(block[:, 0], block[:, 1]) > 0.5
+    hole = np.hypot(block[:, 0] - 0.13, block[:, 1] - 0.27) > 3.2
+    assert not surface(block[cavity])[inner[cavity]].any()
+    found, truth = surface(block[hole]), arc_cover_surface(block[hole][:, :2], PROBE)
+    np.testing.assert_array_equal(found, truth)
+    assert found[inner[hole]].any()
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+@pytest.mark.parametrize("name", ["isolated", "pair", "three"])
+@pytest.mark.parametrize("method", METHODS)
+def test_spray_is_surface(method, name, dim):
+    assert surface(CASES[name](dim, 1.0).position, dim=dim, method=method).all()
+
+
+def test_a_wet_wall_is_no_surface():
+    """In a full tank neither set has a member; in an open one the top layer is S."""
+    cells, size = 8, (8.0, 8.0, 0.0)
+    position = lattice(Box(cells=(cells, cells, 1)))
+    closed = BoxWalls(lower=(0.0, 0.0, 0.0), upper=size)
+    full = detect(position, walls=(closed,))
+    assert not full.field("near_surface").any()
+    assert not full.field("surface").any()
+    assert not surface(position, walls=(closed,), method="fan_scan").any()
+    assert surface(position).any()  # without walls the same block has a surface
+    opened = BoxWalls(lower=(0.0, 0.0, 0.0), upper=size, open_faces=("+y",))
+    top = position[:, 1] > 7
+    np.testing.assert_array_equal(surface(position, walls=(opened,)), top)
+    np.testing.assert_array_equal(surface(position, walls=(opened,), method="fan_scan"), top)
+
+
+def test_the_full_radius_sees_across_a_gap_that_the_half_one_misses():
+    block = lattice(Box(cells=(8, 12, 1)))
+    apart = 3.6  # wider than h = 2.6, within reach of a ball of radius h
+    position = np.vstack([block, block + [7.0 + apart, 0, 0]])
+    facing = np.isin(np.round(position[:, 0], 6), np.round([7.5, 7.5 + apart], 6)) & (np.abs(position[:, 1] - 6) < 3)
+    assert facing.sum() == 12
+    assert surface(position, scan_radius="half")[facing].all()
+    assert not surface(position, scan_radius="full")[facing].any()
+    np.testing.assert_array_equal(surface(position, literal=("E6",)), surface(position, scan_radius="full"))
+
+
+def test_the_printed_cone_finds_no_surface():
+    """E5: with "<" the second line is the outside of the cone, where the liquid lies."""
+    assert surface(disc()).any()
+    assert not surface(disc(), literal=("E5",)).any()
+    assert not surface(disc(), literal=("all",)).any()
+
+
+def test_corrected_normals_find_less():
+    position = CASES["sheet of three layers"](2, 1.0).position
+    assert surface(position, scan_normal="corrected").sum() < surface(position).sum()
+
+
+# Symmetries
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_flags_do_not_depend_on_place_angle_or_order(method):
+    position = jittered_disc()
+    found = surface(position, method=method)
+    assert 0 < found.sum() < len(found)
+    np.testing.assert_array_equal(surface(position + [300.0, -70.0, 0], method=method), found)
+    np.testing.assert_array_equal(surface(turned(position, 0.7), method=method), found)
+    order = np.random.default_rng(0).permutation(len(position))
+    np.testing.assert_array_equal(surface(position[order], method=method), found[order])
+
+
+@pytest.mark.parametrize("spacing", [1e-6, 1e3])
+def test_flags_do_not_depend_on_scale_in_single_precision(spacing):
+    position = jittered_disc()
+    found = surface(position, spacing=0.01)
+    np.testing.assert_array_equal(surface(position, backend="cpu", dtype="float32", spacing=spacing), found)
+
+
+# Normals
+
+
+def program_of_pair(operation, densities=(900.0, 1100.0), numbers=(2.0, 3.0), own_density=0, walls=None):
+    """The oracle on two particles at a distance of half the support radius h = 2 m along x, in 3D."""
+    h = 2.0
+    values = {
+        "position": np.array([[0.0, 0, 0], [0.5 * h, 0, 0]]),
+        "mass": np.array([3.0, 5.0]),
+        "density": np.array(densities),
+        "number_density": np.array(numbers),
+        "candidates": None,
+        "walls": walls,
+        "smoothing": smoothing("poly6", h, 3),
+        "gradient_smoothing": smoothing("spiky", h, 3),
+        "normal_term": NormalTerm(4.0, own_density),
+    }
+    program = REGISTRY[operation].program("numpy")
+    ((value, _),) = program(**{k: values[k] for k in REGISTRY[operation].arguments("numpy")}).values()
+    return value
+
+
+# Spiky: W' = -45/(pi h^4) (1 - q)^2; poly6: W = 315/(64 pi h^3) (1 - q^2)^3; q = 1/2, h = 2.
+SLOPE = -45 / (math.pi * 16) * 0.25
+VALUE, OWN_VALUE = 315 / (64 * math.pi * 8) * 0.75**3, 315 / (64 * math.pi * 8)
+
+
+def test_color_gradient_of_a_pair():
+    """J(19): n_0 = h (m_1/rho_1) W' e_01 with e_01 = -x: it points to the neighbour, into the liquid."""
+    normal = program_of_pair("surface_normal.color_gradient")
+    expected = 2 * SLOPE * np.array([[-5 / 1100, 0, 0], [3 / 900, 0, 0]])
+    np.testing.assert_allclose(normal, expected, rtol=1e-8)
+    assert normal[0, 0] > 0
+    printed = program_of_pair("surface_normal.color_gradient", own_density=1)
+    np.testing.assert_allclose(printed, 2 * SLOPE * np.array([[-5 / 900, 0, 0], [3 / 1100, 0, 0]]), rtol=1e-8)
+
+
+def test_corrected_normal_of_a_pair():
+    """J(20): ((delta_1 - delta_0)/delta0) V_1 W' e_01 / (V_0 W(0) + V_1 W); a wall only fills the denominator."""
+    v0, v1 = 3 / 900, 5 / 1100
+    filled = np.array([v0 * OWN_VALUE + v1 * VALUE, v1 * OWN_VALUE + v0 * VALUE])
+    expected = np.array([(1 / 4) * v1 * SLOPE * -1, (-1 / 4) * v0 * SLOPE]) / filled
+    np.testing.assert_allclose(program_of_pair("surface_normal.corrected")[:, 0], expected, rtol=1e-8)
+    assert expected[0] > 0  # towards the higher number density
+    printed = program_of_pair("surface_normal.corrected", own_density=1)[:, 0]
+    np.testing.assert_allclose(printed, expected * [1100 / 900, 900 / 1100], rtol=1e-8)
+    walls = WallParticles(np.array([[0.0, 1.0, 0]]), np.array([0.01]))
+    beside = program_of_pair("surface_normal.corrected", walls=walls)[0]
+    np.testing.assert_allclose(beside, [expected[0] * filled[0] / (filled[0] + 0.01 * VALUE), 0, 0], rtol=1e-8)
+
+
+@pytest.mark.parametrize("kind", ["surface_normal", "corrected_normal"])
+def test_normals_of_a_disc_point_inward(kind):
+    scan = {"surface_normal": "color", "corrected_normal": "corrected"}[kind]
+    simulation = detect(disc(), method="fan_scan", scan_normal=scan)
+    position, normal = simulation.field("position") - CENTER, simulation.field(kind)
+    way = np.linalg.norm(position, axis=1)
+    ring = way > way.max() - 0.8
+    length = np.linalg.norm(normal, axis=1)
+    inward = -(position * normal).sum(1) / (way * np.maximum(length, 1e-12))
+    assert inward[ring].min() > math.sqrt(0.5)  # within 45 degrees, on a staircase too
+    assert length[way < 4].max() < 1e-9 * length[ring].min()
+
+
+@pytest.mark.parametrize("operation", ["surface_normal.color_gradient", "surface_normal.corrected"])
+def test_normals_are_computed_for_candidates_only(operation):
+    values = numbers(jittered_disc(), None, 2, "float64")
+    program = REGISTRY[operation]
+    everywhere = oracle(program, values)[0]
+    values["candidates"] = (np.arange(len(everywhere)) % 3 == 0).astype(np.uint8)
+    chosen = oracle(program, values)[0]
+    np.testing.assert_array_equal(chosen, everywhere * values["candidates"][:, None])
+    assert np.abs(everywhere).min(0)[:2].max() > 0
+
+
+# The oracle's flags and margins
+
+
+def plain_scan(position, normal, s, h):
+    """J(13) as one would say it, particle by particle, with angles."""
+    flags = []
+    for i, x in enumerate(position):
+        axis = -normal[i] / np.linalg.norm(normal[i])
+        near, free = 0, True
+        for j, y in enumerate(position):
+            r = math.dist(x, y)
+            if i == j:
+                continue
+            near += r < h
+            if r >= math.sqrt(2) * s:
+                free &= math.dist(y, x + s * axis) >= s
+            else:
+                free &= math.acos(np.clip(axis @ (y - x) / r, -1, 1)) >= math.pi / 4
+        flags.append(free or near < 3)
+    return np.array(flags)
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_oracle_agrees_with_the_plain_scan_and_its_margins_hold(dim):
+    rng = np.random.default_rng(dim)
+    n, s = 60, 1.3
+    position, normal = np.zeros((n, 3)), np.zeros((n, 3))
+    position[:, :dim] = rng.uniform(0, 9 if dim == 2 else 5, (n, dim))
+    normal[:, :dim] = rng.normal(size=(n, dim))
+    settings = FanScan(s, 2 * s, 1e-12, 0)
+    scan = REGISTRY["surface_detection.fan_scan"].program("numpy")
+    flags, margin = scan(position, normal, None, None, settings)["surface"]
+    np.testing.assert_array_equal(flags.astype(bool), plain_scan(position, normal, s, 2 * s))
+    assert 0 < flags.sum() < n
+    assert (margin >= 0).all()
+    step = 1e-3 * s
+    for _ in range(20):
+        moved = position + step * rng.uniform(-1, 1, (n, 3)) * (np.arange(3) < dim)
+        again, _ = scan(moved, normal, None, None, settings)["surface"]
+        # A move of `step` at both ends changes no comparison over a distance above 0.2 s by more than 0.02.
+        np.testing.assert_array_equal(again[margin > 0.02], flags[margin > 0.02])
+    assert (margin > 0.02).sum() > n // 2
+
+
+def test_near_surface_margin_says_where_the_limit_flips():
+    density = np.array([0.5, 0.97, 0.99, 1.4])
+    program = REGISTRY["surface_detection.near_surface"].program("numpy")
+    flags, margin = program(density, NearSurfaceLimit(0.98))["near_surface"]
+    np.testing.assert_array_equal(flags, [1, 1, 0, 0])
+    for i, (rho, m) in enumerate(zip(density, margin)):
+        for factor, flipped in ((0.99, 0), (1.01, 1)):
+            moved = rho * (1 + m * factor * (0.98 / rho) * (1 if flags[i] else -1))
+            assert program(np.array([moved]), NearSurfaceLimit(0.98))["near_surface"][0][0] == flags[i] ^ flipped
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_the_bottom_of_a_notch_is_a_tie(dim):
+    arrangement = notch(dim, 1.0)
+    values = numbers(arrangement.position, None, dim, "float64")
+    _, margin = oracle(REGISTRY["surface_detection.fan_scan"], values)
+    bottom = (arrangement.position == 0).all(1)
+    assert bottom.sum() == 1
+    assert margin[bottom] < 1e-12
+
+
+# CPU against the oracle
+
+
+def numbers(position, walls, dim, dtype, masses=None):
+    """Every argument of the operations for given positions [spacings], in `dtype`; walls have half a cell's volume."""
+    real = np.dtype(dtype).type
+    h, rest = 2.6, 1000.0
+    position = position.astype(dtype)
+    if walls is not None:
+        walls = WallParticles(walls.astype(dtype), np.full(len(walls), 0.5, dtype))
+    mass = np.full(len(position), rest, dtype) if masses is None else masses.astype(dtype)
+    sums, gradients = smoothing("poly6", h, dim, dtype), smoothing("spiky", h, dim, dtype)
+    fluid = Fluid(real(rest), real(1), np.int32(1), np.int32(1))
+    state = reference_density(position, mass, walls, sums, fluid)
+    values = {
+        "position": position,
+        "mass": mass,
+        "density": state["density"][0].astype(dtype),
+        "number_density": state["number_density"][0].astype(dtype),
+        "candidates": None,
+        "walls": walls,
+        "smoothing": sums,
+        "gradient_smoothing": gradients,
+        "normal_term": NormalTerm(real(1), np.int32(0)),
+        "near_surface_limit": NearSurfaceLimit(real(0.98)),
+        "fan_scan": FanScan(real(0.5 * h), real(h), real(64 * np.finfo(dtype).eps), np.int32(0)),
+    }
+    normal = oracle(REGISTRY["surface_normal.color_gradient"], values)[0].astype(dtype)
+    return {**values, "surface_normal": normal}
+
+
+def oracle(operation, values):
+    ((value, scale),) = operation.program("numpy")(**{k: values[k] for k in operation.arguments("numpy")}).values()
+    return value, scale
+
+
+def rows(found):
+    count = np.array([len(f) for f in found], np.int32)
+    start = (np.cumsum(count) - count).astype(np.int64)
+    return start, count, np.concatenate([*found, [0]]).astype(np.int32)
+
+
+def cpu(operation, values, like):
+    h = float(values["fan_scan"].support_radius)
+    position, walls = values["position"], values["walls"]
+    listed = {**values, "neighbours": NeighbourRows(*rows(neighbour_list(position, h)))}
+    if walls is not None:
+        near = [np.flatnonzero(line < h) for _, _, block in pair_blocks(position, walls.position) for line in block]
+        listed["walls"] = WallRows(*walls, *rows(near))
+    (name,) = operation.outputs
+    out = np.full(like.shape, 7, np.uint8 if operation.exact else position.dtype)
+    operation.program("cpu")(*(out if k == name else listed[k] for k in operation.arguments("cpu")))
+    return out
+
+
+def arrangements(dim, with_walls):
+    rng = np.random.default_rng(11)
+    for name, case in CASES.items():
+        arrangement = case(dim, 1.0)
+        if (arrangement.walls is not None) == with_walls:
+            yield name, arrangement, None
+    cloud = np.zeros((120, 3))
+    cloud[:, :dim] = rng.uniform(0, 10 if dim == 2 else 5, (120, dim))
+    walls = cloud[:30] * [1, 0, 1] - [0, 0.7, 0] if with_walls else None
+    yield "cloud", Arrangement(cloud, walls), rng.uniform(200, 2000, len(cloud))
+
+
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+@pytest.mark.parametrize("with_walls", [False, True])
+@pytest.mark.parametrize("literal", [False, True])
+def test_cpu_agrees_with_the_oracle_on_hard_inputs(dtype, with_walls, literal):
+    eps = np.finfo(dtype).eps
+    ties = 0
+    for dim in (2, 3):
+        for name, arrangement, masses in arrangements(dim, with_walls):
+            values = numbers(arrangement.position, arrangement.walls, dim, dtype, masses)
+            if with_walls:
+                values["candidates"] = (np.arange(len(arrangement.position)) % 4 > 0).astype(np.uint8)
+            if literal:
+                values["normal_term"] = NormalTerm(values["normal_term"].rest_number_density, np.int32(1))
+                values["fan_scan"] = values["fan_scan"]._replace(printed=np.int32(1))
+            for operation in REGISTRY.values():
+                if not operation.name.startswith(("surface_normal.", "surface_detection.")):
+                    continue
+                value, scale = oracle(operation, values)
+                computed = cpu(operation, values, value)
+                if operation.exact:
+                    decided = scale > operation.tolerance * eps
+                    ties += (~decided).sum()
+                    np.testing.assert_array_equal(computed[decided], value[decided], err_msg=f"{operation.name} {name}")
+                else:
+                    most = max(1, *(len(f) for f in neighbour_list(values["position"], 2.6)))
+                    excess = np.abs(computed - value) - operation.tolerance * most * eps * scale
+                    assert excess.max() <= 0, (operation.name, name, excess.max())
+    assert ties < 20  # the notches' bottoms and few others: the exact comparison is not excused away
+
+
+# As part of a scene
+
+
+def plan_of(*effects, dim=2):
+    scene = Scene(
+        spacing=1.0,
+        support_radius=2.6,
+        dim=dim,
+        fluid=(Ball(radius=3.0),),
+        effects=(WeaklyCompressible(sound_speed=1.0), *effects),
+    )
+    return make_plan(scene)
+
+
+def test_detection_runs_only_when_somebody_looks():
+    own = [k for k in plan_of(SurfaceDetection()).launches(on_demand=True) if k.startswith("surface_")]
+    assert own == [
+        "surface_detection.near_surface",
+        "surface_normal.color_gradient",
+        "surface_detection.fan_scan",
+    ]
+    assert not any(k.startswith("surface_") for k in plan_of(SurfaceDetection()).launches())
+    assert set(own) <= set(plan_of(SurfaceDetection(each_step=True)).launches())
+
+
+@pytest.mark.parametrize(
+    ("settings", "fields"),
+    [
+        ({"method": "number_density"}, {"surface", "number_density"}),
+        ({"method": "fan_scan"}, {"surface", "surface_normal"}),
+        ({"method": "two_step"}, {"surface", "near_surface", "number_density", "surface_normal"}),
+        ({"method": "fan_scan", "scan_normal": "corrected"}, {"surface", "number_density", "corrected_normal"}),
+    ],
+)
+def test_only_the_needed_fields_exist(settings, fields):
+    assert set(plan_of(SurfaceDetection(**settings)).fields) - set(plan_of().fields) == fields
+
+
+def test_the_list_reaches_twice_as_far_for_the_full_radius():
+    assert plan_of(SurfaceDetection()).list_radius == pytest.approx(2.6)
+    assert plan_of(SurfaceDetection(scan_radius="full")).list_radius == pytest.approx(5.2)
+    assert plan_of(SurfaceDetection(scan_radius="full", method="number_density")).list_radius == pytest.approx(2.6)
+
+
+@pytest.fixture
+def borrower():
+    """Another effect that uses the detected sets in every step, with the scene's settings or its own."""
+
+    class Borrower(Effect, frozen=True, kw_only=True):
+        name: ClassVar[str] = "borrower"
+
+        own: SurfaceDetection | None = None
+
+        def _detection(self, others):
+            return self.own or detection_in(others)
+
+        def fields(self, others):
+            return self._detection(others).fields(others)
+
+        def passes(self, others):
+            return self._detection(others).detection_passes()
+
+        def prepare(self, grid, others):
+            return self._detection(others).prepare(grid, others)
+
+    yield Borrower
+    EFFECTS.pop("borrower")
+
+
+def test_two_effects_share_the_detected_sets(borrower):
+    for effects in ((borrower(), SurfaceDetection()), (SurfaceDetection(), borrower()), (borrower(),)):
+        plan = plan_of(*effects)
+        assert [k for k in plan.launches() if k.startswith("surface_")] == [
+            "surface_detection.near_surface",
+            "surface_normal.color_gradient",
+            "surface_detection.fan_scan",
+        ]
+        assert plan.launches() == plan.launches(on_demand=True)
+
+
+def test_a_pass_over_every_row_serves_who_wants_some(borrower):
+    """The borrower's normals everywhere do for detection in two steps, but S itself must be the same S."""
+
+    class Normals(borrower, frozen=True, kw_only=True):
+        def passes(self, others):
+            return self.own.detection_passes()[:1]
+
+    plan = plan_of(Normals(own=SurfaceDetection(method="fan_scan")), SurfaceDetection())
+    assert plan.launches(on_demand=True).count("surface_normal.color_gradient") == 1
+    assert plan.launches().count("surface_normal.color_gradient") == 1
+    (normals,) = [p for _, p in plan.passes if p.operation == "surface_normal.color_gradient"]
+    assert normals.names["candidates"] is None
+
+
+@pytest.mark.parametrize("other", [{"threshold": 0.9}, {"literal": ("E10",)}, {"scan_radius": "full"}])
+def test_different_settings_for_one_field_are_refused(borrower, other):
+    with pytest.raises(InputError, match=r"'surface_detection' and 'borrower' compute field '\w+' in different ways"):
+        plan_of(SurfaceDetection(), borrower(own=SurfaceDetection(**other)))
+
+
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [
+        ({"threshold": 0.0}, "threshold = 0.0"),
+        ({"threshold": 1.5}, "threshold = 1.5"),
+        ({"threshold": math.nan}, "threshold = nan"),
+        ({"method": "umbrella"}, "method = 'umbrella' is unknown; choose one of number_density, fan_scan, two_step"),
+        ({"scan_radius": "double"}, "scan_radius = 'double'"),
+        ({"scan_normal": "none"}, "scan_normal = 'none'"),
+        ({"literal": ("E4",)}, "literal has E4; only E5, E6, E10 or all"),
+    ],
+)
+def test_bad_settings_get_one_sentence(settings, words):
+    with pytest.raises(InputError, match=r"^surface_detection: ") as caught:
+        plan_of(SurfaceDetection(**settings))
+    assert words in str(caught.value)
+
+
+def test_detection_needs_a_liquid():
+    with pytest.raises(InputError, match="'surface_detection' needs effect 'weakly_compressible'"):
+        make_plan(Scene(spacing=1.0, support_radius=2.6, fluid=(Ball(radius=3.0),), effects=(SurfaceDetection(),)))
