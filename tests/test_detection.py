@@ -6,7 +6,18 @@ from typing import ClassVar
 import numpy as np
 import pytest
 
-from refsim import Ball, Box, BoxWalls, Cloud, InputError, Scene, Simulation, SurfaceDetection, WeaklyCompressible
+from refsim import (
+    Ball,
+    Box,
+    BoxWalls,
+    Cloud,
+    InputError,
+    Scene,
+    Simulation,
+    SurfaceDetection,
+    WeaklyCompressible,
+    cases,
+)
 from refsim.boundary.walls import WallParticles, WallRows
 from refsim.effect import EFFECTS, Discretisation, Effect
 from refsim.neighbours.reference import neighbour_list, pair_blocks
@@ -17,8 +28,7 @@ from refsim.smoothing import smoothing
 from refsim.sph import Fluid
 from refsim.sph.reference import density as reference_density
 from refsim.surface_detection import FanScan, NearSurfaceLimit, detection_in
-from refsim.surface_detection.cases import CASES, Arrangement, notch
-from refsim.surface_normal import NormalTerm
+from refsim.surface_normal import SHAPES, NormalTerm
 from validation.metrics.surface_truth import arc_cover_surface, cap_cover_surface
 
 METHODS = ("number_density", "fan_scan", "two_step")
@@ -26,8 +36,8 @@ PROBE = 1.2  # radius of the truth's probe, in spacings
 CENTER = np.array([0.63, 0.77, 0])  # of the disc
 
 
-def lattice(shape, dim=2):
-    return shape.positions(Discretisation(dim, "float64", 1.0, 2.6, 0))
+def lattice(part, dim=2):
+    return part.positions(Discretisation(dim, "float64", 1.0, 2.6, 0))
 
 
 def disc(radius=10.2):
@@ -60,6 +70,13 @@ def detect(position, backend="numpy", dtype="float64", spacing=1.0, dim=2, ratio
 
 def surface(position, **options):
     return detect(position, **options).field("surface").astype(bool)
+
+
+def shape(name):
+    """Positions of particles and walls of a hard input, in spacings."""
+    cases.discover()
+    case = cases.CASES[name]()
+    return case.position / case.spacing, case.wall_position / case.spacing
 
 
 def turned(position, angle):
@@ -121,10 +138,10 @@ def test_a_missing_particle_makes_no_surface_but_a_hole_does():
 
 
 @pytest.mark.parametrize("dim", [2, 3])
-@pytest.mark.parametrize("name", ["isolated", "pair", "three"])
+@pytest.mark.parametrize("count", [1, 2, 3])
 @pytest.mark.parametrize("method", METHODS)
-def test_spray_is_surface(method, name, dim):
-    assert surface(CASES[name](dim, 1.0).position, dim=dim, method=method).all()
+def test_spray_is_surface(method, count, dim):
+    assert surface(np.arange(count)[:, None] * [0.6, 0.8, 0.0], dim=dim, method=method).all()
 
 
 def test_a_wet_wall_is_no_surface():
@@ -162,7 +179,7 @@ def test_the_printed_cone_finds_no_surface():
 
 
 def test_corrected_normals_find_less():
-    position = CASES["sheet of three layers"](2, 1.0).position
+    position, _ = shape("three_layers")
     assert surface(position, scan_normal="corrected").sum() < surface(position).sum()
 
 
@@ -317,14 +334,22 @@ def test_near_surface_margin_says_where_the_limit_flips():
             assert program(np.array([moved]), NearSurfaceLimit(0.98))["near_surface"][0][0] == flags[i] ^ flipped
 
 
-@pytest.mark.parametrize("dim", [2, 3])
-def test_the_bottom_of_a_notch_is_a_tie(dim):
-    arrangement = notch(dim, 1.0)
-    values = numbers(arrangement.position, None, dim, "float64")
-    _, margin = oracle(REGISTRY["surface_detection.fan_scan"], values)
-    bottom = (arrangement.position == 0).all(1)
+def test_a_distance_at_which_both_lines_agree_is_no_tie():
+    """At |x_ij| = sqrt2 s on the axis, ball and cone both hold the particle."""
+    position = np.array([[0.0, 0, 0], [math.sqrt(2), 0, 0], [-1.0, 0.5, 0], [-1.0, -0.5, 0]])
+    normal = np.array([[-1.0, 0, 0]] * 4)
+    scan = REGISTRY["surface_detection.fan_scan"].program("numpy")
+    flags, margin = scan(position, normal, None, None, FanScan(1.0, 2.0, 1e-12, 0))["surface"]
+    assert flags[0] == 0
+    assert margin[0] == pytest.approx(1 - math.sqrt(0.5))
+
+
+def test_the_bottom_of_a_notch_is_a_tie():
+    position, _ = shape("notch")
+    _, margin = oracle(REGISTRY["surface_detection.fan_scan"], numbers(position, None, 3, "float64"))
+    bottom = (np.abs(position) < 1e-9).all(1)
     assert bottom.sum() == 1
-    assert margin[bottom] < 1e-12
+    assert margin[bottom].max() < 1e-12
 
 
 # CPU against the oracle
@@ -382,16 +407,21 @@ def cpu(operation, values, like):
     return out
 
 
-def arrangements(dim, with_walls):
-    rng = np.random.default_rng(11)
-    for name, case in CASES.items():
-        arrangement = case(dim, 1.0)
-        if (arrangement.walls is not None) == with_walls:
-            yield name, arrangement, None
-    cloud = np.zeros((120, 3))
-    cloud[:, :dim] = rng.uniform(0, 10 if dim == 2 else 5, (120, dim))
-    walls = cloud[:30] * [1, 0, 1] - [0, 0.7, 0] if with_walls else None
-    yield "cloud", Arrangement(cloud, walls), rng.uniform(200, 2000, len(cloud))
+def arrangements(with_walls):
+    """(name, dim, position, walls, masses) in spacings: the shapes with or without walls, a pair and two clouds."""
+    for name in SHAPES:
+        position, walls = shape(name)
+        if (len(walls) > 0) == with_walls:
+            yield name, 2 if not position[:, 2].any() else 3, position, walls if with_walls else None, None
+    if not with_walls:
+        block = lattice(Box(cells=(5, 5, 1)))
+        yield "coincident pair", 2, np.vstack([block, block[12]]), None, None
+    for dim in (2, 3):
+        rng = np.random.default_rng(11)
+        cloud = np.zeros((120, 3))
+        cloud[:, :dim] = rng.uniform(0, 10 if dim == 2 else 5, (120, dim))
+        walls = cloud[:30] * [1, 0, 1] - [0, 0.7, 0] if with_walls else None
+        yield "cloud", dim, cloud, walls, rng.uniform(200, 2000, len(cloud))
 
 
 @pytest.mark.parametrize("dtype", ["float32", "float64"])
@@ -400,27 +430,26 @@ def arrangements(dim, with_walls):
 def test_cpu_agrees_with_the_oracle_on_hard_inputs(dtype, with_walls, literal):
     eps = np.finfo(dtype).eps
     ties = 0
-    for dim in (2, 3):
-        for name, arrangement, masses in arrangements(dim, with_walls):
-            values = numbers(arrangement.position, arrangement.walls, dim, dtype, masses)
-            if with_walls:
-                values["candidates"] = (np.arange(len(arrangement.position)) % 4 > 0).astype(np.uint8)
-            if literal:
-                values["normal_term"] = NormalTerm(values["normal_term"].rest_number_density, np.int32(1))
-                values["fan_scan"] = values["fan_scan"]._replace(printed=np.int32(1))
-            for operation in REGISTRY.values():
-                if not operation.name.startswith(("surface_normal.", "surface_detection.")):
-                    continue
-                value, scale = oracle(operation, values)
-                computed = cpu(operation, values, value)
-                if operation.exact:
-                    decided = scale > operation.tolerance * eps
-                    ties += (~decided).sum()
-                    np.testing.assert_array_equal(computed[decided], value[decided], err_msg=f"{operation.name} {name}")
-                else:
-                    most = max(1, *(len(f) for f in neighbour_list(values["position"], 2.6)))
-                    excess = np.abs(computed - value) - operation.tolerance * most * eps * scale
-                    assert excess.max() <= 0, (operation.name, name, excess.max())
+    for name, dim, position, walls, masses in arrangements(with_walls):
+        values = numbers(position, walls, dim, dtype, masses)
+        if with_walls:
+            values["candidates"] = (np.arange(len(position)) % 4 > 0).astype(np.uint8)
+        if literal:
+            values["normal_term"] = values["normal_term"]._replace(own_density=np.int32(1))
+            values["fan_scan"] = values["fan_scan"]._replace(printed=np.int32(1))
+        for operation in REGISTRY.values():
+            if not operation.name.startswith(("surface_normal.", "surface_detection.")):
+                continue
+            value, scale = oracle(operation, values)
+            computed = cpu(operation, values, value)
+            if operation.exact:
+                decided = scale > operation.tolerance * eps
+                ties += (~decided).sum()
+                np.testing.assert_array_equal(computed[decided], value[decided], err_msg=f"{operation.name} {name}")
+            else:
+                most = max(1, *(len(f) for f in neighbour_list(values["position"], 2.6)))
+                excess = np.abs(computed - value) - operation.tolerance * most * eps * scale
+                assert excess.max() <= 0, (operation.name, name, excess.max())
     assert ties < 20  # the notches' bottoms and few others: the exact comparison is not excused away
 
 

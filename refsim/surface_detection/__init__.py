@@ -22,6 +22,7 @@ from refsim.particles import Field
 from refsim.sph import NUMBER_DENSITY
 from refsim.surface_normal import (
     CORRECTED_NORMAL,
+    SHAPES,
     SURFACE_NORMAL,
     color_gradient_pass,
     corrected_pass,
@@ -193,5 +194,6 @@ register(
         tolerance_reason="roundings of the distance, the unit normal and their product, relative to the distance",
         variants=({}, {"walls": None, "candidates": None}, {"candidates": None}, {"walls": None}),
         invariants=("translation", "reordering"),
+        cases=SHAPES,
     )
 )

@@ -61,6 +61,8 @@ def _pass(operation: str, reads: tuple[str, ...], output: str, candidates: str |
 
 _HERE = "refsim.surface_normal"
 _INVARIANTS = ("translation", "rotation", "reordering")
+# Hard inputs of normals and of the scan that follows them, beside those that every operation meets.
+SHAPES = ("two_layers", "three_layers", "cavity", "tank_corner", "notch")
 _VARIANTS = ({}, {"walls": None, "candidates": None}, {"candidates": None}, {"walls": None})
 register(
     Operation(
@@ -74,6 +76,7 @@ register(
         tolerance=8.0,
         variants=_VARIANTS,
         invariants=_INVARIANTS,
+        cases=SHAPES,
     )
 )
 register(
@@ -89,5 +92,6 @@ register(
         tolerance_reason="the roundings of one pair, and once more those of the denominator",
         variants=_VARIANTS,
         invariants=_INVARIANTS,
+        cases=SHAPES,
     )
 )

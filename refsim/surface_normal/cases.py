@@ -1,16 +1,26 @@
-"""Inputs and closed forms of surface normals."""
+"""Inputs and closed forms of surface normals, and shapes whose surface is everywhere, nowhere or without direction."""
 
 import math
 
 import numpy as np
 
-from refsim.cases import Case, Exact, closed_form, groups, particles, vectors
-from refsim.surface_normal import NormalTerm, normal_term
+from refsim.cases import Case, Exact, case, closed_form, groups, lattice, particles, vectors
+from refsim.smoothing import smoothing
+from refsim.surface_normal import SHAPES, NormalTerm, normal_term, reference
 
 
 @particles("surface_normal", "corrected_normal", "area_normal")
 def _normals(case, random):
-    """Lengths from zero to well beyond one, and some exactly zero."""
+    """Lengths from zero to well beyond one, and some exactly zero; of the shapes their own, with walls as liquid."""
+    if case.name in SHAPES:
+        everyone = np.vstack([case.position, case.wall_position])
+        one = np.ones(len(everyone))
+        kernel = smoothing("wendland_c2", case.support_radius, case.dim)
+        term = NormalTerm(1.0, np.int32(0))
+        volume = case.spacing**case.dim * one
+        return reference.color_gradient(everyone, volume, one, None, None, kernel, term)["surface_normal"][0][
+            : case.count
+        ]
     values = 0.7 * vectors(case, random)
     values[3::7] = 0
     return values
@@ -55,3 +65,46 @@ def pair_corrected_normals():
          "normal_term": TERM, "candidates": np.array([1, 0], np.uint8)},
         {"corrected_normal": np.array([[0.0, 0.5 * volume[1] * -SLOPE / filled, 0.0], [0.0, 0.0, 0.0]])},
     )  # fmt: skip
+
+
+def shape(name: str, dim: int, position: np.ndarray, **options) -> Case:
+    """A shape of equal particles, as its free surface is found in use."""
+    return Case(name, dim, position, support_radius=0.26, masses=(1, 1), ties=True, **options)
+
+
+@case
+def two_layers() -> Case:
+    """A sheet in space of two layers: each is surface and stands in the other's way."""
+    return shape("two_layers", 3, lattice((7, 2, 7)))
+
+
+@case
+def three_layers() -> Case:
+    """A sheet in the plane of three layers: the normals in the middle vanish."""
+    return shape("three_layers", 2, lattice((9, 3, 1), dim=2))
+
+
+@case
+def cavity() -> Case:
+    """A block that lacks its middle particle: a void too small to have a surface."""
+    position = lattice((9, 9, 1), dim=2)
+    return shape("cavity", 2, np.delete(position, len(position) // 2, axis=0))
+
+
+@case
+def tank_corner() -> Case:
+    """A block on a floor and against a wall: only its other faces are free."""
+    everyone = lattice((9, 9, 5)) - [0.1, 0.1, 0.0]
+    wall = (everyone[:, :2] < -1e-9).any(1)
+    inside = (everyone[:, :2] < 0.55).all(1)
+    return shape("tank_corner", 3, everyone[~wall & inside], wall_position=everyone[wall])
+
+
+@case
+def notch() -> Case:
+    """A V-shaped notch along z, at whose bottom the edges stand exactly at 45 degrees: the scan's tie.
+
+    The bottom stands at the origin.
+    """
+    position = lattice((11, 11, 3)) - [0.5, 0.5, 0.1]
+    return shape("notch", 3, position[position[:, 1] <= np.abs(position[:, 0]) + 1e-9])
