@@ -127,7 +127,7 @@ class CudaKernel:
         from refsim.backend import simulated
 
         names = list(inspect.signature(function).parameters)
-        self.function = function
+        self.function, self.fastmath = function, fastmath
         self.rows_at = names.index(rows_of) if rows_of else len(names) - 1
         self.threads = SIMULATED_THREADS if simulated() else THREADS_PER_BLOCK
         self.__name__ = function.__name__

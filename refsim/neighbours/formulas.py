@@ -22,7 +22,7 @@ def cell_coordinate(x, inverse_cell):
         return 1
     if scaled >= LARGEST - OFFSET:  # before it becomes an integer, which it may be too large for
         return LARGEST
-    return math.floor(scaled) + OFFSET
+    return int(math.floor(scaled)) + OFFSET  # noqa: RUF046  (in CUDA floor gives a float)
 
 
 @formula

@@ -1,0 +1,196 @@
+"""Every CUDA kernel compiles to PTX, with and without its optional arguments, in both dtypes; no GPU is needed.
+
+In float32 no kernel may contain a float64 instruction unless it is declared here: one bare `2.0` in a formula would
+make a GPU several times slower without changing a digit that any other test sees.
+"""
+
+import importlib
+import os
+import re
+import sys
+import types as python_types
+
+import numpy as np
+import pytest
+
+from refsim import backend, cases
+from refsim.boundary.walls import WallColumns
+from refsim.contract.inputs import Inputs, with_variant
+from refsim.neighbours.rows import NeighbourColumns
+from refsim.operation import REGISTRY
+
+CAPABILITY = (8, 0)
+IN_DOUBLE = {"cell_keys": "cell coordinates are found in float64, so that both backends sort alike"}
+CASE = "cloud_2d"
+DTYPES = ("float32", "float64")
+
+# Every variant in float32; in float64, which branches nowhere of its own, the first one.
+LAUNCHED = [
+    (name, variant, dtype)
+    for name, operation in REGISTRY.items()
+    for variant in range(len(operation.variants))
+    for dtype in DTYPES[: 1 if variant else 2]
+]
+
+pytestmark = pytest.mark.skipif(backend.simulated(), reason="the CUDA simulator compiles nothing")
+
+
+def cuda_compiler():
+    """numba.cuda, if it can compile; else skip, or fail where $REFSIM_REQUIRE_CUDA_TOOLS asks for it."""
+    try:
+        cuda = importlib.import_module("numba.cuda")
+        cuda.compile_ptx(lambda: None, (), cc=CAPABILITY)
+    except Exception as error:
+        reason = f"no CUDA compiler here ({type(error).__name__}: {error}); pip install 'refsim[cuda]' brings one"
+        (pytest.fail if os.environ.get("REFSIM_REQUIRE_CUDA_TOOLS") else pytest.skip)(reason)
+    return cuda
+
+
+@pytest.fixture(scope="module")
+def compiler():
+    """numba.cuda with a stand-in for the device, whose compute capability is all that the compiler asks for."""
+    cuda = cuda_compiler()
+    device = python_types.SimpleNamespace(compute_capability=CAPABILITY)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(importlib.import_module("numba.cuda.dispatcher"), "get_current_device", lambda: device)
+        yield cuda
+
+
+def operation_arguments(name, variant, dtype):
+    """Everything that the operation's CUDA program takes, by name, as host arrays of the right type."""
+    operation = REGISTRY[name]
+    cases.discover()
+    inputs = with_variant(Inputs(cases.CASES[CASE](), dtype), operation.variants[variant])
+    count, entries = np.zeros(len(inputs["position"]), np.int32), np.zeros(4, np.int32)
+
+    def value(argument):
+        if argument in operation.outputs:
+            return inputs.output(operation, argument)
+        if argument == "neighbours":
+            return NeighbourColumns(count, entries)
+        if argument == "walls" and inputs["walls"] is not None:
+            return WallColumns(*inputs["walls"], count, entries)
+        return inputs[argument]
+
+    return {argument: value(argument) for argument in operation.arguments("cuda")}
+
+
+def launches(monkeypatch, program, arguments):
+    """The launches [(kernel, arguments)] of a program, none of which takes place."""
+    from refsim.compile import CudaKernel
+
+    seen = []
+    with monkeypatch.context() as patch:
+        patch.setattr(CudaKernel, "__call__", lambda kernel, *values: seen.append((kernel, values)))
+        program(*arguments)
+    return seen
+
+
+def support_launches(dtype):
+    """Launches of the search's and the device's own kernels, with the types that Search hands them."""
+    from refsim import device
+    from refsim.neighbours import cuda as search
+
+    n, real = 5, np.dtype(dtype).type
+    vectors, scalars, integers = np.zeros((n, 3), dtype), np.zeros(n, dtype), np.zeros(n, np.int32)
+    keys, ranges, one = np.zeros(n, np.int64), np.zeros((n, 9), np.int32), real(1)
+    listed = NeighbourColumns(integers, integers)
+    return [
+        (search.cell_keys, (vectors, 1.0, keys)),
+        (search.cell_ranges, (keys, keys, ranges, ranges, keys)),
+        (search.build_list, (vectors, integers, ranges, ranges, vectors, one, 1, integers, integers)),
+        (search.count_missed, (vectors, vectors, one, listed, keys, one, integers)),
+        (device.fill_scalars, (one, scalars)),
+        (device.fill_scalars, (np.int32(0), integers)),
+        (device.fill_vectors, (one, vectors)),
+        (device.gather_scalars, (scalars, keys, scalars)),
+        (device.gather_scalars, (integers, keys, integers)),
+        (device.gather_vectors, (vectors, keys, vectors)),
+    ]
+
+
+def kernels_of(module_name):
+    from refsim.compile import CudaKernel
+
+    module = importlib.import_module(module_name)
+    return {v for v in vars(module).values() if isinstance(v, CudaKernel) and v.function.__module__ == module_name}
+
+
+def slots(kind):
+    """Number of values that a launch passes for an argument of this Numba type."""
+    from numba import types
+
+    if isinstance(kind, types.Array):
+        return 5 + 2 * kind.ndim
+    return sum(map(slots, kind)) if isinstance(kind, types.BaseTuple) else 1
+
+
+def assert_compiles(cuda, kernel, values, dtype):
+    """Compile for the values' types; look at the PTX for parameters and for float64."""
+    import numba
+
+    kinds = tuple(numba.typeof(value) for value in values)
+    ptx, _ = cuda.compile_ptx(kernel.function, kinds, cc=CAPABILITY, fastmath=kernel.fastmath)
+    entry = ptx[ptx.index(".entry") :]
+    assert entry[: entry.index(")")].count(".param") == sum(map(slots, kinds)), "the launch passes other parameters"
+    if dtype == "float32" and kernel.__name__ not in IN_DOUBLE:
+        double = [line.strip()[:100] for line in ptx.splitlines() if re.search(r"\.f64\b", line)]
+        assert not double, f"{kernel.__name__} computes in float64: {double[:3]}"
+
+
+@pytest.mark.parametrize(("name", "variant", "dtype"), LAUNCHED)
+def test_operation_compiles(compiler, monkeypatch, name, variant, dtype):
+    arguments = operation_arguments(name, variant, dtype)
+    made = launches(monkeypatch, REGISTRY[name].program("cuda"), arguments.values())
+    assert made, "the program launches nothing"
+    for kernel, values in made:
+        assert_compiles(compiler, kernel, values, dtype)
+
+
+@pytest.mark.parametrize("dtype", DTYPES)
+def test_search_and_array_moves_compile(compiler, dtype):
+    for kernel, values in support_launches(dtype):
+        assert_compiles(compiler, kernel, values, dtype)
+
+
+def test_no_kernel_is_left_out(compiler, monkeypatch):
+    known = {kernel for kernel, _ in support_launches("float32")}
+    for name, operation in REGISTRY.items():
+        for variant in range(len(operation.variants)):
+            values = operation_arguments(name, variant, "float32").values()
+            known |= {kernel for kernel, _ in launches(monkeypatch, operation.program("cuda"), values)}
+    folders = {operation.folder for operation in REGISTRY.values()}
+    for module in (*(f"{folder}.cuda" for folder in sorted(folders)), "refsim.neighbours.cuda", "refsim.device"):
+        left = sorted(kernel.__name__ for kernel in kernels_of(module) - known)
+        assert not left, f"{module}: {', '.join(left)} is neither in an operation nor listed here"
+
+
+def test_a_bare_float_literal_is_found(compiler):
+    from refsim.compile import CudaKernel, cuda
+
+    def leaking(out):
+        i = cuda.grid(1)
+        out[i] = 0.1 * out[i]
+
+    with pytest.raises(AssertionError, match="computes in float64"):
+        assert_compiles(compiler, CudaKernel(leaking, False, None), (np.zeros(3, np.float32),), "float32")
+
+
+def test_absent_argument_travels_as_a_null_pointer(compiler):
+    from numba import types
+
+    from refsim.compile import _AbsentArgument
+
+    assert _AbsentArgument().prepare_args(types.none, None, stream=0, retr=[]) == (types.CPointer(types.void), 0)
+    assert _AbsentArgument().prepare_args(types.int32, 7, stream=0, retr=[]) == (types.int32, 7)
+
+
+def test_missing_compiler_fails_where_it_is_required(monkeypatch):
+    """$REFSIM_REQUIRE_CUDA_TOOLS, which the continuous run sets, turns the skip into a failure."""
+    monkeypatch.setitem(sys.modules, "numba.cuda", None)
+    monkeypatch.delenv("REFSIM_REQUIRE_CUDA_TOOLS", raising=False)
+    with pytest.raises(pytest.skip.Exception, match="no CUDA compiler here"):
+        cuda_compiler()
+    monkeypatch.setenv("REFSIM_REQUIRE_CUDA_TOOLS", "1")
+    with pytest.raises(pytest.fail.Exception, match="no CUDA compiler here"):
+        cuda_compiler()
