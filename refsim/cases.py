@@ -396,10 +396,19 @@ def _run_values(case: Case, grid: Discretisation) -> Mapping[str, Any]:
 
 @groups("bounds")
 def _bounds(case: Case, grid: Discretisation) -> Mapping[str, Any]:
-    """Planes that stop some of the particles."""
-    low, high = np.quantile(case.position, (0.2, 0.9), axis=0) if case.count else (np.zeros(3), np.ones(3))
-    low[case.dim :], high[case.dim :] = -np.inf, np.inf
+    """Planes that stop some of the particles, each in the widest gap of its neighbourhood: nobody moves as far."""
+    low, high = np.full(3, -np.inf), np.full(3, np.inf)
+    for axis in range(case.dim if case.count > 3 else 0):
+        places = np.sort(case.position[:, axis].astype(grid.dtype))
+        low[axis], high[axis] = (_gap(places, *shares) for shares in ((0.1, 0.3), (0.8, 0.95)))
     return {"bounds": Bounds(low.astype(grid.dtype), high.astype(grid.dtype))}
+
+
+def _gap(places: np.ndarray, begin: float, end: float) -> float:
+    """Middle of the widest gap of sorted coordinates, between two shares of them."""
+    some = places[int(begin * len(places)) : int(end * len(places)) + 2].astype(float)
+    widest = int(np.argmax(np.diff(some)))
+    return 0.5 * (some[widest] + some[widest + 1])
 
 
 @groups("wall_particles")

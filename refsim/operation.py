@@ -34,6 +34,7 @@ class Operation:
     tolerance   c in the bound c * neighbours * eps * sum|terms|, with its reason in `tolerance_reason`
     variants    argument overrides under which the operation is tested again (None drops an optional term)
     invariants  names of the contract's conservation and symmetry checks that hold
+    broken      those that a variant does not keep, by the variant's number
     cases       names of hard inputs beside the common ones
     """
 
@@ -52,6 +53,7 @@ class Operation:
     )
     variants: tuple[Mapping[str, Any], ...] = field(default_factory=lambda: ({},))
     invariants: tuple[str, ...] = ()
+    broken: Mapping[int, tuple[str, ...]] = field(default_factory=dict)
     cases: tuple[str, ...] = ()
 
     def program(self, backend: str) -> Callable:

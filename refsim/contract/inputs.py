@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -59,13 +59,17 @@ class Inputs:
             self._values[name] = self._made(name)
         return self._values[name]
 
+    def dropped(self, name: str) -> bool:
+        """Whether the argument is None here."""
+        return name in self._values and self._values[name] is None
+
     def per_particle(self, name: str) -> bool:
         """Whether the argument has one row for each particle."""
         return name in cases.PARTICLES or (name in fields() and name not in cases.GROUPS)
 
     def output(self, operation: Operation, name: str) -> Any:
         """Values that output `name` has before the launch: its own where it is read, else values that show neglect."""
-        if name in self._values and self._values[name] is None:
+        if self.dropped(name):
             return None
         if name in operation.adds or name in operation.arguments("numpy") or not self.per_particle(name):
             return np.array(self[name])
@@ -128,6 +132,8 @@ def all_pairs(inputs: Inputs, backend: Backend) -> tuple[Any, Any]:
     radius = inputs.case.list_radius * (1 + inputs.case.skin)
     position, walls = inputs["position"], inputs["walls"]
     own = listed(position, position, radius, True, backend)
+    if walls is None:
+        return own, None
     near = listed(position, walls.position, radius, False, backend)
     return own, with_list(backend.asarray(walls.position), backend.asarray(walls.volume), near)
 
@@ -156,7 +162,7 @@ def value_of(operation: Operation, name: str, inputs: Inputs, neighbours: Any, w
         return on_backend(inputs.output(operation, name), backend)
     if name == "neighbours":
         return neighbours
-    if name == "walls" and ("walls" not in inputs._values or inputs._values["walls"] is not None):
+    if name == "walls" and not inputs.dropped(name):
         return walls
     return on_backend(inputs[name], backend)
 
@@ -197,6 +203,3 @@ def bindings(
     made, neighbours, walls = prepared(case, backend, dtype, lists)
     inputs, place = with_variant(made, chosen), backend_for(backend)
     return {name: value_of(operation, name, inputs, neighbours, walls, place) for name in operation.arguments(backend)}
-
-
-Program = Callable[..., Any]

@@ -31,8 +31,8 @@ def _neighbour_volumes(mass, density, density_i, normal_term):
 
 def _only_candidates(output, value, scale, candidates, rows):
     if candidates is not None:
-        wanted = _rows(candidates, rows) != 0
-        value, scale = value * wanted[:, None], scale * wanted[:, None]
+        wanted = (_rows(candidates, rows) != 0)[:, None]
+        value, scale = np.where(wanted, value, 0.0), np.where(wanted, scale, 0.0)
     return {output: (value, scale)}
 
 

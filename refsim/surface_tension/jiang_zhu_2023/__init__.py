@@ -423,6 +423,7 @@ register(
         equation="J(16), J(17), J(21); J(18)",
         variants=(_SOFT, _ALL, _EITHER, _BOTH, _ONE_SIDED),
         invariants=(*_SYMMETRY, "linear_momentum"),
+        broken={4: ("linear_momentum",)},
         **_PAIR,
     )
 )

@@ -59,7 +59,7 @@ def tension(
         weight_i = surface_weight[i]
     if surface is not None:
         surface_i = surface[i]
-    if not formulas.pair_weight(pairs.mode, weight_i, one, surface_i, 1) > zero:
+    if formulas.pair_weight(pairs.mode, weight_i, one, surface_i, 1) <= zero:
         return ax, ay, az
     x, y, z = position[i, 0], position[i, 1], position[i, 2]
     for k in range(count):
@@ -69,7 +69,7 @@ def tension(
         if surface is not None:
             surface_j = surface[j]
         share = formulas.pair_weight(pairs.mode, weight_i, weight_j, surface_i, surface_j)
-        if not share > zero:
+        if share <= zero:  # a NaN goes on and stays visible
             continue
         dx, dy, dz = x - position[j, 0], y - position[j, 1], z - position[j, 2]
         r2 = dx * dx + dy * dy + dz * dz
