@@ -1,0 +1,75 @@
+"""`python -m validation [CASE ...]`: the papers' experiments, with verdicts and pictures."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from refsim.errors import RefsimError
+from validation.harness import Options, as_json, chosen_cases, discover, exit_code, perform, report
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command line."""
+    made = argparse.ArgumentParser(prog="python -m validation", description=__doc__)
+    made.add_argument("case", nargs="*", help="cases to run; all by default")
+    add_options(made)
+    made.add_argument("--results", type=Path, default=Path("results"), help="where results are kept and reused")
+    made.add_argument("--figures", type=Path, help="where pictures go; figures, with --quick figures/quick")
+    made.add_argument("--list", action="store_true", help="list the cases")
+    return made
+
+
+def add_options(made: argparse.ArgumentParser) -> None:
+    """What this command and scripts/reproduce.py have in common."""
+    size = made.add_mutually_exclusive_group()
+    size.add_argument("--quick", action="store_true", help="small sizes: minutes in all")
+    size.add_argument("--full", action="store_true", help="the published sizes (the default)")
+    made.add_argument("--backend", default="cpu", help="numpy, cpu (default) or cuda")
+    made.add_argument("--threads", type=int, help="CPU threads; all by default")
+    made.add_argument("--peers", action="store_true", help="also time other programs on the same work")
+    made.add_argument("--fresh", action="store_true", help="compute anew what is stored")
+    made.add_argument(
+        "--json", action="store_true", help="one JSON object on standard output, the rest on standard error"
+    )
+
+
+def options_of(given: argparse.Namespace, root: Path = Path()) -> Options:
+    """The options of a parsed command line; folders lie under `root` unless they are given."""
+    quick = given.quick
+    figures = getattr(given, "figures", None) or root / ("figures/quick" if quick else "figures")
+    return Options(
+        quick=quick,
+        backend=given.backend,
+        peers=given.peers,
+        fresh=given.fresh,
+        threads=given.threads,
+        results=root / getattr(given, "results", "results"),
+        figures=figures,
+    )
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command; returns its exit code: 0 well, 2 bad input, 3 a run stopped, 4 a verdict failed."""
+    given = parser().parse_args(arguments)
+    try:
+        cases = discover()
+        if given.list:
+            for case in cases.values():
+                print(f"{case.name:12}  {case.title}")
+            return 0
+        options = options_of(given)
+        outcomes = perform(chosen_cases(given.case, cases), options)
+    except RefsimError as error:
+        print(error, file=sys.stderr)
+        return error.exit_code
+    report(outcomes, sys.stderr if given.json else sys.stdout)
+    if given.json:
+        print(as_json(outcomes))
+    return exit_code(outcomes)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

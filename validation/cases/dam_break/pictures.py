@@ -1,0 +1,239 @@
+"""Pictures of the dam break, each drawn from its own data file."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from validation.cases.dam_break.runs import METHODS, WORDS
+from validation.drawing import BLACK, BLUE, GREEN, GREY, INTERIOR_BLUE, ORANGE, SKY, SURFACE_RED, VERMILION
+from validation.harness import Results
+from validation.metrics.dam_break import data_tolerance, load_front_data, ritter_front
+from validation.results import floats
+
+SHOWN_AT, SHOWN_UP_TO = 1.6, 0.85  # s, m: the wave that came back from the wall breaks; spray above is left out
+COLOURS = {"number_density": ORANGE, "two_step": BLUE, "fan_scan": GREEN}
+TITLES = {
+    "number_density": "a  Number density, J(12)",
+    "fan_scan": "b  Fan scan, J(13)",
+    "two_step": "c  Two-step: J(12), J(13)",
+}
+
+
+def detection_data(results: Results) -> dict[str, Any]:
+    """Figure 4: one moment, each detector's flags, and the truth."""
+    result = results["detection_2d"]
+    time = floats(result.values["time"])
+    k = int(np.argmin(np.abs(time - SHOWN_AT)))
+    data = {
+        "title": "Figure 4: free-surface particles found in a dam break",
+        "time_s": float(time[k]),
+        "shown_up_to_m": SHOWN_UP_TO,
+        "spacing_m": result.values["spacing"],
+        "truth_radius_spacings": result.values["truth_radius"],
+        "position_m": np.round(result.arrays["position"][k][:, :2].astype(float), 4),
+        "truth": result.arrays["truth"][k].astype(int),
+    }
+    for method in METHODS:
+        data[method] = result.arrays[method][k].astype(int)
+        data[f"{method}_score"] = {n: result.values["over_time"][method][n][k] for n in ("precision", "recall", "f1")}
+    return data
+
+
+def detection_picture(data: Mapping[str, Any]) -> Any:
+    """Three panels: surface red, interior blue, errors against the exact truth ringed."""
+    import matplotlib.pyplot as plt
+    from matplotlib.lines import Line2D
+
+    position, truth = np.array(data["position_m"]), np.array(data["truth"], bool)
+    top = data["shown_up_to_m"]
+    figure, panels = plt.subplots(3, 1, figsize=(8.0, 3 * (7.2 * top / 2.04 + 0.4) + 0.8), sharex=True)
+    size = (72 * 7.6 / 2.06 * data["spacing_m"]) ** 2
+    for axes, method in zip(panels, METHODS):
+        flags, score = np.array(data[method], bool), data[f"{method}_score"]
+        missed, extra = truth & ~flags, flags & ~truth
+        axes.scatter(*position[~flags].T, s=0.55 * size, c=INTERIOR_BLUE, lw=0)
+        axes.scatter(*position[flags].T, s=0.55 * size, c=SURFACE_RED, lw=0)
+        axes.scatter(*position[extra].T, s=2.4 * size, facecolors="none", edgecolors=BLACK, lw=0.9, marker="s")
+        axes.scatter(*position[missed].T, s=2.8 * size, facecolors="none", edgecolors=BLACK, lw=0.9)
+        axes.plot([0, 0, 2, 2], [top, 0, 0, top], color=GREY, lw=1.2)
+        axes.set_title(TITLES[method])
+        words = f"precision {score['precision']:.2f}   recall {score['recall']:.2f}   F1 {score['f1']:.2f}"
+        axes.set_title(words, loc="right", fontweight="normal", fontsize=9.5)
+        axes.set_xlim(-0.02, 2.02)
+        axes.set_ylim(-0.02, top)
+        axes.set_aspect("equal")
+        axes.set_ylabel("y [m]")
+    panels[-1].set_xlabel("x [m]")
+
+    def dot(**options: Any) -> Line2D:
+        return Line2D([], [], ls="", **options)
+
+    hollow = {"markerfacecolor": "none", "markeredgecolor": BLACK, "markersize": 7}
+    figure.legend(
+        handles=[
+            dot(marker="o", color=SURFACE_RED, label="taken for surface"),
+            dot(marker="o", color=INTERIOR_BLUE, label="taken for interior"),
+            dot(marker="s", label="wrong: is interior", **hollow),
+            dot(marker="o", label="wrong: is surface", **hollow),
+        ],
+        loc="outside lower center",
+        ncols=4,
+        title=f"t = {data['time_s']:.2f} s, {len(position):,} particles ({int((position[:, 1] > top).sum())} of the spray are"
+        f" above the picture); truth: exact arc cover, radius {data['truth_radius_spacings']:g} spacings",
+        title_fontsize=9,
+    )
+    return figure
+
+
+def score_data(results: Results) -> dict[str, Any]:
+    """Precision and recall over the collapse."""
+    values = results["detection_2d"].values
+    return {
+        "title": "Surface detection over the collapse against the exact truth",
+        "time_s": values["time"],
+        "truth_radius_spacings": values["truth_radius"],
+        "over_time": values["over_time"],
+        "pooled": values["score"],
+    }
+
+
+def score_picture(data: Mapping[str, Any]) -> Any:
+    """Precision and recall against time, three detectors."""
+    import matplotlib.pyplot as plt
+
+    figure, panels = plt.subplots(1, 2, figsize=(8.4, 3.5), sharey=True)
+    marks = {"number_density": "o", "fan_scan": "^", "two_step": "s"}
+    for axes, name in zip(panels, ("precision", "recall")):
+        for method in METHODS:
+            axes.plot(
+                data["time_s"], floats(data["over_time"][method][name]), color=COLOURS[method], marker=marks[method],
+                ms=4, lw=1.3, label=f"{WORDS[method]}, whole collapse {data['pooled'][method][name]:.2f}",
+            )  # fmt: skip
+        axes.set_title(name.capitalize())
+        axes.set_xlabel("time [s]")
+        axes.set_ylim(0, 1.03)
+        axes.grid(True)
+        axes.legend(loc="lower left")
+    panels[0].set_ylabel(f"share (truth radius {data['truth_radius_spacings']:g} spacings)")
+    return figure
+
+
+def cost_data(results: Results) -> dict[str, Any]:
+    """Figure 5: detection time against particle number."""
+    result = results["detection_cost"]
+    return {
+        "title": "Figure 5: detection time in a dam break",
+        "moment_s": result.values["moment"],
+        "repeats": result.values["repeats"],
+        "machine": result.about["machine"],
+        "date": result.about["date"],
+        "sizes": result.values["sizes"],
+    }
+
+
+def cost_picture(data: Mapping[str, Any]) -> Any:
+    """Whole detection, the scan alone, and the share of particles scanned."""
+    import matplotlib.pyplot as plt
+
+    sizes = data["sizes"]
+    number = np.array([size["particles"] for size in sizes])
+    figure, panels = plt.subplots(1, 3, figsize=(10.4, 3.6), width_ratios=(1, 1, 0.8))
+    marks = {"number_density": "o", "fan_scan": "^", "two_step": "s"}
+    for axes, part, title in zip(panels, ("whole", "scan"), ("a  Whole detection", "b  Fan scan alone")):
+        for method in ("fan_scan", "two_step", "number_density"):
+            if part == "scan" and method == "number_density":
+                continue
+            time = 1e3 * np.array([size["methods"][method][part] for size in sizes])
+            axes.plot(number, time, color=COLOURS[method], marker=marks[method], ms=5, label=WORDS[method])
+        axes.set_title(title)
+        axes.set_xscale("log")
+        axes.set_yscale("log")
+        axes.set_xlabel("particles")
+        axes.set_ylabel("median time [ms]")
+        axes.grid(True, which="major")
+        axes.legend()
+    panels[2].plot(number, [100 * size["scanned_share"] for size in sizes], color=BLUE, marker="s", ms=5)
+    panels[2].set_title("c  Scanned in two steps")
+    panels[2].set_xscale("log")
+    panels[2].set_ylim(bottom=0)
+    panels[2].set_xlabel("particles")
+    panels[2].set_ylabel("share of particles [%]")
+    panels[2].grid(True)
+    for axes in panels:
+        if axes is not panels[2]:
+            axes.yaxis.set_major_formatter("{x:g}")
+            axes.yaxis.set_minor_formatter(plt.NullFormatter())
+            low, high = axes.get_ylim()
+            axes.set_ylim(min(low, 10.0 ** np.floor(np.log10(low * 1.01))), 2.5 * high)
+        axes.set_xticks(number, [f"{n:,}" for n in number], rotation=30 if len(number) > 3 else 0)
+        axes.xaxis.set_minor_locator(plt.NullLocator())
+    machine = data["machine"]
+    figure.supxlabel(
+        f"2D, t = {data['moment_s']:g} s, medians of {data['repeats']}; {machine['processor']}, {machine['cores']} cores",
+        fontsize=8, color=GREY,
+    )  # fmt: skip
+    return figure
+
+
+def front_data(results: Results) -> dict[str, Any]:
+    """Surge front of the runs, and each series' fitted offset."""
+    data: dict[str, Any] = {"title": "Surge front of a collapsing column", "tolerance": data_tolerance(), "runs": {}}
+    for key in ("front_2d", "front_3d"):
+        if key in results:
+            values = results[key].values
+            data["runs"][key[-2:].upper()] = {
+                name: values[name] for name in ("particles", "time", "connected", "farthest", "front")
+            }
+    return data
+
+
+def front_picture(data: Mapping[str, Any]) -> Any:
+    """Front against time with the experiments, and the deviation from each."""
+    import matplotlib.pyplot as plt
+
+    figure, (axes, below) = plt.subplots(2, 1, figsize=(7.4, 6.4), sharex=True, height_ratios=(2.1, 1))
+    run = data["runs"]["2D"]
+    time, front = np.array(run["time"]), np.array(run["connected"])
+    looks = {
+        "martin_moyce_1.125in": ("o", BLUE, "Martin & Moyce 1952, 1.125 in"),
+        "martin_moyce_2.25in": ("s", SKY, "Martin & Moyce 1952, 2.25 in"),
+        "koshizuka_oka": ("^", GREEN, "Koshizuka & Oka 1996"),
+        "koshizuka_oka_mps": ("x", GREY, "Koshizuka & Oka 1996, computed (MPS)"),
+    }
+    axes.plot(time, front, color=VERMILION, label=f"refsim 2D, {run['particles']:,} particles", zorder=3)
+    if "3D" in data["runs"]:
+        other = data["runs"]["3D"]
+        axes.plot(
+            other["time"], other["connected"], color=BLACK, ls="--", lw=1.4, zorder=3,
+            label=f"refsim 3D, {other['particles']:,} particles",
+        )  # fmt: skip
+    late = time <= 2.2
+    axes.plot(time[late], ritter_front(time[late]), color=GREY, lw=1, ls=":", label="Ritter's bound, 1 + 2 T")
+    for name, (mark, colour, words) in looks.items():
+        series, fit = load_front_data(name), run["front"][name]
+        filled = {} if mark == "x" else {"markerfacecolor": "white", "markeredgewidth": 1.4}
+        label = f"{words}, offset {fit['offset']:+.2f}"
+        axes.plot(series.time + fit["offset"], series.front, mark, color=colour, ms=6, label=label, **filled)
+        at = series.time + fit["offset"]
+        within = at <= time[-1]
+        deviation = 100 * (np.interp(at[within], time, front) / series.front[within] - 1)
+        below.plot(at[within], deviation, mark, color=colour, ms=6, **filled)
+    bar = 100 * data["tolerance"]
+    below.axhspan(-bar, bar, color=BLUE, alpha=0.10, lw=0)
+    below.text(0.02, bar - 0.6, f"the experiments differ by up to {bar:.1f} %", fontsize=8, color=GREY, va="top")
+    below.axhline(0, color=GREY, lw=0.8)
+    reach = max(1.5 * bar, 1.0)
+    below.set_ylim(-reach, reach)
+    below.set_xlabel(r"$T = t\,\sqrt{2g/L}$ (experiments shifted by their fitted offset)")
+    below.set_ylabel("2D run from series [%]")
+    axes.set_ylabel("front position z / L")
+    axes.set_title("Surge front of a column L wide and 2 L high")
+    axes.set_xlim(0, time[-1])
+    axes.set_ylim(bottom=0.5)
+    axes.legend(loc="upper left")
+    for each in (axes, below):
+        each.grid(True)
+    return figure

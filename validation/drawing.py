@@ -1,0 +1,164 @@
+"""How pictures look, and two small renderers: balls and a lit surface, both by depth buffer."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+# Okabe & Ito's palette, told apart by every kind of colour vision; red and blue where a paper uses them.
+BLACK, ORANGE, SKY, GREEN, YELLOW, BLUE, VERMILION, PURPLE = (
+    "#000000", "#E69F00", "#56B4E9", "#009E73", "#F0E442", "#0072B2", "#D55E00", "#CC79A7",
+)  # fmt: skip
+SURFACE_RED, INTERIOR_BLUE = "#D62728", "#4A7FC1"
+GREY = "#666666"
+
+
+@contextlib.contextmanager
+def style() -> Iterator[None]:
+    """Matplotlib without a screen, in the project's style."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+
+    with plt.rc_context(
+        {
+            "font.size": 9.5,
+            "axes.titlesize": 10.5,
+            "axes.titleweight": "bold",
+            "axes.titlelocation": "left",
+            "axes.spines.top": False,
+            "axes.spines.right": False,
+            "axes.edgecolor": "#444444",
+            "axes.labelcolor": "#222222",
+            "axes.axisbelow": True,
+            "grid.color": "#dddddd",
+            "grid.linewidth": 0.7,
+            "lines.linewidth": 1.8,
+            "legend.frameon": False,
+            "legend.fontsize": 8.5,
+            "figure.constrained_layout.use": True,
+            "figure.facecolor": "white",
+        }
+    ):
+        yield
+
+
+def view_matrix(azimuth: float, elevation: float) -> NDArray[np.float64]:
+    """Rows: to the right, up, and towards the viewer, who stands at these angles [degrees]."""
+    a, e = np.radians([azimuth, elevation])
+    towards = np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
+    right = np.array([-np.sin(a), np.cos(a), 0.0])
+    return np.stack((right, np.cross(towards, right), towards))
+
+
+def ball_picture(
+    position: ArrayLike, radius: float, colour: ArrayLike, view: NDArray, extent: float, pixels: int = 640
+) -> NDArray[np.float64]:
+    """Balls seen in parallel projection, lit from the upper left: an image (pixels, pixels, 4) with clear ground.
+
+    position (n, 3), radius and half width `extent` in one unit; colour (n, 3) in 0..1.
+    """
+    seen = np.asarray(position, dtype=float) @ view.T
+    scale = pixels / (2.0 * extent)
+    reach = int(np.ceil(radius * scale)) + 1
+    depth = np.full((pixels, pixels), -np.inf)
+    owner = np.full((pixels, pixels), -1)
+    offset = np.arange(-reach, reach + 1)
+    centre = np.stack(((seen[:, 0] + extent) * scale, (extent - seen[:, 1]) * scale), axis=1)
+    for i in np.argsort(seen[:, 2]):
+        column, row = np.rint(centre[i]).astype(int)
+        if min(column, row) < reach or max(column, row) >= pixels - reach:
+            continue
+        dx = (column + offset)[None, :] - centre[i, 0]
+        dy = (row + offset)[:, None] - centre[i, 1]
+        rest = (radius * scale) ** 2 - dx**2 - dy**2
+        height = np.where(rest > 0, seen[i, 2] * scale + np.sqrt(np.maximum(rest, 0.0)), -np.inf)
+        window = slice(row - reach, row + reach + 1), slice(column - reach, column + reach + 1)
+        nearer = height > depth[window]
+        depth[window] = np.where(nearer, height, depth[window])
+        owner[window] = np.where(nearer, i, owner[window])
+    rows, columns = np.nonzero(owner >= 0)
+    who = owner[rows, columns]
+    normal = np.empty((len(who), 3))
+    normal[:, 0] = (columns - centre[who, 0]) / (radius * scale)
+    normal[:, 1] = -(rows - centre[who, 1]) / (radius * scale)
+    normal[:, 2] = np.sqrt(np.maximum(1.0 - normal[:, 0] ** 2 - normal[:, 1] ** 2, 0.0))
+    image = np.zeros((pixels, pixels, 4))
+    image[rows, columns, :3] = _lit(normal, np.asarray(colour, dtype=float)[who], gloss=0.25)
+    image[rows, columns, 3] = 1.0
+    return image
+
+
+def surface_picture(
+    vertices: ArrayLike, faces: ArrayLike, colour: ArrayLike, view: NDArray, extent: float, pixels: int = 640
+) -> NDArray[np.float64]:
+    """A closed mesh seen in parallel projection with smooth normals: an image (pixels, pixels, 4) with clear ground.
+
+    vertices (v, 3), faces (f, 3) with outward normals, half width `extent` in the vertices' unit; colour (3,).
+    Lit by matplotlib's LightSource from the upper left.
+    """
+    points, corner = np.asarray(vertices, dtype=float), np.asarray(faces)
+    a, b, c = points[corner[:, 0]], points[corner[:, 1]], points[corner[:, 2]]
+    facet = np.cross(b - a, c - a)
+    normals = np.zeros_like(points)
+    for k in range(3):
+        np.add.at(normals, corner[:, k], facet)
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True).clip(min=1e-300)
+    seen, turned = points @ view.T, normals @ view.T
+    scale = pixels / (2.0 * extent)
+    flat = np.stack(((seen[:, 0] + extent) * scale, (extent - seen[:, 1]) * scale), axis=1)
+    depth = np.full((pixels, pixels), -np.inf)
+    image_normal = np.zeros((pixels, pixels, 3))
+    facing = (facet @ view[2]) > 0
+    for face in corner[facing]:
+        p = flat[face]
+        low = np.maximum(np.floor(p.min(0)).astype(int), 0)
+        high = np.minimum(np.ceil(p.max(0)).astype(int) + 1, pixels)
+        if (high <= low).any():
+            continue
+        x, y = np.meshgrid(np.arange(low[0], high[0]), np.arange(low[1], high[1]))
+        area = (p[1, 0] - p[0, 0]) * (p[2, 1] - p[0, 1]) - (p[2, 0] - p[0, 0]) * (p[1, 1] - p[0, 1])
+        if area == 0.0:
+            continue
+        u = ((x - p[0, 0]) * (p[2, 1] - p[0, 1]) - (p[2, 0] - p[0, 0]) * (y - p[0, 1])) / area
+        v = ((p[1, 0] - p[0, 0]) * (y - p[0, 1]) - (x - p[0, 0]) * (p[1, 1] - p[0, 1])) / area
+        inside = (u >= -1e-9) & (v >= -1e-9) & (u + v <= 1.0 + 1e-9)
+        z = seen[face[0], 2] * (1 - u - v) + seen[face[1], 2] * u + seen[face[2], 2] * v
+        window = slice(low[1], high[1]), slice(low[0], high[0])
+        nearer = inside & (z > depth[window])
+        depth[window] = np.where(nearer, z, depth[window])
+        n = turned[face]
+        blend = n[0] * (1 - u - v)[..., None] + n[1] * u[..., None] + n[2] * v[..., None]
+        image_normal[window] = np.where(nearer[..., None], blend, image_normal[window])
+    filled = np.isfinite(depth)
+    image = np.zeros((pixels, pixels, 4))
+    unit = image_normal[filled]
+    unit /= np.linalg.norm(unit, axis=1, keepdims=True)
+    image[filled, :3] = _lit(unit, np.broadcast_to(np.asarray(colour, dtype=float), unit.shape), gloss=0.55)
+    image[filled, 3] = 1.0
+    return image
+
+
+def _lit(normal: NDArray, colour: NDArray, gloss: float) -> NDArray[np.float64]:
+    """Colours (k, 3) of surface points with unit normals (k, 3) in (right, up, towards the viewer)."""
+    from matplotlib.colors import LightSource
+
+    light = LightSource(azdeg=315, altdeg=50)
+    diffuse = np.clip(normal @ light.direction, 0.0, 1.0)  # its x is right, its y up, its z towards the viewer
+    half = light.direction + np.array([0.0, 0.0, 1.0])
+    half /= np.linalg.norm(half)
+    shine = gloss * np.clip(normal @ half, 0.0, 1.0) ** 40
+    rim = 0.25 * (1.0 - np.clip(normal[:, 2], 0.0, 1.0)) ** 3
+    shade = (0.30 + 0.70 * diffuse - 0.25 * rim)[:, None]
+    return np.clip(colour * shade + shine[:, None], 0.0, 1.0)
+
+
+def show_image(axes: Any, image: NDArray, extent: float) -> None:
+    """Put a rendered image on axes without frame."""
+    axes.imshow(image, extent=(-extent, extent, -extent, extent), interpolation="antialiased")
+    axes.set_axis_off()

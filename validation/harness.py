@@ -1,0 +1,299 @@
+"""The harness: finds cases, runs what is not stored yet, judges, draws from stored files, and reports.
+
+A case lists its runs; a run is a function of plain parameters whose result is stored under them. Judging and drawing
+read stored results only.
+"""
+
+from __future__ import annotations
+
+import datetime
+import difflib
+import importlib
+import json
+import os
+import pkgutil
+import platform
+import sys
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import ModuleType
+from typing import Any, TextIO
+
+from refsim.errors import InputError, RunStopped
+from validation import cases as case_folder
+from validation.results import Result, finite, load, result_folder, save
+from validation.running import Context
+from validation.tables import Table, verdict_table
+from validation.verdicts import Measurement, failed
+
+Results = Mapping[str, Result]
+EXIT_FINE, EXIT_INPUT, EXIT_STOPPED, EXIT_FAILED = 0, 2, 3, 4
+
+
+@dataclass(frozen=True)
+class Options:
+    """What the user asks for.
+
+    quick    the small sizes of `reproduce.py --quick`, otherwise the published ones
+    peers    also run other programs on the same work
+    fresh    compute anew what is stored
+    """
+
+    quick: bool = False
+    backend: str = "cpu"
+    peers: bool = False
+    fresh: bool = False
+    threads: int | None = None
+    results: Path = Path("results")
+    figures: Path = Path("figures")
+
+
+@dataclass(frozen=True)
+class Run:
+    """One computation: `function(context, **parameters)`, stored under `key` and the digest of its parameters.
+
+    estimate  seconds it may take, for the progress bar
+    skip      why it is left out, if it is
+    """
+
+    key: str
+    function: Callable[..., Result]
+    parameters: Mapping[str, Any] = field(default_factory=dict)
+    estimate: float = 1.0
+    skip: str = ""
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A picture and the data it is drawn from: `collect` gives what JSON takes, `draw` makes a figure of that alone."""
+
+    name: str
+    collect: Callable[[Results], Mapping[str, Any]]
+    draw: Callable[[Mapping[str, Any]], Any]
+    needs: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Case:
+    """One experiment.
+
+    runs      what is to be computed under the options
+    judge     measurements with verdicts, from the results that are there
+    pictures  drawn where all results that they need are there
+    tables    further tables, from the results that are there
+    """
+
+    name: str
+    title: str
+    runs: Callable[[Options], Sequence[Run]]
+    judge: Callable[[Results], Sequence[Measurement]]
+    pictures: tuple[Picture, ...] = ()
+    tables: Callable[[Results], Sequence[Table]] = lambda results: ()
+
+
+@dataclass
+class Outcome:
+    """What became of one case."""
+
+    case: Case
+    results: dict[str, Result] = field(default_factory=dict)
+    measurements: list[Measurement] = field(default_factory=list)
+    tables: list[Table] = field(default_factory=list)
+    drawn: list[Path] = field(default_factory=list)
+    skipped: dict[str, str] = field(default_factory=dict)
+    stopped: dict[str, str] = field(default_factory=dict)
+    seconds: dict[str, float] = field(default_factory=dict)  # of the runs computed now
+    reused: list[str] = field(default_factory=list)
+
+
+def discover(folder: ModuleType = case_folder) -> dict[str, Case]:
+    """The cases by name: every module of `folder` that exports a `CASE`, in alphabetical order."""
+    found = {}
+    for entry in pkgutil.iter_modules(folder.__path__):
+        case = getattr(importlib.import_module(f"{folder.__name__}.{entry.name}"), "CASE", None)
+        if case is not None:
+            found[case.name] = case
+    return found
+
+
+def chosen_cases(names: Sequence[str], cases: Mapping[str, Case]) -> list[Case]:
+    """The named cases, or all. Raises InputError for a name that there is not."""
+    for name in names:
+        if name not in cases:
+            near = difflib.get_close_matches(name, cases, n=1)
+            hint = f"did you mean {near[0]!r}?" if near else f"choose one of {', '.join(cases)}."
+            raise InputError(f"There is no case {name!r}; {hint}")
+    return [cases[name] for name in names or cases]
+
+
+def perform(cases: Sequence[Case], options: Options, stream: TextIO | None = None) -> list[Outcome]:
+    """Compute what is not stored, then judge and draw. Progress goes to `stream` (standard error)."""
+    stream = stream or sys.stderr
+    outcomes, waiting = [], []
+    for case in cases:
+        outcome = Outcome(case)
+        outcomes.append(outcome)
+        for run in case.runs(options):
+            if run.skip:
+                outcome.skipped[run.key] = run.skip
+                continue
+            folder = result_folder(options.results, case.name, run.key, run.function, run.parameters)
+            stored = None if options.fresh else load(folder)
+            if stored is None:
+                waiting.append((outcome, run, folder))
+            else:
+                outcome.results[run.key] = stored
+                outcome.reused.append(run.key)
+    _compute(waiting, options, stream)
+    for outcome in outcomes:
+        outcome.measurements = list(outcome.case.judge(outcome.results))
+        outcome.tables = list(outcome.case.tables(outcome.results))
+        for picture in outcome.case.pictures:
+            if set(picture.needs) <= set(outcome.results):
+                write_data(picture, outcome.results, options.figures)
+                outcome.drawn.append(redraw(picture, options.figures))
+    return outcomes
+
+
+def _compute(waiting: Sequence[tuple[Outcome, Run, Path]], options: Options, stream: TextIO) -> None:
+    from tqdm import tqdm
+
+    total = sum(run.estimate for _, run, _ in waiting)
+    layout = "{desc} {percentage:3.0f}% |{bar}| {elapsed} gone, about {remaining} left"
+    bar = tqdm(
+        total=total, file=stream, bar_format=layout, disable=not waiting, mininterval=0.5 if stream.isatty() else 5.0
+    )
+    width = max((len(f"{o.case.name} {run.key}") for o, run, _ in waiting), default=0)
+    done = 0.0
+    with bar:
+        for outcome, run, folder in waiting:
+            bar.set_description_str(f"{outcome.case.name} {run.key}".ljust(width))
+
+            def progress(share: float, done: float = done, run: Run = run) -> None:
+                at = done + min(max(share, 0.0), 1.0) * run.estimate
+                if at > bar.n:
+                    bar.update(at - bar.n)
+
+            began = time.perf_counter()
+            try:
+                result = run.function(Context(progress, options.threads), **run.parameters)
+            except RunStopped as error:
+                outcome.stopped[run.key] = f"{error} (reason: {error.reason})"
+                result = None
+            seconds = time.perf_counter() - began
+            outcome.seconds[run.key] = seconds
+            if result is not None:
+                about = about_run(outcome.case, run, seconds)
+                save(folder, Result(result.values, result.arrays, about))
+                stored = load(folder)
+                if stored is None:
+                    raise OSError(f"{folder} cannot be read back")
+                outcome.results[run.key] = stored
+            done += run.estimate
+            progress(0.0, done)
+
+
+def about_run(case: Case, run: Run, seconds: float) -> dict[str, Any]:
+    """When, where and with what a result was computed."""
+    return {
+        "case": case.name,
+        "run": run.key,
+        "parameters": dict(run.parameters),
+        "seconds": round(seconds, 3),
+        "date": datetime.datetime.now(datetime.timezone.utc).strftime("%Y-%m-%d"),
+        "machine": machine(),
+    }
+
+
+def machine() -> dict[str, Any]:
+    """The machine in words, and the versions that compute."""
+    import numba
+    import numpy
+
+    import refsim
+
+    name = platform.processor() or platform.machine()
+    try:
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+        name = next(line.split(":", 1)[1].strip() for line in lines if line.startswith("model name"))
+    except (OSError, StopIteration):
+        pass
+    return {
+        "processor": name,
+        "cores": len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count(),
+        "python": platform.python_version(),
+        "refsim": refsim.__version__,
+        "numba": numba.__version__,
+        "numpy": numpy.__version__,
+    }
+
+
+# Pictures
+
+
+def write_data(picture: Picture, results: Results, folder: Path) -> Path:
+    """Write the data of a picture, one key a line."""
+    folder.mkdir(parents=True, exist_ok=True)
+    data = finite(picture.collect(results))
+    lines = [f"{json.dumps(key)}: {json.dumps(value, allow_nan=False)}" for key, value in data.items()]
+    path = folder / f"{picture.name}.json"
+    path.write_text("{\n" + ",\n".join(lines) + "\n}\n")
+    return path
+
+
+def redraw(picture: Picture, folder: Path) -> Path:
+    """Draw a picture from its data file. Raises InputError where that is missing."""
+    from validation.drawing import style
+
+    source = folder / f"{picture.name}.json"
+    try:
+        data = json.loads(source.read_text())
+    except (OSError, ValueError) as error:
+        raise InputError(f"There is no data to draw {picture.name} from ({error}); run the case first.") from None
+    path = folder / f"{picture.name}.png"
+    with style():
+        figure = picture.draw(data)
+        figure.savefig(path, dpi=160, metadata={"Software": None})
+        import matplotlib.pyplot as plt
+
+        plt.close(figure)
+    return path
+
+
+# Reports
+
+
+def report(outcomes: Sequence[Outcome], stream: TextIO) -> None:
+    """Write all tables; the verdicts come last."""
+    for outcome in outcomes:
+        for table in outcome.tables:
+            print(f"\n{table}", file=stream)
+    notes = []
+    for outcome in outcomes:
+        name = outcome.case.name
+        notes += [f"{name} {key} was left out: {why}" for key, why in outcome.skipped.items()]
+        notes += [f"{name} {key} stopped: {why}" for key, why in outcome.stopped.items()]
+        if outcome.reused:
+            dates = sorted({str(outcome.results[key].about.get("date")) for key in outcome.reused})
+            notes.append(f"{name}: reused {', '.join(outcome.reused)} of {' and '.join(dates)} (--fresh computes anew)")
+    if notes:
+        print("\n" + "\n".join(notes), file=stream)
+    judged = [(o.case.name, m) for o in outcomes for m in o.measurements]
+    if judged:
+        print("\n" + verdict_table(judged), file=stream)
+
+
+def as_json(outcomes: Sequence[Outcome]) -> str:
+    """One object: every measurement by name, with the case in front where several cases ran."""
+    several = len(outcomes) > 1
+    judged = {f"{o.case.name}.{m.name}" if several else m.name: m.plain() for o in outcomes for m in o.measurements}
+    return json.dumps(judged, indent=1, allow_nan=False)
+
+
+def exit_code(outcomes: Sequence[Outcome]) -> int:
+    """3 where a run stopped, else 4 where a verdict failed, else 0."""
+    if any(o.stopped for o in outcomes):
+        return EXIT_STOPPED
+    return EXIT_FAILED if failed(m for o in outcomes for m in o.measurements) else EXIT_FINE

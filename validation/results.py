@@ -1,0 +1,100 @@
+"""Results on disk: `results/<case>/<run>-<digest>/` with result.json and arrays.npz.
+
+The digest covers the run's parameters and every source that shapes its numbers, so that a stored result is reused
+exactly as long as it would come out the same.
+"""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import inspect
+import json
+import math
+import os
+import shutil
+import tempfile
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+FORMAT = 1
+_ROOT = Path(__file__).resolve().parent.parent
+_SHARED = ("refsim", "validation/metrics", "validation/running.py")
+
+
+@dataclass(frozen=True)
+class Result:
+    """What a run gave: `values` for JSON, `arrays` by name; `about` says when, where and with what parameters."""
+
+    values: Mapping[str, Any]
+    arrays: Mapping[str, np.ndarray] = field(default_factory=dict)
+    about: Mapping[str, Any] = field(default_factory=dict)
+
+
+@functools.cache
+def sources_digest(module_file: str) -> str:
+    """Digest of refsim, of what all runs share, and of the file in which the run's function stands."""
+    files = {Path(module_file).resolve()}
+    for name in _SHARED:
+        path = _ROOT / name
+        files.update(path.rglob("*.py") if path.is_dir() else [path])
+    digest = hashlib.sha256()
+    for file in sorted(files):
+        digest.update(file.name.encode() + b"\0" + file.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+def result_folder(root: Path, case: str, key: str, function: Callable, parameters: Mapping[str, Any]) -> Path:
+    """Where the result of `function(**parameters)` belongs; raises TypeError for parameters JSON does not know."""
+    text = json.dumps(parameters, sort_keys=True, allow_nan=False)
+    sources = sources_digest(inspect.getfile(function))
+    digest = hashlib.sha256(f"{FORMAT} {function.__name__} {sources} {text}".encode()).hexdigest()[:12]
+    return root / case / f"{key}-{digest}"
+
+
+def save(folder: Path, result: Result) -> None:
+    """Write a result; until it is whole, nothing stands in its place."""
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    partial = Path(tempfile.mkdtemp(prefix=".partial-", dir=folder.parent))
+    try:
+        np.savez_compressed(partial / "arrays.npz", **result.arrays)
+        document = {"about": result.about, "values": finite(result.values)}
+        (partial / "result.json").write_text(json.dumps(document, indent=1, allow_nan=False))
+        if folder.exists():
+            shutil.rmtree(folder)
+        os.replace(partial, folder)
+    finally:
+        shutil.rmtree(partial, ignore_errors=True)
+
+
+def load(folder: Path) -> Result | None:
+    """The result in `folder`, or None where there is none that can be read."""
+    try:
+        document = json.loads((folder / "result.json").read_text())
+        with np.load(folder / "arrays.npz") as stored:
+            arrays = {name: stored[name] for name in stored.files}
+    except (OSError, ValueError):
+        return None
+    return Result(document["values"], arrays, document["about"])
+
+
+def finite(value: Any) -> Any:
+    """`value` with plain Python numbers, and None for what is not finite, as strict JSON wants it."""
+    if isinstance(value, Mapping):
+        return {str(k): finite(v) for k, v in value.items()}
+    if isinstance(value, list | tuple | np.ndarray):
+        return [finite(v) for v in value]
+    if isinstance(value, np.generic):
+        value = value.item()
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value
+
+
+def floats(values: Any) -> np.ndarray:
+    """Numbers from JSON as a float array; null is NaN."""
+    return np.array(values, dtype=float)

@@ -1,0 +1,88 @@
+"""Advancing simulations for the cases: progress, samples at set times, and what the stepping alone has cost."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from refsim import Simulation
+
+
+@dataclass(frozen=True)
+class Context:
+    """What a run is given beside its parameters: whom to tell the share done, and how many threads to use."""
+
+    progress: Callable[[float], None] = lambda share: None
+    threads: int | None = None
+
+
+def advance(
+    simulation: Simulation,
+    times: Sequence[float],
+    sample: Callable[[Simulation, float], None],
+    context: Context,
+    keep_on: Callable[[], bool] = lambda: True,
+) -> float:
+    """Step through `times` [s] and call `sample(simulation, wall)` at each; returns the wall seconds of stepping.
+
+    A sample stands at the first step at or after its time. Sampling is not charged. Stops early where `keep_on`
+    says no after a sample.
+    """
+    wall, last = 0.0, max(times[-1], 1e-300)
+    for at in times:
+        began, steps = time.perf_counter(), 0
+        while simulation.time < at:
+            simulation.step()
+            steps += 1
+            if steps % 16 == 0:
+                context.progress(simulation.time / last)
+        wall += time.perf_counter() - began
+        sample(simulation, wall)
+        context.progress(simulation.time / last)
+        if not keep_on():
+            break
+    return wall
+
+
+def search_log(simulation: Simulation) -> dict[str, int]:
+    """Rebuilds of the neighbour list and what its audit found; empty without a list."""
+    if simulation.search is None:
+        return {}
+    log = simulation.search.log
+    return {
+        "rebuilds": log.rebuilds,
+        "audited_rows": log.audited_rows,
+        "missed_neighbours": log.missed_neighbours,
+        "most_neighbours": log.most_neighbours,
+    }
+
+
+def stage_seconds(simulation: Simulation) -> dict[str, float]:
+    """Wall seconds by stage, without each stage's first call."""
+    return dict(simulation.timings.stages)
+
+
+def first_call_seconds(simulation: Simulation) -> float:
+    """Wall seconds of every stage's first call: compiling, or loading what was compiled before."""
+    return float(sum(simulation.timings.first_calls.values()))
+
+
+def momenta(simulation: Simulation) -> dict[str, Any]:
+    """Momentum, angular momentum about the origin, kinetic energy, and the sums of moduli that they are read against.
+
+    SI units; velocities are half a step behind the positions.
+    """
+    mass = simulation.field("mass").astype(float)[:, None]
+    position, velocity = (simulation.field(name).astype(float) for name in ("position", "velocity"))
+    speed = np.linalg.norm(velocity, axis=1)
+    return {
+        "momentum": (mass * velocity).sum(0),
+        "angular_momentum": (mass * np.cross(position, velocity)).sum(0),
+        "kinetic_energy": float(0.5 * (mass[:, 0] * speed**2).sum()),
+        "momentum_scale": float((mass[:, 0] * speed).sum()),
+        "angular_scale": float((mass[:, 0] * speed * np.linalg.norm(position, axis=1)).sum()),
+    }
