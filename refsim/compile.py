@@ -172,6 +172,8 @@ def cuda_kernel(function: Callable | None = None, *, fastmath: bool = False, row
 def _load_cuda() -> Any:
     from numba import cuda as module
 
+    if "NUMBA_CUDA_LOW_OCCUPANCY_WARNINGS" not in os.environ:
+        numba.config.CUDA_LOW_OCCUPANCY_WARNINGS = 0  # few particles are no mistake
     return module
 
 

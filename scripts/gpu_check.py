@@ -1,0 +1,510 @@
+"""Check the CUDA backend on a real GPU and write a dated report into validation/gpu_reports/.
+
+    python scripts/gpu_check.py [--quick] [--only PREFIX] [--minutes 6]
+
+Every task runs in a process of its own, because one illegal memory access spoils CUDA for the whole process: the
+pairing suite of the contract for each operation and dtype, the neighbour search against the CPU's and against all
+pairs, whole runs against the CPU, bitwise repetition, and times. A task that fails is reported and the others go
+on. Exit code 0 all well, 2 no GPU, 4 something failed or did not end in time.
+
+In the CUDA simulator the script runs too, with tiny sizes, so that the script itself can be tried without a GPU.
+"""
+
+from __future__ import annotations
+
+import argparse
+import concurrent.futures
+import datetime
+import importlib.metadata
+import json
+import os
+import pathlib
+import platform
+import re
+import subprocess
+import sys
+import time
+import traceback
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+ROOT = pathlib.Path(__file__).resolve().parent.parent
+REPORTS = ROOT / "validation" / "gpu_reports"
+sys.path.insert(0, str(ROOT))
+
+from refsim import (  # noqa: E402  (from this working tree)
+    Box,
+    BoxWalls,
+    Gravity,
+    JiangZhu2023,
+    Scene,
+    Simulation,
+    SurfaceDetection,
+    WeaklyCompressible,
+    backend,
+    neighbours,
+)
+from refsim.operation import REGISTRY  # noqa: E402
+
+DTYPES = ("float32", "float64")
+WORKERS = 6
+MARK = "gpu_check result: "
+PACKAGES = ("numpy", "numba", "numba-cuda", "cupy-cuda13x", "cuda-bindings", "cuda-core")
+SIZES = {"60k": 39, "1M": 100, "8M": 200}  # particles along the edge of a cube
+COMPARED = {"float32": 5, "float64": 20}  # steps before two backends are compared: rounding grows with each
+# Of the largest value. On the CPU float32 and float64 already differ by 2 % in the pressure of the dam break after
+# five steps, because a liquid at rest has hardly any; the pairing is the sharp test, this one finds wrong wiring.
+TOLERANCE = {"float32": 0.1, "float64": 1e-8}
+FLAGS = {"float32": 2e-3, "float64": 0.0}  # share of flags that may differ
+
+Row = dict[str, Any]
+
+
+def row(name: str, value: Any, unit: str = "", tolerance: str = "", verdict: str = "shown", words: str = "") -> Row:
+    """One line of the report."""
+    return {"name": name, "value": value, "unit": unit, "tolerance": tolerance, "verdict": verdict, "words": words}
+
+
+def judged(name: str, value: float, limit: float, unit: str = "", words: str = "") -> Row:
+    """A value that passes if it is at most the limit."""
+    return row(name, value, unit, f"<= {limit:g}", "pass" if value <= limit else "fail", words)
+
+
+def without_paths(text: str) -> str:
+    """Text with the folders taken out of its paths: a report names no machine."""
+    return re.sub(r"(?<![\w.])(?:/[\w.@+~-]+)+/([\w.@+~-]+)", r"\1", text)
+
+
+# Tasks: each returns rows.
+
+
+def device_task(_: list[str]) -> list[Row]:
+    """Which device, which versions."""
+    rows = [row("python", platform.python_version())]
+    for package in PACKAGES:
+        try:
+            rows.append(row(package, importlib.metadata.version(package)))
+        except importlib.metadata.PackageNotFoundError:
+            rows.append(row(package, "not installed"))
+    rows.append(row("arrays are sorted by", backend.array_library()))
+    if backend.simulated():
+        return [*rows, row("device", "CUDA simulator")]
+    import cupy
+
+    properties = cupy.cuda.runtime.getDeviceProperties(0)
+    rows += [
+        row("device", properties["name"].decode()),
+        row("compute capability", f"{properties['major']}.{properties['minor']}"),
+        row("device memory", round(properties["totalGlobalMem"] / 2**30, 1), "GiB"),
+        row("CUDA of the driver", cupy.cuda.runtime.driverGetVersion()),
+    ]
+    asked = subprocess.run(
+        ["nvidia-smi", "--query-gpu=driver_version", "--format=csv,noheader"], capture_output=True, text=True
+    )
+    return [*rows, row("driver", asked.stdout.strip().splitlines()[0] if asked.returncode == 0 else "not told")]
+
+
+def pairing_task(arguments: list[str]) -> list[Row]:
+    """The contract's ladder for one operation in one dtype."""
+    from refsim import contract
+
+    name, dtype = arguments
+    outcomes = contract.check(name, backend="cuda", dtypes=(dtype,))
+    bad = [outcome for outcome in outcomes if not outcome.passed]
+    finite = [outcome.error for outcome in outcomes if np.isfinite(outcome.error)]
+    rows = [
+        row(
+            f"{len(outcomes)} trials",
+            float(f"{max(finite, default=0.0):.3g}"),
+            "of the bound",
+            "<= 1",
+            "fail" if bad or not outcomes else "pass",
+        )
+    ]
+    return rows + [row(f"{o.step} {o.trial}", o.error, "of the bound", "<= 1", "fail", str(o)) for o in bad[:5]]
+
+
+def search_task(arguments: list[str]) -> list[Row]:
+    """The list against the CPU's entry by entry, and against all pairs on sampled rows."""
+    dim, dtype = int(arguments[0]), arguments[1]
+    count = 60 if backend.simulated() else 20_000
+    rng = np.random.default_rng(dim)
+    position = rng.uniform(0, 0.1 * count ** (1 / dim), (count, 3))
+    position[:, dim:] = 0
+    position[5] = [1e5, -1e5, 3e4 * (dim == 3)]
+    position = position.astype(dtype)
+    cuda = backend.choose("cuda")
+    found = []
+    for _ in range(2):
+        search = neighbours.NeighbourSearch(cuda, dim, dtype, 0.2)
+        there = cuda.asarray(position)
+        order = search.order(there)
+        there = search.reorder(there, order)
+        listed = search.build(there)
+        counts, entries = cuda.host(listed.count), cuda.host(listed.entries).reshape(-1, count)
+        found.append((cuda.host(order), counts, [entries[:n, i] for i, n in enumerate(counts)]))
+    order, counts, lists = found[0]
+    same = all(np.array_equal(a, b) for a, b in zip(lists, found[1][2])) and np.array_equal(order, found[1][0])
+    rows = [judged("differences between two builds", int(not same), 0)]
+    search.audit(there, cuda.zeros(position.shape, dtype), 0.0, listed, seed=1)
+    rows.append(judged("neighbours missed in sampled rows", search.log.missed_neighbours, 0))
+    if not backend.simulated():  # the CPU's search would run as Python there
+        cpu = neighbours.NeighbourSearch(backend.choose("cpu"), dim, dtype, 0.2)
+        their_order = cpu.order(position)
+        theirs = cpu.build(np.ascontiguousarray(position[their_order]))
+        rows.append(judged("particles in another order than on the CPU", int((order != their_order).sum()), 0))
+        other = 0
+        for i, own in enumerate(lists):
+            first = theirs.start[i]
+            other += not np.array_equal(own, theirs.entries[first : first + theirs.count[i]])
+        # Products are fused differently, so that in float32 a pair on the very edge may fall on either side.
+        rows.append(judged("rows that differ from the CPU's", other, 10 if dtype == "float32" else 0))
+    return rows
+
+
+def dam_break(dtype: str, quick: bool) -> Scene:
+    """A 2D column with walls and surface detection."""
+    cells = (4, 6, 1) if backend.simulated() else (40, 80, 1)
+    spacing = 1.0 / cells[1]
+    return Scene(
+        name="dam_break",
+        dim=2,
+        dtype=dtype,
+        spacing=spacing,
+        support_radius=2 * spacing,
+        fluid=(Box(cells=cells),),
+        effects=(
+            WeaklyCompressible(sound_speed=45.0, dynamic_viscosity=0.5, state="tait"),
+            Gravity(acceleration=(0.0, -9.81, 0.0)),
+            BoxWalls(lower=(0.0, 0.0, 0.0), upper=(2.0, 2.0, 0.0)),
+            SurfaceDetection(),
+        ),
+    )
+
+
+def droplet(dtype: str, quick: bool) -> Scene:
+    """17^3 particles, from cube to sphere."""
+    edge, spacing = (3 if backend.simulated() else 17), 1e-3
+    return Scene(
+        name="droplet",
+        dtype=dtype,
+        spacing=spacing,
+        support_radius=2 * spacing,
+        fluid=(Box(cells=(edge,) * 3),),
+        effects=(
+            WeaklyCompressible(sound_speed=3.0, dynamic_viscosity=0.05),
+            JiangZhu2023(surface_tension=0.07, density_correction=True),
+        ),
+    )
+
+
+SCENES: dict[str, Callable[[str, bool], Scene]] = {"dam_break": dam_break, "droplet": droplet}
+
+
+def run_task(arguments: list[str]) -> list[Row]:
+    """A whole run against the CPU after a few steps, and against itself after many."""
+    name, dtype, steps = arguments[0], arguments[1], int(arguments[2])
+    compared = 2 if backend.simulated() else COMPARED[dtype]
+    steps = max(steps if not backend.simulated() else 3, compared)
+    scene = SCENES[name](dtype, False)
+    oracle = Simulation(scene, "numpy" if backend.simulated() else "cpu")
+    runs = [Simulation(scene, "cuda") for _ in range(2)]
+    for _ in range(compared):
+        for simulation in (oracle, *runs):
+            result = simulation.step()
+    for simulation in (oracle, *runs):
+        simulation.evaluate()
+    rows = []
+    for field, kind in runs[0].plan.fields.items():
+        true, own = oracle.field(field), runs[0].field(field)
+        if kind.numpy_dtype(dtype).kind in "iub":
+            rows.append(judged(f"{field}: share that differs", float((true != own).mean()), FLAGS[dtype]))
+        else:
+            error = float(np.abs(true - own).max() / max(np.abs(true).max(), 1e-30))
+            rows.append(judged(f"{field} against the {oracle.backend.name} run", error, TOLERANCE[dtype], "of largest"))
+    began = time.perf_counter()
+    for simulation in runs:
+        for _ in range(steps - compared):
+            result = simulation.step()
+    took = time.perf_counter() - began
+    differing = sum(not np.array_equal(*(s.field(field) for s in runs)) for field in runs[0].plan.fields)
+    log = runs[0].search.log
+    rows += [
+        judged(f"fields that differ between two runs after {steps} steps", differing, 0),
+        judged("neighbours missed", log.missed_neighbours, 0),
+        judged("speed at the end is finite", float(not np.isfinite(runs[0].field("velocity")).all()), 0),
+        row("rebuilds of the list", log.rebuilds),
+        row("simulated time", float(f"{result.time:.5g}"), "s", words=f"step limited by {result.limiter}"),
+    ]
+    if steps > compared:
+        rows.append(row("time per step", float(f"{1e3 * took / (2 * (steps - compared)):.4g}"), "ms"))
+    return rows
+
+
+def clock() -> tuple[Callable[[], Any], Callable[[Any, Any], float]]:
+    """(mark, seconds between two marks) on the device; on the host in the simulator."""
+    if backend.simulated():
+        return time.perf_counter, lambda a, b: b - a
+    import cupy
+
+    def mark() -> Any:
+        event = cupy.cuda.Event()
+        event.record()
+        return event
+
+    def between(a: Any, b: Any) -> float:
+        b.synchronize()
+        return 1e-3 * cupy.cuda.get_elapsed_time(a, b)
+
+    return mark, between
+
+
+def timing_task(arguments: list[str]) -> list[Row]:
+    """Milliseconds of a step and of its parts on a cube of liquid, float32, h = 2 spacings."""
+    edge = 4 if backend.simulated() else SIZES[arguments[0]]
+    spacing = 1.0 / edge
+    scene = Scene(
+        dtype="float32",
+        spacing=spacing,
+        support_radius=2 * spacing,
+        fluid=(Box(cells=(edge,) * 3, velocity=(0.1, 0.0, 0.0)),),
+        effects=(WeaklyCompressible(sound_speed=10.0, dynamic_viscosity=0.05), Gravity()),
+    )
+    began = time.perf_counter()
+    simulation = Simulation(scene, "cuda")
+    rows = [row("particles", simulation.count), row("set-up", float(f"{time.perf_counter() - began:.3g}"), "s")]
+    jitter = np.random.default_rng(1).uniform(-0.1, 0.1, (simulation.count, 3)) * spacing
+    simulation._set("position", simulation._host("position") + jitter)
+    simulation.step()
+    simulation.step()
+    mark, between = clock()
+    wait = simulation.backend.synchronize
+    repeats = 1 if backend.simulated() else 20
+
+    def measured(label: str, call: Callable[[], Any], times: int = repeats) -> None:
+        call()
+        wait()
+        spans = []
+        for _ in range(3):
+            first = mark()
+            host = time.perf_counter()
+            for _ in range(times):
+                call()
+            host = time.perf_counter() - host
+            spans.append((between(first, mark()) / times, host / times))
+        on_device, on_host = sorted(spans)[1]
+        bound = "the host's launches" if on_host > 0.8 * on_device else "the device"
+        rows.append(row(label, float(f"{1e3 * on_device:.4g}"), "ms", words=f"host {1e3 * on_host:.3g} ms; by {bound}"))
+
+    for name, _, call in simulation._calls:
+        measured(name, call)
+    for name, call in simulation._own.items():
+        if name == "sph.extremes":
+            measured(name, call)
+    search, fields = simulation.search, simulation.fields
+    measured("list: order", lambda: search.order(fields["position"]), 3)
+    order = search.order(fields["position"])
+    measured("list: one vector field in cell order", lambda: search.reorder(fields["velocity"], order), 3)
+    measured("list: build", lambda: search.build(simulation.build_position), 3)
+
+    def rebuild() -> None:
+        simulation._squared_way = np.inf
+        simulation._update_list()
+
+    measured("list: everything, audit included", rebuild, 3)
+    before = search.log.rebuilds
+    steps = 2 if backend.simulated() else 100
+    began = time.perf_counter()
+    for _ in range(steps):
+        simulation.step()
+    wait()
+    took = (time.perf_counter() - began) / steps
+    rows += [
+        row(
+            "step", float(f"{1e3 * took:.4g}"), "ms", words=f"{search.log.rebuilds - before} rebuilds in {steps} steps"
+        ),
+        row("step per particle", float(f"{1e9 * took / simulation.count:.4g}"), "ns"),
+        row("most neighbours", search.log.most_neighbours),
+        row("list", float(f"{search.log.list_bytes / 2**20:.5g}"), "MiB"),
+        judged("neighbours missed", search.log.missed_neighbours, 0),
+    ]
+    return rows
+
+
+def cache_task(_: list[str]) -> list[Row]:
+    """Seconds until a kernel's first launch has run; the second process finds it on disk."""
+    began = time.perf_counter()
+    Simulation(droplet("float32", True), "cuda").step()
+    return [row("first step of the droplet in a process", float(f"{time.perf_counter() - began:.3g}"), "s")]
+
+
+TASKS: dict[str, Callable[[list[str]], list[Row]]] = {
+    "device": device_task,
+    "pairing": pairing_task,
+    "search": search_task,
+    "run": run_task,
+    "cache": cache_task,
+    "timing": timing_task,
+}
+
+
+# The host side: processes, time limits, report.
+
+
+def planned(quick: bool) -> tuple[list[str], list[str]]:
+    """(tasks that share the GPU, tasks that have it for themselves)."""
+    together = [f"search {dim} {dtype}" for dim in (2, 3) for dtype in DTYPES]
+    together += [f"run {name} {dtype} {100 if quick else 1000}" for name in SCENES for dtype in DTYPES]
+    together += [f"pairing {name} {dtype}" for name in REGISTRY for dtype in (DTYPES[:1] if quick else DTYPES)]
+    alone = ["cache first", "cache second"]
+    return together, alone + [f"timing {size}" for size in SIZES if not (quick and size == "8M")]
+
+
+def executed(task: str, deadline: float) -> dict[str, Any]:
+    """Run a task in a process of its own: {"task", "rows", "seconds", "error"}."""
+    began = time.monotonic()
+    left = deadline - began
+    answer: dict[str, Any] = {"task": task, "rows": [], "error": None}
+    if left < 5:
+        return answer | {"error": "not run: no time was left", "seconds": 0.0}
+    try:
+        process = subprocess.run(
+            [sys.executable, __file__, "--task", task], capture_output=True, text=True, timeout=min(left, 240)
+        )
+        lines = [line for line in process.stdout.splitlines() if line.startswith(MARK)]
+        if lines:
+            answer |= json.loads(lines[-1].removeprefix(MARK))
+        else:
+            last = (process.stderr.strip().splitlines() or ["no words"])[-1]
+            answer["error"] = f"the process ended with code {process.returncode}: {without_paths(last)[:300]}"
+    except subprocess.TimeoutExpired:
+        answer["error"] = f"not ended after {time.monotonic() - began:.0f} s"
+    return answer | {"seconds": round(time.monotonic() - began, 1)}
+
+
+def failed(answer: dict[str, Any]) -> bool:
+    """Whether a task broke off or one of its verdicts is a failure."""
+    return bool(answer["error"]) or any(r["verdict"] == "fail" for r in answer["rows"])
+
+
+def tell(answer: dict[str, Any]) -> None:
+    """Print what a task found."""
+    print(f"{'FAIL' if failed(answer) else 'ok  '} {answer['task']}  ({answer['seconds']} s)", flush=True)
+    if answer["error"]:
+        print(f"       {answer['error']}", flush=True)
+    for r in answer["rows"]:
+        if r["verdict"] == "fail" or not answer["task"].startswith("pairing"):
+            text = f"       {r['name']}: {r['value']} {r['unit']} {r['tolerance']}".rstrip()
+            print(f"{text}  {r['words']}{'  FAIL' if r['verdict'] == 'fail' else ''}".rstrip(), flush=True)
+
+
+def commit() -> str:
+    """Short name of the working tree's commit, or of none."""
+    asked = subprocess.run(["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True, cwd=ROOT)
+    return asked.stdout.strip() if asked.returncode == 0 else "unknown"
+
+
+def as_markdown(report: dict[str, Any]) -> str:
+    """The report for people."""
+    lines = [f"# GPU report of {report['date']}", ""]
+    bad = [a["task"] for a in report["tasks"] if failed(a)]
+    lines += [f"Commit {report['commit']}, {report['seconds']} s.", ""]
+    lines += [f"Failed: {', '.join(bad)}." if bad else "Everything passed.", ""]
+    pairing = [a for a in report["tasks"] if a["task"].startswith("pairing")]
+    for answer in report["tasks"]:
+        if answer in pairing and not failed(answer):
+            continue
+        lines += [f"## {answer['task']}", ""]
+        if answer["error"]:
+            lines += [f"**{answer['error']}**", ""]
+        if answer["rows"]:
+            lines += ["| quantity | value | unit | tolerance | verdict | |", "| --- | --- | --- | --- | --- | --- |"]
+            lines += [
+                f"| {r['name']} | {r['value']} | {r['unit']} | {r['tolerance']} | {r['verdict']} | {r['words']} |"
+                for r in answer["rows"]
+            ]
+            lines.append("")
+    good = [a for a in pairing if not failed(a)]
+    if good:
+        lines += ["## Pairing", "", "Largest error as a share of the contract's bound.", ""]
+        lines += ["| operation | dtype | trials | largest error |", "| --- | --- | --- | --- |"]
+        for answer in good:
+            _, name, dtype = answer["task"].split()
+            lines.append(f"| {name} | {dtype} | {answer['rows'][0]['name']} | {answer['rows'][0]['value']} |")
+    return "\n".join(lines).rstrip() + "\n"
+
+
+def write(report: dict[str, Any], folder: pathlib.Path) -> None:
+    """Write the report as JSON and Markdown, named by its date."""
+    folder.mkdir(parents=True, exist_ok=True)
+    stem = folder / f"{report['date'][:10]}{'-simulator' if backend.simulated() else ''}"
+    stem.with_suffix(".json").write_text(json.dumps(report, indent=1) + "\n")
+    stem.with_suffix(".md").write_text(as_markdown(report))
+    print(f"report: {stem.name}.json and .md in {folder.name}/")
+
+
+def work(task: str) -> int:
+    """Inside a task's process: run it and print its rows as JSON."""
+    kind, *arguments = task.split()
+    answer: dict[str, Any] = {"rows": [], "error": None}
+    try:
+        answer["rows"] = TASKS[kind](arguments)
+    except Exception as error:
+        traceback.print_exc()
+        first = (str(error).strip().splitlines() or [""])[0]
+        where = traceback.extract_tb(error.__traceback__)[-1]
+        place = f"{pathlib.Path(where.filename).name} line {where.lineno}"
+        answer["error"] = without_paths(f"{type(error).__name__}: {first[:300]} ({place})")
+    print(MARK + json.dumps(answer, default=float))
+    return 4 if answer["error"] else 0
+
+
+def main() -> int:
+    """Run everything and write the report."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--quick", action="store_true", help="float32 pairing, short runs, no 8M timing")
+    parser.add_argument("--only", default="", help="tasks whose name starts like this")
+    parser.add_argument("--minutes", type=float, default=6.0, help="time for everything")
+    parser.add_argument("--folder", type=pathlib.Path, default=REPORTS, help="where the report is written")
+    parser.add_argument("--task", help=argparse.SUPPRESS)
+    options = parser.parse_args()
+    if options.task:
+        return work(options.task)
+    began = time.monotonic()
+    deadline = began + 60 * options.minutes
+    reason = backend.unavailable("cuda")
+    if reason:
+        print(f"The GPU cannot be checked: {reason}.", file=sys.stderr)
+        return 2
+    together, alone = ([task for task in tasks if task.startswith(options.only)] for tasks in planned(options.quick))
+    answers = [executed("device", deadline)]
+    tell(answers[0])
+    # What comes last has its time kept: the timing tasks need the GPU for themselves.
+    reserve = min(120, 20 * len(alone))
+    with concurrent.futures.ThreadPoolExecutor(WORKERS if (os.cpu_count() or 1) >= 8 else 1) as pool:
+        waiting = [pool.submit(executed, task, deadline - reserve) for task in together]
+        for done in concurrent.futures.as_completed(waiting):
+            answers.append(done.result())
+            tell(answers[-1])
+    answers[1:] = sorted(answers[1:], key=lambda a: together.index(a["task"]))
+    for task in alone:
+        answers.append(executed(task, deadline))
+        tell(answers[-1])
+    now = datetime.datetime.now(datetime.UTC)
+    report = {
+        "date": now.strftime("%Y-%m-%d %H:%M UTC"),
+        "commit": commit(),
+        "quick": options.quick,
+        "seconds": round(time.monotonic() - began),
+        "tasks": answers,
+    }
+    write(report, options.folder)
+    bad = [a["task"] for a in answers if failed(a)]
+    print(f"{len(answers) - len(bad)} of {len(answers)} tasks passed" + (f"; failed: {', '.join(bad)}" if bad else ""))
+    return 4 if bad else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
