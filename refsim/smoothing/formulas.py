@@ -51,7 +51,7 @@ def slope(q, shape):
 
 @formula
 def kernel_value(r, smoothing):
-    """W(r, h) [1/m^dim]."""
+    """W(r, h) = scale * w(r/h) [1/m^dim]."""
     return smoothing.value_scale * value(r * smoothing.inverse_radius, smoothing.shape)
 
 

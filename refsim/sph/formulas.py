@@ -32,5 +32,5 @@ def viscosity_pair(volume_j, viscosity, laplacian):
 
 @formula
 def wall_pressure_pair(wall_mass, pressure_i, density_i, slope):
-    """Akinci 2012 for one wall particle: factor of e_ib in the acceleration [m/s^2], -Psi_b p_i/rho_i^2 W'."""
+    """Akinci 2012 for one wall particle: factor f = -Psi_b p_i/rho_i^2 W'(r) of e_ib in the acceleration [m/s^2]."""
     return -wall_mass * pressure_i / (density_i * density_i) * slope

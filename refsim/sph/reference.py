@@ -83,13 +83,13 @@ def momentum(position, velocity, mass, density, pressure, walls, smoothing, flui
 
 
 def gravity(field, rows=None):
-    """Uniform acceleration [m/s^2]; one row that every particle takes."""
+    """Uniform acceleration a_i = g [m/s^2], g of J(6); one row that every particle takes."""
     field = np.asarray(field, dtype=float)[None, :]
     return {"acceleration": (field, np.abs(field))}
 
 
 def extremes(velocity, acceleration):
-    """[max |v|^2, max |a|^2, number of particles where either is not finite]."""
+    """E = (max |v|^2 [m^2/s^2], max |a|^2 [m^2/s^4], number of particles where either is not finite)."""
     speed = (np.asarray(velocity, dtype=float) ** 2).sum(1)
     force = (np.asarray(acceleration, dtype=float) ** 2).sum(1)
     broken = ~(np.isfinite(speed) & np.isfinite(force))

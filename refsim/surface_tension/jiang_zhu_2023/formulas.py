@@ -14,7 +14,10 @@ def normalised_density(mass_sum, volume_sum):
 
 @formula
 def soft_weight(steepness, soft):
-    """Soft surface weight of |h grad c| (spec 10.2): smoothstep from `lower` to `upper`; 0 in the bulk, 1 outside."""
+    """Soft surface weight of |h grad c| (spec 10.2): smoothstep from `lower` to `upper`; 0 in the bulk, 1 outside.
+
+    Dimensionless.
+    """
     real = type(steepness)
     t = (steepness - soft.lower) * soft.inverse_width
     if t <= real(0):

@@ -1,0 +1,156 @@
+"""The scalar formulas, called from Python: smoothing kernels by integration, equations of state by their limits."""
+
+import math
+
+import numpy as np
+import pytest
+
+from refsim import InputError
+from refsim.boundary.akinci_2012 import box_layer, calibrated_factor, wall_kernel_sums
+from refsim.smoothing import SHAPES, formulas, reference, smoothing
+from refsim.smoothing.formulas import kernel_slope, kernel_value, viscosity_laplacian
+from refsim.sph import Fluid, lattice_number_density
+from refsim.sph.formulas import state_pressure
+
+NODES, WEIGHTS = np.polynomial.legendre.leggauss(40)
+
+
+def sphere(r, dim):
+    """Circumference or surface of the ball of radius r."""
+    return 2 * math.pi * r if dim == 2 else 4 * math.pi * r**2
+
+
+def integral(function, h, dim):
+    """Integral of a radial function over the ball of radius h, exact for polynomials on either half of it."""
+    total = 0.0
+    for low, high in ((0.0, 0.5 * h), (0.5 * h, h)):
+        r = 0.5 * (high - low) * (NODES + 1) + low
+        values = np.array([float(function(np.float64(x))) for x in r])
+        total += 0.5 * (high - low) * float(WEIGHTS @ (values * sphere(r, dim)))
+    return total
+
+
+@pytest.mark.parametrize("h", [1e-6, 0.7, 1e3])
+@pytest.mark.parametrize("dim", [2, 3])
+@pytest.mark.parametrize("shape", SHAPES)
+class TestKernels:
+    def test_integral_is_one(self, shape, dim, h):
+        kernel = smoothing(shape, h, dim)
+        assert integral(lambda r: kernel_value(r, kernel), h, dim) == pytest.approx(1, rel=1e-12)
+
+    def test_slope_has_the_first_moment_of_a_gradient(self, shape, dim, h):
+        kernel = smoothing(shape, h, dim)
+        assert integral(lambda r: r * kernel_slope(r, kernel), h, dim) / -dim == pytest.approx(1, rel=1e-12)
+
+    def test_slope_is_the_derivative(self, shape, dim, h):
+        kernel = smoothing(shape, h, dim)
+        step = 1e-5 * h
+        for q in (0.05, 0.3, 0.45, 0.55, 0.8, 0.97):
+            r = np.float64(q * h)
+            difference = (kernel_value(r + step, kernel) - kernel_value(r - step, kernel)) / (2 * step)
+            assert kernel_slope(r, kernel) == pytest.approx(difference, rel=1e-5)
+            assert kernel_slope(r, kernel) < 0
+
+    def test_nothing_at_and_beyond_the_edge(self, shape, dim, h):
+        kernel = smoothing(shape, h, dim)
+        for r in (h, 1.5 * h, 1e6 * h, math.inf):
+            assert kernel_value(np.float64(r), kernel) == 0
+            assert kernel_slope(np.float64(r), kernel) == 0
+            assert viscosity_laplacian(np.float64(r), kernel) == 0
+
+    def test_single_precision_is_finite_and_right(self, shape, dim, h):
+        single, double = smoothing(shape, h, dim, "float32"), smoothing(shape, h, dim)
+        for q in (0.0, 1e-7, 0.1, 0.5, 0.75):
+            r = np.float32(q * h)
+            for function in (kernel_value, kernel_slope, viscosity_laplacian):
+                value = function(r, single)
+                assert isinstance(value, np.float32)
+                assert np.isfinite(value)
+                assert value == pytest.approx(float(function(np.float64(r), double)), rel=2e-6)
+
+    def test_laplacian_is_exact_on_quadratic_fields(self, shape, dim, h):
+        """sum over j of (f_j - f_i) lap W dV for f = r^2 must be 2 dim."""
+        kernel = smoothing(shape, h, dim)
+        assert integral(lambda r: r**2 * viscosity_laplacian(r, kernel), h, dim) == pytest.approx(2 * dim, rel=1e-12)
+
+    def test_oracle_is_the_same_function(self, shape, dim, h):
+        kernel = smoothing(shape, h, dim)
+        r = np.linspace(0, 1.2 * h, 301)
+        for name in ("kernel_value", "kernel_slope", "viscosity_laplacian"):
+            own = np.array([getattr(formulas, name)(x, kernel) for x in r])
+            other = getattr(reference, name)(r, kernel)
+            assert np.abs(own - other).max() <= 1e-13 * np.abs(other).max()
+
+
+@pytest.mark.parametrize(
+    "arguments, words",
+    [
+        (("poly7", 1.0, 3), "poly7"),
+        (("poly6", 1.0, 4), "dim = 4"),
+        (("poly6", 0.0, 3), "support_radius"),
+        (("poly6", -1.0, 3), "support_radius"),
+        (("poly6", math.nan, 3), "support_radius"),
+    ],
+)
+def test_impossible_kernels_are_refused(arguments, words):
+    with pytest.raises(InputError, match=words):
+        smoothing(*arguments)
+
+
+def fluid(exponent, clamp, c=20.0, dtype=np.float64):
+    return Fluid(dtype(1000.0), dtype(1000 * c**2 / exponent), np.int32(exponent), np.int32(clamp))
+
+
+@pytest.mark.parametrize("exponent", [1, 7])
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+class TestEquationOfState:
+    def test_rest_density_has_no_pressure(self, exponent, dtype):
+        for clamp in (0, 1):
+            assert state_pressure(dtype(1000), fluid(exponent, clamp, dtype=dtype)) == 0
+
+    def test_sound_speed_is_the_slope_at_rest(self, exponent, dtype):
+        step = 1.0
+        liquid = fluid(exponent, 0, dtype=dtype)
+        rise = state_pressure(dtype(1000 + step), liquid) - state_pressure(dtype(1000 - step), liquid)
+        assert rise / (2 * step) == pytest.approx(400, rel=1e-3)
+
+    def test_vacuum(self, exponent, dtype):
+        assert state_pressure(dtype(0), fluid(exponent, 0, dtype=dtype)) == pytest.approx(-4e5 / exponent)
+        assert state_pressure(dtype(0), fluid(exponent, 1, dtype=dtype)) == 0
+
+    def test_clamping_touches_only_tension(self, exponent, dtype):
+        for rho in (1000.5, 1100.0, 2000.0):
+            free, clamped = (state_pressure(dtype(rho), fluid(exponent, clamp, dtype=dtype)) for clamp in (0, 1))
+            assert free == clamped > 0
+            assert isinstance(free, dtype)
+        assert state_pressure(dtype(990), fluid(exponent, 0, dtype=dtype)) < 0
+
+
+def test_tait_is_stiffer_than_linear():
+    assert state_pressure(2000.0, fluid(7, 0)) == pytest.approx(1000 * 400 / 7 * 127)
+    assert state_pressure(2000.0, fluid(1, 0)) == pytest.approx(1000 * 400)
+
+
+@pytest.mark.parametrize(
+    "shape, dim, ratio, factor",
+    [("wendland_c2", 2, 2.6, 0.5846), ("wendland_c2", 3, 2.7, 0.5714), ("poly6", 3, 2.0, 0.6182)],
+)
+def test_calibrated_walls_give_the_first_layer_the_rest_density(shape, dim, ratio, factor):
+    """The factor of spec section 7, and what it is for: liquid filling a box has the rest density at its wall."""
+    spacing = 0.1
+    h = ratio * spacing
+    g = calibrated_factor(shape, h, spacing, dim)
+    assert g == pytest.approx(factor, abs=5e-5)
+    cells = 13
+    upper = (cells * spacing,) * 3
+    wall = box_layer((0, 0, 0), upper, spacing, dim)
+    kernel = smoothing(shape, h, dim)
+    volume = g / wall_kernel_sums(wall, shape, h, dim)
+    axes = [(np.arange(cells) + 0.5) * spacing] * dim
+    liquid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, dim)
+    first = np.array([0.5 * spacing] + [upper[0] / 2] * (dim - 1))  # in the first layer, far from every edge
+    sums = reference.kernel_value(np.linalg.norm(liquid - first, axis=1), kernel).sum()
+    filled = volume @ reference.kernel_value(np.linalg.norm(wall[:, :dim] - first, axis=1), kernel)
+    rest = lattice_number_density(shape, h, spacing, dim)
+    assert sums / rest + filled == pytest.approx(1, abs=1e-6)
+    assert sums / rest + filled / g == pytest.approx(1.15, abs=0.035)  # uncalibrated: 12 to 17 % too dense
