@@ -108,11 +108,11 @@ def test_force_scales_with_the_support_radius_in_float32(support_radius, dim):
     assert value.dtype == np.float32
     assert np.isfinite(value)
     assert value == pytest.approx(expected, rel=1e-5)
-    factor = formulas.area_pair(np.float32(mass), np.float32(1e3), np.float32(1e3), groups["area"])
-    assert factor == pytest.approx(
-        formulas.area_pair(np.float64(mass), np.float64(1e3), np.float64(1e3), fine["area"]), rel=1e-5
-    )
-    assert factor < 0
+    volume = formulas.area_pair(np.float32(mass), np.float32(1e3), groups["area"])
+    strength = formulas.area_strength(np.float32(1e3), groups["area"])
+    gradient = np.float32(1 / support_radius)
+    expected = float(fine["area"].coefficient) * mass / 1e6 / support_radius
+    assert strength * (volume * gradient) == pytest.approx(expected, rel=1e-5)
 
 
 def test_printed_sign_attracts_where_the_adopted_one_repels():

@@ -3,7 +3,7 @@
 from refsim.compile import formula
 from refsim.smoothing.formulas import value
 from refsim.smoothing.shapes import POLY6
-from refsim.surface_tension.jiang_zhu_2023.modes import ALL, BOTH, CORRECTED, EITHER, ONE_SIDED
+from refsim.surface_tension.jiang_zhu_2023.modes import ALL, CORRECTED, EITHER, ONE_SIDED, SOFT
 
 
 @formula
@@ -28,24 +28,31 @@ def soft_weight(steepness, soft):
 
 
 @formula
-def pair_weight(mode, weight_i, weight_j, surface_i, surface_j):
-    """Share of the pair force that acts on i; `weight` in 0..1, `surface` 0 or 1 (E9, spec 10.3). Dimensionless.
+def pair_weight_line(mode, weight_i, surface_i):
+    """(base, slope) of the pair weights of particle i: a pair acts on i with base + slope * (w_j, or s_j by S).
 
-    It never falls with weight_j or surface_j: where it is 0 for the largest of both, the whole row is idle.
+    soft (w_i + w_j)/2; all 1; one_sided s_i; either s_i or s_j; both s_i and s_j (E9, spec 10.3). Dimensionless.
     """
     real = type(weight_i)
-    acts = True
+    on = real(1) if surface_i != 0 else real(0)
+    if mode == SOFT:
+        return real(0.5) * weight_i, real(0.5)
     if mode == ALL:
-        acts = True
-    elif mode == ONE_SIDED:
-        acts = surface_i != 0
-    elif mode == EITHER:
-        acts = surface_i != 0 or surface_j != 0
-    elif mode == BOTH:
-        acts = surface_i != 0 and surface_j != 0
-    else:
-        return real(0.5) * (weight_i + weight_j)
-    return real(1) if acts else real(0)
+        return real(1), real(0)
+    if mode == ONE_SIDED:
+        return on, real(0)
+    if mode == EITHER:
+        return on, real(1) - on
+    return real(0), on
+
+
+@formula
+def pair_weight(mode, weight_i, weight_j, surface_i, surface_j):
+    """Share of the pair force that acts on i; w in 0..1, s 0 or 1; dimensionless."""
+    base, slope = pair_weight_line(mode, weight_i, surface_i)
+    if mode == SOFT:
+        return base + slope * weight_j
+    return base + slope * type(weight_i)(surface_j)
 
 
 @formula
@@ -62,11 +69,16 @@ def cohesion_pair(mass_j, q, cohesion):
 
 
 @formula
-def area_pair(mass_j, density_i, density_j, area):
-    """J(21) or J(18) for one neighbour: factor of (n_i - n_j) in the acceleration of i.
-
-    J(21), "corrected": -eps m_j/(rho_i rho_j), eps [N/m^5], n* [1/m]; J(18), "color": -eps' [m/s^2], n dimensionless.
-    """
+def area_pair(mass_j, density_j, area):
+    """J(21) for one neighbour: factor of (n*_i - n*_j), its volume m_j/rho_j [m^dim]; 1 in J(18)."""
     if area.kind == CORRECTED:
-        return -(area.coefficient * (mass_j / density_j) / density_i)
-    return -area.coefficient
+        return mass_j / density_j
+    return type(mass_j)(1)
+
+
+@formula
+def area_strength(density_i, area):
+    """Factor of the sum of `area_pair` terms, less its minus sign: eps/rho_i in J(21), eps' [m/s^2] in J(18)."""
+    if area.kind == CORRECTED:
+        return area.coefficient / density_i
+    return area.coefficient

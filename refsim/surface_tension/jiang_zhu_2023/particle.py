@@ -39,41 +39,61 @@ def soft_weight(i, surface_normal, soft):
 
 
 @formula
-def tension(
-    i, row, position, mass, density, surface_weight, surface, area_normal, index, smoothing, pairs, cohesion, area
-):
-    """J(16) and J(21) or J(18), each unless None: acceleration of particle i [m/s^2].
+def row_share(i, row, zero, surface_weight, surface, index, pairs):
+    """(base, slope) of the pair weights in row i, base + slope * (w_j or s_j); (0, 0) where no listed pair acts.
 
-    Whether a pair acts at all is asked first, because the weight is all that most rows of the bulk have to read.
+    In the bulk this reads nothing but the neighbours' weights, and that is all that a particle of the bulk costs.
     """
     first, stride, count = row
-    h = smoothing.support_radius
-    real = type(h)
-    zero, one = real(0), real(1)
-    limit = h * h
-    tiny = real(1e-9) * h
-    ax, ay, az = zero, zero, zero
-    weight_i, weight_j = zero, zero
-    surface_i, surface_j = 0, 0
+    real = type(zero)
+    weight_i, surface_i = zero, 0
     if surface_weight is not None:
         weight_i = surface_weight[i]
     if surface is not None:
         surface_i = surface[i]
-    if formulas.pair_weight(pairs.mode, weight_i, one, surface_i, 1) <= zero:
+    base, slope = formulas.pair_weight(pairs.mode, weight_i, surface_i)
+    if base == zero and slope != zero:
+        idle = True
+        for k in range(count):
+            j = index[first + k * stride]
+            if surface_weight is not None:
+                idle &= surface_weight[j] == zero  # a NaN is not idle and stays visible
+            if surface is not None:
+                idle &= surface[j] == 0
+        if idle:
+            slope = zero
+    return base, slope
+
+
+@formula
+def tension(
+    i, row, position, mass, density, surface_weight, surface, area_normal, index, smoothing, pairs, cohesion, area
+):
+    """J(16) and J(21) or J(18), each unless None: acceleration of particle i [m/s^2]."""
+    first, stride, count = row
+    h = smoothing.support_radius
+    real = type(h)
+    limit = h * h
+    tiny = real(1e-9) * h
+    ax, ay, az = real(0), real(0), real(0)
+    base, slope = row_share(i, row, real(0), surface_weight, surface, index, pairs)
+    if base == real(0) and slope == real(0):
         return ax, ay, az
+    bx, by, bz = real(0), real(0), real(0)
+    nx, ny, nz = real(0), real(0), real(0)
+    if area is not None:
+        nx, ny, nz = area_normal[i, 0], area_normal[i, 1], area_normal[i, 2]
     x, y, z = position[i, 0], position[i, 1], position[i, 2]
     for k in range(count):
         j = index[first + k * stride]
-        if surface_weight is not None:
-            weight_j = surface_weight[j]
-        if surface is not None:
-            surface_j = surface[j]
-        share = formulas.pair_weight(pairs.mode, weight_i, weight_j, surface_i, surface_j)
-        if share <= zero:  # a NaN goes on and stays visible
-            continue
         dx, dy, dz = x - position[j, 0], y - position[j, 1], z - position[j, 2]
         r2 = dx * dx + dy * dy + dz * dz
         if r2 < limit:
+            share = base
+            if surface_weight is not None:
+                share += slope * surface_weight[j]
+            if surface is not None:
+                share += slope * real(surface[j])
             if cohesion is not None:
                 r = math.sqrt(r2)
                 f = share * formulas.cohesion_pair(mass[j], r * smoothing.inverse_radius, cohesion) / (r + tiny)
@@ -81,8 +101,13 @@ def tension(
                 ay += f * dy
                 az += f * dz
             if area is not None:
-                g = share * formulas.area_pair(mass[j], density[i], density[j], area)
-                ax += g * (area_normal[i, 0] - area_normal[j, 0])
-                ay += g * (area_normal[i, 1] - area_normal[j, 1])
-                az += g * (area_normal[i, 2] - area_normal[j, 2])
+                g = share * formulas.area_pair(mass[j], density[j], area)
+                bx += g * (nx - area_normal[j, 0])
+                by += g * (ny - area_normal[j, 1])
+                bz += g * (nz - area_normal[j, 2])
+    if area is not None:
+        strength = formulas.area_strength(density[i], area)
+        ax -= strength * bx
+        ay -= strength * by
+        az -= strength * bz
     return ax, ay, az
