@@ -56,7 +56,7 @@ def shape(q, **options):
     return np.array([formulas.force_shape(np.float64(x), cohesion) for x in np.atleast_1d(q)])
 
 
-def drop(n=5, dtype="float64", dim=3, fluid=None, wobble=0.0, **parameters):
+def drop(n=5, dtype="float32", dim=3, fluid=None, wobble=0.0, **parameters):
     spacing = 1.0 / n
     cells = (n, n, n if dim == 3 else 1)
     part = Box(lower=(-0.5, -0.5, -0.5), cells=cells)
@@ -175,8 +175,9 @@ def test_pair_weight_table(mode):
         "both": lambda wi, wj, si, sj: min(si, sj),
     }[mode]
     for wi, wj, si, sj in itertools.product((0.0, 0.25, 1.0), (0.0, 0.25, 1.0), (0, 1), (0, 1)):
-        arguments = (np.float32(wi), np.float32(wj), np.uint8(si), np.uint8(sj))
-        assert formulas.pair_weight(PAIR_MODES[mode], *arguments) == expected(wi, wj, si, sj)
+        base, slope = formulas.pair_weight(PAIR_MODES[mode], np.float32(wi), np.uint8(si))
+        assert base + slope * (wj if mode == "soft" else sj) == expected(wi, wj, si, sj)
+        assert base.dtype == slope.dtype == np.float32
         assert reference.pair_shares(PAIR_MODES[mode], wi, wj, si, sj) == expected(wi, wj, si, sj)
 
 
@@ -328,7 +329,7 @@ def test_density_correction_lifts_the_surface_before_the_equation_of_state():
     assert np.all(after[face_middles] > 1.04 * before[face_middles])
     assert after.min() > 1.2 * before.min()
     assert after.max() <= before.max()  # a mean of neighbouring densities
-    np.testing.assert_allclose(corrected.field("pressure"), 1600 * (after - 1), rtol=1e-10, atol=1e-10)
+    np.testing.assert_allclose(corrected.field("pressure"), 1600 * (after - 1), rtol=1e-5, atol=1e-3)
 
 
 # In a scene
@@ -348,8 +349,8 @@ def test_a_scene_pays_only_for_what_its_pair_mode_uses(mode):
 
 
 def test_no_tension_leaves_the_state_bitwise_alone():
-    plain = Simulation(drop(dtype="float32", wobble=0.2), "cpu")
-    idle = Simulation(drop(dtype="float32", wobble=0.2, surface_tension=0.0), "cpu")
+    plain = Simulation(drop(wobble=0.2), "cpu")
+    idle = Simulation(drop(wobble=0.2, surface_tension=0.0), "cpu")
     assert idle.plan.launches() == plain.plan.launches()
     assert set(idle.plan.fields) == set(plain.plan.fields)
     for _ in range(5):
@@ -397,7 +398,7 @@ def radius_variation(position):
 
 
 def test_a_cube_rounds_off():
-    simulation = Simulation(drop(9, dtype="float32", surface_tension=1.0), "cpu")
+    simulation = Simulation(drop(9, surface_tension=1.0), "cpu")
     cube = radius_variation(simulation.field("position"))
     while simulation.time < 0.55:
         simulation.step()

@@ -48,7 +48,6 @@ class PairSelection(NamedTuple):
     """Which pairs act, as the kernels take it."""
 
     mode: int  # of PAIR_MODES
-    unit: float  # one, in the run's dtype
 
 
 class SoftThresholds(NamedTuple):
@@ -295,7 +294,7 @@ class JiangZhu2023(Effect, frozen=True, kw_only=True):
         groups = self._detection(others).prepare(grid, others)
         groups |= normal_term(fluid, grid, own_density="E10" in self._printed())
         return groups | {
-            "pairs": PairSelection(np.int32(PAIR_MODES[self.pair_mode]), real(1)),
+            "pairs": PairSelection(np.int32(PAIR_MODES[self.pair_mode])),
             "soft": SoftThresholds(
                 real(self.soft_lower), real(self.soft_upper), real(1 / (self.soft_upper - self.soft_lower))
             ),

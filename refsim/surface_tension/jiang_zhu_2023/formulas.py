@@ -28,7 +28,7 @@ def soft_weight(steepness, soft):
 
 
 @formula
-def pair_weight_line(mode, weight_i, surface_i):
+def pair_weight(mode, weight_i, surface_i):
     """(base, slope) of the pair weights of particle i: a pair acts on i with base + slope * (w_j, or s_j by S).
 
     soft (w_i + w_j)/2; all 1; one_sided s_i; either s_i or s_j; both s_i and s_j (E9, spec 10.3). Dimensionless.
@@ -44,15 +44,6 @@ def pair_weight_line(mode, weight_i, surface_i):
     if mode == EITHER:
         return on, real(1) - on
     return real(0), on
-
-
-@formula
-def pair_weight(mode, weight_i, weight_j, surface_i, surface_j):
-    """Share of the pair force that acts on i; w in 0..1, s 0 or 1; dimensionless."""
-    base, slope = pair_weight_line(mode, weight_i, surface_i)
-    if mode == SOFT:
-        return base + slope * weight_j
-    return base + slope * type(weight_i)(surface_j)
 
 
 @formula
