@@ -46,6 +46,7 @@ def row_share(i, row, zero, surface_weight, surface, index, pairs):
     """
     first, stride, count = row
     real = type(zero)
+    one = real(1)
     weight_i, surface_i = zero, 0
     if surface_weight is not None:
         weight_i = surface_weight[i]
@@ -53,14 +54,14 @@ def row_share(i, row, zero, surface_weight, surface, index, pairs):
         surface_i = surface[i]
     base, slope = formulas.pair_weight(pairs.mode, weight_i, surface_i)
     if base == zero and slope != zero:
-        idle = True
+        largest = zero
         for k in range(count):
             j = index[first + k * stride]
             if surface_weight is not None:
-                idle &= surface_weight[j] == zero  # a NaN is not idle and stays visible
+                largest = max(largest, zero if surface_weight[j] == zero else one)  # a NaN acts, to stay visible
             if surface is not None:
-                idle &= surface[j] == 0
-        if idle:
+                largest = max(largest, real(surface[j]))
+        if largest == zero:
             slope = zero
     return base, slope
 
