@@ -1,0 +1,227 @@
+"""What must hold for any scene: random liquids, drawn from seeds, conserve, repeat and do not care how they are put.
+
+Whole steps of whole scenes; the contract asks the same of single operations.
+"""
+
+import dataclasses
+
+import msgspec
+import numpy as np
+import pytest
+
+from refsim import BoxWalls, Cloud, Gravity, JiangZhu2023, Scene, Simulation, WeaklyCompressible
+
+SEEDS = range(6)
+SPACING, H = 0.1, 0.22
+
+
+def scene(seed, **options):
+    """A random blob of liquid with random settings; float64, so that conservation shows to round-off."""
+    random = np.random.default_rng(seed)
+    dim = 2 + seed % 2
+    count = int(random.integers(40, 90))
+    side = 0.5 * SPACING * count ** (1 / dim)
+    position = np.zeros((count, 3))
+    position[:, :dim] = relaxed(random, count, dim, side)
+    velocity = np.zeros((count, 3))
+    velocity[:, :dim] = random.normal(scale=0.3, size=(count, dim))
+    liquid = WeaklyCompressible(
+        sound_speed=12.0,
+        dynamic_viscosity=float(random.choice([0.0, 0.4])),
+        state=str(random.choice(["linear", "tait"])),
+        clamp_pressure=bool(random.integers(2)),
+        kernels=str(random.choice(["wendland", "mueller"])),
+    )
+    effects = [liquid]
+    if options.pop("tension", False):
+        effects.append(JiangZhu2023(surface_tension=0.5))
+    mass = 1000 * SPACING**dim * random.uniform(0.8, 1.2, count)
+    return Scene(
+        spacing=SPACING, support_radius=H, dim=dim, dtype="float64", step=2e-4, skin=0.1,
+        fluid=(Cloud(position=position, velocity=velocity, mass=mass),), effects=tuple(effects), **options,
+    )  # fmt: skip
+
+
+def relaxed(random, count, dim, side):
+    """Random places at least half a spacing apart."""
+    kept = []
+    while len(kept) < count:
+        x = random.uniform(-side, side, dim) * 1.15
+        if all(np.linalg.norm(x - y) > 0.5 * SPACING for y in kept):
+            kept.append(x)
+    return np.array(kept)
+
+
+def run(scene, steps=12, backend="cpu"):
+    simulation = Simulation(scene, backend)
+    for _ in range(steps):
+        simulation.step()
+    return simulation
+
+
+def state(simulation):
+    return simulation.field("position"), simulation.field("velocity"), simulation.field("mass")
+
+
+def cloud_of(scene):
+    return scene.fluid[0]
+
+
+def changed(scene, **parts):
+    return msgspec.structs.replace(scene, fluid=(msgspec.structs.replace(cloud_of(scene), **parts),))
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_momentum_and_mass_stay(seed):
+    begun = scene(seed, tension=seed % 3 == 0)
+    simulation = run(begun)
+    x, v, m = state(simulation)
+    first = cloud_of(begun)
+    assert np.array_equal(m, first.mass)
+    total = (m[:, None] * v).sum(0)
+    before = (m[:, None] * first.velocity).sum(0)
+    assert np.abs(total - before).max() < 1e-12 * (m[:, None] * np.abs(v)).sum()
+    assert np.abs(x - first.position).max() > 1e-4  # something moved
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_angular_momentum_stays_without_viscosity(seed):
+    begun = scene(seed)
+    liquid = msgspec.structs.replace(begun.effects[0], dynamic_viscosity=0.0)
+    begun = msgspec.structs.replace(begun, effects=(liquid,))
+    simulation = run(begun)
+    x, v, m = state(simulation)
+    # The velocity belongs half a step before the position: with central forces x cross v is kept at either.
+    first = cloud_of(begun)
+    spin = (m[:, None] * np.cross(x, v)).sum(0)
+    kick = (m[:, None] * np.cross(first.position, first.velocity)).sum(0)
+    scale = (m * np.linalg.norm(x, axis=1) * np.linalg.norm(v, axis=1)).sum()
+    assert np.abs(spin - kick).max() < 1e-10 * scale
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_viscosity_alone_only_slows(seed):
+    """Where no density can make a pressure, the kinetic energy falls in every step."""
+    begun = scene(seed)
+    liquid = msgspec.structs.replace(begun.effects[0], dynamic_viscosity=0.4, clamp_pressure=True, rest_density=1e9)
+    simulation = Simulation(msgspec.structs.replace(begun, effects=(liquid,)))
+    energies = []
+    for _ in range(8):
+        simulation.step()
+        _, v, m = state(simulation)
+        energies.append(0.5 * (m * (v**2).sum(1)).sum())
+    assert (simulation.field("pressure") == 0).all()
+    assert (np.diff(energies) < 0).all()
+
+
+@pytest.mark.parametrize("seed", SEEDS[:4])
+def test_nothing_depends_on_place_speed_or_naming(seed):
+    begun = scene(seed)
+    x, v, _ = state(run(begun))
+    first = cloud_of(begun)
+    scale = np.abs(x).max()
+
+    shift = np.array([3.0, -5.0, 0.0])
+    moved = state(run(changed(begun, position=first.position + shift)))
+    assert np.abs(moved[0] - shift - x).max() < 1e-9 * scale
+
+    wind = np.array([1.5, 0.5, 0.0])
+    blown = run(changed(begun, velocity=first.velocity + wind))
+    assert np.abs(blown.field("position") - wind * blown.time - x).max() < 1e-9 * scale
+
+    order = np.random.default_rng(seed).permutation(len(x))
+    parts = {"position": first.position[order], "velocity": first.velocity[order], "mass": first.mass[order]}
+    shuffled = state(run(changed(begun, **parts)))
+    assert np.abs(shuffled[0] - x[order]).max() < 1e-9 * scale
+
+    turn = np.array([[0.6, -0.8, 0.0], [0.8, 0.6, 0.0], [0.0, 0.0, 1.0]])
+    turned = state(run(changed(begun, position=first.position @ turn.T, velocity=first.velocity @ turn.T)))
+    assert np.abs(turned[0] @ turn - x).max() < 1e-9 * scale
+    assert np.abs(turned[1] @ turn - v).max() < 1e-7
+
+
+@pytest.mark.parametrize("seed", SEEDS[:2])
+def test_a_run_repeats_bit_for_bit(seed):
+    one, two = (state(run(scene(seed, tension=True))) for _ in range(2))
+    assert all(a.tobytes() == b.tobytes() for a, b in zip(one, two))
+
+
+@pytest.mark.parametrize("seed", SEEDS[:2])
+def test_backends_agree(seed):
+    """Reference and CPU kernels, step after step, until rounding has grown a little."""
+    begun = scene(seed, tension=True)
+    x, v, _ = state(run(begun))
+    y, w, _ = state(run(begun, backend="numpy"))
+    assert np.abs(x - y).max() < 1e-11
+    assert np.abs(v - w).max() < 1e-9
+
+
+@pytest.mark.parametrize("seed", SEEDS[:3])
+def test_looking_changes_nothing(seed):
+    """Evaluating between steps, also on demand, leaves the run bit for bit as it would have been."""
+    begun = scene(seed, tension=True)
+    looked = Simulation(begun)
+    for _ in range(12):
+        looked.step()
+        looked.evaluate()
+    assert all(a.tobytes() == b.tobytes() for a, b in zip(state(looked), state(run(begun))))
+
+
+@pytest.mark.parametrize("seed", SEEDS[:3])
+def test_units_do_not_matter(seed):
+    """A liquid a thousand times smaller and as much faster in its own time runs through the same shapes."""
+    begun = scene(seed)
+    factor = 2.0**-10
+    liquid = begun.effects[0]
+    first = cloud_of(begun)
+    dim = begun.dim
+    small = changed(begun, position=first.position * factor, mass=first.mass * factor**dim)
+    small = msgspec.structs.replace(
+        small,
+        spacing=SPACING * factor,
+        support_radius=H * factor,
+        step=begun.step * factor,
+        effects=(msgspec.structs.replace(liquid, dynamic_viscosity=liquid.dynamic_viscosity * factor),),
+    )
+    x, v, _ = state(run(begun))
+    y, w, _ = state(run(small))
+    assert np.abs(y / factor - x).max() < 1e-9
+    assert np.abs(w - v).max() < 1e-8
+
+
+def test_walls_hold_random_spray():
+    """Particles flung about in a closed box stay in it, and the log says how often a plane had to stop one."""
+    random = np.random.default_rng(3)
+    position = random.uniform(0.05, 0.95, (60, 3))
+    position[:, 2] = 0
+    velocity = random.normal(scale=20.0, size=(60, 3))
+    velocity[:, 2] = 0
+    simulation = run(
+        Scene(
+            spacing=0.05, support_radius=0.12, dim=2,
+            fluid=(Cloud(position=position, velocity=velocity),),
+            effects=(
+                WeaklyCompressible(sound_speed=50.0),
+                Gravity(acceleration=(0.0, -9.81, 0.0)),
+                BoxWalls(lower=(0, 0, 0), upper=(1, 1, 1)),
+            ),
+        ),
+        steps=150,
+    )  # fmt: skip
+    x = simulation.field("position")
+    assert simulation.time > 0.05
+    assert (x[:, :2] >= 0).all()
+    assert (x[:, :2] <= 1).all()
+    assert not x[:, 2].any()
+    assert simulation.stopped_at_walls > 0
+    assert simulation.search.log.missed_neighbours == 0
+
+
+def test_outcomes_are_plain_records():
+    """What the contract reports can be written out by whoever runs it."""
+    from refsim import contract
+
+    outcome = contract.run("sph.state", "cpu", "float32", "cloud_3d")
+    assert outcome.passed
+    assert dataclasses.asdict(outcome)["operation"] == "sph.state"
+    assert str(outcome).startswith("pass sph.state T2 cloud_3d on cpu float32")
