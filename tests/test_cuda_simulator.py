@@ -19,9 +19,11 @@ from refsim import (
     SurfaceDetection,
     WeaklyCompressible,
     backend,
+    contract,
     neighbours,
 )
 from refsim.neighbours.reference import neighbour_list, pair_blocks
+from refsim.operation import REGISTRY
 
 pytestmark = pytest.mark.skipif(
     not backend.simulated(), reason="runs in the CUDA simulator only: set NUMBA_ENABLE_CUDASIM=1 NUMBA_DISABLE_JIT=1"
@@ -197,6 +199,15 @@ def test_largest_values_do_not_outlive_their_call(cuda):
     kernels.kick_drift(place, cuda.asarray(np.zeros((21, 3))), None, steps, way, cuda.asarray(velocity), place)
     assert cuda.host(way)[0] == np.inf  # the particle that is nowhere
     assert cuda.host(way)[1] == 0
+
+
+@pytest.mark.parametrize(
+    ("name", "variant"), [(name, k) for name, operation in REGISTRY.items() for k in range(len(operation.variants))]
+)
+def test_operation_agrees_with_its_reference(name, variant):
+    """One hard input of the contract; all of them run on a GPU (`scripts/gpu_check.py`)."""
+    outcome = contract.run(name, "cuda", "float32", "cloud_2d", variant)
+    assert outcome.passed, str(outcome)
 
 
 def dam_break(dtype):
