@@ -124,7 +124,9 @@ class JiangZhu2023(Effect, frozen=True, kw_only=True):
     area_term           "corrected" (J(21) with normals J(20)), "color" (J(18) with normals J(19)) or "none"
     area_ratio          eps_r of J(21), eps = eps_r gamma rho0^2 h^(1 - dim); stable up to about 0.01
     area_acceleration   eps' of J(18) [m/s^2]; left out, 0.001 gamma rho0
-    density_correction  correct the density near the surface, J(14) and J(15), before the equation of state
+    density_correction  correct the density near the surface, J(14) and J(15), before the equation of state and the
+                        normals. Without it J(21), which divides by both densities, can push a particle that has left
+                        the surface further out
     threshold           lambda of J(12), the near-surface set N of the density correction and of S; left out, that
                         of the scene's surface detection, else the paper's 0.98
     soft_lower          |h grad c| up to which the soft surface weight is 0
