@@ -56,13 +56,10 @@ def view_matrix(azimuth: float, elevation: float) -> NDArray[np.float64]:
     return np.stack((right, np.cross(towards, right), towards))
 
 
-def ball_picture(
-    position: ArrayLike, radius: float, colour: ArrayLike, view: NDArray, extent: float, pixels: int = 640
-) -> NDArray[np.float64]:
-    """Balls seen in parallel projection, lit from the upper left: an image (pixels, pixels, 4) with clear ground.
-
-    position (n, 3), radius and half width `extent` in one unit; colour (n, 3) in 0..1.
-    """
+def _frontmost(
+    position: ArrayLike, radius: float, view: NDArray, extent: float, pixels: int
+) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Which ball each pixel shows (pixels, pixels), -1 for none; and the balls' centres in pixels (n, 2)."""
     seen = np.asarray(position, dtype=float) @ view.T
     scale = pixels / (2.0 * extent)
     reach = int(np.ceil(radius * scale)) + 1
@@ -70,10 +67,9 @@ def ball_picture(
     owner = np.full((pixels, pixels), -1)
     offset = np.arange(-reach, reach + 1)
     centre = np.stack(((seen[:, 0] + extent) * scale, (extent - seen[:, 1]) * scale), axis=1)
-    for i in np.argsort(seen[:, 2]):
-        column, row = np.rint(centre[i]).astype(int)
+    for i, (column, row) in enumerate(np.rint(centre).astype(int)):
         if min(column, row) < reach or max(column, row) >= pixels - reach:
-            continue
+            continue  # outside the picture
         dx = (column + offset)[None, :] - centre[i, 0]
         dy = (row + offset)[:, None] - centre[i, 1]
         rest = (radius * scale) ** 2 - dx**2 - dy**2
@@ -82,11 +78,31 @@ def ball_picture(
         nearer = height > depth[window]
         depth[window] = np.where(nearer, height, depth[window])
         owner[window] = np.where(nearer, i, owner[window])
+    return owner, centre
+
+
+def visible_balls(
+    position: ArrayLike, radius: float, view: NDArray, extent: float, pixels: int = 640
+) -> NDArray[np.int64]:
+    """Numbers of the balls that `ball_picture` shows any part of."""
+    owner, _ = _frontmost(position, radius, view, extent, pixels)
+    return np.unique(owner[owner >= 0])
+
+
+def ball_picture(
+    position: ArrayLike, radius: float, colour: ArrayLike, view: NDArray, extent: float, pixels: int = 640
+) -> NDArray[np.float64]:
+    """Balls seen in parallel projection, lit from the upper left: an image (pixels, pixels, 4) with clear ground.
+
+    position (n, 3), radius and half width `extent` in one unit; colour (n, 3) in 0..1.
+    """
+    owner, centre = _frontmost(position, radius, view, extent, pixels)
+    size = radius * pixels / (2.0 * extent)
     rows, columns = np.nonzero(owner >= 0)
     who = owner[rows, columns]
     normal = np.empty((len(who), 3))
-    normal[:, 0] = (columns - centre[who, 0]) / (radius * scale)
-    normal[:, 1] = -(rows - centre[who, 1]) / (radius * scale)
+    normal[:, 0] = (columns - centre[who, 0]) / size
+    normal[:, 1] = -(rows - centre[who, 1]) / size
     normal[:, 2] = np.sqrt(np.maximum(1.0 - normal[:, 0] ** 2 - normal[:, 1] ** 2, 0.0))
     image = np.zeros((pixels, pixels, 4))
     image[rows, columns, :3] = _lit(normal, np.asarray(colour, dtype=float)[who], gloss=0.25)
@@ -154,7 +170,7 @@ def _lit(normal: NDArray, colour: NDArray, gloss: float) -> NDArray[np.float64]:
     half /= np.linalg.norm(half)
     shine = gloss * np.clip(normal @ half, 0.0, 1.0) ** 40
     rim = 0.25 * (1.0 - np.clip(normal[:, 2], 0.0, 1.0)) ** 3
-    shade = (0.30 + 0.70 * diffuse - 0.25 * rim)[:, None]
+    shade = (0.36 + 0.66 * diffuse - 0.3 * rim)[:, None]
     return np.clip(colour * shade + shine[:, None], 0.0, 1.0)
 
 

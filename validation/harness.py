@@ -105,6 +105,7 @@ class Outcome:
     skipped: dict[str, str] = field(default_factory=dict)
     stopped: dict[str, str] = field(default_factory=dict)
     seconds: dict[str, float] = field(default_factory=dict)  # of the runs computed now
+    compiling: dict[str, float] = field(default_factory=dict)  # of these, starting and compiling
     reused: list[str] = field(default_factory=list)
 
 
@@ -176,16 +177,18 @@ def _compute(waiting: Sequence[tuple[Outcome, Run, Path]], options: Options, str
                 if at > bar.n:
                     bar.update(at - bar.n)
 
+            context = Context(progress, options.threads)
             began = time.perf_counter()
             try:
-                result = run.function(Context(progress, options.threads), **run.parameters)
+                result = run.function(context, **run.parameters)
             except RunStopped as error:
                 outcome.stopped[run.key] = f"{error} (reason: {error.reason})"
                 result = None
             seconds = time.perf_counter() - began
             outcome.seconds[run.key] = seconds
+            outcome.compiling[run.key] = context.compile_seconds()
             if result is not None:
-                about = about_run(outcome.case, run, seconds)
+                about = about_run(outcome.case, run, seconds, outcome.compiling[run.key])
                 save(folder, Result(result.values, result.arrays, about))
                 stored = load(folder)
                 if stored is None:
@@ -195,14 +198,15 @@ def _compute(waiting: Sequence[tuple[Outcome, Run, Path]], options: Options, str
             progress(0.0, done)
 
 
-def about_run(case: Case, run: Run, seconds: float) -> dict[str, Any]:
+def about_run(case: Case, run: Run, seconds: float, compiling: float) -> dict[str, Any]:
     """When, where and with what a result was computed."""
     return {
         "case": case.name,
         "run": run.key,
         "parameters": dict(run.parameters),
         "seconds": round(seconds, 3),
-        "date": datetime.datetime.now(datetime.timezone.utc).strftime("%Y-%m-%d"),
+        "seconds_compiling": round(compiling, 3),
+        "date": datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%d"),
         "machine": machine(),
     }
 
@@ -273,11 +277,22 @@ def report(outcomes: Sequence[Outcome], stream: TextIO) -> None:
     notes = []
     for outcome in outcomes:
         name = outcome.case.name
-        notes += [f"{name} {key} was left out: {why}" for key, why in outcome.skipped.items()]
-        notes += [f"{name} {key} stopped: {why}" for key, why in outcome.stopped.items()]
+        for why in dict.fromkeys(outcome.skipped.values()):
+            keys = [key for key, reason in outcome.skipped.items() if reason == why]
+            notes.append(f"{name}: left out {', '.join(keys)} ({why})")
+        notes += [f"{name}: {key} stopped. {why}" for key, why in outcome.stopped.items()]
         if outcome.reused:
             dates = sorted({str(outcome.results[key].about.get("date")) for key in outcome.reused})
-            notes.append(f"{name}: reused {', '.join(outcome.reused)} of {' and '.join(dates)} (--fresh computes anew)")
+            notes.append(
+                f"{name}: reused {', '.join(outcome.reused)}, computed on {' and '.join(dates)} (--fresh computes anew)"
+            )
+    seconds = sum(sum(o.seconds.values()) for o in outcomes)
+    compiling = sum(sum(o.compiling.values()) for o in outcomes)
+    if seconds:
+        notes.append(
+            f"Computing took {seconds:.1f} s; of these, {compiling:.1f} s went into starting, and compiling or loading"
+            " kernels."
+        )
     if notes:
         print("\n" + "\n".join(notes), file=stream)
     judged = [(o.case.name, m) for o in outcomes for m in o.measurements]

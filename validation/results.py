@@ -23,7 +23,6 @@ import numpy as np
 
 FORMAT = 1
 _ROOT = Path(__file__).resolve().parent.parent
-_SHARED = ("refsim", "validation/metrics", "validation/running.py")
 
 
 @dataclass(frozen=True)
@@ -37,11 +36,10 @@ class Result:
 
 @functools.cache
 def sources_digest(module_file: str) -> str:
-    """Digest of refsim, of what all runs share, and of the file in which the run's function stands."""
-    files = {Path(module_file).resolve()}
-    for name in _SHARED:
-        path = _ROOT / name
-        files.update(path.rglob("*.py") if path.is_dir() else [path])
+    """Digest of refsim, of the file in which a run's function stands, and of what this imports from here."""
+    from refsim.compile import sources_behind
+
+    files = {*(_ROOT / "refsim").rglob("*.py"), *sources_behind(Path(module_file).resolve())}
     digest = hashlib.sha256()
     for file in sorted(files):
         digest.update(file.name.encode() + b"\0" + file.read_bytes())
@@ -98,3 +96,8 @@ def finite(value: Any) -> Any:
 def floats(values: Any) -> np.ndarray:
     """Numbers from JSON as a float array; null is NaN."""
     return np.array(values, dtype=float)
+
+
+def real(value: Any) -> float:
+    """A number from JSON as a float; null is NaN."""
+    return float("nan") if value is None else float(value)

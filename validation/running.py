@@ -4,20 +4,32 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
-from refsim import Simulation
+from refsim import Plan, Scene, Simulation
 
 
-@dataclass(frozen=True)
+@dataclass
 class Context:
     """What a run is given beside its parameters: whom to tell the share done, and how many threads to use."""
 
     progress: Callable[[float], None] = lambda share: None
     threads: int | None = None
+    started: list[tuple[float, Simulation]] = field(default_factory=list)
+
+    def simulation(self, scene: Scene | Plan, backend: str, threads: int | None = None) -> Simulation:
+        """A simulation whose time for starting and compiling is counted."""
+        began = time.perf_counter()
+        made = Simulation(scene, backend=backend, threads=threads or self.threads)
+        self.started.append((time.perf_counter() - began, made))
+        return made
+
+    def compile_seconds(self) -> float:
+        """Wall seconds of starting all simulations and of every stage's first call: compiling, or loading kernels."""
+        return float(sum(start + first_call_seconds(simulation) for start, simulation in self.started))
 
 
 def advance(

@@ -82,8 +82,10 @@ class Bounds:
 
 
 def number(value: float) -> str:
-    """A number with four significant digits, whole numbers in full."""
-    if isinstance(value, int) or (math.isfinite(value) and value == round(value) and abs(value) < 1e6):
+    """A number with four significant digits, whole numbers in full; "none" for what is not finite."""
+    if not math.isfinite(value):
+        return "none"
+    if isinstance(value, int) or (value == round(value) and abs(value) < 1e6):
         return f"{round(value):,}"
     return f"{value:.4g}"
 

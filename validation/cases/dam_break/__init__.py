@@ -6,14 +6,12 @@ break looks like (E17b): the settings of `runs.py` are this project's, and stand
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
-
 
 from validation.cases.dam_break import pictures, runs
 from validation.harness import Case, Options, Picture, Results, Run
 from validation.metrics.dam_break import FRONT_DATA, data_tolerance
-from validation.results import floats
+from validation.results import real
 from validation.tables import Table
 from validation.verdicts import Bounds, Measurement
 
@@ -67,25 +65,23 @@ def judge(results: Results) -> list[Measurement]:
         values = results[key].values
         for method, score in values["score"].items():
             for name in ("precision", "recall", "f1"):
-                made.append(
-                    bounds.judge(name, _number(score[name]), f"{key}.{method}", f"{runs.WORDS[method]}, {words}")
-                )
-        f1 = {method: _number(score["f1"]) for method, score in values["score"].items()}
+                made.append(bounds.judge(name, real(score[name]), f"{key}.{method}", f"{runs.WORDS[method]}, {words}"))
+        f1 = {method: real(score["f1"]) for method, score in values["score"].items()}
         made.append(bounds.judge("f1_gain", f1["two_step"] - f1["number_density"], key, words))
-        made.append(bounds.judge("scanned_share", _number(values["scanned_share"]), key, words))
+        made.append(bounds.judge("scanned_share", real(values["scanned_share"]), key, words))
     for key, words in (("front_2d", "2D"), ("front_3d", "3D")):
         if key in results:
             for name, fit in results[key].values["front"].items():
                 label = f"{words}, {LABELS[name]}"
                 kind = "front" if FRONT_DATA[name].kind == "experiment" else "front_computed"
-                made.append(bounds.judge(kind, abs(_number(fit["largest"])), f"{key}.{name}", label))
-                made.append(bounds.judge("time_offset", _number(fit["offset"]), f"{key}.{name}", label))
+                made.append(bounds.judge(kind, abs(real(fit["largest"])), f"{key}.{name}", label))
+                made.append(bounds.judge("time_offset", real(fit["offset"]), f"{key}.{name}", label))
     for key, result in results.items():
         if "ledger" in result.values:
             ledger = result.values["ledger"]
             words = key.replace("_", " ")
             for name in ("lost_particles", "mass_change", "energy_rise", "missed_neighbours"):
-                made.append(bounds.judge(name, _number(ledger[name]), key, words))
+                made.append(bounds.judge(name, real(ledger[name]), key, words))
     if "detection_cost" in results:
         last = results["detection_cost"].values["sizes"][-1]
         run, words = str(last["particles"]), f"{last['particles']:,} particles"
@@ -124,8 +120,8 @@ def tables(results: Results) -> list[Table]:
         heading += [f"{short} {letter}" for short in ("density", "scan", "two-step") for letter in ("P", "R")]
         made.append(
             Table(
-                "Surface detection over the 2D collapse: precision P and recall R of the number density, the fan scan and"
-                " the two-step detector",
+                "Surface detection over the 2D collapse: precision P and recall R of the number density, the fan scan"
+                " and the two-step detector",
                 heading,
                 rows,
                 f"Truth: exact arc cover, radius {values['truth_radius']:g} spacings.",
@@ -176,10 +172,6 @@ def tables(results: Results) -> list[Table]:
             )
         )
     return made
-
-
-def _number(value: Any) -> float:
-    return float(floats([value])[0])
 
 
 CASE = Case(

@@ -49,6 +49,7 @@ def detection_picture(data: Mapping[str, Any]) -> Any:
 
     position, truth = np.array(data["position_m"]), np.array(data["truth"], bool)
     top = data["shown_up_to_m"]
+    above = int((position[:, 1] > top).sum())
     figure, panels = plt.subplots(3, 1, figsize=(8.0, 3 * (7.2 * top / 2.04 + 0.4) + 0.8), sharex=True)
     size = (72 * 7.6 / 2.06 * data["spacing_m"]) ** 2
     for axes, method in zip(panels, METHODS):
@@ -81,8 +82,8 @@ def detection_picture(data: Mapping[str, Any]) -> Any:
         ],
         loc="outside lower center",
         ncols=4,
-        title=f"t = {data['time_s']:.2f} s, {len(position):,} particles ({int((position[:, 1] > top).sum())} of the spray are"
-        f" above the picture); truth: exact arc cover, radius {data['truth_radius_spacings']:g} spacings",
+        title=f"t = {data['time_s']:.2f} s, {len(position):,} particles ({above} of the spray are above the picture);"
+        f" truth: exact arc cover, radius {data['truth_radius_spacings']:g} spacings",
         title_fontsize=9,
     )
     return figure
@@ -172,7 +173,8 @@ def cost_picture(data: Mapping[str, Any]) -> Any:
         axes.xaxis.set_minor_locator(plt.NullLocator())
     machine = data["machine"]
     figure.supxlabel(
-        f"2D, t = {data['moment_s']:g} s, medians of {data['repeats']}; {machine['processor']}, {machine['cores']} cores",
+        f"2D, t = {data['moment_s']:g} s, medians of {data['repeats']}; {machine['processor']},"
+        f" {machine['cores']} cores",
         fontsize=8, color=GREY,
     )  # fmt: skip
     return figure

@@ -18,7 +18,7 @@ from validation.metrics.dam_break import (
 )
 from validation.metrics.surface_truth import arc_cover_surface, cap_cover_surface, detection_score
 from validation.results import Result
-from validation.running import Context, advance, first_call_seconds, search_log, stage_seconds
+from validation.running import Context, advance, search_log, stage_seconds
 
 HEIGHT, GRAVITY, DENSITY = 1.0, 9.81, 1000.0
 LID = 4.0  # m: the splash at the far wall rises nearly that high
@@ -66,9 +66,7 @@ def collapse(
     context: Context, columns: int, until: float, backend: str, depth: int = 1, samples: int = 36, tank: float = 4.0
 ) -> Result:
     """The collapse in a tank of 4 L to `until` [s], with three detectors scored against the exact surface."""
-    simulation = Simulation(
-        column_scene(columns, depth, tank, (SurfaceDetection(),)), backend=backend, threads=context.threads
-    )
+    simulation = context.simulation(column_scene(columns, depth, tank, (SurfaceDetection(),)), backend)
     spacing, walls = simulation.plan.grid.spacing, simulation.plan.walls.position
     cover = arc_cover_surface if depth == 1 else cap_cover_surface
     mass = simulation.field("mass")
@@ -94,7 +92,7 @@ def collapse(
             if method == "two_step":
                 flags = simulation.field("surface").astype(bool)
             else:
-                flags = detect(method, columns, depth, tank, (position, mass), backend, context.threads)
+                flags = detect(context, method, columns, depth, tank, (position, mass), backend)
             frames[method].append(flags)
             score = detection_score(flags, truth)
             counts[method] += ((flags & truth).sum(), score.false_surface, score.false_interior)
@@ -121,18 +119,17 @@ def collapse(
         "ledger": ledger.values(simulation),
         "steps": simulation.steps,
         "seconds": wall,
-        "first_calls": first_call_seconds(simulation),
         "stages": stage_seconds(simulation),
     }
     return Result(values, {name: np.array(parts) for name, parts in frames.items()})
 
 
 def detect(
-    method: str, columns: int, depth: int, tank: float, cloud: tuple, backend: str, threads: int | None
+    context: Context, method: str, columns: int, depth: int, tank: float, cloud: tuple, backend: str
 ) -> np.ndarray:
     """What one detector says of a cloud (position, mass) in the tank; bool (n,)."""
     scene = column_scene(columns, depth, tank, (SurfaceDetection(method=method),), cloud)
-    simulation = Simulation(scene, backend=backend, threads=threads)
+    simulation = context.simulation(scene, backend)
     simulation.evaluate()
     return simulation.field("surface").astype(bool)
 
@@ -178,7 +175,7 @@ class Ledger:
 def surge(context: Context, columns: int, backend: str, depth: int = 1, tank: float = 15.0) -> Result:
     """The surge front in a tank of 15 L, against the published series."""
     width = 0.5 * HEIGHT
-    simulation = Simulation(column_scene(columns, depth, tank), backend=backend, threads=context.threads)
+    simulation = context.simulation(column_scene(columns, depth, tank), backend)
     spacing = simulation.plan.grid.spacing
     ledger = Ledger(simulation, (width * tank, LID, depth * spacing))
     series = {name: load_front_data(name) for name in FRONT_DATA}
@@ -222,7 +219,6 @@ def surge(context: Context, columns: int, backend: str, depth: int = 1, tank: fl
         "ledger": ledger.values(simulation),
         "steps": simulation.steps,
         "seconds": wall,
-        "first_calls": first_call_seconds(simulation),
     }
     return Result(values)
 
@@ -237,13 +233,13 @@ def detection_cost(
         def progress(share: float, k: int = k) -> None:
             context.progress((weights[k] + share * (weights[k + 1] - weights[k])) / weights[-1])
 
-        simulation = Simulation(column_scene(width, 1, tank), backend=backend, threads=context.threads)
-        advance(simulation, [moment], lambda simulation, wall: None, Context(progress, context.threads))
+        simulation = context.simulation(column_scene(width, 1, tank), backend)
+        advance(simulation, [moment], lambda simulation, wall: None, Context(progress))
         cloud = (simulation.field("position"), simulation.field("mass"))
         methods, share, density = {}, 0.0, []
         for method in METHODS:
             scene = column_scene(width, 1, tank, (SurfaceDetection(method=method),), cloud)
-            judged = Simulation(scene, backend=backend, threads=context.threads)
+            judged = context.simulation(scene, backend)
             judged.evaluate()
             spent = [_stages(judged) for _ in range(repeats)]
             own = [op for op in spent[0] if op.startswith(("surface_detection.", "surface_normal."))]

@@ -1,0 +1,121 @@
+"""A cube of liquid without gravity becomes a drop (figures 2, 6 and 7).
+
+The settings are this project's (E17): the paper gives no surface tension, stiffness, viscosity, step or side. They
+stand in `scene.py`, in one place.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from validation.cases.droplet import pictures, runs
+from validation.cases.droplet.scene import VARIANTS
+from validation.harness import Case, Options, Picture, Results, Run
+from validation.results import Result, real
+from validation.tables import Table
+from validation.verdicts import Bounds, Measurement
+
+SHAPES = {
+    "cube_4913": ("cube", 4913, "cube of 17^3"),
+    "cut_5039": ("cut", 5039, "cube of 5,039"),
+    "box_4862": ("box", 4913, "turned box"),
+}
+
+
+def planned(options: Options) -> list[Run]:
+    """The runs under the options."""
+    reason = "takes minutes with the others; run without --quick" if options.quick else ""
+    made = []
+    for key, (shape, count, _) in SHAPES.items():
+        parameters = {"shape": shape, "count": count, "backend": options.backend}
+        made.append(Run(key, runs.relax, parameters, estimate=12.0, skip=reason if shape != "cube" else ""))
+    for variant in VARIANTS:
+        if variant != "soft":
+            parameters = {"shape": "cube", "count": 4913, "backend": options.backend, "variant": variant}
+            made.append(Run(f"mode_{variant}", runs.relax, parameters, estimate=16.0, skip=reason))
+    return made
+
+
+def judge(results: Results) -> list[Measurement]:
+    """The verdicts on the default model from every start."""
+    bounds, made = Bounds("droplet"), []
+    for key, (_, _, words) in SHAPES.items():
+        if key not in results:
+            continue
+        values = results[key].values
+        end = {name: real(value) for name, value in values["end"].items()}
+        for name in ("radius_variation", "nn_5", "nn_min", "kinetic_share", "momentum", "angular_momentum"):
+            made.append(bounds.judge(name, end[name], key, words))
+        made.append(bounds.judge("bulk_error", abs(end["bulk_error"]), key, words))
+        made.append(bounds.judge("sphericity", end["sphericity"], key, words))
+        steady = values["steady"]
+        time = float("nan") if steady is None else steady["time"] / values["capillary_time"]
+        made.append(bounds.judge("steady_time", time, key, words))
+        made.append(bounds.judge("rebuilds", values["search"].get("rebuilds", 0), key, words))
+        made.append(bounds.judge("missed_neighbours", values["search"].get("missed_neighbours", 0), key, words))
+    for shape in ("cube", "ball"):
+        key = next((k for k in SHAPES if k in results), None)
+        if key is not None:
+            lattice = real(results[key].values["lattice"][shape])
+            made.append(bounds.judge("lattice_variation", lattice, shape, f"lattice {shape}"))
+    for key, name in (("mode_text", "text_energy"), ("mode_one_sided", "one_sided_momentum")):
+        if key in results:
+            part = "kinetic_share" if name == "text_energy" else "momentum"
+            made.append(bounds.judge(name, real(results[key].values["end"][part])))
+    return made
+
+
+def tables(results: Results) -> list[Table]:
+    """Every pair mode and the literal text beside the default."""
+    keys = [k for k in ("cube_4913", *(f"mode_{v}" for v in VARIANTS)) if k in results]
+    if len(keys) < 2:
+        return []
+    rows = []
+    for key in keys:
+        values = results[key].values
+        end = values["end"]
+        row: list[Any] = [values["words"]]
+        for name, form in (
+            ("radius_variation", "{:.4f}"), ("nn_min", "{:.2f}"), ("nn_5", "{:.2f}"), ("bulk_error", "{:+.3f}"),
+            ("kinetic_share", "{:.1e}"), ("momentum", "{:.0e}"), ("angular_momentum", "{:.0e}"),
+        ):  # fmt: skip
+            row.append(None if end[name] is None else form.format(end[name]))
+        rows.append([*row, outcome(results[key])])
+    heading = ["pairs", "radius variation", "NN min", "NN 5 %", "bulk density", "KE end/peak", "P", "L", "outcome"]
+    note = "NN in spacings; P and L over the largest sum of moduli; float32."
+    return [Table("Which pairs act: from a cube of 17^3 to rest, or not", heading, rows, note)]
+
+
+def outcome(result: Result) -> str:
+    """What became of a drop, in words."""
+    values = result.values
+    end = {name: real(value) for name, value in values["end"].items()}
+    if values["stopped"]:
+        return f"stopped: {values['stopped']}"
+    said = []
+    if not end["extent"] < 1.6:
+        said.append("flies apart")
+    elif end["radius_variation"] <= runs.ROUND:
+        said.append("round")
+    else:
+        said.append("nearly round" if end["radius_variation"] <= 0.02 else "not round")
+    said.append("at rest" if end["kinetic_share"] <= runs.CALM else "not at rest")
+    if end["momentum"] > 1e-4:
+        said.append("drifts")
+    return ", ".join(said)
+
+
+CASE = Case(
+    name="droplet",
+    title="a cube of liquid becomes a drop (figures 2, 6 and 7), every pair mode and the literal text beside it",
+    runs=planned,
+    judge=judge,
+    pictures=(
+        Picture("figure_2_force_curve", pictures.force_data, pictures.force_picture),
+        Picture("figure_6", pictures.frame_data, pictures.frame_picture, ("cube_4913",)),
+        Picture("figure_7", pictures.surface_data, pictures.surface_picture_of, ("cube_4913",)),
+        Picture("droplet_measures", pictures.measure_data, pictures.measure_picture, ("cube_4913",)),
+        Picture("droplet_pair_modes", pictures.mode_data, pictures.mode_picture, ("cube_4913", "mode_text")),
+    ),
+    tables=tables,
+)

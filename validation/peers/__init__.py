@@ -1,0 +1,1 @@
+"""Other programs on the same work, each in a process of its own."""
