@@ -67,7 +67,8 @@ def judge(results: Results) -> list[Measurement]:
             for name in ("precision", "recall", "f1"):
                 made.append(bounds.judge(name, real(score[name]), f"{key}.{method}", f"{runs.WORDS[method]}, {words}"))
         f1 = {method: real(score["f1"]) for method, score in values["score"].items()}
-        made.append(bounds.judge("f1_gain", f1["two_step"] - f1["number_density"], key, words))
+        gain = "f1_gain" if key == "detection_2d" else "f1_gain_3d"
+        made.append(bounds.judge(gain, f1["two_step"] - f1["number_density"], key, words))
         made.append(bounds.judge("scanned_share", real(values["scanned_share"]), key, words))
     for key, words in (("front_2d", "2D"), ("front_3d", "3D")):
         if key in results:

@@ -124,7 +124,7 @@ def surface_data(results: Results) -> dict[str, Any]:
         "title": "Figure 7: the drop's surface",
         "spacing_radii": values["spacing"] / values["radius"],
         "capillary_time_s": values["capillary_time"],
-        "half_width_radii": EXTENT,
+        "half_width_radii": 1.4,
         "frames": frames,
     }
 
@@ -134,16 +134,14 @@ def surface_picture_of(data: Mapping[str, Any]) -> Any:
     import matplotlib.pyplot as plt
 
     frames, extent = data["frames"], data["half_width_radii"]
-    figure, panels = plt.subplots(1, len(frames), figsize=(2.5 * len(frames), 2.9))
+    figure, panels = plt.subplots(1, len(frames), figsize=(2.5 * len(frames), 3.0))
     for frame, axes in zip(frames, np.atleast_1d(panels)):
         x = np.array(frame["position_milliradii"]) / 1000
         x = x[np.linalg.norm(x, axis=1) < 3.0]
         mesh = surface_mesh(x, data["spacing_radii"], smoothing=1.0, cell=0.3)
         show_image(axes, surface_picture(*mesh, WATER, VIEW, extent, pixels=900), extent)
-        axes.set_title(
-            rf"t = {frame['time_s'] / data['capillary_time_s']:.2f} $\sqrt{{\rho R^3/\sigma}}$",
-            loc="center", fontweight="normal",
-        )  # fmt: skip
+        axes.set_title(f"t = {frame['time_s'] / data['capillary_time_s']:.2f}", loc="center", fontweight="normal")
+    figure.supxlabel(r"times in $\sqrt{\rho R^3/\sigma}$; surface where half the volume is liquid", fontsize=8.5)
     return figure
 
 
@@ -207,7 +205,7 @@ def force_picture(data: Mapping[str, Any]) -> Any:
 
 MEASURES = (
     ("radius_variation", "radius variation", True),
-    ("cubic_moment", r"$q_4$ (cube -0.127, ball 0, octahedron > 0)", False),
+    ("cubic_moment", r"$q_4$", False),
     ("kinetic_energy", "kinetic energy / peak", True),
     ("nn_5", "nearest neighbour / spacing", False),
 )
@@ -268,6 +266,8 @@ def measure_picture(data: Mapping[str, Any]) -> Any:
                       transform=axes.get_yaxis_transform())  # fmt: skip
             axes.set_title("mean (top), 5th percentile (thick), least (bottom)", fontweight="normal", fontsize=9)
             axes.set_ylim(0, 1.05)
+        if name == "cubic_moment":
+            axes.set_title(r"$q_4$: cube -0.127, ball 0, octahedron above 0", fontweight="normal", fontsize=9)
         if logarithmic:
             axes.set_yscale("log")
         axes.set_ylabel(words)
@@ -310,6 +310,8 @@ def mode_picture(data: Mapping[str, Any]) -> Any:
             axes.plot(time, values, dash, color=colour, label=words if axes is panels[0] else None)
             if run["stopped"]:
                 axes.plot(time[-1], values[-1], "x", color=colour, ms=8, mew=2)
+    for axes, limits in zip(panels, ((1e-5, 1e2), (5e-4, 1.0), (1e-9, 2.0))):
+        axes.set_ylim(limits)
     titles = ("a  Kinetic energy [J]", "b  Radius variation", "c  Momentum / largest sum of m |v|")
     for axes, title in zip(panels, titles):
         axes.set_yscale("log")

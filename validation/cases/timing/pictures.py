@@ -81,7 +81,7 @@ def steady_picture(data: Mapping[str, Any]) -> Any:
         color=GREY,
     )
     axes.set_yticks(place, [bar["label"] for bar in bars])
-    axes.set_xlim(0, 1.25 * max(paper, *(bar["seconds"] for bar in bars)))
+    axes.set_xlim(0, 1.35 * max(paper, *(bar["seconds"] for bar in bars)))
     axes.set_ylim(-0.6, len(bars) - 0.3)
     axes.set_xlabel("wall time [s]")
     axes.set_title(f"Seconds to steady state, {data['particles']:,} particles")
