@@ -94,6 +94,10 @@ class Effect(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
         """Static boundary particles that it brings into the scene."""
         return None
 
+    def balanced_pressure(self, grid: Discretisation, others: Mapping[str, Effect]) -> float:
+        """Cohesive pressure [Pa] of the undisturbed bulk that the equation of state is to balance."""
+        return 0.0
+
     def step_limits(self, grid: Discretisation, others: Mapping[str, Effect], extremes: Extremes) -> dict[str, float]:
         """Largest stable steps [s] by the name of what limits them."""
         return {}

@@ -32,7 +32,7 @@ GRAVITY = Gravity()
 WALLS = BoxWalls(lower=(0, 0, 0), upper=(0.6, 0.6, 0.6))
 DETECTION = SurfaceDetection()
 DETECTION_EACH_STEP = SurfaceDetection(each_step=True)
-TENSION = JiangZhu2023(surface_tension=0.5)
+TENSION = JiangZhu2023(surface_tension=0.5, pair_mode="soft", density_correction=False)
 SETS = [
     (LIQUID,),
     (VISCOUS,),

@@ -88,17 +88,17 @@ def still(case, **given):
 
 
 def test_pressure_force_is_of_second_order():
-    """J(10): a -> -(1/2) grad p / rho.
+    """J(10) with E24: a -> -grad p / rho. The printed factor 1/2 halves it.
 
-    Half of it, and that is the paper's (Mueller's) form: of (p_i + p_j)/2 the first part has no gradient inside the
-    liquid. The stated pressure is therefore twice what holds the liquid, and sound travels at c/sqrt(2).
+    Of (p_i + p_j)/2 the first part has no gradient inside the liquid: as printed, the stated pressure is twice what
+    holds the liquid, and sound travels at c/sqrt(2).
     """
     errors = []
     for n in CELLS:
         case, inside = patch(n)
         got = launched("sph.momentum", case, **still(case, pressure=smooth(case.position)))["acceleration"]
         got = got / (-0.5 * moment(case, kernel_slope, 1))
-        errors.append(np.linalg.norm(got + 0.5 * smooth_gradient(case.position), axis=1)[inside].max())
+        errors.append(np.linalg.norm(got + smooth_gradient(case.position), axis=1)[inside].max())
     assert 1.8 < order([1 / n for n in CELLS], errors) < 2.3
 
 

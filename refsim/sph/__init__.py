@@ -14,7 +14,7 @@ from typing import Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 
-from refsim.effect import Discretisation, Effect, Extremes, Pass, require
+from refsim.effect import Discretisation, Effect, Extremes, Pass, literal_errata, require
 from refsim.errors import InputError
 from refsim.operation import Operation, register
 from refsim.particles import Field
@@ -34,6 +34,8 @@ class Fluid(NamedTuple):
     stiffness: float  # rho0 c^2 / g [Pa]
     exponent: int
     clamp: int
+    internal_pressure: float = 0.0  # P_int [Pa] of the effects' cohesion, balanced in the bulk
+    gradient_share: float = 1.0  # of the pressure gradient that J(10) delivers; 1/2 as printed (E24)
 
 
 class ViscosityTerm(NamedTuple):
@@ -53,6 +55,11 @@ def lattice_number_density(shape: str, support_radius: float, spacing: float, di
     return float(kernel_value(distance, smoothing(shape, support_radius, dim)).sum())
 
 
+def cohesive_pressure(grid: Discretisation, others: Mapping[str, Effect]) -> float:
+    """Internal pressure [Pa] of all cohesive effects that the equation of state is to balance."""
+    return sum(effect.balanced_pressure(grid, others) for effect in others.values())
+
+
 class WeaklyCompressible(Effect, frozen=True, kw_only=True):
     """Liquid whose pressure follows from its summed density.
 
@@ -62,7 +69,8 @@ class WeaklyCompressible(Effect, frozen=True, kw_only=True):
     state              "linear" (J(9)) or "tait" (exponent 7)
     clamp_pressure     negative pressures become zero
     kernels            "wendland" (Wendland C2 throughout) or "mueller" (poly6 for sums, spiky for gradients)
-    literal            printed readings to use: {"E3"} takes the printed sign of J(11), which blows up
+    literal            printed readings to use: "E3" (sign of J(11), which blows up), "E24" (half of the pressure
+                       gradient in J(10)); or "all"
     """
 
     name: ClassVar[str] = "weakly_compressible"
@@ -82,9 +90,10 @@ class WeaklyCompressible(Effect, frozen=True, kw_only=True):
             sound_speed=(self.sound_speed, "positive"),
             dynamic_viscosity=(self.dynamic_viscosity, "not negative"),
         )
-        unknown = set(self.literal) - {"E3"}
-        if unknown:
-            raise InputError(f"{self.name}: literal has {sorted(unknown)}; only 'E3' is switchable here.")
+        self._printed()
+
+    def _printed(self) -> frozenset[str]:
+        return literal_errata(self.name, self.literal, ("E3", "E24"))
 
     def fields(self, others: Mapping[str, Effect]) -> tuple[Field, ...]:
         return (DENSITY, PRESSURE)
@@ -128,16 +137,20 @@ class WeaklyCompressible(Effect, frozen=True, kw_only=True):
                 grid.real(self.rest_density * self.sound_speed**2 / exponent),
                 np.int32(exponent),
                 np.int32(self.clamp_pressure),
+                grid.real(cohesive_pressure(grid, others)),
+                grid.real(0.5 if "E24" in self._printed() else 1.0),
             ),
         }
 
     def prepare(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, Any]:
-        sign = -1.0 if "E3" in self.literal else 1.0
+        sign = -1.0 if "E3" in self._printed() else 1.0
         viscous = self.dynamic_viscosity > 0
         return {"viscosity": ViscosityTerm(grid.real(sign * self.dynamic_viscosity)) if viscous else None}
 
     def step_limits(self, grid: Discretisation, others: Mapping[str, Effect], extremes: Extremes) -> dict[str, float]:
-        limits = {"acoustic": 0.4 * grid.support_radius / (self.sound_speed + extremes.speed)}
+        stiffening = 2 * cohesive_pressure(grid, others) / self.rest_density
+        sound_speed = math.sqrt(self.sound_speed**2 + stiffening)
+        limits = {"acoustic": 0.4 * grid.support_radius / (sound_speed + extremes.speed)}
         if self.dynamic_viscosity > 0:
             half = 0.5 * grid.support_radius
             limits["viscous"] = 0.125 * half**2 * self.rest_density / self.dynamic_viscosity

@@ -97,11 +97,20 @@ def clamped_tait():
     return Exact(PAIR, {"density": np.array([2000.0, 500.0]), "fluid": fluid}, {"pressure": np.array([12700.0, 0.0])})
 
 
+@closed_form("sph.state")
+def balanced_cohesion():
+    """P_int (rho/rho0)^2 on top: at the rest density the pressure is P_int, at 1.5 rho0 it is 2e5 + 2.25 P_int."""
+    fluid = Fluid(1000.0, 4e5, np.int32(1), np.int32(1), 800.0)
+    return Exact(
+        PAIR, {"density": np.array([1000.0, 1500.0]), "fluid": fluid}, {"pressure": np.array([800.0, 201800.0])}
+    )
+
+
 @closed_form("sph.pressure", "sph.momentum")
 def pressed_pair():
-    """Equal pressures p push two particles apart with (m_j p/rho^2) |W'(h/2)|, here 3 p/rho^2 on the first."""
+    """Equal pressures p push two particles apart with 2 (m_j p/rho^2) |W'(h/2)|, here 6 p/rho^2 on the first."""
     slope = 5 / 4 * W0 / 2 * UNIT
-    push = 200.0 / 1000.0**2 * slope
+    push = 2 * 200.0 / 1000.0**2 * slope
     return Exact(
         PAIR,
         {
@@ -114,12 +123,12 @@ def pressed_pair():
 
 @closed_form("sph.pressure")
 def pressed_against_a_wall():
-    """One wall particle below: a = rho0 V_b (p/rho^2) |W'(h/2)| upwards."""
+    """One wall particle below: a = 2 rho0 V_b (p/rho^2) |W'(h/2)| upwards, half of it as printed (E24)."""
     case = Case(
         "on_wall", 3, np.zeros((1, 3)), spacing=1.0, support_radius=2.0, wall_position=np.array([[0.0, -1.0, 0.0]])
     )
     walls = WallParticles(case.wall_position, np.array([0.25]))
-    push = 1000 * 0.25 * 200.0 / 900.0**2 * (5 / 4 * W0 / 2 * UNIT)
+    push = 2 * 1000 * 0.25 * 200.0 / 900.0**2 * (5 / 4 * W0 / 2 * UNIT)
     return Exact(
         case,
         {

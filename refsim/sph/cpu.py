@@ -40,6 +40,7 @@ def momentum(position, velocity, mass, density, pressure, neighbours, walls, smo
             pressure,
             neighbours.entries,
             smoothing,
+            fluid,
             viscosity,
         )
         if walls is not None:

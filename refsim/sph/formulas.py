@@ -5,23 +5,28 @@ from refsim.compile import formula
 
 @formula
 def state_pressure(density, fluid):
-    """J(9) and Tait: p = (rho0 c^2 / g) ((rho/rho0)^g - 1) [Pa]; g = 1 is J(9) with k = c^2."""
+    """J(9) and Tait: p = (rho0 c^2 / g) ((rho/rho0)^g - 1) + P_int (rho/rho0)^2 [Pa]; g = 1 is J(9) with k = c^2.
+
+    P_int balances the cohesion of the bulk (0 where no effect brings any), before negative pressures are clamped.
+    """
     real = type(density)
     ratio = density / fluid.rest_density
     power = ratio
     for _ in range(1, fluid.exponent):
         power *= ratio
-    pressure = fluid.stiffness * (power - real(1))
+    pressure = fluid.stiffness * (power - real(1)) + fluid.internal_pressure * ratio * ratio
     if fluid.clamp and pressure < real(0):
         return real(0)
     return pressure
 
 
 @formula
-def pressure_pair(volume_j, pressure_i, pressure_j, slope):
-    """J(10) for one neighbour: factor of e_ij in the force density [N/m^3], -V_j (p_i + p_j)/2 W'(r)."""
-    real = type(slope)
-    return real(-0.5) * volume_j * (pressure_i + pressure_j) * slope
+def pressure_pair(volume_j, pressure_i, pressure_j, slope, fluid):
+    """J(10) for one neighbour: factor of e_ij in the force density [N/m^3], -s V_j (p_i + p_j) W'(r).
+
+    s = 1 (E24): the printed s = 1/2 delivers half the pressure gradient, as sum_j V_j p_i grad W_ij vanishes.
+    """
+    return -fluid.gradient_share * volume_j * (pressure_i + pressure_j) * slope
 
 
 @formula
@@ -31,6 +36,7 @@ def viscosity_pair(volume_j, viscosity, laplacian):
 
 
 @formula
-def wall_pressure_pair(wall_mass, pressure_i, density_i, slope):
-    """Akinci 2012 for one wall particle: factor f = -Psi_b p_i/rho_i^2 W'(r) of e_ib in the acceleration [m/s^2]."""
-    return -wall_mass * pressure_i / (density_i * density_i) * slope
+def wall_pressure_pair(wall_mass, pressure_i, density_i, slope, fluid):
+    """Akinci 2012, p_b = p_i: factor f = -2 s Psi_b p_i/rho_i^2 W'(r) of e_ib in the acceleration [m/s^2]."""
+    real = type(slope)
+    return real(-2) * fluid.gradient_share * wall_mass * pressure_i / (density_i * density_i) * slope

@@ -49,7 +49,7 @@ def wall_sum(i, row, position, walls, smoothing):
 
 
 @formula
-def momentum(i, row, position, velocity, mass, density, pressure, index, smoothing, viscosity):
+def momentum(i, row, position, velocity, mass, density, pressure, index, smoothing, fluid, viscosity):
     """J(10) and, unless `viscosity` is None, J(11): acceleration of particle i [m/s^2]."""
     first, stride, count = row
     h = smoothing.support_radius
@@ -67,7 +67,7 @@ def momentum(i, row, position, velocity, mass, density, pressure, index, smoothi
         if r2 < limit:
             r = math.sqrt(r2)
             volume = mass[j] / density[j]
-            f = pressure_pair(volume, own, pressure[j], kernel_slope(r, smoothing)) / (r + tiny)
+            f = pressure_pair(volume, own, pressure[j], kernel_slope(r, smoothing), fluid) / (r + tiny)
             ax += f * dx
             ay += f * dy
             az += f * dz
@@ -97,7 +97,7 @@ def wall_pressure(i, row, position, density, pressure, walls, smoothing, fluid):
         if r2 < limit:
             r = math.sqrt(r2)
             wall_mass = fluid.rest_density * walls.volume[b]
-            f = wall_pressure_pair(wall_mass, pressure[i], density[i], kernel_slope(r, smoothing)) / (r + tiny)
+            f = wall_pressure_pair(wall_mass, pressure[i], density[i], kernel_slope(r, smoothing), fluid) / (r + tiny)
             ax += f * dx
             ay += f * dy
             az += f * dz

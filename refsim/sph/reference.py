@@ -37,27 +37,32 @@ def density(position, mass, walls, smoothing, fluid, rows=None):
 
 
 def state(density, fluid, rows=None):
-    """Pressure [Pa] from density [kg/m^dim]: J(9) p = c^2 (rho - rho0), or Tait with exponent g; clamped if asked."""
+    """Pressure [Pa] from density [kg/m^dim]: J(9) p = c^2 (rho - rho0), or Tait with exponent g; clamped if asked.
+
+    P_int (rho/rho0)^2 is added before, to balance the cohesion of the bulk.
+    """
     ratio = _rows(density, rows) / float(fluid.rest_density)
     power = np.power(ratio, int(fluid.exponent))
-    pressure = float(fluid.stiffness) * (power - 1)
+    cohesion = float(fluid.internal_pressure) * ratio**2
+    pressure = float(fluid.stiffness) * (power - 1) + cohesion
     if fluid.clamp:
         pressure = np.maximum(pressure, 0)
-    return {"pressure": (pressure, float(fluid.stiffness) * int(fluid.exponent) * (power + 1))}
+    return {"pressure": (pressure, float(fluid.stiffness) * int(fluid.exponent) * (power + 1) + cohesion)}
 
 
 def momentum(position, velocity, mass, density, pressure, walls, smoothing, fluid, viscosity, rows=None):
     """Acceleration [m/s^2] by pressure and viscosity.
 
-    J(10) a_i = -(1/rho_i) sum_j m_j (p_i + p_j)/(2 rho_j) grad W_ij;
+    J(10) a_i = -(s/rho_i) sum_j m_j (p_i + p_j)/rho_j grad W_ij, s = 1 (E24) or as printed 1/2;
     J(11) a_i += (mu/rho_i) sum_j (m_j/rho_j) (v_j - v_i) lap W_ij (sign of E3);
-    Akinci 2012 walls: a_i -= sum_b rho0 V_b p_i/rho_i^2 grad W_ib.
+    Akinci 2012 walls, with p_b = p_i: a_i -= 2 s sum_b rho0 V_b p_i/rho_i^2 grad W_ib.
     """
     velocity = np.asarray(velocity, dtype=float)
     volume = np.asarray(mass, dtype=float) / np.asarray(density, dtype=float)
     p = np.asarray(pressure, dtype=float)
     rho_i, p_i, v_i = _rows(density, rows), _rows(pressure, rows), _rows(velocity, rows)
     value, scale = np.zeros((len(rho_i), 3)), np.zeros((len(rho_i), 3))
+    share = float(fluid.gradient_share)
 
     def add(place, terms):
         value[place] += terms.sum(1)
@@ -66,8 +71,8 @@ def momentum(position, velocity, mass, density, pressure, walls, smoothing, flui
     for place, separation, distance in pair_blocks(position, position, rows):
         apart = distance + 1e-9 * float(smoothing.support_radius)
         gradient = (kernel_slope(distance, smoothing) / apart)[..., None] * separation
-        mean = 0.5 * (p_i[place, None] + p[None, :])
-        add(place, -(volume[None, :] * mean / rho_i[place, None])[..., None] * gradient)
+        both = share * (p_i[place, None] + p[None, :])
+        add(place, -(volume[None, :] * both / rho_i[place, None])[..., None] * gradient)
         if viscosity is not None:
             factor = volume[None, :] * viscosity_laplacian(distance, smoothing) / rho_i[place, None]
             factor = factor * other_particles(place, len(velocity), rows) * float(viscosity.coefficient)
@@ -77,7 +82,7 @@ def momentum(position, velocity, mass, density, pressure, walls, smoothing, flui
         for place, separation, distance in pair_blocks(position, walls.position, rows):
             apart = distance + 1e-9 * float(smoothing.support_radius)
             gradient = (kernel_slope(distance, smoothing) / apart)[..., None] * separation
-            factor = wall_mass[None, :] * (p_i / rho_i**2)[place, None]
+            factor = 2 * share * wall_mass[None, :] * (p_i / rho_i**2)[place, None]
             add(place, -factor[..., None] * gradient)
     return {"acceleration": (value, scale)}
 

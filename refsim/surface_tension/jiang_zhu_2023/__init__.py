@@ -3,10 +3,11 @@
 Contents: JiangZhu2023; kirkwood_buff_sigma, internal_pressure; operations jiang_zhu_2023.corrected_density,
 .replace_density, .soft_weight, .cohesion, .area, .tension.
 
-"Tension acts on surface particles only" leaves open which pairs act. The default is the soft surface weight of the
-pair mode "soft": w_i rises smoothly from 0 in the bulk to 1 at the surface with |h grad c|, and a pair acts with
-(w_i + w_j)/2. That keeps the linear momentum, heats nothing by switching, and puts no cohesive pressure into the
-bulk. The other readings are pair modes beside it.
+"Tension acts on surface particles only" leaves open which pairs act. By default all pairs act, the equation of state
+balances their pull in the bulk, and what is left is tension at the surface. The readings that confine the force to
+the surface are pair modes beside it: "soft" weights a pair by (w_i + w_j)/2, where w rises with |h grad c| from 0 in
+the bulk to 1 at the surface, which rounds a drop that starts symmetric but lets the surface layer of any other drop
+close into a crust; the modes by the surface set S do not come to rest.
 """
 
 from __future__ import annotations
@@ -119,14 +120,16 @@ class JiangZhu2023(Effect, frozen=True, kw_only=True):
     surface_tension     sigma [N/m]; nominal: turned into gamma by the Kirkwood-Buff integral (kirkwood_buff_sigma).
                         Measured values lie within about a third of it
     gamma               coefficient of J(16) [m^4/(kg s^2)], instead of sigma
-    pair_mode           "soft" (pairs weighted by their soft surface weights), "all", or by the surface set S:
+    pair_mode           "all", "soft" (pairs weighted by their soft surface weights), or by the surface set S:
                         "one_sided" (force on i in S without reaction: loses momentum), "either", "both"
     area_term           "corrected" (J(21) with normals J(20)), "color" (J(18) with normals J(19)) or "none"
     area_ratio          eps_r of J(21), eps = eps_r gamma rho0^2 h^(1 - dim); stable up to about 0.01
     area_acceleration   eps' of J(18) [m/s^2]; left out, 0.001 gamma rho0
+    balance_pressure    with "all": the equation of state balances the cohesion of the bulk by P_int (rho/rho0)^2;
+                        left out, cohesion compresses the liquid, and nothing is near the surface by J(12) any more
     density_correction  correct the density near the surface, J(14) and J(15), before the equation of state and the
                         normals. Without it J(21), which divides by both densities, can push a particle that has left
-                        the surface further out
+                        the surface further out. Left out, it is on where there is tension
     threshold           lambda of J(12), the near-surface set N of the density correction and of S; left out, that
                         of the scene's surface detection, else the paper's 0.98
     soft_lower          |h grad c| up to which the soft surface weight is 0
@@ -143,11 +146,12 @@ class JiangZhu2023(Effect, frozen=True, kw_only=True):
 
     surface_tension: float | None = None
     gamma: float | None = None
-    pair_mode: Literal["soft", "all", "one_sided", "either", "both"] = "soft"
+    pair_mode: Literal["all", "soft", "one_sided", "either", "both"] = "all"
     area_term: Literal["corrected", "color", "none"] = "corrected"
     area_ratio: float = 0.01
     area_acceleration: float | None = None
-    density_correction: bool = False
+    balance_pressure: bool = True
+    density_correction: bool | None = None
     threshold: float | None = None
     soft_lower: float = 0.3
     soft_upper: float = 1.0
@@ -181,14 +185,14 @@ class JiangZhu2023(Effect, frozen=True, kw_only=True):
                 " soft_lower < soft_upper (0.3 and 1.0 by default)."
             )
         self._printed()
-        if self._marked() or self.density_correction:
+        if self._marked() or self._corrects():
             self._detection(others).check(grid, others)
         self._check_collapse(grid, others)
 
     def _check_collapse(self, grid: Discretisation, others: Mapping[str, Effect]) -> None:
         """p = c^2 (rho - rho0) holds against the cohesion P_int (rho/rho0)^2 only for P_int < rho0 c^2/4."""
         fluid: Any = others["weakly_compressible"]
-        if self.pair_mode != "all" or fluid.state != "linear":
+        if self.pair_mode != "all" or self.balance_pressure or fluid.state != "linear":
             return
         pressure = internal_pressure(
             self.signed_gamma(grid, others), fluid.rest_density, grid.support_radius, grid.dim, self._alpha(grid.dim)
@@ -198,7 +202,7 @@ class JiangZhu2023(Effect, frozen=True, kw_only=True):
             raise InputError(
                 f"{self.name}: with pair_mode 'all' the cohesive pressure of {pressure:.4g} Pa would collapse the"
                 f" liquid; give weakly_compressible a sound_speed above {needed:.4g} m/s (10 times that for 1 %"
-                " compression), or take pair_mode 'soft'."
+                " compression), or let balance_pressure = true hold it."
             )
 
     def coefficient(self, grid: Discretisation, others: Mapping[str, Effect]) -> float:
@@ -223,7 +227,7 @@ class JiangZhu2023(Effect, frozen=True, kw_only=True):
 
     def fields(self, others: Mapping[str, Effect]) -> tuple[Field, ...]:
         fields: list[Field] = []
-        if self.density_correction:
+        if self._corrects():
             fields += [NUMBER_DENSITY, NEAR_SURFACE, CORRECTED_DENSITY]
         if self._acts():
             if self.pair_mode == "soft":
@@ -238,7 +242,7 @@ class JiangZhu2023(Effect, frozen=True, kw_only=True):
 
     def passes(self, others: Mapping[str, Effect]) -> tuple[Pass, ...]:
         passes: list[Pass] = []
-        if self.density_correction:
+        if self._corrects():
             # The correction reads the raw density: it counts as an updater, before every other reader.
             passes += [
                 near_surface_pass(),
@@ -278,7 +282,7 @@ class JiangZhu2023(Effect, frozen=True, kw_only=True):
     def list_radius(self, grid: Discretisation) -> float:
         if self._acts() and self._marked():
             return max(grid.support_radius, self._detection({}).list_radius(grid))
-        return grid.support_radius if self._acts() or self.density_correction else 0.0
+        return grid.support_radius if self._acts() or self._corrects() else 0.0
 
     def prepare(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, Any]:
         real, h, dim = grid.real, grid.support_radius, grid.dim
@@ -311,6 +315,13 @@ class JiangZhu2023(Effect, frozen=True, kw_only=True):
             "area": area,
         }
 
+    def balanced_pressure(self, grid: Discretisation, others: Mapping[str, Effect]) -> float:
+        if self.pair_mode != "all" or not self.balance_pressure:
+            return 0.0
+        rest_density = others["weakly_compressible"].rest_density  # type: ignore[attr-defined]
+        gamma = self.signed_gamma(grid, others)
+        return max(0.0, internal_pressure(gamma, rest_density, grid.support_radius, grid.dim, self._alpha(grid.dim)))
+
     def step_limits(self, grid: Discretisation, others: Mapping[str, Effect], extremes: Extremes) -> dict[str, float]:
         sigma = abs(self.nominal_tension(grid, others))
         if sigma == 0:
@@ -334,6 +345,9 @@ class JiangZhu2023(Effect, frozen=True, kw_only=True):
 
     def _acts(self) -> bool:
         return (self.gamma if self.gamma is not None else self.surface_tension) != 0
+
+    def _corrects(self) -> bool:
+        return self._acts() if self.density_correction is None else self.density_correction
 
     def _marked(self) -> bool:
         return self.pair_mode in MARKED_MODES
