@@ -406,7 +406,10 @@ def bad_input(target: Target) -> Iterator[Outcome]:
         changed[broken] = 1.5 * changed[broken] + 1
         spoiled[broken] = np.nan
         other = oracle(operation, inputs.replaced(**{name: changed}))
-        before, after = target.launch(inputs.replaced(**{name: spoiled}))
+        broken_inputs = inputs.replaced(**{name: spoiled})
+        before, after = target.launch(broken_inputs)
+        whole = {n: v for n, v in oracle(operation, broken_inputs).items() if not inputs.per_particle(n)}
+        counted = errors(operation, broken_inputs, before, after, answer=whole)
         found, visible = {}, False
         for output, (value, scale) in answer.items():
             depends = np.abs(other[output][0] - value) > 1e-9 * scale
@@ -415,7 +418,8 @@ def bad_input(target: Target) -> Iterator[Outcome]:
                 depends, got = (m.reshape(len(m), -1).any(1) for m in (depends, got))
                 found[output] = np.where((depends & ~got) | (far & got), np.inf, 0.0)
                 visible |= depends.any()
-            elif not inputs.per_particle(output):
+            elif output in whole:  # what the oracle can still say of the whole set must be right
+                found[output] = np.where(np.isfinite(whole[output][0]), counted[output], 0.0)
                 visible |= got.any() or (after[output] != before[output]).any()
         used = any((np.abs(other[n][0] - v) > 1e-9 * s).any() for n, (v, s) in answer.items())
         if found or not operation.exact:

@@ -92,9 +92,14 @@ def linear_state():
 
 @closed_form("sph.state")
 def clamped_tait():
-    """p = B ((rho/rho0)^7 - 1), 2^7 = 128; never below zero."""
+    """p = B ((rho/rho0)^7 - 1), 2^7 = 128; never below zero, and a small pressure stays."""
     fluid = Fluid(1000.0, 100.0, np.int32(7), np.int32(1))
-    return Exact(PAIR, {"density": np.array([2000.0, 500.0]), "fluid": fluid}, {"pressure": np.array([12700.0, 0.0])})
+    three = Case("three", 3, np.array([[0.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 2.0, 0.0]]))
+    small = 100 * (1.0009765625**7 - 1)
+    return Exact(
+        three, {"density": np.array([2000.0, 500.0, 1000.9765625]), "fluid": fluid},
+        {"pressure": np.array([12700.0, 0.0, small])},
+    )  # fmt: skip
 
 
 @closed_form("sph.state")

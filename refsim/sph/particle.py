@@ -134,4 +134,6 @@ def squares(i, velocity, acceleration):
     """(|v|^2, |a|^2, whether either is not finite) of particle i."""
     speed = velocity[i, 0] ** 2 + velocity[i, 1] ** 2 + velocity[i, 2] ** 2
     force = acceleration[i, 0] ** 2 + acceleration[i, 1] ** 2 + acceleration[i, 2] ** 2
-    return speed, force, not (math.isfinite(speed) and math.isfinite(force))
+    # Numba's isfinite(x) looks at x - x, which is nothing where sums may be taken in any order.
+    beyond = type(speed)(math.inf)
+    return speed, force, not (speed < beyond and force < beyond)

@@ -116,10 +116,11 @@ def kick_drift(acceleration, build_position, bounds, timestep, velocity, positio
     x_scale = np.abs(old_x) + np.abs(drift) * v_scale
     stopped = np.zeros(len(x), dtype=bool)
     if bounds is not None:
-        inside = np.clip(x, np.asarray(bounds.lower, dtype=float), np.asarray(bounds.upper, dtype=float))
-        v = np.where(inside == x, v, 0.0)
-        stopped = (inside != x).any(1)
-        x = inside
+        lower, upper = np.asarray(bounds.lower, dtype=float), np.asarray(bounds.upper, dtype=float)
+        beyond = (x < lower) | (x > upper)
+        v = np.where(beyond, 0.0, v)
+        stopped = beyond.any(1)
+        x = np.clip(x, lower, upper)
     way = x - np.asarray(build_position, dtype=float)
     squared = (way**2).sum(1)
     bound = ((np.abs(way) + x_scale) ** 2).sum(1)

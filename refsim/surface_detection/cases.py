@@ -43,3 +43,27 @@ def one_in_the_way():
          "fan_scan": FanScan(1.0, 2.0, 1e-6, np.int32(0))},
         {"surface": np.array([0, 0, 1, 1], np.uint8)},
     )  # fmt: skip
+
+
+def _printed_fan(*directions):
+    """A particle that looks to +y, with others 0.9 m away at these angles [degrees] off that axis; E5 as printed."""
+    angle = np.radians(directions)
+    around = 0.9 * np.stack([np.sin(angle), np.cos(angle), 0 * angle], axis=1)
+    count = len(directions) + 1
+    return (
+        Case("printed_fan", 2, np.concatenate([np.zeros((1, 3)), around]), spacing=1.0, support_radius=2.0),
+        {"surface_normal": np.array([[0.0, -2.0, 0.0]] * count), "candidates": np.eye(1, count, dtype=np.uint8)[0],
+         "fan_scan": FanScan(1.0, 2.0, 1e-6, np.int32(1))},
+    )  # fmt: skip
+
+
+@closed_form("surface_detection.fan_scan")
+def printed_cone_of_three():
+    """As printed, who stands in the cone does not count: three of them leave particle 0 at the surface."""
+    return Exact(*_printed_fan(-10, 5, 40), {"surface": np.array([1, 0, 0, 0], np.uint8)})
+
+
+@closed_form("surface_detection.fan_scan")
+def printed_beside_the_cone():
+    """As printed, one who stands 50 degrees off the axis, outside the cone, occupies it."""
+    return Exact(*_printed_fan(-10, 5, 50), {"surface": np.array([0, 0, 0, 0], np.uint8)})

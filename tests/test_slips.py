@@ -1,0 +1,82 @@
+"""Would the contract notice? Every sign, factor, index and condition of every program is altered once.
+
+A slip that nobody notices is a gap in the contract, unless it changes nothing: those stand in HARMLESS, with reasons.
+"""
+
+import json
+import os
+import pathlib
+import subprocess
+import sys
+
+import pytest
+
+from refsim.operation import REGISTRY
+
+SLIPS = pathlib.Path(__file__).with_name("slips.py")
+
+# function -> (start of the altered line, why it changes no answer)
+HARMLESS = {
+    "kick_drift": [("squared = type(timestep[0])(0)", "only the type is taken")],
+    "corrected": [("nx, ny, nz, filled = (real(0)", "zero over anything")],
+    "unit": [("zero = type(length)(0)", "a normal without direction is not looked at")],
+    "tension": [("nx, ny, nz = (real(0)", "set again where they are used")],
+    "row_share": [
+        ("one = real(1)", "only whether a row is idle depends on it"),
+        ("weight_i, surface_i = (zero, 0)", "belongs to the mode that is not taken"),
+        ("base == zero and slope != zero", "looks for idle rows in vain, or not at all"),
+    ],
+    "pair_weight": [("return (real(1), real(0))", "without weights and marks nothing is multiplied with it")],
+}
+
+
+def programs():
+    """Names of the operations that share a program, by program."""
+    found = {}
+    for name, operation in REGISTRY.items():
+        found.setdefault((operation.folder, operation.function), []).append(name)
+    return list(found.values())
+
+
+def judged(names):
+    environment = dict(os.environ, NUMBA_DISABLE_JIT="1")
+    done = subprocess.run([sys.executable, SLIPS, *names], capture_output=True, text=True, env=environment)
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)
+
+
+def required(name):
+    """Kinds of slips that every equation must have had; a flag has no sign, its condition stands in."""
+    operation = REGISTRY[name]
+    return {"condition" if operation.exact == operation.outputs else "sign", "factor", "index"}
+
+
+def verdict(names):
+    found = judged(names)
+    for name in names:
+        missing = required(name) - set(found["noticed"][name])
+        assert not missing, f"{name}: no slip of kind {missing} was made and noticed"
+    gaps = [
+        slip
+        for slip in found["survived"]
+        if not any(slip.startswith(f"{function}: {line}") for function, lines in HARMLESS.items() for line, _ in lines)
+    ]
+    assert not gaps, "nobody noticed:\n" + "\n".join(gaps)
+
+
+QUICK = {"sph.state", "sph.gravity"}
+
+
+@pytest.mark.parametrize("names", [n for n in programs() if n[0] in QUICK], ids="+".join)
+def test_slips_in_a_short_program_are_noticed(names):
+    verdict(names)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("names", [n for n in programs() if n[0] not in QUICK], ids="+".join)
+def test_slips_are_noticed(names):
+    verdict(names)
+
+
+def test_every_operation_is_tried():
+    assert sorted(name for names in programs() for name in names) == sorted(REGISTRY)
