@@ -15,10 +15,12 @@ import pathlib
 import re
 import shutil
 import sys
+import warnings
 from collections.abc import Callable
 from typing import Any
 
 import numba
+from llvmlite import binding
 from numba import njit
 from numba import prange as prange
 from numba.extending import register_jitable
@@ -108,7 +110,38 @@ def _cached(dispatcher: Any, function: Callable) -> Any:
         dispatcher.enable_caching()
     finally:
         numba.config.CACHE_DIR = before
+    if hasattr(os, "fork"):
+        _compile_apart(dispatcher, pathlib.Path(folder))
     return dispatcher
+
+
+def _compile_apart(dispatcher: Any, folder: pathlib.Path) -> None:
+    """Let a child process fill the cache, so that the code that runs always comes out of it.
+
+    A process that compiles a parallel loop holds its body twice, optimised differently, and runs the other one
+    than a process that loads the loop from the cache. Where sums may be taken in any order their last bits then
+    differ, and a run would not resume bit for bit after the process that compiled.
+    """
+    compile_here = dispatcher.compile
+    processor = binding.get_host_cpu_name()
+
+    def compile_apart(signature: Any) -> Any:
+        key = hashlib.sha256(f"{dispatcher.__name__} {signature} {processor}".encode()).hexdigest()[:24]
+        mark = folder / f"{key}.compiled"
+        if not mark.exists():
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # of forking beside threads: the child uses none of them
+                child = os.fork()
+            if child == 0:
+                try:
+                    compile_here(signature)
+                    mark.touch()
+                finally:
+                    os._exit(0)  # without the parent's clean-up; what went wrong is found again below
+            os.waitpid(child, 0)
+        return compile_here(signature)
+
+    dispatcher.compile = compile_apart
 
 
 def cpu_kernel(function: Callable) -> Any:

@@ -40,11 +40,42 @@ def kernel(values):
     "other.py": "UNRELATED = 1\n",
 }
 PROGRAM = """
+import os, pathlib
 import numpy as np
 from tiny.cpu import kernel
+def compiled():
+    return len(list(pathlib.Path(os.environ["REFSIM_CACHE_DIR"]).glob("*/*.compiled")))
+before = compiled()
 values = np.ones(3, np.float32)
 kernel(values)
-print(values[0], sum(kernel.stats.cache_hits.values()))
+print(values[0], compiled() - before, sum(kernel.stats.cache_hits.values()))
+"""
+SUMS = """
+import hashlib
+import numpy as np
+from refsim.neighbours.rows import NeighbourRows
+from refsim.operation import REGISTRY
+from refsim.smoothing import smoothing
+from refsim.sph import Fluid
+
+n, real, random = 300, np.float32, np.random.default_rng(3)
+position = random.random((n, 3)).astype(real)
+position[:, 2] = 0
+values = {
+    "position": position,
+    "velocity": random.random((n, 3)).astype(real),
+    "mass": random.random(n).astype(real),
+    "density": (1 + random.random(n)).astype(real),
+    "pressure": random.random(n).astype(real),
+    "smoothing": smoothing("wendland_c2", 0.2, 2, "float32"),
+    "fluid": Fluid(real(1), real(1), np.int32(7), np.int32(1)),
+    "neighbours": NeighbourRows(
+        np.arange(n) * n, np.full(n, n, np.int32), np.tile(np.arange(n, dtype=np.int32), n)
+    ),
+    "acceleration": np.zeros((n, 3), real),
+}
+REGISTRY["sph.pressure"].bind("cpu", values.get)()
+print(hashlib.sha256(values["acceleration"].tobytes()).hexdigest())
 """
 
 
@@ -58,13 +89,13 @@ def tiny(tmp_path):
 
 
 def run(package):
-    """(result, cache hits) of the kernel in a process of its own."""
+    """(result, kernels compiled, cache hits) of the kernel in a process of its own."""
     environment = dict(os.environ, REFSIM_CACHE_DIR=str(package.parent / "cache"))
     here = [str(package.parent), str(pathlib.Path(__file__).parents[1]), environment.get("PYTHONPATH", "")]
     environment["PYTHONPATH"] = os.pathsep.join(here)
     done = subprocess.run([sys.executable, "-c", PROGRAM], capture_output=True, text=True, env=environment, check=True)
-    value, hits = done.stdout.split()
-    return float(value), int(hits)
+    value, compiled, hits = done.stdout.split()
+    return float(value), int(compiled), int(hits)
 
 
 def edit(package, name, old, new):
@@ -74,14 +105,14 @@ def edit(package, name, old, new):
 
 
 def test_edits_behind_a_kernel_are_seen_and_others_cost_nothing(tiny):
-    assert run(tiny) == (4, 0)
-    assert run(tiny) == (4, 1)
+    assert run(tiny) == (4, 1, 1)
+    assert run(tiny) == (4, 0, 1)
     edit(tiny, "other.py", "1", "2")  # a file that the kernel has nothing to do with
-    assert run(tiny) == (4, 1)
+    assert run(tiny) == (4, 0, 1)
     edit(tiny, "formulas.py", "x * type(x)(FACTOR)", "x - type(x)(FACTOR)")  # called through a second file
-    assert run(tiny) == (-2, 0)
+    assert run(tiny) == (-2, 1, 1)
     edit(tiny, "numbers.py", "2.0", "3.0")  # a constant in a third
-    assert run(tiny) == (-4, 0)
+    assert run(tiny) == (-4, 1, 1)
 
 
 def test_sources_behind_a_kernel(tiny):
@@ -92,4 +123,18 @@ def test_sources_behind_a_kernel(tiny):
 
 def test_a_cache_that_cannot_be_written_does_no_harm(tiny):
     (tiny.parent / "cache").write_text("in the way")
-    assert run(tiny) == (4, 0)
+    assert run(tiny) == (4, 0, 0)
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="there, the process that compiles runs code of its own")
+def test_the_process_that_compiles_computes_the_same_bits(tmp_path):
+    """Sums may be taken in any order, but in the same one before and after a resume."""
+    environment = dict(os.environ, REFSIM_CACHE_DIR=str(tmp_path))
+    environment["PYTHONPATH"] = os.pathsep.join(
+        [str(pathlib.Path(__file__).parents[1]), os.environ.get("PYTHONPATH", "")]
+    )
+    command = [sys.executable, "-c", SUMS]
+    first, second = (
+        subprocess.run(command, capture_output=True, text=True, env=environment, check=True).stdout for _ in range(2)
+    )
+    assert first == second
