@@ -8,6 +8,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import pathlib
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
@@ -87,12 +88,22 @@ class Cloud(msgspec.Struct, tag="cloud", tag_field="shape", frozen=True, kw_only
     def positions(self, grid: Discretisation) -> np.ndarray:
         """Positions (n, 3) [m]."""
         values = self.position
+        if (values is None) == (not self.file):
+            raise InputError("fluid cloud: the positions are wanted once; give either position or file.")
         if self.file:
             try:
                 path = pathlib.Path(self.file)
-                values = np.load(path) if path.suffix == ".npy" else np.loadtxt(path, delimiter=",", ndmin=2)
-            except (OSError, ValueError) as error:
-                raise InputError(f"fluid cloud: cannot read positions from {self.file!r} ({error}).") from None
+                with warnings.catch_warnings():
+                    warnings.simplefilter("ignore")  # an empty file is told below
+                    values = np.load(path) if path.suffix == ".npy" else np.loadtxt(path, delimiter=",", ndmin=2)
+            except OSError as error:
+                why = error.strerror or error
+                raise InputError(f"fluid cloud: cannot read {self.file!r} ({why}); give a readable file.") from None
+            except ValueError as error:
+                raise InputError(
+                    f"fluid cloud: cannot read positions from {self.file!r} ({error}); give a .npy file or one line of"
+                    " comma-separated numbers for each particle."
+                ) from None
         try:
             points = np.array(values, dtype=float)
         except (TypeError, ValueError):
@@ -137,11 +148,12 @@ class Scene(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
 
 @dataclass(frozen=True)
 class InitialState:
-    """Particles at the start, on the host in float64."""
+    """Particles at the start, on the host in float64; `sizes` counts those of each part of the fluid."""
 
     position: np.ndarray
     velocity: np.ndarray
     mass: np.ndarray
+    sizes: tuple[int, ...]
 
 
 @dataclass(frozen=True)
@@ -192,10 +204,10 @@ def make_plan(scene: Scene) -> Plan:
         )
     effects = _effects(scene)
     empty = Discretisation(scene.dim, scene.dtype, scene.spacing, scene.support_radius, 0)
+    for effect in effects.values():  # before the particles, whose masses follow from the effects
+        effect.check(empty, effects)
     state = _initial_state(scene, empty, effects)
     grid = dataclasses.replace(empty, count=len(state.position))
-    for effect in effects.values():
-        effect.check(grid, effects)
     fields = {f.name: f for f in BASE}
     shared: dict[str, Any] = {"walls": None}
     parameters = {}
@@ -244,20 +256,29 @@ def _initial_state(scene: Scene, grid: Discretisation, effects: Mapping[str, Eff
     positions, velocities, masses = [], [], []
     for part in scene.fluid:
         points = part.positions(grid)
-        velocity = np.broadcast_to(np.asarray(part.velocity, dtype=float), points.shape)
         mass = getattr(part, "mass", None)
         if mass is None:
             fluid = effects.get("weakly_compressible")
-            own = fluid.particle_mass(grid) if fluid else 1.0
-            mass = np.full(len(points), own)
+            mass = fluid.particle_mass(grid) if fluid else 1.0
         positions.append(points)
-        velocities.append(velocity)
-        masses.append(np.broadcast_to(np.asarray(mass, dtype=float), (len(points),)))
-    if not positions or not sum(len(p) for p in positions):
+        velocities.append(_per_particle("velocity", part.velocity, points.shape))
+        masses.append(_per_particle("mass", mass, (len(points),)))
+    if not sum(map(len, positions)):
         raise InputError("scene: there are no particles; add a fluid box, ball or cloud.")
     position, velocity, mass = map(np.concatenate, (positions, velocities, masses))
     _check_particles(position, velocity, mass, scene)
-    return InitialState(position, velocity, mass)
+    return InitialState(position, velocity, mass, tuple(map(len, positions)))
+
+
+def _per_particle(name: str, values: Any, shape: tuple[int, ...]) -> np.ndarray:
+    """One value for all particles, or one for each, as an array of this shape."""
+    try:
+        return np.broadcast_to(np.asarray(values, dtype=float), shape)
+    except (TypeError, ValueError):
+        each = "3 numbers" if len(shape) == 2 else "one number"
+        raise InputError(
+            f"fluid cloud: {name} does not fit {shape[0]} particles; give {each} for all, or for each of them."
+        ) from None
 
 
 def _check_particles(position: np.ndarray, velocity: np.ndarray, mass: np.ndarray, scene: Scene) -> None:

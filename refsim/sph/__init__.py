@@ -114,6 +114,10 @@ class WeaklyCompressible(Effect, frozen=True, kw_only=True):
     def list_radius(self, grid: Discretisation) -> float:
         return grid.support_radius
 
+    def greatest_speed(self, grid: Discretisation) -> float:
+        """Ten times the sound speed; the equation of state supposes a tenth of it."""
+        return 10 * self.sound_speed
+
     def sum_kernel(self) -> str:
         """Name of the smoothing kernel of all summations."""
         return SETS[self.kernels][0]
@@ -158,7 +162,10 @@ class WeaklyCompressible(Effect, frozen=True, kw_only=True):
 
 
 class Gravity(Effect, frozen=True, kw_only=True):
-    """Uniform acceleration [m/s^2]."""
+    """Uniform acceleration of all particles.
+
+    acceleration  g [m/s^2]; along x or y in 2D
+    """
 
     name: ClassVar[str] = "gravity"
 

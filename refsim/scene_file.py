@@ -1,0 +1,383 @@
+"""Scenes as TOML: reading with errors that name the place, writing for checkpoints, and the published JSON schema.
+
+What a field means is written once, in the docstring of its class ("name   meaning [unit]"); the schema, the
+lists of the command line and the error messages all take it from there.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import difflib
+import inspect
+import itertools
+import json
+import os
+import pathlib
+import re
+import tomllib
+import typing
+from collections.abc import Iterable, Iterator, Mapping
+from typing import TYPE_CHECKING, Any
+
+import msgspec
+import numpy as np
+
+from refsim.effect import EFFECTS, Effect
+from refsim.errors import InputError
+from refsim.scene import Ball, Box, Cloud, Plan, Scene, make_plan
+
+if TYPE_CHECKING:
+    from refsim.checkpoint import Checkpoint
+
+SHAPES: dict[str, type] = {"box": Box, "ball": Ball, "cloud": Cloud}
+
+
+def load_scene(path: str | os.PathLike[str]) -> Scene:
+    """The scene in a TOML file; a cloud's `file` is looked for beside it.
+
+    Raises InputError, in one sentence with file and place, when the file is missing, is not TOML, has an
+    unknown key, lacks one or has a value of the wrong kind.
+    """
+    path = pathlib.Path(path)
+    try:
+        text = path.read_text(encoding="utf-8")
+    except FileNotFoundError:
+        raise InputError(f"scene file {path} does not exist; give the path of a TOML file.") from None
+    except UnicodeDecodeError:
+        raise InputError(f"{path} is not TOML, because it is not text in UTF-8; give a scene file.") from None
+    except OSError as error:
+        raise InputError(
+            f"scene file {path} cannot be read ({error.strerror}); give the path of a TOML file."
+        ) from None
+    return parse_scene(text, str(path), folder=path.parent)
+
+
+def parse_scene(text: str, source: str, folder: pathlib.Path | None = None) -> Scene:
+    """The scene in a TOML text; `source` names it in errors, `folder` is where files of clouds lie."""
+    try:
+        tables = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        words = str(error)
+        raise InputError(f"{source} is not TOML: {words[:1].lower()}{words[1:]}; correct that place.") from None
+    return scene_from_dict(tables, source, folder)
+
+
+def scene_from_dict(tables: Mapping[str, Any], source: str, folder: pathlib.Path | None = None) -> Scene:
+    """The scene in nested tables, as TOML gives them."""
+    for key in tables:
+        if key in EFFECTS:
+            raise InputError(f"{source}: the table [{key}] is an effect; call it [effects.{key}].")
+    values = dict(tables)
+    values["fluid"] = _fluid(values.get("fluid", []), source, folder)
+    values["effects"] = _effects(values.get("effects", {}), source)
+    return _struct(Scene, values, source, "", ready=("fluid", "effects"))
+
+
+def scene_to_dict(scene: Scene) -> dict[str, Any]:
+    """The scene as nested tables of plain values; `scene_from_dict` gives the same scene back."""
+    tables = {name: value for name, value in _plain(scene).items() if name not in ("fluid", "effects")}
+    tables["fluid"] = [{"shape": part.__struct_config__.tag} | _plain(part) for part in scene.fluid]
+    tables["effects"] = {effect.name: _plain(effect) for effect in scene.effects}
+    return tables
+
+
+def scene_to_toml(scene: Scene) -> str:
+    """The scene as TOML text, every value written out; numbers come back bit for bit."""
+    tables = scene_to_dict(scene)
+    lines = [f"{_key(name)} = {_toml(value)}" for name, value in tables.items() if name not in ("fluid", "effects")]
+    for part in tables["fluid"]:
+        lines += ["", "[[fluid]]"] + [f"{_key(name)} = {_toml(value)}" for name, value in part.items()]
+    for effect, values in tables["effects"].items():
+        lines += ["", f"[effects.{_key(effect)}]"] + [
+            f"{_key(name)} = {_toml(value)}" for name, value in values.items()
+        ]
+    return "\n".join(lines) + "\n"
+
+
+def suggestion(word: str, known: Iterable[str]) -> str:
+    """ "did you mean X?" or, where nothing is near, what there is."""
+    known = list(known)
+    near = difflib.get_close_matches(str(word).lower(), known, n=1, cutoff=0.55)
+    return f"did you mean {near[0]}?" if near else f"choose from {', '.join(known)}."
+
+
+def describe(owner: type) -> dict[str, str]:
+    """What each field of a scene, shape or effect means, from the lines of its docstring."""
+    names = {f.name for f in msgspec.structs.fields(owner)}
+    found: dict[str, str] = {}
+    current: tuple[str, ...] = ()
+    for line in inspect.getdoc(owner).splitlines()[1:]:
+        match = re.match(r"(\w+(?:, \w+)*)\s{2,}(\S.*)", line)
+        if match and set(match[1].split(", ")) <= names:
+            current = tuple(match[1].split(", "))
+            found |= dict.fromkeys(current, match[2].strip())
+        elif current and re.match(r"\s{3,}\S", line):
+            found |= {name: f"{found[name]} {line.strip()}" for name in current}
+        else:
+            current = ()
+    return found
+
+
+def unit_of(description: str) -> str | None:
+    """The unit in square brackets, None where there is none."""
+    match = re.search(r"\[([^\]\"]+)\]", description)
+    return match[1] if match else None
+
+
+def scene_schema(effects: Mapping[str, type[Effect]] = EFFECTS) -> dict[str, Any]:
+    """JSON schema of scene files, with description and unit of every field (units also as "x-unit")."""
+    effects = dict(sorted(effects.items()))
+    owners = [Scene, *SHAPES.values(), *effects.values()]
+    _, definitions = msgspec.json.schema_components(owners, ref_template="#/$defs/{name}")
+    for owner in owners:
+        definition = definitions[owner.__name__]
+        definition["description"] = inspect.getdoc(owner).splitlines()[0]
+        for name, text in describe(owner).items():
+            entry = definition["properties"][name]
+            entry["description"] = text
+            if unit_of(text):
+                entry["x-unit"] = unit_of(text)
+    scene = definitions.pop("Scene")
+    scene["properties"]["effects"] = {
+        "description": scene["properties"]["effects"]["description"],
+        "type": "object",
+        "properties": {name: {"$ref": f"#/$defs/{effect.__name__}"} for name, effect in effects.items()},
+        "additionalProperties": False,
+    }
+    numbers = {"type": "array", "items": {"type": "number"}}
+    rows = {"type": "array", "items": numbers}
+    definitions["Cloud"]["properties"]["position"] |= rows
+    definitions["Cloud"]["properties"]["velocity"] |= {"anyOf": [numbers, rows]}
+    definitions["Cloud"]["properties"]["mass"] |= numbers
+    for shape in SHAPES.values():
+        definitions[shape.__name__]["properties"]["shape"]["description"] = "kind of this part of the fluid"
+    head = {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": "refsim scene"}
+    whole = head | {k: v for k, v in scene.items() if k != "title"} | {"$defs": definitions}
+    return json.loads(json.dumps(whole))
+
+
+# Scenes in checkpoints
+
+
+def scene_to_checkpoint(plan: Plan) -> tuple[str, dict[str, np.ndarray]]:
+    """The scene as TOML, and apart from it the particles of its clouds, which need not lie on the disk any more."""
+    cloud = np.repeat([isinstance(part, Cloud) for part in plan.scene.fluid], plan.state.sizes)
+    arrays = {}
+    if cloud.any():
+        arrays = {f"start.{name}": getattr(plan.state, name)[cloud] for name in ("position", "velocity", "mass")}
+        arrays["start.sizes"] = np.array(
+            [n for part, n in zip(plan.scene.fluid, plan.state.sizes) if isinstance(part, Cloud)]
+        )
+    fluid = tuple(Cloud() if isinstance(part, Cloud) else part for part in plan.scene.fluid)
+    return scene_to_toml(msgspec.structs.replace(plan.scene, fluid=fluid)), arrays
+
+
+def scene_from_checkpoint(saved: Checkpoint, source: str) -> Scene:
+    """The scene of a checkpoint. Raises KeyError where it lacks a part, InputError where it cannot be read."""
+    scene = parse_scene(saved.attributes["scene"], f"the scene in {source}")
+    if not any(isinstance(part, Cloud) for part in scene.fluid):
+        return scene
+    ends = np.cumsum(saved.arrays["start.sizes"])[:-1]
+    pieces = {name: iter(np.split(saved.arrays[f"start.{name}"], ends)) for name in ("position", "velocity", "mass")}
+    return msgspec.structs.replace(
+        scene,
+        fluid=tuple(
+            Cloud(**{name: next(piece) for name, piece in pieces.items()}) if isinstance(part, Cloud) else part
+            for part in scene.fluid
+        ),
+    )
+
+
+MAY_CHANGE = ("end_time", "name")
+
+
+def check_same_scene(scene: Scene, stored: Plan, source: str) -> Plan:
+    """The checkpoint's plan with the scene's end_time and name. Raises InputError where anything else differs."""
+    new, old = (dict(_leaves(scene_to_dict(s) | {"fluid": "compared below"}, "")) for s in (scene, stored.scene))
+    for place in dict.fromkeys((*old, *new)):
+        if place not in MAY_CHANGE and old.get(place) != new.get(place):
+            raise InputError(
+                f"checkpoint {source} has {place} = {old.get(place)} and the scene has {new.get(place)}; only"
+                f" {' and '.join(MAY_CHANGE)} may change on the way."
+            )
+    start = make_plan(scene).state
+    for name in ("position", "velocity", "mass"):
+        if not np.array_equal(getattr(start, name), getattr(stored.state, name)):
+            raise InputError(
+                f"checkpoint {source} began with other particles than the scene (their {name} differs); resume it with"
+                " its own scene."
+            )
+    kept = {name: getattr(scene, name) for name in MAY_CHANGE}
+    return dataclasses.replace(stored, scene=msgspec.structs.replace(stored.scene, **kept))
+
+
+def _leaves(tables: Any, place: str) -> Iterator[tuple[str, Any]]:
+    for name, value in tables.items():
+        where = f"{place}.{name}" if place else name
+        if isinstance(value, dict):
+            yield where, "present"
+            yield from _leaves(value, where)
+        else:
+            yield where, value
+
+
+# Reading
+
+
+def _fluid(parts: Any, source: str, folder: pathlib.Path | None) -> tuple[Any, ...]:
+    if not isinstance(parts, list):
+        raise InputError(f"{source}: fluid must be a list of tables; begin each with [[fluid]].")
+    made = []
+    for number, part in enumerate(parts, 1):
+        place = f"[[fluid]] number {number}"
+        if not isinstance(part, dict):
+            raise InputError(f"{source}: {place} must be a table, not {_word_for(part)}; begin it with [[fluid]].")
+        values = dict(part)
+        shape = values.pop("shape", None)
+        if shape is None:
+            raise InputError(f'{source}: {place} has no shape; add shape = "box", "ball" or "cloud".')
+        if not isinstance(shape, str) or shape not in SHAPES:
+            raise InputError(f"{source}: {place} has the unknown shape {shape!r}; {suggestion(shape, SHAPES)}")
+        result = _struct(SHAPES[shape], values, source, place)
+        if shape == "cloud" and result.file and folder is not None:
+            result = msgspec.structs.replace(result, file=str(folder / result.file))
+        made.append(result)
+    return tuple(made)
+
+
+def _effects(tables: Any, source: str) -> tuple[Effect, ...]:
+    if not isinstance(tables, dict):
+        raise InputError(f"{source}: effects must be tables; write each as [effects.name].")
+    made = []
+    for name, values in tables.items():
+        if name not in EFFECTS:
+            raise InputError(f"{source}: effect {name!r} is unknown; {suggestion(name, sorted(EFFECTS))}")
+        place = f"[effects.{name}]"
+        if not isinstance(values, dict):
+            raise InputError(
+                f"{source}: {name} under [effects] must be a table, not {_word_for(values)}; write {place}."
+            )
+        made.append(_struct(EFFECTS[name], values, source, place))
+    return tuple(made)
+
+
+def _struct(owner: type, values: Mapping[str, Any], source: str, place: str, ready: tuple[str, ...] = ()) -> Any:
+    """An instance of `owner` from a table; values named in `ready` are taken as they are."""
+    fields = {f.name: f for f in msgspec.structs.fields(owner)}
+    at = f"{place}: " if place else ""
+    for name in values:
+        if name not in fields:
+            where = f" in {place}" if place else ""
+            raise InputError(f"{source}: unknown key {name!r}{where}; {suggestion(name, fields)}")
+    missing = [name for name, f in fields.items() if f.required and name not in values]
+    if missing:
+        meaning = describe(owner).get(missing[0])
+        words = f" ({meaning})" if meaning else ""
+        raise InputError(f"{source}: {at}the key {missing[0]!r}{words} is missing; add it.")
+    made = {}
+    for name, value in values.items():
+        made[name] = value if name in ready else _value(value, fields[name].type, source, f"{at}{name}")
+    return owner(**made)
+
+
+def _value(value: Any, kind: Any, source: str, place: str) -> Any:
+    try:
+        return msgspec.convert(value, kind)
+    except msgspec.ValidationError as error:
+        raise InputError(f"{source}: {place}{_why(str(error), value, kind)}") from None
+
+
+def _why(words: str, value: Any, kind: Any) -> str:
+    """msgspec's words as the rest of a sentence that begins with the place."""
+    words, _, path = words.partition(" - at `$")
+    inside, found = path.rstrip("`"), value
+    for index in re.findall(r"\[(\d+)\]", inside):
+        found = found[int(index)]
+    if words.startswith("Invalid enum value"):
+        choices = _choices(kind)
+        if isinstance(found, str):
+            return f"{inside} = {found!r} is not possible; {suggestion(found, map(str, choices))}"
+        return f"{inside} = {found!r} is not possible; choose from {', '.join(map(repr, choices))}."
+    match = re.match(r"Expected `([^`]+)`(?: of length (?:at least )?(\d+))?", words)
+    if not match:
+        return f"{inside} = {found!r} is not possible ({words[:1].lower()}{words[1:]}); correct it."
+    if match[2]:
+        return f"{inside} has {len(found)} values; give {match[2]}."
+    wanted = " or ".join(WORDS.get(kind_name, kind_name) for kind_name in match[1].split(" | "))
+    return f"{inside} = {_short(found)} is {_word_for(found)}; give {wanted}."
+
+
+WORDS = {
+    "float": "a number",
+    "int": "a whole number",
+    "str": "text in quotes",
+    "bool": "true or false",
+    "array": "a list in square brackets",
+    "object": "a table",
+    "null": "nothing",
+}
+
+
+def _word_for(value: Any) -> str:
+    for kind, word in (
+        (bool, "true or false"),
+        (int, "a whole number"),
+        (float, "a number with decimals"),
+        (str, "text"),
+        (list, "a list"),
+        (dict, "a table"),
+    ):
+        if isinstance(value, kind):
+            return word
+    return f"a {type(value).__name__}"
+
+
+def _short(value: Any) -> str:
+    text = repr(value)
+    return text if len(text) <= 40 else f"{text[:37]}..."
+
+
+def _choices(kind: Any) -> list[Any]:
+    """All literal values inside a type."""
+    if typing.get_origin(kind) is typing.Literal:
+        return list(typing.get_args(kind))
+    return list(dict.fromkeys(itertools.chain.from_iterable(map(_choices, typing.get_args(kind)))))
+
+
+# Writing
+
+
+def _plain(struct: Any) -> dict[str, Any]:
+    """A struct's fields as plain values; None, which TOML does not have, is left out."""
+    values = {f.name: getattr(struct, f.name) for f in msgspec.structs.fields(struct)}
+    return {name: _plain_value(value) for name, value in values.items() if value is not None}
+
+
+def _plain_value(value: Any) -> Any:
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
+    if isinstance(value, list | tuple | set | frozenset):
+        return [_plain_value(v) for v in (sorted(value) if isinstance(value, set | frozenset) else value)]
+    if isinstance(value, msgspec.Struct):
+        return _plain(value)
+    if isinstance(value, Mapping):
+        return {str(k): _plain_value(v) for k, v in value.items()}
+    return value
+
+
+def _toml(value: Any) -> str:
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, int | float):
+        return repr(value)
+    if isinstance(value, str):
+        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+    if isinstance(value, list):
+        return f"[{', '.join(map(_toml, value))}]"
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{_key(k)} = {_toml(v)}" for k, v in value.items()) + "}"
+    raise TypeError(f"{value!r} cannot be written as TOML")
+
+
+def _key(name: str) -> str:
+    return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else _toml(name)
