@@ -5,9 +5,11 @@ package loads no Numba and compiles nothing.
 """
 
 from refsim.boundary.akinci_2012 import BoxWalls
+from refsim.driver import RunReport, simulate
 from refsim.errors import InputError, RunStopped
 from refsim.run import Simulation, StepResult
 from refsim.scene import Ball, Box, Cloud, Plan, Scene, make_plan
+from refsim.scene_file import load_scene
 from refsim.sph import Gravity, WeaklyCompressible
 from refsim.surface_detection import SurfaceDetection
 from refsim.surface_tension.jiang_zhu_2023 import JiangZhu2023
@@ -23,6 +25,7 @@ __all__ = [
     "InputError",
     "JiangZhu2023",
     "Plan",
+    "RunReport",
     "RunStopped",
     "Scene",
     "Simulation",
@@ -30,5 +33,7 @@ __all__ = [
     "SurfaceDetection",
     "WeaklyCompressible",
     "__version__",
+    "load_scene",
     "make_plan",
+    "simulate",
 ]

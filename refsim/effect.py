@@ -102,8 +102,12 @@ class Effect(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
         """Largest stable steps [s] by the name of what limits them."""
         return {}
 
+    def greatest_speed(self, grid: Discretisation) -> float:
+        """Speed [m/s] beyond which its equations mean nothing: a particle that is faster ends the run."""
+        return math.inf
+
     def check(self, grid: Discretisation, others: Mapping[str, Effect]) -> None:
-        """Raise InputError where the parameters do not fit the scene."""
+        """Raise InputError where the parameters do not fit the scene, whose particles are not yet counted."""
 
 
 def require(owner: str, **bounds: tuple[float, str]) -> None:

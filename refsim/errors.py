@@ -1,5 +1,22 @@
 """The two errors that a user of refsim meets; each carries the exit code of the command line."""
 
+from __future__ import annotations
+
+from typing import Any
+
+REASONS = {  # why a run stops: the only names that RunStopped takes
+    "non_finite": "a position, a velocity, an acceleration or a saved value is NaN or infinite",
+    "diverged": "a particle is faster than the effects' equations allow (ten times the sound speed)",
+    "step_too_small": "the stable step has shrunk to a millionth of the first one",
+    "collapsed": "particles have clumped until one has thousands of neighbours",
+    "missed_neighbours": "an audit found a neighbour that the list lacks",
+    "particles_lost": "a particle of the start is missing, or has another mass",
+    "out_of_memory": "the machine has no memory left",
+    "disk_full": "no space or quota is left; the run can be resumed from the last checkpoint",
+    "write_failed": "the disk refused a write for another reason",
+    "interrupted": "somebody stopped the run; it can be resumed from the checkpoint written then",
+}
+
 
 class RefsimError(Exception):
     """Base of the errors that end a command with one clear sentence instead of a traceback."""
@@ -16,13 +33,18 @@ class InputError(RefsimError):
 class RunStopped(RefsimError):
     """The run cannot go on as it is (exit code 3).
 
-    `reason` is a short fixed name for programs ("disk_full", "non_finite", ...), the message a sentence for
-    people.
+    reason  a name of REASONS, for programs; the message is a sentence for people
+    report  of the run that stopped, where there was one (`refsim.driver.RunReport`)
+    advice  lines that say what can be done next, where the catcher knows
     """
 
     exit_code = 3
+    report: Any = None
+    advice: tuple[str, ...] = ()
 
     def __init__(self, reason: str, message: str) -> None:
+        if reason not in REASONS:
+            raise ValueError(f"{reason!r} is not one of the reasons {', '.join(REASONS)}")
         super().__init__(reason, message)  # both, so that the error survives pickling between processes
         self.reason = reason
 

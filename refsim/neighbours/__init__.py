@@ -27,6 +27,7 @@ class SearchLog:
     rebuilds: int = 0
     audited_rows: int = 0
     missed_neighbours: int = 0
+    audits_skipped: int = 0  # where a wall's plane had just stopped a particle
     most_neighbours: int = 0
     list_bytes: int = 0
 

@@ -1,0 +1,346 @@
+"""A whole run: frames, checkpoints, progress, a report, and a post-mortem where it stops.
+
+A run's folder holds `particles.vtkhdf` (frames), `checkpoint.h5` and the one before it, `report.json` (the run
+log, renewed with every checkpoint) and, after a stop, `postmortem.json` and `postmortem.npz`.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import shlex
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from refsim.checkpoint import cannot_write, latest_checkpoint, previous_path, replace_file
+from refsim.errors import InputError, RunStopped
+from refsim.output import ParticleWriter
+from refsim.plain import plain
+from refsim.postmortem import AFTER_THESE, write_postmortem
+from refsim.run import Simulation
+from refsim.scene import Plan, Scene
+from refsim.versions import versions
+
+PARTICLES, CHECKPOINT, REPORT = "particles.vtkhdf", "checkpoint.h5", "report.json"
+FRAMES = 100  # of a whole run, where the caller does not say how often
+
+
+@dataclass
+class RunReport:
+    """What a run did. SI units; momenta and energies with the velocities half a step behind the positions.
+
+    reason, message   why it stopped (one of `refsim.errors.REASONS`) and the sentence for people; None at its end
+    time, steps       reached, counted from the scene's start (so are all counts below)
+    step_limiters     how many steps each limit has set
+    search            neighbour list: rebuilds, audited_rows, missed_neighbours (0), audits_skipped, most_neighbours,
+                      list_bytes
+    stopped_at_walls  how often the plane of a wall has stopped a particle
+    ledger            particles at the start and at the end: number, mass, momentum, energy, how many behind walls
+    seconds           wall seconds: total, compiling (the first calls), by stage, of this process alone
+    """
+
+    scene: str
+    backend: str
+    dtype: str
+    versions: dict[str, str]
+    particles: int
+    reason: str | None = None
+    message: str | None = None
+    time: float = 0.0
+    steps: int = 0
+    until: float = 0.0
+    resumed_at_step: int | None = None
+    step_limiters: dict[str, int] = field(default_factory=dict)
+    last_step: dict[str, Any] | None = None
+    search: dict[str, int] | None = None
+    stopped_at_walls: int = 0
+    ledger: dict[str, dict[str, Any]] = field(default_factory=dict)
+    frames: int = 0
+    checkpoints: int = 0
+    seconds: dict[str, Any] = field(default_factory=dict)
+    files: dict[str, str] = field(default_factory=dict)
+    notes: list[str] = field(default_factory=list)
+
+
+def simulate(
+    scene: Scene | Plan | Simulation,
+    until: float | None = None,
+    *,
+    backend: str = "cpu",
+    threads: int | None = None,
+    output: str | os.PathLike[str] | None = None,
+    every: float | None = None,
+    checkpoint_every: float = 60.0,
+    overwrite: bool = False,
+    progress: Callable[[Simulation], None] | None = None,
+    asked_to_stop: Callable[[], bool] = lambda: False,
+) -> RunReport:
+    """Run a scene, or go on with a simulation, and return the report.
+
+    until             end [s], the scene's end_time by default; the first step that reaches it is the last one
+    output            folder for frames, checkpoints and report; nothing is written where it is None
+    every             simulated time between frames [s], a hundredth of the run by default
+    checkpoint_every  wall time between checkpoints [s]; one more is written at the end
+    overwrite         begin anew in a folder that holds an earlier run
+    progress          called before the first step and after every step
+    asked_to_stop     asked after every step; the run then ends with reason "interrupted" and a checkpoint
+
+    Raises InputError for bad input. Raises RunStopped where the run cannot go on: the last good checkpoint is
+    then untouched, and the folder has a post-mortem.
+    """
+    began = time.perf_counter()
+    simulation = scene if isinstance(scene, Simulation) else Simulation(scene, backend, threads)
+    run = _Run(simulation, until, output, every, checkpoint_every, overwrite, began, threads)
+    try:
+        run.go(progress, asked_to_stop)
+    except MemoryError:
+        raise run.stopped(
+            RunStopped(
+                "out_of_memory",
+                f"No memory was left in step {simulation.steps} at {simulation.time:.6g} s; take fewer particles or a"
+                " larger machine.",
+            )
+        ) from None
+    except RunStopped as stop:
+        raise run.stopped(stop) from stop.__cause__
+    finally:
+        run.close()
+    return run.report()
+
+
+def stock(simulation: Simulation | Plan) -> dict[str, Any]:
+    """The particles' number, mass [kg], momenta and energies, now (a simulation) or at the start (a plan).
+
+    Sums in float64, in 2D per metre of depth. `outside_walls` counts those behind a wall.
+    """
+    if isinstance(simulation, Plan):
+        plan, state = simulation, simulation.state
+        x, v, m = (
+            getattr(state, name).astype(plan.grid.dtype).astype(float) for name in ("position", "velocity", "mass")
+        )
+    else:
+        plan = simulation.plan
+        x, v, m = (simulation.field(name).astype(float) for name in ("position", "velocity", "mass"))
+    bounds = plan.shared.get("bounds")
+    outside = 0 if bounds is None else int(((x < bounds.lower) | (x > bounds.upper)).any(1).sum())
+    result = {
+        "particles": len(x),
+        "mass": math.fsum(m),
+        "momentum": (m[:, None] * v).sum(0).tolist(),
+        "angular_momentum": (m[:, None] * np.cross(x, v)).sum(0).tolist(),
+        "kinetic_energy": float(0.5 * (m * (v**2).sum(1)).sum()),
+        "greatest_speed": float(np.sqrt((v**2).sum(1).max(initial=0.0))),
+        "outside_walls": outside,
+    }
+    gravity = plan.effects.get("gravity")
+    if gravity is not None:
+        result["potential_energy"] = float(-(m * (x @ np.array(gravity.acceleration))).sum())
+    return result
+
+
+def check_particles(simulation: Simulation) -> None:
+    """Raise RunStopped("particles_lost") where not every particle of the start is there with its own mass."""
+    n, start = simulation.count, simulation.plan.state
+    identity = np.array(simulation.backend.host(simulation.fields["identity"]))
+    lost = n - len(np.unique(identity[(identity >= 0) & (identity < n)]))
+    changed = 0
+    if not lost:
+        changed = int((simulation.field("mass") != start.mass.astype(simulation.plan.grid.dtype)).sum())
+    if lost or changed:
+        raise RunStopped(
+            "particles_lost",
+            f"At step {simulation.steps} and {simulation.time:.6g} s {lost} of {n} particles are missing and"
+            f" {changed} have another mass than at the start; this is an error in an effect.",
+        )
+
+
+class _Run:
+    """The files and clocks of one call of `simulate`."""
+
+    def __init__(
+        self,
+        simulation: Simulation,
+        until: float | None,
+        output: str | os.PathLike[str] | None,
+        every: float | None,
+        checkpoint_every: float,
+        overwrite: bool,
+        began: float,
+        threads: int | None,
+    ) -> None:
+        self.simulation, self.began, self.threads = simulation, began, threads
+        self.until = simulation.plan.scene.end_time if until is None else until
+        for name, value in (("until", self.until), ("every", every), ("checkpoint_every", checkpoint_every)):
+            if value is not None and not (math.isfinite(value) and (value > 0 or (value == 0 and name != "every"))):
+                raise InputError(f"{name} = {value} is not possible; give a positive number of seconds.")
+        self.every = every or self.until / FRAMES
+        self.checkpoint_every = checkpoint_every
+        self.resumed_at = simulation.steps or None
+        self.frames = self.checkpoints = 0
+        self.last_checkpoint: Path | None = None
+        self.stop: RunStopped | None = None
+        self.files: dict[str, str] = {}
+        self.writer: ParticleWriter | None = None
+        self.folder = None if output is None else Path(output)
+        if self.folder is not None:
+            self._open_folder(overwrite)
+        self.next_frame = 0.0
+
+    def _open_folder(self, overwrite: bool) -> None:
+        assert self.folder is not None
+        resumed = self.resumed_at is not None
+        if not resumed and not overwrite and (self.folder / REPORT).exists():
+            raise InputError(
+                f"folder {self.folder} holds an earlier run; resume that one (--resume), give another folder (--output)"
+                " or allow it to be overwritten (--overwrite)."
+            )
+        if self.folder.exists() and not self.folder.is_dir():
+            raise InputError(f"{self.folder} is a file; give a folder for the output.")
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise cannot_write("folder", self.folder, error, "nothing was changed") from error
+        if not resumed:
+            old = self.folder / CHECKPOINT
+            for path in (old, previous_path(old), self.folder / "postmortem.json", self.folder / "postmortem.npz"):
+                path.unlink(missing_ok=True)
+        fields = {}
+        for name, f in self.simulation.plan.fields.items():
+            if name != "position":
+                dtype = f.numpy_dtype(self.simulation.plan.grid.dtype)
+                fields[name] = (f.components, "uint8" if dtype.kind == "b" else dtype)
+        self.writer = ParticleWriter(
+            self.folder / PARTICLES, fields, append=resumed, resume_time=self.simulation.time if resumed else None
+        )
+        self.files["particles"] = str(self.folder / PARTICLES)
+        if resumed:
+            self.last_checkpoint = latest_checkpoint(self.folder)
+
+    def go(self, progress: Callable[[Simulation], None] | None, asked_to_stop: Callable[[], bool]) -> None:
+        simulation = self.simulation
+        if progress is not None:
+            progress(simulation)
+        clock = time.perf_counter()
+        last = None if self.writer is None else self.writer.last_time
+        if self.folder is not None:
+            if last is None or simulation.time > last:
+                self._frame()
+            if self.resumed_at is None:
+                self._checkpoint()  # so that a run that stops early can be replayed
+        while simulation.time < self.until:
+            self.next_frame = (math.floor(simulation.time / self.every * (1 + 1e-12)) + 1) * self.every
+            simulation.step()
+            if progress is not None:
+                progress(simulation)
+            if self.folder is not None:
+                if simulation.time >= self.next_frame:
+                    self._frame()
+                if time.perf_counter() - clock >= self.checkpoint_every:
+                    self._checkpoint()
+                    clock = time.perf_counter()
+            if asked_to_stop() and simulation.time < self.until:
+                if self.folder is not None:
+                    self._checkpoint()
+                raise RunStopped(
+                    "interrupted", f"The run was interrupted after step {simulation.steps} at {simulation.time:.6g} s."
+                )
+        check_particles(simulation)
+        if self.folder is not None:
+            assert self.writer is not None
+            if self.writer.last_time is None or simulation.time > self.writer.last_time:
+                self._frame()
+            self._checkpoint()
+
+    def _frame(self) -> None:
+        assert self.writer is not None
+        simulation = self.simulation
+        check_particles(simulation)
+        simulation.evaluate()
+        values = {name: simulation.field(name) for name in simulation.plan.fields}
+        values = {name: v.view(np.uint8) if v.dtype.kind == "b" else v for name, v in values.items()}
+        self.writer.write(simulation.time, values.pop("position"), **values)
+        self.frames += 1
+
+    def _checkpoint(self) -> None:
+        assert self.folder is not None
+        path = self.folder / CHECKPOINT
+        check_particles(self.simulation)
+        self.simulation.checkpoint(path)
+        self.checkpoints += 1
+        self.last_checkpoint = path
+        self.files["checkpoint"] = str(path)
+        self._write_report()
+
+    def _write_report(self) -> None:
+        assert self.folder is not None
+        path = self.folder / REPORT
+        self.files["report"] = str(path)
+        try:
+            replace_file(path, (json.dumps(plain(asdict(self.report())), indent=1) + "\n").encode())
+        except OSError as error:
+            raise cannot_write("report", path, error, "the last good checkpoint is untouched") from error
+
+    def stopped(self, stop: RunStopped) -> RunStopped:
+        """Note why the run stopped, in a post-mortem and in the report; the error to raise, with the report."""
+        self.stop = stop
+        with suppress(InputError, RunStopped, OSError, MemoryError):  # a full disk must not hide the first reason
+            if self.folder is not None:
+                if stop.reason in AFTER_THESE:
+                    path = write_postmortem(self.simulation, stop, self.folder, self._replay(), self.last_checkpoint)
+                    self.files["postmortem"] = str(path)
+                self._write_report()
+            stop.report = self.report()
+        return stop
+
+    def _replay(self) -> str:
+        """The command that runs from the last checkpoint into the same stop, in a folder of its own."""
+        if self.last_checkpoint is None:
+            return "run the scene again: it stopped before its first checkpoint"
+        threads = "" if self.threads is None else f" --threads {self.threads}"
+        return (
+            f"refsim run --resume {shlex.quote(str(self.last_checkpoint))} --backend {self.simulation.backend.name}"
+            f" --until {self.until!r}{threads} --output {shlex.quote(str(self.folder / 'replay'))}"
+        )
+
+    def report(self) -> RunReport:
+        """The report as of now."""
+        simulation = self.simulation
+        plan, stop, timings = simulation.plan, self.stop, simulation.timings
+        return RunReport(
+            scene=plan.scene.name,
+            backend=simulation.backend.name,
+            dtype=plan.grid.dtype,
+            versions=versions(),
+            particles=simulation.count,
+            reason=stop.reason if stop else None,
+            message=str(stop) if stop else None,
+            time=simulation.time,
+            steps=simulation.steps,
+            until=self.until,
+            resumed_at_step=self.resumed_at,
+            step_limiters=dict(simulation.limiters),
+            last_step=asdict(simulation.last) if simulation.last else None,
+            search=asdict(simulation.search.log) if simulation.search else None,
+            stopped_at_walls=simulation.stopped_at_walls,
+            ledger={"start": stock(plan), "end": stock(simulation)},
+            frames=self.frames,
+            checkpoints=self.checkpoints,
+            seconds={
+                "total": time.perf_counter() - self.began,
+                "first_calls": sum(timings.first_calls.values()),
+                "stages": dict(timings.stages),
+            },
+            files=dict(self.files),
+            notes=list(simulation.notes),
+        )
+
+    def close(self) -> None:
+        if self.writer is not None:
+            self.writer.close()

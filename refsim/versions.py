@@ -1,0 +1,25 @@
+"""Which versions computed a result: for reports, checkpoints and `refsim doctor`."""
+
+from __future__ import annotations
+
+import functools
+import importlib.metadata
+import platform
+
+PACKAGES = ("refsim", "numpy", "numba", "llvmlite", "numba-cuda", "cupy-cuda13x")
+
+
+@functools.cache
+def versions() -> dict[str, str]:
+    """Versions of Python and of the packages that compute; nothing is imported for it."""
+    found = {"python": platform.python_version()}
+    for name in PACKAGES:
+        try:
+            found[name] = importlib.metadata.version(name)
+        except importlib.metadata.PackageNotFoundError:
+            continue
+    if "refsim" not in found:  # used from its source folder
+        import refsim
+
+        found["refsim"] = refsim.__version__
+    return found
