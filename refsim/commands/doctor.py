@@ -1,0 +1,199 @@
+"""`refsim doctor`: what is installed, which backends run here, and whether they compute right."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import os
+import platform
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from refsim.backend import simulated, unavailable
+from refsim.commands import Command, Outcome, in_bytes, in_time, register, table
+from refsim.errors import RefsimError
+from refsim.operation import BACKENDS, REGISTRY
+from refsim.run import Simulation
+from refsim.scene import Cloud, Plan, Scene, make_plan
+from refsim.sph import WeaklyCompressible
+from refsim.versions import versions
+
+TESTED = "sph.density"
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """No arguments of its own."""
+
+
+def execute(options: argparse.Namespace) -> Outcome:
+    """Look around, test each backend that can run, and end with one verdict."""
+    backends = {name: unavailable(name) for name in BACKENDS}
+    found: dict[str, Any] = {
+        "versions": versions(),
+        "system": f"{platform.system()} {platform.machine()}",
+        "cores": len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count(),
+        "memory": _memory(),
+        "cache": _cache(),
+        "backends": {name: {"available": reason is None, "reason": reason} for name, reason in backends.items()},
+        "gpu": _gpu() if backends["cuda"] is None else None,
+        "self_test": {name: _self_test(name) for name, reason in backends.items() if reason is None},
+    }
+    found["threads"] = _threads()
+    failed = [name for name, test in found["self_test"].items() if test["verdict"] != "pass"]
+    working = [name for name in found["self_test"] if name not in failed]
+    absent = [name for name, reason in backends.items() if reason is not None]
+    if failed:
+        found["verdict"] = f"fail: backend {' and '.join(failed)} computes wrong numbers here; do not use it"
+    else:
+        found["verdict"] = f"pass: {', '.join(working)} {'work' if len(working) > 1 else 'works'}"
+        if absent:
+            found["verdict"] += f"; {' and '.join(absent)} cannot run here"
+    return Outcome(found, _text(found), 4 if failed else 0)
+
+
+def _self_test_plan() -> Plan:
+    """343 particles off their lattice, with mixed masses; only the density is computed."""
+    random = np.random.default_rng(7)
+    axis = np.arange(7) * 0.1
+    lattice = np.stack(np.meshgrid(axis, axis, axis), axis=-1).reshape(-1, 3)
+    cloud = Cloud(
+        position=lattice + 0.03 * random.uniform(-1, 1, lattice.shape), mass=random.uniform(0.5, 1.5, len(lattice))
+    )
+    scene = Scene(spacing=0.1, support_radius=0.2, fluid=(cloud,), effects=(WeaklyCompressible(sound_speed=10.0),))
+    plan = make_plan(scene)
+    return dataclasses.replace(plan, passes=tuple(pair for pair in plan.passes if pair[1].operation == TESTED))
+
+
+def _self_test(backend: str) -> dict[str, Any]:
+    """One operation against its reference: the largest error, the bound of the contract, the verdict."""
+    began = time.perf_counter()
+    try:
+        plan = _self_test_plan()
+        values = []
+        for name in ("numpy", backend):
+            simulation = Simulation(plan, name)
+            simulation.evaluate()
+            values.append(simulation.field("density").astype(float))
+        neighbours = simulation.search.log.most_neighbours if simulation.search else 0
+    except RefsimError as error:
+        return {"operation": TESTED, "verdict": "fail", "why": str(error)}
+    except Exception as error:  # whatever a broken installation raises is the finding
+        return {"operation": TESTED, "verdict": "fail", "why": f"{type(error).__name__}: {error}"}
+    expected, computed = values
+    error = float(np.abs(computed / expected - 1).max())
+    bound = REGISTRY[TESTED].tolerance * (neighbours + 1) * float(np.finfo(plan.grid.dtype).eps)
+    return {
+        "operation": TESTED,
+        "particles": plan.grid.count,
+        "dtype": plan.grid.dtype,
+        "largest_relative_error": error,
+        "bound": bound,
+        "verdict": "pass" if error <= bound else "fail",
+        "seconds": time.perf_counter() - began,
+    }
+
+
+def _threads() -> dict[str, Any]:
+    import numba
+
+    from refsim import compile as compiler
+
+    assert compiler  # it chooses the threading layer
+    try:
+        layer = numba.threading_layer()
+    except ValueError:  # no parallel loop has run
+        layer = f"{numba.config.THREADING_LAYER} (not started)"
+    return {"most": int(numba.config.NUMBA_NUM_THREADS), "layer": layer}
+
+
+def _cache() -> dict[str, Any]:
+    from refsim.compile import cache_root
+
+    root = cache_root()
+    files = [p for p in root.rglob("*") if p.is_file()] if root.is_dir() else []
+    size = 0
+    for path in files:
+        try:
+            size += path.stat().st_size
+        except OSError:  # another process has just cleared it away
+            continue
+    parent = next(p for p in (root, *root.parents) if p.exists())
+    return {"folder": str(root), "bytes": size, "files": len(files), "writable": os.access(parent, os.W_OK)}
+
+
+def _memory() -> dict[str, int | None]:
+    try:
+        page = os.sysconf("SC_PAGE_SIZE")
+        total, free = (page * os.sysconf(name) for name in ("SC_PHYS_PAGES", "SC_AVPHYS_PAGES"))
+    except (AttributeError, ValueError, OSError):
+        return {"total": None, "free": None}
+    limit = Path("/sys/fs/cgroup/memory.max")
+    if limit.is_file() and (text := limit.read_text().strip()).isdigit():
+        total = min(total, int(text))
+    return {"total": total, "free": min(free, total)}
+
+
+def _gpu() -> dict[str, Any]:
+    if simulated():
+        return {"name": "CUDA simulator"}
+    from refsim.compile import cuda
+
+    device = cuda.get_current_device()
+    name = device.name.decode() if isinstance(device.name, bytes) else str(device.name)
+    free, total = cuda.current_context().get_memory_info()
+    driver = ".".join(map(str, cuda.runtime.get_version()))
+    return {
+        "name": name,
+        "compute_capability": ".".join(map(str, device.compute_capability)),
+        "memory": {"total": int(total), "free": int(free)},
+        "cuda_runtime": driver,
+    }
+
+
+def _text(found: dict[str, Any]) -> str:
+    cache, memory, threads = found["cache"], found["memory"], found["threads"]
+    rows = [(name, version) for name, version in found["versions"].items()]
+    rows += [
+        ("system", found["system"]),
+        ("threads", f"up to {threads['most']} on {found['cores']} cores, layer {threads['layer']}"),
+        (
+            "memory",
+            f"{in_bytes(memory['free'])} free of {in_bytes(memory['total'])}" if memory["total"] else "not known here",
+        ),
+        (
+            "cache",
+            f"{cache['folder']}, {in_bytes(cache['bytes'])}"
+            + ("" if cache["writable"] else "; not writable: kernels are compiled anew in every process"),
+        ),
+    ]
+    if found["gpu"]:
+        gpu = found["gpu"]
+        rows.append(("GPU", ", ".join(f"{k} {v}" if k != "name" else str(v) for k, v in gpu.items() if k != "memory")))
+        if "memory" in gpu:
+            rows.append(("GPU memory", f"{in_bytes(gpu['memory']['free'])} free of {in_bytes(gpu['memory']['total'])}"))
+    lines = [table(rows), "", "Backends"]
+    told = []
+    for name, state in found["backends"].items():
+        test = found["self_test"].get(name)
+        if test is None:
+            told.append((name, "not available", state["reason"]))
+        elif "why" in test:
+            told.append((name, "FAILS", test["why"]))
+        else:
+            told.append(
+                (
+                    name,
+                    "works" if test["verdict"] == "pass" else "WRONG",
+                    "the reference for the others"
+                    if name == "numpy"
+                    else f"{test['operation']} of {test['particles']} particles: largest relative error"
+                    f" {test['largest_relative_error']:.2g}, allowed {test['bound']:.2g}, {in_time(test['seconds'])}",
+                )
+            )
+    return "\n".join([*lines, table(told), "", f"Verdict: {found['verdict']}."])
+
+
+register(Command("doctor", "check the installation and every backend", configure, execute))

@@ -1,0 +1,261 @@
+"""`refsim plan`: what a run of a scene would allocate and launch, without running it."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from typing import Any
+
+import numpy as np
+
+from refsim.commands import Command, Outcome, in_bytes, planned, register, table
+from refsim.effect import Extremes
+from refsim.errors import InputError
+from refsim.operation import BACKENDS, REGISTRY
+from refsim.particles import BASE
+from refsim.run import stable_steps
+from refsim.scene import Plan
+from refsim.scene_file import load_scene
+
+WALL_PLACES = 4  # places per particle that the list of walls begins with; it grows where they are too few
+PLACES = 48  # the same for the list of neighbours
+
+
+def describe_plan(plan: Plan, backend: str) -> dict[str, Any]:
+    """Everything that `refsim plan` shows, as plain values: bytes, seconds, metres."""
+    grid, scene = plan.grid, plan.scene
+    n = grid.count
+    per_particle = plan.field_bytes()
+    fields = {
+        name: {
+            "unit": f.unit,
+            "meaning": f.meaning,
+            "dtype": str(f.numpy_dtype(grid.dtype)),
+            "components": f.components,
+            "state": f.state,
+            "bytes_per_particle": per_particle[name],
+            "bytes": per_particle[name] * n,
+            "brought_by": _owner(plan, name),
+        }
+        for name, f in plan.fields.items()
+    }
+    passes = [
+        {
+            "operation": p.operation,
+            "effect": effect.name,
+            "kernel": kernel_name(p.operation, backend),
+            "reads": list(p.reads),
+            "writes": list(p.writes),
+            "updates": list(p.updates),
+            "when": "on demand" if p.on_demand else "every step",
+        }
+        for effect, p in plan.passes
+    ]
+    runner = [
+        {"operation": name, "kernel": kernel_name(name, backend), "when": "every step"}
+        for name in ("sph.extremes", "sph.kick_drift")
+    ]
+    neighbours = _neighbour_list(plan, backend)
+    bytes_fields = sum(f["bytes"] for f in fields.values())
+    bytes_own = 3 * n * np.dtype(grid.dtype).itemsize  # positions at the latest list build
+    walls = 0 if plan.walls is None else len(plan.walls.position)
+    bytes_walls = walls * 4 * np.dtype(grid.dtype).itemsize
+    if walls and neighbours:
+        bytes_walls += n * (WALL_PLACES * 4 + 12)  # the list of walls near each particle
+    steps = _first_step(plan)
+    return {
+        "scene": scene.name,
+        "backend": backend,
+        "dtype": grid.dtype,
+        "dim": grid.dim,
+        "particles": n,
+        "wall_particles": walls,
+        "spacing": grid.spacing,
+        "support_radius": grid.support_radius,
+        "fields": fields,
+        "passes": passes,
+        "runner": runner,
+        "effects": {name: _brings(plan, name, steps) for name in plan.effects},
+        "neighbour_list": neighbours,
+        "bytes": {
+            "fields": bytes_fields,
+            "positions_at_list_build": bytes_own,
+            "walls": bytes_walls,
+            "neighbour_list": neighbours["bytes"] if neighbours else 0,
+            "total": bytes_fields + bytes_own + bytes_walls + (neighbours["bytes"] if neighbours else 0),
+        },
+        "step": steps,
+        "end_time": scene.end_time,
+        "notes": list(plan.notes) + _notes(plan, steps),
+    }
+
+
+def kernel_name(operation: str, backend: str) -> str:
+    """module.function that the backend launches for an operation."""
+    found = REGISTRY[operation]
+    return f"{found.folder}.{'reference' if backend == 'numpy' else backend}.{found.function}"
+
+
+def _owner(plan: Plan, name: str) -> list[str]:
+    if any(f.name == name for f in BASE):
+        return ["every scene"]
+    return [e.name for e in plan.effects.values() if any(f.name == name for f in e.fields(plan.effects))]
+
+
+def _brings(plan: Plan, name: str, steps: dict[str, Any]) -> dict[str, Any]:
+    effect = plan.effects[name]
+    base = {f.name for f in BASE}
+    limits = effect.step_limits(plan.grid, plan.effects, Extremes(steps["speed"], steps["acceleration"]))
+    walls = effect.walls(plan.grid, plan.effects)
+    return {
+        "fields": [f.name for f in effect.fields(plan.effects) if f.name not in base],
+        "passes": [p.operation for p in effect.passes(plan.effects)],
+        "list_radius": effect.list_radius(plan.grid),
+        "wall_particles": 0 if walls is None else len(walls.position),
+        "step_limits": limits,
+    }
+
+
+def _neighbour_list(plan: Plan, backend: str) -> dict[str, Any] | None:
+    """Estimate from the undisturbed lattice; the list grows where particles crowd."""
+    if not plan.list_radius or backend == "numpy":
+        return None
+    grid = plan.grid
+    reach = plan.list_radius * (1 + plan.scene.skin)
+    k = math.ceil(reach / grid.spacing)
+    axis = np.arange(-k, k + 1) ** 2
+    squares = axis[:, None] + axis[None, :]
+    if grid.dim == 3:
+        squares = squares[:, :, None] + axis
+    each = int((squares * grid.spacing**2 < reach**2).sum()) - 1
+    return {
+        "radius": plan.list_radius,
+        "reach": reach,
+        "neighbours_on_a_lattice": each,
+        "bytes": grid.count * (max(PLACES, each) * 4 + 12),
+        "built_anew_after": 0.5 * plan.scene.skin * plan.list_radius,
+    }
+
+
+def _first_step(plan: Plan) -> dict[str, Any]:
+    """Limits at the start: from the speeds given and from gravity, before any force has been computed."""
+    speed = float(np.sqrt((plan.state.velocity**2).sum(1).max(initial=0.0)))
+    gravity = plan.effects.get("gravity")
+    force = math.hypot(*gravity.acceleration) if gravity is not None else 0.0
+    limits = stable_steps(plan, Extremes(speed, force))
+    limiter = min(limits, key=lambda name: limits[name])
+    length = limits[limiter] * plan.scene.step_factor
+    if plan.scene.step > 0:
+        length, limiter = plan.scene.step, "fixed"
+    return {
+        "length": length,
+        "limiter": limiter,
+        "limits": limits,
+        "speed": speed,
+        "acceleration": force,
+        "steps_to_end_at_least": math.ceil(plan.scene.end_time / length),
+    }
+
+
+def _notes(plan: Plan, steps: dict[str, Any]) -> list[str]:
+    stable = min(steps["limits"].values())
+    if plan.scene.step > stable:
+        return [
+            f"the fixed step of {plan.scene.step:.3g} s is {plan.scene.step / stable:.2g} times the stable one"
+            f" ({stable:.3g} s): expect the run to diverge"
+        ]
+    return []
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Arguments of `refsim plan`."""
+    parser.add_argument("scene", help="scene file (TOML)")
+    parser.add_argument("--backend", default="cpu", help=f"whose kernels are named: {', '.join(BACKENDS)} (cpu)")
+
+
+def execute(options: argparse.Namespace) -> Outcome:
+    """Plan a scene file."""
+    if options.backend not in BACKENDS:
+        raise InputError(f"there is no backend {options.backend!r}; choose one of {', '.join(BACKENDS)}.")
+    found = describe_plan(planned(load_scene(options.scene), options.scene), options.backend)
+    return Outcome(found, _text(found))
+
+
+def _text(found: dict[str, Any]) -> str:
+    walls = f" and {found['wall_particles']:,} of walls" if found["wall_particles"] else ""
+    lines = [
+        f"{found['scene']}: {found['particles']:,} particles{walls} in {found['dim']}D, {found['dtype']},"
+        f" backend {found['backend']}",
+        f"spacing {found['spacing']:g} m, support radius {found['support_radius']:g} m",
+        "",
+        "Fields",
+        table(
+            [
+                (
+                    name,
+                    f["bytes_per_particle"],
+                    in_bytes(f["bytes"]),
+                    f["unit"],
+                    ", ".join(f["brought_by"]),
+                    f["meaning"],
+                )
+                for name, f in found["fields"].items()
+            ],
+            ("field", "B/particle", "bytes", "unit", "brought by", "meaning"),
+            right=(1, 2),
+        ),
+        "",
+        "Passes, in order",
+        table(
+            [
+                (k, p["operation"], p.get("effect", "(runner)"), p["kernel"], p["when"])
+                for k, p in enumerate(found["passes"] + found["runner"], 1)
+            ],
+            ("", "operation", "effect", "kernel", "when"),
+            right=(0,),
+        ),
+        "",
+        "Effects bring",
+        table(
+            [
+                (
+                    name,
+                    ", ".join(e["fields"]) or "-",
+                    ", ".join(e["passes"]) or "-",
+                    f"{e['list_radius']:g} m" if e["list_radius"] else "-",
+                    f"{e['wall_particles']:,}" if e["wall_particles"] else "-",
+                    ", ".join(e["step_limits"]) or "-",
+                )
+                for name, e in found["effects"].items()
+            ],
+            ("effect", "fields", "passes", "neighbours to", "wall particles", "step limits"),
+        ),
+        "",
+    ]
+    listed = found["neighbour_list"]
+    if listed:
+        lines.append(
+            f"Neighbour list: radius {listed['radius']:g} m, reaching to {listed['reach']:g} m,"
+            f" {listed['neighbours_on_a_lattice']} neighbours on the lattice, about {in_bytes(listed['bytes'])};"
+            f" built anew when a particle has moved {listed['built_anew_after']:.3g} m"
+        )
+    else:
+        lines.append("Neighbour list: none")
+    b = found["bytes"]
+    lines.append(
+        f"Memory: {in_bytes(b['total'])}, {b['total'] / found['particles']:.0f} B a particle (fields"
+        f" {in_bytes(b['fields'])}, list {in_bytes(b['neighbour_list'])}, positions at its last build"
+        f" {in_bytes(b['positions_at_list_build'])}, walls {in_bytes(b['walls'])})"
+    )
+    step = found["step"]
+    limits = ", ".join(f"{name} {value:.3g} s" for name, value in sorted(step["limits"].items(), key=lambda i: i[1]))
+    lines += [
+        f"First step: {step['length']:.3g} s, set by {step['limiter']}"
+        f" (limits, before any force but gravity: {limits})",
+        f"To {found['end_time']:g} s: at least {step['steps_to_end_at_least']:,} steps",
+    ]
+    lines += [f"Note: {note}" for note in found["notes"]]
+    return "\n".join(lines)
+
+
+register(Command("plan", "show what a scene would allocate and launch", configure, execute))

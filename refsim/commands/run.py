@@ -1,0 +1,208 @@
+"""`refsim run`: a scene file, or a checkpoint, to its end, with progress, frames, checkpoints and a report."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import signal
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from refsim.commands import Command, Outcome, in_time, planned, register
+from refsim.driver import RunReport, simulate
+from refsim.errors import InputError, RunStopped
+from refsim.run import Simulation
+from refsim.scene_file import load_scene
+
+DESCRIPTION = """Run a scene to its end. The folder of the run holds particles.vtkhdf (open it in ParaView),
+checkpoint.h5, report.json and, if the run stops, a post-mortem. Ctrl-C ends the run with a checkpoint."""
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Arguments of `refsim run`."""
+    add = parser.add_argument
+    add("scene", nargs="?", help="scene file (TOML); with --resume it may be left out")
+    add("--backend", help="numpy, cpu or cuda (cpu; with --resume that of the checkpoint)")
+    add("--until", type=float, metavar="T", help="end [s of simulated time] (end_time of the scene)")
+    add(
+        "--output",
+        metavar="DIR",
+        help="folder of the run (NAME_run for NAME.toml; with --resume that of the checkpoint)",
+    )
+    add("--every", type=float, metavar="S", help="simulated time between frames [s] (a hundredth of the run)")
+    add("--checkpoint-every", type=float, default=60.0, metavar="S", help="wall time between checkpoints [s] (60)")
+    add("--resume", metavar="FILE|DIR", help="go on from a checkpoint, or from the newest one in a folder")
+    add("--overwrite", action="store_true", help="begin anew in a folder that holds an earlier run")
+    add("--threads", type=int, metavar="N", help="CPU threads (all)")
+    add("--quiet", action="store_true", help="no progress")
+
+
+def execute(options: argparse.Namespace) -> Outcome:
+    """Run the scene, or go on from the checkpoint."""
+    simulation, folder = _begin(options)
+    until = simulation.plan.scene.end_time if options.until is None else options.until
+    if simulation.steps and simulation.time >= until:
+        simulation.notes.append(f"the checkpoint is already at {simulation.time:.6g} s: nothing was left to do")
+    progress = _Progress(until, folder, options.quiet)
+    try:
+        with _asked_to_stop() as asked:
+            report = simulate(
+                simulation,
+                options.until,
+                threads=options.threads,
+                output=folder,
+                every=options.every,
+                checkpoint_every=options.checkpoint_every,
+                overwrite=options.overwrite,
+                progress=progress,
+                asked_to_stop=asked.is_set,
+            )
+    except RunStopped as stop:
+        progress.close()
+        stop.advice = _advice(stop, folder)
+        raise
+    finally:
+        progress.close()
+    return Outcome(dataclasses.asdict(report), _text(report))
+
+
+def _begin(options: argparse.Namespace) -> tuple[Simulation, Path]:
+    scene = None if options.scene is None else load_scene(options.scene)
+    if options.resume is not None:
+        simulation = Simulation.resume(options.resume, options.backend, options.threads, scene)
+        source = Path(options.resume)
+        return simulation, Path(options.output or (source if source.is_dir() else source.parent))
+    if scene is None:
+        raise InputError("there is nothing to run; give a scene file, or a checkpoint with --resume.")
+    simulation = Simulation(planned(scene, options.scene), options.backend or "cpu", options.threads)
+    return simulation, Path(options.output or f"{Path(options.scene).stem}_run")
+
+
+def _advice(stop: RunStopped, folder: Path) -> tuple[str, ...]:
+    files = stop.report.files if stop.report is not None else {}
+    lines = []
+    if "postmortem" in files:
+        lines.append(f"what broke first, where, and the command that replays it: {files['postmortem']}")
+    if stop.reason in ("interrupted", "disk_full", "write_failed", "out_of_memory") and "checkpoint" in files:
+        lines.append(f"go on with: refsim run --resume {folder}")
+    elif "checkpoint" in files:
+        lines.append(f"last good state: {files['checkpoint']}")
+    return tuple(lines)
+
+
+class _Progress:
+    """A bar over simulated time with an estimate of what is left; compile time is told apart, before it."""
+
+    def __init__(self, until: float, folder: Path, quiet: bool) -> None:
+        self.until, self.folder, self.quiet = until, folder, quiet
+        self.time, self.bar = None, None
+
+    def __call__(self, simulation: Simulation) -> None:
+        if self.time is None:
+            self._head(simulation)
+        if self.quiet or simulation.time == self.time:
+            return
+        if self.bar is None:
+            self._open(simulation)
+            return
+        limiter = simulation.last.limiter if simulation.last else ""
+        self.bar.set_postfix_str(f"step {simulation.steps:,}, {limiter} limit", refresh=False)
+        self.bar.update(min(simulation.time, self.until) - self.time)
+        self.time = min(simulation.time, self.until)
+
+    def _head(self, simulation: Simulation) -> None:
+        self.time = simulation.time
+        for note in simulation.notes:
+            _say(f"note: {note}")
+        if self.quiet:
+            return
+        plan = simulation.plan
+        at = f", from step {simulation.steps:,} at {simulation.time:.6g} s" if simulation.steps else ""
+        _say(
+            f"{plan.scene.name}: {simulation.count:,} particles in {plan.grid.dim}D, {plan.grid.dtype}, backend"
+            f" {simulation.backend.name}{at}, to {self.until:g} s, into {self.folder}"
+        )
+
+    def _open(self, simulation: Simulation) -> None:
+        from tqdm import tqdm
+
+        seconds = sum(simulation.timings.first_calls.values())
+        if seconds > 1:
+            _say(f"compiled the kernels in {in_time(seconds)}; the next run finds them in the cache")
+        self.time = simulation.time
+        self.bar = tqdm(
+            total=self.until,
+            initial=min(self.time, self.until),
+            file=sys.stderr,
+            mininterval=0.2 if sys.stderr.isatty() else 10,
+            bar_format="{percentage:3.0f}%|{bar}| {n:.4g} of {total:.4g} s, {elapsed} gone, {remaining} left{postfix}",
+        )
+
+    def close(self) -> None:
+        if self.bar is not None:
+            self.bar.close()
+            self.bar = None
+
+
+@contextmanager
+def _asked_to_stop() -> Iterator[threading.Event]:
+    """An event that Ctrl-C or SIGTERM sets, so that the run ends between two steps; the second one ends it at once."""
+    asked = threading.Event()
+
+    def ask(number: int, frame: Any) -> None:
+        if asked.is_set():
+            raise KeyboardInterrupt
+        asked.set()
+        _say("\nstopping after this step, with a checkpoint; once more to stop at once")
+
+    if threading.current_thread() is not threading.main_thread():
+        yield asked
+        return
+    before = {number: signal.signal(number, ask) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield asked
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def _text(report: RunReport) -> str:
+    start, end = report.ledger["start"], report.ledger["end"]
+    stepped = report.seconds["total"] - report.seconds["first_calls"]
+    limiters = ", ".join(f"{name} {n:,}" for name, n in sorted(report.step_limiters.items(), key=lambda i: -i[1]))
+    lines = [
+        f"{report.scene}: reached {report.time:.6g} s in {report.steps:,} steps; {in_time(stepped)}, and"
+        f" {in_time(report.seconds['first_calls'])} for compiling and first calls",
+        f"step set by: {limiters}",
+    ]
+    if report.search:
+        s = report.search
+        lines.append(
+            f"neighbour list: {s['rebuilds']:,} rebuilds, {s['audited_rows']:,} rows audited,"
+            f" {s['missed_neighbours']} neighbours missed, at most {s['most_neighbours']} for one particle"
+        )
+    lines += [
+        f"particles: {end['particles']:,} of {start['particles']:,}, mass {end['mass']:.9g} of {start['mass']:.9g} kg,"
+        f" {end['outside_walls']} behind walls, stopped by a wall's plane {report.stopped_at_walls:,} times",
+        f"momentum: {_vector(start['momentum'])} -> {_vector(end['momentum'])} kg m/s",
+        f"kinetic energy: {start['kinetic_energy']:.4g} -> {end['kinetic_energy']:.4g} J",
+    ]
+    if "potential_energy" in end:
+        lines.append(f"potential energy: {start['potential_energy']:.4g} -> {end['potential_energy']:.4g} J")
+    lines += [f"{name}: {path}" for name, path in report.files.items()]
+    return "\n".join(lines)
+
+
+def _vector(values: list[float]) -> str:
+    return "(" + ", ".join(f"{v:.3g}" for v in values) + ")"
+
+
+def _say(text: str) -> None:
+    print(text, file=sys.stderr, flush=True)
+
+
+register(Command("run", "run a scene, or go on from a checkpoint", configure, execute, DESCRIPTION))
