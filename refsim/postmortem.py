@@ -6,6 +6,7 @@ limits, and the command that replays it; `postmortem.npz` holds all fields of th
 
 from __future__ import annotations
 
+import contextlib
 import io
 import json
 import math
@@ -97,12 +98,13 @@ def _cause(simulation: Simulation, stop: RunStopped) -> tuple[str, int | None, i
         sizes = np.nan_to_num(np.linalg.norm(_host(simulation, name).astype(float), axis=1), nan=np.inf)
         return f"greatest {name}", int(sizes.argmax()), 1
     try:
-        for operation, written in simulation.replay_passes():
-            for name in written:
-                if name in simulation.fields:
-                    bad = _not_finite(_host(simulation, name))
-                    if len(bad):
-                        return f"{operation} wrote {name}", _first(simulation, bad), len(bad)
+        with contextlib.closing(simulation.replay_passes()) as passes:
+            for operation, written in passes:
+                for name in written:
+                    if name in simulation.fields:
+                        bad = _not_finite(_host(simulation, name))
+                        if len(bad):
+                            return f"{operation} wrote {name}", _first(simulation, bad), len(bad)
     except RunStopped as again:
         return f"the passes stop again: {again.reason}", None, 0
     return "no pass writes a value that is not finite", None, 0
