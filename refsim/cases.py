@@ -77,7 +77,7 @@ class Case:
             state=self.state,
             clamp_pressure=self.clamp,
             kernels=self.kernels,
-            literal=("E3",) if self.literal else (),
+            literal=("all",) if self.literal else (),
         )
         return {fluid.name: fluid}
 
