@@ -23,7 +23,7 @@ from dataclasses import dataclass
 from io import FileIO
 from pathlib import Path
 from typing import TYPE_CHECKING
-from xml.sax.saxutils import quoteattr
+
 
 import numpy as np
 from numpy.typing import DTypeLike
@@ -262,6 +262,8 @@ def write_vtp(path: str | os.PathLike[str], position: np.ndarray, /, **fields: n
     Raises ValueError for other shapes or dtypes, InputError when the folder is not writable, RunStopped
     ("disk_full", "write_failed") when the disk refuses; a file that was there is then untouched.
     """
+    from xml.sax.saxutils import quoteattr  # here, because it brings the network library along
+
     position = np.asarray(position)
     if position.ndim != 2 or position.shape[1] != 3 or position.dtype not in (np.float32, np.float64):
         raise ValueError(f"position must be (n, 3), float32 or float64, not {position.shape} {position.dtype}")

@@ -30,7 +30,7 @@ def planned(options: Options) -> list[Run]:
         parameters = {"shape": shape, "count": count, "backend": options.backend}
         made.append(Run(key, runs.relax, parameters, estimate=12.0, skip=reason if shape != "cube" else ""))
     for variant in VARIANTS:
-        if variant != "soft":
+        if variant != "default":
             parameters = {"shape": "cube", "count": 4913, "backend": options.backend, "variant": variant}
             made.append(Run(f"mode_{variant}", runs.relax, parameters, estimate=16.0, skip=reason))
     return made

@@ -33,7 +33,7 @@ def relax(
     shape: str,
     count: int,
     backend: str,
-    variant: str = "soft",
+    variant: str = "default",
     until: float = END_TIME,
     samples: int = SAMPLES,
     detection: bool = False,

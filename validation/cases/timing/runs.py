@@ -56,9 +56,9 @@ def step_costs(context: Context, steps: int, backend: str, threads: int | None, 
         "liquid": ("pressure and viscosity", scene(effects=())),
         "gravity": ("with gravity", scene(effects=(gravity,))),
         "detection": ("with detection", scene(effects=(), detection=True)),
-        "soft": ("with soft tension", scene()),
-        "soft_detection": ("with soft tension and detection", scene(detection=True)),
-        "all": ("with tension of all pairs", scene(**VARIANTS["all"].changes)),
+        "default": ("with tension of all pairs", scene()),
+        "default_detection": ("with tension of all pairs and detection", scene(detection=True)),
+        "soft": ("with soft tension", scene(**VARIANTS["soft"].changes)),
         "either": ("with tension of surface pairs", scene(**VARIANTS["either"].changes)),
     }
     clocks = {name: Clock(context, made, backend, threads) for name, (_, made) in scenes.items()}
@@ -71,10 +71,10 @@ def step_costs(context: Context, steps: int, backend: str, threads: int | None, 
         ("viscosity", "pressure", "liquid"),
         ("gravity", "liquid", "gravity"),
         ("surface detection in every step", "liquid", "detection"),
+        ("tension, all pairs", "liquid", "default"),
         ("tension, soft pairs", "liquid", "soft"),
-        ("tension, all pairs", "liquid", "all"),
         ("tension, surface pairs, with detection", "liquid", "either"),
-        ("surface detection beside soft tension", "soft", "soft_detection"),
+        ("surface detection beside the tension", "default", "default_detection"),
     )
     prices = [
         {
