@@ -24,7 +24,6 @@ from io import FileIO
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-
 import numpy as np
 from numpy.typing import DTypeLike
 

@@ -24,7 +24,7 @@ def planned(options: Options) -> list[Run]:
     quick, backend = options.quick, options.backend
     made = [
         Run("detection_2d", runs.collapse, {"columns": 40, "until": 1.8, "backend": backend}, estimate=18.0),
-        Run("front_2d", runs.surge, {"columns": 20 if quick else 40, "backend": backend}, estimate=3 if quick else 12),
+        Run("front_2d", runs.surge, {"columns": 28 if quick else 40, "backend": backend}, estimate=7 if quick else 12),
         Run(
             "detection_cost",
             runs.detection_cost,
