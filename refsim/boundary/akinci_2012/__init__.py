@@ -15,7 +15,7 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 
 from refsim.boundary.walls import Bounds, WallParticles
-from refsim.effect import Discretisation, Effect, require
+from refsim.effect import Discretisation, Effect, literal_errata, require
 from refsim.errors import InputError
 from refsim.smoothing import smoothing
 
@@ -27,7 +27,7 @@ class BoxWalls(Effect, frozen=True, kw_only=True):
 
     lower, upper  corners of the liquid's room [m]; in 2D the z parts are ignored
     open_faces    faces without wall, of "-x", "+x", "-y", "+y", "-z", "+z"
-    literal       ("g",) takes Akinci's V_b (g = 1) instead of the calibrated one
+    literal       printed readings to use: "g" (Akinci's V_b, g = 1, instead of the calibrated one); or "all"
     """
 
     name: ClassVar[str] = "box_walls"
@@ -49,15 +49,18 @@ class BoxWalls(Effect, frozen=True, kw_only=True):
                     f"box_walls: along {'xyz'[axis]} the box from {low} to {high} m is thinner than one particle"
                     f" spacing ({grid.spacing} m); make it larger."
                 )
-        unknown = set(self.literal) - {"g"}
-        if unknown:
-            raise InputError(f"box_walls: literal has {sorted(unknown)}; only 'g' is switchable here.")
+        self._printed()
+
+    def _printed(self) -> frozenset[str]:
+        return literal_errata(self.name, self.literal, ("g",))
 
     def walls(self, grid: Discretisation, others: Mapping[str, Effect]) -> WallParticles:
         """Positions (m, 3) [m] half a spacing outside the box and volumes (m,) [m^dim]."""
         position = box_layer(self.lower, self.upper, grid.spacing, grid.dim, self.open_faces)
         shape = others["weakly_compressible"].sum_kernel()
-        factor = 1.0 if "g" in self.literal else calibrated_factor(shape, grid.support_radius, grid.spacing, grid.dim)
+        factor = (
+            1.0 if "g" in self._printed() else calibrated_factor(shape, grid.support_radius, grid.spacing, grid.dim)
+        )
         return WallParticles(position, factor / wall_kernel_sums(position, shape, grid.support_radius, grid.dim))
 
     def shares(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, Any]:
