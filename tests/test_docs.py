@@ -175,21 +175,21 @@ def section_of(name, heading):
 
 
 def test_stop_reasons_are_told():
-    rows = re.findall(r"^\| `(\w+)` \|", section_of("guarantees.md", "Why a run stops"), re.MULTILINE)
+    rows = re.findall(r"^\| `(\w+)` +\|", section_of("guarantees.md", "Why a run stops"), re.MULTILINE)
     assert rows == list(REASONS)
 
 
 def test_tolerances_are_told():
     section = section_of("guarantees.md", "Tolerances")
     told = {}
-    for names, tolerance in re.findall(r"^\| (`.*?`) \| (\d+) \|", section, re.MULTILINE):
+    for names, tolerance in re.findall(r"^\| (`.*?`) +\| (\d+) +\|", section, re.MULTILINE):
         told |= dict.fromkeys(re.findall(r"`([^`]+)`", names), float(tolerance))
     assert told == {name: operation.tolerance for name, operation in REGISTRY.items()}
 
 
 def test_keys_of_a_scene_are_told():
     section = section_of("scene_files.md", "Keys of the scene")
-    told = dict(re.findall(r"^\| `(\w+)` \| (.*?) \|", section, re.MULTILINE))
+    told = dict(re.findall(r"^\| `(\w+)` +\| (.*?) +\|", section, re.MULTILINE))
     assert set(told) == set(Scene.__struct_fields__)
     for name, default in zip(Scene.__struct_fields__[-len(Scene.__struct_defaults__) :], Scene.__struct_defaults__):
         if name != "effects":
