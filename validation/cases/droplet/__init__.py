@@ -21,6 +21,16 @@ SHAPES = {
     "box_4862": ("box", 4913, "turned box"),
 }
 
+ENDS = (
+    ("radius_variation", "{:.4f}"), ("nn_min", "{:.2f}"), ("nn_5", "{:.2f}"), ("bulk_error", "{:+.3f}"),
+    ("kinetic_share", "{:.1e}"), ("momentum", "{:.0e}"), ("angular_momentum", "{:.0e}"),
+)  # fmt: skip
+COLUMNS = {
+    "radius_variation": "radius variation", "nn_min": "NN min", "nn_5": "NN 5 %", "bulk_error": "bulk density",
+    "kinetic_share": "KE end/peak", "momentum": "P", "angular_momentum": "L",
+}  # fmt: skip
+SEEDS = (2, 3, 4, 5)  # of other rotations, beside the seed 1 that is judged
+
 
 def planned(options: Options) -> list[Run]:
     """The runs under the options."""
@@ -29,6 +39,10 @@ def planned(options: Options) -> list[Run]:
     for key, (shape, count, _) in SHAPES.items():
         parameters = {"shape": shape, "count": count, "backend": options.backend}
         made.append(Run(key, runs.relax, parameters, estimate=12.0, skip=reason if shape != "cube" else ""))
+    for shape, count in (("cut", 5039), ("box", 4913)):
+        for seed in SEEDS:
+            parameters = {"shape": shape, "count": count, "backend": options.backend, "seed": seed}
+            made.append(Run(f"seed_{shape}_{seed}", runs.relax, parameters, estimate=14.0, skip=reason))
     for variant in VARIANTS:
         if variant != "default":
             parameters = {"shape": "cube", "count": 4913, "backend": options.backend, "variant": variant}
@@ -67,23 +81,32 @@ def judge(results: Results) -> list[Measurement]:
 
 def tables(results: Results) -> list[Table]:
     """Every pair mode and the literal text beside the default."""
+    made = []
+    rows = []
+    for shape, key in (("cut", "cut_5039"), ("box", "box_4862")):
+        for seed in (1, *SEEDS):
+            found = key if seed == 1 else f"seed_{shape}_{seed}"
+            if found in results:
+                end = results[found].values["end"]
+                cells = [form.format(end[name]) for name, form in ENDS if end[name] is not None]
+                rows.append([SHAPES[key][2], seed, *cells])
+    if len(rows) > 2:
+        heading = ["start", "seed", *(COLUMNS[name] for name, _ in ENDS)]
+        made.append(Table("Spread over the start's rotation; seed 1 is judged", heading, rows, ""))
     keys = [k for k in ("cube_4913", *(f"mode_{v}" for v in VARIANTS)) if k in results]
     if len(keys) < 2:
-        return []
+        return made
     rows = []
     for key in keys:
         values = results[key].values
         end = values["end"]
         row: list[Any] = [values["words"]]
-        for name, form in (
-            ("radius_variation", "{:.4f}"), ("nn_min", "{:.2f}"), ("nn_5", "{:.2f}"), ("bulk_error", "{:+.3f}"),
-            ("kinetic_share", "{:.1e}"), ("momentum", "{:.0e}"), ("angular_momentum", "{:.0e}"),
-        ):  # fmt: skip
+        for name, form in ENDS:
             row.append(None if end[name] is None else form.format(end[name]))
         rows.append([*row, outcome(results[key])])
-    heading = ["pairs", "radius variation", "NN min", "NN 5 %", "bulk density", "KE end/peak", "P", "L", "outcome"]
+    heading = ["pairs", *(COLUMNS[name] for name, _ in ENDS), "outcome"]
     note = "NN in spacings; P and L over the largest sum of moduli; float32."
-    return [Table("Which pairs act: from a cube of 17^3 to rest, or not", heading, rows, note)]
+    return [*made, Table("Which pairs act: from a cube of 17^3 to rest, or not", heading, rows, note)]
 
 
 def outcome(result: Result) -> str:

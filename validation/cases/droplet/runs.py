@@ -37,13 +37,14 @@ def relax(
     until: float = END_TIME,
     samples: int = SAMPLES,
     detection: bool = False,
+    seed: int = 1,
 ) -> Result:
     """From `shape` to rest under a variant of the model; a run that stops is a result, with its reason.
 
     Steady from: the first sample from which on the kinetic energy stays below 1e-3 of its peak and the radius variation
     below 0.005. Momenta refer to the largest sum of moduli met.
     """
-    position, spacing, axes = particles(shape, count)
+    position, spacing, axes = particles(shape, count, seed)
     changes: dict[str, Any] = {**VARIANTS[variant].changes, "detection": detection}
     simulation = context.simulation(droplet_scene(position, spacing, **changes), backend)
     radius = spacing * (3.0 * simulation.count / (4.0 * math.pi)) ** (1.0 / 3.0)

@@ -47,7 +47,7 @@ def droplet_scene(
     spin             angular velocity at the start about z [rad/s]
     """
     if effects is None:
-        effects = (JiangZhu2023(surface_tension=surface_tension, **{"area_ratio": 0.01, **(tension or {})}),)
+        effects = (JiangZhu2023(surface_tension=surface_tension, **{"area_ratio": 0.012, **(tension or {})}),)
     if detection:
         effects = (*effects, SurfaceDetection(each_step=True))
     return Scene(
@@ -86,10 +86,14 @@ _TEXT = {"support": 2.0, "sound_speed": 60.0, "viscosity": 0.2}
 VARIANTS: dict[str, Variant] = {
     "default": Variant("all pairs, cohesion balanced (default)", {}),
     "all": Variant("all pairs, cohesion not balanced", {"tension": {"balance_pressure": False}, "sound_speed": 60.0}),
-    "soft": Variant("soft surface weight", {**_SOFT, "tension": {"pair_mode": "soft"}}),
-    "one_sided": Variant("force on surface particles only", {**_SOFT, "tension": {"pair_mode": "one_sided"}}),
-    "either": Variant("one of a pair on the surface", {**_SOFT, "tension": {"pair_mode": "either"}}),
-    "both": Variant("both of a pair on the surface", {**_SOFT, "tension": {"pair_mode": "both"}}),
+    "soft": Variant("soft surface weight", {**_SOFT, "tension": {"pair_mode": "soft", "area_ratio": 0.01}}),
+    "one_sided": Variant(
+        "force on surface particles only", {**_SOFT, "tension": {"pair_mode": "one_sided", "area_ratio": 0.01}}
+    ),
+    "either": Variant(
+        "one of a pair on the surface", {**_SOFT, "tension": {"pair_mode": "either", "area_ratio": 0.01}}
+    ),
+    "both": Variant("both of a pair on the surface", {**_SOFT, "tension": {"pair_mode": "both", "area_ratio": 0.01}}),
     "text": Variant(
         "the paper's text: surface set, corrected density",
         {**_TEXT, "tension": {"pair_mode": "either"}},
@@ -105,17 +109,18 @@ VARIANTS: dict[str, Variant] = {
 }
 
 
-def particles(shape: str, count: int) -> tuple[NDArray, float, NDArray]:
+def particles(shape: str, count: int, seed: int = 1) -> tuple[NDArray, float, NDArray]:
     """(positions (n, 3) [m], spacing [m], axes (3, 3) as columns) of a start with the volume of a 1 m cube.
 
     shape  "cube" (lattice cube of about `count`), "cut" (exactly `count`, cut from a turned lattice), "box" (turned
     box of about 1.3 : 1 : 0.8)
+    seed   of the rotation of a cut or a box
     """
     side = round(count ** (1.0 / 3.0))
     if shape == "cube":
         return lattice_cube(side, 1.0 / side), 1.0 / side, np.eye(3)
     if shape == "cut":
-        cut = rotated_lattice_cube(count, seed=1)
+        cut = rotated_lattice_cube(count, seed)
         return cut.position / cut.side, 1.0 / cut.side, np.eye(3)
-    box = rotated_box(count, (1.3, 1.0, 0.8), seed=1, spacing=1.0 / side)
+    box = rotated_box(count, (1.3, 1.0, 0.8), seed=seed, spacing=1.0 / side)
     return box.position, 1.0 / side, box.rotation
