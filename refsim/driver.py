@@ -39,7 +39,7 @@ class RunReport:
     reason, message   why it stopped (one of `refsim.errors.REASONS`) and the sentence for people; None at its end
     time, steps       reached, counted from the scene's start (so are all counts below)
     step_limiters     how many steps each limit has set
-    search            neighbour list: rebuilds, audited_rows, missed_neighbours (0), audits_skipped, most_neighbours,
+    search            neighbour list: rebuilds, audited_rows, missed_neighbours (0), most_neighbours,
                       list_bytes
     stopped_at_walls  how often the plane of a wall has stopped a particle
     ledger            particles at the start and at the end: number, mass, momentum, energy, how many behind walls

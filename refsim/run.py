@@ -103,7 +103,7 @@ class Simulation:
         self._set("identity", np.arange(n))
         self._extremes = self.backend.zeros(3, grid.dtype)
         self._displacement = self.backend.zeros(2, grid.dtype)
-        self.stopped_at_walls = self._stopped_now = 0  # particles that a wall's plane stopped: ever, in the last step
+        self.stopped_at_walls = 0  # how often a wall's plane has stopped a particle
         self._timestep = self.backend.zeros(2, grid.dtype)
         self.build_position = self.backend.asarray(self._host("position"))
         self._squared_way = math.inf
@@ -187,8 +187,7 @@ class Simulation:
         )
         self._own["sph.kick_drift"]()
         self._squared_way, stopped = (float(x) for x in self.backend.host(self._displacement))
-        self._stopped_now = int(stopped)
-        self.stopped_at_walls += self._stopped_now
+        self.stopped_at_walls += int(stopped)
         self.time += length
         self.steps += 1
         self.previous_length = length
@@ -237,7 +236,6 @@ class Simulation:
             "list_built": self._shared["neighbours"] is not None,
             "limiters": json.dumps(self.limiters),
             "stopped_at_walls": self.stopped_at_walls,
-            "stopped_now": self._stopped_now,
         }
         if self.first_length is not None:
             attributes["first_length"] = self.first_length
@@ -290,7 +288,7 @@ class Simulation:
         self.time, self.steps = values["time"], values["steps"]
         self.previous_length, self.first_length = values["previous_length"], values.get("first_length")
         self.limiters = json.loads(values["limiters"])
-        self.stopped_at_walls, self._stopped_now = values["stopped_at_walls"], values["stopped_now"]
+        self.stopped_at_walls = values["stopped_at_walls"]
         if self.search is not None and values["list_built"]:
             self.rebuild_list()
             self._squared_way = values["squared_way"]
@@ -382,15 +380,14 @@ class Simulation:
         if search is None or self._squared_way <= search.allowed_way**2:
             return
         began = time.perf_counter()
-        if self._stopped_now:  # the audit steps back along velocities, which a wall's plane has changed
-            search.log.audits_skipped += 1
-        elif self._shared["neighbours"] is not None:
+        if self._shared["neighbours"] is not None:
             search.audit(
                 self.fields["position"],
                 self.fields["velocity"],
                 self.previous_length,
                 self._shared["neighbours"],
                 self.steps,
+                self._shared.get("bounds"),
             )
             missed = search.log.missed_neighbours
             if missed:

@@ -89,6 +89,7 @@ def launches(monkeypatch, program, arguments):
 def support_launches(dtype):
     """Launches of the search's and the device's own kernels, with the types that Search hands them."""
     from refsim import device
+    from refsim.boundary.walls import Bounds
     from refsim.neighbours import cuda as search
 
     n, real = 5, np.dtype(dtype).type
@@ -99,7 +100,8 @@ def support_launches(dtype):
         (search.cell_keys, (vectors, 1.0, keys)),
         (search.cell_ranges, (keys, keys, ranges, ranges, keys)),
         (search.build_list, (vectors, integers, ranges, ranges, vectors, one, 1, integers, integers)),
-        (search.count_missed, (vectors, vectors, one, listed, keys, one, integers)),
+        (search.count_missed, (vectors, vectors, one, None, listed, keys, one, integers)),
+        (search.count_missed, (vectors, vectors, one, Bounds(scalars, scalars), listed, keys, one, integers)),
         (device.fill_scalars, (one, scalars)),
         (device.fill_scalars, (np.int32(0), integers)),
         (device.fill_vectors, (one, vectors)),

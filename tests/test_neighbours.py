@@ -7,6 +7,7 @@ import pytest
 
 from refsim import Box, Cloud, Gravity, InputError, RunStopped, Scene, Simulation, WeaklyCompressible, cases
 from refsim.backend import choose, set_threads
+from refsim.boundary.walls import Bounds
 from refsim.neighbours import AUDITED_ROWS, MOST_NEIGHBOURS, NeighbourSearch, coincident_pairs
 from refsim.neighbours.reference import neighbour_list, pair_blocks
 from refsim.neighbours.rows import NeighbourRows
@@ -305,3 +306,16 @@ def test_audit_looks_where_the_list_was_last_used():
     assert search.log.missed_neighbours == 0
     search.audit(position + velocity, velocity, 0.0, listed, 3)
     assert search.log.missed_neighbours > 20
+
+
+def test_audit_leaves_out_particles_that_a_plane_stopped():
+    """A particle stopped at a plane did not come from position - drift * velocity: its pairs are not judged."""
+    search = NeighbourSearch(choose("cpu"), 2, "float64", 1.0, skin=0.1)
+    before = np.array([[0.3, 0.0, 0.0], [1.5, 0.0, 0.0], [1.5, 2.0, 0.0], [1.5, 2.5, 0.0]])
+    listed = search.build(before)
+    velocity = np.zeros((4, 3))
+    after = before + [[0.0, 0.0, 0.0], [-0.9, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]]
+    bounds = Bounds(np.array([0.6, -np.inf, -np.inf]), np.full(3, np.inf))  # where the second one stands now
+    rows = np.arange(4)
+    assert search.programs.missed(after, velocity, 0.0, listed, rows, 1.0) == 2
+    assert search.programs.missed(after, velocity, 0.0, listed, rows, 1.0, bounds) == 0

@@ -27,7 +27,6 @@ class SearchLog:
     rebuilds: int = 0
     audited_rows: int = 0
     missed_neighbours: int = 0
-    audits_skipped: int = 0  # where a wall's plane had just stopped a particle
     most_neighbours: int = 0
     list_bytes: int = 0
 
@@ -79,16 +78,17 @@ class NeighbourSearch:
         """array[order], as a new array."""
         return self.programs.reorder(array, order)
 
-    def audit(self, position: Any, velocity: Any, drift: float, neighbours: Any, seed: int) -> None:
+    def audit(self, position: Any, velocity: Any, drift: float, neighbours: Any, seed: int, bounds: Any = None) -> None:
         """Compare sampled rows of the list with all pairs, where it was last used: at position - drift * velocity.
 
         position (n, 3) [m], velocity (n, 3) [m/s], drift [s]; misses are counted in the log.
+        Pairs with a particle that stands on a plane of `bounds` [m], which may just have stopped it, do not count.
         """
         n = position.shape[0]
         rows = np.sort(np.random.default_rng(seed).choice(n, size=min(AUDITED_ROWS, n), replace=False))
         self.log.audited_rows += len(rows)
         radius = self.radius * (1 - AUDIT_MARGIN)
-        self.log.missed_neighbours += self.programs.missed(position, velocity, drift, neighbours, rows, radius)
+        self.log.missed_neighbours += self.programs.missed(position, velocity, drift, neighbours, rows, radius, bounds)
 
     def _checked(self, result: tuple[Any, int]) -> Any:
         neighbours, most = result

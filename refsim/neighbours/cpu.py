@@ -3,7 +3,7 @@
 import numpy as np
 
 from refsim.compile import cpu_kernel, formula, prange
-from refsim.neighbours.formulas import BITS, cell_coordinate, cell_key, lower_bound
+from refsim.neighbours.formulas import BITS, at_bounds, cell_coordinate, cell_key, lower_bound
 from refsim.neighbours.rows import NeighbourRows
 
 PLACE_OF_BYTE = np.uint64(0x0020406080A0C0E0)  # times a lone 1 in byte k: k in the three highest bits
@@ -144,32 +144,37 @@ def reorder_vectors(values, order, moved):
             moved[i, c] = values[order[i], c]
 
 
+@formula
+def audited_row(i, start, count, index, position, velocity, drift, bounds, limit):
+    """Neighbours of i within the root of `limit` [m^2] that its row lacks; particles at a wall's plane do not count."""
+    x = position[i, 0] - drift * velocity[i, 0]
+    y = position[i, 1] - drift * velocity[i, 1]
+    z = position[i, 2] - drift * velocity[i, 2]
+    missed = 0
+    for k in range(position.shape[0] + count):
+        listed = k >= position.shape[0]
+        j = index[start + k - position.shape[0]] if listed else k
+        if bounds is not None:  # noqa: SIM102  (a test of its own is what Numba prunes)
+            if at_bounds(i, position, bounds) or at_bounds(j, position, bounds):
+                continue
+        dx = x - (position[j, 0] - drift * velocity[j, 0])
+        dy = y - (position[j, 1] - drift * velocity[j, 1])
+        dz = z - (position[j, 2] - drift * velocity[j, 2])
+        if i != j and dx * dx + dy * dy + dz * dz < limit:
+            missed += -1 if listed else 1
+    return missed
+
+
 @cpu_kernel
-def count_missed(position, velocity, drift, start, count, index, rows, radius, missed):
+def count_missed(position, velocity, drift, bounds, start, count, index, rows, radius, missed):
     """Neighbours nearer than `radius` [m] that the list lacks, for each sampled row: all pairs against the list.
 
-    The list was last used at position - drift * velocity, before the latest step.
+    The list was last used at position - drift * velocity, before the latest step; where that is not known, because a
+    plane of `bounds` stopped the particle, its pairs are left out.
     """
-    limit = radius * radius
     for k in prange(rows.shape[0]):
         i = rows[k]
-        x = position[i, 0] - drift * velocity[i, 0]
-        y = position[i, 1] - drift * velocity[i, 1]
-        z = position[i, 2] - drift * velocity[i, 2]
-        true = 0
-        for j in range(position.shape[0]):
-            dx = x - (position[j, 0] - drift * velocity[j, 0])
-            dy = y - (position[j, 1] - drift * velocity[j, 1])
-            dz = z - (position[j, 2] - drift * velocity[j, 2])
-            true += (dx * dx + dy * dy + dz * dz < limit) & (i != j)
-        listed = 0
-        for m in range(start[i], start[i] + count[i]):
-            j = index[m]
-            dx = x - (position[j, 0] - drift * velocity[j, 0])
-            dy = y - (position[j, 1] - drift * velocity[j, 1])
-            dz = z - (position[j, 2] - drift * velocity[j, 2])
-            listed += dx * dx + dy * dy + dz * dz < limit
-        missed[k] = true - listed
+        missed[k] = audited_row(i, start[i], count[i], index, position, velocity, drift, bounds, radius * radius)
 
 
 def _occupied(keys):
@@ -227,10 +232,10 @@ class Search:
         self.log.list_bytes = sum(a.nbytes for a in self.storage.values()) + 12 * n
         return NeighbourRows(start, count, index), int(count.max(initial=0))
 
-    def missed(self, position, velocity, drift, neighbours, rows, radius):
+    def missed(self, position, velocity, drift, neighbours, rows, radius, bounds=None):
         missed = np.zeros(len(rows), np.int64)
         real = position.dtype.type
-        count_missed(position, velocity, real(drift), *neighbours, rows, real(radius), missed)
+        count_missed(position, velocity, real(drift), bounds, *neighbours, rows, real(radius), missed)
         return int(missed.sum())
 
     def reorder(self, array, order):

@@ -6,7 +6,7 @@ from refsim import device
 from refsim.compile import cuda, cuda_kernel, formula
 from refsim.errors import RunStopped
 from refsim.neighbours import MOST_NEIGHBOURS
-from refsim.neighbours.formulas import BITS, cell_coordinate, cell_key, lower_bound
+from refsim.neighbours.formulas import BITS, at_bounds, cell_coordinate, cell_key, lower_bound
 from refsim.neighbours.rows import NeighbourColumns, cuda_row
 
 
@@ -82,24 +82,37 @@ def squared_distance_before(i, j, position, velocity, drift):
     return squared
 
 
+@formula
+def known_before(i, j, position, bounds):
+    """Whether both particles' places before the latest step follow from their velocities."""
+    if bounds is not None:
+        return not (at_bounds(i, position, bounds) or at_bounds(j, position, bounds))
+    return True
+
+
 @cuda_kernel(rows_of="position")
-def count_missed(position, velocity, drift, neighbours, rows, radius, missed):
+def count_missed(position, velocity, drift, bounds, neighbours, rows, radius, missed):
     """Neighbours nearer than `radius` [m] that the list lacks, for each sampled row (never more than particles).
 
-    The list was last used at position - drift * velocity, before the latest step.
+    The list was last used at position - drift * velocity, before the latest step; where that is not known, because a
+    plane of `bounds` stopped the particle, its pairs are left out.
     """
     j = cuda.grid(1)
     if j < position.shape[0]:
         limit = radius * radius
         for k in range(rows.shape[0]):
             i = rows[k]
-            if i != j and squared_distance_before(i, j, position, velocity, drift) < limit:
+            if i == j or not known_before(i, j, position, bounds):
+                continue
+            if squared_distance_before(i, j, position, velocity, drift) < limit:
                 cuda.atomic.add(missed, k, 1)
         if j < rows.shape[0]:
             i = rows[j]
             first, stride, listed = cuda_row(neighbours, i)
             for k in range(listed):
                 other = neighbours.entries[first + k * stride]
+                if not known_before(i, other, position, bounds):
+                    continue
                 if squared_distance_before(i, other, position, velocity, drift) < limit:
                     cuda.atomic.add(missed, j, -1)
 
@@ -139,11 +152,11 @@ class Search:
         device.gather(array, order, moved)
         return moved
 
-    def missed(self, position, velocity, drift, neighbours, rows, radius):
+    def missed(self, position, velocity, drift, neighbours, rows, radius, bounds=None):
         missed = self.backend.zeros(len(rows), np.int32)
         real = position.dtype.type
         rows = self.backend.asarray(rows)
-        count_missed(position, velocity, real(drift), neighbours, rows, real(radius), missed)
+        count_missed(position, velocity, real(drift), bounds, neighbours, rows, real(radius), missed)
         return int(self.backend.host(missed).sum())
 
     def _build(self, name, position, query_cells, cell, source, cells, first, exclude_self):

@@ -32,6 +32,15 @@ def cell_key(cx, cy, cz):
 
 
 @formula
+def at_bounds(i, position, bounds):
+    """Whether particle i stands on a plane of `bounds` [m], where the latest step may have stopped it."""
+    for c in range(3):  # noqa: SIM110  (Numba compiles no generators)
+        if position[i, c] == bounds.lower[c] or position[i, c] == bounds.upper[c]:
+            return True
+    return False
+
+
+@formula
 def lower_bound(keys, key):
     """First position in the sorted `keys` whose value is not below `key`."""
     low = 0
