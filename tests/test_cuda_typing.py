@@ -38,6 +38,7 @@ pytestmark = pytest.mark.skipif(backend.simulated(), reason="the CUDA simulator 
 def cuda_compiler():
     """numba.cuda, if it can compile; else skip, or fail where $REFSIM_REQUIRE_CUDA_TOOLS asks for it."""
     try:
+        importlib.import_module("numba_cuda")  # the target that the kernels are written for; Numba's own is deprecated
         cuda = importlib.import_module("numba.cuda")
         cuda.compile_ptx(lambda: None, (), cc=CAPABILITY)
     except Exception as error:
