@@ -136,7 +136,7 @@ def test_tait_is_stiffer_than_linear():
     [("wendland_c2", 2, 2.6, 0.5846), ("wendland_c2", 3, 2.7, 0.5714), ("poly6", 3, 2.0, 0.6182)],
 )
 def test_calibrated_walls_give_the_first_layer_the_rest_density(shape, dim, ratio, factor):
-    """The factor of spec section 7, and what it is for: liquid filling a box has the rest density at its wall."""
+    """The calibrated factor, and what it is for: liquid filling a box has the rest density at its wall."""
     spacing = 0.1
     h = ratio * spacing
     g = calibrated_factor(shape, h, spacing, dim)

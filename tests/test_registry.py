@@ -18,7 +18,7 @@ ROOT = pathlib.Path(refsim.__file__).parent
 SEARCHES = {"neighbours"}  # one algorithm behind the class `Search`, judged in test_neighbours
 IMPORT_SECONDS = 0.3
 UNIT = re.compile(r"\[[^\]]*\]|dimensionless|flags?\b", re.IGNORECASE)
-EQUATION = re.compile(r"=|<-|\b[A-Z]\(\d+\)|\bspec \d")
+EQUATION = re.compile(r"=|<-|\b[A-Z]\(\d+\)")
 
 
 def functions(path):

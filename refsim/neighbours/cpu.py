@@ -145,23 +145,26 @@ def reorder_vectors(values, order, moved):
 
 
 @formula
+def near_before(i, j, position, velocity, drift, bounds, limit):
+    """Whether j lay within the root of `limit` [m^2] of i before the latest step, if that is known of both."""
+    dx = (position[i, 0] - drift * velocity[i, 0]) - (position[j, 0] - drift * velocity[j, 0])
+    dy = (position[i, 1] - drift * velocity[i, 1]) - (position[j, 1] - drift * velocity[j, 1])
+    dz = (position[i, 2] - drift * velocity[i, 2]) - (position[j, 2] - drift * velocity[j, 2])
+    near = (dx * dx + dy * dy + dz * dz < limit) & (i != j)
+    if bounds is not None:  # noqa: SIM102  (a test of its own is what Numba prunes)
+        if near:
+            near = not (at_bounds(i, position, bounds) or at_bounds(j, position, bounds))
+    return near
+
+
+@formula
 def audited_row(i, start, count, index, position, velocity, drift, bounds, limit):
-    """Neighbours of i within the root of `limit` [m^2] that its row lacks; particles at a wall's plane do not count."""
-    x = position[i, 0] - drift * velocity[i, 0]
-    y = position[i, 1] - drift * velocity[i, 1]
-    z = position[i, 2] - drift * velocity[i, 2]
+    """Neighbours of i within the root of `limit` [m^2] that its row lacks."""
     missed = 0
-    for k in range(position.shape[0] + count):
-        listed = k >= position.shape[0]
-        j = index[start + k - position.shape[0]] if listed else k
-        if bounds is not None:  # noqa: SIM102  (a test of its own is what Numba prunes)
-            if at_bounds(i, position, bounds) or at_bounds(j, position, bounds):
-                continue
-        dx = x - (position[j, 0] - drift * velocity[j, 0])
-        dy = y - (position[j, 1] - drift * velocity[j, 1])
-        dz = z - (position[j, 2] - drift * velocity[j, 2])
-        if i != j and dx * dx + dy * dy + dz * dz < limit:
-            missed += -1 if listed else 1
+    for j in range(position.shape[0]):
+        missed += near_before(i, j, position, velocity, drift, bounds, limit)
+    for k in range(start, start + count):
+        missed -= near_before(i, index[k], position, velocity, drift, bounds, limit)
     return missed
 
 

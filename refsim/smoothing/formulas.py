@@ -1,4 +1,4 @@
-"""Smoothing kernels W(r, h) in q = r/h, h the support radius (spec section 0, kernel table).
+"""Smoothing kernels W(r, h) in q = r/h, h the support radius.
 
 `value` and `slope` give the dimensionless shapes w(q) and w'(q); the host multiplies in the normalisation
 (`refsim.smoothing.smoothing`), so that float32 never meets a power of h beyond the one it needs.

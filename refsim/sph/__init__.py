@@ -46,7 +46,7 @@ class ViscosityTerm(NamedTuple):
 
 @functools.lru_cache(maxsize=64)
 def lattice_number_density(shape: str, support_radius: float, spacing: float, dim: int) -> float:
-    """Sum of W over the infinite square or cubic lattice, self included [1/m^dim]: delta0 of spec section 0."""
+    """Sum of W over the infinite square or cubic lattice, self included [1/m^dim]: delta0."""
     from refsim.smoothing.reference import kernel_value
 
     reach = math.ceil(support_radius / spacing)
@@ -268,7 +268,7 @@ register(
         name="sph.kick_drift",
         folder=_HERE,
         paper="standard",
-        equation="leap-frog with a changing step (spec section 7)",
+        equation="leap-frog with a changing step",
         function="kick_drift",
         outputs=("displacement", "velocity", "position"),
         optional=("bounds",),

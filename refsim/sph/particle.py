@@ -66,13 +66,14 @@ def momentum(i, row, position, velocity, mass, density, pressure, index, smoothi
         r2 = dx * dx + dy * dy + dz * dz
         if r2 < limit:
             r = math.sqrt(r2)
-            volume = mass[j] / density[j]
-            f = pressure_pair(volume, own, pressure[j], kernel_slope(r, smoothing), fluid) / (r + tiny)
+            apart = r + tiny
+            share = mass[j] / (density[j] * apart)  # V_j/r: one division serves both terms
+            f = pressure_pair(share, own, pressure[j], kernel_slope(r, smoothing), fluid)
             ax += f * dx
             ay += f * dy
             az += f * dz
             if viscosity is not None:
-                g = viscosity_pair(volume, viscosity, viscosity_laplacian(r, smoothing))
+                g = viscosity_pair(share * apart, viscosity, viscosity_laplacian(r, smoothing))
                 ax += g * (velocity[j, 0] - u)
                 ay += g * (velocity[j, 1] - v)
                 az += g * (velocity[j, 2] - w)

@@ -1,7 +1,7 @@
 """Walls of boxes as one layer of boundary particles, after Akinci et al. 2012 with a calibrated volume.
 
 V_b = g / sum_k W_bk. With g = 1 (literal) the first fluid layer on a flat wall is 12 to 17 % too dense; the
-default g is solved on the lattice so that this layer has the rest density (spec section 7). A lone particle never
+default g is solved on the lattice so that this layer has the rest density. A lone particle never
 reaches the rest density and would drift through one layer: the box's planes stop it, and the run counts that.
 """
 

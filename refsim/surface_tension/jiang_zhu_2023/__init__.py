@@ -93,7 +93,7 @@ def kirkwood_buff_sigma(
 ) -> float:
     """Nominal surface tension [N/m] of the pair force between all particles, for a sharp surface and g(r) = 1.
 
-    3D sigma = -(pi/8) rho0^2 gamma int r^4 C dr; 2D sigma = -(1/3) rho0^2 gamma int r^3 C dr (spec 10.1).
+    3D sigma = -(pi/8) rho0^2 gamma int r^4 C dr; 2D sigma = -(1/3) rho0^2 gamma int r^3 C dr.
     """
     alpha = ALPHA[dim] if alpha is None else alpha
     factor = math.pi / 8 if dim == 3 else 1 / 3
@@ -106,7 +106,7 @@ def internal_pressure(
 ) -> float:
     """Cohesive pressure [Pa] that the pair force between all particles puts into the bulk; positive compresses.
 
-    3D P = -(2 pi/3) rho0^2 gamma int r^3 C dr; 2D P = -(pi/2) rho0^2 gamma int r^2 C dr (spec 7).
+    3D P = -(2 pi/3) rho0^2 gamma int r^3 C dr; 2D P = -(pi/2) rho0^2 gamma int r^2 C dr.
     """
     alpha = ALPHA[dim] if alpha is None else alpha
     factor = 2 * math.pi / 3 if dim == 3 else math.pi / 2
@@ -394,7 +394,7 @@ register(
         name="jiang_zhu_2023.soft_weight",
         folder=_HERE,
         paper="in place of the surface set of Jiang & Zhu 2023",
-        equation="spec 10.2, from J(19)",
+        equation="E9: smoothstep of |h grad c|, J(19)",
         function="soft_weight",
         outputs=("surface_weight",),
         tolerance=8.0,

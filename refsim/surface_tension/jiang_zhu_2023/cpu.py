@@ -32,7 +32,7 @@ def replace_density(corrected_density, density):
 
 @cpu_kernel
 def soft_weight(surface_normal, soft, surface_weight):
-    """Soft surface weight (spec 10.2)."""
+    """Soft surface weight (E9), from J(19)."""
     for i in prange(surface_weight.shape[0]):
         surface_weight[i] = particle.soft_weight(i, surface_normal, soft)
 

@@ -34,7 +34,7 @@ def replace_density(corrected_density, density):
 
 @cuda_kernel
 def soft_weight(surface_normal, soft, surface_weight):
-    """Soft surface weight (spec 10.2)."""
+    """Soft surface weight (E9), from J(19)."""
     i = cuda.grid(1)
     if i < surface_weight.shape[0]:
         surface_weight[i] = particle.soft_weight(i, surface_normal, soft)

@@ -14,7 +14,7 @@ def normalised_density(mass_sum, volume_sum):
 
 @formula
 def soft_weight(steepness, soft):
-    """Soft surface weight of |h grad c| (spec 10.2): smoothstep from `lower` to `upper`; 0 in the bulk, 1 outside.
+    """Soft surface weight (E9) w = t^2 (3 - 2 t), t = (|h grad c| - lower)/(upper - lower) clipped to 0..1.
 
     Dimensionless.
     """
@@ -31,7 +31,7 @@ def soft_weight(steepness, soft):
 def pair_weight(mode, weight_i, surface_i):
     """(base, slope) of the pair weights of particle i: a pair acts on i with base + slope * (w_j, or s_j by S).
 
-    soft (w_i + w_j)/2; all 1; one_sided s_i; either s_i or s_j; both s_i and s_j (E9, spec 10.3). Dimensionless.
+    soft = (w_i + w_j)/2; all = 1; one_sided = s_i; either = s_i or s_j; both = s_i and s_j (E9). Dimensionless.
     """
     real = type(weight_i)
     on = real(1) if surface_i != 0 else real(0)

@@ -21,7 +21,7 @@ def _rows(array, rows):
 def corrected_density(position, mass, density, near_surface, walls, smoothing, fluid, rows=None):
     """Density [kg/m^dim], corrected where `near_surface` is set; self included, one pass with the raw densities.
 
-    J(14), J(15) rho*_i = sum_j m_j W_ij / sum_k (m_k/rho_k) W_ik; walls m_k -> rho0 V_b, rho_k -> rho_i (spec 3).
+    J(14), J(15) rho*_i = sum_j m_j W_ij / sum_k (m_k/rho_k) W_ik; walls m_k -> rho0 V_b, rho_k -> rho_i.
     """
     mass, rho = np.asarray(mass, dtype=float), np.asarray(density, dtype=float)
     own = _rows(density, rows)
@@ -58,7 +58,7 @@ def soft_weight(surface_normal, soft, rows=None):
 
 
 def pair_shares(mode, weight_i, weight_j, surface_i, surface_j):
-    """Share of each pair force that acts on i (spec 10.2, 10.3); dimensionless, any shapes that broadcast."""
+    """Share of each pair force that acts on i (E9); dimensionless, any shapes that broadcast."""
     name = MODES[int(mode)]
     on_i, on_j = np.asarray(surface_i) != 0, np.asarray(surface_j) != 0
     if name == "soft":
