@@ -260,9 +260,9 @@ def measure_picture(data: Mapping[str, Any]) -> Any:
         if name == "nn_5":
             axes.axhline(0.7, color=VERMILION, lw=1.2, ls=":")
             axes.axhline(0.4, color=VERMILION, lw=1.2, ls=":")
-            axes.text(0.99, 0.7, "bar, 5th percentile", color=VERMILION, fontsize=8, ha="right", va="top",
+            axes.text(0.99, 0.58, "upper bar: 5th percentile", color=VERMILION, fontsize=8, ha="right", va="top",
                       transform=axes.get_yaxis_transform())  # fmt: skip
-            axes.text(0.99, 0.4, "bar, least", color=VERMILION, fontsize=8, ha="right", va="top",
+            axes.text(0.99, 0.4, "lower bar: least", color=VERMILION, fontsize=8, ha="right", va="top",
                       transform=axes.get_yaxis_transform())  # fmt: skip
             axes.set_title("mean (top), 5th percentile (thick), least (bottom)", fontweight="normal", fontsize=9)
             axes.set_ylim(0, 1.05)

@@ -68,8 +68,9 @@ def steady_picture(data: Mapping[str, Any]) -> Any:
         if bar["stopped"]:
             note += f", stopped: {bar['stopped']}"
         elif not bar["steady"]:
-            note += " to the end of the run: not steady"
-        axes.text(bar["seconds"], y, f"  {note}", va="center", fontsize=8.5)
+            note += ": not steady"
+        end = max(bar["seconds"], sum(bar["stages"].values()))
+        axes.text(end, y, f"  {note}", va="center", fontsize=8.5)
     paper = data["own_column_of_the_paper_s"]
     axes.axvline(paper, color=ORANGE, ls="--", lw=1.6)
     axes.text(
