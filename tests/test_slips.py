@@ -39,7 +39,8 @@ def programs():
 
 
 def judged(names):
-    environment = dict(os.environ, NUMBA_DISABLE_JIT="1")
+    path = os.pathsep.join(filter(None, (str(SLIPS.parent.parent), os.environ.get("PYTHONPATH"))))
+    environment = dict(os.environ, NUMBA_DISABLE_JIT="1", PYTHONPATH=path)
     done = subprocess.run([sys.executable, SLIPS, *names], capture_output=True, text=True, env=environment)
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout)
