@@ -4,36 +4,72 @@ Every equation stands as a readable NumPy reference, a Numba CPU kernel and a CU
 package loads no Numba and compiles nothing.
 """
 
+from refsim import isosurface, surface_energy
 from refsim.boundary.akinci_2012 import BoxWalls
+from refsim.boundary.two_way_coupling import TwoWayCoupling
 from refsim.driver import RunReport, simulate
 from refsim.errors import InputError, RunStopped
+from refsim.heat import HeatConduction
+from refsim.melting import Melting
+from refsim.mpm import MpmLiquid, MpmWalls
+from refsim.mpm.surface import SurfaceEnergy
 from refsim.run import Simulation, StepResult
 from refsim.scene import Ball, Box, Cloud, Plan, Scene, make_plan
 from refsim.scene_file import load_scene
+from refsim.shape_matching import ShapeMatching
+from refsim.solids import SolidBall, SolidBox, SolidCells, SolidMesh, SolidTorus
 from refsim.sph import Gravity, WeaklyCompressible
+from refsim.sph.iisph import ImplicitPressure
 from refsim.surface_detection import SurfaceDetection
+from refsim.surface_tension.akinci_2013 import Akinci2013
+from refsim.surface_tension.becker_teschner_2007 import BeckerTeschner2007
+from refsim.surface_tension.csf_wang_2019 import CsfWang2019
+from refsim.surface_tension.dong_2016 import Dong2016
+from refsim.surface_tension.he_2014 import He2014
 from refsim.surface_tension.jiang_zhu_2023 import JiangZhu2023
+from refsim.surface_tension.tartakovsky_meakin_2005 import TartakovskyMeakin2005
 
 __version__ = "0.1.0"
 
 __all__ = [
+    "Akinci2013",
     "Ball",
+    "BeckerTeschner2007",
     "Box",
     "BoxWalls",
     "Cloud",
+    "CsfWang2019",
+    "Dong2016",
     "Gravity",
+    "He2014",
+    "HeatConduction",
+    "ImplicitPressure",
     "InputError",
     "JiangZhu2023",
+    "Melting",
+    "MpmLiquid",
+    "MpmWalls",
     "Plan",
     "RunReport",
     "RunStopped",
     "Scene",
+    "ShapeMatching",
     "Simulation",
+    "SolidBall",
+    "SolidBox",
+    "SolidCells",
+    "SolidMesh",
+    "SolidTorus",
     "StepResult",
     "SurfaceDetection",
+    "SurfaceEnergy",
+    "TartakovskyMeakin2005",
+    "TwoWayCoupling",
     "WeaklyCompressible",
     "__version__",
+    "isosurface",
     "load_scene",
     "make_plan",
     "simulate",
+    "surface_energy",
 ]

@@ -43,6 +43,10 @@ class Backend:
         """Copy `values` (a host array, an array of this backend or a number) into `target`."""
         target[...] = values
 
+    def invert(self, order: Any, places: Any) -> None:
+        """places[order[i]] = i for a permutation `order` (n,) int32."""
+        places[order] = np.arange(len(order), dtype=places.dtype)
+
     def bind(self, operation: Operation, lookup: Callable[[str], Any]) -> Callable[[], None]:
         """The operation on the values that `lookup` gives for its argument names."""
         return operation.bind(self.name, lookup)
@@ -83,6 +87,9 @@ class CudaBackend(Backend):
         else:
             target.copy_to_device(values)
 
+    def invert(self, order: Any, places: Any) -> None:
+        self.device.invert(order, places)
+
     def synchronize(self) -> None:
         self.cuda.synchronize()
 
@@ -97,12 +104,15 @@ def array_library() -> str:
     return "NumPy in place of CuPy (CUDA simulator)" if simulated() else "CuPy"
 
 
-_STREAM: Any = 0
-
-
+@functools.cache
 def stream() -> Any:
-    """The stream on which CUDA kernels are launched (0 is the default stream)."""
-    return _STREAM
+    """The stream on which CUDA kernels are launched, as numba-cuda takes it."""
+    if simulated():
+        return 0
+    from refsim import device
+    from refsim.compile import cuda
+
+    return cuda.external_stream(device.own_stream().ptr)
 
 
 @functools.cache

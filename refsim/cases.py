@@ -114,6 +114,19 @@ def groups(*names: str) -> Callable[[GroupMaker], GroupMaker]:
     return mark
 
 
+DERIVED: dict[str, Callable[[Any, str], Any]] = {}
+
+
+def derived(*names: str) -> Callable[[Callable[[Any, str], Any]], Callable[[Any, str], Any]]:
+    """Mark a function of (inputs, name) that makes an argument from others, as they and their order are then."""
+
+    def mark(maker: Callable[[Any, str], Any]) -> Callable[[Any, str], Any]:
+        DERIVED.update(dict.fromkeys(names, maker))
+        return maker
+
+    return mark
+
+
 @dataclass(frozen=True, eq=False)
 class Exact:
     """A case whose answer is known in closed form: arguments that matter, and outputs, by name."""

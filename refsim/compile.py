@@ -99,7 +99,7 @@ def cache_folder(path: pathlib.Path) -> str:
     return str(folder)
 
 
-def _cached(dispatcher: Any, function: Callable) -> Any:
+def _cached(dispatcher: Any, function: Callable, apart: bool = False) -> Any:
     if not hasattr(dispatcher, "enable_caching"):  # plain Python under NUMBA_DISABLE_JIT and in the simulator
         return dispatcher
     folder = cache_folder(pathlib.Path(function.__code__.co_filename))
@@ -110,7 +110,7 @@ def _cached(dispatcher: Any, function: Callable) -> Any:
         dispatcher.enable_caching()
     finally:
         numba.config.CACHE_DIR = before
-    if hasattr(os, "fork"):
+    if apart and hasattr(os, "fork"):
         _compile_apart(dispatcher, pathlib.Path(folder))
     return dispatcher
 
@@ -144,25 +144,42 @@ def _compile_apart(dispatcher: Any, folder: pathlib.Path) -> None:
     dispatcher.compile = compile_apart
 
 
-def cpu_kernel(function: Callable) -> Any:
+def cpu_kernel(function: Callable | None = None, *, ordered: bool = False) -> Any:
     """Compile a kernel for the CPU; its loop over particles is a `prange`.
 
     Sums may be taken in another order and products fused, so that loops over neighbours vectorise. The
-    contract's bound holds for any order of summation; NaN and infinity keep their meaning.
+    contract's bound holds for any order of summation; NaN and infinity keep their meaning. `ordered` keeps the order
+    as written, for sums of small differences of large numbers, which another order would take apart.
     """
-    return _cached(njit(parallel=True, error_model="numpy", fastmath=set(ANY_ORDER))(function), function)
+    if function is None:
+        return functools.partial(cpu_kernel, ordered=ordered)
+    flags = ANY_ORDER - {"reassoc"} if ordered else ANY_ORDER
+    return _cached(njit(parallel=True, error_model="numpy", fastmath=set(flags))(function), function, apart=True)
 
 
 class CudaKernel:
-    """A CUDA kernel that launches itself over the rows of one of its arguments: the last one, or `rows_of`."""
+    """A CUDA kernel that launches itself over the rows of one of its arguments: the last one, or `rows_of`.
 
-    def __init__(self, function: Callable, fastmath: bool, rows_of: str | None) -> None:
+    A thread takes a row (with `lanes`, as many as share a column of that argument, True for `neighbours`), or, with
+    `block_for_each_row`, a block, of `threads` threads where the kernel counts on their number.
+    """
+
+    def __init__(
+        self,
+        function: Callable,
+        fastmath: bool,
+        rows_of: str | None,
+        lanes: bool | str = False,
+        block_for_each_row: bool = False,
+        threads: int | None = None,
+    ) -> None:
         from refsim.backend import simulated
 
         names = list(inspect.signature(function).parameters)
-        self.function, self.fastmath = function, fastmath
+        self.function, self.fastmath, self.block_for_each_row = function, fastmath, block_for_each_row
+        self.list_at = names.index("neighbours" if lanes is True else lanes) if lanes else None
         self.rows_at = names.index(rows_of) if rows_of else len(names) - 1
-        self.threads = SIMULATED_THREADS if simulated() else THREADS_PER_BLOCK
+        self.threads = threads or (SIMULATED_THREADS if simulated() else THREADS_PER_BLOCK)
         self.__name__ = function.__name__
         self.__doc__ = function.__doc__
         self.__wrapped__ = function
@@ -176,8 +193,11 @@ class CudaKernel:
         from refsim.backend import stream
 
         rows = arguments[self.rows_at].shape[0]
+        if self.list_at is not None:
+            rows *= len(arguments[self.list_at].lanes)
         if rows:
-            self.dispatcher[(rows + self.threads - 1) // self.threads, self.threads, stream()](*arguments)
+            blocks = rows if self.block_for_each_row else (rows + self.threads - 1) // self.threads
+            self.dispatcher[blocks, self.threads, stream()](*arguments)
 
 
 class _AbsentArgument:
@@ -191,14 +211,25 @@ class _AbsentArgument:
         return ty, value
 
 
-def cuda_kernel(function: Callable | None = None, *, fastmath: bool = False, rows_of: str | None = None) -> Any:
+def cuda_kernel(
+    function: Callable | None = None,
+    *,
+    fastmath: bool = False,
+    rows_of: str | None = None,
+    lanes: bool | str = False,
+    block_for_each_row: bool = False,
+    threads: int | None = None,
+) -> Any:
     """Compile a kernel for CUDA (or for the CUDA simulator, if NUMBA_ENABLE_CUDASIM is set).
 
-    It is launched with a thread for each row of its last argument, or of the argument called `rows_of`.
+    It is launched with a thread (or a block) for each row of its last argument, or of the argument called `rows_of`.
     """
     if function is None:
-        return functools.partial(cuda_kernel, fastmath=fastmath, rows_of=rows_of)
-    return CudaKernel(function, fastmath, rows_of)
+        return functools.partial(
+            cuda_kernel, fastmath=fastmath, rows_of=rows_of, lanes=lanes, block_for_each_row=block_for_each_row,
+            threads=threads,
+        )  # fmt: skip
+    return CudaKernel(function, fastmath, rows_of, lanes, block_for_each_row, threads)
 
 
 @functools.cache

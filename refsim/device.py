@@ -1,4 +1,4 @@
-"""Array moves on a CUDA device, and the few things that CuPy does: stable sort, compaction, largest count.
+"""Array moves on a CUDA device, the step's clock, CUDA graphs, and what CuPy does: stable sort and running sums.
 
 Under the CUDA simulator, and only there, NumPy stands in for CuPy; `refsim.backend.array_library` says which
 one is used.
@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import functools
 import importlib
+import math
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -22,19 +24,19 @@ def library() -> Any:
     return importlib.import_module("numpy" if simulated() else "cupy")
 
 
-def _seen(array: Any) -> Any:
+def seen(array: Any) -> Any:
     """A device array as the library's own, without a copy (the simulator copies)."""
     return array.copy_to_host() if simulated() else library().asarray(array)
 
 
-def _wrapped(array: Any) -> Any:
+def wrapped(array: Any) -> Any:
     """One of the library's arrays as a device array on the default stream, without a copy and without waiting."""
     return cuda.to_device(array) if simulated() else cuda.as_cuda_array(array, sync=False).bind(0)
 
 
 def empty(shape: Any, dtype: Any) -> Any:
     """A device array whose values are not set, out of the library's memory pool."""
-    return _wrapped(library().empty(shape, dtype))
+    return wrapped(library().empty(shape, dtype))
 
 
 def free_bytes() -> float:
@@ -44,30 +46,118 @@ def free_bytes() -> float:
     return cuda.current_context().get_memory_info()[0]
 
 
-def stable_order(keys: Any) -> Any:
+@functools.cache
+def own_stream() -> Any:
+    """CuPy's stream on which everything is launched, so that it can be recorded; None in the simulator.
+
+    It waits for the default stream and the default stream for it, so that copies need no thought.
+    """
+    return None if simulated() else library().cuda.Stream(non_blocking=False)
+
+
+def stable_order(keys: Any, out: Any = None) -> Any:
     """Permutation (n,) int64 that sorts the int64 `keys`; equal keys keep their order (radix sort)."""
     if not keys.shape[0]:
-        return empty(0, np.int64)
-    return _wrapped(library().argsort(_seen(keys), kind="stable"))
+        return empty(0, np.int64) if out is None else out
+    order = library().argsort(seen(keys), kind="stable")
+    if out is None:
+        return wrapped(order)
+    _put(order, out)
+    return out
 
 
-def runs(keys: Any) -> tuple[Any, Any, Any]:
-    """Runs of equal `keys` (n,): (key of each run, first place of each run and n at the end, run of each place)."""
-    xp = library()
-    if not keys.shape[0]:
-        return keys, _wrapped(xp.zeros(1, dtype=np.int64)), empty(0, np.int32)
-    seen = _seen(keys)
-    begins = xp.ones(len(seen), dtype=bool)
-    begins[1:] = seen[1:] != seen[:-1]
-    first = xp.flatnonzero(begins)
-    run = xp.cumsum(begins, dtype=np.int32) - np.int32(1)
-    ends = xp.append(first, xp.full(1, len(seen), dtype=first.dtype)).astype(np.int64)
-    return _wrapped(seen[first]), _wrapped(ends), _wrapped(run.astype(np.int32))
+def cumulate(values: Any, out: Any) -> None:
+    """out[i] = values[0] + ... + values[i], in int32; nothing is allocated for the answer."""
+    if simulated():
+        _put(np.cumsum(values.copy_to_host(), dtype=np.int32), out)
+    elif values.shape[0]:
+        library().cumsum(seen(values), dtype=np.int32, out=seen(out))
 
 
-def largest(values: Any) -> int:
-    """Largest of the integer `values`, 0 if there are none."""
-    return int(_seen(values).max()) if values.shape[0] else 0
+def computed(function: Any, *arguments: Any) -> Any:
+    """What `function(library, ...)` gives for device arrays, its arrays (also in tuples and lists) on the device.
+
+    Arrays of the host go to NumPy and come back as such.
+    """
+    if any(isinstance(a, np.ndarray) for a in arguments):
+        return function(np, *arguments)
+
+    def back(value: Any) -> Any:
+        if isinstance(value, tuple | list):
+            return type(value)(back(part) for part in value)
+        return wrapped(value) if hasattr(value, "shape") else value
+
+    return back(function(library(), *(seen(a) if hasattr(a, "copy_to_host") else a for a in arguments)))
+
+
+def _put(values: Any, out: Any) -> None:
+    if simulated():
+        out.copy_to_device(values)
+    else:
+        seen(out)[...] = values
+
+
+class Recorded:
+    """A call that launches kernels only, as one CUDA graph: launched one by one at first, then recorded, then replayed.
+
+    What it launches must keep its arrays and numbers, allocate nothing and not wait for the device. In the simulator,
+    or where `whole` is false, the kernels are launched one by one every time.
+    """
+
+    def __init__(self, call: Callable[[], None], whole: bool = True) -> None:
+        self.call, self.whole = call, whole and not simulated()
+        self.called = False
+        self.graph: Any = None
+
+    def __call__(self) -> None:
+        if not self.whole or not self.called:
+            self.call()  # the first time also compiles and loads, which cannot be recorded
+            self.called = True
+            return
+        stream = own_stream()
+        if self.graph is None:
+            stream.begin_capture()
+            try:
+                self.call()
+            finally:
+                self.graph = stream.end_capture()
+        self.graph.launch(stream)
+
+    def renewed(self) -> Recorded:
+        """The same call with other arrays behind it: to be recorded anew."""
+        new = Recorded(self.call, self.whole)
+        new.called = self.called
+        return new
+
+
+class Mirror:
+    """A small device array and its values on the host, which `send` brings over without waiting."""
+
+    def __init__(self, array: Any) -> None:
+        self.array = array
+        self.values = np.zeros(array.shape, array.dtype)
+        if not simulated():
+            cupy = library()
+            self.memory = cupy.cuda.alloc_pinned_memory(self.values.nbytes)  # what the device can write by itself
+            self.values = np.frombuffer(self.memory, array.dtype, self.values.size).reshape(array.shape)
+            self.pointer = seen(array).data.ptr
+
+    def send(self) -> None:
+        """Launch the copy; it can be recorded."""
+        if simulated():
+            self.values[...] = self.array.copy_to_host()
+        else:
+            cupy = library()
+            cupy.cuda.runtime.memcpyAsync(
+                self.values.ctypes.data, self.pointer, self.values.nbytes,
+                cupy.cuda.runtime.memcpyDeviceToHost, own_stream().ptr,
+            )  # fmt: skip
+
+    def read(self) -> np.ndarray:
+        """Wait for everything launched; the values as they were when they were sent."""
+        if not simulated():
+            own_stream().synchronize()
+        return self.values
 
 
 @cuda_kernel
@@ -105,6 +195,88 @@ def gather_vectors(array, order, out):  # noqa: ANN001, ANN201
             out[i, c] = array[j, c]
 
 
+@cuda_kernel
+def copy_scalars(array, out):  # noqa: ANN001, ANN201
+    """out[i] = array[i]."""
+    i = cuda.grid(1)
+    if i < out.shape[0]:
+        out[i] = array[i]
+
+
+@cuda_kernel
+def copy_vectors(array, out):  # noqa: ANN001, ANN201
+    """out[i, c] = array[i, c]."""
+    i = cuda.grid(1)
+    if i < out.shape[0]:
+        for c in range(out.shape[1]):
+            out[i, c] = array[i, c]
+
+
+# Rows of the clock, float64. REASON is 0 while the run can go on.
+TIME, PREVIOUS, FIRST, LENGTH, LIMITER, REASON, SPEED, ACCELERATION, WAY, STOPPED = range(10)
+CLOCK_ROWS = 10
+NON_FINITE, DIVERGED, STEP_TOO_SMALL = 1, 2, 3
+
+
+@cuda_kernel
+def choose_step(extremes, limits, factor, fixed, smallest, greatest_speed, timestep, clock):  # noqa: ANN001, ANN201
+    """The next step's length from the particles' extremes, as `refsim.stepping.choose` does on the host.
+
+    `limits` (k, 4) are StepLimits. Where the run cannot go on the clock says why and the step is zero, so that what
+    follows moves nothing.
+    """
+    if cuda.grid(1) == 0:
+        speed = math.sqrt(float(extremes[0]))
+        acceleration = math.sqrt(float(extremes[1]))
+        length, limiter = math.inf, 0
+        for k in range(limits.shape[0]):
+            rate = limits[k, 1] + limits[k, 2] * speed + limits[k, 3] * math.sqrt(limits[k, 0] * acceleration)
+            if rate > 0.0 and limits[k, 0] / rate < length:
+                length, limiter = limits[k, 0] / rate, k
+        length *= factor
+        if fixed > 0.0:
+            length, limiter = fixed, -1
+        if clock[FIRST] == 0.0:
+            clock[FIRST] = length
+        reason = 0
+        if extremes[2] > 0:
+            reason = NON_FINITE
+        elif speed > greatest_speed:
+            reason = DIVERGED
+        elif not length > smallest * clock[FIRST]:
+            reason = STEP_TOO_SMALL
+        clock[LENGTH], clock[LIMITER], clock[REASON] = length, limiter, reason
+        clock[SPEED], clock[ACCELERATION] = speed, acceleration
+        if reason:
+            length = 0.0
+        timestep[0] = 0.5 * (clock[PREVIOUS] + length) if length > 0.0 else 0.0
+        timestep[1] = length
+        if length > 0.0:
+            clock[PREVIOUS] = length
+            clock[TIME] += length
+
+
+@cuda_kernel
+def note_displacement(displacement, clock):  # noqa: ANN001, ANN201
+    """Put the largest squared way [m^2] and the number of stopped particles beside the step's length."""
+    if cuda.grid(1) == 0:
+        clock[WAY] = displacement[0]
+        clock[STOPPED] = displacement[1]
+
+
+def copy(array: Any, out: Any) -> None:
+    """out <- array for device arrays of one or two dimensions, by a kernel, so that it can be recorded."""
+    (copy_scalars if len(out.shape) == 1 else copy_vectors)(array, out)
+
+
+@cuda_kernel
+def invert(order, places):  # noqa: ANN001, ANN201
+    """places[order[i]] = i."""
+    i = cuda.grid(1)
+    if i < places.shape[0]:
+        places[order[i]] = i
+
+
 def fill(out: Any, value: float) -> None:
     """Set every element of a device array of one or two dimensions to `value`."""
     (fill_scalars if len(out.shape) == 1 else fill_vectors)(out.dtype.type(value), out)
@@ -113,3 +285,21 @@ def fill(out: Any, value: float) -> None:
 def gather(array: Any, order: Any, out: Any) -> None:
     """out <- array[order] for device arrays of one or two dimensions."""
     (gather_scalars if len(out.shape) == 1 else gather_vectors)(array, order, out)
+
+
+def running_sum(values: Any) -> Any:
+    """(n + 1,) int32: sum of the integers that stand before each place, and of everything at the end."""
+    xp = library()
+    total = xp.zeros(values.shape[0] + 1, np.int32)
+    total[1:] = xp.cumsum(seen(values), dtype=np.int32)
+    return wrapped(total)
+
+
+def looked_up(places: Any, table: Any) -> Any:
+    """table[places] for a short table, as a new array."""
+    return wrapped(seen(table)[seen(places)])
+
+
+def largest(values: Any) -> int:
+    """Largest of the integer `values`, 0 if there are none; waits for the device."""
+    return int(seen(values).max()) if values.shape[0] else 0

@@ -118,16 +118,18 @@ def simulate(
 def stock(simulation: Simulation | Plan) -> dict[str, Any]:
     """The particles' number, mass [kg], momenta and energies, now (a simulation) or at the start (a plan).
 
-    Sums in float64, in 2D per metre of depth. `outside_walls` counts those behind a wall.
+    Sums in float64, in 2D per metre of depth. `outside_walls` counts those behind a wall; `effects` is what the effects
+    keep account of, by their names.
     """
     if isinstance(simulation, Plan):
         plan, state = simulation, simulation.state
-        x, v, m = (
-            getattr(state, name).astype(plan.grid.dtype).astype(float) for name in ("position", "velocity", "mass")
-        )
+        values = {"position": state.position, "velocity": state.velocity, "mass": state.mass, **state.values}
+
+        def field(name: str) -> np.ndarray:
+            return values[name].astype(plan.fields[name].numpy_dtype(plan.grid.dtype))
     else:
-        plan = simulation.plan
-        x, v, m = (simulation.field(name).astype(float) for name in ("position", "velocity", "mass"))
+        plan, field = simulation.plan, simulation.field
+    x, v, m = (field(name).astype(float) for name in ("position", "velocity", "mass"))
     bounds = plan.shared.get("bounds")
     outside = 0 if bounds is None else int(((x < bounds.lower) | (x > bounds.upper)).any(1).sum())
     result = {
@@ -142,6 +144,9 @@ def stock(simulation: Simulation | Plan) -> dict[str, Any]:
     gravity = plan.effects.get("gravity")
     if gravity is not None:
         result["potential_energy"] = float(-(m * (x @ np.array(gravity.acceleration))).sum())
+    accounts = {name: effect.ledger(field) for name, effect in plan.effects.items()}
+    if any(accounts.values()):
+        result["effects"] = {name: account for name, account in accounts.items() if account}
     return result
 
 
@@ -151,7 +156,7 @@ def check_particles(simulation: Simulation) -> None:
     identity = np.array(simulation.backend.host(simulation.fields["identity"]))
     lost = n - len(np.unique(identity[(identity >= 0) & (identity < n)]))
     changed = 0
-    if not lost:
+    if not lost and not any("mass" in p.updates for _, p in simulation.plan.all_passes()):
         changed = int((simulation.field("mass") != start.mass.astype(simulation.plan.grid.dtype)).sum())
     if lost or changed:
         raise RunStopped(
@@ -212,7 +217,7 @@ class _Run:
             for path in (old, previous_path(old), self.folder / "postmortem.json", self.folder / "postmortem.npz"):
                 path.unlink(missing_ok=True)
         fields = {}
-        for name, f in self.simulation.plan.fields.items():
+        for name, f in self.simulation.plan.particle_fields.items():
             if name != "position":
                 dtype = f.numpy_dtype(self.simulation.plan.grid.dtype)
                 fields[name] = (f.components, "uint8" if dtype.kind == "b" else dtype)
@@ -263,7 +268,7 @@ class _Run:
         simulation = self.simulation
         check_particles(simulation)
         simulation.evaluate()
-        values = {name: simulation.field(name) for name in simulation.plan.fields}
+        values = {name: simulation.field(name) for name in simulation.plan.particle_fields}
         values = {name: v.view(np.uint8) if v.dtype.kind == "b" else v for name, v in values.items()}
         self.writer.write(simulation.time, values.pop("position"), **values)
         self.frames += 1

@@ -6,9 +6,9 @@ A scene is a list of effects. What no effect asks for is neither allocated nor l
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple
 
 import msgspec
 import numpy as np
@@ -17,10 +17,22 @@ from refsim.boundary.walls import WallParticles
 from refsim.errors import InputError
 from refsim.particles import Field
 
+if TYPE_CHECKING:
+    from refsim.scene import InitialState
+    from refsim.solids import Nodes
+
 
 @dataclass(frozen=True)
 class Pass:
-    """One launch of one operation; `names` says what its arguments are called here where names differ."""
+    """One launch of one operation; `names` says what its arguments are called here where names differ.
+
+    stage  "start": once, when a simulation is made or resumed, for tables that follow from its state. "begin": at the
+           beginning of every step, in the effects' order; not when somebody looks at the state. "forces": before the
+           step's length is known, ordered by what passes touch. "motion": once it is known, in the effects' order,
+           those that update the position last; one of these stands in for the leap-frog. They may take `timestep` =
+           [(dt_previous + dt)/2, dt] [s], which is zero where the run is about to stop, `build_position` and
+           `displacement`, which an integrator writes as `sph.kick_drift` does.
+    """
 
     operation: str
     reads: tuple[str, ...] = ()
@@ -28,6 +40,7 @@ class Pass:
     updates: tuple[str, ...] = ()  # changed in place: after every writer, before every reader
     on_demand: bool = False  # run when somebody looks at the state, not in every step
     names: Mapping[str, str | None] = field(default_factory=dict)
+    stage: Literal["start", "begin", "forces", "motion"] = "forces"
 
 
 @dataclass(frozen=True)
@@ -39,6 +52,8 @@ class Discretisation:
     spacing: float
     support_radius: float
     count: int
+    step: float = 0.0  # fixed step [s]; 0 where the stable step decides
+    solids: Nodes | None = field(default=None, compare=False)  # the first particles, where the scene has solid bodies
 
     def real(self, value: float) -> Any:
         """`value` in the run's dtype."""
@@ -53,6 +68,40 @@ class Extremes:
     acceleration: float  # [m/s^2]
 
 
+class StepLimit(NamedTuple):
+    """A largest stable step [s] that follows from the particles' largest speed and acceleration.
+
+    length / (speed + speed_share |v|max + acceleration_share sqrt(length |a|max)): one form, so that the device can
+    choose the step as the host does.
+    """
+
+    length: float  # [m]
+    speed: float = 0.0  # [m/s]
+    speed_share: float = 0.0
+    acceleration_share: float = 0.0
+
+    @classmethod
+    def constant(cls, seconds: float) -> StepLimit:
+        """The same step whatever the particles do."""
+        return cls(seconds, 1.0)
+
+    @classmethod
+    def crossing(cls, length: float, speed: float = 0.0) -> StepLimit:
+        """The time in which the fastest particle, with `speed` [m/s] added, crosses `length` [m]."""
+        return cls(length, speed, 1.0)
+
+    @classmethod
+    def falling(cls, length: float) -> StepLimit:
+        """sqrt(length/|a|max): in which the largest acceleration moves a particle by half of `length` [m]."""
+        return cls(length, 0.0, 0.0, 1.0)
+
+    def at(self, extremes: Extremes) -> float:
+        """The step [s]; infinite where nothing limits it."""
+        rate = self.speed + self.speed_share * extremes.speed
+        rate += self.acceleration_share * math.sqrt(self.length * extremes.acceleration)
+        return self.length / rate if rate > 0 else math.inf
+
+
 EFFECTS: dict[str, type[Effect]] = {}
 
 
@@ -60,6 +109,8 @@ class Effect(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
     """Base of all effects. Parameters are the struct's fields, in SI units."""
 
     name: ClassVar[str] = ""
+    host_in_step: ClassVar[bool] = False  # its passes need the host, so that a step cannot be one CUDA graph
+    watched: ClassVar[tuple[str, ...]] = ()  # small fields that it wants to see on the host after each step
 
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
@@ -76,6 +127,14 @@ class Effect(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
 
     def passes(self, others: Mapping[str, Effect]) -> tuple[Pass, ...]:
         """Its passes in an order that suits it; the plan orders passes of all effects by what they touch."""
+        return ()
+
+    def replaces(self) -> tuple[str, ...]:
+        """Operations of other effects' passes that its own passes do in their place."""
+        return ()
+
+    def notes(self, grid: Discretisation, others: Mapping[str, Effect]) -> tuple[str, ...]:
+        """What a user should know of these parameters in this scene before it runs."""
         return ()
 
     def list_radius(self, grid: Discretisation) -> float:
@@ -98,9 +157,34 @@ class Effect(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
         """Cohesive pressure [Pa] of the undisturbed bulk that the equation of state is to balance."""
         return 0.0
 
-    def step_limits(self, grid: Discretisation, others: Mapping[str, Effect], extremes: Extremes) -> dict[str, float]:
-        """Largest stable steps [s] by the name of what limits them."""
+    def initial(
+        self, grid: Discretisation, state: InitialState, others: Mapping[str, Effect]
+    ) -> Mapping[str, np.ndarray]:
+        """Values at the start of the state fields that it owns, in the particles' first order; zero by default."""
         return {}
+
+    def particle_mass(self, grid: Discretisation) -> float | None:
+        """Mass of a particle of the lattice [kg; kg/m in 2D], where it knows one."""
+        return None
+
+    def ledger(self, field: Callable[[str], np.ndarray]) -> dict[str, float]:
+        """What it keeps account of, in SI units, for the report of a run; `field` gives a field's values by name."""
+        return {}
+
+    def step_limits(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, StepLimit]:
+        """Largest stable steps by the name of what limits them."""
+        return {}
+
+    def sorting_cell(self, grid: Discretisation) -> float:
+        """Size [m] of the cells in whose order it wants the particles now and then; 0 if it does not care."""
+        return 0.0
+
+    def verdict(self, grid: Discretisation, seen: Mapping[str, np.ndarray], length: float) -> tuple[str, str] | None:
+        """(reason, sentence that goes on after "In step n") where what it watches forbids to go on.
+
+        length  of the step [s]
+        """
+        return None
 
     def greatest_speed(self, grid: Discretisation) -> float:
         """Speed [m/s] beyond which its equations mean nothing: a particle that is faster ends the run."""

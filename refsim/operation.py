@@ -29,13 +29,17 @@ class Operation:
     function    name of the function in all three files
     outputs     kernel arguments that are written
     exact       outputs compared exactly wherever the margin exceeds tolerance * eps
+    reach       how many neighbourhoods away one particle's values act; 0 where they may act on all
     adds        outputs to which the kernel adds instead of assigning
+    entrywise   outputs of the whole set with a bound for each entry, whose scale counts the terms itself
     optional    arguments that are None where the scene has no such thing
     tolerance   c in the bound c * neighbours * eps * sum|terms|, with its reason in `tolerance_reason`
     variants    argument overrides under which the operation is tested again (None drops an optional term)
     invariants  names of the contract's conservation and symmetry checks that hold
     broken      those that a variant does not keep, by the variant's number
     cases       names of hard inputs beside the common ones
+    rarely      True where another operation computes the same in another way: its CPU programs are tested once, the
+                rest under `slow`
     """
 
     name: str
@@ -46,6 +50,8 @@ class Operation:
     outputs: tuple[str, ...]
     exact: tuple[str, ...] = ()
     adds: tuple[str, ...] = ()
+    reach: int = 1
+    entrywise: tuple[str, ...] = ()
     optional: tuple[str, ...] = ()
     tolerance: float = 4.0
     tolerance_reason: str = (
@@ -55,6 +61,7 @@ class Operation:
     invariants: tuple[str, ...] = ()
     broken: Mapping[int, tuple[str, ...]] = field(default_factory=dict)
     cases: tuple[str, ...] = ()
+    rarely: bool = False
 
     def program(self, backend: str) -> Callable:
         """The function that computes this operation on `backend`, imported at first use."""
@@ -71,12 +78,14 @@ class Operation:
         function = self.program(backend)
         values = [lookup(name) for name in self.arguments(backend)]
         if backend != "numpy":
+            if any(isinstance(value, Current) for value in values):
+                return lambda: function(*map(current, values))
             return functools.partial(function, *values)
         targets = {name: lookup(name) for name in self.outputs}
 
         def call() -> None:
-            for name, (value, _) in function(*values).items():
-                target = targets[name]
+            for name, (value, _) in function(*map(current, values)).items():
+                target = current(targets[name])
                 if target is None:
                     continue
                 if name in self.adds:
@@ -85,6 +94,19 @@ class Operation:
                     target[...] = value
 
         return call
+
+
+@dataclass(frozen=True)
+class Current:
+    """Attribute `name` of an object of the run, taken anew at each launch: an array whose size changes, say."""
+
+    owner: Any
+    name: str
+
+
+def current(value: Any) -> Any:
+    """What a Current stands for at present; any other value as it is."""
+    return getattr(value.owner, value.name) if isinstance(value, Current) else value
 
 
 REGISTRY: dict[str, Operation] = {}
@@ -96,6 +118,43 @@ def register(operation: Operation) -> Operation:
         raise ValueError(f"operation {operation.name!r} is registered twice")
     REGISTRY[operation.name] = operation
     return operation
+
+
+@dataclass(frozen=True)
+class Procedure:
+    """Operations that an object of the run launches one after another, for a pass that bears its name.
+
+    owner       what the object is called among the parameter groups
+    method      of the object, which gets what `takes` names
+    operations  what it launches, for people
+    """
+
+    name: str
+    owner: str
+    method: str
+    takes: tuple[str, ...]
+    operations: tuple[str, ...]
+
+    def bind(self, lookup: Callable[[str], Any]) -> Callable[[], None]:
+        """A call without arguments on the values that `lookup` gives for the names."""
+        values = [lookup(name) for name in (self.owner, *self.takes)]
+
+        def call() -> None:
+            owner, *arguments = map(current, values)
+            getattr(owner, self.method)(*arguments)
+
+        return call
+
+
+PROCEDURES: dict[str, Procedure] = {}
+
+
+def enter(procedure: Procedure) -> Procedure:
+    """Enter a procedure; no operation may have its name."""
+    if procedure.name in PROCEDURES or procedure.name in REGISTRY:
+        raise ValueError(f"procedure {procedure.name!r} has a name that is taken")
+    PROCEDURES[procedure.name] = procedure
+    return procedure
 
 
 @functools.cache

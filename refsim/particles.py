@@ -14,6 +14,8 @@ class Field:
     components  1 for a scalar (n,), 3 for a vector (n, 3)
     dtype       "real" (the run's dtype) or a NumPy dtype name
     state       True where the value outlives the step: it is reordered with the particles and checkpointed
+    rows        number of rows where it is not that of the particles, or "solids" until the plan has counted the
+                nodes of the scene's solids: such a table is never reordered
     """
 
     name: str
@@ -22,10 +24,12 @@ class Field:
     components: int = 1
     dtype: str = "real"
     state: bool = False
+    rows: int | str | None = None
 
     def shape(self, count: int) -> tuple[int, ...]:
         """Array shape for `count` particles."""
-        return (count,) if self.components == 1 else (count, self.components)
+        rows = count if self.rows is None else self.rows
+        return (rows,) if self.components == 1 else (rows, self.components)
 
     def numpy_dtype(self, real: str) -> np.dtype:
         """NumPy dtype in a run of dtype `real`."""
@@ -37,5 +41,6 @@ VELOCITY = Field("velocity", "m/s", "velocity v, half a step behind the position
 ACCELERATION = Field("acceleration", "m/s^2", "sum of all accelerations", 3)
 MASS = Field("mass", "kg (kg/m in 2D)", "particle mass m", state=True)
 IDENTITY = Field("identity", "-", "the particle's number at the start; never changes", dtype="int32", state=True)
+PLACE = Field("place", "-", "row that holds the particle of this number; for tables in the first order", dtype="int32")
 
 BASE = (POSITION, VELOCITY, ACCELERATION, MASS, IDENTITY)

@@ -58,7 +58,7 @@ def write_postmortem(
 def examine(simulation: Simulation, stop: RunStopped) -> dict[str, Any]:
     """What went wrong where, from the state that is left; `row` is the particle's place in the arrays."""
     cause, row, count = _cause(simulation, stop)
-    fields = {name: _host(simulation, name) for name in simulation.plan.fields}
+    fields = {name: _host(simulation, name) for name in simulation.plan.particle_fields}
     result: dict[str, Any] = {
         "reason": stop.reason,
         "message": str(stop),
@@ -138,7 +138,7 @@ def _neighbourhood(simulation: Simulation, row: int | None) -> dict[str, np.ndar
     """All fields of the particles around one, nearest first: within two support radii of its last finite place."""
     if row is None:
         return {}
-    fields = {name: _host(simulation, name) for name in simulation.plan.fields}
+    fields = {name: _host(simulation, name) for name in simulation.plan.particle_fields}
     place = fields["position"][row].astype(float)
     if not np.isfinite(place).all():
         place = _build_position(simulation)[row].astype(float)

@@ -16,15 +16,18 @@ import numpy as np
 from refsim import backend as backends
 from refsim.boundary.walls import WallParticles, with_list
 from refsim.checkpoint import Checkpoint, latest_checkpoint, read_checkpoint, write_checkpoint
-from refsim.effect import Extremes
+from refsim.effect import Effect, Extremes, Pass, StepLimit
 from refsim.errors import InputError, RunStopped
 from refsim.neighbours import NeighbourSearch
-from refsim.operation import REGISTRY
+from refsim.operation import PROCEDURES, REGISTRY, Current
 from refsim.scene import Plan, Scene, make_plan
 from refsim.scene_file import check_same_scene, scene_from_checkpoint, scene_to_checkpoint
+from refsim.scratch import Scratch
+from refsim.stepping import DeviceStepper, HostStepper, check_extremes, stable_steps
 from refsim.versions import versions
 
-SMALLEST_STEP = 1e-6  # share of the first step below which the run is taken to have diverged
+WORTH_KEEPING = 0.2  # share of the allowed way below which the list is built anew rather than looked at in every step
+SORT_EVERY = 50  # steps between two sortings of particles that no neighbour list sorts
 MANY_FOR_ALL_PAIRS = 2000  # particles above which the numpy backend is announced as slow
 
 
@@ -40,16 +43,14 @@ class StepResult:
     reason: str | None = None
 
 
-def stable_steps(plan: Plan, extremes: Extremes) -> dict[str, float]:
-    """Largest stable steps [s] of a plan by what limits them, at these extremes."""
+def step_limits(plan: Plan) -> dict[str, StepLimit]:
+    """Largest stable steps of a plan by what limits them; at least one is finite whatever the particles do."""
     grid, effects = plan.grid, plan.effects
-    limits: dict[str, float] = {}
-    if extremes.acceleration > 0:
-        limits["force"] = 0.25 * math.sqrt(0.5 * grid.support_radius / extremes.acceleration)
+    limits = {"force": StepLimit.falling(grid.support_radius / 32)}  # 0.25 sqrt((h/2)/|a|)
     for effect in effects.values():
-        limits |= effect.step_limits(grid, effects, extremes)
-    if not limits:
-        limits["resting"] = plan.scene.end_time or 1.0
+        limits |= effect.step_limits(grid, effects)
+    if not any(limit.speed > 0 for limit in limits.values()):
+        limits["resting"] = StepLimit.constant(plan.scene.end_time or 1.0)
     return limits
 
 
@@ -87,8 +88,10 @@ class Simulation:
         self.time, self.steps, self.previous_length = 0.0, 0, 0.0
         self.first_length: float | None = None
         self.last: StepResult | None = None
+        self.limits = step_limits(self.plan)
+        self.greatest_speed = min((e.greatest_speed(grid) for e in self.plan.effects.values()), default=math.inf)
         self.limiters: dict[str, int] = {}  # how many steps each limit has set
-        self.notes: list[str] = []  # what a reader of the results must know
+        self.notes: list[str] = list(self.plan.notes)  # what a reader of the results must know
         if self.backend.name == "numpy" and n > MANY_FOR_ALL_PAIRS:
             self.notes.append(
                 f"backend numpy computes all {n} x {n} pairs in each pass and is slow; it is meant for checks"
@@ -101,12 +104,21 @@ class Simulation:
         self._set("velocity", state.velocity)
         self._set("mass", state.mass)
         self._set("identity", np.arange(n))
-        self._extremes = self.backend.zeros(3, grid.dtype)
-        self._displacement = self.backend.zeros(2, grid.dtype)
+        if "place" in self.fields:
+            self._set("place", np.arange(n))
+        for name, values in state.values.items():
+            self._set(name, values)
+        self.extremes = self.backend.zeros(3, grid.dtype)
+        self.displacement = self.backend.zeros(2, grid.dtype)
         self.stopped_at_walls = 0  # how often a wall's plane has stopped a particle
-        self._timestep = self.backend.zeros(2, grid.dtype)
+        self.timestep = self.backend.zeros(2, grid.dtype)
         self.build_position = self.backend.asarray(self._host("position"))
         self._squared_way = math.inf
+        # Whether accelerations alone change velocities, so that they bound what a step moves.
+        self._moved_by_forces = not any(
+            effect is not None and {"velocity", "position"} & {*p.updates, *p.writes} for effect, p in self.plan.motion
+        )
+        self._margin = 0.0  # [m] by which two particles may still move against each other, once that was looked at
         self._shared = {name: self._on_backend(value) for name, value in self.plan.shared.items()}
         self._parameters = {
             effect: {name: self._on_backend(value) for name, value in group.items()}
@@ -119,19 +131,26 @@ class Simulation:
             self.search = NeighbourSearch(
                 self.backend, grid.dim, grid.dtype, self.plan.list_radius, self.plan.scene.skin
             )
+        self._sorter: NeighbourSearch | None = None
+        size = max((e.sorting_cell(grid) for e in self.plan.effects.values()), default=0.0)
+        if self.search is None and size > 0 and self.backend.name != "numpy":
+            self._sorter = NeighbourSearch(self.backend, grid.dim, grid.dtype, size, 0.0)
         self._prepare_walls()
         self._shared["neighbours"] = None
-        self._calls: list[tuple[str, bool, Callable[[], None]]] = []
+        self._shared["scratch"] = self.scratch = Scratch(self.backend)
+        self._lists: tuple[Any, Any] | None = None
+        self.stepper: HostStepper | DeviceStepper
         self._bind()
-        self._own = {
-            name: self.backend.bind(REGISTRY[name], self._own_lookup) for name in ("sph.extremes", "sph.kick_drift")
-        }
+        self.stepper = (DeviceStepper if self.backend.name == "cuda" else HostStepper)(self)
+        self._start()
 
     # Reading the state
 
     def field(self, name: str) -> np.ndarray:
         """A field's values on the host, in the particles' first order (a copy)."""
         values = self._host(name)
+        if self.plan.fields[name].rows is not None:
+            return values
         ordered = np.empty_like(values)
         ordered[self._host("identity")] = values
         return ordered
@@ -157,53 +176,41 @@ class Simulation:
         written = {name for _, p in self.plan.passes for name in (*p.writes, *p.updates)}
         kept = {name: self._host(name) for name, f in self.plan.fields.items() if f.state and name in written}
         try:
-            yield from self._launch(on_demand)
+            yield from self.launch(on_demand)
         finally:
             for name, values in kept.items():
                 self.backend.assign(self.fields[name], values)
 
     def step(self) -> StepResult:
         """Advance by one stable step. Raises RunStopped, with the state as it was, where that is impossible."""
+        if self._sorter is not None and self.steps % SORT_EVERY == 0:
+            self._sort(self._sorter)
         self._update_list()
-        for _ in self._launch(on_demand=False):
-            pass
-        began = time.perf_counter()
-        limits = self.step_limits(self._checked_extremes())
-        limiter = min(limits, key=lambda k: limits[k])
-        length = float(limits[limiter] * self.plan.scene.step_factor)
-        if self.plan.scene.step > 0:
-            length, limiter = self.plan.scene.step, "fixed"
-        if self.first_length is None:
-            self.first_length = length
-        if not length > SMALLEST_STEP * self.first_length:
-            raise RunStopped(
-                "step_too_small",
-                f"In step {self.steps} at {self.time:.6g} s the {limiter} limit asks for a step of {length:.3g} s,"
-                f" below {SMALLEST_STEP:g} of the first one: the run diverges.",
-            )
-        self.backend.assign(
-            self._timestep,
-            np.array([0.5 * (self.previous_length + length), length], dtype=self.plan.grid.dtype),
-        )
-        self._own["sph.kick_drift"]()
-        self._squared_way, stopped = (float(x) for x in self.backend.host(self._displacement))
-        self.stopped_at_walls += int(stopped)
-        self.time += length
+        done = self.stepper.advance()
+        self._squared_way = done.squared_way
+        self._margin = max(self._margin - 2 * done.greatest_way, 0.0)
+        self.stopped_at_walls += done.stopped
+        self.time += done.length
         self.steps += 1
-        self.previous_length = length
+        self.previous_length = done.length
         if not math.isfinite(self._squared_way):
             raise RunStopped(
                 "non_finite",
                 f"Step {self.steps} to {self.time:.6g} s moved a particle to a place that is not finite.",
             )
-        self.timings.add("sph.kick_drift", time.perf_counter() - began)
-        self.limiters[limiter] = self.limiters.get(limiter, 0) + 1
-        self.last = StepResult(self.steps, self.time, length, limiter, limits)
+        for effect in self.plan.effects.values():
+            if effect.watched:
+                seen = {name: self._host(name) for name in effect.watched}
+                stop = effect.verdict(self.plan.grid, seen, done.length)
+                if stop is not None:
+                    raise RunStopped(stop[0], f"In step {self.steps} to {self.time:.6g} s {stop[1]}")
+        self.limiters[done.limiter] = self.limiters.get(done.limiter, 0) + 1
+        self.last = StepResult(self.steps, self.time, done.length, done.limiter, done.limits)
         return self.last
 
     def step_limits(self, extremes: Extremes) -> dict[str, float]:
         """Largest stable steps [s] by what limits them."""
-        return stable_steps(self.plan, extremes)
+        return stable_steps(self.limits, extremes)
 
     # Stopping and going on
 
@@ -216,7 +223,7 @@ class Simulation:
         not finite.
         """
         self.evaluate(on_demand=False)
-        self._checked_extremes()
+        self.checked_extremes()
         snapshot = self.snapshot()
         write_checkpoint(path, snapshot.arrays, snapshot.attributes, keep)
 
@@ -233,6 +240,7 @@ class Simulation:
             "steps": self.steps,
             "previous_length": self.previous_length,
             "squared_way": self._squared_way,
+            "margin": self._margin,
             "list_built": self._shared["neighbours"] is not None,
             "limiters": json.dumps(self.limiters),
             "stopped_at_walls": self.stopped_at_walls,
@@ -287,11 +295,15 @@ class Simulation:
         self._put("build_position", self.build_position, saved.arrays["build_position"], source)
         self.time, self.steps = values["time"], values["steps"]
         self.previous_length, self.first_length = values["previous_length"], values.get("first_length")
+        if "place" in self.fields:
+            self.backend.invert(self.fields["identity"], self.fields["place"])
+        self._start()
+        self.backend.assign(self.timestep, np.array([0.0, self.previous_length], dtype=self.plan.grid.dtype))
         self.limiters = json.loads(values["limiters"])
         self.stopped_at_walls = values["stopped_at_walls"]
         if self.search is not None and values["list_built"]:
             self.rebuild_list()
-            self._squared_way = values["squared_way"]
+            self._squared_way, self._margin = values["squared_way"], values["margin"]
             here = self.search.log.list_bytes  # the room that the list has grown to changes no result
             for name, value in json.loads(values["search_log"]).items():
                 setattr(self.search.log, name, value)
@@ -318,31 +330,25 @@ class Simulation:
 
     # Inside
 
-    def _checked_extremes(self) -> Extremes:
+    def checked_extremes(self) -> Extremes:
         """Largest speed and acceleration. Raises RunStopped where one is not finite or the run has diverged."""
-        self._own["sph.extremes"]()
-        speed2, force2, broken = (float(x) for x in self.backend.host(self._extremes))
-        if broken:
-            raise RunStopped(
-                "non_finite",
-                f"In step {self.steps} at {self.time:.6g} s {int(broken)} particles have a velocity or an"
-                " acceleration that is not finite.",
-            )
+        self.extremes_call()
+        speed2, force2, broken = (float(x) for x in self.backend.host(self.extremes))
         extremes = Extremes(math.sqrt(speed2), math.sqrt(force2))
-        allowed = min((e.greatest_speed(self.plan.grid) for e in self.plan.effects.values()), default=math.inf)
-        if extremes.speed > allowed:
-            raise RunStopped(
-                "diverged",
-                f"In step {self.steps} at {self.time:.6g} s a particle moves with {extremes.speed:.4g} m/s, beyond the"
-                f" {allowed:.4g} m/s up to which the scene's equations hold:"
-                " take a smaller step or a larger sound speed.",
-            )
+        check_extremes(self, int(broken), extremes)
         return extremes
 
-    def _launch(self, on_demand: bool) -> Iterator[tuple[str, tuple[str, ...]]]:
+    def _start(self) -> None:
+        """Fill the tables that follow from the state."""
+        for name, call in self.start_calls:
+            began = time.perf_counter()
+            call()
+            self.timings.add(name, time.perf_counter() - began)
+
+    def launch(self, on_demand: bool) -> Iterator[tuple[str, tuple[str, ...]]]:
         """Launch the passes, in order; after each, its operation and the fields it wrote."""
         self.backend.assign(self.fields["acceleration"], 0.0)
-        for (name, rare, call), (_, p) in zip(self._calls, self.plan.passes):
+        for (name, rare, call), (_, p) in zip(self.force_calls, self.plan.passes):
             if on_demand or not rare:
                 began = time.perf_counter()
                 call()
@@ -360,7 +366,7 @@ class Simulation:
             return self.backend.asarray(value)
         if isinstance(value, tuple) and any(isinstance(part, np.ndarray) for part in value):
             return type(value)(*(self._on_backend(part) for part in value))
-        return value
+        return value.on_backend(self.backend) if hasattr(value, "on_backend") else value
 
     def _prepare_walls(self) -> None:
         walls = self.plan.walls
@@ -377,69 +383,98 @@ class Simulation:
     def _update_list(self) -> None:
         """Build the list anew where a particle may have left its skin; the particles are put into cell order."""
         search = self.search
-        if search is None or self._squared_way <= search.allowed_way**2:
+        if search is None or self._squared_way <= search.allowed_way**2 or self._margin > 0:
             return
         began = time.perf_counter()
+        if self._shared["neighbours"] is not None and self._moved_by_forces and math.isfinite(self._squared_way):
+            way, walls = math.sqrt(self._squared_way), self._wall_data is not None
+            self._margin = search.margin(self.fields["position"], self.build_position, way, walls)
+            if self._margin > WORTH_KEEPING * search.allowed_way:
+                self.timings.add("neighbours", time.perf_counter() - began)
+                return
         if self._shared["neighbours"] is not None:
             search.audit(
                 self.fields["position"],
                 self.fields["velocity"],
-                self.previous_length,
+                self.timestep,
                 self._shared["neighbours"],
-                self.steps,
                 self._shared.get("bounds"),
             )
-            missed = search.log.missed_neighbours
-            if missed:
-                raise RunStopped(
-                    "missed_neighbours",
-                    f"The neighbour list lacked {missed} neighbours of the audited particles up to step {self.steps} at"
-                    f" {self.time:.6g} s; give the scene a larger skin than {self.plan.scene.skin}.",
-                )
-        order = search.order(self.fields["position"])
-        for name, f in self.plan.fields.items():
-            if f.state:
-                self.fields[name] = search.reorder(self.fields[name], order)
-        self.backend.assign(self.build_position, self.fields["position"])
+        self._put_in_order(search)
         self.rebuild_list()
+        missed = search.log.missed_neighbours
+        if missed:
+            raise RunStopped(
+                "missed_neighbours",
+                f"The neighbour list lacked {missed} neighbours of the audited particles up to step {self.steps} at"
+                f" {self.time:.6g} s; give the scene a larger skin than {self.plan.scene.skin}.",
+            )
         self.timings.add("neighbours", time.perf_counter() - began)
+
+    def _put_in_order(self, search: NeighbourSearch) -> None:
+        """Put the particles into cell order and remember where they are."""
+        names = [name for name, f in self.plan.particle_fields.items() if f.state]
+        moved = search.sort(self.fields["position"], [self.fields[name] for name in names], self.build_position)
+        self.fields |= zip(names, moved)
+
+    def _sort(self, search: NeighbourSearch) -> None:
+        """Put particles that no neighbour list sorts into cell order: memory that is read together lies together."""
+        began = time.perf_counter()
+        self._put_in_order(search)
+        if "place" in self.fields:
+            self.backend.invert(self.fields["identity"], self.fields["place"])
+        self._bind()
+        self.stepper.rebind()
+        self.timings.add("sorting", time.perf_counter() - began)
 
     def rebuild_list(self) -> None:
         """Build the list from the particles' present order and `build_position`."""
         assert self.search is not None
-        self._shared["neighbours"] = self.search.build(self.build_position)
-        if self._wall_data is not None:
-            listed = self.search.build_against(self.build_position, self._static)
-            self._shared["walls"] = with_list(*self._wall_data, listed)
-        self._squared_way = 0.0
-        self._bind()
+        known = self._lists
+        near = self.search.build(self.build_position)
+        at_walls = None if self._wall_data is None else self.search.build_against(self.build_position, self._static)
+        self._squared_way = self._margin = 0.0
+        if "place" in self.fields:
+            self.backend.invert(self.fields["identity"], self.fields["place"])
+        if known is None or near is not known[0] or at_walls is not known[1]:
+            self._lists = (near, at_walls)
+            self._shared["neighbours"] = near
+            if self._wall_data is not None:
+                self._shared["walls"] = with_list(*self._wall_data, at_walls)
+            self._bind()
+            self.stepper.rebind()
 
     def _bind(self) -> None:
-        self._calls = []
-        for effect, p in self.plan.passes:
-            operation = REGISTRY[p.operation]
-            own = self._parameters[effect.name]
+        self.start_calls = [(p.operation, self._bound(effect, p)) for effect, p in self.plan.start]
+        self.begin_calls = [(p.operation, self._bound(effect, p)) for effect, p in self.plan.begin]
+        self.force_calls = [(p.operation, p.on_demand, self._bound(effect, p)) for effect, p in self.plan.passes]
+        self.motion_calls = [(p.operation, self._bound(effect, p)) for effect, p in self.plan.motion]
+        self.extremes_call = self._bound(None, Pass("sph.extremes"))
 
-            def lookup(name: str, own: dict = own, p: Any = p, operation: Any = operation) -> Any:
-                name = p.names.get(name, name)
-                for source in (own, self._shared, self.fields):
-                    if name in source:
-                        return source[name]
-                if name is None or name in operation.optional:
-                    return None
-                raise KeyError(f"{operation.name} takes {name!r}, which no effect of the scene provides")
+    def _bound(self, effect: Effect | None, p: Pass) -> Callable[[], None]:
+        """A pass as a call without arguments; those of no effect are the runner's own."""
+        procedure = PROCEDURES.get(p.operation)
+        operation = None if procedure is not None else REGISTRY[p.operation]
+        sources = (
+            self._parameters[effect.name] if effect is not None else {},
+            self._shared,
+            self.fields,
+            {
+                "extremes": self.extremes,
+                "displacement": self.displacement,
+                "timestep": self.timestep,
+                "build_position": self.build_position,
+            },
+        )
 
-            self._calls.append((operation.name, p.on_demand, self.backend.bind(operation, lookup)))
-        self._own = {
-            name: self.backend.bind(REGISTRY[name], self._own_lookup) for name in ("sph.extremes", "sph.kick_drift")
-        }
+        def lookup(name: str) -> Any:
+            name = p.names.get(name, name)
+            owner, _, attribute = (name or "").partition(".")
+            for source in sources:
+                if owner in source:
+                    return Current(source[owner], attribute) if attribute else source[owner]
+            if name is None or (operation is not None and name in operation.optional):
+                return None
+            raise KeyError(f"{p.operation} takes {name!r}, which no effect of the scene provides")
 
-    def _own_lookup(self, name: str) -> Any:
-        own = {
-            "extremes": self._extremes,
-            "displacement": self._displacement,
-            "timestep": self._timestep,
-            "build_position": self.build_position,
-            "bounds": self._shared.get("bounds"),
-        }
-        return own[name] if name in own else self.fields[name]
+        return self.backend.bind(operation, lookup) if operation is not None else procedure.bind(lookup)

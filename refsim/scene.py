@@ -16,12 +16,16 @@ from typing import Any, Literal
 import msgspec
 import numpy as np
 
-from refsim.effect import EFFECTS, Discretisation, Effect, Pass, require
+from refsim.effect import EFFECTS, Discretisation, Effect, Extremes, Pass, require
 from refsim.errors import InputError
-from refsim.operation import REGISTRY
+from refsim.operation import PROCEDURES, REGISTRY
 from refsim.particles import BASE, Field
+from refsim.solids import Nodes, SolidBall, SolidBox, SolidCells, SolidMesh, SolidTorus, voxelised
 
 Vector = tuple[float, float, float]
+
+COARSE = 1e-3  # spacings: coarser places than this are announced
+LONGEST_FIXED = 1.95  # stable steps that a fixed step may span; longer ones were seen to gain energy without diverging
 
 
 class Box(msgspec.Struct, tag="box", tag_field="shape", frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -123,6 +127,7 @@ class Scene(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     spacing         initial particle distance d [m]
     support_radius  radius h beyond which the smoothing kernels vanish [m]; at least one spacing
     fluid           boxes, balls and clouds of particles
+    solid           boxes, balls, tori, meshes and cells that become bodies of particles; they come before the fluid's
     effects         what acts on them
     dim             2 (z = 0, masses per metre of depth) or 3
     dtype           "float32" or "float64"
@@ -136,6 +141,7 @@ class Scene(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     spacing: float
     support_radius: float
     fluid: tuple[Box | Ball | Cloud, ...]
+    solid: tuple[SolidBox | SolidBall | SolidTorus | SolidMesh | SolidCells, ...] = ()
     effects: tuple[Any, ...] = ()
     dim: Literal[2, 3] = 3
     dtype: Literal["float32", "float64"] = "float32"
@@ -148,24 +154,38 @@ class Scene(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
 
 @dataclass(frozen=True)
 class InitialState:
-    """Particles at the start, on the host in float64; `sizes` counts those of each part of the fluid."""
+    """Particles at the start, on the host in float64.
+
+    sizes   number of particles of each solid, then of each part of the fluid
+    values  those of the effects' own state fields, by name
+    """
 
     position: np.ndarray
     velocity: np.ndarray
     mass: np.ndarray
     sizes: tuple[int, ...]
+    values: Mapping[str, np.ndarray] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
 class Plan:
-    """What a scene needs: nothing that no effect asks for stands here."""
+    """What a scene needs: nothing that no effect asks for stands here.
+
+    start   once, when a simulation is made or resumed
+    begin   at the beginning of every step, in order
+    passes  forces, in order: before the step's length is known
+    motion  in order, once it is known; the leap-frog, which belongs to no effect, unless one brings another
+    """
 
     scene: Scene
     grid: Discretisation
     effects: Mapping[str, Effect]
     state: InitialState
     fields: Mapping[str, Field]
+    start: tuple[tuple[Effect, Pass], ...]
+    begin: tuple[tuple[Effect, Pass], ...]
     passes: tuple[tuple[Effect, Pass], ...]
+    motion: tuple[tuple[Effect | None, Pass], ...]
     list_radius: float
     shared: Mapping[str, Any]
     parameters: Mapping[str, Mapping[str, Any]]
@@ -174,12 +194,28 @@ class Plan:
 
     def launches(self, on_demand: bool = False) -> tuple[str, ...]:
         """Names of the operations that one step launches, in order."""
-        return tuple(p.operation for _, p in self.passes if on_demand or not p.on_demand)
+        before = [p.operation for _, p in self.begin]
+        own = [p.operation for effect, p in self.motion if effect is not None]
+        return (*before, *(p.operation for _, p in self.passes if on_demand or not p.on_demand), *own)
+
+    def all_passes(self) -> tuple[tuple[Effect | None, Pass], ...]:
+        """Passes of every stage, in order."""
+        return (*self.start, *self.begin, *self.passes, *self.motion)
+
+    @property
+    def particle_fields(self) -> dict[str, Field]:
+        """Fields with a row for each particle."""
+        return {name: f for name, f in self.fields.items() if f.rows is None}
 
     def field_bytes(self) -> dict[str, int]:
         """Bytes per particle of each field."""
         real = self.grid.dtype
-        return {name: f.components * f.numpy_dtype(real).itemsize for name, f in self.fields.items()}
+        return {name: f.components * f.numpy_dtype(real).itemsize for name, f in self.particle_fields.items()}
+
+    def table_bytes(self) -> dict[str, int]:
+        """Bytes of each table that has another number of rows than there are particles."""
+        tables = {name: f for name, f in self.fields.items() if f.rows is not None}
+        return {name: math.prod(f.shape(0)) * f.numpy_dtype(self.grid.dtype).itemsize for name, f in tables.items()}
 
 
 def make_plan(scene: Scene) -> Plan:
@@ -193,6 +229,10 @@ def make_plan(scene: Scene) -> Plan:
         step_factor=(scene.step_factor, "positive"),
         skin=(scene.skin, "not negative"),
     )
+    if scene.step_factor > 1:
+        raise InputError(
+            f"scene: step_factor = {scene.step_factor} would take more than the stable step; give at most 1."
+        )
     if scene.dim not in (2, 3):
         raise InputError(f"scene: dim = {scene.dim} is not possible; give 2 or 3.")
     if scene.dtype not in ("float32", "float64"):
@@ -203,23 +243,31 @@ def make_plan(scene: Scene) -> Plan:
             " particle would have a neighbour; give at least 1.5 spacings."
         )
     effects = _effects(scene)
-    empty = Discretisation(scene.dim, scene.dtype, scene.spacing, scene.support_radius, 0)
+    empty = Discretisation(scene.dim, scene.dtype, scene.spacing, scene.support_radius, 0, scene.step)
     for effect in effects.values():  # before the particles, whose masses follow from the effects
         effect.check(empty, effects)
-    state = _initial_state(scene, empty, effects)
-    grid = dataclasses.replace(empty, count=len(state.position))
+    solids = voxelised(scene.solid, empty) if scene.solid else None
+    state = _initial_state(scene, empty, effects, solids)
+    grid = dataclasses.replace(empty, count=len(state.position), solids=solids)
     fields = {f.name: f for f in BASE}
     shared: dict[str, Any] = {"walls": None}
     parameters = {}
     walls = []
     for name, effect in effects.items():
-        fields |= {f.name: f for f in effect.fields(effects)}
+        fields |= {f.name: _counted(f, solids) for f in effect.fields(effects)}
         shared |= effect.shares(grid, effects)
         parameters[name] = effect.prepare(grid, effects)
         made = effect.walls(grid, effects)
         if made is not None:
             walls.append(made)
-    passes = _ordered(_merged([(e, p) for e in effects.values() for p in e.passes(effects)], parameters), fields)
+    _check_fixed_step(scene, grid, effects)
+    state = dataclasses.replace(state, values=_initial_values(grid, state, effects, fields))
+    _check_places(state, shared.get("bounds"), solids)
+    replaced = {operation for e in effects.values() for operation in e.replaces()}
+    asked = [
+        (e, p) for e in effects.values() for p in e.passes(effects) if p.operation not in replaced - set(e.replaces())
+    ]
+    passes = _ordered(_merged([(e, p) for e, p in asked if p.stage == "forces"], parameters), fields)
     merged = None
     if walls:
         merged = type(walls[0])(*(np.concatenate(parts) for parts in zip(*walls)))
@@ -229,11 +277,41 @@ def make_plan(scene: Scene) -> Plan:
         effects=effects,
         state=state,
         fields=fields,
+        start=tuple((e, p) for e, p in asked if p.stage == "start"),
+        begin=tuple((e, p) for e, p in asked if p.stage == "begin"),
         passes=passes,
+        motion=_motion([(e, p) for e, p in asked if p.stage == "motion"], fields),
         list_radius=max((e.list_radius(grid) for e in effects.values()), default=0.0),
         shared=shared,
         parameters=parameters,
         walls=merged,
+        notes=(*_coarse_places(scene, state), *(note for e in effects.values() for note in e.notes(grid, effects))),
+    )
+
+
+def _check_fixed_step(scene: Scene, grid: Discretisation, effects: Mapping[str, Effect]) -> None:
+    """Raise InputError for a fixed step far beyond what is stable with particles at rest."""
+    limits = {name: limit for e in effects.values() for name, limit in e.step_limits(grid, effects).items()}
+    at_rest = {name: limit.at(Extremes(0.0, 0.0)) for name, limit in limits.items()}
+    if not at_rest:
+        return
+    name = min(at_rest, key=lambda limit: at_rest[limit])
+    if scene.step > LONGEST_FIXED * at_rest[name]:
+        raise InputError(
+            f"scene: step = {scene.step:g} s is {scene.step / at_rest[name]:.3g} times the stable one at rest"
+            f" ({at_rest[name]:.3g} s, {name}); give at most {LONGEST_FIXED:g} times that, or 0."
+        )
+
+
+def _coarse_places(scene: Scene, state: InitialState) -> tuple[str, ...]:
+    """A note where the dtype cannot tell places apart that are a thousandth of the spacing apart."""
+    farthest = np.abs(state.position).max()
+    step = float(np.spacing(farthest.astype(scene.dtype))) / scene.spacing
+    if step <= COARSE:
+        return ()
+    return (
+        f"{scene.dtype} keeps places {farthest:.4g} m from the origin only to {step:.2g} spacings, so that slow motion"
+        " is lost there: move the scene to the origin, or take float64",
     )
 
 
@@ -252,22 +330,82 @@ def _effects(scene: Scene) -> dict[str, Effect]:
     return effects
 
 
-def _initial_state(scene: Scene, grid: Discretisation, effects: Mapping[str, Effect]) -> InitialState:
+def _counted(f: Field, solids: Nodes | None) -> Field:
+    """A field whose rows are counted, where it is a table of the nodes of solids."""
+    nodes = 0 if solids is None else len(solids.lattice.key)
+    return dataclasses.replace(f, rows=nodes) if f.rows == "solids" else f
+
+
+def _initial_state(
+    scene: Scene, grid: Discretisation, effects: Mapping[str, Effect], solids: Nodes | None
+) -> InitialState:
     positions, velocities, masses = [], [], []
+    if solids is not None:
+        positions, velocities, masses = map(list, zip(_solid_particles(solids, grid, effects)))
     for part in scene.fluid:
         points = part.positions(grid)
         mass = getattr(part, "mass", None)
         if mass is None:
-            fluid = effects.get("weakly_compressible")
-            mass = fluid.particle_mass(grid) if fluid else 1.0
+            mass = _lattice_mass(grid, effects)
         positions.append(points)
         velocities.append(_per_particle("velocity", part.velocity, points.shape))
         masses.append(_per_particle("mass", mass, (len(points),)))
     if not sum(map(len, positions)):
-        raise InputError("scene: there are no particles; add a fluid box, ball or cloud.")
+        raise InputError("scene: there are no particles; add a fluid box, ball or cloud, or a solid.")
     position, velocity, mass = map(np.concatenate, (positions, velocities, masses))
     _check_particles(position, velocity, mass, scene)
-    return InitialState(position, velocity, mass, tuple(map(len, positions)))
+    bodies = [] if solids is None else np.diff(solids.lattice.first)
+    sizes = (*map(int, bodies), *map(len, positions[solids is not None :]))
+    return InitialState(position, velocity, mass, sizes)
+
+
+def _solid_particles(
+    solids: Nodes, grid: Discretisation, effects: Mapping[str, Effect]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Position, velocity and mass of the nodes of solids; each has the volume of a particle of the liquid in bulk."""
+    if "shape_matching" not in effects:
+        raise InputError("scene: nothing holds its solids together; add effect 'shape_matching'.")
+    liquid = effects.get("weakly_compressible")
+    volume = 1 / liquid.rest_number_density(grid) if liquid else grid.spacing**grid.dim  # type: ignore[attr-defined]
+    position = (solids.lattice.cell + 0.5) * grid.spacing
+    mass = solids.of_bodies("density") * volume
+    velocity = solids.of_bodies("velocity")
+    for k, body in enumerate(solids.bodies):
+        own = slice(*solids.lattice.first[k : k + 2])
+        velocity[own] += np.cross(body.spin, position[own] - position[own].mean(0))
+    return position, velocity, mass
+
+
+def _check_places(state: InitialState, bounds: Any, solids: Nodes | None) -> None:
+    """Raise InputError for solids outside the walls, or in the liquid."""
+    if solids is None:
+        return
+    from scipy.spatial import cKDTree
+
+    own = state.position[: len(solids.lattice.key)]
+    if bounds is not None:
+        outside = np.flatnonzero(((own < bounds.lower) | (own > bounds.upper)).any(1))
+        if len(outside):
+            raise InputError(
+                f"scene: [[solid]] number {solids.lattice.body[outside[0]] + 1} reaches outside the walls"
+                f" ({len(outside)} of its particles); move it in or make the walls wider."
+            )
+    liquid = state.position[len(own) :]
+    if len(liquid) and len(own):
+        reach = 0.5 * solids.spacing
+        near, _ = cKDTree(own).query(liquid, distance_upper_bound=reach)
+        inside = np.flatnonzero(near < reach * (1 - 1e-6))
+        if len(inside):
+            raise InputError(
+                f"scene: {len(inside)} particles of the fluid are less than half a spacing from a solid's; leave room"
+                " for the solids in the fluid."
+            )
+
+
+def _lattice_mass(grid: Discretisation, effects: Mapping[str, Effect]) -> float:
+    """Mass of a lattice particle: the liquid's, else that of the first effect that knows one, else 1."""
+    liquid_first = sorted(effects.values(), key=lambda effect: effect.name != "weakly_compressible")
+    return next((mass for effect in liquid_first if (mass := effect.particle_mass(grid)) is not None), 1.0)
 
 
 def _per_particle(name: str, values: Any, shape: tuple[int, ...]) -> np.ndarray:
@@ -304,6 +442,41 @@ def _check_particles(position: np.ndarray, velocity: np.ndarray, mass: np.ndarra
             f"scene: particles {a} and {b} are at the same place ({len(same)} such pairs in {scene.dtype});"
             " remove the duplicates or move them apart."
         )
+
+
+def _initial_values(
+    grid: Discretisation, state: InitialState, effects: Mapping[str, Effect], fields: Mapping[str, Field]
+) -> dict[str, np.ndarray]:
+    """What the effects give their state fields, checked against the fields' shapes."""
+    values = {}
+    for effect in effects.values():
+        for name, value in effect.initial(grid, state, effects).items():
+            value = np.asarray(value)
+            if name not in fields or not fields[name].state:
+                raise ValueError(f"effect {effect.name!r} gives {name!r} a value, which is no state field of its own")
+            if value.shape != fields[name].shape(grid.count):
+                raise ValueError(f"effect {effect.name!r} gives {name!r} the shape {value.shape}")
+            values[name] = value
+    return values
+
+
+def _motion(
+    asked: Sequence[tuple[Effect, Pass]], fields: Mapping[str, Field]
+) -> tuple[tuple[Effect | None, Pass], ...]:
+    """Passes once the step's length is known, ordered by what they touch, the integrator last.
+
+    Raises InputError where there are two integrators.
+    """
+    moving = [(e, p) for e, p in asked if "position" in p.updates]
+    if len({e.name for e, _ in moving}) > 1:
+        raise InputError(
+            f"Effects {' and '.join(sorted({repr(e.name) for e, _ in moving}))} would both move the particles; keep"
+            " one of them."
+        )
+    last: list[tuple[Effect | None, Pass]] = list(moving)
+    if not moving:
+        last = [(None, Pass("sph.kick_drift", updates=("velocity", "position"), stage="motion"))]
+    return (*_ordered([(e, p) for e, p in asked if "position" not in p.updates], fields), *last)
 
 
 def _merged(
@@ -358,7 +531,7 @@ def _same(a: Any, b: Any) -> bool:
 def _ordered(passes: Sequence[tuple[Effect, Pass]], fields: Mapping[str, Field]) -> tuple[tuple[Effect, Pass], ...]:
     """Passes so that every field is written, then updated, then read; otherwise in the effects' order."""
     for _, p in passes:
-        if p.operation not in REGISTRY:
+        if p.operation not in REGISTRY and p.operation not in PROCEDURES:
             raise InputError(f"A pass asks for operation {p.operation!r}, which is not registered.")
     writers: dict[str, list[int]] = {}
     updaters: dict[str, list[int]] = {}

@@ -25,11 +25,16 @@ import numpy as np
 from refsim.effect import EFFECTS, Effect
 from refsim.errors import InputError
 from refsim.scene import Ball, Box, Cloud, Plan, Scene, make_plan
+from refsim.solids import Solid, SolidBall, SolidBox, SolidCells, SolidMesh, SolidTorus
 
 if TYPE_CHECKING:
     from refsim.checkpoint import Checkpoint
 
 SHAPES: dict[str, type] = {"box": Box, "ball": Ball, "cloud": Cloud}
+SOLIDS: dict[str, type] = {
+    "box": SolidBox, "ball": SolidBall, "torus": SolidTorus, "mesh": SolidMesh, "cells": SolidCells,
+}  # fmt: skip
+PARTS = {"fluid": SHAPES, "solid": SOLIDS}  # what a scene lists, and the shapes that it can have
 
 
 def load_scene(path: str | os.PathLike[str]) -> Scene:
@@ -68,15 +73,17 @@ def scene_from_dict(tables: Mapping[str, Any], source: str, folder: pathlib.Path
         if key in EFFECTS:
             raise InputError(f"{source}: the table [{key}] is an effect; call it [effects.{key}].")
     values = dict(tables)
-    values["fluid"] = _fluid(values.get("fluid", []), source, folder)
+    for name, shapes in PARTS.items():
+        values[name] = _parts(name, shapes, values.get(name, []), source, folder)
     values["effects"] = _effects(values.get("effects", {}), source)
-    return _struct(Scene, values, source, "", ready=("fluid", "effects"))
+    return _struct(Scene, values, source, "", ready=(*PARTS, "effects"))
 
 
 def scene_to_dict(scene: Scene) -> dict[str, Any]:
     """The scene as nested tables of plain values; `scene_from_dict` gives the same scene back."""
-    tables = {name: value for name, value in _plain(scene).items() if name not in ("fluid", "effects")}
-    tables["fluid"] = [{"shape": part.__struct_config__.tag} | _plain(part) for part in scene.fluid]
+    tables = {name: value for name, value in _plain(scene).items() if name not in (*PARTS, "effects")}
+    for name in PARTS:
+        tables[name] = [{"shape": part.__struct_config__.tag} | _plain(part) for part in getattr(scene, name)]
     tables["effects"] = {effect.name: _plain(effect) for effect in scene.effects}
     return tables
 
@@ -84,9 +91,10 @@ def scene_to_dict(scene: Scene) -> dict[str, Any]:
 def scene_to_toml(scene: Scene) -> str:
     """The scene as TOML text, every value written out; numbers come back bit for bit."""
     tables = scene_to_dict(scene)
-    lines = [f"{_key(name)} = {_toml(value)}" for name, value in tables.items() if name not in ("fluid", "effects")]
-    for part in tables["fluid"]:
-        lines += ["", "[[fluid]]"] + [f"{_key(name)} = {_toml(value)}" for name, value in part.items()]
+    lines = [f"{_key(name)} = {_toml(value)}" for name, value in tables.items() if name not in (*PARTS, "effects")]
+    for kind in PARTS:
+        for part in tables[kind]:
+            lines += ["", f"[[{kind}]]"] + [f"{_key(name)} = {_toml(value)}" for name, value in part.items()]
     for effect, values in tables["effects"].items():
         lines += ["", f"[effects.{_key(effect)}]"] + [
             f"{_key(name)} = {_toml(value)}" for name, value in values.items()
@@ -106,7 +114,10 @@ def describe(owner: type) -> dict[str, str]:
     names = {f.name for f in msgspec.structs.fields(owner)}
     found: dict[str, str] = {}
     current: tuple[str, ...] = ()
-    for line in inspect.getdoc(owner).splitlines()[1:]:
+    documented = [
+        kind for kind in reversed(owner.__mro__) if issubclass(kind, msgspec.Struct) and "__doc__" in vars(kind)
+    ]
+    for line in [line for kind in documented for line in (inspect.getdoc(kind) or "").splitlines()[1:]]:
         match = re.match(r"(\w+(?:, \w+)*)\s{2,}(\S.*)", line)
         if match and set(match[1].split(", ")) <= names:
             current = tuple(match[1].split(", "))
@@ -127,7 +138,7 @@ def unit_of(description: str) -> str | None:
 def scene_schema(effects: Mapping[str, type[Effect]] = EFFECTS) -> dict[str, Any]:
     """JSON schema of scene files, with description and unit of every field (units also as "x-unit")."""
     effects = dict(sorted(effects.items()))
-    owners = [Scene, *SHAPES.values(), *effects.values()]
+    owners = [Scene, *SHAPES.values(), *SOLIDS.values(), *effects.values()]
     _, definitions = msgspec.json.schema_components(owners, ref_template="#/$defs/{name}")
     for owner in owners:
         definition = definitions[owner.__name__]
@@ -149,8 +160,12 @@ def scene_schema(effects: Mapping[str, type[Effect]] = EFFECTS) -> dict[str, Any
     definitions["Cloud"]["properties"]["position"] |= rows
     definitions["Cloud"]["properties"]["velocity"] |= {"anyOf": [numbers, rows]}
     definitions["Cloud"]["properties"]["mass"] |= numbers
-    for shape in SHAPES.values():
-        definitions[shape.__name__]["properties"]["shape"]["description"] = "kind of this part of the fluid"
+    definitions["SolidCells"]["properties"]["cells"] |= {
+        "type": "array", "items": {"type": "array", "items": {"type": "integer"}}
+    }  # fmt: skip
+    for kind, shapes in PARTS.items():
+        for shape in shapes.values():
+            definitions[shape.__name__]["properties"]["shape"]["description"] = f"kind of this part of the {kind}"
     head = {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": "refsim scene"}
     whole = head | {k: v for k, v in scene.items() if k != "title"} | {"$defs": definitions}
     return json.loads(json.dumps(whole))
@@ -160,21 +175,40 @@ def scene_schema(effects: Mapping[str, type[Effect]] = EFFECTS) -> dict[str, Any
 
 
 def scene_to_checkpoint(plan: Plan) -> tuple[str, dict[str, np.ndarray]]:
-    """The scene as TOML, and apart from it the particles of its clouds, which need not lie on the disk any more."""
-    cloud = np.repeat([isinstance(part, Cloud) for part in plan.scene.fluid], plan.state.sizes)
+    """The scene as TOML, and apart from it what need not lie on the disk any more: clouds, and the cells of meshes."""
+    scene, solids = plan.scene, plan.grid.solids
+    parts = list(zip((*scene.solid, *scene.fluid), plan.state.sizes))
+    cloud = np.repeat([isinstance(part, Cloud) for part, _ in parts], plan.state.sizes)
     arrays = {}
     if cloud.any():
         arrays = {f"start.{name}": getattr(plan.state, name)[cloud] for name in ("position", "velocity", "mass")}
-        arrays["start.sizes"] = np.array(
-            [n for part, n in zip(plan.scene.fluid, plan.state.sizes) if isinstance(part, Cloud)]
-        )
-    fluid = tuple(Cloud() if isinstance(part, Cloud) else part for part in plan.scene.fluid)
-    return scene_to_toml(msgspec.structs.replace(plan.scene, fluid=fluid)), arrays
+        arrays["start.sizes"] = np.array([n for part, n in parts if isinstance(part, Cloud)])
+    fluid = tuple(Cloud() if isinstance(part, Cloud) else part for part in scene.fluid)
+    solid = []
+    for number, part in enumerate(scene.solid):
+        kept = isinstance(part, SolidMesh | SolidCells)
+        if kept:
+            own = slice(*solids.lattice.first[number : number + 2])
+            arrays[f"start.cells.{number}"] = solids.lattice.cell[own]
+        solid.append(SolidCells(**_substance(part)) if kept else part)
+    return scene_to_toml(msgspec.structs.replace(scene, fluid=fluid, solid=tuple(solid))), arrays
+
+
+def _substance(part: Solid) -> dict[str, Any]:
+    """What a body has beside its shape."""
+    return {f.name: getattr(part, f.name) for f in msgspec.structs.fields(Solid)}
 
 
 def scene_from_checkpoint(saved: Checkpoint, source: str) -> Scene:
     """The scene of a checkpoint. Raises KeyError where it lacks a part, InputError where it cannot be read."""
     scene = parse_scene(saved.attributes["scene"], f"the scene in {source}")
+    solid = tuple(
+        msgspec.structs.replace(part, cells=saved.arrays[f"start.cells.{number}"])
+        if isinstance(part, SolidCells)
+        else part
+        for number, part in enumerate(scene.solid)
+    )
+    scene = msgspec.structs.replace(scene, solid=solid)
     if not any(isinstance(part, Cloud) for part in scene.fluid):
         return scene
     ends = np.cumsum(saved.arrays["start.sizes"])[:-1]
@@ -193,7 +227,10 @@ MAY_CHANGE = ("end_time", "name")
 
 def check_same_scene(scene: Scene, stored: Plan, source: str) -> Plan:
     """The checkpoint's plan with the scene's end_time and name. Raises InputError where anything else differs."""
-    new, old = (dict(_leaves(scene_to_dict(s) | {"fluid": "compared below"}, "")) for s in (scene, stored.scene))
+    new, old = (
+        dict(_leaves(scene_to_dict(s) | {"fluid": "compared below", "solid": [*map(_substance, s.solid)]}, ""))
+        for s in (scene, stored.scene)
+    )
     for place in dict.fromkeys((*old, *new)):
         if place not in MAY_CHANGE and old.get(place) != new.get(place):
             raise InputError(
@@ -224,22 +261,25 @@ def _leaves(tables: Any, place: str) -> Iterator[tuple[str, Any]]:
 # Reading
 
 
-def _fluid(parts: Any, source: str, folder: pathlib.Path | None) -> tuple[Any, ...]:
+def _parts(
+    kind: str, shapes: Mapping[str, type], parts: Any, source: str, folder: pathlib.Path | None
+) -> tuple[Any, ...]:
     if not isinstance(parts, list):
-        raise InputError(f"{source}: fluid must be a list of tables; begin each with [[fluid]].")
+        raise InputError(f"{source}: {kind} must be a list of tables; begin each with [[{kind}]].")
     made = []
     for number, part in enumerate(parts, 1):
-        place = f"[[fluid]] number {number}"
+        place = f"[[{kind}]] number {number}"
         if not isinstance(part, dict):
-            raise InputError(f"{source}: {place} must be a table, not {_word_for(part)}; begin it with [[fluid]].")
+            raise InputError(f"{source}: {place} must be a table, not {_word_for(part)}; begin it with [[{kind}]].")
         values = dict(part)
         shape = values.pop("shape", None)
         if shape is None:
-            raise InputError(f'{source}: {place} has no shape; add shape = "box", "ball" or "cloud".')
-        if not isinstance(shape, str) or shape not in SHAPES:
-            raise InputError(f"{source}: {place} has the unknown shape {shape!r}; {suggestion(shape, SHAPES)}")
-        result = _struct(SHAPES[shape], values, source, place)
-        if shape == "cloud" and result.file and folder is not None:
+            *some, last = (f'"{name}"' for name in shapes)
+            raise InputError(f"{source}: {place} has no shape; add shape = {', '.join(some)} or {last}.")
+        if not isinstance(shape, str) or shape not in shapes:
+            raise InputError(f"{source}: {place} has the unknown shape {shape!r}; {suggestion(shape, shapes)}")
+        result = _struct(shapes[shape], values, source, place)
+        if folder is not None and getattr(result, "file", ""):
             result = msgspec.structs.replace(result, file=str(folder / result.file))
         made.append(result)
     return tuple(made)

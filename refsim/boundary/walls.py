@@ -46,5 +46,6 @@ class WallColumns(NamedTuple):
 
 def with_list(position: Any, volume: Any, neighbours: Any) -> WallRows | WallColumns:
     """Wall particles together with their list, whichever of the two forms it has."""
-    parts = (position, volume, *neighbours)
-    return WallRows(*parts) if len(parts) == 5 else WallColumns(*parts)
+    if hasattr(neighbours, "start"):
+        return WallRows(position, volume, neighbours.start, neighbours.count, neighbours.entries)
+    return WallColumns(position, volume, neighbours.count, neighbours.entries)

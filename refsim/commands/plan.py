@@ -11,14 +11,16 @@ import numpy as np
 from refsim.commands import Command, Outcome, in_bytes, planned, register, table
 from refsim.effect import Extremes
 from refsim.errors import InputError
-from refsim.operation import BACKENDS, REGISTRY
+from refsim.operation import BACKENDS, PROCEDURES, REGISTRY
 from refsim.particles import BASE
-from refsim.run import stable_steps
+from refsim.run import step_limits
 from refsim.scene import Plan
 from refsim.scene_file import load_scene
+from refsim.stepping import stable_steps
 
 WALL_PLACES = 4  # places per particle that the list of walls begins with; it grows where they are too few
-PLACES = 48  # the same for the list of neighbours
+PLACES = 48  # the same for the list of neighbours, on the CPU
+CELLS = 1 / 6  # of a particle, that the GPU's table of occupied cells begins with
 
 
 def describe_plan(plan: Plan, backend: str) -> dict[str, Any]:
@@ -33,8 +35,8 @@ def describe_plan(plan: Plan, backend: str) -> dict[str, Any]:
             "dtype": str(f.numpy_dtype(grid.dtype)),
             "components": f.components,
             "state": f.state,
-            "bytes_per_particle": per_particle[name],
-            "bytes": per_particle[name] * n,
+            "bytes_per_particle": per_particle.get(name, 0),
+            "bytes": math.prod(f.shape(n)) * f.numpy_dtype(grid.dtype).itemsize,
             "brought_by": _owner(plan, name),
         }
         for name, f in plan.fields.items()
@@ -47,14 +49,13 @@ def describe_plan(plan: Plan, backend: str) -> dict[str, Any]:
             "reads": list(p.reads),
             "writes": list(p.writes),
             "updates": list(p.updates),
-            "when": "on demand" if p.on_demand else "every step",
+            "when": "on demand" if p.on_demand else "at the start" if p.stage == "start" else "every step",
         }
-        for effect, p in plan.passes
+        for effect, p in plan.all_passes()
+        if effect is not None
     ]
-    runner = [
-        {"operation": name, "kernel": kernel_name(name, backend), "when": "every step"}
-        for name in ("sph.extremes", "sph.kick_drift")
-    ]
+    own = ["sph.extremes", *(p.operation for effect, p in plan.motion if effect is None)]
+    runner = [{"operation": name, "kernel": kernel_name(name, backend), "when": "every step"} for name in own]
     neighbours = _neighbour_list(plan, backend)
     bytes_fields = sum(f["bytes"] for f in fields.values())
     bytes_own = 3 * n * np.dtype(grid.dtype).itemsize  # positions at the latest list build
@@ -92,6 +93,9 @@ def describe_plan(plan: Plan, backend: str) -> dict[str, Any]:
 
 def kernel_name(operation: str, backend: str) -> str:
     """module.function that the backend launches for an operation."""
+    if operation in PROCEDURES:
+        procedure = PROCEDURES[operation]
+        return f"{procedure.owner}.{procedure.method}: {len(procedure.operations)} operations"
     found = REGISTRY[operation]
     return f"{found.folder}.{'reference' if backend == 'numpy' else backend}.{found.function}"
 
@@ -105,11 +109,12 @@ def _owner(plan: Plan, name: str) -> list[str]:
 def _brings(plan: Plan, name: str, steps: dict[str, Any]) -> dict[str, Any]:
     effect = plan.effects[name]
     base = {f.name for f in BASE}
-    limits = effect.step_limits(plan.grid, plan.effects, Extremes(steps["speed"], steps["acceleration"]))
+    extremes = Extremes(steps["speed"], steps["acceleration"])
+    limits = {k: limit.at(extremes) for k, limit in effect.step_limits(plan.grid, plan.effects).items()}
     walls = effect.walls(plan.grid, plan.effects)
     return {
         "fields": [f.name for f in effect.fields(plan.effects) if f.name not in base],
-        "passes": [p.operation for p in effect.passes(plan.effects)],
+        "passes": [p.operation for p in effect.passes(plan.effects) if p.operation in plan.launches(True)],
         "list_radius": effect.list_radius(plan.grid),
         "wall_particles": 0 if walls is None else len(walls.position),
         "step_limits": limits,
@@ -132,9 +137,22 @@ def _neighbour_list(plan: Plan, backend: str) -> dict[str, Any] | None:
         "radius": plan.list_radius,
         "reach": reach,
         "neighbours_on_a_lattice": each,
-        "bytes": grid.count * (max(PLACES, each) * 4 + 12),
+        "bytes": _list_bytes(plan, backend, each),
         "built_anew_after": 0.5 * plan.scene.skin * plan.list_radius,
     }
+
+
+def _list_bytes(plan: Plan, backend: str, each: int) -> int:
+    """Bytes of the list of particles with `each` neighbours and of what builds it."""
+    n = plan.grid.count
+    if backend != "cuda":
+        return n * (4 * max(PLACES, each) + 12)  # entries; first entry and count of each row
+    rows = 3 if plan.grid.dim == 2 else 9  # of three cells around each
+    entries, cells = 4 * (each + each // 8 + 4), CELLS * (12 + 8 * rows)
+    state = [f for f in plan.particle_fields.values() if f.state]
+    spare = {(f.components, f.numpy_dtype(plan.grid.dtype)) for f in state}  # through which rows are moved
+    moved = sum(components * dtype.itemsize for components, dtype in spare)
+    return int(n * (entries + 4 + cells + 16 + 16 + moved))  # count; keys and runs; keys and order
 
 
 def _first_step(plan: Plan) -> dict[str, Any]:
@@ -142,7 +160,7 @@ def _first_step(plan: Plan) -> dict[str, Any]:
     speed = float(np.sqrt((plan.state.velocity**2).sum(1).max(initial=0.0)))
     gravity = plan.effects.get("gravity")
     force = math.hypot(*gravity.acceleration) if gravity is not None else 0.0
-    limits = stable_steps(plan, Extremes(speed, force))
+    limits = stable_steps(step_limits(plan), Extremes(speed, force))
     limiter = min(limits, key=lambda name: limits[name])
     length = limits[limiter] * plan.scene.step_factor
     if plan.scene.step > 0:

@@ -193,6 +193,11 @@ def _text(report: RunReport) -> str:
     ]
     if "potential_energy" in end:
         lines.append(f"potential energy: {start['potential_energy']:.4g} -> {end['potential_energy']:.4g} J")
+    for effect, account in end.get("effects", {}).items():
+        for name, value in account.items():
+            before = start["effects"][effect][name]
+            share = f" ({(value - before) / abs(before):+.3g} of it)" if before else ""
+            lines.append(f"{effect}, {name}: {before:.9g} -> {value:.9g}{share}")
     lines += [f"{name}: {path}" for name, path in report.files.items()]
     return "\n".join(lines)
 

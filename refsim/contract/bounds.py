@@ -101,9 +101,11 @@ def errors(
             decided = ~(scale <= operation.tolerance * eps)
             found[name] = np.where(decided & (got != value), np.inf, 0.0)
             continue
-        error = size(got - (start if name in operation.adds else 0) - value)
+        with np.errstate(invalid="ignore"):  # of infinity less infinity, which is no number and no agreement
+            error = size(got - (start if name in operation.adds else 0) - value)
         factor = share * operation.tolerance * eps
-        bound = factor * ((near + 1) if own else 1 + len(near)) * size(scale)
+        terms = near + 1 if own else 1 if name in operation.entrywise else 1 + len(near)
+        bound = factor * terms * size(scale)
         if name in operation.adds:
             bound = bound + factor * size(start)
         bound = bound + np.finfo(inputs.dtype).tiny

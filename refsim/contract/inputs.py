@@ -16,6 +16,7 @@ from refsim.neighbours.reference import pair_blocks
 from refsim.neighbours.rows import NeighbourColumns, NeighbourRows
 from refsim.operation import REGISTRY, Operation
 from refsim.particles import BASE, Field
+from refsim.scratch import Scratch
 
 LISTS = ("search", "all_pairs")
 
@@ -45,13 +46,16 @@ class Inputs:
         cases.discover()
         self.case, self.dtype, self.order = case, dtype, order
         self._values: dict[str, Any] = dict(overrides or {})
+        self._derived: set[str] = set()  # made from others that may be replaced
 
     def replaced(self, **overrides: Any) -> Inputs:
         """The same with other values; arrays must stand in this object's order of particles."""
-        return Inputs(self.case, self.dtype, self.order, {**self._values, **overrides})
+        kept = {name: value for name, value in self._values.items() if name not in self._derived}
+        return Inputs(self.case, self.dtype, self.order, {**kept, **overrides})
 
     def __contains__(self, name: str) -> bool:
-        return name in self._values or name in cases.PARTICLES or name in cases.GROUPS or name in fields()
+        made = (self._values, cases.PARTICLES, cases.GROUPS, cases.DERIVED, fields())
+        return name == "place" or any(name in names for names in made)
 
     def __getitem__(self, name: str) -> Any:
         """The argument `name`; the walls come as WallParticles. KeyError where nothing makes it."""
@@ -65,7 +69,9 @@ class Inputs:
 
     def per_particle(self, name: str) -> bool:
         """Whether the argument has one row for each particle."""
-        return name in cases.PARTICLES or (name in fields() and name not in cases.GROUPS)
+        if name in cases.PARTICLES:
+            return True
+        return name in fields() and name not in cases.GROUPS and fields()[name].rows is None
 
     def output(self, operation: Operation, name: str) -> Any:
         """Values that output `name` has before the launch: its own where it is read, else values that show neglect."""
@@ -81,6 +87,11 @@ class Inputs:
     def _made(self, name: str) -> Any:
         if name == "walls":
             return self["wall_particles"]
+        if name == "place":
+            return np.argsort(self["identity"], kind="stable").astype(np.int32)
+        if name in cases.DERIVED:
+            self._derived.add(name)
+            return cases.DERIVED[name](self, name)
         if name in cases.PARTICLES:
             values = np.asarray(cases.PARTICLES[name](self.case, self.case.random(name)))
             values = values.astype(self.dtype) if values.dtype.kind == "f" else values
@@ -162,6 +173,8 @@ def value_of(operation: Operation, name: str, inputs: Inputs, neighbours: Any, w
         return on_backend(inputs.output(operation, name), backend)
     if name == "neighbours":
         return neighbours
+    if name == "scratch":
+        return Scratch(backend)
     if name == "walls" and not inputs.dropped(name):
         return walls
     return on_backend(inputs[name], backend)
@@ -173,7 +186,7 @@ def on_backend(value: Any, backend: Backend) -> Any:
         return backend.asarray(value)
     if isinstance(value, tuple) and hasattr(value, "_fields") and any(isinstance(v, np.ndarray) for v in value):
         return type(value)(*(on_backend(part, backend) for part in value))
-    return value
+    return value.on_backend(backend) if hasattr(value, "on_backend") else value
 
 
 def with_variant(inputs: Inputs, variant: Mapping[str, Any]) -> Inputs:

@@ -396,7 +396,7 @@ def bad_input(target: Target) -> Iterator[Outcome]:
     inputs = target.varied(_on_grid("cloud_3d", target.dtype))
     operation, broken = target.operation, 11
     distance = size(np.asarray(inputs["position"], dtype=float) - inputs["position"][broken])
-    far = distance > 1.1 * inputs.case.list_radius
+    far = (distance > 1.1 * inputs.case.list_radius * operation.reach) & (operation.reach > 0)
     answer = oracle(operation, inputs)
     for name in operation.arguments("numpy"):
         values = inputs[name]
@@ -419,7 +419,9 @@ def bad_input(target: Target) -> Iterator[Outcome]:
                 found[output] = np.where((depends & ~got) | (far & got), np.inf, 0.0)
                 visible |= depends.any()
             elif output in whole:  # what the oracle can still say of the whole set must be right
-                found[output] = np.where(np.isfinite(whole[output][0]), counted[output], 0.0)
+                known = np.isfinite(whole[output][0])
+                known = known.reshape(len(known), -1).all(1) if known.ndim > counted[output].ndim else known
+                found[output] = np.where(known, counted[output], 0.0)
                 visible |= got.any() or (after[output] != before[output]).any()
         used = any((np.abs(other[n][0] - v) > 1e-9 * s).any() for n, (v, s) in answer.items())
         if found or not operation.exact:

@@ -7,8 +7,9 @@ Reference: all pairs (`refsim.neighbours.reference`).
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -29,6 +30,13 @@ class SearchLog:
     missed_neighbours: int = 0
     most_neighbours: int = 0
     list_bytes: int = 0
+
+
+class AuditedRows(NamedTuple):
+    """Rows of the list: one out of each share of them, another one after every build."""
+
+    share: int
+    number: int
 
 
 @dataclass
@@ -61,8 +69,18 @@ class NeighbourSearch:
         """Permutation that puts the particles into cell order (stable)."""
         return self.programs.order(position)
 
+    def sort(self, position: Any, arrays: list[Any], sorted_position: Any) -> list[Any]:
+        """The arrays in the cell order of `position`, which is among them; its values also go to `sorted_position`.
+
+        On the GPU they are the same arrays with their rows moved.
+        """
+        return self.programs.sort(position, arrays, sorted_position)
+
     def build(self, position: Any) -> Any:
-        """List of the particles, which stand in cell order; raises RunStopped where a clump has collapsed."""
+        """List of the particles, which stand in cell order; raises RunStopped where a clump has collapsed.
+
+        The same object as before where the same arrays hold the new list.
+        """
         self.log.rebuilds += 1
         return self._checked(self.programs.build(position))
 
@@ -78,20 +96,34 @@ class NeighbourSearch:
         """array[order], as a new array."""
         return self.programs.reorder(array, order)
 
-    def audit(self, position: Any, velocity: Any, drift: float, neighbours: Any, seed: int, bounds: Any = None) -> None:
-        """Compare sampled rows of the list with all pairs, where it was last used: at position - drift * velocity.
+    def margin(self, position: Any, build_position: Any, largest_way: float, walls: bool) -> float:
+        """How much further [m] any two particles may move against each other before the list could lack a pair.
 
-        position (n, 3) [m], velocity (n, 3) [m/s], drift [s]; misses are counted in the log.
+        Particles that move together need no new list: what counts is the way of one against another that could come
+        near. The boxes of ways are compared of blocks of cells that touch; particles of other blocks were two cells
+        apart. Against `walls`, which stand still, `largest_way` [m] counts, the largest way since the list was built.
+        """
+        touching, anywhere = map(math.sqrt, self.programs.squared_relative_ways(position, build_position))
+        allowed = 2 * self.allowed_way * (1 - AUDIT_MARGIN)
+        left = min(allowed - touching, 2 * self.reach - self.radius - anywhere)
+        return min(left, allowed - largest_way) if walls else left
+
+    def audit(self, position: Any, velocity: Any, timestep: Any, neighbours: Any, bounds: Any = None) -> None:
+        """Compare sampled rows of the list with all pairs, where it was last used: at position - dt * velocity.
+
+        position (n, 3) [m], velocity (n, 3) [m/s], timestep (2,) with dt [s] second; misses stand in the log after the
+        next build.
         Pairs with a particle that stands on a plane of `bounds` [m], which may just have stopped it, do not count.
         """
         n = position.shape[0]
-        rows = np.sort(np.random.default_rng(seed).choice(n, size=min(AUDITED_ROWS, n), replace=False))
-        self.log.audited_rows += len(rows)
+        rows = AuditedRows(max(n // AUDITED_ROWS, 1), min(AUDITED_ROWS, n))
+        self.log.audited_rows += rows.number
         radius = self.radius * (1 - AUDIT_MARGIN)
-        self.log.missed_neighbours += self.programs.missed(position, velocity, drift, neighbours, rows, radius, bounds)
+        self.programs.audit(position, velocity, timestep, neighbours, rows, radius, bounds)
 
     def _checked(self, result: tuple[Any, int]) -> Any:
         neighbours, most = result
+        self.log.missed_neighbours = self.programs.missed
         self.log.most_neighbours = max(self.log.most_neighbours, most)
         if most > MOST_NEIGHBOURS:
             raise RunStopped(

@@ -3,7 +3,15 @@
 import numpy as np
 
 from refsim.compile import cpu_kernel, formula, prange
-from refsim.neighbours.formulas import BITS, at_bounds, cell_coordinate, cell_key, lower_bound
+from refsim.neighbours.formulas import (
+    BITS,
+    at_bounds,
+    block_key,
+    cell_coordinate,
+    cell_key,
+    lower_bound,
+    squared_between,
+)
 from refsim.neighbours.rows import NeighbourRows
 
 PLACE_OF_BYTE = np.uint64(0x0020406080A0C0E0)  # times a lone 1 in byte k: k in the three highest bits
@@ -180,6 +188,68 @@ def count_missed(position, velocity, drift, bounds, start, count, index, rows, r
         missed[k] = audited_row(i, start[i], count[i], index, position, velocity, drift, bounds, radius * radius)
 
 
+@cpu_kernel
+def block_keys(cells, keys):
+    """Key of the block of each cell."""
+    for c in prange(keys.shape[0]):
+        keys[c] = block_key(cells[c])
+
+
+@cpu_kernel
+def block_boxes(position, build_position, first, order, begin, low, high):
+    """Box [low, high] (blocks, 3) [m] of the ways that the particles of each block have gone since the list was built.
+
+    The cells of block b are order[begin[b] : begin[b + 1]]; `first` is the first particle of each cell.
+    """
+    for b in prange(high.shape[0]):
+        for c in range(3):
+            low[b, c] = np.inf
+            high[b, c] = -np.inf
+        for k in range(begin[b], begin[b + 1]):
+            for i in range(first[order[k]], first[order[k] + 1]):
+                for c in range(3):
+                    way = position[i, c] - build_position[i, c]
+                    low[b, c] = min(low[b, c], way)
+                    high[b, c] = max(high[b, c], way)
+
+
+@cpu_kernel
+def block_ways(blocks, low, high, layers, ways):
+    """Largest squared difference [m^2] between ways in each block and in itself or a neighbour; `blocks` are keys."""
+    for b in prange(ways.shape[0]):
+        largest = squared_between(low, high, b, b)
+        for k in range(3 * layers):  # rows of x; the half of them that lies before this one is seen from there
+            row = blocks[b] + (np.int64(k % 3 - 1) << BITS)
+            if layers == 3:
+                row += np.int64(k // 3 - 1) << (2 * BITS)
+            a = lower_bound(blocks, row - 1)
+            while a < b and blocks[a] <= row + 1:
+                largest = max(largest, squared_between(low, high, a, b))
+                a += 1
+        ways[b] = largest
+
+
+class Blocks:
+    """Blocks of two cells along each axis: particles of blocks that do not touch are two cells apart at least."""
+
+    def __init__(self, cells, first, dim):
+        keys = np.empty(len(cells), np.int64)
+        block_keys(cells, keys)
+        self.first, self.layers = first, 1 if dim == 2 else 3
+        self.order = np.argsort(keys, kind="stable")
+        self.keys, begin = _occupied(keys[self.order])
+        self.begin = begin
+
+    def squared_ways(self, position, build_position):
+        """Bounds of the squared difference [m^2] between two particles' ways: in touching blocks, and anywhere."""
+        low, high = np.empty((2, len(self.keys), 3), position.dtype)
+        ways = np.empty(len(self.keys), position.dtype)
+        block_boxes(position, build_position, self.first, self.order, self.begin, low, high)
+        block_ways(self.keys, low, high, self.layers, ways)
+        anywhere = ((high.max(0) - low.min(0)) ** 2).sum()
+        return float(ways.max()), float(anywhere)
+
+
 def _occupied(keys):
     """(keys of the occupied cells, first particle of each and the end) of sorted particle keys."""
     borders = np.flatnonzero(keys[1:] != keys[:-1]) + 1
@@ -193,6 +263,8 @@ class Search:
     def __init__(self, backend, dim, reach, log):
         self.backend, self.dim, self.reach, self.log = backend, dim, reach, log
         self.storage = {}
+        self.cells = self.blocks = None
+        self.missed = 0  # neighbours that audits have found missing
 
     def keys(self, position):
         keys = np.empty(len(position), np.int64)
@@ -202,6 +274,12 @@ class Search:
     def order(self, position):
         return np.argsort(self.keys(position), kind="stable")
 
+    def sort(self, position, arrays, sorted_position):
+        order = self.order(position)
+        moved = [self.reorder(array, order) for array in arrays]
+        sorted_position[...] = next(new for old, new in zip(arrays, moved) if old is position)
+        return moved
+
     def static_set(self, position):
         keys = self.keys(position)
         order = np.argsort(keys, kind="stable")
@@ -210,7 +288,13 @@ class Search:
 
     def build(self, position):
         keys = self.keys(position)
-        return self._build("own", position, keys, position, *_occupied(keys), exclude_self=True)
+        self.cells, self.blocks = _occupied(keys), None
+        return self._build("own", position, keys, position, *self.cells, exclude_self=True)
+
+    def squared_relative_ways(self, position, build_position):
+        if self.blocks is None:  # only where the particles move far enough to ask
+            self.blocks = Blocks(*self.cells, self.dim)
+        return self.blocks.squared_ways(position, build_position)
 
     def build_against(self, position, prepared):
         return self._build("static", position, self.keys(position), *prepared, exclude_self=False)
@@ -221,7 +305,7 @@ class Search:
         needed = np.zeros(CHUNKS, np.int64)
         index = self.storage.get(name)
         if index is None or len(index) < CHUNKS:
-            index = np.empty(max(CHUNKS, 48 * n if exclude_self else 4 * n), np.int32)
+            index = np.empty(max(CHUNKS, 48 * n if exclude_self else 4 * n), np.uint32)
         radius = position.dtype.type(self.reach)
         while True:
             build_list(
@@ -230,16 +314,17 @@ class Search:
             )  # fmt: skip
             if needed.max(initial=0) <= len(index) // CHUNKS:
                 break
-            index = np.empty(CHUNKS * (int(needed.max()) * 5 // 4 + 16), np.int32)
+            index = np.empty(CHUNKS * (int(needed.max()) * 5 // 4 + 16), np.uint32)
         self.storage[name] = index
         self.log.list_bytes = sum(a.nbytes for a in self.storage.values()) + 12 * n
         return NeighbourRows(start, count, index), int(count.max(initial=0))
 
-    def missed(self, position, velocity, drift, neighbours, rows, radius, bounds=None):
+    def audit(self, position, velocity, timestep, neighbours, audited, radius, bounds=None):
+        rows = self.log.rebuilds * 7919 % audited.share + audited.share * np.arange(audited.number)
         missed = np.zeros(len(rows), np.int64)
         real = position.dtype.type
-        count_missed(position, velocity, real(drift), bounds, *neighbours, rows, real(radius), missed)
-        return int(missed.sum())
+        count_missed(position, velocity, real(timestep[1]), bounds, *neighbours, rows, real(radius), missed)
+        self.missed += int(missed.sum())
 
     def reorder(self, array, order):
         moved = np.empty_like(array)

@@ -1,13 +1,29 @@
 """Cell sort and neighbour list on the GPU: columns, so that neighbouring threads read neighbouring words."""
 
+import math
+
 import numpy as np
 
 from refsim import device
+from refsim.backend import simulated
 from refsim.compile import cuda, cuda_kernel, formula
 from refsim.errors import RunStopped
 from refsim.neighbours import MOST_NEIGHBOURS
-from refsim.neighbours.formulas import BITS, at_bounds, cell_coordinate, cell_key, lower_bound
+from refsim.neighbours.formulas import (
+    BITS,
+    at_bounds,
+    block_key,
+    cell_coordinate,
+    cell_key,
+    lower_bound,
+    squared_between,
+)
 from refsim.neighbours.rows import NeighbourColumns, cuda_row
+
+# Threads that share a column where there are few: the device would otherwise wait for memory with most of its threads
+# asleep. The simulator knows no shuffles, so there it is one.
+LANES, FEW = 1 if simulated() else 4, 500_000
+FARTHEST = (1 << 63) - 1  # above every cell's key
 
 
 @cuda_kernel
@@ -23,14 +39,49 @@ def cell_keys(position, inverse_cell, keys):
 
 
 @cuda_kernel
-def cell_ranges(cells, first, low, high, query_cells):
-    """Sources in the cells around each query cell: three cells in a row of x are one range [low, high).
+def mark_cells(keys, begins):
+    """begins[i] = 1 where particle i is the first of its cell; the particles stand in cell order."""
+    i = cuda.grid(1)
+    if i < begins.shape[0]:
+        begins[i] = 1
+        if i > 0:
+            begins[i] = keys[i] != keys[i - 1]
 
-    `cells` are the sorted keys of the occupied source cells, `first` (cells + 1) their first source; `low` and
-    `high` have a column for each row of cells around a cell (3 in 2D, 9 in 3D).
+
+@cuda_kernel
+def occupied_cells(keys, cells, first, report, run):
+    """Keys of the occupied cells and the first particle of each, behind which n and keys beyond all others stand.
+
+    `run` (n,) counts the cells up to each particle. report[0] says how many cells there are, also where the room
+    was too small.
     """
     i = cuda.grid(1)
-    if i < query_cells.shape[0]:
+    n = run.shape[0]
+    if i < n:
+        found = run[n - 1]
+        room = cells.shape[0]
+        cell = run[i] - 1
+        if cell < room and (i == 0 or keys[i] != keys[i - 1]):
+            cells[cell] = keys[i]
+            first[cell] = i
+        if found + i < room:
+            cells[found + i] = FARTHEST
+        if i == 0:
+            report[0] = found
+            report[3] += 1
+            if found <= room:
+                first[found] = n
+
+
+@cuda_kernel
+def cell_ranges(cells, first, query_cells, query_report, low, high):
+    """Sources in the cells around each query cell: three cells in a row of x are one range [low, high).
+
+    `cells` are the sorted keys of the occupied source cells, `first` their first source; `low` and `high` have a
+    column for each row of cells around a cell (3 in 2D, 9 in 3D).
+    """
+    i = cuda.grid(1)
+    if i < high.shape[0] and i < query_report[0]:
         for k in range(low.shape[1]):
             middle = query_cells[i] + ((k % 3 - 1) << BITS)
             if low.shape[1] == 9:
@@ -44,18 +95,18 @@ def cell_ranges(cells, first, low, high, query_cells):
 
 
 @cuda_kernel
-def build_list(query, cell, low, high, source, radius, exclude_self, index, count):
+def build_list(query, run, low, high, source, radius, exclude_self, report, index, count):
     """Write each query's sources within `radius` [m] into its column of `index`, as many as there is room for.
 
-    `cell` is the row of `low` and `high` that holds the query's ranges. `count` says how many there are, also
-    where the room was too small.
+    run[i] - 1 is the row of `low` and `high` that holds query i's ranges. `count` says how many there are, also
+    where the room was too small; report[1] is the largest count of all lists so far.
     """
     i = cuda.grid(1)
     n = count.shape[0]
-    if i < n:
+    if i < n and run[i] <= low.shape[0]:
         room = index.shape[0] // n
         limit = radius * radius
-        c = cell[i]
+        c = run[i] - 1
         xi = query[i, 0]
         yi = query[i, 1]
         zi = query[i, 2]
@@ -70,6 +121,94 @@ def build_list(query, cell, low, high, source, radius, exclude_self, index, coun
                         index[found * n + i] = j
                     found += 1
         count[i] = found
+        if found > report[1]:
+            cuda.atomic.max(report, 1, found)
+
+
+@formula
+def block_leader(cells, dim, block):
+    """First occupied cell of the block with this key, which stands for it; -1 where it has none."""
+    mask = (1 << BITS) - 1
+    corner = cell_key((block & mask) << 1, ((block >> BITS) & mask) << 1, (block >> (2 * BITS)) << 1)
+    for row in range(2 if dim == 2 else 4):
+        key = corner + ((row % 2) << BITS) + ((row // 2) << (2 * BITS))
+        c = lower_bound(cells, key)
+        if c < cells.shape[0] and cells[c] <= key + 1:
+            return c
+    return -1
+
+
+@cuda_kernel
+def touching_blocks(cells, report, dim, near):
+    """Leaders of the blocks that touch the block of each leading cell, and its own in the middle; -1 for no block.
+
+    Rows are (cell, place among 9 or 27); cells that lead no block have -1 in all places. In 2D z is one layer: the
+    block's z is that of its cells halved, like the others.
+    """
+    k = cuda.grid(1)
+    places = 9 if dim == 2 else 27
+    c = k // places
+    if k < near.shape[0] and c < report[0]:
+        near[k] = -1
+        own = block_key(cells[c])
+        if block_leader(cells, dim, own) == c:
+            place = k % places
+            z = place // 9 - 1 if places == 27 else 0
+            other = own + (place % 3 - 1) + ((place // 3 % 3 - 1) << BITS) + (z << (2 * BITS))
+            near[k] = block_leader(cells, dim, other)
+
+
+@cuda_kernel(rows_of="low")
+def clear_boxes(low, high, report, ways):
+    """Empty boxes, and no way yet; the last row is the box of all."""
+    k = cuda.grid(1)
+    if k == 0:
+        ways[0] = 0
+    if k < report[0] or k == high.shape[0] - 1:
+        for c in range(3):
+            low[k, c] = math.inf
+            high[k, c] = -math.inf
+
+
+@cuda_kernel
+def block_boxes(position, build_position, cells, first, report, dim, low, high):
+    """Box [low, high] [m] of the ways of each block's particles since the list was built, in its leader's row.
+
+    Least and largest values do not depend on the order in which the cells come. The last row is the box of all.
+    """
+    k = cuda.grid(1)
+    whole = high.shape[0] - 1
+    if k < whole and k < report[0]:
+        leader = block_leader(cells, dim, block_key(cells[k]))
+        for c in range(3):
+            i = first[k]
+            least = position[i, c] - build_position[i, c]
+            most = least
+            while i < first[k + 1]:
+                way = position[i, c] - build_position[i, c]
+                least = min(least, way)
+                most = max(most, way)
+                i += 1
+            cuda.atomic.min(low, (leader, c), least)
+            cuda.atomic.max(high, (leader, c), most)
+            if least < low[whole, c]:
+                cuda.atomic.min(low, (whole, c), least)
+            if most > high[whole, c]:
+                cuda.atomic.max(high, (whole, c), most)
+
+
+@cuda_kernel
+def block_ways(low, high, report, dim, ways, near):
+    """ways: bounds of the squared difference [m^2] between ways, in a block and one that touches it, and anywhere."""
+    k = cuda.grid(1)
+    places = 9 if dim == 2 else 27
+    c = k // places
+    if k == 0:
+        ways[1] = squared_between(low, high, high.shape[0] - 1, high.shape[0] - 1)
+    if k < near.shape[0] and c < report[0] and near[k] >= 0:
+        way = squared_between(low, high, c, near[k])
+        if way > ways[0]:
+            cuda.atomic.max(ways, 0, way)
 
 
 @formula
@@ -91,110 +230,128 @@ def known_before(i, j, position, bounds):
 
 
 @cuda_kernel(rows_of="position")
-def count_missed(position, velocity, drift, bounds, neighbours, rows, radius, missed):
-    """Neighbours nearer than `radius` [m] that the list lacks, for each sampled row (never more than particles).
+def count_missed(position, velocity, timestep, bounds, neighbours, share, number, radius, report):
+    """Add to report[2] the neighbours nearer than `radius` [m] that sampled rows of the list lack.
 
-    The list was last used at position - drift * velocity, before the latest step; where that is not known, because a
-    plane of `bounds` stopped the particle, its pairs are left out.
+    The rows are `number`, one out of each `share`; which one follows from the number of lists built, report[3]. The
+    list was last used at position - timestep[1] * velocity, before the latest step; where that is not known, because
+    a plane of `bounds` stopped the particle, its pairs are left out.
     """
     j = cuda.grid(1)
     if j < position.shape[0]:
         limit = radius * radius
-        for k in range(rows.shape[0]):
-            i = rows[k]
+        first_row = report[3] * 7919 % share
+        drift = timestep[1]
+        for k in range(number):
+            i = first_row + k * share
             if i == j or not known_before(i, j, position, bounds):
                 continue
             if squared_distance_before(i, j, position, velocity, drift) < limit:
-                cuda.atomic.add(missed, k, 1)
-        if j < rows.shape[0]:
-            i = rows[j]
+                cuda.atomic.add(report, 2, 1)
+        if j < number:
+            i = first_row + j * share
             first, stride, listed = cuda_row(neighbours, i)
             for k in range(listed):
                 other = neighbours.entries[first + k * stride]
                 if not known_before(i, other, position, bounds):
                     continue
                 if squared_distance_before(i, other, position, velocity, drift) < limit:
-                    cuda.atomic.add(missed, j, -1)
+                    cuda.atomic.add(report, 2, -1)
 
 
-class Search:
-    """Host side of the GPU search; lists grow until everything fits."""
+class CellTable:
+    """Occupied cells of particles in cell order; its room grows until they fit."""
 
-    def __init__(self, backend, dim, reach, log):
-        self.backend, self.dim, self.reach, self.log = backend, dim, reach, log
-        self.storage = {}
-
-    def keys(self, position):
-        keys = self._buffer("keys", position.shape[:1], np.int64)
-        cell_keys(position, 1.0 / self.reach, keys)
-        return keys
-
-    def order(self, position):
-        return device.stable_order(self.keys(position))
-
-    def static_set(self, position):
-        position = self.backend.asarray(position)
-        order = self.order(position)
-        moved = self.reorder(position, order)
-        cells, first, _ = device.runs(self.keys(moved))
-        return (moved, cells, first), self.backend.host(order), moved
-
-    def build(self, position):
-        cells, first, cell = device.runs(self.keys(position))
-        return self._build("own", position, cells, cell, position, cells, first, exclude_self=True)
-
-    def build_against(self, position, prepared):
-        query_cells, _, cell = device.runs(self.keys(position))
-        return self._build("static", position, query_cells, cell, *prepared, exclude_self=False)
-
-    def reorder(self, array, order):
-        moved = self.backend.empty(array.shape, array.dtype)
-        device.gather(array, order, moved)
-        return moved
-
-    def missed(self, position, velocity, drift, neighbours, rows, radius, bounds=None):
-        missed = self.backend.zeros(len(rows), np.int32)
-        real = position.dtype.type
-        rows = self.backend.asarray(rows)
-        count_missed(position, velocity, real(drift), bounds, neighbours, rows, real(radius), missed)
-        return int(self.backend.host(missed).sum())
-
-    def _build(self, name, position, query_cells, cell, source, cells, first, exclude_self):
+    def __init__(self, backend, inverse_cell, position):
         n = position.shape[0]
-        low, high = self._range_buffers(query_cells.shape[0])
-        cell_ranges(cells, first, low, high, query_cells)
-        count = self._buffer(name + " count", (n,), np.int32)
-        index = self.storage.get(name)
-        if index is None:
-            index = self.backend.empty(1, np.int32)  # the first pass counts only
-        radius = position.dtype.type(self.reach)
+        self.backend = backend
+        self.keys = backend.empty(n, np.int64)
+        self.begins, self.run = backend.empty(n, np.int32), backend.empty(n, np.int32)
+        # Cells of this table; of the list built with it most neighbours, those that audits found missing, and builds.
+        self.report = backend.zeros(4, np.int32)
+        self.make_room(n // 6 + 8)
+        self.marked = device.Recorded(lambda: self._mark(position, inverse_cell))
+
+    def _mark(self, position, inverse_cell):
+        cell_keys(position, inverse_cell, self.keys)
+        mark_cells(self.keys, self.begins)
+
+    def make_room(self, cells):
+        self.cells = self.backend.empty(cells, np.int64)
+        self.backend.assign(self.cells, FARTHEST)  # where there is more room than particles, nothing is written
+        self.first = self.backend.zeros(cells + 1, np.int32)
+
+    def count_cells(self):
+        """Number the cells; what follows of them (`fill`) can be recorded together with other launches."""
+        self.marked()
+        device.cumulate(self.begins, self.run)
+
+    def fill(self):
+        occupied_cells(self.keys, self.cells, self.first, self.report, self.run)
+
+    def fits(self):
+        return int(self.backend.host(self.report)[0]) <= self.cells.shape[0]
+
+    @property
+    def nbytes(self):
+        return sum(a.nbytes for a in (self.keys, self.begins, self.run, self.cells, self.first))
+
+
+class ListOf:
+    """The list of one set of sources around one array of positions, with all its buffers."""
+
+    def __init__(self, search, position, source, table):
+        n = position.shape[0]
+        self.search, self.backend = search, search.backend
+        self.position, self.source, self.table = position, source, table
+        self.queries = CellTable(search.backend, 1.0 / search.reach, position)
+        if table is None:  # the particles among themselves
+            self.table = self.queries
+        self.mirror = device.Mirror(self.queries.report)
+        self.missed = 0
+        lanes = (np.int32(0),) * (LANES if n < FEW else 1)
+        self.listed = NeighbourColumns(self.backend.zeros(n, np.int32), self.backend.empty(1, np.uint32), lanes)
+        self._make_ranges()
+
+    def _make_ranges(self):
+        shape = (self.queries.cells.shape[0], 3 if self.search.dim == 2 else 9)
+        self.low, self.high = self.backend.empty(shape, np.int32), self.backend.empty(shape, np.int32)
+        self.recorded = device.Recorded(self._launch)
+
+    def _launch(self):
+        queries, table = self.queries, self.table
+        queries.fill()
+        cell_ranges(table.cells, table.first, queries.cells, queries.report, self.low, self.high)
+        radius = self.position.dtype.type(self.search.reach)
+        exclude_self = int(self.table is self.queries)
+        build_list(
+            self.position, queries.run, self.low, self.high, self.source, radius, exclude_self, queries.report,
+            self.listed.entries, self.listed.count,
+        )  # fmt: skip
+        self.mirror.send()
+
+    def build(self):
+        """(list, most neighbours of any list so far); the same list object while its arrays stay."""
+        n = self.position.shape[0]
+        if not n:
+            return self.listed, 0
+        self.queries.count_cells()
         while True:
-            build_list(position, cell, low, high, source, radius, int(exclude_self), index, count)
-            most = device.largest(count)
-            if most * n <= index.shape[0] or most > MOST_NEIGHBOURS:
-                break
-            index = self._grown(name, n, most)
-        self.storage[name] = index
-        self.log.list_bytes = sum(a.nbytes for a in self.storage.values())
-        return NeighbourColumns(count, index), most
+            self.recorded()
+            cells, most, self.missed, _ = (int(x) for x in self.mirror.read())
+            if cells > self.queries.cells.shape[0]:
+                self.queries.make_room(cells + cells // 8)
+                self._make_ranges()
+            elif most * n > self.listed.entries.shape[0] and most <= MOST_NEIGHBOURS:
+                self.listed = self.listed._replace(entries=self._grown(n, most))
+                self.recorded = self.recorded.renewed()
+            else:
+                return self.listed, most
 
-    def _buffer(self, name, shape, dtype):
-        buffer = self.storage.get(name)
-        if buffer is None or buffer.shape != shape:
-            buffer = self.storage[name] = self.backend.empty(shape, dtype)
-        return buffer
-
-    def _range_buffers(self, cells):
-        """Two arrays with a row for each query cell, and some to spare: their number changes with every list."""
-        held = self.storage.get("low")
-        rows = held.shape[0] if held is not None and held.shape[0] >= cells else cells + cells // 8
-        shape = (rows, 3 if self.dim == 2 else 9)
-        return self._buffer("low", shape, np.int32), self._buffer("high", shape, np.int32)
-
-    def _grown(self, name, n, most):
+    def _grown(self, n, most):
         """Room for `most` neighbours of each of `n` particles and some more; stops the run where memory ends."""
         columns = most + most // 8 + 4
-        self.storage.pop(name, None)
+        self.listed = self.listed._replace(entries=self.backend.empty(1, np.uint32))
         free = device.free_bytes()
         if 4 * columns * n > free:
             raise RunStopped(
@@ -202,4 +359,153 @@ class Search:
                 f"The neighbour list needs {columns} columns of {n} particles, {4e-9 * columns * n:.3g} GB, and the"
                 f" device has {1e-9 * free:.3g} GB left; take fewer particles or a smaller support radius.",
             )
-        return self.backend.empty(columns * n, np.int32)
+        return self.backend.empty(columns * n, np.uint32)
+
+    @property
+    def nbytes(self):
+        own = (self.low, self.high, self.listed.count, self.listed.entries)
+        return self.queries.nbytes + sum(a.nbytes for a in own)
+
+
+class Blocks:
+    """Blocks of two cells along each axis: particles of blocks that do not touch are two cells apart at least."""
+
+    def __init__(self, backend, table, dim, position, build_position):
+        self.table, self.backend, self.dim = table, backend, dim
+        self.position, self.build_position = position, build_position
+        room, real = table.cells.shape[0], position.dtype
+        self.low, self.high = backend.empty((room + 1, 3), real), backend.empty((room + 1, 3), real)
+        self.near = backend.empty(room * (9 if dim == 2 else 27), np.int32)
+        self.ways = backend.zeros(2, real)
+        self.mirror = device.Mirror(self.ways)
+        self.found = False  # whether `near` belongs to the present list
+        self.find = device.Recorded(lambda: touching_blocks(table.cells, table.report, dim, self.near))
+        self.measure = device.Recorded(self._measure)
+
+    def _measure(self):
+        table = self.table
+        clear_boxes(self.low, self.high, table.report, self.ways)
+        block_boxes(
+            self.position, self.build_position, table.cells, table.first, table.report, self.dim, self.low, self.high
+        )
+        block_ways(self.low, self.high, table.report, self.dim, self.ways, self.near)
+        self.mirror.send()
+
+    def squared_ways(self):
+        """Bounds of the squared difference [m^2] between two particles' ways: in touching blocks, and anywhere."""
+        if not self.found:
+            self.find()
+            self.found = True
+        self.measure()
+        touching, anywhere = self.mirror.read()
+        return float(touching), float(anywhere)
+
+    @property
+    def nbytes(self):
+        return self.low.nbytes + self.high.nbytes + self.near.nbytes
+
+
+class Sorter:
+    """Puts arrays into cell order, in place, through a spare array of each kind."""
+
+    def __init__(self, search, position, arrays, sorted_position):
+        self.arrays = arrays
+        backend, n = search.backend, position.shape[0]
+        self.keys, self.order = backend.empty(n, np.int64), backend.empty(n, np.int64)
+        kinds = {(a.shape, a.dtype) for a in arrays}
+        self.spare = {kind: backend.empty(*kind) for kind in kinds}
+        self.find_keys = device.Recorded(lambda: cell_keys(position, 1.0 / search.reach, self.keys))
+        self.move = device.Recorded(lambda: self._move(position, sorted_position))
+
+    def _move(self, position, sorted_position):
+        for array in self.arrays:
+            spare = self.spare[array.shape, array.dtype]
+            device.gather(array, self.order, spare)
+            device.copy(spare, array)
+        device.copy(position, sorted_position)
+
+    def __call__(self):
+        self.find_keys()
+        device.stable_order(self.keys, self.order)
+        self.move()
+
+    @property
+    def nbytes(self):
+        return sum(a.nbytes for a in (self.keys, self.order, *self.spare.values()))
+
+
+class Search:
+    """Host side of the GPU search. Buffers belong to the arrays that they were made for, so that launches on them are
+    recorded once and replayed."""
+
+    def __init__(self, backend, dim, reach, log):
+        self.backend, self.dim, self.reach, self.log = backend, dim, reach, log
+        self.lists = {}
+        self.sorter = self.blocks = self.auditor = None
+
+    def order(self, position):
+        keys = self.backend.empty(position.shape[0], np.int64)
+        cell_keys(position, 1.0 / self.reach, keys)
+        return device.stable_order(keys)
+
+    def sort(self, position, arrays, sorted_position):
+        if self.sorter is None or any(a is not b for a, b in zip(self.sorter.arrays, arrays)):
+            self.sorter = Sorter(self, position, arrays, sorted_position)
+        self.sorter()
+        return arrays
+
+    def static_set(self, position):
+        position = self.backend.asarray(position)
+        order = self.order(position)
+        moved = self.reorder(position, order)
+        table = CellTable(self.backend, 1.0 / self.reach, moved)
+        table.count_cells()
+        table.fill()
+        if not table.fits():
+            table.make_room(int(self.backend.host(table.report)[0]))
+            table.fill()
+        return (moved, table), self.backend.host(order), moved
+
+    def build(self, position):
+        result = self._build("own", position, position, None)
+        table = self.lists["own"].queries
+        if self.blocks is not None:
+            self.blocks.found = False
+            if self.blocks.low.shape[0] != table.cells.shape[0] + 1:
+                self.blocks = None
+        return result
+
+    def squared_relative_ways(self, position, build_position):
+        if self.blocks is None or self.blocks.position is not position:  # only where particles move far enough to ask
+            table = self.lists["own"].queries
+            self.blocks = Blocks(self.backend, table, self.dim, position, build_position)
+        return self.blocks.squared_ways()
+
+    def build_against(self, position, prepared):
+        return self._build("static", position, *prepared)
+
+    def reorder(self, array, order):
+        moved = self.backend.empty(array.shape, array.dtype)
+        device.gather(array, order, moved)
+        return moved
+
+    def audit(self, position, velocity, timestep, neighbours, audited, radius, bounds=None):
+        given = (position, velocity, timestep, bounds, neighbours, *audited, position.dtype.type(radius))
+        if self.auditor is None or any(a is not b for a, b in zip(self.auditor[0][:5], given)):
+            report = self.lists["own"].queries.report
+            self.auditor = given, device.Recorded(lambda: count_missed(*given, report))
+        self.auditor[1]()
+
+    @property
+    def missed(self):
+        """Neighbours that audits had found missing when the list was built last."""
+        return self.lists["own"].missed
+
+    def _build(self, name, position, source, table):
+        held = self.lists.get(name)
+        if held is None or held.position is not position or held.source is not source:
+            held = self.lists[name] = ListOf(self, position, source, table)
+        result = held.build()
+        others = [part for part in (self.sorter, self.blocks) if part is not None]
+        self.log.list_bytes = sum(part.nbytes for part in (*self.lists.values(), *others))
+        return result

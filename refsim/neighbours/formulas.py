@@ -32,6 +32,23 @@ def cell_key(cx, cy, cz):
 
 
 @formula
+def block_key(cell):
+    """Key of the block of two cells along each axis that holds a cell, given by its key."""
+    mask = (1 << BITS) - 1
+    return cell_key((cell & mask) >> 1, ((cell >> BITS) & mask) >> 1, cell >> (2 * BITS + 1))
+
+
+@formula
+def squared_between(low, high, a, b):
+    """Largest squared difference [m^2] of a vector in the box [low, high] of row a and one in that of row b."""
+    squared = low[a, 0] - low[a, 0]
+    for c in range(3):
+        way = max(high[a, c] - low[b, c], high[b, c] - low[a, c])
+        squared += way * way
+    return squared
+
+
+@formula
 def at_bounds(i, position, bounds):
     """Whether particle i stands on a plane of `bounds` [m], where the latest step may have stopped it."""
     for c in range(3):  # noqa: SIM110  (Numba compiles no generators)

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from refsim.compile import formula
+import numpy as np
+
+from refsim.compile import cuda, formula
 
 
 class NeighbourRows(NamedTuple):
@@ -12,23 +14,52 @@ class NeighbourRows(NamedTuple):
 
     start: Any  # (n,) int64
     count: Any  # (n,) int32
-    entries: Any  # (capacity,) int32
+    entries: Any  # (capacity,) uint32
 
 
 class NeighbourColumns(NamedTuple):
     """GPU list: the k-th neighbour of i is entries[k * n + i], so that neighbouring threads read neighbouring words."""
 
     count: Any  # (n,) int32
-    entries: Any  # (capacity * n,) int32
+    entries: Any  # (capacity * n,) uint32
+    lanes: Any = (np.int32(0),)  # its length, known when a kernel is compiled: threads that share a column
 
 
 @formula
 def cpu_row(neighbours, i):  # noqa: ANN001, ANN201  (types are Numba's)
-    """(first, stride, count) of row i of a NeighbourRows."""
-    return neighbours.start[i], 1, neighbours.count[i]
+    """(first, stride, count) of row i of a NeighbourRows; unsigned: negative indices would cost a test each."""
+    return np.uint64(neighbours.start[i]), np.uint64(1), np.uint64(neighbours.count[i])
 
 
 @formula
 def cuda_row(neighbours, i):  # noqa: ANN001, ANN201
-    """(first, stride, count) of column i of a NeighbourColumns."""
-    return i, neighbours.count.shape[0], neighbours.count[i]
+    """(first, stride, count) of column i of a NeighbourColumns; unsigned like `cpu_row`."""
+    return np.uint64(i), np.uint64(neighbours.count.shape[0]), np.uint64(neighbours.count[i])
+
+
+@formula
+def cuda_lane(place, neighbours):  # noqa: ANN001, ANN201
+    """(particle, lane) of thread `place` in a kernel with `lanes`: that many neighbouring threads share a particle."""
+    lanes = len(neighbours.lanes)
+    return place // lanes, place % lanes
+
+
+@formula
+def cuda_lane_row(neighbours, i, lane):  # noqa: ANN001, ANN201
+    """(first, stride, count) of a lane's share of column i: one entry out of as many as there are lanes."""
+    n, lanes = neighbours.count.shape[0], len(neighbours.lanes)
+    own = (neighbours.count[i] + lanes - 1 - lane) // lanes
+    return np.uint64(i + lane * n), np.uint64(lanes * n), np.uint64(own)
+
+
+@formula
+def lanes_sum(value, lane, neighbours):  # noqa: ANN001, ANN201
+    """Sum of the lanes' shares, the same in all of them and always in the same order."""
+    lanes = len(neighbours.lanes)
+    if lanes > 1:
+        mask = np.uint32((1 << lanes) - 1) << np.uint32(cuda.laneid - lane)
+        step = 1
+        while step < lanes:
+            value += cuda.shfl_xor_sync(mask, value, step)
+            step *= 2
+    return value

@@ -1,6 +1,6 @@
 """Weakly compressible SPH: density, equation of state, pressure, viscosity, leap-frog (Jiang & Zhu 2023, (7) to (11)).
 
-Contents: WeaklyCompressible, Gravity; operations sph.density, sph.state, sph.pressure, sph.momentum,
+Contents: WeaklyCompressible, Gravity; operations sph.density, sph.state, sph.pressure, sph.momentum, sph.viscosity,
 sph.gravity, sph.extremes, sph.kick_drift.
 """
 
@@ -14,7 +14,7 @@ from typing import Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 
-from refsim.effect import Discretisation, Effect, Extremes, Pass, literal_errata, require
+from refsim.effect import Discretisation, Effect, Pass, StepLimit, literal_errata, require
 from refsim.errors import InputError
 from refsim.operation import Operation, register
 from refsim.particles import Field
@@ -22,9 +22,16 @@ from refsim.smoothing import smoothing
 
 DENSITY = Field("density", "kg/m^3 (kg/m^2 in 2D)", "density rho, J(7)")
 NUMBER_DENSITY = Field("number_density", "1/m^3 (1/m^2 in 2D)", "number density delta, J(8)")
+ASYMMETRY = Field("asymmetry", "1/m^2 (1/m in 2D)", "length of the first moment of J(8), |sum_j W_ij x_ij|")
 PRESSURE = Field("pressure", "Pa", "pressure p, J(9)")
 
-SETS = {"wendland": ("wendland_c2", "wendland_c2"), "mueller": ("poly6", "spiky")}
+# rho0 c h/mu up to which liquid between walls, and a drop, were found to gain no energy (docs/stability.md)
+LEAST_VISCOUS = {"wendland": 250.0, "mueller": 100.0, "cubic_spline": 100.0}
+SETS = {
+    "wendland": ("wendland_c2", "wendland_c2"),
+    "mueller": ("poly6", "spiky"),
+    "cubic_spline": ("cubic_spline", "cubic_spline"),
+}
 
 
 class Fluid(NamedTuple):
@@ -60,6 +67,11 @@ def cohesive_pressure(grid: Discretisation, others: Mapping[str, Effect]) -> flo
     return sum(effect.balanced_pressure(grid, others) for effect in others.values())
 
 
+def _implicit(others: Mapping[str, Effect]) -> bool:
+    """Whether another effect solves for the pressure in place of the equation of state."""
+    return any("sph.state" in effect.replaces() for effect in others.values())
+
+
 class WeaklyCompressible(Effect, frozen=True, kw_only=True):
     """Liquid whose pressure follows from its summed density.
 
@@ -68,7 +80,8 @@ class WeaklyCompressible(Effect, frozen=True, kw_only=True):
     dynamic_viscosity  mu [Pa s]; 0 leaves viscosity out
     state              "linear" (J(9)) or "tait" (exponent 7)
     clamp_pressure     negative pressures become zero
-    kernels            "wendland" (Wendland C2 throughout) or "mueller" (poly6 for sums, spiky for gradients)
+    kernels            "wendland" (Wendland C2 throughout), "mueller" (poly6 for sums, spiky for gradients) or
+                       "cubic_spline" (throughout)
     literal            printed readings to use: "E3" (sign of J(11), which blows up), "E24" (half of the pressure
                        gradient in J(10)); or "all"
     """
@@ -80,7 +93,7 @@ class WeaklyCompressible(Effect, frozen=True, kw_only=True):
     dynamic_viscosity: float = 0.0
     state: Literal["linear", "tait"] = "linear"
     clamp_pressure: bool = True
-    kernels: Literal["wendland", "mueller"] = "wendland"
+    kernels: Literal["wendland", "mueller", "cubic_spline"] = "wendland"
     literal: tuple[str, ...] = ()
 
     def check(self, grid: Discretisation, others: Mapping[str, Effect]) -> None:
@@ -96,12 +109,12 @@ class WeaklyCompressible(Effect, frozen=True, kw_only=True):
         return literal_errata(self.name, self.literal, ("E3", "E24"))
 
     def fields(self, others: Mapping[str, Effect]) -> tuple[Field, ...]:
-        return (DENSITY, PRESSURE)
+        return (DENSITY,) if _implicit(others) else (DENSITY, PRESSURE)
 
     def passes(self, others: Mapping[str, Effect]) -> tuple[Pass, ...]:
         forces = "sph.momentum" if self.dynamic_viscosity > 0 else "sph.pressure"
         return (
-            Pass("sph.density", ("position", "mass"), ("density", "number_density")),
+            Pass("sph.density", ("position", "mass"), ("density", "number_density", "asymmetry")),
             Pass("sph.state", ("density",), ("pressure",)),
             Pass(
                 forces,
@@ -109,6 +122,17 @@ class WeaklyCompressible(Effect, frozen=True, kw_only=True):
                 updates=("acceleration",),
                 names={"smoothing": "gradient_smoothing"},
             ),
+        )
+
+    def notes(self, grid: Discretisation, others: Mapping[str, Effect]) -> tuple[str, ...]:
+        most = LEAST_VISCOUS[self.kernels]
+        least = self.rest_density * self.sound_speed * grid.support_radius / most
+        replaced = any("sph.state" in effect.replaces() for effect in others.values())
+        if self.dynamic_viscosity >= least or replaced:
+            return ()
+        return (
+            f"{self.name}: with a viscosity of {self.dynamic_viscosity:g} Pa s, below rho0 c h/{most:g} = {least:.3g}"
+            " Pa s, kinetic energy may appear out of nothing at walls and in drops: give more, or watch the energy",
         )
 
     def list_radius(self, grid: Discretisation) -> float:
@@ -151,13 +175,15 @@ class WeaklyCompressible(Effect, frozen=True, kw_only=True):
         viscous = self.dynamic_viscosity > 0
         return {"viscosity": ViscosityTerm(grid.real(sign * self.dynamic_viscosity)) if viscous else None}
 
-    def step_limits(self, grid: Discretisation, others: Mapping[str, Effect], extremes: Extremes) -> dict[str, float]:
+    def step_limits(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, StepLimit]:
         stiffening = 2 * cohesive_pressure(grid, others) / self.rest_density
         sound_speed = math.sqrt(self.sound_speed**2 + stiffening)
-        limits = {"acoustic": 0.4 * grid.support_radius / (sound_speed + extremes.speed)}
+        limits: dict[str, StepLimit] = {}
+        if not _implicit(others):
+            limits["acoustic"] = StepLimit.crossing(0.4 * grid.support_radius, sound_speed)
         if self.dynamic_viscosity > 0:
             half = 0.5 * grid.support_radius
-            limits["viscous"] = 0.125 * half**2 * self.rest_density / self.dynamic_viscosity
+            limits["viscous"] = StepLimit.constant(0.125 * half**2 * self.rest_density / self.dynamic_viscosity)
         return limits
 
 
@@ -190,11 +216,11 @@ DENSITY_OPERATION = register(
         name="sph.density",
         folder=_HERE,
         paper="Jiang & Zhu 2023",
-        equation="J(7), J(8)",
+        equation="J(7), J(8) and its first moment",
         function="density",
-        outputs=("number_density", "density"),
-        optional=("number_density", "walls"),
-        variants=({}, {"walls": None}, {"number_density": None}),
+        outputs=("number_density", "asymmetry", "density"),
+        optional=("number_density", "asymmetry", "walls"),
+        variants=({}, {"walls": None, "asymmetry": None}, {"number_density": None, "asymmetry": None}),
         invariants=("translation", "rotation", "reordering"),
     )
 )
@@ -243,6 +269,19 @@ register(
 )
 register(
     Operation(
+        name="sph.viscosity",
+        folder=_HERE,
+        paper="Jiang & Zhu 2023",
+        equation="J(11) with E3, without J(10)",
+        function="viscous",
+        outputs=("acceleration",),
+        adds=("acceleration",),
+        tolerance=8.0,
+        invariants=("translation", "rotation", "reordering", "linear_momentum", "galilean", "dissipation"),
+    )
+)
+register(
+    Operation(
         name="sph.gravity",
         folder=_HERE,
         paper="standard",
@@ -261,6 +300,8 @@ register(
         equation="max |v|^2, max |a|^2",
         function="extremes",
         outputs=("extremes",),
+        optional=("temperature",),
+        variants=({"temperature": None}, {}),
     )
 )
 register(

@@ -23,6 +23,14 @@ def _number_density(case, random):
     return case.effects[FLUID].rest_number_density(case.grid("float64")) * random.uniform(0.4, 1.05, case.count)
 
 
+@particles("asymmetry")
+def _asymmetry(case, random):
+    """From none to that of a particle with neighbours on one side only."""
+    grid = case.grid("float64")
+    scale = case.effects[FLUID].rest_number_density(grid) * grid.support_radius
+    return 0.12 * scale * random.uniform(0.0, 1.0, case.count)
+
+
 @particles("pressure")
 def _pressure(case, random):
     """Of either sign, so that nothing relies on clamping."""
@@ -56,7 +64,7 @@ WATER = Fluid(1000.0, 4e5, np.int32(1), np.int32(0))
 
 @closed_form("sph.density")
 def two_particles_and_a_wall():
-    """rho_1 = m_1 W(0) + m_2 W(h/2) + rho0 V_b W(h/2)."""
+    """rho_1 = m_1 W(0) + m_2 W(h/2) + rho0 V_b W(h/2); the first moment points away from the other and the wall."""
     wall = Case(
         "pair_on_wall", 3, PAIR.position, spacing=1.0, support_radius=2.0, wall_position=np.array([[0.0, 0.0, 1.0]])
     )
@@ -66,10 +74,12 @@ def two_particles_and_a_wall():
     diagonal = (1 - math.sqrt(0.5)) ** 4 * (1 + 4 * math.sqrt(0.5)) * W0
     filled = 1000 * volume * np.array([reach, diagonal])
     rho = mass * W0 + mass[::-1] * reach + filled
+    away = filled / mass
+    asymmetry = np.hypot([reach, reach + away[1]], away)
     return Exact(
         wall,
         {"mass": mass, "walls": WallParticles(wall.wall_position, np.array([volume])), "fluid": WATER},
-        {"density": rho, "number_density": W0 + reach + filled / mass},
+        {"density": rho, "number_density": W0 + reach + filled / mass, "asymmetry": asymmetry},
     )
 
 
@@ -80,7 +90,8 @@ def two_particles_in_the_plane():
     own = 7 / (4 * math.pi)
     return Exact(
         FLAT_PAIR, {"mass": mass},
-        {"density": own * (mass + 3 / 16 * mass[::-1]), "number_density": np.full(2, 19 / 16 * own)},
+        {"density": own * (mass + 3 / 16 * mass[::-1]), "number_density": np.full(2, 19 / 16 * own),
+         "asymmetry": np.full(2, 3 / 16 * own)},
     )  # fmt: skip
 
 
@@ -144,7 +155,7 @@ def pressed_against_a_wall():
     )  # fmt: skip
 
 
-@closed_form("sph.momentum")
+@closed_form("sph.momentum", "sph.viscosity")
 def sheared_pair():
     """Viscosity mu m_j/(rho_i rho_j) 45/(pi h^6) (h - r) (v_j - v_i) draws velocities together."""
     factor = 0.5 / 1000.0**2 * 45 / (math.pi * 64)

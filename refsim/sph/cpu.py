@@ -1,22 +1,38 @@
 """CPU kernels of weakly compressible SPH."""
 
+import math
+
 from refsim.compile import cpu_kernel, prange
 from refsim.neighbours.rows import cpu_row
 from refsim.sph import formulas, particle
 
 
 @cpu_kernel
-def density(position, mass, neighbours, walls, smoothing, fluid, number_density, density):
-    """J(7), and J(8) where `number_density` is wanted."""
+def density(position, mass, neighbours, walls, smoothing, fluid, number_density, asymmetry, density):
+    """J(7); J(8) where `number_density` is wanted, and the length of the first moment where `asymmetry` is."""
     for i in prange(density.shape[0]):
-        rho, number = particle.kernel_sums(i, cpu_row(neighbours, i), position, mass, neighbours.entries, smoothing)
+        rho, number, moment = particle.kernel_sums(
+            i, cpu_row(neighbours, i), position, mass, neighbours.entries, smoothing, asymmetry
+        )
+        mx, my, mz = moment
+        own = particle.own_share(smoothing)
+        rho += mass[i] * own
+        number += own
         if walls is not None:
             filled = fluid.rest_density * particle.wall_sum(i, cpu_row(walls, i), position, walls, smoothing)
             rho += filled
             number += filled / mass[i]
+            if asymmetry is not None:
+                bx, by, bz = particle.wall_moment(i, cpu_row(walls, i), position, walls, smoothing)
+                weight = fluid.rest_density / mass[i]
+                mx += weight * bx
+                my += weight * by
+                mz += weight * bz
         density[i] = rho
         if number_density is not None:
             number_density[i] = number
+        if asymmetry is not None:
+            asymmetry[i] = math.sqrt(mx * mx + my * my + mz * mz)
 
 
 @cpu_kernel
@@ -56,6 +72,18 @@ def momentum(position, velocity, mass, density, pressure, neighbours, walls, smo
 
 
 @cpu_kernel
+def viscous(position, velocity, mass, density, neighbours, smoothing, viscosity, acceleration):
+    """J(11); added to the acceleration."""
+    for i in prange(acceleration.shape[0]):
+        ax, ay, az = particle.viscous(
+            i, cpu_row(neighbours, i), position, velocity, mass, density, neighbours.entries, smoothing, viscosity
+        )
+        acceleration[i, 0] += ax
+        acceleration[i, 1] += ay
+        acceleration[i, 2] += az
+
+
+@cpu_kernel
 def gravity(field, acceleration):
     """Uniform acceleration."""
     for i in prange(acceleration.shape[0]):
@@ -64,13 +92,13 @@ def gravity(field, acceleration):
 
 
 @cpu_kernel
-def extremes(velocity, acceleration, extremes):
-    """Largest |v|^2 and |a|^2, and the number of particles where either is not finite."""
+def extremes(velocity, acceleration, temperature, extremes):
+    """Largest |v|^2 and |a|^2, and the number of particles where either, or the temperature, is not finite."""
     speed = extremes.dtype.type(0)
     force = extremes.dtype.type(0)
     broken = 0
     for i in prange(velocity.shape[0]):
-        s, f, bad = particle.squares(i, velocity, acceleration)
+        s, f, bad = particle.squares(i, velocity, acceleration, temperature)
         speed = max(speed, s)
         force = max(force, f)
         broken += bad

@@ -1,24 +1,49 @@
 """CUDA kernels of weakly compressible SPH."""
 
+import math
+
 from refsim import device
 from refsim.compile import THREADS_PER_BLOCK, cuda, cuda_kernel, formula
-from refsim.neighbours.rows import cuda_row
+from refsim.neighbours.rows import cuda_lane, cuda_lane_row, cuda_row, lanes_sum
 from refsim.sph import formulas, particle
 
 
-@cuda_kernel
-def density(position, mass, neighbours, walls, smoothing, fluid, number_density, density):
-    """J(7), and J(8) where `number_density` is wanted."""
-    i = cuda.grid(1)
+@cuda_kernel(lanes=True)
+def density(position, mass, neighbours, walls, smoothing, fluid, number_density, asymmetry, density):
+    """J(7); J(8) where `number_density` is wanted, and the length of the first moment where `asymmetry` is."""
+    i, lane = cuda_lane(cuda.grid(1), neighbours)
     if i < density.shape[0]:
-        rho, number = particle.kernel_sums(i, cuda_row(neighbours, i), position, mass, neighbours.entries, smoothing)
-        if walls is not None:
-            filled = fluid.rest_density * particle.wall_sum(i, cuda_row(walls, i), position, walls, smoothing)
-            rho += filled
-            number += filled / mass[i]
-        density[i] = rho
+        row = cuda_lane_row(neighbours, i, lane)
+        rho, number, moment = particle.kernel_sums(i, row, position, mass, neighbours.entries, smoothing, asymmetry)
+        mx, my, mz = moment
+        rho = lanes_sum(rho, lane, neighbours)
         if number_density is not None:
-            number_density[i] = number
+            number = lanes_sum(number, lane, neighbours)
+        if asymmetry is not None:
+            mx, my, mz = (
+                lanes_sum(mx, lane, neighbours),
+                lanes_sum(my, lane, neighbours),
+                lanes_sum(mz, lane, neighbours),
+            )
+        if lane == 0:
+            own = particle.own_share(smoothing)
+            rho += mass[i] * own
+            number += own
+            if walls is not None:
+                filled = fluid.rest_density * particle.wall_sum(i, cuda_row(walls, i), position, walls, smoothing)
+                rho += filled
+                number += filled / mass[i]
+                if asymmetry is not None:
+                    bx, by, bz = particle.wall_moment(i, cuda_row(walls, i), position, walls, smoothing)
+                    weight = fluid.rest_density / mass[i]
+                    mx += weight * bx
+                    my += weight * by
+                    mz += weight * bz
+            density[i] = rho
+            if number_density is not None:
+                number_density[i] = number
+            if asymmetry is not None:
+                asymmetry[i] = math.sqrt(mx * mx + my * my + mz * mz)
 
 
 @cuda_kernel
@@ -29,14 +54,14 @@ def state(density, fluid, pressure):
         pressure[i] = formulas.state_pressure(density[i], fluid)
 
 
-@cuda_kernel
+@cuda_kernel(lanes=True)
 def momentum(position, velocity, mass, density, pressure, neighbours, walls, smoothing, fluid, viscosity, acceleration):
     """J(10) and J(11), walls after Akinci 2012; added to the acceleration."""
-    i = cuda.grid(1)
+    i, lane = cuda_lane(cuda.grid(1), neighbours)
     if i < acceleration.shape[0]:
         ax, ay, az = particle.momentum(
             i,
-            cuda_row(neighbours, i),
+            cuda_lane_row(neighbours, i, lane),
             position,
             velocity,
             mass,
@@ -47,13 +72,28 @@ def momentum(position, velocity, mass, density, pressure, neighbours, walls, smo
             fluid,
             viscosity,
         )
-        if walls is not None:
-            bx, by, bz = particle.wall_pressure(
-                i, cuda_row(walls, i), position, density, pressure, walls, smoothing, fluid
-            )
-            ax += bx
-            ay += by
-            az += bz
+        ax, ay, az = lanes_sum(ax, lane, neighbours), lanes_sum(ay, lane, neighbours), lanes_sum(az, lane, neighbours)
+        if lane == 0:
+            if walls is not None:
+                bx, by, bz = particle.wall_pressure(
+                    i, cuda_row(walls, i), position, density, pressure, walls, smoothing, fluid
+                )
+                ax += bx
+                ay += by
+                az += bz
+            acceleration[i, 0] += ax
+            acceleration[i, 1] += ay
+            acceleration[i, 2] += az
+
+
+@cuda_kernel
+def viscous(position, velocity, mass, density, neighbours, smoothing, viscosity, acceleration):
+    """J(11); added to the acceleration."""
+    i = cuda.grid(1)
+    if i < acceleration.shape[0]:
+        ax, ay, az = particle.viscous(
+            i, cuda_row(neighbours, i), position, velocity, mass, density, neighbours.entries, smoothing, viscosity
+        )
         acceleration[i, 0] += ax
         acceleration[i, 1] += ay
         acceleration[i, 2] += az
@@ -88,21 +128,21 @@ def largest_of_block(values, mine):
     return values[0]
 
 
-def extremes(velocity, acceleration, extremes):
-    """Largest |v|^2 and |a|^2, and the number of particles where either is not finite."""
+def extremes(velocity, acceleration, temperature, extremes):
+    """Largest |v|^2 and |a|^2, and the number of particles where either, or the temperature, is not finite."""
     device.fill(extremes, 0)
-    reduce_extremes(velocity, acceleration, extremes)
+    reduce_extremes(velocity, acceleration, temperature, extremes)
 
 
 @cuda_kernel(rows_of="velocity")
-def reduce_extremes(velocity, acceleration, extremes):
+def reduce_extremes(velocity, acceleration, temperature, extremes):
     """Largest |v|^2 and |a|^2, and the number of broken particles."""
     i = cuda.grid(1)
     real = extremes.dtype.type
     zero = real(0)
     speed, force, broken = zero, zero, False
     if i < velocity.shape[0]:
-        speed, force, broken = particle.squares(i, velocity, acceleration)
+        speed, force, broken = particle.squares(i, velocity, acceleration, temperature)
         if not speed >= zero:  # no number: counted, but it must not hide the others' largest
             speed = zero
         if not force >= zero:

@@ -11,14 +11,17 @@ from refsim.sph.formulas import pressure_pair, viscosity_pair, wall_pressure_pai
 
 
 @formula
-def kernel_sums(i, row, position, mass, index, smoothing):
-    """J(7) and J(8) over the fluid, self included: (sum m_j W_ij, sum W_ij)."""
+def kernel_sums(i, row, position, mass, index, smoothing, asymmetry):
+    """J(7) and J(8) over the other particles: (sum m_j W_ij, sum W_ij, sum W_ij x_ij).
+
+    The first moment is summed only where `asymmetry` is wanted, and zero otherwise.
+    """
     first, stride, count = row
     h = smoothing.support_radius
     limit = h * h
-    own = kernel_value(type(h)(0), smoothing)
-    density = mass[i] * own
-    number = own
+    real = type(h)
+    density, number = real(0), real(0)
+    mx, my, mz = real(0), real(0), real(0)
     x, y, z = position[i, 0], position[i, 1], position[i, 2]
     for k in range(count):
         j = index[first + k * stride]
@@ -28,7 +31,17 @@ def kernel_sums(i, row, position, mass, index, smoothing):
             w = kernel_value(math.sqrt(r2), smoothing)
             density += mass[j] * w
             number += w
-    return density, number
+            if asymmetry is not None:
+                mx += w * dx
+                my += w * dy
+                mz += w * dz
+    return density, number, (mx, my, mz)
+
+
+@formula
+def own_share(smoothing):
+    """W(0) [1/m^dim]: the particle's own part in J(7) and J(8)."""
+    return kernel_value(type(smoothing.support_radius)(0), smoothing)
 
 
 @formula
@@ -46,6 +59,27 @@ def wall_sum(i, row, position, walls, smoothing):
         if r2 < limit:
             total += walls.volume[b] * kernel_value(math.sqrt(r2), smoothing)
     return total
+
+
+@formula
+def wall_moment(i, row, position, walls, smoothing):
+    """Sum of V_b W_ib x_ib over the wall particles [m]."""
+    first, stride, count = row
+    h = smoothing.support_radius
+    real = type(h)
+    limit = h * h
+    mx, my, mz = real(0), real(0), real(0)
+    x, y, z = position[i, 0], position[i, 1], position[i, 2]
+    for k in range(count):
+        b = walls.entries[first + k * stride]
+        dx, dy, dz = x - walls.position[b, 0], y - walls.position[b, 1], z - walls.position[b, 2]
+        r2 = dx * dx + dy * dy + dz * dz
+        if r2 < limit:
+            w = walls.volume[b] * kernel_value(math.sqrt(r2), smoothing)
+            mx += w * dx
+            my += w * dy
+            mz += w * dz
+    return mx, my, mz
 
 
 @formula
@@ -77,6 +111,29 @@ def momentum(i, row, position, velocity, mass, density, pressure, index, smoothi
                 ax += g * (velocity[j, 0] - u)
                 ay += g * (velocity[j, 1] - v)
                 az += g * (velocity[j, 2] - w)
+    rho = density[i]
+    return ax / rho, ay / rho, az / rho
+
+
+@formula
+def viscous(i, row, position, velocity, mass, density, index, smoothing, viscosity):
+    """J(11) alone: acceleration of particle i [m/s^2]."""
+    first, stride, count = row
+    h = smoothing.support_radius
+    real = type(h)
+    limit = h * h
+    ax, ay, az = real(0), real(0), real(0)
+    x, y, z = position[i, 0], position[i, 1], position[i, 2]
+    u, v, w = velocity[i, 0], velocity[i, 1], velocity[i, 2]
+    for k in range(count):
+        j = index[first + k * stride]
+        dx, dy, dz = x - position[j, 0], y - position[j, 1], z - position[j, 2]
+        r2 = dx * dx + dy * dy + dz * dz
+        if r2 < limit:
+            f = viscosity_pair(mass[j] / density[j], viscosity, viscosity_laplacian(math.sqrt(r2), smoothing))
+            ax += f * (velocity[j, 0] - u)
+            ay += f * (velocity[j, 1] - v)
+            az += f * (velocity[j, 2] - w)
     rho = density[i]
     return ax / rho, ay / rho, az / rho
 
@@ -131,10 +188,13 @@ def kick_drift(i, position, velocity, acceleration, build_position, bounds, time
 
 
 @formula
-def squares(i, velocity, acceleration):
-    """(|v|^2, |a|^2, whether either is not finite) of particle i."""
+def squares(i, velocity, acceleration, temperature):
+    """(|v|^2, |a|^2, whether either, or the temperature where there is one, is not finite) of particle i."""
     speed = velocity[i, 0] ** 2 + velocity[i, 1] ** 2 + velocity[i, 2] ** 2
     force = acceleration[i, 0] ** 2 + acceleration[i, 1] ** 2 + acceleration[i, 2] ** 2
     # Numba's isfinite(x) looks at x - x, which is nothing where sums may be taken in any order.
     beyond = type(speed)(math.inf)
-    return speed, force, not (speed < beyond and force < beyond)
+    broken = not (speed < beyond and force < beyond)
+    if temperature is not None:
+        broken = broken or not abs(temperature[i]) < beyond
+    return speed, force, broken

@@ -16,24 +16,31 @@ def _rows(array, rows):
 
 
 def density(position, mass, walls, smoothing, fluid, rows=None):
-    """Densities [kg/m^dim] and number densities [1/m^dim], self included.
+    """Densities [kg/m^dim], number densities [1/m^dim] and asymmetries [m^(1 - dim)], self included.
 
-    J(7) rho_i = sum_j m_j W_ij + sum_b rho0 V_b W_ib;  J(8) delta_i = sum_j W_ij + sum_b (rho0 V_b/m_i) W_ib.
+    J(7) rho_i = sum_j m_j W_ij + sum_b rho0 V_b W_ib;  J(8) delta_i = sum_j W_ij + sum_b (rho0 V_b/m_i) W_ib;
+    asymmetry: |sum_j W_ij x_ij + sum_b (rho0 V_b/m_i) W_ib x_ib|, the first moment of the sum J(8).
     """
     mass = np.asarray(mass, dtype=float)
     wanted = _rows(mass, rows)
-    rho, delta = np.zeros(len(wanted)), np.zeros(len(wanted))
-    for place, _, distance in pair_blocks(position, position, rows):
+    rho, delta, reach = np.zeros(len(wanted)), np.zeros(len(wanted)), np.zeros(len(wanted))
+    moment = np.zeros((len(wanted), 3))
+    for place, separation, distance in pair_blocks(position, position, rows):
         w = kernel_value(distance, smoothing)
         rho[place] += w @ mass
         delta[place] += w.sum(1)
+        moment[place] += (w[..., None] * separation).sum(1)
+        reach[place] += (w * distance).sum(1)
     if walls is not None:
-        for place, _, distance in pair_blocks(position, walls.position, rows):
-            filled = kernel_value(distance, smoothing) @ np.asarray(walls.volume, dtype=float)
-            filled *= float(fluid.rest_density)
-            rho[place] += filled
-            delta[place] += filled / wanted[place]
-    return {"density": (rho, rho), "number_density": (delta, delta)}
+        for place, separation, distance in pair_blocks(position, walls.position, rows):
+            filled = float(fluid.rest_density) * kernel_value(distance, smoothing) * np.asarray(walls.volume, float)
+            rho[place] += filled.sum(1)
+            share = filled / wanted[place, None]
+            delta[place] += share.sum(1)
+            moment[place] += (share[..., None] * separation).sum(1)
+            reach[place] += (share * distance).sum(1)
+    asymmetry = np.linalg.norm(moment, axis=1)
+    return {"density": (rho, rho), "number_density": (delta, delta), "asymmetry": (asymmetry, reach)}
 
 
 def state(density, fluid, rows=None):
@@ -87,17 +94,34 @@ def momentum(position, velocity, mass, density, pressure, walls, smoothing, flui
     return {"acceleration": (value, scale)}
 
 
+def viscous(position, velocity, mass, density, smoothing, viscosity, rows=None):
+    """Acceleration [m/s^2] a_i = (mu/rho_i) sum_j (m_j/rho_j) (v_j - v_i) lap W_ij, J(11) with the sign of E3."""
+    v = np.asarray(velocity, dtype=float)
+    volume = np.asarray(mass, dtype=float) / np.asarray(density, dtype=float)
+    rho_i, v_i = _rows(density, rows), _rows(velocity, rows)
+    value, scale = np.zeros((len(rho_i), 3)), np.zeros((len(rho_i), 3))
+    for place, _, distance in pair_blocks(position, position, rows):
+        factor = volume[None, :] * viscosity_laplacian(distance, smoothing) / rho_i[place, None]
+        factor = factor * other_particles(place, len(v), rows) * float(viscosity.coefficient)
+        terms = factor[..., None] * (v[None, :, :] - v_i[place, None, :])
+        value[place] += terms.sum(1)
+        scale[place] += np.abs(terms).sum(1)
+    return {"acceleration": (value, scale)}
+
+
 def gravity(field, rows=None):
     """Uniform acceleration a_i = g [m/s^2], g of J(6); one row that every particle takes."""
     field = np.asarray(field, dtype=float)[None, :]
     return {"acceleration": (field, np.abs(field))}
 
 
-def extremes(velocity, acceleration):
-    """E = (max |v|^2 [m^2/s^2], max |a|^2 [m^2/s^4], number of particles where either is not finite)."""
+def extremes(velocity, acceleration, temperature):
+    """E = (max |v|^2 [m^2/s^2], max |a|^2 [m^2/s^4], number of particles where one is not finite, or T [deg C])."""
     speed = (np.asarray(velocity, dtype=float) ** 2).sum(1)
     force = (np.asarray(acceleration, dtype=float) ** 2).sum(1)
     broken = ~(np.isfinite(speed) & np.isfinite(force))
+    if temperature is not None:
+        broken |= ~np.isfinite(np.asarray(temperature, dtype=float))
     value = np.array([speed.max(initial=0), force.max(initial=0), broken.sum()], dtype=float)
     return {"extremes": (value, value)}
 

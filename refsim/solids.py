@@ -1,0 +1,262 @@
+"""Solid bodies of a scene, voxelised in one global lattice, on the host (Shao & Song 2017, figure 2).
+
+A body consists of the cells of the lattice whose centres lie in it; each becomes a node, a particle of the scene.
+The nodes are the first particles, body by body, in each sorted by cell.
+"""
+
+from __future__ import annotations
+
+import math
+import pathlib
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import msgspec
+import numpy as np
+
+from refsim.effect import Discretisation, require
+from refsim.errors import InputError
+
+Vector = tuple[float, float, float]
+BITS = 21  # of a cell's coordinate in its key, as in the neighbour search
+OFFSET = 1 << 20
+
+
+class Solid(msgspec.Struct, tag_field="shape", frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """What every solid body has.
+
+    density   rest density of its substance [kg/m^3]
+    velocity  at the start [m/s]
+    spin      angular velocity at the start, about its center of mass [1/s]
+    """
+
+    density: float = 917.0
+    velocity: Vector = (0.0, 0.0, 0.0)
+    spin: Vector = (0.0, 0.0, 0.0)
+
+    def inside(self, points: np.ndarray) -> np.ndarray:
+        """Which of the points (n, 3) [m] lie in the body."""
+        raise NotImplementedError
+
+    def extent(self) -> tuple[np.ndarray, np.ndarray]:
+        """Corners of a box around it [m]."""
+        raise NotImplementedError
+
+    def check(self, place: str) -> None:
+        """Raise InputError, naming the body's place in the scene, for impossible numbers."""
+        require(place, density=(self.density, "positive"))
+        for name in ("velocity", "spin"):
+            for axis, value in zip("xyz", getattr(self, name)):
+                require(place, **{f"{name} along {axis}": (value, "finite")})
+
+
+class SolidBox(Solid, tag="box", frozen=True, kw_only=True):
+    """Box with edges along the axes.
+
+    lower, upper  corners [m]
+    """
+
+    lower: Vector
+    upper: Vector
+
+    def inside(self, points: np.ndarray) -> np.ndarray:
+        return ((points > np.array(self.lower)) & (points < np.array(self.upper))).all(1)
+
+    def extent(self) -> tuple[np.ndarray, np.ndarray]:
+        return np.array(self.lower), np.array(self.upper)
+
+
+class SolidBall(Solid, tag="ball", frozen=True, kw_only=True):
+    """Ball.
+
+    center, radius  [m]
+    """
+
+    center: Vector
+    radius: float
+
+    def inside(self, points: np.ndarray) -> np.ndarray:
+        return ((points - np.array(self.center)) ** 2).sum(1) < self.radius**2
+
+    def extent(self) -> tuple[np.ndarray, np.ndarray]:
+        return np.array(self.center) - self.radius, np.array(self.center) + self.radius
+
+
+class SolidTorus(Solid, tag="torus", frozen=True, kw_only=True):
+    """Ring.
+
+    center        [m]
+    radius        of the circle in its middle [m]
+    tube_radius   [m]
+    axis          direction of its axis
+    """
+
+    center: Vector
+    radius: float
+    tube_radius: float
+    axis: Vector = (0.0, 0.0, 1.0)
+
+    def inside(self, points: np.ndarray) -> np.ndarray:
+        axis = np.array(self.axis) / np.linalg.norm(self.axis)
+        away = points - np.array(self.center)
+        height = away @ axis
+        ring = np.linalg.norm(away - height[:, None] * axis, axis=1) - self.radius
+        return ring**2 + height**2 < self.tube_radius**2
+
+    def extent(self) -> tuple[np.ndarray, np.ndarray]:
+        reach = self.radius + self.tube_radius
+        return np.array(self.center) - reach, np.array(self.center) + reach
+
+
+class SolidMesh(Solid, tag="mesh", frozen=True, kw_only=True):
+    """Closed triangle mesh.
+
+    file      mesh file that trimesh reads (.stl, .obj, .ply, ...)
+    center    where the middle of its bounding box goes [m]
+    size      its longest edge there [m]; 0 leaves the file's numbers as metres
+    rotation  turn about x, then y, then z before [degrees]
+    """
+
+    file: str
+    center: Vector
+    size: float = 0.0
+    rotation: Vector = (0.0, 0.0, 0.0)
+
+    def mesh(self) -> Any:
+        """The mesh in its place, as trimesh holds it. Raises InputError where it cannot be read or is not closed."""
+        try:
+            import trimesh
+        except ImportError:
+            raise InputError('solid mesh: trimesh is not installed; run pip install "refsim[meshes]".') from None
+        path = pathlib.Path(self.file)
+        if not path.is_file():
+            raise InputError(f"solid mesh: there is no file {self.file!r}; give the path of a mesh.")
+        try:
+            mesh = trimesh.load(path, force="mesh")
+        except Exception as error:  # trimesh raises whatever its readers do
+            raise InputError(f"solid mesh: {self.file!r} cannot be read ({error}); give a mesh file.") from None
+        if len(mesh.faces) == 0:
+            raise InputError(f"solid mesh: {self.file!r} has no triangles; give a closed triangle mesh.")
+        if not mesh.is_watertight:
+            edges = np.sort(mesh.edges, axis=1)
+            _, uses = np.unique(edges, axis=0, return_counts=True)
+            raise InputError(
+                f"solid mesh: {self.file!r} is not closed ({int((uses != 2).sum())} of its edges do not belong to two"
+                " triangles); fill its holes."
+            )
+        for angle, axis in zip(self.rotation, np.eye(3)):
+            mesh.apply_transform(trimesh.transformations.rotation_matrix(math.radians(angle), axis))
+        mesh.apply_translation(-mesh.bounds.mean(0))
+        if self.size > 0:
+            mesh.apply_scale(self.size / max(mesh.extents))
+        mesh.apply_translation(self.center)
+        return mesh
+
+    def inside(self, points: np.ndarray) -> np.ndarray:
+        return self.mesh().contains(points)
+
+    def extent(self) -> tuple[np.ndarray, np.ndarray]:
+        lower, upper = self.mesh().bounds
+        return lower, upper
+
+
+class SolidCells(Solid, tag="cells", frozen=True, kw_only=True):
+    """Cells of the global lattice given one by one.
+
+    cells  (k, 3) whole numbers; cell (a, b, e) has its centre at ((a + 1/2) d, (b + 1/2) d, (e + 1/2) d)
+    """
+
+    cells: Any = None
+
+
+class Lattice(NamedTuple):
+    """Cells of the nodes; nodes of one body stand together, sorted by key."""
+
+    cell: Any  # (S, 3) int32 cell of each node in the one global lattice
+    key: Any  # (S,) int64 the cell as a sortable key
+    body: Any  # (S,) int32 body of each node
+    first: Any  # (bodies + 1,) int32 first node of each body, and S
+
+
+@dataclass(frozen=True)
+class Nodes:
+    """The nodes of all bodies of a scene: their lattice and the bodies that they are of."""
+
+    lattice: Lattice
+    bodies: tuple[Solid, ...]
+    spacing: float  # [m]
+
+    def of_bodies(self, name: str) -> np.ndarray:
+        """One of the bodies' numbers for every node (S,), or (S, 3)."""
+        values = np.array([getattr(body, name) for body in self.bodies], dtype=float)
+        return values[self.lattice.body]
+
+
+def cell_key(cell: np.ndarray) -> np.ndarray:
+    """Sortable keys (S,) int64 of cells (S, 3), x lowest."""
+    shifted = np.asarray(cell, np.int64) + OFFSET
+    return (shifted[:, 2] << (2 * BITS)) | (shifted[:, 1] << BITS) | shifted[:, 0]
+
+
+def lattice_of(cells: list[np.ndarray]) -> Lattice:
+    """Lattice of bodies, each given by its cells (k, 3); nodes come body by body, in each sorted by key."""
+    ordered = [np.asarray(c, np.int32).reshape(-1, 3)[np.argsort(cell_key(c))] for c in cells]
+    cell = np.concatenate([np.zeros((0, 3), np.int32), *ordered])
+    first = np.cumsum([0, *map(len, ordered)]).astype(np.int32)
+    body = np.repeat(np.arange(len(ordered), dtype=np.int32), np.diff(first))
+    return Lattice(cell, cell_key(cell), body, first)
+
+
+def voxelised(solids: tuple[Solid, ...], grid: Discretisation) -> Nodes:
+    """The nodes of the bodies. Raises InputError for bodies that are too small, that overlap, or in 2D."""
+    if grid.dim != 3:
+        raise InputError("scene: solids are bodies in space; set dim to 3 or leave them out.")
+    cells = [_cells(body, f"[[solid]] number {number}", grid.spacing) for number, body in enumerate(solids, 1)]
+    owner = np.repeat(np.arange(len(cells)), [len(c) for c in cells])
+    keys = cell_key(np.concatenate(cells))
+    order = np.argsort(keys, kind="stable")
+    same = np.flatnonzero(np.diff(keys[order]) == 0)
+    if len(same):
+        a, b = sorted(owner[order[same[0] : same[0] + 2]] + 1)
+        raise InputError(
+            f"scene: [[solid]] number {a} and number {b} overlap (bodies share {len(same)} cells of the lattice);"
+            " move them apart."
+        )
+    return Nodes(lattice_of(cells), solids, grid.spacing)
+
+
+def _cells(body: Solid, place: str, spacing: float) -> np.ndarray:
+    """Cells (k, 3) int32 whose centres lie in a body."""
+    body.check(place)
+    if isinstance(body, SolidCells):
+        return _given_cells(body, place)
+    lower, upper = body.extent()
+    if not (np.isfinite([lower, upper]).all() and (lower < upper).all()):
+        raise InputError(f"{place}: its extent from {_words(lower)} to {_words(upper)} m is empty; give it a size.")
+    low, high = np.floor(lower / spacing).astype(int), np.ceil(upper / spacing).astype(int)
+    axes = [np.arange(a, b) for a, b in zip(low, high)]
+    cells = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    cells = cells[body.inside((cells + 0.5) * spacing)]
+    if not len(cells):
+        raise InputError(
+            f"{place}: no centre of a lattice cell lies in it, because it is smaller than the spacing ({spacing} m);"
+            " make it larger or the spacing smaller."
+        )
+    return cells.astype(np.int32)
+
+
+def _given_cells(body: SolidCells, place: str) -> np.ndarray:
+    try:
+        cells = np.array(body.cells)
+    except (TypeError, ValueError):
+        cells = np.zeros(0)
+    if cells.ndim != 2 or cells.shape[1:] != (3,) or cells.dtype.kind not in "iu" or not len(cells):
+        raise InputError(f"{place}: cells must be rows of 3 whole numbers; give at least one.")
+    cells = cells.astype(np.int32)
+    if len(np.unique(cells, axis=0)) < len(cells):
+        raise InputError(f"{place}: a cell is listed twice; keep one.")
+    return cells
+
+
+def _words(point: np.ndarray) -> str:
+    return f"({', '.join(f'{x:g}' for x in point)})"

@@ -1,0 +1,71 @@
+"""The background grid, only where something is: blocks of 64 nodes in a table of sorted keys, and points by cell.
+
+Contents: Blocks, PointList, SparseGrid. Memory follows what is covered, not the domain. Reference:
+`refsim.sparse_grid.reference`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from refsim.backend import Backend
+
+
+class Blocks(NamedTuple):
+    """Blocks of 64 nodes: 4 x 4 x 4 in space, 8 x 8 in the plane; node 64 b + l is the l-th of block b, x fastest."""
+
+    keys: Any  # (b,) int64, ascending
+    neighbour: Any  # (b, 27 or 9) int32, number of the block a step away in each direction, -1 for none
+
+
+class PointList(NamedTuple):
+    """Points by cell: those of cell i are point[first[i] : first[i + 1]], in the order of their numbers."""
+
+    first: Any  # (nodes + 1,) int32
+    point: Any  # (points in some block,) int32
+    cell: Any  # (points,) int32, the cell of each point, -1 for none
+
+
+@dataclass
+class SparseGrid:
+    """Makes blocks and lists of points on a backend.
+
+    cell_size  h [m]; nodes stand at h j, j integer
+    """
+
+    backend: Backend
+    dim: int
+    dtype: str
+    cell_size: float
+
+    def __post_init__(self) -> None:
+        if self.backend.name == "cuda":
+            from refsim.sparse_grid import cuda as programs
+        else:
+            from refsim.sparse_grid import cpu as programs
+        self.programs = programs.Search(self.dim, inverse_cell(self.cell_size, self.dtype))
+
+    def cover(self, position: Any, below: int, above: int) -> Blocks:
+        """Blocks that hold every node from `below` under to `above` over the cell of each position (n, 3) [m]."""
+        return self.programs.cover(position, below, above)
+
+    def holding(self, coordinates: Any) -> Blocks:
+        """Blocks that hold the nodes with integer `coordinates` (n, 3) and the nodes next to them."""
+        return self.programs.holding(coordinates)
+
+    def by_cell(self, position: Any, blocks: Blocks, shift: float = 0.0) -> PointList:
+        """The points (n, 3) [m] of each cell j = floor(x/h - shift); those outside all blocks are left out."""
+        return self.programs.by_cell(position, blocks, shift)
+
+
+def inverse_cell(cell_size: float, dtype: str) -> float:
+    """1/h [1/m] in float64 for h as rounded to the dtype."""
+    return 1.0 / float(np.dtype(dtype).type(cell_size))
+
+
+def nodes(blocks: Blocks) -> int:
+    """Number of nodes."""
+    return 64 * blocks.keys.shape[0]
