@@ -1,7 +1,13 @@
 """Free-surface detection in one or two steps (Jiang & Zhu 2023, (12) and (13)).
 
-Contents: SurfaceDetection; fields NEAR_SURFACE and SURFACE; NearSurfaceLimit, FanScan; passes near_surface_pass,
-fan_scan_pass; operations surface_detection.near_surface, surface_detection.fan_scan.
+Contents: SurfaceDetection; fields NEAR_SURFACE, SCAN_CANDIDATES and SURFACE; NearSurfaceLimit, FanScan; passes
+near_surface_pass, candidates_pass, fan_scan_pass; operations surface_detection.near_surface,
+surface_detection.candidates, surface_detection.fan_scan, surface_detection.release_pressure.
+
+A liquid in motion presses its surface: there the number density is that of the bulk, and no threshold on it tells
+one from the other (E23). What tells them apart is that the neighbours of a surface particle stand on one side. The
+first of the two steps therefore asks for the first moment of the neighbourhood as well, which the density pass sums
+on the way.
 
 Another effect that needs the detected sets takes the scene's settings, or the default ones, from
 `detection_in(others)` and lists `passes`, `fields` and `parameters` of these; a pass that both effects list
@@ -11,7 +17,7 @@ runs once.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, ClassVar, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 
@@ -19,7 +25,8 @@ from refsim.effect import Discretisation, Effect, Pass, literal_errata, require
 from refsim.errors import InputError
 from refsim.operation import Operation, register
 from refsim.particles import Field
-from refsim.sph import NUMBER_DENSITY
+from refsim.smoothing import smoothing
+from refsim.sph import ASYMMETRY, NUMBER_DENSITY, PRESSURE
 from refsim.surface_normal import (
     CORRECTED_NORMAL,
     SHAPES,
@@ -29,17 +36,24 @@ from refsim.surface_normal import (
     normal_term,
 )
 
+if TYPE_CHECKING:
+    from refsim.sph import WeaklyCompressible
+
 NEAR_SURFACE = Field("near_surface", "-", "1 in the near-surface set N, J(12)", dtype="uint8")
+SCAN_CANDIDATES = Field("scan_candidates", "-", "1 where the fan scan of two steps looks", dtype="uint8")
 SURFACE = Field("surface", "-", "1 in the surface set S", dtype="uint8")
 
 METHODS = ("number_density", "fan_scan", "two_step")
+THRESHOLD = 0.98  # the paper's lambda of J(12)
+SPARSE = 0.9  # lambda of the first step where asymmetry stands beside it; the lower end of the paper's range
 NORMALS = {"color": SURFACE_NORMAL, "corrected": CORRECTED_NORMAL}
 
 
 class NearSurfaceLimit(NamedTuple):
-    """J(12) as the kernels take it."""
+    """J(12), and the limit beside it (E23), as the kernels take them."""
 
     number_density: float  # lambda delta0 [1/m^dim]
+    asymmetry: float  # least first moment [m^(1 - dim)]; unused where J(12) stands alone
 
 
 class FanScan(NamedTuple):
@@ -53,8 +67,32 @@ class FanScan(NamedTuple):
 
 def near_surface_pass(on_demand: bool = False, output: str = "near_surface") -> Pass:
     """The pass that writes the near-surface set N into field `output`, J(12); it reads `number_density`."""
-    names = {} if output == "near_surface" else {"near_surface": output}
+    names: dict[str, str | None] = {"asymmetry": None}
+    if output != "near_surface":
+        names["near_surface"] = output
     return Pass("surface_detection.near_surface", ("number_density",), (output,), on_demand=on_demand, names=names)
+
+
+def candidates_pass(on_demand: bool = False) -> Pass:
+    """The pass that writes field `scan_candidates`: sparse or lopsided neighbourhoods (E23)."""
+    names = {"near_surface": "scan_candidates", "near_surface_limit": "candidate_limit"}
+    reads = ("number_density", "asymmetry")
+    return Pass("surface_detection.candidates", reads, ("scan_candidates",), on_demand=on_demand, names=names)
+
+
+def half_space_moment(fluid: WeaklyCompressible, grid: Discretisation) -> float:
+    """First moment of J(8) [m^(1 - dim)] of a particle on the plane surface of undisturbed liquid.
+
+    delta0 times the integral of x W over a half space: 2 int r^2 W dr in 2D, pi int r^3 W dr in 3D.
+    """
+    from refsim.smoothing.reference import kernel_value
+
+    h = grid.support_radius
+    node, weight = np.polynomial.legendre.leggauss(32)
+    r = 0.5 * h * (node + 1)
+    w = 0.5 * h * weight * kernel_value(r, smoothing(fluid.sum_kernel(), h, grid.dim))
+    integral = 2.0 * w @ r**2 if grid.dim == 2 else np.pi * w @ r**3
+    return float(fluid.rest_number_density(grid) * integral)
 
 
 def fan_scan_pass(
@@ -73,12 +111,19 @@ def fan_scan_pass(
 class SurfaceDetection(Effect, frozen=True, kw_only=True):
     """Marks the particles of the free surface in field `surface`.
 
-    method       "number_density" (S = N, J(12)), "fan_scan" (J(13) for every particle) or "two_step" (J(13) in N)
-    threshold    lambda of J(12); the paper's range is 0.90 to 0.99, its choice 0.98
+    method       "number_density" (S = N, J(12)), "fan_scan" (J(13) for every particle) or "two_step" (J(13) where the
+                 neighbourhood is sparse or lopsided)
+    threshold    lambda of J(12); the paper's range is 0.90 to 0.99, its choice 0.98, which is the default where J(12)
+                 stands alone. In two steps 0.90: what is denser is told by its asymmetry
+    asymmetry    first moment of the neighbourhood from which on it is lopsided, as a share of that of a particle on a
+                 plane surface
     scan_radius  s of J(13): "half" of the support radius, or the "full" one, which doubles the list radius
     scan_normal  "color" (J(19)) or "corrected" (J(20))
     each_step    detect in every step; by default only when the state is looked at
-    literal      printed readings to use: "E5" (the "<" of J(13)), "E6" (s = h), "E10" (V_j = m_j/rho_i); or "all"
+    release_pressure  the pressure of surface particles is zero: the condition on a free surface that particle methods
+                 with an incompressible liquid set; it makes every step depend on what is detected
+    literal      printed readings to use: "E5" (the "<" of J(13)), "E6" (s = h), "E10" (V_j = m_j/rho_i), "E23" (J(12)
+                 alone is the first step, so that the scan looks in N only); or "all"
 
     A particle with fewer than 3 neighbours within the support radius is surface whatever its normal; one with more
     whose normal has no direction is not (E20). Wall particles count as neighbours and block the scan.
@@ -87,18 +132,22 @@ class SurfaceDetection(Effect, frozen=True, kw_only=True):
     name: ClassVar[str] = "surface_detection"
 
     method: Literal["number_density", "fan_scan", "two_step"] = "two_step"
-    threshold: float = 0.98
+    threshold: float | None = None
+    asymmetry: float = 0.25
     scan_radius: Literal["half", "full"] = "half"
     scan_normal: Literal["color", "corrected"] = "color"
     each_step: bool = False
+    release_pressure: bool = False
     literal: tuple[str, ...] = ()
 
     def needs(self) -> tuple[str, ...]:
         return ("weakly_compressible",)
 
     def check(self, grid: Discretisation, others: Mapping[str, Effect]) -> None:
-        require(self.name, threshold=(self.threshold, "positive"))
-        if self.threshold > 1.2:
+        require(self.name, asymmetry=(self.asymmetry, "positive"))
+        if self.threshold is not None:
+            require(self.name, threshold=(self.threshold, "positive"))
+        if self.threshold is not None and self.threshold > 1.2:
             raise InputError(
                 f"{self.name}: threshold = {self.threshold} would take every particle for near the surface; give a"
                 " number up to 1.2 (the paper uses 0.90 to 0.99)."
@@ -112,25 +161,41 @@ class SurfaceDetection(Effect, frozen=True, kw_only=True):
 
     def fields(self, others: Mapping[str, Effect]) -> tuple[Field, ...]:
         fields = [SURFACE]
-        if self.method == "two_step":
+        if self._lopsided():
+            fields += [SCAN_CANDIDATES, ASYMMETRY]
+        elif self.method == "two_step":
             fields.append(NEAR_SURFACE)
         if self.method != "number_density":
             fields.append(NORMALS[self.scan_normal])
         if self.method != "fan_scan" or self.scan_normal == "corrected":
             fields.append(NUMBER_DENSITY)
+        if self.release_pressure:
+            fields.append(PRESSURE)
         return tuple(fields)
 
     def passes(self, others: Mapping[str, Effect]) -> tuple[Pass, ...]:
-        return self.detection_passes(on_demand=not self.each_step)
+        if not self.release_pressure:
+            return self.detection_passes(on_demand=not self.each_step)
+        release = Pass("surface_detection.release_pressure", ("surface",), updates=("pressure",))
+        return (*self.detection_passes(), release)
 
     def detection_passes(self, on_demand: bool = False) -> tuple[Pass, ...]:
         """Passes that end with field `surface`, in every step or on demand."""
         if self.method == "number_density":
             return (near_surface_pass(on_demand, output="surface"),)
-        candidates = "near_surface" if self.method == "two_step" else None
+        candidates = self.candidates()
         normals = {"color": color_gradient_pass, "corrected": corrected_pass}[self.scan_normal]
         scan = (normals(candidates, on_demand), fan_scan_pass(self.scan_normal, candidates, on_demand))
-        return scan if candidates is None else (near_surface_pass(on_demand), *scan)
+        if candidates is None:
+            return scan
+        first = candidates_pass if self._lopsided() else near_surface_pass
+        return (first(on_demand), *scan)
+
+    def candidates(self) -> str | None:
+        """Name of the field of what the fan scan looks at; None where it looks at every particle, or is not run."""
+        if self.method != "two_step":
+            return None
+        return "scan_candidates" if self._lopsided() else "near_surface"
 
     def list_radius(self, grid: Discretisation) -> float:
         scanned = self.method != "number_density"
@@ -138,14 +203,17 @@ class SurfaceDetection(Effect, frozen=True, kw_only=True):
 
     def prepare(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, Any]:
         fluid: Any = others["weakly_compressible"]
-        h = grid.support_radius
+        h, delta0 = grid.support_radius, fluid.rest_number_density(grid)
         # Without rounding a normal without direction is exactly zero; its unit is 1 or, for J(20), 1/m.
         smallest = max(1e-12, 64.0 * float(np.finfo(grid.dtype).eps))
         if self.scan_normal == "corrected":
             smallest /= h
         return {
             **normal_term(fluid, grid, own_density="E10" in self._printed()),
-            "near_surface_limit": NearSurfaceLimit(grid.real(self.threshold * fluid.rest_number_density(grid))),
+            "near_surface_limit": NearSurfaceLimit(grid.real(self._lambda(THRESHOLD) * delta0), grid.real(np.inf)),
+            "candidate_limit": NearSurfaceLimit(
+                grid.real(self._lambda(SPARSE) * delta0), grid.real(self.asymmetry * half_space_moment(fluid, grid))
+            ),
             "fan_scan": FanScan(
                 grid.real(h if self._full() else 0.5 * h),
                 grid.real(h),
@@ -155,7 +223,14 @@ class SurfaceDetection(Effect, frozen=True, kw_only=True):
         }
 
     def _printed(self) -> frozenset[str]:
-        return literal_errata(self.name, self.literal, ("E5", "E6", "E10"))
+        return literal_errata(self.name, self.literal, ("E5", "E6", "E10", "E23"))
+
+    def _lopsided(self) -> bool:
+        """Whether the first step asks for the asymmetry of the neighbourhood."""
+        return self.method == "two_step" and "E23" not in self._printed()
+
+    def _lambda(self, usual: float) -> float:
+        return usual if self.threshold is None else self.threshold
 
     def _full(self) -> bool:
         return self.scan_radius == "full" or "E6" in self._printed()
@@ -168,16 +243,29 @@ def detection_in(others: Mapping[str, Effect]) -> SurfaceDetection:
 
 
 _HERE = "refsim.surface_detection"
+_FIRST_STEP = {
+    "folder": _HERE,
+    "function": "near_surface",
+    "outputs": ("near_surface",),
+    "exact": ("near_surface",),
+    "optional": ("asymmetry",),
+    "invariants": ("reordering",),
+}
 register(
     Operation(
         name="surface_detection.near_surface",
-        folder=_HERE,
         paper="Jiang & Zhu 2023",
         equation="J(12)",
-        function="near_surface",
-        outputs=("near_surface",),
-        exact=("near_surface",),
-        invariants=("reordering",),
+        variants=({"asymmetry": None},),
+        **_FIRST_STEP,
+    )
+)
+register(
+    Operation(
+        name="surface_detection.candidates",
+        paper="Jiang & Zhu 2023, with the first moment beside it",
+        equation="J(12) with E23",
+        **_FIRST_STEP,
     )
 )
 register(
@@ -195,5 +283,18 @@ register(
         variants=({}, {"walls": None, "candidates": None}, {"candidates": None}, {"walls": None}),
         invariants=("translation", "reordering"),
         cases=SHAPES,
+    )
+)
+register(
+    Operation(
+        name="surface_detection.release_pressure",
+        folder=_HERE,
+        paper="Koshizuka & Oka 1996, as Jiang & Zhu 2023 tells it",
+        equation="p = 0 on S",
+        function="release_pressure",
+        outputs=("pressure",),
+        tolerance=0.0,
+        tolerance_reason="a choice between a copy and zero",
+        invariants=("reordering",),
     )
 )

@@ -13,8 +13,9 @@ def _marks(case, random):
 
 @groups("near_surface_limit", "fan_scan")
 def _detection(case, grid):
-    literal = ("E5", "E6", "E10") if case.literal else ()
-    return SurfaceDetection(threshold=0.9, literal=literal).prepare(grid, case.effects)
+    literal = ("all",) if case.literal else ()
+    groups = SurfaceDetection(literal=literal).prepare(grid, case.effects)
+    return groups | {"near_surface_limit": groups["candidate_limit"]}
 
 
 @closed_form("surface_detection.near_surface")
@@ -23,9 +24,22 @@ def thresholds():
     case = Case("thresholds", 3, np.array([[0.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 2.0, 0.0]]))
     return Exact(
         case,
-        {"number_density": np.array([0.5, 0.75, 1.0]), "near_surface_limit": NearSurfaceLimit(0.75)},
+        {"number_density": np.array([0.5, 0.75, 1.0]), "near_surface_limit": NearSurfaceLimit(0.75, 1.0),
+         "asymmetry": None},
         {"near_surface": np.array([1, 1, 0], np.uint8)},
-    )
+    )  # fmt: skip
+
+
+@closed_form("surface_detection.candidates")
+def sparse_or_lopsided():
+    """Either is enough, and at the limit it counts: sparse alone, lopsided alone, both, neither."""
+    case = Case("sides", 2, np.array([[0.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 2.0, 0.0], [0.0, 3.0, 0.0]]))
+    return Exact(
+        case,
+        {"number_density": np.array([0.5, 1.0, 0.75, 1.0]), "asymmetry": np.array([0.125, 0.25, 0.5, 0.125]),
+         "near_surface_limit": NearSurfaceLimit(0.75, 0.25)},
+        {"near_surface": np.array([1, 1, 1, 0], np.uint8)},
+    )  # fmt: skip
 
 
 @closed_form("surface_detection.fan_scan")
@@ -67,3 +81,14 @@ def printed_cone_of_three():
 def printed_beside_the_cone():
     """As printed, one who stands 50 degrees off the axis, outside the cone, occupies it."""
     return Exact(*_printed_fan(-10, 5, 50), {"surface": np.array([0, 0, 0, 0], np.uint8)})
+
+
+@closed_form("surface_detection.release_pressure")
+def released():
+    """Zero on the surface, of either sign elsewhere."""
+    case = Case("released", 2, np.array([[0.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 2.0, 0.0]]))
+    return Exact(
+        case,
+        {"surface": np.array([1, 0, 0], np.uint8), "pressure": np.array([3.0, 5.0, -2.0])},
+        {"pressure": np.array([0.0, 5.0, -2.0])},
+    )

@@ -6,10 +6,13 @@ from refsim.surface_detection import formulas, particle
 
 
 @cpu_kernel
-def near_surface(number_density, near_surface_limit, near_surface):
-    """J(12)."""
+def near_surface(number_density, asymmetry, near_surface_limit, near_surface):
+    """J(12); where `asymmetry` is given, also who has neighbours on one side only (E23)."""
     for i in prange(near_surface.shape[0]):
-        near_surface[i] = formulas.is_near_surface(number_density[i], near_surface_limit)
+        found = formulas.is_near_surface(number_density[i], near_surface_limit)
+        if asymmetry is not None:
+            found = found or formulas.is_lopsided(asymmetry[i], near_surface_limit)
+        near_surface[i] = found
 
 
 @cpu_kernel
@@ -43,3 +46,10 @@ def fan_scan(position, surface_normal, candidates, neighbours, walls, fan_scan, 
                     occupied,
                 )
         surface[i] = near < particle.ENOUGH or not occupied
+
+
+@cpu_kernel
+def release_pressure(surface, pressure):
+    """p = 0 on S."""
+    for i in prange(pressure.shape[0]):
+        pressure[i] = formulas.released_pressure(pressure[i], surface[i])

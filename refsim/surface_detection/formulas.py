@@ -1,4 +1,4 @@
-"""Scalar formulas of surface detection: Jiang & Zhu 2023, equations (12) and (13)."""
+"""Scalar formulas of surface detection: Jiang & Zhu 2023, equations (12) and (13), and p = 0 on S."""
 
 from refsim.compile import formula
 
@@ -7,6 +7,20 @@ from refsim.compile import formula
 def is_near_surface(number_density, near_surface_limit):
     """J(12): delta_i <= lambda delta0, both [1/m^dim]."""
     return number_density <= near_surface_limit.number_density
+
+
+@formula
+def is_lopsided(asymmetry, near_surface_limit):
+    """E23, beside J(12): the first moment of the neighbourhood is at least the limit, both [m^(1 - dim)]."""
+    return asymmetry >= near_surface_limit.asymmetry
+
+
+@formula
+def released_pressure(pressure, surface):
+    """p = 0 on the surface set S, unchanged elsewhere [Pa]."""
+    if surface != 0:
+        return type(pressure)(0)
+    return pressure
 
 
 @formula

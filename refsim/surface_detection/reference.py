@@ -17,9 +17,14 @@ def _rows(array, rows):
     return array if rows is None else array[rows]
 
 
-def near_surface(number_density, near_surface_limit, rows=None):
-    """Near-surface flags (n,), number_density (n,) [1/m^dim]: J(12) delta_i <= lambda delta0."""
+def near_surface(number_density, asymmetry, near_surface_limit, rows=None):
+    """Near-surface flags (n,), number_density (n,) [1/m^dim]: J(12) delta_i <= lambda delta0.
+
+    With asymmetry (n,) [m^(1 - dim)], the length of the first moment of J(8), also who has at least the limit (E23).
+    """
     margin = 1 - _rows(number_density, rows) / float(near_surface_limit.number_density)
+    if asymmetry is not None:
+        margin = np.maximum(margin, _rows(asymmetry, rows) / float(near_surface_limit.asymmetry) - 1)
     return {"near_surface": ((margin >= 0).astype(np.uint8), np.abs(margin))}
 
 
@@ -72,3 +77,9 @@ def fan_scan(position, surface_normal, candidates, walls, fan_scan, rows=None):
     if candidates is not None:
         surface = np.where(_rows(candidates, rows) != 0, surface, -np.inf)
     return {"surface": ((surface > 0).astype(np.uint8), np.abs(surface))}
+
+
+def release_pressure(surface, pressure, rows=None):
+    """Pressure (n,) [Pa]: p = 0 where surface (n,) is set, unchanged elsewhere."""
+    own = _rows(pressure, rows)
+    return {"pressure": (np.where(_rows(surface, rows) != 0, 0.0, own), np.abs(own))}
