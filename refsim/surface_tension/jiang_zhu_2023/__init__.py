@@ -13,13 +13,14 @@ close into a crust; the modes by the surface set S do not come to rest.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any, ClassVar, Literal, NamedTuple
 
 import msgspec
 import numpy as np
+from numpy.typing import NDArray
 
-from refsim.effect import Discretisation, Effect, Extremes, Pass, literal_errata, require
+from refsim.effect import Discretisation, Effect, Pass, literal_errata, require
 from refsim.errors import InputError
 from refsim.operation import Operation, register
 from refsim.particles import Field
@@ -33,6 +34,7 @@ from refsim.surface_normal import (
     corrected_pass,
     normal_term,
 )
+from refsim.surface_tension.cohesion import PairCohesion, one_of
 from refsim.surface_tension.jiang_zhu_2023.modes import AREA_TERMS, PAIR_MODES
 
 CORRECTED_DENSITY = Field("corrected_density", "kg/m^3 (kg/m^2 in 2D)", "density rho* near the surface, J(14)")
@@ -42,6 +44,13 @@ ALPHA = {2: 0.75, 3: 0.6}  # of J(17); 0.6 in 2D is the printed reading (E7)
 BETA = 0.9
 INNER = 0.8  # support of the repulsive kernel, as a share of h
 MARKED_MODES = ("one_sided", "either", "both")  # those that ask for the surface set S
+# Area coefficients up to which a drop stays in one piece and comes to rest (docs/stability.md): eps_r of J(21), and
+# eps'/(gamma rho0) of J(18). Beyond them no step is short enough.
+LARGEST_AREA = {
+    "corrected": {"mueller": 0.012, "wendland": 0.006, "cubic_spline": 0.006},
+    "color": {"mueller": 0.003, "wendland": 0.0015, "cubic_spline": 0.0015},
+}
+LARGEST_SOFT = 0.015  # P_int/(rho0 c^2) of the pair force between all particles, from which on soft drops boil
 AKINCI_RATIO = 1e-3  # eps'/(gamma rho0) of Akinci et al. 2013 for water
 
 
@@ -75,6 +84,16 @@ class AreaTerm(NamedTuple):
 
     kind: int  # of AREA_TERMS
     coefficient: float  # eps of J(21) [N/m^5; N/m^4 in 2D], or eps' of J(18) [m/s^2]
+
+
+def force_function(r: NDArray, support_radius: float, dim: int, alpha: float, beta: float = BETA) -> NDArray:
+    """J(17) C(r) = alpha W_poly6(r, 0.8h) - beta W_poly6(r, h) [1/m^dim] at distances r [m]; positive repels."""
+
+    def poly6(radius: float) -> NDArray:
+        q = np.asarray(r, dtype=float) / radius
+        return np.where(q < 1, NORMALISATION[POLY6][dim] / radius**dim * (1 - q**2) ** 3, 0.0)
+
+    return alpha * poly6(INNER * support_radius) - beta * poly6(support_radius)
 
 
 def force_moment(power: int, alpha: float, beta: float, dim: int) -> float:
@@ -114,7 +133,7 @@ def internal_pressure(
     return -factor * rest_density**2 * gamma * support_radius * moment
 
 
-class JiangZhu2023(Effect, frozen=True, kw_only=True):
+class JiangZhu2023(PairCohesion, frozen=True, kw_only=True):
     """Surface tension of a free liquid surface.
 
     surface_tension     sigma [N/m]; nominal: turned into gamma by the Kirkwood-Buff integral (kirkwood_buff_sigma).
@@ -130,12 +149,12 @@ class JiangZhu2023(Effect, frozen=True, kw_only=True):
     density_correction  correct the density near the surface, J(14) and J(15), before the equation of state and the
                         normals. Without it J(21), which divides by both densities, can push a particle that has left
                         the surface further out. Left out, it is on where there is tension
-    threshold           lambda of J(12), the near-surface set N of the density correction and of S; left out, that
-                        of the scene's surface detection, else the paper's 0.98
+    threshold           lambda of J(12), the near-surface set N of the density correction (and, by "E23", of S); left
+                        out, that of the scene's surface detection, else the paper's 0.98
     soft_lower          |h grad c| up to which the soft surface weight is 0
     soft_upper          |h grad c| from which it is 1
     literal             printed readings to use: "E4" (sign of J(16)), "E7" (alpha = 0.6 in 2D), "E10" (V_j =
-                        m_j/rho_i in the normals), "E5" and "E6" (in the surface detection); or "all"
+                        m_j/rho_i in the normals), "E5", "E6" and "E23" (in the surface detection); or "all"
 
     Pair modes by S detect the surface in every step, as the scene's surface detection says or in two steps. Pair
     force and area term keep the linear momentum but for "one_sided" (J(18): for equal masses); the area term does
@@ -150,20 +169,14 @@ class JiangZhu2023(Effect, frozen=True, kw_only=True):
     area_term: Literal["corrected", "color", "none"] = "corrected"
     area_ratio: float = 0.01
     area_acceleration: float | None = None
-    balance_pressure: bool = True
     density_correction: bool | None = None
     threshold: float | None = None
     soft_lower: float = 0.3
     soft_upper: float = 1.0
     literal: tuple[str, ...] = ()
 
-    def needs(self) -> tuple[str, ...]:
-        return ("weakly_compressible",)
-
     def check(self, grid: Discretisation, others: Mapping[str, Effect]) -> None:
-        if (self.surface_tension is None) == (self.gamma is None):
-            given = "both" if self.gamma is not None else "neither"
-            raise InputError(f"{self.name}: {given} of surface_tension and gamma given; give exactly one of them.")
+        one_of(self.name, surface_tension=self.surface_tension, gamma=self.gamma)
         own = {
             "surface_tension": (self.surface_tension, "not negative"),
             "gamma": (self.gamma, "not negative"),
@@ -187,23 +200,7 @@ class JiangZhu2023(Effect, frozen=True, kw_only=True):
         self._printed()
         if self._marked() or self._corrects():
             self._detection(others).check(grid, others)
-        self._check_collapse(grid, others)
-
-    def _check_collapse(self, grid: Discretisation, others: Mapping[str, Effect]) -> None:
-        """p = c^2 (rho - rho0) holds against the cohesion P_int (rho/rho0)^2 only for P_int < rho0 c^2/4."""
-        fluid: Any = others["weakly_compressible"]
-        if self.pair_mode != "all" or self.balance_pressure or fluid.state != "linear":
-            return
-        pressure = internal_pressure(
-            self.signed_gamma(grid, others), fluid.rest_density, grid.support_radius, grid.dim, self._alpha(grid.dim)
-        )
-        if pressure >= 0.25 * fluid.rest_density * fluid.sound_speed**2:
-            needed = math.sqrt(4 * pressure / fluid.rest_density)
-            raise InputError(
-                f"{self.name}: with pair_mode 'all' the cohesive pressure of {pressure:.4g} Pa would collapse the"
-                f" liquid; give weakly_compressible a sound_speed above {needed:.4g} m/s (10 times that for 1 %"
-                " compression), or let balance_pressure = true hold it."
-            )
+        self.check_collapse(grid, others)
 
     def coefficient(self, grid: Discretisation, others: Mapping[str, Effect]) -> float:
         """gamma of J(16) [m^4/(kg s^2)], given or from sigma."""
@@ -315,28 +312,64 @@ class JiangZhu2023(Effect, frozen=True, kw_only=True):
             "area": area,
         }
 
-    def balanced_pressure(self, grid: Discretisation, others: Mapping[str, Effect]) -> float:
-        if self.pair_mode != "all" or not self.balance_pressure:
+    def notes(self, grid: Discretisation, others: Mapping[str, Effect]) -> tuple[str, ...]:
+        return (*super().notes(grid, others), *self._unstable(grid, others))
+
+    def _unstable(self, grid: Discretisation, others: Mapping[str, Effect]) -> Iterator[str]:
+        """Settings with which drops were found to boil or to throw particles off, whatever the step."""
+        if not self._acts():
+            return
+        if self._marked():
+            yield (
+                f"{self.name}: pair_mode {self.pair_mode!r} switches tension on and off as particles enter and leave"
+                " the surface set, so that drops boil or fall apart: 'all' comes to rest"
+            )
+        fluid: Any = others["weakly_compressible"]
+        if self.pair_mode == "soft":
+            gamma = abs(self.signed_gamma(grid, others))
+            pull = internal_pressure(gamma, fluid.rest_density, grid.support_radius, grid.dim, self._alpha(grid.dim))
+            number = pull / (fluid.rest_density * fluid.sound_speed**2)
+            if number > LARGEST_SOFT:
+                yield (
+                    f"{self.name}: with pair_mode 'soft' the pair force of {number:.2g} rho0 c^2 is above"
+                    f" {LARGEST_SOFT:g}, up to which drops come to rest: take a larger sound_speed"
+                )
+        if self._area() == "none":
+            return
+        kernels, value, name = fluid.kernels, self.area_ratio, "area_ratio"
+        if self._area() == "color":
+            unit = abs(self.signed_gamma(grid, others)) * fluid.rest_density
+            value = AKINCI_RATIO if self.area_acceleration is None else self.area_acceleration / unit
+            name = "area_acceleration/(gamma rho0)"
+        most = LARGEST_AREA[self._area()][kernels]
+        if value > most:
+            yield (
+                f"{self.name}: {name} = {value:.3g} is above {most:g}, up to which drops with {kernels} kernels come to"
+                " rest in one piece; no shorter step mends that"
+            )
+
+    def pair_force(self, r: NDArray, grid: Discretisation, others: Mapping[str, Effect]) -> NDArray:
+        """C(r) [N/kg^2] of J(16) and J(17)."""
+        gamma = self.signed_gamma(grid, others)
+        return gamma * force_function(r, grid.support_radius, grid.dim, self._alpha(grid.dim))
+
+    def acts_on_all_pairs(self) -> bool:
+        return self.pair_mode == "all"
+
+    def internal_pressure(self, grid: Discretisation, others: Mapping[str, Effect]) -> float:
+        if not self.acts_on_all_pairs():
             return 0.0
         rest_density = others["weakly_compressible"].rest_density  # type: ignore[attr-defined]
         gamma = self.signed_gamma(grid, others)
-        return max(0.0, internal_pressure(gamma, rest_density, grid.support_radius, grid.dim, self._alpha(grid.dim)))
-
-    def step_limits(self, grid: Discretisation, others: Mapping[str, Effect], extremes: Extremes) -> dict[str, float]:
-        sigma = abs(self.nominal_tension(grid, others))
-        if sigma == 0:
-            return {}
-        rest_density = others["weakly_compressible"].rest_density  # type: ignore[attr-defined]
-        half = 0.5 * grid.support_radius
-        return {"capillary": 0.25 * math.sqrt(rest_density * half**3 / (2 * math.pi * sigma))}
+        return internal_pressure(gamma, rest_density, grid.support_radius, grid.dim, self._alpha(grid.dim))
 
     def _printed(self) -> frozenset[str]:
-        return literal_errata(self.name, self.literal, ("E4", "E5", "E6", "E7", "E10"))
+        return literal_errata(self.name, self.literal, ("E4", "E5", "E6", "E7", "E10", "E23"))
 
     def _detection(self, others: Mapping[str, Effect]) -> SurfaceDetection:
         """How N and S are found: as the scene's surface detection says, with this effect's own wishes."""
         found = detection_in(others)
-        wanted = (*found.literal, *sorted(self._printed() & {"E5", "E6", "E10"}))
+        wanted = (*found.literal, *sorted(self._printed() & {"E5", "E6", "E10", "E23"}))
         threshold = found.threshold if self.threshold is None else self.threshold
         return msgspec.structs.replace(found, literal=tuple(dict.fromkeys(wanted)), threshold=threshold)
 
@@ -369,7 +402,7 @@ register(
         equation="J(14), J(15) with E8",
         function="corrected_density",
         outputs=("corrected_density",),
-        optional=("walls",),
+        optional=("walls", "near_surface"),
         tolerance=8.0,
         tolerance_reason="the roundings of one pair in each of two sums, and their quotient",
         variants=({}, {"walls": None}),

@@ -8,10 +8,10 @@ from refsim.surface_tension.jiang_zhu_2023 import formulas, particle
 
 @cpu_kernel
 def corrected_density(position, mass, density, near_surface, neighbours, walls, smoothing, fluid, corrected_density):
-    """J(14), J(15) on the near-surface particles; the others keep their density."""
+    """J(14), J(15) on the near-surface particles (on all without that set); the others keep their density."""
     for i in prange(corrected_density.shape[0]):
         rho = density[i]
-        if near_surface[i]:
+        if near_surface is None or near_surface[i] != 0:
             mass_sum, volume_sum = particle.density_sums(
                 i, cpu_row(neighbours, i), position, mass, density, neighbours.entries, smoothing
             )

@@ -1,18 +1,18 @@
 """CUDA kernels of Jiang & Zhu 2023."""
 
 from refsim.compile import cuda, cuda_kernel
-from refsim.neighbours.rows import cuda_row
+from refsim.neighbours.rows import cuda_lane, cuda_lane_row, cuda_row, lanes_sum
 from refsim.sph.particle import wall_sum
 from refsim.surface_tension.jiang_zhu_2023 import formulas, particle
 
 
 @cuda_kernel
 def corrected_density(position, mass, density, near_surface, neighbours, walls, smoothing, fluid, corrected_density):
-    """J(14), J(15) on the near-surface particles; the others keep their density."""
+    """J(14), J(15) on the near-surface particles (on all without that set); the others keep their density."""
     i = cuda.grid(1)
     if i < corrected_density.shape[0]:
         rho = density[i]
-        if near_surface[i]:
+        if near_surface is None or near_surface[i] != 0:
             mass_sum, volume_sum = particle.density_sums(
                 i, cuda_row(neighbours, i), position, mass, density, neighbours.entries, smoothing
             )
@@ -40,18 +40,20 @@ def soft_weight(surface_normal, soft, surface_weight):
         surface_weight[i] = particle.soft_weight(i, surface_normal, soft)
 
 
-@cuda_kernel
+@cuda_kernel(lanes=True)
 def tension(
     position, mass, density, surface_weight, surface, area_normal, neighbours, smoothing, pairs, cohesion, area,
     acceleration,
 ):  # fmt: skip
     """J(16), J(17) and J(21) or J(18); added to the acceleration."""
-    i = cuda.grid(1)
+    i, lane = cuda_lane(cuda.grid(1), neighbours)
     if i < acceleration.shape[0]:
         ax, ay, az = particle.tension(
-            i, cuda_row(neighbours, i), position, mass, density, surface_weight, surface, area_normal,
+            i, cuda_lane_row(neighbours, i, lane), position, mass, density, surface_weight, surface, area_normal,
             neighbours.entries, smoothing, pairs, cohesion, area,
         )  # fmt: skip
-        acceleration[i, 0] += ax
-        acceleration[i, 1] += ay
-        acceleration[i, 2] += az
+        ax, ay, az = lanes_sum(ax, lane, neighbours), lanes_sum(ay, lane, neighbours), lanes_sum(az, lane, neighbours)
+        if lane == 0:
+            acceleration[i, 0] += ax
+            acceleration[i, 1] += ay
+            acceleration[i, 2] += az

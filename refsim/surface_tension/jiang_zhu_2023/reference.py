@@ -19,7 +19,7 @@ def _rows(array, rows):
 
 
 def corrected_density(position, mass, density, near_surface, walls, smoothing, fluid, rows=None):
-    """Density [kg/m^dim], corrected where `near_surface` is set; self included, one pass with the raw densities.
+    """Density [kg/m^dim], corrected where `near_surface` is set, everywhere if it is None; self included, one pass.
 
     J(14), J(15) rho*_i = sum_j m_j W_ij / sum_k (m_k/rho_k) W_ik; walls m_k -> rho0 V_b, rho_k -> rho_i.
     """
@@ -36,7 +36,9 @@ def corrected_density(position, mass, density, near_surface, walls, smoothing, f
             w = kernel_value(distance, smoothing)
             above[place] += w @ filling
             below[place] += (w @ filling) / own[place]
-    value = np.where(_rows(near_surface, rows) != 0, above / below, own)
+    value = above / below
+    if near_surface is not None:
+        value = np.where(_rows(near_surface, rows) != 0, value, own)
     return {"corrected_density": (value, 2 * value)}
 
 

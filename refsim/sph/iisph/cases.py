@@ -1,0 +1,144 @@
+"""Inputs and closed forms of implicit incompressible SPH."""
+
+import math
+
+import numpy as np
+
+from refsim.cases import Case, Exact, closed_form, groups, particles, vectors
+from refsim.sph import Fluid
+from refsim.sph.iisph import Implicit, ImplicitPressure
+
+KICK, DRIFT = 0.011, 0.012  # per spacing, as in the steps of refsim.cases
+
+
+@particles("own_displacement", "pair_displacement")
+def _displacements(case, random):
+    """What pressures of the case's size do in a step like its own."""
+    return KICK * DRIFT * case.spacing**2 * 1e-2 / case.support_radius * vectors(case, random)
+
+
+@particles("diagonal")
+def _diagonal(case, random):
+    """Negative, of the size that the step and the support give; some too small to divide by."""
+    values = -KICK * DRIFT * case.spacing**2 / case.support_radius**2 * random.uniform(0.2, 2, case.count)
+    values[4::9] = 0
+    return values
+
+
+@particles("advected_density")
+def _advected(case, random):
+    return 1000 * random.uniform(0.9, 1.2, case.count)
+
+
+@particles("density_error", "new_pressure")
+def _pressures(case, random):
+    return 1e4 * random.uniform(0, 1, case.count)
+
+
+@groups("implicit")
+def _implicit(case, grid):
+    """Always two iterations: how many are needed may depend on a rounding."""
+    return ImplicitPressure(iterations=(2, 2)).prepare(grid, case.effects)
+
+
+# h = 2 m: in 3D Wendland W(0) = 21/(16 pi), W'(h/2) = -5/8 W(0) per metre.
+PAIR = Case("implicit_pair", 3, np.array([[0.0, 0.0, 0.0], [0.0, 1.0, 0.0]]), spacing=1.0, support_radius=2.0)
+SLOPE = 5 / 8 * 21 / (16 * math.pi) / (1 + 2e-9)
+MASS, DENSITY = np.array([2.0, 3.0]), np.array([1000.0, 500.0])
+WATER = Fluid(1000.0, 4e5, np.int32(1), np.int32(0))
+STEP = np.array([0.5, 0.25])
+GIVEN = {"mass": MASS, "density": DENSITY, "timestep": STEP, "fluid": WATER}
+UP = np.array([0.0, 1.0, 0.0])
+IMPLICIT = Implicit(0.5, 1e-3, np.int32(2), np.int32(2), 1e-9)
+
+
+@closed_form("iisph.predict")
+def approaching_pair():
+    """grad W_12 = |W'| y: d_11 = -(s/rho_1^2) m_2 |W'| y; they approach with 2 m/s after the kick."""
+    share = 0.125 / DENSITY**2
+    gradient = MASS[::-1] * SLOPE
+    squares = gradient**2 + MASS * MASS[::-1] * SLOPE**2
+    velocity = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 0.0]])
+    acceleration = np.array([[3.0, 0.0, 0.0], [0.0, -2.0, 0.0]])
+    return Exact(
+        PAIR,
+        GIVEN | {"velocity": velocity, "acceleration": acceleration},
+        {
+            "own_displacement": np.array([-share[0] * gradient[0] * UP, share[1] * gradient[1] * UP]),
+            "diagonal": -share * squares,
+            "advected_density": DENSITY + 0.25 * gradient * 2.0,
+        },
+    )
+
+
+@closed_form("iisph.displace")
+def displaced_pair():
+    """s_1 = -s m_2 p_2/rho_2^2 |W'| y."""
+    pressure = np.array([4000.0, 1000.0])
+    size = 0.125 * (MASS * pressure / DENSITY**2)[::-1] * SLOPE
+    return Exact(PAIR, GIVEN | {"pressure": pressure}, {"pair_displacement": np.array([-size[0] * UP, size[1] * UP])})
+
+
+def _relaxed(diagonal, pressure, new):
+    """Displacements across the pair do nothing: what is left is d_ji p_i, s m_1 p_1/rho_1^2 |W'|^2 m_2."""
+    advected = np.array([1100.0, 950.0])
+    own = 0.125 * MASS * MASS[::-1] / DENSITY**2 * pressure * SLOPE**2
+    sums = 1000 - advected - own
+    expected = np.maximum(0.5 * pressure + 0.5 * sums / diagonal, 0) if new is None else new
+    return Exact(
+        PAIR,
+        GIVEN
+        | {
+            "pressure": pressure, "diagonal": diagonal, "advected_density": advected, "implicit": IMPLICIT,
+            "own_displacement": np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]),
+            "pair_displacement": np.array([[0.0, 0.0, 2.0], [1.0, 0.0, 0.0]]),
+        },
+        {"new_pressure": expected, "density_error": np.maximum(advected + diagonal * pressure + own - 1000, 0)},
+    )  # fmt: skip
+
+
+@closed_form("iisph.relax")
+def compressed_and_thin():
+    """The first is too dense and gets a pressure, the second too thin: its pressure falls to 0."""
+    return _relaxed(np.array([-0.02, -0.5]), np.array([4000.0, 10.0]), None)
+
+
+@closed_form("iisph.relax")
+def hardly_coupled():
+    """Where a_ii is nothing there is no pressure."""
+    diagonal = np.array([-1e-11, -1e-11])
+    return _relaxed(diagonal, np.array([4000.0, 1000.0]), np.zeros(2))
+
+
+@closed_form("iisph.push")
+def pushed_pair():
+    """a_1 = -m_2 (p_1/rho_1^2 + p_2/rho_2^2) |W'| y."""
+    pressure = np.array([4000.0, 1000.0])
+    push = (pressure / DENSITY**2).sum() * SLOPE
+    return Exact(PAIR, GIVEN | {"pressure": pressure}, {"acceleration": np.array([-3 * push * UP, 2 * push * UP])})
+
+
+@closed_form("iisph.halve")
+def halved():
+    """Half."""
+    return Exact(PAIR, {"pressure": np.array([3.0, 4.0])}, {"pressure": np.array([1.5, 2.0])})
+
+
+@closed_form("iisph.keep")
+def kept():
+    """A copy."""
+    return Exact(PAIR, {"new_pressure": np.array([3.0, 4.0])}, {"pressure": np.array([3.0, 4.0])})
+
+
+@closed_form("iisph.solve")
+def pair_at_rest():
+    """Two particles at half the rest density need no pressure, whatever they began with."""
+    return Exact(
+        PAIR,
+        GIVEN
+        | {
+            "density": np.full(2, 500.0), "velocity": np.zeros((2, 3)), "acceleration": np.zeros((2, 3)),
+            "pressure": np.zeros(2), "implicit": IMPLICIT,
+        },
+        {"pressure": np.zeros(2), "acceleration": np.zeros((2, 3)), "advected_density": np.full(2, 500.0)},
+    )  # fmt: skip

@@ -1,0 +1,186 @@
+"""Cohesion, area term and adhesion after Akinci, Akinci & Teschner 2013 (Jiang & Zhu 2023, reference [9]).
+
+Contents: Akinci2013; operations akinci_2013.tension, akinci_2013.adhesion.
+
+Cohesion and area term carry one coefficient gamma in the paper, although the two terms differ in dimension by a
+density: in SI units and for water the one is a thousandth of gamma rho0. Here they have two coefficients.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any, ClassVar, NamedTuple
+
+from numpy.typing import NDArray
+
+from refsim.effect import Discretisation, Effect, Pass, literal_errata, require
+from refsim.errors import InputError
+from refsim.operation import Operation, register
+from refsim.particles import Field
+from refsim.surface_normal import SURFACE_NORMAL, color_gradient_pass, normal_term
+from refsim.surface_tension.akinci_2013.reference import cohesion_function
+from refsim.surface_tension.cohesion import PairCohesion, nominal_tension, one_of
+
+WATER_RATIO = 1e-3  # eps/(gamma rho0) of the one printed coefficient, for water in SI units
+
+
+class CohesionSpline(NamedTuple):
+    """Cohesion as the kernels take it."""
+
+    gamma: float  # [m^4/(kg s^2)]
+    amplitude: float  # gamma 32/(pi h^dim)
+
+
+class AreaTerm(NamedTuple):
+    """Area term as the kernels take it."""
+
+    coefficient: float  # eps [m/s^2]
+
+
+class Adhesion(NamedTuple):
+    """Adhesion as the kernels take it."""
+
+    beta: float  # [m^4/(kg s^2)]
+    amplitude: float  # beta 0.007/h^dim
+
+
+class Akinci2013(PairCohesion, frozen=True, kw_only=True):
+    """Surface tension of a free liquid surface, and adhesion to walls.
+
+    surface_tension    sigma [N/m]; nominal: turned into gamma by the Kirkwood-Buff integral. The area term adds its
+                       own part, so that the measured tension is up to several times as large
+    gamma              coefficient of the cohesion [m^4/(kg s^2)], instead of sigma
+    area_acceleration  eps [m/s^2], coefficient of the area term; left out, 0.001 gamma rho0, which is what one number
+                       for both terms means for water in SI units
+    adhesion           beta [m^4/(kg s^2)], coefficient of the attraction by walls; needs walls to act
+    balance_pressure   the equation of state balances the cohesion of the bulk by P_int (rho/rho0)^2 (not in the
+                       paper); left out, cohesion compresses the liquid
+    literal            printed readings to use: "gamma" (one number for both terms: eps = gamma in SI units, whatever
+                       rho0 is); or "all"
+
+    Cohesion keeps linear and angular momentum; the area term keeps the linear one for equal masses, and not the
+    angular one, because n_i - n_j does not point along the pair.
+    """
+
+    name: ClassVar[str] = "akinci_2013"
+
+    surface_tension: float | None = None
+    gamma: float | None = None
+    area_acceleration: float | None = None
+    adhesion: float = 0.0
+    literal: tuple[str, ...] = ()
+
+    def check(self, grid: Discretisation, others: Mapping[str, Effect]) -> None:
+        one_of(self.name, surface_tension=self.surface_tension, gamma=self.gamma)
+        own = {
+            "surface_tension": self.surface_tension,
+            "gamma": self.gamma,
+            "area_acceleration": self.area_acceleration,
+        }
+        require(self.name, **{key: (value, "not negative") for key, value in own.items() if value is not None})
+        require(self.name, adhesion=(self.adhesion, "not negative"))
+        if "gamma" in self._printed() and self.area_acceleration is not None:
+            raise InputError(
+                f"{self.name}: literal 'gamma' sets the coefficient of the area term, and area_acceleration does, too;"
+                " give one of them."
+            )
+        self.check_collapse(grid, others)
+
+    def coefficient(self, grid: Discretisation, others: Mapping[str, Effect]) -> float:
+        """gamma [m^4/(kg s^2)], given or from sigma."""
+        if self.gamma is not None:
+            return self.gamma
+        h, rest_density = grid.support_radius, others["weakly_compressible"].rest_density  # type: ignore[attr-defined]
+        return self.surface_tension / nominal_tension(
+            lambda r: -cohesion_function(r, h, grid.dim), rest_density, h, grid.dim
+        )
+
+    def area_coefficient(self, grid: Discretisation, others: Mapping[str, Effect]) -> float:
+        """eps [m/s^2], given or from gamma."""
+        gamma = self.coefficient(grid, others)
+        if "gamma" in self._printed():
+            return gamma
+        if self.area_acceleration is not None:
+            return self.area_acceleration
+        return WATER_RATIO * gamma * others["weakly_compressible"].rest_density  # type: ignore[attr-defined]
+
+    def pair_force(self, r: NDArray, grid: Discretisation, others: Mapping[str, Effect]) -> NDArray:
+        """-gamma C(r) [N/kg^2]; K_ij is 1 in the undisturbed bulk."""
+        return -self.coefficient(grid, others) * cohesion_function(r, grid.support_radius, grid.dim)
+
+    def fields(self, others: Mapping[str, Effect]) -> tuple[Field, ...]:
+        return (SURFACE_NORMAL,) if self._has_area() else ()
+
+    def passes(self, others: Mapping[str, Effect]) -> tuple[Pass, ...]:
+        passes: list[Pass] = []
+        reads: tuple[str, ...] = ("position", "mass", "density")
+        if self._has_area():
+            passes.append(color_gradient_pass())
+            reads = (*reads, "surface_normal")
+        if self._coheres() or self._has_area():
+            names = {"area_normal": "surface_normal" if self._has_area() else None}
+            passes.append(Pass("akinci_2013.tension", reads, updates=("acceleration",), names=names))
+        if self.adhesion > 0 and "box_walls" in others:
+            passes.append(Pass("akinci_2013.adhesion", ("position",), updates=("acceleration",)))
+        return tuple(passes)
+
+    def list_radius(self, grid: Discretisation) -> float:
+        return grid.support_radius
+
+    def prepare(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, Any]:
+        real, volume = grid.real, grid.support_radius**grid.dim
+        fluid: Any = others["weakly_compressible"]
+        gamma, beta = self.coefficient(grid, others), self.adhesion
+        groups: dict[str, Any] = normal_term(fluid, grid)
+        return groups | {
+            "spline": CohesionSpline(real(gamma), real(gamma * 32 / (math.pi * volume))) if self._coheres() else None,
+            "area_term": AreaTerm(real(self.area_coefficient(grid, others))) if self._has_area() else None,
+            "adhesion": Adhesion(real(beta), real(0.007 * beta / volume)),
+        }
+
+    def _printed(self) -> frozenset[str]:
+        return literal_errata(self.name, self.literal, ("gamma",))
+
+    def _coheres(self) -> bool:
+        return (self.gamma if self.gamma is not None else self.surface_tension) != 0
+
+    def _has_area(self) -> bool:
+        """Whether the area term is really computed: one with a coefficient of zero is left out."""
+        return self.area_acceleration != 0 and (self._coheres() or self.area_acceleration is not None)
+
+
+_HERE = "refsim.surface_tension.akinci_2013"
+_PAPER = "Akinci, Akinci & Teschner 2013"
+_SYMMETRY = ("translation", "rotation", "reordering")
+register(
+    Operation(
+        name="akinci_2013.tension",
+        folder=_HERE,
+        paper=_PAPER,
+        equation="cohesion, area term and K_ij",
+        function="tension",
+        outputs=("acceleration",),
+        adds=("acceleration",),
+        optional=("area_normal", "spline", "area_term"),
+        tolerance=12.0,
+        tolerance_reason="one rounding in each of distance, K_ij, the cubes of the spline, direction, product and sum",
+        variants=({}, {"area_term": None, "area_normal": None}, {"spline": None}),
+        invariants=(*_SYMMETRY, "linear_momentum", "angular_momentum"),
+        broken={0: ("linear_momentum", "angular_momentum"), 2: ("linear_momentum", "angular_momentum")},
+    )
+)
+register(
+    Operation(
+        name="akinci_2013.adhesion",
+        folder=_HERE,
+        paper=_PAPER,
+        equation="adhesion A(r), with the walls' Psi_b",
+        function="adhesion",
+        outputs=("acceleration",),
+        adds=("acceleration",),
+        tolerance=12.0,
+        tolerance_reason="one rounding in each of distance, direction, product and sum, and two roots",
+        invariants=_SYMMETRY,
+    )
+)

@@ -1,0 +1,102 @@
+"""Attraction between particles after Becker & Teschner 2007 (Jiang & Zhu 2023, reference [8]; Dong 2016, [9]).
+
+Contents: BeckerTeschner2007; operation becker_teschner_2007.cohesion.
+
+Every pair attracts, at every distance; nothing but the pressure keeps particles apart.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, ClassVar, NamedTuple
+
+from numpy.typing import NDArray
+
+from refsim.effect import Discretisation, Effect, Pass, require
+from refsim.operation import Operation, register
+from refsim.smoothing.shapes import CUBIC_SPLINE, NORMALISATION
+from refsim.surface_tension.becker_teschner_2007.reference import attraction_function
+from refsim.surface_tension.cohesion import PairCohesion, nominal_tension, one_of
+
+
+class Attraction(NamedTuple):
+    """The attraction as the kernels take it."""
+
+    kappa: float  # [m^dim/s^2]
+    strength: float  # kappa W(0) [1/s^2]
+    least_q: float  # distance below which W grows no more, as a share of h
+
+
+class BeckerTeschner2007(PairCohesion, frozen=True, kw_only=True):
+    """Surface tension of a free liquid surface by plain attraction.
+
+    surface_tension   sigma [N/m]; nominal: turned into kappa by the Kirkwood-Buff integral
+    kappa             coefficient of the attraction [m^3/s^2; m^2/s^2 in 2D], instead of sigma
+    clamp_distance    W stops growing below one spacing (an addition: nearer pairs would attract the more)
+    balance_pressure  the equation of state balances the cohesion of the bulk by P_int (rho/rho0)^2 (not in the paper);
+                      left out, cohesion compresses the liquid
+
+    The force is a pair's own for equal masses only; then it keeps linear and angular momentum.
+    """
+
+    name: ClassVar[str] = "becker_teschner_2007"
+
+    surface_tension: float | None = None
+    kappa: float | None = None
+    clamp_distance: bool = True
+
+    def check(self, grid: Discretisation, others: Mapping[str, Effect]) -> None:
+        one_of(self.name, surface_tension=self.surface_tension, kappa=self.kappa)
+        own = {"surface_tension": self.surface_tension, "kappa": self.kappa}
+        require(self.name, **{key: (value, "not negative") for key, value in own.items() if value is not None})
+        self.check_collapse(grid, others)
+
+    def coefficient(self, grid: Discretisation, others: Mapping[str, Effect]) -> float:
+        """kappa [m^dim/s^2], given or from sigma."""
+        if self.kappa is not None:
+            return self.kappa
+        rest_density = others["weakly_compressible"].rest_density  # type: ignore[attr-defined]
+        unit = nominal_tension(self._force_of(1.0, grid, others), rest_density, grid.support_radius, grid.dim)
+        return self.surface_tension / unit
+
+    def pair_force(self, r: NDArray, grid: Discretisation, others: Mapping[str, Effect]) -> NDArray:
+        """-kappa W(max(r, d)) r/m [N/kg^2] for particles of the lattice's mass."""
+        return self._force_of(self.coefficient(grid, others), grid, others)(r)
+
+    def passes(self, others: Mapping[str, Effect]) -> tuple[Pass, ...]:
+        if (self.kappa if self.kappa is not None else self.surface_tension) == 0:
+            return ()
+        return (Pass("becker_teschner_2007.cohesion", ("position", "mass"), updates=("acceleration",)),)
+
+    def list_radius(self, grid: Discretisation) -> float:
+        return grid.support_radius
+
+    def prepare(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, Any]:
+        kappa = self.coefficient(grid, others)
+        at_zero = NORMALISATION[CUBIC_SPLINE][grid.dim] / grid.support_radius**grid.dim
+        least = self._least_distance(grid) / grid.support_radius
+        return {"attraction": Attraction(grid.real(kappa), grid.real(kappa * at_zero), grid.real(least))}
+
+    def _least_distance(self, grid: Discretisation) -> float:
+        return grid.spacing if self.clamp_distance else 0.0
+
+    def _force_of(self, kappa: float, grid: Discretisation, others: Mapping[str, Effect]) -> Any:
+        mass = others["weakly_compressible"].particle_mass(grid)  # type: ignore[attr-defined]
+        h, least = grid.support_radius, self._least_distance(grid)
+        return lambda r: -kappa / mass * attraction_function(r, h, grid.dim, least) * r
+
+
+register(
+    Operation(
+        name="becker_teschner_2007.cohesion",
+        folder="refsim.surface_tension.becker_teschner_2007",
+        paper="Becker & Teschner 2007",
+        equation="surface tension by attraction",
+        function="cohesion",
+        outputs=("acceleration",),
+        adds=("acceleration",),
+        tolerance=12.0,
+        tolerance_reason="one rounding in each of distance, kernel, product and sum, and a few in the spline's cubic",
+        invariants=("translation", "rotation", "reordering"),
+    )
+)

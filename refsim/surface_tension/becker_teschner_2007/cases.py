@@ -1,0 +1,36 @@
+"""Inputs and closed forms of Becker & Teschner 2007."""
+
+import math
+
+import numpy as np
+
+from refsim.cases import Case, Exact, closed_form, groups
+from refsim.surface_tension.becker_teschner_2007 import Attraction, BeckerTeschner2007
+
+
+@groups("attraction")
+def _attraction(case, grid):
+    return BeckerTeschner2007(kappa=3.0, clamp_distance=case.literal).prepare(grid, case.effects)
+
+
+# h = 2 m in 3D: W(0) = 1/pi, W(h/2) = W(0)/4, W(h/4) = (1 - 6/16 + 6/64) W(0) = 23/32 W(0).
+PAIR = Case("attracted_pair", 3, np.array([[0.0, 0.0, 0.0], [0.0, 0.5, 0.0]]), spacing=1.0, support_radius=2.0)
+
+
+def _pull(kernel):
+    f = 0.5 * kernel / math.pi * 0.5
+    return np.array([[0.0, 3 / 2 * f, 0.0], [0.0, -2 / 3 * f, 0.0]])
+
+
+@closed_form("becker_teschner_2007.cohesion")
+def plain_pair():
+    """a_1 = -kappa m_2/m_1 W(h/4) x_12."""
+    given = {"mass": np.array([2.0, 3.0]), "attraction": Attraction(0.5, 0.5 / math.pi, 0.0)}
+    return Exact(PAIR, given, {"acceleration": _pull(23 / 32)})
+
+
+@closed_form("becker_teschner_2007.cohesion")
+def held_pair():
+    """Nearer than a spacing the kernel stays W(h/2)."""
+    given = {"mass": np.array([2.0, 3.0]), "attraction": Attraction(0.5, 0.5 / math.pi, 0.5)}
+    return Exact(PAIR, given, {"acceleration": _pull(1 / 4)})

@@ -1,0 +1,18 @@
+"""CUDA kernel of Becker & Teschner 2007."""
+
+from refsim.compile import cuda, cuda_kernel
+from refsim.neighbours.rows import cuda_row
+from refsim.surface_tension.becker_teschner_2007 import particle
+
+
+@cuda_kernel
+def cohesion(position, mass, neighbours, smoothing, attraction, acceleration):
+    """Attraction -kappa m_j/m_i W(r) x_ij; added to the acceleration."""
+    i = cuda.grid(1)
+    if i < acceleration.shape[0]:
+        ax, ay, az = particle.cohesion(
+            i, cuda_row(neighbours, i), position, mass, neighbours.entries, smoothing, attraction
+        )
+        acceleration[i, 0] += ax
+        acceleration[i, 1] += ay
+        acceleration[i, 2] += az

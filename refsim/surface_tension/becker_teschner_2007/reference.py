@@ -1,0 +1,35 @@
+"""NumPy oracle of Becker & Teschner 2007: all pairs, float64.
+
+Each function returns {output: (value, scale)}; scale is the sum of the absolute terms behind the value.
+Arrays: position (n, 3); mass (n,); SI units. `rows` picks particles.
+"""
+
+import math
+
+import numpy as np
+
+from refsim.neighbours.reference import other_particles, pair_blocks
+
+
+def attraction_function(r, h, dim, least_distance):
+    """W(max(r, d), h) [1/m^dim] inside the support, with the cubic spline W."""
+    r = np.asarray(r, dtype=float)
+    q = np.maximum(r, least_distance) / h
+    norm = 40 / (7 * math.pi * h**2) if dim == 2 else 8 / (math.pi * h**3)
+    w = norm * np.where(q <= 0.5, 6 * (q**3 - q**2) + 1, 2 * (1 - q) ** 3)
+    return np.where((r < h) & (q < 1), w, 0.0)
+
+
+def cohesion(position, mass, smoothing, attraction, rows=None):
+    """Acceleration [m/s^2] a_i = -(kappa/m_i) sum_j m_j W(max(r, d)) x_ij."""
+    h, dim = float(smoothing.support_radius), int(smoothing.dim)
+    mass = np.asarray(mass, dtype=float)
+    own = np.arange(len(mass)) if rows is None else np.asarray(rows)
+    value, scale = np.zeros((len(own), 3)), np.zeros((len(own), 3))
+    for place, separation, distance in pair_blocks(position, position, rows):
+        factor = attraction_function(distance, h, dim, float(attraction.least_q) * h) * mass[None, :]
+        factor = factor * other_particles(place, len(mass), rows) * float(attraction.kappa)
+        terms = -(factor / mass[own[place], None])[..., None] * separation
+        value[place] += terms.sum(1)
+        scale[place] += np.abs(terms).sum(1)
+    return {"acceleration": (value, scale)}

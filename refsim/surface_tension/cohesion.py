@@ -1,0 +1,192 @@
+"""What the models share whose cohesion is a central force between pairs, F_ij = m_i m_j C(r) e_ij, C > 0 repelling.
+
+Contents: PairCohesion; nominal_tension, internal_pressure (all neighbours alike, or on the lattice), compression.
+
+Cohesion between all pairs puts the bulk under an internal pressure P_int, many times the jump sigma/R that is left of
+it at the surface. Two things follow for every such model. The equation of state can balance it: it adds
+P_int (rho/rho0)^2, and the undisturbed bulk rests. Without that a linear equation of state has to be compressed
+until it holds, rho/rho0 = s with Pi s^2 - s + 1 = 0 and Pi = P_int/(rho0 c^2), which has no solution beyond Pi = 1/4:
+there the liquid collapses.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable, Mapping
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from refsim.effect import Discretisation, Effect, StepLimit
+from refsim.errors import InputError
+
+COLLAPSE = 0.25  # Pi beyond which no density balances the cohesion
+STRAINED = 0.045  # Pi at which the bulk is compressed by 5 %: from here on a run is warned of
+PairForce = Callable[[NDArray], NDArray]  # C(r) [N/kg^2] of distances r [m]
+
+_NODE, _WEIGHT = np.polynomial.legendre.leggauss(16)
+
+
+def force_moment(force: PairForce, power: int, support_radius: float, parts: int = 60) -> float:
+    """Integral of r^power C(r) dr from 0 to h, by Gauss quadrature in `parts` pieces."""
+    edge = np.linspace(0.0, support_radius, parts + 1)
+    half = 0.5 * np.diff(edge)[:, None]
+    r = 0.5 * (edge[1:] + edge[:-1])[:, None] + half * _NODE
+    return float((half * _WEIGHT * r**power * force(r)).sum())
+
+
+def nominal_tension(force: PairForce, rest_density: float, support_radius: float, dim: int) -> float:
+    """Surface tension [N/m] for a sharp surface and g(r) = 1 (Kirkwood & Buff 1949).
+
+    3D sigma = -(pi/8) rho0^2 int r^4 C dr; 2D sigma = -(1/3) rho0^2 int r^3 C dr.
+    """
+    factor, power = (math.pi / 8, 4) if dim == 3 else (1 / 3, 3)
+    return -factor * rest_density**2 * force_moment(force, power, support_radius)
+
+
+def internal_pressure(force: PairForce, rest_density: float, support_radius: float, dim: int) -> float:
+    """Cohesive pressure [Pa] of the bulk for g(r) = 1; positive compresses.
+
+    3D P = -(2 pi/3) rho0^2 int r^3 C dr; 2D P = -(pi/2) rho0^2 int r^2 C dr.
+    """
+    factor, power = (2 * math.pi / 3, 3) if dim == 3 else (math.pi / 2, 2)
+    return -factor * rest_density**2 * force_moment(force, power, support_radius)
+
+
+def lattice_tension(force: PairForce, rest_density: float, mass: float, grid: Discretisation) -> float:
+    """The same as `nominal_tension`, with the neighbours in the shells of the lattice.
+
+    3D sigma = -(n/32) sum_j r_j^2 f_j; 2D sigma = -(n/(6 pi)) sum_j r_j^2 f_j, f = m^2 C, n = rho0/m.
+    """
+    r = _shells(grid)
+    factor = 1 / 32 if grid.dim == 3 else 1 / (6 * math.pi)
+    return -factor * rest_density * mass * float((r**2 * force(r)).sum())
+
+
+def lattice_pressure(force: PairForce, rest_density: float, mass: float, grid: Discretisation) -> float:
+    """The same as `internal_pressure`, with the neighbours in the shells of the lattice.
+
+    P = -(n/(2 dim)) sum_j r_j f_j, f = m^2 C, n = rho0/m.
+    """
+    r = _shells(grid)
+    return -rest_density * mass / (2 * grid.dim) * float((r * force(r)).sum())
+
+
+def _shells(grid: Discretisation) -> NDArray:
+    """Distances [m] of all neighbours on the infinite lattice within the support."""
+    reach = math.ceil(grid.support_radius / grid.spacing)
+    steps = np.array(list(itertools.product(range(-reach, reach + 1), repeat=grid.dim)), dtype=float)
+    r = grid.spacing * np.sqrt((steps**2).sum(1))
+    return r[(r > 0) & (r < grid.support_radius)]
+
+
+def compression(number: float) -> float:
+    """rho/rho0 at which the linear equation of state holds the cohesion, s = (1 - sqrt(1 - 4 Pi))/(2 Pi).
+
+    number  Pi = P_int/(rho0 c^2), at most 1/4; NaN beyond
+    """
+    if number > COLLAPSE:
+        return math.nan
+    return 2 / (1 + math.sqrt(1 - 4 * number))
+
+
+class PairCohesion(Effect, frozen=True, kw_only=True):
+    """Base of the cohesive models: nominal tension, internal pressure, its balance and its bound, capillary step.
+
+    balance_pressure  the equation of state balances the cohesion of the bulk by P_int (rho/rho0)^2; left out, cohesion
+                      compresses the liquid, and a linear equation of state gives way at P_int = rho0 c^2/4
+    """
+
+    lattice: ClassVar[bool] = False  # neighbours in the lattice's shells, for a force that reaches hardly beyond them
+
+    balance_pressure: bool = True
+
+    def needs(self) -> tuple[str, ...]:
+        return ("weakly_compressible",)
+
+    def pair_force(self, r: NDArray, grid: Discretisation, others: Mapping[str, Effect]) -> NDArray:
+        """C(r) [N/kg^2] at distances r [m] up to h; positive repels."""
+        raise NotImplementedError
+
+    def acts_on_all_pairs(self) -> bool:
+        """Whether the bulk feels the pair force, too."""
+        return True
+
+    def nominal_tension(self, grid: Discretisation, others: Mapping[str, Effect]) -> float:
+        """sigma [N/m] of the pair force by the Kirkwood-Buff integral or lattice sum."""
+        force, fluid = self._force(grid, others), _fluid(others)
+        if self.lattice:
+            return lattice_tension(force, fluid.rest_density, fluid.particle_mass(grid), grid)
+        return nominal_tension(force, fluid.rest_density, grid.support_radius, grid.dim)
+
+    def internal_pressure(self, grid: Discretisation, others: Mapping[str, Effect]) -> float:
+        """P_int [Pa] of the pair force in the undisturbed bulk; 0 where the bulk feels none."""
+        if not self.acts_on_all_pairs():
+            return 0.0
+        force, fluid = self._force(grid, others), _fluid(others)
+        if self.lattice:
+            return lattice_pressure(force, fluid.rest_density, fluid.particle_mass(grid), grid)
+        return internal_pressure(force, fluid.rest_density, grid.support_radius, grid.dim)
+
+    def balanced_pressure(self, grid: Discretisation, others: Mapping[str, Effect]) -> float:
+        return max(0.0, self.internal_pressure(grid, others)) if self.balance_pressure else 0.0
+
+    def check_collapse(self, grid: Discretisation, others: Mapping[str, Effect]) -> None:
+        """Raise InputError where no density balances the cohesion, P_int > rho0 c^2/4."""
+        number, fluid = self.collapse_number(grid, others), _fluid(others)
+        if number >= COLLAPSE:
+            needed = fluid.sound_speed * math.sqrt(number / COLLAPSE)
+            raise InputError(
+                f"{self.name}: the cohesive pressure of {self.internal_pressure(grid, others):.4g} Pa would collapse"
+                f" the liquid; give weakly_compressible a sound_speed above {needed:.4g} m/s (10 times that for 1 %"
+                " compression), or let balance_pressure = true hold it."
+            )
+
+    def collapse_number(self, grid: Discretisation, others: Mapping[str, Effect]) -> float:
+        """Pi = P_int/(rho0 c^2) that the linear equation of state has to hold by compression; 0 where nothing has."""
+        fluid = _fluid(others)
+        held = self.balance_pressure or fluid.state != "linear"
+        replaced = any("sph.state" in effect.replaces() for effect in others.values())
+        if held or replaced:
+            return 0.0
+        return max(0.0, self.internal_pressure(grid, others)) / (fluid.rest_density * fluid.sound_speed**2)
+
+    def notes(self, grid: Discretisation, others: Mapping[str, Effect]) -> tuple[str, ...]:
+        number = self.collapse_number(grid, others)
+        if number < STRAINED:
+            return ()
+        return (
+            f"{self.name}: its cohesion compresses the bulk by about {100 * (compression(number) - 1):.0f} % (P_int ="
+            f" {number:.2g} rho0 c^2; nothing holds it beyond {COLLAPSE}): take a larger sound_speed, or let"
+            " balance_pressure = true hold it",
+        )
+
+    def step_limits(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, StepLimit]:
+        return capillary_limit(abs(self.nominal_tension(grid, others)), grid, others)
+
+    def _force(self, grid: Discretisation, others: Mapping[str, Effect]) -> PairForce:
+        return lambda r: self.pair_force(r, grid, others)
+
+
+def capillary_limit(sigma: float, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, StepLimit]:
+    """Step limit 0.25 sqrt(rho0 (h/2)^3/(2 pi sigma)) under its name; none without tension [N/m]."""
+    if sigma == 0:
+        return {}
+    half = 0.5 * grid.support_radius
+    seconds = 0.25 * math.sqrt(_fluid(others).rest_density * half**3 / (2 * math.pi * sigma))
+    return {"capillary": StepLimit.constant(seconds)}
+
+
+def one_of(owner: str, **given: float | None) -> None:
+    """Raise InputError unless exactly one of the coefficients is given."""
+    names = list(given)
+    chosen = [name for name, value in given.items() if value is not None]
+    if len(chosen) != 1:
+        words = {0: "neither", 2: "both"}.get(len(chosen), "several")
+        raise InputError(f"{owner}: {words} of {' and '.join(names)} given; give exactly one of them.")
+
+
+def _fluid(others: Mapping[str, Effect]) -> Any:
+    return others["weakly_compressible"]

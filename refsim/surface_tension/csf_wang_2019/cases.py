@@ -1,0 +1,94 @@
+"""Inputs and closed forms of the continuum surface force."""
+
+import math
+
+import numpy as np
+
+from refsim.cases import Case, Exact, closed_form, groups, particles, vectors
+from refsim.surface_tension.csf_wang_2019 import Continuum, CsfWang2019, Marangoni
+
+
+@particles("interface_normal")
+def _normals(case, random):
+    """Lengths from zero to well beyond that of a flat surface; some exactly zero."""
+    values = 0.7 * vectors(case, random) / case.support_radius
+    values[3::7] = 0
+    return values
+
+
+@particles("curvature")
+def _curvature(case, random):
+    """Of either sign, up to one over the support."""
+    return random.uniform(-1, 1, case.count) / case.support_radius
+
+
+@groups("continuum", "marangoni")
+def _continuum(case, grid):
+    effect = CsfWang2019(
+        surface_tension=0.5,
+        tension_gradient=(0.3 / case.support_radius, -0.2 / case.support_radius, 0.0),
+        literal=("all",) if case.literal else (),
+    )
+    return effect.prepare(grid, case.effects)
+
+
+# h = 2 m: in 3D Wendland W(0) = 21/(16 pi), W(h/2) = 3/16 W(0), W'(h/2) = -5/8 W(0) per metre.
+PAIR = Case("interface_pair", 3, np.array([[0.0, 0.0, 0.0], [0.0, 1.0, 0.0]]), spacing=1.0, support_radius=2.0)
+W0 = 21 / (16 * math.pi)
+SLOPE = 5 / 8 * W0
+UNIT = 1 / (1 + 2e-9)  # length of x_ij/(r + 1e-9 h) at r = 1 m
+VOLUME = np.array([2 / 1000, 3 / 600])
+GIVEN = {"mass": np.array([2.0, 3.0]), "density": np.array([1000.0, 600.0])}
+CONTINUUM = Continuum(0.5, 0.1, 2.0, 2.0, np.int32(0))
+
+
+@closed_form("csf_wang_2019.normal")
+def two_normals():
+    """n_1 = V_2 W'(r) e_12/(V_1 W(0) + V_2 W(r)) points towards particle 2."""
+    length = VOLUME[::-1] * SLOPE * UNIT / (W0 * (VOLUME + 3 / 16 * VOLUME[::-1]))
+    return Exact(PAIR, GIVEN, {"interface_normal": np.array([[0.0, length[0], 0.0], [0.0, -length[1], 0.0]])})
+
+
+@closed_form("csf_wang_2019.curvature")
+def two_curvatures():
+    """n^_1 = x, n^_2 = 0.8 x + 0.6 y: kappa_1 = -2 (V_2 0.6 |W'|)/(V_2 |W'|) = -1.2/m, hollow.
+
+    From particle 2 the pair's direction has the cosine 0.6: the share is 1 - 0.99 0.36.
+    """
+    normal = np.array([[3.0, 0.0, 0.0], [4.0, 3.0, 0.0]])
+    value = np.array([-2 * 0.6 * UNIT, -2 * 0.6 * UNIT / (1 - 0.99 * 0.36 * UNIT**2)])
+    given = GIVEN | {"interface_normal": normal, "continuum": CONTINUUM}
+    return Exact(PAIR, given, {"curvature": value})
+
+
+@closed_form("csf_wang_2019.curvature")
+def two_plain_curvatures():
+    """The same with the factor dim over the whole distance; the threshold puts a third particle out."""
+    three = Case("interface_three", 3, np.array([[0.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, -1.0, 0.0]]), spacing=1.0,
+                 support_radius=2.0)  # fmt: skip
+    normal = np.array([[3.0, 0.0, 0.0], [4.0, 3.0, 0.0], [0.05, 0.0, 0.0]])
+    given = {
+        "mass": np.array([2.0, 3.0, 1.0]),
+        "density": np.array([1000.0, 600.0, 900.0]),
+        "interface_normal": normal,
+        "continuum": CONTINUUM._replace(factor=3.0, plain=np.int32(1)),
+    }
+    return Exact(three, given, {"curvature": np.array([-1.8 * UNIT, -1.8 * UNIT, 0.0])})
+
+
+@closed_form("csf_wang_2019.force")
+def bulging_and_drawn():
+    """Normal force 2/rho (sigma + g.x) kappa n; along the surface 2/rho |n| g_x V_2 ..., where n is along z.
+
+    g_1 = V_2 (s.y) |W'| y with s = 0.25 along y: the pair's own share of the gradient.
+    """
+    normal = np.array([[0.0, 0.0, 2.0], [0.0, 0.0, 0.05]])
+    gradient = VOLUME[1] * 0.25 * SLOPE * UNIT
+    value = 2 / 1000 * np.array([0.0, 2 * gradient, 0.5 * 4.0 * 2.0])
+    given = GIVEN | {
+        "interface_normal": normal,
+        "curvature": np.array([4.0, 4.0]),
+        "continuum": CONTINUUM,
+        "marangoni": Marangoni(0.0, 0.25, 0.0),
+    }
+    return Exact(PAIR, given, {"acceleration": np.array([value, np.zeros(3)])})

@@ -1,0 +1,104 @@
+"""NumPy oracle of the continuum surface force: all pairs, float64.
+
+Each function returns {output: (value, scale)}; scale is the sum of the absolute terms behind the value.
+Arrays: position, normals (n, 3); mass, density, curvature (n,); SI units. `rows` picks particles.
+"""
+
+import numpy as np
+
+from refsim.neighbours.reference import other_particles, pair_blocks
+from refsim.smoothing.reference import kernel_slope, kernel_value
+
+
+def _gradient(separation, distance, smoothing):
+    apart = distance + 1e-9 * float(smoothing.support_radius)
+    return (kernel_slope(distance, smoothing) / apart)[..., None] * separation
+
+
+def normal(position, mass, density, walls, smoothing, gradient_smoothing, rows=None):
+    """Normals, inward [1/m]: n_i = sum_j V_j grad W_ij / sum_k V_k W_ik, walls as liquid, self in the denominator."""
+    volume = np.asarray(mass, dtype=float) / np.asarray(density, dtype=float)
+    count = len(volume) if rows is None else len(rows)
+    value, scale, filled = np.zeros((count, 3)), np.zeros((count, 3)), np.zeros(count)
+    sources = [(position, volume)]
+    if walls is not None:
+        sources.append((walls.position, np.asarray(walls.volume, dtype=float)))
+    for source, size in sources:
+        for place, separation, distance in pair_blocks(position, source, rows):
+            filled[place] += kernel_value(distance, smoothing) @ size
+            terms = size[None, :, None] * _gradient(separation, distance, gradient_smoothing)
+            value[place] += terms.sum(1)
+            scale[place] += np.abs(terms).sum(1)
+    return {"interface_normal": (value / filled[:, None], scale / filled[:, None])}
+
+
+def curvature(position, mass, density, interface_normal, gradient_smoothing, continuum, rows=None):
+    """Curvature [1/m], positive where liquid bulges; 0 where |n| is at most the threshold.
+
+    kappa_i = -f sum_j V_j (n^_j - n^_i).e_ij W' / (-sum_j V_j r s_ij W') over active j, n^ = n/|n|;
+    s_ij = 1 - 0.99 (e_ij.n^_i)^2 and f = dim - 1, or in the plain reading s_ij = 1 and f = dim.
+    """
+    volume = np.asarray(mass, dtype=float) / np.asarray(density, dtype=float)
+    n = np.asarray(interface_normal, dtype=float)
+    length = np.sqrt((n**2).sum(1))
+    active = ~(length <= float(continuum.threshold))
+    unit = n / np.where(active, length, 1.0)[:, None]
+    own = np.arange(len(n)) if rows is None else np.asarray(rows)
+    above, below = np.zeros(len(own)), np.zeros(len(own))
+    above_size, below_size = np.zeros(len(own)), np.zeros(len(own))
+    for place, separation, distance in pair_blocks(position, position, rows):
+        i = own[place]
+        slope = kernel_slope(distance, gradient_smoothing) * active[None, :] * volume[None, :]
+        slope = slope * other_particles(place, len(n), rows)
+        direction = separation / (distance + 1e-9 * float(gradient_smoothing.support_radius))[..., None]
+        change = (unit[None, :, :] - unit[i, None, :]) * direction
+        cosine = (unit[i, None, :] * direction).sum(-1)
+        share = np.ones_like(cosine) if continuum.plain else 1 - 0.99 * cosine**2
+        above[place] += (slope * change.sum(-1)).sum(1)
+        above_size[place] += (np.abs(slope) * np.abs(change).sum(-1)).sum(1)
+        # Unit vectors are rounded as such, however small the difference of two of them is.
+        above_size[place] += (np.abs(slope) * np.abs(direction).sum(-1)).sum(1)
+        below[place] -= (slope * distance * share).sum(1)
+        below_size[place] += (np.abs(slope) * distance * (1 + cosine**2)).sum(1)
+    there = active[own] & (below != 0)
+    safe = np.where(there, below, 1.0)
+    factor = float(continuum.factor)
+    value = np.where(there, -factor * above / safe, 0.0)
+    scale = np.where(there, factor * above_size / safe + np.abs(value) * below_size / safe, 0.0)
+    return {"curvature": (value, scale)}
+
+
+def force(position, mass, density, interface_normal, curvature, gradient_smoothing, continuum, marangoni, rows=None):
+    """Acceleration [m/s^2], zero off the surface; c is the share that makes up for the missing half of the normals.
+
+    a_i = (c/rho_i) [sigma_i kappa_i n_i + |n_i| (g_i - (g_i.n^_i) n^_i)];
+    g_i = sum_j V_j (sigma_j - sigma_i) grad W_ij.
+    """
+    x, n = np.asarray(position, dtype=float), np.asarray(interface_normal, dtype=float)
+    rho = np.asarray(density, dtype=float)
+    volume = np.asarray(mass, dtype=float) / rho
+    own = np.arange(len(n)) if rows is None else np.asarray(rows)
+    length = np.sqrt((n[own] ** 2).sum(1))
+    active = ~(length <= float(continuum.threshold))
+    safe = np.where(active, length, 1.0)
+    sigma = np.full(len(own), float(continuum.tension))
+    sigma_size = sigma.copy()
+    slope = np.zeros(3)
+    if marangoni is not None:
+        slope = np.array([float(marangoni.x), float(marangoni.y), float(marangoni.z)])
+        sigma = sigma + x[own] @ slope
+        sigma_size = sigma_size + np.abs(x[own]) @ np.abs(slope)
+    kappa = np.asarray(curvature, dtype=float)[own, None]
+    value = sigma[:, None] * kappa * n[own]
+    scale = sigma_size[:, None] * np.abs(kappa * n[own])
+    if marangoni is not None:
+        gradient, size = np.zeros((len(own), 3)), np.zeros((len(own), 3))
+        for place, separation, distance in pair_blocks(position, position, rows):
+            grad = volume[None, :, None] * _gradient(separation, distance, gradient_smoothing)
+            gradient[place] += (-(separation @ slope)[..., None] * grad).sum(1)
+            size[place] += ((np.abs(separation) @ np.abs(slope))[..., None] * np.abs(grad)).sum(1)
+        unit = n[own] / safe[:, None]
+        value = value + length[:, None] * (gradient - (gradient * unit).sum(1)[:, None] * unit)
+        scale = scale + length[:, None] * (size + (size * np.abs(unit)).sum(1)[:, None] * np.abs(unit))
+    factor = np.where(active, float(continuum.share) / rho[own], 0.0)[:, None]
+    return {"acceleration": (factor * value, factor * scale)}

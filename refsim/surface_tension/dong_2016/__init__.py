@@ -1,0 +1,269 @@
+"""Lennard-Jones-like cohesion with a normal-difference correction (Dong, Zhang & Chen 2016, D(3) to D(11)).
+
+Contents: Dong2016; operations dong_2016.tension, dong_2016.density, dong_2016.momentum, dong_2016.shepard_filter.
+
+The normals of D(11) are those of Jiang & Zhu's J(19), less the factor h. Density, pressure and viscosity after Hu &
+Adams 2006, as the paper has them, can stand in place of the shared liquid's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, ClassVar, Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from refsim.effect import Discretisation, Effect, Pass, literal_errata, require
+from refsim.errors import InputError
+from refsim.operation import Operation, register
+from refsim.particles import Field
+from refsim.sph import WeaklyCompressible
+from refsim.surface_normal import SURFACE_NORMAL, color_gradient_pass, normal_term
+from refsim.surface_tension.cohesion import PairCohesion, lattice_tension, one_of
+from refsim.surface_tension.dong_2016.reference import force_function
+from refsim.surface_tension.jiang_zhu_2023 import CORRECTED_DENSITY
+
+CORRECTION_RATIO = 3.0  # lambda rho0 d/sigma where lambda is left out: rounds the drop without boiling
+
+
+class MolecularForce(NamedTuple):
+    """D(7) as the kernels take it."""
+
+    stiffness: float  # k [N/kg^2]
+    rest_distance: float  # d0 [m]
+    rest_share: float  # (1 - d0/h)^2
+    scale: float  # 1/(e (2 - e)), e = d0/h
+
+
+class NormalDifference(NamedTuple):
+    """D(9) as the kernels take it."""
+
+    coefficient: float  # lambda/h [m/s^2], for normals that bear a factor h
+    symmetric: int  # 0: V_j = m_j/rho_j as printed (E21)
+
+
+class Dong2016(PairCohesion, frozen=True, kw_only=True):
+    """Surface tension of a free liquid surface.
+
+    surface_tension   sigma [N/m]; nominal: turned into k by the sum over the lattice's shells
+    stiffness         k of D(7) [N/kg^2], instead of sigma
+    rest_distance     d0 of D(7) [m]; left out, the spacing
+    correction        lambda of D(9) [m^2/s^2]; left out, 3 sigma/(rho0 d)
+    filter_density    Shepard filter of all densities in every step, one pass, as the paper has it
+    solver            "shared" (density, pressure and viscosity of weakly_compressible, so that models differ by their
+                      tension alone) or "hu_adams" (D(3) to D(5))
+    balance_pressure  the equation of state balances the cohesion of the bulk by P_int (rho/rho0)^2 (not in the paper);
+                      left out, cohesion compresses the liquid
+    literal           printed readings to use: "E21" (V_j = m_j/rho_j in D(9), which loses momentum); or "all"
+
+    Pair force and correction keep the linear momentum; the correction does not keep the angular one.
+    """
+
+    name: ClassVar[str] = "dong_2016"
+    lattice: ClassVar[bool] = True
+
+    surface_tension: float | None = None
+    stiffness: float | None = None
+    rest_distance: float | None = None
+    correction: float | None = None
+    filter_density: bool = True
+    solver: Literal["shared", "hu_adams"] = "shared"
+    literal: tuple[str, ...] = ()
+
+    def check(self, grid: Discretisation, others: Mapping[str, Effect]) -> None:
+        one_of(self.name, surface_tension=self.surface_tension, stiffness=self.stiffness)
+        own = {
+            "surface_tension": (self.surface_tension, "not negative"),
+            "stiffness": (self.stiffness, "not negative"),
+            "rest_distance": (self.rest_distance, "positive"),
+            "correction": (self.correction, "not negative"),
+        }
+        require(self.name, **{key: rule for key, rule in own.items() if rule[0] is not None})
+        if self._rest_distance(grid) >= grid.support_radius:
+            raise InputError(
+                f"{self.name}: rest_distance = {self._rest_distance(grid)} m is not below the support radius of"
+                f" {grid.support_radius} m, so that nothing would attract; give a smaller one, or a larger"
+                " support_radius."
+            )
+        if self.surface_tension and self._unit_tension(grid, others) <= 0:
+            raise InputError(
+                f"{self.name}: with rest_distance = {self._rest_distance(grid)} m the pair force has no surface tension"
+                " on the lattice; give it as stiffness."
+            )
+        if self.solver not in ("shared", "hu_adams"):
+            raise InputError(f"{self.name}: solver = {self.solver!r} is unknown; choose one of shared, hu_adams.")
+        self._printed()
+        self.check_collapse(grid, others)
+
+    def coefficient(self, grid: Discretisation, others: Mapping[str, Effect]) -> float:
+        """k [N/kg^2], given or from sigma."""
+        if self.stiffness is not None:
+            return self.stiffness
+        return self.surface_tension / self._unit_tension(grid, others) if self.surface_tension else 0.0
+
+    def correction_coefficient(self, grid: Discretisation, others: Mapping[str, Effect]) -> float:
+        """lambda [m^2/s^2], given or from sigma."""
+        if self.correction is not None:
+            return self.correction
+        sigma = max(0.0, self.nominal_tension(grid, others))
+        return CORRECTION_RATIO * sigma / (_fluid(others).rest_density * grid.spacing)
+
+    def pair_force(self, r: NDArray, grid: Discretisation, others: Mapping[str, Effect]) -> NDArray:
+        """L(r) [N/kg^2] of D(7)."""
+        h, d0 = grid.support_radius, self._rest_distance(grid)
+        return self.coefficient(grid, others) * force_function(r, h, d0)
+
+    def fields(self, others: Mapping[str, Effect]) -> tuple[Field, ...]:
+        fields: list[Field] = []
+        if self.filter_density:
+            fields.append(CORRECTED_DENSITY)
+        if self._corrects():
+            fields.append(SURFACE_NORMAL)
+        return tuple(fields)
+
+    def replaces(self) -> tuple[str, ...]:
+        return ("sph.density", "sph.pressure", "sph.momentum") if self.solver == "hu_adams" else ()
+
+    def passes(self, others: Mapping[str, Effect]) -> tuple[Pass, ...]:
+        passes: list[Pass] = []
+        if self.solver == "hu_adams":
+            passes += [
+                Pass("dong_2016.density", ("position", "mass"), ("density", "number_density")),
+                Pass(
+                    "dong_2016.momentum",
+                    ("position", "velocity", "mass", "density", "pressure"),
+                    updates=("acceleration",),
+                    names={"smoothing": "gradient_smoothing"},
+                ),
+            ]
+        if self.filter_density:  # reads the raw density: counts as an updater, before every other reader
+            passes += [
+                Pass(
+                    "dong_2016.shepard_filter",
+                    ("position", "mass"),
+                    ("corrected_density",),
+                    ("density",),
+                    names={"near_surface": None},
+                ),
+                Pass("jiang_zhu_2023.replace_density", ("corrected_density",), updates=("density",)),
+            ]
+        reads: tuple[str, ...] = ("position", "mass")
+        if self._corrects():
+            passes.append(color_gradient_pass())
+            reads = (*reads, "density", "surface_normal")
+        if self._coheres() or self._corrects():
+            names = {} if self._corrects() else {"surface_normal": None}
+            passes.append(Pass("dong_2016.tension", reads, updates=("acceleration",), names=names))
+        return tuple(passes)
+
+    def list_radius(self, grid: Discretisation) -> float:
+        return grid.support_radius
+
+    def prepare(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, Any]:
+        real, fluid = grid.real, _fluid(others)
+        share = self._rest_distance(grid) / grid.support_radius
+        groups: dict[str, Any] = normal_term(fluid, grid)
+        if self.solver == "hu_adams":
+            groups |= fluid.prepare(grid, others)
+        force = correction = None
+        if self._coheres():
+            force = MolecularForce(
+                real(self.coefficient(grid, others)),
+                real(self._rest_distance(grid)),
+                real((1 - share) ** 2),
+                real(1 / (share * (2 - share))),
+            )
+        if self._corrects():
+            coefficient = self.correction_coefficient(grid, others) / grid.support_radius
+            correction = NormalDifference(real(coefficient), np.int32("E21" not in self._printed()))
+        return groups | {"molecular_force": force, "normal_difference": correction}
+
+    def _printed(self) -> frozenset[str]:
+        return literal_errata(self.name, self.literal, ("E21",))
+
+    def _rest_distance(self, grid: Discretisation) -> float:
+        return grid.spacing if self.rest_distance is None else self.rest_distance
+
+    def _unit_tension(self, grid: Discretisation, others: Mapping[str, Effect]) -> float:
+        """sigma [N/m] of k = 1 N/kg^2."""
+        fluid, h, d0 = _fluid(others), grid.support_radius, self._rest_distance(grid)
+        return lattice_tension(lambda r: force_function(r, h, d0), fluid.rest_density, fluid.particle_mass(grid), grid)
+
+    def _coheres(self) -> bool:
+        return (self.stiffness if self.stiffness is not None else self.surface_tension) != 0
+
+    def _corrects(self) -> bool:
+        """Whether the correction is really computed: one with a coefficient of zero is left out."""
+        return self.correction != 0 and (self._coheres() or self.correction is not None)
+
+
+def _fluid(others: Mapping[str, Effect]) -> WeaklyCompressible:
+    return others["weakly_compressible"]  # type: ignore[return-value]
+
+
+_HERE = "refsim.surface_tension.dong_2016"
+_PAPER = "Dong, Zhang & Chen 2016"
+_SYMMETRY = ("translation", "rotation", "reordering")
+register(
+    Operation(
+        name="dong_2016.tension",
+        folder=_HERE,
+        paper=_PAPER,
+        equation="D(6), D(7); D(8) to D(11) with E21",
+        function="tension",
+        outputs=("acceleration",),
+        adds=("acceleration",),
+        optional=("surface_normal", "molecular_force", "normal_difference"),
+        tolerance=12.0,
+        tolerance_reason="one rounding in each of distance, powers, kernel, quotients, product and sum",
+        variants=({}, {"normal_difference": None, "surface_normal": None}, {"molecular_force": None}),
+        invariants=(*_SYMMETRY, "linear_momentum", "angular_momentum"),
+        broken={0: ("angular_momentum",), 2: ("angular_momentum",)},
+    )
+)
+register(
+    Operation(
+        name="dong_2016.density",
+        folder=_HERE,
+        paper=_PAPER,
+        equation="D(3)",
+        function="density",
+        outputs=("number_density", "density"),
+        optional=("number_density", "walls"),
+        variants=({}, {"walls": None, "number_density": None}),
+        invariants=_SYMMETRY,
+    )
+)
+register(
+    Operation(
+        name="dong_2016.momentum",
+        folder=_HERE,
+        paper=_PAPER,
+        equation="D(4), D(5)",
+        function="momentum",
+        outputs=("acceleration",),
+        adds=("acceleration",),
+        optional=("walls", "viscosity"),
+        tolerance=12.0,
+        tolerance_reason="one rounding in each of distance, slope, two squared volumes, quotients, product and sum",
+        variants=({}, {"walls": None, "viscosity": None}),
+        invariants=(*_SYMMETRY, "linear_momentum", "angular_momentum", "galilean", "dissipation"),
+        broken={0: ("angular_momentum",), 1: ("dissipation",)},
+    )
+)
+register(
+    Operation(
+        name="dong_2016.shepard_filter",
+        folder="refsim.surface_tension.jiang_zhu_2023",
+        paper=_PAPER,
+        equation="Shepard filter of all densities; J(14), J(15)",
+        function="corrected_density",
+        outputs=("corrected_density",),
+        optional=("walls", "near_surface"),
+        tolerance=8.0,
+        tolerance_reason="the roundings of one pair in each of two sums, and their quotient",
+        variants=({"near_surface": None}, {"near_surface": None, "walls": None}),
+        invariants=_SYMMETRY,
+    )
+)

@@ -1,0 +1,105 @@
+"""Inputs and closed forms of Dong, Zhang & Chen 2016."""
+
+import math
+
+import numpy as np
+
+from refsim.cases import Case, Exact, closed_form, groups
+from refsim.sph import Fluid, ViscosityTerm
+from refsim.surface_tension.dong_2016 import Dong2016, MolecularForce, NormalDifference
+
+
+@groups("molecular_force", "normal_difference")
+def _tension(case, grid):
+    """Both terms of like size; every erratum as printed where the case asks for it."""
+    effect = Dong2016(stiffness=4.0, correction=2.0 * case.support_radius, literal=("all",) if case.literal else ())
+    return effect.prepare(grid, case.effects)
+
+
+# h = 2 m, d0 = h/2: L(h/4)/k = (81/256 - 9/64)/(1/2 3/2) = 15/64, L(h/2) = 0, L(3 h/4)/k = (1/256 - 1/64)/(3/4) =
+# -1/64.
+FORCE = MolecularForce(2.0, 1.0, 0.25, 4 / 3)
+MASS, DENSITY = np.array([2.0, 3.0]), np.array([1000.0, 600.0])
+W0 = 21 / (16 * math.pi)  # Wendland W(0); W(h/2) = 3/16 W(0), W'(h/2) = -5/8 W(0) per metre
+
+
+def _pair(r):
+    return Case("dong_pair", 3, np.array([[0.0, 0.0, 0.0], [0.0, r, 0.0]]), spacing=1.0, support_radius=2.0)
+
+
+def _given(**others):
+    no_correction = NormalDifference(0.0, np.int32(1))
+    given = {"mass": MASS, "density": DENSITY, "molecular_force": FORCE, "normal_difference": no_correction}
+    return given | {"surface_normal": np.zeros((2, 3))} | others
+
+
+@closed_form("dong_2016.tension")
+def repelled_pair():
+    """a_1 = m_2 L(h/4) e_12, 15/64 k."""
+    push = 2.0 * 15 / 64 / (1 + 4e-9)
+    return Exact(_pair(0.5), _given(), {"acceleration": np.array([[0.0, -3 * push, 0.0], [0.0, 2 * push, 0.0]])})
+
+
+@closed_form("dong_2016.tension")
+def attracted_pair():
+    """a_1 = m_2 L(3 h/4) e_12, -k/64."""
+    pull = 2.0 / 64 / (1 + 2e-9 / 1.5)
+    return Exact(_pair(1.5), _given(), {"acceleration": np.array([[0.0, 3 * pull, 0.0], [0.0, -2 * pull, 0.0]])})
+
+
+def _corrected(symmetric, volume):
+    difference = np.array([0.5, -1.0, 0.25])
+    kernel = 3 / 16 * W0
+    return Exact(
+        _pair(1.0),
+        _given(
+            molecular_force=FORCE._replace(stiffness=0.0), normal_difference=NormalDifference(8.0, np.int32(symmetric)),
+            surface_normal=np.array([difference, np.zeros(3)]),
+        ),
+        {"acceleration": 8.0 * kernel * np.array([-volume[0] * difference, volume[1] * difference])},
+    )  # fmt: skip
+
+
+@closed_form("dong_2016.tension")
+def corrected_pair():
+    """a_1 = -lambda 2 m_2/(rho_1 + rho_2) (n_1 - n_2) W(h/2)."""
+    return _corrected(True, (6 / 1600, 4 / 1600))
+
+
+@closed_form("dong_2016.tension")
+def pair_as_printed():
+    """a_1 = -lambda m_2/rho_2 (n_1 - n_2) W(h/2) (E21)."""
+    return _corrected(False, (3 / 600, 2 / 1000))
+
+
+@closed_form("dong_2016.density")
+def two_densities():
+    """rho_i = m_i (W(0) + W(h/2)), W(h/2) = 3/16 W(0)."""
+    number = 19 / 16 * W0
+    return Exact(_pair(1.0), {"mass": MASS}, {"density": MASS * number, "number_density": np.full(2, number)})
+
+
+@closed_form("dong_2016.momentum")
+def pressed_and_sheared_pair():
+    """F_1 = (V_1^2 p_1 + V_2^2 p_2) |W'| away from 2, and mu (V_1^2 + V_2^2) |W'|/r (v_2 - v_1)."""
+    slope = 5 / 8 * W0 / (1 + 2e-9)
+    squared = (MASS / DENSITY) ** 2
+    push = np.array([0.0, -(squared @ [200.0, 100.0]) * slope, 0.0])
+    drag = 0.5 * squared.sum() * slope * np.array([-2.0, 0.0, 4.0])
+    return Exact(
+        _pair(1.0),
+        {
+            "mass": MASS, "density": DENSITY, "pressure": np.array([200.0, 100.0]), "viscosity": ViscosityTerm(0.5),
+            "velocity": np.array([[1.0, 0.0, 0.0], [-1.0, 0.0, 4.0]]),
+            "fluid": Fluid(1000.0, 4e5, np.int32(1), np.int32(0)),
+        },
+        {"acceleration": np.array([(push + drag) / 2, -(push + drag) / 3])},
+    )  # fmt: skip
+
+
+@closed_form("dong_2016.shepard_filter")
+def filtered_densities():
+    """(m_1 W(0) + m_2 W(h/2))/(V_1 W(0) + V_2 W(h/2)) on either particle."""
+    volume = MASS / DENSITY
+    value = (MASS + 3 / 16 * MASS[::-1]) / (volume + 3 / 16 * volume[::-1])
+    return Exact(_pair(1.0), {"mass": MASS, "density": DENSITY}, {"corrected_density": value})

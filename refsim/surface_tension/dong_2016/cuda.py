@@ -1,0 +1,62 @@
+"""CUDA kernels of Dong, Zhang & Chen 2016."""
+
+from refsim.compile import cuda, cuda_kernel
+from refsim.neighbours.rows import cuda_row
+from refsim.sph.particle import wall_pressure, wall_sum
+from refsim.surface_tension.dong_2016 import particle
+
+
+@cuda_kernel
+def density(position, mass, neighbours, walls, smoothing, fluid, number_density, density):
+    """D(3) rho_i = m_i sum_j W_ij, self included."""
+    i = cuda.grid(1)
+    if i < density.shape[0]:
+        number = particle.kernel_sum(i, cuda_row(neighbours, i), position, neighbours.entries, smoothing)
+        if walls is not None:
+            number += fluid.rest_density * wall_sum(i, cuda_row(walls, i), position, walls, smoothing) / mass[i]
+        density[i] = mass[i] * number
+        if number_density is not None:
+            number_density[i] = number
+
+
+@cuda_kernel
+def momentum(position, velocity, mass, density, pressure, neighbours, walls, smoothing, fluid, viscosity, acceleration):
+    """D(4) and D(5), walls after Akinci 2012; added to the acceleration."""
+    i = cuda.grid(1)
+    if i < acceleration.shape[0]:
+        ax, ay, az = particle.momentum(
+            i,
+            cuda_row(neighbours, i),
+            position,
+            velocity,
+            mass,
+            density,
+            pressure,
+            neighbours.entries,
+            smoothing,
+            viscosity,
+        )
+        if walls is not None:
+            bx, by, bz = wall_pressure(i, cuda_row(walls, i), position, density, pressure, walls, smoothing, fluid)
+            ax += bx
+            ay += by
+            az += bz
+        acceleration[i, 0] += ax
+        acceleration[i, 1] += ay
+        acceleration[i, 2] += az
+
+
+@cuda_kernel
+def tension(
+    position, mass, density, surface_normal, neighbours, smoothing, molecular_force, normal_difference, acceleration
+):
+    """D(6) with D(7), D(9) with D(11); added to the acceleration."""
+    i = cuda.grid(1)
+    if i < acceleration.shape[0]:
+        ax, ay, az = particle.tension(
+            i, cuda_row(neighbours, i), position, mass, density, surface_normal, neighbours.entries, smoothing,
+            molecular_force, normal_difference,
+        )  # fmt: skip
+        acceleration[i, 0] += ax
+        acceleration[i, 1] += ay
+        acceleration[i, 2] += az

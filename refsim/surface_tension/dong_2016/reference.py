@@ -1,0 +1,108 @@
+"""NumPy oracle of Dong, Zhang & Chen 2016: all pairs, float64.
+
+Each function returns {output: (value, scale)}; scale is the sum of the absolute terms behind the value.
+Arrays: position, velocity, normals (n, 3); mass, density, pressure (n,); SI units. `rows` picks particles.
+"""
+
+import numpy as np
+
+from refsim.neighbours.reference import other_particles, pair_blocks
+from refsim.smoothing.reference import kernel_slope, kernel_value
+
+
+def _rows(array, rows):
+    array = np.asarray(array, dtype=float)
+    return array if rows is None else array[rows]
+
+
+def force_function(r, h, rest_distance):
+    """D(7) L(r)/k = ((h-r)^4 - (h-d0)^2 (h-r)^2)/(h^2 d0 (2h-d0)), r < h; dimensionless, > 0 repels."""
+    r = np.asarray(r, dtype=float)
+    far = (h - rest_distance) ** 2
+    shape = ((h - r) ** 4 - far * (h - r) ** 2) / (h**2 * rest_distance * (2 * h - rest_distance))
+    return np.where(r < h, shape, 0.0)
+
+
+def density(position, mass, walls, smoothing, fluid, rows=None):
+    """Densities [kg/m^dim] and number densities [1/m^dim], self included.
+
+    D(3) rho_i = m_i (sum_j W_ij + sum_b (rho0 V_b/m_i) W_ib).
+    """
+    own = _rows(mass, rows)
+    number = np.zeros(len(own))
+    for place, _, distance in pair_blocks(position, position, rows):
+        number[place] += kernel_value(distance, smoothing).sum(1)
+    if walls is not None:
+        for place, _, distance in pair_blocks(position, walls.position, rows):
+            filled = kernel_value(distance, smoothing) @ np.asarray(walls.volume, dtype=float)
+            number[place] += float(fluid.rest_density) * filled / own[place]
+    return {"density": (own * number, own * number), "number_density": (number, number)}
+
+
+def momentum(position, velocity, mass, density, pressure, walls, smoothing, fluid, viscosity, rows=None):
+    """Acceleration [m/s^2] by pressure and viscosity.
+
+    D(4) a_i = -(1/m_i) sum_j (V_i^2 p_i + V_j^2 p_j) W'(r) e_ij, V = m/rho;
+    D(5) a_i += (1/m_i) sum_j mu (V_i^2 + V_j^2) (v_i - v_j) W'(r)/r;
+    Akinci 2012 walls, with p_b = p_i: a_i -= 2 s sum_b rho0 V_b p_i/rho_i^2 grad W_ib, s = 1.
+    """
+    mass, p = np.asarray(mass, dtype=float), np.asarray(pressure, dtype=float)
+    rho, v = np.asarray(density, dtype=float), np.asarray(velocity, dtype=float)
+    squared = (mass / rho) ** 2
+    own = np.arange(len(mass)) if rows is None else np.asarray(rows)
+    value, scale = np.zeros((len(own), 3)), np.zeros((len(own), 3))
+
+    def add(place, terms):
+        value[place] += terms.sum(1)
+        scale[place] += np.abs(terms).sum(1)
+
+    for place, separation, distance in pair_blocks(position, position, rows):
+        i = own[place]
+        slope = kernel_slope(distance, smoothing) * other_particles(place, len(mass), rows) / mass[i, None]
+        slope = slope / (distance + 1e-9 * float(smoothing.support_radius))
+        both = (squared * p)[i, None] + (squared * p)[None, :]
+        add(place, -(both * slope)[..., None] * separation)
+        if viscosity is not None:
+            factor = float(viscosity.coefficient) * (squared[i, None] + squared[None, :]) * slope
+            add(place, factor[..., None] * (v[i, None, :] - v[None, :, :]))
+    if walls is not None:
+        wall_mass = float(fluid.rest_density) * np.asarray(walls.volume, dtype=float)
+        for place, separation, distance in pair_blocks(position, walls.position, rows):
+            apart = distance + 1e-9 * float(smoothing.support_radius)
+            gradient = (kernel_slope(distance, smoothing) / apart)[..., None] * separation
+            ratio = (p / rho**2)[own[place], None]
+            add(place, -(2 * float(fluid.gradient_share) * wall_mass[None, :] * ratio)[..., None] * gradient)
+    return {"acceleration": (value, scale)}
+
+
+def tension(position, mass, density, surface_normal, smoothing, molecular_force, normal_difference, rows=None):
+    """Acceleration F/m [m/s^2] by pair force and correction, each unless None; surface_normal = h n_i.
+
+    D(6), D(7) a_i = sum_j m_j L(r) e_ij;
+    D(9) a_i = -lambda sum_j V_j (n_i - n_j) W_ij, V_j = 2 m_j/(rho_i + rho_j) (E21) or as printed m_j/rho_j.
+    """
+    h = float(smoothing.support_radius)
+    mass, rho = np.asarray(mass, dtype=float), np.asarray(density, dtype=float)
+    own = np.arange(len(mass)) if rows is None else np.asarray(rows)
+    value, scale = np.zeros((len(own), 3)), np.zeros((len(own), 3))
+    for place, separation, distance in pair_blocks(position, position, rows):
+        i = own[place]
+        other = other_particles(place, len(mass), rows)
+        if molecular_force is not None:
+            d0, k = float(molecular_force.rest_distance), float(molecular_force.stiffness)
+            unit = separation / (distance + 1e-9 * h)[..., None]
+            strength = k * mass[None, :] * other
+            value[place] += ((strength * force_function(distance, h, d0))[..., None] * unit).sum(1)
+            # The difference of two powers is as uncertain as their sum is large.
+            size = ((h - distance) ** 4 + (h - d0) ** 2 * (h - distance) ** 2) / (h**2 * d0 * (2 * h - d0))
+            scale[place] += ((np.abs(strength) * size * (distance < h))[..., None] * np.abs(unit)).sum(1)
+        if normal_difference is not None:
+            normal = np.asarray(surface_normal, dtype=float)
+            volume = (mass / rho)[None, :]
+            if normal_difference.symmetric:
+                volume = 2 * mass[None, :] / (rho[i, None] + rho[None, :])
+            factor = float(normal_difference.coefficient) * volume * kernel_value(distance, smoothing) * other
+            value[place] -= (factor[..., None] * (normal[i, None, :] - normal[None, :, :])).sum(1)
+            size = np.abs(normal[i, None, :]) + np.abs(normal[None, :, :])
+            scale[place] += (np.abs(factor)[..., None] * size).sum(1)
+    return {"acceleration": (value, scale)}

@@ -1,0 +1,214 @@
+"""Surface energy and air pressure on free surfaces after He et al. 2014 (Jiang & Zhu 2023, reference [10]).
+
+Contents: He2014, flat_surface_tension; operations he_2014.color, he_2014.squared_gradient, he_2014.tension.
+
+The two terms are independent of each other; each is left out where its coefficient is zero.
+"""
+
+from __future__ import annotations
+
+import functools
+import itertools
+import math
+from collections.abc import Mapping
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from refsim.effect import Discretisation, Effect, Pass, require
+from refsim.errors import InputError
+from refsim.operation import Operation, register
+from refsim.particles import Field
+from refsim.smoothing import smoothing
+from refsim.smoothing.reference import kernel_slope, kernel_value
+from refsim.sph import SETS, WeaklyCompressible
+from refsim.surface_tension.cohesion import PairCohesion
+
+COLOR = Field("color", "-", "smoothed color c, 1 inside the liquid")
+COLOR_GRADIENT_SQUARED = Field("color_gradient_squared", "1/m^2", "|grad c|^2")
+
+
+class SurfaceEnergy(NamedTuple):
+    """The surface-energy term as the kernels take it."""
+
+    kappa: float  # [N]
+    quarter: float  # kappa/4 [N]
+
+
+class AirPressure(NamedTuple):
+    """The air-pressure term as the kernels take it."""
+
+    pressure: float  # p_atm [Pa]
+
+
+@functools.lru_cache(maxsize=64)
+def flat_surface_tension(sums: str, gradients: str, support_radius: float, spacing: float, dim: int) -> float:
+    """Surface tension [N/m] of kappa = 1 N at the flat surface of a lattice half-space, by the virial.
+
+    sigma = int (P_N - P_T) dz = (1/2A) sum_ij [z_ij F_z - (x_ij F_x + y_ij F_y)/(dim - 1)].
+    """
+    reach = math.ceil(support_radius / spacing)
+    layers = np.arange(4 * reach + 2)  # deep enough that the lower half is bulk
+    steps = spacing * np.array(list(itertools.product(range(-reach, reach + 1), repeat=dim)), dtype=float)
+    distance = np.sqrt((steps**2).sum(1))
+    near = (distance < support_radius) & (distance > 0)
+    steps, distance = steps[near], distance[near]
+    volume = spacing**dim
+    w = volume * kernel_value(distance, smoothing(sums, support_radius, dim))
+    own = volume * float(kernel_value(0.0, smoothing(sums, support_radius, dim)))
+    slope = volume * kernel_slope(distance, smoothing(gradients, support_radius, dim))
+    up = np.rint(steps[:, -1] / spacing).astype(int)  # x_ij of a neighbour below is positive
+
+    def below(depth: int) -> NDArray:
+        """Layer of each neighbour; those above the surface do not exist, those below the last layer are bulk."""
+        return depth + up
+
+    color = np.array([own + w[below(k) >= 0].sum() for k in layers])
+    deep = len(layers) - 1
+    squared = np.zeros(len(layers))
+    for k in layers:
+        j = below(k)
+        there = j >= 0
+        c = color[np.minimum(j[there], deep)]
+        squared[k] = ((c * slope[there] * steps[there, -1] / distance[there]).sum() / color[k]) ** 2
+    sigma = 0.0
+    for k in layers[: 3 * reach]:
+        j = below(k)
+        there = j >= 0
+        force = 0.25 * volume * (squared[k] + squared[np.minimum(j[there], deep)]) * slope[there] / distance[there]
+        normal = steps[there, -1] ** 2
+        tangential = (steps[there, :-1] ** 2).sum(1) / (dim - 1)
+        sigma += 0.5 * float((force * (normal - tangential)).sum()) / spacing ** (dim - 1)
+    return sigma
+
+
+class He2014(PairCohesion, frozen=True, kw_only=True):
+    """Surface tension of a free liquid surface by its diffuse energy, and the pressure of air that is not there.
+
+    surface_tension   sigma [N/m]; nominal: turned into kappa by the virial of a flat lattice surface
+    kappa             coefficient of the surface energy [N], instead of sigma; neither of the two leaves the term out
+    air_pressure      p_atm [Pa]; its pair force delivers half of it at the surface and adds a tension of its own
+    balance_pressure  the equation of state balances what the air-pressure term puts into the bulk, p_atm/2 (not in the
+                      paper); the surface energy puts nothing there
+
+    Both terms keep linear and angular momentum.
+    """
+
+    name: ClassVar[str] = "he_2014"
+
+    surface_tension: float | None = None
+    kappa: float | None = None
+    air_pressure: float = 0.0
+
+    def check(self, grid: Discretisation, others: Mapping[str, Effect]) -> None:
+        if self.surface_tension is not None and self.kappa is not None:
+            raise InputError(f"{self.name}: both of surface_tension and kappa given; give one of them, or neither.")
+        own = {"surface_tension": self.surface_tension, "kappa": self.kappa, "air_pressure": self.air_pressure}
+        require(self.name, **{key: (value, "not negative") for key, value in own.items() if value is not None})
+        self.check_collapse(grid, others)
+
+    def coefficient(self, grid: Discretisation, others: Mapping[str, Effect]) -> float:
+        """kappa [N], given or from sigma."""
+        if self.kappa is not None:
+            return self.kappa
+        return (self.surface_tension or 0.0) / self._unit_tension(grid, others)
+
+    def pair_force(self, r: NDArray, grid: Discretisation, others: Mapping[str, Effect]) -> NDArray:
+        """p_atm W'(r)/rho0^2 [N/kg^2], the part that acts in the bulk, too."""
+        fluid = _fluid(others)
+        kernel = smoothing(SETS[fluid.kernels][1], grid.support_radius, grid.dim)
+        return self.air_pressure * kernel_slope(r, kernel) / fluid.rest_density**2
+
+    def nominal_tension(self, grid: Discretisation, others: Mapping[str, Effect]) -> float:
+        """sigma [N/m] of both terms."""
+        own = self.coefficient(grid, others) * self._unit_tension(grid, others)
+        return own + super().nominal_tension(grid, others)
+
+    def fields(self, others: Mapping[str, Effect]) -> tuple[Field, ...]:
+        return (COLOR, COLOR_GRADIENT_SQUARED) if self._has_energy() else ()
+
+    def passes(self, others: Mapping[str, Effect]) -> tuple[Pass, ...]:
+        passes: list[Pass] = []
+        reads: tuple[str, ...] = ("position", "mass", "density")
+        if self._has_energy():
+            passes += [
+                Pass("he_2014.color", reads, ("color",)),
+                Pass("he_2014.squared_gradient", (*reads, "color"), ("color_gradient_squared",)),
+            ]
+            reads = (*reads, "color_gradient_squared")
+        if self._has_energy() or self.air_pressure > 0:
+            names = {} if self._has_energy() else {"color_gradient_squared": None}
+            passes.append(Pass("he_2014.tension", reads, updates=("acceleration",), names=names))
+        return tuple(passes)
+
+    def list_radius(self, grid: Discretisation) -> float:
+        return grid.support_radius
+
+    def prepare(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, Any]:
+        kappa = self.coefficient(grid, others)
+        energy = SurfaceEnergy(grid.real(kappa), grid.real(kappa / 4)) if self._has_energy() else None
+        air = AirPressure(grid.real(self.air_pressure)) if self.air_pressure > 0 else None
+        return {"surface_energy": energy, "air_pressure": air}
+
+    def _unit_tension(self, grid: Discretisation, others: Mapping[str, Effect]) -> float:
+        sums, gradients = SETS[_fluid(others).kernels]
+        return flat_surface_tension(sums, gradients, grid.support_radius, grid.spacing, grid.dim)
+
+    def _has_energy(self) -> bool:
+        return bool(self.kappa or self.surface_tension)
+
+
+def _fluid(others: Mapping[str, Effect]) -> WeaklyCompressible:
+    return others["weakly_compressible"]  # type: ignore[return-value]
+
+
+_HERE = "refsim.surface_tension.he_2014"
+_PAPER = "He et al. 2014"
+_SYMMETRY = ("translation", "rotation", "reordering")
+register(
+    Operation(
+        name="he_2014.color",
+        folder=_HERE,
+        paper=_PAPER,
+        equation="smoothed color c",
+        function="color",
+        outputs=("color",),
+        optional=("walls",),
+        variants=({}, {"walls": None}),
+        invariants=_SYMMETRY,
+    )
+)
+register(
+    Operation(
+        name="he_2014.squared_gradient",
+        folder=_HERE,
+        paper=_PAPER,
+        equation="|grad c|^2",
+        function="squared_gradient",
+        outputs=("color_gradient_squared",),
+        tolerance=16.0,
+        tolerance_reason="those of one pair twice, for the square, and the quotient",
+        invariants=_SYMMETRY,
+    )
+)
+register(
+    Operation(
+        name="he_2014.tension",
+        folder=_HERE,
+        paper=_PAPER,
+        equation="surface energy; air pressure",
+        function="tension",
+        outputs=("acceleration",),
+        adds=("acceleration",),
+        optional=("color_gradient_squared", "surface_energy", "air_pressure"),
+        tolerance=12.0,
+        tolerance_reason="one rounding in each of distance, slope, volume, two factors, direction, product and sum",
+        variants=(
+            {},
+            {"air_pressure": None},
+            {"surface_energy": None, "color_gradient_squared": None},
+        ),
+        invariants=(*_SYMMETRY, "linear_momentum", "angular_momentum"),
+    )
+)

@@ -1,0 +1,66 @@
+"""Inputs and closed forms of He et al. 2014."""
+
+import math
+
+import numpy as np
+
+from refsim.cases import Case, Exact, closed_form, groups, particles
+from refsim.surface_tension.he_2014 import AirPressure, He2014, SurfaceEnergy
+
+
+@particles("color")
+def _color(case, random):
+    """From a corner of the liquid to slightly crowded."""
+    return random.uniform(0.2, 1.1, case.count)
+
+
+@particles("color_gradient_squared")
+def _squares(case, random):
+    """From none in the bulk to that of a sharp surface."""
+    values = random.uniform(0, 1, case.count) / case.support_radius**2
+    values[2::5] = 0
+    return values
+
+
+@groups("surface_energy", "air_pressure")
+def _tension(case, grid):
+    """Both terms of like size."""
+    return He2014(kappa=3.0 * case.support_radius**2, air_pressure=2.0).prepare(grid, case.effects)
+
+
+# h = 2 m: in 3D Wendland W(0) = 21/(16 pi), W(h/2) = 3/16 W(0), W'(h/2) = -5/8 W(0) per metre.
+PAIR = Case("energetic_pair", 3, np.array([[0.0, 0.0, 0.0], [0.0, 1.0, 0.0]]), spacing=1.0, support_radius=2.0)
+W0 = 21 / (16 * math.pi)
+SLOPE = 5 / 8 * W0 / (1 + 2e-9)
+GIVEN = {"mass": np.array([2.0, 3.0]), "density": np.array([1000.0, 600.0])}
+VOLUME = np.array([2 / 1000, 3 / 600])
+
+
+@closed_form("he_2014.color")
+def two_colors():
+    """c_1 = V_1 W(0) + V_2 W(h/2)."""
+    return Exact(PAIR, GIVEN, {"color": W0 * (VOLUME + 3 / 16 * VOLUME[::-1])})
+
+
+@closed_form("he_2014.squared_gradient")
+def two_squares():
+    """|grad c_1|^2 = (V_2 c_2 W'/c_1)^2."""
+    color = np.array([0.5, 0.25])
+    value = (VOLUME[::-1] * color[::-1] * SLOPE / color) ** 2
+    return Exact(PAIR, GIVEN | {"color": color}, {"color_gradient_squared": value})
+
+
+@closed_form("he_2014.tension")
+def drawn_together():
+    """a_1 = (V_2/rho_1) (kappa/4 (g_1 + g_2) + p_atm) |W'| towards 2."""
+    pull = VOLUME[0] * VOLUME[1] * (8 / 4 * (0.5 + 0.25) + 3.0) * SLOPE
+    return Exact(
+        PAIR,
+        GIVEN
+        | {
+            "color_gradient_squared": np.array([0.5, 0.25]),
+            "surface_energy": SurfaceEnergy(8.0, 2.0),
+            "air_pressure": AirPressure(3.0),
+        },
+        {"acceleration": np.array([[0.0, pull / 2, 0.0], [0.0, -pull / 3, 0.0]])},
+    )

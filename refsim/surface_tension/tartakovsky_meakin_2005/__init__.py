@@ -1,0 +1,95 @@
+"""Cosine-shaped pair force after Tartakovsky & Meakin 2005 (Jiang & Zhu 2023, reference [7]; Dong 2016, [8]).
+
+Contents: TartakovskyMeakin2005; operation tartakovsky_meakin_2005.cohesion.
+
+Jiang & Zhu say that it lacks a repulsion, Dong that its value vanishes as particles meet. Neither holds for the force
+s cos(3 pi r/(2 h)) e_ij: it repels below h/3 and tends to s.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any, ClassVar, NamedTuple
+
+from numpy.typing import NDArray
+
+from refsim.effect import Discretisation, Effect, Pass, require
+from refsim.operation import Operation, register
+from refsim.surface_tension.cohesion import PairCohesion, nominal_tension, one_of
+from refsim.surface_tension.tartakovsky_meakin_2005.reference import force_function
+
+
+class CosineForce(NamedTuple):
+    """The pair force as the kernels take it."""
+
+    strength: float  # s [N; N/m in 2D]
+    wave_number: float  # 3 pi/(2 h) [1/m]
+
+
+class TartakovskyMeakin2005(PairCohesion, frozen=True, kw_only=True):
+    """Surface tension of a free liquid surface by a pair force that repels near and attracts far.
+
+    surface_tension   sigma [N/m]; nominal: turned into s by the Kirkwood-Buff integral
+    strength          s [N; N/m in 2D], instead of sigma; the force of a pair does not depend on its masses
+    balance_pressure  the equation of state balances the cohesion of the bulk by P_int (rho/rho0)^2 (not in the paper);
+                      left out, cohesion compresses the liquid
+
+    Keeps linear and angular momentum.
+    """
+
+    name: ClassVar[str] = "tartakovsky_meakin_2005"
+
+    surface_tension: float | None = None
+    strength: float | None = None
+
+    def check(self, grid: Discretisation, others: Mapping[str, Effect]) -> None:
+        one_of(self.name, surface_tension=self.surface_tension, strength=self.strength)
+        own = {"surface_tension": self.surface_tension, "strength": self.strength}
+        require(self.name, **{key: (value, "not negative") for key, value in own.items() if value is not None})
+        self.check_collapse(grid, others)
+
+    def coefficient(self, grid: Discretisation, others: Mapping[str, Effect]) -> float:
+        """s [N; N/m in 2D], given or from sigma."""
+        if self.strength is not None:
+            return self.strength
+        rest_density = others["weakly_compressible"].rest_density  # type: ignore[attr-defined]
+        unit = nominal_tension(self._force_of(1.0, grid, others), rest_density, grid.support_radius, grid.dim)
+        return self.surface_tension / unit
+
+    def pair_force(self, r: NDArray, grid: Discretisation, others: Mapping[str, Effect]) -> NDArray:
+        """s cos(3 pi r/(2 h))/m^2 [N/kg^2] for particles of the lattice's mass."""
+        return self._force_of(self.coefficient(grid, others), grid, others)(r)
+
+    def passes(self, others: Mapping[str, Effect]) -> tuple[Pass, ...]:
+        if (self.strength if self.strength is not None else self.surface_tension) == 0:
+            return ()
+        return (Pass("tartakovsky_meakin_2005.cohesion", ("position", "mass"), updates=("acceleration",)),)
+
+    def list_radius(self, grid: Discretisation) -> float:
+        return grid.support_radius
+
+    def prepare(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, Any]:
+        strength = self.coefficient(grid, others)
+        wave_number = 1.5 * math.pi / grid.support_radius
+        return {"cosine_force": CosineForce(grid.real(strength), grid.real(wave_number))}
+
+    def _force_of(self, strength: float, grid: Discretisation, others: Mapping[str, Effect]) -> Any:
+        mass = others["weakly_compressible"].particle_mass(grid)  # type: ignore[attr-defined]
+        return lambda r: strength / mass**2 * force_function(r, grid.support_radius)
+
+
+register(
+    Operation(
+        name="tartakovsky_meakin_2005.cohesion",
+        folder="refsim.surface_tension.tartakovsky_meakin_2005",
+        paper="Tartakovsky & Meakin 2005",
+        equation="pair force s cos(3 pi r/(2 h))",
+        function="cosine_cohesion",
+        outputs=("acceleration",),
+        adds=("acceleration",),
+        tolerance=12.0,
+        tolerance_reason="one rounding in each of distance, argument, cosine, direction, product and sum",
+        invariants=("translation", "rotation", "reordering", "linear_momentum", "angular_momentum"),
+    )
+)

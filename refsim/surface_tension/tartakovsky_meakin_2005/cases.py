@@ -1,0 +1,36 @@
+"""Inputs and closed forms of Tartakovsky & Meakin 2005."""
+
+import math
+
+import numpy as np
+
+from refsim.cases import Case, Exact, closed_form, groups
+from refsim.surface_tension.tartakovsky_meakin_2005 import CosineForce, TartakovskyMeakin2005
+
+
+@groups("cosine_force")
+def _cosine_force(case, grid):
+    return TartakovskyMeakin2005(strength=3.0).prepare(grid, case.effects)
+
+
+GIVEN = {"mass": np.array([2.0, 3.0]), "cosine_force": CosineForce(12.0, 0.75 * math.pi)}  # h = 2 m
+
+
+def _pair(r):
+    return Case("cosine_pair", 3, np.array([[0.0, 0.0, 0.0], [0.0, r, 0.0]]), spacing=1.0, support_radius=2.0)
+
+
+def _push(force):
+    return np.array([[0.0, -force / 2, 0.0], [0.0, force / 3, 0.0]])
+
+
+@closed_form("tartakovsky_meakin_2005.cohesion")
+def attracted_pair():
+    """At r = h/2 the force is s cos(3 pi/4) = -s/sqrt 2."""
+    return Exact(_pair(1.0), GIVEN, {"acceleration": _push(-12 / math.sqrt(2) / (1 + 2e-9))})
+
+
+@closed_form("tartakovsky_meakin_2005.cohesion")
+def repelled_pair():
+    """At r = h/6 it is s cos(pi/4) = s/sqrt 2."""
+    return Exact(_pair(1 / 3), GIVEN, {"acceleration": _push(12 / math.sqrt(2) / (1 + 6e-9))})

@@ -1,0 +1,34 @@
+"""NumPy oracle of Tartakovsky & Meakin 2005: all pairs, float64.
+
+Each function returns {output: (value, scale)}; scale is the sum of the absolute terms behind the value.
+Arrays: position (n, 3); mass (n,); SI units. `rows` picks particles.
+"""
+
+import numpy as np
+
+from refsim.neighbours.reference import other_particles, pair_blocks
+
+
+def force_function(r, h):
+    """cos(3 pi r/(2 h)) inside the support; dimensionless."""
+    r = np.asarray(r, dtype=float)
+    return np.where(r < h, np.cos(1.5 * np.pi * r / h), 0.0)
+
+
+def cosine_cohesion(position, mass, smoothing, cosine_force, rows=None):
+    """Acceleration [m/s^2] a_i = (s/m_i) sum_j cos(3 pi r/(2 h)) e_ij.
+
+    The scale adds the argument to the cosine, whose rounding it shares.
+    """
+    h = float(smoothing.support_radius)
+    mass = np.asarray(mass, dtype=float)
+    own = np.arange(len(mass)) if rows is None else np.asarray(rows)
+    value, scale = np.zeros((len(own), 3)), np.zeros((len(own), 3))
+    for place, separation, distance in pair_blocks(position, position, rows):
+        unit = separation / (distance + 1e-9 * h)[..., None]
+        near = (distance < h) & other_particles(place, len(mass), rows)
+        factor = near * float(cosine_force.strength) / mass[own[place], None]
+        value[place] += ((factor * force_function(distance, h))[..., None] * unit).sum(1)
+        size = np.abs(force_function(distance, h)) + 1.5 * np.pi * distance / h
+        scale[place] += ((factor * size)[..., None] * np.abs(unit)).sum(1)
+    return {"acceleration": (value, scale)}
