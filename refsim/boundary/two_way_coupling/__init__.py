@@ -1,0 +1,190 @@
+"""Two-way coupling of liquid and solid particles through pressure and viscosity (Shao & Song 2017, (1) to (3)).
+
+Contents: TwoWayCoupling; fields REST_DENSITY, VOLUME, RELATIVE_CONTRIBUTION; Coupling; operations
+two_way_coupling.contribution, two_way_coupling.density, two_way_coupling.pressure, two_way_coupling.forces.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+
+import numpy as np
+
+from refsim.effect import Discretisation, Effect, Pass, StepLimit, literal_errata
+from refsim.errors import InputError
+from refsim.operation import Operation, register
+from refsim.particles import Field
+from refsim.shape_matching import PHASE
+from refsim.sph import DENSITY, PRESSURE, ViscosityTerm, cohesive_pressure
+
+if TYPE_CHECKING:
+    from refsim.scene import InitialState
+
+REST_DENSITY = Field("rest_density", "kg/m^3", "rest density rho0 of the particle's substance", state=True)
+VOLUME = Field("volume", "m^3", "volume V = m/rho")
+RELATIVE_CONTRIBUTION = Field(
+    "relative_contribution", "-", "weight in the liquid's density, M(1): 1 in liquid, phi at a solid's surface, else 0"
+)
+
+
+class Coupling(NamedTuple):
+    """Two-way coupling as the kernels take it."""
+
+    least_volume: float  # V_min, the volume of a liquid particle in the undisturbed bulk [m^dim]
+    stiffness: float  # c^2/g of Tait's equation [m^2/s^2]
+    exponent: int
+    printed_volume: int  # V_k from the particles at surfaces alone (M4)
+    printed_pressure: int  # (2) without one m_i (M2)
+    printed_viscosity: int  # (3) without one V_i (M3)
+
+
+class TwoWayCoupling(Effect, frozen=True, kw_only=True):
+    """Liquid and solids push and drag each other; takes the place of the liquid's own density and forces.
+
+    The liquid may consist of several substances: every particle has its own rest density, that of the scene's liquid or
+    of the solid that it has melted from. Kernels, sound speed, equation of state and viscosity are those of
+    `weakly_compressible`, whose negative pressures must be clamped.
+
+    literal  printed readings to use: "M2" ((2) without one m_i), "M3" ((3) without one V_i), "M4" (V_k from the
+             particles at surfaces alone); or "all"
+    """
+
+    name: ClassVar[str] = "two_way_coupling"
+
+    literal: tuple[str, ...] = ()
+
+    def needs(self) -> tuple[str, ...]:
+        return ("weakly_compressible", "shape_matching")
+
+    def replaces(self) -> tuple[str, ...]:
+        return ("sph.density", "sph.state", "sph.pressure", "sph.momentum")
+
+    def check(self, grid: Discretisation, others: Mapping[str, Effect]) -> None:
+        self._printed()
+        if not others["weakly_compressible"].clamp_pressure:  # type: ignore[attr-defined]
+            raise InputError(
+                f"{self.name}: with negative pressures solids would stick to the liquid; set clamp_pressure = true in"
+                " weakly_compressible."
+            )
+        if cohesive_pressure(grid, others) > 0:
+            raise InputError(f"{self.name}: an effect with cohesion takes particles of solids for liquid; remove it.")
+
+    def _printed(self) -> frozenset[str]:
+        return literal_errata(self.name, self.literal, ("M2", "M3", "M4"))
+
+    def fields(self, others: Mapping[str, Effect]) -> tuple[Field, ...]:
+        return (DENSITY, PRESSURE, REST_DENSITY, PHASE, RELATIVE_CONTRIBUTION, VOLUME)
+
+    def initial(
+        self, grid: Discretisation, state: InitialState, others: Mapping[str, Effect]
+    ) -> Mapping[str, np.ndarray]:
+        rest_density = np.full(grid.count, others["weakly_compressible"].rest_density)  # type: ignore[attr-defined]
+        if grid.solids is not None:
+            own = grid.solids.of_bodies("density")
+            rest_density[: len(own)] = own
+        return {"rest_density": rest_density}
+
+    def passes(self, others: Mapping[str, Effect]) -> tuple[Pass, ...]:
+        viscous = others["weakly_compressible"].dynamic_viscosity > 0  # type: ignore[attr-defined]
+        state = ("position", "mass", "rest_density", "phase", "relative_contribution")
+        return (
+            Pass("two_way_coupling.contribution", ("position", "phase"), ("relative_contribution",)),
+            Pass("two_way_coupling.density", state, ("density", "pressure", "volume")),
+            Pass(
+                "two_way_coupling.forces" if viscous else "two_way_coupling.pressure",
+                (*state, "velocity", "density", "pressure", "volume"),
+                updates=("acceleration",),
+                names={"smoothing": "gradient_smoothing"},
+            ),
+        )
+
+    def list_radius(self, grid: Discretisation) -> float:
+        return grid.support_radius
+
+    def prepare(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, Any]:
+        liquid: Any = others["weakly_compressible"]
+        printed = self._printed()
+        exponent = 7 if liquid.state == "tait" else 1
+        viscous = liquid.dynamic_viscosity > 0
+        return {
+            "coupling": Coupling(
+                grid.real(1 / liquid.rest_number_density(grid)),
+                grid.real(liquid.sound_speed**2 / exponent),
+                np.int32(exponent),
+                np.int32("M4" in printed),
+                np.int32("M2" in printed),
+                np.int32("M3" in printed),
+            ),
+            "viscosity": ViscosityTerm(grid.real(liquid.dynamic_viscosity)) if viscous else None,
+        }
+
+    def step_limits(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, StepLimit]:
+        liquid: Any = others["weakly_compressible"]
+        limits = {"acoustic": StepLimit.crossing(0.4 * grid.support_radius, liquid.sound_speed)}
+        if liquid.dynamic_viscosity > 0 and grid.solids is not None:
+            lightest = min([liquid.rest_density, *(body.density for body in grid.solids.bodies)])
+            seconds = 0.125 * (0.5 * grid.support_radius) ** 2 * lightest / liquid.dynamic_viscosity
+            limits["viscous"] = StepLimit.constant(seconds)
+        return limits
+
+
+_HERE = "refsim.boundary.two_way_coupling"
+_PAPER = "Shao & Song 2017"
+register(
+    Operation(
+        name="two_way_coupling.contribution",
+        folder=_HERE,
+        paper=_PAPER,
+        equation="M(1), phi, with M4",
+        function="contribution",
+        outputs=("relative_contribution",),
+        tolerance_reason="one rounding in each of distance, kernel, sum and quotient",
+        invariants=("translation", "rotation", "reordering"),
+    )
+)
+register(
+    Operation(
+        name="two_way_coupling.density",
+        folder=_HERE,
+        paper=_PAPER,
+        equation="M(1), p = B ((rho/rho0)^7 - 1), V = m/rho",
+        function="density",
+        outputs=("density", "pressure", "volume"),
+        optional=("walls",),
+        tolerance=8.0,
+        tolerance_reason="as any summed density, and its power, counted in the scale by the exponent",
+        variants=({}, {"walls": None}),
+        invariants=("translation", "rotation", "reordering"),
+    )
+)
+register(
+    Operation(
+        name="two_way_coupling.pressure",
+        folder=_HERE,
+        paper=_PAPER,
+        equation="M(2) with M1, M2",
+        function="forces",
+        outputs=("acceleration",),
+        adds=("acceleration",),
+        optional=("walls", "viscosity"),
+        tolerance=8.0,
+        variants=({"viscosity": None, "walls": None}, {"viscosity": None}),
+        invariants=("translation", "rotation", "reordering", "linear_momentum", "angular_momentum"),
+    )
+)
+register(
+    Operation(
+        name="two_way_coupling.forces",
+        folder=_HERE,
+        paper=_PAPER,
+        equation="M(2), M(3) with M1 to M3",
+        function="forces",
+        outputs=("acceleration",),
+        adds=("acceleration",),
+        optional=("walls", "viscosity"),
+        tolerance=8.0,
+        variants=({"walls": None}, {}),
+        invariants=("translation", "rotation", "reordering", "linear_momentum", "galilean", "dissipation"),
+    )
+)

@@ -1,0 +1,135 @@
+"""Inputs and closed forms of two-way coupling."""
+
+import math
+
+import numpy as np
+
+from refsim.boundary.two_way_coupling import Coupling
+from refsim.cases import REST_DENSITY, Case, Exact, closed_form, groups, particles
+from refsim.shape_matching.phases import FLUID, INTERIOR, SURFACE
+from refsim.sph import ViscosityTerm
+
+
+@particles("phase")
+def _phase(case, random):
+    """Liquid, surfaces and insides of solids, mixed as no scene mixes them."""
+    return random.choice(np.array([FLUID, SURFACE, INTERIOR], np.int32), case.count, p=[0.5, 0.35, 0.15])
+
+
+@particles("rest_density")
+def _rest_density(case, random):
+    """Substances from a fifth to ten times water; liquids near the density that the cases give them."""
+    liquid = _phase(case, case.random("phase")) == FLUID
+    solid = REST_DENSITY * np.exp(random.uniform(np.log(0.2), np.log(10), case.count))
+    return np.where(liquid, REST_DENSITY * random.uniform(0.8, 1.1, case.count), solid)
+
+
+@particles("relative_contribution")
+def _contribution(case, random):
+    phase = _phase(case, case.random("phase"))
+    phi = random.uniform(0.5, 1.6, case.count)
+    return np.select([phase == FLUID, phase == SURFACE], [1.0, phi], 0.0)
+
+
+@groups("coupling")
+def _coupling(case, grid):
+    printed = np.int32(case.literal)
+    least, stiffness = grid.real(grid.spacing**grid.dim), grid.real(20.0**2 / 7)
+    return {"coupling": Coupling(least, stiffness, np.int32(7), printed, printed, printed)}
+
+
+# Closed forms: h = 2 m, cubic spline out of the way: Wendland's W(0) = 21/(16 pi), W(h/2) = 3/16 W(0), W'(h/2) =
+# -5/4 W(0)/h; the Laplacian's A (h - r) = 45/(64 pi).
+
+W0 = 21 / (16 * math.pi)
+SLOPE = 5 / 4 * W0 / 2 / (1 + 2e-9)
+PAIR = Case("coupled_pair", 3, np.array([[0.0, 0.0, 0.0], [0.0, 1.0, 0.0]]), spacing=1.0, support_radius=2.0)
+WATER_AND_ICE = np.array([FLUID, SURFACE], np.int32)
+
+
+def _coupled(**changes):
+    return Coupling(0.5, 100.0, np.int32(7), np.int32(0), np.int32(0), np.int32(0))._replace(**changes)
+
+
+@closed_form("two_way_coupling.contribution")
+def surface_beside_inside():
+    """V_k = 1/(W(0) + W(h/2)) over both solids (M4), phi = V_k/V_min; the inside has none, the liquid 1."""
+    position = np.array([[0.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 2.0, 0.0]])
+    three = Case("coupled_three", 3, position, spacing=1.0, support_radius=2.0)
+    phi = 1 / (19 / 16 * W0 * 0.5)
+    return Exact(
+        three,
+        {"phase": np.array([SURFACE, INTERIOR, FLUID], np.int32), "coupling": _coupled()},
+        {"relative_contribution": np.array([phi, 0.0, 1.0])},
+    )
+
+
+@closed_form("two_way_coupling.contribution")
+def printed_surface_beside_inside():
+    """As printed V_k = 1/W(0): the inside is not counted."""
+    given = {"phase": np.array([SURFACE, INTERIOR], np.int32), "coupling": _coupled(printed_volume=np.int32(1))}
+    return Exact(PAIR, given, {"relative_contribution": np.array([1 / (W0 * 0.5), 0.0])})
+
+
+@closed_form("two_way_coupling.density")
+def liquid_beside_solid():
+    """rho = m (W(0) + phi W(h/2)); the solid keeps its rest density."""
+    given = {
+        "mass": np.array([2.0, 3.0]), "rest_density": np.array([1000.0, 900.0]), "phase": WATER_AND_ICE,
+        "relative_contribution": np.array([1.0, 4.0]), "walls": None,
+    }  # fmt: skip
+    return Exact(PAIR, given, {"density": np.array([2 * W0 * (1 + 4 * 3 / 16), 900.0])})
+
+
+@closed_form("two_way_coupling.density")
+def tait_of_two_substances():
+    """(2^7 - 1) 100 rho0 at twice the rest density, none in the solid, none below the rest density; V = m/rho."""
+    apart = Case("substances", 3, np.array([[0.0, 0.0, 0.0], [0.0, 9.0, 0.0], [0.0, 18.0, 0.0]]), 1.0, 2.0)
+    given = {
+        "mass": np.array([400.0, 100.0, 150.0]) / W0, "rest_density": np.full(3, 200.0),
+        "phase": np.array([FLUID, SURFACE, FLUID], np.int32), "relative_contribution": np.array([1.0, 4.0, 1.0]),
+        "walls": None, "coupling": _coupled(),
+    }  # fmt: skip
+    return Exact(
+        apart, given,
+        {"density": np.array([400.0, 200.0, 150.0]), "pressure": np.array([127 * 2e4, 0.0, 0.0]),
+         "volume": np.array([1.0, 0.5, 1.0]) / W0},
+    )  # fmt: skip
+
+
+def _pushed(coupling, viscosity, force):
+    """Liquid of 2 kg and 0.5 m^3 at 40 Pa, solid of 3 kg with phi = 0.25 that moves past it; F on the liquid."""
+    given = {
+        "mass": np.array([2.0, 3.0]), "phase": WATER_AND_ICE, "pressure": np.array([40.0, 7.0]),
+        "volume": np.array([0.5, 9.0]), "relative_contribution": np.array([1.0, 0.25]),
+        "velocity": np.array([[0.0, 0.0, 0.0], [8.0, 0.0, 0.0]]), "coupling": coupling, "viscosity": viscosity,
+        "walls": None,
+    }  # fmt: skip
+    force = np.array(force)
+    return Exact(PAIR, given, {"acceleration": np.array([force / 2, -force / 3])})
+
+
+@closed_form("two_way_coupling.pressure")
+def solid_pushes_liquid():
+    """F = -V^2 p phi |W'|: 0.25 m^6 * 40 Pa * 0.25, away from each other; the solid's own pressure does nothing."""
+    return _pushed(_coupled(), None, [0.0, -2.5 * SLOPE, 0.0])
+
+
+@closed_form("two_way_coupling.pressure")
+def printed_push():
+    """(2) as printed lacks one m_i = 2 kg."""
+    return _pushed(_coupled(printed_pressure=np.int32(1)), None, [0.0, -1.25 * SLOPE, 0.0])
+
+
+@closed_form("two_way_coupling.forces")
+def solid_drags_liquid():
+    """F = mu V^2 phi v lap W on top: 3 Pa s * 0.25 m^6 * 0.25 * 8 m/s * 45/(64 pi)."""
+    drag = 3 * 0.0625 * 8 * 45 / (64 * math.pi)
+    return _pushed(_coupled(), ViscosityTerm(3.0), [drag, -2.5 * SLOPE, 0.0])
+
+
+@closed_form("two_way_coupling.forces")
+def printed_drag():
+    """(3) as printed lacks one V_i = 0.5 m^3."""
+    drag = 3 * 0.125 * 8 * 45 / (64 * math.pi)
+    return _pushed(_coupled(printed_viscosity=np.int32(1)), ViscosityTerm(3.0), [drag, -2.5 * SLOPE, 0.0])

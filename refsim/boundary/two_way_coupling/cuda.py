@@ -1,0 +1,68 @@
+"""CUDA kernels of two-way coupling."""
+
+from refsim.boundary.two_way_coupling import particle
+from refsim.boundary.two_way_coupling.formulas import tait_pressure
+from refsim.compile import cuda, cuda_kernel
+from refsim.neighbours.rows import cuda_row
+from refsim.shape_matching.phases import FLUID, INTERIOR
+from refsim.sph.particle import wall_sum
+
+
+@cuda_kernel
+def contribution(position, phase, neighbours, smoothing, coupling, relative_contribution):
+    """phi of (1)."""
+    i = cuda.grid(1)
+    if i < relative_contribution.shape[0]:
+        row = cuda_row(neighbours, i)
+        relative_contribution[i] = particle.contribution(
+            i, row, position, phase, neighbours.entries, smoothing, coupling
+        )
+
+
+@cuda_kernel
+def density(
+    position, mass, rest_density, phase, relative_contribution, neighbours, walls, smoothing, coupling,
+    density, pressure, volume,
+):  # fmt: skip
+    """(1), Tait, and V = m/rho; solids keep their rest density and have no pressure."""
+    i = cuda.grid(1)
+    if i < volume.shape[0]:
+        rho = rest_density[i]
+        p = type(rho)(0)
+        if phase[i] == FLUID:
+            row = cuda_row(neighbours, i)
+            rho = mass[i] * particle.weighted_sum(
+                i, row, position, relative_contribution, neighbours.entries, smoothing
+            )
+            if walls is not None:
+                rho += rest_density[i] * wall_sum(i, cuda_row(walls, i), position, walls, smoothing)
+            p = tait_pressure(rho, rest_density[i], coupling)
+        density[i] = rho
+        pressure[i] = p
+        volume[i] = mass[i] / rho
+
+
+@cuda_kernel
+def forces(
+    position, velocity, mass, density, rest_density, phase, pressure, volume, relative_contribution, neighbours, walls,
+    smoothing, coupling, viscosity, acceleration,
+):  # fmt: skip
+    """(2) and (3) with the reaction, and the liquid's own forces; added to the acceleration."""
+    i = cuda.grid(1)
+    if i < acceleration.shape[0] and phase[i] != INTERIOR:
+        fx, fy, fz = particle.force(
+            i, cuda_row(neighbours, i), position, velocity, mass, phase, pressure, volume, relative_contribution,
+            neighbours.entries, smoothing, coupling, viscosity,
+        )  # fmt: skip
+        ax, ay, az = fx / mass[i], fy / mass[i], fz / mass[i]
+        if walls is not None:  # noqa: SIM102  (a test of its own is what Numba prunes)
+            if phase[i] == FLUID:
+                bx, by, bz = particle.wall_pressure(
+                    i, cuda_row(walls, i), position, density, rest_density, pressure, walls, smoothing
+                )
+                ax += bx
+                ay += by
+                az += bz
+        acceleration[i, 0] += ax
+        acceleration[i, 1] += ay
+        acceleration[i, 2] += az

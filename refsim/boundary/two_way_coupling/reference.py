@@ -1,0 +1,115 @@
+"""NumPy oracle of two-way coupling: all pairs, float64.
+
+Arrays: position, velocity (n, 3); mass, density, pressure, volume, rest_density (n,) in SI units; phase (n,): 0 liquid,
+1 solid at its body's surface, 2 solid inside. `rows` picks particles.
+"""
+
+import numpy as np
+
+from refsim.neighbours.reference import other_particles, pair_blocks
+from refsim.smoothing.reference import kernel_slope, kernel_value, viscosity_laplacian
+
+FLUID, SURFACE, INTERIOR = 0, 1, 2
+
+
+def _rows(array, rows, kind=float):
+    array = np.asarray(array, dtype=kind)
+    return array if rows is None else array[rows]
+
+
+def contribution(position, phase, smoothing, coupling, rows=None):
+    """Weights of all particles in (1): 1 in the liquid, 0 inside solids, phi_k = 1/(V_min sum_k' W_kk') at surfaces.
+
+    M4: k' runs over all solid particles, or as printed over those at surfaces alone. Dimensionless.
+    """
+    phase = np.asarray(phase)
+    own = _rows(phase, rows, int)
+    counted = phase == SURFACE if coupling.printed_volume else phase != FLUID
+    sums = np.zeros(len(own))
+    for place, _, distance in pair_blocks(position, position, rows):
+        sums[place] = kernel_value(distance, smoothing) @ counted.astype(float)
+    with np.errstate(divide="ignore"):
+        phi = 1 / (sums * float(coupling.least_volume))
+    value = np.where(own == FLUID, 1.0, np.where(own == SURFACE, phi, 0.0))
+    return {"relative_contribution": (value, value)}
+
+
+def density(position, mass, rest_density, phase, relative_contribution, walls, smoothing, coupling, rows=None):
+    """(1): rho_i = m_i sum_j W_ij + m_i sum_k phi_k W_ik [kg/m^dim], self included; solids keep rho0_i.
+
+    Walls, whose phi_b = V_b rho0_i/m_i: rho_i += rho0_i sum_b V_b W_ib.
+    Tait: p_i = max(0, B_i ((rho_i/rho0_i)^g - 1)) [Pa], B_i = rho0_i c^2/g, 0 in solids. V_i = m_i/rho_i [m^dim].
+    """
+    own, m, rho0 = _rows(phase, rows, int), _rows(mass, rows), _rows(rest_density, rows)
+    weight = np.asarray(relative_contribution, dtype=float)
+    rho = np.zeros(len(own))
+    for place, _, distance in pair_blocks(position, position, rows):
+        rho[place] = m[place] * (kernel_value(distance, smoothing) @ weight)
+    if walls is not None:
+        for place, _, distance in pair_blocks(position, walls.position, rows):
+            filled = kernel_value(distance, smoothing) @ np.asarray(walls.volume, dtype=float)
+            rho[place] += rho0[place] * filled
+    rho = np.where(own == FLUID, rho, rho0)
+    stiffness, exponent = rho0 * float(coupling.stiffness), int(coupling.exponent)
+    power = (rho / rho0) ** exponent
+    pressure = np.where(own == FLUID, np.maximum(stiffness * (power - 1), 0), 0.0)
+    volume = m / rho
+    return {
+        "density": (rho, rho),
+        "pressure": (pressure, np.where(own == FLUID, stiffness * exponent * (power + 1), 0.0)),
+        "volume": (volume, volume),
+    }
+
+
+def forces(
+    position, velocity, mass, density, rest_density, phase, pressure, volume, relative_contribution, walls, smoothing,
+    coupling, viscosity, rows=None,
+):  # fmt: skip
+    """Accelerations F_i/m_i [m/s^2] of liquid and solids.
+
+    Liquid i, liquid j: F_ij = -(V_i^2 p_i + V_j^2 p_j) grad W + mu V_i V_j (v_j - v_i) lap W.
+    Liquid i, solid k: (2) F_ik = -V_i^2 p_i phi_k grad W (M1, M2), (3) F_ik += mu V_i^2 phi_k (v_k - v_i) lap W (M3);
+    as printed without one m_i, and without one V_i. F_ki = -F_ik. Walls: a_i -= rho0_i V_b p_i/rho_i^2 grad W.
+    """
+    phase = np.asarray(phase)
+    m, p, size, phi = (np.asarray(a, dtype=float) for a in (mass, pressure, volume, relative_contribution))
+    v = np.asarray(velocity, dtype=float)
+    liquid = phase == FLUID
+    pick = slice(None) if rows is None else np.asarray(rows)
+    own_liquid, own_v = liquid[pick], v[pick]
+    push = size**2 * p
+    across = push / m if coupling.printed_pressure else push
+    value, scale = np.zeros((len(own_liquid), 3)), np.zeros((len(own_liquid), 3))
+
+    def add(place, terms):
+        value[place] += terms.sum(1)
+        scale[place] += np.abs(terms).sum(1)
+
+    for place, separation, distance in pair_blocks(position, position, rows):
+        a, b = own_liquid[place, None], liquid[None, :]
+        apart = distance + 1e-9 * float(smoothing.support_radius)
+        gradient = (kernel_slope(distance, smoothing) / apart)[..., None] * separation
+        together = push[pick][place, None] + push[None, :]
+        liquid_first = across[pick][place, None] * phi[None, :]
+        solid_first = across[None, :] * phi[pick][place, None]
+        strength = np.where(a & b, together, np.where(a & ~b, liquid_first, np.where(~a & b, solid_first, 0.0)))
+        own_mass = m[pick][place, None]
+        add(place, -(strength / own_mass)[..., None] * gradient)
+        if viscosity is not None:
+            mine, its = size[pick][place, None], size[None, :]
+            power = 1 if coupling.printed_viscosity else 2
+            first = mine**power * phi[None, :]
+            second = its**power * phi[pick][place, None]
+            both = np.where(a & b, mine * its, np.where(a & ~b, first, np.where(~a & b, second, 0.0)))
+            factor = float(viscosity.coefficient) * both * viscosity_laplacian(distance, smoothing) / own_mass
+            factor = factor * other_particles(place, len(v), rows)
+            add(place, factor[..., None] * (v[None, :, :] - own_v[place, None, :]))
+    if walls is not None:
+        rho = np.asarray(density, dtype=float)[pick]
+        filled = np.asarray(rest_density, dtype=float)[pick] * p[pick] / rho**2 * own_liquid
+        for place, separation, distance in pair_blocks(position, walls.position, rows):
+            apart = distance + 1e-9 * float(smoothing.support_radius)
+            gradient = (kernel_slope(distance, smoothing) / apart)[..., None] * separation
+            factor = filled[place, None] * np.asarray(walls.volume, dtype=float)[None, :]
+            add(place, -factor[..., None] * gradient)
+    return {"acceleration": (value, scale)}

@@ -1,0 +1,420 @@
+"""Heat conduction between particles (Shao & Song 2017, M(4)), with latent heat.
+
+Contents: HeatConduction; fields TEMPERATURE, ENTHALPY, HEAT_CAPACITY, CONDUCTIVITY, MELTING_POINT, LATENT_HEAT,
+RESERVOIR, VOLUME; operations heat.explicit, heat.one_sided (R1), heat.pair_exchange (R3), heat.single_pass (NPX),
+heat.chebyshev (CHEB), heat.conjugate_gradient (PCG), heat.runge_kutta_legendre (RKL2), heat.enthalpy_jacobi,
+heat.particle_volume.
+
+A scheme is one pass in the motion of a step: it takes temperatures over the step's length at the positions of the
+step's start. Other effects read the field `temperature`, and `enthalpy` where there is latent heat; who turns solid
+into liquid changes `conductivity`, `heat_capacity` and `mass` where its materials differ, and nothing else of it.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import math
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
+
+import numpy as np
+
+from refsim.effect import Discretisation, Effect, Pass, StepLimit, literal_errata, require
+from refsim.errors import InputError
+from refsim.heat.shapes import (
+    MOST_PASSES,
+    MUELLER,
+    POLY6,
+    SPIKY,
+    Conduction,
+    conduction_group,
+    lattice_moment,
+    lattice_sum,
+)
+from refsim.operation import Operation, register
+from refsim.particles import Field
+
+if TYPE_CHECKING:
+    from refsim.scene import InitialState
+
+ABSOLUTE_ZERO = -273.15
+MOST_PLANNED = 20.0  # largest k dt/(rho c d^2) for which a GPU finds the number of passes by itself
+CROWDED = 3.0  # s_i over that of the lattice, for which it has room
+TEMPERATURE = Field("temperature", "deg C", "temperature T", state=True)
+ENTHALPY = Field("enthalpy", "J/kg", "specific enthalpy H, 0 for solid at the melting point", state=True)
+HEAT_CAPACITY = Field("heat_capacity", "J/(kg K)", "specific heat c", state=True)
+CONDUCTIVITY = Field("conductivity", "W/(m K)", "heat conductivity k", state=True)
+MELTING_POINT = Field("melting_point", "deg C", "melting point Tm", state=True)
+LATENT_HEAT = Field("latent_heat", "J/kg", "latent heat of melting L", state=True)
+RESERVOIR = Field("reservoir", "-", "1 where the temperature is held", dtype="uint8", state=True)
+VOLUME = Field("volume", "m^3 (m^2 in 2D)", "volume V = m/rho")
+
+PerPart = float | tuple[float, ...]
+SCHEMES = {
+    "implicit": ("heat.chebyshev", "heat.chebyshev"),  # without and with latent heat
+    "conjugate_gradient": ("heat.conjugate_gradient", "heat.conjugate_gradient"),
+    "nonlinear_jacobi": (None, "heat.enthalpy_jacobi"),
+    "runge_kutta_legendre": ("heat.runge_kutta_legendre", "heat.runge_kutta_legendre"),
+    "single_pass": ("heat.single_pass", "heat.single_pass"),
+    "pair_exchange": ("heat.pair_exchange", None),
+    "one_sided": ("heat.one_sided", None),
+    "explicit": ("heat.explicit", "heat.explicit"),
+}
+
+
+class HeatConduction(Effect, frozen=True, kw_only=True):
+    """Conducts heat between all particles within the support radius, liquid or solid.
+
+    "Each part": one number for all, one for each solid and then each part of the fluid, or one for each particle.
+
+    temperature    at the start [deg C]; each part
+    conductivity   k [W/(m K)]; each part
+    heat_capacity  specific heat c [J/(kg K)]; each part
+    melting_point  Tm [deg C], wanted where there is latent heat; each part
+    latent_heat    L [J/kg], 0 for none anywhere; each part
+    held           parts whose temperature is held, by number from 0: reservoirs of heat
+    density        of the lattice's particles [kg/m^3] in a scene without a liquid that gives them their mass
+    scheme         "implicit" (backward Euler: Chebyshev's iteration, conjugate gradients where the step is too long for
+                   it), "conjugate_gradient", "nonlinear_jacobi" (backward Euler for latent heat, keeps heat only as far
+                   as it converges), "runge_kutta_legendre" (second order; the most accurate), "single_pass",
+                   "pair_exchange" (M(4), both particles of a pair), "one_sided" (M(4), each particle by itself),
+                   "explicit"
+    largest_number  k dt/(rho c d^2) that a step may reach; it limits the step, a fixed one must keep to it; "explicit"
+                   has a limit of its own
+    mean           "harmonic" or "arithmetic" (as in M(4)) mean of two conductivities
+    laplacian      "spiky" (-W'/r) or "mueller" (the viscosity kernel's Laplacian, halved)
+    calibrated     scale so that the lattice conducts with k exactly
+    tolerance      share of its error that Chebyshev's iteration leaves
+    residual       share of the first residual at which conjugate gradients stop
+    iterations     of nonlinear Jacobi
+    literal        printed readings to use: "M5" (Laplacian of poly6, negative nearby), "M6" (Mueller's not halved, with
+                   twice the diffusivity), "M8" (both sweeps of M(4) over the whole step), "M9" (temperature differences
+                   of before the sweep), "M11" (conductivity is a diffusivity [m^2/s], no heat capacity); or "all"
+    """
+
+    name: ClassVar[str] = "heat_conduction"
+
+    temperature: PerPart = 20.0
+    conductivity: PerPart = 0.6
+    heat_capacity: PerPart = 4186.0
+    melting_point: PerPart | None = None
+    latent_heat: PerPart = 0.0
+    held: tuple[int, ...] = ()
+    density: float = 1000.0
+    scheme: Literal[
+        "implicit", "conjugate_gradient", "nonlinear_jacobi", "runge_kutta_legendre", "single_pass", "pair_exchange",
+        "one_sided", "explicit",
+    ] = "implicit"  # fmt: skip
+    largest_number: float = 10.0
+    mean: Literal["harmonic", "arithmetic"] = "harmonic"
+    laplacian: Literal["spiky", "mueller"] = "spiky"
+    calibrated: bool = True
+    tolerance: float = 5e-3
+    residual: float = 1e-3
+    iterations: int = 16
+    literal: tuple[str, ...] = ()
+
+    @property
+    def host_in_step(self) -> bool:
+        """Whether the number of passes is found on the host, so that a GPU step cannot be one graph."""
+        if self.scheme == "implicit":
+            return self.largest_number > MOST_PLANNED
+        return self.scheme not in ("single_pass", "one_sided", "nonlinear_jacobi")
+
+    @property
+    def melts(self) -> bool:
+        """Whether there is latent heat, so that the enthalpy is the state."""
+        return bool(np.any(np.asarray(self.latent_heat) > 0))
+
+    def operation(self) -> str:
+        """Name of the operation that is one step of the scheme."""
+        chosen = SCHEMES[self.scheme][self.melts]
+        if chosen is None:
+            able = ", ".join(name for name, operations in SCHEMES.items() if operations[self.melts])
+            words = "knows no latent heat" if self.melts else "is for latent heat only"
+            raise InputError(f"{self.name}: scheme = {self.scheme!r} {words}; choose one of {able}.")
+        return chosen
+
+    def check(self, grid: Discretisation, others: Mapping[str, Effect]) -> None:
+        rules = {
+            "temperature": (lambda v: v >= ABSOLUTE_ZERO, f"a temperature above {ABSOLUTE_ZERO} deg C"),
+            "conductivity": (lambda v: v >= 0, "zero or a positive number"),
+            "heat_capacity": (lambda v: v > 0, "a positive number"),
+            "latent_heat": (lambda v: v >= 0, "zero or a positive number"),
+            "melting_point": (lambda v: v >= ABSOLUTE_ZERO, f"a temperature above {ABSOLUTE_ZERO} deg C"),
+        }
+        for name, (test, words) in rules.items():
+            given = getattr(self, name)
+            if given is None:
+                continue
+            for value in np.atleast_1d(np.asarray(given, dtype=float)):
+                if not (math.isfinite(value) and test(value)):
+                    raise InputError(f"{self.name}: {name} = {value} is not possible; give {words}.")
+        require(
+            self.name,
+            density=(self.density, "positive"),
+            largest_number=(self.largest_number, "positive"),
+            tolerance=(self.tolerance, "positive"),
+            residual=(self.residual, "positive"),
+            iterations=(self.iterations, "positive"),
+        )
+        if self.tolerance >= 1 or self.residual >= 1:
+            raise InputError(f"{self.name}: tolerance and residual are shares of an error; give numbers below 1.")
+        if self.melts and self.melting_point is None:
+            raise InputError(f"{self.name}: latent_heat is given without a melting_point; give both, or neither.")
+        printed = self._printed()
+        if self.melts and "M11" in printed:
+            raise InputError(f"{self.name}: with literal M11 there is no heat capacity and no latent heat; drop one.")
+        if "M5" in printed and self.scheme not in ("pair_exchange", "one_sided", "explicit"):
+            raise InputError(
+                f"{self.name}: literal M5 makes some pairs conduct backwards, and scheme {self.scheme!r} cannot solve"
+                " that; choose pair_exchange, one_sided or explicit."
+            )
+        self.operation()
+        number = grid.step * self.greatest_diffusivity(grid, others) / grid.spacing**2
+        if number > self.largest_number * (1 + 1e-6) and self.scheme != "explicit":
+            raise InputError(
+                f"{self.name}: the fixed step of {grid.step} s is k dt/(rho c d^2) = {number:.3g}, beyond"
+                f" largest_number = {self.largest_number}; take a shorter step, or raise it if accuracy matters less."
+            )
+
+    def _printed(self) -> frozenset[str]:
+        return literal_errata(self.name, self.literal, ("M5", "M6", "M8", "M9", "M11"))
+
+    def fields(self, others: Mapping[str, Effect]) -> tuple[Field, ...]:
+        own = [TEMPERATURE, HEAT_CAPACITY, CONDUCTIVITY]
+        if self.melts:
+            own += [ENTHALPY, MELTING_POINT, LATENT_HEAT]
+        if self.held:
+            own.append(RESERVOIR)
+        if not self._volume_is_given(others):
+            own.append(VOLUME if "weakly_compressible" in others else dataclasses.replace(VOLUME, state=True))
+        return tuple(own)
+
+    def _volume_is_given(self, others: Mapping[str, Effect]) -> bool:
+        return any(f.name == "volume" for e in others.values() if e.name != self.name for f in e.fields(others))
+
+    def passes(self, others: Mapping[str, Effect]) -> tuple[Pass, ...]:
+        reads = ["position", "mass", "volume", "heat_capacity", "conductivity"]
+        updates = ("temperature",)
+        if self.melts:
+            reads += ["melting_point", "latent_heat"]
+            updates = ("enthalpy", "temperature")
+        if self.held:
+            reads.append("reservoir")
+        absent = {} if self.melts else dict.fromkeys(("enthalpy", "melting_point", "latent_heat"))
+        conduct = Pass(self.operation(), tuple(reads), updates=updates, names=absent, stage="motion")
+        if "weakly_compressible" in others and not self._volume_is_given(others):
+            return (Pass("heat.particle_volume", ("mass", "density"), ("volume",)), conduct)
+        return (conduct,)
+
+    def list_radius(self, grid: Discretisation) -> float:
+        return grid.support_radius
+
+    def initial(
+        self, grid: Discretisation, state: InitialState, others: Mapping[str, Effect]
+    ) -> Mapping[str, np.ndarray]:
+        values = {name: self.of_particles(name, state) for name in ("temperature", "heat_capacity", "conductivity")}
+        if self.melts:
+            t, c, point, latent = (
+                self.of_particles(name, state)
+                for name in ("temperature", "heat_capacity", "melting_point", "latent_heat")
+            )
+            values |= {"melting_point": point, "latent_heat": latent, "enthalpy": enthalpy_of(t, c, point, latent)}
+        if self.held:
+            values["reservoir"] = self._reservoir(state)
+        if not self._volume_is_given(others) and "weakly_compressible" not in others:
+            values["volume"] = np.full(grid.count, grid.spacing**grid.dim)
+        return values
+
+    def of_particles(self, name: str, state: InitialState) -> np.ndarray:
+        """A parameter that may differ from part to part, for every particle in the first order."""
+        given = np.asarray(getattr(self, name), dtype=float)
+        n = len(state.mass)
+        if given.ndim == 0:
+            return np.full(n, float(given))
+        if given.shape == (len(state.sizes),):
+            return np.repeat(given, state.sizes)
+        if given.shape == (n,):
+            return given
+        raise InputError(
+            f"{self.name}: {name} has {given.size} numbers for {len(state.sizes)} parts and {n} particles; give one for"
+            " all, or for each part, or for each particle."
+        )
+
+    def _reservoir(self, state: InitialState) -> np.ndarray:
+        parts = np.zeros(len(state.sizes), np.uint8)
+        for number in self.held:
+            if not 0 <= number < len(parts):
+                raise InputError(
+                    f"{self.name}: held names part {number}, and the scene has {len(parts)}; give numbers from 0 to"
+                    f" {len(parts) - 1}."
+                )
+            parts[number] = 1
+        return np.repeat(parts, state.sizes)
+
+    def conduction(self, grid: Discretisation) -> Conduction:
+        """How pairs exchange heat, as the kernels take it."""
+        printed = self._printed()
+        laplacian = MUELLER if self.laplacian == "mueller" else SPIKY
+        if "M5" in printed:
+            laplacian = POLY6
+        factor = 1.0 if laplacian == SPIKY or "M6" in printed else 0.5
+        if self.calibrated and "M5" not in printed and "M6" not in printed:
+            factor = 1 / lattice_moment(laplacian, grid.support_radius, grid.spacing, grid.dim)
+        return conduction_group(
+            grid,
+            laplacian,
+            factor,
+            self.tolerance,
+            self.residual,
+            1.0 if "M8" in printed else 0.5,
+            self.mean == "harmonic",
+            "M11" in printed,
+            "M9" in printed,
+            iterations=self.iterations,
+        )
+
+    def _planned_passes(self, grid: Discretisation, conduction: Conduction) -> int:
+        """Passes that suffice for the longest step even where particles stand thrice as close as on the lattice."""
+        if self.scheme != "implicit" or self.host_in_step:
+            return 0
+        from refsim.heat.schemes import chebyshev_passes  # brings Numba, which planning alone does without
+
+        most = CROWDED * self.largest_number * lattice_sum(conduction, grid)
+        return min(MOST_PASSES, chebyshev_passes(most, self.tolerance))
+
+    def prepare(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, Any]:
+        conduction = self.conduction(grid)
+        passes = np.int32(self._planned_passes(grid, conduction))
+        return {"conduction": conduction._replace(planned_passes=passes)}
+
+    def step_limits(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, StepLimit]:
+        diffusivity = self.greatest_diffusivity(grid, others)
+        if diffusivity == 0:
+            return {}
+        number = self.largest_number
+        if self.scheme == "explicit":
+            number = 1 / lattice_sum(self.conduction(grid), grid)
+        return {"conduction": StepLimit.constant(number * grid.spacing**2 / diffusivity)}
+
+    def greatest_diffusivity(self, grid: Discretisation, others: Mapping[str, Effect]) -> float:
+        """Largest k/(rho c) [m^2/s] that any of the materials could have; with M11 the largest k."""
+        k = float(np.max(self.conductivity))
+        if "M11" in self._printed():
+            return k
+        liquid = others.get("weakly_compressible")
+        density = self.density if liquid is None else liquid.rest_density
+        if grid.solids is not None:
+            density = min(density, float(np.min(grid.solids.of_bodies("density"))))
+        return k / (density * float(np.min(self.heat_capacity)))
+
+    def particle_mass(self, grid: Discretisation) -> float:
+        """rho d^dim [kg; kg/m in 2D] of particles on the lattice, where no liquid says otherwise."""
+        return self.density * grid.spacing**grid.dim
+
+    def ledger(self, field: Callable[[str], np.ndarray]) -> dict[str, float]:
+        """Heat [J], from 0 deg C or, with latent heat, from solid at the melting point; reservoirs left out."""
+        names = ("mass", "enthalpy") if self.melts else ("mass", "heat_capacity", "temperature")
+        if "M11" in self._printed():
+            names = ("volume", "temperature")
+        one = functools.reduce(np.multiply, (np.asarray(field(name), dtype=float) for name in names))
+        if self.held:
+            one = one[field("reservoir") == 0]
+        return {"heat": math.fsum(one)}
+
+
+def enthalpy_of(
+    temperature: np.ndarray, heat_capacity: np.ndarray, melting_point: np.ndarray, latent_heat: np.ndarray
+) -> np.ndarray:
+    """H(T) [J/kg]: solid up to the melting point, at it too, and liquid above."""
+    above = temperature > melting_point
+    return heat_capacity * (temperature - melting_point) + np.where(above, latent_heat, 0.0)
+
+
+_HERE = "refsim.heat"
+_PAPER = "Shao & Song 2017"
+_NO_ENTHALPY = {"enthalpy": None, "melting_point": None, "latent_heat": None}
+_OPTIONAL = ("reservoir", "period")
+_MELTING = (*_OPTIONAL, "melting_point", "latent_heat", "enthalpy")
+STEEP = ("steep_volumes", "steep_conductivities")
+_PLAIN = {"reservoir": None, "period": None}
+_REASON = "the scale counts the temperatures once for each pass; the few roundings of one exchange"
+
+
+def _scheme(name: str, paper: str, equation: str, reach: int, melting: bool = False, **options: Any) -> None:
+    outputs = ("enthalpy", "temperature") if melting else ("temperature",)
+    variants = ({"period": None, **_NO_ENTHALPY}, _PLAIN) if melting else ({"period": None}, _PLAIN)
+    register(
+        Operation(
+            name=f"heat.{name}",
+            folder=_HERE,
+            paper=paper,
+            equation=equation,
+            function=name,
+            outputs=outputs,
+            optional=_MELTING if melting else _OPTIONAL,
+            reach=reach,
+            cases=STEEP,
+            **{
+                "variants": variants,
+                "invariants": ("translation", "rotation", "reordering"),
+                "tolerance": 1.0,
+                "tolerance_reason": _REASON,
+                **options,
+            },
+        )
+    )
+
+
+_scheme("explicit", "standard", "forward Euler on (4)", 1, melting=True)
+_scheme("one_sided", _PAPER, "(4) with M7 as printed (R1)", 2, invariants=("translation",))
+_scheme("pair_exchange", _PAPER, "(4) with M5 to M9 (R3)", 0, invariants=())
+_scheme("single_pass", _PAPER, "(4) for all neighbours at once (NPX)", 2, melting=True)
+
+
+def _planned(case: Any, grid: Discretisation) -> Conduction:
+    """The number of passes is found where the particles are, not on the host."""
+    return HeatConduction().conduction(grid)._replace(planned_passes=np.int32(MOST_PASSES))
+
+
+_scheme(
+    "chebyshev", "standard", "backward Euler, of which (4) is one pair (CHEB)", 0, melting=True,
+    variants=({"period": None, **_NO_ENTHALPY}, _PLAIN, {**_PLAIN, **_NO_ENTHALPY, "conduction": _planned}),
+)  # fmt: skip
+_scheme(
+    "conjugate_gradient", "standard", "backward Euler, of which (4) is one pair (PCG)", 0, melting=True,
+    tolerance=4.0, tolerance_reason=f"{_REASON}; the residual that is left",
+)  # fmt: skip
+_scheme("runge_kutta_legendre", "Meyer, Balsara & Aslam 2014", "RKL2; RKL1 with latent heat", 0, melting=True)
+register(
+    Operation(
+        name="heat.enthalpy_jacobi",
+        folder=_HERE,
+        paper="standard",
+        equation="backward Euler with latent heat (M12)",
+        function="enthalpy_jacobi",
+        outputs=("enthalpy", "temperature"),
+        optional=_OPTIONAL,
+        tolerance=1.0,
+        tolerance_reason=_REASON,
+        reach=0,
+        cases=STEEP,
+        variants=({"period": None}, _PLAIN),
+        invariants=("translation", "rotation", "reordering"),
+    )
+)
+register(
+    Operation(
+        name="heat.particle_volume",
+        folder=_HERE,
+        paper=_PAPER,
+        equation="V = m/rho of (4)",
+        function="particle_volume",
+        outputs=("volume",),
+        tolerance=2.0,
+        tolerance_reason="one division",
+        invariants=("reordering",),
+    )
+)

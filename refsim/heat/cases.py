@@ -1,0 +1,246 @@
+"""Inputs, hard cases and closed forms of heat conduction."""
+
+import math
+
+import numpy as np
+
+from refsim.cases import REST_DENSITY, Case, Exact, case, closed_form, groups, lattice, particles
+from refsim.heat import HeatConduction
+from refsim.heat.shapes import conduction_group, period_group
+
+SLOW = 1.0  # k dt/(rho c d^2) of the common cases, on average
+
+
+@particles("temperature")
+def _temperature(case, random):
+    """Whole degrees around the melting points, so that some stand exactly on one."""
+    return random.integers(-4, 8, case.count).astype(float)
+
+
+@particles("enthalpy")
+def _enthalpy(case, random):
+    """Whole kJ/kg around the latent heats, so that some stand exactly on one."""
+    return 1000.0 * random.integers(-2, 6, case.count)
+
+
+@particles("melting_point")
+def _melting_point(case, random):
+    return random.integers(0, 3, case.count).astype(float)
+
+
+@particles("latent_heat")
+def _latent_heat(case, random):
+    return 1000.0 * random.integers(0, 3, case.count)
+
+
+@particles("heat_capacity")
+def _heat_capacity(case, random):
+    return random.uniform(500.0, 4000.0, case.count)
+
+
+@particles("conductivity")
+def _conductivity(case, random):
+    """Such that one step of the case carries heat across about a spacing; one particle in eight does not conduct."""
+    stored = 1.0 if case.literal else REST_DENSITY * 1000.0  # rho c; with M11 the conductivity is a diffusivity
+    values = SLOW * 100 * stored * case.spacing * random.uniform(0.1, 1.0, case.count)
+    values[3::8] = 0
+    if case.name == "steep_conductivities":
+        values[::2] *= 1e-3
+    return values
+
+
+@particles("volume")
+def _volume(case, random):
+    low, high = (0.1, 10.0) if case.name == "steep_volumes" else (0.7, 1.3)
+    return case.spacing**case.dim * np.exp(random.uniform(math.log(low), math.log(high), case.count))
+
+
+@particles("reservoir")
+def _reservoir(case, random):
+    return (random.random(case.count) < 0.15).astype(np.uint8)
+
+
+@groups("conduction")
+def _conduction(case, grid):
+    """Solved as far as rounding allows, so that the answer is that of an exact solution."""
+    tight = 1e-6 if grid.dtype == "float32" else 1e-14
+    literal = ("M6", "M8", "M9", "M11") if case.literal else ()
+    laplacian = "mueller" if case.kernels == "mueller" else "spiky"
+    mean = "arithmetic" if case.clamp else "harmonic"
+    effect = HeatConduction(literal=literal, laplacian=laplacian, mean=mean, residual=tight)
+    return {"conduction": effect.conduction(grid)}
+
+
+@groups("period")
+def _period(case, grid):
+    return {"period": period_group((5 * case.support_radius, 0.0, 0.0), grid.dtype)}
+
+
+@case
+def steep_volumes() -> Case:
+    """Volumes 100 : 1."""
+    return Case("steep_volumes", 3, lattice((5, 5, 5)))
+
+
+@case
+def steep_conductivities() -> Case:
+    """Conductivities 1000 : 1."""
+    return Case("steep_conductivities", 3, lattice((5, 5, 5)))
+
+
+# Closed forms: two particles 1 m apart, h = 2 m, so that L = 3 (15/pi/8) (1/2)^2/2; dt = 0.5 s.
+
+PAIR = Case("heat_pair", 3, np.array([[0.0, 0.0, 0.0], [0.0, 1.0, 0.0]]), spacing=1.0, support_radius=2.0)
+VOLUME, CONDUCTIVITY = np.array([2.0, 0.5]), np.array([3.0, 1.0])
+MASS, CAPACITY, TEMPERATURE = np.array([4.0, 2.0]), np.array([0.5, 3.0]), np.array([80.0, -20.0])
+INVERSE = 1 / (MASS * CAPACITY)
+WEIGHT = 0.5 * VOLUME[0] * VOLUME[1] * (2 * 1.5) * 3 * 15 / (64 * math.pi)  # harmonic mean 1.5
+APART = TEMPERATURE[1] - TEMPERATURE[0]
+
+
+def _given(**more):
+    grid = PAIR.grid("float64")
+    return {
+        "mass": MASS, "volume": VOLUME, "heat_capacity": CAPACITY, "conductivity": CONDUCTIVITY,
+        "temperature": TEMPERATURE, "timestep": np.array([0.7, 0.5]), "period": None, "reservoir": None,
+        "enthalpy": None, "melting_point": None, "latent_heat": None,
+        "conduction": conduction_group(grid, residual=1e-14, sweep_share=0.5),
+    } | more  # fmt: skip
+
+
+def _moved(heat):
+    """Both temperatures after `heat` [J] went to the first particle."""
+    return TEMPERATURE + INVERSE * np.array([heat, -heat])
+
+
+def _alone(weight=WEIGHT):
+    """M(4): what goes to the first particle of a lone pair for each kelvin of difference [J/K]."""
+    return weight / (1 + weight * INVERSE.sum())
+
+
+@closed_form("heat.explicit")
+def a_pair_forward():
+    """E = g (T_2 - T_1)."""
+    return Exact(PAIR, _given(), {"temperature": _moved(WEIGHT * APART)})
+
+
+@closed_form("heat.single_pass", "heat.conjugate_gradient")
+def a_pair_backward():
+    """E = g (T_2 - T_1)/(1 + g (1/C_1 + 1/C_2)): M(4) is backward Euler for a pair, and so is NPX."""
+    return Exact(PAIR, _given(), {"temperature": _moved(_alone() * APART)})
+
+
+@closed_form("heat.single_pass", "heat.conjugate_gradient", "heat.chebyshev")
+def a_pair_with_a_reservoir():
+    """The second particle keeps its temperature: T_1 + g/C_1 (T_2 - T_1)/(1 + g/C_1)."""
+    share = WEIGHT * INVERSE[0]
+    expected = np.array([TEMPERATURE[0] + share * APART / (1 + share), TEMPERATURE[1]])
+    conduction = conduction_group(PAIR.grid("float64"), tolerance=1e-14, residual=1e-14)
+    given = _given(reservoir=np.array([0, 1], np.uint8), conduction=conduction)
+    return Exact(PAIR, given, {"temperature": expected})
+
+
+@closed_form("heat.pair_exchange")
+def a_pair_in_two_sweeps():
+    """Twice M(4) over half the step; the second time the difference has shrunk."""
+    once = _alone(WEIGHT / 2)
+    heat = once * APART * (1 + (1 - once * INVERSE.sum()))
+    return Exact(PAIR, _given(), {"temperature": _moved(heat)})
+
+
+@closed_form("heat.one_sided")
+def a_pair_each_by_itself():
+    """T_i + f_i (T_j - T_i), f_i = g/C_i/(1 + g (1/C_1 + 1/C_2)), and again from the new temperatures."""
+    f = _alone() * INVERSE
+    t = TEMPERATURE
+    for _ in range(2):
+        t = t + f * (t[::-1] - t)
+    return Exact(PAIR, _given(), {"temperature": t})
+
+
+@closed_form("heat.chebyshev")
+def a_pair_by_chebyshev():
+    """After n steps the error of the mode 1 + z has shrunk by T_n((1 + s - (1 + z))/s)/T_n((1 + s)/s); s = max(g/C)."""
+    z, s = WEIGHT * INVERSE.sum(), (WEIGHT * INVERSE).max()
+    sigma = math.exp(-math.acosh((1 + s) / s))
+    passes = math.ceil(math.log(0.1 / 2) / math.log(sigma))
+    left = math.cos(passes * math.acos((s - z) / s)) / math.cosh(passes * math.acosh((1 + s) / s))
+    conduction = conduction_group(PAIR.grid("float64"), tolerance=0.1)
+    heat = _alone() * APART * (1 - left)
+    return Exact(PAIR, _given(conduction=conduction), {"temperature": _moved(heat)})
+
+
+@closed_form("heat.runge_kutta_legendre")
+def a_pair_by_legendre():
+    """The difference shrinks by 7/12 + 5/12 P_3(1 - 2 z/5), z = g (1/C_1 + 1/C_2): three stages do."""
+    z = WEIGHT * INVERSE.sum()
+    x = 1 - 2 * z / 5
+    left = 7 / 12 + 5 / 12 * (5 * x**3 - 3 * x) / 2
+    return Exact(PAIR, _given(), {"temperature": _moved(APART * (1 - left) / INVERSE.sum())})
+
+
+# With latent heat: the first particle at 80 melts nothing, the second stands 60 J/kg below its melting point of 0.
+ICE = {
+    "melting_point": np.array([70.0, 0.0]), "latent_heat": np.array([2.0, 50.0]), "enthalpy": np.array([7.0, -60.0]),
+}  # fmt: skip
+
+
+def _molten(heat):
+    """Enthalpies and temperatures after `heat` [J] went to the second particle."""
+    enthalpy = np.array([7.0 - heat / MASS[0], -60.0 + heat / MASS[1]])
+    second = -60.0 + heat / MASS[1]
+    first = 7.0 - heat / MASS[0]
+    points = ICE["melting_point"]
+    beyond = [min(first, 0) + max(first - 2, 0), min(second, 0) + max(second - 50, 0)]
+    return {"enthalpy": enthalpy, "temperature": points + np.array(beyond) / CAPACITY}
+
+
+@closed_form("heat.explicit")
+def ice_forward():
+    """H += E/m; T(H) stands still between 0 and the latent heat."""
+    return Exact(PAIR, _given(**ICE), _molten(-WEIGHT * APART))
+
+
+@closed_form("heat.single_pass", "heat.conjugate_gradient")
+def ice_in_a_single_pass():
+    """The same with E = g (T_2 - T_1)/(1 + g (1/C_1 + 1/C_2))."""
+    return Exact(PAIR, _given(**ICE), _molten(-_alone() * APART))
+
+
+@closed_form("heat.runge_kutta_legendre")
+def ice_by_one_stage():
+    """RKL1 with one stage, which s_max < 1 allows, is forward Euler."""
+    given = _given(**ICE, timestep=np.array([0.7, 0.25]))
+    return Exact(PAIR, given, _molten(-WEIGHT / 2 * APART))
+
+
+@closed_form("heat.enthalpy_jacobi")
+def ice_on_a_reservoir():
+    """Beside a reservoir at 80 the second particle's own equation is all: y = H + g (T_1 - Tm)/m, for three steps.
+
+    It stays ice (H = y/(1 + s)), stands at the melting point (H = y), or has melted (H = (y + s L)/(1 + s)).
+    """
+    place = np.array([[3.0 * k, y, 0.0] for k in range(3) for y in (0.0, 1.0)])
+    trio = Case("heat_pairs", 3, place, spacing=1.0, support_radius=2.0)
+    mass = np.tile(MASS, 3)
+    s, load = WEIGHT * INVERSE[1], WEIGHT * (80.0 - 0.0) / MASS[1]
+    start = np.array([-load - 10.0, 20.0 - load, 130.0 - load])
+    ends = np.array([-10.0 / (1 + s), 20.0, (130.0 + s * 50.0) / (1 + s)])
+    enthalpy = np.column_stack((np.full(3, 7.0), start)).reshape(-1)
+    ended = np.column_stack((np.full(3, 7.0), ends)).reshape(-1)
+    warmth = np.array([-10.0 / (1 + s) / 3.0, 0.0, (130.0 - 50.0) / (1 + s) / 3.0])
+    given = _given(
+        mass=mass, volume=np.tile(VOLUME, 3), heat_capacity=np.tile(CAPACITY, 3),
+        conductivity=np.tile(CONDUCTIVITY, 3), enthalpy=enthalpy, melting_point=np.tile([70.0, 0.0], 3),
+        latent_heat=np.tile([2.0, 50.0], 3), temperature=np.tile([80.0, 0.0], 3),
+        reservoir=np.tile([1, 0], 3).astype(np.uint8), conduction=conduction_group(trio.grid("float64")),
+    )  # fmt: skip
+    temperature = np.column_stack((np.full(3, 80.0), warmth)).reshape(-1)
+    return Exact(trio, given, {"enthalpy": ended, "temperature": temperature})
+
+
+@closed_form("heat.particle_volume")
+def volume_of_two():
+    """V = m/rho."""
+    given = {"mass": np.array([2.0, 3.0]), "density": np.array([1000.0, 500.0])}
+    return Exact(PAIR, given, {"volume": np.array([0.002, 0.006])})

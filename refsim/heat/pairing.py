@@ -1,0 +1,95 @@
+"""The order of the pair exchange (R3): cells and colours in which no two pairs of cells share a particle.
+
+Cells of side h. Colour 0 is each cell with itself; then each cell with its neighbour in one of 13 directions (4 in 2D),
+cells that are even along the direction's first axis apart from the odd ones. Within two cells the pairs come in rounds,
+each particle at most once in a round.
+"""
+
+from __future__ import annotations
+
+import itertools
+from typing import Any
+
+from refsim.compile import formula
+from refsim.errors import InputError
+from refsim.heat.shapes import Conduction, Period
+
+BITS = 21
+OFFSET = 1 << 20
+FORWARD = [d for d in itertools.product((-1, 0, 1), repeat=3) if d > (0, 0, 0)]
+
+
+@formula
+def partner(place, turn, rounds, same):  # noqa: ANN001, ANN201  (types are Numba's)
+    """Place in the other cell whom particle number `place` meets in round `turn`; `rounds` where there is nobody.
+
+    (place + turn) mod rounds; in one cell with itself the one that makes both places sum to turn mod rounds.
+    """
+    if not same:
+        return (place + turn) % rounds
+    other = (turn - place + rounds) % rounds
+    return other if place < other else rounds
+
+
+def colours(xp: Any, position: Any, conduction: Conduction, period: Period | None) -> tuple[Any, Any, list[Any]]:
+    """(particles sorted by cell, first of each cell and the end, [pairs of cells (p, 2) of each colour]).
+
+    xp  NumPy or CuPy, the library of `position` (n, 3) [m]
+    """
+    if not len(position):
+        nothing = xp.zeros(0, dtype=xp.int32)
+        return nothing, xp.zeros(1, dtype=xp.int32), []
+    number = cell_numbers(float(conduction.support_radius), period)
+    position = xp.asarray(position, dtype=xp.float64)
+    cell = xp.empty((len(position), 3), dtype=xp.int64)
+    for axis, wraps in enumerate(number):
+        if wraps:
+            side = float(period[axis]) / wraps
+            cell[:, axis] = xp.floor(position[:, axis] * (1.0 / side)).astype(xp.int64) % wraps
+        else:
+            inverse = 1.0 / float(conduction.support_radius)
+            cell[:, axis] = xp.clip(xp.floor(position[:, axis] * inverse), 1 - OFFSET, OFFSET - 2).astype(xp.int64)
+    key = _key(cell)
+    members = xp.argsort(key, kind="stable")
+    key, cell = key[members], cell[members]
+    begins = xp.ones(len(key), dtype=bool)
+    begins[1:] = key[1:] != key[:-1]
+    first = xp.flatnonzero(begins)
+    key, cell = key[first], cell[first]
+    place = xp.arange(len(key))
+    found = [xp.stack((place, place), axis=1)]
+    for way in FORWARD:
+        if conduction.dim == 2 and way[2]:
+            continue
+        axis = next(a for a in range(3) if way[a])
+        beside = cell + xp.asarray(way)
+        for a, wraps in enumerate(number):
+            if wraps:
+                beside[:, a] %= wraps
+        wanted = _key(beside)
+        at = xp.minimum(xp.searchsorted(key, wanted), max(len(key) - 1, 0))
+        there = key[at] == wanted
+        for parity in (0, 1):
+            own = xp.flatnonzero(there & (cell[:, axis] % 2 == parity))
+            found.append(xp.stack((own, at[own]), axis=1))
+    ends = xp.concatenate((first, xp.full(1, len(members), dtype=first.dtype)))
+    whole = [xp.ascontiguousarray(pairs.astype(xp.int32)) for pairs in found if len(pairs)]
+    return members.astype(xp.int32), ends.astype(xp.int32), whole
+
+
+def cell_numbers(side: float, period: Period | None) -> tuple[int, int, int]:
+    """Cells along each axis of a periodic box, an even number of at least `side` [m]; 0 where there is no period.
+
+    Raises InputError for a period below four sides, in which cells would meet twice.
+    """
+    if period is None:
+        return (0, 0, 0)
+    numbers = [int(float(length) / side * (1 + 1e-6)) // 2 * 2 for length in period[:3]]
+    for length, number in zip(period, numbers):
+        if length and number < 4:
+            raise InputError(f"pair exchange: a period of {length} m is below four support radii; give a longer one.")
+    return tuple(numbers)
+
+
+def _key(cell: Any) -> Any:
+    return ((cell[:, 0] + OFFSET) << (2 * BITS)) | ((cell[:, 1] + OFFSET) << BITS) | (cell[:, 2] + OFFSET)

@@ -1,0 +1,428 @@
+"""NumPy oracle of heat conduction: all pairs, float64.
+
+Each function returns {output: (value, scale)}; the scale holds the size of the temperatures for every pass over the
+neighbours, and the exchanges that the pairs' weights bring with their own rounding.
+Arrays: position (n, 3) [m]; volume [m^3; m^2 in 2D], mass [kg; kg/m], heat_capacity [J/(kg K)], conductivity
+[W/(m K)], temperature and melting_point [degrees C], enthalpy and latent_heat [J/kg] (n,); reservoir (n,) uint8 or
+None; timestep [kick, drift] [s].
+"""
+
+import math
+
+import numpy as np
+
+from refsim.neighbours.reference import pair_blocks
+
+SPIKY, MUELLER, POLY6 = range(3)
+
+
+# The pairs
+
+
+def laplacian(distance, conduction):
+    """L_ij of M(4) [1/m^(dim+2)] at a distance [m], before the calibration.
+
+    Spiky: -W'(r)/max(r, h/10) (M5). Mueller: (h - r) 45/(pi h^6) in 3D and 40/(pi h^5) in 2D, halved (M6) or as
+    printed. Poly6: its true Laplacian, negative near the particle (M5 as printed).
+    """
+    h, dim = float(conduction.support_radius), int(conduction.dim)
+    r = np.asarray(distance, dtype=float)
+    q = r / h
+    if conduction.laplacian == SPIKY:
+        w0 = {2: 10 / math.pi, 3: 15 / math.pi}[dim] / h**dim
+        return 3 * w0 / h * (1 - q) ** 2 / np.maximum(r, h / 10)
+    if conduction.laplacian == MUELLER:
+        return {2: 40 / math.pi, 3: 45 / math.pi}[dim] / h ** (dim + 3) * (h - r)
+    w0 = {2: 4 / math.pi, 3: 315 / (64 * math.pi)}[dim] / h**dim
+    return w0 / h**2 * (24 * q**2 * (1 - q**2) - 6 * dim * (1 - q**2) ** 2)
+
+
+def pairs(position, volume, conductivity, timestep, conduction, period):
+    """(i, j, g): both directions of every pair within h, in the order of i, then j; g = dt G_ij [J/K].
+
+    G_ij = f V_i V_j 2 k_ij L_ij, k_ij the harmonic or the arithmetic mean; f the calibration (or M6).
+    """
+    v, k = np.asarray(volume, dtype=float), np.asarray(conductivity, dtype=float)
+    h = float(conduction.support_radius)
+    found = []
+    for place, separation, distance in pair_blocks(position, position):
+        if period is not None:
+            distance = np.sqrt((nearest_image(separation, period) ** 2).sum(-1))
+        row, j = np.nonzero((distance < h) & (distance > 1e-9 * h))
+        i = row + place.start
+        if conduction.harmonic:
+            with np.errstate(invalid="ignore"):
+                mean = 2 * k[i] * k[j] / (k[i] + k[j])
+            mean = np.where((k[i] == 0) & (k[j] == 0), 0.0, mean)
+        else:
+            mean = (k[i] + k[j]) / 2
+        weight = float(conduction.factor) * v[i] * v[j] * 2 * mean * laplacian(distance[row, j], conduction)
+        found.append((i, j, float(timestep[1]) * weight))
+    return tuple(np.concatenate(parts) for parts in zip(*found)) if found else (np.zeros(0, int),) * 2 + (np.zeros(0),)
+
+
+def nearest_image(separation, period):
+    """Separations (..., 3) [m] to the nearest image: x - L round(x/L), L the period's lengths, 0 for none."""
+    length = np.array(period[:3], dtype=float)
+    return separation - length * np.round(separation / np.where(length > 0, length, np.inf))
+
+
+def capacities(mass, volume, heat_capacity, reservoir, conduction):
+    """1/C_i [K/J], C_i = m_i c_i, or V_i where the conductivity is taken for a diffusivity (M11); 0 for reservoirs."""
+    one = np.asarray(volume if conduction.unit_capacity else mass, dtype=float)
+    c = 1.0 if conduction.unit_capacity else np.asarray(heat_capacity, dtype=float)
+    inverse = 1 / (one * c)
+    return inverse if reservoir is None else np.where(np.asarray(reservoir) != 0, 0.0, inverse)
+
+
+def flow(i, j, g, temperature):
+    """dt Q_i = sum_j dt G_ij (T_j - T_i) [J]."""
+    return np.bincount(i, g * (temperature[j] - temperature[i]), len(temperature))
+
+
+def exchange_sums(i, j, g, inverse):
+    """s_i = dt/C_i sum_j G_ij, dimensionless."""
+    return inverse * np.bincount(i, g, len(inverse))
+
+
+def _scale(i, j, g, inverse, temperatures, passes=1):
+    """Size of the temperatures, once for each pass, and of the largest exchange at any of them, for every particle."""
+    n = len(inverse)
+    size = max((np.abs(t).max(initial=0) for t in temperatures), default=0.0) * (2 + passes)
+    moved = 0.0
+    for t in temperatures:
+        moved = max(moved, (inverse * np.bincount(i, np.abs(g) * np.abs(t[j] - t[i]), n)).max(initial=0))
+    return np.full(n, size + moved)
+
+
+# Temperature and enthalpy
+
+
+def temperature_of(enthalpy, heat_capacity, melting_point, latent_heat):
+    """T(H) [degrees C]: Tm + H/c below 0, Tm from 0 to the latent heat, Tm + (H - L)/c above."""
+    h, c = np.asarray(enthalpy, dtype=float), np.asarray(heat_capacity, dtype=float)
+    beyond = h - np.asarray(latent_heat, dtype=float)
+    return np.asarray(melting_point, dtype=float) + np.where(h < 0, h, np.where(beyond > 0, beyond, 0.0)) / c
+
+
+def _floats(*arrays):
+    return tuple(None if a is None else np.array(a, dtype=float) for a in arrays)
+
+
+def _both(t, h, scale, heat_capacity, latent_heat):
+    if h is None:
+        return {"temperature": (t, scale)}
+    return {
+        "temperature": (t, scale + latent_heat / heat_capacity),
+        "enthalpy": (h, scale * heat_capacity + latent_heat),
+    }
+
+
+def _taken_up(t, start, scale, enthalpy, heat_capacity, melting_point, latent_heat):
+    """With latent heat H = H^n + c (T - T^n) and T = T(H) (Chernoff's formula), else T."""
+    (h, c, latent) = _floats(enthalpy, heat_capacity, latent_heat)
+    if h is not None:
+        h = h + c * (t - start)
+        t = temperature_of(h, c, melting_point, latent)
+    return _both(t, h, scale, c, latent)
+
+
+# The schemes
+
+
+def explicit(
+    position, mass, volume, heat_capacity, conductivity, reservoir, melting_point, latent_heat, timestep, conduction,
+    period, enthalpy, temperature,
+):  # fmt: skip
+    """Forward Euler: C_i T_i += dt Q_i, or m_i H_i += dt Q_i [K; J/kg]. Unstable where s_i > 1."""
+    i, j, g = pairs(position, volume, conductivity, timestep, conduction, period)
+    inverse = capacities(mass, volume, heat_capacity, reservoir, conduction)
+    (start, h, c, latent) = _floats(temperature, enthalpy, heat_capacity, latent_heat)
+    change = inverse * flow(i, j, g, start)
+    if h is None:
+        t = start + change
+    else:
+        h = h + change * c
+        t = temperature_of(h, c, melting_point, latent)
+    return _both(t, h, _scale(i, j, g, inverse, [start]), c, latent)
+
+
+def one_sided(
+    position, mass, volume, heat_capacity, conductivity, reservoir, timestep, conduction, period, temperature
+):  # fmt: skip
+    """M(4) as read literally (R1): T_i <- T_i + g (T_j - T_i)/C_i / (1 + g (1/C_i + 1/C_j)), neighbour by neighbour.
+
+    Every particle runs through its neighbours by itself, with their temperatures of before; then, from the new
+    temperatures, backwards. With `frozen` (M9) the difference T_j - T_i is that of before, too. [degrees C]
+    """
+    i, j, g = pairs(position, volume, conductivity, timestep, conduction, period)
+    inverse = capacities(mass, volume, heat_capacity, reservoir, conduction)
+    before = np.array(temperature, dtype=float)
+    share = inverse[i] * g / (1 + g * (inverse[i] + inverse[j]))
+    first = np.searchsorted(i, np.arange(len(before)))
+    count = np.bincount(i, minlength=len(before))
+    size = np.abs(before).max(initial=0)
+    for backwards in (False, True):
+        running = before.copy()
+        for k in range(count.max(initial=0)):
+            own = np.flatnonzero(count > k)
+            pair = first[own] + (count[own] - 1 - k if backwards else k)
+            reached = before[own] if conduction.frozen else running[own]
+            running[own] += share[pair] * (before[j[pair]] - reached)
+        before = running
+        size = max(size, np.abs(before).max(initial=0))
+    return {"temperature": (before, np.full(len(before), 4 * size))}
+
+
+def pair_exchange(
+    position, mass, volume, heat_capacity, conductivity, reservoir, timestep, conduction, period, temperature
+):  # fmt: skip
+    """M(4) for both particles of a pair at once (R3): E = g (T_j - T_i)/(1 + g (1/C_i + 1/C_j)) goes from j to i [J].
+
+    Every pair once, in the order of `rounds`, and once more backwards; half of dt each (M8). [degrees C]
+    """
+    position = np.asarray(position, dtype=float)
+    i, j, g = pairs(position, volume, conductivity, timestep, conduction, period)
+    g = float(conduction.sweep_share) * g
+    inverse = capacities(mass, volume, heat_capacity, reservoir, conduction)
+    t = np.array(temperature, dtype=float)
+    order = [np.array(r).T for r in rounds(position, float(conduction.support_radius), int(conduction.dim), period)]
+    size = np.abs(t).max(initial=0)
+    at = i * np.int64(len(t)) + j  # sorted
+    for a, b in order + order[::-1]:
+        key = a * np.int64(len(t)) + b
+        k = np.minimum(np.searchsorted(at, key), max(len(at) - 1, 0))
+        near = (at[k] == key) if len(at) else np.zeros(len(key), bool)
+        a, b, w = a[near], b[near], g[k[near]]
+        moved = w * (t[b] - t[a]) / (1 + w * (inverse[a] + inverse[b]))
+        t[a] += inverse[a] * moved
+        t[b] -= inverse[b] * moved
+    size = max(size, np.abs(t).max(initial=0))
+    return {"temperature": (t, np.full(len(t), 4 * size))}
+
+
+def rounds(position, side, dim, period):
+    """Yield lists of pairs (a, b) no two of which share a particle; together every pair of neighbouring cells.
+
+    Cells of `side` [m], or wider, so that an even number of them fits a period. First each cell with itself, then with
+    its neighbour in each of 13 directions (4 in 2D), cells even in the direction's first axis before odd ones. In two
+    cells of p and q particles round k pairs number a with number (a + k) mod max(p, q); in one cell of p, number a with
+    the one that makes a + b = k mod p.
+    """
+    lengths = [0.0] * 3 if period is None else [float(v) for v in period[:3]]
+    wraps = [int(length / side * (1 + 1e-6)) // 2 * 2 for length in lengths]
+    sides = [length / n if n else side for length, n in zip(lengths, wraps)]
+    cell = np.floor(np.asarray(position, dtype=float) * (1.0 / np.array(sides))).astype(np.int64)
+    for axis, n in enumerate(wraps):
+        if n:
+            cell[:, axis] %= n
+
+    def beside(key, direction):
+        moved = [k + d for k, d in zip(key, direction)]
+        return tuple(m % n if n else m for m, n in zip(moved, wraps))
+
+    members = {}
+    for i, key in enumerate(map(tuple, cell.tolist())):
+        members.setdefault(key, []).append(i)
+    largest = max(map(len, members.values()), default=0)
+    for k in range(largest):
+        done = []
+        for own in members.values():
+            p = len(own)
+            if k < p:
+                done += [(own[a], own[(k - a) % p]) for a in range(p) if a < (k - a) % p]
+        if done:
+            yield done
+    directions = [d for d in np.ndindex(3, 3, 3) if d > (1, 1, 1)]
+    for direction in directions:
+        x, y, z = (c - 1 for c in direction)
+        if dim == 2 and z != 0:
+            continue
+        axis = 0 if x else 1 if y else 2
+        for parity in (0, 1):
+            met = [
+                (own, members[beside(key, (x, y, z))])
+                for key, own in members.items()
+                if key[axis] % 2 == parity and beside(key, (x, y, z)) in members
+            ]
+            for k in range(max((max(len(own), len(other)) for own, other in met), default=0)):
+                done = []
+                for own, other in met:
+                    m = max(len(own), len(other))
+                    if k < m:
+                        done += [(own[a], other[(a + k) % m]) for a in range(len(own)) if (a + k) % m < len(other)]
+                if done:
+                    yield done
+
+
+def single_pass(
+    position, mass, volume, heat_capacity, conductivity, reservoir, melting_point, latent_heat, timestep, conduction,
+    period, enthalpy, temperature,
+):  # fmt: skip
+    """NPX: E_ij = g (T_j - T_i)/(1 + s_i + s_j) [J]; C_i T_i += sum_j E_ij, or m_i H_i += sum_j E_ij."""
+    i, j, g = pairs(position, volume, conductivity, timestep, conduction, period)
+    inverse = capacities(mass, volume, heat_capacity, reservoir, conduction)
+    (start, h, c, latent) = _floats(temperature, enthalpy, heat_capacity, latent_heat)
+    s = exchange_sums(i, j, g, inverse)
+    change = inverse * flow(i, j, g / (1 + s[i] + s[j]), start)
+    if h is None:
+        t = start + change
+    else:
+        h = h + change * c
+        t = temperature_of(h, c, melting_point, latent)
+    return _both(t, h, _scale(i, j, g / (1 + s[i] + s[j]), inverse, [start], 3), c, latent)
+
+
+def chebyshev(
+    position, mass, volume, heat_capacity, conductivity, reservoir, melting_point, latent_heat, timestep, conduction,
+    period, enthalpy, temperature,
+):  # fmt: skip
+    """CHEB: backward Euler (C + dt A) T = C T^n by n steps of Chebyshev's iteration, n = ceil(ln(tol/2)/ln sigma).
+
+    The eigenvalues of 1 + dt A/C lie in 1..1 + 2 s_max; sigma = rho/(1 + sqrt(1 - rho^2)), rho = s_max/(1 + s_max).
+    Beyond `most_passes` steps a truncated iteration may overshoot: then solved to the end (as by conjugate gradients).
+    Written as corrections d of a residual r [K] (Saad 2003, algorithm 12.1). [degrees C]
+    """
+    i, j, g = pairs(position, volume, conductivity, timestep, conduction, period)
+    inverse = capacities(mass, volume, heat_capacity, reservoir, conduction)
+    start = np.array(temperature, dtype=float)
+    s = exchange_sums(i, j, g, inverse).max(initial=0)
+    passes = chebyshev_passes(s, float(conduction.tolerance))
+    if passes > conduction.most_passes:
+        return conjugate_gradient(
+            position, mass, volume, heat_capacity, conductivity, reservoir, melting_point, latent_heat, timestep,
+            conduction, period, enthalpy, temperature,
+        )  # fmt: skip
+    t, middle, half = start.copy(), 1 + s, s
+    r = inverse * flow(i, j, g, t)
+    ratio, d = half / middle, r / middle
+    for k in range(passes):
+        t = t + d
+        if k < passes - 1:
+            r = r - d + inverse * flow(i, j, g, d)
+            after = 1 / (2 * middle / half - ratio)
+            d = after * ratio * d + 2 * after / half * r
+            ratio = after
+    return _taken_up(t, start, _scale(i, j, g, inverse, [start, t], passes), enthalpy, heat_capacity, melting_point,
+                     latent_heat)  # fmt: skip
+
+
+def chebyshev_passes(s_max, tolerance):
+    """n = ceil(ln(tol/2)/ln sigma), at least 1; 0 where nothing is exchanged. Dimensionless."""
+    if not s_max > 0:
+        return 0
+    rho = s_max / (1 + s_max)
+    sigma = rho / (1 + math.sqrt(1 - rho**2))
+    return max(1, math.ceil(math.log(tolerance / 2) / math.log(sigma)))
+
+
+def conjugate_gradient(
+    position, mass, volume, heat_capacity, conductivity, reservoir, melting_point, latent_heat, timestep, conduction,
+    period, enthalpy, temperature,
+):  # fmt: skip
+    """PCG: backward Euler (C + dt A) T = C T^n, solved to the end, by elimination. [degrees C]"""
+    i, j, g = pairs(position, volume, conductivity, timestep, conduction, period)
+    inverse = capacities(mass, volume, heat_capacity, reservoir, conduction)
+    start = np.array(temperature, dtype=float)
+    n = len(start)
+    matrix = np.zeros((n, n))
+    matrix[i, j] = -inverse[i] * g
+    matrix[np.arange(n), np.arange(n)] = 1 + exchange_sums(i, j, g, inverse)
+    t = start + np.linalg.solve(matrix, inverse * flow(i, j, g, start))
+    return _taken_up(t, start, _scale(i, j, g, inverse, [start, t], 20), enthalpy, heat_capacity, melting_point,
+                     latent_heat)  # fmt: skip
+
+
+def runge_kutta_legendre(
+    position, mass, volume, heat_capacity, conductivity, reservoir, melting_point, latent_heat, timestep, conduction,
+    period, enthalpy, temperature,
+):  # fmt: skip
+    """RKL2 (Meyer, Balsara & Aslam 2014): s stages, s odd with (s^2 + s - 2)/4 >= s_max, in flux form [degrees C].
+
+    With latent heat RKL1 on the enthalpy [J/kg], (s^2 + s)/2 >= s_max.
+    """
+    i, j, g = pairs(position, volume, conductivity, timestep, conduction, period)
+    inverse = capacities(mass, volume, heat_capacity, reservoir, conduction)
+    (start, h, c, latent) = _floats(temperature, enthalpy, heat_capacity, latent_heat)
+    s_max = exchange_sums(i, j, g, inverse).max(initial=0)
+    if h is not None:
+        stages = 1
+        while (stages**2 + stages) / 2 < s_max:
+            stages += 2
+        w1 = 2 / (stages**2 + stages)
+        old, y, t = h, h, start
+        for k in range(1, stages + 1):
+            mu = (2 * k - 1) / k
+            old, y = y, mu * y + (1 - k) / k * old + mu * w1 * c * inverse * flow(i, j, g, t)
+            t = temperature_of(y, c, melting_point, latent)
+        return _both(t, y, _scale(i, j, g, inverse, [start, t], 2 * stages), c, latent)
+    stages = 3
+    while (stages**2 + stages - 2) / 4 < s_max:
+        stages += 2
+    b = np.array([1 / 3, 1 / 3] + [(k**2 + k - 2) / (2 * k * (k + 1)) for k in range(2, stages + 1)])
+    w1 = 4 / (stages**2 + stages - 2)
+    first = inverse * flow(i, j, g, start)
+    old, y = start, start + b[1] * w1 * first
+    for k in range(2, stages + 1):
+        mu = (2 * k - 1) / k * b[k] / b[k - 1]
+        nu = -(k - 1) / k * b[k] / b[k - 2]
+        now = mu * y + nu * old + (1 - mu - nu) * start
+        now += mu * w1 * inverse * flow(i, j, g, y) - (1 - b[k - 1]) * mu * w1 * first
+        old, y = y, now
+    return _both(y, None, _scale(i, j, g, inverse, [start, y], 2 * stages), c, latent)
+
+
+def enthalpy_jacobi(
+    position, mass, volume, heat_capacity, conductivity, reservoir, melting_point, latent_heat, timestep, conduction,
+    period, enthalpy, temperature,
+):  # fmt: skip
+    """Backward Euler with latent heat by nonlinear Jacobi steps: m_i (H_i - H_i^n) = dt sum_j G_ij (T_j - T(H_i)).
+
+    a = dt sum_j G_ij/m_i, y = H_i^n + sum_j g (T_j - Tm)/m_i: H = y/(1 + a/c) below 0, y up to the latent heat L,
+    (y + a L/c)/(1 + a/c) above [J/kg].
+    """
+    i, j, g = pairs(position, volume, conductivity, timestep, conduction, period)
+    inverse = capacities(mass, volume, heat_capacity, reservoir, conduction)
+    (start, h, c, latent) = _floats(temperature, enthalpy, heat_capacity, latent_heat)
+    point = np.asarray(melting_point, dtype=float)
+    s = exchange_sums(i, j, g, inverse)
+    old, t, seen = h, start, [start]
+    for _ in range(int(conduction.iterations)):
+        y = old + inverse * c * np.bincount(i, g * (t[j] - point[i]), len(t))
+        h = np.where(y < 0, y / (1 + s), np.where(y <= latent, y, (y + s * latent) / (1 + s)))
+        h = np.where(inverse == 0, old, h)
+        t = temperature_of(h, c, point, latent)
+        seen = [start, t]
+    scale = _scale(i, j, g, inverse, [*seen, point], 2 * int(conduction.iterations))
+    return _both(t, h, scale, c, latent)
+
+
+def newton(position, mass, volume, heat_capacity, conductivity, reservoir, melting_point, latent_heat, timestep,
+           conduction, period, enthalpy, temperature, most=60):  # fmt: skip
+    """(enthalpy [J/kg], temperature [degrees C], steps): the same equation to round-off by a semi-smooth Newton method.
+
+    F(H) = H - H^n - c/C dt Q(T(H)) = 0; the Jacobian takes dT/dH = 1/c outside and 0 inside of the melting range.
+    """
+    i, j, g = pairs(position, volume, conductivity, timestep, conduction, period)
+    inverse = capacities(mass, volume, heat_capacity, reservoir, conduction)
+    (start, old, c, latent) = _floats(temperature, enthalpy, heat_capacity, latent_heat)
+    n, h, t = len(start), old.copy(), start
+    s = exchange_sums(i, j, g, inverse)
+    for step in range(most):
+        t = temperature_of(h, c, melting_point, latent)
+        miss = h - old - c * inverse * flow(i, j, g, t)
+        if np.abs(miss).max(initial=0) <= 1e-12 * (np.abs(h).max(initial=0) + np.abs(c * t).max(initial=0)):
+            return h, t, step
+        slope = np.where((h < 0) | (h > latent), 1 / c, 0.0)
+        matrix = np.zeros((n, n))
+        matrix[i, j] = -c[i] * inverse[i] * g * slope[j]
+        matrix[np.arange(n), np.arange(n)] = 1 + c * s * slope
+        h = h - np.linalg.solve(matrix, miss)
+    return h, t, most
+
+
+def particle_volume(mass, density, rows=None):
+    """V_i = m_i/rho_i [m^3; m^2 in 2D]."""
+    value = np.asarray(mass, dtype=float) / np.asarray(density, dtype=float)
+    value = value if rows is None else value[rows]
+    return {"volume": (value, value)}

@@ -1,0 +1,145 @@
+"""What the heat kernels take: parameters of the pair weights, the graph of exchanges, coefficients of the schemes.
+
+All computed on the host in float64.
+"""
+
+from __future__ import annotations
+
+import functools
+import itertools
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from refsim.effect import Discretisation
+
+SPIKY, MUELLER, POLY6 = range(3)
+MOST_PASSES = 64  # of Chebyshev's iteration: a longer one that is cut short overshoots
+# Coefficient of l(q)/h^(dim + 2) in L_ij, by dimension: the kernels' own normalisations and their derivatives.
+NORMALISATION = {
+    SPIKY: {2: 30 / math.pi, 3: 45 / math.pi},
+    MUELLER: {2: 40 / math.pi, 3: 45 / math.pi},
+    POLY6: {2: 6 * 4 / math.pi, 3: 6 * 315 / (64 * math.pi)},
+}
+
+
+class Conduction(NamedTuple):
+    """Heat conduction as the kernels take it; lengths in m."""
+
+    support_radius: float  # h
+    inverse_radius: float  # 1/h
+    inverse_volume: float  # 1/d^dim
+    scale: float  # d^(2 dim) times the coefficient of l(q) in L_ij [m^(dim - 2)]
+    factor: float  # calibration of L_ij, or 1/2 (M6); in `scale` already
+    tolerance: float  # of Chebyshev's iteration
+    residual: float  # of conjugate gradients, against the first one
+    sweep_share: float  # of dt in each sweep of the pair exchange (M8)
+    laplacian: int  # SPIKY, MUELLER or POLY6 (M5)
+    harmonic: int  # mean of two conductivities: harmonic, else arithmetic
+    unit_capacity: int  # the conductivity is a diffusivity (M11)
+    frozen: int  # T_j - T_i of before (M9)
+    most_passes: int  # of Chebyshev's iteration; beyond, conjugate gradients
+    planned_passes: int  # room for passes whose number a GPU finds by itself; 0 where the host finds it
+    iterations: int  # of nonlinear Jacobi
+    dim: int
+
+
+class Period(NamedTuple):
+    """Lengths [m] of a periodic box and their inverses; both 0 along axes without a period."""
+
+    x: float
+    y: float
+    z: float
+    inverse_x: float
+    inverse_y: float
+    inverse_z: float
+
+
+def period_group(lengths: tuple[float, float, float], dtype: str) -> Period:
+    """A periodic box of `lengths` [m], 0 where there is no period."""
+    real = np.dtype(dtype).type
+    return Period(*(real(v) for v in lengths), *(real(1 / v if v else 0.0) for v in lengths))
+
+
+class ExchangeRows(NamedTuple):
+    """The pairs within h on the CPU: of i those from start[i], count[i] of them."""
+
+    start: Any  # (n,) int64
+    count: Any  # (n,) int32
+    entries: Any  # (capacity,) int32: j
+    weight: Any  # (capacity,): dt G_ij [J/K]
+
+
+class ExchangeColumns(NamedTuple):
+    """The same on the GPU: the k-th of i stands at k * n + i."""
+
+    count: Any
+    entries: Any
+    weight: Any  # 0 beyond h
+    lanes: Any
+
+
+class Stage(NamedTuple):
+    """One stage y' = y + before (y_before - y) + start (y_start - y) + (flow Q(y) + flow_start Q(y_start)) dt/C."""
+
+    before: float
+    start: float
+    flow: float
+    flow_start: float
+
+
+@functools.lru_cache(maxsize=64)
+def lattice_moment(laplacian: int, support_radius: float, spacing: float, dim: int) -> float:
+    """Sum over the infinite lattice of V_j L_ij r^2/dim: 1 for a consistent L_ij, 2 for Mueller's. Dimensionless."""
+    q, weight = _lattice_weights(laplacian, support_radius, spacing, dim)
+    return float((weight * q**2).sum() / dim) * (support_radius / spacing) ** 2
+
+
+def _lattice_weights(laplacian: int, support_radius: float, spacing: float, dim: int) -> tuple[np.ndarray, np.ndarray]:
+    """(q, d^2 V_j L_ij) of a lattice particle's neighbours."""
+    reach = math.ceil(support_radius / spacing)
+    steps = np.array(list(itertools.product(range(-reach, reach + 1), repeat=dim)), dtype=float) * spacing
+    q = np.sqrt((steps**2).sum(1)) / support_radius
+    q = q[(q > 0) & (q < 1)]
+    a = 1 - q
+    poly6 = 4 * q**2 * (1 - q**2) - dim * (1 - q**2) ** 2
+    shape = {SPIKY: a**2 / np.maximum(q, 0.1), MUELLER: a, POLY6: poly6}[laplacian]
+    return q, NORMALISATION[laplacian][dim] * shape * (spacing / support_radius) ** (dim + 2)
+
+
+def lattice_sum(conduction: Conduction, grid: Discretisation) -> float:
+    """s_i for k dt/(rho c d^2) = 1 on the infinite lattice: the explicit scheme is stable up to the inverse of it."""
+    _, weight = _lattice_weights(int(conduction.laplacian), grid.support_radius, grid.spacing, grid.dim)
+    return 2 * float(conduction.factor) * float(np.abs(weight).sum())
+
+
+def conduction_group(
+    grid: Discretisation,
+    laplacian: int = SPIKY,
+    factor: float = 1.0,
+    tolerance: float = 5e-3,
+    residual: float = 1e-3,
+    sweep_share: float = 0.5,
+    harmonic: bool = True,
+    unit_capacity: bool = False,
+    frozen: bool = False,
+    most_passes: int = MOST_PASSES,
+    planned_passes: int = 0,
+    iterations: int = 16,
+) -> Conduction:
+    """Parameters in the run's dtype, from those of a scene."""
+    h, real = grid.support_radius, grid.real
+    scale = factor * NORMALISATION[laplacian][grid.dim] / h ** (grid.dim + 2) * grid.spacing ** (2 * grid.dim)
+    return Conduction(
+        real(h),
+        real(1 / h),
+        real(1 / grid.spacing**grid.dim),
+        real(scale),
+        real(factor),
+        real(tolerance),
+        real(residual),
+        real(sweep_share),
+        *map(np.int32, (laplacian, harmonic, unit_capacity, frozen, most_passes, planned_passes, iterations)),
+        np.int32(grid.dim),
+    )

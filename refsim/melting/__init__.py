@@ -1,0 +1,147 @@
+"""Melting: particles at the surface of a solid that reach the melting point turn liquid (Shao & Song 2017, section 2).
+
+Contents: Melting, MeltingRule; tables MELTED, MELTED_COUNT, REBUILD; operations melting.melt, melting.detach.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple
+
+import numpy as np
+
+from refsim.effect import Discretisation, Effect, Pass
+from refsim.errors import InputError
+from refsim.heat import MELTING_POINT
+from refsim.operation import Operation, register
+from refsim.particles import Field
+from refsim.shape_matching.phases import FLUID
+
+if TYPE_CHECKING:
+    from refsim.scene import InitialState
+
+MELTED = Field("melted", "-", "1 for nodes that melted in this step", dtype="int32", rows="solids")
+MELTED_COUNT = Field("melted_count", "-", "how many melted in this step", dtype="int32", rows=1)
+REBUILD = Field("rebuild", "-", "1 for nodes whose region is filled anew", dtype="int32", rows="solids")
+
+
+class MeltingRule(NamedTuple):
+    """Melting as the kernels take it."""
+
+    into_liquid: int  # 1 where the melt takes density and mass of the scene's liquid
+    liquid_density: float  # [kg/m^3]
+    liquid_mass: float  # [kg]
+    liquid_conductivity: float  # [W/(m K)]
+    liquid_heat_capacity: float  # [J/(kg K)]
+
+
+class Melting(Effect, frozen=True, kw_only=True):
+    """Turns particles at the surface of solids liquid when they are as hot as their body's melting point.
+
+    bookkeeping  of the melt: "immiscible" keeps mass and rest density, a liquid as dense as its solid; "water" gives
+                 it mass, rest density, conductivity and heat capacity of the scene's liquid, and the total mass changes
+    """
+
+    name: ClassVar[str] = "melting"
+
+    bookkeeping: Literal["immiscible", "water"] = "immiscible"
+
+    def needs(self) -> tuple[str, ...]:
+        return ("shape_matching", "two_way_coupling", "heat_conduction")
+
+    def check(self, grid: Discretisation, others: Mapping[str, Effect]) -> None:
+        if self.bookkeeping not in ("immiscible", "water"):
+            raise InputError(
+                f"{self.name}: bookkeeping = {self.bookkeeping!r} is not possible; give 'immiscible' or 'water' (the"
+                " mass cannot be kept while the rest density is switched: a density ratio of 10 multiplies Tait's"
+                " pressure by 10^7)."
+            )
+        if others["heat_conduction"].melting_point is None:  # type: ignore[attr-defined]
+            raise InputError(f"{self.name}: there is no melting point; give heat_conduction one.")
+
+    def _brought(self, others: Mapping[str, Effect]) -> set[str]:
+        """Names of the fields that other effects bring."""
+        return {f.name for effect in others.values() if effect.name != self.name for f in effect.fields(others)}
+
+    def fields(self, others: Mapping[str, Effect]) -> tuple[Field, ...]:
+        return (MELTED, MELTED_COUNT, REBUILD, MELTING_POINT)
+
+    def initial(
+        self, grid: Discretisation, state: InitialState, others: Mapping[str, Effect]
+    ) -> Mapping[str, np.ndarray]:
+        if "melting_point" in self._brought(others):
+            return {}
+        heat: Any = others["heat_conduction"]
+        return {"melting_point": heat.of_particles("melting_point", state)}
+
+    def passes(self, others: Mapping[str, Effect]) -> tuple[Pass, ...]:
+        latent = "enthalpy" in self._brought(others)
+        reads = ("identity", "temperature", "melting_point", *(("enthalpy", "latent_heat") if latent else ()))
+        absent = {name: None for name in ("conductivity", "heat_capacity") if name not in self._materials(others)}
+        absent |= {} if latent else {"enthalpy": None, "latent_heat": None}
+        return (
+            Pass(
+                "melting.melt", reads, ("melted", "melted_count"),
+                ("mass", "rest_density", *self._materials(others), "phase"), stage="begin", names=absent,
+            ),
+            Pass("melting.detach", ("melted", "melted_count", "region"), ("rebuild",), ("direct",), stage="begin"),
+            Pass(
+                "shape_matching.regions", ("direct", "rebuild"), updates=("region", "region_count"), stage="begin",
+            ),
+            Pass("shape_matching.classify", ("identity", "direct"), updates=("phase",), stage="begin"),
+        )  # fmt: skip
+
+    def _materials(self, others: Mapping[str, Effect]) -> tuple[str, ...]:
+        """Properties for heat that the melt takes from the liquid, where it takes any."""
+        return ("conductivity", "heat_capacity") if self.bookkeeping == "water" else ()
+
+    def ledger(self, field: Callable[[str], np.ndarray]) -> dict[str, float]:
+        """What is solid, and the volume at rest densities, which melting keeps."""
+        mass, density, phase = (np.asarray(field(name), dtype=float) for name in ("mass", "rest_density", "phase"))
+        return {
+            "solid_particles": int((phase != FLUID).sum()),
+            "solid_mass": math.fsum(mass[phase != FLUID]),
+            "rest_volume": math.fsum(mass / density),
+        }
+
+    def prepare(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, Any]:
+        liquid: Any = others["weakly_compressible"]
+        heat: Any = others["heat_conduction"]
+        last = [float(np.ravel(values)[-1]) for values in (heat.conductivity, heat.heat_capacity)]  # the last part's
+        return {
+            "melting": MeltingRule(
+                np.int32(self.bookkeeping == "water"),
+                grid.real(liquid.rest_density),
+                grid.real(liquid.particle_mass(grid)),
+                *map(grid.real, last),
+            )
+        }
+
+
+_HERE = "refsim.melting"
+register(
+    Operation(
+        name="melting.melt",
+        folder=_HERE,
+        paper="Shao & Song 2017",
+        equation="M section 2: T >= T_melt at surfaces, with M12, M13",
+        function="melt",
+        outputs=("melted", "melted_count", "mass", "rest_density", "conductivity", "heat_capacity", "phase"),
+        exact=("melted", "melted_count", "phase"),
+        optional=("enthalpy", "latent_heat", "conductivity", "heat_capacity"),
+        tolerance_reason="copies",
+        variants=({"enthalpy": None, "latent_heat": None}, {}),
+    )
+)
+register(
+    Operation(
+        name="melting.detach",
+        folder=_HERE,
+        paper="Shao & Song 2017",
+        equation="M section 2 and figure 3, with M16 to M18",
+        function="detach",
+        outputs=("direct", "rebuild"),
+        exact=("direct", "rebuild"),
+    )
+)

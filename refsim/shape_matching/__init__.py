@@ -1,0 +1,271 @@
+"""Lattice shape matching: solids whose regions are drawn back to their shape (Shao & Song 2017; Rivers & James 2007).
+
+Contents: ShapeMatching; field PHASE and the tables DIRECT, REGION_COUNT, ...; Matching; operations
+shape_matching.direct_neighbours, shape_matching.regions, shape_matching.classify, shape_matching.gather,
+shape_matching.match, shape_matching.pull, shape_matching.region_motion, shape_matching.damp.
+
+Tables have a row for each node of a solid, in the particles' first order: every build of the neighbour list sorts the
+particles anew, and nodes keep their numbers. Field `place` says where a node's particle stands.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple
+
+import numpy as np
+
+from refsim.effect import Discretisation, Effect, Pass, require
+from refsim.errors import InputError
+from refsim.operation import Operation, register
+from refsim.particles import PLACE, Field
+from refsim.shape_matching.phases import FLUID, SURFACE
+
+if TYPE_CHECKING:
+    from refsim.scene import InitialState
+
+PHASE = Field("phase", "-", "0 liquid, 1 solid at its body's surface, 2 solid inside", dtype="int32", state=True)
+
+
+def _table(name: str, unit: str, meaning: str, components: int = 1, dtype: str = "real", state: bool = False) -> Field:
+    return Field(name, unit, meaning, components, dtype, state, rows="solids")
+
+
+DIRECT = _table("direct", "-", "arrayN: direct neighbours of a node", 27, "int32")
+REGION_COUNT = _table("region_count", "-", "members of a node's region", dtype="int32")
+REGION_SHARE = _table("region_share", "kg", "m_k/cnt_k: a node's share in each region")
+SOLID_POSITION = _table("solid_position", "m", "position of a node's particle", 3)
+ROTATION = _table("rotation", "-", "quaternion of a region's best rotation", 4, state=True)
+REGION_CENTER = _table("region_center", "m", "c_r - x_r: center of mass of a region, from its node", 3)
+REGION_ANCHOR = _table("region_anchor", "m", "way that a region would take its own node", 3)
+SOLID_VELOCITY = _table("solid_velocity", "m/s", "velocity of a node's particle after the kick", 3)
+REGION_VELOCITY = _table("region_velocity", "m/s", "v_c: mean velocity of a region", 3)
+REGION_SPIN = _table("region_spin", "1/s", "omega: angular velocity of a region", 3)
+SUMMATIONS = {"gather": "shape_matching", "reduction": "parallel_reduction", "fast": "fast_summation"}
+WIDEST = 4  # half-width up to which regions are tested
+
+
+class Matching(NamedTuple):
+    """Shape matching as the kernels take it."""
+
+    half_width: int  # w of the regions [cells]
+    spacing: float  # d [m]
+    stiffness: float  # alpha
+    damping: float  # beta
+    twist_floor: float  # weight of the rotation before in an undetermined twist
+    inertia_floor: float  # share of the trace that is added to the inertia
+    precision: float = 1e-17  # of the eigensolver: what stands beside the diagonal when it stops
+
+
+def floors(dtype: str) -> tuple[Any, Any, Any]:
+    """twist_floor, inertia_floor and precision of Matching."""
+    real = np.dtype(dtype).type
+    return real(1e-6), real(1e-9 if dtype == "float64" else 1e-5), real(0.05 * np.finfo(dtype).eps)
+
+
+def region_field(half_width: int) -> Field:
+    """arrayR: the table of regions of this half-width."""
+    return _table("region", "-", "arrayR: members of a node's region", (2 * half_width + 1) ** 3, "int32")
+
+
+class ShapeMatching(Effect, frozen=True, kw_only=True):
+    """Holds the scene's solids together: every region of a lattice is drawn to its best rigid motion.
+
+    half_width  w of the regions [cells], 1 to 4: stiffness and cost grow with it
+    stiffness   alpha, share of the way to the goal that a step takes, up to 1
+    damping     beta, share of the difference to the regions' rigid motion that a step takes away; 0 leaves it out
+    summation   how regions are summed: "gather" (member by member), "reduction" (the threads of a block share a region,
+                as in the paper) or "fast" (boxes of cells, one axis after the other)
+    """
+
+    name: ClassVar[str] = "shape_matching"
+
+    half_width: int = 2
+    stiffness: float = 1.0
+    damping: float = 0.1
+    summation: Literal["gather", "reduction", "fast"] = "fast"
+
+    def check(self, grid: Discretisation, others: Mapping[str, Effect]) -> None:
+        if not (isinstance(self.half_width, int) and 1 <= self.half_width <= WIDEST):
+            raise InputError(f"{self.name}: half_width = {self.half_width} is not possible; give 1 to {WIDEST}.")
+        for name in ("stiffness", "damping"):
+            require(self.name, **{name: (getattr(self, name), "not negative")})
+            if getattr(self, name) > 1:
+                raise InputError(f"{self.name}: {name} = {getattr(self, name)} is not possible; give 0 to 1.")
+        if self.summation not in SUMMATIONS:
+            raise InputError(
+                f"{self.name}: summation = {self.summation!r} is unknown; choose one of {', '.join(SUMMATIONS)}."
+            )
+
+    def fields(self, others: Mapping[str, Effect]) -> tuple[Field, ...]:
+        tables = (
+            PHASE, PLACE, DIRECT, region_field(self.half_width), REGION_COUNT, REGION_SHARE, SOLID_POSITION, ROTATION,
+            REGION_CENTER, REGION_ANCHOR, SOLID_VELOCITY,
+        )  # fmt: skip
+        return (*tables, REGION_VELOCITY, REGION_SPIN) if self.damping > 0 else tables
+
+    def initial(
+        self, grid: Discretisation, state: InitialState, others: Mapping[str, Effect]
+    ) -> Mapping[str, np.ndarray]:
+        nodes = self._solids(grid)
+        phase = np.full(grid.count, FLUID, np.int32)
+        phase[:nodes] = SURFACE
+        return {"phase": phase, "rotation": np.tile([1.0, 0.0, 0.0, 0.0], (nodes, 1))}
+
+    def passes(self, others: Mapping[str, Effect]) -> tuple[Pass, ...]:
+        folder = SUMMATIONS[self.summation]
+        tables = ("solid_position", "region", "region_count", "place")
+        start = (
+            Pass("shape_matching.direct_neighbours", ("phase", "place"), ("direct",), stage="start"),
+            Pass(
+                "shape_matching.regions", ("direct",), ("region", "region_count"), stage="start",
+                names={"rebuild": None},
+            ),
+            Pass("shape_matching.classify", ("identity", "direct"), updates=("phase",), stage="start"),
+        )  # fmt: skip
+        forces = (
+            Pass(
+                "shape_matching.gather", ("position", "mass", "place", "region_count"),
+                ("region_share", "solid_position"),
+            ),
+            Pass(
+                f"{folder}.match", ("solid_position", "region_share", "region"),
+                ("region_center", "region_anchor"), ("rotation",),
+            ),
+        )  # fmt: skip
+        pull = Pass(
+            f"{folder}.pull", ("velocity", "region_anchor", "rotation", *tables), ("solid_velocity",),
+            ("acceleration",), stage="motion",
+        )  # fmt: skip
+        damping = (
+            Pass(
+                f"{folder}.region_motion", ("solid_velocity", "region_share", "region_center", *tables),
+                ("region_velocity", "region_spin"), stage="motion",
+            ),
+            Pass(
+                f"{folder}.damp", ("solid_velocity", "region_center", "region_velocity", "region_spin", *tables),
+                updates=("acceleration",), stage="motion",
+            ),
+        )  # fmt: skip
+        return (*start, *forces, pull, *damping) if self.damping > 0 else (*start, *forces, pull)
+
+    def shares(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, Any]:
+        return {} if grid.solids is None else {"lattice": grid.solids.lattice}
+
+    def prepare(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, Any]:
+        self._solids(grid)
+        real = grid.real
+        matching = Matching(
+            np.int32(self.half_width), real(grid.spacing), real(self.stiffness), real(self.damping), *floors(grid.dtype)
+        )
+        if self.summation != "fast":
+            return {"matching": matching}
+        return {"matching": matching, "boxes": fast_summation.boxes_of(grid.solids.lattice, self.half_width)}
+
+    def _solids(self, grid: Discretisation) -> int:
+        if grid.solids is None:
+            raise InputError(f"{self.name}: the scene has no solids to hold together; add a [[solid]] or remove it.")
+        return len(grid.solids.lattice.key)
+
+
+_HERE = "refsim.shape_matching"
+_PAPER = "Shao & Song 2017"
+_AFTER = "Shao & Song 2017, after Rivers & James 2007"
+register(
+    Operation(
+        name="shape_matching.direct_neighbours",
+        folder=_HERE,
+        paper=_PAPER,
+        equation="M figure 2, arrayN, with M18, M19",
+        function="direct_neighbours",
+        outputs=("direct",),
+        exact=("direct",),
+    )
+)
+register(
+    Operation(
+        name="shape_matching.regions",
+        folder=_HERE,
+        paper=_PAPER,
+        equation="M figure 3, arrayR, with M14, M15",
+        function="regions",
+        outputs=("region", "region_count"),
+        exact=("region", "region_count"),
+        optional=("rebuild",),
+        variants=({"rebuild": None}, {}),
+    )
+)
+register(
+    Operation(
+        name="shape_matching.classify",
+        folder=_HERE,
+        paper=_PAPER,
+        equation="M section 2: SBP and IBP",
+        function="classify",
+        outputs=("phase",),
+        exact=("phase",),
+    )
+)
+register(
+    Operation(
+        name="shape_matching.gather",
+        folder=_HERE,
+        paper=_AFTER,
+        equation="m = m_k/cnt_k",
+        function="gather",
+        outputs=("region_share", "solid_position"),
+        tolerance_reason="one quotient, and a copy",
+    )
+)
+register(
+    Operation(
+        name="shape_matching.match",
+        folder=_HERE,
+        paper=_AFTER,
+        equation="c, A and argmax tr(R^T A)",
+        function="match",
+        outputs=("region_center", "region_anchor", "rotation"),
+        tolerance=16.0,
+        tolerance_reason="products and sums of A, and the sweeps of the eigensolver, over the gap of the eigenvalues",
+    )
+)
+register(
+    Operation(
+        name="shape_matching.pull",
+        folder=_HERE,
+        paper=_AFTER,
+        equation="g_i = sum_r [R_r (x0_i - c0_r) + c_r]/cnt_i, v += alpha (g - x)/dt",
+        function="pull",
+        outputs=("acceleration", "solid_velocity"),
+        adds=("acceleration",),
+        tolerance=8.0,
+        tolerance_reason="a rotation, a sum, and the quotient of a difference",
+    )
+)
+register(
+    Operation(
+        name="shape_matching.region_motion",
+        folder=_HERE,
+        paper="standard",
+        equation="v_c = sum m v/M, omega = I^-1 L",
+        function="region_motion",
+        outputs=("region_velocity", "region_spin"),
+        tolerance=16.0,
+        tolerance_reason="products and sums of I and L, and Cholesky's steps, over the least eigenvalue of I",
+    )
+)
+register(
+    Operation(
+        name="shape_matching.damp",
+        folder=_HERE,
+        paper="standard",
+        equation="v_i += (beta/cnt_i) sum_r [v_r + omega_r x (x_i - c_r) - v_i]",
+        function="damp",
+        outputs=("acceleration",),
+        adds=("acceleration",),
+        tolerance=8.0,
+        tolerance_reason="a cross product, a sum and a product",
+    )
+)
+
+from refsim.shape_matching import fast_summation, parallel_reduction  # noqa: E402, F401  (they register the rest)

@@ -1,0 +1,276 @@
+"""Inputs and closed forms of lattice shape matching: tables are in the first order, whatever that of the particles."""
+
+import functools
+
+import numpy as np
+
+from refsim.cases import Case, Exact, closed_form, groups, lattice, particles
+from refsim.shape_matching import Matching, floors, reference
+from refsim.shape_matching.fast_summation import boxes_of
+from refsim.solids import lattice_of
+
+
+@particles("identity")
+def _identity(case, random):
+    return np.arange(case.count, dtype=np.int32)
+
+
+def half_width(case):
+    """2, or 1 in the plane."""
+    return case.dim - 1
+
+
+@functools.cache
+def tables(case):
+    """Two bodies that touch, full of holes, of the first 7/10 of the particles: lattice, direct, region and its count.
+
+    `direct` is without the particles that are liquid; the regions are older, when only every tenth node had melted.
+    """
+    random = case.random("lattice")
+    count = int(0.7 * case.count)
+    cells, shift = [], 0
+    for size in (count - count // 3, count // 3):
+        side = int(np.ceil((1.3 * size) ** (1 / 3)))
+        box = np.stack(np.meshgrid(*[np.arange(side)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
+        cells.append(random.permutation(box)[:size] + [shift, -1, 0])
+        shift += side
+    made = lattice_of(cells)
+    place = np.arange(case.count)
+    phase = np.asarray(_phase(case))
+    before = np.where(random.random(case.count) < 0.1, 0, 1)
+    direct = reference.direct_neighbours(phase, place, made)["direct"][0].astype(np.int32)
+    older = reference.direct_neighbours(before, place, made)["direct"][0]
+    empty = np.full((count, (2 * half_width(case) + 1) ** 3), -1)
+    found = reference.regions(older, None, made, empty, np.zeros(count, int))
+    return made, direct, found["region"][0].astype(np.int32), found["region_count"][0].astype(np.int32)
+
+
+def _phase(case):
+    from refsim.cases import PARTICLES
+
+    return PARTICLES["phase"](case, case.random("phase"))
+
+
+@groups("lattice", "direct", "region", "region_count", "rebuild")
+def _tables(case, grid):
+    made, direct, region, count = tables(case)
+    rebuild = (case.random("rebuild").random(len(count)) < 0.5).astype(np.int32)
+    return {"lattice": made, "direct": direct, "region": region, "region_count": count, "rebuild": rebuild}
+
+
+@groups(
+    "solid_position", "solid_velocity", "region_share", "region_center", "region_anchor", "rotation", "region_velocity",
+    "region_spin",
+)  # fmt: skip
+def _nodes(case, grid):
+    _, _, _, count = tables(case)
+    random, nodes = case.random("nodes"), len(count)
+    position = case.position[:nodes]
+
+    def vector(size):
+        return size * random.normal(size=(nodes, 3))
+
+    rotation = random.normal(size=(nodes, 4))
+    mass = 1000 * grid.spacing**3 * random.uniform(0.2, 5, nodes)
+    made = {
+        "solid_position": position,
+        "solid_velocity": vector(1),
+        "region_share": np.where(count > 0, mass / np.maximum(count, 1), 0),
+        "region_center": vector(0.5 * grid.spacing),
+        "region_anchor": vector(0.3 * grid.spacing),
+        "rotation": rotation / np.linalg.norm(rotation, axis=1)[:, None],
+        "region_velocity": vector(1),
+        "region_spin": vector(0.1 / grid.spacing),
+    }
+    return {name: np.ascontiguousarray(values.astype(grid.dtype)) for name, values in made.items()}
+
+
+@groups("boxes")
+def _boxes(case, grid):
+    return {"boxes": boxes_of(tables(case)[0], half_width(case))}
+
+
+@groups("matching")
+def _matching(case, grid):
+    real = grid.real
+    numbers = real(grid.spacing), real(0.8), real(0.1)
+    return {"matching": Matching(np.int32(half_width(case)), *numbers, *floors(grid.dtype))}
+
+
+# Closed forms
+
+
+BLOCK = lattice((3, 3, 3), 1.0)
+CUBE = Case("cube_of_27", 3, BLOCK, spacing=1.0, support_radius=2.0)
+PAIR = Case("pair_of_nodes", 3, np.array([[0.0, 0.0, 0.0], [0.0, 2.0, 0.0]]), spacing=1.0, support_radius=2.0)
+TWO = lattice_of([np.array([[0, 0, 0], [0, 0, 1]])])
+NONE = np.full((2, 27), -1, np.int32)
+DIRECT = NONE.copy()
+DIRECT[0, [13, 14]], DIRECT[1, [12, 13]] = [0, 1], [0, 1]
+
+
+@closed_form("shape_matching.direct_neighbours")
+def cube_of_27():
+    """In a cube of 27 nodes each has those in its slots; nodes of a cell below, of another body, are nobody's."""
+    made = lattice_of([BLOCK.astype(int)])
+    number = {tuple(cell): s for s, cell in enumerate(made.cell.tolist())}
+    slots = [(a, b, e) for a in (-1, 0, 1) for b in (-1, 0, 1) for e in (-1, 0, 1)]
+    expected = [[number.get((x + a, y + b, z + e), -1) for a, b, e in slots] for x, y, z in made.cell.tolist()]
+    return Exact(
+        CUBE, {"phase": np.full(27, 2, np.int32), "place": np.arange(27, dtype=np.int32), "lattice": made,
+         "direct": np.zeros((27, 27), np.int32)},
+        {"direct": np.array(expected)},
+    )  # fmt: skip
+
+
+@closed_form("shape_matching.direct_neighbours")
+def touching_bodies():
+    """Two bodies in adjacent cells are not welded (M19)."""
+    made = lattice_of([np.array([[0, 0, 0]]), np.array([[0, 0, 1]])])
+    expected = NONE.copy()
+    expected[0, 13], expected[1, 13] = 0, 1
+    return Exact(
+        PAIR, {"phase": np.full(2, 1, np.int32), "place": np.arange(2, dtype=np.int32), "lattice": made,
+         "direct": np.zeros((2, 27), np.int32)},
+        {"direct": expected},
+    )  # fmt: skip
+
+
+@closed_form("shape_matching.regions")
+def chain_of_four():
+    """w = 2 in a chain along z: the ends do not reach each other."""
+    direct = np.full((4, 27), -1, np.int32)
+    region = np.full((4, 125), -1, np.int32)
+    for s in range(4):
+        for k in range(4):
+            if abs(k - s) <= 1:
+                direct[s, 13 + k - s] = k
+            if abs(k - s) <= 2:
+                region[s, 62 + k - s] = k
+    chain = Case("chain_of_four", 3, lattice((4, 1, 1), 1.0), spacing=1.0, support_radius=2.0)
+    return Exact(
+        chain,
+        {"direct": direct, "rebuild": None, "region": np.full((4, 125), 7, np.int32),
+         "region_count": np.zeros(4, np.int32), "lattice": lattice_of([np.array([[0, 0, k] for k in range(4)])])},
+        {"region": region, "region_count": np.array([3, 4, 4, 3])},
+    )  # fmt: skip
+
+
+@closed_form("shape_matching.classify")
+def middle_of_27():
+    """Of a cube of 27 nodes only the middle one is inside; the last particle belongs to no body."""
+    direct = np.full((27, 27), -1, np.int32)
+    direct[:, 13] = np.arange(27)
+    direct[5] = np.arange(27)
+    direct[6] = -1
+    more = Case("cube_and_drop", 3, np.concatenate([BLOCK, [[9.0, 0.0, 0.0]]]), spacing=1.0, support_radius=2.0)
+    expected = np.ones(28, int)
+    expected[[5, 6, 27]] = [2, 0, 0]
+    return Exact(
+        more, {"identity": np.arange(28, dtype=np.int32), "direct": direct, "phase": np.zeros(28, np.int32)},
+        {"phase": expected},
+    )  # fmt: skip
+
+
+@closed_form("shape_matching.gather")
+def shares():
+    """m/cnt, in the first order: particle 0 stands in row 1."""
+    given = {
+        "mass": np.array([6.0, 8.0]), "place": np.array([1, 0], np.int32), "region_count": np.array([2, 3], np.int32),
+        "region_share": np.zeros(2), "solid_position": np.zeros((2, 3)),
+    }  # fmt: skip
+    return Exact(PAIR, given, {"region_share": np.array([4.0, 2.0]), "solid_position": PAIR.position[::-1]})
+
+
+def _matched(**changes):
+    return Matching(np.int32(1), 1.0, 1.0, 0.1, 1e-9, 1e-9, 1e-17)._replace(**changes)
+
+
+def _whole_region():
+    """Nodes of a cube of 27 and the region of its middle; those of the other nodes are empty."""
+    made = lattice_of([BLOCK.astype(int)])
+    region = np.full((27, 27), -1, np.int32)
+    number = {tuple(cell): s for s, cell in enumerate(made.cell.tolist())}
+    region[13] = [number[1 + a, 1 + b, 1 + e] for a in (-1, 0, 1) for b in (-1, 0, 1) for e in (-1, 0, 1)]
+    return made, region
+
+
+@closed_form("shape_matching.match", "parallel_reduction.match", "fast_summation.match")
+def quarter_turn():
+    """A cube turned by 90 degrees about z around (5, 0, 0): x = 5 - y0, y = x0: its node is where it belongs."""
+    made, region = _whole_region()
+    x0, y0, z0 = (made.cell.astype(float) - 1).T
+    position = np.stack([5 - y0, x0, z0], axis=1)
+    rotation = np.tile([1.0, 0.0, 0.0, 0.0], (27, 1))
+    turned = rotation.copy()
+    turned[13] = np.sqrt(0.5) * np.array([1.0, 0.0, 0.0, 1.0])
+    given = {
+        "solid_position": position, "region_share": np.full(27, 0.5), "region": region, "matching": _matched(),
+        "rotation": rotation, "region_center": np.ones((27, 3)), "region_anchor": np.ones((27, 3)),
+        "boxes": boxes_of(made, 1),
+    }  # fmt: skip
+    none = np.zeros((27, 3))
+    return Exact(CUBE, given, {"rotation": turned, "region_center": none, "region_anchor": none})
+
+
+@closed_form("shape_matching.match", "parallel_reduction.match", "fast_summation.match")
+def lone_node():
+    """A region of one node keeps its rotation and takes the node's place."""
+    rotation = np.array([[0.6, 0.0, 0.8, 0.0], [0.6, 0.0, 0.8, 0.0]])
+    region = NONE.copy()
+    region[0, 13] = 0
+    region[1, 13] = 1
+    given = {
+        "solid_position": PAIR.position, "region_share": np.array([2.0, 3.0]), "region": region, "matching": _matched(),
+        "rotation": rotation, "region_center": np.ones((2, 3)), "region_anchor": np.ones((2, 3)),
+        "boxes": boxes_of(TWO, 1),
+    }  # fmt: skip
+    expected = {"rotation": rotation, "region_center": np.zeros((2, 3)), "region_anchor": np.zeros((2, 3))}
+    return Exact(PAIR, given, expected)
+
+
+@closed_form("shape_matching.pull", "parallel_reduction.pull", "fast_summation.pull")
+def stretched_pair():
+    """Nodes 2 m apart that belong 1 m apart are drawn in by half a metre each; alpha = 1/2, t = 1/4 s, dt = 1/2 s."""
+    turn = np.tile([np.sqrt(0.5), -np.sqrt(0.5), 0.0, 0.0], (2, 1))  # takes z to y
+    anchor = np.array([[0.0, 0.5, 0.0], [0.0, -0.5, 0.0]])
+    given = {
+        "velocity": np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 0.0]]), "solid_position": PAIR.position, "region": DIRECT,
+        "region_count": np.array([2, 2], np.int32), "region_anchor": anchor, "rotation": turn,
+        "place": np.array([1, 0], np.int32), "matching": _matched(stiffness=0.5), "timestep": np.array([0.25, 0.5]),
+        "acceleration": np.zeros((2, 3)), "solid_velocity": np.zeros((2, 3)), "boxes": boxes_of(TWO, 1),
+    }  # fmt: skip
+    pulled = np.array([[0.0, -2.0, 0.0], [0.0, 2.0, 0.0]])
+    after = np.array([[0.0, 0.5, 0.0], [1.0, -0.5, 0.0]])
+    return Exact(PAIR, given, {"acceleration": pulled, "solid_velocity": after})
+
+
+@closed_form("shape_matching.region_motion", "parallel_reduction.region_motion", "fast_summation.region_motion")
+def spinning_block():
+    """A cube of 27 nodes that moves with 2 m/s along x and turns with 3/s about z."""
+    made, region = _whole_region()
+    r = made.cell.astype(float) - 1
+    velocity = np.array([2.0, 0.0, 0.0]) + np.cross([0.0, 0.0, 3.0], r)
+    center = np.zeros((27, 3))
+    given = {
+        "solid_position": r, "solid_velocity": velocity, "region_share": np.full(27, 0.5), "region": region,
+        "region_center": center, "matching": _matched(), "region_velocity": np.zeros((27, 3)),
+        "region_spin": np.zeros((27, 3)), "boxes": boxes_of(made, 1),
+    }  # fmt: skip
+    expected_mean, expected_spin = velocity.copy(), np.zeros((27, 3))
+    expected_mean[13], expected_spin[13] = [2.0, 0.0, 0.0], [0.0, 0.0, 3.0]
+    return Exact(CUBE, given, {"region_velocity": expected_mean, "region_spin": expected_spin})
+
+
+@closed_form("shape_matching.damp", "parallel_reduction.damp", "fast_summation.damp")
+def damped_pair():
+    """Half the difference to the regions' velocity in t = 1/4 s: beta = 1/2, regions at rest but for a spin about x."""
+    given = {
+        "solid_position": PAIR.position, "solid_velocity": np.array([[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0]]),
+        "region": DIRECT, "region_count": np.array([2, 2], np.int32),
+        "region_center": np.array([[0.0, 1.0, 0.0], [0.0, -1.0, 0.0]]),
+        "region_velocity": np.zeros((2, 3)), "region_spin": np.tile([4.0, 0.0, 0.0], (2, 1)),
+        "place": np.array([1, 0], np.int32), "matching": _matched(damping=0.5), "timestep": np.array([0.25, 0.5]),
+        "acceleration": np.zeros((2, 3)), "boxes": boxes_of(TWO, 1),
+    }  # fmt: skip
+    return Exact(PAIR, given, {"acceleration": np.array([[2.0, 0.0, 8.0], [-2.0, 0.0, -8.0]])})

@@ -1,0 +1,203 @@
+"""CUDA kernels of shape matching with region sums by fast summation."""
+
+import numpy as np
+
+from refsim.compile import cuda, cuda_kernel
+from refsim.shape_matching import particle as plain
+from refsim.shape_matching.fast_summation import particle
+from refsim.shape_matching.phases import NOBODY
+
+
+@cuda_kernel
+def _match_cells(solid_position, region_share, boxes, node):
+    """Terms of every cell."""
+    cell = cuda.grid(1)
+    if cell < node.shape[0]:
+        particle.match_cell(cell, solid_position, region_share, boxes)
+
+
+@cuda_kernel
+def _goal_cells(solid_position, region_count, region_anchor, rotation, boxes, matching, node):
+    """Terms of every cell."""
+    cell = cuda.grid(1)
+    if cell < node.shape[0]:
+        particle.goal_cell(cell, solid_position, region_count, region_anchor, rotation, boxes, matching.spacing)
+
+
+@cuda_kernel
+def _motion_cells(solid_position, solid_velocity, region_share, boxes, node):
+    """Terms of every cell."""
+    cell = cuda.grid(1)
+    if cell < node.shape[0]:
+        particle.motion_cell(cell, solid_position, solid_velocity, region_share, boxes)
+
+
+@cuda_kernel
+def _damp_cells(
+    solid_position, solid_velocity, region_count, region_center, region_velocity, region_spin, boxes, node
+):  # fmt: skip
+    """Terms of every cell."""
+    cell = cuda.grid(1)
+    if cell < node.shape[0]:
+        particle.damp_cell(
+            cell, solid_position, solid_velocity, region_count, region_center, region_velocity, region_spin, boxes
+        )
+
+
+@cuda_kernel
+def _axis_sums(axis, half_width, count, side, source, target):
+    """Sums along one axis around every cell."""
+    cell = cuda.grid(1)
+    if cell < target.shape[0]:
+        particle.axis_sum(cell, axis, half_width, count, side, source, target)
+
+
+def _boxes(boxes, half_width, count):
+    """Sums of the first `count` numbers over the box around every cell, into boxes.second."""
+    _axis_sums(0, half_width, count, boxes.side, boxes.first, boxes.second)
+    _axis_sums(1, half_width, count, boxes.side, boxes.second, boxes.first)
+    _axis_sums(2, half_width, count, boxes.side, boxes.first, boxes.second)
+
+
+@cuda_kernel
+def _match_nodes(
+    solid_position, region_share, region, boxes, matching, region_center, region_anchor, rotation
+):  # fmt: skip
+    """Every node, from the sums of its box or, where its region is not the whole box, member by member."""
+    s = cuda.grid(1)
+    if s < rotation.shape[0]:
+        real = rotation.dtype.type
+        moments = cuda.local.array(16, np.float64)
+        found = particle.match_sums(s, solid_position, boxes, moments)
+        members = 0
+        for slot in range(region.shape[1]):
+            members += region[s, slot] != NOBODY
+        sums = cuda.local.array(16, rotation.dtype)
+        if found == members and members > 1:
+            for c in range(16):
+                sums[c] = real(moments[c])
+        else:
+            terms = plain.match_sums(s, solid_position, region_share, region, matching.half_width)
+            for c, term in enumerate(terms):
+                sums[c] = term
+        matrix, basis = cuda.local.array((4, 4), rotation.dtype), cuda.local.array((4, 4), rotation.dtype)
+        plain.match_end(s, sums, matching, matrix, basis, region_center, region_anchor, rotation)
+
+
+@cuda_kernel
+def _goal_nodes(
+    velocity, solid_position, region, region_count, region_anchor, rotation, place, boxes, matching, timestep,
+    acceleration, solid_velocity,
+):  # fmt: skip
+    """Every node, from the sums of its box or, where its region is not the whole box, member by member."""
+    s = cuda.grid(1)
+    if s < solid_velocity.shape[0]:
+        real = solid_velocity.dtype.type
+        ways = cuda.local.array(3, np.float64)
+        sums = cuda.local.array(3, solid_velocity.dtype)
+        if particle.goal_sums(s, solid_position, boxes, matching.spacing, ways) == region_count[s]:
+            for c in range(3):
+                sums[c] = real(ways[c])
+        else:
+            sums[0], sums[1], sums[2] = plain.goal_sums(s, solid_position, region, region_anchor, rotation, matching)
+        plain.goal_end(s, sums, region_count, place, velocity, matching, timestep, acceleration, solid_velocity)
+
+
+@cuda_kernel
+def _motion_nodes(
+    solid_position, solid_velocity, region_share, region, region_center, boxes, matching, region_velocity, region_spin
+):  # fmt: skip
+    """Every node, from the sums of its box or, where its region is not the whole box, member by member."""
+    s = cuda.grid(1)
+    if s < region_spin.shape[0]:
+        real = region_spin.dtype.type
+        about = cuda.local.array(13, np.float64)
+        found = particle.motion_sums(s, solid_position, solid_velocity, region_center, boxes, about)
+        members = 0
+        for slot in range(region.shape[1]):
+            members += region[s, slot] != NOBODY
+        sums = cuda.local.array(13, region_spin.dtype)
+        if found == members and members > 1:
+            for c in range(13):
+                sums[c] = real(about[c])
+        else:
+            mass, terms = plain.motion_sums(s, solid_position, solid_velocity, region_share, region, region_center)
+            for c, term in enumerate(terms):
+                sums[c] = term
+            sums[12] = mass
+        plain.motion_end(s, sums[12], sums, solid_velocity, matching, region_velocity, region_spin)
+
+
+@cuda_kernel(rows_of="region_count")
+def _damp_nodes(
+    solid_position, solid_velocity, region, region_count, region_center, region_velocity, region_spin, place, boxes,
+    matching, timestep, acceleration,
+):  # fmt: skip
+    """Every node, from the sums of its box or, where its region is not the whole box, member by member."""
+    s = cuda.grid(1)
+    if s < region_count.shape[0]:
+        real = acceleration.dtype.type
+        ways = cuda.local.array(3, np.float64)
+        sums = cuda.local.array(3, acceleration.dtype)
+        if particle.damp_sums(s, solid_position, solid_velocity, boxes, ways) == region_count[s]:
+            for c in range(3):
+                sums[c] = real(ways[c])
+        else:
+            sums[0], sums[1], sums[2] = plain.damp_sums(
+                s, solid_position, solid_velocity, region, region_center, region_velocity, region_spin
+            )
+        plain.damp_end(s, sums, region_count, place, matching, timestep, acceleration)
+
+
+def match(solid_position, region_share, region, boxes, matching, region_center, region_anchor, rotation):
+    """Center, rotation and anchor of every region."""
+    _match_cells(solid_position, region_share, boxes, boxes.node)
+    _boxes(boxes, matching.half_width, 17)
+    _match_nodes(solid_position, region_share, region, boxes, matching, region_center, region_anchor, rotation)
+
+
+def pull(
+    velocity, solid_position, region, region_count, region_anchor, rotation, place, boxes, matching, timestep,
+    acceleration, solid_velocity,
+):  # fmt: skip
+    """Pull of every node towards its goal; added to the acceleration."""
+    _goal_cells(solid_position, region_count, region_anchor, rotation, boxes, matching, boxes.node)
+    _boxes(boxes, matching.half_width, 13)
+    _goal_nodes(
+        velocity, solid_position, region, region_count, region_anchor, rotation, place, boxes, matching, timestep,
+        acceleration, solid_velocity,
+    )  # fmt: skip
+
+
+def region_motion(
+    solid_position, solid_velocity, region_share, region, region_center, boxes, matching, region_velocity, region_spin
+):  # fmt: skip
+    """Velocity and spin of every region."""
+    _motion_cells(solid_position, solid_velocity, region_share, boxes, boxes.node)
+    _boxes(boxes, matching.half_width, 17)
+    _motion_nodes(
+        solid_position,
+        solid_velocity,
+        region_share,
+        region,
+        region_center,
+        boxes,
+        matching,
+        region_velocity,
+        region_spin,
+    )
+
+
+def damp(
+    solid_position, solid_velocity, region, region_count, region_center, region_velocity, region_spin, place, boxes,
+    matching, timestep, acceleration,
+):  # fmt: skip
+    """Damping of every node towards the rigid motion of its regions; added to the acceleration."""
+    _damp_cells(
+        solid_position, solid_velocity, region_count, region_center, region_velocity, region_spin, boxes, boxes.node
+    )
+    _boxes(boxes, matching.half_width, 7)
+    _damp_nodes(
+        solid_position, solid_velocity, region, region_count, region_center, region_velocity, region_spin, place, boxes,
+        matching, timestep, acceleration,
+    )  # fmt: skip

@@ -1,0 +1,225 @@
+"""Scalar formulas of lattice shape matching: Shao & Song 2017, section 2, after Rivers & James 2007.
+
+A slot of a node's table stands for the lattice cell at an offset from the node's own: direct neighbours at
+(a + 1) 9 + (b + 1) 3 + (e + 1), members of a region of half-width w at (a + w) n^2 + (b + w) n + (e + w), n = 2 w + 1.
+"""
+
+import math
+
+from refsim.compile import formula
+
+
+@formula
+def slot_offset(slot, half_width):
+    """(a, b, e): offset [cells] of a slot, slot = (a + w) n^2 + (b + w) n + (e + w)."""
+    n = 2 * half_width + 1
+    return slot // (n * n) - half_width, slot // n % n - half_width, slot % n - half_width
+
+
+@formula
+def match_term(share, dx, dy, dz, a, b, e):
+    """Terms of a region's sums, m = m_k/cnt_k [kg]: m, m x, m g and m x g^T, x [m] and g [cells] from its node."""
+    mx, my, mz = share * dx, share * dy, share * dz
+    return (
+        share, mx, my, mz, share * a, share * b, share * e,
+        mx * a, mx * b, mx * e, my * a, my * b, my * e, mz * a, mz * b, mz * e,
+    )  # fmt: skip
+
+
+@formula
+def motion_term(share, rx, ry, rz, u, v, w):
+    """Terms of P = sum m v, L = sum m r x v and sum m r r^T (xx, yy, zz, xy, xz, yz), r [m] from the center."""
+    mu, mv, mw = share * u, share * v, share * w
+    mx, my, mz = share * rx, share * ry, share * rz
+    return (
+        mu, mv, mw, ry * mw - rz * mv, rz * mu - rx * mw, rx * mv - ry * mu,
+        mx * rx, my * ry, mz * rz, mx * ry, mx * rz, my * rz,
+    )  # fmt: skip
+
+
+@formula
+def goal_term(rotation, anchor, a, b, e, spacing):
+    """Where a region takes a member, from node r [m]: g = R (x0_i - x0_r) + [R (x0_r - c0_r) + c_r - x_r].
+
+    The bracket is the anchor; (a, b, e) = x0_r - x0_i in cells.
+    """
+    x, y, z = turned(rotation, -spacing * a, -spacing * b, -spacing * e)
+    return anchor[0] + x, anchor[1] + y, anchor[2] + z
+
+
+@formula
+def rigid_term(velocity, spin, rx, ry, rz):
+    """Velocity of a region's rigid motion [m/s]: v = v_c + omega x r, r [m] from its center."""
+    return (
+        velocity[0] + spin[1] * rz - spin[2] * ry,
+        velocity[1] + spin[2] * rx - spin[0] * rz,
+        velocity[2] + spin[0] * ry - spin[1] * rx,
+    )
+
+
+@formula
+def turned(q, x, y, z):
+    """R(q) (x, y, z) [unit of the vector] for the quaternion q = (w, i, j, k): v + 2 u x (u x v + w v)."""
+    real = type(x)
+    tx, ty, tz = real(2) * (q[2] * z - q[3] * y), real(2) * (q[3] * x - q[1] * z), real(2) * (q[1] * y - q[2] * x)
+    return (
+        x + q[0] * tx + q[2] * tz - q[3] * ty,
+        y + q[0] * ty + q[3] * tx - q[1] * tz,
+        z + q[0] * tz + q[1] * ty - q[2] * tx,
+    )
+
+
+@formula
+def davenport(xx, xy, xz, yx, yy, yz, zx, zy, zz, matrix):
+    """Davenport's symmetric K(A): q^T K q = tr(R(q)^T A); dimensionless, A = (xx, xy, ...) after its largest entry."""
+    matrix[0, 0], matrix[0, 1], matrix[0, 2], matrix[0, 3] = xx + yy + zz, zy - yz, xz - zx, yx - xy
+    matrix[1, 1], matrix[1, 2], matrix[1, 3] = xx - yy - zz, xy + yx, xz + zx
+    matrix[2, 2], matrix[2, 3] = yy - xx - zz, yz + zy
+    matrix[3, 3] = zz - xx - yy
+    for p in range(4):
+        for q in range(p):
+            matrix[p, q] = matrix[q, p]
+
+
+@formula
+def diagonalised(matrix, basis, precision):
+    """Cyclic Jacobi, at most 8 sweeps: matrix <- B^T matrix B, basis <- basis B; dimensionless.
+
+    Stops where the next sweep, which squares what stands beside the diagonal, changes no digit. Returns the place of
+    the largest eigenvalue.
+    """
+    real = matrix.dtype.type
+    for _ in range(8):
+        beside, whole = real(0), real(0)
+        for p in range(4):
+            for q in range(4):
+                square = matrix[p, q] * matrix[p, q]
+                whole += square
+                if p != q:
+                    beside += square
+        if not beside > precision * precision * whole:
+            break
+        for p in range(3):
+            for q in range(p + 1, 4):
+                if matrix[p, q] != real(0):
+                    apart, twice = matrix[q, q] - matrix[p, p], real(2) * matrix[p, q]
+                    t = twice / (abs(apart) + math.sqrt(apart * apart + twice * twice))
+                    if apart < real(0):
+                        t = -t
+                    c = real(1) / math.sqrt(real(1) + t * t)
+                    s = t * c
+                    for k in range(4):
+                        first, second = matrix[k, p], matrix[k, q]
+                        matrix[k, p], matrix[k, q] = c * first - s * second, s * first + c * second
+                    for k in range(4):
+                        first, second = matrix[p, k], matrix[q, k]
+                        matrix[p, k], matrix[q, k] = c * first - s * second, s * first + c * second
+                        first, second = basis[k, p], basis[k, q]
+                        basis[k, p], basis[k, q] = c * first - s * second, s * first + c * second
+                    matrix[p, q] = real(0)
+                    matrix[q, p] = real(0)
+    best = 0
+    for k in range(1, 4):
+        if matrix[k, k] > matrix[best, best]:
+            best = k
+    return best
+
+
+@formula
+def best_rotation(moments, before, floor, precision, matrix, basis):
+    """q = argmax tr(R(q)^T A) [dimensionless], A = sum m x g^T - (sum m x)(sum m g)^T/M; `before` where A = 0.
+
+    The largest eigenvector of K(A/max|A|) + floor p p^T, p first the rotation before and then the answer so far:
+    an undetermined twist stays what it was, and a determined one is not held back.
+    """
+    real = type(moments[0])
+    best = (before[0], before[1], before[2], before[3])
+    m = moments
+    xx, xy, xz = m[7] - m[1] * m[4] / m[0], m[8] - m[1] * m[5] / m[0], m[9] - m[1] * m[6] / m[0]
+    yx, yy, yz = m[10] - m[2] * m[4] / m[0], m[11] - m[2] * m[5] / m[0], m[12] - m[2] * m[6] / m[0]
+    zx, zy, zz = m[13] - m[3] * m[4] / m[0], m[14] - m[3] * m[5] / m[0], m[15] - m[3] * m[6] / m[0]
+    most = max(max(max(abs(xx), abs(xy)), max(abs(xz), abs(yx))), max(max(abs(yy), abs(yz)), max(abs(zx), abs(zy))))
+    most = max(most, abs(zz))
+    if most > real(0):
+        davenport(
+            xx / most, xy / most, xz / most, yx / most, yy / most, yz / most, zx / most, zy / most, zz / most, matrix
+        )
+        for p in range(4):
+            for q in range(4):
+                matrix[p, q] += floor * before[p] * before[q]
+                basis[p, q] = real(p == q)
+        top = diagonalised(matrix, basis, precision)
+        for p in range(4):  # p p^T of the rotation before gives way to that of the answer, in the answer's basis
+            along_p = basis_part(basis, p, before)
+            for q in range(4):
+                matrix[p, q] -= floor * along_p * basis_part(basis, q, before)
+        matrix[top, top] += floor
+        top = diagonalised(matrix, basis, precision)
+        w, i, j, k = basis[0, top], basis[1, top], basis[2, top], basis[3, top]
+        size = math.sqrt(w * w + i * i + j * j + k * k)
+        if w * before[0] + i * before[1] + j * before[2] + k * before[3] < real(0):
+            size = -size
+        best = (w / size, i / size, j / size, k / size)
+    return best
+
+
+@formula
+def basis_part(basis, column, q):
+    """p = b . q of a basis' column and a quaternion; dimensionless."""
+    return basis[0, column] * q[0] + basis[1, column] * q[1] + basis[2, column] * q[2] + basis[3, column] * q[3]
+
+
+@formula
+def rigid_motion(mass, sums, floor):
+    """Rigid motion of a region: v_c = sum m v/M [m/s] and omega = I^-1 L [1/s], I += floor tr(I) 1, 0 where tr(I) = 0.
+
+    I = sum m (r^2 1 - r r^T) [kg m^2], L = sum m r x v [kg m^2/s]; solved once more for the residual L - I omega, so
+    that the floor holds back nothing that is determined.
+    """
+    real = type(mass)
+    v = (sums[0] / mass, sums[1] / mass, sums[2] / mass)
+    spin = (real(0), real(0), real(0))
+    trace = real(2) * (sums[6] + sums[7] + sums[8])
+    if trace > real(0):
+        xx, yy, zz = (sums[7] + sums[8]) / trace, (sums[6] + sums[8]) / trace, (sums[6] + sums[7]) / trace
+        inertia = (xx, yy, zz, -sums[9] / trace, -sums[10] / trace, -sums[11] / trace)
+        momentum = (sums[3] / trace, sums[4] / trace, sums[5] / trace)
+        first = solved(inertia, momentum, floor)
+        rest = times(inertia, first)
+        more = solved(inertia, (momentum[0] - rest[0], momentum[1] - rest[1], momentum[2] - rest[2]), floor)
+        spin = (first[0] + more[0], first[1] + more[1], first[2] + more[2])
+    return v, spin
+
+
+@formula
+def times(a, x):
+    """a x for the symmetric a = (xx, yy, zz, xy, xz, yz); dimensionless matrix, any unit of x."""
+    return (
+        a[0] * x[0] + a[3] * x[1] + a[4] * x[2],
+        a[3] * x[0] + a[1] * x[1] + a[5] * x[2],
+        a[4] * x[0] + a[5] * x[1] + a[2] * x[2],
+    )
+
+
+@formula
+def solved(a, b, floor):
+    """x of (a + floor 1) x = b by Cholesky's a = G G^T, a = (xx, yy, zz, xy, xz, yz); dimensionless matrix."""
+    xx, yy, zz = a[0] + floor, a[1] + floor, a[2] + floor
+    g11 = math.sqrt(xx)
+    g21, g31 = a[3] / g11, a[4] / g11
+    g22 = math.sqrt(max(yy - g21 * g21, floor))
+    g32 = (a[5] - g21 * g31) / g22
+    g33 = math.sqrt(max(zz - g31 * g31 - g32 * g32, floor))
+    y1 = b[0] / g11
+    y2 = (b[1] - g21 * y1) / g22
+    y3 = (b[2] - g31 * y1 - g32 * y2) / g33
+    x3 = y3 / g33
+    x2 = (y2 - g32 * x3) / g22
+    x1 = (y1 - g21 * x2 - g31 * x3) / g11
+    return x1, x2, x3
+
+
+@formula
+def pull(way, stiffness, timestep):
+    """a = alpha (g - x)/(t dt) [m/s^2], so that the kick t = (dt_before + dt)/2 brings v += alpha (g - x)/dt."""
+    return stiffness * way / (timestep[0] * timestep[1])

@@ -1,0 +1,326 @@
+"""What one node does in lattice shape matching; the CPU and the CUDA kernels share these loops.
+
+Tables stand in the particles' first order, in which the nodes of solids come first: row s belongs to the particle of
+identity s, whose present row in the particle arrays is place[s]. Empty slots are NOBODY.
+"""
+
+from refsim.compile import formula
+from refsim.neighbours.formulas import BITS
+from refsim.shape_matching.formulas import (
+    best_rotation,
+    goal_term,
+    match_term,
+    motion_term,
+    pull,
+    rigid_motion,
+    rigid_term,
+    slot_offset,
+    turned,
+)
+from refsim.shape_matching.phases import FLUID, INTERIOR, NOBODY, SURFACE
+
+LEVEL = 28  # bits of a node's number; what stands above them is its level while a region is filled
+NUMBER = (1 << LEVEL) - 1
+
+
+@formula
+def find(key, wanted, first, end):
+    """Place of `wanted` among the sorted keys [first, end); NOBODY if it is not there."""
+    low, high = first, end
+    while low < high:
+        middle = (low + high) >> 1
+        if key[middle] < wanted:
+            low = middle + 1
+        else:
+            high = middle
+    found = NOBODY
+    if low < end and key[low] == wanted:
+        found = low
+    return found
+
+
+@formula
+def direct_neighbours(s, phase, place, lattice, direct):
+    """27 direct neighbours of node s, itself in slot 13: solid, of the same body, a cell away at most."""
+    solid = phase[place[s]] != FLUID
+    body = lattice.body[s]
+    first, end = lattice.first[body], lattice.first[body + 1]
+    for slot in range(27):
+        a, b, e = slot_offset(slot, 1)
+        other = NOBODY
+        if solid:
+            key = lattice.key[s] + (e << (2 * BITS)) + (b << BITS) + a
+            other = find(lattice.key, key, first, end)
+            if other != NOBODY and phase[place[other]] == FLUID:
+                other = NOBODY
+        direct[s, slot] = other
+
+
+@formula
+def fill_region(s, direct, region):
+    """Members of the region of node s, at most w steps away over direct neighbours; returns their number.
+
+    w + 1 passes over the box of slots: pass 0 writes the node itself, pass p the direct neighbours of what pass p - 1
+    wrote (M15: not of what it writes itself), which the level beside each number tells.
+    """
+    slots = region.shape[1]
+    side = 1
+    while side * side * side < slots:
+        side += 2
+    middle = slots // 2
+    for slot in range(slots):
+        region[s, slot] = NOBODY
+    count = 0
+    if direct[s, 13] != NOBODY:
+        region[s, middle] = s
+        count = 1
+    for level in range(1, side // 2 + 1):
+        for slot in range(slots):
+            entry = region[s, slot]
+            if entry != NOBODY and entry >> LEVEL == level - 1:
+                node = entry & NUMBER
+                for near in range(27):
+                    a, b, e = slot_offset(near, 1)
+                    target = slot + (a * side + b) * side + e
+                    if region[s, target] == NOBODY and direct[node, near] != NOBODY:
+                        region[s, target] = direct[node, near] | (level << LEVEL)
+                        count += 1
+    for slot in range(slots):
+        if region[s, slot] != NOBODY:
+            region[s, slot] &= NUMBER
+    return count
+
+
+@formula
+def phase_of(s, direct):
+    """Phase of node s: at its body's surface where one of the 27 direct neighbours is missing."""
+    phase = INTERIOR
+    if direct[s, 13] == NOBODY:
+        phase = FLUID
+    else:
+        for slot in range(27):
+            if direct[s, slot] == NOBODY:
+                phase = SURFACE
+    return phase
+
+
+@formula
+def gather(s, position, mass, place, region_count, region_share, solid_position):
+    """Position [m] and share [kg] of node s."""
+    i = place[s]
+    for c in range(3):
+        solid_position[s, c] = position[i, c]
+    count = region_count[s]
+    region_share[s] = mass[i] / type(mass[i])(count) if count > 0 else type(mass[i])(0)
+
+
+@formula
+def added(a, b):
+    """Sum of two tuples of 16."""
+    return (
+        a[0] + b[0], a[1] + b[1], a[2] + b[2], a[3] + b[3], a[4] + b[4], a[5] + b[5], a[6] + b[6], a[7] + b[7],
+        a[8] + b[8], a[9] + b[9], a[10] + b[10], a[11] + b[11], a[12] + b[12], a[13] + b[13], a[14] + b[14],
+        a[15] + b[15],
+    )  # fmt: skip
+
+
+@formula
+def added_12(a, b):
+    """Sum of two tuples of 12."""
+    return (
+        a[0] + b[0], a[1] + b[1], a[2] + b[2], a[3] + b[3], a[4] + b[4], a[5] + b[5], a[6] + b[6], a[7] + b[7],
+        a[8] + b[8], a[9] + b[9], a[10] + b[10], a[11] + b[11],
+    )  # fmt: skip
+
+
+@formula
+def nothing_16(zero):
+    """Sums of no terms."""
+    return match_term(zero, zero, zero, zero, zero, zero, zero)
+
+
+@formula
+def nothing_12(zero):
+    """Sums of no terms."""
+    return motion_term(zero, zero, zero, zero, zero, zero, zero)
+
+
+@formula
+def match_slot(s, slot, solid_position, region_share, region, half_width):
+    """Terms of one slot in the sums of the region of node s; zeros where it is empty."""
+    real = type(solid_position[s, 0])
+    j = region[s, slot]
+    if j == NOBODY:
+        return nothing_16(real(0))
+    a, b, e = slot_offset(slot, half_width)
+    return match_term(
+        region_share[j],
+        solid_position[j, 0] - solid_position[s, 0],
+        solid_position[j, 1] - solid_position[s, 1],
+        solid_position[j, 2] - solid_position[s, 2],
+        real(a),
+        real(b),
+        real(e),
+    )
+
+
+@formula
+def match_sums(s, solid_position, region_share, region, half_width):
+    """Sums of the region of node s, by plain gather."""
+    sums = nothing_16(type(solid_position[s, 0])(0))
+    for slot in range(region.shape[1]):
+        if region[s, slot] != NOBODY:
+            sums = added(sums, match_slot(s, slot, solid_position, region_share, region, half_width))
+    return sums
+
+
+@formula
+def match_end(s, sums, matching, matrix, basis, region_center, region_anchor, rotation):
+    """Center, rotation and anchor of the region of node s, from its sums; an empty one is the node's place."""
+    zero = type(sums[0])(0)
+    for c in range(3):
+        region_center[s, c] = zero
+        region_anchor[s, c] = zero
+    if sums[0] > zero:
+        q = best_rotation(sums, rotation[s], matching.twist_floor, matching.precision, matrix, basis)
+        rest = matching.spacing / sums[0]
+        x, y, z = turned(q, rest * sums[4], rest * sums[5], rest * sums[6])
+        for c in range(4):
+            rotation[s, c] = q[c]
+        for c in range(3):
+            region_center[s, c] = sums[1 + c] / sums[0]
+        region_anchor[s, 0] = region_center[s, 0] - x
+        region_anchor[s, 1] = region_center[s, 1] - y
+        region_anchor[s, 2] = region_center[s, 2] - z
+
+
+@formula
+def goal_slot(s, slot, solid_position, region, region_anchor, rotation, matching):
+    """Way from node s to where the region of one slot takes it [m]; zeros where the slot is empty."""
+    zero = type(matching.spacing)(0)
+    x, y, z = zero, zero, zero
+    r = region[s, slot]
+    if r != NOBODY:
+        a, b, e = slot_offset(slot, matching.half_width)
+        real = type(zero)
+        x, y, z = goal_term(rotation[r], region_anchor[r], real(a), real(b), real(e), matching.spacing)
+        x += solid_position[r, 0] - solid_position[s, 0]
+        y += solid_position[r, 1] - solid_position[s, 1]
+        z += solid_position[r, 2] - solid_position[s, 2]
+    return x, y, z
+
+
+@formula
+def goal_sums(s, solid_position, region, region_anchor, rotation, matching):
+    """Sum of goal_slot over the slots, by plain gather."""
+    zero = type(matching.spacing)(0)
+    gx, gy, gz = zero, zero, zero
+    for slot in range(region.shape[1]):
+        if region[s, slot] != NOBODY:
+            x, y, z = goal_slot(s, slot, solid_position, region, region_anchor, rotation, matching)
+            gx += x
+            gy += y
+            gz += z
+    return gx, gy, gz
+
+
+@formula
+def goal_end(s, sums, region_count, place, velocity, matching, timestep, acceleration, solid_velocity):
+    """Pull of node s towards its goal, added to its acceleration, and the velocity that the step will give it."""
+    i = place[s]
+    count = type(matching.spacing)(region_count[s])
+    for c in range(3):
+        if count > 0 and timestep[1] > 0:
+            acceleration[i, c] += pull(sums[c] / count, matching.stiffness, timestep)
+        solid_velocity[s, c] = velocity[i, c] + timestep[0] * acceleration[i, c]
+
+
+@formula
+def motion_slot(s, slot, solid_position, solid_velocity, region_share, region, region_center):
+    """Terms of one slot in the motion of the region of node s; zeros where it is empty. Velocities from node s's."""
+    j = region[s, slot]
+    if j == NOBODY:
+        return nothing_12(type(region_center[s, 0])(0))
+    return motion_term(
+        region_share[j],
+        solid_position[j, 0] - solid_position[s, 0] - region_center[s, 0],
+        solid_position[j, 1] - solid_position[s, 1] - region_center[s, 1],
+        solid_position[j, 2] - solid_position[s, 2] - region_center[s, 2],
+        solid_velocity[j, 0] - solid_velocity[s, 0],
+        solid_velocity[j, 1] - solid_velocity[s, 1],
+        solid_velocity[j, 2] - solid_velocity[s, 2],
+    )
+
+
+@formula
+def motion_sums(s, solid_position, solid_velocity, region_share, region, region_center):
+    """Mass of the region of node s, and the sums of its motion, by plain gather."""
+    zero = type(region_center[s, 0])(0)
+    mass = zero
+    sums = nothing_12(zero)
+    for slot in range(region.shape[1]):
+        j = region[s, slot]
+        if j != NOBODY:
+            mass += region_share[j]
+            sums = added_12(
+                sums, motion_slot(s, slot, solid_position, solid_velocity, region_share, region, region_center)
+            )
+    return mass, sums
+
+
+@formula
+def motion_end(s, mass, sums, solid_velocity, matching, region_velocity, region_spin):
+    """Velocity and spin of the region of node s, from its sums; an empty one moves as the node does."""
+    zero = type(mass)(0)
+    v, spin = (zero, zero, zero), (zero, zero, zero)
+    if mass > zero:
+        v, spin = rigid_motion(mass, sums, matching.inertia_floor)
+    for c in range(3):
+        region_velocity[s, c] = solid_velocity[s, c] + v[c]
+        region_spin[s, c] = spin[c]
+
+
+@formula
+def damp_slot(s, slot, solid_position, solid_velocity, region, region_center, region_velocity, region_spin):
+    """Velocity that the region of one slot would give node s, from its own [m/s]; zeros where the slot is empty."""
+    zero = type(solid_position[s, 0])(0)
+    u, v, w = zero, zero, zero
+    r = region[s, slot]
+    if r != NOBODY:
+        u, v, w = rigid_term(
+            region_velocity[r],
+            region_spin[r],
+            solid_position[s, 0] - solid_position[r, 0] - region_center[r, 0],
+            solid_position[s, 1] - solid_position[r, 1] - region_center[r, 1],
+            solid_position[s, 2] - solid_position[r, 2] - region_center[r, 2],
+        )
+        u -= solid_velocity[s, 0]
+        v -= solid_velocity[s, 1]
+        w -= solid_velocity[s, 2]
+    return u, v, w
+
+
+@formula
+def damp_sums(s, solid_position, solid_velocity, region, region_center, region_velocity, region_spin):
+    """Sum of damp_slot over the slots, by plain gather."""
+    zero = type(solid_position[s, 0])(0)
+    su, sv, sw = zero, zero, zero
+    for slot in range(region.shape[1]):
+        if region[s, slot] != NOBODY:
+            u, v, w = damp_slot(
+                s, slot, solid_position, solid_velocity, region, region_center, region_velocity, region_spin
+            )
+            su += u
+            sv += v
+            sw += w
+    return su, sv, sw
+
+
+@formula
+def damp_end(s, sums, region_count, place, matching, timestep, acceleration):
+    """Damping of node s, added to its acceleration: v += (beta/cnt) sum."""
+    if region_count[s] > 0 and timestep[0] > 0:
+        i = place[s]
+        share = matching.damping / (type(matching.damping)(region_count[s]) * timestep[0])
+        for c in range(3):
+            acceleration[i, c] += share * sums[c]
