@@ -1,0 +1,170 @@
+"""Isosurfaces on a sparse grid: marching squares and marching cubes with faces that agree (Lorensen & Cline 1987).
+
+Contents: Mesh, Contour, Cells, extract, mesh_from_states, case_table; operations isosurface.classify,
+isosurface.facets, isosurface.edge_points. There is no effect of its own.
+
+What is inside has state 1, what is outside 0, and a node of which nothing is known 2: cells that touch such a node
+have no facets, so that the surface ends there. Facets are triangles in space and segments in the plane; their
+normals point from inside to outside.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from refsim.backend import Backend
+from refsim.errors import InputError
+from refsim.isosurface.table import CaseTable, case_table
+from refsim.operation import REGISTRY, Operation, register
+from refsim.sparse_grid import Blocks, SparseGrid, nodes
+
+__all__ = ["CaseTable", "Cells", "Contour", "Mesh", "case_table", "edges_and_facets", "extract"]
+
+
+class Contour(NamedTuple):
+    """What is extracted from node values, as the kernels take it."""
+
+    cell_size: float  # h [m]
+    level: float  # value on the surface
+
+
+class Mesh(NamedTuple):
+    """A surface: arrays on the backend on which it was extracted."""
+
+    vertices: Any  # (v, 3) [m]; z = 0 in the plane
+    facets: Any  # (f, dim) int32: triangles against the clock as seen from outside; segments with the inside left
+
+
+class Cells(NamedTuple):
+    """Vertices and facets by number, before the vertices have positions."""
+
+    vertex_edge: Any  # (v,) int32, 3 node + axis of the edge on which each vertex stands
+    facets: Any  # (f, dim) int32
+    facet_first: Any  # (nodes + 1,) int32, first facet of each cell
+
+
+def edges_and_facets(backend: Backend, blocks: Blocks, node_state: Any, dim: int, merged: bool = False) -> Cells:
+    """Cut edges and facets of all cells, in the order of the nodes.
+
+    node_state  (nodes,) uint8: 0 outside, 1 inside, 2 unknown
+    merged      the classical table of 15 cases, which leaves holes
+    """
+    count = nodes(blocks)
+    table = on_backend(case_table(dim, merged), backend)
+    crossings, cell_case = backend.empty(count, np.uint8), backend.empty(count, np.uint8)
+    REGISTRY["isosurface.classify"].program(backend.name)(blocks, node_state, crossings, cell_case)
+    if backend.name == "cuda":
+        from refsim import device
+
+        edge_first = device.running_sum(device.looked_up(crossings, backend.asarray(BITS_SET)))
+        facet_first = device.running_sum(device.looked_up(cell_case, table.count))
+    else:
+        edge_first, facet_first = running_sum(BITS_SET[crossings]), running_sum(table.count[cell_case])
+    vertices, facets = (int(backend.host(first[count:])[0]) for first in (edge_first, facet_first))
+    vertex_edge, facet = backend.empty(vertices, np.int32), backend.empty((facets, dim), np.int32)
+    REGISTRY["isosurface.facets"].program(backend.name)(
+        blocks, crossings, cell_case, edge_first, facet_first, table, vertex_edge, facet
+    )
+    return Cells(vertex_edge, facet, facet_first)
+
+
+BITS_SET = np.array([0, 1, 1, 2, 1, 2, 2, 3], np.uint8)
+
+
+def running_sum(values: np.ndarray) -> np.ndarray:
+    """(n + 1,) int32: sum of what stands before each place, and of everything at the end."""
+    total = np.zeros(len(values) + 1, np.int32)
+    np.cumsum(values, out=total[1:])
+    return total
+
+
+def on_backend(table: CaseTable, backend: Backend) -> CaseTable:
+    """The table with its arrays on the backend."""
+    return CaseTable(*(backend.asarray(part) for part in table[:3]), table.merged)
+
+
+def extract(
+    backend: Backend, coordinates: np.ndarray, values: np.ndarray, cell_size: float, dim: int,
+    level: float = 0.0, merged: bool = False,
+) -> Mesh:  # fmt: skip
+    """The surface on which values given on some nodes of a grid take `level`; inside is what lies below it.
+
+    coordinates  (n, 3) integers j of the nodes x_j = h j with a value, in any order, each once; j_z = 0 in the plane
+    values       (n,) their values; the dtype is that of the mesh. NaN means unknown
+    cell_size    h [m]
+    merged       the classical table of 15 cases, which leaves holes
+
+    The surface is closed wherever every cell that it meets has values at all its corners. Raises InputError where
+    shapes do not fit or coordinates repeat.
+    """
+    coordinates, values = np.asarray(coordinates), np.asarray(values)
+    if coordinates.shape != (len(values), 3) or values.ndim != 1 or values.dtype.kind != "f":
+        raise InputError(
+            f"extract: coordinates of shape {coordinates.shape} and values of shape {values.shape} and type"
+            f" {values.dtype} do not fit; give (n, 3) integers and (n,) floats."
+        )
+    if not (np.isfinite(cell_size) and cell_size > 0):
+        raise InputError(f"extract: cell_size = {cell_size} is not possible; give a positive number.")
+    grid = SparseGrid(Backend("cpu"), dim, values.dtype.name, cell_size)
+    host = grid.holding(coordinates)
+    node = grid.programs.node_of(coordinates.astype(np.int64), host)
+    if len(np.unique(node)) < len(node) or (node < 0).any():
+        raise InputError("extract: some coordinates are given twice, or lie beyond 2^20 cells; give each node once.")
+    count = nodes(host)
+    node_value, node_state = np.full(count, np.nan, values.dtype), np.full(count, 2, np.uint8)
+    node_value[node] = values
+    known = node[~np.isnan(values)]
+    node_state[known] = node_value[known] < level
+    blocks = host if backend.name != "cuda" else Blocks(*(backend.asarray(part) for part in host))
+    cells = edges_and_facets(backend, blocks, backend.asarray(node_state), dim, merged)
+    vertices = backend.empty((cells.vertex_edge.shape[0], 3), values.dtype)
+    real = values.dtype.type
+    REGISTRY["isosurface.edge_points"].program(backend.name)(
+        blocks, backend.asarray(node_value), Contour(real(cell_size), real(level)), cells.vertex_edge, vertices
+    )
+    return Mesh(vertices, cells.facets)
+
+
+_HERE = "refsim.isosurface"
+_PAPER = "Lorensen & Cline 1987"
+register(
+    Operation(
+        name="isosurface.classify",
+        folder=_HERE,
+        paper=_PAPER,
+        equation="states of a cell's corners",
+        function="classify",
+        outputs=("crossings", "cell_case"),
+        exact=("crossings", "cell_case"),
+        tolerance=0.0,
+        tolerance_reason="integers",
+    )
+)
+register(
+    Operation(
+        name="isosurface.facets",
+        folder=_HERE,
+        paper=_PAPER,
+        equation="the table of cases, with inside corners kept apart on every face",
+        function="facets",
+        outputs=("vertex_edge", "facets"),
+        exact=("vertex_edge", "facets"),
+        tolerance=0.0,
+        tolerance_reason="integers",
+    )
+)
+register(
+    Operation(
+        name="isosurface.edge_points",
+        folder=_HERE,
+        paper=_PAPER,
+        equation="linear crossing of an edge",
+        function="edge_points",
+        outputs=("vertex_position",),
+        entrywise=("vertex_position",),
+        tolerance=4.0,
+        tolerance_reason="one rounding in each of the two differences, the quotient, the sum and the product",
+    )
+)

@@ -1,0 +1,165 @@
+"""Inputs and closed forms of isosurfaces: the signed distance from a union of spheres round a case's particles."""
+
+import functools
+import itertools
+
+import numpy as np
+
+from refsim.backend import Backend
+from refsim.cases import CASES, Case, Exact, case, closed_form, cloud, groups
+from refsim.isosurface import BITS_SET, Contour, case_table, reference, running_sum
+from refsim.sparse_grid import SparseGrid, nodes
+from refsim.sparse_grid.reference import node_table
+
+REACH = (5, 6)  # nodes under and over each particle's cell that blocks hold
+
+
+def cell_size(case: Case) -> float:
+    """h [m]: two spacings, 2^dim particles to a cell."""
+    return 2 * case.spacing
+
+
+@functools.cache
+def covered(name: str, dtype: str):
+    """(particle positions as rounded, blocks around them) of a case."""
+    made = CASES[name]()
+    position = made.position.astype(dtype)
+    return position, SparseGrid(Backend("cpu"), made.dim, dtype, cell_size(made)).cover(position, *REACH)
+
+
+def distance_to_nearest(points: np.ndarray, position: np.ndarray) -> np.ndarray:
+    """Distance [m] from each point to the nearest particle."""
+    from scipy.spatial import cKDTree
+
+    return cKDTree(position.astype(float)).query(points)[0]
+
+
+@functools.cache
+def extraction(name: str, dtype: str) -> dict:
+    """Everything that the extraction makes on its way, by the references."""
+    made = CASES[name]()
+    position, blocks = covered(name, dtype)
+    h = cell_size(made)
+    place = np.dtype(dtype).type(h).astype(float) * node_table(blocks)
+    value = (distance_to_nearest(place, position) - made.dim**0.5 * h if made.count else np.zeros(0)).astype(dtype)
+    state = (value < 0).astype(np.uint8)
+    if name == "narrow_band":
+        state[abs(value) > 0.9 * h] = 2
+    found = {"blocks": blocks, "node_value": value, "node_state": state, "table": case_table(made.dim)}
+    found["contour"] = Contour(np.dtype(dtype).type(h), np.dtype(dtype).type(0))
+    return found | follow(found)
+
+
+def follow(given: dict) -> dict:
+    """Later arguments of the extraction from blocks, states, values, table and contour."""
+    found = {n: v for n, (v, _) in reference.classify(given["blocks"], given["node_state"]).items()}
+    found = {n: v.astype(np.uint8) for n, v in found.items()}
+    found["edge_first"] = running_sum(BITS_SET[found["crossings"]])
+    found["facet_first"] = running_sum(given["table"].count[found["cell_case"]])
+    cells = reference.facets(given["blocks"], *found.values(), given["table"])
+    found |= {n: v.astype(np.int32) for n, (v, _) in cells.items()}
+    points = reference.edge_points(given["blocks"], given["node_value"], given["contour"], found["vertex_edge"])
+    found["vertex_position"] = points["vertex_position"][0].astype(given["node_value"].dtype)
+    return found
+
+
+@groups(
+    "blocks", "node_value", "node_state", "table", "contour", "crossings", "cell_case", "edge_first", "facet_first",
+    "vertex_edge", "facets", "vertex_position",
+)  # fmt: skip
+def _extraction(case, grid):
+    return extraction(case.name, grid.dtype)
+
+
+@case
+def narrow_band() -> Case:
+    """Values known only near the surface: it ends where they do."""
+    return Case("narrow_band", 3, cloud("narrow_band", 80, 3))
+
+
+@case
+def all_states() -> Case:
+    """So loose a cloud in space that cells take many of their 256 states."""
+    return Case("all_states", 3, cloud("all_states", 60, 3, 0.45))
+
+
+def octahedron(dim: int) -> tuple[Case, dict]:
+    """One node inside at the origin, -1 against 3 around it: a quarter of the way along every edge; h = 2 m."""
+    name = f"octahedron_{dim}d"
+    blocks = SparseGrid(Backend("cpu"), dim, "float64", 2.0).holding(np.zeros((1, 3), int))
+    value = np.where((node_table(blocks) == 0).all(1), -1.0, 3.0)
+    given = {"blocks": blocks, "node_value": value, "node_state": (value < 0).astype(np.uint8)}
+    given |= {"table": case_table(dim), "contour": Contour(2.0, 0.0)}
+    return Case(name, dim, np.zeros((1, 3)), spacing=1.0, support_radius=2.0), given
+
+
+def octahedron_counts(blocks, dim: int) -> tuple[np.ndarray, np.ndarray]:
+    """Cut edges and corner states: the node itself, and those a step back in each direction."""
+    table = node_table(blocks)
+    crossings, cell_case = np.zeros(nodes(blocks), np.uint8), np.zeros(nodes(blocks), np.uint8)
+    for i, j in enumerate(table.tolist()):
+        if set(j) <= {0, -1}:
+            back = [c for c in range(dim) if j[c] == -1]
+            cell_case[i] = 1 << sum(1 << c for c in back)
+            crossings[i] = {0: 2**dim - 1, 1: sum(1 << c for c in back)}.get(len(back), 0)
+    return crossings, cell_case
+
+
+def _octahedra(expected):
+    def maker(dim):
+        case, given = octahedron(dim)
+        given = given | follow(given)
+        return Exact(case, given, expected(given, dim))
+
+    return maker
+
+
+def _register(name, dim, maker):
+    def exact():
+        return maker(dim)
+
+    exact.__name__ = f"octahedron_{dim}d"
+    closed_form(name)(exact)
+
+
+def _counted(given, dim):
+    crossings, cell_case = octahedron_counts(given["blocks"], dim)
+    return {"crossings": crossings, "cell_case": cell_case}
+
+
+def _quarters(given, dim):
+    """Vertices in the order of their edges: nodes by number, and at the origin x, y, z."""
+    coordinates = node_table(given["blocks"])
+    edge = given["vertex_edge"]
+    start, axis = coordinates[edge // 3], edge % 3
+    share = np.where((start == 0).all(1), 0.25, 0.75)
+    return {"vertex_position": 2.0 * (start + share[:, None] * np.eye(3)[axis])}
+
+
+def _closed(given, dim):
+    """Each orthant has one facet, whose corners lie on its three (two) half axes, in the order of its handedness."""
+    coordinates = node_table(given["blocks"])
+    on = {}
+    for v, edge in enumerate(given["vertex_edge"]):
+        sign = 1 if (coordinates[edge // 3] == 0).all() else -1
+        on[(int(edge % 3), sign)] = v
+    rows = []
+    for i, j in enumerate(coordinates.tolist()):
+        if not set(j) <= {0, -1}:
+            continue
+        signs = [1 if c == 0 else -1 for c in j[:dim]]
+        ring = [on[(a, s)] for a, s in enumerate(signs)]
+        turned = np.prod(signs) < 0
+        if dim == 2:
+            rows.append((i, ring[::-1] if turned else ring))
+        else:
+            # the lowest edge of the cell first: edges are numbered axis by axis
+            rows.append((i, [ring[0], ring[2], ring[1]] if turned else ring))
+    return {"vertex_edge": given["vertex_edge"], "facets": np.array([row for _, row in sorted(rows)])}
+
+
+for _dim, (_name, _expected) in itertools.product(
+    (2, 3),
+    (("isosurface.classify", _counted), ("isosurface.edge_points", _quarters), ("isosurface.facets", _closed)),
+):
+    _register(_name, _dim, _octahedra(_expected))

@@ -1,0 +1,30 @@
+"""CPU kernels of isosurfaces."""
+
+from refsim.compile import cpu_kernel, prange
+from refsim.isosurface import node
+
+
+@cpu_kernel
+def classify(blocks, node_state, crossings, cell_case):
+    """Cut edges and corner states; integers."""
+    for i in prange(node_state.shape[0]):
+        bits, case = node.classify(i, blocks, node_state)
+        crossings[i] = bits
+        cell_case[i] = case
+
+
+@cpu_kernel
+def facets(blocks, crossings, cell_case, edge_first, facet_first, table, vertex_edge, facets):
+    """Vertices by their edges, facets by their vertices; integers."""
+    for i in prange(cell_case.shape[0]):
+        node.write_facets(i, blocks, crossings, cell_case, edge_first, facet_first, table, vertex_edge, facets)
+
+
+@cpu_kernel
+def edge_points(blocks, node_value, contour, vertex_edge, vertex_position):
+    """Linear crossing of every cut edge."""
+    for v in prange(vertex_position.shape[0]):
+        x, y, z = node.edge_point(v, blocks, node_value, contour, vertex_edge)
+        vertex_position[v, 0] = x
+        vertex_position[v, 1] = y
+        vertex_position[v, 2] = z

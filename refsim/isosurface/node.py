@@ -1,0 +1,63 @@
+"""What one node, one cell and one vertex do in the extraction of an isosurface; both kernels share it."""
+
+from refsim.compile import formula
+from refsim.isosurface.formulas import bits_below, crossing_share, state_at
+from refsim.sparse_grid.formulas import block_bits, node_coordinates, step_node
+
+
+@formula
+def classify(i, blocks, node_state):
+    """(bit a set where the edge from node i along axis a is cut, state of the corners of cell i).
+
+    A cell of which a corner is unknown counts as outside.
+    """
+    space = block_bits(blocks) == 2
+    corners = 8 if space else 4
+    own = int(node_state[i])
+    crossings = 0
+    case = own & 1
+    complete = own < 2
+    for c in range(1, corners):
+        other = state_at(blocks, node_state, i, c & 1, (c >> 1) & 1, c >> 2)
+        if other > 1:
+            complete = False
+        else:
+            if (c == 1 or c == 2 or c == 4) and own + other == 1:
+                crossings |= c
+            case |= other << c
+    if not complete:
+        case = 0
+    return crossings, case
+
+
+@formula
+def write_facets(i, blocks, crossings, cell_case, edge_first, facet_first, table, vertex_edge, facets):
+    """Names of the vertices on the edges of node i, and the corners of the facets of cell i."""
+    bits = int(crossings[i])
+    at = edge_first[i]
+    for axis in range(3):
+        if (bits >> axis) & 1:
+            vertex_edge[at] = 3 * i + axis
+            at += 1
+    case = int(cell_case[i])
+    sides = facets.shape[1]
+    for f in range(int(table.count[case])):
+        for s in range(sides):
+            e = int(table.edge[case, sides * f + s])
+            axis = int(table.corner[e, 3])
+            lower = step_node(blocks, i, int(table.corner[e, 0]), int(table.corner[e, 1]), int(table.corner[e, 2]))
+            facets[facet_first[i] + f, s] = edge_first[lower] + bits_below(int(crossings[lower]), axis)
+
+
+@formula
+def edge_point(v, blocks, node_value, contour, vertex_edge):
+    """Position [m] of vertex v, where the value is linear along its edge."""
+    h = contour.cell_size
+    real = type(h)
+    node = vertex_edge[v] // 3
+    axis = vertex_edge[v] - 3 * node
+    dx, dy, dz = int(axis == 0), int(axis == 1), int(axis == 2)
+    jx, jy, jz = node_coordinates(blocks, node)
+    there = step_node(blocks, node, dx, dy, dz)
+    share = crossing_share(node_value[node], node_value[there], contour.level)
+    return h * (real(jx) + real(dx) * share), h * (real(jy) + real(dy) * share), h * (real(jz) + real(dz) * share)

@@ -1,0 +1,569 @@
+"""Material point method for a weakly compressible liquid: transfers between particles and a sparse background grid.
+
+Contents: MpmLiquid, MpmWalls, and in `refsim.mpm.surface` SurfaceEnergy; operations mpm.weights, mpm.cells, mpm.embed,
+mpm.particle_to_grid, mpm.carriers_to_grid, mpm.contact, mpm.grid_update, mpm.grid_to_carriers, mpm.grid_to_particle.
+Numbers in brackets are the thesis's, M marks its errata (docs/mpm.md).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple
+
+import numpy as np
+
+from refsim.effect import Discretisation, Effect, Pass, StepLimit, literal_errata, require
+from refsim.errors import InputError
+from refsim.mpm.grid import FARTHEST, Background, MpmGrid
+from refsim.operation import Operation, register
+from refsim.particles import Field
+
+if TYPE_CHECKING:
+    from refsim.scene import InitialState
+
+AFFINE = Field("affine", "1/s", "affine velocity matrix A, row by row: A_ab is dv_a/dx_b", 9, state=True)
+VOLUME_RATIO = Field("volume_ratio", "-", "present over initial volume J", state=True)
+DEFORMATION = Field("deformation", "-", "deformation gradient F, row by row", 9, state=True)
+CELL = Field("cell", "-", "number of the background grid's node at the base of the particle's stencil", dtype="int32")
+CLUSTER_SHARE = Field("cluster_share", "-", "weight w = 1/(2 C + 1) of each point of the particle's cluster")
+INVERSE_SPREAD = Field("inverse_spread", "-", "(h^2/4) D^-1 of the cluster: xx, xy, xz, yy, yz, zz", 6)
+STEP_EXTREMES = Field(
+    "step_extremes", "-, -, 1/s, m^2", "least and largest J, largest |tr A|, largest squared way of a step", rows=4,
+    state=True,
+)  # fmt: skip
+BASE_NODE = Field("base_node", "-", "integer coordinates of the base node", 3, dtype="int32")
+SPLINE_WEIGHT = Field("spline_weight", "-", "quadratic B-spline at three nodes of each axis", 9)
+SPLINE_SLOPE = Field("spline_slope", "-", "its slope times h at three nodes of each axis", 9)
+
+READINGS = ("none", "cluster", "thesis", "gradient_corrected")
+RULES = {"none": 0, "sticky": 1, "slip": 2, "separating": 3}
+OPEN = 1 << 30
+# Share of a particle's mass up to which a node stands still. Towards the edge of a spline mass falls with the square of
+# the distance and the surface's force with the distance itself, so that 1e-12 drops an impulse of 1e-10 of m v now and
+# then; in float32, whose products underflow, that is far below a rounding.
+NEXT_TO_NOTHING = {"float32": 1e-12, "float64": 1e-24}
+LEAST_VOLUME, LARGEST_VOLUME = 0.2, 3.0
+FARTHEST_WAY = 0.5  # cells that a particle may move in a step
+LARGEST_DILATION = 0.5  # |dt tr A| of a step
+
+
+class Liquid(NamedTuple):
+    """Stress and volume update as the kernels take them; flags stand for printed readings."""
+
+    rest_density: Any  # rho0 [kg/m^dim]
+    stress: Any  # share of the stress that acts, times lambda [Pa]: 2 with M27, 0 with M7
+    linear_stress: Any  # M4: without the factor J
+    unit_volume: Any  # M3: V0 = 1
+    timeless: Any  # M5: dt = 1 s in the update of J or F
+    forgets_shear: Any  # F becomes J^(1/d) I after each step
+
+
+class Embedding(NamedTuple):
+    """How embedded points are read: index in READINGS."""
+
+    reading: Any
+
+
+class KernelGradient(NamedTuple):
+    """M6: the liquid's force acts through grad B, not through the affine field."""
+
+    on: Any
+
+
+class WallNodes(NamedTuple):
+    """Nodes in walls: coordinates j <= lower and j >= upper along each axis; rules of -x, +x, -y, +y, -z, +z."""
+
+    lower: Any  # (3,) int32
+    upper: Any  # (3,) int32
+    rules: Any  # (6,) int32: see RULES
+
+
+class MpmLiquid(Effect, frozen=True, kw_only=True):
+    """Weakly compressible liquid moved by the material point method (APIC, quadratic B-splines).
+
+    rest_density     rho0 [kg/m^3; kg/m^2 in 2D]
+    bulk_modulus     lambda [Pa]; the sound speed is its root over rho0
+    cell_size        h of the background grid [m]; 0 takes two spacings, 2^dim particles to a cell
+    initial_ratio    J of every particle at the start; below one for a drop that its surface presses together
+    volume           "ratio" follows J alone (default); "gradient" follows F and forgets its shear after each step,
+                     "full_gradient" keeps it, as printed
+    acoustic_number  share a of h/(c + |v|) that the step may have; at most 0.5
+    literal          printed readings to use: "M3" (force without the volume), "M4" (without the factor J), "M5" (F and
+                     J move without dt), "M6" (force through grad B), "M7" (particles take the old nodal velocity),
+                     "M13" (A starts as the unit matrix), "M27" (twice the stress); or "all"
+    """
+
+    name: ClassVar[str] = "mpm_liquid"
+    host_in_step: ClassVar[bool] = True
+    watched: ClassVar[tuple[str, ...]] = ("step_extremes",)
+
+    rest_density: float = 1000.0
+    bulk_modulus: float
+    cell_size: float = 0.0
+    initial_ratio: float = 1.0
+    volume: Literal["ratio", "gradient", "full_gradient"] = "ratio"
+    acoustic_number: float = 0.3
+    literal: tuple[str, ...] = ()
+
+    def check(self, grid: Discretisation, others: Mapping[str, Effect]) -> None:
+        require(
+            self.name,
+            rest_density=(self.rest_density, "positive"),
+            bulk_modulus=(self.bulk_modulus, "positive"),
+            cell_size=(self.cell_size, "not negative"),
+            initial_ratio=(self.initial_ratio, "positive"),
+            acoustic_number=(self.acoustic_number, "positive"),
+        )
+        if self.acoustic_number > 0.5:
+            raise InputError(
+                f"{self.name}: acoustic_number = {self.acoustic_number} is near the limit of stability; give at most"
+                " 0.5."
+            )
+        if not LEAST_VOLUME < self.initial_ratio < LARGEST_VOLUME:
+            raise InputError(
+                f"{self.name}: initial_ratio = {self.initial_ratio} is not possible; give a number between"
+                f" {LEAST_VOLUME} and {LARGEST_VOLUME}."
+            )
+        if self.volume not in ("ratio", "gradient", "full_gradient"):
+            raise InputError(
+                f"{self.name}: volume = {self.volume!r} is not possible; give 'ratio', 'gradient' or 'full_gradient'."
+            )
+        if grid.spacing > self.cell(grid):
+            raise InputError(
+                f"{self.name}: cell_size = {self.cell_size} m is below one particle spacing ({grid.spacing} m), so that"
+                " cells would be empty inside the liquid; give two spacings."
+            )
+        for other in ("weakly_compressible", "box_walls"):
+            if other in others:
+                raise InputError(f"Effects {self.name!r} and {other!r} do not go together; keep one of them.")
+        self._printed()
+
+    def _printed(self) -> frozenset[str]:
+        return literal_errata(self.name, self.literal, ("M3", "M4", "M5", "M6", "M7", "M13", "M27"))
+
+    def cell(self, grid: Discretisation) -> float:
+        """h [m]."""
+        return self.cell_size or 2 * grid.spacing
+
+    def particle_mass(self, grid: Discretisation) -> float:
+        """m = rho0 d^dim [kg; kg/m in 2D]: the lattice fills space."""
+        return self.rest_density * grid.spacing**grid.dim
+
+    def sound_speed(self) -> float:
+        """c = sqrt(lambda/rho0) [m/s]."""
+        return math.sqrt(self.bulk_modulus / self.rest_density)
+
+    def fields(self, others: Mapping[str, Effect]) -> tuple[Field, ...]:
+        own = (AFFINE, VOLUME_RATIO, CELL, STEP_EXTREMES)
+        own += (DEFORMATION,) if self.volume != "ratio" else ()
+        embedded = _reading(others) not in (None, "none")
+        return own + ((CLUSTER_SHARE, INVERSE_SPREAD) if embedded else ())
+
+    def initial(
+        self, grid: Discretisation, state: InitialState, others: Mapping[str, Effect]
+    ) -> Mapping[str, np.ndarray]:
+        n, h = grid.count, self.cell(grid)
+        far = np.flatnonzero(np.abs(state.position).max(1) > (FARTHEST - 2) * h)
+        if len(far):
+            raise InputError(
+                f"{self.name}: particle {far[0]} is outside the background grid, which ends {FARTHEST} cells of {h:g} m"
+                f" from the origin ({len(far)} such particles); move the liquid or take larger cells."
+            )
+        unit = np.tile(np.eye(3).ravel(), (n, 1))
+        start = {
+            "volume_ratio": np.full(n, self.initial_ratio),
+            "step_extremes": np.array([self.initial_ratio, self.initial_ratio, 0.0, 0.0]),
+        }
+        if "M13" in self._printed():
+            flat = unit.copy()
+            flat[:, grid.dim * 4 :] = 0
+            start["affine"] = flat
+        if self.volume != "ratio":
+            start["deformation"] = unit * self.initial_ratio ** (1 / grid.dim)
+            if grid.dim == 2:
+                start["deformation"][:, 8] = 1
+        return start
+
+    def replaces(self) -> tuple[str, ...]:
+        return ("sph.gravity",)
+
+    def sorting_cell(self, grid: Discretisation) -> float:
+        return self.cell(grid)
+
+    def passes(self, others: Mapping[str, Effect]) -> tuple[Pass, ...]:
+        reading = _reading(others)
+        embedded = reading not in (None, "none")
+        pushed, full = _others_push(self, others), self.volume != "ratio"
+        listed = any(e.list_radius(_ANY) > 0 for e in others.values())
+        names: dict[str, str | None] = {n: f"grid.{n}" for n in ("node_mass", "node_momentum", "node_velocity")}
+        names |= {"surface_sample": "surface.sample_position" if reading else None}
+        names |= {"sample_owner": "surface.sample_nearest" if reading else None}
+        names |= {n: f"surface.{n}" if embedded else None for n in _CARRIED}
+        names |= {} if embedded else dict.fromkeys(("cluster_share", "inverse_spread", "embedding"))
+        names |= {"node_pull": "grid.node_pull" if reading else None}
+        names |= {} if pushed else {"acceleration": None}
+        names |= {} if listed else {"build_position": None}
+        names |= {} if full else {"deformation": None}
+
+        def step(operation: str, reads: tuple[str, ...], writes: tuple[str, ...], *updates: str) -> Pass:
+            return Pass(operation, reads, writes, updates, names=names, stage="motion")
+
+        cluster = ("cluster_share", "inverse_spread") if embedded else ()
+        state = ("position", "velocity", "mass", "affine", "volume_ratio", *cluster)
+        state += ("acceleration",) if pushed else ()
+        samples = ("samples",) if reading else ()
+        moved = ("velocity", "affine", "volume_ratio", "step_extremes", "position", *(("deformation",) if full else ()))
+        chain = [step("mpm.embed", ("position", *samples), ("carriers", *cluster))] if embedded else []
+        chain.append(step("mpm.cells", ("position", *samples, *cluster), ("cell",)))
+        chain.append(step("mpm.particle_to_grid", ("cell", *state), ("node_momentum",)))
+        if embedded:
+            chain.append(step("mpm.carriers_to_grid", ("cell", *state), (), "node_momentum"))
+        if reading:
+            forced = {n: f"surface.sample_{n}" for n in ("position", "area", "normal")}
+            forced = {f"sample_{n}": place for n, place in forced.items()} | {"surface_term": "surface.term"}
+            forced |= {"spline_cells": "grid.sample_cells", "blocks": "grid.blocks", "node_force": "grid.node_pull"}
+            force = "surface_energy.surface_force"
+            chain.append(Pass(force, ("cell", *samples), ("node_pull",), names=forced, stage="motion"))
+        pulled = ("node_pull",) if reading else ()
+        chain.append(step("mpm.grid_update", ("node_momentum", *pulled), ("node_velocity",)))
+        if embedded:
+            chain.append(step("mpm.grid_to_carriers", ("cell", "node_velocity"), ("carrier_moment",)))
+        gathered = ("cell", "node_velocity", *cluster, *(("carrier_moment",) if embedded else ()))
+        chain.append(step("mpm.grid_to_particle", gathered, (), *moved))
+        return tuple(chain)
+
+    def background(self, grid: Discretisation) -> Background:
+        """The background grid as kernels take it."""
+        real = np.dtype(grid.dtype).type
+        h = real(self.cell(grid))
+        deep = grid.dim == 3
+        return Background(
+            h,
+            np.float64(1.0 / float(h)),
+            real(4.0 / float(h) ** 2),
+            np.int32(3 if deep else 1),
+            np.int32(6 if deep else 10),
+            real(NEXT_TO_NOTHING[grid.dtype] * self.particle_mass(grid)),
+        )
+
+    def prepare(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, Any]:
+        printed = self._printed()
+        gravity, walls = others.get("gravity"), others.get("mpm_walls")
+        share = 0.0 if "M7" in printed else 1.0
+        pull = gravity is not None and "M7" not in printed
+        return {
+            "grid": MpmGrid(grid.dim, grid.dtype, self.cell(grid)),
+            "background": self.background(grid),
+            "liquid": Liquid(
+                grid.real(self.rest_density),
+                grid.real(share * self.bulk_modulus * (2 if "M27" in printed else 1)),
+                np.int32("M4" in printed),
+                np.int32("M3" in printed),
+                np.int32("M5" in printed),
+                np.int32(self.volume == "gradient"),
+            ),
+            "field": np.array(gravity.acceleration, dtype=grid.dtype) if pull else None,
+            "planes": walls.nodes(grid, self.cell(grid)) if walls is not None else None,
+            "embedding": Embedding(np.int32(READINGS.index(_reading(others) or "none"))),
+            "kernel_gradient": KernelGradient(np.int32(1)) if "M6" in printed else None,
+        }
+
+    def step_limits(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, StepLimit]:
+        h = self.cell(grid)
+        limits = {
+            "acoustic": StepLimit.crossing(self.acoustic_number * h, self.sound_speed()),
+            "advection": StepLimit.crossing(0.3 * h),
+        }
+        gravity = others.get("gravity")
+        if gravity is not None:
+            pull = math.hypot(*gravity.acceleration)
+            if pull > 0:
+                limits["gravity"] = StepLimit.constant(math.sqrt(0.3 * h / pull))
+        return limits
+
+    def verdict(self, grid: Discretisation, seen: Mapping[str, np.ndarray], length: float) -> tuple[str, str] | None:
+        least, most, rate, squared = (float(v) for v in seen["step_extremes"])
+        h = self.cell(grid)
+        if least < LEAST_VOLUME:
+            return (
+                "compressed",
+                f"a particle is compressed to {least:.3g} of its volume, below {LEAST_VOLUME}: take a larger"
+                " bulk_modulus or a smaller step, or no surface tension on parts so small.",
+            )
+        if most > LARGEST_VOLUME:
+            return (
+                "expanded",
+                f"a particle is expanded to {most:.3g} times its volume, above {LARGEST_VOLUME}: particles have been"
+                " torn apart or have lost their neighbours; take more of them or a smaller step.",
+            )
+        if length * rate > LARGEST_DILATION:
+            return (
+                "volume_jump",
+                f"a particle's volume changed by {length * rate:.3g} of itself at once, more than {LARGEST_DILATION}:"
+                " take a smaller step.",
+            )
+        if squared > (FARTHEST_WAY * h) ** 2:
+            return (
+                "outrun",
+                f"a particle moved by {math.sqrt(squared) / h:.3g} cells at once, more than {FARTHEST_WAY}: take a"
+                " smaller step.",
+            )
+        return None
+
+
+Face = Literal["-x", "+x", "-y", "+y", "-z", "+z"]
+FACES = ("-x", "+x", "-y", "+y", "-z", "+z")
+
+
+class MpmWalls(Effect, frozen=True, kw_only=True):
+    """Walls of a box, as conditions on the nodes of the background grid on and beyond its faces.
+
+    lower, upper      corners of the liquid's room [m]; in 2D the z parts are ignored
+    rule              on every face: "sticky" (v = 0), "slip" (n.v = 0), "separating" (no part into the wall)
+    sticky_faces      faces that are sticky, whatever the rule, of "-x", "+x", "-y", "+y", "-z", "+z"
+    slip_faces        faces that are slip
+    separating_faces  faces that are separating
+    open_faces        faces without wall
+    """
+
+    name: ClassVar[str] = "mpm_walls"
+
+    lower: tuple[float, float, float]
+    upper: tuple[float, float, float]
+    rule: Literal["sticky", "slip", "separating"] = "separating"
+    sticky_faces: tuple[Face, ...] = ()
+    slip_faces: tuple[Face, ...] = ()
+    separating_faces: tuple[Face, ...] = ()
+    open_faces: tuple[Face, ...] = ()
+
+    def needs(self) -> tuple[str, ...]:
+        return ("mpm_liquid",)
+
+    def check(self, grid: Discretisation, others: Mapping[str, Effect]) -> None:
+        if self.rule not in RULES or self.rule == "none":
+            raise InputError(f"{self.name}: rule = {self.rule!r} is not possible; give sticky, slip or separating.")
+        chosen = (*self.sticky_faces, *self.slip_faces, *self.separating_faces, *self.open_faces)
+        for face in chosen:
+            if face not in FACES or chosen.count(face) > 1:
+                raise InputError(
+                    f"{self.name}: face {face!r} cannot be given a rule like that; name each of {', '.join(FACES)} at"
+                    " most once."
+                )
+        h = others["mpm_liquid"].cell(grid) if "mpm_liquid" in others else grid.spacing
+        for axis in range(grid.dim):
+            low, high = self.lower[axis], self.upper[axis]
+            require(self.name, lower=(low, "finite"), upper=(high, "finite"))
+            if high - low < 3 * h:
+                raise InputError(
+                    f"{self.name}: along {'xyz'[axis]} the room from {low} to {high} m is narrower than three cells"
+                    f" ({3 * h:g} m); make it wider or the cells smaller."
+                )
+
+    def room(self, grid: Discretisation) -> tuple[np.ndarray, np.ndarray]:
+        """Corners (3,), (3,) of the liquid's room [m]; infinite where there is no wall."""
+        lower, upper = np.full(3, -np.inf), np.full(3, np.inf)
+        for axis in range(grid.dim):
+            if FACES[2 * axis] not in self.open_faces:
+                lower[axis] = self.lower[axis]
+            if FACES[2 * axis + 1] not in self.open_faces:
+                upper[axis] = self.upper[axis]
+        return lower, upper
+
+    def nodes(self, grid: Discretisation, cell_size: float) -> WallNodes:
+        """The nodes on and beyond each face, and its rule."""
+        lower, upper, rules = np.full(3, -OPEN), np.full(3, OPEN), np.zeros(6)
+        own = {"sticky": self.sticky_faces, "slip": self.slip_faces, "separating": self.separating_faces}
+        own["none"] = self.open_faces
+        for axis in range(grid.dim):
+            lower[axis] = math.floor(self.lower[axis] / cell_size + 1e-6)
+            upper[axis] = math.ceil(self.upper[axis] / cell_size - 1e-6)
+            for side in (2 * axis, 2 * axis + 1):
+                rule = next((name for name, faces in own.items() if FACES[side] in faces), self.rule)
+                rules[side] = RULES[rule]
+        return WallNodes(lower.astype(np.int32), upper.astype(np.int32), rules.astype(np.int32))
+
+
+class _Anything(NamedTuple):
+    """A discretisation for questions whose answer does not depend on it."""
+
+    dim: int = 3
+    dtype: str = "float64"
+    spacing: float = 1.0
+    support_radius: float = 2.0
+    count: int = 0
+
+
+_ANY: Any = _Anything()
+
+
+def surface_of(others: Mapping[str, Effect]) -> Any:
+    """The effect that brings surface samples, or None."""
+    return next((e for e in others.values() if getattr(e, "embedding", None) is not None), None)
+
+
+def _reading(others: Mapping[str, Effect]) -> str | None:
+    """Reading of the embedding; None where there is no surface at all."""
+    surface = surface_of(others)
+    return None if surface is None else surface.embedding
+
+
+def _others_push(own: Effect, others: Mapping[str, Effect]) -> bool:
+    """Whether another effect adds to the particles' acceleration."""
+    return any("acceleration" in p.updates for e in others.values() if e is not own for p in e.passes(others))
+
+
+_CARRIED = tuple(f"carrier_{part}" for part in ("first", "position", "owner", "moment"))
+_HERE = "refsim.mpm"
+_THESIS = "thesis on reconstructed-surface tension in MPM"
+_HARD = ("on_nodes", "on_nodes_2d", "many_in_a_cell", "one_in_each_block", "near_the_last_cell")
+_SUMS = "a few roundings for each of place, weights and field, and a sum over the 27 nodes or some ten points"
+_ABSENT = dict.fromkeys(("cluster_share", "inverse_spread", "embedding"))
+_PLAIN = {**_ABSENT, "acceleration": None, "kernel_gradient": None}
+_LONE = {
+    **_ABSENT,
+    **dict.fromkeys(("carrier_first", "carrier_position", "carrier_moment", "build_position", "deformation")),
+}
+
+
+def _read_as(reading: int) -> Any:
+    return lambda case, grid: Embedding(np.int32(reading))
+
+
+register(
+    Operation(
+        name="mpm.weights",
+        folder=_HERE,
+        cases=_HARD,
+        paper=_THESIS,
+        equation="section 3, (3.16) with M19",
+        function="weights",
+        outputs=("base_node", "spline_weight", "spline_slope"),
+        exact=("base_node",),
+        tolerance=8.0,
+        tolerance_reason="the place in the cell is rounded once, and the polynomial a few times",
+        invariants=("reordering",),
+    )
+)
+register(
+    Operation(
+        name="mpm.cells",
+        folder=_HERE,
+        cases=_HARD,
+        paper=_THESIS,
+        equation="section 3, base = floor(x/h - 1/2)",
+        function="cells",
+        outputs=("cell",),
+        exact=("cell",),
+        optional=("carrier_position", "surface_sample"),
+        variants=({"carrier_position": None, "surface_sample": None}, {}),
+        tolerance_reason="the place on the grid is found in float64 with two roundings",
+    )
+)
+register(
+    Operation(
+        name="mpm.embed",
+        folder=_HERE,
+        cases=_HARD,
+        paper=_THESIS,
+        equation="section 5 with M11, M12; D_p of 5.2",
+        function="embed",
+        outputs=("carrier_first", "carrier_position", "carrier_owner", "cluster_share", "inverse_spread"),
+        exact=("carrier_first", "carrier_owner"),
+        entrywise=("carrier_position",),
+        tolerance=16.0,
+        tolerance_reason="a few roundings for each product, and twenty in the inverse of a matrix whose entries are at"
+        " most one",
+    )
+)
+register(
+    Operation(
+        name="mpm.particle_to_grid",
+        folder=_HERE,
+        cases=_HARD,
+        paper=_THESIS,
+        equation="(4.10), (4.15), (4.17) with M3, M4, M6",
+        function="particle_to_grid",
+        outputs=("node_mass", "node_momentum"),
+        entrywise=("node_mass", "node_momentum"),
+        optional=("acceleration", "cluster_share", "inverse_spread", "embedding", "kernel_gradient"),
+        variants=(
+            _PLAIN,
+            {"kernel_gradient": None},
+            {"embedding": _read_as(2), "acceleration": None},
+            {**_ABSENT, "acceleration": None},
+        ),
+        tolerance=32.0,
+        tolerance_reason=_SUMS,
+        invariants=("reordering",),
+    )
+)
+register(
+    Operation(
+        name="mpm.carriers_to_grid",
+        folder=_HERE,
+        cases=_HARD,
+        paper=_THESIS,
+        equation="(4.15), section 5.2",
+        function="carriers_to_grid",
+        outputs=("node_mass", "node_momentum"),
+        entrywise=("node_mass", "node_momentum"),
+        adds=("node_mass", "node_momentum"),
+        optional=("acceleration",),
+        variants=({}, {"acceleration": None, "embedding": _read_as(2)}),
+        tolerance=32.0,
+        tolerance_reason=_SUMS,
+    )
+)
+register(
+    Operation(
+        name="mpm.grid_update",
+        folder=_HERE,
+        cases=_HARD,
+        paper=_THESIS,
+        equation="(4.11), (4.19); walls of section 9",
+        function="grid_update",
+        outputs=("node_velocity",),
+        optional=("node_pull", "field", "planes"),
+        variants=({"node_pull": None, "field": None, "planes": None}, {}),
+        tolerance_reason="one rounding in each of quotient, product and sum",
+    )
+)
+register(
+    Operation(
+        name="mpm.grid_to_carriers",
+        folder=_HERE,
+        cases=_HARD,
+        paper=_THESIS,
+        equation="(4.14), section 5.2: moments of the embedded points",
+        function="grid_to_carriers",
+        outputs=("carrier_moment",),
+        entrywise=("carrier_moment",),
+        tolerance=32.0,
+        tolerance_reason=_SUMS,
+    )
+)
+register(
+    Operation(
+        name="mpm.grid_to_particle",
+        folder=_HERE,
+        cases=_HARD,
+        paper=_THESIS,
+        equation="(4.8), (4.12), (4.13), (4.16) with M5, M9, M10",
+        function="grid_to_particle",
+        outputs=("displacement", "step_extremes", "velocity", "affine", "volume_ratio", "deformation", "position"),
+        optional=(
+            "cluster_share", "inverse_spread", "embedding", "carrier_first", "carrier_position", "carrier_moment",
+            "build_position", "deformation",
+        ),
+        variants=(
+            _LONE,
+            {"deformation": None},
+            {"embedding": _read_as(2), "build_position": None},
+            {"embedding": _read_as(3), "deformation": None, "build_position": None},
+            {name: value for name, value in _LONE.items() if name != "deformation"},
+        ),
+        tolerance=48.0,
+        tolerance_reason=_SUMS,
+    )
+)  # fmt: skip

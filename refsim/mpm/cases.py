@@ -1,0 +1,429 @@
+"""Inputs, hard cases and closed forms of the transfers.
+
+The background grid of a case has cells of two spacings; samples stand around its particles at 1.3 cells.
+"""
+
+import numpy as np
+
+from refsim.cases import REST_DENSITY, Case, Exact, case, closed_form, cloud, derived, groups, lattice, particles
+from refsim.mpm import Embedding, KernelGradient, Liquid, MpmLiquid, WallNodes, reference
+from refsim.mpm.grid import MpmGrid
+from refsim.mpm.surface import Contact
+from refsim.sparse_grid.reference import node_table
+
+EMBEDDED = ("carrier_first", "carrier_position", "carrier_owner", "cluster_share", "inverse_spread")
+
+
+def liquid_of(case: Case) -> MpmLiquid:
+    """The liquid of a case: c = 20 m/s, printed readings where the case is printed."""
+    literal = ("M3", "M4", "M5", "M27") if case.literal else ()
+    return MpmLiquid(rest_density=REST_DENSITY, bulk_modulus=400 * REST_DENSITY, literal=literal)
+
+
+@particles("affine")
+def _affine(case, random):
+    """Velocity gradients of about a third of a velocity in a spacing."""
+    values = random.normal(size=(case.count, 3, 3)) * 0.3 / case.spacing
+    values[:, case.dim :, :] = 0
+    values[:, :, case.dim :] = 0
+    return values.reshape(-1, 9)
+
+
+@particles("volume_ratio")
+def _volume_ratio(case, random):
+    """Up to a tenth off."""
+    return random.uniform(0.9, 1.1, case.count)
+
+
+@particles("deformation")
+def _deformation(case, random):
+    """Near the unit matrix."""
+    values = 0.1 * random.normal(size=(case.count, 3, 3))
+    values[:, case.dim :, :] = 0
+    values[:, :, case.dim :] = 0
+    return (values + np.eye(3)).reshape(-1, 9)
+
+
+@groups("background", "liquid", "kernel_gradient")
+def _groups(case, grid):
+    return liquid_of(case).prepare(grid, {}) | {"kernel_gradient": KernelGradient(np.int32(1))}
+
+
+@groups("embedding")
+def _embedding(case, grid):
+    return {"embedding": Embedding(np.int32(1))}
+
+
+@groups("step_extremes")
+def _step_extremes(case, grid):
+    return {"step_extremes": np.zeros(4, grid.dtype)}
+
+
+@groups("contact")
+def _contact(case, grid):
+    """A dry box round the inner half of the particles; contact angle 60 degrees."""
+    lower, upper = np.full(3, -np.inf), np.full(3, np.inf)
+    for axis in range(case.dim if case.count else 0):
+        lower[axis], upper[axis] = np.quantile(case.position[:, axis], (0.25, 0.75))
+    return {"contact": Contact(lower.astype(grid.dtype), upper.astype(grid.dtype), grid.real(-0.5))}
+
+
+@groups("planes")
+def _planes(case, grid):
+    """Walls of every kind, each a quarter of the way into the particles."""
+    h = float(liquid_of(case).cell(grid))
+    lower, upper = np.full(3, -(2**30)), np.full(3, 2**30)
+    for axis in range(case.dim if case.count else 0):
+        lower[axis], upper[axis] = np.quantile(case.position[:, axis] / h, (0.25, 0.8)).round()
+    rules = np.array([3, 1, 2, 3, 3, 2], np.int32)
+    return {"planes": WallNodes(lower.astype(np.int32), upper.astype(np.int32), rules)}
+
+
+def _shell(inputs):
+    """Places of the samples (s, 3) [m], whatever the particles' order."""
+    case, random = inputs.case, inputs.case.random("samples")
+    count = (case.count + 1) // 2
+    at = np.sort(random.choice(case.count, count, replace=False)) if count else np.zeros(0, int)
+    ways = random.normal(size=(count, 3))
+    ways[:, case.dim :] = 0
+    ways /= np.sqrt((ways**2).sum(1, keepdims=True))
+    return case.position[at] + 2.6 * case.spacing * ways
+
+
+@derived("surface_sample", "sample_owner")
+def _samples(inputs, name):
+    """Samples on spheres round half of the particles; the nearest of all particles is each one's owner."""
+    position = _shell(inputs).astype(inputs.dtype)
+    if name == "surface_sample":
+        return position
+    x = inputs["position"].astype(float)
+    return np.array([int(((x - s) ** 2).sum(1).argmin()) for s in position.astype(float)], np.int32)
+
+
+@derived(*EMBEDDED)
+def _embedded(inputs, name):
+    """What the oracle embeds."""
+    given = [inputs[n] for n in ("position", "surface_sample", "sample_owner", "background")]
+    value = reference.embed(*given)[name][0]
+    return value.astype(np.int32 if name in ("carrier_first", "carrier_owner") else inputs.dtype)
+
+
+@derived("grid", "cell")
+def _grid(inputs, name):
+    """Blocks for the particles, their samples and embedded points."""
+    grid = MpmGrid(inputs.case.dim, inputs.dtype, 2 * inputs.case.spacing)
+    sets = [inputs[n] for n in ("position", "carrier_position", "surface_sample")]
+    cell = reference.cells(*sets, grid)["cell"][0].astype(np.int32)
+    return grid if name == "grid" else cell
+
+
+@derived("node_mass", "node_momentum", "node_pull", "node_velocity", "carrier_moment")
+def _node_values(inputs, name):
+    """Masses of particles on four nodes of five, and nothing on the others; velocities of about one."""
+    case, random = inputs.case, inputs.case.random(name)
+    if name == "carrier_moment":
+        values = random.normal(size=(len(inputs["carrier_position"]), 12)) * np.repeat([1.0, case.spacing], [3, 9])
+        if case.dim == 2:
+            values[:, [2, 5, 8, 9, 10, 11]] = 0
+        return values.astype(inputs.dtype)
+    nodes = inputs["grid"].nodes
+    mass = REST_DENSITY * case.spacing**case.dim
+    if name == "node_mass":
+        return (mass * random.uniform(0.1, 1.0, nodes) * (random.uniform(size=nodes) < 0.8)).astype(inputs.dtype)
+    size = {"node_momentum": mass, "node_pull": 100 * mass / case.spacing, "node_velocity": 1.0}[name]
+    values = random.normal(size=(nodes, 3)) * size
+    values[:, case.dim :] = 0
+    return values.astype(inputs.dtype)
+
+
+# Hard cases: what a grid could stumble over.
+
+
+@case
+def on_nodes() -> Case:
+    """Particles exactly on nodes, on cell borders and on the borders of blocks, on both sides of the origin."""
+    return Case("on_nodes", 3, lattice((7, 6, 5), 0.125) - 0.5, spacing=0.125, masses=(1, 1), ties=True)
+
+
+@case
+def on_nodes_2d() -> Case:
+    """The same in the plane."""
+    return Case(
+        "on_nodes_2d", 2, lattice((12, 11, 1), 0.125, 2) - [0.75, 0.75, 0], spacing=0.125, masses=(1, 1), ties=True
+    )
+
+
+@case
+def many_in_a_cell() -> Case:
+    """Three hundred particles in one cell."""
+    return Case("many_in_a_cell", 3, 0.1 + 0.08 * np.random.default_rng(5).uniform(size=(300, 3)))
+
+
+@case
+def one_in_each_block() -> Case:
+    """Particles so far apart that no two share a block."""
+    return Case("one_in_each_block", 3, lattice((3, 3, 3), 1.7) + 0.03)
+
+
+@case
+def near_the_last_cell() -> Case:
+    """A cloud twenty cells before the grid's end, where a block has neighbours on one side only."""
+    return Case(
+        "near_the_last_cell", 2, cloud("near_the_last_cell", 40, 2) + [-0.2 * (2**20 - 60), 0.2 * (2**20 - 60), 0]
+    )
+
+
+# Closed forms: h = 2 m. A particle at (2, 2, 2) m is on a node, with weights 1/8, 3/4, 1/8 along each axis.
+
+LINE = np.array([0.125, 0.75, 0.125])
+
+
+def alone(dim: int, where: tuple = (2.0, 2.0, 2.0), samples: np.ndarray | None = None):
+    """(case, its grid, background) of one particle."""
+    position = np.array([where])
+    position[:, dim:] = 0
+    made = Case(f"alone_{dim}d", dim, position, spacing=1.0, support_radius=2.0)
+    grid = MpmGrid(dim, "float64", 2.0)
+    none = np.zeros((0, 3)) if samples is None else samples
+    reference.cells(position, none, none, grid)
+    background = MpmLiquid(bulk_modulus=1.0, cell_size=2.0).background(made.grid("float64"))
+    return made, grid, background
+
+
+def weight_of(grid) -> np.ndarray:
+    """Weight of the particle on a node, for every node: products of 1/8, 3/4, 1/8 on nodes 0 to 2 of each axis."""
+    weight = np.ones(grid.nodes)
+    for c in range(grid.dim):
+        j = node_table(grid.blocks)[:, c]
+        weight *= np.where((j >= 0) & (j <= 2), LINE[np.clip(j, 0, 2)], 0.0)
+    return weight
+
+
+WATER = Liquid(1.0, 3.0, np.int32(0), np.int32(0), np.int32(0), np.int32(0))
+STEPS = np.array([0.25, 0.25])
+TURN = np.array([[0.5, -1.0, 0.25], [1.0, 0.25, 0.0], [2.0, 0.0, -0.5]])
+
+
+def turn(dim: int) -> np.ndarray:
+    """A velocity gradient."""
+    return TURN * (np.arange(3) < dim)[:, None] * (np.arange(3) < dim)
+
+
+@closed_form("mpm.weights")
+def weights_by_hand():
+    """f = 1, 5/4 and 1/2 along the axes: (1/8, 3/4, 1/8), (1/32, 11/16, 9/32), (1/2, 1/2, 0)."""
+    made, _, background = alone(3, (2.0, 2.5, 1.0))
+    weight = [0.125, 0.75, 0.125, 0.03125, 0.6875, 0.28125, 0.5, 0.5, 0.0]
+    slope = [-0.5, 0.0, 0.5, -0.25, -0.5, 0.75, -1.0, 1.0, 0.0]
+    expected = {"base_node": np.zeros((1, 3)), "spline_weight": np.array([weight]), "spline_slope": np.array([slope])}
+    return Exact(made, {"background": background}, expected)
+
+
+@closed_form("mpm.cells")
+def first_cells():
+    """Base nodes (0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 3) of the first block have the numbers 0, 1, 4 and 48."""
+    position = np.array([[2.0, 2.0, 2.0], [4.0, 2.0, 2.0], [2.0, 4.5, 2.0], [2.5, 1.5, 8.9]])
+    made = Case("first_cells", 3, position, spacing=1.0, support_radius=2.0)
+    given = {"grid": MpmGrid(3, "float64", 2.0), "carrier_position": None, "surface_sample": None}
+    reference.cells(position, None, None, given["grid"])
+    return Exact(made, given, {"cell": np.array([0, 1, 4, 48])})
+
+
+def _stencil(dim):
+    """m B_j and m B_j (v + A (x_j - x)) - K B_j (x_j - x), K = dt lambda (J - 1) J m/rho0 = 1.125, 4/h^2 = 1."""
+    made, grid, background = alone(dim)
+    v = np.array([1.0, -2.0, 0.5]) * (np.arange(3) < dim)
+    arm = 2.0 * node_table(grid.blocks) - made.position[0]
+    weight = weight_of(grid)
+    given = {
+        "grid": grid, "background": background, "liquid": WATER, "timestep": STEPS,
+        "mass": np.array([2.0]), "velocity": v[None], "affine": turn(dim).reshape(1, 9),
+        "volume_ratio": np.array([1.5]), "node_mass": np.zeros(grid.nodes), "node_momentum": np.zeros((grid.nodes, 3)),
+        "acceleration": None, "cluster_share": None, "inverse_spread": None, "embedding": None,
+    }  # fmt: skip
+    return made, given, weight, v, arm
+
+
+@closed_form("mpm.particle_to_grid")
+def one_stencil_in_space():
+    """Mass 2 kg, J = 3/2, by the affine field."""
+    made, given, weight, v, arm = _stencil(3)
+    field = 2.0 * (v + arm @ turn(3).T) - 1.125 * arm
+    given["kernel_gradient"] = None
+    return Exact(made, given, {"node_mass": 2.0 * weight, "node_momentum": weight[:, None] * field})
+
+
+@closed_form("mpm.particle_to_grid")
+def one_stencil_in_the_plane():
+    """The same with nine nodes."""
+    made, given, weight, v, arm = _stencil(2)
+    field = 2.0 * (v + arm @ turn(2).T) - 1.125 * arm
+    given["kernel_gradient"] = None
+    return Exact(made, given, {"node_mass": 2.0 * weight, "node_momentum": weight[:, None] * field})
+
+
+@closed_form("mpm.particle_to_grid")
+def force_through_the_gradient():
+    """(4.17) as printed: -K grad B_j; along an axis h B' = -1/2, 0, 1/2, so that it is the weight times a slope."""
+    made, given, weight, v, arm = _stencil(3)
+    slope = np.where(arm == 0, 0.0, 0.25 * arm / LINE[0] * 0.5)  # B'/B on the outer nodes: -+ (1/2)/(1/8)/h
+    field = 2.0 * (v + arm @ turn(3).T)
+    push = -1.125 * weight[:, None] * slope
+    given["kernel_gradient"] = KernelGradient(np.int32(1))
+    return Exact(made, given, {"node_mass": 2.0 * weight, "node_momentum": weight[:, None] * field + push})
+
+
+def _pair():
+    """A particle on node (1, 1, 1) with one sample 2 m along x: share 1/3, E = diag(1 + 8/3, 1, 1)."""
+    sample = np.array([[4.0, 2.0, 2.0]])
+    points = np.array([[4.0, 2.0, 2.0], [0.0, 2.0, 2.0]])
+    made, grid, background = alone(3, samples=points)
+    given = {
+        "grid": grid, "background": background, "liquid": WATER, "timestep": STEPS, "surface_sample": sample,
+        "sample_owner": np.zeros(1, np.int32), "carrier_position": points, "carrier_owner": np.zeros(2, np.int32),
+        "carrier_first": np.array([0, 2], np.int32), "cluster_share": np.array([1 / 3]),
+        "inverse_spread": np.array([[3 / 11, 0, 0, 1, 0, 1]]), "embedding": Embedding(np.int32(1)),
+    }  # fmt: skip
+    return made, given
+
+
+@closed_form("mpm.embed")
+def one_sample():
+    """x_o = 2 x_p - x_s, w = 1/3, D = (h^2/4) 1 + 2 w d d^T."""
+    made, given = _pair()
+    names = ("carrier_first", "carrier_position", "carrier_owner", "cluster_share", "inverse_spread")
+    expected = {name: given.pop(name) for name in names}
+    return Exact(made, given | {name: 0 * np.asarray(expected[name]) for name in names}, expected)
+
+
+@closed_form("mpm.carriers_to_grid")
+def two_carriers():
+    """w m B_j(x_q) (v + A (x_j - x_p)) with B_j(x_q) the particle's weights, a node further and a node back."""
+    made, given = _pair()
+    v, grid = np.array([1.0, -2.0, 0.5]), given["grid"]
+    arm = 2.0 * node_table(grid.blocks) - made.position[0]
+    weight = np.zeros(grid.nodes)
+    for shift in (1, -1):
+        moved = node_table(grid.blocks) - [shift, 0, 0]
+        inside = ((moved >= 0) & (moved <= 2)).all(1)
+        weight += np.where(inside, LINE[np.clip(moved, 0, 2)].prod(1), 0.0)
+    pressed = 1.125 / 3 * arm * [3 / 11, 1, 1]
+    field = 2 / 3 * (v + arm @ TURN.T) - pressed
+    given |= {
+        "mass": np.array([2.0]), "velocity": v[None], "affine": TURN.reshape(1, 9), "acceleration": None,
+        "volume_ratio": np.array([1.5]), "node_mass": np.zeros(grid.nodes), "node_momentum": np.zeros((grid.nodes, 3)),
+    }  # fmt: skip
+    return Exact(made, given, {"node_mass": 2 / 3 * weight, "node_momentum": weight[:, None] * field})
+
+
+def _walls(field, planes):
+    made, grid, background = alone(3)
+    table = node_table(grid.blocks)
+    mass = np.where(table[:, 2] == 1, 2.0, 0.0)
+    momentum = np.broadcast_to([2.0, -4.0, 1.0], (grid.nodes, 3)).copy()
+    given = {"grid": grid, "background": background, "timestep": STEPS, "node_mass": mass, "node_momentum": momentum}
+    given |= {"node_pull": None, "field": field, "planes": planes, "node_velocity": np.zeros((grid.nodes, 3))}
+    return made, given, table, mass > 0
+
+
+@closed_form("mpm.grid_update")
+def falling_nodes():
+    """v = (1, -2, 1/2) + dt (0, -4, 8) on nodes with mass."""
+    made, given, _, heavy = _walls(np.array([0.0, -4.0, 8.0]), None)
+    return Exact(made, given, {"node_velocity": np.where(heavy[:, None], [1.0, -3.0, 2.5], 0.0)})
+
+
+@closed_form("mpm.grid_update")
+def pulled_nodes():
+    """v = (1, -2, 1/2) + dt (8, 0, -4)/2 + dt (0, -4, 8)."""
+    made, given, _, heavy = _walls(np.array([0.0, -4.0, 8.0]), None)
+    given["node_pull"] = np.broadcast_to([8.0, 0.0, -4.0], given["node_momentum"].shape).copy()
+    return Exact(made, given, {"node_velocity": np.where(heavy[:, None], [2.0, -3.0, 2.0], 0.0)})
+
+
+@closed_form("mpm.grid_update")
+def walls_on_nodes():
+    """Sticky at x <= 0, separating at y <= 1 and y >= 3, slip at z >= 1; the velocity is (1, -2, 1/2)."""
+    planes = WallNodes(
+        np.array([0, 1, -9], np.int32), np.array([9, 3, 1], np.int32), np.array([1, 0, 3, 3, 0, 2], np.int32)
+    )
+    made, given, table, heavy = _walls(None, planes)
+    v = np.where(heavy[:, None], [1.0, -2.0, 0.0], 0.0)
+    v[table[:, 1] <= 1, 1] = 0
+    v[table[:, 0] <= 0] = 0
+    return Exact(made, given, {"node_velocity": v})
+
+
+def _moving(dim):
+    """Nodes with the velocity c + G x, of which APIC takes c + G x_p and G."""
+    made, grid, background = alone(dim)
+    c = np.array([1.0, -2.0, 0.5]) * (np.arange(3) < dim)
+    v = c + 2.0 * node_table(grid.blocks) @ turn(dim).T
+    own = c + turn(dim) @ made.position[0]
+    given = {
+        "grid": grid, "background": background, "liquid": WATER, "timestep": STEPS, "node_velocity": v,
+         "volume_ratio": np.array([1.5]), "velocity": np.zeros((1, 3)),
+        "affine": np.zeros((1, 9)), "build_position": None, "cluster_share": None, "inverse_spread": None,
+        "embedding": None, "carrier_first": None, "carrier_position": None, "carrier_moment": None,
+        "displacement": np.zeros(2), "step_extremes": np.zeros(4),
+    }  # fmt: skip
+    return made, given, own
+
+
+def _taken(dim, deformation):
+    made, given, own = _moving(dim)
+    a, trace = turn(dim), np.trace(turn(dim))
+    ratio = 1.5 * (1 + 0.25 * trace)
+    given["deformation"] = deformation
+    expected = {
+        "velocity": own[None], "affine": a.reshape(1, 9), "position": made.position + 0.25 * own,
+        "displacement": np.array([(0.0625 * own**2).sum(), 0.0]),
+    }  # fmt: skip
+    if deformation is None:
+        expected |= {
+            "volume_ratio": np.array([ratio]),
+            "step_extremes": np.array([ratio, ratio, abs(trace), (0.0625 * own**2).sum()]),
+        }
+    else:
+        f = (np.eye(3) + 0.25 * a) @ deformation.reshape(3, 3)
+        expected |= {"deformation": f.reshape(1, 9), "volume_ratio": np.array([np.linalg.det(f)])}
+    return Exact(made, given, expected)
+
+
+@closed_form("mpm.grid_to_particle")
+def affine_field_in_space():
+    """A = G, v = c + G x, J = 3/2 (1 + dt tr G), x + dt v."""
+    return _taken(3, None)
+
+
+@closed_form("mpm.grid_to_particle")
+def affine_field_in_the_plane():
+    """The same with nine nodes."""
+    return _taken(2, None)
+
+
+@closed_form("mpm.grid_to_particle")
+def deformed():
+    """F = (1 + dt G) F."""
+    return _taken(3, np.array([[1.0, 0.25, 0.0, 0.0, 1.0, 0.0, 0.5, 0.0, 2.0]]))
+
+
+@closed_form("mpm.grid_to_carriers")
+def affine_field_about_a_carrier():
+    """sum B v = c + G x_q, sum B v (x_j - x_q)^T = (h^2/4) G = G, h = 2 m."""
+    made, given = _pair()
+    v = np.array([1.0, -2.0, 0.5]) + 2.0 * node_table(given["grid"].blocks) @ TURN.T
+    given |= {"node_velocity": v, "carrier_moment": np.zeros((2, 12))}
+    own = np.array([1.0, -2.0, 0.5]) + given["carrier_position"] @ TURN.T
+    return Exact(made, given, {"carrier_moment": np.hstack([own, np.tile(TURN.ravel(), (2, 1))])})
+
+
+@closed_form("mpm.contact")
+def wet_samples():
+    """-cos(60 degrees) = -1/2 of the area beyond the planes x = 1 and z = 2, all of it between."""
+    place = np.array([[0.5, 0.0, 0.0], [1.5, 0.0, 1.0], [1.5, 0.0, 2.5]])
+    made = Case("wet_samples", 3, np.zeros((1, 3)), spacing=1.0, support_radius=2.0)
+    far = np.inf
+    box = Contact(np.array([1.0, -far, -far]), np.array([far, far, 2.0]), -0.5)
+    given = {"sample_position": place, "sample_area": np.array([4.0, 4.0, 6.0]), "contact": box}
+    return Exact(made, given, {"sample_area": np.array([-2.0, 4.0, -3.0])})

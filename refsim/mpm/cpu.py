@@ -1,0 +1,550 @@
+"""CPU transfers of MPM: a block's points add to the nodes in their reach, each node then collects from the blocks.
+
+No two threads write the same place and every sum has its own order, so that a result does not depend on the number
+of threads.
+"""
+
+import math
+
+import numpy as np
+
+from refsim.compile import cpu_kernel, formula, prange
+from refsim.mpm import particle
+from refsim.mpm.formulas import spline_slopes, spline_weights
+from refsim.mpm.grid import FARTHEST
+from refsim.neighbours.formulas import BITS, OFFSET, lower_bound
+from refsim.sparse_grid.formulas import node_coordinates
+
+CHUNKS = 64
+FAR = 2.0 * FARTHEST
+
+# Cells, blocks and bins
+
+
+@formula
+def base_coordinate(x, inverse_cell):
+    """Base node j = floor(x/h - 1/2) of x [m], in float64; one beyond the last where x is too far or no number.
+
+    It is found from floor(2 x/h), which no compiler can round otherwise by fusing product and difference.
+    """
+    halves = float(x) * (inverse_cell + inverse_cell)
+    if halves > -FAR and halves < FAR:
+        return (int(math.floor(halves)) - 1) >> 1  # noqa: RUF046
+    return FARTHEST + 1
+
+
+@formula
+def key_of(jx, jy, jz, bits):
+    """Key of the block with node j; in the plane jz is 0 and not divided."""
+    bz = jz >> 2 if bits == 2 else jz
+    return ((bz + OFFSET) << (2 * BITS)) | (((jy >> bits) + OFFSET) << BITS) | ((jx >> bits) + OFFSET)
+
+
+@cpu_kernel
+def write_keys(position, inverse_cell, bits, keys):
+    """Key of each point's block, -1 for a point at no possible place."""
+    for i in prange(keys.shape[0]):
+        jx = base_coordinate(position[i, 0], inverse_cell)
+        jy = base_coordinate(position[i, 1], inverse_cell)
+        jz = base_coordinate(position[i, 2], inverse_cell) if bits == 2 else 0
+        lost = jx > FARTHEST or jy > FARTHEST or jz > FARTHEST
+        keys[i] = -1 if lost else key_of(jx, jy, jz, bits)
+
+
+@formula
+def find_chunk(begin, end, position, inverse_cell, keys, complete, bits, cell):
+    """`write_cells` for the points from `begin` to `end`; (missing, lost)."""
+    missing, lost = 0, 0
+    last, block = np.int64(-1), np.int64(0)
+    rest = (1 << bits) - 1
+    for i in range(begin, end):
+        jx = base_coordinate(position[i, 0], inverse_cell)
+        jy = base_coordinate(position[i, 1], inverse_cell)
+        jz = base_coordinate(position[i, 2], inverse_cell) if bits == 2 else 0
+        if jx > FARTHEST or jy > FARTHEST or jz > FARTHEST:
+            lost += 1
+            cell[i] = -1
+            continue
+        key = key_of(jx, jy, jz, bits)
+        if key != last:
+            last = key
+            block = np.int64(lower_bound(keys, key))
+            if block == keys.shape[0] or keys[block] != key or complete[block] == 0:
+                block = np.int64(-1)
+        if block < 0:
+            missing += 1
+            cell[i] = -1
+        else:
+            local = ((jy & rest) << bits) | (jx & rest)
+            if bits == 2:
+                local |= (jz & rest) << 4
+            cell[i] = block * 64 + local
+    return missing, lost
+
+
+@cpu_kernel
+def write_cells(position, inverse_cell, keys, complete, bits, counts, cell):
+    """Cell of each point: number of its base node; -1 in no block or lost. counts[chunk] = (missing, lost)."""
+    n = cell.shape[0]
+    for chunk in prange(CHUNKS):
+        counts[chunk, 0], counts[chunk, 1] = find_chunk(
+            chunk * n // CHUNKS, (chunk + 1) * n // CHUNKS, position, inverse_cell, keys, complete, bits, cell
+        )
+
+
+@cpu_kernel
+def expand_runs(first, run_first, begin, at, point):
+    """point: the numbers of block b's points, from its runs of consecutive ones."""
+    for b in prange(first.shape[0] - 1):
+        for r in range(run_first[b], run_first[b + 1]):
+            size = (at[r + 1] if r + 1 < at.shape[0] else point.shape[0]) - at[r]
+            for k in range(size):
+                point[at[r] + k] = begin[r] + k
+
+
+def bits_of(blocks):
+    """Bits that number a block's nodes along an axis."""
+    return 2 if blocks.neighbour.shape[1] == 27 else 3
+
+
+def block_keys(position, inverse_cell, dim):
+    """Keys (n,) of the points' blocks."""
+    keys = np.empty(len(position), np.int64)
+    write_keys(position, inverse_cell, 2 if dim == 3 else 3, keys)
+    return keys
+
+
+def find_cells(position, inverse_cell, blocks, complete, cell):
+    """Write the points' cells; (points in no block, points at no possible place)."""
+    counts = np.zeros((CHUNKS, 2), np.int64)
+    write_cells(position, inverse_cell, blocks.keys, complete, bits_of(blocks), counts, cell)
+    missing, lost = counts.sum(0)
+    return int(missing), int(lost)
+
+
+def sorted_bins(cell, blocks):
+    """Points by block. Runs of points in the same block are sorted, which are few where particles are in order."""
+    block = cell >> 6
+    n = len(block)
+    begin = np.concatenate(([0], np.flatnonzero(block[1:] != block[:-1]) + 1))[: n or 0].astype(np.int32)
+    owner = block[begin]
+    size = np.diff(np.append(begin, n))
+    order = np.argsort(owner, kind="stable")
+    first = np.zeros(blocks + 1, np.int32)
+    run_first = np.zeros(blocks + 1, np.int32)
+    first[1:] = np.cumsum(np.bincount(owner, weights=size, minlength=blocks))
+    run_first[1:] = np.cumsum(np.bincount(owner, minlength=blocks))
+    begin, size = begin[order], size[order]
+    point = np.empty(n, np.int32)
+    expand_runs(first, run_first, begin, (np.cumsum(size) - size).astype(np.int32), point)
+    return first, point
+
+
+def cells(position, carrier_position, surface_sample, grid, cell):
+    """Cell of every particle, with the blocks and bins of all point sets brought up to date."""
+    sets = {"particles": position, "carriers": carrier_position, "samples": surface_sample}
+    grid.locate(sets, cell, find_cells, block_keys, sorted_bins)
+
+
+@cpu_kernel
+def weights(position, background, base_node, spline_weight, spline_slope):
+    """Section 3: base node, B and h B' of each particle, three for each axis."""
+    for i in prange(base_node.shape[0]):
+        for c in range(3):
+            j = base_coordinate(position[i, c], background.inverse_cell)
+            base_node[i, c] = j
+            f = type(background.cell_size)(float(position[i, c]) * background.inverse_cell - float(j))
+            w, s = spline_weights(f), spline_slopes(f)
+            for k in range(3):
+                spline_weight[i, 3 * c + k] = w[k]
+                spline_slope[i, 3 * c + k] = s[k]
+
+
+# Points to nodes
+
+
+@formula
+def add_node(scratch, b, n, w, mass, x, y, z):
+    """scratch[b, n] += w (mass, x, y, z)."""
+    scratch[b, n, 0] += w * mass
+    scratch[b, n, 1] += w * x
+    scratch[b, n, 2] += w * y
+    scratch[b, n, 3] += w * z
+
+
+@formula
+def add_affine(scratch, b, at, width, background, wx, wy, wz, mass, qx, qy, qz, g):
+    """Add B_j (mass, q + g (j - base)) to the nodes of a stencil that begins at node `at`."""
+    real = type(mass)
+    for k in range(3):
+        if k < background.layers:
+            for j in range(3):
+                w = wz[k] * wy[j]
+                x = qx + real(j) * g[1] + real(k) * g[2]
+                y = qy + real(j) * g[4] + real(k) * g[5]
+                z = qz + real(j) * g[7] + real(k) * g[8]
+                n = at + (k * width + j) * width
+                add_node(scratch, b, n, w * wx[0], mass, x, y, z)
+                add_node(scratch, b, n + 1, w * wx[1], mass, x + g[0], y + g[3], z + g[6])
+                add_node(scratch, b, n + 2, w * wx[2], mass, x + g[0] + g[0], y + g[3] + g[3], z + g[6] + g[6])
+
+
+@formula
+def add_gradient(scratch, b, at, width, background, wx, wy, wz, sx, sy, sz, t):
+    """Add T (h grad B_j) to the momentum of a stencil; T symmetric, (xx, xy, xz, yy, yz, zz)."""
+    zero = type(background.cell_size)(0)
+    for k in range(3):
+        if k < background.layers:
+            for j in range(3):
+                for i in range(3):
+                    dx = sx[i] * wy[j] * wz[k]
+                    dy = wx[i] * sy[j] * wz[k]
+                    dz = wx[i] * wy[j] * sz[k]
+                    n = at + (k * width + j) * width + i
+                    x = t[0] * dx + t[1] * dy + t[2] * dz
+                    y = t[1] * dx + t[3] * dy + t[4] * dz
+                    z = t[2] * dx + t[4] * dy + t[5] * dz
+                    add_node(scratch, b, n, type(x)(1), zero, x, y, z)
+
+
+@formula
+def clear(scratch, b):
+    """Nothing on the nodes in the reach of block b."""
+    for n in range(scratch.shape[1]):
+        for c in range(4):
+            scratch[b, n, c] = type(scratch[b, n, c])(0)
+
+
+@formula
+def scatter_particles_of(
+    b, bins, position, velocity, mass, affine, volume_ratio, acceleration, cell, liquid, background, timestep,
+    cluster_share, inverse_spread, embedding, kernel_gradient, blocks, scratch,
+):  # fmt: skip
+    """One block of `scatter_particles`."""
+    width = background.width
+    origin = node_coordinates(blocks, b * 64)
+    clear(scratch, b)
+    for k in range(bins.first[b], bins.first[b + 1]):
+        i = bins.point[k]
+        fx, fy, fz, x, y, z = particle.place(i, position, cell, origin, background)
+        own, qx, qy, qz, g, moment = particle.particle_field(
+            i, fx, fy, fz, velocity, mass, affine, volume_ratio, acceleration, liquid, background, timestep,
+            cluster_share, inverse_spread, embedding, kernel_gradient,
+        )  # fmt: skip
+        wx, wy, wz = spline_weights(fx), spline_weights(fy), particle.layer_weights(fz, background)
+        at = (z * width + y) * width + x
+        add_affine(scratch, b, at, width, background, wx, wy, wz, own, qx, qy, qz, g)
+        if kernel_gradient is not None:
+            zero = type(own)(0)
+            p = -moment / background.cell_size
+            t = (p, zero, zero, p, zero, p)
+            slopes = particle.layer_slopes(fz, background)
+            add_gradient(scratch, b, at, width, background, wx, wy, wz, spline_slopes(fx), spline_slopes(fy), slopes, t)
+
+
+@cpu_kernel
+def scatter_particles(
+    bins, position, velocity, mass, affine, volume_ratio, acceleration, cell, liquid, background, timestep,
+    cluster_share, inverse_spread, embedding, kernel_gradient, blocks, scratch,
+):  # fmt: skip
+    """What each block's particles give to the nodes in their reach."""
+    for b in prange(scratch.shape[0]):
+        if bins.first[b + 1] > bins.first[b]:
+            scatter_particles_of(
+                b, bins, position, velocity, mass, affine, volume_ratio, acceleration, cell, liquid, background,
+                timestep, cluster_share, inverse_spread, embedding, kernel_gradient, blocks, scratch,
+            )  # fmt: skip
+
+
+@formula
+def collect_block(b, bins, blocks, add, scratch, node_mass, node_momentum):
+    """One block of `collect`: each node adds up what it got from its own block and from those below."""
+    bits, width = (2, 6) if blocks.neighbour.shape[1] == 27 else (3, 10)
+    rest = (1 << bits) - 1
+    middle = blocks.neighbour.shape[1] // 2
+    for node in range(64):
+        n = 64 * b + node
+        x, y, z = node & rest, (node >> bits) & rest, node >> (2 * bits)
+        zero = type(scratch[0, 0, 0])(0)
+        m, px, py, pz = zero, zero, zero, zero
+        for dz in range(2 if bits == 2 and z < 2 else 1):
+            for dy in range(2 if y < 2 else 1):
+                for dx in range(2 if x < 2 else 1):
+                    s = blocks.neighbour[b, middle - dx - 3 * dy - 9 * dz]
+                    if s >= 0 and bins.first[s + 1] > bins.first[s]:
+                        at = ((z + (dz << bits)) * width + y + (dy << bits)) * width + x + (dx << bits)
+                        m += scratch[s, at, 0]
+                        px += scratch[s, at, 1]
+                        py += scratch[s, at, 2]
+                        pz += scratch[s, at, 3]
+        if add:
+            m += node_mass[n]
+            px += node_momentum[n, 0]
+            py += node_momentum[n, 1]
+            pz += node_momentum[n, 2]
+        node_mass[n] = m
+        node_momentum[n, 0] = px
+        node_momentum[n, 1] = py
+        node_momentum[n, 2] = pz
+
+
+@cpu_kernel
+def collect(bins, blocks, add, scratch, node_mass, node_momentum):
+    """m_j and (mv)_j from what the blocks' points gave; added to what stands there where `add`."""
+    for b in prange(scratch.shape[0]):
+        collect_block(b, bins, blocks, add, scratch, node_mass, node_momentum)
+
+
+def particle_to_grid(
+    position, velocity, mass, affine, volume_ratio, acceleration, liquid, background, timestep, cluster_share,
+    inverse_spread, embedding, kernel_gradient, grid, node_mass, node_momentum,
+):  # fmt: skip
+    """(4.10), (4.15), (4.17): m_j and (mv)_j with the impulse of the liquid's stress."""
+    bins, scratch = grid.bins["particles"], grid.scratch
+    scatter_particles(
+        bins, position, velocity, mass, affine, volume_ratio, acceleration, grid.cells["particles"], liquid,
+        background, timestep, cluster_share, inverse_spread, embedding, kernel_gradient, grid.blocks, scratch,
+    )  # fmt: skip
+    collect(bins, grid.blocks, False, scratch, node_mass, node_momentum)
+
+
+@formula
+def scatter_carriers_of(
+    b, bins, carrier_position, carrier_owner, carrier_cell, position, velocity, mass, affine, volume_ratio,
+    acceleration, liquid, background, timestep, cluster_share, inverse_spread, embedding, blocks, scratch,
+):  # fmt: skip
+    """One block of `scatter_carriers`."""
+    width = background.width
+    origin = node_coordinates(blocks, b * 64)
+    clear(scratch, b)
+    for k in range(bins.first[b], bins.first[b + 1]):
+        c = bins.point[k]
+        fx, fy, fz, x, y, z = particle.place(c, carrier_position, carrier_cell, origin, background)
+        own, qx, qy, qz, g = particle.carrier_field(
+            c, fx, fy, fz, carrier_position, carrier_owner, position, velocity, mass, affine, volume_ratio,
+            acceleration, liquid, background, timestep, cluster_share, inverse_spread, embedding,
+        )  # fmt: skip
+        wx, wy, wz = spline_weights(fx), spline_weights(fy), particle.layer_weights(fz, background)
+        add_affine(scratch, b, (z * width + y) * width + x, width, background, wx, wy, wz, own, qx, qy, qz, g)
+
+
+@cpu_kernel
+def scatter_carriers(
+    bins, carrier_position, carrier_owner, carrier_cell, position, velocity, mass, affine, volume_ratio, acceleration,
+    liquid, background, timestep, cluster_share, inverse_spread, embedding, blocks, scratch,
+):  # fmt: skip
+    """What each block's embedded points give to the nodes in their reach."""
+    for b in prange(scratch.shape[0]):
+        if bins.first[b + 1] > bins.first[b]:
+            scatter_carriers_of(
+                b, bins, carrier_position, carrier_owner, carrier_cell, position, velocity, mass, affine,
+                volume_ratio, acceleration, liquid, background, timestep, cluster_share, inverse_spread, embedding,
+                blocks, scratch,
+            )  # fmt: skip
+
+
+def carriers_to_grid(
+    carrier_position, carrier_owner, position, velocity, mass, affine, volume_ratio, acceleration, liquid, background,
+    timestep, cluster_share, inverse_spread, embedding, grid, node_mass, node_momentum,
+):  # fmt: skip
+    """Section 5: the embedded points' share of mass and momentum, added."""
+    bins, scratch = grid.bins["carriers"], grid.scratch
+    scatter_carriers(
+        bins, carrier_position, carrier_owner, grid.cells["carriers"], position, velocity, mass, affine, volume_ratio,
+        acceleration, liquid, background, timestep, cluster_share, inverse_spread, embedding, grid.blocks, scratch,
+    )  # fmt: skip
+    collect(bins, grid.blocks, True, scratch, node_mass, node_momentum)
+
+
+# On the nodes
+
+
+@cpu_kernel
+def update_nodes(node_mass, node_momentum, node_pull, field, planes, least_mass, timestep, blocks, node_velocity):
+    """(4.19) and the walls, for every node."""
+    for b in prange(node_velocity.shape[0] // 64):
+        for n in range(64 * b, 64 * b + 64):
+            v = particle.node_update(
+                n, node_mass[n], node_momentum[n, 0], node_momentum[n, 1], node_momentum[n, 2], blocks, least_mass,
+                node_pull, field, planes, timestep,
+            )  # fmt: skip
+            node_velocity[n, 0] = v[0]
+            node_velocity[n, 1] = v[1]
+            node_velocity[n, 2] = v[2]
+
+
+def grid_update(node_mass, node_momentum, node_pull, field, planes, background, timestep, grid, node_velocity):
+    """(4.19) and section 9: velocities of the nodes."""
+    update_nodes(
+        node_mass, node_momentum, node_pull, field, planes, background.least_mass, timestep, grid.blocks, node_velocity
+    )
+
+
+# Nodes to points
+
+
+@formula
+def load_block(b, blocks, background, node_velocity):
+    """Velocities (width^dim, 3) of the nodes in the reach of block b."""
+    bits = 2 if background.layers == 3 else 3
+    rest = (1 << bits) - 1
+    width = background.width
+    deep = width if background.layers == 3 else 1
+    middle = blocks.neighbour.shape[1] // 2
+    values = np.empty((deep * width * width, 3), node_velocity.dtype)
+    for z in range(deep):
+        for y in range(width):
+            for x in range(width):
+                s = blocks.neighbour[b, middle + (x >> bits) + 3 * (y >> bits) + 9 * (z >> bits)]
+                n = 64 * s + (((z & rest) << (2 * bits)) | ((y & rest) << bits) | (x & rest))
+                at = (z * width + y) * width + x
+                for c in range(3):
+                    values[at, c] = node_velocity[n, c]
+    return values
+
+
+@formula
+def gather_block(
+    b, bins, node_velocity, cell, liquid, background, timestep, blocks, cluster_share, inverse_spread, embedding,
+    carrier_first, carrier_position, carrier_moment, build_position, velocity, affine, volume_ratio, deformation,
+    position,
+):  # fmt: skip
+    """One block of `gather`; (largest squared way, least J, largest J, largest |tr A|, largest squared jump)."""
+    real = type(background.cell_size)
+    width = background.width
+    origin = node_coordinates(blocks, b * 64)
+    values = load_block(b, blocks, background, node_velocity)
+    far, least, most, fast, jump = real(0), real(math.inf), real(-math.inf), real(0), real(0)
+    for k in range(bins.first[b], bins.first[b + 1]):
+        i = bins.point[k]
+        fx, fy, fz, x, y, z = particle.place(i, position, cell, origin, background)
+        sums = particle.moments(
+            (z * width + y) * width + x, width, background, spline_weights(fx), spline_weights(fy),
+            particle.layer_weights(fz, background), values,
+        )  # fmt: skip
+        way, ratio, rate, leap = particle.gather(
+            i, sums, fx, fy, fz, background, liquid, timestep, cluster_share, inverse_spread, embedding, carrier_first,
+            carrier_position, carrier_moment, build_position, velocity, affine, volume_ratio, deformation, position,
+        )  # fmt: skip
+        far, least, most, fast = max(far, way), min(least, ratio), max(most, ratio), max(fast, rate)
+        jump = max(jump, leap)
+    return far, least, most, fast, jump
+
+
+@cpu_kernel
+def gather(
+    bins, node_velocity, cell, liquid, background, timestep, blocks, cluster_share, inverse_spread, embedding,
+    carrier_first, carrier_position, carrier_moment, build_position, displacement, step_extremes, velocity, affine,
+    volume_ratio, deformation, position,
+):  # fmt: skip
+    """Every particle takes its velocity, gradient, volume and place from the nodes."""
+    real = type(background.cell_size)
+    far, least, most, fast, jump = real(0), real(math.inf), real(-math.inf), real(0), real(0)
+    for b in prange(blocks.keys.shape[0]):
+        if bins.first[b + 1] > bins.first[b]:
+            f, low, high, rate, leap = gather_block(
+                b, bins, node_velocity, cell, liquid, background, timestep, blocks, cluster_share, inverse_spread,
+                embedding, carrier_first, carrier_position, carrier_moment, build_position, velocity, affine,
+                volume_ratio, deformation, position,
+            )  # fmt: skip
+            far = max(far, f)
+            least = min(least, low)
+            most = max(most, high)
+            fast = max(fast, rate)
+            jump = max(jump, leap)
+    if least > most:  # there is no particle
+        least, most = real(1), real(1)
+    displacement[0] = far
+    displacement[1] = real(0)
+    step_extremes[0] = least
+    step_extremes[1] = most
+    step_extremes[2] = fast
+    step_extremes[3] = jump
+
+
+def grid_to_particle(
+    node_velocity, liquid, background, timestep, cluster_share, inverse_spread, embedding, carrier_first,
+    carrier_position, carrier_moment, build_position, grid, displacement, step_extremes, velocity, affine,
+    volume_ratio, deformation, position,
+):  # fmt: skip
+    """(4.12), (4.13) or the cluster's, (4.16), (4.8): velocity, affine matrix, volume ratio and position."""
+    gather(
+        grid.bins["particles"], node_velocity, grid.cells["particles"], liquid, background, timestep, grid.blocks,
+        cluster_share, inverse_spread, embedding, carrier_first, carrier_position, carrier_moment, build_position,
+        displacement,
+        step_extremes, velocity, affine, volume_ratio, deformation, position,
+    )  # fmt: skip
+
+
+@formula
+def gather_carriers_of(b, bins, node_velocity, carrier_position, carrier_cell, background, blocks, carrier_moment):
+    """One block of `gather_carriers`."""
+    width = background.width
+    origin = node_coordinates(blocks, b * 64)
+    values = load_block(b, blocks, background, node_velocity)
+    for k in range(bins.first[b], bins.first[b + 1]):
+        i = bins.point[k]
+        fx, fy, fz, x, y, z = particle.place(i, carrier_position, carrier_cell, origin, background)
+        sums = particle.moments(
+            (z * width + y) * width + x, width, background, spline_weights(fx), spline_weights(fy),
+            particle.layer_weights(fz, background), values,
+        )  # fmt: skip
+        m = particle.centred(sums, fx, fy, fz, background.cell_size)
+        carrier_moment[i, 0], carrier_moment[i, 1], carrier_moment[i, 2] = sums[0], sums[1], sums[2]
+        for c in range(9):
+            carrier_moment[i, 3 + c] = m[c]
+
+
+@cpu_kernel
+def gather_carriers(bins, node_velocity, carrier_position, carrier_cell, background, blocks, carrier_moment):
+    """Moments of the nodes' velocities about every embedded point."""
+    for b in prange(blocks.keys.shape[0]):
+        if bins.first[b + 1] > bins.first[b]:
+            gather_carriers_of(
+                b, bins, node_velocity, carrier_position, carrier_cell, background, blocks, carrier_moment
+            )
+
+
+def grid_to_carriers(node_velocity, carrier_position, background, grid, carrier_moment):
+    """Sums of B v and B v (x_j - x_q)^T about every embedded point."""
+    cell = grid.cells["carriers"]
+    gather_carriers(
+        grid.bins["carriers"], node_velocity, carrier_position, cell, background, grid.blocks, carrier_moment
+    )
+
+
+# Embedding
+
+
+@cpu_kernel
+def embed_all(
+    position, surface_sample, order, first, cell_size, carrier_first, carrier_position, carrier_owner,
+    cluster_share, inverse_spread,
+):  # fmt: skip
+    """Section 5 for every particle."""
+    for i in prange(cluster_share.shape[0]):
+        particle.embed(
+            i, position, surface_sample, order, first, cell_size, carrier_first, carrier_position, carrier_owner,
+            cluster_share, inverse_spread,
+        )  # fmt: skip
+
+
+def embed(
+    position, surface_sample, sample_owner, background, carrier_first, carrier_position, carrier_owner,
+    cluster_share, inverse_spread,
+):  # fmt: skip
+    """Section 5: embedded points by owner, the clusters' shares and inverse moments."""
+    order = np.argsort(sample_owner, kind="stable").astype(np.int32)
+    first = np.zeros(len(position) + 1, np.int32)
+    first[1:] = np.cumsum(np.bincount(sample_owner, minlength=len(position)))
+    embed_all(
+        position, surface_sample, order, first, background.cell_size, carrier_first, carrier_position, carrier_owner,
+        cluster_share, inverse_spread,
+    )  # fmt: skip
+
+
+@cpu_kernel
+def contact(sample_position, contact, sample_area):
+    """Section 9: areas of the samples on walls."""
+    for s in prange(sample_area.shape[0]):
+        sample_area[s] = particle.contact(s, sample_position, sample_area, contact)

@@ -1,0 +1,543 @@
+"""CUDA transfers of MPM: one thread block for each block of nodes, sums in registers and in shared memory.
+
+Particle to grid: three threads for each cell (one for each row of its stencil) add up the cell's points in registers;
+then, in an order that never changes, the cells' sums go to the block's nodes in shared memory, one node of the
+stencil at a time, so that no two threads meet. No atomic addition of floats: results repeat bit for bit.
+"""
+
+import math
+
+import numpy as np
+
+from refsim import device
+from refsim.backend import simulated
+from refsim.compile import SIMULATED_THREADS, cuda, cuda_kernel, formula
+from refsim.mpm import particle
+from refsim.mpm.formulas import spline_slopes, spline_weights
+from refsim.mpm.grid import FARTHEST
+from refsim.neighbours.formulas import BITS, OFFSET, lower_bound
+from refsim.sparse_grid.formulas import node_coordinates
+
+FAR = 2.0 * FARTHEST
+ROWS = 192  # threads of a block that scatters: three for each of 64 cells
+REACH = 216  # nodes in the reach of a block: 6 x 6 x 6, or 10 x 10 in the plane
+SUMS = 4 * REACH  # mass and momentum of each
+GATHERING = SIMULATED_THREADS if simulated() else 128
+
+# Cells, blocks and bins
+
+
+@formula
+def base_coordinate(x, inverse_cell):
+    """Base node j = floor(x/h - 1/2) of x [m], in float64; one beyond the last where x is too far or no number."""
+    halves = float(x) * (inverse_cell + inverse_cell)
+    if halves > -FAR and halves < FAR:
+        return (int(math.floor(halves)) - 1) >> 1  # noqa: RUF046  (in CUDA floor gives a float)
+    return FARTHEST + 1
+
+
+@formula
+def key_of(jx, jy, jz, bits):
+    """Key of the block with node j; in the plane jz is 0 and not divided."""
+    bz = jz >> 2 if bits == 2 else jz
+    return ((bz + OFFSET) << (2 * BITS)) | (((jy >> bits) + OFFSET) << BITS) | ((jx >> bits) + OFFSET)
+
+
+@cuda_kernel
+def write_keys(position, inverse_cell, bits, keys):
+    """Key of each point's block, -1 for a point at no possible place."""
+    i = cuda.grid(1)
+    if i < keys.shape[0]:
+        jx = base_coordinate(position[i, 0], inverse_cell)
+        jy = base_coordinate(position[i, 1], inverse_cell)
+        jz = base_coordinate(position[i, 2], inverse_cell) if bits == 2 else 0
+        lost = jx > FARTHEST or jy > FARTHEST or jz > FARTHEST
+        keys[i] = -1 if lost else key_of(jx, jy, jz, bits)
+
+
+@cuda_kernel
+def write_cells(position, inverse_cell, keys, complete, bits, counts, cell):
+    """Cell of each point: number of its base node; -1 in no block or lost. counts = (missing, lost)."""
+    i = cuda.grid(1)
+    if i < cell.shape[0]:
+        jx = base_coordinate(position[i, 0], inverse_cell)
+        jy = base_coordinate(position[i, 1], inverse_cell)
+        jz = base_coordinate(position[i, 2], inverse_cell) if bits == 2 else 0
+        if jx > FARTHEST or jy > FARTHEST or jz > FARTHEST:
+            cuda.atomic.add(counts, 1, 1)
+            cell[i] = -1
+        else:
+            rest = (1 << bits) - 1
+            key = key_of(jx, jy, jz, bits)
+            b = lower_bound(keys, key)
+            if b == keys.shape[0] or keys[b] != key or complete[b] == 0:
+                cuda.atomic.add(counts, 0, 1)
+                cell[i] = -1
+            else:
+                local = ((jy & rest) << bits) | (jx & rest)
+                if bits == 2:
+                    local |= (jz & rest) << 4
+                cell[i] = b * 64 + local
+
+
+def bits_of(blocks):
+    """Bits that number a block's nodes along an axis."""
+    return 2 if blocks.neighbour.shape[1] == 27 else 3
+
+
+def block_keys(position, inverse_cell, dim):
+    """Keys (n,) of the points' blocks."""
+    keys = device.empty(position.shape[0], np.int64)
+    write_keys(position, inverse_cell, 2 if dim == 3 else 3, keys)
+    return keys
+
+
+def find_cells(position, inverse_cell, blocks, complete, cell):
+    """Write the points' cells; (points in no block, points at no possible place)."""
+    counts = device.wrapped(device.library().zeros(2, np.int32))
+    write_cells(position, inverse_cell, blocks.keys, complete, bits_of(blocks), counts, cell)
+    missing, lost = device.seen(counts).tolist()
+    return missing, lost
+
+
+def sorted_bins(cell, blocks):
+    """Points by cell."""
+    xp = device.library()
+    cells = device.seen(cell)
+    order = xp.argsort(cells, kind="stable").astype(np.int32) if len(cells) else xp.zeros(0, np.int32)
+    first = xp.searchsorted(cells[order], xp.arange(64 * blocks + 1, dtype=np.int32)).astype(np.int32)
+    return device.wrapped(first), device.wrapped(order)
+
+
+def cells(position, carrier_position, surface_sample, grid, cell):
+    """Cell of every particle, with the blocks and bins of all point sets brought up to date."""
+    sets = {"particles": position, "carriers": carrier_position, "samples": surface_sample}
+    grid.locate(sets, cell, find_cells, block_keys, sorted_bins)
+
+
+@cuda_kernel
+def weights(position, background, base_node, spline_weight, spline_slope):
+    """Section 3: base node, B and h B' of each particle, three for each axis."""
+    i = cuda.grid(1)
+    if i < base_node.shape[0]:
+        for c in range(3):
+            j = base_coordinate(position[i, c], background.inverse_cell)
+            base_node[i, c] = j
+            f = type(background.cell_size)(float(position[i, c]) * background.inverse_cell - float(j))
+            w, s = spline_weights(f), spline_slopes(f)
+            spline_weight[i, 3 * c], spline_slope[i, 3 * c] = w[0], s[0]
+            spline_weight[i, 3 * c + 1], spline_slope[i, 3 * c + 1] = w[1], s[1]
+            spline_weight[i, 3 * c + 2], spline_slope[i, 3 * c + 2] = w[2], s[2]
+
+
+# Points to nodes. A thread adds up the row j of a cell's stencil: nodes (i, j, k), the k-th layer's i-th at 3 k + i.
+
+
+@formula
+def chosen(j, three):
+    """three[j], without an array that could not stay in registers."""
+    if j == 0:
+        return three[0]
+    return three[1] if j == 1 else three[2]
+
+
+@formula
+def add_affine_row(total, j, background, wx, wy, wz, mass, qx, qy, qz, g):
+    """Add B (mass, q + g (j - base)) of one point to the row's sums."""
+    real = type(mass)
+    w_row = chosen(j, wy)
+    x = qx + real(j) * g[1]
+    y = qy + real(j) * g[4]
+    z = qz + real(j) * g[7]
+    for k in range(3):
+        if k < background.layers:
+            w = w_row * wz[k]
+            for i in range(3):
+                far = real(i)
+                share = w * wx[i]
+                total[(3 * k + i) * 4] += share * mass
+                total[(3 * k + i) * 4 + 1] += share * (x + far * g[0])
+                total[(3 * k + i) * 4 + 2] += share * (y + far * g[3])
+                total[(3 * k + i) * 4 + 3] += share * (z + far * g[6])
+            x += g[2]
+            y += g[5]
+            z += g[8]
+
+
+@formula
+def add_gradient_row(total, j, background, wx, wy, wz, sx, sy, sz, t):
+    """Add T (h grad B) of one point to the row's sums."""
+    w_row, s_row = chosen(j, wy), chosen(j, sy)
+    for k in range(3):
+        if k < background.layers:
+            for i in range(3):
+                dx = sx[i] * w_row * wz[k]
+                dy = wx[i] * s_row * wz[k]
+                dz = wx[i] * w_row * sz[k]
+                total[(3 * k + i) * 4 + 1] += t[0] * dx + t[1] * dy + t[2] * dz
+                total[(3 * k + i) * 4 + 2] += t[1] * dx + t[3] * dy + t[4] * dz
+                total[(3 * k + i) * 4 + 3] += t[2] * dx + t[4] * dy + t[5] * dz
+
+
+@formula
+def deposit(total, cell, row, background, shared, scratch, b):
+    """The rows' sums of all cells of block b to its nodes, one node of the stencil after the other."""
+    thread = cuda.threadIdx.x
+    width = background.width
+    for n in range(thread, SUMS, ROWS):
+        shared[n] = type(background.cell_size)(0)
+    cuda.syncthreads()
+    if background.layers == 3:
+        at = ((cell >> 4) * width + ((cell >> 2) & 3) + row) * width + (cell & 3)
+    else:
+        at = ((cell >> 3) + row) * width + (cell & 7)
+    for k in range(3):
+        for i in range(3):
+            for j in range(3):
+                if j == row and k < background.layers:
+                    n = 4 * (at + k * width * width + i)
+                    for c in range(4):
+                        shared[n + c] += total[(3 * k + i) * 4 + c]
+                cuda.syncthreads()
+    for n in range(thread, 4 * scratch.shape[1], ROWS):
+        scratch[b, n >> 2, n & 3] = shared[n]
+
+
+@cuda_kernel(block_for_each_row=True, threads=ROWS)
+def scatter_particles(
+    bins, position, velocity, mass, affine, volume_ratio, acceleration, cell, liquid, background, timestep,
+    cluster_share, inverse_spread, embedding, kernel_gradient, blocks, scratch,
+):  # fmt: skip
+    """What each block's particles give to the nodes in their reach."""
+    b = cuda.blockIdx.x
+    if bins.first[64 * b + 64] == bins.first[64 * b]:
+        return
+    own_cell, row = cuda.threadIdx.x & 63, cuda.threadIdx.x >> 6
+    shared = cuda.shared.array(SUMS, scratch.dtype)
+    total = cuda.local.array(36, scratch.dtype)
+    for n in range(36):
+        total[n] = type(background.cell_size)(0)
+    origin = node_coordinates(blocks, b * 64)
+    for at in range(bins.first[64 * b + own_cell], bins.first[64 * b + own_cell + 1]):
+        i = bins.point[at]
+        fx, fy, fz, _, _, _ = particle.place(i, position, cell, origin, background)
+        own, qx, qy, qz, g, moment = particle.particle_field(
+            i, fx, fy, fz, velocity, mass, affine, volume_ratio, acceleration, liquid, background, timestep,
+            cluster_share, inverse_spread, embedding, kernel_gradient,
+        )  # fmt: skip
+        wx, wy, wz = spline_weights(fx), spline_weights(fy), particle.layer_weights(fz, background)
+        add_affine_row(total, row, background, wx, wy, wz, own, qx, qy, qz, g)
+        if kernel_gradient is not None:
+            zero = type(own)(0)
+            p = -moment / background.cell_size
+            slopes = particle.layer_slopes(fz, background)
+            add_gradient_row(
+                total, row, background, wx, wy, wz, spline_slopes(fx), spline_slopes(fy), slopes,
+                (p, zero, zero, p, zero, p),
+            )  # fmt: skip
+    deposit(total, own_cell, row, background, shared, scratch, b)
+
+
+@cuda_kernel(block_for_each_row=True, threads=ROWS)
+def scatter_carriers(
+    bins, carrier_position, carrier_owner, carrier_cell, position, velocity, mass, affine, volume_ratio, acceleration,
+    liquid, background, timestep, cluster_share, inverse_spread, embedding, blocks, scratch,
+):  # fmt: skip
+    """What each block's embedded points give to the nodes in their reach."""
+    b = cuda.blockIdx.x
+    if bins.first[64 * b + 64] == bins.first[64 * b]:
+        return
+    own_cell, row = cuda.threadIdx.x & 63, cuda.threadIdx.x >> 6
+    shared = cuda.shared.array(SUMS, scratch.dtype)
+    total = cuda.local.array(36, scratch.dtype)
+    for n in range(36):
+        total[n] = type(background.cell_size)(0)
+    origin = node_coordinates(blocks, b * 64)
+    for at in range(bins.first[64 * b + own_cell], bins.first[64 * b + own_cell + 1]):
+        c = bins.point[at]
+        fx, fy, fz, _, _, _ = particle.place(c, carrier_position, carrier_cell, origin, background)
+        own, qx, qy, qz, g = particle.carrier_field(
+            c, fx, fy, fz, carrier_position, carrier_owner, position, velocity, mass, affine, volume_ratio,
+            acceleration, liquid, background, timestep, cluster_share, inverse_spread, embedding,
+        )  # fmt: skip
+        wx, wy, wz = spline_weights(fx), spline_weights(fy), particle.layer_weights(fz, background)
+        add_affine_row(total, row, background, wx, wy, wz, own, qx, qy, qz, g)
+    deposit(total, own_cell, row, background, shared, scratch, b)
+
+
+@cuda_kernel
+def collect(bins, blocks, add, scratch, node_momentum, node_mass):
+    """m_j and (mv)_j from what the blocks' points gave; added to what stands there where `add`."""
+    n = cuda.grid(1)
+    if n < node_mass.shape[0]:
+        bits, width = (2, 6) if blocks.neighbour.shape[1] == 27 else (3, 10)
+        rest = (1 << bits) - 1
+        middle = blocks.neighbour.shape[1] // 2
+        b, node = n >> 6, n & 63
+        x, y, z = node & rest, (node >> bits) & rest, node >> (2 * bits)
+        zero = type(scratch[0, 0, 0])(0)
+        m, px, py, pz = zero, zero, zero, zero
+        for dz in range(2 if bits == 2 and z < 2 else 1):
+            for dy in range(2 if y < 2 else 1):
+                for dx in range(2 if x < 2 else 1):
+                    s = blocks.neighbour[b, middle - dx - 3 * dy - 9 * dz]
+                    if s >= 0 and bins.first[64 * s + 64] > bins.first[64 * s]:
+                        at = ((z + (dz << bits)) * width + y + (dy << bits)) * width + x + (dx << bits)
+                        m += scratch[s, at, 0]
+                        px += scratch[s, at, 1]
+                        py += scratch[s, at, 2]
+                        pz += scratch[s, at, 3]
+        if add:
+            m += node_mass[n]
+            px += node_momentum[n, 0]
+            py += node_momentum[n, 1]
+            pz += node_momentum[n, 2]
+        node_mass[n] = m
+        node_momentum[n, 0] = px
+        node_momentum[n, 1] = py
+        node_momentum[n, 2] = pz
+
+
+def particle_to_grid(
+    position, velocity, mass, affine, volume_ratio, acceleration, liquid, background, timestep, cluster_share,
+    inverse_spread, embedding, kernel_gradient, grid, node_mass, node_momentum,
+):  # fmt: skip
+    """(4.10), (4.15), (4.17): m_j and (mv)_j with the impulse of the liquid's stress."""
+    bins, scratch = grid.bins["particles"], grid.scratch
+    scatter_particles(
+        bins, position, velocity, mass, affine, volume_ratio, acceleration, grid.cells["particles"], liquid,
+        background, timestep, cluster_share, inverse_spread, embedding, kernel_gradient, grid.blocks, scratch,
+    )  # fmt: skip
+    collect(bins, grid.blocks, False, scratch, node_momentum, node_mass)
+
+
+def carriers_to_grid(
+    carrier_position, carrier_owner, position, velocity, mass, affine, volume_ratio, acceleration, liquid, background,
+    timestep, cluster_share, inverse_spread, embedding, grid, node_mass, node_momentum,
+):  # fmt: skip
+    """Section 5: the embedded points' share of mass and momentum, added."""
+    bins, scratch = grid.bins["carriers"], grid.scratch
+    scatter_carriers(
+        bins, carrier_position, carrier_owner, grid.cells["carriers"], position, velocity, mass, affine, volume_ratio,
+        acceleration, liquid, background, timestep, cluster_share, inverse_spread, embedding, grid.blocks, scratch,
+    )  # fmt: skip
+    collect(bins, grid.blocks, True, scratch, node_momentum, node_mass)
+
+
+# On the nodes
+
+
+@cuda_kernel
+def update_nodes(node_mass, node_momentum, node_pull, field, planes, least_mass, timestep, blocks, node_velocity):
+    """(4.19) and the walls, for every node."""
+    n = cuda.grid(1)
+    if n < node_velocity.shape[0]:
+        v = particle.node_update(
+            n, node_mass[n], node_momentum[n, 0], node_momentum[n, 1], node_momentum[n, 2], blocks, least_mass,
+            node_pull,
+            field, planes, timestep,
+        )  # fmt: skip
+        node_velocity[n, 0] = v[0]
+        node_velocity[n, 1] = v[1]
+        node_velocity[n, 2] = v[2]
+
+
+def grid_update(node_mass, node_momentum, node_pull, field, planes, background, timestep, grid, node_velocity):
+    """(4.19) and section 9: velocities of the nodes."""
+    update_nodes(
+        node_mass, node_momentum, node_pull, field, planes, background.least_mass, timestep, grid.blocks, node_velocity
+    )
+
+
+# Nodes to points: the velocities in the reach of a block go to shared memory, then a thread takes a particle.
+
+
+@formula
+def load_block(b, blocks, background, node_velocity, values):
+    """values (width^dim, 3): velocities of the nodes in the reach of block b."""
+    bits = 2 if background.layers == 3 else 3
+    rest = (1 << bits) - 1
+    width = background.width
+    middle = blocks.neighbour.shape[1] // 2
+    reach = width * width * (width if background.layers == 3 else 1)
+    for at in range(cuda.threadIdx.x, reach, cuda.blockDim.x):
+        x, y, z = at % width, (at // width) % width, at // (width * width)
+        s = blocks.neighbour[b, middle + (x >> bits) + 3 * (y >> bits) + 9 * (z >> bits)]
+        n = 64 * s + (((z & rest) << (2 * bits)) | ((y & rest) << bits) | (x & rest))
+        for c in range(3):
+            values[at, c] = node_velocity[n, c]
+    cuda.syncthreads()
+
+
+@formula
+def largest_of_block(values, mine):
+    """Largest `mine` of the block's threads (a power of two of them); `values` is shared, one place for each."""
+    at = cuda.threadIdx.x
+    cuda.syncthreads()
+    values[at] = mine
+    cuda.syncthreads()
+    half = cuda.blockDim.x // 2
+    while half > 0:
+        if at < half and values[at + half] > values[at]:
+            values[at] = values[at + half]
+        cuda.syncthreads()
+        half //= 2
+    return values[0]
+
+
+@cuda_kernel(block_for_each_row=True, threads=GATHERING, rows_of="block_extremes")
+def gather(
+    bins, node_velocity, cell, liquid, background, timestep, blocks, cluster_share, inverse_spread, embedding,
+    carrier_first, carrier_position, carrier_moment, build_position, block_extremes, velocity, affine, volume_ratio,
+    deformation, position,
+):  # fmt: skip
+    """Every particle takes its velocity, gradient, volume and place from the nodes.
+
+    block_extremes (b, 5): largest squared way, -J, J, |tr A| and squared jump of each block's particles.
+    """
+    b = cuda.blockIdx.x
+    real = type(background.cell_size)
+    far, least, most, fast, jump = real(0), real(-math.inf), real(-math.inf), real(0), real(0)
+    if bins.first[64 * b + 64] > bins.first[64 * b]:
+        values = cuda.shared.array((REACH, 3), velocity.dtype)
+        best = cuda.shared.array(GATHERING, velocity.dtype)
+        width = background.width
+        origin = node_coordinates(blocks, b * 64)
+        load_block(b, blocks, background, node_velocity, values)
+        for at in range(bins.first[64 * b] + cuda.threadIdx.x, bins.first[64 * b + 64], cuda.blockDim.x):
+            i = bins.point[at]
+            fx, fy, fz, x, y, z = particle.place(i, position, cell, origin, background)
+            sums = particle.moments(
+                (z * width + y) * width + x, width, background, spline_weights(fx), spline_weights(fy),
+                particle.layer_weights(fz, background), values,
+            )  # fmt: skip
+            way, ratio, rate, leap = particle.gather(
+                i, sums, fx, fy, fz, background, liquid, timestep, cluster_share, inverse_spread, embedding,
+                carrier_first, carrier_position, carrier_moment, build_position, velocity, affine, volume_ratio,
+                deformation, position,
+            )  # fmt: skip
+            far, least, most, fast = max(far, way), max(least, -ratio), max(most, ratio), max(fast, rate)
+            jump = max(jump, leap)
+        far = largest_of_block(best, far)
+        least = largest_of_block(best, least)
+        most = largest_of_block(best, most)
+        fast = largest_of_block(best, fast)
+        jump = largest_of_block(best, jump)
+    if cuda.threadIdx.x == 0:
+        block_extremes[b, 0] = far
+        block_extremes[b, 1] = least
+        block_extremes[b, 2] = most
+        block_extremes[b, 3] = fast
+        block_extremes[b, 4] = jump
+
+
+@cuda_kernel(block_for_each_row=True, threads=GATHERING, rows_of="step_extremes")
+def reduce_extremes(block_extremes, displacement, step_extremes):
+    """Extremes of all blocks; each of the thread blocks finds one, the first one two."""
+    real = displacement.dtype.type
+    best = cuda.shared.array(GATHERING, displacement.dtype)
+    for c in range(cuda.blockIdx.x, 5, 4):
+        mine = real(-math.inf)
+        for b in range(cuda.threadIdx.x, block_extremes.shape[0], cuda.blockDim.x):
+            mine = max(mine, block_extremes[b, c])
+        mine = largest_of_block(best, mine)
+        if cuda.threadIdx.x == 0:
+            some = mine > real(-math.inf)
+            if c == 0:
+                displacement[0] = mine if some else real(0)
+                displacement[1] = real(0)
+            elif c == 1:
+                step_extremes[0] = -mine if some else real(1)
+            elif c == 2:
+                step_extremes[1] = mine if some else real(1)
+            else:
+                step_extremes[c - 1] = mine if some else real(0)
+
+
+def grid_to_particle(
+    node_velocity, liquid, background, timestep, cluster_share, inverse_spread, embedding, carrier_first,
+    carrier_position, carrier_moment, build_position, grid, displacement, step_extremes, velocity, affine,
+    volume_ratio, deformation, position,
+):  # fmt: skip
+    """(4.12), (4.13) or the cluster's, (4.16), (4.8): velocity, affine matrix, volume ratio and position."""
+    extremes = grid.block_extremes
+    gather(
+        grid.bins["particles"], node_velocity, grid.cells["particles"], liquid, background, timestep, grid.blocks,
+        cluster_share, inverse_spread, embedding, carrier_first, carrier_position, carrier_moment, build_position,
+        extremes,
+        velocity, affine, volume_ratio, deformation, position,
+    )  # fmt: skip
+    reduce_extremes(extremes, displacement, step_extremes)
+
+
+@cuda_kernel(block_for_each_row=True, threads=GATHERING, rows_of="complete")
+def gather_carriers(bins, node_velocity, carrier_position, carrier_cell, background, blocks, complete, carrier_moment):
+    """Moments of the nodes' velocities about every embedded point; a thread block for each row of `complete`."""
+    b = cuda.blockIdx.x
+    if bins.first[64 * b + 64] == bins.first[64 * b]:
+        return
+    values = cuda.shared.array((REACH, 3), node_velocity.dtype)
+    width = background.width
+    origin = node_coordinates(blocks, b * 64)
+    load_block(b, blocks, background, node_velocity, values)
+    for at in range(bins.first[64 * b] + cuda.threadIdx.x, bins.first[64 * b + 64], cuda.blockDim.x):
+        i = bins.point[at]
+        fx, fy, fz, x, y, z = particle.place(i, carrier_position, carrier_cell, origin, background)
+        sums = particle.moments(
+            (z * width + y) * width + x, width, background, spline_weights(fx), spline_weights(fy),
+            particle.layer_weights(fz, background), values,
+        )  # fmt: skip
+        m = particle.centred(sums, fx, fy, fz, background.cell_size)
+        carrier_moment[i, 0], carrier_moment[i, 1], carrier_moment[i, 2] = sums[0], sums[1], sums[2]
+        for c in range(9):
+            carrier_moment[i, 3 + c] = m[c]
+
+
+def grid_to_carriers(node_velocity, carrier_position, background, grid, carrier_moment):
+    """Sums of B v and B v (x_j - x_q)^T about every embedded point."""
+    cell = grid.cells["carriers"]
+    gather_carriers(
+        grid.bins["carriers"], node_velocity, carrier_position, cell, background, grid.blocks, grid.complete,
+        carrier_moment,
+    )  # fmt: skip
+
+
+# Embedding
+
+
+@cuda_kernel
+def embed_all(
+    position, surface_sample, order, first, cell_size, carrier_first, carrier_position, carrier_owner,
+    inverse_spread, cluster_share,
+):  # fmt: skip
+    """Section 5 for every particle."""
+    i = cuda.grid(1)
+    if i < cluster_share.shape[0]:
+        particle.embed(
+            i, position, surface_sample, order, first, cell_size, carrier_first, carrier_position, carrier_owner,
+            cluster_share, inverse_spread,
+        )  # fmt: skip
+
+
+def embed(
+    position, surface_sample, sample_owner, background, carrier_first, carrier_position, carrier_owner,
+    cluster_share, inverse_spread,
+):  # fmt: skip
+    """Section 5: embedded points by owner, the clusters' shares and inverse moments."""
+    xp = device.library()
+    nearest, n = device.seen(sample_owner), position.shape[0]
+    order = xp.argsort(nearest, kind="stable").astype(np.int32) if len(nearest) else xp.zeros(0, np.int32)
+    first = xp.searchsorted(nearest[order], xp.arange(n + 1, dtype=np.int32)).astype(np.int32)
+    order, first = device.wrapped(order), device.wrapped(first)
+    embed_all(
+        position, surface_sample, order, first, background.cell_size, carrier_first, carrier_position, carrier_owner,
+        inverse_spread, cluster_share,
+    )  # fmt: skip
+
+
+@cuda_kernel
+def contact(sample_position, contact, sample_area):
+    """Section 9: areas of the samples on walls."""
+    s = cuda.grid(1)
+    if s < sample_area.shape[0]:
+        sample_area[s] = particle.contact(s, sample_position, sample_area, contact)

@@ -1,0 +1,228 @@
+"""The background grid of one run: blocks where the liquid is, points by cell, arrays on the nodes.
+
+Blocks are made anew only where a point has left them; blocks without a point contribute nothing to any sum, so that
+a result does not depend on when that happened.
+"""
+
+from __future__ import annotations
+
+import importlib
+import itertools
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from refsim.backend import Backend
+from refsim.errors import RunStopped
+from refsim.sparse_grid import Blocks, PointList
+
+BITS = 21  # of a block's coordinate in its key, as the sparse grid has them
+FARTHEST = (1 << 20) - 16  # cells from the origin up to which there are blocks
+NODES = 64  # of a block
+SETS = ("particles", "carriers", "samples")
+PROGRAMS = {"numpy": "reference"}
+SLACK = {"cuda": 1}  # blocks by which a new table reaches further, where making one costs more than passing over it
+
+
+class Bins(NamedTuple):
+    """Points by block (CPU) or by cell (GPU): those of bin i are point[first[i] : first[i + 1]]."""
+
+    first: Any  # (bins + 1,) int32
+    point: Any  # (points,) int32
+
+
+class Background(NamedTuple):
+    """The background grid as kernels take it; the inverse in float64: places far off keep their digits."""
+
+    cell_size: Any  # h [m]
+    inverse_cell: Any  # 1/h [1/m], float64
+    inverse_moment: Any  # 4/h^2 [1/m^2], (3.16)
+    layers: Any  # of nodes along z that a particle reaches: 3, or 1 in the plane
+    width: Any  # nodes along an axis that the particles of a block reach: 6, or 10 in the plane
+    least_mass: Any  # of a node that moves [kg]
+
+
+class MpmGrid:
+    """Blocks, bins and node arrays on one backend.
+
+    dim, dtype, cell_size  dimension, dtype of the node arrays, h [m]
+
+    `node_mass` (nodes,) [kg], `node_momentum`, `node_velocity` (nodes, 3); node 64 b + l is the l-th of block b.
+    """
+
+    def __init__(self, dim: int, dtype: str, cell_size: float, backend: Backend | None = None) -> None:
+        self.dim, self.dtype, self.cell_size = dim, dtype, cell_size
+        self.backend = backend or Backend("numpy")
+        self.width = 6 if dim == 3 else 10
+        self.inverse_cell = 1.0 / float(np.dtype(dtype).type(cell_size))
+        self.on_device = self.backend.name == "cuda"
+        self.blocks: Any = None
+        self.complete: Any = None  # (b,) whether the blocks that its particles reach are there, too
+        self.cells: dict[str, Any] = {}
+        self.bins: dict[str, Bins] = {}
+        self.rebuilds = 0
+        self._storage: dict[str, Any] = {}
+        self._views: dict[str, Any] = {}
+        self._located: dict[str, np.ndarray] = {}
+
+    def on_backend(self, backend: Backend) -> MpmGrid:
+        """A grid like this one on another backend, with the same blocks and points in it."""
+        grid = MpmGrid(self.dim, self.dtype, self.cell_size, backend)
+        if self._located:
+            grid.blocks = Blocks(*map(backend.asarray, self.blocks))
+            grid.complete = backend.asarray(self.complete)
+            sets = [self._located.get(name) for name in SETS]
+            sets = [None if values is None else backend.asarray(values) for values in sets]
+            programs = importlib.import_module(f"refsim.mpm.{PROGRAMS.get(backend.name, backend.name)}")
+            outputs = () if backend.name == "numpy" else (backend.empty(sets[0].shape[0], np.int32),)
+            programs.cells(*sets, grid, *outputs)
+        return grid
+
+    # What follows from where the points are
+
+    @property
+    def nodes(self) -> int:
+        """Number of nodes."""
+        return 0 if self.blocks is None else NODES * self.blocks.keys.shape[0]
+
+    @property
+    def node_mass(self) -> Any:
+        """m_j (nodes,) [kg]."""
+        return self._array("node_mass", (self.nodes,))
+
+    @property
+    def node_momentum(self) -> Any:
+        """(mv)_j with the forces' impulse (nodes, 3) [kg m/s]."""
+        return self._array("node_momentum", (self.nodes, 3))
+
+    @property
+    def node_velocity(self) -> Any:
+        """v_j after the update (nodes, 3) [m/s]."""
+        return self._array("node_velocity", (self.nodes, 3))
+
+    @property
+    def node_pull(self) -> Any:
+        """Force of the surface on the nodes (nodes, 3) [N]."""
+        return self._array("node_pull", (self.nodes, 3))
+
+    @property
+    def sample_cells(self) -> PointList:
+        """The surface's samples by cell."""
+        cell = self.cells["samples"]
+        if self.on_device:
+            return PointList(*self.bins["samples"], cell)
+        order = np.argsort(cell, kind="stable").astype(np.int32)
+        first = np.searchsorted(cell[order], np.arange(self.nodes + 1)).astype(np.int32)
+        return PointList(first, order, cell)
+
+    @property
+    def scratch(self) -> Any:
+        """What the points of each block give to the nodes in their reach (b, width^dim, 4): mass and momentum."""
+        return self._array("scratch", (self.nodes // NODES, self.width**self.dim, 4))
+
+    @property
+    def block_extremes(self) -> Any:
+        """Extremes of the particles of each block (b, 5), where a device reduces them in two steps."""
+        return self._array("block_extremes", (self.nodes // NODES, 5))
+
+    def bytes(self) -> int:
+        """Memory of all arrays."""
+        kept = [*self._storage.values(), *(self.blocks or ()), *itertools.chain(*self.bins.values())]
+        return sum(int(np.prod(a.shape)) * a.dtype.itemsize for a in kept)
+
+    def locate(
+        self, positions: Mapping[str, Any], cell: Any, find_cells: Any, block_keys: Any, sorted_bins: Any
+    ) -> None:
+        """Find the cell of every point of every set (n, 3) [m], make blocks where some are missing, and sort.
+
+        positions  by the names in SETS; those that are None are no sets
+        cell       (n,) where the particles' cells are written; other sets' are kept in `cells`
+        The programs of a backend do the work: find_cells(position, inverse_cell, blocks, complete, cell) gives
+        (points in no block, points at no possible place), block_keys(position, inverse_cell, dim) keys, with -1 for
+        points at no possible place, sorted_bins(cell, blocks) what makes the Bins.
+
+        Raises RunStopped where a point is not finite or too far away.
+        """
+        sets = {name: values for name, values in positions.items() if values is not None}
+        if self.backend.name == "numpy":
+            self._located = {name: np.array(values) for name, values in sets.items()}
+        for name, values in sets.items():
+            if name == SETS[0]:
+                self.cells[name] = cell
+            elif name not in self.cells or self.cells[name].shape != values.shape[:1]:
+                self.cells[name] = self.backend.empty(values.shape[0], np.int32)
+
+        def found() -> list[tuple[int, int]]:
+            """Points in no block, and at no possible place, of each set."""
+            return [
+                find_cells(values, self.inverse_cell, self.blocks, self.complete, self.cells[name])
+                for name, values in sets.items()
+            ]
+
+        counts = found() if self.blocks is not None else [(1, 0)]
+        if any(missing for missing, _ in counts):
+            self._rebuild([block_keys(values, self.inverse_cell, self.dim) for values in sets.values()])
+            counts = found()
+        for name, (_, lost) in zip(sets, counts, strict=True):
+            if lost:
+                raise RunStopped(
+                    "out_of_grid",
+                    f"{lost} of the {name} left the background grid, which ends {FARTHEST} cells from the origin, or"
+                    " are at no finite place: take a smaller step, or put walls around the liquid.",
+                )
+        self.bins = {name: Bins(*sorted_bins(self.cells[name], self.nodes // NODES)) for name in sets}
+
+    # Inside
+
+    def _rebuild(self, keys: list[Any]) -> None:
+        self.rebuilds += 1
+        xp: Any = np
+        if self.on_device:
+            from refsim import device
+
+            xp, keys = device.library(), [device.seen(k) for k in keys]
+        occupied = xp.unique(xp.concatenate([_runs(xp, k) for k in keys]))
+        occupied = occupied[occupied >= 0]
+        slack = SLACK.get(self.backend.name, 0)
+        reach = xp.asarray(self._steps(range(-slack, slack + 2)))
+        made = xp.unique((occupied[:, None] + reach[None, :]).ravel())
+        ways = xp.asarray(self._steps((-1, 0, 1)))
+        wanted = made[:, None] + ways[None, :]
+        neighbour = xp.full(wanted.shape, -1, np.int32)
+        if len(made):
+            place = xp.minimum(xp.searchsorted(made, wanted.ravel()).reshape(wanted.shape), len(made) - 1)
+            neighbour = xp.where(made[place] == wanted, place, -1).astype(np.int32)
+        corners = [k for k, s in enumerate(itertools.product(*self._ways((-1, 0, 1)))) if min(s) >= 0]
+        complete = (neighbour[:, xp.asarray(corners)] >= 0).all(1).astype(np.uint8)
+        arrays = [xp.ascontiguousarray(a) for a in (made, neighbour, complete)]
+        if self.on_device:
+            arrays = [device.wrapped(a) for a in arrays]
+        self.blocks, self.complete = Blocks(*arrays[:2]), arrays[2]
+
+    def _ways(self, axis: Any) -> tuple[Any, ...]:
+        """Steps along z, y, x, so that x runs fastest."""
+        return tuple(axis if c < self.dim else (0,) for c in (2, 1, 0))
+
+    def _steps(self, axis: Any) -> np.ndarray:
+        """Differences of the keys of blocks."""
+        steps = [(z << (2 * BITS)) + (y << BITS) + x for z, y, x in itertools.product(*self._ways(axis))]
+        return np.array(steps, np.int64)
+
+    def _array(self, name: str, shape: tuple[int, ...]) -> Any:
+        """The first rows of an array that grows with the blocks."""
+        view = self._views.get(name)
+        if view is None or view.shape != shape:
+            held = self._storage.get(name)
+            if held is None or held.shape[0] < shape[0]:
+                room = (shape[0] + shape[0] // 4, *shape[1:])
+                held = self._storage[name] = self.backend.empty(room, self.dtype)
+            view = self._views[name] = held[: shape[0]]
+        return view
+
+
+def _runs(xp: Any, keys: Any) -> Any:
+    """`keys` without those that repeat the one before: few where points are in order."""
+    begins = xp.ones(len(keys), dtype=bool)
+    begins[1:] = keys[1:] != keys[:-1]
+    return keys[begins]

@@ -1,0 +1,445 @@
+"""What one point does in the transfers; shared by the CPU and the CUDA kernels.
+
+A point gives node j the momentum B_j(x) (q + g (j - base)): an affine field with its value q at the base node of its
+stencil and its gradient g, both times mass; g is a tuple, row by row, in units of momentum a node.
+"""
+
+import math
+
+from refsim.compile import formula
+from refsim.mpm.formulas import (
+    STICKY,
+    contact_area,
+    determinant,
+    dilation,
+    fraction,
+    spline_slopes,
+    spline_weights,
+    stress_moment,
+    wall_velocity,
+)
+from refsim.mpm.formulas import inverse_spread as inverted
+from refsim.sparse_grid.formulas import node_coordinates
+
+CLUSTER, THESIS, CORRECTED = 1, 2, 3  # readings of the embedding; 0 is none
+
+
+@formula
+def place(i, position, cell, origin, background):
+    """(fractions of point i along x, y, z, local coordinates of its base node) in the block that begins at `origin`."""
+    local = cell[i] & 63
+    if background.layers == 3:
+        x, y, z = local & 3, (local >> 2) & 3, local >> 4
+        fx = fraction(position[i, 0], origin[0] + x, background)
+        fy = fraction(position[i, 1], origin[1] + y, background)
+        fz = fraction(position[i, 2], origin[2] + z, background)
+        return fx, fy, fz, x, y, z
+    x, y = local & 7, local >> 3
+    fx = fraction(position[i, 0], origin[0] + x, background)
+    fy = fraction(position[i, 1], origin[1] + y, background)
+    return fx, fy, type(fx)(0), x, y, 0
+
+
+@formula
+def layer_weights(fz, background):
+    """Weights along z; the plane has one layer, with weight one."""
+    if background.layers == 3:
+        return spline_weights(fz)
+    real = type(fz)
+    return real(1), real(0), real(0)
+
+
+@formula
+def layer_slopes(fz, background):
+    """Slopes along z, where the plane has none."""
+    if background.layers == 3:
+        return spline_slopes(fz)
+    real = type(fz)
+    return real(0), real(0), real(0)
+
+
+@formula
+def affine_momentum(mass, vx, vy, vz, g, fx, fy, fz):
+    """q: the momentum mass v less what the gradient adds from the base node to the point."""
+    qx = mass * vx - g[0] * fx - g[1] * fy - g[2] * fz
+    qy = mass * vy - g[3] * fx - g[4] * fy - g[5] * fz
+    qz = mass * vz - g[6] * fx - g[7] * fy - g[8] * fz
+    return qx, qy, qz
+
+
+@formula
+def gradient(i, affine, scale, pressed, inverse):
+    """g = scale A - pressed E^-1: velocity gradient and stress of particle i, both taken through the affine field.
+
+    inverse  (xx, xy, xz, yy, yz, zz) of E^-1 = (h^2/4) D^-1
+    """
+    return (
+        scale * affine[i, 0] - pressed * inverse[0],
+        scale * affine[i, 1] - pressed * inverse[1],
+        scale * affine[i, 2] - pressed * inverse[2],
+        scale * affine[i, 3] - pressed * inverse[1],
+        scale * affine[i, 4] - pressed * inverse[3],
+        scale * affine[i, 5] - pressed * inverse[4],
+        scale * affine[i, 6] - pressed * inverse[2],
+        scale * affine[i, 7] - pressed * inverse[4],
+        scale * affine[i, 8] - pressed * inverse[5],
+    )
+
+
+@formula
+def round_spread(h):
+    """E^-1 of a particle that nothing is embedded around: the unit matrix."""
+    real = type(h)
+    return real(1), real(0), real(0), real(1), real(0), real(1)
+
+
+@formula
+def spread_of(i, inverse_spread):
+    """E^-1 of particle i's cluster."""
+    return (
+        inverse_spread[i, 0], inverse_spread[i, 1], inverse_spread[i, 2],
+        inverse_spread[i, 3], inverse_spread[i, 4], inverse_spread[i, 5],
+    )  # fmt: skip
+
+
+@formula
+def particle_field(
+    i, fx, fy, fz, velocity, mass, affine, volume_ratio, acceleration, liquid, background, timestep,
+    cluster_share, inverse_spread, embedding, kernel_gradient,
+):  # fmt: skip
+    """(mass, q, g, K) of particle i itself: (4.10), (4.15), and (4.17) as MLS force, or K of its own for M6."""
+    h = background.cell_size
+    real = type(h)
+    step = timestep[1]
+    vx, vy, vz = velocity[i, 0], velocity[i, 1], velocity[i, 2]
+    if acceleration is not None:
+        vx += step * acceleration[i, 0]
+        vy += step * acceleration[i, 1]
+        vz += step * acceleration[i, 2]
+    moment = stress_moment(volume_ratio[i], mass[i], liquid, step)
+    own = mass[i]
+    inverse = round_spread(h)
+    if cluster_share is not None:
+        own *= cluster_share[i]
+        if embedding.reading == CLUSTER:
+            moment *= cluster_share[i]
+            inverse = spread_of(i, inverse_spread)
+    pressed = moment * background.inverse_moment * h
+    if kernel_gradient is not None:
+        pressed = real(0)
+    g = gradient(i, affine, own * h, pressed, inverse)
+    qx, qy, qz = affine_momentum(own, vx, vy, vz, g, fx, fy, fz)
+    return own, qx, qy, qz, g, moment
+
+
+@formula
+def carrier_field(
+    c, fx, fy, fz, carrier_position, carrier_owner, position, velocity, mass, affine, volume_ratio, acceleration,
+    liquid, background, timestep, cluster_share, inverse_spread, embedding,
+):  # fmt: skip
+    """(mass, q, g) of an embedded point: its owner's field, with its share of the owner's mass."""
+    h = background.cell_size
+    real = type(h)
+    step = timestep[1]
+    p = carrier_owner[c]
+    vx, vy, vz = velocity[p, 0], velocity[p, 1], velocity[p, 2]
+    if acceleration is not None:
+        vx += step * acceleration[p, 0]
+        vy += step * acceleration[p, 1]
+        vz += step * acceleration[p, 2]
+    own = mass[p] * cluster_share[p]
+    pressed = real(0)
+    inverse = round_spread(h)
+    if embedding.reading == CLUSTER:
+        moment = cluster_share[p] * stress_moment(volume_ratio[p], mass[p], liquid, step)
+        pressed = moment * background.inverse_moment * h
+        inverse = spread_of(p, inverse_spread)
+    g = gradient(p, affine, own * h, pressed, inverse)
+    qx, qy, qz = affine_momentum(own, vx, vy, vz, g, fx, fy, fz)
+    if embedding.reading == CLUSTER:  # the field is the owner's, about the owner
+        dx = (carrier_position[c, 0] - position[p, 0]) / h
+        dy = (carrier_position[c, 1] - position[p, 1]) / h
+        dz = (carrier_position[c, 2] - position[p, 2]) / h
+        qx += g[0] * dx + g[1] * dy + g[2] * dz
+        qy += g[3] * dx + g[4] * dy + g[5] * dz
+        qz += g[6] * dx + g[7] * dy + g[8] * dz
+    return own, qx, qy, qz, g
+
+
+@formula
+def moments(at, width, background, wx, wy, wz, values):
+    """Sums over the stencil's nodes: B v (3) and B v (j - base)^T (9, row by row); values (nodes, 3) [m/s]."""
+    real = type(background.cell_size)
+    zero = real(0)
+    two = real(2)
+    vx, vy, vz = zero, zero, zero
+    xx, xy, xz = zero, zero, zero
+    yx, yy, yz = zero, zero, zero
+    zx, zy, zz = zero, zero, zero
+    w0, w1, w2 = wx[0], wx[1], wx[2]
+    d2 = two * w2
+    for k in range(3):
+        if k < background.layers:
+            px, py, pz = zero, zero, zero
+            sx, sy, sz = zero, zero, zero
+            tx, ty, tz = zero, zero, zero
+            for j in range(3):
+                n = at + (k * width + j) * width
+                w = wy[j]
+                far = real(j) * w
+                u0, u1, u2 = values[n, 0], values[n + 1, 0], values[n + 2, 0]
+                e = w0 * u0 + w1 * u1 + w2 * u2
+                px += w * e
+                sx += far * e
+                tx += w * (w1 * u1 + d2 * u2)
+                u0, u1, u2 = values[n, 1], values[n + 1, 1], values[n + 2, 1]
+                e = w0 * u0 + w1 * u1 + w2 * u2
+                py += w * e
+                sy += far * e
+                ty += w * (w1 * u1 + d2 * u2)
+                u0, u1, u2 = values[n, 2], values[n + 1, 2], values[n + 2, 2]
+                e = w0 * u0 + w1 * u1 + w2 * u2
+                pz += w * e
+                sz += far * e
+                tz += w * (w1 * u1 + d2 * u2)
+            w = wz[k]
+            far = real(k) * w
+            vx += w * px
+            vy += w * py
+            vz += w * pz
+            xx += w * tx
+            yx += w * ty
+            zx += w * tz
+            xy += w * sx
+            yy += w * sy
+            zy += w * sz
+            xz += far * px
+            yz += far * py
+            zz += far * pz
+    return vx, vy, vz, xx, xy, xz, yx, yy, yz, zx, zy, zz
+
+
+@formula
+def centred(sums, fx, fy, fz, h):
+    """Sum of B v (x_j - x)^T [m^2/s], row by row, from sums about the base node."""
+    vx, vy, vz = sums[0], sums[1], sums[2]
+    return (
+        h * (sums[3] - fx * vx), h * (sums[4] - fy * vx), h * (sums[5] - fz * vx),
+        h * (sums[6] - fx * vy), h * (sums[7] - fy * vy), h * (sums[8] - fz * vy),
+        h * (sums[9] - fx * vz), h * (sums[10] - fy * vz), h * (sums[11] - fz * vz),
+    )  # fmt: skip
+
+
+@formula
+def with_carriers(i, v, m, position, carrier_first, carrier_position, carrier_moment, share, embedding):
+    """Section 5: v_p and sum of B v (x_j - x_p)^T of a cluster, from its particle's own (v, m) and its points' moments.
+
+    The thesis takes v_p from the particle alone (4.12) and centres the moments on it (4.14).
+    """
+    vx, vy, vz = v
+    m0, m1, m2, m3, m4, m5, m6, m7, m8 = m
+    for c in range(carrier_first[i], carrier_first[i + 1]):
+        ux, uy, uz = carrier_moment[c, 0], carrier_moment[c, 1], carrier_moment[c, 2]
+        vx += ux
+        vy += uy
+        vz += uz
+        m0 += carrier_moment[c, 3]
+        m1 += carrier_moment[c, 4]
+        m2 += carrier_moment[c, 5]
+        m3 += carrier_moment[c, 6]
+        m4 += carrier_moment[c, 7]
+        m5 += carrier_moment[c, 8]
+        m6 += carrier_moment[c, 9]
+        m7 += carrier_moment[c, 10]
+        m8 += carrier_moment[c, 11]
+        if embedding.reading != CORRECTED:
+            dx = carrier_position[c, 0] - position[i, 0]
+            dy = carrier_position[c, 1] - position[i, 1]
+            dz = carrier_position[c, 2] - position[i, 2]
+            m0 += ux * dx
+            m1 += ux * dy
+            m2 += ux * dz
+            m3 += uy * dx
+            m4 += uy * dy
+            m5 += uy * dz
+            m6 += uz * dx
+            m7 += uz * dy
+            m8 += uz * dz
+    if embedding.reading == CLUSTER:
+        v = (share * vx, share * vy, share * vz)
+    return v, (
+        share * m0, share * m1, share * m2, share * m3, share * m4, share * m5, share * m6, share * m7, share * m8
+    )  # fmt: skip
+
+
+@formula
+def times_spread(m, s, scale):
+    """scale M E^-1, row by row."""
+    return (
+        scale * (m[0] * s[0] + m[1] * s[1] + m[2] * s[2]),
+        scale * (m[0] * s[1] + m[1] * s[3] + m[2] * s[4]),
+        scale * (m[0] * s[2] + m[1] * s[4] + m[2] * s[5]),
+        scale * (m[3] * s[0] + m[4] * s[1] + m[5] * s[2]),
+        scale * (m[3] * s[1] + m[4] * s[3] + m[5] * s[4]),
+        scale * (m[3] * s[2] + m[4] * s[4] + m[5] * s[5]),
+        scale * (m[6] * s[0] + m[7] * s[1] + m[8] * s[2]),
+        scale * (m[6] * s[1] + m[7] * s[3] + m[8] * s[4]),
+        scale * (m[6] * s[2] + m[7] * s[4] + m[8] * s[5]),
+    )
+
+
+@formula
+def deform(i, a, liquid, step, layers, deformation):
+    """(4.16) F <- (I + dt A) F, with M5 dt = 1 s; returns J = det F, and leaves J^(1/d) I where F is forgotten."""
+    real = type(step)
+    t = real(1) if liquid.timeless else step
+    for c in range(3):
+        f0, f1, f2 = deformation[i, c], deformation[i, 3 + c], deformation[i, 6 + c]
+        deformation[i, c] = f0 + t * (a[0] * f0 + a[1] * f1 + a[2] * f2)
+        deformation[i, 3 + c] = f1 + t * (a[3] * f0 + a[4] * f1 + a[5] * f2)
+        deformation[i, 6 + c] = f2 + t * (a[6] * f0 + a[7] * f1 + a[8] * f2)
+    ratio = determinant(
+        deformation[i, 0], deformation[i, 1], deformation[i, 2], deformation[i, 3], deformation[i, 4],
+        deformation[i, 5], deformation[i, 6], deformation[i, 7], deformation[i, 8],
+    )  # fmt: skip
+    if liquid.forgets_shear:
+        size = ratio ** (real(1) / real(3) if layers == 3 else real(0.5))
+        for c in range(9):
+            deformation[i, c] = real(0)
+        deformation[i, 0] = size
+        deformation[i, 4] = size
+        deformation[i, 8] = size if layers == 3 else real(1)
+    return ratio
+
+
+@formula
+def gather(
+    i, sums, fx, fy, fz, background, liquid, timestep, cluster_share, inverse_spread, embedding, carrier_first,
+    carrier_position, carrier_moment, build_position, velocity, affine, volume_ratio, deformation, position,
+):  # fmt: skip
+    """(4.12), (4.13) or the cluster's, (4.16), (4.8) of particle i.
+
+    Returns (squared way since the list was built [m^2], J, |tr A| [1/s], squared way of the step [m^2]).
+    """
+    h = background.cell_size
+    real = type(h)
+    step = timestep[1]
+    v = (sums[0], sums[1], sums[2])
+    m = centred(sums, fx, fy, fz, h)
+    inverse = round_spread(h)
+    if cluster_share is not None:
+        v, m = with_carriers(
+            i, v, m, position, carrier_first, carrier_position, carrier_moment, cluster_share[i], embedding
+        )
+        if embedding.reading == CLUSTER:
+            inverse = spread_of(i, inverse_spread)
+    a = times_spread(m, inverse, background.inverse_moment)
+    for c in range(9):
+        affine[i, c] = a[c]
+    if deformation is not None:
+        volume_ratio[i] = deform(i, a, liquid, step, background.layers, deformation)
+    else:
+        volume_ratio[i] *= dilation(a[0] + a[4] + a[8], liquid, step)
+    squared, jump = real(0), real(0)
+    for c in range(3):
+        velocity[i, c] = v[c]
+        way = step * v[c]
+        position[i, c] += way
+        jump += way * way
+        if build_position is not None:
+            way = position[i, c] - build_position[i, c]
+        squared += way * way
+    # A maximum over the particles would pass over what is no number.
+    if not (squared >= real(0) and abs(volume_ratio[i]) < real(math.inf)):
+        squared = real(math.inf)
+    return squared, volume_ratio[i], abs(a[0] + a[4] + a[8]), jump
+
+
+@formula
+def embed(
+    i, position, surface_sample, order, first, cell_size, carrier_first, carrier_position, carrier_owner,
+    cluster_share, inverse_spread,
+):  # fmt: skip
+    """Section 5 for particle i: its samples and their mirror images, its share, and E^-1."""
+    real = type(cell_size)
+    count = first[i + 1] - first[i]
+    share = real(1) / real(2 * count + 1)
+    xx, xy, xz, yy, yz, zz = real(1), real(0), real(0), real(1), real(0), real(1)
+    for k in range(first[i], first[i + 1]):
+        s = order[k]
+        d = (
+            surface_sample[s, 0] - position[i, 0],
+            surface_sample[s, 1] - position[i, 1],
+            surface_sample[s, 2] - position[i, 2],
+        )
+        for c in range(3):
+            carrier_position[2 * k, c] = surface_sample[s, c]
+            carrier_position[2 * k + 1, c] = position[i, c] - d[c]
+        carrier_owner[2 * k] = i
+        carrier_owner[2 * k + 1] = i
+        two = real(8) * share / (cell_size * cell_size)
+        xx += two * d[0] * d[0]
+        xy += two * d[0] * d[1]
+        xz += two * d[0] * d[2]
+        yy += two * d[1] * d[1]
+        yz += two * d[1] * d[2]
+        zz += two * d[2] * d[2]
+    carrier_first[i] = 2 * first[i]
+    carrier_first[i + 1] = 2 * first[i + 1]  # also written by the next particle, with the same number
+    cluster_share[i] = share
+    inverse = inverted(xx, xy, xz, yy, yz, zz)
+    for c in range(6):
+        inverse_spread[i, c] = inverse[c]
+
+
+@formula
+def node_update(node, mass, mx, my, mz, blocks, least_mass, node_pull, field, planes, timestep):
+    """(4.19) with the walls of section 9: v_j [m/s]; zero on a node without mass."""
+    real = type(mass)
+    zero = real(0)
+    if not mass > least_mass:
+        return zero, zero, zero
+    step = timestep[1]
+    if node_pull is not None:
+        mx += step * node_pull[node, 0]
+        my += step * node_pull[node, 1]
+        mz += step * node_pull[node, 2]
+    vx, vy, vz = mx / mass, my / mass, mz / mass
+    if field is not None:
+        vx += step * field[0]
+        vy += step * field[1]
+        vz += step * field[2]
+    if planes is not None:
+        vx, vy, vz = at_walls(node, vx, vy, vz, blocks, planes)
+    return vx, vy, vz
+
+
+@formula
+def at_walls(node, vx, vy, vz, blocks, planes):
+    """Section 9 for a node: v = 0 in a sticky wall, and no part into a slip or separating one."""
+    jx, jy, jz = node_coordinates(blocks, node)
+    lx, ux = jx <= planes.lower[0], jx >= planes.upper[0]
+    ly, uy = jy <= planes.lower[1], jy >= planes.upper[1]
+    lz, uz = jz <= planes.lower[2], jz >= planes.upper[2]
+    r = planes.rules
+    if (
+        (lx and r[0] == STICKY) or (ux and r[1] == STICKY) or (ly and r[2] == STICKY)
+        or (uy and r[3] == STICKY) or (lz and r[4] == STICKY) or (uz and r[5] == STICKY)
+    ):  # fmt: skip
+        zero = type(vx)(0)
+        return zero, zero, zero
+    return (
+        wall_velocity(vx, lx, ux, r[0], r[1]),
+        wall_velocity(vy, ly, uy, r[2], r[3]),
+        wall_velocity(vz, lz, uz, r[4], r[5]),
+    )
+
+
+@formula
+def contact(s, sample_position, sample_area, contact):
+    """Area of sample s with its share on a wall."""
+    inside = True
+    for c in range(3):
+        x = sample_position[s, c]
+        inside = inside and x >= contact.lower[c] and x <= contact.upper[c]
+    return contact_area(sample_area[s], inside, contact)

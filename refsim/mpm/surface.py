@@ -1,0 +1,271 @@
+"""The surface of an MPM liquid in a run: the effect `surface_energy`, and what holds its samples from step to step."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple
+
+import numpy as np
+
+from refsim.backend import Backend
+from refsim.effect import Discretisation, Effect, Pass, StepLimit, literal_errata, require
+from refsim.errors import InputError
+from refsim.operation import REGISTRY, Operation, Procedure, enter, register
+from refsim.particles import Field
+from refsim.surface_energy import Tension
+
+if TYPE_CHECKING:
+    from refsim.scene import InitialState
+
+EXTENT = Field("extent", "-", "axes along which the liquid round a particle spreads; 1 in a filament", dtype="uint8")
+WET = 0.5  # cells from a wall within which samples lie on it
+
+
+class Contact(NamedTuple):
+    """Samples on walls: the box that is dry [m], and the share of the tension that acts between liquid and wall."""
+
+    lower: Any  # (3,) [m]
+    upper: Any  # (3,) [m]
+    share: Any  # -cos(contact angle)
+
+
+class SurfaceEnergy(Effect, frozen=True, kw_only=True):
+    """Surface tension of an MPM liquid: its surface is reconstructed in each step and pulls on the grid.
+
+    surface_tension   k [N/m] (in the plane N, per metre of depth)
+    embedding         how points are embedded for the samples: "cluster" (default), "thesis", "gradient_corrected" or
+                      "none"
+    contact_angle     of the liquid on the walls of `mpm_walls` [degrees]; 180 leaves the surface along walls as it is
+    capillary_number  share b of sqrt(rho h^3/(2 pi k)) that the step may have; the limit of stability is 0.75
+    level_set_radius  r of the spheres round the particles, in cells; by default sqrt(dim)
+    quadrature        "facets": a sample to each facet; "poisson": Poisson-disk samples
+    disk_radius       least distance of Poisson-disk samples, in cells, at most 1
+    seed              of the Poisson-disk samples
+    offset            epsilon of the fit, in cells
+    iterations        sweeps of the fit
+    relaxation        omega of the fit, between 0 and 2
+    normals           "mls" (3.17), "gradient" (3.9), or, to compare, "facets" and "offsets"
+    inset             distance of the liquid's surface from its outermost particles, in cells: the surface is pulled
+                      back to it; a negative one leaves it at r
+    smallest          particles of the smallest component that bears tension; 0 takes 3^dim
+    literal           printed readings to use: "M1" (the force's sign), "M14" (Algorithm 2), "M31" (the surface at r),
+                      "M32" (15 cases); or "all"
+    """
+
+    name: ClassVar[str] = "surface_energy"
+    host_in_step: ClassVar[bool] = True
+
+    surface_tension: float
+    embedding: Literal["none", "cluster", "thesis", "gradient_corrected"] = "cluster"
+    contact_angle: float = 180.0
+    capillary_number: float = 0.3
+    level_set_radius: float | None = None
+    quadrature: Literal["facets", "poisson"] = "facets"
+    disk_radius: float = 0.5
+    seed: int = 0
+    offset: float = 0.5
+    iterations: int = 10
+    relaxation: float = 1.0
+    normals: Literal["mls", "gradient", "facets", "offsets"] = "mls"
+    inset: float = 0.25
+    smallest: int = 0
+    literal: tuple[str, ...] = ()
+
+    def needs(self) -> tuple[str, ...]:
+        return ("mpm_liquid",)
+
+    def check(self, grid: Discretisation, others: Mapping[str, Effect]) -> None:
+        self.tension().check(grid.dim)
+        require(self.name, capillary_number=(self.capillary_number, "positive"))
+        if self.embedding not in ("none", "cluster", "thesis", "gradient_corrected"):
+            raise InputError(
+                f"{self.name}: embedding = {self.embedding!r} is not known; give cluster, thesis, gradient_corrected or"
+                " none."
+            )
+        if not 0 <= self.contact_angle <= 180:
+            raise InputError(
+                f"{self.name}: contact_angle = {self.contact_angle} is not possible; give 0 to 180 degrees."
+            )
+        if self.contact_angle != 180 and "mpm_walls" not in others:
+            raise InputError(
+                f"{self.name}: contact_angle = {self.contact_angle} needs a wall; add mpm_walls or leave it out."
+            )
+
+    def tension(self) -> Tension:
+        """Parameters of the reconstruction."""
+        printed = literal_errata(self.name, self.literal, ("M1", "M14", "M31", "M32"))
+        own = ("surface_tension", "level_set_radius", "quadrature", "disk_radius", "seed", "offset", "iterations")
+        return Tension(
+            **{name: getattr(self, name) for name in (*own, "relaxation", "normals")},
+            inset=self.inset if self.inset >= 0 else None,
+            smallest=self.smallest or None,
+            literal=tuple(f"E{name[1:]}" for name in sorted(printed)),
+        )
+
+    def initial(
+        self, grid: Discretisation, state: InitialState, others: Mapping[str, Effect]
+    ) -> Mapping[str, np.ndarray]:
+        least = self.tension().least_component(grid.dim)
+        if grid.count < least:
+            raise InputError(
+                f"{self.name}: {grid.count} particles do not resolve a body whose surface bears tension, which takes"
+                f" {least}; take smaller cells and more particles, or set smallest."
+            )
+        return {}
+
+    def fields(self, others: Mapping[str, Effect]) -> tuple[Field, ...]:
+        return (EXTENT,)
+
+    def passes(self, others: Mapping[str, Effect]) -> tuple[Pass, ...]:
+        wet = self._wet(others)
+        made = ("free_samples",) if wet else ("samples",)
+        found = [Pass("surface_energy.reconstruct", ("position",), made, stage="motion")]
+        if wet:
+            names = {f"sample_{part}": f"surface.sample_{part}" for part in ("position", "area")}
+            found.append(Pass("mpm.contact", made, ("samples",), names=names, stage="motion"))
+        found.append(Pass("surface_energy.find_filaments", ("position",), ("extent",), on_demand=True))
+        return tuple(found)
+
+    def _wet(self, others: Mapping[str, Effect]) -> bool:
+        return self.contact_angle != 180 and "mpm_walls" in others
+
+    def shares(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, Any]:
+        cell = others["mpm_liquid"].cell(grid)  # type: ignore[attr-defined]
+        return {"surface": SurfaceOfRun(self.tension(), grid.dim, grid.dtype, cell, grid.count)}
+
+    def prepare(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, Any]:
+        if not self._wet(others):
+            return {}
+        reach = WET * others["mpm_liquid"].cell(grid)  # type: ignore[attr-defined]
+        lower, upper = others["mpm_walls"].room(grid)  # type: ignore[attr-defined]
+        share = -math.cos(math.radians(self.contact_angle)) if self.contact_angle != 90 else 0.0
+        return {
+            "contact": Contact((lower + reach).astype(grid.dtype), (upper - reach).astype(grid.dtype), grid.real(share))
+        }
+
+    def step_limits(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, StepLimit]:
+        if self.surface_tension == 0:
+            return {}
+        liquid = others["mpm_liquid"]
+        period = math.sqrt(liquid.rest_density * liquid.cell(grid) ** 3 / (2 * math.pi * self.surface_tension))  # type: ignore[attr-defined]
+        return {"capillary": StepLimit.constant(self.capillary_number * period)}
+
+
+class SurfaceSamples:
+    """Samples on one backend, replaced in each step by whoever reconstructs the surface (`assign`).
+
+    sample_position (s, 3) [m], sample_normal (s, 3) outward, sample_area (s,) [m^(d-1)], sample_nearest (s,) int32,
+    the particle nearest to each; carrier_... of the 2 s embedded points, by owner: carrier_first (n + 1),
+    carrier_position (2 s, 3) [m], carrier_owner (2 s,), carrier_moment (2 s, 12).
+    """
+
+    def __init__(self, count: int, dtype: str, backend: Backend) -> None:
+        self.count, self.dtype, self.backend = count, dtype, backend
+        self._storage: dict[str, Any] = {}
+        self._views: dict[str, Any] = {}
+        none = backend.zeros
+        self.assign(none((0, 3), dtype), none((0, 3), dtype), none(0, dtype), none(0, "int32"))
+
+    def assign(self, position: Any, normal: Any, area: Any, nearest: Any) -> None:
+        """Take the samples of this step: arrays of this backend."""
+        self.sample_position, self.sample_normal, self.sample_area = position, normal, area
+        self.sample_nearest = nearest
+
+    @property
+    def carrier_first(self) -> Any:
+        """First embedded point of each particle, and the end (n + 1,)."""
+        return self._array("first", (self.count + 1,), "int32")
+
+    @property
+    def carrier_position(self) -> Any:
+        """Embedded points (2 s, 3) [m], by owner: a sample, then its mirror image."""
+        return self._array("position", (2 * self.sample_position.shape[0], 3), self.dtype)
+
+    @property
+    def carrier_owner(self) -> Any:
+        """The particle that each is embedded around (2 s,)."""
+        return self._array("owner", (2 * self.sample_position.shape[0],), "int32")
+
+    @property
+    def carrier_moment(self) -> Any:
+        """Sums of B v (3) and B v (x_j - x_q)^T (9) of each (2 s, 12)."""
+        return self._array("moment", (2 * self.sample_position.shape[0], 12), self.dtype)
+
+    def _array(self, name: str, shape: tuple[int, ...], dtype: Any) -> Any:
+        view = self._views.get(name)
+        if view is None or view.shape != shape:
+            held = self._storage.get(name)
+            if held is None or held.shape[0] < shape[0]:
+                room = (shape[0] + shape[0] // 4, *shape[1:])
+                held = self._storage[name] = self.backend.empty(room, np.dtype(dtype))
+            view = self._views[name] = held[: shape[0]]
+        return view
+
+
+class SurfaceOfRun(SurfaceSamples):
+    """The reconstruction of a run's surface, and its latest samples.
+
+    latest  all that the latest reconstruction made; None before the first
+    """
+
+    def __init__(
+        self, tension: Tension, dim: int, dtype: str, cell_size: float, count: int, backend: Backend | None = None
+    ) -> None:
+        super().__init__(count, dtype, backend or Backend("numpy"))
+        self.tension, self.dim, self.cell_size = tension, dim, cell_size
+        self.reconstruction: Any = None
+        self.latest: Any = None
+
+    def on_backend(self, backend: Backend) -> SurfaceOfRun:
+        """The same, ready to work, on another backend."""
+        from refsim.surface_energy.reconstruction import Reconstruction
+
+        if backend.name == "numpy":
+            raise InputError(
+                "surface_energy: the reconstruction runs on the backends cpu and cuda; its operations one by one also"
+                " on numpy."
+            )
+        made = SurfaceOfRun(self.tension, self.dim, self.dtype, self.cell_size, self.count, backend)
+        made.reconstruction = Reconstruction(backend, self.dim, self.dtype, self.cell_size, self.tension)
+        return made
+
+    @property
+    def term(self) -> Any:
+        """Parameter group of the surface's kernels."""
+        return self.reconstruction.term
+
+    def reconstruct(self, position: Any) -> None:
+        """The surface of particles at `position` (n, 3) [m]."""
+        self.latest = self.reconstruction.surface(position)
+        samples = self.latest.samples
+        self.assign(samples.position, samples.normal, samples.area, samples.nearest)
+
+    def find_filaments(self, position: Any, extent: Any) -> None:
+        """Along how many axes the liquid round each particle spreads."""
+        self.backend.assign(extent, self.reconstruction.extents(position, self.reconstruction.surface(position)))
+
+
+_STAGES = tuple(name for name in REGISTRY if name.startswith("surface_energy."))
+enter(Procedure("surface_energy.reconstruct", "surface", "reconstruct", ("position",), _STAGES))
+enter(
+    Procedure(
+        "surface_energy.find_filaments",
+        "surface",
+        "find_filaments",
+        ("position", "extent"),
+        ("surface_energy.extents",),
+    )
+)
+register(
+    Operation(
+        name="mpm.contact",
+        folder="refsim.mpm",
+        paper="thesis on reconstructed-surface tension in MPM",
+        equation="section 9: k_wall = -k cos(theta)",
+        function="contact",
+        outputs=("sample_area",),
+        entrywise=("sample_area",),
+        tolerance_reason="one product",
+    )
+)

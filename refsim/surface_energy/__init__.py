@@ -1,0 +1,251 @@
+"""Surface energy of a particle liquid on the background grid: the thesis's chapter 3 and force (4.18).
+
+Contents: Tension (the parameters), SurfaceTerm, Dice, surface_term; operations surface_energy.node_states,
+.exit_points, .facet_samples, .candidates, .poisson_disk, .offsets, .sample_counts, .fit_weights, .fit, .mls_normals,
+.spline_normals, .inset, .surface_force, .components, .component_sizes, .extents. What runs them one after another is
+`refsim.surface_energy.reconstruction`.
+
+Interior particles are the liquid's own; samples stand on its surface. Letters inside formulas are the thesis's.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import msgspec
+import numpy as np
+
+from refsim.effect import literal_errata, require
+from refsim.errors import InputError
+from refsim.operation import Operation, register
+from refsim.sparse_grid import inverse_cell
+
+LITERAL = ("M1", "M14", "M31", "M32")
+NORMALS = ("mls", "gradient", "facets", "offsets")
+QUADRATURES = ("facets", "poisson")
+
+
+class SurfaceTerm(NamedTuple):
+    """The surface as the kernels take it; lengths without a unit are in units of h."""
+
+    cell_size: float  # h [m]
+    inverse_cell: Any  # 1/h [1/m], float64
+    radius_squared: float  # (r/h)^2 of the spheres round the particles
+    offset: float  # epsilon/h of the fit's second points
+    relaxation: float  # omega of the fit
+    iterations: int  # of the fit
+    inset: float  # (r - delta)/h by which vertices go back
+    disk: float  # r_s/h, least distance of samples
+    tension: float  # k [N/m], negative as printed (M1)
+
+
+class Dice(NamedTuple):
+    """What decides where Poisson-disk samples fall."""
+
+    seed: int
+    candidates: int  # number of candidates
+
+
+class Tension(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """How the surface is reconstructed and how strongly it pulls.
+
+    surface_tension   k [N/m] (in the plane N, per metre of depth)
+    level_set_radius  r of the spheres round the particles, in cells; by default sqrt(dim)
+    quadrature        "facets": a sample to each facet; "poisson": Poisson-disk samples
+    disk_radius       least distance of Poisson-disk samples, in cells, at most 1
+    seed              of the Poisson-disk samples
+    offset            epsilon of the fit, in cells
+    iterations        sweeps of the fit
+    relaxation        omega of the fit, between 0 and 2
+    normals           "mls" (3.17), "gradient" (3.9), or, to compare, "facets" and "offsets"
+    inset             distance of the liquid's surface from its outermost particles, in cells: the surface is pulled
+                      back to it; None leaves it at r
+    smallest          particles of the smallest component that bears tension; by default 3^dim
+    literal           errata taken as printed: M1, M14, M31, M32, or "all"
+    """
+
+    surface_tension: float
+    level_set_radius: float | None = None
+    quadrature: str = "facets"
+    disk_radius: float = 0.5
+    seed: int = 0
+    offset: float = 0.5
+    iterations: int = 10
+    relaxation: float = 1.0
+    normals: str = "mls"
+    inset: float | None = 0.25
+    smallest: int | None = None
+    literal: tuple[str, ...] = ()
+
+    def printed(self) -> frozenset[str]:
+        """Errata taken as printed."""
+        return literal_errata("surface_energy", self.literal, LITERAL)
+
+    def radius(self, dim: int) -> float:
+        """r/h."""
+        return dim**0.5 if self.level_set_radius is None else self.level_set_radius
+
+    def least_component(self, dim: int) -> int:
+        """Particles of the smallest component that bears tension."""
+        return 3**dim if self.smallest is None else self.smallest
+
+    def inset_distance(self) -> float | None:
+        """delta/h, None where the surface stays at r."""
+        return None if "M31" in self.printed() else self.inset
+
+    def check(self, dim: int) -> None:
+        """Raise InputError, in one sentence, for what is not possible."""
+        owner = "surface_energy"
+        self.printed()
+        require(
+            owner,
+            surface_tension=(self.surface_tension, "not negative"),
+            level_set_radius=(self.radius(dim), "positive"),
+            disk_radius=(self.disk_radius, "positive"),
+            offset=(self.offset, "positive"),
+            relaxation=(self.relaxation, "positive"),
+            inset=(self.inset or 0.0, "not negative"),
+        )
+        for name, value, known in (
+            ("quadrature", self.quadrature, QUADRATURES), ("normals", self.normals, NORMALS),
+        ):  # fmt: skip
+            if value not in known:
+                raise InputError(f"{owner}: {name} = {value!r} is not known; choose one of {', '.join(known)}.")
+        limits = (
+            (
+                "level_set_radius",
+                self.radius(dim),
+                dim**0.5,
+                2.0,
+                "so that no component is lost and no cell overlooked",
+            ),
+            ("disk_radius", self.disk_radius, 0.05, 1.0, "of a cell"),
+            ("offset", self.offset, 0.0, 2.0, "of a cell"),
+            ("relaxation", self.relaxation, 0.0, 2.0, "so that the fit converges"),
+            ("inset", self.inset or 0.0, 0.0, self.radius(dim), "less than the level set's radius"),
+        )
+        for name, value, low, high, why in limits:
+            if not low - 1e-12 <= value <= high or (name == "relaxation" and value >= high):
+                raise InputError(f"{owner}: {name} = {value} is not possible; give {low:.4g} to {high:.4g}, {why}.")
+        if self.iterations < 0 or self.least_component(dim) < 1:
+            raise InputError(
+                f"{owner}: iterations = {self.iterations} and smallest = {self.smallest} are not possible; give zero or"
+                " more iterations, and one particle or more."
+            )
+
+
+def surface_term(tension: Tension, dim: int, dtype: str, cell_size: float) -> SurfaceTerm:
+    """Parameter group of the kernels, for cells of `cell_size` [m]."""
+    real = np.dtype(dtype).type
+    printed = tension.printed()
+    radius = tension.radius(dim)
+    squared = float(dim) if tension.level_set_radius is None else radius**2
+    inset = tension.inset_distance()
+    return SurfaceTerm(
+        cell_size=real(cell_size),
+        inverse_cell=inverse_cell(cell_size, dtype),
+        radius_squared=real(squared),
+        offset=real(tension.offset),
+        relaxation=real(tension.relaxation),
+        iterations=np.int32(0 if "M14" in printed else tension.iterations),
+        inset=real(0.0 if inset is None else radius - inset),
+        disk=real(tension.disk_radius),
+        tension=real(-tension.surface_tension if "M1" in printed else tension.surface_tension),
+    )
+
+
+_HERE = "refsim.surface_energy"
+_PAPER = "thesis on surface tension in MPM, 2019"
+
+
+def _enter(name: str, equation: str, outputs: tuple[str, ...], **options: Any) -> None:
+    exact = options.pop("exact", ())
+    register(
+        Operation(
+            name=f"surface_energy.{name}", folder=_HERE, paper=_PAPER, equation=equation,
+            function=options.pop("function", name), outputs=outputs, exact=exact,
+            entrywise=tuple(o for o in outputs if o not in exact), **options,
+        )
+    )  # fmt: skip
+
+
+def _changed(**parameters: Any) -> Any:
+    """A variant's surface: that of the case with other parameters."""
+
+    def made(case: Any, grid: Any) -> SurfaceTerm:
+        from refsim.surface_energy.cases import tension_of
+
+        tension = msgspec.structs.replace(tension_of(case), **parameters)
+        return surface_term(tension, case.dim, grid.dtype, 2 * case.spacing)
+
+    return made
+
+
+SHAPES = ("drop", "disc", "filament_row", "two_rows", "on_nodes", "close_drops", "narrow_cavity", "spray")
+_INTEGERS = {"tolerance": 0.0, "tolerance_reason": "integers"}
+_enter(
+    "node_states", "Algorithm 1, lines 5 to 9", ("node_state",), exact=("node_state",), tolerance=16.0, cases=SHAPES,
+    tolerance_reason="three differences and their squares; compared exactly beyond it",
+)  # fmt: skip
+_enter(
+    "exit_points", "Algorithm 1, lines 10 to 17", ("vertex_position",), tolerance=8.0, cases=SHAPES,
+    tolerance_reason="three differences, squares, root and sum; the root's conditioning stands in the scale",
+)  # fmt: skip
+_enter(
+    "facet_samples", "centroid and area of a facet, before (4.5)", ("sample_position", "sample_area", "facet_normal"),
+    tolerance=8.0, tolerance_reason="differences of vertices, products, sum of three squares and root",
+)  # fmt: skip
+_enter(
+    "candidates", "even candidates on the surface, for (4.5)", ("candidate_facet", "candidate_position"),
+    exact=("candidate_facet",), tolerance=8.0, tolerance_reason="root, differences, products and sums",
+)  # fmt: skip
+_enter(
+    "poisson_disk", "Poisson-disk samples, for (4.5)", ("accepted",), exact=("accepted",), tolerance=16.0,
+    tolerance_reason="a distance; compared exactly beyond it",
+)  # fmt: skip
+_enter(
+    "offsets", "section 4.3.1: p_s, n_s and the points of (3.4)", ("nearest", "offset_direction", "fit_position"),
+    exact=("nearest",), optional=("fit_position",), tolerance=16.0, cases=SHAPES,
+    tolerance_reason="two places in float64, their difference, root, quotient, product and sum",
+    variants=({}, {"fit_position": None}),
+)  # fmt: skip
+_enter("sample_counts", "C_p of section 4.3.1", ("sample_count",), exact=("sample_count",), **_INTEGERS)
+_enter(
+    "fit_weights", "(3.7)", ("fit_splines", "node_weight"), tolerance=8.0,
+    tolerance_reason="three splines of three roundings each, products, sum and quotient",
+)  # fmt: skip
+_enter(
+    "fit", "(3.5), (3.6), Algorithm 2 with M14", ("residual", "coefficients"), tolerance=16.0,
+    tolerance_reason="splines, products and sums of two matrix products in each sweep",
+    variants=(
+        {}, {"surface_term": _changed(literal=("M14",))}, {"surface_term": _changed(relaxation=1.9, iterations=3)},
+    ),
+)  # fmt: skip
+for _name, _equation in (
+    ("mls_normals", "(3.8), (3.10) to (3.13), (3.17) to (3.19)"),
+    ("spline_normals", "(3.8), (3.9)"),
+):
+    _enter(
+        _name, _equation, ("surface_value", "surface_gradient", "sample_normal"),
+        optional=("surface_value", "surface_gradient"), tolerance=16.0,
+        tolerance_reason="splines, products, a sum of 27, and the quotient by the length",
+        variants=({}, {"surface_value": None, "surface_gradient": None}),
+    )  # fmt: skip
+_enter(
+    "inset", "section 4.6 of the restatement (M31)", ("inset_position",), tolerance=4.0,
+    tolerance_reason="two products and a sum",
+)  # fmt: skip
+_enter(
+    "surface_force", "(4.18) with M1", ("node_force",), tolerance=8.0, cases=SHAPES,
+    tolerance_reason="splines, projection, products and sum",
+    variants=({}, {"surface_term": _changed(literal=("M1",))}),
+)  # fmt: skip
+_enter("components", "which particles hang together", ("node_label",), exact=("node_label",), cases=SHAPES, **_INTEGERS)
+_enter(
+    "component_sizes", "particles of each component", ("component_size",), exact=("component_size",), cases=SHAPES,
+    **_INTEGERS,
+)  # fmt: skip
+_enter(
+    "extents", "rank of the second moment", ("extent",), exact=("extent",), tolerance=16.0, cases=SHAPES,
+    tolerance_reason="moments of some ten particles and a determinant; compared exactly beyond it",
+)  # fmt: skip

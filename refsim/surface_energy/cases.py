@@ -1,0 +1,472 @@
+"""Inputs and closed forms of the reconstruction: every step takes what the references of the steps before it made."""
+
+import functools
+import math
+
+import numpy as np
+
+from refsim.backend import Backend
+from refsim.cases import CASES, Case, Exact, case, closed_form, groups, lattice
+from refsim.isosurface.cases import cell_size, extraction
+from refsim.sparse_grid import SparseGrid, nodes
+from refsim.sparse_grid.reference import node_table
+from refsim.surface_energy import Dice, Tension, reference, surface_term
+
+UNITS = float(1 << 20)  # units of area in a cell's face
+
+
+def tension_of(case) -> Tension:
+    """Parameters of a case: few sweeps, so that no error is smoothed away; printed where it says so."""
+    return Tension(surface_tension=0.07, iterations=4, literal=("M1", "M31") if case.literal else ())
+
+
+def listed(case, position, dtype, shift=0.0):
+    """Points by cell on the case's blocks."""
+    grid = SparseGrid(Backend("cpu"), case.dim, dtype, cell_size(case))
+    return grid.by_cell(position.astype(dtype), extraction(case.name, dtype)["blocks"], shift)
+
+
+def area_units(area, h, dim) -> np.ndarray:
+    """(facets + 1,) int64: running sum of areas in whole units of h^(dim-1)/2^20."""
+    whole = np.round(np.asarray(area, dtype=float) * (UNITS / h ** (dim - 1))).astype(np.int64)
+    return np.concatenate([np.zeros(1, np.int64), np.cumsum(whole)])
+
+
+@functools.cache
+def reconstruction(name: str, dtype: str) -> dict:
+    """Everything that the reconstruction makes on its way, by the references."""
+    made = CASES[name]()
+    position = made.position.astype(dtype)
+    before = extraction(name, dtype)
+    h, dim, blocks = cell_size(made), made.dim, before["blocks"]
+    found = {
+        "interior_position": position,
+        "cells": listed(made, position, dtype),
+        "surface_term": surface_term(tension_of(made), dim, dtype, h),
+    }
+
+    def work_out(function, *names, **given):
+        scope = {**before, **found, **given}
+        answer = getattr(reference, function)(*(scope[n] for n in names))
+        return {n: v.astype(dtype) if v.dtype.kind == "f" else v.astype(np.int32) for n, (v, _) in answer.items()}
+
+    found |= work_out("facet_samples", "vertex_position", "facets")
+    found["area_before"] = area_units(found["sample_area"], h, dim)
+    found["dice"] = Dice(np.int64(7), np.int64(min(4 * len(before["facets"]), 300)))
+    found |= work_out("candidates", "vertex_position", "facets", "area_before", "dice")
+    found["candidate_cells"] = listed(made, found["candidate_position"], dtype)
+    found["accepted"] = np.zeros(len(found["candidate_position"]), np.uint8)
+    found["sample_cells"] = listed(made, found["sample_position"], dtype)
+    found |= work_out(
+        "offsets", "interior_position", "cells", "blocks", "surface_term", "sample_position", "sample_cells"
+    )
+    found["sample_count"] = np.zeros(made.count, np.int32)
+    found["fit_cells"] = listed(made, found["fit_position"], dtype, 0.5)
+    found |= work_out("fit_weights", "fit_position", "fit_cells", "blocks", "surface_term")
+    found["active"] = np.flatnonzero(found["node_weight"]).astype(np.int32)
+    names = ("fit_splines", "fit_cells", "blocks", "surface_term", "node_weight", "active")
+    found |= work_out("fit", *names)
+    found["query_position"], found["outward"] = found["sample_position"], found["offset_direction"]
+    found["spline_cells"] = listed(made, found["query_position"], dtype, 0.5)
+    names = ("query_position", "spline_cells", "blocks", "surface_term", "coefficients", "outward")
+    found |= work_out("mls_normals", *names)
+    random = made.random("vertex_normal")
+    normal = random.normal(size=before["vertex_position"].shape)
+    found["vertex_normal"] = (normal / np.linalg.norm(normal, axis=1, keepdims=True)).astype(dtype)
+    found["inset_position"] = 0 * before["vertex_position"]
+    found["node_force"] = np.zeros((nodes(blocks), 3), dtype)
+    found |= work_out("components", "blocks", "node_state")
+    found["component_size"] = np.zeros(made.count, np.int32)
+    found["extent"] = np.zeros(made.count, np.uint8)
+    return found
+
+
+@groups(
+    "interior_position", "cells", "surface_term", "sample_position", "sample_area", "facet_normal", "area_before",
+    "dice",
+    "candidate_facet", "candidate_position", "candidate_cells", "accepted", "sample_cells", "nearest",
+    "offset_direction", "fit_position", "sample_count", "fit_cells", "fit_splines", "node_weight", "active", "residual",
+    "coefficients", "query_position", "outward", "spline_cells", "surface_value", "surface_gradient", "sample_normal",
+    "vertex_normal", "inset_position", "node_force", "node_label", "component_size", "extent",
+)  # fmt: skip
+def _reconstruction(case, grid):
+    return reconstruction(case.name, grid.dtype)
+
+
+# Shapes
+
+
+def shape(name: str, dim: int, position: np.ndarray, **options) -> Case:
+    return Case(name, dim, position, masses=(1, 1), ties=True, **options)
+
+
+def cut_ball(radius: float, dim: int, spacing: float = 0.1) -> np.ndarray:
+    """A jittered lattice cut by a sphere around the origin."""
+    count = 2 * math.ceil(radius / spacing) + 3
+    position = lattice((count, count, count), spacing, dim)
+    position[:, :dim] += spacing * (
+        np.random.default_rng(5).uniform(-0.25, 0.25, (len(position), dim)) - (count - 1) / 2
+    )
+    return position[np.linalg.norm(position, axis=1) < radius]
+
+
+@case
+def drop() -> Case:
+    """A ball of two cells' radius."""
+    return shape("drop", 3, cut_ball(0.4, 3) + [0.03, -0.02, 0.01])
+
+
+@case
+def disc() -> Case:
+    """A disc of four cells' radius."""
+    return shape("disc", 2, cut_ball(0.8, 2) + [0.03, -0.02, 0.0])
+
+
+@case
+def filament_row() -> Case:
+    """A row of particles half a cell apart, askew: no volume ratio sees how it gathers."""
+    way = np.array([2.0, 3.0, 6.0]) / 7
+    return shape("filament_row", 3, 0.1 * np.arange(30)[:, None] * way + 0.013)
+
+
+@case
+def two_rows() -> Case:
+    """Two rows of particles beside each other in the plane."""
+    return shape("two_rows", 2, lattice((25, 2, 1), 0.1, 2) + [0.02, 0.03, 0.0])
+
+
+@case
+def on_nodes() -> Case:
+    """Particles exactly on the grid's nodes, where cell size and coordinates are exact in binary."""
+    return shape("on_nodes", 3, lattice((4, 4, 3), 0.25) - [0.5, 0.0, 0.0], spacing=0.25, support_radius=0.5)
+
+
+@case
+def close_drops() -> Case:
+    """Two discs 2.5 cells apart: nearer than twice the level set's radius, so that they share one surface."""
+    ball = cut_ball(0.45, 2)
+    return shape("close_drops", 2, np.vstack([ball, ball + [1.4, 0.02, 0.0]]))
+
+
+@case
+def narrow_cavity() -> Case:
+    """A disc with a hole of 2 cells across: narrower than twice the level set's radius, it has no surface."""
+    ball = cut_ball(0.9, 2)
+    return shape("narrow_cavity", 2, ball[np.linalg.norm(ball, axis=1) > 0.2])
+
+
+@case
+def spray() -> Case:
+    """A drop and lone particles about it."""
+    far = 1.3 * np.array([[1.0, 0.3, 0.2], [-1.0, 0.8, 0.1], [0.2, -1.1, 0.9], [0.0, 0.1, -1.4], [0.1, 0.1, -1.4]])
+    return shape("spray", 3, np.vstack([cut_ball(0.35, 3), far]))
+
+
+# Closed forms, h = 2 m
+
+
+H = 2.0
+
+
+def lone(dim: int, where: float = 0.5, **parameters):
+    """(case, given) of one particle in the middle of cell 0 (or elsewhere in it)."""
+    place = np.zeros((1, 3))
+    place[0, :dim] = where * H
+    made = Case(f"lone_{dim}d", dim, place, spacing=H / 2, support_radius=H)
+    grid = SparseGrid(Backend("cpu"), dim, "float64", H)
+    blocks = grid.cover(place, 4, 5)
+    given = {"interior_position": place, "blocks": blocks, "cells": grid.by_cell(place, blocks)}
+    given["surface_term"] = surface_term(Tension(surface_tension=3.0, **parameters), dim, "float64", H)
+    given["node_state"] = np.zeros(nodes(blocks), np.uint8)
+    return made, grid, given
+
+
+def near_centre(blocks, dim):
+    """Nodes nearer than r to the middle of cell 0: (j - 1/2)^2 sums to 3/4 or, with one 9/4, 11/4 < 3 in space; in the
+    plane only to 1/2 < 2."""
+    return ((node_table(blocks)[:, :dim] - 0.5) ** 2).sum(1) < dim
+
+
+@closed_form("surface_energy.node_states")
+def lone_particle_3d():
+    """The corners of its own cell and those a step further along one axis: 8 + 24."""
+    made, _, given = lone(3)
+    state = near_centre(given["blocks"], 3).astype(np.uint8)
+    assert state.sum() == 32
+    return Exact(made, given, {"node_state": state})
+
+
+@closed_form("surface_energy.node_states")
+def lone_particle_2d():
+    """The four corners of its own cell; the next are sqrt(2.5) h away."""
+    made, _, given = lone(2)
+    state = near_centre(given["blocks"], 2).astype(np.uint8)
+    assert state.sum() == 4
+    return Exact(made, given, {"node_state": state})
+
+
+@closed_form("surface_energy.exit_points")
+def edges_of_one_sphere():
+    """From (1, 1, 1) + x: the particle stands 1/2 back; l = -1/2 + sqrt(3 - 1/4 - 1/4), and so for the mirror edge."""
+    made, _, given = lone(3)
+    node = {tuple(j): i for i, j in enumerate(node_table(given["blocks"]).tolist())}
+    # from a corner of the outer ring, (2, 1, 1) -> (3, 1, 1): a = -3/2, q^2 = 1/2
+    length = -1.5 + math.sqrt(2.5)
+    edges = [3 * node[2, 1, 1], 3 * node[-2, 1, 1], 3 * node[1, 0, -2] + 2]
+    state = near_centre(given["blocks"], 3).astype(np.uint8)
+    given |= {"node_state": state, "vertex_edge": np.array(edges, np.int32), "vertex_position": np.zeros((3, 3))}
+    expected = H * np.array([[2 + length, 1, 1], [-1 - length, 1, 1], [1, 0, -1 - length]])
+    return Exact(made, given, {"vertex_position": expected})
+
+
+@closed_form("surface_energy.facet_samples")
+def right_triangle():
+    """Sides 3 and 4 m at a right angle in the plane z = 5 m: area 6 m^2, normal +z."""
+    made, _, given = lone(3)
+    given |= {
+        "vertex_position": np.array([[0.0, 0, 5], [3, 0, 5], [0, 4, 5]]), "facets": np.array([[0, 1, 2]], np.int32),
+        "sample_position": np.zeros((1, 3)), "sample_area": np.zeros(1), "facet_normal": np.zeros((1, 3)),
+    }  # fmt: skip
+    centroid = np.array([[1.0, 4 / 3, 5.0]])
+    return Exact(
+        made, given,
+        {"sample_position": centroid, "sample_area": np.array([6.0]), "facet_normal": np.array([[0.0, 0, 1]])},
+    )  # fmt: skip
+
+
+@closed_form("surface_energy.facet_samples")
+def segment():
+    """From (0, 0) to (3, 4): length 5, the outside on the right."""
+    made, _, given = lone(2)
+    given |= {
+        "vertex_position": np.array([[0.0, 0, 0], [3, 4, 0]]), "facets": np.array([[0, 1]], np.int32),
+        "sample_position": np.zeros((1, 3)), "sample_area": np.zeros(1), "facet_normal": np.zeros((1, 3)),
+    }  # fmt: skip
+    return Exact(
+        made, given,
+        {"sample_position": np.array([[1.5, 2.0, 0.0]]), "sample_area": np.array([5.0]),
+         "facet_normal": np.array([[0.8, -0.6, 0.0]])},
+    )  # fmt: skip
+
+
+@closed_form("surface_energy.candidates")
+def candidates_on_two_segments():
+    """Areas 1 : 3: of four candidates, one to each quarter, the first falls on the first segment; all on the line."""
+    made, _, given = lone(2)
+    dice = Dice(np.int64(1), np.int64(4))
+    given |= {
+        "vertex_position": np.array([[0.0, 7, 0], [1, 7, 0], [4, 7, 0]]),
+        "facets": np.array([[0, 1], [1, 2]], np.int32),
+        "area_before": np.array([0, 1 << 20, 4 << 20]), "dice": dice, "candidate_facet": np.zeros(4, np.int32),
+        "candidate_position": np.zeros((4, 3)),
+    }  # fmt: skip
+    words = [reference._mixed(1, k, 1) >> 8 for k in range(4)]
+    x = [words[0] / 2**24] + [1 + 3 * w / 2**24 for w in words[1:]]
+    place = np.array([[a, 7.0, 0.0] for a in x])
+    return Exact(
+        made, given, {"candidate_facet": np.array([0, 1, 1, 1]), "candidate_position": place}
+    )  # fmt: skip
+
+
+@closed_form("surface_energy.poisson_disk")
+def three_darts():
+    """Three in a row, 0.8 m apart, with disks of 1 m: the one in the middle, or the two others."""
+    made, grid, given = lone(2)
+    place = np.array([[0.5, 1, 0], [1.3, 1, 0], [2.1, 1, 0]])
+    turn = [reference._mixed(4, k, 3) for k in range(3)]
+    taken = [0, 1, 0] if turn[1] == min(turn) else [1, 0, 1]
+    given |= {
+        "candidate_position": place, "candidate_cells": grid.by_cell(place, given["blocks"]),
+        "dice": Dice(np.int64(4), np.int64(3)), "accepted": np.zeros(3, np.uint8),
+    }  # fmt: skip
+    return Exact(made, given, {"accepted": np.array(taken)})
+
+
+@closed_form("surface_energy.offsets")
+def sample_beside_a_particle():
+    """The particle stands at (1, 1, 1) m, the sample 0.9 m beside it along the diagonal (2, 1, 2)/3; epsilon = h/2."""
+    made, grid, given = lone(3)
+    way = np.array([[2.0, 1.0, 2.0]]) / 3
+    sample = given["interior_position"] + 0.9 * way
+    given |= {
+        "sample_position": sample, "sample_cells": grid.by_cell(sample, given["blocks"]),
+        "nearest": np.zeros(1, np.int32), "offset_direction": np.zeros((1, 3)), "fit_position": np.zeros((2, 3)),
+    }  # fmt: skip
+    return Exact(
+        made, given,
+        {"nearest": np.zeros(1, int), "offset_direction": way, "fit_position": np.vstack([sample, sample + way])},
+    )  # fmt: skip
+
+
+@closed_form("surface_energy.offsets")
+def sample_between_two_particles():
+    """Equally far from both: the particle with the lower number."""
+    made, grid, given = lone(2)
+    place = np.array([[1.0, 1.0, 0.0], [2.0, 1.0, 0.0], [1.0, 1.0, 0.0]])
+    sample = np.array([[1.5, 1.0, 0.0]])
+    given |= {
+        "interior_position": place, "cells": grid.by_cell(place, given["blocks"]), "sample_position": sample,
+        "sample_cells": grid.by_cell(sample, given["blocks"]), "nearest": np.zeros(1, np.int32),
+        "offset_direction": np.zeros((1, 3)), "fit_position": None,
+    }  # fmt: skip
+    return Exact(made, given, {"nearest": np.zeros(1, int), "offset_direction": np.array([[1.0, 0.0, 0.0]])})
+
+
+@closed_form("surface_energy.sample_counts")
+def no_samples():
+    made, _, given = lone(3)
+    return Exact(
+        made, given | {"nearest": np.zeros(0, np.int32), "sample_count": np.zeros(2, np.int32)},
+        {"sample_count": np.zeros(2, int)},
+    )  # fmt: skip
+
+
+@closed_form("surface_energy.sample_counts")
+def three_samples_of_two_particles():
+    made, _, given = lone(3)
+    return Exact(
+        made, given | {"nearest": np.array([2, 0, 2], np.int32), "sample_count": np.zeros(3, np.int32)},
+        {"sample_count": np.array([1, 0, 2])},
+    )  # fmt: skip
+
+
+def middle_fit(dim: int):
+    """A sample on node (2, ..), its second point half a cell beyond along x: 1/8, 3/4, 1/8 and 1/2, 1/2."""
+    made, grid, given = lone(dim)
+    point = np.zeros((2, 3))
+    point[:, :dim] = 2 * H
+    point[1, 0] += H / 2
+    given |= {"fit_position": point, "fit_cells": grid.by_cell(point, given["blocks"], 0.5)}
+    j = node_table(given["blocks"])[:, :dim] - 2
+    across = np.where(np.abs(j[:, 1:]) < 1, 0.75, np.where(np.abs(j[:, 1:]) == 1, 0.125, 0.0)).prod(1)
+    first = across * np.where(j[:, 0] == 0, 0.75, np.where(np.abs(j[:, 0]) == 1, 0.125, 0.0))
+    second = across * np.where((j[:, 0] == 0) | (j[:, 0] == 1), 0.5, 0.0)
+    splines = np.zeros((2, 9))
+    splines[:, :] = [0.125, 0.75, 0.125] * 3
+    splines[1, :3] = [0.5, 0.5, 0.0]
+    splines[:, 3 * dim :] = [1.0, 0.0, 0.0] * (3 - dim)
+    given["fit_splines"] = splines
+    given["node_weight"] = np.where(first + second > 0, 1 / np.where(first + second > 0, first + second, 1), 0)
+    given["active"] = np.flatnonzero(given["node_weight"]).astype(np.int32)
+    return made, grid, given, first, second
+
+
+@closed_form("surface_energy.fit_weights")
+def weights_of_one_sample():
+    """Lambda_j = 1/(B_j(x) + B_j(q))."""
+    made, _, given, _, _ = middle_fit(3)
+    expected = {"fit_splines": given["fit_splines"], "node_weight": given["node_weight"]}
+    return Exact(made, given, expected)
+
+
+@closed_form("surface_energy.fit")
+def one_sweep_of_one_sample():
+    """From C = 0 the residuals are 0 and epsilon: C_j = epsilon B_j(q)/(B_j(x) + B_j(q))."""
+    made, _, given, first, second = middle_fit(2)
+    given["surface_term"] = surface_term(Tension(surface_tension=3.0, iterations=1), 2, "float64", H)
+    count = len(first)
+    given |= {"residual": np.zeros(2), "coefficients": np.zeros(count)}
+    value = 0.5 * second * given["node_weight"]
+    return Exact(made, given, {"residual": np.array([0.0, 0.5]), "coefficients": value})
+
+
+def plane():
+    """Coefficients of the plane f = 0.6 x + 0.8 y - 0.3 h in space: every reading finds its gradient."""
+    made, grid, given = lone(3)
+    place = np.array([[1.1, 2.3, 0.7], [0.2, 0.1, 2.9]])
+    j = node_table(given["blocks"])
+    given |= {
+        "query_position": place, "spline_cells": grid.by_cell(place, given["blocks"], 0.5),
+        "coefficients": 0.6 * j[:, 0] + 0.8 * j[:, 1] - 0.3, "outward": np.array([[1.0, 0, 0], [-1.0, 0, 0]]),
+        "surface_value": np.zeros(2), "surface_gradient": np.zeros((2, 3)), "sample_normal": np.zeros((2, 3)),
+    }  # fmt: skip
+    slope = np.array([[0.6, 0.8, 0.0]] * 2)
+    value = place @ np.array([0.6, 0.8, 0.0]) / H - 0.3
+    kept = np.array([slope[0], [-1.0, 0.0, 0.0]])  # the second points against what was handed in
+    return Exact(made, given, {"surface_value": value, "surface_gradient": slope, "sample_normal": kept})
+
+
+def plane_alone():
+    """The normals without value and gradient."""
+    exact = plane()
+    given = dict(exact.given) | {"surface_value": None, "surface_gradient": None}
+    return Exact(exact.case, given, {"sample_normal": exact.expected["sample_normal"]})
+
+
+@closed_form("surface_energy.mls_normals")
+def plane_alone_by_least_squares():
+    return plane_alone()
+
+
+@closed_form("surface_energy.spline_normals")
+def plane_alone_by_gradient():
+    return plane_alone()
+
+
+@closed_form("surface_energy.mls_normals")
+def plane_by_least_squares():
+    return plane()
+
+
+@closed_form("surface_energy.spline_normals")
+def plane_by_gradient():
+    return plane()
+
+
+@closed_form("surface_energy.inset")
+def vertex_pulled_back():
+    """By (sqrt(3) - 1/4) h along its normal."""
+    made, _, given = lone(3)
+    given |= {
+        "vertex_position": np.array([[1.0, 2.0, 3.0]]), "vertex_normal": np.array([[0.0, 0.6, 0.8]]),
+        "inset_position": np.zeros((1, 3)),
+    }  # fmt: skip
+    way = (math.sqrt(3) - 0.25) * H
+    return Exact(made, given, {"inset_position": np.array([[1.0, 2 - 0.6 * way, 3 - 0.8 * way]])})
+
+
+@closed_form("surface_energy.surface_force")
+def one_sample_pulls():
+    """A sample on node (2, 2), normal along y: it pulls along x only, -k A B'(u_x) B(u_y) on the nodes beside."""
+    made, grid, given = lone(2)
+    place = np.array([[2 * H, 2 * H, 0.0]])
+    given |= {
+        "sample_position": place, "sample_area": np.array([0.5]), "sample_normal": np.array([[0.0, 1.0, 0.0]]),
+        "spline_cells": grid.by_cell(place, given["blocks"], 0.5), "node_force": np.zeros((nodes(given["blocks"]), 3)),
+    }  # fmt: skip
+    j = node_table(given["blocks"])[:, :2] - 2
+    # dB/dx_sample of the node to the right is +1/2 /h
+    slope = np.where(np.abs(j[:, 0]) == 1, 0.5 * j[:, 0], 0.0) / H
+    across = np.where(j[:, 1] == 0, 0.75, np.where(np.abs(j[:, 1]) == 1, 0.125, 0.0))
+    force = np.zeros((len(j), 3))
+    force[:, 0] = -3.0 * 0.5 * slope * across
+    return Exact(made, given, {"node_force": force})
+
+
+@closed_form("surface_energy.components", "surface_energy.component_sizes")
+def two_separate_particles():
+    """In the plane, eight cells apart: two components of one particle each."""
+    made, grid, given = lone(2)
+    place = np.array([[0.5 * H, 0.5 * H, 0.0], [8.5 * H, 0.5 * H, 0.0], [8.6 * H, 0.4 * H, 0.0]])
+    blocks = grid.cover(place, 4, 5)
+    cells = grid.by_cell(place, blocks)
+    j = node_table(blocks)
+    state = np.zeros(len(j), np.uint8)
+    number = {tuple(c): i for i, c in enumerate(j.tolist())}
+    label = np.full(len(j), -1)
+    for corner in (0, 8):
+        own = [number[corner + a, b, 0] for a in (0, 1) for b in (0, 1)]
+        state[own], label[own] = 1, min(own)
+    given |= {"blocks": blocks, "cells": cells, "node_state": state, "interior_position": place}
+    given |= {"node_label": label.astype(np.int32), "component_size": np.zeros(3, np.int32)}
+    return Exact(made, given, {"node_label": label, "component_size": np.array([1, 2, 2])})
+
+
+@closed_form("surface_energy.extents")
+def a_row_and_a_lone_particle():
+    """Three particles half a cell apart along x, and one far away."""
+    made, grid, given = lone(3)
+    place = np.array([[0.5, 1, 1], [1.5, 1, 1], [2.5, 1, 1], [9, 1, 1]])
+    blocks = grid.cover(place, 4, 5)
+    given |= {"interior_position": place, "blocks": blocks, "cells": grid.by_cell(place, blocks)}
+    return Exact(made, given | {"extent": np.zeros(4, np.uint8)}, {"extent": np.array([1, 1, 1, 0])})

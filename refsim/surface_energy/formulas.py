@@ -1,0 +1,96 @@
+"""Scalar formulas of the surface: thesis chapter 3 and (4.18); lengths inside a cell in units of h."""
+
+import math
+
+from refsim.compile import formula
+
+LEAST_SUM = 1e-12  # of a node's splines; one that is reached less is not active
+
+
+@formula
+def grid_offset(x, j, surface_term):
+    """u = x/h - j of a place x [m] from node j, dimensionless; the difference is taken in float64."""
+    return type(surface_term.cell_size)(float(x) * surface_term.inverse_cell - float(j))
+
+
+@formula
+def spline_weight(f, k):
+    """Quadratic B-spline at node j + k of a point with f = x/h - j, 1/2 <= f < 3/2 (before (3.3)), dimensionless.
+
+    B = (1/2 (3/2 - f)^2, 3/4 - (f - 1)^2, 1/2 (f - 1/2)^2) for k = 0, 1, 2.
+    """
+    real = type(f)
+    if k == 1:
+        return real(0.75) - (f - real(1)) * (f - real(1))
+    near = real(1.5) - f if k == 0 else f - real(0.5)
+    return real(0.5) * near * near
+
+
+@formula
+def spline_slope(f, k):
+    """(3.9): h B' = (f - 3/2, -2 (f - 1), f - 1/2) for k = 0, 1, 2, dimensionless."""
+    real = type(f)
+    if k == 1:
+        return real(-2) * (f - real(1))
+    return f - real(1.5) if k == 0 else f - real(0.5)
+
+
+@formula
+def exit_length(along, across_squared, surface_term):
+    """Algorithm 1, line 14: l = a + sqrt((r/h)^2 - q^2), the way [h] along an edge out of a sphere.
+
+    along           a, where the sphere's centre stands along the edge from its inside end
+    across_squared  q^2, squared distance of the centre from the edge
+    """
+    return along + math.sqrt(surface_term.radius_squared - across_squared)
+
+
+@formula
+def triangle_vector(ux, uy, uz, vx, vy, vz):
+    """Area times normal [m^2] of a triangle with sides u and v: A n = 1/2 u x v."""
+    real = type(ux)
+    half = real(0.5)
+    return half * (uy * vz - uz * vy), half * (uz * vx - ux * vz), half * (ux * vy - uy * vx)
+
+
+@formula
+def tangential(nx, ny, nz, gx, gy, gz):
+    """(I - n n^T) g, in the unit of g [1/m]: = g - n (n.g)."""
+    along = nx * gx + ny * gy + nz * gz
+    return gx - nx * along, gy - ny * along, gz - nz * along
+
+
+@formula
+def positive_roots(trace, minors, determinant):
+    """Number of positive eigenvalues of a symmetric 3 x 3 matrix, dimensionless: the changes of sign in the
+    coefficients of l^3 - tr l^2 + m l - det = 0 (Descartes; exact, because all roots are real)."""
+    zero = type(trace)(0)
+    changes, last = 0, 1
+    for k in range(3):
+        term = -trace if k == 0 else (minors if k == 1 else -determinant)
+        if term > zero:
+            changes += last < 0
+            last = 1
+        elif term < zero:
+            changes += last > 0
+            last = -1
+    return changes
+
+
+@formula
+def hash_word(a, b, c):
+    """A well-mixed 32-bit integer h = h(a, b, c), dimensionless: two rounds of Wellons' lowbias32."""
+    word = (int(a) * 0x9E3779B1 + int(b) * 0x85EBCA77 + int(c) * 0xC2B2AE3D) & 0xFFFFFFFF
+    for _ in range(2):
+        word ^= word >> 16
+        word = (word * 0x7FEB352D) & 0xFFFFFFFF
+        word ^= word >> 15
+        word = (word * 0x846CA68B) & 0xFFFFFFFF
+        word ^= word >> 16
+    return word
+
+
+@formula
+def unit_share(word, one):
+    """A share u = floor(word/2^8)/2^24 of one, 0 <= u < 1, dimensionless, in the type of `one`, exact in float32."""
+    return type(one)(word >> 8) / type(one)(1 << 24)

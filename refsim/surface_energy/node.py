@@ -1,0 +1,478 @@
+"""What one node, vertex, facet or sample does in the reconstruction of a surface; both kernels share it.
+
+Loops over cells near a node go through `step_node`; a cell's particles stand in its row of a `PointList`.
+"""
+
+import math
+
+from refsim.compile import formula
+from refsim.sparse_grid.formulas import node_coordinates, step_node
+from refsim.surface_energy import formulas
+
+
+@formula
+def is_inside(i, interior_position, cells, blocks, surface_term):
+    """Algorithm 1, lines 5 to 9: whether a particle stands nearer than r to node i.
+
+    The cells that touch the node come first: inside the liquid the first particle decides.
+    """
+    jx, jy, jz = node_coordinates(blocks, i)
+    space = blocks.neighbour.shape[1] == 27
+    for ring in range(2):
+        for dz in range(-2 if space else 0, 2 if space else 1):
+            for dy in range(-2, 2):
+                for dx in range(-2, 2):
+                    touches = -1 <= dx <= 0 and -1 <= dy <= 0 and -1 <= dz <= 0
+                    if touches != (ring == 0):
+                        continue
+                    cell = step_node(blocks, i, dx, dy, dz)
+                    if cell < 0:
+                        continue
+                    for k in range(cells.first[cell], cells.first[cell + 1]):
+                        p = cells.point[k]
+                        ux = formulas.grid_offset(interior_position[p, 0], jx, surface_term)
+                        uy = formulas.grid_offset(interior_position[p, 1], jy, surface_term)
+                        uz = formulas.grid_offset(interior_position[p, 2], jz, surface_term)
+                        if ux * ux + uy * uy + uz * uz < surface_term.radius_squared:
+                            return 1
+    return 0
+
+
+@formula
+def exit_point(v, interior_position, cells, blocks, node_state, surface_term, vertex_edge):
+    """Algorithm 1, lines 10 to 17: vertex v [m], the farthest way out of the spheres around the inside end."""
+    h = surface_term.cell_size
+    real = type(h)
+    node = vertex_edge[v] // 3
+    axis = vertex_edge[v] - 3 * node
+    ax, ay, az = int(axis == 0), int(axis == 1), int(axis == 2)
+    towards = 1
+    if node_state[node] != 1:
+        node = step_node(blocks, node, ax, ay, az)
+        towards = -1
+    jx, jy, jz = node_coordinates(blocks, node)
+    space = blocks.neighbour.shape[1] == 27
+    farthest = real(0)
+    for dz in range(-2 if space else 0, 2 if space else 1):
+        for dy in range(-2, 2):
+            for dx in range(-2, 2):
+                cell = step_node(blocks, node, dx, dy, dz)
+                if cell < 0:
+                    continue
+                for k in range(cells.first[cell], cells.first[cell + 1]):
+                    p = cells.point[k]
+                    ux = formulas.grid_offset(interior_position[p, 0], jx, surface_term)
+                    uy = formulas.grid_offset(interior_position[p, 1], jy, surface_term)
+                    uz = formulas.grid_offset(interior_position[p, 2], jz, surface_term)
+                    along = ux * real(ax) + uy * real(ay) + uz * real(az)
+                    across = ux * ux * real(1 - ax) + uy * uy * real(1 - ay) + uz * uz * real(1 - az)
+                    if along * along + across < surface_term.radius_squared:
+                        farthest = max(farthest, formulas.exit_length(real(towards) * along, across, surface_term))
+    way = real(towards) * min(farthest, real(1))
+    return h * (real(jx) + real(ax) * way), h * (real(jy) + real(ay) * way), h * (real(jz) + real(az) * way)
+
+
+@formula
+def facet_sample(f, vertex_position, facets):
+    """(centroid [m], area [m^(dim-1)], unit normal) of facet f; no normal where the facet has no area."""
+    a, b = facets[f, 0], facets[f, 1]
+    ux = vertex_position[b, 0] - vertex_position[a, 0]
+    uy = vertex_position[b, 1] - vertex_position[a, 1]
+    uz = vertex_position[b, 2] - vertex_position[a, 2]
+    real = type(ux)
+    if facets.shape[1] == 2:
+        x = vertex_position[a, 0] + real(0.5) * ux
+        y = vertex_position[a, 1] + real(0.5) * uy
+        z = vertex_position[a, 2]
+        nx, ny, nz = uy, -ux, real(0)
+    else:
+        c = facets[f, 2]
+        wx = vertex_position[c, 0] - vertex_position[a, 0]
+        wy = vertex_position[c, 1] - vertex_position[a, 1]
+        wz = vertex_position[c, 2] - vertex_position[a, 2]
+        third = real(1) / real(3)
+        x = vertex_position[a, 0] + third * (ux + wx)
+        y = vertex_position[a, 1] + third * (uy + wy)
+        z = vertex_position[a, 2] + third * (uz + wz)
+        nx, ny, nz = formulas.triangle_vector(ux, uy, uz, wx, wy, wz)
+    area = math.sqrt(nx * nx + ny * ny + nz * nz)
+    if area > real(0):
+        nx, ny, nz = nx / area, ny / area, nz / area
+    return x, y, z, area, nx, ny, nz
+
+
+@formula
+def nearest_particle(i, x, y, z, interior_position, cells, blocks, surface_term):
+    """(nearest particle, direction away from it) of a place [m] in cell i; of equally near ones the lowest number.
+
+    Particles are looked for up to 2 h away; (-1, no direction) without any.
+    """
+    real = type(surface_term.cell_size)
+    jx, jy, jz = node_coordinates(blocks, i)
+    ox, oy, oz = (
+        formulas.grid_offset(x, jx, surface_term),
+        formulas.grid_offset(y, jy, surface_term),
+        formulas.grid_offset(z, jz, surface_term),
+    )
+    space = blocks.neighbour.shape[1] == 27
+    best = real(4)
+    found = -1
+    nx, ny, nz = real(0), real(0), real(0)
+    for reach in range(1, 3):
+        if best < real(1):
+            break
+        for dz in range(-reach if space else 0, reach + 1 if space else 1):
+            for dy in range(-reach, reach + 1):
+                for dx in range(-reach, reach + 1):
+                    if reach == 2 and max(abs(dx), max(abs(dy), abs(dz))) < 2:
+                        continue
+                    cell = step_node(blocks, i, dx, dy, dz)
+                    if cell < 0:
+                        continue
+                    for k in range(cells.first[cell], cells.first[cell + 1]):
+                        p = cells.point[k]
+                        ux = ox - formulas.grid_offset(interior_position[p, 0], jx, surface_term)
+                        uy = oy - formulas.grid_offset(interior_position[p, 1], jy, surface_term)
+                        uz = oz - formulas.grid_offset(interior_position[p, 2], jz, surface_term)
+                        squared = ux * ux + uy * uy + uz * uz
+                        if squared < best or (squared == best and p < found):
+                            best, found = squared, p
+                            nx, ny, nz = ux, uy, uz
+    if best > real(0) and found >= 0:
+        length = math.sqrt(best)
+        nx, ny, nz = nx / length, ny / length, nz / length
+    return found, nx, ny, nz
+
+
+@formula
+def point_splines(r, fit_position, fit_cells, blocks, surface_term, fit_splines):
+    """Splines of point r at the three nodes along each axis, dimensionless: 3 c + k; (1, 0, 0) along z in the plane."""
+    real = type(surface_term.cell_size)
+    base = fit_cells.cell[r]
+    if base < 0:
+        for k in range(9):
+            fit_splines[r, k] = real(0)
+        return
+    jx, jy, jz = node_coordinates(blocks, base)
+    fx = formulas.grid_offset(fit_position[r, 0], jx, surface_term)
+    fy = formulas.grid_offset(fit_position[r, 1], jy, surface_term)
+    fz = formulas.grid_offset(fit_position[r, 2], jz, surface_term)
+    space = blocks.neighbour.shape[1] == 27
+    for k in range(3):
+        fit_splines[r, k] = formulas.spline_weight(fx, k)
+        fit_splines[r, 3 + k] = formulas.spline_weight(fy, k)
+        fit_splines[r, 6 + k] = formulas.spline_weight(fz, k) if space else real(k == 0)
+
+
+@formula
+def normalizing_weight(i, fit_splines, fit_cells, blocks, surface_term):
+    """(3.7): 1/sum_r B_i(x_r), dimensionless, over all points of the fit; 0 at a node that they hardly reach,
+    whose weight would overflow."""
+    real = type(surface_term.cell_size)
+    total = real(0)
+    space = blocks.neighbour.shape[1] == 27
+    for kz in range(3 if space else 1):
+        for ky in range(3):
+            for kx in range(3):
+                cell = step_node(blocks, i, -kx, -ky, -kz)
+                if cell >= 0:
+                    for k in range(fit_cells.first[cell], fit_cells.first[cell + 1]):
+                        r = fit_cells.point[k]
+                        total += fit_splines[r, kx] * fit_splines[r, 3 + ky] * fit_splines[r, 6 + kz]
+    if total > real(formulas.LEAST_SUM):
+        return real(1) / total
+    return real(0)
+
+
+@formula
+def fit_residual(r, fit_splines, fit_cells, blocks, surface_term, coefficients):
+    """Algorithm 2: b_r - sum_j C_j B_j(x_r), in units of h; b is 0 for the first half of the points, then epsilon."""
+    real = type(surface_term.cell_size)
+    value = real(0)
+    if 2 * r >= fit_splines.shape[0]:
+        value = surface_term.offset
+    base = fit_cells.cell[r]
+    if base < 0:
+        return real(0)
+    space = blocks.neighbour.shape[1] == 27
+    for kz in range(3 if space else 1):
+        for ky in range(3):
+            across = fit_splines[r, 3 + ky] * fit_splines[r, 6 + kz]
+            for kx in range(3):
+                j = step_node(blocks, base, kx, ky, kz)
+                if j >= 0:
+                    value -= coefficients[j] * (fit_splines[r, kx] * across)
+    return value
+
+
+@formula
+def fit_correction(i, fit_splines, fit_cells, blocks, surface_term, residual):
+    """Algorithm 2: Delta_i = sum_r (b_r - f(x_r)) B_i(x_r), in units of h."""
+    total = type(surface_term.cell_size)(0)
+    space = blocks.neighbour.shape[1] == 27
+    for kz in range(3 if space else 1):
+        for ky in range(3):
+            for kx in range(3):
+                cell = step_node(blocks, i, -kx, -ky, -kz)
+                if cell >= 0:
+                    for k in range(fit_cells.first[cell], fit_cells.first[cell + 1]):
+                        r = fit_cells.point[k]
+                        total += residual[r] * (fit_splines[r, kx] * fit_splines[r, 3 + ky] * fit_splines[r, 6 + kz])
+    return total
+
+
+@formula
+def place_fractions(q, query_position, base, blocks, surface_term):
+    """f = y/h - j of place q over the lowest node j of its splines, dimensionless."""
+    jx, jy, jz = node_coordinates(blocks, base)
+    fx = formulas.grid_offset(query_position[q, 0], jx, surface_term)
+    fy = formulas.grid_offset(query_position[q, 1], jy, surface_term)
+    fz = formulas.grid_offset(query_position[q, 2], jz, surface_term)
+    return fx, fy, fz
+
+
+@formula
+def mls_gradient(q, query_position, spline_cells, blocks, surface_term, coefficients):
+    """(value [h], three components of the gradient) of the implicit surface at place q: (3.8) and (3.17).
+
+    C and lengths in units of h: 4/h^2 sum_j B_j C_j (x_j - y) is 4 sum_j B_j C_j (k - f), dimensionless.
+    """
+    real = type(surface_term.cell_size)
+    base = spline_cells.cell[q]
+    value, gx, gy, gz = real(0), real(0), real(0), real(0)
+    if base < 0:
+        return value, gx, gy, gz
+    fx, fy, fz = place_fractions(q, query_position, base, blocks, surface_term)
+    space = blocks.neighbour.shape[1] == 27
+    for kz in range(3 if space else 1):
+        wz = formulas.spline_weight(fz, kz) if space else real(1)
+        az = real(kz) - fz if space else real(0)
+        for ky in range(3):
+            across = formulas.spline_weight(fy, ky) * wz
+            ay = real(ky) - fy
+            for kx in range(3):
+                j = step_node(blocks, base, kx, ky, kz)
+                if j >= 0:
+                    term = formulas.spline_weight(fx, kx) * across * coefficients[j]
+                    value += term
+                    gx += term * (real(kx) - fx)
+                    gy += term * ay
+                    gz += term * az
+    four = real(4)
+    return value, four * gx, four * gy, four * gz
+
+
+@formula
+def spline_gradient(q, query_position, spline_cells, blocks, surface_term, coefficients):
+    """(value [h], three components of the gradient) of the implicit surface at place q: (3.8) and (3.9).
+
+    C in units of h: sum_j C_j h grad B_j is dimensionless.
+    """
+    real = type(surface_term.cell_size)
+    base = spline_cells.cell[q]
+    value, gx, gy, gz = real(0), real(0), real(0), real(0)
+    if base < 0:
+        return value, gx, gy, gz
+    fx, fy, fz = place_fractions(q, query_position, base, blocks, surface_term)
+    space = blocks.neighbour.shape[1] == 27
+    for kz in range(3 if space else 1):
+        wz = formulas.spline_weight(fz, kz) if space else real(1)
+        sz = formulas.spline_slope(fz, kz) if space else real(0)
+        for ky in range(3):
+            wy, sy = formulas.spline_weight(fy, ky), formulas.spline_slope(fy, ky)
+            for kx in range(3):
+                j = step_node(blocks, base, kx, ky, kz)
+                if j >= 0:
+                    wx, c = formulas.spline_weight(fx, kx), coefficients[j]
+                    value += wx * wy * wz * c
+                    gx += formulas.spline_slope(fx, kx) * wy * wz * c
+                    gy += wx * sy * wz * c
+                    gz += wx * wy * sz * c
+    return value, gx, gy, gz
+
+
+@formula
+def store_normal(q, value, gx, gy, gz, outward, surface_value, surface_gradient, sample_normal):
+    """Value and gradient, where they are wanted, and the unit normal."""
+    if surface_value is not None:
+        surface_value[q] = value
+    if surface_gradient is not None:
+        surface_gradient[q, 0] = gx
+        surface_gradient[q, 1] = gy
+        surface_gradient[q, 2] = gz
+    nx, ny, nz = oriented_normal(gx, gy, gz, outward[q, 0], outward[q, 1], outward[q, 2])
+    sample_normal[q, 0] = nx
+    sample_normal[q, 1] = ny
+    sample_normal[q, 2] = nz
+
+
+@formula
+def oriented_normal(gx, gy, gz, nx, ny, nz):
+    """Unit vector along the gradient g; the direction n instead where g is nothing or points against n."""
+    real = type(gx)
+    length = math.sqrt(gx * gx + gy * gy + gz * gz)
+    if length > real(0):
+        gx, gy, gz = gx / length, gy / length, gz / length
+        if gx * nx + gy * ny + gz * nz >= real(0):
+            return gx, gy, gz
+    return nx, ny, nz
+
+
+@formula
+def node_tension(i, sample_position, sample_area, sample_normal, spline_cells, blocks, surface_term):
+    """(4.18*): force [N] on node i, -k sum_s A_s (I - n n^T) grad B_i(x_s); k bears the sign (M1)."""
+    real = type(surface_term.cell_size)
+    tx, ty, tz = real(0), real(0), real(0)
+    space = blocks.neighbour.shape[1] == 27
+    for kz in range(3 if space else 1):
+        for ky in range(3):
+            for kx in range(3):
+                cell = step_node(blocks, i, -kx, -ky, -kz)
+                if cell < 0:
+                    continue
+                first, end = spline_cells.first[cell], spline_cells.first[cell + 1]
+                if first == end:
+                    continue
+                jx, jy, jz = node_coordinates(blocks, cell)
+                for k in range(first, end):
+                    s = spline_cells.point[k]
+                    fx = formulas.grid_offset(sample_position[s, 0], jx, surface_term)
+                    fy = formulas.grid_offset(sample_position[s, 1], jy, surface_term)
+                    wx, wy, wz = formulas.spline_weight(fx, kx), formulas.spline_weight(fy, ky), real(1)
+                    sx, sy, sz = formulas.spline_slope(fx, kx), formulas.spline_slope(fy, ky), real(0)
+                    if space:
+                        fz = formulas.grid_offset(sample_position[s, 2], jz, surface_term)
+                        wz, sz = formulas.spline_weight(fz, kz), formulas.spline_slope(fz, kz)
+                    ux, uy, uz = formulas.tangential(
+                        sample_normal[s, 0], sample_normal[s, 1], sample_normal[s, 2],
+                        sx * wy * wz, wx * sy * wz, wx * wy * sz,
+                    )  # fmt: skip
+                    area = sample_area[s]
+                    tx += area * ux
+                    ty += area * uy
+                    tz += area * uz
+    strength = -surface_term.tension / surface_term.cell_size
+    return strength * tx, strength * ty, strength * tz
+
+
+@formula
+def extent(p, interior_position, cells, blocks, surface_term):
+    """Along how many axes the particles nearer than h to particle p spread: 0 alone, 1 a filament, 2 a film, 3.
+
+    The number of eigenvalues of their second moment about their mean above (h/8)^2, which tells a row of
+    particles half a cell apart from two rows.
+    """
+    real = type(surface_term.cell_size)
+    i = cells.cell[p]
+    if i < 0:
+        return 0
+    jx, jy, jz = node_coordinates(blocks, i)
+    ox = formulas.grid_offset(interior_position[p, 0], jx, surface_term)
+    oy = formulas.grid_offset(interior_position[p, 1], jy, surface_term)
+    oz = formulas.grid_offset(interior_position[p, 2], jz, surface_term)
+    space = blocks.neighbour.shape[1] == 27
+    zero, one = real(0), real(1)
+    n, mx, my, mz = zero, zero, zero, zero
+    xx, xy, xz, yy, yz, zz = zero, zero, zero, zero, zero, zero
+    for dz in range(-1 if space else 0, 2 if space else 1):
+        for dy in range(-1, 2):
+            for dx in range(-1, 2):
+                cell = step_node(blocks, i, dx, dy, dz)
+                if cell < 0:
+                    continue
+                for k in range(cells.first[cell], cells.first[cell + 1]):
+                    q = cells.point[k]
+                    ux = formulas.grid_offset(interior_position[q, 0], jx, surface_term) - ox
+                    uy = formulas.grid_offset(interior_position[q, 1], jy, surface_term) - oy
+                    uz = formulas.grid_offset(interior_position[q, 2], jz, surface_term) - oz
+                    if ux * ux + uy * uy + uz * uz < one:
+                        n += one
+                        mx += ux
+                        my += uy
+                        mz += uz
+                        xx += ux * ux
+                        xy += ux * uy
+                        xz += ux * uz
+                        yy += uy * uy
+                        yz += uy * uz
+                        zz += uz * uz
+    least = one / real(64)
+    mx, my, mz = mx / n, my / n, mz / n
+    xx, yy, zz = xx / n - mx * mx - least, yy / n - my * my - least, zz / n - mz * mz - least
+    xy, xz, yz = xy / n - mx * my, xz / n - mx * mz, yz / n - my * mz
+    return formulas.positive_roots(
+        xx + yy + zz,
+        xx * yy - xy * xy + (xx * zz - xz * xz) + (yy * zz - yz * yz),
+        xx * (yy * zz - yz * yz) - xy * (xy * zz - yz * xz) + xz * (xy * yz - yy * xz),
+    )
+
+
+@formula
+def dart(k, candidate_position, candidate_cells, blocks, dice, surface_term, accepted):
+    """What becomes of candidate k: 1 taken, 0 not, 2 not known yet.
+
+    It is taken where no taken candidate that was drawn before it stands nearer than the disk's radius.
+    """
+    i = candidate_cells.cell[k]
+    if i < 0:
+        return 0
+    jx, jy, jz = node_coordinates(blocks, i)
+    ox = formulas.grid_offset(candidate_position[k, 0], jx, surface_term)
+    oy = formulas.grid_offset(candidate_position[k, 1], jy, surface_term)
+    oz = formulas.grid_offset(candidate_position[k, 2], jz, surface_term)
+    turn = formulas.hash_word(dice.seed, k, 3)
+    limit = surface_term.disk * surface_term.disk
+    space = blocks.neighbour.shape[1] == 27
+    verdict = 1
+    for dz in range(-1 if space else 0, 2 if space else 1):
+        for dy in range(-1, 2):
+            for dx in range(-1, 2):
+                cell = step_node(blocks, i, dx, dy, dz)
+                if cell < 0:
+                    continue
+                for m in range(candidate_cells.first[cell], candidate_cells.first[cell + 1]):
+                    other = candidate_cells.point[m]
+                    if accepted[other] == 0 or other == k:
+                        continue
+                    ux = formulas.grid_offset(candidate_position[other, 0], jx, surface_term) - ox
+                    uy = formulas.grid_offset(candidate_position[other, 1], jy, surface_term) - oy
+                    uz = formulas.grid_offset(candidate_position[other, 2], jz, surface_term) - oz
+                    if ux * ux + uy * uy + uz * uz < limit:
+                        theirs = formulas.hash_word(dice.seed, other, 3)
+                        if theirs < turn or (theirs == turn and other < k):
+                            if accepted[other] == 1:
+                                return 0
+                            verdict = 2
+    return verdict
+
+
+@formula
+def candidate(k, vertex_position, facets, area_before, dice, one):
+    """(facet, place [m]) of candidate k: strewn evenly over the area, one to each of its equal shares."""
+    shares = area_before.shape[0] - 1
+    total = int(area_before[shares])
+    width = total // int(dice.candidates)
+    mark = width * k + ((width * (formulas.hash_word(dice.seed, k, 0) >> 16)) >> 16)
+    low, high = 0, shares
+    while low < high:
+        middle = (low + high) >> 1
+        if area_before[middle + 1] <= mark:
+            low = middle + 1
+        else:
+            high = middle
+    f = min(low, shares - 1)
+    u = formulas.unit_share(formulas.hash_word(dice.seed, k, 1), one)
+    a, b = facets[f, 0], facets[f, 1]
+    if facets.shape[1] == 2:
+        s, t, c = u, one - one, a
+    else:
+        root = math.sqrt(u)
+        w = formulas.unit_share(formulas.hash_word(dice.seed, k, 2), one)
+        s, t, c = root * (one - w), root * w, facets[f, 2]
+    x = vertex_position[a, 0] + s * (vertex_position[b, 0] - vertex_position[a, 0])
+    y = vertex_position[a, 1] + s * (vertex_position[b, 1] - vertex_position[a, 1])
+    z = vertex_position[a, 2] + s * (vertex_position[b, 2] - vertex_position[a, 2])
+    x += t * (vertex_position[c, 0] - vertex_position[a, 0])
+    y += t * (vertex_position[c, 1] - vertex_position[a, 1])
+    z += t * (vertex_position[c, 2] - vertex_position[a, 2])
+    return f, x, y, z

@@ -1,0 +1,301 @@
+"""The reconstruction of a surface, step after step: from particles to samples with normals, areas and particles.
+
+Figure 4.7 of the thesis up to the transfers: level set, marching cubes, samples, offsets, fit, normals, inset, and
+which components bear tension. All arrays stay on the backend.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from refsim.backend import Backend
+from refsim.isosurface import Mesh, edges_and_facets
+from refsim.operation import REGISTRY
+from refsim.sparse_grid import Blocks, PointList, SparseGrid, nodes
+from refsim.surface_energy import Dice, SurfaceTerm, Tension, surface_term
+
+AREA_UNITS = 1 << 20  # of h^(dim-1), so that running sums of areas are whole numbers and repeat
+CANDIDATES = 8  # for each Poisson-disk sample
+DENSEST = {2: 0.75, 3: 0.7}  # samples of a jammed set on an area of disk_radius^(dim-1)
+
+
+class Samples(NamedTuple):
+    """The surface as the transfers take it: s samples."""
+
+    position: Any  # (s, 3) [m]
+    normal: Any  # (s, 3), unit, outward
+    area: Any  # (s,) [m^(dim-1)], 0 on components that bear no tension
+    nearest: Any  # (s,) int32, nearest interior particle
+    count: Any  # (particles,) int32, samples of which each particle is the nearest
+
+
+@dataclass
+class Surface:
+    """All that one reconstruction makes; arrays on the backend.
+
+    samples          what the transfers take
+    mesh             the level set's surface, before the inset
+    inset_mesh       after it; the same where there is none
+    component_size   (particles,) int32, particles in the component of each
+    seconds          time of each stage [s], where it was asked for
+    """
+
+    samples: Samples
+    mesh: Mesh
+    inset_mesh: Mesh
+    component_size: Any
+    blocks: Blocks
+    cells: PointList
+    coefficients: Any
+    facet_normal: Any
+    offset_direction: Any
+    sample_place: Any
+    seconds: dict[str, float] = field(default_factory=dict)
+
+
+class Reconstruction:
+    """Reconstructs surfaces with one set of parameters.
+
+    cell_size  h [m]
+    timed      measure each stage, waiting for the device after it
+
+    Raises InputError where the parameters are not possible.
+    """
+
+    def __init__(
+        self, backend: Backend, dim: int, dtype: str, cell_size: float, tension: Tension, timed: bool = False
+    ) -> None:
+        tension.check(dim)
+        self.backend, self.dim, self.dtype, self.tension, self.timed = backend, dim, np.dtype(dtype), tension, timed
+        self.grid = SparseGrid(backend, dim, dtype, cell_size)
+        self.term: SurfaceTerm = surface_term(tension, dim, dtype, cell_size)
+        self.table_merged = "M32" in tension.printed()
+        # nodes that samples, their second points and the splines of both reach beyond a particle's cell
+        reach = tension.radius(dim) + tension.offset + 0.5
+        self.below, self.above = math.ceil(reach), math.floor(reach) + 2
+        self._seconds: dict[str, float] = {}
+
+    def surface(self, position: Any, step: int = 0) -> Surface:
+        """The surface of particles at `position` (n, 3) [m]; `step` draws other Poisson-disk samples each time."""
+        self._seconds = {}
+        blocks, cells = self._stage("cells", self._cells, position)
+        mesh = self._stage("level set and facets", self._mesh, position, blocks, cells)
+        place, area, facet_normal, facet = self._stage("samples", self._samples, mesh, blocks, step)
+        nearest, away, fit_position = self._stage("offsets", self._offsets, position, blocks, cells, place, True)
+        coefficients = self._stage("fit", self._fit, blocks, fit_position)
+        normal = self._stage("normals", self._normals, blocks, coefficients, place, away, facet_normal, facet)
+        inset_mesh = mesh
+        if self.tension.inset_distance() is not None:
+            inset_mesh, place, area, nearest = self._stage(
+                "inset", self._inset, position, blocks, cells, mesh, coefficients, place, area, normal, facet
+            )
+        size, area = self._stage("components", self._components, blocks, cells, nearest, area)
+        count = self._empty(position.shape[0], np.int32)
+        self._run("sample_counts", nearest, count)
+        return Surface(
+            Samples(place, normal, area, nearest, count), mesh, inset_mesh, size, blocks, cells, coefficients,
+            facet_normal, away, fit_position[: place.shape[0]], dict(self._seconds),
+        )  # fmt: skip
+
+    def mesh(self, position: Any) -> Mesh:
+        """The level set's surface alone, of particles at `position` (n, 3) [m]."""
+        blocks, cells = self._cells(position)
+        return self._mesh(position, blocks, cells)
+
+    def force(self, samples: Samples, blocks: Blocks) -> Any:
+        """Force of the surface's tension on the nodes of `blocks` (nodes, 3) [N], (4.18*)."""
+        force = self._empty((nodes(blocks), 3))
+        bases = self.grid.by_cell(samples.position, blocks, 0.5)
+        self._run("surface_force", samples.position, samples.area, samples.normal, bases, blocks, self.term, force)
+        return force
+
+    def extents(self, position: Any, surface: Surface) -> Any:
+        """Along how many axes the liquid round each particle spreads (n,) uint8; below dim - 1 it is a filament."""
+        extent = self._empty(position.shape[0], np.uint8)
+        self._run("extents", position, surface.cells, surface.blocks, self.term, extent)
+        return extent
+
+    # Stages
+
+    def _cells(self, position: Any) -> tuple[Blocks, PointList]:
+        blocks = self.grid.cover(position, self.below, self.above)
+        return blocks, self.grid.by_cell(position, blocks)
+
+    def _mesh(self, position: Any, blocks: Blocks, cells: PointList) -> Mesh:
+        state = self._empty(nodes(blocks), np.uint8)
+        self._run("node_states", position, cells, blocks, self.term, state)
+        self._state = state
+        found = edges_and_facets(self.backend, blocks, state, self.dim, self.table_merged)
+        vertex = self._empty((found.vertex_edge.shape[0], 3))
+        self._run("exit_points", position, cells, blocks, state, self.term, found.vertex_edge, vertex)
+        return Mesh(vertex, found.facets)
+
+    def _samples(self, mesh: Mesh, blocks: Blocks, step: int) -> tuple[Any, ...]:
+        """(place, area, normals of facets, facet of each sample or None where each facet has one)."""
+        place, area, normal = self._facet_samples(mesh)
+        if self.tension.quadrature == "facets":
+            return place, area, normal, None
+        before, units = self._area_before(area)
+        count = math.ceil(CANDIDATES * DENSEST[self.dim] * units / self.tension.disk_radius ** (self.dim - 1))
+        dice = Dice(np.int64(self.tension.seed + 7919 * step), np.int64(count))
+        facet, candidate = self._empty(count, np.int32), self._empty((count, 3))
+        self._run("candidates", mesh.vertices, mesh.facets, before, dice, facet, candidate)
+        accepted = self._empty(count, np.uint8)
+        self._run("poisson_disk", candidate, self.grid.by_cell(candidate, blocks), blocks, dice, self.term, accepted)
+        taken = self._places(accepted)
+        place = self._gathered(candidate, taken)
+        h = float(self.term.cell_size)
+        each = units * h ** (self.dim - 1) / max(place.shape[0], 1)  # (4.5)
+        area = self.backend.empty(place.shape[0], self.dtype)
+        self.backend.assign(area, self.dtype.type(each))
+        return place, area, normal, self._gathered(facet, taken)
+
+    def _facet_samples(self, mesh: Mesh) -> tuple[Any, Any, Any]:
+        count = mesh.facets.shape[0]
+        place, area, normal = self._empty((count, 3)), self._empty(count), self._empty((count, 3))
+        self._run("facet_samples", mesh.vertices, mesh.facets, place, area, normal)
+        return place, area, normal
+
+    def _offsets(self, position: Any, blocks: Blocks, cells: PointList, place: Any, fitted: bool) -> tuple[Any, ...]:
+        count = place.shape[0]
+        nearest, away = self._empty(count, np.int32), self._empty((count, 3))
+        points = self._empty((2 * count, 3)) if fitted else None
+        own = self.grid.by_cell(place, blocks)
+        self._run("offsets", position, cells, blocks, self.term, place, own, nearest, away, points)
+        return nearest, away, points
+
+    def _fit(self, blocks: Blocks, points: Any) -> Any:
+        count = nodes(blocks)
+        coefficients = self._empty(count)
+        if self.tension.normals in ("facets", "offsets"):
+            self.backend.assign(coefficients, 0)
+            return coefficients
+        weight, residual, splines = self._empty(count), self._empty(points.shape[0]), self._empty((points.shape[0], 9))
+        bases = self.grid.by_cell(points, blocks, 0.5)
+        self._run("fit_weights", points, bases, blocks, self.term, splines, weight)
+        active = self._places(weight)
+        self._run("fit", splines, bases, blocks, self.term, weight, active, residual, coefficients)
+        return coefficients
+
+    def _normals(self, blocks: Blocks, coefficients: Any, place: Any, away: Any, facet_normal: Any, facet: Any) -> Any:
+        kind = self.tension.normals
+        if kind == "offsets":
+            return away
+        if kind == "facets":
+            return facet_normal if facet is None else self._gathered(facet_normal, facet)
+        return self._smooth_normals(blocks, coefficients, place, away)
+
+    def _smooth_normals(self, blocks: Blocks, coefficients: Any, place: Any, outward: Any) -> Any:
+        normal = self._empty((place.shape[0], 3))
+        bases = self.grid.by_cell(place, blocks, 0.5)
+        name = "mls_normals" if self.tension.normals == "mls" else "spline_normals"
+        self._run(name, place, bases, blocks, self.term, coefficients, outward, None, None, normal)
+        return normal
+
+    def _inset(
+        self, position: Any, blocks: Blocks, cells: PointList, mesh: Mesh, coefficients: Any,
+        place: Any, area: Any, normal: Any, facet: Any,
+    ) -> tuple[Mesh, Any, Any, Any]:  # fmt: skip
+        """The surface pulled back by r - delta along the normals at its vertices; samples and areas go with it."""
+        _, outward, _ = self._offsets(position, blocks, cells, mesh.vertices, False)
+        if self.tension.normals in ("facets", "offsets"):
+            vertex_normal = outward
+        else:
+            vertex_normal = self._smooth_normals(blocks, coefficients, mesh.vertices, outward)
+        vertices = self._empty(mesh.vertices.shape)
+        self._run("inset", mesh.vertices, vertex_normal, self.term, vertices)
+        inset_mesh = Mesh(vertices, mesh.facets)
+        if facet is None:
+            place, area, _ = self._facet_samples(inset_mesh)
+        else:
+            area = self._rescaled(area, facet, mesh, inset_mesh)
+            moved = self._empty(place.shape)
+            self._run("inset", place, normal, self.term, moved)
+            place = moved
+        nearest, _, _ = self._offsets(position, blocks, cells, place, False)
+        return inset_mesh, place, area, nearest
+
+    def _components(self, blocks: Blocks, cells: PointList, nearest: Any, area: Any) -> tuple[Any, Any]:
+        """(particles in each particle's component, areas without those of components that are too small)."""
+        label = self._empty(nodes(blocks), np.int32)
+        size = self._empty(cells.cell.shape[0], np.int32)
+        self._run("components", blocks, self._state, label)
+        self._run("component_sizes", cells, label, size)
+        least = self.tension.least_component(self.dim)
+        if self.backend.name == "cuda":
+            from refsim import device
+
+            xp, seen, wrapped = device.library(), device.seen, device.wrapped
+        else:
+            xp, seen, wrapped = np, np.asarray, np.asarray
+        p = seen(nearest)
+        if not len(p):
+            return size, area
+        bears = (p >= 0) & (seen(size)[xp.maximum(p, 0)] >= least)
+        return size, wrapped(xp.where(bears, seen(area), self.dtype.type(0)))
+
+    # Arrays
+
+    def _run(self, name: str, *arguments: Any) -> None:
+        REGISTRY[f"surface_energy.{name}"].program(self.backend.name)(*arguments)
+
+    def _empty(self, shape: Any, dtype: Any = None) -> Any:
+        return self.backend.empty(shape, self.dtype if dtype is None else np.dtype(dtype))
+
+    def _stage(self, name: str, function: Callable[..., Any], *arguments: Any) -> Any:
+        if not self.timed:
+            return function(*arguments)
+        began = time.perf_counter()
+        result = function(*arguments)
+        self.backend.synchronize()
+        self._seconds[name] = self._seconds.get(name, 0.0) + time.perf_counter() - began
+        return result
+
+    def _places(self, flags: Any) -> Any:
+        """Where `flags` are not zero, int32."""
+        if self.backend.name == "cuda":
+            from refsim import device
+
+            return device.wrapped(device.library().flatnonzero(device.seen(flags)).astype(np.int32))
+        return np.flatnonzero(flags).astype(np.int32)
+
+    def _gathered(self, values: Any, places: Any) -> Any:
+        if self.backend.name == "cuda":
+            from refsim import device
+
+            return device.wrapped(device.seen(values)[device.seen(places)])
+        return values[places]
+
+    def _area_before(self, area: Any) -> tuple[Any, float]:
+        """(running sum of areas in whole units, their sum in units of h^(dim-1))."""
+        per_unit = AREA_UNITS / float(self.term.cell_size) ** (self.dim - 1)
+        if self.backend.name == "cuda":
+            from refsim import device
+
+            xp, seen, wrapped = device.library(), device.seen, device.wrapped
+        else:
+            xp, seen, wrapped = np, np.asarray, np.asarray
+        before = xp.zeros(area.shape[0] + 1, np.int64)
+        before[1:] = xp.cumsum(xp.rint(seen(area).astype(float) * per_unit).astype(np.int64))
+        return wrapped(before), float(before[-1]) / AREA_UNITS
+
+    def _rescaled(self, area: Any, facet: Any, mesh: Mesh, inset_mesh: Mesh) -> Any:
+        """Areas of Poisson-disk samples times the change of their facet's area."""
+        _, old, _ = self._facet_samples(mesh)
+        _, new, _ = self._facet_samples(inset_mesh)
+        if self.backend.name == "cuda":
+            from refsim import device
+
+            xp, seen, wrapped = device.library(), device.seen, device.wrapped
+        else:
+            xp, seen, wrapped = np, np.asarray, np.asarray
+        own = seen(facet)
+        before, after = seen(old)[own], seen(new)[own]
+        change = xp.where(before > 0, after / xp.where(before > 0, before, self.dtype.type(1)), self.dtype.type(1))
+        return wrapped((seen(area) * change).astype(self.dtype))
