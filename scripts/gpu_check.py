@@ -17,6 +17,7 @@ import concurrent.futures
 import datetime
 import importlib.metadata
 import json
+import math
 import os
 import pathlib
 import platform
@@ -44,8 +45,10 @@ from refsim import (  # noqa: E402  (from this working tree)
     SurfaceDetection,
     WeaklyCompressible,
     backend,
+    make_plan,
     neighbours,
 )
+from refsim.commands.plan import describe_plan  # noqa: E402
 from refsim.operation import REGISTRY  # noqa: E402
 
 DTYPES = ("float32", "float64")
@@ -148,7 +151,8 @@ def search_task(arguments: list[str]) -> list[Row]:
     order, counts, lists = found[0]
     same = all(np.array_equal(a, b) for a, b in zip(lists, found[1][2])) and np.array_equal(order, found[1][0])
     rows = [judged("differences between two builds", int(not same), 0)]
-    search.audit(there, cuda.zeros(position.shape, dtype), 0.0, listed, seed=1)
+    search.audit(there, cuda.zeros(position.shape, dtype), cuda.zeros(2, dtype), listed)
+    search.build(there)  # which brings the audit's answer along
     rows.append(judged("neighbours missed in sampled rows", search.log.missed_neighbours, 0))
     if not backend.simulated():  # the CPU's search would run as Python there
         cpu = neighbours.NeighbourSearch(backend.choose("cpu"), dim, dtype, 0.2)
@@ -261,24 +265,42 @@ def clock() -> tuple[Callable[[], Any], Callable[[Any, Any], float]]:
     return mark, between
 
 
+def device_bytes() -> int:
+    """Bytes of the device's memory that this process holds in arrays."""
+    if backend.simulated():
+        return 0
+    import cupy
+
+    return cupy.get_default_memory_pool().used_bytes()
+
+
 def timing_task(arguments: list[str]) -> list[Row]:
-    """Milliseconds of a step and of its parts on a cube of liquid, float32, h = 2 spacings."""
+    """Milliseconds of a step and of its parts on a spinning cube of viscous liquid with cohesion, float32, h = 2 d."""
     edge = 4 if backend.simulated() else SIZES[arguments[0]]
     spacing = 1.0 / edge
     scene = Scene(
         dtype="float32",
         spacing=spacing,
         support_radius=2 * spacing,
-        fluid=(Box(cells=(edge,) * 3, velocity=(0.1, 0.0, 0.0)),),
-        effects=(WeaklyCompressible(sound_speed=10.0, dynamic_viscosity=0.05), Gravity()),
+        fluid=(Box(cells=(edge,) * 3),),
+        effects=(
+            WeaklyCompressible(sound_speed=20.0, dynamic_viscosity=1.0),
+            JiangZhu2023(surface_tension=0.5, pair_mode="all", area_ratio=0.0, density_correction=False),
+        ),
     )
     began = time.perf_counter()
-    simulation = Simulation(scene, "cuda")
+    plan, before = make_plan(scene), device_bytes()
+    simulation = Simulation(plan, "cuda")
     rows = [row("particles", simulation.count), row("set-up", float(f"{time.perf_counter() - began:.3g}"), "s")]
-    jitter = np.random.default_rng(1).uniform(-0.1, 0.1, (simulation.count, 3)) * spacing
-    simulation._set("position", simulation._host("position") + jitter)
-    simulation.step()
-    simulation.step()
+    simulation._set("velocity", np.cross([0.0, 0.0, 1.0], plan.state.position - 0.5))
+    for _ in range(2 if backend.simulated() else 60):
+        simulation.step()
+    if not backend.simulated():
+        said = describe_plan(plan, "cuda")["bytes"]["total"]
+        held = device_bytes() - before
+        rows.append(row("memory held", round(held / simulation.count, 1), "B/particle"))
+        off = abs(held / said - 1)
+        rows.append(judged("memory held, off what the plan says", round(off, 3), 0.1, words=f"{said / 2**20:.0f} MiB"))
     mark, between = clock()
     wait = simulation.backend.synchronize
     repeats = 1 if backend.simulated() else 20
@@ -298,11 +320,9 @@ def timing_task(arguments: list[str]) -> list[Row]:
         bound = "the host's launches" if on_host > 0.8 * on_device else "the device"
         rows.append(row(label, float(f"{1e3 * on_device:.4g}"), "ms", words=f"host {1e3 * on_host:.3g} ms; by {bound}"))
 
-    for name, _, call in simulation._calls:
+    for name, _, call in simulation.force_calls:
         measured(name, call)
-    for name, call in simulation._own.items():
-        if name == "sph.extremes":
-            measured(name, call)
+    measured("sph.extremes", simulation.extremes_call)
     search, fields = simulation.search, simulation.fields
     measured("list: order", lambda: search.order(fields["position"]), 3)
     order = search.order(fields["position"])
@@ -314,18 +334,28 @@ def timing_task(arguments: list[str]) -> list[Row]:
         simulation._update_list()
 
     measured("list: everything, audit included", rebuild, 3)
-    before = search.log.rebuilds
-    steps = 2 if backend.simulated() else 100
-    began = time.perf_counter()
-    for _ in range(steps):
-        simulation.step()
-    wait()
-    took = (time.perf_counter() - began) / steps
+    kinds: dict[str, list[float]] = {"step alone": [], "step and a look at the list": [], "step and rebuild": []}
+    for _ in range(2 if backend.simulated() else 300):
+        built, margin = search.log.rebuilds, simulation._margin
+        began = time.perf_counter()
+        simulation.step()  # waits for the device
+        looked = margin <= 0 < simulation._margin
+        kind = 2 if search.log.rebuilds > built else int(looked)
+        list(kinds.values())[kind].append(time.perf_counter() - began)
+    for kind, spans in kinds.items():
+        if spans:
+            rows.append(row(kind, float(f"{1e3 * np.median(spans):.4g}"), "ms", words=f"median of {len(spans)}"))
+    took = float(
+        sum(len(spans) * np.median(spans) for spans in kinds.values() if spans) / sum(map(len, kinds.values()))
+    )
+    step, each = float(f"{1e3 * took:.4g}"), float(f"{1e9 * took / simulation.count:.4g}")
+    if backend.simulated():
+        rows += [row("step", step, "ms"), row("step per particle", each, "ns")]
+    else:
+        bars = {"60k": (0.1, math.inf), "1M": (math.inf, math.inf), "8M": (math.inf, 0.5)}[arguments[0]]
+        words = "all three kinds, at their medians and in their shares"
+        rows += [judged("step", step, bars[0], "ms", words), judged("step per particle", each, bars[1], "ns")]
     rows += [
-        row(
-            "step", float(f"{1e3 * took:.4g}"), "ms", words=f"{search.log.rebuilds - before} rebuilds in {steps} steps"
-        ),
-        row("step per particle", float(f"{1e9 * took / simulation.count:.4g}"), "ns"),
         row("most neighbours", search.log.most_neighbours),
         row("list", float(f"{search.log.list_bytes / 2**20:.5g}"), "MiB"),
         judged("neighbours missed", search.log.missed_neighbours, 0),

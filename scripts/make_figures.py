@@ -14,7 +14,8 @@ ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
 
 from refsim.errors import InputError  # noqa: E402
-from validation.harness import discover, redraw  # noqa: E402
+from validation import accuracy_cost  # noqa: E402
+from validation.harness import Options, discover, redraw  # noqa: E402
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -24,7 +25,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--quick", action="store_true", help="those of the quick sizes, in figures/quick")
     given = parser.parse_args(arguments)
     folder = ROOT / ("figures/quick" if given.quick else "figures")
-    pictures = {picture.name: picture for case in discover().values() for picture in case.pictures}
+    drawers = [*discover().values(), *accuracy_cost.cases(Options()).values()]
+    pictures = {picture.name: picture for case in drawers for picture in case.pictures}
     names = given.picture or [name for name in pictures if (folder / f"{name}.json").exists()]
     try:
         for name in names:

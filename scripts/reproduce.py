@@ -1,4 +1,5 @@
-"""Reproduce the papers' experiments: runs every case, draws the pictures, and ends with one table of verdicts.
+"""Reproduce the papers' experiments: runs every case and every panel of what accuracy costs, draws the pictures, and
+ends with one table of verdicts.
 
 `--quick` takes under three minutes on two cores, compiling included; `--full` (the default) runs the published sizes.
 Results are kept in results/ and reused; pictures go to figures/, quick ones to figures/quick/. Exit code: 0 all well,
@@ -18,7 +19,9 @@ sys.path.insert(0, str(ROOT))
 
 from refsim.errors import RefsimError  # noqa: E402
 from validation.__main__ import add_options, options_of  # noqa: E402
-from validation.harness import as_json, discover, exit_code, machine, perform, report  # noqa: E402
+from validation.accuracy_cost import perform_panels, quick_panels  # noqa: E402
+from validation.claims import measure, read_claims, table  # noqa: E402
+from validation.harness import EXIT_FAILED, as_json, discover, exit_code, machine, perform, report  # noqa: E402
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -35,14 +38,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
     print(f"The {size} sizes on backend {options.backend}; {where}", file=out, flush=True)
     try:
         outcomes = perform(list(discover().values()), options)
+        outcomes += perform_panels(quick_panels() if options.quick else [], options)
     except RefsimError as error:
         print(error, file=sys.stderr)
         return error.exit_code
     print(f"\nPictures: {options.figures}\nAll of it took {time.perf_counter() - began:.0f} s.", file=out)
+    claims = measure(list(read_claims().values()), options, compute=False)
+    print(f"\n{table(claims)}\npython -m validation.claims measures anew what is not measured here.", file=out)
     report(outcomes, out)
     if given.json:
         print(as_json(outcomes))
-    return exit_code(outcomes)
+    return exit_code(outcomes) or (0 if all(found.holds for found in claims) else EXIT_FAILED)
 
 
 if __name__ == "__main__":

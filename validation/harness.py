@@ -119,13 +119,13 @@ def discover(folder: ModuleType = case_folder) -> dict[str, Case]:
     return found
 
 
-def chosen_cases(names: Sequence[str], cases: Mapping[str, Case]) -> list[Case]:
+def chosen_cases(names: Sequence[str], cases: Mapping[str, Case], what: str = "case") -> list[Case]:
     """The named cases, or all. Raises InputError for a name that there is not."""
     for name in names:
         if name not in cases:
             near = difflib.get_close_matches(name, cases, n=1)
             hint = f"did you mean {near[0]!r}?" if near else f"choose one of {', '.join(cases)}."
-            raise InputError(f"There is no case {name!r}; {hint}")
+            raise InputError(f"There is no {what} {name!r}; {hint}")
     return [cases[name] for name in names or cases]
 
 
@@ -188,7 +188,7 @@ def _compute(waiting: Sequence[tuple[Outcome, Run, Path]], options: Options, str
             outcome.seconds[run.key] = seconds
             outcome.compiling[run.key] = context.compile_seconds()
             if result is not None:
-                about = about_run(outcome.case, run, seconds, outcome.compiling[run.key])
+                about = about_run(outcome.case.name, run, seconds, outcome.compiling[run.key])
                 save(folder, Result(result.values, result.arrays, about))
                 stored = load(folder)
                 if stored is None:
@@ -198,10 +198,10 @@ def _compute(waiting: Sequence[tuple[Outcome, Run, Path]], options: Options, str
             progress(0.0, done)
 
 
-def about_run(case: Case, run: Run, seconds: float, compiling: float) -> dict[str, Any]:
+def about_run(case: str, run: Run, seconds: float, compiling: float) -> dict[str, Any]:
     """When, where and with what a result was computed."""
     return {
-        "case": case.name,
+        "case": case,
         "run": run.key,
         "parameters": dict(run.parameters),
         "seconds": round(seconds, 3),

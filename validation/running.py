@@ -7,9 +7,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+import msgspec
 import numpy as np
 
 from refsim import Plan, Scene, Simulation
+from refsim.errors import InputError
+from refsim.scene import make_plan
 
 
 @dataclass
@@ -58,6 +61,22 @@ def advance(
         if not keep_on():
             break
     return wall
+
+
+def with_step(context: Context, scene: Scene, share: float, backend: str, threads: int | None = None) -> Scene:
+    """The scene with `share` of the stable step; above 1 as a fixed step, so many times the first stable one."""
+    if share <= 1.0:
+        return msgspec.structs.replace(scene, step_factor=share)
+    return msgspec.structs.replace(scene, step=share * context.simulation(scene, backend, threads).step().length)
+
+
+def refusal(scene: Scene) -> str:
+    """Why the scene is refused, in its one sentence; "" where it is not."""
+    try:
+        make_plan(scene)
+    except InputError as error:
+        return f"refused: {error}"
+    return ""
 
 
 def search_log(simulation: Simulation) -> dict[str, int]:

@@ -15,12 +15,12 @@ from typing import Any
 
 PASS, FAIL, SHOWN = "pass", "fail", "shown"
 EXPECTED = Path(__file__).parent / "expected"
-_RULES = {
+RULES = {
     "at_most": (lambda value, bound: value <= bound, "at most"),
     "at_least": (lambda value, bound: value >= bound, "at least"),
     "equals": (lambda value, bound: value == bound, "exactly"),
 }
-_KEYS = {"what", "unit", "paper", "source", *_RULES}
+_KEYS = {"what", "unit", "paper", "source", *RULES}
 
 
 @dataclass(frozen=True)
@@ -61,17 +61,17 @@ class Bounds:
         self.case, self.entries = case, tomllib.loads(path.read_text())
         for name, entry in self.entries.items():
             unknown = set(entry) - _KEYS
-            rules = [rule for rule in _RULES if rule in entry]
+            rules = [rule for rule in RULES if rule in entry]
             if unknown or len(rules) > 1 or not {"what", "unit", "source"} <= set(entry):
                 raise ValueError(f"{path}: [{name}] needs what, unit, source and at most one rule, has {sorted(entry)}")
 
     def judge(self, name: str, value: float, run: str = "", words: str = "") -> Measurement:
         """Judge one number; `run` and its `words` name which of several runs it comes from. NaN passes no rule."""
         entry = self.entries[name]
-        rule = next((rule for rule in _RULES if rule in entry), None)
+        rule = next((rule for rule in RULES if rule in entry), None)
         tolerance, verdict = "", SHOWN
         if rule is not None:
-            test, relation = _RULES[rule]
+            test, relation = RULES[rule]
             tolerance = f"{relation} {number(entry[rule])}"
             verdict = PASS if test(value, entry[rule]) else FAIL
         what = entry["what"] + (f", {words or run}" if run else "")

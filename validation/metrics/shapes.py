@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-__all__ = ["LatticeBox", "LatticeCut", "lattice_ball", "lattice_cube", "rotated_box", "rotated_lattice_cube"]
+__all__ = ["LatticeBox", "LatticeCut", "lattice_ball", "lattice_cube", "rotated_box", "rotated_lattice_cube", "shaken"]
 
 
 class LatticeCut(NamedTuple):
@@ -101,6 +101,16 @@ def rotated_box(
     shape = tuple(max(1, round(side * scale)) for side in sides)
     rotation = Rotation.random(rng=np.random.default_rng(seed)).as_matrix()
     return LatticeBox(_block(shape) @ rotation.T * _length(spacing), shape, rotation)
+
+
+def shaken(position: NDArray[np.float64], spacing: float, seed: int, share: float = 0.01) -> NDArray[np.float64]:
+    """Positions (n, 3) [m], each moved at random along the axes in which they differ, by `share` of the spacing (rms).
+
+    It takes from a lattice the symmetry that nothing in the world has: rounding alone would break it, later in float64
+    than in float32.
+    """
+    moved = np.random.default_rng(seed).normal(0.0, share * _length(spacing), position.shape)
+    return position + np.where(np.ptp(position, axis=0) > 0.0, moved, 0.0)
 
 
 def _block(shape: tuple[int, int, int]) -> NDArray[np.float64]:

@@ -1,7 +1,10 @@
-"""SPlisHSPlasH's WCSPH on a block of liquid that spins: `python -m validation.peers.splishsplash SIDE STEPS`.
+"""SPlisHSPlasH on the same work: `python -m validation.peers.splishsplash SPEC`, where SPEC is what `run` hands over.
 
-Equation of state, viscosity, step and support radius (2 spacings) are those of `timing.runs.spinning_block`. The
-neighbour search runs in every step, as that program does it.
+block  its WCSPH on a block of liquid that spins. Equation of state, viscosity, step and support radius (2 spacings) are
+       those of `timing.runs.spinning_block`. The neighbour search runs in every step, as that program does it.
+drop   its DFSPH with the surface tension of Akinci et al. 2013, on a cube of liquid that becomes a drop.
+
+Coefficients are set through its own interface: what a scene file says of them it does not read in every version.
 """
 
 from __future__ import annotations
@@ -15,6 +18,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -37,6 +41,23 @@ def missing() -> str:
 
 def run(side: int, steps: int, threads: int) -> dict[str, Any]:
     """Time `steps` steps of side^3 particles: {"particles", "seconds" (mean of a step), "version"} or {"missing"}."""
+    return _launch({"work": "block", "side": side, "steps": steps}, threads)
+
+
+def run_drop(settings: Mapping[str, Any], threads: int) -> dict[str, Any]:
+    """A cube of side^3 particles becomes a drop: {"time", "wall", "error" (lists), "particles", "steps", "version"} or
+    {"missing"}.
+
+    settings  "side", "tension" (its coefficient gamma of cohesion), "viscosity" (kinematic [m^2/s]), "step" (largest
+              step [s]), "until" [s], "samples" and "shake" (seed of the small displacements at the start); rest
+              density 1000 kg/m^3, side of 1 m
+
+    Wall seconds count stepping alone, from the first step on.
+    """
+    return _launch({"work": "drop", **settings}, threads)
+
+
+def _launch(spec: Mapping[str, Any], threads: int) -> dict[str, Any]:
     environment = {**os.environ, "OMP_NUM_THREADS": str(threads)}
     # Its window libraries must be there before Python's own are loaded, even when no window is opened.
     graphics = [name for name in map(ctypes.util.find_library, ("GLdispatch", "GLX")) if name]
@@ -44,7 +65,7 @@ def run(side: int, steps: int, threads: int) -> dict[str, Any]:
         environment["LD_PRELOAD"] = ":".join([*graphics, *environment.get("LD_PRELOAD", "").split()])
     root = str(Path(__file__).resolve().parent.parent.parent)
     environment["PYTHONPATH"] = os.pathsep.join(filter(None, [root, environment.get("PYTHONPATH", "")]))
-    command = [sys.executable, "-m", "validation.peers.splishsplash", str(side), str(steps)]
+    command = [sys.executable, "-m", "validation.peers.splishsplash", json.dumps(spec)]
     with tempfile.TemporaryDirectory() as folder:
         try:
             done = subprocess.run(
@@ -59,8 +80,8 @@ def run(side: int, steps: int, threads: int) -> dict[str, Any]:
         return json.loads(answer.read_text())
 
 
-def main(side: int, steps: int) -> None:
-    """Run in this process and write answer.json into the working folder."""
+def block(side: int, steps: int) -> None:
+    """Run the spinning block in this process and write answer.json into the working folder."""
     import numpy as np
     import pysplishsplash as peer
 
@@ -72,8 +93,6 @@ def main(side: int, steps: int) -> None:
             "gravitation": [0.0, 0.0, 0.0],
             "cflMethod": 0,
             "timeStepSize": STEP,
-            "stiffness": STIFFNESS,
-            "exponent": 1,
             "stopAt": STEP * (steps + WARM + 2),
         },
         "Materials": [
@@ -81,7 +100,6 @@ def main(side: int, steps: int) -> None:
                 "id": "Fluid",
                 "density0": DENSITY,
                 "viscosityMethod": 1,  # standard
-                "viscosity": VISCOSITY,
                 "surfaceTensionMethod": 0,
             }
         ],
@@ -95,15 +113,16 @@ def main(side: int, steps: int) -> None:
             }
         ],
     }
-    Path("scene.json").write_text(json.dumps(scene))
-    base = peer.Exec.SimulatorBase()
-    base.init(
-        sceneFile=os.path.abspath("scene.json"), useGui=False, initialPause=False, outputDir=os.path.abspath("output")
-    )
+    base = _simulator(peer, scene)
     moments: list[float] = []
     base.setTimeStepCB(lambda: moments.append(time.perf_counter()))
     base.initSimulation()
-    particles = peer.Simulation.getCurrent().getFluidModel(0).numActiveParticles()
+    fluid = peer.Simulation.getCurrent().getFluidModel(0)
+    fluid.getViscosityBase().setValueFloat(peer.Viscosity_Standard.VISCOSITY_COEFFICIENT, VISCOSITY)
+    method = peer.Simulation.getCurrent().getTimeStep()
+    method.setValueFloat(peer.TimeStepWCSPH.STIFFNESS, STIFFNESS)
+    method.setValueFloat(peer.TimeStepWCSPH.EXPONENT, 1.0)
+    particles = fluid.numActiveParticles()
     base.runSimulation()
     spent = np.diff(moments)[WARM : WARM + steps]
     answer = {
@@ -115,5 +134,80 @@ def main(side: int, steps: int) -> None:
     Path("answer.json").write_text(json.dumps(answer))
 
 
+def drop(side: int, tension: float, viscosity: float, step: float, until: float, samples: int, shake: int) -> None:
+    """Run the drop in this process and write answer.json into the working folder."""
+    import numpy as np
+    import pysplishsplash as peer
+
+    from validation.metrics.droplet import radius_variation
+    from validation.metrics.shapes import shaken
+
+    spacing = 1.0 / side
+    scene = {
+        "Configuration": {
+            "particleRadius": 0.5 * spacing,
+            "simulationMethod": 4,  # DFSPH
+            "gravitation": [0.0, 0.0, 0.0],
+            "cflMethod": 1,
+            "cflFactor": 0.5,
+            "cflMaxTimeStepSize": step,
+            "timeStepSize": step,
+            "stopAt": until,
+        },
+        "Materials": [
+            {
+                "id": "Fluid",
+                "density0": DENSITY,
+                "viscosityMethod": 1,  # standard
+                "surfaceTensionMethod": 2,  # Akinci et al. 2013
+            }
+        ],
+        "FluidBlocks": [{"denseMode": 0, "start": [0.0, 0.0, 0.0], "end": [1.0 + 0.5 * spacing] * 3, "id": "Fluid"}],
+    }
+    base = _simulator(peer, scene)
+    found: dict[str, list[float]] = {"time": [], "wall": [], "error": []}
+    clock = {"last": 0.0, "spent": 0.0, "steps": 0}
+
+    def after_step() -> None:
+        clock["spent"] += time.perf_counter() - clock["last"]
+        clock["steps"] += 1
+        now = peer.TimeManager.getCurrent().getTime()
+        if now >= len(found["time"]) * until / samples:
+            model = peer.Simulation.getCurrent().getFluidModel(0)
+            position = np.array(model.getFieldBuffer("position"))[: model.numActiveParticles()]
+            for name, value in (("time", now), ("wall", clock["spent"]), ("error", radius_variation(position))):
+                found[name].append(float(value))
+        clock["last"] = time.perf_counter()
+
+    base.setTimeStepCB(after_step)
+    base.initSimulation()
+    fluid = peer.Simulation.getCurrent().getFluidModel(0)
+    fluid.getSurfaceTensionBase().setValueFloat(peer.SurfaceTension_Akinci2013.SURFACE_TENSION, tension)
+    fluid.getViscosityBase().setValueFloat(peer.Viscosity_Standard.VISCOSITY_COEFFICIENT, viscosity)
+    lattice = np.array(fluid.getFieldBuffer("position"))[: fluid.numActiveParticles()].astype(float)
+    for i, place in enumerate(shaken(lattice, spacing, shake)):
+        fluid.setPosition(i, place.astype(np.float32))
+    clock["last"] = time.perf_counter()
+    base.runSimulation()
+    answer = {
+        **found,
+        "particles": int(fluid.numActiveParticles()),
+        "steps": clock["steps"],
+        "version": importlib.metadata.version("pySPlisHSPlasH"),
+    }
+    Path("answer.json").write_text(json.dumps(answer))
+
+
+def _simulator(peer: Any, scene: Mapping[str, Any]) -> Any:
+    """Its simulator with a scene file in the working folder."""
+    Path("scene.json").write_text(json.dumps(scene))
+    base = peer.Exec.SimulatorBase()
+    base.init(
+        sceneFile=os.path.abspath("scene.json"), useGui=False, initialPause=False, outputDir=os.path.abspath("output")
+    )
+    return base
+
+
 if __name__ == "__main__":
-    main(int(sys.argv[1]), int(sys.argv[2]))
+    given = json.loads(sys.argv[1])
+    {"block": block, "drop": drop}[given.pop("work")](**given)

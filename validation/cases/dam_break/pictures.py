@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from validation.cases.dam_break.runs import METHODS, WORDS
-from validation.drawing import BLACK, BLUE, GREEN, GREY, INTERIOR_BLUE, ORANGE, SKY, SURFACE_RED, VERMILION
+from validation.drawing import BLACK, BLUE, GREEN, GREY, INTERIOR_BLUE, ORANGE, PURPLE, SKY, SURFACE_RED, VERMILION
 from validation.harness import Results
 from validation.metrics.dam_break import data_tolerance, load_front_data, ritter_front
 from validation.results import floats
@@ -18,7 +18,7 @@ COLOURS = {"number_density": ORANGE, "two_step": BLUE, "fan_scan": GREEN}
 TITLES = {
     "number_density": "a  Number density, J(12)",
     "fan_scan": "b  Fan scan, J(13)",
-    "two_step": "c  Two-step: J(12), J(13)",
+    "two_step": "c  Two-step: sparse or lopsided, J(13)",
 }
 
 
@@ -90,90 +90,126 @@ def detection_picture(data: Mapping[str, Any]) -> Any:
 
 
 def score_data(results: Results) -> dict[str, Any]:
-    """Precision and recall over the collapse."""
-    values = results["detection_2d"].values
-    return {
-        "title": "Surface detection over the collapse against the exact truth",
-        "time_s": values["time"],
-        "truth_radius_spacings": values["truth_radius"],
-        "over_time": values["over_time"],
-        "pooled": values["score"],
-    }
+    """Precision and recall over the collapse, in 2D and, where it was run, in 3D."""
+    data: dict[str, Any] = {"title": "Surface detection over the collapse against the exact truth", "runs": {}}
+    for words, key in (("2D", "detection_2d"), ("3D", "detection_3d")):
+        if key in results:
+            values = results[key].values
+            data["truth_radius_spacings"] = values["truth_radius"]
+            data["runs"][words] = {
+                "particles": values["particles"],
+                "time_s": values["time"],
+                "over_time": values["over_time"],
+                "pooled": values["score"],
+            }
+    return data
 
 
 def score_picture(data: Mapping[str, Any]) -> Any:
-    """Precision and recall against time, three detectors."""
+    """Precision and recall against time, every detector; a row for each dimension."""
     import matplotlib.pyplot as plt
 
-    figure, panels = plt.subplots(1, 2, figsize=(8.4, 3.5), sharey=True)
-    marks = {"number_density": "o", "fan_scan": "^", "two_step": "s"}
-    for axes, name in zip(panels, ("precision", "recall")):
-        for method in METHODS:
-            axes.plot(
-                data["time_s"], floats(data["over_time"][method][name]), color=COLOURS[method], marker=marks[method],
-                ms=4, lw=1.3, label=f"{WORDS[method]}, whole collapse {data['pooled'][method][name]:.2f}",
-            )  # fmt: skip
-        axes.set_title(name.capitalize())
+    found, truths = data["runs"], {"2D": "arc cover", "3D": "spherical-cap cover"}
+    figure, panels = plt.subplots(len(found), 2, figsize=(8.8, 0.6 + 3.1 * len(found)), sharey=True, squeeze=False)
+    looks = {
+        "number_density": {"color": COLOURS["number_density"], "marker": "o"},
+        "fan_scan": {"color": COLOURS["fan_scan"], "marker": "^"},
+        "two_step": {"color": COLOURS["two_step"], "marker": "s"},
+        "two_step_printed": {"color": SKY, "marker": "D", "ls": "--"},
+    }
+    for row, (words, run) in zip(panels, found.items()):
+        for axes, name in zip(row, ("precision", "recall")):
+            for method, look in looks.items():
+                label = f"{WORDS[method]}, whole collapse {run['pooled'][method][name]:.2f}"
+                axes.plot(run["time_s"], floats(run["over_time"][method][name]), ms=4, lw=1.3, label=label, **look)
+            axes.set_title(f"{name.capitalize()}, {words}, {run['particles']:,} particles")
+            axes.set_ylim(0, 1.03)
+            axes.grid(True)
+            axes.legend(loc="lower right")
+        row[0].set_ylabel(f"share ({truths[words]}, {data['truth_radius_spacings']:g} d)")
+    for axes in panels[-1]:
         axes.set_xlabel("time [s]")
-        axes.set_ylim(0, 1.03)
-        axes.grid(True)
-        axes.legend(loc="lower left")
-    panels[0].set_ylabel(f"share (truth radius {data['truth_radius_spacings']:g} spacings)")
     return figure
 
 
 def cost_data(results: Results) -> dict[str, Any]:
     """Figure 5: detection time against particle number."""
-    result = results["detection_cost"]
+    found = [result for key, result in results.items() if key.startswith("detection_cost_")]
+    found.sort(key=lambda result: result.values["particles"])
     return {
         "title": "Figure 5: detection time in a dam break",
-        "moment_s": result.values["moment"],
-        "repeats": result.values["repeats"],
-        "machine": result.about["machine"],
-        "date": result.about["date"],
-        "sizes": result.values["sizes"],
+        "moment_s": found[0].values["moment"],
+        "repeats": found[0].values["repeats"],
+        "machine": found[-1].about["machine"],
+        "date": found[-1].about["date"],
+        "moved_on": found[-1].values["moved_on"],
+        "sizes": [result.values for result in found],
     }
 
 
 def cost_picture(data: Mapping[str, Any]) -> Any:
-    """Whole detection, the scan alone, and the share of particles scanned."""
+    """Whole detection, what two steps take of the fan scan's time, and where that goes."""
     import matplotlib.pyplot as plt
 
     sizes = data["sizes"]
     number = np.array([size["particles"] for size in sizes])
-    figure, panels = plt.subplots(1, 3, figsize=(10.4, 3.6), width_ratios=(1, 1, 0.8))
+
+    def milliseconds(method: str, part: str) -> np.ndarray:
+        return 1e3 * np.array([size["methods"][method][part] for size in sizes])
+
+    figure, (whole, ratio, parts) = plt.subplots(1, 3, figsize=(11.2, 3.8))
     marks = {"number_density": "o", "fan_scan": "^", "two_step": "s"}
-    for axes, part, title in zip(panels, ("whole", "scan"), ("a  Whole detection", "b  Fan scan alone")):
-        for method in ("fan_scan", "two_step", "number_density"):
-            if part == "scan" and method == "number_density":
-                continue
-            time = 1e3 * np.array([size["methods"][method][part] for size in sizes])
-            axes.plot(number, time, color=COLOURS[method], marker=marks[method], ms=5, label=WORDS[method])
-        axes.set_title(title)
+    for method in ("fan_scan", "two_step", "number_density"):
+        time = milliseconds(method, "whole")
+        whole.plot(number, time, color=COLOURS[method], marker=marks[method], ms=5, label=WORDS[method])
+    whole.set_title("a  Whole detection")
+    whole.set_yscale("log")
+    whole.set_ylabel("median time [ms]")
+    low, high = whole.get_ylim()
+    whole.set_ylim(min(low, 10.0 ** np.floor(np.log10(low * 1.01))), 2.5 * high)
+    for part, look, words in (
+        ("whole", {"color": BLUE, "marker": "s"}, "J(8) charged to neither"),
+        ("charged", {"color": SKY, "marker": "D", "ls": "--"}, "J(8) charged to two steps"),
+    ):
+        shares = 100 * milliseconds("two_step", part) / milliseconds("fan_scan", "whole")
+        ratio.plot(number, shares, ms=5, label=words, **look)
+    together = [s["all_threads"]["two_step"]["whole"] / s["all_threads"]["fan_scan"]["whole"] for s in sizes]
+    words = f"as the first, on all {data['machine']['cores']} threads"
+    ratio.plot(number, 100 * np.array(together), ms=5, color=PURPLE, marker="x", ls=":", label=words)
+    ratio.axhline(50, color=GREY, lw=1, ls=":")
+    scanned = [100 * size["scanned_share"] for size in sizes]
+    ratio.plot(number, scanned, color=GREY, marker=".", lw=1, label="particles scanned")
+    ratio.set_title("b  Two steps, share of the fan scan")
+    ratio.set_ylabel("share [%]")
+    ratio.set_ylim(0, 1.4 * ratio.get_ylim()[1])
+    below = np.zeros(len(number))
+    kinds = {
+        "moment_sum": ("first moment", ORANGE), "normals": ("normals", BLUE), "scan": ("scan", GREEN),
+    }  # fmt: skip
+    place = np.arange(len(number))
+    for part, (words, colour) in kinds.items():
+        share = milliseconds("two_step", part) / milliseconds("two_step", "whole")
+        parts.bar(place, 100 * share, 0.62, bottom=below, color=colour, label=words)
+        below += 100 * share
+    parts.bar(place, 100 - below, 0.62, bottom=below, color=GREY, label="threshold")
+    parts.set_title("c  Where two steps spend it")
+    parts.set_ylabel("share of its time [%]")
+    parts.set_ylim(0, 135)
+    parts.set_yticks(range(0, 101, 20))
+    parts.set_xticks(place, [f"{n:,}" for n in number], rotation=35)
+    for axes in (whole, ratio):
         axes.set_xscale("log")
-        axes.set_yscale("log")
-        axes.set_xlabel("particles")
-        axes.set_ylabel("median time [ms]")
-        axes.grid(True, which="major")
-        axes.legend()
-    panels[2].plot(number, [100 * size["scanned_share"] for size in sizes], color=BLUE, marker="s", ms=5)
-    panels[2].set_title("c  Scanned in two steps")
-    panels[2].set_xscale("log")
-    panels[2].set_ylim(bottom=0)
-    panels[2].set_xlabel("particles")
-    panels[2].set_ylabel("share of particles [%]")
-    panels[2].grid(True)
-    for axes in panels:
-        if axes is not panels[2]:
-            axes.yaxis.set_major_formatter("{x:g}")
-            axes.yaxis.set_minor_formatter(plt.NullFormatter())
-            low, high = axes.get_ylim()
-            axes.set_ylim(min(low, 10.0 ** np.floor(np.log10(low * 1.01))), 2.5 * high)
-        axes.set_xticks(number, [f"{n:,}" for n in number], rotation=30 if len(number) > 3 else 0)
+        axes.set_xticks(number, [f"{n:,}" for n in number], rotation=35)
         axes.xaxis.set_minor_locator(plt.NullLocator())
+    whole.yaxis.set_major_formatter("{x:g}")
+    whole.yaxis.set_minor_formatter(plt.NullFormatter())
+    for axes in (whole, ratio, parts):
+        axes.set_xlabel("particles")
+        axes.grid(axis="y" if axes is parts else "both")
+        axes.legend(loc="upper left", ncols=2 if axes is parts else 1)
     machine = data["machine"]
     figure.supxlabel(
-        f"2D, t = {data['moment_s']:g} s, medians of {data['repeats']}; {machine['processor']},"
+        f"2D, t = {data['moment_s']:g} s, one thread, medians of {data['repeats']}; {machine['processor']},"
         f" {machine['cores']} cores",
         fontsize=8, color=GREY,
     )  # fmt: skip

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy.spatial import cKDTree
 
-from refsim import Box, BoxWalls, Cloud, Gravity, Scene, Simulation, SurfaceDetection, WeaklyCompressible
+from refsim import Box, BoxWalls, Cloud, Gravity, Scene, Simulation, SurfaceDetection, WeaklyCompressible, make_plan
+from refsim.surface_detection import half_space_moment
 from validation.metrics.dam_break import (
     FRONT_DATA,
     dimensionless_time,
@@ -25,8 +29,17 @@ LID = 4.0  # m: the splash at the far wall rises nearly that high
 SUPPORT = 2.6  # spacings
 SKIN = 0.3  # of the support radius: the flow is fast, so a wider list is rebuilt less often
 TRUTH_RADIUS = 1.2  # spacings
-METHODS = ("number_density", "fan_scan", "two_step")
-WORDS = {"number_density": "number density", "fan_scan": "fan scan", "two_step": "two-step"}
+METHODS = ("number_density", "fan_scan", "two_step")  # those of the paper's figures 4 and 5
+DETECTORS: dict[str, dict[str, Any]] = {  # settings of the effect
+    **{method: {"method": method} for method in METHODS},
+    "two_step_printed": {"literal": ("E23",)},
+}
+WORDS = {
+    "number_density": "number density",
+    "fan_scan": "fan scan",
+    "two_step": "two-step",
+    "two_step_printed": "two-step with J(12) as printed",
+}
 
 
 def column_scene(columns: int, depth: int = 1, tank: float = 4.0, effects: tuple = (), cloud: Any = None) -> Scene:
@@ -62,21 +75,42 @@ def column_scene(columns: int, depth: int = 1, tank: float = 4.0, effects: tuple
     )
 
 
+def jittered(columns: int, depth: int, seed: int, share: float = 0.02) -> tuple[np.ndarray, np.ndarray]:
+    """(position, mass) of the column, every particle off its lattice point by up to `share` of the spacing."""
+    plan = make_plan(column_scene(columns, depth))
+    position, dim = plan.state.position.copy(), plan.grid.dim
+    width = share * plan.grid.spacing
+    position[:, :dim] += np.random.default_rng(seed).uniform(-width, width, (len(position), dim))
+    return position, plan.state.mass
+
+
 def collapse(
-    context: Context, columns: int, until: float, backend: str, depth: int = 1, samples: int = 36, tank: float = 4.0
+    context: Context,
+    columns: int,
+    until: float,
+    backend: str,
+    depth: int = 1,
+    samples: int = 36,
+    tank: float = 4.0,
+    seed: int | None = None,
 ) -> Result:
-    """The collapse in a tank of 4 L to `until` [s], with three detectors scored against the exact surface."""
-    simulation = context.simulation(column_scene(columns, depth, tank, (SurfaceDetection(),)), backend)
+    """The collapse in a tank of 4 L to `until` [s], with every detector scored against the exact surface.
+
+    On the way, every rule of FIRST_STEPS is tried as the first of two steps. With a `seed` the start is jittered.
+    """
+    start = None if seed is None else jittered(columns, depth, seed)
+    simulation = context.simulation(column_scene(columns, depth, tank, (SurfaceDetection(),), start), backend)
     spacing, walls = simulation.plan.grid.spacing, simulation.plan.walls.position
     cover = arc_cover_surface if depth == 1 else cap_cover_surface
     mass = simulation.field("mass")
     ledger = Ledger(simulation, (0.5 * HEIGHT * tank, LID, depth * spacing))
     frames: dict[str, list[np.ndarray]] = {"position": [], "truth": [], **{method: [] for method in METHODS}}
     time, truth_count, scanned = [], [], []
-    counts = {method: np.zeros(3, int) for method in METHODS}  # hits, false surface, false interior
+    counts = {method: np.zeros(3, int) for method in DETECTORS}  # hits, false surface, false interior
     over_time: dict[str, dict[str, list[float]]] = {
-        method: {name: [] for name in ("precision", "recall", "f1")} for method in METHODS
+        method: {name: [] for name in ("precision", "recall", "f1")} for method in DETECTORS
     }
+    tried: dict[str, list[tuple[float, int, int, float]]] = {}
 
     def sample(simulation: Simulation, wall: float) -> None:
         simulation.evaluate()
@@ -87,13 +121,16 @@ def collapse(
         frames["truth"].append(truth)
         time.append(simulation.time)
         truth_count.append(int(truth.sum()))
-        scanned.append(float(simulation.field("near_surface").mean()))
-        for method in METHODS:
-            if method == "two_step":
-                flags = simulation.field("surface").astype(bool)
-            else:
-                flags = detect(context, method, columns, depth, tank, (position, mass), backend)
-            frames[method].append(flags)
+        scanned.append(float(simulation.field("scan_candidates").mean()))
+        for method in DETECTORS:
+            looked = simulation
+            if method != "two_step":
+                looked = detect(context, method, columns, depth, tank, (position, mass), backend)
+            flags = looked.field("surface").astype(bool)
+            if method == "fan_scan":
+                try_first_steps(tried, simulation, looked, truth)
+            if method in frames:
+                frames[method].append(flags)
             score = detection_score(flags, truth)
             counts[method] += ((flags & truth).sum(), score.false_surface, score.false_interior)
             for name, values in over_time[method].items():
@@ -116,6 +153,7 @@ def collapse(
         "over_time": over_time,
         "score": pooled,
         "scanned_share": float(np.mean(scanned)),
+        "first_step": first_step_values(tried),
         "ledger": ledger.values(simulation),
         "steps": simulation.steps,
         "seconds": wall,
@@ -125,13 +163,109 @@ def collapse(
 
 
 def detect(
-    context: Context, method: str, columns: int, depth: int, tank: float, cloud: tuple, backend: str
-) -> np.ndarray:
-    """What one detector says of a cloud (position, mass) in the tank; bool (n,)."""
-    scene = column_scene(columns, depth, tank, (SurfaceDetection(method=method),), cloud)
-    simulation = context.simulation(scene, backend)
+    context: Context,
+    method: str,
+    columns: int,
+    depth: int,
+    tank: float,
+    cloud: tuple,
+    backend: str,
+    threads: int | None = None,
+) -> Simulation:
+    """A cloud (position, mass) in the tank, seen by one detector of DETECTORS."""
+    scene = column_scene(columns, depth, tank, (SurfaceDetection(**DETECTORS[method]),), cloud)
+    simulation = context.simulation(scene, backend, threads)
     simulation.evaluate()
-    return simulation.field("surface").astype(bool)
+    return simulation
+
+
+@dataclass(frozen=True)
+class Neighbourhoods:
+    """What a first step may look at, each (n,): number density over delta0, its mean and largest value among the
+    neighbours within h, first moment over that of a plane surface, |h grad c|."""
+
+    density: np.ndarray
+    mean: np.ndarray
+    largest: np.ndarray
+    moment: np.ndarray
+    gradient: np.ndarray
+
+
+# Rules for the first of two steps: words, what it costs beside the number density, and who is scanned.
+FIRST_STEPS: dict[str, tuple[str, str, Callable[[Neighbourhoods], np.ndarray]]] = {
+    "printed_0.90": ("delta <= 0.90 delta0", "nothing", lambda n: n.density <= 0.90),
+    "printed_0.95": ("delta <= 0.95 delta0", "nothing", lambda n: n.density <= 0.95),
+    "printed_0.98": ("delta <= 0.98 delta0, as printed", "nothing", lambda n: n.density <= 0.98),
+    "printed_1.00": ("delta <= 1.00 delta0", "nothing", lambda n: n.density <= 1.0),
+    "printed_1.01": ("delta <= 1.01 delta0", "nothing", lambda n: n.density <= 1.01),
+    "below_mean": (
+        "delta <= 0.99 of the neighbours' mean", "a pass over the list", lambda n: n.density <= 0.99 * n.mean,
+    ),
+    "below_largest": (
+        "delta <= 0.98 of the neighbours' largest", "a pass over the list", lambda n: n.density <= 0.98 * n.largest,
+    ),
+    "gradient": ("|h grad c| >= 0.4", "J(19) everywhere", lambda n: n.gradient >= 0.4),
+    "moment_0.25": ("first moment >= 0.25 M", "three sums in J(8)", lambda n: n.moment >= 0.25),
+    "adopted_0.15": (
+        "delta <= 0.90 delta0 or first moment >= 0.15 M", "three sums in J(8)",
+        lambda n: (n.density <= 0.90) | (n.moment >= 0.15),
+    ),
+    "adopted_0.25": (
+        "delta <= 0.90 delta0 or first moment >= 0.25 M, adopted", "three sums in J(8)",
+        lambda n: (n.density <= 0.90) | (n.moment >= 0.25),
+    ),
+    "adopted_0.35": (
+        "delta <= 0.90 delta0 or first moment >= 0.35 M", "three sums in J(8)",
+        lambda n: (n.density <= 0.90) | (n.moment >= 0.35),
+    ),
+}  # fmt: skip
+
+
+def neighbourhoods(simulation: Simulation, scanned: Simulation) -> Neighbourhoods:
+    """From a simulation with the two-step detector, and one with the fan scan alone, of the same particles."""
+    grid, fluid = simulation.plan.grid, simulation.plan.effects["weakly_compressible"]
+    rest = fluid.rest_number_density(grid)  # type: ignore[attr-defined]
+    density = simulation.field("number_density").astype(float) / rest
+    moment = simulation.field("asymmetry").astype(float) / half_space_moment(fluid, grid)  # type: ignore[arg-type]
+    pairs = cKDTree(simulation.field("position")).query_pairs(grid.support_radius, output_type="ndarray")
+    one, other = np.concatenate([pairs, pairs[:, ::-1]]).T
+    number = np.bincount(one, minlength=len(density))
+    mean = np.bincount(one, density[other], minlength=len(density)) / np.maximum(number, 1)
+    mean[number == 0] = 1.0
+    largest = density.copy()
+    np.maximum.at(largest, one, density[other])
+    gradient = np.linalg.norm(scanned.field("surface_normal"), axis=1)
+    return Neighbourhoods(density, mean, largest, moment, gradient)
+
+
+def try_first_steps(
+    tried: dict[str, list[tuple[float, int, int, float]]],
+    simulation: Simulation,
+    scanned: Simulation,
+    truth: np.ndarray,
+) -> None:
+    """Note for every rule (recall lost to the fan scan alone, hits, false surface, share scanned)."""
+    seen, surface = neighbourhoods(simulation, scanned), scanned.field("surface").astype(bool)
+    all_hits, count = int((surface & truth).sum()), max(int(truth.sum()), 1)
+    for name, (_, _, rule) in FIRST_STEPS.items():
+        chosen = rule(seen)
+        hits, wrong = int((surface & truth & chosen).sum()), int((surface & ~truth & chosen).sum())
+        tried.setdefault(name, []).append(((all_hits - hits) / count, hits, wrong, float(chosen.mean())))
+
+
+def first_step_values(tried: dict[str, list[tuple[float, int, int, float]]]) -> dict[str, dict[str, float]]:
+    """Of every rule: largest and mean loss of recall over the samples, pooled precision, mean and largest share."""
+    found = {}
+    for name, rows in tried.items():
+        loss, hits, wrong, share = np.array(rows).T
+        found[name] = {
+            "largest_loss": float(loss.max()),
+            "mean_loss": float(loss.mean()),
+            "precision": float(hits.sum() / max(hits.sum() + wrong.sum(), 1)),
+            "share": float(share.mean()),
+            "largest_share": float(share.max()),
+        }
+    return found
 
 
 class Ledger:
@@ -224,44 +358,65 @@ def surge(context: Context, columns: int, backend: str, depth: int = 1, tank: fl
 
 
 def detection_cost(
-    context: Context, columns: list[int], repeats: int, backend: str, moment: float = 0.6, tank: float = 4.0
+    context: Context,
+    columns: int,
+    repeats: int,
+    backend: str,
+    moment: float = 0.6,
+    tank: float = 4.0,
+    moved_on: str | None = None,
 ) -> Result:
-    """Median seconds of detection on the state at `moment` [s], by particle number and detector."""
-    sizes, weights = [], np.cumsum([0.0, *(n**3 for n in columns)])
-    for k, width in enumerate(columns):
+    """Median seconds of detection on the state at `moment` [s], by detector: on one thread, and on all of them.
 
-        def progress(share: float, k: int = k) -> None:
-            context.progress((weights[k] + share * (weights[k + 1] - weights[k])) / weights[-1])
+    Few particles leave many threads little to do but to start, which says nothing of the methods; so one thread is
+    judged. moved_on: the backend that moves the column to that state, `backend` if left out.
+    """
+    simulation = context.simulation(column_scene(columns, 1, tank), moved_on or backend)
+    advance(simulation, [moment], lambda simulation, wall: None, context)
+    cloud = (simulation.field("position"), simulation.field("mass"))
+    alone = timed_detectors(context, cloud, columns, tank, backend, repeats, 1)
+    together = alone if backend != "cpu" else timed_detectors(context, cloud, columns, tank, backend, repeats, None)
+    values = {"moment": moment, "repeats": repeats, "particles": simulation.count, "moved_on": moved_on or backend}
+    return Result(values | alone | {"all_threads": together["methods"]})
 
-        simulation = context.simulation(column_scene(width, 1, tank), backend)
-        advance(simulation, [moment], lambda simulation, wall: None, Context(progress))
-        cloud = (simulation.field("position"), simulation.field("mass"))
-        methods, share, density = {}, 0.0, []
-        for method in METHODS:
-            scene = column_scene(width, 1, tank, (SurfaceDetection(method=method),), cloud)
-            judged = context.simulation(scene, backend)
-            judged.evaluate()
-            spent = [_stages(judged) for _ in range(repeats)]
-            own = [op for op in spent[0] if op.startswith(("surface_detection.", "surface_normal."))]
-            density += [stages["sph.density"] for stages in spent]
-            scan = [stages.get("surface_detection.fan_scan", 0.0) for stages in spent]
-            whole = [sum(stages[op] for op in own) for stages in spent]
-            methods[method] = {
-                "scan": float(np.median(scan)),
-                "whole": float(np.median(whole)),
-                "spread": float(np.median(np.abs(np.array(whole) - np.median(whole)))),
-            }
-            if method == "two_step":
-                share = float(judged.field("near_surface").mean())
-        sizes.append(
-            {
-                "particles": simulation.count,
-                "scanned_share": share,
-                "methods": methods,
-                "number_density_pass": float(np.median(density)),
-            }
-        )
-    return Result({"moment": moment, "repeats": repeats, "sizes": sizes})
+
+def timed_detectors(
+    context: Context, cloud: tuple, columns: int, tank: float, backend: str, repeats: int, threads: int | None
+) -> dict[str, Any]:
+    """Median seconds of every detector on one cloud; the detectors take turns.
+
+    whole    threshold, normals and scan, and what the detector adds to the density pass
+    charged  the same where nothing else asks for the number density: with the pass that sums it
+    """
+    judged = {method: detect(context, method, columns, 1, tank, cloud, backend, threads) for method in DETECTORS}
+    spent: dict[str, list[dict[str, float]]] = {method: [] for method in judged}
+    random = np.random.default_rng(0)  # the order changes, so that no detector keeps the same moment of a busy machine
+    for _ in range(repeats):
+        for method in random.permutation(list(judged)).tolist():
+            spent[method].append(_stages(judged[method]))
+    plain = np.array([stages["sph.density"] for stages in spent["number_density"]])  # J(7) and J(8), nothing else
+    methods = {}
+    for method, rounds in spent.items():
+        own = [op for op in rounds[0] if op.startswith(("surface_detection.", "surface_normal."))]
+        whole = np.array([sum(stages[op] for op in own) for stages in rounds])
+        moment_sum = 0.0
+        if "asymmetry" in judged[method].fields:
+            summed = np.median([stages["sph.density"] for stages in rounds]) - np.median(plain)
+            moment_sum = max(float(summed), 0.0)
+        density = 0.0 if method == "fan_scan" else float(np.median(plain))
+        methods[method] = {
+            "scan": float(np.median([stages.get("surface_detection.fan_scan", 0.0) for stages in rounds])),
+            "normals": float(np.median([stages.get("surface_normal.color_gradient", 0.0) for stages in rounds])),
+            "moment_sum": moment_sum,
+            "whole": float(np.median(whole)) + moment_sum,
+            "charged": float(np.median(whole)) + moment_sum + density,
+            "spread": float(np.median(np.abs(whole - np.median(whole)))),
+        }
+    return {
+        "scanned_share": float(judged["two_step"].field("scan_candidates").mean()),
+        "methods": methods,
+        "number_density_pass": float(np.median(plain)),
+    }
 
 
 def _stages(simulation: Simulation) -> dict[str, float]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -38,14 +39,36 @@ def relax(
     samples: int = SAMPLES,
     detection: bool = False,
     seed: int = 1,
+    tension: dict[str, Any] | None = None,
+    dtype: str = "float32",
 ) -> Result:
     """From `shape` to rest under a variant of the model; a run that stops is a result, with its reason.
+
+    tension  parameters of the tension in place of the variant's
+    """
+    changes: dict[str, Any] = {**VARIANTS[variant].changes, "detection": detection, "dtype": dtype}
+    if tension is not None:
+        changes["tension"] = {**changes.get("tension", {}), **tension}
+    return relaxed(context, VARIANTS[variant].words, changes, shape, count, backend, until, samples, seed)
+
+
+def relaxed(
+    context: Context,
+    words: str,
+    changes: Mapping[str, Any],
+    shape: str,
+    count: int,
+    backend: str,
+    until: float = END_TIME,
+    samples: int = SAMPLES,
+    seed: int = 1,
+) -> Result:
+    """From `shape` to rest under `changes` to the droplet's scene; a run that stops is a result, with its reason.
 
     Steady from: the first sample from which on the kinetic energy stays below 1e-3 of its peak and the radius variation
     below 0.005. Momenta refer to the largest sum of moduli met.
     """
     position, spacing, axes = particles(shape, count, seed)
-    changes: dict[str, Any] = {**VARIANTS[variant].changes, "detection": detection}
     simulation = context.simulation(droplet_scene(position, spacing, **changes), backend)
     radius = spacing * (3.0 * simulation.count / (4.0 * math.pi)) ** (1.0 / 3.0)
     series: dict[str, list[Any]] = {}
@@ -99,7 +122,7 @@ def relax(
         "spacing": spacing,
         "radius": radius,
         "capillary_time": math.sqrt(radius**3),
-        "words": VARIANTS[variant].words,
+        "words": words,
         "stopped": stopped,
         "series": series,
         "lattice": radius_variation_scale(simulation.count)._asdict(),

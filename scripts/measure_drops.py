@@ -1,0 +1,83 @@
+"""Measures the drops of the sigma map on many cores: one single-threaded process for each, rows kept as they come.
+
+python scripts/measure_drops.py --jobs 16 --output rows.json [--models akinci,dong] [--dims 3] [--seconds 540]
+A row that is there already is not measured again, so that a stopped run goes on where it was.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import multiprocessing
+import os
+import sys
+import time
+from pathlib import Path
+
+
+def finite(value: object) -> object:
+    """Strict JSON has no NaN."""
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def write(path: Path, rows: dict[str, dict]) -> None:
+    """One row a line, by key; until it is whole, the file of before stands."""
+    lines = [f"{json.dumps(k)}: {json.dumps({n: finite(v) for n, v in rows[k].items()})}" for k in sorted(rows)]
+    part = path.with_suffix(".part")
+    part.write_text("{\n" + ",\n".join(lines) + "\n}\n")
+    os.replace(part, path)
+
+
+def work(point: object) -> dict:
+    """One drop, in a process of its own."""
+    from validation.drops import measure
+
+    return measure(point)  # type: ignore[arg-type]
+
+
+def main() -> int:
+    """Measure what is missing; prints one line for each row."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--jobs", type=int, default=1)
+    parser.add_argument("--output", type=Path, default=Path("validation/data/drops.json"))
+    parser.add_argument("--models", default="")
+    parser.add_argument("--dims", default="2,3")
+    parser.add_argument("--seconds", type=float, default=math.inf, help="begin no further drop after so long")
+    parser.add_argument("--limit", type=int, default=10**9, help="measure at most so many")
+    options = parser.parse_args()
+    os.environ["NUMBA_NUM_THREADS"] = "1"
+    from validation.drops import MODELS, points
+
+    models = tuple(options.models.split(",")) if options.models else tuple(MODELS)
+    dims = tuple(int(d) for d in options.dims.split(","))
+    rows = json.loads(options.output.read_text()) if options.output.exists() else {}
+    missing = [p for p in points(models, dims) if p.key not in rows]
+    missing = sorted(missing, key=lambda p: -p.cost())[: options.limit]
+    print(f"{len(missing)} drops to measure, {len(rows)} there", flush=True)
+    options.output.parent.mkdir(parents=True, exist_ok=True)
+    # One small drop of each kind first: its kernels are then in the cache, and no two processes compile the same.
+    first = {(p.model, p.dim, p.kernels): p for p in sorted(missing, key=lambda p: -p.cost())}
+    order = [*first.values(), *(p for p in missing if p not in first.values())]
+    began = time.perf_counter()
+
+    def wanted():  # noqa: ANN202
+        for point in order:
+            if time.perf_counter() - began > options.seconds:
+                return
+            yield point
+
+    with multiprocessing.get_context("spawn").Pool(options.jobs, maxtasksperchild=None) as pool:
+        for row in pool.imap_unordered(work, wanted(), chunksize=1):
+            rows[row["key"]] = row
+            write(options.output, rows)
+            laplace, rayleigh = row.get("laplace", math.nan), row.get("rayleigh", math.nan)
+            words = f"{row['stopped'] or 'ok':<12} {laplace:7.3f} {rayleigh:7.3f} {row['seconds']:7.1f} s"
+            print(f"{row['key']:<58} {words}", flush=True)
+    left = sum(p.key not in rows for p in points(models, dims))
+    print(f"{left} left; {time.perf_counter() - began:.0f} s")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,337 @@
+"""The figure of an accuracy panel, drawn from its report alone."""
+
+from __future__ import annotations
+
+import math
+import textwrap
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from validation.drawing import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION, YELLOW
+from validation.reading import first_kept
+from validation.results import floats, real
+from validation.work_precision import NORMAL
+
+GROUP_COLOURS = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY)
+MARKERS = ("o", "s", "^", "D", "v", "P")
+PART_COLOURS = {"start": YELLOW, "list": GREY, "step": BLUE, "threshold": ORANGE, "normals": SKY, "scan": GREEN}
+PALE = "#c4c4c4"
+NARROW = 62  # characters of a short line
+
+
+def panel_picture(data: Mapping[str, Any]) -> Any:
+    """Error against time; how the error falls; where it comes from; where the time goes; what effects cost."""
+    import matplotlib.pyplot as plt
+
+    figure = plt.figure(figsize=(14.5, 9.4))
+    grid = figure.add_gridspec(3, 3, width_ratios=(1.5, 1, 1), height_ratios=(1, 1, 0.62))
+    points = {key: p for key, p in data["points"].items() if p["shown"]}
+    colours = group_colours(data, points)
+    _front(figure.add_subplot(grid[:2, 0]), data, points, colours)
+    if any(p["curve"] for p in points.values()):
+        _curves(figure.add_subplot(grid[0, 1]), data, points, colours)
+    else:
+        _distributions(figure.add_subplot(grid[0, 1]), data, points, colours)
+    _parts(figure.add_subplot(grid[0, 2]), data, points)
+    _sources(figure.add_subplot(grid[1, 1]), data)
+    _effects(figure.add_subplot(grid[1, 2]), data)
+    _words(figure.add_subplot(grid[2, 0]), figure.add_subplot(grid[2, 1:]), data, points)
+    for axes in figure.axes:
+        for text in axes.texts:
+            text.set_in_layout(False)  # long lines must not squeeze the axes
+    figure.suptitle(data["title"], x=0.01, ha="left", fontweight="bold", fontsize=12)
+    return figure
+
+
+def group_colours(data: Mapping[str, Any], points: Mapping[str, Any]) -> dict[str, str]:
+    """A colour for each value of the knob that the headline compares."""
+    names = dict.fromkeys(str(p["knobs"].get(data["headline"]["group"], "")) for p in points.values())
+    return {name: GROUP_COLOURS[k % len(GROUP_COLOURS)] for k, name in enumerate(names)}
+
+
+def _group(data: Mapping[str, Any], point: Mapping[str, Any]) -> str:
+    return str(point["knobs"].get(data["headline"]["group"], ""))
+
+
+def _front(axes: Any, data: Mapping[str, Any], points: Mapping[str, Any], colours: Mapping[str, str]) -> None:
+    """The points: the front in colour and numbered, what it beats in grey, failures as crosses at the right."""
+    front = data["front"]
+    alive = {key: p for key, p in points.items() if not p["stopped"] and p["error"] is not None}
+    failed = [p for p in points.values() if p["stopped"]]
+    marks = {name: MARKERS[k % len(MARKERS)] for k, name in enumerate(colours)}
+    for key, p in alive.items():
+        group, on_front = _group(data, p), key in front
+        low, high = np.quantile(p["all_seconds"], (0.1, 0.9))
+        colour = colours[group] if on_front else PALE
+        axes.plot([p["error"]] * 2, [low, high], color=colour, lw=1.0, zorder=2)
+        if p["error_mad"]:
+            noise = NORMAL * p["error_mad"]
+            axes.plot([max(p["error"] - noise, 0.2 * p["error"]), p["error"] + noise], [p["seconds"]] * 2, color=colour,
+                      lw=1.0, zorder=2)  # fmt: skip
+        axes.plot(
+            p["error"], p["seconds"], marks[group], ms=8 if on_front else 5.5, zorder=4 if on_front else 3,
+            color=colour, mec=BLACK if p["unstable"] else "white",
+            mew=1.3 if p["unstable"] else 0.6,
+        )  # fmt: skip
+    if len(front) > 1:
+        axes.plot([alive[k]["error"] for k in front], [alive[k]["seconds"] for k in front], "-", color=BLACK, lw=0.9)
+    for number, key in enumerate(front, 1):
+        axes.annotate(str(number), (alive[key]["error"], alive[key]["seconds"]), (6, 5), textcoords="offset points",
+                      fontsize=9.5, fontweight="bold", zorder=5)  # fmt: skip
+    axes.set_xscale("log")
+    axes.set_yscale("log")
+    left, right = axes.get_xlim()
+    if failed:
+        edge = right * (right / left) ** 0.12
+        axes.set_xlim(left, edge * (right / left) ** 0.12)
+        for place, p in spread_out(failed, 1.1 * axes.get_ylim()[0]):
+            axes.plot(edge, place, "x", color=VERMILION, ms=8, mew=2, zorder=4)
+            axes.annotate(short_reason(p), (edge, place), (-7, 0), textcoords="offset points", ha="right", va="center",
+                          fontsize=7.5, color=VERMILION)  # fmt: skip
+        axes.axvline(right * (right / left) ** 0.02, color=PALE, lw=0.8)
+        axes.text(
+            edge,
+            0.99,
+            "failed",
+            transform=axes.get_xaxis_transform(),
+            ha="center",
+            va="top",
+            color=VERMILION,
+            fontsize=8,
+        )
+    band = data["band"]
+    if band is not None:
+        low, high = axes.get_xlim()
+        low = min(low, 0.7 * band["width"])
+        axes.axvspan(low, band["width"], color=ORANGE, alpha=0.10, lw=0)
+        axes.set_xlim(low, high)
+        axes.text(low, 0.95, " " + textwrap.fill(f"below {band['width']:.2g}: {band['words']}", 36),
+                  transform=axes.get_xaxis_transform(), fontsize=7.5, color="#8a5a00", va="top")  # fmt: skip
+    axes.axvline(data["stated"], color=GREY, ls="--", lw=1.0)
+    axes.text(data["stated"], 0.995, f" stated: {data['stated']:.3g}", transform=axes.get_xaxis_transform(), va="top",
+              fontsize=8, color=GREY)  # fmt: skip
+    for name, colour in colours.items():
+        axes.plot([], [], marks[name], color=colour, label=name or "points")
+    axes.plot([], [], "o", color=PALE, label="beaten by others")
+    axes.plot([], [], "o", color="white", mec=BLACK, mew=1.3, label="unstable timing")
+    _plain_ticks(axes.xaxis)
+    _plain_ticks(axes.yaxis, seconds)
+    axes.set_xlabel(f"error: {data['observable']}")
+    axes.set_ylabel("wall time to it: median, and where 80 % of the repeats lie")
+    axes.set_title("a  Error against time; the front is numbered", pad=10 + 13 * math.ceil((len(colours) + 2) / 4))
+    axes.grid(True, which="major")
+    axes.legend(loc="lower left", bbox_to_anchor=(-0.02, 0.995), ncols=4, fontsize=8, columnspacing=1.0,
+                handletextpad=0.3)  # fmt: skip
+
+
+def _plain_ticks(axis: Any, words: Callable[[float], str] = "{:g}".format) -> None:
+    """Numbers instead of powers on a logarithmic axis; between the decades where it spans few of them."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+    low, high = sorted(axis.get_view_interval())
+    few = high / low < 30
+    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if few else (1.0,), numticks=12))
+    axis.set_major_formatter(FuncFormatter(lambda value, place: words(value)))
+    axis.set_minor_formatter(NullFormatter())
+
+
+def spread_out(failed: Sequence[Mapping[str, Any]], low: float) -> list[tuple[float, Mapping[str, Any]]]:
+    """Failures with the times at which their crosses stand, `low` at least, and apart where they would cover others."""
+    made: list[tuple[float, Mapping[str, Any]]] = []
+    for p in sorted(failed, key=lambda p: p["spent"]):
+        place = max(p["spent"], low)
+        if made:
+            place = max(place, made[-1][0] * 1.25)
+        made.append((place, p))
+    return made
+
+
+def short_reason(point: Mapping[str, Any]) -> str:
+    """A failure for a label: what differed, and the reason's name."""
+    return f"{textwrap.shorten(point['words'], 60, placeholder='...')}: {point['stopped'].split()[0].rstrip(':')}"
+
+
+def _curves(axes: Any, data: Mapping[str, Any], points: Mapping[str, Any], colours: Mapping[str, str]) -> None:
+    """The error while runs go on: the fastest to the stated error of each group, and the most accurate of it."""
+    chosen: dict[str, None] = dict.fromkeys(row["key"] for row in data["headline"]["rows"])
+    for group in colours:
+        members = [k for k, p in points.items() if p["curve"] and not p["stopped"] and _group(data, p) == group]
+        if members:
+            chosen.setdefault(min(members, key=lambda k: points[k]["error"]))
+    styles = {}
+    for key in chosen:
+        p = points.get(key)
+        if p is None or not p["curve"]:
+            continue
+        wall, error = floats(p["curve"]["wall"]), floats(p["curve"]["error"])
+        group = _group(data, p)
+        dash = ("-", "--", ":")[styles.setdefault(group, 0) % 3]
+        styles[group] += 1
+        axes.plot(np.maximum(wall, 1e-3), error, dash, color=colours[group], lw=1.4,
+                  label=textwrap.shorten(p["words"], 66, placeholder="..."))  # fmt: skip
+        k = first_kept(error.tolist(), data["stated"])
+        if k is not None:
+            axes.plot(wall[k], error[k], "o", color=colours[group], ms=6, mec="white")
+    axes.axhline(data["stated"], color=GREY, ls="--", lw=1.0)
+    axes.set_xscale("log")
+    axes.set_yscale("log")
+    axes.set_xlabel("wall time [s]")
+    axes.set_ylabel(data["observable"])
+    axes.set_title("b  The error while a run goes on")
+    axes.grid(True)
+    axes.set_ylim(bottom=axes.get_ylim()[0] / 6.0)  # room for the legend
+    axes.legend(loc="lower left", fontsize=6.8)
+
+
+def _distributions(axes: Any, data: Mapping[str, Any], points: Mapping[str, Any], colours: Mapping[str, str]) -> None:
+    """Median, 99th percentile and maximum of what each particle or datum deviates, for the front."""
+    rows = [(k, name, d) for k in data["front"] for name, d in points[k]["distribution"].items()]
+    names = list(dict.fromkeys(name for _, name, _ in rows))
+    for number, key in enumerate(data["front"], 1):
+        for name, mark in zip(names, MARKERS):
+            d = points[key]["distribution"].get(name)
+            if d is not None:
+                values = [real(d[q]) for q in ("median", "p99", "max")]
+                axes.plot(values, [number] * 3, "-", color=PALE, lw=1, zorder=1)
+                for value, colour in zip(values, (BLUE, ORANGE, VERMILION)):
+                    axes.plot(value, number, mark, color=colour, ms=5)
+    for q, colour in (("median", BLUE), ("99 %", ORANGE), ("max", VERMILION)):
+        axes.plot([], [], "o", color=colour, label=q)
+    axes.set_yticks(range(1, len(data["front"]) + 1))
+    axes.set_ylim(len(data["front"]) + 0.6, 0.4)
+    axes.set_xlabel("; ".join(textwrap.fill(name, NARROW) for name in names) or "no distribution")
+    axes.set_title("b  Not one norm: the front's distributions")
+    axes.grid(True, axis="x")
+    axes.legend(loc="lower right", fontsize=7.5)
+
+
+def _parts(axes: Any, data: Mapping[str, Any], points: Mapping[str, Any]) -> None:
+    """The time of the front's points by part, and what comes on top."""
+    keys = list(data["front"])
+    for row in data["headline"]["rows"]:
+        if row["key"] not in keys and row["key"] in points:
+            keys.append(row["key"])
+    used: dict[str, str] = {}
+    spare = iter((PURPLE, VERMILION, ORANGE, GREEN))
+    for place, key in enumerate(keys):
+        p, left = points[key], 0.0
+        total = sum(real(v["median"]) for v in p["parts"].values()) or 1.0
+        for name, part in p["parts"].items():
+            colour = used.setdefault(name, PART_COLOURS.get(name) or next(spare, GREY))
+            width = real(part["median"]) / total
+            axes.barh(place, width, left=left, height=0.6, color=colour, edgecolor="white", lw=0.5)
+            left += width
+        for name, part in p["beside"].items():
+            width = real(part["median"]) / total
+            colour = used.setdefault(name, "white")
+            axes.barh(place, width, left=left, height=0.6, color=colour, edgecolor=GREY, hatch="////", lw=0.5)
+            left += width
+    for name, colour in used.items():
+        axes.barh(0, 0, color=colour, label=name, edgecolor=GREY if colour == "white" else colour,
+                  hatch="////" if colour == "white" else None)  # fmt: skip
+    labels = [str(data["front"].index(k) + 1) if k in data["front"] else _group(data, points[k]) for k in keys]
+    words = [f"{textwrap.fill(label, 14)}  {seconds(points[k]['seconds'])}" for label, k in zip(labels, keys)]
+    axes.set_yticks(range(len(keys)), words, fontsize=8)
+    axes.set_ylim(len(keys) - 0.4, -0.6)
+    right = max(axes.get_xlim()[1], 1.0)
+    axes.set_xlim(0, min(right, 4.0) * 1.02)
+    axes.set_xlabel("share of the time" + ("; hatched: on top" if any(points[k]["beside"] for k in keys) else ""))
+    axes.set_title("c  Where the time goes", pad=30)
+    axes.legend(loc="lower left", bbox_to_anchor=(-0.05, 1.0), ncols=3, fontsize=7, columnspacing=0.8,
+                handlelength=1.0, borderpad=0.2)  # fmt: skip
+
+
+def _sources(axes: Any, data: Mapping[str, Any]) -> None:
+    """How much the observable still changes with each of the five sources."""
+    rows = data["sources"]
+    sizes = [s["size"] for s in rows if s["size"]]
+    low = min(sizes, default=1e-3) / 5.0
+    for place, s in enumerate(rows):
+        if s["size"]:
+            axes.barh(place, s["size"] - low, left=low, height=0.5, color=SKY if s["source"] != "reference" else ORANGE)
+            axes.text(s["size"], place - 0.02, f" {s['size']:.2g}", va="center", fontsize=8)
+        elif s["size"] == 0:
+            axes.text(low, place, " 0", va="center", fontsize=8)
+        text = "\n".join(textwrap.wrap(s["words"], 66)[:3])
+        axes.text(low, place + 0.27, text, va="top", fontsize=6.3, color=GREY, linespacing=1.0)
+    axes.set_xscale("log")
+    axes.set_xlim(low, max(sizes, default=1.0) * 8.0)
+    if not sizes:
+        axes.xaxis.set_visible(False)
+    axes.set_ylim(len(rows) - 0.25, -0.5)
+    axes.set_yticks(range(len(rows)), [s["source"] for s in rows])
+    axes.set_xlabel("what the last refinement still changes")
+    axes.set_title("d  Where the error comes from")
+
+
+def _effects(axes: Any, data: Mapping[str, Any]) -> None:
+    """What each effect costs a step, and what it does to the error."""
+    rows = data["effects"]
+    axes.set_title("e  What switching it on costs")
+    if not rows:
+        axes.text(0.5, 0.5, "no effect is switched in this panel", transform=axes.transAxes, ha="center", color=GREY)
+        axes.set_axis_off()
+        return
+    for place, e in enumerate(rows):
+        share = 100 * real(e["share"])
+        axes.barh(place, share, height=0.38, color=BLUE if share > 0 else GREEN)
+        after = e["stopped_with"].split()[0] if e["stopped_with"] else f"{real(e['error_with']):.2g}"
+        before = e["stopped_without"].split()[0] if e["stopped_without"] else f"{real(e['error_without']):.2g}"
+        said = f"{share:+.0f} %, error {before} to {after}"
+        if e["launches"] is not None:
+            said += f", {e['launches']:+d} launches, {e['bytes']:+d} B"
+        axes.text(0.01, place + 0.24, f"{e['words']}:\n{said}", va="top", fontsize=6.8, color="#333333",
+                  transform=axes.get_yaxis_transform(), linespacing=1.0)  # fmt: skip
+    axes.axvline(0, color=GREY, lw=0.8)
+    axes.set_yticks([])
+    axes.set_ylim(len(rows) - 0.2, -0.5)
+    axes.set_xlabel("more time for a step [%]")
+
+
+def _words(left: Any, right: Any, data: Mapping[str, Any], points: Mapping[str, Any]) -> None:
+    """The front in words at the left; advice, headline and omissions at the right."""
+    for axes in (left, right):
+        axes.set_axis_off()
+    lines = []
+    for number, key in enumerate(data["front"], 1):
+        p = points[key]
+        said = f"{number}  {p['words']}: {p['error']:.2g} in {seconds(p['seconds'])}"
+        if p["unstable"]:
+            said += f" (unstable: {p['unstable']})"
+        if p["elsewhere"]:
+            said += f"; but {p['elsewhere']}"
+        lines += textwrap.wrap(said, 84, subsequent_indent="    ")
+    left.text(0, 1, "\n".join(lines[:14]), transform=left.transAxes, va="top", fontsize=7.6, linespacing=1.25)
+    text = [*textwrap.wrap(data["advice"], 94)]
+    beside = [f"Reference: {data['reference']}."]
+    for start in data["starts"]:
+        beside.append(
+            f"Starting {start['words']}: {start['cold']:.1f} s with nothing compiled, {start['warm']:.1f} s afterwards."
+        )
+    beside.append(f"First calls (compiling, or loading) took {data['compile']:.0f} s and are in no time above.")
+    if data["omissions"]:
+        beside.append("Left out: " + "; ".join(data["omissions"]) + ".")
+    for place in data["where"][:2]:
+        load = "" if place["load"] is None else f", load {place['load'][0]:.1f} to {place['load'][1]:.1f}"
+        commit = str(place["source"]["commit"])[:10] + ("+" if place["source"]["changed"] else "")
+        beside.append(f"{place['processor']}, {place['threads']} of {place['cores']} threads{load}; source {commit}.")
+    beside = list(dict.fromkeys(beside))
+    small = [line for part in beside for line in textwrap.wrap(part, 132)]
+    right.text(0, 1, "\n".join(text), transform=right.transAxes, va="top", fontsize=9.5, fontweight="bold")
+    below = 1 - 0.115 * len(text) - 0.03
+    right.text(
+        0, below, "\n".join(small[:12]), transform=right.transAxes, va="top", fontsize=7.4, color="#444444",
+        linespacing=1.2,
+    )  # fmt: skip
+
+
+def seconds(value: float | None) -> str:
+    """A time for a label."""
+    if value is None or not math.isfinite(value):
+        return "none"
+    for unit, size in (("s", 1.0), ("ms", 1e-3)):
+        if value >= size:
+            return f"{value / size:.3g} {unit}"
+    return f"{value / 1e-6:.3g} us"

@@ -1,0 +1,1 @@
+"""The liquid that every system stands on: its hard cases (`stability.py`)."""

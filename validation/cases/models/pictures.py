@@ -1,0 +1,171 @@
+"""Pictures of the models, each drawn from its own data file."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from refsim import (
+    Akinci2013,
+    BeckerTeschner2007,
+    Dong2016,
+    JiangZhu2023,
+    TartakovskyMeakin2005,
+    WeaklyCompressible,
+)
+from refsim.effect import Discretisation
+from refsim.surface_tension.dong_2016.reference import force_function
+from validation.cases.models.scene import MODELS
+from validation.drawing import (
+    BLUE,
+    GREEN,
+    GREY,
+    ORANGE,
+    PURPLE,
+    VERMILION,
+    ball_picture,
+    show_image,
+    view_matrix,
+    visible_balls,
+)
+from validation.harness import Results
+from validation.results import real
+
+VIEW = view_matrix(azimuth=32.0, elevation=24.0)
+EXTENT = 1.5  # half width of a frame, in R
+THROWN = 0.3  # radius variation beyond which particles have left the drop
+SUPPORT = 2.6  # of the curves, in spacings
+WATER = (0.16, 0.50, 0.80)
+CURVES = {
+    "Jiang & Zhu 2023": (JiangZhu2023, BLUE),
+    "Akinci 2013": (Akinci2013, VERMILION),
+    "Dong 2016": (Dong2016, GREEN),
+    "Tartakovsky & Meakin 2005": (TartakovskyMeakin2005, PURPLE),
+    "Becker & Teschner 2007": (BeckerTeschner2007, ORANGE),
+}
+
+
+def curve_data(results: Results) -> dict[str, Any]:
+    """Figure 3: force of a pair of particles against their distance, all models at the same nominal tension."""
+    grid = Discretisation(3, "float64", 1.0, SUPPORT, 1)
+    fluid = WeaklyCompressible(rest_density=1.0, sound_speed=100.0)
+    others = {fluid.name: fluid}
+    mass = fluid.particle_mass(grid)
+    r = np.linspace(0, SUPPORT, 261)
+    curves = {}
+    for name, (model, _) in CURVES.items():
+        force = model(surface_tension=1.0).pair_force(np.minimum(r, SUPPORT * (1 - 1e-12)), grid, others)  # type: ignore
+        curves[name] = (mass**2 * force).round(5)
+    return {
+        "title": "Figure 3: force of a pair, all models at the same nominal tension",
+        "distance_supports": (r / SUPPORT).round(5),
+        "force_over_sigma_d": curves,
+        "support_spacings": SUPPORT,
+    }
+
+
+def curve_picture(data: Mapping[str, Any]) -> Any:
+    """Draw figure 3."""
+    import matplotlib.pyplot as plt
+
+    figure, axes = plt.subplots(figsize=(6.6, 4.2))
+    for name, values in data["force_over_sigma_d"].items():
+        axes.plot(data["distance_supports"], values, label=name, color=CURVES[name][1])
+    axes.axhline(0, color=GREY, linewidth=0.8)
+    axes.axvline(1 / data["support_spacings"], color=GREY, linewidth=0.8, linestyle=":")
+    axes.annotate("one spacing", (1 / data["support_spacings"], 1.62), xytext=(4, 0), textcoords="offset points",
+                  color=GREY, fontsize=8)  # fmt: skip
+    axes.set(xlim=(0, 1), ylim=(-1.05, 1.8), xlabel="r/h", ylabel=r"force/($\sigma d$), repulsion upwards")
+    axes.set_title(data["title"])
+    axes.legend(loc="upper right")
+    axes.grid(True)
+    return figure
+
+
+def dong_data(results: Results) -> dict[str, Any]:
+    """Dong's figure 1: L(r)/k for three supports."""
+    curves = {}
+    for ratio in (1.5, 2.0, 2.5):
+        r = np.linspace(0, 2.5, 251)
+        curves[f"{ratio:g}"] = force_function(r, ratio, 1.0).round(6)
+    return {
+        "title": "Dong, figure 1: L(r) for three supports",
+        "distance_rest_distances": np.linspace(0, 2.5, 251).round(4),
+        "force_over_k": curves,
+    }
+
+
+def dong_picture(data: Mapping[str, Any]) -> Any:
+    """Draw Dong's figure 1, and its attractive part enlarged."""
+    import matplotlib.pyplot as plt
+
+    figure, pair = plt.subplots(1, 2, figsize=(8.2, 3.6))
+    for colour, (ratio, values) in zip((BLUE, GREEN, VERMILION), data["force_over_k"].items()):
+        for axes in pair:
+            axes.plot(data["distance_rest_distances"], values, color=colour, label=f"h = {ratio} d0")
+    pair[0].set(xlabel="r/d0", ylabel="L/k, repulsion upwards", ylim=(-0.1, 1.05))
+    pair[1].set(xlabel="r/d0", ylim=(-0.06, 0.01), xlim=(0.9, 2.5))
+    pair[0].set_title(data["title"])
+    pair[1].set_title("its attraction")
+    for axes in pair:
+        axes.axhline(0, color=GREY, linewidth=0.8)
+        axes.grid(True)
+    pair[1].legend(loc="lower right")
+    return figure
+
+
+def panel_data(results: Results) -> dict[str, Any]:
+    """Figure 6 for all models: the particles that can be seen at the start, at a third and at the end."""
+    rows = []
+    for name, model in MODELS.items():
+        if f"cube_{name}" not in results:
+            continue
+        result = results[f"cube_{name}"]
+        values, position = result.values, result.arrays["position"]
+        last = len(position) - 1
+        frames = []
+        for k in sorted({min(4, last), last // 4, last}):
+            x = position[k].astype(float)
+            x = (x - np.median(x, axis=0)) / values["radius"]
+            seen = visible_balls(x, 0.5 * values["spacing"] / values["radius"], VIEW, EXTENT)
+            frames.append(
+                {
+                    "time_s": values["series"]["time"][k],
+                    "radius_variation": real(values["series"]["radius_variation"][k]),
+                    "position_milliradii": np.rint(1000 * x[seen]).astype(int),
+                }
+            )
+        rows.append(
+            {"model": model.words, "stopped": values["stopped"],
+             "spacing_radii": values["spacing"] / values["radius"], "frames": frames}
+        )  # fmt: skip
+    return {"title": "Figure 6: the same cube under all models", "half_width_radii": EXTENT, "rows": rows}
+
+
+def panel_picture(data: Mapping[str, Any]) -> Any:
+    """Draw the panel, a model a column."""
+    import matplotlib.pyplot as plt
+
+    rows = data["rows"]
+    figure, axes = plt.subplots(3, len(rows), figsize=(1.75 * len(rows), 5.9), squeeze=False)
+    for column, row in enumerate(rows):
+        for line in range(3):
+            place = axes[line][column]
+            place.set_axis_off()
+            if line >= len(row["frames"]):
+                continue
+            frame = row["frames"][line]
+            x = np.array(frame["position_milliradii"], dtype=float) / 1000
+            half = data["half_width_radii"]
+            colour = np.broadcast_to(WATER, x.shape)
+            show_image(place, ball_picture(x, 0.5 * row["spacing_radii"], colour, VIEW, half, 300), half)
+            variation = frame["radius_variation"]
+            words = "thrown apart" if variation is None or variation > THROWN else f"{variation:.4f}"
+            place.text(0.5, -0.02, f"{frame['time_s']:.2f} s, {words}", transform=place.transAxes, ha="center",
+                       va="top", fontsize=7.5, color="#444444")  # fmt: skip
+        title = row["model"].replace(" & ", " &\n").replace("] ", "]\n")
+        axes[0][column].set_title(title, fontsize=8, loc="center")
+    figure.suptitle(data["title"] + " (time, radius variation)", fontsize=10.5, fontweight="bold")
+    return figure

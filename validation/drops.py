@@ -1,0 +1,326 @@
+"""Drops without gravity under every model of surface tension: pressure jump, frequency, rest.
+
+Lengths in spacings, rho0 = 1 and the nominal sigma = 1, so that every measured tension is a share of the nominal one.
+The stiffness S = sigma/(rho0 c^2 d) stands for the coefficient: at the same sound speed a larger coefficient is a
+larger S. `points` lists what is measured; `scripts/measure_drops.py` measures it on many cores and keeps the rows.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+import time
+import warnings
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from refsim import (
+    Akinci2013,
+    Ball,
+    BeckerTeschner2007,
+    Cloud,
+    CsfWang2019,
+    Dong2016,
+    He2014,
+    JiangZhu2023,
+    RunStopped,
+    Scene,
+    Simulation,
+    TartakovskyMeakin2005,
+    WeaklyCompressible,
+)
+from refsim.effect import Discretisation, Effect
+from validation.metrics.droplet import nearest_neighbour_distance, radius_variation
+from validation.metrics.virial import inner_pressure
+
+JITTER = 0.1  # of the starting lattice, in spacings: each seed another drop
+RELAXED, SETTLED, AVERAGED = 3.0, 1.0, 2.0  # length of the stages in t_sigma = sqrt(rho R^3/sigma)
+PERIODS = 2.25  # of the oscillation that are fitted
+STIRRED, STIRS, STIR = 2.0, 20, 0.7  # t_sigma, number and first size [sqrt(sigma/(rho d))] of random kicks
+CALM, THIN = 0.3, 0.03  # Ohnesorge numbers mu/sqrt(rho sigma R) while relaxing and while measuring
+SNAPSHOTS, PER_PERIOD = 40, 24
+KICK = 0.4  # amplitude of the oscillation, in radii: beyond what the particles' frozen order bears elastically
+SOFTENING = {2: 0.0, 3: 34409 / 58800}  # omega = omega_0 (1 - s A^2) at amplitude A (Tsamopoulos & Brown 1983)
+INNER = 0.6  # of R: where the pressure is taken
+
+MODELS: dict[str, tuple[str, Callable[[], Effect]]] = {
+    "jiang_zhu": ("Jiang & Zhu 2023", lambda: JiangZhu2023(surface_tension=1.0, area_ratio=0.012)),
+    "akinci": ("Akinci 2013", lambda: Akinci2013(surface_tension=1.0)),
+    "akinci_cohesion": ("Akinci 2013, cohesion alone", lambda: Akinci2013(surface_tension=1.0, area_acceleration=0.0)),
+    "dong": ("Dong 2016", lambda: Dong2016(surface_tension=1.0)),
+    "dong_cohesion": ("Dong 2016, cohesion alone", lambda: Dong2016(surface_tension=1.0, correction=0.0)),
+    "becker_teschner": ("Becker & Teschner 2007", lambda: BeckerTeschner2007(surface_tension=1.0)),
+    "tartakovsky_meakin": ("Tartakovsky & Meakin 2005", lambda: TartakovskyMeakin2005(surface_tension=1.0)),
+    "he": ("He 2014, surface energy", lambda: He2014(surface_tension=1.0)),
+    "jiang_zhu_soft": (
+        "Jiang & Zhu 2023, soft surface weight",
+        lambda: JiangZhu2023(surface_tension=1.0, pair_mode="soft", area_ratio=0.01),
+    ),
+    "csf": ("continuum surface force", lambda: CsfWang2019(surface_tension=1.0)),
+}
+
+
+@dataclass(frozen=True)
+class Point:
+    """One drop.
+
+    support    h in spacings
+    radius     R in spacings
+    stiffness  S = sigma/(rho0 c^2 d) of the nominal sigma
+    kernels    of weakly_compressible
+    kicked     whether it is set into oscillation at the end
+    """
+
+    model: str
+    dim: int = 3
+    support: float = 2.6
+    radius: float = 10.0
+    stiffness: float = 0.01
+    kernels: str = "mueller"
+    seed: int = 1
+    kicked: bool = True
+
+    @property
+    def key(self) -> str:
+        """Name of the point's row."""
+        size = f"h{self.support:g}.R{self.radius:g}.S{self.stiffness:g}"
+        return f"{self.model}.{self.dim}d.{self.kernels}.{size}.{self.seed}"
+
+    def cost(self) -> float:
+        """About proportional to the seconds that it takes."""
+        particles = self.radius**self.dim
+        return particles * self.support ** (self.dim - 1) * self.radius**1.5 / math.sqrt(self.stiffness)
+
+
+RADII = {2: (8.0, 11.0, 16.0, 24.0), 3: (5.0, 7.0, 10.0, 14.0)}
+SEEDED = {2: 16.0, 3: 10.0}  # radius at which three seeds are run
+BASE = {"support": 2.6, "stiffness": 0.01, "kernels": "mueller"}
+AXES: dict[str, tuple[Any, ...]] = {
+    "support": (2.0, 2.3, 2.6, 3.0),
+    "stiffness": (0.003, 0.01, 0.03),
+    "kernels": ("mueller", "wendland"),
+}
+
+
+def points(models: tuple[str, ...] = tuple(MODELS), dims: tuple[int, ...] = (2, 3)) -> Iterator[Point]:
+    """The map: each axis on its own through the base point, at three radii or four (along h), one with three seeds."""
+    settings = {tuple(sorted((BASE | {name: value}).items())) for name, values in AXES.items() for value in values}
+    for model, dim, setting in itertools.product(models, dims, sorted(settings, key=str)):
+        along_support = all(dict(setting)[name] == BASE[name] for name in ("stiffness", "kernels"))
+        for radius in RADII[dim] if along_support else RADII[dim][:-1]:
+            for seed in (1, 2, 3) if radius == SEEDED[dim] else (1,):
+                yield Point(model, dim, radius=radius, seed=seed, kicked=radius >= SEEDED[dim], **dict(setting))
+
+
+def scene(point: Point, position: NDArray, velocity: NDArray | None, ohnesorge: float) -> Scene:
+    """The drop as it stands, with a viscosity mu = Oh sqrt(rho sigma R)."""
+    fluid = WeaklyCompressible(
+        rest_density=1.0,
+        sound_speed=1 / math.sqrt(point.stiffness),
+        dynamic_viscosity=ohnesorge * math.sqrt(point.radius),
+        kernels=point.kernels,  # type: ignore[arg-type]
+    )
+    return Scene(
+        name=point.key,
+        spacing=1.0,
+        support_radius=point.support,
+        dim=point.dim,  # type: ignore[arg-type]
+        fluid=(Cloud(position=position, velocity=(0.0, 0.0, 0.0) if velocity is None else velocity),),
+        effects=(fluid, MODELS[point.model][1]()),
+    )
+
+
+def start(point: Point) -> NDArray:
+    """Particles of a ball (disc) cut from the lattice, shifted at random."""
+    grid = Discretisation(point.dim, "float64", 1.0, point.support, 0)
+    position = Ball(radius=point.radius).positions(grid)
+    random = np.random.default_rng(point.seed)
+    position[:, : point.dim] += JITTER * random.uniform(-1, 1, (len(position), point.dim))
+    return position - position.mean(0)
+
+
+def measure(point: Point) -> dict[str, Any]:
+    """Relax the drop, average its pressure, kick it, and fit its frequency. A run that stops is a row, too.
+
+    laplace    sigma = P R/(dim - 1) from the mean virial pressure in r < 0.6 R
+    rayleigh   sigma = rho R^3 (omega^2 + beta^2)/k from the damped frequency, k = 8 in 3D and 6 in 2D; omega for
+               small amplitudes, by the known softening in 3D
+    spurious   rms speed at rest over sqrt(sigma/(rho R)); capillary = mu max|v|/sigma
+    """
+    began = time.perf_counter()
+    row: dict[str, Any] = {**asdict(point), "key": point.key, "stopped": ""}
+    try:
+        _measure(point, row)
+    except RunStopped as stop:
+        row["stopped"] = stop.reason
+    row["seconds"] = round(time.perf_counter() - began, 2)
+    return row
+
+
+def _measure(point: Point, row: dict[str, Any]) -> None:
+    capillary_time = math.sqrt(point.radius**3)
+    position = start(point)
+    row["particles"] = len(position)
+    calm = Simulation(scene(point, position, None, CALM), "cpu")
+    _anneal(calm, point, STIRRED * capillary_time)
+    _run(calm, RELAXED * capillary_time)
+    thin = Simulation(scene(point, calm.field("position").astype(float), None, THIN), "cpu")
+    _run(thin, SETTLED * capillary_time)
+    samples = []
+    for k in range(SNAPSHOTS):
+        _run(thin, (SETTLED + AVERAGED * (k + 1) / SNAPSHOTS) * capillary_time)
+        thin.evaluate()
+        samples.append(_rest(thin, point))
+    mean = {name: float(np.mean([s[name] for s in samples])) for name in samples[0]}
+    radius = mean["radius"]
+    viscosity = THIN * math.sqrt(point.radius)
+    x, v, m = (thin.field(name).astype(float) for name in ("position", "velocity", "mass"))
+    moduli = (m[:, None] * np.abs(v)).sum()
+    near = nearest_neighbour_distance(x)
+    row |= {
+        "effective_radius": radius,
+        "pressure": mean["pressure"],
+        "pressure_deviation": float(np.std([s["pressure"] for s in samples])),
+        "laplace": mean["pressure"] * radius / (point.dim - 1),
+        "bulk_error": mean["density"] - 1,
+        "spurious": mean["rms"] * math.sqrt(radius),
+        "capillary": viscosity * float(np.max([s["max"] for s in samples])),
+        "momentum": float(np.linalg.norm((m[:, None] * v).sum(0)) / moduli),
+        "angular_momentum": float(
+            np.linalg.norm((m[:, None] * np.cross(x, v)).sum(0)) / (m * np.linalg.norm(x, axis=1) * _speed(v)).sum()
+        ),
+        "nn_min": float(near.min()),
+        "nn_5": float(np.quantile(near, 0.05)),
+        "extent": float(np.linalg.norm(x - x.mean(0), axis=1).max() / radius),
+        "roughness": radius_variation(x) if point.dim == 3 else _disc_variation(x),
+    }
+    if point.kicked:
+        _oscillate(point, thin, radius, row)
+
+
+def _anneal(simulation: Simulation, point: Point, until: float) -> None:
+    """Kick all particles at random, ever more weakly: a drop at rest is a solid with the stresses of its freezing."""
+    random = np.random.default_rng(1000 + point.seed)
+    for k in range(STIRS):
+        velocity = simulation.backend.host(simulation.fields["velocity"]).astype(float)
+        noise = random.normal(size=velocity.shape)
+        noise[:, point.dim :] = 0
+        velocity += STIR * (1 - k / STIRS) * (noise - noise.mean(0)) / math.sqrt(point.dim)
+        simulation.backend.assign(simulation.fields["velocity"], velocity.astype(simulation.plan.grid.dtype))
+        _run(simulation, until * (k + 1) / STIRS)
+
+
+def _rest(simulation: Simulation, point: Point) -> dict[str, float]:
+    """One snapshot: pressure, density and radius, speeds."""
+    x, v = simulation.field("position").astype(float), simulation.field("velocity").astype(float)
+    away = np.linalg.norm(x - x.mean(0), axis=1)
+    density = simulation.field("density").astype(float)[away < INNER * point.radius].mean()
+    mass = simulation.field("mass").astype(float).sum()
+    volume = mass / density
+    radius = (3 * volume / (4 * math.pi)) ** (1 / 3) if point.dim == 3 else math.sqrt(volume / math.pi)
+    speed = _speed(v - v.mean(0))
+    return {
+        "pressure": inner_pressure(simulation, INNER * radius),
+        "density": float(density),
+        "radius": radius,
+        "rms": float(np.sqrt((speed**2).mean())),
+        "max": float(speed.max()),
+    }
+
+
+def _oscillate(point: Point, thin: Simulation, radius: float, row: dict[str, Any]) -> None:
+    """Kick the mode n = 2 and fit its damped frequency."""
+    stiffness = 8.0 if point.dim == 3 else 6.0
+    nominal = math.sqrt(stiffness / radius**3)
+    x, v = thin.field("position").astype(float), thin.field("velocity").astype(float)
+    x = x - x.mean(0)
+    flow = np.array([0.5, 0.5, -1.0]) if point.dim == 3 else np.array([1.0, -1.0, 0.0])
+    kicked = Simulation(scene(point, x, v - v.mean(0) + KICK * nominal * flow * x, THIN), "cpu")
+    sigma = max(row["laplace"], 0.25) if math.isfinite(row["laplace"]) else 1.0
+    expected = nominal * math.sqrt(sigma)
+    until, count = PERIODS * 2 * math.pi / expected, round(PERIODS * PER_PERIOD)
+    times, moments = [0.0], [_moment(kicked, point.dim)]
+    for k in range(count):
+        _run(kicked, until * (k + 1) / count)
+        times.append(kicked.time)
+        moments.append(_moment(kicked, point.dim))
+    omega, damping, misfit, amplitude = fit_oscillation(np.array(times), np.array(moments), expected)
+    lasting = math.sqrt(float(np.mean(np.exp(-2 * damping * np.array(times))))) * amplitude / 2
+    squared = (omega / (1 - SOFTENING[point.dim] * min(lasting, 0.6) ** 2)) ** 2 + damping**2
+    row |= {
+        "omega": omega,
+        "amplitude": lasting,
+        "damping": damping,
+        "misfit": misfit,
+        "rayleigh": squared * radius**3 / stiffness,
+        "lamb": (5.0 if point.dim == 3 else 4.0) * THIN * math.sqrt(point.radius) / radius**2,
+    }
+
+
+def _moment(simulation: Simulation, dim: int) -> float:
+    """Second moment of the mode n = 2 over the mean square radius."""
+    x = simulation.field("position").astype(float)
+    square = ((x - x.mean(0)) ** 2).mean(0)
+    if dim == 3:
+        return float((square[0] + square[1] - 2 * square[2]) / square.sum())
+    return float((square[0] - square[1]) / square.sum())
+
+
+def fit_oscillation(times: NDArray, values: NDArray, expected: float) -> tuple[float, float, float, float]:
+    """(omega [1/s], beta [1/s], misfit, A) of a + b t + A exp(-beta t) sin(omega t + phi); NaN where nothing fits.
+
+    misfit  rms of what is left over the rms of the values about their line
+    """
+    from scipy.optimize import OptimizeWarning, curve_fit
+
+    def curve(t: NDArray, a: float, b: float, amplitude: float, beta: float, omega: float, phase: float) -> NDArray:
+        return a + b * t + amplitude * np.exp(-beta * t) * np.sin(omega * t + phase)
+
+    spread = float(np.abs(values - values[0]).max())
+    best: tuple[float, ...] = (math.nan, math.nan, math.nan, math.nan)
+    line = values - np.polyval(np.polyfit(times, values, 1), times)
+    for factor, damping in itertools.product((0.6, 0.8, 1.0, 1.25, 1.5), (0.05, 0.3)):
+        guess = (float(values[0]), 0.0, spread, damping * expected, factor * expected, 0.0)
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", OptimizeWarning)
+                found, _ = curve_fit(curve, times, values, guess, maxfev=4000)
+        except RuntimeError:
+            continue
+        rest = float(np.std(values - curve(times, *found)) / max(np.std(line), 1e-30))
+        if found[4] > 0 and found[3] > -0.1 * expected and not rest >= best[2]:
+            best = (float(found[4]), float(found[3]), rest, abs(float(found[2])))
+    return best  # type: ignore[return-value]
+
+
+def _run(simulation: Simulation, until: float) -> None:
+    while simulation.time < until:
+        simulation.step()
+
+
+def _speed(velocity: NDArray) -> NDArray:
+    return np.sqrt((velocity**2).sum(1))
+
+
+def _disc_variation(position: NDArray, directions: int = 120, half_angle: float = 10.0) -> float:
+    """Roughness of a disc: std/mean over directions of the greatest distance from the centre near each."""
+    x = position[:, :2] - position[:, :2].mean(0)
+    angle, away = np.arctan2(x[:, 1], x[:, 0]), np.linalg.norm(x, axis=1)
+    turn = 2 * math.pi * np.arange(directions) / directions
+    off = np.abs((angle[None, :] - turn[:, None] + math.pi) % (2 * math.pi) - math.pi)
+    near = np.where(off < math.radians(half_angle), away[None, :], 0.0).max(1)
+    return float(near.std() / near.mean()) if (near > 0).all() else math.nan
+
+
+def fit_laplace(rows: list[Mapping[str, Any]]) -> tuple[float, float, float]:
+    """(sigma, its standard error, intercept P0) from P = (dim - 1) sigma/R + P0 over the radii; NaN below three."""
+    use = [r for r in rows if not r["stopped"] and math.isfinite(r["pressure"])]
+    curvature = np.array([(r["dim"] - 1) / r["effective_radius"] for r in use])
+    if len(set(np.round(curvature, 3))) < 3:
+        return math.nan, math.nan, math.nan
+    (slope, intercept), covariance = np.polyfit(curvature, [r["pressure"] for r in use], 1, cov=True)
+    return float(slope), float(math.sqrt(covariance[0, 0])), float(intercept)

@@ -1,0 +1,154 @@
+"""Plain MLS-MPM liquid in Taichi: `python -m validation.peers.taichi_mpm SPEC`, where SPEC is what `run` hands over.
+
+Equal work to refsim's plain liquid: APIC with quadratic B-splines in space, float32, weakly compressible stress with
+the factor J, J <- J (1 + dt tr A), gravity, separating walls. Written as Taichi's own examples are: a dense grid and a
+parallel loop over particles with atomic additions. The state at the end goes back with the time, so that whoever asks
+can see that the same was computed.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+TIME_LIMIT = 300.0  # s
+
+
+def missing() -> str:
+    """Why the program cannot run here, or ""."""
+    if importlib.util.find_spec("taichi") is None:
+        return "Taichi is not installed; run pip install taichi"
+    return ""
+
+
+def run(block: dict[str, Any], threads: int, arch: str = "cpu") -> dict[str, Any]:
+    """Time the steps of a block of liquid: {"particles", "seconds" (median step), "centre", "speed", "ratio",
+    "version"} or {"missing"}.
+
+    block  "cells" (of the cube of liquid along an axis), "room" (cells of the box), "spacing" [m], "density",
+           "bulk_modulus" [Pa], "gravity" [m/s^2, along y], "step" [s], "steps", "warm" (steps that are not counted)
+    """
+    spec = {**block, "threads": threads, "arch": arch}
+    root = str(Path(__file__).resolve().parent.parent.parent)
+    paths = os.pathsep.join(filter(None, [root, os.environ.get("PYTHONPATH", "")]))
+    environment = {**os.environ, "PYTHONPATH": paths, "TI_LOG_LEVEL": "error"}
+    command = [sys.executable, "-m", "validation.peers.taichi_mpm", json.dumps(spec)]
+    with tempfile.TemporaryDirectory() as folder:
+        try:
+            done = subprocess.run(
+                command, cwd=folder, env=environment, capture_output=True, text=True, timeout=TIME_LIMIT, check=False
+            )
+        except (OSError, subprocess.TimeoutExpired) as error:
+            return {"missing": f"Taichi did not run ({error})"}
+        answer = Path(folder) / "answer.json"
+        if done.returncode != 0 or not answer.exists():
+            last = (done.stderr.strip() or done.stdout.strip() or "no message").splitlines()[-1]
+            return {"missing": f"Taichi ended with code {done.returncode}: {last}"}
+        return json.loads(answer.read_text())
+
+
+def _main(spec: dict[str, Any]) -> dict[str, Any]:
+    import numpy as np
+    import taichi as ti
+
+    ti.init(
+        arch=getattr(ti, spec["arch"]), cpu_max_num_threads=spec["threads"], default_fp=ti.f32, log_level=ti.ERROR,
+        random_seed=1, device_memory_GB=float(spec.get("memory", 8)),
+    )  # fmt: skip
+    cells, room, spacing = spec["cells"], spec["room"], spec["spacing"]
+    h = 2 * spacing
+    n, nodes = (2 * cells) ** 3, room + 6
+    density, modulus, gravity, dt = spec["density"], spec["bulk_modulus"], spec["gravity"], spec["step"]
+    mass, volume, low, high = density * spacing**3, spacing**3, 3, room + 3
+    x, v = ti.Vector.field(3, ti.f32, n), ti.Vector.field(3, ti.f32, n)
+    a, ratio = ti.Matrix.field(3, 3, ti.f32, n), ti.field(ti.f32, n)
+    node_v, node_m = ti.Vector.field(3, ti.f32, (nodes,) * 3), ti.field(ti.f32, (nodes,) * 3)
+
+    @ti.kernel
+    def particle_to_grid():  # noqa: ANN202  (Taichi reads annotations)
+        for p in x:
+            place = x[p] / h
+            base = (place - 0.5).cast(int)
+            f = place - base
+            w = [0.5 * (1.5 - f) ** 2, 0.75 - (f - 1.0) ** 2, 0.5 * (f - 0.5) ** 2]
+            pressed = dt * 4.0 / (h * h) * volume * modulus * (ratio[p] - 1.0) * ratio[p]
+            affine = mass * a[p] - pressed * ti.Matrix.identity(ti.f32, 3)
+            for i, j, k in ti.static(ti.ndrange(3, 3, 3)):
+                offset = ti.Vector([i, j, k])
+                arm = (offset.cast(float) - f) * h
+                weight = w[i][0] * w[j][1] * w[k][2]
+                node_v[base + offset] += weight * (mass * v[p] + affine @ arm)
+                node_m[base + offset] += weight * mass
+
+    @ti.kernel
+    def clear():  # noqa: ANN202  (Taichi reads annotations)
+        for j in ti.grouped(node_m):
+            node_v[j] = ti.zero(node_v[j])
+            node_m[j] = 0.0
+
+    @ti.kernel
+    def update():  # noqa: ANN202  (Taichi reads annotations)
+        for j in ti.grouped(node_m):
+            if node_m[j] > 0.0:
+                new = node_v[j] / node_m[j]
+                new[1] += dt * gravity
+                for c in ti.static(range(3)):
+                    if j[c] <= low and new[c] < 0.0:
+                        new[c] = 0.0
+                    if j[c] >= high and new[c] > 0.0:
+                        new[c] = 0.0
+                node_v[j] = new
+
+    @ti.kernel
+    def grid_to_particle():  # noqa: ANN202  (Taichi reads annotations)
+        for p in x:
+            place = x[p] / h
+            base = (place - 0.5).cast(int)
+            f = place - base
+            w = [0.5 * (1.5 - f) ** 2, 0.75 - (f - 1.0) ** 2, 0.5 * (f - 0.5) ** 2]
+            new, affine = ti.zero(v[p]), ti.zero(a[p])
+            for i, j, k in ti.static(ti.ndrange(3, 3, 3)):
+                offset = ti.Vector([i, j, k])
+                arm = (offset.cast(float) - f) * h
+                weight = w[i][0] * w[j][1] * w[k][2]
+                node = node_v[base + offset]
+                new += weight * node
+                affine += 4.0 / (h * h) * weight * node.outer_product(arm)
+            v[p], a[p] = new, affine
+            ratio[p] *= 1.0 + dt * affine.trace()
+            x[p] += dt * new
+
+    axis = (np.arange(2 * cells) + 0.5) * spacing
+    start = np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), axis=-1).reshape(-1, 3) + low * h
+    x.from_numpy(start.astype(np.float32))
+    ratio.fill(1.0)
+    spent = []
+    for _ in range(spec["warm"] + spec["steps"]):
+        ti.sync()
+        began = time.perf_counter()
+        clear()
+        particle_to_grid()
+        update()
+        grid_to_particle()
+        ti.sync()
+        spent.append(time.perf_counter() - began)
+    place, velocity = x.to_numpy().astype(float) - low * h, v.to_numpy().astype(float)
+    return {
+        "particles": n,
+        "seconds": float(np.median(spent[spec["warm"] :])),
+        "centre": place.mean(0).tolist(),
+        "speed": float(np.sqrt((velocity**2).sum(1).mean())),
+        "ratio": float(ratio.to_numpy().astype(float).std()),
+        "version": ".".join(map(str, ti.__version__)),
+    }
+
+
+if __name__ == "__main__":
+    Path("answer.json").write_text(json.dumps(_main(json.loads(sys.argv[1]))))

@@ -1,0 +1,390 @@
+"""`python -m validation.stability [CASE ...]`: hard cases, whose outcomes are on file, and maps of what is stable.
+
+Every folder of `validation/cases/` that has a module `stability` with a `STABILITY` takes part
+(`validation.trials.Stability`); its outcomes stand in `validation/expected/stability/<folder>.toml`. A hard case
+ends in a pass, a refusal, or a stop with a reason; what stands on file must come out again. In every cell of a map the
+runner's own limit must lie below what was measured.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import dataclasses
+import importlib
+import importlib.util
+import math
+import multiprocessing
+import os
+import pkgutil
+import sys
+import time
+import tomllib
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from refsim.errors import InputError, RefsimError
+from validation import cases as case_folder
+from validation.__main__ import add_options, options_of
+from validation.harness import (
+    Case,
+    Options,
+    Outcome,
+    Picture,
+    Results,
+    Run,
+    about_run,
+    as_json,
+    chosen_cases,
+    exit_code,
+    perform,
+    report,
+)
+from validation.results import Result, load, real, result_folder, save
+from validation.running import Context
+from validation.tables import Table
+from validation.trials import PASS, REFUSED, STOPPED, Cell, HardCase, Stability, StabilityMap
+from validation.verdicts import EXPECTED, FAIL, Measurement, number
+from validation.verdicts import PASS as WELL
+
+OUTCOMES = EXPECTED / "stability"
+
+
+def discover(folder: ModuleType = case_folder) -> dict[str, Stability]:
+    """Every system's hard cases and maps, by the name of its folder."""
+    found = {}
+    for entry in pkgutil.iter_modules(folder.__path__):
+        place = f"{folder.__name__}.{entry.name}"
+        if entry.ispkg and importlib.util.find_spec(f"{place}.stability") is not None:
+            found[entry.name] = importlib.import_module(f"{place}.stability").STABILITY
+    return found
+
+
+@dataclasses.dataclass(frozen=True)
+class Recorded:
+    """The outcome on file of one hard case; `why` explains one that is not a pass."""
+
+    outcome: str
+    why: str = ""
+
+
+def recorded(system: str, folder: Path = OUTCOMES) -> dict[str, Recorded]:
+    """The outcomes on file. Raises ValueError for a file that does not say what it must."""
+    path = folder / f"{system}.toml"
+    with open(path, "rb") as file:
+        entries = tomllib.load(file)
+    for name, entry in entries.items():
+        said = entry.get("outcome", "")
+        if not said or set(entry) - {"outcome", "why"} or ("why" in entry) == (said == PASS):
+            raise ValueError(f"{path}: [{name}] needs an outcome and, unless that is a pass, why; it has {entry}")
+    return {name: Recorded(**entry) for name, entry in entries.items()}
+
+
+# What harness.perform is given
+
+
+def as_case(
+    system: str, stability: Stability, only: Sequence[str] = (), folder: Path = OUTCOMES, maps: bool = True
+) -> Case:
+    """A system's hard cases and maps as one case of the harness; `only` names some of them."""
+    hard = [case for case in stability.cases if not only or case.name in only]
+    drawn = [m for m in stability.maps if maps and (not only or m.name in only)]
+
+    def runs(options: Options) -> list[Run]:
+        made = []
+        for case in hard:
+            parameters = {**case.parameters, "backend": options.backend}
+            skip = "long; run without --quick" if options.quick and not case.short and not only else ""
+            made.append(Run(case.name, case.function, parameters, estimate=case.seconds, skip=skip))
+        for m in drawn:
+            if options.quick and not only:
+                made.append(Run(m.name, m.cells[0].function, skip="a sweep of many runs; run without --quick"))
+                continue
+            for cell in m.cells:
+                parameters = {**cell.parameters, "backend": options.backend}
+                made.append(Run(_key(m, cell), cell.function, parameters, estimate=cell.seconds))
+        return made
+
+    def judge(results: Results) -> list[Measurement]:
+        known = recorded(system, folder)
+        made = [judged(case, results[case.name], known.get(case.name)) for case in hard if case.name in results]
+        for m in drawn:
+            for cell in m.cells:
+                if _key(m, cell) in results:
+                    made.append(judged_cell(m, cell, results[_key(m, cell)]))
+        return made
+
+    def tables(results: Results) -> list[Table]:
+        made = [outcome_table(system, hard, results), *(map_table(m, results) for m in drawn)]
+        return [t for t in [*made, *stability.tables(results)] if t.rows]
+
+    pictures = tuple(map_picture(m) for m in drawn) + stability.pictures
+    return Case(system, stability.title, runs, judge, pictures, tables)
+
+
+def judged(case: HardCase, result: Result, known: Recorded | None) -> Measurement:
+    """The verdict on an outcome: it is the one on file."""
+    checks, outcome = result.values["checks"], result.values["outcome"]
+    held = sum(check["held"] for check in checks.values())
+    expected = known.outcome if known else "nothing on file"
+    verdict = WELL if outcome == expected else FAIL
+    return Measurement(
+        case.name, f"{case.hard}: {outcome}", held, f"of {len(checks)} checks", "", f"on file: {expected}", verdict
+    )
+
+
+def judged_cell(m: StabilityMap, cell: Cell, result: Result) -> Measurement:
+    """The verdict on a map's cell: what the runner lets pass without a word is stable."""
+    largest, runner = real(result.values["largest"]), real(result.values["runner"])
+    what = f"{m.quantity}, {cell.row}, {cell.column}"
+    verdict = WELL if runner <= largest else FAIL
+    return Measurement(_key(m, cell), what, largest, "", "", f"at least {number(runner)}, the runner's own", verdict)
+
+
+def _key(m: StabilityMap, cell: Cell) -> str:
+    return f"{m.name}.{cell.key}"
+
+
+# Tables and pictures
+
+
+def outcome_table(system: str, hard: Sequence[HardCase], results: Results) -> Table:
+    """What became of every hard case."""
+    rows = []
+    for case in hard:
+        if case.name in results:
+            values = results[case.name].values
+            rows.append([case.name, case.hard, values["outcome"], worst(values)])
+    return Table(f"Hard cases: {system}", ["case", "what is hard", "outcome", "nearest to its bound"], rows)
+
+
+def worst(values: Mapping[str, Any]) -> str:
+    """The check that is nearest to its bound, or beyond it, in words; the first sentence of a stop or a refusal."""
+    if values["outcome"].startswith((STOPPED, REFUSED)):
+        return values["message"].partition(": ")[0].partition(";")[0].rstrip(".")
+
+    def used(check: Mapping[str, Any]) -> float:
+        value, bound = real(check["value"]), real(check["bound"])
+        if not check["held"]:
+            return 2.0
+        if check["rule"] == "exactly" or bound == 0:
+            return 0.0
+        share = value / bound if check["rule"] == "at most" else bound / value if value else 0.0
+        return share if share == share else 2.0
+
+    if not values["checks"]:
+        return "-"
+    what, check = max(values["checks"].items(), key=lambda item: used(item[1]))
+    return f"{what} {number(real(check['value']))} ({check['rule']} {number(real(check['bound']))})"
+
+
+def map_table(m: StabilityMap, results: Results) -> Table:
+    """Largest stable values, the runner's own limits, and what happens beyond."""
+    rows: list[list[Any]] = []
+    for cell in m.cells:
+        if _key(m, cell) in results:
+            values = results[_key(m, cell)].values
+            beyond = real(values["failing"])
+            said = values["why"] or ("stable as far as tried" if beyond != beyond else "")
+            rows.append([cell.row, cell.column, *(real(values[k]) for k in ("runner", "largest")), beyond, said])
+    heading = ["", "", "runner's limit", "largest stable", "next tried", "what happens there"]
+    return Table(f"{m.title}: {m.quantity}", heading, rows, f"Stable: {m.criterion} {m.advice}")
+
+
+def map_picture(m: StabilityMap) -> Picture:
+    """A map as a picture, drawn from what its cells found."""
+
+    def collect(results: Results) -> dict[str, Any]:
+        cells = []
+        for cell in m.cells:
+            values = results[_key(m, cell)].values
+            cells.append({"row": cell.row, "column": cell.column, **{k: values[k] for k in _CELL}})
+        return {
+            "title": m.title,
+            "quantity": m.quantity,
+            "criterion": m.criterion,
+            "advice": m.advice,
+            "machine": results[_key(m, m.cells[0])].about.get("machine"),
+            "cells": cells,
+        }
+
+    return Picture(m.name, collect, draw_map, tuple(_key(m, cell) for cell in m.cells))
+
+
+_CELL = ("largest", "failing", "why", "runner", "tried")
+
+
+def draw_map(data: Mapping[str, Any]) -> Any:
+    """One panel a column; in each row a bar over what was stable, a cross at what was not, the runner's limit."""
+    import matplotlib.pyplot as plt
+
+    from validation.drawing import BLACK, BLUE, GREY, VERMILION
+
+    rows = list(dict.fromkeys(cell["row"] for cell in data["cells"]))
+    columns = list(dict.fromkeys(cell["column"] for cell in data["cells"]))
+    positive = [value for cell in data["cells"] for value, _ in cell["tried"] if value > 0]
+    positive += [cell["runner"] for cell in data["cells"] if cell["runner"]]
+    left, right = 0.7 * min(positive), 1.4 * max(positive)
+    across = min(len(columns), 4)
+    down = math.ceil(len(columns) / across)
+    figure, panels = plt.subplots(
+        down, across, sharex=True, sharey=True, squeeze=False,
+        figsize=(2.2 + 2.4 * across, 0.9 + down * (0.75 + 0.4 * len(rows))),
+    )  # fmt: skip
+    for axes in panels.flat[len(columns) :]:
+        axes.set_axis_off()
+    for column, axes in zip(columns, panels.flat):
+        for cell in (c for c in data["cells"] if c["column"] == column):
+            y = rows.index(cell["row"])
+            largest, failing = real(cell["largest"]), real(cell["failing"])
+            if largest > 0:
+                open_end = not failing < float("inf")
+                axes.barh(y, largest - left, left=left, height=0.5, color=BLUE, alpha=0.3 if open_end else 0.55)
+                axes.text(left * 1.06, y, f"{number(largest)}{' or more' if open_end else ''}", va="center", fontsize=8)
+            else:
+                axes.text(left * 1.06, y, "none", va="center", fontsize=8, color=VERMILION)
+            for value, said in cell["tried"]:
+                mark = {"marker": "x", "color": VERMILION, "s": 26} if said else {"marker": "o", "color": BLUE, "s": 9}
+                axes.scatter(value, y, zorder=3, linewidths=1.4, **mark)
+            runner = cell["runner"] or left
+            axes.plot([runner, runner], [y - 0.36, y + 0.36], color=BLACK, lw=2.2, zorder=4, solid_capstyle="butt")
+        axes.set_xscale("log")
+        axes.set_xlim(left, right)
+        axes.set_title(column, fontweight="normal", loc="center")
+        axes.grid(True, axis="x")
+        axes.tick_params(axis="y", length=0)
+    panels[0, 0].set_yticks(range(len(rows)), rows)
+    panels[0, 0].set_ylim(len(rows) - 0.5, -0.5)
+    figure.suptitle(data["title"], x=0.01, ha="left", fontweight="bold", fontsize=10.5)
+    figure.supxlabel(
+        f"{data['quantity']}.   Bar: stable; cross: not; upright stroke: the runner's own limit",
+        fontsize=8.5,
+        color=GREY,
+    )
+    return figure
+
+
+def markdown(system: str, stability: Stability, folder: Path = OUTCOMES) -> list[str]:
+    """The rows of the page's table: case, what must hold, outcome on file and why."""
+    known = recorded(system, folder)
+    rows = []
+    for case in stability.cases:
+        on_file = known[case.name]
+        outcome = on_file.outcome if on_file.outcome == PASS else f"**{on_file.outcome}**: {on_file.why}"
+        rows.append(f"| `{case.name}` | {case.hard} | {case.holds} | {outcome} |")
+    return rows
+
+
+# Many processes
+
+
+def compute_ahead(cases: Sequence[Case], options: Options, jobs: int) -> None:
+    """Compute what is not stored in `jobs` processes of one thread each; `perform` then finds it stored.
+
+    The longest come first. A run that fails here is computed again by `perform`, which says so.
+    """
+    from tqdm import tqdm
+
+    waiting = []
+    for case in cases:
+        for run in case.runs(options):
+            folder = result_folder(options.results, case.name, run.key, run.function, run.parameters)
+            if not run.skip and (options.fresh or load(folder) is None):
+                waiting.append((case, run, folder))
+    waiting.sort(key=lambda item: -item[1].estimate)
+    if not waiting:
+        return
+    context = multiprocessing.get_context("spawn")  # a forked process would inherit the threads of Numba's pool
+    with ProcessPoolExecutor(min(jobs, len(waiting)), mp_context=context, initializer=_one_thread) as pool:
+        futures = {
+            pool.submit(_compute, case.name, run.key, run.function, dict(run.parameters), folder): run.key
+            for case, run, folder in waiting
+        }
+        for done in tqdm(as_completed(futures), total=len(futures), desc="computing", mininterval=5.0):
+            if done.exception() is not None:
+                print(f"{futures[done]}: {done.exception()}", file=sys.stderr)
+
+
+def _one_thread() -> None:
+    for name in ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+        os.environ[name] = "1"  # before Numba is loaded
+
+
+def _compute(case: str, key: str, function: Any, parameters: dict[str, Any], folder: Path) -> None:
+    context, began = Context(threads=1), time.perf_counter()
+    result = function(context, **parameters)
+    seconds = time.perf_counter() - began
+    blank = Case(case, "", lambda options: (), lambda results: ())
+    about = about_run(blank, Run(key, function, parameters), seconds, context.compile_seconds())
+    save(folder, Result(result.values, result.arrays, about))
+
+
+# The command
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command line."""
+    made = argparse.ArgumentParser(prog="python -m validation.stability", description=__doc__)
+    made.add_argument("case", nargs="*", help="systems, hard cases or maps, by name; all by default")
+    add_options(made)
+    made.add_argument("--jobs", type=int, default=1, metavar="N", help="processes of one thread each")
+    made.add_argument("--results", type=Path, default=Path("results"), help="where results are kept and reused")
+    made.add_argument("--figures", type=Path, help="where pictures go; figures, with --quick figures/quick")
+    made.add_argument("--list", action="store_true", help="list systems, hard cases and maps")
+    made.add_argument("--markdown", action="store_true", help="print the page's rows from the outcomes on file")
+    return made
+
+
+def chosen(names: Sequence[str], systems: Mapping[str, Stability]) -> list[Case]:
+    """The named systems, hard cases and maps, or all. Raises InputError for a name that there is not."""
+    whole = {name: as_case(name, stability) for name, stability in systems.items()}
+    owner = {part.name: name for name, s in systems.items() for part in (*s.cases, *s.maps)}
+    chosen_cases([name for name in names if name not in owner], {**whole, **dict.fromkeys(owner)})  # type: ignore[arg-type]
+    if not names:
+        return list(whole.values())
+    made = []
+    for name, stability in systems.items():
+        parts = [part for part in names if owner.get(part) == name]
+        if name in names:
+            made.append(whole[name])
+        elif parts:
+            made.append(as_case(name, stability, parts))
+    return made
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command; returns its exit code: 0 well, 2 bad input, 3 a run stopped outside a trial, 4 a verdict
+    failed (an outcome is not the one on file, or a runner's limit lies beyond what is stable)."""
+    given = parser().parse_args(arguments)
+    try:
+        systems = discover()
+        if given.list or given.markdown:
+            for name, stability in systems.items():
+                print(f"\n{name}: {stability.title}")
+                lines = [f"  {part.name:24} {getattr(part, 'hard', None) or part.title}"
+                         for part in (*stability.cases, *stability.maps)]  # fmt: skip
+                print("\n".join(markdown(name, stability) if given.markdown else lines))
+            return 0
+        options = options_of(given)
+        cases = chosen(given.case, systems)
+        if given.jobs < 1:
+            raise InputError(f"--jobs = {given.jobs} is not possible; give 1 or more processes.")
+        if given.jobs > 1:
+            compute_ahead(cases, options, given.jobs)
+            options = dataclasses.replace(options, fresh=False)
+        outcomes: list[Outcome] = perform(cases, options)
+    except RefsimError as error:
+        print(error, file=sys.stderr)
+        return error.exit_code
+    with contextlib.redirect_stdout(sys.stderr if given.json else sys.stdout):
+        report(outcomes, sys.stdout)
+    if given.json:
+        print(as_json(outcomes))
+    return exit_code(outcomes)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

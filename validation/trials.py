@@ -1,0 +1,282 @@
+"""What hard cases and stability maps are made of: a trial that notes what held and how it ended, and a bisection.
+
+A system states its own in `validation/cases/<system>/stability.py` as `STABILITY`; `validation.stability` finds it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from refsim import Plan, Scene, Simulation
+from refsim.driver import check_particles
+from refsim.errors import InputError, RunStopped
+from refsim.scene import make_plan
+from validation.harness import Picture, Results
+from validation.results import Result
+from validation.running import Context, momenta, search_log
+from validation.tables import Table
+
+PASS, REFUSED, STOPPED, FAILS = "pass", "refused", "stopped", "fails"
+ROUNDINGS = 32  # of the dtype: what a sum of equal and opposite pair forces may leave of a momentum
+
+
+@dataclass(frozen=True)
+class HardCase:
+    """One scene that is hard, and what must hold in it.
+
+    name        in the table of outcomes, one word
+    hard        what is hard about it
+    holds       what must hold, for a reader; the function checks it
+    function    `function(context, backend, **parameters)`, which returns a Trial's result
+    short       it takes a second or so: run by pytest and with --quick
+    seconds     that it may take otherwise, for the progress bar
+    """
+
+    name: str
+    hard: str
+    holds: str
+    function: Callable[..., Result]
+    parameters: Mapping[str, Any] = field(default_factory=dict)
+    short: bool = False
+    seconds: float = 1.0
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One cell of a map: `function(context, backend, **parameters)` returns a Limit's result.
+
+    row, column  where it stands in the picture
+    """
+
+    row: str
+    column: str
+    function: Callable[..., Result]
+    parameters: Mapping[str, Any]
+    seconds: float = 10.0
+
+    @property
+    def key(self) -> str:
+        """The cell's name as a part of a file name."""
+        words = f"{self.row} {self.column}".lower()
+        return "_".join("".join(c if c.isalnum() else " " for c in words).split())
+
+
+@dataclass(frozen=True)
+class StabilityMap:
+    """How far a setting can go, measured by bisection, against the runner's own limit.
+
+    name      of the picture
+    quantity  that is bisected, with its unit
+    criterion what "stable" means in it
+    advice    one sentence: what a user should choose
+    """
+
+    name: str
+    title: str
+    quantity: str
+    criterion: str
+    advice: str
+    cells: tuple[Cell, ...]
+
+
+@dataclass(frozen=True)
+class Stability:
+    """The hard cases and maps of one system; pictures and tables are drawn from the cases' results."""
+
+    title: str
+    cases: tuple[HardCase, ...]
+    maps: tuple[StabilityMap, ...] = ()
+    pictures: tuple[Picture, ...] = ()
+    tables: Callable[[Results], Sequence[Table]] = lambda results: ()
+
+
+class Trial:
+    """A hard case under way.
+
+        trial = Trial(context, backend)
+        with trial.ending():
+            simulation = trial.start(scene)
+            trial.advance(simulation, until=1.0)
+            trial.check("...", value, at_most=bound)
+        return trial.result()
+
+    Its outcome is "pass" where every check held; "refused" after an InputError; "stopped: <reason>" after a
+    RunStopped; "fails: <checks>" where a check did not hold, whatever else happened.
+    """
+
+    def __init__(self, context: Context, backend: str) -> None:
+        self.context, self.backend = context, backend
+        self.checks: dict[str, dict[str, Any]] = {}
+        self.shown: dict[str, Any] = {}
+        self.ended, self.message = PASS, ""
+
+    @contextmanager
+    def ending(self) -> Iterator[None]:
+        """Note how what stands inside ends; a stop and a refusal are outcomes, not errors."""
+        try:
+            yield
+        except InputError as error:
+            self.ended, self.message = REFUSED, str(error)
+        except RunStopped as stop:
+            self.ended, self.message = f"{STOPPED}: {stop.reason}", str(stop)
+
+    def start(self, scene: Scene | Plan, backend: str | None = None) -> Simulation:
+        """A simulation of the scene."""
+        return self.context.simulation(scene, backend or self.backend)
+
+    def advance(
+        self,
+        simulation: Simulation,
+        until: float = math.inf,
+        steps: int | None = None,
+        watch: Callable[[Simulation], None] | None = None,
+        every: int = 1,
+    ) -> None:
+        """Step to a time [s] or for a number of steps; `watch` sees the start, every so many steps, and the end."""
+        last = math.inf if steps is None else simulation.steps + steps
+        if watch is not None:
+            watch(simulation)
+        while simulation.time < until and simulation.steps < last:
+            simulation.step()
+            if simulation.steps % 16 == 0:
+                self.context.progress(max(simulation.time / until, simulation.steps / last))
+            if watch is not None and simulation.steps % every == 0:
+                watch(simulation)
+        self.account(simulation)
+
+    def account(self, simulation: Simulation, isolated: bool = False) -> None:
+        """Checks of every run: all particles there, all finite, no neighbour missed; `isolated`: momentum kept."""
+        try:
+            check_particles(simulation)
+            lost = 0
+        except RunStopped:
+            lost = 1
+        self.check("no particle is lost", lost, equals=0)
+        state = [simulation.field(name) for name in ("position", "velocity")]
+        self.check("values that are not finite", sum(int((~np.isfinite(a)).sum()) for a in state), equals=0)
+        self.check("missed neighbours", search_log(simulation).get("missed_neighbours", 0), equals=0)
+        if isolated:
+            now = momenta(simulation)
+            eps = float(np.finfo(simulation.plan.grid.dtype).eps)
+            scale = max(now["momentum_scale"], self.shown.get("momentum scale", 0.0))
+            share = float(np.linalg.norm(now["momentum"])) / scale if scale > 0 else 0.0
+            self.check("momentum over sum of m |v|", share, at_most=ROUNDINGS * eps)
+
+    def check(
+        self,
+        what: str,
+        value: float,
+        at_most: float | None = None,
+        at_least: float | None = None,
+        equals: float | None = None,
+    ) -> bool:
+        """Note a number that must keep its bound; one checked again keeps the worse of its values."""
+        rules = {"at most": at_most, "at least": at_least, "exactly": equals}
+        ((rule, bound),) = ((rule, bound) for rule, bound in rules.items() if bound is not None)
+        value = float(value)
+        held = {"at most": value <= bound, "at least": value >= bound, "exactly": value == bound}[rule]
+        before = self.checks.get(what)
+        if before is None or (before["held"] and (not held or _worse(rule, value, before["value"]))):
+            self.checks[what] = {"value": value, "rule": rule, "bound": float(bound), "held": bool(held)}
+        return bool(held)
+
+    def check_unless_noted(self, simulation: Simulation, word: str, what: str, value: float, **bound: float) -> None:
+        """Check a number where the run says nothing; where one of its notes has `word`, show it: the user was told."""
+        if any(word in note for note in simulation.notes):
+            self.show(what, value)
+            self.check(f"the run says beforehand what is wrong with its {word}", 1, equals=1)
+        else:
+            self.check(what, value, **bound)
+
+    def show(self, what: str, value: Any) -> None:
+        """Note a number that has no bound."""
+        self.shown[what] = value
+
+    @property
+    def outcome(self) -> str:
+        """How it ended, in the words of the module's table."""
+        missed = [what for what, check in self.checks.items() if not check["held"]]
+        return f"{FAILS}: {', '.join(missed)}" if missed else self.ended
+
+    def result(self, **arrays: np.ndarray) -> Result:
+        """All that was noted."""
+        values = {"outcome": self.outcome, "message": self.message, "checks": self.checks, "shown": self.shown}
+        return Result(values, arrays)
+
+
+def _worse(rule: str, value: float, before: float) -> bool:
+    return {"at most": value > before, "at least": value < before, "exactly": False}[rule]
+
+
+@dataclass(frozen=True)
+class Limit:
+    """What a bisection found: the largest value that was stable, the smallest tried above it that was not (infinite
+    where all were stable), why that was not, and every value tried with its answer ("" where stable)."""
+
+    largest: float
+    failing: float
+    why: str
+    tried: list[tuple[float, str]]
+
+    def result(self, runner: float, **more: Any) -> Result:
+        """As a cell's result; `runner` is the value up to which the runner lets it pass without a word."""
+        values = {"largest": self.largest, "failing": self.failing, "why": self.why, "tried": self.tried}
+        return Result({**values, "runner": runner, **more})
+
+
+def largest_stable(
+    trouble: Callable[[float], str], first: float, least: float, most: float, factor: float = 1.1
+) -> Limit:
+    """The largest value between `least` and `most` for which `trouble(value)` is "", to a factor, from a first guess.
+
+    Doubles or halves from `first` until the answer changes, then halves the gap in the logarithm. Supposes that a
+    value above one that troubles troubles as well; `tried` shows every answer. 0 where even `least` troubles.
+    """
+    answers: dict[float, str] = {}
+
+    def ask(value: float) -> str:
+        if value not in answers:
+            answers[value] = trouble(value)
+        return answers[value]
+
+    low, high = 0.0, math.inf
+    value = first
+    while True:
+        if ask(value):
+            high = min(high, value)
+            if value <= least:
+                break
+            following = max(0.5 * value, least)
+        else:
+            low = max(low, value)
+            if value >= most:
+                break
+            following = min(2.0 * value, most)
+        if low > 0 and high < math.inf:
+            break
+        value = following
+    while low > 0 and high < math.inf and high / low > factor:
+        middle = math.sqrt(low * high)
+        if ask(middle):
+            high = middle
+        else:
+            low = middle
+    return Limit(low, high, answers.get(high, ""), sorted(answers.items()))
+
+
+def silent_up_to(made: Callable[[float], Scene], least: float, most: float) -> float:
+    """The largest value between `least` and `most` whose scene the runner neither refuses nor says anything about."""
+
+    def said(value: float) -> str:
+        try:
+            return " ".join(make_plan(made(value)).notes)
+        except InputError as error:
+            return str(error)
+
+    return largest_stable(said, least, least, most, factor=1.02).largest
