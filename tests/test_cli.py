@@ -32,7 +32,7 @@ cells = [6, 10, 1]
 [effects.weakly_compressible]
 sound_speed = 20.0
 rest_density = 1000.0
-dynamic_viscosity = 0.05
+dynamic_viscosity = 2.0
 state = "tait"
 
 [effects.gravity]
@@ -97,11 +97,13 @@ BAD = {
     "radius below one spacing": ("support_radius = 0.02", "support_radius = 0.009", "below one spacing"),
     "density zero": ("rest_density = 1000.0", "rest_density = 0.0", "rest_density = 0.0"),
     "density negative": ("rest_density = 1000.0", "rest_density = -1.0", "rest_density = -1.0"),
-    "viscosity negative": ("dynamic_viscosity = 0.05", "dynamic_viscosity = -0.05", "dynamic_viscosity = -0.05"),
+    "viscosity negative": ("dynamic_viscosity = 2.0", "dynamic_viscosity = -0.05", "dynamic_viscosity = -0.05"),
     "sound speed zero": ("sound_speed = 20.0", "sound_speed = 0.0", "sound_speed = 0.0"),
     "step negative": ("end_time = 0.04", "step = -1e-3", "step = -0.001"),
     "step infinite": ("end_time = 0.04", "step = inf", "step = inf"),
     "step factor zero": ("end_time = 0.04", "step_factor = 0.0", "step_factor = 0.0"),
+    "step too long": ("end_time = 0.04", "step = 0.008", "20 times the stable one"),
+    "step factor above one": ("end_time = 0.04", "step_factor = 1.5", "give at most 1"),
     "no particles": ("[[fluid]]\n" + BOX, "", "no particles"),
     "no particles in the box": ("cells = [6, 10, 1]", "cells = [0, 10, 1]", "cells = [0, 10, 1]"),
     "empty cloud": (BOX, CLOUD.format("[]"), "position"),
@@ -194,7 +196,7 @@ def test_plan_shows_what_the_run_allocates_and_launches(scene, capsys):
     arrays = {name: array.nbytes for name, array in simulation.fields.items()}
     assert {name: f["bytes"] for name, f in found["fields"].items()} == arrays
     assert found["bytes"]["fields"] == sum(arrays.values())
-    assert [p["operation"] for p in found["passes"]] == [name for name, _, _ in simulation._calls]
+    assert [p["operation"] for p in found["passes"]] == [name for name, _, _ in simulation.force_calls]
     for p in found["passes"] + found["runner"]:
         module, function = p["kernel"].rsplit(".", 1)
         assert hasattr(sys.modules[module], function)
@@ -224,11 +226,11 @@ def test_plan_for_people(scene, capsys):
 
 
 def test_plan_names_the_backend_and_warns_of_a_step_that_is_too_large(scene, capsys):
-    scene.write_text(SCENE.replace("end_time = 0.04", "step = 0.008"))
+    scene.write_text(SCENE.replace("end_time = 0.04", "step = 0.0005"))
     assert main(["plan", str(scene), "--backend", "numpy"]) == 0
     out = capsys.readouterr().out
     assert "refsim.sph.reference.momentum" in out
-    assert "20 times the stable one" in out
+    assert "1.2 times the stable one" in out
     assert "Neighbour list: none" in out
 
 

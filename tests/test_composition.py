@@ -6,23 +6,40 @@ import re
 import shutil
 import subprocess
 import sys
+import tracemalloc
 
 import numpy as np
 import pytest
 
 import refsim
 from refsim import (
+    Akinci2013,
+    BeckerTeschner2007,
     Box,
     BoxWalls,
+    CsfWang2019,
+    Dong2016,
     Gravity,
+    He2014,
+    HeatConduction,
+    ImplicitPressure,
     InputError,
     JiangZhu2023,
+    Melting,
+    MpmLiquid,
+    MpmWalls,
     Scene,
+    ShapeMatching,
     Simulation,
+    SolidBox,
     SurfaceDetection,
+    SurfaceEnergy,
+    TartakovskyMeakin2005,
+    TwoWayCoupling,
     WeaklyCompressible,
     make_plan,
 )
+from refsim.commands.plan import describe_plan
 from refsim.effect import EFFECTS
 from refsim.particles import BASE
 
@@ -32,25 +49,82 @@ GRAVITY = Gravity()
 WALLS = BoxWalls(lower=(0, 0, 0), upper=(0.6, 0.6, 0.6))
 DETECTION = SurfaceDetection()
 DETECTION_EACH_STEP = SurfaceDetection(each_step=True)
+RELEASE = SurfaceDetection(release_pressure=True)
 TENSION = JiangZhu2023(surface_tension=0.5, pair_mode="soft", density_correction=False)
+AKINCI = Akinci2013(surface_tension=0.5, adhesion=0.1)
+DONG = Dong2016(surface_tension=0.5)
+BECKER = BeckerTeschner2007(surface_tension=0.5)
+TARTAKOVSKY = TartakovskyMeakin2005(surface_tension=0.5)
+HE = He2014(surface_tension=0.1, air_pressure=1.0)
+CSF = CsfWang2019(surface_tension=0.5)
+CLAMPED = WeaklyCompressible(sound_speed=12.0)
+SHAPE = ShapeMatching()
+STIFF = ShapeMatching(damping=0.0, half_width=1)
+COUPLING = TwoWayCoupling()
+MELTING = Melting()
+HEAT = HeatConduction(temperature=50.0)
+WARM = HeatConduction(temperature=50.0, melting_point=0.0)
+ICE = HeatConduction(temperature=-5.0, melting_point=0.0, latent_heat=3e5, held=(0,), scheme="single_pass")
+IMPLICIT = ImplicitPressure()
+TENSIONS = (TENSION, AKINCI, DONG, BECKER, TARTAKOVSKY, HE, CSF)
+MPM = MpmLiquid(bulk_modulus=144e3)
+MPM_FULL = MpmLiquid(bulk_modulus=144e3, volume="gradient")
+SURFACE = SurfaceEnergy(surface_tension=0.5)
+SURFACE_WET = SurfaceEnergy(surface_tension=0.5, contact_angle=60.0, embedding="none")
+MPM_WALLS = MpmWalls(lower=(-0.2, -0.2, -0.2), upper=(0.8, 0.8, 0.8))
+TENSE = {2: (), 3: (JiangZhu2023(surface_tension=0.05),)}
 SETS = [
     (LIQUID,),
+    (MPM,),
+    (MPM, GRAVITY, MPM_WALLS),
+    (MPM_FULL,),
+    (MPM, SURFACE),
+    (SURFACE_WET, MPM_WALLS, MPM),
     (VISCOUS,),
     (LIQUID, GRAVITY),
     (LIQUID, GRAVITY, WALLS),
     (LIQUID, DETECTION),
     (LIQUID, DETECTION_EACH_STEP),
+    (LIQUID, RELEASE),
     (LIQUID, TENSION),
+    (LIQUID, WALLS, AKINCI),
+    (LIQUID, DONG),
+    (LIQUID, BECKER),
+    (LIQUID, TARTAKOVSKY),
+    (LIQUID, HE),
+    (LIQUID, CSF),
+    (LIQUID, HEAT),
+    (LIQUID, ICE),
+    (VISCOUS, IMPLICIT, GRAVITY),
     (VISCOUS, GRAVITY, WALLS, DETECTION, TENSION),
+    (SHAPE,),
+    (STIFF, GRAVITY),
+    (CLAMPED, SHAPE, COUPLING),
+    (CLAMPED, GRAVITY, WALLS, SHAPE, COUPLING, WARM, MELTING),
 ]
+SOLID = SolidBox(lower=(0.1, 0.1, 0.4), upper=(0.4, 0.4, 0.6))
 
 
 def scene(*effects, **options):
-    return Scene(spacing=0.1, support_radius=0.21, fluid=(Box(cells=(4, 4, 4)),), effects=effects, step=5e-4, **options)
+    """A box of liquid, and a solid above it where an effect holds one."""
+    solid = (SOLID,) if any(isinstance(effect, ShapeMatching) for effect in effects) else ()
+    return Scene(
+        spacing=0.1, support_radius=0.21, fluid=(Box(cells=(4, 4, 4)),), solid=solid, effects=effects, step=5e-4,
+        **options,
+    )  # fmt: skip
 
 
 def names(effects):
-    return "+".join(effect.name + ("_each_step" if getattr(effect, "each_step", False) else "") for effect in effects)
+    marks = {
+        "each_step": {True: "_each_step"},
+        "release_pressure": {True: "_release"},
+        "volume": {"gradient": "_full"},
+        "embedding": {"none": "_wet"},
+    }
+    return "+".join(
+        effect.name + "".join(word.get(getattr(effect, mark, False), "") for mark, word in marks.items())
+        for effect in effects
+    )
 
 
 @pytest.mark.parametrize("effects", SETS, ids=names)
@@ -65,14 +139,14 @@ class TestPlan:
     def test_every_field_is_used(self, effects):
         plan = make_plan(scene(*effects))
         touched = {f.name for f in BASE}
-        for _, p in plan.passes:
+        for _, p in plan.all_passes():
             touched |= {*p.reads, *p.writes, *p.updates}
         assert set(plan.fields) <= touched
 
     def test_fields_are_written_before_they_are_read(self, effects):
         plan = make_plan(scene(*effects))
-        written = {f.name for f in BASE}
-        for _, p in plan.passes:
+        written = {f.name for f in BASE} | {"place"} | {name for name, f in plan.fields.items() if f.state}
+        for _, p in plan.all_passes():
             assert set(p.reads) <= written, p.operation
             written |= {*p.writes, *p.updates}
 
@@ -82,7 +156,8 @@ class TestPlan:
 
     def test_passes_belong_to_effects_of_the_scene(self, effects):
         plan = make_plan(scene(*effects))
-        assert {effect.name for effect, _ in plan.passes} <= {effect.name for effect in effects}
+        brought = [effect for effect, _ in (*plan.passes, *plan.motion) if effect is not None]
+        assert {effect.name for effect in brought} <= {effect.name for effect in effects}
 
     def test_a_run_holds_and_launches_what_the_plan_says(self, effects):
         simulation = Simulation(scene(*effects))
@@ -90,22 +165,43 @@ class TestPlan:
         simulation.step()
         assert set(simulation.fields) == set(plan.fields)
         held = sum(array.nbytes for array in simulation.fields.values())
-        assert held == simulation.count * sum(plan.field_bytes().values())
-        assert set(simulation.timings.first_calls) == {*plan.launches(), "neighbours", "sph.kick_drift"}
+        assert held == simulation.count * sum(plan.field_bytes().values()) + sum(plan.table_bytes().values())
+        runner = {p.operation for effect, p in plan.motion if effect is None} | {p.operation for _, p in plan.start}
+        runner |= {"neighbours"} if plan.list_radius > 0 else set()
+        runner |= {"sorting"} if any(e.sorting_cell(plan.grid) for e in plan.effects.values()) else set()
+        assert set(simulation.timings.first_calls) == {*plan.launches(), *runner}
         simulation.evaluate()
-        assert set(simulation.timings.first_calls) == {*plan.launches(True), "neighbours", "sph.kick_drift"}
+        assert set(simulation.timings.first_calls) == {*plan.launches(True), *runner}
 
     def test_limits_of_the_step_are_those_of_the_effects(self, effects):
         found = Simulation(scene(*effects)).step().limits
-        assert ("capillary" in found) == (TENSION in effects)
+        assert ("capillary" in found) == bool({*TENSIONS, SURFACE, SURFACE_WET} & set(effects))
         assert ("viscous" in found) == (VISCOUS in effects)
-        assert "acoustic" in found
+        sound = any(isinstance(effect, (WeaklyCompressible, MpmLiquid)) for effect in effects)
+        assert ("acoustic" in found) == (sound and IMPLICIT not in effects)
         assert all(value > 0 for value in found.values())
 
 
 FOOTPRINTS = {
-    DETECTION: {"near_surface", "surface", "surface_normal", "number_density"},
+    DETECTION: {"scan_candidates", "surface", "surface_normal", "number_density", "asymmetry"},
     TENSION: {"surface_normal", "surface_weight", "corrected_normal", "number_density"},
+    AKINCI: {"surface_normal"},
+    DONG: {"surface_normal", "corrected_density"},
+    BECKER: set(),
+    TARTAKOVSKY: set(),
+    HE: {"color", "color_gradient_squared"},
+    CSF: {"interface_normal", "curvature", "number_density", "near_surface", "corrected_density"},
+    HEAT: {"temperature", "heat_capacity", "conductivity", "volume"},
+    ICE: {
+        "temperature",
+        "heat_capacity",
+        "conductivity",
+        "volume",
+        "enthalpy",
+        "melting_point",
+        "latent_heat",
+        "reservoir",
+    },
     GRAVITY: set(),
     WALLS: set(),
 }
@@ -116,7 +212,8 @@ def test_an_effect_brings_its_own_and_nothing_else(effect):
     without, with_it = make_plan(scene(LIQUID)), make_plan(scene(LIQUID, effect))
     assert set(with_it.fields) - set(without.fields) == FOOTPRINTS[effect]
     assert set(without.launches(True)) <= set(with_it.launches(True))
-    own = {p.operation for e, p in with_it.passes if e.name == effect.name}
+    passes = (*with_it.passes, *with_it.motion)
+    own = {p.operation for e, p in passes if e is not None and e.name == effect.name}
     assert set(with_it.launches(True)) - set(without.launches(True)) == own
     assert without.walls is None
     assert with_it.walls is None or effect is WALLS
@@ -131,6 +228,25 @@ def test_shared_passes_run_once():
 
 def test_every_effect_is_looked_at_here():
     assert {type(effect) for effects in SETS for effect in effects} == set(EFFECTS.values())
+
+
+def test_solids_and_melting_bring_their_own_and_nothing_else():
+    """Without solids no table of nodes, without melting no refilling of regions and no flags for it."""
+    liquid, held = make_plan(scene(CLAMPED)), make_plan(scene(CLAMPED, SHAPE, COUPLING))
+    warm, melting = (make_plan(scene(CLAMPED, SHAPE, COUPLING, WARM, *more)) for more in ((), (MELTING,)))
+    assert not liquid.table_bytes()
+    assert "phase" not in liquid.fields
+    assert set(melting.fields) - set(warm.fields) == {"melted", "melted_count", "rebuild", "melting_point"}
+    new = {"melting.melt", "melting.detach", "shape_matching.regions", "shape_matching.classify"}
+    assert set(melting.launches()) - set(warm.launches()) == new
+    assert not warm.begin
+    replaced = {"sph.density", "sph.state", "sph.pressure"}
+    assert replaced & set(liquid.launches()) == replaced
+    assert not replaced & set(held.launches())
+    rigid = make_plan(scene(STIFF))
+    assert not {"region_velocity", "region_spin"} & set(rigid.fields)
+    assert rigid.table_bytes()["region"] == 4 * 27 * 18
+    assert held.table_bytes()["region"] == 4 * 125 * 18
 
 
 def state(simulation):
@@ -189,10 +305,12 @@ def printed(folder):
 def test_where_an_effect_does_not_exist_the_bits_are_the_same(tmp_path):
     """A copy of the package from which the surface folders were torn out, kernels run as Python in both."""
     source = pathlib.Path(refsim.__file__).parent
-    shutil.copytree(source, tmp_path / "refsim", ignore=shutil.ignore_patterns("__pycache__", "surface_*"))
+    shutil.copytree(
+        source, tmp_path / "refsim", ignore=shutil.ignore_patterns("__pycache__", "surface_*", "surface.py")
+    )
     contents = tmp_path / "refsim" / "__init__.py"
     text = contents.read_text()
-    torn = re.sub(r".*(?:surface_|SurfaceDetection|JiangZhu).*\n", "", text)
+    torn = re.sub(r".*(?:surface_|mpm\.surface|SurfaceDetection|SurfaceEnergy|JiangZhu).*\n", "", text)
     assert torn != text
     contents.write_text(torn)
     bits, modules = printed(tmp_path)
@@ -229,3 +347,26 @@ def test_without_neighbours_there_is_no_search():
     assert simulation.plan.list_radius == 0
     assert simulation.search is None
     assert set(simulation.fields) == {f.name for f in BASE}
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_a_run_takes_the_memory_that_its_plan_says(dim):
+    """`refsim plan`'s bytes against what the process allocates and holds; while a list is built it takes more."""
+    cells, radius = ((100, 100, 1), 0.13) if dim == 2 else ((20, 20, 20), 0.1)
+    effects = (WeaklyCompressible(sound_speed=10.0, dynamic_viscosity=0.1), Gravity(acceleration=(0, -9.81, 0)))
+    plan = make_plan(
+        Scene(dim=dim, spacing=0.05, support_radius=radius, fluid=(Box(cells=cells),), effects=(*effects, *TENSE[dim]))
+    )
+    Simulation(plan).step()  # so that compiling is no part of it
+    said = describe_plan(plan, "cpu")["bytes"]["total"]
+    tracemalloc.start()
+    try:
+        before, _ = tracemalloc.get_traced_memory()
+        simulation = Simulation(plan)
+        for _ in range(3):
+            simulation.step()
+        held, peak = (b - before for b in tracemalloc.get_traced_memory())
+    finally:
+        tracemalloc.stop()
+    assert 0.97 * said < held < 1.08 * said
+    assert peak < 1.4 * said

@@ -21,6 +21,7 @@ from refsim import (
     backend,
     contract,
     neighbours,
+    sparse_grid,
 )
 from refsim.neighbours.reference import neighbour_list, pair_blocks
 from refsim.operation import REGISTRY
@@ -142,19 +143,60 @@ def test_walls_near_each_particle(cuda):
         assert sorted(own) == list(np.flatnonzero(true < RADIUS * (1 + SKIN)))
 
 
+@pytest.mark.parametrize("dim", [2, 3])
+def test_sparse_grid_is_the_cpus(cuda, dim):
+    position = np.vstack([cloud(40, dim), [[1e5, -1e5, 0.0]], [[np.nan, 0.1, 0.0]]])
+    for where in (position, position[:0]):
+        host, there = (sparse_grid.SparseGrid(b, dim, "float64", 0.2) for b in (backend.choose("cpu"), cuda))
+        blocks, covered = host.cover(where, 3, 4), there.cover(cuda.asarray(where), 3, 4)
+        nodes = np.array([[0, 0, 0], [7, -9, 0]])
+        held, holding = host.holding(nodes), there.holding(cuda.asarray(nodes))
+        lists = [host.by_cell(where, blocks, s) for s in (0, 0.5)]
+        listed = [there.by_cell(cuda.asarray(where), covered, s) for s in (0, 0.5)]
+        for own, other in zip((blocks, held, *lists), (covered, holding, *listed), strict=True):
+            for a, b in zip(own, other, strict=True):
+                assert np.array_equal(a, cuda.host(b))
+                assert a.dtype == b.dtype
+
+
+@pytest.mark.parametrize("quadrature", ["facets", "poisson"])
+def test_reconstructed_surface_is_the_cpus(cuda, quadrature):
+    from refsim.surface_energy import Tension
+    from refsim.surface_energy.reconstruction import Reconstruction
+
+    position = np.vstack([0.5 * cloud(25, 2), [[3.0, 3.0, 0.0]]])
+    found = []
+    for place in (backend.choose("cpu"), cuda):
+        tension = Tension(surface_tension=1.0, quadrature=quadrature, smallest=5)
+        made = Reconstruction(place, 2, "float64", 0.1, tension)
+        there = place.asarray(position)
+        surface = made.surface(there)
+        force, extents = made.force(surface.samples, surface.blocks), made.extents(there, surface)
+        arrays = (*surface.samples, surface.component_size, force, extents)
+        found.append([np.array(place.host(a)) for a in arrays])
+    assert len(found[0][0]) > 20
+    for own, other in zip(*found, strict=True):
+        assert own.shape == other.shape
+        assert np.abs(own.astype(float) - other).max() < 1e-12
+
+
 def test_audit_counts_what_a_list_misses(cuda):
     search, ordered, listed = built(cuda, cloud(40, 3), 3)
     velocity = np.random.default_rng(3).normal(size=ordered.shape)
-    drift = 0.01
-    moved = cuda.asarray(ordered + drift * velocity)
-    search.audit(moved, cuda.asarray(velocity), drift, listed, seed=1)
+    drift = cuda.asarray(np.array([0.0, 0.01]))
+    moved = cuda.asarray(ordered + 0.01 * velocity)
+    search.audit(moved, cuda.asarray(velocity), drift, listed)
     assert search.log.audited_rows == 8
-    assert search.log.missed_neighbours == 0
-    rows = np.arange(40)
+    report = search.programs.lists["own"].queries.report
+    assert cuda.host(report)[2] == 0
+    rows = neighbours.AuditedRows(1, 40)
     wide = 1.5 * search.reach
     expected = sum(map(len, neighbour_list(ordered, wide))) - sum(map(len, columns(cuda, listed)))
     assert expected > 0
-    assert search.programs.missed(moved, cuda.asarray(velocity), drift, listed, rows, wide) == expected
+    search.programs.audit(moved, cuda.asarray(velocity), drift, listed, rows, wide)
+    assert cuda.host(report)[2] == expected
+    search.build(search.programs.lists["own"].position)
+    assert search.log.missed_neighbours == expected
 
 
 def test_equal_keys_keep_their_order(cuda):
@@ -163,8 +205,47 @@ def test_equal_keys_keep_their_order(cuda):
     keys = np.array([3, 1, 3, 1, 2**62, 3, 1], np.int64)
     order = cuda.host(device.stable_order(cuda.asarray(keys)))
     assert list(order) == [1, 3, 6, 0, 2, 5, 4]
-    cells, first, cell = (cuda.host(a) for a in device.runs(cuda.asarray(keys[order])))
-    assert (list(cells), list(first), list(cell)) == ([1, 3, 2**62], [0, 3, 6, 7], [0, 0, 0, 1, 1, 1, 2])
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_ways_are_compared_in_blocks_that_touch(cuda, dim):
+    position = cloud(60, dim, seed=7)
+    search, ordered, _ = built(cuda, position, dim)
+    way = 0.1 * np.random.default_rng(8).normal(size=ordered.shape)
+    way[:, dim:] = 0
+    there = cuda.asarray(ordered)
+    search.build(there)
+    block = np.floor(ordered / search.reach).astype(int) // 2
+    low, high = ([end(way[(block == b).all(1)], axis=0) for b in block] for end in (np.min, np.max))
+    touching = max(
+        (np.maximum(high[a] - low[b], high[b] - low[a]) ** 2).sum()
+        for a in range(60)
+        for b in range(60)
+        if np.abs(block[a] - block[b]).max() <= 1
+    )
+    anywhere = ((way.max(0) - way.min(0)) ** 2).sum()
+    for _ in range(2):
+        found = search.programs.squared_relative_ways(cuda.asarray(ordered + way), there)
+        assert found == pytest.approx((touching, anywhere), rel=1e-12)
+
+
+@pytest.mark.parametrize("room", [2, 3, 6, 20])
+def test_occupied_cells_are_found_or_counted(cuda, room):
+    from refsim.neighbours import cuda as programs
+
+    position = 1.1 * np.array([[0, 0, 0], [0, 0, 0], [1, 0, 0], [1, 0, 0], [1, 0, 0], [0, 3, 0]]) + 0.5
+    table = programs.CellTable(cuda, 1.0, cuda.asarray(position))
+    table.make_room(room)
+    table.count_cells()
+    table.fill()
+    assert list(cuda.host(table.run)) == [1, 1, 2, 2, 2, 3]
+    assert cuda.host(table.report)[0] == 3
+    assert table.fits() == (room >= 3)
+    if room >= 3:
+        keys, (cells, first) = cuda.host(table.keys), (cuda.host(a) for a in (table.cells, table.first))
+        assert list(cells[:3]) == sorted(set(keys))
+        assert list(first[:4]) == [0, 2, 5, 6]
+        assert (cells[3:] == programs.FARTHEST).all()
 
 
 @pytest.mark.parametrize("shape", [(), (3,), (1,)])
@@ -191,7 +272,7 @@ def test_largest_values_do_not_outlive_their_call(cuda):
     velocity = np.random.default_rng(6).normal(size=(21, 3))
     velocity[3] = np.nan
     velocity[20] = [3.0, 4.0, 12.0]
-    kernels.extremes(cuda.asarray(velocity), cuda.asarray(0.5 * velocity), out)
+    kernels.extremes(cuda.asarray(velocity), cuda.asarray(0.5 * velocity), None, out)
     assert np.allclose(cuda.host(out), [169.0, 42.25, 1.0])
     place = cuda.asarray(np.zeros((21, 3)))
     way = cuda.asarray(np.array([1e9, 5.0]))
@@ -267,6 +348,44 @@ def test_run_follows_the_references_and_repeats_bit_for_bit(scene, dtype, steps,
         else:
             largest = np.abs(oracle.field(name)).max()
             assert np.abs(values - oracle.field(name)).max() <= tolerance * largest, name
+
+
+def test_device_chooses_the_step_as_the_host_does(cuda):
+    """Every limit in turn, a fixed step, and all reasons to stop."""
+    from refsim import device
+    from refsim.effect import Extremes, StepLimit
+    from refsim.stepping import stable_steps
+
+    limits = {"a": StepLimit.constant(0.5), "b": StepLimit.crossing(2.0, speed=3.0), "c": StepLimit.falling(1.0)}
+    table = cuda.asarray(np.array(list(limits.values())))
+
+    def chosen(speed, acceleration, broken=0, fixed=0.0, previous=0.25, first=0.0):
+        values = np.zeros(device.CLOCK_ROWS)
+        values[[device.TIME, device.PREVIOUS, device.FIRST]] = 7.0, previous, first
+        clock, steps = cuda.asarray(values), cuda.zeros(2, np.float64)
+        extremes = cuda.asarray(np.array([speed**2, acceleration**2, broken]))
+        device.choose_step(extremes, table, 0.5, fixed, 1e-6, 100.0, steps, clock)
+        return cuda.host(clock), list(cuda.host(steps))
+
+    for speed, acceleration in ((0.0, 0.0), (5.0, 0.0), (1.0, 100.0)):
+        expected = stable_steps(limits, Extremes(speed, acceleration))
+        limiter = min(expected, key=expected.get)
+        clock, steps = chosen(speed, acceleration)
+        length = 0.5 * expected[limiter]
+        assert clock[device.LENGTH] == pytest.approx(length, rel=1e-15)
+        assert list(limits)[int(clock[device.LIMITER])] == limiter
+        assert steps == [0.5 * (0.25 + clock[device.LENGTH]), clock[device.LENGTH]]
+        assert list(clock[[device.TIME, device.PREVIOUS]]) == [7.0 + clock[device.LENGTH], clock[device.LENGTH]]
+        assert clock[device.FIRST] == clock[device.LENGTH]
+    clock, steps = chosen(1.0, 1.0, fixed=0.125)
+    assert (clock[device.LIMITER], steps[1]) == (-1, 0.125)
+    for reason, given in (
+        (device.NON_FINITE, {"broken": 2}), (device.DIVERGED, {"speed": 101.0}), (device.STEP_TOO_SMALL, {"first": 1e9})
+    ):  # fmt: skip
+        clock, steps = chosen(**({"speed": 1.0, "acceleration": 1.0} | given))
+        assert clock[device.REASON] == reason
+        assert steps == [0.0, 0.0]
+        assert list(clock[[device.TIME, device.PREVIOUS]]) == [7.0, 0.25]
 
 
 def test_run_rebuilds_its_list_and_audits_the_old_one():

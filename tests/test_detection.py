@@ -25,9 +25,10 @@ from refsim.neighbours.rows import NeighbourRows
 from refsim.operation import REGISTRY
 from refsim.scene import make_plan
 from refsim.smoothing import smoothing
+from refsim.smoothing.reference import kernel_value
 from refsim.sph import Fluid
 from refsim.sph.reference import density as reference_density
-from refsim.surface_detection import FanScan, NearSurfaceLimit, detection_in
+from refsim.surface_detection import FanScan, NearSurfaceLimit, detection_in, half_space_moment
 from refsim.surface_normal import SHAPES, NormalTerm
 from validation.metrics.surface_truth import arc_cover_surface, cap_cover_surface
 
@@ -121,9 +122,46 @@ def test_number_density_alone_takes_a_second_layer_in():
 @pytest.mark.parametrize("seed", [1, 2])
 def test_two_steps_find_what_both_of_them_find(seed):
     position = np.random.default_rng(seed).uniform(0, 18, (250, 3)) * [1, 1, 0]
-    one, two, both = (surface(position, method=m) for m in METHODS)
-    np.testing.assert_array_equal(both, one & two)
-    assert both.sum() < one.sum()
+    one, two = (surface(position, method=m) for m in METHODS[:2])
+    printed, found = surface(position, literal=("E23",)), detect(position)
+    np.testing.assert_array_equal(printed, one & two)
+    assert printed.sum() < one.sum()
+    first = found.field("scan_candidates").astype(bool)
+    np.testing.assert_array_equal(found.field("surface").astype(bool), first & two)
+    assert not first.all()
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_a_pressed_surface_is_lopsided_though_it_is_as_dense_as_the_bulk(dim):
+    """A lattice pressed until its faces are as dense as the bulk: J(12) sees no surface, the first moment does."""
+    cells = (16, 16, 1) if dim == 2 else (10, 10, 10)
+    position = lattice(Box(cells=cells), dim=dim)
+    pressed = (position - position.mean(0)) * 0.85
+    simulation = detect(np.vstack([position, pressed + [60.0, 0, 0]]), dim=dim)
+    found, delta = simulation.field("surface").astype(bool), simulation.field("number_density")
+    count = len(position)
+    edge = (np.abs(pressed) > np.abs(pressed).max(0) - 1e-9)[:, :dim].sum(1)
+    faces = edge == 1  # edges and corners are sparse in any case
+    rest = simulation.plan.effects["weakly_compressible"].rest_number_density(simulation.plan.grid)
+    assert delta[count:][faces].min() > 0.98 * rest
+    np.testing.assert_array_equal(found[:count], found[count:])
+    np.testing.assert_array_equal(found[count:], edge > 0)
+    printed = surface(pressed, dim=dim, literal=("E23",))
+    assert not printed[faces].any()
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+@pytest.mark.parametrize("kernels", ["wendland", "mueller"])
+def test_half_space_moment_is_that_of_a_plane_surface(dim, kernels):
+    """On a fine lattice: a particle on the cut has half the sum, its first moment is M."""
+    fluid = WeaklyCompressible(sound_speed=1.0, kernels=kernels)
+    grid = Discretisation(dim, "float64", 1.0, 8.0, 0)
+    axis = np.arange(-9.0, 10.0)
+    points = np.stack(np.meshgrid(axis, axis, axis if dim == 3 else [0.0], indexing="ij"), axis=-1).reshape(-1, 3)
+    weight = np.where(points[:, 0] > 0.25, 1.0, np.where(points[:, 0] > -0.25, 0.5, 0.0))  # the layer on the cut: half
+    kernel = smoothing(fluid.sum_kernel(), grid.support_radius, dim)
+    moment = (weight * kernel_value(np.linalg.norm(points, axis=1), kernel) * points[:, 0]).sum()
+    assert half_space_moment(fluid, grid) == pytest.approx(moment, rel=0.02)
 
 
 def test_a_missing_particle_makes_no_surface_but_a_hole_does():
@@ -150,7 +188,8 @@ def test_a_wet_wall_is_no_surface():
     position = lattice(Box(cells=(cells, cells, 1)))
     closed = BoxWalls(lower=(0.0, 0.0, 0.0), upper=size)
     full = detect(position, walls=(closed,))
-    assert not full.field("near_surface").any()
+    assert not full.field("scan_candidates").any()
+    assert not detect(position, walls=(closed,), literal=("E23",)).field("near_surface").any()
     assert not full.field("surface").any()
     assert not surface(position, walls=(closed,), method="fan_scan").any()
     assert surface(position).any()  # without walls the same block has a surface
@@ -323,15 +362,18 @@ def test_oracle_agrees_with_the_plain_scan_and_its_margins_hold(dim):
     assert (margin > 0.02).sum() > n // 2
 
 
+LIMIT = NearSurfaceLimit(0.98, math.inf)
+
+
 def test_near_surface_margin_says_where_the_limit_flips():
     density = np.array([0.5, 0.97, 0.99, 1.4])
     program = REGISTRY["surface_detection.near_surface"].program("numpy")
-    flags, margin = program(density, NearSurfaceLimit(0.98))["near_surface"]
+    flags, margin = program(density, None, LIMIT)["near_surface"]
     np.testing.assert_array_equal(flags, [1, 1, 0, 0])
     for i, (rho, m) in enumerate(zip(density, margin)):
         for factor, flipped in ((0.99, 0), (1.01, 1)):
             moved = rho * (1 + m * factor * (0.98 / rho) * (1 if flags[i] else -1))
-            assert program(np.array([moved]), NearSurfaceLimit(0.98))["near_surface"][0][0] == flags[i] ^ flipped
+            assert program(np.array([moved]), None, LIMIT)["near_surface"][0][0] == flags[i] ^ flipped
 
 
 def test_a_distance_at_which_both_lines_agree_is_no_tie():
@@ -376,7 +418,8 @@ def numbers(position, walls, dim, dtype, masses=None):
         "smoothing": sums,
         "gradient_smoothing": gradients,
         "normal_term": NormalTerm(real(1), np.int32(0)),
-        "near_surface_limit": NearSurfaceLimit(real(0.98)),
+        "near_surface_limit": NearSurfaceLimit(real(0.98), real(1)),
+        "asymmetry": None,
         "fan_scan": FanScan(real(0.5 * h), real(h), real(64 * np.finfo(dtype).eps), np.int32(0)),
     }
     normal = oracle(REGISTRY["surface_normal.color_gradient"], values)[0].astype(dtype)
@@ -438,7 +481,8 @@ def test_cpu_agrees_with_the_oracle_on_hard_inputs(dtype, with_walls, literal):
             values["normal_term"] = values["normal_term"]._replace(own_density=np.int32(1))
             values["fan_scan"] = values["fan_scan"]._replace(printed=np.int32(1))
         for operation in REGISTRY.values():
-            if not operation.name.startswith(("surface_normal.", "surface_detection.")):
+            looks = operation.name.startswith(("surface_normal.", "surface_detection."))
+            if not looks or operation.name.endswith("release_pressure"):
                 continue
             value, scale = oracle(operation, values)
             computed = cpu(operation, values, value)
@@ -470,7 +514,7 @@ def plan_of(*effects, dim=2):
 def test_detection_runs_only_when_somebody_looks():
     own = [k for k in plan_of(SurfaceDetection()).launches(on_demand=True) if k.startswith("surface_")]
     assert own == [
-        "surface_detection.near_surface",
+        "surface_detection.candidates",
         "surface_normal.color_gradient",
         "surface_detection.fan_scan",
     ]
@@ -483,12 +527,27 @@ def test_detection_runs_only_when_somebody_looks():
     [
         ({"method": "number_density"}, {"surface", "number_density"}),
         ({"method": "fan_scan"}, {"surface", "surface_normal"}),
-        ({"method": "two_step"}, {"surface", "near_surface", "number_density", "surface_normal"}),
+        ({}, {"surface", "scan_candidates", "number_density", "asymmetry", "surface_normal"}),
+        ({"literal": ("E23",)}, {"surface", "near_surface", "number_density", "surface_normal"}),
         ({"method": "fan_scan", "scan_normal": "corrected"}, {"surface", "number_density", "corrected_normal"}),
     ],
 )
 def test_only_the_needed_fields_exist(settings, fields):
     assert set(plan_of(SurfaceDetection(**settings)).fields) - set(plan_of().fields) == fields
+
+
+def test_released_pressure_acts_before_the_forces():
+    """S keeps no pressure, the rest all of theirs; the force is summed from what is left."""
+    position = (disc(5.2) - CENTER) * 0.8  # pressed, so that every particle has a pressure
+    plain, free = detect(position, each_step=True), detect(position, release_pressure=True)
+    launches = free.plan.launches()
+    order = [launches.index(f"s{name}") for name in ("ph.state", "urface_detection.release_pressure", "ph.pressure")]
+    assert order == sorted(order)
+    marked = plain.field("surface").astype(bool)
+    assert 0 < marked.sum() < len(marked)
+    assert plain.field("pressure")[marked].max() > 0
+    np.testing.assert_array_equal(free.field("pressure"), np.where(marked, 0, plain.field("pressure")))
+    assert np.abs(free.field("acceleration") - plain.field("acceleration")).max() > 0
 
 
 def test_the_list_reaches_twice_as_far_for_the_full_radius():
@@ -526,7 +585,7 @@ def test_two_effects_share_the_detected_sets(borrower):
     for effects in ((borrower(), SurfaceDetection()), (SurfaceDetection(), borrower()), (borrower(),)):
         plan = plan_of(*effects)
         assert [k for k in plan.launches() if k.startswith("surface_")] == [
-            "surface_detection.near_surface",
+            "surface_detection.candidates",
             "surface_normal.color_gradient",
             "surface_detection.fan_scan",
         ]
@@ -547,7 +606,9 @@ def test_a_pass_over_every_row_serves_who_wants_some(borrower):
     assert normals.names["candidates"] is None
 
 
-@pytest.mark.parametrize("other", [{"threshold": 0.9}, {"literal": ("E10",)}, {"scan_radius": "full"}])
+@pytest.mark.parametrize(
+    "other", [{"threshold": 0.95}, {"asymmetry": 0.3}, {"literal": ("E10",)}, {"scan_radius": "full"}]
+)
 def test_different_settings_for_one_field_are_refused(borrower, other):
     with pytest.raises(InputError, match=r"'surface_detection' and 'borrower' compute field '\w+' in different ways"):
         plan_of(SurfaceDetection(), borrower(own=SurfaceDetection(**other)))
@@ -559,10 +620,11 @@ def test_different_settings_for_one_field_are_refused(borrower, other):
         ({"threshold": 0.0}, "threshold = 0.0"),
         ({"threshold": 1.5}, "threshold = 1.5"),
         ({"threshold": math.nan}, "threshold = nan"),
+        ({"asymmetry": 0.0}, "asymmetry = 0.0"),
         ({"method": "umbrella"}, "method = 'umbrella' is unknown; choose one of number_density, fan_scan, two_step"),
         ({"scan_radius": "double"}, "scan_radius = 'double'"),
         ({"scan_normal": "none"}, "scan_normal = 'none'"),
-        ({"literal": ("E4",)}, "literal has E4; only E5, E6, E10 or all"),
+        ({"literal": ("E4",)}, "literal has E4; only E5, E6, E10, E23 or all"),
     ],
 )
 def test_bad_settings_get_one_sentence(settings, words):

@@ -17,12 +17,13 @@ from refsim.errors import REASONS
 from refsim.operation import REGISTRY
 from refsim.scene import Scene, make_plan
 from refsim.scene_file import parse_scene
-from validation.harness import discover
+from validation import accuracy_cost
+from validation.harness import Options, discover
 
 ROOT = pathlib.Path(__file__).parent.parent
 DOCS = sorted((ROOT / "docs").rglob("*.md"))
 PAGES = [*DOCS, *(ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md"))]
-EFFECT_PAGES = [p for p in DOCS if p.name not in ("index.md", "guarantees.md", "scene_files.md")]
+EFFECT_PAGES = [p for p in DOCS if p.name not in ("index.md", "guarantees.md", "scene_files.md", "accuracy_cost.md")]
 PUBLISHED = {name: effect for name, effect in EFFECTS.items() if effect.__module__.startswith("refsim.")}
 
 BLOCK = re.compile(r"^```(\w*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
@@ -52,8 +53,9 @@ def anchors(page):
 
 @functools.cache
 def drawn():
-    """Pictures that `python -m validation` publishes."""
-    return {f"{picture.name}.png" for case in discover().values() for picture in case.pictures}
+    """Pictures that `python -m validation` and `python -m validation.accuracy_cost` publish."""
+    drawers = [*discover().values(), *accuracy_cost.cases(Options()).values()]
+    return {f"{picture.name}.png" for case in drawers for picture in case.pictures}
 
 
 def broken_links(page, text):

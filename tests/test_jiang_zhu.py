@@ -19,7 +19,7 @@ from refsim import (
     make_plan,
 )
 from refsim.boundary.walls import WallParticles, with_list
-from refsim.effect import Discretisation, Extremes
+from refsim.effect import Discretisation, StepLimit
 from refsim.neighbours.reference import neighbour_list
 from refsim.neighbours.rows import NeighbourRows
 from refsim.operation import REGISTRY
@@ -339,7 +339,7 @@ def test_density_correction_lifts_the_surface_before_the_equation_of_state():
 def test_a_scene_pays_only_for_what_its_pair_mode_uses(mode):
     plan = make_plan(drop(surface_tension=1.0, pair_mode=mode, area_ratio=0.0, density_correction=False))
     launches = set(plan.launches()) - {"sph.density", "sph.state", "sph.momentum"}
-    detection = {"surface_detection.near_surface", "surface_normal.color_gradient", "surface_detection.fan_scan"}
+    detection = {"surface_detection.candidates", "surface_normal.color_gradient", "surface_detection.fan_scan"}
     assert launches == {"jiang_zhu_2023.cohesion"} | {
         "soft": {"surface_normal.color_gradient", "jiang_zhu_2023.soft_weight"},
         "all": set(),
@@ -380,9 +380,9 @@ def test_detection_shares_its_passes_with_tension():
 def test_capillary_step_limit():
     scene = drop(surface_tension=2.0)
     plan = make_plan(scene)
-    limits = plan.effects["jiang_zhu_2023"].step_limits(plan.grid, plan.effects, Extremes(0.0, 0.0))
+    limits = plan.effects["jiang_zhu_2023"].step_limits(plan.grid, plan.effects)
     half = scene.support_radius / 2
-    assert limits == {"capillary": pytest.approx(0.25 * math.sqrt(half**3 / (4 * math.pi)))}
+    assert limits == {"capillary": StepLimit.constant(pytest.approx(0.25 * math.sqrt(half**3 / (4 * math.pi))))}
 
 
 def radius_variation(position):

@@ -8,7 +8,7 @@ import pytest
 from refsim import Box, Cloud, Gravity, InputError, RunStopped, Scene, Simulation, WeaklyCompressible, cases
 from refsim.backend import choose, set_threads
 from refsim.boundary.walls import Bounds
-from refsim.neighbours import AUDITED_ROWS, MOST_NEIGHBOURS, NeighbourSearch, coincident_pairs
+from refsim.neighbours import AUDITED_ROWS, MOST_NEIGHBOURS, AuditedRows, NeighbourSearch, coincident_pairs
 from refsim.neighbours.reference import neighbour_list, pair_blocks
 from refsim.neighbours.rows import NeighbourRows
 
@@ -221,8 +221,16 @@ def falling_box(**options):
 
 
 def test_list_is_kept_until_half_the_skin_is_used_up():
-    """At 1 m/s and steps of 1 ms, half a skin of 0.1 h is 10 ms of way: eleven evaluations to a list."""
+    """At 1 m/s and steps of 1 ms, half a skin of 0.1 h is 10 ms of way: eleven evaluations to a list.
+
+    Where something else than forces moves particles, that is; what falls as one needs no second list.
+    """
     simulation = Simulation(falling_box(step=1e-3, skin=0.1, dtype="float64"))
+    for _ in range(25):
+        simulation.step()
+    assert simulation.search.log.rebuilds == 1
+    simulation = Simulation(falling_box(step=1e-3, skin=0.1, dtype="float64"))
+    simulation._moved_by_forces = False
     rebuilds = []
     for _ in range(25):
         simulation.step()
@@ -276,10 +284,10 @@ def test_audit_finds_a_planted_gap():
     still = np.zeros_like(position)
 
     def audited(neighbours):
-        before = search.log.missed_neighbours
-        for seed in range(40):
-            search.audit(position, still, 0.0, neighbours, seed)
-        return search.log.missed_neighbours - before
+        before = search.programs.missed
+        for search.log.rebuilds in range(40):  # another row every time
+            search.audit(position, still, np.zeros(2), neighbours)
+        return search.programs.missed - before
 
     assert audited(listed) == 0
     assert search.log.audited_rows == 40 * AUDITED_ROWS
@@ -290,9 +298,8 @@ def test_audit_finds_a_planted_gap():
     others = [j for j in index[row] if j != near[victim][0]]
     index[row.start : row.start + len(others)] = others
     count[victim] -= 1
-    hits = sum(
-        victim in np.random.default_rng(seed).choice(len(position), AUDITED_ROWS, replace=False) for seed in range(40)
-    )
+    share = len(position) // AUDITED_ROWS  # a row out of each share; which one follows from the builds
+    hits = sum(victim % share == built * 7919 % share and victim < AUDITED_ROWS * share for built in range(40))
     assert hits > 0
     assert audited(NeighbourRows(listed.start, count, index)) == hits
 
@@ -302,10 +309,12 @@ def test_audit_looks_where_the_list_was_last_used():
     case = cases.CASES["cloud_3d"]()
     search, position, listed = ordered(case, "float64")
     velocity = -0.5 * position
-    search.audit(position + velocity, velocity, 1.0, listed, 3)
-    assert search.log.missed_neighbours == 0
-    search.audit(position + velocity, velocity, 0.0, listed, 3)
-    assert search.log.missed_neighbours > 20
+    search.audit(position + velocity, velocity, np.array([0.0, 1.0]), listed)
+    assert search.programs.missed == 0
+    search.audit(position + velocity, velocity, np.zeros(2), listed)
+    assert search.programs.missed > 20
+    search.build(position)
+    assert search.log.missed_neighbours == search.programs.missed
 
 
 def test_audit_leaves_out_particles_that_a_plane_stopped():
@@ -316,6 +325,64 @@ def test_audit_leaves_out_particles_that_a_plane_stopped():
     velocity = np.zeros((4, 3))
     after = before + [[0.0, 0.0, 0.0], [-0.9, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]]
     bounds = Bounds(np.array([0.6, -np.inf, -np.inf]), np.full(3, np.inf))  # where the second one stands now
-    rows = np.arange(4)
-    assert search.programs.missed(after, velocity, 0.0, listed, rows, 1.0) == 2
-    assert search.programs.missed(after, velocity, 0.0, listed, rows, 1.0, bounds) == 0
+    rows, still = AuditedRows(1, 4), np.zeros(2)
+    search.programs.audit(after, velocity, still, listed, rows, 1.0, bounds)
+    assert search.programs.missed == 0
+    search.programs.audit(after, velocity, still, listed, rows, 1.0)
+    assert search.programs.missed == 2
+
+
+# Particles that move together need no new list
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_blocks_compare_all_pairs_that_could_meet(dim):
+    """The bounds are not below the ways of two particles within two cells, nor of any two, and not far above."""
+    position = cases.cloud(f"blocks {dim}", 300, dim)
+    search = NeighbourSearch(CPU, dim, "float64", 0.2, 0.1)
+    position = position[search.order(position)]
+    search.build(position)
+    way = 0.1 * np.random.default_rng(dim).normal(size=position.shape)
+    way[:, dim:] = 0
+    touching, anywhere = search.programs.squared_relative_ways(position + way, position)
+    difference = ((way[:, None] - way[None]) ** 2).sum(2)
+    near = np.linalg.norm(position[:, None] - position[None], axis=2) < 2 * search.reach
+    assert difference[near].max() <= touching * (1 + 1e-12) <= anywhere * (1 + 1e-12)
+    assert anywhere == pytest.approx(((way.max(0) - way.min(0)) ** 2).sum(), rel=1e-12)
+
+
+def whirl(motion, position):
+    """Velocities of a common motion, a rotation, and two halves that run into each other."""
+    front = np.where(position[:, :1] > position[:, 0].mean(), -0.4, 0.4) * np.array([1.0, 0, 0])
+    common = np.tile([3.0, -2.0, 0.0], (len(position), 1))
+    return {"common": common, "turning": np.cross([0.0, 0.0, 1.0], position - position.mean(0)), "meeting": front}[
+        motion
+    ]
+
+
+@pytest.mark.parametrize(("motion", "share"), [("common", 0.02), ("turning", 0.8), ("meeting", 1.1)])
+@pytest.mark.parametrize("dim", [2, 3])
+def test_list_stays_complete_while_it_is_kept(dim, motion, share):
+    """After every step the list in use holds every pair within the radius, of all pairs; `share` of the rebuilds that
+    half a skin of way would ask for are enough."""
+    cells = (40, 20, 1) if dim == 2 else (14, 7, 7)
+    scene = Scene(
+        dim=dim, spacing=0.05, support_radius=0.1, fluid=(Box(cells=cells),), skin=0.15,
+        effects=(WeaklyCompressible(sound_speed=8.0),),
+    )  # fmt: skip
+    simulation = Simulation(scene, "cpu")
+    simulation._set("velocity", whirl(motion, simulation.plan.state.position))
+    way = 0.0
+    for _ in range(50):
+        simulation.step()
+        way += simulation.last.length * np.linalg.norm(simulation.field("velocity"), axis=1).max()
+        simulation._update_list()
+        near = simulation._shared["neighbours"]
+        listed = np.zeros((simulation.count,) * 2, dtype=bool)
+        for row, (start, count) in enumerate(zip(near.start, near.count)):
+            listed[row, near.entries[start : start + count]] = True
+        position = simulation.fields["position"].astype(float)
+        distance = np.linalg.norm(position[:, None] - position[None], axis=2)
+        assert listed[(distance < scene.support_radius * (1 - 1e-5)) & ~np.eye(simulation.count, dtype=bool)].all()
+    assert simulation.search.log.rebuilds <= share * way / simulation.search.allowed_way + 1
+    assert simulation.search.log.missed_neighbours == 0

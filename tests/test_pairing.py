@@ -40,7 +40,7 @@ def trials():
                     marks = []
                     if backend == "cuda":
                         marks.append(pytest.mark.gpu)
-                    elif backend == "cpu" and variant >= (2 if dtype == "float32" else 1):
+                    elif backend == "cpu" and variant >= (2 if dtype == "float32" else 1 - operation.rarely):
                         marks.append(pytest.mark.slow)
                     yield pytest.param(name, variant, backend, dtype, marks=marks)
 
@@ -51,7 +51,7 @@ def test_ladder(name, variant, backend, dtype):
     if reason is not None:
         pytest.skip(reason)
     outcomes = contract.climb(contract.Target(REGISTRY[name], backend, dtype, variant))
-    assert len(outcomes) >= 3
+    assert len(outcomes) >= 2, "nothing was climbed"
     failed = [str(outcome) for outcome in outcomes if not outcome.passed]
     assert not failed, "\n".join(failed)
 
@@ -120,11 +120,12 @@ def test_a_forgotten_step_length_would_be_noticed(monkeypatch):
 def own_density(change):
     """A third party's plain program for sph.density, with something the matter."""
 
-    def program(position, mass, neighbours, walls, smoothing, fluid, number_density, density):
+    def program(position, mass, neighbours, walls, smoothing, fluid, number_density, asymmetry, density):
         answer = REGISTRY["sph.density"].program("numpy")(position, mass, walls, smoothing, fluid)
         density[...] = change(answer["density"][0])
-        if number_density is not None:
-            number_density[...] = answer["number_density"][0]
+        for name, wanted in (("number_density", number_density), ("asymmetry", asymmetry)):
+            if wanted is not None:
+                wanted[...] = answer[name][0]
 
     return lambda operation: program
 

@@ -15,7 +15,7 @@ from refsim.effect import EFFECTS
 from refsim.operation import REGISTRY
 
 ROOT = pathlib.Path(refsim.__file__).parent
-SEARCHES = {"neighbours"}  # one algorithm behind the class `Search`, judged in test_neighbours
+SEARCHES = {"neighbours", "sparse_grid"}  # one algorithm behind the class `Search`; test_neighbours, test_isosurface
 IMPORT_SECONDS = 0.3
 UNIT = re.compile(r"\[[^\]]*\]|dimensionless|flags?\b", re.IGNORECASE)
 EQUATION = re.compile(r"=|<-|\b[A-Z]\(\d+\)")
@@ -93,7 +93,7 @@ def unequal_signatures(operations, root):
         if cpu != cuda:
             yield f"{operation.name}: cpu.py takes {cpu}, cuda.py takes {cuda}"
         beside = set(cpu) - set(reference)
-        if not set(reference) <= set(cpu) or not beside <= {"neighbours", *operation.outputs}:
+        if not set(reference) <= set(cpu) or not beside <= {"neighbours", "scratch", *operation.outputs}:
             yield f"{operation.name}: reference.py takes {reference}, cpu.py takes {cpu}"
         if tuple(cpu[-len(operation.outputs) :]) != operation.outputs:
             yield f"{operation.name}: outputs {operation.outputs} do not stand last in {cpu}"

@@ -261,6 +261,7 @@ def test_reproduce_runs_every_case_and_passes_on_the_code(options, monkeypatch, 
     script = load_script("reproduce")
     monkeypatch.setattr(script, "ROOT", options.results.parent)
     monkeypatch.setattr(script, "discover", lambda: {"fake": fake_case(judge=lambda f: [measurement(9.0, "fail")])})
+    monkeypatch.setattr(script, "perform_panels", lambda names, options: [])
     assert script.main(["--quick"]) == 4
     printed = capsys.readouterr().out
     assert printed.rstrip().endswith("fail")
@@ -315,8 +316,10 @@ def test_tiny_dam_break(tmp_path):
     found = {
         "detection_2d": dam_runs.collapse(context, columns=8, until=0.2, backend="cpu", samples=3),
         "front_2d": dam_runs.surge(context, columns=6, backend="cpu"),
-        "detection_cost": dam_runs.detection_cost(context, columns=[6, 8], repeats=3, backend="cpu", moment=0.1),
     }
+    for k, columns in enumerate((6, 7, 8)):
+        cost = dam_runs.detection_cost(context, columns=columns, repeats=3, backend="cpu", moment=0.1)
+        found[f"detection_cost_{k + 1}"] = cost
     found = {name: as_stored(tmp_path / name, result) for name, result in found.items()}
     assert max(shares) >= 1.0
     assert context.compile_seconds() > 0
@@ -325,13 +328,22 @@ def test_tiny_dam_break(tmp_path):
     assert 0.0 <= made["energy_rise.front_2d"].value < 0.05
     assert made["f1.detection_2d.fan_scan"].value > 0.8
     assert 0.2 < made["front.front_2d.martin_moyce_2.25in"].value + 0.2 < 0.6
-    assert len(DAM_BREAK.tables(found)) == 3
+    assert len(DAM_BREAK.tables(found)) == 4
     # Every detector agrees with itself: the flags of a stored cloud are those of the moving one.
     last = found["detection_2d"].arrays["position"][-1]
     mass = np.full(len(last), 1000.0 * (0.5 / 8) ** 2, np.float32)
-    again = dam_runs.detect(context, "two_step", 8, 1, 4.0, (last, mass), "cpu")
-    assert (again == found["detection_2d"].arrays["two_step"][-1]).mean() > 0.98
+    again = dam_runs.detect(context, "two_step", 8, 1, 4.0, (last, mass), "cpu").field("surface")
+    assert (again.astype(bool) == found["detection_2d"].arrays["two_step"][-1]).mean() > 0.98
     draw_all(DAM_BREAK, found, tmp_path)
+    steps = found["detection_2d"].values["first_step"]
+    assert set(steps) == set(dam_runs.FIRST_STEPS)
+    assert steps["printed_1.01"]["share"] > steps["printed_0.98"]["share"] > steps["printed_0.90"]["share"]
+    assert steps["adopted_0.25"]["largest_loss"] <= steps["moment_0.25"]["largest_loss"]
+    # The table's rule is the one that the detector uses.
+    assert steps["adopted_0.25"]["share"] == pytest.approx(found["detection_2d"].values["scanned_share"])
+    cost = found["detection_cost_3"].values["methods"]["two_step"]
+    assert cost["charged"] > cost["whole"] >= cost["scan"] + cost["normals"] > 0
+    assert set(found["detection_cost_3"].values["all_threads"]) == set(dam_runs.DETECTORS)
 
 
 def test_ledger_finds_a_lost_particle_and_gained_energy():

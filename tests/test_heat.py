@@ -1,0 +1,184 @@
+"""Heat conduction as a whole: what it keeps, what bounds it, what it converges to, and what it says about bad input."""
+
+import math
+
+import numpy as np
+import pytest
+
+from refsim import Box, HeatConduction, InputError, RunStopped, Scene, Simulation, make_plan
+from refsim.driver import stock
+from refsim.heat import reference
+from refsim.heat.shapes import lattice_moment
+from refsim.operation import REGISTRY
+
+BAR = (Box(cells=(8, 4, 4)), Box(lower=(0.8, 0.0, 0.0), cells=(8, 4, 4)))
+NUMBER = 0.1**2 * 1000.0 * 1000.0  # dt [s] of k dt/(rho c d^2) = 1 at k = 1 W/(m K)
+ICE = {"melting_point": 0.0, "latent_heat": 3e4}
+
+
+def bar(number=2.0, dtype="float64", **options):
+    """A warm half on a cold one, in steps of k dt/(rho c d^2) = `number`."""
+    given = {
+        "temperature": (50.0, -10.0),
+        "conductivity": 1.0,
+        "heat_capacity": 1000.0,
+        "largest_number": 1e9,
+        **options,
+    }
+    return Scene(
+        spacing=0.1,
+        support_radius=0.25,
+        fluid=BAR,
+        effects=(HeatConduction(**given),),
+        step=number * NUMBER,
+        dtype=dtype,
+    )
+
+
+def ran(scene, steps=10):
+    simulation = Simulation(scene)
+    for _ in range(steps):
+        simulation.step()
+    return simulation
+
+
+def heat(of):
+    return stock(of)["effects"]["heat_conduction"]["heat"]
+
+
+KEEPING = [
+    ("implicit", {}), ("conjugate_gradient", {}), ("runge_kutta_legendre", {}), ("single_pass", {}),
+    ("pair_exchange", {}), ("implicit", ICE), ("conjugate_gradient", ICE), ("runge_kutta_legendre", ICE),
+    ("single_pass", ICE),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("scheme, more", KEEPING, ids=lambda v: v if isinstance(v, str) else "ice" if v else "plain")
+def test_heat_is_kept(scheme, more):
+    simulation = ran(bar(scheme=scheme, **more), 20)
+    size = abs(simulation.field("temperature")).max() * simulation.count * 1e6
+    assert simulation.field("temperature").std() < 28  # of 30: something was exchanged
+    assert abs(heat(simulation) - heat(simulation.plan)) < 1e-12 * max(size, abs(heat(simulation)))
+
+
+def test_one_sided_exchange_does_not_keep_heat():
+    """The literal reading (R1): what one particle gains no other loses."""
+    simulation = ran(bar(2.0, scheme="one_sided", conductivity=(1.0, 3.0)))
+    assert abs(heat(simulation) / heat(simulation.plan) - 1) > 1e-3
+
+
+BOUNDED = [
+    ("implicit", {}), ("conjugate_gradient", {}), ("single_pass", {}), ("single_pass", ICE), ("implicit", ICE),
+    ("nonlinear_jacobi", ICE),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("scheme, more", BOUNDED, ids=lambda v: v if isinstance(v, str) else "ice" if v else "plain")
+@pytest.mark.parametrize("number", [0.5, 30.0, 3e6])
+def test_no_temperature_leaves_the_range_of_the_start(scheme, more, number):
+    """Up to s_max of 1e7; a truncated iteration may overshoot by a thousandth of the range."""
+    values = ran(bar(number, scheme=scheme, **more), 3).field("temperature")
+    assert values.min() >= -10 - 0.06
+    assert values.max() <= 50 + 0.06
+
+
+def test_a_step_beyond_the_explicit_limit_is_refused():
+    with pytest.raises(InputError, match="times the stable one"):
+        make_plan(bar(20.0, scheme="explicit"))
+
+
+def test_a_temperature_that_is_not_finite_stops_the_run():
+    simulation = ran(bar(), 1)
+    simulation.fields["temperature"][3] = np.nan
+    with pytest.raises(RunStopped) as stop:
+        simulation.step()
+    assert stop.value.reason == "non_finite"
+
+
+def test_a_step_takes_the_limit_of_the_explicit_scheme():
+    plan = make_plan(Scene(spacing=0.1, support_radius=0.25, fluid=BAR, effects=(HeatConduction(scheme="explicit"),)))
+    limit = plan.effects["heat_conduction"].step_limits(plan.grid, plan.effects)["conduction"].length
+    assert limit == pytest.approx(0.2917 * 0.1**2 * 1000 * 4186 / 0.6, rel=1e-3)
+
+
+def test_the_lattice_conducts_as_it_should():
+    """sum_j V_j L_ij r^2/3 is 0.950 at h = 2.5 d before the calibration, 2 for Mueller's as printed (M6)."""
+    assert lattice_moment(0, 2.5, 1.0, 3) == pytest.approx(0.950, abs=5e-4)
+    assert lattice_moment(1, 2.5, 0.05, 3) == pytest.approx(2.0, abs=1e-3)
+
+
+def slab_error(number, scheme):
+    """Largest error of a cosine along an insulated bar of 32 x 4 x 4, against the mode's own decay in the bar."""
+    cells = (32, 4, 4)
+    x = (np.arange(32) + 0.5) * 0.1
+    mode = np.repeat(np.cos(math.pi * x / 3.2), 16)
+    decay = {}
+    for name, n in ((scheme, number), ("runge_kutta_legendre", 0.25)):
+        effect = HeatConduction(
+            temperature=tuple(50 * mode), conductivity=1.0, heat_capacity=1000.0, scheme=name, largest_number=1e9
+        )
+        scene = Scene(
+            spacing=0.1, support_radius=0.25, fluid=(Box(cells=cells),), effects=(effect,), step=n * NUMBER,
+            dtype="float64",
+        )  # fmt: skip
+        decay[name, n] = ran(scene, round(16 / n)).field("temperature")
+    exact = decay["runge_kutta_legendre", 0.25]
+    return abs(decay[scheme, number] - exact).max()
+
+
+def test_orders_in_time():
+    """Backward Euler is of first order in dt; RKL2, of second, is far nearer at the same step."""
+    coarse, fine = slab_error(8.0, "conjugate_gradient"), slab_error(4.0, "conjugate_gradient")
+    assert 0.8 < math.log2(coarse / fine) < 1.3
+    assert slab_error(8.0, "runge_kutta_legendre") < 0.1 * coarse
+
+
+def test_nonlinear_jacobi_converges_to_newton():
+    """Both solve backward Euler with latent heat; the reference by a semi-smooth Newton method."""
+    scene = bar(1.0, scheme="nonlinear_jacobi", iterations=200, **ICE)
+    simulation = Simulation(scene)
+    simulation.step()
+    names = ("position", "mass", "volume", "heat_capacity", "conductivity", "melting_point", "latent_heat")
+    start = Simulation(scene)
+    given = {name: start.field(name) for name in (*names, "enthalpy", "temperature")}
+    conduction = scene.effects[0].conduction(simulation.plan.grid)
+    enthalpy, temperature, steps = reference.newton(
+        **given, reservoir=None, timestep=(0.0, scene.step), conduction=conduction, period=None
+    )
+    assert steps < 20
+    assert abs(simulation.field("enthalpy") - enthalpy).max() < 1e-6 * abs(enthalpy).max()
+    assert abs(simulation.field("temperature") - temperature).max() < 1e-4
+
+
+def test_reservoirs_hold_their_temperature():
+    values = ran(bar(5.0, held=(1,)), 200).field("temperature")
+    assert (values[128:] == -10).all()
+    assert abs(values[:128] + 10).max() < 5  # the rest goes there
+
+
+@pytest.mark.parametrize(
+    "options, words",
+    [
+        ({"conductivity": -1.0}, "conductivity = -1.0 is not possible"),
+        ({"melting_point": -300.0, "latent_heat": 1.0}, "melting_point = -300.0 is not possible"),
+        ({"temperature": -274.0}, "temperature = -274.0 is not possible"),
+        ({"heat_capacity": 0.0}, "heat_capacity = 0.0 is not possible"),
+        ({"latent_heat": 3e5}, "without a melting_point"),
+        ({"latent_heat": 3e5, "melting_point": 0.0, "scheme": "pair_exchange"}, "knows no latent heat"),
+        ({"scheme": "nonlinear_jacobi"}, "is for latent heat only"),
+        ({"literal": ("M5",)}, "conduct backwards"),
+        ({"literal": ("M11",), **ICE}, "with literal M11"),
+        ({"temperature": (1.0, 2.0, 3.0)}, "3 numbers for 2 parts"),
+        ({"held": (5,)}, "held names part 5"),
+        ({"largest_number": 1.0}, "beyond largest_number"),
+    ],
+)
+def test_bad_input_is_told_in_one_sentence(options, words):
+    with pytest.raises(InputError, match=words) as error:
+        make_plan(bar(**options))
+    assert str(error.value).count(". ") == 0
+
+
+def test_every_scheme_has_an_operation():
+    names = {name for name in REGISTRY if name.startswith("heat.")}
+    assert len(names) == 9
