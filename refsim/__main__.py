@@ -1,4 +1,4 @@
-"""The command line: `refsim doctor | list | plan | run | schema`, and whatever else lies in `refsim.commands`.
+"""The command line: `refsim doctor | list | plan | run | schema | contract`, and what else lies in `refsim.commands`.
 
 Exit codes: 0 all well, 2 bad input, 3 the run stopped with a named reason, 4 a verdict failed. With --json one
 object goes to standard output and everything else to standard error.

@@ -114,7 +114,7 @@ def pairing_task(arguments: list[str]) -> list[Row]:
     from refsim import contract
 
     name, dtype = arguments
-    outcomes = contract.check(name, backend="cuda", dtypes=(dtype,))
+    outcomes = list(contract.trials(contract.own("cuda"), name, (dtype,)))
     bad = [outcome for outcome in outcomes if not outcome.passed]
     finite = [outcome.error for outcome in outcomes if np.isfinite(outcome.error)]
     rows = [

@@ -1,4 +1,4 @@
-"""Measures the drops of the sigma map on many cores: one single-threaded process for each, rows kept as they come.
+"""Measures the drops of the sigma map: single-threaded processes, one drop in each at a time, rows kept as they come.
 
 python scripts/measure_drops.py --jobs 16 --output rows.json [--models akinci,dong] [--dims 3] [--seconds 540]
 A row that is there already is not measured again, so that a stopped run goes on where it was.
@@ -53,12 +53,14 @@ def main() -> int:
     dims = tuple(int(d) for d in options.dims.split(","))
     rows = json.loads(options.output.read_text()) if options.output.exists() else {}
     missing = [p for p in points(models, dims) if p.key not in rows]
-    missing = sorted(missing, key=lambda p: -p.cost())[: options.limit]
+    # Many processes end together if the longest begin first; a single one begins with what the map needs most.
+    missing.sort(key=lambda p: (p.urgency(), p.cost()) if options.jobs == 1 else -p.cost())
+    missing = missing[: options.limit]
     print(f"{len(missing)} drops to measure, {len(rows)} there", flush=True)
     options.output.parent.mkdir(parents=True, exist_ok=True)
     # One small drop of each kind first: its kernels are then in the cache, and no two processes compile the same.
     first = {(p.model, p.dim, p.kernels): p for p in sorted(missing, key=lambda p: -p.cost())}
-    order = [*first.values(), *(p for p in missing if p not in first.values())]
+    order = [*first.values(), *(p for p in missing if p not in first.values())] if options.jobs > 1 else missing
     began = time.perf_counter()
 
     def wanted():  # noqa: ANN202

@@ -23,7 +23,8 @@ from validation.harness import Options, discover
 ROOT = pathlib.Path(__file__).parent.parent
 DOCS = sorted((ROOT / "docs").rglob("*.md"))
 PAGES = [*DOCS, *(ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md"))]
-EFFECT_PAGES = [p for p in DOCS if p.name not in ("index.md", "guarantees.md", "scene_files.md", "accuracy_cost.md")]
+NO_EFFECT = ("index.md", "guarantees.md", "scene_files.md", "accuracy_cost.md", "contract.md")
+EFFECT_PAGES = [p for p in DOCS if p.name not in NO_EFFECT]
 PUBLISHED = {name: effect for name, effect in EFFECTS.items() if effect.__module__.startswith("refsim.")}
 
 BLOCK = re.compile(r"^```(\w*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)

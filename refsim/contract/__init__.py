@@ -1,12 +1,28 @@
 """The contract that every program of every operation keeps: one ladder of steps, for refsim's backends and others'.
 
 T1 closed form, T2 hard inputs against the oracle, T3 a large case on sampled rows, T4 conservation, T5 symmetries,
-T6 the same bits again, T7 additivity, T9 bad input; and for a whole run T8, resuming. `check("sph.density", loader)`
-runs it on a program of your own; `run` makes one comparison; `bindings` gives the arguments of a program by name.
+T6 the same bits again, T7 additivity, T9 bad input; and for a whole run T8, resuming.
+`trials(load("module"), "sph.density")` runs it on a program of your own, as `refsim contract` does; `check` does the
+same with a loader; `run` makes one comparison; `bindings` gives the arguments of a program by name.
 """
 
 from refsim.contract.inputs import Inputs, bindings
 from refsim.contract.ladder import STEPS, Outcome, Target, check, climb, run
+from refsim.contract.programs import Programs, load, own, trials
 from refsim.contract.resuming import resumes
 
-__all__ = ["STEPS", "Inputs", "Outcome", "Target", "bindings", "check", "climb", "resumes", "run"]
+__all__ = [
+    "STEPS",
+    "Inputs",
+    "Outcome",
+    "Programs",
+    "Target",
+    "bindings",
+    "check",
+    "climb",
+    "load",
+    "own",
+    "resumes",
+    "run",
+    "trials",
+]

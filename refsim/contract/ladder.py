@@ -27,6 +27,10 @@ TURNS = {
 GRID = 2.0**-12  # positions on this grid are shifted without rounding
 
 
+class ProgramFailed(Exception):
+    """A program under test raised instead of answering; the message says what."""
+
+
 @dataclass(frozen=True)
 class Outcome:
     """One trial of one step: whether it passed, and the largest error as a share of what is allowed."""
@@ -448,15 +452,30 @@ def run(operation: Operation | str, backend: str, dtype: str, case: str, variant
     return on_case(Target(operation, backend, dtype, variant), case)
 
 
-def climb(target: Target, steps: tuple[str, ...] | None = None) -> list[Outcome]:
-    """Outcomes of all steps, or of those named; for the references those that judge them."""
-    chosen = STEPS if steps is None else {name: STEPS[name] for name in steps}
-    found: list[Outcome] = []
-    for name, step in chosen.items():
+def climbing(
+    target: Target,
+    steps: tuple[str, ...] | None = None,
+    begin: Callable[[str, int, str], None] = lambda dtype, variant, step: None,
+) -> Iterator[Outcome]:
+    """Outcomes of all steps, or of those named, as they come; for the references those that judge them.
+
+    begin  is told of (dtype, variant, step) before each step
+
+    A step whose program raises ends there, with an outcome that says so.
+    """
+    for name in STEPS if steps is None else steps:
         if target.backend == "numpy" and name in AGAINST_ORACLE:
             continue
-        found += step(target)
-    return found
+        begin(target.dtype, target.variant, name)
+        try:
+            yield from STEPS[name](target)
+        except ProgramFailed as error:
+            yield target.outcome(name, "the rest of the step", np.inf, str(error))
+
+
+def climb(target: Target, steps: tuple[str, ...] | None = None) -> list[Outcome]:
+    """Outcomes of all steps, or of those named; for the references those that judge them."""
+    return list(climbing(target, steps))
 
 
 def check(
