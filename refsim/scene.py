@@ -25,7 +25,7 @@ from refsim.solids import Nodes, SolidBall, SolidBox, SolidCells, SolidMesh, Sol
 Vector = tuple[float, float, float]
 
 COARSE = 1e-3  # spacings: coarser places than this are announced
-LONGEST_FIXED = 1.95  # stable steps that a fixed step may span; longer ones were seen to gain energy without diverging
+LONGEST_FIXED = 1.6  # stable steps that a fixed step may span; longer ones were seen to gain energy without diverging
 
 
 class Box(msgspec.Struct, tag="box", tag_field="shape", frozen=True, kw_only=True, forbid_unknown_fields=True):

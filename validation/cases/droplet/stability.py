@@ -47,6 +47,7 @@ class Drop(NamedTuple):
     stopped: str  # reason, or ""
     peak: float  # kinetic energy [J]
     late: float  # mean kinetic energy of the last fifth [J]
+    moving: float  # peak of sum m |v| [kg m/s]
     thrown: int  # particles that are not of the largest piece
     radius: float  # largest distance from the centre, over R
     roughness: float
@@ -69,22 +70,25 @@ def pieces(position: NDArray, reach: float) -> NDArray[np.int64]:
 def settle(context: Context, backend: str, scene: Any, until: float) -> Drop:
     """Let a drop move to `until` [s]; a stop is an answer."""
     simulation = context.simulation(scene, backend)
-    spacing, energy, stopped = simulation.plan.grid.spacing, [0.0], ""
+    spacing, energy, moving, stopped = simulation.plan.grid.spacing, [0.0], [0.0], ""
     try:
         for at in np.linspace(0.0, until, 61)[1:]:
             while simulation.time < at:
                 simulation.step()
-            energy.append(momenta(simulation)["kinetic_energy"])
+            now = momenta(simulation)
+            energy.append(now["kinetic_energy"])
+            moving.append(now["momentum_scale"])
     except RunStopped as stop:
         stopped = stop.reason
     x = simulation.field("position").astype(float)
     if not np.isfinite(x).all():
-        return Drop(stopped or "non_finite", math.inf, math.inf, len(x), math.inf, math.nan, math.nan)
+        return Drop(stopped or "non_finite", math.inf, math.inf, math.inf, len(x), math.inf, math.nan, math.nan)
     radius = spacing * (3 * len(x) / (4 * math.pi)) ** (1 / 3)
     return Drop(
         stopped=stopped,
         peak=max(energy),
         late=float(np.mean(energy[-12:])),
+        moving=max(moving),
         thrown=len(x) - int(pieces(x, 2.0 * spacing)[0]),
         radius=float(np.linalg.norm(x - x.mean(0), axis=1).max()) / radius,
         roughness=radius_variation(x),
@@ -184,6 +188,7 @@ def low_viscosity(context: Context, backend: str, ohnesorge: float, shape: str, 
         if drop.stopped:
             raise RunStopped(drop.stopped, f"The drop stops: {drop.stopped}.")
         simulation = context.started[-1][1]
+        trial.show("momentum scale", drop.moving)
         trial.account(simulation, isolated=True)
         for what, value, bound in (
             ("particles thrown off", drop.thrown, {"equals": 0}),
