@@ -14,7 +14,7 @@ ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
 
 from refsim.errors import InputError  # noqa: E402
-from validation import accuracy_cost  # noqa: E402
+from validation import accuracy_cost, stability  # noqa: E402
 from validation.harness import Options, discover, redraw  # noqa: E402
 
 
@@ -26,6 +26,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     given = parser.parse_args(arguments)
     folder = ROOT / ("figures/quick" if given.quick else "figures")
     drawers = [*discover().values(), *accuracy_cost.cases(Options()).values()]
+    drawers += [stability.as_case(name, found) for name, found in stability.discover().items()]
     pictures = {picture.name: picture for case in drawers for picture in case.pictures}
     names = given.picture or [name for name in pictures if (folder / f"{name}.json").exists()]
     try:

@@ -211,6 +211,7 @@ def void_picture(data: Mapping[str, Any]) -> Any:
 
     figure = plt.figure(figsize=(9.6, 6.8))
     top, bottom = figure.subfigures(2, 1, height_ratios=(1.25, 1))
+    top.suptitle(data["title"], x=0.01, ha="left", fontweight="bold", fontsize=10.5)
     panels = top.subplots(1, len(data["position_um"]), sharey=True)
     size = 0.9 * (72 * 2.1 * data["spacing_m"]) ** 2
     for (name, x), axes in zip(data["position_um"].items(), panels):
@@ -218,6 +219,7 @@ def void_picture(data: Mapping[str, Any]) -> Any:
         axes.scatter(points[:, 0], points[:, 1], s=size, color=BLUE, linewidths=0)
         axes.set_aspect("equal")
         axes.set_xlim(0, 1.0)
+        axes.set_xticks([0.0, 0.5, 1.0])
         axes.set_ylim(0, 1.05)
         axes.set_title(name.replace(", ", ",\n"), fontweight="normal", loc="center", fontsize=9)
         axes.set_xlabel("x [m]")
