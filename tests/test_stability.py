@@ -182,7 +182,13 @@ def test_the_command(tmp_path, capsys):
     assert stability.main(["empty_scene", "empty_cloud", "--json", "--jobs", "2", *folders]) == 0
     found = json.loads(capsys.readouterr().out)
     assert {name: entry["verdict"] for name, entry in found.items()} == {"empty_scene": "pass", "empty_cloud": "pass"}
-    assert len(list((tmp_path / "results" / "foundation").iterdir())) == 2  # by the processes: nothing else computes
+
+
+def test_processes_store_what_they_compute(tmp_path, capsys):
+    cases = stability.chosen(["empty_scene", "empty_cloud"], stability.discover())
+    stability.compute_ahead(cases, harness.Options(results=tmp_path), jobs=2)
+    found = {folder.name.rpartition("-")[0] for folder in (tmp_path / "foundation").iterdir()}
+    assert found == {"empty_scene", "empty_cloud"}, capsys.readouterr().err
 
 
 # Measures

@@ -317,8 +317,7 @@ def _compute(case: str, key: str, function: Any, parameters: dict[str, Any], fol
     context, began = Context(threads=1), time.perf_counter()
     result = function(context, **parameters)
     seconds = time.perf_counter() - began
-    blank = Case(case, "", lambda options: (), lambda results: ())
-    about = about_run(blank, Run(key, function, parameters), seconds, context.compile_seconds())
+    about = about_run(case, Run(key, function, parameters), seconds, context.compile_seconds())
     save(folder, Result(result.values, result.arrays, about))
 
 
