@@ -74,23 +74,17 @@ def invert_capacities(mass, volume, heat_capacity, reservoir, conduction, invers
 
 @cpu_kernel
 def exchange_cells(
-    cells, members, first, backwards, position, volume, conductivity, inverse, timestep, conduction, period,
+    cells, ends, members, first, backwards, position, volume, conductivity, inverse, timestep, conduction, period,
     temperature,
 ):  # fmt: skip
-    """M(4) for all pairs of each two cells, of which no other two share a particle (R3)."""
-    for c in prange(cells.shape[0]):
-        a, b = cells[c, 0], cells[c, 1]
-        own, other = first[a + 1] - first[a], first[b + 1] - first[b]
-        rounds = max(own, other)
-        for n in range(rounds):
-            k = rounds - 1 - n if backwards else n
-            for m in range(own):
-                p = pairing.partner(m, k, rounds, a == b)
-                if p < other:
-                    particle.exchange(
-                        members[first[a] + m], members[first[b] + p], position, volume, conductivity, inverse,
-                        timestep, conduction, period, temperature,
-                    )  # fmt: skip
+    """M(4) for all pairs of each two cells (R3), colour by colour; of one no two pairs of cells share a particle."""
+    for n in range(ends.shape[0] - 1):
+        colour = ends.shape[0] - 2 - n if backwards else n
+        for c in prange(ends[colour], ends[colour + 1]):
+            particle.exchange_two_cells(
+                cells[c, 0], cells[c, 1], members, first, backwards, position, volume, conductivity, inverse, timestep,
+                conduction, period, temperature,
+            )  # fmt: skip
 
 
 @cpu_kernel
@@ -262,12 +256,13 @@ def pair_exchange(
     inverse = scratch.array("heat inverse", len(volume), volume.dtype)
     invert_capacities(mass, volume, heat_capacity, reservoir, conduction, inverse)
     members, first, colours = pairing.colours(np, position, conduction, period)
-    for backwards, order in ((0, colours), (1, colours[::-1])):
-        for cells in order:
-            exchange_cells(
-                cells, members, first, np.int32(backwards), position, volume, conductivity, inverse, timestep,
-                conduction, period, temperature,
-            )  # fmt: skip
+    ends = np.cumsum([0, *map(len, colours)])
+    cells = np.concatenate(colours) if colours else np.zeros((0, 2), np.int32)
+    for backwards in (0, 1):
+        exchange_cells(
+            cells, ends, members, first, np.int32(backwards), position, volume, conductivity, inverse, timestep,
+            conduction, period, temperature,
+        )  # fmt: skip
 
 
 def single_pass(

@@ -134,28 +134,18 @@ def invert_capacities(mass, volume, heat_capacity, reservoir, conduction, invers
         inverse[i] = particle.inverse_capacity(i, mass, volume, heat_capacity, reservoir, conduction)
 
 
-@cuda_kernel(rows_of="cells", block_for_each_row=True)
+@cuda_kernel(rows_of="cells")
 def exchange_cells(
     cells, members, first, backwards, position, volume, conductivity, inverse, timestep, conduction, period,
     temperature,
 ):  # fmt: skip
-    """M(4) for all pairs of each two cells, of which no other two share a particle (R3); a block for each two."""
-    c = cuda.blockIdx.x
-    a, b = cells[c, 0], cells[c, 1]
-    own, other = first[a + 1] - first[a], first[b + 1] - first[b]
-    rounds = max(own, other)
-    for n in range(rounds):
-        k = rounds - 1 - n if backwards else n
-        m = cuda.threadIdx.x
-        while m < own:
-            p = pairing.partner(m, k, rounds, a == b)
-            if p < other:
-                particle.exchange(
-                    members[first[a] + m], members[first[b] + p], position, volume, conductivity, inverse, timestep,
-                    conduction, period, temperature,
-                )  # fmt: skip
-            m += cuda.blockDim.x
-        cuda.syncthreads()
+    """M(4) for all pairs of each two cells, of which no other two share a particle (R3)."""
+    c = cuda.grid(1)
+    if c < cells.shape[0]:
+        particle.exchange_two_cells(
+            cells[c, 0], cells[c, 1], members, first, backwards, position, volume, conductivity, inverse, timestep,
+            conduction, period, temperature,
+        )  # fmt: skip
 
 
 @cuda_kernel(rows_of="temperature", lanes="exchanges")

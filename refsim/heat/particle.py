@@ -9,6 +9,7 @@ import numpy as np
 
 from refsim.compile import formula
 from refsim.heat.formulas import melted, pair_share, pair_weight, single_pass_share
+from refsim.heat.pairing import partner
 
 
 @formula
@@ -133,6 +134,22 @@ def exchange(i, j, position, volume, conductivity, inverse, timestep, conduction
         moved = pair_share(g, inverse[i], inverse[j]) * (temperature[j] - temperature[i])
         temperature[i] += inverse[i] * moved
         temperature[j] -= inverse[j] * moved
+
+
+@formula
+def exchange_two_cells(
+    a, b, members, first, backwards, position, volume, conductivity, inverse, timestep, conduction, period, temperature
+):
+    """M(4) for all pairs of cells a and b, or of one cell, in rounds; backwards the last round first."""
+    own, other = first[a + 1] - first[a], first[b + 1] - first[b]
+    rounds = max(own, other)
+    for n in range(rounds):
+        k = rounds - 1 - n if backwards else n
+        for m in range(own):
+            p = partner(m, k, rounds, a == b)
+            if p < other:
+                i, j = members[first[a] + m], members[first[b] + p]
+                exchange(i, j, position, volume, conductivity, inverse, timestep, conduction, period, temperature)
 
 
 @formula

@@ -186,7 +186,7 @@ def pair_exchange(
     g = float(conduction.sweep_share) * g
     inverse = capacities(mass, volume, heat_capacity, reservoir, conduction)
     t = np.array(temperature, dtype=float)
-    order = [np.array(r).T for r in rounds(position, float(conduction.support_radius), int(conduction.dim), period)]
+    order = [np.array(r).T for r in rounds(position, float(conduction.support_radius) / 2, int(conduction.dim), period)]
     size = np.abs(t).max(initial=0)
     at = i * np.int64(len(t)) + j  # sorted
     for a, b in order + order[::-1]:
@@ -204,13 +204,14 @@ def pair_exchange(
 def rounds(position, side, dim, period):
     """Yield lists of pairs (a, b) no two of which share a particle; together every pair of neighbouring cells.
 
-    Cells of `side` [m], or wider, so that an even number of them fits a period. First each cell with itself, then with
-    its neighbour in each of 13 directions (4 in 2D), cells even in the direction's first axis before odd ones. In two
-    cells of p and q particles round k pairs number a with number (a + k) mod max(p, q); in one cell of p, number a with
-    the one that makes a + b = k mod p.
+    Cells of `side` [m], half the support radius, or wider, so that a multiple of four fits a period. First each cell
+    with itself, then with those up to two cells away, 62 directions (12 in 2D), by falling distance and then in the
+    order of x, y, z; cells whose place along the direction's first axis, counted in its steps, is even before odd ones.
+    In two cells of p and q particles round k pairs number a with number (a + k) mod max(p, q); in one cell of p, number
+    a with the one that makes a + b = k mod p.
     """
     lengths = [0.0] * 3 if period is None else [float(v) for v in period[:3]]
-    wraps = [int(length / side * (1 + 1e-6)) // 2 * 2 for length in lengths]
+    wraps = [int(length / side * (1 + 1e-6)) // 4 * 4 for length in lengths]
     sides = [length / n if n else side for length, n in zip(lengths, wraps)]
     cell = np.floor(np.asarray(position, dtype=float) * (1.0 / np.array(sides))).astype(np.int64)
     for axis, n in enumerate(wraps):
@@ -233,17 +234,16 @@ def rounds(position, side, dim, period):
                 done += [(own[a], own[(k - a) % p]) for a in range(p) if a < (k - a) % p]
         if done:
             yield done
-    directions = [d for d in np.ndindex(3, 3, 3) if d > (1, 1, 1)]
-    for direction in directions:
-        x, y, z = (c - 1 for c in direction)
+    steps = [(a - 2, b - 2, c - 2) for a, b, c in np.ndindex(5, 5, 5)]
+    for x, y, z in sorted(steps[63:], key=lambda d: -(d[0] ** 2 + d[1] ** 2 + d[2] ** 2)):
         if dim == 2 and z != 0:
             continue
-        axis = 0 if x else 1 if y else 2
+        axis, stride = (0, x) if x else (1, y) if y else (2, z)
         for parity in (0, 1):
             met = [
                 (own, members[beside(key, (x, y, z))])
                 for key, own in members.items()
-                if key[axis] % 2 == parity and beside(key, (x, y, z)) in members
+                if key[axis] // stride % 2 == parity and beside(key, (x, y, z)) in members
             ]
             for k in range(max((max(len(own), len(other)) for own, other in met), default=0)):
                 done = []
