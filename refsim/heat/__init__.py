@@ -40,6 +40,7 @@ if TYPE_CHECKING:
 
 ABSOLUTE_ZERO = -273.15
 MOST_PLANNED = 20.0  # largest k dt/(rho c d^2) for which a GPU finds the number of passes by itself
+KEEPS_RANGE = 3.0  # k dt/(rho c d^2) up to which RKL1 on enthalpies overshoots nowhere, not even beside a reservoir
 CROWDED = 3.0  # s_i over that of the lattice, for which it has room
 TEMPERATURE = Field("temperature", "deg C", "temperature T", state=True)
 ENTHALPY = Field("enthalpy", "J/kg", "specific enthalpy H, 0 for solid at the melting point", state=True)
@@ -81,7 +82,7 @@ class HeatConduction(Effect, frozen=True, kw_only=True):
                    "pair_exchange" (M(4), both particles of a pair), "one_sided" (M(4), each particle by itself),
                    "explicit"
     largest_number  k dt/(rho c d^2) that a step may reach; it limits the step, a fixed one must keep to it; "explicit"
-                   has a limit of its own
+                   has a limit of its own, and so has "runge_kutta_legendre" with latent heat (3)
     mean           "harmonic" or "arithmetic" (as in M(4)) mean of two conductivities
     laplacian      "spiky" (-W'/r) or "mueller" (the viscosity kernel's Laplacian, halved)
     calibrated     scale so that the lattice conducts with k exactly
@@ -110,7 +111,7 @@ class HeatConduction(Effect, frozen=True, kw_only=True):
     mean: Literal["harmonic", "arithmetic"] = "harmonic"
     laplacian: Literal["spiky", "mueller"] = "spiky"
     calibrated: bool = True
-    tolerance: float = 5e-3
+    tolerance: float = 4e-3
     residual: float = 1e-3
     iterations: int = 16
     literal: tuple[str, ...] = ()
@@ -297,6 +298,8 @@ class HeatConduction(Effect, frozen=True, kw_only=True):
         number = self.largest_number
         if self.scheme == "explicit":
             number = 1 / lattice_sum(self.conduction(grid), grid)
+        elif self.scheme == "runge_kutta_legendre" and self.melts:
+            number = min(number, KEEPS_RANGE)
         return {"conduction": StepLimit.constant(number * grid.spacing**2 / diffusivity)}
 
     def greatest_diffusivity(self, grid: Discretisation, others: Mapping[str, Effect]) -> float:

@@ -118,7 +118,7 @@ def conduction_group(
     grid: Discretisation,
     laplacian: int = SPIKY,
     factor: float = 1.0,
-    tolerance: float = 5e-3,
+    tolerance: float = 4e-3,
     residual: float = 1e-3,
     sweep_share: float = 0.5,
     harmonic: bool = True,

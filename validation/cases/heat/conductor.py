@@ -1,0 +1,144 @@
+"""Particles that stand still and conduct heat: an operation stepped by hand, and what a step costs."""
+
+from __future__ import annotations
+
+import math
+import time
+from typing import Any
+
+import numpy as np
+
+from refsim.backend import Backend
+from refsim.effect import Discretisation
+from refsim.heat import HeatConduction, enthalpy_of
+from refsim.heat.schemes import chebyshev_passes, first_legendre_stages, legendre_stages, stage_passes
+from refsim.heat.shapes import lattice_sum, period_group
+from refsim.neighbours.rows import NeighbourRows
+from refsim.operation import REGISTRY
+from refsim.scratch import Scratch
+
+SUPPORT = 2.5  # support radius over spacing
+
+
+def lattice(cells: tuple[int, int, int], spacing: float) -> np.ndarray:
+    """Centres (n, 3) [m] of a box of cells whose lower corner is the origin, z fastest."""
+    axes = [(np.arange(n) + 0.5) * spacing for n in cells]
+    return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+
+
+def neighbour_rows(position: np.ndarray, reach: float, period: tuple[float, float, float]) -> NeighbourRows:
+    """Neighbours within `reach` [m], to the nearest image of a periodic box, in the order of their numbers."""
+    from scipy.spatial import cKDTree
+
+    place = np.array(position, dtype=float)
+    for axis, length in enumerate(period):
+        if length:
+            place[:, axis] %= length
+    pairs = cKDTree(place, boxsize=period if any(period) else None).query_pairs(reach, output_type="ndarray")
+    both = np.concatenate((pairs, pairs[:, ::-1]))
+    both = both[np.lexsort((both[:, 1], both[:, 0]))]
+    count = np.bincount(both[:, 0], minlength=len(position)).astype(np.int32)
+    return NeighbourRows(np.cumsum(count, dtype=np.int64) - count, count, both[:, 1].astype(np.int32))
+
+
+class Conductor:
+    """Particles at rest with a scheme that steps their temperatures on the CPU.
+
+    k = rho = c = 1 (SI units), unless `conductivity` [W/(m K)] or `volume` [m^3] say otherwise for each particle, so
+    that the diffusivity is 1 m^2/s. With `ice` = (melting point [deg C], latent heat [J/kg]) the enthalpy is the state.
+    `held` marks particles (n,) whose temperature is held. Further options go to the effect.
+    """
+
+    def __init__(
+        self,
+        scheme: str,
+        position: np.ndarray,
+        spacing: float,
+        temperature: np.ndarray,
+        *,
+        period: tuple[float, float, float] = (0.0, 0.0, 0.0),
+        held: np.ndarray | None = None,
+        conductivity: np.ndarray | None = None,
+        volume: np.ndarray | None = None,
+        ice: tuple[float, float] | None = None,
+        dtype: str = "float64",
+        **options: Any,
+    ) -> None:
+        n, real = len(position), np.dtype(dtype)
+        self.grid = Discretisation(3, dtype, spacing, SUPPORT * spacing, n)
+        materials = {} if ice is None else {"melting_point": ice[0], "latent_heat": ice[1]}
+        effect = HeatConduction(scheme=scheme, conductivity=1.0, heat_capacity=1.0, density=1.0, **materials, **options)
+        self.scheme, self.spacing, self.seconds = scheme, spacing, 0.0
+        self.conduction = effect.conduction(self.grid)
+        one = np.ones(n, real)
+        self.volume = np.full(n, spacing**3, real) if volume is None else volume.astype(real)
+        self.temperature = np.array(temperature, real)
+        self.enthalpy = point = latent = None
+        if ice is not None:
+            point, latent = (np.full(n, v, real) for v in ice)
+            self.enthalpy = enthalpy_of(self.temperature, one, point, latent)
+        self.held = held
+        self.given = {
+            "position": position.astype(real), "mass": self.volume, "volume": self.volume, "heat_capacity": one,
+            "conductivity": one if conductivity is None else conductivity.astype(real),
+            "reservoir": None if held is None else held.astype(np.uint8),
+            "melting_point": point, "latent_heat": latent, "conduction": self.conduction,
+            "enthalpy": self.enthalpy, "temperature": self.temperature, "scratch": Scratch(Backend("cpu")),
+            "neighbours": neighbour_rows(position, SUPPORT * spacing, period),
+            "period": period_group(period, dtype) if any(period) else None,
+        }  # fmt: skip
+        operation = REGISTRY[effect.operation()]
+        self.program, self.names = operation.program("cpu"), operation.arguments("cpu")
+
+    def step(self, seconds: float) -> None:
+        """One step of so many seconds."""
+        self.given["timestep"] = np.array([0.0, seconds])
+        began = time.perf_counter()
+        self.program(*(self.given[name] for name in self.names))
+        self.seconds += time.perf_counter() - began
+
+    def run(self, until: float, steps: int) -> Conductor:
+        """Equal steps until a time [s], or until no temperature is finite any more."""
+        for _ in range(steps):
+            self.step(until / steps)
+            if not np.isfinite(self.temperature).all():
+                break
+        return self
+
+    def heat(self) -> float:
+        """Heat of all particles that are not held [J]."""
+        one = self.temperature if self.enthalpy is None else self.enthalpy
+        whole = self.volume.astype(float) * one.astype(float)
+        return math.fsum(whole if self.held is None else whole[~self.held])
+
+    def molten(self) -> np.ndarray:
+        """Share of each particle's latent heat that it has taken up, 0 to 1."""
+        return np.clip(self.enthalpy.astype(float) / float(self.given["latent_heat"][0]), 0.0, 1.0)
+
+    def passes(self, seconds: float) -> int:
+        """Passes over the neighbours that one step of so many seconds takes from here."""
+        largest = seconds / self.spacing**2 * lattice_sum(self.conduction, self.grid)
+        melts = self.enthalpy is not None
+        fixed = {"explicit": 1, "single_pass": 1, "one_sided": 2, "pair_exchange": 2}
+        if self.scheme in fixed:
+            return fixed[self.scheme]
+        if self.scheme == "nonlinear_jacobi":
+            return int(self.conduction.iterations)
+        if self.scheme == "runge_kutta_legendre":
+            return stage_passes((first_legendre_stages if melts else legendre_stages)(largest))
+        planned = chebyshev_passes(largest, float(self.conduction.tolerance))
+        if self.scheme == "implicit" and planned <= self.conduction.most_passes:
+            return planned
+        return self._solved(seconds)
+
+    def _solved(self, seconds: float) -> int:
+        """Passes that conjugate gradients take."""
+        from refsim.heat import cpu
+
+        names = (
+            "position", "mass", "volume", "heat_capacity", "conductivity", "reservoir", "neighbours", "timestep",
+            "conduction", "period", "scratch",
+        )  # fmt: skip
+        given = {**self.given, "timestep": np.array([0.0, seconds])}
+        exchanges, inverse, _, _ = cpu.weighed(*(given[name] for name in names))
+        return cpu.solve(exchanges, inverse, self.conduction, given["scratch"], self.temperature.copy())
