@@ -1,0 +1,292 @@
+"""Boundary particles on a triangle mesh, spread evenly (patent CN104318598A, claim 2; P2 to P4 with E24 and E25).
+
+Contents: sample, BoundarySample, Relaxation; operations sampling.areas, .place, .relax.
+
+The surface is the zero level of the signed distance. g A/(pi r^2) particles are strewn over it, pushed apart along it
+and pulled back to it until they hardly move, and at last put onto the mesh itself.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from refsim.backend import Backend, choose
+from refsim.boundary.mesh import SurfaceMesh
+from refsim.boundary.signed_distance import DistanceField, NarrowBand, signed_distance
+from refsim.effect import literal_errata
+from refsim.errors import InputError
+from refsim.isosurface import edges_and_facets
+from refsim.isosurface import Contour
+from refsim.neighbours import NeighbourSearch
+from refsim.operation import REGISTRY, Operation, register
+from refsim.particles import Field
+from refsim.sparse_grid import nodes
+
+HEXAGONAL = math.pi / (2 * math.sqrt(3))  # g of the densest packing, at the spacing 2 r
+LITERAL = ("E24", "E25")
+STEP = 0.5  # lambda
+LONGEST_STEP = 0.5  # of a tangential move, in r
+DECAY = 0.99  # of lambda in each iteration
+CUTOFF = 3.0  # of Omega, in sigma
+THRESHOLD = 2e-3  # of the sum of all ways, in r N
+MOST_ITERATIONS = 1000
+SKIN = 0.3  # of the neighbour list, in cut-offs
+FINER = 3  # how many times the grid may be halved so that it sees thin parts
+AREA_KEPT = 0.05  # share of the mesh's area that the isosurface may lack
+
+RELAXED_POSITION = Field("relaxed_position", "m", "place of a boundary particle after a step of the relaxation", 3)
+WAY = Field("way", "m", "way of a boundary particle in a step of the relaxation")
+
+
+class Relaxation(NamedTuple):
+    """A step of the relaxation as the kernels take it."""
+
+    inverse_width: float  # 1/(2 sigma^2) [1/m^2]
+    cutoff_squared: float  # (3 sigma)^2 [m^2]
+    step: float  # lambda_k r [m]
+    longest: float  # r/2 [m]
+    tangential: Any  # int32, 1 where v_t is projected on the tangent plane, 0 as printed (E24)
+    seed: Any  # int64, of the directions of particles at one place
+
+
+@dataclass(frozen=True)
+class BoundarySample:
+    """Boundary particles on a mesh.
+
+    position    (n, 3) float64 [m] in the scene, on the mesh
+    normal      (n, 3) unit outward normals
+    radius      r [m]; neighbours stand about 2 r apart
+    expected    g A/(pi r^2) for the mesh's area
+    iterations  of the relaxation
+    converged   whether the patent's threshold was met
+    residual    sum of all ways over r N in the last iteration
+    residuals   of all iterations
+    field       the narrow band on which they were spread
+    notes       what a user should know, a sentence each
+    """
+
+    position: np.ndarray
+    normal: np.ndarray
+    radius: float
+    expected: float
+    iterations: int
+    converged: bool
+    residuals: np.ndarray
+    field: NarrowBand
+    notes: tuple[str, ...] = ()
+
+    @property
+    def residual(self) -> float:
+        """Sum of all ways over r N in the last iteration."""
+        return float(self.residuals[-1]) if len(self.residuals) else 0.0
+
+
+def sample(
+    mesh: SurfaceMesh, radius: float, *, seed: int = 0, density: float = HEXAGONAL, spacing: float | None = None,
+    backend: str | Backend = "cpu", dtype: str = "float32", literal: tuple[str, ...] = (),
+    most_iterations: int = MOST_ITERATIONS, check_crossings: bool = True,
+    watch: Callable[[int, Any], None] | None = None,
+) -> BoundarySample:  # fmt: skip
+    """Boundary particles of radius r = `radius` [m] on a mesh.
+
+    seed             of the first places; the same seed gives the same particles on any number of threads
+    density          g; pi/(2 sqrt 3) packs them hexagonally, 2 r apart
+    spacing          of the signed distance's grid [m], r by default, halved where parts of the mesh are too thin
+    literal          errata taken as printed: E24 (repulsion not projected, no decay of the step), E25 (particles
+                     counted in each triangle by itself), or "all"
+    most_iterations  after which the relaxation ends unconverged, which a note then says
+    watch            called with (iteration, positions on the backend relative to the mesh's origin) after each one
+
+    Raises InputError for a radius that is not positive or larger than the mesh, a density that is not positive, and
+    what `signed_distance` refuses.
+    """
+    backend = choose(backend) if isinstance(backend, str) else backend
+    printed = literal_errata("sampling", literal, LITERAL)
+    size = float(mesh.extent.max())
+    for name, value in (("radius", radius), ("density", density)):
+        if not (np.isfinite(value) and value > 0):
+            raise InputError(f"sampling: {name} = {value} is not possible; give a positive number.")
+    if radius > 0.5 * size:
+        raise InputError(
+            f"sampling: radius = {radius:g} m is larger than the mesh {mesh.source!r}, which is {size:.4g} m across;"
+            " give a smaller radius."
+        )
+    notes: list[str] = []
+    band, corner, facets, area = _surface(mesh, radius if spacing is None else spacing, spacing is None, backend, dtype,
+                                          check_crossings, notes)
+    last = facet_counts(backend.host(area), density, radius, "E25" in printed)
+    count = int(last[-1]) if len(last) else 0
+    if count == 0:
+        raise InputError(
+            f"sampling: radius = {radius:g} m leaves no particle on {mesh.source!r}; give a smaller radius"
+            + (" or leave out literal E25." if "E25" in printed else ".")
+        )
+    position = backend.empty((count, 3), dtype)
+    seed_value = np.int64(seed)
+    REGISTRY["sampling.place"].program(backend.name)(corner, facets, backend.asarray(last), seed_value, position)
+    position, residuals, converged = relaxed(
+        backend, band.local, position, radius, seed, "E24" in printed, most_iterations, watch
+    )
+    if not converged:
+        notes.append(
+            f"the particles still move by {residuals[-1]:.2g} r a step after {len(residuals)} iterations"
+            if len(residuals) else "the particles were not spread"
+        )
+    place, normal = _on_mesh(band, position)
+    expected = density * mesh.area / (math.pi * radius**2)
+    return BoundarySample(
+        backend.host(place).astype(float) + mesh.origin, backend.host(normal).astype(float), radius, expected,
+        len(residuals), converged, np.array(residuals), band, tuple(notes),
+    )  # fmt: skip
+
+
+def _on_mesh(band: NarrowBand, position: Any) -> tuple[Any, Any]:
+    """The particles on the nearest triangles, and the normals there."""
+    place, normal = (band.backend.empty(position.shape, position.dtype) for _ in range(2))
+    program = REGISTRY["signed_distance.project"].program(band.backend.name)
+    program(position, band.triangles, band.local, place, normal)
+    return place, normal
+
+
+def _surface(
+    mesh: SurfaceMesh, spacing: float, finer: bool, backend: Backend, dtype: str, check: bool, notes: list[str]
+) -> tuple[NarrowBand, Any, Any, Any]:
+    """(band, vertices, facets, areas) of the isosurface, on a grid fine enough for the mesh's area."""
+    spacing = min(spacing, 0.25 * float(mesh.extent.max()))
+    wanted = mesh.area
+    for attempt in range(FINER + 1 if finer else 1):
+        band = signed_distance(mesh, spacing, backend=backend, dtype=dtype, check_crossings=check and not attempt)
+        corner, facets = isosurface(band)
+        area = backend.empty(facets.shape[0], dtype)
+        REGISTRY["sampling.areas"].program(backend.name)(corner, facets, area)
+        lacking = 1 - float(np.sum(backend.host(area), dtype=float)) / wanted
+        if abs(lacking) <= AREA_KEPT:
+            if attempt:
+                notes.append(f"the grid's spacing was made {2**attempt} times finer, for thin parts of the mesh")
+            return band, corner, facets, area
+        spacing /= 2
+    raise InputError(
+        f"sampling: {mesh.source!r} has parts thinner than the grid of the signed distance, which lacks"
+        f" {100 * lacking:.0f} % of its area at a spacing of {2 * spacing:.4g} m; give a smaller spacing."
+    )
+
+
+def isosurface(band: NarrowBand) -> tuple[Any, Any]:
+    """(vertices (v, 3) [m] relative to the mesh's origin, facets (f, 3) int32) of the level phi = 0."""
+    backend, blocks = band.backend, band.blocks
+    if backend.name == "cuda":
+        from refsim import device
+
+        state = device.computed(lambda xp, phi: (phi < 0).astype(np.uint8), band.field.distance)
+    else:
+        state = (band.field.distance < 0).astype(np.uint8)
+    cells = edges_and_facets(backend, blocks, state, 3)
+    corner = backend.empty((cells.vertex_edge.shape[0], 3), band.field.distance.dtype)
+    contour = Contour(band.grid.spacing, type(band.grid.spacing)(0))
+    program = REGISTRY["isosurface.edge_points"].program(backend.name)
+    program(blocks, band.field.distance, contour, cells.vertex_edge, corner)
+    return corner, cells.facets
+
+
+def facet_counts(area: np.ndarray, density: float, radius: float, each_by_itself: bool = False) -> np.ndarray:
+    """(f,) int32 running count of particles: floor(S_f + 1/2), S_f the running sum of g A/(pi r^2) (P2, E25)."""
+    wanted = density * np.asarray(area, dtype=float) / (math.pi * radius**2)
+    if each_by_itself:
+        return np.cumsum(np.floor(wanted)).astype(np.int32)
+    return np.floor(np.cumsum(wanted) + 0.5).astype(np.int32)
+
+
+def relaxation_step(radius: float, step: float, seed: int, printed: bool, dtype: str) -> Relaxation:
+    """The kernels' parameters of one step with lambda = `step`; sigma = r."""
+    real = np.dtype(dtype).type
+    return Relaxation(
+        real(0.5 / radius**2), real((CUTOFF * radius) ** 2), real(step * radius), real(LONGEST_STEP * radius),
+        np.int32(not printed), np.int64(seed),
+    )  # fmt: skip
+
+
+def relaxed(
+    backend: Backend, field: DistanceField, position: Any, radius: float, seed: int, printed: bool, most: int,
+    watch: Callable[[int, Any], None] | None = None,
+) -> tuple[Any, list[float], bool]:  # fmt: skip
+    """(positions in cell order, sum of ways over r N of each iteration, whether it fell below the threshold)."""
+    dtype = np.dtype(position.dtype).name
+    search = NeighbourSearch(backend, 3, dtype, CUTOFF * radius, SKIN)
+    program = REGISTRY["sampling.relax"].program(backend.name)
+    count = position.shape[0]
+    residuals: list[float] = []
+    moved, neighbours = np.inf, None
+    other, way = backend.empty((count, 3), dtype), backend.empty(count, dtype)
+    for iteration in range(most):
+        if moved > search.allowed_way * 0.999:
+            position = search.reorder(position, search.order(position))
+            neighbours = search.build(position)
+            moved = 0.0
+        step = STEP * (1.0 if printed else DECAY**iteration)
+        program(position, neighbours, field, relaxation_step(radius, step, seed, printed, dtype), other, way)
+        position, other = other, position
+        total, largest = _total_and_largest(backend, way)
+        moved += largest
+        residuals.append(total / (radius * count))
+        if watch is not None:
+            watch(iteration + 1, position)
+        if residuals[-1] < THRESHOLD:
+            return position, residuals, True
+    return position, residuals, False
+
+
+def _total_and_largest(backend: Backend, way: Any) -> tuple[float, float]:
+    if backend.name == "cuda":
+        from refsim import device
+
+        total, largest = device.computed(lambda xp, w: (float(w.sum(dtype=np.float64)), float(w.max())), way)
+        return total, largest
+    return float(way.sum(dtype=np.float64)), float(way.max())
+
+
+_HERE = "refsim.boundary.sampling"
+_PAPER = "CN104318598A"
+register(
+    Operation(
+        name="sampling.areas",
+        folder=_HERE,
+        paper=_PAPER,
+        equation="P2: area A of a facet",
+        function="areas",
+        outputs=("facet_area",),
+        entrywise=("facet_area",),
+        tolerance=8.0,
+        tolerance_reason="one rounding in each difference, product, sum and root",
+    )
+)
+register(
+    Operation(
+        name="sampling.place",
+        folder=_HERE,
+        paper=_PAPER,
+        equation="P2 with E25: g A/(pi r^2) particles by a running sum",
+        function="place",
+        outputs=("placed",),
+        entrywise=("placed",),
+        tolerance=8.0,
+        tolerance_reason="one rounding in each share, difference, product and sum",
+    )
+)
+register(
+    Operation(
+        name="sampling.relax",
+        folder=_HERE,
+        paper=_PAPER,
+        equation="P3 and P4 with E24: tangential repulsion and projection along the normal",
+        function="relax",
+        outputs=("relaxed_position", "way"),
+        tolerance=16.0,
+        tolerance_reason="one rounding in each of distance, exponential, product and sum, and those of the interpolated"
+        " distance and slope",
+    )
+)

@@ -1,0 +1,30 @@
+"""CPU kernels of boundary sampling."""
+
+from refsim.boundary.sampling import particle
+from refsim.compile import cpu_kernel, prange
+from refsim.neighbours.rows import cpu_row
+
+
+@cpu_kernel
+def areas(facet_corner, facets, facet_area):
+    """Area of every facet."""
+    for f in prange(facet_area.shape[0]):
+        facet_area[f] = particle.area(f, facet_corner, facets)
+
+
+@cpu_kernel
+def place(facet_corner, facets, facet_last, sample_seed, placed):
+    """Places of the particles before the relaxation."""
+    for i in prange(placed.shape[0]):
+        x, y, z = particle.place(i, facet_corner, facets, facet_last, sample_seed)
+        placed[i, 0], placed[i, 1], placed[i, 2] = x, y, z
+
+
+@cpu_kernel
+def relax(position, neighbours, distance_field, relaxation, relaxed_position, way):
+    """One step of the relaxation."""
+    for i in prange(way.shape[0]):
+        row = cpu_row(neighbours, i)
+        x, y, z, length = particle.relax(i, row, position, neighbours.entries, distance_field, relaxation)
+        relaxed_position[i, 0], relaxed_position[i, 1], relaxed_position[i, 2] = x, y, z
+        way[i] = length

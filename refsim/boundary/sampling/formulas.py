@@ -1,0 +1,39 @@
+"""Scalar formulas of boundary sampling (patent CN104318598A, claim 2; P2 to P4)."""
+
+import math
+
+from refsim.compile import formula
+from refsim.surface_energy.formulas import hash_word, unit_share
+
+
+@formula
+def repulsion(squared, relaxation):
+    """P4: Omega(s) = exp(-s^2/(2 sigma^2)), dimensionless, for the squared distance s^2 [m^2]."""
+    return math.exp(-squared * relaxation.inverse_width)
+
+
+@formula
+def hashed_direction(i, j, seed, one):
+    """P4: a unit vector d_ij = -d_ji, dimensionless, for particles at one place, from the hash of their numbers."""
+    low, high = min(i, j), max(i, j)
+    z = unit_share(hash_word(low, high, 2 * seed), one)
+    z = z + z - one
+    turn = unit_share(hash_word(low, high, 2 * seed + 1), one) * type(one)(2 * math.pi)
+    away = math.sqrt(max(one - z * z, one - one))
+    if i < j:
+        return away * math.cos(turn), away * math.sin(turn), z
+    return -away * math.cos(turn), -away * math.sin(turn), -z
+
+
+@formula
+def facet_of(i, facet_last):
+    """P2: facet f with N_(f-1) <= i < N_f for the running count N_f of particles (dimensionless)."""
+    low = 0
+    high = facet_last.shape[0] - 1
+    while low < high:
+        middle = (low + high) >> 1
+        if facet_last[middle] <= i:
+            low = middle + 1
+        else:
+            high = middle
+    return low

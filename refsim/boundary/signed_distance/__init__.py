@@ -1,0 +1,390 @@
+"""Signed distance from a triangle mesh in a narrow band (patent CN104318598A, claim 2; P1 with E26).
+
+Contents: NarrowBand, signed_distance, DistanceField, Triangles, BandGrid, TriangleLists, triangle_table; operations
+signed_distance.count_blocks, .list_blocks, .nearest, .signs, .fill, .crossings, .interpolate, .project.
+
+Nodes stand at h j relative to the mesh's origin and are kept in blocks of 64 in a table of sorted keys, only where the
+surface is. Inside is negative.
+"""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from refsim.backend import Backend, choose
+from refsim.boundary.mesh import SurfaceMesh
+from refsim.errors import InputError
+from refsim.operation import REGISTRY, Operation, register
+from refsim.sparse_grid import Blocks, inverse_cell, nodes
+
+LEAST_BAND = 2.0  # band over spacing: a cell that the surface meets has all its corners nearer than sqrt(3) spacings
+FARTHEST = 1 << 20  # spacings that fit on either side of the origin
+
+
+class Triangles(NamedTuple):
+    """The triangles as the kernels take them, relative to the mesh's origin."""
+
+    corner: Any  # (t, 9) [m], corners a, b, c
+    normal: Any  # (t, 21) unit pseudonormals: of the face, of the edges ab, bc, ca, of the corners a, b, c
+    vertex: Any  # (t, 3) int32, which corners are the same
+
+
+class BandGrid(NamedTuple):
+    """The grid of the band as the kernels take it."""
+
+    spacing: float  # h [m]
+    inverse_spacing: Any  # 1/h [1/m], float64
+    band: float  # [m]
+    half_diagonal: float  # from a block's middle to its corner nodes [m]
+
+
+class TriangleLists(NamedTuple):
+    """Triangles by block: those of block b are triangle[first[b] : first[b + 1]], ascending."""
+
+    first: Any  # (blocks + 1,) int32
+    triangle: Any  # (pairs,) int32
+
+
+class DistanceField(NamedTuple):
+    """A narrow band as the kernels take it; `trilinear` in `formulas` gives value and slope at a point."""
+
+    keys: Any  # (b,) int64, ascending: blocks of 64 nodes
+    neighbour: Any  # (b, 27) int32, number of the block a step away, -1 for none
+    distance: Any  # (64 b,) phi [m], negative inside, held to the band
+    closest: Any  # (64 b,) int32 closest triangle, -1 beyond the band
+    inside_after: Any  # (b,) uint8, whether what follows the block along x is inside
+    spacing: float  # h [m]
+    inverse_spacing: Any  # 1/h [1/m], float64
+    band: float  # [m]
+    origin_x: Any  # of the mesh in the scene [m], float64
+    origin_y: Any
+    origin_z: Any
+
+
+@dataclass(frozen=True)
+class NarrowBand:
+    """The signed distance from a mesh near its surface, and on which side of it everything else lies.
+
+    mesh       the mesh
+    backend    where the arrays are
+    grid       spacing and band
+    triangles  the kernels' triangles
+    field      the kernels' field, in the scene's frame
+    """
+
+    mesh: SurfaceMesh
+    backend: Backend
+    grid: BandGrid
+    triangles: Triangles
+    field: DistanceField
+
+    @property
+    def spacing(self) -> float:
+        """h [m]."""
+        return float(self.grid.spacing)
+
+    @property
+    def band(self) -> float:
+        """[m]."""
+        return float(self.grid.band)
+
+    @property
+    def blocks(self) -> Blocks:
+        """The blocks of the table."""
+        return Blocks(self.field.keys, self.field.neighbour)
+
+    @property
+    def local(self) -> DistanceField:
+        """The field in the mesh's own frame, whose origin is 0."""
+        zero = np.float64(0)
+        return self.field._replace(origin_x=zero, origin_y=zero, origin_z=zero)
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes of the field."""
+        return sum(int(np.prod(a.shape)) * a.dtype.itemsize for a in self.field[:5])
+
+    def at(self, points: Any) -> tuple[Any, Any]:
+        """(distance (n,) [m], slope (n, 3)) at points (n, 3) [m] of the scene, arrays of the backend.
+
+        Beyond the band the distance is -band inside and +band outside, and the slope is 0.
+        """
+        dtype = self.field.distance.dtype
+        value, slope = self.backend.empty(points.shape[0], dtype), self.backend.empty((points.shape[0], 3), dtype)
+        REGISTRY["signed_distance.interpolate"].program(self.backend.name)(points, self.field, value, slope)
+        return value, slope
+
+    def project(self, points: Any) -> tuple[Any, Any]:
+        """(nearest points of the mesh (n, 3) [m], unit normals there (n, 3)) for points (n, 3) [m] near its surface.
+
+        The nearest among the triangles that are closest to the corners of the point's cell; a point whose cell has
+        none stays where it is, with normal 0.
+        """
+        dtype = self.field.distance.dtype
+        place, normal = (self.backend.empty((points.shape[0], 3), dtype) for _ in range(2))
+        program = REGISTRY["signed_distance.project"].program(self.backend.name)
+        program(points, self.triangles, self.field, place, normal)
+        return place, normal
+
+
+def triangle_table(mesh: SurfaceMesh, dtype: str) -> Triangles:
+    """The kernels' triangles on the host, with angle-weighted pseudonormals (E26) found in float64."""
+    corners = mesh.corners.astype(dtype).astype(float)  # normals of what the kernels see
+    sides = np.roll(corners, -1, axis=1) - corners
+    face = _units(np.cross(sides[:, 0], sides[:, 1]))
+    ways = _units(sides)
+    angle = np.arccos(np.clip(-(ways * np.roll(ways, 1, axis=1)).sum(2), -1.0, 1.0))
+    vertex = np.zeros((len(mesh.vertices), 3))
+    for k in range(3):
+        for c in range(3):
+            vertex[:, c] += np.bincount(mesh.faces[:, k], angle[:, k] * face[:, c], len(vertex))
+    edges = np.sort(np.stack([mesh.faces, np.roll(mesh.faces, -1, axis=1)], axis=2), axis=2).reshape(-1, 2)
+    _, place = np.unique(edges[:, 0] * len(vertex) + edges[:, 1], return_inverse=True)
+    place = place.reshape(-1)
+    edge = np.stack([np.bincount(place, np.repeat(face[:, c], 3)) for c in range(3)], axis=1)
+    normal = np.concatenate([face[:, None], _units(edge)[place].reshape(-1, 3, 3), _units(vertex)[mesh.faces]], axis=1)
+    return Triangles(
+        corners.reshape(-1, 9).astype(dtype), normal.reshape(-1, 21).astype(dtype), mesh.faces.astype(np.int32)
+    )
+
+
+def _units(vectors: np.ndarray) -> np.ndarray:
+    """Vectors (..., 3) of length 1, or 0 where they are 0."""
+    length = np.linalg.norm(vectors, axis=-1, keepdims=True)
+    return vectors / np.where(length > 0, length, 1)
+
+
+def band_grid(spacing: float, band: float, dtype: str) -> BandGrid:
+    """The kernels' grid: spacing and band [m] in the dtype."""
+    real = np.dtype(dtype).type
+    h = real(spacing)
+    return BandGrid(h, inverse_cell(spacing, dtype), real(band), real(1.5 * 3**0.5 * float(h)))
+
+
+def signed_distance(
+    mesh: SurfaceMesh, spacing: float, band: float | None = None, backend: str | Backend = "cpu",
+    dtype: str = "float32", check_crossings: bool = True,
+) -> NarrowBand:  # fmt: skip
+    """The signed distance from a mesh on nodes `spacing` [m] apart, up to `band` [m] (3 spacings by default).
+
+    Raises InputError where the spacing is not positive, larger than the mesh or far too small for it, where the band
+    is narrower than 2 spacings, and, unless `check_crossings` is off, where triangles of the mesh cross.
+    """
+    backend = choose(backend) if isinstance(backend, str) else backend
+    size = float(mesh.extent.max())
+    if not (np.isfinite(spacing) and spacing > 0):
+        raise InputError(f"signed distance: spacing = {spacing} m is not possible; give a positive number.")
+    if spacing >= size:
+        raise InputError(
+            f"signed distance: {mesh.source!r} is {size:.4g} m across, no more than the grid's spacing of"
+            f" {spacing:.4g} m; give a smaller spacing."
+        )
+    band = 3 * spacing if band is None else band
+    if not (np.isfinite(band) and band >= LEAST_BAND * spacing):
+        raise InputError(
+            f"signed distance: band = {band} m is too narrow; give at least {LEAST_BAND:g} spacings,"
+            f" {LEAST_BAND * spacing:.4g} m."
+        )
+    if 0.5 * size + band > (FARTHEST - 16) * spacing:
+        raise InputError(
+            f"signed distance: {mesh.source!r} is {size:.4g} m across, more than 2^21 spacings of {spacing:.4g} m;"
+            " give a larger spacing."
+        )
+    host = triangle_table(mesh, dtype)
+    triangles = Triangles(*map(backend.asarray, host))
+    grid = band_grid(spacing, band, dtype)
+    programs = {name: REGISTRY[f"signed_distance.{name}"].program(backend.name) for name in _OPERATIONS}
+    blocks, lists = band_blocks(backend, triangles, grid)
+    if check_crossings:
+        _refuse_crossings(mesh, backend, triangles, lists)
+    count = nodes(blocks)
+    unsigned, closest = backend.empty(count, dtype), backend.empty(count, np.int32)
+    programs["nearest"](triangles, grid, blocks, lists, unsigned, closest)
+    distance, inside_after = backend.empty(count, dtype), backend.zeros(blocks.keys.shape[0], np.uint8)
+    programs["signs"](triangles, grid, blocks, closest, unsigned, distance)
+    rows = backend.asarray(block_rows(backend.host(blocks.keys)))
+    programs["fill"](grid, rows, closest, distance, inside_after)
+    field = DistanceField(
+        blocks.keys, blocks.neighbour, distance, closest, inside_after, grid.spacing, grid.inverse_spacing, grid.band,
+        *(np.float64(x) for x in mesh.origin),
+    )  # fmt: skip
+    return NarrowBand(mesh, backend, grid, triangles, field)
+
+
+def band_blocks(backend: Backend, triangles: Triangles, grid: BandGrid) -> tuple[Blocks, TriangleLists]:
+    """Blocks with a node in the band, and the triangles near each, from one bounding box for each triangle."""
+    count = backend.empty(triangles.corner.shape[0], np.int32)
+    REGISTRY["signed_distance.count_blocks"].program(backend.name)(triangles, grid, count)
+    if backend.name == "cuda":
+        from refsim import device
+
+        first = device.running_sum(count)
+        pairs = int(backend.host(first[count.shape[0] :])[0])
+    else:
+        first = np.zeros(len(count) + 1, np.int32)
+        np.cumsum(count, out=first[1:])
+        pairs = int(first[-1])
+    key, triangle = backend.empty(pairs, np.int64), backend.empty(pairs, np.int32)
+    REGISTRY["signed_distance.list_blocks"].program(backend.name)(triangles, grid, first, key, triangle)
+    if backend.name == "cuda":
+        xp, see, give = device.library(), device.seen, device.wrapped
+    else:
+        xp, see, give = np, np.asarray, np.asarray
+    key, triangle = see(key), see(triangle)
+    order = xp.argsort(key, kind="stable")
+    key, triangle = key[order], triangle[order]
+    begins = xp.ones(pairs, dtype=bool)
+    begins[1:] = key[1:] != key[:-1]
+    place = xp.flatnonzero(begins)
+    keys = key[place]
+    ends = xp.full(1, pairs, np.int32)
+    lists = TriangleLists(give(xp.concatenate([place.astype(np.int32), ends])), give(triangle))
+    return Blocks(give(keys), give(_neighbours(xp, keys))), lists
+
+
+def _neighbours(xp: Any, keys: Any) -> Any:
+    """(b, 27) int32 number of the block a step away along each axis, -1 for none."""
+    found = xp.full((len(keys), 27), -1, dtype=np.int32)
+    for way, (z, y, x) in enumerate(itertools.product((-1, 0, 1), repeat=3)):
+        if not len(keys):
+            break
+        wanted = keys + ((z << 42) + (y << 21) + x)
+        place = xp.minimum(xp.searchsorted(keys, wanted), len(keys) - 1)
+        found[:, way] = xp.where(keys[place] == wanted, place, -1)
+    return found
+
+
+def block_rows(keys: np.ndarray) -> np.ndarray:
+    """(rows + 1,) int32 first block of each row of blocks along x, and their number."""
+    begins = np.flatnonzero(np.diff(keys >> 21)) + 1
+    return np.concatenate([[0], begins, [len(keys)]] if len(keys) else [[0]]).astype(np.int32)
+
+
+def _refuse_crossings(mesh: SurfaceMesh, backend: Backend, triangles: Triangles, lists: TriangleLists) -> None:
+    crossing = backend.empty((lists.first.shape[0] - 1, 3), np.int32)
+    REGISTRY["signed_distance.crossings"].program(backend.name)(triangles, lists, crossing)
+    found = backend.host(crossing)
+    found = found[found[:, 0] > 0]
+    if len(found):
+        one, other = found[0, 1:]
+        raise InputError(
+            f"mesh: {mesh.source!r} crosses itself (triangles {one} and {other} do, and others near"
+            f" {len(found)} blocks of the grid), so that inside and outside are not told apart there; unite its parts."
+        )
+
+
+_HERE = "refsim.boundary.signed_distance"
+_PAPER = "CN104318598A"
+_OPERATIONS = ("nearest", "signs", "fill")
+_PLACE = "places are rounded products of coordinates and the spacing; differences of them come with a few roundings"
+register(
+    Operation(
+        name="signed_distance.count_blocks",
+        folder=_HERE,
+        paper=_PAPER,
+        equation="P1: one bounding box for each triangle",
+        function="count_blocks",
+        outputs=("block_count",),
+        exact=("block_count",),
+        tolerance=32.0,
+        tolerance_reason="integers; a block whose distance is as near to the limit as rounding takes it is undecided",
+    )
+)
+register(
+    Operation(
+        name="signed_distance.list_blocks",
+        folder=_HERE,
+        paper=_PAPER,
+        equation="P1: sorted keys",
+        function="list_blocks",
+        outputs=("pair_key", "pair_triangle"),
+        exact=("pair_key", "pair_triangle"),
+        tolerance=32.0,
+        tolerance_reason="integers; as for signed_distance.count_blocks",
+    )
+)
+register(
+    Operation(
+        name="signed_distance.nearest",
+        folder=_HERE,
+        paper=_PAPER,
+        equation="P1: least |phi| in the band, ties to the lower triangle",
+        function="nearest",
+        outputs=("unsigned_distance", "closest"),
+        exact=("closest",),
+        entrywise=("unsigned_distance",),
+        tolerance=16.0,
+        tolerance_reason=_PLACE,
+    )
+)
+register(
+    Operation(
+        name="signed_distance.signs",
+        folder=_HERE,
+        paper=_PAPER,
+        equation="P1 with E26: angle-weighted pseudonormal of the closest feature",
+        function="signs",
+        outputs=("distance",),
+        entrywise=("distance",),
+        tolerance=16.0,
+        tolerance_reason=_PLACE,
+    )
+)
+register(
+    Operation(
+        name="signed_distance.fill",
+        folder=_HERE,
+        paper=_PAPER,
+        equation="E26: interior beyond the band",
+        function="fill",
+        outputs=("distance", "inside_after"),
+        exact=("inside_after",),
+        entrywise=("distance",),
+        tolerance=1.0,
+        tolerance_reason="values are copied",
+    )
+)
+register(
+    Operation(
+        name="signed_distance.crossings",
+        folder=_HERE,
+        paper="standard",
+        equation="triangles of which one's edge pierces the other",
+        function="crossings",
+        outputs=("crossing",),
+        exact=("crossing",),
+        tolerance=64.0,
+        tolerance_reason="integers; the margin is that of products of three differences",
+    )
+)
+register(
+    Operation(
+        name="signed_distance.interpolate",
+        folder=_HERE,
+        paper=_PAPER,
+        equation="P1: trilinear value and slope",
+        function="interpolate",
+        outputs=("query_distance", "query_gradient"),
+        entrywise=("query_distance", "query_gradient"),
+        tolerance=16.0,
+        tolerance_reason="one rounding in each difference, product and sum of three interpolations of values up to the"
+        " band",
+    )
+)
+register(
+    Operation(
+        name="signed_distance.project",
+        folder=_HERE,
+        paper=_PAPER,
+        equation="P1: exact closest triangle among those of the cell's corners",
+        function="project",
+        outputs=("projected", "projected_normal"),
+        entrywise=("projected", "projected_normal"),
+        tolerance=16.0,
+        tolerance_reason=_PLACE,
+    )
+)

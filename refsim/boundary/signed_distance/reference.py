@@ -1,0 +1,272 @@
+"""NumPy oracle of the signed distance: every node against every triangle, float64."""
+
+import numpy as np
+
+from refsim.sparse_grid.reference import node_table
+
+BLOCK_BYTES = 32e6
+OFFSET = 2**20
+
+
+def segment_offset(p, a, b):
+    """(p - c (..., 3) [m], t) for the closest point c = a + t (b - a), t in [0, 1], of segments."""
+    along = b - a
+    length = (along**2).sum(-1)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        t = np.where(length > 0, ((p - a) * along).sum(-1) / length, 0.0)
+    t = np.clip(t, 0.0, 1.0)
+    return p - a - t[..., None] * along, t
+
+
+def triangle_offset(p, corner):
+    """(p - c (..., 3) [m], feature) for the closest point c of triangles (..., 3, 3), by barycentric coordinates.
+
+    Features: 0 face, 1 to 3 edges ab, bc, ca, 4 to 6 corners a, b, c.
+    """
+    a, b, c = corner[..., 0, :], corner[..., 1, :], corner[..., 2, :]
+    u, v, w = b - a, c - a, p - a
+    uu, uv, vv = (u * u).sum(-1), (u * v).sum(-1), (v * v).sum(-1)
+    wu, wv = (w * u).sum(-1), (w * v).sum(-1)
+    det = uu * vv - uv * uv
+    with np.errstate(invalid="ignore", divide="ignore"):
+        s, t = (vv * wu - uv * wv) / det, (uu * wv - uv * wu) / det
+    over = (det > 0) & (s > 0) & (t > 0) & (s + t < 1)
+    with np.errstate(invalid="ignore"):
+        offset = np.where(over[..., None], w - s[..., None] * u - t[..., None] * v, np.inf)
+    feature = np.zeros(over.shape, int)
+    best = (offset**2).sum(-1)
+    for k, (start, end) in enumerate(((a, b), (b, c), (c, a))):
+        to_edge, place = segment_offset(p, start, end)
+        squared = (to_edge**2).sum(-1)
+        nearer = ~over & (squared < best)
+        best = np.where(nearer, squared, best)
+        offset = np.where(nearer[..., None], to_edge, offset)
+        own = np.where(place <= 0, 4 + k, np.where(place >= 1, 4 + (k + 1) % 3, 1 + k))
+        feature = np.where(nearer, own, feature)
+    return offset, feature
+
+
+def _corners(triangles):
+    return np.asarray(triangles.corner, dtype=float).reshape(-1, 3, 3)
+
+
+def _span(triangles):
+    corners = _corners(triangles)
+    return np.abs(corners).max((1, 2), initial=0.0) if len(corners) else np.zeros(0)
+
+
+def _pairs(triangles, grid):
+    """For each triangle (block coordinates (k, 3) within its band, margin of the nearest decision)."""
+    h, band = float(grid.spacing), float(grid.band)
+    reach = (band + float(grid.half_diagonal)) * 1.0001
+    for corner in _corners(triangles):
+        low = (np.floor((corner.min(0) - band) / h).astype(int)) // 4
+        high = (np.floor((corner.max(0) + band) / h).astype(int) + 1) // 4
+        axes = [np.arange(low[c], high[c] + 1) for c in range(3)]
+        z, y, x = np.meshgrid(axes[2], axes[1], axes[0], indexing="ij")
+        block = np.stack([x.ravel(), y.ravel(), z.ravel()], axis=1)
+        middle = h * (4 * block + 1.5)
+        distance = np.linalg.norm(triangle_offset(middle, np.broadcast_to(corner, (len(block), 3, 3)))[0], axis=1)
+        margin = np.abs(distance - reach) / (reach + np.abs(corner).max())
+        edges = np.concatenate([(corner.min(0) - band) / h, (corner.max(0) + band) / h]) / 4
+        size = 1 + np.abs(corner).max() / h
+        on_border = np.abs(edges - np.round(edges)).min() / size
+        yield block[distance <= reach], min(margin.min(), on_border if (distance <= reach).any() else 1.0)
+
+
+def count_blocks(triangles, grid):
+    """P1: number of blocks n_t within the band of each triangle, integers [dimensionless], out of its grown box."""
+    found = list(_pairs(triangles, grid))
+    count = np.array([len(blocks) for blocks, _ in found], dtype=float)
+    return {"block_count": (count, np.array([margin for _, margin in found], dtype=float))}
+
+
+def list_blocks(triangles, grid, block_first):
+    """P1: key = (bz + 2^20) 2^42 + (by + 2^20) 2^21 + bx + 2^20 and triangle of each pair; integers [dimensionless]."""
+    keys, owner, margins = [], [], []
+    for t, (block, margin) in enumerate(_pairs(triangles, grid)):
+        shifted = block + OFFSET
+        keys += ((shifted[:, 2] * 2**21 + shifted[:, 1]) * 2**21 + shifted[:, 0]).tolist()
+        owner += [t] * len(block)
+        margins += [margin] * len(block)
+    margins = np.array(margins)
+    return {"pair_key": (np.array(keys), margins), "pair_triangle": (np.array(owner), margins)}
+
+
+def _nearest(place, corners):
+    """(least distance, its triangle, least distance of any other triangle) of each place (n, 3)."""
+    n, t = len(place), len(corners)
+    least, which, other = np.full(n, np.inf), np.full(n, -1), np.full(n, np.inf)
+    if not t:
+        return least, which, other
+    rows = max(1, int(BLOCK_BYTES / (t * 3 * 8 * 8)))
+    for begin in range(0, n, rows):
+        part = place[begin : begin + rows, None, :]
+        shape = (part.shape[0], t, 3)
+        offset, _ = triangle_offset(np.broadcast_to(part, shape), np.broadcast_to(corners[None], (*shape[:2], 3, 3)))
+        distance = np.sqrt((offset**2).sum(-1))
+        first = distance.argmin(1)
+        here = np.arange(len(first))
+        least[begin : begin + rows], which[begin : begin + rows] = distance[here, first], first
+        distance[here, first] = np.inf
+        other[begin : begin + rows] = distance.min(1)
+    return least, which, other
+
+
+def nearest(triangles, grid, band_blocks):
+    """P1: |phi_j| = min_t |x_j - t| [m], held to the band, and the closest triangle, -1 beyond the band."""
+    band = float(grid.band)
+    place = float(grid.spacing) * node_table(band_blocks)
+    least, which, other = _nearest(place, _corners(triangles))
+    span = np.abs(place).max(1, initial=0.0) + _span(triangles).max(initial=0.0) + band
+    within = least <= band
+    margin = np.minimum(np.abs(least - band), np.where(within, other - least, np.inf)) / span
+    return {
+        "unsigned_distance": (np.minimum(least, band), span),
+        "closest": (np.where(within, which, -1), margin),
+    }
+
+
+def signs(triangles, grid, band_blocks, closest, unsigned_distance):
+    """P1, E26: phi = -|phi| where (x - c).n < 0, n the pseudonormal of the closest feature; [m]."""
+    place = float(grid.spacing) * node_table(band_blocks)
+    value = np.array(unsigned_distance, dtype=float)
+    rows = np.flatnonzero(np.asarray(closest) >= 0)
+    if len(rows):
+        t = np.asarray(closest)[rows]
+        offset, feature = triangle_offset(place[rows], _corners(triangles)[t])
+        normal = np.asarray(triangles.normal, dtype=float).reshape(-1, 7, 3)[t, feature]
+        value[rows] = np.where((offset * normal).sum(1) < 0, -value[rows], value[rows])
+    return {"distance": (value, np.abs(place).max(1, initial=0.0) + float(grid.band))}
+
+
+def fill(grid, row_first, closest, distance):
+    """E26: beyond the band phi = -band inside and +band outside [m], the side of the last node of the band before."""
+    value = np.array(distance, dtype=float)
+    closest, first = np.asarray(closest), np.asarray(row_first)
+    after = np.zeros(len(value) // 64)
+    for begin, end in zip(first[:-1], first[1:]):
+        line = value[64 * begin : 64 * end].reshape(-1, 16, 4).transpose(1, 0, 2).reshape(16, -1)
+        known = closest[64 * begin : 64 * end].reshape(-1, 16, 4).transpose(1, 0, 2).reshape(16, -1) >= 0
+        last = np.maximum.accumulate(np.where(known, np.arange(line.shape[1]), -1), axis=1)
+        side = np.where(last >= 0, np.sign(np.take_along_axis(line, np.maximum(last, 0), axis=1)), 1)
+        side[side == 0] = 1
+        filled = np.where(known, line, side * float(grid.band))
+        value[64 * begin : 64 * end] = filled.reshape(16, -1, 4).transpose(1, 0, 2).reshape(-1)
+        after[begin:end] = side[0, 3::4] < 0
+    return {"distance": (value, np.abs(value)), "inside_after": (after, np.ones(len(after)))}
+
+
+def crossings(triangles, triangle_lists):
+    """Number of pairs that cross in each block, n_b >= 0, and the first such pair, or -1; integers [dimensionless]."""
+    corners, first = _corners(triangles), np.asarray(triangle_lists.first)
+    vertex, listed = np.asarray(triangles.vertex), np.asarray(triangle_lists.triangle)
+    known = {}
+
+    def pair(t, s):
+        if (t, s) not in known:
+            known[t, s] = _cross(corners[t], corners[s])
+        return known[t, s]
+
+    value, margin = np.full((len(first) - 1, 3), -1.0), np.full((len(first) - 1, 3), np.inf)
+    value[:, 0] = 0
+    for b in range(len(first) - 1):
+        own = listed[first[b] : first[b + 1]].tolist()
+        for place, t in enumerate(own):
+            for s in own[place + 1 :]:
+                if set(vertex[t]) & set(vertex[s]):
+                    continue
+                crossing, certain = pair(t, s)
+                margin[b] = np.minimum(margin[b], certain)
+                if crossing:
+                    if value[b, 0] == 0:
+                        value[b, 1:] = t, s
+                    value[b, 0] += 1
+    return {"crossing": (value, margin)}
+
+
+def _cross(one, other):
+    """(whether an edge of either triangle pierces the other, relative margin), by determinants of tetrahedra."""
+    size = max(np.ptp(np.concatenate([one, other]), axis=0).max(), 1e-300)
+    span = 1 + np.abs(one).max() / size
+    found, margin = False, np.inf
+    for near, far in ((one, other), (other, one)):
+        for k in range(3):
+            a, b = near[k], near[(k + 1) % 3]
+            sides = [np.linalg.det(np.stack([far[1] - far[0], far[2] - far[0], p - far[0]])) for p in (a, b)]
+            round_ = [np.linalg.det(np.stack([b - a, far[e] - a, far[(e + 1) % 3] - a])) for e in range(3)]
+            pierced = sides[0] * sides[1] < 0 and (all(r > 0 for r in round_) or all(r < 0 for r in round_))
+            found = found or pierced
+            margin = min(margin, min(map(abs, [*sides, *round_])) / size**3 / span)
+    return found, margin
+
+
+def _node_values(field):
+    """{(jx, jy, jz): place} of all nodes, and {(by, bz): [(bx, inside after)]} of all rows of blocks."""
+    table = node_table(field)
+    places = {tuple(j): n for n, j in enumerate(table.tolist())}
+    rows = {}
+    for b, (x, y, z) in enumerate((table[::64] // 4).tolist()):
+        rows.setdefault((y, z), []).append((x, bool(field.inside_after[b])))
+    return places, rows
+
+
+def interpolate(query, distance_field):
+    """P1: phi = sum_c w_c phi_c [m] over the corners of the cell, and its slope d phi/dx [dimensionless]."""
+    field = distance_field
+    h, band = float(field.spacing), float(field.band)
+    places, rows = _node_values(field)
+    origin = np.array([field.origin_x, field.origin_y, field.origin_z], dtype=float)
+    points = np.asarray(query, dtype=float) - origin
+    value, slope = np.zeros(len(points)), np.zeros((len(points), 3))
+    for i, point in enumerate(points):
+        j = np.floor(point / h).astype(int)
+        u = point / h - j
+        for c in range(8):
+            step = np.array([c & 1, c >> 1 & 1, c >> 2])
+            there = tuple((j + step).tolist())
+            if there in places:
+                phi = float(field.distance[places[there]])
+            else:
+                before = [inside for x, inside in rows.get((there[1] // 4, there[2] // 4), []) if x < there[0] // 4]
+                phi = -band if before and before[-1] else band
+            weight = np.where(step == 1, u, 1 - u)
+            value[i] += weight.prod() * phi
+            for axis in range(3):
+                others = [a for a in range(3) if a != axis]
+                slope[i, axis] += (1 if step[axis] else -1) * weight[others].prod() * phi / h
+    size = 1 + np.abs(np.asarray(query, dtype=float)).max(1, initial=0.0) / h * 1e-6
+    return {
+        "query_distance": (value, band * size),
+        "query_gradient": (slope, (band / h * size)[:, None] * np.ones(3)),
+    }
+
+
+def project(query, triangles, distance_field):
+    """Nearest point c [m] with |x - c| = min over the closest triangles of the cell's corners, and its pseudonormal."""
+    field = distance_field
+    h = float(field.spacing)
+    places, _ = _node_values(field)
+    corners = _corners(triangles)
+    normals = np.asarray(triangles.normal, dtype=float).reshape(-1, 7, 3)
+    origin = np.array([field.origin_x, field.origin_y, field.origin_z], dtype=float)
+    points = np.asarray(query, dtype=float)
+    place, normal, undecided = points.copy(), np.zeros(points.shape), np.zeros(len(points), bool)
+    moves = np.concatenate([np.zeros((1, 3)), 1e-4 * h * np.eye(3), -1e-4 * h * np.eye(3)])
+    for i, point in enumerate(points - origin):
+        j = np.floor(point / h).astype(int)
+        near = [places.get(tuple((j + [c & 1, c >> 1 & 1, c >> 2]).tolist()), -1) for c in range(8)]
+        own = sorted({int(field.closest[n]) for n in near if n >= 0} - {-1})
+        normals_around = []
+        for move in moves if own else ():  # a feature that changes nearby leaves the normal undecided
+            offset, feature = triangle_offset(np.broadcast_to(point + move, (len(own), 3)), corners[own])
+            k = int(np.linalg.norm(offset, axis=1).argmin())
+            normals_around.append(normals[own[k], feature[k]])
+            if len(normals_around) == 1:
+                place[i], normal[i] = points[i] - offset[k], normals_around[0]
+        undecided[i] = bool(np.ptp(np.array(normals_around or [[0.0] * 3]), axis=0).any())
+    span = np.abs(points).max(1, initial=0.0) + _span(triangles).max(initial=0.0) + h
+    return {
+        "projected": (place, span[:, None] * np.ones(3)),
+        "projected_normal": (normal, np.where(undecided, np.inf, 1.0)[:, None] * np.ones(3)),
+    }
