@@ -5,7 +5,9 @@ package loads no Numba and compiles nothing.
 """
 
 from refsim import isosurface, surface_energy
+from refsim.boundary import sampling, signed_distance
 from refsim.boundary.akinci_2012 import BoxWalls
+from refsim.boundary.mesh import load_mesh
 from refsim.boundary.two_way_coupling import TwoWayCoupling
 from refsim.driver import RunReport, simulate
 from refsim.errors import InputError, RunStopped
@@ -68,8 +70,11 @@ __all__ = [
     "WeaklyCompressible",
     "__version__",
     "isosurface",
+    "load_mesh",
     "load_scene",
     "make_plan",
+    "sampling",
+    "signed_distance",
     "simulate",
     "surface_energy",
 ]

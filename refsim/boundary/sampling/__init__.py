@@ -20,12 +20,10 @@ from refsim.boundary.mesh import SurfaceMesh
 from refsim.boundary.signed_distance import DistanceField, NarrowBand, signed_distance
 from refsim.effect import literal_errata
 from refsim.errors import InputError
-from refsim.isosurface import edges_and_facets
-from refsim.isosurface import Contour
+from refsim.isosurface import Contour, edges_and_facets
 from refsim.neighbours import NeighbourSearch
 from refsim.operation import REGISTRY, Operation, register
 from refsim.particles import Field
-from refsim.sparse_grid import nodes
 
 HEXAGONAL = math.pi / (2 * math.sqrt(3))  # g of the densest packing, at the spacing 2 r
 LITERAL = ("E24", "E25")
@@ -117,9 +115,12 @@ def sample(
             " give a smaller radius."
         )
     notes: list[str] = []
-    band, corner, facets, area = _surface(mesh, radius if spacing is None else spacing, spacing is None, backend, dtype,
-                                          check_crossings, notes)
-    last = facet_counts(backend.host(area), density, radius, "E25" in printed)
+    band, corner, facets, area = _surface(
+        mesh, radius if spacing is None else spacing, spacing is None, backend, dtype, check_crossings, notes
+    )
+    area = backend.host(area)
+    whole = mesh.area / float(area.sum(dtype=float))  # marching cubes cuts a little off at edges
+    last = facet_counts(area, density * whole, radius, "E25" in printed)
     count = int(last[-1]) if len(last) else 0
     if count == 0:
         raise InputError(
@@ -135,7 +136,8 @@ def sample(
     if not converged:
         notes.append(
             f"the particles still move by {residuals[-1]:.2g} r a step after {len(residuals)} iterations"
-            if len(residuals) else "the particles were not spread"
+            if len(residuals)
+            else "the particles were not spread"
         )
     place, normal = _on_mesh(band, position)
     expected = density * mesh.area / (math.pi * radius**2)
@@ -249,6 +251,11 @@ def _total_and_largest(backend: Backend, way: Any) -> tuple[float, float]:
     return float(way.sum(dtype=np.float64)), float(way.max())
 
 
+def _as_printed(case: Any, grid: Any) -> Relaxation:
+    """The step of E24 for the contract's cases."""
+    return relaxation_step(case.list_radius / 3, STEP, 5, True, grid.dtype)
+
+
 _HERE = "refsim.boundary.sampling"
 _PAPER = "CN104318598A"
 register(
@@ -285,6 +292,9 @@ register(
         equation="P3 and P4 with E24: tangential repulsion and projection along the normal",
         function="relax",
         outputs=("relaxed_position", "way"),
+        cases=("piled_up",),
+        variants=({}, {"relaxation": _as_printed}),
+        invariants=("reordering",),
         tolerance=16.0,
         tolerance_reason="one rounding in each of distance, exponential, product and sum, and those of the interpolated"
         " distance and slope",

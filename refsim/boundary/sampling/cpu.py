@@ -6,17 +6,17 @@ from refsim.neighbours.rows import cpu_row
 
 
 @cpu_kernel
-def areas(facet_corner, facets, facet_area):
+def areas(facet_corner, facets_of_mesh, facet_area):
     """Area of every facet."""
     for f in prange(facet_area.shape[0]):
-        facet_area[f] = particle.area(f, facet_corner, facets)
+        facet_area[f] = particle.area(f, facet_corner, facets_of_mesh)
 
 
 @cpu_kernel
-def place(facet_corner, facets, facet_last, sample_seed, placed):
+def place(facet_corner, facets_of_mesh, facet_last, sample_seed, placed):
     """Places of the particles before the relaxation."""
     for i in prange(placed.shape[0]):
-        x, y, z = particle.place(i, facet_corner, facets, facet_last, sample_seed)
+        x, y, z = particle.place(i, facet_corner, facets_of_mesh, facet_last, sample_seed)
         placed[i, 0], placed[i, 1], placed[i, 2] = x, y, z
 
 

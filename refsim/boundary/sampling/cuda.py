@@ -6,19 +6,19 @@ from refsim.neighbours.rows import cuda_row
 
 
 @cuda_kernel
-def areas(facet_corner, facets, facet_area):
+def areas(facet_corner, facets_of_mesh, facet_area):
     """Area of every facet."""
     f = cuda.grid(1)
     if f < facet_area.shape[0]:
-        facet_area[f] = particle.area(f, facet_corner, facets)
+        facet_area[f] = particle.area(f, facet_corner, facets_of_mesh)
 
 
 @cuda_kernel
-def place(facet_corner, facets, facet_last, sample_seed, placed):
+def place(facet_corner, facets_of_mesh, facet_last, sample_seed, placed):
     """Places of the particles before the relaxation."""
     i = cuda.grid(1)
     if i < placed.shape[0]:
-        x, y, z = particle.place(i, facet_corner, facets, facet_last, sample_seed)
+        x, y, z = particle.place(i, facet_corner, facets_of_mesh, facet_last, sample_seed)
         placed[i, 0], placed[i, 1], placed[i, 2] = x, y, z
 
 

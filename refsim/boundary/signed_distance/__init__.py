@@ -30,6 +30,7 @@ class Triangles(NamedTuple):
 
     corner: Any  # (t, 9) [m], corners a, b, c
     normal: Any  # (t, 21) unit pseudonormals: of the face, of the edges ab, bc, ca, of the corners a, b, c
+    owner: Any  # (t, 7) int32, the lowest triangle that shares the face, the edge or the corner
     vertex: Any  # (t, 3) int32, which corners are the same
 
 
@@ -143,13 +144,18 @@ def triangle_table(mesh: SurfaceMesh, dtype: str) -> Triangles:
         for c in range(3):
             vertex[:, c] += np.bincount(mesh.faces[:, k], angle[:, k] * face[:, c], len(vertex))
     edges = np.sort(np.stack([mesh.faces, np.roll(mesh.faces, -1, axis=1)], axis=2), axis=2).reshape(-1, 2)
-    _, place = np.unique(edges[:, 0] * len(vertex) + edges[:, 1], return_inverse=True)
-    place = place.reshape(-1)
-    edge = np.stack([np.bincount(place, np.repeat(face[:, c], 3)) for c in range(3)], axis=1)
-    normal = np.concatenate([face[:, None], _units(edge)[place].reshape(-1, 3, 3), _units(vertex)[mesh.faces]], axis=1)
-    return Triangles(
-        corners.reshape(-1, 9).astype(dtype), normal.reshape(-1, 21).astype(dtype), mesh.faces.astype(np.int32)
+    _, lowest, place = np.unique(edges[:, 0] * len(vertex) + edges[:, 1], return_index=True, return_inverse=True)
+    place = place.reshape(-1, 3)
+    edge = np.stack([np.bincount(place.ravel(), np.repeat(face[:, c], 3)) for c in range(3)], axis=1)
+    normal = np.concatenate([face[:, None], _units(edge)[place], _units(vertex)[mesh.faces]], axis=1)
+    _, lowest_corner, corner_place = np.unique(mesh.faces, return_index=True, return_inverse=True)
+    owner = np.concatenate(
+        [np.arange(len(face))[:, None], (lowest // 3)[place], (lowest_corner // 3)[corner_place.reshape(-1, 3)]], axis=1
     )
+    return Triangles(
+        corners.reshape(-1, 9).astype(dtype), normal.reshape(-1, 21).astype(dtype), owner.astype(np.int32),
+        mesh.faces.astype(np.int32),
+    )  # fmt: skip
 
 
 def _units(vectors: np.ndarray) -> np.ndarray:
@@ -279,6 +285,7 @@ def _refuse_crossings(mesh: SurfaceMesh, backend: Backend, triangles: Triangles,
 
 _HERE = "refsim.boundary.signed_distance"
 _PAPER = "CN104318598A"
+_SHAPES = ("needle", "thin_plate", "thick_box")
 _OPERATIONS = ("nearest", "signs", "fill")
 _PLACE = "places are rounded products of coordinates and the spacing; differences of them come with a few roundings"
 register(
@@ -288,6 +295,7 @@ register(
         paper=_PAPER,
         equation="P1: one bounding box for each triangle",
         function="count_blocks",
+        cases=_SHAPES,
         outputs=("block_count",),
         exact=("block_count",),
         tolerance=32.0,
@@ -301,6 +309,7 @@ register(
         paper=_PAPER,
         equation="P1: sorted keys",
         function="list_blocks",
+        cases=_SHAPES,
         outputs=("pair_key", "pair_triangle"),
         exact=("pair_key", "pair_triangle"),
         tolerance=32.0,
@@ -314,6 +323,7 @@ register(
         paper=_PAPER,
         equation="P1: least |phi| in the band, ties to the lower triangle",
         function="nearest",
+        cases=_SHAPES,
         outputs=("unsigned_distance", "closest"),
         exact=("closest",),
         entrywise=("unsigned_distance",),
@@ -328,6 +338,7 @@ register(
         paper=_PAPER,
         equation="P1 with E26: angle-weighted pseudonormal of the closest feature",
         function="signs",
+        cases=_SHAPES,
         outputs=("distance",),
         entrywise=("distance",),
         tolerance=16.0,
@@ -341,6 +352,7 @@ register(
         paper=_PAPER,
         equation="E26: interior beyond the band",
         function="fill",
+        cases=_SHAPES,
         outputs=("distance", "inside_after"),
         exact=("inside_after",),
         entrywise=("distance",),
@@ -355,6 +367,7 @@ register(
         paper="standard",
         equation="triangles of which one's edge pierces the other",
         function="crossings",
+        cases=("crossed_boxes", "needle"),
         outputs=("crossing",),
         exact=("crossing",),
         tolerance=64.0,
@@ -368,6 +381,7 @@ register(
         paper=_PAPER,
         equation="P1: trilinear value and slope",
         function="interpolate",
+        cases=_SHAPES,
         outputs=("query_distance", "query_gradient"),
         entrywise=("query_distance", "query_gradient"),
         tolerance=16.0,
@@ -382,6 +396,7 @@ register(
         paper=_PAPER,
         equation="P1: exact closest triangle among those of the cell's corners",
         function="project",
+        cases=_SHAPES,
         outputs=("projected", "projected_normal"),
         entrywise=("projected", "projected_normal"),
         tolerance=16.0,

@@ -6,43 +6,43 @@ from refsim.compile import cpu_kernel, prange
 
 
 @cpu_kernel
-def count_blocks(triangles, grid, block_count):
+def count_blocks(triangles, band_grid, block_count):
     """Blocks within the band of each triangle; integers."""
     for t in prange(block_count.shape[0]):
-        block_count[t] = node.blocks_of_triangle(t, triangles, grid, -1, block_count, block_count)
+        block_count[t] = node.blocks_of_triangle(t, triangles, band_grid, -1, block_count, block_count)
 
 
 @cpu_kernel
-def list_blocks(triangles, grid, block_first, pair_key, pair_triangle):
+def list_blocks(triangles, band_grid, block_first, pair_key, pair_triangle):
     """The pairs themselves; integers."""
     for t in prange(block_first.shape[0] - 1):
-        node.blocks_of_triangle(t, triangles, grid, block_first[t], pair_key, pair_triangle)
+        node.blocks_of_triangle(t, triangles, band_grid, block_first[t], pair_key, pair_triangle)
 
 
 @cpu_kernel
-def nearest(triangles, grid, band_blocks, triangle_lists, unsigned_distance, closest):
+def nearest(triangles, band_grid, band_blocks, triangle_lists, unsigned_distance, closest):
     """Distance and closest triangle of every node."""
     for n in prange(closest.shape[0]):
-        distance, triangle = node.nearest_triangle(n, triangles, grid, band_blocks, triangle_lists)
+        distance, triangle = node.nearest_triangle(n, triangles, band_grid, band_blocks, triangle_lists)
         unsigned_distance[n] = distance
         closest[n] = triangle
 
 
 @cpu_kernel
-def signs(triangles, grid, band_blocks, closest, unsigned_distance, distance):
+def signs(triangles, band_grid, band_blocks, closest, unsigned_distance, distance):
     """Signs of the nodes in the band; beyond it the distance stays as it is."""
     for n in prange(distance.shape[0]):
         value = unsigned_distance[n]
-        if closest[n] >= 0 and node.is_inside(n, triangles, grid, band_blocks, closest[n]):
+        if closest[n] >= 0 and node.is_inside(n, triangles, band_grid, band_blocks, closest[n]):
             value = -value
         distance[n] = value
 
 
 @cpu_kernel
-def fill(grid, row_first, closest, distance, inside_after):
+def fill(band_grid, row_first, closest, distance, inside_after):
     """Signs beyond the band, a row of blocks at a time."""
     for row in prange(row_first.shape[0] - 1):
-        node.fill_row(row, grid, row_first, closest, distance, inside_after)
+        node.fill_row(row, band_grid, row_first, closest, distance, inside_after)
 
 
 @cpu_kernel

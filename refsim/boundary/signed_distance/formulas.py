@@ -178,7 +178,7 @@ def trilinear(x, y, z, field):
 
 @formula
 def corner_value(field, node, jx, jy, jz, dx, dy, dz):
-    """phi [m] at a corner of the cell whose lowest corner is `node`: phi_(j + d)."""
+    """phi_c = phi_(j + d) [m] at a corner of the cell whose lowest corner is `node`."""
     there = step_in_block(field, node, dx, dy, dz)
     if there >= 0:
         return field.distance[there]
@@ -193,10 +193,10 @@ def plane_side(ax, ay, az, nx, ny, nz, x, y, z):
 
 @formula
 def edge_pierces(t, k, other, corner, normal):
-    """Flag: edge k of triangle t crosses the inside of triangle `other`.
+    """Flag = (edge k of triangle t crosses the inside of triangle `other`).
 
-    Its ends stand on both sides of the other's plane, s_a s_b < 0, and it meets the plane at (s_b a - s_a b)/(s_b - s_a),
-    inside all three edges.
+    Its ends stand on both sides of the other's plane, s_a s_b < 0, and it meets the plane at
+    (s_b a - s_a b)/(s_b - s_a), inside all three edges.
     """
     a = 3 * k
     b = 3 * ((k + 1) % 3)

@@ -61,8 +61,9 @@ def blocks_of_triangle(t, triangles, grid, first, pair_key, pair_triangle):
 
 @formula
 def nearest_triangle(n, triangles, grid, blocks, lists):
-    """(unsigned distance [m] of node n, at most the band; its closest triangle, the lower of two, -1 beyond the band).
+    """(unsigned distance [m] of node n, at most the band; its closest triangle, -1 beyond the band).
 
+    Of the triangles that share the closest edge or corner it is the lowest, whatever rounding says of their distances.
     Triangles whose bounding box is further than the nearest so far are left out.
     """
     h = grid.spacing
@@ -81,11 +82,11 @@ def nearest_triangle(n, triangles, grid, blocks, lists):
         y = box_distance(py, min(ay, by, cy), max(ay, by, cy))
         z = box_distance(pz, min(az, bz, cz), max(az, bz, cz))
         if x * x + y * y + z * z <= best:
-            ox, oy, oz, _ = triangle_offset(px, py, pz, t, corner, triangles.normal)
+            ox, oy, oz, f = triangle_offset(px, py, pz, t, corner, triangles.normal)
             squared = ox * ox + oy * oy + oz * oz
             if squared < best or (closest < 0 and squared <= best):
                 best = squared
-                closest = t
+                closest = triangles.owner[t, f]
     if closest < 0:
         return grid.band, -1
     return math.sqrt(best), closest
@@ -140,9 +141,7 @@ def crossings_of_block(b, triangles, lists):
                 crossing = False
                 for e in range(3):
                     crossing = (
-                        crossing
-                        or edge_pierces(t, e, s, corner, normal)
-                        or edge_pierces(s, e, t, corner, normal)
+                        crossing or edge_pierces(t, e, s, corner, normal) or edge_pierces(s, e, t, corner, normal)
                     )
                 if crossing:
                     if count == 0:
@@ -155,8 +154,12 @@ def crossings_of_block(b, triangles, lists):
 def boxes_meet(t, s, corner):
     """Whether the bounding boxes of two triangles overlap."""
     for c in range(3):
-        low = max(min(corner[t, c], corner[t, c + 3], corner[t, c + 6]), min(corner[s, c], corner[s, c + 3], corner[s, c + 6]))
-        high = min(max(corner[t, c], corner[t, c + 3], corner[t, c + 6]), max(corner[s, c], corner[s, c + 3], corner[s, c + 6]))
+        low = max(
+            min(corner[t, c], corner[t, c + 3], corner[t, c + 6]), min(corner[s, c], corner[s, c + 3], corner[s, c + 6])
+        )
+        high = min(
+            max(corner[t, c], corner[t, c + 3], corner[t, c + 6]), max(corner[s, c], corner[s, c + 3], corner[s, c + 6])
+        )
         if low > high:
             return False
     return True
@@ -189,8 +192,10 @@ def nearest_of_cell(x, y, z, triangles, field):
     closest, feature = -1, 0
     node = find_node(field, jx, jy, jz)
     for c in range(8):
-        there = step_in_block(field, node, c & 1, (c >> 1) & 1, c >> 2) if node >= 0 else find_node(
-            field, jx + (c & 1), jy + ((c >> 1) & 1), jz + (c >> 2)
+        there = (
+            step_in_block(field, node, c & 1, (c >> 1) & 1, c >> 2)
+            if node >= 0
+            else find_node(field, jx + (c & 1), jy + ((c >> 1) & 1), jz + (c >> 2))
         )
         t = field.closest[there] if there >= 0 else -1
         if t >= 0 and t != closest:

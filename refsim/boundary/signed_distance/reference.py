@@ -55,10 +55,10 @@ def _span(triangles):
     return np.abs(corners).max((1, 2), initial=0.0) if len(corners) else np.zeros(0)
 
 
-def _pairs(triangles, grid):
+def _pairs(triangles, band_grid):
     """For each triangle (block coordinates (k, 3) within its band, margin of the nearest decision)."""
-    h, band = float(grid.spacing), float(grid.band)
-    reach = (band + float(grid.half_diagonal)) * 1.0001
+    h, band = float(band_grid.spacing), float(band_grid.band)
+    reach = (band + float(band_grid.half_diagonal)) * 1.0001
     for corner in _corners(triangles):
         low = (np.floor((corner.min(0) - band) / h).astype(int)) // 4
         high = (np.floor((corner.max(0) + band) / h).astype(int) + 1) // 4
@@ -74,17 +74,17 @@ def _pairs(triangles, grid):
         yield block[distance <= reach], min(margin.min(), on_border if (distance <= reach).any() else 1.0)
 
 
-def count_blocks(triangles, grid):
-    """P1: number of blocks n_t within the band of each triangle, integers [dimensionless], out of its grown box."""
-    found = list(_pairs(triangles, grid))
+def count_blocks(triangles, band_grid):
+    """P1: n_t = number of blocks within the band of each triangle [dimensionless], out of its grown box."""
+    found = list(_pairs(triangles, band_grid))
     count = np.array([len(blocks) for blocks, _ in found], dtype=float)
     return {"block_count": (count, np.array([margin for _, margin in found], dtype=float))}
 
 
-def list_blocks(triangles, grid, block_first):
+def list_blocks(triangles, band_grid, block_first):
     """P1: key = (bz + 2^20) 2^42 + (by + 2^20) 2^21 + bx + 2^20 and triangle of each pair; integers [dimensionless]."""
     keys, owner, margins = [], [], []
-    for t, (block, margin) in enumerate(_pairs(triangles, grid)):
+    for t, (block, margin) in enumerate(_pairs(triangles, band_grid)):
         shifted = block + OFFSET
         keys += ((shifted[:, 2] * 2**21 + shifted[:, 1]) * 2**21 + shifted[:, 0]).tolist()
         owner += [t] * len(block)
@@ -93,31 +93,32 @@ def list_blocks(triangles, grid, block_first):
     return {"pair_key": (np.array(keys), margins), "pair_triangle": (np.array(owner), margins)}
 
 
-def _nearest(place, corners):
-    """(least distance, its triangle, least distance of any other triangle) of each place (n, 3)."""
+def _nearest(place, triangles):
+    """(least distance, owner of the closest feature, least distance of a feature of any other owner), places (n, 3)."""
+    corners, owner = _corners(triangles), np.asarray(triangles.owner)
     n, t = len(place), len(corners)
     least, which, other = np.full(n, np.inf), np.full(n, -1), np.full(n, np.inf)
-    if not t:
-        return least, which, other
-    rows = max(1, int(BLOCK_BYTES / (t * 3 * 8 * 8)))
-    for begin in range(0, n, rows):
+    rows = max(1, int(BLOCK_BYTES / (max(t, 1) * 3 * 8 * 8)))
+    for begin in range(0, n if t else 0, rows):
         part = place[begin : begin + rows, None, :]
         shape = (part.shape[0], t, 3)
-        offset, _ = triangle_offset(np.broadcast_to(part, shape), np.broadcast_to(corners[None], (*shape[:2], 3, 3)))
+        offset, feature = triangle_offset(
+            np.broadcast_to(part, shape), np.broadcast_to(corners[None], (*shape[:2], 3, 3))
+        )
         distance = np.sqrt((offset**2).sum(-1))
+        owners = owner[np.arange(t)[None, :], feature]
         first = distance.argmin(1)
         here = np.arange(len(first))
-        least[begin : begin + rows], which[begin : begin + rows] = distance[here, first], first
-        distance[here, first] = np.inf
-        other[begin : begin + rows] = distance.min(1)
+        least[begin : begin + rows], which[begin : begin + rows] = distance[here, first], owners[here, first]
+        other[begin : begin + rows] = np.where(owners == owners[here, first][:, None], np.inf, distance).min(1)
     return least, which, other
 
 
-def nearest(triangles, grid, band_blocks):
-    """P1: |phi_j| = min_t |x_j - t| [m], held to the band, and the closest triangle, -1 beyond the band."""
-    band = float(grid.band)
-    place = float(grid.spacing) * node_table(band_blocks)
-    least, which, other = _nearest(place, _corners(triangles))
+def nearest(triangles, band_grid, band_blocks, triangle_lists):
+    """P1: |phi_j| = min_t |x_j - t| [m], held to the band, and the lowest triangle with the closest feature, or -1."""
+    band = float(band_grid.band)
+    place = float(band_grid.spacing) * node_table(band_blocks)
+    least, which, other = _nearest(place, triangles)
     span = np.abs(place).max(1, initial=0.0) + _span(triangles).max(initial=0.0) + band
     within = least <= band
     margin = np.minimum(np.abs(least - band), np.where(within, other - least, np.inf)) / span
@@ -127,9 +128,9 @@ def nearest(triangles, grid, band_blocks):
     }
 
 
-def signs(triangles, grid, band_blocks, closest, unsigned_distance):
+def signs(triangles, band_grid, band_blocks, closest, unsigned_distance):
     """P1, E26: phi = -|phi| where (x - c).n < 0, n the pseudonormal of the closest feature; [m]."""
-    place = float(grid.spacing) * node_table(band_blocks)
+    place = float(band_grid.spacing) * node_table(band_blocks)
     value = np.array(unsigned_distance, dtype=float)
     rows = np.flatnonzero(np.asarray(closest) >= 0)
     if len(rows):
@@ -137,21 +138,22 @@ def signs(triangles, grid, band_blocks, closest, unsigned_distance):
         offset, feature = triangle_offset(place[rows], _corners(triangles)[t])
         normal = np.asarray(triangles.normal, dtype=float).reshape(-1, 7, 3)[t, feature]
         value[rows] = np.where((offset * normal).sum(1) < 0, -value[rows], value[rows])
-    return {"distance": (value, np.abs(place).max(1, initial=0.0) + float(grid.band))}
+    return {"distance": (value, np.abs(place).max(1, initial=0.0) + float(band_grid.band))}
 
 
-def fill(grid, row_first, closest, distance):
+def fill(band_grid, row_first, closest, distance):
     """E26: beyond the band phi = -band inside and +band outside [m], the side of the last node of the band before."""
     value = np.array(distance, dtype=float)
     closest, first = np.asarray(closest), np.asarray(row_first)
     after = np.zeros(len(value) // 64)
-    for begin, end in zip(first[:-1], first[1:]):
+    for row in range(len(first) - 1):
+        begin, end = first[row], first[row + 1]
         line = value[64 * begin : 64 * end].reshape(-1, 16, 4).transpose(1, 0, 2).reshape(16, -1)
         known = closest[64 * begin : 64 * end].reshape(-1, 16, 4).transpose(1, 0, 2).reshape(16, -1) >= 0
         last = np.maximum.accumulate(np.where(known, np.arange(line.shape[1]), -1), axis=1)
         side = np.where(last >= 0, np.sign(np.take_along_axis(line, np.maximum(last, 0), axis=1)), 1)
         side[side == 0] = 1
-        filled = np.where(known, line, side * float(grid.band))
+        filled = np.where(known, line, side * float(band_grid.band))
         value[64 * begin : 64 * end] = filled.reshape(16, -1, 4).transpose(1, 0, 2).reshape(-1)
         after[begin:end] = side[0, 3::4] < 0
     return {"distance": (value, np.abs(value)), "inside_after": (after, np.ones(len(after)))}
@@ -195,9 +197,17 @@ def _cross(one, other):
             a, b = near[k], near[(k + 1) % 3]
             sides = [np.linalg.det(np.stack([far[1] - far[0], far[2] - far[0], p - far[0]])) for p in (a, b)]
             round_ = [np.linalg.det(np.stack([b - a, far[e] - a, far[(e + 1) % 3] - a])) for e in range(3)]
-            pierced = sides[0] * sides[1] < 0 and (all(r > 0 for r in round_) or all(r < 0 for r in round_))
-            found = found or pierced
-            margin = min(margin, min(map(abs, [*sides, *round_])) / size**3 / span)
+            apart = sides[0] * sides[1] < 0
+            inside = all(r > 0 for r in round_) or all(r < 0 for r in round_)
+            found = found or (apart and inside)
+            # what would have to change: one side, or all corners that lie on one side of the edge
+            turn = min(max(max(round_), 0.0), max(-min(round_), 0.0))
+            least = min(map(abs, sides))
+            if apart and inside:
+                certain = min(least, *map(abs, round_))
+            else:
+                certain = max(0.0 if apart else least, 0.0 if inside else turn)
+            margin = min(margin, certain / size**3 / span)
     return found, margin
 
 
@@ -251,22 +261,23 @@ def project(query, triangles, distance_field):
     normals = np.asarray(triangles.normal, dtype=float).reshape(-1, 7, 3)
     origin = np.array([field.origin_x, field.origin_y, field.origin_z], dtype=float)
     points = np.asarray(query, dtype=float)
-    place, normal, undecided = points.copy(), np.zeros(points.shape), np.zeros(len(points), bool)
+    place, normal, undecided = points.copy(), np.zeros(points.shape), np.zeros((len(points), 2), bool)
     moves = np.concatenate([np.zeros((1, 3)), 1e-4 * h * np.eye(3), -1e-4 * h * np.eye(3)])
     for i, point in enumerate(points - origin):
         j = np.floor(point / h).astype(int)
         near = [places.get(tuple((j + [c & 1, c >> 1 & 1, c >> 2]).tolist()), -1) for c in range(8)]
         own = sorted({int(field.closest[n]) for n in near if n >= 0} - {-1})
-        normals_around = []
-        for move in moves if own else ():  # a feature that changes nearby leaves the normal undecided
+        around = []
+        for move in moves if own else ():  # what jumps nearby, between two features or two sides, is left undecided
             offset, feature = triangle_offset(np.broadcast_to(point + move, (len(own), 3)), corners[own])
             k = int(np.linalg.norm(offset, axis=1).argmin())
-            normals_around.append(normals[own[k], feature[k]])
-            if len(normals_around) == 1:
-                place[i], normal[i] = points[i] - offset[k], normals_around[0]
-        undecided[i] = bool(np.ptp(np.array(normals_around or [[0.0] * 3]), axis=0).any())
+            around.append((point + move - offset[k], normals[own[k], feature[k]]))
+        if own:
+            place[i], normal[i] = points[i] + around[0][0] - point, around[0][1]
+            spread = np.ptp(np.array(around), axis=0).max(1)
+            undecided[i] = spread[0] > 1e-3 * h, spread[1] > 0
     span = np.abs(points).max(1, initial=0.0) + _span(triangles).max(initial=0.0) + h
     return {
-        "projected": (place, span[:, None] * np.ones(3)),
-        "projected_normal": (normal, np.where(undecided, np.inf, 1.0)[:, None] * np.ones(3)),
+        "projected": (place, np.where(undecided[:, 0], np.inf, span)[:, None] * np.ones(3)),
+        "projected_normal": (normal, np.where(undecided[:, 1], np.inf, 1.0)[:, None] * np.ones(3)),
     }

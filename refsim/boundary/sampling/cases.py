@@ -1,0 +1,67 @@
+"""Inputs and closed forms of boundary sampling: the bodies round a case's particles, and the particles themselves."""
+
+import math
+
+import numpy as np
+
+from refsim.boundary.sampling import HEXAGONAL, facet_counts, reference, relaxation_step
+from refsim.boundary.signed_distance.cases import SHAPES, bodies
+from refsim.cases import CASES, Case, Exact, case, closed_form, groups
+
+
+@groups("facet_corner", "facets_of_mesh", "facet_area", "facet_last", "sample_seed", "placed")
+def _facets(case, grid):
+    mesh = SHAPES[case.name]() if case.name in SHAPES else bodies(case)
+    corner, facets = mesh.vertices.astype(grid.dtype), mesh.faces.astype(np.int32)
+    area = reference.areas(corner, facets)["facet_area"][0]
+    last = facet_counts(area, HEXAGONAL, 0.1 * case.spacing)
+    count = int(last[-1]) if len(last) else 0
+    return {
+        "facet_corner": corner, "facets_of_mesh": facets, "facet_area": area.astype(grid.dtype), "facet_last": last,
+        "sample_seed": np.int64(3), "placed": np.zeros((count, 3), grid.dtype),
+    }  # fmt: skip
+
+
+@groups("relaxation")
+def _relaxation(case, grid):
+    return {"relaxation": relaxation_step(case.list_radius / 3, 0.5, 5, False, grid.dtype)}
+
+
+@case
+def piled_up() -> Case:
+    """Particles at one place by twos, threes and sevens, on the surface of the first body."""
+    place = np.repeat(0.045 * np.array([[1, 0, 0], [0, 1, 0], [0, 0, -1], [0.5, 0.5, 0]]), (2, 3, 7, 1), axis=0)
+    return Case("piled_up", 3, np.concatenate([np.zeros((1, 3)), place]))
+
+
+@closed_form("sampling.areas")
+def half_squares():
+    """Half of a unit square, half of a square twice as wide, and a triangle without area."""
+    corner = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [2, 0, 0], [0, 0, 2]], float)
+    facets = np.array([[0, 1, 2], [0, 3, 4], [0, 1, 3]], np.int32)
+    given = {"facet_corner": corner, "facets_of_mesh": facets, "facet_area": np.zeros(3)}
+    return Exact(Case("half_squares", 3, np.zeros((1, 3))), given, {"facet_area": np.array([0.5, 2.0, 0.0])})
+
+
+@closed_form("sampling.place")
+def at_points():
+    """Facets shrunk to a point each, of which the second gets two particles and the third none."""
+    corner = np.array([[1, 2, 3], [4, 5, 6], [7, 8, 9], [-1, 0, 1]], float)
+    facets = np.repeat(np.arange(4, dtype=np.int32)[:, None], 3, axis=1)
+    last = np.array([1, 3, 3, 4], np.int32)
+    given = {"facet_corner": corner, "facets_of_mesh": facets, "facet_last": last, "placed": np.zeros((4, 3))}
+    return Exact(Case("at_points", 3, np.zeros((1, 3))), given, {"placed": corner[[0, 1, 1, 3]]})
+
+
+@closed_form("sampling.relax")
+def a_pair_over_a_cube():
+    """Two particles 0.4 m apart, 0.3 m over the cube's upper face, sigma = 0.4 m, lambda = 1/2, r = 0.4 m.
+
+    Omega = exp(-1/2), so each moves 0.2 exp(-1/2) m along the face and 0.3 m down onto it.
+    """
+    given = {"relaxation": relaxation_step(0.4, 0.5, 1, False, "float64")}
+    apart = 0.2 * math.exp(-0.5)
+    where = np.array([[0.1 - apart, 0.1, 1.0], [0.5 + apart, 0.1, 1.0]])
+    made = CASES["unit_cube"]()
+    pair = Case("unit_cube", 3, np.array([[0.1, 0.1, 1.3], [0.5, 0.1, 1.3]]), spacing=made.spacing, support_radius=2.0)
+    return Exact(pair, given, {"relaxed_position": where, "way": np.full(2, math.hypot(apart, 0.3))})

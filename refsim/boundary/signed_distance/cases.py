@@ -1,0 +1,291 @@
+"""Inputs and closed forms of the signed distance: small bodies round a case's particles, and shapes of their own."""
+
+import functools
+import math
+
+import numpy as np
+
+from refsim.boundary.mesh import SurfaceMesh
+from refsim.boundary.signed_distance import (
+    BandGrid,
+    DistanceField,
+    TriangleLists,
+    Triangles,
+    _neighbours,
+    band_grid,
+    block_rows,
+    reference,
+    triangle_table,
+)
+from refsim.cases import CASES, Case, Exact, case, closed_form, groups
+from refsim.sparse_grid import Blocks
+
+OCTAHEDRON = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]], float)
+OCTAHEDRON_FACES = np.array(
+    [[0, 2, 4], [2, 1, 4], [1, 3, 4], [3, 0, 4], [2, 0, 5], [1, 2, 5], [3, 1, 5], [0, 3, 5]], np.int64
+)
+BODIES = 8  # round the first particles of a case
+QUERIES = 40
+
+
+def bodies(made: Case) -> SurfaceMesh:
+    """An octahedron round each of the first particles, relative to the first; one at each place, none far away."""
+    place = made.position[:BODIES] - made.position[:1]
+    place = place[np.sort(np.unique(np.round(1e6 * place / made.spacing), axis=0, return_index=True)[1])]
+    place = place[np.abs(place).max(1, initial=0.0) < 1000 * made.spacing]
+    corner = (place[:, None] + 0.45 * made.spacing * (OCTAHEDRON @ _turn().T)[None]).reshape(-1, 3)
+    faces = (6 * np.arange(len(place))[:, None, None] + OCTAHEDRON_FACES[None]).reshape(-1, 3)
+    return SurfaceMesh(corner, faces, np.zeros(3))
+
+
+def _turn() -> np.ndarray:
+    """A turn that leaves no edge along an axis, so that few distances are equal."""
+    a, b = 0.4, 0.7
+    about_x = np.array([[1, 0, 0], [0, math.cos(a), -math.sin(a)], [0, math.sin(a), math.cos(a)]])
+    about_z = np.array([[math.cos(b), -math.sin(b), 0], [math.sin(b), math.cos(b), 0], [0, 0, 1]])
+    return about_x @ about_z
+
+
+def needle() -> SurfaceMesh:
+    """A pyramid 1 m long and 0.02 m wide: at its tip edges are sharp and the nearest face says the wrong side."""
+    corner = np.array([[0, 0.01, 0.01], [0, -0.01, 0.01], [0, -0.01, -0.01], [0, 0.01, -0.01], [0.3, 0.0, 0.0]])
+    faces = np.array([[0, 1, 4], [1, 2, 4], [2, 3, 4], [3, 0, 4], [1, 0, 3], [1, 3, 2]], np.int64)
+    return SurfaceMesh(corner, faces[:, ::-1].copy() if _volume(corner, faces) < 0 else faces, np.zeros(3))
+
+
+def plate() -> SurfaceMesh:
+    """A box 0.4 m x 0.3 m x 0.01 m, thinner than the grid's spacing, a little turned."""
+    return _box(np.array([0.4, 0.3, 0.01]), _turn())
+
+
+def _box(size: np.ndarray, turn: np.ndarray) -> SurfaceMesh:
+    corner = (np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)]) - 0.5) * size @ turn.T
+    faces = np.array(
+        [
+            [0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1],
+            [2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3],
+        ], np.int64,
+    )  # fmt: skip
+    return SurfaceMesh(corner, faces, np.zeros(3))
+
+
+def crossed() -> SurfaceMesh:
+    """Two boxes of which one pierces the other."""
+    one, other = _box(np.array([0.3, 0.2, 0.25]), np.eye(3)), _box(np.array([0.6, 0.08, 0.07]), _turn())
+    corner = np.concatenate([one.vertices, other.vertices])
+    return SurfaceMesh(corner, np.concatenate([one.faces, other.faces + len(one.vertices)]), np.zeros(3))
+
+
+def thick() -> SurfaceMesh:
+    """A box with so much inside that its middle is beyond the band and beyond all blocks."""
+    return _box(np.array([1.3, 1.1, 0.9]), np.eye(3))
+
+
+def unit_cube() -> SurfaceMesh:
+    """The cube from -1 m to 1 m, whose distance is known."""
+    return _box(np.array([2.0, 2.0, 2.0]), np.eye(3))
+
+
+def _volume(corner: np.ndarray, faces: np.ndarray) -> float:
+    from refsim.boundary.mesh import signed_volume
+
+    return signed_volume(corner[faces])
+
+
+SHAPES = {"needle": needle, "thin_plate": plate, "crossed_boxes": crossed, "thick_box": thick, "unit_cube": unit_cube}
+SPACINGS = {"unit_cube": 0.5, "thick_box": 0.0625, "needle": 0.02, "thin_plate": 0.02, "crossed_boxes": 0.03}
+BANDS = {"thick_box": 2.0}  # in spacings
+
+
+def _shape_case(name: str) -> None:
+    def maker() -> Case:
+        return Case(name, 3, np.zeros((1, 3)), spacing=4 * SPACINGS[name], support_radius=8 * SPACINGS[name])
+
+    maker.__name__, maker.__doc__ = name, SHAPES[name].__doc__
+    case(maker)
+
+
+for _name in SHAPES:
+    _shape_case(_name)
+
+
+@functools.cache
+def band_of(name: str, dtype: str) -> dict:
+    """Everything that the signed distance makes on its way for a case, by the references."""
+    made = CASES[name]()
+    mesh = SHAPES[name]() if name in SHAPES else bodies(made)
+    h = SPACINGS.get(name, 0.25 * made.spacing)
+    triangles, grid = triangle_table(mesh, dtype), band_grid(h, BANDS.get(name, 2.5) * h, dtype)
+    found: dict = {"triangles": triangles, "band_grid": grid} | follow(triangles, grid, dtype)
+    origin = made.position[0] if name not in SHAPES and made.count else np.zeros(3)
+    x, y, z = map(np.float64, origin)
+    found["distance_field"] = found["distance_field"]._replace(origin_x=x, origin_y=y, origin_z=z)
+    return found | {"query": (origin + queries(made, mesh, grid)).astype(dtype)}
+
+
+def follow(triangles: Triangles, grid: BandGrid, dtype: str) -> dict:
+    """Later arguments from triangles and grid."""
+    count = reference.count_blocks(triangles, grid)["block_count"][0].astype(np.int32)
+    first = np.concatenate([[0], np.cumsum(count)]).astype(np.int32)
+    pairs = {n: v for n, (v, _) in reference.list_blocks(triangles, grid, first).items()}
+    key, triangle = pairs["pair_key"].astype(np.int64), pairs["pair_triangle"].astype(np.int32)
+    order = np.argsort(key, kind="stable")
+    keys, begin = np.unique(key[order], return_index=True)
+    blocks = Blocks(keys, _neighbours(np, keys))
+    lists = TriangleLists(np.append(begin, len(key)).astype(np.int32), triangle[order])
+    near = {n: v for n, (v, _) in reference.nearest(triangles, grid, blocks, lists).items()}
+    unsigned, closest = near["unsigned_distance"].astype(dtype), near["closest"].astype(np.int32)
+    signed = reference.signs(triangles, grid, blocks, closest, unsigned)["distance"][0].astype(dtype)
+    rows = block_rows(keys)
+    filled = reference.fill(grid, rows, closest, signed)
+    after = filled["inside_after"][0].astype(np.uint8)
+    field = DistanceField(
+        blocks.keys, blocks.neighbour, filled["distance"][0].astype(dtype), closest, after, grid.spacing,
+        grid.inverse_spacing, grid.band, *3 * (np.float64(0),),
+    )  # fmt: skip
+    return {
+        "block_count": count, "block_first": first, "pair_key": key, "pair_triangle": triangle, "band_blocks": blocks,
+        "triangle_lists": lists, "unsigned_distance": unsigned, "closest": closest, "distance": signed,
+        "row_first": rows, "inside_after": after, "distance_field": field,
+        "crossing": np.zeros((len(keys), 3), np.int32),
+    }  # fmt: skip
+
+
+def queries(made: Case, mesh: SurfaceMesh, grid: BandGrid) -> np.ndarray:
+    """Points [m] round the mesh relative to its origin, inside and outside, on nodes and where no block is."""
+    random = made.random("query")
+    if not len(mesh.faces):
+        return np.zeros((0, 3))
+    h = float(grid.spacing)
+    corner = mesh.corners[random.integers(0, len(mesh.faces), QUERIES)]
+    near = corner.mean(1) + random.normal(size=(QUERIES, 3)) * h
+    on_nodes = h * np.round(near[:5] / h)
+    middle = mesh.corners.mean((0, 1))[None]
+    return np.concatenate([near, on_nodes, middle, middle + 100 * h])
+
+
+@groups(
+    "triangles", "band_grid", "block_count", "block_first", "pair_key", "pair_triangle", "band_blocks",
+    "triangle_lists", "unsigned_distance", "closest", "distance", "row_first", "inside_after", "distance_field",
+    "crossing", "query",
+)  # fmt: skip
+def _band(case, grid):
+    return band_of(case.name, grid.dtype)
+
+
+@groups("query_distance", "query_gradient", "projected", "projected_normal")
+def _at_queries(case, grid):
+    points = band_of(case.name, grid.dtype)["query"]
+    flat, full = np.zeros(len(points), grid.dtype), np.zeros((len(points), 3), grid.dtype)
+    return {"query_distance": flat, "query_gradient": full, "projected": full, "projected_normal": full}
+
+
+def cube_distance(place: np.ndarray) -> np.ndarray:
+    """Signed distance [m] of the cube from -1 m to 1 m: what is beyond each face outside, the nearest face inside."""
+    over = np.abs(place) - 1
+    return np.linalg.norm(np.maximum(over, 0), axis=1) + np.minimum(over.max(1), 0)
+
+
+def _cube(*names):
+    """The unit cube's nodes, |phi| and phi by hand."""
+    given = band_of("unit_cube", "float64")
+    known, band = cube_distance(0.5 * reference.node_table(given["band_blocks"])), 1.25
+    answers = {"unsigned_distance": np.minimum(np.abs(known), band), "distance": np.minimum(known, band)}
+    return Exact(CASES["unit_cube"](), {}, {name: answers[name] for name in names})
+
+
+@closed_form("signed_distance.nearest")
+def nodes_of_a_cube():
+    """Distance of every node from the cube, held to the band of 5/4 m; h = 1/2 m."""
+    return _cube("unsigned_distance")
+
+
+@closed_form("signed_distance.signs")
+def signs_of_a_cube():
+    """The cube is 1 m deep, so that all of its inside lies in the band."""
+    return _cube("distance")
+
+
+@closed_form("signed_distance.fill")
+def inside_of_a_thick_box():
+    """Nodes deeper than the band of 1/8 m are at -1/8 m; blocks whose line ends inside are followed by inside."""
+    given = band_of("thick_box", "float64")
+    place = 0.0625 * reference.node_table(given["band_blocks"])
+    over = np.abs(place) - np.array([0.65, 0.55, 0.45])
+    known = np.linalg.norm(np.maximum(over, 0), axis=1) + np.minimum(over.max(1), 0)
+    after = (known.reshape(-1, 64)[:, 3] < 0).astype(np.uint8)
+    return Exact(CASES["thick_box"](), {}, {"distance": np.clip(known, -0.125, 0.125), "inside_after": after})
+
+
+def speck() -> tuple[Case, dict]:
+    """A tetrahedron of 1/1024 m in the middle of block 0, h = 1 m, band 2 m.
+
+    The middles of blocks stand 4 m apart and the limit is 2 + 3 sqrt(3)/2 = 4.598 m: the block itself and the six that
+    share a face with it.
+    """
+    corner = 1.5 + np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]) / 1024
+    faces = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]], np.int64)
+    given = {"triangles": triangle_table(SurfaceMesh(corner, faces, np.zeros(3)), "float64")}
+    given["band_grid"] = band_grid(1.0, 2.0, "float64")
+    given["block_first"] = 7 * np.arange(5, dtype=np.int32)
+    given |= {"pair_key": np.zeros(28, np.int64), "pair_triangle": np.zeros(28, np.int32)}
+    return Case("speck", 3, np.zeros((1, 3)), spacing=1.0, support_radius=2.0), given
+
+
+@closed_form("signed_distance.count_blocks")
+def seven_blocks():
+    """Seven blocks for each of the four faces."""
+    made, given = speck()
+    return Exact(made, given | {"block_count": np.zeros(4, np.int32)}, {"block_count": np.full(4, 7)})
+
+
+@closed_form("signed_distance.list_blocks")
+def their_keys():
+    """The same blocks by key, z before y before x."""
+    made, given = speck()
+    steps = [(0, 0, -1), (0, -1, 0), (-1, 0, 0), (0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)]
+    keys = [((z + 2**20) * 2**21 + y + 2**20) * 2**21 + x + 2**20 for x, y, z in steps]
+    return Exact(made, given, {"pair_key": np.array(4 * keys), "pair_triangle": np.repeat(np.arange(4), 7)})
+
+
+def _apart(count: int) -> tuple[np.ndarray, np.ndarray]:
+    """(owner, vertex) of triangles that share nothing."""
+    return np.repeat(np.arange(count, dtype=np.int32)[:, None], 7, 1), np.arange(3 * count, dtype=np.int32).reshape(
+        -1, 3
+    )
+
+
+@closed_form("signed_distance.crossings")
+def one_crossing():
+    """An upright triangle stands in a lying one; a third lies 2 m over it."""
+    flat = np.array([[0, 0, 0], [2, 0, 0], [0, 2, 0]], float)
+    upright = np.array([[0.5, 0.25, -1], [0.5, 0.25, 1], [3, 2, 0]])
+    corner = np.stack([flat, upright, flat + [0, 0, 2]])
+    normal = np.zeros((3, 21))
+    side = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+    normal[:, :3] = side / np.linalg.norm(side, axis=1, keepdims=True)
+    triangles = Triangles(corner.reshape(3, 9), normal, *_apart(3))
+    lists = TriangleLists(np.array([0, 3, 5], np.int32), np.array([0, 1, 2, 0, 2], np.int32))
+    given = {"triangles": triangles, "triangle_lists": lists, "crossing": np.zeros((2, 3), np.int32)}
+    made = Case("one_crossing", 3, np.zeros((1, 3)))
+    return Exact(made, given, {"crossing": np.array([[1, 0, 1], [0, -1, -1]])})
+
+
+@closed_form("signed_distance.interpolate")
+def above_a_cube():
+    """Over and under the middle of a face phi is linear; far away it is the band, with no slope."""
+    points = np.array([[0.2, 0.1, 1.3], [0.2, 0.1, 0.8], [-1.7, 0.3, 0.2], [90.0, 0.0, 0.0]])
+    given = {"query": points, "query_distance": np.zeros(4), "query_gradient": np.zeros((4, 3))}
+    slope = np.array([[0, 0, 1], [0, 0, 1], [-1, 0, 0], [0, 0, 0]], float)
+    answer = {"query_distance": np.array([0.3, -0.2, 0.7, 1.25]), "query_gradient": slope}
+    return Exact(CASES["unit_cube"](), given, answer)
+
+
+@closed_form("signed_distance.project")
+def onto_a_cube():
+    """Onto a face, an edge and a corner of the cube, each with its pseudonormal."""
+    points = np.array([[0.2, 0.1, 1.3], [1.2, -1.2, 0.1], [-1.1, 1.2, 1.3], [90.0, 0.0, 0.0]])
+    onto = np.array([[0.2, 0.1, 1.0], [1.0, -1.0, 0.1], [-1.0, 1.0, 1.0], [90.0, 0.0, 0.0]])
+    normal = np.array([[0, 0, 1], [math.sqrt(0.5), -math.sqrt(0.5), 0], [-1, 1, 1] / np.sqrt(3), [0, 0, 0]])
+    given = {"query": points, "projected": np.zeros((4, 3)), "projected_normal": np.zeros((4, 3))}
+    return Exact(CASES["unit_cube"](), given, {"projected": onto, "projected_normal": normal})

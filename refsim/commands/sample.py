@@ -1,0 +1,92 @@
+"""`refsim sample`: a mesh becomes boundary particles."""
+
+from __future__ import annotations
+
+import argparse
+import time
+from pathlib import Path
+
+import numpy as np
+
+from refsim.boundary.mesh import load_mesh
+from refsim.boundary.sampling import LITERAL, MOST_ITERATIONS, sample
+from refsim.commands import Command, Outcome, in_bytes, in_time, register, table
+from refsim.errors import InputError
+from refsim.output import write_vtp
+
+DESCRIPTION = (
+    "Spread particles evenly over a closed triangle mesh: signed distance in a narrow band, g A/(pi r^2) particles,"
+    " relaxation (patent CN104318598A)."
+)
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """The mesh, the radius and where the particles go."""
+    parser.add_argument("mesh", help="mesh file: .obj, .stl, .ply, .off, .glb and whatever else trimesh reads")
+    parser.add_argument(
+        "--radius", type=float, required=True, help="r of the particles [m]; they stand about 2 r apart"
+    )
+    parser.add_argument("-o", "--output", default="boundary.vtp", help="VTP file to write (default boundary.vtp)")
+    parser.add_argument("--seed", type=int, default=0, help="of the first places (default 0)")
+    parser.add_argument("--grid-spacing", type=float, help="of the signed distance's grid [m] (default r)")
+    parser.add_argument("--density", type=float, help="g in g A/(pi r^2) (default pi/(2 sqrt 3) = 0.9069, hexagonal)")
+    parser.add_argument("--iterations", type=int, default=MOST_ITERATIONS, help="most iterations of the relaxation")
+    parser.add_argument("--literal", default="", help=f"errata taken as printed: {', '.join(LITERAL)}, or all")
+    parser.add_argument("--backend", default="cpu", choices=("cpu", "cuda"), help="where it runs (default cpu)")
+
+
+def execute(options: argparse.Namespace) -> Outcome:
+    """Read, sample, write, and say how even the particles are."""
+    output = Path(options.output)
+    if output.suffix != ".vtp":
+        raise InputError(f"sample: {options.output!r} is no .vtp file; give the output a name that ends in .vtp.")
+    if options.iterations < 1:
+        raise InputError(f"sample: --iterations {options.iterations} is not possible; give 1 or more.")
+    began = time.perf_counter()
+    mesh = load_mesh(options.mesh)
+    extra = {} if options.density is None else {"density": options.density}
+    made = sample(
+        mesh, options.radius, seed=options.seed, spacing=options.grid_spacing, backend=options.backend,
+        literal=tuple(filter(None, options.literal.split(","))), most_iterations=options.iterations, **extra,
+    )  # fmt: skip
+    nearest = nearest_distances(made.position)
+    write_vtp(output, made.position, normal=made.normal, nearest=nearest)
+    seconds = time.perf_counter() - began
+    mean = float(nearest.mean()) if len(nearest) > 1 else 0.0
+    data = {
+        "mesh": options.mesh, "triangles": len(mesh.faces), "area": mesh.area, "volume": mesh.volume,
+        "extent": mesh.extent.tolist(), "particles": len(made.position), "expected": made.expected,
+        "radius": options.radius, "mean_spacing": mean,
+        "least_over_mean_spacing": float(nearest.min() / mean) if mean else 0.0,
+        "spacing_variation": float(nearest.std() / mean) if mean else 0.0,
+        "iterations": made.iterations, "converged": made.converged, "residual": made.residual,
+        "grid_spacing": made.field.spacing, "grid_bytes": made.field.nbytes, "seconds": seconds, "output": str(output),
+        "repairs": list(mesh.notes), "notes": list(made.notes),
+    }  # fmt: skip
+    rows = [
+        ("mesh", f"{len(mesh.faces):,} triangles, {_lengths(mesh.extent)} m, area {mesh.area:.4g} m^2, volume"
+                 f" {mesh.volume:.4g} m^3"),
+        ("particles", f"{len(made.position):,}; g A/(pi r^2) = {made.expected:,.1f}"),
+        ("spacing", f"{mean:.4g} m on average, least {data['least_over_mean_spacing']:.3f} of it, variation"
+                    f" {data['spacing_variation']:.3f}"),
+        ("relaxation", f"{made.iterations} iterations, {'' if made.converged else 'not '}converged: the last one moved"
+                       f" them by {made.residual:.2g} r"),
+        ("distance grid", f"{made.field.spacing:.4g} m, {in_bytes(made.field.nbytes)}"),
+        ("written", f"{output} with fields normal and nearest, {in_time(seconds)}"),
+    ]  # fmt: skip
+    rows += [("repaired", note) for note in mesh.notes] + [("note", note) for note in made.notes]
+    return Outcome(data, table(rows))
+
+
+def nearest_distances(position: np.ndarray) -> np.ndarray:
+    """(n,) distance [m] of each particle from the nearest other one, infinite for one alone."""
+    from scipy.spatial import cKDTree
+
+    return cKDTree(position).query(position, k=2)[0][:, 1]
+
+
+def _lengths(extent: np.ndarray) -> str:
+    return " x ".join(f"{x:.4g}" for x in extent)
+
+
+register(Command("sample", "spread boundary particles over a mesh", configure, execute, DESCRIPTION))
