@@ -89,12 +89,19 @@ def test_a_mesh_far_away_gets_the_same_particles(on_ball):
     assert np.abs(far.position - shift - on_ball.position).max() < 1e-9
 
 
+TILT = trimesh.transformations.rotation_matrix(0.4, [1.0, 0.7, 0.2])
+
+
+def tilted_plate(thickness):
+    made = trimesh.creation.box((1.0, 0.8, thickness)).apply_transform(TILT)
+    return surface_mesh(made.vertices, made.faces)
+
+
 def test_a_thin_plate_gets_a_finer_grid():
-    made = trimesh.creation.box((1.0, 0.8, 0.03))
-    plate = sample(surface_mesh(made.vertices, made.faces), 0.03)
+    plate = sample(tilted_plate(0.02), 0.03)
     assert any("finer" in note for note in plate.notes)
     assert len(plate.position) == pytest.approx(plate.expected, abs=1)
-    upper = plate.position[:, 2] > 0
+    upper = (plate.position @ TILT[:3, 2]) > 0
     assert abs(upper.mean() - 0.5) < 0.03
 
 
@@ -113,9 +120,8 @@ def test_bad_input_is_refused(options, words):
 
 
 def test_a_sheet_too_thin_for_any_grid_is_refused():
-    made = trimesh.creation.box((1.0, 0.8, 1e-4))
     with pytest.raises(InputError, match="thinner than the grid"):
-        sample(surface_mesh(made.vertices, made.faces), 0.1)
+        sample(tilted_plate(1e-4), 0.1)
 
 
 def test_command(tmp_path, capsys):
