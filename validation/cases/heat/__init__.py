@@ -89,7 +89,7 @@ def judge(results: Results) -> list[Measurement]:
             continue
         rows = results[f"slab_{name}"].values["rows"]
         for row in rows:
-            key = f"slab_{name}_{row['number']:g}"
+            key = f"slab_{name}_{row['number']:g}".replace(".", "_")
             note(key if key in bounds.entries else "slab_error", row["error"], "" if key in bounds.entries else
                  f"{name}_{row['number']:g}", f"{SCHEMES[name]}, {row['number']:g}")  # fmt: skip
         drift = max(abs(real(row["drift"])) for row in rows)
