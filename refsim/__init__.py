@@ -25,6 +25,7 @@ from refsim.sph.iisph import ImplicitPressure
 from refsim.surface_detection import SurfaceDetection
 from refsim.surface_tension.akinci_2013 import Akinci2013
 from refsim.surface_tension.becker_teschner_2007 import BeckerTeschner2007
+from refsim.surface_tension.calibration import Calibration, calibrate
 from refsim.surface_tension.csf_wang_2019 import CsfWang2019
 from refsim.surface_tension.dong_2016 import Dong2016
 from refsim.surface_tension.he_2014 import He2014
@@ -39,6 +40,7 @@ __all__ = [
     "BeckerTeschner2007",
     "Box",
     "BoxWalls",
+    "Calibration",
     "Cloud",
     "CsfWang2019",
     "Dong2016",
@@ -69,6 +71,7 @@ __all__ = [
     "TwoWayCoupling",
     "WeaklyCompressible",
     "__version__",
+    "calibrate",
     "isosurface",
     "load_mesh",
     "load_scene",

@@ -30,9 +30,16 @@ from refsim.operation import REGISTRY
 from refsim.smoothing import smoothing
 from refsim.smoothing.reference import kernel_slope, kernel_value
 from refsim.sph import Fluid
+from refsim.surface_tension.akinci_2013 import LARGEST_AREA, SHATTERING_AREA
 from refsim.surface_tension.akinci_2013.reference import adhesion_function, cohesion_function
-from refsim.surface_tension.cohesion import COLLAPSE, compression, internal_pressure, nominal_tension
-from refsim.surface_tension.dong_2016 import NormalDifference
+from refsim.surface_tension.cohesion import (
+    COLLAPSE,
+    compression,
+    internal_pressure,
+    neighbours_in_support,
+    nominal_tension,
+)
+from refsim.surface_tension.dong_2016 import LARGEST_CORRECTION, NormalDifference
 from refsim.surface_tension.dong_2016.reference import force_function as dong_force
 
 COHESIVE = (JiangZhu2023, Akinci2013, Dong2016, BeckerTeschner2007, TartakovskyMeakin2005)
@@ -54,6 +61,61 @@ def drop(*effects, n=6, h=2.7, until=0.4, sound_speed=40.0, kernels="wendland", 
     while simulation.time < until:
         simulation.step()
     return simulation
+
+
+def told(plan, words):
+    """Notes of a plan that hold the words."""
+    return [note for note in plan.notes if words in note]
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_large_area_terms_are_told(dim):
+    """Each bound on its own two sides, and the default on the safe one."""
+
+    def notes(effect, h=2.6):
+        grid, others = setting(dim, h)
+        if callable(effect):
+            effect = effect(grid, others)
+        cells = (4, 4, 4 if dim == 3 else 1)
+        scene = Scene(
+            spacing=1.0, support_radius=h, dim=dim, fluid=(Box(cells=cells),),
+            effects=(others["weakly_compressible"], effect),
+        )  # fmt: skip
+        return told(make_plan(scene), "no shorter step mends")
+
+    def akinci(number, gamma=2.0):
+        return lambda grid, others: Akinci2013(
+            gamma=gamma, area_acceleration=number * gamma / neighbours_in_support(grid)
+        )
+
+    assert notes(Akinci2013(surface_tension=1.0)) == []
+    assert notes(akinci(0.999 * LARGEST_AREA)) == []
+    (note,) = notes(akinci(1.001 * LARGEST_AREA))
+    assert "akinci_2013: area_acceleration/(gamma rho0) = 0.00" in note
+    assert "they boil" in note
+    assert "they fly apart" in notes(akinci(1.001 * SHATTERING_AREA))[0]
+    assert "they fly apart" in notes(Akinci2013(gamma=1.0, literal=("gamma",)))[0]
+    assert bool(notes(Akinci2013(surface_tension=1.0), 3.5)) == (dim == 3)  # more neighbours, the same coefficient
+    assert notes(Akinci2013(surface_tension=1.0, area_acceleration=0.0)) == []
+    assert notes(Dong2016(surface_tension=2.0)) == []
+    assert notes(Dong2016(surface_tension=2.0, correction=0.999 * 2 * LARGEST_CORRECTION)) == []
+    (note,) = notes(Dong2016(surface_tension=2.0, correction=1.001 * 2 * LARGEST_CORRECTION))
+    assert "dong_2016: correction = 24 sigma/(rho0 d) is above 24" in note
+    assert "they swell" in note
+    assert "they fly apart" in notes(Dong2016(surface_tension=2.0, correction=2 * 96.1))[0]
+
+
+def test_an_area_term_beyond_its_bound_does_fly_apart():
+    """The instability itself, in the cube of 64: far beyond the bound it scatters, at the default it holds together."""
+    reach = {}
+    for share in (0.07, 2.4):
+        grid, others = setting(3, 2.6)
+        gamma = Akinci2013(surface_tension=1.0).coefficient(Discretisation(3, "float64", 1 / 4, 2.6 / 4, 64), others)
+        effect = Akinci2013(surface_tension=1.0, area_acceleration=share * gamma / neighbours_in_support(grid))
+        x = drop(effect, n=4, h=2.6, until=0.5, viscosity=0.05, sound_speed=20.0).field("position").astype(float)
+        reach[share] = np.linalg.norm(x - x.mean(0), axis=1).max()
+    assert reach[0.07] < 1.0
+    assert reach[2.4] > 1.5
 
 
 # Force functions
@@ -181,11 +243,8 @@ def test_collapse_is_refused_and_strain_is_told(model):
         cube = Box(cells=(4, 4, 4))
         return make_plan(Scene(spacing=1.0, support_radius=2.7, fluid=(cube,), effects=(fluid, effect)))
 
-    def told(plan):
-        return [note for note in plan.notes if "compresses the bulk" in note]
-
-    assert told(at(0.04)) == []
-    (note,) = told(at(0.2))
+    assert told(at(0.04), "compresses the bulk") == []
+    (note,) = told(at(0.2), "compresses the bulk")
     assert model.name in note
     assert f"{100 * (compression(0.2) - 1):.0f} %" in note
     with pytest.raises(InputError, match="would collapse the liquid; give weakly_compressible a sound_speed above"):
@@ -196,7 +255,7 @@ def test_collapse_is_refused_and_strain_is_told(model):
             effects=(others["weakly_compressible"], model(surface_tension=1e5)),
         )
     )  # fmt: skip
-    assert told(balanced) == []
+    assert told(balanced, "compresses the bulk") == []
     assert balanced.shared["fluid"].internal_pressure == pytest.approx(1e5 * pressure, rel=1e-5)
 
 

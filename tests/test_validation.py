@@ -393,7 +393,7 @@ def test_a_drop_that_stops_is_a_result_with_its_reason(monkeypatch):
 
 def test_a_missing_peer_is_reported_not_crashed_on(monkeypatch):
     monkeypatch.setattr(splishsplash, "missing", lambda: "it is not installed")
-    found = {"peer_splishsplash": timing.runs.against_splishsplash(Context(), 3, 2, 1, 1)}
+    found = {name: timing.runs.against_splishsplash(Context(), 3, 2, 1, 1) for name in timing.PEERS}
     assert timing.CASE.judge(found) == []
     assert "left out: it is not installed" in str(timing.CASE.tables(found)[0])
 

@@ -11,30 +11,25 @@ import itertools
 import math
 import time
 import warnings
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from refsim import (
-    Akinci2013,
     Ball,
-    BeckerTeschner2007,
     Cloud,
-    CsfWang2019,
-    Dong2016,
-    He2014,
     InputError,
-    JiangZhu2023,
     RunStopped,
     Scene,
     Simulation,
-    TartakovskyMeakin2005,
     WeaklyCompressible,
 )
-from refsim.effect import Discretisation, Effect
+from refsim.effect import Discretisation
+from refsim.surface_tension.calibration import BASE, SETTINGS
 from validation.metrics.droplet import nearest_neighbour_distance, radius_variation
 from validation.metrics.virial import inner_pressure
 
@@ -48,21 +43,7 @@ KICK = 0.4  # amplitude of the oscillation, in radii: beyond what the particles'
 SOFTENING = {2: 0.0, 3: 34409 / 58800}  # omega = omega_0 (1 - s A^2) at amplitude A (Tsamopoulos & Brown 1983)
 INNER = 0.6  # of R: where the pressure is taken
 
-MODELS: dict[str, tuple[str, Callable[[], Effect]]] = {
-    "jiang_zhu": ("Jiang & Zhu 2023", lambda: JiangZhu2023(surface_tension=1.0, area_ratio=0.012)),
-    "akinci": ("Akinci 2013", lambda: Akinci2013(surface_tension=1.0)),
-    "akinci_cohesion": ("Akinci 2013, cohesion alone", lambda: Akinci2013(surface_tension=1.0, area_acceleration=0.0)),
-    "dong": ("Dong 2016", lambda: Dong2016(surface_tension=1.0)),
-    "dong_cohesion": ("Dong 2016, cohesion alone", lambda: Dong2016(surface_tension=1.0, correction=0.0)),
-    "becker_teschner": ("Becker & Teschner 2007", lambda: BeckerTeschner2007(surface_tension=1.0)),
-    "tartakovsky_meakin": ("Tartakovsky & Meakin 2005", lambda: TartakovskyMeakin2005(surface_tension=1.0)),
-    "he": ("He 2014, surface energy", lambda: He2014(surface_tension=1.0)),
-    "jiang_zhu_soft": (
-        "Jiang & Zhu 2023, soft surface weight",
-        lambda: JiangZhu2023(surface_tension=1.0, pair_mode="soft", area_ratio=0.01),
-    ),
-    "csf": ("continuum surface force", lambda: CsfWang2019(surface_tension=1.0)),
-}
+MODELS = {name: (words, partial(effect, 1.0)) for name, (words, effect) in SETTINGS.items()}  # of nominal sigma = 1
 
 
 @dataclass(frozen=True)
@@ -104,7 +85,6 @@ class Point:
 
 RADII = {2: (8.0, 11.0, 16.0, 24.0), 3: (5.0, 7.0, 10.0, 14.0)}
 SEEDED = {2: 16.0, 3: 10.0}  # radius at which three seeds are run
-BASE = {"support": 2.6, "stiffness": 0.01, "kernels": "mueller"}
 AXES: dict[str, tuple[Any, ...]] = {
     "support": (2.0, 2.3, 2.6, 3.0),
     "stiffness": (0.003, 0.01, 0.03),
@@ -333,7 +313,7 @@ def _disc_variation(position: NDArray, directions: int = 120, half_angle: float 
     return float(near.std() / near.mean()) if (near > 0).all() else math.nan
 
 
-def fit_laplace(rows: list[Mapping[str, Any]]) -> tuple[float, float, float]:
+def fit_laplace(rows: Sequence[Mapping[str, Any]]) -> tuple[float, float, float]:
     """(sigma, its standard error, intercept P0) from P = (dim - 1) sigma/R + P0 over the radii; NaN below three."""
     use = [r for r in rows if not r["stopped"] and math.isfinite(r["pressure"])]
     curvature = np.array([(r["dim"] - 1) / r["effective_radius"] for r in use])

@@ -74,6 +74,12 @@ def lattice_pressure(force: PairForce, rest_density: float, mass: float, grid: D
     return -rest_density * mass / (2 * grid.dim) * float((r * force(r)).sum())
 
 
+def neighbours_in_support(grid: Discretisation) -> float:
+    """Volume of the support over that of a particle: 4 pi/3 (h/d)^3 in 3D, pi (h/d)^2 in 2D."""
+    share = grid.support_radius / grid.spacing
+    return 4 * math.pi / 3 * share**3 if grid.dim == 3 else math.pi * share**2
+
+
 def _shells(grid: Discretisation) -> NDArray:
     """Distances [m] of all neighbours on the infinite lattice within the support."""
     reach = math.ceil(grid.support_radius / grid.spacing)

@@ -1,7 +1,8 @@
 """SPlisHSPlasH on the same work: `python -m validation.peers.splishsplash SPEC`, where SPEC is what `run` hands over.
 
 block  its WCSPH on a block of liquid that spins. Equation of state, viscosity, step and support radius (2 spacings) are
-       those of `timing.runs.spinning_block`. The neighbour search runs in every step, as that program does it.
+       those of `timing.runs.spinning_block`. The neighbour search runs in every step, as that program does it. With
+       the surface tension of Akinci et al. 2013, where a coefficient is given.
 drop   its DFSPH with the surface tension of Akinci et al. 2013, on a cube of liquid that becomes a drop.
 
 Coefficients are set through its own interface: what a scene file says of them it does not read in every version.
@@ -39,9 +40,12 @@ def missing() -> str:
     return ""
 
 
-def run(side: int, steps: int, threads: int) -> dict[str, Any]:
-    """Time `steps` steps of side^3 particles: {"particles", "seconds" (mean of a step), "version"} or {"missing"}."""
-    return _launch({"work": "block", "side": side, "steps": steps}, threads)
+def run(side: int, steps: int, threads: int, tension: float = 0.0) -> dict[str, Any]:
+    """Time `steps` steps of side^3 particles: {"particles", "seconds" (mean of a step), "version"} or {"missing"}.
+
+    tension  its one coefficient of cohesion and area term after Akinci et al. 2013; 0 for none
+    """
+    return _launch({"work": "block", "side": side, "steps": steps, "tension": tension}, threads)
 
 
 def run_drop(settings: Mapping[str, Any], threads: int) -> dict[str, Any]:
@@ -80,7 +84,7 @@ def _launch(spec: Mapping[str, Any], threads: int) -> dict[str, Any]:
         return json.loads(answer.read_text())
 
 
-def block(side: int, steps: int) -> None:
+def block(side: int, steps: int, tension: float) -> None:
     """Run the spinning block in this process and write answer.json into the working folder."""
     import numpy as np
     import pysplishsplash as peer
@@ -100,7 +104,7 @@ def block(side: int, steps: int) -> None:
                 "id": "Fluid",
                 "density0": DENSITY,
                 "viscosityMethod": 1,  # standard
-                "surfaceTensionMethod": 0,
+                "surfaceTensionMethod": 2 if tension else 0,  # Akinci et al. 2013
             }
         ],
         "FluidBlocks": [
@@ -119,6 +123,8 @@ def block(side: int, steps: int) -> None:
     base.initSimulation()
     fluid = peer.Simulation.getCurrent().getFluidModel(0)
     fluid.getViscosityBase().setValueFloat(peer.Viscosity_Standard.VISCOSITY_COEFFICIENT, VISCOSITY)
+    if tension:
+        fluid.getSurfaceTensionBase().setValueFloat(peer.SurfaceTension_Akinci2013.SURFACE_TENSION, tension)
     method = peer.Simulation.getCurrent().getTimeStep()
     method.setValueFloat(peer.TimeStepWCSPH.STIFFNESS, STIFFNESS)
     method.setValueFloat(peer.TimeStepWCSPH.EXPONENT, 1.0)

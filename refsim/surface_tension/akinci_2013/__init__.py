@@ -9,7 +9,7 @@ density: in SI units and for water the one is a thousandth of gamma rho0. Here t
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any, ClassVar, NamedTuple
 
 from numpy.typing import NDArray
@@ -20,9 +20,12 @@ from refsim.operation import Operation, register
 from refsim.particles import Field
 from refsim.surface_normal import SURFACE_NORMAL, color_gradient_pass, normal_term
 from refsim.surface_tension.akinci_2013.reference import cohesion_function
-from refsim.surface_tension.cohesion import PairCohesion, nominal_tension, one_of
+from refsim.surface_tension.cohesion import PairCohesion, neighbours_in_support, nominal_tension, one_of
 
 WATER_RATIO = 1e-3  # eps/(gamma rho0) of the one printed coefficient, for water in SI units
+# eps N/(gamma rho0), with N neighbours in the support, up to which drops come to rest, and from which on they fly
+# apart (docs/akinci_2013.md): the area term sums over N neighbours without a volume. No shorter step mends it.
+LARGEST_AREA, SHATTERING_AREA = 0.14, 1.0
 
 
 class CohesionSpline(NamedTuple):
@@ -138,6 +141,24 @@ class Akinci2013(PairCohesion, frozen=True, kw_only=True):
             "area_term": AreaTerm(real(self.area_coefficient(grid, others))) if self._has_area() else None,
             "adhesion": Adhesion(real(beta), real(0.007 * beta / volume)),
         }
+
+    def notes(self, grid: Discretisation, others: Mapping[str, Effect]) -> tuple[str, ...]:
+        return (*super().notes(grid, others), *self._unstable(grid, others))
+
+    def _unstable(self, grid: Discretisation, others: Mapping[str, Effect]) -> Iterator[str]:
+        """Area coefficients with which drops were found to boil or to fly apart, whatever the step."""
+        if not (self._has_area() and self._coheres()):
+            return
+        unit = self.coefficient(grid, others) * others["weakly_compressible"].rest_density  # type: ignore[attr-defined]
+        near = neighbours_in_support(grid)
+        value = self.area_coefficient(grid, others) / unit * near
+        if value > LARGEST_AREA * (1 + 1e-9):
+            fate = "fly apart" if value >= SHATTERING_AREA else "boil"
+            yield (
+                f"{self.name}: area_acceleration/(gamma rho0) = {value / near:.3g} is above"
+                f" {LARGEST_AREA / near:.2g}, up to which drops with {near:.0f} neighbours come to rest: they {fate},"
+                " and no shorter step mends that"
+            )
 
     def _printed(self) -> frozenset[str]:
         return literal_errata(self.name, self.literal, ("gamma",))

@@ -8,7 +8,7 @@ Adams 2006, as the paper has them, can stand in place of the shared liquid's.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
@@ -25,6 +25,8 @@ from refsim.surface_tension.dong_2016.reference import force_function
 from refsim.surface_tension.jiang_zhu_2023 import CORRECTED_DENSITY
 
 CORRECTION_RATIO = 3.0  # lambda rho0 d/sigma where lambda is left out: rounds the drop without boiling
+# The same up to which drops come to rest at their density, and from which on they fly apart (docs/dong_2016.md).
+LARGEST_CORRECTION, SHATTERING_CORRECTION = 24.0, 96.0
 
 
 class MolecularForce(NamedTuple):
@@ -178,6 +180,22 @@ class Dong2016(PairCohesion, frozen=True, kw_only=True):
             coefficient = self.correction_coefficient(grid, others) / grid.support_radius
             correction = NormalDifference(real(coefficient), np.int32("E21" not in self._printed()))
         return groups | {"molecular_force": force, "normal_difference": correction}
+
+    def notes(self, grid: Discretisation, others: Mapping[str, Effect]) -> tuple[str, ...]:
+        return (*super().notes(grid, others), *self._unstable(grid, others))
+
+    def _unstable(self, grid: Discretisation, others: Mapping[str, Effect]) -> Iterator[str]:
+        """Corrections with which drops were found to swell or to fly apart, whatever the step."""
+        sigma = self.nominal_tension(grid, others) if self._corrects() and self._coheres() else 0.0
+        if sigma <= 0:
+            return
+        value = self.correction_coefficient(grid, others) * _fluid(others).rest_density * grid.spacing / sigma
+        if value > LARGEST_CORRECTION * (1 + 1e-9):
+            fate = "fly apart" if value >= SHATTERING_CORRECTION else "swell"
+            yield (
+                f"{self.name}: correction = {value:.3g} sigma/(rho0 d) is above {LARGEST_CORRECTION:g}, up to which"
+                f" drops come to rest at their density: they {fate}, and no shorter step mends that"
+            )
 
     def _printed(self) -> frozenset[str]:
         return literal_errata(self.name, self.literal, ("E21",))

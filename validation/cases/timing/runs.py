@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from refsim import Cloud, Gravity, Scene, WeaklyCompressible
+from refsim import Akinci2013, Cloud, Gravity, Scene, WeaklyCompressible
 from validation.cases.droplet.scene import VARIANTS, droplet_scene, particles
 from validation.peers import splishsplash
 from validation.results import Result
@@ -128,8 +128,11 @@ class Clock:
         }
 
 
-def spinning_block(side: int) -> Scene:
-    """The scene of the comparison with SPlisHSPlasH: side^3 particles turning at 5 rad/s, pressure and viscosity."""
+def spinning_block(side: int, tension: float = 0.0) -> Scene:
+    """The scene of the comparison with SPlisHSPlasH: side^3 particles turning at 5 rad/s, pressure and viscosity.
+
+    tension  gamma of Akinci et al. 2013 [m^4/(kg s^2)], for cohesion and area term as that program takes it; 0 for none
+    """
     spacing = 1.0 / splishsplash.CELLS
     steps = (np.arange(side) + 0.5) * spacing
     position = np.stack(np.meshgrid(steps, steps, steps, indexing="ij"), axis=-1).reshape(-1, 3)
@@ -146,24 +149,28 @@ def spinning_block(side: int) -> Scene:
                 sound_speed=(splishsplash.STIFFNESS / splishsplash.DENSITY) ** 0.5,
                 dynamic_viscosity=splishsplash.VISCOSITY * splishsplash.DENSITY,
             ),
+            *((Akinci2013(gamma=tension),) if tension else ()),
         ),
     )
 
 
-def against_splishsplash(context: Context, side: int, steps: int, rounds: int, threads: int) -> Result:
+def against_splishsplash(
+    context: Context, side: int, steps: int, rounds: int, threads: int, tension: float = 0.0
+) -> Result:
     """Seconds per particle and step of both programs on the spinning block, in turn, medians over all rounds."""
     missing = splishsplash.missing()
     if missing:
         return Result({"missing": missing})
-    own, other, version = [], [], ""
+    own, other, version, clocks = [], [], "", []
     for k in range(rounds):
-        peer = splishsplash.run(side, steps, threads)
+        peer = splishsplash.run(side, steps, threads, tension)
         if "missing" in peer:
             return Result({"missing": peer["missing"]})
-        clock = Clock(context, spinning_block(side), "cpu", threads)
+        clock = Clock(context, spinning_block(side, tension), "cpu", threads)
         clock.run(steps)
         other.append(peer["seconds"] / peer["particles"])
-        own.append(clock.values()["mean"] / side**3)
+        clocks.append(clock.values())
+        own.append(clocks[-1]["mean"] / side**3)
         version = peer["version"]
         context.progress((k + 1) / rounds)
     ratios = [b / a for a, b in zip(own, other)]
@@ -182,5 +189,7 @@ def against_splishsplash(context: Context, side: int, steps: int, rounds: int, t
         "peer": spread(other),
         "ratios": ratios,
         "ratio": float(np.median(ratios)),
+        "stages": clocks[-1]["stages"],
+        "rebuilds": [clock["rebuilds"] for clock in clocks],
     }
     return Result(values)

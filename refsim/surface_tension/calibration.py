@@ -1,0 +1,254 @@
+"""Which coefficient gives which surface tension: the measured sigma map, and its inverse.
+
+Contents: calibrate, Calibration, SETTINGS, sigma_map. The map (`sigma_map.json`) holds what drops at rest and in
+oscillation showed, in shares of the nominal tension, for each model, dimension, support radius h/d, stiffness
+S = sigma/(rho0 c^2 d) of the nominal tension, and set of smoothing kernels. `scripts/measure_drops.py` measures it and
+`validation/sigma_map.py` condenses it.
+"""
+
+from __future__ import annotations
+
+import functools
+import itertools
+import json
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from refsim.effect import Effect
+from refsim.errors import InputError
+from refsim.surface_tension.akinci_2013 import Akinci2013
+from refsim.surface_tension.becker_teschner_2007 import BeckerTeschner2007
+from refsim.surface_tension.csf_wang_2019 import CsfWang2019
+from refsim.surface_tension.dong_2016 import Dong2016
+from refsim.surface_tension.he_2014 import He2014
+from refsim.surface_tension.jiang_zhu_2023 import JiangZhu2023
+from refsim.surface_tension.tartakovsky_meakin_2005 import TartakovskyMeakin2005
+
+MAP = Path(__file__).with_name("sigma_map.json")
+BASE = {"support": 2.6, "stiffness": 0.01, "kernels": "mueller"}  # the map's axes cross here
+MOST_UNCERTAIN = 0.5  # of the tension: beyond it there is none to speak of
+ONE_SEED = 0.1  # relative uncertainty that a drop without another of its kind is given
+SAME = 1e-6  # relative difference of settings that count as equal
+
+# Models with the settings in which they were measured: words and effect of a nominal tension [N/m].
+SETTINGS: dict[str, tuple[str, Callable[[float], Effect]]] = {
+    "jiang_zhu": ("Jiang & Zhu 2023", lambda sigma: JiangZhu2023(surface_tension=sigma, area_ratio=0.012)),
+    "akinci": ("Akinci 2013", lambda sigma: Akinci2013(surface_tension=sigma)),
+    "akinci_cohesion": (
+        "Akinci 2013, cohesion alone",
+        lambda sigma: Akinci2013(surface_tension=sigma, area_acceleration=0.0),
+    ),
+    "dong": ("Dong 2016", lambda sigma: Dong2016(surface_tension=sigma)),
+    "dong_cohesion": ("Dong 2016, cohesion alone", lambda sigma: Dong2016(surface_tension=sigma, correction=0.0)),
+    "becker_teschner": ("Becker & Teschner 2007", lambda sigma: BeckerTeschner2007(surface_tension=sigma)),
+    "tartakovsky_meakin": ("Tartakovsky & Meakin 2005", lambda sigma: TartakovskyMeakin2005(surface_tension=sigma)),
+    "he": ("He 2014, surface energy", lambda sigma: He2014(surface_tension=sigma)),
+    "jiang_zhu_soft": (
+        "Jiang & Zhu 2023, soft surface weight",
+        lambda sigma: JiangZhu2023(surface_tension=sigma, pair_mode="soft", area_ratio=0.01),
+    ),
+    "csf": ("continuum surface force", lambda sigma: CsfWang2019(surface_tension=sigma)),
+}
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """Coefficients that give a surface tension.
+
+    effect             for the scene, with the nominal tension that gives the wanted one
+    nominal            that nominal tension [N/m], the effect's `surface_tension`
+    nominal_error      its uncertainty [N/m]
+    ratio              measured over nominal tension
+    laplace, rayleigh  the two measured tensions behind it, over the nominal one: jump at rest, frequency of n = 2
+    uncertainty        relative, of the tension that results
+    sound_speed        for weakly_compressible [m/s]
+    stiffness          S = nominal/(rho0 c^2 d) that it amounts to
+    """
+
+    effect: Effect
+    nominal: float
+    nominal_error: float
+    ratio: float
+    laplace: float
+    rayleigh: float
+    uncertainty: float
+    sound_speed: float
+    stiffness: float
+
+
+@functools.cache
+def sigma_map() -> tuple[Mapping[str, Any], ...]:
+    """The measured settings, one mapping each: model, dim, support, stiffness, kernels, laplace, rayleigh, ..."""
+    return tuple(json.loads(MAP.read_text())["settings"])
+
+
+def calibrate(
+    sigma: float,
+    model: str = "akinci",
+    *,
+    spacing: float,
+    rest_density: float,
+    dim: int = 3,
+    support_radius: float | None = None,
+    sound_speed: float | None = None,
+    kernels: str = "mueller",
+    radius: float | None = None,
+    settings: Sequence[Mapping[str, Any]] | None = None,
+) -> Calibration:
+    """Coefficients of `model` that give the surface tension `sigma`, by the measured map.
+
+    sigma           wanted tension [N/m]
+    model           a name in SETTINGS
+    spacing         d [m]
+    rest_density    rho0 [kg/m^3; kg/m^2 in 2D]
+    support_radius  h [m]; left out, 2.6 d
+    sound_speed     of weakly_compressible [m/s]; left out, the one that makes S = 0.01
+    kernels         of weakly_compressible
+    radius          of the drops that count [m]; left out, all radii that were measured
+    settings        another map than the published one
+
+    The ratio is the mean of what jump and frequency of the same drops say; its uncertainty holds half their difference
+    and the deviation over seeds. It is interpolated between measured settings along one axis of the map, the others at
+    its base. Raises InputError outside the map, and where the measurements do not agree on a tension.
+    """
+    entries = sigma_map() if settings is None else settings
+    lengths = {"support_radius": support_radius, "sound_speed": sound_speed, "radius": radius}
+    given = {"sigma": sigma, "spacing": spacing, "rest_density": rest_density}
+    for name, value in (given | {n: v for n, v in lengths.items() if v is not None}).items():
+        if not (math.isfinite(value) and value > 0):
+            raise InputError(f"calibrate: {name} = {value} is not a positive number.")
+    if model not in SETTINGS:
+        raise InputError(f"calibrate: there is no model {model!r}; choose from {', '.join(SETTINGS)}.")
+    own = [e for e in entries if e["model"] == model and e["dim"] == dim and e["kernels"] == kernels]
+    if not own:
+        raise InputError(f"calibrate: the map has no drops of {model} in {dim}D with {kernels} kernels.")
+    support = float(BASE["support"]) if support_radius is None else support_radius / spacing
+    line = [_judged(entry, None if radius is None else radius / spacing) for entry in own]
+    if sound_speed is None:
+        found = _at(line, support, float(BASE["stiffness"]), model)
+    else:
+        found = _at_sound_speed(line, support, sigma / (rest_density * sound_speed**2 * spacing), model)
+    if found["uncertainty"] > MOST_UNCERTAIN:
+        raise InputError(
+            f"calibrate: {model} has no one surface tension at h = {support:.3g} d and S = {found['stiffness']:.3g}:"
+            f" {_said(found)}; choose another model or setting."
+        )
+    ratio, nominal = found["ratio"], sigma / found["ratio"]
+    speed = sound_speed or math.sqrt(nominal / (rest_density * spacing * found["stiffness"]))
+    return Calibration(
+        effect=SETTINGS[model][1](nominal),
+        nominal=nominal,
+        nominal_error=nominal * found["uncertainty"],
+        ratio=ratio,
+        laplace=found["laplace"],
+        rayleigh=found["rayleigh"],
+        uncertainty=found["uncertainty"],
+        sound_speed=speed,
+        stiffness=found["stiffness"],
+    )
+
+
+def _said(found: Mapping[str, Any]) -> str:
+    if not math.isfinite(found["ratio"]):
+        return "no drop both lasted and swung, so that nothing is known"
+    return f"Laplace says {found['laplace']:.3g} and Rayleigh {found['rayleigh']:.3g} of the nominal one"
+
+
+def _judged(entry: Mapping[str, Any], radius: float | None) -> dict[str, Any]:
+    """One measured setting at a radius [d]: both tensions, their mean, its relative uncertainty."""
+    drops = entry["drops_by_radius"]
+    made = {name: entry[name] for name in ("support", "stiffness")}
+    if not drops:
+        nothing = dict.fromkeys(("ratio", "laplace", "rayleigh"), math.nan)
+        return {**made, **nothing, "uncertainty": math.inf, "reach": ""}
+    low, high = drops[0]["radius"], drops[-1]["radius"]
+    if radius is not None:
+        if not low * (1 - SAME) <= radius <= high * (1 + SAME):
+            reach = f"{low:g}" if low == high else f"{low:g} to {high:g}"
+            nothing = dict.fromkeys(("ratio", "laplace", "rayleigh"), math.nan)
+            return {**made, **nothing, "uncertainty": math.inf, "reach": reach}
+        nearest = sorted(drops, key=lambda d: abs(d["radius"] - radius))[:2]
+        drops = nearest[:1] if _same(nearest[0]["radius"], radius) else nearest
+    laplace, rayleigh = (sum(d[name] for d in drops) / len(drops) for name in ("laplace", "rayleigh"))
+    ratio = 0.5 * (laplace + rayleigh)
+    told = {**made, "ratio": ratio, "laplace": laplace, "rayleigh": rayleigh, "reach": ""}
+    if min(laplace, rayleigh) <= 0:
+        return {**told, "uncertainty": math.inf}
+    parts = [0.5 * (laplace - rayleigh)]
+    for d in drops:  # each drop's distance from the mean of all, and its deviation over the seeds
+        found = [0.5 * (d["laplace"] + d["rayleigh"]) - ratio]
+        found.append(
+            0.5 * math.hypot(d["laplace_spread"], d["rayleigh_spread"]) if d["seeds"] > 1 else ONE_SEED * ratio
+        )
+        parts += [part / math.sqrt(len(drops)) for part in found]
+    return {**told, "uncertainty": math.sqrt(sum(part**2 for part in parts)) / ratio}
+
+
+def _same(value: float, other: float) -> bool:
+    return math.isclose(value, other, rel_tol=SAME)
+
+
+def _at(own: Sequence[Mapping[str, Any]], support: float, stiffness: float, model: str) -> dict[str, Any]:
+    """The map at (h/d, S), one of which is the base's."""
+    based = _same(stiffness, float(BASE["stiffness"]))
+    if not based and not _same(support, float(BASE["support"])):
+        raise InputError(
+            f"calibrate: the map has S = {stiffness:.3g} at h = {BASE['support']:g} d only; for h = {support:.3g} d"
+            " leave sound_speed out."
+        )
+    axis, place = ("support", support) if based else ("stiffness", stiffness)
+    fixed = "stiffness" if based else "support"
+    line = sorted((e for e in own if _same(e[fixed], float(BASE[fixed]))), key=lambda e: e[axis])
+    words, unit = ("h", " d") if based else ("S", "")
+    if not line:
+        raise InputError(f"calibrate: the map has no drops of {model} with {words} = {place:.3g}{unit}.")
+    below = [e for e in line if e[axis] <= place * (1 + SAME)]
+    above = [e for e in line if e[axis] >= place * (1 - SAME)]
+    if not below or not above:
+        low, high = line[0][axis], line[-1][axis]
+        reach = f"{words} = {low:g}{unit} alone" if low == high else f"{words} from {low:g} to {high:g}{unit}"
+        raise InputError(f"calibrate: {words} = {place:.3g}{unit} is outside the map of {model}, which has {reach}.")
+    first, last = below[-1], above[0]
+    for end in (first, last):
+        if end["reach"]:
+            raise InputError(
+                f"calibrate: the radius is outside the drops of {model} that were measured at h = {end['support']:g} d"
+                f" and S = {end['stiffness']:g}, {end['reach']} spacings."
+            )
+    if _same(first[axis], last[axis]):
+        return {**first, "stiffness": stiffness}
+    share = (math.log(place) - math.log(first[axis])) / (math.log(last[axis]) - math.log(first[axis]))
+    mixed = {name: (1 - share) * first[name] + share * last[name] for name in ("ratio", "laplace", "rayleigh")}
+    # What a straight line cannot know counts as a quarter of the difference of its ends.
+    bend = 0.25 * abs(first["ratio"] - last["ratio"]) / mixed["ratio"]
+    uncertainty = math.hypot(max(first["uncertainty"], last["uncertainty"]), bend)
+    return {**mixed, "stiffness": stiffness, "uncertainty": uncertainty}
+
+
+def _at_sound_speed(own: Sequence[Mapping[str, Any]], support: float, wanted: float, model: str) -> dict[str, Any]:
+    """The map where S of the nominal tension times the ratio is `wanted` = sigma/(rho0 c^2 d)."""
+    own = [e for e in own if not e["reach"] and math.isfinite(e["ratio"])]
+    line = sorted({e["stiffness"] for e in own if _same(e["support"], support)})
+    if not _same(support, float(BASE["support"])):
+        line = [float(BASE["stiffness"])]
+    reached = [(s, s * _at(own, support, s, model)["ratio"]) for s in line]
+    for stiffness, product in reached:
+        if _same(product, wanted):
+            return _at(own, support, stiffness, model)
+    for (low, at_low), (high, at_high) in itertools.pairwise(reached):
+        if at_low <= wanted <= at_high:
+            for _ in range(60):  # by bisection: the product grows with S
+                middle = math.sqrt(low * high)
+                if middle * _at(own, support, middle, model)["ratio"] < wanted:
+                    low = middle
+                else:
+                    high = middle
+            return _at(own, support, math.sqrt(low * high), model)
+    span = " to ".join(f"{p:.3g}" for p in sorted({reached[0][1], reached[-1][1]})) if reached else "nothing"
+    raise InputError(
+        f"calibrate: sigma/(rho0 c^2 d) = {wanted:.3g} is outside the map of {model}, which has {span} at h ="
+        f" {support:.3g} d; leave sound_speed out, or change it."
+    )

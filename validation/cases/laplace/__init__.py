@@ -1,0 +1,117 @@
+"""Young & Laplace: the pressure jump of drops at rest against their curvature, for every model of surface tension."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from validation.cases.laplace import pictures
+from validation.drops import MODELS, SEEDED, fit_laplace
+from validation.harness import Case, Options, Picture, Results, Run
+from validation.results import real
+from validation.sigma_map import at_base, drop_run, map_run, words_of
+from validation.tables import Table
+from validation.verdicts import Bounds, Measurement
+
+LARGE = 10.0  # radius in spacings from which on the target holds
+MEASURED = {2: ("akinci", (8.0, 11.0, 16.0, 24.0)), 3: ("akinci_cohesion", (5.0, 6.0, 8.0, 10.0))}
+
+
+def planned(options: Options) -> list[Run]:
+    """The published map, and drops of four radii (three with --quick, in 2D only) measured now."""
+    made = [map_run()]
+    for dim, (model, radii) in MEASURED.items():
+        if options.quick and dim == 3:
+            continue
+        for radius in radii[:3] if options.quick else radii:
+            seeds = (1, 2, 3) if radius == SEEDED[dim] and not options.quick else (1,)
+            made += [drop_run(model, dim, radius, seed) for seed in seeds]
+    return made
+
+
+def judge(results: Results) -> list[Measurement]:
+    """Every setting's tension is shown; how well the jump of the drops measured now follows 1/R is judged."""
+    bounds, made = Bounds("laplace"), []
+    for dim, (model, _) in MEASURED.items():
+        rows = [r.values for key, r in results.items() if key.startswith(f"{model}_{dim}d")]
+        if not rows:
+            continue
+        slope, error, intercept = fit_laplace(rows)
+        name, words = f"{model}_{dim}d", f"{MODELS[model][0]}, {dim}D, measured now"
+        made.append(bounds.judge("sigma", slope, name, words))
+        made.append(bounds.judge("fit_error", error / slope if slope else math.nan, name, words))
+        largest = max(row["radius"] for row in rows if not row["stopped"])
+        made.append(bounds.judge("left_over", abs(intercept) * largest / ((dim - 1) * slope), name, words))
+    for entry in settings(results):
+        if at_base(entry) and math.isfinite(real(entry["laplace"])):
+            name, words = f"map_{entry['model']}_{entry['dim']}d", words_of(entry)
+            made.append(bounds.judge("sigma", real(entry["laplace"]), name, words))
+    apart = {
+        entry["model"]: apart_by(drop)
+        for entry in settings(results)
+        if entry["dim"] == 3 and at_base(entry)
+        for drop in entry["drops_by_radius"]
+        if drop["radius"] >= LARGE
+    }
+    for model, value in apart.items():
+        made.append(bounds.judge("agreement", value, model, MODELS[model][0]))
+    if apart:
+        best = min(apart, key=lambda model: apart[model])
+        made.append(bounds.judge("best_agreement", apart[best], "", ""))
+    return made
+
+
+def settings(results: Results) -> list[dict[str, Any]]:
+    """The map's entries."""
+    return results["map"].values["settings"] if "map" in results else []
+
+
+def apart_by(entry: Mapping[str, Any]) -> float:
+    """|Laplace - Rayleigh| over their mean; NaN where one is missing or no tension at all."""
+    laplace, rayleigh = real(entry["laplace"]), real(entry["rayleigh"])
+    return abs(laplace - rayleigh) / (0.5 * (laplace + rayleigh)) if min(laplace, rayleigh) > 0 else math.nan
+
+
+def tables(results: Results) -> list[Table]:
+    """The sigma map: one row a setting."""
+    made = []
+    for dim in (2, 3):
+        rows = [_row(entry) for entry in settings(results) if entry["dim"] == dim]
+        if rows:
+            heading = ["model", "h/d", "S", "kernels", "drops", "Laplace", "+-", "Rayleigh", "+-", "apart", "stopped"]
+            note = (
+                "Tensions over the nominal one. Laplace: slope of the jump against (dim - 1)/R, from three radii on;"
+                " Rayleigh: mean over drops whose frequency could be read. S = sigma/(rho c^2 d), nominal."
+            )
+            made.append(Table(f"Surface tension of drops, {dim}D", heading, rows, note))
+    return made
+
+
+def _row(entry: dict[str, Any]) -> list[Any]:
+    apart = apart_by(entry)
+    stopped = ", ".join(f"{count} {reason}" for reason, count in entry["stopped"].items())
+    numbers = [real(entry[n]) for n in ("laplace", "laplace_error", "rayleigh", "rayleigh_spread")]
+    return [
+        MODELS[entry["model"]][0],
+        f"{entry['support']:g}",
+        f"{entry['stiffness']:g}",
+        entry["kernels"],
+        entry["drops"],
+        *(f"{v:.2f}" if math.isfinite(v) else None for v in numbers),
+        f"{100 * apart:.0f} %" if math.isfinite(apart) else None,
+        stopped,
+    ]
+
+
+CASE = Case(
+    name="laplace",
+    title="pressure jump of drops against 1/R, every model: what the surface tension really is",
+    runs=planned,
+    judge=judge,
+    pictures=(
+        Picture("laplace", pictures.jump_data, pictures.jump_picture, ("map",)),
+        Picture("sigma_map", pictures.map_data, pictures.map_picture, ("map",)),
+    ),
+    tables=tables,
+)

@@ -1,0 +1,135 @@
+"""Pictures of the pressure jump and of the sigma map."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from validation.drawing import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION
+from validation.drops import MODELS, SEEDED
+from validation.harness import Results
+from validation.results import real
+from validation.sigma_map import at_base
+
+COLOURS = dict(zip(MODELS, (BLACK, VERMILION, ORANGE, BLUE, SKY, GREEN, PURPLE, GREY, "#8c6d31", "#bbbbbb")))
+STYLES = {name: "--" if name.endswith(("cohesion", "soft")) else "-" for name in MODELS}
+
+
+def jump_data(results: Results) -> dict[str, Any]:
+    """Jump of each drop at the map's base, and the fits."""
+    values = results["map"].values
+    names = ("model", "dim", "effective_radius", "pressure", "seed")
+    drops = [{n: row[n] for n in names} for row in values["rows"] if at_base(row) and not row["stopped"]]
+    fits = [
+        {n: entry[n] for n in ("model", "dim", "laplace", "intercept")}
+        for entry in values["settings"]
+        if at_base(entry) and math.isfinite(real(entry["laplace"]))
+    ]
+    return {"title": "Pressure jump of drops at rest", "drops": drops, "fits": fits}
+
+
+def jump_picture(data: Mapping[str, Any]) -> Any:
+    """P R/((dim - 1) sigma) of each drop against R: a tension where the points lie on a level line."""
+    import matplotlib.pyplot as plt
+
+    figure, panels = plt.subplots(1, 2, figsize=(9.2, 4.2))
+    for axes, dim in zip(panels, (2, 3)):
+        for model, colour in COLOURS.items():
+            own = sorted(
+                (d for d in data["drops"] if d["model"] == model and d["dim"] == dim),
+                key=lambda d: d["effective_radius"],
+            )
+            if not own:
+                continue
+            radius = [d["effective_radius"] for d in own]
+            share = [d["pressure"] * d["effective_radius"] / (dim - 1) for d in own]
+            axes.plot(radius, share, STYLES[model], marker="o", ms=4, lw=1.2, color=colour, label=MODELS[model][0])
+        axes.axhline(1, color=GREY, lw=0.8, ls=":")
+        axes.set_ylim(0, 8.5)
+        axes.set_title(f"{dim}D, h = 2.6 d, S = 0.01")
+        axes.set_xlabel("radius R [d]")
+        axes.set_ylabel("R jump/(dim - 1) over the nominal tension")
+        axes.grid(True)
+    handles: dict[str, Any] = {}
+    for axes in panels:
+        handles |= {label: handle for handle, label in zip(*axes.get_legend_handles_labels())}
+    figure.legend(handles.values(), handles.keys(), loc="outside lower center", ncols=4, fontsize=8)
+    return figure
+
+
+def map_data(results: Results) -> dict[str, Any]:
+    """The map's settings."""
+    return {"title": "Measured over nominal surface tension", "settings": results["map"].values["settings"]}
+
+
+def map_picture(data: Mapping[str, Any]) -> Any:
+    """Left: jump and frequency of each model's drops at the base; right: along the axes h/d and S."""
+    import matplotlib.pyplot as plt
+
+    figure, grid = plt.subplots(2, 3, figsize=(11.5, 7.2), width_ratios=(1.6, 1, 1))
+    for line, dim in zip(grid, (2, 3)):
+        own = [e for e in data["settings"] if e["dim"] == dim]
+        _models(line[0], [e for e in own if at_base(e)])
+        line[0].set_title(f"{dim}D, R = {SEEDED[dim]:g} d, h = 2.6 d, S = 0.01")
+        for axes, axis, fixed, label in (
+            (line[1], "support", ("stiffness", 0.01), "support radius h/d"),
+            (line[2], "stiffness", ("support", 2.6), "stiffness S = sigma/(rho c^2 d)"),
+        ):
+            _along(axes, [e for e in own if e[fixed[0]] == fixed[1] and e["kernels"] == "mueller"], axis, dim)
+            axes.set_xlabel(label)
+            axes.set_title(f"{dim}D, R = {SEEDED[dim]:g} d")
+    figure.suptitle("Surface tension over the nominal one: by the jump (full) and by the frequency (open)", fontsize=11)
+    return figure
+
+
+def at_radius(entry: Mapping[str, Any]) -> Mapping[str, Any] | None:
+    """The drops of the radius at which several seeds are measured."""
+    found = [d for d in entry["drops_by_radius"] if d["radius"] == SEEDED[entry["dim"]]]
+    return found[0] if found else None
+
+
+def _models(axes: Any, entries: list[dict[str, Any]]) -> None:
+    place = {name: -k for k, name in enumerate(MODELS)}
+    for e in entries:
+        y, colour, drops = place[e["model"]], COLOURS[e["model"]], at_radius(e)
+        for name, marker, shift in (("laplace", "o", 0.14), ("rayleigh", "s", -0.14)):
+            if drops is None:
+                continue
+            bar = drops[f"{name}_spread"] or 0.0
+            face = colour if marker == "o" else "white"
+            axes.errorbar(drops[name], y + shift, xerr=bar, fmt=marker, ms=6, color=colour, mfc=face, capsize=2, lw=1.2)
+        if drops is None:
+            reasons = ", ".join(e["stopped"]) or "no frequency"
+            axes.text(11.3, y, reasons, ha="right", va="center", fontsize=7.5, color=GREY)
+    axes.axvline(1, color=GREY, lw=0.8, ls=":")
+    axes.set_yticks(list(place.values()), [MODELS[name][0] for name in place])
+    axes.set_xlim(0, 11.5)
+    axes.set_ylim(-len(place) + 0.4, 0.6)
+    axes.grid(True, axis="x")
+
+
+def _along(axes: Any, entries: list[dict[str, Any]], axis: str, dim: int) -> None:
+    drawn: set[float] = set()
+    for model, colour in COLOURS.items():
+        own = sorted((e for e in entries if e["model"] == model and at_radius(e)), key=lambda e: e[axis])
+        if len(own) < 2:
+            continue
+        x = [e[axis] for e in own]
+        drawn |= set(x)
+        for name, face, style in (("laplace", colour, "-"), ("rayleigh", "white", "--")):
+            drops = [at_radius(e) for e in own]
+            values, bars = [d[name] for d in drops if d], [d[f"{name}_spread"] or 0.0 for d in drops if d]
+            axes.errorbar(
+                x, values, bars, fmt=style, marker="o", ms=5, lw=1.2, color=colour, mfc=face, capsize=2,
+                label=MODELS[model][0] if style == "-" else None,
+            )  # fmt: skip
+    axes.axhline(1, color=GREY, lw=0.8, ls=":")
+    axes.set_ylim(0, 9)
+    axes.grid(True)
+    if drawn:
+        axes.legend(loc="upper left", fontsize=8)
+        axes.set_xticks(sorted(drawn), [f"{value:g}" for value in sorted(drawn)])
+    else:
+        axes.set_xticks([])
+        axes.text(0.5, 0.5, "not measured", transform=axes.transAxes, ha="center", color=GREY)

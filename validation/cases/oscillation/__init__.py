@@ -1,0 +1,67 @@
+"""Rayleigh: the frequency of the mode n = 2 of kicked drops, and the tension that it stands for."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from validation.cases.oscillation import pictures
+from validation.drops import MODELS
+from validation.harness import Case, Options, Picture, Results, Run
+from validation.results import real
+from validation.sigma_map import WORST_MISFIT, drop_run, map_run
+from validation.tables import Table
+from validation.verdicts import Bounds, Measurement
+
+MODEL = "akinci"
+
+
+def planned(options: Options) -> list[Run]:
+    """The published map, and drops that are kicked now: three seeds in 2D, with --quick one."""
+    seeds = (1,) if options.quick else (1, 2, 3)
+    return [map_run(), *(drop_run(MODEL, 2, 16.0, seed, kicked=True) for seed in seeds)]
+
+
+def judge(results: Results) -> list[Measurement]:
+    """How well a damped sine describes the drop is judged; tension and damping are shown."""
+    bounds, made = Bounds("oscillation"), []
+    for key, result in results.items():
+        if key == "map":
+            continue
+        row = result.values
+        words = f"{MODELS[row['model']][0]}, {row['dim']}D, seed {row['seed']}, measured now"
+        for name in ("rayleigh", "misfit"):
+            made.append(bounds.judge(name, real(row.get(name)), key, words))
+        made.append(bounds.judge("over_laplace", real(row.get("rayleigh")) / real(row["laplace"]), key, words))
+        made.append(bounds.judge("damping", real(row.get("damping")) / real(row.get("lamb")), key, words))
+    return made
+
+
+def tables(results: Results) -> list[Table]:
+    """Every kicked drop of the map."""
+    if "map" not in results:
+        return []
+    rows = []
+    for row in results["map"].values["rows"]:
+        if row["stopped"] or not math.isfinite(real(row.get("rayleigh"))):
+            continue
+        cells: list[Any] = [MODELS[row["model"]][0], f"{row['dim']}D", f"{row['support']:g}", f"{row['stiffness']:g}"]
+        cells += [row["kernels"], f"{row['radius']:g}", str(row["seed"])]
+        numbers = (row["rayleigh"], row["rayleigh"] / row["laplace"], row["damping"] / row["lamb"], row["misfit"])
+        rows.append([*cells, *(f"{value:.2f}" for value in numbers)])
+    heading = ["model", "", "h/d", "S", "kernels", "R/d", "seed", "Rayleigh", "over Laplace", "damping/Lamb", "misfit"]
+    note = (
+        f"Rayleigh: rho R^3 (omega^2 + beta^2)/k over the nominal tension, k = 8 in 3D, 6 in 2D. Above a misfit of"
+        f" {WORST_MISFIT:g} no frequency is read."
+    )
+    return [Table("Mode n = 2 of kicked drops", heading, rows, note)] if rows else []
+
+
+CASE = Case(
+    name="oscillation",
+    title="frequency of kicked drops, mode n = 2, every model: tension by Rayleigh",
+    runs=planned,
+    judge=judge,
+    pictures=(Picture("oscillation", pictures.data, pictures.picture, ("map",)),),
+    tables=tables,
+)

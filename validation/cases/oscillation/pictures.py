@@ -1,0 +1,53 @@
+"""Tension by Rayleigh against tension by Laplace, drop by drop."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from validation.cases.laplace.pictures import COLOURS
+from validation.drawing import GREY
+from validation.drops import MODELS
+from validation.harness import Results
+from validation.results import real
+from validation.sigma_map import WORST_MISFIT
+
+
+def data(results: Results) -> dict[str, Any]:
+    """Both tensions of every kicked drop whose frequency can be read."""
+    names = ("model", "dim", "support", "stiffness", "radius", "seed", "laplace", "rayleigh", "misfit")
+    rows = [
+        {n: row[n] for n in names}
+        for row in results["map"].values["rows"]
+        if not row["stopped"] and math.isfinite(real(row.get("rayleigh"))) and row["misfit"] <= WORST_MISFIT
+    ]
+    return {"title": "Tension by Rayleigh against tension by Laplace", "drops": rows}
+
+
+def picture(data: Mapping[str, Any]) -> Any:
+    """On the line a drop has one surface tension; above it something else holds the shape, too."""
+    import matplotlib.pyplot as plt
+
+    figure, panels = plt.subplots(1, 2, figsize=(9.2, 4.6))
+    for axes, dim in zip(panels, (2, 3)):
+        axes.fill_between([0.3, 30], [0.3 * 0.95, 30 * 0.95], [0.3 * 1.05, 30 * 1.05], color="#dddddd", lw=0)
+        axes.plot([0.3, 30], [0.3, 30], color=GREY, lw=0.8)
+        for model, colour in COLOURS.items():
+            own = [d for d in data["drops"] if d["model"] == model and d["dim"] == dim and d["laplace"] > 0]
+            if own:
+                x, y = [d["laplace"] for d in own], [d["rayleigh"] for d in own]
+                axes.plot(x, y, "o", ms=5, color=colour, label=MODELS[model][0])
+        axes.set_xscale("log")
+        axes.set_yscale("log")
+        axes.set_xlim(0.5, 12)
+        axes.set_ylim(0.5, 25)
+        axes.set_title(f"{dim}D")
+        axes.set_xlabel("tension by Laplace, over the nominal one")
+        axes.set_ylabel("by Rayleigh")
+        axes.grid(True, which="both", lw=0.4)
+    handles: dict[str, Any] = {}
+    for axes in panels:
+        handles |= {label: handle for handle, label in zip(*axes.get_legend_handles_labels())}
+    figure.legend(handles.values(), handles.keys(), loc="outside lower center", ncols=4, fontsize=8)
+    return figure

@@ -1,0 +1,176 @@
+"""The measured drops (`data/drops.json`) condensed into the sigma map that `refsim.calibrate` reads.
+
+`python -m validation.sigma_map` writes it anew from the rows that `scripts/measure_drops.py` measured. The cases
+`laplace`, `oscillation` and `spurious` show it, and measure a few of its drops again.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import sys
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from refsim.surface_tension.calibration import BASE, MAP
+from validation.drops import MODELS, SEEDED, Point, fit_laplace, measure
+from validation.harness import Run
+from validation.results import Result, finite
+from validation.running import Context
+
+ROWS = Path(__file__).parent / "data" / "drops.json"
+AXES = ("model", "dim", "support", "stiffness", "kernels")
+WORST_MISFIT = 0.35  # of the oscillation's fit: beyond it no frequency is read
+WORST = {"spurious": max, "capillary": max, "momentum": max, "angular_momentum": max, "nn_5": min, "roughness": max}
+
+
+def read_rows(path: Path = ROWS) -> list[dict[str, Any]]:
+    """The measured drops; null becomes NaN, and the pressure gets the part of the particles' random motion.
+
+    Irving & Kirkwood's pressure is virial and motion together: P = virial + rho <v^2>/dim. The rows hold the virial
+    and the rms speed at rest over sqrt(sigma/(rho R)).
+    """
+    rows = json.loads(path.read_text()).values() if path.exists() else []
+    made = []
+    for row in rows:
+        numbers = {name: math.nan if value is None else value for name, value in row.items()}
+        made.append(with_motion(numbers) if not row["stopped"] else numbers)
+    return made
+
+
+def with_motion(row: Mapping[str, Any]) -> dict[str, Any]:
+    """A row whose `pressure` and `laplace` hold the part of the random motion."""
+    dim, radius = row["dim"], row["effective_radius"]
+    moving = row["spurious"] ** 2 / radius / dim
+    return {**row, "pressure": row["pressure"] + moving, "laplace": row["laplace"] + moving * radius / (dim - 1)}
+
+
+def condensed(rows: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """One entry for each setting, sorted.
+
+    laplace, laplace_error, intercept  fit of P = (dim - 1) sigma/R + P0 over the radii, sigma over the nominal one
+    rayleigh, rayleigh_spread          mean and standard deviation over the drops whose oscillation could be fitted
+    seeds, seed_spread                 drops that differ by their seed alone, and the deviation of their P R
+    drops_by_radius                    of each radius [d] whose frequency was read: both tensions of the drops
+                                       themselves, R P/(dim - 1) and Rayleigh's, means and deviations over the seeds
+    radii                              in spacings, of the drops that lasted
+    stopped                            how many drops ended otherwise, by reason
+    """
+    groups: dict[tuple[Any, ...], list[Mapping[str, Any]]] = {}
+    for row in rows:
+        groups.setdefault(tuple(row[name] for name in AXES), []).append(row)
+    return [_entry(dict(zip(AXES, key)), groups[key]) for key in sorted(groups, key=str)]
+
+
+def _entry(entry: dict[str, Any], rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    lasting = [row for row in rows if not row["stopped"]]
+    slope, error, intercept = fit_laplace(lasting)
+    waves = [r["rayleigh"] for r in lasting if _read(r)]
+    seeded = [r["laplace"] for r in lasting if r["radius"] == SEEDED[r["dim"]]]
+    entry |= {
+        "laplace": slope,
+        "laplace_error": error,
+        "intercept": intercept,
+        "rayleigh": float(np.mean(waves)) if waves else math.nan,
+        "rayleigh_spread": float(np.std(waves)) if len(waves) > 1 else math.nan,
+        "seeds": len(seeded),
+        "seed_spread": float(np.std(seeded)) if len(seeded) > 1 else math.nan,
+        "drops_by_radius": [
+            _of_radius(lasting, radius) for radius in sorted({r["radius"] for r in lasting if _read(r)})
+        ],
+        "radii": sorted({r["radius"] for r in lasting}),
+        "drops": len(rows),
+        "stopped": dict(Counter(r["stopped"] for r in rows if r["stopped"])),
+    }
+    for name, worst in WORST.items():
+        values = [r[name] for r in lasting if math.isfinite(r[name])]
+        entry[name] = float(worst(values)) if values else math.nan
+    return entry
+
+
+def _read(row: Mapping[str, Any]) -> bool:
+    return row.get("misfit", math.nan) <= WORST_MISFIT
+
+
+def _of_radius(rows: Sequence[Mapping[str, Any]], radius: float) -> dict[str, Any]:
+    own = [r for r in rows if r["radius"] == radius and _read(r)]
+    found: dict[str, Any] = {"radius": radius, "seeds": len(own)}
+    for name in ("laplace", "rayleigh"):
+        values = [r[name] for r in own]
+        found |= {
+            name: float(np.mean(values)),
+            f"{name}_spread": float(np.std(values, ddof=1)) if len(own) > 1 else None,
+        }
+    return found
+
+
+def at_base(entry: Mapping[str, Any]) -> bool:
+    """Whether a row or setting stands where the axes of the map cross."""
+    return all(entry[name] == value for name, value in BASE.items())
+
+
+# What the cases have in common
+
+
+def published(context: Context, rows: str) -> Result:
+    """The rows and settings on file; `rows` is the file's digest."""
+    drops = read_rows()
+    return Result({"settings": condensed(drops), "rows": drops})
+
+
+def drop(context: Context, **point: Any) -> Result:
+    """One drop measured now, as `scripts/measure_drops.py` does, with its part of the random motion."""
+    row = measure(Point(**point))
+    return Result(row if row["stopped"] else with_motion(row))
+
+
+def map_run() -> Run:
+    """The run that reads the published map."""
+    digest = hashlib.sha256(ROWS.read_bytes()).hexdigest()[:16] if ROWS.exists() else ""
+    return Run("map", published, {"rows": digest}, estimate=1.0)
+
+
+def drop_run(model: str, dim: int, radius: float, seed: int = 1, kicked: bool = False) -> Run:
+    """One drop at the map's base."""
+    point = {"model": model, "dim": dim, "radius": radius, "seed": seed, "kicked": kicked}
+    seconds = 0.4e-3 * radius ** (dim + 1.5) * (1.6 if kicked else 1.0)
+    return Run(f"{model}_{dim}d_R{radius:g}_{seed}", drop, point, estimate=max(1.0, seconds))
+
+
+def words_of(row: Mapping[str, Any]) -> str:
+    """Model and dimension in words."""
+    return f"{MODELS[row['model']][0]}, {row['dim']}D"
+
+
+def write(rows: Iterable[Mapping[str, Any]], path: Path = MAP) -> int:
+    """Write the map, one setting a line; returns how many settings it has."""
+    entries = [json.dumps(finite(rounded(entry)), allow_nan=False) for entry in condensed(rows)]
+    path.write_text('{"settings": [\n' + ",\n".join(entries) + "\n]}\n")
+    return len(entries)
+
+
+def rounded(entry: Mapping[str, Any]) -> dict[str, Any]:
+    """Five digits are more than any drop gives."""
+    return {n: _five(v) for n, v in entry.items()}
+
+
+def _five(value: Any) -> Any:
+    if isinstance(value, list):
+        return [rounded(v) if isinstance(v, Mapping) else v for v in value]
+    return float(f"{value:.5g}") if isinstance(value, float) and math.isfinite(value) else value
+
+
+def main() -> int:
+    """Write the map from the rows on file."""
+    rows = read_rows()
+    print(f"{len(rows)} drops, {write(rows)} settings: {MAP.name}")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
