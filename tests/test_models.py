@@ -105,6 +105,7 @@ def test_large_area_terms_are_told(dim):
     assert "they fly apart" in notes(Dong2016(surface_tension=2.0, correction=2 * 96.1))[0]
 
 
+@pytest.mark.slow
 def test_an_area_term_beyond_its_bound_does_fly_apart():
     """The instability itself, in the cube of 64: far beyond the bound it scatters, at the default it holds together."""
     reach = {}
