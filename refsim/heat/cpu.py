@@ -37,13 +37,14 @@ def advance(
     exchanges, start, now, before, temperature, flow_start, inverse, heat_capacity, melting_point, latent_heat,
     coefficients, first, new_temperature, new,
 ):  # fmt: skip
-    """One stage of a scheme for all particles: of temperatures, or, where there are materials, of enthalpies."""
+    """One stage of a scheme for all particles: of temperatures, or, with materials, of gains of enthalpy."""
     for i in prange(new.shape[0]):
         total = particle.flow_at(i, cpu_row(exchanges, i), temperature[i], temperature, exchanges)
         value = particle.stage(i, total, start, now, before, flow_start, inverse, heat_capacity, coefficients, first)
         new[i] = value
         if melting_point is not None:
-            new_temperature[i] = temperature_of(value, heat_capacity[i], melting_point[i], latent_heat[i])
+            enthalpy = start[i] + value
+            new_temperature[i] = temperature_of(enthalpy, heat_capacity[i], melting_point[i], latent_heat[i])
 
 
 @cpu_kernel
@@ -189,6 +190,9 @@ def run_stages(stages, exchanges, inverse, heat_capacity, melting_point, latent_
     buffers = [scratch.array(f"heat buffer {k}", n, real) for k in range(3)]
     warm = [copied(temperature, f"heat warm {k}", scratch) for k in range(2)] if melting_point is not None else None
     now = before = start
+    if warm is not None:
+        now = before = scratch.array("heat nothing", n, real)
+        now[...] = 0
     for k, stage in enumerate(stages):
         new = buffers[k % 3]
         coefficients = shapes.Stage(*(real.type(c) for c in stage))
@@ -202,8 +206,10 @@ def run_stages(stages, exchanges, inverse, heat_capacity, melting_point, latent_
         )  # fmt: skip
         before, now = now, new
         last = target
-    state[...] = now
-    if warm is not None:
+    if warm is None:
+        state[...] = now
+    else:
+        state += now
         temperature[...] = last
 
 

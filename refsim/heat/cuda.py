@@ -56,7 +56,7 @@ def advance(
     exchanges, start, now, before, temperature, flow_start, inverse, heat_capacity, melting_point, latent_heat, table,
     number, k, new_temperature, new,
 ):  # fmt: skip
-    """Stage k of a scheme, if there is one, for all particles: of temperatures, or, with materials, of enthalpies."""
+    """Stage k of a scheme, if there is one, for all: of temperatures, or, with materials, of gains of enthalpy."""
     i, lane = cuda_lane(cuda.grid(1), exchanges)
     if i < new.shape[0] and k < number[0]:
         total = particle.flow_at(i, cuda_lane_row(exchanges, i, lane), temperature[i], temperature, exchanges)
@@ -68,7 +68,8 @@ def advance(
             )
             new[i] = value
             if melting_point is not None:
-                new_temperature[i] = temperature_of(value, heat_capacity[i], melting_point[i], latent_heat[i])
+                enthalpy = start[i] + value
+                new_temperature[i] = temperature_of(enthalpy, heat_capacity[i], melting_point[i], latent_heat[i])
 
 
 @cuda_kernel(rows_of="table")
@@ -90,17 +91,19 @@ def plan_chebyshev(largest, conduction, table, number):
 
 
 @cuda_kernel
-def collect(first, second, third, number, target):
-    """target = the buffer that the last of `number` stages has written."""
+def collect(first, second, third, number, start, target):
+    """target = the buffer that the last of `number` stages has written, on top of `start` where there is one."""
     i = cuda.grid(1)
     if i < target.shape[0]:
         last = (number[0] - 1) % 3
+        value = third[i]
         if last == 0:
-            target[i] = first[i]
+            value = first[i]
         elif last == 1:
-            target[i] = second[i]
-        else:
-            target[i] = third[i]
+            value = second[i]
+        if start is not None:
+            value += start[i]
+        target[i] = value
 
 
 @cuda_kernel(rows_of="temperature", lanes="exchanges")
@@ -320,6 +323,9 @@ def run_stages(plan, exchanges, inverse, heat_capacity, melting_point, latent_he
     if melting_point is not None:
         warm = [copied(temperature, f"heat warm {k}", scratch) for k in range(3)]
     now = before = start
+    if warm is not None:
+        now = before = scratch.array("heat nothing", n, real)
+        device.fill(now, 0)
     source, target = (now, None) if warm is None else (warm[2], warm[0])
     for k in range(table.shape[0]):
         new = buffers[k % 3]
@@ -329,9 +335,9 @@ def run_stages(plan, exchanges, inverse, heat_capacity, melting_point, latent_he
         )  # fmt: skip
         before, now = now, new
         source, target = (now, None) if warm is None else (warm[k % 3], warm[(k + 1) % 3])
-    collect(*buffers, number, state)
+    collect(*buffers, number, None if warm is None else start, state)
     if warm is not None:
-        collect(*warm, number, temperature)
+        collect(*warm, number, None, temperature)
 
 
 def known(largest, enthalpy, temperature, scratch):

@@ -154,17 +154,20 @@ def exchange_two_cells(
 
 @formula
 def stage(i, total, start, now, before, flow_start, inverse, heat_capacity, coefficients, first):
-    """One stage of a scheme: the new temperature, or, where there is a heat capacity, the new enthalpy.
+    """One stage of a scheme: the new temperature, or, where there is a heat capacity, the new gain of enthalpy.
 
-    `total` is dt Q of the present temperatures [J]; in the first stage it is stored in `flow_start`.
+    `total` is dt Q of the present temperatures [J]; in the first stage it is stored in `flow_start`. Enthalpies are
+    large beside what a stage adds: `now` and `before` are gains since the start, so that little is rounded away.
     """
     if first:
         flow_start[i] = total
     rate = inverse[i]
+    y = now[i]
     if heat_capacity is not None:
         rate *= heat_capacity[i]
-    y = now[i]
-    change = coefficients.before * (before[i] - y) + coefficients.start * (start[i] - y)
+        change = coefficients.before * (before[i] - y) - coefficients.start * y
+    else:
+        change = coefficients.before * (before[i] - y) + coefficients.start * (start[i] - y)
     return y + change + rate * (coefficients.flow * total + coefficients.flow_start * flow_start[i])
 
 
