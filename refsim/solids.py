@@ -211,7 +211,7 @@ def voxelised(solids: tuple[Solid, ...], grid: Discretisation) -> Nodes:
     """The nodes of the bodies. Raises InputError for bodies that are too small, that overlap, or in 2D."""
     if grid.dim != 3:
         raise InputError("scene: solids are bodies in space; set dim to 3 or leave them out.")
-    cells = [_cells(body, f"[[solid]] number {number}", grid.spacing) for number, body in enumerate(solids, 1)]
+    cells = [body_cells(body, f"[[solid]] number {number}", grid.spacing) for number, body in enumerate(solids, 1)]
     owner = np.repeat(np.arange(len(cells)), [len(c) for c in cells])
     keys = cell_key(np.concatenate(cells))
     order = np.argsort(keys, kind="stable")
@@ -225,7 +225,7 @@ def voxelised(solids: tuple[Solid, ...], grid: Discretisation) -> Nodes:
     return Nodes(lattice_of(cells), solids, grid.spacing)
 
 
-def _cells(body: Solid, place: str, spacing: float) -> np.ndarray:
+def body_cells(body: Solid, place: str, spacing: float) -> np.ndarray:
     """Cells (k, 3) int32 whose centres lie in a body."""
     body.check(place)
     if isinstance(body, SolidCells):

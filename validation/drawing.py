@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -178,3 +178,74 @@ def show_image(axes: Any, image: NDArray, extent: float) -> None:
     """Put a rendered image on axes without frame."""
     axes.imshow(image, extent=(-extent, extent, -extent, extent), interpolation="antialiased")
     axes.set_axis_off()
+
+
+class Layer(NamedTuple):
+    """A mesh to be seen with others: vertices (v, 3), triangles (f, 3) with outward normals, colour, opacity."""
+
+    vertices: NDArray
+    triangles: NDArray
+    colour: tuple[float, float, float]
+    opacity: float = 1.0
+
+
+def layered_picture(layers: list[Layer], view: NDArray, extent: float, pixels: int = 640) -> NDArray[np.float64]:
+    """Lit meshes seen together in parallel projection: an image (pixels, pixels, 4) with clear ground.
+
+    Opaque layers hide each other; the others lie over them with their front, more opaque where it is seen edge-on.
+    """
+    depth = np.full(pixels * pixels, -np.inf)
+    image = np.zeros((pixels * pixels, 4))
+    for layer in sorted(layers, key=lambda layer: -layer.opacity):
+        where, height, normal = _front(layer, view, extent, pixels)
+        seen = height > depth[where]
+        where, height, normal = where[seen], height[seen], normal[seen]
+        solid = layer.opacity >= 1
+        colour = _lit(normal, np.broadcast_to(np.array(layer.colour), normal.shape), gloss=0.35 if solid else 0.55)
+        if solid:
+            depth[where] = height
+            image[where] = np.column_stack([colour, np.ones(len(where))])
+        else:
+            edge = (1 - np.clip(normal[:, 2], 0, 1)) ** 2
+            own = np.clip(layer.opacity + 0.45 * edge, 0, 1)[:, None]
+            under = image[where]
+            alpha = own + under[:, 3:] * (1 - own)
+            mixed = (colour * own + under[:, :3] * under[:, 3:] * (1 - own)) / alpha
+            image[where] = np.column_stack([mixed, alpha])
+    return image.reshape(pixels, pixels, 4)
+
+
+def _front(layer: Layer, view: NDArray, extent: float, pixels: int) -> tuple[NDArray, NDArray, NDArray]:
+    """Pixels (k,) that a mesh covers, how near its front is there (k,), and its unit normals there (k, 3)."""
+    if not len(layer.triangles):
+        return np.zeros(0, int), np.zeros(0), np.zeros((0, 3))
+    seen = np.asarray(layer.vertices, dtype=float) @ view.T
+    corner = seen[layer.triangles]
+    facet = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+    normals = np.zeros_like(seen)
+    for k in range(3):
+        np.add.at(normals, layer.triangles[:, k], facet)
+    scale = pixels / (2.0 * extent)
+    front = facet[:, 2] > 0
+    corner, turned = corner[front], normals[layer.triangles[front]]
+    size = scale * np.ptp(corner[:, :, :2], axis=1).max(1, initial=0.0)
+    steps = max(2, int(np.ceil(2.0 * np.quantile(size, 0.999)))) if len(size) else 2
+    where, height, normal = [], [], []
+    for a in range(steps + 1):
+        for b in range(steps + 1 - a):
+            share = np.array([steps - a - b, a, b]) / steps
+            point = np.einsum("k,fkc->fc", share, corner)
+            column = np.floor((point[:, 0] + extent) * scale).astype(int)
+            row = np.floor((extent - point[:, 1]) * scale).astype(int)
+            held = (np.minimum(column, row) >= 0) & (np.maximum(column, row) < pixels)
+            where.append((row * pixels + column)[held])
+            height.append(point[held, 2])
+            normal.append(np.einsum("k,fkc->fc", share, turned)[held])
+    flat, near, blend = np.concatenate(where), np.concatenate(height), np.concatenate(normal)
+    order = np.argsort(near, kind="stable")
+    nearest = np.full(pixels * pixels, -1)
+    nearest[flat[order]] = order  # the last one written is the nearest
+    covered = np.flatnonzero(nearest >= 0)
+    chosen = nearest[covered]
+    unit = blend[chosen] / np.linalg.norm(blend[chosen], axis=1, keepdims=True).clip(min=1e-300)
+    return covered, near[chosen], unit

@@ -1,0 +1,177 @@
+"""Pictures of melting, each drawn from its own data file."""
+
+from __future__ import annotations
+
+import base64
+import zlib
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from validation.cases.melting.scene import SPACING
+from validation.drawing import GREY, Layer, ball_picture, layered_picture, view_matrix
+from validation.harness import Results
+
+WATER = (0.30, 0.58, 0.86)
+BODY = {"red": (0.80, 0.16, 0.14), "green": (0.16, 0.60, 0.26), "blue": (0.15, 0.33, 0.78), "yellow": (0.93, 0.74, 0.12)}
+ICE = (0.86, 0.93, 0.98)
+CELL = 0.5 * SPACING  # of the grid on which surfaces are extracted
+PIXELS = 720
+
+
+def packed(values: NDArray) -> str:
+    """Whole numbers (n,) or (n, c) as text: differences from row to row, compressed."""
+    rows = np.diff(values, axis=0, prepend=np.zeros_like(values[:1]))
+    return base64.b64encode(zlib.compress(np.ascontiguousarray(rows.T).tobytes(), 9)).decode()
+
+
+def unpacked(text: str, dtype: str, columns: int = 1) -> NDArray:
+    """What was packed: (n,), or (n, columns)."""
+    rows = np.frombuffer(zlib.decompress(base64.b64decode(text)), dtype).reshape(columns, -1).T
+    values = np.cumsum(rows, axis=0, dtype=dtype)
+    return values if columns > 1 else values[:, 0]
+
+
+def stage_data(key: str, title: str) -> Any:
+    """Frames of a figure's run, as a picture's data."""
+
+    def collect(results: Results) -> dict[str, Any]:
+        result = results[key]
+        values, arrays = result.values, result.arrays
+        frames = [
+            {
+                "time": at,
+                "position_cm": packed(arrays[f"position_{k}"]),
+                "temperature": packed(arrays[f"temperature_{k}"]),
+                "solid": packed(arrays[f"solid_{k}"]),
+                "share": float(arrays[f"solid_{k}"].sum() / sum(values["solids"])),
+            }
+            for k, at in enumerate(values["times"])
+        ]
+        kept = ("figure", "particles", "solids", "tank", "colours", "densities", "temperatures", "bookkeeping")
+        return {"title": title, **{name: values[name] for name in kept}, "frames": frames}
+
+    return collect
+
+
+def distance_field(points: NDArray, low: NDArray, shape: tuple[int, ...]) -> NDArray[np.float64]:
+    """|x - xbar| - r on a grid, xbar the weighted mean of the particles nearby (Zhu & Bridson 2005), r = 0.6 d [m]."""
+    reach = 1.6 * SPACING
+    steps = int(np.ceil(reach / CELL))
+    count = int(np.prod(shape))
+    weight, moment = np.zeros(count), np.zeros((3, count))
+    base = np.floor((points - low) / CELL).astype(int)
+    for a in range(-steps + 1, steps + 1):
+        for b in range(-steps + 1, steps + 1):
+            for e in range(-steps + 1, steps + 1):
+                node = base + (a, b, e)
+                away = points - (low + CELL * node)
+                near = 1 - (away**2).sum(1) / reach**2
+                held = near > 0
+                if held.any():
+                    flat = np.ravel_multi_index(tuple(node[held].T), shape)
+                    w = near[held] ** 3
+                    weight += np.bincount(flat, w, count)
+                    for c in range(3):
+                        moment[c] += np.bincount(flat, w * away[held, c], count)
+    mean = moment / np.maximum(weight, 1e-12)
+    value = np.where(weight > 1e-12, np.sqrt((mean**2).sum(0)) - 0.6 * SPACING, SPACING)
+    return value.reshape(shape)
+
+
+def surface(points: NDArray) -> tuple[NDArray, NDArray]:
+    """(vertices, triangles) of the surface around particles [m]; none for no particles."""
+    from scipy.ndimage import gaussian_filter
+    from skimage.measure import marching_cubes
+
+    if not len(points):
+        return np.zeros((0, 3)), np.zeros((0, 3), int)
+    margin = 6 * CELL
+    low = np.floor((points.min(0) - margin) / CELL) * CELL
+    shape = tuple((np.ceil((points.max(0) + margin - low) / CELL)).astype(int) + 1)
+    value = gaussian_filter(distance_field(points, low, shape), 0.8)
+    if not (value.min() < 0 < value.max()):
+        return np.zeros((0, 3)), np.zeros((0, 3), int)
+    vertices, triangles, _, _ = marching_cubes(value, 0.0, spacing=(CELL,) * 3, gradient_direction="ascent")
+    return vertices + low, triangles
+
+
+def stage_picture(azimuth: float, elevation: float, melt_shown: bool) -> Any:
+    """Above the lit surfaces of water, melt and solids; below the temperature of the particles, cut in the middle."""
+
+    def draw(data: Mapping[str, Any]) -> Any:
+        import matplotlib.pyplot as plt
+        from matplotlib.cm import ScalarMappable
+        from matplotlib.colors import Normalize
+
+        frames, tank = data["frames"], np.array(data["tank"], dtype=float)
+        view = view_matrix(azimuth, elevation)
+        middle = tank * (0.5, 0.5, 0.36)
+        corners = (np.array(list(np.ndindex(2, 2, 2))) * tank - middle) @ view.T
+        extent = 1.04 * np.abs(corners[:, :2]).max()
+        owner = np.repeat(np.arange(len(data["solids"])), data["solids"])
+        part = np.append(owner, np.full(data["particles"] - len(owner), -1))
+        cold, hot = data["temperatures"]
+        norm, colours = Normalize(cold, hot), plt.get_cmap("RdYlBu_r")
+        loaded = []
+        for f in frames:
+            x = unpacked(f["position_cm"], "int16", 3) / 100.0 - middle
+            loaded.append((x, unpacked(f["temperature"], "uint8") / 2.0 - 25, unpacked(f["solid"], "uint8") > 0))
+        top = max(float((x @ view.T)[:, 1].max()) for x, _, _ in loaded) + 2 * SPACING
+        low = float(corners[:, 1].min())
+        wide = float(np.abs(corners[:, 0]).max())
+        columns = len(frames)
+        ratio = (top - low) / (2 * wide)
+        figure, panels = plt.subplots(
+            2, columns, figsize=(11.0, 1.0 + 2 * ratio * 11.0 / columns), squeeze=False
+        )
+        for k, (f, (x, temperature, solid)) in enumerate(zip(frames, loaded)):
+            layers = []
+            for body, colour in enumerate(data["colours"]):
+                shade = BODY[colour] if melt_shown else ICE
+                layers.append(Layer(*surface(x[(part == body) & solid]), shade, 1.0))
+                if melt_shown:
+                    paler = tuple(0.45 + 0.55 * c for c in shade)
+                    layers.append(Layer(*surface(x[(part == body) & ~solid]), paler, 1.0))
+            water = (part < 0) if melt_shown else ~solid
+            layers.append(Layer(*surface(x[water]), WATER, 0.30))
+            axes = panels[0, k]
+            edges(axes, corners, False)
+            axes.imshow(layered_picture(layers, view, extent, PIXELS), extent=(-extent, extent) * 2, zorder=2)
+            edges(axes, corners, True)
+            axes.set_title(f"{f['time']:.2f} s, {100 * f['share']:.0f} % solid", loc="center", fontweight="normal")
+            shown = x[:, 1] >= 0 if abs(azimuth + 90) < 45 else x[:, 1] >= -1e9
+            picture = ball_picture(
+                x[shown], 0.55 * SPACING, colours(norm(temperature[shown]))[:, :3], view, extent, PIXELS
+            )
+            below = panels[1, k]
+            edges(below, corners, False)
+            below.imshow(picture, extent=(-extent, extent) * 2, zorder=2)
+            for each in (axes, below):
+                each.set_xlim(-wide - SPACING, wide + SPACING)
+                each.set_ylim(low - SPACING, top)
+                each.set_axis_off()
+        figure.colorbar(
+            ScalarMappable(norm, colours), ax=panels[1, :].tolist(), location="bottom", fraction=0.07, pad=0.02,
+            aspect=60, label="temperature of the particles [deg C]; the front half is cut away",
+        )  # fmt: skip
+        solids = f"{sum(data['solids']):,} solid"
+        figure.suptitle(
+            f"{data['title']}: {data['particles']:,} particles, {solids} at the start", fontweight="bold", x=0.01,
+            ha="left", fontsize=11,
+        )  # fmt: skip
+        return figure
+
+    return draw
+
+
+def edges(axes: Any, corners: NDArray, front: bool) -> None:
+    """Edges of the tank, the hind ones behind the picture."""
+    farthest = int(np.argmin(corners[:, 2]))
+    for a in range(8):
+        for bit in (1, 2, 4):
+            b = a ^ bit
+            if a < b and (farthest in (a, b)) != front and not (front and max(a, b) and (a & 1) and (b & 1)):
+                axes.plot(*corners[[a, b], :2].T, color=GREY, linewidth=0.6, alpha=0.8, zorder=3 if front else 1)
