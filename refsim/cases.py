@@ -92,13 +92,29 @@ Maker = Callable[[Case, np.random.Generator], np.ndarray]
 GroupMaker = Callable[[Case, Discretisation], Mapping[str, Any]]
 PARTICLES: dict[str, Maker] = {}
 GROUPS: dict[str, GroupMaker] = {}
+DERIVED: dict[str, Callable[[Any, str], Any]] = {}
+
+
+def _claim(names: tuple[str, ...], maker: Callable, table: dict[str, Any]) -> None:
+    """Put a maker's names into their table. Raises ValueError for a name that another function makes already.
+
+    Two methods that call different arrays by one name would get each other's, with another number of rows.
+    """
+    for name in names:
+        for known in (PARTICLES, GROUPS, DERIVED):
+            other = known.get(name)
+            if other is not None and (other.__module__, other.__qualname__) != (maker.__module__, maker.__qualname__):
+                raise ValueError(
+                    f"the argument {name!r} is made twice, in {other.__module__} and in {maker.__module__}; rename one."
+                )
+        table[name] = maker
 
 
 def particles(*names: str) -> Callable[[Maker], Maker]:
     """Mark a function of (case, random) that makes an array with one row for each particle, in float64."""
 
     def mark(maker: Maker) -> Maker:
-        PARTICLES.update(dict.fromkeys(names, maker))
+        _claim(names, maker, PARTICLES)
         return maker
 
     return mark
@@ -108,20 +124,17 @@ def groups(*names: str) -> Callable[[GroupMaker], GroupMaker]:
     """Mark a function of (case, grid) that returns parameter groups by name, in the grid's dtype."""
 
     def mark(maker: GroupMaker) -> GroupMaker:
-        GROUPS.update(dict.fromkeys(names, maker))
+        _claim(names, maker, GROUPS)
         return maker
 
     return mark
-
-
-DERIVED: dict[str, Callable[[Any, str], Any]] = {}
 
 
 def derived(*names: str) -> Callable[[Callable[[Any, str], Any]], Callable[[Any, str], Any]]:
     """Mark a function of (inputs, name) that makes an argument from others, as they and their order are then."""
 
     def mark(maker: Callable[[Any, str], Any]) -> Callable[[Any, str], Any]:
-        DERIVED.update(dict.fromkeys(names, maker))
+        _claim(names, maker, DERIVED)
         return maker
 
     return mark

@@ -15,7 +15,12 @@ from validation.drawing import GREY, Layer, ball_picture, layered_picture, view_
 from validation.harness import Results
 
 WATER = (0.30, 0.58, 0.86)
-BODY = {"red": (0.80, 0.16, 0.14), "green": (0.16, 0.60, 0.26), "blue": (0.15, 0.33, 0.78), "yellow": (0.93, 0.74, 0.12)}
+BODY = {
+    "red": (0.80, 0.16, 0.14),
+    "green": (0.16, 0.60, 0.26),
+    "blue": (0.15, 0.33, 0.78),
+    "yellow": (0.93, 0.74, 0.12),
+}
 ICE = (0.86, 0.93, 0.98)
 CELL = 0.5 * SPACING  # of the grid on which surfaces are extracted
 PIXELS = 720
@@ -63,19 +68,18 @@ def distance_field(points: NDArray, low: NDArray, shape: tuple[int, ...]) -> NDA
     count = int(np.prod(shape))
     weight, moment = np.zeros(count), np.zeros((3, count))
     base = np.floor((points - low) / CELL).astype(int)
-    for a in range(-steps + 1, steps + 1):
-        for b in range(-steps + 1, steps + 1):
-            for e in range(-steps + 1, steps + 1):
-                node = base + (a, b, e)
-                away = points - (low + CELL * node)
-                near = 1 - (away**2).sum(1) / reach**2
-                held = near > 0
-                if held.any():
-                    flat = np.ravel_multi_index(tuple(node[held].T), shape)
-                    w = near[held] ** 3
-                    weight += np.bincount(flat, w, count)
-                    for c in range(3):
-                        moment[c] += np.bincount(flat, w * away[held, c], count)
+    around = np.arange(-steps + 1, steps + 1)
+    layer = np.stack(np.meshgrid([0], around, around, indexing="ij"), axis=-1).reshape(-1, 3)
+    for a in around:
+        node = base[:, None] + layer + (a, 0, 0)
+        away = points[:, None] - (low + CELL * node)
+        near = 1 - (away**2).sum(2) / reach**2
+        held = near > 0
+        flat = np.ravel_multi_index(tuple(node[held].T), shape)
+        w = near[held] ** 3
+        weight += np.bincount(flat, w, count)
+        for c in range(3):
+            moment[c] += np.bincount(flat, w * away[held, c], count)
     mean = moment / np.maximum(weight, 1e-12)
     value = np.where(weight > 1e-12, np.sqrt((mean**2).sum(0)) - 0.6 * SPACING, SPACING)
     return value.reshape(shape)
@@ -124,9 +128,7 @@ def stage_picture(azimuth: float, elevation: float, melt_shown: bool) -> Any:
         wide = float(np.abs(corners[:, 0]).max())
         columns = len(frames)
         ratio = (top - low) / (2 * wide)
-        figure, panels = plt.subplots(
-            2, columns, figsize=(11.0, 1.0 + 2 * ratio * 11.0 / columns), squeeze=False
-        )
+        figure, panels = plt.subplots(2, columns, figsize=(11.0, 1.0 + 2 * ratio * 11.0 / columns), squeeze=False)
         for k, (f, (x, temperature, solid)) in enumerate(zip(frames, loaded)):
             layers = []
             for body, colour in enumerate(data["colours"]):
@@ -175,3 +177,113 @@ def edges(axes: Any, corners: NDArray, front: bool) -> None:
             b = a ^ bit
             if a < b and (farthest in (a, b)) != front and not (front and max(a, b) and (a & 1) and (b & 1)):
                 axes.plot(*corners[[a, b], :2].T, color=GREY, linewidth=0.6, alpha=0.8, zorder=3 if front else 1)
+
+
+def filling_data(results: Results) -> dict[str, Any]:
+    """Figure 3: the plate, its node, and arrayR after each pass."""
+    result = results["filling"]
+    return {
+        "title": "Figure 3: arrayR of one node, filled level by level",
+        **{name: result.values[name] for name in ("node", "cell", "half_width")},
+        "cells": result.arrays["cells"].tolist(), "solid": result.arrays["solid"].tolist(),
+        "passes": result.arrays["passes"].tolist(),
+    }  # fmt: skip
+
+
+def filling_picture(data: Mapping[str, Any]) -> Any:
+    """The plate with its nodes' numbers, then the middle layer of arrayR after each pass; -1 stands for none."""
+    import matplotlib.pyplot as plt
+
+    passes, node, width = data["passes"], data["node"], data["half_width"]
+    figure, panels = plt.subplots(1, len(passes) + 1, figsize=(11.0, 3.3))
+    plate = panels[0]
+    a0, b0, _ = data["cell"]
+    for s, ((a, b, _), solid) in enumerate(zip(data["cells"], data["solid"])):
+        held = abs(a - a0) <= width and abs(b - b0) <= width
+        colour = "white" if not solid else "#FDBE6F" if s == node else "#CFE3F5" if held else "#EEEEEE"
+        plate.add_patch(plt.Rectangle((a - 0.5, b - 0.5), 1, 1, facecolor=colour, edgecolor="#999999", linewidth=0.8))
+        words = str(s) if solid else "melted"
+        plate.text(
+            a, b, words, ha="center", va="center", fontsize=8 if solid else 5.5, color="black" if solid else GREY
+        )
+    plate.add_patch(
+        plt.Rectangle((a0 - width - 0.5, b0 - width - 0.5), 2 * width + 1, 2 * width + 1, fill=False, linewidth=1.6)
+    )
+    plate.set_xlim(-0.6, 6.6)
+    plate.set_ylim(-0.6, 6.6)
+    plate.set_title(f"the plate; box of node {node}, w = {width}", loc="center", fontweight="normal")
+    before = [[-1] * len(passes[0])] * len(passes[0])
+    for k, now in enumerate(passes):
+        axes = panels[k + 1]
+        for i, row in enumerate(now):
+            for j, entry in enumerate(row):
+                new = entry >= 0 and before[i][j] < 0
+                colour = "white" if entry < 0 else "#FDBE6F" if new else "#CFE3F5"
+                axes.add_patch(
+                    plt.Rectangle((i - 0.5, j - 0.5), 1, 1, facecolor=colour, edgecolor="#999999", linewidth=0.8)
+                )
+                axes.text(i, j, str(entry), ha="center", va="center", fontsize=9, color=GREY if entry < 0 else "black")
+        axes.set_xlim(-0.6, len(now) - 0.4)
+        axes.set_ylim(-0.6, len(now) - 0.4)
+        axes.set_title(f"after pass {k}", loc="center", fontweight="normal")
+        before = now
+    for axes in panels:
+        axes.set_aspect("equal")
+        axes.set_axis_off()
+    figure.suptitle(data["title"], fontweight="bold", x=0.01, ha="left", fontsize=11)
+    return figure
+
+
+COLOURS = {
+    "neighbour list": "#8DA0CB", "liquid and coupling": "#4A90C2", "heat": "#D9653B", "melting": "#E9C46A",
+    "shape matching": "#5AAE7A",
+}  # fmt: skip
+
+
+def time_data(results: Results) -> dict[str, Any]:
+    """Table 2 and figure 7: milliseconds a step, stage by stage."""
+    from validation.cases.melting import PAPER, runs
+
+    rows = []
+    for figure, (words, paper) in PAPER.items():
+        for kind in ("cost", "rival"):
+            key = f"{kind}_{figure}"
+            if key in results:
+                values = results[key].values
+                rows.append(
+                    {
+                        "figure": figure, "words": words, "kind": kind, "paper": paper,
+                        "liquid": values["liquid"], "solid": values["solid"],
+                        "milliseconds": 1e3 * values["seconds"], "threads": values["threads"],
+                        "stages": {name: 1e3 * s for name, s in runs.grouped(values["stages"]).items()},
+                    }
+                )  # fmt: skip
+    return {"title": "Table 2 and figure 7: a step of 5 ms", "rows": rows}
+
+
+def time_picture(data: Mapping[str, Any]) -> Any:
+    """A bar for each scene and method, cut into stages, and the paper's number beside it."""
+    import matplotlib.pyplot as plt
+
+    rows = data["rows"]
+    figure, axes = plt.subplots(figsize=(9.6, 0.9 + 0.55 * len(rows)))
+    labels = []
+    for k, row in enumerate(rows):
+        left = 0.0
+        for name, colour in COLOURS.items():
+            width = row["stages"].get(name, 0.0)
+            axes.barh(k, width, left=left, color=colour, label=name if k == 0 else None, height=0.7)
+            left += width
+        axes.text(left, k, f"  {row['milliseconds']:.0f} ms", va="center", fontsize=8.5)
+        if row["kind"] == "cost":
+            axes.plot([row["paper"]] * 2, [k - 0.42, k + 0.42], color="black", linewidth=2)
+        words = f"{row['liquid'] / 1e3:.1f}k + {row['solid'] / 1e3:.1f}k"
+        labels.append(f"{words}\n{'refsim' if row['kind'] == 'cost' else 'stand-in for the rival'}")
+    axes.plot([], [], color="black", linewidth=2, label="paper, GTX 690")
+    axes.set_yticks(range(len(rows)), labels, fontsize=8)
+    axes.invert_yaxis()
+    axes.set_xlabel(f"milliseconds a step, CPU, {rows[0]['threads']} threads")
+    axes.grid(axis="x")
+    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=6)
+    axes.set_title(data["title"])
+    return figure

@@ -112,7 +112,7 @@ def figure_6(size: float = 1.0) -> Setting:
     The meshes lie in a temporary folder while they become cells of the lattice.
     """
     long, wide, tall, reach = _cells(size, 110, 44, 33, 14)
-    lengths = {"rabbit": 33.9 * size, "duck": 36.2 * size}  # longest edges
+    lengths = {"rabbit": 34.6 * size, "duck": 36.2 * size}  # longest edges
     x, y = (reach + 0.55 * lengths["rabbit"], long - reach - 0.55 * lengths["duck"]), (0.255 * wide, 0.745 * wide)
     with tempfile.TemporaryDirectory() as folder:
         files = {animal: shapes.write_mesh(animal, folder) for animal in lengths}
@@ -140,6 +140,25 @@ def figure_6(size: float = 1.0) -> Setting:
         bodies=bodies,
         solid_temperature=-10.0,
         water_temperature=100.0,
+        bookkeeping="immiscible",
+    )
+
+
+def shared_tank(figure: str, size: float, share: float) -> Setting:
+    """A still tank with as many particles as figure 6 has, a share of it solid: one slab, at least a layer."""
+    wide, tall, long = _cells(size, 40, 39, 39)  # 60,840 at size 1
+    thick = max(1, round(share * long))
+    low = (long - thick) // 2
+    waters = [((0, 0, 0), (low, wide, tall), (0.0, 0.0, 0.0))]
+    waters.append(((low + thick, 0, 0), (long - low - thick, wide, tall), (0.0, 0.0, 0.0)))
+    slab = SolidBox(lower=metres(low, 0, 0), upper=metres(low + thick, wide, tall))
+    bodies = ((BLUE, 1000.0, 30.0, slab),)
+    return Setting(
+        tank=(long, wide, tall + 10),
+        waters=tuple(waters),
+        bodies=bodies,
+        solid_temperature=-10.0,
+        water_temperature=40.0,
         bookkeeping="immiscible",
     )
 

@@ -1,0 +1,52 @@
+"""Stand-in for the paper's rival: every region is searched anew in every step, breadth first.
+
+It is not the method of Iwasaki et al. 2010, with which figure 7 compares.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from refsim.compile import cpu_kernel, formula, prange
+from refsim.shape_matching.phases import NOBODY
+
+
+@formula
+def _search(s: int, direct: Any, cell: Any, half_width: int, region: Any) -> int:
+    """Members of the region of node s by a queue of its own; how many there are."""
+    side = 2 * half_width + 1
+    slots = side * side * side
+    queue = np.empty(slots, np.int32)
+    level = np.empty(slots, np.int32)
+    for slot in range(slots):
+        region[s, slot] = NOBODY
+    if direct[s, 13] == NOBODY:
+        return 0
+    queue[0], level[0] = s, 0
+    region[s, slots // 2] = s
+    head, count = 0, 1
+    while head < count:
+        node = queue[head]
+        if level[head] < half_width:
+            for near in range(27):
+                other = direct[node, near]
+                if other != NOBODY:
+                    a = cell[other, 0] - cell[s, 0] + half_width
+                    b = cell[other, 1] - cell[s, 1] + half_width
+                    e = cell[other, 2] - cell[s, 2] + half_width
+                    slot = (a * side + b) * side + e
+                    if region[s, slot] == NOBODY:
+                        region[s, slot] = other
+                        queue[count], level[count] = other, level[head] + 1
+                        count += 1
+        head += 1
+    return count
+
+
+@cpu_kernel(ordered=True)
+def all_regions(direct: Any, cell: Any, half_width: int, region: Any, region_count: Any) -> None:
+    """Every region, breadth first."""
+    for s in prange(region_count.shape[0]):
+        region_count[s] = _search(s, direct, cell, half_width, region)
