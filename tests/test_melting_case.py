@@ -50,13 +50,13 @@ def test_scenes_have_the_counts_of_table_2(figure, liquid, solid):
 
 
 def test_streams_meet_four_animals():
-    """40.5k and 20k at full size; here an eighth of it, on the mesh path."""
+    """40.5k and 20k at full size; here 0.064 of it, on the mesh path."""
     pytest.importorskip("trimesh")
-    setting = FIGURES["figure_6"](0.5)
+    setting = FIGURES["figure_6"](0.4)
     plan = make_plan(made(setting))
     bodies = np.diff(plan.grid.solids.lattice.first)
-    assert bodies.sum() == pytest.approx(20_000 / 8, rel=0.1)
-    assert plan.grid.count - bodies.sum() == pytest.approx(40_656 / 8, rel=0.1)
+    assert bodies.sum() == pytest.approx(20_000 * 0.4**3, rel=0.1)
+    assert plan.grid.count - bodies.sum() == pytest.approx(40_656 * 0.4**3, rel=0.1)
     assert sorted(set(plan.state.velocity[:, 0])) == [-4.0, 0.0, 4.0]
     k = plan.state.values["conductivity"]
     assert sorted(set(np.round(k[: bodies.sum()], 6))) == [0.1, 0.3, 0.5, 0.7]

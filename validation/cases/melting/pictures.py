@@ -98,7 +98,7 @@ def surface(points: NDArray) -> tuple[NDArray, NDArray]:
     value = gaussian_filter(distance_field(points, low, shape), 0.8)
     if not (value.min() < 0 < value.max()):
         return np.zeros((0, 3)), np.zeros((0, 3), int)
-    vertices, triangles, _, _ = marching_cubes(value, 0.0, spacing=(CELL,) * 3, gradient_direction="ascent")
+    vertices, triangles, _, _ = marching_cubes(value, 0.0, spacing=(CELL,) * 3, gradient_direction="descent")
     return vertices + low, triangles
 
 
