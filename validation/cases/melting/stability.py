@@ -146,7 +146,7 @@ def one_voxel_apart(context: Context, backend: str, gap: int) -> Result:
         left = [[a, b, e] for a in range(1, 4) for b in range(3, 6) for e in range(5, 8)]
         right = [[a + 3 + gap, b, e] for a, b, e in left]
         simulation = trial.start(
-            pool((SolidCells(cells=left), SolidCells(cells=right, density=500.0)), (-10.0, 60.0), 0.5)
+            pool((SolidCells(cells=left), SolidCells(cells=right, density=500.0)), (-10.0, -10.0, 60.0), 0.5)
         )
         _watched(trial, simulation, 150)
         region = simulation.field("region")
