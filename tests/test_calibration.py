@@ -179,6 +179,13 @@ def test_cases_show_the_published_map(case, tmp_path):
         assert redraw(picture, tmp_path).stat().st_size > 10_000
 
 
+def test_the_tension_of_another_drop_is_held_against_the_requested_one():
+    ratio = calibrate(1.0, "akinci", spacing=1.0, rest_density=1.0, radius=10.0).ratio
+    row = {"model": "akinci", "dim": 3, "radius": 10.0, "laplace": 1.04 * ratio, "rayleigh": 0.9 * ratio}
+    assert oscillation.requested(row) == pytest.approx({"Laplace": 0.04, "Rayleigh": 0.1})
+    assert calibrate(2.0, "akinci", spacing=1.0, rest_density=1.0, radius=10.0).nominal == pytest.approx(2 / ratio)
+
+
 def test_a_tiny_drop_can_be_measured():
     row = condensing.drop(None, model="akinci", dim=2, radius=4.0, stiffness=0.03, kicked=False).values
     assert row["particles"] == 52
