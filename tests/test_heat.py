@@ -6,10 +6,15 @@ import numpy as np
 import pytest
 
 from refsim import Box, HeatConduction, InputError, RunStopped, Scene, Simulation, make_plan
+from refsim.__main__ import main
 from refsim.driver import stock
 from refsim.heat import reference
 from refsim.heat.shapes import lattice_moment
 from refsim.operation import REGISTRY
+from validation.cases import heat as case
+from validation.cases.heat import exact, runs
+from validation.running import Context
+from validation.verdicts import Bounds
 
 BAR = (Box(cells=(8, 4, 4)), Box(lower=(0.8, 0.0, 0.0), cells=(8, 4, 4)))
 NUMBER = 0.1**2 * 1000.0 * 1000.0  # dt [s] of k dt/(rho c d^2) = 1 at k = 1 W/(m K)
@@ -177,6 +182,92 @@ def test_bad_input_is_told_in_one_sentence(options, words):
     with pytest.raises(InputError, match=words) as error:
         make_plan(bar(**options))
     assert str(error.value).count(". ") == 0
+
+
+COLD = """
+spacing = 0.1
+support_radius = 0.25
+step = 10.0
+
+[[fluid]]
+shape = "box"
+cells = [4, 4, 4]
+
+[effects.heat_conduction]
+temperature = -5.0
+conductivity = {conductivity}
+melting_point = {melting_point}
+latent_heat = 1e5
+"""
+
+
+@pytest.mark.parametrize(
+    "values, words",
+    [
+        ({"conductivity": -0.6, "melting_point": 0.0}, "conductivity = -0.6 is not possible; give zero or a positive"),
+        ({"conductivity": 0.6, "melting_point": -300.0}, "melting_point = -300.0 is not possible; give a temperature"),
+        ({"conductivity": "nan", "melting_point": 0.0}, "conductivity = nan is not possible"),
+    ],
+)
+@pytest.mark.parametrize("command", ["plan", "run"])
+def test_a_scene_file_with_impossible_materials_ends_with_2(tmp_path, capsys, command, values, words):
+    scene = tmp_path / "ice.toml"
+    scene.write_text(COLD.format(**values))
+    assert main([command, str(scene)]) == 2
+    told = capsys.readouterr()
+    assert told.out == ""
+    assert words in told.err
+    assert told.err.count(". ") == 0
+    assert [path.name for path in tmp_path.iterdir()] == ["ice.toml"]  # nothing was begun
+
+
+def test_enthalpies_near_a_reservoir_limit_the_step():
+    """RKL1 overshoots beyond 3; the default of 10 holds for temperatures alone, and for the other schemes."""
+    for scheme, more, number in (
+        ("runge_kutta_legendre", ICE, 3.0),
+        ("runge_kutta_legendre", {}, 10.0),
+        ("implicit", ICE, 10.0),
+    ):
+        plan = make_plan(bar(0.1, scheme=scheme, largest_number=10.0, **more))
+        limit = plan.effects["heat_conduction"].step_limits(plan.grid, plan.effects)["conduction"].length
+        assert limit == pytest.approx(number * NUMBER)
+
+
+# The case
+
+
+def test_closed_forms_against_the_anchors():
+    """lambda of one-phase Stefan problems (Alexiades & Solomon), the sphere's mean by its own series, the limits."""
+    known = {0.01: 0.070593276561, 0.1: 0.220016272743, 0.5: 0.464785920646, 2.0: 0.800601362806}
+    for number, root in known.items():
+        assert exact.stefan_root(number, 0.0, 1.0) == pytest.approx(root, rel=1e-9)
+    r = (np.arange(4000) + 0.5) / 4000
+    mean = (3 * r**2 * exact.cooled_sphere(r, 1.0, 0.05)).mean()
+    n = np.arange(1, 200)
+    assert mean == pytest.approx(6 / math.pi**2 * (np.exp(-((n * math.pi) ** 2) * 0.05) / n**2).sum(), rel=1e-5)
+    plane = exact.melting_shell(1e4, 1e4 + 1, 100, 50.0, -10.0, 100.0, 0.1)
+    root = exact.stefan_root(50.0, -10.0, 100.0)
+    assert 1 - plane.ice[-1] == pytest.approx(2 * root * math.sqrt(plane.time[-1]), rel=3e-3)
+
+
+def test_ice_melts_as_neumann_says():
+    """Twenty spacings: the depth as measured from the first held layer, half a spacing behind the surface."""
+    (row,) = runs.stefan(Context(), "runge_kutta_legendre", 20, (2.0,)).values["rows"]
+    assert row["shifted"] < 5
+    assert row["raw"] > 4 * row["shifted"]  # which shows what the half spacing is
+
+
+def test_a_sphere_cools_as_the_series_says():
+    (row,) = runs.sphere(Context(), "runge_kutta_legendre", 7, (0.5,)).values["rows"]
+    assert row["shifted"] < 2 < row["raw"]
+
+
+def test_every_bound_of_the_case_is_held_against_something():
+    """Names of bounds are made of schemes and steps; none may go astray."""
+    slabs = {f"slab_{s}_{n:g}".replace(".", "_") for s in case.PLAIN for n in runs.NUMBERS if s != "explicit"}
+    named = {name for name in Bounds("heat").entries if name.startswith("slab_")} - {"slab_error", "slab_drift"}
+    assert named == slabs
+    assert {f"order_{scheme}" for scheme in case.PLAIN} <= set(Bounds("heat").entries)
 
 
 def test_every_scheme_has_an_operation():

@@ -62,6 +62,7 @@ def planned(options: Options) -> list[Run]:
     for name, melts in BOUNDED:
         parameters = {"scheme": name, "melts": melts}
         made.append(Run(f"range_{name}{'_ice' if melts else ''}", runs.ranges, parameters, 3.0, slow))
+    made.append(Run("speed", runs.speed, {"threads": options.threads or 2}, 20.0, slow))
     return made
 
 
@@ -150,6 +151,9 @@ def judge(results: Results) -> list[Measurement]:
                      name if name in KEEPING else dtype, f"{SCHEMES[name]}, {dtype}")  # fmt: skip
                 if values["melted"]:
                     note("ledger_melted", values["melted"], f"{name}_{dtype}", f"{name}, {dtype}")
+    if "speed" in results:
+        for name, ratio in results["speed"].values["ratio"].items():
+            note("speed", ratio, name.replace(" ", "_"), name)
     for name, melts in BOUNDED:
         key = f"range_{name}{'_ice' if melts else ''}"
         if key in results:
@@ -211,6 +215,17 @@ def tables(results: Results) -> list[Table]:
     if rows:
         note = "Largest change of the heat over what could be moved; melted: share of the particles."
         made.append(Table("1,000 steps of melting ice", ["scheme", "float64", "float32", "melted"], rows, note))
+    if "speed" in results:
+        values = results["speed"].values
+        rows = [
+            [name, values["passes"].get(name, 1), f"{1e6 * seconds / values['particles']:.3f}", values["ratio"][name]]
+            for name, seconds in values["seconds"].items()
+        ]
+        title = (
+            f"A step of k dt/(rho c d^2) = 2, {values['particles']:,} particles, float32, {values['threads']} threads"
+        )
+        heading = ["scheme", "passes", "us per particle", "times a density pass"]
+        made.append(Table(title, heading, rows, "Every step weighs all pairs anew, which is a pass of its own."))
     return made
 
 

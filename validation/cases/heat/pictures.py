@@ -74,7 +74,7 @@ def profiles_data(results: Results) -> dict[str, Any]:
     some = np.random.default_rng(0).permutation(len(ball.arrays["r"]))[:600]
     sphere = {
         name: _curve(
-            results[f"sphere_{name}"].arrays["r"][some], results[f"sphere_{name}"].arrays["temperature_8"][some]
+            results[f"sphere_{name}"].arrays["r"][some], results[f"sphere_{name}"].arrays["temperature_2"][some]
         )
         for name in ("single_pass", "implicit", "runge_kutta_legendre")
         if f"sphere_{name}" in results
