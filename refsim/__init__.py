@@ -8,6 +8,7 @@ from refsim import isosurface, surface_energy
 from refsim.boundary import sampling, signed_distance
 from refsim.boundary.akinci_2012 import BoxWalls
 from refsim.boundary.mesh import load_mesh
+from refsim.boundary.one_way_coupling import MeshBoundary
 from refsim.boundary.two_way_coupling import TwoWayCoupling
 from refsim.driver import RunReport, simulate
 from refsim.errors import InputError, RunStopped
@@ -30,6 +31,7 @@ from refsim.surface_tension.csf_wang_2019 import CsfWang2019
 from refsim.surface_tension.dong_2016 import Dong2016
 from refsim.surface_tension.he_2014 import He2014
 from refsim.surface_tension.jiang_zhu_2023 import JiangZhu2023
+from refsim.surface_tension.normal_difference_2014 import NormalDifference2014
 from refsim.surface_tension.tartakovsky_meakin_2005 import TartakovskyMeakin2005
 
 __version__ = "0.1.0"
@@ -51,8 +53,10 @@ __all__ = [
     "InputError",
     "JiangZhu2023",
     "Melting",
+    "MeshBoundary",
     "MpmLiquid",
     "MpmWalls",
+    "NormalDifference2014",
     "Plan",
     "RunReport",
     "RunStopped",

@@ -28,6 +28,7 @@ from refsim import (
     Melting,
     MpmLiquid,
     MpmWalls,
+    NormalDifference2014,
     Scene,
     ShapeMatching,
     Simulation,
@@ -57,6 +58,7 @@ BECKER = BeckerTeschner2007(surface_tension=0.5)
 TARTAKOVSKY = TartakovskyMeakin2005(surface_tension=0.5)
 HE = He2014(surface_tension=0.1, air_pressure=1.0)
 CSF = CsfWang2019(surface_tension=0.5)
+DIFFERENCE = NormalDifference2014(area_acceleration=0.5)
 CLAMPED = WeaklyCompressible(sound_speed=12.0)
 SHAPE = ShapeMatching()
 STIFF = ShapeMatching(damping=0.0, half_width=1)
@@ -93,6 +95,7 @@ SETS = [
     (LIQUID, TARTAKOVSKY),
     (LIQUID, HE),
     (LIQUID, CSF),
+    (LIQUID, DIFFERENCE),
     (LIQUID, HEAT),
     (LIQUID, ICE),
     (VISCOUS, IMPLICIT, GRAVITY),
@@ -191,6 +194,7 @@ FOOTPRINTS = {
     TARTAKOVSKY: set(),
     HE: {"color", "color_gradient_squared"},
     CSF: {"interface_normal", "curvature", "number_density", "near_surface", "corrected_density"},
+    DIFFERENCE: {"surface_normal"},
     HEAT: {"temperature", "heat_capacity", "conductivity", "volume"},
     ICE: {
         "temperature",

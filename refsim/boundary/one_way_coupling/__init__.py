@@ -1,0 +1,225 @@
+"""One-way coupling of a liquid with a solid given as a triangle mesh (patent CN104318598A, P5 to P8).
+
+Contents: MeshBoundary; WallViscosity, surface_factor; operation one_way_coupling.wall_viscosity.
+
+The solid's surface carries boundary particles, which every pass of the liquid sees as wall particles: they count in
+its density (P5) and push with its own pressure (P6). What is of this effect alone is their friction (P6), their
+adhesion, and the correction of particles that would enter the solid (P8, `refsim.boundary.penetration`).
+"""
+
+from __future__ import annotations
+
+import functools
+import itertools
+import math
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple
+
+import numpy as np
+
+from refsim.boundary.akinci_2012 import wall_kernel_sums
+from refsim.boundary.penetration import CORRECTIONS, correction_pass, penetration_groups
+from refsim.boundary.walls import WallParticles
+from refsim.effect import Discretisation, Effect, Pass, StepLimit, literal_errata, require
+from refsim.errors import InputError
+from refsim.operation import Operation, register
+from refsim.particles import Field
+from refsim.smoothing import smoothing
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from refsim.boundary.one_way_coupling.placing import PlacedSolid
+    from refsim.scene import InitialState
+
+
+class WallViscosity(NamedTuple):
+    """Friction at boundary particles as the kernels take it."""
+
+    coefficient: float  # mu_b [Pa s]
+
+
+class MeshBoundary(Effect, frozen=True, kw_only=True):
+    """A solid at rest, given as a closed triangle mesh, that the liquid flows around.
+
+    file            mesh file that trimesh reads (.obj, .stl, .ply, ...); in a scene file, looked for beside it
+    center          where the middle of its bounding box goes [m]; left out, it stays where the file has it
+    size            its longest edge there [m]; 0 leaves the file's numbers as metres
+    rotation        turn about x, then y, then z before [degrees]
+    radius          r of the boundary particles, which stand 2 r apart [m]; 0 for half a spacing of the liquid
+    viscosity       mu_b of the friction between liquid and boundary particles [Pa s]; 0 lets the liquid slip
+    adhesion        beta [m^4/(kg s^2)], coefficient of the attraction by boundary particles; 0 leaves it out
+    correction      of particles that would enter the solid: "swept" (where their way enters it), "point" (where their
+                    step ends, as printed) or "none"
+    restitution     c_r of the correction, from 0 (slip) to 1 (elastic)
+    rebound         largest D_r of the correction, a share of the depth
+    field_spacing   of the signed distances [m]; 0 for half a spacing of the liquid
+    every_particle  look up a distance for every particle, not only in the marked region around the surface
+    seed            of the placing of boundary particles
+    literal         printed readings to use: "g" (V_b with g = 1 instead of the calibrated one), "E27" (velocities are
+                    reflected also where they point out of the solid); or "all"
+    """
+
+    name: ClassVar[str] = "mesh_boundary"
+
+    file: str
+    center: tuple[float, float, float] | None = None
+    size: float = 0.0
+    rotation: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    radius: float = 0.0
+    viscosity: float = 0.0
+    adhesion: float = 0.0
+    correction: Literal["swept", "point", "none"] = "swept"
+    restitution: float = 0.0
+    rebound: float = 0.1
+    field_spacing: float = 0.0
+    every_particle: bool = False
+    seed: int = 0
+    literal: tuple[str, ...] = ()
+
+    def needs(self) -> tuple[str, ...]:
+        return ("weakly_compressible",)
+
+    def check(self, grid: Discretisation, others: Mapping[str, Effect]) -> None:
+        if grid.dim != 3:
+            raise InputError(f"{self.name}: a mesh is a body in space; set dim to 3 or leave it out.")
+        for part in ("size", "radius", "viscosity", "adhesion", "rebound", "field_spacing"):
+            require(self.name, **{part: (getattr(self, part), "not negative")})
+        for part in ("center", "rotation"):
+            for axis, value in zip("xyz", getattr(self, part) or ()):
+                require(self.name, **{f"{part} along {axis}": (value, "finite")})
+        if not 0 <= self.restitution <= 1:
+            raise InputError(f"{self.name}: restitution = {self.restitution} is not possible; give 0 to 1.")
+        if self.correction not in ("swept", "point", "none"):
+            raise InputError(
+                f"{self.name}: correction = {self.correction!r} is unknown; choose one of swept, point, none."
+            )
+        self._printed()
+
+    def _printed(self) -> frozenset[str]:
+        return literal_errata(self.name, self.literal, ("g", "E27"))
+
+    def placed(self, grid: Discretisation) -> PlacedSolid:
+        """The solid in its place: boundary particles and narrow band. Raises InputError for a mesh that is none."""
+        from refsim.boundary.one_way_coupling.placing import placed_solid
+
+        return placed_solid(
+            self.file, self.center, self.size, self.rotation, self.radius or 0.5 * grid.spacing,
+            self.field_spacing or 0.5 * grid.spacing, self.seed,
+        )  # fmt: skip
+
+    def walls(self, grid: Discretisation, others: Mapping[str, Effect]) -> WallParticles:
+        """Boundary particles on the surface (m, 3) [m] and their volumes V_b = g/sum_k W_bk (m,) [m^3]."""
+        position = self.placed(grid).position
+        shape = others["weakly_compressible"].sum_kernel()  # type: ignore[attr-defined]
+        radius = self.radius or 0.5 * grid.spacing
+        factor = 1.0 if "g" in self._printed() else surface_factor(shape, grid.support_radius, grid.spacing, radius)
+        return WallParticles(position, factor / wall_kernel_sums(position, shape, grid.support_radius, 3))
+
+    def fields(self, others: Mapping[str, Effect]) -> tuple[Field, ...]:
+        return () if self.correction == "none" else (CORRECTIONS,)
+
+    def initial(
+        self, grid: Discretisation, state: InitialState, others: Mapping[str, Effect]
+    ) -> Mapping[str, np.ndarray]:
+        inside = int((self.placed(grid).distance(state.position) < 0).sum())
+        if inside:
+            raise InputError(
+                f"{self.name}: {inside} particles of the scene start inside the solid of {self.file!r}; move the one or"
+                " the others."
+            )
+        return {} if self.correction == "none" else {"corrections": np.zeros(grid.count, np.int32)}
+
+    def passes(self, others: Mapping[str, Effect]) -> tuple[Pass, ...]:
+        made = []
+        if self.viscosity > 0:
+            reads = ("position", "velocity", "density")
+            names = {"smoothing": "gradient_smoothing"}
+            made.append(Pass("one_way_coupling.wall_viscosity", reads, updates=("acceleration",), names=names))
+        if self.adhesion > 0:
+            made.append(Pass("akinci_2013.adhesion", ("position",), updates=("acceleration",)))
+        if self.correction != "none":
+            made.append(correction_pass())
+        return tuple(made)
+
+    def list_radius(self, grid: Discretisation) -> float:
+        return grid.support_radius
+
+    def prepare(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, Any]:
+        groups: dict[str, Any] = {}
+        if self.viscosity > 0:
+            groups["wall_viscosity"] = WallViscosity(grid.real(self.viscosity))
+        if self.adhesion > 0:
+            from refsim.surface_tension.akinci_2013 import Adhesion
+
+            amplitude = 0.007 * self.adhesion / grid.support_radius**3
+            groups["adhesion"] = Adhesion(grid.real(self.adhesion), grid.real(amplitude))
+        if self.correction != "none":
+            groups |= penetration_groups(
+                self.placed(grid).band.field, grid.dtype, self.restitution, self.rebound, self.correction == "swept",
+                "E27" in self._printed(), self.every_particle,
+            )  # fmt: skip
+        return groups
+
+    def step_limits(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, StepLimit]:
+        if self.viscosity == 0:
+            return {}
+        half, liquid = 0.5 * grid.support_radius, others["weakly_compressible"]
+        seconds = 0.125 * half**2 * liquid.rest_density / self.viscosity  # type: ignore[attr-defined]
+        return {"wall friction": StepLimit.constant(seconds)}
+
+    def notes(self, grid: Discretisation, others: Mapping[str, Effect]) -> tuple[str, ...]:
+        return tuple(f"{self.name}: {words}" for words in self.placed(grid).notes)
+
+    def ledger(self, field: Callable[[str], np.ndarray]) -> dict[str, float]:
+        """How often a particle was sent back from the solid, and how many have been."""
+        if self.correction == "none":
+            return {}
+        corrections = field("corrections")
+        return {"corrections": float(corrections.sum()), "corrected_particles": float((corrections > 0).sum())}
+
+
+@functools.lru_cache(maxsize=64)
+def surface_factor(shape: str, support_radius: float, spacing: float, radius: float) -> float:
+    """g for which liquid on a flat wall of boundary particles 2 r apart, packed in hexagons, has the rest density.
+
+    The first layer stands one spacing d from the wall: (sum over fluid layers)/(sum over the full lattice)
+    + g (mean over the plane of sum_b W_ib)/(sum_k W_bk) = 1.
+    """
+    from refsim.smoothing.reference import kernel_value
+
+    kernel = smoothing(shape, support_radius, 3)
+    reach = math.ceil(support_radius / spacing)
+    flat = np.array(list(itertools.product(range(-reach, reach + 1), repeat=2)), dtype=float)
+    flat2 = (flat**2).sum(1)
+
+    def layer(k: int) -> float:
+        return float(kernel_value(spacing * np.sqrt(flat2 + k * k), kernel).sum())
+
+    full = sum(layer(k) for k in range(-reach, reach + 1))
+    fluid = sum(layer(k) for k in range(0, reach + 1))
+    apart = 2 * radius
+    steps = np.arange(-math.ceil(2 * support_radius / apart) - 1, math.ceil(2 * support_radius / apart) + 2)
+    a, b = np.meshgrid(steps, steps)
+    own = float(kernel_value(apart * np.sqrt(a**2 + a * b + b**2), kernel).sum())
+    node, weight = np.polynomial.legendre.leggauss(200)
+    rim = math.sqrt(max(support_radius**2 - spacing**2, 0.0))
+    rho = 0.5 * rim * (node + 1)
+    mean = float((0.5 * rim * weight * 2 * math.pi * rho * kernel_value(np.hypot(rho, spacing), kernel)).sum())
+    return (1 - fluid / full) * own / (mean / (0.5 * math.sqrt(3) * apart**2))
+
+
+register(
+    Operation(
+        name="one_way_coupling.wall_viscosity",
+        folder="refsim.boundary.one_way_coupling",
+        paper="patent CN104318598A, 2014; Akinci et al. 2012",
+        equation="P6, viscous force, with E30",
+        function="wall_viscosity",
+        outputs=("acceleration",),
+        adds=("acceleration",),
+        tolerance=8.0,
+        tolerance_reason="one rounding in each of distance, Laplacian, mass, product and sum, and the squared density",
+        invariants=("translation", "rotation", "reordering"),
+    )
+)

@@ -1,0 +1,16 @@
+"""CPU kernel of one-way coupling."""
+
+from refsim.boundary.one_way_coupling import particle
+from refsim.compile import cpu_kernel, prange
+from refsim.neighbours.rows import cpu_row
+
+
+@cpu_kernel
+def wall_viscosity(position, velocity, density, walls, smoothing, fluid, wall_viscosity, acceleration):
+    """P6, viscous part; added to the acceleration."""
+    for i in prange(acceleration.shape[0]):
+        a = particle.wall_viscosity(
+            i, cpu_row(walls, i), position, velocity, density, walls, smoothing, fluid, wall_viscosity
+        )
+        for c in range(3):
+            acceleration[i, c] += a[c]

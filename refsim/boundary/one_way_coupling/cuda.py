@@ -1,0 +1,17 @@
+"""CUDA kernel of one-way coupling."""
+
+from refsim.boundary.one_way_coupling import particle
+from refsim.compile import cuda, cuda_kernel
+from refsim.neighbours.rows import cuda_row
+
+
+@cuda_kernel
+def wall_viscosity(position, velocity, density, walls, smoothing, fluid, wall_viscosity, acceleration):
+    """P6, viscous part; added to the acceleration."""
+    i = cuda.grid(1)
+    if i < acceleration.shape[0]:
+        a = particle.wall_viscosity(
+            i, cuda_row(walls, i), position, velocity, density, walls, smoothing, fluid, wall_viscosity
+        )
+        for c in range(3):
+            acceleration[i, c] += a[c]

@@ -1,0 +1,111 @@
+"""A solid in its place: its mesh read and moved, boundary particles on it, signed distances around it; on the host."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import math
+import os
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from refsim.boundary.mesh import SurfaceMesh, load_mesh
+from refsim.boundary.sampling import sample
+from refsim.boundary.signed_distance import NarrowBand, signed_distance
+from refsim.errors import InputError
+
+BAND = 4.0  # width of the band in its spacings
+PROBE = 0.5  # depth under a boundary particle, in spacings of the band, where the field must be negative
+
+
+@dataclass(frozen=True)
+class PlacedSolid:
+    """What a scene needs of a solid.
+
+    mesh       in its place
+    position   boundary particles (m, 3) [m]
+    normal     outward (m, 3)
+    band       signed distances, float64
+    notes      what a user should know, one sentence each
+    """
+
+    mesh: SurfaceMesh
+    position: np.ndarray
+    normal: np.ndarray
+    band: NarrowBand
+    notes: tuple[str, ...]
+
+    def distance(self, points: np.ndarray) -> np.ndarray:
+        """Signed distances (n,) [m] of points (n, 3) [m], negative inside, held to the band."""
+        return self.band.at(np.ascontiguousarray(points, dtype=float))[0]
+
+
+def placed_mesh(
+    file: str, center: tuple[float, float, float] | None, size: float, rotation: tuple[float, float, float]
+) -> SurfaceMesh:
+    """The mesh of a file, turned, scaled to `size` [m] unless that is 0, and moved to `center` [m] unless None."""
+    mesh = load_mesh(file)
+    vertices = mesh.vertices
+    for axis, angle in enumerate(rotation):
+        if angle:
+            vertices = vertices @ _turn(axis, math.radians(angle)).T
+    middle = 0.5 * (vertices.min(0) + vertices.max(0))
+    vertices = vertices - middle
+    origin = mesh.origin + middle
+    if size > 0:
+        vertices = vertices * (size / float(np.ptp(vertices, axis=0).max()))
+    if center is not None:
+        origin = np.array(center, dtype=float)
+    return dataclasses.replace(mesh, vertices=vertices, origin=origin)
+
+
+def _turn(axis: int, angle: float) -> np.ndarray:
+    """(3, 3) rotation about an axis."""
+    c, s = math.cos(angle), math.sin(angle)
+    a, b = (axis + 1) % 3, (axis + 2) % 3
+    turn = np.eye(3)
+    turn[a, a], turn[a, b], turn[b, a], turn[b, b] = c, -s, s, c
+    return turn
+
+
+def placed_solid(
+    file: str, center: tuple[float, float, float] | None, size: float, rotation: tuple[float, float, float],
+    radius: float, field_spacing: float, seed: int,
+) -> PlacedSolid:  # fmt: skip
+    """The solid of a mesh file; kept, so that a plan reads and samples it once while the file stays as it is.
+
+    Raises InputError for a mesh that cannot be read, has no interior, or is smaller than the spacing asked for.
+    """
+    try:
+        written = os.stat(file).st_mtime_ns
+    except OSError:
+        written = 0
+    return _placed(file, written, center, size, rotation, radius, field_spacing, seed)
+
+
+@functools.lru_cache(maxsize=8)
+def _placed(
+    file: str, written: int, center: Any, size: float, rotation: Any, radius: float, field_spacing: float, seed: int
+) -> PlacedSolid:
+    mesh = placed_mesh(file, center, size, rotation)
+    extent = float(mesh.extent.max())
+    if 2 * radius > extent:
+        raise InputError(
+            f"mesh_boundary: the solid of {file!r} is {extent:.3g} m across, smaller than the boundary particles'"
+            f" spacing of {2 * radius:.3g} m; make it larger, or radius smaller."
+        )
+    band = signed_distance(mesh, field_spacing, BAND * field_spacing, dtype="float64")
+    sampled = sample(mesh, radius, seed=seed)
+    position, normal = np.asarray(sampled.position, dtype=float), np.asarray(sampled.normal, dtype=float)
+    below, _ = band.at(np.ascontiguousarray(position - PROBE * field_spacing * normal))
+    unseen = int((below >= 0).sum())
+    notes = list(mesh.notes)
+    if unseen:
+        notes.append(
+            f"the signed distances do not resolve the solid under {unseen} of {len(position)} boundary particles, where"
+            f" it is thinner than about {field_spacing:.3g} m or sharper: particles may slip through there; make"
+            " field_spacing smaller"
+        )
+    return PlacedSolid(mesh, position, normal, band, tuple(notes))

@@ -1,0 +1,111 @@
+"""What keeps particles out of a solid: the penetration correction of patent CN104318598A, P8, literal and swept.
+
+Contents: CORRECTIONS, Penetration, correction_pass, penetration_groups; operation penetration.kick_drift. There is no
+effect of its own: `mesh_boundary` (`refsim.boundary.one_way_coupling`) brings the pass, which stands in for the
+leap-frog.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from refsim.effect import Pass
+from refsim.operation import Operation, register
+from refsim.particles import Field
+
+CORRECTIONS = Field(
+    "corrections", "-", "how often the particle was sent back from a solid, P8", dtype="int32", state=True
+)
+
+
+class Penetration(NamedTuple):
+    """The correction as the kernels take it."""
+
+    restitution: float  # c_r
+    rebound: float  # largest D_r
+    swept: int  # look along the way, not only where the step ends
+    printed: int  # reflect velocities also where they point out (E27)
+    everywhere: int  # look a distance up for every particle, not only in marked cells
+    lower: Any  # (3,) corners of the box that holds all marked cells [m]
+    upper: Any
+
+
+def correction_pass() -> Pass:
+    """The pass that moves the particles; it updates field `corrections`, too."""
+    reads = ("acceleration", "identity")
+    return Pass("penetration.kick_drift", reads, updates=("corrections", "velocity", "position"), stage="motion")
+
+
+def penetration_groups(
+    distance_field: Any, dtype: str, restitution: float, rebound: float, swept: bool, printed: bool, everywhere: bool
+) -> dict[str, Any]:
+    """Parameter groups of the pass, for `Effect.prepare`: the narrow band and what is done at it."""
+    lower, upper = marked_box(distance_field)
+    real = np.dtype(dtype).type
+    distance_field = distance_field._replace(
+        distance=np.asarray(distance_field.distance, dtype=dtype),
+        spacing=real(distance_field.spacing),
+        band=real(distance_field.band),
+    )
+    group = Penetration(
+        real(restitution),
+        real(rebound),
+        np.int32(swept),
+        np.int32(printed),
+        np.int32(everywhere),
+        np.nextafter(lower.astype(dtype), real(-np.inf)),
+        np.nextafter(upper.astype(dtype), real(np.inf)),
+    )
+    return {"distance_field": distance_field, "penetration": group}
+
+
+def marked_box(distance_field: Any) -> tuple[np.ndarray, np.ndarray]:
+    """Corners (3,), (3,) [m] of the box that holds all blocks of a narrow band."""
+    keys = np.asarray(distance_field.keys)
+    origin = np.array([distance_field.origin_x, distance_field.origin_y, distance_field.origin_z], dtype=float)
+    if not len(keys):
+        return origin, origin
+    block = np.stack([(keys >> shift & 0x1FFFFF) - (1 << 20) for shift in (0, 21, 42)], axis=1)
+    h = float(distance_field.spacing)
+    return origin + 4 * h * block.min(0), origin + 4 * h * (block.max(0) + 1)
+
+
+register(
+    Operation(
+        name="penetration.kick_drift",
+        folder="refsim.boundary.penetration",
+        paper="patent CN104318598A, 2014",
+        equation="leap-frog and P8 with E26 to E28",
+        function="kick_drift",
+        outputs=("displacement", "corrections", "velocity", "position"),
+        exact=("corrections",),
+        optional=("bounds",),
+        cases=("towards_edges", "outside_the_grid"),
+        tolerance_reason="one rounding in each product and sum; the scale counts those of distance and normal",
+        variants=(
+            {},
+            {"bounds": None, "timestep": lambda case, grid: _long(case, grid, 0.25)},
+            {"bounds": None, "penetration": lambda case, grid: _other(case, grid, swept=0, printed=1)},
+            {
+                "bounds": None,
+                "timestep": lambda case, grid: _long(case, grid, 0.25),
+                "penetration": lambda case, grid: _other(case, grid, everywhere=1),
+            },
+        ),
+        invariants=("reordering",),
+    )
+)
+
+
+def _long(case: Any, grid: Any, spacings: float) -> Any:
+    """Steps in which a particle of the tests moves by about so many spacings."""
+    return np.array([0.8, 1.0], dtype=grid.dtype) * grid.real(spacings * case.spacing)
+
+
+def _other(case: Any, grid: Any, **changes: int) -> Penetration:
+    from refsim.cases import GROUPS
+
+    own = GROUPS["penetration"](case, grid)["penetration"]
+    return own._replace(**{name: np.int32(value) for name, value in changes.items()})

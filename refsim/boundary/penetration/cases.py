@@ -1,0 +1,144 @@
+"""Inputs, hard cases and closed forms of the penetration correction."""
+
+import functools
+
+import numpy as np
+
+from refsim.boundary.mesh import surface_mesh
+from refsim.boundary.penetration import Penetration, marked_box, penetration_groups
+from refsim.boundary.signed_distance import DistanceField, signed_distance
+from refsim.cases import Case, Exact, case, closed_form, cloud, groups, particles
+from refsim.sparse_grid import inverse_cell
+
+UNIT = 0.625  # spacing of the bands [spacings of the case]
+
+
+@functools.cache
+def _octahedron() -> DistanceField:
+    """Band of an octahedron of radius 1.7, nodes UNIT apart, about the origin."""
+    corners = 1.7 * np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]], dtype=float)
+    faces = np.array(
+        [[0, 2, 4], [2, 1, 4], [1, 3, 4], [3, 0, 4], [2, 0, 5], [1, 2, 5], [3, 1, 5], [0, 3, 5]], dtype=np.int64
+    )
+    return signed_distance(surface_mesh(corners, faces), UNIT, dtype="float64").field
+
+
+def octahedron(center: np.ndarray, size: float, dtype: str) -> DistanceField:
+    """The same band about another point and `size` times as large [m]."""
+    whole, real = _octahedron(), np.dtype(dtype).type
+    spacing = real(UNIT * size)
+    return whole._replace(
+        distance=(whole.distance * size).astype(dtype),
+        spacing=spacing,
+        inverse_spacing=np.float64(inverse_cell(spacing, dtype)),
+        band=real(whole.band * size),
+        **{f"origin_{axis}": np.float64(x) for axis, x in zip("xyz", center)},
+    )
+
+
+@particles("corrections")
+def _corrections(case, random):
+    """Some particles have been sent back before."""
+    return random.integers(0, 4, case.count).astype(np.int32)
+
+
+@groups("distance_field", "penetration")
+def _solid(case, grid):
+    """An octahedron, a little off the middle of the particles, so that some are inside."""
+    middle = np.median(case.position, axis=0) if case.count else np.zeros(3)
+    center = middle + case.spacing * np.array([0.13, -0.21, 0.07])
+    return penetration_groups(octahedron(center, case.spacing, grid.dtype), grid.dtype, 0.4, 0.1, True, False, False)
+
+
+@case
+def towards_edges() -> Case:
+    """Particles around an octahedron whose edges are sharper than the band's spacing resolves."""
+    position = cloud("towards_edges", 120, 3, 0.12)
+    return Case("towards_edges", 3, position)
+
+
+@case
+def outside_the_grid() -> Case:
+    """Most particles stand far outside the box of the band, so that their ways begin outside it."""
+    position = 6 * cloud("outside_the_grid", 120, 3)
+    return Case("outside_the_grid", 3, position)
+
+
+def _slab() -> DistanceField:
+    """phi = z, linear, so that interpolation is exact: the solid fills z < 0; 8 blocks around the origin, h = 1 m."""
+    axis = np.arange(-1, 1)
+    block = np.array([(x, y, z) for z in axis for y in axis for x in axis])
+    keys = ((block[:, 2] + (1 << 20)) << 42) + ((block[:, 1] + (1 << 20)) << 21) + block[:, 0] + (1 << 20)
+    number = {tuple(b): n for n, b in enumerate(block.tolist())}
+    steps = [(x, y, z) for z in (-1, 0, 1) for y in (-1, 0, 1) for x in (-1, 0, 1)]
+    neighbour = [[number.get(tuple(b + np.array(s)), -1) for s in steps] for b in block]
+    height = np.concatenate([np.repeat(4.0 * b[2] + np.arange(4), 16) for b in block])
+    zero, one = np.float64(0), np.float64(1)
+    return DistanceField(
+        keys.astype(np.int64), np.array(neighbour, np.int32), height, np.zeros(len(height), np.int32),
+        np.zeros(8, np.uint8), one, one, np.float64(5), zero, zero, zero,
+    )  # fmt: skip
+
+
+def _fall(begin, speed, **changes):
+    """One particle that falls for a second without acceleration onto the slab; c_r = 1/2, D_r = 0."""
+    position = np.array([begin], dtype=float)
+    field = _slab()
+    lower, upper = marked_box(field)
+    group = Penetration(0.5, 0.0, np.int32(1), np.int32(0), np.int32(0), lower, upper)._replace(**changes)
+    return Case("onto_a_slab", 3, position, spacing=1.0, support_radius=2.0), {
+        "velocity": np.array([speed], dtype=float),
+        "acceleration": np.zeros((1, 3)),
+        "timestep": np.array([0.0, 1.0]),
+        "build_position": position,
+        "corrections": np.zeros(1, np.int32),
+        "identity": np.zeros(1, np.int32),
+        "distance_field": field,
+        "penetration": group,
+    }
+
+
+@closed_form("penetration.kick_drift")
+def printed_bounce():
+    """Point: z = 1 - 3 = -2 goes up to 0, and v_z = -3 to 3/2; x and v_x go on."""
+    made, given = _fall((0.25, 0.5, 1.0), (1.0, 0.0, -3.0), swept=np.int32(0))
+    way = np.array([1.0, 0.0, -1.0])
+    return Exact(
+        made, given,
+        {"position": np.array([[1.25, 0.5, 0.0]]), "velocity": np.array([[1.0, 0.0, 1.5]]),
+         "corrections": np.array([1]), "displacement": np.array([way @ way, 0.0])},
+    )  # fmt: skip
+
+
+@closed_form("penetration.kick_drift")
+def swept_bounce():
+    """Swept, from 1 m at 3 m/s: looks at z = 1, 1/4, 0, -1/4; there P8 puts it to z = 0, 5/12 of the way on."""
+    made, given = _fall((0.25, 0.5, 1.0), (0.0, 0.0, -3.0))
+    way = np.array([0.0, 0.0, -1.0])
+    return Exact(
+        made, given,
+        {"position": np.array([[0.25, 0.5, 0.0]]), "velocity": np.array([[0.0, 0.0, 1.5]]),
+         "corrections": np.array([1]), "displacement": np.array([way @ way, 0.0])},
+    )  # fmt: skip
+
+
+@closed_form("penetration.kick_drift")
+def leaving_is_not_reflected():
+    """Inside at z = -2 and rising: P8 moves it from z = -1 to 0, and v stays (E27)."""
+    made, given = _fall((0.25, 0.5, -2.0), (0.0, 0.0, 1.0))
+    return Exact(
+        made, given,
+        {"position": np.array([[0.25, 0.5, 0.0]]), "velocity": np.array([[0.0, 0.0, 1.0]]),
+         "corrections": np.array([1]), "displacement": np.array([4.0, 0.0])},
+    )  # fmt: skip
+
+
+@closed_form("penetration.kick_drift")
+def printed_leaving():
+    """The printed rule turns it round all the same: v_z = 1 becomes -1/2."""
+    made, given = _fall((0.25, 0.5, -2.0), (0.0, 0.0, 1.0), printed=np.int32(1))
+    return Exact(
+        made, given,
+        {"position": np.array([[0.25, 0.5, 0.0]]), "velocity": np.array([[0.0, 0.0, -0.5]]),
+         "corrections": np.array([1]), "displacement": np.array([4.0, 0.0])},
+    )  # fmt: skip

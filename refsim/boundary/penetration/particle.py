@@ -1,0 +1,142 @@
+"""What one particle does at a solid's surface; the CPU and the CUDA kernels share it.
+
+`distance_field` is the narrow band of signed distances, negative inside; `penetration` says what is done with a
+particle.
+"""
+
+import math
+
+from refsim.boundary.penetration.formulas import pushed, rebound, reflected
+from refsim.boundary.signed_distance.formulas import beyond_inside, trilinear
+from refsim.compile import formula
+from refsim.sparse_grid.formulas import cell_coordinate, find_node
+
+LONGEST = 4096  # looks along one way
+CLEARANCE = 4  # in the band's spacing over it: error allowed to interpolated distances, and the shortest look
+
+
+@formula
+def looked_up(x, y, z, distance_field, penetration):
+    """(phi [m], its slope along x, y, z) at a place: interpolated in a marked cell, +-band without slope in others."""
+    real = type(x)
+    if not penetration.everywhere:
+        inverse = distance_field.inverse_spacing
+        jx = cell_coordinate(float(x) - distance_field.origin_x, inverse, 0.0)
+        jy = cell_coordinate(float(y) - distance_field.origin_y, inverse, 0.0)
+        jz = cell_coordinate(float(z) - distance_field.origin_z, inverse, 0.0)
+        if find_node(distance_field, jx, jy, jz) < 0:
+            far = distance_field.band
+            if beyond_inside(distance_field, jx, jy, jz):
+                far = -far
+            return far, real(0), real(0), real(0)
+    return trilinear(x, y, z, distance_field)
+
+
+@formula
+def clipped(x, y, z, wx, wy, wz, penetration):
+    """Shares (first, last) of the way from x to x + w [m] inside the band's box; first > last where it misses it."""
+    real = type(x)
+    first, last = real(0), real(1)
+    for c in range(3):
+        p, w = x, wx
+        if c == 1:
+            p, w = y, wy
+        elif c == 2:
+            p, w = z, wz
+        low, high = penetration.lower[c], penetration.upper[c]
+        if w == real(0):
+            if p < low or p > high:
+                last = real(-1)
+        else:
+            a, b = (low - p) / w, (high - p) / w
+            first = max(first, min(a, b))
+            last = min(last, max(a, b))
+    return first, last
+
+
+@formula
+def entry(x, y, z, wx, wy, wz, distance_field, penetration):
+    """Share of the way from x to x + w [m] at which sphere tracing first finds a negative distance; 2 for never.
+
+    The way is clipped to the band's box first, so that it may begin anywhere.
+    """
+    real = type(x)
+    never = real(2)
+    length = math.sqrt(wx * wx + wy * wy + wz * wz)
+    if not (length > real(0) and length < real(math.inf)):
+        return never
+    first, last = clipped(x, y, z, wx, wy, wz, penetration)
+    if not first <= last:
+        return never
+    clearance = distance_field.spacing / real(CLEARANCE)
+    t = first
+    for _ in range(LONGEST):
+        d, _, _, _ = looked_up(x + t * wx, y + t * wy, z + t * wz, distance_field, penetration)
+        if d < real(0):
+            return t
+        if t >= last:
+            return never
+        t = min(t + max(d - clearance, clearance) / length, last)
+    return never
+
+
+@formula
+def outside_box(x, y, z, penetration):
+    """Whether a place [m] is outside the marked region's box, where no distance need be looked up."""
+    low, high = penetration.lower, penetration.upper
+    return not (x >= low[0] and x <= high[0] and y >= low[1] and y <= high[1] and z >= low[2] and z <= high[2])
+
+
+@formula
+def kick_drift(
+    i, position, velocity, acceleration, identity, corrections, build_position, bounds, timestep, distance_field,
+    penetration,
+):  # fmt: skip
+    """Leap-frog step with P8: v += (dt_previous + dt)/2 a, x += dt v; what would enter the solid is sent back.
+
+    Returns (squared way since the list was built [m^2], whether a wall's plane stopped the particle).
+    """
+    real = type(timestep[0])
+    x0, y0, z0 = position[i, 0], position[i, 1], position[i, 2]
+    u = velocity[i, 0] + timestep[0] * acceleration[i, 0]
+    v = velocity[i, 1] + timestep[0] * acceleration[i, 1]
+    w = velocity[i, 2] + timestep[0] * acceleration[i, 2]
+    x, y, z = x0 + timestep[1] * u, y0 + timestep[1] * v, z0 + timestep[1] * w
+    if penetration.swept:
+        begun = real(1)
+        if not outside_box(x0, y0, z0, penetration):
+            begun, _, _, _ = looked_up(x0, y0, z0, distance_field, penetration)
+        if begun >= real(0):  # else it is inside already: what counts is where it comes to
+            t = entry(x0, y0, z0, x - x0, y - y0, z - z0, distance_field, penetration)
+            if t < real(1):
+                x, y, z = x0 + t * (x - x0), y0 + t * (y - y0), z0 + t * (z - z0)
+    if penetration.everywhere or not outside_box(x, y, z, penetration):
+        depth, nx, ny, nz = looked_up(x, y, z, distance_field, penetration)
+        steep = math.sqrt(nx * nx + ny * ny + nz * nz)
+        if depth < real(0) and steep > real(0):
+            nx, ny, nz = nx / steep, ny / steep, nz / steep
+            jump = reflected(u * nx + v * ny + w * nz, penetration)
+            u, v, w = u + jump * nx, v + jump * ny, w + jump * nz
+            way = pushed(depth, rebound(identity[i], corrections[i], penetration))
+            x, y, z = x + way * nx, y + way * ny, z + way * nz
+            corrections[i] += 1
+    stopped = False
+    squared = real(0)
+    for c in range(3):
+        place, speed = x, u
+        if c == 1:
+            place, speed = y, v
+        elif c == 2:
+            place, speed = z, w
+        if bounds is not None:  # noqa: SIM102  (a test of its own is what Numba prunes)
+            if place < bounds.lower[c] or place > bounds.upper[c]:
+                place = min(max(place, bounds.lower[c]), bounds.upper[c])
+                speed = type(speed)(0)
+                stopped = True
+        velocity[i, c] = speed
+        position[i, c] = place
+        way = place - build_position[i, c]
+        squared += way * way
+    if not squared >= real(0):  # no number: a maximum over the particles would pass over it
+        squared = real(math.inf)
+    return squared, stopped

@@ -1,0 +1,180 @@
+"""NumPy oracle of the penetration correction: float64, all particles at once, nodes by coordinates in one list."""
+
+import numpy as np
+
+from refsim.sparse_grid.reference import Lookup
+
+CLEARANCE = 4
+LONGEST = 4096
+ROUNDING = 4e-7  # of a place, relative, in float32
+
+
+class Sampled:
+    """Distances phi [m] and slopes between the nodes of a narrow band; +-band where no block holds a cell's corner."""
+
+    def __init__(self, field):
+        self.h, self.band = 1 / float(field.inverse_spacing), float(field.band)
+        self.origin = np.array([field.origin_x, field.origin_y, field.origin_z], dtype=float)
+        self.node = Lookup(field)
+        self.value = np.asarray(field.distance, dtype=float)
+        self.block = self.node.coordinates[::64] // 4
+        self.after = np.asarray(field.inside_after) != 0
+
+    def beyond(self, j):
+        """+-band [m] at nodes (n, 3) of no block: the side of the last block before, in the same row along x."""
+        value = np.full(len(j), self.band)
+        for k, (x, y, z) in enumerate(j // 4):
+            row = (self.block[:, 1] == y) & (self.block[:, 2] == z) & (self.block[:, 0] < x)
+            if row.any():
+                last = np.flatnonzero(row)[self.block[row, 0].argmax()]
+                value[k] = -self.band if self.after[last] else self.band
+        return value
+
+    def nodes(self, j):
+        """phi [m] at nodes (n, 3)."""
+        n = self.node(j)
+        value = np.where(n >= 0, self.value[np.maximum(n, 0)] if len(self.value) else 0.0, 0.0)
+        if (n < 0).any():
+            value[n < 0] = self.beyond(j[n < 0])
+        return value
+
+    def __call__(self, x, everywhere=False):
+        """(phi (n,) [m], slope (n, 3)) at places (n, 3) [m]."""
+        local = (np.asarray(x, dtype=float) - self.origin) / self.h
+        j = np.clip(np.floor(np.nan_to_num(local, nan=-(2.0**20))), -(2**20), 2**20).astype(np.int64)
+        u = local - j
+        phi, slope = np.zeros(len(j)), np.zeros((len(j), 3))
+        unmarked = (self.node(j) < 0) & (not everywhere)
+        if unmarked.any():
+            phi[unmarked] = self.beyond(j[unmarked])
+        rest = np.flatnonzero(~unmarked)
+        for c in range(8):
+            step = np.array([c & 1, c >> 1 & 1, c >> 2])
+            corner = self.nodes(j[rest] + step)
+            weight = np.where(step == 1, u[rest], 1 - u[rest])
+            phi[rest] += weight.prod(1) * corner
+            for axis in range(3):
+                others = [a for a in range(3) if a != axis]
+                slope[rest, axis] += (1 if step[axis] else -1) * weight[:, others].prod(1) * corner / self.h
+        return phi, slope
+
+
+def rebound(identity, count, penetration):
+    """D_r of P8 (n,), dimensionless: a hash of particle and count of corrections, times the largest one (E28)."""
+    a = (np.asarray(identity, dtype=np.int64) * 1_000_003 + np.asarray(count, dtype=np.int64) * 7_919 + 12_345) % 2**31
+    a = ((a ^ a // 2**15) * 73_856_093) % 2**31
+    a = ((a ^ a // 2**13) * 19_349_663) % 2**31
+    a = (a ^ a // 2**16) % 2**16
+    return float(penetration.rebound) * a / 2**16
+
+
+def in_box(x, penetration):
+    """Which places (n, 3) [m] are in the box of the marked region."""
+    low, high = np.asarray(penetration.lower, dtype=float), np.asarray(penetration.upper, dtype=float)
+    return ((x >= low) & (x <= high)).all(1)
+
+
+def entry(start, way, sampled, penetration):
+    """(share (n,) of the way where sphere tracing first finds phi < 0, inf for never; least |phi| on the way [m])."""
+    length = np.sqrt((way**2).sum(1))
+    low, high = np.asarray(penetration.lower, dtype=float), np.asarray(penetration.upper, dtype=float)
+    with np.errstate(all="ignore"):
+        a, b = (low - start) / way, (high - start) / way
+        first, last = np.fmin(a, b), np.fmax(a, b)
+    still = way == 0
+    missed = (still & ((start < low) | (start > high))).any(1)
+    first = np.maximum(np.where(still, 0.0, first).max(1), 0.0)
+    last = np.minimum(np.where(still, 1.0, last).min(1), 1.0)
+    t, found, least = first.copy(), np.full(len(start), np.inf), np.full(len(start), np.inf)
+    going = np.flatnonzero((first <= last) & ~missed & (length > 0) & np.isfinite(length))
+    clearance = sampled.h / CLEARANCE
+    for _ in range(LONGEST):
+        if not len(going):
+            break
+        phi, _ = sampled(start[going] + t[going, None] * way[going], penetration.everywhere)
+        rounded = t[going] > 0  # the particle's own place is known exactly
+        least[going] = np.minimum(least[going], np.where(rounded, np.abs(phi), np.inf))
+        found[going] = np.where(phi < 0, t[going], np.inf)
+        on = (phi >= 0) & (t[going] < last[going])
+        step = np.maximum(phi - clearance, clearance) / length[going]
+        t[going] = np.where(on, np.minimum(t[going] + step, last[going]), t[going])
+        going = going[on]
+    return found, least
+
+
+def kick_drift(
+    acceleration, identity, build_position, bounds, timestep, distance_field, penetration, corrections, velocity,
+    position,
+):  # fmt: skip
+    """Leap-frog: v += (dt_previous + dt)/2 a [m/s], x += dt v [m]; where it would enter the solid, P8.
+
+    Swept: x becomes the first place on its way with phi < 0. P8 where phi < 0, n = grad phi/|grad phi|:
+    v -= (1 + c_r)(v.n) n, unless v.n >= 0 (E27), x += (1 + D_r) |phi| n (E28). displacement: as `sph.kick_drift`.
+    The scale is infinite where a distance on the way is too near to zero for its sign to be certain.
+    """
+    kick, drift = (float(t) for t in timestep)
+    a = np.asarray(acceleration, dtype=float)
+    old_v, old_x = np.asarray(velocity, dtype=float), np.asarray(position, dtype=float)
+    count = np.asarray(corrections, dtype=np.int64)
+    sampled = Sampled(distance_field)
+    v = old_v + kick * a
+    x = old_x + drift * v
+    v_scale = np.abs(old_v) + np.abs(kick * a)
+    x_scale = np.abs(old_x) + np.abs(drift) * v_scale
+    margin, exact = np.full(len(x), np.inf), np.full(len(x), np.inf)
+    if penetration.swept and len(x):
+        begun, _ = sampled(old_x, penetration.everywhere)
+        begun = np.where(in_box(old_x, penetration), begun, np.inf)
+        share, least = entry(old_x, x - old_x, sampled, penetration)
+        outside = begun >= 0
+        margin = np.where(outside, least, np.inf)
+        exact = np.abs(begun) / sampled.band
+        hit = outside & (share < 1)
+        x = np.where(hit[:, None], old_x + np.where(hit, share, 0.0)[:, None] * (x - old_x), x)
+    jumped, grazing = np.zeros(len(x), dtype=bool), np.zeros(len(x), dtype=bool)
+    bent = np.zeros(len(x))
+    if len(x):
+        phi, slope = sampled(x, penetration.everywhere)
+        looked = in_box(x, penetration) | bool(penetration.everywhere)
+        steep = np.sqrt((slope**2).sum(1))
+        margin = np.minimum(margin, np.where(looked, np.abs(phi), np.inf))
+        jumped = looked & (phi < 0) & (steep > 0)
+        with np.errstate(all="ignore"):
+            normal = np.where(jumped[:, None], slope / steep[:, None], 0.0)
+            bent = np.where(jumped, 1 / steep, 0.0)
+        along = (v * normal).sum(1)
+        turned = jumped & ((along < 0) | bool(penetration.printed))
+        v = v - np.where(turned, (1 + float(penetration.restitution)) * along, 0.0)[:, None] * normal
+        way = np.where(jumped, (1 + rebound(identity, count, penetration)) * np.abs(phi), 0.0)
+        x = x + way[:, None] * normal
+        tilt = 1e-3 + 2 * ROUNDING * np.abs(old_x).max(1, initial=0.0) / sampled.h  # of a normal, by rounding
+        grazing = jumped & (not penetration.printed) & (np.abs(along) < tilt * np.sqrt((v_scale**2).sum(1)))
+    # A normal is a difference of distances over a spacing: what rounding of the place does to it, in units of 1/eps.
+    size = np.abs(old_x).max(1, initial=0.0) + np.abs(np.asarray(penetration.upper)).max() + sampled.band
+    doubt = np.where(jumped, size / sampled.h * (1 + bent), 0.0)[:, None]
+    total = np.sqrt((v_scale**2).sum(1))[:, None]
+    v_scale = v_scale + 4 * doubt * total
+    x_scale = x_scale + np.where(jumped, size, 0.0)[:, None] * 8 * (1 + bent[:, None])
+    margin = np.minimum(4 * margin / size, exact)  # a place is rounded by eps/2 in each coordinate
+    certain = margin > 4 * ROUNDING
+    v_scale = np.where((certain & ~grazing)[:, None] | np.isnan(v_scale), v_scale, np.inf)
+    x_scale = np.where(certain[:, None] | np.isnan(x_scale), x_scale, np.inf)
+    stopped = np.zeros(len(x), dtype=bool)
+    if bounds is not None:
+        lower, upper = np.asarray(bounds.lower, dtype=float), np.asarray(bounds.upper, dtype=float)
+        beyond = (x < lower) | (x > upper)
+        v = np.where(beyond, 0.0, v)
+        stopped = beyond.any(1)
+        x = np.clip(x, lower, upper)
+    passed = x - np.asarray(build_position, dtype=float)
+    squared = (passed**2).sum(1)
+    bound = ((np.abs(passed) + x_scale) ** 2).sum(1)
+    return {
+        "corrections": (count + jumped, margin),
+        "velocity": (v, v_scale),
+        "position": (x, x_scale),
+        "displacement": (
+            np.array([squared.max(initial=0), stopped.sum()]),
+            np.array([bound.max(initial=0), 0.0 if certain.all() else np.inf]),
+        ),
+    }

@@ -1,0 +1,133 @@
+"""Surface tension from the difference of normals after patent CN104318598A (2014), its equation P7.
+
+Contents: NormalDifference2014; operation normal_difference_2014.tension.
+
+The patent has no cohesion and prints neither the normal nor a value of the coefficient: the normal is the colour
+gradient of Akinci et al. 2013, J(19), and gamma is an acceleration.
+"""
+
+from __future__ import annotations
+
+import functools
+import itertools
+import math
+from collections.abc import Mapping
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+
+from refsim.effect import Discretisation, Effect, Pass, StepLimit, literal_errata, require
+from refsim.operation import Operation, register
+from refsim.particles import Field
+from refsim.smoothing import smoothing
+from refsim.surface_normal import SURFACE_NORMAL, color_gradient_pass, normal_term
+
+SAFETY = 0.5  # of the step 2/omega at which the stiffest wave of the lattice would begin to grow
+
+
+class NormalDifference(NamedTuple):
+    """The tension as the kernels take it."""
+
+    coefficient: float  # gamma [m/s^2]
+    printed_mass: int  # m_i for a pair of any masses (P7)
+
+
+class NormalDifference2014(Effect, frozen=True, kw_only=True):
+    """Surface tension without cohesion: particles are drawn to where the surface's normals are alike.
+
+    area_acceleration  gamma [m/s^2], coefficient of the force
+    literal            printed readings to use: "P7" (m_i instead of the pair's harmonic mean of masses, which keeps
+                       the momentum for equal masses only); or "all"
+    """
+
+    name: ClassVar[str] = "normal_difference_2014"
+
+    area_acceleration: float
+    literal: tuple[str, ...] = ()
+
+    def needs(self) -> tuple[str, ...]:
+        return ("weakly_compressible",)
+
+    def check(self, grid: Discretisation, others: Mapping[str, Effect]) -> None:
+        require(self.name, area_acceleration=(self.area_acceleration, "not negative"))
+        self._printed()
+
+    def _printed(self) -> frozenset[str]:
+        return literal_errata(self.name, self.literal, ("P7",))
+
+    def fields(self, others: Mapping[str, Effect]) -> tuple[Field, ...]:
+        return (SURFACE_NORMAL,) if self.area_acceleration > 0 else ()
+
+    def passes(self, others: Mapping[str, Effect]) -> tuple[Pass, ...]:
+        if self.area_acceleration == 0:
+            return ()
+        reads = ("position", "mass", "surface_normal")
+        return (color_gradient_pass(), Pass("normal_difference_2014.tension", reads, updates=("acceleration",)))
+
+    def list_radius(self, grid: Discretisation) -> float:
+        return grid.support_radius
+
+    def prepare(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, Any]:
+        term = NormalDifference(grid.real(self.area_acceleration), np.int32("P7" in self._printed()))
+        fluid: Any = others["weakly_compressible"]
+        return {**normal_term(fluid, grid), "normal_difference": term}
+
+    def step_limits(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, StepLimit]:
+        """SAFETY 2/omega of the stiffest wave on the lattice."""
+        if self.area_acceleration == 0:
+            return {}
+        from refsim.sph import SETS
+
+        shape = SETS[others["weakly_compressible"].kernels][1]  # type: ignore[attr-defined]
+        stiffness = stiffest_wave(shape, grid.support_radius / grid.spacing, grid.dim)
+        seconds = SAFETY * 2 / math.sqrt(stiffness * self.area_acceleration / grid.spacing)
+        return {"normal_difference": StepLimit.constant(seconds)}
+
+
+@functools.lru_cache(maxsize=64)
+def stiffest_wave(shape: str, ratio: float, dim: int) -> float:
+    """Largest omega^2 d/gamma of a wave of small displacements on the lattice under P7 alone; dimensionless.
+
+    shape  kernel of the normals; ratio  h/d
+
+    With x_j = x_j0 + A exp(i k.x_j0): omega^2 = (gamma h/d) N (D - S S^T), N = sum_j (1 - cos k.r),
+    D = sum_j V grad grad W (1 - cos k.r), S = sum_j V grad W sin k.r.
+    """
+    from refsim.smoothing.reference import kernel_slope
+
+    kernel = smoothing(shape, ratio, dim)
+    reach = math.ceil(ratio)
+    r = np.array(list(itertools.product(range(-reach, reach + 1), repeat=dim)), dtype=float)
+    length = np.sqrt((r**2).sum(1))
+    near = (length > 0) & (length < ratio)
+    r, length = r[near], length[near]
+    unit, slope, way = r / length[:, None], kernel_slope(length, kernel), 1e-4
+    bend = (kernel_slope(np.minimum(length + way, ratio), kernel) - kernel_slope(length - way, kernel)) / (2 * way)
+    along = unit[:, :, None] * unit[:, None, :]
+    second = (bend - slope / length)[:, None, None] * along + (slope / length)[:, None, None] * np.eye(dim)
+    largest = 0.0
+    for k in itertools.product(np.linspace(0, math.pi, 9), repeat=dim):
+        phase = r @ np.array(k)
+        lag = 1 - np.cos(phase)
+        d = np.einsum("j,jab->ab", lag, second)
+        s = (np.sin(phase)[:, None] * slope[:, None] * unit).sum(0)
+        largest = max(largest, float(np.linalg.eigvalsh(ratio * lag.sum() * (d - np.outer(s, s)))[-1]))
+    return largest
+
+
+register(
+    Operation(
+        name="normal_difference_2014.tension",
+        folder="refsim.surface_tension.normal_difference_2014",
+        paper="patent CN104318598A, 2014",
+        equation="P7 with symmetric masses",
+        function="tension",
+        outputs=("acceleration",),
+        adds=("acceleration",),
+        tolerance=8.0,
+        tolerance_reason="one rounding in each of the difference, the mean mass, product and sum",
+        variants=({}, {"normal_difference": lambda case, grid: NormalDifference(grid.real(5.0), np.int32(1))}),
+        invariants=("translation", "rotation", "reordering", "linear_momentum"),
+        broken={1: ("linear_momentum",)},
+    )
+)

@@ -1,0 +1,27 @@
+"""Inputs and closed form of the tension by normal differences."""
+
+import numpy as np
+
+from refsim.cases import Case, Exact, closed_form, groups
+from refsim.surface_tension.normal_difference_2014 import NormalDifference, NormalDifference2014
+
+
+@groups("normal_difference")
+def _normal_difference(case, grid):
+    return NormalDifference2014(area_acceleration=5.0).prepare(grid, case.effects)
+
+
+@closed_form("normal_difference_2014.tension")
+def pair_with_normals():
+    """m = 2 and 3 kg: a_1 = -gamma (6/5) (n_1 - n_2), a_2 = gamma (4/5) (n_1 - n_2)."""
+    pair = Case("difference_pair", 3, np.array([[0.0, 0.0, 0.0], [0.0, 1.0, 0.0]]), spacing=1.0, support_radius=2.0)
+    difference = np.array([0.5, -1.0, 0.25])
+    return Exact(
+        pair,
+        {
+            "mass": np.array([2.0, 3.0]),
+            "surface_normal": np.array([difference, [0.0, 0.0, 0.0]]),
+            "normal_difference": NormalDifference(8.0, np.int32(0)),
+        },
+        {"acceleration": 8.0 * np.array([-6 / 5 * difference, 4 / 5 * difference])},
+    )
