@@ -153,6 +153,11 @@ class Effect(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
         """Static boundary particles that it brings into the scene."""
         return None
 
+    def wall_share(self) -> float:
+        """How many times the pressure of the particle that they meet wall particles are to push with; the least
+        counts."""
+        return 2.0
+
     def balanced_pressure(self, grid: Discretisation, others: Mapping[str, Effect]) -> float:
         """Cohesive pressure [Pa] of the undisturbed bulk that the equation of state is to balance."""
         return 0.0

@@ -75,7 +75,7 @@ def scene_from_dict(tables: Mapping[str, Any], source: str, folder: pathlib.Path
     values = dict(tables)
     for name, shapes in PARTS.items():
         values[name] = _parts(name, shapes, values.get(name, []), source, folder)
-    values["effects"] = _effects(values.get("effects", {}), source)
+    values["effects"] = _effects(values.get("effects", {}), source, folder)
     return _struct(Scene, values, source, "", ready=(*PARTS, "effects"))
 
 
@@ -285,7 +285,7 @@ def _parts(
     return tuple(made)
 
 
-def _effects(tables: Any, source: str) -> tuple[Effect, ...]:
+def _effects(tables: Any, source: str, folder: pathlib.Path | None) -> tuple[Effect, ...]:
     if not isinstance(tables, dict):
         raise InputError(f"{source}: effects must be tables; write each as [effects.name].")
     made = []
@@ -297,7 +297,10 @@ def _effects(tables: Any, source: str) -> tuple[Effect, ...]:
             raise InputError(
                 f"{source}: {name} under [effects] must be a table, not {_word_for(values)}; write {place}."
             )
-        made.append(_struct(EFFECTS[name], values, source, place))
+        effect = _struct(EFFECTS[name], values, source, place)
+        if folder is not None and getattr(effect, "file", ""):
+            effect = msgspec.structs.replace(effect, file=str(folder / effect.file))
+        made.append(effect)
     return tuple(made)
 
 

@@ -26,6 +26,7 @@ from refsim import (
     InputError,
     JiangZhu2023,
     Melting,
+    MeshBoundary,
     MpmLiquid,
     MpmWalls,
     NormalDifference2014,
@@ -68,6 +69,9 @@ HEAT = HeatConduction(temperature=50.0)
 WARM = HeatConduction(temperature=50.0, melting_point=0.0)
 ICE = HeatConduction(temperature=-5.0, melting_point=0.0, latent_heat=3e5, held=(0,), scheme="single_pass")
 IMPLICIT = ImplicitPressure()
+PEBBLE = pathlib.Path(__file__).parent.parent / "docs" / "examples" / "pebble.obj"
+MESH = MeshBoundary(file=str(PEBBLE), center=(0.2, 0.2, -0.4), size=0.4, viscosity=0.1, adhesion=0.1)
+MESH_ALONE = MeshBoundary(file=str(PEBBLE), center=(0.2, 0.2, -0.4), size=0.4, correction="none")
 TENSIONS = (TENSION, AKINCI, DONG, BECKER, TARTAKOVSKY, HE, CSF)
 MPM = MpmLiquid(bulk_modulus=144e3)
 MPM_FULL = MpmLiquid(bulk_modulus=144e3, volume="gradient")
@@ -96,6 +100,8 @@ SETS = [
     (LIQUID, HE),
     (LIQUID, CSF),
     (LIQUID, DIFFERENCE),
+    (LIQUID, MESH),
+    (VISCOUS, GRAVITY, WALLS, MESH_ALONE),
     (LIQUID, HEAT),
     (LIQUID, ICE),
     (VISCOUS, IMPLICIT, GRAVITY),
@@ -195,6 +201,8 @@ FOOTPRINTS = {
     HE: {"color", "color_gradient_squared"},
     CSF: {"interface_normal", "curvature", "number_density", "near_surface", "corrected_density"},
     DIFFERENCE: {"surface_normal"},
+    MESH: {"corrections"},
+    MESH_ALONE: set(),
     HEAT: {"temperature", "heat_capacity", "conductivity", "volume"},
     ICE: {
         "temperature",
@@ -220,7 +228,7 @@ def test_an_effect_brings_its_own_and_nothing_else(effect):
     own = {p.operation for e, p in passes if e is not None and e.name == effect.name}
     assert set(with_it.launches(True)) - set(without.launches(True)) == own
     assert without.walls is None
-    assert with_it.walls is None or effect is WALLS
+    assert with_it.walls is None or effect in (WALLS, MESH, MESH_ALONE)
 
 
 def test_shared_passes_run_once():

@@ -43,6 +43,7 @@ class Fluid(NamedTuple):
     clamp: int
     internal_pressure: float = 0.0  # P_int [Pa] of the effects' cohesion, balanced in the bulk
     gradient_share: float = 1.0  # of the pressure gradient that J(10) delivers; 1/2 as printed (E24)
+    wall_share: float = 2.0  # times the particle's pressure with which walls push: 2 for p_b = p_i, 1 as P6 prints it
 
 
 class ViscosityTerm(NamedTuple):
@@ -167,6 +168,7 @@ class WeaklyCompressible(Effect, frozen=True, kw_only=True):
                 np.int32(self.clamp_pressure),
                 grid.real(cohesive_pressure(grid, others)),
                 grid.real(0.5 if "E24" in self._printed() else 1.0),
+                grid.real(min(effect.wall_share() for effect in others.values())),
             ),
         }
 

@@ -37,6 +37,5 @@ def viscosity_pair(volume_j, viscosity, laplacian):
 
 @formula
 def wall_pressure_pair(wall_mass, pressure_i, density_i, slope, fluid):
-    """Akinci 2012, p_b = p_i: factor f = -2 s Psi_b p_i/rho_i^2 W'(r) of e_ib in the acceleration [m/s^2]."""
-    real = type(slope)
-    return real(-2) * fluid.gradient_share * wall_mass * pressure_i / (density_i * density_i) * slope
+    """Akinci 2012: factor f = -k s Psi_b p_i/rho_i^2 W'(r) of e_ib in the acceleration [m/s^2]; k = 2 for p_b = p_i."""
+    return -fluid.wall_share * fluid.gradient_share * wall_mass * pressure_i / (density_i * density_i) * slope

@@ -62,7 +62,7 @@ def momentum(position, velocity, mass, density, pressure, walls, smoothing, flui
 
     J(10) a_i = -(s/rho_i) sum_j m_j (p_i + p_j)/rho_j grad W_ij, s = 1 (E24) or as printed 1/2;
     J(11) a_i += (mu/rho_i) sum_j (m_j/rho_j) (v_j - v_i) lap W_ij (sign of E3);
-    Akinci 2012 walls, with p_b = p_i: a_i -= 2 s sum_b rho0 V_b p_i/rho_i^2 grad W_ib.
+    Akinci 2012 walls: a_i -= k s sum_b rho0 V_b p_i/rho_i^2 grad W_ib, k = 2 for p_b = p_i.
     """
     velocity = np.asarray(velocity, dtype=float)
     volume = np.asarray(mass, dtype=float) / np.asarray(density, dtype=float)
@@ -89,7 +89,7 @@ def momentum(position, velocity, mass, density, pressure, walls, smoothing, flui
         for place, separation, distance in pair_blocks(position, walls.position, rows):
             apart = distance + 1e-9 * float(smoothing.support_radius)
             gradient = (kernel_slope(distance, smoothing) / apart)[..., None] * separation
-            factor = 2 * share * wall_mass[None, :] * (p_i / rho_i**2)[place, None]
+            factor = float(fluid.wall_share) * share * wall_mass[None, :] * (p_i / rho_i**2)[place, None]
             add(place, -factor[..., None] * gradient)
     return {"acceleration": (value, scale)}
 

@@ -55,9 +55,11 @@ class MeshBoundary(Effect, frozen=True, kw_only=True):
     rebound         largest D_r of the correction, a share of the depth
     field_spacing   of the signed distances [m]; 0 for half a spacing of the liquid
     every_particle  look up a distance for every particle, not only in the marked region around the surface
+    volume_factor   g of the boundary particles' volumes V_b = g/sum_k W_bk; 0 solves it so that liquid on a lattice,
+                    one spacing from a flat wall, has the rest density
     seed            of the placing of boundary particles
-    literal         printed readings to use: "g" (V_b with g = 1 instead of the calibrated one), "E27" (velocities are
-                    reflected also where they point out of the solid); or "all"
+    literal         printed readings to use: "E27" (velocities are reflected also where they point out of the solid);
+                    or "all"
     """
 
     name: ClassVar[str] = "mesh_boundary"
@@ -74,6 +76,7 @@ class MeshBoundary(Effect, frozen=True, kw_only=True):
     rebound: float = 0.1
     field_spacing: float = 0.0
     every_particle: bool = False
+    volume_factor: float = 1.0
     seed: int = 0
     literal: tuple[str, ...] = ()
 
@@ -83,7 +86,7 @@ class MeshBoundary(Effect, frozen=True, kw_only=True):
     def check(self, grid: Discretisation, others: Mapping[str, Effect]) -> None:
         if grid.dim != 3:
             raise InputError(f"{self.name}: a mesh is a body in space; set dim to 3 or leave it out.")
-        for part in ("size", "radius", "viscosity", "adhesion", "rebound", "field_spacing"):
+        for part in ("size", "radius", "viscosity", "adhesion", "rebound", "field_spacing", "volume_factor"):
             require(self.name, **{part: (getattr(self, part), "not negative")})
         for part in ("center", "rotation"):
             for axis, value in zip("xyz", getattr(self, part) or ()):
@@ -97,7 +100,7 @@ class MeshBoundary(Effect, frozen=True, kw_only=True):
         self._printed()
 
     def _printed(self) -> frozenset[str]:
-        return literal_errata(self.name, self.literal, ("g", "E27"))
+        return literal_errata(self.name, self.literal, ("E27",))
 
     def placed(self, grid: Discretisation) -> PlacedSolid:
         """The solid in its place: boundary particles and narrow band. Raises InputError for a mesh that is none."""
@@ -113,8 +116,12 @@ class MeshBoundary(Effect, frozen=True, kw_only=True):
         position = self.placed(grid).position
         shape = others["weakly_compressible"].sum_kernel()  # type: ignore[attr-defined]
         radius = self.radius or 0.5 * grid.spacing
-        factor = 1.0 if "g" in self._printed() else surface_factor(shape, grid.support_radius, grid.spacing, radius)
+        factor = self.volume_factor or surface_factor(shape, grid.support_radius, grid.spacing, radius)
         return WallParticles(position, factor / wall_kernel_sums(position, shape, grid.support_radius, 3))
+
+    def wall_share(self) -> float:
+        """P6 as it is printed: together with P5 it derives from an energy, so that walls make none."""
+        return 1.0
 
     def fields(self, others: Mapping[str, Effect]) -> tuple[Field, ...]:
         return () if self.correction == "none" else (CORRECTIONS,)
