@@ -158,6 +158,10 @@ class Effect(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
         counts."""
         return 2.0
 
+    def moves_straight(self) -> bool:
+        """Whether a step takes every particle by dt v, so that the audit of the list knows where it came from."""
+        return True
+
     def balanced_pressure(self, grid: Discretisation, others: Mapping[str, Effect]) -> float:
         """Cohesive pressure [Pa] of the undisturbed bulk that the equation of state is to balance."""
         return 0.0

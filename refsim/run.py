@@ -118,6 +118,7 @@ class Simulation:
         self._moved_by_forces = not any(
             effect is not None and {"velocity", "position"} & {*p.updates, *p.writes} for effect, p in self.plan.motion
         )
+        self._auditable = all(effect.moves_straight() for effect in self.plan.effects.values())
         self._margin = 0.0  # [m] by which two particles may still move against each other, once that was looked at
         self._shared = {name: self._on_backend(value) for name, value in self.plan.shared.items()}
         self._parameters = {
@@ -392,7 +393,7 @@ class Simulation:
             if self._margin > WORTH_KEEPING * search.allowed_way:
                 self.timings.add("neighbours", time.perf_counter() - began)
                 return
-        if self._shared["neighbours"] is not None:
+        if self._shared["neighbours"] is not None and self._auditable:
             search.audit(
                 self.fields["position"],
                 self.fields["velocity"],

@@ -119,6 +119,10 @@ class MeshBoundary(Effect, frozen=True, kw_only=True):
         factor = self.volume_factor or surface_factor(shape, grid.support_radius, grid.spacing, radius)
         return WallParticles(position, factor / wall_kernel_sums(position, shape, grid.support_radius, 3))
 
+    def moves_straight(self) -> bool:
+        """Not where P8 puts a particle elsewhere."""
+        return self.correction == "none"
+
     def wall_share(self) -> float:
         """P6 as it is printed: together with P5 it derives from an energy, so that walls make none."""
         return 1.0

@@ -7,7 +7,7 @@ MIXED = 0x7FFFFFFF
 
 @formula
 def rebound(identity, count, penetration):
-    """D_r of P8, a share of the depth in [0, rebound): a hash of the particle and of its corrections so far (E28)."""
+    """P8: D_r = rebound hash(identity, count), a share of the depth (E28), dimensionless; `count` of corrections so far."""
     real = type(penetration.rebound)
     a = (int(identity) * 1_000_003 + int(count) * 7_919 + 12_345) & MIXED
     a = ((a ^ (a >> 15)) * 73_856_093) & MIXED
@@ -18,7 +18,7 @@ def rebound(identity, count, penetration):
 
 @formula
 def reflected(along, penetration):
-    """P8, velocity: factor of the normal that is added, -(1 + c_r) v.n [m/s]; only against it (E27)."""
+    """P8: dv = -(1 + c_r) v.n, the factor of the normal in the change of velocity [m/s]; only where v.n < 0 (E27)."""
     real = type(penetration.restitution)
     if along < real(0) or penetration.printed:
         return -(real(1) + penetration.restitution) * along
@@ -27,5 +27,5 @@ def reflected(along, penetration):
 
 @formula
 def pushed(depth, share):
-    """P8, place: way along the normal [m], (1 + D_r) |s|."""
+    """P8: dx = (1 + D_r) |s|, the way along the normal [m]."""
     return (type(depth)(1) + share) * abs(depth)

@@ -1,0 +1,131 @@
+"""The penetration correction on solids: nobody gets in, whatever the step; marked region and every particle agree."""
+
+import math
+import types
+
+import numpy as np
+import pytest
+
+from refsim import Box, Cloud, Gravity, InputError, MeshBoundary, Scene, Simulation, WeaklyCompressible, make_plan
+from refsim.boundary.penetration.particle import clipped
+from refsim.boundary.penetration.reference import rebound
+
+trimesh = pytest.importorskip("trimesh")
+SPACING = 0.01
+LIQUID = WeaklyCompressible(sound_speed=20.0, dynamic_viscosity=0.5)
+
+
+@pytest.fixture(scope="module")
+def plate(tmp_path_factory):
+    """A lying plate, half a spacing thick."""
+    path = tmp_path_factory.mktemp("meshes") / "plate.obj"
+    trimesh.creation.box((0.1, 0.1, 0.005)).export(path)
+    return str(path)
+
+
+@pytest.fixture(scope="module")
+def ball(tmp_path_factory):
+    path = tmp_path_factory.mktemp("meshes") / "ball.obj"
+    trimesh.creation.icosphere(subdivisions=3, radius=0.04).export(path)
+    return str(path)
+
+
+def bullets(file, correction, speed, dtype="float32", shift=(0.0, 0.0, 0.0), **changes):
+    """Particles far apart that fly down on the solid at so many spacings in a step of 0.4 ms."""
+    x, y = np.meshgrid(np.arange(-3, 4), np.arange(-3, 4))
+    at = np.stack([0.012 * x.ravel(), 0.012 * y.ravel(), np.full(x.size, 0.045)], axis=1)
+    at[:, 2] += 0.1 * SPACING * np.arange(x.size) % SPACING
+    fluid = Cloud(position=at + shift, velocity=(0.0, 0.0, -speed * SPACING / 2e-4))
+    boundary = MeshBoundary(file=file, center=shift, correction=correction, field_spacing=0.0025, **changes)
+    return Simulation(
+        Scene(spacing=SPACING, support_radius=0.011, dtype=dtype, fluid=(fluid,), effects=(LIQUID, boundary), step=2e-4)
+    )
+
+
+def through(simulation, steps, height=0.0):
+    """Number of particles that came below the solid."""
+    for _ in range(steps):
+        simulation.step()
+    return int((simulation.field("position")[:, 2] < height - 0.003).sum())
+
+
+@pytest.mark.parametrize("speed", [0.3, 2.0, 4.0])
+def test_only_the_swept_correction_holds_a_plate_thinner_than_a_step(plate, speed):
+    assert through(bullets(plate, "swept", speed), 30) == 0
+    if speed > 1:
+        assert through(bullets(plate, "point", speed), 30) > 0
+    assert through(bullets(plate, "none", speed), 30) > 0
+
+
+def test_ways_that_begin_far_outside_the_grid_are_swept(ball):
+    simulation = bullets(ball, "swept", 3.8)
+    box = simulation.plan.parameters["mesh_boundary"]["penetration"]
+    simulation.fields["position"][:, 2] += 0.5
+    assert (simulation.field("position")[:, 2] > box.upper[2] + 0.3).all()
+    at = simulation.field("position")
+    above = np.hypot(at[:, 0], at[:, 1]) < 0.03
+    solid = simulation.plan.effects["mesh_boundary"].placed(simulation.plan.grid)
+    for _ in range(24):
+        simulation.step()
+        assert solid.distance(simulation.field("position")).min() > -1e-5
+    assert simulation.field("corrections")[above].min() >= 1
+
+
+def test_far_from_the_origin_in_float32(plate):
+    """1e4 m away places come in steps of a tenth of a spacing; nobody passes the plate."""
+    simulation = bullets(plate, "swept", 3.0, shift=(0.0, 0.0, 1e4))
+    for _ in range(20):
+        simulation.step()
+    assert (simulation.field("position")[:, 2] > 1e4 - 0.003).all()
+
+
+def test_marked_region_and_every_particle_give_the_same_bits(ball):
+    states = []
+    for every in (False, True):
+        simulation = bullets(ball, "swept", 0.8, every_particle=every)
+        for _ in range(12):
+            simulation.step()
+        states.append([simulation.field(name).tobytes() for name in ("position", "velocity", "corrections")])
+    assert states[0] == states[1]
+
+
+def test_restitution_sends_particles_back_as_fast_as_they_came(plate):
+    """c_r = 1 on a flat plate: the speed is kept, its sign turned; c_r = 0 takes the part along the normal away."""
+    elastic, slip = (bullets(plate, "swept", 0.5, restitution=c, volume_factor=1e-6) for c in (1.0, 0.0))
+    before = elastic.field("velocity")[0, 2]
+    for _ in range(12):
+        elastic.step()
+        slip.step()
+    assert elastic.field("corrections").min() == 1
+    assert np.allclose(elastic.field("velocity")[:, 2], -before, rtol=1e-4)
+    assert np.abs(slip.field("velocity")[:, 2]).max() < 1e-4 * abs(before)
+
+
+def test_rebound_is_a_hash_between_nothing_and_its_largest():
+    group = types.SimpleNamespace(rebound=0.1)
+    values = rebound(np.arange(4000), np.zeros(4000, int), group)
+    assert values.min() >= 0
+    assert values.max() < 0.1
+    assert abs(values.mean() - 0.05) < 0.003
+    assert len(np.unique(values)) > 3500
+    assert not np.array_equal(values, rebound(np.arange(4000), np.ones(4000, int), group))
+
+
+def test_a_way_is_clipped_to_the_box():
+    box = types.SimpleNamespace(lower=(-1.0, -1.0, -1.0), upper=(1.0, 1.0, 1.0))
+    first, last = clipped(
+        np.float64(0), np.float64(0), np.float64(5), np.float64(0), np.float64(0), np.float64(-8), box
+    )
+    assert math.isclose(first, 0.5)
+    assert math.isclose(last, 0.75)
+    first, last = clipped(
+        np.float64(3), np.float64(0), np.float64(5), np.float64(0), np.float64(0), np.float64(-8), box
+    )
+    assert first > last
+
+
+def test_liquid_inside_the_solid_is_refused(ball):
+    block = Box(lower=(-0.02, -0.02, 0.0), cells=(4, 4, 8))
+    effects = (LIQUID, Gravity(), MeshBoundary(file=ball))
+    with pytest.raises(InputError, match="start inside the solid"):
+        make_plan(Scene(spacing=SPACING, support_radius=0.026, fluid=(block,), effects=effects))
