@@ -7,7 +7,7 @@ MIXED = 0x7FFFFFFF
 
 @formula
 def rebound(identity, count, penetration):
-    """P8: D_r = rebound hash(identity, count), a share of the depth (E28), dimensionless; `count` of corrections so far."""
+    """P8: D_r = rebound hash(identity, corrections so far), a share of the depth (E28), dimensionless."""
     real = type(penetration.rebound)
     a = (int(identity) * 1_000_003 + int(count) * 7_919 + 12_345) & MIXED
     a = ((a ^ (a >> 15)) * 73_856_093) & MIXED
