@@ -39,15 +39,15 @@ def correction_pass() -> Pass:
 
 
 def penetration_groups(
-    distance_field: Any, dtype: str, restitution: float, rebound: float, swept: bool, printed: bool, everywhere: bool
+    solid_field: Any, dtype: str, restitution: float, rebound: float, swept: bool, printed: bool, everywhere: bool
 ) -> dict[str, Any]:
     """Parameter groups of the pass, for `Effect.prepare`: the narrow band and what is done at it."""
-    lower, upper = marked_box(distance_field)
+    lower, upper = marked_box(solid_field)
     real = np.dtype(dtype).type
-    distance_field = distance_field._replace(
-        distance=np.asarray(distance_field.distance, dtype=dtype),
-        spacing=real(distance_field.spacing),
-        band=real(distance_field.band),
+    solid_field = solid_field._replace(
+        distance=np.asarray(solid_field.distance, dtype=dtype),
+        spacing=real(solid_field.spacing),
+        band=real(solid_field.band),
     )
     group = Penetration(
         real(restitution),
@@ -58,17 +58,17 @@ def penetration_groups(
         np.nextafter(lower.astype(dtype), real(-np.inf)),
         np.nextafter(upper.astype(dtype), real(np.inf)),
     )
-    return {"distance_field": distance_field, "penetration": group}
+    return {"solid_field": solid_field, "penetration": group}
 
 
-def marked_box(distance_field: Any) -> tuple[np.ndarray, np.ndarray]:
+def marked_box(solid_field: Any) -> tuple[np.ndarray, np.ndarray]:
     """Corners (3,), (3,) [m] of the box that holds all blocks of a narrow band."""
-    keys = np.asarray(distance_field.keys)
-    origin = np.array([distance_field.origin_x, distance_field.origin_y, distance_field.origin_z], dtype=float)
+    keys = np.asarray(solid_field.keys)
+    origin = np.array([solid_field.origin_x, solid_field.origin_y, solid_field.origin_z], dtype=float)
     if not len(keys):
         return origin, origin
     block = np.stack([(keys >> shift & 0x1FFFFF) - (1 << 20) for shift in (0, 21, 42)], axis=1)
-    h = float(distance_field.spacing)
+    h = float(solid_field.spacing)
     return origin + 4 * h * block.min(0), origin + 4 * h * (block.max(0) + 1)
 
 

@@ -6,7 +6,7 @@ from refsim.compile import cpu_kernel, prange
 
 @cpu_kernel
 def kick_drift(
-    acceleration, identity, build_position, bounds, timestep, distance_field, penetration, displacement, corrections,
+    acceleration, identity, build_position, bounds, timestep, solid_field, penetration, displacement, corrections,
     velocity, position,
 ):  # fmt: skip
     """Leap-frog step with P8; `displacement` as `sph.kick_drift` writes it."""
@@ -15,7 +15,7 @@ def kick_drift(
     for i in prange(position.shape[0]):
         squared, hit = particle.kick_drift(
             i, position, velocity, acceleration, identity, corrections, build_position, bounds, timestep,
-            distance_field, penetration,
+            solid_field, penetration,
         )  # fmt: skip
         largest = max(largest, squared)
         stopped += hit

@@ -21,20 +21,20 @@ def largest_of_block(values, mine):
 
 
 def kick_drift(
-    acceleration, identity, build_position, bounds, timestep, distance_field, penetration, displacement, corrections,
+    acceleration, identity, build_position, bounds, timestep, solid_field, penetration, displacement, corrections,
     velocity, position,
 ):  # fmt: skip
     """Leap-frog step with P8; `displacement` as `sph.kick_drift` writes it."""
     device.fill(displacement, 0)
     step_and_correct(
-        acceleration, identity, build_position, bounds, timestep, distance_field, penetration, displacement,
+        acceleration, identity, build_position, bounds, timestep, solid_field, penetration, displacement,
         corrections, velocity, position,
     )  # fmt: skip
 
 
 @cuda_kernel
 def step_and_correct(
-    acceleration, identity, build_position, bounds, timestep, distance_field, penetration, displacement, corrections,
+    acceleration, identity, build_position, bounds, timestep, solid_field, penetration, displacement, corrections,
     velocity, position,
 ):  # fmt: skip
     """Leap-frog step with P8 of every particle, the largest squared way and the number of stopped particles."""
@@ -44,7 +44,7 @@ def step_and_correct(
     if i < position.shape[0]:
         squared, stopped = particle.kick_drift(
             i, position, velocity, acceleration, identity, corrections, build_position, bounds, timestep,
-            distance_field, penetration,
+            solid_field, penetration,
         )  # fmt: skip
     shared = cuda.shared.array(THREADS_PER_BLOCK, displacement.dtype)
     largest = largest_of_block(shared, squared)

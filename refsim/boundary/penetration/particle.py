@@ -1,6 +1,6 @@
 """What one particle does at a solid's surface; the CPU and the CUDA kernels share it.
 
-`distance_field` is the narrow band of signed distances, negative inside; `penetration` says what is done with a
+`solid_field` is the narrow band of signed distances, negative inside; `penetration` says what is done with a
 particle.
 """
 
@@ -16,20 +16,20 @@ CLEARANCE = 4  # in the band's spacing over it: error allowed to interpolated di
 
 
 @formula
-def looked_up(x, y, z, distance_field, penetration):
+def looked_up(x, y, z, solid_field, penetration):
     """(phi [m], its slope along x, y, z) at a place: interpolated in a marked cell, +-band without slope in others."""
     real = type(x)
     if not penetration.everywhere:
-        inverse = distance_field.inverse_spacing
-        jx = cell_coordinate(float(x) - distance_field.origin_x, inverse, 0.0)
-        jy = cell_coordinate(float(y) - distance_field.origin_y, inverse, 0.0)
-        jz = cell_coordinate(float(z) - distance_field.origin_z, inverse, 0.0)
-        if find_node(distance_field, jx, jy, jz) < 0:
-            far = distance_field.band
-            if beyond_inside(distance_field, jx, jy, jz):
+        inverse = solid_field.inverse_spacing
+        jx = cell_coordinate(float(x) - solid_field.origin_x, inverse, 0.0)
+        jy = cell_coordinate(float(y) - solid_field.origin_y, inverse, 0.0)
+        jz = cell_coordinate(float(z) - solid_field.origin_z, inverse, 0.0)
+        if find_node(solid_field, jx, jy, jz) < 0:
+            far = solid_field.band
+            if beyond_inside(solid_field, jx, jy, jz):
                 far = -far
             return far, real(0), real(0), real(0)
-    return trilinear(x, y, z, distance_field)
+    return trilinear(x, y, z, solid_field)
 
 
 @formula
@@ -55,7 +55,7 @@ def clipped(x, y, z, wx, wy, wz, penetration):
 
 
 @formula
-def entry(x, y, z, wx, wy, wz, distance_field, penetration):
+def entry(x, y, z, wx, wy, wz, solid_field, penetration):
     """Share of the way from x to x + w [m] at which sphere tracing first finds a negative distance; 2 for never.
 
     The way is clipped to the band's box first, so that it may begin anywhere.
@@ -68,10 +68,10 @@ def entry(x, y, z, wx, wy, wz, distance_field, penetration):
     first, last = clipped(x, y, z, wx, wy, wz, penetration)
     if not first <= last:
         return never
-    clearance = distance_field.spacing / real(CLEARANCE)
+    clearance = solid_field.spacing / real(CLEARANCE)
     t = first
     for _ in range(LONGEST):
-        d, _, _, _ = looked_up(x + t * wx, y + t * wy, z + t * wz, distance_field, penetration)
+        d, _, _, _ = looked_up(x + t * wx, y + t * wy, z + t * wz, solid_field, penetration)
         if d < real(0):
             return t
         if t >= last:
@@ -89,7 +89,7 @@ def outside_box(x, y, z, penetration):
 
 @formula
 def kick_drift(
-    i, position, velocity, acceleration, identity, corrections, build_position, bounds, timestep, distance_field,
+    i, position, velocity, acceleration, identity, corrections, build_position, bounds, timestep, solid_field,
     penetration,
 ):  # fmt: skip
     """Leap-frog step with P8: v += (dt_previous + dt)/2 a, x += dt v; what would enter the solid is sent back.
@@ -105,13 +105,13 @@ def kick_drift(
     if penetration.swept:
         begun = real(1)
         if not outside_box(x0, y0, z0, penetration):
-            begun, _, _, _ = looked_up(x0, y0, z0, distance_field, penetration)
+            begun, _, _, _ = looked_up(x0, y0, z0, solid_field, penetration)
         if begun >= real(0):  # else it is inside already: what counts is where it comes to
-            t = entry(x0, y0, z0, x - x0, y - y0, z - z0, distance_field, penetration)
+            t = entry(x0, y0, z0, x - x0, y - y0, z - z0, solid_field, penetration)
             if t < real(1):
                 x, y, z = x0 + t * (x - x0), y0 + t * (y - y0), z0 + t * (z - z0)
     if penetration.everywhere or not outside_box(x, y, z, penetration):
-        depth, nx, ny, nz = looked_up(x, y, z, distance_field, penetration)
+        depth, nx, ny, nz = looked_up(x, y, z, solid_field, penetration)
         steep = math.sqrt(nx * nx + ny * ny + nz * nz)
         if depth < real(0) and steep > real(0):
             nx, ny, nz = nx / steep, ny / steep, nz / steep

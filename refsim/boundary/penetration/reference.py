@@ -103,7 +103,7 @@ def entry(start, way, sampled, penetration):
 
 
 def kick_drift(
-    acceleration, identity, build_position, bounds, timestep, distance_field, penetration, corrections, velocity,
+    acceleration, identity, build_position, bounds, timestep, solid_field, penetration, corrections, velocity,
     position,
 ):  # fmt: skip
     """Leap-frog: v += (dt_previous + dt)/2 a [m/s], x += dt v [m]; where it would enter the solid, P8.
@@ -116,7 +116,7 @@ def kick_drift(
     a = np.asarray(acceleration, dtype=float)
     old_v, old_x = np.asarray(velocity, dtype=float), np.asarray(position, dtype=float)
     count = np.asarray(corrections, dtype=np.int64)
-    sampled = Sampled(distance_field)
+    sampled = Sampled(solid_field)
     v = old_v + kick * a
     x = old_x + drift * v
     v_scale = np.abs(old_v) + np.abs(kick * a)
