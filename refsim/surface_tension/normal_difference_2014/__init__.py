@@ -70,7 +70,7 @@ class NormalDifference2014(Effect, frozen=True, kw_only=True):
     def prepare(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, Any]:
         term = NormalDifference(grid.real(self.area_acceleration), np.int32("P7" in self._printed()))
         fluid: Any = others["weakly_compressible"]
-        return {**normal_term(fluid, grid), "normal_difference": term}
+        return {**normal_term(fluid, grid), "normal_tension": term}
 
     def step_limits(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, StepLimit]:
         """SAFETY 2/omega of the stiffest wave on the lattice."""
@@ -81,7 +81,7 @@ class NormalDifference2014(Effect, frozen=True, kw_only=True):
         shape = SETS[others["weakly_compressible"].kernels][1]  # type: ignore[attr-defined]
         stiffness = stiffest_wave(shape, grid.support_radius / grid.spacing, grid.dim)
         seconds = SAFETY * 2 / math.sqrt(stiffness * self.area_acceleration / grid.spacing)
-        return {"normal_difference": StepLimit.constant(seconds)}
+        return {"normal_tension": StepLimit.constant(seconds)}
 
 
 @functools.lru_cache(maxsize=64)
@@ -126,7 +126,7 @@ register(
         adds=("acceleration",),
         tolerance=8.0,
         tolerance_reason="one rounding in each of the difference, the mean mass, product and sum",
-        variants=({}, {"normal_difference": lambda case, grid: NormalDifference(grid.real(5.0), np.int32(1))}),
+        variants=({}, {"normal_tension": lambda case, grid: NormalDifference(grid.real(5.0), np.int32(1))}),
         invariants=("translation", "rotation", "reordering", "linear_momentum"),
         broken={1: ("linear_momentum",)},
     )

@@ -6,7 +6,7 @@ from refsim.cases import Case, Exact, closed_form, groups
 from refsim.surface_tension.normal_difference_2014 import NormalDifference, NormalDifference2014
 
 
-@groups("normal_difference")
+@groups("normal_tension")
 def _normal_difference(case, grid):
     return NormalDifference2014(area_acceleration=5.0).prepare(grid, case.effects)
 
@@ -21,7 +21,7 @@ def pair_with_normals():
         {
             "mass": np.array([2.0, 3.0]),
             "surface_normal": np.array([difference, [0.0, 0.0, 0.0]]),
-            "normal_difference": NormalDifference(8.0, np.int32(0)),
+            "normal_tension": NormalDifference(8.0, np.int32(0)),
         },
         {"acceleration": 8.0 * np.array([-6 / 5 * difference, 4 / 5 * difference])},
     )

@@ -6,10 +6,10 @@ from refsim.surface_tension.normal_difference_2014 import particle
 
 
 @cpu_kernel
-def tension(position, mass, surface_normal, neighbours, smoothing, normal_difference, acceleration):
+def tension(position, mass, surface_normal, neighbours, smoothing, normal_tension, acceleration):
     """P7; added to the acceleration."""
     for i in prange(acceleration.shape[0]):
         row = cpu_row(neighbours, i)
-        a = particle.tension(i, row, position, mass, surface_normal, neighbours.entries, smoothing, normal_difference)
+        a = particle.tension(i, row, position, mass, surface_normal, neighbours.entries, smoothing, normal_tension)
         for c in range(3):
             acceleration[i, c] += a[c]

@@ -4,11 +4,11 @@ from refsim.compile import formula
 
 
 @formula
-def difference_pair(mass_i, mass_j, normal_difference):
+def difference_pair(mass_i, mass_j, normal_tension):
     """P7 for one neighbour: factor of n_i - n_j in the acceleration F/m_i [m/s^2], -2 gamma m_j/(m_i + m_j).
 
     F_ij = -gamma m_i m_j/((m_i + m_j)/2) (n_i - n_j); as printed F_ij = -gamma m_i (n_i - n_j).
     """
-    if normal_difference.printed_mass:
-        return -normal_difference.coefficient
-    return -normal_difference.coefficient * (mass_j + mass_j) / (mass_i + mass_j)
+    if normal_tension.printed_mass:
+        return -normal_tension.coefficient
+    return -normal_tension.coefficient * (mass_j + mass_j) / (mass_i + mass_j)

@@ -5,7 +5,7 @@ from refsim.surface_tension.normal_difference_2014.formulas import difference_pa
 
 
 @formula
-def tension(i, row, position, mass, surface_normal, index, smoothing, normal_difference):
+def tension(i, row, position, mass, surface_normal, index, smoothing, normal_tension):
     """P7: acceleration of particle i [m/s^2]."""
     first, stride, count = row
     h = smoothing.support_radius
@@ -18,7 +18,7 @@ def tension(i, row, position, mass, surface_normal, index, smoothing, normal_dif
         j = index[first + k * stride]
         dx, dy, dz = x - position[j, 0], y - position[j, 1], z - position[j, 2]
         if dx * dx + dy * dy + dz * dz < limit:
-            f = difference_pair(mass[i], mass[j], normal_difference)
+            f = difference_pair(mass[i], mass[j], normal_tension)
             ax += f * (nx - surface_normal[j, 0])
             ay += f * (ny - surface_normal[j, 1])
             az += f * (nz - surface_normal[j, 2])

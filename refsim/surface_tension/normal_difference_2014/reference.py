@@ -5,7 +5,7 @@ import numpy as np
 from refsim.neighbours.reference import other_particles, pair_blocks
 
 
-def tension(position, mass, surface_normal, smoothing, normal_difference, rows=None):
+def tension(position, mass, surface_normal, smoothing, normal_tension, rows=None):
     """P7: acceleration a_i = -(gamma/m_i) sum_j m_i m_j/((m_i + m_j)/2) (n_i - n_j) [m/s^2]; as printed with m_i.
 
     position, surface_normal (n, 3) [m], [-]; mass (n,) [kg]. Returns (value, scale).
@@ -17,9 +17,9 @@ def tension(position, mass, surface_normal, smoothing, normal_difference, rows=N
         i = own[place]
         near = (distance < float(smoothing.support_radius)) & other_particles(place, len(mass), rows)
         shared = mass[i, None] * mass[None, :] / (0.5 * (mass[i, None] + mass[None, :]))
-        if normal_difference.printed_mass:
+        if normal_tension.printed_mass:
             shared = np.broadcast_to(mass[i, None], shared.shape)
-        factor = (float(normal_difference.coefficient) * near * shared / mass[i, None])[..., None]
+        factor = (float(normal_tension.coefficient) * near * shared / mass[i, None])[..., None]
         value[place] -= (factor * (normal[i, None, :] - normal[None, :, :])).sum(1)
         scale[place] += (factor * (np.abs(normal[i, None, :]) + np.abs(normal[None, :, :]))).sum(1)
     return {"acceleration": (value, scale)}
