@@ -191,6 +191,22 @@ def test_processes_store_what_they_compute(tmp_path, capsys):
     assert found == {"empty_scene", "empty_cloud"}, capsys.readouterr().err
 
 
+@pytest.mark.parametrize(
+    "outcome, expected, holds",
+    [
+        ("pass", "pass", True),
+        ("fails: a", "fails: a, b", True),
+        ("fails: a, c", "fails: a, b", False),
+        ("fails: a", "pass", False),
+        ("pass", "fails: a", False),
+        ("warned: a", "fails: a", False),
+        ("stopped: diverged", "stopped: collapsed", False),
+    ],
+)
+def test_an_outcome_may_miss_no_other_checks_than_the_one_on_file(outcome, expected, holds):
+    assert stability.foreseen(outcome, expected) is holds
+
+
 # Measures
 
 

@@ -273,12 +273,13 @@ def largest_stable(
     return Limit(low, high, answers.get(high, ""), sorted(answers.items()))
 
 
-def silent_up_to(made: Callable[[float], Scene], least: float, most: float) -> float:
-    """The largest value between `least` and `most` whose scene the runner neither refuses nor says anything about."""
+def silent_up_to(made: Callable[[float], Scene], least: float, most: float, but: str = "") -> float:
+    """The largest value between `least` and `most` whose scene the runner neither refuses nor says anything about; what
+    it says about `but`, which the value does not change, is left out."""
 
     def said(value: float) -> str:
         try:
-            return " ".join(make_plan(made(value)).notes)
+            return " ".join(note for note in make_plan(made(value)).notes if not but or but not in note)
         except InputError as error:
             return str(error)
 

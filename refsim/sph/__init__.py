@@ -26,7 +26,7 @@ ASYMMETRY = Field("asymmetry", "1/m^2 (1/m in 2D)", "length of the first moment 
 PRESSURE = Field("pressure", "Pa", "pressure p, J(9)")
 
 # rho0 c h/mu up to which liquid between walls, and a drop, were found to gain no energy (docs/stability.md)
-LEAST_VISCOUS = {"wendland": 250.0, "mueller": 100.0, "cubic_spline": 100.0}
+LEAST_VISCOUS = {"wendland": 250.0, "mueller": 80.0, "cubic_spline": 80.0}
 SETS = {
     "wendland": ("wendland_c2", "wendland_c2"),
     "mueller": ("poly6", "spiky"),

@@ -51,6 +51,8 @@ LARGEST_AREA = {
     "color": {"mueller": 0.003, "wendland": 0.0015, "cubic_spline": 0.0015},
 }
 LARGEST_SOFT = 0.015  # P_int/(rho0 c^2) of the pair force between all particles, from which on soft drops boil
+# rho0 c h/mu up to which a drop gains no energy where the pair force is not balanced in the equation of state
+LEAST_VISCOUS = 55.0
 AKINCI_RATIO = 1e-3  # eps'/(gamma rho0) of Akinci et al. 2013 for water
 
 
@@ -333,6 +335,13 @@ class JiangZhu2023(PairCohesion, frozen=True, kw_only=True):
                 yield (
                     f"{self.name}: with pair_mode 'soft' the pair force of {number:.2g} rho0 c^2 is above"
                     f" {LARGEST_SOFT:g}, up to which drops come to rest: take a larger sound_speed"
+                )
+        if not (self.balance_pressure and self.acts_on_all_pairs()):
+            least = fluid.rest_density * fluid.sound_speed * grid.support_radius / LEAST_VISCOUS
+            if fluid.dynamic_viscosity < least:
+                yield (
+                    f"{self.name}: with cohesion that is not balanced and a viscosity of {fluid.dynamic_viscosity:g}"
+                    f" Pa s, below rho0 c h/{LEAST_VISCOUS:g} = {least:.3g} Pa s, drops may gain kinetic energy"
                 )
         if self._area() == "none":
             return

@@ -298,7 +298,7 @@ def tension_cell(
         return trouble_of(drop)
 
     found = largest_stable(trouble, 0.02, 1e-3, 4.0)
-    return found.result(silent_up_to(made, 1e-3, 4.0))
+    return found.result(silent_up_to(made, 1e-3, 4.0, but="viscosity"))
 
 
 def _modulus(spacing: float, scene: Mapping[str, Any]) -> float:
@@ -338,7 +338,7 @@ def area_cell(
         return trouble_of(drop)
 
     least, first, most = (1e-3, 0.01, 1.0) if term == "corrected" else (1e-4, 1e-3, 0.1)
-    return largest_stable(trouble, first, least, most).result(silent_up_to(made, least, most))
+    return largest_stable(trouble, first, least, most).result(silent_up_to(made, least, most, but="viscosity"))
 
 
 def inertia_cell(
@@ -420,7 +420,7 @@ MAPS = (
         title="Lowest Ohnesorge number of a start (1,331 particles)",
         quantity="1/Oh",
         criterion="no stop, one piece after 3 capillary times, kinetic energy within what a cube's surface releases.",
-        advice="Give a drop an Ohnesorge number of 0.1 at least, whatever it starts from: below, it heats itself.",
+        advice="Give a drop an Ohnesorge number of 0.2 at least, whatever it starts from: below, it heats itself.",
         cells=tuple(
             Cell(mode, f"{shape} start", inertia_cell, {"mode": mode, "scene": MUELLER, "shape": shape}, seconds=30.0)
             for mode in ("all, balanced", "all, not balanced", "soft")

@@ -719,7 +719,7 @@ VISCOSITY_MAP = StabilityMap(
     title="Lowest viscosity of liquid between walls (2D)",
     quantity="c h/nu",
     criterion="kinetic and potential energy never rise by 1 % of the start's.",
-    advice="Give liquid between walls a viscosity of rho0 c h/250 with Wendland kernels, rho0 c h/100 with others.",
+    advice="Give liquid between walls a viscosity of rho0 c h/250 with Wendland kernels, rho0 c h/80 with others.",
     cells=tuple(
         Cell(
             f"{words}, {columns} wide", kernels, viscosity_cell,
