@@ -6,9 +6,10 @@ import json
 import numpy as np
 import pytest
 
-from refsim import cases
+from refsim import SolidMesh, cases
 from refsim.operation import REGISTRY
 from refsim.scene import make_plan
+from refsim.solids import body_cells
 from validation.cases import melting
 from validation.cases.melting import pictures, rival, runs, shapes
 from validation.cases.melting.scene import FIGURES, made, scene_of, shared_tank
@@ -149,3 +150,18 @@ def test_quick_leaves_nothing_out():
     empty: dict[str, Result] = {}
     assert melting.judge(empty) == []
     assert melting.tables(empty) == []
+
+
+def test_columns_of_rays_find_the_cells_in_a_mesh(tmp_path):
+    """The same cells as by a ray for each point; also where rays meet the diagonals of a box."""
+    trimesh = pytest.importorskip("trimesh")
+    file, _ = shapes.write_mesh("duck", tmp_path)
+    box = tmp_path / "box.stl"
+    trimesh.creation.box((1.0, 0.6, 0.4)).export(box)
+    for path, size in ((file, 2.0), (str(box), 2.0)):
+        body = SolidMesh(file=path, center=(0.0, 0.0, 0.0), size=size)
+        cells = body_cells(body, "a body", 0.2)
+        grid = np.stack(np.meshgrid(*[np.arange(-8, 8)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
+        wanted = grid[body.mesh().contains((grid + 0.5) * 0.2)]
+        assert set(map(tuple, cells.tolist())) == set(map(tuple, wanted.tolist()))
+    assert len(cells) == 10 * 6 * 4
