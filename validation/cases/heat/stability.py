@@ -274,7 +274,7 @@ STABILITY = Stability(
             advice="Take any scheme but the explicit one up to the default limit of 10; RKL with latent heat keeps its"
             " range up to 3, and limits its steps to that.",
             cells=tuple(
-                Cell(name, "latent heat" if melts else "none", step_cell, {"scheme": name, "melts": melts}, 5.0)
+                Cell(name, "latent heat" if melts else "no latent heat", step_cell, {"scheme": name, "melts": melts}, 5.0)
                 for melts, names in ((False, PLAIN), (True, MELTING))
                 for name in names
             ),
