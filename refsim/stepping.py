@@ -46,9 +46,10 @@ def check_extremes(simulation: Simulation, broken: int, extremes: Extremes) -> N
     """Raise RunStopped where `broken` particles have no finite speed or acceleration, or one is too fast."""
     where = f"In step {simulation.steps} at {simulation.time:.6g} s"
     if broken:
-        raise RunStopped(
-            "non_finite", f"{where} {broken} particles have a velocity or an acceleration that is not finite."
-        )
+        what = "a velocity or an acceleration"
+        if "temperature" in simulation.fields:
+            what = "a velocity, an acceleration or a temperature"
+        raise RunStopped("non_finite", f"{where} {broken} particles have {what} that is not finite.")
     if extremes.speed > simulation.greatest_speed:
         raise RunStopped(
             "diverged",

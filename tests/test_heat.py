@@ -98,6 +98,7 @@ def test_a_temperature_that_is_not_finite_stops_the_run():
     with pytest.raises(RunStopped) as stop:
         simulation.step()
     assert stop.value.reason == "non_finite"
+    assert "or a temperature that is not finite" in str(stop.value)
 
 
 def test_a_step_takes_the_limit_of_the_explicit_scheme():

@@ -274,8 +274,8 @@ STABILITY = Stability(
             advice="Take any scheme but the explicit one up to the default limit of 10; RKL with latent heat keeps its"
             " range up to 3, and limits its steps to that.",
             cells=tuple(
-                Cell(name, "latent heat" if melts else "no latent heat", step_cell, {"scheme": name, "melts": melts}, 5.0)
-                for melts, names in ((False, PLAIN), (True, MELTING))
+                Cell(name, column, step_cell, {"scheme": name, "melts": names is MELTING}, 5.0)
+                for column, names in (("no latent heat", PLAIN), ("latent heat", MELTING))
                 for name in names
             ),
         ),
