@@ -12,6 +12,7 @@ from refsim import (
     Box,
     BoxWalls,
     Gravity,
+    InputError,
     JiangZhu2023,
     RunStopped,
     Scene,
@@ -400,3 +401,18 @@ def test_run_rebuilds_its_list_and_audits_the_old_one():
 
 def test_what_stands_in_is_reported():
     assert "in place of CuPy" in backend.array_library()
+
+
+@pytest.mark.parametrize("share, holds", [(1, True), (2, False)])
+def test_a_third_partys_program_on_device_arrays_is_judged(share, holds):
+    def gravity(field, acceleration):
+        for _ in range(share):
+            REGISTRY["sph.gravity"].program("cuda")(field, acceleration)
+
+    programs = contract.Programs({"sph.gravity": gravity}, arrays="cuda", dtypes=("float32",), name="mine")
+    found = list(contract.trials(programs, "sph.gravity", steps=("T1", "T7")))
+    assert found
+    assert all(outcome.passed for outcome in found) == holds
+    returning = contract.Programs({"sph.gravity": lambda field, acceleration: acceleration}, arrays="cuda")
+    with pytest.raises(InputError, match="on device arrays write the outputs in place"):
+        list(contract.trials(returning, "sph.gravity", steps=("T1",)))
