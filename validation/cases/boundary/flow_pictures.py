@@ -34,8 +34,8 @@ def pour_data(results: Results) -> dict[str, Any]:
                 frames.append(
                     {
                         "time_s": frame["time"], "components": frame["components"], "holes": frame["holes"],
-                        "liquid": np.rint(both[seen & (np.arange(len(both)) < len(liquid))] / MILLI).astype(int),
-                        "solid": np.rint(both[seen & (np.arange(len(both)) >= len(liquid))] / MILLI).astype(int),
+                        "liquid": np.rint(both[seen[seen < len(liquid)]] / MILLI).astype(int),
+                        "solid": np.rint(both[seen[seen >= len(liquid)]] / MILLI).astype(int),
                     }
                 )  # fmt: skip
             rows.append({"shape": shape, "arm": words, "frames": frames})
