@@ -42,6 +42,10 @@ IN_DOUBLE = {
         ),
         "a place on the background grid is found in float64, so that it keeps its digits far from the origin",
     ),
+    **dict.fromkeys(
+        ("count_blocks", "list_blocks", "interpolate", "project", "relax"),
+        "the place of a point or a box on a mesh's grid is found in float64, so that it keeps its digits far away",
+    ),
     "cosine_cohesion": "the library's cosine has a path for arguments beyond 1e5, which a distance never takes",
     **dict.fromkeys(
         ("cell_keys", "block_keys", "point_nodes"),

@@ -61,12 +61,14 @@ def run_drop(settings: Mapping[str, Any], threads: int) -> dict[str, Any]:
     return _launch({"work": "drop", **settings}, threads)
 
 
-def _launch(spec: Mapping[str, Any], threads: int) -> dict[str, Any]:
-    environment = {**os.environ, "OMP_NUM_THREADS": str(threads)}
-    # Its window libraries must be there before Python's own are loaded, even when no window is opened.
+def graphics_libraries() -> dict[str, str]:
+    """LD_PRELOAD for its process: its window libraries must be there before Python's own, even without a window."""
     graphics = [name for name in map(ctypes.util.find_library, ("GLdispatch", "GLX")) if name]
-    if graphics:
-        environment["LD_PRELOAD"] = ":".join([*graphics, *environment.get("LD_PRELOAD", "").split()])
+    return {"LD_PRELOAD": ":".join([*graphics, *os.environ.get("LD_PRELOAD", "").split()])} if graphics else {}
+
+
+def _launch(spec: Mapping[str, Any], threads: int) -> dict[str, Any]:
+    environment = {**os.environ, "OMP_NUM_THREADS": str(threads), **graphics_libraries()}
     root = str(Path(__file__).resolve().parent.parent.parent)
     environment["PYTHONPATH"] = os.pathsep.join(filter(None, [root, environment.get("PYTHONPATH", "")]))
     command = [sys.executable, "-m", "validation.peers.splishsplash", json.dumps(spec)]

@@ -27,9 +27,10 @@ from refsim.particles import Field
 
 HEXAGONAL = math.pi / (2 * math.sqrt(3))  # g of the densest packing, at the spacing 2 r
 LITERAL = ("E24", "E25")
-STEP = 0.5  # lambda
+WIDTH = 0.8  # sigma, in r
+STEP = 1.0  # lambda
 LONGEST_STEP = 0.5  # of a tangential move, in r
-DECAY = 0.99  # of lambda in each iteration
+DECAY = 0.995  # of lambda in each iteration
 CUTOFF = 3.0  # of Omega, in sigma
 THRESHOLD = 2e-3  # of the sum of all ways, in r N
 MOST_ITERATIONS = 1000
@@ -204,11 +205,11 @@ def facet_counts(area: np.ndarray, density: float, radius: float, each_by_itself
 
 
 def relaxation_step(radius: float, step: float, seed: int, printed: bool, dtype: str) -> Relaxation:
-    """The kernels' parameters of one step with lambda = `step`; sigma = r."""
+    """The kernels' parameters of one step with lambda = `step`; sigma = 0.8 r."""
     real = np.dtype(dtype).type
     return Relaxation(
-        real(0.5 / radius**2), real((CUTOFF * radius) ** 2), real(step * radius), real(LONGEST_STEP * radius),
-        np.int32(not printed), np.int64(seed),
+        real(0.5 / (WIDTH * radius) ** 2), real((CUTOFF * WIDTH * radius) ** 2), real(step * radius),
+        real(LONGEST_STEP * radius), np.int32(not printed), np.int64(seed),
     )  # fmt: skip
 
 
@@ -218,7 +219,7 @@ def relaxed(
 ) -> tuple[Any, list[float], bool]:  # fmt: skip
     """(positions in cell order, sum of ways over r N of each iteration, whether it fell below the threshold)."""
     dtype = np.dtype(position.dtype).name
-    search = NeighbourSearch(backend, 3, dtype, CUTOFF * radius, SKIN)
+    search = NeighbourSearch(backend, 3, dtype, CUTOFF * WIDTH * radius, SKIN)
     program = REGISTRY["sampling.relax"].program(backend.name)
     count = position.shape[0]
     residuals: list[float] = []
@@ -253,7 +254,7 @@ def _total_and_largest(backend: Backend, way: Any) -> tuple[float, float]:
 
 def _as_printed(case: Any, grid: Any) -> Relaxation:
     """The step of E24 for the contract's cases."""
-    return relaxation_step(case.list_radius / 3, STEP, 5, True, grid.dtype)
+    return relaxation_step(case.list_radius / (CUTOFF * WIDTH), STEP, 5, True, grid.dtype)
 
 
 _HERE = "refsim.boundary.sampling"

@@ -24,7 +24,7 @@ def _facets(case, grid):
 
 @groups("relaxation")
 def _relaxation(case, grid):
-    return {"relaxation": relaxation_step(case.list_radius / 3, 0.5, 5, False, grid.dtype)}
+    return {"relaxation": relaxation_step(case.list_radius / 2.4, 0.5, 5, False, grid.dtype)}
 
 
 @case
@@ -55,11 +55,11 @@ def at_points():
 
 @closed_form("sampling.relax")
 def a_pair_over_a_cube():
-    """Two particles 0.4 m apart, 0.3 m over the cube's upper face, sigma = 0.4 m, lambda = 1/2, r = 0.4 m.
+    """Two particles 0.4 m apart, 0.3 m over the cube's upper face, sigma = 0.4 m, r = 0.5 m, lambda = 0.4.
 
     Omega = exp(-1/2), so each moves 0.2 exp(-1/2) m along the face and 0.3 m down onto it.
     """
-    given = {"relaxation": relaxation_step(0.4, 0.5, 1, False, "float64")}
+    given = {"relaxation": relaxation_step(0.5, 0.4, 1, False, "float64")}
     apart = 0.2 * math.exp(-0.5)
     where = np.array([[0.1 - apart, 0.1, 1.0], [0.5 + apart, 0.1, 1.0]])
     made = CASES["unit_cube"]()

@@ -204,9 +204,9 @@ def signed_distance(
     triangles = Triangles(*map(backend.asarray, host))
     grid = band_grid(spacing, band, dtype)
     programs = {name: REGISTRY[f"signed_distance.{name}"].program(backend.name) for name in _OPERATIONS}
-    blocks, lists = band_blocks(backend, triangles, grid)
     if check_crossings:
-        _refuse_crossings(mesh, backend, triangles, lists)
+        _refuse_crossings(mesh, backend, triangles, dtype)
+    blocks, lists = band_blocks(backend, triangles, grid)
     count = nodes(blocks)
     unsigned, closest = backend.empty(count, dtype), backend.empty(count, np.int32)
     programs["nearest"](triangles, grid, blocks, lists, unsigned, closest)
@@ -270,7 +270,11 @@ def block_rows(keys: np.ndarray) -> np.ndarray:
     return np.concatenate([[0], begins, [len(keys)]] if len(keys) else [[0]]).astype(np.int32)
 
 
-def _refuse_crossings(mesh: SurfaceMesh, backend: Backend, triangles: Triangles, lists: TriangleLists) -> None:
+def _refuse_crossings(mesh: SurfaceMesh, backend: Backend, triangles: Triangles, dtype: str) -> None:
+    """Compare triangles that share a block of a grid as coarse as the mesh, whatever the field's spacing is."""
+    sides = np.linalg.norm(np.roll(mesh.corners, -1, axis=1) - mesh.corners, axis=2)
+    spacing = max(0.5 * float(sides.mean()), float(mesh.extent.max()) / FARTHEST)
+    _, lists = band_blocks(backend, triangles, band_grid(spacing, spacing, dtype))  # blocks 2 sides wide
     crossing = backend.empty((lists.first.shape[0] - 1, 3), np.int32)
     REGISTRY["signed_distance.crossings"].program(backend.name)(triangles, lists, crossing)
     found = backend.host(crossing)
@@ -278,8 +282,8 @@ def _refuse_crossings(mesh: SurfaceMesh, backend: Backend, triangles: Triangles,
     if len(found):
         one, other = found[0, 1:]
         raise InputError(
-            f"mesh: {mesh.source!r} crosses itself (triangles {one} and {other} do, and others near"
-            f" {len(found)} blocks of the grid), so that inside and outside are not told apart there; unite its parts."
+            f"mesh: {mesh.source!r} crosses itself (triangles {one} and {other}, say), so that inside and outside are"
+            " not told apart there; unite its parts."
         )
 
 

@@ -1,0 +1,98 @@
+"""SPlisHSPlasH's surface sampling: `python -m validation.peers.splishsplash_sampling FOLDER`, which `run` fills.
+
+Its Python calls of the samplers take a single vertex, so the mesh goes in as the rigid body of a scene, whose boundary
+data it then makes: it reads the file and samples it with Poisson disks, its default. Both are counted. Its disks are
+smaller than the particles; `SCALE` times their radius gives as many particles as the hexagonal packing.
+"""
+
+from __future__ import annotations
+
+import importlib.metadata
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from validation.peers.splishsplash import graphics_libraries, missing
+
+TIME_LIMIT = 600.0  # s
+SCALE = 1.44  # measured on a sphere
+
+
+def run(vertices: np.ndarray, faces: np.ndarray, radius: float, threads: int) -> dict[str, Any]:
+    """Sample a mesh as densely as a hexagonal packing of `radius` [m], in a process of its own.
+
+    {"seconds", "particles", "position" (n, 3) [m], "version"} or {"missing"}.
+    """
+    if missing():
+        return {"missing": missing()}
+    root = str(Path(__file__).resolve().parent.parent.parent)
+    environment = {**os.environ, "OMP_NUM_THREADS": str(threads), **graphics_libraries()}
+    environment["PYTHONPATH"] = os.pathsep.join(filter(None, [root, environment.get("PYTHONPATH", "")]))
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        rows = [f"v {x:.9g} {y:.9g} {z:.9g}" for x, y, z in vertices]
+        rows += [f"f {a} {b} {c}" for a, b, c in np.asarray(faces) + 1]
+        (folder / "mesh.obj").write_text("\n".join(rows) + "\n")
+        (folder / "spec.json").write_text(json.dumps({"radius": SCALE * radius}))
+        command = [sys.executable, "-m", "validation.peers.splishsplash_sampling", name]
+        try:
+            done = subprocess.run(
+                command, cwd=name, env=environment, capture_output=True, text=True, timeout=TIME_LIMIT, check=False
+            )
+        except (OSError, subprocess.TimeoutExpired) as error:
+            return {"missing": f"SPlisHSPlasH did not run ({error})"}
+        if done.returncode != 0 or not (folder / "answer.json").exists():
+            last = (done.stderr.strip() or done.stdout.strip() or "no message").splitlines()[-1]
+            return {"missing": f"SPlisHSPlasH ended with code {done.returncode}: {last}"}
+        answer = json.loads((folder / "answer.json").read_text())
+        answer["position"] = np.load(folder / "position.npy")
+        return answer
+
+
+def main(folder: Path) -> int:
+    """Start a simulation with the mesh in `folder` and write what was sampled."""
+    import pysplishsplash as peer
+
+    radius = json.loads((folder / "spec.json").read_text())["radius"]
+    scene = {
+        "Configuration": {
+            "particleRadius": radius, "simulationMethod": 4, "boundaryHandlingMethod": 0, "timeStepSize": 1e-3,
+            "stopAt": 1e-3,
+        },
+        "Materials": [{"id": "Fluid", "density0": 1000.0}],
+        "RigidBodies": [
+            {
+                "geometryFile": str(folder / "mesh.obj"), "translation": [0, 0, 0], "rotationAxis": [1, 0, 0],
+                "rotationAngle": 0, "scale": [1, 1, 1], "isDynamic": False, "isWall": False, "samplingMode": 0,
+            }
+        ],
+        "FluidBlocks": [
+            {"denseMode": 0, "start": [9.0, 9.0, 9.0], "end": [9.0 + 6 * radius] * 3, "id": "Fluid"}
+        ],
+    }  # fmt: skip
+    (folder / "scene.json").write_text(json.dumps(scene))
+    base = peer.Exec.SimulatorBase()
+    base.init(sceneFile=str(folder / "scene.json"), useGui=False, initialPause=False, useCache=False,
+              outputDir=str(folder))  # fmt: skip
+    base.initSimulation()
+    began = time.perf_counter()
+    base.getBoundarySimulator().initBoundaryData()
+    seconds = time.perf_counter() - began
+    model = peer.Simulation.getCurrent().getBoundaryModel(0)
+    count = model.numberOfParticles()
+    position = np.array([model.getPosition(i) for i in range(count)])
+    np.save(folder / "position.npy", position)
+    answer = {"seconds": seconds, "particles": count, "version": importlib.metadata.version("pySPlisHSPlasH")}
+    (folder / "answer.json").write_text(json.dumps(answer))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(Path(sys.argv[1])))
