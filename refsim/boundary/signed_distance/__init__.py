@@ -32,6 +32,7 @@ class Triangles(NamedTuple):
     normal: Any  # (t, 21) unit pseudonormals: of the face, of the edges ab, bc, ca, of the corners a, b, c
     owner: Any  # (t, 7) int32, the lowest triangle that shares the face, the edge or the corner
     vertex: Any  # (t, 3) int32, which corners are the same
+    across: Any  # (t, 3) int32, the triangle across each edge
 
 
 class BandGrid(NamedTuple):
@@ -122,8 +123,8 @@ class NarrowBand:
     def project(self, points: Any) -> tuple[Any, Any]:
         """(nearest points of the mesh (n, 3) [m], unit normals there (n, 3)) for points (n, 3) [m] near its surface.
 
-        The nearest among the triangles that are closest to the corners of the point's cell; a point whose cell has
-        none stays where it is, with normal 0.
+        Looked for from the triangles that are closest to the corners of the point's cell, over edges to neighbours as
+        long as they are nearer; a point whose cell has none stays where it is, with normal 0.
         """
         dtype = self.field.distance.dtype
         place, normal = (self.backend.empty((points.shape[0], 3), dtype) for _ in range(2))
@@ -154,8 +155,20 @@ def triangle_table(mesh: SurfaceMesh, dtype: str) -> Triangles:
     )
     return Triangles(
         corners.reshape(-1, 9).astype(dtype), normal.reshape(-1, 21).astype(dtype), owner.astype(np.int32),
-        mesh.faces.astype(np.int32),
+        mesh.faces.astype(np.int32), _across(place),
     )  # fmt: skip
+
+
+def _across(edge: np.ndarray) -> np.ndarray:
+    """(t, 3) int32 triangle across each edge, given by the edges' numbers (t, 3); itself where there is no other."""
+    order = np.argsort(edge.ravel(), kind="stable")
+    sorted_edge, owner = edge.ravel()[order], order // 3
+    found = owner.copy()
+    twins = np.flatnonzero(sorted_edge[1:] == sorted_edge[:-1])
+    found[twins], found[twins + 1] = owner[twins + 1], owner[twins]
+    across = np.empty(edge.size, np.int32)
+    across[order] = found
+    return across.reshape(-1, 3)
 
 
 def _units(vectors: np.ndarray) -> np.ndarray:
@@ -398,7 +411,7 @@ register(
         name="signed_distance.project",
         folder=_HERE,
         paper=_PAPER,
-        equation="P1: exact closest triangle among those of the cell's corners",
+        equation="P1: exact closest triangle, from those of the cell's corners",
         function="project",
         cases=_SHAPES,
         outputs=("projected", "projected_normal"),

@@ -248,11 +248,10 @@ def their_keys():
     return Exact(made, given, {"pair_key": np.array(4 * keys), "pair_triangle": np.repeat(np.arange(4), 7)})
 
 
-def _apart(count: int) -> tuple[np.ndarray, np.ndarray]:
-    """(owner, vertex) of triangles that share nothing."""
-    return np.repeat(np.arange(count, dtype=np.int32)[:, None], 7, 1), np.arange(3 * count, dtype=np.int32).reshape(
-        -1, 3
-    )
+def _apart(count: int) -> tuple[np.ndarray, ...]:
+    """(owner, vertex, across) of triangles that share nothing."""
+    itself = np.arange(count, dtype=np.int32)[:, None]
+    return np.repeat(itself, 7, 1), np.arange(3 * count, dtype=np.int32).reshape(-1, 3), np.repeat(itself, 3, 1)
 
 
 @closed_form("signed_distance.crossings")

@@ -6,6 +6,7 @@ from refsim.compile import formula
 from refsim.sparse_grid.formulas import BLOCK, cell_coordinate, find_node
 
 FACE = 0  # features of a triangle a b c: its face, then edges ab, bc, ca (1 to 3), then corners a, b, c (4 to 6)
+MOST_WALKS = 32  # triangles on the way to the nearest one
 WIDTH = 4  # nodes along a block
 CULL_SLACK = 1.0001  # the test that leaves blocks out may err on the safe side only
 

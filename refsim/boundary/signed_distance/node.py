@@ -4,6 +4,7 @@ import math
 
 from refsim.boundary.signed_distance.formulas import (
     CULL_SLACK,
+    MOST_WALKS,
     WIDTH,
     block_key,
     block_range,
@@ -177,8 +178,9 @@ def share_corner(t, s, vertex):
 
 @formula
 def nearest_of_cell(x, y, z, triangles, field):
-    """Nearest point [m] to (x, y, z) on the triangles that are closest to the corners of its cell.
+    """Nearest point [m] to (x, y, z), from the triangles that are closest to the corners of its cell.
 
+    From the nearest of those it goes over edges to the nearest neighbour as long as that is nearer.
     Returns (x, y, z of the point, triangle, feature), the point itself and -1 where the cell has no triangle.
     """
     real = type(field.spacing)
@@ -205,4 +207,16 @@ def nearest_of_cell(x, y, z, triangles, field):
                 best = squared
                 ox, oy, oz = dx, dy, dz
                 closest, feature = t, f
+    for _ in range(MOST_WALKS if closest >= 0 else 0):
+        start = closest
+        for k in range(3):
+            t = triangles.across[start, k]
+            dx, dy, dz, f = triangle_offset(qx, qy, qz, t, triangles.corner, triangles.normal)
+            squared = dx * dx + dy * dy + dz * dz
+            if squared < best:
+                best = squared
+                ox, oy, oz = dx, dy, dz
+                closest, feature = t, f
+        if closest == start:
+            break
     return x - ox, y - oy, z - oz, closest, feature

@@ -252,8 +252,25 @@ def interpolate(query, distance_field):
     }
 
 
+def _walked(point, own, corners, across):
+    """(distance, point - c, triangle, feature) of the nearest of `own`, then of neighbours as long as one is nearer."""
+
+    def nearest_of(some):
+        offset, feature = triangle_offset(np.broadcast_to(point, (len(some), 3)), corners[some])
+        distance = np.linalg.norm(offset, axis=1)
+        k = int(distance.argmin())
+        return float(distance[k]), offset[k], int(some[k]), int(feature[k])
+
+    best = nearest_of(own)
+    while True:
+        following = nearest_of(across[best[2]].tolist())
+        if following[0] >= best[0]:
+            return best
+        best = following
+
+
 def project(query, triangles, distance_field):
-    """Nearest point c [m] with |x - c| = min over the closest triangles of the cell's corners, and its pseudonormal."""
+    """Nearest point c [m], |x - c| = min over the triangles closest to the corners of the cell and their neighbours."""
     field = distance_field
     h = float(field.spacing)
     places, _ = _node_values(field)
@@ -269,9 +286,8 @@ def project(query, triangles, distance_field):
         own = sorted({int(field.closest[n]) for n in near if n >= 0} - {-1})
         around = []
         for move in moves if own else ():  # what jumps nearby, between two features or two sides, is left undecided
-            offset, feature = triangle_offset(np.broadcast_to(point + move, (len(own), 3)), corners[own])
-            k = int(np.linalg.norm(offset, axis=1).argmin())
-            around.append((point + move - offset[k], normals[own[k], feature[k]]))
+            best = _walked(point + move, own, corners, np.asarray(triangles.across))
+            around.append((point + move - best[1], normals[best[2], best[3]]))
         if own:
             place[i], normal[i] = points[i] + around[0][0] - point, around[0][1]
             spread = np.ptp(np.array(around), axis=0).max(1)
