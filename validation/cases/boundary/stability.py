@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from validation.cases.boundary.sampling_stability import hard_cases
+from validation.cases.boundary import flow_stability, sampling_stability
 from validation.trials import Stability
 
-STABILITY = Stability("Meshes as boundaries", hard_cases())
+STABILITY = Stability("Meshes as boundaries", (*sampling_stability.hard_cases(), *flow_stability.hard_cases()))
