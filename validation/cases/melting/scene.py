@@ -142,7 +142,7 @@ def figure_6(size: float = 1.0) -> Setting:
         solid_temperature=-10.0,
         water_temperature=100.0,
         bookkeeping="immiscible",
-        step=0.002,  # at the printed 5 ms melts of 9000 and 250 kg/m^3 that meet at 10 m/s drive each other apart
+        step=0.002,  # not the printed 5 ms; stable at 0.4 of the size, not at 0.6 (docs/melting.md)
     )
 
 
