@@ -209,7 +209,7 @@ def test_json_has_null_for_what_is_not_finite(options):
     ("arguments", "said"),
     [
         (["dam_brake"], "did you mean 'dam_break'?"),
-        (["zzz"], "choose one of dam_break"),
+        (["zzz"], "choose one of boundary, dam_break"),
         (["droplet", "--quick", "--backend", "abacus"], "there is no such backend"),
     ],
 )

@@ -24,18 +24,24 @@ OCTAHEDRON = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], 
 OCTAHEDRON_FACES = np.array(
     [[0, 2, 4], [2, 1, 4], [1, 3, 4], [3, 0, 4], [2, 0, 5], [1, 2, 5], [3, 1, 5], [0, 3, 5]], np.int64
 )
+SHIFT = np.array([0.31, 0.17, 0.23])  # of the grid's spacing, from a case's first particle to the grid's nodes
 BODIES = 8  # round the first particles of a case
 QUERIES = 40
 
 
 def bodies(made: Case) -> SurfaceMesh:
-    """An octahedron round each of the first particles, relative to the first; one at each place, none far away."""
+    """An octahedron round each of the first particles, relative to the origin; one at each place, none far away."""
     place = made.position[:BODIES] - made.position[:1]
     place = place[np.sort(np.unique(np.round(1e6 * place / made.spacing), axis=0, return_index=True)[1])]
     place = place[np.abs(place).max(1, initial=0.0) < 1000 * made.spacing]
-    corner = (place[:, None] + 0.45 * made.spacing * (OCTAHEDRON @ _turn().T)[None]).reshape(-1, 3)
+    corner = (place[:, None] + 0.45 * made.spacing * (OCTAHEDRON @ _turn().T)[None]).reshape(-1, 3) + _shift(made)
     faces = (6 * np.arange(len(place))[:, None, None] + OCTAHEDRON_FACES[None]).reshape(-1, 3)
     return SurfaceMesh(corner, faces, np.zeros(3))
+
+
+def _shift(made: Case) -> np.ndarray:
+    """From the origin to the first particle [m]: particles of a lattice are not on nodes, where slopes jump."""
+    return 0.25 * made.spacing * SHIFT
 
 
 def _turn() -> np.ndarray:
@@ -117,7 +123,7 @@ def band_of(name: str, dtype: str) -> dict:
     h = SPACINGS.get(name, 0.25 * made.spacing)
     triangles, grid = triangle_table(mesh, dtype), band_grid(h, BANDS.get(name, 2.5) * h, dtype)
     found: dict = {"triangles": triangles, "band_grid": grid} | follow(triangles, grid, dtype)
-    origin = made.position[0] if name not in SHAPES and made.count else np.zeros(3)
+    origin = made.position[0] - _shift(made) if name not in SHAPES and made.count else np.zeros(3)
     x, y, z = map(np.float64, origin)
     found["distance_field"] = found["distance_field"]._replace(origin_x=x, origin_y=y, origin_z=z)
     return found | {"query": (origin + queries(made, mesh, grid)).astype(dtype)}

@@ -30,9 +30,11 @@ def triangle_offset(p, corner):
     det = uu * vv - uv * uv
     with np.errstate(invalid="ignore", divide="ignore"):
         s, t = (vv * wu - uv * wv) / det, (uu * wv - uv * wu) / det
+        offset = w - s[..., None] * u - t[..., None] * v
+        ou, ov = (offset * u).sum(-1), (offset * v).sum(-1)  # 0 but for the rounding of a slender triangle's det
+        offset -= ((vv * ou - uv * ov) / det)[..., None] * u + ((uu * ov - uv * ou) / det)[..., None] * v
     over = (det > 0) & (s > 0) & (t > 0) & (s + t < 1)
-    with np.errstate(invalid="ignore"):
-        offset = np.where(over[..., None], w - s[..., None] * u - t[..., None] * v, np.inf)
+    offset = np.where(over[..., None], offset, np.inf)
     feature = np.zeros(over.shape, int)
     best = (offset**2).sum(-1)
     for k, (start, end) in enumerate(((a, b), (b, c), (c, a))):
@@ -229,9 +231,11 @@ def interpolate(query, distance_field):
     origin = np.array([field.origin_x, field.origin_y, field.origin_z], dtype=float)
     points = np.asarray(query, dtype=float) - origin
     value, slope = np.zeros(len(points)), np.zeros((len(points), 3))
+    jumps = np.zeros(len(points), bool)  # between two cells the slope jumps: either one's is right
     for i, point in enumerate(points):
         j = np.floor(point / h).astype(int)
         u = point / h - j
+        jumps[i] = (np.minimum(u, 1 - u) < 1e-9 * (1 + np.abs(j))).any()
         for c in range(8):
             step = np.array([c & 1, c >> 1 & 1, c >> 2])
             there = tuple((j + step).tolist())
@@ -248,7 +252,7 @@ def interpolate(query, distance_field):
     size = 1 + np.abs(np.asarray(query, dtype=float)).max(1, initial=0.0) / h * 1e-6
     return {
         "query_distance": (value, band * size),
-        "query_gradient": (slope, (band / h * size)[:, None] * np.ones(3)),
+        "query_gradient": (slope, np.where(jumps, np.inf, band / h * size)[:, None] * np.ones(3)),
     }
 
 
