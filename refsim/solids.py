@@ -124,10 +124,7 @@ class SolidMesh(Solid, tag="mesh", frozen=True, kw_only=True):
 
     def mesh(self) -> Any:
         """The mesh in its place, as trimesh holds it. Raises InputError where it cannot be read or is not closed."""
-        try:
-            import trimesh
-        except ImportError:
-            raise InputError('solid mesh: trimesh is not installed; run pip install "refsim[meshes]".') from None
+        import trimesh
         path = pathlib.Path(self.file)
         if not path.is_file():
             raise InputError(f"solid mesh: there is no file {self.file!r}; give the path of a mesh.")

@@ -61,10 +61,7 @@ def load_mesh(path: str | os.PathLike[str]) -> SurfaceMesh:
 
     Raises InputError, in one sentence, for what cannot be read, holds no triangles or cannot be repaired.
     """
-    try:
-        import trimesh
-    except ImportError:
-        raise InputError('mesh: trimesh is not installed; run pip install "refsim[meshes]".') from None
+    import trimesh
     file = Path(path)
     if not file.is_file():
         raise InputError(f"mesh: there is no file {str(path)!r}; give the path of a mesh.")
