@@ -125,6 +125,7 @@ class SolidMesh(Solid, tag="mesh", frozen=True, kw_only=True):
     def mesh(self) -> Any:
         """The mesh in its place, as trimesh holds it. Raises InputError where it cannot be read or is not closed."""
         import trimesh
+
         path = pathlib.Path(self.file)
         if not path.is_file():
             raise InputError(f"solid mesh: there is no file {self.file!r}; give the path of a mesh.")

@@ -29,7 +29,8 @@ def test_two_methods_cannot_make_one_argument():
 
 
 def test_animals_are_closed_meshes_of_their_own():
-    trimesh = pytest.importorskip("trimesh")
+    import trimesh
+
     found = {animal: trimesh.Trimesh(*shapes.mesh(animal, 0.1)) for animal in shapes.ANIMALS}
     for mesh in found.values():
         assert mesh.is_watertight
@@ -52,7 +53,6 @@ def test_scenes_have_the_counts_of_table_2(figure, liquid, solid):
 
 def test_streams_meet_four_animals():
     """40.5k and 20k at full size; here 0.064 of it, on the mesh path."""
-    pytest.importorskip("trimesh")
     setting = FIGURES["figure_6"](0.4)
     plan = make_plan(made(setting))
     bodies = np.diff(plan.grid.solids.lattice.first)
@@ -99,7 +99,8 @@ def test_stages_are_drawn_from_their_data(cube, tmp_path):
 
 
 def test_surface_of_a_block_is_closed():
-    trimesh = pytest.importorskip("trimesh")
+    import trimesh
+
     block = 0.2 * np.stack(np.meshgrid(*[np.arange(5)] * 3, indexing="ij"), -1).reshape(-1, 3)
     mesh = trimesh.Trimesh(*pictures.surface(block))
     assert mesh.is_watertight
@@ -154,7 +155,8 @@ def test_quick_leaves_nothing_out():
 
 def test_columns_of_rays_find_the_cells_in_a_mesh(tmp_path):
     """The same cells as by a ray for each point; also where rays meet the diagonals of a box."""
-    trimesh = pytest.importorskip("trimesh")
+    import trimesh
+
     file, _ = shapes.write_mesh("duck", tmp_path)
     box = tmp_path / "box.stl"
     trimesh.creation.box((1.0, 0.6, 0.4)).export(box)

@@ -4,6 +4,7 @@ import pathlib
 
 import numpy as np
 import pytest
+import trimesh
 
 from refsim import Box, Gravity, InputError, MeshBoundary, Scene, Simulation, WeaklyCompressible, make_plan
 from refsim.boundary.akinci_2012 import calibrated_factor
@@ -12,7 +13,6 @@ from refsim.scene_file import load_scene, scene_to_toml
 from refsim.smoothing import smoothing
 from refsim.smoothing.reference import kernel_value
 
-trimesh = pytest.importorskip("trimesh")
 SPACING, SUPPORT = 0.01, 0.027
 LIQUID = WeaklyCompressible(sound_speed=20.0, dynamic_viscosity=0.5)
 

@@ -5,12 +5,12 @@ import types
 
 import numpy as np
 import pytest
+import trimesh
 
 from refsim import Box, Cloud, Gravity, InputError, MeshBoundary, Scene, Simulation, WeaklyCompressible, make_plan
 from refsim.boundary.penetration.particle import clipped
 from refsim.boundary.penetration.reference import rebound
 
-trimesh = pytest.importorskip("trimesh")
 SPACING = 0.01
 LIQUID = WeaklyCompressible(sound_speed=20.0, dynamic_viscosity=0.5)
 

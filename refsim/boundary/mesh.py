@@ -62,6 +62,7 @@ def load_mesh(path: str | os.PathLike[str]) -> SurfaceMesh:
     Raises InputError, in one sentence, for what cannot be read, holds no triangles or cannot be repaired.
     """
     import trimesh
+
     file = Path(path)
     if not file.is_file():
         raise InputError(f"mesh: there is no file {str(path)!r}; give the path of a mesh.")
