@@ -230,6 +230,7 @@ def test_a_resumed_run_is_the_same_run():
 
 def test_cells_of_a_mesh_outlive_its_file(tmp_path):
     import trimesh
+
     from refsim import SolidMesh
 
     path = tmp_path / "ball.stl"
@@ -249,6 +250,7 @@ def test_cells_of_a_mesh_outlive_its_file(tmp_path):
 
 def test_an_open_mesh_is_refused(tmp_path):
     import trimesh
+
     from refsim import SolidMesh
 
     path = tmp_path / "open.stl"
