@@ -1,6 +1,6 @@
 """Check the CUDA backend on a real GPU and write a dated report into validation/gpu_reports/.
 
-    python scripts/gpu_check.py [--quick] [--only PREFIX] [--minutes 6]
+    python scripts/gpu_check.py [--quick] [--only PREFIX] [--minutes 6] [--workers 6]
 
 Every task runs in a process of its own, because one illegal memory access spoils CUDA for the whole process: the
 pairing suite of the contract for each operation and dtype, the neighbour search against the CPU's and against all
@@ -29,6 +29,7 @@ import traceback
 from collections.abc import Callable
 from typing import Any
 
+import msgspec
 import numpy as np
 
 ROOT = pathlib.Path(__file__).resolve().parent.parent
@@ -36,15 +37,22 @@ REPORTS = ROOT / "validation" / "gpu_reports"
 sys.path.insert(0, str(ROOT))
 
 from refsim import (  # noqa: E402  (from this working tree)
+    Akinci2013,
+    Ball,
     Box,
     BoxWalls,
+    Dong2016,
     Gravity,
+    ImplicitPressure,
     JiangZhu2023,
+    MpmLiquid,
     Scene,
     Simulation,
     SurfaceDetection,
+    SurfaceEnergy,
     WeaklyCompressible,
     backend,
+    load_scene,
     make_plan,
     neighbours,
 )
@@ -204,7 +212,58 @@ def droplet(dtype: str, quick: bool) -> Scene:
     )
 
 
-SCENES: dict[str, Callable[[str, bool], Scene]] = {"dam_break": dam_break, "droplet": droplet}
+def drop_of(*effects: Any) -> Callable[[str, bool], Scene]:
+    """A ball of liquid under these effects."""
+
+    def scene(dtype: str, quick: bool) -> Scene:
+        spacing = 1e-3
+        return Scene(
+            dtype=dtype,
+            spacing=spacing,
+            support_radius=2 * spacing,
+            fluid=(Ball(radius=(2 if backend.simulated() else 6) * spacing),),
+            effects=effects,
+        )
+
+    return scene
+
+
+def pebble(dtype: str, quick: bool) -> Scene:
+    """The documents' example of a mesh."""
+    return msgspec.structs.replace(load_scene(ROOT / "docs" / "examples" / "mesh_boundary.toml"), dtype=dtype)
+
+
+def melting(dtype: str, quick: bool) -> Scene:
+    """A small version of the melting case's first scene: heat, solids, coupling and melting."""
+    from validation.cases.melting.scene import scene_of
+
+    return scene_of("figure_4", 0.2 if backend.simulated() else 0.4, dtype=dtype)
+
+
+def energy(dtype: str, quick: bool) -> Scene:
+    """A cube of the material point method under surface energy."""
+    cell = 1 / 64
+    return Scene(
+        dtype=dtype,
+        spacing=cell / 2,
+        support_radius=1.5 * cell,
+        step=2e-4,
+        fluid=(Box(lower=(0.4, 0.4, 0.4), cells=((4 if backend.simulated() else 12),) * 3),),
+        effects=(MpmLiquid(rest_density=1.0, bulk_modulus=1000.0), SurfaceEnergy(surface_tension=1.0)),
+    )
+
+
+LIQUID = WeaklyCompressible(sound_speed=3.0, dynamic_viscosity=0.05)
+SCENES: dict[str, Callable[[str, bool], Scene]] = {
+    "dam_break": dam_break,
+    "droplet": droplet,
+    "akinci": drop_of(LIQUID, Akinci2013(surface_tension=0.07)),
+    "dong": drop_of(LIQUID, Dong2016(surface_tension=0.07)),
+    "implicit": drop_of(LIQUID, ImplicitPressure(), Akinci2013(surface_tension=0.07)),
+    "pebble": pebble,
+    "melting": melting,
+    "energy": energy,
+}
 
 
 def run_task(arguments: list[str]) -> list[Row]:
@@ -274,9 +333,21 @@ def device_bytes() -> int:
     return cupy.get_default_memory_pool().used_bytes()
 
 
+TENSIONS = {
+    "jiang_zhu": JiangZhu2023(surface_tension=0.5, pair_mode="all", area_ratio=0.0, density_correction=False),
+    "akinci": Akinci2013(surface_tension=0.5),  # cohesion and area term
+}
+BARS = {  # milliseconds a step, nanoseconds a step and particle
+    ("60k", "jiang_zhu"): (0.1, math.inf),
+    ("8M", "jiang_zhu"): (math.inf, 0.5),
+    ("8M", "akinci"): (math.inf, 1 / 1.3),
+}
+
+
 def timing_task(arguments: list[str]) -> list[Row]:
     """Milliseconds of a step and of its parts on a spinning cube of viscous liquid with cohesion, float32, h = 2 d."""
-    edge = 4 if backend.simulated() else SIZES[arguments[0]]
+    size, model = arguments
+    edge = 4 if backend.simulated() else SIZES[size]
     spacing = 1.0 / edge
     scene = Scene(
         dtype="float32",
@@ -285,7 +356,7 @@ def timing_task(arguments: list[str]) -> list[Row]:
         fluid=(Box(cells=(edge,) * 3),),
         effects=(
             WeaklyCompressible(sound_speed=20.0, dynamic_viscosity=1.0),
-            JiangZhu2023(surface_tension=0.5, pair_mode="all", area_ratio=0.0, density_correction=False),
+            TENSIONS[model],
         ),
     )
     began = time.perf_counter()
@@ -352,7 +423,7 @@ def timing_task(arguments: list[str]) -> list[Row]:
     if backend.simulated():
         rows += [row("step", step, "ms"), row("step per particle", each, "ns")]
     else:
-        bars = {"60k": (0.1, math.inf), "1M": (math.inf, math.inf), "8M": (math.inf, 0.5)}[arguments[0]]
+        bars = BARS.get((size, model), (math.inf, math.inf))
         words = "all three kinds, at their medians and in their shares"
         rows += [judged("step", step, bars[0], "ms", words), judged("step per particle", each, bars[1], "ns")]
     rows += [
@@ -389,7 +460,8 @@ def planned(quick: bool) -> tuple[list[str], list[str]]:
     together += [f"run {name} {dtype} {100 if quick else 1000}" for name in SCENES for dtype in DTYPES]
     together += [f"pairing {name} {dtype}" for name in REGISTRY for dtype in (DTYPES[:1] if quick else DTYPES)]
     alone = ["cache first", "cache second"]
-    return together, alone + [f"timing {size}" for size in SIZES if not (quick and size == "8M")]
+    sizes = [size for size in SIZES if not (quick and size == "8M")]
+    return together, alone + [f"timing {size} {model}" for model in TENSIONS for size in sizes]
 
 
 def executed(task: str, deadline: float) -> dict[str, Any]:
@@ -497,6 +569,7 @@ def main() -> int:
     parser.add_argument("--quick", action="store_true", help="float32 pairing, short runs, no 8M timing")
     parser.add_argument("--only", default="", help="tasks whose name starts like this")
     parser.add_argument("--minutes", type=float, default=6.0, help="time for everything")
+    parser.add_argument("--workers", type=int, default=WORKERS, help="processes that share the GPU (1 below 8 cores)")
     parser.add_argument("--folder", type=pathlib.Path, default=REPORTS, help="where the report is written")
     parser.add_argument("--task", help=argparse.SUPPRESS)
     options = parser.parse_args()
@@ -513,7 +586,7 @@ def main() -> int:
     tell(answers[0])
     # What comes last has its time kept: the timing tasks need the GPU for themselves.
     reserve = min(120, 20 * len(alone))
-    with concurrent.futures.ThreadPoolExecutor(WORKERS if (os.cpu_count() or 1) >= 8 else 1) as pool:
+    with concurrent.futures.ThreadPoolExecutor(options.workers if (os.cpu_count() or 1) >= 8 else 1) as pool:
         waiting = [pool.submit(executed, task, deadline - reserve) for task in together]
         for done in concurrent.futures.as_completed(waiting):
             answers.append(done.result())
