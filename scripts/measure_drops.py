@@ -1,7 +1,8 @@
 """Measures the drops of the sigma map: single-threaded processes, one drop in each at a time, rows kept as they come.
 
 python scripts/measure_drops.py --jobs 16 --output rows.json [--models akinci,dong] [--dims 3] [--seconds 540]
-A row that is there already is not measured again, so that a stopped run goes on where it was.
+What the map needs most comes first, the longest of it before the rest. A row that is there already is not measured
+again, so that a stopped run goes on where it was.
 """
 
 from __future__ import annotations
@@ -11,9 +12,12 @@ import json
 import math
 import multiprocessing
 import os
+import statistics
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 
 def finite(value: object) -> object:
@@ -36,6 +40,31 @@ def work(point: object) -> dict:
     return measure(point)  # type: ignore[arg-type]
 
 
+def measured(points: list[Any], jobs: int, seconds: float, keep: Callable[[dict], None]) -> None:
+    """Measure the points in processes of their own until time is up; what is then unfinished is given up.
+
+    A drop begins only if it should end in time by what those before it took.
+    """
+    began, waiting, running, paces = time.perf_counter(), list(points), {}, [1.0]
+    with multiprocessing.get_context("spawn").Pool(jobs) as pool:
+        while (left := seconds - (time.perf_counter() - began)) > 0:
+            pace = statistics.median(paces)
+            fitting = (p for p in waiting if pace * p.cost() < left)
+            while len(running) < jobs and (point := next(fitting, None)):
+                running[pool.apply_async(work, (point,))] = point
+                waiting.remove(point)
+                fitting = (p for p in waiting if pace * p.cost() < left)
+            if not running:
+                return
+            for result in [r for r in running if r.ready()]:
+                point, row = running.pop(result), result.get()
+                if not row["stopped"] and row["seconds"] > 10:  # those below are compiling more than running
+                    paces.append(row["seconds"] / point.cost())
+                keep(row)
+            time.sleep(0.02)
+        print("time is up; unfinished: " + ", ".join(p.key for p in running.values()), flush=True)
+
+
 def main() -> int:
     """Measure what is missing; prints one line for each row."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -43,7 +72,7 @@ def main() -> int:
     parser.add_argument("--output", type=Path, default=Path("validation/data/drops.json"))
     parser.add_argument("--models", default="")
     parser.add_argument("--dims", default="2,3")
-    parser.add_argument("--seconds", type=float, default=math.inf, help="begin no further drop after so long")
+    parser.add_argument("--seconds", type=float, default=math.inf, help="stop after so long")
     parser.add_argument("--limit", type=int, default=10**9, help="measure at most so many")
     options = parser.parse_args()
     os.environ["NUMBA_NUM_THREADS"] = "1"
@@ -53,29 +82,20 @@ def main() -> int:
     dims = tuple(int(d) for d in options.dims.split(","))
     rows = json.loads(options.output.read_text()) if options.output.exists() else {}
     missing = [p for p in points(models, dims) if p.key not in rows]
-    # Many processes end together if the longest begin first; a single one begins with what the map needs most.
-    missing.sort(key=lambda p: (p.urgency(), p.cost()) if options.jobs == 1 else -p.cost())
+    missing.sort(key=lambda p: (p.urgency(), p.cost() if options.jobs == 1 else -p.cost()))
     missing = missing[: options.limit]
     print(f"{len(missing)} drops to measure, {len(rows)} there", flush=True)
     options.output.parent.mkdir(parents=True, exist_ok=True)
-    # One small drop of each kind first: its kernels are then in the cache, and no two processes compile the same.
-    first = {(p.model, p.dim, p.kernels): p for p in sorted(missing, key=lambda p: -p.cost())}
-    order = [*first.values(), *(p for p in missing if p not in first.values())] if options.jobs > 1 else missing
     began = time.perf_counter()
 
-    def wanted():  # noqa: ANN202
-        for point in order:
-            if time.perf_counter() - began > options.seconds:
-                return
-            yield point
+    def keep(row: dict[str, Any]) -> None:
+        rows[row["key"]] = row
+        write(options.output, rows)
+        laplace, rayleigh = row.get("laplace", math.nan), row.get("rayleigh", math.nan)
+        words = f"{row['stopped'] or 'ok':<12} {laplace:7.3f} {rayleigh:7.3f} {row['seconds']:7.1f} s"
+        print(f"{time.perf_counter() - began:5.0f}  {row['key']:<58} {words}", flush=True)
 
-    with multiprocessing.get_context("spawn").Pool(options.jobs, maxtasksperchild=None) as pool:
-        for row in pool.imap_unordered(work, wanted(), chunksize=1):
-            rows[row["key"]] = row
-            write(options.output, rows)
-            laplace, rayleigh = row.get("laplace", math.nan), row.get("rayleigh", math.nan)
-            words = f"{row['stopped'] or 'ok':<12} {laplace:7.3f} {rayleigh:7.3f} {row['seconds']:7.1f} s"
-            print(f"{row['key']:<58} {words}", flush=True)
+    measured(missing, options.jobs, options.seconds, keep)
     left = sum(p.key not in rows for p in points(models, dims))
     print(f"{left} left; {time.perf_counter() - began:.0f} s")
     return 0

@@ -42,6 +42,8 @@ SNAPSHOTS, PER_PERIOD = 40, 24
 KICK = 0.4  # amplitude of the oscillation, in radii: beyond what the particles' frozen order bears elastically
 SOFTENING = {2: 0.0, 3: 34409 / 58800}  # omega = omega_0 (1 - s A^2) at amplitude A (Tsamopoulos & Brown 1983)
 INNER = 0.6  # of R: where the pressure is taken
+UNSTIRRED = ("csf",)  # bears no random kicks, and freezes no stresses: its force acts at the surface only
+OTHER_BASE = {name: {"kernels": "wendland"} for name in ("csf", "he")}  # they have no drop at BASE: it flies apart
 
 MODELS = {name: (words, partial(effect, 1.0)) for name, (words, effect) in SETTINGS.items()}  # of nominal sigma = 1
 
@@ -73,18 +75,22 @@ class Point:
         return f"{self.model}.{self.dim}d.{self.kernels}.{size}.{self.seed}"
 
     def cost(self) -> float:
-        """About proportional to the seconds that it takes."""
-        particles = self.radius**self.dim
-        return particles * self.support ** (self.dim - 1) * self.radius**1.5 / math.sqrt(self.stiffness)
+        """About the seconds that it takes on one core."""
+        particles = self.radius**self.dim * (4.2 if self.dim == 3 else math.pi)
+        steps = self.radius**1.5 * math.sqrt(0.01 / self.stiffness) * (130 if self.kicked else 90)
+        return 1e-6 * particles * steps * (2.6 if self.dim == 3 else 0.8) * (self.support / 2.6) ** (self.dim - 1)
 
     def urgency(self) -> int:
-        """Small for what a map needs first: the base setting of every model, then the axes, seeds and large drops."""
-        away = sum(getattr(self, name) != value for name, value in BASE.items())
-        return 2 * away + (self.dim == 3) + 2 * (self.seed > 1) + 8 * (self.radius >= 14 and self.dim == 3)
+        """0 for the base setting of every model, 1 to 3 along the axes: at one radius, at the others, other seeds."""
+        if at_base(self.model, asdict(self)):
+            return 0
+        return 3 if self.seed > 1 else 1 if self.radius == SEEDED[self.dim] else 2
 
 
-RADII = {2: (8.0, 11.0, 16.0, 24.0), 3: (5.0, 7.0, 10.0, 14.0)}
-SEEDED = {2: 16.0, 3: 10.0}  # radius at which three seeds are run
+RADII = {2: (8.0, 11.0, 16.0, 24.0), 3: (5.0, 7.0, 8.5, 10.0, 12.0, 14.0)}
+SEEDED = {2: 16.0, 3: 10.0}  # radius at which three seeds are run, and from which on drops are kicked
+LARGE = 10.0  # radius in 3D beyond which drops are measured at the base only: they take minutes
+SEEDED_MODELS = ("akinci", "dong")  # with three seeds along the axes, too
 AXES: dict[str, tuple[Any, ...]] = {
     "support": (2.0, 2.3, 2.6, 3.0),
     "stiffness": (0.003, 0.01, 0.03),
@@ -92,14 +98,30 @@ AXES: dict[str, tuple[Any, ...]] = {
 }
 
 
+def base(model: str) -> dict[str, Any]:
+    """The setting at which the axes of a model cross."""
+    return BASE | OTHER_BASE.get(model, {})
+
+
+def at_base(model: str, setting: Mapping[str, Any]) -> bool:
+    """Whether a point, row or map entry of the model stands where its axes cross."""
+    return all(setting[name] == value for name, value in base(model).items())
+
+
 def points(models: tuple[str, ...] = tuple(MODELS), dims: tuple[int, ...] = (2, 3)) -> Iterator[Point]:
-    """The map: each axis on its own through the base point, at three radii or four (along h), one with three seeds."""
-    settings = {tuple(sorted((BASE | {name: value}).items())) for name, values in AXES.items() for value in values}
-    for model, dim, setting in itertools.product(models, dims, sorted(settings, key=str)):
-        along_support = all(dict(setting)[name] == BASE[name] for name in ("stiffness", "kernels"))
-        for radius in RADII[dim] if along_support else RADII[dim][:-1]:
-            for seed in (1, 2, 3) if radius == SEEDED[dim] else (1,):
-                yield Point(model, dim, radius=radius, seed=seed, kicked=radius >= SEEDED[dim], **dict(setting))
+    """The map: all radii and three seeds at the base point, and each axis on its own through it at four radii."""
+    for model, dim in itertools.product(models, dims):
+        centre = base(model)
+        crossing = [centre | {name: value} for name, values in AXES.items() for value in values]
+        settings = {tuple(sorted(setting.items())) for setting in crossing}
+        for setting in sorted(settings, key=str):
+            based = at_base(model, dict(setting))
+            for radius in RADII[dim]:
+                if radius > LARGE and dim == 3 and not based:
+                    continue
+                three = radius == SEEDED[dim] and (based or model in SEEDED_MODELS)
+                for seed in (1, 2, 3) if three else (1,):
+                    yield Point(model, dim, radius=radius, seed=seed, kicked=radius >= SEEDED[dim], **dict(setting))
 
 
 def scene(point: Point, position: NDArray, velocity: NDArray | None, ohnesorge: float) -> Scene:
@@ -162,6 +184,7 @@ def _measure(point: Point, row: dict[str, Any]) -> None:
     calm = Simulation(scene(point, position, None, CALM), "cpu")
     _anneal(calm, point, STIRRED * capillary_time)
     _run(calm, RELAXED * capillary_time)
+    _together(calm, point)
     thin = Simulation(scene(point, calm.field("position").astype(float), None, THIN), "cpu")
     _run(thin, SETTLED * capillary_time)
     samples = []
@@ -199,13 +222,21 @@ def _measure(point: Point, row: dict[str, Any]) -> None:
 def _anneal(simulation: Simulation, point: Point, until: float) -> None:
     """Kick all particles at random, ever more weakly: a drop at rest is a solid with the stresses of its freezing."""
     random = np.random.default_rng(1000 + point.seed)
-    for k in range(STIRS):
+    for k in range(0 if point.model in UNSTIRRED else STIRS):
         velocity = simulation.backend.host(simulation.fields["velocity"]).astype(float)
         noise = random.normal(size=velocity.shape)
         noise[:, point.dim :] = 0
         velocity += STIR * (1 - k / STIRS) * (noise - noise.mean(0)) / math.sqrt(point.dim)
         simulation.backend.assign(simulation.fields["velocity"], velocity.astype(simulation.plan.grid.dtype))
         _run(simulation, until * (k + 1) / STIRS)
+        _together(simulation, point)
+
+
+def _together(simulation: Simulation, point: Point) -> None:
+    """Raise Dispersed where half of the particles have left the drop: the rest would tell of no drop."""
+    x = simulation.field("position").astype(float)
+    if np.median(np.linalg.norm(x - x.mean(0), axis=1)) > 2 * point.radius:
+        raise Dispersed
 
 
 def _rest(simulation: Simulation, point: Point) -> dict[str, float]:

@@ -17,7 +17,8 @@ from typing import Any
 
 import numpy as np
 
-from refsim.surface_tension.calibration import BASE, MAP
+from refsim.surface_tension.calibration import MAP
+from validation import drops
 from validation.drops import MODELS, SEEDED, Point, fit_laplace, measure
 from validation.harness import Run
 from validation.results import Result, finite
@@ -110,8 +111,8 @@ def _of_radius(rows: Sequence[Mapping[str, Any]], radius: float) -> dict[str, An
 
 
 def at_base(entry: Mapping[str, Any]) -> bool:
-    """Whether a row or setting stands where the axes of the map cross."""
-    return all(entry[name] == value for name, value in BASE.items())
+    """Whether a row or setting stands where the axes of its model cross."""
+    return drops.at_base(entry["model"], entry)
 
 
 # What the cases have in common
@@ -119,8 +120,8 @@ def at_base(entry: Mapping[str, Any]) -> bool:
 
 def published(context: Context, rows: str) -> Result:
     """The rows and settings on file; `rows` is the file's digest."""
-    drops = read_rows()
-    return Result({"settings": condensed(drops), "rows": drops})
+    found = read_rows()
+    return Result({"settings": condensed(found), "rows": found})
 
 
 def drop(context: Context, **point: Any) -> Result:
