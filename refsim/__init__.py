@@ -27,6 +27,7 @@ from refsim.surface_detection import SurfaceDetection
 from refsim.surface_tension.akinci_2013 import Akinci2013
 from refsim.surface_tension.becker_teschner_2007 import BeckerTeschner2007
 from refsim.surface_tension.calibration import Calibration, calibrate
+from refsim.surface_tension.contact_angle import ContactAngle, calibrate_contact_angle
 from refsim.surface_tension.csf_wang_2019 import CsfWang2019
 from refsim.surface_tension.dong_2016 import Dong2016
 from refsim.surface_tension.he_2014 import He2014
@@ -44,6 +45,7 @@ __all__ = [
     "BoxWalls",
     "Calibration",
     "Cloud",
+    "ContactAngle",
     "CsfWang2019",
     "Dong2016",
     "Gravity",
@@ -76,6 +78,7 @@ __all__ = [
     "WeaklyCompressible",
     "__version__",
     "calibrate",
+    "calibrate_contact_angle",
     "isosurface",
     "load_mesh",
     "load_scene",

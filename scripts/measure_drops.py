@@ -1,4 +1,4 @@
-"""Measures the drops of the sigma map: single-threaded processes, one drop in each at a time, rows kept as they come.
+"""Measures the drops of the sigma map, or with --sessile of the wetting map, on many cores; rows are kept as they come.
 
 python scripts/measure_drops.py --jobs 16 --output rows.json [--models akinci,dong] [--dims 3] [--seconds 540]
 What the map needs most comes first, the longest of it before the rest. A row that is there already is not measured
@@ -8,6 +8,7 @@ again, so that a stopped run goes on where it was.
 from __future__ import annotations
 
 import argparse
+import importlib
 import json
 import math
 import multiprocessing
@@ -33,11 +34,9 @@ def write(path: Path, rows: dict[str, dict]) -> None:
     os.replace(part, path)
 
 
-def work(point: object) -> dict:
+def work(point: Any) -> dict:
     """One drop, in a process of its own."""
-    from validation.drops import measure
-
-    return measure(point)  # type: ignore[arg-type]
+    return importlib.import_module(type(point).__module__).measure(point)
 
 
 def measured(points: list[Any], jobs: int, seconds: float, keep: Callable[[dict], None]) -> None:
@@ -69,34 +68,36 @@ def main() -> int:
     """Measure what is missing; prints one line for each row."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--jobs", type=int, default=1)
-    parser.add_argument("--output", type=Path, default=Path("validation/data/drops.json"))
+    parser.add_argument("--output", type=Path, help="validation/data/drops.json, or wetting.json there")
+    parser.add_argument("--sessile", action="store_true", help="the drops of the wetting map, which sit on a plane")
     parser.add_argument("--models", default="")
     parser.add_argument("--dims", default="2,3")
     parser.add_argument("--seconds", type=float, default=math.inf, help="stop after so long")
     parser.add_argument("--limit", type=int, default=10**9, help="measure at most so many")
     options = parser.parse_args()
     os.environ["NUMBA_NUM_THREADS"] = "1"
-    from validation.drops import MODELS, points
-
-    models = tuple(options.models.split(",")) if options.models else tuple(MODELS)
+    kind = importlib.import_module("validation.wetting" if options.sessile else "validation.drops")
+    options.output = options.output or Path("validation/data") / ("wetting.json" if options.sessile else "drops.json")
+    models = tuple(options.models.split(",")) if options.models else tuple(kind.MODELS)
     dims = tuple(int(d) for d in options.dims.split(","))
     rows = json.loads(options.output.read_text()) if options.output.exists() else {}
-    missing = [p for p in points(models, dims) if p.key not in rows]
+    missing = [p for p in kind.points(models, dims) if p.key not in rows]
     missing.sort(key=lambda p: (p.urgency(), p.cost() if options.jobs == 1 else -p.cost()))
     missing = missing[: options.limit]
     print(f"{len(missing)} drops to measure, {len(rows)} there", flush=True)
     options.output.parent.mkdir(parents=True, exist_ok=True)
     began = time.perf_counter()
+    shown = ("angle", "circle") if options.sessile else ("laplace", "rayleigh")
 
     def keep(row: dict[str, Any]) -> None:
         rows[row["key"]] = row
         write(options.output, rows)
-        laplace, rayleigh = row.get("laplace", math.nan), row.get("rayleigh", math.nan)
-        words = f"{row['stopped'] or 'ok':<12} {laplace:7.3f} {rayleigh:7.3f} {row['seconds']:7.1f} s"
+        first, second = (row.get(name, math.nan) for name in shown)
+        words = f"{row['stopped'] or 'ok':<12} {first:7.3f} {second:7.3f} {row['seconds']:7.1f} s"
         print(f"{time.perf_counter() - began:5.0f}  {row['key']:<58} {words}", flush=True)
 
     measured(missing, options.jobs, options.seconds, keep)
-    left = sum(p.key not in rows for p in points(models, dims))
+    left = sum(p.key not in rows for p in kind.points(models, dims))
     print(f"{left} left; {time.perf_counter() - began:.0f} s")
     return 0
 

@@ -1,0 +1,143 @@
+"""Which adhesion gives which contact angle: the measured wetting map, and its inverse.
+
+Contents: calibrate_contact_angle, ContactAngle, wetting_map. The map (`wetting_map.json`) holds the contact angles of
+sessile drops of Akinci 2013 on a plane against b = beta/gamma, the coefficient of adhesion over that of cohesion.
+`scripts/measure_drops.py --sessile` measures it and `validation/wetting.py` condenses it.
+"""
+
+from __future__ import annotations
+
+import functools
+import itertools
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from refsim.effect import Discretisation
+from refsim.errors import InputError
+from refsim.sph import WeaklyCompressible
+from refsim.surface_tension.akinci_2013 import Akinci2013
+from refsim.surface_tension.calibration import BASE, SAME, Calibration, calibrate
+
+WETTING_MAP = Path(__file__).with_name("wetting_map.json")
+ONE_DROP = 5.0  # degrees of uncertainty that an angle without a second drop is given
+
+
+@dataclass(frozen=True)
+class ContactAngle:
+    """Coefficients that give a surface tension and a contact angle.
+
+    effect       for the scene
+    adhesion     beta [m^4/(kg s^2)], the effect's `adhesion`
+    share        b = beta/gamma
+    uncertainty  of the angle [degrees]
+    tension      what `calibrate` says of the surface tension; its sound speed belongs to the scene
+    """
+
+    effect: Akinci2013
+    adhesion: float
+    share: float
+    uncertainty: float
+    tension: Calibration
+
+
+@functools.cache
+def wetting_map() -> tuple[Mapping[str, Any], ...]:
+    """The measured settings, one mapping each: dim, support, stiffness, kernels, and the drops by coefficient."""
+    return tuple(json.loads(WETTING_MAP.read_text())["settings"])
+
+
+def calibrate_contact_angle(
+    angle: float,
+    sigma: float,
+    *,
+    spacing: float,
+    rest_density: float,
+    dim: int = 3,
+    support_radius: float | None = None,
+    kernels: str = "mueller",
+    settings: Sequence[Mapping[str, Any]] | None = None,
+) -> ContactAngle:
+    """Coefficients of Akinci 2013 with which liquid of tension `sigma` meets a plane wall at `angle`.
+
+    angle           wanted contact angle, through the liquid [degrees]
+    sigma           wanted surface tension [N/m]
+    spacing         d [m]
+    rest_density    rho0 [kg/m^3; kg/m^2 in 2D]
+    support_radius  h [m]; left out, 2.6 d
+    kernels         of weakly_compressible
+    settings        another wetting map than the published one
+
+    For walls of `box_walls` and S = sigma/(rho0 c^2 d) = 0.01 of the nominal tension, which sets the sound speed. The
+    cosine is interpolated between measured coefficients; the uncertainty holds half of what two ways to read the
+    angle differ by, the deviation over drops, and a quarter of the step between the coefficients. Raises InputError
+    outside of what was measured.
+    """
+    this = "calibrate_contact_angle"
+    given = {"angle": angle, "sigma": sigma, "spacing": spacing, "rest_density": rest_density}
+    given |= {} if support_radius is None else {"support_radius": support_radius}
+    for name, value in given.items():
+        if not (math.isfinite(value) and value > 0):
+            raise InputError(f"{this}: {name} = {value} is not a positive number.")
+    support = float(BASE["support"]) if support_radius is None else support_radius / spacing
+    stiffness = float(BASE["stiffness"])
+    own = [
+        entry
+        for entry in (wetting_map() if settings is None else settings)
+        if entry["dim"] == dim and entry["kernels"] == kernels and _same(entry["stiffness"], stiffness)
+    ]
+    there = [entry for entry in own if _same(entry["support"], support)]
+    if not there:
+        known = ", ".join(f"{entry['support']:g}" for entry in own) or "none"
+        raise InputError(
+            f"{this}: the map has no sessile drops in {dim}D with {kernels} kernels at h = {support:.3g} d; it has"
+            f" h/d = {known}."
+        )
+    share, uncertainty = _share_of(angle, there[0], this, support)
+    lengths = {"spacing": spacing, "rest_density": rest_density, "dim": dim, "kernels": kernels}
+    tension = calibrate(sigma, "akinci", support_radius=support * spacing, **lengths)  # type: ignore[arg-type]
+    fluid = WeaklyCompressible(rest_density=rest_density, sound_speed=tension.sound_speed, kernels=kernels)  # type: ignore[arg-type]
+    grid = Discretisation(dim, "float64", spacing, support * spacing, 0)
+    effect: Any = tension.effect
+    adhesion = share * effect.coefficient(grid, {"weakly_compressible": fluid})
+    return ContactAngle(
+        effect=msgspec.structs.replace(effect, adhesion=adhesion),
+        adhesion=adhesion,
+        share=share,
+        uncertainty=uncertainty,
+        tension=tension,
+    )
+
+
+def _share_of(angle: float, entry: Mapping[str, Any], this: str, support: float) -> tuple[float, float]:
+    """(b, uncertainty of the angle [degrees]) where the measured line of cosines passes the wanted one."""
+    caps = [drop for drop in entry["drops"] if drop["angle"] is not None]
+    for low, high in itertools.pairwise(caps):  # by growing coefficient: the angle falls
+        if high["angle"] <= angle <= low["angle"]:
+            ends = [math.cos(math.radians(drop["angle"])) for drop in (low, high)]
+            wanted = math.cos(math.radians(angle))
+            part = (wanted - ends[0]) / (ends[1] - ends[0]) if ends[1] > ends[0] else 0.0
+            bend = 0.25 * (low["angle"] - high["angle"]) * min(1.0, 4 * part * (1 - part))
+            share = (1 - part) * low["share"] + part * high["share"]
+            return share, math.hypot(max(_uncertain(low), _uncertain(high)), bend)
+    if not caps:
+        raise InputError(f"{this}: no drop at h = {support:.3g} d came to rest as a cap.")
+    low, high = min(drop["angle"] for drop in caps), max(drop["angle"] for drop in caps)
+    raise InputError(
+        f"{this}: {angle:g} degrees is outside the map at h = {support:.3g} d, which has {low:.0f} to {high:.0f}"
+        " degrees; beyond them drops spread to a film, or leave the plane."
+    )
+
+
+def _uncertain(drop: Mapping[str, Any]) -> float:
+    spread = ONE_DROP if drop["spread"] is None else drop["spread"]
+    return math.hypot(spread, 0.5 * (drop["angle"] - drop["circle"]) if drop["circle"] is not None else 0.0)
+
+
+def _same(value: float, other: float) -> bool:
+    return math.isclose(value, other, rel_tol=SAME)
