@@ -229,8 +229,10 @@ def drop_of(*effects: Any) -> Callable[[str, bool], Scene]:
 
 
 def pebble(dtype: str, quick: bool) -> Scene:
-    """The documents' example of a mesh."""
-    return msgspec.structs.replace(load_scene(ROOT / "docs" / "examples" / "mesh_boundary.toml"), dtype=dtype)
+    """The documents' example of a mesh, from when the liquid touches it: pressures before are rounding alone."""
+    scene = load_scene(ROOT / "docs" / "examples" / "mesh_boundary.toml")
+    column = msgspec.structs.replace(scene.fluid[0], lower=(-0.05, -0.05, 0.056), velocity=(0.0, 0.0, -1.0))
+    return msgspec.structs.replace(scene, dtype=dtype, fluid=(column,))
 
 
 def melting(dtype: str, quick: bool) -> Scene:
@@ -293,12 +295,14 @@ def run_task(arguments: list[str]) -> list[Row]:
             result = simulation.step()
     took = time.perf_counter() - began
     differing = sum(not np.array_equal(*(s.field(field) for s in runs)) for field in runs[0].plan.fields)
-    log = runs[0].search.log
     rows += [
         judged(f"fields that differ between two runs after {steps} steps", differing, 0),
-        judged("neighbours missed", log.missed_neighbours, 0),
-        judged("speed at the end is finite", float(not np.isfinite(runs[0].field("velocity")).all()), 0),
-        row("rebuilds of the list", log.rebuilds),
+        judged("speeds at the end that are not finite", float((~np.isfinite(runs[0].field("velocity"))).sum()), 0),
+    ]
+    if runs[0].search is not None:  # the material point method keeps no list
+        log = runs[0].search.log
+        rows += [judged("neighbours missed", log.missed_neighbours, 0), row("rebuilds of the list", log.rebuilds)]
+    rows += [
         row("simulated time", float(f"{result.time:.5g}"), "s", words=f"step limited by {result.limiter}"),
     ]
     if steps > compared:
@@ -364,14 +368,15 @@ def timing_task(arguments: list[str]) -> list[Row]:
     simulation = Simulation(plan, "cuda")
     rows = [row("particles", simulation.count), row("set-up", float(f"{time.perf_counter() - began:.3g}"), "s")]
     simulation._set("velocity", np.cross([0.0, 0.0, 1.0], plan.state.position - 0.5))
-    for _ in range(2 if backend.simulated() else 60):
-        simulation.step()
     if not backend.simulated():
+        simulation.step()  # the list then holds the lattice that the plan counts
         said = describe_plan(plan, "cuda")["bytes"]["total"]
         held = device_bytes() - before
         rows.append(row("memory held", round(held / simulation.count, 1), "B/particle"))
         off = abs(held / said - 1)
         rows.append(judged("memory held, off what the plan says", round(off, 3), 0.1, words=f"{said / 2**20:.0f} MiB"))
+    for _ in range(2 if backend.simulated() else 60):
+        simulation.step()
     mark, between = clock()
     wait = simulation.backend.synchronize
     repeats = 1 if backend.simulated() else 20
