@@ -133,22 +133,25 @@ def angle_by_lift(lift: float, dim: int) -> float:
     return float(np.interp(lift, lifts, angles))
 
 
-def angle_by_circle(height: NDArray, density: float, snapshots: int, dim: int) -> tuple[float, float]:
-    """(contact angle [degrees], residual) of the circle through the mean radii of slices one spacing thick.
-
-    A slice at z holds n pi r^2 d particles (2 n r d in 2D), and r^2 + z^2 = 2 z_c z + (R^2 - z_c^2) is a straight line.
-    Slices near the plane, where particles stand in layers, and narrow ones at the top are left out. NaN below three
-    slices. The residual is the rms of what is left, over R^2.
-    """
+def slices(height: NDArray, density: float, snapshots: int, dim: int) -> tuple[NDArray, NDArray]:
+    """Heights z [d] and mean radii r [d] of slices one spacing thick: n pi r^2 d particles each (2 n r d in 2D)."""
     edges = np.arange(0.0, float(height.max()) + 1.0)
     count = np.histogram(height, edges)[0] / snapshots / density
-    z = 0.5 * (edges[1:] + edges[:-1])
-    squared = count / math.pi if dim == 3 else (count / 2) ** 2
-    use = (z > NEAR_PLANE) & (squared > NARROW**2)
+    return 0.5 * (edges[1:] + edges[:-1]), np.sqrt(count / math.pi) if dim == 3 else count / 2
+
+
+def angle_by_circle(height: NDArray, density: float, snapshots: int, dim: int) -> tuple[float, float]:
+    """(contact angle [degrees], residual) of the circle through the mean radii of slices.
+
+    r^2 + z^2 = 2 z_c z + (R^2 - z_c^2) is a straight line. Slices near the plane, where particles stand in layers, and
+    narrow ones at the top are left out. NaN below three slices. The residual is the rms of what is left, over R^2.
+    """
+    z, radius = slices(height, density, snapshots, dim)
+    use = (z > NEAR_PLANE) & (radius > NARROW)
     if use.sum() < 3:
         return math.nan, math.nan
     line = np.stack([2 * z, np.ones_like(z)], axis=1)[use]
-    wanted = (squared + z**2)[use]
+    wanted = (radius**2 + z**2)[use]
     (centre, rest), *_ = np.linalg.lstsq(line, wanted, rcond=None)
     square = rest + centre**2
     if square <= 0:
@@ -212,6 +215,7 @@ def measure(point: Point) -> dict[str, Any]:
 
     angle    contact angle [degrees] of the spherical cap with the drop's volume and height of centre of mass
     circle   the same by the circle through the mean radii of slices; `residual` of that fit
+    profile  mean radius of each slice, from the plane up [d]
     drift    change of the angle from the first to the last third of the watched time [degrees]
     fate     "cap", "film" (flat as a layer) or "detached"
     """
@@ -246,12 +250,12 @@ def _measure(point: Point, row: dict[str, Any]) -> None:
         _run(simulation, (STIRRED + RELAXED + AVERAGED * (k + 1) / SNAPSHOTS) * capillary_time)
         simulation.evaluate()
         z = simulation.field("position").astype(float)[:, up]
-        density = float(np.median(simulation.field("density")))
         heights.append(z)
-        densities.append(density)
+        densities.append(float(np.median(simulation.field("density"))))
         lowest.append(float(z.min()))
-        angles.append(angle_by_lift(float(z.mean()) / (len(z) / density) ** (1 / point.dim), point.dim))
-    circle, residual = angle_by_circle(np.concatenate(heights), float(np.mean(densities)), len(heights), point.dim)
+        angles.append(angle_by_lift(float(z.mean()) / (len(z) / densities[-1]) ** (1 / point.dim), point.dim))
+    height, density = np.concatenate(heights), float(np.mean(densities))
+    circle, residual = angle_by_circle(height, density, len(heights), point.dim)
     angle, third = float(np.mean(angles)), SNAPSHOTS // 3
     away = angle > DETACHED or min(lowest) > 1.0
     row |= {
@@ -259,8 +263,9 @@ def _measure(point: Point, row: dict[str, Any]) -> None:
         "circle": circle,
         "residual": residual,
         "drift": float(np.mean(angles[-third:]) - np.mean(angles[:third])),
-        "density": float(np.mean(densities)),
+        "density": density,
         "fate": "detached" if away else "film" if angle < FILM else "cap",
+        "profile": slices(height, density, len(heights), point.dim)[1].round(2).tolist(),
         "through": int((simulation.field("position")[:, up] < 0).sum()),
     }
 
