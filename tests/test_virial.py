@@ -17,7 +17,7 @@ from refsim import (
     WeaklyCompressible,
 )
 from refsim.effect import Discretisation
-from validation.metrics.virial import inner_pressure, pair_virials
+from validation.metrics.virial import inner_pressure, pair_virials, share_inside
 
 TENSIONS = (
     JiangZhu2023(surface_tension=1.0),
@@ -63,4 +63,19 @@ def test_liquid_under_its_own_pressure():
     inside = np.linalg.norm(points, axis=1) < 3
     pressure = simulation.field("pressure")[inside].mean()
     assert pressure == pytest.approx(400 * (0.98**-3 - 1), rel=0.05)
-    assert inner_pressure(simulation, 4.0) == pytest.approx(pressure, rel=0.05)
+    assert inner_pressure(simulation, (3.0, 4.0)) == pytest.approx(pressure, rel=0.05)
+
+
+def test_share_of_a_line_inside_a_ball():
+    """Of radius 2: wholly in, wholly out, one end in, through the centre, along a chord, beside it."""
+    lines = [
+        ((0, 0, 0), (1, 1, 0), 1.0),
+        ((3, 0, 0), (5, 0, 0), 0.0),
+        ((0, 0, 0), (8, 0, 0), 0.25),
+        ((-4, 0, 0), (4, 0, 0), 0.5),
+        ((-3, 1, 0), (3, 1, 0), 12**0.5 / 6),
+        ((-3, 2.5, 0), (3, 2.5, 0), 0.0),
+    ]
+    first, second, share = (np.array(column, dtype=float) for column in zip(*lines))
+    assert share_inside(first, second, 2.0) == pytest.approx(share, abs=1e-12)
+    assert share_inside(second, first, 2.0) == pytest.approx(share, abs=1e-12)

@@ -35,13 +35,15 @@ from validation.metrics.virial import inner_pressure
 
 JITTER = 0.1  # of the starting lattice, in spacings: each seed another drop
 RELAXED, SETTLED, AVERAGED = 3.0, 1.0, 2.0  # length of the stages in t_sigma = sqrt(rho R^3/sigma)
+FITTED_FROM = 3.0  # support radii: drops that are smaller are not fitted against 1/R
 PERIODS = 2.25  # of the oscillation that are fitted
 STIRRED, STIRS, STIR = 2.0, 20, 0.7  # t_sigma, number and first size [sqrt(sigma/(rho d))] of random kicks
 CALM, THIN = 0.3, 0.03  # Ohnesorge numbers mu/sqrt(rho sigma R) while relaxing and while measuring
 SNAPSHOTS, PER_PERIOD = 40, 24
 KICK = 0.4  # amplitude of the oscillation, in radii: beyond what the particles' frozen order bears elastically
 SOFTENING = {2: 0.0, 3: 34409 / 58800}  # omega = omega_0 (1 - s A^2) at amplitude A (Tsamopoulos & Brown 1983)
-INNER = 0.6  # of R: where the pressure is taken
+INNER = 0.6  # of R: where density is taken
+BALLS = np.linspace(0.4, 0.7, 7)  # of R: in which the pressure is taken
 UNSTIRRED = ("csf",)  # bears no random kicks, and freezes no stresses: its force acts at the surface only
 OTHER_BASE = {name: {"kernels": "wendland"} for name in ("csf", "he")}  # they have no drop at BASE: it flies apart
 
@@ -109,7 +111,10 @@ def at_base(model: str, setting: Mapping[str, Any]) -> bool:
 
 
 def points(models: tuple[str, ...] = tuple(MODELS), dims: tuple[int, ...] = (2, 3)) -> Iterator[Point]:
-    """The map: all radii and three seeds at the base point, and each axis on its own through it at four radii."""
+    """The map: all radii and three seeds at the base point, and each axis on its own through it at four radii.
+
+    Akinci 2013 has three seeds at every radius from 10 spacings on.
+    """
     for model, dim in itertools.product(models, dims):
         centre = base(model)
         crossing = [centre | {name: value} for name, values in AXES.items() for value in values]
@@ -120,6 +125,7 @@ def points(models: tuple[str, ...] = tuple(MODELS), dims: tuple[int, ...] = (2, 
                 if radius > LARGE and dim == 3 and not based:
                     continue
                 three = radius == SEEDED[dim] and (based or model in SEEDED_MODELS)
+                three |= based and dim == 3 and radius >= LARGE and model == SEEDED_MODELS[0]
                 for seed in (1, 2, 3) if three else (1,):
                     yield Point(model, dim, radius=radius, seed=seed, kicked=radius >= SEEDED[dim], **dict(setting))
 
@@ -154,7 +160,7 @@ def start(point: Point) -> NDArray:
 def measure(point: Point) -> dict[str, Any]:
     """Relax the drop, average its pressure, kick it, and fit its frequency. A run that stops is a row, too.
 
-    laplace    sigma = P R/(dim - 1) from the mean virial pressure in r < 0.6 R
+    laplace    sigma = P R/(dim - 1) from the virial pressure, mean over balls of 0.4 to 0.7 R and over 40 snapshots
     rayleigh   sigma = rho R^3 (omega^2 + beta^2)/k from the damped frequency, k = 8 in 3D and 6 in 2D; omega for
                small amplitudes, by the known softening in 3D
     spurious   rms speed at rest over sqrt(sigma/(rho R)); capillary = mu max|v|/sigma
@@ -252,7 +258,7 @@ def _rest(simulation: Simulation, point: Point) -> dict[str, float]:
     radius = (3 * volume / (4 * math.pi)) ** (1 / 3) if point.dim == 3 else math.sqrt(volume / math.pi)
     speed = _speed(v - v.mean(0))
     return {
-        "pressure": inner_pressure(simulation, INNER * radius),
+        "pressure": inner_pressure(simulation, BALLS * radius),
         "density": float(density),
         "radius": radius,
         "rms": float(np.sqrt((speed**2).mean())),
@@ -345,8 +351,12 @@ def _disc_variation(position: NDArray, directions: int = 120, half_angle: float 
 
 
 def fit_laplace(rows: Sequence[Mapping[str, Any]]) -> tuple[float, float, float]:
-    """(sigma, its standard error, intercept P0) from P = (dim - 1) sigma/R + P0 over the radii; NaN below three."""
-    use = [r for r in rows if not r["stopped"] and math.isfinite(r["pressure"])]
+    """(sigma, its standard error, intercept P0) from P = (dim - 1) sigma/R + P0 over the radii; NaN below three.
+
+    Of drops with R >= 3 h: a smaller one has no bulk, since the surface reaches a support radius deep.
+    """
+    lasting = [r for r in rows if not r["stopped"] and math.isfinite(r["pressure"])]
+    use = [r for r in lasting if r["radius"] >= FITTED_FROM * r["support"]]
     curvature = np.array([(r["dim"] - 1) / r["effective_radius"] for r in use])
     if len(set(np.round(curvature, 3))) < 3:
         return math.nan, math.nan, math.nan

@@ -43,6 +43,7 @@ BOND = 0.2  # rho g R^2/sigma of the nominal tension: weight that keeps a drop b
 RELAXED, AVERAGED, SNAPSHOTS = 1.5, 3.0, 45  # stages in t_sigma = sqrt(rho R^3/sigma)
 NEAR_PLANE, NARROW = 1.5, 2.5  # [d] slices below the one, or with smaller radii than the other, are not fitted
 DETACHED, FILM = 170.0, 15.0  # degrees beyond which there is no cap to speak of
+SHAPELESS = 15.0  # degrees by which the two angles of a cap differ at most
 FLOOR = 3.2  # half width of the plane, in R
 SHARES = {2: (2.0, 5.0, 8.0, 12.0, 16.0, 20.0, 25.0), 3: (3.0, 4.0, 5.0, 7.0, 10.0, 13.0, 16.0, 20.0, 24.0)}
 BEYOND = (0.0, 50.0)  # where no cap is expected
@@ -301,11 +302,18 @@ def condensed(rows: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
     ]
 
 
+def fate(row: Mapping[str, Any]) -> str:
+    """What became of a drop: "cap", "no cap" where its two angles are too far apart for one, and so on."""
+    if row["stopped"] or row["fate"] != "cap":
+        return row["stopped"] or row["fate"]
+    return "no cap" if abs(row["angle"] - row["circle"]) > SHAPELESS else "cap"
+
+
 def _of_share(rows: Sequence[Mapping[str, Any]], share: float) -> dict[str, Any]:
     own = [r for r in rows if r["share"] == share]
-    caps = [r for r in own if not r["stopped"] and r["fate"] == "cap"]
+    caps = [r for r in own if fate(r) == "cap"]
     angles, circles = [r["angle"] for r in caps], [r["circle"] for r in caps if math.isfinite(r["circle"])]
-    fates = [r["stopped"] or r["fate"] for r in own]
+    fates = [fate(r) for r in own]
     return {
         "share": share,
         "angle": round(float(np.mean(angles)), 2) if angles else None,

@@ -6,7 +6,7 @@ jump sigma/R. The virial of all pair forces is the difference of the two.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -16,7 +16,7 @@ from scipy.spatial import cKDTree
 from refsim import Simulation
 from refsim.smoothing.reference import kernel_slope, kernel_value
 
-__all__ = ["inner_pressure", "pair_virials"]
+__all__ = ["inner_pressure", "pair_virials", "share_inside"]
 
 Pairs = tuple[NDArray, NDArray, NDArray, NDArray]  # i, j, x_ij (k, 3), |x_ij|
 
@@ -45,17 +45,31 @@ def pair_virials(simulation: Simulation) -> tuple[NDArray, NDArray, NDArray]:
     return pairs[0], pairs[1], total
 
 
-def inner_pressure(simulation: Simulation, radius: float) -> float:
-    """Pressure [Pa] in the ball (disc) of `radius` [m] about the centre of mass.
+def inner_pressure(simulation: Simulation, radii: Sequence[float]) -> float:
+    """Mean over the balls (discs) of the `radii` [m] about the centre of mass of the pressure [Pa] in each.
 
-    P = (1/(dim V)) sum_pairs w x_ij . F_ij; a pair that crosses the boundary counts half.
+    P = (1/(dim V)) sum_pairs w x_ij . F_ij, w the share of the line between the two that lies in the ball (Irving &
+    Kirkwood). Particles of a drop stand in shells; one ball tells where its edge lies between two of them, too.
     """
     dim = simulation.plan.grid.dim
     position = simulation.field("position").astype(float)
-    inside = np.linalg.norm(position - position.mean(0), axis=1) < radius
+    position -= position.mean(0)
     i, j, virial = pair_virials(simulation)
-    volume = 4 / 3 * np.pi * radius**3 if dim == 3 else np.pi * radius**2
-    return float((0.5 * (inside[i].astype(float) + inside[j]) * virial).sum() / (dim * volume))
+    found = []
+    for radius in radii:
+        volume = 4 / 3 * np.pi * radius**3 if dim == 3 else np.pi * radius**2
+        found.append((share_inside(position[i], position[j], radius) * virial).sum() / (dim * volume))
+    return float(np.mean(found))
+
+
+def share_inside(first: NDArray, second: NDArray, radius: float) -> NDArray:
+    """Share (k,) of the lines from `first` to `second` (k, 3) that lies in the ball of `radius` about the origin."""
+    along = second - first
+    square, slope = (along**2).sum(1), (first * along).sum(1)
+    root = slope**2 - square * ((first**2).sum(1) - radius**2)
+    half = np.sqrt(np.maximum(root, 0))
+    enter, leave = (np.clip((-slope + sign * half) / square, 0, 1) for sign in (-1, 1))
+    return np.where(root > 0, leave - enter, 0.0)
 
 
 def _field(simulation: Simulation, name: str) -> NDArray:
