@@ -3,6 +3,8 @@
 Positions and velocities are taken from the first node of the body, cells from the corner of the box.
 """
 
+import numpy as np
+
 from refsim.compile import formula
 from refsim.shape_matching.formulas import turned
 from refsim.shape_matching.phases import NOBODY
@@ -15,14 +17,23 @@ def coordinates(cell, boxes):
 
 
 @formula
+def exact(row):
+    """Three components in float64; `float` would leave a float32 as it is in compiled code."""
+    return np.float64(row[0]), np.float64(row[1]), np.float64(row[2])
+
+
+@formula
 def away(s, values, boxes):
     """A node's position [m] or velocity [m/s] from that of its body's first node, in float64."""
-    o = boxes.origin[s]
-    return (
-        float(values[s, 0]) - float(values[o, 0]),
-        float(values[s, 1]) - float(values[o, 1]),
-        float(values[s, 2]) - float(values[o, 2]),
-    )
+    own, first = exact(values[s]), exact(values[boxes.origin[s]])
+    return own[0] - first[0], own[1] - first[1], own[2] - first[2]
+
+
+@formula
+def region_place(s, x, region_center):
+    """Center of the region of node s [m], from where x is taken."""
+    c = exact(region_center[s])
+    return x[0] + c[0], x[1] + c[1], x[2] + c[2]
 
 
 @formula
@@ -39,7 +50,7 @@ def match_cell(cell, solid_position, region_share, boxes):
     clear(cell, row, 17)
     s = boxes.node[cell]
     if s != NOBODY and region_share[s] > 0:
-        m = float(region_share[s])
+        m = np.float64(region_share[s])
         a, b, e = coordinates(cell, boxes)
         x = away(s, solid_position, boxes)
         g = (float(a), float(b), float(e))
@@ -81,13 +92,14 @@ def goal_cell(cell, solid_position, region_count, region_anchor, rotation, boxes
     if s != NOBODY and region_count[s] > 0:
         a, b, e = coordinates(cell, boxes)
         x = away(s, solid_position, boxes)
-        d = float(spacing)
-        q = (float(rotation[s, 0]), float(rotation[s, 1]), float(rotation[s, 2]), float(rotation[s, 3]))
+        d = np.float64(spacing)
+        i, j, k = exact(rotation[s, 1:])
+        q = (np.float64(rotation[s, 0]), i, j, k)
         first, second, third = turned(q, 1.0, 0.0, 0.0), turned(q, 0.0, 1.0, 0.0), turned(q, 0.0, 0.0, 1.0)
         for i in range(3):
             row[cell, 3 * i], row[cell, 3 * i + 1], row[cell, 3 * i + 2] = first[i], second[i], third[i]
             there = d * (first[i] * a + second[i] * b + third[i] * e)
-            row[cell, 9 + i] = float(region_anchor[s, i]) + x[i] - there
+            row[cell, 9 + i] = np.float64(region_anchor[s, i]) + x[i] - there
         row[cell, 12] = 1.0
 
 
@@ -98,7 +110,7 @@ def goal_sums(s, solid_position, boxes, spacing, sums):
     row = boxes.second
     a, b, e = coordinates(cell, boxes)
     x = away(s, solid_position, boxes)
-    d = float(spacing)
+    d = np.float64(spacing)
     for i in range(3):
         turned_by = row[cell, 3 * i] * a + row[cell, 3 * i + 1] * b + row[cell, 3 * i + 2] * e
         sums[i] = row[cell, 9 + i] + d * turned_by - row[cell, 12] * x[i]
@@ -112,7 +124,7 @@ def motion_cell(cell, solid_position, solid_velocity, region_share, boxes):
     clear(cell, row, 17)
     s = boxes.node[cell]
     if s != NOBODY and region_share[s] > 0:
-        m = float(region_share[s])
+        m = np.float64(region_share[s])
         x, v = away(s, solid_position, boxes), away(s, solid_velocity, boxes)
         row[cell, 0], row[cell, 16] = m, 1.0
         for i in range(3):
@@ -133,7 +145,7 @@ def motion_sums(s, solid_position, solid_velocity, region_center, boxes, sums):
     cell = boxes.cell[s]
     row = boxes.second
     x, u = away(s, solid_position, boxes), away(s, solid_velocity, boxes)
-    c = (x[0] + float(region_center[s, 0]), x[1] + float(region_center[s, 1]), x[2] + float(region_center[s, 2]))
+    c = region_place(s, x, region_center)
     m = row[cell, 0]
     arm = (row[cell, 1] - m * c[0], row[cell, 2] - m * c[1], row[cell, 3] - m * c[2])  # sum m r
     p = (row[cell, 4], row[cell, 5], row[cell, 6])  # sum m v, from the body's first node
@@ -159,12 +171,12 @@ def damp_cell(cell, solid_position, solid_velocity, region_count, region_center,
     if s != NOBODY and region_count[s] > 0:
         o = boxes.origin[s]
         x = away(s, solid_position, boxes)
-        c = (x[0] + float(region_center[s, 0]), x[1] + float(region_center[s, 1]), x[2] + float(region_center[s, 2]))
-        w = (float(region_spin[s, 0]), float(region_spin[s, 1]), float(region_spin[s, 2]))
+        c = region_place(s, x, region_center)
+        w = exact(region_spin[s])
         for i in range(3):
             row[cell, i] = w[i]
             j, k = (i + 1) % 3, (i + 2) % 3
-            v = float(region_velocity[s, i]) - float(solid_velocity[o, i])
+            v = np.float64(region_velocity[s, i]) - np.float64(solid_velocity[o, i])
             row[cell, 3 + i] = v - (w[j] * c[k] - w[k] * c[j])
         row[cell, 6] = 1.0
 
