@@ -23,14 +23,18 @@ WIDEST = 17  # numbers that a cell sums
 
 
 class Boxes(NamedTuple):
-    """The bodies' cells in one box of rows, planes and columns, w empty cells between two bodies."""
+    """The bodies' cells in one box of rows, planes and columns, with w empty cells wherever two rows or bodies meet.
+
+    A window of 2 w + 1 cells along any axis then never holds what is not beside its middle: windows of rows and planes
+    need not be cut at the box's sides, and the first and the last w planes, which are empty too, have none.
+    """
 
     node: Any  # (cells,) int32 node in each cell, -1 for none
     cell: Any  # (S,) int32 cell of each node
     origin: Any  # (S,) int32 first node of each node's body
     side: Any  # (3,) int32 cells along each axis
-    first: Any  # (cells, 17) float64, for sums on the way
-    second: Any  # (cells, 17) float64, likewise
+    first: Any  # (17, cells) float64, for sums on the way
+    second: Any  # (17, cells) float64, likewise
 
 
 def boxes_of(lattice: Lattice, half_width: int) -> Boxes:
@@ -45,10 +49,12 @@ def boxes_of(lattice: Lattice, half_width: int) -> Boxes:
         place[first:end] = own
         side = np.maximum(side, own.max(0) + 1)
         height = int(own[:, 2].max()) + 1 + half_width
+    place[:, 0] += half_width
+    side += (2 * half_width, half_width, half_width)
     flat = (place[:, 0] * side[1] + place[:, 1]) * side[2] + place[:, 2]
     node = np.full(int(side.prod()), -1, np.int32)
     node[flat] = np.arange(len(cell))
-    rows = np.zeros((len(node), WIDEST))
+    rows = np.zeros((WIDEST, len(node)))
     origin = lattice.first[lattice.body].astype(np.int32)
     return Boxes(node, flat.astype(np.int32), origin, side.astype(np.int32), rows, rows.copy())
 

@@ -45,18 +45,21 @@ def _damp_cells(
 
 
 @cuda_kernel
-def _axis_sums(axis, half_width, count, side, source, target):
-    """Sums along one axis around every cell."""
+def _axis_sums(axis, half_width, count, side, source, target, node):
+    """Sums along one axis around every cell; what threads read together lies together."""
     cell = cuda.grid(1)
-    if cell < target.shape[0]:
-        particle.axis_sum(cell, axis, half_width, count, side, source, target)
+    margin = half_width * side[1] * side[2]
+    if margin <= cell < node.shape[0] - margin:
+        stride = particle.stride_of(axis, side)
+        for c in range(count):
+            particle.axis_sum(c, cell, stride, half_width, source, target)
 
 
 def _boxes(boxes, half_width, count):
     """Sums of the first `count` numbers over the box around every cell, into boxes.second."""
-    _axis_sums(0, half_width, count, boxes.side, boxes.first, boxes.second)
-    _axis_sums(1, half_width, count, boxes.side, boxes.second, boxes.first)
-    _axis_sums(2, half_width, count, boxes.side, boxes.first, boxes.second)
+    _axis_sums(0, half_width, count, boxes.side, boxes.first, boxes.second, boxes.node)
+    _axis_sums(1, half_width, count, boxes.side, boxes.second, boxes.first, boxes.node)
+    _axis_sums(2, half_width, count, boxes.side, boxes.first, boxes.second, boxes.node)
 
 
 @cuda_kernel

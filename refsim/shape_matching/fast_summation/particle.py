@@ -40,7 +40,7 @@ def region_place(s, x, region_center):
 def clear(cell, row, count):
     """No terms."""
     for c in range(count):
-        row[cell, c] = 0.0
+        row[c, cell] = 0.0
 
 
 @formula
@@ -54,11 +54,11 @@ def match_cell(cell, solid_position, region_share, boxes):
         a, b, e = coordinates(cell, boxes)
         x = away(s, solid_position, boxes)
         g = (float(a), float(b), float(e))
-        row[cell, 0], row[cell, 16] = m, 1.0
+        row[0, cell], row[16, cell] = m, 1.0
         for i in range(3):
-            row[cell, 1 + i], row[cell, 4 + i] = m * x[i], m * g[i]
+            row[1 + i, cell], row[4 + i, cell] = m * x[i], m * g[i]
             for j in range(3):
-                row[cell, 7 + 3 * i + j] = m * x[i] * g[j]
+                row[7 + 3 * i + j, cell] = m * x[i] * g[j]
 
 
 @formula
@@ -72,15 +72,15 @@ def match_sums(s, solid_position, boxes, moments):
     a, b, e = coordinates(cell, boxes)
     x = away(s, solid_position, boxes)
     g = (float(a), float(b), float(e))
-    m = row[cell, 0]
+    m = row[0, cell]
     moments[0] = m
     for i in range(3):
-        moments[1 + i] = row[cell, 1 + i] - m * x[i]
-        moments[4 + i] = row[cell, 4 + i] - m * g[i]
+        moments[1 + i] = row[1 + i, cell] - m * x[i]
+        moments[4 + i] = row[4 + i, cell] - m * g[i]
         for j in range(3):
-            about = row[cell, 7 + 3 * i + j] - row[cell, 1 + i] * g[j]
-            moments[7 + 3 * i + j] = about - x[i] * (row[cell, 4 + j] - m * g[j])
-    return row[cell, 16]
+            about = row[7 + 3 * i + j, cell] - row[1 + i, cell] * g[j]
+            moments[7 + 3 * i + j] = about - x[i] * (row[4 + j, cell] - m * g[j])
+    return row[16, cell]
 
 
 @formula
@@ -97,10 +97,10 @@ def goal_cell(cell, solid_position, region_count, region_anchor, rotation, boxes
         q = (np.float64(rotation[s, 0]), i, j, k)
         first, second, third = turned(q, 1.0, 0.0, 0.0), turned(q, 0.0, 1.0, 0.0), turned(q, 0.0, 0.0, 1.0)
         for i in range(3):
-            row[cell, 3 * i], row[cell, 3 * i + 1], row[cell, 3 * i + 2] = first[i], second[i], third[i]
+            row[3 * i, cell], row[3 * i + 1, cell], row[3 * i + 2, cell] = first[i], second[i], third[i]
             there = d * (first[i] * a + second[i] * b + third[i] * e)
-            row[cell, 9 + i] = np.float64(region_anchor[s, i]) + x[i] - there
-        row[cell, 12] = 1.0
+            row[9 + i, cell] = np.float64(region_anchor[s, i]) + x[i] - there
+        row[12, cell] = 1.0
 
 
 @formula
@@ -112,9 +112,9 @@ def goal_sums(s, solid_position, boxes, spacing, sums):
     x = away(s, solid_position, boxes)
     d = np.float64(spacing)
     for i in range(3):
-        turned_by = row[cell, 3 * i] * a + row[cell, 3 * i + 1] * b + row[cell, 3 * i + 2] * e
-        sums[i] = row[cell, 9 + i] + d * turned_by - row[cell, 12] * x[i]
-    return row[cell, 12]
+        turned_by = row[3 * i, cell] * a + row[3 * i + 1, cell] * b + row[3 * i + 2, cell] * e
+        sums[i] = row[9 + i, cell] + d * turned_by - row[12, cell] * x[i]
+    return row[12, cell]
 
 
 @formula
@@ -126,14 +126,14 @@ def motion_cell(cell, solid_position, solid_velocity, region_share, boxes):
     if s != NOBODY and region_share[s] > 0:
         m = np.float64(region_share[s])
         x, v = away(s, solid_position, boxes), away(s, solid_velocity, boxes)
-        row[cell, 0], row[cell, 16] = m, 1.0
+        row[0, cell], row[16, cell] = m, 1.0
         for i in range(3):
-            row[cell, 1 + i], row[cell, 4 + i] = m * x[i], m * v[i]
-            row[cell, 10 + i] = m * x[i] * x[i]
-        row[cell, 7] = m * (x[1] * v[2] - x[2] * v[1])
-        row[cell, 8] = m * (x[2] * v[0] - x[0] * v[2])
-        row[cell, 9] = m * (x[0] * v[1] - x[1] * v[0])
-        row[cell, 13], row[cell, 14], row[cell, 15] = m * x[0] * x[1], m * x[0] * x[2], m * x[1] * x[2]
+            row[1 + i, cell], row[4 + i, cell] = m * x[i], m * v[i]
+            row[10 + i, cell] = m * x[i] * x[i]
+        row[7, cell] = m * (x[1] * v[2] - x[2] * v[1])
+        row[8, cell] = m * (x[2] * v[0] - x[0] * v[2])
+        row[9, cell] = m * (x[0] * v[1] - x[1] * v[0])
+        row[13, cell], row[14, cell], row[15, cell] = m * x[0] * x[1], m * x[0] * x[2], m * x[1] * x[2]
 
 
 @formula
@@ -146,20 +146,20 @@ def motion_sums(s, solid_position, solid_velocity, region_center, boxes, sums):
     row = boxes.second
     x, u = away(s, solid_position, boxes), away(s, solid_velocity, boxes)
     c = region_place(s, x, region_center)
-    m = row[cell, 0]
-    arm = (row[cell, 1] - m * c[0], row[cell, 2] - m * c[1], row[cell, 3] - m * c[2])  # sum m r
-    p = (row[cell, 4], row[cell, 5], row[cell, 6])  # sum m v, from the body's first node
+    m = row[0, cell]
+    arm = (row[1, cell] - m * c[0], row[2, cell] - m * c[1], row[3, cell] - m * c[2])  # sum m r
+    p = (row[4, cell], row[5, cell], row[6, cell])  # sum m v, from the body's first node
     sums[0], sums[1], sums[2] = p[0] - m * u[0], p[1] - m * u[1], p[2] - m * u[2]
-    sums[3] = row[cell, 7] - (c[1] * p[2] - c[2] * p[1]) - (arm[1] * u[2] - arm[2] * u[1])
-    sums[4] = row[cell, 8] - (c[2] * p[0] - c[0] * p[2]) - (arm[2] * u[0] - arm[0] * u[2])
-    sums[5] = row[cell, 9] - (c[0] * p[1] - c[1] * p[0]) - (arm[0] * u[1] - arm[1] * u[0])
+    sums[3] = row[7, cell] - (c[1] * p[2] - c[2] * p[1]) - (arm[1] * u[2] - arm[2] * u[1])
+    sums[4] = row[8, cell] - (c[2] * p[0] - c[0] * p[2]) - (arm[2] * u[0] - arm[0] * u[2])
+    sums[5] = row[9, cell] - (c[0] * p[1] - c[1] * p[0]) - (arm[0] * u[1] - arm[1] * u[0])
     for i in range(3):
-        sums[6 + i] = row[cell, 10 + i] - c[i] * (row[cell, 1 + i] + arm[i])
-    sums[9] = row[cell, 13] - c[0] * row[cell, 2] - arm[0] * c[1]
-    sums[10] = row[cell, 14] - c[0] * row[cell, 3] - arm[0] * c[2]
-    sums[11] = row[cell, 15] - c[1] * row[cell, 3] - arm[1] * c[2]
+        sums[6 + i] = row[10 + i, cell] - c[i] * (row[1 + i, cell] + arm[i])
+    sums[9] = row[13, cell] - c[0] * row[2, cell] - arm[0] * c[1]
+    sums[10] = row[14, cell] - c[0] * row[3, cell] - arm[0] * c[2]
+    sums[11] = row[15, cell] - c[1] * row[3, cell] - arm[1] * c[2]
     sums[12] = m
-    return row[cell, 16]
+    return row[16, cell]
 
 
 @formula
@@ -174,11 +174,11 @@ def damp_cell(cell, solid_position, solid_velocity, region_count, region_center,
         c = region_place(s, x, region_center)
         w = exact(region_spin[s])
         for i in range(3):
-            row[cell, i] = w[i]
+            row[i, cell] = w[i]
             j, k = (i + 1) % 3, (i + 2) % 3
             v = np.float64(region_velocity[s, i]) - np.float64(solid_velocity[o, i])
-            row[cell, 3 + i] = v - (w[j] * c[k] - w[k] * c[j])
-        row[cell, 6] = 1.0
+            row[3 + i, cell] = v - (w[j] * c[k] - w[k] * c[j])
+        row[6, cell] = 1.0
 
 
 @formula
@@ -189,23 +189,25 @@ def damp_sums(s, solid_position, solid_velocity, boxes, sums):
     x, u = away(s, solid_position, boxes), away(s, solid_velocity, boxes)
     for i in range(3):
         j, k = (i + 1) % 3, (i + 2) % 3
-        turned_by = row[cell, j] * x[k] - row[cell, k] * x[j]
-        sums[i] = row[cell, 3 + i] + turned_by - row[cell, 6] * u[i]
-    return row[cell, 6]
+        turned_by = row[j, cell] * x[k] - row[k, cell] * x[j]
+        sums[i] = row[3 + i, cell] + turned_by - row[6, cell] * u[i]
+    return row[6, cell]
 
 
 @formula
-def axis_sum(cell, axis, half_width, count, side, source, target):
-    """Sums of the 2 w + 1 cells around one along an axis, as far as the box goes."""
-    stride = 1
+def stride_of(axis, side):
+    """How far apart neighbouring cells along an axis stand."""
     if axis == 0:
-        stride = side[1] * side[2]
-    elif axis == 1:
-        stride = side[2]
-    at = cell // stride % side[axis]
-    low, high = max(at - half_width, 0), min(at + half_width, side[axis] - 1)
-    for c in range(count):
-        target[cell, c] = source[cell + (low - at) * stride, c]
-    for other in range(low + 1, high + 1):
-        for c in range(count):
-            target[cell, c] += source[cell + (other - at) * stride, c]
+        return side[1] * side[2]
+    if axis == 1:
+        return side[2]
+    return 1
+
+
+@formula
+def axis_sum(c, cell, stride, half_width, source, target):
+    """Sum of number c over the 2 w + 1 cells around one along an axis, whose cells stand `stride` apart."""
+    total = source[c, cell]
+    for k in range(1, half_width + 1):
+        total += source[c, cell - k * stride] + source[c, cell + k * stride]
+    target[c, cell] = total
