@@ -1,0 +1,88 @@
+"""How liquid lies in a room, seen from above: its parts, the holes in them, the layers that it stands in.
+
+Raster and reach are in particle spacings, so that the counts do not depend on the size of the room.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.ndimage import label
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+REACH = 1.5  # spacings up to which two particles belong together; the lattice's face diagonal is 1.41
+CELL = 0.1  # of the raster, in spacings
+SMALLEST_HOLE = 1.0  # in spacings squared: smaller gaps between particles are no holes
+
+
+def parts(position: ArrayLike, spacing: float) -> NDArray[np.int64]:
+    """Which part of the liquid each particle of position (n, 3) [m] belongs to, (n,); the largest part is 0."""
+    points = np.asarray(position, dtype=float)
+    pairs = cKDTree(points).sparse_distance_matrix(cKDTree(points), REACH * spacing, output_type="coo_matrix")
+    number, part = connected_components(pairs, directed=False)
+    order = np.argsort(-np.bincount(part, minlength=number), kind="stable")
+    rank = np.empty(number, dtype=np.int64)
+    rank[order] = np.arange(number)
+    return rank[part]
+
+
+def covered(position: ArrayLike, spacing: float) -> NDArray[np.bool_]:
+    """The floor as a raster of 0.1 spacings, true where a disc of half the reach about a particle lies over it.
+
+    A margin of one spacing is free all around, so that what is outside hangs together.
+    """
+    points = np.asarray(position, dtype=float)[:, :2] / (CELL * spacing)
+    margin = int((1.0 + REACH) / CELL)
+    low = np.floor(points.min(0)).astype(int) - margin
+    shape = np.ceil(points.max(0)).astype(int) + margin - low
+    cells = np.argwhere(np.ones(shape, dtype=bool)) + low + 0.5
+    near, _ = cKDTree(points).query(cells, distance_upper_bound=0.5 * REACH / CELL)
+    return np.isfinite(near).reshape(shape)
+
+
+def seen_from_above(position: ArrayLike, spacing: float, many: int = 5) -> dict[str, Any]:
+    """Counts of a liquid on a floor, position (n, 3) [m].
+
+    parts      of at least `many` particles; lone: particles without a neighbour; largest: share of the largest part
+    holes      in the covered floor, larger than one spacing squared, that do not reach the outside
+    area       covered floor, in spacings squared per particle
+    stretch    of the parts of at least `many` particles, weighted by them: area of the smallest circle about a part
+               over the floor that it covers; about 1 for a round droplet, large for threads and nets
+    height     mean height of the liquid over the floor that it covers, in spacings
+    """
+    points = np.asarray(position, dtype=float)
+    part = parts(points, spacing)
+    sizes = np.bincount(part)
+    floor = covered(points, spacing)
+    gaps, number = label(~floor)
+    area = np.bincount(gaps.ravel(), minlength=number + 1)[1:] * CELL**2
+    outside = gaps[0, 0] - 1
+    inside = np.delete(area, outside)
+    stretch, weight = 0.0, 0
+    for k in np.flatnonzero(sizes >= many):
+        own = points[part == k]
+        middle = 0.5 * (own[:, :2].max(0) + own[:, :2].min(0))
+        radius = np.linalg.norm(own[:, :2] - middle, axis=1).max() / spacing + 0.5 * REACH
+        stretch += sizes[k] * np.pi * radius**2 / (covered(own, spacing).sum() * CELL**2)
+        weight += int(sizes[k])
+    return {
+        "parts": int((sizes >= many).sum()),
+        "lone": int((sizes == 1).sum()),
+        "largest": float(sizes[0] / len(points)),
+        "holes": int((inside > SMALLEST_HOLE).sum()),
+        "area": float(floor.sum() * CELL**2 / len(points)),
+        "stretch": stretch / weight if weight else float("nan"),
+        "height": float(len(points) / (floor.sum() * CELL**2)),
+    }
+
+
+def layers(position: ArrayLike, spacing: float) -> int:
+    """Layers that the liquid stands in: one more than the spacings between its lowest and highest particles.
+
+    The outer twentieths do not count.
+    """
+    low, high = np.quantile(np.asarray(position, dtype=float)[:, 2], (0.05, 0.95))
+    return 1 + round(float(high - low) / spacing)
