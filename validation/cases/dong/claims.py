@@ -15,12 +15,14 @@ from numpy.typing import NDArray
 from refsim import Cloud, CsfWang2019, Dong2016, Scene, WeaklyCompressible
 from validation.cases.dong import runs
 from validation.cases.dong import scene as scenes
+from validation.cases.droplet.runs import relaxed
 from validation.claims import Measure
 from validation.harness import Options, Results, Run
 from validation.results import Result, real
 from validation.running import Context, advance
 
 SMALL = 1331  # particles
+CALM = 7.5  # Pa s, with which small drops come to rest
 SEEDS = (1, 2, 3)
 STARTS = {"cube": ("cube", SMALL, 1), "cut": ("cut", SMALL, 1), "cut_2": ("cut", SMALL, 2), "box": ("box", SMALL, 1)}
 ARMS = (True, False)  # with and without the Shepard filter
@@ -95,7 +97,13 @@ def rest_area(corrected: bool) -> Measure:
     def planned(options: Options) -> list[Run]:
         made = []
         for shape in SHAPES:
-            parameters: dict[str, Any] = {"shape": shape, "count": SMALL, "backend": options.backend, "until": 8.0}
+            parameters: dict[str, Any] = {
+                "shape": shape,
+                "count": SMALL,
+                "backend": options.backend,
+                "until": 8.0,
+                "viscosity": CALM,
+            }
             if not corrected:
                 parameters["changes"] = {"correction": 0.0}
             made.append(Run(f"claim_area_{shape}_{corrected:d}", runs.cube, parameters, 12.0))
@@ -216,37 +224,45 @@ def more_so(rival: str) -> Measure:
 FASTER_CSF_DROPLET, FASTER_CSF_OIL, MORE_IN_OIL = faster("csf", "droplet"), faster("csf", "oil"), more_so("csf")
 AS_FAST_IIF_DROPLET, AS_FAST_IIF_OIL = faster("iif", "droplet"), faster("iif", "oil")
 
-# The history of the shape beside that of the continuum force: q4 over time, each time in units of its first zero.
+# The history of the shape beside that of the continuum force, in one liquid: h = 2.7 d and a viscosity at which that force
+# holds a cube together. q4 over time, each time in units of its own half-way.
+
+SIDES = (11, 13, 15)
+LIQUID = {"support": 2.7, "kernels": "wendland", "viscosity": 0.3}
+FORCES = {"dong": Dong2016(surface_tension=1.0), "csf": CsfWang2019(surface_tension=1.0)}
 
 
-def _history(values: dict, at: NDArray) -> NDArray:
-    moment, time = np.array(values["series"]["moment"], dtype=float), np.array(values["series"]["time"], dtype=float)
-    first = int(np.argmax(moment >= 0))
-    zero = np.interp(0.0, moment[first - 1 : first + 1], time[first - 1 : first + 1]) if first else math.nan
-    return np.interp(at, time / zero, moment, right=math.nan)
+def history(context: Context, side: int, model: str, backend: str) -> Result:
+    """A cube of side 1 m in the droplet case's liquid: q4 over time."""
+    changes = {**LIQUID, "effects": (FORCES[model],)}
+    found = relaxed(context, model, changes, "cube", side**3, backend, until=1.6, samples=160)
+    series = {name: found.values["series"][name] for name in ("time", "cubic_moment", "radius_variation")}
+    return Result({"series": series, "stopped": found.values["stopped"]})
 
 
-SIDES, THICK = (11, 13, 15), 20.0  # viscosity: what the continuum force needs to hold a cube together [Pa s]
+def in_half_times(values: dict, at: NDArray) -> NDArray:
+    """q4 over its start, at times `at` in units of the time in which it halves."""
+    time, moment = (np.array(values["series"][name], dtype=float) for name in ("time", "cubic_moment"))
+    share = moment / moment[0]
+    first = int(np.argmax(share <= 0.5))
+    half = np.interp(-0.5, -share[first - 1 : first + 1], time[first - 1 : first + 1]) if first else math.nan
+    return np.interp(at, time / half, share, right=math.nan)
 
 
 def _history_runs(options: Options) -> list[Run]:
-    made = []
-    for side in SIDES:
-        for model in ("dong", "csf"):
-            parameters = {
-                "shape": "cube", "count": side**3, "backend": options.backend, "until": 2.5, "samples": 125,
-                "model": model, "viscosity": THICK,
-            }  # fmt: skip
-            made.append(Run(f"claim_history_{side}_{model}", runs.cube, parameters, 8.0))
-    return made
+    return [
+        Run(f"claim_history_{side}_{model}", history, {"side": side, "model": model, "backend": options.backend}, 8.0)
+        for side in SIDES
+        for model in FORCES
+    ]
 
 
 def _history_values(found: Results) -> list[float]:
-    values, at = [], np.linspace(0.0, 4.0, 161)
+    values, at = [], np.linspace(0.0, 6.0, 241)
     for side in SIDES:
-        a, b = (_history(dict(found[f"claim_history_{side}_{m}"].values), at) for m in ("dong", "csf"))
+        a, b = (in_half_times(dict(found[f"claim_history_{side}_{m}"].values), at) for m in FORCES)
         both = np.isfinite(a) & np.isfinite(b)
-        values.append(float(np.sqrt(((a - b)[both] ** 2).mean()) / 0.127) if both.any() else math.nan)
+        values.append(float(np.sqrt(((a - b)[both] ** 2).mean())) if both.any() else math.nan)
     return values
 
 
@@ -254,7 +270,7 @@ SHAPE_HISTORY = Measure(_history_runs, _history_values, quick=False)
 
 # k against lambda: which lambda/k gives the roundest drop at rest, by their numbers in SI units.
 
-SWEEP_SIDES = (7, 9, 11)
+SWEEP_SIDES = (9, 11, 13)
 COHESIONS = (0.25, 1.0, 4.0)  # times the calibrated tension's k
 CORRECTIONS = (0.0, 0.3, 1.0, 3.0, 10.0, 30.0)  # sigma/(rho0 d) of the calibrated tension
 
@@ -262,7 +278,7 @@ CORRECTIONS = (0.0, 0.3, 1.0, 3.0, 10.0, 30.0)  # sigma/(rho0 d) of the calibrat
 def sweep(context: Context, side: int, cohesion: float, correction: float, backend: str) -> Result:
     """A cube under one pair of coefficients."""
     position, spacing = scenes.start("cube", side**3)
-    scene = scenes.cube_scene(position, spacing)
+    scene = scenes.cube_scene(position, spacing, viscosity=CALM)
     base = runs.coefficients(scene)
     unit = base["correction"] / 3.0
     effect = Dong2016(stiffness=cohesion * base["stiffness"], correction=correction * unit)
