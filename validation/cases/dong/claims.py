@@ -224,8 +224,8 @@ def more_so(rival: str) -> Measure:
 FASTER_CSF_DROPLET, FASTER_CSF_OIL, MORE_IN_OIL = faster("csf", "droplet"), faster("csf", "oil"), more_so("csf")
 AS_FAST_IIF_DROPLET, AS_FAST_IIF_OIL = faster("iif", "droplet"), faster("iif", "oil")
 
-# The history of the shape beside that of the continuum force, in one liquid: h = 2.7 d and a viscosity at which that force
-# holds a cube together. q4 over time, each time in units of its own half-way.
+# The history of the shape beside that of the continuum force, in one liquid: h = 2.7 d and a viscosity at which that
+# force holds a cube together. q4 over time, each time in units of its own half-way.
 
 SIDES = (11, 13, 15)
 LIQUID = {"support": 2.7, "kernels": "wendland", "viscosity": 0.3}
