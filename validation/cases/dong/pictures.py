@@ -23,12 +23,12 @@ from validation.drawing import (
 from validation.harness import Results
 from validation.results import Result
 
-CUBE_VIEW = view_matrix(azimuth=25.0, elevation=18.0)
-TOP, SIDE_VIEW = view_matrix(azimuth=-90.0, elevation=90.0), view_matrix(azimuth=-90.0, elevation=4.0)
+CUBE_VIEW = view_matrix(azimuth=10.0, elevation=7.0)  # nearly along an axis, as in the paper
+TOP, SIDE_VIEW = view_matrix(azimuth=-90.0, elevation=90.0), view_matrix(azimuth=-90.0, elevation=1.0)
 WATER = (0.16, 0.50, 0.80)
 COLOURS = [(0.16, 0.50, 0.80), (0.90, 0.45, 0.13), (0.20, 0.62, 0.40), (0.65, 0.35, 0.65), (0.80, 0.65, 0.15)]
 GLASS = (0.55, 0.72, 0.86)  # of what belongs to no larger part
-CUBE_EXTENT, ROOM_EXTENT = 1.5, 0.54  # half widths: in R, in m
+CUBE_EXTENT, ROOM_EXTENT = 1.3, 0.54  # half widths: in R, in m
 MERGING = (120, 160, 240, 320, 480, 640, 800, 1600)  # frames
 REST = 1600
 MILLI = 1e-3
@@ -93,7 +93,7 @@ def cube_picture(data: Mapping[str, Any]) -> Any:
     period = data["oscillation"]["period"]
     words = f"period {period:.2f} s;\nRayleigh's n = 4 at {data['tension_n_per_m']:.0f} N/m: {data['rayleigh_s']:.2f} s"
     left.text(0.97, 0.06, words, transform=left.transAxes, ha="right", fontsize=8.5)
-    left.set(xlabel="time [s]", ylabel="q4: cube below, octahedron above")
+    left.set(xlabel="time [s]", ylabel="q4 (octahedron above 0)")
     left.set_title("shape")
     right.plot(series["time"], series["points"], color=GREEN, label="along the axes (six points)")
     right.plot(series["time"], series["corners"], color=VERMILION, label="along the body diagonals (corners)")
@@ -142,6 +142,11 @@ def _draw_room(place: Any, frame: Mapping[str, Any], spacing: float, view: NDArr
         place.plot([-half, half], [floor, floor], color=GREY, linewidth=0.8)
 
 
+def _counts(frame: Mapping[str, Any], *names: str) -> str:
+    """Counts in words: 1 part, 2 parts."""
+    return ", ".join(f"{frame[name]} {name if frame[name] != 1 else name[:-1]}" for name in names)
+
+
 def splash_data(results: Results) -> dict[str, Any]:
     """Figure 4: from above at frames 60 to 90, with and without tension."""
     arms = {"with": "with tension", "without": "without tension"}
@@ -168,7 +173,9 @@ def splash_picture(data: Mapping[str, Any]) -> Any:
         for column, frame in enumerate(row["frames"]):
             place = axes[line][column]
             _draw_room(place, frame, data["spacing_m"], TOP)
-            words = f"frame {frame['frame']}: {frame['parts']} parts, {frame['lone']} lone,\n{frame['holes']} holes"
+            words = (
+                f"frame {frame['frame']}: {_counts(frame, 'parts')}, {frame['lone']} lone,\n{_counts(frame, 'holes')}"
+            )
             place.set_title(words, fontsize=8, loc="center", weight="normal")
         axes[line][0].text(-0.04, 0.5, row["words"], transform=axes[line][0].transAxes, rotation=90, ha="right",
                            va="center", fontsize=9.5)  # fmt: skip
@@ -192,14 +199,11 @@ def rest_picture(data: Mapping[str, Any]) -> Any:
     """Draw figure 5."""
     import matplotlib.pyplot as plt
 
-    figure, axes = plt.subplots(1, 2, figsize=(9.6, 2.6))
+    figure, axes = plt.subplots(1, 2, figsize=(9.6, 1.9))
     for place, row in zip(axes, data["rows"]):
         _draw_room(place, row, data["spacing_m"], SIDE_VIEW)
-        place.set_ylim(-0.22, 0.12)
-        counts = [
-            f"{row[name]} {word}{'s' * (row[name] != 1)}" for name, word in (("layers", "layer"), ("parts", "part"))
-        ]
-        words = f"{row['words']}: {counts[0]}, {counts[1]}, {row['lone']} lone"
+        place.set_ylim(-0.2, -0.05)
+        words = f"{row['words']}: {_counts(row, 'layers', 'parts')}, {row['lone']} lone"
         place.set_title(words, fontsize=9, loc="center", weight="normal")
     figure.suptitle(data["title"] + f" ({data['rows'][0]['time']:.1f} s)", fontsize=10.5, fontweight="bold")
     return figure
@@ -226,13 +230,15 @@ def merging_picture(data: Mapping[str, Any]) -> Any:
     for k, frame in enumerate(data["frames"]):
         place = figure.add_subplot(grid[k // 4, k % 4])
         _draw_room(place, frame, data["spacing_m"], TOP)
-        words = f"{frame['time']:.2f} s: {frame['parts']} parts, {frame['lone']} lone"
+        words = f"{frame['time']:.2f} s: {_counts(frame, 'parts')}, {frame['lone']} lone"
         place.set_title(words, fontsize=8, loc="center", weight="normal")
     axes = figure.add_subplot(grid[2, :])
     series = data["series"]
     axes.plot(series["time"], series["parts"], color=BLUE, marker="o", markersize=3, label="parts of 5 and more")
     axes.plot(series["time"], series["lone"], color=ORANGE, marker="o", markersize=3, label="lone particles")
     axes.set(xlabel="time [s]", ylabel="number", xscale="log", ylim=(0, None))
+    axes.set_xticks((0.3, 0.5, 1, 2, 4, 8), ("0.3", "0.5", "1", "2", "4", "8"))
+    axes.set_xticks((), minor=True)
     axes.legend()
     axes.grid(True)
     figure.suptitle(data["title"], fontsize=10.5, fontweight="bold")
