@@ -70,6 +70,7 @@ def main() -> int:
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--output", type=Path, help="validation/data/drops.json, or wetting.json there")
     parser.add_argument("--sessile", action="store_true", help="the drops of the wetting map, which sit on a plane")
+    parser.add_argument("--cuda", action="store_true", help="the few drops that are measured on a GPU, too")
     parser.add_argument("--models", default="")
     parser.add_argument("--dims", default="2,3")
     parser.add_argument("--seconds", type=float, default=math.inf, help="stop after so long")
@@ -81,7 +82,8 @@ def main() -> int:
     models = tuple(options.models.split(",")) if options.models else tuple(kind.MODELS)
     dims = tuple(int(d) for d in options.dims.split(","))
     rows = json.loads(options.output.read_text()) if options.output.exists() else {}
-    missing = [p for p in kind.points(models, dims) if p.key not in rows]
+    wanted = list(kind.device_points() if options.cuda else kind.points(models, dims))
+    missing = [p for p in wanted if p.key not in rows]
     missing.sort(key=lambda p: (p.urgency(), p.cost() if options.jobs == 1 else -p.cost()))
     missing = missing[: options.limit]
     print(f"{len(missing)} drops to measure, {len(rows)} there", flush=True)
@@ -97,7 +99,7 @@ def main() -> int:
         print(f"{time.perf_counter() - began:5.0f}  {row['key']:<58} {words}", flush=True)
 
     measured(missing, options.jobs, options.seconds, keep)
-    left = sum(p.key not in rows for p in kind.points(models, dims))
+    left = sum(p.key not in rows for p in wanted)
     print(f"{left} left; {time.perf_counter() - began:.0f} s")
     return 0
 

@@ -10,7 +10,7 @@ from refsim import InputError, calibrate
 from refsim.surface_tension.calibration import MAP, SETTINGS, sigma_map
 from validation import sigma_map as condensing
 from validation.cases import laplace, oscillation, spurious
-from validation.drops import fit_laplace, fit_oscillation, points
+from validation.drops import device_points, fit_laplace, fit_oscillation, points
 from validation.harness import redraw, write_data
 from validation.results import Result, finite
 
@@ -108,7 +108,7 @@ def test_one_seed_is_less_certain_than_three():
 def test_the_published_map_is_that_of_the_published_drops(tmp_path):
     rows = condensing.read_rows()
     assert len(rows) > 60
-    wanted = {point.key for point in points()}
+    wanted = {point.key for point in (*points(), *device_points())}
     assert {row["key"] for row in rows} <= wanted
     condensing.write(rows, tmp_path / "map.json")
     assert json.loads((tmp_path / "map.json").read_text()) == json.loads(MAP.read_text())

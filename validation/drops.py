@@ -59,6 +59,7 @@ class Point:
     stiffness  S = sigma/(rho0 c^2 d) of the nominal sigma
     kernels    of weakly_compressible
     kicked     whether it is set into oscillation at the end
+    dtype, backend  with what it is computed; the map holds float32 on the cpu
     """
 
     model: str
@@ -69,12 +70,15 @@ class Point:
     kernels: str = "mueller"
     seed: int = 1
     kicked: bool = True
+    dtype: str = "float32"
+    backend: str = "cpu"
 
     @property
     def key(self) -> str:
         """Name of the point's row."""
         size = f"h{self.support:g}.R{self.radius:g}.S{self.stiffness:g}"
-        return f"{self.model}.{self.dim}d.{self.kernels}.{size}.{self.seed}"
+        how = "".join(f".{name}" for name in (self.dtype, self.backend) if name not in ("float32", "cpu"))
+        return f"{self.model}.{self.dim}d.{self.kernels}.{size}.{self.seed}{how}"
 
     def cost(self) -> float:
         """About the seconds that it takes on one core."""
@@ -92,6 +96,7 @@ class Point:
 RADII = {2: (8.0, 11.0, 16.0, 24.0), 3: (5.0, 7.0, 8.5, 10.0, 12.0, 14.0)}
 SEEDED = {2: 16.0, 3: 10.0}  # radius at which three seeds are run, and from which on drops are kicked
 LARGE = 10.0  # radius in 3D beyond which drops are measured at the base only: they take minutes
+COSTED = (7.0, 10.0)  # radii in 3D of drops in float64, for what accuracy costs
 SEEDED_MODELS = ("akinci", "dong")  # with three seeds along the axes, too
 AXES: dict[str, tuple[Any, ...]] = {
     "support": (2.0, 2.3, 2.6, 3.0),
@@ -126,8 +131,17 @@ def points(models: tuple[str, ...] = tuple(MODELS), dims: tuple[int, ...] = (2, 
                     continue
                 three = radius == SEEDED[dim] and (based or model in SEEDED_MODELS)
                 three |= based and dim == 3 and radius >= LARGE and model == SEEDED_MODELS[0]
+                kicked = radius >= SEEDED[dim] or (based and dim == 3)
                 for seed in (1, 2, 3) if three else (1,):
-                    yield Point(model, dim, radius=radius, seed=seed, kicked=radius >= SEEDED[dim], **dict(setting))
+                    yield Point(model, dim, radius=radius, seed=seed, kicked=kicked, **dict(setting))
+        for radius in COSTED if dim == 3 else ():
+            yield Point(model, dim, radius=radius, dtype="float64", **centre)
+
+
+def device_points() -> Iterator[Point]:
+    """Drops of the base setting on a GPU, for what accuracy costs there."""
+    for model, radius in itertools.product(("akinci", "dong", "jiang_zhu"), (10.0, 14.0)):
+        yield Point(model, 3, radius=radius, backend="cuda", **base(model))
 
 
 def scene(point: Point, position: NDArray, velocity: NDArray | None, ohnesorge: float) -> Scene:
@@ -143,6 +157,7 @@ def scene(point: Point, position: NDArray, velocity: NDArray | None, ohnesorge: 
         spacing=1.0,
         support_radius=point.support,
         dim=point.dim,  # type: ignore[arg-type]
+        dtype=point.dtype,  # type: ignore[arg-type]
         fluid=(Cloud(position=position, velocity=(0.0, 0.0, 0.0) if velocity is None else velocity),),
         effects=(fluid, MODELS[point.model][1]()),
     )
@@ -187,11 +202,11 @@ def _measure(point: Point, row: dict[str, Any]) -> None:
     capillary_time = math.sqrt(point.radius**3)
     position = start(point)
     row["particles"] = len(position)
-    calm = Simulation(scene(point, position, None, CALM), "cpu")
+    calm = Simulation(scene(point, position, None, CALM), point.backend)
     _anneal(calm, point, STIRRED * capillary_time)
     _run(calm, RELAXED * capillary_time)
     _together(calm, point)
-    thin = Simulation(scene(point, calm.field("position").astype(float), None, THIN), "cpu")
+    thin = Simulation(scene(point, calm.field("position").astype(float), None, THIN), point.backend)
     _run(thin, SETTLED * capillary_time)
     samples = []
     for k in range(SNAPSHOTS):
@@ -273,7 +288,7 @@ def _oscillate(point: Point, thin: Simulation, radius: float, row: dict[str, Any
     x, v = thin.field("position").astype(float), thin.field("velocity").astype(float)
     x = x - x.mean(0)
     flow = np.array([0.5, 0.5, -1.0]) if point.dim == 3 else np.array([1.0, -1.0, 0.0])
-    kicked = Simulation(scene(point, x, v - v.mean(0) + KICK * nominal * flow * x, THIN), "cpu")
+    kicked = Simulation(scene(point, x, v - v.mean(0) + KICK * nominal * flow * x, THIN), point.backend)
     sigma = max(row["laplace"], 0.25) if math.isfinite(row["laplace"]) else 1.0
     expected = nominal * math.sqrt(sigma)
     until, count = PERIODS * 2 * math.pi / expected, round(PERIODS * PER_PERIOD)

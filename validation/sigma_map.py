@@ -63,15 +63,20 @@ def condensed(rows: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
     stopped                            how many drops ended otherwise, by reason
     """
     groups: dict[tuple[Any, ...], list[Mapping[str, Any]]] = {}
-    for row in rows:
+    for row in filter(in_map, rows):
         groups.setdefault(tuple(row[name] for name in AXES), []).append(row)
     return [_entry(dict(zip(AXES, key)), groups[key]) for key in sorted(groups, key=str)]
+
+
+def in_map(row: Mapping[str, Any]) -> bool:
+    """Whether a row is in float32 on the cpu; the others tell what accuracy costs."""
+    return row.get("dtype", "float32") == "float32" and row.get("backend", "cpu") == "cpu"
 
 
 def _entry(entry: dict[str, Any], rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     lasting = [row for row in rows if not row["stopped"]]
     slope, error, intercept = fit_laplace(lasting)
-    waves = [r["rayleigh"] for r in lasting if _read(r)]
+    waves = [r["rayleigh"] for r in lasting if _read(r) and r["radius"] >= SEEDED[r["dim"]]]
     seeded = [r["laplace"] for r in lasting if r["radius"] == SEEDED[r["dim"]]]
     entry |= {
         "laplace": slope,
@@ -82,7 +87,9 @@ def _entry(entry: dict[str, Any], rows: Sequence[Mapping[str, Any]]) -> dict[str
         "seeds": len(seeded),
         "seed_spread": float(np.std(seeded)) if len(seeded) > 1 else math.nan,
         "drops_by_radius": [
-            _of_radius(lasting, radius) for radius in sorted({r["radius"] for r in lasting if _read(r)})
+            _of_radius(lasting, radius)
+            for radius in sorted({r["radius"] for r in lasting if _read(r)})
+            if radius >= SEEDED[entry["dim"]]
         ],
         "radii": sorted({r["radius"] for r in lasting}),
         "drops": len(rows),
@@ -111,8 +118,8 @@ def _of_radius(rows: Sequence[Mapping[str, Any]], radius: float) -> dict[str, An
 
 
 def at_base(entry: Mapping[str, Any]) -> bool:
-    """Whether a row or setting stands where the axes of its model cross."""
-    return drops.at_base(entry["model"], entry)
+    """Whether a row or setting of the map stands where the axes of its model cross."""
+    return in_map(entry) and drops.at_base(entry["model"], entry)
 
 
 # What the cases have in common
