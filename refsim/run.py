@@ -141,6 +141,11 @@ class Simulation:
         self._shared["scratch"] = self.scratch = Scratch(self.backend)
         self._lists: tuple[Any, Any] | None = None
         self.stepper: HostStepper | DeviceStepper
+        # What must look after its arrays before a step that the host does not see.
+        self._attended: list[Any] = []
+        if self.backend.name == "cuda" and not any(e.host_in_step for e in self.plan.effects.values()):
+            groups = self._parameters.values()
+            self._attended = [v for group in groups for v in group.values() if hasattr(v, "attend")]
         self._bind()
         self.stepper = (DeviceStepper if self.backend.name == "cuda" else HostStepper)(self)
         self._start()
@@ -187,6 +192,8 @@ class Simulation:
         if self._sorter is not None and self.steps % SORT_EVERY == 0:
             self._sort(self._sorter)
         self._update_list()
+        if any([each.attend(self.fields["position"]) for each in self._attended]):
+            self.stepper.rebind()
         done = self.stepper.advance()
         self._squared_way = done.squared_way
         self._margin = max(self._margin - 2 * done.greatest_way, 0.0)

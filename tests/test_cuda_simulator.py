@@ -160,6 +160,32 @@ def test_sparse_grid_is_the_cpus(cuda, dim):
                 assert a.dtype == b.dtype
 
 
+def test_particles_of_mpm_are_sorted_without_the_host(cuda):
+    """The bins are those that CuPy's sort makes; blocks are made anew only where a particle nears their edge."""
+    from refsim.errors import RunStopped
+    from refsim.mpm import cuda as programs
+    from refsim.mpm.grid import MpmGrid
+
+    place = 0.2 * cloud(60, 2)
+    grid, cell = MpmGrid(2, "float64", 0.2, cuda), cuda.zeros(len(place), np.int32)
+    changes = []
+    for step in range(25):  # half a cell each
+        position = cuda.asarray(place + [0.1 * step, 0.0, 0.0])
+        changes.append(grid.attend(position))
+        if step % 8 == 7:  # the last for which the blocks were looked at
+            programs.cells(position, None, None, grid, cell)
+            expected = programs.sorted_bins(cell, grid.nodes // 64)
+            for own, other in zip(grid.bins["particles"], expected, strict=True):
+                assert np.array_equal(cuda.host(own), cuda.host(other))
+            assert cuda.host(cell).min() >= 0
+    assert changes[0]
+    assert 1 <= sum(changes[1:]) <= 2
+    with pytest.raises(RunStopped) as stopped:
+        for _ in range(8):
+            grid.attend(cuda.asarray(np.full_like(place, np.nan)))
+    assert stopped.value.reason == "out_of_grid"
+
+
 @pytest.mark.parametrize("quadrature", ["facets", "poisson"])
 def test_reconstructed_surface_is_the_cpus(cuda, quadrature):
     from refsim.surface_energy import Tension

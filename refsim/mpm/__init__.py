@@ -95,7 +95,6 @@ class MpmLiquid(Effect, frozen=True, kw_only=True):
     """
 
     name: ClassVar[str] = "mpm_liquid"
-    host_in_step: ClassVar[bool] = True
     watched: ClassVar[tuple[str, ...]] = ("step_extremes",)
 
     rest_density: float = 1000.0

@@ -1,8 +1,9 @@
 """CUDA transfers of MPM: one thread block for each block of nodes, sums in registers and in shared memory.
 
-Particle to grid: three threads for each cell (one for each row of its stencil) add up the cell's points in registers;
-then, in an order that never changes, the cells' sums go to the block's nodes in shared memory, one node of the
-stencil at a time, so that no two threads meet. No atomic addition of floats: results repeat bit for bit.
+Particle to grid: the block's threads bring its points into shared memory, each as an affine field; three threads for
+each cell (one for each row of its stencil) add up the cell's points in registers; then, in an order that never
+changes, the cells' sums go to the block's nodes in shared memory, one node of the stencil at a time, so that no two
+threads meet. No atomic addition of floats: results repeat bit for bit.
 """
 
 import math
@@ -22,7 +23,11 @@ FAR = 2.0 * FARTHEST
 ROWS = 192  # threads of a block that scatters: three for each of 64 cells
 REACH = 216  # nodes in the reach of a block: 6 x 6 x 6, or 10 x 10 in the plane
 SUMS = 4 * REACH  # mass and momentum of each
+CHUNK = 256  # points of a block in shared memory at a time
+PADDED = CHUNK + CHUNK // 8  # one place more after eight, so that the points of cells in a row lie in different banks
+RECORD = 17  # numbers of a point: fractions, mass, value and gradient of its field, moment of its stress
 GATHERING = SIMULATED_THREADS if simulated() else 128
+SUMMING = SIMULATED_THREADS if simulated() else 512
 
 # Cells, blocks and bins
 
@@ -109,8 +114,116 @@ def sorted_bins(cell, blocks):
     return device.wrapped(first), device.wrapped(order)
 
 
+# The same without the host, so that it can be recorded: the blocks are known to be there. The order in which particles
+# reach a counter does not repeat; their numbers are then sorted within each cell.
+
+
+@cuda_kernel
+def count_cells(position, inverse_cell, keys, complete, bits, held, place, cell):
+    """Cell of each particle, and how many of its cell were counted before it; -1 in no block."""
+    i = cuda.grid(1)
+    if i < cell.shape[0]:
+        jx = base_coordinate(position[i, 0], inverse_cell)
+        jy = base_coordinate(position[i, 1], inverse_cell)
+        jz = base_coordinate(position[i, 2], inverse_cell) if bits == 2 else 0
+        found = -1
+        if jx <= FARTHEST and jy <= FARTHEST and jz <= FARTHEST:
+            rest = (1 << bits) - 1
+            key = key_of(jx, jy, jz, bits)
+            b = lower_bound(keys, key)
+            if b < keys.shape[0] and keys[b] == key and complete[b] != 0:
+                found = b * 64 + (((jy & rest) << bits) | (jx & rest))
+                if bits == 2:
+                    found += (jz & rest) << 4
+                place[i] = cuda.atomic.add(held, found, 1)
+        cell[i] = found
+
+
+@cuda_kernel
+def total_blocks(held, total):
+    """Particles of each block."""
+    b = cuda.grid(1)
+    if b < total.shape[0]:
+        count = 0
+        for c in range(64 * b, 64 * b + 64):
+            count += held[c]
+        total[b] = count
+
+
+@cuda_kernel(block_for_each_row=True, threads=SUMMING, rows_of="one")
+def sum_blocks(one, total):
+    """total[b] <- particles of the blocks before b, by one thread block."""
+    part = cuda.shared.array(SUMMING, np.int32)
+    thread = cuda.threadIdx.x
+    size = (total.shape[0] + SUMMING - 1) // SUMMING
+    begin, end = min(thread * size, total.shape[0]), min(thread * size + size, total.shape[0])
+    count = 0
+    for b in range(begin, end):
+        count += total[b]
+    part[thread] = count
+    cuda.syncthreads()
+    before = 0
+    for other in range(thread):
+        before += part[other]
+    for b in range(begin, end):
+        count = total[b]
+        total[b] = before
+        before += count
+
+
+@cuda_kernel
+def write_first(held, total, first):
+    """first[c]: particles of the cells before c."""
+    b = cuda.grid(1)
+    if b < total.shape[0]:
+        before = total[b]
+        for c in range(64 * b, 64 * b + 64):
+            first[c] = before
+            before += held[c]
+        if b == total.shape[0] - 1:
+            first[64 * b + 64] = before
+
+
+@cuda_kernel
+def fill_cells(cell, place, first, unsorted):
+    """The particles of each cell, in any order."""
+    i = cuda.grid(1)
+    if i < cell.shape[0] and cell[i] >= 0:
+        unsorted[first[cell[i]] + place[i]] = i
+
+
+@cuda_kernel
+def sort_cells(cell, first, unsorted, point):
+    """The particles of each cell by their numbers."""
+    i = cuda.grid(1)
+    if i < cell.shape[0] and cell[i] >= 0:
+        begin, end = first[cell[i]], first[cell[i] + 1]
+        at = begin
+        for k in range(begin, end):
+            if unsorted[k] < i:
+                at += 1
+        point[at] = i
+
+
+def sort_particles(position, grid, cell):
+    """Cells and bins of the particles, whose blocks are there."""
+    bins, held, total, place, unsorted, one = grid.sorting
+    device.fill(held, 0)
+    blocks = grid.blocks
+    count_cells(position, grid.inverse_cell, blocks.keys, grid.complete, bits_of(blocks), held, place, cell)
+    total_blocks(held, total)
+    sum_blocks(one, total)
+    write_first(held, total, bins.first)
+    fill_cells(cell, place, bins.first, unsorted)
+    sort_cells(cell, bins.first, unsorted, bins.point)
+
+
 def cells(position, carrier_position, surface_sample, grid, cell):
     """Cell of every particle, with the blocks and bins of all point sets brought up to date."""
+    if grid.sorting is not None:
+        grid.cells["particles"] = cell
+        sort_particles(position, grid, cell)
+        return
     sets = {"particles": position, "carriers": carrier_position, "samples": surface_sample}
     grid.locate(sets, cell, find_cells, block_keys, sorted_bins)
 
@@ -203,6 +316,39 @@ def deposit(total, cell, row, background, shared, scratch, b):
         scratch[b, n >> 2, n & 3] = shared[n]
 
 
+@formula
+def keep_field(records, k, fx, fy, fz, mass, qx, qy, qz, g, moment):
+    """Point k of the chunk as numbers in shared memory."""
+    at = k + (k >> 3)
+    records[0, at], records[1, at], records[2, at], records[3, at] = fx, fy, fz, mass
+    records[4, at], records[5, at], records[6, at] = qx, qy, qz
+    records[7, at], records[8, at], records[9, at] = g[0], g[1], g[2]
+    records[10, at], records[11, at], records[12, at] = g[3], g[4], g[5]
+    records[13, at], records[14, at], records[15, at] = g[6], g[7], g[8]
+    records[16, at] = moment
+
+
+@formula
+def add_kept_row(total, row, background, records, k, kernel_gradient):
+    """Add point k of the chunk to the row's sums."""
+    at = k + (k >> 3)
+    wx, wy = spline_weights(records[0, at]), spline_weights(records[1, at])
+    wz = particle.layer_weights(records[2, at], background)
+    g = (
+        records[7, at], records[8, at], records[9, at], records[10, at], records[11, at], records[12, at],
+        records[13, at], records[14, at], records[15, at],
+    )  # fmt: skip
+    add_affine_row(
+        total, row, background, wx, wy, wz, records[3, at], records[4, at], records[5, at], records[6, at], g
+    )
+    if kernel_gradient is not None:
+        p = -records[16, at] / background.cell_size
+        zero = type(p)(0)
+        sx, sy = spline_slopes(records[0, at]), spline_slopes(records[1, at])
+        sz = particle.layer_slopes(records[2, at], background)
+        add_gradient_row(total, row, background, wx, wy, wz, sx, sy, sz, (p, zero, zero, p, zero, p))
+
+
 @cuda_kernel(block_for_each_row=True, threads=ROWS)
 def scatter_particles(
     bins, position, velocity, mass, affine, volume_ratio, acceleration, cell, liquid, background, timestep,
@@ -210,31 +356,33 @@ def scatter_particles(
 ):  # fmt: skip
     """What each block's particles give to the nodes in their reach."""
     b = cuda.blockIdx.x
-    if bins.first[64 * b + 64] == bins.first[64 * b]:
+    start, end = bins.first[64 * b], bins.first[64 * b + 64]
+    if start == end:
         return
-    own_cell, row = cuda.threadIdx.x & 63, cuda.threadIdx.x >> 6
+    thread = cuda.threadIdx.x
+    own_cell, row = thread & 63, thread >> 6
+    first, last = bins.first[64 * b + own_cell], bins.first[64 * b + own_cell + 1]
     shared = cuda.shared.array(SUMS, scratch.dtype)
+    records = cuda.shared.array((RECORD, PADDED), scratch.dtype)
     total = cuda.local.array(36, scratch.dtype)
     for n in range(36):
         total[n] = type(background.cell_size)(0)
     origin = node_coordinates(blocks, b * 64)
-    for at in range(bins.first[64 * b + own_cell], bins.first[64 * b + own_cell + 1]):
-        i = bins.point[at]
-        fx, fy, fz, _, _, _ = particle.place(i, position, cell, origin, background)
-        own, qx, qy, qz, g, moment = particle.particle_field(
-            i, fx, fy, fz, velocity, mass, affine, volume_ratio, acceleration, liquid, background, timestep,
-            cluster_share, inverse_spread, embedding, kernel_gradient,
-        )  # fmt: skip
-        wx, wy, wz = spline_weights(fx), spline_weights(fy), particle.layer_weights(fz, background)
-        add_affine_row(total, row, background, wx, wy, wz, own, qx, qy, qz, g)
-        if kernel_gradient is not None:
-            zero = type(own)(0)
-            p = -moment / background.cell_size
-            slopes = particle.layer_slopes(fz, background)
-            add_gradient_row(
-                total, row, background, wx, wy, wz, spline_slopes(fx), spline_slopes(fy), slopes,
-                (p, zero, zero, p, zero, p),
+    while start < end:
+        stop = min(start + CHUNK, end)
+        for at in range(start + thread, stop, ROWS):
+            i = bins.point[at]
+            fx, fy, fz, _, _, _ = particle.place(i, position, cell, origin, background)
+            own, qx, qy, qz, g, moment = particle.particle_field(
+                i, fx, fy, fz, velocity, mass, affine, volume_ratio, acceleration, liquid, background, timestep,
+                cluster_share, inverse_spread, embedding, kernel_gradient,
             )  # fmt: skip
+            keep_field(records, at - start, fx, fy, fz, own, qx, qy, qz, g, moment)
+        cuda.syncthreads()
+        for at in range(max(first, start), min(last, stop)):
+            add_kept_row(total, row, background, records, at - start, kernel_gradient)
+        cuda.syncthreads()
+        start = stop
     deposit(total, own_cell, row, background, shared, scratch, b)
 
 
@@ -245,23 +393,33 @@ def scatter_carriers(
 ):  # fmt: skip
     """What each block's embedded points give to the nodes in their reach."""
     b = cuda.blockIdx.x
-    if bins.first[64 * b + 64] == bins.first[64 * b]:
+    start, end = bins.first[64 * b], bins.first[64 * b + 64]
+    if start == end:
         return
-    own_cell, row = cuda.threadIdx.x & 63, cuda.threadIdx.x >> 6
+    thread = cuda.threadIdx.x
+    own_cell, row = thread & 63, thread >> 6
+    first, last = bins.first[64 * b + own_cell], bins.first[64 * b + own_cell + 1]
     shared = cuda.shared.array(SUMS, scratch.dtype)
+    records = cuda.shared.array((RECORD, PADDED), scratch.dtype)
     total = cuda.local.array(36, scratch.dtype)
     for n in range(36):
         total[n] = type(background.cell_size)(0)
     origin = node_coordinates(blocks, b * 64)
-    for at in range(bins.first[64 * b + own_cell], bins.first[64 * b + own_cell + 1]):
-        c = bins.point[at]
-        fx, fy, fz, _, _, _ = particle.place(c, carrier_position, carrier_cell, origin, background)
-        own, qx, qy, qz, g = particle.carrier_field(
-            c, fx, fy, fz, carrier_position, carrier_owner, position, velocity, mass, affine, volume_ratio,
-            acceleration, liquid, background, timestep, cluster_share, inverse_spread, embedding,
-        )  # fmt: skip
-        wx, wy, wz = spline_weights(fx), spline_weights(fy), particle.layer_weights(fz, background)
-        add_affine_row(total, row, background, wx, wy, wz, own, qx, qy, qz, g)
+    while start < end:
+        stop = min(start + CHUNK, end)
+        for at in range(start + thread, stop, ROWS):
+            c = bins.point[at]
+            fx, fy, fz, _, _, _ = particle.place(c, carrier_position, carrier_cell, origin, background)
+            own, qx, qy, qz, g = particle.carrier_field(
+                c, fx, fy, fz, carrier_position, carrier_owner, position, velocity, mass, affine, volume_ratio,
+                acceleration, liquid, background, timestep, cluster_share, inverse_spread, embedding,
+            )  # fmt: skip
+            keep_field(records, at - start, fx, fy, fz, own, qx, qy, qz, g, own)
+        cuda.syncthreads()
+        for at in range(max(first, start), min(last, stop)):
+            add_kept_row(total, row, background, records, at - start, None)
+        cuda.syncthreads()
+        start = stop
     deposit(total, own_cell, row, background, shared, scratch, b)
 
 

@@ -23,6 +23,7 @@ NODES = 64  # of a block
 SETS = ("particles", "carriers", "samples")
 PROGRAMS = {"numpy": "reference"}
 SLACK = {"cuda": 1}  # blocks by which a new table reaches further, where making one costs more than passing over it
+UNSEEN = 8  # steps, of half a cell each at most, in which a particle crosses no more than one block
 
 
 class Bins(NamedTuple):
@@ -30,6 +31,17 @@ class Bins(NamedTuple):
 
     first: Any  # (bins + 1,) int32
     point: Any  # (points,) int32
+
+
+class Sorting(NamedTuple):
+    """Arrays in which particles are sorted without the host, int32."""
+
+    bins: Bins
+    held: Any  # (nodes,) particles of each cell
+    total: Any  # (blocks,) particles of the blocks before each
+    place: Any  # (n,) place of each particle in its cell
+    unsorted: Any  # (n,) particles of each cell, in any order
+    one: Any  # (1,)
 
 
 class Background(NamedTuple):
@@ -59,6 +71,9 @@ class MpmGrid:
         self.on_device = self.backend.name == "cuda"
         self.blocks: Any = None
         self.complete: Any = None  # (b,) whether the blocks that its particles reach are there, too
+        self.deep: Any = None  # (b,) whether that holds for all blocks around it, too
+        self.sorting: Sorting | None = None  # where particles are sorted without the host
+        self._unseen = 0  # steps for which the blocks suffice
         self.cells: dict[str, Any] = {}
         self.bins: dict[str, Bins] = {}
         self.rebuilds = 0
@@ -126,6 +141,45 @@ class MpmGrid:
         """Extremes of the particles of each block (b, 5), where a device reduces them in two steps."""
         return self._array("block_extremes", (self.nodes // NODES, 5))
 
+    def attend(self, position: Any) -> bool:
+        """On a device, before a step that the host does not see: have the blocks that particles at `position` (n, 3) [m]
+        may reach in it. Whether any array is another one than before.
+
+        Raises RunStopped where a particle is not finite or too far away.
+        """
+        self._unseen -= 1
+        if self.sorting is not None and self._unseen > 0:
+            return False
+        programs = importlib.import_module("refsim.mpm.cuda")
+        n, empty = position.shape[0], self.backend.empty
+        self._unseen = UNSEEN
+        if self.sorting is not None:
+            shallow, lost = programs.find_cells(
+                position, self.inverse_cell, self.blocks, self.deep, self.sorting.place
+            )
+            self._check_lost(SETS[0], lost)
+            if not shallow:
+                return False
+        self._rebuild([programs.block_keys(position, self.inverse_cell, self.dim)])
+        place = empty(n, np.int32)
+        _, lost = programs.find_cells(position, self.inverse_cell, self.blocks, self.complete, place)
+        self._check_lost(SETS[0], lost)
+        bins = Bins(empty(self.nodes + 1, np.int32), empty(n, np.int32))
+        counters = empty(self.nodes, np.int32), empty(self.nodes // NODES, np.int32)
+        self.sorting = Sorting(bins, *counters, place, empty(n, np.int32), empty(1, np.int32))
+        self.bins = {SETS[0]: bins}
+        for name in ("node_mass", "node_momentum", "node_velocity", "scratch", "block_extremes"):
+            getattr(self, name)  # nothing may be allocated while a step is recorded
+        return True
+
+    def _check_lost(self, name: str, lost: int) -> None:
+        if lost:
+            raise RunStopped(
+                "out_of_grid",
+                f"{lost} of the {name} left the background grid, which ends {FARTHEST} cells from the origin, or"
+                " are at no finite place: take a smaller step, or put walls around the liquid.",
+            )
+
     def bytes(self) -> int:
         """Memory of all arrays."""
         kept = [*self._storage.values(), *(self.blocks or ()), *itertools.chain(*self.bins.values())]
@@ -165,12 +219,7 @@ class MpmGrid:
             self._rebuild([block_keys(values, self.inverse_cell, self.dim) for values in sets.values()])
             counts = found()
         for name, (_, lost) in zip(sets, counts, strict=True):
-            if lost:
-                raise RunStopped(
-                    "out_of_grid",
-                    f"{lost} of the {name} left the background grid, which ends {FARTHEST} cells from the origin, or"
-                    " are at no finite place: take a smaller step, or put walls around the liquid.",
-                )
+            self._check_lost(name, lost)
         self.bins = {name: Bins(*sorted_bins(self.cells[name], self.nodes // NODES)) for name in sets}
 
     # Inside
@@ -194,11 +243,12 @@ class MpmGrid:
             place = xp.minimum(xp.searchsorted(made, wanted.ravel()).reshape(wanted.shape), len(made) - 1)
             neighbour = xp.where(made[place] == wanted, place, -1).astype(np.int32)
         corners = [k for k, s in enumerate(itertools.product(*self._ways((-1, 0, 1)))) if min(s) >= 0]
-        complete = (neighbour[:, xp.asarray(corners)] >= 0).all(1).astype(np.uint8)
-        arrays = [xp.ascontiguousarray(a) for a in (made, neighbour, complete)]
+        complete = (neighbour[:, xp.asarray(corners)] >= 0).all(1)
+        deep = (neighbour >= 0).all(1) & complete[neighbour].all(1)
+        arrays = [xp.ascontiguousarray(a) for a in (made, neighbour, complete.astype(np.uint8), deep.astype(np.uint8))]
         if self.on_device:
             arrays = [device.wrapped(a) for a in arrays]
-        self.blocks, self.complete = Blocks(*arrays[:2]), arrays[2]
+        self.blocks, self.complete, self.deep = Blocks(*arrays[:2]), *arrays[2:]
 
     def _ways(self, axis: Any) -> tuple[Any, ...]:
         """Steps along z, y, x, so that x runs fastest."""
