@@ -192,8 +192,9 @@ class Simulation:
         if self._sorter is not None and self.steps % SORT_EVERY == 0:
             self._sort(self._sorter)
         self._update_list()
-        if any([each.attend(self.fields["position"]) for each in self._attended]):
-            self.stepper.rebind()
+        for each in self._attended:
+            if each.attend(self.fields["position"]):
+                self.stepper.rebind()
         done = self.stepper.advance()
         self._squared_way = done.squared_way
         self._margin = max(self._margin - 2 * done.greatest_way, 0.0)

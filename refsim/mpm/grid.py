@@ -142,8 +142,8 @@ class MpmGrid:
         return self._array("block_extremes", (self.nodes // NODES, 5))
 
     def attend(self, position: Any) -> bool:
-        """On a device, before a step that the host does not see: have the blocks that particles at `position` (n, 3) [m]
-        may reach in it. Whether any array is another one than before.
+        """Before a step on a device that the host does not see: have the blocks that particles at `position` (n, 3) [m]
+        may reach in it. Returns whether any array is another one than before.
 
         Raises RunStopped where a particle is not finite or too far away.
         """
@@ -154,9 +154,7 @@ class MpmGrid:
         n, empty = position.shape[0], self.backend.empty
         self._unseen = UNSEEN
         if self.sorting is not None:
-            shallow, lost = programs.find_cells(
-                position, self.inverse_cell, self.blocks, self.deep, self.sorting.place
-            )
+            shallow, lost = programs.find_cells(position, self.inverse_cell, self.blocks, self.deep, self.sorting.place)
             self._check_lost(SETS[0], lost)
             if not shallow:
                 return False

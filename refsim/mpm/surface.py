@@ -10,7 +10,7 @@ import numpy as np
 
 from refsim.backend import Backend
 from refsim.effect import Discretisation, Effect, Pass, StepLimit, literal_errata, require
-from refsim.errors import InputError
+from refsim.errors import InputError, RunStopped
 from refsim.operation import REGISTRY, Operation, Procedure, enter, register
 from refsim.particles import Field
 from refsim.surface_energy import Tension
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 EXTENT = Field("extent", "-", "axes along which the liquid round a particle spreads; 1 in a filament", dtype="uint8")
 WET = 0.5  # cells from a wall within which samples lie on it
+CLUMPED = 4.0  # times the particles of a full cell in one cell: J would have to be below a quarter to know of it
 
 
 class Contact(NamedTuple):
@@ -100,7 +101,7 @@ class SurfaceEnergy(Effect, frozen=True, kw_only=True):
             **{name: getattr(self, name) for name in (*own, "relaxation", "normals")},
             inset=self.inset if self.inset >= 0 else None,
             smallest=self.smallest or None,
-            literal=tuple(f"E{name[1:]}" for name in sorted(printed)),
+            literal=tuple(sorted(printed)),
         )
 
     def initial(
@@ -132,7 +133,8 @@ class SurfaceEnergy(Effect, frozen=True, kw_only=True):
 
     def shares(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, Any]:
         cell = others["mpm_liquid"].cell(grid)  # type: ignore[attr-defined]
-        return {"surface": SurfaceOfRun(self.tension(), grid.dim, grid.dtype, cell, grid.count)}
+        full = (cell / grid.spacing) ** grid.dim
+        return {"surface": SurfaceOfRun(self.tension(), grid.dim, grid.dtype, cell, grid.count, full)}
 
     def prepare(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, Any]:
         if not self._wet(others):
@@ -206,14 +208,16 @@ class SurfaceSamples:
 class SurfaceOfRun(SurfaceSamples):
     """The reconstruction of a run's surface, and its latest samples.
 
+    full    particles of a full cell
     latest  all that the latest reconstruction made; None before the first
     """
 
     def __init__(
-        self, tension: Tension, dim: int, dtype: str, cell_size: float, count: int, backend: Backend | None = None
-    ) -> None:
+        self, tension: Tension, dim: int, dtype: str, cell_size: float, count: int, full: float,
+        backend: Backend | None = None,
+    ) -> None:  # fmt: skip
         super().__init__(count, dtype, backend or Backend("numpy"))
-        self.tension, self.dim, self.cell_size = tension, dim, cell_size
+        self.tension, self.dim, self.cell_size, self.full = tension, dim, cell_size, full
         self.reconstruction: Any = None
         self.latest: Any = None
 
@@ -226,7 +230,7 @@ class SurfaceOfRun(SurfaceSamples):
                 "surface_energy: the reconstruction runs on the backends cpu and cuda; its operations one by one also"
                 " on numpy."
             )
-        made = SurfaceOfRun(self.tension, self.dim, self.dtype, self.cell_size, self.count, backend)
+        made = SurfaceOfRun(self.tension, self.dim, self.dtype, self.cell_size, self.count, self.full, backend)
         made.reconstruction = Reconstruction(backend, self.dim, self.dtype, self.cell_size, self.tension)
         return made
 
@@ -236,8 +240,20 @@ class SurfaceOfRun(SurfaceSamples):
         return self.reconstruction.term
 
     def reconstruct(self, position: Any) -> None:
-        """The surface of particles at `position` (n, 3) [m]."""
+        """The surface of particles at `position` (n, 3) [m].
+
+        Raises RunStopped where a cell holds more particles than any volume ratio that a run survives could explain: J
+        follows the divergence of the velocity and does not see particles that gather on a line or in a point.
+        """
         self.latest = self.reconstruction.surface(position)
+        most = self.reconstruction.most_in_a_cell(self.latest)
+        if most > CLUMPED * self.full:
+            raise RunStopped(
+                "clumped",
+                f"Surface tension has drawn {most} particles into one cell, which holds {self.full:.3g}: a filament or"
+                " film of one or two particles gathers without its volume ratio changing; take smaller cells and more"
+                " particles across it.",
+            )
         samples = self.latest.samples
         self.assign(samples.position, samples.normal, samples.area, samples.nearest)
 

@@ -121,6 +121,15 @@ class Reconstruction:
         self._run("extents", position, surface.cells, surface.blocks, self.term, extent)
         return extent
 
+    def most_in_a_cell(self, surface: Surface) -> int:
+        """Largest number of particles in one cell."""
+        first = surface.cells.first
+        if self.backend.name == "cuda":
+            from refsim import device
+
+            first = device.seen(first)
+        return int((first[1:] - first[:-1]).max()) if len(first) > 1 else 0
+
     # Stages
 
     def _cells(self, position: Any) -> tuple[Blocks, PointList]:
