@@ -161,6 +161,33 @@ def test_a_rigid_rotation_keeps_the_volume():
 
 
 @pytest.mark.parametrize("dim", [2, 3])
+def test_viscosity_keeps_both_momenta(dim):
+    """A strained, turning cloud: viscous stress keeps momentum and spin, and takes the energy mu/2 |A + A^T|^2 V t."""
+    x = scene(LIQUID, dim=dim).fluid[0].positions(make_plan(scene(LIQUID, dim=dim)).grid)
+    gradient = np.zeros((3, 3))
+    gradient[:dim, :dim] = np.array([[0.0, -2.0, 0.3], [3.0, 0.0, 0.2], [0.1, 0.4, 0.0]])[:dim, :dim]
+    arm, energy = x - x.mean(0), {}
+    for viscosity in (0.0, 200.0):
+        liquid = MpmLiquid(bulk_modulus=1e5, dynamic_viscosity=viscosity)
+        fluid = (Cloud(position=x, velocity=arm @ gradient.T),)
+        run = Simulation(scene(liquid, dim=dim, fluid=fluid, step=1e-3))
+        spent = 0.0
+        for _ in range(10):
+            strain = run.field("affine").reshape(-1, 3, 3)
+            length = run.step().length
+            spent += length * viscosity / 2 * ((strain + strain.swapaxes(1, 2)) ** 2).sum((1, 2)).mean()
+        y, v, a = (run.field(name) for name in ("position", "velocity", "affine"))
+        a = a.reshape(-1, 3, 3)
+        spin = np.stack([a[:, 2, 1] - a[:, 1, 2], a[:, 0, 2] - a[:, 2, 0], a[:, 1, 0] - a[:, 0, 1]], axis=-1)
+        turning = np.cross(y - x.mean(0), v) + CELL**2 / 4 * spin  # with what the affine matrices carry
+        assert np.allclose(v.mean(0), 0, atol=1e-13)
+        assert np.allclose(turning.mean(0), np.cross(arm, arm @ gradient.T).mean(0), atol=1e-12)
+        energy[viscosity] = 500.0 * float(((v**2).sum(1) + CELL**2 / 4 * (a**2).sum((1, 2))).mean())
+    assert energy[0.0] - energy[200.0] == pytest.approx(spent, rel=0.25)
+    assert "viscous" in run.step().limits
+
+
+@pytest.mark.parametrize("dim", [2, 3])
 def test_grid_follows_the_liquid(dim):
     """Two blobs a million cells apart cost twice one blob, and a blob that flies on leaves no blocks behind."""
     one = Simulation(scene(LIQUID, dim=dim))

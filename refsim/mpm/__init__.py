@@ -1,7 +1,8 @@
 """Material point method for a weakly compressible liquid: transfers between particles and a sparse background grid.
 
 Contents: MpmLiquid, MpmWalls, and in `refsim.mpm.surface` SurfaceEnergy; operations mpm.weights, mpm.cells, mpm.embed,
-mpm.particle_to_grid, mpm.carriers_to_grid, mpm.contact, mpm.grid_update, mpm.grid_to_carriers, mpm.grid_to_particle.
+mpm.viscosity, mpm.particle_to_grid, mpm.carriers_to_grid, mpm.contact, mpm.grid_update, mpm.grid_to_carriers,
+mpm.grid_to_particle.
 Numbers in brackets are the thesis's, M marks its errata (docs/mpm.md).
 """
 
@@ -65,6 +66,12 @@ class Embedding(NamedTuple):
     reading: Any
 
 
+class ViscousStress(NamedTuple):
+    """Viscous stress as the kernels take it."""
+
+    factor: Any  # 4 mu/(rho0 h^2) [1/s]
+
+
 class KernelGradient(NamedTuple):
     """M6: the liquid's force acts through grad B, not through the affine field."""
 
@@ -84,6 +91,7 @@ class MpmLiquid(Effect, frozen=True, kw_only=True):
 
     rest_density     rho0 [kg/m^3; kg/m^2 in 2D]
     bulk_modulus     lambda [Pa]; the sound speed is its root over rho0
+    dynamic_viscosity  mu [Pa s; N s/m in 2D] of the stress mu (grad v + grad v^T); the thesis's liquid has none
     cell_size        h of the background grid [m]; 0 takes two spacings, 2^dim particles to a cell
     initial_ratio    J of every particle at the start; below one for a drop that its surface presses together
     volume           "ratio" follows J alone (default); "gradient" follows F and forgets its shear after each step,
@@ -99,6 +107,7 @@ class MpmLiquid(Effect, frozen=True, kw_only=True):
 
     rest_density: float = 1000.0
     bulk_modulus: float
+    dynamic_viscosity: float = 0.0
     cell_size: float = 0.0
     initial_ratio: float = 1.0
     volume: Literal["ratio", "gradient", "full_gradient"] = "ratio"
@@ -110,6 +119,7 @@ class MpmLiquid(Effect, frozen=True, kw_only=True):
             self.name,
             rest_density=(self.rest_density, "positive"),
             bulk_modulus=(self.bulk_modulus, "positive"),
+            dynamic_viscosity=(self.dynamic_viscosity, "not negative"),
             cell_size=(self.cell_size, "not negative"),
             initial_ratio=(self.initial_ratio, "positive"),
             acoustic_number=(self.acoustic_number, "positive"),
@@ -215,6 +225,10 @@ class MpmLiquid(Effect, frozen=True, kw_only=True):
         moved = ("velocity", "affine", "volume_ratio", "step_extremes", "position", *(("deformation",) if full else ()))
         chain = [step("mpm.embed", ("position", *samples), ("carriers", *cluster))] if embedded else []
         chain.append(step("mpm.cells", ("position", *samples, *cluster), ("cell",)))
+        if self.dynamic_viscosity > 0:
+            own = {"inverse_spread": "inverse_spread" if reading == "cluster" else None}
+            reads = ("cell", "volume_ratio", *cluster)
+            chain.append(Pass("mpm.viscosity", reads, (), ("affine",), names=own, stage="motion"))
         chain.append(step("mpm.particle_to_grid", ("cell", *state), ("node_momentum",)))
         if embedded:
             chain.append(step("mpm.carriers_to_grid", ("cell", *state), (), "node_momentum"))
@@ -266,7 +280,12 @@ class MpmLiquid(Effect, frozen=True, kw_only=True):
             "planes": walls.nodes(grid, self.cell(grid)) if walls is not None else None,
             "embedding": Embedding(np.int32(READINGS.index(_reading(others) or "none"))),
             "kernel_gradient": KernelGradient(np.int32(1)) if "M6" in printed else None,
+            "viscous_stress": ViscousStress(grid.real(self._viscous_factor(grid))),
         }
+
+    def _viscous_factor(self, grid: Discretisation) -> float:
+        """4 mu/(rho0 h^2) [1/s]."""
+        return 4 * self.dynamic_viscosity / (self.rest_density * self.cell(grid) ** 2)
 
     def step_limits(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, StepLimit]:
         h = self.cell(grid)
@@ -274,6 +293,8 @@ class MpmLiquid(Effect, frozen=True, kw_only=True):
             "acoustic": StepLimit.crossing(self.acoustic_number * h, self.sound_speed()),
             "advection": StepLimit.crossing(0.3 * h),
         }
+        if self.dynamic_viscosity > 0:  # half of the step in which a strain would vanish at once
+            limits["viscous"] = StepLimit.constant(0.25 / self._viscous_factor(grid))
         gravity = others.get("gravity")
         if gravity is not None:
             pull = math.hypot(*gravity.acceleration)
@@ -473,6 +494,23 @@ register(
         tolerance=16.0,
         tolerance_reason="a few roundings for each product, and twenty in the inverse of a matrix whose entries are at"
         " most one",
+    )
+)
+register(
+    Operation(
+        name="mpm.viscosity",
+        folder=_HERE,
+        cases=_HARD,
+        paper=_THESIS,
+        equation="none in the thesis; stress mu (A + A^T) through (4.10)",
+        function="viscosity",
+        outputs=("affine",),
+        entrywise=("affine",),
+        optional=("inverse_spread",),
+        variants=({}, {"inverse_spread": None}),
+        tolerance=16.0,
+        tolerance_reason="a few roundings for each sum, product and the product of two matrices",
+        invariants=("reordering",),
     )
 )
 register(

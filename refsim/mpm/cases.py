@@ -6,7 +6,7 @@ The background grid of a case has cells of two spacings; samples stand around it
 import numpy as np
 
 from refsim.cases import REST_DENSITY, Case, Exact, case, closed_form, cloud, derived, groups, lattice, particles
-from refsim.mpm import Embedding, KernelGradient, Liquid, MpmLiquid, WallNodes, reference
+from refsim.mpm import Embedding, KernelGradient, Liquid, MpmLiquid, ViscousStress, WallNodes, reference
 from refsim.mpm.grid import MpmGrid
 from refsim.mpm.surface import Contact
 from refsim.sparse_grid.reference import node_table
@@ -17,7 +17,10 @@ EMBEDDED = ("carrier_first", "carrier_position", "carrier_owner", "cluster_share
 def liquid_of(case: Case) -> MpmLiquid:
     """The liquid of a case: c = 20 m/s, printed readings where the case is printed."""
     literal = ("M3", "M4", "M5", "M27") if case.literal else ()
-    return MpmLiquid(rest_density=REST_DENSITY, bulk_modulus=400 * REST_DENSITY, literal=literal)
+    viscosity = 0.05 * REST_DENSITY * case.spacing
+    return MpmLiquid(
+        rest_density=REST_DENSITY, bulk_modulus=400 * REST_DENSITY, dynamic_viscosity=viscosity, literal=literal
+    )
 
 
 @particles("affine")
@@ -44,7 +47,7 @@ def _deformation(case, random):
     return (values + np.eye(3)).reshape(-1, 9)
 
 
-@groups("background", "liquid", "kernel_gradient")
+@groups("background", "liquid", "kernel_gradient", "viscous_stress")
 def _groups(case, grid):
     return liquid_of(case).prepare(grid, {}) | {"kernel_gradient": KernelGradient(np.int32(1))}
 
@@ -416,6 +419,22 @@ def affine_field_about_a_carrier():
     given |= {"node_velocity": v, "carrier_moment": np.zeros((2, 12))}
     own = np.array([1.0, -2.0, 0.5]) + given["carrier_position"] @ TURN.T
     return Exact(made, given, {"carrier_moment": np.hstack([own, np.tile(TURN.ravel(), (2, 1))])})
+
+
+@closed_form("mpm.viscosity")
+def sheared_cluster():
+    """dt J factor = 1/4 * 3/2 * 2/3 = 1/4; A - (A + A^T) E^-1/4 with E^-1 = diag(3/11, 1, 1)."""
+    made, given = _pair()
+    given |= {
+        "volume_ratio": np.array([1.5]),
+        "viscous_stress": ViscousStress(2 / 3),
+        "timestep": np.array([0.0, 0.25]),
+    }
+    given["affine"] = np.array([[1.0, 4.0, 0.0, 0.0, -2.0, 1.0, 3.0, 1.0, 0.0]])
+    share = np.array([3 / 11, 1, 1]) / 4
+    strain = np.array([[2.0, 4.0, 3.0], [4.0, -4.0, 2.0], [3.0, 2.0, 0.0]])
+    after = given["affine"].reshape(3, 3) - strain * share
+    return Exact(made, given, {"affine": after.reshape(1, 9)})
 
 
 @closed_form("mpm.contact")

@@ -548,3 +548,12 @@ def contact(sample_position, contact, sample_area):
     """Section 9: areas of the samples on walls."""
     for s in prange(sample_area.shape[0]):
         sample_area[s] = particle.contact(s, sample_position, sample_area, contact)
+
+
+@cpu_kernel
+def viscosity(volume_ratio, inverse_spread, viscous_stress, timestep, affine):
+    """Affine matrices after the viscous stress of a step."""
+    for i in prange(affine.shape[0]):
+        rows = particle.viscosity(i, affine, volume_ratio, inverse_spread, viscous_stress, timestep)
+        for c in range(3):
+            affine[i, c], affine[i, 3 + c], affine[i, 6 + c] = rows[0][c], rows[1][c], rows[2][c]

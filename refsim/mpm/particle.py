@@ -103,6 +103,36 @@ def spread_of(i, inverse_spread):
 
 
 @formula
+def viscous_row(ax, ay, az, sx, sy, sz, inverse, factor):
+    """A row of A - factor S E^-1: (ax, ay, az) of A, (sx, sy, sz) of S = A + A^T."""
+    xx, xy, xz, yy, yz, zz = inverse
+    return (
+        ax - factor * (sx * xx + sy * xy + sz * xz),
+        ay - factor * (sx * xy + sy * yy + sz * yz),
+        az - factor * (sx * xz + sy * yz + sz * zz),
+    )
+
+
+@formula
+def viscosity(i, affine, volume_ratio, inverse_spread, viscous_stress, timestep):
+    """A - dt (4 mu J/(rho0 h^2)) (A + A^T) E^-1 of particle i, row by row: what the stress mu (A + A^T) adds to (4.10).
+
+    As the pressure's, its force is -V (4/h^2) B_j stress E^-1 (x_j - x_p), linear in x_j - x_p as the affine momentum.
+    """
+    factor = timestep[1] * viscous_stress.factor * volume_ratio[i]
+    inverse = round_spread(factor)
+    if inverse_spread is not None:
+        inverse = spread_of(i, inverse_spread)
+    xx, xy, xz = affine[i, 0], affine[i, 1], affine[i, 2]
+    yx, yy, yz = affine[i, 3], affine[i, 4], affine[i, 5]
+    zx, zy, zz = affine[i, 6], affine[i, 7], affine[i, 8]
+    first = viscous_row(xx, xy, xz, xx + xx, xy + yx, xz + zx, inverse, factor)
+    second = viscous_row(yx, yy, yz, yx + xy, yy + yy, yz + zy, inverse, factor)
+    third = viscous_row(zx, zy, zz, zx + xz, zy + yz, zz + zz, inverse, factor)
+    return first, second, third
+
+
+@formula
 def particle_field(
     i, fx, fy, fz, velocity, mass, affine, volume_ratio, acceleration, liquid, background, timestep,
     cluster_share, inverse_spread, embedding, kernel_gradient,

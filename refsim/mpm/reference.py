@@ -432,3 +432,16 @@ def contact(sample_position, contact, sample_area):
     wet = ((x < _f(contact.lower)) | (x > _f(contact.upper))).any(1)
     value = np.where(wet, float(contact.share) * area, area)
     return {"sample_area": (value, np.abs(area))}
+
+
+def viscosity(volume_ratio, inverse_spread, viscous_stress, timestep, affine):
+    """A - dt J (4 mu/(rho0 h^2)) (A + A^T) E^-1 [1/s], row by row; E = 1 where nothing is embedded."""
+    a, ratio = _f(affine).reshape(-1, 3, 3), _f(volume_ratio)
+    inverse = np.eye(3)
+    if inverse_spread is not None:
+        inverse = _f(inverse_spread)[:, SYMMETRIC]
+    factor = (float(timestep[1]) * float(viscous_stress.factor) * ratio)[:, None, None]
+    turned = np.swapaxes(a, 1, 2)
+    value = a - factor * ((a + turned) @ inverse)
+    scale = np.abs(a) + np.abs(factor) * ((np.abs(a) + np.abs(turned)) @ np.abs(inverse))
+    return {"affine": (value.reshape(-1, 9), scale.reshape(-1, 9))}

@@ -49,6 +49,8 @@ class SurfaceEnergy(Effect, frozen=True, kw_only=True):
     normals           "mls" (3.17), "gradient" (3.9), or, to compare, "facets" and "offsets"
     inset             distance of the liquid's surface from its outermost particles, in cells: the surface is pulled
                       back to it; a negative one leaves it at r
+    enclose_volume    the inset is the distance at which the surface encloses the liquid's present volume; `inset` is
+                      not used. One distance for all of the surface
     smallest          particles of the smallest component that bears tension; 0 takes 3^dim
     literal           printed readings to use: "M1" (the force's sign), "M14" (Algorithm 2), "M31" (the surface at r),
                       "M32" (15 cases); or "all"
@@ -70,6 +72,7 @@ class SurfaceEnergy(Effect, frozen=True, kw_only=True):
     relaxation: float = 1.0
     normals: Literal["mls", "gradient", "facets", "offsets"] = "mls"
     inset: float = 0.25
+    enclose_volume: bool = False
     smallest: int = 0
     literal: tuple[str, ...] = ()
 
@@ -98,7 +101,7 @@ class SurfaceEnergy(Effect, frozen=True, kw_only=True):
         printed = literal_errata(self.name, self.literal, ("M1", "M14", "M31", "M32"))
         own = ("surface_tension", "level_set_radius", "quadrature", "disk_radius", "seed", "offset", "iterations")
         return Tension(
-            **{name: getattr(self, name) for name in (*own, "relaxation", "normals")},
+            **{name: getattr(self, name) for name in (*own, "relaxation", "normals", "enclose_volume")},
             inset=self.inset if self.inset >= 0 else None,
             smallest=self.smallest or None,
             literal=tuple(sorted(printed)),
@@ -122,6 +125,9 @@ class SurfaceEnergy(Effect, frozen=True, kw_only=True):
         wet = self._wet(others)
         made = ("free_samples",) if wet else ("samples",)
         found = [Pass("surface_energy.reconstruct", ("position",), made, stage="motion")]
+        if self.enclose_volume:
+            reads = ("position", "mass", "volume_ratio")
+            found = [Pass("surface_energy.reconstruct_enclosing", reads, made, stage="motion")]
         if wet:
             names = {f"sample_{part}": f"surface.sample_{part}" for part in ("position", "area")}
             found.append(Pass("mpm.contact", made, ("samples",), names=names, stage="motion"))
@@ -133,8 +139,8 @@ class SurfaceEnergy(Effect, frozen=True, kw_only=True):
 
     def shares(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, Any]:
         cell = others["mpm_liquid"].cell(grid)  # type: ignore[attr-defined]
-        full = (cell / grid.spacing) ** grid.dim
-        return {"surface": SurfaceOfRun(self.tension(), grid.dim, grid.dtype, cell, grid.count, full)}
+        full, density = (cell / grid.spacing) ** grid.dim, others["mpm_liquid"].rest_density  # type: ignore[attr-defined]
+        return {"surface": SurfaceOfRun(self.tension(), grid.dim, grid.dtype, cell, grid.count, full, density)}
 
     def prepare(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, Any]:
         if not self._wet(others):
@@ -213,11 +219,12 @@ class SurfaceOfRun(SurfaceSamples):
     """
 
     def __init__(
-        self, tension: Tension, dim: int, dtype: str, cell_size: float, count: int, full: float,
+        self, tension: Tension, dim: int, dtype: str, cell_size: float, count: int, full: float, rest_density: float,
         backend: Backend | None = None,
     ) -> None:  # fmt: skip
         super().__init__(count, dtype, backend or Backend("numpy"))
         self.tension, self.dim, self.cell_size, self.full = tension, dim, cell_size, full
+        self.rest_density = rest_density
         self.reconstruction: Any = None
         self.latest: Any = None
 
@@ -230,7 +237,9 @@ class SurfaceOfRun(SurfaceSamples):
                 "surface_energy: the reconstruction runs on the backends cpu and cuda; its operations one by one also"
                 " on numpy."
             )
-        made = SurfaceOfRun(self.tension, self.dim, self.dtype, self.cell_size, self.count, self.full, backend)
+        made = SurfaceOfRun(
+            self.tension, self.dim, self.dtype, self.cell_size, self.count, self.full, self.rest_density, backend
+        )
         made.reconstruction = Reconstruction(backend, self.dim, self.dtype, self.cell_size, self.tension)
         return made
 
@@ -239,13 +248,24 @@ class SurfaceOfRun(SurfaceSamples):
         """Parameter group of the surface's kernels."""
         return self.reconstruction.term
 
-    def reconstruct(self, position: Any) -> None:
-        """The surface of particles at `position` (n, 3) [m].
+    def reconstruct_enclosing(self, position: Any, mass: Any, volume_ratio: Any) -> None:
+        """The surface of particles at `position` (n, 3) [m] that encloses their volume, sum m J/rho0."""
+        if self.backend.name == "cuda":
+            from refsim import device
+
+            xp, seen = device.library(), device.seen
+        else:
+            xp, seen = np, np.asarray
+        volume = float((seen(mass).astype(xp.float64) * seen(volume_ratio)).sum()) / self.rest_density
+        self.reconstruct(position, volume)
+
+    def reconstruct(self, position: Any, volume: float | None = None) -> None:
+        """The surface of particles at `position` (n, 3) [m], of `volume` [m^dim] where that is to be enclosed.
 
         Raises RunStopped where a cell holds more particles than any volume ratio that a run survives could explain: J
         follows the divergence of the velocity and does not see particles that gather on a line or in a point.
         """
-        self.latest = self.reconstruction.surface(position)
+        self.latest = self.reconstruction.surface(position, volume=volume)
         most = self.reconstruction.most_in_a_cell(self.latest)
         if most > CLUMPED * self.full:
             raise RunStopped(
@@ -264,6 +284,15 @@ class SurfaceOfRun(SurfaceSamples):
 
 _STAGES = tuple(name for name in REGISTRY if name.startswith("surface_energy."))
 enter(Procedure("surface_energy.reconstruct", "surface", "reconstruct", ("position",), _STAGES))
+enter(
+    Procedure(
+        "surface_energy.reconstruct_enclosing",
+        "surface",
+        "reconstruct_enclosing",
+        ("position", "mass", "volume_ratio"),
+        _STAGES,
+    )
+)
 enter(
     Procedure(
         "surface_energy.find_filaments",

@@ -23,6 +23,7 @@ from refsim.sparse_grid import inverse_cell
 LITERAL = ("M1", "M14", "M31", "M32")
 NORMALS = ("mls", "gradient", "facets", "offsets")
 QUADRATURES = ("facets", "poisson")
+LARGEST_INSET = 0.75  # cells, of an inset that follows the volume
 
 
 class SurfaceTerm(NamedTuple):
@@ -60,6 +61,8 @@ class Tension(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
     normals           "mls" (3.17), "gradient" (3.9), or, to compare, "facets" and "offsets"
     inset             distance of the liquid's surface from its outermost particles, in cells: the surface is pulled
                       back to it; None leaves it at r
+    enclose_volume    the inset is the distance at which the surface encloses the liquid's present volume, at most
+                      `LARGEST_INSET` cells; `inset` then serves where the volume is not known
     smallest          particles of the smallest component that bears tension; by default 3^dim
     literal           errata taken as printed: M1, M14, M31, M32, or "all"
     """
@@ -74,6 +77,7 @@ class Tension(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
     relaxation: float = 1.0
     normals: str = "mls"
     inset: float | None = 0.25
+    enclose_volume: bool = False
     smallest: int | None = None
     literal: tuple[str, ...] = ()
 

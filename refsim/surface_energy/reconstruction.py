@@ -18,7 +18,7 @@ from refsim.backend import Backend
 from refsim.isosurface import Mesh, edges_and_facets
 from refsim.operation import REGISTRY
 from refsim.sparse_grid import Blocks, PointList, SparseGrid, nodes
-from refsim.surface_energy import Dice, SurfaceTerm, Tension, surface_term
+from refsim.surface_energy import LARGEST_INSET, Dice, SurfaceTerm, Tension, surface_term
 
 AREA_UNITS = 1 << 20  # of h^(dim-1), so that running sums of areas are whole numbers and repeat
 CANDIDATES = 8  # for each Poisson-disk sample
@@ -81,8 +81,11 @@ class Reconstruction:
         self.below, self.above = math.ceil(reach), math.floor(reach) + 2
         self._seconds: dict[str, float] = {}
 
-    def surface(self, position: Any, step: int = 0) -> Surface:
-        """The surface of particles at `position` (n, 3) [m]; `step` draws other Poisson-disk samples each time."""
+    def surface(self, position: Any, step: int = 0, volume: float | None = None) -> Surface:
+        """The surface of particles at `position` (n, 3) [m]; `step` draws other Poisson-disk samples each time.
+
+        volume  what the surface encloses after the inset [m^dim]; None keeps the inset's distance
+        """
         self._seconds = {}
         blocks, cells = self._stage("cells", self._cells, position)
         mesh = self._stage("level set and facets", self._mesh, position, blocks, cells)
@@ -93,7 +96,7 @@ class Reconstruction:
         inset_mesh = mesh
         if self.tension.inset_distance() is not None:
             inset_mesh, place, area, nearest = self._stage(
-                "inset", self._inset, position, blocks, cells, mesh, coefficients, place, area, normal, facet
+                "inset", self._inset, position, blocks, cells, mesh, coefficients, place, area, normal, facet, volume
             )
         size, area = self._stage("components", self._components, blocks, cells, nearest, area)
         count = self._empty(position.shape[0], np.int32)
@@ -209,7 +212,7 @@ class Reconstruction:
 
     def _inset(
         self, position: Any, blocks: Blocks, cells: PointList, mesh: Mesh, coefficients: Any,
-        place: Any, area: Any, normal: Any, facet: Any,
+        place: Any, area: Any, normal: Any, facet: Any, volume: float | None,
     ) -> tuple[Mesh, Any, Any, Any]:  # fmt: skip
         """The surface pulled back by r - delta along the normals at its vertices; samples and areas go with it."""
         _, outward, _ = self._offsets(position, blocks, cells, mesh.vertices, False)
@@ -218,17 +221,53 @@ class Reconstruction:
         else:
             vertex_normal = self._smooth_normals(blocks, coefficients, mesh.vertices, outward)
         vertices = self._empty(mesh.vertices.shape)
-        self._run("inset", mesh.vertices, vertex_normal, self.term, vertices)
+        term = self.term
+        if volume is not None:
+            term = term._replace(inset=self.dtype.type(self._enclosing(mesh, vertex_normal, volume)))
+        self._run("inset", mesh.vertices, vertex_normal, term, vertices)
         inset_mesh = Mesh(vertices, mesh.facets)
         if facet is None:
             place, area, _ = self._facet_samples(inset_mesh)
         else:
             area = self._rescaled(area, facet, mesh, inset_mesh)
             moved = self._empty(place.shape)
-            self._run("inset", place, normal, self.term, moved)
+            self._run("inset", place, normal, term, moved)
             place = moved
         nearest, _, _ = self._offsets(position, blocks, cells, place, False)
         return inset_mesh, place, area, nearest
+
+    def _enclosing(self, mesh: Mesh, vertex_normal: Any, volume: float) -> float:
+        """(r - delta)/h with which the surface encloses `volume` [m^dim]; delta is 0 to LARGEST_INSET cells.
+
+        The volume within facets whose corners move along straight lines is a polynomial of degree dim in the way.
+        """
+        if self.backend.name == "cuda":
+            from refsim import device
+
+            xp, seen = device.library(), device.seen
+        else:
+            xp, seen = np, np.asarray
+        facets, h = seen(mesh.facets), float(self.term.cell_size)
+        if not len(facets):
+            return float(self.term.inset)
+        place, way = seen(mesh.vertices).astype(float), seen(vertex_normal).astype(float)
+        first = place[facets[0, 0]]
+        corner, move = (place[facets] - first)[:, :, : self.dim], h * way[facets][:, :, : self.dim]
+        radius = self.tension.radius(self.dim)
+        ways = radius - np.linspace(0.0, LARGEST_INSET, self.dim + 1)
+        within = []
+        for t in ways:
+            p = corner - float(t) * move
+            if self.dim == 2:
+                part = 0.5 * (p[:, 0, 0] * p[:, 1, 1] - p[:, 0, 1] * p[:, 1, 0])
+            else:
+                part = (p[:, 0] * xp.cross(p[:, 1], p[:, 2])).sum(1) / 6
+            within.append(abs(float(part.sum())))
+        if not within[0] < volume < within[-1]:
+            return float(ways[0] if volume <= within[0] else ways[-1])
+        curve = np.polynomial.Polynomial.fit(ways, np.array(within) - volume, self.dim)
+        roots = [float(z.real) for z in curve.roots() if abs(z.imag) < 1e-9 and ways[-1] <= z.real <= ways[0]]
+        return min(roots, key=lambda z: abs(z - float(self.term.inset)), default=float(self.term.inset))
 
     def _components(self, blocks: Blocks, cells: PointList, nearest: Any, area: Any) -> tuple[Any, Any]:
         """(particles in each particle's component, areas without those of components that are too small)."""

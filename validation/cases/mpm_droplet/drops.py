@@ -1,0 +1,307 @@
+"""Runs of bodies of liquid under surface tension: at rest, rounding off, swinging, colliding, on a floor, a sheet."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from refsim import RunStopped, Simulation
+from refsim.backend import choose
+from refsim.surface_energy import Tension
+from refsim.surface_energy.reconstruction import Reconstruction
+from validation.cases.mpm_droplet import measures
+from validation.cases.mpm_droplet.scene import CELLS, MODULUS, box, drop_scene, ellipsoid, radius_of
+from validation.cases.surface_reconstruction.shapes import angles
+from validation.results import Result
+from validation.running import Context
+
+SIDES = (1.3, 1.0, 0.8)  # of the box that becomes a sphere
+
+
+def follow(
+    context: Context,
+    run: Simulation,
+    until: float,
+    rows: int,
+    shown: Sequence[float] = (),
+    each: Callable[[Simulation], None] | None = None,
+) -> tuple[measures.Ledger, dict[str, np.ndarray], str]:
+    """Step to `until` [s]: (ledger of `rows` rows, surfaces nearest after the times `shown`, why it stopped or "").
+
+    each  called after every step
+    """
+    ledger, kept, stopped = measures.Ledger(run), {}, ""
+    noted, waiting = 0, sorted(shown)
+    try:
+        while run.time < until - 1e-9:
+            run.step()
+            if each is not None:
+                each(run)
+            if run.time >= noted * until / rows or run.time >= until - 1e-9:
+                noted += 1
+                ledger.note()
+                context.progress(run.time / until)
+            while waiting and run.time >= waiting[0] - 1e-9:
+                mesh = measures.surface_of(run).inset_mesh
+                place = f"{len(shown) - len(waiting)}"
+                kept[f"vertices_{place}"] = run.backend.host(mesh.vertices) / ledger.h
+                kept[f"facets_{place}"] = run.backend.host(mesh.facets)
+                waiting.pop(0)
+    except RunStopped as stop:
+        stopped = f"{stop.reason} in step {run.steps}"
+        if not ledger.series:
+            raise
+    return ledger, kept, stopped
+
+
+def rounding(
+    context: Context, backend: str, shape: str, size: float, until: float, shown: Sequence[float] = (),
+    tension: Mapping[str, Any] | None = None, liquid: Mapping[str, Any] | None = None, rows: int = 120,
+) -> Result:  # fmt: skip
+    """A box of 1.3 : 1 : 0.8, or a cube (square), whose surface draws it to a ball.
+
+    shape  "box" (turned off the axes), "cube" or "square"; size  side of the cube of the same volume [cells]
+    """
+    dim = 2 if shape == "square" else 3
+    if shape == "box":
+        scale = size / math.prod(SIDES) ** (1 / 3)
+        place = box([round(2 * scale * side) / 2 for side in SIDES], seed=3)
+    else:
+        place = box([size] * dim)
+    run = context.simulation(drop_scene(place, dim, tension=dict(tension or {}), liquid=dict(liquid or {})), backend)
+    ledger, kept, stopped = follow(context, run, until, rows, shown)
+    return Result(
+        {"stopped": stopped, "dim": dim, "shown": list(shown), "steps": run.steps, "series": ledger.series,
+         "last": late(ledger.series), **ledger.summary()},
+        kept,
+    )  # fmt: skip
+
+
+def late(series: Mapping[str, Sequence[float]], share: float = 0.25) -> dict[str, dict[str, float]]:
+    """Least, mean and largest of the shape's measures over the last quarter of a run."""
+    begin = int((1 - share) * len(series["time"]))
+    made = {}
+    for name in ("volume", "sphericity", "anisotropy", "pressure", "area"):
+        values = np.array(series[name][begin:])
+        made[name] = {"least": float(values.min()), "mean": float(values.mean()), "largest": float(values.max())}
+    return made
+
+
+def at_rest(
+    context: Context, backend: str, dim: int, radius: float, until: float, seed: int = 0, modulus: float = MODULUS,
+    tension: Mapping[str, Any] | None = None, dtype: str = "float64", step: float | None = None,
+) -> Result:  # fmt: skip
+    """A disc or a ball cut from a turned lattice, with the J that holds its pressure: the pressure it settles at."""
+    place = ellipsoid(radius, dim, seed=seed)
+    scene = drop_scene(
+        place, dim, tension=dict(tension or {}), liquid={"bulk_modulus": modulus}, balanced=True, dtype=dtype, step=step
+    )
+    run = context.simulation(scene, backend)
+    ledger, _, stopped = follow(context, run, until, 60)
+    return Result({"stopped": stopped, "dim": dim, "series": ledger.series, **ledger.summary(), "steps": run.steps})
+
+
+def oscillation(
+    context: Context, backend: str, dim: int, radius: float, amplitude: float, periods: float,
+    modulus: float = MODULUS, tension: Mapping[str, Any] | None = None, normalised: bool = True,
+    embedding: str = "cluster",
+) -> Result:  # fmt: skip
+    """An ellipse or a spheroid, longer by `amplitude`, swings; frequency against Rayleigh's, and what shifts it.
+
+    normalised  lambda in proportion to 1/R, so that the liquid's compression by its surface is the same for all radii
+    """
+    place = ellipsoid(radius, dim, amplitude)
+    radius = radius_of(len(place), dim)
+    if normalised:
+        modulus = modulus * 11.0 / radius if dim == 2 else modulus
+    surface = {"embedding": embedding, **(tension or {})}
+    scene = drop_scene(place, dim, tension=surface, liquid={"bulk_modulus": modulus}, balanced=True)
+    run = context.simulation(scene, backend)
+    metres = radius * CELLS[dim]
+    first = measures.rayleigh(metres, dim)
+    until = periods * 2 * math.pi / first
+    time, value = [], []
+
+    def note(run: Simulation) -> None:
+        if run.steps % 4 == 0:
+            time.append(run.time)
+            value.append(measures.deformation(run.field("position"), dim))
+
+    ledger, _, stopped = follow(context, run, until, 60, each=note)
+    fit = measures.damped_cosine(np.array(time), np.array(value), first)
+    series = ledger.series
+    area = float(np.mean(series["area"])) / round_area_of_ellipse(amplitude, dim)
+    inertia = measures.inertia_share(run) if embedding != "none" else float("nan")
+    return Result(
+        {
+            "stopped": stopped, "dim": dim, "radius_in_cells": radius, "amplitude": amplitude, "modulus": modulus,
+            "ratio": fit["frequency"] / first, "ratio_error": fit["error"] / first, "damping": fit["damping"],
+            "damping_of_period": fit["damping"] * 2 * math.pi / first, "misfit": fit["misfit"],
+            "fitted_amplitude": fit["amplitude"], "inertia": inertia, "area_share": area,
+            "compressible": measures.compressible(metres, dim, modulus), "series": series, **ledger.summary(),
+            "swing": {"time": time[::4], "value": value[::4]}, "steps": run.steps,
+        }
+    )  # fmt: skip
+
+
+def round_area_of_ellipse(amplitude: float, dim: int) -> float:
+    """Mean area over a swing of an ellipse (spheroid) of this amplitude over that of the ball: 1 + O(amplitude^2)."""
+    # in the plane 1 + 3 s^2/8 on average with a = R (1 + s cos wt); in space 1 + s^2/5
+    return 1 + (0.375 if dim == 2 else 0.2) * amplitude**2
+
+
+def stiffness(
+    context: Context, backend: str, dim: int, radii: Sequence[float], amplitude: float, seeds: int,
+    tension: Mapping[str, Any] | None = None,
+) -> Result:  # fmt: skip
+    """The pull against mode 2 of ellipses at rest: k sum A (n_y^2 - n_x^2) over that of the smooth ellipse.
+
+    Beside it the same sum with the ellipse's own normals at the samples, which leaves the areas' error alone, and the
+    rms angle between both normals [degrees]. Nothing moves; lattices are placed and turned at random.
+    """
+    there = choose(backend)
+    rows = []
+    for k, radius in enumerate(radii):
+        found: dict[str, list[float]] = {"pull": [], "smooth_normals": [], "area": [], "volume": [], "scatter": []}
+        for seed in range(seeds):
+            place = ellipsoid(radius, dim, amplitude, seed)
+            size = radius_of(len(place), dim)
+            semi = np.array([1 + amplitude, *[(1 + amplitude) ** (-1 / (dim - 1))] * (dim - 1)]) * size
+            made = Reconstruction(there, dim, "float64", 1.0, Tension(surface_tension=1.0, **(tension or {})))
+            surface = made.surface(there.asarray(np.pad(place, ((0, 0), (0, 3 - dim)))))
+            samples = surface.samples
+            position, normal, area = (there.host(a).astype(float) for a in samples[:3])
+            true = ellipse_normals(position[:, :dim], semi)
+            exact_pull, exact_area = exact_ellipse(semi)
+            found["pull"].append(pull(normal[:, :dim], area) / exact_pull)
+            found["smooth_normals"].append(pull(true, area) / exact_pull)
+            found["area"].append(float(area.sum()) / exact_area)
+            scatter = angles(normal[:, :dim], true)
+            found["scatter"].append(math.sqrt(float((area * scatter**2).sum() / area.sum())))
+            size_of = measures.mesh_size(there.host(surface.inset_mesh.vertices), surface.inset_mesh.facets, dim)
+            found["volume"].append(size_of[1] / (len(place) / 2**dim))
+        row: dict[str, Any] = {"radius": radius}
+        for name, values in found.items():
+            row[name] = float(np.mean(values))
+            row[f"{name}_error"] = float(np.std(values) / math.sqrt(len(values)))
+        rows.append(row)
+        context.progress((k + 1) / len(radii))
+    return Result({"dim": dim, "amplitude": amplitude, "seeds": seeds, "rows": rows})
+
+
+def pull(normal: np.ndarray, area: np.ndarray) -> float:
+    """sum A (mean of n_y^2, n_z^2 - n_x^2), the virial of the surface's force against mode 2."""
+    return float((area * ((normal[:, 1:] ** 2).mean(1) - normal[:, 0] ** 2)).sum())
+
+
+def ellipse_normals(position: np.ndarray, semi: np.ndarray) -> np.ndarray:
+    """Normals of the ellipse (ellipsoid) through each place, scaled about its middle."""
+    normal = position / semi**2
+    return normal / np.linalg.norm(normal, axis=1, keepdims=True)
+
+
+def exact_ellipse(semi: np.ndarray) -> tuple[float, float]:
+    """(pull, area) of the smooth ellipse or spheroid, by midpoints in the angle."""
+    if len(semi) == 2:
+        t = (np.arange(20000) + 0.5) * 2 * math.pi / 20000
+        slope = np.stack([-semi[0] * np.sin(t), semi[1] * np.cos(t)], 1) * (t[1] - t[0])
+        size = np.linalg.norm(slope, axis=1)
+        normal = np.stack([slope[:, 1], -slope[:, 0]], 1) / size[:, None]
+        return pull(normal, size), float(size.sum())
+    t = (np.arange(20000) + 0.5) * math.pi / 20000
+    x, ring = semi[0] * np.cos(t), semi[1] * np.sin(t)
+    size = np.hypot(semi[0] * np.sin(t), semi[1] * np.cos(t)) * 2 * math.pi * ring * (t[1] - t[0])
+    across = ring / semi[1] ** 2
+    along = x / semi[0] ** 2
+    length = np.hypot(across, along)
+    # the ring's mean of n_y^2 and n_z^2 is half of the part across the axis, squared
+    return float((size * (0.5 * (across / length) ** 2 - (along / length) ** 2)).sum()), float(size.sum())
+
+
+def collision(
+    context: Context, backend: str, dim: int, radius: float, speed: float, until: float, shown: Sequence[float],
+    embedding: str = "cluster",
+) -> Result:  # fmt: skip
+    """Two drops meet off their axis, each at `speed` [m/s]: ledgers until they are one."""
+    single = ellipsoid(radius, dim)
+    apart = np.array([radius + 2.0, 0.25 * radius, 0.0])[:dim]
+    place = np.vstack([single - apart, single + apart])
+    velocity = np.zeros((len(place), 3))
+    velocity[: len(single), 0], velocity[len(single) :, 0] = speed, -speed
+    scene = drop_scene(place, dim, velocity=velocity, tension={"embedding": embedding})
+    run = context.simulation(scene, backend)
+    ledger, kept, stopped = follow(context, run, until, 120, shown)
+    # both drops turn about the common centre: L is not zero here, its drift is
+    first = ledger.series["angular"][0]
+    drift = max(abs(a - first) for a in ledger.series["angular"])
+    summary = ledger.summary()
+    scale = float(ledger.mass.sum()) * ledger.fastest * ledger.radius
+    return Result(
+        {"stopped": stopped, "dim": dim, "shown": list(shown), "series": ledger.series, **summary,
+         "angular": drift / scale, "steps": run.steps},
+        kept,
+    )  # fmt: skip
+
+
+def on_floor(
+    context: Context, backend: str, dim: int, radius: float, angle: float, until: float, shown: Sequence[float] = (),
+    gravity: float = 0.0, tension: Mapping[str, Any] | None = None,
+) -> Result:  # fmt: skip
+    """Half a disc or ball on a slipping floor takes its contact angle: circle through its free surface over time."""
+    place = ellipsoid(radius, dim, seed=1)
+    # 4 cells above y = 0, where the floor is, so that the particles stand half a cell over the plane at the start
+    floor = 0.0
+    place = place[place[:, 1] > 0] + np.array([0.0, floor + 0.5, 0.0])[:dim]
+    room = 4 * radius
+    walls = {"lower": (-room, floor, -room), "upper": (room, room, room), "rule": "slip"}
+    scene = drop_scene(place, dim, tension={"contact_angle": angle, **(tension or {})}, walls=walls)
+    run = context.simulation(scene, backend)
+    h, angles_seen, times = CELLS[dim], [], []
+    fits: list[dict[str, float]] = []
+
+    def note(run: Simulation) -> None:
+        if run.steps % 10 == 0:
+            samples = measures.surface_of(run).samples
+            position = run.backend.host(samples.position).astype(float)
+            lowest = float(np.quantile(run.field("position")[:, 1], 0.002)) - 0.25 * h
+            fits.append({**measures.contact(position, lowest, h, dim), "floor": lowest / h})
+            times.append(run.time)
+            angles_seen.append(fits[-1]["angle"])
+
+    ledger, kept, stopped = follow(context, run, until, 60, shown, note)
+    late = fits[len(fits) // 2 :]
+    made = {name: float(np.mean([f[name] for f in late])) for name in late[0]}
+    spread = float(np.std([f["angle"] for f in late]))
+    return Result(
+        {"stopped": stopped, "dim": dim, "asked": angle, "shown": list(shown), "time": times, "angles": angles_seen,
+         **ledger.summary(), **made, "spread": spread, "series": ledger.series, "steps": run.steps},
+        kept,
+    )  # fmt: skip
+
+
+def sheet(context: Context, backend: str, length: float, thick: float, tension: float, until: float,
+          shown: Sequence[float], embedding: str = "cluster") -> Result:  # fmt: skip
+    """A sheet of liquid in the plane draws back from its ends: their speed against Taylor and Culick's."""
+    place = box([length, thick])
+    scene = drop_scene(place, 2, tension={"surface_tension": tension, "embedding": embedding}, step=0.0)
+    run = context.simulation(scene, backend)
+    time, width = [], []
+
+    def note(run: Simulation) -> None:
+        x = run.field("position")[:, 0]
+        time.append(run.time)
+        width.append(float(x.max() - x.min()) / CELLS[2])
+
+    ledger, kept, stopped = follow(context, run, until, 60, shown, note)
+    culick = math.sqrt(2 * tension / (thick * CELLS[2]))
+    t, w = np.array(time), np.array(width)
+    held = (w < 0.9 * length) & (w > 0.5 * length)
+    speed = -0.5 * float(np.polyfit(t[held], w[held], 1)[0]) * CELLS[2] if held.sum() > 5 else float("nan")
+    return Result(
+        {"stopped": stopped, "dim": 2, "shown": list(shown), "series": ledger.series, **ledger.summary(),
+         "speed": speed, "culick": culick, "width": {"time": time[::5], "value": width[::5]}, "steps": run.steps},
+        kept,
+    )  # fmt: skip

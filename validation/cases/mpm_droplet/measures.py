@@ -1,0 +1,196 @@
+"""What is measured of a body of liquid with a surface: shape, pressure, ledgers, frequency, contact angle."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from refsim import Simulation
+
+Array = NDArray[np.float64]
+
+
+def mesh_size(vertices: Array, facets: NDArray[np.integer], dim: int) -> tuple[float, float]:
+    """(area, volume) of a closed mesh with outward facets; length and area in the plane."""
+    corner = np.asarray(vertices, dtype=float)[facets]
+    if dim == 2:
+        a, b = corner[:, 0], corner[:, 1]
+        return float(np.linalg.norm(b - a, axis=1).sum()), float(abs((a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum()) / 2)
+    a, b, c = (corner[:, k] - corner[0, 0] for k in range(3))
+    area = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1).sum()
+    return float(area), float(abs((a * np.cross(b, c)).sum()) / 6)
+
+
+def sphericity(area: float, volume: float, dim: int) -> float:
+    """Wadell's: area of the ball (disc) of the same volume over the area."""
+    if dim == 2:
+        return 2 * math.sqrt(math.pi * volume) / area
+    return math.pi ** (1 / 3) * (6 * volume) ** (2 / 3) / area
+
+
+def anisotropy(position: Array, dim: int) -> float:
+    """Range of the principal second moments of the particles over their mean."""
+    offset = (position - position.mean(0))[:, :dim]
+    moments = np.linalg.eigvalsh(offset.T @ offset)
+    return float((moments[-1] - moments[0]) / moments.mean())
+
+
+def surface_of(run: Simulation) -> Any:
+    """The surface that the latest step reconstructed, at its beginning."""
+    return run._shared["surface"].latest
+
+
+class Ledger:
+    """Series of all that is kept or lost, from the start of a run on."""
+
+    def __init__(self, run: Simulation) -> None:
+        self.run, self.dim = run, run.plan.grid.dim
+        liquid = run.plan.effects["mpm_liquid"]
+        self.h, self.modulus = liquid.cell(run.plan.grid), liquid.bulk_modulus
+        self.tension = run.plan.effects["surface_energy"].surface_tension
+        self.mass = run.field("mass").astype(float)
+        self.volume = float(self.mass.sum() / liquid.rest_density)
+        flat = self.dim == 2
+        self.radius = math.sqrt(self.volume / math.pi) if flat else (3 * self.volume / (4 * math.pi)) ** (1 / 3)
+        self.round_area = 2 * math.pi * self.radius if flat else 4 * math.pi * self.radius**2
+        self.centre = self.run.field("position").astype(float).mean(0)
+        self.series: dict[str, list[float]] = {}
+        self.fastest = 0.0
+
+    def note(self) -> None:
+        """One more row. Energies in J, the rest relative; momenta over m v R with the fastest particle so far."""
+        run, dim, mass = self.run, self.dim, self.mass
+        x, v, ratio = (run.field(name).astype(float) for name in ("position", "velocity", "volume_ratio"))
+        surface = surface_of(run)
+        there = run.backend
+        mesh = surface.inset_mesh
+        area, volume = mesh_size(there.host(mesh.vertices), there.host(mesh.facets), dim)
+        self.fastest = max(self.fastest, float(np.sqrt((v**2).sum(1).max())))
+        v0 = self.volume / len(x)
+        kinetic = 0.5 * float((mass * (v**2).sum(1)).sum())
+        bulk = 0.5 * self.modulus * v0 * float(((ratio - 1) ** 2).sum())
+        pulled = self.tension * float(there.host(surface.samples.area).sum(dtype=float))
+        # volume-weighted: the plain mean of lambda (1 - J) is too large by lambda times the variance of J
+        pressure = -self.modulus * float(((ratio - 1) * ratio).sum() / ratio.sum())
+        row = {
+            "time": run.time, "kinetic": kinetic, "bulk": bulk, "surface": pulled, "energy": kinetic + bulk + pulled,
+            "area": area / self.round_area, "volume": volume / self.volume, "sphericity": sphericity(area, volume, dim),
+            "pressure": pressure * self.radius / ((dim - 1) * self.tension) if self.tension else 0.0,
+            "momentum": float(np.abs(mass @ v).max()),
+            "angular": float(np.abs((mass[:, None] * np.cross(x - self.centre, v)).sum(0)).max()),
+            "centre": float(np.abs(x.mean(0) - self.centre).max() / self.h),
+            "anisotropy": anisotropy(x, dim), "least_ratio": float(ratio.min()), "greatest_ratio": float(ratio.max()),
+        }  # fmt: skip
+        for name, value in row.items():
+            self.series.setdefault(name, []).append(value)
+
+    def summary(self) -> dict[str, Any]:
+        """Drifts over the whole run, and the last values."""
+        s = self.series
+        scale = float(self.mass.sum()) * self.fastest
+        late = len(s["time"]) // 2
+        return {
+            "momentum": max(s["momentum"]) / scale, "angular": max(s["angular"]) / (scale * self.radius),
+            "centre": max(s["centre"]), "energy_rise": max(s["energy"]) / s["energy"][0] - 1,
+            "least_ratio": min(s["least_ratio"]), "greatest_ratio": max(s["greatest_ratio"]),
+            "pressure": float(np.mean(s["pressure"][late:])), "area": float(np.mean(s["area"][late:])),
+            "kinetic": float(np.mean(s["kinetic"][late:])) / (self.tension * self.round_area),
+            "volume": s["volume"][-1], "sphericity": s["sphericity"][-1], "anisotropy": s["anisotropy"][-1],
+            "radius_in_cells": self.radius / self.h, "particles": len(self.mass),
+        }  # fmt: skip
+
+
+def deformation(position: Array, dim: int) -> float:
+    """Mode 2 about x: (<x^2> - <y^2>)/(<x^2> + <y^2>), in space with the mean of y and z."""
+    offset = position - position.mean(0)
+    along = float((offset[:, 0] ** 2).mean())
+    across = float((offset[:, 1:dim] ** 2).mean())
+    return (along - across) / (along + across)
+
+
+def damped_cosine(time: Array, value: Array, guess: float) -> dict[str, float]:
+    """Fit of a exp(-g t) cos(w t + p) + c: undamped frequency sqrt(w^2 + g^2) [1/s], its standard error, damping."""
+    from scipy.optimize import curve_fit
+
+    def curve(t: Array, a: float, w: float, g: float, p: float, c: float) -> Array:
+        return a * np.exp(-g * t) * np.cos(w * t + p) + c
+
+    fits = []
+    for share in (0.94, 0.98, 1.02):
+        try:
+            found, spread = curve_fit(curve, time, value, p0=[value[0], share * guess, 0.1, 0.0, 0.0], maxfev=20000)
+        except RuntimeError:
+            continue
+        fits.append((float(((curve(time, *found) - value) ** 2).mean()), found, spread))
+    if not fits:
+        return dict.fromkeys(("frequency", "error", "damping", "amplitude", "misfit"), float("nan"))
+    misfit, found, spread = min(fits, key=lambda f: f[0])
+    return {
+        "frequency": float(math.hypot(found[1], found[2])), "error": float(math.sqrt(spread[1, 1])),
+        "damping": float(found[2]), "amplitude": float(abs(found[0])), "misfit": math.sqrt(misfit),
+    }  # fmt: skip
+
+
+def rayleigh(radius: float, dim: int, tension: float = 1.0, density: float = 1.0) -> float:
+    """Frequency of mode 2 [rad/s]: sqrt(6 k/(rho R^3)) in the plane, sqrt(8 k/(rho R^3)) in space (Rayleigh 1879)."""
+    return math.sqrt((6 if dim == 2 else 8) * tension / (density * radius**3))
+
+
+def compressible(radius: float, dim: int, modulus: float, tension: float = 1.0, density: float = 1.0) -> float:
+    """Frequency of mode 2 of a liquid with sound speed sqrt(lambda/rho), over Rayleigh's.
+
+    Inside, the pressure is a Bessel function of q r, q = w/c; with the outer condition of Rayleigh's drop the frequency
+    obeys w^2 = w_R^2 q R f'(q R)/(2 f(q R)), f = J_2 in the plane, j_2 in space.
+    """
+    from scipy.special import jv, jvp, spherical_jn
+
+    first = rayleigh(radius, dim, tension, density)
+    frequency, sound = first, math.sqrt(modulus / density)
+    for _ in range(50):
+        z = frequency * radius / sound
+        if dim == 2:
+            share = z * jvp(2, z) / (2 * jv(2, z))
+        else:
+            share = z * spherical_jn(2, z, derivative=True) / (2 * spherical_jn(2, z))
+        frequency = first * math.sqrt(share)
+    return frequency / first
+
+
+def inertia_share(run: Simulation) -> float:
+    """What the grid sees of the inertia of a linear field, over the particles': 1 + sum m tr D/sum m |x|^2.
+
+    A particle brings its spread D to the grid (h^2/4 along each axis, more in a cluster) beside its place.
+    """
+    dim, h = run.plan.grid.dim, run.plan.effects["mpm_liquid"].cell(run.plan.grid)
+    packed = run.field("inverse_spread").astype(float)
+    entries = [[0, 1, 2], [1, 3, 4], [2, 4, 5]]
+    inverse = packed[:, entries][:, :dim, :dim]
+    spread = h * h / 4 * np.trace(np.linalg.inv(inverse), axis1=1, axis2=2)
+    offset = run.field("position").astype(float)
+    offset = (offset - offset.mean(0))[:, :dim]
+    mass = run.field("mass").astype(float)
+    return float(1 + (mass * spread).sum() / (mass * (offset**2).sum(1)).sum())
+
+
+def contact(position: Array, floor: float, h: float, dim: int) -> dict[str, float]:
+    """Ball (circle) through the free surface of a drop on a floor: its contact angle at the plane `floor` [degrees].
+
+    position  (s, dim) of surface samples [m], y upwards; those nearer to the floor than 1.5 cells are left out
+    """
+    up = position[:, 1] > floor + 1.5 * h
+    points = position[up][:, :dim]
+    if len(points) < 8:
+        return {"angle": float("nan"), "radius": float("nan"), "roughness": float("nan")}
+    matrix = np.column_stack([2 * points, np.ones(len(points))])
+    found, *_ = np.linalg.lstsq(matrix, (points**2).sum(1), rcond=None)
+    centre = found[:dim]
+    radius = math.sqrt(found[dim] + float(centre @ centre))
+    cosine = (floor - centre[1]) / radius
+    away = np.linalg.norm(points - centre, axis=1)
+    return {
+        "angle": math.degrees(math.acos(min(1.0, max(-1.0, cosine)))), "radius": radius / h,
+        "roughness": float(away.std() / radius),
+    }  # fmt: skip
