@@ -1,11 +1,14 @@
-"""The material point method: what its transfers keep, a square that becomes a disc, and its speed beside Taichi."""
+"""The material point method with surface tension: transfers, drops that round off, rest, swing, meet and stand on
+floors, and its speed beside Taichi."""
 
 from __future__ import annotations
 
+import math
+from statistics import fmean
 from typing import Any
 
 from refsim.mpm import READINGS
-from validation.cases.mpm_droplet import pictures, runs
+from validation.cases.mpm_droplet import drops, pictures, runs
 from validation.harness import Case, Options, Picture, Results, Run
 from validation.results import real
 from validation.tables import Table
@@ -15,6 +18,71 @@ COLUMNS = {
     "grid_mass": "mass on the grid", "grid_momentum": "momentum on the grid", "momentum": "momentum there and back",
     "velocity": "v", "gradient": "A at the surface", "power": "power balance",
 }  # fmt: skip
+
+
+ENCLOSING = {"enclose_volume": True}
+# What brings the box to rest: no liquid comes to rest without viscosity. lambda is twice that of the other drops, so
+# that the surface's pressure takes half a per cent of the volume.
+RESTFUL = {"dynamic_viscosity": 0.08, "bulk_modulus": 2000.0}
+DAMPED = {"dynamic_viscosity": 0.05}
+RADII = {2: (5.5, 11.0, 22.0), 3: (4.0, 6.0, 8.0)}
+SEEDS = (0, 1, 2)
+SWINGS = {"2d_5.5": (2, 5.5, 0.1), "2d_8": (2, 8.0, 0.1), "2d_11": (2, 11.0, 0.1), "2d_16": (2, 16.0, 0.1),
+          "2d_22": (2, 22.0, 0.1), "2d_16_small": (2, 16.0, 0.03), "2d_16_half": (2, 16.0, 0.05),
+          "2d_16_double": (2, 16.0, 0.2), "3d_6": (3, 6.2, 0.1), "3d_9": (3, 9.0, 0.1)}  # fmt: skip
+ANGLES = (60, 90, 120)
+
+
+def bodies(options: Options) -> list[Run]:
+    """Drops under surface tension."""
+    backend, quick = options.backend, options.quick
+    made: list[Run] = []
+
+    def add(key: str, function: Any, estimate: float, small: bool = False, **parameters: Any) -> None:
+        if small == quick:
+            made.append(Run(key, function, {"backend": backend, **parameters}, estimate))
+
+    shown = [0.0, 0.02, 0.04, 0.08, 0.16, 0.5]
+    add(
+        "box", drops.rounding, 300.0, shape="box", size=10.0, until=0.55, shown=shown, tension=ENCLOSING, liquid=RESTFUL
+    )
+    add("box_default", drops.rounding, 100.0, shape="box", size=10.0, until=0.3, shown=[0.3])
+    add("cube", drops.rounding, 100.0, shape="cube", size=10.0, until=0.28, shown=[0.28])
+    for dim, radii in RADII.items():
+        for radius in radii:
+            for name, tension in (("default", {}), ("enclosing", ENCLOSING)):
+                for seed in SEEDS if dim == 2 else SEEDS[:1]:
+                    key = f"rest_{dim}d_{radius:g}_{name}_{seed}"
+                    until = 0.4 if dim == 2 else 0.12
+                    add(key, drops.at_rest, 1e-3 * radius**3 * (20 if dim == 3 else 2), dim=dim, radius=radius,
+                        until=until, seed=seed, tension=tension)  # fmt: skip
+    for key, (dim, radius, amplitude) in SWINGS.items():
+        add(f"swing_{key}", drops.oscillation, 40.0, dim=dim, radius=radius, amplitude=amplitude,
+            periods=2.0 if dim == 2 else 1.5)  # fmt: skip
+    smooth = {"level_set_radius": 1.8, "normals": "gradient", "offset": 0.25, "iterations": 1}
+    for key, tension, embedding in (
+        ("poisson", {"quadrature": "poisson"}, "cluster"), ("wide", smooth, "cluster"), ("bare", {}, "none"),
+        ("enclosing", ENCLOSING, "cluster"),
+    ):  # fmt: skip
+        add(f"swing_2d_11_{key}", drops.oscillation, 20.0, dim=2, radius=11.0, amplitude=0.1, periods=2.0,
+            tension=tension, embedding=embedding)  # fmt: skip
+    for dim, radii in {2: [5.5, 8.0, 11.0, 16.0, 22.0, 32.0], 3: [4.0, 6.2, 9.0]}.items():
+        add(
+            f"stiffness_{dim}d", drops.stiffness, 20.0, dim=dim, radii=radii, amplitude=0.1, seeds=24 if dim == 2 else 6
+        )
+    add("collision_2d", drops.collision, 15.0, dim=2, radius=8.0, speed=1.0, until=0.3, shown=[0.0, 0.05, 0.15, 0.3])
+    add("collision_3d", drops.collision, 60.0, dim=3, radius=5.0, speed=1.0, until=0.24,
+        shown=[0.0, 0.04, 0.08, 0.12, 0.18, 0.24])  # fmt: skip
+    for angle in ANGLES:
+        add(f"floor_2d_{angle}", drops.on_floor, 20.0, dim=2, radius=11.0, angle=angle, until=0.8, liquid=DAMPED)
+        add(f"floor_3d_{angle}", drops.on_floor, 60.0, dim=3, radius=6.0, angle=angle, until=0.5, shown=[0.0, 0.5],
+            liquid=DAMPED)  # fmt: skip
+    add("sheet", drops.sheet, 10.0, length=40.0, thick=1.0, tension=0.1, until=0.16, shown=[0.0, 0.04, 0.08, 0.12])
+    add("small_box", drops.rounding, 4.0, True, shape="box", size=5.0, until=0.02, tension=ENCLOSING, liquid=RESTFUL)
+    add("small_rest", drops.at_rest, 1.0, True, dim=2, radius=5.5, until=0.05)
+    add("small_floor", drops.on_floor, 2.0, True, dim=2, radius=5.5, angle=60, until=0.05, liquid=DAMPED)
+    add("small_swing", drops.oscillation, 3.0, True, dim=2, radius=5.5, amplitude=0.1, periods=0.5)
+    return made
 
 
 def planned(options: Options) -> list[Run]:
@@ -31,6 +99,7 @@ def planned(options: Options) -> list[Run]:
             "until": 0.2 if options.quick else 0.6,
         }
         made.append(Run(f"square_{name}", runs.square, parameters, 40.0, reason if name != "cluster" else ""))
+    made += bodies(options)
     peer: dict[str, Any] = {"cells": 24 if options.quick else 40, "steps": 10, "rounds": 3 if options.quick else 5}
     peer |= {"threads": options.threads or 2, "backend": options.backend}
     asked = "" if options.peers else "asked for with --peers"
@@ -58,10 +127,162 @@ def judge(results: Results) -> list[Measurement]:
             rule = "square" if reading == "cluster" else "reading"
             for name in ("momentum", "angular", "centre", "least_ratio", "energy_rise"):
                 made.append(bounds.judge(f"{rule}_{name}", real(values[name]), reading))
+    made += judged_bodies(results, bounds)
     if "peer_taichi" in results and not results["peer_taichi"].values["missing"]:
         values = results["peer_taichi"].values
         made.append(bounds.judge("peer_ratio", values["ratio"], "taichi", "Taichi"))
         made.append(bounds.judge("peer_difference", values["difference"], "taichi", "Taichi"))
+    return made
+
+
+KEPT = ("momentum", "angular", "centre")
+
+
+def judged_bodies(results: Results, bounds: Bounds) -> list[Measurement]:
+    """Shapes, pressures, frequencies, angles and ledgers of the drops."""
+    made: list[Measurement] = []
+    for key in ("box", "box_default", "cube", "small_box"):
+        if key not in results:
+            continue
+        values = results[key].values
+        rule = "box" if key == "box" else "shape"
+        last = values["last"]
+        made.append(bounds.judge(f"{rule}_sphericity", last["sphericity"]["least"], key))
+        made.append(bounds.judge(f"{rule}_sphericity_most", last["sphericity"]["largest"], key))
+        volume = max(abs(last["volume"][name] - 1) for name in ("least", "largest"))
+        made.append(bounds.judge(f"{rule}_volume", volume, key))
+        made.append(bounds.judge(f"{rule}_anisotropy", last["anisotropy"]["largest"], key))
+    kept = ("box", "box_default", "cube", "small_box", "collision_2d", "collision_3d", "sheet")
+    for key in (k for k in kept if k in results):
+        values = results[key].values
+        rules = {name: f"drop_{name}" for name in (*KEPT, "energy_rise")}
+        if key not in ("box", "small_box"):
+            rules["energy_rise"] = "energy_rise"
+        if key in ("collision_2d", "collision_3d", "sheet"):
+            rules["angular"] = "angular"
+        made += [bounds.judge(rule, values[name], key) for name, rule in rules.items()]
+    for (dim, name), rows in pressures(results).items():
+        for row in rows:
+            rule = {(2, 11.0): "laplace_2d", (3, 6.0): "laplace_3d"}.get((dim, row["radius"]), "laplace")
+            made.append(bounds.judge(rule, abs(row["pressure"] - 1), f"{dim}d_{row['radius']:g}_{name}"))
+        if len(rows) > 1:
+            made.append(bounds.judge("laplace_order", order(rows), f"{dim}d_{name}"))
+    for key in (k for k in results if k.startswith("swing_")):
+        rule = "swing_2d_16" if key == "swing_2d_16" else "swing"
+        made.append(bounds.judge(rule, abs(results[key].values["ratio"] - 1), key.removeprefix("swing_")))
+    for key in (k for k in results if k.startswith("floor_")):
+        values = results[key].values
+        made.append(bounds.judge("contact_angle", abs(values["angle"] - values["asked"]), key.removeprefix("floor_")))
+    if "sheet" in results:
+        values = results["sheet"].values
+        made.append(bounds.judge("sheet_speed", abs(values["speed"] / values["culick"] - 1)))
+    return made
+
+
+def pressures(results: Results) -> dict[tuple[int, str], list[dict[str, float]]]:
+    """Mean pressure of drops at rest over Laplace's, by dimension and inset, from small to large."""
+    made: dict[tuple[int, str], list[dict[str, float]]] = {}
+    for dim, radii in RADII.items():
+        for name in ("default", "enclosing"):
+            for radius in radii:
+                keys = [f"rest_{dim}d_{radius:g}_{name}_{seed}" for seed in SEEDS]
+                found = [results[key].values for key in keys if key in results]
+                if found:
+                    values = [v["pressure"] for v in found]
+                    row = {"radius": radius, "cells": found[0]["radius_in_cells"], "pressure": fmean(values),
+                           "spread": max(values) - min(values), "noise": fmean(v["kinetic"] for v in found),
+                           "volume": fmean(v["volume"] for v in found)}  # fmt: skip
+                    made.setdefault((dim, name), []).append(row)
+    return made
+
+
+def order(rows: list[dict[str, float]]) -> float:
+    """Observed order: minus the slope of log |p/p_L - 1| over log R/h, through all rows."""
+    x = [math.log(row["cells"]) for row in rows]
+    y = [math.log(max(abs(row["pressure"] - 1), 1e-12)) for row in rows]
+    mx, my = fmean(x), fmean(y)
+    return -sum((a - mx) * (b - my) for a, b in zip(x, y)) / sum((a - mx) ** 2 for a in x)
+
+
+def body_tables(results: Results) -> list[Table]:
+    """Shapes at the end, pressures, frequencies with what shifts them, angles, and the sheet."""
+    made: list[Table] = []
+    rows: list[list[Any]] = []
+    for key in ("box", "box_default", "cube", "small_box", "collision_2d", "collision_3d", "sheet"):
+        if key in results:
+            v = results[key].values
+            last = v.get("last", {})
+            shape = [f"{last[n]['mean']:.4f}" for n in ("sphericity", "volume", "anisotropy")] if last else [""] * 3
+            ledger = [f"{v[n]:.1e}" for n in (*KEPT, "energy_rise")]
+            rows.append([key, v["particles"], v["stopped"] or "to the end", *shape, *ledger])
+    if rows:
+        heading = ["run", "particles", "ran", "sphericity", "volume", "anisotropy", "momentum", "angular momentum"]
+        note = (
+            "Shapes are means over the last quarter; momenta over m v_max (R), the centre in cells; energy: highest"
+            " over the start, less one."
+        )
+        made.append(Table("Drops that round off, meet and draw back", [*heading, "centre", "energy"], rows, note))
+    rows = []
+    for (dim, name), found in pressures(results).items():
+        for r in found:
+            cells = [f"{r['pressure']:.4f}", f"{r['spread']:.4f}", f"{r['volume']:.4f}", f"{r['noise']:.1e}"]
+            rows.append([f"{dim}D, {name} inset", f"{r['cells']:.2f}", *cells])
+    if rows:
+        heading = ["drop", "R/h", "p/p_L", "range over lattices", "volume in the surface", "kinetic/surface energy"]
+        note = "Volume-weighted pressure, mean over the second half of the run."
+        made.append(Table("Pressure of drops at rest over Laplace's", heading, rows, note))
+    rows = []
+    for key in (k for k in results if k.startswith(("swing_", "small_swing"))):
+        v = results[key].values
+        rows.append([key.removeprefix("swing_"), f"{v['radius_in_cells']:.2f}", v["amplitude"], f"{v['ratio']:.4f}",
+                     f"{v['damping_of_period']:.3f}", f"{v['inertia']:.4f}", f"{v['area_share']:.4f}",
+                     f"{v['compressible']:.4f}"])  # fmt: skip
+    if rows:
+        heading = ["run", "R/h", "amplitude", "w/w_R", "damping of a period", "inertia", "area", "compressible"]
+        note = "Inertia: what the grid sees over the particles'; compressible: exact frequency over Rayleigh's."
+        made.append(Table("Mode 2 against Rayleigh's frequency, and what shifts it", heading, rows, note))
+    rows = []
+    for dim in (2, 3):
+        if f"stiffness_{dim}d" in results:
+            for r in results[f"stiffness_{dim}d"].values["rows"]:
+                rows.append([f"{dim}D", r["radius"], f"{r['pull']:.4f}", f"{r['pull_error']:.4f}",
+                             f"{r['smooth_normals']:.4f}", f"{r['area']:.4f}", f"{r['scatter']:.2f}"])  # fmt: skip
+    if rows:
+        heading = ["", "R/h", "pull", "standard error", "with smooth normals", "area", "rms angle of normals"]
+        note = "Resting ellipses of 10 %: the force's virial against mode 2 over that of the smooth ellipse."
+        made.append(
+            Table("Why the frequency stays low: the pull with fitted and with true normals", heading, rows, note)
+        )
+    rows = []
+    for key in (k for k in results if k.startswith(("floor_", "small_floor"))):
+        v = results[key].values
+        cells = [
+            f"{v['angle']:.1f}",
+            f"{v['angle_at_wall']:.1f}",
+            f"{v['spread']:.1f}",
+            f"{v['radius']:.2f}",
+            f"{v['roughness']:.3f}",
+        ]
+        rows.append([key.removeprefix("floor_"), v["asked"], *cells])
+    if rows:
+        heading = [
+            "drop",
+            "asked, degrees",
+            "measured",
+            "at the wall",
+            "deviation over time",
+            "radius, cells",
+            "roughness",
+        ]
+        note = (
+            "Circle or ball through the free surface more than 1.5 cells above the floor, mean over the second half:"
+            " its angle half a cell above the floor, where the wall's rule lets the surface end, and with the floor."
+        )
+        made.append(Table("Drops on a floor", heading, rows, note))
+    if "sheet" in results:
+        v = results["sheet"].values
+        cells = [[f"{v['speed']:.3f}", f"{v['culick']:.3f}", f"{v['speed'] / v['culick']:.3f}"]]
+        made.append(Table("A sheet draws back", ["speed of an end, m/s", "Taylor and Culick", "ratio"], cells))
     return made
 
 
@@ -85,6 +306,7 @@ def tables(results: Results) -> list[Table]:
         heading = ["reading", "ran", "momentum", "angular momentum", "centre, cells", "perimeter", "least J", "energy"]
         note = "Perimeter over that of the disc at the end; energy: highest over that at the start, less one."
         made.append(Table("A square of 20 cells becomes a disc", heading, rows, note))
+    made += body_tables(results)
     if "peer_taichi" in results:
         values = results["peer_taichi"].values
         if values["missing"]:
@@ -108,12 +330,18 @@ def tables(results: Results) -> list[Table]:
 
 CASE = Case(
     name="mpm_droplet",
-    title="transfers of MPM, four readings of the embedding, a square becomes a disc, speed beside Taichi",
+    title="transfers of MPM, drops that round off, rest, swing, meet and stand on floors, speed beside Taichi",
     runs=planned,
     judge=judge,
     pictures=(
         Picture("mpm_square", pictures.square_data, pictures.square_picture, ("square_cluster",)),
         Picture("mpm_readings", pictures.readings_data, pictures.readings_picture, ("transfers",)),
+        Picture("mpm_box", pictures.box_data, pictures.box_picture, ("box", "box_default")),
+        Picture("mpm_collision", pictures.collision_data, pictures.collision_picture, ("collision_2d", "collision_3d")),
+        Picture("mpm_floor", pictures.floor_data, pictures.floor_picture, tuple(f"floor_3d_{a}" for a in ANGLES)),
+        Picture("mpm_pressure", pictures.pressure_data, pictures.pressure_picture, ("rest_2d_22_enclosing_0",)),
+        Picture("mpm_frequency", pictures.frequency_data, pictures.frequency_picture, ("swing_2d_22", "stiffness_2d")),
+        Picture("mpm_sheet", pictures.sheet_data, pictures.sheet_picture, ("sheet",)),
     ),
     tables=tables,
 )

@@ -248,16 +248,15 @@ def collision(
 
 def on_floor(
     context: Context, backend: str, dim: int, radius: float, angle: float, until: float, shown: Sequence[float] = (),
-    gravity: float = 0.0, tension: Mapping[str, Any] | None = None,
+    tension: Mapping[str, Any] | None = None, liquid: Mapping[str, Any] | None = None,
 ) -> Result:  # fmt: skip
     """Half a disc or ball on a slipping floor takes its contact angle: circle through its free surface over time."""
     place = ellipsoid(radius, dim, seed=1)
-    # 4 cells above y = 0, where the floor is, so that the particles stand half a cell over the plane at the start
-    floor = 0.0
-    place = place[place[:, 1] > 0] + np.array([0.0, floor + 0.5, 0.0])[:dim]
-    room = 4 * radius
-    walls = {"lower": (-room, floor, -room), "upper": (room, room, room), "rule": "slip"}
-    scene = drop_scene(place, dim, tension={"contact_angle": angle, **(tension or {})}, walls=walls)
+    place = place[place[:, 1] > 0]
+    room = float(math.ceil(4 * radius))
+    walls = {"lower": (-room, 0.0, -room), "upper": (room, room, room), "rule": "slip"}
+    wet = {"contact_angle": float(angle), **(tension or {})}
+    scene = drop_scene(place, dim, tension=wet, liquid=dict(liquid or {}), walls=walls)
     run = context.simulation(scene, backend)
     h, angles_seen, times = CELLS[dim], [], []
     fits: list[dict[str, float]] = []
@@ -266,8 +265,7 @@ def on_floor(
         if run.steps % 10 == 0:
             samples = measures.surface_of(run).samples
             position = run.backend.host(samples.position).astype(float)
-            lowest = float(np.quantile(run.field("position")[:, 1], 0.002)) - 0.25 * h
-            fits.append({**measures.contact(position, lowest, h, dim), "floor": lowest / h})
+            fits.append(measures.contact(position, 0.0, h, dim))
             times.append(run.time)
             angles_seen.append(fits[-1]["angle"])
 

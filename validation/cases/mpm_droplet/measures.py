@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from refsim import Simulation
+from refsim.mpm.surface import WET
 
 Array = NDArray[np.float64]
 
@@ -80,12 +81,21 @@ class Ledger:
             "area": area / self.round_area, "volume": volume / self.volume, "sphericity": sphericity(area, volume, dim),
             "pressure": pressure * self.radius / ((dim - 1) * self.tension) if self.tension else 0.0,
             "momentum": float(np.abs(mass @ v).max()),
-            "angular": float(np.abs((mass[:, None] * np.cross(x - self.centre, v)).sum(0)).max()),
+            "angular": float(np.abs(self._turning(x, v)).max()),
             "centre": float(np.abs(x.mean(0) - self.centre).max() / self.h),
             "anisotropy": anisotropy(x, dim), "least_ratio": float(ratio.min()), "greatest_ratio": float(ratio.max()),
         }  # fmt: skip
         for name, value in row.items():
             self.series.setdefault(name, []).append(value)
+
+    def _turning(self, x: Array, v: Array) -> Array:
+        """Angular momentum about the first centre: sum m (x cross v), and what the affine matrices carry, A D."""
+        turning = (self.mass[:, None] * np.cross(x - self.centre, v)).sum(0)
+        if "inverse_spread" not in self.run.fields:
+            return turning
+        moment = self.run.field("affine").reshape(-1, 3, 3).astype(float) @ spreads(self.run)
+        moment = (self.mass[:, None, None] * moment).sum(0)
+        return turning + [moment[2, 1] - moment[1, 2], moment[0, 2] - moment[2, 0], moment[1, 0] - moment[0, 1]]
 
     def summary(self) -> dict[str, Any]:
         """Drifts over the whole run, and the last values."""
@@ -159,16 +169,20 @@ def compressible(radius: float, dim: int, modulus: float, tension: float = 1.0, 
     return frequency / first
 
 
+def spreads(run: Simulation) -> Array:
+    """D of each particle's cluster (n, 3, 3) [m^2], h^2/4 along an axis without embedded points."""
+    packed = run.field("inverse_spread").astype(float)
+    inverse = packed[:, [[0, 1, 2], [1, 3, 4], [2, 4, 5]]]
+    return run.plan.effects["mpm_liquid"].cell(run.plan.grid) ** 2 / 4 * np.linalg.inv(inverse)
+
+
 def inertia_share(run: Simulation) -> float:
     """What the grid sees of the inertia of a linear field, over the particles': 1 + sum m tr D/sum m |x|^2.
 
     A particle brings its spread D to the grid (h^2/4 along each axis, more in a cluster) beside its place.
     """
-    dim, h = run.plan.grid.dim, run.plan.effects["mpm_liquid"].cell(run.plan.grid)
-    packed = run.field("inverse_spread").astype(float)
-    entries = [[0, 1, 2], [1, 3, 4], [2, 4, 5]]
-    inverse = packed[:, entries][:, :dim, :dim]
-    spread = h * h / 4 * np.trace(np.linalg.inv(inverse), axis1=1, axis2=2)
+    dim = run.plan.grid.dim
+    spread = np.trace(spreads(run)[:, :dim, :dim], axis1=1, axis2=2)
     offset = run.field("position").astype(float)
     offset = (offset - offset.mean(0))[:, :dim]
     mass = run.field("mass").astype(float)
@@ -176,21 +190,26 @@ def inertia_share(run: Simulation) -> float:
 
 
 def contact(position: Array, floor: float, h: float, dim: int) -> dict[str, float]:
-    """Ball (circle) through the free surface of a drop on a floor: its contact angle at the plane `floor` [degrees].
+    """Ball (circle) through the free surface of a drop on a floor, and its angles [degrees] with two planes.
 
     position  (s, dim) of surface samples [m], y upwards; those nearer to the floor than 1.5 cells are left out
+
+    angle is that at half a cell above the floor, where by the wall's rule (WET) the free surface ends; angle_at_wall
+    is that of the same ball with the floor itself.
     """
-    up = position[:, 1] > floor + 1.5 * h
-    points = position[up][:, :dim]
+    points = position[position[:, 1] > floor + 1.5 * h][:, :dim]
     if len(points) < 8:
-        return {"angle": float("nan"), "radius": float("nan"), "roughness": float("nan")}
+        return dict.fromkeys(("angle", "angle_at_wall", "radius", "roughness"), float("nan"))
     matrix = np.column_stack([2 * points, np.ones(len(points))])
     found, *_ = np.linalg.lstsq(matrix, (points**2).sum(1), rcond=None)
     centre = found[:dim]
     radius = math.sqrt(found[dim] + float(centre @ centre))
-    cosine = (floor - centre[1]) / radius
+
+    def angle(plane: float) -> float:
+        return math.degrees(math.acos(min(1.0, max(-1.0, (plane - centre[1]) / radius))))
+
     away = np.linalg.norm(points - centre, axis=1)
     return {
-        "angle": math.degrees(math.acos(min(1.0, max(-1.0, cosine)))), "radius": radius / h,
+        "angle": angle(floor + WET * h), "angle_at_wall": angle(floor), "radius": radius / h,
         "roughness": float(away.std() / radius),
     }  # fmt: skip

@@ -5,9 +5,21 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
+
 from refsim.mpm import READINGS
-from validation.drawing import BLUE, GREEN, GREY, ORANGE, VERMILION
+from validation.drawing import (
+    BLUE,
+    GREEN,
+    GREY,
+    ORANGE,
+    VERMILION,
+    show_image,
+    surface_picture,
+    view_matrix,
+)
 from validation.harness import Results
+from validation.results import floats
 
 COLOURS = {"none": GREY, "cluster": BLUE, "thesis": VERMILION, "gradient_corrected": ORANGE}
 FLOOR = 1e-17  # where an error that is exactly zero is drawn
@@ -88,4 +100,337 @@ def readings_picture(data: Mapping[str, Any]) -> Any:
     axes.grid(axis="y")
     axes.legend(frameon=False, ncols=4, loc="upper left")
     axes.set_title("Affine field to the grid and back: four readings of the embedding", pad=12)
+    return figure
+
+
+VIEW = view_matrix(azimuth=32.0, elevation=24.0)
+WATER = (0.16, 0.50, 0.80)
+LEDGER = (
+    ("energy", "all", GREY),
+    ("surface", "surface", VERMILION),
+    ("kinetic", "motion", BLUE),
+    ("bulk", "bulk", GREEN),
+)
+
+
+def frames_of(result: Any, count: int) -> list[dict[str, Any]]:
+    """Surfaces of a run, in cells."""
+    names = [str(k) for k in range(count) if f"vertices_{k}" in result.arrays]
+    return [
+        {"vertices": np.round(result.arrays[f"vertices_{k}"], 2), "facets": result.arrays[f"facets_{k}"]} for k in names
+    ]
+
+
+def upright(vertices: Any) -> np.ndarray:
+    """Places with y upwards, turned so that z is upwards for the viewer."""
+    v = floats(vertices)
+    return np.stack([v[:, 0], -v[:, 2], v[:, 1]], axis=1)
+
+
+def shaded(axes: Any, frame: Mapping[str, Any], extent: float, turn: bool = False, middle: Any = None) -> None:
+    """A lit surface, its middle (or the given one) in the middle of the panel."""
+    v = upright(frame["vertices"]) if turn else floats(frame["vertices"])
+    v = v - (v.mean(0) if middle is None else middle)
+    show_image(axes, surface_picture(v, np.array(frame["facets"]), WATER, VIEW, extent, 420), extent)
+
+
+def ledger_lines(axes: Any, series: Mapping[str, Any], names: Any = LEDGER) -> None:
+    """Energies over time."""
+    for name, words, colour in names:
+        wide = 2.2 if name == "energy" else 1.4
+        axes.plot(series["time"], series[name], color=colour, label=words, linewidth=wide)
+    axes.set_xlabel("time [s]")
+    axes.grid(axis="y")
+    axes.legend(ncols=2, loc="center right")
+
+
+def chosen(series: Mapping[str, Any], *names: str) -> dict[str, Any]:
+    """Some of a ledger's series, with its time."""
+    return {name: series[name] for name in ("time", *names)}
+
+
+ENERGIES = ("energy", "surface", "kinetic", "bulk")
+
+
+def box_data(results: Results) -> dict[str, Any]:
+    """Surfaces of the box that becomes a ball, its ledgers, and its shape with and without viscosity."""
+    box, other = results["box"], results["box_default"]
+    return {
+        "title": "A turned box of 1.3 : 1 : 0.8 becomes a ball", "times": box.values["shown"],
+        "frames": frames_of(box, len(box.values["shown"])), "particles": box.values["particles"],
+        "series": chosen(box.values["series"], *ENERGIES, "momentum", "angular", "centre", "sphericity", "volume",
+                         "anisotropy", "pressure"),
+        "default": chosen(other.values["series"], "sphericity", "volume", "anisotropy"),
+        "scales": [box.values["momentum"], box.values["angular"]],
+    }  # fmt: skip
+
+
+def box_picture(data: Mapping[str, Any]) -> Any:
+    """Lit surfaces above; energies, drifts and shape below."""
+    import matplotlib.pyplot as plt
+
+    count = len(data["frames"])
+    figure = plt.figure(figsize=(10.4, 5.6))
+    grid = figure.add_gridspec(2, 6 * count, height_ratios=(1, 1.35))
+    extent = 1.04 * max(np.abs(floats(f["vertices"]) - floats(f["vertices"]).mean(0)).max() for f in data["frames"])
+    for k, (at, frame) in enumerate(zip(data["times"], data["frames"])):
+        axes = figure.add_subplot(grid[0, 6 * k : 6 * k + 6])
+        shaded(axes, frame, extent)
+        axes.set_title(f"{at:g} s", loc="center", fontweight="normal")
+    third = 2 * count
+    energy, drift, shape = (figure.add_subplot(grid[1, k * third : (k + 1) * third]) for k in range(3))
+    ledger_lines(energy, data["series"])
+    energy.set_ylabel("energy [J]")
+    energy.set_ylim(bottom=0)
+    energy.set_title("Energy ledger")
+    for (name, words, colour), scale in zip(
+        (("momentum", "momentum / m v$_{max}$", BLUE), ("angular", "angular momentum / m v$_{max}$ R", ORANGE)),
+        data["scales"],
+    ):
+        values = floats(data["series"][name])
+        drift.semilogy(
+            data["series"]["time"], np.maximum(values / values.max() * scale, 1e-20), color=colour, label=words
+        )
+    drift.semilogy(
+        data["series"]["time"], np.maximum(floats(data["series"]["centre"]), 1e-20), color=GREEN, label="centre / h"
+    )
+    drift.set_ylim(1e-19, 1e0)
+    drift.set_xlabel("time [s]")
+    drift.grid(axis="y")
+    drift.legend(loc="upper right")
+    drift.set_title("Drifts")
+    for series, line, words in ((data["series"], "-", ""), (data["default"], ":", ", no viscosity, inset h/4")):
+        shape.plot(series["time"], series["anisotropy"], line, color=BLUE, label="anisotropy" + words)
+        shape.plot(series["time"], series["sphericity"], line, color=VERMILION, label="sphericity" + words)
+        shape.plot(series["time"], series["volume"], line, color=GREEN, label="volume" + words)
+    shape.set_xlabel("time [s]")
+    shape.set_ylim(0, 1.6)
+    shape.grid(axis="y")
+    shape.legend(fontsize=7, loc="upper right", ncols=2)
+    shape.set_title("Shape")
+    return figure
+
+
+def collision_data(results: Results) -> dict[str, Any]:
+    """Surfaces of two drops that meet in space, and the ledgers in space and in the plane."""
+    space, plane = results["collision_3d"], results["collision_2d"]
+    return {
+        "title": "Two drops meet off their axis", "times": space.values["shown"],
+        "frames": frames_of(space, len(space.values["shown"])),
+        "space": chosen(space.values["series"], *ENERGIES), "plane": chosen(plane.values["series"], *ENERGIES),
+        "kept": {name: [r.values[name] for r in (space, plane)] for name in ("momentum", "angular", "centre")},
+    }  # fmt: skip
+
+
+def collision_picture(data: Mapping[str, Any]) -> Any:
+    """Lit surfaces above, energies below."""
+    import matplotlib.pyplot as plt
+
+    count = len(data["frames"])
+    figure = plt.figure(figsize=(10.4, 5.0))
+    grid = figure.add_gridspec(2, 2 * count, height_ratios=(1, 1.3))
+    extent = 1.02 * max(np.abs(floats(f["vertices"]) - floats(f["vertices"]).mean(0)).max() for f in data["frames"])
+    for k, (at, frame) in enumerate(zip(data["times"], data["frames"])):
+        axes = figure.add_subplot(grid[0, 2 * k : 2 * k + 2])
+        shaded(axes, frame, extent, turn=True)
+        axes.set_title(f"{at:g} s", loc="center", fontweight="normal")
+    for k, (name, words, unit) in enumerate((("space", "In space", "J"), ("plane", "In the plane", "J/m"))):
+        axes = figure.add_subplot(grid[1, k * count : (k + 1) * count])
+        ledger_lines(axes, data[name])
+        axes.set_ylabel(f"energy [{unit}]")
+        axes.set_ylim(bottom=0)
+        momentum, angular, centre = (data["kept"][n][k] for n in ("momentum", "angular", "centre"))
+        axes.set_title(f"{words}: drifts {momentum:.0e}, {angular:.0e}, {centre:.0e} h", fontsize=9)
+    return figure
+
+
+def floor_data(results: Results) -> dict[str, Any]:
+    """Drops on a floor at the end, and their angles over time in the plane and in space."""
+    angles = sorted(int(key.removeprefix("floor_3d_")) for key in results if key.startswith("floor_3d_"))
+    made: dict[str, Any] = {"title": "Drops on a slipping floor", "angles": angles, "frames": [], "curves": {}}
+    for angle in angles:
+        made["frames"].append(frames_of(results[f"floor_3d_{angle}"], 2)[-1])
+        for dim in (2, 3):
+            if f"floor_{dim}d_{angle}" in results:
+                v = results[f"floor_{dim}d_{angle}"].values
+                made["curves"][f"{dim}d_{angle}"] = {
+                    "time": v["time"][::4],
+                    "angle": v["angles"][::4],
+                    "mean": v["angle"],
+                }
+    return made
+
+
+def floor_picture(data: Mapping[str, Any]) -> Any:
+    """Three lit drops, and angles over time."""
+    import matplotlib.pyplot as plt
+
+    figure, panels = plt.subplots(1, 4, figsize=(10.8, 3.1), width_ratios=(1, 1, 1, 1.5))
+    extent = 1.05 * max(np.abs(upright(f["vertices"])[:, :2]).max() for f in data["frames"])
+    for axes, angle, frame in zip(panels, data["angles"], data["frames"]):
+        v = upright(frame["vertices"])
+        shaded(axes, frame, extent, turn=True, middle=np.array([v[:, 0].mean(), v[:, 1].mean(), 0.35 * extent]))
+        axes.set_title(f"asked for {angle}°, holds {data['curves'][f'3d_{angle}']['mean']:.0f}°", loc="center",
+                       fontweight="normal")  # fmt: skip
+    axes = panels[-1]
+    for angle, colour in zip(data["angles"], (BLUE, GREEN, VERMILION)):
+        axes.axhline(angle, color=GREY, linewidth=0.8)
+        for dim, line in ((2, "--"), (3, "-")):
+            curve = data["curves"].get(f"{dim}d_{angle}")
+            if curve is not None:
+                label = ("in space" if dim == 3 else "in the plane") if angle == 90 else None
+                axes.plot(curve["time"], floats(curve["angle"]), line, color=colour, label=label, linewidth=1.3)
+    axes.set_ylim(20, 160)
+    axes.set_xlabel("time [s]")
+    axes.set_ylabel("contact angle [degrees]")
+    axes.legend(loc="upper right")
+    return figure
+
+
+def pressure_data(results: Results) -> dict[str, Any]:
+    """Pressures at rest against resolution."""
+    from validation.cases.mpm_droplet import order, pressures
+
+    found = pressures(results)
+    return {
+        "title": "Pressure of drops at rest over Laplace's",
+        "curves": {
+            f"{dim}d_{name}": {"rows": rows, "order": order(rows) if len(rows) > 1 else None}
+            for (dim, name), rows in found.items()
+        },
+    }
+
+
+def pressure_picture(data: Mapping[str, Any]) -> Any:
+    """The plane on the left, space on the right."""
+    import matplotlib.pyplot as plt
+
+    figure, panels = plt.subplots(1, 2, figsize=(9.0, 3.3), sharey=True)
+    for axes, dim, bar, place in ((panels[0], 2, 0.03, 11.0), (panels[1], 3, 0.05, 6.0)):
+        axes.axhline(1.0, color=GREY, linewidth=0.8)
+        axes.plot([place, place], [1 - bar, 1 + bar], color=GREY, linewidth=5, alpha=0.35, solid_capstyle="butt")
+        for name, words, colour in (("default", "inset h/4", ORANGE), ("enclosing", "inset by volume", BLUE)):
+            curve = data["curves"].get(f"{dim}d_{name}")
+            if curve is None:
+                continue
+            x, y = ([row[key] for row in curve["rows"]] for key in ("cells", "pressure"))
+            half = [0.5 * row["spread"] for row in curve["rows"]]
+            shown = "" if curve["order"] is None else f", order {curve['order']:.1f}"
+            axes.errorbar(x, y, half, color=colour, marker="o", markersize=4, capsize=3, label=words + shown)
+        axes.set_xscale("log", base=2)
+        axes.set_xlabel("R/h")
+        axes.set_xticks([row["cells"] for row in curve["rows"]], [f"{row['cells']:.3g}" for row in curve["rows"]])
+        axes.minorticks_off()
+        axes.set_title("in the plane" if dim == 2 else "in space")
+        axes.grid(axis="y")
+        axes.legend(loc="best")
+    panels[0].set_ylabel("pressure over k (d - 1)/R")
+    return figure
+
+
+def frequency_data(results: Results) -> dict[str, Any]:
+    """Frequencies against resolution and amplitude, and what shifts them."""
+    rows = {
+        key.removeprefix("swing_"): {
+            name: results[key].values[name]
+            for name in ("dim", "radius_in_cells", "amplitude", "ratio", "ratio_error", "inertia", "area_share",
+                         "compressible", "damping_of_period")
+        }
+        for key in results if key.startswith("swing_")
+    }  # fmt: skip
+    pulls = {f"{dim}d": results[f"stiffness_{dim}d"].values["rows"] for dim in (2, 3) if f"stiffness_{dim}d" in results}
+    swing = results["swing_2d_16"].values["swing"] if "swing_2d_16" in results else None
+    return {"title": "Mode 2 against Rayleigh's frequency", "rows": rows, "pulls": pulls, "swing": swing}
+
+
+def frequency_picture(data: Mapping[str, Any]) -> Any:
+    """Over resolution with the budget, over amplitude, and the pull of resting ellipses."""
+    import matplotlib.pyplot as plt
+
+    figure, (first, second, third) = plt.subplots(1, 3, figsize=(11.0, 3.5), width_ratios=(1.25, 1, 1.1))
+    rows = data["rows"]
+    plane = sorted((r for k, r in rows.items() if k.replace(".", "").removeprefix("2d_").isdigit()),
+                   key=lambda r: r["radius_in_cells"])  # fmt: skip
+    space = sorted((r for k, r in rows.items() if k.startswith("3d")), key=lambda r: r["radius_in_cells"])
+    for found, words, colour in ((plane, "in the plane", BLUE), (space, "in space", GREEN)):
+        x = [r["radius_in_cells"] for r in found]
+        first.errorbar(x, [r["ratio"] for r in found], [r["ratio_error"] for r in found], color=colour, marker="o",
+                       markersize=4, label=f"measured, {words}")  # fmt: skip
+    x = [r["radius_in_cells"] for r in plane]
+    inertia = [r["inertia"] ** -0.5 for r in plane]
+    first.plot(x, inertia, ":", color=GREY, label="inertia that the grid sees")
+    pulls = {row["radius"]: row["pull"] for row in data["pulls"]["2d"]}
+    pull = [pulls[min(pulls, key=lambda radius: abs(radius - r["radius_in_cells"]))] for r in plane]
+    budget = [a * b**0.5 * r["compressible"] for a, b, r in zip(inertia, pull, plane)]
+    first.plot(x, budget, "--", color=VERMILION, label="with the pull of the fitted normals")
+    first.axhline(1.0, color=GREY, linewidth=0.8)
+    first.axhspan(0.97, 1.03, color=GREY, alpha=0.12, linewidth=0)
+    first.set_xlabel("R/h")
+    first.set_ylabel(r"$\omega/\omega_R$")
+    first.set_ylim(0.93, 1.04)
+    first.legend(fontsize=7.5, loc="upper right")
+    first.set_title("Resolution, amplitude 10 %")
+    swings = sorted((r for k, r in rows.items() if k.startswith("2d_16")), key=lambda r: r["amplitude"])
+    second.errorbar([100 * r["amplitude"] for r in swings], [r["ratio"] for r in swings],
+                    [r["ratio_error"] for r in swings], color=BLUE, marker="o", markersize=4)  # fmt: skip
+    second.axhline(1.0, color=GREY, linewidth=0.8)
+    second.axhspan(0.97, 1.03, color=GREY, alpha=0.12, linewidth=0)
+    second.set_ylim(0.93, 1.04)
+    second.set_xlim(left=0)
+    second.set_xlabel("amplitude [%]")
+    second.set_title("Amplitude, R = 16 h")
+    for (dim, found), colour in zip(data["pulls"].items(), (BLUE, GREEN)):
+        x = [r["radius"] for r in found]
+        words = "in the plane" if dim == "2d" else "in space"
+        third.errorbar(x, [r["pull"] for r in found], [r["pull_error"] for r in found], color=colour, marker="o",
+                       markersize=4, label=f"fitted normals, {words}")  # fmt: skip
+        third.plot(x, [r["smooth_normals"] for r in found], "--", color=colour, label=f"true normals, {words}")
+    third.axhline(1.0, color=GREY, linewidth=0.8)
+    third.set_xlabel("R/h")
+    third.set_ylabel("pull against mode 2")
+    third.legend(fontsize=7.5)
+    third.set_title("The force on a resting ellipse")
+    for axes in (first, second, third):
+        axes.grid(axis="y")
+    return figure
+
+
+def sheet_data(results: Results) -> dict[str, Any]:
+    """The sheet's outline at several times, and its width."""
+    result = results["sheet"]
+    v = result.values
+    return {
+        "title": "A sheet of one cell draws back", "times": v["shown"], "frames": frames_of(result, len(v["shown"])),
+        "width": v["width"], "speed": v["speed"], "culick": v["culick"],
+    }  # fmt: skip
+
+
+def sheet_picture(data: Mapping[str, Any]) -> Any:
+    """Outlines above each other, and the width over time."""
+    import matplotlib.pyplot as plt
+    from matplotlib.collections import LineCollection
+
+    figure, (left, right) = plt.subplots(1, 2, figsize=(9.6, 3.2), width_ratios=(1.5, 1))
+    gap = 7.0
+    for k, (at, frame) in enumerate(zip(data["times"], data["frames"])):
+        corner = floats(frame["vertices"])[np.array(frame["facets"])][:, :, :2] - [0.0, k * gap]
+        left.add_collection(LineCollection(corner, colors=BLUE, linewidths=1.2))
+        left.text(22.5, -k * gap, f"{at:g} s", va="center", fontsize=8.5)
+    left.set_xlim(-22, 28)
+    left.set_ylim(-gap * (len(data["frames"]) - 0.4), 0.6 * gap)
+    left.set_aspect("equal")
+    left.set_xlabel("cells")
+    left.set_yticks([])
+    left.set_title("Reconstructed outline")
+    time = floats(data["width"]["time"])
+    right.plot(time, data["width"]["value"], color=BLUE, label=f"width; ends move at {data['speed']:.2f} m/s")
+    h = 1 / 64
+    start = data["width"]["value"][0]
+    right.plot(time, start - 2 * data["culick"] * time / h, "--", color=GREY,
+               label=f"Taylor and Culick: {data['culick']:.2f} m/s")  # fmt: skip
+    right.set_ylim(0, 1.1 * start)
+    right.set_xlabel("time [s]")
+    right.set_ylabel("width [cells]")
+    right.grid(axis="y")
+    right.legend(loc="upper right")
     return figure
