@@ -156,9 +156,9 @@ def judged_bodies(results: Results, bounds: Bounds) -> list[Measurement]:
     for key in (k for k in kept if k in results):
         values = results[key].values
         rules = {name: f"drop_{name}" for name in (*KEPT, "energy_rise")}
-        if key not in ("box", "small_box"):
+        if key != "box":
             rules["energy_rise"] = "energy_rise"
-        if key in ("collision_2d", "collision_3d", "sheet"):
+        if key not in ("box", "box_default", "cube"):
             rules["angular"] = "angular"
         made += [bounds.judge(rule, values[name], key) for name, rule in rules.items()]
     for (dim, name), rows in pressures(results).items():
