@@ -8,7 +8,7 @@ import trimesh
 
 from refsim import Box, Gravity, InputError, MeshBoundary, Scene, Simulation, WeaklyCompressible, make_plan
 from refsim.boundary.akinci_2012 import calibrated_factor
-from refsim.boundary.one_way_coupling import surface_factor
+from refsim.boundary.one_way_coupling import layer_factors
 from refsim.scene_file import load_scene, scene_to_toml
 from refsim.smoothing import smoothing
 from refsim.smoothing.reference import kernel_value
@@ -32,7 +32,7 @@ def scene(*effects, gap=1.0, **changes):
 
 def test_density_is_p5(plate):
     """rho_i = sum_j m_j W_ij + sum_b rho0 g W_ib / sum_b' W_bb', summed here in full."""
-    simulation = Simulation(scene(LIQUID, MeshBoundary(file=plate)))
+    simulation = Simulation(scene(LIQUID, MeshBoundary(file=plate, literal=("E30",))))
     simulation.evaluate()
     x, m = simulation.field("position"), simulation.field("mass")
     b = simulation.plan.walls.position
@@ -49,24 +49,38 @@ def test_density_is_p5(plate):
 def test_the_calibrated_factor_gives_the_first_layer_the_rest_density(plate):
     """One spacing from a flat wall; literal g = 1 is 12 to 17 % too dense there."""
     errors = {}
-    for name, factor in (("calibrated", 0.0), ("printed", 1.0)):
-        simulation = Simulation(scene(LIQUID, MeshBoundary(file=plate, volume_factor=factor)))
+    for name, given in (("calibrated", {}), ("single", {"layers": 1}), ("printed", {"literal": ("E30",)})):
+        simulation = Simulation(scene(LIQUID, MeshBoundary(file=plate, **given)))
         simulation.evaluate()
         x = simulation.field("position")
         first = (x[:, 2] < 0.041) & (np.abs(x[:, :2]).max(1) < 0.006)
         errors[name] = simulation.field("density")[first].mean() / 1000 - 1
-    assert abs(errors["calibrated"]) < 0.02
+    assert abs(errors["calibrated"]) < 0.01
+    assert abs(errors["single"]) < 0.02
     assert 0.12 < errors["printed"] < 0.20
+
+
+def test_layers_beneath_the_surface_stand_a_spacing_apart(plate):
+    """And all boundary particles of a wall have the same volume, as if the liquid went on in it."""
+    walls = make_plan(scene(LIQUID, MeshBoundary(file=plate))).walls
+    middle = np.abs(walls.position[:, :2]).max(1) < 0.04
+    z, volume = walls.position[:, 2], walls.volume
+    upper = [middle & (np.abs(z - height) < 1e-4) for height in (0.03, 0.03 - SPACING)]
+    assert all(layer.sum() > 50 for layer in upper)
+    assert not (middle & (z > 0.001) & ~upper[0] & ~upper[1]).any()
+    assert abs(volume[upper[0]].mean() / volume[upper[1]].mean() - 1) < 0.05
 
 
 def test_factors_of_hexagons_and_of_the_lattice_are_alike():
     for shape, ratio in (("wendland_c2", 2.7), ("poly6", 2.6)):
-        assert abs(surface_factor(shape, ratio, 1.0, 0.5) / calibrated_factor(shape, ratio, 1.0, 3) - 1) < 0.03
+        assert abs(layer_factors(shape, ratio, 1.0, 0.5, 1)[0] / calibrated_factor(shape, ratio, 1.0, 3) - 1) < 0.03
 
 
 def test_pressure_at_the_wall_derives_from_the_energy_of_p5(plate):
     """With p = c^2 (rho - rho0): F_i = -d/dx_i sum_k m_k e(rho_k), whose wall part is Psi_b p_i/rho_i^2 once."""
-    simulation = Simulation(scene(WeaklyCompressible(sound_speed=20.0), MeshBoundary(file=plate), gap=0.9))
+    simulation = Simulation(
+        scene(WeaklyCompressible(sound_speed=20.0), MeshBoundary(file=plate, literal=("E30",)), gap=0.9)
+    )
     simulation.evaluate()
     assert simulation.plan.shared["fluid"].wall_share == 1.0
     row = int(np.argmin(simulation.field("position")[:, 2] + np.abs(simulation.field("position")[:, :2]).sum(1)))
@@ -102,9 +116,11 @@ def test_without_a_mesh_nothing_of_it_is_there(plate):
     assert "corrections" not in without.fields
     assert "corrections" in with_it.fields
     new = {"one_way_coupling.wall_viscosity", "penetration.kick_drift"}
-    assert set(with_it.launches()) - set(without.launches()) == new
+    assert set(with_it.launches()) - set(without.launches()) == new | {"one_way_coupling.wall_pressure"}
+    printed = make_plan(scene(LIQUID, MeshBoundary(file=plate, viscosity=0.1, literal=("E30",))))
+    assert set(printed.launches()) - set(without.launches()) == new
     assert without.shared["fluid"].wall_share == 2.0
-    free = make_plan(scene(LIQUID, MeshBoundary(file=plate, correction="none")))
+    free = make_plan(scene(LIQUID, MeshBoundary(file=plate, correction="none", literal=("E30",))))
     assert "corrections" not in free.fields
     assert free.launches() == without.launches()
 
@@ -140,6 +156,7 @@ def test_a_mesh_is_looked_for_beside_the_scene_file(plate, tmp_path):
         ({"radius": 0.2}, "smaller than the boundary particles"),
         ({"size": 0.004}, "smaller than the boundary particles"),
         ({"restitution": 1.5}, "restitution = 1.5"),
+        ({"layers": -1}, "layers = -1"),
         ({"correction": "hope"}, "correction = 'hope'"),
         ({"center": (0.0, float("nan"), 0.0)}, "center along y"),
     ],

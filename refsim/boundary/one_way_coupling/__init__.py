@@ -1,10 +1,12 @@
 """One-way coupling of a liquid with a solid given as a triangle mesh (patent CN104318598A, P5 to P8).
 
-Contents: MeshBoundary; WallViscosity, surface_factor; operation one_way_coupling.wall_viscosity.
+Contents: MeshBoundary; WallGravity, WallViscosity, layer_factors; operations one_way_coupling.wall_pressure,
+one_way_coupling.wall_viscosity.
 
-The solid's surface carries boundary particles, which every pass of the liquid sees as wall particles: they count in
-its density (P5) and push with its own pressure (P6). What is of this effect alone is their friction (P6), their
-adhesion, and the correction of particles that would enter the solid (P8, `refsim.boundary.penetration`).
+The solid's surface carries boundary particles, and so do the levels beneath it as far as the liquid's kernel reaches.
+Every pass of the liquid sees them as wall particles: they count in its density (P5) and push with its pressure (P6).
+What is of this effect alone is the pressure that they have themselves, led on from the liquid, their friction (P6),
+their adhesion, and the correction of particles that would enter the solid (P8, `refsim.boundary.penetration`).
 """
 
 from __future__ import annotations
@@ -39,6 +41,14 @@ class WallViscosity(NamedTuple):
     coefficient: float  # mu_b [Pa s]
 
 
+class WallGravity(NamedTuple):
+    """Gravity as the boundary particles' pressure takes it."""
+
+    x: float  # [m/s^2]
+    y: float
+    z: float
+
+
 class MeshBoundary(Effect, frozen=True, kw_only=True):
     """A solid at rest, given as a closed triangle mesh, that the liquid flows around.
 
@@ -47,6 +57,8 @@ class MeshBoundary(Effect, frozen=True, kw_only=True):
     size            its longest edge there [m]; 0 leaves the file's numbers as metres
     rotation        turn about x, then y, then z before [degrees]
     radius          r of the boundary particles, which stand 2 r apart [m]; 0 for half a spacing of the liquid
+    layers          of boundary particles, one spacing of the liquid beneath each other; 0 for as many as a particle
+                    one spacing off the surface reaches
     viscosity       mu_b of the friction between liquid and boundary particles [Pa s]; 0 lets the liquid slip
     adhesion        beta [m^4/(kg s^2)], coefficient of the attraction by boundary particles; 0 leaves it out
     correction      of particles that would enter the solid: "swept" (where their way enters it), "point" (where their
@@ -58,8 +70,8 @@ class MeshBoundary(Effect, frozen=True, kw_only=True):
     volume_factor   g of the boundary particles' volumes V_b = g/sum_k W_bk; 0 solves it so that liquid on a lattice,
                     one spacing from a flat wall, has the rest density
     seed            of the placing of boundary particles
-    literal         printed readings to use: "E27" (velocities are reflected also where they point out of the solid);
-                    or "all"
+    literal         printed readings to use: "E27" (velocities are reflected also where they point out of the solid),
+                    "E30" (one layer with g = 1, which has no pressure but the particle's own); or "all"
     """
 
     name: ClassVar[str] = "mesh_boundary"
@@ -69,6 +81,7 @@ class MeshBoundary(Effect, frozen=True, kw_only=True):
     size: float = 0.0
     rotation: tuple[float, float, float] = (0.0, 0.0, 0.0)
     radius: float = 0.0
+    layers: int = 0
     viscosity: float = 0.0
     adhesion: float = 0.0
     correction: Literal["swept", "point", "none"] = "swept"
@@ -76,7 +89,7 @@ class MeshBoundary(Effect, frozen=True, kw_only=True):
     rebound: float = 0.1
     field_spacing: float = 0.0
     every_particle: bool = False
-    volume_factor: float = 1.0
+    volume_factor: float = 0.0
     seed: int = 0
     literal: tuple[str, ...] = ()
 
@@ -93,6 +106,8 @@ class MeshBoundary(Effect, frozen=True, kw_only=True):
                 require(self.name, **{f"{part} along {axis}": (value, "finite")})
         if not 0 <= self.restitution <= 1:
             raise InputError(f"{self.name}: restitution = {self.restitution} is not possible; give 0 to 1.")
+        if self.layers < 0:
+            raise InputError(f"{self.name}: layers = {self.layers} is not possible; give 1 or more, or 0.")
         if self.correction not in ("swept", "point", "none"):
             raise InputError(
                 f"{self.name}: correction = {self.correction!r} is unknown; choose one of swept, point, none."
@@ -100,7 +115,7 @@ class MeshBoundary(Effect, frozen=True, kw_only=True):
         self._printed()
 
     def _printed(self) -> frozenset[str]:
-        return literal_errata(self.name, self.literal, ("E27",))
+        return literal_errata(self.name, self.literal, ("E27", "E30"))
 
     def placed(self, grid: Discretisation) -> PlacedSolid:
         """The solid in its place: boundary particles and narrow band. Raises InputError for a mesh that is none."""
@@ -108,15 +123,25 @@ class MeshBoundary(Effect, frozen=True, kw_only=True):
 
         return placed_solid(
             self.file, self.center, self.size, self.rotation, self.radius or 0.5 * grid.spacing,
-            self.field_spacing or 0.5 * grid.spacing, self.seed,
+            self.field_spacing or 0.5 * grid.spacing, self.seed, self._layers(grid), grid.spacing,
         )  # fmt: skip
 
+    def _layers(self, grid: Discretisation) -> int:
+        if "E30" in self._printed():
+            return 1
+        return self.layers or max(1, math.ceil(grid.support_radius / grid.spacing * (1 - 1e-9)) - 1)
+
     def walls(self, grid: Discretisation, others: Mapping[str, Effect]) -> WallParticles:
-        """Boundary particles on the surface (m, 3) [m] and their volumes V_b = g/sum_k W_bk (m,) [m^3]."""
-        position = self.placed(grid).position
+        """Boundary particles (m, 3) [m], layer by layer, and their volumes V_b = g/sum_k W_bk (m,) [m^3]."""
+        solid, radius = self.placed(grid), self.radius or 0.5 * grid.spacing
         shape = others["weakly_compressible"].sum_kernel()  # type: ignore[attr-defined]
-        radius = self.radius or 0.5 * grid.spacing
-        factor = self.volume_factor or surface_factor(shape, grid.support_radius, grid.spacing, radius)
+        parts = (solid.position, *solid.beneath)
+        if self.volume_factor or "E30" in self._printed():
+            factors = (self.volume_factor or 1.0,) * len(parts)
+        else:
+            factors = layer_factors(shape, grid.support_radius, grid.spacing, radius, len(parts))
+        position = np.concatenate(parts)
+        factor = np.repeat(factors, [len(part) for part in parts])
         return WallParticles(position, factor / wall_kernel_sums(position, shape, grid.support_radius, 3))
 
     def moves_straight(self) -> bool:
@@ -124,8 +149,13 @@ class MeshBoundary(Effect, frozen=True, kw_only=True):
         return self.correction == "none"
 
     def wall_share(self) -> float:
-        """P6 as it is printed: together with P5 it derives from an energy, so that walls make none."""
+        """The particle's own pressure once; the boundary particles' is a pass of its own."""
         return 1.0
+
+    def _extrapolates(self, others: Mapping[str, Effect]) -> bool:
+        """Whether boundary particles have a pressure of their own; solvers in the liquid's place bring their walls."""
+        taken = {name for effect in others.values() for name in effect.replaces()}
+        return "E30" not in self._printed() and not {"sph.pressure", "sph.momentum"} & taken
 
     def fields(self, others: Mapping[str, Effect]) -> tuple[Field, ...]:
         return () if self.correction == "none" else (CORRECTIONS,)
@@ -143,6 +173,10 @@ class MeshBoundary(Effect, frozen=True, kw_only=True):
 
     def passes(self, others: Mapping[str, Effect]) -> tuple[Pass, ...]:
         made = []
+        if self._extrapolates(others):
+            reads: tuple[str, ...] = ("position", "density", "pressure")
+            names = {"smoothing": "gradient_smoothing"}
+            made.append(Pass("one_way_coupling.wall_pressure", reads, updates=("acceleration",), names=names))
         if self.viscosity > 0:
             reads = ("position", "velocity", "density")
             names = {"smoothing": "gradient_smoothing"}
@@ -158,6 +192,10 @@ class MeshBoundary(Effect, frozen=True, kw_only=True):
 
     def prepare(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, Any]:
         groups: dict[str, Any] = {}
+        if self._extrapolates(others):
+            gravity = others.get("gravity")
+            pull = (0.0, 0.0, 0.0) if gravity is None else gravity.acceleration  # type: ignore[attr-defined]
+            groups["wall_gravity"] = WallGravity(*map(grid.real, pull))
         if self.viscosity > 0:
             groups["wall_viscosity"] = WallViscosity(grid.real(self.viscosity))
         if self.adhesion > 0:
@@ -191,11 +229,15 @@ class MeshBoundary(Effect, frozen=True, kw_only=True):
 
 
 @functools.lru_cache(maxsize=64)
-def surface_factor(shape: str, support_radius: float, spacing: float, radius: float) -> float:
-    """g for which liquid on a flat wall of boundary particles 2 r apart, packed in hexagons, has the rest density.
+def layer_factors(
+    shape: str, support_radius: float, spacing: float, radius: float, layers: int
+) -> tuple[float, ...]:  # fmt: skip
+    """g of each layer for which liquid on a flat wall has the rest density; lengths in metres.
 
-    The first layer stands one spacing d from the wall: (sum over fluid layers)/(sum over the full lattice)
-    + g (mean over the plane of sum_b W_ib)/(sum_k W_bk) = 1.
+    Boundary particles stand 2 r apart, packed in hexagons of area A, in layers one spacing d beneath each other; the
+    liquid's first layer stands d above. All have the same volume s A d, with
+    (sum over fluid layers)/(sum over the full lattice) + s d sum_l (integral of W over the plane l) = 1,
+    and g = V_b sum_k W_bk, in which other layers count with their mean.
     """
     from refsim.smoothing.reference import kernel_value
 
@@ -204,22 +246,43 @@ def surface_factor(shape: str, support_radius: float, spacing: float, radius: fl
     flat = np.array(list(itertools.product(range(-reach, reach + 1), repeat=2)), dtype=float)
     flat2 = (flat**2).sum(1)
 
-    def layer(k: int) -> float:
+    def of_lattice(k: int) -> float:
         return float(kernel_value(spacing * np.sqrt(flat2 + k * k), kernel).sum())
 
-    full = sum(layer(k) for k in range(-reach, reach + 1))
-    fluid = sum(layer(k) for k in range(0, reach + 1))
+    def of_plane(away: float) -> float:
+        """Integral of W over a plane so far away [1/m]."""
+        rim = math.sqrt(max(support_radius**2 - away**2, 0.0))
+        node, weight = np.polynomial.legendre.leggauss(200)
+        rho = 0.5 * rim * (node + 1)
+        return float((0.5 * rim * weight * 2 * math.pi * rho * kernel_value(np.hypot(rho, away), kernel)).sum())
+
+    full = sum(of_lattice(k) for k in range(-reach, reach + 1))
+    fluid = sum(of_lattice(k) for k in range(0, reach + 1))
+    lacking = (1 - fluid / full) / sum(of_plane((k + 1) * spacing) for k in range(layers))  # s d
     apart = 2 * radius
-    steps = np.arange(-math.ceil(2 * support_radius / apart) - 1, math.ceil(2 * support_radius / apart) + 2)
-    a, b = np.meshgrid(steps, steps)
+    far = math.ceil(2 * support_radius / apart) + 1
+    a, b = np.meshgrid(np.arange(-far, far + 1), np.arange(-far, far + 1))
     own = float(kernel_value(apart * np.sqrt(a**2 + a * b + b**2), kernel).sum())
-    node, weight = np.polynomial.legendre.leggauss(200)
-    rim = math.sqrt(max(support_radius**2 - spacing**2, 0.0))
-    rho = 0.5 * rim * (node + 1)
-    mean = float((0.5 * rim * weight * 2 * math.pi * rho * kernel_value(np.hypot(rho, spacing), kernel)).sum())
-    return (1 - fluid / full) * own / (mean / (0.5 * math.sqrt(3) * apart**2))
+    area = 0.5 * math.sqrt(3) * apart**2
+    others = [sum(of_plane(abs(k - m) * spacing) for m in range(layers) if m != k) for k in range(layers)]
+    return tuple(lacking * (area * own + other) for other in others)
 
 
+register(
+    Operation(
+        name="one_way_coupling.wall_pressure",
+        folder="refsim.boundary.one_way_coupling",
+        paper="patent CN104318598A, 2014; Adami, Hu & Adams 2012",
+        equation="P6, pressure, with E30",
+        function="wall_pressure",
+        outputs=("acceleration",),
+        adds=("acceleration",),
+        tolerance=16.0,
+        tolerance_reason="as sph.pressure, with the roundings of a mean of the liquid's pressure and of its lead to the"
+        " wall",
+        invariants=("translation", "reordering"),
+    )
+)
 register(
     Operation(
         name="one_way_coupling.wall_viscosity",

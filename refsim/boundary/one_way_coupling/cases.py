@@ -1,10 +1,10 @@
-"""Inputs and closed form of one-way coupling."""
+"""Inputs and closed forms of one-way coupling."""
 
 import math
 
 import numpy as np
 
-from refsim.boundary.one_way_coupling import WallViscosity
+from refsim.boundary.one_way_coupling import WallGravity, WallViscosity
 from refsim.boundary.walls import WallParticles
 from refsim.cases import Case, Exact, closed_form, groups
 
@@ -31,4 +31,33 @@ def rubbing_on_one_particle():
             "wall_viscosity": WallViscosity(3.0),
         },
         {"acceleration": -drag * velocity},
+    )
+
+
+@groups("wall_gravity")
+def _wall_gravity(case, grid):
+    return {"wall_gravity": WallGravity(*(grid.real(g) for g in (2.0, -1.0, -9.0)))}
+
+
+@closed_form("one_way_coupling.wall_pressure")
+def pushed_by_one_particle():
+    """h = 2 m, r = 1 m, alone: p_b = p_i + rho0 g.(x_b - x_i); a = Psi_b p_b/rho^2 W'(r) e_b,
+
+    Wendland C2: W = 21/(2 pi h^3) (1 - q)^4 (4 q + 1), W' = -210 q (1 - q)^3/(pi h^4); q = 1/2.
+    """
+    case = Case(
+        "pushing", 3, np.zeros((1, 3)), spacing=1.0, support_radius=2.0, wall_position=np.array([[0.0, 0.6, 0.8]])
+    )
+    pressure = 2000.0 + 1000 * (0.6 * -1.0 + 0.8 * 3.0)
+    slope = 210 * 0.5 * 0.5**3 / (math.pi * 16)
+    push = 1000 * 0.25 * pressure / 500.0**2 * slope
+    return Exact(
+        case,
+        {
+            "walls": WallParticles(case.wall_position, np.array([0.25])),
+            "density": np.array([500.0]),
+            "pressure": np.array([2000.0]),
+            "wall_gravity": WallGravity(2.0, -1.0, 3.0),
+        },
+        {"acceleration": -push * case.wall_position},
     )

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from refsim.boundary.mesh import SurfaceMesh, load_mesh
-from refsim.boundary.sampling import sample
+from refsim.boundary.sampling import sample, sample_beneath
 from refsim.boundary.signed_distance import NarrowBand, signed_distance
 from refsim.errors import InputError
 
@@ -25,8 +25,9 @@ class PlacedSolid:
     """What a scene needs of a solid.
 
     mesh       in its place
-    position   boundary particles (m, 3) [m]
+    position   boundary particles on the surface (m, 3) [m]
     normal     outward (m, 3)
+    beneath    those of each further layer, (k, 3) [m]
     band       signed distances, float64
     notes      what a user should know, one sentence each
     """
@@ -34,6 +35,7 @@ class PlacedSolid:
     mesh: SurfaceMesh
     position: np.ndarray
     normal: np.ndarray
+    beneath: tuple[np.ndarray, ...]
     band: NarrowBand
     notes: tuple[str, ...]
 
@@ -72,9 +74,11 @@ def _turn(axis: int, angle: float) -> np.ndarray:
 
 def placed_solid(
     file: str, center: tuple[float, float, float] | None, size: float, rotation: tuple[float, float, float],
-    radius: float, field_spacing: float, seed: int,
+    radius: float, field_spacing: float, seed: int, layers: int, apart: float,
 ) -> PlacedSolid:  # fmt: skip
     """The solid of a mesh file; kept, so that a plan reads and samples it once while the file stays as it is.
+
+    layers  of boundary particles, `apart` [m] beneath each other
 
     Raises InputError for a mesh that cannot be read, has no interior, or is smaller than the spacing asked for.
     """
@@ -82,13 +86,14 @@ def placed_solid(
         written = os.stat(file).st_mtime_ns
     except OSError:
         written = 0
-    return _placed(file, written, center, size, rotation, radius, field_spacing, seed)
+    return _placed(file, written, center, size, rotation, radius, field_spacing, seed, layers, apart)
 
 
 @functools.lru_cache(maxsize=8)
 def _placed(
-    file: str, written: int, center: Any, size: float, rotation: Any, radius: float, field_spacing: float, seed: int
-) -> PlacedSolid:
+    file: str, written: int, center: Any, size: float, rotation: Any, radius: float, field_spacing: float, seed: int,
+    layers: int, apart: float,
+) -> PlacedSolid:  # fmt: skip
     mesh = placed_mesh(file, center, size, rotation)
     extent = float(mesh.extent.max())
     if 2 * radius > extent:
@@ -108,4 +113,5 @@ def _placed(
             f" it is thinner than about {field_spacing:.3g} m or sharper: particles may slip through there; make"
             " field_spacing smaller"
         )
-    return PlacedSolid(mesh, position, normal, band, tuple(notes))
+    beneath = tuple(sample_beneath(mesh, radius, k * apart, field_spacing, seed + k) for k in range(1, layers))
+    return PlacedSolid(mesh, position, normal, beneath, band, tuple(notes))

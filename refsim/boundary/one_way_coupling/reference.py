@@ -3,7 +3,7 @@
 import numpy as np
 
 from refsim.neighbours.reference import pair_blocks
-from refsim.smoothing.reference import viscosity_laplacian
+from refsim.smoothing.reference import kernel_slope, kernel_value, viscosity_laplacian
 
 
 def wall_viscosity(position, velocity, density, walls, smoothing, fluid, wall_viscosity, rows=None):
@@ -19,3 +19,33 @@ def wall_viscosity(position, velocity, density, walls, smoothing, fluid, wall_vi
         drag[place] = viscosity_laplacian(distance, smoothing) @ psi
     value = -(float(wall_viscosity.coefficient) * drag / rho**2)[:, None] * v
     return {"acceleration": (value, np.abs(value))}
+
+
+def wall_pressure(position, density, pressure, walls, smoothing, fluid, wall_gravity, rows=None):
+    """P6 with p_b (E30): a_i = -s sum_b Psi_b p_b/rho_i^2 grad W_ib [m/s^2], after Adami, Hu & Adams 2012, (27).
+
+    p_b = p~_i + rho0 g.(x_b - x_i) [Pa], p~_i = sum_j W_ij (p_j + rho_j g.(x_i - x_j)) / sum_j W_ij, self included.
+    position (n, 3) [m]; density [kg/m^3], pressure [Pa] (n,). Returns (value, scale).
+    """
+    rho, p = np.asarray(density, dtype=float), np.asarray(pressure, dtype=float)
+    g = np.array([float(part) for part in wall_gravity])
+    own = rho if rows is None else rho[np.asarray(rows)]
+    around, size = np.zeros(len(own)), np.zeros(len(own))
+    for place, separation, distance in pair_blocks(position, position, rows):
+        w = kernel_value(distance, smoothing)
+        deeper = rho[None, :] * (separation @ g)
+        around[place] = (w * (p[None, :] + deeper)).sum(1) / w.sum(1)
+        size[place] = (w * (np.abs(p)[None, :] + np.abs(deeper))).sum(1) / w.sum(1)
+    value, scale = np.zeros((len(own), 3)), np.zeros((len(own), 3))
+    psi = float(fluid.rest_density) * np.asarray(walls.volume, dtype=float)
+    for place, separation, distance in pair_blocks(position, walls.position, rows):
+        apart = distance + 1e-9 * float(smoothing.support_radius)
+        gradient = (kernel_slope(distance, smoothing) / apart)[..., None] * separation
+        head = float(fluid.rest_density) * (separation @ g)
+        pressure_b = around[place, None] - head
+        if fluid.clamp:
+            pressure_b = np.maximum(pressure_b, 0)
+        factor = (float(fluid.gradient_share) * psi[None, :] / own[place, None] ** 2)[..., None] * gradient
+        value[place] -= (factor * pressure_b[..., None]).sum(1)
+        scale[place] += (np.abs(factor) * (size[place, None] + np.abs(head))[..., None]).sum(1)
+    return {"acceleration": (value, scale)}

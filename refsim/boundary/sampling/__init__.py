@@ -28,15 +28,17 @@ from refsim.particles import Field
 HEXAGONAL = math.pi / (2 * math.sqrt(3))  # g of the densest packing, at the spacing 2 r
 LITERAL = ("E24", "E25")
 WIDTH = 0.8  # sigma, in r
-STEP = 1.0  # lambda
+STEP = 2.0  # lambda
 LONGEST_STEP = 0.5  # of a tangential move, in r
-DECAY = 0.995  # of lambda in each iteration
+DECAY = 0.95  # of lambda in each iteration
 CUTOFF = 3.0  # of Omega, in sigma
 THRESHOLD = 2e-3  # of the sum of all ways, in r N
 MOST_ITERATIONS = 1000
 SKIN = 0.3  # of the neighbour list, in cut-offs
-FINER = 3  # how many times the grid may be halved so that it sees thin parts
+GRIDS = (1.5, 1.0, 0.5, 0.25, 0.125)  # spacings of the grid, in r; the first that sees all parts is taken
 AREA_KEPT = 0.05  # share of the mesh's area that the isosurface may lack
+ROUNDED = 0.2  # trilinear distance, in spacings of the grid, from which on a corner of the mesh may be cut off
+CUT_OFF = 1.8  # distance of such a corner from the isosurface, in r, at which another particle would fit
 
 RELAXED_POSITION = Field("relaxed_position", "m", "place of a boundary particle after a step of the relaxation", 3)
 WAY = Field("way", "m", "way of a boundary particle in a step of the relaxation")
@@ -95,7 +97,8 @@ def sample(
 
     seed             of the first places; the same seed gives the same particles on any number of threads
     density          g; pi/(2 sqrt 3) packs them hexagonally, 2 r apart
-    spacing          of the signed distance's grid [m], r by default, halved where parts of the mesh are too thin
+    spacing          of the signed distance's grid [m]; by default 1.5 r, and less where parts of the mesh are too thin
+                     or too sharp for it
     literal          errata taken as printed: E24 (repulsion not projected, no decay of the step), E25 (particles
                      counted in each triangle by itself), or "all"
     most_iterations  after which the relaxation ends unconverged, which a note then says
@@ -116,10 +119,7 @@ def sample(
             " give a smaller radius."
         )
     notes: list[str] = []
-    band, corner, facets, area = _surface(
-        mesh, radius if spacing is None else spacing, spacing is None, backend, dtype, check_crossings, notes
-    )
-    area = backend.host(area)
+    band, corner, facets, area = _surface(mesh, radius, spacing, backend, dtype, check_crossings, notes)
     whole = mesh.area / float(area.sum(dtype=float))  # marching cubes cuts a little off at edges
     last = facet_counts(area, density * whole, radius, "E25" in printed)
     count = int(last[-1]) if len(last) else 0
@@ -157,43 +157,87 @@ def _on_mesh(band: NarrowBand, position: Any) -> tuple[Any, Any]:
 
 
 def _surface(
-    mesh: SurfaceMesh, spacing: float, finer: bool, backend: Backend, dtype: str, check: bool, notes: list[str]
-) -> tuple[NarrowBand, Any, Any, Any]:
-    """(band, vertices, facets, areas) of the isosurface, on a grid fine enough for the mesh's area."""
-    spacing = min(spacing, 0.25 * float(mesh.extent.max()))
-    wanted = mesh.area
-    for attempt in range(FINER + 1 if finer else 1):
-        band = signed_distance(mesh, spacing, backend=backend, dtype=dtype, check_crossings=check and not attempt)
+    mesh: SurfaceMesh, radius: float, spacing: float | None, backend: Backend, dtype: str, check: bool, notes: list[str]
+) -> tuple[NarrowBand, Any, Any, np.ndarray]:
+    """(band, vertices, facets, areas on the host) of the isosurface, on a grid that sees all parts of the mesh."""
+    grids = [share * radius for share in GRIDS] if spacing is None else [spacing]
+    for attempt, wanted in enumerate(grids):
+        h = min(wanted, 0.25 * float(mesh.extent.max()))
+        band = signed_distance(mesh, h, backend=backend, dtype=dtype, check_crossings=check and not attempt)
         corner, facets = isosurface(band)
         area = backend.empty(facets.shape[0], dtype)
         REGISTRY["sampling.areas"].program(backend.name)(corner, facets, area)
-        lacking = 1 - float(np.sum(backend.host(area), dtype=float)) / wanted
-        if abs(lacking) <= AREA_KEPT:
-            if attempt:
-                notes.append(f"the grid's spacing was made {2**attempt} times finer, for thin parts of the mesh")
-            return band, corner, facets, area
-        spacing /= 2
+        area = backend.host(area)
+        lacking = 1 - float(np.sum(area, dtype=float)) / mesh.area
+        if abs(lacking) > AREA_KEPT:
+            continue
+        cut = _corners_cut_off(band, backend.host(corner), radius)
+        if cut and attempt < len(grids) - 1:
+            continue
+        if attempt:
+            notes.append(
+                f"the grid's spacing was made {GRIDS[0] / GRIDS[attempt]:g} times finer, for thin or sharp parts"
+            )
+        if cut:
+            notes.append(f"{cut} corners of the mesh are sharper than the grid: no particle may reach them")
+        return band, corner, facets, area
     raise InputError(
         f"sampling: {mesh.source!r} has parts thinner than the grid of the signed distance, which lacks"
-        f" {100 * lacking:.0f} % of its area at a spacing of {2 * spacing:.4g} m; give a smaller spacing."
+        f" {100 * lacking:.0f} % of its area at a spacing of {h:.4g} m; give a smaller spacing."
     )
 
 
-def isosurface(band: NarrowBand) -> tuple[Any, Any]:
-    """(vertices (v, 3) [m] relative to the mesh's origin, facets (f, 3) int32) of the level phi = 0."""
+def _corners_cut_off(band: NarrowBand, corner: np.ndarray, radius: float) -> int:
+    """How many vertices of the mesh have no place on the isosurface near enough for a particle to fill them."""
+    backend, vertices = band.backend, band.mesh.vertices.astype(band.field.distance.dtype)
+    distance, slope = backend.empty(len(vertices), vertices.dtype), backend.empty(vertices.shape, vertices.dtype)
+    program = REGISTRY["signed_distance.interpolate"].program(backend.name)
+    program(backend.asarray(vertices), band.local, distance, slope)
+    sharp = vertices[backend.host(distance) > ROUNDED * band.spacing]
+    if not len(sharp):
+        return 0
+    from scipy.spatial import cKDTree
+
+    return int((cKDTree(corner).query(sharp, distance_upper_bound=CUT_OFF * radius)[0] > CUT_OFF * radius).sum())
+
+
+def isosurface(band: NarrowBand, level: float = 0.0) -> tuple[Any, Any]:
+    """(vertices (v, 3) [m] relative to the mesh's origin, facets (f, 3) int32) of phi = level [m]."""
     backend, blocks = band.backend, band.blocks
+    at = type(band.grid.spacing)(level)
     if backend.name == "cuda":
         from refsim import device
 
-        state = device.computed(lambda xp, phi: (phi < 0).astype(np.uint8), band.field.distance)
+        state = device.computed(lambda xp, phi: (phi < at).astype(np.uint8), band.field.distance)
     else:
-        state = (band.field.distance < 0).astype(np.uint8)
+        state = (band.field.distance < at).astype(np.uint8)
     cells = edges_and_facets(backend, blocks, state, 3)
     corner = backend.empty((cells.vertex_edge.shape[0], 3), band.field.distance.dtype)
-    contour = Contour(band.grid.spacing, type(band.grid.spacing)(0))
+    contour = Contour(band.grid.spacing, at)
     program = REGISTRY["isosurface.edge_points"].program(backend.name)
     program(blocks, band.field.distance, contour, cells.vertex_edge, corner)
     return corner, cells.facets
+
+
+def sample_beneath(mesh: SurfaceMesh, radius: float, depth: float, spacing: float, seed: int = 0) -> np.ndarray:
+    """Particles (n, 3) [m] inside a mesh, `depth` [m] beneath its surface, spread as `sample` spreads them on it.
+
+    spacing  of the signed distance's grid [m]
+
+    Where the solid is nowhere so thick there are none. They stay on the trilinear distance's level.
+    """
+    band = signed_distance(mesh, spacing, depth + 2 * spacing, check_crossings=False)
+    backend = band.backend
+    corner, facets = isosurface(band, -depth)
+    area = backend.empty(facets.shape[0], corner.dtype)
+    REGISTRY["sampling.areas"].program(backend.name)(corner, facets, area)
+    last = facet_counts(area, HEXAGONAL, radius)
+    position = backend.empty((int(last[-1]) if len(last) else 0, 3), corner.dtype)
+    if len(position):
+        REGISTRY["sampling.place"].program(backend.name)(corner, facets, last, np.int64(seed), position)
+        level = band.local._replace(distance=band.field.distance + corner.dtype.type(depth))
+        position, _, _ = relaxed(backend, level, position, radius, seed, False, MOST_ITERATIONS)
+    return np.asarray(position, dtype=float) + mesh.origin
 
 
 def facet_counts(area: np.ndarray, density: float, radius: float, each_by_itself: bool = False) -> np.ndarray:

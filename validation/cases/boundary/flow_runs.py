@@ -118,8 +118,8 @@ def _outside(simulation: Simulation) -> int:
     return int((~np.isfinite(simulation.field("position")).all(1)).sum())
 
 
-CELLS = (9, 9, 10)
-GAP = 1.2  # between walls and first layer at the start, in spacings
+CELLS = (10, 10, 14)
+GAP = 1.0  # between walls and first layer at the start, in spacings
 
 
 def resting_scene(file: str, cells: tuple[int, int, int] = CELLS, **changes: Any) -> Scene:
@@ -136,9 +136,14 @@ def resting_scene(file: str, cells: tuple[int, int, int] = CELLS, **changes: Any
 
 
 def resting_cup(cells: tuple[int, int, int] = CELLS) -> Any:
-    """The cup for it, ten spacings higher than the liquid."""
+    """The cup for it, six spacings higher than the liquid."""
+    return cup(inside_of(cells), 4 * SPACING)
+
+
+def inside_of(cells: tuple[int, int, int]) -> tuple[float, float, float]:
+    """Lengths of the cup's inside [m]."""
     a, b = ((n - 1 + 2 * GAP) * SPACING for n in cells[:2])
-    return cup((a, b, (cells[2] + 10) * SPACING), 2 * SPACING)
+    return a, b, (cells[2] + 6) * SPACING
 
 
 def resting_tank(context: Context, steps: int, backend: str) -> Result:
@@ -148,43 +153,54 @@ def resting_tank(context: Context, steps: int, backend: str) -> Result:
         simulation = context.simulation(scene, backend)
         band = next(e for e in scene.effects if e.name == "mesh_boundary").placed(simulation.plan.grid).band
         mass = simulation.field("mass")
-        heights, pressures, forces, speeds = [], [], [], []
+        places, pressures, forces, speeds = [], [], [], []
         for step in range(steps):
             simulation.step()
             if step >= steps - steps // 10:
                 velocity = simulation.field("velocity")
                 forces.append(float((mass * (simulation.field("acceleration")[:, 2] + GRAVITY)).sum()))
                 if step % 10 == 0:
-                    heights.append(simulation.field("position")[:, 2])
+                    places.append(simulation.field("position"))
                     pressures.append(simulation.field("pressure"))
                     speeds.append(float(np.sqrt((velocity**2).sum(1).max())))
             if step % 50 == 0:
                 context.progress(step / steps)
         position = simulation.field("position")
         inside = depth(band, position)
-    z, p = np.mean(heights, axis=0), np.mean(pressures, axis=0)
-    top = float(z.max())
-    low, high = position.min(0), position.max(0)
-    cells = (high - low + SPACING)[:2]
-    level = float(low[2] - 0.5 * SPACING + mass.sum() / DENSITY / cells.prod())
-    core = ((position - low > 2.5 * SPACING) & (high - position > 2.5 * SPACING))[:, :2].all(1)
-    deep = core & (z < top - 3 * SPACING) & (z > 1.5 * SPACING)
-    slope, offset = np.polyfit(z[deep], p[deep], 1)
-    floor = float(np.median(p[deep] / (DENSITY * GRAVITY * (level - z[deep]))) - 1)
+    place, p = np.mean(places, axis=0), np.mean(pressures, axis=0)
+    z, low, high = place[:, 2], place.min(0), place.max(0)
+    middle = ((place - low > 2.5 * SPACING) & (high - place > 2.5 * SPACING))[:, :2].all(1)
+    # Boundary particles stand for a layer a spacing thick, half of it outside: there the liquid's room begins.
+    room = np.prod([inner - SPACING for inner in inside_of(CELLS)[:2]])
+    level = float(0.5 * SPACING + mass.sum() / DENSITY / room)
+    deep = z < level - 3 * SPACING  # where densities lack nothing above
+    known = DENSITY * GRAVITY * (level - z)
+    slope, offset = np.polyfit(z[deep & middle], p[deep & middle], 1)
+    errors = p[deep] / known[deep] - 1
+    core = float(np.median((p / known)[deep & middle]) - 1)
     weight = float(mass.sum() * GRAVITY)
     force = np.array(forces)
     lost = int(((position[:, 2] < 0) | (np.abs(position).max(1) > 1)).sum())
     return Result(
         {
             "steps": steps, "particles": len(z), "lost": lost, "inside": int((inside > INSIDE * SPACING).sum()),
-            "pressure_error": floor, "level_m": level, "gradient_error": float(-slope / (DENSITY * GRAVITY) - 1),
-            "surface_m": float(-offset / slope), "top_m": top,
+            "pressure_error": core, "pressure_everywhere": float(np.median(errors)),
+            "pressure_spread": float(errors.std()), "gradient_error": float(-slope / (DENSITY * GRAVITY) - 1),
+            "level_m": level, "surface_m": float(-offset / slope), "top_m": surface_height(place[middle]),
             "force_error": float(force.mean() / weight - 1), "force_noise": float(force.std() / weight),
             "greatest_speed": float(np.max(speeds)), "search": search_log(simulation),
             "corrections": int(simulation.field("corrections").sum()),
         },
         {"position": position.astype(np.float32), "height": z.astype(np.float32), "pressure": p.astype(np.float32)},
     )  # fmt: skip
+
+
+def surface_height(place: NDArray) -> float:
+    """Height [m] of a liquid's level: half a spacing over the highest particles of columns a spacing wide."""
+    column = np.unique((place[:, :2] // SPACING).astype(int), axis=0, return_inverse=True)[1].ravel()
+    highest = np.full(column.max() + 1, -np.inf)
+    np.maximum.at(highest, column, place[:, 2])
+    return float(np.median(highest) + 0.5 * SPACING)
 
 
 # Pouring: three arms
