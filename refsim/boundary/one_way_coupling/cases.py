@@ -50,7 +50,7 @@ def pushed_by_one_particle():
     )
     pressure = 2000.0 + 1000 * (0.6 * -1.0 + 0.8 * 3.0)
     slope = 210 * 0.5 * 0.5**3 / (math.pi * 16)
-    push = 1000 * 0.25 * pressure / 500.0**2 * slope
+    push = 1000 * 0.25 * pressure / 500.0**2 * slope / (1 + 2e-9)  # e_b = x/(r + 1e-9 h)
     return Exact(
         case,
         {

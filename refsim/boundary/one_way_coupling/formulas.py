@@ -27,5 +27,5 @@ def wall_own_pressure(around, gravity, dx, dy, dz, fluid):
 
 @formula
 def wall_pressure_pair(wall_mass, density_i, pressure_b, slope, fluid):
-    """P6 for one boundary particle: factor of e_ib in the acceleration [m/s^2], -s Psi_b p_b/rho_i^2 W'(r) (E30)."""
+    """P6 with E30 for one boundary particle: factor f = -s Psi_b p_b/rho_i^2 W'(r) of e_ib in a_i [m/s^2]."""
     return -fluid.gradient_share * wall_mass * pressure_b / (density_i * density_i) * slope
