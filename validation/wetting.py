@@ -288,6 +288,8 @@ def read_rows(path: Path = ROWS) -> list[dict[str, Any]]:
 def condensed(rows: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
     """One entry for each setting: dim, support, stiffness, kernels, and `drops`, one for each coefficient.
 
+    A coefficient has an angle where more than half of its drops are caps.
+
     share           b = beta/gamma
     angle, spread   mean and standard deviation of the contact angle over seeds, sizes and starts [degrees]
     circle          mean of the angle by the circle
@@ -303,15 +305,16 @@ def condensed(rows: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
 
 
 def fate(row: Mapping[str, Any]) -> str:
-    """What became of a drop: "cap", "no cap" where its two angles are too far apart for one, and so on."""
+    """What became of a drop: "cap", "no cap" where a second angle is missing or too far off for one, and so on."""
     if row["stopped"] or row["fate"] != "cap":
         return row["stopped"] or row["fate"]
-    return "no cap" if abs(row["angle"] - row["circle"]) > SHAPELESS else "cap"
+    return "cap" if abs(row["angle"] - row["circle"]) <= SHAPELESS else "no cap"
 
 
 def _of_share(rows: Sequence[Mapping[str, Any]], share: float) -> dict[str, Any]:
     own = [r for r in rows if r["share"] == share]
     caps = [r for r in own if fate(r) == "cap"]
+    caps = caps if 2 * len(caps) > len(own) else []
     angles, circles = [r["angle"] for r in caps], [r["circle"] for r in caps if math.isfinite(r["circle"])]
     fates = [fate(r) for r in own]
     return {

@@ -67,7 +67,8 @@ def judge(results: Results) -> list[Measurement]:
         made.append(bounds.judge("span", float(np.ptp(angles)), name, words))
         share, cosine = np.array([drop["share"] for drop in caps]), np.cos(np.radians(angles))
         rest = cosine - np.polyval(np.polyfit(share, cosine, 1), share)
-        made.append(bounds.judge("line", float(np.sqrt((rest**2).mean())), name, words))
+        line = "line" if entry["dim"] == 3 else "line_2d"  # in 2D drops stand in rows
+        made.append(bounds.judge(line, float(np.sqrt((rest**2).mean())), name, words))
     return made
 
 

@@ -36,11 +36,12 @@ def data(results: Results) -> dict[str, Any]:
     """The map, and the outlines of the drops that were measured now."""
     drawn = [
         {name: result.values[name] for name in ("dim", "asked", "angle", "circle", "particles", "density", "profile")}
-        for key, result in sorted(results.items())
+        for key, result in results.items()
         if key != "map" and not result.values["stopped"]
     ]
+    drawn.sort(key=lambda drop: (drop["dim"], drop["asked"]))
     return {
-        "title": "Contact angle of sessile drops, Akinci 2013",
+        "title": "Contact angle of sessile drops, Akinci 2013 (triangles: up, leaves the plane; down, a film)",
         "settings": results["map"].values["settings"],
         "drops": drawn,
     }
@@ -60,7 +61,7 @@ def picture(data: Mapping[str, Any]) -> Any:
     panels[0].set_ylim(0, 180)
     panels[0].set_yticks(range(0, 181, 30))
     panels[0].set_ylabel("contact angle [degrees]")
-    panels[0].set_title("h = 2.6 d, S = 0.01")
+    panels[0].set_title("h = 2.6 d, S = 0.01, mueller")
     for axes, dim in zip(panels[1:], (2, 3)):
         entries = sorted((e for e in data["settings"] if e["dim"] == dim), key=lambda e: not at_base(e))
         for entry, colour in zip(entries, COLOURS):
@@ -94,9 +95,9 @@ def _line(axes: Any, entry: Mapping[str, Any], colour: str, label: str, angle: b
         circle = [real(drop["circle"]) for drop in caps]
         axes.plot(share, circle, "o", ms=4.5, color=colour, mfc="white", label=f"{label}, by the circle")
         for drop in entry["drops"]:
-            if drop["angle"] is None:
-                film = "film" in drop["fates"]
-                axes.plot(drop["share"], 3 if film else 177, "v" if film else "^", ms=6, color=colour)
+            for fate, mark, y in (("film", "v", 3), ("detached", "^", 177)):
+                if drop["angle"] is None and fate in drop["fates"]:
+                    axes.plot(drop["share"], y, mark, ms=6, color=colour)
 
 
 def _outline(axes: Any, drop: Mapping[str, Any]) -> None:
