@@ -78,6 +78,12 @@ CASE = Case(
         Picture("figure_3_force_curves", pictures.curve_data, pictures.curve_picture),
         Picture("dong_figure_1", pictures.dong_data, pictures.dong_picture),
         Picture("models_panel", pictures.panel_data, pictures.panel_picture, tuple(f"cube_{m}" for m in MODELS)),
+        Picture(
+            "models_table_1",
+            pictures.rest_data,
+            pictures.rest_picture,
+            tuple(f"{shape}_{m}" for shape in pictures.SHAPES for m in MODELS),
+        ),
     ),
     tables=tables,
 )

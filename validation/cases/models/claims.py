@@ -26,7 +26,10 @@ def drop(options: Options, model: str, start: str) -> Run:
 
 
 def measured(value: Callable[[Mapping], float], *models: str, timed: bool = False) -> Measure:
-    """The value of a model's drop, or of a first model's over that of a second's, start by start."""
+    """The value of a model's drop, or of a first model's over that of a second's, start by start.
+
+    A start from which neither is finite (never at rest) is left out.
+    """
 
     def planned(options: Options) -> list[Run]:
         return [drop(options, model, start) for start in STARTS for model in models]
@@ -35,15 +38,11 @@ def measured(value: Callable[[Mapping], float], *models: str, timed: bool = Fals
         found = []
         for start in STARTS:
             parts = [value(results[f"{start}_{model}"].values) for model in models]
-            found.append(parts[0] if len(parts) == 1 else _ratio(*parts))
+            if len(parts) == 1 or any(map(math.isfinite, parts)):
+                found.append(parts[0] if len(parts) == 1 else parts[0] / parts[1])
         return found
 
     return Measure(planned, values, quick=False, timed=timed)
-
-
-def _ratio(over: float, under: float) -> float:
-    """Quotient of two values; of two that were never reached (infinite), not a number."""
-    return over / under if math.isfinite(over) or math.isfinite(under) else math.nan
 
 
 def nearest(values: Mapping) -> float:
@@ -68,8 +67,9 @@ def gap(values: Mapping) -> float:
 
 
 def expansion(values: Mapping) -> float:
-    """Growth of the radius of gyration over the last third of the time."""
-    return real(values["surface"]["end"]["gyration"]) / real(values["surface"]["late"]["gyration"]) - 1
+    """Growth of the distance of the farthest particle from the middle over the last third of the time."""
+    extent = values["series"]["extent"]
+    return real(extent[-1]) / real(extent[2 * (len(extent) - 1) // 3]) - 1
 
 
 def seconds(values: Mapping) -> float:

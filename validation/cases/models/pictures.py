@@ -169,3 +169,69 @@ def panel_picture(data: Mapping[str, Any]) -> Any:
         axes[0][column].set_title(title, fontsize=8, loc="center")
     figure.suptitle(data["title"] + " (time, radius variation)", fontsize=10.5, fontweight="bold")
     return figure
+
+
+SHAPES = {"cube": "lattice cube", "cut": "cut cube"}
+
+
+def rest_data(results: Results) -> dict[str, Any]:
+    """Table 1: seconds until each model's drop is at rest, from both cubes, beside the paper's."""
+    rows = []
+    for name, model in MODELS.items():
+        row: dict[str, Any] = {"model": model.words, "paper_s": model.paper}
+        for shape in SHAPES:
+            values = results[f"{shape}_{name}"].values
+            rest, end = values["rest"], values["end"]
+            row[shape] = {
+                "particles": values["particles"], "seconds": None if rest is None else rest["wall"],
+                "steps": None if rest is None else rest["steps"], "time_s": None if rest is None else rest["time"],
+                "radius_variation": end["radius_variation"], "nn_5_spacings": end["nn_5"],
+                "area_over_ball": values["surface"]["end"]["area"], "kinetic_share": end["kinetic_share"],
+                "stopped": values["stopped"],
+            }  # fmt: skip
+        rows.append(row)
+    about = results[f"cube_{next(iter(MODELS))}"].about
+    return {
+        "title": "Table 1: seconds until at rest",
+        "criterion": "kinetic energy below 1e-3 of its peak from then on, within 2.2 s of simulated time",
+        "machine": about.get("machine"),
+        "date": about.get("date"),
+        "threads": about.get("threads"),
+        "rows": rows,
+    }
+
+
+def rest_picture(data: Mapping[str, Any]) -> Any:
+    """Draw table 1: bars of the paper and of both cubes, and what the drops are like at the end."""
+    import matplotlib.pyplot as plt
+
+    rows = data["rows"]
+    figure, axes = plt.subplots(1, 3, figsize=(11.5, 4.6), sharey=True, width_ratios=(2.2, 1, 1))
+    at = np.arange(len(rows))[::-1]
+    longest = max([row[s]["seconds"] or 0 for row in rows for s in SHAPES] + [row["paper_s"] or 0 for row in rows])
+    bars = [("paper", 0.27, GREY), *zip(SHAPES, (0.0, -0.27), (BLUE, GREEN))]
+    for key, shift, colour in bars:
+        seconds = [row["paper_s"] if key == "paper" else row[key]["seconds"] for row in rows]
+        count = "" if key == "paper" else f" of {rows[0][key]['particles']:,}"
+        label = "paper (another machine)" if key == "paper" else SHAPES[key] + count
+        axes[0].barh(at + shift, [s or 0 for s in seconds], 0.25, color=colour, label=label)
+        for y, value, row in zip(at + shift, seconds, rows):
+            missing = "not in the paper" if key == "paper" else (row[key]["stopped"] and "stopped") or "never at rest"
+            words = missing if value is None else f"{value:.1f}"
+            axes[0].text((value or 0) + 0.01 * longest, y, words, va="center", fontsize=7, color=colour)
+    axes[0].set_yticks(at, [row["model"] for row in rows])
+    axes[0].set(xlabel="seconds until at rest", xlim=(0, 1.14 * longest))
+    axes[0].set_title(data["title"])
+    axes[0].legend(loc="lower right")
+    for place, key, words in zip(
+        axes[1:], ("radius_variation", "nn_5_spacings"), ("radius variation", "nearest neighbour, 5 % [d]")
+    ):
+        for shape, shift, colour in bars[1:]:  # type: ignore[misc]
+            place.barh(at + shift, [real(row[shape][key]) for row in rows], 0.25, color=colour)
+        place.set(xlabel=words)
+        place.set_title("roughness" if key == "radius_variation" else "clustering")
+        if key == "radius_variation":
+            place.set(xscale="log", xlim=(1e-3, 1.0))
+    for place in axes:
+        place.grid(True, axis="x")
+    return figure
