@@ -78,5 +78,5 @@ def test_printed_step_is_refused_for_a_stiff_liquid_and_taken_for_a_soft_one():
 def test_every_picture_has_its_runs():
     planned = {run.key for run in CASE.runs(Options())}
     assert {name for picture in CASE.pictures for name in picture.needs} <= planned
-    frames = next(run for run in CASE.runs(Options()) if run.key == "fall_with").parameters["frames"]
+    frames = next(run for run in CASE.runs(Options()) if run.key == "rest_with").parameters["frames"]
     assert {*scene.FRAMES, *scene.LATER, *pictures.MERGING, pictures.REST} <= set(frames)

@@ -7,6 +7,7 @@ calibrated runs. Release height, the time between frames, sound speed and viscos
 from __future__ import annotations
 
 import math
+from typing import Any
 
 from validation.cases.dong import pictures, runs
 from validation.cases.dong import scene as scenes
@@ -34,12 +35,21 @@ def planned(options: Options) -> list[Run]:
     for arm, tension in ARMS.items():
         frames = [*scenes.FRAMES, *(scenes.LATER if options.quick else LATE)]
         parameters = {"tension": tension, "frames": frames, **backend}
-        made.append(Run(f"fall_{arm}", runs.fall, parameters, 2.0 if options.quick else 40.0))
+        key, estimate = ("fall", 2.0) if options.quick else ("rest", 40.0)
+        made.append(Run(f"{key}_{arm}", runs.fall, parameters, estimate))
     for case in CASES:
         for model in scenes.MODELS:
             parameters = {"model": model, "case": case, **backend}
             made.append(Run(f"speed_{case}_{model}", runs.seconds_per_frame, parameters, 8.0, reason))
     return made
+
+
+def blocks(results: Results) -> dict[str, list[dict[str, Any]]]:
+    """What lies on the floor, frame by frame, of both arms: until they rest, or the quick runs; empty without them."""
+    for key in ("rest", "fall"):
+        if {f"{key}_{arm}" for arm in ARMS} <= set(results):
+            return {arm: results[f"{key}_{arm}"].values["rows"] for arm in ARMS}
+    return {}
 
 
 def judge(results: Results) -> list[Measurement]:
@@ -70,8 +80,9 @@ def judge(results: Results) -> list[Measurement]:
         made.append(bounds.judge("printed_step", values["step"] / values["limit"]))
         made.append(bounds.judge("printed_refused", float(bool(values["refused"]))))
         made.append(bounds.judge("printed_compression", real(values["soft"])))
-    if {"fall_with", "fall_without"} <= set(results):
-        at = {arm: {row["frame"]: row for row in results[f"fall_{arm}"].values["rows"]} for arm in ARMS}
+    landed = blocks(results)
+    if landed:
+        at = {arm: {row["frame"]: row for row in rows} for arm, rows in landed.items()}
         for frame in (*scenes.FRAMES, *scenes.LATER):
             both = {arm: at[arm][frame] for arm in ARMS}
             for name in ("parts", "lone", "holes"):
@@ -107,10 +118,11 @@ def tables(results: Results) -> list[Table]:
             " refsim has one liquid per scene. Here twelve drops of oil (900 kg/m^3) run into each other."
         )
         made.append(Table("Dong, table 1: time per frame", ["model", *words, "ran"], rows, note))
-    if {"fall_with", "fall_without"} <= set(results):
+    landed = blocks(results)
+    if landed:
         rows = []
-        for arm in ARMS:
-            for row in results[f"fall_{arm}"].values["rows"]:
+        for arm, found in landed.items():
+            for row in found:
                 if row["frame"] in (*scenes.FRAMES, *scenes.LATER, *pictures.MERGING):
                     cells = [row["parts"], row["lone"], row["holes"], f"{row['largest']:.2f}", f"{row['area']:.2f}"]
                     rows.append([f"{arm} tension", row["frame"], *cells, f"{row['stretch']:.2f}", row["layers"]])
@@ -154,9 +166,9 @@ CASE = Case(
     judge=judge,
     pictures=(
         Picture("dong_figure_3", pictures.cube_data, pictures.cube_picture, ("cube_4913",)),
-        Picture("dong_figure_4", pictures.splash_data, pictures.splash_picture, ("fall_with", "fall_without")),
-        Picture("dong_figure_5", pictures.rest_data, pictures.rest_picture, ("fall_with", "fall_without")),
-        Picture("dong_figure_6", pictures.merging_data, pictures.merging_picture, ("fall_with",)),
+        Picture("dong_figure_4", pictures.splash_data, pictures.splash_picture, ("rest_with", "rest_without")),
+        Picture("dong_figure_5", pictures.rest_data, pictures.rest_picture, ("rest_with", "rest_without")),
+        Picture("dong_figure_6", pictures.merging_data, pictures.merging_picture, ("rest_with",)),
     ),
     tables=tables,
 )

@@ -152,11 +152,11 @@ def splash_data(results: Results) -> dict[str, Any]:
     arms = {"with": "with tension", "without": "without tension"}
     return {
         "title": "Dong, figure 4: the block after its impact, from above",
-        "spacing_m": results["fall_with"].values["spacing"],
+        "spacing_m": results["rest_with"].values["spacing"],
         "rows": [
             {
                 "words": words,
-                "frames": [_room(results[f"fall_{arm}"], frame, TOP) for frame in (*scenes.FRAMES, *scenes.LATER)],
+                "frames": [_room(results[f"rest_{arm}"], frame, TOP) for frame in (*scenes.FRAMES, *scenes.LATER)],
             }
             for arm, words in arms.items()
         ],
@@ -187,9 +187,9 @@ def rest_data(results: Results) -> dict[str, Any]:
     """Figure 5: from the side at rest, with and without tension."""
     return {
         "title": "Dong, figure 5: at rest, from the side",
-        "spacing_m": results["fall_with"].values["spacing"],
+        "spacing_m": results["rest_with"].values["spacing"],
         "rows": [
-            {"words": words, **_room(results[f"fall_{arm}"], REST, SIDE_VIEW)}
+            {"words": words, **_room(results[f"rest_{arm}"], REST, SIDE_VIEW)}
             for arm, words in (("with", "with tension"), ("without", "without tension"))
         ],
     }
@@ -211,7 +211,7 @@ def rest_picture(data: Mapping[str, Any]) -> Any:
 
 def merging_data(results: Results) -> dict[str, Any]:
     """Figure 6: droplets become one, from above."""
-    result = results["fall_with"]
+    result = results["rest_with"]
     rows = result.values["rows"]
     return {
         "title": "Dong, figure 6: the droplets merge",

@@ -116,13 +116,13 @@ def dong_picture(data: Mapping[str, Any]) -> Any:
     return figure
 
 
-def panel_data(results: Results) -> dict[str, Any]:
-    """Figure 6 for all models: the particles that can be seen at the start, at a third and at the end."""
+def panel_data(results: Results, shape: str = "cube") -> dict[str, Any]:
+    """Figure 6 for all models: the particles that can be seen soon after the start, at a quarter and at the end."""
     rows = []
     for name, model in MODELS.items():
-        if f"cube_{name}" not in results:
+        if f"{shape}_{name}" not in results:
             continue
-        result = results[f"cube_{name}"]
+        result = results[f"{shape}_{name}"]
         values, position = result.values, result.arrays["position"]
         last = len(position) - 1
         frames = []
@@ -141,7 +141,14 @@ def panel_data(results: Results) -> dict[str, Any]:
             {"model": model.words, "stopped": values["stopped"],
              "spacing_radii": values["spacing"] / values["radius"], "frames": frames}
         )  # fmt: skip
-    return {"title": "Figure 6: the same cube under all models", "half_width_radii": EXTENT, "rows": rows}
+    count = result.values["particles"]
+    title = f"Figure 6: the same cube of {count:,} under all models"
+    return {"title": title, "half_width_radii": EXTENT, "rows": rows}
+
+
+def cut_panel_data(results: Results) -> dict[str, Any]:
+    """The same from the cube that is cut from a turned lattice."""
+    return panel_data(results, "cut")
 
 
 def panel_picture(data: Mapping[str, Any]) -> Any:
