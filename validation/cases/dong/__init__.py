@@ -37,6 +37,8 @@ def planned(options: Options) -> list[Run]:
         parameters = {"tension": tension, "frames": frames, **backend}
         key, estimate = ("fall", 2.0) if options.quick else ("rest", 40.0)
         made.append(Run(f"{key}_{arm}", runs.fall, parameters, estimate))
+    for key, pair in runs.sweep_pairs().items():
+        made.append(Run(key, runs.sweep, {**pair, **backend}, 3.0, reason))
     for case in CASES:
         for model in scenes.MODELS:
             parameters = {"model": model, "case": case, **backend}
@@ -168,6 +170,7 @@ CASE = Case(
         Picture("dong_figure_3", pictures.cube_data, pictures.cube_picture, ("cube_4913",)),
         Picture("dong_figure_4", pictures.splash_data, pictures.splash_picture, ("rest_with", "rest_without")),
         Picture("dong_figure_5", pictures.rest_data, pictures.rest_picture, ("rest_with", "rest_without")),
+        Picture("dong_sweep", pictures.sweep_data, pictures.sweep_picture, tuple(runs.sweep_pairs())),
         Picture("dong_figure_6", pictures.merging_data, pictures.merging_picture, ("rest_with",)),
     ),
     tables=tables,

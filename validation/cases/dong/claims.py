@@ -23,7 +23,6 @@ from validation.results import Result, real
 from validation.running import Context, advance
 
 SMALL = 1331  # particles
-CALM = 7.5  # Pa s, with which small drops come to rest
 SEEDS = (1, 2, 3)
 STARTS = {"cube": ("cube", SMALL, 1), "cut": ("cut", SMALL, 1), "cut_2": ("cut", SMALL, 2), "box": ("box", SMALL, 1)}
 ARMS = (True, False)  # with and without the Shepard filter
@@ -112,7 +111,7 @@ def rest_area(corrected: bool) -> Measure:
                 "count": SMALL,
                 "backend": options.backend,
                 "until": 8.0,
-                "viscosity": CALM,
+                "viscosity": scenes.CALM,
             }
             if not corrected:
                 parameters["changes"] = {"correction": 0.0}
@@ -129,7 +128,7 @@ def frozen(context: Context, shape: str, corrected: bool, backend: str) -> Resul
         spacing=spacing, support_radius=scenes.PRINTED_SUPPORT * spacing, fluid=(Cloud(position=position),),
         effects=(
             WeaklyCompressible(
-                rest_density=scenes.DENSITY, sound_speed=15.0, dynamic_viscosity=CALM, kernels="mueller"
+                rest_density=scenes.DENSITY, sound_speed=15.0, dynamic_viscosity=scenes.CALM, kernels="mueller"
             ),
             Dong2016(surface_tension=scenes.TENSION, correction=None if corrected else 0.0),
         ),
@@ -317,43 +316,16 @@ SHAPE_HISTORY = Measure(_history_runs, _history_values, quick=False)
 
 # k against lambda: which lambda/k gives the roundest drop at rest, by their numbers in SI units.
 
-SWEEP_SIDES = (9, 11, 13)
-COHESIONS = (0.25, 1.0, 4.0)  # times the calibrated tension's k
-CORRECTIONS = (0.0, 0.3, 1.0, 3.0, 10.0, 30.0)  # sigma/(rho0 d) of the calibrated tension
-
-
-def sweep(context: Context, side: int, cohesion: float, correction: float, backend: str) -> Result:
-    """A cube under one pair of coefficients."""
-    position, spacing = scenes.start("cube", side**3)
-    scene = scenes.cube_scene(position, spacing, viscosity=CALM)
-    base = runs.coefficients(scene)
-    unit = base["correction"] / 3.0
-    effect = Dong2016(stiffness=cohesion * base["stiffness"], correction=correction * unit)
-    liquid = scene.effects[0]
-    scene = Scene(
-        spacing=spacing, support_radius=2.6 * spacing, fluid=(Cloud(position=position),), effects=(liquid, effect),
-    )  # fmt: skip
-    found = runs.drop(context, scene, np.linspace(0.0, 4.0, 41), backend)
-    return Result({**found.values, "series": {}})
-
 
 def _sweep_runs(options: Options) -> list[Run]:
-    return [
-        Run(
-            f"claim_sweep_{side}_{k:g}_{c:g}", sweep,
-            {"side": side, "cohesion": k, "correction": c, "backend": options.backend}, 3.0,
-        )
-        for side in SWEEP_SIDES
-        for k in COHESIONS
-        for c in CORRECTIONS
-    ]  # fmt: skip
+    return [Run(key, runs.sweep, {**pair, "backend": options.backend}, 3.0) for key, pair in runs.sweep_pairs().items()]
 
 
 def _best_ratio(found: Results) -> list[float]:
     """|log10(lambda/k)| of the drop of least area among those at rest, by size."""
     values = []
-    for side in SWEEP_SIDES:
-        rows = [dict(r.values) for key, r in found.items() if key.startswith(f"claim_sweep_{side}_")]
+    for side in runs.SWEEP_SIDES:
+        rows = [dict(r.values) for key, r in found.items() if key.startswith(f"sweep_{side}_")]
         whole = [v for v in rows if not v["stopped"] and v["correction"] and v["area"]]
         calm = [v for v in whole if real(v["kinetic_share"]) < 0.01]
         best = min(calm, key=lambda v: real(v["area"]), default=None)

@@ -243,3 +243,57 @@ def merging_picture(data: Mapping[str, Any]) -> Any:
     axes.grid(True)
     figure.suptitle(data["title"], fontsize=10.5, fontweight="bold")
     return figure
+
+
+def sweep_data(results: Results) -> dict[str, Any]:
+    """Area of small drops over k and lambda, and which of them are at rest."""
+    from validation.cases.dong import runs
+
+    rows = []
+    for key, pair in runs.sweep_pairs().items():
+        values = results[key].values
+        names = ("stiffness", "correction", "area", "kinetic_share", "swing", "stopped")
+        rows.append({**pair, **{f"{name}_found" if name in pair else name: values[name] for name in names}})
+    return {
+        "title": "k against lambda: how far drops are from a ball",
+        "unit_of_cohesion": "k of the calibrated tension",
+        "unit_of_correction": "nominal sigma/(rho0 d) of the calibrated tension",
+        "calm": 0.01,
+        "rows": rows,
+    }
+
+
+def sweep_picture(data: Mapping[str, Any]) -> Any:
+    """Draw a map for each size; the best that is at rest is framed."""
+    import matplotlib.pyplot as plt
+    from matplotlib.colors import LogNorm
+    from matplotlib.patches import Rectangle
+
+    sides = list(dict.fromkeys(row["side"] for row in data["rows"]))
+    figure, axes = plt.subplots(1, len(sides), figsize=(11.5, 3.0), sharey=True)
+    for place, side in zip(axes, sides):
+        rows = [row for row in data["rows"] if row["side"] == side]
+        across, up = (list(dict.fromkeys(row[name] for row in rows)) for name in ("correction", "cohesion"))
+        excess, best = np.full((len(up), len(across)), np.nan), None
+        for row in rows:
+            at = up.index(row["cohesion"]), across.index(row["correction"])
+            whole = row["area"] is not None and not row["stopped"]
+            excess[at] = row["area"] - 1 if whole else np.nan
+            calm = whole and row["kinetic_share"] < data["calm"]
+            words = "torn" if not whole else f"{1e3 * excess[at]:.2f}" + ("" if calm else "\nnot at rest")
+            place.text(at[1], at[0], words, ha="center", va="center", fontsize=6.5)
+            if calm and row["correction"] and (best is None or excess[at] < excess[best]):
+                best = at
+        image = place.imshow(excess, origin="lower", aspect="auto", cmap="YlGnBu", norm=LogNorm(3e-4, 1e-2))
+        if best is not None:
+            place.add_patch(
+                Rectangle((best[1] - 0.5, best[0] - 0.5), 1, 1, fill=False, edgecolor=VERMILION, linewidth=2)
+            )
+        place.set_xticks(range(len(across)), [f"{value:g}" for value in across])
+        place.set_yticks(range(len(up)), [f"{value:g}" for value in up])
+        place.set(xlabel=r"$\lambda\,\rho_0 d/\sigma$")
+        place.set_title(f"cube of {side**3:,}")
+    axes[0].set(ylabel="k over the calibrated one")
+    figure.colorbar(image, ax=axes, label="area over a ball's, less one", shrink=0.9)
+    figure.suptitle(data["title"] + " (numbers: thousandths)", fontsize=10.5, fontweight="bold")
+    return figure

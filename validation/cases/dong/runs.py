@@ -8,6 +8,7 @@ import time
 from collections.abc import Mapping
 from typing import Any
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -287,3 +288,29 @@ def seconds_per_frame(
             "spread": [min(late), max(late)] if late else [], "threads": context.threads, "turn": turn,
         }
     )  # fmt: skip
+
+
+SWEEP_SIDES = (9, 11, 13)
+COHESIONS = (0.25, 1.0, 4.0)  # times the calibrated tension's k
+CORRECTIONS = (0.0, 0.3, 1.0, 3.0, 10.0, 30.0)  # sigma/(rho0 d) of the calibrated nominal tension
+
+
+def sweep_pairs() -> dict[str, dict[str, Any]]:
+    """Sides and pairs of coefficients by the keys of their runs."""
+    return {
+        f"sweep_{side}_{k:g}_{c:g}": {"side": side, "cohesion": k, "correction": c}
+        for side in SWEEP_SIDES
+        for k in COHESIONS
+        for c in CORRECTIONS
+    }
+
+
+def sweep(context: Context, side: int, cohesion: float, correction: float, backend: str) -> Result:
+    """A small cube under one pair of k and lambda, 4 s."""
+    position, spacing = scenes.start("cube", side**3)
+    calibrated = scenes.cube_scene(position, spacing, viscosity=scenes.CALM)
+    base = coefficients(calibrated)
+    effect = Dong2016(stiffness=cohesion * base["stiffness"], correction=correction * base["correction"] / 3.0)
+    changed = msgspec.structs.replace(calibrated, effects=(calibrated.effects[0], effect))
+    found = drop(context, changed, np.linspace(0.0, 4.0, 41), backend)
+    return Result({**found.values, "series": {}})

@@ -28,6 +28,7 @@ TENSION = DENSITY * 9.81 * PUDDLE**2 / 4  # 17 N/m: a puddle at rest that does n
 PRINTED = {"stiffness": 1e-3, "correction": 1e-3}
 PRINTED_SUPPORT, PRINTED_STEP, PRINTED_VISCOSITY = 1.5, 0.005, 1e-3
 CUBE_VISCOSITY = 2.0  # Pa s: an Ohnesorge number of 0.03, so that the cube overshoots
+CALM = 7.5  # Pa s, with which small drops come to rest
 FALL_NOMINAL, FALL_VISCOSITY, FALL_SOUND = 0.5 * TENSION, 7.5, 25.0  # N/m, Pa s (what keeps the energy), m/s
 MODELS = {
     "dong": "Dong 2016",
