@@ -284,7 +284,7 @@ def sweep_picture(data: Mapping[str, Any]) -> Any:
             place.text(at[1], at[0], words, ha="center", va="center", fontsize=6.5)
             if calm and row["correction"] and (best is None or excess[at] < excess[best]):
                 best = at
-        image = place.imshow(excess, origin="lower", aspect="auto", cmap="YlGnBu", norm=LogNorm(3e-4, 1e-2))
+        image = place.imshow(excess, origin="lower", aspect="auto", cmap="YlGnBu", norm=LogNorm(3e-4, 2e-3))
         if best is not None:
             place.add_patch(
                 Rectangle((best[1] - 0.5, best[0] - 0.5), 1, 1, fill=False, edgecolor=VERMILION, linewidth=2)
