@@ -222,6 +222,7 @@ def _measure(point: Point, row: dict[str, Any]) -> None:
     row |= {
         "effective_radius": radius,
         "pressure": mean["pressure"],
+        "balls": len(BALLS),
         "pressure_deviation": float(np.std([s["pressure"] for s in samples])),
         "laplace": mean["pressure"] * radius / (point.dim - 1),
         "bulk_error": mean["density"] - 1,

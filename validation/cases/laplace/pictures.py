@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from validation.drawing import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION
-from validation.drops import MODELS, SEEDED
+from validation.drops import FITTED_FROM, MODELS, SEEDED
 from validation.harness import Results
 from validation.results import real
 from validation.sigma_map import at_base
@@ -46,8 +46,10 @@ def jump_picture(data: Mapping[str, Any]) -> Any:
             share = [d["pressure"] * d["effective_radius"] / (dim - 1) for d in own]
             axes.plot(radius, share, STYLES[model], marker="o", ms=4, lw=1.2, color=colour, label=MODELS[model][0])
         axes.axhline(1, color=GREY, lw=0.8, ls=":")
+        axes.axvspan(0, FITTED_FROM * 2.6, color="#eeeeee", lw=0)  # R < 3 h: not fitted
+        axes.set_xlim(4, 26 if dim == 2 else 15)
         axes.set_ylim(0, 8.5)
-        axes.set_title(f"{dim}D, h = 2.6 d, S = 0.01")
+        axes.set_title(f"{dim}D, h = 2.6 d, S = 0.01; grey: R < 3 h")
         axes.set_xlabel("radius R [d]")
         axes.set_ylabel("R jump/(dim - 1) over the nominal tension")
         axes.grid(True)
@@ -67,7 +69,7 @@ def map_picture(data: Mapping[str, Any]) -> Any:
     """Left: jump and frequency of each model's drops at the base; right: along the axes h/d and S."""
     import matplotlib.pyplot as plt
 
-    figure, grid = plt.subplots(2, 3, figsize=(11.5, 7.2), width_ratios=(1.6, 1, 1))
+    figure, grid = plt.subplots(2, 3, figsize=(11.5, 7.8), width_ratios=(1.6, 1, 1))
     for line, dim in zip(grid, (2, 3)):
         own = [e for e in data["settings"] if e["dim"] == dim]
         _models(line[0], [e for e in own if at_base(e)])
@@ -79,6 +81,10 @@ def map_picture(data: Mapping[str, Any]) -> Any:
             _along(axes, [e for e in own if e[fixed[0]] == fixed[1] and e["kernels"] == "mueller"], axis, dim)
             axes.set_xlabel(label)
             axes.set_title(f"{dim}D, R = {SEEDED[dim]:g} d")
+    handles: dict[str, Any] = {}
+    for axes in grid[:, 1:].flat:
+        handles |= {label: handle for handle, label in zip(*axes.get_legend_handles_labels())}
+    figure.legend(handles.values(), handles.keys(), loc="outside lower center", ncols=4, fontsize=8)
     figure.suptitle("Surface tension over the nominal one: by the jump (full) and by the frequency (open)", fontsize=11)
     return figure
 
@@ -128,7 +134,6 @@ def _along(axes: Any, entries: list[dict[str, Any]], axis: str, dim: int) -> Non
     axes.set_ylim(0, 9)
     axes.grid(True)
     if drawn:
-        axes.legend(loc="upper left", fontsize=8)
         axes.set_xticks(sorted(drawn), [f"{value:g}" for value in sorted(drawn)])
     else:
         axes.set_xticks([])
