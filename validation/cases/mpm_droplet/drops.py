@@ -9,12 +9,8 @@ from typing import Any
 import numpy as np
 
 from refsim import RunStopped, Simulation
-from refsim.backend import choose
-from refsim.surface_energy import Tension
-from refsim.surface_energy.reconstruction import Reconstruction
 from validation.cases.mpm_droplet import measures
 from validation.cases.mpm_droplet.scene import CELLS, MODULUS, box, drop_scene, ellipsoid, radius_of
-from validation.cases.surface_reconstruction.shapes import angles
 from validation.results import Result
 from validation.running import Context
 
@@ -84,7 +80,7 @@ def late(series: Mapping[str, Sequence[float]], share: float = 0.25) -> dict[str
     """Least, mean and largest of the shape's measures over the last quarter of a run."""
     begin = int((1 - share) * len(series["time"]))
     made = {}
-    for name in ("volume", "sphericity", "anisotropy", "pressure", "area"):
+    for name in ("volume", "sphericity", "anisotropy", "particle_anisotropy", "pressure", "area"):
         values = np.array(series[name][begin:])
         made[name] = {"least": float(values.min()), "mean": float(values.mean()), "largest": float(values.max())}
     return made
@@ -153,72 +149,45 @@ def round_area_of_ellipse(amplitude: float, dim: int) -> float:
     return 1 + (0.375 if dim == 2 else 0.2) * amplitude**2
 
 
-def stiffness(
-    context: Context, backend: str, dim: int, radii: Sequence[float], amplitude: float, seeds: int,
-    tension: Mapping[str, Any] | None = None,
-) -> Result:  # fmt: skip
-    """The pull against mode 2 of ellipses at rest: k sum A (n_y^2 - n_x^2) over that of the smooth ellipse.
+def potential_flow(context: Context, amplitudes: Sequence[float], modes: int = 12) -> Result:
+    """Mode 2 of a drop of ideal liquid in the plane at finite amplitude: frequency over Rayleigh's.
 
-    Beside it the same sum with the ellipse's own normals at the samples, which leaves the areas' error alone, and the
-    rms angle between both normals [degrees]. Nothing moves; lattices are placed and turned at random.
+    The same ellipses, by another method: r(angle) and the potential on the surface as cosine series, the potential
+    inside as sum c_n r^n cos(n angle) by least squares, Bernoulli's equation and the curvature, DOP853 of SciPy.
     """
-    there = choose(backend)
+    from scipy.integrate import solve_ivp
+
+    count = 4 * modes
+    angle = (np.arange(count) + 0.5) * math.pi / (2 * count)
+    n = np.arange(0, 2 * modes + 1, 2)
+    cosine, sine = np.cos(np.outer(angle, n)), -n * np.sin(np.outer(angle, n))
+    to_series = np.linalg.pinv(cosine)
+    kept = np.where(n > 1.4 * modes, 0, 1)  # products fold back onto the highest modes
     rows = []
-    for k, radius in enumerate(radii):
-        found: dict[str, list[float]] = {"pull": [], "smooth_normals": [], "area": [], "volume": [], "scatter": []}
-        for seed in range(seeds):
-            place = ellipsoid(radius, dim, amplitude, seed)
-            size = radius_of(len(place), dim)
-            semi = np.array([1 + amplitude, *[(1 + amplitude) ** (-1 / (dim - 1))] * (dim - 1)]) * size
-            made = Reconstruction(there, dim, "float64", 1.0, Tension(surface_tension=1.0, **(tension or {})))
-            surface = made.surface(there.asarray(np.pad(place, ((0, 0), (0, 3 - dim)))))
-            samples = surface.samples
-            position, normal, area = (there.host(a).astype(float) for a in samples[:3])
-            true = ellipse_normals(position[:, :dim], semi)
-            exact_pull, exact_area = exact_ellipse(semi)
-            found["pull"].append(pull(normal[:, :dim], area) / exact_pull)
-            found["smooth_normals"].append(pull(true, area) / exact_pull)
-            found["area"].append(float(area.sum()) / exact_area)
-            scatter = angles(normal[:, :dim], true)
-            found["scatter"].append(math.sqrt(float((area * scatter**2).sum() / area.sum())))
-            size_of = measures.mesh_size(there.host(surface.inset_mesh.vertices), surface.inset_mesh.facets, dim)
-            found["volume"].append(size_of[1] / (len(place) / 2**dim))
-        row: dict[str, Any] = {"radius": radius}
-        for name, values in found.items():
-            row[name] = float(np.mean(values))
-            row[f"{name}_error"] = float(np.std(values) / math.sqrt(len(values)))
-        rows.append(row)
-        context.progress((k + 1) / len(radii))
-    return Result({"dim": dim, "amplitude": amplitude, "seeds": seeds, "rows": rows})
+    for done, amplitude in enumerate(amplitudes):
+        long, short = 1 + amplitude, 1 / (1 + amplitude)
+        start = long * short / np.hypot(short * np.cos(angle), long * np.sin(angle))
 
+        def slope(_: float, state: np.ndarray) -> np.ndarray:
+            radius, potential = cosine @ state[: len(n)], cosine @ state[len(n) :]
+            turn, bend = sine @ state[: len(n)], -(cosine * n**2) @ state[: len(n)]
+            power = radius[:, None] ** n
+            inside = np.linalg.lstsq(power * cosine, potential, rcond=None)[0]
+            outward, around = (n * power / radius[:, None] * cosine) @ inside, (power * sine) @ inside / radius
+            rising = outward - turn / radius * around
+            curvature = (radius**2 + 2 * turn**2 - radius * bend) / (radius**2 + turn**2) ** 1.5
+            pushed = -0.5 * (outward**2 + around**2) - curvature + 1 + outward * rising
+            return np.concatenate([kept * (to_series @ rising), kept * (to_series @ pushed)])
 
-def pull(normal: np.ndarray, area: np.ndarray) -> float:
-    """sum A (mean of n_y^2, n_z^2 - n_x^2), the virial of the surface's force against mode 2."""
-    return float((area * ((normal[:, 1:] ** 2).mean(1) - normal[:, 0] ** 2)).sum())
-
-
-def ellipse_normals(position: np.ndarray, semi: np.ndarray) -> np.ndarray:
-    """Normals of the ellipse (ellipsoid) through each place, scaled about its middle."""
-    normal = position / semi**2
-    return normal / np.linalg.norm(normal, axis=1, keepdims=True)
-
-
-def exact_ellipse(semi: np.ndarray) -> tuple[float, float]:
-    """(pull, area) of the smooth ellipse or spheroid, by midpoints in the angle."""
-    if len(semi) == 2:
-        t = (np.arange(20000) + 0.5) * 2 * math.pi / 20000
-        slope = np.stack([-semi[0] * np.sin(t), semi[1] * np.cos(t)], 1) * (t[1] - t[0])
-        size = np.linalg.norm(slope, axis=1)
-        normal = np.stack([slope[:, 1], -slope[:, 0]], 1) / size[:, None]
-        return pull(normal, size), float(size.sum())
-    t = (np.arange(20000) + 0.5) * math.pi / 20000
-    x, ring = semi[0] * np.cos(t), semi[1] * np.sin(t)
-    size = np.hypot(semi[0] * np.sin(t), semi[1] * np.cos(t)) * 2 * math.pi * ring * (t[1] - t[0])
-    across = ring / semi[1] ** 2
-    along = x / semi[0] ** 2
-    length = np.hypot(across, along)
-    # the ring's mean of n_y^2 and n_z^2 is half of the part across the axis, squared
-    return float((size * (0.5 * (across / length) ** 2 - (along / length) ** 2)).sum()), float(size.sum())
+        first = measures.rayleigh(1.0, 2)
+        time = np.linspace(0, 3 * math.pi / first, 600)
+        begin = np.concatenate([to_series @ start, np.zeros(len(n))])
+        found = solve_ivp(slope, (0, time[-1]), begin, t_eval=time, rtol=1e-8, atol=1e-10, method="DOP853")
+        fourth = (cosine @ found.y[: len(n)]) ** 4
+        swing = (fourth * np.cos(2 * angle)[:, None]).mean(0) / fourth.mean(0)
+        rows.append(measures.damped_cosine(time, swing, first)["frequency"] / first)
+        context.progress((done + 1) / len(amplitudes))
+    return Result({"amplitudes": list(amplitudes), "ratios": rows})
 
 
 def collision(

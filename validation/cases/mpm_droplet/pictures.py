@@ -330,69 +330,76 @@ def pressure_picture(data: Mapping[str, Any]) -> Any:
 
 def frequency_data(results: Results) -> dict[str, Any]:
     """Frequencies against resolution and amplitude, and what shifts them."""
+    names = (
+        "dim",
+        "radius_in_cells",
+        "amplitude",
+        "ratio",
+        "ratio_error",
+        "inertia",
+        "compressible",
+        "damping_of_period",
+    )
     rows = {
-        key.removeprefix("swing_"): {
-            name: results[key].values[name]
-            for name in ("dim", "radius_in_cells", "amplitude", "ratio", "ratio_error", "inertia", "area_share",
-                         "compressible", "damping_of_period")
-        }
-        for key in results if key.startswith("swing_")
+        key.removeprefix("swing_"): {name: results[key].values[name] for name in names}
+        for key in results
+        if key.startswith("swing_")
+    }
+    ideal = {name: results["potential_flow"].values[name] for name in ("amplitudes", "ratios")}
+    return {
+        "title": "Mode 2 against Rayleigh's frequency", "rows": rows, "ideal": ideal,
+        "swing": results["swing_2d_16"].values["swing"], "radius": results["swing_2d_16"].values["radius_in_cells"],
     }  # fmt: skip
-    pulls = {f"{dim}d": results[f"stiffness_{dim}d"].values["rows"] for dim in (2, 3) if f"stiffness_{dim}d" in results}
-    swing = results["swing_2d_16"].values["swing"] if "swing_2d_16" in results else None
-    return {"title": "Mode 2 against Rayleigh's frequency", "rows": rows, "pulls": pulls, "swing": swing}
 
 
 def frequency_picture(data: Mapping[str, Any]) -> Any:
-    """Over resolution with the budget, over amplitude, and the pull of resting ellipses."""
+    """The swing itself, then the frequency over amplitude and over resolution, with all that is known to shift it."""
     import matplotlib.pyplot as plt
 
-    figure, (first, second, third) = plt.subplots(1, 3, figsize=(11.0, 3.5), width_ratios=(1.25, 1, 1.1))
-    rows = data["rows"]
-    plane = sorted((r for k, r in rows.items() if k.replace(".", "").removeprefix("2d_").isdigit()),
+    figure, (swing, amplitude, resolution) = plt.subplots(1, 3, figsize=(11.4, 3.6), width_ratios=(1, 1, 1.25))
+    rows, ideal = data["rows"], data["ideal"]
+    swing.plot(data["swing"]["time"], data["swing"]["value"], color=BLUE)
+    swing.set_xlabel("time [s]")
+    swing.set_ylabel(r"$\langle x^2-y^2\rangle/\langle x^2+y^2\rangle$")
+    swing.set_title("Mode 2, R = 16 h, 10 %")
+    found = sorted((r for k, r in rows.items() if k.startswith("2d_16")), key=lambda r: r["amplitude"])
+    share = 1 / np.sqrt(found[0]["inertia"]) * found[0]["compressible"]
+    amplitude.plot(100 * floats(ideal["amplitudes"]), ideal["ratios"], color=GREEN, label="ideal liquid")
+    amplitude.plot(100 * floats(ideal["amplitudes"]), share * floats(ideal["ratios"]), "--", color=VERMILION,
+                   label="... compressible, with the grid's inertia")  # fmt: skip
+    marked(amplitude, [100 * r["amplitude"] for r in found], found, BLUE, "measured")
+    amplitude.set_xlim(left=0)
+    amplitude.set_xlabel("amplitude [%]")
+    amplitude.set_ylabel(r"$\omega/\omega_R$")
+    amplitude.set_title("Amplitude, R = 16 h")
+    plane = sorted((r for k, r in rows.items() if k.removeprefix("2d_").replace(".", "").isdigit()),
                    key=lambda r: r["radius_in_cells"])  # fmt: skip
     space = sorted((r for k, r in rows.items() if k.startswith("3d")), key=lambda r: r["radius_in_cells"])
-    for found, words, colour in ((plane, "in the plane", BLUE), (space, "in space", GREEN)):
-        x = [r["radius_in_cells"] for r in found]
-        first.errorbar(x, [r["ratio"] for r in found], [r["ratio_error"] for r in found], color=colour, marker="o",
-                       markersize=4, label=f"measured, {words}")  # fmt: skip
+    exact = dict(zip(ideal["amplitudes"], ideal["ratios"]))[0.1]
     x = [r["radius_in_cells"] for r in plane]
-    inertia = [r["inertia"] ** -0.5 for r in plane]
-    first.plot(x, inertia, ":", color=GREY, label="inertia that the grid sees")
-    pulls = {row["radius"]: row["pull"] for row in data["pulls"]["2d"]}
-    pull = [pulls[min(pulls, key=lambda radius: abs(radius - r["radius_in_cells"]))] for r in plane]
-    budget = [a * b**0.5 * r["compressible"] for a, b, r in zip(inertia, pull, plane)]
-    first.plot(x, budget, "--", color=VERMILION, label="with the pull of the fitted normals")
-    first.axhline(1.0, color=GREY, linewidth=0.8)
-    first.axhspan(0.97, 1.03, color=GREY, alpha=0.12, linewidth=0)
-    first.set_xlabel("R/h")
-    first.set_ylabel(r"$\omega/\omega_R$")
-    first.set_ylim(0.93, 1.04)
-    first.legend(fontsize=7.5, loc="upper right")
-    first.set_title("Resolution, amplitude 10 %")
-    swings = sorted((r for k, r in rows.items() if k.startswith("2d_16")), key=lambda r: r["amplitude"])
-    second.errorbar([100 * r["amplitude"] for r in swings], [r["ratio"] for r in swings],
-                    [r["ratio_error"] for r in swings], color=BLUE, marker="o", markersize=4)  # fmt: skip
-    second.axhline(1.0, color=GREY, linewidth=0.8)
-    second.axhspan(0.97, 1.03, color=GREY, alpha=0.12, linewidth=0)
-    second.set_ylim(0.93, 1.04)
-    second.set_xlim(left=0)
-    second.set_xlabel("amplitude [%]")
-    second.set_title("Amplitude, R = 16 h")
-    for (dim, found), colour in zip(data["pulls"].items(), (BLUE, GREEN)):
-        x = [r["radius"] for r in found]
-        words = "in the plane" if dim == "2d" else "in space"
-        third.errorbar(x, [r["pull"] for r in found], [r["pull_error"] for r in found], color=colour, marker="o",
-                       markersize=4, label=f"fitted normals, {words}")  # fmt: skip
-        third.plot(x, [r["smooth_normals"] for r in found], "--", color=colour, label=f"true normals, {words}")
-    third.axhline(1.0, color=GREY, linewidth=0.8)
-    third.set_xlabel("R/h")
-    third.set_ylabel("pull against mode 2")
-    third.legend(fontsize=7.5)
-    third.set_title("The force on a resting ellipse")
-    for axes in (first, second, third):
+    known = [exact * r["compressible"] / np.sqrt(r["inertia"]) for r in plane]
+    resolution.axhline(exact, color=GREEN, label="ideal liquid, in the plane, 10 %")
+    resolution.plot(x, known, "--", color=VERMILION, label="... compressible, with the grid's inertia")
+    marked(resolution, x, plane, BLUE, "measured in the plane")
+    marked(resolution, [r["radius_in_cells"] for r in space], space, ORANGE, "measured in space")
+    resolution.set_xscale("log", base=2)
+    resolution.set_xticks(x, [f"{v:.3g}" for v in x])
+    resolution.minorticks_off()
+    resolution.set_xlabel("R/h")
+    resolution.set_title("Resolution, amplitude 10 %")
+    for axes in (amplitude, resolution):
+        axes.axhspan(0.97, 1.03, color=GREY, alpha=0.12, linewidth=0)
+        axes.set_ylim(0.945, 1.035)
+        axes.legend(fontsize=7.5, loc="upper right")
+    for axes in (swing, amplitude, resolution):
         axes.grid(axis="y")
     return figure
+
+
+def marked(axes: Any, x: Any, rows: Any, colour: str, words: str) -> None:
+    """Measured frequencies with the fit's standard error."""
+    axes.errorbar(x, [r["ratio"] for r in rows], [r["ratio_error"] for r in rows], color=colour, marker="o",
+                  markersize=4, capsize=2, label=words)  # fmt: skip
 
 
 def sheet_data(results: Results) -> dict[str, Any]:

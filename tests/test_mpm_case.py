@@ -1,0 +1,67 @@
+"""Measures of the MPM droplet against shapes and motions that are known."""
+
+import math
+
+import numpy as np
+import pytest
+import trimesh
+
+from validation.cases.mpm_droplet import drops, measures
+from validation.cases.mpm_droplet.scene import box, ellipsoid, radius_of
+from validation.running import Context
+
+
+def test_mesh_measures_agree_with_trimesh():
+    mesh = trimesh.creation.icosphere(subdivisions=3)
+    mesh.apply_scale([1.3, 1.0, 0.8])
+    mesh.apply_transform(trimesh.transformations.rotation_matrix(0.7, [1.0, 2.0, 0.5]))
+    mesh.apply_translation([5.0, -2.0, 1.0])
+    area, volume = measures.mesh_size(mesh.vertices, mesh.faces, 3)
+    inertia = mesh.moment_inertia
+    moments = np.linalg.eigvalsh(np.trace(inertia) / 2 * np.eye(3) - inertia)
+    assert (area, volume) == pytest.approx((mesh.area, mesh.volume))
+    expected = (moments[-1] - moments[0]) / moments.mean()
+    assert measures.body_anisotropy(mesh.vertices, mesh.faces, 3) == pytest.approx(expected)
+
+
+def test_an_ellipse_in_the_plane():
+    """Semi-axes 1.2 and 1: area 1.2 pi, moments in the ratio 1.44 to 1."""
+    angle = np.arange(2000) * 2 * math.pi / 2000
+    vertices = np.stack([1.2 * np.cos(angle) + 3, np.sin(angle) - 2, 0 * angle], axis=1)
+    facets = np.stack([np.arange(2000), (np.arange(2000) + 1) % 2000], axis=1)
+    assert measures.mesh_size(vertices, facets, 2)[1] == pytest.approx(1.2 * math.pi, rel=1e-5)
+    assert measures.body_anisotropy(vertices, facets, 2) == pytest.approx(0.44 / 1.22, rel=1e-6)
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_contact_angle_of_a_cap(dim):
+    """A cap whose centre is cos(theta) R below the plane half a cell above the floor."""
+    points = np.random.default_rng(1).normal(size=(3000, dim))
+    points *= 8.0 / np.linalg.norm(points, axis=1, keepdims=True)
+    points[:, 1] += 0.5 - 8.0 * math.cos(math.radians(70))
+    found = measures.contact(points, 0.0, 1.0, dim)
+    assert (found["angle"], found["radius"]) == pytest.approx((70.0, 8.0))
+    assert found["roughness"] < 1e-12
+
+
+def test_frequency_and_damping_are_found():
+    time = np.linspace(0, 2, 400)
+    value = 0.2 * np.exp(-0.7 * time) * np.cos(9.0 * time) + 0.01 + 1e-6 * np.random.default_rng(3).normal(size=400)
+    found = measures.damped_cosine(time, value, 9.3)
+    assert found["frequency"] == pytest.approx(math.hypot(9.0, 0.7), rel=1e-5)
+    assert found["damping"] == pytest.approx(0.7, rel=1e-4)
+
+
+def test_references_go_to_rayleigh():
+    """Stiff liquid and small amplitudes; at finite ones the frequency falls with the square of the amplitude."""
+    assert measures.compressible(0.2, 2, 1e9) == pytest.approx(1.0, abs=1e-6)
+    assert measures.compressible(0.2, 3, 1000.0) < 1.0
+    small, large = drops.potential_flow(Context(), [0.02, 0.04], modes=6).values["ratios"]
+    assert 1 - small == pytest.approx(0.75 * 0.02**2, rel=0.1)
+    assert (1 - large) / (1 - small) == pytest.approx(4.0, rel=0.1)
+
+
+def test_shapes_have_their_volume():
+    assert len(box((5.0, 4.0, 3.0), seed=2)) == 480
+    for dim in (2, 3):
+        assert radius_of(len(ellipsoid(8.0, dim, 0.1, seed=1)), dim) == pytest.approx(8.0, rel=0.01)
