@@ -78,6 +78,7 @@ def bodies(options: Options) -> list[Run]:
         add(f"floor_3d_{angle}", drops.on_floor, 60.0, dim=3, radius=6.0, angle=angle, until=0.5, shown=[0.0, 0.5],
             liquid=DAMPED)  # fmt: skip
     add("sheet", drops.sheet, 10.0, length=40.0, thick=1.0, tension=0.1, until=0.16, shown=[0.0, 0.04, 0.08, 0.12])
+    add("example", drops.example, 60.0, until=0.25, shown=[0.0, 0.005, 0.01, 0.02, 0.05, 0.25])
     add("small_box", drops.rounding, 4.0, True, shape="box", size=5.0, until=0.02, tension=ENCLOSING, liquid=RESTFUL)
     add("small_rest", drops.at_rest, 1.0, True, dim=2, radius=5.5, until=0.05)
     add("small_floor", drops.on_floor, 2.0, True, dim=2, radius=5.5, angle=60, until=0.05, liquid=DAMPED)
@@ -356,6 +357,7 @@ CASE = Case(
         Picture(
             "mpm_frequency", pictures.frequency_data, pictures.frequency_picture, ("swing_2d_22", "potential_flow")
         ),
+        Picture("mpm_example", pictures.example_data, pictures.example_picture, ("example",)),
         Picture("mpm_sheet", pictures.sheet_data, pictures.sheet_picture, ("sheet",)),
     ),
     tables=tables,

@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import math
+import pathlib
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from refsim import RunStopped, Simulation
+from refsim.scene_file import load_scene
 from validation.cases.mpm_droplet import measures
 from validation.cases.mpm_droplet.scene import CELLS, MODULUS, box, drop_scene, ellipsoid, radius_of
 from validation.results import Result
 from validation.running import Context
 
+EXAMPLE = pathlib.Path(__file__).resolve().parents[3] / "docs" / "examples" / "mpm_droplet.toml"
 SIDES = (1.3, 1.0, 0.8)  # of the box that becomes a sphere
 
 
@@ -270,5 +273,17 @@ def sheet(context: Context, backend: str, length: float, thick: float, tension: 
     return Result(
         {"stopped": stopped, "dim": 2, "shown": list(shown), "series": ledger.series, **ledger.summary(),
          "speed": speed, "culick": culick, "width": {"time": time[::5], "value": width[::5]}, "steps": run.steps},
+        kept,
+    )  # fmt: skip
+
+
+def example(context: Context, backend: str, until: float, shown: Sequence[float]) -> Result:
+    """The scene file docs/examples/mpm_droplet.toml, as `refsim run` runs it, and its surface."""
+    plan = load_scene(EXAMPLE)
+    run = context.simulation(plan, backend)
+    ledger, kept, stopped = follow(context, run, until, 60, shown)
+    return Result(
+        {"stopped": stopped, "dim": 3, "shown": list(shown), "series": ledger.series, **ledger.summary(),
+         "steps": run.steps, "millimetres": 1e3 * ledger.h},
         kept,
     )  # fmt: skip

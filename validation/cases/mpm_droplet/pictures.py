@@ -199,14 +199,13 @@ def box_picture(data: Mapping[str, Any]) -> Any:
     drift.grid(axis="y")
     drift.legend(loc="upper right")
     drift.set_title("Drifts")
-    for series, line, words in ((data["series"], "-", ""), (data["default"], ":", ", no viscosity, inset h/4")):
-        shape.plot(series["time"], series["anisotropy"], line, color=BLUE, label="anisotropy" + words)
-        shape.plot(series["time"], series["sphericity"], line, color=VERMILION, label="sphericity" + words)
-        shape.plot(series["time"], series["volume"], line, color=GREEN, label="volume" + words)
-    shape.set_xlabel("time [s]")
-    shape.set_ylim(0, 1.6)
+    for series, line, label in ((data["series"], "-", True), (data["default"], ":", False)):
+        for name, colour in (("volume", GREEN), ("sphericity", VERMILION), ("anisotropy", BLUE)):
+            shape.plot(series["time"], series[name], line, color=colour, label=name if label else None)
+    shape.set_xlabel("time [s]; dotted: no viscosity, inset h/4")
+    shape.set_ylim(0, 1.1)
     shape.grid(axis="y")
-    shape.legend(fontsize=7, loc="upper right", ncols=2)
+    shape.legend(loc="center right")
     shape.set_title("Shape")
     return figure
 
@@ -440,4 +439,25 @@ def sheet_picture(data: Mapping[str, Any]) -> Any:
     right.set_ylabel("width [cells]")
     right.grid(axis="y")
     right.legend(loc="upper right")
+    return figure
+
+
+def example_data(results: Results) -> dict[str, Any]:
+    """Surfaces of the example scene."""
+    result = results["example"]
+    return {
+        "title": "docs/examples/mpm_droplet.toml", "times": result.values["shown"],
+        "frames": frames_of(result, len(result.values["shown"])), "millimetres": result.values["millimetres"],
+    }  # fmt: skip
+
+
+def example_picture(data: Mapping[str, Any]) -> Any:
+    """A row of lit surfaces."""
+    import matplotlib.pyplot as plt
+
+    figure, panels = plt.subplots(1, len(data["frames"]), figsize=(10.4, 2.1))
+    extent = 1.04 * max(np.abs(floats(f["vertices"]) - floats(f["vertices"]).mean(0)).max() for f in data["frames"])
+    for axes, at, frame in zip(panels, data["times"], data["frames"]):
+        shaded(axes, frame, extent)
+        axes.set_title(f"{1e3 * at:g} ms", loc="center", fontweight="normal")
     return figure
