@@ -71,13 +71,14 @@ def bodies(options: Options) -> list[Run]:
             Run("potential_flow", drops.potential_flow, {"amplitudes": [0.01, 0.03, 0.05, 0.1, 0.15, 0.2]}, 20.0)
         )
     add("collision_2d", drops.collision, 15.0, dim=2, radius=8.0, speed=1.0, until=0.3, shown=[0.0, 0.05, 0.15, 0.3])
-    add("collision_3d", drops.collision, 60.0, dim=3, radius=5.0, speed=1.0, until=0.24,
-        shown=[0.0, 0.04, 0.08, 0.12, 0.18, 0.24])  # fmt: skip
+    add("collision_3d", drops.collision, 60.0, dim=3, radius=5.0, speed=1.0, until=0.2, step=2e-4,
+        shown=[0.0, 0.02, 0.05, 0.1, 0.15, 0.2])  # fmt: skip
     for angle in ANGLES:
         add(f"floor_2d_{angle}", drops.on_floor, 20.0, dim=2, radius=11.0, angle=angle, until=0.8, liquid=DAMPED)
         add(f"floor_3d_{angle}", drops.on_floor, 60.0, dim=3, radius=6.0, angle=angle, until=0.5, shown=[0.0, 0.5],
             liquid=DAMPED)  # fmt: skip
-    add("sheet", drops.sheet, 10.0, length=40.0, thick=1.0, tension=0.1, until=0.16, shown=[0.0, 0.04, 0.08, 0.12])
+    add("sheet", drops.sheet, 10.0, length=40.0, thick=1.0, tension=0.1, until=0.07, shown=[0.0, 0.02, 0.04, 0.06])
+    add("stages", drops.stages, 10.0, size=20.0)
     add("example", drops.example, 60.0, until=0.25, shown=[0.0, 0.005, 0.01, 0.02, 0.05, 0.25])
     add("small_box", drops.rounding, 4.0, True, shape="box", size=5.0, until=0.02, tension=ENCLOSING, liquid=RESTFUL)
     add("small_rest", drops.at_rest, 1.0, True, dim=2, radius=5.5, until=0.05)
@@ -357,6 +358,7 @@ CASE = Case(
         Picture(
             "mpm_frequency", pictures.frequency_data, pictures.frequency_picture, ("swing_2d_22", "potential_flow")
         ),
+        Picture("mpm_pipeline", pictures.pipeline_data, pictures.pipeline_picture, ("stages",)),
         Picture("mpm_example", pictures.example_data, pictures.example_picture, ("example",)),
         Picture("mpm_sheet", pictures.sheet_data, pictures.sheet_picture, ("sheet",)),
     ),

@@ -122,15 +122,15 @@ def oscillation(
     metres = radius * CELLS[dim]
     first = measures.rayleigh(metres, dim)
     until = periods * 2 * math.pi / first
-    time, value = [], []
+    times, value = [], []
 
     def note(run: Simulation) -> None:
         if run.steps % 4 == 0:
-            time.append(run.time)
+            times.append(run.time)
             value.append(measures.deformation(run.field("position"), dim))
 
     ledger, _, stopped = follow(context, run, until, 60, each=note)
-    fit = measures.damped_cosine(np.array(time), np.array(value), first)
+    fit = measures.damped_cosine(np.array(times), np.array(value), first)
     series = ledger.series
     area = float(np.mean(series["area"])) / round_area_of_ellipse(amplitude, dim)
     inertia = measures.inertia_share(run) if embedding != "none" else float("nan")
@@ -141,7 +141,7 @@ def oscillation(
             "damping_of_period": fit["damping"] * 2 * math.pi / first, "misfit": fit["misfit"],
             "fitted_amplitude": fit["amplitude"], "inertia": inertia, "area_share": area,
             "compressible": measures.compressible(metres, dim, modulus), "series": series, **ledger.summary(),
-            "swing": {"time": time[::4], "value": value[::4]}, "steps": run.steps,
+            "swing": {"time": times[::4], "value": value[::4]}, "steps": run.steps,
         }
     )  # fmt: skip
 
@@ -183,19 +183,19 @@ def potential_flow(context: Context, amplitudes: Sequence[float], modes: int = 1
             return np.concatenate([kept * (to_series @ rising), kept * (to_series @ pushed)])
 
         first = measures.rayleigh(1.0, 2)
-        time = np.linspace(0, 3 * math.pi / first, 600)
+        instants = np.linspace(0, 3 * math.pi / first, 600)
         begin = np.concatenate([to_series @ start, np.zeros(len(n))])
-        found = solve_ivp(slope, (0, time[-1]), begin, t_eval=time, rtol=1e-8, atol=1e-10, method="DOP853")
+        found = solve_ivp(slope, (0, instants[-1]), begin, t_eval=instants, rtol=1e-8, atol=1e-10, method="DOP853")
         fourth = (cosine @ found.y[: len(n)]) ** 4
         swing = (fourth * np.cos(2 * angle)[:, None]).mean(0) / fourth.mean(0)
-        rows.append(measures.damped_cosine(time, swing, first)["frequency"] / first)
+        rows.append(measures.damped_cosine(instants, swing, first)["frequency"] / first)
         context.progress((done + 1) / len(amplitudes))
     return Result({"amplitudes": list(amplitudes), "ratios": rows})
 
 
 def collision(
     context: Context, backend: str, dim: int, radius: float, speed: float, until: float, shown: Sequence[float],
-    embedding: str = "cluster",
+    embedding: str = "cluster", step: float | None = None, tension: Mapping[str, Any] | None = None,
 ) -> Result:  # fmt: skip
     """Two drops meet off their axis, each at `speed` [m/s]: ledgers until they are one."""
     single = ellipsoid(radius, dim)
@@ -203,7 +203,7 @@ def collision(
     place = np.vstack([single - apart, single + apart])
     velocity = np.zeros((len(place), 3))
     velocity[: len(single), 0], velocity[len(single) :, 0] = speed, -speed
-    scene = drop_scene(place, dim, velocity=velocity, tension={"embedding": embedding})
+    scene = drop_scene(place, dim, velocity=velocity, tension={"embedding": embedding, **(tension or {})}, step=step)
     run = context.simulation(scene, backend)
     ledger, kept, stopped = follow(context, run, until, 120, shown)
     # both drops turn about the common centre: L is not zero here, its drift is
@@ -258,21 +258,21 @@ def sheet(context: Context, backend: str, length: float, thick: float, tension: 
     place = box([length, thick])
     scene = drop_scene(place, 2, tension={"surface_tension": tension, "embedding": embedding}, step=0.0)
     run = context.simulation(scene, backend)
-    time, width = [], []
+    times, width = [], []
 
     def note(run: Simulation) -> None:
         x = run.field("position")[:, 0]
-        time.append(run.time)
+        times.append(run.time)
         width.append(float(x.max() - x.min()) / CELLS[2])
 
     ledger, kept, stopped = follow(context, run, until, 60, shown, note)
     culick = math.sqrt(2 * tension / (thick * CELLS[2]))
-    t, w = np.array(time), np.array(width)
+    t, w = np.array(times), np.array(width)
     held = (w < 0.9 * length) & (w > 0.5 * length)
     speed = -0.5 * float(np.polyfit(t[held], w[held], 1)[0]) * CELLS[2] if held.sum() > 5 else float("nan")
     return Result(
         {"stopped": stopped, "dim": 2, "shown": list(shown), "series": ledger.series, **ledger.summary(),
-         "speed": speed, "culick": culick, "width": {"time": time[::5], "value": width[::5]}, "steps": run.steps},
+         "speed": speed, "culick": culick, "width": {"time": times[::5], "value": width[::5]}, "steps": run.steps},
         kept,
     )  # fmt: skip
 
@@ -286,4 +286,39 @@ def example(context: Context, backend: str, until: float, shown: Sequence[float]
         {"stopped": stopped, "dim": 3, "shown": list(shown), "series": ledger.series, **ledger.summary(),
          "steps": run.steps, "millimetres": 1e3 * ledger.h},
         kept,
+    )  # fmt: skip
+
+
+def stages(context: Context, backend: str, size: float, repeats: int = 7) -> Result:
+    """Median seconds of each stage of a whole step, reconstruction and transfers, of the box after twenty steps."""
+    scale = size / math.prod(SIDES) ** (1 / 3)
+    place = box([round(2 * scale * side) / 2 for side in SIDES], seed=3)
+    run = context.simulation(drop_scene(place, 3, dtype="float32"), backend)
+    for _ in range(20):
+        run.step()
+    surface = run._shared["surface"]
+    surface.reconstruction.timed = True
+
+    def waiting(call: Callable[[], None]) -> Callable[[], None]:
+        def done() -> None:
+            call()
+            run.backend.synchronize()
+
+        return done
+
+    run.motion_calls = [(name, waiting(call)) for name, call in run.motion_calls]
+    spent: dict[str, list[float]] = {}
+    for k in range(repeats):
+        before = dict(run.timings.stages)
+        run.step()
+        for name, total in run.timings.stages.items():
+            if name != "surface_energy.reconstruct":
+                spent.setdefault(name, []).append(total - before.get(name, 0.0))
+        for name, seconds in surface.latest.seconds.items():
+            spent.setdefault(name, []).append(seconds)
+        context.progress((k + 1) / repeats)
+    surface.reconstruction.timed = False
+    return Result(
+        {"particles": run.count, "samples": int(surface.latest.samples.area.shape[0]), "backend": backend,
+         "stages": {name: float(np.median(values)) for name, values in spent.items()}}
     )  # fmt: skip

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from refsim.mpm import READINGS
+from validation.cases.surface_reconstruction.pictures import pipeline
 from validation.drawing import (
     BLUE,
     GREEN,
@@ -423,10 +424,11 @@ def sheet_picture(data: Mapping[str, Any]) -> Any:
         left.add_collection(LineCollection(corner, colors=BLUE, linewidths=1.2))
         left.text(22.5, -k * gap, f"{at:g} s", va="center", fontsize=8.5)
     left.set_xlim(-22, 28)
-    left.set_ylim(-gap * (len(data["frames"]) - 0.4), 0.6 * gap)
+    left.set_ylim(-gap * (len(data["frames"]) - 0.3), 0.7 * gap)
     left.set_aspect("equal")
     left.set_xlabel("cells")
     left.set_yticks([])
+    left.spines["left"].set_visible(False)
     left.set_title("Reconstructed outline")
     time = floats(data["width"]["time"])
     right.plot(time, data["width"]["value"], color=BLUE, label=f"width; ends move at {data['speed']:.2f} m/s")
@@ -434,7 +436,8 @@ def sheet_picture(data: Mapping[str, Any]) -> Any:
     start = data["width"]["value"][0]
     right.plot(time, start - 2 * data["culick"] * time / h, "--", color=GREY,
                label=f"Taylor and Culick: {data['culick']:.2f} m/s")  # fmt: skip
-    right.set_ylim(0, 1.1 * start)
+    right.set_ylim(0, 1.3 * start)
+    right.set_xlim(0, time[-1])
     right.set_xlabel("time [s]")
     right.set_ylabel("width [cells]")
     right.grid(axis="y")
@@ -461,3 +464,31 @@ def example_picture(data: Mapping[str, Any]) -> Any:
         shaded(axes, frame, extent)
         axes.set_title(f"{1e3 * at:g} ms", loc="center", fontweight="normal")
     return figure
+
+
+STAGES = (
+    ("cells", "particles\nby cell"), ("level set and facets", "level set,\nmarching cubes"), ("samples", "samples"),
+    ("offsets", "nearest particles,\noffsets"), ("fit", "spline fit\n(LSPIA)"), ("normals", "normals"),
+    ("inset", "inset, samples\nanew"), ("components", "components\nthat bear tension"),
+    ("mpm.embed", "embedded\npoints"),
+    ("mpm.cells", "particles into\nthe grid's cells"), ("mpm.particle_to_grid", "particles\nto grid"),
+    ("mpm.carriers_to_grid", "embedded points\nto grid"), ("surface_energy.surface_force", "surface force"),
+    ("mpm.grid_update", "grid update"), ("back", "grid to\nparticles"),
+)  # fmt: skip
+
+
+def pipeline_data(results: Results) -> dict[str, Any]:
+    """Seconds of each stage of a whole step."""
+    values = results["stages"].values
+    spent = dict(values["stages"])
+    back = sum(spent.pop(name) for name in ("mpm.grid_to_carriers", "mpm.grid_to_particle"))
+    known = {name for name, _ in STAGES}
+    return {
+        "title": "Figure 4.7: a whole step", **{name: values[name] for name in ("particles", "samples", "backend")},
+        "stages": {**{name: seconds for name, seconds in spent.items() if name in known}, "back": back},
+    }  # fmt: skip
+
+
+def pipeline_picture(data: Mapping[str, Any]) -> Any:
+    """The stages as boxes."""
+    return pipeline(data, STAGES)

@@ -70,15 +70,16 @@ def radius_of(count: int, dim: int) -> float:
 def drop_scene(
     place: Array, dim: int, *, velocity: Any = (0.0, 0.0, 0.0), dtype: str = "float64", step: float | None = None,
     liquid: dict[str, Any] | None = None, tension: dict[str, Any] | None = None, balanced: bool = False,
-    walls: dict[str, Any] | None = None,
+    walls: dict[str, Any] | None = None, cell: float | None = None,
 ) -> Scene:  # fmt: skip
     """A scene of particles at `place` (n, dim) [cells].
 
     step      [s], fixed; by default STEPS; 0 lets the runner decide
     balanced  start pressed together by as much as holds the pressure of a round drop
     walls     parameters of `MpmWalls`, corners in cells
+    cell      h [m]; None takes CELLS
     """
-    h = CELLS[dim]
+    h = cell or CELLS[dim]
     surface = {"surface_tension": TENSION, **(tension or {})}
     matter = {"rest_density": DENSITY, "bulk_modulus": MODULUS, **(liquid or {})}
     if balanced:

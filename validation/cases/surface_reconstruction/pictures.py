@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -179,17 +180,25 @@ def pipeline_data(results: Results) -> dict[str, Any]:
 
 
 def pipeline_picture(data: Mapping[str, Any]) -> Any:
-    """The stages as boxes in two rows, joined by arrows, with milliseconds and shares."""
+    """The stages as boxes in rows, joined by arrows, with milliseconds and shares."""
+    return pipeline(data, BOXES)
+
+
+def pipeline(data: Mapping[str, Any], boxes: Sequence[tuple[str, str]], columns: int = 5) -> Any:
+    """A diagram of stages: `boxes` (name in data["stages"], words), row by row, to the right and back again."""
     import matplotlib.pyplot as plt
     from matplotlib.patches import FancyArrowPatch, FancyBboxPatch
 
-    total = sum(data["stages"].values())
-    figure, axes = plt.subplots(figsize=(10.0, 3.0))
-    axes.set_xlim(-0.1, 5.1)
-    axes.set_ylim(0.2, 2.15)
+    total, rows = sum(data["stages"].values()), math.ceil(len(boxes) / columns)
+    figure, axes = plt.subplots(figsize=(10.0, 0.6 + 1.2 * rows))
+    axes.set_xlim(-0.1, columns + 0.1)
+    axes.set_ylim(0.2, 1.15 * rows - 0.15)
     axes.set_axis_off()
-    centres = [(k + 0.5, 1.75) for k in range(5)] + [(4.5 - k, 0.6) for k in range(4)]
-    for (name, words), (x, y) in zip(BOXES, centres):
+    centres = []
+    for k in range(len(boxes)):
+        row, at = divmod(k, columns)
+        centres.append((at + 0.5 if row % 2 == 0 else columns - 0.5 - at, 0.6 + 1.15 * (rows - 1 - row)))
+    for (name, words), (x, y) in zip(boxes, centres):
         seconds = data["stages"].get(name, 0.0)
         share = seconds / total
         box = FancyBboxPatch(
@@ -198,15 +207,8 @@ def pipeline_picture(data: Mapping[str, Any]) -> Any:
         )  # fmt: skip
         axes.add_patch(box)
         axes.text(x, y + 0.1, words, ha="center", va="center", fontsize=8.5)
-        axes.text(
-            x,
-            y - 0.2,
-            f"{number(float(f'{1e3 * seconds:.3g}'))} ms, {100 * share:.0f} %",
-            ha="center",
-            va="center",
-            fontsize=8,
-            color=GREY,
-        )
+        spent = f"{number(float(f'{1e3 * seconds:.3g}'))} ms, {100 * share:.0f} %"
+        axes.text(x, y - 0.2, spent, ha="center", va="center", fontsize=8, color=GREY)
     for (x0, y0), (x1, y1) in itertools.pairwise(centres):
         if y0 == y1:
             way = 1 if x1 > x0 else -1
