@@ -23,7 +23,7 @@ COLUMNS = {
 ENCLOSING = {"enclose_volume": True}
 # What brings the box to rest: no liquid comes to rest without viscosity. lambda is twice that of the other drops, so
 # that the surface's pressure takes half a per cent of the volume.
-RESTFUL = {"dynamic_viscosity": 0.08, "bulk_modulus": 2000.0}
+RESTFUL = {"dynamic_viscosity": 0.12, "bulk_modulus": 2000.0}
 DAMPED = {"dynamic_viscosity": 0.05}
 RADII = {2: (5.5, 11.0, 22.0), 3: (4.0, 6.0, 8.0)}
 SEEDS = (0, 1, 2)
