@@ -154,7 +154,7 @@ def data(results: Results) -> dict[str, Any]:
     alive = [p for p in made if not p["stopped"] and math.isfinite(worse(p))]
     front = [alive[k] for k in pareto([{"error": worse(p), "seconds": p["seconds"]} for p in alive])]
     return {
-        "title": "Which model for which accuracy: drops of 5 to 14 spacings in radius, 3D, one thread",
+        "title": "Which model for which accuracy: drops of 5 to 14 spacings in radius, 3D",
         "points": made,
         "front": [{n: p[n] for n in ("model", "radius", *HOW)} for p in front],
         "advice": [{"bar": bar, "point": p} for bar, p in advice(made)],

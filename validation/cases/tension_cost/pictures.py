@@ -47,7 +47,7 @@ def picture(data: Mapping[str, Any]) -> Any:
                         axes.plot(p["seconds"], p[name], "o", ms=13, mfc="none", color=GREY, mew=0.9)
         axes.set_xscale("log")
         axes.set_yscale("log")
-        axes.set_xlabel("seconds on one thread")
+        axes.set_xlabel("seconds on one thread, or on the GPU")
         axes.set_title(label, fontsize=9.5)
         axes.grid(True, which="major")
         if name != "roughness":
