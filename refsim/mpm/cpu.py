@@ -423,8 +423,9 @@ def gather_block(
             particle.layer_weights(fz, background), values,
         )  # fmt: skip
         way, ratio, rate, leap = particle.gather(
-            i, sums, fx, fy, fz, background, liquid, timestep, cluster_share, inverse_spread, embedding, carrier_first,
-            carrier_position, carrier_moment, build_position, velocity, affine, volume_ratio, deformation, position,
+            i, i, sums, fx, fy, fz, background, liquid, timestep, cluster_share, inverse_spread, embedding,
+            carrier_first, carrier_position, carrier_moment, build_position, velocity, affine, volume_ratio,
+            deformation, position,
         )  # fmt: skip
         far, least, most, fast = max(far, way), min(least, ratio), max(most, ratio), max(fast, rate)
         jump = max(jump, leap)

@@ -294,7 +294,10 @@ def add_gradient_row(total, j, background, wx, wy, wz, sx, sy, sz, t):
 
 @formula
 def deposit(total, cell, row, background, shared, scratch, b):
-    """The rows' sums of all cells of block b to its nodes, one node of the stencil after the other."""
+    """The rows' sums of all cells of block b to its nodes, one node of the stencil after the other.
+
+    Shared memory holds all masses, then all momenta along each axis, so that nodes side by side lie in different banks.
+    """
     thread = cuda.threadIdx.x
     width = background.width
     for n in range(thread, SUMS, ROWS):
@@ -308,12 +311,12 @@ def deposit(total, cell, row, background, shared, scratch, b):
         for i in range(3):
             for j in range(3):
                 if j == row and k < background.layers:
-                    n = 4 * (at + k * width * width + i)
+                    n = at + k * width * width + i
                     for c in range(4):
-                        shared[n + c] += total[(3 * k + i) * 4 + c]
+                        shared[c * REACH + n] += total[(3 * k + i) * 4 + c]
                 cuda.syncthreads()
     for n in range(thread, 4 * scratch.shape[1], ROWS):
-        scratch[b, n >> 2, n & 3] = shared[n]
+        scratch[b, n >> 2, n & 3] = shared[(n & 3) * REACH + (n >> 2)]
 
 
 @formula
@@ -559,23 +562,33 @@ def gather(
     if bins.first[64 * b + 64] > bins.first[64 * b]:
         values = cuda.shared.array((REACH, 3), velocity.dtype)
         best = cuda.shared.array(GATHERING, velocity.dtype)
+        matrix = cuda.shared.array((GATHERING, 9), velocity.dtype)
         width = background.width
         origin = node_coordinates(blocks, b * 64)
         load_block(b, blocks, background, node_velocity, values)
-        for at in range(bins.first[64 * b] + cuda.threadIdx.x, bins.first[64 * b + 64], cuda.blockDim.x):
-            i = bins.point[at]
-            fx, fy, fz, x, y, z = particle.place(i, position, cell, origin, background)
-            sums = particle.moments(
-                (z * width + y) * width + x, width, background, spline_weights(fx), spline_weights(fy),
-                particle.layer_weights(fz, background), values,
-            )  # fmt: skip
-            way, ratio, rate, leap = particle.gather(
-                i, sums, fx, fy, fz, background, liquid, timestep, cluster_share, inverse_spread, embedding,
-                carrier_first, carrier_position, carrier_moment, build_position, velocity, affine, volume_ratio,
-                deformation, position,
-            )  # fmt: skip
-            far, least, most, fast = max(far, way), max(least, -ratio), max(most, ratio), max(fast, rate)
-            jump = max(jump, leap)
+        begin, end, thread = bins.first[64 * b], bins.first[64 * b + 64], cuda.threadIdx.x
+        while begin < end:
+            if begin + thread < end:
+                i = bins.point[begin + thread]
+                fx, fy, fz, x, y, z = particle.place(i, position, cell, origin, background)
+                sums = particle.moments(
+                    (z * width + y) * width + x, width, background, spline_weights(fx), spline_weights(fy),
+                    particle.layer_weights(fz, background), values,
+                )  # fmt: skip
+                way, ratio, rate, leap = particle.gather(
+                    i, thread, sums, fx, fy, fz, background, liquid, timestep, cluster_share, inverse_spread, embedding,
+                    carrier_first, carrier_position, carrier_moment, build_position, velocity, matrix, volume_ratio,
+                    deformation, position,
+                )  # fmt: skip
+                far, least, most, fast = max(far, way), max(least, -ratio), max(most, ratio), max(fast, rate)
+                jump = max(jump, leap)
+            cuda.syncthreads()
+            # Rows of nine numbers, written by all threads together: neighbours in memory by neighbours in the block.
+            for n in range(thread, 9 * min(cuda.blockDim.x, end - begin), cuda.blockDim.x):
+                k = n // 9
+                affine[bins.point[begin + k], n - 9 * k] = matrix[k, n - 9 * k]
+            cuda.syncthreads()
+            begin += cuda.blockDim.x
         far = largest_of_block(best, far)
         least = largest_of_block(best, least)
         most = largest_of_block(best, most)

@@ -344,10 +344,10 @@ def deform(i, a, liquid, step, layers, deformation):
 
 @formula
 def gather(
-    i, sums, fx, fy, fz, background, liquid, timestep, cluster_share, inverse_spread, embedding, carrier_first,
+    i, row, sums, fx, fy, fz, background, liquid, timestep, cluster_share, inverse_spread, embedding, carrier_first,
     carrier_position, carrier_moment, build_position, velocity, affine, volume_ratio, deformation, position,
 ):  # fmt: skip
-    """(4.12), (4.13) or the cluster's, (4.16), (4.8) of particle i.
+    """(4.12), (4.13) or the cluster's, (4.16), (4.8) of particle i, whose A goes to `row` of `affine`.
 
     Returns (squared way since the list was built [m^2], J, |tr A| [1/s], squared way of the step [m^2]).
     """
@@ -365,7 +365,7 @@ def gather(
             inverse = spread_of(i, inverse_spread)
     a = times_spread(m, inverse, background.inverse_moment)
     for c in range(9):
-        affine[i, c] = a[c]
+        affine[row, c] = a[c]
     if deformation is not None:
         volume_ratio[i] = deform(i, a, liquid, step, background.layers, deformation)
     else:

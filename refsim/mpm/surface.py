@@ -152,6 +152,21 @@ class SurfaceEnergy(Effect, frozen=True, kw_only=True):
             "contact": Contact((lower + reach).astype(grid.dtype), (upper - reach).astype(grid.dtype), grid.real(share))
         }
 
+    def notes(self, grid: Discretisation, others: Mapping[str, Effect]) -> tuple[str, ...]:
+        """Readings that are there to compare with, and were seen to be unstable (docs/stability.md)."""
+        said = []
+        if self.surface_tension > 0 and self.embedding in ("thesis", "gradient_corrected"):
+            said.append(
+                f"surface_energy: embedding = {self.embedding!r} is there to compare with: it loses momentum, and may be"
+                " unstable with any step; take 'cluster'."
+            )
+        if self.surface_tension > 0 and self.tension().inset_distance() is None:
+            said.append(
+                "surface_energy: without an inset the surface stands at r from the particles, presses too hard, and may"
+                " be unstable with a sixth of the usual step; take inset = 0.25."
+            )
+        return tuple(said)
+
     def step_limits(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, StepLimit]:
         if self.surface_tension == 0:
             return {}

@@ -1,7 +1,6 @@
 """What the thesis claims of its reconstructed surface (chapter 3), measured on particle clouds cut by a sphere.
 
-Starts are jitters of the cloud's lattice. What is about time stands in the case's tables `solvers` and `normals_cost`,
-which want a quiet machine.
+Starts are jitters of the cloud's lattice. What is about time is taken from the case's runs `solvers` and `normals_cost`.
 """
 
 from __future__ import annotations
@@ -61,6 +60,37 @@ def _ratio(above: str, below: str) -> Callable[[Results], list[float]]:
     return _each(lambda result: real(result.values[above]) / real(result.values[below]))
 
 
+def _solvers(options: Options) -> list[Run]:
+    return [Run("solvers", runs.solvers, {"threads": options.threads}, estimate=30.0)]
+
+
+def _normals(options: Options) -> list[Run]:
+    parameters = {"backend": options.backend, "threads": options.threads}
+    return [Run("normals_cost", runs.normals_cost, parameters, estimate=3.0)]
+
+
+def _times(above: str, below: str) -> Callable[[Results], list[float]]:
+    """Seconds of one solver over those of another; where a name ends in a thread count, "most" stands for all."""
+
+    def values(results: Results) -> list[float]:
+        found = results["solvers"].values
+        seconds = {row["name"]: real(row["seconds"]) for row in found["rows"]}
+        first, second = (name.replace("most", str(found["threads"])) for name in (above, below))
+        return [seconds[first] / seconds[second]]
+
+    return values
+
+
+def _costs(results: Results) -> list[float]:
+    """Nanoseconds of MLS normals over those of the gradient, in both dtypes."""
+    rows = {(row["dtype"], row["kind"]): real(row["nanoseconds"]) for row in results["normals_cost"].values["rows"]}
+    return [rows[dtype, "mls"] / rows[dtype, "gradient"] for dtype in ("float32", "float64")]
+
+
+FIT_SCALES = Measure(_solvers, _times("lspia_10_1", "lspia_10_most"), quick=False, timed=True)
+FIT_BEATS_GRADIENTS = Measure(_solvers, _times("cg_10", "lspia_10_most"), quick=False, timed=True)
+FIT_BEATS_FACTORS = Measure(_solvers, _times("direct", "lspia_10_most"), quick=False, timed=True)
+MLS_IS_CHEAPER = Measure(_normals, _costs, quick=False, timed=True)
 FIT_CONVERGES = Measure(_clouds, _each(lambda result: real(result.values["beyond_one"])))
 FIT_KEEPS_LITTLE = Measure(_clouds, _each(lambda result: real(result.values["kept_share"])))
 FACETS_ARE_SLIVERS = Measure(_clouds, _each(lambda result: real(result.values["slivers"])))
