@@ -157,8 +157,8 @@ class SurfaceEnergy(Effect, frozen=True, kw_only=True):
         said = []
         if self.surface_tension > 0 and self.embedding in ("thesis", "gradient_corrected"):
             said.append(
-                f"surface_energy: embedding = {self.embedding!r} is there to compare with: it loses momentum, and may be"
-                " unstable with any step; take 'cluster'."
+                f"surface_energy: embedding = {self.embedding!r} is there to compare with: it loses momentum and may"
+                " be unstable with any step; take 'cluster'."
             )
         if self.surface_tension > 0 and self.tension().inset_distance() is None:
             said.append(

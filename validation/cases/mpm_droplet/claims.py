@@ -23,7 +23,7 @@ from validation.running import Context
 
 SEEDS = (1, 2, 3)
 SIZES = (6, 8, 10)  # cells along the edge of a block
-LIQUIDS_COMPARED = ("square, lambda 1000, k 1", "square, lambda 10,000, k 1", "square, lambda 1000, k 0.1")
+LIQUIDS_COMPARED = ("square, lambda 1000, k 1", "square, lambda 10,000, k 1", "cube, lambda 1000, k 1")
 ROOMS = (12, 16, 24)  # cells along the edge of a box full of liquid
 STRIDE = 0.3 * CELL / math.sqrt(MODULUS / DENSITY)  # s: the runner's own step for a liquid at rest
 

@@ -348,6 +348,13 @@ LIQUIDS: Mapping[str, dict[str, Any]] = {
     "square, lambda 1000, k 10": {"modulus": 1000.0, "tension": 10.0},
     "cube, lambda 1000, k 1": {"modulus": 1000.0, "tension": 1.0, "dim": 3, "cells": 10, "until": 0.04},
 }
+# Readings that are there to compare with are not tried with every liquid: at the smallest steps a cell takes minutes.
+OTHER = tuple(name for name in LIQUIDS if name not in ("square, lambda 1000, k 1", "cube, lambda 1000, k 1"))
+LEFT_OUT = {
+    "none, no inset": ("square, lambda 1000, k 10",), "gradient-corrected": OTHER,
+    "gradient-corrected, no inset": OTHER, "thesis (4.14)": OTHER,
+    "thesis (4.14), no inset": tuple(name for name in OTHER if name != "square, lambda 10,000, k 1"),
+}  # fmt: skip
 PLANE = {"dim": 2, "cells": 20, "until": 0.1}
 STEPS = StabilityMap(
     name="stability_mpm_step",
@@ -360,6 +367,7 @@ STEPS = StabilityMap(
         Cell(row, column, step_cell, {**PLANE, **given, "embedding": reading, "inset": inset}, 25.0)
         for row, (reading, inset) in READINGS.items()
         for column, given in LIQUIDS.items()
+        if column not in LEFT_OUT.get(row, ())
     ),
 )
 KEPT = "momenta are kept, J stays above 0.2, every place is finite"
