@@ -2,6 +2,7 @@
 
 from refsim.compile import cuda, cuda_kernel
 from refsim.shape_matching import particle
+from refsim.shape_matching.phases import NOBODY
 
 
 @cuda_kernel
@@ -12,16 +13,36 @@ def direct_neighbours(phase, place, lattice, direct):
         particle.direct_neighbours(s, phase, place, lattice, direct)
 
 
-@cuda_kernel
+@cuda_kernel(block_for_each_row=True)
 def regions(direct, rebuild, lattice, region, region_count):
-    """Regions by filling level by level; all of them, or those marked in `rebuild`."""
-    s = cuda.grid(1)
-    if s < region_count.shape[0]:
-        wanted = True
-        if rebuild is not None:
-            wanted = rebuild[s] != 0
-        if wanted:
-            region_count[s] = particle.fill_region(s, direct, region)
+    """Regions by filling level by level; all of them, or those marked in `rebuild`. A block shares a region."""
+    s = cuda.blockIdx.x
+    wanted = True
+    if rebuild is not None:
+        wanted = rebuild[s] != 0
+    if wanted:
+        slots, own, step = region.shape[1], cuda.threadIdx.x, cuda.blockDim.x
+        side = 1
+        while side * side * side < slots:
+            side += 2
+        for slot in range(own, slots, step):
+            region[s, slot] = direct[s, 13] if slot == slots // 2 else NOBODY
+        if own == 0:
+            region_count[s] = 0
+        cuda.syncthreads()
+        for level in range(1, side // 2 + 1):
+            for slot in range(own, slots, step):
+                if region[s, slot] == NOBODY:
+                    other = particle.reached(s, slot, level, direct, region, side)
+                    if other != NOBODY:
+                        region[s, slot] = other | (level << particle.LEVEL)
+            cuda.syncthreads()
+        count = 0
+        for slot in range(own, slots, step):
+            if region[s, slot] != NOBODY:
+                region[s, slot] &= particle.NUMBER
+                count += 1
+        cuda.atomic.add(region_count, s, count)
 
 
 @cuda_kernel

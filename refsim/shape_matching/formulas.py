@@ -126,11 +126,76 @@ def diagonalised(matrix, basis, precision):
 
 
 @formula
+def dot(a, b):
+    """a . b of two vectors."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@formula
+def nearby_rotation(first, second, third, before, precision):
+    """The best rotation by Newton's steps from the one before: (whether it is near and determined, q); dimensionless.
+
+    first, second, third: columns of A after its largest entry. With B = R^T A and S = (B + B^T)/2 a turn w brings
+    tr(R^T A) g . w - w . H w/2, H = tr(S) 1 - S. Where H is positive definite and g = 0 no proper rotation is better.
+    """
+    real = type(first[0])
+    least = real(0.05)  # pivot of H below which the rotation counts as undetermined
+    q = (before[0], before[1], before[2], before[3])
+    found = False
+    for _ in range(8):
+        one = turned(q, real(1), real(0), real(0))
+        two = turned(q, real(0), real(1), real(0))
+        three = turned(q, real(0), real(0), real(1))
+        xx, yy, zz = dot(one, first), dot(two, second), dot(three, third)
+        xy, yx, xz, zx = dot(one, second), dot(two, first), dot(one, third), dot(three, first)
+        yz, zy = dot(two, third), dot(three, second)
+        a, b, c = -real(0.5) * (xy + yx), -real(0.5) * (xz + zx), -real(0.5) * (yz + zy)
+        pivot = yy + zz
+        if not pivot > least:
+            break
+        over = real(1) / pivot
+        second_pivot, beside = xx + zz - a * a * over, c - a * b * over
+        if not second_pivot > least:
+            break
+        below = real(1) / second_pivot
+        third_pivot = xx + yy - b * b * over - beside * beside * below
+        if not third_pivot > least:
+            break
+        g1, g2, g3 = zy - yz, xz - zx, yx - xy
+        g2 -= a * over * g1
+        g3 -= b * over * g1 + beside * below * g2
+        w3 = g3 / third_pivot
+        w2 = below * (g2 - beside * w3)
+        w1 = over * (g1 - a * w2 - b * w3)
+        size = w1 * w1 + w2 * w2 + w3 * w3
+        if not size < real(0.25):
+            break
+        shrink = real(1) / math.sqrt(real(1) + real(0.25) * size)
+        half = real(0.5)
+        w1, w2, w3 = half * w1, half * w2, half * w3
+        w, i, j, k = q
+        q = (
+            shrink * (w - i * w1 - j * w2 - k * w3),
+            shrink * (i + w * w1 + j * w3 - k * w2),
+            shrink * (j + w * w2 + k * w1 - i * w3),
+            shrink * (k + w * w3 + i * w2 - j * w1),
+        )
+        if size < real(2) * precision:  # the next step would be smaller than any digit
+            found = True
+            break
+    if found:
+        size = math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
+        q = (q[0] / size, q[1] / size, q[2] / size, q[3] / size)
+    return found, q
+
+
+@formula
 def best_rotation(moments, before, floor, precision, matrix, basis):
     """q = argmax tr(R(q)^T A) [dimensionless], A = sum m x g^T - (sum m x)(sum m g)^T/M; `before` where A = 0.
 
-    The largest eigenvector of K(A/max|A|) + floor p p^T, p first the rotation before and then the answer so far:
-    an undetermined twist stays what it was, and a determined one is not held back.
+    By Newton's steps where it is near the one before. Else the largest eigenvector of K(A/max|A|) + floor p p^T, p
+    first the rotation before and then the answer so far: an undetermined twist stays what it was, and a determined one
+    is not held back.
     """
     real = type(moments[0])
     best = (before[0], before[1], before[2], before[3])
@@ -140,7 +205,15 @@ def best_rotation(moments, before, floor, precision, matrix, basis):
     zx, zy, zz = m[13] - m[3] * m[4] / m[0], m[14] - m[3] * m[5] / m[0], m[15] - m[3] * m[6] / m[0]
     most = max(max(max(abs(xx), abs(xy)), max(abs(xz), abs(yx))), max(max(abs(yy), abs(yz)), max(abs(zx), abs(zy))))
     most = max(most, abs(zz))
+    near = False
     if most > real(0):
+        near, q = nearby_rotation(
+            (xx / most, yx / most, zx / most), (xy / most, yy / most, zy / most), (xz / most, yz / most, zz / most),
+            before, precision,
+        )  # fmt: skip
+        if near:
+            best = q
+    if most > real(0) and not near:
         davenport(
             xx / most, xy / most, xz / most, yx / most, yy / most, yz / most, zx / most, zy / most, zz / most, matrix
         )

@@ -92,6 +92,23 @@ def fill_region(s, direct, region):
 
 
 @formula
+def reached(s, slot, level, direct, region, side):
+    """What pass `level` writes into an empty slot of the region of node s: the node there, if one beside links to it.
+
+    The same passes as in `fill_region`, seen from the slot that is written, so that threads can share a region.
+    """
+    found = NOBODY
+    x, y, z = slot // (side * side), slot // side % side, slot % side
+    for near in range(27):
+        a, b, e = slot_offset(near, 1)
+        if found == NOBODY and 0 <= x - a < side and 0 <= y - b < side and 0 <= z - e < side:
+            entry = region[s, ((x - a) * side + y - b) * side + z - e]
+            if entry != NOBODY and entry >> LEVEL == level - 1:
+                found = direct[entry & NUMBER, near]
+    return found
+
+
+@formula
 def phase_of(s, direct):
     """Phase of node s: at its body's surface where one of the 27 direct neighbours is missing."""
     phase = INTERIOR
@@ -168,7 +185,9 @@ def match_slot(s, slot, solid_position, region_share, region, half_width):
 def match_sums(s, solid_position, region_share, region, half_width):
     """Sums of the region of node s, by plain gather."""
     sums = nothing_16(type(solid_position[s, 0])(0))
-    for slot in range(region.shape[1]):
+    last = region.shape[1] - 1
+    for k in range(region.shape[1]):  # a slot and then its opposite, so that sums stay small: k = 0, last, 1, ...
+        slot = last - k // 2 if k % 2 else k // 2
         if region[s, slot] != NOBODY:
             sums = added(sums, match_slot(s, slot, solid_position, region_share, region, half_width))
     return sums

@@ -31,7 +31,7 @@ class Boxes(NamedTuple):
 
     node: Any  # (cells,) int32 node in each cell, -1 for none
     cell: Any  # (S,) int32 cell of each node
-    origin: Any  # (S,) int32 first node of each node's body
+    origin: Any  # (S,) int32 node nearest the middle of each node's body
     side: Any  # (3,) int32 cells along each axis
     first: Any  # (17, cells) float64, for sums on the way
     second: Any  # (17, cells) float64, likewise
@@ -41,10 +41,12 @@ def boxes_of(lattice: Lattice, half_width: int) -> Boxes:
     """Cells of all bodies, one body above the other."""
     cell = np.asarray(lattice.cell, dtype=np.int64)
     place, side, height = np.zeros_like(cell), np.ones(3, np.int64), 0
+    origin = np.zeros(len(cell), np.int32)
     for first, end in zip(lattice.first[:-1], lattice.first[1:]):
         if first == end:
             continue
         own = cell[first:end] - cell[first:end].min(0)
+        origin[first:end] = first + ((own - own.mean(0)) ** 2).sum(1).argmin()
         own[:, 2] += height
         place[first:end] = own
         side = np.maximum(side, own.max(0) + 1)
@@ -55,7 +57,6 @@ def boxes_of(lattice: Lattice, half_width: int) -> Boxes:
     node = np.full(int(side.prod()), -1, np.int32)
     node[flat] = np.arange(len(cell))
     rows = np.zeros((WIDEST, len(node)))
-    origin = lattice.first[lattice.body].astype(np.int32)
     return Boxes(node, flat.astype(np.int32), origin, side.astype(np.int32), rows, rows.copy())
 
 

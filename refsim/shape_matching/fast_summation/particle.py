@@ -1,6 +1,7 @@
 """What one cell and one node do in fast summation; the CPU and the CUDA kernels share these. All sums in float64.
 
-Positions and velocities are taken from the first node of the body, cells from the corner of the box.
+Positions, velocities and cells are taken from the node in the middle of the body: what sums of large numbers round
+away shows in the momentum, because a body that keeps its shape rounds the same way in every step.
 """
 
 import numpy as np
@@ -11,9 +12,15 @@ from refsim.shape_matching.phases import NOBODY
 
 
 @formula
-def coordinates(cell, boxes):
-    """(a, b, e) of a cell in the box."""
-    return cell // (boxes.side[1] * boxes.side[2]), cell // boxes.side[2] % boxes.side[1], cell % boxes.side[2]
+def from_middle(s, boxes):
+    """(a, b, e): cell of node s from that of its body's middle node."""
+    cell, middle = boxes.cell[s], boxes.cell[boxes.origin[s]]
+    plane, row = boxes.side[1] * boxes.side[2], boxes.side[2]
+    return (
+        float(cell // plane - middle // plane),
+        float(cell // row % boxes.side[1] - middle // row % boxes.side[1]),
+        float(cell % row - middle % row),
+    )
 
 
 @formula
@@ -24,7 +31,7 @@ def exact(row):
 
 @formula
 def away(s, values, boxes):
-    """A node's position [m] or velocity [m/s] from that of its body's first node, in float64."""
+    """A node's position [m] or velocity [m/s] from that of its body's middle node, in float64."""
     own, first = exact(values[s]), exact(values[boxes.origin[s]])
     return own[0] - first[0], own[1] - first[1], own[2] - first[2]
 
@@ -51,9 +58,8 @@ def match_cell(cell, solid_position, region_share, boxes):
     s = boxes.node[cell]
     if s != NOBODY and region_share[s] > 0:
         m = np.float64(region_share[s])
-        a, b, e = coordinates(cell, boxes)
+        g = from_middle(s, boxes)
         x = away(s, solid_position, boxes)
-        g = (float(a), float(b), float(e))
         row[0, cell], row[16, cell] = m, 1.0
         for i in range(3):
             row[1 + i, cell], row[4 + i, cell] = m * x[i], m * g[i]
@@ -63,15 +69,14 @@ def match_cell(cell, solid_position, region_share, boxes):
 
 @formula
 def match_sums(s, solid_position, boxes, moments):
-    """The sums of the box around node s, taken from the node instead of the body's first one; how many nodes it has.
+    """The sums of the box around node s, taken from the node instead of its body's middle one; how many nodes it has.
 
     moments (16,): m, m x, m g, m x g^T.
     """
     cell = boxes.cell[s]
     row = boxes.second
-    a, b, e = coordinates(cell, boxes)
+    g = from_middle(s, boxes)
     x = away(s, solid_position, boxes)
-    g = (float(a), float(b), float(e))
     m = row[0, cell]
     moments[0] = m
     for i in range(3):
@@ -90,7 +95,7 @@ def goal_cell(cell, solid_position, region_count, region_anchor, rotation, boxes
     clear(cell, row, 13)
     s = boxes.node[cell]
     if s != NOBODY and region_count[s] > 0:
-        a, b, e = coordinates(cell, boxes)
+        a, b, e = from_middle(s, boxes)
         x = away(s, solid_position, boxes)
         d = np.float64(spacing)
         i, j, k = exact(rotation[s, 1:])
@@ -108,7 +113,7 @@ def goal_sums(s, solid_position, boxes, spacing, sums):
     """Sum over the box around node s of the ways to where its regions take it [m]; how many regions there are."""
     cell = boxes.cell[s]
     row = boxes.second
-    a, b, e = coordinates(cell, boxes)
+    a, b, e = from_middle(s, boxes)
     x = away(s, solid_position, boxes)
     d = np.float64(spacing)
     for i in range(3):
@@ -148,7 +153,7 @@ def motion_sums(s, solid_position, solid_velocity, region_center, boxes, sums):
     c = region_place(s, x, region_center)
     m = row[0, cell]
     arm = (row[1, cell] - m * c[0], row[2, cell] - m * c[1], row[3, cell] - m * c[2])  # sum m r
-    p = (row[4, cell], row[5, cell], row[6, cell])  # sum m v, from the body's first node
+    p = (row[4, cell], row[5, cell], row[6, cell])  # sum m v, from the body's middle node
     sums[0], sums[1], sums[2] = p[0] - m * u[0], p[1] - m * u[1], p[2] - m * u[2]
     sums[3] = row[7, cell] - (c[1] * p[2] - c[2] * p[1]) - (arm[1] * u[2] - arm[2] * u[1])
     sums[4] = row[8, cell] - (c[2] * p[0] - c[0] * p[2]) - (arm[2] * u[0] - arm[0] * u[2])
