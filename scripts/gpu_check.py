@@ -452,96 +452,61 @@ MELTING_BAR = {"figure_6": 0.5}  # milliseconds a step
 HOST_THREADS = 4  # of the CPU beside which the GPU is timed
 
 
-def melting_scene(size: str) -> Scene:
+def melting_scene(size: str, **options: Any) -> Scene:
     """A scene of table 2, or a tank of a million particles of which a third is solid."""
     from validation.cases.melting.scene import made, scene_of, shared_tank
 
     small = 0.2 if backend.simulated() else 1.0
     if size == "million":
-        return made(shared_tank("figure_6", (0.25 if backend.simulated() else 2.55), 1 / 3), largest_number=0.2)
-    return scene_of(size, small, largest_number=0.2)
+        return made(
+            shared_tank("figure_6", (0.25 if backend.simulated() else 2.55), 1 / 3), largest_number=0.2, **options
+        )
+    return scene_of(size, small, largest_number=0.2, **options)
 
 
 def melting_task(arguments: list[str]) -> list[Row]:
     """Milliseconds of a melting step, float32, w = 2: as one graph, by stage as graphs, and by stage on the CPU."""
-    from refsim import device
+    from validation.cases.melting import device as cost
     from validation.cases.melting.runs import grouped
     from validation.running import stage_seconds
 
+    def shown(name: str, seconds: float, words: str = "") -> Row:
+        return row(name, float(f"{1e3 * seconds:.4g}"), "ms", words=words)
+
     size = arguments[0]
-    simulation = Simulation(melting_scene(size), "cuda")
+    skin = {} if len(arguments) < 2 else {"skin": float(arguments[1])}
+    simulation = Simulation(melting_scene(size, **skin), "cuda")
     bodies = int(np.diff(simulation.plan.grid.solids.lattice.first).sum())
     rows = [row("liquid", simulation.count - bodies), row("solid", bodies)]
-    whole = simulation.stepper.recorded.whole
-    rows.append(row("the step is one graph", int(whole)))
-    for _ in range(2 if backend.simulated() else 30):
-        simulation.step()
-    kinds: dict[bool, list[float]] = {False: [], True: []}
-    for _ in range(2 if backend.simulated() else 200):
-        built, began = simulation.search.log.rebuilds, time.perf_counter()
-        simulation.step()  # waits for the device
-        kinds[simulation.search.log.rebuilds > built].append(time.perf_counter() - began)
-    for rebuilt, words in ((False, "step"), (True, "step with a new list")):
-        if kinds[rebuilt]:
-            rows.append(
-                row(
-                    words, float(f"{1e3 * np.median(kinds[rebuilt]):.4g}"), "ms", words=f"{len(kinds[rebuilt])} of them"
-                )
-            )
-    took = 1e3 * sum(map(sum, kinds.values())) / sum(map(len, kinds.values()))
-    rows.append(judged("step, mean", float(f"{took:.4g}"), MELTING_BAR.get(size, math.inf), "ms"))
-    rows.append(row("paper over refsim", float(f"{MELTING[size] / took:.3g}"), "-"))
-    mark, between = clock()
-    repeats = 1 if backend.simulated() else 20
-    kept = {name: np.array(simulation.backend.host(values)) for name, values in simulation.fields.items()}
-    stages: dict[str, float] = {}
-    calls = [*simulation.begin_calls, *((name, call) for name, rare, call in simulation.force_calls if not rare)]
-    for name, call in [*calls, ("sph.extremes", simulation.extremes_call), *simulation.motion_calls]:
-        repeated = device.Recorded(call)
-        repeated()
-        repeated()
-        first = mark()
-        for _ in range(repeats):
-            repeated()
-        last = mark()
-        simulation.backend.synchronize()
-        stages[name] = between(first, last) / repeats
-        for field, values in kept.items():
-            simulation.backend.assign(simulation.fields[field], values)
-    began = time.perf_counter()
-    simulation._squared_way = np.inf
-    simulation._update_list()
-    simulation.backend.synchronize()
-    rebuild = time.perf_counter() - began
-    rows.append(row("one rebuild of the list", float(f"{1e3 * rebuild:.4g}"), "ms"))
-    stages["neighbours"] = rebuild * len(kinds[True]) / sum(map(len, kinds.values()))
-    rows += [row(f"GPU {name}", float(f"{1e3 * seconds:.4g}"), "ms") for name, seconds in stages.items()]
-    rows.append(row("sum of the stages", float(f"{1e3 * sum(stages.values()):.4g}"), "ms"))
-    rows += [row(f"GPU: {group}", float(f"{1e3 * s:.4g}"), "ms") for group, s in grouped(stages).items()]
+    rows.append(row("skin", simulation.plan.scene.skin, "h"))
+    rows.append(row("the step is one graph", int(simulation.stepper.recorded.whole)))
+    taken = cost.steps(simulation, *((2, 2) if backend.simulated() else (cost.WARM, cost.STEPS)))
+    count = sum(map(len, taken.values()))
+    rows += [shown(kind, float(np.median(all_)), f"{len(all_)} of them") for kind, all_ in taken.items() if all_]
+    mean = sum(map(sum, taken.values())) / count
+    rows.append(judged("step, mean", float(f"{1e3 * mean:.4g}"), MELTING_BAR.get(size, math.inf), "ms"))
+    rows.append(row("paper over refsim", float(f"{1e-3 * MELTING[size] / mean:.3g}"), "-"))
+    rows.append(row("simulated over real time", float(f"{simulation.plan.scene.step / mean:.3g}"), "-"))
+    stages = cost.stages(simulation, len(taken["step with a new list"]) / count, 1 if backend.simulated() else 20)
+    own = grouped(stages)
+    rows += [shown(f"GPU {name}", seconds) for name, seconds in stages.items()]
+    rows += [shown(f"GPU: {group}", seconds) for group, seconds in own.items()]
+    rows.append(shown("sum of the stages", sum(stages.values())))
     rows.append(row("solid at the end", int((simulation.field("phase") != 0).sum())))
     rows.append(judged("speed at the end is finite", float(not np.isfinite(simulation.field("velocity")).all()), 0))
-    if size == "figure_6":
+    if size == "figure_6" and not skin:
         on_cpu = Simulation(melting_scene(size), "cpu", 1 if backend.simulated() else HOST_THREADS)
-        for _ in range(2 if backend.simulated() else 30):
+        warm, steps = (2, 2) if backend.simulated() else (30, 20)
+        for _ in range(warm):
             on_cpu.step()
         on_cpu.timings.stages.clear()
-        began, steps = time.perf_counter(), 2 if backend.simulated() else 20
+        began = time.perf_counter()
         for _ in range(steps):
             on_cpu.step()
-        rows.append(
-            row(
-                "CPU step",
-                float(f"{1e3 * (time.perf_counter() - began) / steps:.4g}"),
-                "ms",
-                words=f"{HOST_THREADS} threads",
-            )
-        )
+        rows.append(shown("CPU step", (time.perf_counter() - began) / steps, f"{HOST_THREADS} threads"))
         host = grouped({name: seconds / steps for name, seconds in stage_seconds(on_cpu).items()})
-        own = grouped(stages)
-        rows += [row(f"CPU: {group}", float(f"{1e3 * s:.4g}"), "ms") for group, s in host.items()]
-        rows += [
-            row(f"CPU over GPU: {group}", float(f"{host[group] / max(own[group], 1e-9):.3g}"), "-") for group in host
-        ]
+        rows += [shown(f"CPU: {group}", seconds) for group, seconds in host.items()]
+        rows += [row(f"CPU over GPU: {name}", float(f"{host[name] / max(own[name], 1e-9):.3g}"), "-") for name in host]
     return rows
 
 
