@@ -127,7 +127,7 @@ def diagonalised(matrix, basis, precision):
 
 @formula
 def dot(a, b):
-    """a . b of two vectors."""
+    """s = a . b of two vectors [product of their units]."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 

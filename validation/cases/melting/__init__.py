@@ -32,9 +32,7 @@ def planned(options: Options) -> list[Run]:
     made.append(Run("filling", runs.filling, estimate=0.5))
     for width in WIDTHS:
         made.append(Run(f"regions_{width}", runs.region_rounds, {"half_width": width}, estimate=2.0))
-    made.append(
-        Run("lattice", runs.free_lattice, {"backend": backend, "steps": 1000 if quick else 10000}, estimate=8.0)
-    )
+    made.append(Run("lattice", runs.free_lattice, {"backend": backend, "steps": 400 if quick else 10000}, estimate=8.0))
     for dtype, bookkeeping in (("float64", "immiscible"), ("float32", "immiscible"), ("float64", "water")):
         parameters = {"backend": backend, "dtype": dtype, "bookkeeping": bookkeeping, "steps": 200 if quick else 1000}
         made.append(Run(f"kept_{dtype}_{bookkeeping}", runs.conserved, parameters, estimate=5.0))
@@ -46,7 +44,11 @@ def planned(options: Options) -> list[Run]:
             }  # fmt: skip
             made.append(Run(f"{kind}_{figure}", runs.step_cost, parameters, estimate=1.0 if quick else 12.0))
     for width in (1, 2, 3, 4):
-        made.append(Run(f"width_{width}", runs.stiffness, {"backend": backend, "half_width": width}, estimate=3.0))
+        parameters = {"backend": backend, "half_width": width, "steps": 30 if quick else 60}
+        made.append(Run(f"width_{width}", runs.stiffness, parameters, estimate=3.0))
+    parameters = {"backend": backend, "size": QUICK if quick else 1.0, "threads": options.threads}
+    parameters |= {"rounds": 2, "steps": 2} if quick else {}
+    made.append(Run("savings", runs.savings, parameters, estimate=1.0 if quick else 20.0))
     return made
 
 
@@ -131,6 +133,14 @@ def tables(results: Results) -> list[Table]:
     if rows:
         heading = ["w", "sums", "dtype", "stiffness [1/s]", "bend [d]", "from float64 gather [d]", "ns a node"]
         made.append(Table("Half-width and ways of summing: a bar of 20 x 8 x 8 nodes", heading, rows))
+    if "savings" in results:
+        rows, found = [], results["savings"].values["rows"]
+        for row in found:
+            saved = 1 - row["seconds"] / found[0]["seconds"]
+            rows.append([row["scene"], row["particles"], row["operations"], row["bytes"] / row["particles"],
+                         1e3 * row["seconds"], 100 * saved])  # fmt: skip
+        heading = ["figure 4 with", "particles", "operations", "bytes a particle", "ms a step", "saved [%]"]
+        made.append(Table("Pay for what is used", heading, rows))
     return made
 
 
@@ -152,6 +162,10 @@ CASE = Case(
         Picture(
             "melting_figure_6", pictures.stage_data("figure_6", TITLES["figure_6"]),
             pictures.stage_picture(-72.0, 24.0, True), ("figure_6",),
+        ),
+        Picture(
+            "melting_half_width", pictures.width_data, pictures.width_picture,
+            tuple(f"width_{width}" for width in (1, 2, 3, 4)),
         ),
         Picture(
             "melting_figure_7", pictures.time_data, pictures.time_picture,

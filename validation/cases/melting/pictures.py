@@ -287,3 +287,44 @@ def time_picture(data: Mapping[str, Any]) -> Any:
     axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=6)
     axes.set_title(data["title"])
     return figure
+
+
+SUMS = {
+    "gather": ("member by member", "#4A90C2", "o"), "reduction": ("parallel reduction (the paper)", "#D9653B", "s"),
+    "fast": ("fast summation", "#5AAE7A", "^"),
+}  # fmt: skip
+
+
+def width_data(results: Results) -> dict[str, Any]:
+    """Stiffness, error and cost over half-width and way of summing."""
+    rows = [{"half_width": width, **row} for width in (1, 2, 3, 4) for row in results[f"width_{width}"].values["rows"]]
+    return {"title": "A bent bar of 20 x 8 x 8 nodes: what half-width and way of summing do", "rows": rows}
+
+
+def width_picture(data: Mapping[str, Any]) -> Any:
+    """Stiffness, distance from float64, and time of a step's four sums, over w."""
+    import matplotlib.pyplot as plt
+
+    figure, panels = plt.subplots(1, 3, figsize=(11.0, 3.6))
+    for summation, (words, colour, marker) in SUMS.items():
+        own = [row for row in data["rows"] if row["summation"] == summation and row["dtype"] == "float32"]
+        width = [row["half_width"] for row in own]
+        look = {"color": colour, "marker": marker, "label": words}
+        panels[0].plot(width, [row["stiffness"] for row in own], **look)
+        panels[1].semilogy(width, [row["error"] for row in own], **look)
+        panels[2].semilogy(width, [1e9 * row["seconds"] / row["nodes"] for row in own], **look)
+    double = [row for row in data["rows"] if row["dtype"] == "float64"]
+    panels[0].plot(
+        [row["half_width"] for row in double], [row["stiffness"] for row in double], color="black", linestyle="--",
+        label="float64, member by member",
+    )  # fmt: skip
+    titles = ("stiffness: kick over bend [1/s]", "float32 from float64 [d]", "four sums [ns a node], CPU")
+    for axes, title in zip(panels, titles):
+        axes.set_xticks([1, 2, 3, 4])
+        axes.set_xlabel("half-width w [cells]")
+        axes.set_title(title, loc="left", fontsize=9.5)
+        axes.grid(True)
+    panels[0].set_ylim(bottom=0)
+    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
+    figure.suptitle(data["title"], fontweight="bold", x=0.01, ha="left", fontsize=11)
+    return figure

@@ -7,6 +7,7 @@ import os
 import time
 from typing import Any
 
+import msgspec
 import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components, dijkstra
@@ -334,11 +335,56 @@ def step_cost(
     return Result(
         {
             "figure": figure, "liquid": simulation.count - bodies, "solid": bodies, "seconds": float(np.median(whole)),
-            "rounds": whole, "stages": stages, "step": STEP, "half_width": options.get("half_width", HALF_WIDTH),
+            "rounds": whole, "stages": stages, "step": scene.step, "half_width": options.get("half_width", HALF_WIDTH),
             "solid_left": int((simulation.field("phase") != FLUID).sum()), "search": search_log(simulation),
             "threads": threads or os.cpu_count(),
         }
     )  # fmt: skip
+
+
+def savings(
+    context: Context, backend: str, size: float, threads: int | None, rounds: int = 5, steps: int = 8
+) -> Result:
+    """Figure 4's scene with one effect after the other left out: seconds a step, and bytes of the arrays."""
+    whole = scene_of("figure_4", size)
+    heat = next(effect for effect in whole.effects if isinstance(effect, HeatConduction))
+    of_water = {name: getattr(heat, name)[-1] for name in ("temperature", "conductivity")}
+    liquid = msgspec.structs.replace(heat, **of_water, melting_point=None)
+    kinds: dict[str, Scene] = {"everything": whole}
+    kinds["no melting"] = _without(whole, Melting)
+    kinds["no melting, no heat"] = _without(whole, Melting, HeatConduction)
+    solids = (Melting, TwoWayCoupling, ShapeMatching)
+    bare = _without(msgspec.structs.replace(whole, solid=()), *solids, HeatConduction)
+    kinds["no solids"] = msgspec.structs.replace(bare, effects=(*bare.effects, liquid))
+    kinds["no solids, no heat"] = bare
+    running = {words: context.simulation(scene, backend, threads) for words, scene in kinds.items()}
+    taken: dict[str, list[float]] = {words: [] for words in kinds}
+    for simulation in running.values():
+        for _ in range(3):
+            simulation.step()
+    for k in range(rounds):  # in turns, so that a busy moment does not hit one of them alone
+        for words, simulation in running.items():
+            began = time.perf_counter()
+            for _ in range(steps):
+                simulation.step()
+            taken[words].append((time.perf_counter() - began) / steps)
+        context.progress((k + 1) / rounds)
+    rows = []
+    for words, simulation in running.items():
+        size_of = sum(values.nbytes for values in simulation.fields.values())
+        rows.append(
+            {
+                "scene": words, "particles": simulation.count, "seconds": float(np.median(taken[words])),
+                "bytes": size_of, "operations": len(simulation.plan.passes) + len(simulation.plan.motion)
+                + len(simulation.plan.begin),
+            }
+        )  # fmt: skip
+    return Result({"rows": rows, "threads": threads or os.cpu_count()})
+
+
+def _without(scene: Scene, *kinds: type) -> Scene:
+    """The scene without effects of these kinds."""
+    return msgspec.structs.replace(scene, effects=tuple(e for e in scene.effects if not isinstance(e, kinds)))
 
 
 class Search:
