@@ -36,7 +36,9 @@ def bullets(file, correction, speed, dtype="float32", shift=(0.0, 0.0, 0.0), **c
     at = np.stack([0.012 * x.ravel(), 0.012 * y.ravel(), np.full(x.size, 0.045)], axis=1)
     at[:, 2] += 0.1 * SPACING * np.arange(x.size) % SPACING
     fluid = Cloud(position=at + shift, velocity=(0.0, 0.0, -speed * SPACING / 2e-4))
-    boundary = MeshBoundary(file=file, center=shift, correction=correction, field_spacing=0.0025, **changes)
+    # As printed, boundary particles hold lone particles least: what is looked at is the correction.
+    given = {"literal": ("E30",), "field_spacing": 0.0025, **changes}
+    boundary = MeshBoundary(file=file, center=shift, correction=correction, **given)
     return Simulation(
         Scene(spacing=SPACING, support_radius=0.011, dtype=dtype, fluid=(fluid,), effects=(LIQUID, boundary), step=2e-4)
     )

@@ -9,7 +9,8 @@ from validation.claims import Measure
 from validation.harness import Options, Results, Run
 from validation.results import real
 
-COMMON = 0.25  # share of the runner's step at which noise is compared
+STARTS = (0.8, 1.0, 1.2)  # shares of the runner's step at which noise is compared
+CALMED = 2.0  # [s], by when the tanks rest
 BLOCK = (20, 20, 16)  # particles of the tank that is timed
 
 
@@ -19,6 +20,17 @@ def _rests(*couplings: str) -> Callable[[Options], list[Run]]:
             Run(f"rival_{coupling}_{share:g}", rivals.rest,
                 {"coupling": coupling, "share": share, "backend": options.backend}, 10.0)
             for coupling in couplings for share in rivals.SHARES
+        ]  # fmt: skip
+
+    return runs
+
+
+def _calmed(*couplings: str) -> Callable[[Options], list[Run]]:
+    def runs(options: Options) -> list[Run]:
+        return [
+            Run(f"rival_noise_{coupling}_{share:g}", rivals.rest,
+                {"coupling": coupling, "share": share, "backend": options.backend, "seconds": CALMED}, 15.0)
+            for coupling in couplings for share in STARTS
         ]  # fmt: skip
 
     return runs
@@ -45,10 +57,13 @@ def _steps_over(rival: str) -> Measure:
 
 def _noise_over(rival: str) -> Measure:
     def values(results: Results) -> list[float]:
-        own, other = (results[f"rival_{c}_{COMMON:g}"].values["noise"] for c in ("own", rival))
-        return [real(own) / real(other)]
+        found = []
+        for share in STARTS:
+            own, other = (results[f"rival_noise_{c}_{share:g}"].values["noise"] for c in ("own", rival))
+            found.append(real(own) / real(other))
+        return found
 
-    return Measure(_rests("own", rival), values)
+    return Measure(_calmed("own", rival), values)
 
 
 def _cost(options: Options) -> list[Run]:
@@ -58,19 +73,38 @@ def _cost(options: Options) -> list[Run]:
 
 def _share_over(rival: str) -> Measure:
     def values(results: Results) -> list[float]:
-        shares = results["rival_cost"].values["shares"]
-        return [real(shares["own"]) / real(shares[rival])]
+        return [own / other for own, other in zip(_of_step(results, "own"), _of_step(results, rival))]
 
     return Measure(_cost, values, timed=True)
 
 
+def _of_step(results: Results, coupling: str) -> list[float]:
+    return [real(share) for share in results["rival_cost"].values["shares"][coupling]]
+
+
 def _own_share(results: Results) -> list[float]:
-    return [real(results["rival_cost"].values["shares"]["own"])]
+    return _of_step(results, "own")
 
 
 def _queries(results: Results) -> list[float]:
-    own, other = (results[f"rival_{c}_{COMMON:g}"].values["queries"] for c in ("own", "forcing"))
+    own, other = (results[f"rival_{c}_1"].values["searches"] for c in ("own", "forcing"))
     return [real(own) / real(other)]
+
+
+def _pours(options: Options) -> list[Run]:
+    return [
+        Run(f"flow_pour_{shape}_{arm}", flow_runs.pour, {"shape": shape, "arm": arm, "backend": options.backend}, 8.0)
+        for shape in flow_runs.POUR for arm in ("cohesion", "difference")
+    ]  # fmt: skip
+
+
+def _holes(results: Results) -> list[float]:
+    """Holes half-way and at the end, of the normal difference over those of cohesion, shape by shape."""
+    counts = {key: sum(real(results[key].values["frames"][k]["holes"]) for k in (2, 5)) for key in results}
+    return [
+        counts[f"flow_pour_{shape}_difference"] / max(counts[f"flow_pour_{shape}_cohesion"], 1.0)
+        for shape in flow_runs.POUR
+    ]
 
 
 def _marked(options: Options) -> list[Run]:
@@ -86,6 +120,7 @@ def _marked_ratio(results: Results) -> list[float]:
     return [marked / every]
 
 
+LESS_OF_A_NET = Measure(_pours, _holes, quick=False)
 STEP_OVER_DISTANCE = _steps_over("distance")
 STEP_OVER_FORCING = _steps_over("forcing")
 NOISE_OVER_DISTANCE = _noise_over("distance")

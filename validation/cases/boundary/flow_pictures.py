@@ -67,33 +67,51 @@ def pour_picture(data: Mapping[str, Any]) -> Any:
 
 
 def rain_data(results: Results) -> dict[str, Any]:
-    """Particles inside after any step, by shape, with and without the correction; depth."""
-    shapes = [key.split("_")[2] for key in results if key.startswith("flow_rain_") and key.endswith("_swept_1")]
-    own = {c: [results[f"flow_rain_{s}_{c}_1"].values for s in shapes] for c in ("none", "swept")}
+    """Particles inside after any step, by step, shape and correction; null where it was not run."""
+    keys = [key.split("_")[2:] for key in results if key.startswith("flow_rain_")]
+    shapes = list(dict.fromkeys(key[0] for key in keys))
+    shares = sorted({float(key[2]) for key in keys})
+
+    def found(name: str, shape: str, correction: str, share: float) -> float | None:
+        result = results.get(f"flow_rain_{shape}_{correction}_{share:g}")
+        return None if result is None else real(result.values[name])
+
+    def table(name: str) -> dict[str, dict[str, list[float | None]]]:
+        return {f"{s:g}": {c: [found(name, shape, c, s) for shape in shapes] for c in RAIN_WORDS} for s in shares}
+
     return {
-        "title": "Rain of 2,560 particles: found inside the solid after a step",
-        "shapes": shapes,
-        "inside": {c: [v["ever_inside"] for v in own[c]] for c in own},
-        "deepest_spacings": {c: [real(v["deepest_spacings"]) for v in own[c]] for c in own},
-    }
+        "title": "Rain of 2,560 particles at 2 m/s: found inside the solid after a step",
+        "shapes": shapes, "inside": table("ever_inside"), "deepest_spacings": table("deepest_spacings"),
+    }  # fmt: skip
+
+
+RAIN_WORDS = {
+    "none": ("no correction", VERMILION), "point": ("where the step ends", GREY), "swept": ("swept correction", BLUE),
+}  # fmt: skip
 
 
 def rain_picture(data: Mapping[str, Any]) -> Any:
-    """Bars by shape."""
+    """A panel a step, bars by shape."""
     import matplotlib.pyplot as plt
 
-    figure, axes = plt.subplots(figsize=(6.6, 3.4))
+    panels = data["inside"]
+    figure, axes = plt.subplots(len(panels), 1, figsize=(7.2, 1.7 * len(panels) + 0.6), sharex=True, squeeze=False)
     at = np.arange(len(data["shapes"]))
-    for shift, (key, words, colour) in zip(
-        (-0.2, 0.2), (("none", "no correction", VERMILION), ("swept", "swept correction", BLUE))
-    ):
-        bars = axes.bar(at + shift, data["inside"][key], 0.38, color=colour, label=words)
-        axes.bar_label(bars, fontsize=8, padding=2)
-    axes.set_xticks(at, data["shapes"])
-    axes.set_ylabel("particles")
-    axes.margins(y=0.15)
-    axes.set_title(data["title"])
-    axes.legend()
+    for place, (share, rows) in zip(axes[:, 0], panels.items()):
+        for shift, (key, (words, colour)) in zip((-0.27, 0.0, 0.27), RAIN_WORDS.items()):
+            known = [k for k, value in enumerate(rows[key]) if value is not None]
+            if known:
+                values = [rows[key][k] for k in known]
+                bars = place.bar(at[known] + shift, values, 0.26, color=colour, label=words)
+                place.bar_label(bars, fmt="%d", fontsize=7, padding=1)
+        place.margins(y=0.25)
+        place.set_ylabel("particles")
+        words = "the runner's own step" if share == "1" else f"{share} times the runner's step"
+        place.set_title(words, fontsize=9, loc="left")
+    first = next((p for p in axes[:, 0] if len(p.get_legend_handles_labels()[0]) == len(RAIN_WORDS)), axes[0, 0])
+    figure.legend(*first.get_legend_handles_labels(), loc="outside lower center", fontsize=8, ncols=3)
+    axes[-1, 0].set_xticks(at, data["shapes"])
+    figure.suptitle(data["title"], fontsize=10.5, fontweight="bold")
     return figure
 
 

@@ -27,7 +27,7 @@ def planned(options: Options) -> list[Run]:
     for shape in SHAPES:
         parameters = {"shape": shape, "count": count, "backend": backend, "threads": options.threads}
         made.append(Run(f"sampling_{shape}", sampling_runs.scorecard, parameters, estimate=6.0))
-    parameters = {"shape": "cube", "count": 2000, "backend": backend, "iterations": 400}
+    parameters = {"shape": "cube", "count": 2000, "backend": backend, "iterations": 200 if options.quick else 400}
     made.append(Run("sampling_printed", sampling_runs.printed, parameters, estimate=5.0))
     for shape in (*SMOOTH, "cube", "organic"):
         parameters = {"shape": shape, "spacings": SPACINGS, "level": 6 if shape in SMOOTH else 4, "backend": backend}
@@ -38,7 +38,7 @@ def planned(options: Options) -> list[Run]:
     parameters = {"count": 100_000, "repeats": 5, "threads": options.threads}
     made.append(Run("marked_region", sampling_runs.marked_region, parameters, estimate=6.0, skip=slow))
     size = (
-        {"level": 5, "count": 20_000, "rounds": 1} if options.quick else {"level": 6, "count": 1_000_000, "rounds": 1}
+        {"level": 5, "count": 20_000, "rounds": 3} if options.quick else {"level": 6, "count": 1_000_000, "rounds": 3}
     )
     reason = "" if options.peers else "asked for with --peers"
     parameters = {**size, "threads": options.threads or 2}
