@@ -385,3 +385,16 @@ def test_order_of_the_particles_does_not_matter():
         for _ in range(20):
             run.step()
     assert abs(runs[0].field("position")[shuffled] - runs[1].field("position")).max() < 1e-12
+
+
+def test_plain_liquid_is_its_transfers():
+    """No level set, mesh, sample or spline array, and no launch for them, without surface tension."""
+    plain = Simulation(scene(LIQUID, Gravity(acceleration=(0.0, -9.81, 0.0)), dim=2))
+    plain.step()
+    launched = {name for name in plain.plan.launches() if not name.startswith("sph.")}
+    assert launched == {"mpm.cells", "mpm.particle_to_grid", "mpm.grid_update", "mpm.grid_to_particle"}
+    assert "surface" not in plain._shared
+    grid = plain._parameters["mpm_liquid"]["grid"]
+    assert set(grid.bins) == {"particles"}
+    assert "node_pull" not in grid._storage
+    assert not {"cluster_share", "inverse_spread", "extent"} & set(plain.fields)
