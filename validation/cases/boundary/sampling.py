@@ -22,7 +22,7 @@ EXACT = ("needle", "organic")
 def planned(options: Options) -> list[Run]:
     """The runs under the options."""
     backend, made = options.backend, []
-    count = 2000 if options.quick else 5000
+    count = 5000
     slow = "takes a minute with the others; run without --quick" if options.quick else ""
     for shape in SHAPES:
         parameters = {"shape": shape, "count": count, "backend": backend, "threads": options.threads}
