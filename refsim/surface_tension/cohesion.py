@@ -176,6 +176,19 @@ class PairCohesion(Effect, frozen=True, kw_only=True):
         return lambda r: self.pair_force(r, grid, others)
 
 
+def too_stiff(name: str, sigma: float, largest: float, grid: Discretisation, others: Mapping[str, Effect]) -> str:
+    """Words where S = sigma/(rho0 c^2 d) exceeds what a model was found to bear at any step; else ""."""
+    fluid = _fluid(others)
+    value = sigma / (fluid.rest_density * fluid.sound_speed**2 * grid.spacing)
+    if value <= largest * (1 + 1e-9):
+        return ""
+    return (
+        f"{name}: sigma/(rho0 c^2 d) = {value:.2g} is above {largest:g}, up to which cubes became drops: they fly"
+        " apart, and no shorter step mends that; take a sound_speed of at least"
+        f" {fluid.sound_speed * math.sqrt(value / largest):.3g} m/s"
+    )
+
+
 def capillary_limit(sigma: float, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, StepLimit]:
     """Step limit 0.25 sqrt(rho0 (h/2)^3/(2 pi sigma)) under its name; none without tension [N/m]."""
     if sigma == 0:

@@ -23,7 +23,7 @@ from refsim.smoothing import smoothing
 from refsim.smoothing.reference import kernel_slope, kernel_value
 from refsim.sph import NUMBER_DENSITY, SETS, WeaklyCompressible
 from refsim.surface_detection import NEAR_SURFACE, detection_in, near_surface_pass
-from refsim.surface_tension.cohesion import capillary_limit
+from refsim.surface_tension.cohesion import capillary_limit, too_stiff
 from refsim.surface_tension.jiang_zhu_2023 import CORRECTED_DENSITY
 
 INTERFACE_NORMAL = Field("interface_normal", "1/m", "normal n by the corrected kernel, inward", 3)
@@ -64,6 +64,11 @@ def flat_share(sums: str, gradients: str, support_radius: float, spacing: float,
     return 1 / total
 
 
+# What cubes of 512 particles were found to bear (docs/stability.md): S = 0.020 and mu = 0.39 sqrt(rho0 sigma d).
+LARGEST_STIFFNESS = 0.015
+LEAST_VISCOSITY = 0.45
+
+
 class CsfWang2019(Effect, frozen=True, kw_only=True):
     """Surface tension of a free liquid surface as a force along its normal, by its curvature.
 
@@ -99,6 +104,17 @@ class CsfWang2019(Effect, frozen=True, kw_only=True):
         for axis, value in zip("xyz", self.tension_gradient):
             require(self.name, **{f"tension_gradient along {axis}": (value, "finite")})
         self._printed()
+
+    def notes(self, grid: Discretisation, others: Mapping[str, Effect]) -> tuple[str, ...]:
+        fluid: WeaklyCompressible = others["weakly_compressible"]  # type: ignore[assignment]
+        said = [too_stiff(self.name, self.surface_tension, LARGEST_STIFFNESS, grid, others)]
+        least = LEAST_VISCOSITY * math.sqrt(fluid.rest_density * self.surface_tension * grid.spacing)
+        if fluid.dynamic_viscosity < least * (1 - 1e-9):
+            said.append(
+                f"{self.name}: dynamic_viscosity {fluid.dynamic_viscosity:.3g} Pa s is below {least:.3g} Pa s ="
+                f" {LEAST_VISCOSITY:g} sqrt(rho0 sigma d), down to which cubes became drops in one piece"
+            )
+        return tuple(filter(None, said))
 
     def nominal_tension(self, grid: Discretisation, others: Mapping[str, Effect]) -> float:
         """sigma [N/m]."""

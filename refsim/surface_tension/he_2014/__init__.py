@@ -23,7 +23,7 @@ from refsim.particles import Field
 from refsim.smoothing import smoothing
 from refsim.smoothing.reference import kernel_slope, kernel_value
 from refsim.sph import SETS, WeaklyCompressible
-from refsim.surface_tension.cohesion import PairCohesion
+from refsim.surface_tension.cohesion import PairCohesion, too_stiff
 
 COLOR = Field("color", "-", "smoothed color c, 1 inside the liquid")
 COLOR_GRADIENT_SQUARED = Field("color_gradient_squared", "1/m^2", "|grad c|^2")
@@ -83,6 +83,9 @@ def flat_surface_tension(sums: str, gradients: str, support_radius: float, spaci
     return sigma
 
 
+LARGEST_STIFFNESS = 0.004  # cubes of 512 particles bore S = 0.005 (docs/stability.md)
+
+
 class He2014(PairCohesion, frozen=True, kw_only=True):
     """Surface tension of a free liquid surface by its diffuse energy, and the pressure of air that is not there.
 
@@ -107,6 +110,11 @@ class He2014(PairCohesion, frozen=True, kw_only=True):
         own = {"surface_tension": self.surface_tension, "kappa": self.kappa, "air_pressure": self.air_pressure}
         require(self.name, **{key: (value, "not negative") for key, value in own.items() if value is not None})
         self.check_collapse(grid, others)
+
+    def notes(self, grid: Discretisation, others: Mapping[str, Effect]) -> tuple[str, ...]:
+        own = self.coefficient(grid, others) * self._unit_tension(grid, others)
+        said = too_stiff(self.name, own, LARGEST_STIFFNESS, grid, others)
+        return (*super().notes(grid, others), *([said] if said else []))
 
     def coefficient(self, grid: Discretisation, others: Mapping[str, Effect]) -> float:
         """kappa [N], given or from sigma."""

@@ -383,6 +383,54 @@ def area_cell(context: Context, backend: str, model: str, support: float, count:
     return found.result(silent_up_to(made, least, most, but="viscosity"))
 
 
+def stiffness_cell(context: Context, backend: str, model: str, side: int = 8) -> Result:
+    """The largest S = sigma/(rho0 c^2 d) at which a cube becomes a drop at rest, its cohesion balanced."""
+    position = lattice_cube(side, 1.0)
+    radius = (3 * len(position) / (4 * math.pi)) ** (1 / 3)
+
+    def made(value: float) -> Scene:
+        return drop_scene(
+            model, position - position.mean(0), viscosity=CALM * math.sqrt(radius), stiffness=value, kernels=""
+        )
+
+    found = largest_stable(
+        lambda value: trouble_of(context, backend, made(value), 6 * radius**1.5), 0.01, 1e-3, 0.3, factor=1.3
+    )
+    return found.result(silent_up_to(made, 1e-3, 0.3, but="viscosity"))
+
+
+def inertia_cell(context: Context, backend: str, model: str, side: int = 8) -> Result:
+    """The largest 1/Oh with which a cube becomes a drop in one piece, with no more energy than its surface holds."""
+    position = lattice_cube(side, 1.0)
+    radius = (3 * len(position) / (4 * math.pi)) ** (1 / 3)
+    held = 4.5 * (6 * side**2 - 4 * math.pi * radius**2)
+
+    def made(inverse: float) -> Scene:
+        return drop_scene(model, position - position.mean(0), viscosity=math.sqrt(radius) / inverse)
+
+    def trouble(inverse: float) -> str:
+        watch = Watch()
+        try:
+            simulation = context.simulation(made(inverse), backend)
+            while simulation.time < 4 * radius**1.5:
+                simulation.step()
+                if simulation.steps % 8 == 0:
+                    watch(simulation)
+        except RunStopped as stop:
+            return f"stopped: {stop.reason}"
+        finally:
+            context.started[:-1] = []
+        x = simulation.field("position").astype(float)
+        thrown = len(x) - int(pieces(x, 2.0)[0]) if np.isfinite(x).all() else len(x)
+        if thrown:
+            return f"{thrown} particles thrown off"
+        share = max(watch.energy) / held
+        return f"kinetic energy {share:.1f} times that released" if share > 1 else ""
+
+    found = largest_stable(trouble, 4.0, 1.0, 256.0, factor=1.1)
+    return found.result(silent_up_to(made, 1.0, 256.0))
+
+
 def _each(name: str, hard: str, holds: str, function: Any, short: tuple[str, ...] = (), **parameters: Any) -> list:
     """One case for every model."""
     models = parameters.pop("models", MODELS)
@@ -430,6 +478,22 @@ MAPS = (
             for model, column in (("akinci", "Akinci, eps N/(gamma rho0)"), ("dong", "Dong, lambda rho0 d/sigma"))
             for support in (2.0, 2.6)
         ),
+    ),
+    StabilityMap(
+        name="stability_models_coefficient",
+        title="Largest tension at a given sound speed, every model (cube of 512 particles)",
+        quantity="S = sigma/(rho0 c^2 d) of the nominal tension, cohesion balanced, Oh = 0.3",
+        criterion="no stop, one piece, less than a tenth of the peak's kinetic energy after 6 capillary times.",
+        advice="Keep S at 0.01 or below.",
+        cells=tuple(Cell(words_of(model), "cube", stiffness_cell, {"model": model}, seconds=20.0) for model in MODELS),
+    ),
+    StabilityMap(
+        name="stability_models_inertia",
+        title="Lowest Ohnesorge number of a cube's start, every model (512 particles)",
+        quantity="1/Oh of the nominal tension",
+        criterion="no stop, one piece, kinetic energy within 4.5 times what the cube's surface releases nominally.",
+        advice="Give a drop an Ohnesorge number of 0.2 at least.",
+        cells=tuple(Cell(words_of(model), "cube", inertia_cell, {"model": model}, seconds=20.0) for model in MODELS),
     ),
 )
 
