@@ -569,6 +569,11 @@ def failed(answer: dict[str, Any]) -> bool:
     return bool(answer["error"]) or any(r["verdict"] == "fail" for r in answer["rows"])
 
 
+def unfinished(answer: dict[str, Any]) -> bool:
+    """Whether a task had too little time."""
+    return (answer["error"] or "").startswith(("not run", "not ended"))
+
+
 def tell(answer: dict[str, Any]) -> None:
     """Print what a task found."""
     print(f"{'FAIL' if failed(answer) else 'ok  '} {answer['task']}  ({answer['seconds']} s)", flush=True)
@@ -589,12 +594,15 @@ def commit() -> str:
 def as_markdown(report: dict[str, Any]) -> str:
     """The report for people."""
     lines = [f"# GPU report of {report['date']}", ""]
-    bad = [a["task"] for a in report["tasks"] if failed(a)]
+    late = [a["task"] for a in report["tasks"] if unfinished(a)]
+    bad = [a["task"] for a in report["tasks"] if failed(a) and not unfinished(a)]
     lines += [f"Commit {report['commit']}, {report['seconds']} s.", ""]
-    lines += [f"Failed: {', '.join(bad)}." if bad else "Everything passed.", ""]
+    lines += [f"Failed: {', '.join(bad)}." if bad else "Nothing failed.", ""]
+    if late:
+        lines += [f"Not run to the end for lack of time, {len(late)} of {len(report['tasks'])}: {', '.join(late)}.", ""]
     pairing = [a for a in report["tasks"] if a["task"].startswith("pairing")]
     for answer in report["tasks"]:
-        if answer in pairing and not failed(answer):
+        if unfinished(answer) or (answer in pairing and not failed(answer)):
             continue
         lines += [f"## {answer['task']}", ""]
         if answer["error"]:
