@@ -26,6 +26,10 @@ def reflected(along, penetration):
 
 
 @formula
-def pushed(depth, share):
-    """P8: dx = (1 + D_r) |s|, the way along the normal [m]."""
-    return (type(depth)(1) + share) * abs(depth)
+def pushed(depth, steep, share):
+    """P8: dx = (1 + D_r) |s|/|grad phi|, the way along the normal [m].
+
+    Over edges the interpolated distance is less steep than 1, and |s| alone ends inside; no more than 2 |s| is taken.
+    """
+    real = type(depth)
+    return (real(1) + share) * abs(depth) / min(max(steep, real(0.5)), real(1))

@@ -117,7 +117,7 @@ def kick_drift(
             nx, ny, nz = nx / steep, ny / steep, nz / steep
             jump = reflected(u * nx + v * ny + w * nz, penetration)
             u, v, w = u + jump * nx, v + jump * ny, w + jump * nz
-            way = pushed(depth, rebound(identity[i], corrections[i], penetration))
+            way = pushed(depth, steep, rebound(identity[i], corrections[i], penetration))
             x, y, z = x + way * nx, y + way * ny, z + way * nz
             corrections[i] += 1
     stopped = False

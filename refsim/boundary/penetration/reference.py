@@ -109,7 +109,8 @@ def kick_drift(
     """Leap-frog: v += (dt_previous + dt)/2 a [m/s], x += dt v [m]; where it would enter the solid, P8.
 
     Swept: x becomes the first place on its way with phi < 0. P8 where phi < 0, n = grad phi/|grad phi|:
-    v -= (1 + c_r)(v.n) n, unless v.n >= 0 (E27), x += (1 + D_r) |phi| n (E28). displacement: as `sph.kick_drift`.
+    v -= (1 + c_r)(v.n) n, unless v.n >= 0 (E27), x += (1 + D_r) |phi|/min(|grad phi|, 1) n (E28), at most
+    twice |phi|. displacement: as `sph.kick_drift`.
     The scale is infinite where a distance on the way is too near to zero for its sign to be certain.
     """
     kick, drift = (float(t) for t in timestep)
@@ -145,7 +146,8 @@ def kick_drift(
         along = (v * normal).sum(1)
         turned = jumped & ((along < 0) | bool(penetration.printed))
         v = v - np.where(turned, (1 + float(penetration.restitution)) * along, 0.0)[:, None] * normal
-        way = np.where(jumped, (1 + rebound(identity, count, penetration)) * np.abs(phi), 0.0)
+        far = np.abs(phi) / np.clip(steep, 0.5, 1.0)
+        way = np.where(jumped, (1 + rebound(identity, count, penetration)) * far, 0.0)
         x = x + way[:, None] * normal
         tilt = 1e-3 + 2 * ROUNDING * np.abs(old_x).max(1, initial=0.0) / sampled.h  # of a normal, by rounding
         grazing = jumped & (not penetration.printed) & (np.abs(along) < tilt * np.sqrt((v_scale**2).sum(1)))
