@@ -18,6 +18,7 @@ import multiprocessing
 import os
 import pkgutil
 import sys
+import textwrap
 import time
 import tomllib
 from collections.abc import Mapping, Sequence
@@ -244,7 +245,7 @@ def draw_map(data: Mapping[str, Any]) -> Any:
     down = math.ceil(len(columns) / across)
     figure, panels = plt.subplots(
         down, across, sharex=True, sharey=True, squeeze=False,
-        figsize=(2.2 + 2.4 * across, 0.9 + down * (0.75 + 0.4 * len(rows))),
+        figsize=(2.2 + max(2.4 * across, 4.8), 0.9 + down * (0.75 + 0.4 * len(rows))),
     )  # fmt: skip
     for axes in panels.flat[len(columns) :]:
         axes.set_axis_off()
@@ -276,9 +277,10 @@ def draw_map(data: Mapping[str, Any]) -> Any:
         axes.tick_params(axis="y", length=0)
     panels[0, 0].set_yticks(range(len(rows)), rows)
     panels[0, 0].set_ylim(len(rows) - 0.5, -0.5)
-    figure.suptitle(data["title"], x=0.01, ha="left", fontweight="bold", fontsize=10.5)
+    width = int(14 * figure.get_figwidth())
+    figure.suptitle(textwrap.fill(data["title"], width), x=0.01, ha="left", fontweight="bold", fontsize=10.5)
     figure.supxlabel(
-        f"{data['quantity']}.   Bar: stable; cross: not; upright stroke: the runner's own limit",
+        f"{data['quantity']}.\nBar: stable; cross: not; upright stroke: the runner's own limit",
         fontsize=8.5,
         color=GREY,
     )
