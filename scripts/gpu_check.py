@@ -318,24 +318,6 @@ def run_task(arguments: list[str]) -> list[Row]:
     return rows
 
 
-def clock() -> tuple[Callable[[], Any], Callable[[Any, Any], float]]:
-    """(mark, seconds between two marks) on the device; on the host in the simulator."""
-    if backend.simulated():
-        return time.perf_counter, lambda a, b: b - a
-    import cupy
-
-    def mark() -> Any:
-        event = cupy.cuda.Event()
-        event.record()
-        return event
-
-    def between(a: Any, b: Any) -> float:
-        b.synchronize()
-        return 1e-3 * cupy.cuda.get_elapsed_time(a, b)
-
-    return mark, between
-
-
 def device_bytes() -> int:
     """Bytes of the device's memory that this process holds in arrays."""
     if backend.simulated():
@@ -385,6 +367,8 @@ def timing_task(arguments: list[str]) -> list[Row]:
         rows.append(judged("memory held, off what the plan says", round(off, 3), 0.1, words=f"{said / 2**20:.0f} MiB"))
     for _ in range(2 if backend.simulated() else 60):
         simulation.step()
+    from validation.cases.melting.device import clock
+
     mark, between = clock()
     wait = simulation.backend.synchronize
     repeats = 1 if backend.simulated() else 20

@@ -116,7 +116,7 @@ class Rival:
         return self.rows
 
     def step(self) -> None:
-        """One step."""
+        """One step; each rival has its own."""
         raise NotImplementedError
 
     def field(self, name: str) -> NDArray:
