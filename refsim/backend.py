@@ -136,6 +136,15 @@ def unavailable(name: str) -> str | None:
     return None
 
 
+def device_name() -> str:
+    """The GPU in words."""
+    if simulated():
+        return "CUDA simulator"
+    import cupy
+
+    return str(cupy.cuda.runtime.getDeviceProperties(0)["name"].decode())
+
+
 def choose(name: str) -> Backend:
     """The backend called `name`. Raises InputError with the reason where it cannot run."""
     reason = unavailable(name)

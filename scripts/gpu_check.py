@@ -442,10 +442,8 @@ def melting_scene(size: str, **options: Any) -> Scene:
 
     small = 0.2 if backend.simulated() else 1.0
     if size == "million":
-        return made(
-            shared_tank("figure_6", (0.25 if backend.simulated() else 2.55), 1 / 3), largest_number=0.2, **options
-        )
-    return scene_of(size, small, largest_number=0.2, **options)
+        return made(shared_tank("figure_6", (0.25 if backend.simulated() else 2.55), 1 / 3), **options)
+    return scene_of(size, small, **options)
 
 
 def melting_task(arguments: list[str]) -> list[Row]:

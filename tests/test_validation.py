@@ -112,7 +112,11 @@ def test_what_is_skipped_is_named_with_its_reason(options):
     text = io.StringIO()
     harness.report(outcomes, text)
     assert "left out other (quick)" in text.getvalue()
-    perform(fake_case(), harness.Options(**{**vars(options), "quick": False}))
+    whole = harness.Options(**{**vars(options), "quick": False})
+    assert set(perform(fake_case(), harness.Options(**{**vars(whole), "only": ("oth",)}))[0].results) == {"other"}
+    perform(fake_case(), whole)
+    assert CALLS == [2, 9]
+    assert set(perform(fake_case(), options)[0].results) == {"one", "other"}, "stored, perhaps on a machine that can"
     assert CALLS == [2, 9]
 
 

@@ -18,6 +18,7 @@ def parser() -> argparse.ArgumentParser:
     add_options(made)
     made.add_argument("--results", type=Path, default=Path("results"), help="where results are kept and reused")
     made.add_argument("--figures", type=Path, help="where pictures go; figures, with --quick figures/quick")
+    made.add_argument("--only", nargs="+", default=[], metavar="RUN", help="runs whose names start like one of these")
     made.add_argument("--list", action="store_true", help="list the cases")
     return made
 
@@ -48,6 +49,7 @@ def options_of(given: argparse.Namespace, root: Path = Path()) -> Options:
         threads=given.threads,
         results=root / getattr(given, "results", "results"),
         figures=figures,
+        only=tuple(getattr(given, "only", ())),
     )
 
 

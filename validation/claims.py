@@ -99,11 +99,12 @@ class Measure:
 
 @dataclass
 class Found:
-    """What was measured of a claim now; `missing` says why nothing was."""
+    """What was measured of a claim now, and where; `missing` says why nothing was."""
 
     claim: Claim
     values: list[float] = field(default_factory=list)
     missing: str = ""
+    machine: Mapping[str, Any] = field(default_factory=machine)
 
     @property
     def verdict(self) -> str:
@@ -173,9 +174,10 @@ def measure(claims: Sequence[Claim], options: Options, jobs: int = 1, compute: b
         for run in measures[claim.test].runs(options):
             folder = result_folder(options.results, case_of(claim.test), run.key, run.function, run.parameters)
             wanted[-1][1][run.key] = folder
-            if run.skip:
+            kept = (run.skip or not options.fresh) and load(folder) is not None  # perhaps from a machine that can
+            if not kept and run.skip:
                 found.missing = run.skip
-            elif options.fresh or load(folder) is None:
+            elif not kept:
                 (timed if measures[claim.test].timed else waiting)[folder] = run
     if compute:
         _compute({folder: run for folder, run in waiting.items() if folder not in timed}, jobs)
@@ -189,6 +191,7 @@ def measure(claims: Sequence[Claim], options: Options, jobs: int = 1, compute: b
             found.missing = "not measured here"
             continue
         found.values = [float(value) for value in measures[found.claim.test].values(results)]
+        found.machine = next((r.about["machine"] for r in results.values() if "machine" in r.about), machine())
     return [found for found, _ in wanted]
 
 
@@ -222,7 +225,7 @@ def _one(folder: Path, run: Run, threads: int | None = None) -> None:
     except RunStopped as error:
         print(f"{folder.name} stopped. {error} (reason: {error.reason})", file=sys.stderr)
         return
-    about = about_run(folder.parent.name, run, time.perf_counter() - began, context.compile_seconds())
+    about = about_run(folder.parent.name, run, time.perf_counter() - began, context)
     save(folder, Result(result.values, result.arrays, about))
 
 
@@ -356,7 +359,7 @@ def write_figures(found: Sequence[Found], options: Options) -> Path:
         if each.values:
             stored[each.claim.name] = finite(
                 {"values": each.values, "unit": each.claim.unit, "bar": each.claim.bar(), "verdict": each.verdict,
-                 "machine": machine()}
+                 "machine": each.machine}
             )  # fmt: skip
     lines = [f"{json.dumps(key)}: {json.dumps(value, allow_nan=False)}" for key, value in stored.items()]
     path.write_text("{\n" + ",\n".join(lines) + "\n}\n")

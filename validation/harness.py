@@ -21,6 +21,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, TextIO
 
+from refsim.backend import device_name
 from refsim.errors import InputError, RunStopped
 from validation import cases as case_folder
 from validation.results import Result, finite, load, result_folder, save
@@ -39,6 +40,7 @@ class Options:
     quick    the small sizes of `reproduce.py --quick`, otherwise the published ones
     peers    also run other programs on the same work
     fresh    compute anew what is stored
+    only     runs whose keys start like one of these; all without
     """
 
     quick: bool = False
@@ -48,6 +50,7 @@ class Options:
     threads: int | None = None
     results: Path = Path("results")
     figures: Path = Path("figures")
+    only: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -137,12 +140,13 @@ def perform(cases: Sequence[Case], options: Options, stream: TextIO | None = Non
         outcome = Outcome(case)
         outcomes.append(outcome)
         for run in case.runs(options):
-            if run.skip:
-                outcome.skipped[run.key] = run.skip
+            if options.only and not run.key.startswith(options.only):
                 continue
             folder = result_folder(options.results, case.name, run.key, run.function, run.parameters)
-            stored = None if options.fresh else load(folder)
-            if stored is None:
+            stored = load(folder) if run.skip or not options.fresh else None  # perhaps from a machine that can
+            if run.skip and stored is None:
+                outcome.skipped[run.key] = run.skip
+            elif stored is None:
                 waiting.append((outcome, run, folder))
             else:
                 outcome.results[run.key] = stored
@@ -188,7 +192,7 @@ def _compute(waiting: Sequence[tuple[Outcome, Run, Path]], options: Options, str
             outcome.seconds[run.key] = seconds
             outcome.compiling[run.key] = context.compile_seconds()
             if result is not None:
-                about = about_run(outcome.case.name, run, seconds, outcome.compiling[run.key])
+                about = about_run(outcome.case.name, run, seconds, context)
                 save(folder, Result(result.values, result.arrays, about))
                 stored = load(folder)
                 if stored is None:
@@ -198,21 +202,21 @@ def _compute(waiting: Sequence[tuple[Outcome, Run, Path]], options: Options, str
             progress(0.0, done)
 
 
-def about_run(case: str, run: Run, seconds: float, compiling: float) -> dict[str, Any]:
+def about_run(case: str, run: Run, seconds: float, context: Context) -> dict[str, Any]:
     """When, where and with what a result was computed."""
     return {
         "case": case,
         "run": run.key,
         "parameters": dict(run.parameters),
         "seconds": round(seconds, 3),
-        "seconds_compiling": round(compiling, 3),
+        "seconds_compiling": round(context.compile_seconds(), 3),
         "date": datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%d"),
-        "machine": machine(),
+        "machine": machine(context.gpu()),
     }
 
 
-def machine() -> dict[str, Any]:
-    """The machine in words, and the versions that compute."""
+def machine(gpu: bool = False) -> dict[str, Any]:
+    """The machine in words, with its GPU where that was used, and the versions that compute."""
     import numba
     import numpy
 
@@ -226,6 +230,7 @@ def machine() -> dict[str, Any]:
         pass
     return {
         "processor": name,
+        **({"gpu": device_name()} if gpu else {}),
         "cores": len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count(),
         "python": platform.python_version(),
         "refsim": refsim.__version__,

@@ -30,6 +30,10 @@ class Context:
         self.started.append((time.perf_counter() - began, made))
         return made
 
+    def gpu(self) -> bool:
+        """Whether a simulation ran on a GPU."""
+        return any(made.backend.name == "cuda" for _, made in self.started)
+
     def compile_seconds(self) -> float:
         """Wall seconds of starting all simulations and of every stage's first call: compiling, or loading kernels."""
         return float(sum(start + first_call_seconds(simulation) for start, simulation in self.started))

@@ -337,7 +337,7 @@ def _compute(case: str, key: str, function: Any, parameters: dict[str, Any], fol
     context, began = Context(threads=1), time.perf_counter()
     result = function(context, **parameters)
     seconds = time.perf_counter() - began
-    about = about_run(case, Run(key, function, parameters), seconds, context.compile_seconds())
+    about = about_run(case, Run(key, function, parameters), seconds, context)
     save(folder, Result(result.values, result.arrays, about))
 
 

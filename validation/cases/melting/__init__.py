@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from validation.cases.melting import pictures, runs
+from refsim.backend import unavailable
+from validation.cases.melting import device, pictures, runs
 from validation.harness import Case, Options, Picture, Results, Run
+from validation.results import real
 from validation.tables import Table
 from validation.verdicts import Bounds, Measurement
 
@@ -11,6 +13,7 @@ SHARES = {"figure_4": [0.9, 0.5, 0.1], "figure_5": [0.8, 0.5, 0.2], "figure_6": 
 UNTIL = 4.0  # [s]
 QUICK = 0.4  # size of the scenes with --quick
 PAPER = {"figure_4": ("35k + 5k", 22.5), "figure_5": ("48.5k + 12k", 35.7), "figure_6": ("40.5k + 20k", 42.3)}  # ms
+ON_GPU = (*PAPER, "million")
 WIDTHS = (1, 2, 3)
 TITLES = {
     "figure_4": "Figure 4, an ice cube in warm water",
@@ -30,7 +33,7 @@ def planned(options: Options) -> list[Run]:
             parameters["step"] = 0.002  # at this size the printed 5 ms throw melt out at 58 m/s, 2 ms at 46
         made.append(Run(figure, runs.melt, parameters, estimate=8.0 if quick else 120.0))
     parameters = {"figure": "figure_4", "size": QUICK, "backend": backend, "shares": [0.5, 0.0], "until": UNTIL}
-    made.append(Run("as_printed", runs.melt, {**parameters, "scale": 1.0}, estimate=4.0))
+    made.append(Run("as_printed", runs.melt, {**parameters, "scale": 1.0, "largest_number": 10.0}, estimate=4.0))
     made.append(Run("filling", runs.filling, estimate=0.5))
     for width in WIDTHS:
         made.append(Run(f"regions_{width}", runs.region_rounds, {"half_width": width}, estimate=2.0))
@@ -45,6 +48,10 @@ def planned(options: Options) -> list[Run]:
                 "rounds": 5, "steps": 4, "rival": kind == "rival",
             }  # fmt: skip
             made.append(Run(f"{kind}_{figure}", runs.step_cost, parameters, estimate=1.0 if quick else 12.0))
+    for figure in ON_GPU:
+        made.append(
+            Run(f"gpu_{figure}", device.on_gpu, {"figure": figure, "size": size}, 10.0, unavailable("cuda") or "")
+        )
     for width in (1, 2, 3, 4):
         parameters = {"backend": backend, "half_width": width, "steps": 30 if quick else 60}
         made.append(Run(f"width_{width}", runs.stiffness, parameters, estimate=3.0))
@@ -127,6 +134,17 @@ def tables(results: Results) -> list[Table]:
         )
         made.append(Table("Seconds a step", heading, rows, note))
     rows = []
+    for figure in ON_GPU:
+        if f"gpu_{figure}" in results:
+            v, (_, paper) = results[f"gpu_{figure}"].values, PAPER.get(figure, ("", float("nan")))
+            whole = [1e3 * real(v[name]) for name in ("one_graph", "with_list", "seconds")]
+            rows.append([v["liquid"], v["solid"], *(1e3 * t for t in v["stages"].values()), *whole, paper,
+                         v["step"] / v["seconds"]])  # fmt: skip
+    if rows:
+        heading = ["liquid", "solid", *runs.GROUPS, "one graph", "with a new list", "step", "paper", "of real time"]
+        note = "Milliseconds; each stage by itself, the list over all steps. The step is the mean over all steps."
+        made.append(Table("Table 2 on a GPU", heading, rows, note))
+    rows = []
     for width in (1, 2, 3, 4):
         if f"width_{width}" in results:
             for row in results[f"width_{width}"].values["rows"]:
@@ -172,6 +190,9 @@ CASE = Case(
         Picture(
             "melting_figure_7", pictures.time_data, pictures.time_picture,
             tuple(f"{kind}_{figure}" for figure in PAPER for kind in ("cost", "rival")),
+        ),
+        Picture(
+            "melting_gpu", pictures.gpu_data, pictures.gpu_picture, tuple(f"gpu_{figure}" for figure in ON_GPU)
         ),
     ),
     tables=tables,

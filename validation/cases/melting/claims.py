@@ -56,16 +56,8 @@ def slower(results: Results) -> list[float]:
 
 def full(options: Options) -> list[Run]:
     """The scene of figure 5, 60,392 particles and steps of 5 ms, on a GPU."""
-    shared = {"figure": "figure_5", "size": 1.0, "backend": "cuda", "threads": None}
-    return [
-        Run(
-            "full",
-            runs.step_cost,
-            shared | {"warm": 30, "rounds": 10, "steps": 20},
-            15.0,
-            skip=unavailable("cuda") or "",
-        )
-    ]
+    parameters = {"figure": "figure_5", "size": 1.0}
+    return [Run("full", device.on_gpu, parameters, estimate=15.0, skip=unavailable("cuda") or "")]
 
 
 def of_real_time(results: Results) -> list[float]:

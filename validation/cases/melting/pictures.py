@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from validation.cases.melting.scene import SPACING
 from validation.drawing import GREY, Layer, ball_picture, layered_picture, view_matrix
 from validation.harness import Results
+from validation.results import real
 
 WATER = (0.30, 0.58, 0.86)
 BODY = {
@@ -286,6 +287,54 @@ def time_picture(data: Mapping[str, Any]) -> Any:
     axes.grid(axis="x")
     axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=6)
     axes.set_title(data["title"])
+    return figure
+
+
+def gpu_data(results: Results) -> dict[str, Any]:
+    """Table 2 and a million particles on a GPU: milliseconds a step, stage by stage."""
+    from validation.cases.melting import ON_GPU, PAPER
+
+    rows = []
+    for figure in ON_GPU:
+        values = results[f"gpu_{figure}"].values
+        rows.append(
+            {
+                "figure": figure, "liquid": values["liquid"], "solid": values["solid"],
+                "paper": PAPER[figure][1] if figure in PAPER else None, "renewed": values["renewed"],
+                "stages": {name: 1e3 * s for name, s in values["stages"].items()},
+                "operations": {name: 1e3 * s for name, s in values["operations"].items()},
+                **{name: 1e3 * real(values[name]) for name in ("seconds", "one_graph", "with_list")},
+            }
+        )  # fmt: skip
+    machine = results[f"gpu_{ON_GPU[0]}"].about["machine"]
+    return {"title": "Table 2 on a GPU, and a million particles", "machine": machine, "rows": rows}
+
+
+def gpu_picture(data: Mapping[str, Any]) -> Any:
+    """A bar for each scene, cut into stages; the mean step, lists included, and the paper's number beside it."""
+    import matplotlib.pyplot as plt
+
+    groups = [[row for row in data["rows"] if row["paper"]], [row for row in data["rows"] if not row["paper"]]]
+    figure, panels = plt.subplots(2, 1, figsize=(9.6, 4.0), height_ratios=[len(rows) for rows in groups])
+    for axes, rows in zip(panels, groups):
+        for k, row in enumerate(rows):
+            left = 0.0
+            for name, colour in COLOURS.items():
+                width = row["stages"].get(name, 0.0)
+                axes.barh(k, width, left=left, color=colour, label=name if k == 0 else None, height=0.7)
+                left += width
+            axes.plot([row["seconds"]] * 2, [k - 0.42, k + 0.42], color="black", linewidth=2)
+            words = f"  {row['seconds']:.2f} ms a step" + (f", paper {row['paper']:g}" if row["paper"] else "")
+            axes.text(max(left, row["seconds"]), k, words, va="center", fontsize=8.5)
+        labels = [f"{row['liquid'] / 1e3:.1f}k + {row['solid'] / 1e3:.1f}k" for row in rows]
+        axes.set_yticks(range(len(rows)), labels, fontsize=8)
+        axes.set_xlim(0, 1.35 * max(max(sum(row["stages"].values()), row["seconds"]) for row in rows))
+        axes.invert_yaxis()
+        axes.grid(axis="x")
+    panels[0].plot([], [], color="black", linewidth=2, label="mean step, lists included")
+    panels[0].set_title(data["title"])
+    panels[1].set_xlabel(f"milliseconds, {data['machine'].get('gpu', 'GPU')}; each stage by itself")
+    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=6, fontsize=8)
     return figure
 
 

@@ -187,7 +187,7 @@ def made(
     summation: str = "fast",
     dtype: str = "float32",
     melting: bool = True,
-    largest_number: float = 10.0,
+    largest_number: float = 0.2,  # reached: 0.0875; a GPU keeps room for the passes that it takes
     skin: float | None = None,
     **more: Any,
 ) -> Scene:
