@@ -240,7 +240,8 @@ def draw_map(data: Mapping[str, Any]) -> Any:
     positive = [value for cell in data["cells"] for value, _ in cell["tried"] if value > 0]
     positive += [cell["runner"] for cell in data["cells"] if cell["runner"]]
     left, right = 0.7 * min(positive), 1.3 * max(positive)
-    right *= (right / left) ** 0.35  # room for the numbers
+    wide = any(len(number(real(cell["largest"]))) > 4 and cell["failing"] is None for cell in data["cells"])
+    right *= (right / left) ** (0.62 if wide else 0.35)  # room for the numbers
     across = min(len(columns), 4)
     down = math.ceil(len(columns) / across)
     figure, panels = plt.subplots(
