@@ -6,6 +6,8 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
+
 from validation.cases.laplace import pictures
 from validation.drops import MODELS, SEEDED, fit_laplace
 from validation.harness import Case, Options, Picture, Results, Run
@@ -16,31 +18,41 @@ from validation.verdicts import Bounds, Measurement
 
 LARGE = 10.0  # radius in spacings from which on the target holds
 LEADING = "akinci"  # the model that calibrate takes where none is named
-MEASURED = {2: ("akinci", (8.0, 11.0, 16.0, 24.0)), 3: ("akinci_cohesion", (5.0, 6.0, 8.0, 10.0))}
+MEASURED = {2: (8.0, 11.0, 16.0, 24.0), 3: (8.5, 10.0, 12.0, 14.0)}  # radii in spacings, of R >= 3 h
 
 
 def planned(options: Options) -> list[Run]:
-    """The published map, and drops of four radii (three with --quick, in 2D only) measured now."""
+    """The published map, and drops of four radii (three with --quick, in 2D only) measured now, three seeds of one."""
     made = [map_run()]
-    for dim, (model, radii) in MEASURED.items():
+    for dim, radii in MEASURED.items():
         if options.quick and dim == 3:
             continue
         for radius in radii[:3] if options.quick else radii:
             seeds = (1, 2, 3) if radius == SEEDED[dim] and not options.quick else (1,)
-            made += [drop_run(model, dim, radius, seed) for seed in seeds]
+            made += [drop_run(LEADING, dim, radius, seed) for seed in seeds]
     return made
+
+
+def measured_now(results: Results, dim: int | None = None) -> list[dict[str, Any]]:
+    """Rows of the drops that were measured now, of one dimension or of both."""
+    rows = [dict(result.values) for key, result in results.items() if key != "map"]
+    return [row for row in rows if dim in (None, row["dim"])]
 
 
 def judge(results: Results) -> list[Measurement]:
     """Every setting's tension is shown; how well the jump of the drops measured now follows 1/R is judged."""
     bounds, made = Bounds("laplace"), []
-    for dim, (model, _) in MEASURED.items():
-        rows = [r.values for key, r in results.items() if key.startswith(f"{model}_{dim}d")]
+    for dim in MEASURED:
+        rows = measured_now(results, dim)
         if not rows:
             continue
         slope, error, intercept = fit_laplace(rows)
-        name, words = f"{model}_{dim}d", f"{MODELS[model][0]}, {dim}D, measured now"
+        name, words = f"{LEADING}_{dim}d", f"{MODELS[LEADING][0]}, {dim}D, measured now"
         made.append(bounds.judge("sigma", slope, name, words))
+        seeded = [row["laplace"] for row in rows if row["radius"] == SEEDED[dim] and not row["stopped"]]
+        if len(seeded) > 1:
+            share = float(np.std(seeded, ddof=1) / np.mean(seeded))
+            made.append(bounds.judge("seed_spread", share, name, f"{words}, {len(seeded)} seeds"))
         made.append(bounds.judge("fit_error", error / slope if slope else math.nan, name, words))
         largest = max(row["radius"] for row in rows if not row["stopped"])
         made.append(bounds.judge("left_over", abs(intercept) * largest / ((dim - 1) * slope), name, words))
@@ -99,8 +111,8 @@ def apart_by(entry: Mapping[str, Any]) -> float:
 
 
 def tables(results: Results) -> list[Table]:
-    """The sigma map: one row a setting."""
-    made = []
+    """The drops measured now, then the sigma map: one row a setting."""
+    made = [_drops_table(results)] if measured_now(results) else []
     for dim in (2, 3):
         rows = [_row(entry) for entry in settings(results) if entry["dim"] == dim]
         if rows:
@@ -121,6 +133,19 @@ def tables(results: Results) -> list[Table]:
         note = "Jump times R/2 in r < 0.6 R, and as the mean over balls of 0.4 to 0.7 R, which shells cannot swing."
         made.append(Table("Pressure in one ball and in seven", heading, rows, note))
     return made
+
+
+def _drops_table(results: Results) -> Table:
+    rows: list[list[Any]] = []
+    for row in measured_now(results):
+        cells = [f"{row['dim']}D", f"{row['radius']:g}", row["seed"]]
+        if row["stopped"]:
+            rows.append([*cells, *[None] * 3, row["stopped"]])
+            continue
+        numbers = (row["effective_radius"], row["pressure"], row["laplace"])
+        rows.append([*cells, *(f"{value:.4g}" for value in numbers), ""])
+    heading = ["", "R/d", "seed", "R at its density", "jump", "R jump/(dim - 1)", "stopped"]
+    return Table(f"Drops of {MODELS[LEADING][0]} measured now (nominal tension, spacing and density are 1)", heading, rows)
 
 
 def _row(entry: dict[str, Any]) -> list[Any]:
