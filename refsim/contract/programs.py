@@ -7,6 +7,7 @@ there under their own names, so that one door leads to all programs.
 
 from __future__ import annotations
 
+import difflib
 import importlib
 import importlib.metadata
 import importlib.util
@@ -104,7 +105,11 @@ def load(source: str) -> Programs:
     except Exception as error:  # a module may raise whatever it likes
         if isinstance(error, ModuleNotFoundError) and not entries and (error.name or "") in _parents(place):
             hint = "give a file (folder/file.py), a module that Python can import, or an entry point's name"
-            raise InputError(f"There is no module {place!r} and no such entry point of {GROUP}; {hint}.") from None
+            near = difflib.get_close_matches(place, REGISTRY, 1)
+            meant = f" (or did you mean the operation {near[0]}?)" if near else ""
+            raise InputError(
+                f"There is no module {place!r} and no such entry point of {GROUP}; {hint}{meant}."
+            ) from None
         raise InputError(f"{source} cannot be imported: {type(error).__name__}: {_line(error)}.") from None
     if inspect.ismodule(found):
         wanted = attribute or ATTRIBUTE

@@ -189,6 +189,19 @@ def too_stiff(name: str, sigma: float, largest: float, grid: Discretisation, oth
     )
 
 
+def turns(name: str, term: str, others: Mapping[str, Effect]) -> str:
+    """Words where a term that does not act along the pair alone changes a free liquid's angular momentum; else "".
+
+    Viscosity does not act along the pair either, and brakes far more.
+    """
+    if _fluid(others).dynamic_viscosity > 0:
+        return ""
+    return (
+        f"{name}: without viscosity angular momentum would stay, but its {term} does not act along the pair and"
+        " changes it: leave that out where it matters"
+    )
+
+
 def capillary_limit(sigma: float, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, StepLimit]:
     """Step limit 0.25 sqrt(rho0 (h/2)^3/(2 pi sigma)) under its name; none without tension [N/m]."""
     if sigma == 0:

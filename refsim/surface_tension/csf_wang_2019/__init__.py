@@ -107,7 +107,13 @@ class CsfWang2019(Effect, frozen=True, kw_only=True):
 
     def notes(self, grid: Discretisation, others: Mapping[str, Effect]) -> tuple[str, ...]:
         fluid: WeaklyCompressible = others["weakly_compressible"]  # type: ignore[assignment]
-        said = [too_stiff(self.name, self.surface_tension, LARGEST_STIFFNESS, grid, others)]
+        if not self._acts():
+            return ()
+        said = [
+            f"{self.name}: the force is no pair's own: momentum is not kept, and drops of few layers were found to gain"
+            " energy until particles gather in pairs or fly off",
+            too_stiff(self.name, self.surface_tension, LARGEST_STIFFNESS, grid, others),
+        ]
         least = LEAST_VISCOSITY * math.sqrt(fluid.rest_density * self.surface_tension * grid.spacing)
         if fluid.dynamic_viscosity < least * (1 - 1e-9):
             said.append(

@@ -20,7 +20,7 @@ from refsim.operation import Operation, register
 from refsim.particles import Field
 from refsim.sph import WeaklyCompressible
 from refsim.surface_normal import SURFACE_NORMAL, color_gradient_pass, normal_term
-from refsim.surface_tension.cohesion import PairCohesion, lattice_tension, one_of
+from refsim.surface_tension.cohesion import PairCohesion, lattice_tension, one_of, turns
 from refsim.surface_tension.dong_2016.reference import force_function
 from refsim.surface_tension.jiang_zhu_2023 import CORRECTED_DENSITY
 
@@ -185,7 +185,9 @@ class Dong2016(PairCohesion, frozen=True, kw_only=True):
         return (*super().notes(grid, others), *self._unstable(grid, others))
 
     def _unstable(self, grid: Discretisation, others: Mapping[str, Effect]) -> Iterator[str]:
-        """Corrections with which drops were found to swell or to fly apart, whatever the step."""
+        """What the correction does to angular momentum, and with which drops were found to swell or to fly apart."""
+        if self._corrects() and (said := turns(self.name, "correction", others)):
+            yield said
         sigma = self.nominal_tension(grid, others) if self._corrects() and self._coheres() else 0.0
         if sigma <= 0:
             return

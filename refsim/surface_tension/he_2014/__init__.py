@@ -113,8 +113,13 @@ class He2014(PairCohesion, frozen=True, kw_only=True):
 
     def notes(self, grid: Discretisation, others: Mapping[str, Effect]) -> tuple[str, ...]:
         own = self.coefficient(grid, others) * self._unit_tension(grid, others)
-        said = too_stiff(self.name, own, LARGEST_STIFFNESS, grid, others)
-        return (*super().notes(grid, others), *([said] if said else []))
+        said = [too_stiff(self.name, own, LARGEST_STIFFNESS, grid, others)]
+        if own > 0:
+            said.append(
+                f"{self.name}: the surface energy does not hold the bulk together: drops were found to spread, or to"
+                " come to rest as they are, with particles that gather in pairs"
+            )
+        return (*super().notes(grid, others), *filter(None, said))
 
     def coefficient(self, grid: Discretisation, others: Mapping[str, Effect]) -> float:
         """kappa [N], given or from sigma."""

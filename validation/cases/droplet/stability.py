@@ -298,7 +298,7 @@ def tension_cell(
         return trouble_of(drop)
 
     found = largest_stable(trouble, 0.02, 1e-3, 4.0)
-    return found.result(silent_up_to(made, 1e-3, 4.0, but="viscosity"))
+    return found.result(silent_up_to(made, 1e-3, 4.0, but=("viscosity",)))
 
 
 def _modulus(spacing: float, scene: Mapping[str, Any]) -> float:
@@ -338,7 +338,7 @@ def area_cell(
         return trouble_of(drop)
 
     least, first, most = (1e-3, 0.01, 1.0) if term == "corrected" else (1e-4, 1e-3, 0.1)
-    return largest_stable(trouble, first, least, most).result(silent_up_to(made, least, most, but="viscosity"))
+    return largest_stable(trouble, first, least, most).result(silent_up_to(made, least, most, but=("viscosity",)))
 
 
 def inertia_cell(

@@ -145,7 +145,9 @@ def _drops_table(results: Results) -> Table:
         numbers = (row["effective_radius"], row["pressure"], row["laplace"])
         rows.append([*cells, *(f"{value:.4g}" for value in numbers), ""])
     heading = ["", "R/d", "seed", "R at its density", "jump", "R jump/(dim - 1)", "stopped"]
-    return Table(f"Drops of {MODELS[LEADING][0]} measured now (nominal tension, spacing and density are 1)", heading, rows)
+    return Table(
+        f"Drops of {MODELS[LEADING][0]} measured now (nominal tension, spacing and density are 1)", heading, rows
+    )
 
 
 def _row(entry: dict[str, Any]) -> list[Any]:

@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
+from refsim.surface_tension.calibration import BASE
 from validation.drawing import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION
 from validation.drops import FITTED_FROM, MODELS, SEEDED
 from validation.harness import Results
@@ -17,24 +18,27 @@ STYLES = {name: "--" if name.endswith(("cohesion", "soft")) else "-" for name in
 
 
 def jump_data(results: Results) -> dict[str, Any]:
-    """Jump of each drop at the map's base, and the fits."""
+    """Jump of each drop at the map's base, the fits, and the drops measured now."""
     values = results["map"].values
     names = ("model", "dim", "effective_radius", "pressure", "seed")
     drops = [{n: row[n] for n in names} for row in values["rows"] if at_base(row) and not row["stopped"]]
     fits = [
-        {n: entry[n] for n in ("model", "dim", "laplace", "intercept")}
+        {n: entry[n] for n in ("model", "dim", "laplace", "laplace_error", "intercept")}
         for entry in values["settings"]
         if at_base(entry) and math.isfinite(real(entry["laplace"]))
     ]
-    return {"title": "Pressure jump of drops at rest", "drops": drops, "fits": fits}
+    rows = [result.values for key, result in results.items() if key != "map"]
+    now = [{n: row[n] for n in names} for row in rows if not row["stopped"]]
+    return {"title": "Pressure jump of drops at rest", "drops": drops, "fits": fits, "now": now}
 
 
 def jump_picture(data: Mapping[str, Any]) -> Any:
-    """P R/((dim - 1) sigma) of each drop against R: a tension where the points lie on a level line."""
+    """Above: the jump against the curvature with its fits; below: R jump/(dim - 1) against R, level for a tension."""
     import matplotlib.pyplot as plt
 
-    figure, panels = plt.subplots(1, 2, figsize=(9.2, 4.2))
-    for axes, dim in zip(panels, (2, 3)):
+    figure, grid = plt.subplots(2, 2, figsize=(9.6, 8.4))
+    for dim, (above, below) in zip((2, 3), grid.T):
+        least = FITTED_FROM * BASE["support"]  # smaller drops are not fitted: the surface reaches all of them
         for model, colour in COLOURS.items():
             own = sorted(
                 (d for d in data["drops"] if d["model"] == model and d["dim"] == dim),
@@ -43,18 +47,45 @@ def jump_picture(data: Mapping[str, Any]) -> Any:
             if not own:
                 continue
             radius = [d["effective_radius"] for d in own]
-            share = [d["pressure"] * d["effective_radius"] / (dim - 1) for d in own]
-            axes.plot(radius, share, STYLES[model], marker="o", ms=4, lw=1.2, color=colour, label=MODELS[model][0])
-        axes.axhline(1, color=GREY, lw=0.8, ls=":")
-        axes.axvspan(0, FITTED_FROM * 2.6, color="#eeeeee", lw=0)  # R < 3 h: not fitted
-        axes.set_xlim(4, 26 if dim == 2 else 15)
-        axes.set_ylim(0, 8.5)
-        axes.set_title(f"{dim}D, h = 2.6 d, S = 0.01; grey: R < 3 h")
-        axes.set_xlabel("radius R [d]")
-        axes.set_ylabel("R jump/(dim - 1) over the nominal tension")
-        axes.grid(True)
+            curvature, jump = [(dim - 1) / r for r in radius], [d["pressure"] for d in own]
+            above.plot(curvature, jump, "o", ms=4, color=colour, label=MODELS[model][0])
+            below.plot(
+                radius, [p / c for p, c in zip(jump, curvature)], STYLES[model], marker="o", ms=4, lw=1.2, color=colour
+            )
+            for fit in data["fits"]:
+                if fit["model"] == model and fit["dim"] == dim:
+                    fitted = [c for c, r in zip(curvature, radius) if r > 0.98 * least]
+                    ends = [min(fitted), max(fitted)]
+                    line = [fit["intercept"] + fit["laplace"] * c for c in ends]
+                    above.plot(ends, line, STYLES[model], lw=1.2, color=colour)
+        now = [d for d in data.get("now", ()) if d["dim"] == dim]
+        if now:
+            radius = [d["effective_radius"] for d in now]
+            curvature, jump = [(dim - 1) / r for r in radius], [d["pressure"] for d in now]
+            ring = {"marker": "o", "ms": 8, "mfc": "none", "mec": "black", "mew": 1.0, "ls": "none"}
+            above.plot(curvature, jump, label="Akinci 2013, measured now", **ring)
+            below.plot(radius, [p / c for p, c in zip(jump, curvature)], **ring)
+        steepest = (dim - 1) / least
+        above.axvspan(steepest, 1.0, color="#eeeeee", lw=0)
+        above.plot([0, steepest], [0, steepest], color=GREY, lw=0.8, ls=":")
+        above.set_xlim(0, 1.15 * steepest)
+        above.set_ylim(0, 5.2 * steepest)
+        above.set_title(f"{dim}D: jump against curvature")
+        above.set_xlabel(f"curvature {'2/R' if dim == 3 else '1/R'} [1/d]")
+        above.set_ylabel("pressure jump [nominal sigma/d]")
+        below.axvspan(0, least, color="#eeeeee", lw=0)
+        below.axhline(1, color=GREY, lw=0.8, ls=":")
+        below.set_xlim(4, 26 if dim == 2 else 15)
+        below.set_ylim(0, 8.5)
+        below.set_title(f"{dim}D: the same as a tension")
+        below.set_xlabel("radius R [d]")
+        below.set_ylabel("R jump/(dim - 1) over the nominal tension")
+        for axes in (above, below):
+            axes.grid(True)
+    below_note = "h = 2.6 d, S = 0.01; lines above: fits; grey: R < 3 h, not fitted; dotted: the nominal tension"
+    figure.suptitle(below_note, fontsize=9.5)
     handles: dict[str, Any] = {}
-    for axes in panels:
+    for axes in grid[0]:
         handles |= {label: handle for handle, label in zip(*axes.get_legend_handles_labels())}
     figure.legend(handles.values(), handles.keys(), loc="outside lower center", ncols=4, fontsize=8)
     return figure
