@@ -211,6 +211,33 @@ def test_dong_counts_the_shells_of_the_lattice():
     assert nominal_tension(lambda r: dong_force(r, 1.5, 1.0), 1.0, 1.5, 3) < 0
 
 
+def test_what_a_model_does_to_drops_is_told():
+    """Each note with what it speaks of, and not without."""
+
+    def notes(*effects, viscosity=1.0):
+        fluid = WeaklyCompressible(rest_density=1.0, sound_speed=10.0, dynamic_viscosity=viscosity, kernels="mueller")
+        return make_plan(
+            Scene(spacing=1.0, support_radius=2.6, fluid=(Box(cells=(2, 2, 2)),), effects=(fluid, *effects))
+        )
+
+    turning, akinci = "does not act along the pair", Akinci2013(surface_tension=1.0)
+    for effect, without in (
+        (akinci, Akinci2013(surface_tension=1.0, area_acceleration=0.0)),
+        (Dong2016(surface_tension=1.0), Dong2016(surface_tension=1.0, correction=0.0)),
+        (JiangZhu2023(surface_tension=1.0), JiangZhu2023(surface_tension=1.0, area_term="none")),
+    ):
+        assert len(told(notes(effect, viscosity=0.0), turning)) == 1
+        assert told(notes(effect), turning) == told(notes(without, viscosity=0.0), turning) == []
+    assert told(notes(akinci, ImplicitPressure()), "tremble at rest")
+    assert told(notes(akinci), "tremble") == []
+    for effect, without in (
+        (He2014(kappa=1e-3), He2014(air_pressure=1e-3)),
+        (CsfWang2019(surface_tension=1e-3), CsfWang2019(surface_tension=0.0)),
+    ):
+        assert told(notes(effect), "gather in pairs")
+        assert notes(without).notes == ()
+
+
 @cohesive
 def test_internal_pressure_is_what_a_cut_through_the_lattice_bears(model):
     """Across a plane through the block the pair forces pull with P_int per area: the virial's other definition."""

@@ -1,4 +1,4 @@
-"""Dong, Zhang & Chen 2016: figures 3 to 6 and table 1 (figure 1 is drawn by the models' case).
+"""Dong, Zhang & Chen 2016: figures 3 to 6 (figure 1 is drawn by the models' case, table 1 stands in `dong_table_1`).
 
 The paper's numbers cannot move its cube, and its step is too long for its falling block: both are shown, beside the
 calibrated runs. Release height, the time between frames, sound speed and viscosity are this project's; see `scene.py`.
@@ -20,7 +20,6 @@ TERMS = {"both": (True, True), "cohesion": (True, False), "correction": (False, 
 WORDS = {"both": "both terms", "cohesion": "cohesion alone", "correction": "correction alone", "neither": "no tension"}
 ARMS = {"with": True, "without": False}
 LATE = tuple(sorted({*scenes.LATER, *pictures.MERGING, *range(100, pictures.REST + 1, 20)}))
-CASES = {"droplet": "the cube of 4,913", "oil": "12 drops of 500"}
 
 
 def planned(options: Options) -> list[Run]:
@@ -39,10 +38,6 @@ def planned(options: Options) -> list[Run]:
         made.append(Run(f"{key}_{arm}", runs.fall, parameters, estimate))
     for key, pair in runs.sweep_pairs().items():
         made.append(Run(key, runs.sweep, {**pair, **backend}, 3.0, reason))
-    for case in CASES:
-        for model in scenes.MODELS:
-            parameters = {"model": model, "case": case, **backend}
-            made.append(Run(f"speed_{case}_{model}", runs.seconds_per_frame, parameters, 8.0, reason))
     return made
 
 
@@ -95,31 +90,12 @@ def judge(results: Results) -> list[Measurement]:
             made.append(bounds.judge("layers_without", at["without"][pictures.REST]["layers"]))
             made.append(bounds.judge("parts_at_rest", at["with"][pictures.REST]["parts"]))
             made.append(bounds.judge("largest_at_rest", at["with"][pictures.REST]["largest"]))
-    for case in CASES:
-        if {f"speed_{case}_{model}" for model in scenes.MODELS} <= set(results):
-            frame = {model: runs.per_frame(results[f"speed_{case}_{model}"].values) for model in scenes.MODELS}
-            for rival in ("iif", "csf"):
-                made.append(bounds.judge(f"frame_over_{rival}", frame["dong"] / frame[rival], case, CASES[case]))
     return made
 
 
 def tables(results: Results) -> list[Table]:
-    """Dong's table 1, what lies on the floor, and what the printed numbers do."""
+    """What lies on the floor, and what the printed numbers do."""
     made = []
-    rows = []
-    for model, words in scenes.MODELS.items():
-        found = [results[f"speed_{case}_{model}"].values for case in CASES if f"speed_{case}_{model}" in results]
-        if len(found) == len(CASES):
-            cells = [f"{1e3 * runs.per_frame(v):.1f}" for v in found] + [f"{1e3 * real(v['step']):.2f}" for v in found]
-            rows.append([words, *cells, "; ".join(v["stopped"] for v in found if v["stopped"]) or "to the end"])
-    if rows:
-        words = [*(f"{w}, ms/frame" for w in CASES.values()), *(f"{w}, ms/step" for w in CASES.values())]
-        note = (
-            "A frame is 0.005 s; median step of frames 21 to 40. Support, viscosity, nominal tension: one for all."
-            " The paper's second scene is 'oil drops mixing': that it holds a second liquid is an assumption, and"
-            " refsim has one liquid per scene. Here twelve drops of oil (900 kg/m^3) run into each other."
-        )
-        made.append(Table("Dong, table 1: time per frame", ["model", *words, "ran"], rows, note))
     landed = blocks(results)
     if landed:
         rows = []
@@ -163,7 +139,7 @@ def tables(results: Results) -> list[Table]:
 
 CASE = Case(
     name="dong",
-    title="Dong 2016: cube through octahedron to ball, a block that falls with and without tension, seconds a frame",
+    title="Dong 2016: cube through octahedron to ball, a block that falls with and without tension",
     runs=planned,
     judge=judge,
     pictures=(

@@ -245,6 +245,9 @@ def merging_picture(data: Mapping[str, Any]) -> Any:
     return figure
 
 
+DARK = 8e-4  # excess of area from which on the map's colours ask for white letters
+
+
 def sweep_data(results: Results) -> dict[str, Any]:
     """Area of small drops over k and lambda, and which of them are at rest."""
     from validation.cases.dong import runs
@@ -281,7 +284,8 @@ def sweep_picture(data: Mapping[str, Any]) -> Any:
             excess[at] = row["area"] - 1 if whole else np.nan
             calm = whole and row["kinetic_share"] < data["calm"]
             words = "torn" if not whole else f"{1e3 * excess[at]:.2f}" + ("" if calm else "\nnot at rest")
-            place.text(at[1], at[0], words, ha="center", va="center", fontsize=6.5)
+            ink = "white" if whole and excess[at] > DARK else "black"
+            place.text(at[1], at[0], words, ha="center", va="center", fontsize=6.5, color=ink)
             if calm and row["correction"] and (best is None or excess[at] < excess[best]):
                 best = at
         image = place.imshow(excess, origin="lower", aspect="auto", cmap="YlGnBu", norm=LogNorm(3e-4, 2e-3))

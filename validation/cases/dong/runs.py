@@ -283,7 +283,8 @@ def seconds_per_frame(
     each = [s / max(1, n) for s, n in zip(late, steps[-timed:])]
     return Result(
         {
-            "particles": simulation.count, "frames": len(spent), "steps": sum(steps), "stopped": stopped,
+            "model": model, "case": case, "particles": simulation.count, "frames": len(spent), "steps": sum(steps),
+            "stopped": stopped,
             "step": statistics.median(each) if each else math.nan,
             "spread": [min(late), max(late)] if late else [], "threads": context.threads, "turn": turn,
         }

@@ -51,6 +51,7 @@ def tables(results: Results) -> list[Table]:
             cells += (
                 ["never", "-", "-"] if rest is None else [f"{rest['wall']:.1f}", rest["steps"], f"{rest['time']:.2f}"]
             )
+            cells.append(f"{1e3 * real(values['series']['wall'][-1]) / max(1, values['series']['steps'][-1]):.2f}")
             cells += [None if end[column] is None else form.format(end[column]) for column, form in ENDS]
             rows.append([*cells, values["stopped"]])
         if rows:
@@ -60,6 +61,7 @@ def tables(results: Results) -> list[Table]:
                 "at rest after, s",
                 "steps",
                 "time",
+                "ms a step",
                 *(COLUMNS[c] for c, _ in ENDS),
                 "stopped",
             ]

@@ -193,6 +193,7 @@ def rest_data(results: Results) -> dict[str, Any]:
                 "particles": values["particles"], "seconds": None if rest is None else rest["wall"],
                 "steps": None if rest is None else rest["steps"], "time_s": None if rest is None else rest["time"],
                 "radius_variation": end["radius_variation"], "nn_5_spacings": end["nn_5"],
+                "seconds_per_step": real(values["series"]["wall"][-1]) / max(1, values["series"]["steps"][-1]),
                 "area_over_ball": values["surface"]["end"]["area"], "kinetic_share": end["kinetic_share"],
                 "stopped": values["stopped"],
             }  # fmt: skip
@@ -213,7 +214,7 @@ def rest_picture(data: Mapping[str, Any]) -> Any:
     import matplotlib.pyplot as plt
 
     rows = data["rows"]
-    figure, axes = plt.subplots(1, 3, figsize=(11.5, 4.6), sharey=True, width_ratios=(2.2, 1, 1))
+    figure, axes = plt.subplots(1, 4, figsize=(13.5, 4.6), sharey=True, width_ratios=(2.2, 1, 1, 1))
     at = np.arange(len(rows))[::-1]
     longest = max([row[s]["seconds"] or 0 for row in rows for s in SHAPES] + [row["paper_s"] or 0 for row in rows])
     bars = [("paper", 0.27, GREY), *zip(SHAPES, (0.0, -0.27), (BLUE, GREEN))]
@@ -230,13 +231,18 @@ def rest_picture(data: Mapping[str, Any]) -> Any:
     axes[0].set(xlabel="seconds until at rest", xlim=(0, 1.14 * longest))
     axes[0].set_title(data["title"])
     axes[0].legend(loc="lower right")
-    for place, key, words in zip(
-        axes[1:], ("radius_variation", "nn_5_spacings"), ("radius variation", "nearest neighbour, 5 % [d]")
+    for place, (key, title, words, unit) in zip(
+        axes[1:],
+        (
+            ("seconds_per_step", "cost", "milliseconds a step", 1e3),
+            ("radius_variation", "roughness", "radius variation", 1.0),
+            ("nn_5_spacings", "clustering", "nearest neighbour, 5 % [d]", 1.0),
+        ),
     ):
         for shape, shift, colour in bars[1:]:  # type: ignore[misc]
-            place.barh(at + shift, [real(row[shape][key]) for row in rows], 0.25, color=colour)
+            place.barh(at + shift, [unit * real(row[shape].get(key)) for row in rows], 0.25, color=colour)
         place.set(xlabel=words)
-        place.set_title("roughness" if key == "radius_variation" else "clustering")
+        place.set_title(title)
         if key == "radius_variation":
             place.set(xscale="log", xlim=(1e-3, 1.0))
     for place in axes:
