@@ -214,11 +214,9 @@ def test_dong_counts_the_shells_of_the_lattice():
 def test_what_a_model_does_to_drops_is_told():
     """Each note with what it speaks of, and not without."""
 
-    def notes(*effects, viscosity=1.0):
+    def notes(*effects, viscosity=1.0, h=2.6):
         fluid = WeaklyCompressible(rest_density=1.0, sound_speed=10.0, dynamic_viscosity=viscosity, kernels="mueller")
-        return make_plan(
-            Scene(spacing=1.0, support_radius=2.6, fluid=(Box(cells=(2, 2, 2)),), effects=(fluid, *effects))
-        )
+        return make_plan(Scene(spacing=1.0, support_radius=h, fluid=(Box(cells=(2, 2, 2)),), effects=(fluid, *effects)))
 
     turning, akinci = "does not act along the pair", Akinci2013(surface_tension=1.0)
     for effect, without in (
@@ -230,6 +228,9 @@ def test_what_a_model_does_to_drops_is_told():
         assert told(notes(effect), turning) == told(notes(without, viscosity=0.0), turning) == []
     assert told(notes(akinci, ImplicitPressure()), "tremble at rest")
     assert told(notes(akinci), "tremble") == []
+    dong = Dong2016(surface_tension=1.0)
+    assert told(notes(dong, h=1.7), "freeze in the shape")
+    assert told(notes(dong, h=1.8), "freeze in the shape") == []
     for effect, without in (
         (He2014(kappa=1e-3), He2014(air_pressure=1e-3)),
         (CsfWang2019(surface_tension=1e-3), CsfWang2019(surface_tension=0.0)),

@@ -200,6 +200,8 @@ def test_processes_store_what_they_compute(tmp_path, capsys):
         ("fails: a", "pass", False),
         ("pass", "fails: a", False),
         ("warned: a", "fails: a", False),
+        ("pass", "warned: a", True),
+        ("fails: a", "warned: a", False),
         ("stopped: diverged", "stopped: collapsed", False),
     ],
 )

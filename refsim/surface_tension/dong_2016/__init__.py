@@ -8,6 +8,7 @@ Adams 2006, as the paper has them, can stand in place of the shared liquid's.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from typing import Any, ClassVar, Literal, NamedTuple
 
@@ -185,7 +186,14 @@ class Dong2016(PairCohesion, frozen=True, kw_only=True):
         return (*super().notes(grid, others), *self._unstable(grid, others))
 
     def _unstable(self, grid: Discretisation, others: Mapping[str, Effect]) -> Iterator[str]:
-        """What the correction does to angular momentum, and with which drops were found to swell or to fly apart."""
+        """What a short support and the correction do, and with which corrections drops swell or fly apart."""
+        share = grid.support_radius / grid.spacing
+        if self._coheres() and share <= math.sqrt(3):
+            yield (
+                f"{self.name}: with a support radius of {share:.3g} spacings only the neighbours across the lattice's"
+                " diagonals attract: drops were found to freeze in the shape they have and to tremble, with up to 14 %"
+                " of the kinetic energy of their start"
+            )
         if self._corrects() and (said := turns(self.name, "correction", others)):
             yield said
         sigma = self.nominal_tension(grid, others) if self._corrects() and self._coheres() else 0.0

@@ -33,8 +33,13 @@ COHESIVE = ("jiang_zhu", "akinci", "dong", "becker_teschner", "tartakovsky_meaki
 STIFFNESS = 0.01
 CALM = 0.3  # Ohnesorge number
 TOGETHER = "the drop stays together"
-# What the models' own notes say of them, whatever their settings.
-FORESEEN = {"he": "gather in pairs", "csf": "gather in pairs", "akinci_iisph": "tremble at rest"}
+# What the models' own notes say of drops, at some settings or at all.
+FORESEEN = {
+    "he": "gather in pairs",
+    "csf": "gather in pairs",
+    "akinci_iisph": "tremble at rest",
+    "dong": "freeze in the shape they have",
+}
 KEPT = "momentum gained over the largest sum of m |v|"  # rounding of float32 over some hundred steps leaves 1e-5
 
 
