@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from refsim.backend import unavailable
-from validation.cases.melting import device, pictures, runs
+from validation.cases.melting import claims, device, pictures, runs
 from validation.harness import Case, Options, Picture, Results, Run
 from validation.results import real
 from validation.tables import Table
@@ -48,6 +48,7 @@ def planned(options: Options) -> list[Run]:
                 "rounds": 5, "steps": 4, "rival": kind == "rival",
             }  # fmt: skip
             made.append(Run(f"{kind}_{figure}", runs.step_cost, parameters, estimate=1.0 if quick else 12.0))
+    made += claims.shares(options)
     for figure in ON_GPU:
         made.append(
             Run(f"gpu_{figure}", device.on_gpu, {"figure": figure, "size": size}, 10.0, unavailable("cuda") or "")
@@ -153,6 +154,16 @@ def tables(results: Results) -> list[Table]:
     if rows:
         heading = ["w", "sums", "dtype", "stiffness [1/s]", "bend [d]", "from float64 gather [d]", "ns a node"]
         made.append(Table("Half-width and ways of summing: a bar of 20 x 8 x 8 nodes", heading, rows))
+    rows = []
+    for share in claims.SHARES:
+        key = f"share_{round(100 * share)}"
+        if key in results:
+            v = results[key].values
+            rows.append([v["liquid"], v["solid"], v["solid"] / (v["liquid"] + v["solid"]),
+                         *(1e3 * t for t in runs.grouped(v["stages"]).values()), 1e3 * v["seconds"]])  # fmt: skip
+    if rows:
+        heading = ["liquid", "solid", "share", *runs.GROUPS, "step"]
+        made.append(Table("Milliseconds a step by the share of solid, one tank", heading, rows))
     if "savings" in results:
         rows, found = [], results["savings"].values["rows"]
         for row in found:
@@ -191,6 +202,10 @@ CASE = Case(
         Picture(
             "melting_figure_7", pictures.time_data, pictures.time_picture,
             tuple(f"{kind}_{figure}" for figure in PAPER for kind in ("cost", "rival")),
+        ),
+        Picture(
+            "melting_share", pictures.share_data, pictures.share_picture,
+            tuple(f"share_{round(100 * share)}" for share in claims.SHARES),
         ),
         Picture("melting_savings", pictures.savings_data, pictures.savings_picture, ("savings",)),
         Picture(

@@ -338,6 +338,47 @@ def gpu_picture(data: Mapping[str, Any]) -> Any:
     return figure
 
 
+def share_data(results: Results) -> dict[str, Any]:
+    """Milliseconds of each stage of a step in one tank of which more and more is solid."""
+    from validation.cases.melting import claims, runs
+
+    rows = []
+    for share in claims.SHARES:
+        values = results[f"share_{round(100 * share)}"].values
+        rows.append(
+            {
+                "liquid": values["liquid"], "solid": values["solid"], "milliseconds": 1e3 * values["seconds"],
+                "threads": values["threads"],
+                "stages": {name: 1e3 * s for name, s in runs.grouped(values["stages"]).items()},
+            }
+        )  # fmt: skip
+    count = rows[0]["liquid"] + rows[0]["solid"]
+    return {"title": f"A step by the share of solid: {count:,} particles in one tank", "rows": rows}
+
+
+def share_picture(data: Mapping[str, Any]) -> Any:
+    """A bar for each share, cut into stages."""
+    import matplotlib.pyplot as plt
+
+    rows = data["rows"]
+    figure, axes = plt.subplots(figsize=(9.6, 3.0))
+    for k, row in enumerate(rows):
+        left = 0.0
+        for name, colour in COLOURS.items():
+            width = row["stages"].get(name, 0.0)
+            axes.barh(k, width, left=left, color=colour, label=name if k == 0 else None, height=0.7)
+            left += width
+        axes.text(left, k, f"  {row['milliseconds']:.0f} ms", va="center", fontsize=8.5)
+    shares = [row["solid"] / (row["liquid"] + row["solid"]) for row in rows]
+    axes.set_yticks(range(len(rows)), [f"{100 * share:.0f} % solid" for share in shares], fontsize=8)
+    axes.invert_yaxis()
+    axes.grid(axis="x")
+    axes.set_xlabel(f"milliseconds a step, CPU, {rows[0]['threads']} threads")
+    axes.legend(loc="upper center", bbox_to_anchor=(0.45, -0.22), ncols=5)
+    axes.set_title(data["title"])
+    return figure
+
+
 def savings_data(results: Results) -> dict[str, Any]:
     """What a step of figure 4's scene takes with one effect after the other left out."""
     rows = [
