@@ -37,6 +37,7 @@ class Coupling(NamedTuple):
     printed_volume: int  # V_k from the particles at surfaces alone (M4)
     printed_pressure: int  # (2) without one m_i (M2)
     printed_viscosity: int  # (3) without one V_i (M3)
+    density_weighted: int  # pairs of liquid push by one pressure, weighted by densities
 
 
 class TwoWayCoupling(Effect, frozen=True, kw_only=True):
@@ -46,12 +47,15 @@ class TwoWayCoupling(Effect, frozen=True, kw_only=True):
     of the solid that it has melted from. Kernels, sound speed, equation of state and viscosity are those of
     `weakly_compressible`, whose negative pressures must be clamped.
 
-    literal  printed readings to use: "M2" ((2) without one m_i), "M3" ((3) without one V_i), "M4" (V_k from the
-             particles at surfaces alone); or "all"
+    density_weighted  a pair of liquid pushes by one pressure, (rho_j p_i + rho_i p_j)/(rho_i + rho_j) (Hu & Adams 2007),
+                      and not each by its own: for substances of very different density
+    literal           printed readings to use: "M2" ((2) without one m_i), "M3" ((3) without one V_i), "M4" (V_k from the
+                      particles at surfaces alone); or "all"
     """
 
     name: ClassVar[str] = "two_way_coupling"
 
+    density_weighted: bool = False
     literal: tuple[str, ...] = ()
 
     def needs(self) -> tuple[str, ...]:
@@ -115,6 +119,7 @@ class TwoWayCoupling(Effect, frozen=True, kw_only=True):
                 np.int32("M4" in printed),
                 np.int32("M2" in printed),
                 np.int32("M3" in printed),
+                np.int32(self.density_weighted),
             ),
             "viscosity": ViscosityTerm(grid.real(liquid.dynamic_viscosity)) if viscous else None,
         }

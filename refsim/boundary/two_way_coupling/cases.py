@@ -35,7 +35,8 @@ def _contribution(case, random):
 def _coupling(case, grid):
     printed = np.int32(case.literal)
     least, stiffness = grid.real(grid.spacing**grid.dim), grid.real(20.0**2 / 7)
-    return {"coupling": Coupling(least, stiffness, np.int32(7), printed, printed, printed)}
+    weighted = np.int32(case.dim == 2)
+    return {"coupling": Coupling(least, stiffness, np.int32(7), printed, printed, printed, weighted)}
 
 
 # Closed forms: h = 2 m, cubic spline out of the way: Wendland's W(0) = 21/(16 pi), W(h/2) = 3/16 W(0), W'(h/2) =
@@ -48,7 +49,7 @@ WATER_AND_ICE = np.array([FLUID, SURFACE], np.int32)
 
 
 def _coupled(**changes):
-    return Coupling(0.5, 100.0, np.int32(7), np.int32(0), np.int32(0), np.int32(0))._replace(**changes)
+    return Coupling(0.5, 100.0, np.int32(7), *np.zeros(4, np.int32))._replace(**changes)
 
 
 @closed_form("two_way_coupling.contribution")
@@ -119,6 +120,18 @@ def solid_pushes_liquid():
 def printed_push():
     """(2) as printed lacks one m_i = 2 kg."""
     return _pushed(_coupled(printed_pressure=np.int32(1)), None, [0.0, -1.25 * SLOPE, 0.0])
+
+
+@closed_form("two_way_coupling.pressure")
+def two_liquids_by_one_pressure():
+    """rho = 4 and 12 kg/m^3, p = 40 and 8 Pa: (12 * 40 + 4 * 8)/16 = 32 Pa; F = -(0.25 + 1) m^6 * 32 Pa |W'|."""
+    given = {
+        "mass": np.array([2.0, 12.0]), "phase": np.array([FLUID, FLUID], np.int32), "pressure": np.array([40.0, 8.0]),
+        "volume": np.array([0.5, 1.0]), "relative_contribution": np.ones(2), "velocity": np.zeros((2, 3)),
+        "coupling": _coupled(density_weighted=np.int32(1)), "viscosity": None, "walls": None,
+    }  # fmt: skip
+    force = np.array([0.0, -40.0 * SLOPE, 0.0])
+    return Exact(PAIR, given, {"acceleration": np.array([force / 2, -force / 12])})
 
 
 @closed_form("two_way_coupling.forces")

@@ -34,6 +34,12 @@ def pressure_pair(push_i, push_j, weight_i, weight_j, slope):
 
 
 @formula
+def weighted_pressure(pressure_i, pressure_j, density_i, density_j):
+    """Hu & Adams 2007: one pressure of a pair [Pa], p_ij = (rho_j p_i + rho_i p_j)/(rho_i + rho_j)."""
+    return (density_j * pressure_i + density_i * pressure_j) / (density_i + density_j)
+
+
+@formula
 def viscosity_pair(both, viscosity, laplacian):
     """(3): factor of v_j - v_i in F_ij = mu V V phi lap W [N s/m], `both` = V V phi in [m^(2 dim)] (M3)."""
     return viscosity.coefficient * both * laplacian

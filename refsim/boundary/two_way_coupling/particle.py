@@ -10,6 +10,7 @@ from refsim.boundary.two_way_coupling.formulas import (
     relative_contribution,
     viscosity_pair,
     wall_pressure_pair,
+    weighted_pressure,
 )
 from refsim.compile import formula
 from refsim.shape_matching.phases import FLUID, SURFACE
@@ -91,6 +92,9 @@ def force(
                 mine, weight_i = real(0), own_weight
                 push = push / mass[j] if coupling.printed_pressure else push
                 both = size * weight_i
+            elif coupling.density_weighted:
+                p = weighted_pressure(pressure[i], pressure[j], mass[i] / own_volume, mass[j] / size)
+                mine, push = own_volume * own_volume * p, size * size * p
             f = pressure_pair(mine, push, weight_i, weight_j, kernel_slope(r, smoothing)) / (r + tiny)
             fx += f * dx
             fy += f * dy

@@ -69,7 +69,8 @@ def forces(
 
     Liquid i, liquid j: F_ij = -(V_i^2 p_i + V_j^2 p_j) grad W + mu V_i V_j (v_j - v_i) lap W.
     Liquid i, solid k: (2) F_ik = -V_i^2 p_i phi_k grad W (M1, M2), (3) F_ik += mu V_i^2 phi_k (v_k - v_i) lap W (M3);
-    as printed without one m_i, and without one V_i. F_ki = -F_ik. Walls: a_i -= rho0_i V_b p_i/rho_i^2 grad W.
+    as printed without one m_i, and without one V_i. F_ki = -F_ik. With density_weighted p_i and p_j of two liquids are
+    both (rho_j p_i + rho_i p_j)/(rho_i + rho_j), rho = m/V. Walls: a_i -= rho0_i V_b p_i/rho_i^2 grad W.
     """
     phase = np.asarray(phase)
     m, p, size, phi = (np.asarray(a, dtype=float) for a in (mass, pressure, volume, relative_contribution))
@@ -77,7 +78,7 @@ def forces(
     liquid = phase == FLUID
     pick = slice(None) if rows is None else np.asarray(rows)
     own_liquid, own_v = liquid[pick], v[pick]
-    push = size**2 * p
+    push, rho_of = size**2 * p, m / size
     across = push / m if coupling.printed_pressure else push
     value, scale = np.zeros((len(own_liquid), 3)), np.zeros((len(own_liquid), 3))
 
@@ -90,6 +91,10 @@ def forces(
         apart = distance + 1e-9 * float(smoothing.support_radius)
         gradient = (kernel_slope(distance, smoothing) / apart)[..., None] * separation
         together = push[pick][place, None] + push[None, :]
+        if coupling.density_weighted:
+            share = rho_of[None, :] / (rho_of[pick][place, None] + rho_of[None, :])
+            between = share * p[pick][place, None] + (1 - share) * p[None, :]
+            together = (size[pick][place, None] ** 2 + size[None, :] ** 2) * between
         liquid_first = across[pick][place, None] * phi[None, :]
         solid_first = across[None, :] * phi[pick][place, None]
         strength = np.where(a & b, together, np.where(a & ~b, liquid_first, np.where(~a & b, solid_first, 0.0)))

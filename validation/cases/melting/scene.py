@@ -189,9 +189,10 @@ def made(
     melting: bool = True,
     largest_number: float = 0.2,  # reached: 0.0875; a GPU keeps room for the passes that it takes
     skin: float | None = None,
+    weighted: bool = True,
     **more: Any,
 ) -> Scene:
-    """The scene of a setting."""
+    """The scene of a setting; `weighted`: substances that stay apart push each other by one pressure a pair."""
     solid = tuple(msgspec.structs.replace(body, density=density) for _, density, _, body in setting.bodies)
     fluid = tuple(Box(lower=metres(*low), cells=cells, velocity=v) for low, cells, v in setting.waters)
     parts = len(solid), len(fluid)
@@ -212,7 +213,7 @@ def made(
         Gravity(),
         BoxWalls(lower=(0.0, 0.0, 0.0), upper=metres(*setting.tank)),
         ShapeMatching(half_width=half_width, summation=summation),
-        TwoWayCoupling(),
+        TwoWayCoupling(density_weighted=setting.bookkeeping == "immiscible" and weighted),
         heat,
         *((Melting(bookkeeping=setting.bookkeeping),) if melting else ()),
     ]  # fmt: skip
