@@ -1,5 +1,6 @@
 """Lattice shape matching: rotations in every degenerate case, regions, conservation, stability, bad input."""
 
+import msgspec
 import numpy as np
 import pytest
 
@@ -313,6 +314,36 @@ def test_liquid_and_solid_conserve_momentum_together():
     p1, _ = momenta(simulation)
     assert np.abs(p1 - p0).max() < 1e-12 * np.abs(p0).max()
     assert own[-1] > 0.5 * own[0], "momentum along -z has gone over"
+
+
+def test_one_pressure_a_pair_spares_light_liquid_among_heavy():
+    """Water between particles of ten times its density, disordered and compressed: the scene's switch divides its
+    acceleration by more than two, and momentum stays."""
+    from refsim.boundary.two_way_coupling import reference as coupling
+
+    random = np.random.default_rng(3)
+    x = 0.19 * (np.stack(np.meshgrid(*[np.arange(6)] * 3, indexing="ij"), -1).reshape(-1, 3)
+                + random.uniform(-0.15, 0.15, (216, 3)))  # fmt: skip
+    inner = np.flatnonzero((np.abs(x - x.mean(0)) < 0.35).all(1))
+    light = random.choice(inner, 6, replace=False)
+    rho0 = np.full(216, 10000.0)
+    rho0[light] = 1000.0
+    mass, phase, one = rho0 * 0.2**3, np.zeros(216, np.int32), np.ones(216)
+    speed = {}
+    for weighted in (False, True):
+        scene = coupled(gravity=False, walls=False)
+        effects = [*scene.effects[:2], TwoWayCoupling(density_weighted=weighted)]
+        plan = make_plan(msgspec.structs.replace(scene, effects=tuple(effects)))
+        group = plan.shared | plan.parameters["two_way_coupling"]
+        state = coupling.density(x, mass, rho0, phase, one, None, group["smoothing"], group["coupling"])
+        rho, p, volume = (state[name][0] for name in ("density", "pressure", "volume"))
+        a = coupling.forces(
+            x, np.zeros_like(x), mass, rho, rho0, phase, p, volume, one, None, group["gradient_smoothing"],
+            group["coupling"], None,
+        )["acceleration"][0]  # fmt: skip
+        assert np.abs((mass[:, None] * a).sum(0)).max() < 1e-12 * np.abs(mass[:, None] * a).sum()
+        speed[weighted] = np.linalg.norm(a[light], axis=1).mean()
+    assert speed[True] < 0.5 * speed[False]
 
 
 def test_a_light_body_floats_at_rest():
