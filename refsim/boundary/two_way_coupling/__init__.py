@@ -47,10 +47,10 @@ class TwoWayCoupling(Effect, frozen=True, kw_only=True):
     of the solid that it has melted from. Kernels, sound speed, equation of state and viscosity are those of
     `weakly_compressible`, whose negative pressures must be clamped.
 
-    density_weighted  a pair of liquid pushes by one pressure, (rho_j p_i + rho_i p_j)/(rho_i + rho_j) (Hu & Adams 2007),
-                      and not each by its own: for substances of very different density
-    literal           printed readings to use: "M2" ((2) without one m_i), "M3" ((3) without one V_i), "M4" (V_k from the
-                      particles at surfaces alone); or "all"
+    density_weighted  a pair of liquid pushes by one pressure, (rho_j p_i + rho_i p_j)/(rho_i + rho_j), and not each by
+                      its own (Hu & Adams 2007): for substances of very different density
+    literal           printed readings to use: "M2" ((2) without one m_i), "M3" ((3) without one V_i), "M4" (V_k from
+                      the particles at surfaces alone); or "all"
     """
 
     name: ClassVar[str] = "two_way_coupling"
