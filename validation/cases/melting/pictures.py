@@ -338,6 +338,38 @@ def gpu_picture(data: Mapping[str, Any]) -> Any:
     return figure
 
 
+def speed_data(results: Results) -> dict[str, Any]:
+    """The fastest particle of figure 5 over time, by how pairs of liquid push each other."""
+    from validation.verdicts import Bounds
+
+    rows = [
+        {
+            "words": words, "step": results[key].values["options"].get("step"),
+            **{name: results[key].values["series"][name] for name in ("time", "fastest", "solid")},
+        }
+        for key, words in (("figure_5", "one pressure a pair"), ("own_pressure", "each by its own pressure"))
+    ]  # fmt: skip
+    bar = Bounds("melting").entries["fastest"]["at_most"]
+    return {"title": "Figure 5: the fastest particle, every tenth step", "bar": bar, "rows": rows}
+
+
+def speed_picture(data: Mapping[str, Any]) -> Any:
+    """Greatest speed over time, and the bar."""
+    import matplotlib.pyplot as plt
+
+    figure, axes = plt.subplots(figsize=(7.2, 3.4))
+    for row, colour in zip(data["rows"], ("#4A90C2", "#D9653B")):
+        axes.plot(row["time"], row["fastest"], color=colour, label=row["words"], linewidth=1.2)
+    axes.axhline(data["bar"], color="black", linestyle="--", linewidth=1, label="bar")
+    axes.set_xlabel("time [s]")
+    axes.set_ylabel("greatest speed [m/s]")
+    axes.set_ylim(bottom=0)
+    axes.grid(True)
+    axes.legend(loc="upper left")
+    axes.set_title(data["title"])
+    return figure
+
+
 def share_data(results: Results) -> dict[str, Any]:
     """Milliseconds of each stage of a step in one tank of which more and more is solid."""
     from validation.cases.melting import claims, runs
