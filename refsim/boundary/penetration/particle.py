@@ -13,6 +13,8 @@ from refsim.sparse_grid.formulas import cell_coordinate, find_node
 
 LONGEST = 4096  # looks along one way
 CLEARANCE = 4  # in the band's spacing over it: error allowed to interpolated distances, and the shortest look
+PUSHES = 16  # out of the solid in one step, at most; each is two depths long at most, and halves it on rounded edges
+LEFT = 128  # in the band's spacing over it: depth that one push may leave, which asks for no other
 
 
 @formula
@@ -111,15 +113,21 @@ def kick_drift(
             if t < real(1):
                 x, y, z = x0 + t * (x - x0), y0 + t * (y - y0), z0 + t * (z - z0)
     if penetration.everywhere or not outside_box(x, y, z, penetration):
-        depth, nx, ny, nz = looked_up(x, y, z, solid_field, penetration)
-        steep = math.sqrt(nx * nx + ny * ny + nz * nz)
-        if depth < real(0) and steep > real(0):
+        share = rebound(identity[i], corrections[i], penetration)
+        allowed = real(0)
+        for push in range(PUSHES if penetration.swept else 1):
+            depth, nx, ny, nz = looked_up(x, y, z, solid_field, penetration)
+            steep = math.sqrt(nx * nx + ny * ny + nz * nz)
+            if not (depth < allowed and steep > real(0)):
+                break
             nx, ny, nz = nx / steep, ny / steep, nz / steep
             jump = reflected(u * nx + v * ny + w * nz, penetration)
             u, v, w = u + jump * nx, v + jump * ny, w + jump * nz
-            way = pushed(depth, steep, rebound(identity[i], corrections[i], penetration))
+            way = pushed(depth, steep, share)
             x, y, z = x + way * nx, y + way * ny, z + way * nz
-            corrections[i] += 1
+            if push == 0:
+                corrections[i] += 1
+                allowed = -solid_field.spacing / real(LEFT)
     stopped = False
     squared = real(0)
     for c in range(3):

@@ -6,6 +6,7 @@ from refsim.sparse_grid.reference import Lookup
 
 CLEARANCE = 4
 LONGEST = 4096
+PUSHES, LEFT = 16, 128
 ROUNDING = 4e-7  # of a place, relative, in float32
 
 
@@ -110,7 +111,8 @@ def kick_drift(
 
     Swept: x becomes the first place on its way with phi < 0. P8 where phi < 0, n = grad phi/|grad phi|:
     v -= (1 + c_r)(v.n) n, unless v.n >= 0 (E27), x += (1 + D_r) |phi|/min(|grad phi|, 1) n (E28), at most
-    twice |phi|. displacement: as `sph.kick_drift`.
+    twice |phi|; swept: again, up to 16 times in all, where that leaves it inside by more than h/128.
+    displacement: as `sph.kick_drift`.
     The scale is infinite where a distance on the way is too near to zero for its sign to be certain.
     """
     kick, drift = (float(t) for t in timestep)
@@ -132,31 +134,32 @@ def kick_drift(
         exact = np.abs(begun) / sampled.band
         hit = outside & (share < 1)
         x = np.where(hit[:, None], old_x + np.where(hit, share, 0.0)[:, None] * (x - old_x), x)
-    jumped, grazing = np.zeros(len(x), dtype=bool), np.zeros(len(x), dtype=bool)
-    bent = np.zeros(len(x))
-    if len(x):
-        phi, slope = sampled(x, penetration.everywhere)
-        looked = in_box(x, penetration) | bool(penetration.everywhere)
-        steep = np.sqrt((slope**2).sum(1))
-        margin = np.minimum(margin, np.where(looked, np.abs(phi), np.inf))
-        jumped = looked & (phi < 0) & (steep > 0)
-        with np.errstate(all="ignore"):
-            normal = np.where(jumped[:, None], slope / steep[:, None], 0.0)
-            bent = np.where(jumped, 1 / steep, 0.0)
-        along = (v * normal).sum(1)
-        turned = jumped & ((along < 0) | bool(penetration.printed))
-        v = v - np.where(turned, (1 + float(penetration.restitution)) * along, 0.0)[:, None] * normal
-        far = np.abs(phi) / np.clip(steep, 0.5, 1.0)
-        way = np.where(jumped, (1 + rebound(identity, count, penetration)) * far, 0.0)
-        x = x + way[:, None] * normal
-        tilt = 1e-3 + 2 * ROUNDING * np.abs(old_x).max(1, initial=0.0) / sampled.h  # of a normal, by rounding
-        grazing = jumped & (not penetration.printed) & (np.abs(along) < tilt * np.sqrt((v_scale**2).sum(1)))
     # A normal is a difference of distances over a spacing: what rounding of the place does to it, in units of 1/eps.
     size = np.abs(old_x).max(1, initial=0.0) + np.abs(np.asarray(penetration.upper)).max() + sampled.band
-    doubt = np.where(jumped, size / sampled.h * (1 + bent), 0.0)[:, None]
-    total = np.sqrt((v_scale**2).sum(1))[:, None]
-    v_scale = v_scale + 4 * doubt * total
-    x_scale = x_scale + np.where(jumped, size, 0.0)[:, None] * 8 * (1 + bent[:, None])
+    tilt = 1e-3 + 2 * ROUNDING * np.abs(old_x).max(1, initial=0.0) / sampled.h  # of a normal, by rounding
+    total = np.sqrt((v_scale**2).sum(1))
+    share, doubt = 1 + rebound(identity, count, penetration), size / sampled.h
+    jumped, grazing = np.zeros(len(x), dtype=bool), np.zeros(len(x), dtype=bool)
+    looked = np.flatnonzero(in_box(x, penetration) | bool(penetration.everywhere))
+    for push in range(PUSHES if penetration.swept else 1):
+        if not len(looked):
+            break
+        phi, slope = sampled(x[looked], penetration.everywhere)
+        short = phi + (sampled.h / LEFT if push else 0.0)  # a push may leave a little
+        margin[looked] = np.minimum(margin[looked], np.abs(short))
+        steep = np.sqrt((slope**2).sum(1))
+        inside = (short < 0) & (steep > 0)
+        looked, phi, steep = looked[inside], phi[inside], steep[inside]
+        normal = slope[inside] / steep[:, None]
+        along = (v[looked] * normal).sum(1)
+        turned = (along < 0) | bool(penetration.printed)
+        grazing[looked] |= (not penetration.printed) & (np.abs(along) < tilt[looked] * total[looked])
+        v[looked] -= np.where(turned, (1 + float(penetration.restitution)) * along, 0.0)[:, None] * normal
+        x[looked] += (share[looked] * np.abs(phi) / np.clip(steep, 0.5, 1.0))[:, None] * normal
+        v_scale[looked] += (4 * doubt[looked] * (1 + 1 / steep) * total[looked])[:, None]
+        x_scale[looked] += (8 * size[looked] * (1 + 1 / steep))[:, None]
+        doubt[looked] *= 8 * (1 + 1 / steep)  # what is asked next is where this push went
+        jumped[looked] = True
     margin = np.minimum(4 * margin / size, exact)  # a place is rounded by eps/2 in each coordinate
     certain = margin > 4 * ROUNDING
     v_scale = np.where((certain & ~grazing)[:, None] | np.isnan(v_scale), v_scale, np.inf)
