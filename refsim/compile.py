@@ -35,9 +35,15 @@ _CACHES_KEPT = 200
 ANY_ORDER = {"reassoc", "contract", "arcp", "nsz"}
 
 
-def formula(function: Callable) -> Callable:
-    """Mark a scalar formula: plain Python when called from Python, compiled where a kernel calls it."""
-    return register_jitable(error_model="numpy")(function)
+def formula(function: Callable | None = None, *, inlined: bool = False) -> Any:
+    """Mark a scalar formula: plain Python when called from Python, compiled where a kernel calls it.
+
+    `inlined` puts its code into every caller, however long it is. A call hands each array over as seven words and each
+    group as all of its members, which costs more than what a look-up in a table computes.
+    """
+    if function is None:
+        return functools.partial(formula, inlined=inlined)
+    return register_jitable(error_model="numpy", **({"forceinline": True} if inlined else {}))(function)
 
 
 _IMPORT = re.compile(r"^(?:from[ \t]+([\w.]+)[ \t]+import[ \t]+(\([^)]*\)|[^\n]*)|import[ \t]+([\w.]+))", re.MULTILINE)

@@ -38,12 +38,20 @@ def block_bits(blocks):
 @formula
 def find_node(blocks, jx, jy, jz):
     """Number of the node with integer coordinates j, -1 where no block holds it."""
+    return find_node_near(blocks, jx, jy, jz, -1)
+
+
+@formula
+def find_node_near(blocks, jx, jy, jz, guess):
+    """Number of the node with integer coordinates j, -1 where no block holds it; block `guess`, or -1, first."""
     bits = block_bits(blocks)
     bz = jz >> bits if bits == 2 else jz
     key = ((bz + OFFSET) << (2 * BITS)) | (((jy >> bits) + OFFSET) << BITS) | ((jx >> bits) + OFFSET)
-    b = lower_bound(blocks.keys, key)
-    if b == blocks.keys.shape[0] or blocks.keys[b] != key:
-        return -1
+    b = guess
+    if guess < 0 or blocks.keys[guess] != key:
+        b = lower_bound(blocks.keys, key)
+        if b == blocks.keys.shape[0] or blocks.keys[b] != key:
+            return -1
     rest = (1 << bits) - 1
     local = ((jy & rest) << bits) | (jx & rest)
     if bits == 2:

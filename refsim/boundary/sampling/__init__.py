@@ -17,7 +17,7 @@ import numpy as np
 
 from refsim.backend import Backend, choose
 from refsim.boundary.mesh import SurfaceMesh
-from refsim.boundary.signed_distance import DistanceField, NarrowBand, signed_distance
+from refsim.boundary.signed_distance import LEAST_BAND, DistanceField, NarrowBand, signed_distance
 from refsim.effect import literal_errata
 from refsim.errors import InputError
 from refsim.isosurface import Contour, edges_and_facets
@@ -34,7 +34,7 @@ DECAY = 0.95  # of lambda in each iteration
 CUTOFF = 3.0  # of Omega, in sigma
 THRESHOLD = 2e-3  # of the sum of all ways, in r N
 MOST_ITERATIONS = 1000
-SKIN = 0.3  # of the neighbour list, in cut-offs
+SKIN = 0.5  # of the neighbour list, in cut-offs
 GRIDS = (1.5, 1.0, 0.5, 0.25, 0.125)  # spacings of the grid, in r; the first that sees all parts is taken
 AREA_KEPT = 0.05  # share of the mesh's area that the isosurface may lack
 ROUNDED = 0.2  # trilinear distance, in spacings of the grid, from which on a corner of the mesh may be cut off
@@ -163,7 +163,7 @@ def _surface(
     grids = [share * radius for share in GRIDS] if spacing is None else [spacing]
     for attempt, wanted in enumerate(grids):
         h = min(wanted, 0.25 * float(mesh.extent.max()))
-        band = signed_distance(mesh, h, backend=backend, dtype=dtype, check_crossings=check and not attempt)
+        band = signed_distance(mesh, h, LEAST_BAND * h, backend, dtype, check_crossings=check and not attempt)
         corner, facets = isosurface(band)
         area = backend.empty(facets.shape[0], dtype)
         REGISTRY["sampling.areas"].program(backend.name)(corner, facets, area)

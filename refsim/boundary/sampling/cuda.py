@@ -28,6 +28,6 @@ def relax(position, neighbours, distance_field, relaxation, relaxed_position, wa
     i = cuda.grid(1)
     if i < way.shape[0]:
         row = cuda_row(neighbours, i)
-        x, y, z, length = particle.relax(i, row, position, neighbours.entries, distance_field, relaxation)
+        x, y, z, length, _ = particle.relax(i, row, position, neighbours.entries, distance_field, relaxation, -1)
         relaxed_position[i, 0], relaxed_position[i, 1], relaxed_position[i, 2] = x, y, z
         way[i] = length

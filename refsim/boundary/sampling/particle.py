@@ -3,7 +3,7 @@
 import math
 
 from refsim.boundary.sampling.formulas import facet_of, hashed_direction, repulsion
-from refsim.boundary.signed_distance.formulas import trilinear
+from refsim.boundary.signed_distance.formulas import trilinear_near
 from refsim.compile import formula
 from refsim.surface_energy.formulas import hash_word, unit_share
 
@@ -44,11 +44,12 @@ def place(i, facet_corner, facets, facet_last, seed):
     return x, y, z
 
 
-@formula
-def relax(i, row, position, index, field, relaxation):
+@formula(inlined=True)
+def relax(i, row, position, index, field, relaxation, block):
     """New place [m] of particle i and its way [m]: x += lambda r v_t - phi n, the tangential part at most r/2.
 
     v_t = (I - n n^T) sum_l Omega(|x - x_l|) (x - x_l)/|x - x_l| (P4 with E24), n = grad phi/|grad phi|.
+    `block` of the field is looked at first, -1 for none; the last number returned is the one in which the particle was.
     """
     first, stride, count = row
     x, y, z = position[i, 0], position[i, 1], position[i, 2]
@@ -69,7 +70,7 @@ def relax(i, row, position, index, field, relaxation):
                 tx += ex
                 ty += ey
                 tz += ez
-    phi, nx, ny, nz = trilinear(x, y, z, field)
+    phi, nx, ny, nz, found = trilinear_near(x, y, z, field, block)
     steep = math.sqrt(nx * nx + ny * ny + nz * nz)
     if steep > 0:
         nx, ny, nz = nx / steep, ny / steep, nz / steep
@@ -82,4 +83,4 @@ def relax(i, row, position, index, field, relaxation):
         shorter = relaxation.longest / length
         tx, ty, tz = shorter * tx, shorter * ty, shorter * tz
     tx, ty, tz = tx - phi * nx, ty - phi * ny, tz - phi * nz
-    return x + tx, y + ty, z + tz, math.sqrt(tx * tx + ty * ty + tz * tz)
+    return x + tx, y + ty, z + tz, math.sqrt(tx * tx + ty * ty + tz * tz), found

@@ -3,7 +3,7 @@
 import math
 
 from refsim.compile import formula
-from refsim.sparse_grid.formulas import BLOCK, cell_coordinate, find_node
+from refsim.sparse_grid.formulas import BLOCK, cell_coordinate, find_node, find_node_near
 
 FACE = 0  # features of a triangle a b c: its face, then edges ab, bc, ca (1 to 3), then corners a, b, c (4 to 6)
 MOST_WALKS = 32  # triangles on the way to the nearest one
@@ -133,10 +133,18 @@ def step_in_block(field, node, dx, dy, dz):
 
 @formula
 def trilinear(x, y, z, field):
+    """P1: (phi = sum_c w_c phi_c [m], d phi/dx, d phi/dy, d phi/dz) between nodes; see `trilinear_near`."""
+    phi, gx, gy, gz, _ = trilinear_near(x, y, z, field, -1)
+    return phi, gx, gy, gz
+
+
+@formula(inlined=True)
+def trilinear_near(x, y, z, field, block):
     """P1, value and slope of phi between nodes: (phi [m], d phi/dx, d phi/dy, d phi/dz), |grad phi| near 1.
 
     phi = sum_c w_c phi_c over the 8 corners of the cell, w_c the product of u or 1 - u along each axis. Away from the
-    band phi = -band inside and +band outside, and the slope is 0. x [m] is in the scene's frame.
+    band phi = -band inside and +band outside, and the slope is 0. x [m] is in the scene's frame. `block` is looked at
+    before all others, -1 for none; the last number returned is the block in which x stands, -1 for none.
     """
     h = field.spacing
     real = type(h)
@@ -147,16 +155,17 @@ def trilinear(x, y, z, field):
     u = real(px * field.inverse_spacing - jx)
     v = real(py * field.inverse_spacing - jy)
     w = real(pz * field.inverse_spacing - jz)
-    node = find_node(field, jx, jy, jz)
+    node = find_node_near(field, jx, jy, jz, block)
+    least = node
     if node >= 0:
-        f000 = field.distance[node]
-        f100 = corner_value(field, node, jx, jy, jz, 1, 0, 0)
-        f010 = corner_value(field, node, jx, jy, jz, 0, 1, 0)
-        f110 = corner_value(field, node, jx, jy, jz, 1, 1, 0)
-        f001 = corner_value(field, node, jx, jy, jz, 0, 0, 1)
-        f101 = corner_value(field, node, jx, jy, jz, 1, 0, 1)
-        f011 = corner_value(field, node, jx, jy, jz, 0, 1, 1)
-        f111 = corner_value(field, node, jx, jy, jz, 1, 1, 1)
+        n100, n010 = step_in_block(field, node, 1, 0, 0), step_in_block(field, node, 0, 1, 0)
+        n110, n001 = step_in_block(field, node, 1, 1, 0), step_in_block(field, node, 0, 0, 1)
+        n101, n011 = step_in_block(field, node, 1, 0, 1), step_in_block(field, node, 0, 1, 1)
+        n111 = step_in_block(field, node, 1, 1, 1)
+        least = min(min(min(n100, n010), min(n110, n001)), min(min(n101, n011), n111))
+    if least >= 0:
+        f000, f100, f010, f110 = field.distance[node], field.distance[n100], field.distance[n010], field.distance[n110]
+        f001, f101, f011, f111 = field.distance[n001], field.distance[n101], field.distance[n011], field.distance[n111]
     else:
         f000 = band_value(field, jx, jy, jz)
         f100 = band_value(field, jx + 1, jy, jz)
@@ -174,16 +183,7 @@ def trilinear(x, y, z, field):
         (one - v) * (f101 - f001) + v * (f111 - f011)
     )
     gy = (one - w) * (f10 - f00) + w * (f11 - f01)
-    return f0 + w * (f1 - f0), gx / h, gy / h, (f1 - f0) / h
-
-
-@formula
-def corner_value(field, node, jx, jy, jz, dx, dy, dz):
-    """phi_c = phi_(j + d) [m] at a corner of the cell whose lowest corner is `node`."""
-    there = step_in_block(field, node, dx, dy, dz)
-    if there >= 0:
-        return field.distance[there]
-    return band_value(field, jx + dx, jy + dy, jz + dz)
+    return f0 + w * (f1 - f0), gx / h, gy / h, (f1 - f0) / h, node >> 6
 
 
 @formula

@@ -68,18 +68,20 @@ def rain_drops(count: int = RAIN, seed: int = 1) -> NDArray:
     return np.array(kept)
 
 
-def rain(context: Context, shape: str, correction: str, share: float, backend: str, count: int = RAIN) -> Result:
+def rain(
+    context: Context, shape: str, correction: str, share: float, backend: str, count: int = RAIN, seed: int = 1
+) -> Result:
     """Rain at 2 m/s on a shape, at `share` of the runner's step: who is found inside the solid after a step.
 
     share 1 is the runner's own step; other shares are fixed steps, so many times the first one.
     """
     with mesh_file(SHAPES[shape]()) as file:
-        return _rained(context, file, correction, share, backend, count)
+        return _rained(context, file, correction, share, backend, rain_drops(count, seed))
 
 
-def _rained(context: Context, file: str, correction: str, share: float, backend: str, count: int) -> Result:
+def _rained(context: Context, file: str, correction: str, share: float, backend: str, drops: NDArray) -> Result:
     boundary = MeshBoundary(file=file, correction=correction)  # type: ignore[arg-type]
-    drops = rain_drops(count) + np.array([0, 0, 10 * SPACING])
+    drops = drops + np.array([0, 0, 10 * SPACING])
     floor = BoxWalls(lower=(-0.15, -0.15, -0.15), upper=(0.15, 0.15, 1.0), open_faces=("+z",))
     options: dict[str, Any] = {}
     runner = 0.4 * SUPPORT / (SOUND + 2)
@@ -91,7 +93,7 @@ def _rained(context: Context, file: str, correction: str, share: float, backend:
     )  # fmt: skip
     simulation = context.simulation(scene, backend)
     band = boundary.placed(simulation.plan.grid).band
-    ever = np.zeros(count, dtype=bool)
+    ever = np.zeros(len(drops), dtype=bool)
     deepest, reason, lengths = 0.0, "", []
     try:
         while simulation.time < 0.17:

@@ -38,7 +38,9 @@ def planned(options: Options) -> list[Run]:
     parameters = {"count": 100_000, "repeats": 5, "threads": options.threads}
     made.append(Run("marked_region", sampling_runs.marked_region, parameters, estimate=6.0, skip=slow))
     size = (
-        {"level": 5, "count": 20_000, "rounds": 3} if options.quick else {"level": 6, "count": 1_000_000, "rounds": 3}
+        {"level": 5, "count": 20_000, "rounds": 3, "scale": 1.44}
+        if options.quick
+        else {"level": 6, "count": 1_000_000, "rounds": 3, "scale": 1.28}
     )
     reason = "" if options.peers else "asked for with --peers"
     parameters = {**size, "threads": options.threads or 2}
@@ -89,6 +91,9 @@ def judge(results: Results) -> list[Measurement]:
         if "sampling_ratio" in values:
             note("peer_sampling_ratio", values["sampling_ratio"])
             note("peer_sampling_quality", values["quality"]["variation"] / values["peer_quality"]["variation"])
+            note("peer_sampling_blue", values["quality"]["blue"] / values["peer_quality"]["blue"])
+            note("peer_sampling_count", abs(values["peer_particles"] / values["particles"] - 1))
+            note("peer_sampling_as_even", values["as_even_ratio"])
         if "field_ratio" in values:
             note("peer_field_ratio", values["field_ratio"])
     return made
@@ -131,17 +136,22 @@ def tables(results: Results) -> list[Table]:
         made.append(Table("Adopted and printed step (E24) on a cube", head, rows))
     if "sampling_peers" in results:
         v = results["sampling_peers"].values
-        rows = [["refsim, sampling", float(np.median(v["own"]["sampling"])), v["particles"], v["quality"]["least"],
-                 v["quality"]["variation"]]]  # fmt: skip
+        rows = []
+        programs = [("refsim", "own", "sampling", "quality", v["particles"], v["iterations"])]
         if "sampling_ratio" in v:
-            rows.append(["pySPlisHSPlasH, Poisson disks", float(np.median(v["other"]["sampling"])),
-                         v["peer_particles"], v["peer_quality"]["least"], v["peer_quality"]["variation"]])  # fmt: skip
-        else:
-            rows.append([f"pySPlisHSPlasH: {v['missing']['sampling']}", None, None, None, None])
+            programs += [
+                ("refsim, stopped early", "own", "as_even", "as_even", v["particles"], v["as_even"]["iterations"]),
+                ("pySPlisHSPlasH, Poisson disks", "other", "sampling", "peer_quality", v["peer_particles"], None),
+            ]
+        for words, whose, what, quality, particles, iterations in programs:
+            spent = float(np.median(v[whose][what]))
+            rows.append([words, spent, particles, iterations, *(v[quality][k] for k in ("least", "variation", "blue"))])
+        if "sampling_ratio" not in v:
+            rows.append([f"pySPlisHSPlasH: {v['missing']['sampling']}", *6 * [None]])
         made.append(
             Table(
                 f"Other programs, {v['triangles']:,} triangles, {v['threads']} threads",
-                ["program", "s", "particles", "least/mean", "variation"], rows,
+                ["program", "s", "particles", "iterations", "least/mean", "variation", "blue"], rows,
                 f"A node of refsim's field takes {1e6 * float(np.median(v['own']['field'])):.3g} us"
                 + (f", a query of libigl's {1e6 * float(np.median(v['other']['field'])):.3g} us."
                    if "field_ratio" in v else f"; libigl: {v['missing']['field']}."),

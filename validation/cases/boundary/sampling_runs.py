@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from contextlib import suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -55,16 +56,15 @@ def score(position: np.ndarray, made: Any, radius: float, seed: int = 0) -> dict
     """How good a sampling of the trimesh mesh `made` is."""
     import trimesh
 
-    spread = evenness(position)
+    spread = blueness(position, made.area)
     darts, _ = trimesh.sample.sample_surface(made, DARTS * len(position), seed=seed)
     rows = np.random.default_rng(seed).choice(len(position), min(EXACT_QUERIES, len(position)), replace=False)
     off = trimesh.proximity.closest_point(made, position[rows])[1]
     expected = HEXAGONAL * made.area / (math.pi * radius**2)
-    hexagonal = math.sqrt(2 * made.area / (math.sqrt(3) * len(position)))  # spacing of the densest packing
     return {
         "particles": len(position), "expected": expected, "count_error": abs(len(position) - expected) / expected,
         **spread, "mean_over_2r": spread["mean"] / (2 * radius), "off": float(off.max()) / radius,
-        "holes": holes(position, darts, HOLE * spread["mean"]), "blue": spread["least"] * spread["mean"] / hexagonal,
+        "holes": holes(position, darts, HOLE * spread["mean"]),
     }  # fmt: skip
 
 
@@ -215,18 +215,24 @@ def marked_region(context: Context, count: int, repeats: int, threads: int | Non
     return Result({"nanoseconds": rows, "particles": count, "triangles": len(mesh.faces), "threads": threads})
 
 
-def against_peers(context: Context, level: int, count: int, threads: int, rounds: int) -> Result:
-    """A mesh to particles, beside pySPlisHSPlasH's surface sampling, and a field's nodes, beside libigl, in turn."""
+def against_peers(context: Context, level: int, count: int, threads: int, rounds: int, scale: float) -> Result:
+    """A mesh to particles, beside pySPlisHSPlasH's surface sampling, and a field's nodes, beside libigl, in turn.
+
+    scale  of the other program's disks, so that it makes as many particles
+
+    refsim's sampling is timed twice: to its end, and stopped as soon as it is as even as the other program's.
+    """
     there = choose("cpu")
     made = SHAPES["organic"](level)
     mesh = mesh_of(made, "organic")
     radius = radius_for(mesh.area, count)
     values: dict[str, Any] = {"triangles": len(mesh.faces), "radius": radius, "threads": threads}
     set_threads(there, threads)
-    own: dict[str, list[float]] = {"sampling": [], "field": []}
+    own: dict[str, list[float]] = {"sampling": [], "as_even": [], "field": []}
     other: dict[str, list[float]] = {"sampling": [], "field": []}
     peer: dict[str, Any] = {}
     nodes: dict[str, Any] = {}
+    few: dict[str, Any] = {}
     folder = TemporaryDirectory()
     file = Path(folder.name) / "mesh.obj"
     made.export(file)
@@ -237,13 +243,20 @@ def against_peers(context: Context, level: int, count: int, threads: int, rounds
             band = signed_distance(mesh, radius)
             nodes_there = band.field.distance.shape[0]
             own["field"].append((time.perf_counter() - began) / nodes_there)
+            del band
             began = time.perf_counter()
             found = sample(load_mesh(file), radius)  # the other program reads the file, too
             own["sampling"].append(time.perf_counter() - began)
             context.progress((3 * k + 1) / (3 * rounds))
-            peer = splishsplash_sampling.run(made.vertices, made.faces, radius, threads)
+            peer = splishsplash_sampling.run(made.vertices, made.faces, radius, threads, scale)
             if "missing" not in peer:
                 other["sampling"].append(peer["seconds"])
+                spread = blueness(peer.pop("position"), mesh.area)
+                if not few:
+                    few = as_even_as(spread, mesh, radius)
+                began = time.perf_counter()
+                sample(load_mesh(file), radius, most_iterations=few["iterations"])
+                own["as_even"].append(time.perf_counter() - began)
             context.progress((3 * k + 2) / (3 * rounds))
             nodes = libigl.run(made.vertices, made.faces, near_surface(made, 2 * radius, 20_000, k), threads)
             if "missing" not in nodes:
@@ -253,13 +266,40 @@ def against_peers(context: Context, level: int, count: int, threads: int, rounds
         set_threads(there, None)
     folder.cleanup()
     values |= {"particles": len(found.position), "nodes": nodes_there, "own": own, "other": other}
-    values["quality"] = evenness(found.position)
+    values["quality"] = blueness(found.position, mesh.area)
     values["iterations"] = found.iterations
     values["missing"] = {"sampling": peer.get("missing", ""), "field": nodes.get("missing", "")}
     if "missing" not in peer:
-        values["peer_quality"] = evenness(peer.pop("position"))
+        values["peer_quality"], values["as_even"] = spread, few
         values["peer_particles"] = peer["particles"]
         values["sampling_ratio"] = float(np.median(other["sampling"]) / np.median(own["sampling"]))
+        values["as_even_ratio"] = float(np.median(other["sampling"]) / np.median(own["as_even"]))
     if "missing" not in nodes:
         values["field_ratio"] = float(np.median(other["field"]) / np.median(own["field"]))
     return Result(values)
+
+
+def blueness(position: np.ndarray, area: float) -> dict[str, float]:
+    """`evenness`, and the least distance over that of the densest packing of as many particles (blue-noise ratio)."""
+    spread = evenness(position)
+    hexagonal = math.sqrt(2 * area / (math.sqrt(3) * len(position)))
+    return {**spread, "blue": spread["least"] * spread["mean"] / hexagonal}
+
+
+class _AsEven(Exception):
+    """The relaxation has come as far as was asked."""
+
+
+def as_even_as(wanted: dict[str, float], mesh: Any, radius: float) -> dict[str, Any]:
+    """After how many iterations the particles are as even as `wanted`, in variation and blue-noise ratio."""
+    reached: dict[str, Any] = {}
+
+    def look(iteration: int, position: Any) -> None:
+        spread = blueness(np.asarray(position, dtype=float), mesh.area)
+        reached.update(iterations=iteration, **spread)
+        if spread["variation"] <= wanted["variation"] and spread["blue"] >= wanted["blue"]:
+            raise _AsEven
+
+    with suppress(_AsEven):
+        sample(mesh, radius, watch=look)
+    return reached
