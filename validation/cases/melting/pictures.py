@@ -350,7 +350,7 @@ def speed_data(results: Results) -> dict[str, Any]:
         for key, words in (("figure_5", "one pressure a pair"), ("own_pressure", "each by its own pressure"))
     ]  # fmt: skip
     bar = Bounds("melting").entries["fastest"]["at_most"]
-    return {"title": "Figure 5: the fastest particle, every tenth step", "bar": bar, "rows": rows}
+    return {"title": "Figure 5: the fastest particle in every ten steps", "bar": bar, "rows": rows}
 
 
 def speed_picture(data: Mapping[str, Any]) -> Any:

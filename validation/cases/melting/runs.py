@@ -58,6 +58,7 @@ class Watch:
         self.phase = self._phase()
         self.inside_melted = 0  # particles that melted without having been at a surface
         self.together = 0  # most that melted in one step
+        self.fastest = 0.0  # [m/s] since the last entry of the series
         self.series: dict[str, list[float]] = {}
 
     def _phase(self) -> np.ndarray:
@@ -70,6 +71,7 @@ class Watch:
         self.inside_melted += int((self.phase[melted] != SURFACE).sum())
         self.together = max(self.together, int(melted.sum()))
         self.phase = now
+        self.fastest = max(self.fastest, float(np.linalg.norm(self.simulation.field("velocity"), axis=1).max()))
 
     def note(self) -> dict[str, float]:
         """An entry of the series."""
@@ -82,13 +84,14 @@ class Watch:
             "fragments": fragments(s.field("direct")),
             "mass": float(field["mass"].sum()),
             "rest_volume": float((field["mass"] / field["rest_density"]).sum()),
-            "fastest": float(np.linalg.norm(s.field("velocity").astype(float), axis=1).max()),
+            "fastest": self.fastest,
             "densest": float((field["density"] / field["rest_density"]).max()),
             "coldest": float(field["temperature"].min()),
             "hottest": float(field["temperature"].max()),
         }
         for name, value in row.items():
             self.series.setdefault(name, []).append(value)
+        self.fastest = 0.0
         return row
 
 
