@@ -18,6 +18,8 @@ import time
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 TIME_LIMIT = 300.0  # s
 
 
@@ -33,7 +35,8 @@ def run(block: dict[str, Any], threads: int, arch: str = "cpu") -> dict[str, Any
     "version"} or {"missing"}.
 
     block  "cells" (of the cube of liquid along an axis), "room" (cells of the box), "spacing" [m], "density",
-           "bulk_modulus" [Pa], "gravity" [m/s^2, along y], "step" [s], "steps", "warm" (steps that are not counted)
+           "bulk_modulus" [Pa], "gravity" [m/s^2, along y], "step" [s], "steps", "warm" (steps that are not counted),
+           "order" (of the particles in memory, see `places`; "lattice" if left out)
     """
     spec = {**block, "threads": threads, "arch": arch}
     root = str(Path(__file__).resolve().parent.parent.parent)
@@ -54,8 +57,24 @@ def run(block: dict[str, Any], threads: int, arch: str = "cpu") -> dict[str, Any
         return json.loads(answer.read_text())
 
 
+def places(cells: int, spacing: float, order: str) -> np.ndarray:
+    """Particles (n, 3) [m] of a cube of liquid with a corner at the origin, eight to a cell.
+
+    order  in which they stand in memory: "lattice" (along rows of the lattice), "cells" (the eight of a cell together)
+           or "random" (as in programs that draw their particles by lot and never sort them)
+    """
+    if order == "cells":
+        cell = np.stack(np.meshgrid(*3 * [np.arange(cells)], indexing="ij"), axis=-1).reshape(-1, 1, 3)
+        at = np.stack(np.meshgrid(*3 * [np.arange(2)], indexing="ij"), axis=-1).reshape(1, -1, 3)
+        lattice = (2 * cell + at).reshape(-1, 3)
+    else:
+        lattice = np.stack(np.meshgrid(*3 * [np.arange(2 * cells)], indexing="ij"), axis=-1).reshape(-1, 3)
+    if order == "random":
+        lattice = np.random.default_rng(1).permutation(lattice)
+    return (lattice + 0.5) * spacing
+
+
 def _main(spec: dict[str, Any]) -> dict[str, Any]:
-    import numpy as np
     import taichi as ti
 
     ti.init(
@@ -125,8 +144,7 @@ def _main(spec: dict[str, Any]) -> dict[str, Any]:
             ratio[p] *= 1.0 + dt * affine.trace()
             x[p] += dt * new
 
-    axis = (np.arange(2 * cells) + 0.5) * spacing
-    start = np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), axis=-1).reshape(-1, 3) + low * h
+    start = places(cells, spacing, spec.get("order", "lattice")) + low * h
     x.from_numpy(start.astype(np.float32))
     ratio.fill(1.0)
     spent = []

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from refsim import Box, Gravity, MpmLiquid, MpmWalls, RunStopped, Scene, Simulation, SurfaceEnergy
+from refsim import Box, Cloud, Gravity, MpmLiquid, MpmWalls, RunStopped, Scene, Simulation, SurfaceEnergy
 from refsim.mpm import READINGS
 from validation.metrics.mpm import Transfers, ball, round_trip
 from validation.peers import taichi_mpm
@@ -154,7 +154,7 @@ def plain_block(context: Context, block: dict[str, Any], threads: int, backend: 
     spacing, room = block["spacing"], block["room"] * 2 * block["spacing"]
     scene = Scene(
         spacing=spacing, support_radius=3 * spacing, step=block["step"], dtype="float32",
-        fluid=(Box(cells=(2 * block["cells"],) * 3),),
+        fluid=(Cloud(position=taichi_mpm.places(block["cells"], spacing, block.get("order", "lattice"))),),
         effects=(
             MpmLiquid(rest_density=block["density"], bulk_modulus=block["bulk_modulus"]),
             Gravity(acceleration=(0.0, block["gravity"], 0.0)), MpmWalls(lower=(0, 0, 0), upper=(room, room, room)),
