@@ -163,34 +163,80 @@ def weights(position, background, base_node, spline_weight, spline_slope):
 # Points to nodes
 
 
-@formula
-def add_node(scratch, b, n, w, mass, x, y, z):
-    """scratch[b, n] += w (mass, x, y, z)."""
-    scratch[b, n, 0] += w * mass
-    scratch[b, n, 1] += w * x
-    scratch[b, n, 2] += w * y
-    scratch[b, n, 3] += w * z
+# Four numbers of a node stand side by side, mass and momentum or velocity and nothing, and take the same path through
+# straight code, so that the compiler packs them into one register.
 
 
 @formula
-def add_affine(scratch, b, at, width, background, wx, wy, wz, mass, qx, qy, qz, g):
+def four(values, n):
+    """The four numbers of node n."""
+    return values[n, 0], values[n, 1], values[n, 2], values[n, 3]
+
+
+@formula
+def plus(a, b):
+    """a + b."""
+    return a[0] + b[0], a[1] + b[1], a[2] + b[2], a[3] + b[3]
+
+
+@formula
+def two_of(u, a, v, b):
+    """u a + v b."""
+    return u * a[0] + v * b[0], u * a[1] + v * b[1], u * a[2] + v * b[2], u * a[3] + v * b[3]
+
+
+@formula
+def three_of(u, a, v, b, w, c):
+    """u a + v b + w c."""
+    return (
+        u * a[0] + v * b[0] + w * c[0], u * a[1] + v * b[1] + w * c[1],
+        u * a[2] + v * b[2] + w * c[2], u * a[3] + v * b[3] + w * c[3],
+    )  # fmt: skip
+
+
+@formula
+def add_node(nodes, n, w, a):
+    """nodes[n] += w a."""
+    nodes[n, 0] += w * a[0]
+    nodes[n, 1] += w * a[1]
+    nodes[n, 2] += w * a[2]
+    nodes[n, 3] += w * a[3]
+
+
+@formula
+def add_row(nodes, n, w, wx, q, gx):
+    """Add w B_j(x) (q + i gx) to the row of three nodes that begins at n."""
+    q1 = plus(q, gx)
+    add_node(nodes, n, w * wx[0], q)
+    add_node(nodes, n + 1, w * wx[1], q1)
+    add_node(nodes, n + 2, w * wx[2], plus(q1, gx))
+
+
+@formula
+def add_layer(nodes, n, width, w, wx, wy, q, gx, gy):
+    """Add w B_j(x) B_j(y) (q + i gx + j gy) to the layer of nine nodes that begins at n."""
+    q1 = plus(q, gy)
+    add_row(nodes, n, w * wy[0], wx, q, gx)
+    add_row(nodes, n + width, w * wy[1], wx, q1, gx)
+    add_row(nodes, n + 2 * width, w * wy[2], wx, plus(q1, gy), gx)
+
+
+@formula
+def add_affine(nodes, at, width, background, wx, wy, wz, mass, qx, qy, qz, g):
     """Add B_j (mass, q + g (j - base)) to the nodes of a stencil that begins at node `at`."""
-    real = type(mass)
-    for k in range(3):
-        if k < background.layers:
-            for j in range(3):
-                w = wz[k] * wy[j]
-                x = qx + real(j) * g[1] + real(k) * g[2]
-                y = qy + real(j) * g[4] + real(k) * g[5]
-                z = qz + real(j) * g[7] + real(k) * g[8]
-                n = at + (k * width + j) * width
-                add_node(scratch, b, n, w * wx[0], mass, x, y, z)
-                add_node(scratch, b, n + 1, w * wx[1], mass, x + g[0], y + g[3], z + g[6])
-                add_node(scratch, b, n + 2, w * wx[2], mass, x + g[0] + g[0], y + g[3] + g[3], z + g[6] + g[6])
+    zero = type(mass)(0)
+    q = (mass, qx, qy, qz)
+    gx, gy, gz = (zero, g[0], g[3], g[6]), (zero, g[1], g[4], g[7]), (zero, g[2], g[5], g[8])
+    add_layer(nodes, at, width, wz[0], wx, wy, q, gx, gy)
+    if background.layers == 3:
+        q1 = plus(q, gz)
+        deep = width * width
+        add_layer(nodes, at + deep, width, wz[1], wx, wy, q1, gx, gy)
+        add_layer(nodes, at + 2 * deep, width, wz[2], wx, wy, plus(q1, gz), gx, gy)
 
 
 @formula
-def add_gradient(scratch, b, at, width, background, wx, wy, wz, sx, sy, sz, t):
+def add_gradient(nodes, at, width, background, wx, wy, wz, sx, sy, sz, t):
     """Add T (h grad B_j) to the momentum of a stencil; T symmetric, (xx, xy, xz, yy, yz, zz)."""
     zero = type(background.cell_size)(0)
     for k in range(3):
@@ -204,7 +250,7 @@ def add_gradient(scratch, b, at, width, background, wx, wy, wz, sx, sy, sz, t):
                     x = t[0] * dx + t[1] * dy + t[2] * dz
                     y = t[1] * dx + t[3] * dy + t[4] * dz
                     z = t[2] * dx + t[4] * dy + t[5] * dz
-                    add_node(scratch, b, n, type(x)(1), zero, x, y, z)
+                    add_node(nodes, n, type(x)(1), (zero, x, y, z))
 
 
 @formula
@@ -224,6 +270,7 @@ def scatter_particles_of(
     width = background.width
     origin = node_coordinates(blocks, b * 64)
     clear(scratch, b)
+    nodes = scratch[b]
     for k in range(bins.first[b], bins.first[b + 1]):
         i = bins.point[k]
         fx, fy, fz, x, y, z = particle.place(i, position, cell, origin, background)
@@ -233,16 +280,16 @@ def scatter_particles_of(
         )  # fmt: skip
         wx, wy, wz = spline_weights(fx), spline_weights(fy), particle.layer_weights(fz, background)
         at = (z * width + y) * width + x
-        add_affine(scratch, b, at, width, background, wx, wy, wz, own, qx, qy, qz, g)
+        add_affine(nodes, at, width, background, wx, wy, wz, own, qx, qy, qz, g)
         if kernel_gradient is not None:
             zero = type(own)(0)
             p = -moment / background.cell_size
             t = (p, zero, zero, p, zero, p)
             slopes = particle.layer_slopes(fz, background)
-            add_gradient(scratch, b, at, width, background, wx, wy, wz, spline_slopes(fx), spline_slopes(fy), slopes, t)
+            add_gradient(nodes, at, width, background, wx, wy, wz, spline_slopes(fx), spline_slopes(fy), slopes, t)
 
 
-@cpu_kernel
+@cpu_kernel(ordered=True, packed=True)
 def scatter_particles(
     bins, position, velocity, mass, affine, volume_ratio, acceleration, cell, liquid, background, timestep,
     cluster_share, inverse_spread, embedding, kernel_gradient, blocks, scratch,
@@ -317,6 +364,7 @@ def scatter_carriers_of(
     width = background.width
     origin = node_coordinates(blocks, b * 64)
     clear(scratch, b)
+    nodes = scratch[b]
     for k in range(bins.first[b], bins.first[b + 1]):
         c = bins.point[k]
         fx, fy, fz, x, y, z = particle.place(c, carrier_position, carrier_cell, origin, background)
@@ -325,10 +373,10 @@ def scatter_carriers_of(
             acceleration, liquid, background, timestep, cluster_share, inverse_spread, embedding,
         )  # fmt: skip
         wx, wy, wz = spline_weights(fx), spline_weights(fy), particle.layer_weights(fz, background)
-        add_affine(scratch, b, (z * width + y) * width + x, width, background, wx, wy, wz, own, qx, qy, qz, g)
+        add_affine(nodes, (z * width + y) * width + x, width, background, wx, wy, wz, own, qx, qy, qz, g)
 
 
-@cpu_kernel
+@cpu_kernel(ordered=True, packed=True)
 def scatter_carriers(
     bins, carrier_position, carrier_owner, carrier_cell, position, velocity, mass, affine, volume_ratio, acceleration,
     liquid, background, timestep, cluster_share, inverse_spread, embedding, blocks, scratch,
@@ -385,13 +433,13 @@ def grid_update(node_mass, node_momentum, node_pull, field, planes, background, 
 
 @formula
 def load_block(b, blocks, background, node_velocity):
-    """Velocities (width^dim, 3) of the nodes in the reach of block b."""
+    """Velocities (width^dim, 4), with a zero, of the nodes in the reach of block b."""
     bits = 2 if background.layers == 3 else 3
     rest = (1 << bits) - 1
     width = background.width
     deep = width if background.layers == 3 else 1
     middle = blocks.neighbour.shape[1] // 2
-    values = np.empty((deep * width * width, 3), node_velocity.dtype)
+    values = np.zeros((deep * width * width, 4), node_velocity.dtype)
     for z in range(deep):
         for y in range(width):
             for x in range(width):
@@ -401,6 +449,49 @@ def load_block(b, blocks, background, node_velocity):
                 for c in range(3):
                     values[at, c] = node_velocity[n, c]
     return values
+
+
+@formula
+def row_sums(values, n, w0, w1, w2, d2):
+    """Sums over the row of three nodes at n: B v and i B v; d2 = 2 w2."""
+    b, c = four(values, n + 1), four(values, n + 2)
+    return three_of(w0, four(values, n), w1, b, w2, c), two_of(w1, b, d2, c)
+
+
+@formula
+def layer_sums(values, n, width, wx, wy):
+    """Sums over the layer of nine nodes at n: B v, i B v and j B v."""
+    w0, w1, w2 = wx
+    y0, y1, y2 = wy
+    d2 = w2 + w2
+    a, s = row_sums(values, n, w0, w1, w2, d2)
+    b, t = row_sums(values, n + width, w0, w1, w2, d2)
+    c, u = row_sums(values, n + 2 * width, w0, w1, w2, d2)
+    return three_of(y0, a, y1, b, y2, c), three_of(y0, s, y1, t, y2, u), two_of(y1, b, y2 + y2, c)
+
+
+@formula
+def moments(at, width, background, wx, wy, wz, values, sums):
+    """`particle.moments` of a stencil at node `at`; sums (4, 4) is room for B v and B v (j - base) along each axis."""
+    if background.layers == 3:
+        deep = width * width
+        z0, z1, z2 = wz
+        a, s, r = layer_sums(values, at, width, wx, wy)
+        b, t, q = layer_sums(values, at + deep, width, wx, wy)
+        c, u, p = layer_sums(values, at + 2 * deep, width, wx, wy)
+        sums[0, 0], sums[0, 1], sums[0, 2], sums[0, 3] = three_of(z0, a, z1, b, z2, c)
+        sums[1, 0], sums[1, 1], sums[1, 2], sums[1, 3] = three_of(z0, s, z1, t, z2, u)
+        sums[2, 0], sums[2, 1], sums[2, 2], sums[2, 3] = three_of(z0, r, z1, q, z2, p)
+        sums[3, 0], sums[3, 1], sums[3, 2], sums[3, 3] = two_of(z1, b, z2 + z2, c)
+    else:
+        a, s, r = layer_sums(values, at, width, wx, wy)
+        sums[0, 0], sums[0, 1], sums[0, 2], sums[0, 3] = a
+        sums[1, 0], sums[1, 1], sums[1, 2], sums[1, 3] = s
+        sums[2, 0], sums[2, 1], sums[2, 2], sums[2, 3] = r
+    return (
+        sums[0, 0], sums[0, 1], sums[0, 2], sums[1, 0], sums[2, 0], sums[3, 0], sums[1, 1], sums[2, 1], sums[3, 1],
+        sums[1, 2], sums[2, 2], sums[3, 2],
+    )  # fmt: skip
 
 
 @formula
@@ -414,13 +505,14 @@ def gather_block(
     width = background.width
     origin = node_coordinates(blocks, b * 64)
     values = load_block(b, blocks, background, node_velocity)
+    room = np.zeros((4, 4), node_velocity.dtype)
     far, least, most, fast, jump = real(0), real(math.inf), real(-math.inf), real(0), real(0)
     for k in range(bins.first[b], bins.first[b + 1]):
         i = bins.point[k]
         fx, fy, fz, x, y, z = particle.place(i, position, cell, origin, background)
-        sums = particle.moments(
+        sums = moments(
             (z * width + y) * width + x, width, background, spline_weights(fx), spline_weights(fy),
-            particle.layer_weights(fz, background), values,
+            particle.layer_weights(fz, background), values, room,
         )  # fmt: skip
         way, ratio, rate, leap = particle.gather(
             i, i, sums, fx, fy, fz, background, liquid, timestep, cluster_share, inverse_spread, embedding,
@@ -432,7 +524,7 @@ def gather_block(
     return far, least, most, fast, jump
 
 
-@cpu_kernel
+@cpu_kernel(ordered=True, packed=True)
 def gather(
     bins, node_velocity, cell, liquid, background, timestep, blocks, cluster_share, inverse_spread, embedding,
     carrier_first, carrier_position, carrier_moment, build_position, displacement, step_extremes, velocity, affine,
@@ -483,12 +575,13 @@ def gather_carriers_of(b, bins, node_velocity, carrier_position, carrier_cell, b
     width = background.width
     origin = node_coordinates(blocks, b * 64)
     values = load_block(b, blocks, background, node_velocity)
+    room = np.zeros((4, 4), node_velocity.dtype)
     for k in range(bins.first[b], bins.first[b + 1]):
         i = bins.point[k]
         fx, fy, fz, x, y, z = particle.place(i, carrier_position, carrier_cell, origin, background)
-        sums = particle.moments(
+        sums = moments(
             (z * width + y) * width + x, width, background, spline_weights(fx), spline_weights(fy),
-            particle.layer_weights(fz, background), values,
+            particle.layer_weights(fz, background), values, room,
         )  # fmt: skip
         m = particle.centred(sums, fx, fy, fz, background.cell_size)
         carrier_moment[i, 0], carrier_moment[i, 1], carrier_moment[i, 2] = sums[0], sums[1], sums[2]
@@ -496,7 +589,7 @@ def gather_carriers_of(b, bins, node_velocity, carrier_position, carrier_cell, b
             carrier_moment[i, 3 + c] = m[c]
 
 
-@cpu_kernel
+@cpu_kernel(ordered=True, packed=True)
 def gather_carriers(bins, node_velocity, carrier_position, carrier_cell, background, blocks, carrier_moment):
     """Moments of the nodes' velocities about every embedded point."""
     for b in prange(blocks.keys.shape[0]):
