@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from validation.cases.droplet.runs import CALM, relaxed
-from validation.cases.models.scene import MODELS
+from validation.cases.models.scene import MODELS, PRINTED
 from validation.metrics.droplet import sphericity, surface_mesh
 from validation.results import Result, floats
 from validation.running import Context
@@ -23,7 +23,7 @@ def relax(context: Context, model: str, shape: str, count: int, backend: str, se
 
     At rest from: the first sample from which on the kinetic energy stays below 1e-3 of its peak.
     """
-    chosen = MODELS[model]
+    chosen = (MODELS | PRINTED)[model]
     result = relaxed(context, chosen.words, chosen.changes, shape, count, backend, seed=seed)
     values = dict(result.values)
     energy = floats(values["series"]["kinetic_energy"])

@@ -62,3 +62,14 @@ MODELS: dict[str, Model] = {
     ),
     "he": Model("He 2014", None, {"effects": (He2014(surface_tension=0.1),), "support": 2.7, "kernels": "wendland"}),
 }
+# As printed, where that differs from what is shown above: for the claims alone.
+PRINTED: dict[str, Model] = {
+    "becker_teschner_printed": Model(
+        "[8] Becker & Teschner 2007 as printed",
+        36.0,
+        {
+            "effects": (BeckerTeschner2007(surface_tension=1.0, clamp_distance=False, balance_pressure=False),),
+            **_SHORT,
+        },
+    ),
+}
