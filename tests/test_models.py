@@ -231,6 +231,8 @@ def test_what_a_model_does_to_drops_is_told():
     dong = Dong2016(surface_tension=1.0)
     assert told(notes(dong, h=1.7), "freeze in the shape")
     assert told(notes(dong, h=1.8), "freeze in the shape") == []
+    assert told(notes(BeckerTeschner2007(surface_tension=1.0, clamp_distance=False)), "pile up")
+    assert told(notes(BeckerTeschner2007(surface_tension=1.0)), "pile up") == []
     for effect, without in (
         (He2014(kappa=1e-3), He2014(air_pressure=1e-3)),
         (CsfWang2019(surface_tension=1e-3), CsfWang2019(surface_tension=0.0)),

@@ -63,6 +63,16 @@ class BeckerTeschner2007(PairCohesion, frozen=True, kw_only=True):
         """-kappa W(max(r, d)) r/m [N/kg^2] for particles of the lattice's mass."""
         return self._force_of(self.coefficient(grid, others), grid, others)(r)
 
+    def notes(self, grid: Discretisation, others: Mapping[str, Effect]) -> tuple[str, ...]:
+        said = super().notes(grid, others)
+        if self.clamp_distance or not self.passes(others):
+            return said
+        return (
+            *said,
+            f"{self.name}: without clamp_distance nearer pairs attract the more: particles were found to pile up until"
+            " drops burst",
+        )
+
     def passes(self, others: Mapping[str, Effect]) -> tuple[Pass, ...]:
         if (self.kappa if self.kappa is not None else self.surface_tension) == 0:
             return ()
