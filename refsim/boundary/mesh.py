@@ -69,6 +69,11 @@ def load_mesh(path: str | os.PathLike[str]) -> SurfaceMesh:
     try:
         read = trimesh.load(file, force="mesh", process=False)
         vertices, faces = np.array(read.vertices, dtype=float), np.array(read.faces, dtype=np.int64)
+    except ImportError as error:
+        raise InputError(
+            f"mesh: {str(path)!r} cannot be read: as what trimesh takes it for it needs {error.name}, which is not"
+            " installed; check the file, or install that."
+        ) from None
     except Exception as error:  # trimesh raises whatever its readers do
         words = " ".join(str(error).split()) or type(error).__name__
         raise InputError(f"mesh: {str(path)!r} cannot be read ({words}); give a mesh file.") from None

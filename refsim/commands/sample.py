@@ -28,7 +28,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("-o", "--output", default="boundary.vtp", help="VTP file to write (default boundary.vtp)")
     parser.add_argument("--seed", type=int, default=0, help="of the first places (default 0)")
-    parser.add_argument("--grid-spacing", type=float, help="of the signed distance's grid [m] (default 1.5 r, less for thin or sharp parts)")
+    parser.add_argument(
+        "--grid-spacing",
+        type=float,
+        help="of the signed distance's grid [m] (default 1.5 r, less for thin or sharp parts)",
+    )
     parser.add_argument("--density", type=float, help="g in g A/(pi r^2) (default pi/(2 sqrt 3) = 0.9069, hexagonal)")
     parser.add_argument("--iterations", type=int, default=MOST_ITERATIONS, help="most iterations of the relaxation")
     parser.add_argument("--literal", default="", help=f"errata taken as printed: {', '.join(LITERAL)}, or all")

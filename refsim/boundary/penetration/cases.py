@@ -147,3 +147,16 @@ def printed_leaving():
         {"position": np.array([[0.25, 0.5, 0.0]]), "velocity": np.array([[0.0, 0.0, -0.5]]),
          "corrections": np.array([1]), "displacement": np.array([4.0, 0.0])},
     )  # fmt: skip
+
+
+@closed_form("penetration.kick_drift")
+def pushed_until_out():
+    """phi = z/5, as flat as over a rounded edge: from z = -1 m a push of 2|phi| leaves 3/5 of z, the seventh h/128."""
+    made, given = _fall((0.25, 0.5, -0.5), (0.0, 0.0, -0.5))
+    given["solid_field"] = given["solid_field"]._replace(distance=0.2 * given["solid_field"].distance)
+    depth = 0.6**7
+    return Exact(
+        made, given,
+        {"position": np.array([[0.25, 0.5, -depth]]), "velocity": np.array([[0.0, 0.0, 0.25]]),
+         "corrections": np.array([1]), "displacement": np.array([(0.5 - depth) ** 2, 0.0])},
+    )  # fmt: skip

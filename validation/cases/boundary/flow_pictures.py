@@ -60,6 +60,9 @@ def pour_picture(data: Mapping[str, Any]) -> Any:
             show_image(place, ball_picture(x, 0.5 * SPACING, colour, VIEW, EXTENT, 260), EXTENT)
             words = f"{frame['time_s']:.2f} s: {frame['components']} parts, {frame['holes']} holes"
             place.text(0.5, 0.0, words, transform=place.transAxes, ha="center", va="top", fontsize=7, color="#444444")
+            if arms.index(row["arm"]) == 0 and k == 0:
+                side = {"rotation": 90, "ha": "right", "va": "center", "fontsize": 8.5, "fontweight": "bold"}
+                place.text(-0.02, 0.5, row["shape"], transform=place.transAxes, **side)
             if shapes.index(row["shape"]) == 0 and k == 0:
                 place.set_title(row["arm"], fontsize=8.5, loc="left")
     figure.suptitle(data["title"], fontsize=10.5, fontweight="bold")

@@ -60,7 +60,8 @@ def judge(results: Results) -> list[Measurement]:
             row = results[f"sampling_{shape}"].values
             for name, key in (
                 ("count", "count_error"), ("least", "least"), ("variation", "variation"), ("off", "off"),
-                ("holes", "holes"), ("blue", "blue"), ("iterations", "iterations"), ("seconds", "seconds"),
+                ("holes", "holes"), ("blue", "blue"), ("force", "force_noise"),
+                ("iterations", "iterations"), ("seconds", "seconds"),
             ):  # fmt: skip
                 note(f"sampling_{name}", row[key], shape)
     if "sampling_printed" in results:
@@ -109,13 +110,13 @@ def tables(results: Results) -> list[Table]:
             rows.append(
                 [
                     shape, v["particles"], v["expected"], v["mean_over_2r"], v["least"], v["variation"], v["off"],
-                    v["holes"], v["blue"], v["iterations"], v["seconds"],
+                    v["holes"], v["blue"], v["force_noise"], v["iterations"], v["seconds"],
                 ]
             )  # fmt: skip
     if rows:
         head = [
             "shape", "particles", "g A/(pi r^2)", "mean/2r", "least/mean", "variation", "|phi|/r", "holes", "blue",
-            "iterations", "s",
+            "force noise", "iterations", "s",
         ]  # fmt: skip
         made.append(Table("Sampling scorecard", head, rows))
     rows = []

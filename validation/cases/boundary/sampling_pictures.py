@@ -79,10 +79,10 @@ def convergence_data(results: Results) -> dict[str, Any]:
 
 
 def convergence_picture(data: Mapping[str, Any]) -> Any:
-    """Left the sum of ways, right the error of the trilinear distance."""
+    """The sum of ways; the error of the trilinear distance over the grid's spacing and over its bytes."""
     import matplotlib.pyplot as plt
 
-    figure, (left, right) = plt.subplots(1, 2, figsize=(9.6, 3.8))
+    figure, (left, right, bytes_axes) = plt.subplots(1, 3, figsize=(13.2, 3.8))
     for name, colour in (("printed", ORANGE), ("adopted", BLUE)):
         ways = floats(data[name])
         words = {"printed": "as printed (E24)", "adopted": "adopted: the step decays"}[name]
@@ -94,14 +94,22 @@ def convergence_picture(data: Mapping[str, Any]) -> Any:
     left.set_title("Relaxation on a cube")
     left.legend()
     left.grid()
+    bytes_axes.sharey(right)
     for shape, rows in data["distance"].items():
-        spacing = [row["spacing"] for row in rows]
-        right.loglog(spacing, [row["rms"] for row in rows], "o-", color=COLOURS[shape], label=shape)
+        for axes, key in ((right, "spacing"), (bytes_axes, "bytes")):
+            over = [row[key] for row in rows]
+            axes.loglog(over, [row["rms"] for row in rows], "o-", color=COLOURS[shape], label=shape)
     guide = np.array([0.05, 0.2])
     right.loglog(guide, 0.02 * guide**2, "--", color=GREY, label="second order")
     right.set_xlabel("grid spacing [m]")
     right.set_ylabel("rms error of the distance [m]")
     right.set_title("Trilinear distance near the surface")
+    right.xaxis.set_major_formatter("{x:g}")
+    right.xaxis.set_minor_formatter("")
+    right.set_xticks([0.05, 0.1, 0.2])
     right.legend()
     right.grid()
+    bytes_axes.set_xlabel("bytes of the narrow band")
+    bytes_axes.set_title("The same, over its memory")
+    bytes_axes.grid()
     return figure

@@ -22,6 +22,8 @@ from validation.running import Context
 
 DARTS = 30  # places for each particle at which holes are looked for
 EXACT_QUERIES = 1000
+FORCES = 2000  # places at which the wall's force is looked at
+FLAT = 0.97  # cosine of the angle up to which normals near each other are of a flat part
 HOLE = 1.0  # distance from every particle, in mean spacings, at which another one would fit
 
 
@@ -52,12 +54,51 @@ def holes(position: np.ndarray, darts: np.ndarray, size: float) -> int:
     return count
 
 
-def score(position: np.ndarray, made: Any, radius: float, seed: int = 0) -> dict[str, float]:
+def wall_force_noise(
+    position: np.ndarray, normal: np.ndarray, place: np.ndarray, out: np.ndarray, apart: float
+) -> float:
+    """Unevenness of the wall's force on a resting layer of liquid: rms of what varies and of what is tangential, over
+    its mean.
+
+    place, out  (m, 3) places [m] on the surface, and the normals there
+    apart       2 r [m], of the particles and of the layer from the wall
+
+    The force for one pressure is -sum_b V_b grad W, V_b = 1/sum_k W_bk (P5, P6), with Wendland's kernel of support 2.7
+    spacings. Only places count around which the solid is flat: at edges the force is no normal one.
+    """
+    from scipy.spatial import cKDTree
+
+    h = 2.7 * apart
+    tree = cKDTree(position)
+
+    def value(r: np.ndarray) -> np.ndarray:
+        q = r / h
+        return (1 - q) ** 4 * (4 * q + 1)
+
+    def slope(r: np.ndarray) -> np.ndarray:
+        q = r / h
+        return -20 * q * (1 - q) ** 3 / h
+
+    near = tree.query_ball_point(position, h)
+    volume = np.array([1 / value(np.linalg.norm(position[k] - x, axis=1)).sum() for x, k in zip(position, near)])
+    forces = []
+    for x, n in zip(place + apart * out, out):
+        k = tree.query_ball_point(x, h)
+        if len(k) and (normal[k] @ n).min() > FLAT:
+            away = x - position[k]
+            r = np.linalg.norm(away, axis=1)
+            force = -(volume[k] * slope(r) / r) @ away
+            forces.append((force @ n, np.linalg.norm(force - (force @ n) * n)))
+    along, across = np.array(forces).T
+    return float(np.sqrt(along.var() + (across**2).mean()) / along.mean())
+
+
+def score(position: np.ndarray, normal: np.ndarray, made: Any, radius: float, seed: int = 0) -> dict[str, float]:
     """How good a sampling of the trimesh mesh `made` is."""
     import trimesh
 
     spread = blueness(position, made.area)
-    darts, _ = trimesh.sample.sample_surface(made, DARTS * len(position), seed=seed)
+    darts, face = trimesh.sample.sample_surface(made, DARTS * len(position), seed=seed)
     rows = np.random.default_rng(seed).choice(len(position), min(EXACT_QUERIES, len(position)), replace=False)
     off = trimesh.proximity.closest_point(made, position[rows])[1]
     expected = HEXAGONAL * made.area / (math.pi * radius**2)
@@ -65,6 +106,9 @@ def score(position: np.ndarray, made: Any, radius: float, seed: int = 0) -> dict
         "particles": len(position), "expected": expected, "count_error": abs(len(position) - expected) / expected,
         **spread, "mean_over_2r": spread["mean"] / (2 * radius), "off": float(off.max()) / radius,
         "holes": holes(position, darts, HOLE * spread["mean"]),
+        "force_noise": wall_force_noise(
+            position, normal, darts[:FORCES], np.asarray(made.face_normals)[face[:FORCES]], 2 * radius
+        ),
     }  # fmt: skip
 
 
@@ -83,7 +127,7 @@ def scorecard(context: Context, shape: str, count: int, backend: str, threads: i
     finally:
         set_threads(there, None)
     context.progress(0.6)
-    values = score(found.position, made, radius)
+    values = score(found.position, found.normal, made, radius)
     values |= {
         "shape": shape, "radius": radius, "iterations": found.iterations, "converged": found.converged,
         "seconds": seconds, "triangles": len(mesh.faces), "notes": list(found.notes),
