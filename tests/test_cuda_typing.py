@@ -180,7 +180,7 @@ def support_launches(dtype):
         (sparse.block_keys, (vectors, 1.0, 3, keys)),
         (sparse.point_nodes, (vectors, 1.0, 0.5, blocks, integers)),
         (mpm.write_keys, (vectors, 1.0, 2, keys)),
-        (mpm.count_cells, (vectors, 1.0, keys, np.zeros(n, np.uint8), 2, *3 * (integers,))),
+        (mpm.count_cells, (vectors, 1.0, blocks, np.zeros(n, np.uint8), 2, *3 * (integers,))),
         (mpm.total_blocks, (integers, integers)),
         (mpm.sum_blocks, (integers, integers)),
         (mpm.write_first, 3 * (integers,)),

@@ -17,7 +17,7 @@ from refsim.mpm import particle
 from refsim.mpm.formulas import spline_slopes, spline_weights
 from refsim.mpm.grid import FARTHEST
 from refsim.neighbours.formulas import BITS, OFFSET, lower_bound
-from refsim.sparse_grid.formulas import node_coordinates
+from refsim.sparse_grid.formulas import COORDINATE, node_coordinates
 
 FAR = 2.0 * FARTHEST
 ROWS = 192  # threads of a block that scatters: three for each of 64 cells
@@ -26,8 +26,9 @@ SUMS = 4 * REACH  # mass and momentum of each
 CHUNK = 256  # points of a block in shared memory at a time
 PADDED = CHUNK + CHUNK // 8  # one place more after eight, so that the points of cells in a row lie in different banks
 RECORD = 17  # numbers of a point: fractions, mass, value and gradient of its field, moment of its stress
-GATHERING = SIMULATED_THREADS if simulated() else 128
-SUMMING = SIMULATED_THREADS if simulated() else 512
+GATHERING = 16 if simulated() else 128  # threads; more than a row of the affine matrices has numbers
+ABREAST = GATHERING // 9  # rows of nine numbers that a block's threads write together
+SUMMING = SIMULATED_THREADS if simulated() else 1024
 
 # Cells, blocks and bins
 
@@ -118,9 +119,26 @@ def sorted_bins(cell, blocks):
 # reach a counter does not repeat; their numbers are then sorted within each cell.
 
 
+@formula
+def block_beside(hint, key, keys, neighbour, bits):
+    """Number of the block with `key`, which the block `hint` touches; -1 where it does not."""
+    if hint < 0 or hint >= keys.shape[0]:
+        return -1
+    base = keys[hint]
+    dx = (key & COORDINATE) - (base & COORDINATE)
+    dy = ((key >> BITS) & COORDINATE) - ((base >> BITS) & COORDINATE)
+    dz = (key >> (2 * BITS)) - (base >> (2 * BITS))
+    if dx < -1 or dx > 1 or dy < -1 or dy > 1 or dz < -1 or dz > 1 or (bits == 3 and dz != 0):
+        return -1
+    return neighbour[hint, neighbour.shape[1] // 2 + dx + 3 * dy + 9 * dz]
+
+
 @cuda_kernel
-def count_cells(position, inverse_cell, keys, complete, bits, held, place, cell):
-    """Cell of each particle, and how many of its cell were counted before it; -1 in no block."""
+def count_cells(position, inverse_cell, blocks, complete, bits, held, place, cell):
+    """Cell of each particle, and how many of its cell were counted before it; -1 in no block.
+
+    The cell of the step before, or whatever stands there, says where to look first.
+    """
     i = cuda.grid(1)
     if i < cell.shape[0]:
         jx = base_coordinate(position[i, 0], inverse_cell)
@@ -129,8 +147,11 @@ def count_cells(position, inverse_cell, keys, complete, bits, held, place, cell)
         found = -1
         if jx <= FARTHEST and jy <= FARTHEST and jz <= FARTHEST:
             rest = (1 << bits) - 1
+            keys = blocks.keys
             key = key_of(jx, jy, jz, bits)
-            b = lower_bound(keys, key)
+            b = block_beside(cell[i] >> 6, key, keys, blocks.neighbour, bits)
+            if b < 0:
+                b = lower_bound(keys, key)
             if b < keys.shape[0] and keys[b] == key and complete[b] != 0:
                 found = b * 64 + (((jy & rest) << bits) | (jx & rest))
                 if bits == 2:
@@ -150,6 +171,22 @@ def total_blocks(held, total):
         total[b] = count
 
 
+@formula
+def sum_before(part, mine):
+    """Sum of `mine` over the threads of the block before this one; `part` is shared, one place for each thread."""
+    thread = cuda.threadIdx.x
+    part[thread] = mine
+    cuda.syncthreads()
+    reach = 1
+    while reach < cuda.blockDim.x:
+        other = part[thread - reach] if thread >= reach else 0
+        cuda.syncthreads()
+        part[thread] += other
+        cuda.syncthreads()
+        reach *= 2
+    return part[thread] - mine
+
+
 @cuda_kernel(block_for_each_row=True, threads=SUMMING, rows_of="one")
 def sum_blocks(one, total):
     """total[b] <- particles of the blocks before b, by one thread block."""
@@ -160,28 +197,23 @@ def sum_blocks(one, total):
     count = 0
     for b in range(begin, end):
         count += total[b]
-    part[thread] = count
-    cuda.syncthreads()
-    before = 0
-    for other in range(thread):
-        before += part[other]
+    before = sum_before(part, count)
     for b in range(begin, end):
         count = total[b]
         total[b] = before
         before += count
 
 
-@cuda_kernel
+@cuda_kernel(block_for_each_row=True, threads=64, rows_of="total")
 def write_first(held, total, first):
-    """first[c]: particles of the cells before c."""
-    b = cuda.grid(1)
-    if b < total.shape[0]:
-        before = total[b]
-        for c in range(64 * b, 64 * b + 64):
-            first[c] = before
-            before += held[c]
-        if b == total.shape[0] - 1:
-            first[64 * b + 64] = before
+    """first[c]: particles of the cells before c; a thread for each cell of a block."""
+    part = cuda.shared.array(64, np.int32)
+    b = cuda.blockIdx.x
+    c = 64 * b + cuda.threadIdx.x
+    before = total[b] + sum_before(part, held[c])
+    first[c] = before
+    if c == first.shape[0] - 2:
+        first[c + 1] = before + held[c]
 
 
 @cuda_kernel
@@ -210,7 +242,7 @@ def sort_particles(position, grid, cell):
     bins, held, total, place, unsorted, one = grid.sorting
     device.fill(held, 0)
     blocks = grid.blocks
-    count_cells(position, grid.inverse_cell, blocks.keys, grid.complete, bits_of(blocks), held, place, cell)
+    count_cells(position, grid.inverse_cell, blocks, grid.complete, bits_of(blocks), held, place, cell)
     total_blocks(held, total)
     sum_blocks(one, total)
     write_first(held, total, bins.first)
@@ -255,7 +287,7 @@ def chosen(j, three):
 
 
 @formula
-def add_affine_row(total, j, background, wx, wy, wz, mass, qx, qy, qz, g):
+def add_affine_row(total, j, layers, wx, wy, wz, mass, qx, qy, qz, g):
     """Add B (mass, q + g (j - base)) of one point to the row's sums."""
     real = type(mass)
     w_row = chosen(j, wy)
@@ -263,7 +295,7 @@ def add_affine_row(total, j, background, wx, wy, wz, mass, qx, qy, qz, g):
     y = qy + real(j) * g[4]
     z = qz + real(j) * g[7]
     for k in range(3):
-        if k < background.layers:
+        if k < layers:
             w = w_row * wz[k]
             for i in range(3):
                 far = real(i)
@@ -293,30 +325,35 @@ def add_gradient_row(total, j, background, wx, wy, wz, sx, sy, sz, t):
 
 
 @formula
-def deposit(total, cell, row, background, shared, scratch, b):
-    """The rows' sums of all cells of block b to its nodes, one node of the stencil after the other.
+def deposit_reach(total, at, row, width, layers, shared):
+    """The rows' sums to the nodes in shared memory, one node of the stencil after the other."""
+    for k in range(layers):
+        for i in range(3):
+            n = at + k * width * width + i
+            for c in range(4):
+                shared[row, c * REACH + n] += total[(3 * k + i) * 4 + c]
+            cuda.syncthreads()
 
-    Shared memory holds all masses, then all momenta along each axis, so that nodes side by side lie in different banks.
+
+@formula
+def deposit(total, cell, row, background, shared, scratch, b):
+    """The rows' sums of all cells of block b to its nodes.
+
+    Each row of the stencils has nodes of its own in shared memory, so that no two threads meet; they hold all masses,
+    then all momenta along each axis, so that nodes side by side lie in different banks.
     """
     thread = cuda.threadIdx.x
-    width = background.width
     for n in range(thread, SUMS, ROWS):
-        shared[n] = type(background.cell_size)(0)
+        for j in range(3):
+            shared[j, n] = type(background.cell_size)(0)
     cuda.syncthreads()
     if background.layers == 3:
-        at = ((cell >> 4) * width + ((cell >> 2) & 3) + row) * width + (cell & 3)
+        deposit_reach(total, ((cell >> 4) * 6 + ((cell >> 2) & 3) + row) * 6 + (cell & 3), row, 6, 3, shared)
     else:
-        at = ((cell >> 3) + row) * width + (cell & 7)
-    for k in range(3):
-        for i in range(3):
-            for j in range(3):
-                if j == row and k < background.layers:
-                    n = at + k * width * width + i
-                    for c in range(4):
-                        shared[c * REACH + n] += total[(3 * k + i) * 4 + c]
-                cuda.syncthreads()
+        deposit_reach(total, ((cell >> 3) + row) * 10 + (cell & 7), row, 10, 1, shared)
     for n in range(thread, 4 * scratch.shape[1], ROWS):
-        scratch[b, n >> 2, n & 3] = shared[(n & 3) * REACH + (n >> 2)]
+        at = (n & 3) * REACH + (n >> 2)
+        scratch[b, n >> 2, n & 3] = shared[0, at] + shared[1, at] + shared[2, at]
 
 
 @formula
@@ -341,9 +378,11 @@ def add_kept_row(total, row, background, records, k, kernel_gradient):
         records[7, at], records[8, at], records[9, at], records[10, at], records[11, at], records[12, at],
         records[13, at], records[14, at], records[15, at],
     )  # fmt: skip
-    add_affine_row(
-        total, row, background, wx, wy, wz, records[3, at], records[4, at], records[5, at], records[6, at], g
-    )
+    mass, qx, qy, qz = records[3, at], records[4, at], records[5, at], records[6, at]
+    if background.layers == 3:
+        add_affine_row(total, row, 3, wx, wy, wz, mass, qx, qy, qz, g)
+    else:
+        add_affine_row(total, row, 1, wx, wy, wz, mass, qx, qy, qz, g)
     if kernel_gradient is not None:
         p = -records[16, at] / background.cell_size
         zero = type(p)(0)
@@ -365,7 +404,7 @@ def scatter_particles(
     thread = cuda.threadIdx.x
     own_cell, row = thread & 63, thread >> 6
     first, last = bins.first[64 * b + own_cell], bins.first[64 * b + own_cell + 1]
-    shared = cuda.shared.array(SUMS, scratch.dtype)
+    shared = cuda.shared.array((3, SUMS), scratch.dtype)
     records = cuda.shared.array((RECORD, PADDED), scratch.dtype)
     total = cuda.local.array(36, scratch.dtype)
     for n in range(36):
@@ -402,7 +441,7 @@ def scatter_carriers(
     thread = cuda.threadIdx.x
     own_cell, row = thread & 63, thread >> 6
     first, last = bins.first[64 * b + own_cell], bins.first[64 * b + own_cell + 1]
-    shared = cuda.shared.array(SUMS, scratch.dtype)
+    shared = cuda.shared.array((3, SUMS), scratch.dtype)
     records = cuda.shared.array((RECORD, PADDED), scratch.dtype)
     total = cuda.local.array(36, scratch.dtype)
     for n in range(36):
@@ -514,36 +553,50 @@ def grid_update(node_mass, node_momentum, node_pull, field, planes, background, 
 
 
 @formula
-def load_block(b, blocks, background, node_velocity, values):
-    """values (width^dim, 3): velocities of the nodes in the reach of block b."""
-    bits = 2 if background.layers == 3 else 3
+def load_reach(b, blocks, width, bits, deep, node_velocity, values):
+    """`load_block` for a block's width and depth that the compiler knows, so that it need not divide."""
     rest = (1 << bits) - 1
-    width = background.width
     middle = blocks.neighbour.shape[1] // 2
-    reach = width * width * (width if background.layers == 3 else 1)
-    for at in range(cuda.threadIdx.x, reach, cuda.blockDim.x):
+    for at in range(cuda.threadIdx.x, width * width * deep, cuda.blockDim.x):
         x, y, z = at % width, (at // width) % width, at // (width * width)
         s = blocks.neighbour[b, middle + (x >> bits) + 3 * (y >> bits) + 9 * (z >> bits)]
         n = 64 * s + (((z & rest) << (2 * bits)) | ((y & rest) << bits) | (x & rest))
         for c in range(3):
             values[at, c] = node_velocity[n, c]
+
+
+@formula
+def load_block(b, blocks, background, node_velocity, values):
+    """values (width^dim, 3): velocities of the nodes in the reach of block b."""
+    if background.layers == 3:
+        load_reach(b, blocks, 6, 2, 6, node_velocity, values)
+    else:
+        load_reach(b, blocks, 10, 3, 1, node_velocity, values)
     cuda.syncthreads()
 
 
 @formula
-def largest_of_block(values, mine):
-    """Largest `mine` of the block's threads (a power of two of them); `values` is shared, one place for each."""
-    at = cuda.threadIdx.x
-    cuda.syncthreads()
-    values[at] = mine
+def moments(x, y, z, fx, fy, fz, background, values):
+    """`particle.moments` at node (x, y, z) of the block, with widths that the compiler knows."""
+    wx, wy = spline_weights(fx), spline_weights(fy)
+    if background.layers == 3:
+        return particle.moments((z * 6 + y) * 6 + x, 6, 3, wx, wy, spline_weights(fz), values)
+    return particle.moments(y * 10 + x, 10, 1, wx, wy, particle.layer_weights(fz, background), values)
+
+
+@formula
+def largest_of_block(values):
+    """values[c, 0] <- largest values[c] of the block's threads (a power of two of them), which have just written it."""
+    thread = cuda.threadIdx.x
     cuda.syncthreads()
     half = cuda.blockDim.x // 2
     while half > 0:
-        if at < half and values[at + half] > values[at]:
-            values[at] = values[at + half]
+        if thread < half:
+            for c in range(values.shape[0]):
+                if values[c, thread + half] > values[c, thread]:
+                    values[c, thread] = values[c, thread + half]
         cuda.syncthreads()
         half //= 2
-    return values[0]
 
 
 @cuda_kernel(block_for_each_row=True, threads=GATHERING, rows_of="block_extremes")
@@ -561,9 +614,8 @@ def gather(
     far, least, most, fast, jump = real(0), real(-math.inf), real(-math.inf), real(0), real(0)
     if bins.first[64 * b + 64] > bins.first[64 * b]:
         values = cuda.shared.array((REACH, 3), velocity.dtype)
-        best = cuda.shared.array(GATHERING, velocity.dtype)
+        best = cuda.shared.array((5, GATHERING), velocity.dtype)
         matrix = cuda.shared.array((GATHERING, 9), velocity.dtype)
-        width = background.width
         origin = node_coordinates(blocks, b * 64)
         load_block(b, blocks, background, node_velocity, values)
         begin, end, thread = bins.first[64 * b], bins.first[64 * b + 64], cuda.threadIdx.x
@@ -571,10 +623,7 @@ def gather(
             if begin + thread < end:
                 i = bins.point[begin + thread]
                 fx, fy, fz, x, y, z = particle.place(i, position, cell, origin, background)
-                sums = particle.moments(
-                    (z * width + y) * width + x, width, background, spline_weights(fx), spline_weights(fy),
-                    particle.layer_weights(fz, background), values,
-                )  # fmt: skip
+                sums = moments(x, y, z, fx, fy, fz, background, values)
                 way, ratio, rate, leap = particle.gather(
                     i, thread, sums, fx, fy, fz, background, liquid, timestep, cluster_share, inverse_spread, embedding,
                     carrier_first, carrier_position, carrier_moment, build_position, velocity, matrix, volume_ratio,
@@ -584,16 +633,16 @@ def gather(
                 jump = max(jump, leap)
             cuda.syncthreads()
             # Rows of nine numbers, written by all threads together: neighbours in memory by neighbours in the block.
-            for n in range(thread, 9 * min(cuda.blockDim.x, end - begin), cuda.blockDim.x):
-                k = n // 9
-                affine[bins.point[begin + k], n - 9 * k] = matrix[k, n - 9 * k]
+            row, c = thread // 9, thread % 9
+            if row < ABREAST:
+                for k in range(row, min(cuda.blockDim.x, end - begin), ABREAST):
+                    affine[bins.point[begin + k], c] = matrix[k, c]
             cuda.syncthreads()
             begin += cuda.blockDim.x
-        far = largest_of_block(best, far)
-        least = largest_of_block(best, least)
-        most = largest_of_block(best, most)
-        fast = largest_of_block(best, fast)
-        jump = largest_of_block(best, jump)
+        best[0, thread], best[1, thread], best[2, thread] = far, least, most
+        best[3, thread], best[4, thread] = fast, jump
+        largest_of_block(best)
+        far, least, most, fast, jump = best[0, 0], best[1, 0], best[2, 0], best[3, 0], best[4, 0]
     if cuda.threadIdx.x == 0:
         block_extremes[b, 0] = far
         block_extremes[b, 1] = least
@@ -602,16 +651,19 @@ def gather(
         block_extremes[b, 4] = jump
 
 
-@cuda_kernel(block_for_each_row=True, threads=GATHERING, rows_of="step_extremes")
+@cuda_kernel(block_for_each_row=True, threads=SUMMING, rows_of="step_extremes")
 def reduce_extremes(block_extremes, displacement, step_extremes):
     """Extremes of all blocks; each of the thread blocks finds one, the first one two."""
     real = displacement.dtype.type
-    best = cuda.shared.array(GATHERING, displacement.dtype)
+    best = cuda.shared.array((1, SUMMING), displacement.dtype)
     for c in range(cuda.blockIdx.x, 5, 4):
         mine = real(-math.inf)
         for b in range(cuda.threadIdx.x, block_extremes.shape[0], cuda.blockDim.x):
             mine = max(mine, block_extremes[b, c])
-        mine = largest_of_block(best, mine)
+        cuda.syncthreads()
+        best[0, cuda.threadIdx.x] = mine
+        largest_of_block(best)
+        mine = best[0, 0]
         if cuda.threadIdx.x == 0:
             some = mine > real(-math.inf)
             if c == 0:
@@ -648,16 +700,12 @@ def gather_carriers(bins, node_velocity, carrier_position, carrier_cell, backgro
     if bins.first[64 * b + 64] == bins.first[64 * b]:
         return
     values = cuda.shared.array((REACH, 3), node_velocity.dtype)
-    width = background.width
     origin = node_coordinates(blocks, b * 64)
     load_block(b, blocks, background, node_velocity, values)
     for at in range(bins.first[64 * b] + cuda.threadIdx.x, bins.first[64 * b + 64], cuda.blockDim.x):
         i = bins.point[at]
         fx, fy, fz, x, y, z = particle.place(i, carrier_position, carrier_cell, origin, background)
-        sums = particle.moments(
-            (z * width + y) * width + x, width, background, spline_weights(fx), spline_weights(fy),
-            particle.layer_weights(fz, background), values,
-        )  # fmt: skip
+        sums = moments(x, y, z, fx, fy, fz, background, values)
         m = particle.centred(sums, fx, fy, fz, background.cell_size)
         carrier_moment[i, 0], carrier_moment[i, 1], carrier_moment[i, 2] = sums[0], sums[1], sums[2]
         for c in range(9):

@@ -197,9 +197,9 @@ def carrier_field(
 
 
 @formula
-def moments(at, width, background, wx, wy, wz, values):
+def moments(at, width, layers, wx, wy, wz, values):
     """Sums over the stencil's nodes: B v (3) and B v (j - base)^T (9, row by row); values (nodes, 3) [m/s]."""
-    real = type(background.cell_size)
+    real = type(wx[0])
     zero = real(0)
     two = real(2)
     vx, vy, vz = zero, zero, zero
@@ -209,7 +209,7 @@ def moments(at, width, background, wx, wy, wz, values):
     w0, w1, w2 = wx[0], wx[1], wx[2]
     d2 = two * w2
     for k in range(3):
-        if k < background.layers:
+        if k < layers:
             px, py, pz = zero, zero, zero
             sx, sy, sz = zero, zero, zero
             tx, ty, tz = zero, zero, zero
