@@ -156,7 +156,7 @@ def test_sparse_grid_is_the_cpus(cuda, dim):
         listed = [there.by_cell(cuda.asarray(where), covered, s) for s in (0, 0.5)]
         for own, other in zip((blocks, held, *lists), (covered, holding, *listed), strict=True):
             for a, b in zip(own, other, strict=True):
-                assert np.array_equal(a, cuda.host(b))
+                assert np.array_equal(a, cuda.host(b)[: len(a)])
                 assert a.dtype == b.dtype
 
 

@@ -12,11 +12,12 @@ import numpy as np
 
 from refsim import device
 from refsim.backend import simulated
-from refsim.compile import SIMULATED_THREADS, cuda, cuda_kernel, formula
+from refsim.compile import cuda, cuda_kernel, formula
 from refsim.mpm import particle
 from refsim.mpm.formulas import spline_slopes, spline_weights
 from refsim.mpm.grid import FARTHEST
 from refsim.neighbours.formulas import BITS, OFFSET, lower_bound
+from refsim.sparse_grid.cuda import SUMMING, sort_counted, sorted_points
 from refsim.sparse_grid.formulas import COORDINATE, node_coordinates
 
 FAR = 2.0 * FARTHEST
@@ -28,7 +29,6 @@ PADDED = CHUNK + CHUNK // 8  # one place more after eight, so that the points of
 RECORD = 17  # numbers of a point: fractions, mass, value and gradient of its field, moment of its stress
 GATHERING = 16 if simulated() else 128  # threads; more than a row of the affine matrices has numbers
 ABREAST = GATHERING // 9  # rows of nine numbers that a block's threads write together
-SUMMING = SIMULATED_THREADS if simulated() else 1024
 
 # Cells, blocks and bins
 
@@ -108,15 +108,10 @@ def find_cells(position, inverse_cell, blocks, complete, cell):
 
 def sorted_bins(cell, blocks):
     """Points by cell."""
-    xp = device.library()
-    cells = device.seen(cell)
-    order = xp.argsort(cells, kind="stable").astype(np.int32) if len(cells) else xp.zeros(0, np.int32)
-    first = xp.searchsorted(cells[order], xp.arange(64 * blocks + 1, dtype=np.int32)).astype(np.int32)
-    return device.wrapped(first), device.wrapped(order)
+    return sorted_points(cell, 64 * blocks)
 
 
-# The same without the host, so that it can be recorded: the blocks are known to be there. The order in which particles
-# reach a counter does not repeat; their numbers are then sorted within each cell.
+# The same without the host, so that it can be recorded: the blocks are known to be there.
 
 
 @formula
@@ -160,94 +155,13 @@ def count_cells(position, inverse_cell, blocks, complete, bits, held, place, cel
         cell[i] = found
 
 
-@cuda_kernel
-def total_blocks(held, total):
-    """Particles of each block."""
-    b = cuda.grid(1)
-    if b < total.shape[0]:
-        count = 0
-        for c in range(64 * b, 64 * b + 64):
-            count += held[c]
-        total[b] = count
-
-
-@formula
-def sum_before(part, mine):
-    """Sum of `mine` over the threads of the block before this one; `part` is shared, one place for each thread."""
-    thread = cuda.threadIdx.x
-    part[thread] = mine
-    cuda.syncthreads()
-    reach = 1
-    while reach < cuda.blockDim.x:
-        other = part[thread - reach] if thread >= reach else 0
-        cuda.syncthreads()
-        part[thread] += other
-        cuda.syncthreads()
-        reach *= 2
-    return part[thread] - mine
-
-
-@cuda_kernel(block_for_each_row=True, threads=SUMMING, rows_of="one")
-def sum_blocks(one, total):
-    """total[b] <- particles of the blocks before b, by one thread block."""
-    part = cuda.shared.array(SUMMING, np.int32)
-    thread = cuda.threadIdx.x
-    size = (total.shape[0] + SUMMING - 1) // SUMMING
-    begin, end = min(thread * size, total.shape[0]), min(thread * size + size, total.shape[0])
-    count = 0
-    for b in range(begin, end):
-        count += total[b]
-    before = sum_before(part, count)
-    for b in range(begin, end):
-        count = total[b]
-        total[b] = before
-        before += count
-
-
-@cuda_kernel(block_for_each_row=True, threads=64, rows_of="total")
-def write_first(held, total, first):
-    """first[c]: particles of the cells before c; a thread for each cell of a block."""
-    part = cuda.shared.array(64, np.int32)
-    b = cuda.blockIdx.x
-    c = 64 * b + cuda.threadIdx.x
-    before = total[b] + sum_before(part, held[c])
-    first[c] = before
-    if c == first.shape[0] - 2:
-        first[c + 1] = before + held[c]
-
-
-@cuda_kernel
-def fill_cells(cell, place, first, unsorted):
-    """The particles of each cell, in any order."""
-    i = cuda.grid(1)
-    if i < cell.shape[0] and cell[i] >= 0:
-        unsorted[first[cell[i]] + place[i]] = i
-
-
-@cuda_kernel
-def sort_cells(cell, first, unsorted, point):
-    """The particles of each cell by their numbers."""
-    i = cuda.grid(1)
-    if i < cell.shape[0] and cell[i] >= 0:
-        begin, end = first[cell[i]], first[cell[i] + 1]
-        at = begin
-        for k in range(begin, end):
-            if unsorted[k] < i:
-                at += 1
-        point[at] = i
-
-
 def sort_particles(position, grid, cell):
     """Cells and bins of the particles, whose blocks are there."""
     bins, held, total, place, unsorted, one = grid.sorting
     device.fill(held, 0)
     blocks = grid.blocks
     count_cells(position, grid.inverse_cell, blocks, grid.complete, bits_of(blocks), held, place, cell)
-    total_blocks(held, total)
-    sum_blocks(one, total)
-    write_first(held, total, bins.first)
-    fill_cells(cell, place, bins.first, unsorted)
-    sort_cells(cell, bins.first, unsorted, bins.point)
+    sort_counted(cell, place, held, total, one, bins.first, unsorted, bins.point)
 
 
 def cells(position, carrier_position, surface_sample, grid, cell):

@@ -25,7 +25,7 @@ class PointList(NamedTuple):
     """Points by cell: those of cell i are point[first[i] : first[i + 1]], in the order of their numbers."""
 
     first: Any  # (nodes + 1,) int32
-    point: Any  # (points in some block,) int32
+    point: Any  # (points in some block,) int32; on a GPU with unused room at its end for the others
     cell: Any  # (points,) int32, the cell of each point, -1 for none
 
 
@@ -59,6 +59,11 @@ class SparseGrid:
     def by_cell(self, position: Any, blocks: Blocks, shift: float = 0.0) -> PointList:
         """The points (n, 3) [m] of each cell j = floor(x/h - shift); those outside all blocks are left out."""
         return self.programs.by_cell(position, blocks, shift)
+
+    def cells_alone(self, position: Any, blocks: Blocks, shift: float = 0.0) -> PointList:
+        """The cell of each point, as a list whose rows nobody may ask for: sorting is what takes the time."""
+        cell = self.programs.cell_of(position, blocks, shift)
+        return PointList(cell, cell, cell)
 
 
 def inverse_cell(cell_size: float, dtype: str) -> float:

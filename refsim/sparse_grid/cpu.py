@@ -70,6 +70,9 @@ class Search:
             local |= rest[:, 2] << 4
         return np.where(blocks.keys[place] == key, place * BLOCK + local, -1)
 
+    def cell_of(self, position, blocks, shift):
+        return self.node_of(self.cell_coordinates(position, shift), blocks).astype(np.int32)
+
     def by_cell(self, position, blocks, shift):
         count = BLOCK * len(blocks.keys)
         node = self.node_of(self.cell_coordinates(position, shift), blocks)

@@ -3,7 +3,7 @@
 import numpy as np
 
 from refsim import device
-from refsim.compile import cuda, cuda_kernel
+from refsim.compile import cuda, cuda_kernel, formula
 from refsim.sparse_grid.formulas import step_node
 from refsim.surface_energy import node
 
@@ -239,20 +239,34 @@ def begin_labels(node_state, node_label):
         node_label[i] = i if node_state[i] == 1 else -1
 
 
+@formula
+def lowest(node_label, i):
+    """The node at the end of i's chain of labels."""
+    label = node_label[i]
+    while label != i:
+        i, label = label, node_label[label]
+    return i
+
+
 @cuda_kernel
-def join_labels(blocks, changed, node_label):
-    """The component with the higher number of two that touch joins the lower one."""
+def join_labels(blocks, node_label):
+    """Of two components that touch, the one with the higher number joins the lower one.
+
+    A label only ever falls, and a chain that another thread has just lengthened still leads into the same component: a
+    join that comes too late is seen by its comparison and tried again farther down.
+    """
     i = cuda.grid(1)
-    if i < node_label.shape[0]:
-        own = node_label[i]
-        if own >= 0:
-            for axis in range(3 if blocks.neighbour.shape[1] == 27 else 2):
-                other = step_node(blocks, i, 1 if axis == 0 else 0, 1 if axis == 1 else 0, 1 if axis == 2 else 0)
-                if other >= 0:
-                    label = node_label[other]
-                    if label >= 0 and label != own:
-                        cuda.atomic.min(node_label, max(own, label), min(own, label))
-                        changed[0] = 1
+    if i < node_label.shape[0] and node_label[i] >= 0:
+        for axis in range(3 if blocks.neighbour.shape[1] == 27 else 2):
+            other = step_node(blocks, i, 1 if axis == 0 else 0, 1 if axis == 1 else 0, 1 if axis == 2 else 0)
+            if other >= 0 and node_label[other] >= 0:
+                own, met = lowest(node_label, i), lowest(node_label, other)
+                while own != met:
+                    high, low = max(own, met), min(own, met)
+                    found = cuda.atomic.cas(node_label, high, high, low)
+                    if found == high:
+                        break
+                    own, met = lowest(node_label, found), lowest(node_label, low)
 
 
 @cuda_kernel
@@ -270,13 +284,8 @@ def shorten_labels(node_label):
 def components(blocks, node_state, node_label):
     """The lowest node of each inside node's component."""
     begin_labels(node_state, node_label)
-    changed = device.empty(1, np.int32)
-    while True:
-        device.fill(changed, 0)
-        join_labels(blocks, changed, node_label)
-        shorten_labels(node_label)
-        if not device.largest(changed):
-            return
+    join_labels(blocks, node_label)
+    shorten_labels(node_label)
 
 
 @cuda_kernel(rows_of="cell")

@@ -178,7 +178,7 @@ class Reconstruction:
         count = place.shape[0]
         nearest, away = self._empty(count, np.int32), self._empty((count, 3))
         points = self._empty((2 * count, 3)) if fitted else None
-        own = self.grid.by_cell(place, blocks)
+        own = self.grid.cells_alone(place, blocks)
         self._run("offsets", position, cells, blocks, self.term, place, own, nearest, away, points)
         return nearest, away, points
 
@@ -205,7 +205,7 @@ class Reconstruction:
 
     def _smooth_normals(self, blocks: Blocks, coefficients: Any, place: Any, outward: Any) -> Any:
         normal = self._empty((place.shape[0], 3))
-        bases = self.grid.by_cell(place, blocks, 0.5)
+        bases = self.grid.cells_alone(place, blocks, 0.5)
         name = "mls_normals" if self.tension.normals == "mls" else "spline_normals"
         self._run(name, place, bases, blocks, self.term, coefficients, outward, None, None, normal)
         return normal
