@@ -47,7 +47,7 @@ def count_uncovered(keys, made, sure, missing):
             missing[0] = 1
 
 
-# Points are sorted by counting, without the host. The order in which they reach a counter does not repeat, so that their
+# Points are sorted by counting, without the host. The order in which they reach a counter does not repeat; their
 # numbers are sorted within each cell afterwards.
 
 
