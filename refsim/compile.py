@@ -187,8 +187,9 @@ def cpu_kernel(function: Callable | None = None, *, ordered: bool = False, packe
 class CudaKernel:
     """A CUDA kernel that launches itself over the rows of one of its arguments: the last one, or `rows_of`.
 
-    A thread takes a row (with `lanes`, as many as share a column of that argument, True for `neighbours`), or, with
-    `block_for_each_row`, a block, of `threads` threads where the kernel counts on their number.
+    A thread takes a row (with `lanes` so many threads: a number, or as many as share a column of the list of that name,
+    True for `neighbours`), or, with `block_for_each_row`, a block, of `threads` threads where the kernel counts on
+    their number; with `rows_in_block` there are as many fewer blocks.
     """
 
     def __init__(
@@ -196,16 +197,21 @@ class CudaKernel:
         function: Callable,
         fastmath: bool,
         rows_of: str | None,
-        lanes: bool | str = False,
+        lanes: bool | str | int = False,
         block_for_each_row: bool = False,
         threads: int | None = None,
+        rows_in_block: int = 1,
     ) -> None:
         from refsim.backend import simulated
 
         names = list(inspect.signature(function).parameters)
         self.function, self.fastmath, self.block_for_each_row = function, fastmath, block_for_each_row
-        self.list_at = names.index("neighbours" if lanes is True else lanes) if lanes else None
+        if isinstance(lanes, bool):
+            lanes = "neighbours" if lanes else 1
+        self.lanes = 1 if isinstance(lanes, str) else lanes
+        self.list_at = names.index(lanes) if isinstance(lanes, str) else None
         self.rows_at = names.index(rows_of) if rows_of else len(names) - 1
+        self.rows_in_block = rows_in_block
         self.threads = threads or (SIMULATED_THREADS if simulated() else THREADS_PER_BLOCK)
         self.__name__ = function.__name__
         self.__doc__ = function.__doc__
@@ -219,11 +225,12 @@ class CudaKernel:
     def __call__(self, *arguments: Any) -> None:
         from refsim.backend import stream
 
-        rows = arguments[self.rows_at].shape[0]
+        rows = arguments[self.rows_at].shape[0] * self.lanes
         if self.list_at is not None:
             rows *= len(arguments[self.list_at].lanes)
         if rows:
-            blocks = rows if self.block_for_each_row else (rows + self.threads - 1) // self.threads
+            taken = self.rows_in_block if self.block_for_each_row else self.threads
+            blocks = (rows + taken - 1) // taken
             self.dispatcher[blocks, self.threads, stream()](*arguments)
 
 
@@ -243,9 +250,10 @@ def cuda_kernel(
     *,
     fastmath: bool = False,
     rows_of: str | None = None,
-    lanes: bool | str = False,
+    lanes: bool | str | int = False,
     block_for_each_row: bool = False,
     threads: int | None = None,
+    rows_in_block: int = 1,
 ) -> Any:
     """Compile a kernel for CUDA (or for the CUDA simulator, if NUMBA_ENABLE_CUDASIM is set).
 
@@ -254,9 +262,9 @@ def cuda_kernel(
     if function is None:
         return functools.partial(
             cuda_kernel, fastmath=fastmath, rows_of=rows_of, lanes=lanes, block_for_each_row=block_for_each_row,
-            threads=threads,
+            threads=threads, rows_in_block=rows_in_block,
         )  # fmt: skip
-    return CudaKernel(function, fastmath, rows_of, lanes, block_for_each_row, threads)
+    return CudaKernel(function, fastmath, rows_of, lanes, block_for_each_row, threads, rows_in_block)
 
 
 @functools.cache

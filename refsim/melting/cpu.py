@@ -45,4 +45,4 @@ def melt(
 def detach(melted, melted_count, region, direct, rebuild):
     """Take melted nodes out of the tables; mark the regions to be filled anew."""
     for s in prange(rebuild.shape[0]):
-        particle.detach(s, melted, melted_count, region, direct, rebuild)
+        rebuild[s] = particle.detach(s, 0, 1, melted, melted_count, region, direct)

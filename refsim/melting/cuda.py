@@ -3,6 +3,8 @@
 from refsim import device
 from refsim.compile import cuda, cuda_kernel
 from refsim.melting import particle
+from refsim.neighbours.rows import sum_of_lanes
+from refsim.shape_matching.parallel_reduction.cuda import LANES
 
 
 def melt(
@@ -79,9 +81,11 @@ def melt_and_count(
         cuda.atomic.add(melted_count, 0, count)
 
 
-@cuda_kernel
+@cuda_kernel(lanes=LANES)
 def detach(melted, melted_count, region, direct, rebuild):
     """Take melted nodes out of the tables; mark the regions to be filled anew."""
-    s = cuda.grid(1)
+    s, lane = cuda.grid(1) // LANES, cuda.grid(1) % LANES
     if s < rebuild.shape[0]:
-        particle.detach(s, melted, melted_count, region, direct, rebuild)
+        held = sum_of_lanes(particle.detach(s, lane, LANES, melted, melted_count, region, direct), lane, LANES)
+        if lane == 0:
+            rebuild[s] = held > 0

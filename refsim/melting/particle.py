@@ -29,15 +29,19 @@ def melt(
 
 
 @formula
-def detach(s, melted, melted_count, region, direct, rebuild):
-    """Take melted nodes out of the direct neighbours of node s; mark its region if one was in it."""
-    rebuild[s] = 0
+def detach(s, lane, lanes, melted, melted_count, region, direct):
+    """Take melted nodes out of the direct neighbours of node s; 1 if one was in its region, else 0.
+
+    A lane looks at its share of the slots, one out of as many as there are lanes.
+    """
+    held = 0
     if melted_count[0] > 0:
-        for slot in range(27):
+        for slot in range(lane, 27, lanes):
             other = direct[s, slot]
             if other != NOBODY and (melted[s] or melted[other]):
                 direct[s, slot] = NOBODY
-        for slot in range(region.shape[1]):
+        for slot in range(lane, region.shape[1], lanes):
             other = region[s, slot]
             if other != NOBODY and melted[other]:
-                rebuild[s] = 1
+                held = 1
+    return held

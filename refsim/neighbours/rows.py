@@ -47,19 +47,36 @@ def cuda_lane(place, neighbours):  # noqa: ANN001, ANN201
 @formula
 def cuda_lane_row(neighbours, i, lane):  # noqa: ANN001, ANN201
     """(first, stride, count) of a lane's share of column i: one entry out of as many as there are lanes."""
-    n, lanes = neighbours.count.shape[0], len(neighbours.lanes)
-    own = (neighbours.count[i] + lanes - 1 - lane) // lanes
+    return cuda_share_row(neighbours, i, lane, len(neighbours.lanes))
+
+
+@formula
+def cuda_share_row(columns, i, lane, lanes):  # noqa: ANN001, ANN201
+    """(first, stride, count) of a lane's share of column i of any list, the walls', too."""
+    n = columns.count.shape[0]
+    own = (columns.count[i] + lanes - 1 - lane) // lanes
     return np.uint64(i + lane * n), np.uint64(lanes * n), np.uint64(own)
 
 
 @formula
 def lanes_sum(value, lane, neighbours):  # noqa: ANN001, ANN201
     """Sum of the lanes' shares, the same in all of them and always in the same order."""
-    lanes = len(neighbours.lanes)
+    return sum_of_lanes(value, lane, len(neighbours.lanes))
+
+
+@formula
+def sum_of_lanes(value, lane, lanes):  # noqa: ANN001, ANN201
+    """Sum of what so many neighbouring threads hold, a power of two, the same in all and always in the same order."""
     if lanes > 1:
-        mask = np.uint32((1 << lanes) - 1) << np.uint32(cuda.laneid - lane)
+        mask = lanes_mask(lane, lanes)
         step = 1
         while step < lanes:
             value += cuda.shfl_xor_sync(mask, value, step)
             step *= 2
     return value
+
+
+@formula
+def lanes_mask(lane, lanes):  # noqa: ANN001, ANN201
+    """Bits of a warp's threads that share a row with this one."""
+    return np.uint32((1 << lanes) - 1) << np.uint32(cuda.laneid - lane)

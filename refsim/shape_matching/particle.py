@@ -92,17 +92,18 @@ def fill_region(s, direct, region):
 
 
 @formula
-def reached(s, slot, level, direct, region, side):
-    """What pass `level` writes into an empty slot of the region of node s: the node there, if one beside links to it.
+def reached(slot, level, direct, entries, side):
+    """What pass `level` writes into an empty slot of a region: the node there, if one beside links to it.
 
-    The same passes as in `fill_region`, seen from the slot that is written, so that threads can share a region.
+    The same passes as in `fill_region`, seen from the slot that is written, so that threads can share a region, whose
+    slots are `entries`.
     """
     found = NOBODY
     x, y, z = slot // (side * side), slot // side % side, slot % side
     for near in range(27):
         a, b, e = slot_offset(near, 1)
         if found == NOBODY and 0 <= x - a < side and 0 <= y - b < side and 0 <= z - e < side:
-            entry = region[s, ((x - a) * side + y - b) * side + z - e]
+            entry = entries[((x - a) * side + y - b) * side + z - e]
             if entry != NOBODY and entry >> LEVEL == level - 1:
                 found = direct[entry & NUMBER, near]
     return found
@@ -165,19 +166,24 @@ def nothing_12(zero):
 @formula
 def match_slot(s, slot, solid_position, region_share, region, half_width):
     """Terms of one slot in the sums of the region of node s; zeros where it is empty."""
-    real = type(solid_position[s, 0])
     j = region[s, slot]
     if j == NOBODY:
-        return nothing_16(real(0))
-    a, b, e = slot_offset(slot, half_width)
+        return nothing_16(type(solid_position[s, 0])(0))
+    return match_member(s, j, slot_offset(slot, half_width), solid_position, region_share)
+
+
+@formula
+def match_member(s, j, offset, solid_position, region_share):
+    """Terms of member j of the region of node s, which stands `offset` cells from it."""
+    real = type(solid_position[s, 0])
     return match_term(
         region_share[j],
         solid_position[j, 0] - solid_position[s, 0],
         solid_position[j, 1] - solid_position[s, 1],
         solid_position[j, 2] - solid_position[s, 2],
-        real(a),
-        real(b),
-        real(e),
+        real(offset[0]),
+        real(offset[1]),
+        real(offset[2]),
     )
 
 
@@ -217,15 +223,23 @@ def match_end(s, sums, matching, matrix, basis, region_center, region_anchor, ro
 def goal_slot(s, slot, solid_position, region, region_anchor, rotation, matching):
     """Way from node s to where the region of one slot takes it [m]; zeros where the slot is empty."""
     zero = type(matching.spacing)(0)
-    x, y, z = zero, zero, zero
     r = region[s, slot]
-    if r != NOBODY:
-        a, b, e = slot_offset(slot, matching.half_width)
-        real = type(zero)
-        x, y, z = goal_term(rotation[r], region_anchor[r], real(a), real(b), real(e), matching.spacing)
-        x += solid_position[r, 0] - solid_position[s, 0]
-        y += solid_position[r, 1] - solid_position[s, 1]
-        z += solid_position[r, 2] - solid_position[s, 2]
+    if r == NOBODY:
+        return zero, zero, zero
+    offset = slot_offset(slot, matching.half_width)
+    return goal_member(s, r, offset, solid_position, region_anchor, rotation, matching)
+
+
+@formula
+def goal_member(s, r, offset, solid_position, region_anchor, rotation, matching):
+    """Way from node s to where the region of node r takes it [m]; r stands `offset` cells from s."""
+    real = type(matching.spacing)
+    x, y, z = goal_term(
+        rotation[r], region_anchor[r], real(offset[0]), real(offset[1]), real(offset[2]), matching.spacing
+    )
+    x += solid_position[r, 0] - solid_position[s, 0]
+    y += solid_position[r, 1] - solid_position[s, 1]
+    z += solid_position[r, 2] - solid_position[s, 2]
     return x, y, z
 
 

@@ -5,7 +5,7 @@ from refsim.boundary.two_way_coupling.formulas import tait_pressure
 from refsim.compile import cpu_kernel, prange
 from refsim.neighbours.rows import cpu_row
 from refsim.shape_matching.phases import FLUID, INTERIOR
-from refsim.sph.particle import wall_sum
+from refsim.sph.particle import own_share, wall_sum
 
 
 @cpu_kernel
@@ -13,9 +13,8 @@ def contribution(position, phase, neighbours, smoothing, coupling, relative_cont
     """phi of (1)."""
     for i in prange(relative_contribution.shape[0]):
         row = cpu_row(neighbours, i)
-        relative_contribution[i] = particle.contribution(
-            i, row, position, phase, neighbours.entries, smoothing, coupling
-        )
+        total = particle.solid_sum(i, row, position, phase, neighbours.entries, smoothing, coupling)
+        relative_contribution[i] = particle.contribution(i, total, phase, smoothing, coupling)
 
 
 @cpu_kernel
@@ -29,9 +28,8 @@ def density(
         p = type(rho)(0)
         if phase[i] == FLUID:
             row = cpu_row(neighbours, i)
-            rho = mass[i] * particle.weighted_sum(
-                i, row, position, relative_contribution, neighbours.entries, smoothing
-            )
+            total = particle.weighted_sum(i, row, position, relative_contribution, neighbours.entries, smoothing)
+            rho = mass[i] * (total + relative_contribution[i] * own_share(smoothing))
             if walls is not None:
                 rho += rest_density[i] * wall_sum(i, cpu_row(walls, i), position, walls, smoothing)
             p = tait_pressure(rho, rest_density[i], coupling)

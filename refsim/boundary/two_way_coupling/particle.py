@@ -18,35 +18,43 @@ from refsim.smoothing.formulas import kernel_slope, kernel_value, viscosity_lapl
 
 
 @formula
-def contribution(i, row, position, phase, index, smoothing, coupling):
-    """Weight of particle i in (1): 1 in the liquid, phi_i at a solid's surface, 0 inside."""
-    h = smoothing.support_radius
-    real = type(h)
-    if phase[i] == FLUID:
-        return real(1)
-    if phase[i] != SURFACE:
-        return real(0)
+def solid_sum(i, row, position, phase, index, smoothing, coupling):
+    """Sum of W_ij over the solid particles around particle i of a solid's surface [1/m^dim]; 0 for all others."""
     first, stride, count = row
-    total = kernel_value(real(0), smoothing)
-    x, y, z = position[i, 0], position[i, 1], position[i, 2]
-    for k in range(count):
-        j = index[first + k * stride]
-        counted = phase[j] == SURFACE if coupling.printed_volume else phase[j] != FLUID
-        if counted:
-            dx, dy, dz = x - position[j, 0], y - position[j, 1], z - position[j, 2]
-            r2 = dx * dx + dy * dy + dz * dz
-            if r2 < h * h:
-                total += kernel_value(math.sqrt(r2), smoothing)
-    return relative_contribution(total, coupling)
+    h = smoothing.support_radius
+    total = type(h)(0)
+    if phase[i] == SURFACE:
+        x, y, z = position[i, 0], position[i, 1], position[i, 2]
+        for k in range(count):
+            j = index[first + k * stride]
+            counted = phase[j] == SURFACE if coupling.printed_volume else phase[j] != FLUID
+            if counted:
+                dx, dy, dz = x - position[j, 0], y - position[j, 1], z - position[j, 2]
+                r2 = dx * dx + dy * dy + dz * dz
+                if r2 < h * h:
+                    total += kernel_value(math.sqrt(r2), smoothing)
+    return total
+
+
+@formula
+def contribution(i, total, phase, smoothing, coupling):
+    """Weight of particle i in (1), from its solid_sum: 1 in the liquid, phi_i at a solid's surface, 0 inside."""
+    real = type(total)
+    weight = real(0)
+    if phase[i] == FLUID:
+        weight = real(1)
+    elif phase[i] == SURFACE:
+        weight = relative_contribution(total + kernel_value(real(0), smoothing), coupling)
+    return weight
 
 
 @formula
 def weighted_sum(i, row, position, weight, index, smoothing):
-    """Sum of phi_j W_ij over liquid and solids, self included [1/m^dim]."""
+    """Sum of phi_j W_ij over the liquid and solids around particle i [1/m^dim]."""
     first, stride, count = row
     h = smoothing.support_radius
     limit = h * h
-    total = weight[i] * kernel_value(type(h)(0), smoothing)
+    total = type(h)(0)
     x, y, z = position[i, 0], position[i, 1], position[i, 2]
     for k in range(count):
         j = index[first + k * stride]

@@ -5,7 +5,6 @@ import numpy as np
 from refsim.compile import cpu_kernel, formula, prange
 from refsim.shape_matching import particle as plain
 from refsim.shape_matching.fast_summation import particle
-from refsim.shape_matching.phases import NOBODY
 
 STRETCH = 1024  # cells whose numbers stay in the cache while windows are summed
 
@@ -74,17 +73,14 @@ def _boxes(boxes, half_width, count):
 
 @formula
 def _match_node(
-    s, solid_position, region_share, region, boxes, matching, region_center, region_anchor, rotation
+    s, solid_position, region_share, region, region_count, boxes, matching, region_center, region_anchor, rotation
 ):  # fmt: skip
     """One node; its arrays are made here, because a parallel loop may not make them."""
     real = rotation.dtype.type
     moments = np.empty(16)
     found = particle.match_sums(s, solid_position, boxes, moments)
-    members = 0
-    for slot in range(region.shape[1]):
-        members += region[s, slot] != NOBODY
     sums = np.empty(16, rotation.dtype)
-    if found == members and members > 1:
+    if found == region_count[s] and found > 1:
         for c in range(16):
             sums[c] = real(moments[c])
     else:
@@ -97,11 +93,22 @@ def _match_node(
 
 @cpu_kernel(ordered=True)
 def _match_nodes(
-    solid_position, region_share, region, boxes, matching, region_center, region_anchor, rotation
+    solid_position, region_share, region, region_count, boxes, matching, region_center, region_anchor, rotation
 ):  # fmt: skip
     """Every node, from the sums of its box or, where its region is not the whole box, member by member."""
     for s in prange(rotation.shape[0]):
-        _match_node(s, solid_position, region_share, region, boxes, matching, region_center, region_anchor, rotation)
+        _match_node(
+            s,
+            solid_position,
+            region_share,
+            region,
+            region_count,
+            boxes,
+            matching,
+            region_center,
+            region_anchor,
+            rotation,
+        )
 
 
 @formula
@@ -147,18 +154,15 @@ def _goal_nodes(
 
 @formula
 def _motion_node(
-    s, solid_position, solid_velocity, region_share, region, region_center, boxes, matching, region_velocity,
-    region_spin,
+    s, solid_position, solid_velocity, region_share, region, region_count, region_center, boxes, matching,
+    region_velocity, region_spin,
 ):  # fmt: skip
     """One node; its arrays are made here, because a parallel loop may not make them."""
     real = region_spin.dtype.type
     about = np.empty(13)
     found = particle.motion_sums(s, solid_position, solid_velocity, region_center, boxes, about)
-    members = 0
-    for slot in range(region.shape[1]):
-        members += region[s, slot] != NOBODY
     sums = np.empty(13, region_spin.dtype)
-    if found == members and members > 1:
+    if found == region_count[s] and found > 1:
         for c in range(13):
             sums[c] = real(about[c])
     else:
@@ -171,7 +175,8 @@ def _motion_node(
 
 @cpu_kernel(ordered=True)
 def _motion_nodes(
-    solid_position, solid_velocity, region_share, region, region_center, boxes, matching, region_velocity, region_spin
+    solid_position, solid_velocity, region_share, region, region_count, region_center, boxes, matching, region_velocity,
+    region_spin,
 ):  # fmt: skip
     """Every node, from the sums of its box or, where its region is not the whole box, member by member."""
     for s in prange(region_spin.shape[0]):
@@ -181,6 +186,7 @@ def _motion_nodes(
             solid_velocity,
             region_share,
             region,
+            region_count,
             region_center,
             boxes,
             matching,
@@ -232,11 +238,13 @@ def _damp_nodes(
         )
 
 
-def match(solid_position, region_share, region, boxes, matching, region_center, region_anchor, rotation):
+def match(solid_position, region_share, region, region_count, boxes, matching, region_center, region_anchor, rotation):
     """Center, rotation and anchor of every region."""
     _match_cells(solid_position, region_share, boxes, boxes.node)
     _boxes(boxes, matching.half_width, 17)
-    _match_nodes(solid_position, region_share, region, boxes, matching, region_center, region_anchor, rotation)
+    _match_nodes(
+        solid_position, region_share, region, region_count, boxes, matching, region_center, region_anchor, rotation
+    )
 
 
 def pull(
@@ -253,7 +261,8 @@ def pull(
 
 
 def region_motion(
-    solid_position, solid_velocity, region_share, region, region_center, boxes, matching, region_velocity, region_spin
+    solid_position, solid_velocity, region_share, region, region_count, region_center, boxes, matching, region_velocity,
+    region_spin,
 ):  # fmt: skip
     """Velocity and spin of every region."""
     _motion_cells(solid_position, solid_velocity, region_share, boxes, boxes.node)
@@ -263,6 +272,7 @@ def region_motion(
         solid_velocity,
         region_share,
         region,
+        region_count,
         region_center,
         boxes,
         matching,

@@ -1,11 +1,17 @@
-"""CUDA kernels of shape matching with region sums by fast summation."""
+"""CUDA kernels of shape matching with region sums by fast summation.
+
+Boxes pay for wide regions only: up to NARROW the threads of a warp add up a region in less time than it takes to pass
+over all cells axis by axis, and in the run's own precision.
+"""
 
 import numpy as np
 
 from refsim.compile import cuda, cuda_kernel
 from refsim.shape_matching import particle as plain
 from refsim.shape_matching.fast_summation import particle
-from refsim.shape_matching.phases import NOBODY
+from refsim.shape_matching.parallel_reduction import cuda as reduction
+
+NARROW = 2  # half-width up to which regions are summed by reduction
 
 
 @cuda_kernel
@@ -64,7 +70,7 @@ def _boxes(boxes, half_width, count):
 
 @cuda_kernel
 def _match_nodes(
-    solid_position, region_share, region, boxes, matching, region_center, region_anchor, rotation
+    solid_position, region_share, region, region_count, boxes, matching, region_center, region_anchor, rotation
 ):  # fmt: skip
     """Every node, from the sums of its box or, where its region is not the whole box, member by member."""
     s = cuda.grid(1)
@@ -72,11 +78,8 @@ def _match_nodes(
         real = rotation.dtype.type
         moments = cuda.local.array(16, np.float64)
         found = particle.match_sums(s, solid_position, boxes, moments)
-        members = 0
-        for slot in range(region.shape[1]):
-            members += region[s, slot] != NOBODY
         sums = cuda.local.array(16, rotation.dtype)
-        if found == members and members > 1:
+        if found == region_count[s] and found > 1:
             for c in range(16):
                 sums[c] = real(moments[c])
         else:
@@ -108,7 +111,8 @@ def _goal_nodes(
 
 @cuda_kernel
 def _motion_nodes(
-    solid_position, solid_velocity, region_share, region, region_center, boxes, matching, region_velocity, region_spin
+    solid_position, solid_velocity, region_share, region, region_count, region_center, boxes, matching, region_velocity,
+    region_spin,
 ):  # fmt: skip
     """Every node, from the sums of its box or, where its region is not the whole box, member by member."""
     s = cuda.grid(1)
@@ -116,11 +120,8 @@ def _motion_nodes(
         real = region_spin.dtype.type
         about = cuda.local.array(13, np.float64)
         found = particle.motion_sums(s, solid_position, solid_velocity, region_center, boxes, about)
-        members = 0
-        for slot in range(region.shape[1]):
-            members += region[s, slot] != NOBODY
         sums = cuda.local.array(13, region_spin.dtype)
-        if found == members and members > 1:
+        if found == region_count[s] and found > 1:
             for c in range(13):
                 sums[c] = real(about[c])
         else:
@@ -152,11 +153,16 @@ def _damp_nodes(
         plain.damp_end(s, sums, region_count, place, matching, timestep, acceleration)
 
 
-def match(solid_position, region_share, region, boxes, matching, region_center, region_anchor, rotation):
+def match(solid_position, region_share, region, region_count, boxes, matching, region_center, region_anchor, rotation):
     """Center, rotation and anchor of every region."""
+    if matching.half_width <= NARROW:
+        reduction.match(solid_position, region_share, region, matching, region_center, region_anchor, rotation)
+        return
     _match_cells(solid_position, region_share, boxes, boxes.node)
     _boxes(boxes, matching.half_width, 17)
-    _match_nodes(solid_position, region_share, region, boxes, matching, region_center, region_anchor, rotation)
+    _match_nodes(
+        solid_position, region_share, region, region_count, boxes, matching, region_center, region_anchor, rotation
+    )
 
 
 def pull(
@@ -164,6 +170,12 @@ def pull(
     acceleration, solid_velocity,
 ):  # fmt: skip
     """Pull of every node towards its goal; added to the acceleration."""
+    if matching.half_width <= NARROW:
+        reduction.pull(
+            velocity, solid_position, region, region_count, region_anchor, rotation, place, matching, timestep,
+            acceleration, solid_velocity,
+        )  # fmt: skip
+        return
     _goal_cells(solid_position, region_count, region_anchor, rotation, boxes, matching, boxes.node)
     _boxes(boxes, matching.half_width, 13)
     _goal_nodes(
@@ -173,9 +185,15 @@ def pull(
 
 
 def region_motion(
-    solid_position, solid_velocity, region_share, region, region_center, boxes, matching, region_velocity, region_spin
+    solid_position, solid_velocity, region_share, region, region_count, region_center, boxes, matching, region_velocity,
+    region_spin,
 ):  # fmt: skip
     """Velocity and spin of every region."""
+    if matching.half_width <= NARROW:
+        reduction.region_motion(
+            solid_position, solid_velocity, region_share, region, region_center, matching, region_velocity, region_spin
+        )
+        return
     _motion_cells(solid_position, solid_velocity, region_share, boxes, boxes.node)
     _boxes(boxes, matching.half_width, 17)
     _motion_nodes(
@@ -183,6 +201,7 @@ def region_motion(
         solid_velocity,
         region_share,
         region,
+        region_count,
         region_center,
         boxes,
         matching,
@@ -196,6 +215,12 @@ def damp(
     matching, timestep, acceleration,
 ):  # fmt: skip
     """Damping of every node towards the rigid motion of its regions; added to the acceleration."""
+    if matching.half_width <= NARROW:
+        reduction.damp(
+            solid_position, solid_velocity, region, region_count, region_center, region_velocity, region_spin, place,
+            matching, timestep, acceleration,
+        )  # fmt: skip
+        return
     _damp_cells(
         solid_position, solid_velocity, region_count, region_center, region_velocity, region_spin, boxes, boxes.node
     )

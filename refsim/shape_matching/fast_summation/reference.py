@@ -6,7 +6,7 @@ from refsim.shape_matching.reference import pull as _pull
 from refsim.shape_matching.reference import region_motion as _region_motion
 
 
-def match(solid_position, region_share, region, boxes, matching, rotation):
+def match(solid_position, region_share, region, region_count, boxes, matching, rotation):
     """c = sum m x/M [m], R = argmax tr(R^T A), as `shape_matching.match`, however sums are taken."""
     return _match(solid_position, region_share, region, matching, rotation)
 
@@ -30,7 +30,7 @@ def pull(
     )
 
 
-def region_motion(solid_position, solid_velocity, region_share, region, region_center, boxes, matching):
+def region_motion(solid_position, solid_velocity, region_share, region, region_count, region_center, boxes, matching):
     """v_c = sum m v/M [m/s], omega = I^-1 L [1/s], as `shape_matching.region_motion`."""
     return _region_motion(solid_position, solid_velocity, region_share, region, region_center, matching)
 

@@ -1,108 +1,165 @@
-"""CUDA kernels of shape matching with region sums by reduction: a block for each region, a tree in shared memory."""
+"""CUDA kernels of shape matching with region sums by reduction: the threads of part of a warp share a region."""
 
-from refsim.compile import THREADS_PER_BLOCK, cuda, cuda_kernel, formula
+import numpy as np
+
+from refsim.backend import simulated
+from refsim.compile import cuda, cuda_kernel, formula
+from refsim.neighbours.rows import sum_of_lanes
 from refsim.shape_matching import particle
 from refsim.shape_matching.phases import NOBODY
 
-WIDEST = 16  # numbers that a region sums
+LANES = 1 if simulated() else 8  # threads that share a region; the simulator knows no shuffles
 
 
 @formula
-def _tree(shared, count):
-    """Add what the block's threads hold in the first `count` rows of `shared`; the sums stand in its first column."""
-    t = cuda.threadIdx.x
-    cuda.syncthreads()
-    half = cuda.blockDim.x // 2
-    while half > 0:
-        if t < half:
-            for c in range(count):
-                shared[c, t] += shared[c, t + half]
-        cuda.syncthreads()
-        half //= 2
+def _opposites(pair, half_width):
+    """(slot, the one opposite, (a, b, e)): a pair of slots and the first one's offset [cells].
+
+    Pairs that follow each other stand side by side along x, as nodes do in memory. Opposite slots are summed one after
+    the other, so that sums stay small.
+    """
+    n = np.uint32(2 * half_width + 1)
+    column = np.uint32(pair) // n
+    a, plane = np.int32(np.uint32(pair) - column * n), np.int32(column // n)
+    b = np.int32(column) - plane * np.int32(n)
+    slot = (a * np.int32(n) + b) * np.int32(n) + plane
+    last = np.int32(n) * np.int32(n) * np.int32(n) - 1
+    return slot, last - slot, (a - half_width, b - half_width, plane - half_width)
 
 
-@cuda_kernel(block_for_each_row=True)
+@formula
+def _opposite(offset):
+    """The offset of the opposite slot."""
+    return -offset[0], -offset[1], -offset[2]
+
+
+@formula
+def _summed_3(lane, values):
+    """Sums of what the lanes hold."""
+    a, b, c = values
+    return sum_of_lanes(a, lane, LANES), sum_of_lanes(b, lane, LANES), sum_of_lanes(c, lane, LANES)
+
+
+@formula
+def _summed_12(lane, v):
+    """Sums of what the lanes hold."""
+    a, b = _summed_3(lane, (v[0], v[1], v[2])), _summed_3(lane, (v[3], v[4], v[5]))
+    c, d = _summed_3(lane, (v[6], v[7], v[8])), _summed_3(lane, (v[9], v[10], v[11]))
+    return a[0], a[1], a[2], b[0], b[1], b[2], c[0], c[1], c[2], d[0], d[1], d[2]
+
+
+@formula
+def _summed_16(lane, v):
+    """Sums of what the lanes hold."""
+    a = _summed_12(lane, v)
+    b = _summed_3(lane, (v[12], v[13], v[14]))
+    return (
+        a[0], a[1], a[2], a[3], a[4], a[5], a[6], a[7], a[8], a[9], a[10], a[11], b[0], b[1], b[2],
+        sum_of_lanes(v[15], lane, LANES),
+    )  # fmt: skip
+
+
+@cuda_kernel(lanes=LANES)
 def match(solid_position, region_share, region, matching, region_center, region_anchor, rotation):
     """Center, rotation and anchor of every region."""
-    s, t = cuda.blockIdx.x, cuda.threadIdx.x
-    shared = cuda.shared.array((WIDEST, THREADS_PER_BLOCK), rotation.dtype)
-    sums = particle.nothing_16(rotation.dtype.type(0))
-    for slot in range(t, region.shape[1], cuda.blockDim.x):
-        sums = particle.added(
-            sums, particle.match_slot(s, slot, solid_position, region_share, region, matching.half_width)
-        )
-    for c, value in enumerate(sums):
-        shared[c, t] = value
-    _tree(shared, 16)
-    if t == 0:
-        matrix, basis = cuda.local.array((4, 4), rotation.dtype), cuda.local.array((4, 4), rotation.dtype)
-        particle.match_end(s, shared[:, 0], matching, matrix, basis, region_center, region_anchor, rotation)
+    s, lane = cuda.grid(1) // LANES, cuda.grid(1) % LANES
+    if s < rotation.shape[0]:
+        middle = region.shape[1] // 2
+        sums = particle.nothing_16(rotation.dtype.type(0))
+        for pair in range(lane, middle + 1, LANES):
+            slot, other, offset = _opposites(pair, matching.half_width)
+            j = region[s, slot]
+            if j != NOBODY:
+                sums = particle.added(sums, particle.match_member(s, j, offset, solid_position, region_share))
+            j = region[s, other]
+            if j != NOBODY and pair < middle:
+                terms = particle.match_member(s, j, _opposite(offset), solid_position, region_share)
+                sums = particle.added(sums, terms)
+        sums = _summed_16(lane, sums)
+        if lane == 0:
+            matrix, basis = cuda.local.array((4, 4), rotation.dtype), cuda.local.array((4, 4), rotation.dtype)
+            particle.match_end(s, sums, matching, matrix, basis, region_center, region_anchor, rotation)
 
 
-@cuda_kernel(block_for_each_row=True)
+@cuda_kernel(lanes=LANES)
 def pull(
     velocity, solid_position, region, region_count, region_anchor, rotation, place, matching, timestep, acceleration,
     solid_velocity,
 ):  # fmt: skip
     """Pull of every node towards its goal; added to the acceleration."""
-    s, t = cuda.blockIdx.x, cuda.threadIdx.x
-    shared = cuda.shared.array((3, THREADS_PER_BLOCK), rotation.dtype)
-    zero = rotation.dtype.type(0)
-    x, y, z = zero, zero, zero
-    for slot in range(t, region.shape[1], cuda.blockDim.x):
-        a, b, e = particle.goal_slot(s, slot, solid_position, region, region_anchor, rotation, matching)
-        x += a
-        y += b
-        z += e
-    shared[0, t], shared[1, t], shared[2, t] = x, y, z
-    _tree(shared, 3)
-    if t == 0:
-        particle.goal_end(
-            s, shared[:, 0], region_count, place, velocity, matching, timestep, acceleration, solid_velocity
-        )
+    s, lane = cuda.grid(1) // LANES, cuda.grid(1) % LANES
+    if s < solid_velocity.shape[0]:
+        middle = region.shape[1] // 2
+        zero = rotation.dtype.type(0)
+        x, y, z = zero, zero, zero
+        for pair in range(lane, middle + 1, LANES):
+            slot, other, offset = _opposites(pair, matching.half_width)
+            r = region[s, slot]
+            if r != NOBODY:
+                a, b, e = particle.goal_member(s, r, offset, solid_position, region_anchor, rotation, matching)
+                x, y, z = x + a, y + b, z + e
+            r = region[s, other]
+            if r != NOBODY and pair < middle:
+                a, b, e = particle.goal_member(
+                    s, r, _opposite(offset), solid_position, region_anchor, rotation, matching
+                )
+                x, y, z = x + a, y + b, z + e
+        sums = _summed_3(lane, (x, y, z))
+        if lane == 0:
+            particle.goal_end(s, sums, region_count, place, velocity, matching, timestep, acceleration, solid_velocity)
 
 
-@cuda_kernel(block_for_each_row=True)
+@cuda_kernel(lanes=LANES)
 def region_motion(
     solid_position, solid_velocity, region_share, region, region_center, matching, region_velocity, region_spin
 ):  # fmt: skip
     """Velocity and spin of every region."""
-    s, t = cuda.blockIdx.x, cuda.threadIdx.x
-    shared = cuda.shared.array((13, THREADS_PER_BLOCK), region_spin.dtype)
-    mass = region_spin.dtype.type(0)
-    sums = particle.nothing_12(mass)
-    for slot in range(t, region.shape[1], cuda.blockDim.x):
-        if region[s, slot] != NOBODY:
-            mass += region_share[region[s, slot]]
-            sums = particle.added_12(
-                sums, particle.motion_slot(s, slot, solid_position, solid_velocity, region_share, region, region_center)
-            )
-    for c, value in enumerate(sums):
-        shared[c, t] = value
-    shared[12, t] = mass
-    _tree(shared, 13)
-    if t == 0:
-        particle.motion_end(s, shared[12, 0], shared[:, 0], solid_velocity, matching, region_velocity, region_spin)
+    s, lane = cuda.grid(1) // LANES, cuda.grid(1) % LANES
+    if s < region_spin.shape[0]:
+        middle = region.shape[1] // 2
+        mass = region_spin.dtype.type(0)
+        sums = particle.nothing_12(mass)
+        for pair in range(lane, middle + 1, LANES):
+            slot, other, _ = _opposites(pair, matching.half_width)
+            if region[s, slot] != NOBODY:
+                mass += region_share[region[s, slot]]
+                sums = particle.added_12(
+                    sums,
+                    particle.motion_slot(s, slot, solid_position, solid_velocity, region_share, region, region_center),
+                )
+            if region[s, other] != NOBODY and pair < middle:
+                mass += region_share[region[s, other]]
+                sums = particle.added_12(
+                    sums,
+                    particle.motion_slot(s, other, solid_position, solid_velocity, region_share, region, region_center),
+                )
+        mass, sums = sum_of_lanes(mass, lane, LANES), _summed_12(lane, sums)
+        if lane == 0:
+            particle.motion_end(s, mass, sums, solid_velocity, matching, region_velocity, region_spin)
 
 
-@cuda_kernel(rows_of="region_count", block_for_each_row=True)
+@cuda_kernel(rows_of="region_count", lanes=LANES)
 def damp(
     solid_position, solid_velocity, region, region_count, region_center, region_velocity, region_spin, place, matching,
     timestep, acceleration,
 ):  # fmt: skip
     """Damping of every node towards the rigid motion of its regions; added to the acceleration."""
-    s, t = cuda.blockIdx.x, cuda.threadIdx.x
-    shared = cuda.shared.array((3, THREADS_PER_BLOCK), acceleration.dtype)
-    zero = acceleration.dtype.type(0)
-    u, v, w = zero, zero, zero
-    for slot in range(t, region.shape[1], cuda.blockDim.x):
-        a, b, e = particle.damp_slot(
-            s, slot, solid_position, solid_velocity, region, region_center, region_velocity, region_spin
-        )
-        u += a
-        v += b
-        w += e
-    shared[0, t], shared[1, t], shared[2, t] = u, v, w
-    _tree(shared, 3)
-    if t == 0:
-        particle.damp_end(s, shared[:, 0], region_count, place, matching, timestep, acceleration)
+    s, lane = cuda.grid(1) // LANES, cuda.grid(1) % LANES
+    if s < region_count.shape[0]:
+        middle = region.shape[1] // 2
+        zero = acceleration.dtype.type(0)
+        u, v, w = zero, zero, zero
+        for pair in range(lane, middle + 1, LANES):
+            slot, other, _ = _opposites(pair, matching.half_width)
+            a, b, e = particle.damp_slot(
+                s, slot, solid_position, solid_velocity, region, region_center, region_velocity, region_spin
+            )
+            u, v, w = u + a, v + b, w + e
+            if pair < middle:
+                a, b, e = particle.damp_slot(
+                    s, other, solid_position, solid_velocity, region, region_center, region_velocity, region_spin
+                )
+                u, v, w = u + a, v + b, w + e
+        sums = _summed_3(lane, (u, v, w))
+        if lane == 0:
+            particle.damp_end(s, sums, region_count, place, matching, timestep, acceleration)
