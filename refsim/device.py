@@ -212,6 +212,46 @@ def copy_vectors(array, out):  # noqa: ANN001, ANN201
             out[i, c] = array[i, c]
 
 
+@cuda_kernel(rows_of="order")
+def gather_all_scalars(arrays, order, out):  # noqa: ANN001, ANN201
+    """out[k][i] = arrays[k][order[i]]."""
+    i = cuda.grid(1)
+    if i < order.shape[0]:
+        j = order[i]
+        for k in range(len(arrays)):
+            out[k][i] = arrays[k][j]
+
+
+@cuda_kernel(rows_of="order")
+def gather_all_vectors(arrays, order, out):  # noqa: ANN001, ANN201
+    """out[k][i, c] = arrays[k][order[i], c]."""
+    i = cuda.grid(1)
+    if i < order.shape[0]:
+        j = order[i]
+        for k in range(len(arrays)):
+            for c in range(out[k].shape[1]):
+                out[k][i, c] = arrays[k][j, c]
+
+
+@cuda_kernel(rows_of="first")
+def copy_all_scalars(arrays, out, first):  # noqa: ANN001, ANN201
+    """out[k][i] = arrays[k][i]; `first` is the first of the arrays."""
+    i = cuda.grid(1)
+    if i < first.shape[0]:
+        for k in range(len(arrays)):
+            out[k][i] = arrays[k][i]
+
+
+@cuda_kernel(rows_of="first")
+def copy_all_vectors(arrays, out, first):  # noqa: ANN001, ANN201
+    """out[k][i, c] = arrays[k][i, c]; `first` is the first of the arrays."""
+    i = cuda.grid(1)
+    if i < first.shape[0]:
+        for k in range(len(arrays)):
+            for c in range(out[k].shape[1]):
+                out[k][i, c] = arrays[k][i, c]
+
+
 # Rows of the clock, float64. REASON is 0 while the run can go on.
 TIME, PREVIOUS, FIRST, LENGTH, LIMITER, REASON, SPEED, ACCELERATION, WAY, STOPPED = range(10)
 CLOCK_ROWS = 10
@@ -285,6 +325,16 @@ def fill(out: Any, value: float) -> None:
 def gather(array: Any, order: Any, out: Any) -> None:
     """out <- array[order] for device arrays of one or two dimensions."""
     (gather_scalars if len(out.shape) == 1 else gather_vectors)(array, order, out)
+
+
+def gather_all(arrays: tuple, order: Any, out: tuple) -> None:
+    """out[k] <- arrays[k][order] for device arrays of one kind, in one launch."""
+    (gather_all_scalars if len(out[0].shape) == 1 else gather_all_vectors)(arrays, order, out)
+
+
+def copy_all(arrays: tuple, out: tuple) -> None:
+    """out[k] <- arrays[k] for device arrays of one kind, in one launch."""
+    (copy_all_scalars if len(out[0].shape) == 1 else copy_all_vectors)(arrays, out, arrays[0])
 
 
 def running_sum(values: Any) -> Any:

@@ -163,14 +163,19 @@ def support_launches(dtype):
     n, real = 5, np.dtype(dtype).type
     vectors, scalars, integers = np.zeros((n, 3), dtype), np.zeros(n, dtype), np.zeros(n, np.int32)
     keys, ranges, one = np.zeros(n, np.int64), np.zeros((n, 9), np.int32), real(1)
-    listed = NeighbourColumns(integers, integers)
+    listed, shared = (NeighbourColumns(integers, integers, (np.int32(0),) * lanes) for lanes in (1, 4))
     blocks = Blocks(keys, np.zeros((n, 27), np.int32))
     return [
         (search.cell_keys, (vectors, 1.0, keys)),
         (search.mark_cells, (keys, integers)),
         (search.occupied_cells, (keys, keys, integers, integers, integers)),
         (search.cell_ranges, (keys, integers, keys, integers, ranges, ranges)),
-        (search.build_list, (vectors, integers, ranges, ranges, vectors, one, 1, integers, integers, integers)),
+        (search.build_list, (vectors, integers, ranges, ranges, vectors, one, 1, integers, listed)),
+        (search.build_list, (vectors, integers, ranges, ranges, vectors, one, 1, integers, shared)),
+        (device.gather_all_scalars, ((scalars, scalars), keys, (scalars, scalars))),
+        (device.gather_all_vectors, ((vectors, vectors), keys, (vectors, vectors))),
+        (device.copy_all_scalars, ((scalars, scalars), (scalars, scalars), scalars)),
+        (device.copy_all_vectors, ((vectors, vectors), (vectors, vectors), vectors)),
         (search.touching_blocks, (keys, integers, 3, integers)),
         (search.clear_boxes, (vectors, vectors, integers, scalars)),
         (search.block_boxes, (vectors, vectors, keys, integers, integers, 3, vectors, vectors)),

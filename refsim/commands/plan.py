@@ -150,8 +150,7 @@ def _list_bytes(plan: Plan, backend: str, each: int) -> int:
     rows = 3 if plan.grid.dim == 2 else 9  # of three cells around each
     entries, cells = 4 * (each + each // 8 + 4), CELLS * (12 + 8 * rows)
     state = [f for f in plan.particle_fields.values() if f.state]
-    spare = {(f.components, f.numpy_dtype(plan.grid.dtype)) for f in state}  # through which rows are moved
-    moved = sum(components * dtype.itemsize for components, dtype in spare)
+    moved = sum(f.components * f.numpy_dtype(plan.grid.dtype).itemsize for f in state)  # through spare arrays
     return int(n * (entries + 4 + cells + 16 + 16 + moved))  # count; keys and runs; keys and order
 
 

@@ -18,7 +18,7 @@ from refsim.neighbours.formulas import (
     lower_bound,
     squared_between,
 )
-from refsim.neighbours.rows import NeighbourColumns, cuda_row
+from refsim.neighbours.rows import NeighbourColumns, counted_lanes, cuda_lane
 
 # Threads that share a column where there are few: the device would otherwise wait for memory with most of its threads
 # asleep. The simulator knows no shuffles, so there it is one.
@@ -94,17 +94,19 @@ def cell_ranges(cells, first, query_cells, query_report, low, high):
             high[i, k] = first[b]
 
 
-@cuda_kernel
-def build_list(query, run, low, high, source, radius, exclude_self, report, index, count):
-    """Write each query's sources within `radius` [m] into its column of `index`, as many as there is room for.
+@cuda_kernel(rows_of="query", lanes="listed")
+def build_list(query, run, low, high, source, radius, exclude_self, report, listed):
+    """Write each query's sources within `radius` [m] into its column of the list, as many as there is room for.
 
-    run[i] - 1 is the row of `low` and `high` that holds query i's ranges. `count` says how many there are, also
-    where the room was too small; report[1] is the largest count of all lists so far.
+    run[i] - 1 is the row of `low` and `high` that holds query i's ranges. The list's `count` says how many there are,
+    also where the room was too small; report[1] is the largest count so far. Lanes look at neighbouring sources and
+    write them in the sources' order.
     """
-    i = cuda.grid(1)
-    n = count.shape[0]
+    i, lane = cuda_lane(cuda.grid(1), listed)
+    lanes = len(listed.lanes)
+    n = query.shape[0]
     if i < n and run[i] <= low.shape[0]:
-        room = index.shape[0] // n
+        room = listed.entries.shape[0] // n
         limit = radius * radius
         c = run[i] - 1
         xi = query[i, 0]
@@ -112,17 +114,21 @@ def build_list(query, run, low, high, source, radius, exclude_self, report, inde
         zi = query[i, 2]
         found = 0
         for k in range(low.shape[1]):
-            for j in range(low[c, k], high[c, k]):
-                dx = xi - source[j, 0]
-                dy = yi - source[j, 1]
-                dz = zi - source[j, 2]
-                if dx * dx + dy * dy + dz * dz < limit and (exclude_self == 0 or i != j):
-                    if found < room:
-                        index[found * n + i] = j
-                    found += 1
-        count[i] = found
-        if found > report[1]:
-            cuda.atomic.max(report, 1, found)
+            for j in range(low[c, k] + lane, high[c, k] + lane, lanes):
+                near = False
+                if j < high[c, k]:
+                    dx = xi - source[j, 0]
+                    dy = yi - source[j, 1]
+                    dz = zi - source[j, 2]
+                    near = dx * dx + dy * dy + dz * dz < limit and (exclude_self == 0 or i != j)
+                before, together = counted_lanes(near, lane, lanes)
+                if near and found + before < room:
+                    listed.entries[(found + before) * n + i] = j
+                found += together
+        if lane == 0:
+            listed.count[i] = found
+            if found > report[1]:
+                cuda.atomic.max(report, 1, found)
 
 
 @formula
@@ -244,19 +250,15 @@ def count_missed(position, velocity, timestep, bounds, neighbours, share, number
         drift = timestep[1]
         for k in range(number):
             i = first_row + k * share
+            if j < neighbours.count[i]:  # thread j also looks at the row's j-th entry
+                other = neighbours.entries[j * position.shape[0] + i]
+                if known_before(i, other, position, bounds):  # noqa: SIM102
+                    if squared_distance_before(i, other, position, velocity, drift) < limit:
+                        cuda.atomic.add(report, 2, -1)
             if i == j or not known_before(i, j, position, bounds):
                 continue
             if squared_distance_before(i, j, position, velocity, drift) < limit:
                 cuda.atomic.add(report, 2, 1)
-        if j < number:
-            i = first_row + j * share
-            first, stride, listed = cuda_row(neighbours, i)
-            for k in range(listed):
-                other = neighbours.entries[first + k * stride]
-                if not known_before(i, other, position, bounds):
-                    continue
-                if squared_distance_before(i, other, position, velocity, drift) < limit:
-                    cuda.atomic.add(report, 2, -1)
 
 
 class CellTable:
@@ -298,16 +300,21 @@ class CellTable:
 
 
 class ListOf:
-    """The list of one set of sources around one array of positions, with all its buffers."""
+    """The list of one set of sources around one array of positions, with all its buffers.
 
-    def __init__(self, search, position, source, table):
+    table  the sources' cells; None for the particles among themselves
+    known  the particles' cells, where another list has found them
+    """
+
+    def __init__(self, search, position, source, table, known=None):
         n = position.shape[0]
         self.search, self.backend = search, search.backend
-        self.position, self.source, self.table = position, source, table
-        self.queries = CellTable(search.backend, 1.0 / search.reach, position)
-        if table is None:  # the particles among themselves
+        self.position, self.source, self.table, self.known = position, source, table, known
+        self.queries = known or CellTable(search.backend, 1.0 / search.reach, position)
+        if table is None:
             self.table = self.queries
-        self.mirror = device.Mirror(self.queries.report)
+        self.report = self.queries.report if known is None else self.backend.zeros(4, np.int32)
+        self.mirror = device.Mirror(self.report)
         self.missed = 0
         lanes = (np.int32(0),) * (LANES if n < FEW else 1)
         self.listed = NeighbourColumns(self.backend.zeros(n, np.int32), self.backend.empty(1, np.uint32), lanes)
@@ -320,13 +327,13 @@ class ListOf:
 
     def _launch(self):
         queries, table = self.queries, self.table
-        queries.fill()
+        if self.known is None:
+            queries.fill()
         cell_ranges(table.cells, table.first, queries.cells, queries.report, self.low, self.high)
         radius = self.position.dtype.type(self.search.reach)
         exclude_self = int(self.table is self.queries)
         build_list(
-            self.position, queries.run, self.low, self.high, self.source, radius, exclude_self, queries.report,
-            self.listed.entries, self.listed.count,
+            self.position, queries.run, self.low, self.high, self.source, radius, exclude_self, self.report, self.listed
         )  # fmt: skip
         self.mirror.send()
 
@@ -335,7 +342,10 @@ class ListOf:
         n = self.position.shape[0]
         if not n:
             return self.listed, 0
-        self.queries.count_cells()
+        if self.known is None:
+            self.queries.count_cells()
+        elif self.low.shape[0] != self.queries.cells.shape[0]:
+            self._make_ranges()
         while True:
             self.recorded()
             cells, most, self.missed, _ = (int(x) for x in self.mirror.read())
@@ -364,7 +374,7 @@ class ListOf:
     @property
     def nbytes(self):
         own = (self.low, self.high, self.listed.count, self.listed.entries)
-        return self.queries.nbytes + sum(a.nbytes for a in own)
+        return (self.queries.nbytes if self.known is None else 0) + sum(a.nbytes for a in own)
 
 
 class Blocks:
@@ -406,22 +416,22 @@ class Blocks:
 
 
 class Sorter:
-    """Puts arrays into cell order, in place, through a spare array of each kind."""
+    """Puts arrays into cell order, in place, through spare ones; those of one kind in one launch."""
 
     def __init__(self, search, position, arrays, sorted_position):
         self.arrays = arrays
         backend, n = search.backend, position.shape[0]
         self.keys, self.order = backend.empty(n, np.int64), backend.empty(n, np.int64)
-        kinds = {(a.shape, a.dtype) for a in arrays}
-        self.spare = {kind: backend.empty(*kind) for kind in kinds}
+        kinds = dict.fromkeys((a.shape, a.dtype) for a in arrays)
+        alike = [tuple(a for a in arrays if (a.shape, a.dtype) == kind) for kind in kinds]
+        self.kinds = [(group, tuple(backend.empty(a.shape, a.dtype) for a in group)) for group in alike]
         self.find_keys = device.Recorded(lambda: cell_keys(position, 1.0 / search.reach, self.keys))
         self.move = device.Recorded(lambda: self._move(position, sorted_position))
 
     def _move(self, position, sorted_position):
-        for array in self.arrays:
-            spare = self.spare[array.shape, array.dtype]
-            device.gather(array, self.order, spare)
-            device.copy(spare, array)
+        for arrays, spare in self.kinds:
+            device.gather_all(arrays, self.order, spare)
+            device.copy_all(spare, arrays)
         device.copy(position, sorted_position)
 
     def __call__(self):
@@ -431,7 +441,7 @@ class Sorter:
 
     @property
     def nbytes(self):
-        return sum(a.nbytes for a in (self.keys, self.order, *self.spare.values()))
+        return sum(a.nbytes for a in (self.keys, self.order, *(a for _, spare in self.kinds for a in spare)))
 
 
 class Search:
@@ -504,7 +514,9 @@ class Search:
     def _build(self, name, position, source, table):
         held = self.lists.get(name)
         if held is None or held.position is not position or held.source is not source:
-            held = self.lists[name] = ListOf(self, position, source, table)
+            own = self.lists.get("own")  # built before the one against static particles
+            known = own.queries if table is not None and own is not None and own.position is position else None
+            held = self.lists[name] = ListOf(self, position, source, table, known)
         result = held.build()
         others = [part for part in (self.sorter, self.blocks) if part is not None]
         self.log.list_bytes = sum(part.nbytes for part in (*self.lists.values(), *others))

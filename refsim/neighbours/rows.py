@@ -80,3 +80,16 @@ def sum_of_lanes(value, lane, lanes):  # noqa: ANN001, ANN201
 def lanes_mask(lane, lanes):  # noqa: ANN001, ANN201
     """Bits of a warp's threads that share a row with this one."""
     return np.uint32((1 << lanes) - 1) << np.uint32(cuda.laneid - lane)
+
+
+@formula
+def counted_lanes(flag, lane, lanes):  # noqa: ANN001, ANN201
+    """(how many lanes before this one raise their flag, how many of all)."""
+    before, together = 0, 1 if flag else 0
+    if lanes > 1:
+        mask = lanes_mask(lane, lanes)
+        raised = np.uint32(cuda.ballot_sync(mask, flag)) >> np.uint32(cuda.laneid - lane)
+        raised &= np.uint32((1 << lanes) - 1)
+        before = np.int64(cuda.popc(raised & np.uint32((1 << lane) - 1)))
+        together = np.int64(cuda.popc(raised))
+    return before, together
