@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from refsim.backend import simulated
-from refsim.compile import cuda, cuda_kernel
+from refsim.compile import THREADS_PER_BLOCK, cuda, cuda_kernel, formula
 
 
 @functools.cache
@@ -66,14 +66,6 @@ def stable_order(keys: Any, out: Any = None) -> Any:
     return out
 
 
-def cumulate(values: Any, out: Any) -> None:
-    """out[i] = values[0] + ... + values[i], in int32; nothing is allocated for the answer."""
-    if simulated():
-        _put(np.cumsum(values.copy_to_host(), dtype=np.int32), out)
-    elif values.shape[0]:
-        library().cumsum(seen(values), dtype=np.int32, out=seen(out))
-
-
 def computed(function: Any, *arguments: Any) -> Any:
     """What `function(library, ...)` gives for device arrays, its arrays (also in tuples and lists) on the device.
 
@@ -88,6 +80,85 @@ def computed(function: Any, *arguments: Any) -> Any:
         return wrapped(value) if hasattr(value, "shape") else value
 
     return back(function(library(), *(seen(a) if hasattr(a, "copy_to_host") else a for a in arguments)))
+
+
+# Running sums by kernels only, so that they can be recorded: sums of tiles, sums before each tile, sums within tiles.
+EACH = 8  # values that a thread adds up
+
+
+@cuda_kernel(rows_of="totals", block_for_each_row=True)
+def add_up_tiles(values, totals):  # noqa: ANN001, ANN201
+    """totals[b] = sum of the int32 `values` of tile b, EACH for each of a block's threads."""
+    first = (cuda.blockIdx.x * cuda.blockDim.x + cuda.threadIdx.x) * EACH
+    own = 0
+    for k in range(first, min(first + EACH, values.shape[0])):
+        own += values[k]
+    shared = cuda.shared.array(THREADS_PER_BLOCK, np.int32)
+    before = sum_before(shared, own)
+    if cuda.threadIdx.x == cuda.blockDim.x - 1:
+        totals[cuda.blockIdx.x] = before + own
+
+
+@cuda_kernel(rows_of="one", block_for_each_row=True)
+def add_up_before(totals, one):  # noqa: ANN001, ANN201
+    """totals[b] = sum of those before it; one block."""
+    share = (totals.shape[0] + cuda.blockDim.x - 1) // cuda.blockDim.x
+    first = cuda.threadIdx.x * share
+    end = min(first + share, totals.shape[0])
+    own = 0
+    for k in range(first, end):
+        own += totals[k]
+    shared = cuda.shared.array(THREADS_PER_BLOCK, np.int32)
+    before = sum_before(shared, own)
+    for k in range(first, end):
+        mine = totals[k]
+        totals[k] = before
+        before += mine
+
+
+@cuda_kernel(rows_of="totals", block_for_each_row=True)
+def add_up_within(values, totals, out):  # noqa: ANN001, ANN201
+    """out[i] = values[0] + ... + values[i]; `totals` are the sums before each tile."""
+    first = (cuda.blockIdx.x * cuda.blockDim.x + cuda.threadIdx.x) * EACH
+    own = 0
+    for k in range(first, min(first + EACH, values.shape[0])):
+        own += values[k]
+    shared = cuda.shared.array(THREADS_PER_BLOCK, np.int32)
+    running = totals[cuda.blockIdx.x] + sum_before(shared, own)
+    for k in range(first, min(first + EACH, values.shape[0])):
+        running += values[k]
+        out[k] = running
+
+
+@formula
+def sum_before(values, mine):  # noqa: ANN001, ANN201
+    """Sum of what the block's threads before this one hold; `values` is shared, one place for each thread."""
+    place = cuda.threadIdx.x
+    values[place] = mine
+    cuda.syncthreads()
+    step = 1
+    while step < cuda.blockDim.x:
+        add = values[place - step] if place >= step else 0
+        cuda.syncthreads()
+        values[place] += add
+        cuda.syncthreads()
+        step *= 2
+    return values[place] - mine
+
+
+class RunningSum:
+    """out[i] = values[0] + ... + values[i] for one pair of int32 arrays, as launches that can be recorded."""
+
+    def __init__(self, values: Any, out: Any) -> None:
+        tile = add_up_tiles.threads * EACH
+        self.values, self.out = values, out
+        self.totals = empty((values.shape[0] + tile - 1) // tile, np.int32)
+        self.one = empty(1, np.int32)
+
+    def __call__(self) -> None:
+        add_up_tiles(self.values, self.totals)
+        add_up_before(self.totals, self.one)
+        add_up_within(self.values, self.totals, self.out)
 
 
 def _put(values: Any, out: Any) -> None:

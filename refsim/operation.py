@@ -38,6 +38,8 @@ class Operation:
     invariants  names of the contract's conservation and symmetry checks that hold
     broken      those that a variant does not keep, by the variant's number
     cases       names of hard inputs beside the common ones
+    joins       operations of which it adds the accelerations of two up in one loop over the neighbours; a GPU launches
+                it in place of the two, which saves reading each neighbour twice
     rarely      True where another operation computes the same in another way: its CPU programs are tested once, the
                 rest under `slow`
     """
@@ -61,6 +63,7 @@ class Operation:
     invariants: tuple[str, ...] = ()
     broken: Mapping[int, tuple[str, ...]] = field(default_factory=dict)
     cases: tuple[str, ...] = ()
+    joins: tuple[str, ...] = ()
     rarely: bool = False
 
     def program(self, backend: str) -> Callable:

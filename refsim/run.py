@@ -7,7 +7,7 @@ import json
 import math
 import os
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -41,6 +41,26 @@ class StepResult:
     limiter: str
     limits: dict[str, float]
     reason: str | None = None
+
+
+def joined(passes: Sequence[tuple[Effect, Pass]], backend: str) -> list[tuple[tuple[Effect, ...], Pass]]:
+    """The passes in their order, each with its effects; on a GPU one in the place of two that an operation joins.
+
+    It stands where the later of the two stood: what both read is there by then, and accelerations add in any order.
+    """
+    result = [((effect,), p) for effect, p in passes]
+    for operation in REGISTRY.values():
+        places = [k for k, (_, p) in enumerate(result) if p.operation in operation.joins]
+        if backend != "cuda" or len(places) != 2:
+            continue
+        (first, p), (second, q) = (result[k] for k in places)
+        names = {name: other for name, other in (*p.names.items(), *q.names.items()) if name in operation.optional}
+        reads = tuple(dict.fromkeys((*p.reads, *q.reads)))
+        if set(reads) <= {*operation.arguments(backend), *names.values()}:
+            one = Pass(operation.name, reads, updates=("acceleration",), names=names)
+            result[places[1]] = ((*first, *second), one)
+            del result[places[0]]
+    return result
 
 
 def step_limits(plan: Plan) -> dict[str, StepLimit]:
@@ -83,6 +103,7 @@ class Simulation:
         self.plan = scene if isinstance(scene, Plan) else make_plan(scene)
         self.backend = backends.choose(backend)
         backends.set_threads(self.backend, threads)
+        self.force_passes = joined(self.plan.passes, self.backend.name)
         grid, state = self.plan.grid, self.plan.state
         n = grid.count
         self.time, self.steps, self.previous_length = 0.0, 0, 0.0
@@ -357,7 +378,7 @@ class Simulation:
     def launch(self, on_demand: bool) -> Iterator[tuple[str, tuple[str, ...]]]:
         """Launch the passes, in order; after each, its operation and the fields it wrote."""
         self.backend.assign(self.fields["acceleration"], 0.0)
-        for (name, rare, call), (_, p) in zip(self.force_calls, self.plan.passes):
+        for (name, rare, call), (_, p) in zip(self.force_calls, self.force_passes):
             if on_demand or not rare:
                 began = time.perf_counter()
                 call()
@@ -454,18 +475,18 @@ class Simulation:
             self.stepper.rebind()
 
     def _bind(self) -> None:
-        self.start_calls = [(p.operation, self._bound(effect, p)) for effect, p in self.plan.start]
-        self.begin_calls = [(p.operation, self._bound(effect, p)) for effect, p in self.plan.begin]
-        self.force_calls = [(p.operation, p.on_demand, self._bound(effect, p)) for effect, p in self.plan.passes]
-        self.motion_calls = [(p.operation, self._bound(effect, p)) for effect, p in self.plan.motion]
-        self.extremes_call = self._bound(None, Pass("sph.extremes"))
+        self.start_calls = [(p.operation, self._bound((effect,), p)) for effect, p in self.plan.start]
+        self.begin_calls = [(p.operation, self._bound((effect,), p)) for effect, p in self.plan.begin]
+        self.force_calls = [(p.operation, p.on_demand, self._bound(effects, p)) for effects, p in self.force_passes]
+        self.motion_calls = [(p.operation, self._bound((effect,), p)) for effect, p in self.plan.motion]
+        self.extremes_call = self._bound((), Pass("sph.extremes"))
 
-    def _bound(self, effect: Effect | None, p: Pass) -> Callable[[], None]:
+    def _bound(self, effects: tuple[Effect | None, ...], p: Pass) -> Callable[[], None]:
         """A pass as a call without arguments; those of no effect are the runner's own."""
         procedure = PROCEDURES.get(p.operation)
         operation = None if procedure is not None else REGISTRY[p.operation]
         sources = (
-            self._parameters[effect.name] if effect is not None else {},
+            {name: value for e in effects if e is not None for name, value in self._parameters[e.name].items()},
             self._shared,
             self.fields,
             {

@@ -89,6 +89,24 @@ def test_list_equals_all_pairs(cuda, name):
     assert search.log.most_neighbours == max((len(own) for own in columns(cuda, listed)), default=0)
 
 
+@pytest.mark.parametrize("name", HARD)
+def test_particles_are_sorted_stably_by_cell(cuda, name):
+    """By counting; where the box of cells is too large for that, or a cell too full, by a sort of the keys."""
+    position, dim = HARD[name]
+    search = neighbours.NeighbourSearch(cuda, dim, "float64", RADIUS, SKIN)
+    expected = cuda.host(search.order(cuda.asarray(position)))
+    there, number = cuda.asarray(position), cuda.asarray(np.arange(len(position), dtype=np.int32))
+    other, before = cuda.asarray(2 * position), cuda.asarray(np.zeros_like(position))
+    moved = search.sort(there, [there, number, other], before)
+    assert list(cuda.host(moved[1])) == list(expected)
+    assert (cuda.host(moved[0]) == position[expected]).all()
+    assert (cuda.host(moved[2]) == 2 * position[expected]).all()
+    assert (cuda.host(before) == position[expected]).all()
+    sorter = search.programs.sorter
+    flung = name in ("flung particle", "beyond the cells")
+    assert sorter.by_count is None or bool(sorter.mirror.read()[6]) == flung
+
+
 def test_list_in_float32(cuda):
     _, ordered, listed = built(cuda, cloud(60, 3, seed=5), 3, "float32")
     assert ordered.dtype == np.float32
@@ -265,7 +283,6 @@ def test_occupied_cells_are_found_or_counted(cuda, room):
     position = 1.1 * np.array([[0, 0, 0], [0, 0, 0], [1, 0, 0], [1, 0, 0], [1, 0, 0], [0, 3, 0]]) + 0.5
     table = programs.CellTable(cuda, 1.0, cuda.asarray(position))
     table.make_room(room)
-    table.count_cells()
     table.fill()
     assert list(cuda.host(table.run)) == [1, 1, 2, 2, 2, 3]
     assert cuda.host(table.report)[0] == 3
@@ -317,6 +334,14 @@ def test_largest_values_do_not_outlive_their_call(cuda):
 def test_operation_agrees_with_its_reference(name, variant):
     """One hard input of the contract; all of them run on a GPU (`scripts/gpu_check.py`)."""
     outcome = contract.run(name, "cuda", "float32", "cloud_2d", variant)
+    assert outcome.passed, str(outcome)
+
+
+@pytest.mark.parametrize("name", ["match", "pull", "region_motion", "damp"])
+def test_sums_over_boxes_agree_with_the_reference(monkeypatch, name):
+    """Fast summation's own kernels, which serve wide regions only."""
+    monkeypatch.setattr("refsim.shape_matching.fast_summation.cuda.NARROW", 0)
+    outcome = contract.run(f"fast_summation.{name}", "cuda", "float32", "cloud_3d", 0)
     assert outcome.passed, str(outcome)
 
 

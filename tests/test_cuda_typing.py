@@ -176,6 +176,14 @@ def support_launches(dtype):
         (device.gather_all_vectors, ((vectors, vectors), keys, (vectors, vectors))),
         (device.copy_all_scalars, ((scalars, scalars), (scalars, scalars), scalars)),
         (device.copy_all_vectors, ((vectors, vectors), (vectors, vectors), vectors)),
+        (search.clear_counts, (integers, integers)),
+        (search.box_of_cells, (keys, integers)),
+        (search.count_cells, (keys, *4 * (integers,))),
+        (search.fill_buckets, 6 * (integers,)),
+        (search.order_buckets, (*5 * (integers,), keys)),
+        (device.add_up_tiles, (integers, integers)),
+        (device.add_up_before, (integers, integers)),
+        (device.add_up_within, (integers, integers, integers)),
         (search.touching_blocks, (keys, integers, 3, integers)),
         (search.clear_boxes, (vectors, vectors, integers, scalars)),
         (search.block_boxes, (vectors, vectors, keys, integers, integers, 3, vectors, vectors)),
@@ -255,7 +263,15 @@ def test_search_and_array_moves_compile(compiler, dtype):
         assert_compiles(compiler, kernel, values, dtype)
 
 
+@pytest.mark.parametrize("name", ["match", "pull", "region_motion", "damp"])
+def test_sums_over_boxes_compile(compiler, monkeypatch, name):
+    """Fast summation's own kernels, which serve wide regions only."""
+    monkeypatch.setattr("refsim.shape_matching.fast_summation.cuda.NARROW", 0)
+    test_operation_compiles(compiler, monkeypatch, f"fast_summation.{name}", 0, "float32")
+
+
 def test_no_kernel_is_left_out(compiler, monkeypatch):
+    monkeypatch.setattr("refsim.shape_matching.fast_summation.cuda.NARROW", 0)
     known = {kernel for kernel, _ in support_launches("float32")}
     for name, operation in REGISTRY.items():
         for variant in range(len(operation.variants)):

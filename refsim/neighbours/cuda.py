@@ -73,25 +73,24 @@ def occupied_cells(keys, cells, first, report, run):
                 first[found] = n
 
 
-@cuda_kernel
+@cuda_kernel(lanes=9)
 def cell_ranges(cells, first, query_cells, query_report, low, high):
     """Sources in the cells around each query cell: three cells in a row of x are one range [low, high).
 
     `cells` are the sorted keys of the occupied source cells, `first` their first source; `low` and `high` have a
-    column for each row of cells around a cell (3 in 2D, 9 in 3D).
+    column for each row of cells around a cell (3 in 2D, 9 in 3D), and each a thread.
     """
-    i = cuda.grid(1)
-    if i < high.shape[0] and i < query_report[0]:
-        for k in range(low.shape[1]):
-            middle = query_cells[i] + ((k % 3 - 1) << BITS)
-            if low.shape[1] == 9:
-                middle += (k // 3 - 1) << (2 * BITS)
-            a = lower_bound(cells, middle - 1)
-            b = a
-            while b < cells.shape[0] and cells[b] <= middle + 1:
-                b += 1
-            low[i, k] = first[a]
-            high[i, k] = first[b]
+    i, k = cuda.grid(1) // 9, cuda.grid(1) % 9
+    if i < high.shape[0] and i < query_report[0] and k < low.shape[1]:
+        middle = query_cells[i] + ((k % 3 - 1) << BITS)
+        if low.shape[1] == 9:
+            middle += (k // 3 - 1) << (2 * BITS)
+        a = lower_bound(cells, middle - 1)
+        b = a
+        while b < cells.shape[0] and cells[b] <= middle + 1:
+            b += 1
+        low[i, k] = first[a]
+        high[i, k] = first[b]
 
 
 @cuda_kernel(rows_of="query", lanes="listed")
@@ -261,6 +260,92 @@ def count_missed(position, velocity, timestep, bounds, neighbours, share, number
                 cuda.atomic.add(report, 2, 1)
 
 
+@cuda_kernel
+def clear_counts(report, count):
+    """No particle in any cell, and a box without cells."""
+    k = cuda.grid(1)
+    if k < count.shape[0]:
+        count[k] = 0
+    if k < report.shape[0]:
+        report[k] = -(1 << 30)
+    if k == 6:
+        report[k] = 0
+
+
+@cuda_kernel(rows_of="keys")
+def box_of_cells(keys, report):
+    """The greatest of -x, -y, -z, x, y, z of the particles' cells."""
+    i, t = cuda.grid(1), cuda.threadIdx.x
+    most = cuda.shared.array(6, np.int32)
+    if t < 6:
+        most[t] = -(1 << 30)
+    cuda.syncthreads()
+    if i < keys.shape[0]:
+        for c in range(3):
+            own = (keys[i] >> (BITS * c)) & ((1 << BITS) - 1)
+            cuda.atomic.max(most, c, -own)
+            cuda.atomic.max(most, c + 3, own)
+    cuda.syncthreads()
+    if t < 6:
+        cuda.atomic.max(report, t, most[t])
+
+
+@formula
+def place_in_box(key, report):
+    """Number of a cell, given by its key, among those of the box, in the order of the keys."""
+    mask = (1 << BITS) - 1
+    wide, deep = np.int64(report[3]) + report[0] + 1, np.int64(report[4]) + report[1] + 1
+    plane = (key >> (2 * BITS)) + report[2]
+    return (plane * deep + ((key >> BITS) & mask) + report[1]) * wide + (key & mask) + report[0]
+
+
+@cuda_kernel(rows_of="keys")
+def count_cells(keys, report, count, cell, slot):
+    """The cell of each particle among those of the box, and which of its particles it is, in whatever order they come.
+
+    report[6] becomes 1 where `count` has no room for all cells, or a cell is too full to be ordered.
+    """
+    i = cuda.grid(1)
+    if i < keys.shape[0]:
+        wide, deep = np.int64(report[3]) + report[0] + 1, np.int64(report[4]) + report[1] + 1
+        high = np.int64(report[5]) + report[2] + 1
+        cell[i] = 0
+        slot[i] = 0
+        if wide > count.shape[0] or wide * deep > count.shape[0] or wide * deep * high > count.shape[0]:
+            report[6] = 1
+        else:
+            own = place_in_box(keys[i], report)
+            cell[i] = own
+            slot[i] = cuda.atomic.add(count, own, 1)
+            if slot[i] >= MOST_NEIGHBOURS:
+                report[6] = 1
+
+
+@cuda_kernel
+def fill_buckets(cell, slot, count, run, report, bucket):
+    """The particles of each cell one after the other, in whatever order they came."""
+    i = cuda.grid(1)
+    if i < bucket.shape[0] and report[6] == 0:
+        bucket[run[cell[i]] - count[cell[i]] + slot[i]] = i
+
+
+@cuda_kernel
+def order_buckets(cell, count, run, report, bucket, order):
+    """Order of the particles: each behind those of its cell that have smaller numbers."""
+    i = cuda.grid(1)
+    if i < order.shape[0]:
+        if report[6] == 0:
+            end = run[cell[i]]
+            first = end - count[cell[i]]
+            place = first
+            for k in range(first, end):
+                if bucket[k] < i:
+                    place += 1
+            order[place] = i
+        else:
+            order[i] = i
+
+
 class CellTable:
     """Occupied cells of particles in cell order; its room grows until they fit."""
 
@@ -272,23 +357,19 @@ class CellTable:
         # Cells of this table; of the list built with it most neighbours, those that audits found missing, and builds.
         self.report = backend.zeros(4, np.int32)
         self.make_room(n // 6 + 8)
-        self.marked = device.Recorded(lambda: self._mark(position, inverse_cell))
-
-    def _mark(self, position, inverse_cell):
-        cell_keys(position, inverse_cell, self.keys)
-        mark_cells(self.keys, self.begins)
+        self.position, self.inverse_cell = position, inverse_cell
+        self.add_up = device.RunningSum(self.begins, self.run)
 
     def make_room(self, cells):
         self.cells = self.backend.empty(cells, np.int64)
         self.backend.assign(self.cells, FARTHEST)  # where there is more room than particles, nothing is written
         self.first = self.backend.zeros(cells + 1, np.int32)
 
-    def count_cells(self):
-        """Number the cells; what follows of them (`fill`) can be recorded together with other launches."""
-        self.marked()
-        device.cumulate(self.begins, self.run)
-
     def fill(self):
+        """Number the cells and list them; launches only, which can be recorded."""
+        cell_keys(self.position, self.inverse_cell, self.keys)
+        mark_cells(self.keys, self.begins)
+        self.add_up()
         occupied_cells(self.keys, self.cells, self.first, self.report, self.run)
 
     def fits(self):
@@ -342,9 +423,7 @@ class ListOf:
         n = self.position.shape[0]
         if not n:
             return self.listed, 0
-        if self.known is None:
-            self.queries.count_cells()
-        elif self.low.shape[0] != self.queries.cells.shape[0]:
+        if self.low.shape[0] != self.queries.cells.shape[0]:
             self._make_ranges()
         while True:
             self.recorded()
@@ -415,6 +494,34 @@ class Blocks:
         return self.low.nbytes + self.high.nbytes + self.near.nbytes
 
 
+class CellOrder:
+    """The particles' order by cell, and within a cell by number, as launches that can be recorded.
+
+    Counts the particles of each cell in the box of cells around all of them. Where the box has more cells than there is
+    room for, or a cell more particles than MOST_NEIGHBOURS, the order is that in which they stand and report[6] is 1.
+    """
+
+    def __init__(self, backend, keys, order):
+        n = keys.shape[0]
+        self.keys, self.order = keys, order
+        self.cell, self.slot, self.bucket = (backend.empty(n, np.int32) for _ in range(3))
+        self.count, self.run = backend.empty(n + 64, np.int32), backend.empty(n + 64, np.int32)
+        self.report = backend.zeros(7, np.int32)  # greatest of -x, -y, -z, x, y, z of the cells; whether room is short
+        self.add_up = device.RunningSum(self.count, self.run)
+
+    def launch(self):
+        clear_counts(self.report, self.count)
+        box_of_cells(self.keys, self.report)
+        count_cells(self.keys, self.report, self.count, self.cell, self.slot)
+        self.add_up()
+        fill_buckets(self.cell, self.slot, self.count, self.run, self.report, self.bucket)
+        order_buckets(self.cell, self.count, self.run, self.report, self.bucket, self.order)
+
+    @property
+    def nbytes(self):
+        return sum(a.nbytes for a in (self.cell, self.slot, self.bucket, self.count, self.run))
+
+
 class Sorter:
     """Puts arrays into cell order, in place, through spare ones; those of one kind in one launch."""
 
@@ -425,8 +532,16 @@ class Sorter:
         kinds = dict.fromkeys((a.shape, a.dtype) for a in arrays)
         alike = [tuple(a for a in arrays if (a.shape, a.dtype) == kind) for kind in kinds]
         self.kinds = [(group, tuple(backend.empty(a.shape, a.dtype) for a in group)) for group in alike]
-        self.find_keys = device.Recorded(lambda: cell_keys(position, 1.0 / search.reach, self.keys))
+        self.by_count = CellOrder(backend, self.keys, self.order) if 0 < n < FEW else None
+        self.mirror = None if self.by_count is None else device.Mirror(self.by_count.report)
+        self.find_order = device.Recorded(lambda: self._find_order(position, 1.0 / search.reach))
         self.move = device.Recorded(lambda: self._move(position, sorted_position))
+
+    def _find_order(self, position, inverse_cell):
+        cell_keys(position, inverse_cell, self.keys)
+        if self.by_count is not None:
+            self.by_count.launch()
+            self.mirror.send()
 
     def _move(self, position, sorted_position):
         for arrays, spare in self.kinds:
@@ -435,13 +550,18 @@ class Sorter:
         device.copy(position, sorted_position)
 
     def __call__(self):
-        self.find_keys()
+        self.find_order()
+        if self.by_count is not None:
+            self.move()
+            if not self.mirror.read()[6]:
+                return
         device.stable_order(self.keys, self.order)
         self.move()
 
     @property
     def nbytes(self):
-        return sum(a.nbytes for a in (self.keys, self.order, *(a for _, spare in self.kinds for a in spare)))
+        counted = 0 if self.by_count is None else self.by_count.nbytes
+        return counted + sum(a.nbytes for a in (self.keys, self.order, *(a for _, spare in self.kinds for a in spare)))
 
 
 class Search:
@@ -469,7 +589,6 @@ class Search:
         order = self.order(position)
         moved = self.reorder(position, order)
         table = CellTable(self.backend, 1.0 / self.reach, moved)
-        table.count_cells()
         table.fill()
         if not table.fits():
             table.make_room(int(self.backend.host(table.report)[0]))

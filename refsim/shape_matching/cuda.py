@@ -7,7 +7,7 @@ from refsim.shape_matching import WIDEST, particle
 from refsim.shape_matching.phases import NOBODY
 
 MOST_SLOTS = (2 * WIDEST + 1) ** 3
-ROWS = 16  # regions that a block looks at, most of which have lost no node
+ROWS = 4  # regions that a block looks at, most of which have lost no node
 
 
 @cuda_kernel
@@ -43,11 +43,11 @@ def regions(direct, rebuild, lattice, region, region_count):
         if marked[k]:
             s = cuda.blockIdx.x + k * cuda.gridDim.x
             for slot in range(own, slots, step):
-                entries[slot] = direct[s, 13] if slot == slots // 2 else NOBODY
+                entries[slot] = particle.next_to(s, slot, direct, side)
             if own == 0:
                 region_count[s] = 0
             cuda.syncthreads()
-            for level in range(1, side // 2 + 1):
+            for level in range(2, side // 2 + 1):
                 for slot in range(own, slots, step):
                     if entries[slot] == NOBODY:
                         other = particle.reached(slot, level, direct, entries, side)

@@ -92,6 +92,19 @@ def fill_region(s, direct, region):
 
 
 @formula
+def next_to(s, slot, direct, side):
+    """What passes 0 and 1 write into a slot of the region of node s: the node itself, and its direct neighbours."""
+    middle = side // 2
+    a, b, e = slot // (side * side) - middle, slot // side % side - middle, slot % side - middle
+    found = NOBODY
+    if -1 <= a <= 1 and -1 <= b <= 1 and -1 <= e <= 1:
+        found = direct[s, (a + 1) * 9 + (b + 1) * 3 + e + 1]
+        if found != NOBODY and (a != 0 or b != 0 or e != 0):
+            found |= 1 << LEVEL
+    return found
+
+
+@formula
 def reached(slot, level, direct, entries, side):
     """What pass `level` writes into an empty slot of a region: the node there, if one beside links to it.
 
@@ -99,13 +112,15 @@ def reached(slot, level, direct, entries, side):
     slots are `entries`.
     """
     found = NOBODY
+    near = 0
     x, y, z = slot // (side * side), slot // side % side, slot % side
-    for near in range(27):
+    while found == NOBODY and near < 27:
         a, b, e = slot_offset(near, 1)
-        if found == NOBODY and 0 <= x - a < side and 0 <= y - b < side and 0 <= z - e < side:
+        if 0 <= x - a < side and 0 <= y - b < side and 0 <= z - e < side:
             entry = entries[((x - a) * side + y - b) * side + z - e]
             if entry != NOBODY and entry >> LEVEL == level - 1:
                 found = direct[entry & NUMBER, near]
+        near += 1
     return found
 
 

@@ -1,32 +1,38 @@
 """CUDA kernels of surface normals."""
 
 from refsim.compile import cuda, cuda_kernel
-from refsim.neighbours.rows import cuda_row
+from refsim.neighbours.rows import cuda_lane, cuda_lane_row, cuda_row, cuda_share_row, lanes_sum
 from refsim.sph.particle import wall_sum
 from refsim.surface_normal import particle
 
 
-@cuda_kernel
+@cuda_kernel(lanes=True)
 def color_gradient(
     position, mass, density, candidates, neighbours, walls, gradient_smoothing, normal_term, surface_normal
 ):
     """J(19); zero where a particle is no candidate."""
-    i = cuda.grid(1)
+    i, lane = cuda_lane(cuda.grid(1), neighbours)
     if i < surface_normal.shape[0]:
         real = type(gradient_smoothing.support_radius)
         nx, ny, nz = real(0), real(0), real(0)
         if candidates is None or candidates[i] != 0:
+            row = cuda_lane_row(neighbours, i, lane)
             nx, ny, nz = particle.color_gradient(
-                i, cuda_row(neighbours, i), position, mass, density, neighbours.entries, gradient_smoothing, normal_term
+                i, row, position, mass, density, neighbours.entries, gradient_smoothing, normal_term
             )
             if walls is not None:
-                bx, by, bz = particle.wall_color_gradient(i, cuda_row(walls, i), position, walls, gradient_smoothing)
+                row = cuda_share_row(walls, i, lane, len(neighbours.lanes))
+                bx, by, bz = particle.wall_color_gradient(i, row, position, walls, gradient_smoothing)
                 nx += bx
                 ny += by
                 nz += bz
-        surface_normal[i, 0] = nx
-        surface_normal[i, 1] = ny
-        surface_normal[i, 2] = nz
+            nx = lanes_sum(nx, lane, neighbours)
+            ny = lanes_sum(ny, lane, neighbours)
+            nz = lanes_sum(nz, lane, neighbours)
+        if lane == 0:
+            surface_normal[i, 0] = nx
+            surface_normal[i, 1] = ny
+            surface_normal[i, 2] = nz
 
 
 @cuda_kernel

@@ -23,16 +23,19 @@ WIDEST = 17  # numbers that a cell sums
 
 
 class Boxes(NamedTuple):
-    """The bodies' cells in one box of rows, planes and columns, with w empty cells wherever two rows or bodies meet.
+    """The bodies' cells in one box of planes, rows and columns, with w empty cells wherever two rows or bodies meet.
 
     A window of 2 w + 1 cells along any axis then never holds what is not beside its middle: windows of rows and planes
-    need not be cut at the box's sides, and the first and the last w planes, which are empty too, have none.
+    need not be cut at the box's sides, and the first and the last w planes, which are empty too, have none. Planes
+    follow z, rows y and columns x, so that nodes stand in the order of their cells.
     """
 
     node: Any  # (cells,) int32 node in each cell, -1 for none
     cell: Any  # (S,) int32 cell of each node
     origin: Any  # (S,) int32 node nearest the middle of each node's body
-    side: Any  # (3,) int32 cells along each axis
+    side: Any  # (3,) int32 planes, rows and columns
+    planes: Any  # (planes, 8) int32 of each: nodes [0, 1), rows of its nodes [2, 3), rows [4, 5) and columns [6, 7)
+    #              of the nodes at most w planes away
     first: Any  # (17, cells) float64, for sums on the way
     second: Any  # (17, cells) float64, likewise
 
@@ -51,13 +54,30 @@ def boxes_of(lattice: Lattice, half_width: int) -> Boxes:
         place[first:end] = own
         side = np.maximum(side, own.max(0) + 1)
         height = int(own[:, 2].max()) + 1 + half_width
-    place[:, 0] += half_width
-    side += (2 * half_width, half_width, half_width)
-    flat = (place[:, 0] * side[1] + place[:, 1]) * side[2] + place[:, 2]
-    node = np.full(int(side.prod()), -1, np.int32)
+    place[:, 2] += half_width
+    columns, rows, planes = (int(n) for n in side + (half_width, half_width, 2 * half_width))
+    flat = (place[:, 2] * rows + place[:, 1]) * columns + place[:, 0]
+    node = np.full(planes * rows * columns, -1, np.int32)
     node[flat] = np.arange(len(cell))
-    rows = np.zeros((WIDEST, len(node)))
-    return Boxes(node, flat.astype(np.int32), origin, side.astype(np.int32), rows, rows.copy())
+    sums = np.zeros((WIDEST, len(node)))
+    sides = np.array([planes, rows, columns], np.int32)
+    ranges = _ranges(place, planes, half_width)
+    return Boxes(node, flat.astype(np.int32), origin, sides, ranges, sums, sums.copy())
+
+
+def _ranges(place: np.ndarray, planes: int, half_width: int) -> np.ndarray:
+    """Boxes.planes of nodes in cells (column, row, plane)."""
+    ranges = np.zeros((planes, 8), np.int32)
+    border = np.searchsorted(place[:, 2], np.arange(planes + 1))
+    ranges[:, 0], ranges[:, 1] = border[:-1], border[1:]
+    for p in range(planes):
+        own = place[border[p] : border[p + 1]]
+        if len(own):
+            ranges[p, 2:4] = own[:, 1].min(), own[:, 1].max() + 1
+        near = place[border[max(p - half_width, 0)] : border[min(p + half_width + 1, planes)]]
+        if len(near):
+            ranges[p, 4:8] = near[:, 1].min(), near[:, 1].max() + 1, near[:, 0].min(), near[:, 0].max() + 1
+    return ranges
 
 
 for _name in ("match", "pull", "region_motion", "damp"):

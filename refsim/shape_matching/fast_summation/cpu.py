@@ -6,69 +6,90 @@ from refsim.compile import cpu_kernel, formula, prange
 from refsim.shape_matching import particle as plain
 from refsim.shape_matching.fast_summation import particle
 
-STRETCH = 1024  # cells whose numbers stay in the cache while windows are summed
+
+@cpu_kernel(ordered=True)
+def _match_cells(solid_position, region_share, boxes):
+    """Terms of every node's cell."""
+    for s in prange(boxes.cell.shape[0]):
+        particle.match_cell(boxes.cell[s], solid_position, region_share, boxes)
 
 
 @cpu_kernel(ordered=True)
-def _match_cells(solid_position, region_share, boxes, node):
-    """Terms of every cell."""
-    for cell in prange(node.shape[0]):
-        particle.match_cell(cell, solid_position, region_share, boxes)
+def _goal_cells(solid_position, region_count, region_anchor, rotation, boxes, matching):
+    """Terms of every node's cell."""
+    for s in prange(boxes.cell.shape[0]):
+        particle.goal_cell(
+            boxes.cell[s], solid_position, region_count, region_anchor, rotation, boxes, matching.spacing
+        )
 
 
 @cpu_kernel(ordered=True)
-def _goal_cells(solid_position, region_count, region_anchor, rotation, boxes, matching, node):
-    """Terms of every cell."""
-    for cell in prange(node.shape[0]):
-        particle.goal_cell(cell, solid_position, region_count, region_anchor, rotation, boxes, matching.spacing)
-
-
-@cpu_kernel(ordered=True)
-def _motion_cells(solid_position, solid_velocity, region_share, boxes, node):
-    """Terms of every cell."""
-    for cell in prange(node.shape[0]):
-        particle.motion_cell(cell, solid_position, solid_velocity, region_share, boxes)
+def _motion_cells(solid_position, solid_velocity, region_share, boxes):
+    """Terms of every node's cell."""
+    for s in prange(boxes.cell.shape[0]):
+        particle.motion_cell(boxes.cell[s], solid_position, solid_velocity, region_share, boxes)
 
 
 @cpu_kernel(ordered=True)
 def _damp_cells(
-    solid_position, solid_velocity, region_count, region_center, region_velocity, region_spin, boxes, node
+    solid_position, solid_velocity, region_count, region_center, region_velocity, region_spin, boxes
 ):  # fmt: skip
-    """Terms of every cell."""
-    for cell in prange(node.shape[0]):
+    """Terms of every node's cell."""
+    for s in prange(boxes.cell.shape[0]):
         particle.damp_cell(
-            cell, solid_position, solid_velocity, region_count, region_center, region_velocity, region_spin, boxes
+            boxes.cell[s],
+            solid_position,
+            solid_velocity,
+            region_count,
+            region_center,
+            region_velocity,
+            region_spin,
+            boxes,
         )
 
 
 @formula
-def _along(axis, first_cell, end, half_width, side, source, target):
-    """Sums of one number along an axis, a stretch of cells at a time: loops over cells vectorise."""
-    stride = particle.stride_of(axis, side)
-    for low in range(first_cell, end, STRETCH):
-        high = min(low + STRETCH, end)
-        for cell in range(low, high):
-            target[cell] = source[cell]
-        for k in range(1, half_width + 1):
-            way = k * stride
-            for cell in range(low, high):
-                target[cell] += source[cell - way] + source[cell + way]
+def _box_sums(source, target, half_width, boxes):
+    """Sums of one number over the box around every node: along rows and across them in each plane, then over planes.
+
+    Only where there are nodes to sum for, and a few planes at a time, which stay in the cache.
+    """
+    planes, columns = boxes.planes, boxes.side[2]
+    area, window = boxes.side[1] * columns, 2 * half_width + 1
+    lines, sums = np.zeros(area), np.zeros((window, area))
+    for p in range(planes.shape[0]):
+        low, high = planes[p, 6], planes[p, 7]
+        for row in range(planes[p, 2], planes[p, 3]):
+            at = row * columns
+            there = p * area + at
+            for c in range(low, high):
+                lines[at + c] = source[there + c]
+            for k in range(1, half_width + 1):
+                for c in range(low, high):
+                    lines[at + c] += source[there + c - k] + source[there + c + k]
+        plane = sums[p % window]
+        for row in range(planes[p, 4], planes[p, 5]):
+            at = row * columns
+            for c in range(low, high):
+                plane[at + c] = 0.0
+            for near in range(max(row - half_width, planes[p, 2]), min(row + half_width + 1, planes[p, 3])):
+                beside = near * columns
+                for c in range(low, high):
+                    plane[at + c] += lines[beside + c]
+        middle = p - half_width
+        if middle >= 0:
+            for s in range(planes[middle, 0], planes[middle, 1]):
+                total = 0.0
+                for k in range(window):
+                    total += sums[k, boxes.cell[s] - middle * area]
+                target[boxes.cell[s]] = total
 
 
 @cpu_kernel(ordered=True)
-def _axis_sums(half_width, side, first, second):
-    """Sums of every number over the box around every cell, axis after axis, into `second`."""
-    margin = half_width * side[1] * side[2]
-    for c in prange(first.shape[0]):
-        end = first.shape[1] - margin
-        _along(0, margin, end, half_width, side, first[c], second[c])
-        _along(1, margin, end, half_width, side, second[c], first[c])
-        _along(2, margin, end, half_width, side, first[c], second[c])
-
-
-def _boxes(boxes, half_width, count):
-    """Sums of the first `count` numbers over the box around every cell, into boxes.second."""
-    _axis_sums(half_width, boxes.side, boxes.first[:count], boxes.second[:count])
+def _sum_boxes(half_width, count, boxes):
+    """Sums of the first `count` numbers over the box around every node, into boxes.second."""
+    for c in prange(count):
+        _box_sums(boxes.first[c], boxes.second[c], half_width, boxes)
 
 
 @formula
@@ -240,8 +261,8 @@ def _damp_nodes(
 
 def match(solid_position, region_share, region, region_count, boxes, matching, region_center, region_anchor, rotation):
     """Center, rotation and anchor of every region."""
-    _match_cells(solid_position, region_share, boxes, boxes.node)
-    _boxes(boxes, matching.half_width, 17)
+    _match_cells(solid_position, region_share, boxes)
+    _sum_boxes(matching.half_width, 17, boxes)
     _match_nodes(
         solid_position, region_share, region, region_count, boxes, matching, region_center, region_anchor, rotation
     )
@@ -252,8 +273,8 @@ def pull(
     acceleration, solid_velocity,
 ):  # fmt: skip
     """Pull of every node towards its goal; added to the acceleration."""
-    _goal_cells(solid_position, region_count, region_anchor, rotation, boxes, matching, boxes.node)
-    _boxes(boxes, matching.half_width, 13)
+    _goal_cells(solid_position, region_count, region_anchor, rotation, boxes, matching)
+    _sum_boxes(matching.half_width, 13, boxes)
     _goal_nodes(
         velocity, solid_position, region, region_count, region_anchor, rotation, place, boxes, matching, timestep,
         acceleration, solid_velocity,
@@ -265,8 +286,8 @@ def region_motion(
     region_spin,
 ):  # fmt: skip
     """Velocity and spin of every region."""
-    _motion_cells(solid_position, solid_velocity, region_share, boxes, boxes.node)
-    _boxes(boxes, matching.half_width, 17)
+    _motion_cells(solid_position, solid_velocity, region_share, boxes)
+    _sum_boxes(matching.half_width, 17, boxes)
     _motion_nodes(
         solid_position,
         solid_velocity,
@@ -286,10 +307,8 @@ def damp(
     matching, timestep, acceleration,
 ):  # fmt: skip
     """Damping of every node towards the rigid motion of its regions; added to the acceleration."""
-    _damp_cells(
-        solid_position, solid_velocity, region_count, region_center, region_velocity, region_spin, boxes, boxes.node
-    )
-    _boxes(boxes, matching.half_width, 7)
+    _damp_cells(solid_position, solid_velocity, region_count, region_center, region_velocity, region_spin, boxes)
+    _sum_boxes(matching.half_width, 7, boxes)
     _damp_nodes(
         solid_position, solid_velocity, region, region_count, region_center, region_velocity, region_spin, place, boxes,
         matching, timestep, acceleration,

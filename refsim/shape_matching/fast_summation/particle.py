@@ -17,9 +17,9 @@ def from_middle(s, boxes):
     cell, middle = boxes.cell[s], boxes.cell[boxes.origin[s]]
     plane, row = boxes.side[1] * boxes.side[2], boxes.side[2]
     return (
-        float(cell // plane - middle // plane),
-        float(cell // row % boxes.side[1] - middle // row % boxes.side[1]),
         float(cell % row - middle % row),
+        float(cell // row % boxes.side[1] - middle // row % boxes.side[1]),
+        float(cell // plane - middle // plane),
     )
 
 

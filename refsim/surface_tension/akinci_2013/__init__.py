@@ -203,6 +203,24 @@ register(
 )
 register(
     Operation(
+        name="akinci_2013.momentum",
+        folder=_HERE,
+        paper=f"{_PAPER}; Jiang & Zhu 2023",
+        equation="cohesion and area term with J(10), J(11)",
+        function="momentum",
+        outputs=("acceleration",),
+        adds=("acceleration",),
+        optional=("walls", "viscosity", "area_normal", "spline", "area_term"),
+        joins=("sph.momentum", "akinci_2013.tension"),
+        tolerance=12.0,
+        tolerance_reason="as akinci_2013.tension",
+        variants=({}, {"area_term": None, "area_normal": None, "walls": None}),
+        invariants=_SYMMETRY,
+        rarely=True,
+    )
+)
+register(
+    Operation(
         name="akinci_2013.adhesion",
         folder=_HERE,
         paper=_PAPER,

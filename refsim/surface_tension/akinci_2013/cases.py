@@ -69,6 +69,20 @@ def pair_with_normals():
     )  # fmt: skip
 
 
+@closed_form("akinci_2013.momentum")
+def pair_that_rests():
+    """Without pressure and at equal velocities only cohesion acts: a_1 = -K gamma m_2 C(h/2) e_12 with K = 5/4."""
+    pull = 5 / 4 * 0.5 / (16 * math.pi) / (1 + 2e-9)
+    return Exact(
+        PAIR,
+        {
+            "mass": MASS, "density": DENSITY, "pressure": np.zeros(2), "velocity": np.ones((2, 3)), "spline": SPLINE,
+            "area_term": AreaTerm(0.0), "area_normal": np.zeros((2, 3)), "walls": None,
+        },
+        {"acceleration": np.array([[0.0, 3 * pull, 0.0], [0.0, -2 * pull, 0.0]])},
+    )  # fmt: skip
+
+
 @closed_form("akinci_2013.adhesion")
 def stuck_to_a_wall():
     """At r = 3 h/4: A = 0.007/h^3 (1/4)^(1/4) = 0.007/(8 sqrt 2); a = beta rho0 V_b A towards the wall."""

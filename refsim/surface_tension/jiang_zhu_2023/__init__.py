@@ -487,3 +487,20 @@ register(
         **_PAIR,
     )
 )
+register(
+    Operation(
+        name="jiang_zhu_2023.momentum",
+        folder=_HERE,
+        paper=_PAPER,
+        equation="J(16) between all pairs, J(17), J(21), J(18) with J(10), J(11)",
+        function="momentum",
+        outputs=("acceleration",),
+        adds=("acceleration",),
+        optional=("walls", "viscosity", "area_normal", "cohesion", "area"),
+        joins=("sph.momentum", "jiang_zhu_2023.tension", "jiang_zhu_2023.cohesion"),
+        tolerance=12.0,
+        variants=({}, {"area": None, "area_normal": None, "walls": None}),
+        invariants=_SYMMETRY,
+        rarely=True,
+    )
+)

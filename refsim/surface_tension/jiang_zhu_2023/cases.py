@@ -82,6 +82,17 @@ def cohering_pair():
     )  # fmt: skip
 
 
+@closed_form("jiang_zhu_2023.momentum")
+def cohering_pair_that_rests():
+    """Without pressure and at equal velocities only cohesion acts: a_1 = gamma m_2 C(h/2) e_12."""
+    return Exact(
+        PAIR,
+        {"mass": MASS, "density": DENSITY, "pressure": np.zeros(2), "velocity": np.ones((2, 3)), "walls": None,
+         "cohesion": COHESION, "area": AreaTerm(np.int32(0), 0.0), "area_normal": np.zeros((2, 3))},
+        {"acceleration": _cohesion(1.0)},
+    )  # fmt: skip
+
+
 @closed_form("jiang_zhu_2023.cohesion")
 def cohering_marked_pair():
     """Particle 2 is of the surface: the pair acts where either has to be."""

@@ -1,8 +1,8 @@
 """CUDA kernels of Jiang & Zhu 2023."""
 
 from refsim.compile import cuda, cuda_kernel
-from refsim.neighbours.rows import cuda_lane, cuda_lane_row, cuda_row, lanes_sum
-from refsim.sph.particle import wall_sum
+from refsim.neighbours.rows import cuda_lane, cuda_lane_row, cuda_row, cuda_share_row, lanes_sum
+from refsim.sph.particle import wall_pressure, wall_sum
 from refsim.surface_tension.jiang_zhu_2023 import formulas, particle
 
 
@@ -52,6 +52,31 @@ def tension(
             i, cuda_lane_row(neighbours, i, lane), position, mass, density, surface_weight, surface, area_normal,
             neighbours.entries, smoothing, pairs, cohesion, area,
         )  # fmt: skip
+        ax, ay, az = lanes_sum(ax, lane, neighbours), lanes_sum(ay, lane, neighbours), lanes_sum(az, lane, neighbours)
+        if lane == 0:
+            acceleration[i, 0] += ax
+            acceleration[i, 1] += ay
+            acceleration[i, 2] += az
+
+
+@cuda_kernel(lanes=True)
+def momentum(
+    position, velocity, mass, density, pressure, area_normal, neighbours, walls, gradient_smoothing, fluid, viscosity,
+    cohesion, area, acceleration,
+):  # fmt: skip
+    """J(16) between all pairs, J(21) or J(18), J(10), J(11), walls after Akinci 2012; added to the acceleration."""
+    i, lane = cuda_lane(cuda.grid(1), neighbours)
+    if i < acceleration.shape[0]:
+        ax, ay, az = particle.momentum(
+            i, cuda_lane_row(neighbours, i, lane), position, velocity, mass, density, pressure, area_normal,
+            neighbours.entries, gradient_smoothing, fluid, viscosity, cohesion, area,
+        )  # fmt: skip
+        if walls is not None:
+            row = cuda_share_row(walls, i, lane, len(neighbours.lanes))
+            bx, by, bz = wall_pressure(i, row, position, density, pressure, walls, gradient_smoothing, fluid)
+            ax += bx
+            ay += by
+            az += bz
         ax, ay, az = lanes_sum(ax, lane, neighbours), lanes_sum(ay, lane, neighbours), lanes_sum(az, lane, neighbours)
         if lane == 0:
             acceleration[i, 0] += ax

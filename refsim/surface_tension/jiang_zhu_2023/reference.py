@@ -8,6 +8,7 @@ import numpy as np
 
 from refsim.neighbours.reference import pair_blocks
 from refsim.smoothing.reference import kernel_value
+from refsim.sph.reference import momentum as sph_momentum
 
 INNER = 0.8  # the repulsive kernel's support, as a share of h
 MODES = ("soft", "all", "one_sided", "either", "both")
@@ -80,6 +81,12 @@ def tension(position, mass, density, surface_weight, surface, area_normal, smoot
     J(16) a_i = gamma sum_j m_j C(r) e_ij (sign of E4); J(17) C = alpha W_poly6(r, 0.8h) - beta W_poly6(r, h);
     J(21) a_i = -eps sum_j m_j/(rho_i rho_j) (n*_i - n*_j); J(18) a_i = -eps' sum_j (n_i - n_j).
     """
+    marks = (surface_weight, surface, int(pairs.mode))
+    return {"acceleration": _pair_sums(position, mass, density, marks, area_normal, smoothing, cohesion, area, rows)}
+
+
+def _pair_sums(position, mass, density, marks, area_normal, smoothing, cohesion, area, rows):
+    surface_weight, surface, mode = marks
     h, dim = float(smoothing.support_radius), smoothing.dim
     mass = np.asarray(mass, dtype=float)
     count = len(mass)
@@ -90,7 +97,7 @@ def tension(position, mass, density, surface_weight, surface, area_normal, smoot
     for place, separation, distance in pair_blocks(position, position, rows):
         i = own[place]
         near = (distance < h) & (i[:, None] != np.arange(count)[None, :])
-        share = near * pair_shares(pairs.mode, weight[i, None], weight[None, :], marked[i, None], marked[None, :])
+        share = near * pair_shares(mode, weight[i, None], weight[None, :], marked[i, None], marked[None, :])
         if cohesion is not None:
             unit = separation / (distance + 1e-9 * h)[..., None]
             repulsion = float(cohesion.alpha) * _poly6(distance, INNER * h, dim)
@@ -107,7 +114,30 @@ def tension(position, mass, density, surface_weight, surface, area_normal, smoot
             value[place] -= (factor[..., None] * (normal[i, None, :] - normal[None, :, :])).sum(1)
             size = np.abs(normal[i, None, :]) + np.abs(normal[None, :, :])
             scale[place] += (np.abs(factor)[..., None] * size).sum(1)
-    return {"acceleration": (value, scale)}
+    return value, scale
+
+
+def momentum(
+    position,
+    velocity,
+    mass,
+    density,
+    pressure,
+    area_normal,
+    walls,
+    gradient_smoothing,
+    fluid,
+    viscosity,
+    cohesion,
+    area,
+    rows=None,
+):
+    """Acceleration [m/s^2] a by J(10) and J(11), and by J(16) between all pairs with J(21) or J(18): their sum."""
+    given = (position, velocity, mass, density, pressure, walls, gradient_smoothing, fluid, viscosity, rows)
+    liquid = sph_momentum(*given)["acceleration"]
+    marks = (None, None, MODES.index("all"))
+    surface = _pair_sums(position, mass, density, marks, area_normal, gradient_smoothing, cohesion, area, rows)
+    return {"acceleration": tuple(a + b for a, b in zip(liquid, surface))}
 
 
 def _poly6(r, radius, dim):
