@@ -190,6 +190,39 @@ def nearby_rotation(first, second, third, before, precision):
 
 
 @formula
+def centred(moments):
+    """A = sum m x g^T - (sum m x)(sum m g)^T/M after its largest entry, row by row, and that entry [kg m]; 0 for none.
+
+    moments: m, m x, m g, m x g^T summed over a region.
+    """
+    real = type(moments[0])
+    m = moments
+    xx, xy, xz = m[7] - m[1] * m[4] / m[0], m[8] - m[1] * m[5] / m[0], m[9] - m[1] * m[6] / m[0]
+    yx, yy, yz = m[10] - m[2] * m[4] / m[0], m[11] - m[2] * m[5] / m[0], m[12] - m[2] * m[6] / m[0]
+    zx, zy, zz = m[13] - m[3] * m[4] / m[0], m[14] - m[3] * m[5] / m[0], m[15] - m[3] * m[6] / m[0]
+    most = max(max(max(abs(xx), abs(xy)), max(abs(xz), abs(yx))), max(max(abs(yy), abs(yz)), max(abs(zx), abs(zy))))
+    most = max(most, abs(zz))
+    if not most > real(0):
+        return (xx, xy, xz, yx, yy, yz, zx, zy, zz), real(0)
+    return (
+        xx / most, xy / most, xz / most, yx / most, yy / most, yz / most, zx / most, zy / most, zz / most,
+    ), most  # fmt: skip
+
+
+@formula
+def quick_rotation(moments, before, precision):
+    """(whether it is found, q): best_rotation where it is near the one before, or where A or M = 0; dimensionless."""
+    near, best = True, (before[0], before[1], before[2], before[3])
+    if moments[0] > type(moments[0])(0):
+        a, most = centred(moments)
+        if most > type(most)(0):
+            near, q = nearby_rotation((a[0], a[3], a[6]), (a[1], a[4], a[7]), (a[2], a[5], a[8]), before, precision)
+            if near:
+                best = q
+    return near, best
+
+
+@formula
 def best_rotation(moments, before, floor, precision, matrix, basis):
     """q = argmax tr(R(q)^T A) [dimensionless], A = sum m x g^T - (sum m x)(sum m g)^T/M; `before` where A = 0.
 
@@ -198,25 +231,10 @@ def best_rotation(moments, before, floor, precision, matrix, basis):
     is not held back.
     """
     real = type(moments[0])
-    best = (before[0], before[1], before[2], before[3])
-    m = moments
-    xx, xy, xz = m[7] - m[1] * m[4] / m[0], m[8] - m[1] * m[5] / m[0], m[9] - m[1] * m[6] / m[0]
-    yx, yy, yz = m[10] - m[2] * m[4] / m[0], m[11] - m[2] * m[5] / m[0], m[12] - m[2] * m[6] / m[0]
-    zx, zy, zz = m[13] - m[3] * m[4] / m[0], m[14] - m[3] * m[5] / m[0], m[15] - m[3] * m[6] / m[0]
-    most = max(max(max(abs(xx), abs(xy)), max(abs(xz), abs(yx))), max(max(abs(yy), abs(yz)), max(abs(zx), abs(zy))))
-    most = max(most, abs(zz))
-    near = False
-    if most > real(0):
-        near, q = nearby_rotation(
-            (xx / most, yx / most, zx / most), (xy / most, yy / most, zy / most), (xz / most, yz / most, zz / most),
-            before, precision,
-        )  # fmt: skip
-        if near:
-            best = q
-    if most > real(0) and not near:
-        davenport(
-            xx / most, xy / most, xz / most, yx / most, yy / most, yz / most, zx / most, zy / most, zz / most, matrix
-        )
+    near, best = quick_rotation(moments, before, precision)
+    if not near:
+        a, _ = centred(moments)
+        davenport(a[0], a[1], a[2], a[3], a[4], a[5], a[6], a[7], a[8], matrix)
         for p in range(4):
             for q in range(4):
                 matrix[p, q] += floor * before[p] * before[q]

@@ -217,12 +217,20 @@ def match_sums(s, solid_position, region_share, region, half_width):
 @formula
 def match_end(s, sums, matching, matrix, basis, region_center, region_anchor, rotation):
     """Center, rotation and anchor of the region of node s, from its sums; an empty one is the node's place."""
+    q = (rotation[s, 0], rotation[s, 1], rotation[s, 2], rotation[s, 3])
+    if sums[0] > type(sums[0])(0):
+        q = best_rotation(sums, rotation[s], matching.twist_floor, matching.precision, matrix, basis)
+    match_write(s, sums, q, matching, region_center, region_anchor, rotation)
+
+
+@formula
+def match_write(s, sums, q, matching, region_center, region_anchor, rotation):
+    """Center and anchor of the region of node s, from its sums and its rotation q."""
     zero = type(sums[0])(0)
     for c in range(3):
         region_center[s, c] = zero
         region_anchor[s, c] = zero
     if sums[0] > zero:
-        q = best_rotation(sums, rotation[s], matching.twist_floor, matching.precision, matrix, basis)
         rest = matching.spacing / sums[0]
         x, y, z = turned(q, rest * sums[4], rest * sums[5], rest * sums[6])
         for c in range(4):

@@ -5,6 +5,7 @@ import numpy as np
 from refsim.compile import cpu_kernel, formula, prange
 from refsim.shape_matching import particle as plain
 from refsim.shape_matching.fast_summation import particle
+from refsim.shape_matching.formulas import quick_rotation
 
 
 @cpu_kernel(ordered=True)
@@ -96,20 +97,16 @@ def _sum_boxes(half_width, count, boxes):
 def _match_node(
     s, solid_position, region_share, region, region_count, boxes, matching, region_center, region_anchor, rotation
 ):  # fmt: skip
-    """One node; its arrays are made here, because a parallel loop may not make them."""
-    real = rotation.dtype.type
-    moments = np.empty(16)
-    found = particle.match_sums(s, solid_position, boxes, moments)
-    sums = np.empty(16, rotation.dtype)
-    if found == region_count[s] and found > 1:
-        for c in range(16):
-            sums[c] = real(moments[c])
+    """One node; its arrays are made here, because a parallel loop may not make them, and only where they are used."""
+    found, sums = particle.match_sums(s, solid_position, boxes)
+    if found != region_count[s] or found <= 1:
+        sums = plain.match_sums(s, solid_position, region_share, region, matching.half_width)
+    near, q = quick_rotation(sums, rotation[s], matching.precision)
+    if near:
+        plain.match_write(s, sums, q, matching, region_center, region_anchor, rotation)
     else:
-        terms = plain.match_sums(s, solid_position, region_share, region, matching.half_width)
-        for c, term in enumerate(terms):
-            sums[c] = term
-    matrix, basis = np.empty((4, 4), rotation.dtype), np.empty((4, 4), rotation.dtype)
-    plain.match_end(s, sums, matching, matrix, basis, region_center, region_anchor, rotation)
+        matrix, basis = np.empty((4, 4), rotation.dtype), np.empty((4, 4), rotation.dtype)
+        plain.match_end(s, sums, matching, matrix, basis, region_center, region_anchor, rotation)
 
 
 @cpu_kernel(ordered=True)
@@ -132,23 +129,6 @@ def _match_nodes(
         )
 
 
-@formula
-def _goal_node(
-    s, velocity, solid_position, region, region_count, region_anchor, rotation, place, boxes, matching, timestep,
-    acceleration, solid_velocity,
-):  # fmt: skip
-    """One node; its arrays are made here, because a parallel loop may not make them."""
-    real = solid_velocity.dtype.type
-    ways = np.empty(3)
-    sums = np.empty(3, solid_velocity.dtype)
-    if particle.goal_sums(s, solid_position, boxes, matching.spacing, ways) == region_count[s]:
-        for c in range(3):
-            sums[c] = real(ways[c])
-    else:
-        sums[0], sums[1], sums[2] = plain.goal_sums(s, solid_position, region, region_anchor, rotation, matching)
-    plain.goal_end(s, sums, region_count, place, velocity, matching, timestep, acceleration, solid_velocity)
-
-
 @cpu_kernel(ordered=True)
 def _goal_nodes(
     velocity, solid_position, region, region_count, region_anchor, rotation, place, boxes, matching, timestep,
@@ -156,42 +136,10 @@ def _goal_nodes(
 ):  # fmt: skip
     """Every node, from the sums of its box or, where its region is not the whole box, member by member."""
     for s in prange(solid_velocity.shape[0]):
-        _goal_node(
-            s,
-            velocity,
-            solid_position,
-            region,
-            region_count,
-            region_anchor,
-            rotation,
-            place,
-            boxes,
-            matching,
-            timestep,
-            acceleration,
-            solid_velocity,
-        )
-
-
-@formula
-def _motion_node(
-    s, solid_position, solid_velocity, region_share, region, region_count, region_center, boxes, matching,
-    region_velocity, region_spin,
-):  # fmt: skip
-    """One node; its arrays are made here, because a parallel loop may not make them."""
-    real = region_spin.dtype.type
-    about = np.empty(13)
-    found = particle.motion_sums(s, solid_position, solid_velocity, region_center, boxes, about)
-    sums = np.empty(13, region_spin.dtype)
-    if found == region_count[s] and found > 1:
-        for c in range(13):
-            sums[c] = real(about[c])
-    else:
-        mass, terms = plain.motion_sums(s, solid_position, solid_velocity, region_share, region, region_center)
-        for c, term in enumerate(terms):
-            sums[c] = term
-        sums[12] = mass
-    plain.motion_end(s, sums[12], sums, solid_velocity, matching, region_velocity, region_spin)
+        found, sums = particle.goal_sums(s, solid_position, boxes, matching.spacing)
+        if found != region_count[s]:
+            sums = plain.goal_sums(s, solid_position, region, region_anchor, rotation, matching)
+        plain.goal_end(s, sums, region_count, place, velocity, matching, timestep, acceleration, solid_velocity)
 
 
 @cpu_kernel(ordered=True)
@@ -201,38 +149,10 @@ def _motion_nodes(
 ):  # fmt: skip
     """Every node, from the sums of its box or, where its region is not the whole box, member by member."""
     for s in prange(region_spin.shape[0]):
-        _motion_node(
-            s,
-            solid_position,
-            solid_velocity,
-            region_share,
-            region,
-            region_count,
-            region_center,
-            boxes,
-            matching,
-            region_velocity,
-            region_spin,
-        )
-
-
-@formula
-def _damp_node(
-    s, solid_position, solid_velocity, region, region_count, region_center, region_velocity, region_spin, place, boxes,
-    matching, timestep, acceleration,
-):  # fmt: skip
-    """One node; its arrays are made here, because a parallel loop may not make them."""
-    real = acceleration.dtype.type
-    ways = np.empty(3)
-    sums = np.empty(3, acceleration.dtype)
-    if particle.damp_sums(s, solid_position, solid_velocity, boxes, ways) == region_count[s]:
-        for c in range(3):
-            sums[c] = real(ways[c])
-    else:
-        sums[0], sums[1], sums[2] = plain.damp_sums(
-            s, solid_position, solid_velocity, region, region_center, region_velocity, region_spin
-        )
-    plain.damp_end(s, sums, region_count, place, matching, timestep, acceleration)
+        found, mass, sums = particle.motion_sums(s, solid_position, solid_velocity, region_center, boxes)
+        if found != region_count[s] or found <= 1:
+            mass, sums = plain.motion_sums(s, solid_position, solid_velocity, region_share, region, region_center)
+        plain.motion_end(s, mass, sums, solid_velocity, matching, region_velocity, region_spin)
 
 
 @cpu_kernel(ordered=True)
@@ -242,21 +162,12 @@ def _damp_nodes(
 ):  # fmt: skip
     """Every node, from the sums of its box or, where its region is not the whole box, member by member."""
     for s in prange(region_count.shape[0]):
-        _damp_node(
-            s,
-            solid_position,
-            solid_velocity,
-            region,
-            region_count,
-            region_center,
-            region_velocity,
-            region_spin,
-            place,
-            boxes,
-            matching,
-            timestep,
-            acceleration,
-        )
+        found, sums = particle.damp_sums(s, solid_position, solid_velocity, boxes)
+        if found != region_count[s]:
+            sums = plain.damp_sums(
+                s, solid_position, solid_velocity, region, region_center, region_velocity, region_spin
+            )
+        plain.damp_end(s, sums, region_count, place, matching, timestep, acceleration)
 
 
 def match(solid_position, region_share, region, region_count, boxes, matching, region_center, region_anchor, rotation):

@@ -4,8 +4,6 @@ Boxes pay for wide regions only: up to NARROW the threads of a warp add up a reg
 over all cells axis by axis, and in the run's own precision.
 """
 
-import numpy as np
-
 from refsim.compile import cuda, cuda_kernel
 from refsim.shape_matching import particle as plain
 from refsim.shape_matching.fast_summation import particle
@@ -75,17 +73,9 @@ def _match_nodes(
     """Every node, from the sums of its box or, where its region is not the whole box, member by member."""
     s = cuda.grid(1)
     if s < rotation.shape[0]:
-        real = rotation.dtype.type
-        moments = cuda.local.array(16, np.float64)
-        found = particle.match_sums(s, solid_position, boxes, moments)
-        sums = cuda.local.array(16, rotation.dtype)
-        if found == region_count[s] and found > 1:
-            for c in range(16):
-                sums[c] = real(moments[c])
-        else:
-            terms = plain.match_sums(s, solid_position, region_share, region, matching.half_width)
-            for c, term in enumerate(terms):
-                sums[c] = term
+        found, sums = particle.match_sums(s, solid_position, boxes)
+        if found != region_count[s] or found <= 1:
+            sums = plain.match_sums(s, solid_position, region_share, region, matching.half_width)
         matrix, basis = cuda.local.array((4, 4), rotation.dtype), cuda.local.array((4, 4), rotation.dtype)
         plain.match_end(s, sums, matching, matrix, basis, region_center, region_anchor, rotation)
 
@@ -98,14 +88,9 @@ def _goal_nodes(
     """Every node, from the sums of its box or, where its region is not the whole box, member by member."""
     s = cuda.grid(1)
     if s < solid_velocity.shape[0]:
-        real = solid_velocity.dtype.type
-        ways = cuda.local.array(3, np.float64)
-        sums = cuda.local.array(3, solid_velocity.dtype)
-        if particle.goal_sums(s, solid_position, boxes, matching.spacing, ways) == region_count[s]:
-            for c in range(3):
-                sums[c] = real(ways[c])
-        else:
-            sums[0], sums[1], sums[2] = plain.goal_sums(s, solid_position, region, region_anchor, rotation, matching)
+        found, sums = particle.goal_sums(s, solid_position, boxes, matching.spacing)
+        if found != region_count[s]:
+            sums = plain.goal_sums(s, solid_position, region, region_anchor, rotation, matching)
         plain.goal_end(s, sums, region_count, place, velocity, matching, timestep, acceleration, solid_velocity)
 
 
@@ -117,19 +102,10 @@ def _motion_nodes(
     """Every node, from the sums of its box or, where its region is not the whole box, member by member."""
     s = cuda.grid(1)
     if s < region_spin.shape[0]:
-        real = region_spin.dtype.type
-        about = cuda.local.array(13, np.float64)
-        found = particle.motion_sums(s, solid_position, solid_velocity, region_center, boxes, about)
-        sums = cuda.local.array(13, region_spin.dtype)
-        if found == region_count[s] and found > 1:
-            for c in range(13):
-                sums[c] = real(about[c])
-        else:
-            mass, terms = plain.motion_sums(s, solid_position, solid_velocity, region_share, region, region_center)
-            for c, term in enumerate(terms):
-                sums[c] = term
-            sums[12] = mass
-        plain.motion_end(s, sums[12], sums, solid_velocity, matching, region_velocity, region_spin)
+        found, mass, sums = particle.motion_sums(s, solid_position, solid_velocity, region_center, boxes)
+        if found != region_count[s] or found <= 1:
+            mass, sums = plain.motion_sums(s, solid_position, solid_velocity, region_share, region, region_center)
+        plain.motion_end(s, mass, sums, solid_velocity, matching, region_velocity, region_spin)
 
 
 @cuda_kernel(rows_of="region_count")
@@ -140,14 +116,9 @@ def _damp_nodes(
     """Every node, from the sums of its box or, where its region is not the whole box, member by member."""
     s = cuda.grid(1)
     if s < region_count.shape[0]:
-        real = acceleration.dtype.type
-        ways = cuda.local.array(3, np.float64)
-        sums = cuda.local.array(3, acceleration.dtype)
-        if particle.damp_sums(s, solid_position, solid_velocity, boxes, ways) == region_count[s]:
-            for c in range(3):
-                sums[c] = real(ways[c])
-        else:
-            sums[0], sums[1], sums[2] = plain.damp_sums(
+        found, sums = particle.damp_sums(s, solid_position, solid_velocity, boxes)
+        if found != region_count[s]:
+            sums = plain.damp_sums(
                 s, solid_position, solid_velocity, region, region_center, region_velocity, region_spin
             )
         plain.damp_end(s, sums, region_count, place, matching, timestep, acceleration)

@@ -68,24 +68,28 @@ def match_cell(cell, solid_position, region_share, boxes):
 
 
 @formula
-def match_sums(s, solid_position, boxes, moments):
-    """The sums of the box around node s, taken from the node instead of its body's middle one; how many nodes it has.
+def match_sums(s, solid_position, boxes):
+    """How many nodes stand in the box around node s, and its sums, taken from the node, not from its body's middle one.
 
-    moments (16,): m, m x, m g, m x g^T.
+    Sums of m, m x, m g, m x g^T, in the positions' precision.
     """
+    real = type(solid_position[s, 0])
     cell = boxes.cell[s]
     row = boxes.second
     g = from_middle(s, boxes)
-    x = away(s, solid_position, boxes)
+    x, y, z = away(s, solid_position, boxes)
     m = row[0, cell]
-    moments[0] = m
-    for i in range(3):
-        moments[1 + i] = row[1 + i, cell] - m * x[i]
-        moments[4 + i] = row[4 + i, cell] - m * g[i]
-        for j in range(3):
-            about = row[7 + 3 * i + j, cell] - row[1 + i, cell] * g[j]
-            moments[7 + 3 * i + j] = about - x[i] * (row[4 + j, cell] - m * g[j])
-    return row[16, cell]
+    mx, my, mz = row[1, cell], row[2, cell], row[3, cell]
+    ga, gb, ge = row[4, cell] - m * g[0], row[5, cell] - m * g[1], row[6, cell] - m * g[2]
+    sums = (
+        real(m), real(mx - m * x), real(my - m * y), real(mz - m * z), real(ga), real(gb), real(ge),
+        real(row[7, cell] - mx * g[0] - x * ga), real(row[8, cell] - mx * g[1] - x * gb),
+        real(row[9, cell] - mx * g[2] - x * ge), real(row[10, cell] - my * g[0] - y * ga),
+        real(row[11, cell] - my * g[1] - y * gb), real(row[12, cell] - my * g[2] - y * ge),
+        real(row[13, cell] - mz * g[0] - z * ga), real(row[14, cell] - mz * g[1] - z * gb),
+        real(row[15, cell] - mz * g[2] - z * ge),
+    )  # fmt: skip
+    return row[16, cell], sums
 
 
 @formula
@@ -109,17 +113,18 @@ def goal_cell(cell, solid_position, region_count, region_anchor, rotation, boxes
 
 
 @formula
-def goal_sums(s, solid_position, boxes, spacing, sums):
-    """Sum over the box around node s of the ways to where its regions take it [m]; how many regions there are."""
+def goal_sums(s, solid_position, boxes, spacing):
+    """How many regions stand in the box around node s, and the sum of the ways to where they take it [m]."""
+    real = type(solid_position[s, 0])
     cell = boxes.cell[s]
     row = boxes.second
     a, b, e = from_middle(s, boxes)
-    x = away(s, solid_position, boxes)
-    d = np.float64(spacing)
-    for i in range(3):
-        turned_by = row[3 * i, cell] * a + row[3 * i + 1, cell] * b + row[3 * i + 2, cell] * e
-        sums[i] = row[9 + i, cell] + d * turned_by - row[12, cell] * x[i]
-    return row[12, cell]
+    x, y, z = away(s, solid_position, boxes)
+    d, n = np.float64(spacing), row[12, cell]
+    gx = row[9, cell] + d * (row[0, cell] * a + row[1, cell] * b + row[2, cell] * e) - n * x
+    gy = row[10, cell] + d * (row[3, cell] * a + row[4, cell] * b + row[5, cell] * e) - n * y
+    gz = row[11, cell] + d * (row[6, cell] * a + row[7, cell] * b + row[8, cell] * e) - n * z
+    return n, (real(gx), real(gy), real(gz))
 
 
 @formula
@@ -142,29 +147,30 @@ def motion_cell(cell, solid_position, solid_velocity, region_share, boxes):
 
 
 @formula
-def motion_sums(s, solid_position, solid_velocity, region_center, boxes, sums):
-    """The sums of the box around node s about its region's center, velocities from the node's; how many nodes it has.
+def motion_sums(s, solid_position, solid_velocity, region_center, boxes):
+    """How many nodes stand in the box around node s, their mass, and sums about its region's center.
 
-    sums (13,): m v, m r x v, m r r^T (xx, yy, zz, xy, xz, yz), m.
+    Sums of m v, m r x v, m r r^T (xx, yy, zz, xy, xz, yz), velocities from the node's, in the positions' precision.
     """
+    real = type(solid_position[s, 0])
     cell = boxes.cell[s]
     row = boxes.second
     x, u = away(s, solid_position, boxes), away(s, solid_velocity, boxes)
     c = region_place(s, x, region_center)
     m = row[0, cell]
-    arm = (row[1, cell] - m * c[0], row[2, cell] - m * c[1], row[3, cell] - m * c[2])  # sum m r
-    p = (row[4, cell], row[5, cell], row[6, cell])  # sum m v, from the body's middle node
-    sums[0], sums[1], sums[2] = p[0] - m * u[0], p[1] - m * u[1], p[2] - m * u[2]
-    sums[3] = row[7, cell] - (c[1] * p[2] - c[2] * p[1]) - (arm[1] * u[2] - arm[2] * u[1])
-    sums[4] = row[8, cell] - (c[2] * p[0] - c[0] * p[2]) - (arm[2] * u[0] - arm[0] * u[2])
-    sums[5] = row[9, cell] - (c[0] * p[1] - c[1] * p[0]) - (arm[0] * u[1] - arm[1] * u[0])
-    for i in range(3):
-        sums[6 + i] = row[10 + i, cell] - c[i] * (row[1 + i, cell] + arm[i])
-    sums[9] = row[13, cell] - c[0] * row[2, cell] - arm[0] * c[1]
-    sums[10] = row[14, cell] - c[0] * row[3, cell] - arm[0] * c[2]
-    sums[11] = row[15, cell] - c[1] * row[3, cell] - arm[1] * c[2]
-    sums[12] = m
-    return row[16, cell]
+    mx, my, mz = row[1, cell], row[2, cell], row[3, cell]
+    rx, ry, rz = mx - m * c[0], my - m * c[1], mz - m * c[2]  # sum m r
+    px, py, pz = row[4, cell], row[5, cell], row[6, cell]  # sum m v, from the body's middle node
+    sums = (
+        real(px - m * u[0]), real(py - m * u[1]), real(pz - m * u[2]),
+        real(row[7, cell] - (c[1] * pz - c[2] * py) - (ry * u[2] - rz * u[1])),
+        real(row[8, cell] - (c[2] * px - c[0] * pz) - (rz * u[0] - rx * u[2])),
+        real(row[9, cell] - (c[0] * py - c[1] * px) - (rx * u[1] - ry * u[0])),
+        real(row[10, cell] - c[0] * (mx + rx)), real(row[11, cell] - c[1] * (my + ry)),
+        real(row[12, cell] - c[2] * (mz + rz)), real(row[13, cell] - c[0] * my - rx * c[1]),
+        real(row[14, cell] - c[0] * mz - rx * c[2]), real(row[15, cell] - c[1] * mz - ry * c[2]),
+    )  # fmt: skip
+    return row[16, cell], real(m), sums
 
 
 @formula
@@ -187,16 +193,18 @@ def damp_cell(cell, solid_position, solid_velocity, region_count, region_center,
 
 
 @formula
-def damp_sums(s, solid_position, solid_velocity, boxes, sums):
-    """Sum over the box around node s of what regions would add to its velocity [m/s]; how many regions there are."""
+def damp_sums(s, solid_position, solid_velocity, boxes):
+    """How many regions stand in the box around node s, and the sum of what they would add to its velocity [m/s]."""
+    real = type(solid_position[s, 0])
     cell = boxes.cell[s]
     row = boxes.second
-    x, u = away(s, solid_position, boxes), away(s, solid_velocity, boxes)
-    for i in range(3):
-        j, k = (i + 1) % 3, (i + 2) % 3
-        turned_by = row[j, cell] * x[k] - row[k, cell] * x[j]
-        sums[i] = row[3 + i, cell] + turned_by - row[6, cell] * u[i]
-    return row[6, cell]
+    (x, y, z), u = away(s, solid_position, boxes), away(s, solid_velocity, boxes)
+    wx, wy, wz, n = row[0, cell], row[1, cell], row[2, cell], row[6, cell]
+    return n, (
+        real(row[3, cell] + (wy * z - wz * y) - n * u[0]),
+        real(row[4, cell] + (wz * x - wx * z) - n * u[1]),
+        real(row[5, cell] + (wx * y - wy * x) - n * u[2]),
+    )
 
 
 @formula
