@@ -113,9 +113,10 @@ def build_list(query, run, low, high, source, radius, exclude_self, report, list
         zi = query[i, 2]
         found = 0
         for k in range(low.shape[1]):
-            for j in range(low[c, k] + lane, high[c, k] + lane, lanes):
+            end = high[c, k]  # read once: what is written below might be it, for all the compiler knows
+            for j in range(low[c, k] + lane, end + lane, lanes):
                 near = False
-                if j < high[c, k]:
+                if j < end:
                     dx = xi - source[j, 0]
                     dy = yi - source[j, 1]
                     dz = zi - source[j, 2]
