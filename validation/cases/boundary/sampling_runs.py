@@ -23,7 +23,7 @@ from validation.running import Context
 DARTS = 30  # places for each particle at which holes are looked for
 EXACT_QUERIES = 1000
 FORCES = 2000  # places at which the wall's force is looked at
-FLAT = 0.97  # cosine of the angle up to which normals near each other are of a flat part
+SMOOTH_PART = 0.75  # cosine of the angle between normals near each other beyond which a place counts as at an edge
 HOLE = 1.0  # distance from every particle, in mean spacings, at which another one would fit
 
 
@@ -64,7 +64,8 @@ def wall_force_noise(
     apart       2 r [m], of the particles and of the layer from the wall
 
     The force for one pressure is -sum_b V_b grad W, V_b = 1/sum_k W_bk (P5, P6), with Wendland's kernel of support 2.7
-    spacings. Only places count around which the solid is flat: at edges the force is no normal one.
+    spacings; it varies from its mean within 3 spacings. Places at edges do not count: the force is no normal one there.
+    nan where there are no others.
     """
     from scipy.spatial import cKDTree
 
@@ -81,16 +82,21 @@ def wall_force_noise(
 
     near = tree.query_ball_point(position, h)
     volume = np.array([1 / value(np.linalg.norm(position[k] - x, axis=1)).sum() for x, k in zip(position, near)])
-    forces = []
+    forces, there = [], []
     for x, n in zip(place + apart * out, out):
         k = tree.query_ball_point(x, h)
-        if len(k) and (normal[k] @ n).min() > FLAT:
+        if len(k) and (normal[k] @ n).min() > SMOOTH_PART:
             away = x - position[k]
             r = np.linalg.norm(away, axis=1)
             force = -(volume[k] * slope(r) / r) @ away
             forces.append((force @ n, np.linalg.norm(force - (force @ n) * n)))
+            there.append(x)
+    if not forces:
+        return math.nan
     along, across = np.array(forces).T
-    return float(np.sqrt(along.var() + (across**2).mean()) / along.mean())
+    around = cKDTree(there).query_ball_point(there, 3 * apart)
+    varies = along - np.array([along[k].mean() for k in around])  # the solid's curvature changes it more slowly
+    return float(np.sqrt((varies**2 + across**2).mean()) / along.mean())
 
 
 def score(position: np.ndarray, normal: np.ndarray, made: Any, radius: float, seed: int = 0) -> dict[str, float]:
