@@ -16,7 +16,7 @@ SHOWN = (
     ("spurious", "rms speed over sqrt(sigma/(rho R))", None),
     ("capillary", "capillary number mu max|v|/sigma", None),
     ("momentum", "linear momentum over sum m|v|", (1e-9, 3.0)),
-    ("angular_momentum", "angular momentum over sum m|x||v|", (1e-9, 3.0)),
+    ("angular_momentum", "angular momentum over sum m|x||v|", (1e-5, 3.0)),
     ("nn_5", "nearest neighbour, 5th percentile [d]", (0.0, 1.05)),
     ("roughness", "radius variation", None),
 )
