@@ -135,6 +135,7 @@ class Simulation:
         self.timestep = self.backend.zeros(2, grid.dtype)
         self.build_position = self.backend.asarray(self._host("position"))
         self._squared_way = math.inf
+        self._set_between_steps = False  # whether velocities are still those that led to the positions
         # Whether accelerations alone change velocities, so that they bound what a step moves.
         self._moved_by_forces = not any(
             effect is not None and {"velocity", "position"} & {*p.updates, *p.writes} for effect, p in self.plan.motion
@@ -182,6 +183,28 @@ class Simulation:
         ordered[self._host("identity")] = values
         return ordered
 
+    def set_field(self, name: str, values: np.ndarray) -> None:
+        """Set a field of the state between two steps; the run goes on from there, with lists that belong to it.
+
+        name    a particle field that outlives the step: "position", "velocity", "mass", "temperature", ...; the
+                velocity is that of half a step before
+        values  one row for each particle, in the order and unit of `field`
+
+        Raises InputError where the scene has no such state, or the values have another shape or are not finite.
+        """
+        known = [n for n, f in self.plan.particle_fields.items() if f.state and n != "identity"]
+        if name not in known:
+            raise InputError(f"set_field: {name!r} is no state of this scene's particles; it has {', '.join(known)}.")
+        values, wanted = np.asarray(values), self.plan.fields[name].shape(self.count)
+        if values.shape != wanted:
+            raise InputError(f"set_field: {name} has shape {values.shape}; give {wanted}, one row for each particle.")
+        if not np.isfinite(values).all():
+            raise InputError(f"set_field: {name} has values that are not finite; give finite ones.")
+        self._set(name, values[self._host("identity")])
+        self._set_between_steps = True
+        if name == "position":
+            self._squared_way, self._margin = math.inf, 0.0
+
     @property
     def count(self) -> int:
         """Number of particles."""
@@ -217,6 +240,7 @@ class Simulation:
             if each.attend(self.fields["position"]):
                 self.stepper.rebind()
         done = self.stepper.advance()
+        self._set_between_steps = False
         self._squared_way = done.squared_way
         self._margin = max(self._margin - 2 * done.greatest_way, 0.0)
         self.stopped_at_walls += done.stopped
@@ -271,6 +295,7 @@ class Simulation:
             "previous_length": self.previous_length,
             "squared_way": self._squared_way,
             "margin": self._margin,
+            "set_between_steps": self._set_between_steps,
             "list_built": self._shared["neighbours"] is not None,
             "limiters": json.dumps(self.limiters),
             "stopped_at_walls": self.stopped_at_walls,
@@ -331,6 +356,7 @@ class Simulation:
         self.backend.assign(self.timestep, np.array([0.0, self.previous_length], dtype=self.plan.grid.dtype))
         self.limiters = json.loads(values["limiters"])
         self.stopped_at_walls = values["stopped_at_walls"]
+        self._set_between_steps = bool(values.get("set_between_steps", False))
         if self.search is not None and values["list_built"]:
             self.rebuild_list()
             self._squared_way, self._margin = values["squared_way"], values["margin"]
@@ -422,7 +448,8 @@ class Simulation:
             if self._margin > WORTH_KEEPING * search.allowed_way:
                 self.timings.add("neighbours", time.perf_counter() - began)
                 return
-        if self._shared["neighbours"] is not None and self._auditable:
+        # The audit steps positions back by the velocities, which must be those that led to them.
+        if self._shared["neighbours"] is not None and self._auditable and not self._set_between_steps:
             search.audit(
                 self.fields["position"],
                 self.fields["velocity"],

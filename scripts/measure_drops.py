@@ -84,7 +84,8 @@ def main() -> int:
     rows = json.loads(options.output.read_text()) if options.output.exists() else {}
     wanted = list(kind.device_points() if options.cuda else kind.points(models, dims))
     missing = [p for p in wanted if p.key not in rows]
-    missing.sort(key=lambda p: (p.urgency(), p.cost() if options.jobs == 1 else -p.cost()))
+    if not options.cuda:  # those stand in the order in which they matter
+        missing.sort(key=lambda p: (p.urgency(), p.cost() if options.jobs == 1 else -p.cost()))
     missing = missing[: options.limit]
     print(f"{len(missing)} drops to measure, {len(rows)} there", flush=True)
     options.output.parent.mkdir(parents=True, exist_ok=True)

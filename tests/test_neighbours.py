@@ -1,6 +1,7 @@
 """The neighbour search against all pairs, on every hard input, and what it does where things go wrong."""
 
 import math
+import re
 
 import numpy as np
 import pytest
@@ -330,6 +331,43 @@ def test_audit_leaves_out_particles_that_a_plane_stopped():
     assert search.programs.missed == 0
     search.programs.audit(after, velocity, still, listed, rows, 1.0)
     assert search.programs.missed == 2
+
+
+def test_a_state_set_between_steps_keeps_the_list_and_the_audit_right():
+    """Velocities that are set did not lead to the positions, and positions that are set need another list."""
+    position = np.random.default_rng(1).uniform(0, 1.2, (300, 3))
+    liquid = WeaklyCompressible(sound_speed=100.0, rest_density=1000.0)
+    drop = Cloud(position=position)
+    simulation = Simulation(
+        Scene(spacing=0.1, support_radius=0.2, fluid=(drop,), effects=(liquid,), step=5e-4, dtype="float64")
+    )
+    for seed in range(4):
+        for _ in range(5):
+            simulation.step()
+        thrown = np.random.default_rng(seed).normal(0, 40, position.shape)
+        simulation.set_field("velocity", thrown)
+        assert np.array_equal(simulation.field("velocity"), thrown)
+        simulation.evaluate()  # builds the list where it must, and must not audit it by these velocities
+    simulation.step()
+    assert simulation.search.log.missed_neighbours == 0
+    simulation.set_field("position", position[::-1])
+    simulation.evaluate()
+    listed = simulation._shared["neighbours"]
+    expected = neighbour_list(simulation.fields["position"], simulation.search.radius)
+    assert all(set(near) <= set(row) for row, near in zip(rows(listed), expected))
+    assert np.array_equal(simulation.field("position"), position[::-1])
+
+
+def test_a_state_that_cannot_be_set_is_refused():
+    simulation = Simulation(falling_box())
+    for name, values, said in (
+        ("density", np.zeros(simulation.count), "'density' is no state of this scene's particles; it has position"),
+        ("identity", np.zeros(simulation.count), "'identity' is no state"),
+        ("velocity", np.zeros((3, 3)), "velocity has shape (3, 3); give"),
+        ("velocity", np.full((simulation.count, 3), np.nan), "velocity has values that are not finite"),
+    ):
+        with pytest.raises(InputError, match=re.escape(said)):
+            simulation.set_field(name, values)
 
 
 # Particles that move together need no new list

@@ -10,6 +10,7 @@ from refsim import (
     Cloud,
     Dong2016,
     He2014,
+    ImplicitPressure,
     JiangZhu2023,
     Scene,
     Simulation,
@@ -49,6 +50,31 @@ def test_sum_of_pairs_is_the_sum_of_the_forces(tension):
     _, _, virial = pair_virials(simulation)
     assert virial.sum() == pytest.approx((m[:, None] * x * a).sum(), abs=2e-6 * np.abs(virial).sum())
     assert abs(virial.sum()) > 1e-3 * np.abs(virial).sum()
+
+
+def test_sum_of_pairs_on_implicit_pressure():
+    """The same for Akinci 2013 on IISPH, whose pressures are those of the step that has just been made."""
+    simulation = blob(Akinci2013(surface_tension=1.0), ImplicitPressure())
+    for _ in range(3):
+        before = simulation.field("position").astype(float)
+        simulation.step()
+    simulation.set_field("position", before)
+    a, m = (simulation.field(name).astype(float) for name in ("acceleration", "mass"))
+    _, _, virial = pair_virials(simulation)
+    assert simulation.field("pressure").max() > 0
+    assert virial.sum() == pytest.approx((m[:, None] * before * a).sum(), abs=1e-5 * np.abs(virial).sum())
+
+
+def test_pairs_far_from_the_edge_of_a_ball_are_counted_whole_or_not_at_all():
+    simulation = blob(Akinci2013(surface_tension=1.0))
+    simulation.evaluate()
+    i, j, virial = pair_virials(simulation)
+    x = simulation.field("position").astype(float)
+    x -= x.mean(0)
+    for radius in (0.1, 0.25, 0.4):
+        shares = share_inside(x[i], x[j], radius)
+        expected = (shares * virial).sum() / (4 * np.pi * radius**3)
+        assert inner_pressure(simulation, [radius]) == pytest.approx(expected, rel=1e-9)
 
 
 def test_liquid_under_its_own_pressure():

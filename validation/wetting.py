@@ -239,11 +239,11 @@ def _measure(point: Point, row: dict[str, Any]) -> None:
     simulation = Simulation(scene(point, position), "cpu")
     random = np.random.default_rng(1000 + point.seed)
     for k in range(STIRS):
-        velocity = simulation.backend.host(simulation.fields["velocity"]).astype(float)
+        velocity = simulation.field("velocity").astype(float)
         noise = random.normal(size=velocity.shape)
         noise[:, point.dim :] = 0
         velocity += STIR * (1 - k / STIRS) * (noise - noise.mean(0)) / math.sqrt(point.dim)
-        simulation.backend.assign(simulation.fields["velocity"], velocity.astype(simulation.plan.grid.dtype))
+        simulation.set_field("velocity", velocity)
         _run(simulation, STIRRED * capillary_time * (k + 1) / STIRS)
     _run(simulation, (STIRRED + RELAXED) * capillary_time)
     heights, densities, angles, lowest = [], [], [], []

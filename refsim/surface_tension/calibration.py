@@ -19,6 +19,7 @@ from typing import Any
 
 from refsim.effect import Effect
 from refsim.errors import InputError
+from refsim.sph.iisph import ImplicitPressure
 from refsim.surface_tension.akinci_2013 import Akinci2013
 from refsim.surface_tension.becker_teschner_2007 import BeckerTeschner2007
 from refsim.surface_tension.csf_wang_2019 import CsfWang2019
@@ -52,7 +53,9 @@ SETTINGS: dict[str, tuple[str, Callable[[float], Effect]]] = {
         lambda sigma: JiangZhu2023(surface_tension=sigma, pair_mode="soft", area_ratio=0.01),
     ),
     "csf": ("continuum surface force", lambda sigma: CsfWang2019(surface_tension=sigma)),
+    "akinci_iisph": ("Akinci 2013 on IISPH", lambda sigma: Akinci2013(surface_tension=sigma)),
 }
+BESIDE: dict[str, tuple[Effect, ...]] = {"akinci_iisph": (ImplicitPressure(),)}  # effects that a model needs, too
 
 
 @dataclass(frozen=True)
@@ -60,6 +63,7 @@ class Calibration:
     """Coefficients that give a surface tension.
 
     effect             for the scene, with the nominal tension that gives the wanted one
+    beside             further effects for the scene: those of the model's own way to a pressure
     nominal            that nominal tension [N/m], the effect's `surface_tension`
     nominal_error      its uncertainty [N/m]
     ratio              measured over nominal tension
@@ -78,6 +82,7 @@ class Calibration:
     uncertainty: float
     sound_speed: float
     stiffness: float
+    beside: tuple[Effect, ...] = ()
 
 
 @functools.cache
@@ -150,6 +155,7 @@ def calibrate(
         uncertainty=found["uncertainty"],
         sound_speed=speed,
         stiffness=found["stiffness"],
+        beside=BESIDE.get(model, ()),
     )
 
 

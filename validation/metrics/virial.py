@@ -6,6 +6,7 @@ jump sigma/R. The virial of all pair forces is the difference of the two.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -35,9 +36,9 @@ def pair_virials(simulation: Simulation) -> tuple[NDArray, NDArray, NDArray]:
     r = np.sqrt((apart**2).sum(1))
     keep = r > 0
     pairs = i[keep], j[keep], apart[keep], r[keep]
-    total = _pressure(simulation, pairs)
+    total = _implicit_pressure(simulation, pairs) if "iisph" in effects else _pressure(simulation, pairs)
     for effect in effects.values():
-        if effect.name in ("weakly_compressible", "gravity", "surface_detection", "csf_wang_2019"):
+        if effect.name in ("weakly_compressible", "iisph", "gravity", "surface_detection", "csf_wang_2019"):
             continue  # the continuum force is no pair's own, and acts at the surface only
         if effect.name not in _TENSIONS:
             raise ValueError(f"the pair forces of {effect.name} are not known here")
@@ -55,10 +56,16 @@ def inner_pressure(simulation: Simulation, radii: Sequence[float]) -> float:
     position = simulation.field("position").astype(float)
     position -= position.mean(0)
     i, j, virial = pair_virials(simulation)
+    away = np.sqrt((position**2).sum(1))
+    nearer, farther = np.minimum(away[i], away[j]), np.maximum(away[i], away[j])
     found = []
     for radius in radii:
         volume = 4 / 3 * np.pi * radius**3 if dim == 3 else np.pi * radius**2
-        found.append((share_inside(position[i], position[j], radius) * virial).sum() / (dim * volume))
+        # A line of the length h that cuts the ball has an end nearer than this.
+        cut = (farther > radius) & (nearer < math.hypot(radius, simulation.plan.grid.support_radius))
+        whole = virial[farther <= radius].sum()
+        shares = share_inside(position[i[cut]], position[j[cut]], radius)
+        found.append((whole + (shares * virial[cut]).sum()) / (dim * volume))
     return float(np.mean(found))
 
 
@@ -85,6 +92,15 @@ def _pressure(simulation: Simulation, pairs: Pairs) -> NDArray:
     share = float(shared["fluid"].gradient_share)
     slope = kernel_slope(r, shared["gradient_smoothing"])
     return -share * volume[i] * volume[j] * (pressure[i] + pressure[j]) * slope * r
+
+
+def _implicit_pressure(simulation: Simulation, pairs: Pairs) -> NDArray:
+    """Ihmsen et al. 2014: F_ij = -m_i m_j (p_i/rho_i^2 + p_j/rho_j^2) W' e_ij, the pressures those of the last step."""
+    i, j, _, r = pairs
+    mass = _field(simulation, "mass")
+    over = _field(simulation, "pressure") / _field(simulation, "density") ** 2
+    slope = kernel_slope(r, simulation.plan.shared["gradient_smoothing"])
+    return -mass[i] * mass[j] * (over[i] + over[j]) * slope * r
 
 
 def _central(simulation: Simulation, pairs: Pairs, name: str) -> NDArray:
