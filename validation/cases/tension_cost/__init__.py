@@ -30,8 +30,9 @@ def planned(options: Options) -> list[Run]:
 def promised(model: str, rows: Sequence[Mapping[str, Any]]) -> float:
     """Tension over the nominal one that `calibrate` promises; where it refuses, the mean of the largest drop."""
     try:
-        found = calibrate(1.0, model, spacing=1.0, rest_density=1.0, kernels=base(model)["kernels"])
-        return found.ratio
+        where = base(model)
+        lengths = {"spacing": 1.0, "rest_density": 1.0, "support_radius": where["support"]}
+        return calibrate(1.0, model, kernels=where["kernels"], **lengths).ratio
     except InputError:
         swinging = [r for r in rows if _swings(r)]
         if not swinging:
