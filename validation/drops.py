@@ -91,7 +91,7 @@ class Point:
         steps = self.radius**1.5 * math.sqrt(0.01 / self.stiffness) * (130 if self.kicked else 90)
         if self.backend == "numpy":
             return 1.5e-6 * particles**2 * steps
-        solver = 4.0 if self.model in BESIDE else 1.0
+        solver = 3.0 if self.model in BESIDE else 1.0
         return (
             1e-6 * solver * particles * steps * (2.6 if self.dim == 3 else 0.8) * (self.support / 2.6) ** (self.dim - 1)
         )
