@@ -14,13 +14,14 @@ import os
 import sys
 import time
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from refsim import RunStopped, Simulation
-from validation.drops import KICK, THIN, Point, device_points, points, scene, start
+from validation.drops import KICK, THIN, Point, device_points, in_panel, points, scene, start
 from validation.work_precision import instability, middle
 
 FILE = Path(__file__).parent / "data" / "drop_seconds.json"
@@ -31,9 +32,9 @@ WARM = (60, 3.0)  # steps, and seconds at most, before the first block: an even 
 
 
 def panel_points(device: bool) -> list[Point]:
-    """One drop of each model, radius, precision and backend of the panel: 3D, at the base."""
-    wanted = device_points() if device else (p for p in points(dims=(3,)) if p.urgency() == 0)
-    return [p for p in wanted if p.seed == 1]
+    """One drop of each model, radius, precision and backend of the panel."""
+    wanted = device_points() if device else points(dims=(3,))
+    return [p for p in wanted if p.seed == 1 and in_panel(asdict(p))]
 
 
 def swinging(point: Point) -> Simulation:

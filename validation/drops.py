@@ -111,6 +111,11 @@ COSTED = (7.0, 10.0)  # radii in 3D of drops in float64, for what accuracy costs
 ALL_PAIRS = 4.0  # radius in 3D of drops on the numpy backend, which compares all pairs
 FEW = ("he", "csf")  # models whose larger drops do not last, left out on a GPU
 SEEDED_MODELS = ("akinci", "dong")  # with three seeds along the axes, too
+ROUNDER: dict[str, Any] = {
+    "model": "akinci",
+    "dim": 3,
+    "kernels": "wendland",
+}  # off the base, and nearer to one tension
 AXES: dict[str, tuple[Any, ...]] = {
     "support": (2.0, 2.3, 2.6, 3.0),
     "stiffness": (0.003, 0.01, 0.03),
@@ -126,6 +131,14 @@ def base(model: str) -> dict[str, Any]:
 def at_base(model: str, setting: Mapping[str, Any]) -> bool:
     """Whether a point, row or map entry of the model stands where its axes cross."""
     return all(setting[name] == value for name, value in base(model).items())
+
+
+def in_panel(row: Mapping[str, Any]) -> bool:
+    """Whether a point or row belongs to what accuracy costs: 3D at the base, and what comes nearest to one tension."""
+    if row["dim"] != 3:
+        return False
+    rounder = row["radius"] >= LARGE and at_base(row["model"], {**row, "kernels": base(row["model"])["kernels"]})
+    return at_base(row["model"], row) or (rounder and all(row[name] == value for name, value in ROUNDER.items()))
 
 
 def points(models: tuple[str, ...] = tuple(MODELS), dims: tuple[int, ...] = (2, 3)) -> Iterator[Point]:
@@ -164,6 +177,8 @@ def device_points() -> Iterator[Point]:
     for radius, dtype in ((10.0, "float32"), (14.0, "float32"), (7.0, "float32"), (10.0, "float64")):
         for model in models:
             yield Point(model, 3, radius=radius, dtype=dtype, backend="cuda", **base(model))
+        if radius >= LARGE and dtype == "float32":
+            yield Point(**ROUNDER, radius=radius, backend="cuda")
 
 
 def scene(point: Point, position: NDArray, velocity: NDArray | None, ohnesorge: float) -> Scene:

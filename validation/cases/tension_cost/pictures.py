@@ -8,7 +8,7 @@ from typing import Any
 
 from validation.cases.laplace.pictures import COLOURS, STYLES
 from validation.drawing import GREY
-from validation.drops import MODELS
+from validation.drops import MODELS, base
 from validation.results import real
 
 SHOWN = (
@@ -16,7 +16,19 @@ SHOWN = (
     ("frequency", "frequency of n = 2, off the promised one"),
     ("roughness", "roughness at rest"),
 )
-MARKS = {("float32", "cpu"): "o", ("float64", "cpu"): "s", ("float32", "cuda"): "^", ("float64", "numpy"): "D"}
+MARKS = {
+    ("float32", "cpu"): "o",
+    ("float64", "cpu"): "s",
+    ("float32", "cuda"): "^",
+    ("float64", "cuda"): "v",
+    ("float64", "numpy"): "D",
+}
+
+
+def words_of(point: Mapping[str, Any]) -> str:
+    """The model, and its kernels where they are not those of its base."""
+    other = "" if point["kernels"] == base(point["model"])["kernels"] else f", {point['kernels']}"
+    return MODELS[point["model"]][0] + other
 
 
 def picture(data: Mapping[str, Any]) -> Any:
@@ -24,30 +36,31 @@ def picture(data: Mapping[str, Any]) -> Any:
     import matplotlib.pyplot as plt
 
     figure, panels = plt.subplots(1, 3, figsize=(12.0, 5.6), sharex=True)
-    alive = [p for p in data["points"] if not p["stopped"]]
-    front = {(p["model"], p["radius"], p["dtype"], p["backend"]) for p in data["front"]}
+    alive = [p for p in data["points"] if not p["stopped"] and real(p["seconds"]) > 0]
+    names = ("model", "kernels", "dtype", "backend", "radius")
+    front = {tuple(p[n] for n in names) for p in data["front"]}
     for axes, (name, label) in zip(panels, SHOWN):
-        for model, colour in COLOURS.items():
-            for (dtype, backend), mark in MARKS.items():
-                own = [p for p in alive if (p["model"], p["dtype"], p["backend"]) == (model, dtype, backend)]
-                own = sorted((p for p in own if real(p[name]) > 0), key=lambda p: p["radius"])
-                if not own:
-                    continue
-                plain = mark == "o"
-                x, y = [p["seconds"] for p in own], [p[name] for p in own]
-                if plain:
-                    axes.plot(x, y, STYLES[model], lw=1.1, color=colour)
-                for p in own:
-                    axes.plot(
-                        p["seconds"], p[name], mark, ms=1.5 + 0.45 * p["radius"], color=colour,
-                        mfc=colour if plain else "white", alpha=0.9,
-                        label=MODELS[model][0] if plain and p is own[0] else None,
-                    )  # fmt: skip
-                    if (model, p["radius"], dtype, backend) in front:
-                        axes.plot(p["seconds"], p[name], "o", ms=13, mfc="none", color=GREY, mew=0.9)
+        for model, kernels, dtype, backend in dict.fromkeys(tuple(p[n] for n in names[:4]) for p in alive):
+            line = (model, kernels, dtype, backend)
+            own = sorted((p for p in alive if tuple(p[n] for n in names[:4]) == line), key=lambda p: p["radius"])
+            own = [p for p in own if real(p[name]) > 0]
+            if not own:
+                continue
+            plain, based = (dtype, backend) == ("float32", "cpu"), kernels == base(model)["kernels"]
+            if plain:
+                style = STYLES[model] if based else ":"
+                axes.plot([p["seconds"] for p in own], [p[name] for p in own], style, lw=1.1, color=COLOURS[model])
+            for p in own:
+                axes.plot(
+                    p["seconds"], p[name], MARKS[dtype, backend], ms=1.5 + 0.45 * p["radius"], color=COLOURS[model],
+                    mfc=COLOURS[model] if plain and based else "white", alpha=0.9,
+                    label=words_of(p) if plain and p is own[0] else None,
+                )  # fmt: skip
+                if (*line, p["radius"]) in front:
+                    axes.plot(p["seconds"], p[name], "o", ms=13, mfc="none", color=GREY, mew=0.9)
         axes.set_xscale("log")
         axes.set_yscale("log")
-        axes.set_xlabel("seconds on one thread, or on the GPU")
+        axes.set_xlabel("seconds of the whole run")
         axes.set_title(label, fontsize=9.5)
         axes.grid(True, which="major")
         if name != "roughness":
@@ -65,11 +78,14 @@ def picture(data: Mapping[str, Any]) -> Any:
     said = []
     for entry in data["advice"]:
         p = entry["point"]
-        what = f"{MODELS[p['model']][0]}, R = {p['radius']:g} d, {p['dtype']}, {p['seconds']:.0f} s" if p else "none"
+        what = f"{words_of(p)}, R = {p['radius']:g} d, {p['dtype']}, {p['seconds']:.0f} s" if p else "none"
         said.append(f"within {100 * entry['bar']:g} %: {what}")
     half = math.ceil(len(said) / 2)
     lines = "      ".join(said[:half]) + "\n" + "      ".join(said[half:])
     figure.suptitle(
-        f"{data['title']}\nCheapest whose tension and frequency are both\n{lines}", fontsize=9.5, x=0.01, ha="left"
+        f"{data['title']}\nSeconds: {data['machines']}\nCheapest whose tension and frequency are both\n{lines}",
+        fontsize=9.5,
+        x=0.01,
+        ha="left",
     )
     return figure
