@@ -10,6 +10,7 @@ from refsim import InputError, calibrate
 from refsim.surface_tension.calibration import MAP, SETTINGS, sigma_map
 from validation import sigma_map as condensing
 from validation.cases import laplace, oscillation, spurious
+from validation.cases.dong import scene as dong_scene
 from validation.drops import device_points, fit_laplace, fit_oscillation, points
 from validation.harness import redraw, write_data
 from validation.results import Result, finite
@@ -121,6 +122,13 @@ def test_water_can_be_calibrated(dim):
     assert 0.005 < found.nominal < 0.072
     assert 0 < found.uncertainty < 0.3
     assert found.laplace == pytest.approx(found.rayleigh, rel=0.3)
+
+
+def test_dongs_scenes_keep_a_tension_that_the_map_still_gives():
+    """They hold the ratio of the day of their runs; the map of today must agree within what it is sure of."""
+    for kernels, ratio in dong_scene.RATIO.items():
+        found = calibrate(1.0, "dong", spacing=1.0, rest_density=1.0, kernels=kernels)
+        assert ratio == pytest.approx(found.ratio, rel=found.uncertainty)
 
 
 # Condensing
