@@ -25,7 +25,6 @@ from validation.results import Result, finite
 from validation.running import Context
 
 ROWS = Path(__file__).parent / "data" / "drops.json"
-BALLS = Path(__file__).parent / "data" / "drops_balls.json"  # some of them again, the pressure read in seven balls
 AXES = ("model", "dim", "support", "stiffness", "kernels")
 WORST_MISFIT = 0.35  # of the oscillation's fit: beyond it no frequency is read
 WORST = {"spurious": max, "capillary": max, "momentum": max, "angular_momentum": max, "nn_5": min, "roughness": max}
@@ -61,7 +60,6 @@ def condensed(rows: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
     drops_by_radius                    of each radius [d] whose frequency was read: both tensions of the drops
                                        themselves, R P/(dim - 1) and Rayleigh's, means and deviations over the seeds
     radii                              in spacings, of the drops that lasted
-    balls                              in how many balls the pressure was read, at least: 1 in the older drops
     stopped                            how many drops ended otherwise, by reason
     """
     groups: dict[tuple[Any, ...], list[Mapping[str, Any]]] = {}
@@ -94,7 +92,6 @@ def _entry(entry: dict[str, Any], rows: Sequence[Mapping[str, Any]]) -> dict[str
             if radius >= SEEDED[entry["dim"]]
         ],
         "radii": sorted({r["radius"] for r in lasting}),
-        "balls": min((r.get("balls", 1) for r in lasting), default=1),
         "drops": len(rows),
         "stopped": dict(Counter(r["stopped"] for r in rows if r["stopped"])),
     }
@@ -131,7 +128,7 @@ def at_base(entry: Mapping[str, Any]) -> bool:
 def published(context: Context, rows: str) -> Result:
     """The rows and settings on file; `rows` is the file's digest."""
     found = read_rows()
-    return Result({"settings": condensed(found), "rows": found, "balls": read_rows(BALLS)})
+    return Result({"settings": condensed(found), "rows": found})
 
 
 def drop(context: Context, **point: Any) -> Result:
@@ -142,8 +139,7 @@ def drop(context: Context, **point: Any) -> Result:
 
 def map_run() -> Run:
     """The run that reads the published map."""
-    texts = [path.read_bytes() for path in (ROWS, BALLS) if path.exists()]
-    digest = hashlib.sha256(b"".join(texts)).hexdigest()[:16]
+    digest = hashlib.sha256(ROWS.read_bytes()).hexdigest()[:16]
     return Run("map", published, {"rows": digest}, estimate=1.0)
 
 

@@ -32,7 +32,6 @@ MAP = Path(__file__).with_name("sigma_map.json")
 BASE = {"support": 2.6, "stiffness": 0.01, "kernels": "mueller"}  # the map's axes cross here
 MOST_UNCERTAIN = 0.5  # of the tension: beyond it there is none to speak of
 ONE_SEED = 0.1  # relative uncertainty that a drop without another of its kind is given
-ONE_BALL = 0.05  # the same of drops whose pressure was read in one ball only, whose edge swings the jump by 12 %
 SAME = 1e-6  # relative difference of settings that count as equal
 
 # Models with the settings in which they were measured: words and effect of a nominal tension [N/m].
@@ -117,8 +116,8 @@ def calibrate(
     settings        another map than the published one
 
     The ratio is the mean of what jump and frequency of the same drops say; its uncertainty holds half their difference
-    and the deviation over seeds, and 5 % more where the pressure was read in one ball only. It is interpolated between
-    measured settings along one axis of the map, the others at its base. Raises InputError outside the map, and where
+    and the deviation over seeds. It is interpolated between measured settings along one axis of the map, the others at
+    its base. Raises InputError outside the map, and where
     the measurements do not agree on a tension.
     """
     entries = sigma_map() if settings is None else settings
@@ -185,7 +184,7 @@ def _judged(entry: Mapping[str, Any], radius: float | None) -> dict[str, Any]:
     told = {**made, "ratio": ratio, "laplace": laplace, "rayleigh": rayleigh, "reach": ""}
     if min(laplace, rayleigh) <= 0:
         return {**told, "uncertainty": math.inf}
-    parts = [0.5 * (laplace - rayleigh), ONE_BALL * ratio if entry.get("balls") == 1 else 0.0]
+    parts = [0.5 * (laplace - rayleigh)]
     for d in drops:  # each drop's distance from the mean of all, and its deviation over the seeds
         found = [0.5 * (d["laplace"] + d["rayleigh"]) - ratio]
         found.append(

@@ -60,9 +60,6 @@ def judge(results: Results) -> list[Measurement]:
         if at_base(entry) and math.isfinite(real(entry["laplace"])):
             name, words = f"map_{entry['model']}_{entry['dim']}d", words_of(entry)
             made.append(bounds.judge("sigma", real(entry["laplace"]), name, words))
-    for name, words, _, seven, rayleigh in by_balls(results):
-        apart = abs(seven - rayleigh) / (0.5 * (seven + rayleigh))
-        made.append(bounds.judge("agreement_balls", apart, name, words))
     fits = {e["model"]: fit_apart(e) for e in settings(results) if e["dim"] == 3 and at_base(e)}
     for model, (value, error) in fits.items():
         made.append(bounds.judge("agreement", value, model, f"{MODELS[model][0]}, fit +- {100 * error:.0f} %"))
@@ -75,20 +72,6 @@ def judge(results: Results) -> list[Measurement]:
                     made.append(bounds.judge("agreement_drops", apart_by(drop), name, words))
     if LEADING in fits:
         made.append(bounds.judge("best_agreement", fits[LEADING][0], "", MODELS[LEADING][0]))
-    return made
-
-
-def by_balls(results: Results) -> list[tuple[str, str, float, float, float]]:
-    """(name, words, tension by the jump in one ball, in seven, tension by the frequency) of the drops read twice."""
-    if "map" not in results:
-        return []
-    before = {row["key"]: row for row in results["map"].values["rows"]}
-    made = []
-    for row in results["map"].values.get("balls", ()):
-        old = before[row["key"]]
-        place = f"R = {row['radius']:g} d, S = {row['stiffness']:g}, {row['kernels']}"
-        numbers = (old["laplace"], row["laplace"], real(old.get("rayleigh")))
-        made.append((row["key"], f"{MODELS[row['model']][0]}, {place}", *numbers))
     return made
 
 
@@ -122,16 +105,6 @@ def tables(results: Results) -> list[Table]:
                 " Rayleigh: mean over drops whose frequency could be read. S = sigma/(rho c^2 d), nominal."
             )
             made.append(Table(f"Surface tension of drops, {dim}D", heading, rows, note))
-    twice = by_balls(results)
-    if twice:
-        rows = []
-        for _, words, one, seven, wave in twice:
-            apart = [f"{200 * abs(v - wave) / (v + wave):.0f} %" if math.isfinite(wave) else None for v in (one, seven)]
-            said = f"{wave:.2f}" if math.isfinite(wave) else None
-            rows.append([words, f"{one:.2f}", f"{seven:.2f}", said, *apart])
-        heading = ["drop, 3D", "one ball", "seven", "Rayleigh", "one ball off", "seven off"]
-        note = "Jump times R/2 in r < 0.6 R, and as the mean over balls of 0.4 to 0.7 R, which shells cannot swing."
-        made.append(Table("Pressure in one ball and in seven", heading, rows, note))
     return made
 
 

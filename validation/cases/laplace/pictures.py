@@ -13,7 +13,7 @@ from validation.harness import Results
 from validation.results import real
 from validation.sigma_map import at_base
 
-COLOURS = dict(zip(MODELS, (BLACK, VERMILION, ORANGE, BLUE, SKY, GREEN, PURPLE, GREY, "#8c6d31", "#bbbbbb")))
+COLOURS = dict(zip(MODELS, (BLACK, VERMILION, ORANGE, BLUE, SKY, GREEN, PURPLE, GREY, "#8c6d31", "#bbbbbb", "#d62fae")))
 STYLES = {name: "--" if name.endswith(("cohesion", "soft")) else "-" for name in MODELS}
 
 
