@@ -2,19 +2,22 @@
 
 import json
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from refsim import InputError, calibrate
+from refsim import InputError, calibrate, load_scene
 from refsim.surface_tension.calibration import MAP, SETTINGS, sigma_map
 from validation import sigma_map as condensing
-from validation.cases import laplace, oscillation, spurious
+from validation.cases import laplace, oscillation, spurious, water_drop
 from validation.cases.dong import scene as dong_scene
+from validation.cases.water_drop import runs as water
 from validation.drops import device_points, fit_laplace, fit_oscillation, points
 from validation.harness import redraw, write_data
 from validation.results import Result, finite
 
+EXAMPLE = Path(__file__).parent.parent / "docs" / "examples" / "water_drop.toml"
 WATER = {"spacing": 1e-3, "rest_density": 1000.0}
 
 
@@ -200,3 +203,42 @@ def test_a_tiny_drop_can_be_measured():
     assert not row["stopped"]
     assert 0.5 < row["laplace"] < 10
     assert row["momentum"] < 1e-3
+
+
+# A drop of water, in SI units
+
+
+def water_result(laplace=0.0728, rayleigh=0.0728):
+    """What `validation.cases.water_drop.runs.drop` gives, made up."""
+    row = {
+        "model": "akinci", "kernels": "wendland", "dim": 3, "cells": 10.0, "seed": 4, "stopped": "", "nominal": 0.02,
+        "uncertainty": 0.03, "sound_speed": 4.0, "asked": 0.0728, "particles": 4000, "radius": 1e-3, "jump": 145.0,
+        "laplace": laplace, "rayleigh": rayleigh, "frequency": 120.0, "asked_frequency": 121.6, "misfit": 0.05,
+    }  # fmt: skip
+    series = {name: np.linspace(0, 0.02, 5) for name in ("jump_time", "jump", "moment_time", "moment")}
+    return Result(row, series)
+
+
+def test_a_water_drop_is_held_against_the_newtons_per_metre_that_were_asked_for(tmp_path):
+    found = {"a": water_result(), "b": water_result(laplace=0.0772)}  # 6 % off, twice what calibrate is sure of
+    verdicts = {m.name: m.verdict for m in water_drop.CASE.judge(found)}
+    failed = {name for name, verdict in verdicts.items() if verdict == "fail"}
+    assert failed == {"requested.b.laplace", "deviations.b.laplace"}
+    assert "+6.0 %" in str(water_drop.CASE.tables(found)[0])
+    (picture,) = water_drop.CASE.pictures
+    write_data(picture, found, tmp_path)
+    assert redraw(picture, tmp_path).stat().st_size > 10_000
+
+
+def test_the_scene_of_the_water_drop_and_the_example_hold_what_calibrate_gives():
+    found = water.coefficients("akinci", "wendland", 3, 10.0)
+    assert found.nominal * found.ratio == pytest.approx(0.0728)
+    still = np.zeros((1, 3))
+    effects = water.water(found, "wendland", 3, 10.0, still, still, 0.004).effects
+    assert (effects[0].sound_speed, effects[1]) == (found.sound_speed, found.effect)
+    example = load_scene(EXAMPLE)
+    liquid, tension = example.effects
+    assert example.spacing == 1e-4
+    assert liquid.kernels == "wendland"
+    assert tension.surface_tension == pytest.approx(found.nominal, rel=0.01)
+    assert liquid.sound_speed == pytest.approx(found.sound_speed, rel=0.01)
