@@ -86,9 +86,11 @@ class Point:
         return f"{self.model}.{self.dim}d.{self.kernels}.{size}.{self.seed}{how}"
 
     def cost(self) -> float:
-        """About the seconds that it takes on one core."""
+        """About the seconds that it takes, on one core or a GPU."""
         particles = self.radius**self.dim * (4.2 if self.dim == 3 else math.pi)
         steps = self.radius**1.5 * math.sqrt(0.01 / self.stiffness) * (130 if self.kicked else 90)
+        if self.backend == "cuda":
+            return 80.0 if self.model in BESIDE else 20.0
         if self.backend == "numpy":
             return 1.5e-6 * particles**2 * steps
         solver = 3.0 if self.model in BESIDE else 1.0
@@ -97,8 +99,8 @@ class Point:
         )
 
     def urgency(self) -> int:
-        """0 for the base setting of every model, 1 to 3 along the axes: at one radius, at the others, other seeds."""
-        if at_base(self.model, asdict(self)):
+        """0 for what `tension_cost` shows, 1 to 3 along the axes: one radius, the others, other seeds."""
+        if at_base(self.model, asdict(self)) or in_panel(asdict(self)):
             return 0
         return 3 if self.seed > 1 else 1 if self.radius == SEEDED[self.dim] else 2
 
@@ -106,7 +108,7 @@ class Point:
 RADII = {2: (8.0, 11.0, 16.0, 24.0), 3: (5.0, 7.0, 8.5, 10.0, 12.0, 14.0)}
 SEEDED = {2: 16.0, 3: 10.0}  # radius at which three seeds are run, and from which on drops are kicked
 LARGE = 10.0  # radius in 3D beyond which drops are measured at the base only: they take minutes
-LARGE_IMPLICIT = 12.0  # the same of implicit pressure, each step of which is an iteration
+LARGE_IMPLICIT = 10.0  # the same of implicit pressure, each step of which is an iteration
 COSTED = (7.0, 10.0)  # radii in 3D of drops in float64, for what accuracy costs
 ALL_PAIRS = 4.0  # radius in 3D of drops on the numpy backend, which compares all pairs
 FEW = ("he", "csf")  # models whose larger drops do not last, left out on a GPU
