@@ -19,7 +19,7 @@ import numpy as np
 
 from refsim.surface_tension.calibration import MAP
 from validation import drops
-from validation.drops import MODELS, SEEDED, Point, fit_laplace, measure
+from validation.drops import FITTED_FROM, MODELS, SEEDED, Point, fit_laplace, measure
 from validation.harness import Run
 from validation.results import Result, finite
 from validation.running import Context
@@ -55,6 +55,8 @@ def condensed(rows: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
     """One entry for each setting, sorted.
 
     laplace, laplace_error, intercept  fit of P = (dim - 1) sigma/R + P0 over the radii, sigma over the nominal one
+    flat_laplace, flat_rayleigh        limits for R to infinity of the drops' R P/(dim - 1) and of Rayleigh's tension by
+                                       lines in 1/R (Tolman 1949); with their standard errors, flat_..._error
     rayleigh, rayleigh_spread          mean and standard deviation over the drops whose oscillation could be fitted
     seeds, seed_spread                 drops that differ by their seed alone, and the deviation of their P R
     drops_by_radius                    of each radius [d] whose frequency was read: both tensions of the drops
@@ -78,10 +80,13 @@ def _entry(entry: dict[str, Any], rows: Sequence[Mapping[str, Any]]) -> dict[str
     slope, error, intercept = fit_laplace(lasting)
     waves = [r["rayleigh"] for r in lasting if _read(r) and r["radius"] >= SEEDED[r["dim"]]]
     seeded = [r["laplace"] for r in lasting if r["radius"] == SEEDED[r["dim"]]]
+    large = [r for r in lasting if r["radius"] >= FITTED_FROM * r["support"]]
     entry |= {
         "laplace": slope,
         "laplace_error": error,
         "intercept": intercept,
+        **_flat("laplace", large),
+        **_flat("rayleigh", [r for r in large if _read(r) and r["radius"] >= SEEDED[r["dim"]]]),
         "rayleigh": float(np.mean(waves)) if waves else math.nan,
         "rayleigh_spread": float(np.std(waves)) if len(waves) > 1 else math.nan,
         "seeds": len(seeded),
@@ -99,6 +104,15 @@ def _entry(entry: dict[str, Any], rows: Sequence[Mapping[str, Any]]) -> dict[str
         values = [r[name] for r in lasting if math.isfinite(r[name])]
         entry[name] = float(worst(values)) if values else math.nan
     return entry
+
+
+def _flat(name: str, rows: Sequence[Mapping[str, Any]]) -> dict[str, float]:
+    """What a tension of drops becomes where curvature is gone; NaN below three radii."""
+    curvature = np.array([1 / r["effective_radius"] for r in rows])
+    if len({r["radius"] for r in rows}) < 3:
+        return {f"flat_{name}": math.nan, f"flat_{name}_error": math.nan}
+    (_, limit), covariance = np.polyfit(curvature, [r[name] for r in rows], 1, cov=True)
+    return {f"flat_{name}": float(limit), f"flat_{name}_error": float(math.sqrt(covariance[1, 1]))}
 
 
 def _read(row: Mapping[str, Any]) -> bool:

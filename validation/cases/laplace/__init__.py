@@ -70,9 +70,24 @@ def judge(results: Results) -> list[Measurement]:
                     words = f"{MODELS[entry['model']][0]}, R = {drop['radius']:g} d"
                     name = f"{entry['model']}_R{drop['radius']:g}"
                     made.append(bounds.judge("agreement_drops", apart_by(drop), name, words))
-    if LEADING in fits:
-        made.append(bounds.judge("best_agreement", fits[LEADING][0], "", MODELS[LEADING][0]))
+    found = {name_of(e): farthest_apart(e) for e in settings(results) if e["dim"] == 3}
+    known = {name: value for name, value in found.items() if math.isfinite(value)}
+    if known:
+        best = min(known, key=lambda name: known[name])
+        made.append(bounds.judge("best_agreement", known[best], "", best))
     return made
+
+
+def name_of(entry: Mapping[str, Any]) -> str:
+    """A setting in words."""
+    place = f"h = {entry['support']:g} d, S = {entry['stiffness']:g}, {entry['kernels']}"
+    return f"{MODELS[entry['model']][0]}, {place}"
+
+
+def farthest_apart(entry: Mapping[str, Any]) -> float:
+    """Largest |Laplace - Rayleigh| over their mean, of all radii of 10 spacings or more; NaN below three of them."""
+    large = [apart_by(drop) for drop in entry["drops_by_radius"] if drop["radius"] >= LARGE]
+    return max(large) if len(large) > 2 and all(map(math.isfinite, large)) else math.nan
 
 
 def fit_apart(entry: dict[str, Any]) -> tuple[float, float]:
@@ -105,7 +120,32 @@ def tables(results: Results) -> list[Table]:
                 " Rayleigh: mean over drops whose frequency could be read. S = sigma/(rho c^2 d), nominal."
             )
             made.append(Table(f"Surface tension of drops, {dim}D", heading, rows, note))
-    return made
+    three = [e for e in settings(results) if e["dim"] == 3 and len(e["drops_by_radius"]) > 2]
+    return [*made, _sizes_table(three)] if three else made
+
+
+def _sizes_table(entries: list[dict[str, Any]]) -> Table:
+    rows: list[list[Any]] = []
+    for entry in sorted(entries, key=lambda e: (math.isnan(farthest_apart(e)), farthest_apart(e))):
+        for drop in entry["drops_by_radius"]:
+            numbers = (drop["laplace"], drop["rayleigh"])
+            share = apart_by(drop)
+            words = f"{100 * share:.1f} %" if math.isfinite(share) else None
+            cells = [f"{drop['radius']:g} d", drop["seeds"], *(f"{v:.3f}" for v in numbers), words]
+            rows.append([name_of(entry) if drop is entry["drops_by_radius"][0] else "", *cells])
+        limits = [(real(entry[f"flat_{n}"]), real(entry[f"flat_{n}_error"])) for n in ("laplace", "rayleigh")]
+        said = [f"{value:.2f} +- {error:.2f}" if math.isfinite(value) else None for value, error in limits]
+        (first, _), (second, _) = limits
+        both = 0.5 * (first + second)
+        apart = f"{100 * abs(first - second) / both:.1f} %" if min(first, second) > 0 else None
+        rows.append(["", "flat", "", *said, apart])
+    note = (
+        "Tensions over the nominal one, means of the seeds. Flat: limit for R to infinity, by lines in 1/R (Tolman) of"
+        " the jump's tension for R >= 3 h and of the frequency's."
+    )
+    return Table(
+        "Jump and frequency by size, 3D", ["setting", "R", "seeds", "Laplace", "Rayleigh", "apart"], rows, note
+    )
 
 
 def _drops_table(results: Results) -> Table:
