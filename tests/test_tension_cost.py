@@ -28,7 +28,7 @@ def timings(*rows):
 
 @pytest.fixture
 def promise(monkeypatch):
-    monkeypatch.setattr(tension_cost, "promised", lambda model, kernels, rows: 4.0)
+    monkeypatch.setattr(tension_cost, "promised", lambda model, kernels, rows: (4.0, 0.02))
 
 
 def points(*rows):
@@ -61,6 +61,13 @@ def test_advice_is_the_cheapest_that_stays_within_the_bar_at_every_larger_size(p
     assert found[0.05]["radius"] == 14.0  # at 7 d it is luck: 10 d is 7.5 % off
     assert found[0.025]["radius"] == 14.0
     assert tension_cost.advice(points(row(10.0, 8.0, 4.0, 10)))[0][1] is None
+
+
+def test_a_tension_that_nobody_is_sure_of_is_no_advice(monkeypatch):
+    monkeypatch.setattr(tension_cost, "promised", lambda model, kernels, rows: (4.0, 0.2))
+    found = dict(tension_cost.advice(points(row(10.0, 4.0, 4.0, 10))))
+    assert found[0.25]["radius"] == 10.0
+    assert found[0.1] is None
 
 
 def test_steps_are_timed_in_turns_and_kept_beside_those_of_another_machine(tmp_path, monkeypatch):

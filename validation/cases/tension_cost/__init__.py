@@ -46,18 +46,22 @@ def by_key(timings: Mapping[str, Any]) -> dict[str, float]:
     return {row["key"]: row["seconds_per_step"] for kind in timings.values() for row in kind["rows"]}
 
 
-def promised(model: str, kernels: str, rows: Sequence[Mapping[str, Any]]) -> float:
-    """Tension over the nominal one that `calibrate` promises; where it refuses, the mean of the largest drop."""
+def promised(model: str, kernels: str, rows: Sequence[Mapping[str, Any]]) -> tuple[float, float]:
+    """Tension over the nominal one that `calibrate` promises, and its relative uncertainty.
+
+    Where it refuses, the mean of the largest drop, of which nobody is sure.
+    """
     try:
         where = base(model) | {"kernels": kernels}
         lengths = {"spacing": 1.0, "rest_density": 1.0, "support_radius": where["support"]}
-        return calibrate(1.0, model, kernels=where["kernels"], **lengths).ratio
+        found = calibrate(1.0, model, kernels=where["kernels"], **lengths)
+        return found.ratio, found.uncertainty
     except InputError:
         swinging = [r for r in rows if _swings(r)]
         if not swinging:
-            return math.nan
+            return math.nan, math.inf
         largest = max(swinging, key=lambda r: r["radius"])
-        return 0.5 * (largest["laplace"] + largest["rayleigh"])
+        return 0.5 * (largest["laplace"] + largest["rayleigh"]), math.inf
 
 
 def _swings(row: Mapping[str, Any]) -> bool:
@@ -70,6 +74,7 @@ def points(rows: Sequence[Mapping[str, Any]], timings: Mapping[str, Any]) -> lis
     sigma      |tension by the jump over the promised one - 1|, rms over the seeds
     frequency  the same of the frequency of the mode n = 2
     roughness  of the outer surface at rest
+    unsure     relative uncertainty of the promised tension
     seconds    on one thread or a GPU, relaxing, watching and swinging: steps (mean of the seeds) times seconds a step;
                NaN where no step was timed
     """
@@ -81,7 +86,7 @@ def points(rows: Sequence[Mapping[str, Any]], timings: Mapping[str, Any]) -> lis
     made = []
     for (model, kernels, dtype, backend, radius), drops in sorted(groups.items()):
         lasting = [r for r in drops if not r["stopped"]]
-        reference = promised(model, kernels, [r for r in own if (r["model"], r["kernels"]) == (model, kernels)])
+        reference, unsure = promised(model, kernels, [r for r in own if (r["model"], r["kernels"]) == (model, kernels)])
         point = {"model": model, "kernels": kernels, "dtype": dtype, "backend": backend, "radius": radius}
         if len(lasting) < len(drops) or not math.isfinite(reference):
             stopped = next((r["stopped"] for r in drops if r["stopped"]), "no tension")
@@ -94,10 +99,11 @@ def points(rows: Sequence[Mapping[str, Any]], timings: Mapping[str, Any]) -> lis
             {
                 **point,
                 "stopped": "",
+                "unsure": unsure,
                 "particles": lasting[0]["particles"],
                 "sigma": float(np.sqrt(np.mean(np.square(jump)))),
                 "frequency": float(np.sqrt(np.mean(np.square(waves)))),
-                "roughness": float(np.mean([r["roughness"] for r in lasting])),
+                "roughness": float(np.mean([real(r["roughness"]) for r in lasting])),
                 "seconds": float(np.mean([r["steps"] for r in lasting])) * seconds_a_step,
                 "seeds": len(lasting),
             }
@@ -112,11 +118,14 @@ def worse(point: Mapping[str, Any]) -> float:
 
 
 def advice(made: Sequence[Mapping[str, Any]]) -> list[tuple[float, Mapping[str, Any] | None]]:
-    """For each bar the cheapest point whose tension and frequency are within it, as those of all larger drops of it."""
+    """For each bar the cheapest point whose tension and frequency are within it, as those of all larger drops of it.
+
+    Of models whose tension `calibrate` knows that well: what only happens to pass the middle is no advice.
+    """
 
     def lasts(point: Mapping[str, Any], bar: float) -> bool:
         same = [p for p in made if all(p[n] == point[n] for n in ("model", *HOW)) and p["radius"] >= point["radius"]]
-        return all(worse(p) <= bar for p in same)
+        return real(point["unsure"]) <= bar and all(worse(p) <= bar for p in same)
 
     found = []
     for bar in BARS:
@@ -178,14 +187,18 @@ def tables(results: Results) -> list[Table]:
             rows.append([*place, None, None, None, None, p["stopped"]])
             continue
         shares = [f"{100 * p[n]:.1f} %" if math.isfinite(real(p[n])) else None for n in ("sigma", "frequency")]
-        rows.append([*place, *shares, f"{p['roughness']:.4f}", seconds_in_words(p), ""])
+        rough = f"{p['roughness']:.4f}" if math.isfinite(real(p["roughness"])) else None
+        rows.append([*place, *shares, rough, seconds_in_words(p), ""])
     heading = ["model", "R/d", "dtype", "backend", "sigma off", "frequency off", "roughness", "seconds", ""]
     note = "Off what calibrate promises, or, where it refuses, off the mean of the largest drop's jump and frequency."
     taken: list[list[Any]] = []
     for bar, p in advice(made):
         which = [words_of(p), f"{p['radius']:g}", p["dtype"], seconds_in_words(p)] if p else ["none"]
         taken.append([f"{100 * bar:g} %", *which, *[None] * (4 - len(which))])
-    said = "The cheapest whose tension and frequency are both within the bar, at this size and every larger one."
+    said = (
+        "The cheapest whose tension and frequency are both within the bar, at this size and every larger one, of models"
+        " whose tension calibrate knows that well."
+    )
     return [
         Table("Errors and cost of drops, 3D", heading, rows, note),
         Table("Which model for which accuracy", ["within", "model", "R/d", "dtype", "seconds"], taken, said),
