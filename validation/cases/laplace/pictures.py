@@ -8,7 +8,7 @@ from typing import Any
 
 from refsim.surface_tension.calibration import BASE
 from validation.drawing import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION
-from validation.drops import FITTED_FROM, MODELS, SEEDED
+from validation.drops import FITTED_FROM, MODELS, SEEDED, base
 from validation.harness import Results
 from validation.results import real
 from validation.sigma_map import at_base
@@ -140,7 +140,10 @@ def _models(axes: Any, entries: list[dict[str, Any]]) -> None:
             reasons = ", ".join(e["stopped"]) or "no frequency"
             axes.text(11.3, y, reasons, ha="right", va="center", fontsize=7.5, color=GREY)
     axes.axvline(1, color=GREY, lw=0.8, ls=":")
-    axes.set_yticks(list(place.values()), [MODELS[name][0] for name in place])
+    own = {
+        name: "" if base(name)["support"] == BASE["support"] else f", h = {base(name)['support']:g} d" for name in place
+    }
+    axes.set_yticks(list(place.values()), [MODELS[name][0] + own[name] for name in place])
     axes.set_xlim(0, 11.5)
     axes.set_ylim(-len(place) + 0.4, 0.6)
     axes.grid(True, axis="x")
