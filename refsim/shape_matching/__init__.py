@@ -74,8 +74,8 @@ class ShapeMatching(Effect, frozen=True, kw_only=True):
     half_width  w of the regions [cells], 1 to 4: stiffness and cost grow with it
     stiffness   alpha, share of the way to the goal that a step takes, up to 1
     damping     beta, share of the difference to the regions' rigid motion that a step takes away; 0 leaves it out
-    summation   how regions are summed: "gather" (member by member), "reduction" (the threads of a block share a region,
-                as in the paper) or "fast" (boxes of cells, one axis after the other)
+    summation   how regions are summed: "gather" (member by member), "reduction" (threads of a GPU share a region, as in
+                the paper) or "fast" (boxes of cells, one axis after the other; on a GPU by reduction up to w = 2)
     """
 
     name: ClassVar[str] = "shape_matching"
