@@ -82,7 +82,9 @@ def jump_picture(data: Mapping[str, Any]) -> Any:
         below.set_ylabel("R jump/(dim - 1) over the nominal tension")
         for axes in (above, below):
             axes.grid(True)
-    below_note = "h = 2.6 d, S = 0.01; lines above: fits; grey: R < 3 h, not fitted; dotted: the nominal tension"
+    below_note = (
+        "h = 2.6 d (IISPH 2 d), S = 0.01; lines above: fits; grey: R < 3 h, not fitted; dotted: the nominal tension"
+    )
     figure.suptitle(below_note, fontsize=9.5)
     handles: dict[str, Any] = {}
     for axes in grid[0]:
