@@ -58,7 +58,7 @@ def picture(data: Mapping[str, Any]) -> Any:
         line[0].set_yticks(list(place.values()), [MODELS[name][0] for name in place])
         line[0].set_ylim(-len(place) + 0.4, 0.6)
     figure.suptitle(
-        "Drops at rest, Oh = 0.03, h = 2.6 d (IISPH 2 d), S = 0.01: full marks 2D, open ones 3D, larger ones larger drops",
+        "Drops at rest, Oh = 0.03, h = 2.6 d (IISPH 2 d), S = 0.01: full marks 2D, open ones 3D, by size of the drop",
         fontsize=10.5,
     )
     return figure
