@@ -309,6 +309,8 @@ BAD = {
     "needs a wall": (LIQUID, SurfaceEnergy(surface_tension=1.0, contact_angle=60.0)),
     "surface_tension = -1": (LIQUID, SurfaceEnergy(surface_tension=-1.0)),
     "do not resolve": (LIQUID, SurfaceEnergy(surface_tension=1.0, smallest=200)),
+    "do not resolve the body": (MpmLiquid(bulk_modulus=1e5, cell_size=2.0), SurfaceEnergy(surface_tension=1.0)),
+    "is in a wall": (LIQUID, MpmWalls(lower=(0.3, 0, 0), upper=(2, 2, 2))),
     "bulk_modulus = -1.0": (MpmLiquid(bulk_modulus=-1.0),),
     "rest_density = 0": (MpmLiquid(bulk_modulus=1.0, rest_density=0.0),),
     "cell_size = 0.05": (MpmLiquid(bulk_modulus=1.0, cell_size=0.05),),

@@ -33,6 +33,14 @@ def test_an_ellipse_in_the_plane():
     assert measures.body_anisotropy(vertices, facets, 2) == pytest.approx(0.44 / 1.22, rel=1e-6)
 
 
+def test_chance_falls_with_the_root_of_the_number():
+    """In the plane the moments' difference and twice their product are normal with deviation 1/sqrt(6 n) where the mean
+    is 1/4: the range over the mean follows Rayleigh's distribution."""
+    few, many = (measures.anisotropy_of_chance(n, 2, draws=2000) for n in (100, 1600))
+    assert few / many == pytest.approx(4.0, rel=0.1)
+    assert many == pytest.approx(math.sqrt(math.pi / 2) * 4 / math.sqrt(6 * 1600), rel=0.1)
+
+
 @pytest.mark.parametrize("dim", [2, 3])
 def test_contact_angle_of_a_cap(dim):
     """A cap whose centre is cos(theta) R below the plane half a cell above the floor."""

@@ -151,8 +151,10 @@ def judged_cell(m: StabilityMap, cell: Cell, result: Result) -> Measurement:
     """The verdict on a map's cell: what the runner lets pass without a word is stable."""
     largest, runner = real(result.values["largest"]), real(result.values["runner"])
     what = f"{m.quantity}, {cell.row}, {cell.column}"
-    verdict = WELL if runner <= largest else FAIL
-    return Measurement(_key(m, cell), what, largest, "", "", f"at least {number(runner)}, the runner's own", verdict)
+    verdict, expected = WELL if runner <= largest else FAIL, f"at least {number(runner)}, the runner's own"
+    if result.values.get("refused"):
+        verdict, expected = WELL if largest == 0 else FAIL, "none: the runner refuses to choose a step"
+    return Measurement(_key(m, cell), what, largest, "", "", expected, verdict)
 
 
 def _key(m: StabilityMap, cell: Cell) -> str:

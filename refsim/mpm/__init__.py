@@ -380,6 +380,20 @@ class MpmWalls(Effect, frozen=True, kw_only=True):
                     f" ({3 * h:g} m); make it wider or the cells smaller."
                 )
 
+    def initial(
+        self, grid: Discretisation, state: InitialState, others: Mapping[str, Effect]
+    ) -> Mapping[str, np.ndarray]:
+        lower, upper = self.room(grid)
+        inside = others["mpm_liquid"].cell(grid) * 1e-6 if "mpm_liquid" in others else 0.0  # type: ignore[attr-defined]
+        out = np.flatnonzero(((state.position < lower - inside) | (state.position > upper + inside)).any(1))
+        if len(out):
+            where = ", ".join(f"{x:.6g}" for x in state.position[out[0], : grid.dim])
+            raise InputError(
+                f"{self.name}: particle {out[0]} at ({where}) m is in a wall ({len(out)} such particles);"
+                " move the liquid or the wall, or open that face."
+            )
+        return {}
+
     def room(self, grid: Discretisation) -> tuple[np.ndarray, np.ndarray]:
         """Corners (3,), (3,) of the liquid's room [m]; infinite where there is no wall."""
         lower, upper = np.full(3, -np.inf), np.full(3, np.inf)

@@ -20,6 +20,9 @@ if TYPE_CHECKING:
 
 EXTENT = Field("extent", "-", "axes along which the liquid round a particle spreads; 1 in a filament", dtype="uint8")
 WET = 0.5  # cells from a wall within which samples lie on it
+# Step of a surface that stays at r, over min(h/c, sqrt(rho0 h^3/(2 pi k))): with nothing embedded, and of a liquid that
+# is soft against its surface, k > SOFT lambda h; two thirds of the least that was measured (docs/stability.md)
+AT_R_ALONE, AT_R_SOFT, SOFT = 0.08, 0.03, 0.1
 CLUMPED = 4.0  # times the particles of a full cell in one cell: J would have to be below a quarter to know of it
 
 
@@ -91,6 +94,12 @@ class SurfaceEnergy(Effect, frozen=True, kw_only=True):
             raise InputError(
                 f"{self.name}: contact_angle = {self.contact_angle} is not possible; give 0 to 180 degrees."
             )
+        foreign = self.embedding in ("thesis", "gradient_corrected")
+        if foreign and self.surface_tension > 0 and self.tension().inset_distance() is None and not grid.step:
+            raise InputError(
+                f"{self.name}: embedding = {self.embedding!r} with the surface at r is stable with no step; give"
+                " the scene a step of its own to see how it ends, or take an inset or the cluster."
+            )
         if self.contact_angle != 180 and "mpm_walls" not in others:
             raise InputError(
                 f"{self.name}: contact_angle = {self.contact_angle} needs a wall; add mpm_walls or leave it out."
@@ -115,6 +124,13 @@ class SurfaceEnergy(Effect, frozen=True, kw_only=True):
             raise InputError(
                 f"{self.name}: {grid.count} particles do not resolve a body whose surface bears tension, which takes"
                 f" {least}; take smaller cells and more particles, or set smallest."
+            )
+        cell = others["mpm_liquid"].cell(grid)  # type: ignore[attr-defined]
+        filled = grid.count * (grid.spacing / cell) ** grid.dim
+        if filled < least / 2**grid.dim:
+            raise InputError(
+                f"{self.name}: cells of {cell:g} m do not resolve the body, which fills {filled:.2g} of them and must"
+                f" fill {least / 2**grid.dim:.3g}; take a smaller cell_size."
             )
         return {}
 
@@ -162,8 +178,8 @@ class SurfaceEnergy(Effect, frozen=True, kw_only=True):
             )
         if self.surface_tension > 0 and self.tension().inset_distance() is None:
             said.append(
-                "surface_energy: without an inset the surface stands at r from the particles, presses too hard, and may"
-                " be unstable with a sixth of the usual step; take inset = 0.25."
+                "surface_energy: without an inset the surface stands at r from the particles and presses too hard; with"
+                " nothing embedded or a soft liquid the step is down to a tenth of the usual one. Take inset = 0.25."
             )
         return tuple(said)
 
@@ -172,7 +188,13 @@ class SurfaceEnergy(Effect, frozen=True, kw_only=True):
             return {}
         liquid = others["mpm_liquid"]
         period = math.sqrt(liquid.rest_density * liquid.cell(grid) ** 3 / (2 * math.pi * self.surface_tension))  # type: ignore[attr-defined]
-        return {"capillary": StepLimit.constant(self.capillary_number * period)}
+        limits = {"capillary": StepLimit.constant(self.capillary_number * period)}
+        h, alone = liquid.cell(grid), self.embedding == "none"  # type: ignore[attr-defined]
+        soft = self.surface_tension > SOFT * liquid.bulk_modulus * h  # type: ignore[attr-defined]
+        if self.tension().inset_distance() is None and (soft or alone):
+            share = AT_R_SOFT if soft else AT_R_ALONE
+            limits["surface_at_r"] = StepLimit.constant(share * min(h / liquid.sound_speed(), period))  # type: ignore[attr-defined]
+        return limits
 
 
 class SurfaceSamples:
@@ -290,6 +312,12 @@ class SurfaceOfRun(SurfaceSamples):
                 " particles across it.",
             )
         samples = self.latest.samples
+        if self.reconstruction.lowest(samples.nearest) < 0:
+            raise RunStopped(
+                "torn_surface",
+                "A part of the reconstructed surface has no particle within two cells: particles fly apart; take a"
+                " smaller step, or an inset and the embedding 'cluster'.",
+            )
         self.assign(samples.position, samples.normal, samples.area, samples.nearest)
 
     def find_filaments(self, position: Any, extent: Any) -> None:

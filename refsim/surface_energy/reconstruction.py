@@ -133,6 +133,14 @@ class Reconstruction:
             first = device.seen(first)
         return int((first[1:] - first[:-1]).max()) if len(first) > 1 else 0
 
+    def lowest(self, numbers: Any) -> int:
+        """Least of `numbers`, 0 where there are none."""
+        if self.backend.name == "cuda":
+            from refsim import device
+
+            numbers = device.seen(numbers)
+        return int(numbers.min()) if len(numbers) else 0
+
     # Stages
 
     def _cells(self, position: Any) -> tuple[Blocks, PointList]:

@@ -11,12 +11,14 @@ import numpy as np
 
 from refsim import RunStopped, Simulation
 from refsim.scene_file import load_scene
+from refsim.surface_energy import LITERAL
 from validation.cases.mpm_droplet import measures
 from validation.cases.mpm_droplet.scene import CELLS, MODULUS, box, drop_scene, ellipsoid, radius_of
 from validation.results import Result
 from validation.running import Context
 
 EXAMPLE = pathlib.Path(__file__).resolve().parents[3] / "docs" / "examples" / "mpm_droplet.toml"
+THESIS = "M9, M10"  # the embedding as printed
 SIDES = (1.3, 1.0, 0.8)  # of the box that becomes a sphere
 
 
@@ -74,9 +76,23 @@ def rounding(
     ledger, kept, stopped = follow(context, run, until, rows, shown)
     return Result(
         {"stopped": stopped, "dim": dim, "shown": list(shown), "steps": run.steps, "series": ledger.series,
-         "last": late(ledger.series), **ledger.summary()},
+         "last": late(ledger.series), "chance": measures.anisotropy_of_chance(run.count, dim), **ledger.summary()},
         kept,
     )  # fmt: skip
+
+
+def erratum(context: Context, backend: str, printed: str, dim: int, size: float, until: float) -> Result:
+    """A square or a cube becomes round with one erratum of the thesis as printed, or none (""), all else as adopted."""
+    literal: dict[str, Any] = {"literal": (printed,)} if printed else {}
+    surface = literal if printed in LITERAL else {"embedding": "thesis"} if printed == THESIS else {}
+    liquid = literal if printed and printed != THESIS and printed not in LITERAL else {}
+    run = context.simulation(drop_scene(box([size] * dim), dim, tension=surface, liquid=liquid), backend)
+    nothing = {"stopped": "", "dim": dim, "printed": printed, "steps": 0}
+    try:
+        ledger, _, stopped = follow(context, run, until, 60)
+    except RunStopped as stop:
+        return Result({**nothing, "stopped": f"{stop.reason} in step {run.steps}", "steps": run.steps})
+    return Result({**nothing, **ledger.summary(), "stopped": stopped, "steps": run.steps})
 
 
 def late(series: Mapping[str, Sequence[float]], share: float = 0.25) -> dict[str, dict[str, float]]:

@@ -39,6 +39,17 @@ def anisotropy(position: Array, dim: int) -> float:
     return float((moments[-1] - moments[0]) / moments.mean())
 
 
+def anisotropy_of_chance(count: int, dim: int, draws: int = 200) -> float:
+    """Mean anisotropy of `count` particles placed at random in a ball (disc): what their number alone makes."""
+    random = np.random.default_rng(0)
+    found = []
+    for _ in range(draws):
+        place = random.normal(size=(count, dim))
+        place *= (random.uniform(size=count) ** (1 / dim) / np.linalg.norm(place, axis=1))[:, None]
+        found.append(anisotropy(place, dim))
+    return float(np.mean(found))
+
+
 def body_anisotropy(vertices: Array, facets: NDArray[np.integer], dim: int) -> float:
     """Range over mean of the principal second moments of the even body within a closed mesh.
 
