@@ -314,7 +314,7 @@ class SurfaceOfRun(SurfaceSamples):
         samples = self.latest.samples
         if self.reconstruction.lowest(samples.nearest) < 0:
             raise RunStopped(
-                "torn_surface",
+                "diverged",
                 "A part of the reconstructed surface has no particle within two cells: particles fly apart; take a"
                 " smaller step, or an inset and the embedding 'cluster'.",
             )
