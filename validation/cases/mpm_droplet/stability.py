@@ -359,8 +359,8 @@ STEPS = StabilityMap(
     name="stability_mpm_step",
     title="The longest stable step of each embedding, over min(h/c, sqrt(rho0 h^3/(2 pi k)))",
     quantity="step over min(acoustic, capillary)",
-    criterion="a square of 20 cells rounds off for 0.1 s (0.03 s with k = 10), or a cube of 10 cells for 0.04 s, without a stop"
-    " and without gaining 2 % of energy.",
+    criterion="a square of 20 cells rounds off for 0.1 s (0.03 s with k = 10), or a cube of 10 cells for 0.04 s,"
+    " without a stop and without gaining 2 % of energy.",
     advice="Take the cluster with its inset and the runner's own step.",
     cells=tuple(
         Cell(
