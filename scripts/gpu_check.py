@@ -1,6 +1,6 @@
 """Check the CUDA backend on a real GPU and write a dated report into validation/gpu_reports/.
 
-    python scripts/gpu_check.py [--quick] [--only PREFIX] [--minutes 6] [--workers 6]
+    python scripts/gpu_check.py [--quick] [--only PREFIX] [--minutes 6] [--workers 6] [--devices 1]
 
 Every task runs in a process of its own, because one illegal memory access spoils CUDA for the whole process: the
 pairing suite of the contract for each operation and dtype, the neighbour search against the CPU's and against all
@@ -21,6 +21,7 @@ import math
 import os
 import pathlib
 import platform
+import queue
 import re
 import subprocess
 import sys
@@ -529,8 +530,19 @@ def planned(quick: bool) -> tuple[list[str], list[str]]:
     return together, alone + [f"timing {size} {model}" for model in TENSIONS for size in sizes]
 
 
-def executed(task: str, deadline: float) -> dict[str, Any]:
-    """Run a task in a process of its own: {"task", "rows", "seconds", "error"}."""
+def executed(task: str, deadline: float, devices: queue.SimpleQueue[str] | None = None) -> dict[str, Any]:
+    """Run a task on a GPU that it takes from `devices`: {"task", "rows", "seconds", "error"}."""
+    if devices is None:
+        return executed_on(None, task, deadline)
+    taken = devices.get()
+    try:
+        return executed_on(taken, task, deadline)
+    finally:
+        devices.put(taken)
+
+
+def executed_on(device: str | None, task: str, deadline: float) -> dict[str, Any]:
+    """Run a task in a process of its own, on one of the machine's GPUs or on the first."""
     began = time.monotonic()
     left = deadline - began
     answer: dict[str, Any] = {"task": task, "rows": [], "error": None}
@@ -538,7 +550,11 @@ def executed(task: str, deadline: float) -> dict[str, Any]:
         return answer | {"error": "not run: no time was left", "seconds": 0.0}
     try:
         process = subprocess.run(
-            [sys.executable, __file__, "--task", task], capture_output=True, text=True, timeout=min(left, 240)
+            [sys.executable, __file__, "--task", task],
+            capture_output=True,
+            text=True,
+            timeout=min(left, 240),
+            env=os.environ | ({} if device is None else {"CUDA_VISIBLE_DEVICES": device}),
         )
         lines = [line for line in process.stdout.splitlines() if line.startswith(MARK)]
         if lines:
@@ -642,7 +658,8 @@ def main() -> int:
     parser.add_argument("--quick", action="store_true", help="float32 pairing, short runs, no 8M timing")
     parser.add_argument("--only", default="", help="tasks whose name starts like this")
     parser.add_argument("--minutes", type=float, default=6.0, help="time for everything")
-    parser.add_argument("--workers", type=int, default=WORKERS, help="processes that share the GPU (1 below 8 cores)")
+    parser.add_argument("--workers", type=int, default=WORKERS, help="processes that share a GPU (1 below 8 cores)")
+    parser.add_argument("--devices", type=int, default=1, help="GPUs of this machine that share what is not timed")
     parser.add_argument("--folder", type=pathlib.Path, default=REPORTS, help="where the report is written")
     parser.add_argument("--task", help=argparse.SUPPRESS)
     options = parser.parse_args()
@@ -659,8 +676,12 @@ def main() -> int:
     tell(answers[0])
     # What comes last has its time kept: the timing tasks need the GPU for themselves.
     reserve = min(120, 20 * len(alone))
-    with concurrent.futures.ThreadPoolExecutor(options.workers if (os.cpu_count() or 1) >= 8 else 1) as pool:
-        waiting = [pool.submit(executed, task, deadline - reserve) for task in together]
+    places = (options.workers if (os.cpu_count() or 1) >= 8 else 1) * options.devices
+    devices: queue.SimpleQueue[str] | None = queue.SimpleQueue() if options.devices > 1 else None
+    for place in range(places if devices is not None else 0):
+        devices.put(str(place % options.devices))
+    with concurrent.futures.ThreadPoolExecutor(places) as pool:
+        waiting = [pool.submit(executed, task, deadline - reserve, devices) for task in together]
         for done in concurrent.futures.as_completed(waiting):
             answers.append(done.result())
             tell(answers[-1])
