@@ -120,6 +120,8 @@ class DeviceStepper:
         self.mirror = device.Mirror(self.clock)
         self.in_step_with = -1  # the step up to which the device's clock has counted
         whole = not any(effect.host_in_step for effect in s.plan.effects.values())
+        passes = (*s.plan.passes, *s.plan.motion)
+        self.pushed = any("acceleration" in (*p.writes, *p.updates) for _, p in passes)  # else it stays zero
         self.recorded = device.Recorded(self._launch, whole)
 
     def rebind(self) -> None:
@@ -168,7 +170,8 @@ class DeviceStepper:
         s, device = self.simulation, self.device
         for _, call in s.begin_calls:
             call()
-        device.fill(s.fields["acceleration"], 0)
+        if self.pushed:
+            device.fill(s.fields["acceleration"], 0)
         for _, rare, call in s.force_calls:
             if not rare:
                 call()

@@ -516,8 +516,8 @@ def gather_block(
         )  # fmt: skip
         way, ratio, rate, leap = particle.gather(
             i, i, sums, fx, fy, fz, background, liquid, timestep, cluster_share, inverse_spread, embedding,
-            carrier_first, carrier_position, carrier_moment, build_position, velocity, affine, volume_ratio,
-            deformation, position,
+            carrier_first, carrier_position, carrier_moment, build_position, position, volume_ratio,
+            deformation, velocity, affine, position,
         )  # fmt: skip
         far, least, most, fast = max(far, way), min(least, ratio), max(most, ratio), max(fast, rate)
         jump = max(jump, leap)

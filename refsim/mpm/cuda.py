@@ -28,7 +28,6 @@ CHUNK = 256  # points of a block in shared memory at a time
 PADDED = CHUNK + CHUNK // 8  # one place more after eight, so that the points of cells in a row lie in different banks
 RECORD = 17  # numbers of a point: fractions, mass, value and gradient of its field, moment of its stress
 GATHERING = 16 if simulated() else 128  # threads; more than a row of the affine matrices has numbers
-ABREAST = GATHERING // 9  # rows of nine numbers that a block's threads write together
 
 # Cells, blocks and bins
 
@@ -513,6 +512,16 @@ def largest_of_block(values):
         half //= 2
 
 
+@formula
+def put_rows(bins, begin, count, width, rows, out):
+    """Rows of `width` numbers in shared memory to the points begin to begin + count."""
+    abreast = GATHERING // width
+    row, c = cuda.threadIdx.x // width, cuda.threadIdx.x % width
+    if row < abreast:
+        for k in range(row, count, abreast):
+            out[bins.point[begin + k], c] = rows[k, c]
+
+
 @cuda_kernel(block_for_each_row=True, threads=GATHERING, rows_of="block_extremes")
 def gather(
     bins, node_velocity, cell, liquid, background, timestep, blocks, cluster_share, inverse_spread, embedding,
@@ -530,6 +539,8 @@ def gather(
         values = cuda.shared.array((REACH, 3), velocity.dtype)
         best = cuda.shared.array((5, GATHERING), velocity.dtype)
         matrix = cuda.shared.array((GATHERING, 9), velocity.dtype)
+        speed = cuda.shared.array((GATHERING, 3), velocity.dtype)
+        moved = cuda.shared.array((GATHERING, 3), velocity.dtype)
         origin = node_coordinates(blocks, b * 64)
         load_block(b, blocks, background, node_velocity, values)
         begin, end, thread = bins.first[64 * b], bins.first[64 * b + 64], cuda.threadIdx.x
@@ -540,17 +551,17 @@ def gather(
                 sums = moments(x, y, z, fx, fy, fz, background, values)
                 way, ratio, rate, leap = particle.gather(
                     i, thread, sums, fx, fy, fz, background, liquid, timestep, cluster_share, inverse_spread, embedding,
-                    carrier_first, carrier_position, carrier_moment, build_position, velocity, matrix, volume_ratio,
-                    deformation, position,
+                    carrier_first, carrier_position, carrier_moment, build_position, position, volume_ratio,
+                    deformation, speed, matrix, moved,
                 )  # fmt: skip
                 far, least, most, fast = max(far, way), max(least, -ratio), max(most, ratio), max(fast, rate)
                 jump = max(jump, leap)
             cuda.syncthreads()
-            # Rows of nine numbers, written by all threads together: neighbours in memory by neighbours in the block.
-            row, c = thread // 9, thread % 9
-            if row < ABREAST:
-                for k in range(row, min(cuda.blockDim.x, end - begin), ABREAST):
-                    affine[bins.point[begin + k], c] = matrix[k, c]
+            # Rows of numbers, written by all threads together: neighbours in memory by neighbours in the block.
+            count = min(cuda.blockDim.x, end - begin)
+            put_rows(bins, begin, count, 9, matrix, affine)
+            put_rows(bins, begin, count, 3, speed, velocity)
+            put_rows(bins, begin, count, 3, moved, position)
             cuda.syncthreads()
             begin += cuda.blockDim.x
         best[0, thread], best[1, thread], best[2, thread] = far, least, most

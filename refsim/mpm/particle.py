@@ -345,9 +345,9 @@ def deform(i, a, liquid, step, layers, deformation):
 @formula
 def gather(
     i, row, sums, fx, fy, fz, background, liquid, timestep, cluster_share, inverse_spread, embedding, carrier_first,
-    carrier_position, carrier_moment, build_position, velocity, affine, volume_ratio, deformation, position,
+    carrier_position, carrier_moment, build_position, position, volume_ratio, deformation, velocity, affine, moved,
 ):  # fmt: skip
-    """(4.12), (4.13) or the cluster's, (4.16), (4.8) of particle i, whose A goes to `row` of `affine`.
+    """(4.12), (4.13) or the cluster's, (4.16), (4.8) of particle i; v, A, x go to `row` of velocity, affine, moved.
 
     Returns (squared way since the list was built [m^2], J, |tr A| [1/s], squared way of the step [m^2]).
     """
@@ -372,12 +372,12 @@ def gather(
         volume_ratio[i] *= dilation(a[0] + a[4] + a[8], liquid, step)
     squared, jump = real(0), real(0)
     for c in range(3):
-        velocity[i, c] = v[c]
+        velocity[row, c] = v[c]
         way = step * v[c]
-        position[i, c] += way
+        moved[row, c] = position[i, c] + way
         jump += way * way
         if build_position is not None:
-            way = position[i, c] - build_position[i, c]
+            way = moved[row, c] - build_position[i, c]
         squared += way * way
     # A maximum over the particles would pass over what is no number.
     if not (squared >= real(0) and abs(volume_ratio[i]) < real(math.inf)):
