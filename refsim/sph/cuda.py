@@ -153,8 +153,10 @@ def reduce_extremes(velocity, acceleration, temperature, extremes):
     largest_force = largest_of_block(forces, force)
     count = cuda.syncthreads_count(1 if broken else 0)
     if cuda.threadIdx.x == 0:
-        cuda.atomic.max(extremes, 0, largest_speed)
-        cuda.atomic.max(extremes, 1, largest_force)
+        if largest_speed > extremes[0]:  # it only grows: what was read too early costs an atomic and no more
+            cuda.atomic.max(extremes, 0, largest_speed)
+        if largest_force > extremes[1]:
+            cuda.atomic.max(extremes, 1, largest_force)
         if count > 0:
             cuda.atomic.add(extremes, 2, real(count))
 
