@@ -52,16 +52,16 @@ def edges_and_facets(backend: Backend, blocks: Blocks, node_state: Any, dim: int
     merged      the classical table of 15 cases, which leaves holes
     """
     count = nodes(blocks)
-    table = on_backend(case_table(dim, merged), backend)
+    table, bits_set = _tables(backend, dim, merged)
     crossings, cell_case = backend.empty(count, np.uint8), backend.empty(count, np.uint8)
     REGISTRY["isosurface.classify"].program(backend.name)(blocks, node_state, crossings, cell_case)
     if backend.name == "cuda":
         from refsim import device
 
-        edge_first = device.running_sum(device.looked_up(crossings, backend.asarray(BITS_SET)))
+        edge_first = device.running_sum(device.looked_up(crossings, bits_set))
         facet_first = device.running_sum(device.looked_up(cell_case, table.count))
     else:
-        edge_first, facet_first = running_sum(BITS_SET[crossings]), running_sum(table.count[cell_case])
+        edge_first, facet_first = running_sum(bits_set[crossings]), running_sum(table.count[cell_case])
     vertices, facets = (int(backend.host(first[count:])[0]) for first in (edge_first, facet_first))
     vertex_edge, facet = backend.empty(vertices, np.int32), backend.empty((facets, dim), np.int32)
     REGISTRY["isosurface.facets"].program(backend.name)(
@@ -83,6 +83,17 @@ def running_sum(values: np.ndarray) -> np.ndarray:
 def on_backend(table: CaseTable, backend: Backend) -> CaseTable:
     """The table with its arrays on the backend."""
     return CaseTable(*(backend.asarray(part) for part in table[:3]), table.merged)
+
+
+_TABLES: dict[tuple[str, int, bool], tuple[CaseTable, Any]] = {}
+
+
+def _tables(backend: Backend, dim: int, merged: bool) -> tuple[CaseTable, Any]:
+    """(table of cases, number of bits set in 0 to 7) on the backend, brought there once."""
+    key = backend.name, dim, merged
+    if key not in _TABLES:
+        _TABLES[key] = on_backend(case_table(dim, merged), backend), backend.asarray(BITS_SET)
+    return _TABLES[key]
 
 
 def extract(
