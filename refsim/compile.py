@@ -245,7 +245,7 @@ class CudaKernel:
 
 
 _SCALARS = {
-    int: ctypes.c_int64, float: ctypes.c_double, np.uint8: ctypes.c_uint8, np.int32: ctypes.c_int32,
+    bool: bool, int: ctypes.c_int64, float: ctypes.c_double, np.uint8: ctypes.c_uint8, np.int32: ctypes.c_int32,
     np.int64: ctypes.c_int64, np.float32: ctypes.c_float, np.float64: ctypes.c_double,
 }  # fmt: skip
 
@@ -288,11 +288,11 @@ class Launch:
 
     def __call__(self, blocks: int, threads: int, arguments: tuple) -> None:
         values: list[Any] = []
-        _unfold(arguments, values)
+        unfold(arguments, values)
         self.launch(self.stream, self.config(grid=(blocks, 1, 1), block=(threads, 1, 1)), self.kernel, *values)
 
 
-def _unfold(arguments: tuple, values: list[Any]) -> None:
+def unfold(arguments: tuple, values: list[Any]) -> None:
     """Append the numbers that a kernel takes for its arguments; seven and more for an array."""
     for value in arguments:
         sort = type(value)
@@ -301,7 +301,7 @@ def _unfold(arguments: tuple, values: list[Any]) -> None:
         elif sort in _SCALARS:
             values.append(_SCALARS[sort](value))
         elif isinstance(value, tuple):
-            _unfold(value, values)
+            unfold(value, values)
         else:
             place = value.device_ctypes_pointer.value or 0
             values.extend((0, 0, value.size, value.dtype.itemsize, place, *value.shape, *value.strides))

@@ -231,6 +231,27 @@ def slots(kind):
     return sum(map(slots, kind)) if isinstance(kind, types.BaseTuple) else 1
 
 
+def as_if_on_device(value):
+    """The value with stand-ins for device arrays in it."""
+    if isinstance(value, np.ndarray):
+        names = {name: getattr(value, name) for name in ("dtype", "ndim", "size", "shape", "strides")}
+        place = python_types.SimpleNamespace(value=value.ctypes.data)
+        return python_types.SimpleNamespace(
+            copy_to_host=None, is_c_contiguous=lambda: True, device_ctypes_pointer=place, **names
+        )
+    return type(value)(*map(as_if_on_device, value)) if isinstance(value, tuple) else value
+
+
+def assert_launches(kernel, values, slots):
+    """The short way to launch knows the arguments and hands over as many numbers."""
+    from refsim.compile import kinds_of, unfold
+
+    there, numbers = tuple(map(as_if_on_device, values)), []
+    assert kinds_of(there) is not None, kernel.__name__
+    unfold(there, numbers)
+    assert len(numbers) == slots, kernel.__name__
+
+
 def assert_compiles(cuda, kernel, values, dtype):
     """Compile for the values' types; look at the PTX for parameters and for float64."""
     import numba
@@ -241,6 +262,7 @@ def assert_compiles(cuda, kernel, values, dtype):
     ptx, _ = cuda.compile_ptx(kernel.function, kinds, cc=CAPABILITY, fastmath=kernel.fastmath)
     entry = ptx[ptx.index(".entry") :]
     assert entry[: entry.index(")")].count(".param") == sum(map(slots, kinds)), "the launch passes other parameters"
+    assert_launches(kernel, values, sum(map(slots, kinds)))
     if dtype == "float32" and kernel.__name__ not in IN_DOUBLE:
         lines = [line.strip()[:100] for line in ptx.splitlines() if ".param" not in line]  # handed in is not computed
         double = [line for line in lines if re.search(r"\.f64\b", line)]
