@@ -239,7 +239,10 @@ def as_if_on_device(value):
         return python_types.SimpleNamespace(
             copy_to_host=None, is_c_contiguous=lambda: True, device_ctypes_pointer=place, **names
         )
-    return type(value)(*map(as_if_on_device, value)) if isinstance(value, tuple) else value
+    if isinstance(value, tuple):
+        parts = map(as_if_on_device, value)
+        return value._make(parts) if hasattr(value, "_make") else tuple(parts)
+    return value
 
 
 def assert_launches(kernel, values, slots):

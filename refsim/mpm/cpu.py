@@ -275,7 +275,7 @@ def scatter_particles_of(
         i = bins.point[k]
         fx, fy, fz, x, y, z = particle.place(i, position, cell, origin, background)
         own, qx, qy, qz, g, moment = particle.particle_field(
-            i, i, fx, fy, fz, velocity, mass, affine, volume_ratio, acceleration, liquid, background, timestep,
+            i, fx, fy, fz, velocity, mass, affine, volume_ratio, acceleration, liquid, background, timestep,
             cluster_share, inverse_spread, embedding, kernel_gradient,
         )  # fmt: skip
         wx, wy, wz = spline_weights(fx), spline_weights(fy), particle.layer_weights(fz, background)

@@ -319,25 +319,18 @@ def scatter_particles(
     first, last = bins.first[64 * b + own_cell], bins.first[64 * b + own_cell + 1]
     shared = cuda.shared.array((3, SUMS), scratch.dtype)
     records = cuda.shared.array((RECORD, PADDED), scratch.dtype)
-    matrix = cuda.shared.array((CHUNK, 9), scratch.dtype)
     total = cuda.local.array(36, scratch.dtype)
     for n in range(36):
         total[n] = type(background.cell_size)(0)
     origin = node_coordinates(blocks, b * 64)
     while start < end:
         stop = min(start + CHUNK, end)
-        # Rows of nine numbers, read by all threads together: neighbours in memory by neighbours in the block.
-        line, c = thread // 9, thread % 9
-        if line < ROWS // 9:
-            for k in range(line, stop - start, ROWS // 9):
-                matrix[k, c] = affine[bins.point[start + k], c]
-        cuda.syncthreads()
         for at in range(start + thread, stop, ROWS):
             i = bins.point[at]
             fx, fy, fz, _, _, _ = particle.place(i, position, cell, origin, background)
             own, qx, qy, qz, g, moment = particle.particle_field(
-                i, at - start, fx, fy, fz, velocity, mass, matrix, volume_ratio, acceleration, liquid, background,
-                timestep, cluster_share, inverse_spread, embedding, kernel_gradient,
+                i, fx, fy, fz, velocity, mass, affine, volume_ratio, acceleration, liquid, background, timestep,
+                cluster_share, inverse_spread, embedding, kernel_gradient,
             )  # fmt: skip
             keep_field(records, at - start, fx, fy, fz, own, qx, qy, qz, g, moment)
         cuda.syncthreads()

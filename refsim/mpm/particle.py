@@ -134,13 +134,10 @@ def viscosity(i, affine, volume_ratio, inverse_spread, viscous_stress, timestep)
 
 @formula
 def particle_field(
-    i, row, fx, fy, fz, velocity, mass, affine, volume_ratio, acceleration, liquid, background, timestep,
+    i, fx, fy, fz, velocity, mass, affine, volume_ratio, acceleration, liquid, background, timestep,
     cluster_share, inverse_spread, embedding, kernel_gradient,
 ):  # fmt: skip
-    """(mass, q, g, K) of particle i itself, whose A stands in `row` of `affine`.
-
-    (4.10), (4.15), and (4.17) as MLS force, or K of its own for M6.
-    """
+    """(mass, q, g, K) of particle i itself: (4.10), (4.15), and (4.17) as MLS force, or K of its own for M6."""
     h = background.cell_size
     real = type(h)
     step = timestep[1]
@@ -160,7 +157,7 @@ def particle_field(
     pressed = moment * background.inverse_moment * h
     if kernel_gradient is not None:
         pressed = real(0)
-    g = gradient(row, affine, own * h, pressed, inverse)
+    g = gradient(i, affine, own * h, pressed, inverse)
     qx, qy, qz = affine_momentum(own, vx, vy, vz, g, fx, fy, fz)
     return own, qx, qy, qz, g, moment
 
