@@ -191,7 +191,7 @@ class CudaKernel:
 
     A thread takes a row (with `lanes` so many threads: a number, or as many as share a column of the list of that name,
     True for `neighbours`), or, with `block_for_each_row`, a block, of `threads` threads where the kernel counts on
-    their number; with `rows_in_block` there are as many fewer blocks.
+    their number.
     """
 
     def __init__(
@@ -202,7 +202,6 @@ class CudaKernel:
         lanes: bool | str | int = False,
         block_for_each_row: bool = False,
         threads: int | None = None,
-        rows_in_block: int = 1,
     ) -> None:
         from refsim.backend import simulated
 
@@ -213,7 +212,6 @@ class CudaKernel:
         self.lanes = 1 if isinstance(lanes, str) else lanes
         self.list_at = names.index(lanes) if isinstance(lanes, str) else None
         self.rows_at = names.index(rows_of) if rows_of else len(names) - 1
-        self.rows_in_block = rows_in_block
         self.threads = threads or (SIMULATED_THREADS if simulated() else THREADS_PER_BLOCK)
         self.__name__ = function.__name__
         self.__doc__ = function.__doc__
@@ -232,8 +230,7 @@ class CudaKernel:
         if self.list_at is not None:
             rows *= len(arguments[self.list_at].lanes)
         if rows:
-            taken = self.rows_in_block if self.block_for_each_row else self.threads
-            blocks = (rows + taken - 1) // taken
+            blocks = rows if self.block_for_each_row else (rows + self.threads - 1) // self.threads
             kinds = None if self.launches is None else kinds_of(arguments)
             if kinds is None:
                 self.dispatcher[blocks, self.threads, stream()](*arguments)
@@ -326,7 +323,6 @@ def cuda_kernel(
     lanes: bool | str | int = False,
     block_for_each_row: bool = False,
     threads: int | None = None,
-    rows_in_block: int = 1,
 ) -> Any:
     """Compile a kernel for CUDA (or for the CUDA simulator, if NUMBA_ENABLE_CUDASIM is set).
 
@@ -335,9 +331,9 @@ def cuda_kernel(
     if function is None:
         return functools.partial(
             cuda_kernel, fastmath=fastmath, rows_of=rows_of, lanes=lanes, block_for_each_row=block_for_each_row,
-            threads=threads, rows_in_block=rows_in_block,
+            threads=threads,
         )  # fmt: skip
-    return CudaKernel(function, fastmath, rows_of, lanes, block_for_each_row, threads, rows_in_block)
+    return CudaKernel(function, fastmath, rows_of, lanes, block_for_each_row, threads)
 
 
 @functools.cache

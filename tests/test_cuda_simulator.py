@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from refsim import (
+    Akinci2013,
     Ball,
     Box,
     BoxWalls,
@@ -343,6 +344,29 @@ def test_sums_over_boxes_agree_with_the_reference(monkeypatch, name):
     monkeypatch.setattr("refsim.shape_matching.fast_summation.cuda.NARROW", 0)
     outcome = contract.run(f"fast_summation.{name}", "cuda", "float32", "cloud_3d", 0)
     assert outcome.passed, str(outcome)
+
+
+@pytest.mark.parametrize(
+    ("tension", "last"),
+    [
+        (JiangZhu2023(surface_tension=0.5, area_ratio=0.0), "jiang_zhu_2023.momentum"),
+        (JiangZhu2023(surface_tension=0.5, pair_mode="soft"), "jiang_zhu_2023.tension"),  # its pairs have weights
+        (Akinci2013(surface_tension=0.5), "akinci_2013.momentum"),
+    ],
+)
+def test_pair_forces_and_pressure_share_a_loop_where_one_exists(tension, last):
+    liquid = WeaklyCompressible(sound_speed=20.0, dynamic_viscosity=1.0)
+    scene = Scene(
+        dtype="float64", spacing=0.25, support_radius=0.5, fluid=(Box(cells=(2, 2, 2)),), effects=(liquid, tension)
+    )
+    joined, apart = Simulation(scene, "cuda"), Simulation(scene, "numpy")
+    launched = [name for name, _, _ in joined.force_calls]
+    assert launched[-1] == last
+    assert ("sph.momentum" in launched) == (not last.endswith("momentum"))
+    joined.step()
+    apart.step()
+    there = apart.field("velocity")
+    assert np.abs(joined.field("velocity") - there).max() < 1e-12 * np.abs(there).max()
 
 
 def dam_break(dtype):

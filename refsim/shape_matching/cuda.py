@@ -7,7 +7,6 @@ from refsim.shape_matching import WIDEST, particle
 from refsim.shape_matching.phases import NOBODY
 
 MOST_SLOTS = (2 * WIDEST + 1) ** 3
-ROWS = 4  # regions that a block looks at, most of which have lost no node
 
 
 @cuda_kernel
@@ -18,51 +17,39 @@ def direct_neighbours(phase, place, lattice, direct):
         particle.direct_neighbours(s, phase, place, lattice, direct)
 
 
-@cuda_kernel(block_for_each_row=True, rows_in_block=ROWS)
+@cuda_kernel(block_for_each_row=True)
 def regions(direct, rebuild, lattice, region, region_count):
-    """Regions by filling level by level; all of them, or those marked in `rebuild`. A block shares a region.
-
-    A block takes one row out of as many as there are blocks: nodes that melt, and the regions that held them, stand
-    close together.
-    """
-    slots, own, step = region.shape[1], cuda.threadIdx.x, cuda.blockDim.x
+    """Regions by filling level by level; all of them, or those marked in `rebuild`. A block shares a region."""
+    s = cuda.blockIdx.x
     entries = cuda.shared.array(MOST_SLOTS, np.int32)
-    marked = cuda.shared.array(ROWS, np.int32)
-    side = 1
-    while side * side * side < slots:
-        side += 2
-    for k in range(own, ROWS, step):
-        s = cuda.blockIdx.x + k * cuda.gridDim.x
-        marked[k] = 0
-        if s < region.shape[0]:
-            marked[k] = 1
-            if rebuild is not None:
-                marked[k] = rebuild[s]
-    cuda.syncthreads()
-    for k in range(ROWS):
-        if marked[k]:
-            s = cuda.blockIdx.x + k * cuda.gridDim.x
+    wanted = True
+    if rebuild is not None:
+        wanted = rebuild[s] != 0
+    if wanted:
+        slots, own, step = region.shape[1], cuda.threadIdx.x, cuda.blockDim.x
+        side = 1
+        while side * side * side < slots:
+            side += 2
+        for slot in range(own, slots, step):
+            entries[slot] = particle.next_to(s, slot, direct, side)
+        if own == 0:
+            region_count[s] = 0
+        cuda.syncthreads()
+        for level in range(2, side // 2 + 1):
             for slot in range(own, slots, step):
-                entries[slot] = particle.next_to(s, slot, direct, side)
-            if own == 0:
-                region_count[s] = 0
+                if entries[slot] == NOBODY:
+                    other = particle.reached(slot, level, direct, entries, side)
+                    if other != NOBODY:
+                        entries[slot] = other | (level << particle.LEVEL)
             cuda.syncthreads()
-            for level in range(2, side // 2 + 1):
-                for slot in range(own, slots, step):
-                    if entries[slot] == NOBODY:
-                        other = particle.reached(slot, level, direct, entries, side)
-                        if other != NOBODY:
-                            entries[slot] = other | (level << particle.LEVEL)
-                cuda.syncthreads()
-            count = 0
-            for slot in range(own, slots, step):
-                entry = entries[slot]
-                if entry != NOBODY:
-                    entry &= particle.NUMBER
-                    count += 1
-                region[s, slot] = entry
-            cuda.atomic.add(region_count, s, count)
-            cuda.syncthreads()
+        count = 0
+        for slot in range(own, slots, step):
+            entry = entries[slot]
+            if entry != NOBODY:
+                entry &= particle.NUMBER
+                count += 1
+            region[s, slot] = entry
+        cuda.atomic.add(region_count, s, count)
 
 
 @cuda_kernel
