@@ -294,7 +294,7 @@ def run_task(arguments: list[str]) -> list[Row]:
     grid = runs[0].plan.grid
     shaking = float(np.abs(oracle.field("velocity")).max()) / grid.spacing  # [1/s]
     for field, kind in runs[0].plan.fields.items():
-        if field == "place":  # hangs on when the list was built and sorted the particles
+        if field in ("place", "cell"):  # hang on when the list was built, or the grid's blocks were laid
             continue
         true, own = oracle.field(field), runs[0].field(field)
         if kind.numpy_dtype(dtype).kind in "iub":
