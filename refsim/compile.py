@@ -7,8 +7,10 @@ because Numba's own cache looks at one file only and would return old numbers af
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
 import functools
+import gc
 import hashlib
 import inspect
 import os
@@ -26,6 +28,11 @@ from llvmlite import binding
 from numba import njit
 from numba import prange as prange
 from numba.extending import register_jitable
+
+try:
+    import fcntl
+except ImportError:  # not on Windows
+    fcntl = None
 
 THREADS_PER_BLOCK = 128
 SIMULATED_THREADS = 8  # each is a Python thread
@@ -120,7 +127,26 @@ def _cached(dispatcher: Any, function: Callable, apart: bool = False) -> Any:
         numba.config.CACHE_DIR = before
     if apart and hasattr(os, "fork"):
         _compile_apart(dispatcher, pathlib.Path(folder))
+    if fcntl is not None:
+        _compile_in_turn(dispatcher, pathlib.Path(folder, f"{function.__qualname__}.lock"))
     return dispatcher
+
+
+def _compile_in_turn(dispatcher: Any, lock: pathlib.Path) -> None:
+    """Let one process after the other compile a kernel, or load it.
+
+    Numba names what it saves by what stands in the cache already: two processes that save one kernel for two types at
+    once take the same name, and one of them then loads what the other compiled.
+    """
+    compile_here = dispatcher.compile
+
+    def compile_in_turn(signature: Any) -> Any:
+        with contextlib.ExitStack() as held:
+            with contextlib.suppress(OSError):  # a cache that vanished meanwhile is nobody else's either
+                fcntl.flock(held.enter_context(lock.open("w")), fcntl.LOCK_EX)
+            return compile_here(signature)
+
+    dispatcher.compile = compile_in_turn
 
 
 def _compile_apart(dispatcher: Any, folder: pathlib.Path) -> None:
@@ -142,6 +168,7 @@ def _compile_apart(dispatcher: Any, folder: pathlib.Path) -> None:
                 child = os.fork()
             if child == 0:
                 try:
+                    gc.disable()  # arrays of a GPU can be freed by the parent only
                     compile_here(signature)
                     mark.touch()
                 finally:

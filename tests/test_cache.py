@@ -40,13 +40,22 @@ def kernel(values):
     "other.py": "UNRELATED = 1\n",
 }
 PROGRAM = """
-import os, pathlib
+import os, pathlib, time
 import numpy as np
+from numba.core.caching import IndexDataCacheFile
 from tiny.cpu import kernel
+def after(seconds, save):
+    def late(*arguments):
+        time.sleep(float(seconds))
+        save(*arguments)
+    return late
+late = os.environ["LATE"].split()  # between reading and writing the cache's index, and before the code follows
+IndexDataCacheFile._save_index = after(late[0], IndexDataCacheFile._save_index)
+IndexDataCacheFile._save_data = after(late[1], IndexDataCacheFile._save_data)
 def compiled():
     return len(list(pathlib.Path(os.environ["REFSIM_CACHE_DIR"]).glob("*/*.compiled")))
 before = compiled()
-values = np.ones(3, np.float32)
+values = np.ones(3, os.environ["KIND"])
 kernel(values)
 print(values[0], compiled() - before, sum(kernel.stats.cache_hits.values()))
 """
@@ -88,14 +97,24 @@ def tiny(tmp_path):
     return package
 
 
-def run(package):
-    """(result, kernels compiled, cache hits) of the kernel in a process of its own."""
-    environment = dict(os.environ, REFSIM_CACHE_DIR=str(package.parent / "cache"))
+def started(package, kind="float32", late="0 0"):
+    """A process of its own that runs the kernel on numbers of a kind, and is late by some seconds in saving it."""
+    environment = dict(os.environ, REFSIM_CACHE_DIR=str(package.parent / "cache"), KIND=kind, LATE=late)
     here = [str(package.parent), str(pathlib.Path(__file__).parents[1]), environment.get("PYTHONPATH", "")]
     environment["PYTHONPATH"] = os.pathsep.join(here)
-    done = subprocess.run([sys.executable, "-c", PROGRAM], capture_output=True, text=True, env=environment, check=True)
-    value, compiled, hits = done.stdout.split()
+    return subprocess.Popen([sys.executable, "-c", PROGRAM], stdout=subprocess.PIPE, text=True, env=environment)
+
+
+def ended(process):
+    """(result, kernels compiled, cache hits) of the kernel in a process."""
+    words, _ = process.communicate()
+    assert process.returncode == 0
+    value, compiled, hits = words.split()
     return float(value), int(compiled), int(hits)
+
+
+def run(package):
+    return ended(started(package))
 
 
 def edit(package, name, old, new):
@@ -113,6 +132,12 @@ def test_edits_behind_a_kernel_are_seen_and_others_cost_nothing(tiny):
     assert run(tiny) == (-2, 1, 1)
     edit(tiny, "numbers.py", "2.0", "3.0")  # a constant in a third
     assert run(tiny) == (-4, 1, 1)
+
+
+def test_processes_that_compile_one_kernel_at_once_do_not_disturb_each_other(tiny):
+    at_once = [started(tiny, "float32", late="1.2 0"), started(tiny, "float64", late="0.6 1.8")]
+    assert [ended(p)[0] for p in at_once] == [4, 4]
+    assert [ended(started(tiny, kind)) for kind in ("float32", "float64")] == [(4, 0, 1), (4, 0, 1)]
 
 
 def test_sources_behind_a_kernel(tiny):
