@@ -247,7 +247,8 @@ def _sources(axes: Any, data: Mapping[str, Any]) -> None:
     """How much the observable still changes with each of the five sources."""
     rows = data["sources"]
     sizes = [s["size"] for s in rows if s["size"]]
-    low = min(sizes, default=1e-3) / 5.0
+    high = max(sizes, default=1.0) * 8.0
+    low = min(min(sizes, default=1e-3) / 5.0, high / 1e3)  # so that an axis has decades to name
     for place, s in enumerate(rows):
         if s["size"]:
             axes.barh(place, s["size"] - low, left=low, height=0.5, color=SKY if s["source"] != "reference" else ORANGE)
@@ -257,7 +258,7 @@ def _sources(axes: Any, data: Mapping[str, Any]) -> None:
         text = "\n".join(textwrap.wrap(s["words"], 66)[:3])
         axes.text(low, place + 0.27, text, va="top", fontsize=6.3, color=GREY, linespacing=1.0)
     axes.set_xscale("log")
-    axes.set_xlim(low, max(sizes, default=1.0) * 8.0)
+    axes.set_xlim(low, high)
     if not sizes:
         axes.xaxis.set_visible(False)
     axes.set_ylim(len(rows) - 0.25, -0.5)
