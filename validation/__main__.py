@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from refsim.errors import RefsimError
+from refsim.errors import InputError, RefsimError
 from validation.harness import Options, as_json, chosen_cases, discover, exit_code, perform, report
 
 
@@ -19,6 +20,9 @@ def parser() -> argparse.ArgumentParser:
     made.add_argument("--results", type=Path, default=Path("results"), help="where results are kept and reused")
     made.add_argument("--figures", type=Path, help="where pictures go; figures, with --quick figures/quick")
     made.add_argument("--only", nargs="+", default=[], metavar="RUN", help="runs whose names start like one of these")
+    made.add_argument(
+        "--jobs", type=int, default=1, metavar="N", help="processes of one thread each for all runs that are not timed"
+    )
     made.add_argument("--list", action="store_true", help="list the cases")
     return made
 
@@ -62,8 +66,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
             for case in cases.values():
                 print(f"{case.name:12}  {case.title}")
             return 0
-        options = options_of(given)
-        outcomes = perform(chosen_cases(given.case, cases), options)
+        options, chosen = options_of(given), chosen_cases(given.case, cases)
+        if given.jobs < 1:
+            raise InputError(f"--jobs = {given.jobs} is not possible; give 1 or more processes.")
+        if given.jobs > 1:
+            from validation.processes import compute_ahead
+
+            compute_ahead(chosen, options, given.jobs)
+            options = dataclasses.replace(options, fresh=False)
+        outcomes = perform(chosen, options)
     except RefsimError as error:
         print(error, file=sys.stderr)
         return error.exit_code

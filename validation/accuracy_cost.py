@@ -92,6 +92,7 @@ class Panel:
     band          the reference's own spread, from the points
     effects       (what is switched on, key without, key with)
     group         knob whose values the headline compares, "program" say
+    lines         (words, keys): settings that differ in one knob, in its order, joined by a line in the picture
     judge         measurements with verdicts, from the report
     omissions     what the panel leaves out on purpose, with the reason
     quick         whether its small size is part of `reproduce.py --quick`
@@ -114,6 +115,7 @@ class Panel:
     band: Callable[[Points], Band | None] = lambda points: None
     effects: Sequence[tuple[str, str, str]] = ()
     group: str = "backend"
+    lines: Sequence[tuple[str, Sequence[str]]] = ()
     judge: Callable[[Mapping[str, Any]], Sequence[Measurement]] = lambda report: ()
     omissions: Callable[[Options], Sequence[str]] = lambda options: ()
     quick: bool = False
@@ -200,6 +202,7 @@ def make_report(panel: Panel, results: Results, options: Options) -> dict[str, A
         "where": places(results),
         "band": None if band is None else asdict(band),
         "front": front,
+        "lines": [{"words": words, "keys": [k for k in keys if k in alive]} for words, keys in panel.lines],
         "sources": sources(panel, points, band),
         "headline": headline(panel, shown),
         "effects": effects(panel, points),

@@ -75,6 +75,14 @@ def _front(axes: Any, data: Mapping[str, Any], points: Mapping[str, Any], colour
             color=colour, mec=BLACK if p["unstable"] else "white",
             mew=1.3 if p["unstable"] else 0.6,
         )  # fmt: skip
+    for line in data.get("lines", ()):
+        keys = line["keys"]
+        if len(keys) > 1:
+            colour = colours[_group(data, alive[keys[0]])]
+            axes.plot([alive[k]["error"] for k in keys], [alive[k]["seconds"] for k in keys], "-", color=colour, lw=1.1,
+                      alpha=0.5, zorder=1)  # fmt: skip
+            axes.annotate(line["words"], (alive[keys[-1]]["error"], alive[keys[-1]]["seconds"]), (5, 3),
+                          textcoords="offset points", fontsize=7, color=colour, va="bottom")  # fmt: skip
     if len(front) > 1:
         axes.plot([alive[k]["error"] for k in front], [alive[k]["seconds"] for k in front], "-", color=BLACK, lw=0.9)
     for number, key in enumerate(front, 1):
@@ -317,7 +325,10 @@ def _words(left: Any, right: Any, data: Mapping[str, Any], points: Mapping[str, 
     for place in data["where"][:2]:
         load = "" if place["load"] is None else f", load {place['load'][0]:.1f} to {place['load'][1]:.1f}"
         commit = str(place["source"]["commit"])[:10] + ("+" if place["source"]["changed"] else "")
-        beside.append(f"{place['processor']}, {place['threads']} of {place['cores']} threads{load}; source {commit}.")
+        said = f"{place['processor']}, {place['threads']} of {place['cores']} threads"
+        if place["device"]:
+            said = f"GPU: {place['device'].get('name')} ({place.get('date', 'today')}); host {said}"
+        beside.append(f"{said}{load}; source {commit}.")
     beside = list(dict.fromkeys(beside))
     small = [line for part in beside for line in textwrap.wrap(part, 132)]
     right.text(0, 1, "\n".join(text), transform=right.transAxes, va="top", fontsize=9.5, fontweight="bold")

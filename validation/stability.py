@@ -14,15 +14,11 @@ import dataclasses
 import importlib
 import importlib.util
 import math
-import multiprocessing
-import os
 import pkgutil
 import sys
 import textwrap
-import time
 import tomllib
 from collections.abc import Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -37,15 +33,14 @@ from validation.harness import (
     Picture,
     Results,
     Run,
-    about_run,
     as_json,
     chosen_cases,
     exit_code,
     perform,
     report,
 )
-from validation.results import Result, load, real, result_folder, save
-from validation.running import Context
+from validation.processes import compute_ahead
+from validation.results import Result, real
 from validation.tables import Table
 from validation.trials import FAILS, PASS, REFUSED, STOPPED, WARNED, Cell, HardCase, Stability, StabilityMap
 from validation.verdicts import EXPECTED, FAIL, Measurement, number
@@ -299,49 +294,6 @@ def markdown(system: str, stability: Stability, folder: Path = OUTCOMES) -> list
         outcome = on_file.outcome if on_file.outcome == PASS else f"**{on_file.outcome}**: {on_file.why}"
         rows.append(f"| `{case.name}` | {case.hard} | {case.holds} | {outcome} |")
     return rows
-
-
-# Many processes
-
-
-def compute_ahead(cases: Sequence[Case], options: Options, jobs: int) -> None:
-    """Compute what is not stored in `jobs` processes of one thread each; `perform` then finds it stored.
-
-    The longest come first. A run that fails here is computed again by `perform`, which says so.
-    """
-    from tqdm import tqdm
-
-    waiting = []
-    for case in cases:
-        for run in case.runs(options):
-            folder = result_folder(options.results, case.name, run.key, run.function, run.parameters)
-            if not run.skip and (options.fresh or load(folder) is None):
-                waiting.append((case, run, folder))
-    waiting.sort(key=lambda item: -item[1].estimate)
-    if not waiting:
-        return
-    context = multiprocessing.get_context("spawn")  # a forked process would inherit the threads of Numba's pool
-    with ProcessPoolExecutor(min(jobs, len(waiting)), mp_context=context, initializer=_one_thread) as pool:
-        futures = {
-            pool.submit(_compute, case.name, run.key, run.function, dict(run.parameters), folder): run.key
-            for case, run, folder in waiting
-        }
-        for done in tqdm(as_completed(futures), total=len(futures), desc="computing", mininterval=5.0):
-            if done.exception() is not None:
-                print(f"{futures[done]}: {done.exception()}", file=sys.stderr)
-
-
-def _one_thread() -> None:
-    for name in ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
-        os.environ[name] = "1"  # before Numba is loaded
-
-
-def _compute(case: str, key: str, function: Any, parameters: dict[str, Any], folder: Path) -> None:
-    context, began = Context(threads=1), time.perf_counter()
-    result = function(context, **parameters)
-    seconds = time.perf_counter() - began
-    about = about_run(case, Run(key, function, parameters), seconds, context)
-    save(folder, Result(result.values, result.arrays, about))
 
 
 # The command

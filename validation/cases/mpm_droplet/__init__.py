@@ -98,7 +98,7 @@ def bodies(options: Options) -> list[Run]:
         for dim, size, until in ((2, 12.0, 0.15), (3, 6.0, 0.06)):
             key = f"erratum_{dim}d_{printed.replace(', ', '_') or 'none'}"
             add(key, drops.erratum, 6.0, printed=printed, dim=dim, size=size, until=until)
-    add("stages", drops.stages, 10.0, size=20.0)
+    add("stages", drops.stages, 10.0, size=20.0, threads=options.threads)
     add("example", drops.example, 60.0, until=0.25, shown=[0.0, 0.005, 0.01, 0.02, 0.05, 0.25])
     add("small_box", drops.rounding, 4.0, True, shape="box", size=5.0, until=0.02, tension=ENCLOSING, liquid=RESTFUL)
     add("small_rest", drops.at_rest, 1.0, True, dim=2, radius=5.5, until=0.05)

@@ -1,4 +1,5 @@
-"""What accuracy costs in MPM drops: the pressure of a disc at rest over cells, step, quadrature, normals and dtype."""
+"""What accuracy costs in MPM drops: the pressure of a disc at rest over cells, step, quadrature, normals, dtype and
+backend."""
 
 from __future__ import annotations
 
@@ -6,8 +7,8 @@ from collections.abc import Mapping
 from typing import Any
 
 from validation.accuracy_cost import Panel
-from validation.cases.dam_break.accuracy_cost import unavailable
 from validation.cases.mpm_droplet import accuracy_runs
+from validation.gpu_readings import gpu_runs, without_gpu
 from validation.harness import Options, Run
 from validation.verdicts import Bounds, Measurement
 from validation.work_precision import REPEATS
@@ -25,16 +26,21 @@ def settings(options: Options) -> dict[str, dict[str, Any]]:
             **tension: Any) -> None:  # fmt: skip
         knobs = {"spacing": 1.0 / radius, "step": step, "dtype": dtype, "backend": options.backend}
         knobs |= {"quadrature": tension.get("quadrature", "facets"), "normals": tension.get("normals", "mls")}
+        knobs["way"] = f"{knobs['quadrature']}, {options.backend}"
         made[key] = {"words": words, "knobs": knobs, "radius": radius, "tension": tension, "shown": shown}
 
     for radius in RADII[:2] if options.quick else RADII:
         add(f"r{radius:g}", f"R = {radius:g} h", radius)
     base = f"R = {BASE:g} h, "
-    if not options.quick:
+    if options.backend == "cuda":
+        add("poisson", base + "Poisson-disk samples", quadrature="poisson")
+    elif not options.quick:
         add("step1.4", base + "1.4 stable steps", step=1.4)
         add("step0.5", base + "half the step", step=0.5)
         add("float64", base + "float64", dtype="float64")
-        add("poisson", base + "Poisson-disk samples", quadrature="poisson")
+        for radius in RADII[1:]:
+            key = "poisson" if radius == BASE else f"poisson_{radius:g}"
+            add(key, f"R = {radius:g} h, Poisson-disk samples", radius, quadrature="poisson")
         add("gradient", base + "gradient, epsilon h/4, 1 sweep", **BEST)
         add("enclosing", base + "inset by volume", enclose_volume=True)
         add("enclosing_16", "R = 16 h, inset by volume", 16.0, enclose_volume=True)
@@ -44,12 +50,13 @@ def settings(options: Options) -> dict[str, dict[str, Any]]:
 
 
 def runs(options: Options) -> list[Run]:
-    """One run, in which all settings take turns."""
+    """One run, in which all settings take turns; what a GPU gave stands beside."""
     parameters = {
         "settings": settings(options), "backend": options.backend, "threads": options.threads,
         "repeats": 2 if options.quick else REPEATS,
     }  # fmt: skip
-    return [Run("pressures", accuracy_runs.pressures, parameters, estimate=10.0 if options.quick else 240.0)]
+    made = Run("pressures", accuracy_runs.pressures, parameters, estimate=10.0 if options.quick else 240.0)
+    return [made, *gpu_runs("mpm_pressure", options)]
 
 
 def judge(report: Mapping[str, Any]) -> list[Measurement]:
@@ -77,7 +84,12 @@ PANELS = (
         time_theory=1.0,
         arithmetic=(f"r{BASE:g}", "float64"),
         tolerance="sweeps of the fit are no tolerance: more of them fit the bumps of the union of spheres",
-        group="quadrature",
+        group="way",
+        lines=(
+            ("facets, finer h", [f"r{radius:g}" for radius in RADII]),
+            ("Poisson disks, finer h", ["poisson_8", "poisson", "poisson_16"]),
+            ("GPU, finer h", [f"cuda_r{radius:g}" for radius in RADII]),
+        ),
         effects=(
             ("inset by volume", f"r{BASE:g}", "enclosing"),
             ("embedded points", "bare", f"r{BASE:g}"),
@@ -85,7 +97,10 @@ PANELS = (
             ("float64 for float32", f"r{BASE:g}", "float64"),
         ),
         judge=judge,
-        omissions=lambda options: unavailable(options),
+        omissions=lambda options: [
+            *without_gpu("mpm_pressure", options),
+            "backend numpy: the reconstruction of a run is on cpu and cuda alone",
+        ],
         quick=False,
     ),
 )

@@ -305,11 +305,11 @@ def example(context: Context, backend: str, until: float, shown: Sequence[float]
     )  # fmt: skip
 
 
-def stages(context: Context, backend: str, size: float, repeats: int = 7) -> Result:
+def stages(context: Context, backend: str, size: float, threads: int | None, repeats: int = 7) -> Result:
     """Median seconds of each stage of a whole step, reconstruction and transfers, of the box after twenty steps."""
     scale = size / math.prod(SIDES) ** (1 / 3)
     place = box([round(2 * scale * side) / 2 for side in SIDES], seed=3)
-    run = context.simulation(drop_scene(place, 3, dtype="float32"), backend)
+    run = context.simulation(drop_scene(place, 3, dtype="float32"), backend, threads)
     for _ in range(20):
         run.step()
     surface = run._shared["surface"]

@@ -30,6 +30,9 @@ def planned(options: Options) -> list[Run]:
     parameters = {"backend": backend, "threads": options.threads}
     made.append(Run("normals_cost", runs.normals_cost, parameters, estimate=3.0))
     made.append(Run("solvers", runs.solvers, {"threads": options.threads}, estimate=30.0, skip=slow))
+    threads = [n for n in (1, 2, 4, 8, 16) if n <= (options.threads or runs.there_threads())]
+    parameters = {"backend": options.backend, "threads": threads if options.backend == "cpu" else []}
+    made.append(Run("fit_scaling", runs.fit_scaling, parameters, estimate=30.0, skip=slow))
     peer = {"count": 64_000 if options.quick else 524_288, "rounds": 3, "threads": options.threads or 2}
     reason = "" if options.peers else "asked for with --peers"
     made.append(Run("peer_pysplashsurf", runs.against_pysplashsurf, peer, estimate=40.0, skip=reason))
@@ -118,6 +121,20 @@ def tables(results: Results) -> list[Table]:
                 ["solver", "ms", "rms residual / epsilon", "error, degrees", "numbers per node"],
                 rows,
                 "Seconds include setting up: weights for LSPIA, the product B^T B for the others.",
+            )
+        )
+    if "fit_scaling" in results:
+        values = results["fit_scaling"].values
+        first = values["rows"][0]["seconds"]
+        rows = [
+            [r["threads"] or "GPU", 1e3 * r["seconds"], 1e3 * r["spread"], first / r["seconds"]] for r in values["rows"]
+        ]
+        made.append(
+            Table(
+                f"{values['sweeps']} sweeps: {values['points']:,} points, {values['nodes']:,} nodes, float32",
+                ["threads", "ms", "deviation", "gain"],
+                rows,
+                f"It keeps {values['bytes_per_node']:.1f} bytes a node and {values['bytes_per_point']:.0f} a point.",
             )
         )
     if "normals_cost" in results:

@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from typing import Any
 
 from validation.accuracy_cost import Panel
-from validation.cases.dam_break.accuracy_cost import unavailable
 from validation.cases.surface_reconstruction import accuracy_runs
 from validation.cases.surface_reconstruction.runs import WORDS, words_of
+from validation.gpu_readings import gpu_runs, without_gpu
 from validation.harness import Options, Run
 from validation.verdicts import Bounds, Measurement
 from validation.work_precision import REPEATS
@@ -29,6 +29,7 @@ def settings(options: Options) -> dict[str, dict[str, Any]]:
         spacing = 1.0 / more.get("radius", RADII[1])  # a cell, in radii
         knobs = {"normals": WORDS[tension["normals"]], "spacing": spacing, "dtype": dtype, "backend": options.backend}
         knobs |= {name: tension[name] for name in ("offset", "iterations") if name in tension}
+        knobs["way"] = WORDS[tension["normals"]] + (", GPU" if options.backend == "cuda" else "")
         made[key] = {"words": words, "knobs": knobs, "tension": dict(tension), **more}
 
     for kind in ("facets", "offsets"):
@@ -47,11 +48,12 @@ def settings(options: Options) -> dict[str, dict[str, Any]]:
 
 
 def runs(options: Options) -> list[Run]:
-    """One run, in which all settings take turns."""
+    """One run, in which all settings take turns; what a GPU gave stands beside."""
     parameters = {
         "settings": settings(options), "backend": options.backend, "threads": options.threads, "repeats": REPEATS,
     }  # fmt: skip
-    return [Run("normals", accuracy_runs.normals, parameters, estimate=8.0 if options.quick else 90.0)]
+    made = Run("normals", accuracy_runs.normals, parameters, estimate=8.0 if options.quick else 90.0)
+    return [made, *gpu_runs("surface_normals", options)]
 
 
 def judge(report: Mapping[str, Any]) -> list[Measurement]:
@@ -78,14 +80,22 @@ PANELS = (
         time="nothing is stepped",
         arithmetic=("mls_0.5_10_float32", "mls_0.5_10_float64"),
         tolerance="sweeps are no tolerance: more of them fit the bumps of the union of spheres, and the error grows",
-        group="normals",
+        group="way",
+        lines=tuple(
+            (
+                f"{'MLS' if kind == 'mls' else 'gradient'}, epsilon {offset:g} h",
+                [f"{kind}_{offset:g}_{sweeps}_float32" for sweeps in SWEEPS],
+            )
+            for kind in ("mls", "gradient")
+            for offset in OFFSETS
+        ),
         effects=(
             ("gradient for MLS", DEFAULT, "gradient_0.5_10_float32"),
             ("float64 for float32", DEFAULT, "mls_0.5_10_float64"),
         ),
         judge=judge,
         omissions=lambda options: [
-            *unavailable(options),
+            *without_gpu("surface_normals", options),
             "epsilon = 2 h: its second points leave the band of samples, normals flip (see the case's tables)",
         ],
         quick=False,

@@ -9,6 +9,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from refsim.backend import unavailable
 from validation.cases.surface_reconstruction import runs, shapes
 from validation.claims import Measure
 from validation.harness import Options, Results, Run
@@ -69,6 +70,25 @@ def _normals(options: Options) -> list[Run]:
     return [Run("normals_cost", runs.normals_cost, parameters, estimate=3.0)]
 
 
+def _normals_on_gpu(options: Options) -> list[Run]:
+    parameters = {"backend": "cuda", "threads": None}
+    return [Run("normals_on_gpu", runs.normals_cost, parameters, estimate=60.0, skip=unavailable("cuda") or "")]
+
+
+def _fits(options: Options) -> list[Run]:
+    """The fit to a large surface on four threads of a host and on its GPU."""
+    missing = unavailable("cuda") or ""
+    return [
+        Run("fit_on_cpu", runs.fit_scaling, {"backend": "cpu", "threads": [4]}, estimate=30.0, skip=missing),
+        Run("fit_on_gpu", runs.fit_scaling, {"backend": "cuda", "threads": []}, estimate=60.0, skip=missing),
+    ]
+
+
+def _gain(results: Results) -> list[float]:
+    host, gpu = (real(results[name].values["rows"][0]["seconds"]) for name in ("fit_on_cpu", "fit_on_gpu"))
+    return [host / gpu]
+
+
 def _times(above: str, below: str) -> Callable[[Results], list[float]]:
     """Seconds of one solver over those of another; where a name ends in a thread count, "most" stands for all."""
 
@@ -83,7 +103,8 @@ def _times(above: str, below: str) -> Callable[[Results], list[float]]:
 
 def _costs(results: Results) -> list[float]:
     """Nanoseconds of MLS normals over those of the gradient, in the dtype in which they compare worse."""
-    rows = {(row["dtype"], row["kind"]): real(row["nanoseconds"]) for row in results["normals_cost"].values["rows"]}
+    (found,) = results.values()
+    rows = {(row["dtype"], row["kind"]): real(row["nanoseconds"]) for row in found.values["rows"]}
     return [max(rows[dtype, "mls"] / rows[dtype, "gradient"] for dtype in ("float32", "float64"))]
 
 
@@ -91,6 +112,8 @@ FIT_SCALES = Measure(_solvers, _times("lspia_10_1", "lspia_10_most"), quick=Fals
 FIT_BEATS_GRADIENTS = Measure(_solvers, _times("cg_10", "lspia_10_most"), quick=False, timed=True)
 FIT_BEATS_FACTORS = Measure(_solvers, _times("direct", "lspia_10_most"), quick=False, timed=True)
 MLS_IS_CHEAPER = Measure(_normals, _costs, quick=False, timed=True)
+FIT_SCALES_ON_GPU = Measure(_fits, _gain, quick=False, timed=True)
+MLS_IS_CHEAPER_ON_GPU = Measure(_normals_on_gpu, _costs, quick=False, timed=True)
 FIT_CONVERGES = Measure(_clouds, _each(lambda result: real(result.values["beyond_one"])))
 FIT_KEEPS_LITTLE = Measure(_clouds, _each(lambda result: real(result.values["kept_share"])))
 FACETS_ARE_SLIVERS = Measure(_clouds, _each(lambda result: real(result.values["slivers"])))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -411,6 +412,61 @@ def solvers(context: Context, threads: int | None, repeats: int = 5, radius: flo
     return Result(
         {"rows": rows, "samples": len(points) // 2, "active": len(active), "entries": int(matrix.nnz), "threads": most}
     )
+
+
+def fit_scaling(
+    context: Context, backend: str, threads: list[int], count: int = 1_000_000, sweeps: int = 10, repeats: int = 7
+) -> Result:
+    """Seconds of the fit to the surface of a block of `count` particles, float32, on one backend; bytes that it keeps.
+
+    threads  numbers of CPU threads to time; one row without a number on a GPU
+    """
+    there = choose(backend)
+    tension = {**DEFAULT, "iterations": sweeps}
+    made, surface, _ = reconstruct(shapes.lattice_block(count), backend, "float32", inset=None, **tension)
+    place = there.host(surface.sample_place)
+    away = there.host(surface.offset_direction)
+    shift = np.float32(float(made.term.offset) * CELL)
+    points = there.asarray(np.vstack([place, place + shift * away]).astype(np.float32))
+    rows = []
+    try:
+        for used in threads or [0]:
+            set_threads(there, used or None)
+            seconds, spread = medians(lambda: made._fit(surface.blocks, points), there, repeats)
+            rows.append({"threads": used, "seconds": seconds, "spread": spread})
+            context.progress(len(rows) / len(threads or [0]))
+    finally:
+        set_threads(there, None)
+    kept = fit_bytes(made, surface.blocks, points)
+    return Result(
+        {"backend": backend, "rows": rows, "points": len(place) * 2, "nodes": nodes(surface.blocks), "sweeps": sweeps,
+         **kept}
+    )  # fmt: skip
+
+
+def fit_bytes(made: Reconstruction, blocks: Any, points: Any) -> dict[str, float]:
+    """Bytes that the fit allocates for each node of its grid, and for each point that it fits (the list of points by
+    cell comes on top, as wherever points are looked for in cells)."""
+    taken: list[Any] = []
+    empty, places = made._empty, made._places
+
+    def keep(function: Callable[..., Any]) -> Callable[..., Any]:
+        def called(*arguments: Any) -> Any:
+            taken.append(function(*arguments))
+            return taken[-1]
+
+        return called
+
+    made._empty, made._places = keep(empty), keep(places)  # type: ignore[method-assign]
+    try:
+        made._fit(blocks, points)
+    finally:
+        made._empty, made._places = empty, places  # type: ignore[method-assign]
+    size = [math.prod(a.shape) * np.dtype(a.dtype).itemsize for a in taken]
+    of_points = sum(s for s, a in zip(size, taken) if a.shape[0] == points.shape[0])
+    return {
+        "bytes_per_node": (sum(size) - of_points) / nodes(blocks), "bytes_per_point": of_points / points.shape[0],
+    }  # fmt: skip
 
 
 def there_threads() -> int:
