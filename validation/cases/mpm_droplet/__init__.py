@@ -63,7 +63,7 @@ def bodies(options: Options) -> list[Run]:
         "box", drops.rounding, 300.0, shape="box", size=10.0, until=0.55, shown=shown, tension=ENCLOSING, liquid=RESTFUL
     )
     add("box_default", drops.rounding, 100.0, shape="box", size=10.0, until=0.3, shown=[0.3])
-    add("cube", drops.rounding, 100.0, shape="cube", size=10.0, until=0.28, shown=[0.28])
+    add("cube", drops.rounding, 100.0, shape="cube", size=10.0, until=0.28, shown=[0.0, 0.02, 0.04, 0.28])
     for dim, radii in RADII.items():
         for radius in radii:
             for name, tension in (("default", {}), ("enclosing", ENCLOSING)):
@@ -71,10 +71,10 @@ def bodies(options: Options) -> list[Run]:
                     key = f"rest_{dim}d_{radius:g}_{name}_{seed}"
                     until = 0.4 if dim == 2 else 0.12
                     add(key, drops.at_rest, 1e-3 * radius**3 * (20 if dim == 3 else 2), dim=dim, radius=radius,
-                        until=until, seed=seed, tension=tension)  # fmt: skip
+                        until=until, seed=seed, tension=tension, shown=[0.0, until / 4, until / 2, until])  # fmt: skip
     for key, (dim, radius, amplitude) in SWINGS.items():
         add(f"swing_{key}", drops.oscillation, 40.0, dim=dim, radius=radius, amplitude=amplitude,
-            periods=2.0 if dim == 2 else 1.5)  # fmt: skip
+            periods=2.0 if dim == 2 else 1.5, shown=[0.0, 0.25, 0.5, 1.0])  # fmt: skip
     smooth = {"level_set_radius": 1.8, "normals": "gradient", "offset": 0.25, "iterations": 1}
     for key, tension, embedding in (
         ("poisson", {"quadrature": "poisson"}, "cluster"), ("wide", smooth, "cluster"), ("bare", {}, "none"),
@@ -90,8 +90,10 @@ def bodies(options: Options) -> list[Run]:
     add("collision_3d", drops.collision, 60.0, dim=3, radius=5.0, speed=1.0, until=0.2, step=2e-4,
         shown=[0.0, 0.02, 0.05, 0.1, 0.15, 0.2])  # fmt: skip
     for angle in ANGLES:
-        add(f"floor_2d_{angle}", drops.on_floor, 20.0, dim=2, radius=11.0, angle=angle, until=0.8, liquid=DAMPED)
-        add(f"floor_3d_{angle}", drops.on_floor, 60.0, dim=3, radius=6.0, angle=angle, until=0.5, shown=[0.0, 0.5],
+        add(f"floor_2d_{angle}", drops.on_floor, 20.0, dim=2, radius=11.0, angle=angle, until=0.8, liquid=DAMPED,
+            shown=[0.0, 0.1, 0.2, 0.8])  # fmt: skip
+        add(f"floor_3d_{angle}", drops.on_floor, 60.0, dim=3, radius=6.0, angle=angle, until=0.5,
+            shown=[0.0, 0.1, 0.2, 0.5],
             liquid=DAMPED)  # fmt: skip
     add("sheet", drops.sheet, 10.0, length=40.0, thick=1.0, tension=0.1, until=0.07, shown=[0.0, 0.02, 0.04, 0.06])
     for printed in ERRATA:
@@ -389,6 +391,8 @@ CASE = Case(
     pictures=(
         Picture("mpm_square", pictures.square_data, pictures.square_picture, ("square_cluster",)),
         Picture("mpm_readings", pictures.readings_data, pictures.readings_picture, ("transfers",)),
+        Picture("mpm_surfaces", pictures.surfaces_data, pictures.surfaces_picture, tuple(pictures.SURFACES)),
+        Picture("mpm_ledgers", pictures.ledgers_data, pictures.ledgers_picture, tuple(pictures.LEDGERS)),
         Picture("mpm_box", pictures.box_data, pictures.box_picture, ("box", "box_default")),
         Picture("mpm_collision", pictures.collision_data, pictures.collision_picture, ("collision_2d", "collision_3d")),
         Picture("mpm_floor", pictures.floor_data, pictures.floor_picture, tuple(f"floor_3d_{a}" for a in ANGLES)),

@@ -108,6 +108,7 @@ def late(series: Mapping[str, Sequence[float]], share: float = 0.25) -> dict[str
 def at_rest(
     context: Context, backend: str, dim: int, radius: float, until: float, seed: int = 0, modulus: float = MODULUS,
     tension: Mapping[str, Any] | None = None, dtype: str = "float64", step: float | None = None,
+    shown: Sequence[float] = (),
 ) -> Result:  # fmt: skip
     """A disc or a ball cut from a turned lattice, with the J that holds its pressure: the pressure it settles at."""
     place = ellipsoid(radius, dim, seed=seed)
@@ -115,17 +116,22 @@ def at_rest(
         place, dim, tension=dict(tension or {}), liquid={"bulk_modulus": modulus}, balanced=True, dtype=dtype, step=step
     )
     run = context.simulation(scene, backend)
-    ledger, _, stopped = follow(context, run, until, 60)
-    return Result({"stopped": stopped, "dim": dim, "series": ledger.series, **ledger.summary(), "steps": run.steps})
+    ledger, kept, stopped = follow(context, run, until, 60, shown)
+    return Result(
+        {"stopped": stopped, "dim": dim, "shown": list(shown), "series": ledger.series, **ledger.summary(),
+         "steps": run.steps},
+        kept,
+    )  # fmt: skip
 
 
 def oscillation(
     context: Context, backend: str, dim: int, radius: float, amplitude: float, periods: float,
     modulus: float = MODULUS, tension: Mapping[str, Any] | None = None, normalised: bool = True,
-    embedding: str = "cluster",
+    embedding: str = "cluster", shown: Sequence[float] = (),
 ) -> Result:  # fmt: skip
     """An ellipse or a spheroid, longer by `amplitude`, swings; frequency against Rayleigh's, and what shifts it.
 
+    shown       periods after which the surface is kept
     normalised  lambda in proportion to 1/R, so that the liquid's compression by its surface is the same for all radii
     """
     place = ellipsoid(radius, dim, amplitude)
@@ -145,7 +151,8 @@ def oscillation(
             times.append(run.time)
             value.append(measures.deformation(run.field("position"), dim))
 
-    ledger, _, stopped = follow(context, run, until, 60, each=note)
+    instants = [share * 2 * math.pi / first for share in shown]
+    ledger, kept, stopped = follow(context, run, until, 60, instants, note)
     fit = measures.damped_cosine(np.array(times), np.array(value), first)
     series = ledger.series
     area = float(np.mean(series["area"])) / round_area_of_ellipse(amplitude, dim)
@@ -157,8 +164,9 @@ def oscillation(
             "damping_of_period": fit["damping"] * 2 * math.pi / first, "misfit": fit["misfit"],
             "fitted_amplitude": fit["amplitude"], "inertia": inertia, "area_share": area,
             "compressible": measures.compressible(metres, dim, modulus), "series": series, **ledger.summary(),
-            "swing": {"time": times[::4], "value": value[::4]}, "steps": run.steps,
-        }
+            "swing": {"time": times[::4], "value": value[::4]}, "steps": run.steps, "shown": instants,
+        },
+        kept,
     )  # fmt: skip
 
 

@@ -33,13 +33,14 @@ def square_data(results: Results) -> dict[str, Any]:
         "title": "A square of liquid becomes a disc",
         "frames": result.arrays["frames"][:, :, :2].round(5).tolist(),
         "times": result.values["frames"],
+        "surfaces": frames_of(result, len(result.values["frames"])),
         "series": result.values["series"],
         "until": result.values["series"]["time"][-1],
     }
 
 
 def square_picture(data: Mapping[str, Any]) -> Any:
-    """Four frames above, the energy ledger below."""
+    """Particles and reconstructed surface at four times, the energy ledger below."""
     import matplotlib.pyplot as plt
 
     figure, places = plt.subplot_mosaic(
@@ -51,6 +52,7 @@ def square_picture(data: Mapping[str, Any]) -> Any:
     for k, (at, frame) in enumerate(zip(data["times"], data["frames"])):
         axes = places[str(k)]
         axes.scatter([x for x, _ in frame], [y for _, y in frame], s=1.6, color=BLUE, linewidths=0)
+        outline(axes, data["surfaces"][k], VERMILION, 1 / 64)
         axes.set_aspect("equal")
         axes.set_xlim(*low_high[0])
         axes.set_ylim(*low_high[1])
@@ -153,6 +155,132 @@ def chosen(series: Mapping[str, Any], *names: str) -> dict[str, Any]:
 ENERGIES = ("energy", "surface", "kinetic", "bulk")
 
 
+# Runs whose surfaces are shown over time, and those whose ledgers are
+SURFACES = {
+    "square_cluster": "square, 20 h", "swing_2d_16": "ellipse, R = 16 h", "rest_2d_11_default_0": "disc, R = 11 h",
+    "collision_2d": "two discs, R = 8 h", "floor_2d_60": "floor, 60 degrees", "floor_2d_120": "floor, 120 degrees",
+    "cube": "cube, 10 h", "swing_3d_6": "spheroid, R = 6.2 h", "rest_3d_6_default_0": "ball, R = 6 h",
+    "floor_3d_60": "floor, 60 degrees", "floor_3d_90": "floor, 90 degrees", "floor_3d_120": "floor, 120 degrees",
+}  # fmt: skip
+LEDGERS = {
+    "square_cluster": "square to disc", "swing_2d_16": "ellipse", "rest_2d_11_default_0": "disc at rest",
+    "collision_2d": "two discs meet", "floor_2d_90": "half a disc on a floor", "sheet": "sheet", "cube": "cube to ball",
+    "box": "turned box to ball, viscous", "swing_3d_6": "spheroid", "rest_3d_6_default_0": "ball at rest",
+    "collision_3d": "two balls meet", "floor_3d_90": "half a ball on a floor",
+}  # fmt: skip
+
+
+def outline(axes: Any, frame: Mapping[str, Any], colour: str, unit: float = 1.0) -> None:
+    """A reconstructed outline in the plane; vertices in `unit` of the axes."""
+    from matplotlib.collections import LineCollection
+
+    corner = unit * floats(frame["vertices"])[np.array(frame["facets"])][:, :, :2]
+    axes.add_collection(LineCollection(corner, colors=colour, linewidths=1.2, capstyle="round"))
+
+
+def surfaces_data(results: Results) -> dict[str, Any]:
+    """Reconstructed surfaces of each scene at four times."""
+    rows = []
+    for key, words in SURFACES.items():
+        values = results[key].values
+        times = values["frames"] if key == "square_cluster" else values["shown"]
+        rows.append({"words": words, "floor": key.startswith("floor"), "space": "vertices_0" in results[key].arrays
+                     and results[key].arrays["facets_0"].shape[1] == 3, "times": times,
+                     "frames": frames_of(results[key], len(times))})  # fmt: skip
+    return {"title": "Reconstructed surfaces over time", "rows": rows}
+
+
+def surfaces_picture(data: Mapping[str, Any]) -> Any:
+    """Scenes of the plane on the left, of space on the right; time goes from left to right."""
+    import matplotlib.pyplot as plt
+
+    halves = [[row for row in data["rows"] if row["space"] == space] for space in (False, True)]
+    count = max(len(row["frames"]) for row in data["rows"])
+    figure, panels = plt.subplots(
+        max(len(half) for half in halves), 2 * count, figsize=(13.2, 1.75 * max(len(half) for half in halves))
+    )
+    for axes in panels.flat:
+        axes.set_axis_off()
+    for side, half in enumerate(halves):
+        for line, row in zip(panels[:, side * count : (side + 1) * count], half):
+            places = [upright(f["vertices"]) if row["floor"] else floats(f["vertices"]) for f in row["frames"]]
+            extent = 1.08 * max(np.abs(p - middle_of(p)).max() for p in places)
+            for k, (axes, frame, place) in enumerate(zip(line, row["frames"], places)):
+                middle = middle_of(place)
+                if row["space"]:
+                    shaded(axes, frame, extent, turn=row["floor"], middle=middle)
+                else:
+                    outline(axes, frame, BLUE)
+                    middle = middle_of(floats(frame["vertices"]))
+                    axes.set_xlim(middle[0] - extent, middle[0] + extent)
+                    axes.set_ylim(middle[1] - extent, middle[1] + extent)
+                    axes.set_aspect("equal")
+                    if row["floor"]:
+                        axes.axhline(0.0, color=GREY, linewidth=0.8)
+                words = f"{row['times'][k]:.3g} s"
+                axes.set_title(f"{row['words']}: {words}" if k == 0 else words, fontsize=8, fontweight="normal",
+                               loc="center")  # fmt: skip
+    return figure
+
+
+def middle_of(place: np.ndarray) -> np.ndarray:
+    """The middle of the box round all places."""
+    return 0.5 * (place.min(0) + place.max(0))
+
+
+def ledgers_data(results: Results) -> dict[str, Any]:
+    """Energies and drifts of each scene; drifts over m v_max (R) and cells."""
+    rows = []
+    for key, words in LEDGERS.items():
+        values = results[key].values
+        series = dict(values["series"])
+        series["angular"] = np.abs(floats(series["angular"]) - series["angular"][0]).tolist()  # drops that meet turn
+        row: dict[str, Any] = {"words": words, "series": chosen(series, *ENERGIES, "momentum", "angular", "centre")}
+        row["scale"] = {name: scale_of(series[name], values[name]) for name in ("momentum", "angular")}
+        row["kept"] = {name: values[name] for name in ("momentum", "angular", "centre")}
+        rows.append(row)
+    return {"title": "Ledgers of energy and momentum", "rows": rows}
+
+
+def scale_of(series: Any, largest: float) -> float:
+    """What brings a series to the relative value of its largest entry."""
+    most = float(np.nanmax(np.abs(floats(series))))
+    return largest / most if most > 0 else 0.0
+
+
+def ledgers_picture(data: Mapping[str, Any]) -> Any:
+    """For each scene its energies above, its drifts below."""
+    import matplotlib.pyplot as plt
+
+    across = 4
+    down = -(-len(data["rows"]) // across)
+    figure, panels = plt.subplots(2 * down, across, figsize=(13.4, 4.1 * down))
+    for k, row in enumerate(data["rows"]):
+        energy, drift = panels[2 * (k // across), k % across], panels[2 * (k // across) + 1, k % across]
+        series = row["series"]
+        time, start = floats(series["time"]), series["energy"][0]
+        for name, words, colour in LEDGER:
+            change = 100 * (floats(series[name]) - series[name][0]) / start
+            energy.plot(time, change, color=colour, label=words, linewidth=2.0 if name == "energy" else 1.2)
+        energy.axhline(0.0, color=GREY, linewidth=0.6)
+        energy.set_title(row["words"])
+        energy.set_ylabel("change of energy [%]" if k % across == 0 else "")
+        for name, words, colour in (
+            ("momentum", "momentum/m v$_{max}$", BLUE), ("angular", "angular/m v$_{max}$ R", ORANGE),
+            ("centre", "centre/h", GREEN),
+        ):  # fmt: skip
+            values = np.abs(floats(series[name])) * row["scale"].get(name, 1.0)
+            drift.semilogy(time, np.maximum(values, 1e-18), color=colour, label=words, linewidth=1.2)
+        drift.set_ylim(1e-18, 10)
+        drift.set_yticks([1e-16, 1e-12, 1e-8, 1e-4, 1])
+        drift.set_xlabel("time [s]" if k // across == down - 1 else "")
+        for axes in (energy, drift):
+            axes.grid(axis="y")
+    panels[0, 0].legend(ncols=2, fontsize=7.5)
+    panels[1, 0].legend(fontsize=7.5, loc="upper right")
+    return figure
+
+
 def box_data(results: Results) -> dict[str, Any]:
     """Surfaces of the box that becomes a ball, its ledgers, and its shape with and without viscosity."""
     box, other = results["box"], results["box_default"]
@@ -171,15 +299,13 @@ def box_picture(data: Mapping[str, Any]) -> Any:
     import matplotlib.pyplot as plt
 
     count = len(data["frames"])
-    figure = plt.figure(figsize=(10.4, 5.6))
-    grid = figure.add_gridspec(2, 6 * count, height_ratios=(1, 1.35))
+    figure = plt.figure(figsize=(10.4, 5.2))
+    above, below = figure.subfigures(2, 1, height_ratios=(1, 1.9))
     extent = 1.04 * max(np.abs(floats(f["vertices"]) - floats(f["vertices"]).mean(0)).max() for f in data["frames"])
-    for k, (at, frame) in enumerate(zip(data["times"], data["frames"])):
-        axes = figure.add_subplot(grid[0, 6 * k : 6 * k + 6])
+    for axes, at, frame in zip(above.subplots(1, count), data["times"], data["frames"]):
         shaded(axes, frame, extent)
         axes.set_title(f"{at:g} s", loc="center", fontweight="normal")
-    third = 2 * count
-    energy, drift, shape = (figure.add_subplot(grid[1, k * third : (k + 1) * third]) for k in range(3))
+    energy, drift, shape = below.subplots(1, 3)
     ledger_lines(energy, data["series"])
     energy.set_ylabel("energy [J]")
     energy.set_ylim(bottom=0)
@@ -228,19 +354,21 @@ def collision_picture(data: Mapping[str, Any]) -> Any:
 
     count = len(data["frames"])
     figure = plt.figure(figsize=(10.4, 5.0))
-    grid = figure.add_gridspec(2, 2 * count, height_ratios=(1, 1.3))
+    above, below = figure.subfigures(2, 1, height_ratios=(1, 1.6))
     extent = 1.02 * max(np.abs(floats(f["vertices"]) - floats(f["vertices"]).mean(0)).max() for f in data["frames"])
-    for k, (at, frame) in enumerate(zip(data["times"], data["frames"])):
-        axes = figure.add_subplot(grid[0, 2 * k : 2 * k + 2])
+    for axes, at, frame in zip(above.subplots(1, count), data["times"], data["frames"]):
         shaded(axes, frame, extent, turn=True)
         axes.set_title(f"{at:g} s", loc="center", fontweight="normal")
-    for k, (name, words, unit) in enumerate((("space", "In space", "J"), ("plane", "In the plane", "J/m"))):
-        axes = figure.add_subplot(grid[1, k * count : (k + 1) * count])
+    parts = (("space", "In space", "J"), ("plane", "In the plane", "J/m"))
+    for k, (axes, (name, words, unit)) in enumerate(zip(below.subplots(1, 2), parts)):
         ledger_lines(axes, data[name])
         axes.set_ylabel(f"energy [{unit}]")
         axes.set_ylim(bottom=0)
         momentum, angular, centre = (data["kept"][n][k] for n in ("momentum", "angular", "centre"))
-        axes.set_title(f"{words}: drifts {momentum:.0e}, {angular:.0e}, {centre:.0e} h", fontsize=9)
+        axes.set_title(
+            f"{words}: momentum drifts by {momentum:.0e}, angular by {angular:.0e}, the centre by {centre:.0e} h",
+            fontsize=7.5,
+        )
     return figure
 
 
@@ -249,7 +377,8 @@ def floor_data(results: Results) -> dict[str, Any]:
     angles = sorted(int(key.removeprefix("floor_3d_")) for key in results if key.startswith("floor_3d_"))
     made: dict[str, Any] = {"title": "Drops on a slipping floor", "angles": angles, "frames": [], "curves": {}}
     for angle in angles:
-        made["frames"].append(frames_of(results[f"floor_3d_{angle}"], 2)[-1])
+        result = results[f"floor_3d_{angle}"]
+        made["frames"].append(frames_of(result, len(result.values["shown"]))[-1])
         for dim in (2, 3):
             if f"floor_{dim}d_{angle}" in results:
                 v = results[f"floor_{dim}d_{angle}"].values

@@ -71,6 +71,7 @@ def square(context: Context, backend: str, embedding: str, cells: int, until: fl
     centre, radius = run.field("position").mean(0), math.sqrt(mass.sum() / math.pi)
     series: dict[str, list[float]] = {}
     frames, peak, stopped = [run.field("position")], 0.0, ""
+    surfaces: dict[str, np.ndarray] = {}
     total = round(until / 2e-4)
     shown = [*(round(at / 2e-4) for at in FRAMES), total]
     try:
@@ -78,6 +79,10 @@ def square(context: Context, backend: str, embedding: str, cells: int, until: fl
             run.step()
             if run.steps in shown:
                 frames.append(run.field("position"))
+            if run.steps in (1, *shown):  # the first step begins with the surface of the start
+                mesh = run._shared["surface"].latest.inset_mesh
+                surfaces[f"vertices_{len(frames) - 1}"] = run.backend.host(mesh.vertices) / h
+                surfaces[f"facets_{len(frames) - 1}"] = run.backend.host(mesh.facets)
             if run.steps % max(1, total // 100) and run.steps not in (1, total):
                 continue
             row = ledger(run, mass, centre, radius, h)
@@ -95,7 +100,7 @@ def square(context: Context, backend: str, embedding: str, cells: int, until: fl
             "centre": max(series["centre"]), "least_ratio": min(series["least_ratio"]),
             "energy_rise": max(series["energy"]) / series["energy"][0] - 1,
         },
-        {"frames": np.array(frames)},
+        {"frames": np.array(frames), **surfaces},
     )  # fmt: skip
 
 
