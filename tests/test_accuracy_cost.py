@@ -16,6 +16,9 @@ from validation.cases.dam_break import accuracy_cost as dam_panels
 from validation.cases.dam_break import accuracy_runs as dam_runs
 from validation.cases.droplet import accuracy_cost as drop_panels
 from validation.cases.droplet import accuracy_runs as drop_runs
+from validation.cases.mpm_droplet import accuracy_cost as mpm_panels
+from validation.cases.surface_reconstruction import accuracy_cost as surface_panels
+from validation.gpu_readings import gpu_runs, reported, without_gpu
 from validation.harness import EXIT_FAILED, EXIT_STOPPED, Options, Run
 from validation.metrics import shapes
 from validation.metrics.droplet import radius_variation_scale
@@ -453,6 +456,39 @@ def test_settings_of_the_panels_are_all_there():
         for wanted in (made.space, made.time, made.arithmetic, [k for _, *pair in made.effects for k in pair]):
             assert set(wanted) <= keys
         assert len({s["words"] for s in given}) == len(given)
+
+
+def test_lines_and_sources_join_settings_that_are_measured():
+    for (made,), given in (
+        (mpm_panels.PANELS, mpm_panels.settings(Options())),
+        (surface_panels.PANELS, surface_panels.settings(Options())),
+    ):
+        on_gpu = {f"cuda_{key}" for key in sys.modules[made.runs.__module__].settings(Options(backend="cuda"))}
+        for wanted in (made.space, made.time, made.arithmetic, *(keys for _, keys in made.lines)):
+            if not isinstance(wanted, str):
+                assert set(wanted) <= set(given) | on_gpu
+        assert {key for _, *pair in made.effects for key in pair} <= set(given)
+
+
+def test_a_gpus_report_brings_its_points(tmp_path):
+    """A stored result of --backend cuda, copied: its points stand beside, with device and date, under names of their
+    own; on the GPU itself, for the quick size and without a report there is none."""
+    assert gpu_runs("made_up", Options(), tmp_path) == []
+    assert len(without_gpu("made_up", Options(), tmp_path)) == 1
+    found = measured([reading("middle", 0.02, 0.1)], 1, "cpu")
+    where = {**found.values["where"], "backend": "cuda", "device": {"name": "a GPU"}}
+    document = {"about": {"date": "2026-01-02"}, "values": results.finite({**found.values, "where": where})}
+    (tmp_path / "accuracy_cost_made_up.json").write_text(json.dumps(document))
+    assert gpu_runs("made_up", Options(quick=True), tmp_path) == gpu_runs("made_up", Options(backend="cuda"), tmp_path)
+    assert without_gpu("made_up", Options(), tmp_path) == []
+    (run,) = gpu_runs("made_up", Options(), tmp_path)
+    given = {"one": measured(READINGS, 1, "cpu"), run.key: reported(Context(), **run.parameters, folder=tmp_path)}
+    made = accuracy_cost.make_report(panel(lines=(("ours", ("rough", "middle", "missing")),)), given, Options())
+    assert made["points"]["cuda_middle"]["words"] == "setting middle, on a GPU"
+    assert made["points"]["middle"]["seconds"] == pytest.approx(4.0)
+    assert made["front"] == ["cuda_middle", "fine"]
+    assert made["lines"] == [{"words": "ours", "keys": ["rough", "middle"]}]
+    assert [(p["device"], p.get("date")) for p in made["where"]] == [(None, None), ({"name": "a GPU"}, "2026-01-02")]
 
 
 def test_unknown_panels_get_a_sentence(tmp_path, capsys):

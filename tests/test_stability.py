@@ -186,7 +186,10 @@ def test_the_command(tmp_path, capsys):
 
 def test_processes_store_what_they_compute(tmp_path, capsys):
     cases = stability.chosen(["empty_scene", "empty_cloud"], stability.discover())
+    timed = harness.Run("timed", print, {"threads": 2})  # waits until nothing else runs
+    cases.append(harness.Case("others", "", lambda options: [timed], lambda results: []))
     stability.compute_ahead(cases, harness.Options(results=tmp_path), jobs=2)
+    assert not (tmp_path / "others").exists()
     found = {folder.name.rpartition("-")[0] for folder in (tmp_path / "foundation").iterdir()}
     assert found == {"empty_scene", "empty_cloud"}, capsys.readouterr().err
 

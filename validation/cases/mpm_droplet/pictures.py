@@ -164,9 +164,9 @@ SURFACES = {
 }  # fmt: skip
 LEDGERS = {
     "square_cluster": "square to disc", "swing_2d_16": "ellipse", "rest_2d_11_default_0": "disc at rest",
-    "collision_2d": "two discs meet", "floor_2d_90": "half a disc on a floor", "sheet": "sheet", "cube": "cube to ball",
+    "collision_2d": "two discs meet", "floor_2d_90": "half a disc on a floor, which pushes", "sheet": "sheet", "cube": "cube to ball",
     "box": "turned box to ball, viscous", "swing_3d_6": "spheroid", "rest_3d_6_default_0": "ball at rest",
-    "collision_3d": "two balls meet", "floor_3d_90": "half a ball on a floor",
+    "collision_3d": "two balls meet", "floor_3d_90": "half a ball on a floor, which pushes",
 }  # fmt: skip
 
 
@@ -204,7 +204,10 @@ def surfaces_picture(data: Mapping[str, Any]) -> Any:
     for side, half in enumerate(halves):
         for line, row in zip(panels[:, side * count : (side + 1) * count], half):
             places = [upright(f["vertices"]) if row["floor"] else floats(f["vertices"]) for f in row["frames"]]
-            extent = 1.08 * max(np.abs(p - middle_of(p)).max() for p in places)
+            if row["space"]:  # seen from any side
+                extent = 1.02 * max(np.linalg.norm(p - middle_of(p), axis=1).max() for p in places)
+            else:
+                extent = 1.08 * max(np.abs(p - middle_of(p)).max() for p in places)
             for k, (axes, frame, place) in enumerate(zip(line, row["frames"], places)):
                 middle = middle_of(place)
                 if row["space"]:
@@ -251,6 +254,7 @@ def scale_of(series: Any, largest: float) -> float:
 def ledgers_picture(data: Mapping[str, Any]) -> Any:
     """For each scene its energies above, its drifts below."""
     import matplotlib.pyplot as plt
+    from matplotlib.ticker import MaxNLocator
 
     across = 4
     down = -(-len(data["rows"]) // across)
@@ -276,6 +280,7 @@ def ledgers_picture(data: Mapping[str, Any]) -> Any:
         drift.set_xlabel("time [s]" if k // across == down - 1 else "")
         for axes in (energy, drift):
             axes.grid(axis="y")
+            axes.xaxis.set_major_locator(MaxNLocator(5))
     panels[0, 0].legend(ncols=2, fontsize=7.5)
     panels[1, 0].legend(fontsize=7.5, loc="upper right")
     return figure
@@ -366,8 +371,8 @@ def collision_picture(data: Mapping[str, Any]) -> Any:
         axes.set_ylim(bottom=0)
         momentum, angular, centre = (data["kept"][n][k] for n in ("momentum", "angular", "centre"))
         axes.set_title(
-            f"{words}: momentum drifts by {momentum:.0e}, angular by {angular:.0e}, the centre by {centre:.0e} h",
-            fontsize=7.5,
+            f"{words}: drift of momentum {momentum:.0e},\nof angular momentum {angular:.0e}, of the centre {centre:.0e} h",
+            fontsize=8.5,
         )
     return figure
 
