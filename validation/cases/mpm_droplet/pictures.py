@@ -164,9 +164,10 @@ SURFACES = {
 }  # fmt: skip
 LEDGERS = {
     "square_cluster": "square to disc", "swing_2d_16": "ellipse", "rest_2d_11_default_0": "disc at rest",
-    "collision_2d": "two discs meet", "floor_2d_90": "half a disc on a floor, which pushes", "sheet": "sheet", "cube": "cube to ball",
-    "box": "turned box to ball, viscous", "swing_3d_6": "spheroid", "rest_3d_6_default_0": "ball at rest",
-    "collision_3d": "two balls meet", "floor_3d_90": "half a ball on a floor, which pushes",
+    "collision_2d": "two discs meet", "floor_2d_90": "half a disc on a floor, which pushes", "sheet": "sheet",
+    "cube": "cube to ball", "box": "turned box to ball, viscous", "swing_3d_6": "spheroid",
+    "rest_3d_6_default_0": "ball at rest", "collision_3d": "two balls meet",
+    "floor_3d_90": "half a ball on a floor, which pushes",
 }  # fmt: skip
 
 
@@ -371,7 +372,7 @@ def collision_picture(data: Mapping[str, Any]) -> Any:
         axes.set_ylim(bottom=0)
         momentum, angular, centre = (data["kept"][n][k] for n in ("momentum", "angular", "centre"))
         axes.set_title(
-            f"{words}: drift of momentum {momentum:.0e},\nof angular momentum {angular:.0e}, of the centre {centre:.0e} h",
+            f"{words}: drift of momentum {momentum:.0e},\nof angular momentum {angular:.0e}, the centre {centre:.0e} h",
             fontsize=8.5,
         )
     return figure
