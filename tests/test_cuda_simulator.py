@@ -4,6 +4,9 @@ Run it as `NUMBA_ENABLE_CUDASIM=1 NUMBA_DISABLE_JIT=1 pytest tests/test_cuda_sim
 everything here is skipped, because compiled kernels would need a GPU (`scripts/gpu_check.py`).
 """
 
+import importlib
+import threading
+
 import numpy as np
 import pytest
 
@@ -33,6 +36,24 @@ pytestmark = pytest.mark.skipif(
 )
 RADIUS = 0.2
 SKIN = 0.25
+
+
+@pytest.fixture(scope="module", autouse=True)
+def waiting_simulator():
+    """The simulator that waits for its threads.
+
+    Numba's own asks all of them without a pause whether they are alive, which takes most of the time from them.
+    """
+    kernel = importlib.import_module("numba.cuda.simulator.kernel")
+
+    def is_alive(thread):
+        if not thread.syncthreads_blocked:
+            thread.join(1e-3)
+        return threading.Thread.is_alive(thread)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(kernel.BlockThread, "is_alive", is_alive)
+        yield
 
 
 @pytest.fixture(scope="module")
