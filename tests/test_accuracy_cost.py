@@ -486,7 +486,8 @@ def test_a_gpus_report_brings_its_points(tmp_path):
     made = accuracy_cost.make_report(panel(lines=(("ours", ("rough", "middle", "missing")),)), given, Options())
     assert made["points"]["cuda_middle"]["words"] == "setting middle, on a GPU"
     assert made["points"]["middle"]["seconds"] == pytest.approx(4.0)
-    assert made["front"] == ["cuda_middle", "fine"]
+    assert (made["front"], made["front_elsewhere"]) == (["rough", "middle", "fine"], ["cuda_middle"])
+    assert "GPU" not in made["advice"]
     assert made["lines"] == [{"words": "ours", "keys": ["rough", "middle"]}]
     assert [(p["device"], p.get("date")) for p in made["where"]] == [(None, None), ({"name": "a GPU"}, "2026-01-02")]
 

@@ -187,7 +187,8 @@ def make_report(panel: Panel, results: Results, options: Options) -> dict[str, A
         p["to_stated"] = time_to(p, panel.stated)
         p["elsewhere"] = elsewhere(p, points, panel.check_bar)
     alive = [key for key, p in shown.items() if not p["stopped"]]
-    front = [alive[k] for k in pareto([shown[key] for key in alive])]
+    own = {key: p for key, p in shown.items() if "reported" not in p["knobs"]}
+    front = _front_of([key for key in alive if key in own], shown)
     band = panel.band(points)
     about = [result.about for result in results.values()]
     made: dict[str, Any] = {
@@ -202,6 +203,7 @@ def make_report(panel: Panel, results: Results, options: Options) -> dict[str, A
         "where": places(results),
         "band": None if band is None else asdict(band),
         "front": front,
+        "front_elsewhere": _front_of([key for key in alive if key not in own], shown),
         "lines": [{"words": words, "keys": [k for k in keys if k in alive]} for words, keys in panel.lines],
         "sources": sources(panel, points, band),
         "headline": headline(panel, shown),
@@ -210,9 +212,13 @@ def make_report(panel: Panel, results: Results, options: Options) -> dict[str, A
         "starts": [start for result in results.values() for start in result.values.get("starts", ())],
         "omissions": omissions(panel, points, options),
     }
-    made["advice"] = advice(panel, shown, front, band)
+    made["advice"] = advice(panel, own, front, band)
     made["points"] = points  # last, because it is long
     return made
+
+
+def _front_of(keys: Sequence[str], points: Points) -> list[str]:
+    return [keys[k] for k in pareto([points[key] for key in keys])]
 
 
 def pooled(results: Results) -> dict[str, dict[str, Any]]:
@@ -530,6 +536,8 @@ def tables(made: Mapping[str, Any]) -> list[Table]:
             rows.append([p["words"], None, None, None, None, f"failed: {p['stopped']}"])
             continue
         state = "front" if p_key in front else ""
+        if "reported" in p["knobs"]:
+            state = f"reported on {p['knobs']['reported']}"
         if p["elsewhere"]:
             state += (", " if state else "") + p["elsewhere"]
         if p["unstable"]:

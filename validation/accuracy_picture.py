@@ -62,7 +62,7 @@ def _front(axes: Any, data: Mapping[str, Any], points: Mapping[str, Any], colour
     failed = [p for p in points.values() if p["stopped"]]
     marks = {name: MARKERS[k % len(MARKERS)] for k, name in enumerate(colours)}
     for key, p in alive.items():
-        group, on_front = _group(data, p), key in front
+        group, on_front = _group(data, p), key in front or key in data.get("front_elsewhere", ())
         low, high = np.quantile(p["all_seconds"], (0.1, 0.9))
         colour = colours[group] if on_front else PALE
         axes.plot([p["error"]] * 2, [low, high], color=colour, lw=1.0, zorder=2)
@@ -75,14 +75,17 @@ def _front(axes: Any, data: Mapping[str, Any], points: Mapping[str, Any], colour
             color=colour, mec=BLACK if p["unstable"] else "white",
             mew=1.3 if p["unstable"] else 0.6,
         )  # fmt: skip
+    styles: dict[str, int] = {}
+    joined = []
     for line in data.get("lines", ()):
         keys = line["keys"]
         if len(keys) > 1:
-            colour = colours[_group(data, alive[keys[0]])]
-            axes.plot([alive[k]["error"] for k in keys], [alive[k]["seconds"] for k in keys], "-", color=colour, lw=1.1,
-                      alpha=0.5, zorder=1)  # fmt: skip
-            axes.annotate(line["words"], (alive[keys[-1]]["error"], alive[keys[-1]]["seconds"]), (5, 3),
-                          textcoords="offset points", fontsize=7, color=colour, va="bottom")  # fmt: skip
+            group = _group(data, alive[keys[0]])
+            dash = ("-", "--", ":")[styles.setdefault(group, 0) % 3]
+            styles[group] += 1
+            joined += axes.plot([alive[k]["error"] for k in keys], [alive[k]["seconds"] for k in keys], dash,
+                                color=colours[group], lw=1.2, alpha=0.7, zorder=1, label=line["words"])  # fmt: skip
+    lines = axes.legend(handles=joined, loc="best", fontsize=7) if joined else None
     if len(front) > 1:
         axes.plot([alive[k]["error"] for k in front], [alive[k]["seconds"] for k in front], "-", color=BLACK, lw=0.9)
     for number, key in enumerate(front, 1):
@@ -130,8 +133,11 @@ def _front(axes: Any, data: Mapping[str, Any], points: Mapping[str, Any], colour
     axes.set_ylabel("wall time to it: median, and where 80 % of the repeats lie")
     axes.set_title("a  Error against time; the front is numbered", pad=10 + 13 * math.ceil((len(colours) + 2) / 4))
     axes.grid(True, which="major")
-    axes.legend(loc="lower left", bbox_to_anchor=(-0.02, 0.995), ncols=4, fontsize=8, columnspacing=1.0,
+    marked = [handle for handle in axes.get_legend_handles_labels()[0] if handle not in joined]
+    axes.legend(handles=marked, loc="lower left", bbox_to_anchor=(-0.02, 0.995), ncols=4, fontsize=8, columnspacing=1.0,
                 handletextpad=0.3)  # fmt: skip
+    if lines is not None:
+        axes.add_artist(lines)
 
 
 def _plain_ticks(axis: Any, words: Callable[[float], str] = "{:g}".format) -> None:
@@ -219,7 +225,8 @@ def _parts(axes: Any, data: Mapping[str, Any], points: Mapping[str, Any]) -> Non
     """The time of the front's points by part, and what comes on top."""
     keys = list(data["front"])
     for row in data["headline"]["rows"]:
-        if row["key"] not in keys and row["key"] in points:
+        p = points.get(row["key"])
+        if row["key"] not in keys and p is not None and "reported" not in p["knobs"]:
             keys.append(row["key"])
     used: dict[str, str] = {}
     spare = iter((PURPLE, VERMILION, ORANGE, GREEN))
@@ -324,7 +331,7 @@ def _words(left: Any, right: Any, data: Mapping[str, Any], points: Mapping[str, 
         beside.append("Left out: " + "; ".join(data["omissions"]) + ".")
     for place in data["where"][:2]:
         load = "" if place["load"] is None else f", load {place['load'][0]:.1f} to {place['load'][1]:.1f}"
-        commit = str(place["source"]["commit"])[:10] + ("+" if place["source"]["changed"] else "")
+        commit = str(place["source"]["commit"] or "unknown")[:10] + ("+" if place["source"]["changed"] else "")
         said = f"{place['processor']}, {place['threads']} of {place['cores']} threads"
         if place["device"]:
             said = f"GPU: {place['device'].get('name')} ({place.get('date', 'today')}); host {said}"

@@ -2,7 +2,8 @@
 
 On a machine with a GPU `python -m validation.accuracy_cost PANEL --backend cuda` stores
 `results/accuracy_cost_PANEL/<run>-<digest>/result.json`. A copy of that file, `gpu_reports/accuracy_cost_PANEL.json`,
-brings its points into the panel of every other machine, with the device and the date.
+brings its points into the panel of every other machine, with the device and the date. They stand beside that machine's
+own points: its front and its advice are without them.
 """
 
 from __future__ import annotations
@@ -33,10 +34,11 @@ def reported(context: Context, file: str, digest: str, folder: Path = REPORTS) -
     """The report's readings, named as those of a GPU."""
     document = json.loads((folder / file).read_text())
     where: dict[str, Any] = {**document["values"]["where"], "date": document["about"]["date"]}
-    readings = [
-        {**reading, "key": f"cuda_{reading['key']}", "words": f"{reading['words']}, on a GPU"}
-        for reading in document["values"]["readings"]
-    ]
+    readings = []
+    for reading in document["values"]["readings"]:
+        knobs = {**reading["knobs"], "reported": where["date"]}
+        named = {"key": f"cuda_{reading['key']}", "words": f"{reading['words']}, on a GPU", "knobs": knobs}
+        readings.append({**reading, **named})
     return Result({"readings": readings, "where": where})
 
 

@@ -71,7 +71,7 @@ def _normals(options: Options) -> list[Run]:
 
 
 def _normals_on_gpu(options: Options) -> list[Run]:
-    parameters = {"backend": "cuda", "threads": None}
+    parameters = {"backend": "cuda", "threads": None, "count": 8_000_000}  # launches alone take some microseconds
     return [Run("normals_on_gpu", runs.normals_cost, parameters, estimate=60.0, skip=unavailable("cuda") or "")]
 
 
@@ -112,6 +112,15 @@ FIT_SCALES = Measure(_solvers, _times("lspia_10_1", "lspia_10_most"), quick=Fals
 FIT_BEATS_GRADIENTS = Measure(_solvers, _times("cg_10", "lspia_10_most"), quick=False, timed=True)
 FIT_BEATS_FACTORS = Measure(_solvers, _times("direct", "lspia_10_most"), quick=False, timed=True)
 MLS_IS_CHEAPER = Measure(_normals, _costs, quick=False, timed=True)
+
+
+def _registers(results: Results) -> list[float]:
+    """Registers of the MLS kernel over those of the gradient's, in each dtype."""
+    rows = {(row["dtype"], row["kind"]): row["registers"] for row in results["normals_on_gpu"].values["rows"]}
+    return [rows[dtype, "mls"] / rows[dtype, "gradient"] for dtype in ("float32", "float64")]
+
+
+MLS_TAKES_FEWER_REGISTERS = Measure(_normals_on_gpu, _registers, quick=False, timed=True)
 FIT_SCALES_ON_GPU = Measure(_fits, _gain, quick=False, timed=True)
 MLS_IS_CHEAPER_ON_GPU = Measure(_normals_on_gpu, _costs, quick=False, timed=True)
 FIT_CONVERGES = Measure(_clouds, _each(lambda result: real(result.values["beyond_one"])))

@@ -314,14 +314,17 @@ def stages(context: Context, backend: str, counts: list[int], threads: int | Non
     return Result({"backend": backend, "threads": threads, "rows": rows})
 
 
-def normals_cost(context: Context, backend: str, threads: int | None, repeats: int = 15) -> Result:
-    """Nanoseconds of a normal by MLS and by the spline's gradient, in both dtypes, at the samples of a large drop."""
+def normals_cost(
+    context: Context, backend: str, threads: int | None, repeats: int = 15, count: int = 200_000
+) -> Result:
+    """Nanoseconds of a normal by MLS and by the spline's gradient, in both dtypes, at the samples of a large drop of
+    `count` particles."""
     there = choose(backend)
     set_threads(there, threads)
     rows = []
     try:
         for dtype in ("float32", "float64"):
-            made, surface, _ = reconstruct(shapes.lattice_block(200_000), backend, dtype, inset=None)
+            made, surface, _ = reconstruct(shapes.lattice_block(count), backend, dtype, inset=None)
             sample = surface.sample_place
             bases = made.grid.by_cell(sample, surface.blocks, 0.5)
             out = there.empty(sample.shape, np.dtype(dtype))
