@@ -69,7 +69,10 @@ def _execute(arguments: Sequence[str]) -> Outcome:
     word = next((a for a in arguments if not a.startswith("-")), None)
     if word is not None and word not in COMMANDS:
         raise InputError(f"there is no command {word!r}; {suggestion(word, COMMANDS)}")
-    options = parser.parse_args(arguments)
+    options, unknown = parser.parse_known_args(arguments)
+    if unknown:
+        command = f"{parser.prog} {options.command}" if options.command else parser.prog
+        raise InputError(f"unrecognized arguments: {' '.join(unknown)}; see {command} --help.")
     if options.version:
         import refsim
 

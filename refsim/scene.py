@@ -20,7 +20,7 @@ from refsim.effect import EFFECTS, Discretisation, Effect, Extremes, Pass, requi
 from refsim.errors import InputError
 from refsim.operation import PROCEDURES, REGISTRY
 from refsim.particles import BASE, Field
-from refsim.solids import Nodes, SolidBall, SolidBox, SolidCells, SolidMesh, SolidTorus, voxelised
+from refsim.solids import Nodes, SolidBall, SolidBox, SolidCells, SolidMesh, SolidTorus, countable, voxelised
 
 Vector = tuple[float, float, float]
 
@@ -47,6 +47,7 @@ class Box(msgspec.Struct, tag="box", tag_field="shape", frozen=True, kw_only=Tru
                 f"fluid box: cells = {list(self.cells)} is not possible in {grid.dim}D; give at least 1 along each"
                 " axis, and 1 along z in 2D."
             )
+        countable(f"fluid box: cells = {list(self.cells)}", self.cells)
         axes = [(np.arange(n) + 0.5) * grid.spacing + low for n, low in zip(self.cells, self.lower)]
         if grid.dim == 2:
             axes[2] = np.zeros(1)
@@ -69,6 +70,7 @@ class Ball(msgspec.Struct, tag="ball", tag_field="shape", frozen=True, kw_only=T
         """Positions (n, 3) [m]."""
         require("fluid ball", radius=(self.radius, "positive"))
         reach = math.ceil(self.radius / grid.spacing) + 1
+        countable(f"fluid ball: a radius of {self.radius} m at a spacing of {grid.spacing} m", [2 * reach] * grid.dim)
         steps = (np.arange(-reach, reach) + 0.5) * grid.spacing
         axes = [steps, steps, steps if grid.dim == 3 else np.zeros(1)]
         points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
@@ -109,6 +111,8 @@ class Cloud(msgspec.Struct, tag="cloud", tag_field="shape", frozen=True, kw_only
                     " comma-separated numbers for each particle."
                 ) from None
         try:
+            if np.iscomplexobj(values):
+                raise TypeError
             points = np.array(values, dtype=float)
         except (TypeError, ValueError):
             raise InputError("fluid cloud: position must be a list of coordinates; give (n, 3) numbers.") from None
@@ -411,7 +415,10 @@ def _lattice_mass(grid: Discretisation, effects: Mapping[str, Effect]) -> float:
 def _per_particle(name: str, values: Any, shape: tuple[int, ...]) -> np.ndarray:
     """One value for all particles, or one for each, as an array of this shape."""
     try:
-        return np.broadcast_to(np.asarray(values, dtype=float), shape)
+        found = np.asarray(values, dtype=float)
+        if found.shape not in (shape, shape[1:]):
+            raise ValueError
+        return np.broadcast_to(found, shape)
     except (TypeError, ValueError):
         each = "3 numbers" if len(shape) == 2 else "one number"
         raise InputError(
@@ -423,11 +430,13 @@ def _check_particles(position: np.ndarray, velocity: np.ndarray, mass: np.ndarra
     from refsim.neighbours import coincident_pairs
 
     for name, values in (("position", position), ("velocity", velocity), ("mass", mass)):
-        bad = np.flatnonzero(~np.isfinite(values.astype(scene.dtype)).reshape(len(values), -1).all(1))
+        with np.errstate(over="ignore"):  # told below
+            rounded = values.astype(scene.dtype)
+        bad = np.flatnonzero(~np.isfinite(rounded).reshape(len(values), -1).all(1))
         if len(bad):
             raise InputError(
                 f"scene: the {name} of particle {bad[0]} is not a finite number"
-                f" ({len(bad)} such particles); correct the input."
+                f" in {scene.dtype} ({len(bad)} such particles); correct the input."
             )
     if (mass <= 0).any():
         bad = int(np.flatnonzero(mass <= 0)[0])

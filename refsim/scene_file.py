@@ -45,7 +45,7 @@ def load_scene(path: str | os.PathLike[str]) -> Scene:
     """
     path = pathlib.Path(path)
     try:
-        text = path.read_text(encoding="utf-8")
+        text = path.read_text(encoding="utf-8-sig")  # some editors begin a file with a byte-order mark
     except FileNotFoundError:
         raise InputError(f"scene file {path} does not exist; give the path of a TOML file.") from None
     except UnicodeDecodeError:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import pathlib
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -20,6 +21,7 @@ from refsim.errors import InputError
 Vector = tuple[float, float, float]
 BITS = 21  # of a cell's coordinate in its key, as in the neighbour search
 OFFSET = 1 << 20
+MOST_CELLS = 2**31 - 1  # particles are numbered in 32 bits
 
 
 class Solid(msgspec.Struct, tag_field="shape", frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -242,6 +244,16 @@ def voxelised(solids: tuple[Solid, ...], grid: Discretisation) -> Nodes:
     return Nodes(lattice_of(cells), solids, grid.spacing)
 
 
+def countable(what: str, cells: Iterable[float]) -> None:
+    """Raises InputError where a block of so many cells along each axis has more than an index of 32 bits can number."""
+    number = math.prod(map(float, cells))
+    if not number <= MOST_CELLS:
+        raise InputError(
+            f"{what} makes {number:.3g} cells of the lattice, more than the {MOST_CELLS:,} that can be numbered; give"
+            " a smaller body or a larger spacing."
+        )
+
+
 def body_cells(body: Solid, place: str, spacing: float) -> np.ndarray:
     """Cells (k, 3) int32 whose centres lie in a body."""
     body.check(place)
@@ -250,6 +262,7 @@ def body_cells(body: Solid, place: str, spacing: float) -> np.ndarray:
     lower, upper = body.extent()
     if not (np.isfinite([lower, upper]).all() and (lower < upper).all()):
         raise InputError(f"{place}: its extent from {_words(lower)} to {_words(upper)} m is empty; give it a size.")
+    countable(f"{place}: its extent at a spacing of {spacing} m", np.ceil((upper - lower) / spacing))
     low, high = np.floor(lower / spacing).astype(int), np.ceil(upper / spacing).astype(int)
     axes = [np.arange(a, b) for a, b in zip(low, high)]
     cells = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)

@@ -109,6 +109,15 @@ BAD = {
     "empty cloud": (BOX, CLOUD.format("[]"), "position"),
     "not TOML": ("dim = 2", "dim: 2", "is not TOML"),
     "depth in 2D": (BOX, CLOUD.format("[[0.1, 0.2, 0.3], [0.2, 0.2, 0.0]]"), "particle 0 has z = 0.3"),
+    "more than can be numbered": ("cells = [6, 10, 1]", "cells = [9223372036854775808, 10, 1]", "can be numbered"),
+    "a ball beyond numbers": (BOX, 'shape = "ball"\nradius = 1e9', "can be numbered"),
+    "walls beyond numbers": (
+        "spacing = 0.01\nsupport_radius = 0.02",
+        "spacing = 1e-9\nsupport_radius = 2e-9",
+        "box_walls: its box at a spacing of 1e-09 m makes",
+    ),
+    "mass of one for two": (BOX, CLOUD.format("[[0.1, 0.2], [0.2, 0.2]]") + "mass = [1.0]", "mass does not fit 2"),
+    "behind a wall": (BOX, BOX + "\nlower = [-0.2, 0.0, 0.0]", "is behind a wall (60 such particles)"),
     "wrong kind": ("dim = 2", 'dim = "2"', "dim = '2'"),
 }
 
@@ -144,7 +153,8 @@ def test_bad_scenes_get_one_sentence(scene, capsys, name, command):
         (["run", "--resume", "tank.toml"], "is not a checkpoint"),
         (["run", "--resume", "."], "holds no whole checkpoint"),
         (["rnu", "tank.toml"], "no command 'rnu'; did you mean run?"),
-        (["run", "tank.toml", "--outptu", "x"], "unrecognized arguments: --outptu"),
+        (["run", "tank.toml", "--outptu", "x"], "unrecognized arguments: --outptu x; see refsim run --help."),
+        (["contract"], "required: programs; see refsim contract --help."),
     ],
 )
 def test_bad_commands_get_one_sentence(scene, capsys, arguments, words):
@@ -158,6 +168,12 @@ def test_a_scene_that_is_not_text(scene, capsys):
     scene.write_bytes(b"\xff\xfe\x00")
     assert main(["plan", str(scene)]) == 2
     assert "is not TOML" in one_sentence(capsys.readouterr().err)
+
+
+def test_a_byte_order_mark_is_read_over(scene, capsys):
+    scene.write_bytes(b"\xef\xbb\xbf" + scene.read_bytes())
+    assert main(["plan", str(scene)]) == 0
+    assert capsys.readouterr().err == ""
 
 
 @pytest.mark.skipif(unavailable("cuda") is None, reason="there is a GPU here")

@@ -113,7 +113,7 @@ def test_refsims_own_programs_come_through_the_same_door():
 
 MISTAKES = {
     "no such module": ("nowhere.to.be_found", None, "There is no module 'nowhere.to.be_found'"),
-    "no such file": ("nowhere.py", None, "There is no file nowhere.py."),
+    "no such file": ("nowhere.py", None, "there is no file nowhere.py; give the path of a Python file."),
     "its own import fails": ("own.py", "import a_thing_that_is_not_there", "own.py cannot be imported: ModuleNotFound"),
     "it raises": ("own.py", "1 / 0", "own.py cannot be imported: ZeroDivisionError: division by zero."),
     "syntax": ("own.py", "def", "own.py cannot be imported: SyntaxError"),

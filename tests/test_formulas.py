@@ -90,6 +90,8 @@ class TestKernels:
         (("poly6", 0.0, 3), "support_radius"),
         (("poly6", -1.0, 3), "support_radius"),
         (("poly6", math.nan, 3), "support_radius"),
+        (("poly6", 1e-8, 3, "float32"), "too small for smoothing kernels in float32"),
+        (("poly6", 1e8, 3, "float32"), "too large"),
     ],
 )
 def test_impossible_kernels_are_refused(arguments, words):

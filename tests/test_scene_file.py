@@ -164,9 +164,12 @@ def test_a_mistake_is_named_with_file_and_place(old, new, words):
         ("position = [[0.0, 0.0, 0.0], [1.0]]", "list of coordinates"),
         ("position = [[0.0, 0.0, 0.0]]\nvelocity = 'fast'", "velocity does not fit 1 particles"),
         ("position = [[0.0, 0.0, 0.0]]\nmass = [1.0, 2.0]", "mass does not fit 1 particles"),
+        ("position = [[0.0, 0.0, 0.0], [0.1, 0.0, 0.0]]\nmass = [1.0]", "mass does not fit 2 particles"),
+        ('file = "complex.npy"', "list of coordinates"),
     ],
 )
 def test_clouds_that_cannot_be(tmp_path, part, words):
+    np.save(tmp_path / "complex.npy", np.eye(3) * 1j)
     with pytest.raises(InputError, match=words):
         make_plan(
             parse_scene(f'spacing = 0.1\nsupport_radius = 0.2\n[[fluid]]\nshape = "cloud"\n{part}', "s", tmp_path)

@@ -184,7 +184,7 @@ def _curves(axes: Any, data: Mapping[str, Any], points: Mapping[str, Any], colou
         dash = ("-", "--", ":")[styles.setdefault(group, 0) % 3]
         styles[group] += 1
         axes.plot(np.maximum(wall, 1e-3), error, dash, color=colours[group], lw=1.4,
-                  label=textwrap.shorten(p["words"], 66, placeholder="..."))  # fmt: skip
+                  label=textwrap.shorten(p["words"], 56, placeholder="..."))  # fmt: skip
         k = first_kept(error.tolist(), data["stated"])
         if k is not None:
             axes.plot(wall[k], error[k], "o", color=colours[group], ms=6, mec="white")
@@ -266,18 +266,19 @@ def _sources(axes: Any, data: Mapping[str, Any]) -> None:
     low = min(min(sizes, default=1e-3) / 5.0, high / 1e3)  # so that an axis has decades to name
     for place, s in enumerate(rows):
         if s["size"]:
-            axes.barh(place, s["size"] - low, left=low, height=0.5, color=SKY if s["source"] != "reference" else ORANGE)
-            axes.text(s["size"], place - 0.02, f" {s['size']:.2g}", va="center", fontsize=8)
+            colour = SKY if s["source"] != "reference" else ORANGE
+            axes.barh(place - 0.07, s["size"] - low, left=low, height=0.36, color=colour)
+            axes.text(s["size"], place - 0.09, f" {s['size']:.2g}", va="center", fontsize=8)
         elif s["size"] == 0:
-            axes.text(low, place, " 0", va="center", fontsize=8)
+            axes.text(low, place - 0.09, " 0", va="center", fontsize=8)
         text = "\n".join(textwrap.wrap(s["words"], 66)[:3])
-        axes.text(low, place + 0.27, text, va="top", fontsize=6.3, color=GREY, linespacing=1.0)
+        axes.text(low, place + 0.14, text, va="top", fontsize=6.3, color=GREY, linespacing=1.0)
     axes.set_xscale("log")
     axes.set_xlim(low, high)
     if not sizes:
         axes.xaxis.set_visible(False)
     axes.set_ylim(len(rows) - 0.25, -0.5)
-    axes.set_yticks(range(len(rows)), [s["source"] for s in rows])
+    axes.set_yticks([place - 0.07 for place in range(len(rows))], [s["source"] for s in rows])
     axes.set_xlabel("what the last refinement still changes")
     axes.set_title("d  Where the error comes from")
 
@@ -299,7 +300,8 @@ def _effects(axes: Any, data: Mapping[str, Any]) -> None:
         if e["launches"] is not None:
             said += f", {e['launches']:+d} launches, {e['bytes']:+d} B"
         axes.text(0.01, place + 0.24, f"{e['words']}:\n{said}", va="top", fontsize=6.8, color="#333333",
-                  transform=axes.get_yaxis_transform(), linespacing=1.0)  # fmt: skip
+                  transform=axes.get_yaxis_transform(), linespacing=1.0,
+                  bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 0.3})  # fmt: skip
     axes.axvline(0, color=GREY, lw=0.8)
     axes.set_yticks([])
     axes.set_ylim(len(rows) - 0.2, -0.5)
@@ -313,7 +315,8 @@ def _words(left: Any, right: Any, data: Mapping[str, Any], points: Mapping[str, 
     lines = []
     for number, key in enumerate(data["front"], 1):
         p = points[key]
-        said = f"{number}  {p['words']}: {p['error']:.2g} in {seconds(p['seconds'])}"
+        time = seconds(p["seconds"]).replace(" ", "\u00a0")  # a number and its unit stay on one line
+        said = f"{number}  {p['words']}: {p['error']:.2g} in {time}"
         if p["unstable"]:
             said += f" (unstable: {p['unstable']})"
         if p["elsewhere"]:

@@ -238,7 +238,7 @@ def draw_map(data: Mapping[str, Any]) -> Any:
     positive += [cell["runner"] for cell in data["cells"] if cell["runner"]]
     left, right = 0.7 * min(positive), 1.3 * max(positive)
     wide = any(len(number(real(cell["largest"]))) > 4 and cell["failing"] is None for cell in data["cells"])
-    right *= (right / left) ** (0.62 if wide else 0.35)  # room for the numbers
+    right *= (right / left) ** (0.85 if wide else 0.35)  # room for the numbers
     across = min(len(columns), 4)
     down = math.ceil(len(columns) / across)
     figure, panels = plt.subplots(

@@ -70,6 +70,11 @@ def load_mesh(path: str | os.PathLike[str]) -> SurfaceMesh:
         read = trimesh.load(file, force="mesh", process=False)
         vertices, faces = np.array(read.vertices, dtype=float), np.array(read.faces, dtype=np.int64)
     except ImportError as error:
+        if error.name in ("charset_normalizer", "chardet"):  # trimesh asks them to guess at what is not UTF-8
+            raise InputError(
+                f"mesh: {str(path)!r} cannot be read, because it is neither binary nor text in UTF-8 as its ending"
+                " would have it; save it anew."
+            ) from None
         raise InputError(
             f"mesh: {str(path)!r} cannot be read: as what trimesh takes it for it needs {error.name}, which is not"
             " installed; check the file, or install that."

@@ -27,7 +27,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help="folder/file.py, package.module or the name of an entry point of refsim.contract, with :NAME for"
         f" another mapping than PROGRAMS; or refsim's own: {', '.join(BACKENDS)}",
     )
-    parser.add_argument("operation", nargs="*", help="operations to judge; all that the backend has by default")
+    words = "operations to judge; all that the backend has by default"
+    parser.add_argument("operation", nargs="*", default=[], help=words)
     parser.add_argument("--dtype", action="append", default=[], help="float32 or float64; both by default")
     parser.add_argument("--variant", action="append", default=[], type=int, help="number of a variant; all by default")
     parser.add_argument("--step", action="append", default=[], help="T1 to T7 or T9; all by default")

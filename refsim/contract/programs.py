@@ -125,10 +125,10 @@ def load(source: str) -> Programs:
 
 def _from_file(path: Path) -> Any:
     if not path.is_file():
-        raise InputError(f"There is no file {path}.")
+        raise InputError(f"there is no file {path}; give the path of a Python file.")
     spec = importlib.util.spec_from_file_location(path.stem, path)
     if spec is None or spec.loader is None:
-        raise InputError(f"{path} is no Python file.")
+        raise InputError(f"{path} is no Python file; give one whose name ends in .py.")
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module

@@ -38,7 +38,8 @@ class Smoothing(NamedTuple):
 def smoothing(shape: str, support_radius: float, dim: int, dtype: str = "float64") -> Smoothing:
     """Smoothing kernel `shape` of support `support_radius` [m] in `dim` dimensions.
 
-    Raises InputError for an unknown shape, a dimension other than 2 or 3, or a radius that is not positive.
+    Raises InputError for an unknown shape, a dimension other than 2 or 3, a radius that is not positive, or one whose
+    powers leave the range of the dtype.
     """
     if shape not in SHAPES:
         raise InputError(f"Smoothing kernel {shape!r} is unknown: choose one of {', '.join(SHAPES)}.")
@@ -48,6 +49,12 @@ def smoothing(shape: str, support_radius: float, dim: int, dtype: str = "float64
         raise InputError(f"support_radius = {support_radius} must be a positive length in metres.")
     real = np.dtype(dtype).type
     h = float(support_radius)
+    if (dim + 2) * abs(math.log10(h)) > -math.log10(np.finfo(real).tiny) - 2:
+        size = "small" if h < 1 else "large"
+        raise InputError(
+            f"support_radius = {h} m is too {size} for smoothing kernels in {np.dtype(dtype).name}, whose scale is"
+            f" 1/h^{dim + 2}; check the unit (metres), or take float64."
+        )
     norm = NORMALISATION[SHAPES[shape]][dim] / h**dim
     return Smoothing(
         real(h),

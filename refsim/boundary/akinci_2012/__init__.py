@@ -10,7 +10,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Mapping
-from typing import Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
 
@@ -18,6 +18,10 @@ from refsim.boundary.walls import Bounds, WallParticles
 from refsim.effect import Discretisation, Effect, literal_errata, require
 from refsim.errors import InputError
 from refsim.smoothing import smoothing
+from refsim.solids import countable
+
+if TYPE_CHECKING:
+    from refsim.scene import InitialState
 
 FACES = ("-x", "+x", "-y", "+y", "-z", "+z")
 
@@ -49,6 +53,8 @@ class BoxWalls(Effect, frozen=True, kw_only=True):
                     f"box_walls: along {'xyz'[axis]} the box from {low} to {high} m is thinner than one particle"
                     f" spacing ({grid.spacing} m); make it larger."
                 )
+        sides = [high - low for low, high in zip(self.lower, self.upper)][: grid.dim]
+        countable(f"box_walls: its box at a spacing of {grid.spacing} m", (side / grid.spacing for side in sides))
         self._printed()
 
     def _printed(self) -> frozenset[str]:
@@ -71,6 +77,23 @@ class BoxWalls(Effect, frozen=True, kw_only=True):
             if "+" + "xyz"[axis] not in self.open_faces:
                 upper[axis] = self.upper[axis]
         return {"bounds": Bounds(lower.astype(grid.dtype), upper.astype(grid.dtype))}
+
+    def initial(
+        self, grid: Discretisation, state: InitialState, others: Mapping[str, Effect]
+    ) -> Mapping[str, np.ndarray]:
+        """No values of its own; refuses particles that begin behind a wall, where no wall particle holds them."""
+        bounds = self.shares(grid, others)["bounds"]
+        slack = 1e-3 * grid.spacing  # for the rounding of the planes
+        first = 0 if grid.solids is None else len(grid.solids.lattice.key)  # of solids, ShapeMatching speaks
+        x = state.position[first:]
+        out = np.flatnonzero(((x < bounds.lower - slack) | (x > bounds.upper + slack)).any(1))
+        if len(out):
+            where = ", ".join(f"{c:.6g}" for c in x[out[0], : grid.dim])
+            raise InputError(
+                f"{self.name}: particle {first + out[0]} at ({where}) m is behind a wall ({len(out)} such particles);"
+                " move the liquid or the wall, or open that face."
+            )
+        return {}
 
 
 def box_layer(lower: tuple, upper: tuple, spacing: float, dim: int, open_faces: tuple[str, ...] = ()) -> np.ndarray:

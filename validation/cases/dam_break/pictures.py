@@ -123,7 +123,8 @@ def score_picture(data: Mapping[str, Any]) -> Any:
                 label = f"{WORDS[method]}, whole collapse {run['pooled'][method][name]:.2f}"
                 axes.plot(run["time_s"], floats(run["over_time"][method][name]), ms=4, lw=1.3, label=label, **look)
             axes.set_title(f"{name.capitalize()}, {words}, {run['particles']:,} particles")
-            axes.set_ylim(0, 1.03)
+            axes.set_ylim(-0.4, 1.05)  # room for the legend
+            axes.set_yticks(np.linspace(0, 1, 6))
             axes.grid(True)
             axes.legend(loc="lower right")
         row[0].set_ylabel(f"share ({truths[words]}, {data['truth_radius_spacings']:g} d)")

@@ -51,7 +51,8 @@ def picture(data: Mapping[str, Any]) -> Any:
             axes.plot(found, np.full(len(found), y), "|", color="black", ms=7)
             axes.text(max(found) + 0.012 * longest, y, f"{statistics.median(found):.1f}", va="center", fontsize=8)
     axes.set_yticks([-line for line in range(len(cases))], [words[c].format(data["particles"][c]) for c in cases])
-    axes.set(xlabel=f"milliseconds a frame, {data['threads'] or 'all'} threads", xlim=(0, 1.1 * longest))
+    said = f"milliseconds a frame, {data['threads'] or 'all'} threads; bars: medians, strokes: single turns"
+    axes.set(xlabel=said, xlim=(0, 1.1 * longest))
     axes.set_title(data["title"])
     axes.grid(True, axis="x")
     figure.legend(loc="outside lower center", ncols=3, fontsize=8)

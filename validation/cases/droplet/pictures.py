@@ -140,7 +140,8 @@ def surface_picture_of(data: Mapping[str, Any]) -> Any:
         x = x[np.linalg.norm(x, axis=1) < 3.0]
         mesh = surface_mesh(x, data["spacing_radii"], smoothing=1.0, cell=0.3)
         show_image(axes, surface_picture(*mesh, WATER, VIEW, extent, pixels=900), extent)
-        axes.set_title(f"t = {frame['time_s'] / data['capillary_time_s']:.2f}", loc="center", fontweight="normal")
+        time = frame["time_s"] / data["capillary_time_s"]
+        axes.set_title(f"t = {time:.2f}", loc="center", fontweight="normal", y=0.95)
     figure.supxlabel(r"times in $\sqrt{\rho R^3/\sigma}$; surface where half the volume is liquid", fontsize=8.5)
     return figure
 

@@ -103,11 +103,11 @@ def profiles(data: Mapping[str, Any]) -> Any:
     """Three panels: slab, sphere, Stefan's problem."""
     import matplotlib.pyplot as plt
 
-    figure, panels = plt.subplots(1, 3, figsize=(11.0, 3.6))
+    figure, panels = plt.subplots(1, 3, figsize=(12.5, 3.6))
     words = {
         "slab": ("A cosine in a slab, k dt/(rho c d²) = 8", "depth [m]", "-"),
-        "sphere": ("A jittered sphere that cools, 2", "radius [m]", "."),
-        "stefan": ("Ice beside a warm wall, 2", "depth [m]", "-"),
+        "sphere": ("A jittered sphere that cools, k dt/(rho c d²) = 2", "radius [m]", "."),
+        "stefan": ("Ice beside a warm wall, k dt/(rho c d²) = 2", "depth [m]", "-"),
     }
     for axis, (key, (title, label, mark)) in zip(panels, words.items()):
         for name, curve in data[key]["curves"].items():

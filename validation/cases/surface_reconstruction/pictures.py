@@ -57,7 +57,7 @@ def error_picture(data: Mapping[str, Any]) -> Any:
             label = f"{words}\nmean {curve['mean']:.1f}, largest {curve['max']:.0f} degrees"
             axes.stairs(100 * floats(curve["share"]), bins, color=colour, linewidth=1.6, label=label)
         axes.set_title(shape.capitalize())
-        axes.set_xlabel("angle to the true normal [degrees]; the last bin holds all beyond")
+        axes.set_xlabel("angle to the true normal [degrees]; last bin: all beyond")
         axes.set_xlim(0, 40)
         axes.grid(axis="y")
         axes.legend(loc="upper right", fontsize=7.5)
