@@ -38,12 +38,11 @@ def settings(options: Options) -> dict[str, dict[str, Any]]:
         add("step1.4", base + "1.4 stable steps", step=1.4)
         add("step0.5", base + "half the step", step=0.5)
         add("float64", base + "float64", dtype="float64")
-        for radius in RADII[1:]:
+        for radius in RADII[1:3]:
             key = "poisson" if radius == BASE else f"poisson_{radius:g}"
             add(key, f"R = {radius:g} h, Poisson-disk samples", radius, quadrature="poisson")
         add("gradient", base + "gradient, epsilon h/4, 1 sweep", **BEST)
         add("enclosing", base + "inset by volume", enclose_volume=True)
-        add("enclosing_16", "R = 16 h, inset by volume", 16.0, enclose_volume=True)
         add("at_r", base + "surface left at r (M31)", inset=-1.0)
         add("bare", base + "nothing embedded", embedding="none")
     return made
@@ -87,7 +86,7 @@ PANELS = (
         group="way",
         lines=(
             ("facets, finer h", [f"r{radius:g}" for radius in RADII]),
-            ("Poisson disks, finer h", ["poisson_8", "poisson", "poisson_16"]),
+            ("Poisson disks, finer h", ["poisson_8", "poisson"]),
             ("GPU, finer h", [f"cuda_r{radius:g}" for radius in RADII]),
         ),
         effects=(

@@ -31,24 +31,26 @@ def disc(context: Context, setting: Mapping[str, Any], seed: int) -> tuple[Simul
     return context.simulation(scene, knobs["backend"]), 1 / (cell * radius_of(len(place), 2))
 
 
-def held(context: Context, setting: Mapping[str, Any], seed: int) -> dict[str, Any]:
-    """Mean pressure over Laplace's, wall seconds, steps and what else one run gives."""
+def held(context: Context, setting: Mapping[str, Any], seed: int, until: float = UNTIL) -> dict[str, Any]:
+    """Mean pressure over Laplace's to `until` [s], wall seconds, steps and what else one run gives."""
     run, laplace = disc(context, setting, seed)
     wall, pressures, stopped, noted = 0.0, [], "", 0
     try:
-        while run.time < UNTIL:
+        while run.time < until:
             began = time.perf_counter()
             run.step()
             run.backend.synchronize()
             wall += time.perf_counter() - began
-            if run.time > BEGIN * UNTIL and run.time > noted * UNTIL / 400:
-                noted = int(400 * run.time / UNTIL) + 1
+            if run.time > BEGIN * until and run.time > noted * until / 400:
+                noted = int(400 * run.time / until) + 1
                 ratio = run.field("volume_ratio").astype(float)
                 pressures.append(-MODULUS * float(((ratio - 1) * ratio).sum() / ratio.sum()) / laplace)
     except RunStopped as stop:
         stopped = f"{stop.reason} in step {run.steps}"
     ratio = run.field("volume_ratio").astype(float)
+    stages = run.timings.stages
     return {
+        "surface": min(sum(spent for name, spent in stages.items() if name.startswith("surface_energy.")), wall),
         "value": float(np.mean(pressures)) if pressures else float("nan"), "wall": wall, "steps": run.steps,
         "stopped": stopped, "compile": first_call_seconds(run), "particles": run.count,
         "ratio": distribution(ratio - ratio.mean()), "launches": len(run.plan.launches()),
@@ -63,7 +65,7 @@ def pressures(
 
     settings  key to {"words", "knobs" (with "dtype", "step", "backend"), "radius" [cells], "tension", "shown"}
     """
-    first = {key: held(context, setting, 0) for key, setting in settings.items()}
+    first = {key: held(context, setting, 0, until=0.02 * UNTIL) for key, setting in settings.items()}
     found: dict[str, list[dict[str, Any]]] = {key: [] for key in settings}
     order = np.random.default_rng(0)
     for k in range(repeats):
@@ -80,7 +82,9 @@ def pressures(
         readings.append(
             Reading(
                 key, setting["words"], setting["knobs"], error=abs(value - 1), value=value, seconds=walls,
-                per_step=[run["wall"] / run["steps"] for run in runs], parts={"stepping": walls},
+                per_step=[run["wall"] / run["steps"] for run in runs],
+                parts={"surface": [run["surface"] for run in runs],
+                       "transfers": [run["wall"] - run["surface"] for run in runs]},
                 compile=first[key]["compile"], stopped=stopped, particles=runs[0]["particles"],
                 steps=runs[0]["steps"], launches=runs[0]["launches"], bytes=runs[0]["bytes"],
                 distribution={"J against its mean": runs[0]["ratio"]},
