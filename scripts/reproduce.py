@@ -1,9 +1,9 @@
 """Reproduce the papers' experiments: runs every case and every panel of what accuracy costs, draws the pictures, and
 ends with one table of verdicts.
 
-`--quick` takes under three minutes on two cores, compiling included; `--full` (the default) runs the published sizes.
-Results are kept in results/ and reused; pictures go to figures/, quick ones to figures/quick/. Exit code: 0 all well,
-2 bad input, 3 a run stopped, 4 a verdict failed.
+`--quick` takes some ten minutes on two cores, a good part of them compiling; `--full` (the default) runs the published
+sizes. Results are kept in results/ and reused, so that a run that was interrupted goes on where it stopped; pictures
+go to figures/, quick ones to figures/quick/. Exit code: 0 all well, 2 bad input, 3 a run stopped, 4 a verdict failed.
 """
 
 from __future__ import annotations

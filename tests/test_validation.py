@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import importlib.util
 import io
 import json
@@ -99,6 +100,33 @@ def test_fresh_and_changed_sources_compute_anew(options, monkeypatch):
     monkeypatch.setattr(results, "sources_digest", lambda file: "another")
     perform(fake_case(), options)
     assert CALLS == [2, 2, 2]
+
+
+def test_an_interrupted_run_says_what_is_kept(options):
+    def stop(context, value):
+        raise KeyboardInterrupt
+
+    case = fake_case()
+    runs = [*case.runs(options)[:1], Run("later", stop, {"value": 1})]
+    case = dataclasses.replace(case, runs=lambda options: runs)
+    with pytest.raises(RunStopped, match=r"1 finished since the start are kept in .*results; the same command") as told:
+        perform(case, options)
+    assert told.value.exit_code == 3
+    with pytest.raises(RunStopped, match="held before is kept"):
+        perform(case, options)
+    assert CALLS == [2], "what was finished is not computed again"
+
+
+def test_what_cannot_be_done_is_said_before_computing(options, tmp_path):
+    with pytest.raises(InputError, match="no run whose name starts with 'ont'; choose from one, other"):
+        perform(fake_case(), dataclasses.replace(options, only=("ont",)))
+    (tmp_path / "a_file").write_text("")
+    for what in ("results", "figures"):
+        with pytest.raises(
+            InputError, match=f"for {what} cannot be written to .*; make it writable, or give another \\(--{what}\\)."
+        ):
+            perform(fake_case(), dataclasses.replace(options, **{what: tmp_path / "a_file" / "in"}))
+    assert not CALLS
 
 
 def test_digest_covers_refsim_and_what_a_run_imports():

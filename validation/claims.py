@@ -29,7 +29,7 @@ from typing import Any
 
 from refsim.errors import InputError, RefsimError, RunStopped
 from validation import cases as case_folder
-from validation.harness import EXIT_FAILED, EXIT_FINE, Options, Results, Run, about_run, machine
+from validation.harness import EXIT_FAILED, EXIT_FINE, Options, Results, Run, about_run, interrupted, machine
 from validation.results import Result, finite, load, result_folder, save
 from validation.running import Context
 from validation.tables import Table
@@ -203,7 +203,10 @@ def _compute(waiting: Mapping[Path, Run], jobs: int) -> None:
     with tqdm(total=len(order), disable=not order, file=sys.stderr, desc="claims", unit="run") as bar:
         if jobs <= 1:
             for folder, run in order:
-                _one(folder, run)
+                try:
+                    _one(folder, run)
+                except KeyboardInterrupt:
+                    raise interrupted(bar.n, folder.parent.parent) from None
                 bar.update()
             return
         spawn = multiprocessing.get_context("spawn")

@@ -14,6 +14,7 @@ import os
 import pkgutil
 import platform
 import sys
+import tempfile
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -133,9 +134,13 @@ def chosen_cases(names: Sequence[str], cases: Mapping[str, Case], what: str = "c
 
 
 def perform(cases: Sequence[Case], options: Options, stream: TextIO | None = None) -> list[Outcome]:
-    """Compute what is not stored, then judge and draw. Progress goes to `stream` (standard error)."""
+    """Compute what is not stored, then judge and draw. Progress goes to `stream` (standard error).
+
+    Raises InputError where `only` names no run or a folder cannot be written to, RunStopped after Ctrl-C.
+    """
     stream = stream or sys.stderr
     outcomes, waiting = [], []
+    _check(cases, options)
     for case in cases:
         outcome = Outcome(case)
         outcomes.append(outcome)
@@ -162,6 +167,31 @@ def perform(cases: Sequence[Case], options: Options, stream: TextIO | None = Non
     return outcomes
 
 
+def _check(cases: Sequence[Case], options: Options) -> None:
+    """What would otherwise show after minutes of computing."""
+    if options.only:
+        keys = [run.key for case in cases for run in case.runs(options)]
+        for start in options.only:
+            if not any(key.startswith(start) for key in keys):
+                raise InputError(f"There is no run whose name starts with {start!r}; choose from {', '.join(keys)}.")
+    for what, folder in (("results", options.results), ("figures", options.figures)):
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            tempfile.TemporaryFile(dir=folder).close()
+        except OSError as error:
+            why = error.strerror or error
+            raise InputError(
+                f"The folder {folder} for {what} cannot be written to ({why}); make it writable, or give another"
+                f" (--{what})."
+            ) from None
+
+
+def interrupted(done: int, results: Path) -> RunStopped:
+    """What Ctrl-C comes to: whole results are kept, and the same command goes on after them."""
+    kept = f"{done} finished since the start are kept in {results}" if done else f"what {results} held before is kept"
+    return RunStopped("interrupted", f"Interrupted: {kept}; the same command goes on from there.")
+
+
 def _compute(waiting: Sequence[tuple[Outcome, Run, Path]], options: Options, stream: TextIO) -> None:
     from tqdm import tqdm
 
@@ -171,7 +201,7 @@ def _compute(waiting: Sequence[tuple[Outcome, Run, Path]], options: Options, str
         total=total, file=stream, bar_format=layout, disable=not waiting, mininterval=0.5 if stream.isatty() else 5.0
     )
     width = max((len(f"{o.case.name} {run.key}") for o, run, _ in waiting), default=0)
-    done = 0.0
+    done, finished = 0.0, 0
     with bar:
         for outcome, run, folder in waiting:
             bar.set_description_str(f"{outcome.case.name} {run.key}".ljust(width))
@@ -188,6 +218,8 @@ def _compute(waiting: Sequence[tuple[Outcome, Run, Path]], options: Options, str
             except RunStopped as error:
                 outcome.stopped[run.key] = f"{error} (reason: {error.reason})"
                 result = None
+            except KeyboardInterrupt:
+                raise interrupted(finished, options.results) from None
             seconds = time.perf_counter() - began
             outcome.seconds[run.key] = seconds
             outcome.compiling[run.key] = context.compile_seconds()
@@ -198,6 +230,7 @@ def _compute(waiting: Sequence[tuple[Outcome, Run, Path]], options: Options, str
                 if stored is None:
                     raise OSError(f"{folder} cannot be read back")
                 outcome.results[run.key] = stored
+                finished += 1
             done += run.estimate
             progress(0.0, done)
 
