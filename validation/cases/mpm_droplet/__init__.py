@@ -59,11 +59,9 @@ def bodies(options: Options) -> list[Run]:
             made.append(Run(key, function, {"backend": backend, **parameters}, estimate))
 
     shown = [0.0, 0.02, 0.04, 0.08, 0.16, 0.5]
-    add(
-        "box", drops.rounding, 300.0, shape="box", size=10.0, until=0.55, shown=shown, tension=ENCLOSING, liquid=RESTFUL
-    )
-    add("box_default", drops.rounding, 100.0, shape="box", size=10.0, until=0.3, shown=[0.3])
-    add("cube", drops.rounding, 100.0, shape="cube", size=10.0, until=0.28, shown=[0.0, 0.02, 0.04, 0.28])
+    add("box", drops.rounding, 80.0, shape="box", size=10.0, until=0.55, shown=shown, tension=ENCLOSING, liquid=RESTFUL)
+    add("box_default", drops.rounding, 40.0, shape="box", size=10.0, until=0.3, shown=[0.3])
+    add("cube", drops.rounding, 35.0, shape="cube", size=10.0, until=0.28, shown=[0.0, 0.02, 0.04, 0.28])
     for dim, radii in RADII.items():
         for radius in radii:
             for name, tension in (("default", {}), ("enclosing", ENCLOSING)):
@@ -73,7 +71,8 @@ def bodies(options: Options) -> list[Run]:
                     add(key, drops.at_rest, 1e-3 * radius**3 * (20 if dim == 3 else 2), dim=dim, radius=radius,
                         until=until, seed=seed, tension=tension, shown=[0.0, until / 4, until / 2, until])  # fmt: skip
     for key, (dim, radius, amplitude) in SWINGS.items():
-        add(f"swing_{key}", drops.oscillation, 40.0, dim=dim, radius=radius, amplitude=amplitude,
+        seconds = radius**3 * (0.1 if dim == 3 else 4e-3)
+        add(f"swing_{key}", drops.oscillation, seconds, dim=dim, radius=radius, amplitude=amplitude,
             periods=2.0 if dim == 2 else 1.5, shown=[0.0, 0.25, 0.5, 1.0])  # fmt: skip
     smooth = {"level_set_radius": 1.8, "normals": "gradient", "offset": 0.25, "iterations": 1}
     for key, tension, embedding in (
