@@ -15,6 +15,7 @@ from validation.work_precision import REPEATS
 
 BASE = 11.0
 RADII = (5.5, 8.0, 11.0, 16.0)
+ON_GPU = (5.5, 11.0, 16.0)
 BEST = {"normals": "gradient", "offset": 0.25, "iterations": 1}
 
 
@@ -29,12 +30,10 @@ def settings(options: Options) -> dict[str, dict[str, Any]]:
         knobs["way"] = f"{knobs['quadrature']}, {options.backend}"
         made[key] = {"words": words, "knobs": knobs, "radius": radius, "tension": tension, "shown": shown}
 
-    for radius in RADII[:2] if options.quick else RADII:
+    for radius in RADII[:2] if options.quick else ON_GPU if options.backend == "cuda" else RADII:
         add(f"r{radius:g}", f"R = {radius:g} h", radius)
     base = f"R = {BASE:g} h, "
-    if options.backend == "cuda":
-        add("poisson", base + "Poisson-disk samples", quadrature="poisson")
-    elif not options.quick:
+    if not options.quick and options.backend != "cuda":
         add("step1.4", base + "1.4 stable steps", step=1.4)
         add("step0.5", base + "half the step", step=0.5)
         add("float64", base + "float64", dtype="float64")
@@ -87,7 +86,7 @@ PANELS = (
         lines=(
             ("facets, finer h", [f"r{radius:g}" for radius in RADII]),
             ("Poisson disks, finer h", ["poisson_8", "poisson"]),
-            ("GPU, finer h", [f"cuda_r{radius:g}" for radius in RADII]),
+            ("GPU, finer h", [f"cuda_r{radius:g}" for radius in ON_GPU]),
         ),
         effects=(
             ("inset by volume", f"r{BASE:g}", "enclosing"),

@@ -616,7 +616,7 @@ def pipeline_data(results: Results) -> dict[str, Any]:
     """Seconds of each stage of a whole step."""
     values = results["stages"].values
     spent = dict(values["stages"])
-    back = sum(spent.pop(name) for name in ("mpm.grid_to_carriers", "mpm.grid_to_particle"))
+    back = sum(spent.pop(name, 0.0) for name in ("mpm.grid_to_carriers", "mpm.grid_to_particle"))
     known = {name for name, _ in STAGES}
     return {
         "title": "Figure 4.7: a whole step", **{name: values[name] for name in ("particles", "samples", "backend")},
