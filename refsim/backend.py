@@ -154,7 +154,10 @@ def choose(name: str) -> Backend:
 
 
 def set_threads(backend: Backend, threads: int | None) -> None:
-    """Use `threads` CPU threads from now on (all by default); only the CPU backend has any."""
+    """Use `threads` CPU threads from now on (all by default); only the CPU backend has any.
+
+    Raises InputError for fewer than one and for more than there are.
+    """
     if backend.name != "cpu":
         return
     import numba

@@ -118,7 +118,10 @@ def read_checkpoint(path: str | os.PathLike[str]) -> Checkpoint:
 
 
 def latest_checkpoint(folder: str | os.PathLike[str]) -> Path | None:
-    """The path of the newest whole checkpoint in `folder` (not below it), or None when there is none."""
+    """The path of the newest whole checkpoint in `folder` (not below it), or None when there is none.
+
+    Raises InputError where the folder cannot be read.
+    """
     try:
         files = [entry for entry in Path(folder).iterdir() if entry.is_file() and not entry.name.startswith(".")]
     except OSError as error:

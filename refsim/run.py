@@ -21,7 +21,7 @@ from refsim.errors import InputError, RunStopped
 from refsim.neighbours import NeighbourSearch
 from refsim.operation import PROCEDURES, REGISTRY, Current
 from refsim.scene import Plan, Scene, make_plan
-from refsim.scene_file import check_same_scene, scene_from_checkpoint, scene_to_checkpoint
+from refsim.scene_file import check_same_scene, scene_from_checkpoint, scene_to_checkpoint, suggestion
 from refsim.scratch import Scratch
 from refsim.stepping import DeviceStepper, HostStepper, check_extremes, stable_steps
 from refsim.versions import versions
@@ -175,7 +175,15 @@ class Simulation:
     # Reading the state
 
     def field(self, name: str) -> np.ndarray:
-        """A field's values on the host, in the particles' first order (a copy)."""
+        """A field's values on the host (a copy): a row for each particle, in the particles' first order.
+
+        name  of a field, with its shape and unit in `refsim plan`: "position" (n, 3) [m], "density" (n,) [kg/m^3], ...
+
+        Forces and densities are those of the last pass over them; `evaluate` brings them up to the present state.
+        Raises InputError where the scene has no such field.
+        """
+        if name not in self.plan.fields:
+            raise InputError(f"field: this scene has no field {name!r}; {suggestion(name, self.plan.fields)}")
         values = self._host(name)
         if self.plan.fields[name].rows is not None:
             return values

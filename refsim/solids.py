@@ -255,7 +255,7 @@ def countable(what: str, cells: Iterable[float]) -> None:
 
 
 def body_cells(body: Solid, place: str, spacing: float) -> np.ndarray:
-    """Cells (k, 3) int32 whose centres lie in a body."""
+    """Cells (k, 3) int32 whose centres lie in a body. Raises InputError where it is empty, too small or too large."""
     body.check(place)
     if isinstance(body, SolidCells):
         return _given_cells(body, place)

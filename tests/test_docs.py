@@ -12,6 +12,8 @@ import sys
 import pytest
 
 import refsim
+import refsim.commands
+from refsim.__main__ import make_parser
 from refsim.effect import EFFECTS
 from refsim.errors import REASONS
 from refsim.operation import REGISTRY
@@ -228,6 +230,51 @@ def test_programs_on_the_pages_run(page, number, tmp_path):
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     assert done.stdout
+
+
+def commands(text):
+    """Words of every command line in code, but for those that only stand for one (capitals, brackets, dots)."""
+    fenced = [line for name, block in BLOCK.findall(text) if name == "sh" for line in block.splitlines()]
+    for line in [*fenced, *re.findall(r"`([^`\n]+)`", BLOCK.sub("", text))]:
+        for command in re.split(r"&&|;|\||>", line.partition("#")[0]):
+            words = command.split()
+            ours = words[:1] == ["refsim"] or (words[:2] == ["python", "-m"] and words[2].startswith("validation"))
+            if ours and not re.search(r"[\[\]]|\.\.\.|\b[A-Z]{3,}\b", command):
+                yield words
+
+
+def understood(words):
+    """Whether the command's own parser takes the line; scenes, programs and files need not be there."""
+    if words[0] == "refsim":
+        refsim.commands.discover()
+        if len(words) > 1 and not words[1].startswith("-") and words[1] not in refsim.commands.COMMANDS:
+            return False
+        needed = {"run": ["--quiet"], "plan": ["scene"], "sample": ["mesh", "--radius", "1"], "contract": ["cpu"]}
+        alone = needed.get(words[1], []) if len(words) == 2 else []
+        parser, arguments = make_parser(), [*words[1:], *alone]
+    else:
+        module = importlib.import_module("validation.__main__" if words[2] == "validation" else words[2])
+        if not hasattr(module, "parser"):
+            return callable(module.main)
+        parser, arguments = module.parser(), words[3:]
+    try:
+        given = parser.parse_args(arguments)
+    except (SystemExit, refsim.InputError):
+        return False
+    return words[2:3] != ["validation"] or set(given.case) <= set(discover())
+
+
+@pages
+def test_commands_on_the_pages_are_understood(page):
+    assert [" ".join(words) for words in commands(page.read_text()) if not understood(words)] == []
+
+
+def test_a_command_that_is_not_there_is_found():
+    text = (
+        "`refsim rnu x` `refsim run x --untill 3` `python -m validation dropplet` `python -m validation droplet --qick`"
+    )
+    wrong = [words for words in commands(text) if not understood(words)]
+    assert len(wrong) == len(list(commands(text))) == 4
 
 
 def test_the_version_is_one():

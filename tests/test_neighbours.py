@@ -368,6 +368,8 @@ def test_a_state_that_cannot_be_set_is_refused():
     ):
         with pytest.raises(InputError, match=re.escape(said)):
             simulation.set_field(name, values)
+    with pytest.raises(InputError, match="no field 'densty'; did you mean density"):
+        simulation.field("densty")
 
 
 # Particles that move together need no new list
