@@ -9,6 +9,7 @@ import functools
 import importlib.util
 import os
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -166,3 +167,16 @@ def set_threads(backend: Backend, threads: int | None) -> None:
     if threads is not None and not 1 <= threads <= most:
         raise InputError(f"threads = {threads} is not possible here; give 1 to {most}.")
     numba.set_num_threads(threads or most)
+
+
+def host_memory() -> dict[str, int | None]:
+    """Bytes of the machine's memory, "total" and "free"; None where the system does not say."""
+    try:
+        page = os.sysconf("SC_PAGE_SIZE")
+        total, free = (page * os.sysconf(name) for name in ("SC_PHYS_PAGES", "SC_AVPHYS_PAGES"))
+    except (AttributeError, ValueError, OSError):
+        return {"total": None, "free": None}
+    limit = Path("/sys/fs/cgroup/memory.max")
+    if limit.is_file() and (text := limit.read_text().strip()).isdigit():
+        total = min(total, int(text))
+    return {"total": total, "free": min(free, total)}

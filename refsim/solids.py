@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 import msgspec
 import numpy as np
 
+from refsim.backend import host_memory
 from refsim.effect import Discretisation, require
 from refsim.errors import InputError
 
@@ -22,6 +23,7 @@ Vector = tuple[float, float, float]
 BITS = 21  # of a cell's coordinate in its key, as in the neighbour search
 OFFSET = 1 << 20
 MOST_CELLS = 2**31 - 1  # particles are numbered in 32 bits
+LAID_OUT = 100  # bytes of a particle while a scene is laid out, in float64
 
 
 class Solid(msgspec.Struct, tag_field="shape", frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -244,13 +246,20 @@ def voxelised(solids: tuple[Solid, ...], grid: Discretisation) -> Nodes:
     return Nodes(lattice_of(cells), solids, grid.spacing)
 
 
-def countable(what: str, cells: Iterable[float]) -> None:
-    """Raises InputError where a block of so many cells along each axis has more than an index of 32 bits can number."""
+def countable(what: str, cells: Iterable[float], each: int = LAID_OUT) -> None:
+    """Raises InputError where a block of so many cells along each axis has more than an index of 32 bits can number,
+    or, at so many bytes each, takes more memory than the machine has."""
     number = math.prod(map(float, cells))
     if not number <= MOST_CELLS:
         raise InputError(
             f"{what} makes {number:.3g} cells of the lattice, more than the {MOST_CELLS:,} that can be numbered; give"
             " a smaller body or a larger spacing."
+        )
+    total = host_memory()["total"]
+    if total is not None and number * each > total:
+        raise InputError(
+            f"{what} makes {number:.3g} cells of the lattice, whose {number * each / 2**30:.3g} GiB this machine with"
+            f" its {total / 2**30:.3g} GiB cannot hold; give a smaller body or a larger spacing."
         )
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import refsim
-from refsim import Scene, Simulation, WeaklyCompressible
+from refsim import Scene, Simulation, WeaklyCompressible, solids
 from refsim.__main__ import main
 from refsim.backend import unavailable
 from refsim.commands import COMMANDS, discover, doctor, in_bytes, in_time, table
@@ -168,6 +168,12 @@ def test_a_scene_that_is_not_text(scene, capsys):
     scene.write_bytes(b"\xff\xfe\x00")
     assert main(["plan", str(scene)]) == 2
     assert "is not TOML" in one_sentence(capsys.readouterr().err)
+
+
+def test_more_than_memory_holds_is_refused_before_it_is_laid_out(scene, capsys, monkeypatch):
+    monkeypatch.setattr(solids, "host_memory", lambda: {"total": 5000, "free": 5000})
+    assert main(["plan", str(scene)]) == 2
+    assert "makes 60 cells of the lattice, whose 5.59e-06 GiB this machine" in one_sentence(capsys.readouterr().err)
 
 
 def test_a_byte_order_mark_is_read_over(scene, capsys):

@@ -7,12 +7,11 @@ import dataclasses
 import os
 import platform
 import time
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from refsim.backend import simulated, unavailable
+from refsim.backend import host_memory, simulated, unavailable
 from refsim.commands import Command, Outcome, in_bytes, in_time, register, table
 from refsim.errors import RefsimError
 from refsim.operation import BACKENDS, REGISTRY
@@ -35,7 +34,7 @@ def execute(options: argparse.Namespace) -> Outcome:
         "versions": versions(),
         "system": f"{platform.system()} {platform.machine()}",
         "cores": len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count(),
-        "memory": _memory(),
+        "memory": host_memory(),
         "cache": _cache(),
         "backends": {name: {"available": reason is None, "reason": reason} for name, reason in backends.items()},
         "gpu": _gpu() if backends["cuda"] is None else None,
@@ -122,18 +121,6 @@ def _cache() -> dict[str, Any]:
             continue
     parent = next(p for p in (root, *root.parents) if p.exists())
     return {"folder": str(root), "bytes": size, "files": len(files), "writable": os.access(parent, os.W_OK)}
-
-
-def _memory() -> dict[str, int | None]:
-    try:
-        page = os.sysconf("SC_PAGE_SIZE")
-        total, free = (page * os.sysconf(name) for name in ("SC_PHYS_PAGES", "SC_AVPHYS_PAGES"))
-    except (AttributeError, ValueError, OSError):
-        return {"total": None, "free": None}
-    limit = Path("/sys/fs/cgroup/memory.max")
-    if limit.is_file() and (text := limit.read_text().strip()).isdigit():
-        total = min(total, int(text))
-    return {"total": total, "free": min(free, total)}
 
 
 def _gpu() -> dict[str, Any]:

@@ -53,8 +53,8 @@ class BoxWalls(Effect, frozen=True, kw_only=True):
                     f"box_walls: along {'xyz'[axis]} the box from {low} to {high} m is thinner than one particle"
                     f" spacing ({grid.spacing} m); make it larger."
                 )
-        sides = [high - low for low, high in zip(self.lower, self.upper)][: grid.dim]
-        countable(f"box_walls: its box at a spacing of {grid.spacing} m", (side / grid.spacing for side in sides))
+        cells = [(high - low) / grid.spacing for low, high in zip(self.lower, self.upper)][: grid.dim]
+        countable(f"box_walls: its box at a spacing of {grid.spacing} m", cells, each=1)
         self._printed()
 
     def _printed(self) -> frozenset[str]:
