@@ -7,9 +7,12 @@ import numpy as np
 import pytest
 import trimesh
 
-from validation.cases.mpm_droplet import drops, measures
+from validation.cases import mpm_droplet
+from validation.cases.mpm_droplet import drops, measures, pictures
 from validation.cases.mpm_droplet.scene import CELLS, box, ellipsoid, radius_of
 from validation.cases.mpm_droplet.stability import Turning
+from validation.harness import Options
+from validation.results import Result
 from validation.running import Context
 
 
@@ -110,3 +113,28 @@ def test_angular_momentum_is_told_apart():
     turning(run)
     assert (turning.remade, turning.in_steps) == pytest.approx((12 * unit, 0.5))
     assert turning.greatest["in_steps"] == pytest.approx(0.5)
+
+
+def test_ledgers_show_what_drifts():
+    """Drops that meet turn from the start: what is drawn is the change, scaled to the summary's value."""
+    series = {
+        "time": [0.0, 1.0, 2.0],
+        "angular": [5.0, 5.5, 4.0],
+        "momentum": [0.0, 2.0, 1.0],
+        "centre": [0.0, 0.1, 0.2],
+    }
+    series |= {name: [1.0, 1.0, 1.0] for name in pictures.ENERGIES}
+    result = Result({"series": series, "momentum": 1e-16, "angular": 1e-4, "centre": 0.2})
+    made = pictures.ledgers_data(dict.fromkeys(pictures.LEDGERS, result))
+    row = made["rows"][0]
+    assert len(made["rows"]) == len(pictures.LEDGERS)
+    assert row["series"]["angular"] == [0.0, 0.5, 1.0]
+    assert row["scale"] == pytest.approx({"momentum": 0.5e-16, "angular": 1e-4})
+
+
+def test_surfaces_are_shown_of_runs_that_keep_them():
+    """Every run of the picture is planned, and keeps its surface at four times."""
+    planned = {run.key: run for run in mpm_droplet.planned(Options())}
+    assert {*pictures.SURFACES, *pictures.LEDGERS} <= set(planned)
+    for key in set(pictures.SURFACES) - {"square_cluster"}:
+        assert len(planned[key].parameters["shown"]) == 4
