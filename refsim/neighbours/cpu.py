@@ -95,9 +95,11 @@ def build_chunk(chunk, query, query_keys, source, cells, first, radius, dim, exc
                 if candidates + size > names.shape[0]:
                     grown = 2 * (candidates + size)
                     wider = np.empty((3, grown), query.dtype)
-                    wider[:, :candidates] = near[:, :candidates]
                     longer = np.empty(grown, np.int32)
-                    longer[:candidates] = names[:candidates]
+                    for m in range(candidates):
+                        longer[m] = names[m]
+                        for c in range(3):
+                            wider[c, m] = near[c, m]
                     near, names, mark = wider, longer, np.zeros(8 * ((grown + 7) // 8), np.uint8)
                 if exclude_self and k == layers + layers // 3:
                     own = candidates - low  # the middle row of cells holds the query itself
@@ -108,7 +110,8 @@ def build_chunk(chunk, query, query_keys, source, cells, first, radius, dim, exc
                     near[2, candidates + m] = source[low + m, 2]
                 candidates += size
         mark_near(query[i, 0], query[i, 1], query[i, 2], limit, candidates, near, mark)
-        mark[candidates : 8 * ((candidates + 7) // 8)] = 0
+        for m in range(candidates, 8 * ((candidates + 7) // 8)):
+            mark[m] = 0
         if exclude_self:
             mark[own + i] = 0
         start[i] = at
