@@ -52,7 +52,8 @@ def formula(function: Callable | None = None, *, inlined: bool = False) -> Any:
     """
     if function is None:
         return functools.partial(formula, inlined=inlined)
-    return register_jitable(error_model="numpy", **({"forceinline": True} if inlined else {}))(function)
+    options = {"forceinline": True} if inlined else {}
+    return register_jitable(error_model="numpy", no_cfunc_wrapper=True, **options)(function)  # C never calls it
 
 
 _IMPORT = re.compile(r"^(?:from[ \t]+([\w.]+)[ \t]+import[ \t]+(\([^)]*\)|[^\n]*)|import[ \t]+([\w.]+))", re.MULTILINE)
