@@ -410,6 +410,7 @@ LIQUIDS: Mapping[str, dict[str, Any]] = {
     "square, lambda 100, k 1": {"modulus": 100.0, "tension": 1.0},
     "square, lambda 10,000, k 1": {"modulus": 10000.0, "tension": 1.0},
     "square, lambda 1000, k 0.1": {"modulus": 1000.0, "tension": 0.1},
+    # as many capillary times sqrt(rho0 R^3/k) as 0.1 s at k = 1
     "square, lambda 1000, k 10": {"modulus": 1000.0, "tension": 10.0, "until": 0.03},
     "cube, lambda 1000, k 1": {"modulus": 1000.0, "tension": 1.0, "dim": 3, "cells": 10, "until": 0.04},
 }
