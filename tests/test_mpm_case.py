@@ -72,6 +72,9 @@ def test_references_go_to_rayleigh():
     small, large = drops.potential_flow(Context(), [0.02, 0.04], modes=6).values["ratios"]
     assert 1 - small == pytest.approx(0.75 * 0.02**2, rel=0.1)
     assert (1 - large) / (1 - small) == pytest.approx(4.0, rel=0.1)
+    # Tsamopoulos and Brown 1983: 1 - 34409/58800 e^2 for R (1 + e P_2); a spheroid longer by s has e = s to first order
+    (ratio,) = drops.potential_flow(Context(), [0.04], modes=6, dim=3).values["ratios"]
+    assert 1 - ratio == pytest.approx(34409 / 58800 * 0.04**2, rel=0.1)
 
 
 def test_shapes_have_their_volume():

@@ -25,11 +25,12 @@ ENCLOSING = {"enclose_volume": True}
 # that the surface's pressure takes half a per cent of the volume.
 RESTFUL = {"dynamic_viscosity": 0.12, "bulk_modulus": 2000.0}
 DAMPED = {"dynamic_viscosity": 0.05}
-RADII = {2: (5.5, 11.0, 22.0), 3: (4.0, 6.0, 8.0)}
+RADII = {2: (5.5, 11.0, 22.0), 3: (4.0, 6.0, 8.0, 12.0)}
 SEEDS = (0, 1, 2)
 SWINGS = {"2d_5.5": (2, 5.5, 0.1), "2d_8": (2, 8.0, 0.1), "2d_11": (2, 11.0, 0.1), "2d_16": (2, 16.0, 0.1),
           "2d_22": (2, 22.0, 0.1), "2d_16_small": (2, 16.0, 0.03), "2d_16_half": (2, 16.0, 0.05),
-          "2d_16_double": (2, 16.0, 0.2), "3d_6": (3, 6.2, 0.1), "3d_9": (3, 9.0, 0.1)}  # fmt: skip
+          "2d_16_double": (2, 16.0, 0.2), "3d_4": (3, 4.0, 0.1), "3d_6": (3, 6.2, 0.1), "3d_9": (3, 9.0, 0.1),
+          "3d_12": (3, 12.0, 0.1), "3d_9_half": (3, 9.0, 0.05), "3d_9_double": (3, 9.0, 0.2)}  # fmt: skip
 ANGLES = (60, 90, 120)
 # Errata whose printed reading a run can take, and what it does
 ERRATA = {
@@ -81,10 +82,9 @@ def bodies(options: Options) -> list[Run]:
     ):  # fmt: skip
         add(f"swing_2d_11_{key}", drops.oscillation, 20.0, dim=2, radius=11.0, amplitude=0.1, periods=2.0,
             tension=tension, embedding=embedding)  # fmt: skip
-    if not quick:
-        made.append(
-            Run("potential_flow", drops.potential_flow, {"amplitudes": [0.01, 0.03, 0.05, 0.1, 0.15, 0.2]}, 20.0)
-        )
+    for dim in (2, 3) if not quick else ():
+        found = {"amplitudes": [0.01, 0.03, 0.05, 0.1, 0.15, 0.2], "dim": dim}
+        made.append(Run(f"potential_flow_{dim}d", drops.potential_flow, found, 10.0))
     add("collision_2d", drops.collision, 15.0, dim=2, radius=8.0, speed=1.0, until=0.3, shown=[0.0, 0.05, 0.15, 0.3])
     add("collision_3d", drops.collision, 60.0, dim=3, radius=5.0, speed=1.0, until=0.2, step=2e-4,
         shown=[0.0, 0.02, 0.05, 0.1, 0.15, 0.2])  # fmt: skip
@@ -190,8 +190,8 @@ def judged_bodies(results: Results, bounds: Bounds) -> list[Measurement]:
         for row in rows:
             rule = {(2, 11.0): "laplace_2d", (3, 6.0): "laplace_3d"}.get((dim, row["radius"]), "laplace")
             made.append(bounds.judge(rule, abs(row["pressure"] - 1), f"{dim}d_{row['radius']:g}_{name}"))
-        if len(rows) > 1:
-            made.append(bounds.judge("laplace_order", order(rows), f"{dim}d_{name}"))
+        for small, value in orders(rows):
+            made.append(bounds.judge("laplace_order", value, f"{dim}d_{small:g}_{name}"))
     for key in (k for k in results if k.startswith("swing_")):
         rule = "swing_2d_16" if key == "swing_2d_16" else "swing"
         made.append(bounds.judge(rule, abs(results[key].values["ratio"] - 1), key.removeprefix("swing_")))
@@ -204,12 +204,14 @@ def judged_bodies(results: Results, bounds: Bounds) -> list[Measurement]:
     return made
 
 
-def ideal_ratios(results: Results) -> dict[float, float]:
-    """Frequency of ideal liquid over Rayleigh's, by amplitude."""
-    if "potential_flow" not in results:
-        return {}
-    values = results["potential_flow"].values
-    return dict(zip(values["amplitudes"], values["ratios"]))
+def ideal_ratios(results: Results) -> dict[tuple[int, float], float]:
+    """Frequency of ideal liquid over Rayleigh's, by dimension and amplitude."""
+    made = {}
+    for dim in (2, 3):
+        if f"potential_flow_{dim}d" in results:
+            values = results[f"potential_flow_{dim}d"].values
+            made |= {(dim, a): ratio for a, ratio in zip(values["amplitudes"], values["ratios"])}
+    return made
 
 
 def pressures(results: Results) -> dict[tuple[int, str], list[dict[str, float]]]:
@@ -229,12 +231,10 @@ def pressures(results: Results) -> dict[tuple[int, str], list[dict[str, float]]]
     return made
 
 
-def order(rows: list[dict[str, float]]) -> float:
-    """Observed order: minus the slope of log |p/p_L - 1| over log R/h, through all rows."""
-    x = [math.log(row["cells"]) for row in rows]
-    y = [math.log(max(abs(row["pressure"] - 1), 1e-12)) for row in rows]
-    mx, my = fmean(x), fmean(y)
-    return -sum((a - mx) * (b - my) for a, b in zip(x, y)) / sum((a - mx) ** 2 for a in x)
+def orders(rows: list[dict[str, float]]) -> list[tuple[float, float]]:
+    """(R, log2 of the error |p/p_L - 1| at R over that at 2 R) for every radius whose double was run as well."""
+    error = {row["radius"]: abs(row["pressure"] - 1) for row in rows}
+    return [(radius, math.log2(error[radius] / error[2 * radius])) for radius in error if 2 * radius in error]
 
 
 def body_tables(results: Results) -> list[Table]:
@@ -265,17 +265,20 @@ def body_tables(results: Results) -> list[Table]:
     rows = []
     for (dim, name), found in pressures(results).items():
         for r in found:
-            cells = [f"{r['pressure']:.4f}", f"{r['spread']:.4f}", f"{r['volume']:.4f}", f"{r['noise']:.1e}"]
+            gain = dict(orders(found)).get(r["radius"])
+            cells = [f"{r['pressure']:.4f}", "" if gain is None else f"{gain:.2f}", f"{r['spread']:.4f}"]
+            cells += [f"{r['volume']:.4f}", f"{r['noise']:.1e}"]
             rows.append([f"{dim}D, {name} inset", f"{r['cells']:.2f}", *cells])
     if rows:
-        heading = ["drop", "R/h", "p/p_L", "range over lattices", "volume in the surface", "kinetic/surface energy"]
+        heading = ["drop", "R/h", "p/p_L", "order from R to 2 R", "range over lattices", "volume in the surface"]
+        heading += ["kinetic/surface energy"]
         note = "Volume-weighted pressure, mean over the second half of the run."
         made.append(Table("Pressure of drops at rest over Laplace's", heading, rows, note))
     rows = []
     ideal = ideal_ratios(results)
     for key in (k for k in results if k.startswith(("swing_", "small_swing"))):
         v = results[key].values
-        exact = ideal.get(v["amplitude"], math.nan) if v["dim"] == 2 else math.nan
+        exact = ideal.get((v["dim"], v["amplitude"]), math.nan)
         known = exact * v["compressible"] / math.sqrt(real(v["inertia"]))
         parts = [f"{x:.4f}" if math.isfinite(x) else "" for x in (exact, known, v["ratio"] / known)]
         rows.append([key.removeprefix("swing_"), f"{v['radius_in_cells']:.2f}", v["amplitude"], f"{v['ratio']:.4f}",
@@ -397,7 +400,10 @@ CASE = Case(
         Picture("mpm_floor", pictures.floor_data, pictures.floor_picture, tuple(f"floor_3d_{a}" for a in ANGLES)),
         Picture("mpm_pressure", pictures.pressure_data, pictures.pressure_picture, ("rest_2d_22_enclosing_0",)),
         Picture(
-            "mpm_frequency", pictures.frequency_data, pictures.frequency_picture, ("swing_2d_22", "potential_flow")
+            "mpm_frequency",
+            pictures.frequency_data,
+            pictures.frequency_picture,
+            ("swing_2d_22", "swing_3d_9", "potential_flow_2d", "potential_flow_3d"),
         ),
         Picture("mpm_pipeline", pictures.pipeline_data, pictures.pipeline_picture, ("stages",)),
         Picture("mpm_example", pictures.example_data, pictures.example_picture, ("example",)),

@@ -176,45 +176,63 @@ def round_area_of_ellipse(amplitude: float, dim: int) -> float:
     return 1 + (0.375 if dim == 2 else 0.2) * amplitude**2
 
 
-def potential_flow(context: Context, amplitudes: Sequence[float], modes: int = 12) -> Result:
-    """Mode 2 of a drop of ideal liquid in the plane at finite amplitude: frequency over Rayleigh's.
+def potential_flow(context: Context, amplitudes: Sequence[float], modes: int = 12, dim: int = 2) -> Result:
+    """Mode 2 of a drop of ideal liquid at finite amplitude: frequency over Rayleigh's.
 
-    The same ellipses, by another method: r(angle) and the potential on the surface as cosine series, the potential
-    inside as sum c_n r^n cos(n angle) by least squares, Bernoulli's equation and the curvature, DOP853 of SciPy.
+    The same ellipses (spheroids), by another method: r(angle) and the potential on the surface as series of cosines
+    (Legendre polynomials), the potential inside as sum c_n r^n Y_n by least squares, Bernoulli's equation and the
+    curvature, DOP853 of SciPy.
     """
     from scipy.integrate import solve_ivp
 
     count = 4 * modes
     angle = (np.arange(count) + 0.5) * math.pi / (2 * count)
     n = np.arange(0, 2 * modes + 1, 2)
-    cosine, sine = np.cos(np.outer(angle, n)), -n * np.sin(np.outer(angle, n))
-    to_series = np.linalg.pinv(cosine)
+    shape, first_slope, second_slope = surface_series(angle, n, dim)
+    to_series = np.linalg.pinv(shape)
     kept = np.where(n > 1.4 * modes, 0, 1)  # products fold back onto the highest modes
+    measure = np.ones(count) if dim == 2 else np.sin(angle)
+    share = np.cos(angle) ** 2 - np.sin(angle) ** 2 / (dim - 1), np.cos(angle) ** 2 + np.sin(angle) ** 2 / (dim - 1)
     rows = []
     for done, amplitude in enumerate(amplitudes):
-        long, short = 1 + amplitude, 1 / (1 + amplitude)
+        long, short = 1 + amplitude, (1 + amplitude) ** (-1 / (dim - 1))
         start = long * short / np.hypot(short * np.cos(angle), long * np.sin(angle))
 
         def slope(_: float, state: np.ndarray) -> np.ndarray:
-            radius, potential = cosine @ state[: len(n)], cosine @ state[len(n) :]
-            turn, bend = sine @ state[: len(n)], -(cosine * n**2) @ state[: len(n)]
+            radius, potential = shape @ state[: len(n)], shape @ state[len(n) :]
+            turn, bend = first_slope @ state[: len(n)], second_slope @ state[: len(n)]
             power = radius[:, None] ** n
-            inside = np.linalg.lstsq(power * cosine, potential, rcond=None)[0]
-            outward, around = (n * power / radius[:, None] * cosine) @ inside, (power * sine) @ inside / radius
+            inside = np.linalg.lstsq(power * shape, potential, rcond=None)[0]
+            outward, around = (n * power / radius[:, None] * shape) @ inside, (power * first_slope) @ inside / radius
             rising = outward - turn / radius * around
             curvature = (radius**2 + 2 * turn**2 - radius * bend) / (radius**2 + turn**2) ** 1.5
-            pushed = -0.5 * (outward**2 + around**2) - curvature + 1 + outward * rising
+            if dim == 3:  # about the axis
+                curvature = curvature + (1 - turn / radius / np.tan(angle)) / np.hypot(radius, turn)
+            pushed = -0.5 * (outward**2 + around**2) - curvature + (dim - 1) + outward * rising
             return np.concatenate([kept * (to_series @ rising), kept * (to_series @ pushed)])
 
-        first = measures.rayleigh(1.0, 2)
+        first = measures.rayleigh(1.0, dim)
         instants = np.linspace(0, 3 * math.pi / first, 600)
         begin = np.concatenate([to_series @ start, np.zeros(len(n))])
         found = solve_ivp(slope, (0, instants[-1]), begin, t_eval=instants, rtol=1e-8, atol=1e-10, method="DOP853")
-        fourth = (cosine @ found.y[: len(n)]) ** 4
-        swing = (fourth * np.cos(2 * angle)[:, None]).mean(0) / fourth.mean(0)
+        weight = measure[:, None] * (shape @ found.y[: len(n)]) ** (dim + 2)
+        swing = (weight * share[0][:, None]).sum(0) / (weight * share[1][:, None]).sum(0)
         rows.append(measures.damped_cosine(instants, swing, first)["frequency"] / first)
         context.progress((done + 1) / len(amplitudes))
     return Result({"amplitudes": list(amplitudes), "ratios": rows})
+
+
+def surface_series(angle: np.ndarray, n: np.ndarray, dim: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """cos(n angle), or in space P_n(cos angle), and its first two slopes over the angle: each (angles, n)."""
+    if dim == 2:
+        cosine = np.cos(np.outer(angle, n))
+        return cosine, -n * np.sin(np.outer(angle, n)), -(cosine * n**2)
+    from numpy.polynomial import Legendre
+
+    x, y = np.cos(angle), np.sin(angle)
+    found = [Legendre.basis(int(k)) for k in n]
+    value, rise, bend = (np.stack([p.deriv(m)(x) for p in found], axis=1) for m in range(3))
+    return value, -y[:, None] * rise, (y**2)[:, None] * bend - x[:, None] * rise
 
 
 def collision(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -20,7 +21,7 @@ from validation.drawing import (
     view_matrix,
 )
 from validation.harness import Results
-from validation.results import floats
+from validation.results import floats, real
 
 COLOURS = {"none": GREY, "cluster": BLUE, "thesis": VERMILION, "gradient_corrected": ORANGE}
 FLOOR = 1e-17  # where an error that is exactly zero is drawn
@@ -424,15 +425,12 @@ def floor_picture(data: Mapping[str, Any]) -> Any:
 
 def pressure_data(results: Results) -> dict[str, Any]:
     """Pressures at rest against resolution."""
-    from validation.cases.mpm_droplet import order, pressures
+    from validation.cases.mpm_droplet import orders, pressures
 
     found = pressures(results)
     return {
         "title": "Pressure of drops at rest over Laplace's",
-        "curves": {
-            f"{dim}d_{name}": {"rows": rows, "order": order(rows) if len(rows) > 1 else None}
-            for (dim, name), rows in found.items()
-        },
+        "curves": {f"{dim}d_{name}": {"rows": rows, "orders": orders(rows)} for (dim, name), rows in found.items()},
     }
 
 
@@ -450,15 +448,16 @@ def pressure_picture(data: Mapping[str, Any]) -> Any:
                 continue
             x, y = ([row[key] for row in curve["rows"]] for key in ("cells", "pressure"))
             half = [0.5 * row["spread"] for row in curve["rows"]]
-            shown = "" if curve["order"] is None else f", order {curve['order']:.1f}"
-            axes.errorbar(x, y, half, color=colour, marker="o", markersize=4, capsize=3, label=words + shown)
+            gains = ", ".join(f"{gain:.2f} ({small:g} to {2 * small:g})" for small, gain in curve["orders"])
+            label = f"{words}; order {gains}" if gains else words
+            axes.errorbar(x, y, half, color=colour, marker="o", markersize=4, capsize=3, label=label)
         axes.set_xscale("log", base=2)
         axes.set_xlabel("R/h")
         axes.set_xticks([row["cells"] for row in curve["rows"]], [f"{row['cells']:.3g}" for row in curve["rows"]])
         axes.minorticks_off()
         axes.set_title("in the plane" if dim == 2 else "in space")
         axes.grid(axis="y")
-        axes.legend(loc="best")
+        axes.legend(loc="lower right" if dim == 3 else "upper right", fontsize=7.5)
     panels[0].set_ylabel("pressure over k (d - 1)/R")
     return figure
 
@@ -480,7 +479,10 @@ def frequency_data(results: Results) -> dict[str, Any]:
         for key in results
         if key.startswith("swing_")
     }
-    ideal = {name: results["potential_flow"].values[name] for name in ("amplitudes", "ratios")}
+    ideal = {
+        dim: {name: results[f"potential_flow_{dim}"].values[name] for name in ("amplitudes", "ratios")}
+        for dim in ("2d", "3d")
+    }
     return {
         "title": "Mode 2 against Rayleigh's frequency", "rows": rows, "ideal": ideal,
         "swing": results["swing_2d_16"].values["swing"], "radius": results["swing_2d_16"].values["radius_in_cells"],
@@ -491,44 +493,50 @@ def frequency_picture(data: Mapping[str, Any]) -> Any:
     """The swing itself, then the frequency over amplitude and over resolution, with all that is known to shift it."""
     import matplotlib.pyplot as plt
 
-    figure, (swing, amplitude, resolution) = plt.subplots(1, 3, figsize=(11.4, 3.6), width_ratios=(1, 1, 1.25))
-    rows, ideal = data["rows"], data["ideal"]
+    figure, (swing, amplitude, resolution) = plt.subplots(1, 3, figsize=(11.4, 3.9), width_ratios=(1, 1.15, 1.25))
     swing.plot(data["swing"]["time"], data["swing"]["value"], color=BLUE)
     swing.set_xlabel("time [s]")
     swing.set_ylabel(r"$\langle x^2-y^2\rangle/\langle x^2+y^2\rangle$")
-    swing.set_title("Mode 2, R = 16 h, 10 %")
-    found = sorted((r for k, r in rows.items() if k.startswith("2d_16")), key=lambda r: r["amplitude"])
-    share = 1 / np.sqrt(found[0]["inertia"]) * found[0]["compressible"]
-    amplitude.plot(100 * floats(ideal["amplitudes"]), ideal["ratios"], color=GREEN, label="ideal liquid")
-    amplitude.plot(100 * floats(ideal["amplitudes"]), share * floats(ideal["ratios"]), "--", color=VERMILION,
-                   label="... compressible, with the grid's inertia")  # fmt: skip
-    marked(amplitude, [100 * r["amplitude"] for r in found], found, BLUE, "measured")
+    swing.set_title("Mode 2, in the plane, R = 16 h, 10 %")
+    kinds = (("2d", "in the plane", BLUE, "2d_16"), ("3d", "in space", ORANGE, "3d_9"))
+    for dim, words, colour, series in kinds:
+        rows = {key: r for key, r in data["rows"].items() if key.startswith(dim)}
+        share, ratio = (floats(data["ideal"][dim][name]) for name in ("amplitudes", "ratios"))
+        found = sorted((r for k, r in rows.items() if k.startswith(series)), key=lambda r: r["amplitude"])
+        amplitude.plot(100 * share, ratio, color=colour, linewidth=0.9, alpha=0.7)
+        amplitude.plot(100 * share, known(found[0]) * ratio, "--", color=colour, linewidth=0.9)
+        marked(amplitude, [100 * r["amplitude"] for r in found], found, colour, f"{words}, R = {series[3:]} h")
+        found = sorted((r for k, r in rows.items() if k.removeprefix(f"{dim}_").replace(".", "").isdigit()),
+                       key=lambda r: r["radius_in_cells"])  # fmt: skip
+        exact = dict(zip(share, ratio))[0.1]
+        x = [r["radius_in_cells"] for r in found]
+        resolution.axhline(exact, color=colour, linewidth=0.9, alpha=0.7)
+        resolution.plot(x, [exact * known(r) for r in found], "--", color=colour, linewidth=0.9)
+        marked(resolution, x, found, colour, words)
     amplitude.set_xlim(left=0)
     amplitude.set_xlabel("amplitude [%]")
     amplitude.set_ylabel(r"$\omega/\omega_R$")
-    amplitude.set_title("Amplitude, R = 16 h")
-    plane = sorted((r for k, r in rows.items() if k.removeprefix("2d_").replace(".", "").isdigit()),
-                   key=lambda r: r["radius_in_cells"])  # fmt: skip
-    space = sorted((r for k, r in rows.items() if k.startswith("3d")), key=lambda r: r["radius_in_cells"])
-    exact = dict(zip(ideal["amplitudes"], ideal["ratios"]))[0.1]
-    x = [r["radius_in_cells"] for r in plane]
-    known = [exact * r["compressible"] / np.sqrt(r["inertia"]) for r in plane]
-    resolution.axhline(exact, color=GREEN, label="ideal liquid, in the plane, 10 %")
-    resolution.plot(x, known, "--", color=VERMILION, label="... compressible, with the grid's inertia")
-    marked(resolution, x, plane, BLUE, "measured in the plane")
-    marked(resolution, [r["radius_in_cells"] for r in space], space, ORANGE, "measured in space")
+    amplitude.set_title("Amplitude")
     resolution.set_xscale("log", base=2)
-    resolution.set_xticks(x, [f"{v:.3g}" for v in x])
+    ticks = (4, 6, 8, 11, 16, 22)
+    resolution.set_xticks(ticks, [f"{v:d}" for v in ticks])
     resolution.minorticks_off()
     resolution.set_xlabel("R/h")
     resolution.set_title("Resolution, amplitude 10 %")
     for axes in (amplitude, resolution):
+        axes.plot([], [], color=GREY, linewidth=0.9, label="ideal liquid")
+        axes.plot([], [], "--", color=GREY, linewidth=0.9, label="... compressible, with the grid's inertia")
         axes.axhspan(0.97, 1.03, color=GREY, alpha=0.12, linewidth=0)
         axes.set_ylim(0.945, 1.035)
         axes.legend(fontsize=7.5, loc="upper right")
     for axes in (swing, amplitude, resolution):
         axes.grid(axis="y")
     return figure
+
+
+def known(row: Mapping[str, Any]) -> float:
+    """What compressibility and the grid's inertia do to the frequency of ideal liquid."""
+    return float(row["compressible"] / math.sqrt(real(row["inertia"])))
 
 
 def marked(axes: Any, x: Any, rows: Any, colour: str, words: str) -> None:
