@@ -271,8 +271,8 @@ class SurfaceOfRun(SurfaceSamples):
 
         if backend.name == "numpy":
             raise InputError(
-                "surface_energy: the reconstruction runs on the backends cpu and cuda; its operations one by one also"
-                " on numpy."
+                "surface_energy: backend 'numpy' has its operations one by one, but no whole reconstruction; take 'cpu'"
+                " or 'cuda'."
             )
         made = SurfaceOfRun(
             self.tension, self.dim, self.dtype, self.cell_size, self.count, self.full, self.rest_density, backend
