@@ -408,6 +408,31 @@ def copy_all(arrays: tuple, out: tuple) -> None:
     (copy_all_scalars if len(out[0].shape) == 1 else copy_all_vectors)(arrays, out, arrays[0])
 
 
+class Rows:
+    """Puts the rows of arrays into another order, in place, through spare ones; those of one kind in one launch."""
+
+    def __init__(self, arrays: list[Any], order: Any) -> None:
+        self.arrays, self.order = arrays, order
+        kinds = dict.fromkeys((a.shape, a.dtype) for a in arrays)
+        alike = [tuple(a for a in arrays if (a.shape, a.dtype) == kind) for kind in kinds]
+        self.kinds = [(group, tuple(empty(a.shape, a.dtype) for a in group)) for group in alike]
+
+    def belongs_to(self, arrays: list[Any]) -> bool:
+        """Whether it moves these arrays."""
+        return len(arrays) == len(self.arrays) and all(a is b for a, b in zip(self.arrays, arrays, strict=True))
+
+    def launch(self) -> None:
+        """arrays[k] <- arrays[k][order]; it can be recorded."""
+        for arrays, spare in self.kinds:
+            gather_all(arrays, self.order, spare)
+            copy_all(spare, arrays)
+
+    @property
+    def nbytes(self) -> int:
+        """Memory of the spare arrays."""
+        return sum(a.nbytes for _, spare in self.kinds for a in spare)
+
+
 def running_sum(values: Any) -> Any:
     """(n + 1,) int32: sum of the integers that stand before each place, and of everything at the end."""
     xp = library()

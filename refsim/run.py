@@ -155,6 +155,7 @@ class Simulation:
                 self.backend, grid.dim, grid.dtype, self.plan.list_radius, self.plan.scene.skin
             )
         self._sorter: NeighbourSearch | None = None
+        self._rows: Any = None
         size = max((e.sorting_cell(grid) for e in self.plan.effects.values()), default=0.0)
         if self.search is None and size > 0 and self.backend.name != "numpy":
             self._sorter = NeighbourSearch(self.backend, grid.dim, grid.dtype, size, 0.0)
@@ -241,12 +242,15 @@ class Simulation:
 
     def step(self) -> StepResult:
         """Advance by one stable step. Raises RunStopped, with the state as it was, where that is impossible."""
-        if self._sorter is not None and self.steps % SORT_EVERY == 0:
+        due = self._sorter is not None and self.steps % SORT_EVERY == 0
+        if due and not self._attended:
             self._sort(self._sorter)
         self._update_list()
         for each in self._attended:
-            if each.attend(self.fields["position"]):
+            if each.attend(self.fields["position"], self._set_between_steps):
                 self.stepper.rebind()
+            if due:
+                self._follow(each.order(self.fields["position"]))
         done = self.stepper.advance()
         self._set_between_steps = False
         self._squared_way = done.squared_way
@@ -262,7 +266,7 @@ class Simulation:
             )
         for effect in self.plan.effects.values():
             if effect.watched:
-                seen = {name: self._host(name) for name in effect.watched}
+                seen = {name: self.stepper.watched(name) for name in effect.watched}
                 stop = effect.verdict(self.plan.grid, seen, done.length)
                 if stop is not None:
                     raise RunStopped(stop[0], f"In step {self.steps} to {self.time:.6g} s {stop[1]}")
@@ -490,6 +494,19 @@ class Simulation:
             self.backend.invert(self.fields["identity"], self.fields["place"])
         self._bind()
         self.stepper.rebind()
+        self.timings.add("sorting", time.perf_counter() - began)
+
+    def _follow(self, order: Any) -> None:
+        """Put the particles into an order that is known, in the arrays where they are: memory read together is near."""
+        began = time.perf_counter()
+        arrays = [self.fields[name] for name, f in self.plan.particle_fields.items() if f.state]
+        if self._rows is None or self._rows.order is not order or not self._rows.belongs_to(arrays):
+            from refsim import device
+
+            self._rows = device.Rows(arrays, order)
+        self._rows.launch()
+        if "place" in self.fields:
+            self.backend.invert(self.fields["identity"], self.fields["place"])
         self.timings.add("sorting", time.perf_counter() - began)
 
     def rebuild_list(self) -> None:

@@ -76,6 +76,10 @@ class HostStepper:
     def rebind(self) -> None:
         """Nothing is kept of the arrays."""
 
+    def watched(self, name: str) -> np.ndarray:
+        """A watched field after the step."""
+        return self.simulation._host(name)
+
     def advance(self) -> Advance:
         """One step. Raises RunStopped, with the state as it was, where that is impossible."""
         s = self.simulation
@@ -118,6 +122,8 @@ class DeviceStepper:
         self.limits = s.backend.asarray(np.array(list(s.limits.values()), dtype=np.float64))
         self.clock = s.backend.zeros(device.CLOCK_ROWS, np.float64)
         self.mirror = device.Mirror(self.clock)
+        watched = {name for effect in s.plan.effects.values() for name in effect.watched}
+        self.mirrors = {name: device.Mirror(s.fields[name]) for name in sorted(watched)}
         self.in_step_with = -1  # the step up to which the device's clock has counted
         whole = not any(effect.host_in_step for effect in s.plan.effects.values())
         passes = (*s.plan.passes, *s.plan.motion)
@@ -127,6 +133,10 @@ class DeviceStepper:
     def rebind(self) -> None:
         """The arrays have changed: record the step anew."""
         self.recorded = self.recorded.renewed()
+
+    def watched(self, name: str) -> np.ndarray:
+        """A watched field after the step, which sent it with the clock."""
+        return self.mirrors[name].values
 
     def advance(self) -> Advance:
         """One step. Raises RunStopped, with the state as it was, where that is impossible."""
@@ -188,4 +198,5 @@ class DeviceStepper:
         for _, call in s.motion_calls:
             call()
         device.note_displacement(s.displacement, self.clock)
-        self.mirror.send()
+        for mirror in (self.mirror, *self.mirrors.values()):
+            mirror.send()

@@ -15,7 +15,7 @@ from refsim.backend import simulated
 from refsim.compile import cuda, cuda_kernel, formula
 from refsim.mpm import particle
 from refsim.mpm.formulas import spline_slopes, spline_weights
-from refsim.mpm.grid import FARTHEST
+from refsim.mpm.grid import DEEP, FARTHEST
 from refsim.neighbours.formulas import BITS, OFFSET, lower_bound
 from refsim.sparse_grid.cuda import SUMMING, sort_counted, sorted_points
 from refsim.sparse_grid.formulas import COORDINATE, node_coordinates
@@ -24,10 +24,26 @@ FAR = 2.0 * FARTHEST
 ROWS = 192  # threads of a block that scatters: three for each of 64 cells
 REACH = 216  # nodes in the reach of a block: 6 x 6 x 6, or 10 x 10 in the plane
 SUMS = 4 * REACH  # mass and momentum of each
+ALL_SUMS = 3 * SUMS  # one for each row of a stencil
 CHUNK = 256  # points of a block in shared memory at a time
 PADDED = CHUNK + CHUNK // 8  # one place more after eight, so that the points of cells in a row lie in different banks
 RECORD = 17  # numbers of a point: fractions, mass, value and gradient of its field, moment of its stress
 GATHERING = 16 if simulated() else 128  # threads; more than a row of the affine matrices has numbers
+
+EIGHT = 8  # numbers of which a thread finds the largest
+
+
+@formula
+def number(i):
+    """i >= 0, as the compiler should know it: an index that may count from an array's end costs six instructions."""
+    return np.int64(np.uint32(i))
+
+
+@formula
+def quotient(at, width):
+    """at // width of numbers that are not negative: a known width costs the compiler a multiplication."""
+    return np.int64(np.uint32(at) // np.uint32(width))
+
 
 # Cells, blocks and bins
 
@@ -105,6 +121,12 @@ def find_cells(position, inverse_cell, blocks, complete, cell):
     return missing, lost
 
 
+def noted_places(held):
+    """What `count_cells` found last: (particles not deep in the blocks, particles at no possible place)."""
+    shallow, lost = device.seen(held)[-2:].tolist()
+    return shallow, lost
+
+
 def sorted_bins(cell, blocks):
     """Points by cell."""
     return sorted_points(cell, 64 * blocks)
@@ -131,10 +153,12 @@ def block_beside(hint, key, keys, neighbour, bits):
 def count_cells(position, inverse_cell, blocks, complete, bits, held, place, cell):
     """Cell of each particle, and how many of its cell were counted before it; -1 in no block.
 
-    The cell of the step before, or whatever stands there, says where to look first.
+    The cell of the step before, or whatever stands there, says where to look first. Behind the counts of the nodes
+    `held` counts the particles that are not deep in the blocks, and those at no possible place.
     """
     i = cuda.grid(1)
     if i < cell.shape[0]:
+        nodes = 64 * complete.shape[0]
         jx = base_coordinate(position[i, 0], inverse_cell)
         jy = base_coordinate(position[i, 1], inverse_cell)
         jz = base_coordinate(position[i, 2], inverse_cell) if bits == 2 else 0
@@ -151,6 +175,10 @@ def count_cells(position, inverse_cell, blocks, complete, bits, held, place, cel
                 if bits == 2:
                     found += (jz & rest) << 4
                 place[i] = cuda.atomic.add(held, found, 1)
+            if found < 0 or complete[b] != DEEP:
+                cuda.atomic.add(held, nodes, 1)
+        else:
+            cuda.atomic.add(held, nodes + 1, 1)
         cell[i] = found
 
 
@@ -238,13 +266,13 @@ def add_gradient_row(total, j, background, wx, wy, wz, sx, sy, sz, t):
 
 
 @formula
-def deposit_reach(total, at, row, width, layers, shared):
-    """The rows' sums to the nodes in shared memory, one node of the stencil after the other."""
+def deposit_reach(total, at, width, layers, shared):
+    """The rows' sums to the nodes in shared memory, from number `at` on, one node of the stencil after the other."""
     for k in range(layers):
         for i in range(3):
             n = at + k * width * width + i
             for c in range(4):
-                shared[row, c * REACH + n] += total[(3 * k + i) * 4 + c]
+                shared[n + c * REACH] += total[(3 * k + i) * 4 + c]
             cuda.syncthreads()
 
 
@@ -255,18 +283,22 @@ def deposit(total, cell, row, background, shared, scratch, b):
     Each row of the stencils has nodes of its own in shared memory, so that no two threads meet; they hold all masses,
     then all momenta along each axis, so that nodes side by side lie in different banks.
     """
-    thread = cuda.threadIdx.x
-    for n in range(thread, SUMS, ROWS):
-        for j in range(3):
-            shared[j, n] = type(background.cell_size)(0)
+    thread = number(cuda.threadIdx.x)
+    n = thread
+    while n < ALL_SUMS:
+        shared[n] = type(background.cell_size)(0)
+        n += ROWS
     cuda.syncthreads()
+    own = row * SUMS
     if background.layers == 3:
-        deposit_reach(total, ((cell >> 4) * 6 + ((cell >> 2) & 3) + row) * 6 + (cell & 3), row, 6, 3, shared)
+        deposit_reach(total, number(own + ((cell >> 4) * 6 + ((cell >> 2) & 3) + row) * 6 + (cell & 3)), 6, 3, shared)
     else:
-        deposit_reach(total, ((cell >> 3) + row) * 10 + (cell & 7), row, 10, 1, shared)
-    for n in range(thread, 4 * scratch.shape[1], ROWS):
+        deposit_reach(total, number(own + ((cell >> 3) + row) * 10 + (cell & 7)), 10, 1, shared)
+    n = thread
+    while n < 4 * scratch.shape[1]:
         at = (n & 3) * REACH + (n >> 2)
-        scratch[b, n >> 2, n & 3] = shared[0, at] + shared[1, at] + shared[2, at]
+        scratch[b, n >> 2, n & 3] = shared[at] + shared[at + SUMS] + shared[at + 2 * SUMS]
+        n += ROWS
 
 
 @formula
@@ -310,14 +342,14 @@ def scatter_particles(
     cluster_share, inverse_spread, embedding, kernel_gradient, blocks, scratch,
 ):  # fmt: skip
     """What each block's particles give to the nodes in their reach."""
-    b = cuda.blockIdx.x
-    start, end = bins.first[64 * b], bins.first[64 * b + 64]
-    if start == end:
+    b = number(cuda.blockIdx.x)
+    start, end = number(bins.first[64 * b]), number(bins.first[64 * b + 64])
+    if start == end or scratch.shape[2] != 4:
         return
-    thread = cuda.threadIdx.x
+    thread = number(cuda.threadIdx.x)
     own_cell, row = thread & 63, thread >> 6
-    first, last = bins.first[64 * b + own_cell], bins.first[64 * b + own_cell + 1]
-    shared = cuda.shared.array((3, SUMS), scratch.dtype)
+    first, last = number(bins.first[64 * b + own_cell]), number(bins.first[64 * b + own_cell + 1])
+    shared = cuda.shared.array(ALL_SUMS, scratch.dtype)
     records = cuda.shared.array((RECORD, PADDED), scratch.dtype)
     total = cuda.local.array(36, scratch.dtype)
     for n in range(36):
@@ -325,14 +357,16 @@ def scatter_particles(
     origin = node_coordinates(blocks, b * 64)
     while start < end:
         stop = min(start + CHUNK, end)
-        for at in range(start + thread, stop, ROWS):
-            i = bins.point[at]
+        at = start + thread
+        while at < stop:
+            i = number(bins.point[at])
             fx, fy, fz, _, _, _ = particle.place(i, position, cell, origin, background)
             own, qx, qy, qz, g, moment = particle.particle_field(
                 i, fx, fy, fz, velocity, mass, affine, volume_ratio, acceleration, liquid, background, timestep,
                 cluster_share, inverse_spread, embedding, kernel_gradient,
             )  # fmt: skip
             keep_field(records, at - start, fx, fy, fz, own, qx, qy, qz, g, moment)
+            at += ROWS
         cuda.syncthreads()
         for at in range(max(first, start), min(last, stop)):
             add_kept_row(total, row, background, records, at - start, kernel_gradient)
@@ -354,7 +388,7 @@ def scatter_carriers(
     thread = cuda.threadIdx.x
     own_cell, row = thread & 63, thread >> 6
     first, last = bins.first[64 * b + own_cell], bins.first[64 * b + own_cell + 1]
-    shared = cuda.shared.array((3, SUMS), scratch.dtype)
+    shared = cuda.shared.array(ALL_SUMS, scratch.dtype)
     records = cuda.shared.array((RECORD, PADDED), scratch.dtype)
     total = cuda.local.array(36, scratch.dtype)
     for n in range(36):
@@ -469,13 +503,16 @@ def grid_update(node_mass, node_momentum, node_pull, field, planes, background, 
 def load_reach(b, blocks, width, bits, deep, node_velocity, values):
     """`load_block` for a block's width and depth that the compiler knows, so that it need not divide."""
     rest = (1 << bits) - 1
-    middle = blocks.neighbour.shape[1] // 2
-    for at in range(cuda.threadIdx.x, width * width * deep, cuda.blockDim.x):
-        x, y, z = at % width, (at // width) % width, at // (width * width)
-        s = blocks.neighbour[b, middle + (x >> bits) + 3 * (y >> bits) + 9 * (z >> bits)]
+    middle = 13 if deep > 1 else 4
+    at = number(cuda.threadIdx.x)
+    while at < width * width * deep:
+        line, z = quotient(at, width), quotient(at, width * width)
+        x, y = at - line * width, line - z * width
+        s = number(blocks.neighbour[b, number(middle + (x >> bits) + 3 * (y >> bits) + 9 * (z >> bits))])
         n = 64 * s + (((z & rest) << (2 * bits)) | ((y & rest) << bits) | (x & rest))
         for c in range(3):
             values[at, c] = node_velocity[n, c]
+        at += GATHERING
 
 
 @formula
@@ -499,27 +536,37 @@ def moments(x, y, z, fx, fy, fz, background, values):
 
 @formula
 def largest_of_block(values):
-    """values[c, 0] <- largest values[c] of the block's threads (a power of two of them), which have just written it."""
-    thread = cuda.threadIdx.x
+    """values[c, 0] <- largest of the row, a number for each of the block's threads, which have just written it."""
+    thread = number(cuda.threadIdx.x)
+    parts = values.shape[1] // EIGHT
     cuda.syncthreads()
-    half = cuda.blockDim.x // 2
-    while half > 0:
-        if thread < half:
-            for c in range(values.shape[0]):
-                if values[c, thread + half] > values[c, thread]:
-                    values[c, thread] = values[c, thread + half]
-        cuda.syncthreads()
-        half //= 2
+    most = values[0, 0]
+    row = quotient(thread, parts)
+    if row < values.shape[0]:
+        most = values[row, thread - row * parts]
+        for k in range(1, EIGHT):
+            most = max(most, values[row, thread - row * parts + k * parts])
+    cuda.syncthreads()
+    if row < values.shape[0]:
+        values[row, thread - row * parts] = most
+    cuda.syncthreads()
+    if thread < values.shape[0]:
+        most = values[thread, 0]
+        for k in range(1, parts):
+            most = max(most, values[thread, k])
+        values[thread, 0] = most
+    cuda.syncthreads()
 
 
 @formula
-def put_rows(bins, begin, count, width, rows, out):
-    """Rows of `width` numbers in shared memory to the points begin to begin + count."""
-    abreast = GATHERING // width
-    row, c = cuda.threadIdx.x // width, cuda.threadIdx.x % width
-    if row < abreast:
-        for k in range(row, count, abreast):
-            out[bins.point[begin + k], c] = rows[k, c]
+def put_rows(numbers, count, width, rows, out):
+    """The first rows of `width` numbers in shared memory to the points with these numbers, in their order in memory."""
+    for k in range(width):
+        at = number(cuda.threadIdx.x) + k * GATHERING
+        row = quotient(at, width)
+        if row < count:
+            c = number(at - row * width)
+            out[number(numbers[row]), c] = rows[row, c]
 
 
 @cuda_kernel(block_for_each_row=True, threads=GATHERING, rows_of="block_extremes")
@@ -532,21 +579,25 @@ def gather(
 
     block_extremes (b, 5): largest squared way, -J, J, |tr A| and squared jump of each block's particles.
     """
-    b = cuda.blockIdx.x
+    b, thread = number(cuda.blockIdx.x), number(cuda.threadIdx.x)
     real = type(background.cell_size)
     far, least, most, fast, jump = real(0), real(-math.inf), real(-math.inf), real(0), real(0)
-    if bins.first[64 * b + 64] > bins.first[64 * b]:
+    begin, end = number(bins.first[64 * b]), number(bins.first[64 * b + 64])
+    # The widths, so that the compiler knows them.
+    known = node_velocity.shape[1] == 3 and velocity.shape[1] == 3 and position.shape[1] == 3 and affine.shape[1] == 9
+    if begin < end and known:
         values = cuda.shared.array((REACH, 3), velocity.dtype)
         best = cuda.shared.array((5, GATHERING), velocity.dtype)
         matrix = cuda.shared.array((GATHERING, 9), velocity.dtype)
         speed = cuda.shared.array((GATHERING, 3), velocity.dtype)
         moved = cuda.shared.array((GATHERING, 3), velocity.dtype)
+        numbers = cuda.shared.array(GATHERING, np.int32)
         origin = node_coordinates(blocks, b * 64)
         load_block(b, blocks, background, node_velocity, values)
-        begin, end, thread = bins.first[64 * b], bins.first[64 * b + 64], cuda.threadIdx.x
         while begin < end:
             if begin + thread < end:
-                i = bins.point[begin + thread]
+                i = number(bins.point[begin + thread])
+                numbers[thread] = i
                 fx, fy, fz, x, y, z = particle.place(i, position, cell, origin, background)
                 sums = moments(x, y, z, fx, fy, fz, background, values)
                 way, ratio, rate, leap = particle.gather(
@@ -558,17 +609,17 @@ def gather(
                 jump = max(jump, leap)
             cuda.syncthreads()
             # Rows of numbers, written by all threads together: neighbours in memory by neighbours in the block.
-            count = min(cuda.blockDim.x, end - begin)
-            put_rows(bins, begin, count, 9, matrix, affine)
-            put_rows(bins, begin, count, 3, speed, velocity)
-            put_rows(bins, begin, count, 3, moved, position)
+            count = min(GATHERING, end - begin)
+            put_rows(numbers, count, 9, matrix, affine)
+            put_rows(numbers, count, 3, speed, velocity)
+            put_rows(numbers, count, 3, moved, position)
             cuda.syncthreads()
-            begin += cuda.blockDim.x
+            begin += GATHERING
         best[0, thread], best[1, thread], best[2, thread] = far, least, most
         best[3, thread], best[4, thread] = fast, jump
         largest_of_block(best)
         far, least, most, fast, jump = best[0, 0], best[1, 0], best[2, 0], best[3, 0], best[4, 0]
-    if cuda.threadIdx.x == 0:
+    if thread == 0:
         block_extremes[b, 0] = far
         block_extremes[b, 1] = least
         block_extremes[b, 2] = most
@@ -583,7 +634,7 @@ def reduce_extremes(block_extremes, displacement, step_extremes):
     best = cuda.shared.array((1, SUMMING), displacement.dtype)
     for c in range(cuda.blockIdx.x, 5, 4):
         mine = real(-math.inf)
-        for b in range(cuda.threadIdx.x, block_extremes.shape[0], cuda.blockDim.x):
+        for b in range(cuda.threadIdx.x, block_extremes.shape[0], SUMMING):
             mine = max(mine, block_extremes[b, c])
         cuda.syncthreads()
         best[0, cuda.threadIdx.x] = mine

@@ -24,6 +24,7 @@ SETS = ("particles", "carriers", "samples")
 PROGRAMS = {"numpy": "reference"}
 SLACK = {"cuda": 1}  # blocks by which a new table reaches further, where making one costs more than passing over it
 UNSEEN = 8  # steps, of half a cell each at most, in which a particle crosses no more than one block
+DEEP = 2  # a block around which all blocks are complete
 
 
 class Bins(NamedTuple):
@@ -37,7 +38,7 @@ class Sorting(NamedTuple):
     """Arrays in which particles are sorted without the host, int32."""
 
     bins: Bins
-    held: Any  # (nodes,) particles of each cell
+    held: Any  # (nodes + 2,) particles of each cell; those not deep in the blocks, those at no possible place
     total: Any  # (blocks,) particles of the blocks before each
     place: Any  # (n,) place of each particle in its cell
     unsorted: Any  # (n,) particles of each cell, in any order
@@ -70,8 +71,7 @@ class MpmGrid:
         self.inverse_cell = 1.0 / float(np.dtype(dtype).type(cell_size))
         self.on_device = self.backend.name == "cuda"
         self.blocks: Any = None
-        self.complete: Any = None  # (b,) whether the blocks that its particles reach are there, too
-        self.deep: Any = None  # (b,) whether that holds for all blocks around it, too
+        self.complete: Any = None  # (b,) 1 where the blocks that its particles reach are there, too; see DEEP
         self.sorting: Sorting | None = None  # where particles are sorted without the host
         self._unseen = 0  # steps for which the blocks suffice
         self.cells: dict[str, Any] = {}
@@ -141,20 +141,22 @@ class MpmGrid:
         """Extremes of the particles of each block (b, 5), where a device reduces them in two steps."""
         return self._array("block_extremes", (self.nodes // NODES, 5))
 
-    def attend(self, position: Any) -> bool:
+    def attend(self, position: Any, moved: bool = False) -> bool:
         """Before a step on a device that the host does not see: have the blocks that particles at `position` (n, 3) [m]
         may reach in it. Returns whether any array is another one than before.
+
+        moved  whether somebody else than the latest step put them there
 
         Raises RunStopped where a particle is not finite or too far away.
         """
         self._unseen -= 1
-        if self.sorting is not None and self._unseen > 0:
+        if self.sorting is not None and self._unseen > 0 and not moved:
             return False
         programs = importlib.import_module("refsim.mpm.cuda")
         n, empty = position.shape[0], self.backend.empty
         self._unseen = UNSEEN
-        if self.sorting is not None:
-            shallow, lost = programs.find_cells(position, self.inverse_cell, self.blocks, self.deep, self.sorting.place)
+        if self.sorting is not None and not moved:
+            shallow, lost = programs.noted_places(self.sorting.held)  # by the step before, half a cell ago
             self._check_lost(SETS[0], lost)
             if not shallow:
                 return False
@@ -163,12 +165,23 @@ class MpmGrid:
         _, lost = programs.find_cells(position, self.inverse_cell, self.blocks, self.complete, place)
         self._check_lost(SETS[0], lost)
         bins = Bins(empty(self.nodes + 1, np.int32), empty(n, np.int32))
-        counters = empty(self.nodes, np.int32), empty(self.nodes // NODES, np.int32)
+        counters = empty(self.nodes + 2, np.int32), empty(self.nodes // NODES, np.int32)
         self.sorting = Sorting(bins, *counters, place, empty(n, np.int32), empty(1, np.int32))
         self.bins = {SETS[0]: bins}
         for name in ("node_mass", "node_momentum", "node_velocity", "scratch", "block_extremes"):
             getattr(self, name)  # nothing may be allocated while a step is recorded
         return True
+
+    def order(self, position: Any) -> Any:
+        """Numbers (n,) int32 of the particles at `position`, block by block and cell by cell, after `attend`.
+
+        Particles of a cell keep their order, which depends on nothing but their places.
+        """
+        assert self.sorting is not None
+        programs = importlib.import_module("refsim.mpm.cuda")
+        cell = self._array("order_cell", (position.shape[0],), np.int32)
+        programs.sort_particles(position, self, cell)
+        return self.sorting.bins.point
 
     def _check_lost(self, name: str, lost: int) -> None:
         if lost:
@@ -243,10 +256,11 @@ class MpmGrid:
         corners = [k for k, s in enumerate(itertools.product(*self._ways((-1, 0, 1)))) if min(s) >= 0]
         complete = (neighbour[:, xp.asarray(corners)] >= 0).all(1)
         deep = (neighbour >= 0).all(1) & complete[neighbour].all(1)
-        arrays = [xp.ascontiguousarray(a) for a in (made, neighbour, complete.astype(np.uint8), deep.astype(np.uint8))]
+        complete = complete.astype(np.uint8) + (complete & deep)
+        arrays = [xp.ascontiguousarray(a) for a in (made, neighbour, complete)]
         if self.on_device:
             arrays = [device.wrapped(a) for a in arrays]
-        self.blocks, self.complete, self.deep = Blocks(*arrays[:2]), *arrays[2:]
+        self.blocks, self.complete = Blocks(*arrays[:2]), arrays[2]
 
     def _ways(self, axis: Any) -> tuple[Any, ...]:
         """Steps along z, y, x, so that x runs fastest."""
@@ -257,14 +271,14 @@ class MpmGrid:
         steps = [(z << (2 * BITS)) + (y << BITS) + x for z, y, x in itertools.product(*self._ways(axis))]
         return np.array(steps, np.int64)
 
-    def _array(self, name: str, shape: tuple[int, ...]) -> Any:
+    def _array(self, name: str, shape: tuple[int, ...], dtype: Any = None) -> Any:
         """The first rows of an array that grows with the blocks."""
         view = self._views.get(name)
         if view is None or view.shape != shape:
             held = self._storage.get(name)
             if held is None or held.shape[0] < shape[0]:
                 room = (shape[0] + shape[0] // 4, *shape[1:])
-                held = self._storage[name] = self.backend.empty(room, self.dtype)
+                held = self._storage[name] = self.backend.empty(room, dtype or self.dtype)
             view = self._views[name] = held[: shape[0]]
         return view
 

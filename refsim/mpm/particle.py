@@ -197,55 +197,44 @@ def carrier_field(
 
 
 @formula
+def row_moments(n, w0, w1, w2, c, values):
+    """Sums over the nodes n, n + 1, n + 2 of a row: w v and w v i, i from 0, of the component c."""
+    u1, u2 = w1 * values[n + 1, c], w2 * values[n + 2, c]
+    return w0 * values[n, c] + u1 + u2, u1 + (u2 + u2)
+
+
+@formula
+def layer_moments(n, width, wx, wy, c, values):
+    """Sums over a layer of the stencil from node n on: w v, w v i, w v j of the component c."""
+    a0, b0 = row_moments(n, wx[0], wx[1], wx[2], c, values)
+    a1, b1 = row_moments(n + width, wx[0], wx[1], wx[2], c, values)
+    a2, b2 = row_moments(n + 2 * width, wx[0], wx[1], wx[2], c, values)
+    a1 *= wy[1]
+    a2 *= wy[2]
+    return wy[0] * a0 + a1 + a2, wy[0] * b0 + wy[1] * b1 + wy[2] * b2, a1 + (a2 + a2)
+
+
+@formula
+def component_moments(at, width, layers, wx, wy, wz, c, values):
+    """Sums over the stencil from node `at` on: B v, B v i, B v j, B v k of the component c; the plane has one layer."""
+    a0, x0, y0 = layer_moments(at, width, wx, wy, c, values)
+    if layers == 1:
+        return a0, x0, y0, type(a0)(0)
+    a1, x1, y1 = layer_moments(at + width * width, width, wx, wy, c, values)
+    a2, x2, y2 = layer_moments(at + 2 * width * width, width, wx, wy, c, values)
+    a1 *= wz[1]
+    a2 *= wz[2]
+    x = wz[0] * x0 + wz[1] * x1 + wz[2] * x2
+    y = wz[0] * y0 + wz[1] * y1 + wz[2] * y2
+    return wz[0] * a0 + a1 + a2, x, y, a1 + (a2 + a2)
+
+
+@formula
 def moments(at, width, layers, wx, wy, wz, values):
     """Sums over the stencil's nodes: B v (3) and B v (j - base)^T (9, row by row); values (nodes, 3) [m/s]."""
-    real = type(wx[0])
-    zero = real(0)
-    two = real(2)
-    vx, vy, vz = zero, zero, zero
-    xx, xy, xz = zero, zero, zero
-    yx, yy, yz = zero, zero, zero
-    zx, zy, zz = zero, zero, zero
-    w0, w1, w2 = wx[0], wx[1], wx[2]
-    d2 = two * w2
-    for k in range(3):
-        if k < layers:
-            px, py, pz = zero, zero, zero
-            sx, sy, sz = zero, zero, zero
-            tx, ty, tz = zero, zero, zero
-            for j in range(3):
-                n = at + (k * width + j) * width
-                w = wy[j]
-                far = real(j) * w
-                u0, u1, u2 = values[n, 0], values[n + 1, 0], values[n + 2, 0]
-                e = w0 * u0 + w1 * u1 + w2 * u2
-                px += w * e
-                sx += far * e
-                tx += w * (w1 * u1 + d2 * u2)
-                u0, u1, u2 = values[n, 1], values[n + 1, 1], values[n + 2, 1]
-                e = w0 * u0 + w1 * u1 + w2 * u2
-                py += w * e
-                sy += far * e
-                ty += w * (w1 * u1 + d2 * u2)
-                u0, u1, u2 = values[n, 2], values[n + 1, 2], values[n + 2, 2]
-                e = w0 * u0 + w1 * u1 + w2 * u2
-                pz += w * e
-                sz += far * e
-                tz += w * (w1 * u1 + d2 * u2)
-            w = wz[k]
-            far = real(k) * w
-            vx += w * px
-            vy += w * py
-            vz += w * pz
-            xx += w * tx
-            yx += w * ty
-            zx += w * tz
-            xy += w * sx
-            yy += w * sy
-            zy += w * sz
-            xz += far * px
-            yz += far * py
-            zz += far * pz
+    vx, xx, xy, xz = component_moments(at, width, layers, wx, wy, wz, 0, values)
+    vy, yx, yy, yz = component_moments(at, width, layers, wx, wy, wz, 1, values)
+    vz, zx, zy, zz = component_moments(at, width, layers, wx, wy, wz, 2, values)
     return vx, vy, vz, xx, xy, xz, yx, yy, yz, zx, zy, zz
 
 
@@ -319,6 +308,15 @@ def times_spread(m, s, scale):
 
 
 @formula
+def scaled(m, scale):
+    """scale M, row by row."""
+    return (
+        scale * m[0], scale * m[1], scale * m[2], scale * m[3], scale * m[4], scale * m[5], scale * m[6], scale * m[7],
+        scale * m[8],
+    )  # fmt: skip
+
+
+@formula
 def deform(i, a, liquid, step, layers, deformation):
     """(4.16) F <- (I + dt A) F, with M5 dt = 1 s; returns J = det F, and leaves J^(1/d) I where F is forgotten."""
     real = type(step)
@@ -356,14 +354,13 @@ def gather(
     step = timestep[1]
     v = (sums[0], sums[1], sums[2])
     m = centred(sums, fx, fy, fz, h)
-    inverse = round_spread(h)
     if cluster_share is not None:
         v, m = with_carriers(
             i, v, m, position, carrier_first, carrier_position, carrier_moment, cluster_share[i], embedding
         )
-        if embedding.reading == CLUSTER:
-            inverse = spread_of(i, inverse_spread)
-    a = times_spread(m, inverse, background.inverse_moment)
+    a = scaled(m, background.inverse_moment)
+    if cluster_share is not None and embedding.reading == CLUSTER:
+        a = times_spread(m, spread_of(i, inverse_spread), background.inverse_moment)
     for c in range(9):
         affine[row, c] = a[c]
     if deformation is not None:

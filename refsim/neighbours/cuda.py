@@ -524,15 +524,12 @@ class CellOrder:
 
 
 class Sorter:
-    """Puts arrays into cell order, in place, through spare ones; those of one kind in one launch."""
+    """Puts arrays into cell order, in place."""
 
     def __init__(self, search, position, arrays, sorted_position):
-        self.arrays = arrays
         backend, n = search.backend, position.shape[0]
         self.keys, self.order = backend.empty(n, np.int64), backend.empty(n, np.int64)
-        kinds = dict.fromkeys((a.shape, a.dtype) for a in arrays)
-        alike = [tuple(a for a in arrays if (a.shape, a.dtype) == kind) for kind in kinds]
-        self.kinds = [(group, tuple(backend.empty(a.shape, a.dtype) for a in group)) for group in alike]
+        self.rows = device.Rows(arrays, self.order)
         self.by_count = CellOrder(backend, self.keys, self.order) if 0 < n < FEW else None
         self.mirror = None if self.by_count is None else device.Mirror(self.by_count.report)
         self.find_order = device.Recorded(lambda: self._find_order(position, 1.0 / search.reach))
@@ -545,9 +542,7 @@ class Sorter:
             self.mirror.send()
 
     def _move(self, position, sorted_position):
-        for arrays, spare in self.kinds:
-            device.gather_all(arrays, self.order, spare)
-            device.copy_all(spare, arrays)
+        self.rows.launch()
         device.copy(position, sorted_position)
 
     def __call__(self):
@@ -562,7 +557,7 @@ class Sorter:
     @property
     def nbytes(self):
         counted = 0 if self.by_count is None else self.by_count.nbytes
-        return counted + sum(a.nbytes for a in (self.keys, self.order, *(a for _, spare in self.kinds for a in spare)))
+        return counted + self.keys.nbytes + self.order.nbytes + self.rows.nbytes
 
 
 class Search:
@@ -580,7 +575,7 @@ class Search:
         return device.stable_order(keys)
 
     def sort(self, position, arrays, sorted_position):
-        if self.sorter is None or any(a is not b for a, b in zip(self.sorter.arrays, arrays)):
+        if self.sorter is None or not self.sorter.rows.belongs_to(arrays):
             self.sorter = Sorter(self, position, arrays, sorted_position)
         self.sorter()
         return arrays
