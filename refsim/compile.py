@@ -219,7 +219,8 @@ class CudaKernel:
 
     A thread takes a row (with `lanes` so many threads: a number, or as many as share a column of the list of that name,
     True for `neighbours`), or, with `block_for_each_row`, a block, of `threads` threads where the kernel counts on
-    their number.
+    their number. A thread has at most so many `registers`, where more threads at a time are worth more than a few
+    numbers kept elsewhere.
     """
 
     def __init__(
@@ -230,6 +231,7 @@ class CudaKernel:
         lanes: bool | str | int = False,
         block_for_each_row: bool = False,
         threads: int | None = None,
+        registers: int | None = None,
     ) -> None:
         from refsim.backend import simulated
 
@@ -246,8 +248,10 @@ class CudaKernel:
         self.__wrapped__ = function
         self.__signature__ = inspect.signature(function)
         options: dict[str, Any] = {"fastmath": fastmath}
-        if not simulated():  # the simulator takes None as it is and has no such option
+        if not simulated():  # the simulator takes None as it is and has no such options
             options["extensions"] = [_AbsentArgument()]
+            if registers is not None:
+                options["max_registers"] = registers
         self.dispatcher = _cached(_load_cuda().jit(**options)(function), function)
         self.launches: dict[tuple, Launch] | None = None if simulated() else {}
 
@@ -351,6 +355,7 @@ def cuda_kernel(
     lanes: bool | str | int = False,
     block_for_each_row: bool = False,
     threads: int | None = None,
+    registers: int | None = None,
 ) -> Any:
     """Compile a kernel for CUDA (or for the CUDA simulator, if NUMBA_ENABLE_CUDASIM is set).
 
@@ -359,9 +364,9 @@ def cuda_kernel(
     if function is None:
         return functools.partial(
             cuda_kernel, fastmath=fastmath, rows_of=rows_of, lanes=lanes, block_for_each_row=block_for_each_row,
-            threads=threads,
+            threads=threads, registers=registers,
         )  # fmt: skip
-    return CudaKernel(function, fastmath, rows_of, lanes, block_for_each_row, threads)
+    return CudaKernel(function, fastmath, rows_of, lanes, block_for_each_row, threads, registers)
 
 
 @functools.cache

@@ -213,16 +213,20 @@ def test_particles_of_mpm_are_sorted_without_the_host(cuda):
         position = cuda.asarray(place + [0.1 * step, 0.0, 0.0])
         changes.append(grid.attend(position))
         if step % 8 == 7:  # the last for which the blocks were looked at
-            programs.cells(position, None, None, grid, cell)
+            seen = position
+            programs.cells(seen, None, None, grid, cell)
             expected = programs.sorted_bins(cell, grid.nodes // 64)
             for own, other in zip(grid.bins["particles"], expected, strict=True):
                 assert np.array_equal(cuda.host(own), cuda.host(other))
             assert cuda.host(cell).min() >= 0
     assert changes[0]
     assert 1 <= sum(changes[1:]) <= 2
+    assert np.array_equal(cuda.host(grid.order(seen)), cuda.host(expected[1]))
+    assert grid.attend(position, moved=True)  # somebody else may have put them anywhere
     lost = cuda.asarray(np.full_like(place, np.nan))
     for _ in range(7):
         grid.attend(lost)
+    programs.cells(lost, None, None, grid, cell)
     with pytest.raises(RunStopped) as stopped:
         grid.attend(lost)
     assert stopped.value.reason == "out_of_grid"

@@ -1,6 +1,6 @@
 """CUDA transfers of MPM: one thread block for each block of nodes, sums in registers and in shared memory.
 
-Particle to grid: the block's threads bring its points into shared memory, each as an affine field; three threads for
+Particle to grid: the block's threads bring points into shared memory, each as an affine field; three threads for
 each cell (one for each row of its stencil) add up the cell's points in registers; then, in an order that never
 changes, the cells' sums go to the block's nodes in shared memory, one node of the stencil at a time, so that no two
 threads meet. No atomic addition of floats: results repeat bit for bit.
@@ -17,7 +17,7 @@ from refsim.mpm import particle
 from refsim.mpm.formulas import spline_slopes, spline_weights
 from refsim.mpm.grid import DEEP, FARTHEST
 from refsim.neighbours.formulas import BITS, OFFSET, lower_bound
-from refsim.sparse_grid.cuda import SUMMING, sort_counted, sorted_points
+from refsim.sparse_grid.cuda import SUMMING, number, sort_counted, sorted_points
 from refsim.sparse_grid.formulas import COORDINATE, node_coordinates
 
 FAR = 2.0 * FARTHEST
@@ -27,16 +27,12 @@ SUMS = 4 * REACH  # mass and momentum of each
 ALL_SUMS = 3 * SUMS  # one for each row of a stencil
 CHUNK = 256  # points of a block in shared memory at a time
 PADDED = CHUNK + CHUNK // 8  # one place more after eight, so that the points of cells in a row lie in different banks
+APART = 75  # between particles of a cell that are added in turn: those of eleven cells lie in different banks
+IN_TURN = 3 * APART
 RECORD = 17  # numbers of a point: fractions, mass, value and gradient of its field, moment of its stress
 GATHERING = 16 if simulated() else 128  # threads; more than a row of the affine matrices has numbers
 
 EIGHT = 8  # numbers of which a thread finds the largest
-
-
-@formula
-def number(i):
-    """i >= 0, as the compiler should know it: an index that may count from an array's end costs six instructions."""
-    return np.int64(np.uint32(i))
 
 
 @formula
@@ -136,17 +132,19 @@ def sorted_bins(cell, blocks):
 
 
 @formula
-def block_beside(hint, key, keys, neighbour, bits):
-    """Number of the block with `key`, which the block `hint` touches; -1 where it does not."""
+def block_beside(hint, x, y, z, keys, neighbour):
+    """Number of the block with these integer coordinates, which the block `hint` touches; -1 where it does not."""
     if hint < 0 or hint >= keys.shape[0]:
         return -1
     base = keys[hint]
-    dx = (key & COORDINATE) - (base & COORDINATE)
-    dy = ((key >> BITS) & COORDINATE) - ((base >> BITS) & COORDINATE)
-    dz = (key >> (2 * BITS)) - (base >> (2 * BITS))
-    if dx < -1 or dx > 1 or dy < -1 or dy > 1 or dz < -1 or dz > 1 or (bits == 3 and dz != 0):
+    dx = np.int32(x + OFFSET) - np.int32(base & COORDINATE) + 1
+    dy = np.int32(y + OFFSET) - np.int32((base >> BITS) & COORDINATE) + 1
+    dz = np.int32(z + OFFSET) - np.int32(base >> (2 * BITS)) + 1
+    if dx < 0 or dx > 2 or dy < 0 or dy > 2 or dz < 0 or dz > 2:
         return -1
-    return neighbour[hint, neighbour.shape[1] // 2 + dx + 3 * dy + 9 * dz]
+    if neighbour.shape[1] == 27:
+        return neighbour[hint, dx + 3 * dy + 9 * dz]
+    return neighbour[hint, dx + 3 * dy] if dz == 1 else -1
 
 
 @cuda_kernel
@@ -166,16 +164,18 @@ def count_cells(position, inverse_cell, blocks, complete, bits, held, place, cel
         if jx <= FARTHEST and jy <= FARTHEST and jz <= FARTHEST:
             rest = (1 << bits) - 1
             keys = blocks.keys
-            key = key_of(jx, jy, jz, bits)
-            b = block_beside(cell[i] >> 6, key, keys, blocks.neighbour, bits)
+            b = block_beside(cell[i] >> 6, jx >> bits, jy >> bits, jz >> 2 if bits == 2 else 0, keys, blocks.neighbour)
             if b < 0:
+                key = key_of(jx, jy, jz, bits)
                 b = lower_bound(keys, key)
-            if b < keys.shape[0] and keys[b] == key and complete[b] != 0:
+                if b == keys.shape[0] or keys[b] != key:
+                    b = -1
+            if b >= 0 and complete[b] != 0:
                 found = b * 64 + (((jy & rest) << bits) | (jx & rest))
                 if bits == 2:
                     found += (jz & rest) << 4
                 place[i] = cuda.atomic.add(held, found, 1)
-            if found < 0 or complete[b] != DEEP:
+            if b < 0 or complete[b] != DEEP:
                 cuda.atomic.add(held, nodes, 1)
         else:
             cuda.atomic.add(held, nodes + 1, 1)
@@ -302,9 +302,8 @@ def deposit(total, cell, row, background, shared, scratch, b):
 
 
 @formula
-def keep_field(records, k, fx, fy, fz, mass, qx, qy, qz, g, moment):
-    """Point k of the chunk as numbers in shared memory."""
-    at = k + (k >> 3)
+def keep_field(records, at, fx, fy, fz, mass, qx, qy, qz, g, moment):
+    """A point as the numbers at place `at` in shared memory."""
     records[0, at], records[1, at], records[2, at], records[3, at] = fx, fy, fz, mass
     records[4, at], records[5, at], records[6, at] = qx, qy, qz
     records[7, at], records[8, at], records[9, at] = g[0], g[1], g[2]
@@ -314,9 +313,8 @@ def keep_field(records, k, fx, fy, fz, mass, qx, qy, qz, g, moment):
 
 
 @formula
-def add_kept_row(total, row, background, records, k, kernel_gradient):
-    """Add point k of the chunk to the row's sums."""
-    at = k + (k >> 3)
+def add_kept_row(total, row, background, records, at, kernel_gradient):
+    """Add the point at place `at` in shared memory to the row's sums."""
     wx, wy = spline_weights(records[0, at]), spline_weights(records[1, at])
     wz = particle.layer_weights(records[2, at], background)
     g = (
@@ -343,35 +341,36 @@ def scatter_particles(
 ):  # fmt: skip
     """What each block's particles give to the nodes in their reach."""
     b = number(cuda.blockIdx.x)
-    start, end = number(bins.first[64 * b]), number(bins.first[64 * b + 64])
-    if start == end or scratch.shape[2] != 4:
+    if bins.first[64 * b] == bins.first[64 * b + 64]:
         return
     thread = number(cuda.threadIdx.x)
     own_cell, row = thread & 63, thread >> 6
     first, last = number(bins.first[64 * b + own_cell]), number(bins.first[64 * b + own_cell + 1])
     shared = cuda.shared.array(ALL_SUMS, scratch.dtype)
-    records = cuda.shared.array((RECORD, PADDED), scratch.dtype)
+    records = cuda.shared.array((RECORD, IN_TURN), scratch.dtype)
     total = cuda.local.array(36, scratch.dtype)
     for n in range(36):
         total[n] = type(background.cell_size)(0)
     origin = node_coordinates(blocks, b * 64)
-    while start < end:
-        stop = min(start + CHUNK, end)
-        at = start + thread
-        while at < stop:
-            i = number(bins.point[at])
+    known = position.shape[1] == 3 and velocity.shape[1] == 3 and affine.shape[1] == 9  # the compiler should, too
+    # Every thread brings one particle, three of each cell, so that all threads have as many to add up.
+    cell_of, rank = quotient(thread, 3), thread - 3 * quotient(thread, 3)
+    at, end = bins.first[64 * b + cell_of] + rank, bins.first[64 * b + cell_of + 1]
+    while cuda.syncthreads_or(np.int32(first < last)) and known:
+        if at < end:
+            i = number(bins.point[number(at)])
             fx, fy, fz, _, _, _ = particle.place(i, position, cell, origin, background)
             own, qx, qy, qz, g, moment = particle.particle_field(
                 i, fx, fy, fz, velocity, mass, affine, volume_ratio, acceleration, liquid, background, timestep,
                 cluster_share, inverse_spread, embedding, kernel_gradient,
             )  # fmt: skip
-            keep_field(records, at - start, fx, fy, fz, own, qx, qy, qz, g, moment)
-            at += ROWS
+            keep_field(records, number(rank * APART + cell_of), fx, fy, fz, own, qx, qy, qz, g, moment)
         cuda.syncthreads()
-        for at in range(max(first, start), min(last, stop)):
-            add_kept_row(total, row, background, records, at - start, kernel_gradient)
-        cuda.syncthreads()
-        start = stop
+        for k in range(3):
+            if first + k < last:
+                add_kept_row(total, row, background, records, own_cell + k * APART, kernel_gradient)
+        at += 3
+        first += 3
     deposit(total, own_cell, row, background, shared, scratch, b)
 
 
@@ -403,10 +402,10 @@ def scatter_carriers(
                 c, fx, fy, fz, carrier_position, carrier_owner, position, velocity, mass, affine, volume_ratio,
                 acceleration, liquid, background, timestep, cluster_share, inverse_spread, embedding,
             )  # fmt: skip
-            keep_field(records, at - start, fx, fy, fz, own, qx, qy, qz, g, own)
+            keep_field(records, at - start + ((at - start) >> 3), fx, fy, fz, own, qx, qy, qz, g, own)
         cuda.syncthreads()
         for at in range(max(first, start), min(last, stop)):
-            add_kept_row(total, row, background, records, at - start, None)
+            add_kept_row(total, row, background, records, at - start + ((at - start) >> 3), None)
         cuda.syncthreads()
         start = stop
     deposit(total, own_cell, row, background, shared, scratch, b)
@@ -569,7 +568,7 @@ def put_rows(numbers, count, width, rows, out):
             out[number(numbers[row]), c] = rows[row, c]
 
 
-@cuda_kernel(block_for_each_row=True, threads=GATHERING, rows_of="block_extremes")
+@cuda_kernel(block_for_each_row=True, threads=GATHERING, rows_of="block_extremes", registers=64)
 def gather(
     bins, node_velocity, cell, liquid, background, timestep, blocks, cluster_share, inverse_spread, embedding,
     carrier_first, carrier_position, carrier_moment, build_position, block_extremes, velocity, affine, volume_ratio,

@@ -14,6 +14,12 @@ from refsim.sparse_grid.formulas import BLOCK, cell_coordinate, find_node
 SUMMING = SIMULATED_THREADS if simulated() else 1024
 
 
+@formula
+def number(i):
+    """i >= 0, as the compiler should know it: an index that may count from an array's end costs six instructions."""
+    return np.int64(np.uint32(i))
+
+
 @cuda_kernel
 def block_keys(position, inverse_cell, dim, keys):
     """Key of the block in which each position [m] stands."""
@@ -128,11 +134,12 @@ def sort_cells(cell, first, unsorted, point):
     """The particles of each cell by their numbers."""
     i = cuda.grid(1)
     if i < cell.shape[0] and cell[i] >= 0:
-        begin, end = first[cell[i]], first[cell[i] + 1]
+        begin, end = number(first[cell[i]]), number(first[cell[i] + 1])
         at = begin
-        for k in range(begin, end):
-            if unsorted[k] < i:
+        while begin < end:
+            if unsorted[begin] < i:
                 at += 1
+            begin += 1
         point[at] = i
 
 
