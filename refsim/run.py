@@ -249,8 +249,9 @@ class Simulation:
         for each in self._attended:
             if each.attend(self.fields["position"], self._set_between_steps):
                 self.stepper.rebind()
-            if due:
-                self._follow(each.order(self.fields["position"]))
+            order = each.order(self.fields["position"]) if due else None
+            if order is not None:
+                self._follow(order)
         done = self.stepper.advance()
         self._set_between_steps = False
         self._squared_way = done.squared_way

@@ -17,7 +17,7 @@ from refsim.mpm import particle
 from refsim.mpm.formulas import spline_slopes, spline_weights
 from refsim.mpm.grid import DEEP, FARTHEST
 from refsim.neighbours.formulas import BITS, OFFSET, lower_bound
-from refsim.sparse_grid.cuda import SUMMING, number, sort_counted, sorted_points
+from refsim.sparse_grid.cuda import SUMMING, fill_cells, number, sort_cells, sorted_points
 from refsim.sparse_grid.formulas import COORDINATE, node_coordinates
 
 FAR = 2.0 * FARTHEST
@@ -117,12 +117,6 @@ def find_cells(position, inverse_cell, blocks, complete, cell):
     return missing, lost
 
 
-def noted_places(held):
-    """What `count_cells` found last: (particles not deep in the blocks, particles at no possible place)."""
-    shallow, lost = device.seen(held)[-2:].tolist()
-    return shallow, lost
-
-
 def sorted_bins(cell, blocks):
     """Points by cell."""
     return sorted_points(cell, 64 * blocks)
@@ -135,60 +129,84 @@ def sorted_bins(cell, blocks):
 def block_beside(hint, x, y, z, keys, neighbour):
     """Number of the block with these integer coordinates, which the block `hint` touches; -1 where it does not."""
     if hint < 0 or hint >= keys.shape[0]:
-        return -1
-    base = keys[hint]
-    dx = np.int32(x + OFFSET) - np.int32(base & COORDINATE) + 1
-    dy = np.int32(y + OFFSET) - np.int32((base >> BITS) & COORDINATE) + 1
-    dz = np.int32(z + OFFSET) - np.int32(base >> (2 * BITS)) + 1
+        return np.int32(-1)
+    base = keys[number(hint)]
+    dx = np.int32(x - np.int32(base & COORDINATE) + (OFFSET + 1))
+    dy = np.int32(y - np.int32((base >> BITS) & COORDINATE) + (OFFSET + 1))
+    dz = np.int32(z - np.int32(base >> (2 * BITS)) + (OFFSET + 1))
     if dx < 0 or dx > 2 or dy < 0 or dy > 2 or dz < 0 or dz > 2:
-        return -1
+        return np.int32(-1)
     if neighbour.shape[1] == 27:
-        return neighbour[hint, dx + 3 * dy + 9 * dz]
-    return neighbour[hint, dx + 3 * dy] if dz == 1 else -1
+        return neighbour[number(hint), number(dx + 3 * dy + 9 * dz)]
+    return neighbour[number(hint), number(dx + 3 * dy)] if dz == 1 else np.int32(-1)
+
+
+@formula
+def find_place(jx, jy, jz, bits, hint, blocks):
+    """(block, number in it) of node j; the block is -1 where there is none. `hint` is where to look first."""
+    x, y, z = np.int32(jx), np.int32(jy), np.int32(jz)
+    rest = (1 << bits) - 1
+    local = np.int32(((y & rest) << bits) | (x & rest))
+    if bits == 2:
+        local |= np.int32((z & rest) << 4)
+        z = np.int32(z >> 2)
+    b = block_beside(hint, np.int32(x >> bits), np.int32(y >> bits), z, blocks.keys, blocks.neighbour)
+    if b < 0:
+        key = key_of(jx, jy, jz, bits)
+        found = lower_bound(blocks.keys, key)
+        if found < blocks.keys.shape[0] and blocks.keys[found] == key:
+            b = np.int32(found)
+    return b, local
 
 
 @cuda_kernel
-def count_cells(position, inverse_cell, blocks, complete, bits, held, place, cell):
+def count_cells(position, inverse_cell, blocks, complete, held, place, cell):
     """Cell of each particle, and how many of its cell were counted before it; -1 in no block.
 
     The cell of the step before, or whatever stands there, says where to look first. Behind the counts of the nodes
     `held` counts the particles that are not deep in the blocks, and those at no possible place.
     """
-    i = cuda.grid(1)
+    i = number(cuda.grid(1))
     if i < cell.shape[0]:
         nodes = 64 * complete.shape[0]
+        deep = blocks.neighbour.shape[1] == 27
         jx = base_coordinate(position[i, 0], inverse_cell)
         jy = base_coordinate(position[i, 1], inverse_cell)
-        jz = base_coordinate(position[i, 2], inverse_cell) if bits == 2 else 0
-        found = -1
+        jz = base_coordinate(position[i, 2], inverse_cell) if deep else 0
+        found = np.int32(-1)
         if jx <= FARTHEST and jy <= FARTHEST and jz <= FARTHEST:
-            rest = (1 << bits) - 1
-            keys = blocks.keys
-            b = block_beside(cell[i] >> 6, jx >> bits, jy >> bits, jz >> 2 if bits == 2 else 0, keys, blocks.neighbour)
-            if b < 0:
-                key = key_of(jx, jy, jz, bits)
-                b = lower_bound(keys, key)
-                if b == keys.shape[0] or keys[b] != key:
-                    b = -1
-            if b >= 0 and complete[b] != 0:
-                found = b * 64 + (((jy & rest) << bits) | (jx & rest))
-                if bits == 2:
-                    found += (jz & rest) << 4
-                place[i] = cuda.atomic.add(held, found, 1)
-            if b < 0 or complete[b] != DEEP:
+            if deep:
+                b, local = find_place(jx, jy, jz, 2, cell[i] >> 6, blocks)
+            else:
+                b, local = find_place(jx, jy, jz, 3, cell[i] >> 6, blocks)
+            state = complete[number(b)] if b >= 0 else 0
+            if state != 0:
+                found = np.int32(b * 64 + local)
+                place[i] = cuda.atomic.add(held, number(found), 1)
+            if state != DEEP:
                 cuda.atomic.add(held, nodes, 1)
         else:
             cuda.atomic.add(held, nodes + 1, 1)
         cell[i] = found
 
 
+@cuda_kernel(rows_of="cell")
+def count_descents(cell, held):
+    """The last of `held` <- particles behind which one of an earlier cell stands."""
+    i = cuda.grid(1)
+    if i + 1 < cell.shape[0] and cell[i + 1] < cell[i]:
+        cuda.atomic.add(held, held.shape[0] - 1, 1)
+
+
 def sort_particles(position, grid, cell):
     """Cells and bins of the particles, whose blocks are there."""
-    bins, held, total, place, unsorted, one = grid.sorting
+    bins, held, sums, place, unsorted, _ = grid.sorting
     device.fill(held, 0)
     blocks = grid.blocks
-    count_cells(position, grid.inverse_cell, blocks, grid.complete, bits_of(blocks), held, place, cell)
-    sort_counted(cell, place, held, total, one, bins.first, unsorted, bins.point)
+    count_cells(position, grid.inverse_cell, blocks, grid.complete, held, place, cell)
+    sums()
+    fill_cells(cell, place, bins.first, unsorted)
+    sort_cells(cell, bins.first, unsorted, bins.point)
 
 
 def cells(position, carrier_position, surface_sample, grid, cell):

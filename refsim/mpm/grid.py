@@ -24,6 +24,7 @@ SETS = ("particles", "carriers", "samples")
 PROGRAMS = {"numpy": "reference"}
 SLACK = {"cuda": 1}  # blocks by which a new table reaches further, where making one costs more than passing over it
 UNSEEN = 8  # steps, of half a cell each at most, in which a particle crosses no more than one block
+OUT_OF_ORDER = 0.02  # share of particles that stand behind one of a later cell: more are worth sorting
 DEEP = 2  # a block around which all blocks are complete
 
 
@@ -38,11 +39,11 @@ class Sorting(NamedTuple):
     """Arrays in which particles are sorted without the host, int32."""
 
     bins: Bins
-    held: Any  # (nodes + 2,) particles of each cell; those not deep in the blocks, those at no possible place
-    total: Any  # (blocks,) particles of the blocks before each
+    held: Any  # (nodes + 3,) particles of each cell; those not deep in the blocks, at no possible place, out of order
+    sums: Any  # what adds up the particles of the cells
     place: Any  # (n,) place of each particle in its cell
     unsorted: Any  # (n,) particles of each cell, in any order
-    one: Any  # (1,)
+    noted: Any  # the last three of `held` on the host
 
 
 class Background(NamedTuple):
@@ -152,11 +153,13 @@ class MpmGrid:
         self._unseen -= 1
         if self.sorting is not None and self._unseen > 0 and not moved:
             return False
+        from refsim import device
+
         programs = importlib.import_module("refsim.mpm.cuda")
         n, empty = position.shape[0], self.backend.empty
         self._unseen = UNSEEN
         if self.sorting is not None and not moved:
-            shallow, lost = programs.noted_places(self.sorting.held)  # by the step before, half a cell ago
+            shallow, lost, _ = self._noted()  # by the step before, half a cell ago
             self._check_lost(SETS[0], lost)
             if not shallow:
                 return False
@@ -165,8 +168,10 @@ class MpmGrid:
         _, lost = programs.find_cells(position, self.inverse_cell, self.blocks, self.complete, place)
         self._check_lost(SETS[0], lost)
         bins = Bins(empty(self.nodes + 1, np.int32), empty(n, np.int32))
-        counters = empty(self.nodes + 2, np.int32), empty(self.nodes // NODES, np.int32)
-        self.sorting = Sorting(bins, *counters, place, empty(n, np.int32), empty(1, np.int32))
+        held = empty(self.nodes + 3, np.int32)
+        self.backend.assign(bins.first, 0)
+        sums, noted = device.RunningSum(held[: self.nodes], bins.first[1:]), device.Mirror(held[self.nodes :])
+        self.sorting = Sorting(bins, held, sums, place, empty(n, np.int32), noted)
         self.bins = {SETS[0]: bins}
         for name in ("node_mass", "node_momentum", "node_velocity", "scratch", "block_extremes"):
             getattr(self, name)  # nothing may be allocated while a step is recorded
@@ -175,13 +180,21 @@ class MpmGrid:
     def order(self, position: Any) -> Any:
         """Numbers (n,) int32 of the particles at `position`, block by block and cell by cell, after `attend`.
 
-        Particles of a cell keep their order, which depends on nothing but their places.
+        Particles of a cell keep their order, which depends on nothing but their places. None where they stand in it
+        already, but for a few.
         """
         assert self.sorting is not None
         programs = importlib.import_module("refsim.mpm.cuda")
         cell = self._array("order_cell", (position.shape[0],), np.int32)
         programs.sort_particles(position, self, cell)
-        return self.sorting.bins.point
+        programs.count_descents(cell, self.sorting.held)
+        return self.sorting.bins.point if self._noted()[2] > OUT_OF_ORDER * position.shape[0] else None
+
+    def _noted(self) -> list[int]:
+        """Particles not deep in the blocks, at no possible place, and out of order, as counted last."""
+        assert self.sorting is not None
+        self.sorting.noted.send()
+        return self.sorting.noted.read().tolist()
 
     def _check_lost(self, name: str, lost: int) -> None:
         if lost:
