@@ -4,6 +4,7 @@ floors, and its speed beside Taichi."""
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from statistics import fmean
 from typing import Any
 
@@ -32,6 +33,9 @@ SWINGS = {"2d_5.5": (2, 5.5, 0.1), "2d_8": (2, 8.0, 0.1), "2d_11": (2, 11.0, 0.1
           "2d_16_double": (2, 16.0, 0.2), "3d_4": (3, 4.0, 0.1), "3d_6": (3, 6.2, 0.1), "3d_9": (3, 9.0, 0.1),
           "3d_12": (3, 12.0, 0.1), "3d_9_half": (3, 9.0, 0.05), "3d_9_double": (3, 9.0, 0.2)}  # fmt: skip
 ANGLES = (60, 90, 120)
+# Blocks beside Taichi on a GPU: cells along an axis, order of the particles in memory, turns
+PEER_BLOCKS = ((64, "lattice", 3), (64, "cells", 3), (64, "random", 3), (128, "lattice", 2), (128, "random", 1),
+               (128, "cells", 1))  # fmt: skip
 # Errata whose printed reading a run can take, and what it does
 ERRATA = {
     "": "all corrections",
@@ -126,7 +130,11 @@ def planned(options: Options) -> list[Run]:
     peer: dict[str, Any] = {"cells": 24 if options.quick else 40, "steps": 10, "rounds": 3 if options.quick else 5}
     peer |= {"threads": options.threads or 2, "backend": options.backend}
     asked = "" if options.peers else "asked for with --peers"
-    made.append(Run("peer_taichi", runs.against_taichi, peer, estimate=60.0, skip=asked))
+    if options.backend != "cuda":
+        return [*made, Run("peer_taichi", runs.against_taichi, peer, estimate=60.0, skip=asked)]
+    for cells, order, rounds in PEER_BLOCKS[: 1 if options.quick else None]:
+        block = peer | {"cells": cells, "order": order, "rounds": rounds, "steps": 100}
+        made.append(Run(f"peer_taichi_{cells}_{order}", runs.against_taichi, block, 0.1 * cells * rounds, asked))
     return made
 
 
@@ -151,11 +159,18 @@ def judge(results: Results) -> list[Measurement]:
             for name in ("momentum", "angular", "centre", "least_ratio", "energy_rise"):
                 made.append(bounds.judge(f"{rule}_{name}", real(values[name]), reading))
     made += judged_bodies(results, bounds)
-    if "peer_taichi" in results and not results["peer_taichi"].values["missing"]:
-        values = results["peer_taichi"].values
-        made.append(bounds.judge("peer_ratio", values["ratio"], "taichi", "Taichi"))
-        made.append(bounds.judge("peer_difference", values["difference"], "taichi", "Taichi"))
+    for key, values in peers(results).items():
+        if not values["missing"]:
+            words = "Taichi" if key == "peer_taichi" else f"Taichi, {values['particles']:,} ({values['order']})"
+            rule = "peer_ratio" if key == "peer_taichi" else "peer_ratio_gpu"
+            made.append(bounds.judge(rule, values["ratio"], key.removeprefix("peer_"), words))
+            made.append(bounds.judge("peer_difference", values["difference"], key.removeprefix("peer_"), words))
     return made
+
+
+def peers(results: Results) -> dict[str, Mapping[str, Any]]:
+    """What the runs beside Taichi found."""
+    return {key: result.values for key, result in results.items() if key.startswith("peer_taichi")}
 
 
 KEPT = ("momentum", "angular", "centre")
@@ -364,19 +379,19 @@ def tables(results: Results) -> list[Table]:
         note = "Perimeter over that of the disc at the end; energy: highest over that at the start, less one."
         made.append(Table("A square of 20 cells becomes a disc", heading, rows, note))
     made += body_tables(results)
-    if "peer_taichi" in results:
-        values = results["peer_taichi"].values
+    for key, values in peers(results).items():
         if values["missing"]:
             made.append(Table("Other programs", ["program", "result"], [["Taichi", f"left out: {values['missing']}"]]))
         else:
+            place = f"{values['threads']} threads" if key == "peer_taichi" else f"a GPU, in memory: {values['order']}"
             n = values["particles"]
             rows = []
-            for words, key in ((f"Taichi {values['version']}", "peer"), ("refsim", "own")):
-                spent = sorted(1e6 * seconds / n for seconds in values[key])
+            for words, whose in ((f"Taichi {values['version']}", "peer"), ("refsim", "own")):
+                spent = sorted(1e6 * seconds / n for seconds in values[whose])
                 rows.append([words, f"{spent[len(spent) // 2]:.4f}", f"{spent[0]:.4f} to {spent[-1]:.4f}"])
             made.append(
                 Table(
-                    f"Plain MLS-MPM liquid in space, {n:,} particles, float32, {values['threads']} threads, in turns",
+                    f"Plain MLS-MPM liquid in space, {n:,} particles, float32, {place}, in turns",
                     ["program", "us per particle and step", "range"], rows,
                     f"Ratio {values['ratio']:.2f}; sorting is included here. Greatest difference of the results"
                     f" {values['difference']:.1e}.",

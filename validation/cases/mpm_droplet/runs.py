@@ -119,12 +119,17 @@ def ledger(run: Simulation, mass: np.ndarray, centre: np.ndarray, radius: float,
     }  # fmt: skip
 
 
-def against_taichi(context: Context, cells: int, steps: int, rounds: int, threads: int, backend: str) -> Result:
-    """Plain MLS-MPM liquid here and in Taichi, in turns: seconds of a step, and that both computed the same."""
+def against_taichi(
+    context: Context, cells: int, steps: int, rounds: int, threads: int, backend: str, order: str = "lattice"
+) -> Result:
+    """Plain MLS-MPM liquid here and in Taichi, in turns: mean seconds of a step, and that both computed the same.
+
+    order  in which the particles stand in memory, see `taichi_mpm.places`
+    """
     reason = taichi_mpm.missing()
     if reason:
         return Result({"missing": reason})
-    block = {**BLOCK, "cells": cells, "room": cells + 24, "steps": steps}
+    block = {**BLOCK, "cells": cells, "room": cells + 24, "steps": steps, "order": order}
     own: list[float] = []
     other: list[float] = []
     for turn in range(rounds):
@@ -144,7 +149,7 @@ def against_taichi(context: Context, cells: int, steps: int, rounds: int, thread
     ratios = [a / b for a, b in zip(other, own, strict=True)]
     return Result(
         {
-            "missing": "", "particles": run.count, "threads": threads, "version": peer["version"],
+            "missing": "", "particles": run.count, "threads": threads, "version": peer["version"], "order": order,
             "own": own, "peer": other, "ratios": ratios, "ratio": statistics.median(ratios),
             "difference": max(
                 float(np.abs(np.subtract(here["centre"], peer["centre"])).max() / BLOCK["spacing"]),
