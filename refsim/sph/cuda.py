@@ -2,6 +2,8 @@
 
 import math
 
+import numpy as np
+
 from refsim import device
 from refsim.compile import THREADS_PER_BLOCK, cuda, cuda_kernel, formula
 from refsim.neighbours.rows import cuda_lane, cuda_lane_row, cuda_row, lanes_sum
@@ -147,13 +149,16 @@ def reduce_extremes(velocity, acceleration, temperature, extremes):
             speed = zero
         if not force >= zero:
             force = zero
+    # What was read too early costs a look at the block and no more: the extremes only grow.
+    if cuda.syncthreads_or(np.int32(broken or speed > extremes[0] or force > extremes[1])) == 0:
+        return
     speeds = cuda.shared.array(THREADS_PER_BLOCK, extremes.dtype)
     forces = cuda.shared.array(THREADS_PER_BLOCK, extremes.dtype)
     largest_speed = largest_of_block(speeds, speed)
     largest_force = largest_of_block(forces, force)
     count = cuda.syncthreads_count(1 if broken else 0)
     if cuda.threadIdx.x == 0:
-        if largest_speed > extremes[0]:  # it only grows: what was read too early costs an atomic and no more
+        if largest_speed > extremes[0]:
             cuda.atomic.max(extremes, 0, largest_speed)
         if largest_force > extremes[1]:
             cuda.atomic.max(extremes, 1, largest_force)
