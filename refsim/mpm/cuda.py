@@ -429,28 +429,37 @@ def scatter_carriers(
     deposit(total, own_cell, row, background, shared, scratch, b)
 
 
+@formula
+def collect_node(n, bits, width, layers, bins, blocks, scratch):
+    """(m, mv) of node n from the points of its block and of those below it, which reach it."""
+    rest = (1 << bits) - 1
+    b, node = n >> 6, n & 63
+    x, y, z = node & rest, (node >> bits) & rest, node >> (2 * bits)
+    zero = type(scratch[0, 0, 0])(0)
+    m, px, py, pz = zero, zero, zero, zero
+    for dz in range(2 if layers == 3 else 1):
+        for dy in range(2):
+            for dx in range(2):
+                if (dx == 0 or x < 2) and (dy == 0 or y < 2) and (dz == 0 or z < 2):
+                    s = blocks.neighbour[b, blocks.neighbour.shape[1] // 2 - dx - 3 * dy - 9 * dz]
+                    if s >= 0 and bins.first[64 * number(s) + 64] > bins.first[64 * number(s)]:
+                        at = ((z + (dz << bits)) * width + y + (dy << bits)) * width + x + (dx << bits)
+                        m += scratch[number(s), at, 0]
+                        px += scratch[number(s), at, 1]
+                        py += scratch[number(s), at, 2]
+                        pz += scratch[number(s), at, 3]
+    return m, px, py, pz
+
+
 @cuda_kernel
 def collect(bins, blocks, add, scratch, node_momentum, node_mass):
     """m_j and (mv)_j from what the blocks' points gave; added to what stands there where `add`."""
-    n = cuda.grid(1)
+    n = number(cuda.grid(1))
     if n < node_mass.shape[0]:
-        bits, width = (2, 6) if blocks.neighbour.shape[1] == 27 else (3, 10)
-        rest = (1 << bits) - 1
-        middle = blocks.neighbour.shape[1] // 2
-        b, node = n >> 6, n & 63
-        x, y, z = node & rest, (node >> bits) & rest, node >> (2 * bits)
-        zero = type(scratch[0, 0, 0])(0)
-        m, px, py, pz = zero, zero, zero, zero
-        for dz in range(2 if bits == 2 and z < 2 else 1):
-            for dy in range(2 if y < 2 else 1):
-                for dx in range(2 if x < 2 else 1):
-                    s = blocks.neighbour[b, middle - dx - 3 * dy - 9 * dz]
-                    if s >= 0 and bins.first[64 * s + 64] > bins.first[64 * s]:
-                        at = ((z + (dz << bits)) * width + y + (dy << bits)) * width + x + (dx << bits)
-                        m += scratch[s, at, 0]
-                        px += scratch[s, at, 1]
-                        py += scratch[s, at, 2]
-                        pz += scratch[s, at, 3]
+        if blocks.neighbour.shape[1] == 27:
+            m, px, py, pz = collect_node(n, 2, 6, 3, bins, blocks, scratch)
+        else:
+            m, px, py, pz = collect_node(n, 3, 10, 1, bins, blocks, scratch)
         if add:
             m += node_mass[n]
             px += node_momentum[n, 0]
