@@ -232,6 +232,7 @@ class Simulation:
         What outlives the step (warm starts, say) is put back at the end, so that the run is not changed.
         """
         self._update_list()
+        self._attend()
         written = {name for _, p in self.plan.passes for name in (*p.writes, *p.updates)}
         kept = {name: self._host(name) for name, f in self.plan.fields.items() if f.state and name in written}
         try:
@@ -246,10 +247,9 @@ class Simulation:
         if due and not self._attended:
             self._sort(self._sorter)
         self._update_list()
-        for each in self._attended:
-            if each.attend(self.fields["position"], self._set_between_steps):
-                self.stepper.rebind()
-            order = each.order(self.fields["position"]) if due else None
+        self._attend()
+        for each in self._attended if due else ():
+            order = each.order(self.fields["position"])
             if order is not None:
                 self._follow(order)
         done = self.stepper.advance()
@@ -496,6 +496,12 @@ class Simulation:
         self._bind()
         self.stepper.rebind()
         self.timings.add("sorting", time.perf_counter() - began)
+
+    def _attend(self) -> None:
+        """Have everything that looks after its own arrays look at the particles' places."""
+        for each in self._attended:
+            if each.attend(self.fields["position"], moved=math.isinf(self._squared_way)):  # set between two steps
+                self.stepper.rebind()
 
     def _follow(self, order: Any) -> None:
         """Put the particles into an order that is known, in the arrays where they are: memory read together is near."""

@@ -198,8 +198,8 @@ def count_descents(cell, held):
         cuda.atomic.add(held, held.shape[0] - 1, 1)
 
 
-def sort_particles(position, grid, cell):
-    """Cells and bins of the particles, whose blocks are there."""
+def sort_particles(position, grid, cell, descents=False):
+    """Cells and bins of the particles, whose blocks are there; and, if asked for, how many are out of order."""
     bins, held, sums, place, unsorted, _ = grid.sorting
     device.fill(held, 0)
     blocks = grid.blocks
@@ -207,6 +207,8 @@ def sort_particles(position, grid, cell):
     sums()
     fill_cells(cell, place, bins.first, unsorted)
     sort_cells(cell, bins.first, unsorted, bins.point)
+    if descents:
+        count_descents(cell, held)
 
 
 def cells(position, carrier_position, surface_sample, grid, cell):

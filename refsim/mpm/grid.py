@@ -186,8 +186,7 @@ class MpmGrid:
         assert self.sorting is not None
         programs = importlib.import_module("refsim.mpm.cuda")
         cell = self._array("order_cell", (position.shape[0],), np.int32)
-        programs.sort_particles(position, self, cell)
-        programs.count_descents(cell, self.sorting.held)
+        programs.sort_particles(position, self, cell, descents=True)
         return self.sorting.bins.point if self._noted()[2] > OUT_OF_ORDER * position.shape[0] else None
 
     def _noted(self) -> list[int]:
