@@ -458,6 +458,7 @@ def pressure_picture(data: Mapping[str, Any]) -> Any:
         axes.set_title("in the plane" if dim == 2 else "in space")
         axes.grid(axis="y")
         axes.legend(loc="lower right" if dim == 3 else "upper right", fontsize=7.5)
+    panels[0].set_ylim(0.932, 1.058)
     panels[0].set_ylabel("pressure over k (d - 1)/R")
     return figure
 
@@ -527,7 +528,7 @@ def frequency_picture(data: Mapping[str, Any]) -> Any:
         axes.plot([], [], color=GREY, linewidth=0.9, label="ideal liquid")
         axes.plot([], [], "--", color=GREY, linewidth=0.9, label="... compressible, with the grid's inertia")
         axes.axhspan(0.97, 1.03, color=GREY, alpha=0.12, linewidth=0)
-        axes.set_ylim(0.945, 1.035)
+        axes.set_ylim(0.935, 1.035)
         axes.legend(fontsize=7.5, loc="upper right")
     for axes in (swing, amplitude, resolution):
         axes.grid(axis="y")
