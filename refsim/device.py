@@ -231,6 +231,33 @@ class Mirror:
         return self.values
 
 
+class Mark:
+    """A point in what has been launched that the host can wait for."""
+
+    def __init__(self) -> None:
+        self.event = None if simulated() else library().cuda.Event(disable_timing=True)
+
+    def set(self) -> None:
+        """The point is behind everything launched until now."""
+        if self.event is not None:
+            self.event.record(own_stream())
+
+    def wait(self) -> None:
+        """Wait until the device has come to it."""
+        if self.event is not None:
+            self.event.synchronize()
+
+
+def head(array: Any, count: int) -> Any:
+    """The first rows of a device array, without a copy (the simulator copies)."""
+    return wrapped(seen(array)[:count])
+
+
+def address(array: Any) -> Any:
+    """What tells a device array's memory from that of others."""
+    return id(array) if simulated() else array.device_ctypes_pointer.value
+
+
 @cuda_kernel
 def fill_scalars(value, out):  # noqa: ANN001, ANN201  (types are Numba's)
     """out[i] = value."""

@@ -52,7 +52,7 @@ def edges_and_facets(backend: Backend, blocks: Blocks, node_state: Any, dim: int
     merged      the classical table of 15 cases, which leaves holes
     """
     count = nodes(blocks)
-    table, bits_set = _tables(backend, dim, merged)
+    table, bits_set = case_tables(backend, dim, merged)
     crossings, cell_case = backend.empty(count, np.uint8), backend.empty(count, np.uint8)
     REGISTRY["isosurface.classify"].program(backend.name)(blocks, node_state, crossings, cell_case)
     if backend.name == "cuda":
@@ -88,7 +88,7 @@ def on_backend(table: CaseTable, backend: Backend) -> CaseTable:
 _TABLES: dict[tuple[str, int, bool], tuple[CaseTable, Any]] = {}
 
 
-def _tables(backend: Backend, dim: int, merged: bool) -> tuple[CaseTable, Any]:
+def case_tables(backend: Backend, dim: int, merged: bool) -> tuple[CaseTable, Any]:
     """(table of cases, number of bits set in 0 to 7) on the backend, brought there once."""
     key = backend.name, dim, merged
     if key not in _TABLES:

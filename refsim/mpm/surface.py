@@ -277,7 +277,7 @@ class SurfaceOfRun(SurfaceSamples):
         made = SurfaceOfRun(
             self.tension, self.dim, self.dtype, self.cell_size, self.count, self.full, self.rest_density, backend
         )
-        made.reconstruction = Reconstruction(backend, self.dim, self.dtype, self.cell_size, self.tension)
+        made.reconstruction = Reconstruction(backend, self.dim, self.dtype, self.cell_size, self.tension, reused=True)
         return made
 
     @property
@@ -312,7 +312,7 @@ class SurfaceOfRun(SurfaceSamples):
                 " particles across it.",
             )
         samples = self.latest.samples
-        if self.reconstruction.lowest(samples.nearest) < 0:
+        if not self.reconstruction.finds_all(self.latest):
             raise RunStopped(
                 "diverged",
                 "A part of the reconstructed surface has no particle within two cells: particles fly apart; take a"

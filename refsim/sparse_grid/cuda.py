@@ -199,6 +199,11 @@ class Search:
         self._covered = below, above, blocks, device.wrapped(sure)
         return blocks
 
+    @property
+    def sure(self):
+        """Of the latest blocks: whether all in reach of each are there (blocks,) uint8."""
+        return None if self._covered is None else self._covered[3]
+
     def _axis(self, below, above):
         """Blocks along an axis in reach of a point's, from `below` nodes under to `above` over its cell."""
         return range((-below) >> self.bits, ((self.width - 1 + above) >> self.bits) + 1)

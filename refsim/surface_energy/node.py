@@ -38,6 +38,22 @@ def is_inside(i, interior_position, cells, blocks, surface_term):
     return 0
 
 
+@formula(inlined=True)
+def farthest_exit(cell, farthest, interior_position, cells, jx, jy, jz, ax, ay, az, towards, surface_term):
+    """The farther one [h] of `farthest` and the ways out of the spheres of a cell's particles, along an axis."""
+    real = type(surface_term.cell_size)
+    for k in range(cells.first[cell], cells.first[cell + 1]):
+        p = cells.point[k]
+        ux = formulas.grid_offset(interior_position[p, 0], jx, surface_term)
+        uy = formulas.grid_offset(interior_position[p, 1], jy, surface_term)
+        uz = formulas.grid_offset(interior_position[p, 2], jz, surface_term)
+        along = ux * real(ax) + uy * real(ay) + uz * real(az)
+        across = ux * ux * real(1 - ax) + uy * uy * real(1 - ay) + uz * uz * real(1 - az)
+        if along * along + across < surface_term.radius_squared:
+            farthest = max(farthest, formulas.exit_length(real(towards) * along, across, surface_term))
+    return farthest
+
+
 @formula
 def exit_point(v, interior_position, cells, blocks, node_state, surface_term, vertex_edge):
     """Algorithm 1, lines 10 to 17: vertex v [m], the farthest way out of the spheres around the inside end."""
@@ -50,24 +66,17 @@ def exit_point(v, interior_position, cells, blocks, node_state, surface_term, ve
     if node_state[node] != 1:
         node = step_node(blocks, node, ax, ay, az)
         towards = -1
+    farthest = real(0)
     jx, jy, jz = node_coordinates(blocks, node)
     space = blocks.neighbour.shape[1] == 27
-    farthest = real(0)
     for dz in range(-2 if space else 0, 2 if space else 1):
         for dy in range(-2, 2):
             for dx in range(-2, 2):
                 cell = step_node(blocks, node, dx, dy, dz)
-                if cell < 0:
-                    continue
-                for k in range(cells.first[cell], cells.first[cell + 1]):
-                    p = cells.point[k]
-                    ux = formulas.grid_offset(interior_position[p, 0], jx, surface_term)
-                    uy = formulas.grid_offset(interior_position[p, 1], jy, surface_term)
-                    uz = formulas.grid_offset(interior_position[p, 2], jz, surface_term)
-                    along = ux * real(ax) + uy * real(ay) + uz * real(az)
-                    across = ux * ux * real(1 - ax) + uy * uy * real(1 - ay) + uz * uz * real(1 - az)
-                    if along * along + across < surface_term.radius_squared:
-                        farthest = max(farthest, formulas.exit_length(real(towards) * along, across, surface_term))
+                if cell >= 0:
+                    farthest = farthest_exit(
+                        cell, farthest, interior_position, cells, jx, jy, jz, ax, ay, az, towards, surface_term
+                    )
     way = real(towards) * min(farthest, real(1))
     return h * (real(jx) + real(ax) * way), h * (real(jy) + real(ay) * way), h * (real(jz) + real(az) * way)
 
@@ -101,6 +110,33 @@ def facet_sample(f, vertex_position, facets):
     return x, y, z, area, nx, ny, nz
 
 
+@formula(inlined=True)
+def nearer(cell, best, found, ox, oy, oz, jx, jy, jz, interior_position, cells, surface_term):
+    """(squared distance [h^2], number) of the nearest of particle `found` and a cell's to the place o over node j."""
+    for k in range(cells.first[cell], cells.first[cell + 1]):
+        p = cells.point[k]
+        ux = ox - formulas.grid_offset(interior_position[p, 0], jx, surface_term)
+        uy = oy - formulas.grid_offset(interior_position[p, 1], jy, surface_term)
+        uz = oz - formulas.grid_offset(interior_position[p, 2], jz, surface_term)
+        squared = ux * ux + uy * uy + uz * uz
+        if squared < best or (squared == best and p < found):
+            best, found = squared, p
+    return best, found
+
+
+@formula
+def away_from(found, best, ox, oy, oz, jx, jy, jz, interior_position, surface_term):
+    """Unit vector from particle `found` to the place o over node j; none without a particle, or upon it."""
+    real = type(surface_term.cell_size)
+    if found < 0 or not best > real(0):
+        return real(0), real(0), real(0)
+    length = math.sqrt(best)
+    ux = ox - formulas.grid_offset(interior_position[found, 0], jx, surface_term)
+    uy = oy - formulas.grid_offset(interior_position[found, 1], jy, surface_term)
+    uz = oz - formulas.grid_offset(interior_position[found, 2], jz, surface_term)
+    return ux / length, uy / length, uz / length
+
+
 @formula
 def nearest_particle(i, x, y, z, interior_position, cells, blocks, surface_term):
     """(nearest particle, direction away from it) of a place [m] in cell i; of equally near ones the lowest number.
@@ -117,7 +153,6 @@ def nearest_particle(i, x, y, z, interior_position, cells, blocks, surface_term)
     space = blocks.neighbour.shape[1] == 27
     best = real(4)
     found = -1
-    nx, ny, nz = real(0), real(0), real(0)
     for reach in range(1, 3):
         if best < real(1):
             break
@@ -129,18 +164,10 @@ def nearest_particle(i, x, y, z, interior_position, cells, blocks, surface_term)
                     cell = step_node(blocks, i, dx, dy, dz)
                     if cell < 0:
                         continue
-                    for k in range(cells.first[cell], cells.first[cell + 1]):
-                        p = cells.point[k]
-                        ux = ox - formulas.grid_offset(interior_position[p, 0], jx, surface_term)
-                        uy = oy - formulas.grid_offset(interior_position[p, 1], jy, surface_term)
-                        uz = oz - formulas.grid_offset(interior_position[p, 2], jz, surface_term)
-                        squared = ux * ux + uy * uy + uz * uz
-                        if squared < best or (squared == best and p < found):
-                            best, found = squared, p
-                            nx, ny, nz = ux, uy, uz
-    if best > real(0) and found >= 0:
-        length = math.sqrt(best)
-        nx, ny, nz = nx / length, ny / length, nz / length
+                    best, found = nearer(
+                        cell, best, found, ox, oy, oz, jx, jy, jz, interior_position, cells, surface_term
+                    )
+    nx, ny, nz = away_from(found, best, ox, oy, oz, jx, jy, jz, interior_position, surface_term)
     return found, nx, ny, nz
 
 
@@ -233,15 +260,21 @@ def place_fractions(q, query_position, base, blocks, surface_term):
 
 @formula
 def mls_gradient(q, query_position, spline_cells, blocks, surface_term, coefficients):
+    """`mls_gradient_at` place q in its cell; nothing outside all blocks."""
+    real = type(surface_term.cell_size)
+    if spline_cells.cell[q] < 0:
+        return real(0), real(0), real(0), real(0)
+    return mls_gradient_at(q, query_position, spline_cells.cell[q], blocks, surface_term, coefficients)
+
+
+@formula
+def mls_gradient_at(q, query_position, base, blocks, surface_term, coefficients):
     """(value [h], three components of the gradient) of the implicit surface at place q: (3.8) and (3.17).
 
     C and lengths in units of h: 4/h^2 sum_j B_j C_j (x_j - y) is 4 sum_j B_j C_j (k - f), dimensionless.
     """
     real = type(surface_term.cell_size)
-    base = spline_cells.cell[q]
     value, gx, gy, gz = real(0), real(0), real(0), real(0)
-    if base < 0:
-        return value, gx, gy, gz
     fx, fy, fz = place_fractions(q, query_position, base, blocks, surface_term)
     space = blocks.neighbour.shape[1] == 27
     for kz in range(3 if space else 1):
@@ -264,15 +297,21 @@ def mls_gradient(q, query_position, spline_cells, blocks, surface_term, coeffici
 
 @formula
 def spline_gradient(q, query_position, spline_cells, blocks, surface_term, coefficients):
+    """`spline_gradient_at` place q in its cell; nothing outside all blocks."""
+    real = type(surface_term.cell_size)
+    if spline_cells.cell[q] < 0:
+        return real(0), real(0), real(0), real(0)
+    return spline_gradient_at(q, query_position, spline_cells.cell[q], blocks, surface_term, coefficients)
+
+
+@formula
+def spline_gradient_at(q, query_position, base, blocks, surface_term, coefficients):
     """(value [h], three components of the gradient) of the implicit surface at place q: (3.8) and (3.9).
 
     C in units of h: sum_j C_j h grad B_j is dimensionless.
     """
     real = type(surface_term.cell_size)
-    base = spline_cells.cell[q]
     value, gx, gy, gz = real(0), real(0), real(0), real(0)
-    if base < 0:
-        return value, gx, gy, gz
     fx, fy, fz = place_fractions(q, query_position, base, blocks, surface_term)
     space = blocks.neighbour.shape[1] == 27
     for kz in range(3 if space else 1):

@@ -44,6 +44,8 @@ class Surface:
     inset_mesh       after it; the same where there is none
     component_size   (particles,) int32, particles in the component of each
     seconds          time of each stage [s], where it was asked for
+    most_in_a_cell   largest number of particles in one cell, where it is known already
+    unfound          whether a sample has no particle, where it is known already
     """
 
     samples: Samples
@@ -57,6 +59,8 @@ class Surface:
     offset_direction: Any
     sample_place: Any
     seconds: dict[str, float] = field(default_factory=dict)
+    most_in_a_cell: int | None = None
+    unfound: bool | None = None
 
 
 class Reconstruction:
@@ -64,13 +68,15 @@ class Reconstruction:
 
     cell_size  h [m]
     timed      measure each stage, waiting for the device after it
+    reused     the arrays of a surface are the next one's, too: on a GPU all of it is then one recorded graph
 
     Raises InputError where the parameters are not possible.
     """
 
     def __init__(
-        self, backend: Backend, dim: int, dtype: str, cell_size: float, tension: Tension, timed: bool = False
-    ) -> None:
+        self, backend: Backend, dim: int, dtype: str, cell_size: float, tension: Tension, timed: bool = False,
+        reused: bool = False,
+    ) -> None:  # fmt: skip
         tension.check(dim)
         self.backend, self.dim, self.dtype, self.tension, self.timed = backend, dim, np.dtype(dtype), tension, timed
         self.grid = SparseGrid(backend, dim, dtype, cell_size)
@@ -80,12 +86,17 @@ class Reconstruction:
         reach = tension.radius(dim) + tension.offset + 0.5
         self.below, self.above = math.ceil(reach), math.floor(reach) + 2
         self._seconds: dict[str, float] = {}
+        self._reused, self._recorded = reused, None
 
     def surface(self, position: Any, step: int = 0, volume: float | None = None) -> Surface:
         """The surface of particles at `position` (n, 3) [m]; `step` draws other Poisson-disk samples each time.
 
         volume  what the surface encloses after the inset [m^dim]; None keeps the inset's distance
         """
+        if volume is None and self._reused and not self.timed and self.backend.name == "cuda":
+            found = self._recorded_surface(position)
+            if found is not None:
+                return found
         self._seconds = {}
         blocks, cells = self._stage("cells", self._cells, position)
         mesh = self._stage("level set and facets", self._mesh, position, blocks, cells)
@@ -111,8 +122,32 @@ class Reconstruction:
         blocks, cells = self._cells(position)
         return self._mesh(position, blocks, cells)
 
+    def _recorded_surface(self, position: Any) -> Surface | None:
+        """The surface by a recorded graph; None where there is none."""
+        from refsim.surface_energy import recorded
+
+        if not recorded.suits(self.tension):
+            return None
+        graph = self._recorded
+        if graph is not None and graph.fits(position):
+            found = graph.surface(position)
+            if found is not None:
+                return found
+        # what there is says how much room it takes
+        self._recorded = None
+        blocks, cells = self._cells(position)
+        mesh = self._mesh(position, blocks, cells)
+        vertices, facets = mesh.vertices.shape[0], mesh.facets.shape[0]
+        if not facets:
+            return None
+        sure = self.grid.programs.sure
+        self._recorded = recorded.Recorded(self, blocks, sure, cells.cell, vertices, facets)
+        return self._recorded.surface(position)
+
     def force(self, samples: Samples, blocks: Blocks) -> Any:
         """Force of the surface's tension on the nodes of `blocks` (nodes, 3) [N], (4.18*)."""
+        if self._recorded is not None and samples is self._recorded.samples and blocks is self._recorded.blocks:
+            return self._recorded.force()
         force = self._empty((nodes(blocks), 3))
         bases = self.grid.by_cell(samples.position, blocks, 0.5)
         self._run("surface_force", samples.position, samples.area, samples.normal, bases, blocks, self.term, force)
@@ -121,11 +156,16 @@ class Reconstruction:
     def extents(self, position: Any, surface: Surface) -> Any:
         """Along how many axes the liquid round each particle spreads (n,) uint8; below dim - 1 it is a filament."""
         extent = self._empty(position.shape[0], np.uint8)
-        self._run("extents", position, surface.cells, surface.blocks, self.term, extent)
+        cells = surface.cells
+        if self.backend.name == "cuda":  # where a recorded surface leaves a cell's particles in any order
+            cells = self.grid.by_cell(position, surface.blocks)
+        self._run("extents", position, cells, surface.blocks, self.term, extent)
         return extent
 
     def most_in_a_cell(self, surface: Surface) -> int:
         """Largest number of particles in one cell."""
+        if surface.most_in_a_cell is not None:
+            return surface.most_in_a_cell
         first = surface.cells.first
         if self.backend.name == "cuda":
             from refsim import device
@@ -133,13 +173,16 @@ class Reconstruction:
             first = device.seen(first)
         return int((first[1:] - first[:-1]).max()) if len(first) > 1 else 0
 
-    def lowest(self, numbers: Any) -> int:
-        """Least of `numbers`, 0 where there are none."""
+    def finds_all(self, surface: Surface) -> bool:
+        """Whether every sample has a particle."""
+        if surface.unfound is not None:
+            return not surface.unfound
+        numbers = surface.samples.nearest
         if self.backend.name == "cuda":
             from refsim import device
 
             numbers = device.seen(numbers)
-        return int(numbers.min()) if len(numbers) else 0
+        return not len(numbers) or int(numbers.min()) >= 0
 
     # Stages
 
