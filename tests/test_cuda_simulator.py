@@ -254,6 +254,36 @@ def test_reconstructed_surface_is_the_cpus(cuda, quadrature):
         assert np.abs(own.astype(float) - other).max() < 1e-12
 
 
+def test_recorded_surface_is_the_cpus(cuda):
+    """A lone particle beside a drop, in few blocks: each of their 64 threads is one of Python's here."""
+    from refsim.surface_energy import Tension
+    from refsim.surface_energy.reconstruction import Reconstruction
+    from refsim.surface_energy.recorded import RecordedSurface
+
+    drop = 0.05 * np.array([[i + 3, j + 3, 0.0] for i in range(4) for j in range(3)]) + 0.01 * cloud(12, 2)
+    position = np.vstack([drop, [[0.65, 0.2, 0.0]]])
+    tension = Tension(surface_tension=1.0, smallest=5, iterations=2)
+    found = []
+    for place in (backend.choose("cpu"), cuda):
+        made = Reconstruction(place, 2, "float64", 0.1, tension, reused=True)
+        there = place.asarray(position)
+        surface = made.surface(there)
+        assert isinstance(surface, RecordedSurface) == (place is cuda)
+        force, extents = made.force(surface.samples, surface.blocks), made.extents(there, surface)
+        arrays = (
+            *surface.samples, *surface.mesh, *surface.inset_mesh, surface.component_size, surface.coefficients,
+            surface.facet_normal, surface.offset_direction, surface.sample_place, force, extents,
+            np.array([made.most_in_a_cell(surface), made.finds_all(surface)]),
+        )  # fmt: skip
+        found.append([a if isinstance(a, np.ndarray) else np.array(place.host(a)) for a in arrays])
+    assert (found[0][2] == 0).any() and (found[0][2] > 0).any()
+    for own, other in zip(*found, strict=True):
+        assert own.shape == other.shape
+        assert np.abs(own.astype(float) - other).max() < 1e-12
+    away = cuda.asarray(position[:1] + 0.8 * np.arange(13)[:, None])
+    assert made._recorded.surface(away) is None  # particles that leave the blocks take another one
+
+
 def test_audit_counts_what_a_list_misses(cuda):
     search, ordered, listed = built(cuda, cloud(40, 3), 3)
     velocity = np.random.default_rng(3).normal(size=ordered.shape)

@@ -13,7 +13,7 @@ import types as python_types
 import numpy as np
 import pytest
 
-from refsim import backend, cases
+from refsim import backend, cases, isosurface
 from refsim.boundary.walls import WallColumns
 from refsim.contract.inputs import Inputs, with_variant
 from refsim.neighbours.rows import NeighbourColumns
@@ -65,6 +65,13 @@ IN_DOUBLE = {
             "spline_normals", "surface_force", "extents",
         ),
         "the place of a point between nodes is a small difference of large numbers",
+    ),
+    **dict.fromkeys(
+        (
+            "count_particles", "states_of_blocks", "place_vertices", "place_points", "sort_points", "sample_normals",
+            "pull_back", "place_samples", "locate_samples", "pull_nodes",
+        ),
+        "places on the grid and between nodes, as in the programs that these kernels stand for",
     ),
     **dict.fromkeys(
         ("step_and_correct",), "a place in the narrow band is found in float64, so that it keeps its digits far away",
@@ -216,6 +223,27 @@ def support_launches(dtype):
     ]
 
 
+def recorded_launches(monkeypatch, dtype, normals):
+    """Launches of a recorded reconstruction."""
+    from refsim import device
+    from refsim.surface_energy import Tension, recorded
+    from refsim.surface_energy.reconstruction import Reconstruction
+
+    place = np.random.default_rng(0).uniform(-0.1, 0.1, (9, 3)).astype(dtype)
+    made = Reconstruction(Zeros("cpu"), 3, dtype, 0.1, Tension(surface_tension=1.0, iterations=2, normals=normals))
+    blocks, cells = made._cells(place)
+    silent = python_types.SimpleNamespace(send=lambda: None)
+    monkeypatch.setattr(device, "Mirror", lambda array: silent)
+    monkeypatch.setattr(device, "Mark", lambda: None)
+    with monkeypatch.context() as patch:
+        patch.setattr(recorded, "case_tables", lambda *_: (isosurface.case_table(3), None))
+        graph = recorded.Recorded(made, blocks, np.ones(len(blocks.keys), np.uint8), cells.cell, 9, 9)
+    parts = graph._cut, graph._fit
+    return [step for part in parts for step in launches(monkeypatch, part, (place,))] + launches(
+        monkeypatch, graph._pull, ()
+    )
+
+
 def kernels_of(module_name):
     from refsim.compile import CudaKernel
 
@@ -287,6 +315,15 @@ def test_operation_compiles(compiler, monkeypatch, name, variant, dtype):
 def test_search_and_array_moves_compile(compiler, dtype):
     for kernel, values in support_launches(dtype):
         assert_compiles(compiler, kernel, values, dtype)
+
+
+def test_recorded_reconstruction_compiles(compiler, monkeypatch):
+    """In float32; float64 branches nowhere of its own."""
+    made = recorded_launches(monkeypatch, "float32", "mls")
+    used = {kernel for kernel, _ in made}
+    assert kernels_of("refsim.surface_energy.recorded.cuda") <= used
+    for kernel, values in made:
+        assert_compiles(compiler, kernel, values, "float32")
 
 
 @pytest.mark.parametrize("name", ["match", "pull", "region_motion", "damp"])

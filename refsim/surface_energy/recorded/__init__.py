@@ -208,7 +208,7 @@ class Recorded:
         a, blocks, term = self.arrays, self.blocks, self.owner.term
         counts, held, first = a["counts"], a["held_samples"], a["samples_first"]
         kernels.clear_samples(held)
-        kernels.count_samples(
+        kernels.locate_samples(
             a["sample_position"], a["vertex_edge"], a["facets"], blocks, term, counts, held, a["fit_place"],
             a["fit_cell"],
         )  # fmt: skip

@@ -540,7 +540,7 @@ def clear_samples(held):
 
 
 @cuda_kernel(rows_of="facets")
-def count_samples(
+def locate_samples(
     sample_position, vertex_edge, facets, blocks, surface_term, counts, held, sample_place, sample_cell
 ):  # fmt: skip
     """Cell of each sample, and how many of its cell were counted before it."""

@@ -27,6 +27,9 @@ def planned(options: Options) -> list[Run]:
     counts = [8_000, 64_000] if options.quick else [8_000, 64_000, 1_000_000]
     parameters = {"backend": backend, "counts": counts, "threads": options.threads}
     made.append(Run("stages", runs.stages, parameters, estimate=4.0 if options.quick else 30.0))
+    reason = "a bar for the GPU, asked for with --backend cuda" if backend != "cuda" else slow
+    parameters = {"backend": backend, "cells": 50, "rounds": 3}
+    made.append(Run("beside_transfers", runs.beside_transfers, parameters, estimate=30.0, skip=reason))
     parameters = {"backend": backend, "threads": options.threads}
     made.append(Run("normals_cost", runs.normals_cost, parameters, estimate=3.0))
     made.append(Run("solvers", runs.solvers, {"threads": options.threads}, estimate=30.0, skip=slow))
@@ -66,6 +69,9 @@ def judge(results: Results) -> list[Measurement]:
             words = f"{row['particles']:,} particles, {row['quadrature']}"
             name = f"{row['particles']}_{row['quadrature']}"
             made.append(bounds.judge("stage_time", 1e3 * sum(row["stages"].values()), name, words))
+    if "beside_transfers" in results:
+        values = results["beside_transfers"].values
+        made.append(bounds.judge("over_transfers", values["ratio"], "cuda", f"{values['particles']:,} particles"))
     if "peer_pysplashsurf" in results and not results["peer_pysplashsurf"].values["missing"]:
         values = results["peer_pysplashsurf"].values
         made.append(bounds.judge("peer_ratio", values["ratio"], "pysplashsurf", "pysplashsurf"))
@@ -150,6 +156,12 @@ def tables(results: Results) -> list[Table]:
                 f"Stages, {row['particles']:,} particles, {row['samples']:,} samples, {row['quadrature']}: milliseconds"
             )
             made.append(Table(title, ["stage", "ms"], [[name, 1e3 * s] for name, s in row["stages"].items()]))
+    if "beside_transfers" in results:
+        values = results["beside_transfers"].values
+        rows = [[1e3 * float(np.median(values[key])) for key in ("own", "force", "plain")]]
+        title = f"Surface and force beside a plain step, {values['particles']:,} particles, {values['backend']}: ms"
+        note = f"Ratio {values['ratio']:.2f} ({min(values['ratios']):.2f} to {max(values['ratios']):.2f}), in turns."
+        made.append(Table(title, ["surface and force", "force alone", "plain step"], rows, note))
     if "peer_pysplashsurf" in results:
         values = results["peer_pysplashsurf"].values
         if values["missing"]:

@@ -314,6 +314,42 @@ def stages(context: Context, backend: str, counts: list[int], threads: int | Non
     return Result({"backend": backend, "threads": threads, "rows": rows})
 
 
+def beside_transfers(context: Context, backend: str, cells: int, rounds: int, repeats: int = 25) -> Result:
+    """A surface and its force as a run makes them, in turns with a step of plain liquid of as many particles.
+
+    cells  of the cube's edge, with eight particles each
+    """
+    from validation.cases.mpm_droplet.runs import BLOCK, plain_block  # that case takes pictures from this one
+
+    there = choose(backend)
+    place = shapes.lattice_block(8 * cells**3)
+    position = there.asarray((CELL * place).astype(np.float32))
+    made = Reconstruction(there, 3, "float32", CELL, Tension(surface_tension=1.0), reused=True)
+    found = []
+
+    def whole() -> None:
+        found[:] = [made.surface(position)]
+        made.force(found[0].samples, found[0].blocks)
+
+    own, force, plain = [], [], []
+    for k in range(rounds):
+        for _ in range(3):  # compiled, recorded, and warm
+            whole()
+        own.append(medians(whole, there, repeats)[0])
+        force.append(medians(lambda: made.force(found[0].samples, found[0].blocks), there, repeats)[0])
+        block = {**BLOCK, "cells": cells, "room": cells + 24, "steps": 3 * 8}  # it sorts in one step of eight
+        plain.append(plain_block(context, block, 1, backend)[1])
+        context.progress((k + 1) / rounds)
+    ratios = [a / b for a, b in zip(own, plain, strict=True)]
+    return Result(
+        {
+            "backend": backend, "particles": len(place), "samples": int(found[0].samples.area.shape[0]),
+            "nodes": nodes(found[0].blocks), "own": own, "force": force, "plain": plain, "ratios": ratios,
+            "ratio": float(np.median(ratios)),
+        }
+    )  # fmt: skip
+
+
 def normals_cost(
     context: Context, backend: str, threads: int | None, repeats: int = 15, count: int = 200_000
 ) -> Result:
