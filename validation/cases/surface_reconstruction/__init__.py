@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
 from validation.cases.surface_reconstruction import pictures, runs
 from validation.cases.surface_reconstruction.shapes import RADII
 from validation.harness import Case, Options, Picture, Results, Run
