@@ -74,9 +74,10 @@ class Recorded:
             "facets": ((f, dim), np.int32), "vertex_position": ((v, 3), real), "vertex_outward": ((v, 3), real),
             "sample_place": ((f, 3), real), "facet_normal": ((f, 3), real), "outward": ((f, 3), real),
             "fit_position": ((2 * f, 3), real), "fit_cell": 2 * f, "fit_place": 2 * f, "held_points": count,
-            "fit_first": count + 1, "fit_unsorted": 2 * f, "fit_base": 2 * f, "fit_splines": ((2 * f, 9), real),
-            "fit_target": (2 * f, real), "residual": (2 * f, real), "node_weight": (count, real),
-            "coefficients": (count, real), "sample_normal": ((f, 3), real), "vertex_normal": ((v, 3), real),
+            "fit_first": count + 1, "fit_unsorted": 2 * f, "fit_splines": ((2 * f, 9), real),
+            "fit_target": (2 * f, real), "node_weight": (count, real),
+            "coefficients": (count, real), "corrected": (count, real), "sample_normal": ((f, 3), real),
+            "vertex_normal": ((v, 3), real),
             "inset_position": ((v, 3), real), "sample_position": ((f, 3), real), "sample_area": (f, real),
             "nearest": f, "sample_count": n, "total": b, "one": 1, "counts": kernels.COUNTS,
             "held_samples": count, "samples_first": count + 1, "sample_point": f, "node_force": ((count, 3), real),
@@ -177,16 +178,19 @@ class Recorded:
         )  # fmt: skip
         self._sum(a["held_points"], a["fit_first"], None)
         kernels.fill_points(a["fit_cell"], a["fit_place"], a["fit_first"], counts, a["fit_unsorted"])
-        splines, first, residual = a["fit_splines"], a["fit_first"], a["residual"]
+        splines, first, target = a["fit_splines"], a["fit_first"], a["fit_target"]
         kernels.sort_points(
-            a["fit_position"], a["fit_cell"], first, a["fit_unsorted"], blocks, term, counts, a["fit_base"], splines,
-            a["fit_target"], residual,
-        )  # fmt: skip
-        weight, coefficients = a["node_weight"], a["coefficients"]
-        kernels.begin_fit(splines, first, residual, blocks, term, weight, coefficients, total)
-        for _ in range(int(term.iterations) - 1):
-            kernels.find_residuals(a["fit_base"], splines, a["fit_target"], blocks, coefficients, counts, residual)
-            kernels.correct(splines, first, residual, blocks, term, weight, coefficients)
+            a["fit_position"], a["fit_cell"], first, a["fit_unsorted"], blocks, term, counts, splines, target
+        )
+        weight, old, new = a["node_weight"], a["coefficients"], a["corrected"]
+        sweeps = int(term.iterations) - 1
+        if sweeps % 2:
+            old, new = new, old  # the last one ends in `coefficients`
+        kernels.begin_fit(splines, first, target, blocks, term, weight, old, new, total)
+        for _ in range(sweeps):
+            kernels.sweep(first, splines, target, blocks, term, weight, old, new, total)
+            old, new = new, old
+        coefficients = a["coefficients"]
         kernels.sample_normals(
             a["sample_place"], edge, facets, blocks, term, coefficients, a["outward"], self.mls, counts,
             a["sample_normal"],

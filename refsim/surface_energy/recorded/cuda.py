@@ -17,6 +17,9 @@ from refsim.surface_energy.cuda import lowest
 
 LANES = 1 if simulated() else 8  # threads that share a vertex or a facet; the simulator knows no shuffles
 CELLS = 64  # of a block, a thread to each
+SWEEPING = 256  # threads of a block in a sweep: at least as many as there are cells, and 3 x 64, a layer of nodes' sums
+REACHED = 512  # nodes that the points of a sweep reach: 8 x 8 x 8, or 12 x 12 in the plane
+POINTS = 1024  # of a sweep in shared memory
 # What `counts` holds: whether a particle is not covered, most particles in a cell, cut edges and facets as found and
 # as made (0 where they do not fit), samples without a particle
 MISSING, MOST, EDGES, FACETS, VERTICES, MADE, UNFOUND = range(7)
@@ -325,10 +328,9 @@ def place_in_row(r, cell, first, unsorted):
 
 @cuda_kernel(rows_of="fit_cell")
 def sort_points(
-    fit_position, fit_cell, fit_first, unsorted, blocks, surface_term, counts, fit_base, fit_splines, fit_target,
-    residual,
+    fit_position, fit_cell, fit_first, unsorted, blocks, surface_term, counts, fit_splines, fit_target
 ):  # fmt: skip
-    """Splines of the fit's points, cell by cell; C = 0 leaves the residual b - B C at b: 0, then epsilon."""
+    """Splines of the fit's points, cell by cell, and b [h]: 0 at the samples, epsilon at their second points."""
     r = cuda.grid(1)
     if r < 2 * counts[MADE] and fit_cell[r] >= 0:
         at = place_in_row(r, fit_cell[r], fit_first, unsorted)
@@ -339,12 +341,13 @@ def sort_points(
             fit_splines[at, k] = formulas.spline_weight(fx, k)
             fit_splines[at, 3 + k] = formulas.spline_weight(fy, k)
             fit_splines[at, 6 + k] = formulas.spline_weight(fz, k) if space else real(k == 0)
-        target = surface_term.offset if r >= counts[MADE] else real(0)
-        fit_base[at], fit_target[at], residual[at] = fit_cell[r], target, target
+        fit_target[at] = surface_term.offset if r >= counts[MADE] else real(0)
 
 
 @cuda_kernel(block_for_each_row=True, threads=CELLS, rows_of="total")
-def begin_fit(fit_splines, fit_first, residual, blocks, surface_term, node_weight, coefficients, total):
+def begin_fit(
+    fit_splines, fit_first, fit_target, blocks, surface_term, node_weight, coefficients, corrected, total
+):  # fmt: skip
     """(3.7): 1/sum_r B_i(x_r), 0 at a node that is hardly reached, and the first sweep from C = 0."""
     b = cuda.blockIdx.x
     i = CELLS * b + cuda.threadIdx.x
@@ -352,19 +355,20 @@ def begin_fit(fit_splines, fit_first, residual, blocks, surface_term, node_weigh
     weight, value = real(0), real(0)
     # a node is reached from cells up to two nodes below it: blocks below and its own, ways 0 to the middle
     if occupied_near(fit_first, blocks, b, 0, blocks.neighbour.shape[1] // 2 + 1):
-        reached, change = gathered(i, fit_splines, fit_first, blocks, residual)
+        reached, change = gathered(i, fit_splines, fit_first, blocks, fit_target)
         if reached > real(formulas.LEAST_SUM):
             weight = real(1) / reached
             if surface_term.iterations > 0:
                 value = surface_term.relaxation * weight * change
     node_weight[i] = weight
     coefficients[i] = value
+    corrected[i] = value
 
 
 @formula
-def gathered(i, fit_splines, fit_first, blocks, residual):
-    """(sum_r B_i(x_r), sum_r residual_r B_i(x_r)) of node i, over the points of the cells that reach it."""
-    zero = residual.dtype.type(0)
+def gathered(i, fit_splines, fit_first, blocks, fit_target):
+    """(sum_r B_i(x_r), sum_r b_r B_i(x_r)) of node i, over the points of the cells that reach it."""
+    zero = fit_target.dtype.type(0)
     reached, change = zero, zero
     space = blocks.neighbour.shape[1] == 27
     for kz in range(3 if space else 1):
@@ -375,34 +379,95 @@ def gathered(i, fit_splines, fit_first, blocks, residual):
                     for r in range(fit_first[cell], fit_first[cell + 1]):
                         share = fit_splines[r, kx] * fit_splines[r, 3 + ky] * fit_splines[r, 6 + kz]
                         reached += share
-                        change += residual[r] * share
+                        change += fit_target[r] * share
     return reached, change
 
 
-@cuda_kernel(rows_of="fit_base")
-def find_residuals(fit_base, fit_splines, fit_target, blocks, coefficients, counts, residual):
-    """b - B C, in units of h."""
-    r = cuda.grid(1)
-    if r < 2 * counts[MADE]:
-        value = fit_target[r]
-        base = fit_base[r]
-        for kz in range(3 if blocks.neighbour.shape[1] == 27 else 1):
-            for ky in range(3):
-                across = fit_splines[r, 3 + ky] * fit_splines[r, 6 + kz]
-                for kx in range(3):
-                    j = step_node(blocks, base, kx, ky, kz)
-                    if j >= 0:
-                        value -= coefficients[j] * (fit_splines[r, kx] * across)
-        residual[r] = value
+# A sweep: a block's nodes take the residuals of the points in reach, which take the coefficients in their own reach.
+# A thread block finds all of it in shared memory: points of cells up to two below the block, nodes up to two beyond.
 
 
-@cuda_kernel(rows_of="node_weight")
-def correct(fit_splines, fit_first, residual, blocks, surface_term, node_weight, coefficients):
-    """C <- C + w Lambda B^T (b - B C)."""
-    i = cuda.grid(1)
-    if i < node_weight.shape[0] and node_weight[i] > node_weight.dtype.type(0):
-        _, change = gathered(i, fit_splines, fit_first, blocks, residual)
-        coefficients[i] += surface_term.relaxation * node_weight[i] * change
+@formula
+def sweep_residual(r, base, row, wide, layers, target, fit_splines, near):
+    """b - B C of a point, in units of h; `base` is the lowest of its nodes among those in shared memory."""
+    value = target
+    for kz in range(layers):
+        for ky in range(3):
+            across = fit_splines[r, 3 + ky] * fit_splines[r, 6 + kz]
+            for kx in range(3):
+                value -= near[base + kx + row * ky + wide * kz] * (fit_splines[r, kx] * across)
+    return value
+
+
+@cuda_kernel(block_for_each_row=True, threads=SWEEPING, rows_of="total")
+def sweep(fit_first, fit_splines, fit_target, blocks, surface_term, node_weight, coefficients, corrected, total):
+    """C <- C + w Lambda B^T (b - B C) on a block's nodes."""
+    b, thread = cuda.blockIdx.x, cuda.threadIdx.x
+    zero = fit_target.dtype.type(0)
+    active = 0
+    if thread < CELLS and node_weight[CELLS * b + thread] > zero:
+        active = 1
+    if cuda.syncthreads_or(active) == 0:
+        return
+    near = cuda.shared.array(REACHED, fit_target.dtype)
+    start = cuda.shared.array(SWEEPING + 1, np.int32)
+    point = cuda.shared.array(POINTS, np.int32)
+    base = cuda.shared.array(POINTS, np.int32)
+    residual = cuda.shared.array(POINTS, fit_target.dtype)
+    layer = cuda.shared.array(3 * CELLS, fit_target.dtype)
+    space = blocks.neighbour.shape[1] == 27
+    bits = 2 if space else 3
+    width, cells, layers = (8, 6, 3) if space else (12, 10, 1)
+    wide, deep = width * width, cells * cells
+    for n in range(thread, wide * width if space else wide, SWEEPING):
+        j = step_node(blocks, CELLS * b, n % width - 2, n // width % width - 2, n // wide - 2 if space else 0)
+        near[n] = coefficients[j] if j >= 0 else zero
+    first, held, own = 0, 0, 0
+    if thread < (deep * cells if space else deep):
+        x, y, z = thread % cells, thread // cells % cells, thread // deep if space else 0
+        own = x + width * y + wide * z
+        cell = step_node(blocks, CELLS * b, x - 2, y - 2, z - 2 if space else 0)
+        if cell >= 0:
+            first = fit_first[cell]
+            held = fit_first[cell + 1] - first
+    before = sum_before(start, np.int32(held))
+    cuda.syncthreads()
+    start[thread] = before
+    if thread == SWEEPING - 1:
+        start[SWEEPING] = before + held
+    for k in range(held):
+        if before + k < POINTS:
+            point[before + k], base[before + k] = first + k, own
+    cuda.syncthreads()
+    points = start[SWEEPING]
+    for k in range(thread, min(points, POINTS), SWEEPING):
+        r = point[k]
+        residual[k] = sweep_residual(r, base[k], width, wide, layers, fit_target[r], fit_splines, near)
+    cuda.syncthreads()
+    node_place, kz = thread & 63, thread >> 6
+    i = CELLS * b + node_place
+    change = zero
+    if kz < layers and node_weight[i] > zero:
+        rest = (1 << bits) - 1
+        x, y, z = node_place & rest, (node_place >> bits) & rest, node_place >> (2 * bits)
+        for ky in range(3):
+            for kx in range(3):
+                at = x + 2 - kx + cells * (y + 2 - ky) + (deep * (z + 2 - kz) if space else 0)
+                for k in range(start[at], start[at + 1]):
+                    if k < POINTS:
+                        r, value = point[k], residual[k]
+                    else:  # no room in shared memory: found again by every node
+                        cell = step_node(blocks, i, -kx, -ky, -kz)
+                        r = fit_first[cell] + k - start[at]
+                        own = at % cells + width * (at // cells % cells) + (wide * (at // deep) if space else 0)
+                        value = sweep_residual(r, own, width, wide, layers, fit_target[r], fit_splines, near)
+                    change += value * (fit_splines[r, kx] * fit_splines[r, 3 + ky] * fit_splines[r, 6 + kz])
+    if kz < 3:
+        layer[thread] = change
+    cuda.syncthreads()
+    if thread < CELLS and node_weight[i] > zero:
+        change = layer[thread] + layer[CELLS + thread] + layer[2 * CELLS + thread]
+        corrected[i] = coefficients[i] + surface_term.relaxation * node_weight[i] * change
 
 
 @formula
