@@ -18,6 +18,8 @@ from refsim.surface_energy.cuda import lowest
 LANES = 1 if simulated() else 8  # threads that share a vertex or a facet; the simulator knows no shuffles
 CELLS = 64  # of a block, a thread to each
 SWEEPING = 256  # threads of a block in a sweep: at least as many as there are cells, and 3 x 64, a layer of nodes' sums
+STARTS = SWEEPING + 1
+LAYERS = 3 * CELLS
 REACHED = 512  # nodes that the points of a sweep reach: 8 x 8 x 8, or 12 x 12 in the plane
 POINTS = 1024  # of a sweep in shared memory
 # What `counts` holds: whether a particle is not covered, most particles in a cell, cut edges and facets as found and
@@ -410,11 +412,11 @@ def sweep(fit_first, fit_splines, fit_target, blocks, surface_term, node_weight,
     if cuda.syncthreads_or(active) == 0:
         return
     near = cuda.shared.array(REACHED, fit_target.dtype)
-    start = cuda.shared.array(SWEEPING + 1, np.int32)
+    start = cuda.shared.array(STARTS, np.int32)
     point = cuda.shared.array(POINTS, np.int32)
     base = cuda.shared.array(POINTS, np.int32)
     residual = cuda.shared.array(POINTS, fit_target.dtype)
-    layer = cuda.shared.array(3 * CELLS, fit_target.dtype)
+    layer = cuda.shared.array(LAYERS, fit_target.dtype)
     space = blocks.neighbour.shape[1] == 27
     bits = 2 if space else 3
     width, cells, layers = (8, 6, 3) if space else (12, 10, 1)
