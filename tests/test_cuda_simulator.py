@@ -245,7 +245,7 @@ def test_reconstructed_surface_is_the_cpus(cuda, quadrature):
         made = Reconstruction(place, 2, "float64", 0.1, tension)
         there = place.asarray(position)
         surface = made.surface(there)
-        force, extents = made.force(surface.samples, surface.blocks), made.extents(there, surface)
+        force, extents = made.force(surface.samples, surface.blocks), made.extents(there)
         arrays = (*surface.samples, surface.component_size, force, extents)
         found.append([np.array(place.host(a)) for a in arrays])
     assert len(found[0][0]) > 20
@@ -254,12 +254,18 @@ def test_reconstructed_surface_is_the_cpus(cuda, quadrature):
         assert np.abs(own.astype(float) - other).max() < 1e-12
 
 
-def test_recorded_surface_is_the_cpus(cuda):
+def test_recorded_surface_is_the_cpus(cuda, monkeypatch):
     """A lone particle beside a drop, in few blocks: each of their 64 threads is one of Python's here."""
+    from refsim.sparse_grid.cuda import Search
     from refsim.surface_energy import Tension
     from refsim.surface_energy.reconstruction import Reconstruction
     from refsim.surface_energy.recorded import RecordedSurface
 
+    def close(search, *reach):
+        blocks = search.cover(*reach)
+        return blocks, search._sure(blocks, *reach[1:])
+
+    monkeypatch.setattr(Search, "roomy", close)
     drop = 0.05 * np.array([[i + 3, j + 3, 0.0] for i in range(4) for j in range(3)]) + 0.01 * cloud(12, 2)
     position = np.vstack([drop, [[0.65, 0.2, 0.0]]])
     tension = Tension(surface_tension=1.0, smallest=5, iterations=2)
@@ -269,7 +275,7 @@ def test_recorded_surface_is_the_cpus(cuda):
         there = place.asarray(position)
         surface = made.surface(there)
         assert isinstance(surface, RecordedSurface) == (place is cuda)
-        force, extents = made.force(surface.samples, surface.blocks), made.extents(there, surface)
+        force, extents = made.force(surface.samples, surface.blocks), made.extents(there)
         arrays = (
             *surface.samples, *surface.mesh, *surface.inset_mesh, surface.component_size, surface.coefficients,
             surface.facet_normal, surface.offset_direction, surface.sample_place, force, extents,
@@ -283,6 +289,21 @@ def test_recorded_surface_is_the_cpus(cuda):
         assert np.abs(own.astype(float) - other).max() < 1e-12
     away = cuda.asarray(position[:1] + 0.8 * np.arange(13)[:, None])
     assert made._recorded.surface(away) is None  # particles that leave the blocks take another one
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_roomy_blocks_suffice_a_block_farther(cuda, dim):
+    from refsim.sparse_grid import SparseGrid
+
+    grid = SparseGrid(cuda, dim, "float64", 0.1)
+    position = np.array([[0.05, 0.05, 0.0]])
+    blocks, sure = grid.programs.roomy(cuda.asarray(position), 1, 2)
+    way = np.array([0.1 * grid.programs.width, 0.0, 0.0])
+    for steps, suffice in ((0, True), (1, True), (-1, True), (2, False)):
+        block = cuda.host(grid.programs.cell_of(cuda.asarray(position + steps * way), blocks, 0.0))[0] // 64
+        assert (block >= 0 and bool(cuda.host(sure)[block])) == suffice
+        assert np.isin(cuda.host(grid.cover(cuda.asarray(position + steps * way), 1, 2).keys),
+                       cuda.host(blocks.keys)).all() == suffice  # fmt: skip
 
 
 def test_audit_counts_what_a_list_misses(cuda):

@@ -231,13 +231,14 @@ def recorded_launches(monkeypatch, dtype, normals):
 
     place = np.random.default_rng(0).uniform(-0.1, 0.1, (9, 3)).astype(dtype)
     made = Reconstruction(Zeros("cpu"), 3, dtype, 0.1, Tension(surface_tension=1.0, iterations=2, normals=normals))
-    blocks, cells = made._cells(place)
+    blocks, _ = made._cells(place)
     silent = python_types.SimpleNamespace(send=lambda: None)
     monkeypatch.setattr(device, "Mirror", lambda array: silent)
     monkeypatch.setattr(device, "Mark", lambda: None)
     with monkeypatch.context() as patch:
+        patch.setattr(device, "fill", lambda *_: None)
         patch.setattr(recorded, "case_tables", lambda *_: (isosurface.case_table(3), None))
-        graph = recorded.Recorded(made, blocks, np.ones(len(blocks.keys), np.uint8), cells.cell, 9, 9)
+        graph = recorded.Recorded(made, blocks, np.ones(len(blocks.keys), np.uint8), len(place), 9, 9, True)
     parts = graph._cut, graph._fit
     return [step for part in parts for step in launches(monkeypatch, part, (place,))] + launches(
         monkeypatch, graph._pull, ()

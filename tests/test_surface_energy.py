@@ -284,8 +284,8 @@ def test_filaments_and_films_are_told_from_bulk(name, place, dim, wanted):
     lattices = {"two by two filament": (20, 2, 2), "film": (8, 8, 1), "two rows": (20, 2, 1)}
     if place is None:
         place = 0.5 * np.stack(np.meshgrid(*map(np.arange, lattices[name]), indexing="ij"), axis=-1).reshape(-1, 3)
-    made, surface = reconstructed(place + 0.1 * np.array([1.0, 1.0, dim == 3]), dim)
-    assert set(made.extents((H * (place + 0.1 * np.array([1.0, 1.0, dim == 3]))), surface)) == wanted
+    made = Reconstruction(CPU, dim, "float64", H, Tension(surface_tension=2.0))
+    assert set(made.extents(H * (place + 0.1 * np.array([1.0, 1.0, dim == 3])))) == wanted
 
 
 @pytest.mark.parametrize("dim", [2, 3])

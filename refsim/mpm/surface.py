@@ -322,7 +322,7 @@ class SurfaceOfRun(SurfaceSamples):
 
     def find_filaments(self, position: Any, extent: Any) -> None:
         """Along how many axes the liquid round each particle spreads."""
-        self.backend.assign(extent, self.reconstruction.extents(position, self.reconstruction.surface(position)))
+        self.backend.assign(extent, self.reconstruction.extents(position))
 
 
 _STAGES = tuple(name for name in REGISTRY if name.startswith("surface_energy."))

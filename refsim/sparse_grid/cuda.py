@@ -191,18 +191,26 @@ class Search:
         if not blocks.keys.shape[0]:
             self._covered = None
             return blocks
+        self._covered = below, above, blocks, self._sure(blocks, below, above)
+        return blocks
+
+    def roomy(self, position, below, above):
+        """(blocks for a cover that reaches a block farther, whether all in reach of each are there (blocks,) uint8).
+
+        Particles that move by less than a block need no others.
+        """
+        keys = device.empty(position.shape[0], np.int64)
+        block_keys(position, self.inverse_cell, self.dim, keys)
+        blocks = self._blocks(device.seen(keys), below + self.width, above + self.width)
+        return blocks, self._sure(blocks, below, above)
+
+    def _sure(self, blocks, below, above):
+        """Whether all blocks in reach of each are there (blocks,) uint8."""
         xp = device.library()
         made = device.seen(blocks.keys)
         wanted = made[:, None] + xp.asarray(self._steps(self._axis(below, above)))[None, :]
         place = xp.minimum(xp.searchsorted(made, wanted.ravel()).reshape(wanted.shape), len(made) - 1)
-        sure = (made[place] == wanted).all(1).astype(np.uint8)
-        self._covered = below, above, blocks, device.wrapped(sure)
-        return blocks
-
-    @property
-    def sure(self):
-        """Of the latest blocks: whether all in reach of each are there (blocks,) uint8."""
-        return None if self._covered is None else self._covered[3]
+        return device.wrapped((made[place] == wanted).all(1).astype(np.uint8))
 
     def _axis(self, below, above):
         """Blocks along an axis in reach of a point's, from `below` nodes under to `above` over its cell."""

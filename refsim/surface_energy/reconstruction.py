@@ -128,20 +128,21 @@ class Reconstruction:
 
         if not recorded.suits(self.tension):
             return None
-        graph = self._recorded
-        if graph is not None and graph.fits(position):
-            found = graph.surface(position)
-            if found is not None:
-                return found
-        # what there is says how much room it takes
-        self._recorded = None
-        blocks, cells = self._cells(position)
-        mesh = self._mesh(position, blocks, cells)
-        vertices, facets = mesh.vertices.shape[0], mesh.facets.shape[0]
-        if not facets:
+        if not position.shape[0]:
             return None
-        sure = self.grid.programs.sure
-        self._recorded = recorded.Recorded(self, blocks, sure, cells.cell, vertices, facets)
+        for _ in range(3):  # blocks for particles that have left theirs, then room for vertices and facets
+            graph = self._recorded
+            if graph is not None and graph.particles == position.shape[0]:
+                found = graph.surface(position)
+                if found is not None or graph.sufficed:
+                    return found
+            if graph is None:
+                mesh = self.mesh(position)
+                room = mesh.vertices.shape[0], mesh.facets.shape[0]
+            else:
+                room = graph.room()
+            blocks, sure = self.grid.programs.roomy(position, self.below, self.above)
+            self._recorded = recorded.Recorded(self, blocks, sure, position.shape[0], *room, graph is not None)
         return self._recorded.surface(position)
 
     def force(self, samples: Samples, blocks: Blocks) -> Any:
@@ -153,13 +154,11 @@ class Reconstruction:
         self._run("surface_force", samples.position, samples.area, samples.normal, bases, blocks, self.term, force)
         return force
 
-    def extents(self, position: Any, surface: Surface) -> Any:
+    def extents(self, position: Any) -> Any:
         """Along how many axes the liquid round each particle spreads (n,) uint8; below dim - 1 it is a filament."""
         extent = self._empty(position.shape[0], np.uint8)
-        cells = surface.cells
-        if self.backend.name == "cuda":  # where a recorded surface leaves a cell's particles in any order
-            cells = self.grid.by_cell(position, surface.blocks)
-        self._run("extents", position, cells, surface.blocks, self.term, extent)
+        blocks, cells = self._cells(position)
+        self._run("extents", position, cells, blocks, self.term, extent)
         return extent
 
     def most_in_a_cell(self, surface: Surface) -> int:

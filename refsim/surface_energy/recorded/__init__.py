@@ -52,17 +52,20 @@ class RecordedSurface(Surface):
 
 
 class Recorded:
-    """The surface of `particles` particles in given blocks, with room for so many vertices and facets.
+    """The surface of `particles` particles in given blocks, with room for some more than so many vertices and facets.
 
-    cell  (particles,) int32, the cell of each where it was last
-    sure  (blocks,) whether all blocks in reach of a block's particles are there
+    sure      (blocks,) whether all blocks in reach of a block's particles are there
+    compiled  whether all of its kernels are: they can then be recorded without being launched first
+    sufficed  whether blocks and room sufficed the last time
     """
 
     def __init__(
-        self, reconstruction: Reconstruction, blocks: Blocks, sure: Any, cell: Any, vertices: int, facets: int
-    ) -> None:
+        self, reconstruction: Reconstruction, blocks: Blocks, sure: Any, particles: int, vertices: int, facets: int,
+        compiled: bool,
+    ) -> None:  # fmt: skip
         self.owner, self.blocks, self.sure = reconstruction, blocks, sure
-        dim, real, count, n = reconstruction.dim, reconstruction.dtype, nodes(blocks), cell.shape[0]
+        self.particles, self.compiled, self.sufficed = particles, compiled, True
+        dim, real, count, n = reconstruction.dim, reconstruction.dtype, nodes(blocks), particles
         self.table = case_tables(reconstruction.backend, dim, reconstruction.table_merged)[0]
         self.mls = np.int32(1) if reconstruction.tension.normals == "mls" else None
         self.least = np.int32(reconstruction.tension.least_component(dim))
@@ -84,17 +87,22 @@ class Recorded:
         }  # fmt: skip
         arrays = {k: s if isinstance(s, tuple) else (s, np.int32) for k, s in shapes.items()}
         self.arrays = {name: reconstruction.backend.empty(shape, dtype) for name, (shape, dtype) in arrays.items()}
-        self.cell = cell
+        self.cell = reconstruction.backend.empty(n, np.int32)  # of each particle, where it was last
+        device.fill(self.cell, -1)
         self.found, self.ended = (device.Mirror(self.arrays["counts"]) for _ in range(2))
         self.mark = device.Mark()
-        self.graphs: dict[tuple, tuple[device.Recorded, device.Recorded]] = {}
+        self.graphs: dict[Any, tuple[device.Recorded, ...]] = {}
         self.pulling = device.Recorded(self._pull)
         self.samples: Samples | None = None
         self._views: dict[str, Any] = {}
 
-    def fits(self, position: Any) -> bool:
-        """Whether it is made for so many particles."""
-        return position.shape[0] == self.cell.shape[0]
+    def room(self) -> tuple[int, int]:
+        """Vertices and facets that another one should have room for."""
+        found, a = self.found.values, self.arrays
+        made = a["vertex_edge"].shape[0], a["facets"].shape[0]
+        if found[kernels.MISSING]:  # what was found is not whole; what there was room for was found once
+            return made[0] * ROOM // (ROOM + 1), made[1] * ROOM // (ROOM + 1)
+        return int(found[kernels.EDGES]), int(found[kernels.FACETS])
 
     def surface(self, position: Any) -> RecordedSurface | None:
         """The surface of particles at `position` (n, 3) [m]; None where it does not fit."""
@@ -102,16 +110,17 @@ class Recorded:
         if key not in self.graphs:
             while len(self.graphs) >= GRAPHS:
                 del self.graphs[next(iter(self.graphs))]
-            self.graphs[key] = (
-                device.Recorded(lambda: self._cut(position)),
-                device.Recorded(lambda: self._fit(position)),
-            )
+            parts = (lambda: self._cut(position)), (lambda: self._fit(position))
+            self.graphs[key] = tuple(map(self._recorded, parts))
         cut, fit = self.graphs[key]
         cut()
         self.mark.set()
         fit()
+        self.compiled = True
         self.mark.wait()
-        vertices, facets = int(self.found.values[kernels.VERTICES]), int(self.found.values[kernels.MADE])
+        counts = self.found.values
+        vertices, facets = int(counts[kernels.VERTICES]), int(counts[kernels.MADE])
+        self.sufficed = not counts[kernels.MISSING] and facets == counts[kernels.FACETS]
         if not facets:
             self.ended.read()
             return None
@@ -139,6 +148,12 @@ class Recorded:
         return self.arrays["node_force"]
 
     # Inside
+
+    def _recorded(self, call: Callable[[], None]) -> device.Recorded:
+        """The call to be recorded, at once where its kernels are compiled."""
+        made = device.Recorded(call)
+        made.called = self.compiled
+        return made
 
     def _view(self, name: str, count: int) -> Any:
         """The first rows of an array."""
