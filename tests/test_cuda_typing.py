@@ -68,8 +68,8 @@ IN_DOUBLE = {
     ),
     **dict.fromkeys(
         (
-            "count_particles", "states_of_blocks", "place_vertices", "place_points", "sort_points", "sample_normals",
-            "pull_back", "place_samples", "locate_samples", "pull_nodes",
+            "count_particles", "states_of_blocks", "place_vertices", "place_points", "sort_points", "find_normals",
+            "place_samples", "locate_samples", "pull_nodes",
         ),
         "places on the grid and between nodes, as in the programs that these kernels stand for",
     ),

@@ -82,7 +82,8 @@ class Recorded:
             "coefficients": (count, real), "corrected": (count, real), "sample_normal": ((f, 3), real),
             "vertex_normal": ((v, 3), real),
             "inset_position": ((v, 3), real), "sample_position": ((f, 3), real), "sample_area": (f, real),
-            "nearest": f, "sample_count": n, "total": b, "one": 1, "counts": kernels.COUNTS,
+            "nearest": f, "sample_count": n, "either": (f + v, np.uint8), "total": b, "one": 1,
+            "counts": kernels.COUNTS,
             "held_samples": count, "samples_first": count + 1, "sample_point": f, "node_force": ((count, 3), real),
         }  # fmt: skip
         arrays = {k: s if isinstance(s, tuple) else (s, np.int32) for k, s in shapes.items()}
@@ -182,8 +183,13 @@ class Recorded:
         counts, total, edge, facets = a["counts"], a["total"], a["vertex_edge"], a["facets"]
         cells = PointList(a["first"], a["unsorted"], self.cell)
         crossings, case, table = a["crossings"], a["cell_case"], self.table
-        kernels.first_cuts(crossings, case, table, a["edge_first"], a["facet_first"], a["cut_total"])
-        kernels.write_facets(blocks, crossings, case, a["edge_first"], a["facet_first"], table, counts, edge, facets)
+        kernels.first_cuts(
+            blocks, crossings, case, table, a["node_label"], a["edge_first"], a["facet_first"], a["cut_total"]
+        )
+        kernels.write_facets(
+            blocks, crossings, case, a["edge_first"], a["facet_first"], table, counts, edge, facets, a["first"],
+            a["node_label"], a["members"], a["cut_total"],
+        )  # fmt: skip
         kernels.place_vertices(
             position, cells, blocks, a["node_state"], term, edge, counts, a["vertex_position"], a["vertex_outward"]
         )
@@ -205,17 +211,11 @@ class Recorded:
         for _ in range(sweeps):
             kernels.sweep(first, splines, target, blocks, term, weight, old, new, total)
             old, new = new, old
-        coefficients = a["coefficients"]
-        kernels.sample_normals(
-            a["sample_place"], edge, facets, blocks, term, coefficients, a["outward"], self.mls, counts,
-            a["sample_normal"],
+        kernels.find_normals(
+            a["sample_place"], a["outward"], a["vertex_position"], a["vertex_outward"], edge, facets, blocks, term,
+            a["coefficients"], self.mls, counts, a["either"], a["sample_normal"], a["vertex_normal"],
+            a["inset_position"],
         )  # fmt: skip
-        kernels.pull_back(
-            a["vertex_position"], edge, blocks, term, coefficients, a["vertex_outward"], self.mls, counts,
-            a["vertex_normal"], a["inset_position"],
-        )  # fmt: skip
-        kernels.join_nodes(blocks, a["node_label"])
-        kernels.count_members(a["first"], a["node_label"], a["members"], total)
         kernels.place_samples(
             position, cells, blocks, term, edge, a["inset_position"], facets, a["node_label"], a["members"], self.least,
             a["sample_position"], a["sample_area"], a["nearest"], a["sample_count"], counts,

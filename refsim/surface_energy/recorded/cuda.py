@@ -164,9 +164,68 @@ def sum_cuts(one, cut_total, vertex_edge, facets, counts):
             counts[VERTICES], counts[MADE] = counts[EDGES], counts[FACETS]
 
 
+# Which nodes hang together is found beside vertices and facets: a launch costs as much as either.
+
+
+@formula
+def join_node(i, blocks, node_label):
+    """Of two components that touch at node i, the one with the higher number joins the lower one (`join_labels`)."""
+    if node_label[i] >= 0:
+        for axis in range(3 if blocks.neighbour.shape[1] == 27 else 2):
+            other = step_node(blocks, i, 1 if axis == 0 else 0, 1 if axis == 1 else 0, 1 if axis == 2 else 0)
+            if other >= 0 and node_label[other] >= 0 and node_label[other] != node_label[i]:
+                own, met = lowest(node_label, i), lowest(node_label, other)
+                while own != met:
+                    high, low = max(own, met), min(own, met)
+                    found = cuda.atomic.cas(node_label, high, high, low)
+                    if found == high:
+                        break
+                    own, met = lowest(node_label, found), lowest(node_label, low)
+
+
+@formula
+def add_members(first, node_label, members):
+    """The end of each label's chain, and the particles of each component, at its lowest node."""
+    together = cuda.shared.array(1, np.int32)
+    i = CELLS * cuda.blockIdx.x + cuda.threadIdx.x
+    if cuda.threadIdx.x == 0:
+        together[0] = 0
+    root = lowest(node_label, i) if node_label[i] >= 0 else -1
+    node_label[i] = root
+    # those of the block's lowest component together: inside the liquid that is all of them
+    rank = np.int32(node_label.shape[0]) if root < 0 else np.int32(root)
+    cuda.syncthreads()
+    common = least_of_all(rank)
+    held = first[i + 1] - first[i]
+    if root >= 0 and held > 0:
+        if root == common:
+            cuda.atomic.add(together, 0, held)
+        else:
+            cuda.atomic.add(members, root, held)
+    cuda.syncthreads()
+    if cuda.threadIdx.x == 0 and together[0] > 0:
+        cuda.atomic.add(members, common, together[0])
+
+
+@formula
+def least_of_all(rank):
+    """The lowest of what a block's threads hold."""
+    held = cuda.shared.array(CELLS, np.int32)
+    thread = cuda.threadIdx.x
+    held[thread] = rank
+    cuda.syncthreads()
+    step = CELLS // 2
+    while step > 0:
+        if thread < step:
+            held[thread] = min(held[thread], held[thread + step])
+        cuda.syncthreads()
+        step //= 2
+    return held[0]
+
+
 @cuda_kernel(block_for_each_row=True, threads=CELLS, rows_of="cut_total")
-def first_cuts(crossings, cell_case, table, edge_first, facet_first, cut_total):
-    """First vertex of each node's edges and first facet of each cell."""
+def first_cuts(blocks, crossings, cell_case, table, node_label, edge_first, facet_first, cut_total):
+    """First vertex of each node's edges and first facet of each cell; and inside nodes that touch are joined."""
     part = cuda.shared.array(CELLS, np.int32)
     b = cuda.blockIdx.x
     i = CELLS * b + cuda.threadIdx.x
@@ -174,16 +233,21 @@ def first_cuts(crossings, cell_case, table, edge_first, facet_first, cut_total):
     before = sum_before(part, np.int32(mine))
     edge_first[i] = np.int32(cut_total[b] & 0xFFFFFFFF) + (before & 0xFFFF)
     facet_first[i] = np.int32(cut_total[b] >> 32) + (before >> 16)
+    join_node(i, blocks, node_label)
 
 
-@cuda_kernel(rows_of="cell_case")
-def write_facets(blocks, crossings, cell_case, edge_first, facet_first, table, counts, vertex_edge, facets):
-    """Vertices by their edges, facets by their vertices."""
-    i = cuda.grid(1)
-    if i < cell_case.shape[0] and counts[VERTICES] > 0:
+@cuda_kernel(block_for_each_row=True, threads=CELLS, rows_of="cut_total")
+def write_facets(
+    blocks, crossings, cell_case, edge_first, facet_first, table, counts, vertex_edge, facets, first, node_label,
+    members, cut_total,
+):  # fmt: skip
+    """Vertices by their edges, facets by their vertices; and the particles of each component."""
+    i = CELLS * cuda.blockIdx.x + cuda.threadIdx.x
+    if counts[VERTICES] > 0:
         isosurface_node.write_facets(
             i, blocks, crossings, cell_case, edge_first, facet_first, table, vertex_edge, facets
         )
+    add_members(first, node_label, members)
 
 
 # A vertex or a facet is shared by LANES threads, which take cells by turns: what they look for, the farthest way out or
@@ -487,87 +551,30 @@ def implicit_gradient(q, place, guess, blocks, surface_term, coefficients, outwa
     normal[q, 0], normal[q, 1], normal[q, 2] = nx, ny, nz
 
 
-@cuda_kernel(rows_of="facets")
-def sample_normals(
-    sample_place, vertex_edge, facets, blocks, surface_term, coefficients, outward, mls, counts, normal
+@cuda_kernel(rows_of="either")
+def find_normals(
+    sample_place, sample_outward, vertex_position, vertex_outward, vertex_edge, facets, blocks, surface_term,
+    coefficients, mls, counts, either, sample_normal, vertex_normal, inset_position,
 ):  # fmt: skip
-    """Normals of the implicit surface at the samples."""
+    """Normals of the implicit surface at samples and vertices, and vertices moved back to the liquid's surface [m].
+
+    Threads as many as there is room for facets take samples, the others vertices.
+    """
     s = cuda.grid(1)
+    v = s - facets.shape[0]
     if s < counts[MADE]:
         guess = (vertex_edge[facets[s, 0]] // 3) >> 6
-        implicit_gradient(s, sample_place, guess, blocks, surface_term, coefficients, outward, mls, normal)
-
-
-@cuda_kernel(rows_of="vertex_edge")
-def pull_back(
-    vertex_position, vertex_edge, blocks, surface_term, coefficients, outward, mls, counts, vertex_normal,
-    inset_position,
-):  # fmt: skip
-    """Vertices moved back along the implicit surface's normals to the liquid's surface [m]."""
-    v = cuda.grid(1)
-    if v < counts[VERTICES]:
+        implicit_gradient(
+            s, sample_place, guess, blocks, surface_term, coefficients, sample_outward, mls, sample_normal
+        )
+    elif 0 <= v < counts[VERTICES]:
         guess = (vertex_edge[v] // 3) >> 6
-        implicit_gradient(v, vertex_position, guess, blocks, surface_term, coefficients, outward, mls, vertex_normal)
+        implicit_gradient(
+            v, vertex_position, guess, blocks, surface_term, coefficients, vertex_outward, mls, vertex_normal
+        )
         way = surface_term.inset * surface_term.cell_size
         for c in range(3):
             inset_position[v, c] = vertex_position[v, c] - way * vertex_normal[v, c]
-
-
-@cuda_kernel
-def join_nodes(blocks, node_label):
-    """Of two components that touch, the one with the higher number joins the lower one (see `cuda.join_labels`)."""
-    i = cuda.grid(1)
-    if i < node_label.shape[0] and node_label[i] >= 0:
-        for axis in range(3 if blocks.neighbour.shape[1] == 27 else 2):
-            other = step_node(blocks, i, 1 if axis == 0 else 0, 1 if axis == 1 else 0, 1 if axis == 2 else 0)
-            if other >= 0 and node_label[other] >= 0 and node_label[other] != node_label[i]:
-                own, met = lowest(node_label, i), lowest(node_label, other)
-                while own != met:
-                    high, low = max(own, met), min(own, met)
-                    found = cuda.atomic.cas(node_label, high, high, low)
-                    if found == high:
-                        break
-                    own, met = lowest(node_label, found), lowest(node_label, low)
-
-
-@cuda_kernel(block_for_each_row=True, threads=CELLS, rows_of="total")
-def count_members(first, node_label, members, total):
-    """The end of each label's chain, and the particles of each component, at its lowest node."""
-    together = cuda.shared.array(1, np.int32)
-    i = CELLS * cuda.blockIdx.x + cuda.threadIdx.x
-    if cuda.threadIdx.x == 0:
-        together[0] = 0
-    root = lowest(node_label, i) if node_label[i] >= 0 else -1
-    node_label[i] = root
-    # those of the block's lowest component together: inside the liquid that is all of them
-    rank = np.int32(CELLS * total.shape[0]) if root < 0 else np.int32(root)
-    cuda.syncthreads()
-    common = least_of_all(rank)
-    held = first[i + 1] - first[i]
-    if root >= 0 and held > 0:
-        if root == common:
-            cuda.atomic.add(together, 0, held)
-        else:
-            cuda.atomic.add(members, root, held)
-    cuda.syncthreads()
-    if cuda.threadIdx.x == 0 and together[0] > 0:
-        cuda.atomic.add(members, common, together[0])
-
-
-@formula
-def least_of_all(rank):
-    """The lowest of what a block's threads hold."""
-    held = cuda.shared.array(CELLS, np.int32)
-    thread = cuda.threadIdx.x
-    held[thread] = rank
-    cuda.syncthreads()
-    step = CELLS // 2
-    while step > 0:
-        if thread < step:
-            held[thread] = min(held[thread], held[thread + step])
-        cuda.syncthreads()
-        step //= 2
-    return held[0]
 
 
 @cuda_kernel(lanes=LANES, rows_of="facets")
