@@ -203,7 +203,7 @@ def support_launches(dtype):
         (sparse.count_points, 3 * (integers,)),
         (mpm.write_keys, (vectors, 1.0, 2, keys)),
         (mpm.count_cells, (vectors, 1.0, blocks, np.zeros(n, np.uint8), *3 * (integers,))),
-        (mpm.count_descents, (integers, integers)),
+        (mpm.count_gaps, (integers, integers)),
         (sparse.total_blocks, (integers, integers)),
         (sparse.sum_blocks, (integers, integers)),
         (sparse.write_first, 3 * (integers,)),

@@ -190,15 +190,15 @@ def count_cells(position, inverse_cell, blocks, complete, held, place, cell):
         cell[i] = found
 
 
-@cuda_kernel(rows_of="cell")
-def count_descents(cell, held):
-    """The last of `held` <- particles behind which one of an earlier cell stands."""
+@cuda_kernel(rows_of="point")
+def count_gaps(point, held):
+    """The last of `held` <- particles that do not stand in memory right behind the one before them in the lists."""
     i = cuda.grid(1)
-    if i + 1 < cell.shape[0] and cell[i + 1] < cell[i]:
+    if i + 1 < point.shape[0] and point[i + 1] != point[i] + 1:
         cuda.atomic.add(held, held.shape[0] - 1, 1)
 
 
-def sort_particles(position, grid, cell, descents=False):
+def sort_particles(position, grid, cell, gaps=False):
     """Cells and bins of the particles, whose blocks are there; and, if asked for, how many are out of order."""
     bins, held, sums, place, unsorted, _ = grid.sorting
     device.fill(held, 0)
@@ -207,8 +207,8 @@ def sort_particles(position, grid, cell, descents=False):
     sums()
     fill_cells(cell, place, bins.first, unsorted)
     sort_cells(cell, bins.first, unsorted, bins.point)
-    if descents:
-        count_descents(cell, held)
+    if gaps:
+        count_gaps(bins.point, held)
 
 
 def cells(position, carrier_position, surface_sample, grid, cell):

@@ -24,7 +24,7 @@ SETS = ("particles", "carriers", "samples")
 PROGRAMS = {"numpy": "reference"}
 SLACK = {"cuda": 1}  # blocks by which a new table reaches further, where making one costs more than passing over it
 UNSEEN = 8  # steps, of half a cell each at most, in which a particle crosses no more than one block
-OUT_OF_ORDER = 0.02  # share of particles that stand behind one of a later cell: more are worth sorting
+OUT_OF_ORDER = 0.05  # share of particles that do not stand behind the one before in the lists: more are worth moving
 DEEP = 2  # a block around which all blocks are complete
 
 
@@ -186,7 +186,7 @@ class MpmGrid:
         assert self.sorting is not None
         programs = importlib.import_module("refsim.mpm.cuda")
         cell = self._array("order_cell", (position.shape[0],), np.int32)
-        programs.sort_particles(position, self, cell, descents=True)
+        programs.sort_particles(position, self, cell, gaps=True)
         return self.sorting.bins.point if self._noted()[2] > OUT_OF_ORDER * position.shape[0] else None
 
     def _noted(self) -> list[int]:
