@@ -137,6 +137,10 @@ class Effect(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
         """What a user should know of these parameters in this scene before it runs."""
         return ()
 
+    def beside_fields(self) -> str:
+        """What it holds besides fields, lists and walls; `refsim plan` names it, since its size follows the run."""
+        return ""
+
     def list_radius(self, grid: Discretisation) -> float:
         """Distance [m] up to which it needs neighbours; 0 if it needs none."""
         return 0.0

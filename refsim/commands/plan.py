@@ -85,6 +85,7 @@ def describe_plan(plan: Plan, backend: str) -> dict[str, Any]:
             "neighbour_list": neighbours["bytes"] if neighbours else 0,
             "total": bytes_fields + bytes_own + bytes_walls + (neighbours["bytes"] if neighbours else 0),
         },
+        "not_counted": [held for effect in plan.effects.values() if (held := effect.beside_fields())],
         "step": steps,
         "end_time": scene.end_time,
         "notes": list(plan.notes) + _notes(plan, steps),
@@ -264,6 +265,8 @@ def _text(found: dict[str, Any]) -> str:
         f" {in_bytes(b['fields'])}, list {in_bytes(b['neighbour_list'])}, positions at its last build"
         f" {in_bytes(b['positions_at_list_build'])}, walls {in_bytes(b['walls'])})"
     )
+    if found["not_counted"]:
+        lines.append(f"Not counted, since it follows the run: {'; '.join(found['not_counted'])}")
     step = found["step"]
     limits = ", ".join(f"{name} {value:.3g} s" for name, value in sorted(step["limits"].items(), key=lambda i: i[1]))
     lines += [

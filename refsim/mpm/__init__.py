@@ -200,6 +200,9 @@ class MpmLiquid(Effect, frozen=True, kw_only=True):
     def sorting_cell(self, grid: Discretisation) -> float:
         return self.cell(grid)
 
+    def beside_fields(self) -> str:
+        return "blocks of the background grid"
+
     def passes(self, others: Mapping[str, Effect]) -> tuple[Pass, ...]:
         reading = _reading(others)
         embedded = reading not in (None, "none")

@@ -82,6 +82,9 @@ class SurfaceEnergy(Effect, frozen=True, kw_only=True):
     def needs(self) -> tuple[str, ...]:
         return ("mpm_liquid",)
 
+    def beside_fields(self) -> str:
+        return "nodes, facets and samples of the surface"
+
     def check(self, grid: Discretisation, others: Mapping[str, Effect]) -> None:
         self.tension().check(grid.dim)
         require(self.name, capillary_number=(self.capillary_number, "positive"))

@@ -217,6 +217,9 @@ class MeshBoundary(Effect, frozen=True, kw_only=True):
         seconds = 0.125 * half**2 * liquid.rest_density / self.viscosity  # type: ignore[attr-defined]
         return {"wall friction": StepLimit.constant(seconds)}
 
+    def beside_fields(self) -> str:
+        return "distances in a band around the mesh"
+
     def notes(self, grid: Discretisation, others: Mapping[str, Effect]) -> tuple[str, ...]:
         return tuple(f"{self.name}: {words}" for words in self.placed(grid).notes)
 
