@@ -9,6 +9,7 @@ import json
 import sys
 import time
 import types
+from concurrent.futures import ThreadPoolExecutor, as_completed
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +17,7 @@ import pytest
 
 from refsim.errors import InputError, RunStopped
 from validation import __main__ as command
-from validation import harness, results, verdicts
+from validation import harness, processes, results, verdicts
 from validation.cases import droplet, timing
 from validation.cases.dam_break import CASE as DAM_BREAK
 from validation.cases.dam_break import runs as dam_runs
@@ -115,6 +116,18 @@ def test_an_interrupted_run_says_what_is_kept(options):
     with pytest.raises(RunStopped, match="held before is kept"):
         perform(case, options)
     assert CALLS == [2], "what was finished is not computed again"
+
+
+def test_interrupted_processes_start_nothing_more(options, monkeypatch):
+    def first_only(futures):
+        yield next(as_completed(futures))
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(processes, "ProcessPoolExecutor", lambda jobs, **given: ThreadPoolExecutor(1))
+    monkeypatch.setattr(processes, "as_completed", first_only)
+    with pytest.raises(RunStopped, match=r"1 finished since the start are kept"):
+        processes.compute_ahead([fake_case()], options, 2)
+    assert CALLS == [2]
 
 
 def test_what_cannot_be_done_is_said_before_computing(options, tmp_path):

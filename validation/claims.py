@@ -18,6 +18,7 @@ import multiprocessing
 import os
 import pkgutil
 import re
+import signal
 import sys
 import time
 import tomllib
@@ -212,12 +213,17 @@ def _compute(waiting: Mapping[Path, Run], jobs: int) -> None:
         spawn = multiprocessing.get_context("spawn")
         with ProcessPoolExecutor(jobs, mp_context=spawn, initializer=_one_thread) as pool:
             started = [pool.submit(_one, folder, run, 1) for folder, run in order]
-            for done in as_completed(started):
-                done.result()
-                bar.update()
+            try:
+                for done in as_completed(started):
+                    done.result()
+                    bar.update()
+            except KeyboardInterrupt:
+                pool.shutdown(wait=True, cancel_futures=True)
+                raise interrupted(bar.n, order[0][0].parent.parent) from None
 
 
 def _one_thread() -> None:
+    signal.signal(signal.SIGINT, signal.SIG_DFL)  # Ctrl-C ends it without words; the parent says what is kept
     os.environ["NUMBA_NUM_THREADS"] = "1"  # before Numba is loaded
 
 

@@ -140,7 +140,7 @@ def perform(cases: Sequence[Case], options: Options, stream: TextIO | None = Non
     """
     stream = stream or sys.stderr
     outcomes, waiting = [], []
-    _check(cases, options)
+    check(cases, options)
     for case in cases:
         outcome = Outcome(case)
         outcomes.append(outcome)
@@ -167,13 +167,14 @@ def perform(cases: Sequence[Case], options: Options, stream: TextIO | None = Non
     return outcomes
 
 
-def _check(cases: Sequence[Case], options: Options) -> None:
-    """What would otherwise show after minutes of computing."""
+def check(cases: Sequence[Case], options: Options) -> None:
+    """Raises InputError for what would otherwise show after minutes of computing."""
     if options.only:
-        keys = [run.key for case in cases for run in case.runs(options)]
+        keys = list(dict.fromkeys(run.key for case in cases for run in case.runs(options)))
+        some = ", ".join(keys[:20]) + (", ..." if len(keys) > 20 else "")
         for start in options.only:
             if not any(key.startswith(start) for key in keys):
-                raise InputError(f"There is no run whose name starts with {start!r}; choose from {', '.join(keys)}.")
+                raise InputError(f"There is no run whose name starts with {start!r}; choose from {some}.")
     for what, folder in (("results", options.results), ("figures", options.figures)):
         try:
             folder.mkdir(parents=True, exist_ok=True)

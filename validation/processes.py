@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import signal
 import sys
 import time
 from collections.abc import Sequence
@@ -11,7 +12,7 @@ from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
 from typing import Any
 
-from validation.harness import Case, Options, Run, about_run
+from validation.harness import Case, Options, Run, about_run, check, interrupted
 from validation.results import Result, load, result_folder, save
 from validation.running import Context
 
@@ -21,9 +22,12 @@ def compute_ahead(cases: Sequence[Case], options: Options, jobs: int) -> None:
 
     The longest come first. Runs that take a number of threads are timed: they are left to `perform`, which has nothing
     else beside. A run that fails here is computed again by `perform`, which says so.
+
+    Raises InputError as `perform` does, RunStopped after Ctrl-C.
     """
     from tqdm import tqdm
 
+    check(cases, options)
     waiting = []
     for case in cases:
         for run in case.runs(options):
@@ -41,12 +45,18 @@ def compute_ahead(cases: Sequence[Case], options: Options, jobs: int) -> None:
             pool.submit(_compute, case.name, run.key, run.function, dict(run.parameters), folder): run.key
             for case, run, folder in waiting
         }
-        for done in tqdm(as_completed(futures), total=len(futures), desc="computing", mininterval=5.0):
-            if done.exception() is not None:
-                print(f"{futures[done]}: {done.exception()}", file=sys.stderr)
+        try:
+            for done in tqdm(as_completed(futures), total=len(futures), desc="computing", mininterval=5.0):
+                if done.exception() is not None:
+                    print(f"{futures[done]}: {done.exception()}", file=sys.stderr)
+        except KeyboardInterrupt:
+            pool.shutdown(wait=True, cancel_futures=True)
+            whole = sum(f.done() and not f.cancelled() and f.exception() is None for f in futures)
+            raise interrupted(whole, options.results) from None
 
 
 def _one_thread() -> None:
+    signal.signal(signal.SIGINT, signal.SIG_DFL)  # Ctrl-C ends it without words; the parent says what is kept
     for name in ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
         os.environ[name] = "1"  # before Numba is loaded
 
