@@ -63,7 +63,8 @@ def pressures(
 ) -> Result:
     """Every setting in turn, each repeat with a lattice turned otherwise: |p/p_L - 1| and seconds of stepping.
 
-    settings  key to {"words", "knobs" (with "dtype", "step", "backend"), "radius" [cells], "tension", "shown"}
+    settings  key to {"words", "knobs" (with "dtype", "step", "backend"), "radius" [cells], "tension", "shown",
+    "probes": whether it may end in a stop}
     """
     first = {key: held(context, setting, 0, until=0.02 * UNTIL) for key, setting in settings.items()}
     found: dict[str, list[dict[str, Any]]] = {key: [] for key in settings}
@@ -88,7 +89,7 @@ def pressures(
                 compile=first[key]["compile"], stopped=stopped, particles=runs[0]["particles"],
                 steps=runs[0]["steps"], launches=runs[0]["launches"], bytes=runs[0]["bytes"],
                 distribution={"J against its mean": runs[0]["ratio"]},
-                shown=setting["shown"],
+                shown=setting["shown"], expected=setting["probes"],
             )
         )  # fmt: skip
     return measured(readings, threads, backend)

@@ -71,7 +71,7 @@ def _normals(options: Options) -> list[Run]:
 
 
 def _normals_on_gpu(options: Options) -> list[Run]:
-    parameters = {"backend": "cuda", "threads": None, "count": 8_000_000}  # launches alone take some microseconds
+    parameters = {"backend": "cuda", "threads": None, "count": 1_000_000, "copies": 128}
     return [Run("normals_on_gpu", runs.normals_cost, parameters, estimate=60.0, skip=unavailable("cuda") or "")]
 
 

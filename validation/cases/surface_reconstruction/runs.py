@@ -351,23 +351,26 @@ def beside_transfers(context: Context, backend: str, cells: int, rounds: int, re
 
 
 def normals_cost(
-    context: Context, backend: str, threads: int | None, repeats: int = 15, count: int = 200_000
+    context: Context, backend: str, threads: int | None, repeats: int = 15, count: int = 200_000, copies: int = 1
 ) -> Result:
     """Nanoseconds of a normal by MLS and by the spline's gradient, in both dtypes, at the samples of a large drop of
-    `count` particles."""
+    `count` particles, each taken `copies` times: on a GPU a launch alone takes as long as 100,000 normals."""
     there = choose(backend)
     set_threads(there, threads)
     rows = []
     try:
         for dtype in ("float32", "float64"):
             made, surface, _ = reconstruct(shapes.lattice_block(count), backend, dtype, inset=None)
-            sample = surface.sample_place
+            sample, away = (
+                there.asarray(np.tile(there.host(a), (copies, 1)))
+                for a in (surface.sample_place, surface.offset_direction)
+            )
             bases = made.grid.by_cell(sample, surface.blocks, 0.5)
             out = there.empty(sample.shape, np.dtype(dtype))
             for kind, name in (("mls", "mls_normals"), ("gradient", "spline_normals")):
                 program = REGISTRY[f"surface_energy.{name}"].program(backend)
                 arguments = (
-                    sample, bases, surface.blocks, made.term, surface.coefficients, surface.offset_direction,
+                    sample, bases, surface.blocks, made.term, surface.coefficients, away,
                     None, None, out,
                 )  # fmt: skip
                 middle, spread = medians(lambda p=program, a=arguments: p(*a), there, repeats)
