@@ -165,10 +165,10 @@ SURFACES = {
 }  # fmt: skip
 LEDGERS = {
     "square_cluster": "square to disc", "swing_2d_16": "ellipse", "rest_2d_11_default_0": "disc at rest",
-    "collision_2d": "two discs meet", "floor_2d_90": "half a disc on a floor, which pushes", "sheet": "sheet",
+    "collision_2d": "two discs meet", "floor_2d_90": "half a disc on a floor", "sheet": "sheet",
     "cube": "cube to ball", "box": "turned box to ball, viscous", "swing_3d_6": "spheroid",
     "rest_3d_6_default_0": "ball at rest", "collision_3d": "two balls meet",
-    "floor_3d_90": "half a ball on a floor, which pushes",
+    "floor_3d_90": "half a ball on a floor",
 }  # fmt: skip
 
 
@@ -284,7 +284,7 @@ def ledgers_picture(data: Mapping[str, Any]) -> Any:
             axes.grid(axis="y")
             axes.xaxis.set_major_locator(MaxNLocator(5))
     panels[0, 0].legend(ncols=2, fontsize=7.5)
-    panels[1, 0].legend(fontsize=7.5, loc="upper right")
+    panels[1, 0].legend(fontsize=7.5, loc="center right")
     return figure
 
 
