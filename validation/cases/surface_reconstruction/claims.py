@@ -115,9 +115,9 @@ MLS_IS_CHEAPER = Measure(_normals, _costs, quick=False, timed=True)
 
 
 def _registers(results: Results) -> list[float]:
-    """Registers of the MLS kernel over those of the gradient's, in each dtype."""
+    """Registers of the MLS kernel over those of the gradient's, in the dtype in which they compare worse."""
     rows = {(row["dtype"], row["kind"]): row["registers"] for row in results["normals_on_gpu"].values["rows"]}
-    return [rows[dtype, "mls"] / rows[dtype, "gradient"] for dtype in ("float32", "float64")]
+    return [max(rows[dtype, "mls"] / rows[dtype, "gradient"] for dtype in ("float32", "float64"))]
 
 
 MLS_TAKES_FEWER_REGISTERS = Measure(_normals_on_gpu, _registers, quick=False, timed=True)
