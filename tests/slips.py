@@ -43,9 +43,9 @@ def functions_behind(operation):
             continue
         found[key] = function
         for node in ast.walk(parsed(function)):
-            if isinstance(node, ast.Call):
+            for name in [node.func, *node.args] if isinstance(node, ast.Call) else []:  # some are handed over
                 with contextlib.suppress(Exception):
-                    called = eval(ast.unparse(node.func), dict(function.__globals__))
+                    called = eval(ast.unparse(name), dict(function.__globals__))
                     if inspect.isfunction(called) and called.__module__.rpartition(".")[2] in MODULES:
                         waiting.append(called)
     return list(found.values())

@@ -186,6 +186,10 @@ def _matched(**changes):
     return Matching(np.int32(1), 1.0, 1.0, 0.1, 1e-9, 1e-9, 1e-17)._replace(**changes)
 
 
+def _counted(region):
+    return (region >= 0).sum(1).astype(np.int32)
+
+
 def _whole_region():
     """Nodes of a cube of 27 and the region of its middle; those of the other nodes are empty."""
     made = lattice_of([BLOCK.astype(int)])
@@ -205,8 +209,9 @@ def quarter_turn():
     turned = rotation.copy()
     turned[13] = np.sqrt(0.5) * np.array([1.0, 0.0, 0.0, 1.0])
     given = {
-        "solid_position": position, "region_share": np.full(27, 0.5), "region": region, "matching": _matched(),
-        "rotation": rotation, "region_center": np.ones((27, 3)), "region_anchor": np.ones((27, 3)),
+        "solid_position": position, "region_share": np.full(27, 0.5), "region": region,
+        "region_count": _counted(region), "matching": _matched(), "rotation": rotation,
+        "region_center": np.ones((27, 3)), "region_anchor": np.ones((27, 3)),
         "boxes": boxes_of(made, 1),
     }  # fmt: skip
     none = np.zeros((27, 3))
@@ -221,8 +226,9 @@ def lone_node():
     region[0, 13] = 0
     region[1, 13] = 1
     given = {
-        "solid_position": PAIR.position, "region_share": np.array([2.0, 3.0]), "region": region, "matching": _matched(),
-        "rotation": rotation, "region_center": np.ones((2, 3)), "region_anchor": np.ones((2, 3)),
+        "solid_position": PAIR.position, "region_share": np.array([2.0, 3.0]), "region": region,
+        "region_count": _counted(region), "matching": _matched(), "rotation": rotation,
+        "region_center": np.ones((2, 3)), "region_anchor": np.ones((2, 3)),
         "boxes": boxes_of(TWO, 1),
     }  # fmt: skip
     expected = {"rotation": rotation, "region_center": np.zeros((2, 3)), "region_anchor": np.zeros((2, 3))}
@@ -254,8 +260,8 @@ def spinning_block():
     center = np.zeros((27, 3))
     given = {
         "solid_position": r, "solid_velocity": velocity, "region_share": np.full(27, 0.5), "region": region,
-        "region_center": center, "matching": _matched(), "region_velocity": np.zeros((27, 3)),
-        "region_spin": np.zeros((27, 3)), "boxes": boxes_of(made, 1),
+        "region_count": _counted(region), "region_center": center, "matching": _matched(),
+        "region_velocity": np.zeros((27, 3)), "region_spin": np.zeros((27, 3)), "boxes": boxes_of(made, 1),
     }  # fmt: skip
     expected_mean, expected_spin = velocity.copy(), np.zeros((27, 3))
     expected_mean[13], expected_spin[13] = [2.0, 0.0, 0.0], [0.0, 0.0, 3.0]
