@@ -10,27 +10,37 @@ from refsim.neighbours.reference import pair_blocks
 from refsim.smoothing.reference import kernel_slope
 
 
-def _own(count, rows):
-    return np.arange(count) if rows is None else np.asarray(rows)
+class _Pairs:
+    """Gradients of all pairs that have one: rows i of `own`, neighbours j, grad W_ij (k, 3)."""
 
+    def __init__(self, position, source, smoothing, rows=None):
+        count = len(position)
+        self.own = np.arange(count) if rows is None else np.asarray(rows)
+        found = [(np.zeros(0, int), np.zeros(0, int), np.zeros((0, 3)))]
+        for place, separation, distance in pair_blocks(position, source, rows):
+            slope = kernel_slope(distance, smoothing)
+            row, j = np.nonzero(slope)
+            apart = distance[row, j] + 1e-9 * float(smoothing.support_radius)
+            found.append((place.start + row, j, (slope[row, j] / apart)[:, None] * separation[row, j]))
+        self.row, self.j, self.gradient = (np.concatenate(parts) for parts in zip(*found))
+        self.i = self.own[self.row]
 
-def _gradients(position, source, smoothing, rows):
-    """Yield (place, grad W_ij (b, m, 3)) for blocks of particles."""
-    for place, separation, distance in pair_blocks(position, source, rows):
-        apart = distance + 1e-9 * float(smoothing.support_radius)
-        yield place, (kernel_slope(distance, smoothing) / apart)[..., None] * separation
+    def sums(self, terms):
+        """Sums over each row's pairs of (k,) or (k, 3) terms."""
+        count = len(self.own)
+        if terms.ndim == 1:
+            return np.bincount(self.row, terms, count)
+        return np.stack([np.bincount(self.row, terms[:, c], count) for c in range(3)], axis=1)
 
 
 def _wall(position, walls, smoothing, fluid, rows):
     """(sum_b rho0 V_b grad W_ib, sum of moduli), each (n, 3)."""
-    count = len(position) if rows is None else len(rows)
-    value, size = np.zeros((count, 3)), np.zeros((count, 3))
-    if walls is not None:
-        mass = float(fluid.rest_density) * np.asarray(walls.volume, dtype=float)
-        for place, gradient in _gradients(position, walls.position, smoothing, rows):
-            value[place] += (mass[None, :, None] * gradient).sum(1)
-            size[place] += np.abs(mass[None, :, None] * gradient).sum(1)
-    return value, size
+    if walls is None:
+        count = len(position) if rows is None else len(rows)
+        return np.zeros((count, 3)), np.zeros((count, 3))
+    near = _Pairs(position, walls.position, smoothing, rows)
+    terms = float(fluid.rest_density) * np.asarray(walls.volume, dtype=float)[near.j, None] * near.gradient
+    return near.sums(terms), near.sums(np.abs(terms))
 
 
 def predict(position, velocity, mass, density, acceleration, walls, smoothing, fluid, timestep, rows=None):
@@ -44,18 +54,15 @@ def predict(position, velocity, mass, density, acceleration, walls, smoothing, f
     m, rho = np.asarray(mass, dtype=float), np.asarray(density, dtype=float)
     v = np.asarray(velocity, dtype=float) + kick * np.asarray(acceleration, dtype=float)
     v_size = np.abs(np.asarray(velocity, dtype=float)) + np.abs(kick * np.asarray(acceleration, dtype=float))
-    own = _own(len(m), rows)
+    near = _Pairs(position, position, smoothing, rows)
+    own, i, j = near.own, near.i, near.j
     total, size = _wall(position, walls, smoothing, fluid, rows)
     flow, flow_size = (total * v[own]).sum(1), (size * v_size[own]).sum(1)
-    squares = np.zeros(len(own))
-    for place, gradient in _gradients(position, position, smoothing, rows):
-        i = own[place]
-        terms = m[None, :, None] * gradient
-        total[place] += terms.sum(1)
-        size[place] += np.abs(terms).sum(1)
-        squares[place] += (m[None, :] * (gradient**2).sum(-1)).sum(1)
-        flow[place] += (terms * (v[i, None, :] - v[None, :, :])).sum((1, 2))
-        flow_size[place] += (np.abs(terms) * (v_size[i, None, :] + v_size[None, :, :])).sum((1, 2))
+    terms = m[j, None] * near.gradient
+    total, size = total + near.sums(terms), size + near.sums(np.abs(terms))
+    squares = near.sums(m[j] * (near.gradient**2).sum(1))
+    flow += near.sums((terms * (v[i] - v[j])).sum(1))
+    flow_size += near.sums((np.abs(terms) * (v_size[i] + v_size[j])).sum(1))
     share = kick * drift / rho[own] ** 2
     return {
         "own_displacement": (-share[:, None] * total, share[:, None] * size),
@@ -69,15 +76,14 @@ def predict(position, velocity, mass, density, acceleration, walls, smoothing, f
 
 def displace(position, mass, density, pressure, smoothing, timestep, rows=None):
     """s_i = sum_j d_ij p_j = -s sum_j (m_j p_j/rho_j^2) grad W_ij [m]."""
+    return _displaced(_Pairs(position, position, smoothing, rows), mass, density, pressure, timestep)
+
+
+def _displaced(near, mass, density, pressure, timestep):
     square = float(timestep[0]) * float(timestep[1])
     weight = np.asarray(mass, dtype=float) * np.asarray(pressure, dtype=float) / np.asarray(density, dtype=float) ** 2
-    own = _own(len(weight), rows)
-    value, scale = np.zeros((len(own), 3)), np.zeros((len(own), 3))
-    for place, gradient in _gradients(position, position, smoothing, rows):
-        terms = -square * weight[None, :, None] * gradient
-        value[place] += terms.sum(1)
-        scale[place] += np.abs(terms).sum(1)
-    return {"pair_displacement": (value, scale)}
+    terms = -square * weight[near.j, None] * near.gradient
+    return {"pair_displacement": (near.sums(terms), near.sums(np.abs(terms)))}
 
 
 def relax(
@@ -90,20 +96,28 @@ def relax(
     p <- max(0, (1 - w) p + (w/a_ii) (rho0 - rho_adv - L_i)), 0 where -a_ii <= 1e-6 of the lattice's;
     error = max(0, rho_adv + a_ii p_i + L_i - rho0).
     """
+    near, wall = _Pairs(position, position, smoothing, rows), _wall(position, walls, smoothing, fluid, rows)
+    return _relaxed(
+        near, wall, mass, density, pressure, own_displacement, pair_displacement, diagonal, advected_density, fluid,
+        implicit, timestep,
+    )  # fmt: skip
+
+
+def _relaxed(
+    near, wall, mass, density, pressure, own_displacement, pair_displacement, diagonal, advected_density, fluid,
+    implicit, timestep,
+):  # fmt: skip
     square = float(timestep[0]) * float(timestep[1])
     m, rho, p = (np.asarray(a, dtype=float) for a in (mass, density, pressure))
     d, s = np.asarray(own_displacement, dtype=float), np.asarray(pair_displacement, dtype=float)
-    own = _own(len(m), rows)
+    own, i, j = near.own, near.i, near.j
     a, advected = np.asarray(diagonal, dtype=float)[own], np.asarray(advected_density, dtype=float)[own]
-    wall, wall_size = _wall(position, walls, smoothing, fluid, rows)
-    total, size = (wall * s[own]).sum(1), (wall_size * np.abs(s[own])).sum(1)
-    for place, gradient in _gradients(position, position, smoothing, rows):
-        i = own[place]
-        back = (square * m * p / rho**2)[i, None, None] * gradient
-        moved = s[i, None, :] - (d * p[:, None])[None, :, :] - s[None, :, :] + back
-        moduli = np.abs(s)[i, None, :] + np.abs(d * p[:, None])[None, :, :] + np.abs(s)[None, :, :] + np.abs(back)
-        total[place] += (m[None, :] * (moved * gradient).sum(-1)).sum(1)
-        size[place] += (m[None, :] * (moduli * np.abs(gradient)).sum(-1)).sum(1)
+    total, size = (wall[0] * s[own]).sum(1), (wall[1] * np.abs(s[own])).sum(1)
+    back = (square * m * p / rho**2)[i, None] * near.gradient
+    moved = s[i] - (d * p[:, None])[j] - s[j] + back
+    moduli = np.abs(s)[i] + np.abs(d * p[:, None])[j] + np.abs(s)[j] + np.abs(back)
+    total += near.sums(m[j] * (moved * near.gradient).sum(1))
+    size += near.sums(m[j] * (moduli * np.abs(near.gradient)).sum(1))
     missing = float(fluid.rest_density) - advected
     relaxation = float(implicit.relaxation)
     solved = ~(-a <= float(implicit.least_diagonal) * square)
@@ -122,18 +136,18 @@ def relax(
 
 def push(position, mass, density, pressure, walls, smoothing, fluid, rows=None):
     """Acceleration [m/s^2] a_i = -sum_j m_j (p_i/rho_i^2 + p_j/rho_j^2) grad W_ij; walls m_j -> rho0 V_b, p_j -> 0."""
+    near, wall = _Pairs(position, position, smoothing, rows), _wall(position, walls, smoothing, fluid, rows)
+    return _pushed(near, wall, mass, density, pressure)
+
+
+def _pushed(near, wall, mass, density, pressure):
     m = np.asarray(mass, dtype=float)
     ratio = np.asarray(pressure, dtype=float) / np.asarray(density, dtype=float) ** 2
-    own = _own(len(m), rows)
-    wall, wall_size = _wall(position, walls, smoothing, fluid, rows)
-    value, scale = -ratio[own, None] * wall, np.abs(ratio[own, None]) * wall_size
-    for place, gradient in _gradients(position, position, smoothing, rows):
-        i = own[place]
-        terms = -(m[None, :] * (ratio[i, None] + ratio[None, :]))[..., None] * gradient
-        sizes = (m[None, :] * (np.abs(ratio)[i, None] + np.abs(ratio)[None, :]))[..., None] * np.abs(gradient)
-        value[place] += terms.sum(1)
-        scale[place] += sizes.sum(1)
-    return {"acceleration": (value, scale)}
+    own, i, j = near.own, near.i, near.j
+    terms = (m[j] * (ratio[i] + ratio[j]))[:, None] * near.gradient
+    sizes = (m[j] * (np.abs(ratio)[i] + np.abs(ratio)[j]))[:, None] * np.abs(near.gradient)
+    value = -ratio[own, None] * wall[0] - near.sums(terms)
+    return {"acceleration": (value, np.abs(ratio[own, None]) * wall[1] + near.sums(sizes))}
 
 
 def halve(pressure, rows=None):
@@ -155,23 +169,23 @@ def solve(position, velocity, mass, density, walls, smoothing, fluid, implicit, 
 
     The scales carry the roundings of earlier steps on: those of each pressure enter the sums of the next.
     """
-    given = (position, mass, density)
     ready = predict(position, velocity, mass, density, acceleration, walls, smoothing, fluid, timestep)
+    near, wall = _Pairs(position, position, smoothing), _wall(position, walls, smoothing, fluid, None)
     d, a, advected = (ready[n] for n in ("own_displacement", "diagonal", "advected_density"))
     p, p_size = (np.array(part, dtype=float) for part in halve(pressure)["pressure"])
     relative = np.divide(a[1], np.abs(a[0]), out=np.zeros_like(a[1]), where=a[0] != 0)
     for count in range(1, int(implicit.most) + 1):
-        s = displace(*given, p, smoothing, timestep)["pair_displacement"]
-        s_size = displace(*given, p_size, smoothing, timestep)["pair_displacement"][1]
-        step = relax(*given, p, d[0], s[0], a[0], advected[0], walls, smoothing, fluid, implicit, timestep)
-        sizes = relax(*given, p_size, d[1], s_size, a[0], advected[1], walls, smoothing, fluid, implicit, timestep)
+        s = _displaced(near, mass, density, p, timestep)["pair_displacement"]
+        s_size = _displaced(near, mass, density, p_size, timestep)["pair_displacement"][1]
+        step = _relaxed(near, wall, mass, density, p, d[0], s[0], a[0], advected[0], fluid, implicit, timestep)
+        sizes = _relaxed(near, wall, mass, density, p_size, d[1], s_size, a[0], advected[1], fluid, implicit, timestep)
         p = step["new_pressure"][0]
         p_size = sizes["new_pressure"][1] * (1 + relative)
         left = step["density_error"][0].mean() if len(p) else 0.0
         if count >= int(implicit.least) and not left > float(implicit.tolerance) * float(fluid.rest_density):
             break
-    pushed = push(*given, p, walls, smoothing, fluid)["acceleration"]
-    push_size = push(*given, p_size, walls, smoothing, fluid)["acceleration"][1]
+    pushed = _pushed(near, wall, mass, density, p)["acceleration"]
+    push_size = _pushed(near, wall, mass, density, p_size)["acceleration"][1]
     return {
         "own_displacement": d,
         "diagonal": a,
