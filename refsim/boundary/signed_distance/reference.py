@@ -4,16 +4,21 @@ import numpy as np
 
 from refsim.sparse_grid.reference import node_table
 
-BLOCK_BYTES = 32e6
+BLOCK_BYTES = 2e6  # stays in the cache
 OFFSET = 2**20
+
+
+def dot(a, b):
+    """Scalar products over the last axis, sooner than as sums along so short an axis."""
+    return np.einsum("...c,...c->...", a, b)
 
 
 def segment_offset(p, a, b):
     """(p - c (..., 3) [m], t) for the closest point c = a + t (b - a), t in [0, 1], of segments."""
     along = b - a
-    length = (along**2).sum(-1)
+    length = dot(along, along)
     with np.errstate(invalid="ignore", divide="ignore"):
-        t = np.where(length > 0, ((p - a) * along).sum(-1) / length, 0.0)
+        t = np.where(length > 0, dot(p - a, along) / length, 0.0)
     t = np.clip(t, 0.0, 1.0)
     return p - a - t[..., None] * along, t
 
@@ -25,21 +30,21 @@ def triangle_offset(p, corner):
     """
     a, b, c = corner[..., 0, :], corner[..., 1, :], corner[..., 2, :]
     u, v, w = b - a, c - a, p - a
-    uu, uv, vv = (u * u).sum(-1), (u * v).sum(-1), (v * v).sum(-1)
-    wu, wv = (w * u).sum(-1), (w * v).sum(-1)
+    uu, uv, vv = dot(u, u), dot(u, v), dot(v, v)
+    wu, wv = dot(w, u), dot(w, v)
     det = uu * vv - uv * uv
     with np.errstate(invalid="ignore", divide="ignore"):
         s, t = (vv * wu - uv * wv) / det, (uu * wv - uv * wu) / det
         offset = w - s[..., None] * u - t[..., None] * v
-        ou, ov = (offset * u).sum(-1), (offset * v).sum(-1)  # 0 but for the rounding of a slender triangle's det
+        ou, ov = dot(offset, u), dot(offset, v)  # 0 but for the rounding of a slender triangle's det
         offset -= ((vv * ou - uv * ov) / det)[..., None] * u + ((uu * ov - uv * ou) / det)[..., None] * v
     over = (det > 0) & (s > 0) & (t > 0) & (s + t < 1)
     offset = np.where(over[..., None], offset, np.inf)
     feature = np.zeros(over.shape, int)
-    best = (offset**2).sum(-1)
+    best = dot(offset, offset)
     for k, (start, end) in enumerate(((a, b), (b, c), (c, a))):
         to_edge, place = segment_offset(p, start, end)
-        squared = (to_edge**2).sum(-1)
+        squared = dot(to_edge, to_edge)
         nearer = ~over & (squared < best)
         best = np.where(nearer, squared, best)
         offset = np.where(nearer[..., None], to_edge, offset)
@@ -107,7 +112,7 @@ def _nearest(place, triangles):
         offset, feature = triangle_offset(
             np.broadcast_to(part, shape), np.broadcast_to(corners[None], (*shape[:2], 3, 3))
         )
-        distance = np.sqrt((offset**2).sum(-1))
+        distance = np.sqrt(dot(offset, offset))
         owners = owner[np.arange(t)[None, :], feature]
         first = distance.argmin(1)
         here = np.arange(len(first))
