@@ -8,6 +8,7 @@ giving a function the code of its altered source. The operations must share one 
 import ast
 import contextlib
 import copy
+import functools
 import inspect
 import json
 import sys
@@ -138,6 +139,16 @@ def shapes_agree():
     return True
 
 
+@functools.cache
+def programs_with():
+    """The operations whose programs call a function, by its module and name."""
+    found = {}
+    for operation in REGISTRY.values():
+        for function in functions_behind(operation):
+            found.setdefault((function.__module__, function.__qualname__), []).append(operation)
+    return found
+
+
 def noticed(operation, deep):
     """Whether a step of the ladder says no; an exception is a no, too. `deep` takes the steps that need more time."""
     variants = [Target(operation, "cpu", "float64", number) for number in range(len(operation.variants))]
@@ -162,11 +173,12 @@ def noticed(operation, deep):
 def inject(operations):
     """Every slip that can be made in the program that the operations share.
 
-    {"noticed": {operation: {kind: number}}, "survived": [slips that none of the operations notices]}
+    {"noticed": {operation: {kind: number}}, "survived": [slips that no operation with the same function notices]}
     """
     for operation in operations:
         assert not noticed(operation, False), f"{operation.name} fails before any slip"
         assert not noticed(operation, True), f"{operation.name} fails before any slip"
+    users = programs_with()  # while every function's source can still be read
     caught = {operation.name: {} for operation in operations}
     survived = []
     for function in functions_behind(operations[0]):
@@ -178,7 +190,12 @@ def inject(operations):
                 by = [operation for operation in operations if noticed(operation, False)]
                 for operation in by:
                     caught[operation.name][kind] = caught[operation.name].get(kind, 0) + 1
-                if not by and not any(noticed(operation, True) for operation in operations):
+                others = [o for o in users[function.__module__, function.__qualname__] if o not in operations]
+                if not by and not any(
+                    noticed(operation, deep)
+                    for among, deep in ((operations, True), (others, False), (others, True))
+                    for operation in among
+                ):
                     survived.append(f"{function.__name__}: {words}")
             finally:
                 function.__code__ = right
