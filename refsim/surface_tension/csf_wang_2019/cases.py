@@ -26,7 +26,7 @@ def _curvature(case, random):
 def _continuum(case, grid):
     effect = CsfWang2019(
         surface_tension=0.5,
-        tension_gradient=(0.3 / case.support_radius, -0.2 / case.support_radius, 0.0),
+        tension_gradient=tuple(c / case.support_radius for c in (0.3, -0.2, 0.25 if case.dim == 3 else 0.0)),
         literal=("all",) if case.literal else (),
     )
     return effect.prepare(grid, case.effects)
