@@ -31,6 +31,7 @@ IN_DOUBLE = {
     "note_displacement": "one thread keeps the clock, in float64 as on the host",
     **dict.fromkeys(
         (
+            "contact",
             "write_keys",
             "write_cells",
             "count_cells",

@@ -86,6 +86,18 @@ class WallNodes(NamedTuple):
     rules: Any  # (6,) int32: see RULES
 
 
+class Mirrors(NamedTuple):
+    """The faces of `WallNodes` mirror the liquid: they have a contact angle."""
+
+    on: Any
+
+
+class Contact(NamedTuple):
+    """What a wall pulls at the edge of the wetted area."""
+
+    pull: Any  # k cos(contact angle) [N/m; N in the plane]
+
+
 class MpmLiquid(Effect, frozen=True, kw_only=True):
     """Weakly compressible liquid moved by the material point method (APIC, quadratic B-splines).
 
@@ -241,6 +253,9 @@ class MpmLiquid(Effect, frozen=True, kw_only=True):
             forced |= {"spline_cells": "grid.sample_cells", "blocks": "grid.blocks", "node_force": "grid.node_pull"}
             force = "surface_energy.surface_force"
             chain.append(Pass(force, ("cell", *samples), ("node_pull",), names=forced, stage="motion"))
+            if surface_of(others).wets(others):
+                held = {**forced, "sample_line": "surface.sample_line"}
+                chain.append(Pass("mpm.contact", ("cell", *samples), (), ("node_pull",), names=held, stage="motion"))
         pulled = ("node_pull",) if reading else ()
         chain.append(step("mpm.grid_update", ("node_momentum", *pulled), ("node_velocity",)))
         if embedded:
@@ -265,7 +280,8 @@ class MpmLiquid(Effect, frozen=True, kw_only=True):
 
     def prepare(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, Any]:
         printed = self._printed()
-        gravity, walls = others.get("gravity"), others.get("mpm_walls")
+        gravity, walls, surface = others.get("gravity"), others.get("mpm_walls"), surface_of(others)
+        wet = surface is not None and surface.wets(others)
         share = 0.0 if "M7" in printed else 1.0
         pull = gravity is not None and "M7" not in printed
         return {
@@ -281,6 +297,8 @@ class MpmLiquid(Effect, frozen=True, kw_only=True):
             ),
             "field": np.array(gravity.acceleration, dtype=grid.dtype) if pull else None,
             "planes": walls.nodes(grid, self.cell(grid)) if walls is not None else None,
+            "mirrors": Mirrors(np.int32(1)) if wet else None,
+            "contact": Contact(grid.real(surface.contact_pull())) if wet else None,
             "embedding": Embedding(np.int32(READINGS.index(_reading(others) or "none"))),
             "kernel_gradient": KernelGradient(np.int32(1)) if "M6" in printed else None,
             "viscous_stress": ViscousStress(grid.real(self._viscous_factor(grid))),
@@ -463,6 +481,15 @@ _LONE = {
 }
 
 
+def _wide_room(case: Any, grid: Any) -> WallNodes:
+    """Walls of every kind, eight cells apart or more, the lower ones a little way into the particles."""
+    lower, upper = np.full(3, -OPEN), np.full(3, OPEN)
+    for axis in range(case.dim if case.count else 0):
+        ends = np.quantile(case.position[:, axis] / (2 * case.spacing), (0.1, 0.9)).round()
+        lower[axis], upper[axis] = ends[0], max(ends[1], ends[0] + 8)
+    return WallNodes(lower.astype(np.int32), upper.astype(np.int32), np.array([2, 1, 3, 2, 1, 3], np.int32))
+
+
 def _read_as(reading: int) -> Any:
     return lambda case, grid: Embedding(np.int32(reading))
 
@@ -578,9 +605,13 @@ register(
         equation="(4.11), (4.19); walls of section 9",
         function="grid_update",
         outputs=("node_velocity",),
-        optional=("node_pull", "field", "planes"),
-        variants=({"node_pull": None, "field": None, "planes": None}, {}),
-        tolerance_reason="one rounding in each of quotient, product and sum",
+        optional=("node_pull", "field", "planes", "mirrors"),
+        variants=(
+            {"node_pull": None, "field": None, "planes": None, "mirrors": None},
+            {"mirrors": None},
+            {"planes": _wide_room},
+        ),
+        tolerance_reason="one rounding in each of quotient, product and sum, the sum of a node and its images",
     )
 )
 register(

@@ -6,10 +6,21 @@ The background grid of a case has cells of two spacings; samples stand around it
 import numpy as np
 
 from refsim.cases import REST_DENSITY, Case, Exact, case, closed_form, cloud, derived, groups, lattice, particles
-from refsim.mpm import Embedding, KernelGradient, Liquid, MpmLiquid, ViscousStress, WallNodes, reference
+from refsim.mpm import (
+    Contact,
+    Embedding,
+    KernelGradient,
+    Liquid,
+    Mirrors,
+    MpmLiquid,
+    ViscousStress,
+    WallNodes,
+    reference,
+)  # fmt: skip
 from refsim.mpm.grid import MpmGrid
-from refsim.mpm.surface import Contact
+from refsim.sparse_grid import PointList
 from refsim.sparse_grid.reference import node_table
+from refsim.surface_energy import Tension, surface_term
 
 EMBEDDED = ("carrier_first", "carrier_position", "carrier_owner", "cluster_share", "inverse_spread")
 
@@ -62,13 +73,20 @@ def _step_extremes(case, grid):
     return {"step_extremes": np.zeros(4, grid.dtype)}
 
 
-@groups("contact")
+@groups("contact", "mirrors")
 def _contact(case, grid):
-    """A dry box round the inner half of the particles; contact angle 60 degrees."""
-    lower, upper = np.full(3, -np.inf), np.full(3, np.inf)
-    for axis in range(case.dim if case.count else 0):
-        lower[axis], upper[axis] = np.quantile(case.position[:, axis], (0.25, 0.75))
-    return {"contact": Contact(lower.astype(grid.dtype), upper.astype(grid.dtype), grid.real(-0.5))}
+    """0.07 N/m at 60 degrees."""
+    return {"contact": Contact(grid.real(0.035)), "mirrors": Mirrors(np.int32(1))}
+
+
+@derived("sample_line")
+def _sample_line(inputs, name):
+    """Lines of about a cell on one sample of three."""
+    case, random = inputs.case, inputs.case.random(name)
+    count = len(inputs["sample_position"])
+    values = case.spacing ** (case.dim - 2) * random.normal(size=(count, 3)) * (np.arange(count) % 3 == 0)[:, None]
+    values[:, case.dim :] = 0
+    return values.astype(inputs.dtype)
 
 
 @groups("planes")
@@ -325,7 +343,13 @@ def _walls(field, planes):
     mass = np.where(table[:, 2] == 1, 2.0, 0.0)
     momentum = np.broadcast_to([2.0, -4.0, 1.0], (grid.nodes, 3)).copy()
     given = {"grid": grid, "background": background, "timestep": STEPS, "node_mass": mass, "node_momentum": momentum}
-    given |= {"node_pull": None, "field": field, "planes": planes, "node_velocity": np.zeros((grid.nodes, 3))}
+    given |= {
+        "node_pull": None,
+        "field": field,
+        "planes": planes,
+        "mirrors": None,
+        "node_velocity": np.zeros((grid.nodes, 3)),
+    }
     return made, given, table, mass > 0
 
 
@@ -354,6 +378,22 @@ def walls_on_nodes():
     v = np.where(heavy[:, None], [1.0, -2.0, 0.0], 0.0)
     v[table[:, 1] <= 1, 1] = 0
     v[table[:, 0] <= 0] = 0
+    return Exact(made, given, {"node_velocity": v})
+
+
+@closed_form("mpm.grid_update")
+def mirrored_nodes():
+    """Slip at x <= 1, nodes of 2 and 1 kg opposite each other, (2, -4, 1) m/s: the pair has (4 - 2)/3 m/s along x."""
+    far = np.int32(1 << 30)
+    planes = WallNodes(np.array([1, -far, -far]), np.array([far, far, far]), np.array([2, 0, 0, 0, 0, 0], np.int32))
+    made, given, table, heavy = _walls(None, planes)
+    mass = np.where(heavy, np.where(table[:, 0] == 0, 1.0, 2.0), 0.0)
+    given |= {"mirrors": Mirrors(np.int32(1)), "node_mass": mass}
+    given["node_momentum"] = np.where(table[:, :1] == 0, [2.0, -4.0, 1.0], [4.0, -8.0, 2.0])
+    v = np.where(heavy[:, None], [2.0, -4.0, 1.0], 0.0)
+    v[(table[:, 0] == 1) & heavy] = [0.0, -4.0, 1.0]
+    v[(table[:, 0] == 2) & heavy] = [2 / 3, -4.0, 1.0]
+    v[(table[:, 0] == 0) & heavy] = [-2 / 3, -4.0, 1.0]
     return Exact(made, given, {"node_velocity": v})
 
 
@@ -438,11 +478,16 @@ def sheared_cluster():
 
 
 @closed_form("mpm.contact")
-def wet_samples():
-    """-cos(60 degrees) = -1/2 of the area beyond the planes x = 1 and z = 2, all of it between."""
-    place = np.array([[0.5, 0.0, 0.0], [1.5, 0.0, 1.0], [1.5, 0.0, 2.5]])
-    made = Case("wet_samples", 3, np.zeros((1, 3)), spacing=1.0, support_radius=2.0)
-    far = np.inf
-    box = Contact(np.array([1.0, -far, -far]), np.array([far, far, 2.0]), -0.5)
-    given = {"sample_position": place, "sample_area": np.array([4.0, 4.0, 6.0]), "contact": box}
-    return Exact(made, given, {"sample_area": np.array([-2.0, 4.0, -3.0])})
+def edge_on_a_node():
+    """A line of 2 m along -x at the node (2, 2, 2) m, k cos(theta) = 1/2: 1/8, 3/4, 1/8 of -1 N along each axis."""
+    made, grid, _ = alone(3)
+    place, inverse = made.position, 0.5
+    cell = reference.cells(place, np.zeros((0, 3)), np.zeros((0, 3)), grid)["cell"][0].astype(np.int32)
+    first = np.searchsorted(cell, np.arange(grid.nodes + 1)).astype(np.int32)
+    given = {
+        "sample_position": place, "sample_line": np.array([[-2.0, 0.0, 0.0]]), "blocks": grid.blocks,
+        "spline_cells": PointList(first, np.zeros(1, np.int32), cell),
+        "surface_term": surface_term(Tension(surface_tension=1.0), 3, "float64", 1 / inverse),
+        "contact": Contact(0.5), "node_force": np.zeros((grid.nodes, 3)),
+    }  # fmt: skip
+    return Exact(made, given, {"node_force": -weight_of(grid)[:, None] * np.array([1.0, 0.0, 0.0])})

@@ -408,24 +408,32 @@ def carriers_to_grid(
 
 
 @cpu_kernel
-def update_nodes(node_mass, node_momentum, node_pull, field, planes, least_mass, timestep, blocks, node_velocity):
+def update_nodes(
+    node_mass, node_momentum, node_pull, field, planes, mirrors, least_mass, timestep, blocks, node_velocity
+):
     """(4.19) and the walls, for every node."""
     for b in prange(node_velocity.shape[0] // 64):
         for n in range(64 * b, 64 * b + 64):
-            v = particle.node_update(
-                n, node_mass[n], node_momentum[n, 0], node_momentum[n, 1], node_momentum[n, 2], blocks, least_mass,
-                node_pull, field, planes, timestep,
-            )  # fmt: skip
+            if mirrors is not None:
+                v = particle.mirrored_update(
+                    n, node_mass, node_momentum, blocks, least_mass, node_pull, field, planes, timestep
+                )
+            else:
+                v = particle.node_update(
+                    n, node_mass[n], node_momentum[n, 0], node_momentum[n, 1], node_momentum[n, 2], blocks, least_mass,
+                    node_pull, field, planes, timestep,
+                )  # fmt: skip
             node_velocity[n, 0] = v[0]
             node_velocity[n, 1] = v[1]
             node_velocity[n, 2] = v[2]
 
 
-def grid_update(node_mass, node_momentum, node_pull, field, planes, background, timestep, grid, node_velocity):
+def grid_update(node_mass, node_momentum, node_pull, field, planes, mirrors, background, timestep, grid, node_velocity):
     """(4.19) and section 9: velocities of the nodes."""
     update_nodes(
-        node_mass, node_momentum, node_pull, field, planes, background.least_mass, timestep, grid.blocks, node_velocity
-    )
+        node_mass, node_momentum, node_pull, field, planes, mirrors, background.least_mass, timestep, grid.blocks,
+        node_velocity,
+    )  # fmt: skip
 
 
 # Nodes to points
@@ -638,10 +646,13 @@ def embed(
 
 
 @cpu_kernel
-def contact(sample_position, contact, sample_area):
-    """Section 9: areas of the samples on walls."""
-    for s in prange(sample_area.shape[0]):
-        sample_area[s] = particle.contact(s, sample_position, sample_area, contact)
+def contact(sample_position, sample_line, spline_cells, blocks, surface_term, contact, node_force):
+    """Young's force on the nodes, added to the surface's [N]."""
+    for i in prange(node_force.shape[0]):
+        fx, fy, fz = particle.contact_pull(i, sample_position, sample_line, spline_cells, blocks, surface_term, contact)
+        node_force[i, 0] += fx
+        node_force[i, 1] += fy
+        node_force[i, 2] += fz
 
 
 @cpu_kernel

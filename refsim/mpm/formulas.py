@@ -6,6 +6,8 @@ The spline's argument is the fraction f = x/h - j of a particle over its base no
 from refsim.compile import formula
 
 STICKY, SLIP, SEPARATING = 1, 2, 3
+IMAGED_ROWS = 3  # of nodes behind a mirror that points of the liquid may reach
+NOWHERE = 1 << 30
 
 
 @formula
@@ -77,6 +79,43 @@ def determinant(f0, f1, f2, f3, f4, f5, f6, f7, f8):
 
 
 @formula
-def contact_area(area, inside, contact):
-    """Section 9: A_s <- -cos(theta) A_s [m^(d-1)] of a sample on a wall, k_wall = -k cos(theta)."""
-    return area if inside else contact.share * area
+def canonical(j, low, high, below, above):
+    """Integer coordinate of the node on the liquid's side of two mirrors at `low` and `high` that j is an image of."""
+    if below and j < low:
+        return 2 * low - j
+    if above and j > high:
+        return 2 * high - j
+    return j
+
+
+@formula
+def buried(j, low, high, low_rule, high_rule):
+    """Whether node j lies further behind a wall than anything of the liquid reaches."""
+    return (low_rule > 0 and j < low - IMAGED_ROWS) or (high_rule > 0 and j > high + IMAGED_ROWS)
+
+
+@formula
+def image(j, which, low, high, below, above):
+    """Coordinate of the image of j in the mirror at `low` (1) or `high` (2), j itself (0); NOWHERE without one.
+
+    Points reach no more than IMAGED_ROWS rows behind a mirror, and a node on it is its own image.
+    """
+    if which == 0:
+        return j
+    if which == 1 and below and 0 < j - low <= IMAGED_ROWS:
+        return 2 * low - j
+    if which == 2 and above and 0 < high - j <= IMAGED_ROWS:
+        return 2 * high - j
+    return NOWHERE
+
+
+@formula
+def reflection(which, low_rule, high_rule):
+    """Signs (normal, tangential), dimensionless, that a velocity takes in the mirror of a face, which as for `image`.
+
+    Slip and separating: -1, 1. Sticky: -1, -1, so that the velocity on the face is none.
+    """
+    if which == 0:
+        return 1, 1
+    rule = low_rule if which == 1 else high_rule
+    return -1, -1 if rule == STICKY else 1

@@ -8,18 +8,25 @@ import math
 
 from refsim.compile import formula
 from refsim.mpm.formulas import (
+    IMAGED_ROWS,
+    NOWHERE,
+    SEPARATING,
     STICKY,
-    contact_area,
+    buried,
+    canonical,
     determinant,
     dilation,
     fraction,
+    image,
+    reflection,
     spline_slopes,
     spline_weights,
     stress_moment,
     wall_velocity,
 )
 from refsim.mpm.formulas import inverse_spread as inverted
-from refsim.sparse_grid.formulas import node_coordinates
+from refsim.sparse_grid.formulas import find_node, node_coordinates, step_node
+from refsim.surface_energy.formulas import grid_offset, spline_weight
 
 CLUSTER, THESIS, CORRECTED = 1, 2, 3  # readings of the embedding; 0 is none
 
@@ -437,14 +444,14 @@ def node_update(node, mass, mx, my, mz, blocks, least_mass, node_pull, field, pl
         vy += step * field[1]
         vz += step * field[2]
     if planes is not None:
-        vx, vy, vz = at_walls(node, vx, vy, vz, blocks, planes)
+        jx, jy, jz = node_coordinates(blocks, node)
+        vx, vy, vz = at_walls(jx, jy, jz, vx, vy, vz, planes)
     return vx, vy, vz
 
 
 @formula
-def at_walls(node, vx, vy, vz, blocks, planes):
-    """Section 9 for a node: v = 0 in a sticky wall, and no part into a slip or separating one."""
-    jx, jy, jz = node_coordinates(blocks, node)
+def at_walls(jx, jy, jz, vx, vy, vz, planes):
+    """Section 9 for the node j: v = 0 in a sticky wall, and no part into a slip or separating one."""
     lx, ux = jx <= planes.lower[0], jx >= planes.upper[0]
     ly, uy = jy <= planes.lower[1], jy >= planes.upper[1]
     lz, uz = jz <= planes.lower[2], jz >= planes.upper[2]
@@ -463,10 +470,140 @@ def at_walls(node, vx, vy, vz, blocks, planes):
 
 
 @formula
-def contact(s, sample_position, sample_area, contact):
-    """Area of sample s with its share on a wall."""
-    inside = True
-    for c in range(3):
-        x = sample_position[s, c]
-        inside = inside and x >= contact.lower[c] and x <= contact.upper[c]
-    return contact_area(sample_area[s], inside, contact)
+def within_rows(j, low, high, low_rule, high_rule):
+    """Whether the rows behind a wall of an axis, or their images, hold coordinate j."""
+    return (low_rule > 0 and j <= low + IMAGED_ROWS) or (high_rule > 0 and j >= high - IMAGED_ROWS)
+
+
+@formula
+def presses(jx, jy, jz, axis, inward, rule, node_mass, node_momentum, node_pull, field, blocks, timestep):
+    """Whether the face of an axis mirrors the column of nodes over its node j: a separating one where liquid presses
+    against it, all others always."""
+    if rule != SEPARATING:
+        return rule > 0
+    node = find_node(blocks, jx, jy, jz)
+    if node < 0:
+        return True
+    push = node_momentum[node, axis]
+    if node_pull is not None:
+        push += timestep[1] * node_pull[node, axis]
+    if field is not None:
+        push += timestep[1] * node_mass[node] * field[axis]
+    zero = type(push)(0)
+    return not (push > zero if inward > 0 else push < zero)
+
+
+@formula
+def mirrored_update(
+    node, node_mass, node_momentum, blocks, least_mass, node_pull, field, planes, timestep,
+):  # fmt: skip
+    """(4.19) of a node beside walls that mirror the liquid: masses, momenta and forces of its images are its own.
+
+    The velocity is found for the node on the liquid's side, and a node behind the wall moves as its image.
+    """
+    jx, jy, jz = node_coordinates(blocks, node)
+    low = int(planes.lower[0]), int(planes.lower[1]), int(planes.lower[2])
+    high = int(planes.upper[0]), int(planes.upper[1]), int(planes.upper[2])
+    r = planes.rules
+    near_x = within_rows(jx, low[0], high[0], r[0], r[1])
+    near_y = within_rows(jy, low[1], high[1], r[2], r[3])
+    near_z = within_rows(jz, low[2], high[2], r[4], r[5])
+    if not (near_x or near_y or near_z):
+        mass = node_mass[node]
+        return node_update(
+            node, mass, node_momentum[node, 0], node_momentum[node, 1], node_momentum[node, 2], blocks, least_mass,
+            node_pull, field, None, timestep,
+        )  # fmt: skip
+    real = type(least_mass)
+    if (
+        buried(jx, low[0], high[0], r[0], r[1]) or buried(jy, low[1], high[1], r[2], r[3])
+        or buried(jz, low[2], high[2], r[4], r[5])
+    ):  # fmt: skip
+        return real(0), real(0), real(0)
+    ax = canonical(jx, low[0], high[0], r[0] > 0, r[1] > 0)
+    ay = canonical(jy, low[1], high[1], r[2] > 0, r[3] > 0)
+    az = canonical(jz, low[2], high[2], r[4] > 0, r[5] > 0)
+    bx = near_x and presses(low[0], ay, az, 0, 1, r[0], node_mass, node_momentum, node_pull, field, blocks, timestep)
+    tx = near_x and presses(high[0], ay, az, 0, -1, r[1], node_mass, node_momentum, node_pull, field, blocks, timestep)
+    by = near_y and presses(ax, low[1], az, 1, 1, r[2], node_mass, node_momentum, node_pull, field, blocks, timestep)
+    ty = near_y and presses(ax, high[1], az, 1, -1, r[3], node_mass, node_momentum, node_pull, field, blocks, timestep)
+    bz = near_z and presses(ax, ay, low[2], 2, 1, r[4], node_mass, node_momentum, node_pull, field, blocks, timestep)
+    tz = near_z and presses(ax, ay, high[2], 2, -1, r[5], node_mass, node_momentum, node_pull, field, blocks, timestep)
+    ax = canonical(jx, low[0], high[0], bx, tx)
+    ay = canonical(jy, low[1], high[1], by, ty)
+    az = canonical(jz, low[2], high[2], bz, tz)
+    mass, mx, my, mz = real(0), real(0), real(0), real(0)
+    for kz in range(3):
+        iz = image(az, kz, low[2], high[2], bz, tz)
+        for ky in range(3):
+            iy = image(ay, ky, low[1], high[1], by, ty)
+            for kx in range(3):
+                ix = image(ax, kx, low[0], high[0], bx, tx)
+                if ix == NOWHERE or iy == NOWHERE or iz == NOWHERE:
+                    continue
+                n = find_node(blocks, ix, iy, iz)
+                if n < 0:
+                    continue
+                sx, sy, sz = signs(kx, ky, kz, r)
+                mass += node_mass[n]
+                px, py, pz = node_momentum[n, 0], node_momentum[n, 1], node_momentum[n, 2]
+                if node_pull is not None:
+                    px += timestep[1] * node_pull[n, 0]
+                    py += timestep[1] * node_pull[n, 1]
+                    pz += timestep[1] * node_pull[n, 2]
+                mx += real(sx) * px
+                my += real(sy) * py
+                mz += real(sz) * pz
+    if not mass > least_mass:
+        return real(0), real(0), real(0)
+    vx, vy, vz = mx / mass, my / mass, mz / mass
+    if field is not None:
+        vx += timestep[1] * field[0]
+        vy += timestep[1] * field[1]
+        vz += timestep[1] * field[2]
+    vx, vy, vz = at_walls(ax, ay, az, vx, vy, vz, planes)
+    sx, sy, sz = signs(
+        0 if ax == jx else (1 if jx < low[0] else 2),
+        0 if ay == jy else (1 if jy < low[1] else 2),
+        0 if az == jz else (1 if jz < low[2] else 2),
+        r,
+    )
+    return real(sx) * vx, real(sy) * vy, real(sz) * vz
+
+
+@formula
+def signs(kx, ky, kz, rules):
+    """Signs of a velocity's three parts after the mirrors kx, ky, kz (0 none, 1 lower, 2 upper) of the three axes."""
+    xn, xt = reflection(kx, rules[0], rules[1])
+    yn, yt = reflection(ky, rules[2], rules[3])
+    zn, zt = reflection(kz, rules[4], rules[5])
+    return xn * yt * zt, xt * yn * zt, xt * yt * zn
+
+
+@formula
+def contact_pull(i, sample_position, sample_line, spline_cells, blocks, surface_term, contact):
+    """Young's force on node i [N]: k cos(theta) sum_s B_i(x_s) l_s, l the outward normals of the wetted area's edge,
+    in the wall, times length."""
+    real = type(surface_term.cell_size)
+    fx, fy, fz = real(0), real(0), real(0)
+    space = blocks.neighbour.shape[1] == 27
+    for kz in range(3 if space else 1):
+        for ky in range(3):
+            for kx in range(3):
+                cell = step_node(blocks, i, -kx, -ky, -kz)
+                if cell < 0:
+                    continue
+                for k in range(spline_cells.first[cell], spline_cells.first[cell + 1]):
+                    s = spline_cells.point[k]
+                    lx, ly, lz = sample_line[s, 0], sample_line[s, 1], sample_line[s, 2]
+                    if lx == real(0) and ly == real(0) and lz == real(0):
+                        continue
+                    jx, jy, jz = node_coordinates(blocks, cell)
+                    weight = spline_weight(grid_offset(sample_position[s, 0], jx, surface_term), kx)
+                    weight *= spline_weight(grid_offset(sample_position[s, 1], jy, surface_term), ky)
+                    if space:
+                        weight *= spline_weight(grid_offset(sample_position[s, 2], jz, surface_term), kz)
+                    fx += weight * lx
+                    fy += weight * ly
+                    fz += weight * lz
+    return contact.pull * fx, contact.pull * fy, contact.pull * fz

@@ -13,6 +13,7 @@ BLOCK_BYTES = 2**26
 FARTHEST = 2**20 - 16
 CLUSTER, THESIS, CORRECTED = 1, 2, 3
 STICKY, SLIP, SEPARATING = 1, 2, 3
+ROWS_BEHIND = 3  # of nodes behind a mirror that count
 SYMMETRIC = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])  # where (a, b) stands in (xx, xy, xz, yy, yz, zz)
 
 
@@ -251,16 +252,84 @@ def carriers_to_grid(
     return _nodes(total, bound)
 
 
-def grid_update(node_mass, node_momentum, node_pull, field, planes, background, timestep, grid):
+def _reflected(j, mass, momentum, size, planes, push):
+    """Every node j (n, 3) as the image of one on the liquid's side: (places of those (n, 3), signs (n, 3) of the
+    velocity, whether a node is near enough for liquid to reach it, whether the column's sense is in doubt).
+
+    A slip or separating face turns the normal part round, a sticky one all; a separating one only where the momentum of
+    its node presses against it.
+    """
+    faces = [
+        (c, int(plane[c]), inward, int(planes.rules[2 * c + side]))
+        for c in range(3)
+        for side, (plane, inward) in enumerate(((planes.lower, 1), (planes.upper, -1)))
+        if planes.rules[2 * c + side]
+    ]
+    behind = {f: (f[2] * (j[:, f[0]] - f[1]) < 0) for f in faces}
+    own = j.copy()
+    for face, hidden in behind.items():
+        own[hidden, face[0]] = 2 * face[1] - j[hidden, face[0]]
+    number = {tuple(place): n for n, place in enumerate(j.tolist())}
+    doubt = np.zeros(len(j), dtype=bool)
+    for face in faces:
+        c, plane, inward, rule = face
+        if rule != SEPARATING:
+            continue
+        column = own.copy()
+        column[:, c] = plane
+        at = np.array([number.get(tuple(place), -1) for place in column.tolist()], dtype=int)
+        leaving = np.where(at >= 0, inward * (momentum[at, c] + push[at, c]), 0.0)
+        near = inward * (j[:, c] - plane) <= ROWS_BEHIND
+        doubt |= near & (at >= 0) & (np.abs(leaving) < 1e-5 * (size[at, c] + np.abs(push[at, c])))
+        behind[face] = behind[face] & ~(leaving > 0)
+        behind[face, "open"] = leaving > 0
+    place, sign, there = j.copy(), np.ones(j.shape), np.ones(len(j), dtype=bool)
+    for face in faces:
+        c, plane, inward, rule = face
+        hidden = behind[face]
+        place[hidden, c] = 2 * plane - j[hidden, c]
+        sign[hidden, c] *= -1
+        if rule == STICKY:
+            others = [a for a in range(3) if a != c]
+            sign[np.ix_(np.flatnonzero(hidden), others)] *= -1
+        there &= inward * (j[:, c] - plane) >= -ROWS_BEHIND
+    return place, sign, there, doubt
+
+
+def _with_images(mass, momentum, size, planes, field, step, blocks):
+    """Masses, momenta and scales of nodes with what their images bear, in the frame of the node on the liquid's side;
+    places of those, signs, and where a sense is in doubt."""
+    j = node_table(blocks)
+    push = np.zeros(momentum.shape) if field is None else step * mass[:, None] * _f(field)[None, :]
+    place, sign, there, doubt = _reflected(j, mass, momentum, size, planes, push)
+    _, group = np.unique(place, axis=0, return_inverse=True)
+    group = group.ravel()
+    count = group.max(initial=-1) + 1
+    whole = np.bincount(group[there], mass[there], count)
+
+    def added(values):
+        return np.stack([np.bincount(group[there], values[there, c], count) for c in range(3)], axis=1)[group]
+
+    return np.where(there, whole[group], 0.0), added(sign * momentum), added(size), place, sign, doubt
+
+
+def grid_update(node_mass, node_momentum, node_pull, field, planes, mirrors, background, timestep, grid):
     """(4.19) v_j = ((mv)_j + dt f_j)/m_j + dt g [m/s], f the surface's force, and the walls of section 9.
 
-    Nodes whose mass is next to nothing stand still.
+    Nodes whose mass is next to nothing stand still. Where the walls are mirrors, a node bears the masses, momenta and
+    forces of its images, too, and one behind a wall moves as the image of that in front of it.
     """
     mass, momentum = _f(node_mass), _f(node_momentum)
     size = np.abs(momentum)
     if node_pull is not None:
         pull = float(timestep[1]) * _f(node_pull)
         momentum, size = momentum + pull, size + np.abs(pull)
+    j = node_table(grid.blocks)
+    sign, doubt = 1.0, None
+    if mirrors is not None:
+        mass, momentum, size, j, sign, doubt = _with_images(
+            mass, momentum, size, planes, field, float(timestep[1]), grid.blocks
+        )
     heavy = mass > float(background.least_mass)
     with np.errstate(divide="ignore", invalid="ignore"):
         v = np.where(heavy[:, None], momentum / mass[:, None], 0.0)
@@ -269,7 +338,6 @@ def grid_update(node_mass, node_momentum, node_pull, field, planes, background, 
         push = np.where(heavy[:, None], float(timestep[1]) * _f(field)[None, :], 0.0)
         v, scale = v + push, scale + np.abs(push)
     if planes is not None:
-        j = node_table(grid.blocks)
         stuck = np.zeros(len(j), dtype=bool)
         for c in range(3):
             for inside, rule, inward in (
@@ -280,7 +348,9 @@ def grid_update(node_mass, node_momentum, node_pull, field, planes, background, 
                 gone = inside & ((rule == SLIP) | ((rule == SEPARATING) & (inward * v[:, c] > 0)))
                 v[gone, c] = 0.0
         v[stuck] = 0.0
-    return {"node_velocity": (v, scale)}
+    if doubt is not None:
+        scale = np.where(doubt[:, None], np.inf, scale)
+    return {"node_velocity": (sign * v, scale)}
 
 
 def _moments(position, background, grid, node_velocity):
@@ -426,12 +496,22 @@ def embed(position, surface_sample, sample_owner, background):
     }
 
 
-def contact(sample_position, contact, sample_area):
-    """Section 9: A_s <- -cos(theta) A_s [m^(d-1)] of the samples outside the dry box, k_wall = -k cos(theta)."""
-    x, area = _f(sample_position), _f(sample_area)
-    wet = ((x < _f(contact.lower)) | (x > _f(contact.upper))).any(1)
-    value = np.where(wet, float(contact.share) * area, area)
-    return {"sample_area": (value, np.abs(area))}
+def contact(sample_position, sample_line, spline_cells, blocks, surface_term, contact, node_force):
+    """f_j + k cos(theta) sum_s B_j(x_s) l_s [N], l_s [m^(d-2)] the outward normals of the edge of the wetted area."""
+    j, line = node_table(blocks), _f(sample_line)
+    u = _f(sample_position) * float(surface_term.inverse_cell)
+    dim = 3 if blocks.neighbour.shape[1] == 27 else 2
+    value, scale = _f(node_force).copy(), np.abs(_f(node_force))
+    # a difference taken in float64 is off by float64's rounding of the place
+    far = np.abs(u).max(1, initial=0) * np.finfo(float).eps / np.finfo(np.asarray(sample_position).dtype).eps
+    for s in np.flatnonzero((line != 0).any(1)):
+        apart = u[s, :dim] - j[:, :dim]
+        weight = spline(apart).prod(1)
+        # at the edge of its spline a rounding decides whether a node has any share
+        loose = (np.abs(apart) < 1.5 + 1e-3).all(1) * (1 + far[s])
+        value += float(contact.pull) * weight[:, None] * line[s]
+        scale += abs(float(contact.pull)) * loose[:, None] * np.abs(line[s])
+    return {"node_force": (value, scale)}
 
 
 def viscosity(volume_ratio, inverse_spread, viscous_stress, timestep, affine):

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
@@ -11,27 +12,29 @@ import numpy as np
 from refsim.backend import Backend
 from refsim.effect import Discretisation, Effect, Pass, StepLimit, literal_errata, require
 from refsim.errors import InputError, RunStopped
+from refsim.isosurface import Mesh
 from refsim.operation import REGISTRY, Operation, Procedure, enter, register
 from refsim.particles import Field
 from refsim.surface_energy import Tension
+from refsim.surface_energy.reconstruction import Samples
 
 if TYPE_CHECKING:
     from refsim.scene import InitialState
 
 EXTENT = Field("extent", "-", "axes along which the liquid round a particle spreads; 1 in a filament", dtype="uint8")
-WET = 0.5  # cells from a wall within which samples lie on it
+IMAGED = 5.0  # cells from a wall within which particles have an image: further than any sample at it can tell
 # Step of a surface that stays at r, over min(h/c, sqrt(rho0 h^3/(2 pi k))): with nothing embedded, and of a liquid that
 # is soft against its surface, k > SOFT lambda h; two thirds of the least that was measured (docs/stability.md)
 AT_R_ALONE, AT_R_SOFT, SOFT = 0.08, 0.03, 0.1
 CLUMPED = 4.0  # times the particles of a full cell in one cell: J would have to be below a quarter to know of it
 
 
-class Contact(NamedTuple):
-    """Samples on walls: the box that is dry [m], and the share of the tension that acts between liquid and wall."""
+class Face(NamedTuple):
+    """A wall in which the liquid is mirrored, a plane of nodes."""
 
-    lower: Any  # (3,) [m]
-    upper: Any  # (3,) [m]
-    share: Any  # -cos(contact angle)
+    axis: int
+    plane: Any  # [m]
+    inward: int  # 1 or -1, along the axis, towards the liquid
 
 
 class SurfaceEnergy(Effect, frozen=True, kw_only=True):
@@ -40,7 +43,8 @@ class SurfaceEnergy(Effect, frozen=True, kw_only=True):
     surface_tension   k [N/m] (in the plane N, per metre of depth)
     embedding         how points are embedded for the samples: "cluster" (default), "thesis", "gradient_corrected" or
                       "none"
-    contact_angle     of the liquid on the walls of `mpm_walls` [degrees]; 180 leaves the surface along walls as it is
+    contact_angle     of the liquid on the walls of `mpm_walls` [degrees], which then mirror it; 180 leaves the surface
+                      along walls as it is
     capillary_number  share b of sqrt(rho h^3/(2 pi k)) that the step may have; the limit of stability is 0.75
     level_set_radius  r of the spheres round the particles, in cells; by default sqrt(dim)
     quadrature        "facets": a sample to each facet; "poisson": Poisson-disk samples
@@ -141,35 +145,41 @@ class SurfaceEnergy(Effect, frozen=True, kw_only=True):
         return (EXTENT,)
 
     def passes(self, others: Mapping[str, Effect]) -> tuple[Pass, ...]:
-        wet = self._wet(others)
-        made = ("free_samples",) if wet else ("samples",)
-        found = [Pass("surface_energy.reconstruct", ("position",), made, stage="motion")]
+        found = [Pass("surface_energy.reconstruct", ("position",), ("samples",), stage="motion")]
         if self.enclose_volume:
             reads = ("position", "mass", "volume_ratio")
-            found = [Pass("surface_energy.reconstruct_enclosing", reads, made, stage="motion")]
-        if wet:
-            names = {f"sample_{part}": f"surface.sample_{part}" for part in ("position", "area")}
-            found.append(Pass("mpm.contact", made, ("samples",), names=names, stage="motion"))
+            found = [Pass("surface_energy.reconstruct_enclosing", reads, ("samples",), stage="motion")]
         found.append(Pass("surface_energy.find_filaments", ("position",), ("extent",), on_demand=True))
         return tuple(found)
 
-    def _wet(self, others: Mapping[str, Effect]) -> bool:
+    def wets(self, others: Mapping[str, Effect]) -> bool:
+        """Whether walls have a contact angle."""
         return self.contact_angle != 180 and "mpm_walls" in others
+
+    def contact_pull(self) -> float:
+        """k cos(theta) [N/m; N in the plane]: what a wall pulls at the edge of the wetted area (Young)."""
+        share = math.cos(math.radians(self.contact_angle)) if self.contact_angle != 90 else 0.0
+        return share * self.surface_tension
+
+    def _faces(self, grid: Discretisation, others: Mapping[str, Effect]) -> tuple[Face, ...]:
+        """The walls with a contact angle, as planes of nodes."""
+        if not self.wets(others):
+            return ()
+        real = np.dtype(grid.dtype).type
+        cell = others["mpm_liquid"].cell(grid)  # type: ignore[attr-defined]
+        nodes = others["mpm_walls"].nodes(grid, cell)  # type: ignore[attr-defined]
+        made = []
+        for axis in range(grid.dim):
+            for side, node in enumerate((nodes.lower[axis], nodes.upper[axis])):
+                if nodes.rules[2 * axis + side]:
+                    made.append(Face(axis, real(cell) * real(node), 1 - 2 * side))
+        return tuple(made)
 
     def shares(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, Any]:
         cell = others["mpm_liquid"].cell(grid)  # type: ignore[attr-defined]
         full, density = (cell / grid.spacing) ** grid.dim, others["mpm_liquid"].rest_density  # type: ignore[attr-defined]
-        return {"surface": SurfaceOfRun(self.tension(), grid.dim, grid.dtype, cell, grid.count, full, density)}
-
-    def prepare(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, Any]:
-        if not self._wet(others):
-            return {}
-        reach = WET * others["mpm_liquid"].cell(grid)  # type: ignore[attr-defined]
-        lower, upper = others["mpm_walls"].room(grid)  # type: ignore[attr-defined]
-        share = -math.cos(math.radians(self.contact_angle)) if self.contact_angle != 90 else 0.0
-        return {
-            "contact": Contact((lower + reach).astype(grid.dtype), (upper - reach).astype(grid.dtype), grid.real(share))
-        }
+        faces = self._faces(grid, others)
+        return {"surface": SurfaceOfRun(self.tension(), grid.dim, grid.dtype, cell, grid.count, full, density, faces)}
 
     def notes(self, grid: Discretisation, others: Mapping[str, Effect]) -> tuple[str, ...]:
         """Readings that are there to compare with, and were seen to be unstable (docs/stability.md)."""
@@ -204,8 +214,9 @@ class SurfaceSamples:
     """Samples on one backend, replaced in each step by whoever reconstructs the surface (`assign`).
 
     sample_position (s, 3) [m], sample_normal (s, 3) outward, sample_area (s,) [m^(d-1)], sample_nearest (s,) int32,
-    the particle nearest to each; carrier_... of the 2 s embedded points, by owner: carrier_first (n + 1),
-    carrier_position (2 s, 3) [m], carrier_owner (2 s,), carrier_moment (2 s, 12).
+    the particle nearest to each; sample_line (s, 3) [m^(d-2)], on the edge of a wetted area its outward normal in the
+    wall times its length, None without contact angles; carrier_... of the 2 s embedded points, by owner:
+    carrier_first (n + 1), carrier_position (2 s, 3) [m], carrier_owner (2 s,), carrier_moment (2 s, 12).
     """
 
     def __init__(self, count: int, dtype: str, backend: Backend) -> None:
@@ -215,10 +226,10 @@ class SurfaceSamples:
         none = backend.zeros
         self.assign(none((0, 3), dtype), none((0, 3), dtype), none(0, dtype), none(0, "int32"))
 
-    def assign(self, position: Any, normal: Any, area: Any, nearest: Any) -> None:
+    def assign(self, position: Any, normal: Any, area: Any, nearest: Any, line: Any = None) -> None:
         """Take the samples of this step: arrays of this backend."""
         self.sample_position, self.sample_normal, self.sample_area = position, normal, area
-        self.sample_nearest = nearest
+        self.sample_nearest, self.sample_line = nearest, line
 
     @property
     def carrier_first(self) -> Any:
@@ -255,16 +266,18 @@ class SurfaceOfRun(SurfaceSamples):
     """The reconstruction of a run's surface, and its latest samples.
 
     full    particles of a full cell
-    latest  all that the latest reconstruction made; None before the first
+    faces   walls that mirror the liquid
+    latest  all that the latest reconstruction made; None before the first. Beside mirrors meshes and samples are those
+            of the free surface, with the edges of wetted areas as samples without area
     """
 
     def __init__(
         self, tension: Tension, dim: int, dtype: str, cell_size: float, count: int, full: float, rest_density: float,
-        backend: Backend | None = None,
+        faces: tuple[Face, ...] = (), backend: Backend | None = None,
     ) -> None:  # fmt: skip
         super().__init__(count, dtype, backend or Backend("numpy"))
         self.tension, self.dim, self.cell_size, self.full = tension, dim, cell_size, full
-        self.rest_density = rest_density
+        self.rest_density, self.faces = rest_density, faces
         self.reconstruction: Any = None
         self.latest: Any = None
 
@@ -278,9 +291,13 @@ class SurfaceOfRun(SurfaceSamples):
                 " or 'cuda'."
             )
         made = SurfaceOfRun(
-            self.tension, self.dim, self.dtype, self.cell_size, self.count, self.full, self.rest_density, backend
+            self.tension, self.dim, self.dtype, self.cell_size, self.count, self.full, self.rest_density, self.faces,
+            backend,
+        )  # fmt: skip
+        # with images the number of particles is another one in each step
+        made.reconstruction = Reconstruction(
+            backend, self.dim, self.dtype, self.cell_size, self.tension, reused=not self.faces
         )
-        made.reconstruction = Reconstruction(backend, self.dim, self.dtype, self.cell_size, self.tension, reused=True)
         return made
 
     @property
@@ -290,22 +307,21 @@ class SurfaceOfRun(SurfaceSamples):
 
     def reconstruct_enclosing(self, position: Any, mass: Any, volume_ratio: Any) -> None:
         """The surface of particles at `position` (n, 3) [m] that encloses their volume, sum m J/rho0."""
-        if self.backend.name == "cuda":
-            from refsim import device
+        xp, seen, _ = self._library()
+        held = seen(mass).astype(xp.float64) * seen(volume_ratio)
+        self.reconstruct(position, held / self.rest_density)
 
-            xp, seen = device.library(), device.seen
-        else:
-            xp, seen = np, np.asarray
-        volume = float((seen(mass).astype(xp.float64) * seen(volume_ratio)).sum()) / self.rest_density
-        self.reconstruct(position, volume)
-
-    def reconstruct(self, position: Any, volume: float | None = None) -> None:
-        """The surface of particles at `position` (n, 3) [m], of `volume` [m^dim] where that is to be enclosed.
+    def reconstruct(self, position: Any, held: Any = None) -> None:
+        """The surface of particles at `position` (n, 3) [m], with their volumes [m^dim] where these are to be enclosed.
 
         Raises RunStopped where a cell holds more particles than any volume ratio that a run survives could explain: J
         follows the divergence of the velocity and does not see particles that gather on a line or in a point.
         """
-        self.latest = self.reconstruction.surface(position, volume=volume)
+        owner = None
+        if self.faces:
+            position, owner = self._with_images(position)
+            held = None if held is None else held[owner]
+        self.latest = self.reconstruction.surface(position, volume=None if held is None else float(held.sum()))
         most = self.reconstruction.most_in_a_cell(self.latest)
         if most > CLUMPED * self.full:
             raise RunStopped(
@@ -321,7 +337,105 @@ class SurfaceOfRun(SurfaceSamples):
                 "A part of the reconstructed surface has no particle within two cells: particles fly apart; take a"
                 " smaller step, or an inset and the embedding 'cluster'.",
             )
-        self.assign(samples.position, samples.normal, samples.area, samples.nearest)
+        if owner is None:
+            self.assign(samples.position, samples.normal, samples.area, samples.nearest)
+        else:
+            self._keep_free(position, owner)
+
+    def _library(self) -> tuple[Any, Callable[[Any], Any], Callable[[Any], Any]]:
+        """(NumPy or CuPy, what shows it an array of this backend, what makes one)."""
+        if self.backend.name != "cuda":
+            return np, np.asarray, np.asarray
+        from refsim import device
+
+        return device.library(), device.seen, device.wrapped
+
+    def _with_images(self, position: Any) -> tuple[Any, Any]:
+        """(particles and their images in the walls near them, the particle of each)."""
+        xp, seen, wrapped = self._library()
+        place, owner = seen(position), xp.arange(position.shape[0], dtype=np.int32)
+        for axis in range(self.dim):
+            places, owners = [place], [owner]
+            for face in (f for f in self.faces if f.axis == axis):
+                near = xp.flatnonzero(face.inward * (place[:, axis] - face.plane) < IMAGED * self.cell_size)
+                image = place[near]
+                image[:, axis] = face.plane + (face.plane - image[:, axis])
+                places.append(image)
+                owners.append(owner[near])
+            place, owner = xp.concatenate(places), xp.concatenate(owners)
+        return wrapped(xp.ascontiguousarray(place)), owner
+
+    def _keep_free(self, position: Any, owner: Any) -> None:
+        """Of the surface of liquid and images keep what bounds the liquid, and add the edges of its wetted areas.
+
+        A wall is a plane of nodes, so that no facet crosses it. position of particles and images, owner of each.
+        """
+        xp, seen, wrapped = self._library()
+        found, samples = self.latest, self.latest.samples
+        place, facets, dtype = seen(found.sample_place), seen(found.mesh.facets), np.dtype(self.dtype)
+        before, after = seen(found.mesh.vertices), seen(found.inset_mesh.vertices)
+        free, bounding = xp.ones(len(place), bool), xp.ones(len(facets), bool)
+        for face in self.faces:
+            free &= face.inward * (place[:, face.axis] - face.plane) > 0
+            height = face.inward * (before[facets][:, :, face.axis] - face.plane)
+            bounding &= height.sum(1) > 0
+        facets = facets[bounding]
+        places, lines, normals = [], [], []
+        for face in self.faces:
+            touches = before[facets][:, :, face.axis] == face.plane
+            middle, line = self._edges(facets, touches, after, face)
+            middle[:, face.axis] = face.plane
+            out = xp.zeros_like(middle)
+            out[:, face.axis] = -face.inward
+            places.append(middle)
+            lines.append(line)
+            normals.append(out)
+        edge, line, normal = (xp.ascontiguousarray(xp.concatenate(p).astype(dtype)) for p in (places, lines, normals))
+        nearest, _, _ = self.reconstruction.offsets(position, found.blocks, found.cells, wrapped(edge), False)
+        beside = seen(nearest)
+        bears = (beside >= 0) & (
+            seen(found.component_size)[xp.maximum(beside, 0)] >= self.tension.least_component(self.dim)
+        )
+        edge, line, normal, beside = edge[bears], line[bears], normal[bears], beside[bears]
+        parts = (
+            (seen(samples.position)[free], edge),
+            (seen(samples.normal)[free], normal),
+            (seen(samples.area)[free], xp.zeros(len(edge), dtype)),
+            (owner[seen(samples.nearest)[free]], owner[beside]),
+            (xp.zeros((int(free.sum()), 3), dtype), line),
+        )
+        arrays = [wrapped(xp.ascontiguousarray(xp.concatenate(part).astype(part[0].dtype))) for part in parts]
+        self.assign(*arrays)
+        count = self.backend.empty(self.count, np.int32)
+        REGISTRY["surface_energy.sample_counts"].program(self.backend.name)(self.sample_nearest, count)
+        kept = wrapped(xp.ascontiguousarray(facets))
+        self.latest = replace(
+            found, samples=Samples(*arrays[:4], count), mesh=Mesh(found.mesh.vertices, kept),
+            inset_mesh=Mesh(found.inset_mesh.vertices, kept), component_size=found.component_size[: self.count],
+        )  # fmt: skip
+
+    def _edges(self, facets: Any, touches: Any, place: Any, face: Face) -> tuple[Any, Any]:
+        """(middles [m], outward normals in the wall times lengths) of the edges that facets have in a wall.
+
+        Facets turn left seen from outside, so that the normal is the edge turned about the wall's: edge x inward.
+        """
+        xp, _, _ = self._library()
+        if self.dim == 2:
+            row, corner = xp.nonzero(touches)
+            middle = place[facets[row, corner]]
+            up = xp.zeros_like(middle)
+            up[:, face.axis] = face.inward
+            turn = xp.where(corner == 0, 1, -1)[:, None]
+            return middle, turn * xp.stack([up[:, 1], -up[:, 0], up[:, 2]], axis=1)
+        middles, lines = [], []
+        inward = xp.zeros(3, place.dtype)
+        inward[face.axis] = face.inward
+        for a, b in ((0, 1), (1, 2), (2, 0)):
+            both = touches[:, a] & touches[:, b]
+            start, end = place[facets[both, a]], place[facets[both, b]]
+            middles.append(start + (end - start) / 2)
+            lines.append(xp.cross(end - start, xp.broadcast_to(inward, start.shape)))
+        return xp.concatenate(middles), xp.concatenate(lines)
 
     def find_filaments(self, position: Any, extent: Any) -> None:
         """Along how many axes the liquid round each particle spreads."""
@@ -353,10 +467,11 @@ register(
         name="mpm.contact",
         folder="refsim.mpm",
         paper="thesis on reconstructed-surface tension in MPM",
-        equation="section 9: k_wall = -k cos(theta)",
+        equation="section 9: k_wall = -k cos(theta), at the edge of the wetted area (Young)",
         function="contact",
-        outputs=("sample_area",),
-        entrywise=("sample_area",),
-        tolerance_reason="one product",
+        outputs=("node_force",),
+        adds=("node_force",),
+        tolerance=8.0,
+        tolerance_reason="splines, products and sum",
     )
 )

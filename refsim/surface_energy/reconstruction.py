@@ -101,7 +101,7 @@ class Reconstruction:
         blocks, cells = self._stage("cells", self._cells, position)
         mesh = self._stage("level set and facets", self._mesh, position, blocks, cells)
         place, area, facet_normal, facet = self._stage("samples", self._samples, mesh, blocks, step)
-        nearest, away, fit_position = self._stage("offsets", self._offsets, position, blocks, cells, place, True)
+        nearest, away, fit_position = self._stage("offsets", self.offsets, position, blocks, cells, place, True)
         coefficients = self._stage("fit", self._fit, blocks, fit_position)
         normal = self._stage("normals", self._normals, blocks, coefficients, place, away, facet_normal, facet)
         inset_mesh = mesh
@@ -224,7 +224,8 @@ class Reconstruction:
         self._run("facet_samples", mesh.vertices, mesh.facets, place, area, normal)
         return place, area, normal
 
-    def _offsets(self, position: Any, blocks: Blocks, cells: PointList, place: Any, fitted: bool) -> tuple[Any, ...]:
+    def offsets(self, position: Any, blocks: Blocks, cells: PointList, place: Any, fitted: bool) -> tuple[Any, ...]:
+        """(nearest particle, direction away from it, points of the fit where wanted) of places (s, 3) [m]."""
         count = place.shape[0]
         nearest, away = self._empty(count, np.int32), self._empty((count, 3))
         points = self._empty((2 * count, 3)) if fitted else None
@@ -265,7 +266,7 @@ class Reconstruction:
         place: Any, area: Any, normal: Any, facet: Any, volume: float | None,
     ) -> tuple[Mesh, Any, Any, Any]:  # fmt: skip
         """The surface pulled back by r - delta along the normals at its vertices; samples and areas go with it."""
-        _, outward, _ = self._offsets(position, blocks, cells, mesh.vertices, False)
+        _, outward, _ = self.offsets(position, blocks, cells, mesh.vertices, False)
         if self.tension.normals in ("facets", "offsets"):
             vertex_normal = outward
         else:
@@ -283,7 +284,7 @@ class Reconstruction:
             moved = self._empty(place.shape)
             self._run("inset", place, normal, term, moved)
             place = moved
-        nearest, _, _ = self._offsets(position, blocks, cells, place, False)
+        nearest, _, _ = self.offsets(position, blocks, cells, place, False)
         return inset_mesh, place, area, nearest
 
     def _enclosing(self, mesh: Mesh, vertex_normal: Any, volume: float) -> float:

@@ -312,7 +312,7 @@ def body_tables(results: Results) -> list[Table]:
         v = results[key].values
         cells = [
             f"{v['angle']:.1f}",
-            f"{v['angle_at_wall']:.1f}",
+            f"{v['angle_of_mass']:.1f}",
             f"{v['spread']:.1f}",
             f"{v['radius']:.2f}",
             f"{v['roughness']:.3f}",
@@ -323,14 +323,14 @@ def body_tables(results: Results) -> list[Table]:
             "drop",
             "asked, degrees",
             "measured",
-            "at the wall",
+            "by its centre of mass",
             "deviation over time",
             "radius, cells",
             "roughness",
         ]
         note = (
-            "Circle or ball through the free surface more than 1.5 cells above the floor, mean over the second half:"
-            " its angle half a cell above the floor, where the wall's rule lets the surface end, and with the floor."
+            "Circle or ball through the free surface more than 1.5 cells above the floor: its angle with the floor,"
+            " mean over the second half; and that of the cap whose centre of mass stands as high as the particles'."
         )
         made.append(Table("Drops on a floor", heading, rows, note))
     rows = []

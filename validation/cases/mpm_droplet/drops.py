@@ -280,6 +280,8 @@ def on_floor(
             samples = measures.surface_of(run).samples
             position = run.backend.host(samples.position).astype(float)
             fits.append(measures.contact(position, 0.0, h, dim))
+            height = float(run.field("position")[:, 1].mean())
+            fits[-1]["angle_of_mass"] = measures.angle_of_mass(height, run.count * (h / 2) ** dim, dim)
             times.append(run.time)
             angles_seen.append(fits[-1]["angle"])
 

@@ -9,18 +9,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from refsim import Simulation
-from refsim.mpm.surface import WET
 
 Array = NDArray[np.float64]
 
 
-def mesh_size(vertices: Array, facets: NDArray[np.integer], dim: int) -> tuple[float, float]:
-    """(area, volume) of a closed mesh with outward facets; length and area in the plane."""
+def mesh_size(
+    vertices: Array, facets: NDArray[np.integer], dim: int, origin: Array | None = None
+) -> tuple[float, float]:
+    """(area, volume) of a closed mesh with outward facets; length and area in the plane.
+
+    origin  (3,) a place in the plane that closes a mesh which ends on one
+    """
     corner = np.asarray(vertices, dtype=float)[facets]
+    corner = corner - (corner[0, 0] if origin is None else origin)
     if dim == 2:
         a, b = corner[:, 0], corner[:, 1]
         return float(np.linalg.norm(b - a, axis=1).sum()), float(abs((a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum()) / 2)
-    a, b, c = (corner[:, k] - corner[0, 0] for k in range(3))
+    a, b, c = (corner[:, k] for k in range(3))
     area = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1).sum()
     return float(area), float(abs((a * np.cross(b, c)).sum()) / 6)
 
@@ -77,7 +82,10 @@ class Ledger:
         self.run, self.dim = run, run.plan.grid.dim
         liquid = run.plan.effects["mpm_liquid"]
         self.h, self.modulus = liquid.cell(run.plan.grid), liquid.bulk_modulus
-        self.tension = run.plan.effects["surface_energy"].surface_tension
+        surface = run.plan.effects["surface_energy"]
+        self.tension = surface.surface_tension
+        self.wet = surface.wets(run.plan.effects)  # on a floor at y = 0
+        self.pull = surface.contact_pull()
         self.mass = run.field("mass").astype(float)
         self.volume = float(self.mass.sum() / liquid.rest_density)
         flat = self.dim == 2
@@ -94,12 +102,17 @@ class Ledger:
         surface = surface_of(run)
         there = run.backend
         mesh = surface.inset_mesh
-        area, volume = mesh_size(there.host(mesh.vertices), there.host(mesh.facets), dim)
+        floor = np.zeros(3) if self.wet else None
+        area, volume = mesh_size(there.host(mesh.vertices), there.host(mesh.facets), dim, floor)
         self.fastest = max(self.fastest, float(np.sqrt((v**2).sum(1).max())))
         v0 = self.volume / len(x)
         kinetic = 0.5 * float((mass * (v**2).sum(1)).sum())
         bulk = 0.5 * self.modulus * v0 * float(((ratio - 1) ** 2).sum())
         pulled = self.tension * float(there.host(surface.samples.area).sum(dtype=float))
+        if self.wet:  # k A - k cos(theta) A_wet; by the divergence theorem the edge's lines give (d - 1) A_wet
+            held = run._shared["surface"]
+            place, line = there.host(held.sample_position), there.host(held.sample_line)
+            pulled -= self.pull * float((place * line).sum(dtype=float)) / (dim - 1)
         # volume-weighted: the plain mean of lambda (1 - J) is too large by lambda times the variance of J
         pressure = -self.modulus * float(((ratio - 1) * ratio).sum() / ratio.sum())
         row = {
@@ -219,26 +232,36 @@ def inertia_share(run: Simulation) -> float:
 
 
 def contact(position: Array, floor: float, h: float, dim: int) -> dict[str, float]:
-    """Ball (circle) through the free surface of a drop on a floor, and its angles [degrees] with two planes.
+    """Ball (circle) through the free surface of a drop on a floor, and its angle with the floor [degrees].
 
-    position  (s, dim) of surface samples [m], y upwards; those nearer to the floor than 1.5 cells are left out
-
-    angle is that at half a cell above the floor, where by the wall's rule (WET) the free surface ends; angle_at_wall
-    is that of the same ball with the floor itself.
+    position  (s, dim) of surface samples [m], y upwards; those nearer to the floor than 1.5 cells, where the
+              reconstruction rounds the edge, are left out
     """
     points = position[position[:, 1] > floor + 1.5 * h][:, :dim]
     if len(points) < 8:
-        return dict.fromkeys(("angle", "angle_at_wall", "radius", "roughness"), float("nan"))
+        return dict.fromkeys(("angle", "radius", "roughness"), float("nan"))
     matrix = np.column_stack([2 * points, np.ones(len(points))])
     found, *_ = np.linalg.lstsq(matrix, (points**2).sum(1), rcond=None)
     centre = found[:dim]
     radius = math.sqrt(found[dim] + float(centre @ centre))
-
-    def angle(plane: float) -> float:
-        return math.degrees(math.acos(min(1.0, max(-1.0, (plane - centre[1]) / radius))))
-
     away = np.linalg.norm(points - centre, axis=1)
-    return {
-        "angle": angle(floor + WET * h), "angle_at_wall": angle(floor), "radius": radius / h,
-        "roughness": float(away.std() / radius),
-    }  # fmt: skip
+    angle = math.degrees(math.acos(min(1.0, max(-1.0, (floor - centre[1]) / radius))))
+    return {"angle": angle, "radius": radius / h, "roughness": float(away.std() / radius)}
+
+
+def angle_of_mass(height: float, volume: float, dim: int) -> float:
+    """Contact angle [degrees] of the cap of this volume [m^dim] whose centre of mass stands so high over its floor [m].
+
+    Another way than `contact`: it asks the particles, not the surface.
+    """
+    from scipy.optimize import brentq
+
+    def above(angle: float) -> float:
+        c, s = math.cos(angle), math.sin(angle)
+        if dim == 2:  # segment of the unit circle
+            size, moment = angle - s * c, 2 * s**3 / 3
+        else:
+            size, moment = math.pi * (2 - 3 * c + c**3) / 3, math.pi * s**4 / 4
+        return (volume / size) ** (1 / dim) * (moment / size - c) - height
+
+    return math.degrees(brentq(above, math.radians(5), math.radians(175)))
