@@ -1,6 +1,7 @@
 """Transfers of MPM: what holds exactly, the readings of the embedding, the grid's memory, walls, stops, bad input."""
 
 import itertools
+import math
 
 import numpy as np
 import pytest
@@ -23,6 +24,7 @@ from refsim.mpm import reference
 from refsim.mpm.grid import FARTHEST
 from refsim.operation import REGISTRY
 from refsim.surface_energy import Tension, surface_term
+from validation.cases.mpm_droplet.scene import drop_scene, ellipsoid
 from validation.metrics.mpm import CELL, Transfers, ball, round_trip, turning
 
 CUBES = {2: (8, 8, 1), 3: (5, 5, 5)}
@@ -289,19 +291,68 @@ def test_a_square_begins_to_round_off(reading):
 
 
 def test_contact_angle_of_180_is_no_contact():
-    """Nothing is launched for it; 90 degrees takes the faces on the wall out, 0 lets them pull the other way."""
+    """Nothing is launched for it, nor for 90 degrees; below 180 only the free surface bounds the liquid."""
     walls = MpmWalls(lower=(0, 0, 0), upper=(2, 2, 0))
     box = (Box(lower=(0.4, 0.0, 0.0), cells=(8, 8, 1)),)
     areas = {}
     for angle in (180.0, 90.0, 0.0):
         surface = SurfaceEnergy(surface_tension=1.0, contact_angle=angle)
         run = Simulation(scene(MpmLiquid(bulk_modulus=1e4), walls, surface, dim=2, fluid=box))
-        assert ("mpm.contact" in run.plan.launches()) == (angle < 180)
+        assert ("mpm.contact" in run.plan.launches()) == (angle == 0.0)
         run.step()
         areas[angle] = run._shared["surface"].sample_area.sum()
-    wet = areas[180.0] - areas[90.0]
-    assert 0.5 < wet < 1.2
-    assert areas[90.0] - areas[0.0] == pytest.approx(wet)
+    assert 0.5 < areas[180.0] - areas[90.0] < 1.2
+    assert areas[90.0] == areas[0.0]
+
+
+@pytest.mark.parametrize("dim, cut", [(2, "-y"), (2, "+x"), (2, "-x+y"), (3, "+z"), (3, "-x")])
+def test_walls_at_90_degrees_are_planes_of_symmetry(dim, cut):
+    """A half or a quarter of a drop on walls moves as it does in the whole drop, as exactly as that keeps its symmetry:
+    in space facets of the two halves differ in the diagonals of their polygons."""
+    sides = {"xyz".index(axis): 1 if sign == "-" else -1 for sign, axis in zip(cut[::2], cut[1::2], strict=True)}
+    whole = ellipsoid(4.0 if dim == 2 else 3.1, dim, stretch=0.2, seed=2)  # within reach of its images
+    for axis, side in sides.items():
+        whole = whole[side * whole[:, axis] > 0]
+    count = len(whole)
+    room = [np.full(3, -9.0), np.full(3, 9.0)]
+    for axis, side in sides.items():
+        room[0 if side == 1 else 1][axis] = 0.0
+    walls = {"lower": tuple(room[0]), "upper": tuple(room[1]), "rule": "slip"}
+    part = Simulation(drop_scene(whole, dim, tension={"contact_angle": 90.0}, walls=walls), "cpu")
+    for axis in sides:
+        image = whole.copy()
+        image[:, axis] *= -1
+        whole = np.vstack([whole, image])
+    free = Simulation(drop_scene(whole, dim), "cpu")
+    start = free.field("position")
+    for _ in range(12):
+        part.step()
+        free.step()
+    moved, place = np.abs(free.field("position") - start).max(), free.field("position")
+    image = place[count : 2 * count] * np.where(np.arange(3) == next(iter(sides)), -1, 1)
+    own = np.abs(place[:count] - image).max()
+    assert own < (1e-9 if dim == 2 else 0.1) * moved
+    assert np.abs(part.field("position") - place[:count]).max() < own + 1e-9 * moved
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_wall_pulls_at_the_edge_of_the_wetted_area(dim):
+    """The lines of the edge close, span the wetted area, and pull it apart below 90 degrees; the free surface ends on
+    the wall."""
+    place = ellipsoid(4.0, dim, seed=1)
+    walls = {"lower": (-9.0, 0.0, -9.0), "upper": (9.0, 9.0, 9.0), "rule": "slip"}
+    run = Simulation(drop_scene(place[place[:, 1] > 0], dim, tension={"contact_angle": 60.0}, walls=walls), "cpu")
+    run.step()
+    h, held = 1 / (64 if dim == 2 else 32), run._shared["surface"]
+    edge = (held.sample_line != 0).any(1)
+    line, at = held.sample_line[edge] / h ** (dim - 2), held.sample_position[edge] / h
+    assert (held.sample_area[edge] == 0).all()
+    assert (at[:, 1] == 0).all()
+    assert np.abs(line.sum(0)).max() < 1e-9
+    area = (line * at).sum() / (dim - 1)
+    assert area == pytest.approx(8.0 if dim == 2 else 16 * math.pi, rel=0.1)
+    assert held.sample_position[~edge][:, 1].min() < 0.5 * h
+    assert run.plan.effects["surface_energy"].contact_pull() == pytest.approx(0.5)
 
 
 BAD = {

@@ -9,7 +9,7 @@ import trimesh
 
 from validation.cases import mpm_droplet
 from validation.cases.mpm_droplet import drops, measures, pictures
-from validation.cases.mpm_droplet.scene import CELLS, box, ellipsoid, radius_of
+from validation.cases.mpm_droplet.scene import CELLS, box, ellipsoid, lattice, radius_of, turned
 from validation.cases.mpm_droplet.stability import Turning
 from validation.harness import Options
 from validation.results import Result
@@ -48,13 +48,23 @@ def test_chance_falls_with_the_root_of_the_number():
 
 @pytest.mark.parametrize("dim", [2, 3])
 def test_contact_angle_of_a_cap(dim):
-    """A cap whose centre is cos(theta) R below the plane half a cell above the floor."""
+    """A cap whose centre is cos(theta) R below the floor."""
     points = np.random.default_rng(1).normal(size=(3000, dim))
     points *= 8.0 / np.linalg.norm(points, axis=1, keepdims=True)
-    points[:, 1] += 0.5 - 8.0 * math.cos(math.radians(70))
+    points[:, 1] -= 8.0 * math.cos(math.radians(70))
     found = measures.contact(points, 0.0, 1.0, dim)
     assert (found["angle"], found["radius"]) == pytest.approx((70.0, 8.0))
     assert found["roughness"] < 1e-12
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+@pytest.mark.parametrize("angle", [40.0, 90.0, 130.0])
+def test_contact_angle_of_caps_of_particles(dim, angle):
+    """Cut from turned lattices at R = 12 cells: the height of their centre of mass tells the angle."""
+    below = -12.0 * math.cos(math.radians(angle))
+    place = turned(lattice(26.0, dim, (0.1, -0.2, 0.05)), seed=4)
+    place = place[(((place - np.eye(dim)[1] * below) ** 2).sum(1) < 144) & (place[:, 1] > 0)]
+    assert measures.angle_of_mass(place[:, 1].mean(), len(place) / 2**dim, dim) == pytest.approx(angle, abs=1.5)
 
 
 def test_frequency_and_damping_are_found():

@@ -253,7 +253,7 @@ class MpmLiquid(Effect, frozen=True, kw_only=True):
             forced |= {"spline_cells": "grid.sample_cells", "blocks": "grid.blocks", "node_force": "grid.node_pull"}
             force = "surface_energy.surface_force"
             chain.append(Pass(force, ("cell", *samples), ("node_pull",), names=forced, stage="motion"))
-            if surface_of(others).wets(others):
+            if surface_of(others).wets(others) and surface_of(others).contact_pull() != 0:
                 held = {**forced, "sample_line": "surface.sample_line"}
                 chain.append(Pass("mpm.contact", ("cell", *samples), (), ("node_pull",), names=held, stage="motion"))
         pulled = ("node_pull",) if reading else ()

@@ -110,10 +110,19 @@ def image(j, which, low, high, below, above):
 
 
 @formula
+def on_mirror(j, low, high, low_rule, high_rule):
+    """(whether node j on a face stands still, whether its velocity has no normal part) for two mirrors of an axis."""
+    below, above = low_rule > 0 and j == low, high_rule > 0 and j == high
+    stuck = (below and low_rule == STICKY) or (above and high_rule == STICKY)
+    return stuck, below or above
+
+
+@formula
 def reflection(which, low_rule, high_rule):
     """Signs (normal, tangential), dimensionless, that a velocity takes in the mirror of a face, which as for `image`.
 
-    Slip and separating: -1, 1. Sticky: -1, -1, so that the velocity on the face is none.
+    Slip and separating: -1, 1, for what wets a wall does not leave it but at its edge. Sticky: -1, -1, so that the
+    velocity on the face is none.
     """
     if which == 0:
         return 1, 1

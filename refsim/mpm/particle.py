@@ -10,7 +10,6 @@ from refsim.compile import formula
 from refsim.mpm.formulas import (
     IMAGED_ROWS,
     NOWHERE,
-    SEPARATING,
     STICKY,
     buried,
     canonical,
@@ -18,6 +17,7 @@ from refsim.mpm.formulas import (
     dilation,
     fraction,
     image,
+    on_mirror,
     reflection,
     spline_slopes,
     spline_weights,
@@ -476,24 +476,6 @@ def within_rows(j, low, high, low_rule, high_rule):
 
 
 @formula
-def presses(jx, jy, jz, axis, inward, rule, node_mass, node_momentum, node_pull, field, blocks, timestep):
-    """Whether the face of an axis mirrors the column of nodes over its node j: a separating one where liquid presses
-    against it, all others always."""
-    if rule != SEPARATING:
-        return rule > 0
-    node = find_node(blocks, jx, jy, jz)
-    if node < 0:
-        return True
-    push = node_momentum[node, axis]
-    if node_pull is not None:
-        push += timestep[1] * node_pull[node, axis]
-    if field is not None:
-        push += timestep[1] * node_mass[node] * field[axis]
-    zero = type(push)(0)
-    return not (push > zero if inward > 0 else push < zero)
-
-
-@formula
 def mirrored_update(
     node, node_mass, node_momentum, blocks, least_mass, node_pull, field, planes, timestep,
 ):  # fmt: skip
@@ -523,22 +505,13 @@ def mirrored_update(
     ax = canonical(jx, low[0], high[0], r[0] > 0, r[1] > 0)
     ay = canonical(jy, low[1], high[1], r[2] > 0, r[3] > 0)
     az = canonical(jz, low[2], high[2], r[4] > 0, r[5] > 0)
-    bx = near_x and presses(low[0], ay, az, 0, 1, r[0], node_mass, node_momentum, node_pull, field, blocks, timestep)
-    tx = near_x and presses(high[0], ay, az, 0, -1, r[1], node_mass, node_momentum, node_pull, field, blocks, timestep)
-    by = near_y and presses(ax, low[1], az, 1, 1, r[2], node_mass, node_momentum, node_pull, field, blocks, timestep)
-    ty = near_y and presses(ax, high[1], az, 1, -1, r[3], node_mass, node_momentum, node_pull, field, blocks, timestep)
-    bz = near_z and presses(ax, ay, low[2], 2, 1, r[4], node_mass, node_momentum, node_pull, field, blocks, timestep)
-    tz = near_z and presses(ax, ay, high[2], 2, -1, r[5], node_mass, node_momentum, node_pull, field, blocks, timestep)
-    ax = canonical(jx, low[0], high[0], bx, tx)
-    ay = canonical(jy, low[1], high[1], by, ty)
-    az = canonical(jz, low[2], high[2], bz, tz)
     mass, mx, my, mz = real(0), real(0), real(0), real(0)
     for kz in range(3):
-        iz = image(az, kz, low[2], high[2], bz, tz)
+        iz = image(az, kz, low[2], high[2], r[4] > 0, r[5] > 0)
         for ky in range(3):
-            iy = image(ay, ky, low[1], high[1], by, ty)
+            iy = image(ay, ky, low[1], high[1], r[2] > 0, r[3] > 0)
             for kx in range(3):
-                ix = image(ax, kx, low[0], high[0], bx, tx)
+                ix = image(ax, kx, low[0], high[0], r[0] > 0, r[1] > 0)
                 if ix == NOWHERE or iy == NOWHERE or iz == NOWHERE:
                     continue
                 n = find_node(blocks, ix, iy, iz)
@@ -561,7 +534,14 @@ def mirrored_update(
         vx += timestep[1] * field[0]
         vy += timestep[1] * field[1]
         vz += timestep[1] * field[2]
-    vx, vy, vz = at_walls(ax, ay, az, vx, vy, vz, planes)
+    stuck_x, rests_x = on_mirror(ax, low[0], high[0], r[0], r[1])
+    stuck_y, rests_y = on_mirror(ay, low[1], high[1], r[2], r[3])
+    stuck_z, rests_z = on_mirror(az, low[2], high[2], r[4], r[5])
+    if stuck_x or stuck_y or stuck_z:
+        return real(0), real(0), real(0)
+    vx = real(0) if rests_x else vx
+    vy = real(0) if rests_y else vy
+    vz = real(0) if rests_z else vz
     sx, sy, sz = signs(
         0 if ax == jx else (1 if jx < low[0] else 2),
         0 if ay == jy else (1 if jy < low[1] else 2),

@@ -252,56 +252,39 @@ def carriers_to_grid(
     return _nodes(total, bound)
 
 
-def _reflected(j, mass, momentum, size, planes, push):
+def _reflected(j, planes):
     """Every node j (n, 3) as the image of one on the liquid's side: (places of those (n, 3), signs (n, 3) of the
-    velocity, whether a node is near enough for liquid to reach it, whether the column's sense is in doubt).
+    velocity, whether a node is near enough for liquid to reach it, whether the place is on a sticky face and, (n, 3),
+    on any).
 
-    A slip or separating face turns the normal part round, a sticky one all; a separating one only where the momentum of
-    its node presses against it.
+    A slip or separating face turns the normal part round, a sticky one all.
     """
+    place, sign, there = j.copy(), np.ones(j.shape), np.ones(len(j), dtype=bool)
     faces = [
         (c, int(plane[c]), inward, int(planes.rules[2 * c + side]))
         for c in range(3)
         for side, (plane, inward) in enumerate(((planes.lower, 1), (planes.upper, -1)))
         if planes.rules[2 * c + side]
     ]
-    behind = {f: (f[2] * (j[:, f[0]] - f[1]) < 0) for f in faces}
-    own = j.copy()
-    for face, hidden in behind.items():
-        own[hidden, face[0]] = 2 * face[1] - j[hidden, face[0]]
-    number = {tuple(place): n for n, place in enumerate(j.tolist())}
-    doubt = np.zeros(len(j), dtype=bool)
-    for face in faces:
-        c, plane, inward, rule = face
-        if rule != SEPARATING:
-            continue
-        column = own.copy()
-        column[:, c] = plane
-        at = np.array([number.get(tuple(place), -1) for place in column.tolist()], dtype=int)
-        leaving = np.where(at >= 0, inward * (momentum[at, c] + push[at, c]), 0.0)
-        near = inward * (j[:, c] - plane) <= ROWS_BEHIND
-        doubt |= near & (at >= 0) & (np.abs(leaving) < 1e-5 * (size[at, c] + np.abs(push[at, c])))
-        behind[face] = behind[face] & ~(leaving > 0)
-        behind[face, "open"] = leaving > 0
-    place, sign, there = j.copy(), np.ones(j.shape), np.ones(len(j), dtype=bool)
-    for face in faces:
-        c, plane, inward, rule = face
-        hidden = behind[face]
+    for c, plane, inward, rule in faces:
+        depth = inward * (plane - j[:, c])
+        hidden = depth > 0
         place[hidden, c] = 2 * plane - j[hidden, c]
-        sign[hidden, c] *= -1
-        if rule == STICKY:
-            others = [a for a in range(3) if a != c]
-            sign[np.ix_(np.flatnonzero(hidden), others)] *= -1
-        there &= inward * (j[:, c] - plane) >= -ROWS_BEHIND
-    return place, sign, there, doubt
+        turned = np.ones(3) if rule == STICKY else np.arange(3) == c
+        sign[hidden] *= np.where(turned, -1, 1)
+        there &= depth <= ROWS_BEHIND
+    still, flat = np.zeros(len(j), dtype=bool), np.zeros(j.shape, dtype=bool)
+    for c, plane, _, rule in faces:
+        on = place[:, c] == plane
+        flat[on, c] = True
+        still |= on & (rule == STICKY)
+    return place, sign, there, still[:, None] | flat
 
 
-def _with_images(mass, momentum, size, planes, field, step, blocks):
-    """Masses, momenta and scales of nodes with what their images bear, in the frame of the node on the liquid's side;
-    places of those, signs, and where a sense is in doubt."""
-    j = node_table(blocks)
-    push = np.zeros(momentum.shape) if field is None else step * mass[:, None] * _f(field)[None, :]
-    place, sign, there, doubt = _reflected(j, mass, momentum, size, planes, push)
+def _with_images(mass, momentum, size, planes, blocks):
+    """Masses, momenta and scales of nodes with those of their images, in the frame of the node on the liquid's side;
+    signs of a velocity from there to the node, and which parts are none."""
+    place, sign, there, none = _reflected(node_table(blocks), planes)
     _, group = np.unique(place, axis=0, return_inverse=True)
     group = group.ravel()
     count = group.max(initial=-1) + 1
@@ -310,7 +293,7 @@ def _with_images(mass, momentum, size, planes, field, step, blocks):
     def added(values):
         return np.stack([np.bincount(group[there], values[there, c], count) for c in range(3)], axis=1)[group]
 
-    return np.where(there, whole[group], 0.0), added(sign * momentum), added(size), place, sign, doubt
+    return np.where(there, whole[group], 0.0), added(sign * momentum), added(size), sign, none
 
 
 def grid_update(node_mass, node_momentum, node_pull, field, planes, mirrors, background, timestep, grid):
@@ -324,12 +307,9 @@ def grid_update(node_mass, node_momentum, node_pull, field, planes, mirrors, bac
     if node_pull is not None:
         pull = float(timestep[1]) * _f(node_pull)
         momentum, size = momentum + pull, size + np.abs(pull)
-    j = node_table(grid.blocks)
-    sign, doubt = 1.0, None
+    sign, none = 1.0, None
     if mirrors is not None:
-        mass, momentum, size, j, sign, doubt = _with_images(
-            mass, momentum, size, planes, field, float(timestep[1]), grid.blocks
-        )
+        mass, momentum, size, sign, none = _with_images(mass, momentum, size, planes, grid.blocks)
     heavy = mass > float(background.least_mass)
     with np.errstate(divide="ignore", invalid="ignore"):
         v = np.where(heavy[:, None], momentum / mass[:, None], 0.0)
@@ -337,7 +317,10 @@ def grid_update(node_mass, node_momentum, node_pull, field, planes, mirrors, bac
     if field is not None:
         push = np.where(heavy[:, None], float(timestep[1]) * _f(field)[None, :], 0.0)
         v, scale = v + push, scale + np.abs(push)
-    if planes is not None:
+    if none is not None:
+        v[none] = 0.0
+    elif planes is not None:
+        j = node_table(grid.blocks)
         stuck = np.zeros(len(j), dtype=bool)
         for c in range(3):
             for inside, rule, inward in (
@@ -348,8 +331,6 @@ def grid_update(node_mass, node_momentum, node_pull, field, planes, mirrors, bac
                 gone = inside & ((rule == SLIP) | ((rule == SEPARATING) & (inward * v[:, c] > 0)))
                 v[gone, c] = 0.0
         v[stuck] = 0.0
-    if doubt is not None:
-        scale = np.where(doubt[:, None], np.inf, scale)
     return {"node_velocity": (sign * v, scale)}
 
 

@@ -179,7 +179,10 @@ class SurfaceEnergy(Effect, frozen=True, kw_only=True):
         cell = others["mpm_liquid"].cell(grid)  # type: ignore[attr-defined]
         full, density = (cell / grid.spacing) ** grid.dim, others["mpm_liquid"].rest_density  # type: ignore[attr-defined]
         faces = self._faces(grid, others)
-        return {"surface": SurfaceOfRun(self.tension(), grid.dim, grid.dtype, cell, grid.count, full, density, faces)}
+        made = SurfaceOfRun(
+            self.tension(), grid.dim, grid.dtype, cell, grid.count, full, density, faces, self.contact_pull() != 0
+        )
+        return {"surface": made}
 
     def notes(self, grid: Discretisation, others: Mapping[str, Effect]) -> tuple[str, ...]:
         """Readings that are there to compare with, and were seen to be unstable (docs/stability.md)."""
@@ -267,17 +270,18 @@ class SurfaceOfRun(SurfaceSamples):
 
     full    particles of a full cell
     faces   walls that mirror the liquid
+    edges   the edges of wetted areas are samples, too
     latest  all that the latest reconstruction made; None before the first. Beside mirrors meshes and samples are those
             of the free surface, with the edges of wetted areas as samples without area
     """
 
     def __init__(
         self, tension: Tension, dim: int, dtype: str, cell_size: float, count: int, full: float, rest_density: float,
-        faces: tuple[Face, ...] = (), backend: Backend | None = None,
+        faces: tuple[Face, ...] = (), edges: bool = False, backend: Backend | None = None,
     ) -> None:  # fmt: skip
         super().__init__(count, dtype, backend or Backend("numpy"))
         self.tension, self.dim, self.cell_size, self.full = tension, dim, cell_size, full
-        self.rest_density, self.faces = rest_density, faces
+        self.rest_density, self.faces, self.edges = rest_density, faces, edges
         self.reconstruction: Any = None
         self.latest: Any = None
 
@@ -292,7 +296,7 @@ class SurfaceOfRun(SurfaceSamples):
             )
         made = SurfaceOfRun(
             self.tension, self.dim, self.dtype, self.cell_size, self.count, self.full, self.rest_density, self.faces,
-            backend,
+            self.edges, backend,
         )  # fmt: skip
         # with images the number of particles is another one in each step
         made.reconstruction = Reconstruction(
@@ -308,11 +312,10 @@ class SurfaceOfRun(SurfaceSamples):
     def reconstruct_enclosing(self, position: Any, mass: Any, volume_ratio: Any) -> None:
         """The surface of particles at `position` (n, 3) [m] that encloses their volume, sum m J/rho0."""
         xp, seen, _ = self._library()
-        held = seen(mass).astype(xp.float64) * seen(volume_ratio)
-        self.reconstruct(position, held / self.rest_density)
+        self.reconstruct(position, seen(mass).astype(xp.float64) * seen(volume_ratio))
 
     def reconstruct(self, position: Any, held: Any = None) -> None:
-        """The surface of particles at `position` (n, 3) [m], with their volumes [m^dim] where these are to be enclosed.
+        """The surface of particles at `position` (n, 3) [m], with m J [kg] of each where their volume is to be enclosed.
 
         Raises RunStopped where a cell holds more particles than any volume ratio that a run survives could explain: J
         follows the divergence of the velocity and does not see particles that gather on a line or in a point.
@@ -321,7 +324,8 @@ class SurfaceOfRun(SurfaceSamples):
         if self.faces:
             position, owner = self._with_images(position)
             held = None if held is None else held[owner]
-        self.latest = self.reconstruction.surface(position, volume=None if held is None else float(held.sum()))
+        volume = None if held is None else float(held.sum()) / self.rest_density
+        self.latest = self.reconstruction.surface(position, volume=volume)
         most = self.reconstruction.most_in_a_cell(self.latest)
         if most > CLUMPED * self.full:
             raise RunStopped(
@@ -380,8 +384,9 @@ class SurfaceOfRun(SurfaceSamples):
             height = face.inward * (before[facets][:, :, face.axis] - face.plane)
             bounding &= height.sum(1) > 0
         facets = facets[bounding]
-        places, lines, normals = [], [], []
-        for face in self.faces:
+        none = xp.zeros((0, 3), dtype)
+        places, lines, normals = [none], [none], [none]
+        for face in self.faces if self.edges else ():
             touches = before[facets][:, :, face.axis] == face.plane
             middle, line = self._edges(facets, touches, after, face)
             middle[:, face.axis] = face.plane
