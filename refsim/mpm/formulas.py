@@ -80,7 +80,8 @@ def determinant(f0, f1, f2, f3, f4, f5, f6, f7, f8):
 
 @formula
 def canonical(j, low, high, below, above):
-    """Integer coordinate of the node on the liquid's side of two mirrors at `low` and `high` that j is an image of."""
+    """Section 9: the node a on the liquid's side of mirrors at `low` and `high` that j is an image of, dimensionless:
+    a = 2 low - j below, 2 high - j above, else j."""
     if below and j < low:
         return 2 * low - j
     if above and j > high:
@@ -90,13 +91,14 @@ def canonical(j, low, high, below, above):
 
 @formula
 def buried(j, low, high, low_rule, high_rule):
-    """Whether node j lies further behind a wall than anything of the liquid reaches."""
+    """Section 9: whether node j (dimensionless) lies further behind a wall than anything of the liquid reaches, so that
+    m_j = 0."""
     return (low_rule > 0 and j < low - IMAGED_ROWS) or (high_rule > 0 and j > high + IMAGED_ROWS)
 
 
 @formula
 def image(j, which, low, high, below, above):
-    """Coordinate of the image of j in the mirror at `low` (1) or `high` (2), j itself (0); NOWHERE without one.
+    """Section 9: image i = 2 low - j (1) or 2 high - j (2) of node j, j itself (0), dimensionless; NOWHERE without one.
 
     Points reach no more than IMAGED_ROWS rows behind a mirror, and a node on it is its own image.
     """
@@ -111,7 +113,8 @@ def image(j, which, low, high, below, above):
 
 @formula
 def on_mirror(j, low, high, low_rule, high_rule):
-    """(whether node j on a face stands still, whether its velocity has no normal part) for two mirrors of an axis."""
+    """Section 9: (whether node j on a face stands still, v = 0, whether its velocity has no normal part, n.v = 0) [m/s]
+    for two mirrors of an axis."""
     below, above = low_rule > 0 and j == low, high_rule > 0 and j == high
     stuck = (below and low_rule == STICKY) or (above and high_rule == STICKY)
     return stuck, below or above
@@ -119,7 +122,7 @@ def on_mirror(j, low, high, low_rule, high_rule):
 
 @formula
 def reflection(which, low_rule, high_rule):
-    """Signs (normal, tangential), dimensionless, that a velocity takes in the mirror of a face, which as for `image`.
+    """Section 9: signs of v' = (-v_n, +-v_t), the image of a velocity in a face (dimensionless), which as for `image`.
 
     Slip and separating: -1, 1, for what wets a wall does not leave it but at its edge. Sticky: -1, -1, so that the
     velocity on the face is none.

@@ -478,7 +478,8 @@ def embed(position, surface_sample, sample_owner, background):
 
 
 def contact(sample_position, sample_line, spline_cells, blocks, surface_term, contact, node_force):
-    """f_j + k cos(theta) sum_s B_j(x_s) l_s [N], l_s [m^(d-2)] the outward normals of the edge of the wetted area."""
+    """Section 9: f_j <- f_j + k cos(theta) sum_s B_j(x_s) l_s [N], l_s [m^(d-2)] the outward normals of the wetted
+    area's edge."""
     j, line = node_table(blocks), _f(sample_line)
     u = _f(sample_position) * float(surface_term.inverse_cell)
     dim = 3 if blocks.neighbour.shape[1] == 27 else 2

@@ -315,7 +315,7 @@ class SurfaceOfRun(SurfaceSamples):
         self.reconstruct(position, seen(mass).astype(xp.float64) * seen(volume_ratio))
 
     def reconstruct(self, position: Any, held: Any = None) -> None:
-        """The surface of particles at `position` (n, 3) [m], with m J [kg] of each where their volume is to be enclosed.
+        """The surface of particles at `position` (n, 3) [m], with m J [kg] of each to enclose their volume.
 
         Raises RunStopped where a cell holds more particles than any volume ratio that a run survives could explain: J
         follows the divergence of the velocity and does not see particles that gather on a line or in a point.
