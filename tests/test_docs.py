@@ -240,7 +240,7 @@ def commands(text):
         for command in re.split(r"&&|;|\||>", line.partition("#")[0]):
             words = command.split()
             ours = words[:1] == ["refsim"] or (words[:2] == ["python", "-m"] and words[2].startswith("validation"))
-            if ours and not re.search(r"[\[\]]|\.\.\.|\b[A-Z]{3,}\b", command):
+            if ours and not re.search(r"[\[\]]|\.\.\.|(?<!\S)[A-Z]+(?!\S)", command):
                 yield words
 
 
