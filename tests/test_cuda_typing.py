@@ -70,7 +70,7 @@ IN_DOUBLE = {
     **dict.fromkeys(
         (
             "count_particles", "states_of_blocks", "place_vertices", "place_points", "sort_points", "find_normals",
-            "place_samples", "locate_samples", "pull_nodes",
+            "place_samples", "locate_samples", "sum_pulls",
         ),
         "places on the grid and between nodes, as in the programs that these kernels stand for",
     ),

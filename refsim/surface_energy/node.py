@@ -39,10 +39,13 @@ def is_inside(i, interior_position, cells, blocks, surface_term):
 
 
 @formula(inlined=True)
-def farthest_exit(cell, farthest, interior_position, cells, jx, jy, jz, ax, ay, az, towards, surface_term):
-    """The farther one [h] of `farthest` and the ways out of the spheres of a cell's particles, along an axis."""
+def farthest_exit(begin, end, farthest, interior_position, cells, jx, jy, jz, ax, ay, az, towards, surface_term):
+    """The farther one [h] of `farthest` and the ways out of the spheres of some particles, along an axis.
+
+    They stand in the list of cells from `begin` to `end`.
+    """
     real = type(surface_term.cell_size)
-    for k in range(cells.first[cell], cells.first[cell + 1]):
+    for k in range(begin, end):
         p = cells.point[k]
         ux = formulas.grid_offset(interior_position[p, 0], jx, surface_term)
         uy = formulas.grid_offset(interior_position[p, 1], jy, surface_term)
@@ -75,7 +78,19 @@ def exit_point(v, interior_position, cells, blocks, node_state, surface_term, ve
                 cell = step_node(blocks, node, dx, dy, dz)
                 if cell >= 0:
                     farthest = farthest_exit(
-                        cell, farthest, interior_position, cells, jx, jy, jz, ax, ay, az, towards, surface_term
+                        cells.first[cell],
+                        cells.first[cell + 1],
+                        farthest,
+                        interior_position,
+                        cells,
+                        jx,
+                        jy,
+                        jz,
+                        ax,
+                        ay,
+                        az,
+                        towards,
+                        surface_term,
                     )
     way = real(towards) * min(farthest, real(1))
     return h * (real(jx) + real(ax) * way), h * (real(jy) + real(ay) * way), h * (real(jz) + real(az) * way)
@@ -111,9 +126,12 @@ def facet_sample(f, vertex_position, facets):
 
 
 @formula(inlined=True)
-def nearer(cell, best, found, ox, oy, oz, jx, jy, jz, interior_position, cells, surface_term):
-    """(squared distance [h^2], number) of the nearest of particle `found` and a cell's to the place o over node j."""
-    for k in range(cells.first[cell], cells.first[cell + 1]):
+def nearer(begin, end, best, found, ox, oy, oz, jx, jy, jz, interior_position, cells, surface_term):
+    """(squared distance [h^2], number) of the nearest of particle `found` and some others to the place o over node j.
+
+    They stand in the list of cells from `begin` to `end`.
+    """
+    for k in range(begin, end):
         p = cells.point[k]
         ux = ox - formulas.grid_offset(interior_position[p, 0], jx, surface_term)
         uy = oy - formulas.grid_offset(interior_position[p, 1], jy, surface_term)
@@ -165,7 +183,19 @@ def nearest_particle(i, x, y, z, interior_position, cells, blocks, surface_term)
                     if cell < 0:
                         continue
                     best, found = nearer(
-                        cell, best, found, ox, oy, oz, jx, jy, jz, interior_position, cells, surface_term
+                        cells.first[cell],
+                        cells.first[cell + 1],
+                        best,
+                        found,
+                        ox,
+                        oy,
+                        oz,
+                        jx,
+                        jy,
+                        jz,
+                        interior_position,
+                        cells,
+                        surface_term,
                     )
     nx, ny, nz = away_from(found, best, ox, oy, oz, jx, jy, jz, interior_position, surface_term)
     return found, nx, ny, nz

@@ -79,7 +79,9 @@ class Recorded:
             "fit_position": ((2 * f, 3), real), "fit_cell": 2 * f, "fit_place": 2 * f, "held_points": count,
             "fit_first": count + 1, "fit_unsorted": 2 * f, "fit_splines": ((2 * f, 9), real),
             "fit_target": (2 * f, real), "node_weight": (count, real),
-            "coefficients": (count, real), "corrected": (count, real), "sample_normal": ((f, 3), real),
+            "coefficients": (count, real), "rank": count,
+            "filled": 2 * f, "pair_total": (b, np.int64), "reached": ((2 * f, 27), real), "change": ((2 * f, 27), real),
+            "pulls": ((f, 81), real), "warps": (f // 4 + 1, np.uint8), "sample_normal": ((f, 3), real),
             "vertex_normal": ((v, 3), real),
             "inset_position": ((v, 3), real), "sample_position": ((f, 3), real), "sample_area": (f, real),
             "nearest": f, "sample_count": n, "either": (f + v, np.uint8), "total": b, "one": 1,
@@ -169,7 +171,9 @@ class Recorded:
         counts, total = a["counts"], a["total"]
         kernels.clear(a["held"], a["held_points"], a["members"], a["sample_count"], counts)
         kernels.count_particles(position, term, blocks, self.sure, a["held"], a["place"], self.cell, counts)
-        self._sum(a["held"], a["first"], counts)
+        kernels.total_blocks(a["held"], counts, total)
+        sum_blocks(a["one"], total)
+        write_first(a["held"], total, a["first"])
         fill_cells(self.cell, a["place"], a["first"], a["unsorted"])
         cells = PointList(a["first"], a["unsorted"], self.cell)
         kernels.states_of_blocks(position, cells, blocks, term, a["node_state"], a["node_label"], total)
@@ -197,20 +201,19 @@ class Recorded:
             position, cells, blocks, term, edge, a["vertex_position"], facets, counts, a["sample_place"],
             a["facet_normal"], a["outward"], a["fit_position"], a["fit_cell"], a["fit_place"], a["held_points"],
         )  # fmt: skip
-        self._sum(a["held_points"], a["fit_first"], None)
-        kernels.fill_points(a["fit_cell"], a["fit_place"], a["fit_first"], counts, a["fit_unsorted"])
         splines, first, target = a["fit_splines"], a["fit_first"], a["fit_target"]
+        self._number(a["held_points"], first)
+        kernels.fill_points(a["fit_cell"], a["fit_place"], first, counts, a["fit_unsorted"])
         kernels.sort_points(
             a["fit_position"], a["fit_cell"], first, a["fit_unsorted"], blocks, term, counts, splines, target
         )
-        weight, old, new = a["node_weight"], a["coefficients"], a["corrected"]
-        sweeps = int(term.iterations) - 1
-        if sweeps % 2:
-            old, new = new, old  # the last one ends in `coefficients`
-        kernels.begin_fit(splines, first, target, blocks, term, weight, old, new, total)
-        for _ in range(sweeps):
-            kernels.sweep(first, splines, target, blocks, term, weight, old, new, total)
-            old, new = new, old
+        weight, coefficients, rank, change = a["node_weight"], a["coefficients"], a["rank"], a["change"]
+        listed = first, splines, target, a["filled"], blocks
+        kernels.sum_fit(*listed, None, counts, a["reached"], change, a["warps"])
+        kernels.begin_fit(first, rank, blocks, a["reached"], change, term, weight, coefficients, total)
+        for _ in range(int(term.iterations) - 1):
+            kernels.sum_fit(*listed, coefficients, counts, None, change, a["warps"])
+            kernels.correct(rank, blocks, change, term, weight, coefficients)
         kernels.find_normals(
             a["sample_place"], a["outward"], a["vertex_position"], a["vertex_outward"], edge, facets, blocks, term,
             a["coefficients"], self.mls, counts, a["either"], a["sample_normal"], a["vertex_normal"],
@@ -231,21 +234,21 @@ class Recorded:
             a["sample_position"], a["vertex_edge"], a["facets"], blocks, term, counts, held, a["fit_place"],
             a["fit_cell"],
         )  # fmt: skip
-        self._sum(held, first, None)
+        self._number(held, first)
         kernels.fill_samples(a["fit_cell"], a["fit_place"], first, counts, a["fit_unsorted"])
         kernels.sort_samples(a["fit_cell"], first, a["fit_unsorted"], counts, a["sample_point"])
-        bases = PointList(first, a["sample_point"], a["fit_cell"])
-        kernels.pull_nodes(
-            a["sample_position"], a["sample_area"], a["sample_normal"], bases, blocks, term, a["node_force"],
-            a["total"],
+        kernels.sum_pulls(
+            a["sample_position"], a["sample_area"], a["sample_normal"], first, a["sample_point"], a["filled"], counts,
+            blocks, term, a["pulls"], a["warps"],
         )  # fmt: skip
+        kernels.pull_nodes(first, a["rank"], blocks, a["pulls"], term, a["node_force"], a["total"])
 
-    def _sum(self, held: Any, first: Any, counts: Any) -> None:
-        """first <- the points of the cells before each."""
-        total = self.arrays["total"]
-        kernels.total_blocks(held, counts, total)
-        sum_blocks(self.arrays["one"], total)
-        write_first(held, total, first)
+    def _number(self, held: Any, first: Any) -> None:
+        """first <- the points of the cells before each; cells with points are numbered."""
+        a = self.arrays
+        kernels.total_points(held, a["pair_total"])
+        kernels.sum_points(a["one"], a["pair_total"], a["counts"])
+        kernels.first_points(held, first, a["rank"], a["filled"], a["pair_total"])
 
     def _component_size(self) -> Any:
         """Particles in the component of each particle."""

@@ -9,7 +9,7 @@ import numpy as np
 from refsim.backend import simulated
 from refsim.compile import cuda, cuda_kernel, formula
 from refsim.isosurface import node as isosurface_node
-from refsim.neighbours.rows import lanes_mask
+from refsim.neighbours.rows import lanes_mask, sum_of_lanes
 from refsim.sparse_grid.cuda import SUMMING
 from refsim.sparse_grid.formulas import cell_coordinate, find_node_near, node_coordinates, step_node
 from refsim.surface_energy import formulas, node
@@ -17,14 +17,13 @@ from refsim.surface_energy.cuda import lowest
 
 LANES = 1 if simulated() else 8  # threads that share a vertex or a facet; the simulator knows no shuffles
 CELLS = 64  # of a block, a thread to each
-SWEEPING = 256  # threads of a block in a sweep: at least as many as there are cells, and 3 x 64, a layer of nodes' sums
-STARTS = SWEEPING + 1
-LAYERS = 3 * CELLS
-REACHED = 512  # nodes that the points of a sweep reach: 8 x 8 x 8, or 12 x 12 in the plane
-POINTS = 1024  # of a sweep in shared memory
+CELL_BIT = 1 << 24  # counts a cell beside its points: 64 cells of fewer than 2^24 points together
+FAR_ENOUGH = 1.0001  # a row of cells this much farther than a particle has none that is nearer, however it was rounded
+WIDTH = 1 if simulated() else 32  # threads that share a cell, one for each of the 27 nodes that its points reach
+OWN = 27 // WIDTH + (27 % WIDTH > 0)  # nodes of each thread
 # What `counts` holds: whether a particle is not covered, most particles in a cell, cut edges and facets as found and
-# as made (0 where they do not fit), samples without a particle
-MISSING, MOST, EDGES, FACETS, VERTICES, MADE, UNFOUND = range(7)
+# as made (0 where they do not fit), samples without a particle, cells with a point of the fit or a sample
+MISSING, MOST, EDGES, FACETS, VERTICES, MADE, UNFOUND, FILLED = range(8)
 COUNTS = 8
 
 
@@ -106,19 +105,81 @@ def occupied_near(first, blocks, b, lowest_way, ways):
     return cuda.syncthreads_or(found) != 0
 
 
+# Cells in a row along x of one block stand one after the other, and so do their particles.
+
+
+@formula
+def row_part(i, way, low, high, dy, dz, blocks, first):
+    """(begin, end) of the particles of cells i + (dx, dy, dz), dx from low to high, of the block `way` along x."""
+    width = 4 if blocks.neighbour.shape[1] == 27 else 8
+    x = i & (width - 1)
+    begin, end = max(x + low, width * way), min(x + high, width * way + width - 1)
+    if begin > end:
+        return 0, 0
+    cell = step_node(blocks, i, begin - x, dy, dz)
+    if cell < 0:
+        return 0, 0
+    return first[cell], first[cell + end - begin + 1]
+
+
+@formula
+def is_inside(i, interior_position, cells, blocks, surface_term):
+    """What `node.is_inside` finds; the cells that touch the node come first here, too."""
+    jx, jy, jz = node_coordinates(blocks, i)
+    space = blocks.neighbour.shape[1] == 27
+    for reach in range(1, 3):
+        for dz in range(-reach if space else 0, reach if space else 1):
+            for dy in range(-reach, reach):
+                for way in range(-1, 2):
+                    begin, end = row_part(i, way, -reach, reach - 1, dy, dz, blocks, cells.first)
+                    for k in range(begin, end):
+                        p = cells.point[k]
+                        ux = formulas.grid_offset(interior_position[p, 0], jx, surface_term)
+                        uy = formulas.grid_offset(interior_position[p, 1], jy, surface_term)
+                        uz = formulas.grid_offset(interior_position[p, 2], jz, surface_term)
+                        if ux * ux + uy * uy + uz * uz < surface_term.radius_squared:
+                            return 1
+    return 0
+
+
 @cuda_kernel(block_for_each_row=True, threads=CELLS, rows_of="total")
 def states_of_blocks(interior_position, cells, blocks, surface_term, node_state, node_label, total):
-    """Algorithm 1, lines 5 to 9, and a first label: the block's lowest node where it is inside altogether."""
-    b = cuda.blockIdx.x
-    i = CELLS * b + cuda.threadIdx.x
+    """Algorithm 1, lines 5 to 9, and first labels: the lowest node that hangs together with each within its block."""
+    label = cuda.shared.array(CELLS, np.int32)
+    b, thread = cuda.blockIdx.x, cuda.threadIdx.x
+    i = CELLS * b + thread
     state = 0
     if occupied_near(cells.first, blocks, b, 0, blocks.neighbour.shape[1]):
-        state = node.is_inside(i, interior_position, cells, blocks, surface_term)
+        state = is_inside(i, interior_position, cells, blocks, surface_term)
     node_state[i] = state
-    label = i if state == 1 else -1
+    own = thread if state == 1 else CELLS
     if cuda.syncthreads_and(state) != 0:
-        label = CELLS * b
-    node_label[i] = label
+        own = 0
+    label[thread] = own
+    changed = cuda.syncthreads_or(1 if 0 < own < CELLS else 0)
+    while changed != 0:
+        least = own
+        if own < CELLS:
+            least = min(lowest_beside(label, thread, blocks), label[own])
+        cuda.syncthreads()
+        label[thread] = least
+        changed = cuda.syncthreads_or(1 if least < own else 0)
+        own = least
+    node_label[i] = CELLS * b + own if own < CELLS else -1
+
+
+@formula
+def lowest_beside(label, thread, blocks):
+    """The lowest label of a block's node and those of the block beside it."""
+    bits = 2 if blocks.neighbour.shape[1] == 27 else 3
+    least = label[thread]
+    for axis in range(3 if bits == 2 else 2):
+        step, place = 1 << (axis * bits), (thread >> (axis * bits)) & ((1 << bits) - 1)
+        if place > 0:
+            least = min(least, label[thread - step])
+        if place < (1 << bits) - 1:
+            least = min(least, label[thread + step])
+    return least
 
 
 @cuda_kernel(block_for_each_row=True, threads=CELLS, rows_of="cut_total")
@@ -143,22 +204,29 @@ def cut_count(bits):
     return (bits & 1) + ((bits >> 1) & 1) + (bits >> 2)
 
 
+@formula
+def sum_pairs(part, total):
+    """total[b] <- those of the blocks before b, by one thread block; the last thread gets all."""
+    thread = cuda.threadIdx.x
+    size = (total.shape[0] + SUMMING - 1) // SUMMING
+    begin, end = min(thread * size, total.shape[0]), min(thread * size + size, total.shape[0])
+    own = np.int64(0)
+    for b in range(begin, end):
+        own += total[b]
+    before = sum_before(part, own)
+    for b in range(begin, end):
+        own = total[b]
+        total[b] = before
+        before += own
+    return before
+
+
 @cuda_kernel(block_for_each_row=True, threads=SUMMING, rows_of="one")
 def sum_cuts(one, cut_total, vertex_edge, facets, counts):
     """cut_total[b] <- those of the blocks before b; how many vertices and facets are made."""
     part = cuda.shared.array(SUMMING, np.int64)
-    thread = cuda.threadIdx.x
-    size = (cut_total.shape[0] + SUMMING - 1) // SUMMING
-    begin, end = min(thread * size, cut_total.shape[0]), min(thread * size + size, cut_total.shape[0])
-    own = np.int64(0)
-    for b in range(begin, end):
-        own += cut_total[b]
-    before = sum_before(part, own)
-    for b in range(begin, end):
-        own = cut_total[b]
-        cut_total[b] = before
-        before += own
-    if thread == SUMMING - 1:
+    before = sum_pairs(part, cut_total)
+    if cuda.threadIdx.x == SUMMING - 1:
         counts[EDGES], counts[FACETS] = before & 0xFFFFFFFF, before >> 32
         if counts[MISSING] == 0 and counts[EDGES] <= vertex_edge.shape[0] and counts[FACETS] <= facets.shape[0]:
             counts[VERTICES], counts[MADE] = counts[EDGES], counts[FACETS]
@@ -169,18 +237,44 @@ def sum_cuts(one, cut_total, vertex_edge, facets, counts):
 
 @formula
 def join_node(i, blocks, node_label):
-    """Of two components that touch at node i, the one with the higher number joins the lower one (`join_labels`)."""
-    if node_label[i] >= 0:
-        for axis in range(3 if blocks.neighbour.shape[1] == 27 else 2):
-            other = step_node(blocks, i, 1 if axis == 0 else 0, 1 if axis == 1 else 0, 1 if axis == 2 else 0)
-            if other >= 0 and node_label[other] >= 0 and node_label[other] != node_label[i]:
-                own, met = lowest(node_label, i), lowest(node_label, other)
-                while own != met:
-                    high, low = max(own, met), min(own, met)
-                    found = cuda.atomic.cas(node_label, high, high, low)
-                    if found == high:
-                        break
-                    own, met = lowest(node_label, found), lowest(node_label, low)
+    """Of two components that touch at node i across the face of a block, the one with the higher number joins the
+    lower one (`join_labels`); once for neighbours on the face that touch the same."""
+    mine = node_label[i]
+    if mine >= 0:
+        bits = 2 if blocks.neighbour.shape[1] == 27 else 3
+        for axis in range(3 if bits == 2 else 2):
+            if (i >> (axis * bits)) & ((1 << bits) - 1) == (1 << bits) - 1:
+                x, y, z = (1 if axis == 0 else 0), (1 if axis == 1 else 0), (1 if axis == 2 else 0)
+                other = step_node(blocks, i, x, y, z)
+                theirs = node_label[other] if other >= 0 else -1
+                if theirs >= 0 and not joined_before(i, other, axis, mine, theirs, bits, node_label):
+                    join_labels(node_label, i, other)
+
+
+@formula
+def joined_before(i, other, axis, mine, theirs, bits, node_label):
+    """Whether a neighbour on the face, one step back along it, touches a node of the same labels across it.
+
+    Labels may fall meanwhile: a pair is then joined twice, or was found equal to one that is joined.
+    """
+    for along in range(3 if bits == 2 else 2):
+        if along != axis and (i >> (along * bits)) & ((1 << bits) - 1) > 0:
+            step = 1 << (along * bits)
+            if node_label[i - step] == mine and node_label[other - step] == theirs:
+                return True
+    return False
+
+
+@formula
+def join_labels(node_label, i, other):
+    """Let the components of two nodes hang together (see `refsim.surface_energy.cuda.join_labels`)."""
+    own, met = lowest(node_label, i), lowest(node_label, other)
+    while own != met:
+        high, low = max(own, met), min(own, met)
+        found = cuda.atomic.cas(node_label, high, high, low)
+        if found == high:
+            break
+        own, met = lowest(node_label, found), lowest(node_label, low)
 
 
 @formula
@@ -262,24 +356,52 @@ def nearest_of_lanes(lane, i, x, y, z, interior_position, cells, blocks, surface
     oy = formulas.grid_offset(y, jy, surface_term)
     oz = formulas.grid_offset(z, jz, surface_term)
     space = blocks.neighbour.shape[1] == 27
-    best = type(surface_term.cell_size)(4)
+    real = type(surface_term.cell_size)
+    best = real(4)
     found = -1
     for reach in range(1, 3):
-        if best < type(best)(1):
+        if best < real(1):
             break
-        width = 2 * reach + 1
-        for m in range(lane, width * width * width if space else width * width, LANES):
-            dx, dy, dz = m % width - reach, m // width % width - reach, m // (width * width) - reach if space else 0
-            if reach == 2 and max(abs(dx), max(abs(dy), abs(dz))) < 2:
-                continue
-            cell = step_node(blocks, i, dx, dy, dz)
-            if cell >= 0:
+        for m in range(lane, parts_of_rows(2 * reach + 1, space), LANES):
+            way, dy, dz = part_of_row(m, 2 * reach + 1)
+            dy, dz = dy - reach, dz - reach if space else 0
+            across, beyond = gap(oy, dy), gap(oz, dz) if space else real(0)
+            if across * across + beyond * beyond <= FAR_ENOUGH * float(best):
+                begin, end = row_part(i, way, -reach, reach, dy, dz, blocks, cells.first)
                 best, found = node.nearer(
-                    cell, best, found, ox, oy, oz, jx, jy, jz, interior_position, cells, surface_term
+                    begin, end, best, found, ox, oy, oz, jx, jy, jz, interior_position, cells, surface_term
                 )
         best, found = nearest_lane(lane, best, found)
     nx, ny, nz = node.away_from(found, best, ox, oy, oz, jx, jy, jz, interior_position, surface_term)
     return found, nx, ny, nz
+
+
+@formula
+def parts_of_rows(width, space):
+    """Rows along x of a square of so many, or of a line in the plane, each in three blocks."""
+    return 3 * width * width if space else 3 * width
+
+
+@formula
+def part_of_row(m, width):
+    """(way along x in blocks, place along y, place along z) of the m-th part; constants divide fast."""
+    row = np.uint32(m) // np.uint32(3)
+    way = np.int32(np.uint32(m) - np.uint32(3) * row) - 1
+    z = row // np.uint32(3)
+    if width == 4:
+        z = row // np.uint32(4)
+    elif width == 5:
+        z = row // np.uint32(5)
+    return way, np.int32(row - np.uint32(width) * z), np.int32(z)
+
+
+@formula
+def gap(o, d):
+    """Distance [h] of place o, from 0 to 1, from the row of cells d away."""
+    real = type(o)
+    if d > 0:
+        return real(d) - o
+    return o - real(d + 1) if d < 0 else real(0)
 
 
 @formula
@@ -327,12 +449,12 @@ def place_vertices(
         jx, jy, jz = node_coordinates(blocks, i)
         space = blocks.neighbour.shape[1] == 27
         farthest = real(0)
-        for m in range(lane, 64 if space else 16, LANES):
-            cell = step_node(blocks, i, (m & 3) - 2, ((m >> 2) & 3) - 2, (m >> 4) - 2 if space else 0)
-            if cell >= 0:
-                farthest = node.farthest_exit(
-                    cell, farthest, interior_position, cells, jx, jy, jz, ax, ay, az, towards, surface_term
-                )
+        for m in range(lane, parts_of_rows(4, space), LANES):
+            part, dy, dz = part_of_row(m, 4)
+            begin, end = row_part(i, part, -2, 1, dy - 2, dz - 2 if space else 0, blocks, cells.first)
+            farthest = node.farthest_exit(
+                begin, end, farthest, interior_position, cells, jx, jy, jz, ax, ay, az, towards, surface_term
+            )
         way = real(towards) * min(farthest_lane(lane, farthest), real(1))
         x = h * (real(jx) + real(ax) * way)
         y = h * (real(jy) + real(ay) * way)
@@ -410,10 +532,108 @@ def sort_points(
         fit_target[at] = surface_term.offset if r >= counts[MADE] else real(0)
 
 
+# Sums over points on nodes: first over the points of each cell, for the nodes that these reach, a thread for each; then
+# over the cells that reach a node. Cells with points are numbered, so that nothing else is looked at.
+
+
+@cuda_kernel(block_for_each_row=True, threads=CELLS, rows_of="pair_total")
+def total_points(held, pair_total):
+    """Points and 2^32 cells with points of each block."""
+    part = cuda.shared.array(CELLS, np.int32)
+    thread = cuda.threadIdx.x
+    mine = held[CELLS * cuda.blockIdx.x + thread]
+    mine += CELL_BIT if mine > 0 else 0
+    before = sum_before(part, np.int32(mine))
+    if thread == CELLS - 1:
+        pair_total[cuda.blockIdx.x] = unpacked(before + mine)
+
+
+@formula
+def unpacked(pair):
+    """Points and 2^32 cells out of 32 bits."""
+    return (np.int64(pair >> 24) << 32) | np.int64(pair & (CELL_BIT - 1))
+
+
+@cuda_kernel(block_for_each_row=True, threads=SUMMING, rows_of="one")
+def sum_points(one, pair_total, counts):
+    """pair_total[b] <- those of the blocks before b; how many cells have points."""
+    part = cuda.shared.array(SUMMING, np.int64)
+    before = sum_pairs(part, pair_total)
+    if cuda.threadIdx.x == SUMMING - 1:
+        counts[FILLED] = before >> 32
+
+
+@cuda_kernel(block_for_each_row=True, threads=CELLS, rows_of="pair_total")
+def first_points(held, first, rank, filled, pair_total):
+    """First point of each cell; the number of each cell with points, -1 for the others."""
+    part = cuda.shared.array(CELLS, np.int32)
+    i = CELLS * cuda.blockIdx.x + cuda.threadIdx.x
+    mine = held[i]
+    before = unpacked(sum_before(part, np.int32(mine + (CELL_BIT if mine > 0 else 0))))
+    before += pair_total[cuda.blockIdx.x]
+    first[i] = before & 0xFFFFFFFF
+    rank[i] = -1
+    if mine > 0:
+        rank[i] = before >> 32
+        filled[before >> 32] = i
+    if i == first.shape[0] - 2:
+        first[i + 1] = (before & 0xFFFFFFFF) + mine
+
+
+@cuda_kernel(lanes=WIDTH, rows_of="warps")
+def sum_fit(fit_first, fit_splines, fit_target, filled, blocks, coefficients, counts, reached, change, warps):
+    """Of each cell's points, for each node k that they reach: sum of B_k, and of (b - B C) B_k in units of h.
+
+    Without `coefficients` C is 0; the first of the sums is left out where `reached` is.
+    """
+    warp, lane = cuda.grid(1) // WIDTH, cuda.grid(1) % WIDTH
+    zero = fit_target.dtype.type(0)
+    terms = 27 if blocks.neighbour.shape[1] == 27 else 9
+    c = cuda.local.array(OWN, fit_target.dtype)
+    share = cuda.local.array(OWN, fit_target.dtype)
+    total = cuda.local.array(OWN, fit_target.dtype)
+    changed = cuda.local.array(OWN, fit_target.dtype)
+    for n in range(warp, counts[FILLED], warps.shape[0]):
+        cell = filled[n]
+        for m in range(OWN):
+            k = lane + m * WIDTH
+            c[m], share[m], total[m], changed[m] = zero, zero, zero, zero
+            if coefficients is not None and k < terms:
+                j = step_node(blocks, cell, k % 3, k // 3 % 3, k // 9)
+                if j >= 0:
+                    c[m] = coefficients[j]
+        for r in range(fit_first[cell], fit_first[cell + 1]):
+            fitted = zero
+            for m in range(OWN):
+                k = lane + m * WIDTH
+                if k < terms:
+                    share[m] = fit_splines[r, k % 3] * fit_splines[r, 3 + k // 3 % 3] * fit_splines[r, 6 + k // 9]
+                    fitted += c[m] * share[m]
+            residual = fit_target[r]
+            if coefficients is not None:
+                residual -= sum_of_lanes(fitted, lane, WIDTH)
+            for m in range(OWN):
+                total[m] += share[m]
+                changed[m] += residual * share[m]
+        for m in range(OWN):
+            k = lane + m * WIDTH
+            if k < terms:
+                change[n, k] = changed[m]
+                if reached is not None:
+                    reached[n, k] = total[m]
+
+
+@formula
+def sum_around(i, k, column, rank, blocks, sums):
+    """What the cell from which node i is the k-th in reach holds for it, 0 where it has no points."""
+    cell = step_node(blocks, i, -(k % 3), -(k // 3 % 3), -(k // 9))
+    if cell >= 0 and rank[cell] >= 0:
+        return sums[rank[cell], column]
+    return sums.dtype.type(0)
+
+
 @cuda_kernel(block_for_each_row=True, threads=CELLS, rows_of="total")
-def begin_fit(
-    fit_splines, fit_first, fit_target, blocks, surface_term, node_weight, coefficients, corrected, total
-):  # fmt: skip
+def begin_fit(fit_first, rank, blocks, reached, change, surface_term, node_weight, coefficients, total):
     """(3.7): 1/sum_r B_i(x_r), 0 at a node that is hardly reached, and the first sweep from C = 0."""
     b = cuda.blockIdx.x
     i = CELLS * b + cuda.threadIdx.x
@@ -421,119 +641,27 @@ def begin_fit(
     weight, value = real(0), real(0)
     # a node is reached from cells up to two nodes below it: blocks below and its own, ways 0 to the middle
     if occupied_near(fit_first, blocks, b, 0, blocks.neighbour.shape[1] // 2 + 1):
-        reached, change = gathered(i, fit_splines, fit_first, blocks, fit_target)
-        if reached > real(formulas.LEAST_SUM):
-            weight = real(1) / reached
+        whole, changed = real(0), real(0)
+        for k in range(27 if blocks.neighbour.shape[1] == 27 else 9):
+            whole += sum_around(i, k, k, rank, blocks, reached)
+            changed += sum_around(i, k, k, rank, blocks, change)
+        if whole > real(formulas.LEAST_SUM):
+            weight = real(1) / whole
             if surface_term.iterations > 0:
-                value = surface_term.relaxation * weight * change
+                value = surface_term.relaxation * weight * changed
     node_weight[i] = weight
     coefficients[i] = value
-    corrected[i] = value
 
 
-@formula
-def gathered(i, fit_splines, fit_first, blocks, fit_target):
-    """(sum_r B_i(x_r), sum_r b_r B_i(x_r)) of node i, over the points of the cells that reach it."""
-    zero = fit_target.dtype.type(0)
-    reached, change = zero, zero
-    space = blocks.neighbour.shape[1] == 27
-    for kz in range(3 if space else 1):
-        for ky in range(3):
-            for kx in range(3):
-                cell = step_node(blocks, i, -kx, -ky, -kz)
-                if cell >= 0:
-                    for r in range(fit_first[cell], fit_first[cell + 1]):
-                        share = fit_splines[r, kx] * fit_splines[r, 3 + ky] * fit_splines[r, 6 + kz]
-                        reached += share
-                        change += fit_target[r] * share
-    return reached, change
-
-
-# A sweep: a block's nodes take the residuals of the points in reach, which take the coefficients in their own reach.
-# A thread block finds all of it in shared memory: points of cells up to two below the block, nodes up to two beyond.
-
-
-@formula
-def sweep_residual(r, base, row, wide, layers, target, fit_splines, near):
-    """b - B C of a point, in units of h; `base` is the lowest of its nodes among those in shared memory."""
-    value = target
-    for kz in range(layers):
-        for ky in range(3):
-            across = fit_splines[r, 3 + ky] * fit_splines[r, 6 + kz]
-            for kx in range(3):
-                value -= near[base + kx + row * ky + wide * kz] * (fit_splines[r, kx] * across)
-    return value
-
-
-@cuda_kernel(block_for_each_row=True, threads=SWEEPING, rows_of="total")
-def sweep(fit_first, fit_splines, fit_target, blocks, surface_term, node_weight, coefficients, corrected, total):
-    """C <- C + w Lambda B^T (b - B C) on a block's nodes."""
-    b, thread = cuda.blockIdx.x, cuda.threadIdx.x
-    zero = fit_target.dtype.type(0)
-    active = 0
-    if thread < CELLS and node_weight[CELLS * b + thread] > zero:
-        active = 1
-    if cuda.syncthreads_or(active) == 0:
-        return
-    near = cuda.shared.array(REACHED, fit_target.dtype)
-    start = cuda.shared.array(STARTS, np.int32)
-    point = cuda.shared.array(POINTS, np.int32)
-    base = cuda.shared.array(POINTS, np.int32)
-    residual = cuda.shared.array(POINTS, fit_target.dtype)
-    layer = cuda.shared.array(LAYERS, fit_target.dtype)
-    space = blocks.neighbour.shape[1] == 27
-    bits = 2 if space else 3
-    width, cells, layers = (8, 6, 3) if space else (12, 10, 1)
-    wide, deep = width * width, cells * cells
-    for n in range(thread, wide * width if space else wide, SWEEPING):
-        j = step_node(blocks, CELLS * b, n % width - 2, n // width % width - 2, n // wide - 2 if space else 0)
-        near[n] = coefficients[j] if j >= 0 else zero
-    first, held, own = 0, 0, 0
-    if thread < (deep * cells if space else deep):
-        x, y, z = thread % cells, thread // cells % cells, thread // deep if space else 0
-        own = x + width * y + wide * z
-        cell = step_node(blocks, CELLS * b, x - 2, y - 2, z - 2 if space else 0)
-        if cell >= 0:
-            first = fit_first[cell]
-            held = fit_first[cell + 1] - first
-    before = sum_before(start, np.int32(held))
-    cuda.syncthreads()
-    start[thread] = before
-    if thread == SWEEPING - 1:
-        start[SWEEPING] = before + held
-    for k in range(held):
-        if before + k < POINTS:
-            point[before + k], base[before + k] = first + k, own
-    cuda.syncthreads()
-    points = start[SWEEPING]
-    for k in range(thread, min(points, POINTS), SWEEPING):
-        r = point[k]
-        residual[k] = sweep_residual(r, base[k], width, wide, layers, fit_target[r], fit_splines, near)
-    cuda.syncthreads()
-    node_place, kz = thread & 63, thread >> 6
-    i = CELLS * b + node_place
-    change = zero
-    if kz < layers and node_weight[i] > zero:
-        rest = (1 << bits) - 1
-        x, y, z = node_place & rest, (node_place >> bits) & rest, node_place >> (2 * bits)
-        for ky in range(3):
-            for kx in range(3):
-                at = x + 2 - kx + cells * (y + 2 - ky) + (deep * (z + 2 - kz) if space else 0)
-                for k in range(start[at], start[at + 1]):
-                    if k < POINTS:
-                        r, value = point[k], residual[k]
-                    else:  # no room in shared memory: found again by every node
-                        cell = step_node(blocks, i, -kx, -ky, -kz)
-                        r = fit_first[cell] + k - start[at]
-                        own = at % cells + width * (at // cells % cells) + (wide * (at // deep) if space else 0)
-                        value = sweep_residual(r, own, width, wide, layers, fit_target[r], fit_splines, near)
-                    change += value * (fit_splines[r, kx] * fit_splines[r, 3 + ky] * fit_splines[r, 6 + kz])
-    if kz < 3:
-        layer[thread] = change
-    cuda.syncthreads()
-    if thread < CELLS and node_weight[i] > zero:
-        change = layer[thread] + layer[CELLS + thread] + layer[2 * CELLS + thread]
-        corrected[i] = coefficients[i] + surface_term.relaxation * node_weight[i] * change
+@cuda_kernel
+def correct(rank, blocks, change, surface_term, node_weight, coefficients):
+    """C <- C + w Lambda B^T (b - B C)."""
+    i = cuda.grid(1)
+    if i < coefficients.shape[0] and node_weight[i] > coefficients.dtype.type(0):
+        changed = coefficients.dtype.type(0)
+        for k in range(27 if blocks.neighbour.shape[1] == 27 else 9):
+            changed += sum_around(i, k, k, rank, blocks, change)
+        coefficients[i] += surface_term.relaxation * node_weight[i] * changed
 
 
 @formula
@@ -644,13 +772,51 @@ def sort_samples(sample_cell, first, unsorted, counts, point):
         point[place_in_row(s, sample_cell[s], first, unsorted)] = s
 
 
+@cuda_kernel(lanes=WIDTH, rows_of="warps")
+def sum_pulls(
+    sample_position, sample_area, sample_normal, first, point, filled, counts, blocks, surface_term, pulls, warps
+):  # fmt: skip
+    """(4.18*): sum of A_s (I - n n^T) h grad B_k(x_s) of each cell's samples, for each node k that they reach."""
+    warp, lane = cuda.grid(1) // WIDTH, cuda.grid(1) % WIDTH
+    real = type(surface_term.cell_size)
+    space = blocks.neighbour.shape[1] == 27
+    for n in range(warp, counts[FILLED], warps.shape[0]):
+        cell = filled[n]
+        jx, jy, jz = node_coordinates(blocks, cell)
+        for k in range(lane, 27 if space else 9, WIDTH):
+            kx, ky, kz = k % 3, k // 3 % 3, k // 9
+            tx, ty, tz = real(0), real(0), real(0)
+            for at in range(first[cell], first[cell + 1]):
+                s = point[at]
+                fx = formulas.grid_offset(sample_position[s, 0], jx, surface_term)
+                fy = formulas.grid_offset(sample_position[s, 1], jy, surface_term)
+                wx, wy, wz = formulas.spline_weight(fx, kx), formulas.spline_weight(fy, ky), real(1)
+                sx, sy, sz = formulas.spline_slope(fx, kx), formulas.spline_slope(fy, ky), real(0)
+                if space:
+                    fz = formulas.grid_offset(sample_position[s, 2], jz, surface_term)
+                    wz, sz = formulas.spline_weight(fz, kz), formulas.spline_slope(fz, kz)
+                ux, uy, uz = formulas.tangential(
+                    sample_normal[s, 0], sample_normal[s, 1], sample_normal[s, 2],
+                    sx * wy * wz, wx * sy * wz, wx * wy * sz,
+                )  # fmt: skip
+                area = sample_area[s]
+                tx += area * ux
+                ty += area * uy
+                tz += area * uz
+            pulls[n, 3 * k], pulls[n, 3 * k + 1], pulls[n, 3 * k + 2] = tx, ty, tz
+
+
 @cuda_kernel(block_for_each_row=True, threads=CELLS, rows_of="total")
-def pull_nodes(sample_position, sample_area, sample_normal, bases, blocks, surface_term, node_force, total):
-    """(4.18*): force on the nodes [N]."""
+def pull_nodes(first, rank, blocks, pulls, surface_term, node_force, total):
+    """(4.18*): force on the nodes [N], -k sum_s A_s (I - n n^T) grad B_i(x_s)."""
     b = cuda.blockIdx.x
     i = CELLS * b + cuda.threadIdx.x
     real = type(surface_term.cell_size)
-    fx, fy, fz = real(0), real(0), real(0)
-    if occupied_near(bases.first, blocks, b, 0, blocks.neighbour.shape[1] // 2 + 1):
-        fx, fy, fz = node.node_tension(i, sample_position, sample_area, sample_normal, bases, blocks, surface_term)
-    node_force[i, 0], node_force[i, 1], node_force[i, 2] = fx, fy, fz
+    tx, ty, tz = real(0), real(0), real(0)
+    if occupied_near(first, blocks, b, 0, blocks.neighbour.shape[1] // 2 + 1):
+        for k in range(27 if blocks.neighbour.shape[1] == 27 else 9):
+            tx += sum_around(i, k, 3 * k, rank, blocks, pulls)
+            ty += sum_around(i, k, 3 * k + 1, rank, blocks, pulls)
+            tz += sum_around(i, k, 3 * k + 2, rank, blocks, pulls)
+    strength = -surface_term.tension / surface_term.cell_size
+    node_force[i, 0], node_force[i, 1], node_force[i, 2] = strength * tx, strength * ty, strength * tz
