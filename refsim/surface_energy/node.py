@@ -39,21 +39,13 @@ def is_inside(i, interior_position, cells, blocks, surface_term):
 
 
 @formula(inlined=True)
-def farthest_exit(begin, end, farthest, interior_position, cells, jx, jy, jz, ax, ay, az, towards, surface_term):
-    """The farther one [h] of `farthest` and the ways out of the spheres of some particles, along an axis.
-
-    They stand in the list of cells from `begin` to `end`.
-    """
-    real = type(surface_term.cell_size)
-    for k in range(begin, end):
-        p = cells.point[k]
-        ux = formulas.grid_offset(interior_position[p, 0], jx, surface_term)
-        uy = formulas.grid_offset(interior_position[p, 1], jy, surface_term)
-        uz = formulas.grid_offset(interior_position[p, 2], jz, surface_term)
-        along = ux * real(ax) + uy * real(ay) + uz * real(az)
-        across = ux * ux * real(1 - ax) + uy * uy * real(1 - ay) + uz * uz * real(1 - az)
-        if along * along + across < surface_term.radius_squared:
-            farthest = max(farthest, formulas.exit_length(real(towards) * along, across, surface_term))
+def farther_exit(farthest, ux, uy, uz, ax, ay, az, towards, surface_term):
+    """The farther one [h] of `farthest` and the way out of the sphere of a particle at u, along an axis."""
+    real = type(farthest)
+    along = ux * real(ax) + uy * real(ay) + uz * real(az)
+    across = ux * ux * real(1 - ax) + uy * uy * real(1 - ay) + uz * uz * real(1 - az)
+    if along * along + across < surface_term.radius_squared:
+        farthest = max(farthest, formulas.exit_length(real(towards) * along, across, surface_term))
     return farthest
 
 
@@ -76,22 +68,14 @@ def exit_point(v, interior_position, cells, blocks, node_state, surface_term, ve
         for dy in range(-2, 2):
             for dx in range(-2, 2):
                 cell = step_node(blocks, node, dx, dy, dz)
-                if cell >= 0:
-                    farthest = farthest_exit(
-                        cells.first[cell],
-                        cells.first[cell + 1],
-                        farthest,
-                        interior_position,
-                        cells,
-                        jx,
-                        jy,
-                        jz,
-                        ax,
-                        ay,
-                        az,
-                        towards,
-                        surface_term,
-                    )
+                if cell < 0:
+                    continue
+                for k in range(cells.first[cell], cells.first[cell + 1]):
+                    p = cells.point[k]
+                    ux = formulas.grid_offset(interior_position[p, 0], jx, surface_term)
+                    uy = formulas.grid_offset(interior_position[p, 1], jy, surface_term)
+                    uz = formulas.grid_offset(interior_position[p, 2], jz, surface_term)
+                    farthest = farther_exit(farthest, ux, uy, uz, ax, ay, az, towards, surface_term)
     way = real(towards) * min(farthest, real(1))
     return h * (real(jx) + real(ax) * way), h * (real(jy) + real(ay) * way), h * (real(jz) + real(az) * way)
 
@@ -123,23 +107,6 @@ def facet_sample(f, vertex_position, facets):
     if area > real(0):
         nx, ny, nz = nx / area, ny / area, nz / area
     return x, y, z, area, nx, ny, nz
-
-
-@formula(inlined=True)
-def nearer(begin, end, best, found, ox, oy, oz, jx, jy, jz, interior_position, cells, surface_term):
-    """(squared distance [h^2], number) of the nearest of particle `found` and some others to the place o over node j.
-
-    They stand in the list of cells from `begin` to `end`.
-    """
-    for k in range(begin, end):
-        p = cells.point[k]
-        ux = ox - formulas.grid_offset(interior_position[p, 0], jx, surface_term)
-        uy = oy - formulas.grid_offset(interior_position[p, 1], jy, surface_term)
-        uz = oz - formulas.grid_offset(interior_position[p, 2], jz, surface_term)
-        squared = ux * ux + uy * uy + uz * uz
-        if squared < best or (squared == best and p < found):
-            best, found = squared, p
-    return best, found
 
 
 @formula
@@ -182,21 +149,14 @@ def nearest_particle(i, x, y, z, interior_position, cells, blocks, surface_term)
                     cell = step_node(blocks, i, dx, dy, dz)
                     if cell < 0:
                         continue
-                    best, found = nearer(
-                        cells.first[cell],
-                        cells.first[cell + 1],
-                        best,
-                        found,
-                        ox,
-                        oy,
-                        oz,
-                        jx,
-                        jy,
-                        jz,
-                        interior_position,
-                        cells,
-                        surface_term,
-                    )
+                    for k in range(cells.first[cell], cells.first[cell + 1]):
+                        p = cells.point[k]
+                        ux = ox - formulas.grid_offset(interior_position[p, 0], jx, surface_term)
+                        uy = oy - formulas.grid_offset(interior_position[p, 1], jy, surface_term)
+                        uz = oz - formulas.grid_offset(interior_position[p, 2], jz, surface_term)
+                        squared = ux * ux + uy * uy + uz * uz
+                        if squared < best or (squared == best and p < found):
+                            best, found = squared, p
     nx, ny, nz = away_from(found, best, ox, oy, oz, jx, jy, jz, interior_position, surface_term)
     return found, nx, ny, nz
 

@@ -14,7 +14,7 @@ import numpy as np
 from refsim import device
 from refsim.isosurface import Mesh, case_tables
 from refsim.sparse_grid import Blocks, PointList, nodes
-from refsim.sparse_grid.cuda import fill_cells, sum_blocks, write_first
+from refsim.sparse_grid.cuda import sum_blocks, write_first
 from refsim.surface_energy import Tension
 from refsim.surface_energy.reconstruction import Samples, Surface
 from refsim.surface_energy.recorded import cuda as kernels
@@ -71,8 +71,9 @@ class Recorded:
         self.least = np.int32(reconstruction.tension.least_component(dim))
         v, f, b = vertices + vertices // ROOM + 8, facets + facets // ROOM + 8, count // 64
         shapes = {
-            "held": count, "first": count + 1, "place": n, "unsorted": n, "node_state": (count, np.uint8),
-            "node_label": count, "members": count, "crossings": (count, np.uint8), "cell_case": (count, np.uint8),
+            "held": count, "first": count + 1, "place": n, "unsorted": n, "placed": ((n, 3), real),
+            "node_state": (count, np.uint8), "node_label": count, "members": count,
+            "crossings": (count, np.uint8), "cell_case": (count, np.uint8),
             "cut_total": (b, np.int64), "edge_first": count, "facet_first": count, "vertex_edge": v,
             "facets": ((f, dim), np.int32), "vertex_position": ((v, 3), real), "vertex_outward": ((v, 3), real),
             "sample_place": ((f, 3), real), "facet_normal": ((f, 3), real), "outward": ((f, 3), real),
@@ -174,9 +175,9 @@ class Recorded:
         kernels.total_blocks(a["held"], counts, total)
         sum_blocks(a["one"], total)
         write_first(a["held"], total, a["first"])
-        fill_cells(self.cell, a["place"], a["first"], a["unsorted"])
+        kernels.fill_particles(position, self.cell, a["place"], a["first"], a["unsorted"], a["placed"])
         cells = PointList(a["first"], a["unsorted"], self.cell)
-        kernels.states_of_blocks(position, cells, blocks, term, a["node_state"], a["node_label"], total)
+        kernels.states_of_blocks(a["placed"], cells, blocks, term, a["node_state"], a["node_label"], total)
         kernels.classify_blocks(blocks, a["node_state"], self.table, a["crossings"], a["cell_case"], a["cut_total"])
         kernels.sum_cuts(a["one"], a["cut_total"], a["vertex_edge"], a["facets"], counts)
         self.found.send()
@@ -195,10 +196,19 @@ class Recorded:
             a["node_label"], a["members"], a["cut_total"],
         )  # fmt: skip
         kernels.place_vertices(
-            position, cells, blocks, a["node_state"], term, edge, counts, a["vertex_position"], a["vertex_outward"]
+            position,
+            a["placed"],
+            cells,
+            blocks,
+            a["node_state"],
+            term,
+            edge,
+            counts,
+            a["vertex_position"],
+            a["vertex_outward"],
         )
         kernels.place_points(
-            position, cells, blocks, term, edge, a["vertex_position"], facets, counts, a["sample_place"],
+            position, a["placed"], cells, blocks, term, edge, a["vertex_position"], facets, counts, a["sample_place"],
             a["facet_normal"], a["outward"], a["fit_position"], a["fit_cell"], a["fit_place"], a["held_points"],
         )  # fmt: skip
         splines, first, target = a["fit_splines"], a["fit_first"], a["fit_target"]
@@ -213,15 +223,15 @@ class Recorded:
         kernels.begin_fit(first, rank, blocks, a["reached"], change, term, weight, coefficients, total)
         for _ in range(int(term.iterations) - 1):
             kernels.sum_fit(*listed, coefficients, counts, None, change, a["warps"])
-            kernels.correct(rank, blocks, change, term, weight, coefficients)
+            kernels.correct(rank, blocks, change, term, weight, coefficients, total)
         kernels.find_normals(
             a["sample_place"], a["outward"], a["vertex_position"], a["vertex_outward"], edge, facets, blocks, term,
             a["coefficients"], self.mls, counts, a["either"], a["sample_normal"], a["vertex_normal"],
             a["inset_position"],
         )  # fmt: skip
         kernels.place_samples(
-            position, cells, blocks, term, edge, a["inset_position"], facets, a["node_label"], a["members"], self.least,
-            a["sample_position"], a["sample_area"], a["nearest"], a["sample_count"], counts,
+            position, a["placed"], cells, blocks, term, edge, a["inset_position"], facets, a["node_label"],
+            a["members"], self.least, a["sample_position"], a["sample_area"], a["nearest"], a["sample_count"], counts,
         )  # fmt: skip
         self.ended.send()
 

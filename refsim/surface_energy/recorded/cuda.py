@@ -17,6 +17,7 @@ from refsim.surface_energy.cuda import lowest
 
 LANES = 1 if simulated() else 8  # threads that share a vertex or a facet; the simulator knows no shuffles
 CELLS = 64  # of a block, a thread to each
+REACHING = 216  # cells that reach a block's nodes: 6 x 6 x 6, or 10 x 10 in the plane
 CELL_BIT = 1 << 24  # counts a cell beside its points: 64 cells of fewer than 2^24 points together
 FAR_ENOUGH = 1.0001  # a row of cells this much farther than a particle has none that is nearer, however it was rounded
 WIDTH = 1 if simulated() else 32  # threads that share a cell, one for each of the 27 nodes that its points reach
@@ -80,6 +81,17 @@ def count_particles(interior_position, surface_term, blocks, sure, held, place, 
             place[i] = cuda.atomic.add(held, found, 1)
 
 
+@cuda_kernel(rows_of="cell")
+def fill_particles(interior_position, cell, place, first, point, placed):
+    """The particles of each cell, in any order, and their positions [m] side by side."""
+    i = cuda.grid(1)
+    if i < cell.shape[0] and cell[i] >= 0:
+        at = first[cell[i]] + place[i]
+        point[at] = i
+        for c in range(3):
+            placed[at, c] = interior_position[i, c]
+
+
 @cuda_kernel(block_for_each_row=True, threads=CELLS, rows_of="total")
 def total_blocks(held, counts, total):
     """Points of each block; the most in a cell, where that is asked for."""
@@ -123,7 +135,7 @@ def row_part(i, way, low, high, dy, dz, blocks, first):
 
 
 @formula
-def is_inside(i, interior_position, cells, blocks, surface_term):
+def is_inside(i, placed, cells, blocks, surface_term):
     """What `node.is_inside` finds; the cells that touch the node come first here, too."""
     jx, jy, jz = node_coordinates(blocks, i)
     space = blocks.neighbour.shape[1] == 27
@@ -133,24 +145,23 @@ def is_inside(i, interior_position, cells, blocks, surface_term):
                 for way in range(-1, 2):
                     begin, end = row_part(i, way, -reach, reach - 1, dy, dz, blocks, cells.first)
                     for k in range(begin, end):
-                        p = cells.point[k]
-                        ux = formulas.grid_offset(interior_position[p, 0], jx, surface_term)
-                        uy = formulas.grid_offset(interior_position[p, 1], jy, surface_term)
-                        uz = formulas.grid_offset(interior_position[p, 2], jz, surface_term)
+                        ux = formulas.grid_offset(placed[k, 0], jx, surface_term)
+                        uy = formulas.grid_offset(placed[k, 1], jy, surface_term)
+                        uz = formulas.grid_offset(placed[k, 2], jz, surface_term)
                         if ux * ux + uy * uy + uz * uz < surface_term.radius_squared:
                             return 1
     return 0
 
 
 @cuda_kernel(block_for_each_row=True, threads=CELLS, rows_of="total")
-def states_of_blocks(interior_position, cells, blocks, surface_term, node_state, node_label, total):
+def states_of_blocks(placed, cells, blocks, surface_term, node_state, node_label, total):
     """Algorithm 1, lines 5 to 9, and first labels: the lowest node that hangs together with each within its block."""
     label = cuda.shared.array(CELLS, np.int32)
     b, thread = cuda.blockIdx.x, cuda.threadIdx.x
     i = CELLS * b + thread
     state = 0
     if occupied_near(cells.first, blocks, b, 0, blocks.neighbour.shape[1]):
-        state = is_inside(i, interior_position, cells, blocks, surface_term)
+        state = is_inside(i, placed, cells, blocks, surface_term)
     node_state[i] = state
     own = thread if state == 1 else CELLS
     if cuda.syncthreads_and(state) != 0:
@@ -349,7 +360,7 @@ def write_facets(
 
 
 @formula
-def nearest_of_lanes(lane, i, x, y, z, interior_position, cells, blocks, surface_term):
+def nearest_of_lanes(lane, i, x, y, z, interior_position, placed, cells, blocks, surface_term):
     """What `node.nearest_particle` finds."""
     jx, jy, jz = node_coordinates(blocks, i)
     ox = formulas.grid_offset(x, jx, surface_term)
@@ -368,9 +379,13 @@ def nearest_of_lanes(lane, i, x, y, z, interior_position, cells, blocks, surface
             across, beyond = gap(oy, dy), gap(oz, dz) if space else real(0)
             if across * across + beyond * beyond <= FAR_ENOUGH * float(best):
                 begin, end = row_part(i, way, -reach, reach, dy, dz, blocks, cells.first)
-                best, found = node.nearer(
-                    begin, end, best, found, ox, oy, oz, jx, jy, jz, interior_position, cells, surface_term
-                )
+                for k in range(begin, end):
+                    ux = ox - formulas.grid_offset(placed[k, 0], jx, surface_term)
+                    uy = oy - formulas.grid_offset(placed[k, 1], jy, surface_term)
+                    uz = oz - formulas.grid_offset(placed[k, 2], jz, surface_term)
+                    squared = ux * ux + uy * uy + uz * uz
+                    if squared < best or (squared == best and cells.point[k] < found):
+                        best, found = squared, cells.point[k]
         best, found = nearest_lane(lane, best, found)
     nx, ny, nz = node.away_from(found, best, ox, oy, oz, jx, jy, jz, interior_position, surface_term)
     return found, nx, ny, nz
@@ -432,7 +447,7 @@ def farthest_lane(lane, farthest):
 
 @cuda_kernel(lanes=LANES, rows_of="vertex_edge")
 def place_vertices(
-    interior_position, cells, blocks, node_state, surface_term, vertex_edge, counts, vertex_position, outward
+    interior_position, placed, cells, blocks, node_state, surface_term, vertex_edge, counts, vertex_position, outward
 ):
     """Algorithm 1, lines 10 to 17: vertices on the union of spheres [m], and directions away from the liquid."""
     v, lane = cuda.grid(1) // LANES, cuda.grid(1) % LANES
@@ -452,15 +467,17 @@ def place_vertices(
         for m in range(lane, parts_of_rows(4, space), LANES):
             part, dy, dz = part_of_row(m, 4)
             begin, end = row_part(i, part, -2, 1, dy - 2, dz - 2 if space else 0, blocks, cells.first)
-            farthest = node.farthest_exit(
-                begin, end, farthest, interior_position, cells, jx, jy, jz, ax, ay, az, towards, surface_term
-            )
+            for k in range(begin, end):
+                ux = formulas.grid_offset(placed[k, 0], jx, surface_term)
+                uy = formulas.grid_offset(placed[k, 1], jy, surface_term)
+                uz = formulas.grid_offset(placed[k, 2], jz, surface_term)
+                farthest = node.farther_exit(farthest, ux, uy, uz, ax, ay, az, towards, surface_term)
         way = real(towards) * min(farthest_lane(lane, farthest), real(1))
         x = h * (real(jx) + real(ax) * way)
         y = h * (real(jy) + real(ay) * way)
         z = h * (real(jz) + real(az) * way)
         own = node_at(x, y, z, 0.0, i >> 6, blocks, surface_term)
-        _, nx, ny, nz = nearest_of_lanes(lane, own, x, y, z, interior_position, cells, blocks, surface_term)
+        _, nx, ny, nz = nearest_of_lanes(lane, own, x, y, z, interior_position, placed, cells, blocks, surface_term)
         if lane == 0:
             vertex_position[v, 0], vertex_position[v, 1], vertex_position[v, 2] = x, y, z
             outward[v, 0], outward[v, 1], outward[v, 2] = nx, ny, nz
@@ -468,7 +485,7 @@ def place_vertices(
 
 @cuda_kernel(lanes=LANES, rows_of="facets")
 def place_points(
-    interior_position, cells, blocks, surface_term, vertex_edge, vertex_position, facets, counts, sample_place,
+    interior_position, placed, cells, blocks, surface_term, vertex_edge, vertex_position, facets, counts, sample_place,
     facet_normal, outward, fit_position, fit_cell, fit_place, held_points,
 ):  # fmt: skip
     """One sample to a facet, its nearest particle, the points of the fit [m] and their cells."""
@@ -478,7 +495,7 @@ def place_points(
         x, y, z, _, fx, fy, fz = node.facet_sample(s, vertex_position, facets)
         guess = (vertex_edge[facets[s, 0]] // 3) >> 6
         own = node_at(x, y, z, 0.0, guess, blocks, surface_term)
-        _, nx, ny, nz = nearest_of_lanes(lane, own, x, y, z, interior_position, cells, blocks, surface_term)
+        _, nx, ny, nz = nearest_of_lanes(lane, own, x, y, z, interior_position, placed, cells, blocks, surface_term)
         for k in range(lane, 2, LANES):
             r = s
             if k == 0:
@@ -624,12 +641,42 @@ def sum_fit(fit_first, fit_splines, fit_target, filled, blocks, coefficients, co
 
 
 @formula
-def sum_around(i, k, column, rank, blocks, sums):
-    """What the cell from which node i is the k-th in reach holds for it, 0 where it has no points."""
-    cell = step_node(blocks, i, -(k % 3), -(k // 3 % 3), -(k // 9))
-    if cell >= 0 and rank[cell] >= 0:
-        return sums[rank[cell], column]
-    return sums.dtype.type(0)
+def load_ranks(b, rank, blocks, near):
+    """near[c]: numbers of the cells that reach the nodes of block b: of its own and of those up to two below."""
+    space = blocks.neighbour.shape[1] == 27
+    for c in range(cuda.threadIdx.x, 216 if space else 100, CELLS):
+        at = np.uint32(c)
+        if space:
+            z = at // np.uint32(36)
+            y = (at - np.uint32(36) * z) // np.uint32(6)
+            x = at - np.uint32(36) * z - np.uint32(6) * y
+        else:
+            z, y = np.uint32(2), at // np.uint32(10)
+            x = at - np.uint32(10) * y
+        cell = step_node(blocks, CELLS * b, np.int32(x) - 2, np.int32(y) - 2, np.int32(z) - 2)
+        near[c] = rank[cell] if cell >= 0 else -1
+    cuda.syncthreads()
+
+
+@formula
+def sum_around(near, blocks, first_column, columns, sums):
+    """Sum, for a thread's node, of what the cells hold for it from which it is the k-th in reach."""
+    space = blocks.neighbour.shape[1] == 27
+    bits, width = (2, 6) if space else (3, 10)
+    rest = (1 << bits) - 1
+    thread = cuda.threadIdx.x
+    own = (thread & rest) + 2 + width * (((thread >> bits) & rest) + 2)
+    if space:
+        own += 36 * ((thread >> 4) + 2)
+    total = sums.dtype.type(0)
+    for kz in range(3):
+        if kz == 0 or space:
+            for ky in range(3):
+                for kx in range(3):
+                    n = near[own - kx - width * ky - 36 * kz]
+                    if n >= 0:
+                        total += sums[n, columns * (kx + 3 * ky + 9 * kz) + first_column]
+    return total
 
 
 @cuda_kernel(block_for_each_row=True, threads=CELLS, rows_of="total")
@@ -637,31 +684,32 @@ def begin_fit(fit_first, rank, blocks, reached, change, surface_term, node_weigh
     """(3.7): 1/sum_r B_i(x_r), 0 at a node that is hardly reached, and the first sweep from C = 0."""
     b = cuda.blockIdx.x
     i = CELLS * b + cuda.threadIdx.x
+    near = cuda.shared.array(REACHING, np.int32)
     real = type(surface_term.cell_size)
     weight, value = real(0), real(0)
-    # a node is reached from cells up to two nodes below it: blocks below and its own, ways 0 to the middle
+    # blocks below and its own, ways 0 to the middle, reach a block's nodes
     if occupied_near(fit_first, blocks, b, 0, blocks.neighbour.shape[1] // 2 + 1):
-        whole, changed = real(0), real(0)
-        for k in range(27 if blocks.neighbour.shape[1] == 27 else 9):
-            whole += sum_around(i, k, k, rank, blocks, reached)
-            changed += sum_around(i, k, k, rank, blocks, change)
+        load_ranks(b, rank, blocks, near)
+        whole = sum_around(near, blocks, 0, 1, reached)
         if whole > real(formulas.LEAST_SUM):
             weight = real(1) / whole
             if surface_term.iterations > 0:
-                value = surface_term.relaxation * weight * changed
+                value = surface_term.relaxation * weight * sum_around(near, blocks, 0, 1, change)
     node_weight[i] = weight
     coefficients[i] = value
 
 
-@cuda_kernel
-def correct(rank, blocks, change, surface_term, node_weight, coefficients):
+@cuda_kernel(block_for_each_row=True, threads=CELLS, rows_of="total")
+def correct(rank, blocks, change, surface_term, node_weight, coefficients, total):
     """C <- C + w Lambda B^T (b - B C)."""
-    i = cuda.grid(1)
-    if i < coefficients.shape[0] and node_weight[i] > coefficients.dtype.type(0):
-        changed = coefficients.dtype.type(0)
-        for k in range(27 if blocks.neighbour.shape[1] == 27 else 9):
-            changed += sum_around(i, k, k, rank, blocks, change)
-        coefficients[i] += surface_term.relaxation * node_weight[i] * changed
+    b = cuda.blockIdx.x
+    i = CELLS * b + cuda.threadIdx.x
+    near = cuda.shared.array(REACHING, np.int32)
+    weight = node_weight[i]
+    if cuda.syncthreads_or(1 if weight > type(weight)(0) else 0) != 0:
+        load_ranks(b, rank, blocks, near)
+        if weight > type(weight)(0):
+            coefficients[i] += surface_term.relaxation * weight * sum_around(near, blocks, 0, 1, change)
 
 
 @formula
@@ -707,8 +755,8 @@ def find_normals(
 
 @cuda_kernel(lanes=LANES, rows_of="facets")
 def place_samples(
-    interior_position, cells, blocks, surface_term, vertex_edge, inset_position, facets, node_label, members, least,
-    sample_position, sample_area, nearest, sample_count, counts,
+    interior_position, placed, cells, blocks, surface_term, vertex_edge, inset_position, facets, node_label, members,
+    least, sample_position, sample_area, nearest, sample_count, counts,
 ):  # fmt: skip
     """The samples after the inset, their nearest particles, and areas, 0 on components too small to bear tension."""
     s, lane = cuda.grid(1) // LANES, cuda.grid(1) % LANES
@@ -716,7 +764,7 @@ def place_samples(
         x, y, z, area, _, _, _ = node.facet_sample(s, inset_position, facets)
         guess = (vertex_edge[facets[s, 0]] // 3) >> 6
         own = node_at(x, y, z, 0.0, guess, blocks, surface_term)
-        p, _, _, _ = nearest_of_lanes(lane, own, x, y, z, interior_position, cells, blocks, surface_term)
+        p, _, _, _ = nearest_of_lanes(lane, own, x, y, z, interior_position, placed, cells, blocks, surface_term)
         if lane == 0:
             bears = False
             if p < 0:
@@ -812,11 +860,12 @@ def pull_nodes(first, rank, blocks, pulls, surface_term, node_force, total):
     b = cuda.blockIdx.x
     i = CELLS * b + cuda.threadIdx.x
     real = type(surface_term.cell_size)
+    near = cuda.shared.array(REACHING, np.int32)
     tx, ty, tz = real(0), real(0), real(0)
     if occupied_near(first, blocks, b, 0, blocks.neighbour.shape[1] // 2 + 1):
-        for k in range(27 if blocks.neighbour.shape[1] == 27 else 9):
-            tx += sum_around(i, k, 3 * k, rank, blocks, pulls)
-            ty += sum_around(i, k, 3 * k + 1, rank, blocks, pulls)
-            tz += sum_around(i, k, 3 * k + 2, rank, blocks, pulls)
+        load_ranks(b, rank, blocks, near)
+        tx = sum_around(near, blocks, 0, 3, pulls)
+        ty = sum_around(near, blocks, 1, 3, pulls)
+        tz = sum_around(near, blocks, 2, 3, pulls)
     strength = -surface_term.tension / surface_term.cell_size
     node_force[i, 0], node_force[i, 1], node_force[i, 2] = strength * tx, strength * ty, strength * tz
