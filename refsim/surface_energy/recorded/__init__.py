@@ -82,7 +82,7 @@ class Recorded:
             "fit_target": (2 * f, real), "node_weight": (count, real),
             "coefficients": (count, real), "rank": count,
             "filled": 2 * f, "pair_total": (b, np.int64), "reached": ((2 * f, 27), real), "change": ((2 * f, 27), real),
-            "pulls": ((f, 81), real), "warps": (f // 4 + 1, np.uint8), "sample_normal": ((f, 3), real),
+            "pulls": ((f, 81), real), "warps": (f // 2 + 1, np.uint8), "sample_normal": ((f, 3), real),
             "vertex_normal": ((v, 3), real),
             "inset_position": ((v, 3), real), "sample_position": ((f, 3), real), "sample_area": (f, real),
             "nearest": f, "sample_count": n, "either": (f + v, np.uint8), "total": b, "one": 1,
