@@ -15,7 +15,7 @@ from validation.results import floats, real
 from validation.work_precision import NORMAL
 
 GROUP_COLOURS = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY)
-MARKERS = ("o", "s", "^", "D", "v", "P")
+MARKERS = ("o", "s", "^", "D", "v", "P", "X", "p", "*", "<", ">", "h")  # more than colours: no pair of both comes twice
 PART_COLOURS = {"start": YELLOW, "list": GREY, "step": BLUE, "threshold": ORANGE, "normals": SKY, "scan": GREEN}
 PALE = "#c4c4c4"
 NARROW = 62  # characters of a short line
@@ -214,7 +214,7 @@ def _distributions(axes: Any, data: Mapping[str, Any], points: Mapping[str, Any]
     for q, colour in (("median", BLUE), ("99 %", ORANGE), ("max", VERMILION)):
         axes.plot([], [], "o", color=colour, label=q)
     axes.set_yticks(range(1, len(data["front"]) + 1))
-    axes.set_ylim(len(data["front"]) + 0.6, 0.4)
+    axes.set_ylim(0.4 + (len(data["front"]) - 0.1) / 0.76, 0.4)  # room for the legend
     axes.set_xlabel("; ".join(textwrap.fill(name, NARROW) for name in names) or "no distribution")
     axes.set_title("b  Not one norm: the front's distributions")
     axes.grid(True, axis="x")
