@@ -60,23 +60,27 @@ def follow(
 
 def rounding(
     context: Context, backend: str, shape: str, size: float, until: float, shown: Sequence[float] = (),
-    tension: Mapping[str, Any] | None = None, liquid: Mapping[str, Any] | None = None, rows: int = 120,
+    tension: Mapping[str, Any] | None = None, liquid: Mapping[str, Any] | None = None, rows: int = 120, seed: int = 3,
+    per: int = 2, cell: float | None = None,
 ) -> Result:  # fmt: skip
     """A box of 1.3 : 1 : 0.8, or a cube (square), whose surface draws it to a ball.
 
-    shape  "box" (turned off the axes), "cube" or "square"; size  side of the cube of the same volume [cells]
+    shape  "box" (turned off the axes by `seed`), "cube" or "square"; size  side of the cube of the same volume [cells]
+    per    particles along a cell; cell  h [m]
     """
     dim = 2 if shape == "square" else 3
     if shape == "box":
         scale = size / math.prod(SIDES) ** (1 / 3)
-        place = box([round(2 * scale * side) / 2 for side in SIDES], seed=3)
+        place = box([round(per * scale * side) / per for side in SIDES], seed=seed, per=per)
     else:
-        place = box([size] * dim)
-    run = context.simulation(drop_scene(place, dim, tension=dict(tension or {}), liquid=dict(liquid or {})), backend)
+        place = box([size] * dim, per=per)
+    scene = drop_scene(place, dim, tension=dict(tension or {}), liquid=dict(liquid or {}), cell=cell, per=per)
+    run = context.simulation(scene, backend)
     ledger, kept, stopped = follow(context, run, until, rows, shown)
     return Result(
         {"stopped": stopped, "dim": dim, "shown": list(shown), "steps": run.steps, "series": ledger.series,
-         "last": late(ledger.series), "chance": measures.anisotropy_of_chance(run.count, dim), **ledger.summary()},
+         "last": late(ledger.series), "chance": measures.anisotropy_of_chance(run.count, dim),
+         "inside": measures.evenness(run), **ledger.summary()},
         kept,
     )  # fmt: skip
 

@@ -55,22 +55,24 @@ def ellipsoid(radius: float, dim: int, stretch: float = 0.0, seed: int | None = 
     return place[((place / semi) ** 2).sum(1) < 1]
 
 
-def box(sides: Sequence[float], seed: int | None = None) -> Array:
-    """A lattice block of the given sides [cells], its middle near the origin; turned off the axes by `seed`."""
-    axes = [0.5 * (np.arange(round(2 * side)) + 0.5) - 0.5 * side for side in sides]
+def box(sides: Sequence[float], seed: int | None = None, per: int = 2) -> Array:
+    """A lattice block of the given sides [cells], `per` particles along a cell, its middle near the origin; turned off
+    the axes by `seed`."""
+    axes = [(np.arange(round(per * side)) + 0.5) / per - 0.5 * side for side in sides]
     place = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(sides))
     return (place if seed is None else turned(place, seed)) + SHIFT[: len(sides)]
 
 
-def radius_of(count: int, dim: int) -> float:
-    """Radius of the ball (disc) of the volume of `count` particles [cells]."""
-    return math.sqrt(count / (4 * math.pi)) if dim == 2 else (3 * count / (32 * math.pi)) ** (1 / 3)
+def radius_of(count: int, dim: int, per: int = 2) -> float:
+    """Radius of the ball (disc) of the volume of `count` particles, `per` along a cell [cells]."""
+    volume = count / per**dim
+    return math.sqrt(volume / math.pi) if dim == 2 else (3 * volume / (4 * math.pi)) ** (1 / 3)
 
 
 def drop_scene(
     place: Array, dim: int, *, velocity: Any = (0.0, 0.0, 0.0), dtype: str = "float64", step: float | None = None,
     liquid: dict[str, Any] | None = None, tension: dict[str, Any] | None = None, balanced: bool = False,
-    walls: dict[str, Any] | None = None, cell: float | None = None,
+    walls: dict[str, Any] | None = None, cell: float | None = None, per: int = 2,
 ) -> Scene:  # fmt: skip
     """A scene of particles at `place` (n, dim) [cells].
 
@@ -78,12 +80,13 @@ def drop_scene(
     balanced  start pressed together by as much as holds the pressure of a round drop
     walls     parameters of `MpmWalls`, corners in cells
     cell      h [m]; None takes CELLS
+    per       particles along a cell
     """
     h = cell or CELLS[dim]
     surface = {"surface_tension": TENSION, **(tension or {})}
-    matter = {"rest_density": DENSITY, "bulk_modulus": MODULUS, **(liquid or {})}
+    matter = {"rest_density": DENSITY, "bulk_modulus": MODULUS, "cell_size": h, **(liquid or {})}
     if balanced:
-        pressure = (dim - 1) * surface["surface_tension"] / (h * radius_of(len(place), dim))
+        pressure = (dim - 1) * surface["surface_tension"] / (h * radius_of(len(place), dim, per))
         matter["initial_ratio"] = 1 - pressure / matter["bulk_modulus"]
         place = place * matter["initial_ratio"] ** (1 / dim)
     position = np.pad(h * place, ((0, 0), (0, 3 - dim)))
@@ -92,8 +95,10 @@ def drop_scene(
         corners = {name: tuple(h * c for c in walls[name]) for name in ("lower", "upper")}
         effects.append(MpmWalls(**{**walls, **corners}))
     if step is None:
-        step = STEPS[dim] * math.sqrt(min(1.0, MODULUS / matter["bulk_modulus"]))
+        step = STEPS[dim] * h / CELLS[dim] * math.sqrt(min(1.0, MODULUS / matter["bulk_modulus"]))
+        if matter.get("dynamic_viscosity"):  # the runner's viscous limit
+            step = min(step, DENSITY * h**2 / (16 * matter["dynamic_viscosity"]))
     return Scene(
-        spacing=h / 2, support_radius=1.5 * h, dim=dim, dtype=dtype, step=step, effects=tuple(effects),
+        spacing=h / per, support_radius=3 * h / per, dim=dim, dtype=dtype, step=step, effects=tuple(effects),
         fluid=(Cloud(position=position, velocity=velocity),),
     )  # fmt: skip
