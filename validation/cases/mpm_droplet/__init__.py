@@ -10,6 +10,7 @@ from typing import Any
 
 from refsim.mpm import READINGS
 from validation.cases.mpm_droplet import drops, pictures, runs
+from validation.cases.mpm_droplet.scene import CELLS
 from validation.harness import Case, Options, Picture, Results, Run
 from validation.results import real
 from validation.tables import Table
@@ -24,7 +25,13 @@ COLUMNS = {
 ENCLOSING = {"enclose_volume": True}
 # What brings the box to rest: no liquid comes to rest without viscosity. lambda is twice that of the other drops, so
 # that the surface's pressure takes half a per cent of the volume.
-RESTFUL = {"dynamic_viscosity": 0.12, "bulk_modulus": 2000.0}
+RESTFUL = {"dynamic_viscosity": 0.3, "bulk_modulus": 2000.0}
+# The box again, in other cells and turns, fuller, and less viscous: (side of its cube [cells], particles along a cell,
+# seed of its turn, viscosity)
+BOXES = {
+    "turn_5": (10.0, 2, 5, 0.3), "turn_7": (10.0, 2, 7, 0.3), "coarse": (6.5, 2, 3, 0.3), "fine": (15.0, 2, 3, 0.3),
+    "full": (10.0, 3, 3, 0.3), "thin": (10.0, 2, 3, 0.12),
+}  # fmt: skip
 DAMPED = {"dynamic_viscosity": 0.05}
 RADII = {2: (5.5, 11.0, 22.0), 3: (4.0, 6.0, 8.0, 12.0)}
 SEEDS = (0, 1, 2)
@@ -61,10 +68,16 @@ def bodies(options: Options) -> list[Run]:
 
     def add(key: str, function: Any, estimate: float, small: bool = False, **parameters: Any) -> None:
         if small == quick:
-            made.append(Run(key, function, {"backend": backend, **parameters}, estimate))
+            slow = estimate > 500 and backend != "cuda"
+            skip = "takes more than ten minutes on two threads; run with --backend cuda" if slow else ""
+            made.append(Run(key, function, {"backend": backend, **parameters}, estimate, skip))
 
     shown = [0.0, 0.02, 0.04, 0.08, 0.16, 0.5]
-    add("box", drops.rounding, 80.0, shape="box", size=10.0, until=0.55, shown=shown, tension=ENCLOSING, liquid=RESTFUL)
+    add("box", drops.rounding, 110.0, shape="box", size=10.0, until=0.55, shown=shown, tension=ENCLOSING, liquid=RESTFUL)
+    for name, (size, per, seed, viscosity) in BOXES.items():
+        liquid = {**RESTFUL, "dynamic_viscosity": viscosity}
+        add(f"box_{name}", drops.rounding, 110.0 * (size / 10) ** 5 * (per / 2) ** 3, shape="box", size=size,
+            cell=CELLS[3] * 10 / size, per=per, seed=seed, until=0.55, tension=ENCLOSING, liquid=liquid)  # fmt: skip
     add("box_default", drops.rounding, 40.0, shape="box", size=10.0, until=0.3, shown=[0.3])
     add("cube", drops.rounding, 35.0, shape="cube", size=10.0, until=0.28, shown=[0.0, 0.02, 0.04, 0.28])
     for dim, radii in RADII.items():
@@ -174,17 +187,19 @@ def peers(results: Results) -> dict[str, Mapping[str, Any]]:
 
 
 KEPT = ("momentum", "angular", "centre")
+JUDGED = ("box", "box_turn_5", "box_turn_7", "box_fine", "box_full")
+ROUNDED = ("box", *(f"box_{name}" for name in BOXES), "box_default", "cube")
 SHAPES = ("sphericity", "volume", "anisotropy", "particle_anisotropy")
 
 
 def judged_bodies(results: Results, bounds: Bounds) -> list[Measurement]:
     """Shapes, pressures, frequencies, angles and ledgers of the drops."""
     made: list[Measurement] = []
-    for key in ("box", "box_default", "cube", "small_box"):
+    for key in (*ROUNDED, "small_box"):
         if key not in results:
             continue
         values = results[key].values
-        rule = "box" if key == "box" else "shape"
+        rule = "box" if key in JUDGED else "shape"
         last = values["last"]
         made.append(bounds.judge(f"{rule}_sphericity", last["sphericity"]["least"], key))
         made.append(bounds.judge(f"{rule}_sphericity_most", last["sphericity"]["largest"], key))
@@ -192,13 +207,13 @@ def judged_bodies(results: Results, bounds: Bounds) -> list[Measurement]:
         made.append(bounds.judge(f"{rule}_volume", volume, key))
         made.append(bounds.judge(f"{rule}_anisotropy", last["anisotropy"]["largest"], key))
         made.append(bounds.judge(f"{rule}_particle_anisotropy", last["particle_anisotropy"]["largest"], key))
-    kept = ("box", "box_default", "cube", "small_box", "collision_2d", "collision_3d", "sheet")
+    kept = (*ROUNDED, "small_box", "collision_2d", "collision_3d", "sheet")
     for key in (k for k in kept if k in results):
         values = results[key].values
         rules = {name: f"drop_{name}" for name in (*KEPT, "energy_rise")}
-        if key != "box":
+        if key not in JUDGED:
             rules["energy_rise"] = "energy_rise"
-        if key not in ("box", "box_default", "cube"):
+        if key not in ROUNDED:
             rules["angular"] = "angular"
         made += [bounds.judge(rule, values[name], key) for name, rule in rules.items()]
     for (dim, name), rows in pressures(results).items():
@@ -256,7 +271,7 @@ def body_tables(results: Results) -> list[Table]:
     """Shapes at the end, pressures, frequencies with what shifts them, angles, and the sheet."""
     made: list[Table] = []
     rows: list[list[Any]] = []
-    for key in ("box", "box_default", "cube", "small_box", "collision_2d", "collision_3d", "sheet"):
+    for key in (*ROUNDED, "small_box", "collision_2d", "collision_3d", "sheet"):
         if key in results:
             v = results[key].values
             last = v.get("last", {})
@@ -277,6 +292,19 @@ def body_tables(results: Results) -> list[Table]:
                 note,
             )
         )
+    rows = []
+    for key in (k for k in ROUNDED if k in results and k.startswith("box")):
+        v = results[key].values
+        spread = [f"{v['last'][n][m]:.4f}" for n in SHAPES[2:] for m in ("mean", "largest")]
+        even = [f"{real(v['inside'][n]):.4f}" for n in ("mean", "deviation", "range")]
+        rows.append([key, f"{v['radius_in_cells']:.2f}", v["particles"], *spread, *even])
+    if rows:
+        heading = ["run", "R/h", "particles", "body", "largest", "of particles", "largest", "rho J/rho0", "deviation"]
+        note = (
+            "Anisotropies: means and largest over the last quarter. rho J: of the particles more than two cells deep at"
+            " the end, and the range of its means over octants."
+        )
+        made.append(Table("A box becomes a ball: is the liquid round, and even?", [*heading, "octants"], rows, note))
     rows = []
     for (dim, name), found in pressures(results).items():
         for r in found:
@@ -411,6 +439,12 @@ CASE = Case(
         Picture("mpm_surfaces", pictures.surfaces_data, pictures.surfaces_picture, tuple(pictures.SURFACES)),
         Picture("mpm_ledgers", pictures.ledgers_data, pictures.ledgers_picture, tuple(pictures.LEDGERS)),
         Picture("mpm_box", pictures.box_data, pictures.box_picture, ("box", "box_default")),
+        Picture(
+            "mpm_settling",
+            pictures.settling_data,
+            pictures.settling_picture,
+            ("box", "box_thin"),
+        ),
         Picture("mpm_collision", pictures.collision_data, pictures.collision_picture, ("collision_2d", "collision_3d")),
         Picture("mpm_floor", pictures.floor_data, pictures.floor_picture, tuple(f"floor_3d_{a}" for a in ANGLES)),
         Picture("mpm_pressure", pictures.pressure_data, pictures.pressure_picture, ("rest_2d_22_enclosing_0",)),

@@ -344,6 +344,58 @@ def box_picture(data: Mapping[str, Any]) -> Any:
     return figure
 
 
+SETTLING = {
+    "box": "as judged", "box_turn_5": "turned otherwise", "box_turn_7": "turned otherwise", "box_full": "27 a cell",
+    "box_coarse": "coarse", "box_fine": "fine", "box_thin": "0.4 of the viscosity",
+}  # fmt: skip
+
+
+def settling_data(results: Results) -> dict[str, Any]:
+    """Anisotropy of the particles and of the body, over time and over the last quarter, in each box."""
+    rows = []
+    for key, words in SETTLING.items():
+        if key not in results:
+            continue
+        v = results[key].values
+        rows.append(
+            {"words": words, "radius": v["radius_in_cells"], "inside": v["inside"],
+             "series": chosen(v["series"], "anisotropy", "particle_anisotropy"),
+             "last": {name: v["last"][name] for name in ("anisotropy", "particle_anisotropy")}}
+        )  # fmt: skip
+    return {"title": "A box becomes a ball: anisotropy of its inertia", "rows": rows}
+
+
+def settling_picture(data: Mapping[str, Any]) -> Any:
+    """Particles and body over time on the left; mean and largest over the last quarter on the right."""
+    import matplotlib.pyplot as plt
+
+    figure, (left, right) = plt.subplots(1, 2, figsize=(9.6, 3.4), width_ratios=(1.1, 1))
+    kinds = (("particle_anisotropy", "particles", BLUE), ("anisotropy", "body in the surface", VERMILION))
+    row = data["rows"][0]
+    for name, words, colour in kinds:
+        left.semilogy(row["series"]["time"], row["series"][name], color=colour, label=words)
+    left.axhline(0.01, color=GREY, linestyle="--", linewidth=1.0)
+    left.set_xlabel("time [s]")
+    left.set_ylabel("anisotropy of inertia")
+    left.set_title(f"{row['words'].capitalize()}, R = {row['radius']:.1f} h")
+    left.legend(loc="upper right")
+    labels = [f"{row['words']}, R = {row['radius']:.1f} h" for row in data["rows"]]
+    for name, _, colour in kinds:
+        shift = -0.13 if name == "anisotropy" else 0.13
+        for k, row in enumerate(data["rows"]):
+            last = row["last"][name]
+            right.plot([last["mean"], last["largest"]], [k + shift] * 2, color=colour, linewidth=1.4)
+            right.plot(last["largest"], k + shift, "o", color=colour, markersize=4)
+    right.axvline(0.01, color=GREY, linestyle="--", linewidth=1.0)
+    right.set_xscale("log")
+    right.set_yticks(range(len(labels)), labels)
+    right.invert_yaxis()
+    right.set_title("Last quarter: mean to largest")
+    for axes in (left, right):
+        axes.grid(axis="both" if axes is left else "x")
+    return figure
+
+
 def collision_data(results: Results) -> dict[str, Any]:
     """Surfaces of two drops that meet in space, and the ledgers in space and in the plane."""
     space, plane = results["collision_3d"], results["collision_2d"]
