@@ -23,8 +23,9 @@ COLUMNS = {
 
 
 ENCLOSING = {"enclose_volume": True}
-# What brings the box to rest: no liquid comes to rest without viscosity. lambda is twice that of the other drops, so
-# that the surface's pressure takes half a per cent of the volume.
+# What brings the box to rest: no liquid comes to rest without viscosity, and soonest with about the one that damps mode
+# 2 critically, rho w R^2/5 = 0.25. lambda is twice that of the other drops, so that the surface's pressure takes half a
+# per cent of the volume.
 RESTFUL = {"dynamic_viscosity": 0.3, "bulk_modulus": 2000.0}
 # The box again, in other cells and turns, fuller, and less viscous: (side of its cube [cells], particles along a cell,
 # seed of its turn, viscosity)
