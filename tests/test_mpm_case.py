@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 import trimesh
 
+from refsim import Simulation
 from validation.cases import mpm_droplet
 from validation.cases.mpm_droplet import drops, measures, pictures
-from validation.cases.mpm_droplet.scene import CELLS, box, ellipsoid, lattice, radius_of, turned
+from validation.cases.mpm_droplet.scene import CELLS, box, drop_scene, ellipsoid, lattice, radius_of, turned
 from validation.cases.mpm_droplet.stability import Turning
 from validation.harness import Options
 from validation.results import Result
@@ -44,6 +45,19 @@ def test_chance_falls_with_the_root_of_the_number():
     few, many = (measures.anisotropy_of_chance(n, 2, draws=2000) for n in (100, 1600))
     assert few / many == pytest.approx(4.0, rel=0.1)
     assert many == pytest.approx(math.sqrt(math.pi / 2) * 4 / math.sqrt(6 * 1600), rel=0.1)
+    assert measures.anisotropy_of_cut(4.0, 3) < 0.5 * measures.anisotropy_of_chance(2144, 3)
+
+
+def test_even_particles_are_told_from_uneven_ones():
+    """A disc pressed together: its density is 1/J, and with a sixteenth of one side's particles gone it is not."""
+    place = ellipsoid(9.0, 2)
+    run = Simulation(drop_scene(place, 2, balanced=True, liquid={"bulk_modulus": 1000.0}), backend="cpu")
+    even = measures.evenness(run)
+    assert even["mean"] == pytest.approx(1.0, abs=2e-3)
+    assert even["range"] < 2e-3
+    thin = place[(place[:, 0] < 0) | (np.arange(len(place)) % 16 > 0)]
+    run = Simulation(drop_scene(thin, 2, balanced=True, liquid={"bulk_modulus": 1000.0}), backend="cpu")
+    assert measures.evenness(run)["range"] == pytest.approx(1 / 16, rel=0.3)
 
 
 @pytest.mark.parametrize("dim", [2, 3])

@@ -74,11 +74,13 @@ def bodies(options: Options) -> list[Run]:
             made.append(Run(key, function, {"backend": backend, **parameters}, estimate, skip))
 
     shown = [0.0, 0.02, 0.04, 0.08, 0.16, 0.5]
-    add("box", drops.rounding, 110.0, shape="box", size=10.0, until=0.55, shown=shown, tension=ENCLOSING, liquid=RESTFUL)
+    settled = {"shape": "box", "until": 0.55, "tension": ENCLOSING}
+    add("box", drops.rounding, 110.0, size=10.0, shown=shown, liquid=RESTFUL, **settled)
     for name, (size, per, seed, viscosity) in BOXES.items():
         liquid = {**RESTFUL, "dynamic_viscosity": viscosity}
-        add(f"box_{name}", drops.rounding, 110.0 * (size / 10) ** 5 * (per / 2) ** 3, shape="box", size=size,
-            cell=CELLS[3] * 10 / size, per=per, seed=seed, until=0.55, tension=ENCLOSING, liquid=liquid)  # fmt: skip
+        seconds = 110.0 * (size / 10) ** 5 * (per / 2) ** 3
+        add(f"box_{name}", drops.rounding, seconds, size=size, cell=CELLS[3] * 10 / size, per=per, seed=seed,
+            liquid=liquid, **settled)  # fmt: skip
     add("box_default", drops.rounding, 40.0, shape="box", size=10.0, until=0.3, shown=[0.3])
     add("cube", drops.rounding, 35.0, shape="cube", size=10.0, until=0.28, shown=[0.0, 0.02, 0.04, 0.28])
     for dim, radii in RADII.items():

@@ -80,6 +80,7 @@ def rounding(
     return Result(
         {"stopped": stopped, "dim": dim, "shown": list(shown), "steps": run.steps, "series": ledger.series,
          "last": late(ledger.series), "chance": measures.anisotropy_of_chance(run.count, dim),
+         "cut": measures.anisotropy_of_cut(radius_of(run.count, dim, per), dim, per),
          "inside": measures.evenness(run), **ledger.summary()},
         kept,
     )  # fmt: skip

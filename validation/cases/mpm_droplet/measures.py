@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from refsim import Simulation
+from validation.cases.mpm_droplet.scene import lattice, turned
 
 Array = NDArray[np.float64]
 
@@ -52,6 +53,17 @@ def anisotropy_of_chance(count: int, dim: int, draws: int = 200) -> float:
         place = random.normal(size=(count, dim))
         place *= (random.uniform(size=count) ** (1 / dim) / np.linalg.norm(place, axis=1))[:, None]
         found.append(anisotropy(place, dim))
+    return float(np.mean(found))
+
+
+def anisotropy_of_cut(radius: float, dim: int, per: int = 2, draws: int = 40) -> float:
+    """Mean anisotropy of the sites of a lattice, turned at random, within a ball (disc) of `radius` cells: what the
+    distance of the particles alone leaves to a round body."""
+    random = np.random.default_rng(0)
+    found = []
+    for seed in range(draws):
+        site = turned(lattice(0.5 * per * radius + 1, dim, random.uniform(-0.25, 0.25, 3)), seed) * 2 / per
+        found.append(anisotropy(site[(site**2).sum(1) < radius**2], dim))
     return float(np.mean(found))
 
 

@@ -358,7 +358,7 @@ def settling_data(results: Results) -> dict[str, Any]:
             continue
         v = results[key].values
         rows.append(
-            {"words": words, "radius": v["radius_in_cells"], "inside": v["inside"],
+            {"words": words, "radius": v["radius_in_cells"], "inside": v["inside"], "cut": v["cut"],
              "series": chosen(v["series"], "anisotropy", "particle_anisotropy"),
              "last": {name: v["last"][name] for name in ("anisotropy", "particle_anisotropy")}}
         )  # fmt: skip
@@ -386,11 +386,14 @@ def settling_picture(data: Mapping[str, Any]) -> Any:
             last = row["last"][name]
             right.plot([last["mean"], last["largest"]], [k + shift] * 2, color=colour, linewidth=1.4)
             right.plot(last["largest"], k + shift, "o", color=colour, markersize=4)
+    for k, row in enumerate(data["rows"]):
+        right.plot(row["cut"], k, "|", color=GREY, markersize=12, label=None if k else "a lattice cut by a sphere")
     right.axvline(0.01, color=GREY, linestyle="--", linewidth=1.0)
     right.set_xscale("log")
     right.set_yticks(range(len(labels)), labels)
     right.invert_yaxis()
     right.set_title("Last quarter: mean to largest")
+    right.legend(loc="lower right", fontsize=7.5)
     for axes in (left, right):
         axes.grid(axis="both" if axes is left else "x")
     return figure
