@@ -387,13 +387,17 @@ def settling_picture(data: Mapping[str, Any]) -> Any:
             right.plot([last["mean"], last["largest"]], [k + shift] * 2, color=colour, linewidth=1.4)
             right.plot(last["largest"], k + shift, "o", color=colour, markersize=4)
     for k, row in enumerate(data["rows"]):
-        right.plot(row["cut"], k, "|", color=GREY, markersize=12, label=None if k else "a lattice cut by a sphere")
+        right.plot(row["cut"], k, "|", color=GREY, markersize=14)
     right.axvline(0.01, color=GREY, linestyle="--", linewidth=1.0)
     right.set_xscale("log")
+    ticks = (0.002, 0.005, 0.01, 0.02, 0.05)
+    right.set_xticks(ticks, [f"{v:g}" for v in ticks])
+    right.minorticks_off()
+    right.set_xlim(0.0012, 0.06)
+    right.set_xlabel("stroke: a lattice cut by a sphere")
     right.set_yticks(range(len(labels)), labels)
     right.invert_yaxis()
     right.set_title("Last quarter: mean to largest")
-    right.legend(loc="lower right", fontsize=7.5)
     for axes in (left, right):
         axes.grid(axis="both" if axes is left else "x")
     return figure
