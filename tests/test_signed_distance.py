@@ -240,7 +240,8 @@ def test_files_that_cannot_be_read_are_refused(tmp_path):
         with pytest.raises(InputError, match=words):
             load_mesh(tmp_path / name)
     (tmp_path / "latin.obj").write_bytes(b"# caf\xe9\nv 0 0 0\n")
-    with pytest.raises(InputError, match="neither binary nor text in UTF-8"):
+    words = "neither binary nor text in UTF-8|no triangles"  # the latter where a library is there that guesses
+    with pytest.raises(InputError, match=words):
         load_mesh(tmp_path / "latin.obj")
     BOX.export(tmp_path / "box.stl")
     assert load_mesh(tmp_path / "box.stl").volume == pytest.approx(0.48)
