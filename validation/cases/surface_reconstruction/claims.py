@@ -89,14 +89,19 @@ def _gain(results: Results) -> list[float]:
     return [host / gpu]
 
 
+def _median_ratio(above: list[float], below: list[float]) -> float:
+    """The median turn's ratio: what else the machine does slows both programs of a turn."""
+    return float(np.median([real(a) / real(b) for a, b in zip(above, below, strict=True)]))
+
+
 def _times(above: str, below: str) -> Callable[[Results], list[float]]:
-    """Seconds of one solver over those of another; where a name ends in a thread count, "most" stands for all."""
+    """Seconds of one solver over those of another; "most" in a name stands for all threads."""
 
     def values(results: Results) -> list[float]:
         found = results["solvers"].values
-        seconds = {row["name"]: real(row["seconds"]) for row in found["rows"]}
+        seconds = {row["name"]: row["turns"] for row in found["rows"]}
         first, second = (name.replace("most", str(found["threads"])) for name in (above, below))
-        return [seconds[first] / seconds[second]]
+        return [_median_ratio(seconds[first], seconds[second])]
 
     return values
 
@@ -104,8 +109,8 @@ def _times(above: str, below: str) -> Callable[[Results], list[float]]:
 def _costs(results: Results) -> list[float]:
     """Nanoseconds of MLS normals over those of the gradient, in the dtype in which they compare worse."""
     (found,) = results.values()
-    rows = {(row["dtype"], row["kind"]): real(row["nanoseconds"]) for row in found.values["rows"]}
-    return [max(rows[dtype, "mls"] / rows[dtype, "gradient"] for dtype in ("float32", "float64"))]
+    rows = {(row["dtype"], row["kind"]): row["turns"] for row in found.values["rows"]}
+    return [max(_median_ratio(rows[dtype, "mls"], rows[dtype, "gradient"]) for dtype in ("float32", "float64"))]
 
 
 FIT_SCALES = Measure(_solvers, _times("lspia_10_1", "lspia_10_most"), quick=False, timed=True)

@@ -270,16 +270,27 @@ def edge_counts(facets: np.ndarray) -> tuple[int, int]:
 
 def medians(function: Callable[[], Any], there: Backend, repeats: int) -> tuple[float, float]:
     """(median, median deviation) of wall seconds of a call, after one that compiles."""
-    function()
-    there.synchronize()
-    spent = []
-    for _ in range(repeats):
-        began = time.perf_counter()
-        function()
-        there.synchronize()
-        spent.append(time.perf_counter() - began)
-    middle = float(np.median(spent))
-    return middle, float(np.median(np.abs(np.array(spent) - middle)))
+    return middle(in_turns({"": function}, there, repeats)[""])
+
+
+def in_turns(programs: dict[str, Callable[[], Any]], there: Backend, turns: int) -> dict[str, list[float]]:
+    """Wall seconds of each call in each turn, after one call that compiles. In turns, because on shared cores the time
+    of one program says little beside that of another a second later."""
+    spent: dict[str, list[float]] = {name: [] for name in programs}
+    for turn in range(turns + 1):
+        for name, function in programs.items():
+            began = time.perf_counter()
+            function()
+            there.synchronize()
+            if turn:
+                spent[name].append(time.perf_counter() - began)
+    return spent
+
+
+def middle(spent: list[float]) -> tuple[float, float]:
+    """(median, median deviation)."""
+    found = float(np.median(spent))
+    return found, float(np.median(np.abs(np.array(spent) - found)))
 
 
 def stages(context: Context, backend: str, counts: list[int], threads: int | None, repeats: int = 5) -> Result:
@@ -367,18 +378,20 @@ def normals_cost(
             )
             bases = made.grid.by_cell(sample, surface.blocks, 0.5)
             out = there.empty(sample.shape, np.dtype(dtype))
-            for kind, name in (("mls", "mls_normals"), ("gradient", "spline_normals")):
-                program = REGISTRY[f"surface_energy.{name}"].program(backend)
-                arguments = (
-                    sample, bases, surface.blocks, made.term, surface.coefficients, away,
-                    None, None, out,
-                )  # fmt: skip
-                middle, spread = medians(lambda p=program, a=arguments: p(*a), there, repeats)
+            arguments = (
+                sample, bases, surface.blocks, made.term, surface.coefficients, away,
+                None, None, out,
+            )  # fmt: skip
+            names = {"mls": "mls_normals", "gradient": "spline_normals"}
+            programs = {kind: REGISTRY[f"surface_energy.{name}"].program(backend) for kind, name in names.items()}
+            calls = {kind: lambda p=program, a=arguments: p(*a) for kind, program in programs.items()}
+            for kind, spent in in_turns(calls, there, repeats).items():
+                seconds, spread = middle(spent)
                 rows.append(
                     {
                         "dtype": dtype, "kind": kind, "normals": int(sample.shape[0]),
-                        "nanoseconds": 1e9 * middle / sample.shape[0], "spread": 1e9 * spread / sample.shape[0],
-                        "registers": registers(program),
+                        "nanoseconds": 1e9 * seconds / sample.shape[0], "spread": 1e9 * spread / sample.shape[0],
+                        "turns": spent, "registers": registers(programs[kind]),
                     }
                 )  # fmt: skip
             context.progress(len(rows) / 4)
@@ -396,7 +409,7 @@ def registers(program: Any) -> int | None:
     return max(found.values()) if isinstance(found, dict) else int(found)
 
 
-def solvers(context: Context, threads: int | None, repeats: int = 5, radius: float = RADIUS) -> Result:
+def solvers(context: Context, threads: int | None, repeats: int = 9, radius: float = RADIUS) -> Result:
     """The fit's system by LSPIA, by conjugate gradients and by a sparse solver: seconds, residual, error of normals."""
     from scipy.sparse import eye_array
     from scipy.sparse.linalg import cg, splu
@@ -409,13 +422,14 @@ def solvers(context: Context, threads: int | None, repeats: int = 5, radius: flo
     made = Reconstruction(there, 3, "float64", CELL, Tension(surface_tension=1.0, normals="gradient"))
     rows: list[dict[str, Any]] = []
 
-    def add(name: str, words: str, seconds: tuple[float, float], solution: np.ndarray, numbers: int) -> None:
+    def add(name: str, words: str, solution: np.ndarray, numbers: int) -> None:
         coefficients = np.zeros(nodes(surface.blocks))
         coefficients[active] = solution
         normal = made._smooth_normals(surface.blocks, coefficients, surface.sample_place, surface.offset_direction)
+        seconds, spread = middle(spent[name])
         rows.append(
             {
-                "name": name, "words": words, "seconds": seconds[0], "spread": seconds[1],
+                "name": name, "words": words, "seconds": seconds, "spread": spread, "turns": spent[name],
                 "residual": float(np.sqrt(((goal - matrix @ solution) ** 2).mean()) / goal.max()),
                 "error": float(shapes.angles(normal, true).mean()), "numbers_per_node": numbers / len(active),
             }
@@ -424,32 +438,36 @@ def solvers(context: Context, threads: int | None, repeats: int = 5, radius: flo
     h = float(made.term.cell_size)
     points = np.vstack([surface.sample_place, surface.sample_place + 0.5 * h * surface.offset_direction])
     most = there_threads()
-    for used in sorted({1, most}):
-        set_threads(there, used)
-        for sweeps in (1, 10, 100):
-            made.term = made.term._replace(iterations=np.int32(sweeps))
-            seconds = medians(lambda: made._fit(surface.blocks, points), there, repeats)
-            found = made._fit(surface.blocks, points)[active]
-            add(f"lspia_{sweeps}_{used}", f"LSPIA, {sweeps} sweeps, {used} threads", seconds, found, 3 * len(active))
-    set_threads(there, threads)
     ridge = 1e-10 * eye_array(len(active))
-    for sweeps in (1, 10, 100):
 
-        def solve(sweeps: int = sweeps) -> np.ndarray:
-            product = (matrix.T @ matrix).tocsr()
-            return cg(product, matrix.T @ goal, maxiter=sweeps, rtol=0.0, atol=0.0)[0]
+    def fitted(sweeps: int, used: int) -> np.ndarray:
+        set_threads(there, used)
+        made.term = made.term._replace(iterations=np.int32(sweeps))
+        return made._fit(surface.blocks, points)
 
-        seconds = medians(solve, there, repeats)
-        stored = normal_matrix.nnz * 1.5 + matrix.nnz * 1.5 + 4 * len(active)
-        add(f"cg_{sweeps}", f"conjugate gradients, {sweeps} steps (SciPy)", seconds, solve(), int(stored))
+    def solved(sweeps: int) -> np.ndarray:
+        product = (matrix.T @ matrix).tocsr()
+        return cg(product, matrix.T @ goal, maxiter=sweeps, rtol=0.0, atol=0.0)[0]
 
     def direct() -> np.ndarray:
         return splu(((matrix.T @ matrix) + ridge).tocsc()).solve(side)
 
-    factors = splu((normal_matrix + ridge).tocsc())
-    stored = 1.5 * (factors.L.nnz + factors.U.nnz + normal_matrix.nnz)
-    add("direct", "sparse factors, ridge 1e-10 (SciPy)", medians(direct, there, 3), direct(), int(stored))
-    set_threads(there, None)
+    fits = [(sweeps, used) for used in sorted({1, most}) for sweeps in (1, 10, 100)]
+    calls: dict[str, Callable[[], Any]] = {f"lspia_{s}_{n}": lambda s=s, n=n: fitted(s, n) for s, n in fits}
+    calls |= {f"cg_{s}": lambda s=s: solved(s) for s in (1, 10, 100)} | {"direct": direct}
+    try:
+        spent = in_turns(calls, there, repeats)
+        set_threads(there, threads)
+        for s, n in fits:
+            add(f"lspia_{s}_{n}", f"LSPIA, {s} sweeps, {n} threads", fitted(s, n)[active], 3 * len(active))
+        stored = normal_matrix.nnz * 1.5 + matrix.nnz * 1.5 + 4 * len(active)
+        for s in (1, 10, 100):
+            add(f"cg_{s}", f"conjugate gradients, {s} steps (SciPy)", solved(s), int(stored))
+        factors = splu((normal_matrix + ridge).tocsc())
+        stored = 1.5 * (factors.L.nnz + factors.U.nnz + normal_matrix.nnz)
+        add("direct", "sparse factors, ridge 1e-10 (SciPy)", direct(), int(stored))
+    finally:
+        set_threads(there, None)
     context.progress(1.0)
     return Result(
         {"rows": rows, "samples": len(points) // 2, "active": len(active), "entries": int(matrix.nnz), "threads": most}
