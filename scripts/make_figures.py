@@ -1,4 +1,4 @@
-"""Draw the pictures anew from their data files (figures/*.json); nothing is simulated.
+"""Draw the pictures anew from their data files (figures/*.json, *.json.gz); nothing is simulated.
 
 `python scripts/make_figures.py [PICTURE ...] [--quick]`
 """
@@ -28,7 +28,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     drawers = [*discover().values(), *accuracy_cost.cases(Options()).values()]
     drawers += [stability.as_case(name, found) for name, found in stability.discover().items()]
     pictures = {picture.name: picture for case in drawers for picture in case.pictures}
-    names = given.picture or [name for name in pictures if (folder / f"{name}.json").exists()]
+    names = given.picture or [name for name in pictures if any(folder.glob(f"{name}.json*"))]
     try:
         for name in names:
             if name not in pictures:

@@ -21,6 +21,7 @@ from refsim.operation import REGISTRY
 from refsim.scene import Scene, make_plan
 from refsim.scene_file import parse_scene
 from validation import accuracy_cost
+from validation.drawing import LARGEST_PICTURE
 from validation.harness import Options, discover
 
 ROOT = pathlib.Path(__file__).parent.parent
@@ -33,6 +34,7 @@ PUBLISHED = {name: effect for name, effect in EFFECTS.items() if effect.__module
 BLOCK = re.compile(r"^```(\w*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 LINK = re.compile(r"!?\[[^\]]*\]\(([^)\s]+)\)")
 PLACE = re.compile(r"\b([\w/.-]+\.py):(\w+)")
+LARGEST_FOLDER = 12_000_000  # bytes of all pictures and their data
 PATH = re.compile(r"`((?:refsim|tests|validation|scripts|docs|figures)/[\w/.-]*)`")
 DOTTED = re.compile(r"\brefsim((?:\.\w+)+)")
 STEMS = (ROOT, ROOT / "refsim", ROOT / "tests")
@@ -59,7 +61,7 @@ def anchors(page):
 def drawn():
     """Pictures that `python -m validation` and `python -m validation.accuracy_cost` publish."""
     drawers = [*discover().values(), *accuracy_cost.cases(Options()).values()]
-    return {f"{picture.name}.png" for case in drawers for picture in case.pictures}
+    return {picture.file for case in drawers for picture in case.pictures}
 
 
 def broken_links(page, text):
@@ -294,3 +296,12 @@ def test_the_version_is_one():
     assert f"version = {version}\n" in (ROOT / "setup.cfg").read_text()
     assert f"\nversion: {version}\n" in (ROOT / "CITATION.cff").read_text()
     assert re.search(r"^## (\S+)", (ROOT / "CHANGELOG.md").read_text(), re.MULTILINE)[1] == version
+
+
+def test_figures_stay_light():
+    """Plots are PNG with a palette, shaded pictures WebP; long data is compressed."""
+    sizes = {path.name: path.stat().st_size for path in (ROOT / "figures").iterdir() if path.is_file()}
+    pictures = {name: size for name, size in sizes.items() if not name.endswith((".json", ".json.gz"))}
+    assert {pathlib.Path(name).suffix for name in pictures} == {".png", ".webp"}
+    assert not {name: size for name, size in pictures.items() if size > LARGEST_PICTURE}
+    assert sum(sizes.values()) <= LARGEST_FOLDER

@@ -41,7 +41,7 @@ from validation.harness import (
     report,
 )
 from validation.reading import first_kept, kept_error
-from validation.results import real
+from validation.results import read_json, real
 from validation.tables import Table
 from validation.verdicts import Measurement
 from validation.work_precision import (
@@ -650,7 +650,7 @@ class Comparison:
 def read_report(path: str | Path) -> dict[str, Any]:
     """A report from its file; numbers that were not finite are NaN again. Raises InputError for another file."""
     try:
-        made = json.loads(Path(path).read_text())
+        made = read_json(Path(path))
     except (OSError, ValueError) as error:
         raise InputError(f"{path} cannot be read as a report ({error}); give figures/accuracy_cost_*.json.") from None
     if not isinstance(made, dict) or made.get("schema") != SCHEMA:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import contextlib
+import io
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,6 +17,35 @@ BLACK, ORANGE, SKY, GREEN, YELLOW, BLUE, VERMILION, PURPLE = (
 )  # fmt: skip
 SURFACE_RED, INTERIOR_BLUE = "#D62728", "#4A7FC1"
 GREY = "#666666"
+DOTS_PER_INCH = 160
+LARGEST_PICTURE = 300_000  # bytes
+WEBP = ((1.0, 78), (1.0, 65), (0.8, 75), (0.65, 75), (0.5, 75))  # share of the size, quality: the first that fits
+
+
+def save_picture(figure: Any, path: Path) -> None:
+    """Write a figure as a PNG with at most 256 colours, or as WebP, by the ending of `path`.
+
+    Raises ValueError where no quality and size give a file of at most LARGEST_PICTURE bytes.
+    """
+    from PIL import Image
+
+    drawn = io.BytesIO()
+    figure.savefig(drawn, format="png", dpi=DOTS_PER_INCH)
+    image = Image.open(drawn).convert("RGB")
+    for share, quality in WEBP if path.suffix == ".webp" else ((1.0, 0),):
+        coded = io.BytesIO()
+        if quality:
+            size = round(share * image.width), round(share * image.height)
+            image.resize(size, Image.Resampling.LANCZOS).save(coded, "WEBP", quality=quality, method=6)
+        else:
+            palette = image.quantize(256, method=Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE)
+            palette.save(coded, "PNG", optimize=True)
+        if coded.tell() <= LARGEST_PICTURE:
+            path.write_bytes(coded.getvalue())
+            return
+    raise ValueError(
+        f"{path.name} takes {coded.tell()} bytes, more than {LARGEST_PICTURE}: draw less, or mark it shaded."
+    )
 
 
 @contextlib.contextmanager

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import datetime
 import difflib
+import gzip
 import importlib
 import json
 import os
@@ -25,13 +26,15 @@ from typing import Any, TextIO
 from refsim.backend import device_name
 from refsim.errors import InputError, RunStopped
 from validation import cases as case_folder
-from validation.results import Result, finite, load, result_folder, save
+from validation.results import Result, finite, load, read_json, result_folder, save
 from validation.running import Context
 from validation.tables import Table, verdict_table
 from validation.verdicts import Measurement, failed
 
 Results = Mapping[str, Result]
 EXIT_FINE, EXIT_INPUT, EXIT_STOPPED, EXIT_FAILED = 0, 2, 3, 4
+
+LONG_DATA = 10_000  # bytes of a picture's data above which its file is compressed
 
 
 @dataclass(frozen=True)
@@ -71,12 +74,21 @@ class Run:
 
 @dataclass(frozen=True)
 class Picture:
-    """A picture and the data it is drawn from: `collect` gives what JSON takes, `draw` makes a figure of that alone."""
+    """A picture and the data it is drawn from: `collect` gives what JSON takes, `draw` makes a figure of that alone.
+
+    `shaded` pictures (rendered surfaces, thousands of particles) are stored as WebP, plots as PNG with a palette.
+    """
 
     name: str
     collect: Callable[[Results], Mapping[str, Any]]
     draw: Callable[[Mapping[str, Any]], Any]
     needs: tuple[str, ...] = ()
+    shaded: bool = False
+
+    @property
+    def file(self) -> str:
+        """Name of its file."""
+        return f"{self.name}.webp" if self.shaded else f"{self.name}.png"
 
 
 @dataclass(frozen=True)
@@ -277,28 +289,41 @@ def machine(gpu: bool = False) -> dict[str, Any]:
 
 
 def write_data(picture: Picture, results: Results, folder: Path) -> Path:
-    """Write the data of a picture, one key a line."""
-    folder.mkdir(parents=True, exist_ok=True)
+    """Write the data of a picture, one key a line; compressed (.json.gz) above LONG_DATA bytes."""
     data = finite(picture.collect(results))
     lines = [f"{json.dumps(key)}: {json.dumps(value, allow_nan=False)}" for key, value in data.items()]
-    path = folder / f"{picture.name}.json"
-    path.write_text("{\n" + ",\n".join(lines) + "\n}\n")
+    return store_data(folder, picture.name, "{\n" + ",\n".join(lines) + "\n}\n")
+
+
+def store_data(folder: Path, name: str, text: str) -> Path:
+    """Write a picture's data file in place of the one that is there."""
+    folder.mkdir(parents=True, exist_ok=True)
+    short, long = folder / f"{name}.json", folder / f"{name}.json.gz"
+    compressed = len(text) > LONG_DATA
+    path, other = (long, short) if compressed else (short, long)
+    path.write_bytes(gzip.compress(text.encode(), 9, mtime=0) if compressed else text.encode())
+    other.unlink(missing_ok=True)
     return path
+
+
+def read_data(folder: Path, name: str) -> Any:
+    """Data of a picture. Raises OSError or ValueError where there is no such file, or another."""
+    long = folder / f"{name}.json.gz"
+    return read_json(long if long.exists() else folder / f"{name}.json")
 
 
 def redraw(picture: Picture, folder: Path) -> Path:
     """Draw a picture from its data file. Raises InputError where that is missing."""
-    from validation.drawing import style
+    from validation.drawing import save_picture, style
 
-    source = folder / f"{picture.name}.json"
     try:
-        data = json.loads(source.read_text())
+        data = read_data(folder, picture.name)
     except (OSError, ValueError) as error:
         raise InputError(f"There is no data to draw {picture.name} from ({error}); run the case first.") from None
-    path = folder / f"{picture.name}.png"
+    path = folder / picture.file
     with style():
         figure = picture.draw(data)
-        figure.savefig(path, dpi=160, metadata={"Software": None})
+        save_picture(figure, path)
         import matplotlib.pyplot as plt
 
         plt.close(figure)

@@ -7,6 +7,7 @@ exactly as long as it would come out the same.
 from __future__ import annotations
 
 import functools
+import gzip
 import hashlib
 import inspect
 import json
@@ -14,6 +15,7 @@ import math
 import os
 import shutil
 import tempfile
+import zlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -101,3 +103,12 @@ def floats(values: Any) -> np.ndarray:
 def real(value: Any) -> float:
     """A number from JSON as a float; null is NaN."""
     return float("nan") if value is None else float(value)
+
+
+def read_json(path: Path) -> Any:
+    """What a JSON file holds, compressed by gzip or not. Raises OSError or ValueError where it cannot be read."""
+    raw = path.read_bytes()
+    try:
+        return json.loads(gzip.decompress(raw) if raw.startswith(b"\x1f\x8b") else raw)
+    except (EOFError, zlib.error) as error:
+        raise ValueError(f"{path} is damaged ({error})") from None

@@ -144,8 +144,7 @@ def _needs(keys: Sequence[str]) -> tuple[str, ...]:
 PICTURES = (
     Picture(
         "boundary_pouring", flow_pictures.pour_data, flow_pictures.pour_picture,
-        _needs([f"flow_pour_{shape}_{arm}" for shape in POUR for arm in ARMS]),
-    ),
+        _needs([f"flow_pour_{shape}_{arm}" for shape in POUR for arm in ARMS]), shaded=True),
     Picture(
         "boundary_penetration", flow_pictures.rain_data, flow_pictures.rain_picture,
         _needs([f"flow_rain_{s}_{c}_1" for s in RAINED for c in ("none", "swept")]),

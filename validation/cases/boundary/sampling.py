@@ -167,6 +167,7 @@ PICTURES = (
         sampling_pictures.shape_data,
         sampling_pictures.shape_picture,
         tuple(f"sampling_{shape}" for shape in SHAPES),
+        shaded=True,
     ),
     Picture(
         "boundary_convergence",

@@ -143,11 +143,13 @@ CASE = Case(
     runs=planned,
     judge=judge,
     pictures=(
-        Picture("dong_figure_3", pictures.cube_data, pictures.cube_picture, ("cube_4913",)),
-        Picture("dong_figure_4", pictures.splash_data, pictures.splash_picture, ("rest_with", "rest_without")),
+        Picture("dong_figure_3", pictures.cube_data, pictures.cube_picture, ("cube_4913",), shaded=True),
+        Picture(
+            "dong_figure_4", pictures.splash_data, pictures.splash_picture, ("rest_with", "rest_without"), shaded=True
+        ),
         Picture("dong_figure_5", pictures.rest_data, pictures.rest_picture, ("rest_with", "rest_without")),
         Picture("dong_sweep", pictures.sweep_data, pictures.sweep_picture, tuple(runs.sweep_pairs())),
-        Picture("dong_figure_6", pictures.merging_data, pictures.merging_picture, ("rest_with",)),
+        Picture("dong_figure_6", pictures.merging_data, pictures.merging_picture, ("rest_with",), shaded=True),
     ),
     tables=tables,
 )

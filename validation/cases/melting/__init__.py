@@ -191,16 +191,13 @@ CASE = Case(
         Picture("melting_figure_3", pictures.filling_data, pictures.filling_picture, ("filling",)),
         Picture(
             "melting_figure_4", pictures.stage_data("figure_4", TITLES["figure_4"]),
-            pictures.stage_picture(-68.0, 16.0, False), ("figure_4",),
-        ),
+            pictures.stage_picture(-68.0, 16.0, False), ("figure_4",), shaded=True),
         Picture(
             "melting_figure_5", pictures.stage_data("figure_5", TITLES["figure_5"]),
-            pictures.stage_picture(-68.0, 22.0, True), ("figure_5",),
-        ),
+            pictures.stage_picture(-68.0, 22.0, True), ("figure_5",), shaded=True),
         Picture(
             "melting_figure_6", pictures.stage_data("figure_6", TITLES["figure_6"]),
-            pictures.stage_picture(-72.0, 24.0, True), ("figure_6",),
-        ),
+            pictures.stage_picture(-72.0, 24.0, True), ("figure_6",), shaded=True),
         Picture("melting_speed", pictures.speed_data, pictures.speed_picture, ("figure_5", "own_pressure")),
         Picture(
             "melting_half_width", pictures.width_data, pictures.width_picture,

@@ -79,8 +79,16 @@ CASE = Case(
     pictures=(
         Picture("figure_3_force_curves", pictures.curve_data, pictures.curve_picture),
         Picture("dong_figure_1", pictures.dong_data, pictures.dong_picture),
-        Picture("models_panel", pictures.panel_data, pictures.panel_picture, tuple(f"cube_{m}" for m in MODELS)),
-        Picture("models_panel_cut", pictures.cut_panel_data, pictures.panel_picture, tuple(f"cut_{m}" for m in MODELS)),
+        Picture(
+            "models_panel", pictures.panel_data, pictures.panel_picture, tuple(f"cube_{m}" for m in MODELS), shaded=True
+        ),
+        Picture(
+            "models_panel_cut",
+            pictures.cut_panel_data,
+            pictures.panel_picture,
+            tuple(f"cut_{m}" for m in MODELS),
+            shaded=True,
+        ),
         Picture(
             "models_table_1",
             pictures.rest_data,

@@ -439,7 +439,9 @@ CASE = Case(
     pictures=(
         Picture("mpm_square", pictures.square_data, pictures.square_picture, ("square_cluster",)),
         Picture("mpm_readings", pictures.readings_data, pictures.readings_picture, ("transfers",)),
-        Picture("mpm_surfaces", pictures.surfaces_data, pictures.surfaces_picture, tuple(pictures.SURFACES)),
+        Picture(
+            "mpm_surfaces", pictures.surfaces_data, pictures.surfaces_picture, tuple(pictures.SURFACES), shaded=True
+        ),
         Picture("mpm_ledgers", pictures.ledgers_data, pictures.ledgers_picture, tuple(pictures.LEDGERS)),
         Picture("mpm_box", pictures.box_data, pictures.box_picture, ("box", "box_default")),
         Picture(
