@@ -351,16 +351,16 @@ def copy_all_vectors(arrays, out, first):  # noqa: ANN001, ANN201
 
 
 # Rows of the clock, float64. REASON is 0 while the run can go on.
-TIME, PREVIOUS, FIRST, LENGTH, LIMITER, REASON, SPEED, ACCELERATION, WAY, STOPPED = range(10)
-CLOCK_ROWS = 10
-NON_FINITE, DIVERGED, STEP_TOO_SMALL = 1, 2, 3
+TIME, PREVIOUS, FIRST, LENGTH, LIMITER, REASON, SPEED, ACCELERATION, RATE, EXCESS, WAY, STOPPED = range(12)
+CLOCK_ROWS = 12
+NON_FINITE, DIVERGED, STEP_TOO_SMALL, OUT_OF_RANGE = 1, 2, 3, 4
 
 
 @cuda_kernel
 def choose_step(extremes, limits, factor, fixed, smallest, greatest_speed, timestep, clock):  # noqa: ANN001, ANN201
     """The next step's length from the particles' extremes, as `refsim.stepping.choose` does on the host.
 
-    `limits` (k, 4) are StepLimits. Where the run cannot go on the clock says why and the step is zero, so that what
+    `limits` (k, 5) are StepLimits. Where the run cannot go on the clock says why and the step is zero, so that what
     follows moves nothing.
     """
     if cuda.grid(1) == 0:
@@ -369,6 +369,7 @@ def choose_step(extremes, limits, factor, fixed, smallest, greatest_speed, times
         length, limiter = math.inf, 0
         for k in range(limits.shape[0]):
             rate = limits[k, 1] + limits[k, 2] * speed + limits[k, 3] * math.sqrt(limits[k, 0] * acceleration)
+            rate += limits[k, 4] * float(extremes[3])
             if rate > 0.0 and limits[k, 0] / rate < length:
                 length, limiter = limits[k, 0] / rate, k
         length *= factor
@@ -381,10 +382,13 @@ def choose_step(extremes, limits, factor, fixed, smallest, greatest_speed, times
             reason = NON_FINITE
         elif speed > greatest_speed:
             reason = DIVERGED
+        elif extremes[4] > 0:
+            reason = OUT_OF_RANGE
         elif not length > smallest * clock[FIRST]:
             reason = STEP_TOO_SMALL
         clock[LENGTH], clock[LIMITER], clock[REASON] = length, limiter, reason
         clock[SPEED], clock[ACCELERATION] = speed, acceleration
+        clock[RATE], clock[EXCESS] = float(extremes[3]), float(extremes[4])
         if reason:
             length = 0.0
         timestep[0] = 0.5 * (clock[PREVIOUS] + length) if length > 0.0 else 0.0

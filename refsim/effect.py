@@ -66,19 +66,22 @@ class Extremes:
 
     speed: float  # [m/s]
     acceleration: float  # [m/s^2]
+    rate: float = 0.0  # of exchange [1/s]
+    excess: float = 0.0  # of a temperature over the range that it must keep [K]
 
 
 class StepLimit(NamedTuple):
-    """A largest stable step [s] that follows from the particles' largest speed and acceleration.
+    """A largest stable step [s] that follows from the particles' largest speed, acceleration and rate of exchange.
 
-    length / (speed + speed_share |v|max + acceleration_share sqrt(length |a|max)): one form, so that the device can
-    choose the step as the host does.
+    length / (speed + speed_share |v|max + acceleration_share sqrt(length |a|max) + rate_share rate_max): one form, so
+    that the device can choose the step as the host does.
     """
 
     length: float  # [m]
     speed: float = 0.0  # [m/s]
     speed_share: float = 0.0
     acceleration_share: float = 0.0
+    rate_share: float = 0.0  # [m]
 
     @classmethod
     def constant(cls, seconds: float) -> StepLimit:
@@ -95,10 +98,16 @@ class StepLimit(NamedTuple):
         """sqrt(length/|a|max): in which the largest acceleration moves a particle by half of `length` [m]."""
         return cls(length, 0.0, 0.0, 1.0)
 
+    @classmethod
+    def exchanging(cls, largest_sum: float) -> StepLimit:
+        """The step in which no particle's sum of exchanges s = dt rate exceeds `largest_sum`."""
+        return cls(largest_sum, 0.0, 0.0, 0.0, 1.0)
+
     def at(self, extremes: Extremes) -> float:
         """The step [s]; infinite where nothing limits it."""
         rate = self.speed + self.speed_share * extremes.speed
         rate += self.acceleration_share * math.sqrt(self.length * extremes.acceleration)
+        rate += self.rate_share * extremes.rate
         return self.length / rate if rate > 0 else math.inf
 
 
@@ -174,6 +183,10 @@ class Effect(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
         self, grid: Discretisation, state: InitialState, others: Mapping[str, Effect]
     ) -> Mapping[str, np.ndarray]:
         """Values at the start of the state fields that it owns, in the particles' first order; zero by default."""
+        return {}
+
+    def after_setting(self, name: str, field: Callable[[str], np.ndarray]) -> Mapping[str, np.ndarray]:
+        """Its fields that must follow when a user sets the field `name` between two steps; `field` gives values."""
         return {}
 
     def particle_mass(self, grid: Discretisation) -> float | None:

@@ -7,6 +7,7 @@ from typing import Any
 REASONS = {  # why a run stops: the only names that RunStopped takes
     "non_finite": "a position, a velocity, an acceleration or a saved value is NaN or infinite",
     "diverged": "a particle is faster than the effects' equations allow (ten times the sound speed)",
+    "temperature_out_of_range": "a temperature has left the range that conduction from the start's can reach",
     "step_too_small": "the stable step has shrunk to a millionth of the first one",
     "collapsed": "particles have clumped until one has thousands of neighbours",
     "missed_neighbours": "an audit found a neighbour that the list lacks",

@@ -93,6 +93,10 @@ def _cause(simulation: Simulation, stop: RunStopped) -> tuple[str, int | None, i
             )
     if stop.reason == "collapsed":
         return "neighbours.build", *_most_crowded(simulation)
+    if stop.reason == "temperature_out_of_range":
+        t, (low, high) = _host(simulation, "temperature"), _host(simulation, "temperature_range")
+        beyond = np.maximum(t - high, low - t)
+        return "temperature farthest out of its range", int(beyond.argmax()), int((beyond > 0).sum())
     if stop.reason in GREATEST:
         name = GREATEST[stop.reason]
         sizes = np.nan_to_num(np.linalg.norm(_host(simulation, name).astype(float), axis=1), nan=np.inf)
@@ -131,7 +135,8 @@ def _limits_now(simulation: Simulation, fields: dict[str, np.ndarray]) -> dict[s
         )
     if not (math.isfinite(speed) and math.isfinite(force)):
         return None
-    return simulation.step_limits(Extremes(speed, force))
+    rate = float(np.max(fields.get("exchange_rate", np.zeros(1))))
+    return simulation.step_limits(Extremes(speed, force, rate if math.isfinite(rate) else 0.0))
 
 
 def _neighbourhood(simulation: Simulation, row: int | None) -> dict[str, np.ndarray]:

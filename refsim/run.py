@@ -129,7 +129,7 @@ class Simulation:
             self._set("place", np.arange(n))
         for name, values in state.values.items():
             self._set(name, values)
-        self.extremes = self.backend.zeros(3, grid.dtype)
+        self.extremes = self.backend.zeros(5, grid.dtype)
         self.displacement = self.backend.zeros(2, grid.dtype)
         self.stopped_at_walls = 0  # how often a wall's plane has stopped a particle
         self.timestep = self.backend.zeros(2, grid.dtype)
@@ -211,6 +211,9 @@ class Simulation:
             raise InputError(f"set_field: {name} has values that are not finite; give finite ones.")
         self._set(name, values[self._host("identity")])
         self._set_between_steps = True
+        for effect in self.plan.effects.values():
+            for own, following in effect.after_setting(name, self._host).items():
+                self._set(own, following)
         if name == "position":
             self._squared_way, self._margin = math.inf, 0.0
 
@@ -402,8 +405,8 @@ class Simulation:
     def checked_extremes(self) -> Extremes:
         """Largest speed and acceleration. Raises RunStopped where one is not finite or the run has diverged."""
         self.extremes_call()
-        speed2, force2, broken = (float(x) for x in self.backend.host(self.extremes))
-        extremes = Extremes(math.sqrt(speed2), math.sqrt(force2))
+        speed2, force2, broken, rate, excess = (float(x) for x in self.backend.host(self.extremes))
+        extremes = Extremes(math.sqrt(speed2), math.sqrt(force2), rate, excess)
         check_extremes(self, int(broken), extremes)
         return extremes
 

@@ -56,6 +56,13 @@ def check_extremes(simulation: Simulation, broken: int, extremes: Extremes) -> N
             f"{where} a particle moves with {extremes.speed:.4g} m/s, beyond the {simulation.greatest_speed:.4g} m/s up"
             " to which the scene's equations hold: take a smaller step or a larger sound speed.",
         )
+    if extremes.excess > 0:
+        low, high = simulation._host("temperature_range")
+        raise RunStopped(
+            "temperature_out_of_range",
+            f"{where} a temperature is {extremes.excess:.3g} K beyond the {low:.6g} to {high:.6g} deg C that conduction"
+            " from the start's temperatures can reach: take a shorter step or another scheme of heat_conduction.",
+        )
 
 
 def too_small(simulation: Simulation, limiter: str, length: float) -> NoReturn:
@@ -155,7 +162,8 @@ class DeviceStepper:
             self.recorded()
         clock = self.mirror.read()
         s.timings.add("step", time.perf_counter() - began)
-        extremes = Extremes(float(clock[device.SPEED]), float(clock[device.ACCELERATION]))
+        seen = (device.SPEED, device.ACCELERATION, device.RATE, device.EXCESS)
+        extremes = Extremes(*(float(clock[row]) for row in seen))
         length, limiter = float(clock[device.LENGTH]), int(clock[device.LIMITER])
         name = "fixed" if limiter < 0 else self.names[limiter]
         reason = int(clock[device.REASON])

@@ -1,9 +1,9 @@
 """Heat conduction between particles (Shao & Song 2017, M(4)), with latent heat.
 
 Contents: HeatConduction; fields TEMPERATURE, ENTHALPY, HEAT_CAPACITY, CONDUCTIVITY, MELTING_POINT, LATENT_HEAT,
-RESERVOIR, VOLUME; operations heat.explicit, heat.one_sided (R1), heat.pair_exchange (R3), heat.single_pass (NPX),
-heat.chebyshev (CHEB), heat.conjugate_gradient (PCG), heat.runge_kutta_legendre (RKL2), heat.enthalpy_jacobi,
-heat.particle_volume.
+RESERVOIR, VOLUME, EXCHANGE_RATE, TEMPERATURE_RANGE; operations heat.explicit, heat.one_sided (R1), heat.pair_exchange
+(R3), heat.single_pass (NPX), heat.chebyshev (CHEB), heat.conjugate_gradient (PCG), heat.runge_kutta_legendre (RKL2),
+heat.enthalpy_jacobi, heat.exchange_rate, heat.particle_volume.
 
 A scheme is one pass in the motion of a step: it takes temperatures over the step's length at the positions of the
 step's start. Other effects read the field `temperature`, and `enthalpy` where there is latent heat; who turns solid
@@ -41,6 +41,12 @@ if TYPE_CHECKING:
 ABSOLUTE_ZERO = -273.15
 MOST_PLANNED = 20.0  # largest k dt/(rho c d^2) for which a GPU finds the number of passes by itself
 KEEPS_RANGE = 3.0  # k dt/(rho c d^2) up to which RKL1 on enthalpies overshoots nowhere, not even beside a reservoir
+# Share of the range of temperatures by which a run may leave it. What a solve leaves over is below a thousandth; a run
+# that diverges grows without bound, so that a generous share only delays its end by a few steps.
+BEYOND = {"implicit": 0.1, "conjugate_gradient": 0.1, "runge_kutta_legendre": 1.0}
+BEYOND_OTHERS, BEYOND_LITERAL = 0.01, 1.0  # schemes that keep the range to rounding; printed ones that do not
+ROUNDINGS = 4096  # of the largest temperature, that a run may leave the range by
+ANY_TEMPERATURE = 1e30  # [deg C] where something else heats
 CROWDED = 3.0  # s_i over that of the lattice, for which it has room
 TEMPERATURE = Field("temperature", "deg C", "temperature T", state=True)
 ENTHALPY = Field("enthalpy", "J/kg", "specific enthalpy H, 0 for solid at the melting point", state=True)
@@ -49,6 +55,11 @@ CONDUCTIVITY = Field("conductivity", "W/(m K)", "heat conductivity k", state=Tru
 MELTING_POINT = Field("melting_point", "deg C", "melting point Tm", state=True)
 LATENT_HEAT = Field("latent_heat", "J/kg", "latent heat of melting L", state=True)
 RESERVOIR = Field("reservoir", "-", "1 where the temperature is held", dtype="uint8", state=True)
+EXCHANGE_RATE = Field("exchange_rate", "1/s", "s_i/dt: sum of exchanges over the heat capacity")
+TEMPERATURE_RANGE = Field(
+    "temperature_range", "deg C", "lowest and highest temperature that conduction from the start's may reach",
+    rows=2, state=True,
+)  # fmt: skip
 VOLUME = Field("volume", "m^3 (m^2 in 2D)", "volume V = m/rho")
 
 PerPart = float | tuple[float, ...]
@@ -82,7 +93,7 @@ class HeatConduction(Effect, frozen=True, kw_only=True):
                    "pair_exchange" (M(4), both particles of a pair), "one_sided" (M(4), each particle by itself),
                    "explicit"
     largest_number  k dt/(rho c d^2) that a step may reach; it limits the step, a fixed one must keep to it; "explicit"
-                   has a limit of its own, and so has "runge_kutta_legendre" with latent heat (3)
+                   and "runge_kutta_legendre" with latent heat are also limited by the particles' own sums s_i
     mean           "harmonic" or "arithmetic" (as in M(4)) mean of two conductivities
     laplacian      "spiky" (-W'/r) or "mueller" (the viscosity kernel's Laplacian, halved)
     calibrated     scale so that the lattice conducts with k exactly
@@ -184,7 +195,9 @@ class HeatConduction(Effect, frozen=True, kw_only=True):
         return literal_errata(self.name, self.literal, ("M5", "M6", "M8", "M9", "M11"))
 
     def fields(self, others: Mapping[str, Effect]) -> tuple[Field, ...]:
-        own = [TEMPERATURE, HEAT_CAPACITY, CONDUCTIVITY]
+        own = [TEMPERATURE, HEAT_CAPACITY, CONDUCTIVITY, TEMPERATURE_RANGE]
+        if self._limited_by_sums():
+            own.append(EXCHANGE_RATE)
         if self.melts:
             own += [ENTHALPY, MELTING_POINT, LATENT_HEAT]
         if self.held:
@@ -205,10 +218,13 @@ class HeatConduction(Effect, frozen=True, kw_only=True):
         if self.held:
             reads.append("reservoir")
         absent = {} if self.melts else dict.fromkeys(("enthalpy", "melting_point", "latent_heat"))
-        conduct = Pass(self.operation(), tuple(reads), updates=updates, names=absent, stage="motion")
+        made = []
         if "weakly_compressible" in others and not self._volume_is_given(others):
-            return (Pass("heat.particle_volume", ("mass", "density"), ("volume",)), conduct)
-        return (conduct,)
+            made.append(Pass("heat.particle_volume", ("mass", "density"), ("volume",)))
+        if self._limited_by_sums():
+            needs = ("position", "mass", "volume", "heat_capacity", "conductivity", *(("reservoir",) * bool(self.held)))
+            made.append(Pass("heat.exchange_rate", needs, ("exchange_rate",)))
+        return (*made, Pass(self.operation(), tuple(reads), updates=updates, names=absent, stage="motion"))
 
     def list_radius(self, grid: Discretisation) -> float:
         return grid.support_radius
@@ -223,11 +239,47 @@ class HeatConduction(Effect, frozen=True, kw_only=True):
                 for name in ("temperature", "heat_capacity", "melting_point", "latent_heat")
             )
             values |= {"melting_point": point, "latent_heat": latent, "enthalpy": enthalpy_of(t, c, point, latent)}
+        values["temperature_range"] = np.array([-ANY_TEMPERATURE, ANY_TEMPERATURE])
+        if not self._heated_by(others):
+            values["temperature_range"] = self._range(values.__getitem__, grid.dtype)
         if self.held:
             values["reservoir"] = self._reservoir(state)
         if not self._volume_is_given(others) and "weakly_compressible" not in others:
             values["volume"] = np.full(grid.count, grid.spacing**grid.dim)
         return values
+
+    def _heated_by(self, others: Mapping[str, Effect]) -> bool:
+        """Whether another effect changes temperatures or enthalpies."""
+        passes = (p for effect in others.values() if effect.name != self.name for p in effect.passes(others))
+        return any({"temperature", "enthalpy"} & {*p.writes, *p.updates} for p in passes)
+
+    def after_setting(self, name: str, field: Callable[[str], np.ndarray]) -> Mapping[str, np.ndarray]:
+        state = ("temperature", "enthalpy", "heat_capacity", "melting_point", "latent_heat")
+        if name not in state or float(field("temperature_range")[1]) >= 0.5 * ANY_TEMPERATURE:
+            return {}
+        return {"temperature_range": self._range(field, str(field("temperature").dtype))}
+
+    def _range(self, field: Callable[[str], np.ndarray], dtype: str) -> np.ndarray:
+        """Lowest and highest temperature [deg C] that conduction may reach: those of now, and what a scheme adds.
+
+        A particle that melts may take another heat capacity while it keeps its enthalpy above the melting point; where
+        the liquid's is the smaller one it becomes warmer by their ratio.
+        """
+        values = [np.asarray(field("temperature"), dtype=float)]
+        if self.melts:
+            h, c, point, latent = (
+                np.asarray(field(k), dtype=float) for k in ("enthalpy", "heat_capacity", "melting_point", "latent_heat")
+            )
+            values.append(temperature_at(h, c, point, latent))
+        low, high = min(v.min() for v in values), max(v.max() for v in values)
+        share = BEYOND.get(self.scheme, BEYOND_OTHERS)
+        if self._printed() & {"M5", "M9"}:
+            share = BEYOND_LITERAL
+        margin = share * (high - low) + ROUNDINGS * np.finfo(dtype).eps * max(abs(low), abs(high))
+        if self.melts:
+            above = max(high - float(np.min(self.melting_point)), 0.0)
+            high += above * (float(np.max(self.heat_capacity)) / float(np.ravel(self.heat_capacity)[-1]) - 1)
+        return np.array([low - margin, high + margin])
 
     def of_particles(self, name: str, state: InitialState) -> np.ndarray:
         """A parameter that may differ from part to part, for every particle in the first order."""
@@ -295,12 +347,30 @@ class HeatConduction(Effect, frozen=True, kw_only=True):
         diffusivity = self.greatest_diffusivity(grid, others)
         if diffusivity == 0:
             return {}
-        number = self.largest_number
-        if self.scheme == "explicit":
-            number = 1 / lattice_sum(self.conduction(grid), grid)
-        elif self.scheme == "runge_kutta_legendre" and self.melts:
-            number = min(number, KEEPS_RANGE)
-        return {"conduction": StepLimit.constant(number * grid.spacing**2 / diffusivity)}
+        number, limits = self.largest_number, {}
+        if self._limited_by_sums():
+            each = lattice_sum(self.conduction(grid), grid)
+            own = 1 / each if self.scheme == "explicit" else KEEPS_RANGE
+            number = own if self.scheme == "explicit" else min(number, own)
+            limits["exchange"] = StepLimit.exchanging(own * each)
+        return {"conduction": StepLimit.constant(number * grid.spacing**2 / diffusivity), **limits}
+
+    def _limited_by_sums(self) -> bool:
+        """Whether the scheme bears no more than a certain s_i, so that the particles' own sums limit the step."""
+        return self.scheme == "explicit" or (self.scheme == "runge_kutta_legendre" and self.melts)
+
+    def notes(self, grid: Discretisation, others: Mapping[str, Effect]) -> tuple[str, ...]:
+        limits = self.step_limits(grid, others)
+        if "exchange" not in limits:
+            return ()
+        words = (
+            f"{self.name}: scheme {self.scheme!r} keeps temperatures in their range while no particle's sum of"
+            f" exchanges s exceeds {limits['exchange'].length:.3g}, on the lattice up to a step of"
+            f" {limits['conduction'].length:.3g} s; where particles crowd or store less heat,"
+        )
+        if grid.step > 0:
+            return (f"{words} the fixed step of {grid.step:.3g} s is not shortened, and the run may stop",)
+        return (f"{words} limit 'exchange' shortens the step",)
 
     def greatest_diffusivity(self, grid: Discretisation, others: Mapping[str, Effect]) -> float:
         """Largest k/(rho c) [m^2/s] that any of the materials could have; with M11 the largest k."""
@@ -334,6 +404,13 @@ def enthalpy_of(
     """H(T) [J/kg]: solid up to the melting point, at it too, and liquid above."""
     above = temperature > melting_point
     return heat_capacity * (temperature - melting_point) + np.where(above, latent_heat, 0.0)
+
+
+def temperature_at(
+    enthalpy: np.ndarray, heat_capacity: np.ndarray, melting_point: np.ndarray, latent_heat: np.ndarray
+) -> np.ndarray:
+    """T(H) [deg C]."""
+    return melting_point + (np.minimum(enthalpy, 0) + np.maximum(enthalpy - latent_heat, 0)) / heat_capacity
 
 
 _HERE = "refsim.heat"
@@ -403,6 +480,22 @@ register(
         tolerance=1.0,
         tolerance_reason=_REASON,
         reach=0,
+        cases=STEEP,
+        variants=({"period": None}, _PLAIN),
+        invariants=("translation", "rotation", "reordering"),
+    )
+)
+register(
+    Operation(
+        name="heat.exchange_rate",
+        folder=_HERE,
+        paper="standard",
+        equation="s_i/dt = sum_j |G_ij|/C_i of (4)",
+        function="exchange_rate",
+        outputs=("exchange_rate",),
+        optional=_OPTIONAL,
+        tolerance=8.0,
+        tolerance_reason="a few roundings in each of distance, shape, mean conductivity, products and sum",
         cases=STEEP,
         variants=({"period": None}, _PLAIN),
         invariants=("translation", "rotation", "reordering"),

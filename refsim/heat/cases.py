@@ -60,6 +60,17 @@ def _reservoir(case, random):
     return (random.random(case.count) < 0.15).astype(np.uint8)
 
 
+@particles("exchange_rate")
+def _exchange_rate(case, random):
+    return random.uniform(0.0, 5.0, case.count)
+
+
+@groups("temperature_range")
+def _temperature_range(case, grid):
+    """A range that some of the temperatures have left, upwards or downwards."""
+    return {"temperature_range": np.array([-1.5, 6.25] if case.count % 2 else [-3.75, 4.5], grid.dtype)}
+
+
 @groups("conduction")
 def _conduction(case, grid):
     """Solved as far as rounding allows, so that the answer is that of an exact solution."""
@@ -116,6 +127,13 @@ def _moved(heat):
 def _alone(weight=WEIGHT):
     """M(4): what goes to the first particle of a lone pair for each kelvin of difference [J/K]."""
     return weight / (1 + weight * INVERSE.sum())
+
+
+@closed_form("heat.exchange_rate")
+def rates_of_a_pair():
+    """G/C_i, G = WEIGHT/dt; a reservoir has none."""
+    given = _given(reservoir=np.array([0, 1], np.uint8))
+    return Exact(PAIR, given, {"exchange_rate": np.array([WEIGHT / 0.5 * INVERSE[0], 0.0])})
 
 
 @closed_form("heat.explicit")

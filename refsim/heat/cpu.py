@@ -33,6 +33,18 @@ def weigh(
 
 
 @cpu_kernel
+def exchange_rate(
+    position, mass, volume, heat_capacity, conductivity, reservoir, neighbours, conduction, period, exchange_rate
+):
+    """s_i/dt of every particle."""
+    for i in prange(exchange_rate.shape[0]):
+        total = particle.exchange_rate(
+            i, cpu_row(neighbours, i), position, volume, conductivity, neighbours.entries, conduction, period
+        )
+        exchange_rate[i] = total * particle.inverse_capacity(i, mass, volume, heat_capacity, reservoir, conduction)
+
+
+@cpu_kernel
 def advance(
     exchanges, start, now, before, temperature, flow_start, inverse, heat_capacity, melting_point, latent_heat,
     coefficients, first, new_temperature, new,

@@ -51,6 +51,20 @@ def weigh(
         cuda.atomic.max(largest, 0, most)
 
 
+@cuda_kernel(lanes=True)
+def exchange_rate(
+    position, mass, volume, heat_capacity, conductivity, reservoir, neighbours, conduction, period, exchange_rate
+):
+    """s_i/dt of every particle."""
+    i, lane = cuda_lane(cuda.grid(1), neighbours)
+    if i < exchange_rate.shape[0]:
+        row = cuda_lane_row(neighbours, i, lane)
+        total = particle.exchange_rate(i, row, position, volume, conductivity, neighbours.entries, conduction, period)
+        total = lanes_sum(total, lane, neighbours)
+        if lane == 0:
+            exchange_rate[i] = total * particle.inverse_capacity(i, mass, volume, heat_capacity, reservoir, conduction)
+
+
 @cuda_kernel(rows_of="new", lanes="exchanges")
 def advance(
     exchanges, start, now, before, temperature, flow_start, inverse, heat_capacity, melting_point, latent_heat, table,

@@ -70,6 +70,18 @@ def weigh_and_pack(i, row, position, volume, conductivity, index, timestep, cond
 
 
 @formula
+def exchange_rate(i, row, position, volume, conductivity, index, conduction, period):
+    """sum_j |G_ij| [W/K] of particle i; s_i = dt sum_j |G_ij|/C_i."""
+    first, stride, count = row
+    real = type(conduction.support_radius)
+    total = real(0)
+    for k in range(count):
+        j = index[first + k * stride]
+        total += abs(weight(i, j, position, volume, conductivity, real(1), conduction, period))
+    return total
+
+
+@formula
 def weigh(i, row, position, volume, conductivity, timestep, conduction, period, exchanges):
     """Write the weights of particle i's neighbours, 0 beyond h; their sum of g [J/K]."""
     first, stride, count = row

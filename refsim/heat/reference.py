@@ -85,6 +85,13 @@ def exchange_sums(i, j, g, inverse):
     return inverse * np.bincount(i, g, len(inverse))
 
 
+def exchange_rate(position, mass, volume, heat_capacity, conductivity, reservoir, conduction, period):
+    """s_i/dt = sum_j |G_ij|/C_i [1/s], 0 for reservoirs: explicit steps keep the range up to dt = 1/(the largest)."""
+    i, j, g = pairs(position, volume, conductivity, (0.0, 1.0), conduction, period)
+    rate = exchange_sums(i, j, np.abs(g), capacities(mass, volume, heat_capacity, reservoir, conduction))
+    return {"exchange_rate": (rate, rate)}
+
+
 def _scale(i, j, g, inverse, temperatures, passes=1):
     """Size of the temperatures, once for each pass, and of the largest exchange at any of them, for every particle."""
     n = len(inverse)

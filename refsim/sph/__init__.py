@@ -299,11 +299,16 @@ register(
         name="sph.extremes",
         folder=_HERE,
         paper="standard",
-        equation="max |v|^2, max |a|^2",
+        equation="max |v|^2, max |a|^2, max s/dt, max (T - range)",
         function="extremes",
         outputs=("extremes",),
-        optional=("temperature",),
-        variants=({"temperature": None}, {}),
+        optional=("temperature", "temperature_range", "exchange_rate"),
+        variants=(
+            {"temperature": None, "temperature_range": None, "exchange_rate": None},
+            {"temperature_range": None, "exchange_rate": None},
+            {"exchange_rate": None},
+            {},
+        ),
     )
 )
 register(

@@ -178,14 +178,17 @@ def falling():
 
 @closed_form("sph.extremes")
 def largest_squares():
-    """3-4-5 triangles."""
+    """3-4-5 triangles; the second temperature lies 5 K below a range from -5 to 9 deg C."""
     return Exact(
         PAIR,
         {
             "velocity": np.array([[3.0, 4.0, 0.0], [1.0, 0.0, 0.0]]),
             "acceleration": np.array([[0.0, 0.0, 1.0], [0.0, 5.0, 12.0]]),
+            "temperature": np.array([12.0, -10.0]),
+            "temperature_range": np.array([-5.0, 9.0]),
+            "exchange_rate": np.array([0.25, 0.5]),
         },
-        {"extremes": np.array([25.0, 169.0, 0.0])},
+        {"extremes": np.array([25.0, 169.0, 0.0, 0.5, 5.0])},
     )
 
 

@@ -92,19 +92,25 @@ def gravity(field, acceleration):
 
 
 @cpu_kernel
-def extremes(velocity, acceleration, temperature, extremes):
-    """Largest |v|^2 and |a|^2, and the number of particles where either, or the temperature, is not finite."""
+def extremes(velocity, acceleration, temperature, temperature_range, exchange_rate, extremes):
+    """Largest |v|^2 and |a|^2, number of particles where a value is not finite, largest rate and way out of range."""
     speed = extremes.dtype.type(0)
     force = extremes.dtype.type(0)
+    rate = extremes.dtype.type(0)
+    excess = extremes.dtype.type(0)
     broken = 0
     for i in prange(velocity.shape[0]):
-        s, f, bad = particle.squares(i, velocity, acceleration, temperature)
+        s, f, r, e, bad = particle.squares(i, velocity, acceleration, temperature, temperature_range, exchange_rate)
         speed = max(speed, s)
         force = max(force, f)
+        rate = max(rate, r)
+        excess = max(excess, e)
         broken += bad
     extremes[0] = speed
     extremes[1] = force
     extremes[2] = broken
+    extremes[3] = rate
+    extremes[4] = excess
 
 
 @cpu_kernel

@@ -130,33 +130,48 @@ def largest_of_block(values, mine):
     return values[0]
 
 
-def extremes(velocity, acceleration, temperature, extremes):
-    """Largest |v|^2 and |a|^2, and the number of particles where either, or the temperature, is not finite."""
+def extremes(velocity, acceleration, temperature, temperature_range, exchange_rate, extremes):
+    """Largest |v|^2 and |a|^2, number of particles where a value is not finite, largest rate and way out of range."""
     device.fill(extremes, 0)
-    reduce_extremes(velocity, acceleration, temperature, extremes)
+    reduce_extremes(velocity, acceleration, temperature, temperature_range, exchange_rate, extremes)
 
 
 @cuda_kernel(rows_of="velocity")
-def reduce_extremes(velocity, acceleration, temperature, extremes):
-    """Largest |v|^2 and |a|^2, and the number of broken particles."""
+def reduce_extremes(velocity, acceleration, temperature, temperature_range, exchange_rate, extremes):
+    """Largest |v|^2 and |a|^2, number of broken particles, largest rate and way out of the range of temperatures."""
     i = cuda.grid(1)
     real = extremes.dtype.type
     zero = real(0)
-    speed, force, broken = zero, zero, False
+    speed, force, rate, excess, broken = zero, zero, zero, zero, False
     if i < velocity.shape[0]:
-        speed, force, broken = particle.squares(i, velocity, acceleration, temperature)
+        speed, force, rate, excess, broken = particle.squares(
+            i, velocity, acceleration, temperature, temperature_range, exchange_rate
+        )
         if not speed >= zero:  # no number: counted, but it must not hide the others' largest
             speed = zero
         if not force >= zero:
             force = zero
+        if not rate >= zero:
+            rate = zero
+        if not excess >= zero:
+            excess = zero
     # What was read too early costs a look at the block and no more: the extremes only grow.
-    if cuda.syncthreads_or(np.int32(broken or speed > extremes[0] or force > extremes[1])) == 0:
+    larger = speed > extremes[0] or force > extremes[1] or rate > extremes[3] or excess > extremes[4]
+    if cuda.syncthreads_or(np.int32(broken or larger)) == 0:
         return
     speeds = cuda.shared.array(THREADS_PER_BLOCK, extremes.dtype)
     forces = cuda.shared.array(THREADS_PER_BLOCK, extremes.dtype)
     largest_speed = largest_of_block(speeds, speed)
     largest_force = largest_of_block(forces, force)
     count = cuda.syncthreads_count(1 if broken else 0)
+    if exchange_rate is not None:
+        largest_rate = largest_of_block(cuda.shared.array(THREADS_PER_BLOCK, extremes.dtype), rate)
+        if cuda.threadIdx.x == 0:
+            cuda.atomic.max(extremes, 3, largest_rate)
+    if temperature_range is not None:
+        largest_excess = largest_of_block(cuda.shared.array(THREADS_PER_BLOCK, extremes.dtype), excess)
+        if cuda.threadIdx.x == 0:
+            cuda.atomic.max(extremes, 4, largest_excess)
     if cuda.threadIdx.x == 0:
         if largest_speed > extremes[0]:
             cuda.atomic.max(extremes, 0, largest_speed)

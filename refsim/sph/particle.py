@@ -188,8 +188,11 @@ def kick_drift(i, position, velocity, acceleration, build_position, bounds, time
 
 
 @formula
-def squares(i, velocity, acceleration, temperature):
-    """(|v|^2, |a|^2, whether either, or the temperature where there is one, is not finite) of particle i."""
+def squares(i, velocity, acceleration, temperature, temperature_range, exchange_rate):
+    """(|v|^2, |a|^2, rate, way of the temperature out of its range, whether a value is not finite) of particle i.
+
+    Rate and way are 0 where there are none.
+    """
     speed = velocity[i, 0] ** 2 + velocity[i, 1] ** 2 + velocity[i, 2] ** 2
     force = acceleration[i, 0] ** 2 + acceleration[i, 1] ** 2 + acceleration[i, 2] ** 2
     # Numba's isfinite(x) looks at x - x, which is nothing where sums may be taken in any order.
@@ -197,4 +200,10 @@ def squares(i, velocity, acceleration, temperature):
     broken = not (speed < beyond and force < beyond)
     if temperature is not None:
         broken = broken or not abs(temperature[i]) < beyond
-    return speed, force, broken
+    rate, excess = type(speed)(0), type(speed)(0)
+    if temperature_range is not None:
+        excess = max(excess, max(temperature[i] - temperature_range[1], temperature_range[0] - temperature[i]))
+    if exchange_rate is not None:
+        rate = exchange_rate[i]
+        broken = broken or not rate < beyond
+    return speed, force, rate, excess, broken

@@ -115,15 +115,27 @@ def gravity(field, rows=None):
     return {"acceleration": (field, np.abs(field))}
 
 
-def extremes(velocity, acceleration, temperature):
-    """E = (max |v|^2 [m^2/s^2], max |a|^2 [m^2/s^4], number of particles where one is not finite, or T [deg C])."""
+def extremes(velocity, acceleration, temperature, temperature_range, exchange_rate):
+    """E = (max |v|^2 [m^2/s^2], max |a|^2 [m^2/s^4], number of particles where one of these or of the rest is not
+    finite, max rate [1/s], how far the temperature that is farthest out of its range [deg C] lies beyond it [K]).
+    """
     speed = (np.asarray(velocity, dtype=float) ** 2).sum(1)
     force = (np.asarray(acceleration, dtype=float) ** 2).sum(1)
     broken = ~(np.isfinite(speed) & np.isfinite(force))
     if temperature is not None:
         broken |= ~np.isfinite(np.asarray(temperature, dtype=float))
-    value = np.array([speed.max(initial=0), force.max(initial=0), broken.sum()], dtype=float)
-    return {"extremes": (value, value)}
+    rate, excess, size = 0.0, 0.0, 0.0
+    if exchange_rate is not None:
+        rates = np.asarray(exchange_rate, dtype=float)
+        broken |= ~np.isfinite(rates)
+        rate = np.nanmax(rates, initial=0)
+    if temperature_range is not None:
+        t = np.asarray(temperature, dtype=float)
+        low, high = (float(v) for v in temperature_range)
+        excess = np.nanmax(np.where(t > high, t - high, np.where(t < low, low - t, 0.0)), initial=0)
+        size = excess + abs(low) + abs(high)
+    value = np.array([speed.max(initial=0), force.max(initial=0), broken.sum(), rate, excess], dtype=float)
+    return {"extremes": (value, np.array([*value[:4], size]))}
 
 
 def kick_drift(acceleration, build_position, bounds, timestep, velocity, position):

@@ -231,7 +231,7 @@ def step_cell(context: Context, backend: str, scheme: str, melts: bool, steps: i
 
     options = {**ICE, "held": (0,)} if melts else {}
     plan = make_plan(halves(0.1, scheme, largest_number=HeatConduction().largest_number, **options))
-    (limit,) = plan.effects["heat_conduction"].step_limits(plan.grid, plan.effects).values()
+    limit = plan.effects["heat_conduction"].step_limits(plan.grid, plan.effects)["conduction"]
     return largest_stable(trouble, 0.25, 0.05, 1e4, factor=1.2).result(limit.length / UNIT)
 
 
