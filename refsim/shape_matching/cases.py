@@ -4,7 +4,7 @@ import functools
 
 import numpy as np
 
-from refsim.cases import Case, Exact, closed_form, groups, lattice, particles
+from refsim.cases import Case, Exact, case, closed_form, groups, lattice, particles
 from refsim.shape_matching import Matching, floors, reference
 from refsim.shape_matching.fast_summation import boxes_of
 from refsim.solids import lattice_of
@@ -20,12 +20,8 @@ def half_width(case):
     return case.dim - 1
 
 
-@functools.cache
-def tables(case):
-    """Two bodies that touch, full of holes, of the first 7/10 of the particles: lattice, direct, region and its count.
-
-    `direct` is without the particles that are liquid; the regions are older, when only every tenth node had melted.
-    """
+def bodies(case):
+    """Lattice of the two bodies, and the random numbers that go on from there."""
     random = case.random("lattice")
     count = int(0.7 * case.count)
     cells, shift = [], 0
@@ -34,7 +30,17 @@ def tables(case):
         box = np.stack(np.meshgrid(*[np.arange(side)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
         cells.append(random.permutation(box)[:size] + [shift, -1, 0])
         shift += side
-    made = lattice_of(cells)
+    return lattice_of(cells), random
+
+
+@functools.cache
+def tables(case):
+    """Two bodies that touch, full of holes, of the first 7/10 of the particles: lattice, direct, region and its count.
+
+    `direct` is without the particles that are liquid; the regions are older, when only every tenth node had melted.
+    """
+    made, random = bodies(case)
+    count = len(made.cell)
     place = np.arange(case.count)
     phase = np.asarray(_phase(case))
     before = np.where(random.random(case.count) < 0.1, 0, 1)
@@ -95,6 +101,54 @@ def _matching(case, grid):
     real = grid.real
     numbers = real(grid.spacing), real(0.8), real(0.1)
     return {"matching": Matching(np.int32(half_width(case)), *numbers, *floors(grid.dtype))}
+
+
+# Hard cases: bodies of whose regions many have collapsed, away from the body's middle
+
+
+def _collapsed(name, shape, size=1.0):
+    """Bodies in their shape, turned; cells from the second one along x on shrink into a point, a line or a plane."""
+    blank = Case(name, 3, np.zeros((343, 3)))
+    cell = bodies(blank)[0].cell.astype(float)
+    random = blank.random("collapse")
+    turn = np.linalg.qr(random.normal(size=(3, 3)))[0]
+    place = cell.copy()
+    far = cell[:, 0] >= 1
+    kept = {"point": np.zeros((3, 3)), "line": np.diag([0.0, 1.0, 0.0]), "plane": np.diag([0.0, 1.0, 1.0])}[shape]
+    place[far] = [2.0, 1.0, 1.0] + size * cell[far] @ kept
+    position = blank.position + 40 * blank.spacing
+    position[: len(cell)] = blank.spacing * (place @ (turn * np.sign(np.linalg.det(turn)))) + [1.0, -2.0, 0.5]
+    return Case(name, 3, position)
+
+
+@case
+def members_in_a_point() -> Case:
+    """All members of many regions at one place: nothing turns them."""
+    return _collapsed("members_in_a_point", "point")
+
+
+@case
+def members_on_a_line() -> Case:
+    """All members of many regions on a line."""
+    return _collapsed("members_on_a_line", "line")
+
+
+@case
+def members_on_a_short_line() -> Case:
+    """The same, a hundred-thousandth as long."""
+    return _collapsed("members_on_a_short_line", "line", 1e-5)
+
+
+@case
+def members_on_a_plane() -> Case:
+    """All members of many regions on a plane."""
+    return _collapsed("members_on_a_plane", "plane")
+
+
+@case
+def members_on_a_small_plane() -> Case:
+    """The same, a hundred-thousandth as wide."""
+    return _collapsed("members_on_a_small_plane", "plane", 1e-5)
 
 
 # Closed forms
@@ -218,6 +272,42 @@ def quarter_turn():
     return Exact(CUBE, given, {"rotation": turned, "region_center": none, "region_anchor": none})
 
 
+def _crowd():
+    """(arguments, members, node): a body of 7 x 7 x 7 nodes whose outermost 3 x 3 x 3 stand in one place.
+
+    The body's middle is 3 cells away along each axis; only the node in the middle of those members has a region.
+    """
+    made = lattice_of([np.stack(np.meshgrid(*[np.arange(7)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)])
+    crowd = (made.cell <= 2).all(1)
+    (middle,) = np.flatnonzero((made.cell == 1).all(1))
+    region = np.full((343, 27), -1, np.int32)
+    region[middle, made.cell[crowd] @ [9, 3, 1]] = np.flatnonzero(crowd)
+    position = made.cell + 0.1 * np.sin(np.arange(343.0))[:, None] * [1.0, -2.0, 3.0]
+    position[crowd] = [0.3, -0.7, 0.9]
+    given = {
+        "solid_position": position, "region_share": 0.5 + np.arange(343) % 5, "region": region,
+        "region_count": _counted(region), "matching": _matched(), "boxes": boxes_of(made, 1),
+    }  # fmt: skip
+    return given, crowd, middle
+
+
+@closed_form("shape_matching.match", "parallel_reduction.match", "fast_summation.match")
+def members_in_one_place():
+    """Members in one place, away from their body's middle, do not turn their region, however it was turned before."""
+    given, crowd, middle = _crowd()
+    rotation = np.tile([0.48, 0.6, 0.0, 0.64], (343, 1))
+    share, none = given["region_share"][crowd], np.zeros((343, 3))
+    offset = np.stack(np.meshgrid(*[np.arange(-1, 2)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
+    order = given["region"][middle]
+    rest = (given["region_share"][order][:, None] * offset).sum(0) / share.sum()
+    w, u = rotation[0, 0], rotation[0, 1:]
+    anchor = none.copy()
+    anchor[middle] = -(rest + 2 * np.cross(u, np.cross(u, rest) + w * rest))
+    given |= {"rotation": rotation, "region_center": none + 1, "region_anchor": none + 1}
+    whole = Case("body_of_343", 3, given["solid_position"], spacing=1.0, support_radius=2.0)
+    return Exact(whole, given, {"rotation": rotation, "region_center": none, "region_anchor": anchor})
+
+
 @closed_form("shape_matching.match", "parallel_reduction.match", "fast_summation.match")
 def lone_node():
     """A region of one node keeps its rotation and takes the node's place."""
@@ -266,6 +356,22 @@ def spinning_block():
     expected_mean, expected_spin = velocity.copy(), np.zeros((27, 3))
     expected_mean[13], expected_spin[13] = [2.0, 0.0, 0.0], [0.0, 0.0, 3.0]
     return Exact(CUBE, given, {"region_velocity": expected_mean, "region_spin": expected_spin})
+
+
+@closed_form("shape_matching.region_motion", "parallel_reduction.region_motion", "fast_summation.region_motion")
+def crowd_in_one_place():
+    """Members in one place, away from their body's middle, have a mean velocity and no spin."""
+    given, crowd, middle = _crowd()
+    velocity = np.stack([np.arange(343.0) % 7, np.arange(343.0) % 5, np.ones(343)], axis=1)
+    share = given["region_share"][crowd]
+    mean = velocity.copy()
+    mean[middle] = (share[:, None] * velocity[crowd]).sum(0) / share.sum()
+    whole = Case("body_of_343", 3, given["solid_position"], spacing=1.0, support_radius=2.0)
+    given |= {
+        "solid_velocity": velocity, "region_center": np.zeros((343, 3)), "region_velocity": np.zeros((343, 3)),
+        "region_spin": np.ones((343, 3)),
+    }  # fmt: skip
+    return Exact(whole, given, {"region_velocity": mean, "region_spin": np.zeros((343, 3))})
 
 
 @closed_form("shape_matching.damp", "parallel_reduction.damp", "fast_summation.damp")

@@ -42,9 +42,11 @@ def gather(position, mass, place, region_count, region_share, solid_position):
 @formula
 def _match(s, solid_position, region_share, region, matching, region_center, region_anchor, rotation):
     """One region; its arrays are made here, because a parallel loop may not make them."""
-    matrix, basis = np.empty((4, 4), rotation.dtype), np.empty((4, 4), rotation.dtype)
+    matrix, basis = np.empty((4, 4), np.float64), np.empty((4, 4), np.float64)
     sums = particle.match_sums(s, solid_position, region_share, region, matching.half_width)
-    particle.match_end(s, sums, matching, matrix, basis, region_center, region_anchor, rotation)
+    particle.match_end(
+        s, sums, solid_position, region_share, region, matching, matrix, basis, region_center, region_anchor, rotation
+    )
 
 
 @cpu_kernel(ordered=True)

@@ -73,9 +73,12 @@ def match(solid_position, region_share, region, matching, region_center, region_
     """Center, rotation and anchor of every region."""
     s = cuda.grid(1)
     if s < rotation.shape[0]:
-        matrix, basis = cuda.local.array((4, 4), rotation.dtype), cuda.local.array((4, 4), rotation.dtype)
+        matrix, basis = cuda.local.array((4, 4), np.float64), cuda.local.array((4, 4), np.float64)
         sums = particle.match_sums(s, solid_position, region_share, region, matching.half_width)
-        particle.match_end(s, sums, matching, matrix, basis, region_center, region_anchor, rotation)
+        particle.match_end(
+            s, sums, solid_position, region_share, region, matching, matrix, basis, region_center, region_anchor,
+            rotation,
+        )  # fmt: skip
 
 
 @cuda_kernel

@@ -210,12 +210,13 @@ def centred(moments):
 
 
 @formula
-def quick_rotation(moments, before, precision):
-    """(whether it is found, q): best_rotation where it is near the one before, or where A or M = 0; dimensionless."""
+def quick_rotation(moments, before, least, precision):
+    """(whether it is found, q): best_rotation where it is near the one before and A > least [kg m]; dimensionless."""
     near, best = True, (before[0], before[1], before[2], before[3])
     if moments[0] > type(moments[0])(0):
         a, most = centred(moments)
-        if most > type(most)(0):
+        near = False
+        if most > least:
             near, q = nearby_rotation((a[0], a[3], a[6]), (a[1], a[4], a[7]), (a[2], a[5], a[8]), before, precision)
             if near:
                 best = q
@@ -223,28 +224,29 @@ def quick_rotation(moments, before, precision):
 
 
 @formula
-def best_rotation(moments, before, floor, precision, matrix, basis):
-    """q = argmax tr(R(q)^T A) [dimensionless], A = sum m x g^T - (sum m x)(sum m g)^T/M; `before` where A = 0.
+def best_rotation(moments, before, floor, lost, precision, matrix, basis):
+    """q = argmax tr(R(q)^T A) [dimensionless], A = sum m x g^T - (sum m x)(sum m g)^T/M; `before` where max|A| <= lost.
 
-    By Newton's steps where it is near the one before. Else the largest eigenvector of K(A/max|A|) + floor p p^T, p
-    first the rotation before and then the answer so far: an undetermined twist stays what it was, and a determined one
-    is not held back.
+    The largest eigenvector of K(A/max|A|) + f p p^T, p first the rotation before and then the answer so far: an
+    undetermined twist stays what it was, and a determined one is not held back. `lost` [kg m] is what rounding may make
+    of an entry of A; f = 16 lost/max|A| where that is more than `floor`: an entry of K has up to four such errors.
     """
     real = type(moments[0])
-    near, best = quick_rotation(moments, before, precision)
-    if not near:
-        a, _ = centred(moments)
+    best = (before[0], before[1], before[2], before[3])
+    a, most = centred(moments)
+    if most > lost:
+        weight = max(floor, real(16) * lost / most)
         davenport(a[0], a[1], a[2], a[3], a[4], a[5], a[6], a[7], a[8], matrix)
         for p in range(4):
             for q in range(4):
-                matrix[p, q] += floor * before[p] * before[q]
+                matrix[p, q] += weight * before[p] * before[q]
                 basis[p, q] = real(p == q)
         top = diagonalised(matrix, basis, precision)
         for p in range(4):  # p p^T of the rotation before gives way to that of the answer, in the answer's basis
             along_p = basis_part(basis, p, before)
             for q in range(4):
-                matrix[p, q] -= floor * along_p * basis_part(basis, q, before)
-        matrix[top, top] += floor
+                matrix[p, q] -= weight * along_p * basis_part(basis, q, before)
+        matrix[top, top] += weight
         top = diagonalised(matrix, basis, precision)
         w, i, j, k = basis[0, top], basis[1, top], basis[2, top], basis[3, top]
         size = math.sqrt(w * w + i * i + j * j + k * k)

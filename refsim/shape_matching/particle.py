@@ -4,6 +4,8 @@ Tables stand in the particles' first order, in which the nodes of solids come fi
 identity s, whose present row in the particle arrays is place[s]. Empty slots are NOBODY.
 """
 
+import numpy as np
+
 from refsim.compile import formula
 from refsim.neighbours.formulas import BITS
 from refsim.shape_matching.formulas import (
@@ -12,6 +14,7 @@ from refsim.shape_matching.formulas import (
     match_term,
     motion_term,
     pull,
+    quick_rotation,
     rigid_motion,
     rigid_term,
     slot_offset,
@@ -21,6 +24,8 @@ from refsim.shape_matching.phases import FLUID, INTERIOR, NOBODY, SURFACE
 
 LEVEL = 28  # bits of a node's number; what stands above them is its level while a region is filled
 NUMBER = (1 << LEVEL) - 1
+SMALL = 1e-3  # of M d: where A is below, positions have come together, and it is summed with care
+EPSILON, PRECISION = 2.220446049250313e-16, 1e-17  # of float64: what a rounding may be, and where the eigensolver stops
 
 
 @formula
@@ -215,12 +220,72 @@ def match_sums(s, solid_position, region_share, region, half_width):
 
 
 @formula
-def match_end(s, sums, matching, matrix, basis, region_center, region_anchor, rotation):
-    """Center, rotation and anchor of the region of node s, from its sums; an empty one is the node's place."""
-    q = (rotation[s, 0], rotation[s, 1], rotation[s, 2], rotation[s, 3])
-    if sums[0] > type(sums[0])(0):
-        q = best_rotation(sums, rotation[s], matching.twist_floor, matching.precision, matrix, basis)
+def careful_sums(s, solid_position, region_share, region, half_width):
+    """(sums, S = sum m |x|_1 [kg m]) of the region of node s, by plain gather in float64, with exact differences."""
+    zero = np.float64(0)
+    sums, size = nothing_16(zero), zero
+    last = region.shape[1] - 1
+    for k in range(region.shape[1]):
+        slot = last - k // 2 if k % 2 else k // 2
+        j = region[s, slot]
+        if j != NOBODY:
+            m, (a, b, e) = np.float64(region_share[j]), slot_offset(slot, half_width)
+            x = np.float64(solid_position[j, 0]) - np.float64(solid_position[s, 0])
+            y = np.float64(solid_position[j, 1]) - np.float64(solid_position[s, 1])
+            z = np.float64(solid_position[j, 2]) - np.float64(solid_position[s, 2])
+            sums = added(sums, match_term(m, x, y, z, np.float64(a), np.float64(b), np.float64(e)))
+            size += m * (abs(x) + abs(y) + abs(z))
+    return sums, size
+
+
+@formula
+def position_doubt(s, solid_position, matching):
+    """What rounding of positions may make of an entry of A/M [m]: eps w |x|_1, x from the origin."""
+    far = abs(solid_position[s, 0]) + abs(solid_position[s, 1]) + abs(solid_position[s, 2])
+    return matching.eps * type(far)(matching.half_width) * far
+
+
+@formula
+def match_quick(s, sums, solid_position, matching, rotation):
+    """(whether it is found, q): rotation of a region where it is near the one before and well determined."""
+    real = type(matching.spacing)
+    least = real(SMALL) * matching.spacing + real(16) * position_doubt(s, solid_position, matching)
+    return quick_rotation(sums, rotation[s], sums[0] * least, matching.precision)
+
+
+@formula
+def match_end(
+    s, sums, solid_position, region_share, region, matching, matrix, basis, region_center, region_anchor, rotation
+):  # fmt: skip
+    """Center, rotation and anchor of the region of node s, from its sums; an empty one is the node's place.
+
+    What the sums do not settle at once is summed again with care. No order of n terms makes more than n eps sum |terms|
+    of an entry of A, and sum |terms| <= 2 w S: below that, and below what the positions' own rounding makes of it, A
+    says nothing.
+    """
+    real = type(sums[0])
+    near, q = match_quick(s, sums, solid_position, matching, rotation)
+    if not near:
+        exact, size = careful_sums(s, solid_position, region_share, region, matching.half_width)
+        n, w = np.float64(region.shape[1]), np.float64(matching.half_width)
+        lost = 2 * w * n * EPSILON * size + exact[0] * np.float64(position_doubt(s, solid_position, matching))
+        before = (
+            np.float64(rotation[s, 0]), np.float64(rotation[s, 1]), np.float64(rotation[s, 2]),
+            np.float64(rotation[s, 3]),
+        )  # fmt: skip
+        best = best_rotation(exact, before, np.float64(matching.twist_floor), lost, PRECISION, matrix, basis)
+        q = (real(best[0]), real(best[1]), real(best[2]), real(best[3]))
+        sums = narrowed(exact, real)
     match_write(s, sums, q, matching, region_center, region_anchor, rotation)
+
+
+@formula
+def narrowed(v, real):
+    """A tuple of 16 as `real`."""
+    return (
+        real(v[0]), real(v[1]), real(v[2]), real(v[3]), real(v[4]), real(v[5]), real(v[6]), real(v[7]), real(v[8]),
+        real(v[9]), real(v[10]), real(v[11]), real(v[12]), real(v[13]), real(v[14]), real(v[15]),
+    )  # fmt: skip
 
 
 @formula

@@ -114,8 +114,9 @@ def match(solid_position, region_share, region, matching, rotation):
     """Best rigid motion of every region: c = sum m x/M, A = sum m (x - c)(x0 - c0)^T, R = argmax tr(R^T A), det R = 1.
 
     m = m_k/cnt_k. From node s: region_center c - x_s [m], region_anchor c + R (x0_s - c0) - x_s [m]. rotation:
-    quaternion of R, of the sign of the one before; an undetermined twist is the one before. Scales: over the gap to the
-    next eigenvalue.
+    quaternion of R, of the sign of the one before; an undetermined twist is the one before, and so is all of it where
+    no entry of A is above what rounding makes of one: n eps sum |terms| of the n terms, and eps w |x_s|_1 sum m of the
+    positions. Scales: over the gap to the next eigenvalue.
     """
     x, share = np.asarray(solid_position, dtype=float), np.asarray(region_share, dtype=float)
     region, before = np.asarray(region), np.asarray(rotation, dtype=float)
@@ -133,10 +134,14 @@ def match(solid_position, region_share, region, matching, rotation):
         a = (far - c).T @ (m[:, None] * (rest - c0))
         terms = np.abs(far).T @ (m[:, None] * np.abs(rest)) + np.outer(m @ np.abs(far), m @ np.abs(rest)) / m.sum()
         q, rotated_gap = before[s], 1.0
-        if np.abs(a).max() > 0:
+        cells = round(region.shape[1] ** (1 / 3)) // 2
+        summed = 2 * spacing * cells * region.shape[1] * np.finfo(float).eps * (m @ np.abs(far)).sum()
+        lost = summed + m.sum() * float(matching.eps) * spacing * cells * np.abs(x[s]).sum()
+        if np.abs(a).max() > lost:
             form = _quadratic_form(a / np.abs(a).max())
+            weight = max(floor, 16 * lost / np.abs(a).max())
             for _ in range(2):
-                values, vectors = np.linalg.eigh(form + floor * np.outer(q, q))
+                values, vectors = np.linalg.eigh(form + weight * np.outer(q, q))
                 q = vectors[:, -1]
             q = q if q @ before[s] >= 0 else -q
             rotated_gap = max(values[-1] - values[-2], 1e-300) / (terms.max() / np.abs(a).max())

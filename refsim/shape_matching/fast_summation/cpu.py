@@ -5,7 +5,6 @@ import numpy as np
 from refsim.compile import cpu_kernel, formula, prange
 from refsim.shape_matching import particle as plain
 from refsim.shape_matching.fast_summation import particle
-from refsim.shape_matching.formulas import quick_rotation
 
 
 @cpu_kernel(ordered=True)
@@ -101,12 +100,15 @@ def _match_node(
     found, sums = particle.match_sums(s, solid_position, boxes)
     if found != region_count[s] or found <= 1:
         sums = plain.match_sums(s, solid_position, region_share, region, matching.half_width)
-    near, q = quick_rotation(sums, rotation[s], matching.precision)
+    near, q = plain.match_quick(s, sums, solid_position, matching, rotation)
     if near:
         plain.match_write(s, sums, q, matching, region_center, region_anchor, rotation)
     else:
-        matrix, basis = np.empty((4, 4), rotation.dtype), np.empty((4, 4), rotation.dtype)
-        plain.match_end(s, sums, matching, matrix, basis, region_center, region_anchor, rotation)
+        matrix, basis = np.empty((4, 4), np.float64), np.empty((4, 4), np.float64)
+        plain.match_end(
+            s, sums, solid_position, region_share, region, matching, matrix, basis, region_center, region_anchor,
+            rotation,
+        )  # fmt: skip
 
 
 @cpu_kernel(ordered=True)
@@ -150,7 +152,7 @@ def _motion_nodes(
     """Every node, from the sums of its box or, where its region is not the whole box, member by member."""
     for s in prange(region_spin.shape[0]):
         found, mass, sums = particle.motion_sums(s, solid_position, solid_velocity, region_center, boxes)
-        if found != region_count[s] or found <= 1:
+        if found != region_count[s] or found <= 1 or particle.too_small(mass, sums, matching):
             mass, sums = plain.motion_sums(s, solid_position, solid_velocity, region_share, region, region_center)
         plain.motion_end(s, mass, sums, solid_velocity, matching, region_velocity, region_spin)
 

@@ -4,6 +4,8 @@ Boxes pay for wide regions only: up to NARROW the threads of a warp add up a reg
 over all cells axis by axis, and in the run's own precision.
 """
 
+import numpy as np
+
 from refsim.compile import cuda, cuda_kernel
 from refsim.shape_matching import particle as plain
 from refsim.shape_matching.fast_summation import particle
@@ -76,8 +78,11 @@ def _match_nodes(
         found, sums = particle.match_sums(s, solid_position, boxes)
         if found != region_count[s] or found <= 1:
             sums = plain.match_sums(s, solid_position, region_share, region, matching.half_width)
-        matrix, basis = cuda.local.array((4, 4), rotation.dtype), cuda.local.array((4, 4), rotation.dtype)
-        plain.match_end(s, sums, matching, matrix, basis, region_center, region_anchor, rotation)
+        matrix, basis = cuda.local.array((4, 4), np.float64), cuda.local.array((4, 4), np.float64)
+        plain.match_end(
+            s, sums, solid_position, region_share, region, matching, matrix, basis, region_center, region_anchor,
+            rotation,
+        )  # fmt: skip
 
 
 @cuda_kernel
@@ -103,7 +108,7 @@ def _motion_nodes(
     s = cuda.grid(1)
     if s < region_spin.shape[0]:
         found, mass, sums = particle.motion_sums(s, solid_position, solid_velocity, region_center, boxes)
-        if found != region_count[s] or found <= 1:
+        if found != region_count[s] or found <= 1 or particle.too_small(mass, sums, matching):
             mass, sums = plain.motion_sums(s, solid_position, solid_velocity, region_share, region, region_center)
         plain.motion_end(s, mass, sums, solid_velocity, matching, region_velocity, region_spin)
 

@@ -174,6 +174,16 @@ def motion_sums(s, solid_position, solid_velocity, region_center, boxes):
 
 
 @formula
+def too_small(mass, sums, matching):
+    """Whether a region has shrunk so far that its box's sums, which hold the body's size, say nothing of its own.
+
+    Sums of boxes round about eps64 m L^2 away, L the distance from the body's middle; sum m r^2 of a region in its
+    shape is d^2 m or more. Members that coincide have none.
+    """
+    return not sums[6] + sums[7] + sums[8] >= type(mass)(0.01) * mass * matching.spacing * matching.spacing
+
+
+@formula
 def damp_cell(cell, solid_position, solid_velocity, region_count, region_center, region_velocity, region_spin, boxes):
     """omega, and v - omega x (x + center), of the region of the node in one cell; and their number."""
     row = boxes.first

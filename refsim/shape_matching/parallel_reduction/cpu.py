@@ -29,8 +29,14 @@ def _match(s, solid_position, region_share, region, matching, region_center, reg
         for c, term in enumerate(terms):
             lanes[slot % LANES, c] += term
     _tree(lanes)
-    matrix, basis = np.empty((4, 4), rotation.dtype), np.empty((4, 4), rotation.dtype)
-    particle.match_end(s, lanes[0], matching, matrix, basis, region_center, region_anchor, rotation)
+    matrix, basis = np.empty((4, 4), np.float64), np.empty((4, 4), np.float64)
+    v = lanes[0]
+    sums = (
+        v[0], v[1], v[2], v[3], v[4], v[5], v[6], v[7], v[8], v[9], v[10], v[11], v[12], v[13], v[14], v[15],
+    )  # fmt: skip
+    particle.match_end(
+        s, sums, solid_position, region_share, region, matching, matrix, basis, region_center, region_anchor, rotation
+    )
 
 
 @cpu_kernel(ordered=True)

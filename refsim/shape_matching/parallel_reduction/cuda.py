@@ -77,8 +77,11 @@ def match(solid_position, region_share, region, matching, region_center, region_
                 sums = particle.added(sums, terms)
         sums = _summed_16(lane, sums)
         if lane == 0:
-            matrix, basis = cuda.local.array((4, 4), rotation.dtype), cuda.local.array((4, 4), rotation.dtype)
-            particle.match_end(s, sums, matching, matrix, basis, region_center, region_anchor, rotation)
+            matrix, basis = cuda.local.array((4, 4), np.float64), cuda.local.array((4, 4), np.float64)
+            particle.match_end(
+                s, sums, solid_position, region_share, region, matching, matrix, basis, region_center, region_anchor,
+                rotation,
+            )  # fmt: skip
 
 
 @cuda_kernel(lanes=LANES)
