@@ -393,12 +393,19 @@ def test_arrays_are_filled_assigned_and_reordered(cuda, shape):
 def test_largest_values_do_not_outlive_their_call(cuda):
     from refsim.sph import cuda as kernels
 
-    out = cuda.asarray(np.array([1e9, 1e9, 7.0]))
+    out = cuda.asarray(np.array([1e9, 1e9, 7.0, 1e9, 1e9]))
     velocity = np.random.default_rng(6).normal(size=(21, 3))
     velocity[3] = np.nan
     velocity[20] = [3.0, 4.0, 12.0]
-    kernels.extremes(cuda.asarray(velocity), cuda.asarray(0.5 * velocity), None, out)
-    assert np.allclose(cuda.host(out), [169.0, 42.25, 1.0])
+    kernels.extremes(cuda.asarray(velocity), cuda.asarray(0.5 * velocity), None, None, None, out)
+    assert np.allclose(cuda.host(out), [169.0, 42.25, 1.0, 0.0, 0.0])
+    warmth, rates = np.linspace(-3.0, 7.0, 21), np.linspace(1.0, 2.0, 21)
+    warmth[4] = rates[5] = np.nan
+    bounds = cuda.asarray(np.array([-2.5, 5.0]))
+    kernels.extremes(
+        cuda.asarray(velocity), cuda.asarray(0.5 * velocity), cuda.asarray(warmth), bounds, cuda.asarray(rates), out
+    )
+    assert np.allclose(cuda.host(out), [169.0, 42.25, 3.0, 2.0, 2.0])
     place = cuda.asarray(np.zeros((21, 3)))
     way = cuda.asarray(np.array([1e9, 5.0]))
     steps = cuda.asarray(np.array([0.0, 0.1]))
@@ -530,21 +537,24 @@ def test_device_chooses_the_step_as_the_host_does(cuda):
     from refsim.effect import Extremes, StepLimit
     from refsim.stepping import stable_steps
 
-    limits = {"a": StepLimit.constant(0.5), "b": StepLimit.crossing(2.0, speed=3.0), "c": StepLimit.falling(1.0)}
+    limits = {
+        "a": StepLimit.constant(0.5), "b": StepLimit.crossing(2.0, speed=3.0), "c": StepLimit.falling(1.0),
+        "d": StepLimit.exchanging(3.0),
+    }  # fmt: skip
     table = cuda.asarray(np.array(list(limits.values())))
 
-    def chosen(speed, acceleration, broken=0, fixed=0.0, previous=0.25, first=0.0):
+    def chosen(speed, acceleration, rate=0.0, excess=0.0, broken=0, fixed=0.0, previous=0.25, first=0.0):
         values = np.zeros(device.CLOCK_ROWS)
         values[[device.TIME, device.PREVIOUS, device.FIRST]] = 7.0, previous, first
         clock, steps = cuda.asarray(values), cuda.zeros(2, np.float64)
-        extremes = cuda.asarray(np.array([speed**2, acceleration**2, broken]))
+        extremes = cuda.asarray(np.array([speed**2, acceleration**2, broken, rate, excess]))
         device.choose_step(extremes, table, 0.5, fixed, 1e-6, 100.0, steps, clock)
         return cuda.host(clock), list(cuda.host(steps))
 
-    for speed, acceleration in ((0.0, 0.0), (5.0, 0.0), (1.0, 100.0)):
-        expected = stable_steps(limits, Extremes(speed, acceleration))
+    for now in ((0.0, 0.0), (5.0, 0.0), (1.0, 100.0), (1.0, 100.0, 40.0)):
+        expected = stable_steps(limits, Extremes(*now))
         limiter = min(expected, key=expected.get)
-        clock, steps = chosen(speed, acceleration)
+        clock, steps = chosen(*now)
         length = 0.5 * expected[limiter]
         assert clock[device.LENGTH] == pytest.approx(length, rel=1e-15)
         assert list(limits)[int(clock[device.LIMITER])] == limiter
@@ -554,7 +564,8 @@ def test_device_chooses_the_step_as_the_host_does(cuda):
     clock, steps = chosen(1.0, 1.0, fixed=0.125)
     assert (clock[device.LIMITER], steps[1]) == (-1, 0.125)
     for reason, given in (
-        (device.NON_FINITE, {"broken": 2}), (device.DIVERGED, {"speed": 101.0}), (device.STEP_TOO_SMALL, {"first": 1e9})
+        (device.NON_FINITE, {"broken": 2}), (device.DIVERGED, {"speed": 101.0}), (device.STEP_TOO_SMALL, {"first": 1e9}),
+        (device.OUT_OF_RANGE, {"excess": 0.5}),
     ):  # fmt: skip
         clock, steps = chosen(**({"speed": 1.0, "acceleration": 1.0} | given))
         assert clock[device.REASON] == reason

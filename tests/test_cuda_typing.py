@@ -48,6 +48,7 @@ IN_DOUBLE = {
         ("count_blocks", "list_blocks", "interpolate", "project", "relax"),
         "the place of a point or a box on a mesh's grid is found in float64, so that it keeps its digits far away",
     ),
+    "match": "what the sums of a region do not settle at once is summed again in float64",
     "cosine_cohesion": "the library's cosine has a path for arguments beyond 1e5, which a distance never takes",
     **dict.fromkeys(
         ("cell_keys", "block_keys", "point_nodes"),

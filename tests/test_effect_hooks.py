@@ -107,4 +107,6 @@ def test_step_limits_in_closed_form():
     assert StepLimit.constant(0.25).at(extremes) == 0.25
     assert StepLimit.crossing(2.0, speed=1.0).at(extremes) == 0.5
     assert StepLimit.falling(2.0).at(extremes) == 0.5
+    assert StepLimit.exchanging(2.0).at(Extremes(3.0, 8.0, rate=4.0)) == 0.5
+    assert StepLimit.exchanging(2.0).at(extremes) == math.inf
     assert StepLimit.falling(2.0).at(Extremes(0.0, 0.0)) == math.inf

@@ -1,11 +1,13 @@
 """Heat conduction as a whole: what it keeps, what bounds it, what it converges to, and what it says about bad input."""
 
+import dataclasses
 import math
 
+import msgspec
 import numpy as np
 import pytest
 
-from refsim import Box, HeatConduction, InputError, RunStopped, Scene, Simulation, make_plan
+from refsim import Box, Cloud, HeatConduction, InputError, RunStopped, Scene, Simulation, make_plan
 from refsim.__main__ import main
 from refsim.driver import stock
 from refsim.heat import reference
@@ -105,6 +107,118 @@ def test_a_step_takes_the_limit_of_the_explicit_scheme():
     plan = make_plan(Scene(spacing=0.1, support_radius=0.25, fluid=BAR, effects=(HeatConduction(scheme="explicit"),)))
     limit = plan.effects["heat_conduction"].step_limits(plan.grid, plan.effects)["conduction"].length
     assert limit == pytest.approx(0.2917 * 0.1**2 * 1000 * 4186 / 0.6, rel=1e-3)
+
+
+def hard_cloud(kind, scheme, melts, dtype="float64", **options):
+    """216 particles, some at 50 and the rest at -10 deg C, whose sums s_i exceed the lattice's; the runner's own step.
+
+    With latent heat the warm ones are held.
+    """
+    random = np.random.default_rng(7)
+    x = 0.1 * np.stack(np.meshgrid(*[np.arange(6)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
+    mass = np.full(216, 1.0)
+    if kind == "cloud":
+        x = random.uniform(0, 0.6, (216, 3))
+    elif kind == "pairs":
+        x = np.concatenate([x[:108], x[:108] + 1e-3])
+    else:
+        mass *= np.where(random.random(216) < 0.5, {"masses 1:2": 0.5, "masses 1:100": 0.01}[kind], 1.0)
+    warm = x[:, 0] < 0.25
+    parts = tuple(Cloud(position=x[of], mass=mass[of]) for of in (warm, ~warm))
+    given = {"temperature": (50.0, -10.0), "conductivity": 1.0, "heat_capacity": 1000.0, "scheme": scheme}
+    given |= {"held": (0,), **ICE} if melts else {}
+    effects = (HeatConduction(**{**given, **options}),)
+    return Scene(spacing=0.1, support_radius=0.25, fluid=parts, effects=effects, dtype=dtype, end_time=1e9)
+
+
+KINDS = ("masses 1:2", "masses 1:100", "cloud", "pairs")
+
+
+@pytest.mark.parametrize("dtype", ["float64", "float32"])
+@pytest.mark.parametrize("melts", [False, True], ids=["plain", "ice"])
+@pytest.mark.parametrize("kind", KINDS)
+def test_explicit_conduction_keeps_its_range_at_the_runners_own_step(kind, melts, dtype):
+    """200 steps at the largest step that the particles' own sums allow; before, |T| grew to 1e43."""
+    simulation = Simulation(hard_cloud(kind, "explicit", melts, dtype))
+    for _ in range(200):
+        length = simulation.step().length
+        values = simulation.field("temperature")
+        assert values.min() >= -10 - 1e-4
+        assert values.max() <= 50 + 1e-4
+    rates = reference.exchange_rate(
+        *(simulation.field(k) for k in ("position", "mass", "volume", "heat_capacity", "conductivity")),
+        simulation.field("reservoir") if melts else None, simulation.plan.parameters["heat_conduction"]["conduction"],
+        None,
+    )["exchange_rate"][0]  # fmt: skip
+    assert length * rates.max() <= 1 + 1e-5
+    assert simulation.last.limiter == ("exchange" if length * rates.max() > 1 - 1e-5 else "conduction")
+
+
+@pytest.mark.parametrize("kind", KINDS[:2])
+def test_enthalpies_of_lighter_particles_limit_the_step(kind):
+    """RKL1 with latent heat at the runner's own step; before, temperatures left their range by 15 % of it."""
+    values = ran(hard_cloud(kind, "runge_kutta_legendre", True), 60).field("temperature")
+    assert values.min() >= -10 - 1e-9
+    assert values.max() <= 50 + 1e-9
+
+
+def test_the_step_follows_the_sums_while_particles_move():
+    """A cloud that flies together: the limit falls with every step, and holds for the sums of that very step."""
+    scene = hard_cloud("cloud", "explicit", False)
+    simulation = Simulation(scene)
+    x = simulation.field("position")
+    simulation.set_field("velocity", -2e-4 * (x - 0.3))
+    lengths = []
+    for _ in range(6):
+        simulation.evaluate()
+        largest = float(simulation.field("exchange_rate").max())
+        lengths.append(simulation.step().length)
+        assert lengths[-1] * largest <= 1 + 1e-12
+    assert lengths[-1] < 0.8 * lengths[0]
+    assert simulation.field("temperature").max() <= 50
+
+
+@pytest.mark.parametrize("dtype", ["float64", "float32"])
+@pytest.mark.parametrize("melts", [False, True], ids=["plain", "ice"])
+def test_a_temperature_out_of_its_range_stops_the_run(melts, dtype):
+    """Explicit conduction made to take seven stable steps at once."""
+    plan = make_plan(bar(0.1, dtype, scheme="explicit", **(ICE if melts else {})))
+    plan = dataclasses.replace(plan, scene=msgspec.structs.replace(plan.scene, step=2.0 * NUMBER))
+    simulation = Simulation(plan)
+    stop = None
+    while stop is None and simulation.steps < 50:
+        try:
+            simulation.step()
+        except RunStopped as error:
+            stop = error
+    assert stop.reason == "temperature_out_of_range"
+    assert "shorter step" in str(stop)
+    assert abs(simulation.field("temperature")).max() < 200, "at once"
+
+
+def test_a_temperature_that_a_user_sets_begins_a_new_range():
+    simulation = ran(bar(), 1)
+    values = simulation.field("temperature")
+    simulation.set_field("temperature", values + 500)
+    simulation.step()
+    simulation.set_field("temperature", values)
+    simulation.step()
+    low, high = simulation.field("temperature_range")
+    assert low < values.min()
+    assert values.max() < high < 60
+    melting = ran(bar(scheme="single_pass", **ICE), 1)
+    melting.set_field("enthalpy", melting.field("enthalpy") + 1e6)  # 970 K more
+    for _ in range(3):
+        melting.step()
+    assert melting.field("temperature").max() > 900
+
+
+def test_the_plan_says_which_sums_limit_the_step():
+    plan = make_plan(hard_cloud("cloud", "explicit", False))
+    assert any("limit 'exchange' shortens the step" in note for note in plan.notes)
+    fixed = make_plan(bar(0.25, scheme="explicit"))
+    assert any("is not shortened" in note for note in fixed.notes)
+    assert not make_plan(bar(0.25)).notes
 
 
 def test_the_lattice_conducts_as_it_should():

@@ -283,7 +283,7 @@ def _crowd():
     region = np.full((343, 27), -1, np.int32)
     region[middle, made.cell[crowd] @ [9, 3, 1]] = np.flatnonzero(crowd)
     position = made.cell + 0.1 * np.sin(np.arange(343.0))[:, None] * [1.0, -2.0, 3.0]
-    position[crowd] = [0.3, -0.7, 0.9]
+    position[crowd] = [0.123, 0.456, 0.789]
     given = {
         "solid_position": position, "region_share": 0.5 + np.arange(343) % 5, "region": region,
         "region_count": _counted(region), "matching": _matched(), "boxes": boxes_of(made, 1),
@@ -362,7 +362,7 @@ def spinning_block():
 def crowd_in_one_place():
     """Members in one place, away from their body's middle, have a mean velocity and no spin."""
     given, crowd, middle = _crowd()
-    velocity = np.stack([np.arange(343.0) % 7, np.arange(343.0) % 5, np.ones(343)], axis=1)
+    velocity = np.sin(np.outer(np.arange(343.0), [1.0, 2.0, 3.0]))
     share = given["region_share"][crowd]
     mean = velocity.copy()
     mean[middle] = (share[:, None] * velocity[crowd]).sum(0) / share.sum()
