@@ -564,8 +564,8 @@ def test_device_chooses_the_step_as_the_host_does(cuda):
     clock, steps = chosen(1.0, 1.0, fixed=0.125)
     assert (clock[device.LIMITER], steps[1]) == (-1, 0.125)
     for reason, given in (
-        (device.NON_FINITE, {"broken": 2}), (device.DIVERGED, {"speed": 101.0}), (device.STEP_TOO_SMALL, {"first": 1e9}),
-        (device.OUT_OF_RANGE, {"excess": 0.5}),
+        (device.NON_FINITE, {"broken": 2}), (device.DIVERGED, {"speed": 101.0}),
+        (device.STEP_TOO_SMALL, {"first": 1e9}), (device.OUT_OF_RANGE, {"excess": 0.5}),
     ):  # fmt: skip
         clock, steps = chosen(**({"speed": 1.0, "acceleration": 1.0} | given))
         assert clock[device.REASON] == reason
