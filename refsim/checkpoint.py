@@ -1,12 +1,14 @@
 """Checkpoints: named arrays and attributes in one HDF5 file that is either whole or not there.
 
 A checkpoint is written beside its final name and renamed into place, so a killed process or a full disk costs
-at most the interval since the last one. Values come back bit for bit; digests tell a damaged file from a good
+at most the interval since the last one. Values come back bit for bit; a digest tells a damaged file from a good
 one.
 
-Layout, version 1: root attributes `format`, `version`, `written_ns` (clock of the writer, nanoseconds) and
-`digest` (over all the digests below); one dataset per array in the group `arrays`, each with its `sha256`;
-the attributes as JSON text in the dataset `attributes`, with its `sha256`.
+Layout, version 2: the file begins with a block of 512 bytes that HDF5 passes over, lines of text padded with zero
+bytes: `refsim checkpoint`, `version`, `written_ns` (clock of the writer, nanoseconds), `bytes` (of the whole file) and
+`sha256` (of the lines before it and of all that follows the block). It is compared before HDF5 sees the file: HDF5
+may read a damaged file without end. Behind the block stand one dataset per array in the group `arrays` and the
+attributes as JSON text in the dataset `attributes`. Version 1 had no digest of the file, and is not read any more.
 """
 
 from __future__ import annotations
@@ -16,24 +18,23 @@ import hashlib
 import json
 import math
 import os
+import re
 import time
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
-from io import FileIO
+from dataclasses import dataclass, replace
+from io import BufferedReader, FileIO
 from pathlib import Path
-from types import TracebackType
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 
 from refsim.errors import InputError, RunStopped
-
-if TYPE_CHECKING:
-    import h5py
+from refsim.reading import open_regular
 
 FORMAT = "refsim checkpoint"
-VERSION = 1
+VERSION = 2
+BLOCK = 512  # bytes before what HDF5 reads; HDF5 looks for its signature there
 
 Attribute = str | int | float | bool
 
@@ -82,7 +83,8 @@ def write_checkpoint(
         raise cannot_write("checkpoint", path, error, KEPT) from error
     try:
         try:
-            _write_hdf5(stream, checked, text, written_ns=_next_written_ns(path))
+            _write_hdf5(stream, checked, text)
+            stream.finish(_next_written_ns(path))
         except Exception:
             if stream.error is None:  # a refused write is the cause of whatever HDF5 made of it
                 raise
@@ -99,7 +101,7 @@ def write_checkpoint(
 
 
 def read_checkpoint(path: str | os.PathLike[str]) -> Checkpoint:
-    """Read a checkpoint and compare every digest.
+    """Read a checkpoint after its digest was compared.
 
     Raises InputError, in one sentence that names the file, when it is missing, is no checkpoint, is of
     another version, is cut short or has been altered; when the previous checkpoint beside it is whole, the
@@ -117,24 +119,63 @@ def read_checkpoint(path: str | os.PathLike[str]) -> Checkpoint:
         raise InputError(f"checkpoint {path} {error}; {advice}") from error
 
 
+def whole_checkpoint(path: str | os.PathLike[str]) -> tuple[Path, Checkpoint, tuple[str, ...]]:
+    """(its path, what it holds, one sentence for each that was passed over) of the checkpoint to go on from.
+
+    path  a checkpoint, or the one before it where that one is missing, cut short or altered; or a folder, of which the
+          newest whole checkpoint is taken
+
+    Raises InputError where there is no whole one.
+    """
+    path = Path(path)
+    if path.is_dir():
+        candidates = _newest_first(path)
+    else:
+        candidates = [path, previous_path(path)]
+    passed: list[tuple[Path, _Unreadable]] = []
+    for file in candidates:
+        try:
+            saved = _read(file)
+        except _Unreadable as error:
+            passed.append((file, error))
+        else:
+            return file, saved, tuple(f"checkpoint {name} {why}: resumed from {file}" for name, why in passed)
+    if not passed:
+        raise InputError(
+            f"folder {path} holds no whole checkpoint; give the folder of a run, or a checkpoint, or start the run"
+            " again."
+        )
+    raise InputError(
+        f"checkpoint {passed[0][0]} {passed[0][1]}; start the run again, or give the path of a whole checkpoint."
+    )
+
+
 def latest_checkpoint(folder: str | os.PathLike[str]) -> Path | None:
     """The path of the newest whole checkpoint in `folder` (not below it), or None when there is none.
 
     Raises InputError where the folder cannot be read.
     """
-    try:
-        files = [entry for entry in Path(folder).iterdir() if entry.is_file() and not entry.name.startswith(".")]
-    except OSError as error:
-        raise InputError(f"folder {folder} cannot be read ({error.strerror}); give the folder of a run") from error
-    dated = []
-    for file in files:
-        with suppress(_Unreadable):
-            dated.append((_written_ns(file), file))
-    for _, file in sorted(dated, reverse=True):
+    for file in _newest_first(Path(folder)):
         with suppress(_Unreadable):
             _read(file)
             return file
     return None
+
+
+def _newest_first(folder: Path) -> list[Path]:
+    """Files of the folder to go on from: HDF5 files that do not begin as checkpoints do, then the newest first."""
+    try:
+        files = sorted(entry for entry in folder.iterdir() if entry.is_file() and not entry.name.startswith("."))
+    except OSError as error:
+        raise InputError(f"folder {folder} cannot be read ({error.strerror}); give the folder of a run") from error
+    dated, damaged = [], []
+    for file in files:
+        try:
+            dated.append((_written_ns(file), file))
+        except _Unreadable:
+            if file.suffix == ".h5":
+                damaged.append(file)
+    return damaged + [file for _, file in sorted(dated, reverse=True)]
 
 
 def previous_path(path: str | os.PathLike[str], generation: int = 1) -> Path:
@@ -179,38 +220,45 @@ def _attributes_text(path: Path, attributes: Mapping[str, Attribute]) -> str:
     return json.dumps(plain)
 
 
-def _digest(array: np.ndarray) -> str:
-    """SHA-256 over dtype, shape and bytes, so that the same bytes read as another type do not pass."""
-    digest = hashlib.sha256(f"{array.dtype.str}{array.shape}".encode())
-    digest.update(array.reshape(-1).view(np.uint8))
-    return digest.hexdigest()
-
-
-def _text_digest(text: str) -> str:
-    return hashlib.sha256(text.encode()).hexdigest()
-
-
-def _whole_digest(digests: Mapping[str, str]) -> str:
-    """One digest over names and digests, so that a missing or a renamed array is noticed."""
-    return _text_digest(json.dumps(sorted(digests.items())))
-
-
-def _write_hdf5(stream: _Stream, arrays: Mapping[str, np.ndarray], text: str, written_ns: int) -> None:
+def _write_hdf5(stream: _Stream, arrays: Mapping[str, np.ndarray], text: str) -> None:
     import h5py
 
-    with h5py.File(stream, "w", libver=("v110", "v110")) as file:  # where HDF5 checksums its own structures
-        digests = {}
+    # In this format HDF5 checksums its own structures.
+    with h5py.File(stream, "w", libver=("v110", "v110"), userblock_size=BLOCK) as file:
         group = file.create_group("arrays")
         for name, array in arrays.items():
-            dataset = group.create_dataset(name, data=array)
-            digests[f"arrays/{name}"] = dataset.attrs["sha256"] = _digest(array)
-        string = h5py.string_dtype("utf-8", len(text))
-        dataset = file.create_dataset("attributes", data=text, dtype=string)
-        digests["attributes"] = dataset.attrs["sha256"] = _text_digest(text)
-        file.attrs["format"] = FORMAT
-        file.attrs["version"] = VERSION
-        file.attrs["written_ns"] = written_ns
-        file.attrs["digest"] = _whole_digest(digests)
+            group.create_dataset(name, data=array)
+        file.create_dataset("attributes", data=text, dtype=h5py.string_dtype("utf-8", len(text)))
+
+
+@dataclass(frozen=True)
+class _Head:
+    """What stands in the block before HDF5's own bytes."""
+
+    version: int
+    written_ns: int
+    size: int
+    sha256: str = ""
+
+    def lines(self) -> bytes:
+        """Everything before the digest, which the digest covers too."""
+        return f"{FORMAT}\nversion {self.version}\nwritten_ns {self.written_ns}\nbytes {self.size}\n".encode()
+
+    def block(self) -> bytes:
+        return (self.lines() + f"sha256 {self.sha256}\n".encode()).ljust(BLOCK, b"\0")
+
+    def digest(self, file: BufferedReader | FileIO) -> str:
+        """SHA-256 of the lines and of what `file` still has to give."""
+        digest = hashlib.sha256(self.lines())
+        buffer = memoryview(bytearray(1 << 20))
+        while count := file.readinto(buffer):
+            digest.update(buffer[:count])
+        return digest.hexdigest()
+
+
+HEAD = re.compile(
+    rb"refsim checkpoint\nversion (\d{1,9})\nwritten_ns (\d{1,19})\nbytes (\d{1,19})\nsha256 ([0-9a-f]{64})\n"
+)
 
 
 class _Stream:
@@ -245,6 +293,14 @@ class _Stream:
 
     def flush(self) -> None:
         pass
+
+    def finish(self, written_ns: int) -> None:
+        """Put the block with the digest of what HDF5 has written before it: only now is the file a checkpoint."""
+        head = _Head(VERSION, written_ns, self._file.seek(0, os.SEEK_END))
+        self._file.seek(BLOCK)
+        head = replace(head, sha256=head.digest(self._file))
+        self._file.seek(0)
+        self._remember(write_all, self._file, head.block())
 
     def close(self) -> None:
         """Put everything on the disk and close; `error` holds what went wrong, now or before."""
@@ -305,27 +361,72 @@ class _Unreadable(Exception):
 
 
 def _read(path: Path) -> Checkpoint:
-    with _Opened(path) as file:
-        digests = {}
-        arrays = {}
-        for name, dataset in file["arrays"].items():
-            array = np.asarray(dataset[()])
-            digests[f"arrays/{name}"] = _digest(array)
-            if digests[f"arrays/{name}"] != dataset.attrs["sha256"]:
-                raise _Unreadable(f"is damaged (array {name!r} does not match its digest)")
-            arrays[name] = array
-        text = file["attributes"].asstr()[()]
-        digests["attributes"] = _text_digest(text)
-        if digests["attributes"] != file["attributes"].attrs["sha256"]:
-            raise _Unreadable("is damaged (the attributes do not match their digest)")
-        if _whole_digest(digests) != file.attrs["digest"]:
-            raise _Unreadable("is damaged (arrays are missing or have other names than when it was written)")
-        return Checkpoint(arrays, json.loads(text))
+    import h5py
+
+    with _opened(path) as file:
+        head = _head(file)
+        size = os.fstat(file.fileno()).st_size
+        if size != head.size:
+            raise _Unreadable(f"is cut short or damaged (it has {size} of {head.size} bytes)")
+        if head.digest(file) != head.sha256:
+            raise _Unreadable("is damaged (it does not match its digest)")
+        try:
+            with h5py.File(file, "r") as root:
+                arrays = {name: _array(name, dataset, size) for name, dataset in root["arrays"].items()}
+                attributes = json.loads(root["attributes"].asstr()[()])
+        except _Unreadable:
+            raise
+        except Exception as error:
+            raise _Unreadable("is not a checkpoint of refsim (HDF5 cannot read what it should hold)") from error
+    if not isinstance(attributes, dict) or not all(isinstance(v, str | int | float) for v in attributes.values()):
+        raise _Unreadable("is not a checkpoint of refsim (its attributes are no table of text and numbers)")
+    return Checkpoint(arrays, attributes)
+
+
+def _array(name: str, dataset: Any, size: int) -> np.ndarray:
+    """A dataset of the kind that `write_checkpoint` makes, from a file of `size` bytes."""
+    plain = dataset.chunks is None and not dataset.is_virtual and not dataset.external
+    if not plain or dataset.dtype.kind not in "biufc" or dataset.nbytes > size:
+        raise _Unreadable(f"is not a checkpoint of refsim (array {name!r} is of another kind than refsim writes)")
+    return np.asarray(dataset[()])
+
+
+def _opened(path: Path) -> BufferedReader:
+    try:
+        return open_regular(path)
+    except FileNotFoundError:
+        raise _Unreadable("does not exist") from None
+    except OSError as error:
+        raise _Unreadable(f"cannot be read ({error.strerror})") from error
+
+
+def _head(file: BufferedReader) -> _Head:
+    """The block at the beginning of a file, which then stands behind it."""
+    try:
+        block = file.read(BLOCK)
+    except OSError as error:
+        raise _Unreadable(f"cannot be read ({error.strerror})") from error
+    found = HEAD.match(block)
+    if found is None:
+        if block.startswith(b"\x89HDF\r\n\x1a\n"):
+            raise _Unreadable(
+                "is an HDF5 file without the digest that a checkpoint begins with (refsim 0.1.0 wrote such checkpoints,"
+                " format version 1, and reads them)"
+            )
+        if block[: len(FORMAT)] == FORMAT.encode():
+            raise _Unreadable("is cut short or damaged (its first lines are not those of a checkpoint)")
+        raise _Unreadable("is not a checkpoint (it does not begin as one)")
+    head = _Head(*map(int, found.groups()[:3]), found[4].decode())
+    if head.version != VERSION:
+        raise _Unreadable(f"has format version {head.version}, and this refsim reads version {VERSION}")
+    if head.block() != block:
+        raise _Unreadable("is cut short or damaged (its first lines are not those of a checkpoint)")
+    return head
 
 
 def _written_ns(path: Path) -> int:
-    with _Opened(path) as file:
-        return int(file.attrs["written_ns"])
+    with _opened(path) as file:
+        return _head(file).written_ns
 
 
 def _next_written_ns(path: Path) -> int:
@@ -336,54 +437,13 @@ def _next_written_ns(path: Path) -> int:
     return max(time.time_ns(), before + 1)
 
 
-class _Opened:
-    """Open an HDF5 file of our format; whatever goes wrong inside becomes an _Unreadable with its reason."""
-
-    def __init__(self, path: Path) -> None:
-        self._path = path
-        self._file: h5py.File | None = None
-
-    def __enter__(self) -> h5py.File:
-        import h5py
-
-        try:
-            with open(self._path, "rb") as file:
-                signature = file.read(8)
-        except FileNotFoundError:
-            raise _Unreadable("does not exist") from None
-        except OSError as error:
-            raise _Unreadable(f"cannot be read ({error.strerror})") from error
-        if signature != b"\x89HDF\r\n\x1a\n":
-            raise _Unreadable("is not a checkpoint (it is no HDF5 file)")
-        try:
-            self._file = h5py.File(self._path, "r")
-            name, version = self._file.attrs.get("format"), self._file.attrs.get("version")
-        except Exception as error:
-            self._close()
-            raise _Unreadable("is cut short or damaged (HDF5 cannot open it)") from error
-        if name != FORMAT:
-            self._close()
-            raise _Unreadable("is not a checkpoint (it is an HDF5 file of another kind)")
-        if version != VERSION:
-            self._close()
-            raise _Unreadable(f"has format version {version}, and this refsim reads version {VERSION}")
-        return self._file
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
-        self._close()
-        if isinstance(error, Exception) and not isinstance(error, _Unreadable):
-            raise _Unreadable("is damaged (HDF5 cannot read all of it)") from error
-
-    def _close(self) -> None:
-        if self._file is not None:
-            self._file.close()
-
-
 # -- files that are replaced whole, for other writers too --------------------------------------------------
 
 KEPT = "the last good checkpoint is untouched"
+BAD_PATH = (
+    errno.ENOENT, errno.ENOTDIR, errno.EACCES, errno.EPERM, errno.EROFS, errno.EISDIR, errno.EEXIST, errno.ELOOP,
+    errno.ENAMETOOLONG, errno.EINVAL,
+)  # fmt: skip
 
 
 def temporary_path(path: Path) -> Path:
@@ -438,7 +498,7 @@ def cannot_write(what: str, path: Path, error: OSError, kept: str) -> InputError
     """The error to raise for a refused write of `what` ("checkpoint", ...) to `path`; `kept` says what is
     still good."""
     why = error.strerror or str(error)
-    if error.errno in (errno.ENOENT, errno.ENOTDIR, errno.EACCES, errno.EPERM, errno.EROFS, errno.EISDIR):
+    if error.errno in BAD_PATH:
         return InputError(
             f"{what} {path} cannot be written ({why}); give a path in a folder that exists and is writable"
         )
