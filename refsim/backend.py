@@ -157,8 +157,10 @@ def choose(name: str) -> Backend:
 def set_threads(backend: Backend, threads: int | None) -> None:
     """Use `threads` CPU threads from now on (all by default); only the CPU backend has any.
 
-    Raises InputError for fewer than one and for more than there are.
+    Raises InputError for fewer than one, and on the CPU backend for more than there are.
     """
+    if threads is not None and threads < 1:
+        raise InputError(f"threads = {threads} is not possible; give 1 or more.")
     if backend.name != "cpu":
         return
     import numba

@@ -128,7 +128,7 @@ def whole_checkpoint(path: str | os.PathLike[str]) -> tuple[Path, Checkpoint, tu
     Raises InputError where there is no whole one.
     """
     path = Path(path)
-    if path.is_dir():
+    if os.path.isdir(path):
         candidates = _newest_first(path)
     else:
         candidates = [path, previous_path(path)]

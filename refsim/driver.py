@@ -19,11 +19,11 @@ from typing import Any
 
 import numpy as np
 
-from refsim.checkpoint import cannot_write, latest_checkpoint, previous_path, replace_file
+from refsim.checkpoint import cannot_write, previous_path, replace_file
 from refsim.errors import InputError, RunStopped
 from refsim.output import ParticleWriter
 from refsim.plain import plain
-from refsim.postmortem import AFTER_THESE, write_postmortem
+from refsim.postmortem import AFTER_THESE, POSTMORTEM, POSTMORTEM_FIELDS, write_postmortem
 from refsim.run import Simulation
 from refsim.scene import Plan, Scene
 from refsim.versions import versions
@@ -88,9 +88,12 @@ def simulate(
     output            folder for frames, checkpoints and report; nothing is written where it is None
     every             simulated time between frames [s], a hundredth of the run by default
     checkpoint_every  wall time between checkpoints [s]; one more is written at the end
-    overwrite         begin anew in a folder that holds an earlier run
+    overwrite         begin anew in a folder that holds an earlier run, unless that one is still running
     progress          called before the first step and after every step
     asked_to_stop     asked after every step; the run then ends with reason "interrupted" and a checkpoint
+
+    A simulation that was resumed from a checkpoint in `output` goes on there, with frames at the times that they would
+    have had without the interruption.
 
     Raises InputError for bad input. Raises RunStopped where the run cannot go on: the last good checkpoint is
     then untouched, and the folder has a post-mortem.
@@ -166,6 +169,13 @@ def check_particles(simulation: Simulation) -> None:
         )
 
 
+def _same_folder(first: Path, second: Path) -> bool:
+    try:
+        return os.path.samefile(first, second)
+    except OSError:  # one of them is not there
+        return False
+
+
 class _Run:
     """The files and clocks of one call of `simulate`."""
 
@@ -185,9 +195,9 @@ class _Run:
         for name, value in (("until", self.until), ("every", every), ("checkpoint_every", checkpoint_every)):
             if value is not None and not (math.isfinite(value) and (value > 0 or (value == 0 and name != "every"))):
                 raise InputError(f"{name} = {value} is not possible; give a positive number of seconds.")
-        self.every = every or self.until / FRAMES
+        self.every = every or self.until / FRAMES or math.inf
         self.checkpoint_every = checkpoint_every
-        self.resumed_at = simulation.steps or None
+        self.resumed_at = simulation.steps if simulation.steps or simulation.source is not None else None
         self.frames = self.checkpoints = 0
         self.last_checkpoint: Path | None = None
         self.stop: RunStopped | None = None
@@ -196,56 +206,58 @@ class _Run:
         self.folder = None if output is None else Path(output)
         if self.folder is not None:
             self._open_folder(overwrite)
-        self.next_frame = 0.0
 
     def _open_folder(self, overwrite: bool) -> None:
         assert self.folder is not None
-        resumed = self.resumed_at is not None
-        if not resumed and not overwrite and (self.folder / REPORT).exists():
+        source, checkpoint = self.simulation.source, self.folder / CHECKPOINT
+        goes_on = self.resumed_at is not None and (source is None or _same_folder(source.parent, self.folder))
+        if not goes_on and not overwrite and any(map(os.path.lexists, (self.folder / REPORT, checkpoint))):
             raise InputError(
                 f"folder {self.folder} holds an earlier run; resume that one (--resume), give another folder (--output)"
                 " or allow it to be overwritten (--overwrite)."
             )
-        if self.folder.exists() and not self.folder.is_dir():
+        if os.path.exists(self.folder) and not os.path.isdir(self.folder):
             raise InputError(f"{self.folder} is a file; give a folder for the output.")
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise cannot_write("folder", self.folder, error, "nothing was changed") from error
-        if not resumed:
-            old = self.folder / CHECKPOINT
-            for path in (old, previous_path(old), self.folder / "postmortem.json", self.folder / "postmortem.npz"):
-                path.unlink(missing_ok=True)
         fields = {}
         for name, f in self.simulation.plan.particle_fields.items():
             if name != "position":
                 dtype = f.numpy_dtype(self.simulation.plan.grid.dtype)
                 fields[name] = (f.components, "uint8" if dtype.kind == "b" else dtype)
         self.writer = ParticleWriter(
-            self.folder / PARTICLES, fields, append=resumed, resume_time=self.simulation.time if resumed else None
+            self.folder / PARTICLES, fields, append=goes_on, resume_time=self.simulation.time if goes_on else None
         )
         self.files["particles"] = str(self.folder / PARTICLES)
-        if resumed:
-            self.last_checkpoint = latest_checkpoint(self.folder)
+        if goes_on:
+            self.last_checkpoint = source
+            return
+        for path in (checkpoint, previous_path(checkpoint), self.folder / POSTMORTEM, self.folder / POSTMORTEM_FIELDS):
+            try:  # only now that the writer holds the folder's lock: another run may still need them
+                path.unlink(missing_ok=True)
+            except OSError as error:
+                self.close()
+                raise cannot_write("folder", self.folder, error, f"{path.name} is still there") from error
 
     def go(self, progress: Callable[[Simulation], None] | None, asked_to_stop: Callable[[], bool]) -> None:
         simulation = self.simulation
         if progress is not None:
             progress(simulation)
         clock = time.perf_counter()
-        last = None if self.writer is None else self.writer.last_time
         if self.folder is not None:
-            if last is None or simulation.time > last:
+            if self._begins_with_frame():
                 self._frame()
-            if self.resumed_at is None:
+            if self.last_checkpoint is None:
                 self._checkpoint()  # so that a run that stops early can be replayed
         while simulation.time < self.until:
-            self.next_frame = (math.floor(simulation.time / self.every * (1 + 1e-12)) + 1) * self.every
+            next_frame = self._frame_after(simulation.time)
             simulation.step()
             if progress is not None:
                 progress(simulation)
             if self.folder is not None:
-                if simulation.time >= self.next_frame:
+                if simulation.time >= next_frame:
                     self._frame()
                 if time.perf_counter() - clock >= self.checkpoint_every:
                     self._checkpoint()
@@ -262,6 +274,20 @@ class _Run:
             if self.writer.last_time is None or simulation.time > self.writer.last_time:
                 self._frame()
             self._checkpoint()
+
+    def _frame_after(self, time: float) -> float:
+        """The first time of the frames' grid after `time` [s]; the step that reaches it ends with a frame."""
+        return (math.floor(min(time / self.every * (1 + 1e-12), 2.0**53)) + 1) * self.every
+
+    def _begins_with_frame(self) -> bool:
+        """Whether the state at the start is a frame that the file lacks: the first one, or one on the grid of times."""
+        assert self.writer is not None
+        simulation, last = self.simulation, self.writer.last_time
+        if last is None and (simulation.steps == 0 or simulation.source is None):
+            return True
+        if last is not None and last >= simulation.time:
+            return False
+        return self._frame_after(simulation.time - simulation.previous_length) <= simulation.time
 
     def _frame(self) -> None:
         assert self.writer is not None
@@ -311,7 +337,7 @@ class _Run:
         threads = "" if self.threads is None else f" --threads {self.threads}"
         return (
             f"refsim run --resume {shlex.quote(str(self.last_checkpoint))} --backend {self.simulation.backend.name}"
-            f" --until {self.until!r}{threads} --output {shlex.quote(str(self.folder / 'replay'))}"
+            f" --until {self.until!r}{threads} --output {shlex.quote(str(self.folder / 'replay'))} --overwrite"
         )
 
     def report(self) -> RunReport:

@@ -23,6 +23,7 @@ from refsim.plain import plain
 if TYPE_CHECKING:
     from refsim.run import Simulation
 
+POSTMORTEM, POSTMORTEM_FIELDS = "postmortem.json", "postmortem.npz"
 AFTER_THESE = ("non_finite", "diverged", "step_too_small", "collapsed", "missed_neighbours", "particles_lost")
 GREATEST = {
     "step_too_small": "acceleration",
@@ -39,16 +40,16 @@ def write_postmortem(
     found = examine(simulation, stop)
     row = found.pop("row")
     near = _neighbourhood(simulation, row)
-    path = folder / "postmortem.json"
+    path = folder / POSTMORTEM
     found |= {
         "last_checkpoint": str(checkpoint) if checkpoint else None,
         "replay": replay,
-        "neighbourhood": {"file": str(folder / "postmortem.npz"), "particles": len(near.get("identity", ()))},
+        "neighbourhood": {"file": str(folder / POSTMORTEM_FIELDS), "particles": len(near.get("identity", ()))},
     }
     block = io.BytesIO()
     np.savez(block, **near)
     try:
-        replace_file(folder / "postmortem.npz", block.getvalue())
+        replace_file(folder / POSTMORTEM_FIELDS, block.getvalue())
         replace_file(path, (json.dumps(plain(found), indent=1) + "\n").encode())
     except OSError as error:
         raise cannot_write("post-mortem", path, error, "the last good checkpoint is untouched") from error

@@ -9,16 +9,18 @@ import os
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from pathlib import Path
+from typing import Any, Literal
 
+import msgspec
 import numpy as np
 
 from refsim import backend as backends
 from refsim.boundary.walls import WallParticles, with_list
-from refsim.checkpoint import Checkpoint, latest_checkpoint, read_checkpoint, write_checkpoint
+from refsim.checkpoint import Checkpoint, whole_checkpoint, write_checkpoint
 from refsim.effect import Effect, Extremes, Pass, StepLimit
 from refsim.errors import InputError, RunStopped
-from refsim.neighbours import NeighbourSearch
+from refsim.neighbours import NeighbourSearch, SearchLog
 from refsim.operation import PROCEDURES, REGISTRY, Current
 from refsim.scene import Plan, Scene, make_plan
 from refsim.scene_file import check_same_scene, scene_from_checkpoint, scene_to_checkpoint, suggestion
@@ -28,6 +30,7 @@ from refsim.versions import versions
 
 WORTH_KEEPING = 0.2  # share of the allowed way below which the list is built anew rather than looked at in every step
 SORT_EVERY = 50  # steps between two sortings of particles that no neighbour list sorts
+GREATEST = 1e30  # [s], [m]: no run of anything takes longer or goes further
 MANY_FOR_ALL_PAIRS = 2000  # particles above which the numpy backend is announced as slow
 
 
@@ -106,6 +109,7 @@ class Simulation:
         self.force_passes = joined(self.plan.passes, self.backend.name)
         grid, state = self.plan.grid, self.plan.state
         n = grid.count
+        self.source: Path | None = None  # the checkpoint that it was resumed from
         self.time, self.steps, self.previous_length = 0.0, 0, 0.0
         self.first_length: float | None = None
         self.last: StepResult | None = None
@@ -332,58 +336,47 @@ class Simulation:
     ) -> Simulation:
         """The simulation as it was when the checkpoint was written.
 
-        path     a checkpoint, or a folder, of which the newest whole checkpoint is taken
+        path     a checkpoint, or a folder, of which the newest whole checkpoint is taken; where it is missing or
+                 damaged, the one before it is taken, and `notes` says so
         backend  that of the checkpoint by default; on it the run goes on bit for bit. Another one is allowed,
                  and `notes` then says that the numbers differ by rounding
         scene    where given, it must be the checkpoint's but for end_time and name, which are taken from it
 
         Raises InputError where the checkpoint cannot be read or does not fit the scene.
         """
-        file = path
-        if os.path.isdir(path):
-            file = latest_checkpoint(path)
-            if file is None:
-                raise InputError(f"folder {path} holds no whole checkpoint; give the folder of a run, or a checkpoint.")
-        saved = read_checkpoint(file)
-        try:
-            stored = scene_from_checkpoint(saved, str(file))
-            plan = make_plan(stored)
-            if scene is not None:
-                plan = check_same_scene(scene, plan, str(file))
-            simulation = cls(plan, backend or saved.attributes["backend"], threads)
-            simulation._restore(saved, str(file))
-        except KeyError as error:
-            raise InputError(
-                f"checkpoint {file} lacks {error}, so that it is not one of a run of this refsim; start the run again."
-            ) from error
+        saved = load_checkpoint(path)
+        plan = saved.plan if scene is None else check_same_scene(scene, saved.plan, str(saved.file))
+        simulation = cls(plan, backend or saved.clock.backend, threads)
+        simulation._restore(saved)
         return simulation
 
-    def _restore(self, saved: Checkpoint, source: str) -> None:
-        values = saved.attributes
-        for name, f in self.plan.fields.items():
-            if f.state:
-                self._put(name, self.fields[name], saved.arrays[f"field.{name}"], source)
-        self._put("build_position", self.build_position, saved.arrays["build_position"], source)
-        self.time, self.steps = values["time"], values["steps"]
-        self.previous_length, self.first_length = values["previous_length"], values.get("first_length")
+    def _restore(self, saved: SavedRun) -> None:
+        clock = saved.clock
+        self.source = saved.file
+        self.notes += saved.notes
+        for name, values in saved.state.items():
+            self.backend.assign(self.fields[name], values)
+        self.backend.assign(self.build_position, saved.build_position)
+        self.time, self.steps = clock.time, clock.steps
+        self.previous_length, self.first_length = clock.previous_length, clock.first_length
         if "place" in self.fields:
             self.backend.invert(self.fields["identity"], self.fields["place"])
         self._start()
         self.backend.assign(self.timestep, np.array([0.0, self.previous_length], dtype=self.plan.grid.dtype))
-        self.limiters = json.loads(values["limiters"])
-        self.stopped_at_walls = values["stopped_at_walls"]
-        self._set_between_steps = bool(values.get("set_between_steps", False))
-        if self.search is not None and values["list_built"]:
+        self.limiters = dict(saved.limiters)
+        self.stopped_at_walls = clock.stopped_at_walls
+        self._set_between_steps = clock.set_between_steps
+        if self.search is not None and clock.list_built:
             self.rebuild_list()
-            self._squared_way, self._margin = values["squared_way"], values["margin"]
-            here = self.search.log.list_bytes  # the room that the list has grown to changes no result
-            for name, value in json.loads(values["search_log"]).items():
+            self._squared_way, self._margin = clock.squared_way, clock.margin
+            here = self.search.log.list_bytes  # the size that the list has grown to changes no result
+            for name, value in saved.search_log.items():
                 setattr(self.search.log, name, value)
             self.search.log.list_bytes = here
-        now, then = versions(), json.loads(values["versions"])
-        if values["backend"] != self.backend.name:
+        now, then = versions(), saved.versions
+        if clock.backend != self.backend.name:
             self.notes.append(
-                f"resumed on backend {self.backend.name} from a checkpoint of backend {values['backend']}: the run goes"
+                f"resumed on backend {self.backend.name} from a checkpoint of backend {clock.backend}: the run goes"
                 " on from the same state, but not bit for bit as it would have there"
             )
         elif now != then:
@@ -391,14 +384,6 @@ class Simulation:
                 f"{name} {then.get(name)} -> {now[name]}" for name in now if now[name] != then.get(name)
             )
             self.notes.append(f"resumed with other versions ({changed}): bit for bit equality is not promised")
-
-    def _put(self, name: str, target: Any, values: np.ndarray, source: str) -> None:
-        if values.shape != target.shape or values.dtype != target.dtype:
-            raise InputError(
-                f"checkpoint {source}: {name} is {values.dtype} {values.shape}, and the scene wants {target.dtype}"
-                f" {target.shape}; start the run again."
-            )
-        self.backend.assign(target, values)
 
     # Inside
 
@@ -570,3 +555,105 @@ class Simulation:
             raise KeyError(f"{p.operation} takes {name!r}, which no effect of the scene provides")
 
         return self.backend.bind(operation, lookup) if operation is not None else procedure.bind(lookup)
+
+
+# What a checkpoint of a run holds
+
+
+class Clock(msgspec.Struct, frozen=True, kw_only=True):
+    """Numbers of a run that outlive a step, as `Simulation.snapshot` writes them beside its arrays."""
+
+    backend: Literal["numpy", "cpu", "cuda"]
+    time: float
+    steps: int
+    previous_length: float
+    squared_way: float
+    margin: float
+    set_between_steps: bool
+    list_built: bool
+    stopped_at_walls: int
+    limiters: str
+    versions: str
+    first_length: float | None = None
+    search_log: str = "{}"
+
+
+@dataclass(frozen=True)
+class SavedRun:
+    """A checkpoint that was read and found to fit its own scene.
+
+    file            where it lies
+    plan            of the scene in it
+    clock           time, steps and what else counts them
+    state           fields that outlive a step, by name
+    build_position  positions (n, 3) [m] at the last build of the neighbour list
+    limiters        how many steps each limit has set
+    versions        of the programs that wrote it
+    search_log      counts of the neighbour search
+    notes           one sentence for each checkpoint that was passed over for it
+    """
+
+    file: Path
+    plan: Plan
+    clock: Clock
+    state: dict[str, np.ndarray]
+    build_position: np.ndarray
+    limiters: dict[str, int]
+    versions: dict[str, str]
+    search_log: dict[str, int]
+    notes: tuple[str, ...]
+
+
+def load_checkpoint(path: str | os.PathLike[str]) -> SavedRun:
+    """The run in a checkpoint, or in the newest whole checkpoint of a folder, all of it checked.
+
+    Raises InputError, in one sentence, where there is none or it does not fit its own scene.
+    """
+    file, saved, notes = whole_checkpoint(path)
+    plan = make_plan(scene_from_checkpoint(saved, str(file)))
+
+    def wrong(what: str) -> InputError:
+        return InputError(f"checkpoint {file}: {what}; start the run again.")
+
+    try:
+        clock = msgspec.convert(saved.attributes, Clock)
+        limiters = msgspec.json.decode(clock.limiters, type=dict[str, int])
+        then = msgspec.json.decode(clock.versions, type=dict[str, str])
+        log = msgspec.json.decode(clock.search_log, type=dict[str, int])
+    except (msgspec.MsgspecError, OverflowError, RecursionError) as error:
+        words = str(error)
+        raise wrong(f"its numbers are not those of a run ({words[:1].lower()}{words[1:]})") from None
+    counts = {"steps": clock.steps, "stopped_at_walls": clock.stopped_at_walls, **limiters, **log}
+    lengths = {"time": clock.time, "previous_length": clock.previous_length, "margin": clock.margin}
+    if clock.first_length is not None:
+        lengths["first_length"] = clock.first_length
+    for name, value in counts.items():
+        if not 0 <= value < 2**63:
+            raise wrong(f"{name} = {value} is no count")
+    for name, value in lengths.items():
+        if not 0 <= value <= GREATEST:
+            raise wrong(f"{name} = {value} is not possible")
+    if not clock.squared_way >= 0:
+        raise wrong(f"squared_way = {clock.squared_way} is not possible")
+    if not log.keys() <= {f.name for f in dataclasses.fields(SearchLog)}:
+        raise wrong(f"its search log has the entries {', '.join(log)}")
+    shapes = {f"field.{name}": (f.shape(plan.grid.count), f.numpy_dtype(plan.grid.dtype))
+              for name, f in plan.fields.items() if f.state}  # fmt: skip
+    shapes["build_position"] = shapes["field.position"]
+    for name, (shape, dtype) in shapes.items():
+        values = saved.arrays.get(name)
+        if values is None:
+            raise wrong(f"it lacks {name!r}, so that it is not one of a run of this refsim")
+        if values.shape != shape or values.dtype != dtype:
+            raise wrong(f"{name} is {values.dtype} {values.shape}, and the scene wants {dtype} {shape}")
+        if dtype.kind == "f" and not np.isfinite(values).all():
+            raise wrong(f"{name} has values that are not finite")
+    state = {name.removeprefix("field."): saved.arrays[name] for name in shapes if name != "build_position"}
+    if (state["mass"] <= 0).any():
+        raise wrong(f"{int((state['mass'] <= 0).sum())} of its particles have no positive mass")
+    if not np.array_equal(np.sort(state["identity"]), np.arange(plan.grid.count)):
+        raise wrong("its particles' numbers (identity) are not each of 0, 1, 2, ... once")
+    build_position = saved.arrays["build_position"]
+    if plan.grid.dim == 2 and any(values[:, 2].any() for values in (state["position"], build_position)):
+        raise wrong("it has particles with another z than 0 in a 2D scene")
+    return SavedRun(file, plan, clock, state, build_position, limiters, then, log, notes)

@@ -200,19 +200,35 @@ def _substance(part: Solid) -> dict[str, Any]:
 
 
 def scene_from_checkpoint(saved: Checkpoint, source: str) -> Scene:
-    """The scene of a checkpoint. Raises KeyError where it lacks a part, InputError where it cannot be read."""
-    scene = parse_scene(saved.attributes["scene"], f"the scene in {source}")
+    """The scene of a checkpoint. Raises InputError where it lacks a part or cannot be read."""
+
+    def array(name: str) -> np.ndarray:
+        if name not in saved.arrays:
+            raise InputError(
+                f"checkpoint {source} lacks {name!r}, so that it is not one of a run; start the run again."
+            )
+        return saved.arrays[name]
+
+    text = saved.attributes.get("scene")
+    if not isinstance(text, str):
+        raise InputError(f"checkpoint {source} has no scene, so that it is not of a run; start the run again.")
+    scene = parse_scene(text, f"the scene in {source}")
     solid = tuple(
-        msgspec.structs.replace(part, cells=saved.arrays[f"start.cells.{number}"])
-        if isinstance(part, SolidCells)
-        else part
+        msgspec.structs.replace(part, cells=array(f"start.cells.{number}")) if isinstance(part, SolidCells) else part
         for number, part in enumerate(scene.solid)
     )
     scene = msgspec.structs.replace(scene, solid=solid)
-    if not any(isinstance(part, Cloud) for part in scene.fluid):
+    clouds = sum(isinstance(part, Cloud) for part in scene.fluid)
+    if not clouds:
         return scene
-    ends = np.cumsum(saved.arrays["start.sizes"])[:-1]
-    pieces = {name: iter(np.split(saved.arrays[f"start.{name}"], ends)) for name in ("position", "velocity", "mass")}
+    sizes = array("start.sizes")
+    whole = {name: array(f"start.{name}") for name in ("position", "velocity", "mass")}
+    counted = sizes.dtype.kind in "iu" and sizes.shape == (clouds,) and (sizes >= 0).all()
+    if not counted or any(values.ndim == 0 or len(values) != int(sizes.sum()) for values in whole.values()):
+        raise InputError(
+            f"checkpoint {source}: the particles of its {clouds} clouds do not fit their numbers; start the run again."
+        )
+    pieces = {name: iter(np.split(values, np.cumsum(sizes)[:-1])) for name, values in whole.items()}
     return msgspec.structs.replace(
         scene,
         fluid=tuple(

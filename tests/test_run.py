@@ -27,10 +27,11 @@ from refsim import (
 )
 from refsim import run as run_module
 from refsim.__main__ import main
-from refsim.checkpoint import read_checkpoint, write_checkpoint
+from refsim.checkpoint import latest_checkpoint, read_checkpoint, write_checkpoint
 from refsim.driver import check_particles, stock
 from refsim.errors import REASONS
 from refsim.output import read_particles
+from refsim.run import load_checkpoint
 from refsim.scene_file import load_scene, scene_to_toml
 
 ROOT = pathlib.Path(__file__).parent.parent
@@ -244,6 +245,184 @@ def test_a_checkpoint_that_lacks_something_is_refused(tmp_path, lost):
     write_checkpoint(tmp_path / "c.h5", wrong, saved.attributes)
     with pytest.raises(InputError, match="the scene wants"):
         Simulation.resume(tmp_path / "c.h5")
+
+
+@pytest.mark.parametrize(
+    "change, words",
+    [
+        ({"time": float("inf")}, "time = inf"),
+        ({"time": "0.1"}, "numbers are not those of a run"),
+        ({"steps": 1.5}, "numbers are not those of a run"),
+        ({"steps": -1}, "steps = -1 is no count"),
+        ({"steps": 10**400}, "steps = 1000"),
+        ({"time": 10**400}, "numbers are not those of a run"),
+        ({"previous_length": -1.0}, "previous_length = -1"),
+        ({"first_length": float("inf")}, "first_length = inf"),
+        ({"squared_way": -1.0}, "squared_way = -1"),
+        ({"margin": float("inf")}, "margin = inf"),
+        ({"backend": "quantum"}, "numbers are not those of a run"),
+        ({"list_built": "yes"}, "numbers are not those of a run"),
+        ({"limiters": "[1]"}, "numbers are not those of a run"),
+        ({"limiters": "[" * 100000}, "numbers are not those of a run"),
+        ({"versions": '{"numpy": 1}'}, "numbers are not those of a run"),
+        ({"search_log": '{"__class__": 1}'}, "search log"),
+        ({"scene": 3}, "has no scene"),
+        ({"scene": "spacing = 0.01"}, "the scene in"),
+    ],
+)
+def test_a_checkpoint_with_impossible_numbers_is_refused(tmp_path, change, words):
+    Simulation(tank(), "numpy").checkpoint(tmp_path / "c.h5")
+    saved = read_checkpoint(tmp_path / "c.h5")
+    write_checkpoint(tmp_path / "c.h5", saved.arrays, saved.attributes | change)
+    with pytest.raises(InputError, match=words) as caught:
+        load_checkpoint(tmp_path / "c.h5")
+    assert "\n" not in str(caught.value)
+
+
+def with_row(array, row, value):
+    array = array.copy()
+    array[row] = value
+    return array
+
+
+@pytest.mark.parametrize(
+    "name, spoil, words",
+    [
+        ("field.mass", lambda a: with_row(a, 3, -1.0), "1 of its particles have no positive mass"),
+        ("field.mass", lambda a: a.astype("float64"), "the scene wants float32"),
+        ("field.identity", lambda a: with_row(a, 3, 4), "identity"),
+        ("field.identity", lambda a: with_row(a, 3, 2**31 - 1), "identity"),
+        ("field.position", lambda a: with_row(a, (0, 2), 0.5), "z than 0 in a 2D scene"),
+        ("field.velocity", lambda a: a.astype("complex64"), "the scene wants float32"),
+        ("build_position", lambda a: a[:, :2], "the scene wants float32"),
+    ],
+)
+def test_a_checkpoint_with_impossible_particles_is_refused(tmp_path, name, spoil, words):
+    Simulation(tank(), "numpy").checkpoint(tmp_path / "c.h5")
+    saved = read_checkpoint(tmp_path / "c.h5")
+    write_checkpoint(tmp_path / "c.h5", saved.arrays | {name: spoil(saved.arrays[name])}, saved.attributes)
+    with pytest.raises(InputError, match=words):
+        Simulation.resume(tmp_path / "c.h5")
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"start.sizes": np.array([41])},
+        {"start.sizes": np.array([-1])},
+        {"start.sizes": np.array([40.0])},
+        {"start.sizes": np.array(40)},
+        {"start.mass": np.array(1.0)},
+        {"start.position": np.zeros((40, 5))},
+        {"start.velocity": np.zeros(40, complex)},
+    ],
+)
+def test_a_checkpoint_with_impossible_clouds_is_refused(tmp_path, change):
+    points = np.random.default_rng(5).random((40, 3)) * 0.05
+    liquid = WeaklyCompressible(sound_speed=20.0)
+    scene = Scene(spacing=0.01, support_radius=0.02, fluid=(Cloud(position=points),), effects=(liquid,))
+    Simulation(scene, "numpy").checkpoint(tmp_path / "c.h5")
+    saved = read_checkpoint(tmp_path / "c.h5")
+    write_checkpoint(tmp_path / "c.h5", saved.arrays | change, saved.attributes)
+    with pytest.raises(InputError):
+        load_checkpoint(tmp_path / "c.h5")
+
+
+# -- runs that are interrupted
+
+
+class Killed(BaseException):
+    """What nothing in refsim catches, as a kill is."""
+
+
+def killed_after(steps, scene, out, **options):
+    """A run to its end_time on the references that is killed after so many steps."""
+
+    def progress(simulation):
+        if simulation.steps == steps:
+            raise Killed
+
+    with pytest.raises(Killed):
+        simulate(scene, backend="numpy", output=out, progress=progress, **options)
+
+
+@pytest.mark.parametrize("interval", [0.0, 1e9], ids=["every step", "the first alone"])
+@pytest.mark.parametrize("steps", [0, 1, 5])
+def test_frames_of_a_killed_run_have_the_times_of_the_uninterrupted_one(tmp_path, steps, interval):
+    """Also where the run is killed before its second checkpoint."""
+    scene = tank("float64")
+    scene = msgspec.structs.replace(scene, end_time=8.5 * Simulation(scene, "numpy").step().length)
+    every = scene.end_time / 4.3
+    simulate(scene, backend="numpy", output=tmp_path / "whole", every=every)
+    out = tmp_path / "killed"
+    killed_after(steps, scene, out, every=every, checkpoint_every=interval)
+    kept = latest_checkpoint(out)
+    if steps == 0:  # before the first checkpoint
+        assert kept is None
+        report = simulate(scene, backend="numpy", output=out, every=every)
+        assert report.resumed_at_step is None
+    else:
+        resumed = Simulation.resume(out)
+        assert resumed.steps == (steps - 1 if interval == 0 else 0)
+        report = simulate(resumed, output=out, every=every)
+        assert report.resumed_at_step is not None
+    whole, after = (read_particles(folder / "particles.vtkhdf") for folder in (tmp_path / "whole", out))
+    assert [frame.time for frame in after] == [frame.time for frame in whole]
+    for a, b in zip(after, whole):
+        assert a.position.tobytes() == b.position.tobytes()
+    assert_same_run(Simulation.resume(tmp_path / "whole"), Simulation.resume(out))
+
+
+def test_a_run_resumed_into_another_folder_has_frames_on_the_grid(tmp_path):
+    scene = tank("float64")
+    length = Simulation(scene, "numpy").step().length
+    scene = msgspec.structs.replace(scene, end_time=8.5 * length)
+    every = 3.5 * length
+    simulate(scene, backend="numpy", output=tmp_path / "whole", every=every)
+    killed_after(6, scene, tmp_path / "killed", every=every, checkpoint_every=0.0)
+    resumed = Simulation.resume(tmp_path / "killed")
+    killed_after(7, resumed, tmp_path / "other", every=every)
+    simulate(Simulation.resume(tmp_path / "other"), output=tmp_path / "other", every=every)  # it has a checkpoint, too
+    whole, after = (read_particles(tmp_path / name / "particles.vtkhdf") for name in ("whole", "other"))
+    assert [frame.time for frame in after] == [frame.time for frame in whole][-len(after) :]
+    with pytest.raises(InputError, match="holds an earlier run"):
+        simulate(Simulation.resume(tmp_path / "killed"), output=tmp_path / "other")
+
+
+def test_a_running_run_keeps_its_checkpoints(tmp_path, capsys):
+    """Neither --overwrite nor --resume touches a folder whose run is still writing."""
+    path, out = tmp_path / "tank.toml", tmp_path / "out"
+    path.write_text(scene_to_toml(tank()))
+    looked = []
+
+    def progress(simulation):
+        if simulation.steps == 2:
+            before = {file.name: file.read_bytes() for file in out.iterdir()}
+            for command in ([path, "--overwrite"], ["--resume", out]):
+                words = ["run", *map(str, command), "--output", str(out), "--backend", "numpy", "--quiet"]
+                assert main(words) == 2
+                looked.append(capsys.readouterr().err)
+            assert {file.name: file.read_bytes() for file in out.iterdir()} == before
+
+    simulate(tank(), 0.001, backend="numpy", output=out, checkpoint_every=0.0, progress=progress)
+    assert len(looked) == 2
+    assert all("is being written by another process" in words for words in looked)
+
+
+def test_a_damaged_checkpoint_is_passed_over_and_the_run_says_so(tmp_path, capsys):
+    out = tmp_path / "out"
+    killed_after(3, tank(), out, checkpoint_every=0.0)
+    newest = out / "checkpoint.h5"
+    content = bytearray(newest.read_bytes())
+    content[3803] ^= 1
+    newest.write_bytes(content)
+    for place in (out, newest):
+        resumed = Simulation.resume(place)
+        assert resumed.source == out / "checkpoint.previous.h5"
+        assert "does not match its digest): resumed from" in resumed.notes[-1]
+    assert main(["run", "--resume", str(out), "--until", "0.001", "--quiet"]) == 0
+    assert "note: checkpoint" in capsys.readouterr().err
+    assert Simulation.resume(out).source == newest
 
 
 # -- runs that stop

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
+import os
+import shlex
 import signal
 import sys
 import threading
@@ -45,7 +47,7 @@ def execute(options: argparse.Namespace) -> Outcome:
     """Run the scene, or go on from the checkpoint."""
     simulation, folder = _begin(options)
     until = simulation.plan.scene.end_time if options.until is None else options.until
-    if simulation.steps and simulation.time >= until:
+    if simulation.source is not None and simulation.time >= until:
         simulation.notes.append(f"the checkpoint is already at {simulation.time:.6g} s: nothing was left to do")
     progress = _Progress(until, folder, options.quiet)
     try:
@@ -63,7 +65,7 @@ def execute(options: argparse.Namespace) -> Outcome:
             )
     except RunStopped as stop:
         progress.close()
-        stop.advice = _advice(stop, folder)
+        stop.advice = _advice(stop, folder, options)
         raise
     finally:
         progress.close()
@@ -75,20 +77,22 @@ def _begin(options: argparse.Namespace) -> tuple[Simulation, Path]:
     if options.resume is not None:
         simulation = Simulation.resume(options.resume, options.backend, options.threads, scene)
         source = Path(options.resume)
-        return simulation, Path(options.output or (source if source.is_dir() else source.parent))
+        return simulation, Path(options.output or (source if os.path.isdir(source) else source.parent))
     if scene is None:
         raise InputError("there is nothing to run; give a scene file, or a checkpoint with --resume.")
     simulation = Simulation(planned(scene, options.scene), options.backend or "cpu", options.threads)
     return simulation, Path(options.output or f"{Path(options.scene).stem}_run")
 
 
-def _advice(stop: RunStopped, folder: Path) -> tuple[str, ...]:
+def _advice(stop: RunStopped, folder: Path, options: argparse.Namespace) -> tuple[str, ...]:
     files = stop.report.files if stop.report is not None else {}
     lines = []
     if "postmortem" in files:
         lines.append(f"what broke first, where, and the command that replays it: {files['postmortem']}")
     if stop.reason in ("interrupted", "disk_full", "write_failed", "out_of_memory") and "checkpoint" in files:
-        lines.append(f"go on with: refsim run --resume {folder}")
+        lasting = {"until": options.until, "every": options.every}  # without them frames would have other times
+        given = "".join(f" --{name} {value!r}" for name, value in lasting.items() if value is not None)
+        lines.append(f"go on with: refsim run --resume {shlex.quote(str(folder))}{given}")
     elif "checkpoint" in files:
         lines.append(f"last good state: {files['checkpoint']}")
     return tuple(lines)
