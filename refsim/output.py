@@ -11,9 +11,11 @@ HDF5 file. A journal that a dead writer left behind is completed by the next `Pa
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import math
 import os
+import stat
 import struct
 import sys
 import time as clock
@@ -88,16 +90,16 @@ class ParticleWriter:
         self.path = Path(path)
         self._fields = {name: _checked_field(name, *field) for name, field in fields.items()}
         self._times: list[float] = []
+        self._precision: np.dtype | None = None  # of the positions in the file
         self._file: FileIO | None = None
         try:
-            self._journal = open(_journal_path(self.path), "a+b", buffering=0)  # noqa: SIM115
-        except OSError as error:
-            raise cannot_write("particle file", self.path, error, KEPT) from error
-        if not _lock(self._journal):
-            self._journal.close()
+            self._journal = _locked_journal(_journal_path(self.path))
+        except BlockingIOError:
             raise InputError(
                 f"particle file {self.path} is being written by another process; wait for it, or give another path"
-            )
+            ) from None
+        except OSError as error:
+            raise cannot_write("particle file", self.path, error, KEPT) from error
         try:
             if append and self.path.exists():
                 self._go_on(resume_time)
@@ -129,6 +131,8 @@ class ParticleWriter:
         if not math.isfinite(time) or (self._times and time <= self._times[-1]):
             raise ValueError(f"time {time} is not later than that of the last frame, {self.last_time}")
         arrays = self._checked_arrays(position, fields)
+        if self._precision not in (None, arrays["Points"].dtype):
+            raise ValueError(f"position must be {self._precision} as in the first frame")
         try:
             if self._file is None:
                 staged = _Staged(None)
@@ -139,6 +143,7 @@ class ParticleWriter:
                 self._transaction(lambda root: _append_frame(root, time, arrays))
         except OSError as error:
             raise cannot_write(f"frame at time {time} of", self.path, error, KEPT) from error
+        self._precision = arrays["Points"].dtype
         self._times.append(float(time))
 
     def close(self) -> None:
@@ -189,6 +194,7 @@ class ParticleWriter:
         found: dict[str, tuple[int, np.dtype]] = {}
 
         def look(root: h5py.Group) -> None:
+            self._precision = root["Points"].dtype
             self._times = root["Steps/Values"][: root["Steps"].attrs["NSteps"]].tolist()
             for name, data in root["PointData"].items():
                 found[name] = (1 if data.ndim == 1 else data.shape[1], data.dtype)
@@ -200,7 +206,13 @@ class ParticleWriter:
         """Let `change` edit the VTKHDF group, then put all of its writes into the file or none (OSError)."""
         assert self._file is not None
         staged = _Staged(self._file)
-        last = _edit(staged, "r+", change)
+        try:
+            last = _edit(staged, "r+", change)
+        except Exception as error:  # what HDF5 finds wrong; nothing has been written yet
+            raise InputError(
+                f"particle file {self.path} is damaged, so that no frame can be added or dropped; move it away or give"
+                " another path"
+            ) from error
         staged.commit(self._journal, last)
 
     def _checked_arrays(self, position: np.ndarray, fields: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
@@ -373,8 +385,6 @@ def _append_frame(root: h5py.Group, time: float, arrays: Mapping[str, np.ndarray
     steps, vertices = root["Steps"], root["Vertices"]
     step = int(steps.attrs["NSteps"])
     start, count = len(root["Points"]), len(arrays["Points"])
-    if root["Points"].dtype != arrays["Points"].dtype:
-        raise ValueError(f"position must be {root['Points'].dtype} as in the first frame")
     for name, array in arrays.items():
         _extend(root[name], start, array)
     known = len(vertices["Connectivity"])
@@ -571,6 +581,24 @@ def _apply(file: FileIO, size: int, pages: list[tuple[int, bytes]]) -> None:
 
 def _journal_path(path: Path) -> Path:
     return path.with_name(f"{path.name}.journal")
+
+
+def _locked_journal(path: Path) -> FileIO:
+    """The journal at `path`, locked. Raises OSError, BlockingIOError where another writer holds it."""
+    while True:
+        journal = open(path, "a+b", buffering=0)  # noqa: SIM115
+        try:
+            if not stat.S_ISREG(os.fstat(journal.fileno()).st_mode):
+                raise OSError(errno.EINVAL, "its journal is a pipe or a device, and not a file", str(path))
+            if not _lock(journal):
+                raise BlockingIOError(errno.EAGAIN, "locked", str(path))
+            with suppress(FileNotFoundError):
+                if os.path.samestat(os.fstat(journal.fileno()), os.stat(path)):
+                    return journal
+        except BaseException:
+            journal.close()
+            raise
+        journal.close()  # a writer that ended in between has removed it
 
 
 def _journal_entry(size: int, pages: list[tuple[int, bytes]]) -> bytes:

@@ -7,6 +7,8 @@ import os
 import stat
 from io import BufferedReader
 
+GREATEST = 1e30  # largest magnitude, in SI units, that a number from a file may have: its powers stay in float64
+
 
 def open_regular(path: str | os.PathLike[str]) -> BufferedReader:
     """The regular file at `path`, open for reading bytes.

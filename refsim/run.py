@@ -22,6 +22,7 @@ from refsim.effect import Effect, Extremes, Pass, StepLimit
 from refsim.errors import InputError, RunStopped
 from refsim.neighbours import NeighbourSearch, SearchLog
 from refsim.operation import PROCEDURES, REGISTRY, Current
+from refsim.reading import GREATEST
 from refsim.scene import Plan, Scene, make_plan
 from refsim.scene_file import check_same_scene, scene_from_checkpoint, scene_to_checkpoint, suggestion
 from refsim.scratch import Scratch
@@ -30,7 +31,6 @@ from refsim.versions import versions
 
 WORTH_KEEPING = 0.2  # share of the allowed way below which the list is built anew rather than looked at in every step
 SORT_EVERY = 50  # steps between two sortings of particles that no neighbour list sorts
-GREATEST = 1e30  # [s], [m]: no run of anything takes longer or goes further
 MANY_FOR_ALL_PAIRS = 2000  # particles above which the numpy backend is announced as slow
 
 

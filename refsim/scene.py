@@ -6,8 +6,8 @@ The plan is the union of what the effects ask for: fields, passes in dependency 
 from __future__ import annotations
 
 import dataclasses
+import io
 import math
-import pathlib
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -18,13 +18,17 @@ import numpy as np
 
 from refsim.effect import EFFECTS, Discretisation, Effect, Extremes, Pass, require
 from refsim.errors import InputError
+from refsim.neighbours import MOST_NEIGHBOURS
 from refsim.operation import PROCEDURES, REGISTRY
 from refsim.particles import BASE, Field
+from refsim.reading import GREATEST, open_regular
 from refsim.solids import Nodes, SolidBall, SolidBox, SolidCells, SolidMesh, SolidTorus, countable, voxelised
 
 Vector = tuple[float, float, float]
 
 COARSE = 1e-3  # spacings: coarser places than this are announced
+LEAST = 1e-30  # smallest length [m] and time [s] that a scene may have
+SMALLEST = 1e-100  # magnitude of any other number that is not zero
 LONGEST_FIXED = 1.6  # stable steps that a fixed step may span; longer ones were seen to gain energy without diverging
 
 
@@ -98,10 +102,13 @@ class Cloud(msgspec.Struct, tag="cloud", tag_field="shape", frozen=True, kw_only
             raise InputError("fluid cloud: the positions are wanted once; give either position or file.")
         if self.file:
             try:
-                path = pathlib.Path(self.file)
-                with warnings.catch_warnings():
+                with open_regular(self.file) as file, warnings.catch_warnings():
                     warnings.simplefilter("ignore")  # an empty file is told below
-                    values = np.load(path) if path.suffix == ".npy" else np.loadtxt(path, delimiter=",", ndmin=2)
+                    if self.file.endswith(".npy"):
+                        values = np.lib.format.open_memmap(self.file, "r")  # which compares shape and size before
+                    else:
+                        with io.TextIOWrapper(file, encoding="utf-8") as lines:
+                            values = np.loadtxt(lines, delimiter=",", ndmin=2)
             except OSError as error:
                 why = error.strerror or error
                 raise InputError(f"fluid cloud: cannot read {self.file!r} ({why}); give a readable file.") from None
@@ -111,9 +118,7 @@ class Cloud(msgspec.Struct, tag="cloud", tag_field="shape", frozen=True, kw_only
                     " comma-separated numbers for each particle."
                 ) from None
         try:
-            if np.iscomplexobj(values):
-                raise TypeError
-            points = np.array(values, dtype=float)
+            points = _numbers(values)
         except (TypeError, ValueError):
             raise InputError("fluid cloud: position must be a list of coordinates; give (n, 3) numbers.") from None
         if points.ndim != 2 or points.shape[1] not in (2, 3):
@@ -224,6 +229,18 @@ class Plan:
 
 def make_plan(scene: Scene) -> Plan:
     """Check the scene and work out its plan. Raises InputError, with one sentence, for bad input."""
+    _check_numbers(scene)
+    try:
+        with np.errstate(over="raise", divide="raise", invalid="raise"):
+            return _planned(scene)
+    except (ArithmeticError, OverflowError) as error:
+        raise InputError(
+            f"scene: its numbers differ by too many orders of magnitude for their products ({error}); check the units."
+        ) from None
+
+
+def _check_numbers(scene: Scene) -> None:
+    """Raise InputError for the scene's own numbers, and for numbers of its parts that no product may have."""
     require(
         "scene",
         spacing=(scene.spacing, "positive"),
@@ -246,6 +263,49 @@ def make_plan(scene: Scene) -> Plan:
             f"scene: support_radius = {scene.support_radius} m is below one spacing ({scene.spacing} m), so that no"
             " particle would have a neighbour; give at least 1.5 spacings."
         )
+    for name in ("spacing", "support_radius", "end_time", "step", "step_factor", "skin"):
+        _check_magnitude("scene", name, getattr(scene, name), LEAST)
+    _check_neighbours(scene, "support_radius", scene.support_radius)
+    for kind, parts in (("fluid", scene.fluid), ("solid", scene.solid)):
+        for number, part in enumerate(parts, 1):
+            _check_magnitudes(f"[[{kind}]] number {number}", part)
+    for effect in scene.effects:
+        _check_magnitudes(getattr(effect, "name", "scene"), effect)
+
+
+def _check_magnitudes(place: str, part: Any) -> None:
+    for f in msgspec.structs.fields(part) if isinstance(part, msgspec.Struct) else ():
+        values = getattr(part, f.name)
+        if f.type is not Any:  # arrays of particles and cells are looked at where they are read
+            for value in values if isinstance(values, tuple) else (values,):
+                if f.name != "velocity":  # told with the particle that has it
+                    _check_magnitude(place, f.name, value, SMALLEST)
+
+
+def _check_magnitude(place: str, name: str, value: Any, least: float = 0.0) -> None:
+    """Raise InputError for a number that is not finite, or whose magnitude is beyond all that can be meant."""
+    if not isinstance(value, int | float) or value == 0 or least <= abs(value) <= GREATEST:
+        return
+    words = f"{value:g}" if isinstance(value, float) else f"{str(value)[:12]}..."
+    if isinstance(value, float) and not math.isfinite(value):
+        raise InputError(f"{place}: {name} = {words} is not possible; give a finite number.")
+    kind = "small" if abs(value) < least else "large"
+    raise InputError(f"{place}: {name} = {words} is too {kind} to be meant in SI units; correct it.")
+
+
+def _check_neighbours(scene: Scene, what: str, radius: float) -> None:
+    """Raise InputError where a particle of the lattice has more neighbours within `radius` [m] than one may have."""
+    reach = radius / scene.spacing * (1 + scene.skin)
+    number = (math.pi if scene.dim == 2 else 4 / 3 * math.pi) * reach**scene.dim
+    if number > MOST_NEIGHBOURS:
+        raise InputError(
+            f"scene: {what} = {radius:g} m with a skin of {scene.skin:g} reaches over {reach:.3g} spacings"
+            f" ({scene.spacing:g} m) and so over {number:.3g} neighbours, more than the {MOST_NEIGHBOURS:,} that a"
+            " particle may have; check the units, 2 to 3 spacings are common."
+        )
+
+
+def _planned(scene: Scene) -> Plan:
     effects = _effects(scene)
     empty = Discretisation(scene.dim, scene.dtype, scene.spacing, scene.support_radius, 0, scene.step)
     for effect in effects.values():  # before the particles, whose masses follow from the effects
@@ -272,6 +332,9 @@ def make_plan(scene: Scene) -> Plan:
         (e, p) for e in effects.values() for p in e.passes(effects) if p.operation not in replaced - set(e.replaces())
     ]
     passes = _ordered(_merged([(e, p) for e, p in asked if p.stage == "forces"], parameters), fields)
+    list_radius = max((e.list_radius(grid) for e in effects.values()), default=0.0)
+    if list_radius > scene.support_radius:
+        _check_neighbours(scene, "the radius of the neighbour list", list_radius)
     merged = None
     if walls:
         merged = type(walls[0])(*(np.concatenate(parts) for parts in zip(*walls)))
@@ -285,7 +348,7 @@ def make_plan(scene: Scene) -> Plan:
         begin=tuple((e, p) for e, p in asked if p.stage == "begin"),
         passes=passes,
         motion=_motion([(e, p) for e, p in asked if p.stage == "motion"], fields),
-        list_radius=max((e.list_radius(grid) for e in effects.values()), default=0.0),
+        list_radius=list_radius,
         shared=shared,
         parameters=parameters,
         walls=merged,
@@ -300,6 +363,11 @@ def _check_fixed_step(scene: Scene, grid: Discretisation, effects: Mapping[str, 
     if not at_rest:
         return
     name = min(at_rest, key=lambda limit: at_rest[limit])
+    if not at_rest[name] >= LEAST:
+        raise InputError(
+            f"scene: the stable step of particles at rest is {at_rest[name]:g} s ({name}); check the units of the"
+            " effects' parameters."
+        )
     if scene.step > LONGEST_FIXED * at_rest[name]:
         raise InputError(
             f"scene: step = {scene.step:g} s is {scene.step / at_rest[name]:.3g} times the stable one at rest"
@@ -354,6 +422,7 @@ def _initial_state(
         positions.append(points)
         velocities.append(_per_particle("velocity", part.velocity, points.shape))
         masses.append(_per_particle("mass", mass, (len(points),)))
+        countable("scene: its parts together", [sum(map(len, positions))])
     if not sum(map(len, positions)):
         raise InputError("scene: there are no particles; add a fluid box, ball or cloud, or a solid.")
     position, velocity, mass = map(np.concatenate, (positions, velocities, masses))
@@ -415,7 +484,7 @@ def _lattice_mass(grid: Discretisation, effects: Mapping[str, Effect]) -> float:
 def _per_particle(name: str, values: Any, shape: tuple[int, ...]) -> np.ndarray:
     """One value for all particles, or one for each, as an array of this shape."""
     try:
-        found = np.asarray(values, dtype=float)
+        found = _numbers(values)
         if found.shape not in (shape, shape[1:]):
             raise ValueError
         return np.broadcast_to(found, shape)
@@ -426,17 +495,25 @@ def _per_particle(name: str, values: Any, shape: tuple[int, ...]) -> np.ndarray:
         ) from None
 
 
+def _numbers(values: Any) -> np.ndarray:
+    """Numbers as an array of float64. Raises TypeError or ValueError for anything else."""
+    found = np.asarray(values)
+    if found.dtype.kind not in "iuf":
+        raise TypeError(f"{found.dtype} are no numbers")
+    return found.astype(float)
+
+
 def _check_particles(position: np.ndarray, velocity: np.ndarray, mass: np.ndarray, scene: Scene) -> None:
     from refsim.neighbours import coincident_pairs
 
     for name, values in (("position", position), ("velocity", velocity), ("mass", mass)):
         with np.errstate(over="ignore"):  # told below
             rounded = values.astype(scene.dtype)
-        bad = np.flatnonzero(~np.isfinite(rounded).reshape(len(values), -1).all(1))
+            bad = np.flatnonzero(~(np.abs(rounded) <= GREATEST).reshape(len(values), -1).all(1))
         if len(bad):
             raise InputError(
-                f"scene: the {name} of particle {bad[0]} is not a finite number"
-                f" in {scene.dtype} ({len(bad)} such particles); correct the input."
+                f"scene: the {name} of particle {bad[0]} is not a finite number, in {scene.dtype} and below"
+                f" {GREATEST:g} ({len(bad)} such particles); correct the input."
             )
     if (mass <= 0).any():
         bad = int(np.flatnonzero(mass <= 0)[0])
@@ -465,6 +542,13 @@ def _initial_values(
                 raise ValueError(f"effect {effect.name!r} gives {name!r} a value, which is no state field of its own")
             if value.shape != fields[name].shape(grid.count):
                 raise ValueError(f"effect {effect.name!r} gives {name!r} the shape {value.shape}")
+            with np.errstate(over="ignore"):  # told here
+                rounded = value.astype(fields[name].numpy_dtype(grid.dtype))
+            if rounded.dtype.kind == "f" and not np.isfinite(rounded).all():
+                raise InputError(
+                    f"{effect.name}: the {name} of a particle is not a finite number in {grid.dtype}; correct its"
+                    " parameters."
+                )
             values[name] = value
     return values
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import dataclasses
 import difflib
 import inspect
+import io
 import itertools
 import json
 import os
@@ -24,12 +25,14 @@ import numpy as np
 
 from refsim.effect import EFFECTS, Effect
 from refsim.errors import InputError
+from refsim.reading import open_regular
 from refsim.scene import Ball, Box, Cloud, Plan, Scene, make_plan
 from refsim.solids import Solid, SolidBall, SolidBox, SolidCells, SolidMesh, SolidTorus
 
 if TYPE_CHECKING:
     from refsim.checkpoint import Checkpoint
 
+LARGEST_FILE = 1 << 28  # bytes
 SHAPES: dict[str, type] = {"box": Box, "ball": Ball, "cloud": Cloud}
 SOLIDS: dict[str, type] = {
     "box": SolidBox, "ball": SolidBall, "torus": SolidTorus, "mesh": SolidMesh, "cells": SolidCells,
@@ -45,7 +48,15 @@ def load_scene(path: str | os.PathLike[str]) -> Scene:
     """
     path = pathlib.Path(path)
     try:
-        text = path.read_text(encoding="utf-8-sig")  # some editors begin a file with a byte-order mark
+        with open_regular(path) as file:
+            size = os.fstat(file.fileno()).st_size
+            if size > LARGEST_FILE:
+                raise InputError(
+                    f"scene file {path} has {size / 2**20:,.0f} MiB, more than {LARGEST_FILE >> 20}; keep the positions"
+                    " of a cloud in a .npy file beside it."
+                )
+            with io.TextIOWrapper(file, encoding="utf-8-sig") as lines:  # some editors begin with a byte-order mark
+                text = lines.read()
     except FileNotFoundError:
         raise InputError(f"scene file {path} does not exist; give the path of a TOML file.") from None
     except UnicodeDecodeError:
@@ -60,11 +71,12 @@ def load_scene(path: str | os.PathLike[str]) -> Scene:
 def parse_scene(text: str, source: str, folder: pathlib.Path | None = None) -> Scene:
     """The scene in a TOML text; `source` names it in errors, `folder` is where files of clouds lie."""
     try:
-        tables = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
+        return scene_from_dict(tomllib.loads(text), source, folder)
+    except ValueError as error:  # tomllib's own, and Python's for whole numbers of thousands of digits
         words = str(error)
         raise InputError(f"{source} is not TOML: {words[:1].lower()}{words[1:]}; correct that place.") from None
-    return scene_from_dict(tables, source, folder)
+    except RecursionError:
+        raise InputError(f"{source}: its tables or lists are nested too deeply; a scene needs four levels.") from None
 
 
 def scene_from_dict(tables: Mapping[str, Any], source: str, folder: pathlib.Path | None = None) -> Scene:
@@ -344,6 +356,8 @@ def _value(value: Any, kind: Any, source: str, place: str) -> Any:
         return msgspec.convert(value, kind)
     except msgspec.ValidationError as error:
         raise InputError(f"{source}: {place}{_why(str(error), value, kind)}") from None
+    except OverflowError:
+        raise InputError(f"{source}: {place} = {_short(value)} is too large for a number; check it.") from None
 
 
 def _why(words: str, value: Any, kind: Any) -> str:

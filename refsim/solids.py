@@ -7,7 +7,6 @@ The nodes are the first particles, body by body, in each sorted by cell.
 from __future__ import annotations
 
 import math
-import pathlib
 from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -100,6 +99,12 @@ class SolidTorus(Solid, tag="torus", frozen=True, kw_only=True):
     tube_radius: float
     axis: Vector = (0.0, 0.0, 1.0)
 
+    def check(self, place: str) -> None:
+        super().check(place)
+        length = math.hypot(*self.axis)
+        if not (length > 0 and math.isfinite(length)):
+            raise InputError(f"{place}: axis = {list(self.axis)} has no direction; give one.")
+
     def inside(self, points: np.ndarray) -> np.ndarray:
         axis = np.array(self.axis) / np.linalg.norm(self.axis)
         away = points - np.array(self.center)
@@ -126,19 +131,21 @@ class SolidMesh(Solid, tag="mesh", frozen=True, kw_only=True):
     size: float = 0.0
     rotation: Vector = (0.0, 0.0, 0.0)
 
+    def check(self, place: str) -> None:
+        super().check(place)
+        require(place, size=(self.size, "not negative"))
+        for name in ("center", "rotation"):
+            for axis, value in zip("xyz", getattr(self, name)):
+                require(place, **{f"{name} along {axis}": (value, "finite")})
+
+    @np.errstate(over="warn", divide="warn", invalid="warn")
     def mesh(self) -> Any:
         """The mesh in its place, as trimesh holds it. Raises InputError where it cannot be read or is not closed."""
         import trimesh
 
-        path = pathlib.Path(self.file)
-        if not path.is_file():
-            raise InputError(f"solid mesh: there is no file {self.file!r}; give the path of a mesh.")
-        try:
-            mesh = trimesh.load(path, force="mesh")
-        except Exception as error:  # trimesh raises whatever its readers do
-            raise InputError(f"solid mesh: {self.file!r} cannot be read ({error}); give a mesh file.") from None
-        if len(mesh.faces) == 0:
-            raise InputError(f"solid mesh: {self.file!r} has no triangles; give a closed triangle mesh.")
+        from refsim.boundary.mesh import read_mesh
+
+        mesh = read_mesh(self.file, "solid mesh", process=True)
         if not mesh.is_watertight:
             edges = np.sort(mesh.edges, axis=1)
             _, uses = np.unique(edges, axis=0, return_counts=True)
@@ -154,6 +161,7 @@ class SolidMesh(Solid, tag="mesh", frozen=True, kw_only=True):
         mesh.apply_translation(self.center)
         return mesh
 
+    @np.errstate(over="warn", divide="warn", invalid="warn")
     def inside(self, points: np.ndarray) -> np.ndarray:
         """Odd number of crossings above, by one ray for each column of the lattice: a ray for each point is slow."""
         mesh = self.mesh()
@@ -163,7 +171,7 @@ class SolidMesh(Solid, tag="mesh", frozen=True, kw_only=True):
         up = np.broadcast_to([0.0, 0.0, 1.0], below.shape)
         place, ray, _ = mesh.ray.intersects_location(below, up, multiple_hits=True)
         # A ray through an edge meets both of its triangles in one place, which is one crossing.
-        hits = np.unique(np.column_stack([ray, np.round(place[:, 2], 9)]), axis=0)
+        hits = np.unique(np.column_stack([ray, np.round(np.reshape(place, (-1, 3))[:, 2], 9)]), axis=0)
         crossings = np.bincount(hits[:, 0].astype(int), minlength=len(column))
         first = np.cumsum(crossings) - crossings
         above = np.zeros(len(points), int)
@@ -246,20 +254,22 @@ def voxelised(solids: tuple[Solid, ...], grid: Discretisation) -> Nodes:
     return Nodes(lattice_of(cells), solids, grid.spacing)
 
 
-def countable(what: str, cells: Iterable[float], each: int = LAID_OUT) -> None:
+def countable(
+    what: str, cells: Iterable[float], each: int = LAID_OUT, kind: str = "cells of the lattice",
+    advice: str = "give a smaller body or a larger spacing",
+) -> None:  # fmt: skip
     """Raises InputError where a block of so many cells along each axis has more than an index of 32 bits can number,
     or, at so many bytes each, takes more memory than the machine has."""
     number = math.prod(map(float, cells))
     if not number <= MOST_CELLS:
         raise InputError(
-            f"{what} makes {number:.3g} cells of the lattice, more than the {MOST_CELLS:,} that can be numbered; give"
-            " a smaller body or a larger spacing."
+            f"{what} makes {number:.3g} {kind}, more than the {MOST_CELLS:,} that can be numbered; {advice}."
         )
     total = host_memory()["total"]
     if total is not None and number * each > total:
         raise InputError(
-            f"{what} makes {number:.3g} cells of the lattice, whose {number * each / 2**30:.3g} GiB this machine with"
-            f" its {total / 2**30:.3g} GiB cannot hold; give a smaller body or a larger spacing."
+            f"{what} makes {number:.3g} {kind}, whose {number * each / 2**30:.3g} GiB this machine with"
+            f" its {total / 2**30:.3g} GiB cannot hold; {advice}."
         )
 
 
@@ -271,6 +281,11 @@ def body_cells(body: Solid, place: str, spacing: float) -> np.ndarray:
     lower, upper = body.extent()
     if not (np.isfinite([lower, upper]).all() and (lower < upper).all()):
         raise InputError(f"{place}: its extent from {_words(lower)} to {_words(upper)} m is empty; give it a size.")
+    if not (np.abs([lower, upper]) < OFFSET * spacing).all():
+        raise InputError(
+            f"{place}: it reaches farther than {OFFSET:,} cells of {spacing:g} m from the origin, from {_words(lower)}"
+            f" to {_words(upper)} m; move it there or make it smaller."
+        )
     countable(f"{place}: its extent at a spacing of {spacing} m", np.ceil((upper - lower) / spacing))
     low, high = np.floor(lower / spacing).astype(int), np.ceil(upper / spacing).astype(int)
     axes = [np.arange(a, b) for a, b in zip(low, high)]
@@ -291,6 +306,8 @@ def _given_cells(body: SolidCells, place: str) -> np.ndarray:
         cells = np.zeros(0)
     if cells.ndim != 2 or cells.shape[1:] != (3,) or cells.dtype.kind not in "iu" or not len(cells):
         raise InputError(f"{place}: cells must be rows of 3 whole numbers; give at least one.")
+    if not ((cells > -OFFSET) & (cells < OFFSET)).all():
+        raise InputError(f"{place}: a cell is {OFFSET:,} or more cells from the origin; move it there.")
     cells = cells.astype(np.int32)
     if len(np.unique(cells, axis=0)) < len(cells):
         raise InputError(f"{place}: a cell is listed twice; keep one.")

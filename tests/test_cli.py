@@ -43,6 +43,7 @@ lower = [0.0, 0.0, 0.0]
 upper = [0.3, 0.3, 0.0]
 open_faces = ["+y"]
 """
+MESH = '[[solid]]\nshape = "mesh"\nfile = "{}"\ncenter = [0.0, 0.0, 0.0]\n[effects.shape_matching]\n'
 CLOUD = 'shape = "cloud"\nposition = {}\n'
 
 
@@ -118,6 +119,27 @@ BAD = {
     ),
     "mass of one for two": (BOX, CLOUD.format("[[0.1, 0.2], [0.2, 0.2]]") + "mass = [1.0]", "mass does not fit 2"),
     "behind a wall": (BOX, BOX + "\nlower = [-0.2, 0.0, 0.0]", "is behind a wall (60 such particles)"),
+    "support radius in another unit": ("support_radius = 0.02", "support_radius = 20.0", "more than the 4,096 that a"),
+    "skin in another unit": ("dim = 2", "dim = 2\nskin = 1e9", "more than the 4,096 that a"),
+    "400 digits": ("spacing = 0.01", "spacing = 1" + "0" * 400, "spacing = 1000000000"),
+    "400 digits of cells": ("cells = [6, 10, 1]", "cells = [1" + "0" * 400 + ", 10, 1]", "cells = 100000000000..."),
+    "5,000 digits": ("spacing = 0.01", "spacing = " + "1" * 5000, "is not TOML: exceeds the limit"),
+    "lists in lists": ("spacing = 0.01", "spacing = " + "[" * 100000 + "]" * 100000, "nested too deeply"),
+    "tables in tables": ("dim = 2", "dim = 2\n" + "a." * 3000 + "a = 1", "unknown key 'a'"),
+    "tables in an effect": ("sound_speed = 20.0", "sound_speed." + "a." * 3000 + "a = 1", "nested too deeply"),
+    "a far corner": (BOX, BOX + "\nlower = [1.7e308, 0.0, 0.0]", "lower = 1.7e+308 is too large"),
+    "a great speed": (BOX, BOX + "\nvelocity = [1.7e308, 0.0, 0.0]", "velocity of particle 0"),
+    "a great length": (
+        "spacing = 0.01\nsupport_radius = 0.02",
+        "spacing = 1e308\nsupport_radius = 1.7e308",
+        "too large",
+    ),
+    "a tiny step": ("dim = 2", "dim = 2\nstep = 5e-324", "step = 4.94066e-324 is too small"),
+    "great walls": ("upper = [0.3, 0.3, 0.0]", "upper = [1.7e308, 0.3, 0.0]", "upper = 1.7e+308 is too large"),
+    "a great sound speed": ("sound_speed = 20.0", "sound_speed = 1.7e308", "sound_speed = 1.7e+308 is too large"),
+    "positions as text": (BOX, CLOUD.format('[["0.1", "0.2"]]'), "list of coordinates"),
+    "a name that no file has": (BOX, 'shape = "cloud"\nfile = "a\\u0000b"', "no file can have this name"),
+    "a version": ("dim = 2", 'dim = 2\nversion = "1"', "unknown key 'version'"),
     "wrong kind": ("dim = 2", 'dim = "2"', "dim = '2'"),
 }
 
@@ -145,6 +167,13 @@ def test_bad_scenes_get_one_sentence(scene, capsys, name, command):
         (["run", "tank.toml", "--backend", "quantum"], "no such backend; choose one of numpy, cpu, cuda"),
         (["plan", "tank.toml", "--backend", "quantum"], "no backend 'quantum'"),
         (["run", "tank.toml", "--threads", "0"], "threads = 0"),
+        (["run", "tank.toml", "--threads", "0", "--backend", "numpy"], "threads = 0"),
+        (["run", "tank.toml", "--output", "loop", "--backend", "numpy"], "folder loop cannot be written"),
+        (["run", "tank.toml", "--output", "x" * 300, "--backend", "numpy"], "cannot be written"),
+        (["run", "--resume", "loop"], "cannot be read"),
+        (["run", "--resume", "x" * 300], "cannot be read"),
+        (["plan", "loop"], "cannot be read"),
+        (["plan", "x" * 300], "cannot be read"),
         (["run", "tank.toml", "--until", "nan", "--backend", "numpy"], "until = nan"),
         (["run", "tank.toml", "--until", "soon"], "invalid float value: 'soon'"),
         (["run", "tank.toml", "--every", "0", "--backend", "numpy"], "every = 0"),
@@ -158,10 +187,114 @@ def test_bad_scenes_get_one_sentence(scene, capsys, name, command):
     ],
 )
 def test_bad_commands_get_one_sentence(scene, capsys, arguments, words):
+    if "loop" in arguments:
+        pathlib.Path("loop").symlink_to("loop")
     assert main(["--json" if a is None else a for a in arguments]) == 2
     told = capsys.readouterr()
     assert told.out == ""
     assert words in one_sentence(told.err)
+
+
+@pytest.mark.skipif(os.name != "posix", reason="pipes and devices of POSIX")
+@pytest.mark.parametrize("make", [os.mkfifo, lambda path: pathlib.Path(path).symlink_to("/dev/zero")])
+@pytest.mark.parametrize(
+    "arguments, part",
+    [
+        (["plan", "it"], ""),
+        (["run", "--resume", "it"], ""),
+        (["sample", "it", "--radius", "0.1"], ""),
+        (["plan", "tank.toml"], '[[fluid]]\nshape = "cloud"\nfile = "it"'),
+        (["plan", "tank.toml"], '[[fluid]]\nshape = "cloud"\nfile = "it.npy"'),
+        (["plan", "tank.toml"], MESH.format("it.obj")),
+        (["plan", "tank.toml"], '[effects.mesh_boundary]\nfile = "it.obj"'),
+    ],
+)
+def test_what_never_ends_is_not_read(scene, capsys, make, arguments, part):
+    """In a process of its own, which is ended where it waits."""
+    for name in ("it", "it.npy", "it.obj"):
+        make(name)
+    if part:
+        head, liquid = "spacing = 0.1\nsupport_radius = 0.2\n", "\n[effects.weakly_compressible]\nsound_speed = 1.0\n"
+        if "[[fluid]]" not in part:
+            head += '[[fluid]]\nshape = "box"\ncells = [2, 2, 2]\n'
+        scene.write_text(head + part + liquid)
+    command = [sys.executable, "-m", "refsim", *arguments]
+    done = subprocess.run(
+        command, capture_output=True, text=True, timeout=60, env=os.environ | {"PYTHONPATH": str(ROOT)}
+    )
+    assert done.returncode == 2
+    assert "it is a pipe or a device, and not a file" in one_sentence(done.stderr)
+
+
+@pytest.mark.skipif(os.name != "posix", reason="pipes of POSIX")
+def test_a_mesh_does_not_wait_for_what_it_names(scene, capsys):
+    """A .gltf whose buffer is a pipe."""
+    os.mkfifo("pipe.bin")
+    views = [{"buffer": 0, "byteLength": 36}]
+    accessors = [{"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3"}]
+    primitives = [{"primitives": [{"attributes": {"POSITION": 0}}]}]
+    pathlib.Path("m.gltf").write_text(
+        json.dumps(
+            {
+                "asset": {"version": "2.0"}, "buffers": [{"uri": "pipe.bin", "byteLength": 36}], "bufferViews": views,
+                "accessors": accessors, "meshes": primitives, "nodes": [{"mesh": 0}], "scenes": [{"nodes": [0]}],
+            }
+        )
+    )  # fmt: skip
+    assert main(["sample", "m.gltf", "--radius", "0.1"]) == 2
+    assert "it is a pipe or a device" in one_sentence(capsys.readouterr().err)
+
+
+@pytest.mark.parametrize("suffix", ["obj", "stl", "ply", "off", "glb", "gltf", "xyz"])
+@pytest.mark.parametrize(
+    "content",
+    [b"\xff\xfe\xfa\x80abc", b"", b"ply\nformat ascii 1.0\nelement vertex 99999999999\n"],
+    ids=["bytes", "none", "ply"],
+)
+def test_what_is_no_mesh_is_told_of_a_solid_as_of_a_boundary(scene, capsys, suffix, content):
+    pathlib.Path(f"m.{suffix}").write_bytes(content)
+    parts = {
+        "solid mesh: ": MESH.format(f"m.{suffix}"),
+        "mesh: ": f'[effects.mesh_boundary]\nfile = "m.{suffix}"',
+    }
+    for words, part in parts.items():
+        fluid = '[[fluid]]\nshape = "box"\ncells = [2, 2, 2]\n[effects.weakly_compressible]\nsound_speed = 1.0\n'
+        scene.write_text("spacing = 0.1\nsupport_radius = 0.2\n" + fluid + part)
+        assert main(["plan", str(scene)]) == 2
+        told = one_sentence(capsys.readouterr().err)
+        assert words in told
+        assert f"m.{suffix}" in told
+        assert "charset_normalizer" not in told
+
+
+def test_a_solid_beyond_the_lattice_is_refused(scene, capsys):
+    head = "spacing = 0.1\nsupport_radius = 0.2\nfluid = []\n"
+    parts = {
+        "farther than 1,048,576 cells": 'shape = "box"\nlower = [1e9, 0.0, 0.0]\nupper = [1000000001.0, 1.0, 1.0]',
+        "1,048,576 or more cells from": 'shape = "cells"\ncells = [[1099511627776, 0, 0]]',
+        "axis = [0.0, 0.0, 0.0] has no direction": 'shape = "torus"\ncenter = [0.0, 0.0, 0.0]\nradius = 1.0\n'
+        "tube_radius = 0.3\naxis = [0.0, 0.0, 0.0]",
+        "size = -1.0": 'shape = "mesh"\nfile = "m.obj"\ncenter = [0.0, 0.0, 0.0]\nsize = -1.0',
+    }
+    for words, part in parts.items():
+        scene.write_text(head + "[[solid]]\n" + part + "\n[effects.shape_matching]\n")
+        assert main(["plan", str(scene)]) == 2
+        assert words in one_sentence(capsys.readouterr().err)
+
+
+LARGE = b"{'descr': '<f8', 'fortran_order': False, 'shape': (99999999999, 3), }".ljust(117) + b"\n"
+
+
+@pytest.mark.parametrize(
+    "content",
+    [b"", b"\x93NUMPY", b"\x93NUMPY\x01\x00v\x00" + LARGE, b"PK\x03\x04", b"\x80\x04K\x01."],
+    ids=["none", "begun", "large", "zip", "pickle"],
+)
+def test_a_cloud_of_no_numbers_is_told(scene, capsys, content):
+    pathlib.Path("p.npy").write_bytes(content)
+    scene.write_text(SCENE.replace(BOX, 'shape = "cloud"\nfile = "p.npy"'))
+    assert main(["plan", str(scene)]) == 2
+    assert "p.npy" in one_sentence(capsys.readouterr().err)
 
 
 def test_a_scene_that_is_not_text(scene, capsys):

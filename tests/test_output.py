@@ -318,6 +318,40 @@ def test_reading_what_is_no_particle_file(tmp_path):
 
 
 @posix
+def test_a_damaged_file_is_told_whatever_is_asked_of_it(tmp_path):
+    """Flipped bits at seeded places: what is read or appended either works or is refused in one sentence."""
+    path, rng = tmp_path / "run.vtkhdf", np.random.default_rng(5)
+    fields = {"mass": (1, "float32")}
+
+    def frame():
+        return rng.random((20, 3)).astype("float32")
+
+    with ParticleWriter(path, fields) as writer:
+        for step in range(3):
+            writer.write(float(step), frame(), mass=np.ones(20, "float32"))
+    whole = path.read_bytes()
+    refused = []
+    for place in rng.choice(np.flatnonzero(np.frombuffer(whole, np.uint8)), 400):
+        damaged = bytearray(whole)
+        damaged[place] ^= 1 << rng.integers(8)
+        path.write_bytes(damaged)
+        try:
+            with ParticleWriter(path, fields, append=True, resume_time=1.5) as writer:
+                writer.write(2.0, frame(), mass=np.ones(20, "float32"))
+            read_particles(path)
+        except InputError as error:
+            refused.append(str(error))
+    assert len(refused) > 50
+    assert all(str(path) in words and "\n" not in words for words in refused)
+
+
+@pytest.mark.skipif(os.name != "posix", reason="pipes of POSIX")
+def test_a_journal_that_is_a_pipe_is_refused(tmp_path):
+    os.mkfifo(tmp_path / "run.vtkhdf.journal")
+    with pytest.raises(InputError, match="journal is a pipe or a device"):
+        ParticleWriter(tmp_path / "run.vtkhdf", {})
+
+
 def test_one_writer_at_a_time(tmp_path):
     path = tmp_path / "run.vtkhdf"
     with ParticleWriter(path, FIELDS) as writer:

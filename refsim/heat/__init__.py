@@ -160,6 +160,8 @@ class HeatConduction(Effect, frozen=True, kw_only=True):
             given = getattr(self, name)
             if given is None:
                 continue
+            if np.size(given) == 0:
+                raise InputError(f"{self.name}: {name} is an empty list; give a number, or one for each substance.")
             for value in np.atleast_1d(np.asarray(given, dtype=float)):
                 if not (math.isfinite(value) and test(value)):
                     raise InputError(f"{self.name}: {name} = {value} is not possible; give {words}.")

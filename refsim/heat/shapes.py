@@ -6,13 +6,13 @@ All computed on the host in float64.
 from __future__ import annotations
 
 import functools
-import itertools
 import math
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from refsim.effect import Discretisation
+from refsim.smoothing import lattice
 
 SPIKY, MUELLER, POLY6 = range(3)
 MOST_PASSES = 64  # of Chebyshev's iteration: a longer one that is cut short overshoots
@@ -99,7 +99,7 @@ def lattice_moment(laplacian: int, support_radius: float, spacing: float, dim: i
 def _lattice_weights(laplacian: int, support_radius: float, spacing: float, dim: int) -> tuple[np.ndarray, np.ndarray]:
     """(q, d^2 V_j L_ij) of a lattice particle's neighbours."""
     reach = math.ceil(support_radius / spacing)
-    steps = np.array(list(itertools.product(range(-reach, reach + 1), repeat=dim)), dtype=float) * spacing
+    steps = lattice(reach, dim) * spacing
     q = np.sqrt((steps**2).sum(1)) / support_radius
     q = q[(q > 0) & (q < 1)]
     a = 1 - q

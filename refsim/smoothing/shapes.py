@@ -35,6 +35,11 @@ class Smoothing(NamedTuple):
     dim: int
 
 
+def lattice(reach: int, dim: int) -> np.ndarray:
+    """Places (k, dim) of the square or cubic lattice of spacing 1 up to `reach` along each axis, the last one first."""
+    return np.moveaxis(np.indices((2 * reach + 1,) * dim, dtype=float), 0, -1).reshape(-1, dim) - reach
+
+
 def smoothing(shape: str, support_radius: float, dim: int, dtype: str = "float64") -> Smoothing:
     """Smoothing kernel `shape` of support `support_radius` [m] in `dim` dimensions.
 

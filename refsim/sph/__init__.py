@@ -7,7 +7,6 @@ sph.gravity, sph.extremes, sph.kick_drift.
 from __future__ import annotations
 
 import functools
-import itertools
 import math
 from collections.abc import Mapping
 from typing import Any, ClassVar, Literal, NamedTuple
@@ -18,7 +17,7 @@ from refsim.effect import Discretisation, Effect, Pass, StepLimit, literal_errat
 from refsim.errors import InputError
 from refsim.operation import Operation, register
 from refsim.particles import Field
-from refsim.smoothing import smoothing
+from refsim.smoothing import lattice, smoothing
 
 DENSITY = Field("density", "kg/m^3 (kg/m^2 in 2D)", "density rho, J(7)")
 NUMBER_DENSITY = Field("number_density", "1/m^3 (1/m^2 in 2D)", "number density delta, J(8)")
@@ -58,7 +57,7 @@ def lattice_number_density(shape: str, support_radius: float, spacing: float, di
     from refsim.smoothing.reference import kernel_value
 
     reach = math.ceil(support_radius / spacing)
-    steps = np.array(list(itertools.product(range(-reach, reach + 1), repeat=dim)), dtype=float) * spacing
+    steps = lattice(reach, dim) * spacing
     distance = np.sqrt((steps**2).sum(1))
     return float(kernel_value(distance, smoothing(shape, support_radius, dim)).sum())
 

@@ -11,7 +11,6 @@ there the liquid collapses.
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Callable, Mapping
 from typing import Any, ClassVar
@@ -21,6 +20,7 @@ from numpy.typing import NDArray
 
 from refsim.effect import Discretisation, Effect, StepLimit
 from refsim.errors import InputError
+from refsim.smoothing import lattice
 
 COLLAPSE = 0.25  # Pi beyond which no density balances the cohesion
 STRAINED = 0.045  # Pi at which the bulk is compressed by 5 %: from here on a run is warned of
@@ -83,7 +83,7 @@ def neighbours_in_support(grid: Discretisation) -> float:
 def _shells(grid: Discretisation) -> NDArray:
     """Distances [m] of all neighbours on the infinite lattice within the support."""
     reach = math.ceil(grid.support_radius / grid.spacing)
-    steps = np.array(list(itertools.product(range(-reach, reach + 1), repeat=grid.dim)), dtype=float)
+    steps = lattice(reach, grid.dim)
     r = grid.spacing * np.sqrt((steps**2).sum(1))
     return r[(r > 0) & (r < grid.support_radius)]
 

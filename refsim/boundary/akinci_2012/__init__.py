@@ -7,7 +7,6 @@ reaches the rest density and would drift through one layer: the box's planes sto
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
@@ -17,7 +16,7 @@ import numpy as np
 from refsim.boundary.walls import Bounds, WallParticles
 from refsim.effect import Discretisation, Effect, literal_errata, require
 from refsim.errors import InputError
-from refsim.smoothing import smoothing
+from refsim.smoothing import lattice, smoothing
 from refsim.solids import countable
 
 if TYPE_CHECKING:
@@ -141,7 +140,7 @@ def calibrated_factor(shape: str, support_radius: float, spacing: float, dim: in
 
     kernel = smoothing(shape, support_radius, dim)
     reach = math.ceil(support_radius / spacing)
-    flat = np.array(list(itertools.product(range(-reach, reach + 1), repeat=dim - 1)), dtype=float)
+    flat = lattice(reach, dim - 1)
     flat2 = (flat**2).sum(1)
 
     def layer(k: int) -> float:

@@ -12,7 +12,6 @@ their adhesion, and the correction of particles that would enter the solid (P8, 
 from __future__ import annotations
 
 import functools
-import itertools
 import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple
@@ -26,7 +25,10 @@ from refsim.effect import Discretisation, Effect, Pass, StepLimit, literal_errat
 from refsim.errors import InputError
 from refsim.operation import Operation, register
 from refsim.particles import Field
-from refsim.smoothing import smoothing
+from refsim.smoothing import lattice, smoothing
+
+MOST_LAYERS = 100  # of boundary particles
+FINEST = 0.01  # spacings of the liquid: smaller ones of boundary particles and distances are mistakes of units
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -106,8 +108,17 @@ class MeshBoundary(Effect, frozen=True, kw_only=True):
                 require(self.name, **{f"{part} along {axis}": (value, "finite")})
         if not 0 <= self.restitution <= 1:
             raise InputError(f"{self.name}: restitution = {self.restitution} is not possible; give 0 to 1.")
-        if self.layers < 0:
-            raise InputError(f"{self.name}: layers = {self.layers} is not possible; give 1 or more, or 0.")
+        if not 0 <= self.layers <= MOST_LAYERS:
+            raise InputError(
+                f"{self.name}: layers = {self.layers} is not possible; give 1 to {MOST_LAYERS}, or 0: layers deeper"
+                " than a support radius have no effect."
+            )
+        for part in ("radius", "field_spacing"):
+            if 0 < getattr(self, part) < FINEST * grid.spacing:
+                raise InputError(
+                    f"{self.name}: {part} = {getattr(self, part):g} m is below {FINEST:g} spacings of"
+                    f" {grid.spacing:g} m; check its unit, or leave it out."
+                )
         if self.correction not in ("swept", "point", "none"):
             raise InputError(
                 f"{self.name}: correction = {self.correction!r} is unknown; choose one of swept, point, none."
@@ -246,7 +257,7 @@ def layer_factors(
 
     kernel = smoothing(shape, support_radius, 3)
     reach = math.ceil(support_radius / spacing)
-    flat = np.array(list(itertools.product(range(-reach, reach + 1), repeat=2)), dtype=float)
+    flat = lattice(reach, 2)
     flat2 = (flat**2).sum(1)
 
     def of_lattice(k: int) -> float:

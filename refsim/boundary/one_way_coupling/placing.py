@@ -84,9 +84,10 @@ def placed_solid(
     """
     try:
         written = os.stat(file).st_mtime_ns
-    except OSError:
+    except (OSError, ValueError):  # told where it is read
         written = 0
-    return _placed(file, written, center, size, rotation, radius, field_spacing, seed, layers, apart)
+    with np.errstate(over="warn", divide="warn", invalid="warn"):  # what degenerate triangles give is looked at
+        return _placed(file, written, center, size, rotation, radius, field_spacing, seed, layers, apart)
 
 
 @functools.lru_cache(maxsize=8)

@@ -24,6 +24,7 @@ from refsim.isosurface import Contour, edges_and_facets
 from refsim.neighbours import NeighbourSearch
 from refsim.operation import REGISTRY, Operation, register
 from refsim.particles import Field
+from refsim.solids import countable
 
 HEXAGONAL = math.pi / (2 * math.sqrt(3))  # g of the densest packing, at the spacing 2 r
 LITERAL = ("E24", "E25")
@@ -118,6 +119,8 @@ def sample(
             f"sampling: radius = {radius:g} m is larger than the mesh {mesh.source!r}, which is {size:.4g} m across;"
             " give a smaller radius."
         )
+    expected = density * mesh.area / (math.pi * radius**2)
+    countable(f"sampling: radius = {radius:g} m", [expected], kind="particles", advice="give a larger radius")
     notes: list[str] = []
     band, corner, facets, area = _surface(mesh, radius, spacing, backend, dtype, check_crossings, notes)
     whole = mesh.area / float(area.sum(dtype=float))  # marching cubes cuts a little off at edges
@@ -141,7 +144,6 @@ def sample(
             else "the particles were not spread"
         )
     place, normal = _on_mesh(band, position)
-    expected = density * mesh.area / (math.pi * radius**2)
     return BoundarySample(
         backend.host(place).astype(float) + mesh.origin, backend.host(normal).astype(float), radius, expected,
         len(residuals), converged, np.array(residuals), band, tuple(notes),

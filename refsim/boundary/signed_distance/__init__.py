@@ -19,9 +19,11 @@ from refsim.backend import Backend, choose
 from refsim.boundary.mesh import SurfaceMesh
 from refsim.errors import InputError
 from refsim.operation import REGISTRY, Operation, register
+from refsim.solids import countable
 from refsim.sparse_grid import Blocks, inverse_cell, nodes
 
 LEAST_BAND = 2.0  # band over spacing: a cell that the surface meets has all its corners nearer than sqrt(3) spacings
+NODE_BYTES = 40  # of a node of the band while it is made
 FARTHEST = 1 << 20  # spacings that fit on either side of the origin
 
 
@@ -213,6 +215,9 @@ def signed_distance(
             f"signed distance: {mesh.source!r} is {size:.4g} m across, more than 2^21 spacings of {spacing:.4g} m;"
             " give a larger spacing."
         )
+    count = mesh.area * 2 * band / spacing**3
+    what = f"signed distance: {mesh.source!r} at a spacing of {spacing:.4g} m"
+    countable(what, [count], NODE_BYTES, "nodes", "give a larger spacing")
     host = triangle_table(mesh, dtype)
     triangles = Triangles(*map(backend.asarray, host))
     grid = band_grid(spacing, band, dtype)

@@ -9,7 +9,6 @@ the step: all other forces are summed first, and with them the density that thei
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Mapping
 from typing import Any, ClassVar, NamedTuple
@@ -19,7 +18,7 @@ import numpy as np
 from refsim.effect import Discretisation, Effect, Pass, StepLimit, require
 from refsim.operation import Operation, register
 from refsim.particles import Field
-from refsim.smoothing import smoothing
+from refsim.smoothing import lattice, smoothing
 from refsim.smoothing.reference import kernel_slope
 from refsim.sph import SETS, WeaklyCompressible
 
@@ -105,7 +104,7 @@ class ImplicitPressure(Effect, frozen=True, kw_only=True):
         fluid = _fluid(others)
         kernel = smoothing(SETS[fluid.kernels][1], grid.support_radius, grid.dim)
         reach = math.ceil(grid.support_radius / grid.spacing)
-        steps = np.array(list(itertools.product(range(-reach, reach + 1), repeat=grid.dim)), dtype=float)
+        steps = lattice(reach, grid.dim)
         distance = grid.spacing * np.sqrt((steps**2).sum(1))
         squares = float((kernel_slope(distance[distance > 0], kernel) ** 2).sum())
         diagonal = (fluid.particle_mass(grid) / fluid.rest_density) ** 2 * squares

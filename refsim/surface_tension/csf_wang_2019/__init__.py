@@ -9,7 +9,6 @@ force is no pair's own: momentum is not kept.
 from __future__ import annotations
 
 import functools
-import itertools
 import math
 from collections.abc import Mapping
 from typing import Any, ClassVar, NamedTuple
@@ -19,7 +18,7 @@ import numpy as np
 from refsim.effect import Discretisation, Effect, Pass, StepLimit, literal_errata, require
 from refsim.operation import Operation, register
 from refsim.particles import Field
-from refsim.smoothing import smoothing
+from refsim.smoothing import lattice, smoothing
 from refsim.smoothing.reference import kernel_slope, kernel_value
 from refsim.sph import NUMBER_DENSITY, SETS, WeaklyCompressible
 from refsim.surface_detection import NEAR_SURFACE, detection_in, near_surface_pass
@@ -52,7 +51,7 @@ class Marangoni(NamedTuple):
 def flat_share(sums: str, gradients: str, support_radius: float, spacing: float, dim: int) -> float:
     """1/sum_k |n_k| d over the layers of a lattice half-space; |n| would sum to 1 over both sides of a surface."""
     reach = math.ceil(support_radius / spacing)
-    steps = spacing * np.array(list(itertools.product(range(-reach, reach + 1), repeat=dim)), dtype=float)
+    steps = spacing * lattice(reach, dim)
     distance = np.sqrt((steps**2).sum(1))
     w = spacing**dim * kernel_value(distance, smoothing(sums, support_radius, dim))
     slope = spacing**dim * kernel_slope(distance, smoothing(gradients, support_radius, dim))

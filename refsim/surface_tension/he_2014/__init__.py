@@ -8,7 +8,6 @@ The two terms are independent of each other; each is left out where its coeffici
 from __future__ import annotations
 
 import functools
-import itertools
 import math
 from collections.abc import Mapping
 from typing import Any, ClassVar, NamedTuple
@@ -20,7 +19,7 @@ from refsim.effect import Discretisation, Effect, Pass, require
 from refsim.errors import InputError
 from refsim.operation import Operation, register
 from refsim.particles import Field
-from refsim.smoothing import smoothing
+from refsim.smoothing import lattice, smoothing
 from refsim.smoothing.reference import kernel_slope, kernel_value
 from refsim.sph import SETS, WeaklyCompressible
 from refsim.surface_tension.cohesion import PairCohesion, too_stiff
@@ -50,7 +49,7 @@ def flat_surface_tension(sums: str, gradients: str, support_radius: float, spaci
     """
     reach = math.ceil(support_radius / spacing)
     layers = np.arange(4 * reach + 2)  # deep enough that the lower half is bulk
-    steps = spacing * np.array(list(itertools.product(range(-reach, reach + 1), repeat=dim)), dtype=float)
+    steps = spacing * lattice(reach, dim)
     distance = np.sqrt((steps**2).sum(1))
     near = (distance < support_radius) & (distance > 0)
     steps, distance = steps[near], distance[near]

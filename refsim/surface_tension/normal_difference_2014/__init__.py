@@ -19,7 +19,7 @@ import numpy as np
 from refsim.effect import Discretisation, Effect, Pass, StepLimit, literal_errata, require
 from refsim.operation import Operation, register
 from refsim.particles import Field
-from refsim.smoothing import smoothing
+from refsim.smoothing import lattice, smoothing
 from refsim.surface_normal import SURFACE_NORMAL, color_gradient_pass, normal_term
 
 SAFETY = 0.5  # of the step 2/omega at which the stiffest wave of the lattice would begin to grow
@@ -97,7 +97,7 @@ def stiffest_wave(shape: str, ratio: float, dim: int) -> float:
 
     kernel = smoothing(shape, ratio, dim)
     reach = math.ceil(ratio)
-    r = np.array(list(itertools.product(range(-reach, reach + 1), repeat=dim)), dtype=float)
+    r = lattice(reach, dim)
     length = np.sqrt((r**2).sum(1))
     near = (length > 0) & (length < ratio)
     r, length = r[near], length[near]
