@@ -49,6 +49,7 @@ LIQUID = WeaklyCompressible(sound_speed=12.0, clamp_pressure=False)  # its surfa
 VISCOUS = WeaklyCompressible(sound_speed=12.0, clamp_pressure=False, dynamic_viscosity=0.3)
 GRAVITY = Gravity()
 WALLS = BoxWalls(lower=(0, 0, 0), upper=(0.6, 0.6, 0.6))
+CENTRAL = WeaklyCompressible(sound_speed=12.0, clamp_pressure=False, dynamic_viscosity=0.3, viscosity="central")
 DETECTION = SurfaceDetection()
 DETECTION_EACH_STEP = SurfaceDetection(each_step=True)
 RELEASE = SurfaceDetection(release_pressure=True)
@@ -87,6 +88,9 @@ SETS = [
     (MPM, SURFACE),
     (SURFACE_WET, MPM_WALLS, MPM),
     (VISCOUS,),
+    (CENTRAL,),
+    (CENTRAL, IMPLICIT),
+    (CENTRAL, GRAVITY, WALLS, AKINCI),
     (LIQUID, GRAVITY),
     (LIQUID, GRAVITY, WALLS),
     (LIQUID, DETECTION),

@@ -273,13 +273,17 @@ def largest_stable(
     return Limit(low, high, answers.get(high, ""), sorted(answers.items()))
 
 
+STANDING = "brakes free rotation"  # said of every free liquid with J(11), whatever its parameters
+
+
 def silent_up_to(made: Callable[[float], Scene], least: float, most: float, but: tuple[str, ...] = ()) -> float:
     """The largest value between `least` and `most` whose scene the runner neither refuses nor says anything about;
     notes with any of the words `but`, which the value does not change, are left out."""
 
     def said(value: float) -> str:
         try:
-            return " ".join(note for note in make_plan(made(value)).notes if not any(word in note for word in but))
+            notes = make_plan(made(value)).notes
+            return " ".join(note for note in notes if not any(word in note for word in (STANDING, *but)))
         except InputError as error:
             return str(error)
 

@@ -1,14 +1,14 @@
 """Weakly compressible SPH: density, equation of state, pressure, viscosity, leap-frog (Jiang & Zhu 2023, (7) to (11)).
 
 Contents: WeaklyCompressible, Gravity; operations sph.density, sph.state, sph.pressure, sph.momentum, sph.viscosity,
-sph.gravity, sph.extremes, sph.kick_drift.
+sph.central_viscosity, sph.gravity, sph.extremes, sph.kick_drift.
 """
 
 from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
@@ -51,6 +51,12 @@ class ViscosityTerm(NamedTuple):
     coefficient: float  # dynamic viscosity [Pa s]; negative for the printed sign of J(11)
 
 
+class CentralViscosity(NamedTuple):
+    """Viscosity along the line of centres as the kernels take it."""
+
+    coefficient: float  # (dim + 2) mu [Pa s], by which the sum over the neighbours delivers mu (`central_coefficient`)
+
+
 @functools.lru_cache(maxsize=64)
 def lattice_number_density(shape: str, support_radius: float, spacing: float, dim: int) -> float:
     """Sum of W over the infinite square or cubic lattice, self included [1/m^dim]: delta0."""
@@ -60,6 +66,16 @@ def lattice_number_density(shape: str, support_radius: float, spacing: float, di
     steps = lattice(reach, dim) * spacing
     distance = np.sqrt((steps**2).sum(1))
     return float(kernel_value(distance, smoothing(shape, support_radius, dim)).sum())
+
+
+def central_coefficient(dynamic_viscosity: float, dim: int) -> float:
+    """(dim + 2) mu [Pa s]: what the viscosity along the line of centres takes for the continuum's mu [Pa s].
+
+    For v_j - v_i = r (e.grad) v + r^2/2 (e.grad)^2 v + ... at x_j = x_i + r e the force density k sum_j V_j lap W_ij
+    (e.(v_j - v_i)) e becomes (k/2) <e_a e_b e_c e_d> d_c d_d v_b int r^2 lap W dV. The mean over directions is
+    (d_ab d_cd + d_ac d_bd + d_ad d_bc)/(dim (dim + 2)), and the integral is 2 dim: k/(dim + 2) (lap v + 2 grad div v).
+    """
+    return (dim + 2) * dynamic_viscosity
 
 
 def cohesive_pressure(grid: Discretisation, others: Mapping[str, Effect]) -> float:
@@ -78,6 +94,9 @@ class WeaklyCompressible(Effect, frozen=True, kw_only=True):
     rest_density       rho0 [kg/m^3; kg/m^2 in 2D]
     sound_speed        numerical sound speed c [m/s]
     dynamic_viscosity  mu [Pa s]; 0 leaves viscosity out
+    viscosity          "laplacian" (J(11), along the difference of velocities: it brakes a liquid that rotates as a
+                       rigid body) or "central" (Espanol & Revenga 2003, along the line of centres: it keeps angular
+                       momentum)
     state              "linear" (J(9)) or "tait" (exponent 7)
     clamp_pressure     negative pressures become zero
     kernels            "wendland" (Wendland C2 throughout), "mueller" (poly6 for sums, spiky for gradients) or
@@ -91,6 +110,7 @@ class WeaklyCompressible(Effect, frozen=True, kw_only=True):
     rest_density: float = 1000.0
     sound_speed: float
     dynamic_viscosity: float = 0.0
+    viscosity: Literal["laplacian", "central"] = "laplacian"
     state: Literal["linear", "tait"] = "linear"
     clamp_pressure: bool = True
     kernels: Literal["wendland", "mueller", "cubic_spline"] = "wendland"
@@ -104,27 +124,61 @@ class WeaklyCompressible(Effect, frozen=True, kw_only=True):
             dynamic_viscosity=(self.dynamic_viscosity, "not negative"),
         )
         self._printed()
+        if self.central() and "E3" in self.literal:
+            raise InputError(
+                f"{self.name}: literal 'E3' is the printed sign of J(11), which viscosity = 'central' does not use;"
+                " leave one of them out."
+            )
 
     def _printed(self) -> frozenset[str]:
         return literal_errata(self.name, self.literal, ("E3", "E24"))
+
+    def central(self) -> bool:
+        """Whether there is viscosity, and along the line of centres."""
+        return self.viscosity == "central" and self.dynamic_viscosity > 0
 
     def fields(self, others: Mapping[str, Effect]) -> tuple[Field, ...]:
         return (DENSITY,) if _implicit(others) else (DENSITY, PRESSURE)
 
     def passes(self, others: Mapping[str, Effect]) -> tuple[Pass, ...]:
-        forces = "sph.momentum" if self.dynamic_viscosity > 0 else "sph.pressure"
+        viscous = self.dynamic_viscosity > 0
+        names = {"smoothing": "gradient_smoothing"}
+        reads = ("position", "velocity", "mass", "density")
+        friction = Pass("sph.central_viscosity", reads, updates=("acceleration",), names=names)
         return (
             Pass("sph.density", ("position", "mass"), ("density", "number_density", "asymmetry")),
             Pass("sph.state", ("density",), ("pressure",)),
             Pass(
-                forces,
-                ("position", "velocity", "mass", "density", "pressure"),
+                "sph.momentum" if viscous and not self.central() else "sph.pressure",
+                (*reads, "pressure"),
                 updates=("acceleration",),
-                names={"smoothing": "gradient_smoothing"},
+                names=names,
             ),
+            *((friction,) if self.central() else ()),
         )
 
     def notes(self, grid: Discretisation, others: Mapping[str, Effect]) -> tuple[str, ...]:
+        return (*self._braked(grid, others), *self._thin(grid, others))
+
+    def _braked(self, grid: Discretisation, others: Mapping[str, Effect]) -> Iterator[str]:
+        """What J(11) does to the rotation of a liquid without walls."""
+        own = not any("sph.density" in effect.replaces() for effect in others.values())  # its forces act
+        held = any(type(effect).walls is not Effect.walls for effect in others.values())
+        if self.dynamic_viscosity == 0 or self.central() or not own or held or grid.count == 0:
+            return
+        radius = grid.spacing * math.sqrt(grid.count / math.pi)
+        if grid.dim == 3:
+            radius = grid.spacing * (3 * grid.count / (4 * math.pi)) ** (1 / 3)
+        factor = {2: 4, 3: 5}[grid.dim]
+        rate = factor * self.dynamic_viscosity / (self.rest_density * radius**2)
+        yield (
+            f"{self.name}: viscosity J(11) brakes free rotation: a drop of all {grid.count} particles (R = {radius:.3g}"
+            f" m) loses angular momentum at up to {factor} nu/R^2 = {rate:.3g} per second; viscosity = 'central' keeps"
+            " it"
+        )
+
+    def _thin(self, grid: Discretisation, others: Mapping[str, Effect]) -> tuple[str, ...]:
+        """With which viscosity energy may appear."""
         most = LEAST_VISCOUS[self.kernels]
         least = self.rest_density * self.sound_speed * grid.support_radius / most
         replaced = any("sph.state" in effect.replaces() for effect in others.values())
@@ -173,8 +227,12 @@ class WeaklyCompressible(Effect, frozen=True, kw_only=True):
 
     def prepare(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, Any]:
         sign = -1.0 if "E3" in self._printed() else 1.0
-        viscous = self.dynamic_viscosity > 0
-        return {"viscosity": ViscosityTerm(grid.real(sign * self.dynamic_viscosity)) if viscous else None}
+        viscous = self.dynamic_viscosity > 0 and not self.central()
+        central = grid.real(central_coefficient(self.dynamic_viscosity, grid.dim))
+        return {
+            "viscosity": ViscosityTerm(grid.real(sign * self.dynamic_viscosity)) if viscous else None,
+            "central_viscosity": CentralViscosity(central) if self.central() else None,
+        }
 
     def step_limits(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, StepLimit]:
         stiffening = 2 * cohesive_pressure(grid, others) / self.rest_density
@@ -184,7 +242,10 @@ class WeaklyCompressible(Effect, frozen=True, kw_only=True):
             limits["acoustic"] = StepLimit.crossing(0.4 * grid.support_radius, sound_speed)
         if self.dynamic_viscosity > 0:
             half = 0.5 * grid.support_radius
-            limits["viscous"] = StepLimit.constant(0.125 * half**2 * self.rest_density / self.dynamic_viscosity)
+            # Along the line of centres the mean over directions leaves (dim + 2)/dim of J(11)'s rate of decay.
+            stiffer = (grid.dim + 2) / grid.dim if self.central() else 1.0
+            seconds = 0.125 * half**2 * self.rest_density / self.dynamic_viscosity
+            limits["viscous"] = StepLimit.constant(seconds / stiffer)
         return limits
 
 
@@ -279,6 +340,29 @@ register(
         adds=("acceleration",),
         tolerance=8.0,
         invariants=("translation", "rotation", "reordering", "linear_momentum", "galilean", "dissipation"),
+    )
+)
+register(
+    Operation(
+        name="sph.central_viscosity",
+        folder=_HERE,
+        paper="Espanol & Revenga 2003",
+        equation="momentum equation with zeta = 5 eta/3, viscous part",
+        function="central_viscous",
+        outputs=("acceleration",),
+        adds=("acceleration",),
+        tolerance=12.0,
+        tolerance_reason="one rounding in each of squared distance (twice), Laplacian, volume, velocity difference,"
+        " projection, quotient, product and sum",
+        invariants=(
+            "translation",
+            "rotation",
+            "reordering",
+            "linear_momentum",
+            "angular_momentum",
+            "galilean",
+            "dissipation",
+        ),
     )
 )
 register(

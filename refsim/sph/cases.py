@@ -6,7 +6,7 @@ import numpy as np
 
 from refsim.boundary.walls import Bounds, WallParticles
 from refsim.cases import REST_DENSITY, Case, Exact, closed_form, groups, particles
-from refsim.sph import Fluid, ViscosityTerm
+from refsim.sph import CentralViscosity, Fluid, ViscosityTerm, WeaklyCompressible
 
 FLUID = "weakly_compressible"
 
@@ -45,6 +45,12 @@ def _shared(case, grid):
 @groups("viscosity")
 def _viscosity(case, grid):
     return case.effects[FLUID].prepare(grid, case.effects)
+
+
+@groups("central_viscosity")
+def _central_viscosity(case, grid):
+    liquid = WeaklyCompressible(sound_speed=20.0, dynamic_viscosity=0.5, viscosity="central")
+    return {"central_viscosity": liquid.prepare(grid, {liquid.name: liquid})["central_viscosity"]}
 
 
 @groups("field")
@@ -167,6 +173,52 @@ def sheared_pair():
             "viscosity": ViscosityTerm(0.5),
         },
         {"acceleration": factor * np.array([[-6.0, 0.0, 12.0], [4.0, 0.0, -8.0]])},
+    )  # fmt: skip
+
+
+@closed_form("sph.central_viscosity")
+def braked_along_the_line():
+    """Of v_2 - v_1 = (1, 4, 0) only the part along y counts: a_1 = 2 k V_2 F/rho_1 (0, 4, 0).
+
+    F = 45/(2 pi h^5) (1 - q).
+    """
+    factor = 2 * 2.5 / 1000.0**2 * 45 / (2 * math.pi * 32) * 0.5
+    return Exact(
+        PAIR,
+        {
+            "mass": np.array([2.0, 3.0]), "density": np.full(2, 1000.0),
+            "velocity": np.array([[1.0, -1.0, 0.0], [2.0, 3.0, 0.0]]), "central_viscosity": CentralViscosity(2.5),
+        },
+        {"acceleration": factor * np.array([[0.0, 12.0, 0.0], [0.0, -8.0, 0.0]])},
+    )  # fmt: skip
+
+
+@closed_form("sph.central_viscosity")
+def braked_in_the_plane():
+    """Oblique in 2D: e_21 = (0.6, 0.8), e.(v_2 - v_1) = 5, F = 20/(pi h^4) (1 - q)."""
+    factor = 2 * 2.0 / (1000.0 * 500.0) * 20 / (math.pi * 16) * 0.5
+    return Exact(
+        FLAT_PAIR,
+        {
+            "mass": np.array([2.0, 3.0]), "density": np.array([1000.0, 500.0]),
+            "velocity": np.array([[0.0, 0.0, 0.0], [3.0, 4.0, 0.0]]), "central_viscosity": CentralViscosity(2.0),
+        },
+        {"acceleration": factor * 5 * np.array([[1.8, 2.4, 0.0], [-1.2, -1.6, 0.0]])},
+    )  # fmt: skip
+
+
+@closed_form("sph.central_viscosity")
+def turning_as_one():
+    """Three particles that turn as a rigid body, v = omega x r, are not braked at all."""
+    position = np.array([[0.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.5, 0.0, 0.0]])
+    turning = Case("turning", 3, position, spacing=1.0, support_radius=2.0)
+    return Exact(
+        turning,
+        {
+            "mass": np.array([2.0, 3.0, 4.0]), "density": np.array([1000.0, 500.0, 800.0]),
+            "velocity": np.cross([0.5, -0.25, 2.0], position), "central_viscosity": CentralViscosity(2.0),
+        },
+        {"acceleration": np.zeros((3, 3))},
     )  # fmt: skip
 
 

@@ -84,6 +84,19 @@ def viscous(position, velocity, mass, density, neighbours, smoothing, viscosity,
 
 
 @cpu_kernel
+def central_viscous(position, velocity, mass, density, neighbours, smoothing, central_viscosity, acceleration):
+    """Viscosity along the line of centres; added to the acceleration."""
+    for i in prange(acceleration.shape[0]):
+        ax, ay, az = particle.central_viscous(
+            i, cpu_row(neighbours, i), position, velocity, mass, density, neighbours.entries, smoothing,
+            central_viscosity,
+        )  # fmt: skip
+        acceleration[i, 0] += ax
+        acceleration[i, 1] += ay
+        acceleration[i, 2] += az
+
+
+@cpu_kernel
 def gravity(field, acceleration):
     """Uniform acceleration."""
     for i in prange(acceleration.shape[0]):

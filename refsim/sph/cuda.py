@@ -101,6 +101,22 @@ def viscous(position, velocity, mass, density, neighbours, smoothing, viscosity,
         acceleration[i, 2] += az
 
 
+@cuda_kernel(lanes=True)
+def central_viscous(position, velocity, mass, density, neighbours, smoothing, central_viscosity, acceleration):
+    """Viscosity along the line of centres; added to the acceleration."""
+    i, lane = cuda_lane(cuda.grid(1), neighbours)
+    if i < acceleration.shape[0]:
+        ax, ay, az = particle.central_viscous(
+            i, cuda_lane_row(neighbours, i, lane), position, velocity, mass, density, neighbours.entries, smoothing,
+            central_viscosity,
+        )  # fmt: skip
+        ax, ay, az = lanes_sum(ax, lane, neighbours), lanes_sum(ay, lane, neighbours), lanes_sum(az, lane, neighbours)
+        if lane == 0:
+            acceleration[i, 0] += ax
+            acceleration[i, 1] += ay
+            acceleration[i, 2] += az
+
+
 @cuda_kernel
 def gravity(field, acceleration):
     """Uniform acceleration."""

@@ -36,6 +36,16 @@ def viscosity_pair(volume_j, viscosity, laplacian):
 
 
 @formula
+def central_viscosity_pair(volume_j, central_viscosity, laplacian):
+    """Espanol & Revenga 2003 for one neighbour: factor of (e.(v_j - v_i)) e in the force density [N s/m^4].
+
+    Their central part alone, 2 (dim + 2) mu V_j F_ij, with F = -W'/r of the kernel W ~ (1 - q)^2 (1 + 2 q), which is
+    half of the viscosity Laplacian: (dim + 2) mu V_j lap W.
+    """
+    return central_viscosity.coefficient * volume_j * laplacian
+
+
+@formula
 def wall_pressure_pair(wall_mass, pressure_i, density_i, slope, fluid):
     """Akinci 2012: factor f = -k s Psi_b p_i/rho_i^2 W'(r) of e_ib in the acceleration [m/s^2]; k = 2 for p_b = p_i."""
     return -fluid.wall_share * fluid.gradient_share * wall_mass * pressure_i / (density_i * density_i) * slope

@@ -7,7 +7,7 @@ import math
 
 from refsim.compile import formula
 from refsim.smoothing.formulas import kernel_slope, kernel_value, viscosity_laplacian
-from refsim.sph.formulas import pressure_pair, viscosity_pair, wall_pressure_pair
+from refsim.sph.formulas import central_viscosity_pair, pressure_pair, viscosity_pair, wall_pressure_pair
 
 
 @formula
@@ -134,6 +134,33 @@ def viscous(i, row, position, velocity, mass, density, index, smoothing, viscosi
             ax += f * (velocity[j, 0] - u)
             ay += f * (velocity[j, 1] - v)
             az += f * (velocity[j, 2] - w)
+    rho = density[i]
+    return ax / rho, ay / rho, az / rho
+
+
+@formula
+def central_viscous(i, row, position, velocity, mass, density, index, smoothing, central_viscosity):
+    """Viscosity along the line of centres: acceleration of particle i [m/s^2]."""
+    first, stride, count = row
+    h = smoothing.support_radius
+    real = type(h)
+    limit = h * h
+    tiny = (real(1e-9) * h) * (real(1e-9) * h)
+    ax, ay, az = real(0), real(0), real(0)
+    x, y, z = position[i, 0], position[i, 1], position[i, 2]
+    u, v, w = velocity[i, 0], velocity[i, 1], velocity[i, 2]
+    for k in range(count):
+        j = index[first + k * stride]
+        dx, dy, dz = x - position[j, 0], y - position[j, 1], z - position[j, 2]
+        r2 = dx * dx + dy * dy + dz * dz
+        if r2 < limit:
+            laplacian = viscosity_laplacian(math.sqrt(r2), smoothing)
+            g = central_viscosity_pair(mass[j] / density[j], central_viscosity, laplacian)
+            parting = (velocity[j, 0] - u) * dx + (velocity[j, 1] - v) * dy + (velocity[j, 2] - w) * dz
+            f = g * parting / (r2 + tiny)  # a product with 1/r^2 may overflow: its factors are taken in any order
+            ax += f * dx
+            ay += f * dy
+            az += f * dz
     rho = density[i]
     return ax / rho, ay / rho, az / rho
 

@@ -109,6 +109,30 @@ def viscous(position, velocity, mass, density, smoothing, viscosity, rows=None):
     return {"acceleration": (value, scale)}
 
 
+def central_viscous(position, velocity, mass, density, smoothing, central_viscosity, rows=None):
+    """Acceleration [m/s^2] a_i = (2 k/rho_i) sum_j (m_j/rho_j) F_ij e_ij e_ij.(v_j - v_i), k = (dim + 2) mu.
+
+    Espanol & Revenga 2003 with zeta = 5 eta/3 in 3D, where only the part along e_ij is left. F = -W'/r =
+    6 A (1 - r/h)/h^2 is that of W = A (1 - r/h)^2 (1 + 2 r/h), whose integral is one: A = 10/(3 pi h^2) in 2D and
+    15/(4 pi h^3) in 3D.
+    """
+    h, dim = float(smoothing.support_radius), int(smoothing.dim)
+    amplitude = 10 / (3 * np.pi * h**2) if dim == 2 else 15 / (4 * np.pi * h**3)
+    v = np.asarray(velocity, dtype=float)
+    volume = np.asarray(mass, dtype=float) / np.asarray(density, dtype=float)
+    rho_i, v_i = _rows(density, rows), _rows(velocity, rows)
+    value, scale = np.zeros((len(rho_i), 3)), np.zeros((len(rho_i), 3))
+    for place, separation, distance in pair_blocks(position, position, rows):
+        steepness = np.where(distance < h, 6 * amplitude * (1 - distance / h) / h**2, 0.0)
+        factor = 2 * float(central_viscosity.coefficient) * volume[None, :] * steepness / rho_i[place, None]
+        factor = factor * other_particles(place, len(v), rows)
+        unit = separation / np.sqrt(distance**2 + (1e-9 * h) ** 2)[..., None]
+        parts = unit * (v[None, :, :] - v_i[place, None, :])
+        value[place] += ((factor * parts.sum(-1))[..., None] * unit).sum(1)
+        scale[place] += (np.abs(factor * np.abs(parts).sum(-1))[..., None] * np.abs(unit)).sum(1)
+    return {"acceleration": (value, scale)}
+
+
 def gravity(field, rows=None):
     """Uniform acceleration a_i = g [m/s^2], g of J(6); one row that every particle takes."""
     field = np.asarray(field, dtype=float)[None, :]

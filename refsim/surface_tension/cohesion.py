@@ -192,12 +192,14 @@ def too_stiff(name: str, sigma: float, largest: float, grid: Discretisation, oth
 def turns(name: str, term: str, others: Mapping[str, Effect]) -> str:
     """Words where a term that does not act along the pair alone changes a free liquid's angular momentum; else "".
 
-    Viscosity does not act along the pair either, and brakes far more.
+    Viscosity J(11) does not act along the pair either, and brakes far more; the liquid's own note says so.
     """
-    if _fluid(others).dynamic_viscosity > 0:
+    fluid = _fluid(others)
+    if fluid.dynamic_viscosity > 0 and not fluid.central():
         return ""
+    how = "with this viscosity" if fluid.central() else "without viscosity"
     return (
-        f"{name}: without viscosity angular momentum would stay, but its {term} does not act along the pair and"
+        f"{name}: {how} angular momentum would stay, but its {term} does not act along the pair and"
         " changes it: leave that out where it matters"
     )
 

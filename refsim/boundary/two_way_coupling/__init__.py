@@ -71,6 +71,11 @@ class TwoWayCoupling(Effect, frozen=True, kw_only=True):
                 f"{self.name}: with negative pressures solids would stick to the liquid; set clamp_pressure = true in"
                 " weakly_compressible."
             )
+        if others["weakly_compressible"].central():  # type: ignore[attr-defined]
+            raise InputError(
+                f"{self.name}: drags by its own equation (3), not along the line of centres; leave viscosity of"
+                " weakly_compressible at 'laplacian'."
+            )
         if cohesive_pressure(grid, others) > 0:
             raise InputError(f"{self.name}: an effect with cohesion takes particles of solids for liquid; remove it.")
 

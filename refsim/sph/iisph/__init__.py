@@ -1,7 +1,7 @@
 """Implicit incompressible SPH: pressures that make the advected density the rest density (Ihmsen et al. 2014).
 
 Contents: ImplicitPressure; operations iisph.solve and its steps iisph.predict, iisph.halve, iisph.displace,
-iisph.relax, iisph.keep, iisph.push; sph.viscosity, the viscous force without the pressure's.
+iisph.relax, iisph.keep, iisph.push; sph.viscosity, the viscous force J(11) without the pressure's.
 
 It stands in for the equation of state and the pressure force of weakly_compressible. The solution follows the choice of
 the step: all other forces are summed first, and with them the density that their motion would lead to.
@@ -93,7 +93,7 @@ class ImplicitPressure(Effect, frozen=True, kw_only=True):
             names=names,
             stage="motion",
         )
-        if _fluid(others).dynamic_viscosity == 0:
+        if _fluid(others).dynamic_viscosity == 0 or _fluid(others).central():  # the liquid brings that pass itself
             return (solve,)
         return (Pass("sph.viscosity", reads, updates=("acceleration",), names=names), solve)
 
