@@ -242,8 +242,8 @@ class WeaklyCompressible(Effect, frozen=True, kw_only=True):
             limits["acoustic"] = StepLimit.crossing(0.4 * grid.support_radius, sound_speed)
         if self.dynamic_viscosity > 0:
             half = 0.5 * grid.support_radius
-            # Along the line of centres the mean over directions leaves (dim + 2)/dim of J(11)'s rate of decay.
-            stiffer = (grid.dim + 2) / grid.dim if self.central() else 1.0
+            # Along the line of centres waves of compression decay with 3 mu k^2/rho: mu (lap v + 2 grad div v).
+            stiffer = 3.0 if self.central() else 1.0
             seconds = 0.125 * half**2 * self.rest_density / self.dynamic_viscosity
             limits["viscous"] = StepLimit.constant(seconds / stiffer)
         return limits
