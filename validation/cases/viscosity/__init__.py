@@ -74,8 +74,8 @@ def tables(results: Results) -> list[Table]:
         )
     heading = ["", "R/d", "particles", "change of L, central", "J(11)", "braking, J(11)", "damping, J(11)", "central"]
     note = (
-        f"h = {runs.SUPPORT:g} d. Rates over 5 nu/R^2 in 3D, 4 nu/R^2 in 2D: braking of the rigid rotation, Lamb's damping"
-        " of n = 2."
+        f"h = {runs.SUPPORT:g} d. Rates over 5 nu/R^2 in 3D, 4 nu/R^2 in 2D: braking of the rigid rotation, Lamb's"
+        " damping of n = 2."
     )
     return [Table("Spinning drops", heading, rows, note)] if rows else []
 
