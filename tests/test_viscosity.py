@@ -28,6 +28,10 @@ from refsim.effect import Discretisation
 from refsim.operation import REGISTRY
 from refsim.smoothing import smoothing
 from refsim.smoothing.reference import viscosity_laplacian
+from validation.cases import viscosity as case_of_drops
+from validation.cases.viscosity import runs
+from validation.harness import Options
+from validation.running import Context
 
 MU = 0.7
 FORMS = {"laplacian": "sph.viscosity", "central": "sph.central_viscosity"}
@@ -262,3 +266,20 @@ def test_what_the_choice_does_not_go_with_is_refused():
         make_plan(Scene(**place, solid=solid, effects=(liquid("central"), ShapeMatching(), TwoWayCoupling())))
     with pytest.raises(InputError, match=r"printed sign of J\(11\), which viscosity = 'central' does not use"):
         make_plan(Scene(**place, effects=(liquid("central", literal=("E3",)),)))
+
+
+def test_the_case_of_spinning_drops_at_small_size(monkeypatch):
+    """A disc of 52 particles: judged, tabulated, drawn; the bar on angular momentum holds at any size."""
+    monkeypatch.setattr(runs, "STIRRED", 0.1)
+    monkeypatch.setattr(runs, "RESTED", 0.1)
+    (planned,) = case_of_drops.planned(Options(quick=True))
+    assert planned.parameters == {"dim": 2, "radius": 8.0, "seed": case_of_drops.SEED}
+    found = {"spin_2d_4": runs.spin(Context(), 2, 4.0, 1)}
+    verdicts = {m.name: m.verdict for m in case_of_drops.CASE.judge(found)}
+    assert verdicts["kept.spin_2d_4"] == "pass"
+    assert set(verdicts.values()) == {"pass", "shown"}
+    values = found["spin_2d_4"].values
+    assert values["damping.central"] > 1.6 * values["damping.laplacian"] > 0.5
+    assert "4" in str(case_of_drops.CASE.tables(found)[0])
+    (picture,) = case_of_drops.CASE.pictures
+    assert len(picture.draw(picture.collect(found)).axes) == 2
