@@ -327,7 +327,7 @@ def _planned(scene: Scene) -> Plan:
     _check_fixed_step(scene, grid, effects)
     state = dataclasses.replace(state, values=_initial_values(grid, state, effects, fields))
     _check_places(state, shared.get("bounds"), solids)
-    replaced = {operation for e in effects.values() for operation in e.replaces()}
+    replaced = _replaced(effects)
     asked = [
         (e, p) for e in effects.values() for p in e.passes(effects) if p.operation not in replaced - set(e.replaces())
     ]
@@ -354,6 +354,20 @@ def _planned(scene: Scene) -> Plan:
         walls=merged,
         notes=(*_coarse_places(scene, state), *(note for e in effects.values() for note in e.notes(grid, effects))),
     )
+
+
+def _replaced(effects: Mapping[str, Effect]) -> frozenset[str]:
+    """Operations in whose place an effect puts its own. Raises InputError where two effects replace one."""
+    owner: dict[str, str] = {}
+    for name, effect in effects.items():
+        for operation in effect.replaces():
+            if operation in owner:
+                raise InputError(
+                    f"Effects {owner[operation]!r} and {name!r} would both take the place of {operation!r}; keep one of"
+                    " them."
+                )
+            owner[operation] = name
+    return frozenset(owner)
 
 
 def _check_fixed_step(scene: Scene, grid: Discretisation, effects: Mapping[str, Effect]) -> None:

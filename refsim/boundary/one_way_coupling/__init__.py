@@ -164,9 +164,12 @@ class MeshBoundary(Effect, frozen=True, kw_only=True):
         return 1.0
 
     def _extrapolates(self, others: Mapping[str, Effect]) -> bool:
-        """Whether boundary particles have a pressure of their own; solvers in the liquid's place bring their walls."""
+        """Whether boundary particles have a pressure of their own.
+
+        Solvers without the liquid's equation of state have walls of their own, which do not take `wall_share`.
+        """
         taken = {name for effect in others.values() for name in effect.replaces()}
-        return "E30" not in self._printed() and not {"sph.pressure", "sph.momentum"} & taken
+        return "E30" not in self._printed() and "sph.state" not in taken
 
     def fields(self, others: Mapping[str, Effect]) -> tuple[Field, ...]:
         return () if self.correction == "none" else (CORRECTIONS,)

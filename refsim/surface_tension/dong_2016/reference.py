@@ -44,7 +44,7 @@ def momentum(position, velocity, mass, density, pressure, walls, smoothing, flui
 
     D(4) a_i = -(1/m_i) sum_j (V_i^2 p_i + V_j^2 p_j) W'(r) e_ij, V = m/rho;
     D(5) a_i += (1/m_i) sum_j mu (V_i^2 + V_j^2) (v_i - v_j) W'(r)/r;
-    Akinci 2012 walls, with p_b = p_i: a_i -= 2 s sum_b rho0 V_b p_i/rho_i^2 grad W_ib, s = 1.
+    Akinci 2012 walls: a_i -= k s sum_b rho0 V_b p_i/rho_i^2 grad W_ib, k = 2 for p_b = p_i, s = 1.
     """
     mass, p = np.asarray(mass, dtype=float), np.asarray(pressure, dtype=float)
     rho, v = np.asarray(density, dtype=float), np.asarray(velocity, dtype=float)
@@ -71,7 +71,8 @@ def momentum(position, velocity, mass, density, pressure, walls, smoothing, flui
             apart = distance + 1e-9 * float(smoothing.support_radius)
             gradient = (kernel_slope(distance, smoothing) / apart)[..., None] * separation
             ratio = (p / rho**2)[own[place], None]
-            add(place, -(2 * float(fluid.gradient_share) * wall_mass[None, :] * ratio)[..., None] * gradient)
+            share = float(fluid.wall_share) * float(fluid.gradient_share)
+            add(place, -(share * wall_mass[None, :] * ratio)[..., None] * gradient)
     return {"acceleration": (value, scale)}
 
 
