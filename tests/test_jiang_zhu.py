@@ -99,20 +99,27 @@ def test_printed_coefficient_in_2d_has_hardly_any_core():
 @pytest.mark.parametrize("support_radius", [1e-6, 1e3])
 @pytest.mark.parametrize("dim", [2, 3])
 def test_force_scales_with_the_support_radius_in_float32(support_radius, dim):
-    mass = 1e3 * (support_radius / H) ** dim
-    groups = prepared(dim, "float32", support_radius, rest_density=1e3, gamma=None, surface_tension=0.07)
-    q = np.float32(0.2)
-    value = formulas.cohesion_pair(np.float32(mass), q, groups["cohesion"])
-    fine = prepared(dim, "float64", support_radius, rest_density=1e3, gamma=None, surface_tension=0.07)
-    expected = formulas.cohesion_pair(np.float64(mass), np.float64(q), fine["cohesion"])
+    """J(17) and J(21) of one neighbour at q = 0.2, with gamma and the Kirkwood-Buff moments of poly6 as fractions.
+
+    int q^4 (1 - q^2)^3 = 16/1155 in space, int q^3 (1 - q^2)^3 = 1/40 in the plane; that of W(r, 0.8 h) is 0.8^2 times.
+    """
+    h, q, rho0, sigma = support_radius, 0.2, 1e3, 0.07
+    mass = rho0 * (h / H) ** dim
+    factor, moment, norm, alpha = {
+        2: (1 / 3, 1 / 40, 4 / math.pi, 0.75),
+        3: (math.pi / 8, 16 / 1155, 315 / (64 * math.pi), 0.6),
+    }[dim]
+    gamma = sigma / (factor * rho0**2 * h**2 * norm * moment * (0.9 - alpha * 0.64))
+    shape = alpha / 0.8**dim * (1 - (q / 0.8) ** 2) ** 3 - 0.9 * (1 - q**2) ** 3
+    groups = prepared(dim, "float32", h, rest_density=rho0, gamma=None, surface_tension=sigma)
+    value = formulas.cohesion_pair(np.float32(mass), np.float32(q), groups["cohesion"])
     assert value.dtype == np.float32
-    assert np.isfinite(value)
-    assert value == pytest.approx(expected, rel=1e-5)
-    volume = formulas.area_pair(np.float32(mass), np.float32(1e3), groups["area"])
-    strength = formulas.area_strength(np.float32(1e3), groups["area"])
-    gradient = np.float32(1 / support_radius)
-    expected = float(fine["area"].coefficient) * mass / 1e6 / support_radius
-    assert strength * (volume * gradient) == pytest.approx(expected, rel=1e-5)
+    assert value == pytest.approx(mass * gamma * norm / h**dim * shape, rel=1e-4)
+    volume = formulas.area_pair(np.float32(mass), np.float32(rho0), groups["area"])
+    strength = formulas.area_strength(np.float32(rho0), groups["area"])
+    gradient = np.float32(1 / h)
+    expected = 0.01 * gamma * h ** (1 - dim) * mass / h
+    assert strength * (volume * gradient) == pytest.approx(expected, rel=1e-4)
 
 
 def test_printed_sign_attracts_where_the_adopted_one_repels():
