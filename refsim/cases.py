@@ -140,6 +140,36 @@ def derived(*names: str) -> Callable[[Callable[[Any, str], Any]], Callable[[Any,
     return mark
 
 
+Members = Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class Variation:
+    """How the contract changes the members of one type of parameter group, one at a time.
+
+    follow  (group, inputs, smoothing kernel) -> values of the members that follow from others, here or there
+    held    members that are never changed alone, each with its reason
+    other   another legal value of a member, from its own; by default 0.9 of a number, and of an integer 1 for 0 and one
+            less for every other
+    usual   members that act in an operation which does not say what it takes; by default all
+    """
+
+    follow: Callable[[Any, Any, Any], Members] = lambda group, inputs, kernel: {}
+    held: Mapping[str, str] = field(default_factory=dict)
+    other: Mapping[str, Callable[[Any], Any]] = field(default_factory=dict)
+    usual: tuple[str, ...] | None = None
+
+
+VARIATIONS: dict[type, Variation] = {}
+TAKES: dict[tuple[str, str], tuple[str, ...]] = {}
+
+
+def takes(*operations: str, **members: str) -> None:
+    """Say which members of a parameter group act in the operations: `fluid="rest_density clamp"`."""
+    for operation in operations:
+        TAKES.update({(operation, group): tuple(names.split()) for group, names in members.items()})
+
+
 @dataclass(frozen=True, eq=False)
 class Exact:
     """A case whose answer is known in closed form: arguments that matter, and outputs, by name."""
@@ -369,6 +399,13 @@ def flung_particle() -> Case:
 def negative_coordinates() -> Case:
     """A cloud where every coordinate is negative."""
     return Case("negative_coordinates", 3, cloud("negative_coordinates", 80, 3) - [7.3, 5.1, 9.9])
+
+
+@case
+def few() -> Case:
+    """A small cloud on a floor, for other values of the parameters."""
+    position = cloud("few", 60, 3)
+    return Case("few", 3, position, wall_position=floor_below(position, 3, 0.1))
 
 
 @case

@@ -142,6 +142,12 @@ def bulk_pressure(force, dim):
     return -factor * RHO**2 * integral(lambda r: r**power * force(r), H * np.array([0.0, D / H, 0.5, 0.8, 1.0]))
 
 
+def lattice_pressure(force, dim):
+    """P_int [Pa] of the virial of the lattice: -(1/2 dim) n sum_j r f, f = m^2 C, n = 1/(volume of a particle)."""
+    r = lengths(offsets(dim)[1:])
+    return -RHO / mass(dim) / (2 * dim) * float((r * mass(dim) ** 2 * force(r)).sum())
+
+
 def smoothing_group(name, dim):
     # Mueller et al. 2003: lap W = A (h - r), exact on quadratic fields: (1/2 dim) int r^2 lap W dV = 1.
     second = sphere(dim) * integral(lambda q: q ** (dim + 1) * (1 - q))
@@ -703,6 +709,32 @@ SETUPS = {
             ),
         ),
     ),
+    "liquid with Akinci's cohesion": (
+        lambda dim: (WATER, Akinci2013(gamma=0.02)),
+        lambda dim: liquid(dim, pressure=bulk_pressure(lambda r: -0.02 * akinci_shape(r, dim), dim)),
+    ),
+    "liquid with attraction": (
+        lambda dim: (WATER, BeckerTeschner2007(kappa=0.3)),
+        lambda dim: liquid(
+            dim,
+            pressure=bulk_pressure(lambda r: -0.3 * kernel("cubic_spline", np.maximum(r, D), dim) * r / mass(dim), dim),
+        ),
+    ),
+    "liquid with a cosine force": (
+        lambda dim: (WATER, TartakovskyMeakin2005(strength=0.3)),
+        lambda dim: liquid(
+            dim, pressure=bulk_pressure(lambda r: 0.3 * np.cos(1.5 * math.pi * r / H) / mass(dim) ** 2, dim)
+        ),
+    ),
+    "liquid under air": (
+        lambda dim: (WATER, He2014(kappa=0.1, air_pressure=200.0)),
+        lambda dim: liquid(dim, pressure=bulk_pressure(lambda r: 200.0 * slope("wendland_c2", r, dim) / RHO**2, dim)),
+    ),
+    "liquid with a molecular force": (
+        lambda dim: (WATER, Dong2016(stiffness=0.3)),
+        lambda dim: liquid(dim, pressure=lattice_pressure(lambda r: 0.3 * molecular_shape(r, D), dim)),
+    ),
+    "liquid without balance": (lambda dim: (WATER, Akinci2013(gamma=0.02, balance_pressure=False)), liquid),
     "liquid on a mesh": (lambda dim: (WATER, block_of()), lambda dim: liquid(dim, wall=1.0), (3,)),
     "gravity": (lambda dim: (Gravity(acceleration=(0.3, -9.7, 0.0)),), lambda dim: {"field": [0.3, -9.7, 0.0]}),
     "box walls": (

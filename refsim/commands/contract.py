@@ -31,7 +31,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("operation", nargs="*", default=[], help=words)
     parser.add_argument("--dtype", action="append", default=[], help="float32 or float64; both by default")
     parser.add_argument("--variant", action="append", default=[], type=int, help="number of a variant; all by default")
-    parser.add_argument("--step", action="append", default=[], help="T1 to T7 or T9; all by default")
+    parser.add_argument("--step", action="append", default=[], help="T1 to T7, T9 or T10; all by default")
     parser.add_argument("--arguments", action="store_true", help="judge nothing; say what the operations take")
 
 

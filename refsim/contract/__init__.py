@@ -1,7 +1,7 @@
 """The contract that every program of every operation keeps: one ladder of steps, for refsim's backends and others'.
 
 T1 closed form, T2 hard inputs against the oracle, T3 a large case on sampled rows, T4 conservation, T5 symmetries,
-T6 the same bits again, T7 additivity, T9 bad input; and for a whole run T8, resuming.
+T6 the same bits again, T7 additivity, T9 bad input, T10 other parameters; and for a whole run T8, resuming.
 `trials(load("module"), "sph.density")` runs it on a program of your own, as `refsim contract` does; `check` does the
 same with a loader; `run` makes one comparison; `bindings` gives the arguments of a program by name.
 """

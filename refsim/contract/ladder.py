@@ -14,11 +14,13 @@ from refsim.backend import Backend, set_threads
 from refsim.boundary.walls import WallParticles
 from refsim.contract.bounds import errors, neighbour_counts, oracle, size, undecided
 from refsim.contract.inputs import Inputs, all_pairs, backend_for, on_backend, prepared, value_of, with_variant
+from refsim.contract.parameters import acts, varied
 from refsim.operation import REGISTRY, Operation
 
 SAMPLED_ROWS = 40
 MOST_UNDECIDED = 0.1
 LARGE = "large"
+FEW = "few"
 INVARIANT_CASES = ("cloud_3d", "cloud_2d")
 TURNS = {
     2: ([[0, -1, 0], [1, 0, 0], [0, 0, 1]], [[0, 1, 0], [1, 0, 0], [0, 0, 1]]),
@@ -433,6 +435,64 @@ def bad_input(target: Target) -> Iterator[Outcome]:
             yield target.outcome("T9", f"NaN in {name}", error, named_worst(found))
 
 
+# T10
+
+
+def parameters(target: Target) -> Iterator[Outcome]:
+    """T10: another value of each member of each parameter group, one at a time; the answer follows as the oracle's.
+
+    On the references: that there is an answer to follow, in one of the variants and cases, for all that the operation
+    says it takes.
+    """
+    cases.discover()
+    if target.backend == "numpy":
+        yield from _takes(target)
+        return
+    operation = target.operation
+    made, neighbours, walls = prepared(FEW, target.backend, target.dtype)
+    start = target.varied(made)
+    usual = None
+    for name, member, inputs in varied(operation, start):
+        if acts(operation, name, member, start):
+            answer = oracle(operation, inputs)
+        else:
+            usual = answer = oracle(operation, start) if usual is None else usual
+        if any(len(value) != len(inputs.output(operation, n)) for n, (value, _) in answer.items()):
+            continue  # a table with another number of rows than the case's
+        before, after = target.launch(inputs, neighbours, walls)
+        found = errors(operation, inputs, before, after, answer=answer)
+        yield target.outcome("T10", f"another {name}.{member}", worst(found), named_worst(found))
+
+
+def _takes(target: Target) -> Iterator[Outcome]:
+    """Members that change an answer of the reference, and those that are said to."""
+    operation = target.operation
+    if target.variant or target.dtype != "float64":  # asked once, of all variants
+        return
+    moved: dict[tuple[str, str], tuple[bool, bool]] = {}
+    for case in (FEW, "cloud_2d", *operation.cases):
+        for variant in operation.variants:
+            if moved and all(found >= wanted for found, wanted in moved.values()):
+                break
+            inputs = with_variant(Inputs(cases.CASES[case](), target.dtype), variant)
+            answer = oracle(operation, inputs)
+            for name, member, other in varied(operation, inputs):
+                if not moved.get((name, member), (False, False))[0]:
+                    found = differs(answer, oracle(operation, other))
+                    moved[name, member] = (found, acts(operation, name, member, inputs))
+    for (name, member), (found, wanted) in moved.items():
+        words = "" if found == wanted else "changes nothing" if wanted else "changes the answer, and is not in `takes`"
+        yield target.outcome("T10", f"{name}.{member} acts", 0.0 if found == wanted else np.inf, words)
+
+
+def differs(one: Mapping[str, tuple[Any, Any]], other: Mapping[str, tuple[Any, Any]]) -> bool:
+    """Whether two answers in the oracle's form are not the same."""
+    return any(
+        len(value) != len(other[name][0]) or not np.array_equal(value, other[name][0], equal_nan=True)
+        for name, (value, _) in one.items()
+    )
+
+
 STEPS: dict[str, Callable[[Target], Iterator[Outcome]]] = {
     "T1": closed_forms,
     "T2": hard_inputs,
@@ -442,6 +502,7 @@ STEPS: dict[str, Callable[[Target], Iterator[Outcome]]] = {
     "T6": repeats,
     "T7": additivity,
     "T9": bad_input,
+    "T10": parameters,
 }
 AGAINST_ORACLE = ("T2", "T3", "T9")  # say nothing about the oracle itself
 

@@ -4,9 +4,21 @@ import math
 
 import numpy as np
 
-from refsim.cases import REST_DENSITY, Case, Exact, case, closed_form, groups, lattice, particles
+from refsim.cases import (
+    REST_DENSITY,
+    VARIATIONS,
+    Case,
+    Exact,
+    Variation,
+    case,
+    closed_form,
+    groups,
+    lattice,
+    particles,
+    takes,
+)
 from refsim.heat import HeatConduction
-from refsim.heat.shapes import conduction_group, period_group
+from refsim.heat.shapes import Conduction, Period, conduction_group, period_group
 
 SLOW = 1.0  # k dt/(rho c d^2) of the common cases, on average
 
@@ -85,6 +97,36 @@ def _conduction(case, grid):
 @groups("period")
 def _period(case, grid):
     return {"period": period_group((5 * case.support_radius, 0.0, 0.0), grid.dtype)}
+
+
+def _conduction_follows(group, inputs, kernel):
+    """What is made of the support radius and of the spacing d of the case."""
+    case = inputs.case
+    grid = Case("", int(group.dim), case.position, case.spacing, float(group.support_radius)).grid("float64")
+    made = conduction_group(grid, int(group.laplacian), float(group.factor))._asdict()
+    return {name: made[name] for name in ("inverse_radius", "inverse_volume", "scale")}
+
+
+def _period_follows(group, inputs, kernel):
+    made = period_group((float(group.x), float(group.y), float(group.z)), "float64")._asdict()
+    return {name: made[name] for name in ("inverse_x", "inverse_y", "inverse_z")}
+
+
+VARIATIONS[Conduction] = Variation(
+    _conduction_follows,
+    {
+        "planned_passes": "room on a GPU, which does not change the answer",
+        "residual": "the reference solves exactly",
+    },
+    {"dim": lambda dim: 5 - dim, "most_passes": lambda most: 2},
+    ("support_radius", "factor", "laplacian", "harmonic", "unit_capacity", "dim"),
+)
+VARIATIONS[Period] = Variation(_period_follows, other=dict.fromkeys("xyz", lambda length: 0.9 * length or 1.2))
+PAIRS = "support_radius factor laplacian harmonic unit_capacity dim"
+takes("heat.one_sided", conduction=f"{PAIRS} frozen")
+takes("heat.pair_exchange", conduction=f"{PAIRS} sweep_share")
+takes("heat.chebyshev", conduction=f"{PAIRS} tolerance most_passes")
+takes("heat.enthalpy_jacobi", conduction=f"{PAIRS} iterations")
 
 
 @case

@@ -6,8 +6,9 @@ import itertools
 import numpy as np
 
 from refsim.backend import Backend
-from refsim.cases import CASES, Case, Exact, case, closed_form, cloud, groups
+from refsim.cases import CASES, VARIATIONS, Case, Exact, Variation, case, closed_form, cloud, groups
 from refsim.isosurface import BITS_SET, Contour, case_table, reference, running_sum
+from refsim.isosurface.table import CaseTable
 from refsim.sparse_grid import SparseGrid, nodes
 from refsim.sparse_grid.reference import node_table
 
@@ -69,6 +70,10 @@ def follow(given: dict) -> dict:
 )  # fmt: skip
 def _extraction(case, grid):
     return extraction(case.name, grid.dtype)
+
+
+VARIATIONS[CaseTable] = Variation(held={"merged": "the table's rows are made for it"})
+VARIATIONS[Contour] = Variation(other={"level": lambda level: 0.01})
 
 
 @case

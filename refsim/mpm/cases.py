@@ -5,7 +5,21 @@ The background grid of a case has cells of two spacings; samples stand around it
 
 import numpy as np
 
-from refsim.cases import REST_DENSITY, Case, Exact, case, closed_form, cloud, derived, groups, lattice, particles
+from refsim.cases import (
+    REST_DENSITY,
+    VARIATIONS,
+    Case,
+    Exact,
+    Variation,
+    case,
+    closed_form,
+    cloud,
+    derived,
+    groups,
+    lattice,
+    particles,
+    takes,
+)
 from refsim.mpm import (
     Contact,
     Embedding,
@@ -17,7 +31,7 @@ from refsim.mpm import (
     WallNodes,
     reference,
 )  # fmt: skip
-from refsim.mpm.grid import MpmGrid
+from refsim.mpm.grid import Background, MpmGrid
 from refsim.sparse_grid import PointList
 from refsim.sparse_grid.reference import node_table
 from refsim.surface_energy import Tension, surface_term
@@ -98,6 +112,20 @@ def _planes(case, grid):
         lower[axis], upper[axis] = np.quantile(case.position[:, axis] / h, (0.25, 0.8)).round()
     rules = np.array([3, 1, 2, 3, 3, 2], np.int32)
     return {"planes": WallNodes(lower.astype(np.int32), upper.astype(np.int32), rules)}
+
+
+_OF_THE_GRID = "the case's grid is made for it"
+VARIATIONS[Background] = Variation(
+    held=dict.fromkeys(("cell_size", "inverse_cell", "inverse_moment", "layers", "width"), _OF_THE_GRID),
+    other={"least_mass": lambda least: 0.2},  # [kg]: as much as a node in the liquid's outskirts has
+    usual=(),
+)
+VARIATIONS[Embedding] = Variation(other={"reading": lambda reading: reading + 1})
+VARIATIONS[KernelGradient] = Variation(held={"on": "the group's presence is the reading"})
+VARIATIONS[Mirrors] = Variation(held={"on": "the group's presence is the reading"})
+takes("mpm.grid_update", background="least_mass")
+takes("mpm.particle_to_grid", "mpm.carriers_to_grid", liquid="rest_density stress linear_stress unit_volume")
+takes("mpm.grid_to_particle", liquid="timeless forgets_shear")
 
 
 def _shell(inputs):

@@ -4,7 +4,18 @@ import functools
 
 import numpy as np
 
-from refsim.cases import Case, Exact, case, closed_form, groups, lattice, particles
+from refsim.cases import (
+    VARIATIONS,
+    Case,
+    Exact,
+    Variation,
+    case,
+    closed_form,
+    groups,
+    lattice,
+    particles,
+    takes,
+)
 from refsim.shape_matching import Matching, floors, reference
 from refsim.shape_matching.fast_summation import boxes_of
 from refsim.solids import lattice_of
@@ -101,6 +112,19 @@ def _matching(case, grid):
     real = grid.real
     numbers = real(grid.spacing), real(0.8), real(0.1)
     return {"matching": Matching(np.int32(half_width(case)), *numbers, *floors(grid.dtype))}
+
+
+_TABLES = "the case's tables are made for it"
+_SOLVER = "how far a solver of eigenvectors goes; the reference's own goes to the end"
+VARIATIONS[Matching] = Variation(
+    held={"half_width": _TABLES, "precision": _SOLVER},
+    other={"twist_floor": lambda floor: 1e4 * floor, "inertia_floor": lambda floor: 1e4 * floor},
+)
+for _folder in ("shape_matching", "fast_summation", "parallel_reduction"):
+    takes(f"{_folder}.match", matching="spacing twist_floor")
+    takes(f"{_folder}.pull", matching="spacing stiffness")
+    takes(f"{_folder}.region_motion", matching="inertia_floor")
+    takes(f"{_folder}.damp", matching="damping")
 
 
 # Hard cases: bodies of whose regions many have collapsed, away from the body's middle

@@ -5,7 +5,18 @@ import math
 import numpy as np
 
 from refsim.boundary.walls import Bounds, WallParticles
-from refsim.cases import REST_DENSITY, Case, Exact, closed_form, groups, particles
+from refsim.cases import (
+    REST_DENSITY,
+    VARIATIONS,
+    Case,
+    Exact,
+    Variation,
+    closed_form,
+    groups,
+    particles,
+    takes,
+)
+from refsim.smoothing import SHAPES, Smoothing, smoothing
 from refsim.sph import CentralViscosity, Fluid, ViscosityTerm, WeaklyCompressible
 
 FLUID = "weakly_compressible"
@@ -56,6 +67,24 @@ def _central_viscosity(case, grid):
 @groups("field")
 def _field(case, grid):
     return {"field": np.array([0.3, -9.81, 1.7], dtype=grid.dtype)}
+
+
+def _smoothing_follows(group, inputs, kernel):
+    """Scales; and the support of the gradients' kernel where there is another one: both have the scene's."""
+    own = {} if group is kernel else {"support_radius": kernel.support_radius, "dim": kernel.dim}
+    group = group._replace(**own)
+    shape = next(name for name, number in SHAPES.items() if number == group.shape)
+    made = smoothing(shape, float(group.support_radius), int(group.dim))._asdict()
+    return own | {name: made[name] for name in ("inverse_radius", "value_scale", "slope_scale", "laplacian_scale")}
+
+
+VARIATIONS[Smoothing] = Variation(_smoothing_follows, other={"dim": lambda dim: 5 - dim})
+VARIATIONS[Fluid] = Variation(
+    other={"exponent": lambda g: g + 1, "internal_pressure": lambda p: 3e4}, usual=("rest_density",)
+)
+takes("sph.state", fluid="rest_density stiffness exponent clamp internal_pressure")
+takes("sph.pressure", "sph.momentum", fluid="rest_density gradient_share wall_share")
+takes("sph.viscosity", smoothing="support_radius dim")
 
 
 # Closed forms: h = 2 m, so that in 3D Wendland W(0) = 21/(16 pi) and W(h/2) = 3/16 W(0), with slope W'(h/2) =

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from refsim.cases import Case, Exact, closed_form, groups, particles
+from refsim.cases import VARIATIONS, Case, Exact, Variation, closed_form, groups, particles, takes
 from refsim.surface_detection import FanScan, NearSurfaceLimit, SurfaceDetection
 
 
@@ -16,6 +16,13 @@ def _detection(case, grid):
     literal = ("all",) if case.literal else ()
     groups = SurfaceDetection(literal=literal).prepare(grid, case.effects)
     return groups | {"near_surface_limit": groups["candidate_limit"]}
+
+
+VARIATIONS[NearSurfaceLimit] = Variation(other={"asymmetry": lambda least: 0.5 * least})
+VARIATIONS[FanScan] = Variation(
+    other={"support_radius": lambda h: 0.5 * h, "smallest_normal": lambda least: 1.0}  # longer than some normals
+)
+takes("surface_detection.near_surface", near_surface_limit="number_density")  # J(12) stands alone
 
 
 @closed_form("surface_detection.near_surface")

@@ -6,11 +6,11 @@ import math
 import numpy as np
 
 from refsim.backend import Backend
-from refsim.cases import CASES, Case, Exact, case, closed_form, groups, lattice
+from refsim.cases import CASES, VARIATIONS, Case, Exact, Variation, case, closed_form, groups, lattice, takes
 from refsim.isosurface.cases import cell_size, extraction
 from refsim.sparse_grid import SparseGrid, nodes
 from refsim.sparse_grid.reference import node_table
-from refsim.surface_energy import Dice, Tension, reference, surface_term
+from refsim.surface_energy import Dice, SurfaceTerm, Tension, reference, surface_term
 
 UNITS = float(1 << 20)  # units of area in a cell's face
 
@@ -91,6 +91,18 @@ def reconstruction(name: str, dtype: str) -> dict:
 )  # fmt: skip
 def _reconstruction(case, grid):
     return reconstruction(case.name, grid.dtype)
+
+
+VARIATIONS[SurfaceTerm] = Variation(
+    held=dict.fromkeys(("cell_size", "inverse_cell"), "the case's nodes and cells are made for it"), usual=()
+)
+VARIATIONS[Dice] = Variation(held={"candidates": "the case's tables have as many rows"})
+takes("surface_energy.node_states", "surface_energy.exit_points", surface_term="radius_squared")
+takes("surface_energy.poisson_disk", surface_term="disk")
+takes("surface_energy.offsets", surface_term="offset")
+takes("surface_energy.fit", surface_term="offset relaxation iterations")
+takes("surface_energy.inset", surface_term="inset")
+takes("surface_energy.surface_force", surface_term="tension")
 
 
 # Shapes

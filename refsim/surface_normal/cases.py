@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from refsim.cases import Case, Exact, case, closed_form, groups, lattice, particles, vectors
+from refsim.cases import Case, Exact, case, closed_form, groups, lattice, particles, takes, vectors
 from refsim.smoothing import smoothing
 from refsim.surface_normal import SHAPES, NormalTerm, normal_term, reference
 
@@ -34,6 +34,9 @@ def _candidates(case, random):
 @groups("normal_term")
 def _normal_term(case, grid):
     return normal_term(case.effects["weakly_compressible"], grid, own_density=case.literal)
+
+
+takes("surface_normal.color_gradient", normal_term="own_density")
 
 
 # h = 2 m: in 3D Wendland W(0) = 21/(16 pi), W(h/2) = 3/16 W(0), W'(h/2) = -5/8 W(0) per metre.

@@ -6,7 +6,7 @@ import numpy as np
 
 from refsim.boundary.one_way_coupling import WallGravity, WallViscosity
 from refsim.boundary.walls import WallParticles
-from refsim.cases import Case, Exact, closed_form, groups
+from refsim.cases import Case, Exact, closed_form, groups, takes
 
 
 @groups("wall_viscosity")
@@ -37,6 +37,10 @@ def rubbing_on_one_particle():
 @groups("wall_gravity")
 def _wall_gravity(case, grid):
     return {"wall_gravity": WallGravity(*(grid.real(g) for g in (2.0, -1.0, -9.0)))}
+
+
+takes("one_way_coupling.wall_pressure", fluid="rest_density clamp gradient_share")  # P6, p_b: once, whatever p_i counts
+takes("one_way_coupling.wall_viscosity", smoothing="support_radius dim")
 
 
 @closed_form("one_way_coupling.wall_pressure")

@@ -7,7 +7,7 @@ import numpy as np
 from refsim.boundary.mesh import surface_mesh
 from refsim.boundary.penetration import Penetration, marked_box, penetration_groups
 from refsim.boundary.signed_distance import DistanceField, signed_distance
-from refsim.cases import Case, Exact, case, closed_form, cloud, groups, particles
+from refsim.cases import Case, Exact, case, closed_form, cloud, groups, particles, takes
 from refsim.sparse_grid import inverse_cell
 
 UNIT = 0.625  # spacing of the bands [spacings of the case]
@@ -53,6 +53,11 @@ def _solid(case, grid):
     coarse = case.count > 0 and np.abs(middle).max() > 1e5 * case.spacing
     center = middle + case.spacing * np.array([5.13 if coarse else 0.13, -0.21, 0.07])
     return penetration_groups(octahedron(center, case.spacing, grid.dtype), grid.dtype, 0.4, 0.1, True, False, False)
+
+
+# `everywhere` looks up more distances, and finds the same.
+takes("penetration.kick_drift", penetration="restitution rebound swept printed")
+takes("penetration.kick_drift", solid_field="origin_x origin_y origin_z")
 
 
 @case

@@ -17,7 +17,7 @@ from refsim.boundary.signed_distance import (
     reference,
     triangle_table,
 )
-from refsim.cases import CASES, Case, Exact, case, closed_form, groups
+from refsim.cases import CASES, VARIATIONS, Case, Exact, Variation, case, closed_form, groups, takes
 from refsim.sparse_grid import Blocks
 
 OCTAHEDRON = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]], float)
@@ -184,6 +184,18 @@ def _at_queries(case, grid):
     points = band_of(case.name, grid.dtype)["query"]
     flat, full = np.zeros(len(points), grid.dtype), np.zeros((len(points), 3), grid.dtype)
     return {"query_distance": flat, "query_gradient": full, "projected": full, "projected_normal": full}
+
+
+_OF_THE_BLOCKS = "the case's blocks of nodes are made for it"
+VARIATIONS[BandGrid] = Variation(
+    held=dict.fromkeys(("spacing", "inverse_spacing", "half_diagonal"), _OF_THE_BLOCKS), usual=("band",)
+)
+VARIATIONS[DistanceField] = Variation(
+    held=dict.fromkeys(("spacing", "inverse_spacing"), _OF_THE_BLOCKS),
+    usual=("band", "origin_x", "origin_y", "origin_z"),
+)
+takes("signed_distance.signs", band_grid="")
+takes("signed_distance.project", distance_field="origin_x origin_y origin_z")
 
 
 def cube_distance(place: np.ndarray) -> np.ndarray:

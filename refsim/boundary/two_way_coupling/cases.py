@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from refsim.boundary.two_way_coupling import Coupling
-from refsim.cases import REST_DENSITY, Case, Exact, closed_form, groups, particles
+from refsim.cases import REST_DENSITY, Case, Exact, closed_form, groups, particles, takes
 from refsim.shape_matching.phases import FLUID, INTERIOR, SURFACE
 from refsim.sph import ViscosityTerm
 
@@ -37,6 +37,12 @@ def _coupling(case, grid):
     least, stiffness = grid.real(grid.spacing**grid.dim), grid.real(20.0**2 / 7)
     weighted = np.int32(case.dim == 2)
     return {"coupling": Coupling(least, stiffness, np.int32(7), printed, printed, printed, weighted)}
+
+
+takes("two_way_coupling.contribution", coupling="least_volume printed_volume")
+takes("two_way_coupling.density", coupling="stiffness exponent")
+takes("two_way_coupling.pressure", coupling="printed_pressure density_weighted")
+takes("two_way_coupling.forces", coupling="printed_pressure printed_viscosity density_weighted")
 
 
 # Closed forms: h = 2 m, cubic spline out of the way: Wendland's W(0) = 21/(16 pi), W(h/2) = 3/16 W(0), W'(h/2) =

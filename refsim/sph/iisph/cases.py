@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from refsim.cases import Case, Exact, closed_form, groups, particles, vectors
+from refsim.cases import VARIATIONS, Case, Exact, Variation, closed_form, groups, particles, takes, vectors
 from refsim.sph import Fluid
 from refsim.sph.iisph import Implicit, ImplicitPressure
 
@@ -39,6 +39,11 @@ def _pressures(case, random):
 def _implicit(case, grid):
     """Always two iterations: how many are needed may depend on a rounding."""
     return ImplicitPressure(iterations=(2, 2)).prepare(grid, case.effects)
+
+
+VARIATIONS[Implicit] = Variation(other={"least_diagonal": lambda least: 5e5 * least})
+takes("iisph.relax", implicit="relaxation least_diagonal")
+takes("iisph.solve", implicit="relaxation most least_diagonal")  # always two iterations, whatever is left
 
 
 # h = 2 m: in 3D Wendland W(0) = 21/(16 pi), W'(h/2) = -5/8 W(0) per metre.

@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from refsim.boundary.walls import WallParticles
-from refsim.cases import Case, Exact, closed_form, groups
+from refsim.cases import VARIATIONS, Case, Exact, Variation, closed_form, groups, takes
 from refsim.surface_tension.akinci_2013 import Adhesion, Akinci2013, AreaTerm, CohesionSpline
 
 
@@ -14,6 +14,23 @@ def _tension(case, grid):
     """The area term as large as the cohesion, so that neither hides the other."""
     effect = Akinci2013(gamma=2.0, area_acceleration=5.0, adhesion=3.0)
     return effect.prepare(grid, case.effects)
+
+
+def _spline_follows(group, inputs, kernel):
+    """gamma 32/(pi h^dim)."""
+    volume = float(kernel.support_radius) ** int(kernel.dim)
+    return {"amplitude": 32 * float(group.gamma) / (math.pi * volume)}
+
+
+def _adhesion_follows(group, inputs, kernel):
+    """0.007 beta/h^dim."""
+    return {"amplitude": 0.007 * float(group.beta) / float(kernel.support_radius) ** int(kernel.dim)}
+
+
+VARIATIONS[CohesionSpline] = Variation(_spline_follows)
+VARIATIONS[Adhesion] = Variation(_adhesion_follows)
+takes("akinci_2013.momentum", fluid="rest_density gradient_share wall_share")
+takes("akinci_2013.tension", "akinci_2013.adhesion", smoothing="support_radius dim")
 
 
 # h = 2 m in 3D at r = h/2: C = 32/(pi h^3) (1/64) = 1/(16 pi), the spline's greatest attraction.

@@ -4,13 +4,23 @@ import math
 
 import numpy as np
 
-from refsim.cases import Case, Exact, closed_form, groups
+from refsim.cases import VARIATIONS, Case, Exact, Variation, closed_form, groups, takes
 from refsim.surface_tension.becker_teschner_2007 import Attraction, BeckerTeschner2007
 
 
 @groups("attraction")
 def _attraction(case, grid):
     return BeckerTeschner2007(kappa=3.0, clamp_distance=case.literal).prepare(grid, case.effects)
+
+
+def _attraction_follows(group, inputs, kernel):
+    """kappa W(0) of the cubic spline: 40/(7 pi h^2) in the plane, 8/(pi h^3) in space."""
+    at_zero = (8 if kernel.dim == 3 else 40 / 7) / (math.pi * float(kernel.support_radius) ** int(kernel.dim))
+    return {"strength": float(group.kappa) * at_zero}
+
+
+VARIATIONS[Attraction] = Variation(_attraction_follows, other={"least_q": lambda q: 0.6})
+takes("becker_teschner_2007.cohesion", smoothing="support_radius dim")
 
 
 # h = 2 m in 3D: W(0) = 1/pi, W(h/2) = W(0)/4, W(h/4) = (1 - 6/16 + 6/64) W(0) = 23/32 W(0).

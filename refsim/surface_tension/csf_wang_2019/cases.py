@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from refsim.cases import Case, Exact, closed_form, groups, particles, vectors
+from refsim.cases import Case, Exact, closed_form, groups, particles, takes, vectors
 from refsim.surface_tension.csf_wang_2019 import Continuum, CsfWang2019, Marangoni
 
 
@@ -30,6 +30,10 @@ def _continuum(case, grid):
         literal=("all",) if case.literal else (),
     )
     return effect.prepare(grid, case.effects)
+
+
+takes("csf_wang_2019.curvature", continuum="threshold factor plain")
+takes("csf_wang_2019.force", continuum="tension threshold share")
 
 
 # h = 2 m: in 3D Wendland W(0) = 21/(16 pi), W(h/2) = 3/16 W(0), W'(h/2) = -5/8 W(0) per metre.

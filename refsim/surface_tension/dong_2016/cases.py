@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from refsim.cases import Case, Exact, closed_form, groups
+from refsim.cases import VARIATIONS, Case, Exact, Variation, closed_form, groups, takes
 from refsim.sph import Fluid, ViscosityTerm
 from refsim.surface_tension.dong_2016 import Dong2016, MolecularForce, NormalDifference
 
@@ -14,6 +14,16 @@ def _tension(case, grid):
     """Both terms of like size; every erratum as printed where the case asks for it."""
     effect = Dong2016(stiffness=4.0, correction=2.0 * case.support_radius, literal=("all",) if case.literal else ())
     return effect.prepare(grid, case.effects)
+
+
+def _force_follows(group, inputs, kernel):
+    """(1 - d0/h)^2 and 1/(e (2 - e)), e = d0/h."""
+    share = float(group.rest_distance) / float(kernel.support_radius)
+    return {"rest_share": (1 - share) ** 2, "scale": 1 / (share * (2 - share))}
+
+
+VARIATIONS[MolecularForce] = Variation(_force_follows)
+takes("dong_2016.momentum", fluid="rest_density gradient_share wall_share")
 
 
 # h = 2 m, d0 = h/2: L(h/4)/k = (81/256 - 9/64)/(1/2 3/2) = 15/64, L(h/2) = 0, L(3 h/4)/k = (1/256 - 1/64)/(3/4) =

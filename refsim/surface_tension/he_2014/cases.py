@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from refsim.cases import Case, Exact, closed_form, groups, particles
+from refsim.cases import VARIATIONS, Case, Exact, Variation, closed_form, groups, particles
 from refsim.surface_tension.he_2014 import AirPressure, He2014, SurfaceEnergy
 
 
@@ -26,6 +26,9 @@ def _squares(case, random):
 def _tension(case, grid):
     """Both terms of like size."""
     return He2014(kappa=3.0 * case.support_radius**2, air_pressure=2.0).prepare(grid, case.effects)
+
+
+VARIATIONS[SurfaceEnergy] = Variation(lambda group, inputs, kernel: {"quarter": float(group.kappa) / 4})
 
 
 # h = 2 m: in 3D Wendland W(0) = 21/(16 pi), W(h/2) = 3/16 W(0), W'(h/2) = -5/8 W(0) per metre.

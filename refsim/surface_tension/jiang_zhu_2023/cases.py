@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from refsim.cases import Case, Exact, closed_form, groups, particles
+from refsim.cases import VARIATIONS, Case, Exact, Variation, closed_form, groups, particles, takes
 from refsim.surface_tension.jiang_zhu_2023 import AreaTerm, Cohesion, JiangZhu2023, PairSelection, SoftThresholds
 
 
@@ -28,6 +28,23 @@ def _tension(case, grid):
         literal=("all",) if case.literal else (),
     )
     return effect.prepare(grid, case.effects)
+
+
+def _cohesion_follows(group, inputs, kernel):
+    """gamma W(0, h) of poly6, 4/(pi h^2) in the plane and 315/(64 pi h^3) in space; W(0, 0.8 h) over it."""
+    at_zero = (315 / 64 if kernel.dim == 3 else 4) / (math.pi * float(kernel.support_radius) ** int(kernel.dim))
+    return {"amplitude": float(group.gamma) * at_zero, "inner_share": 0.8 ** -int(kernel.dim)}
+
+
+def _width_follows(group, inputs, kernel):
+    return {"inverse_width": 1 / (float(group.upper) - float(group.lower))}
+
+
+VARIATIONS[Cohesion] = Variation(_cohesion_follows, {"inner_stretch": "the reference has the 0.8 of J(17)"})
+VARIATIONS[SoftThresholds] = Variation(_width_follows)
+takes("jiang_zhu_2023.momentum", fluid="rest_density gradient_share wall_share")
+takes("jiang_zhu_2023.cohesion", "jiang_zhu_2023.tension", smoothing="support_radius dim")
+takes("jiang_zhu_2023.area", smoothing="support_radius")
 
 
 # h = 2 m in 3D: poly6 W(0, h) = 315/(512 pi) and W(h/2, h) = 27/64 of it; W(h/2, 0.8 h) = (1 - 25/64)^3/0.512 of it.

@@ -2,13 +2,16 @@
 
 import numpy as np
 
-from refsim.cases import Case, Exact, closed_form, groups
+from refsim.cases import Case, Exact, closed_form, groups, takes
 from refsim.surface_tension.normal_difference_2014 import NormalDifference, NormalDifference2014
 
 
 @groups("normal_tension")
 def _normal_difference(case, grid):
     return NormalDifference2014(area_acceleration=5.0).prepare(grid, case.effects)
+
+
+takes("normal_difference_2014.tension", smoothing="support_radius")
 
 
 @closed_form("normal_difference_2014.tension")

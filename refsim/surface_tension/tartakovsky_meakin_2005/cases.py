@@ -4,13 +4,22 @@ import math
 
 import numpy as np
 
-from refsim.cases import Case, Exact, closed_form, groups
+from refsim.cases import VARIATIONS, Case, Exact, Variation, closed_form, groups, takes
 from refsim.surface_tension.tartakovsky_meakin_2005 import CosineForce, TartakovskyMeakin2005
 
 
 @groups("cosine_force")
 def _cosine_force(case, grid):
     return TartakovskyMeakin2005(strength=3.0).prepare(grid, case.effects)
+
+
+def _wave_follows(group, inputs, kernel):
+    """3 pi/(2 h)."""
+    return {"wave_number": 1.5 * math.pi / float(kernel.support_radius)}
+
+
+VARIATIONS[CosineForce] = Variation(_wave_follows)
+takes("tartakovsky_meakin_2005.cohesion", smoothing="support_radius")
 
 
 GIVEN = {"mass": np.array([2.0, 3.0]), "cosine_force": CosineForce(12.0, 0.75 * math.pi)}  # h = 2 m

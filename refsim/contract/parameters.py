@@ -1,0 +1,60 @@
+"""Other values for the members of parameter groups, one member at a time."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from refsim.cases import TAKES, VARIATIONS, Variation
+from refsim.contract.inputs import Inputs
+from refsim.operation import Operation
+
+
+def groups_of(operation: Operation, inputs: Inputs) -> dict[str, Any]:
+    """Parameter groups that the operation takes, by argument name."""
+    found = {name: inputs[name] for name in operation.arguments("numpy")}
+    return {name: value for name, value in found.items() if isinstance(value, tuple) and hasattr(value, "_fields")}
+
+
+def varied(operation: Operation, inputs: Inputs) -> Iterator[tuple[str, str, Inputs]]:
+    """(group, member, inputs) with another value of each number in each group, and of what follows from it."""
+    for name, group in groups_of(operation, inputs).items():
+        rule = VARIATIONS.get(type(group), Variation())
+        follows = rule.follow(group, inputs, kernel_of(operation, inputs))
+        for member, value in zip(group._fields, group):
+            if np.ndim(value) == 0 and member not in follows and member not in rule.held:
+                changed = group._replace(**{member: type(value)(_other(rule, member, value))})
+                yield name, member, followed(operation, inputs.replaced(**{name: changed}))
+
+
+def acts(operation: Operation, name: str, member: str, inputs: Inputs) -> bool:
+    """Whether the member of group `name` is said to change the operation's answer."""
+    rule = VARIATIONS.get(type(inputs[name]), Variation())
+    said = TAKES.get((operation.name, name), rule.usual)
+    return said is None or member in said
+
+
+def followed(operation: Operation, inputs: Inputs) -> Inputs:
+    """The same with the members that follow from others computed anew."""
+    made = {}
+    for name, group in groups_of(operation, inputs).items():
+        values = VARIATIONS.get(type(group), Variation()).follow(group, inputs, kernel_of(operation, inputs))
+        if values:
+            made[name] = group._replace(**{k: type(getattr(group, k))(v) for k, v in values.items()})
+    return inputs.replaced(**made)
+
+
+def kernel_of(operation: Operation, inputs: Inputs) -> Any:
+    """The smoothing kernel whose support radius the operation's other groups are made for; None where it has none."""
+    names = [name for name in ("smoothing", "gradient_smoothing") if name in operation.arguments("numpy")]
+    return inputs[names[0]] if names else None
+
+
+def _other(rule: Variation, member: str, value: Any) -> Any:
+    if member in rule.other:
+        return rule.other[member](value)
+    if isinstance(value, (float, np.floating)):
+        return 0.9 * float(value)
+    return 1 if value == 0 else value - 1
