@@ -25,6 +25,7 @@ from refsim import (
     contract,
 )
 from refsim.backend import unavailable
+from refsim.contract import parameters
 from refsim.neighbours.rows import NeighbourRows
 from refsim.operation import REGISTRY
 
@@ -163,3 +164,56 @@ def test_bindings_are_what_the_program_takes():
 def test_an_argument_that_nothing_makes_is_named():
     with pytest.raises(KeyError, match="'unheard_of'"):
         contract.Inputs(cases.CASES["cloud_3d"](), "float32")["unheard_of"]
+
+
+# T10: parameters
+
+
+def with_walls_share_of_two(reference):
+    """A program that pushes with twice the pressure at walls, whatever `fluid.wall_share` says."""
+
+    def program(position, velocity, mass, density, pressure, walls, smoothing, fluid, viscosity, rows=None):
+        fluid = fluid._replace(wall_share=2.0)
+        return reference(position, velocity, mass, density, pressure, walls, smoothing, fluid, viscosity, rows)
+
+    return program
+
+
+def test_a_constant_in_place_of_a_parameter_fails():
+    """Every case but T10's has wall_share = 2, the constant."""
+    reference = with_walls_share_of_two(REGISTRY["dong_2016.momentum"].program("numpy"))
+
+    def program(position, velocity, mass, density, pressure, walls, smoothing, fluid, viscosity, acceleration):
+        given = (position, velocity, mass, density, pressure, walls, smoothing, fluid, viscosity)
+        acceleration += reference(*given)["acceleration"][0]
+
+    programs = contract.Programs({"dong_2016.momentum": program})
+    outcomes = list(contract.trials(programs, "dong_2016.momentum", ("float64",), (0,), ("T1", "T2", "T10")))
+    assert [o.trial for o in outcomes if not o.passed] == ["another fluid.wall_share"]
+    assert {o.step for o in outcomes} == {"T1", "T2", "T10"}
+
+
+def test_a_constant_in_a_reference_fails(monkeypatch):
+    reference = with_walls_share_of_two(REGISTRY["dong_2016.momentum"].program("numpy"))
+    monkeypatch.setattr(type(REGISTRY["dong_2016.momentum"]), "program", lambda self, backend: reference)
+    outcomes = contract.climb(contract.Target(REGISTRY["dong_2016.momentum"], "numpy", "float64"), ("T10",))
+    assert [o.trial for o in outcomes if not o.passed] == ["fluid.wall_share acts"]
+
+
+def test_every_member_acts_somewhere_or_is_held_with_a_reason():
+    cases.discover()
+    acting, all_members = set(), set()
+    for operation in REGISTRY.values():
+        inputs = contract.Inputs(cases.CASES["few"](), "float64")
+        kernel = parameters.kernel_of(operation, inputs)
+        for name, group in parameters.groups_of(operation, inputs).items():
+            rule = cases.VARIATIONS.get(type(group), cases.Variation())
+            assert all(rule.held.values())
+            free = {m for m, value in zip(group._fields, group) if np.ndim(value) == 0} - rule.held.keys()
+            free -= rule.follow(group, inputs, kernel).keys()
+            all_members |= {(type(group), member) for member in free}
+            acting |= {(type(group), m) for m in free if parameters.acts(operation, name, m, inputs)}
+    idle = {(kind.__name__, member) for kind, member in all_members - acting}
+    # How many passes iisph.solve makes may depend on a rounding: the case makes two, whatever is left.
+    assert idle == {("Implicit", "tolerance"), ("Implicit", "least"), ("Penetration", "everywhere")}
+    assert len(acting) > 100
