@@ -5,6 +5,7 @@ import pytest
 import trimesh
 
 from refsim import (
+    Akinci2013,
     Box,
     BoxWalls,
     Dong2016,
@@ -107,6 +108,14 @@ def test_a_mesh_adds_the_other_half_of_the_pressure_where_walls_push_with_one(so
     takers = {name for name in launched if "fluid" in REGISTRY[name].arguments("numpy") and takes_wall_share(name)}
     assert len(takers) == (solver in ("shared", "dong_2016"))
     assert ("one_way_coupling.wall_pressure" in launched) == bool(takers)
+
+
+@pytest.mark.parametrize("walls, acts", [(WALLS["box"], 1), (WALLS["mesh"], 1), ((), 0)])
+def test_adhesion_acts_at_walls_of_every_kind(walls, acts, plate):
+    """And nowhere else."""
+    given = (MeshBoundary(file=plate) if wall is None else wall for wall in walls)
+    launched = make_plan(scene((LIQUID, Akinci2013(gamma=0.1, adhesion=2.0), *given))).launches()
+    assert launched.count("akinci_2013.adhesion") == acts
 
 
 def test_two_effects_cannot_take_the_same_place(plate):

@@ -125,7 +125,8 @@ class Akinci2013(PairCohesion, frozen=True, kw_only=True):
         if self._coheres() or self._has_area():
             names = {"area_normal": "surface_normal" if self._has_area() else None}
             passes.append(Pass("akinci_2013.tension", reads, updates=("acceleration",), names=names))
-        if self.adhesion > 0 and "box_walls" in others:
+        walled = any(type(effect).walls is not Effect.walls for effect in others.values())
+        if self.adhesion > 0 and walled:
             passes.append(Pass("akinci_2013.adhesion", ("position",), updates=("acceleration",)))
         return tuple(passes)
 
