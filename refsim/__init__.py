@@ -11,6 +11,7 @@ from refsim.boundary.mesh import load_mesh
 from refsim.boundary.one_way_coupling import MeshBoundary
 from refsim.boundary.two_way_coupling import TwoWayCoupling
 from refsim.driver import RunReport, simulate
+from refsim.energy import EnergyAudit
 from refsim.errors import InputError, RunStopped
 from refsim.heat import HeatConduction
 from refsim.melting import Melting
@@ -48,6 +49,7 @@ __all__ = [
     "ContactAngle",
     "CsfWang2019",
     "Dong2016",
+    "EnergyAudit",
     "Gravity",
     "He2014",
     "HeatConduction",

@@ -42,6 +42,8 @@ class RunReport:
     search            neighbour list: rebuilds, audited_rows, missed_neighbours (0), most_neighbours,
                       list_bytes
     stopped_at_walls  how often the plane of a wall has stopped a particle
+    energy_audit      energies at the start and at the last audit [J], what was turned over, the greatest rise as a share
+                      of it, what is not counted; None without an audit
     ledger            particles at the start and at the end: number, mass, momentum, energy, how many behind walls
     seconds           wall seconds: total, compiling (the first calls), by stage, of this process alone
     """
@@ -61,6 +63,7 @@ class RunReport:
     last_step: dict[str, Any] | None = None
     search: dict[str, int] | None = None
     stopped_at_walls: int = 0
+    energy_audit: dict[str, Any] | None = None
     ledger: dict[str, dict[str, Any]] = field(default_factory=dict)
     frames: int = 0
     checkpoints: int = 0
@@ -269,6 +272,8 @@ class _Run:
                     "interrupted", f"The run was interrupted after step {simulation.steps} at {simulation.time:.6g} s."
                 )
         check_particles(simulation)
+        if simulation.auditor is not None:
+            simulation.auditor.look(note=False)
         if self.folder is not None:
             assert self.writer is not None
             if self.writer.last_time is None or simulation.time > self.writer.last_time:
@@ -360,6 +365,7 @@ class _Run:
             last_step=asdict(simulation.last) if simulation.last else None,
             search=asdict(simulation.search.log) if simulation.search else None,
             stopped_at_walls=simulation.stopped_at_walls,
+            energy_audit=simulation.auditor.report() if simulation.auditor else None,
             ledger={"start": stock(plan), "end": stock(simulation)},
             frames=self.frames,
             checkpoints=self.checkpoints,

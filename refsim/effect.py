@@ -18,6 +18,7 @@ from refsim.errors import InputError
 from refsim.particles import Field
 
 if TYPE_CHECKING:
+    from refsim.energy import EnergyAccount
     from refsim.scene import InitialState
     from refsim.solids import Nodes
 
@@ -196,6 +197,14 @@ class Effect(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
     def ledger(self, field: Callable[[str], np.ndarray]) -> dict[str, float]:
         """What it keeps account of, in SI units, for the report of a run; `field` gives a field's values by name."""
         return {}
+
+    def energy(self, grid: Discretisation, others: Mapping[str, Effect]) -> EnergyAccount | None:
+        """What its forces are worth, for the audit of the energy; None where they follow from no energy."""
+        return None
+
+    def largest_mass_ratio(self, others: Mapping[str, Effect]) -> float:
+        """Largest over smallest mass of particles up to which its forces were measured to gain no energy."""
+        return math.inf
 
     def step_limits(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, StepLimit]:
         """Largest stable steps by the name of what limits them."""

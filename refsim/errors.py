@@ -17,6 +17,7 @@ REASONS = {  # why a run stops: the only names that RunStopped takes
     "expanded": "a particle has more than three times its volume",
     "volume_jump": "a particle's volume changed by more than half in one step",
     "clumped": "surface tension has drawn particles together where their volume ratio does not see it",
+    "energy_gained": "the mechanical energy grows without driving, beyond the bound of the scene's energy_audit",
     "particles_lost": "a particle of the start is missing, or has another mass",
     "out_of_memory": "the machine has no memory left",
     "disk_full": "no space or quota is left; the run can be resumed from the last checkpoint",

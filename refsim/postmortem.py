@@ -24,11 +24,20 @@ if TYPE_CHECKING:
     from refsim.run import Simulation
 
 POSTMORTEM, POSTMORTEM_FIELDS = "postmortem.json", "postmortem.npz"
-AFTER_THESE = ("non_finite", "diverged", "step_too_small", "collapsed", "missed_neighbours", "particles_lost")
+AFTER_THESE = (
+    "non_finite",
+    "diverged",
+    "step_too_small",
+    "collapsed",
+    "missed_neighbours",
+    "energy_gained",
+    "particles_lost",
+)
 GREATEST = {
     "step_too_small": "acceleration",
     "missed_neighbours": "velocity",
     "diverged": "velocity",
+    "energy_gained": "velocity",
 }  # the particle to look at
 SHOWN = 500  # particles at most in the neighbourhood
 

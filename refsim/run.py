@@ -19,6 +19,7 @@ from refsim import backend as backends
 from refsim.boundary.walls import WallParticles, with_list
 from refsim.checkpoint import Checkpoint, whole_checkpoint, write_checkpoint
 from refsim.effect import Effect, Extremes, Pass, StepLimit
+from refsim.energy import Auditor, AuditState
 from refsim.errors import InputError, RunStopped
 from refsim.neighbours import NeighbourSearch, SearchLog
 from refsim.operation import PROCEDURES, REGISTRY, Current
@@ -173,6 +174,7 @@ class Simulation:
         if self.backend.name == "cuda" and not any(e.host_in_step for e in self.plan.effects.values()):
             groups = self._parameters.values()
             self._attended = [v for group in groups for v in group.values() if hasattr(v, "attend")]
+        self.auditor = Auditor(self) if self.plan.scene.energy_audit is not None else None
         self._bind()
         self.stepper = (DeviceStepper if self.backend.name == "cuda" else HostStepper)(self)
         self._start()
@@ -218,6 +220,8 @@ class Simulation:
         for effect in self.plan.effects.values():
             for own, following in effect.after_setting(name, self._host).items():
                 self._set(own, following)
+        if self.auditor is not None:
+            self.auditor.renew()
         if name == "position":
             self._squared_way, self._margin = math.inf, 0.0
 
@@ -250,6 +254,8 @@ class Simulation:
 
     def step(self) -> StepResult:
         """Advance by one stable step. Raises RunStopped, with the state as it was, where that is impossible."""
+        if self.auditor is not None:
+            self.auditor.begin()
         due = self._sorter is not None and self.steps % SORT_EVERY == 0
         if due and not self._attended:
             self._sort(self._sorter)
@@ -280,6 +286,8 @@ class Simulation:
                     raise RunStopped(stop[0], f"In step {self.steps} to {self.time:.6g} s {stop[1]}")
         self.limiters[done.limiter] = self.limiters.get(done.limiter, 0) + 1
         self.last = StepResult(self.steps, self.time, done.length, done.limiter, done.limits)
+        if self.auditor is not None:
+            self.auditor.after_step()
         return self.last
 
     def step_limits(self, extremes: Extremes) -> dict[str, float]:
@@ -294,10 +302,12 @@ class Simulation:
         keep  whole checkpoints to hold (see `refsim.checkpoint.write_checkpoint`, also for the errors)
 
         Raises RunStopped, before the last good checkpoint is touched, where the state or the forces on it are
-        not finite.
+        not finite, or the energy has grown beyond the bound of the scene's audit.
         """
         self.evaluate(on_demand=False)
         self.checked_extremes()
+        if self.auditor is not None:
+            self.auditor.look(note=False)
         snapshot = self.snapshot()
         write_checkpoint(path, snapshot.arrays, snapshot.attributes, keep)
 
@@ -322,6 +332,8 @@ class Simulation:
         }
         if self.first_length is not None:
             attributes["first_length"] = self.first_length
+        if self.auditor is not None:
+            attributes["energy_audit"] = self.auditor.saved()
         if self.search is not None:
             attributes["search_log"] = json.dumps(dataclasses.asdict(self.search.log))
         return Checkpoint(arrays, attributes)
@@ -366,6 +378,8 @@ class Simulation:
         self.limiters = dict(saved.limiters)
         self.stopped_at_walls = clock.stopped_at_walls
         self._set_between_steps = clock.set_between_steps
+        if self.auditor is not None and saved.audit is not None:
+            self.auditor.restore(saved.audit)
         if self.search is not None and clock.list_built:
             self.rebuild_list()
             self._squared_way, self._margin = clock.squared_way, clock.margin
@@ -576,6 +590,7 @@ class Clock(msgspec.Struct, frozen=True, kw_only=True):
     versions: str
     first_length: float | None = None
     search_log: str = "{}"
+    energy_audit: str | None = None
 
 
 @dataclass(frozen=True)
@@ -590,6 +605,7 @@ class SavedRun:
     limiters        how many steps each limit has set
     versions        of the programs that wrote it
     search_log      counts of the neighbour search
+    audit           what the energy audit remembers, where the scene asks for one
     notes           one sentence for each checkpoint that was passed over for it
     """
 
@@ -601,6 +617,7 @@ class SavedRun:
     limiters: dict[str, int]
     versions: dict[str, str]
     search_log: dict[str, int]
+    audit: AuditState | None
     notes: tuple[str, ...]
 
 
@@ -620,9 +637,12 @@ def load_checkpoint(path: str | os.PathLike[str]) -> SavedRun:
         limiters = msgspec.json.decode(clock.limiters, type=dict[str, int])
         then = msgspec.json.decode(clock.versions, type=dict[str, str])
         log = msgspec.json.decode(clock.search_log, type=dict[str, int])
+        audit = msgspec.json.decode(clock.energy_audit, type=AuditState) if clock.energy_audit else None
     except (msgspec.MsgspecError, OverflowError, RecursionError) as error:
         words = str(error)
         raise wrong(f"its numbers are not those of a run ({words[:1].lower()}{words[1:]})") from None
+    if (plan.scene.energy_audit is None) != (audit is None):
+        raise wrong("its energy audit is not that of its scene")
     counts = {"steps": clock.steps, "stopped_at_walls": clock.stopped_at_walls, **limiters, **log}
     lengths = {"time": clock.time, "previous_length": clock.previous_length, "margin": clock.margin}
     if clock.first_length is not None:
@@ -656,4 +676,4 @@ def load_checkpoint(path: str | os.PathLike[str]) -> SavedRun:
     build_position = saved.arrays["build_position"]
     if plan.grid.dim == 2 and any(values[:, 2].any() for values in (state["position"], build_position)):
         raise wrong("it has particles with another z than 0 in a 2D scene")
-    return SavedRun(file, plan, clock, state, build_position, limiters, then, log, notes)
+    return SavedRun(file, plan, clock, state, build_position, limiters, then, log, audit, notes)

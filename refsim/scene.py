@@ -9,7 +9,7 @@ import dataclasses
 import io
 import math
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
@@ -17,6 +17,7 @@ import msgspec
 import numpy as np
 
 from refsim.effect import EFFECTS, Discretisation, Effect, Extremes, Pass, require
+from refsim.energy import EnergyAudit, accounts
 from refsim.errors import InputError
 from refsim.neighbours import MOST_NEIGHBOURS
 from refsim.operation import PROCEDURES, REGISTRY
@@ -144,6 +145,7 @@ class Scene(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     step            fixed step [s]; 0 lets the stable step decide
     step_factor     share of the stable step that is taken
     skin            share of the support radius by which the neighbour list reaches further
+    energy_audit    how often the energy is audited, and by how much it may grow; none by default
     name            title in reports
     """
 
@@ -158,6 +160,7 @@ class Scene(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     step: float = 0.0
     step_factor: float = 1.0
     skin: float = 0.1
+    energy_audit: EnergyAudit | None = None
     name: str = "scene"
 
 
@@ -263,6 +266,8 @@ def _check_numbers(scene: Scene) -> None:
             f"scene: support_radius = {scene.support_radius} m is below one spacing ({scene.spacing} m), so that no"
             " particle would have a neighbour; give at least 1.5 spacings."
         )
+    if scene.energy_audit is not None:
+        scene.energy_audit.check()
     for name in ("spacing", "support_radius", "end_time", "step", "step_factor", "skin"):
         _check_magnitude("scene", name, getattr(scene, name), LEAST)
     _check_neighbours(scene, "support_radius", scene.support_radius)
@@ -324,6 +329,8 @@ def _planned(scene: Scene) -> Plan:
         made = effect.walls(grid, effects)
         if made is not None:
             walls.append(made)
+    if scene.energy_audit is not None:
+        accounts(grid, effects)
     _check_fixed_step(scene, grid, effects)
     state = dataclasses.replace(state, values=_initial_values(grid, state, effects, fields))
     _check_places(state, shared.get("bounds"), solids)
@@ -352,7 +359,11 @@ def _planned(scene: Scene) -> Plan:
         shared=shared,
         parameters=parameters,
         walls=merged,
-        notes=(*_coarse_places(scene, state), *(note for e in effects.values() for note in e.notes(grid, effects))),
+        notes=(
+            *_coarse_places(scene, state),
+            *_unequal_masses(state, effects),
+            *(note for e in effects.values() for note in e.notes(grid, effects)),
+        ),
     )
 
 
@@ -399,6 +410,18 @@ def _coarse_places(scene: Scene, state: InitialState) -> tuple[str, ...]:
         f"{scene.dtype} keeps places {farthest:.4g} m from the origin only to {step:.2g} spacings, so that slow motion"
         " is lost there: move the scene to the origin, or take float64",
     )
+
+
+def _unequal_masses(state: InitialState, effects: Mapping[str, Effect]) -> Iterator[str]:
+    """A note where masses differ by more than an effect was measured to bear."""
+    ratio = float(state.mass.max() / state.mass.min())
+    for name, effect in effects.items():
+        largest = effect.largest_mass_ratio(effects)
+        if ratio > largest * (1 + 1e-6):
+            yield (
+                f"{name}: the heaviest particle has {ratio:.4g} times the mass of the lightest; up to {largest:g} times"
+                " was measured to gain no energy: take masses that differ less, or watch the energy by energy_audit"
+            )
 
 
 def _effects(scene: Scene) -> dict[str, Effect]:

@@ -24,6 +24,7 @@ import msgspec
 import numpy as np
 
 from refsim.effect import EFFECTS, Effect
+from refsim.energy import EnergyAudit
 from refsim.errors import InputError
 from refsim.reading import open_regular
 from refsim.scene import Ball, Box, Cloud, Plan, Scene, make_plan
@@ -88,7 +89,9 @@ def scene_from_dict(tables: Mapping[str, Any], source: str, folder: pathlib.Path
     for name, shapes in PARTS.items():
         values[name] = _parts(name, shapes, values.get(name, []), source, folder)
     values["effects"] = _effects(values.get("effects", {}), source, folder)
-    return _struct(Scene, values, source, "", ready=(*PARTS, "effects"))
+    if "energy_audit" in values:
+        values["energy_audit"] = _table(EnergyAudit, values["energy_audit"], source, "[energy_audit]")
+    return _struct(Scene, values, source, "", ready=(*PARTS, "effects", "energy_audit"))
 
 
 def scene_to_dict(scene: Scene) -> dict[str, Any]:
@@ -103,7 +106,10 @@ def scene_to_dict(scene: Scene) -> dict[str, Any]:
 def scene_to_toml(scene: Scene) -> str:
     """The scene as TOML text, every value written out; numbers come back bit for bit."""
     tables = scene_to_dict(scene)
-    lines = [f"{_key(name)} = {_toml(value)}" for name, value in tables.items() if name not in (*PARTS, "effects")]
+    apart = (*PARTS, "effects", "energy_audit")
+    lines = [f"{_key(name)} = {_toml(value)}" for name, value in tables.items() if name not in apart]
+    if "energy_audit" in tables:
+        lines += ["", "[energy_audit]"] + [f"{_key(n)} = {_toml(value)}" for n, value in tables["energy_audit"].items()]
     for kind in PARTS:
         for part in tables[kind]:
             lines += ["", f"[[{kind}]]"] + [f"{_key(name)} = {_toml(value)}" for name, value in part.items()]
@@ -150,7 +156,7 @@ def unit_of(description: str) -> str | None:
 def scene_schema(effects: Mapping[str, type[Effect]] = EFFECTS) -> dict[str, Any]:
     """JSON schema of scene files, with description and unit of every field (units also as "x-unit")."""
     effects = dict(sorted(effects.items()))
-    owners = [Scene, *SHAPES.values(), *SOLIDS.values(), *effects.values()]
+    owners = [Scene, EnergyAudit, *SHAPES.values(), *SOLIDS.values(), *effects.values()]
     _, definitions = msgspec.json.schema_components(owners, ref_template="#/$defs/{name}")
     for owner in owners:
         definition = definitions[owner.__name__]
@@ -330,6 +336,13 @@ def _effects(tables: Any, source: str, folder: pathlib.Path | None) -> tuple[Eff
             effect = msgspec.structs.replace(effect, file=str(folder / effect.file))
         made.append(effect)
     return tuple(made)
+
+
+def _table(owner: type, values: Any, source: str, place: str) -> Any:
+    """An instance of `owner` from what should be a table."""
+    if not isinstance(values, dict):
+        raise InputError(f"{source}: {place[1:-1]} must be a table, not {_word_for(values)}; write {place}.")
+    return _struct(owner, values, source, place)
 
 
 def _struct(owner: type, values: Mapping[str, Any], source: str, place: str, ready: tuple[str, ...] = ()) -> Any:

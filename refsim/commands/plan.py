@@ -10,6 +10,7 @@ import numpy as np
 
 from refsim.commands import Command, Outcome, in_bytes, planned, register, table
 from refsim.effect import Extremes
+from refsim.energy import accounts
 from refsim.errors import InputError
 from refsim.operation import BACKENDS, PROCEDURES, REGISTRY
 from refsim.particles import BASE
@@ -88,7 +89,22 @@ def describe_plan(plan: Plan, backend: str) -> dict[str, Any]:
         "not_counted": [held for effect in plan.effects.values() if (held := effect.beside_fields())],
         "step": steps,
         "end_time": scene.end_time,
+        "energy_audit": _energy_audit(plan),
         "notes": list(plan.notes) + _notes(plan, steps),
+    }
+
+
+def _energy_audit(plan: Plan) -> dict[str, Any] | None:
+    """What the audit of the energy counts and what it cannot; None without an audit."""
+    rule = plan.scene.energy_audit
+    if rule is None:
+        return None
+    found = accounts(plan.grid, plan.effects)
+    return {
+        "every": rule.every,
+        "bound": rule.bound,
+        "counts": ["kinetic", *(part for account in found.values() for part in account.parts)],
+        "uncounted": [f"{name}: {words}" for name, account in found.items() for words in account.uncounted],
     }
 
 
@@ -274,6 +290,13 @@ def _text(found: dict[str, Any]) -> str:
         f" (limits, before any force but gravity: {limits})",
         f"To {found['end_time']:g} s: at least {step['steps_to_end_at_least']:,} steps",
     ]
+    audit = found["energy_audit"]
+    if audit:
+        lacking = "; not counted: " + ", ".join(audit["uncounted"]) if audit["uncounted"] else ""
+        lines.append(
+            f"Energy audit: every {audit['every']:,} steps, growth up to {audit['bound']:g} of the energy turned over;"
+            f" counts {', '.join(audit['counts'])}{lacking}"
+        )
     lines += [f"Note: {note}" for note in found["notes"]]
     return "\n".join(lines)
 

@@ -130,9 +130,16 @@ class HeatConduction(Effect, frozen=True, kw_only=True):
     @property
     def host_in_step(self) -> bool:
         """Whether the number of passes is found on the host, so that a GPU step cannot be one graph."""
+        if not self.conducts:
+            return False
         if self.scheme == "implicit":
             return self.largest_number > MOST_PLANNED
         return self.scheme not in ("single_pass", "one_sided", "nonlinear_jacobi")
+
+    @property
+    def conducts(self) -> bool:
+        """Whether any part conducts; else temperatures stay as they are, and there is nothing to solve."""
+        return bool(np.any(np.asarray(self.conductivity) > 0))
 
     @property
     def melts(self) -> bool:
@@ -197,13 +204,16 @@ class HeatConduction(Effect, frozen=True, kw_only=True):
         return literal_errata(self.name, self.literal, ("M5", "M6", "M8", "M9", "M11"))
 
     def fields(self, others: Mapping[str, Effect]) -> tuple[Field, ...]:
-        own = [TEMPERATURE, HEAT_CAPACITY, CONDUCTIVITY, TEMPERATURE_RANGE]
-        if self._limited_by_sums():
-            own.append(EXCHANGE_RATE)
+        own = [TEMPERATURE, HEAT_CAPACITY]
         if self.melts:
             own += [ENTHALPY, MELTING_POINT, LATENT_HEAT]
         if self.held:
             own.append(RESERVOIR)
+        if not self.conducts:
+            return tuple(own)
+        own += [CONDUCTIVITY, TEMPERATURE_RANGE]
+        if self._limited_by_sums():
+            own.append(EXCHANGE_RATE)
         if not self._volume_is_given(others):
             own.append(VOLUME if "weakly_compressible" in others else dataclasses.replace(VOLUME, state=True))
         return tuple(own)
@@ -212,6 +222,8 @@ class HeatConduction(Effect, frozen=True, kw_only=True):
         return any(f.name == "volume" for e in others.values() if e.name != self.name for f in e.fields(others))
 
     def passes(self, others: Mapping[str, Effect]) -> tuple[Pass, ...]:
+        if not self.conducts:
+            return ()
         reads = ["position", "mass", "volume", "heat_capacity", "conductivity"]
         updates = ("temperature",)
         if self.melts:
@@ -229,24 +241,26 @@ class HeatConduction(Effect, frozen=True, kw_only=True):
         return (*made, Pass(self.operation(), tuple(reads), updates=updates, names=absent, stage="motion"))
 
     def list_radius(self, grid: Discretisation) -> float:
-        return grid.support_radius
+        return grid.support_radius if self.conducts else 0.0
 
     def initial(
         self, grid: Discretisation, state: InitialState, others: Mapping[str, Effect]
     ) -> Mapping[str, np.ndarray]:
-        values = {name: self.of_particles(name, state) for name in ("temperature", "heat_capacity", "conductivity")}
+        names = ("temperature", "heat_capacity", *(("conductivity",) if self.conducts else ()))
+        values = {name: self.of_particles(name, state) for name in names}
         if self.melts:
             t, c, point, latent = (
                 self.of_particles(name, state)
                 for name in ("temperature", "heat_capacity", "melting_point", "latent_heat")
             )
             values |= {"melting_point": point, "latent_heat": latent, "enthalpy": enthalpy_of(t, c, point, latent)}
-        values["temperature_range"] = np.array([-ANY_TEMPERATURE, ANY_TEMPERATURE])
-        if not self._heated_by(others):
-            values["temperature_range"] = self._range(values.__getitem__, grid.dtype)
+        if self.conducts:
+            values["temperature_range"] = np.array([-ANY_TEMPERATURE, ANY_TEMPERATURE])
+            if not self._heated_by(others):
+                values["temperature_range"] = self._range(values.__getitem__, grid.dtype)
         if self.held:
             values["reservoir"] = self._reservoir(state)
-        if not self._volume_is_given(others) and "weakly_compressible" not in others:
+        if self.conducts and not self._volume_is_given(others) and "weakly_compressible" not in others:
             values["volume"] = np.full(grid.count, grid.spacing**grid.dim)
         return values
 
@@ -257,7 +271,7 @@ class HeatConduction(Effect, frozen=True, kw_only=True):
 
     def after_setting(self, name: str, field: Callable[[str], np.ndarray]) -> Mapping[str, np.ndarray]:
         state = ("temperature", "enthalpy", "heat_capacity", "melting_point", "latent_heat")
-        if name not in state or float(field("temperature_range")[1]) >= 0.5 * ANY_TEMPERATURE:
+        if not self.conducts or name not in state or float(field("temperature_range")[1]) >= 0.5 * ANY_TEMPERATURE:
             return {}
         return {"temperature_range": self._range(field, str(field("temperature").dtype))}
 
@@ -341,6 +355,8 @@ class HeatConduction(Effect, frozen=True, kw_only=True):
         return min(MOST_PASSES, chebyshev_passes(most, self.tolerance))
 
     def prepare(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, Any]:
+        if not self.conducts:
+            return {}
         conduction = self.conduction(grid)
         passes = np.int32(self._planned_passes(grid, conduction))
         return {"conduction": conduction._replace(planned_passes=passes)}
@@ -392,7 +408,7 @@ class HeatConduction(Effect, frozen=True, kw_only=True):
     def ledger(self, field: Callable[[str], np.ndarray]) -> dict[str, float]:
         """Heat [J], from 0 deg C or, with latent heat, from solid at the melting point; reservoirs left out."""
         names = ("mass", "enthalpy") if self.melts else ("mass", "heat_capacity", "temperature")
-        if "M11" in self._printed():
+        if "M11" in self._printed() and self.conducts:
             names = ("volume", "temperature")
         one = functools.reduce(np.multiply, (np.asarray(field(name), dtype=float) for name in names))
         if self.held:

@@ -94,7 +94,8 @@ class Melting(Effect, frozen=True, kw_only=True):
 
     def _materials(self, others: Mapping[str, Effect]) -> tuple[str, ...]:
         """Properties for heat that the melt takes from the liquid, where it takes any."""
-        return ("conductivity", "heat_capacity") if self.bookkeeping == "water" else ()
+        wanted = ("conductivity", "heat_capacity") if self.bookkeeping == "water" else ()
+        return tuple(name for name in wanted if name in self._brought(others))
 
     def ledger(self, field: Callable[[str], np.ndarray]) -> dict[str, float]:
         """What is solid, and the volume at rest densities, which melting keeps."""

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple
 import numpy as np
 
 from refsim.effect import Discretisation, Effect, Pass, StepLimit, literal_errata, require
+from refsim.energy import EnergyAccount, EnergyState, amount
 from refsim.errors import InputError
 from refsim.mpm.grid import FARTHEST, Background, MpmGrid
 from refsim.operation import Operation, register
@@ -264,6 +265,21 @@ class MpmLiquid(Effect, frozen=True, kw_only=True):
         chain.append(step("mpm.grid_to_particle", gathered, (), *moved))
         return tuple(chain)
 
+    def energy(self, grid: Discretisation, others: Mapping[str, Effect]) -> EnergyAccount:
+        """Compression m/rho0 lambda (J - 1)^2/2, and motion about the particles m h^2/8 sum A_ab^2, as APIC carries it."""
+        h, modulus, density = self.cell(grid), self.bulk_modulus, self.rest_density
+
+        def compression(state: EnergyState) -> Any:
+            volume = state.field("mass") / density
+            return amount(0.5 * modulus * volume * (state.field("volume_ratio") - 1) ** 2)
+
+        def affine(state: EnergyState) -> Any:
+            return amount(state.field("mass") * h**2 / 8 * (state.field("affine") ** 2).sum(1))
+
+        printed = self._printed() - {"M13"}
+        words = (f"the printed readings {', '.join(sorted(printed))}",) if printed else ()
+        return EnergyAccount({"compression": compression, "affine": affine}, words)
+
     def background(self, grid: Discretisation) -> Background:
         """The background grid as kernels take it."""
         real = np.dtype(grid.dtype).type
@@ -283,7 +299,7 @@ class MpmLiquid(Effect, frozen=True, kw_only=True):
         gravity, walls, surface = others.get("gravity"), others.get("mpm_walls"), surface_of(others)
         wet = surface is not None and surface.wets(others)
         share = 0.0 if "M7" in printed else 1.0
-        pull = gravity is not None and "M7" not in printed
+        pull = gravity is not None and any(gravity.acceleration) and "M7" not in printed
         return {
             "grid": MpmGrid(grid.dim, grid.dtype, self.cell(grid)),
             "background": self.background(grid),
@@ -296,7 +312,7 @@ class MpmLiquid(Effect, frozen=True, kw_only=True):
                 np.int32(self.volume == "gradient"),
             ),
             "field": np.array(gravity.acceleration, dtype=grid.dtype) if pull else None,
-            "planes": walls.nodes(grid, self.cell(grid)) if walls is not None else None,
+            "planes": walls.nodes(grid, self.cell(grid)) if walls is not None and walls.stand(grid) else None,
             "mirrors": Mirrors(np.int32(1)) if wet else None,
             "contact": Contact(grid.real(surface.contact_pull())) if wet else None,
             "embedding": Embedding(np.int32(READINGS.index(_reading(others) or "none"))),
@@ -425,6 +441,10 @@ class MpmWalls(Effect, frozen=True, kw_only=True):
                 upper[axis] = self.upper[axis]
         return lower, upper
 
+    def stand(self, grid: Discretisation) -> bool:
+        """Whether any face has a wall."""
+        return not set(FACES[: 2 * grid.dim]) <= set(self.open_faces)
+
     def nodes(self, grid: Discretisation, cell_size: float) -> WallNodes:
         """The nodes on and beyond each face, and its rule."""
         lower, upper, rules = np.full(3, -OPEN), np.full(3, OPEN), np.zeros(6)
@@ -453,8 +473,8 @@ _ANY: Any = _Anything()
 
 
 def surface_of(others: Mapping[str, Effect]) -> Any:
-    """The effect that brings surface samples, or None."""
-    return next((e for e in others.values() if getattr(e, "embedding", None) is not None), None)
+    """The effect that brings surface samples, or None; without tension it brings none."""
+    return next((e for e in others.values() if getattr(e, "embedding", None) is not None and e.acts()), None)  # type: ignore[attr-defined]
 
 
 def _reading(others: Mapping[str, Effect]) -> str | None:

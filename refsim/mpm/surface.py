@@ -11,6 +11,7 @@ import numpy as np
 
 from refsim.backend import Backend
 from refsim.effect import Discretisation, Effect, Pass, StepLimit, literal_errata, require
+from refsim.energy import Amount, EnergyAccount, EnergyState, amount
 from refsim.errors import InputError, RunStopped
 from refsim.isosurface import Mesh
 from refsim.operation import REGISTRY, Operation, Procedure, enter, register
@@ -64,8 +65,6 @@ class SurfaceEnergy(Effect, frozen=True, kw_only=True):
     """
 
     name: ClassVar[str] = "surface_energy"
-    host_in_step: ClassVar[bool] = True
-
     surface_tension: float
     embedding: Literal["none", "cluster", "thesis", "gradient_corrected"] = "cluster"
     contact_angle: float = 180.0
@@ -83,11 +82,20 @@ class SurfaceEnergy(Effect, frozen=True, kw_only=True):
     smallest: int = 0
     literal: tuple[str, ...] = ()
 
+    @property
+    def host_in_step(self) -> bool:
+        """Whether the surface is reconstructed, for which the host is needed."""
+        return self.acts()
+
+    def acts(self) -> bool:
+        """Whether there is tension; else nothing is reconstructed, embedded or mirrored."""
+        return self.surface_tension > 0
+
     def needs(self) -> tuple[str, ...]:
         return ("mpm_liquid",)
 
     def beside_fields(self) -> str:
-        return "nodes, facets and samples of the surface"
+        return "" if not self.acts() else "nodes, facets and samples of the surface"
 
     def check(self, grid: Discretisation, others: Mapping[str, Effect]) -> None:
         self.tension().check(grid.dim)
@@ -126,6 +134,8 @@ class SurfaceEnergy(Effect, frozen=True, kw_only=True):
     def initial(
         self, grid: Discretisation, state: InitialState, others: Mapping[str, Effect]
     ) -> Mapping[str, np.ndarray]:
+        if not self.acts():
+            return {}
         least = self.tension().least_component(grid.dim)
         if grid.count < least:
             raise InputError(
@@ -142,9 +152,11 @@ class SurfaceEnergy(Effect, frozen=True, kw_only=True):
         return {}
 
     def fields(self, others: Mapping[str, Effect]) -> tuple[Field, ...]:
-        return (EXTENT,)
+        return (EXTENT,) if self.acts() else ()
 
     def passes(self, others: Mapping[str, Effect]) -> tuple[Pass, ...]:
+        if not self.acts():
+            return ()
         found = [Pass("surface_energy.reconstruct", ("position",), ("samples",), stage="motion")]
         if self.enclose_volume:
             reads = ("position", "mass", "volume_ratio")
@@ -175,7 +187,33 @@ class SurfaceEnergy(Effect, frozen=True, kw_only=True):
                     made.append(Face(axis, real(cell) * real(node), 1 - 2 * side))
         return tuple(made)
 
+    def energy(self, grid: Discretisation, others: Mapping[str, Effect]) -> EnergyAccount:
+        """k times the area of the reconstructed surface, less k cos(theta) times that of the wetted walls (Young)."""
+        if not self.acts():
+            return EnergyAccount()
+        dim, pull, wets = grid.dim, self.contact_pull(), self.wets(others)
+
+        def surface(state: EnergyState) -> Amount:
+            made, mass = state.shared("surface"), state.array("mass")
+            if self.enclose_volume:
+                made.reconstruct_enclosing(state.array("position"), mass, state.array("volume_ratio"))
+            else:
+                made.reconstruct(state.array("position"))
+            found = amount(self.surface_tension * state.host(made.sample_area))
+            if not (wets and pull):
+                return found
+            # by the divergence theorem the lines at the edge give dim - 1 times the wetted area
+            place, line = state.host(made.sample_position), state.host(made.sample_line)
+            wetted = amount(-pull * (place * line).sum(1) / (dim - 1))
+            return Amount(found.value + wetted.value, found.size + wetted.size)
+
+        return EnergyAccount(
+            {"surface": surface}, ("what the surface's fitted normals pull beside the change of its area",)
+        )
+
     def shares(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, Any]:
+        if not self.acts():
+            return {}
         cell = others["mpm_liquid"].cell(grid)  # type: ignore[attr-defined]
         full, density = (cell / grid.spacing) ** grid.dim, others["mpm_liquid"].rest_density  # type: ignore[attr-defined]
         faces = self._faces(grid, others)

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple
 import numpy as np
 
 from refsim.effect import Discretisation, Effect, Pass, require
+from refsim.energy import EnergyAccount
 from refsim.errors import InputError
 from refsim.operation import Operation, register
 from refsim.particles import PLACE, Field
@@ -98,7 +99,14 @@ class ShapeMatching(Effect, frozen=True, kw_only=True):
                 f"{self.name}: summation = {self.summation!r} is unknown; choose one of {', '.join(SUMMATIONS)}."
             )
 
+    def holds(self) -> bool:
+        """Whether it acts on the solids at all; else it only knows which particles they are, and their surfaces."""
+        return self.stiffness > 0 or self.damping > 0
+
     def fields(self, others: Mapping[str, Effect]) -> tuple[Field, ...]:
+        if not self.holds():
+            regions = (region_field(self.half_width), REGION_COUNT) if "melting" in others else ()
+            return (PHASE, PLACE, DIRECT, *regions)
         tables = (
             PHASE, PLACE, DIRECT, region_field(self.half_width), REGION_COUNT, REGION_SHARE, SOLID_POSITION, ROTATION,
             REGION_CENTER, REGION_ANCHOR, SOLID_VELOCITY,
@@ -111,7 +119,11 @@ class ShapeMatching(Effect, frozen=True, kw_only=True):
         nodes = self._solids(grid)
         phase = np.full(grid.count, FLUID, np.int32)
         phase[:nodes] = SURFACE
-        return {"phase": phase, "rotation": np.tile([1.0, 0.0, 0.0, 0.0], (nodes, 1))}
+        return (
+            {"phase": phase, "rotation": np.tile([1.0, 0.0, 0.0, 0.0], (nodes, 1))}
+            if self.holds()
+            else {"phase": phase}
+        )
 
     def passes(self, others: Mapping[str, Effect]) -> tuple[Pass, ...]:
         folder = SUMMATIONS[self.summation]
@@ -124,6 +136,8 @@ class ShapeMatching(Effect, frozen=True, kw_only=True):
             ),
             Pass("shape_matching.classify", ("identity", "direct"), updates=("phase",), stage="start"),
         )  # fmt: skip
+        if not self.holds():
+            return tuple(p for p in start if p.operation != "shape_matching.regions" or "melting" in others)
         forces = (
             Pass(
                 "shape_matching.gather", ("position", "mass", "place", "region_count"),
@@ -150,6 +164,10 @@ class ShapeMatching(Effect, frozen=True, kw_only=True):
         )  # fmt: skip
         return (*start, *forces, pull, *damping) if self.damping > 0 else (*start, *forces, pull)
 
+    def energy(self, grid: Discretisation, others: Mapping[str, Effect]) -> EnergyAccount:
+        """None: the pull towards the best rigid motion follows from no energy."""
+        return EnergyAccount(uncounted=("what the solids store while they are bent",) if self.stiffness > 0 else ())
+
     def shares(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, Any]:
         return {} if grid.solids is None else {"lattice": grid.solids.lattice}
 
@@ -159,7 +177,7 @@ class ShapeMatching(Effect, frozen=True, kw_only=True):
         matching = Matching(
             np.int32(self.half_width), real(grid.spacing), real(self.stiffness), real(self.damping), *floors(grid.dtype)
         )
-        if self.summation != "fast":
+        if self.summation != "fast" or not self.holds():
             return {"matching": matching}
         return {"matching": matching, "boxes": fast_summation.boxes_of(grid.solids.lattice, self.half_width)}
 

@@ -14,6 +14,7 @@ from typing import Any, ClassVar, Literal, NamedTuple
 import numpy as np
 
 from refsim.effect import Discretisation, Effect, Pass, StepLimit, literal_errata, require
+from refsim.energy import EnergyAccount, EnergyState, amount, compression_energy
 from refsim.errors import InputError
 from refsim.operation import Operation, register
 from refsim.particles import Field
@@ -189,6 +190,26 @@ class WeaklyCompressible(Effect, frozen=True, kw_only=True):
             " Pa s, kinetic energy may appear out of nothing at walls and in drops: give more, or watch the energy",
         )
 
+    def energy(self, grid: Discretisation, others: Mapping[str, Effect]) -> EnergyAccount:
+        """Work of compression of J(9) or Tait, where no other effect brings the pressure."""
+        if _implicit(others):
+            return EnergyAccount()
+        exponent = 7 if self.state == "tait" else 1
+        stiffness = self.rest_density * self.sound_speed**2 / exponent
+        share = 0.5 if "E24" in self._printed() else 1.0
+        cohesion = cohesive_pressure(grid, others)
+
+        def compression(state: EnergyState) -> Any:
+            mass, density = state.field("mass"), state.field("density")
+            return amount(
+                share
+                * compression_energy(
+                    mass, density, self.rest_density, stiffness, exponent, cohesion, self.clamp_pressure
+                )
+            )
+
+        return EnergyAccount({"compression": compression})
+
     def list_radius(self, grid: Discretisation) -> float:
         return grid.support_radius
 
@@ -266,7 +287,14 @@ class Gravity(Effect, frozen=True, kw_only=True):
             raise InputError("gravity: acceleration has a z part in a 2D scene; point it along x or y.")
 
     def passes(self, others: Mapping[str, Effect]) -> tuple[Pass, ...]:
-        return (Pass("sph.gravity", updates=("acceleration",)),)
+        return (Pass("sph.gravity", updates=("acceleration",)),) if any(self.acceleration) else ()
+
+    def energy(self, grid: Discretisation, others: Mapping[str, Effect]) -> EnergyAccount:
+        """-m g.x, zero at the origin."""
+        if not any(self.acceleration):
+            return EnergyAccount()
+        g = np.array(self.acceleration)
+        return EnergyAccount({"gravity": lambda state: amount(-state.field("mass") * (state.field("position") @ g))})
 
     def prepare(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, Any]:
         return {"field": np.array(self.acceleration, dtype=grid.dtype)}

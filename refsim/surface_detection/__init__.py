@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple
 import numpy as np
 
 from refsim.effect import Discretisation, Effect, Pass, literal_errata, require
+from refsim.energy import EnergyAccount
 from refsim.errors import InputError
 from refsim.operation import Operation, register
 from refsim.particles import Field
@@ -196,6 +197,10 @@ class SurfaceDetection(Effect, frozen=True, kw_only=True):
         if self.method != "two_step":
             return None
         return "scan_candidates" if self._lopsided() else "near_surface"
+
+    def energy(self, grid: Discretisation, others: Mapping[str, Effect]) -> EnergyAccount:
+        """Detection has no forces; a released pressure follows from no energy."""
+        return EnergyAccount(uncounted=("the pressure taken from surface particles",) if self.release_pressure else ())
 
     def list_radius(self, grid: Discretisation) -> float:
         scanned = self.method != "number_density"

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from refsim.effect import Discretisation, Effect, StepLimit
+from refsim.energy import EnergyAccount, EnergyState, pair_potential
 from refsim.errors import InputError
 from refsim.smoothing import lattice
 
@@ -168,6 +169,22 @@ class PairCohesion(Effect, frozen=True, kw_only=True):
             f" {number:.2g} rho0 c^2; nothing holds it beyond {COLLAPSE}): take a larger sound_speed, or let"
             " balance_pressure = true hold it",
         )
+
+    def pair_mass(self, mass_i: NDArray, mass_j: NDArray, grid: Discretisation, others: Mapping[str, Effect]) -> Any:
+        """Factor [kg^2] of C(r) in the force of a pair."""
+        return mass_i * mass_j
+
+    def pair_account(
+        self, grid: Discretisation, others: Mapping[str, Effect], uncounted: tuple[str, ...] = ()
+    ) -> EnergyAccount:
+        """The potential of the pair force, zero at h; negative where the pair attracts."""
+        reach = grid.support_radius
+
+        def cohesion(state: EnergyState) -> Any:
+            mass, phi = state.field("mass"), pair_potential(self._force(grid, others), reach)
+            return state.pair_sum(lambda r, i, j: self.pair_mass(mass[i], mass[j], grid, others) * phi(r), reach)
+
+        return EnergyAccount({"cohesion": cohesion}, uncounted)
 
     def step_limits(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, StepLimit]:
         return capillary_limit(abs(self.nominal_tension(grid, others)), grid, others)

@@ -15,6 +15,7 @@ import numpy as np
 
 from refsim.boundary.walls import Bounds, WallParticles
 from refsim.effect import Discretisation, Effect, literal_errata, require
+from refsim.energy import EnergyAccount
 from refsim.errors import InputError
 from refsim.smoothing import lattice, smoothing
 from refsim.solids import countable
@@ -59,9 +60,18 @@ class BoxWalls(Effect, frozen=True, kw_only=True):
     def _printed(self) -> frozenset[str]:
         return literal_errata(self.name, self.literal, ("g",))
 
-    def walls(self, grid: Discretisation, others: Mapping[str, Effect]) -> WallParticles:
-        """Positions (m, 3) [m] half a spacing outside the box and volumes (m,) [m^dim]."""
+    def energy(self, grid: Discretisation, others: Mapping[str, Effect]) -> EnergyAccount:
+        """None of its own: walls at rest do no work. The liquid's compression counts their part of the density."""
+        replaced = any("sph.state" in effect.replaces() for effect in others.values())
+        if replaced or min(effect.wall_share() for effect in others.values()) == 1:
+            return EnergyAccount()
+        return EnergyAccount(uncounted=("half of the walls' push, which mirrors the liquid's pressure",))
+
+    def walls(self, grid: Discretisation, others: Mapping[str, Effect]) -> WallParticles | None:
+        """Positions (m, 3) [m] half a spacing outside the box and volumes (m,) [m^dim]; None with all faces open."""
         position = box_layer(self.lower, self.upper, grid.spacing, grid.dim, self.open_faces)
+        if not len(position):
+            return None
         shape = others["weakly_compressible"].sum_kernel()
         factor = (
             1.0 if "g" in self._printed() else calibrated_factor(shape, grid.support_radius, grid.spacing, grid.dim)
@@ -75,13 +85,17 @@ class BoxWalls(Effect, frozen=True, kw_only=True):
                 lower[axis] = self.lower[axis]
             if "+" + "xyz"[axis] not in self.open_faces:
                 upper[axis] = self.upper[axis]
+        if not np.isfinite([*lower, *upper]).any():
+            return {}
         return {"bounds": Bounds(lower.astype(grid.dtype), upper.astype(grid.dtype))}
 
     def initial(
         self, grid: Discretisation, state: InitialState, others: Mapping[str, Effect]
     ) -> Mapping[str, np.ndarray]:
         """No values of its own; refuses particles that begin behind a wall, where no wall particle holds them."""
-        bounds = self.shares(grid, others)["bounds"]
+        bounds = self.shares(grid, others).get("bounds")
+        if bounds is None:
+            return {}
         slack = 1e-3 * grid.spacing  # for the rounding of the planes
         first = 0 if grid.solids is None else len(grid.solids.lattice.key)  # of solids, ShapeMatching speaks
         x = state.position[first:]

@@ -22,6 +22,7 @@ from refsim.boundary.akinci_2012 import wall_kernel_sums
 from refsim.boundary.penetration import CORRECTIONS, correction_pass, penetration_groups
 from refsim.boundary.walls import WallParticles
 from refsim.effect import Discretisation, Effect, Pass, StepLimit, literal_errata, require
+from refsim.energy import EnergyAccount
 from refsim.errors import InputError
 from refsim.operation import Operation, register
 from refsim.particles import Field
@@ -200,6 +201,13 @@ class MeshBoundary(Effect, frozen=True, kw_only=True):
         if self.correction != "none":
             made.append(correction_pass())
         return tuple(made)
+
+    def energy(self, grid: Discretisation, others: Mapping[str, Effect]) -> EnergyAccount | None:
+        """None of its own: it is at rest. Adhesion by boundary particles is not counted, so that there is no account."""
+        if self.adhesion > 0:
+            return None
+        words = ("the boundary particles' own pressure",) if self._extrapolates(others) else ()
+        return EnergyAccount(uncounted=words)
 
     def list_radius(self, grid: Discretisation) -> float:
         return grid.support_radius

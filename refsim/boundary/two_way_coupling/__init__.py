@@ -12,10 +12,12 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 import numpy as np
 
 from refsim.effect import Discretisation, Effect, Pass, StepLimit, literal_errata
+from refsim.energy import EnergyAccount, EnergyState, amount, compression_energy
 from refsim.errors import InputError
 from refsim.operation import Operation, register
 from refsim.particles import Field
 from refsim.shape_matching import PHASE
+from refsim.shape_matching.phases import FLUID
 from refsim.sph import DENSITY, PRESSURE, ViscosityTerm, cohesive_pressure
 
 if TYPE_CHECKING:
@@ -107,6 +109,23 @@ class TwoWayCoupling(Effect, frozen=True, kw_only=True):
                 names={"smoothing": "gradient_smoothing"},
             ),
         )
+
+    def energy(self, grid: Discretisation, others: Mapping[str, Effect]) -> EnergyAccount:
+        """Work of compression of the liquid's particles, each from its own rest density."""
+        liquid: Any = others["weakly_compressible"]
+        exponent = 7 if liquid.state == "tait" else 1
+
+        def compression(state: EnergyState) -> Any:
+            wet = state.flags("phase") == FLUID
+            mass, density, rest = (state.field(name)[wet] for name in ("mass", "density", "rest_density"))
+            return amount(compression_energy(mass, density, rest, rest * liquid.sound_speed**2 / exponent, exponent))
+
+        uncounted = []
+        if self.density_weighted:
+            uncounted.append("the density-weighted pressure, so far as it differs from each particle's own")
+        if {"M2", "M4"} & self._printed():
+            uncounted.append("the printed readings M2 and M4")
+        return EnergyAccount({"compression": compression}, tuple(uncounted))
 
     def list_radius(self, grid: Discretisation) -> float:
         return grid.support_radius

@@ -16,6 +16,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from refsim.effect import Discretisation, Effect, Pass, StepLimit, require
+from refsim.energy import EnergyAccount
 from refsim.operation import Operation, register
 from refsim.particles import Field
 from refsim.smoothing import lattice, smoothing
@@ -96,6 +97,10 @@ class ImplicitPressure(Effect, frozen=True, kw_only=True):
         if _fluid(others).dynamic_viscosity == 0 or _fluid(others).central():  # the liquid brings that pass itself
             return (solve,)
         return (Pass("sph.viscosity", reads, updates=("acceleration",), names=names), solve)
+
+    def energy(self, grid: Discretisation, others: Mapping[str, Effect]) -> EnergyAccount:
+        """None: the pressure of liquid that keeps its volume does no work."""
+        return EnergyAccount(uncounted=("work of the pressure on the compression that tolerance leaves",))
 
     def list_radius(self, grid: Discretisation) -> float:
         return grid.support_radius

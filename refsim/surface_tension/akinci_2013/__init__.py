@@ -131,7 +131,7 @@ class Akinci2013(PairCohesion, frozen=True, kw_only=True):
         return tuple(passes)
 
     def list_radius(self, grid: Discretisation) -> float:
-        return grid.support_radius
+        return grid.support_radius if self._coheres() or self._has_area() or self.adhesion else 0.0
 
     def prepare(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, Any]:
         real, volume = grid.real, grid.support_radius**grid.dim

@@ -13,6 +13,7 @@ from typing import Any, ClassVar, NamedTuple
 from numpy.typing import NDArray
 
 from refsim.effect import Discretisation, Effect, Pass, require
+from refsim.energy import EnergyAccount
 from refsim.operation import Operation, register
 from refsim.smoothing.shapes import CUBIC_SPLINE, NORMALISATION
 from refsim.surface_tension.becker_teschner_2007.reference import attraction_function
@@ -78,8 +79,15 @@ class BeckerTeschner2007(PairCohesion, frozen=True, kw_only=True):
             return ()
         return (Pass("becker_teschner_2007.cohesion", ("position", "mass"), updates=("acceleration",)),)
 
+    def pair_mass(self, mass_i: NDArray, mass_j: NDArray, grid: Discretisation, others: Mapping[str, Effect]) -> Any:
+        """m times the pair's mean mass, m of the lattice's particles: the force on i has the factor m_j alone."""
+        return others["weakly_compressible"].particle_mass(grid) * 0.5 * (mass_i + mass_j)  # type: ignore[attr-defined]
+
+    def energy(self, grid: Discretisation, others: Mapping[str, Effect]) -> EnergyAccount:
+        return self.pair_account(grid, others) if self.passes(others) else EnergyAccount()
+
     def list_radius(self, grid: Discretisation) -> float:
-        return grid.support_radius
+        return grid.support_radius if self.passes({}) else 0.0
 
     def prepare(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, Any]:
         kappa = self.coefficient(grid, others)

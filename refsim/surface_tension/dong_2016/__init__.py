@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from refsim.effect import Discretisation, Effect, Pass, literal_errata, require
+from refsim.energy import EnergyAccount
 from refsim.errors import InputError
 from refsim.operation import Operation, register
 from refsim.particles import Field
@@ -160,8 +161,16 @@ class Dong2016(PairCohesion, frozen=True, kw_only=True):
             passes.append(Pass("dong_2016.tension", reads, updates=("acceleration",), names=names))
         return tuple(passes)
 
+    def energy(self, grid: Discretisation, others: Mapping[str, Effect]) -> EnergyAccount:
+        """The potential of D(7); correction and filtered density follow from no energy."""
+        uncounted = ["the correction D(9)"] if self._corrects() else []
+        uncounted += ["what the density filter changes in the pressure"] if self.filter_density else []
+        if self._coheres():
+            return self.pair_account(grid, others, tuple(uncounted))
+        return EnergyAccount(uncounted=tuple(uncounted))
+
     def list_radius(self, grid: Discretisation) -> float:
-        return grid.support_radius
+        return grid.support_radius if self.passes({}) else 0.0
 
     def prepare(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, Any]:
         real, fluid = grid.real, _fluid(others)

@@ -155,7 +155,7 @@ class He2014(PairCohesion, frozen=True, kw_only=True):
         return tuple(passes)
 
     def list_radius(self, grid: Discretisation) -> float:
-        return grid.support_radius
+        return grid.support_radius if self._has_energy() or self.air_pressure > 0 else 0.0
 
     def prepare(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, Any]:
         kappa = self.coefficient(grid, others)

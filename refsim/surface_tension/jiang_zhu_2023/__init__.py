@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from refsim.effect import Discretisation, Effect, Pass, literal_errata, require
+from refsim.energy import EnergyAccount
 from refsim.errors import InputError
 from refsim.operation import Operation, register
 from refsim.particles import Field
@@ -278,6 +279,16 @@ class JiangZhu2023(PairCohesion, frozen=True, kw_only=True):
         reads += [name for name in names.values() if name is not None]
         passes.append(Pass(operation, tuple(reads), updates=("acceleration",), names=names))
         return tuple(passes)
+
+    def energy(self, grid: Discretisation, others: Mapping[str, Effect]) -> EnergyAccount | None:
+        """The potential of J(16) between all pairs; pairs that are weighted or chosen follow from no energy."""
+        uncounted = ["what the density correction changes in the pressure"] if self._corrects() else []
+        if not self._acts():
+            return EnergyAccount(uncounted=tuple(uncounted))
+        if not self.acts_on_all_pairs():
+            return None
+        uncounted += ["the area term"] if self._area() != "none" else []
+        return self.pair_account(grid, others, tuple(uncounted))
 
     def list_radius(self, grid: Discretisation) -> float:
         if self._acts() and self._marked():

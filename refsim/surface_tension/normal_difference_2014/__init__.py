@@ -66,7 +66,7 @@ class NormalDifference2014(Effect, frozen=True, kw_only=True):
         return (color_gradient_pass(), Pass("normal_difference_2014.tension", reads, updates=("acceleration",)))
 
     def list_radius(self, grid: Discretisation) -> float:
-        return grid.support_radius
+        return grid.support_radius if self.area_acceleration > 0 else 0.0
 
     def prepare(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, Any]:
         term = NormalDifference(grid.real(self.area_acceleration), np.int32("P7" in self._printed()))

@@ -15,6 +15,7 @@ from typing import Any, ClassVar, NamedTuple
 from numpy.typing import NDArray
 
 from refsim.effect import Discretisation, Effect, Pass, require
+from refsim.energy import EnergyAccount
 from refsim.operation import Operation, register
 from refsim.surface_tension.cohesion import PairCohesion, nominal_tension, one_of
 from refsim.surface_tension.tartakovsky_meakin_2005.reference import force_function
@@ -66,8 +67,15 @@ class TartakovskyMeakin2005(PairCohesion, frozen=True, kw_only=True):
             return ()
         return (Pass("tartakovsky_meakin_2005.cohesion", ("position", "mass"), updates=("acceleration",)),)
 
+    def pair_mass(self, mass_i: NDArray, mass_j: NDArray, grid: Discretisation, others: Mapping[str, Effect]) -> Any:
+        """m^2 of the lattice's particles: the force of a pair does not depend on its masses."""
+        return others["weakly_compressible"].particle_mass(grid) ** 2  # type: ignore[attr-defined]
+
+    def energy(self, grid: Discretisation, others: Mapping[str, Effect]) -> EnergyAccount:
+        return self.pair_account(grid, others) if self.passes(others) else EnergyAccount()
+
     def list_radius(self, grid: Discretisation) -> float:
-        return grid.support_radius
+        return grid.support_radius if self.passes({}) else 0.0
 
     def prepare(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, Any]:
         strength = self.coefficient(grid, others)

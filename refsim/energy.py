@@ -1,0 +1,299 @@
+"""Audit of the mechanical energy: without driving it must not grow.
+
+Contents: EnergyAudit (a scene's option), EnergyAccount (what an effect counts), EnergyState, Auditor, accounts;
+compression_energy, pair_potential.
+
+The audit looks at the state between two steps, on the host in float64, and changes nothing of the run.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from refsim.errors import InputError, RunStopped
+
+if TYPE_CHECKING:
+    from refsim.effect import Discretisation, Effect
+    from refsim.run import Simulation
+
+MOVES = {"acceleration", "velocity", "position", "mass", "density", "rest_density", "pressure"}
+LEAP_FROGS = ("sph.kick_drift", "penetration.kick_drift")
+ROUNDINGS = 4.0  # of the run's dtype in each term, below which a change is none
+ROWS = 16384  # particles whose pairs are summed at once
+
+
+class EnergyAudit(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Stops a run whose mechanical energy grows.
+
+    every  steps between two audits
+    bound  share of the energy turned over so far by which the total may rise above its lowest value
+    """
+
+    every: int = 100
+    bound: float = 0.01
+
+    def check(self) -> None:
+        """Raise InputError for numbers that are not possible."""
+        if self.every < 1:
+            raise InputError(f"energy_audit: every = {self.every} is not possible; give a positive number of steps.")
+        if not (math.isfinite(self.bound) and self.bound > 0):
+            raise InputError(f"energy_audit: bound = {self.bound} is not possible; give a positive share, 0.01 say.")
+
+
+class Amount(NamedTuple):
+    """An energy, and the sum of its absolute terms [J; J/m in 2D]."""
+
+    value: float
+    size: float
+
+
+class EnergyAccount(NamedTuple):
+    """What an effect's forces are worth: energies by name, and in words what follows from no energy."""
+
+    parts: Mapping[str, Callable[[EnergyState], Amount]] = {}
+    uncounted: tuple[str, ...] = ()
+
+
+def amount(terms: NDArray) -> Amount:
+    """Sum of terms [J] and of their absolute values."""
+    terms = np.asarray(terms, dtype=float)
+    return Amount(float(terms.sum()), float(np.abs(terms).sum()))
+
+
+class EnergyState:
+    """The present state as effects' accounts see it: float64 on the host, rows in the order of the memory."""
+
+    def __init__(self, simulation: Simulation) -> None:
+        self._simulation = simulation
+
+    def field(self, name: str) -> NDArray:
+        """A field's values, in SI units."""
+        return self._simulation._host(name).astype(float)
+
+    def array(self, name: str) -> Any:
+        """A field as it lies on the backend; not to be changed."""
+        return self._simulation.fields[name]
+
+    def flags(self, name: str) -> NDArray:
+        """A field of whole numbers."""
+        return self._simulation._host(name)
+
+    def shared(self, name: str) -> Any:
+        """What an effect shares with all passes, on this backend."""
+        return self._simulation._shared[name]
+
+    def host(self, array: Any) -> NDArray:
+        """An array of this backend in float64."""
+        return np.asarray(self._simulation.backend.host(array), dtype=float)
+
+    def evaluate(self) -> None:
+        """Bring every field up to the present positions."""
+        self._simulation.evaluate(on_demand=False)
+
+    def pair_sum(self, potential: Callable[[NDArray, NDArray, NDArray], NDArray], reach: float) -> Amount:
+        """Sum of potential(r, i, j) [J] over all pairs nearer than `reach` [m], each counted once."""
+        from scipy.spatial import cKDTree
+
+        position = self.field("position")
+        tree = cKDTree(position)
+        value = size = 0.0
+        for first in range(0, len(position), ROWS):
+            rows = cKDTree(position[first : first + ROWS])
+            near = rows.sparse_distance_matrix(tree, reach, output_type="ndarray")
+            i, j = near["i"] + first, near["j"]
+            own = i < j
+            part = amount(potential(near["v"][own], i[own], j[own]))
+            value, size = value + part.value, size + part.size
+        return Amount(value, size)
+
+
+# What effects count with
+
+
+def compression_energy(
+    mass: NDArray, density: NDArray, rest_density: Any, stiffness: Any, exponent: int, internal_pressure: float = 0.0,
+    clamped: bool = True,
+) -> NDArray:  # fmt: skip
+    """m_i u_i [J], u = integral of p/rho^2 drho from rho0: the work that compresses liquid of J(9) or Tait.
+
+    p = B ((rho/rho0)^g - 1) + P_int (rho/rho0)^2, zero where it would be negative and is `clamped`; B [Pa] and rho0
+    [kg/m^dim] of all or of each particle. In s = rho/rho0: u = (1/rho0) [B f(s) + P_int (s - 1)] with
+    f = ln s + 1/s - 1 for g = 1 and (s^(g-1) - 1)/(g - 1) + 1/s - 1 beyond.
+    """
+    s = np.asarray(density, dtype=float) / rest_density
+    if clamped:
+        s = np.maximum(s, _zero_pressure(np.asarray(stiffness, dtype=float), exponent, internal_pressure))
+    own = np.log(s) if exponent == 1 else (s ** (exponent - 1) - 1) / (exponent - 1)
+    work = np.asarray(stiffness) * (own + 1 / s - 1) + internal_pressure * (s - 1)
+    return np.asarray(mass, dtype=float) * work / rest_density
+
+
+def _zero_pressure(stiffness: NDArray, exponent: int, internal_pressure: float) -> NDArray:
+    """rho/rho0 at which B (s^g - 1) + P_int s^2 = 0, by bisection of [0, 1]."""
+    low, high = np.zeros_like(stiffness), np.ones_like(stiffness)
+    for _ in range(60 if internal_pressure > 0 else 0):
+        middle = 0.5 * (low + high)
+        positive = stiffness * (middle**exponent - 1) + internal_pressure * middle**2 > 0
+        low, high = np.where(positive, low, middle), np.where(positive, middle, high)
+    return high
+
+
+def pair_potential(
+    force: Callable[[NDArray], NDArray], reach: float, parts: int = 2048
+) -> Callable[[NDArray], NDArray]:
+    """phi(r), integral of force(r) dr from r to `reach` [m]: the potential of a central force that repels where > 0.
+
+    A table by Gauss quadrature with cubic interpolation; phi vanishes at `reach`.
+    """
+    node, weight = np.polynomial.legendre.leggauss(8)
+    edge = np.linspace(0.0, reach, parts + 1)
+    half = 0.5 * reach / parts
+    inside = 0.5 * (edge[1:] + edge[:-1])[:, None] + half * node
+    each = half * (weight * force(inside)).sum(1)
+    value = np.append(np.cumsum(each[::-1])[::-1], 0.0)
+    slope = -force(np.minimum(edge, np.nextafter(reach, 0.0)))
+
+    def phi(r: NDArray) -> NDArray:
+        place = np.minimum(np.asarray(r, dtype=float) / (2 * half), parts)
+        k = np.minimum(place.astype(int), parts - 1)
+        t = place - k
+        a, b = value[k], value[k + 1]
+        rise, fall = 2 * half * slope[k], 2 * half * slope[k + 1]
+        return a + t * (rise + t * (3 * (b - a) - 2 * rise - fall + t * (2 * (a - b) + rise + fall)))
+
+    return phi
+
+
+# The audit
+
+
+def accounts(grid: Discretisation, effects: Mapping[str, Effect]) -> dict[str, EnergyAccount]:
+    """What each effect counts. Raises InputError where one has forces and knows no energy of them."""
+    found = {}
+    for name, effect in effects.items():
+        account = effect.energy(grid, effects)
+        passes = effect.passes(effects)
+        if account is None and any(MOVES & {*p.writes, *p.updates} for p in passes):
+            raise InputError(
+                f"energy_audit: the forces of effect {name!r} follow from no energy that could be counted; leave out the"
+                " audit or the effect."
+            )
+        found[name] = account or EnergyAccount()
+    return found
+
+
+class AuditState(msgspec.Struct, frozen=True):
+    """What an audit remembers between steps; energies in J (J/m in 2D)."""
+
+    start: dict[str, float] | None
+    now: dict[str, float]
+    lowest: float | None
+    turned_over: float
+    greatest_share: float
+
+
+class Auditor:
+    """The audit of a run: its energies now, at their start, their lowest sum and what was turned over so far."""
+
+    def __init__(self, simulation: Simulation) -> None:
+        plan = simulation.plan
+        assert plan.scene.energy_audit is not None
+        self.simulation, self.rule = simulation, plan.scene.energy_audit
+        self.accounts = accounts(plan.grid, plan.effects)
+        motion = plan.motion
+        self.staggered = any(p.operation in LEAP_FROGS for _, p in motion) and not any(
+            "acceleration" in p.updates for _, p in motion
+        )
+        self.renew()
+
+    def renew(self) -> None:
+        """Begin anew at the next step: somebody has set the state."""
+        self.start: dict[str, float] | None = None
+        self.now: dict[str, float] = {}
+        self.lowest, self.turned_over, self.greatest_share = math.inf, 0.0, 0.0
+
+    def uncounted(self) -> tuple[str, ...]:
+        """What follows from no energy, by effect."""
+        return tuple(f"{name}: {words}" for name, account in self.accounts.items() for words in account.uncounted)
+
+    def energies(self) -> dict[str, Amount]:
+        """All parts of the energy [J; J/m in 2D] in the present state, velocities at the positions' time."""
+        state = EnergyState(self.simulation)
+        state.evaluate()
+        mass, velocity = state.field("mass"), state.field("velocity")
+        if self.staggered:
+            velocity += 0.5 * self.simulation.previous_length * state.field("acceleration")
+        parts = {"kinetic": amount(0.5 * mass * (velocity**2).sum(1))}
+        for account in self.accounts.values():
+            parts |= {name: count(state) for name, count in account.parts.items()}
+        return parts
+
+    def begin(self) -> None:
+        """Note the energies that the run begins with, where they are not noted yet."""
+        if self.start is None:
+            self.look()
+
+    def after_step(self) -> None:
+        """Audit where it is due."""
+        if self.simulation.steps % self.rule.every == 0:
+            self.look()
+
+    def look(self, note: bool = True) -> None:
+        """Audit now. Raises RunStopped where the energy has grown; without `note` nothing is remembered."""
+        s = self.simulation
+        if self.start is None and not note:
+            return
+        parts = self.energies()
+        total = math.fsum(part.value for part in parts.values())
+        where = f"In step {s.steps} at {s.time:.6g} s"
+        values = {name: part.value for name, part in parts.items()}
+        if not math.isfinite(total):
+            raise RunStopped("non_finite", f"{where} the energy is not finite: {_words(values)}.")
+        start = values if self.start is None else self.start
+        turned = values["kinetic"] + math.fsum(abs(v - start[name]) for name, v in values.items() if name != "kinetic")
+        turned = max(self.turned_over, turned)
+        lowest = min(self.lowest, total)
+        rounding = ROUNDINGS * float(np.finfo(s.plan.grid.dtype).eps) * math.fsum(part.size for part in parts.values())
+        rise = max(total - lowest - rounding, 0.0)
+        share = rise / turned if turned > 0 else 0.0
+        if note:
+            self.start, self.now, self.lowest, self.turned_over = start, values, lowest, turned
+            self.greatest_share = max(self.greatest_share, share)
+        if share > self.rule.bound:
+            raise RunStopped(
+                "energy_gained",
+                f"{where} the energy stands {total - lowest:.4g} J above its lowest value, {share:.3g} of the"
+                f" {turned:.4g} J turned over and more than energy_audit's bound of {self.rule.bound:g}:"
+                f" {_words(values)}. Take more viscosity, a shorter step or masses that differ less.",
+            )
+
+    def report(self) -> dict[str, Any]:
+        """For the report of a run."""
+        return {
+            "every": self.rule.every, "bound": self.rule.bound, "start": self.start, "now": self.now,
+            "turned_over": self.turned_over, "greatest_share": self.greatest_share, "uncounted": list(self.uncounted()),
+        }  # fmt: skip
+
+    # In checkpoints
+
+    def saved(self) -> str:
+        """All that it remembers, as text that gives every number back."""
+        lowest = self.lowest if math.isfinite(self.lowest) else None
+        state = AuditState(self.start, self.now, lowest, self.turned_over, self.greatest_share)
+        return msgspec.json.encode(state).decode()
+
+    def restore(self, state: AuditState) -> None:
+        """Go on from what `saved` gave."""
+        self.start, self.now = state.start, state.now
+        self.lowest = math.inf if state.lowest is None else state.lowest
+        self.turned_over, self.greatest_share = state.turned_over, state.greatest_share
+
+
+def _words(values: Mapping[str, float]) -> str:
+    return ", ".join(f"{name} {value:.4g} J" for name, value in values.items())
