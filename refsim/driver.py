@@ -42,8 +42,8 @@ class RunReport:
     search            neighbour list: rebuilds, audited_rows, missed_neighbours (0), most_neighbours,
                       list_bytes
     stopped_at_walls  how often the plane of a wall has stopped a particle
-    energy_audit      energies at the start and at the last audit [J], what was turned over, the greatest rise as a share
-                      of it, what is not counted; None without an audit
+    energy_audit      energies at the start and at the last audit [J], what was turned over, the greatest rise as a
+                      share of it, what is not counted; None without an audit
     ledger            particles at the start and at the end: number, mass, momentum, energy, how many behind walls
     seconds           wall seconds: total, compiling (the first calls), by stage, of this process alone
     """

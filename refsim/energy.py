@@ -181,8 +181,8 @@ def accounts(grid: Discretisation, effects: Mapping[str, Effect]) -> dict[str, E
         passes = effect.passes(effects)
         if account is None and any(MOVES & {*p.writes, *p.updates} for p in passes):
             raise InputError(
-                f"energy_audit: the forces of effect {name!r} follow from no energy that could be counted; leave out the"
-                " audit or the effect."
+                f"energy_audit: the forces of effect {name!r} follow from no energy that could be counted; leave out"
+                " the audit or the effect."
             )
         found[name] = account or EnergyAccount()
     return found

@@ -266,7 +266,7 @@ class MpmLiquid(Effect, frozen=True, kw_only=True):
         return tuple(chain)
 
     def energy(self, grid: Discretisation, others: Mapping[str, Effect]) -> EnergyAccount:
-        """Compression m/rho0 lambda (J - 1)^2/2, and motion about the particles m h^2/8 sum A_ab^2, as APIC carries it."""
+        """Compression m/rho0 lambda (J - 1)^2/2, and motion about the particles m h^2/8 sum A_ab^2 of APIC."""
         h, modulus, density = self.cell(grid), self.bulk_modulus, self.rest_density
 
         def compression(state: EnergyState) -> Any:

@@ -203,7 +203,7 @@ class MeshBoundary(Effect, frozen=True, kw_only=True):
         return tuple(made)
 
     def energy(self, grid: Discretisation, others: Mapping[str, Effect]) -> EnergyAccount | None:
-        """None of its own: it is at rest. Adhesion by boundary particles is not counted, so that there is no account."""
+        """None of its own, since it is at rest; adhesion has no account."""
         if self.adhesion > 0:
             return None
         words = ("the boundary particles' own pressure",) if self._extrapolates(others) else ()
