@@ -207,9 +207,10 @@ class Auditor:
         self.simulation, self.rule = simulation, plan.scene.energy_audit
         self.accounts = accounts(plan.grid, plan.effects)
         motion = plan.motion
-        self.staggered = any(p.operation in LEAP_FROGS for _, p in motion) and not any(
-            "acceleration" in p.updates for _, p in motion
-        )
+        # Forces that follow the choice of the step are not known between two steps: what they act on is not advanced.
+        late = {effect.name for effect, p in motion if effect is not None and "acceleration" in p.updates}
+        self.staggered = any(p.operation in LEAP_FROGS for _, p in motion) and late <= {"shape_matching"}
+        self.solids = bool(late)
         self.renew()
 
     def renew(self) -> None:
@@ -228,7 +229,12 @@ class Auditor:
         state.evaluate()
         mass, velocity = state.field("mass"), state.field("velocity")
         if self.staggered:
-            velocity += 0.5 * self.simulation.previous_length * state.field("acceleration")
+            kick = 0.5 * self.simulation.previous_length * state.field("acceleration")
+            if self.solids:
+                from refsim.shape_matching.phases import FLUID
+
+                kick[state.flags("phase") != FLUID] = 0.0
+            velocity += kick
         parts = {"kinetic": amount(0.5 * mass * (velocity**2).sum(1))}
         for account in self.accounts.values():
             parts |= {name: count(state) for name, count in account.parts.items()}

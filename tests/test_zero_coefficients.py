@@ -1,8 +1,8 @@
 """A coefficient of zero costs nothing: no pass, no field, no byte, no neighbour, no limit of the step, no bit.
 
 Every effect stands in one of two lists: with the coefficients whose zero makes it the identity, or with the reason why
-it has none. Every number of an effect that may be zero stands in one of three: those coefficients, the coefficients of a
-term of its own, or what is no coefficient.
+it has none. Every number of an effect that may be zero stands in one of three: those coefficients, the coefficients of
+a term of its own, or what is no coefficient.
 """
 
 import math

@@ -46,6 +46,7 @@ OPEN = 1 << 30
 # then; in float32, whose products underflow, that is far below a rounding.
 NEXT_TO_NOTHING = {"float32": 1e-12, "float64": 1e-24}
 LEAST_VOLUME, LARGEST_VOLUME = 0.2, 3.0
+MASS_RATIO = 1000.0  # largest that was measured; the energy does not ask for the ratio (docs/stability.md)
 FARTHEST_WAY = 0.5  # cells that a particle may move in a step
 LARGEST_DILATION = 0.5  # |dt tr A| of a step
 
@@ -279,6 +280,9 @@ class MpmLiquid(Effect, frozen=True, kw_only=True):
         printed = self._printed() - {"M13"}
         words = (f"the printed readings {', '.join(sorted(printed))}",) if printed else ()
         return EnergyAccount({"compression": compression, "affine": affine}, words)
+
+    def largest_mass_ratio(self, others: Mapping[str, Effect]) -> float:
+        return MASS_RATIO
 
     def background(self, grid: Discretisation) -> Background:
         """The background grid as kernels take it."""

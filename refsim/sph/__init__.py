@@ -27,8 +27,8 @@ PRESSURE = Field("pressure", "Pa", "pressure p, J(9)")
 
 # rho0 c h/mu up to which liquid between walls, and a drop, were found to gain no energy (docs/stability.md)
 LEAST_VISCOUS = {"wendland": 250.0, "mueller": 80.0, "cubic_spline": 80.0}
-# Heaviest over lightest particle, one in a block of others, up to which the energy did not rise by 1 % of what was turned
-# over; with more J(7) makes its neighbours too dense, and J(10) is not the slope of their energy (docs/stability.md)
+# Heaviest over lightest particle up to which one in a block of others gains less than 1 % of the energy turned over
+# (docs/stability.md); with more J(7) makes its neighbours too dense, and J(10) is not the slope of their energy
 MASS_RATIO = 1.5
 SETS = {
     "wendland": ("wendland_c2", "wendland_c2"),

@@ -23,6 +23,7 @@ from refsim.sph import DENSITY, PRESSURE, ViscosityTerm, cohesive_pressure
 if TYPE_CHECKING:
     from refsim.scene import InitialState
 
+MASS_RATIO = 1000.0  # largest that was measured; the energy does not ask for the ratio (docs/stability.md)
 REST_DENSITY = Field("rest_density", "kg/m^3", "rest density rho0 of the particle's substance", state=True)
 VOLUME = Field("volume", "m^3", "volume V = m/rho")
 RELATIVE_CONTRIBUTION = Field(
@@ -126,6 +127,9 @@ class TwoWayCoupling(Effect, frozen=True, kw_only=True):
         if {"M2", "M4"} & self._printed():
             uncounted.append("the printed readings M2 and M4")
         return EnergyAccount({"compression": compression}, tuple(uncounted))
+
+    def largest_mass_ratio(self, others: Mapping[str, Effect]) -> float:
+        return MASS_RATIO
 
     def list_radius(self, grid: Discretisation) -> float:
         return grid.support_radius
