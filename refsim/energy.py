@@ -36,14 +36,14 @@ class EnergyAudit(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     """
 
     every: int = 100
-    bound: float = 0.01
+    bound: float = 0.05
 
     def check(self) -> None:
         """Raise InputError for numbers that are not possible."""
         if self.every < 1:
             raise InputError(f"energy_audit: every = {self.every} is not possible; give a positive number of steps.")
         if not (math.isfinite(self.bound) and self.bound > 0):
-            raise InputError(f"energy_audit: bound = {self.bound} is not possible; give a positive share, 0.01 say.")
+            raise InputError(f"energy_audit: bound = {self.bound} is not possible; give a positive share, 0.05 say.")
 
 
 class Amount(NamedTuple):

@@ -94,7 +94,7 @@ def growing(dtype="float32", audit=AUDIT):
     place = lattice(shaken=0.0)
     block = Cloud(position=place, velocity=0.1 * np.random.default_rng(8).standard_normal(place.shape))
     return Scene(
-        spacing=0.1, support_radius=0.21, dtype=dtype, fluid=(block,), effects=(EXPLODING, Gravity()),
+        spacing=0.1, support_radius=0.21, dtype=dtype, fluid=(block,), effects=(EXPLODING,),
         energy_audit=audit,
     )  # fmt: skip
 
@@ -248,7 +248,7 @@ def test_the_surface_is_worth_its_area():
 @pytest.mark.parametrize("dtype", ["float32", "float64"])
 def test_a_scene_that_gains_energy_stops(backend, dtype):
     simulation = Simulation(growing(dtype), backend)
-    with pytest.raises(RunStopped, match=r"energy_audit's bound of 0\.01") as stop:
+    with pytest.raises(RunStopped, match=r"energy_audit's bound of 0\.05") as stop:
         advance(simulation, 2000)
     assert stop.value.reason == "energy_gained"
     assert simulation.steps % AUDIT.every == 0
@@ -278,8 +278,8 @@ def test_a_heavy_particle_gains_energy_and_is_announced():
 def test_sound_scenes_pass_with_the_published_bound(made, until, dtype):
     report = simulate(made(dtype), until)
     audit = report.energy_audit
-    assert audit["bound"] == EnergyAudit().bound == 0.01
-    assert audit["greatest_share"] <= 0.01
+    assert audit["bound"] == EnergyAudit().bound == 0.05
+    assert audit["greatest_share"] <= 0.05
     lost = sum(audit["start"].values()) - sum(audit["now"].values())
     assert lost > 0.01 * audit["turned_over"] > 0
 
@@ -321,12 +321,12 @@ def test_a_resumed_audit_is_the_same(tmp_path, cut):
 def test_the_last_good_checkpoint_stays(tmp_path, capsys):
     """Exit code 3; a checkpoint never holds a state beyond the bound, also between two audits."""
     file = tmp_path / "growing.toml"
-    file.write_text(scene_to_toml(growing(audit=EnergyAudit(every=1000000))))
+    file.write_text(scene_to_toml(growing(audit=EnergyAudit(every=1000000, bound=0.3))))
     simulation = Simulation(load_scene(file))
     simulation.step()
     simulation.checkpoint(tmp_path / "good.h5")
     before = (tmp_path / "good.h5").read_bytes()
-    advance(simulation, 20)
+    advance(simulation, 60)
     with pytest.raises(RunStopped, match="bound") as stop:
         simulation.checkpoint(tmp_path / "good.h5")
     assert stop.value.reason == "energy_gained"
@@ -386,7 +386,7 @@ def test_what_is_not_counted_is_said(tmp_path, capsys):
 def test_a_scene_file_asks_for_it():
     made = dam()
     text = scene_to_toml(made)
-    assert "[energy_audit]\nevery = 20\nbound = 0.01\n" in text
+    assert "[energy_audit]\nevery = 20\nbound = 0.05\n" in text
     assert parse_scene(text, "here").energy_audit == AUDIT
     assert "energy_audit" not in scene_to_toml(dam(audit=None))
     assert scene_to_toml(parse_scene(text, "here")) == text
