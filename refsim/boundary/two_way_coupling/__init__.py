@@ -23,7 +23,9 @@ from refsim.sph import DENSITY, PRESSURE, ViscosityTerm, cohesive_pressure
 if TYPE_CHECKING:
     from refsim.scene import InitialState
 
-MASS_RATIO = 1000.0  # largest that was measured; the energy does not ask for the ratio (docs/stability.md)
+# Heaviest over lightest particle up to which the energy rises no more than with equal masses (docs/stability.md): of
+# solids beside a liquid the largest that was measured, and of liquids that melt has made beside each other
+MASS_RATIO, LIQUIDS_RATIO = 1000.0, 10.0
 REST_DENSITY = Field("rest_density", "kg/m^3", "rest density rho0 of the particle's substance", state=True)
 VOLUME = Field("volume", "m^3", "volume V = m/rho")
 RELATIVE_CONTRIBUTION = Field(
@@ -129,7 +131,7 @@ class TwoWayCoupling(Effect, frozen=True, kw_only=True):
         return EnergyAccount({"compression": compression}, tuple(uncounted))
 
     def largest_mass_ratio(self, others: Mapping[str, Effect]) -> float:
-        return MASS_RATIO
+        return LIQUIDS_RATIO if "melting" in others else MASS_RATIO
 
     def list_radius(self, grid: Discretisation) -> float:
         return grid.support_radius
