@@ -423,6 +423,14 @@ def test_operation_agrees_with_its_reference(name, variant):
     assert outcome.passed, str(outcome)
 
 
+@pytest.mark.parametrize("name", ["sph.state", "sph.momentum", "dong_2016.momentum", "one_way_coupling.wall_pressure"])
+def test_operation_follows_its_parameters(name):
+    """T10 of what reads the liquid's parameters; all operations climb it on a GPU."""
+    outcomes = contract.climb(contract.Target(REGISTRY[name], "cuda", "float32"), ("T10",))
+    assert len(outcomes) > 5
+    assert all(outcome.passed for outcome in outcomes), "\n".join(map(str, outcomes))
+
+
 @pytest.mark.parametrize("name", ["match", "pull", "region_motion", "damp"])
 def test_sums_over_boxes_agree_with_the_reference(monkeypatch, name):
     """Fast summation's own kernels, which serve wide regions only."""
