@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from refsim import Akinci2013, Ball, WeaklyCompressible
+from refsim import Akinci2013, Ball, Cloud, Scene, Simulation, WeaklyCompressible
 from refsim.cases import Case
 from refsim.contract import Inputs, Target
 from refsim.contract.bounds import oracle
@@ -90,8 +90,9 @@ def test_akincis_area_term_jumps_by_no_more_than_its_bound(dim, kernels):
     for side in (-1, 1):
         case = Case(f"edge_{side}", dim, position * (1 + side * NEAR), spacing=1.0, support_radius=share)
         given = {"mass": np.full(len(position), fluid.particle_mass(grid)), **prepared}
-        given["density"] = np.full(len(position), fluid.rest_density)
-        given |= {"candidates": None, "walls": None, "smoothing": prepared["gradient_smoothing"]}
+        given |= {"candidates": None, "walls": None}
+        density = oracle(REGISTRY["sph.density"], Inputs(case, "float64").replaced(**given))["density"][0]
+        given |= {"density": density, "smoothing": prepared["gradient_smoothing"]}
         inputs = Inputs(case, "float64").replaced(**given)
         normal = oracle(REGISTRY["surface_normal.color_gradient"], inputs)["surface_normal"][0]
         inputs = inputs.replaced(area_normal=normal)
@@ -102,16 +103,48 @@ def test_akincis_area_term_jumps_by_no_more_than_its_bound(dim, kernels):
     eps = float(prepared["area_term"].coefficient)
     apart = np.sqrt(((position[:, None] - position[None]) ** 2).sum(-1))
     edge = np.abs(apart - share) < 1e-6
-    expected = np.einsum("ij,ijc->ic", edge * eps, normal[None] - normal[:, None])
+    ratio = 2 * fluid.rest_density / (density[:, None] + density[None])
+    expected = np.einsum("ij,ijc->ic", edge * eps * ratio, normal[None] - normal[:, None])
     jump = inside - outside
     assert jump == pytest.approx(expected, abs=1e-6 * np.abs(expected).max())
     longest = steepest(shape, dim)
     assert 1.3 < longest < 1.6
-    assert np.linalg.norm(normal, axis=1).max() < 1.1 * longest  # the lattice's sum for the integral
-    pairs = np.linalg.norm((normal[None] - normal[:, None]) * edge[..., None], axis=-1)
-    assert pairs.max() < 2 * longest
+    thin = fluid.rest_density / density.min()
+    assert 1.2 < thin < 8
+    assert np.linalg.norm(normal, axis=1).max() < 1.1 * longest * thin  # the lattice's sum for the integral
+    pairs = np.linalg.norm((normal[None] - normal[:, None]) * (edge * ratio)[..., None], axis=-1)
+    assert 0.1 * longest < pairs.max() < 2 * longest * thin**2
     largest = np.linalg.norm(inside, axis=1).max()
     assert 0.01 < eps * pairs.max() / largest < 1, f"one pair: {eps * pairs.max() / largest:.3f} of the largest"
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_in_a_drop_at_rest_one_pair_at_the_edge_matters(seed):
+    """What the page says of it: the largest acceleration there is small, and the bound on |n_i - n_j| holds."""
+    radius, h = 5.0, 2.6
+    position = Ball(radius=radius).positions(Discretisation(3, "float64", 1.0, h, 0))
+    position += 0.1 * np.random.default_rng(seed).uniform(-1, 1, position.shape)
+    fluid = WeaklyCompressible(
+        rest_density=1.0, sound_speed=10.0, dynamic_viscosity=0.3 * math.sqrt(radius), kernels="mueller"
+    )
+    tension = Akinci2013(surface_tension=1.0)
+    simulation = Simulation(
+        Scene(
+            spacing=1.0, support_radius=h, dtype="float64", fluid=(Cloud(position=position),), effects=(fluid, tension)
+        )
+    )
+    while simulation.time < radius**1.5:
+        simulation.step()
+    simulation.evaluate()
+    names = ("position", "surface_normal", "acceleration", "density")
+    x, normal, acceleration, density = (simulation.field(name) for name in names)
+    apart = np.sqrt(((x[:, None] - x[None]) ** 2).sum(-1))
+    differences = np.linalg.norm(normal[:, None] - normal[None], axis=-1) * (np.abs(apart / h - 1) < 0.05)
+    jumps = tension.area_coefficient(simulation.plan.grid, simulation.plan.effects) * differences
+    jumps = jumps * 2 / (density[:, None] + density[None])
+    share = jumps.max() / np.linalg.norm(acceleration, axis=1).max()
+    assert 0.3 < share < 0.6
+    assert 2 < differences.max() < 2 * steepest("spiky", 3) / density.min()
 
 
 def test_the_longest_normals():

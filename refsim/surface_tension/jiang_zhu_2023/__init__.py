@@ -461,7 +461,7 @@ register(
 _EDGE = (
     "one rounding in each of distance, two or three kernels, products and sum; not in the bound: the area term keeps"
     " its weight up to r = h, so that a pair whose distance a rounding takes across h changes a by (eps/rho_i) V_j"
-    " |n*_i - n*_j| in J(21) and eps' |n_i - n_j| in J(18), at most 3.2 eps' (as akinci_2013.tension)"
+    " |n*_i - n*_j| in J(21) and eps' |n_i - n_j| in J(18), at most 3.2 s eps' (as akinci_2013.tension)"
 )
 _PAIR = {
     "folder": _HERE,

@@ -36,7 +36,7 @@ class NormalDifference2014(Effect, frozen=True, kw_only=True):
     """Surface tension without cohesion: particles are drawn to where the surface's normals are alike.
 
     area_acceleration  gamma [m/s^2], coefficient of the force, which does not fall to zero at r = h: a pair that
-                       crosses r = h changes the acceleration by gamma |n_i - n_j|, at most 3.2 gamma (equal masses)
+                       crosses r = h changes the acceleration by gamma |n_i - n_j| (equal masses)
     literal            printed readings to use: "P7" (m_i instead of the pair's harmonic mean of masses, which keeps
                        the momentum for equal masses only); or "all"
     """
@@ -128,7 +128,7 @@ register(
         tolerance=8.0,
         tolerance_reason="one rounding in each of the difference, the mean mass, product and sum; not in the bound: the"
         " force keeps its weight up to r = h, so that a pair whose distance a rounding takes across h changes a by"
-        " 2 gamma m_j/(m_i + m_j) |n_i - n_j|, at most 3.2 gamma for equal masses (as akinci_2013.tension)",
+        " 2 gamma m_j/(m_i + m_j) |n_i - n_j|, |n_i - n_j| at most 3.2 s (as akinci_2013.tension)",
         variants=({}, {"normal_tension": lambda case, grid: NormalDifference(grid.real(5.0), np.int32(1))}),
         invariants=("translation", "rotation", "reordering", "linear_momentum"),
         broken={1: ("linear_momentum",)},
