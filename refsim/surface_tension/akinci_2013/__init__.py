@@ -187,8 +187,8 @@ class Akinci2013(PairCohesion, frozen=True, kw_only=True):
 EDGE = (
     " not in the bound: the area term keeps its weight up to r = h, so that a pair whose distance a rounding takes"
     " across h changes a by K_ij eps |n_i - n_j|, at most 3.2 s^2 eps with s = rho0 over the least density near by: the"
-    " longest normal is that of liquid that fills a half-space, h int W dA over its surface, which is below 1.6, times s"
-    " for V_j = m_j/rho_j, and K_ij is at most s"
+    " longest normal is that of liquid that fills a half-space, h int W dA over its surface, which is below 1.6, times"
+    " s for V_j = m_j/rho_j, and K_ij is at most s"
 )
 _HERE = "refsim.surface_tension.akinci_2013"
 _PAPER = "Akinci, Akinci & Teschner 2013"
