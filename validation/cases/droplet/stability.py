@@ -195,7 +195,7 @@ def low_viscosity(context: Context, backend: str, ohnesorge: float, shape: str, 
             ("kinetic energy over the surface energy that a cube releases", drop.peak / RELEASED, {"at_most": 1.0}),
             ("nearest neighbour, 5th percentile [d]", drop.near, {"at_least": 0.5}),
         ):
-            trial.check_unless_noted(simulation, "kinetic energy may appear", what, value, **bound)
+            trial.check_unless_noted(simulation, "viscosity", what, value, **bound)
         trial.show("roughness", drop.roughness)
         trial.show("kinetic energy at the end over the peak's", drop.late / drop.peak)
     return trial.result()

@@ -290,7 +290,7 @@ def cube(context: Context, backend: str, model: str, ohnesorge: float = 0.04, si
             ("particles thrown off", thrown, {"equals": 0}),
             ("nearest neighbour, 5th percentile [d]", near, {"at_least": 0.4}),
         ):
-            trial.check_unless_noted(simulation, "kinetic energy may appear", what, float(value), **bound)
+            trial.check_unless_noted(simulation, "viscosity", what, float(value), **bound)
     return trial.result()
 
 
