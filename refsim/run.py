@@ -639,7 +639,7 @@ def load_checkpoint(path: str | os.PathLike[str]) -> SavedRun:
         log = msgspec.json.decode(clock.search_log, type=dict[str, int])
         audit = msgspec.json.decode(clock.energy_audit, type=AuditState) if clock.energy_audit else None
     except (msgspec.MsgspecError, OverflowError, RecursionError) as error:
-        words = str(error)
+        words = str(error)[:200]
         raise wrong(f"its numbers are not those of a run ({words[:1].lower()}{words[1:]})") from None
     if (plan.scene.energy_audit is None) != (audit is None):
         raise wrong("its energy audit is not that of its scene")
@@ -666,8 +666,8 @@ def load_checkpoint(path: str | os.PathLike[str]) -> SavedRun:
             raise wrong(f"it lacks {name!r}, so that it is not one of a run of this refsim")
         if values.shape != shape or values.dtype != dtype:
             raise wrong(f"{name} is {values.dtype} {values.shape}, and the scene wants {dtype} {shape}")
-        if dtype.kind == "f" and not np.isfinite(values).all():
-            raise wrong(f"{name} has values that are not finite")
+        if dtype.kind == "f" and not (np.abs(values) <= GREATEST).all():
+            raise wrong(f"{name} has values that are not finite, or beyond {GREATEST:g}")
     state = {name.removeprefix("field."): saved.arrays[name] for name in shapes if name != "build_position"}
     if (state["mass"] <= 0).any():
         raise wrong(f"{int((state['mass'] <= 0).sum())} of its particles have no positive mass")

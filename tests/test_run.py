@@ -289,6 +289,7 @@ def with_row(array, row, value):
     "name, spoil, words",
     [
         ("field.mass", lambda a: with_row(a, 3, -1.0), "1 of its particles have no positive mass"),
+        ("field.velocity", lambda a: with_row(a, 3, 1e38), "beyond 1e"),
         ("field.mass", lambda a: a.astype("float64"), "the scene wants float32"),
         ("field.identity", lambda a: with_row(a, 3, 4), "identity"),
         ("field.identity", lambda a: with_row(a, 3, 2**31 - 1), "identity"),
