@@ -78,6 +78,7 @@ def test_a_sound_speed_sets_the_stiffness(stiffness, ratio):
 OUTSIDE = {
     "no model": ({"model": "akinki"}, "there is no model 'akinki'; choose from jiang_zhu"),
     "no tension": ({"sigma": 0.0}, "sigma = 0.0 is not a positive number"),
+    "other units": ({"sigma": 1e308}, "sigma = 1e+308 is not a positive number that can be meant"),
     "nan": ({"radius": math.nan}, "radius = nan is not a positive number"),
     "dimension": ({"dim": 2}, "the map has no drops of akinci in 2D"),
     "kernels": ({"kernels": "wendland"}, "in 3D with wendland kernels"),

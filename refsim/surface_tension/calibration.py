@@ -19,6 +19,7 @@ from typing import Any
 
 from refsim.effect import Effect
 from refsim.errors import InputError
+from refsim.reading import GREATEST
 from refsim.sph.iisph import ImplicitPressure
 from refsim.surface_tension.akinci_2013 import Akinci2013
 from refsim.surface_tension.becker_teschner_2007 import BeckerTeschner2007
@@ -124,8 +125,8 @@ def calibrate(
     lengths = {"support_radius": support_radius, "sound_speed": sound_speed, "radius": radius}
     given = {"sigma": sigma, "spacing": spacing, "rest_density": rest_density}
     for name, value in (given | {n: v for n, v in lengths.items() if v is not None}).items():
-        if not (math.isfinite(value) and value > 0):
-            raise InputError(f"calibrate: {name} = {value} is not a positive number.")
+        if not 1 / GREATEST <= value <= GREATEST:
+            raise InputError(f"calibrate: {name} = {value} is not a positive number that can be meant in SI units.")
     if model not in SETTINGS:
         raise InputError(f"calibrate: there is no model {model!r}; choose from {', '.join(SETTINGS)}.")
     own = [e for e in entries if e["model"] == model and e["dim"] == dim and e["kernels"] == kernels]

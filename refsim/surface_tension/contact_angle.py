@@ -20,6 +20,7 @@ import msgspec
 
 from refsim.effect import Discretisation
 from refsim.errors import InputError
+from refsim.reading import GREATEST
 from refsim.sph import WeaklyCompressible
 from refsim.surface_tension.akinci_2013 import Akinci2013
 from refsim.surface_tension.calibration import BASE, SAME, Calibration, calibrate
@@ -82,8 +83,8 @@ def calibrate_contact_angle(
     given = {"angle": angle, "sigma": sigma, "spacing": spacing, "rest_density": rest_density}
     given |= {} if support_radius is None else {"support_radius": support_radius}
     for name, value in given.items():
-        if not (math.isfinite(value) and value > 0):
-            raise InputError(f"{this}: {name} = {value} is not a positive number.")
+        if not 1 / GREATEST <= value <= GREATEST:
+            raise InputError(f"{this}: {name} = {value} is not a positive number that can be meant in SI units.")
     support = float(BASE["support"]) if support_radius is None else support_radius / spacing
     stiffness = float(BASE["stiffness"])
     own = [
