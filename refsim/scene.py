@@ -282,9 +282,11 @@ def _check_magnitudes(place: str, part: Any) -> None:
     for f in msgspec.structs.fields(part) if isinstance(part, msgspec.Struct) else ():
         values = getattr(part, f.name)
         if f.type is not Any:  # arrays of particles and cells are looked at where they are read
-            for value in values if isinstance(values, tuple) else (values,):
+            several = isinstance(values, tuple)
+            for axis, value in enumerate(values if several else (values,)):
                 if f.name != "velocity":  # told with the particle that has it
-                    _check_magnitude(place, f.name, value, SMALLEST)
+                    name = f"{f.name} along {'xyz'[axis]}" if several and len(values) == 3 else f.name
+                    _check_magnitude(place, name, value, SMALLEST)
 
 
 def _check_magnitude(place: str, name: str, value: Any, least: float = 0.0) -> None:

@@ -281,12 +281,12 @@ def body_cells(body: Solid, place: str, spacing: float) -> np.ndarray:
     lower, upper = body.extent()
     if not (np.isfinite([lower, upper]).all() and (lower < upper).all()):
         raise InputError(f"{place}: its extent from {_words(lower)} to {_words(upper)} m is empty; give it a size.")
+    countable(f"{place}: its extent at a spacing of {spacing} m", np.ceil((upper - lower) / spacing))
     if not (np.abs([lower, upper]) < OFFSET * spacing).all():
         raise InputError(
             f"{place}: it reaches farther than {OFFSET:,} cells of {spacing:g} m from the origin, from {_words(lower)}"
             f" to {_words(upper)} m; move it there or make it smaller."
         )
-    countable(f"{place}: its extent at a spacing of {spacing} m", np.ceil((upper - lower) / spacing))
     low, high = np.floor(lower / spacing).astype(int), np.ceil(upper / spacing).astype(int)
     axes = [np.arange(a, b) for a, b in zip(low, high)]
     cells = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
