@@ -211,7 +211,7 @@ def centred(moments):
 
 @formula
 def quick_rotation(moments, before, least, precision):
-    """(whether it is found, q): best_rotation where it is near the one before and A > least [kg m]; dimensionless."""
+    """q = argmax tr(R(q)^T A) [dimensionless], and whether it is near the one before and max|A| > least [kg m]."""
     near, best = True, (before[0], before[1], before[2], before[3])
     if moments[0] > type(moments[0])(0):
         a, most = centred(moments)
