@@ -43,6 +43,7 @@ from refsim import (
 )
 from refsim.commands.plan import describe_plan
 from refsim.effect import EFFECTS
+from refsim.operation import REGISTRY
 from refsim.particles import BASE
 
 LIQUID = WeaklyCompressible(sound_speed=12.0, clamp_pressure=False)  # its surface pulls it together: it moves
@@ -154,6 +155,7 @@ class TestPlan:
         touched = {f.name for f in BASE}
         for _, p in plan.all_passes():
             touched |= {*p.reads, *p.writes, *p.updates}
+        touched |= set(REGISTRY["sph.extremes"].arguments("cpu"))  # the runner's own look at the state
         assert set(plan.fields) <= touched
 
     def test_fields_are_written_before_they_are_read(self, effects):
@@ -207,12 +209,13 @@ FOOTPRINTS = {
     DIFFERENCE: {"surface_normal"},
     MESH: {"corrections"},
     MESH_ALONE: set(),
-    HEAT: {"temperature", "heat_capacity", "conductivity", "volume"},
+    HEAT: {"temperature", "heat_capacity", "conductivity", "volume", "temperature_range"},
     ICE: {
         "temperature",
         "heat_capacity",
         "conductivity",
         "volume",
+        "temperature_range",
         "enthalpy",
         "melting_point",
         "latent_heat",
