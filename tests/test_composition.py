@@ -53,6 +53,7 @@ WALLS = BoxWalls(lower=(0, 0, 0), upper=(0.6, 0.6, 0.6))
 CENTRAL = WeaklyCompressible(sound_speed=12.0, clamp_pressure=False, dynamic_viscosity=0.3, viscosity="central")
 DETECTION = SurfaceDetection()
 DETECTION_EACH_STEP = SurfaceDetection(each_step=True)
+DETECTION_THIN = SurfaceDetection(thin_features="second_moment")
 RELEASE = SurfaceDetection(release_pressure=True)
 TENSION = JiangZhu2023(surface_tension=0.5, pair_mode="soft", density_correction=False)
 AKINCI = Akinci2013(surface_tension=0.5, adhesion=0.1)
@@ -96,6 +97,7 @@ SETS = [
     (LIQUID, GRAVITY, WALLS),
     (LIQUID, DETECTION),
     (LIQUID, DETECTION_EACH_STEP),
+    (LIQUID, DETECTION_THIN),
     (LIQUID, RELEASE),
     (LIQUID, TENSION),
     (LIQUID, WALLS, AKINCI),
@@ -132,6 +134,7 @@ def names(effects):
     marks = {
         "each_step": {True: "_each_step"},
         "release_pressure": {True: "_release"},
+        "thin_features": {"second_moment": "_thin"},
         "volume": {"gradient": "_full"},
         "embedding": {"none": "_wet"},
     }
@@ -199,6 +202,7 @@ class TestPlan:
 
 FOOTPRINTS = {
     DETECTION: {"scan_candidates", "surface", "surface_normal", "number_density", "asymmetry"},
+    DETECTION_THIN: {"scan_candidates", "surface", "surface_normal", "number_density", "asymmetry"},
     TENSION: {"surface_normal", "surface_weight", "corrected_normal", "number_density"},
     AKINCI: {"surface_normal"},
     DONG: {"surface_normal", "corrected_density"},
@@ -226,7 +230,7 @@ FOOTPRINTS = {
 }
 
 
-@pytest.mark.parametrize("effect", FOOTPRINTS, ids=lambda effect: effect.name)
+@pytest.mark.parametrize("effect", FOOTPRINTS, ids=lambda effect: names((effect,)))
 def test_an_effect_brings_its_own_and_nothing_else(effect):
     without, with_it = make_plan(scene(LIQUID)), make_plan(scene(LIQUID, effect))
     assert set(with_it.fields) - set(without.fields) == FOOTPRINTS[effect]
@@ -243,6 +247,17 @@ def test_shared_passes_run_once():
     plan = make_plan(scene(LIQUID, DETECTION, TENSION))
     assert plan.launches().count("surface_normal.color_gradient") == 1
     assert make_plan(scene(LIQUID, DETECTION)).launches() == make_plan(scene(LIQUID)).launches()
+
+
+def test_the_second_moment_is_summed_only_where_a_scene_asks_for_it():
+    """The same fields and launches; without the option the scan gets no limit, so that its loop is not compiled."""
+    plain, thin = (make_plan(scene(LIQUID, effect)) for effect in (DETECTION, DETECTION_THIN))
+    assert plain.launches(True) == thin.launches(True)
+    for plan, wanted in ((plain, False), (thin, True)):
+        (scan,) = [p for _, p in plan.all_passes() if p.operation == "surface_detection.fan_scan"]
+        assert (scan.names.get("thin_feature", "thin_feature") is not None) == wanted
+        detection = plan.effects["surface_detection"]
+        assert ("thin_feature" in detection.prepare(plan.grid, plan.effects)) == wanted
 
 
 def test_every_effect_is_looked_at_here():

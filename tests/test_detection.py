@@ -5,6 +5,7 @@ from typing import ClassVar
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from refsim import (
     Ball,
@@ -28,7 +29,14 @@ from refsim.smoothing import smoothing
 from refsim.smoothing.reference import kernel_value
 from refsim.sph import Fluid
 from refsim.sph.reference import density as reference_density
-from refsim.surface_detection import FanScan, NearSurfaceLimit, detection_in, half_space_moment
+from refsim.surface_detection import (
+    FanScan,
+    NearSurfaceLimit,
+    ThinFeature,
+    detection_in,
+    half_space_moment,
+    two_layer_variance,
+)
 from refsim.surface_normal import SHAPES, NormalTerm
 from validation.metrics.surface_truth import arc_cover_surface, cap_cover_surface
 
@@ -222,25 +230,124 @@ def test_corrected_normals_find_less():
     assert surface(position, scan_normal="corrected").sum() < surface(position).sum()
 
 
+# Films and filaments
+
+THIN = {"thin_features": "second_moment"}
+
+
+def thin_shapes(dim):
+    """(name, positions, part found by the scan with J(19) and J(20)); every particle is exposed."""
+    random = np.random.default_rng(31)
+    side = 30 if dim == 2 else 11
+    for layers, found in ((1, (0.4, 0.4)), (2, (1.0, 0.4))):
+        sheet = lattice(Box(cells=(side, layers, 1) if dim == 2 else (side, side, layers)), dim)
+        yield f"film of {layers}", sheet, found
+        yield (
+            f"turned film of {layers}",
+            sheet @ Rotation.random(rng=random).as_matrix() if dim == 3 else turned(sheet, 0.7),
+            found,
+        )
+        off = 0.1 * random.uniform(-1, 1, sheet.shape) * (np.arange(3) < dim)
+        yield f"jittered film of {layers}", sheet + off, (0.9 if layers == 1 else 1.0, 0.4)
+    row = np.arange(30.0)[:, None]
+    yield "straight row", row * [0.6, 0.8, 0.0], (0.1, 0.1)
+    bend = row[:, 0] / 8
+    yield "bent row", 8 * np.stack([np.sin(bend), np.cos(bend), 0 * bend], axis=1), (1.0, 0.1)
+    if dim == 3:
+        yield "helix", 4 * np.stack([np.cos(2 * bend), np.sin(2 * bend), bend], axis=1), (1.0, 0.4)
+        yield "two by two", lattice(Box(cells=(30, 2, 2)), dim), (1.0, 0.1)
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+@pytest.mark.parametrize("method", ["fan_scan", "two_step"])
+def test_films_and_filaments_are_found_whole_by_the_second_moment(dim, method):
+    """By the scan alone a normal that is zero by symmetry, or points anywhere, finds no more than the stated part."""
+    for name, position, parts in thin_shapes(dim):
+        assert (arc_cover_surface if dim == 2 else cap_cover_surface)(position, PROBE).all(), name
+        for normal, part in zip(("color", "corrected"), parts):
+            settings = {"dim": dim, "method": method, "scan_normal": normal}
+            assert surface(position, **settings).mean() <= part, (name, normal)
+            assert surface(position, **settings, **THIN).all(), (name, normal)
+
+
+@pytest.mark.parametrize("normal", ["color", "corrected"])
+def test_the_second_moment_takes_nothing_of_bulk_walls_and_cavities(normal):
+    """Films of three layers, discs, a block with a particle missing, a jittered one, tanks: no flag more."""
+    random = np.random.default_rng(32)
+    block = lattice(Box(cells=(9, 9, 9)), 3)
+    clouds = [(2, lattice(Box(cells=(24, 3, 1))), ()), (3, lattice(Box(cells=(11, 11, 3)), 3), ())]
+    clouds += [(2, disc(), ()), (2, jittered_disc(), ()), (3, np.delete(block, 364, axis=0), ())]
+    clouds += [(3, block + 0.15 * random.uniform(-1, 1, block.shape), ())]
+    for dim, cells in ((2, (9, 9, 1)), (3, (6, 6, 6))):
+        tank = BoxWalls(lower=(0.0, 0.0, 0.0), upper=tuple(map(float, cells)), open_faces=("+y",))
+        clouds.append((dim, lattice(Box(cells=cells), dim), (tank,)))
+    for dim, position, walls in clouds:
+        settings = {"dim": dim, "walls": walls, "scan_normal": normal}
+        before = surface(position, **settings)
+        assert 0 < before.sum() < len(before)
+        np.testing.assert_array_equal(surface(position, **settings, **THIN), before)
+
+
+@pytest.mark.parametrize("normal", ["color", "corrected"])
+@pytest.mark.parametrize("dim", [2, 3])
+def test_a_film_on_a_wall_is_surface_and_one_between_two_walls_is_not(dim, normal):
+    side = 20 if dim == 2 else 9
+    film = lattice(Box(cells=(side, 1, 1 if dim == 2 else side)), dim)
+    inner = (np.abs(film - film.mean(0)) < side / 2 - 3).all(1)
+    for faces, found in ((("+y",), True), ((), False)):
+        room = BoxWalls(lower=(0.0, 0.0, 0.0), upper=(side, 1.0, side), open_faces=faces)
+        flags = surface(film, dim=dim, walls=(room,), method="fan_scan", scan_normal=normal, **THIN)
+        assert (flags[inner] == found).all()
+    assert inner.any()
+
+
+@pytest.mark.parametrize("ratio", [2.0, 2.6, 3.3])
+@pytest.mark.parametrize("dim", [2, 3])
+def test_the_limit_is_that_of_two_lattice_layers(dim, ratio):
+    """Against NumPy's weighted covariance of the particles of such a film, and with 1.3 as the margin."""
+    grid = Discretisation(dim, "float64", 0.5, 0.5 * ratio, 0)
+    film = lattice(Box(cells=(11, 2, 1) if dim == 2 else (11, 2, 11)), dim) * 0.5
+    middle = film.mean(0) - [0, 0.25, 0]
+    way = np.linalg.norm(film - middle, axis=1)
+    assert way.min() < 1e-9
+    near = way < 0.5 * ratio
+    spread = np.cov(film[near, :dim].T, aweights=1 - (way[near] / (0.5 * ratio)) ** 2, ddof=0)
+    least = np.linalg.eigvalsh(spread)[0]
+    assert two_layer_variance(grid) == pytest.approx(least, rel=1e-12)
+    assert least <= 0.25 * 0.5**2
+    fluid = WeaklyCompressible(sound_speed=1.0)
+    thin = SurfaceDetection(**THIN).prepare(grid, {fluid.name: fluid})["thin_feature"]
+    assert thin == (pytest.approx(1.3 * least / (0.5 * ratio) ** 2, rel=1e-12), dim)
+
+
 # Symmetries
 
 
-@pytest.mark.parametrize("method", METHODS)
-def test_flags_do_not_depend_on_place_angle_or_order(method):
-    position = jittered_disc()
-    found = surface(position, method=method)
+@pytest.mark.parametrize(
+    "settings", [*({"method": method} for method in METHODS), THIN, {**THIN, "scan_normal": "corrected"}]
+)
+def test_flags_do_not_depend_on_place_angle_or_order(settings):
+    """On a disc with a film of two layers at its side."""
+    film = lattice(Box(cells=(14, 2, 1))) + [14.0, 0.0, 0.0]
+    position = np.vstack(
+        [jittered_disc(), film + 0.1 * np.random.default_rng(6).uniform(-1, 1, film.shape) * [1, 1, 0]]
+    )
+    found = surface(position, **settings)
     assert 0 < found.sum() < len(found)
-    np.testing.assert_array_equal(surface(position + [300.0, -70.0, 0], method=method), found)
-    np.testing.assert_array_equal(surface(turned(position, 0.7), method=method), found)
+    np.testing.assert_array_equal(surface(position + [300.0, -70.0, 0], **settings), found)
+    np.testing.assert_array_equal(surface(turned(position, 0.7), **settings), found)
     order = np.random.default_rng(0).permutation(len(position))
-    np.testing.assert_array_equal(surface(position[order], method=method), found[order])
+    np.testing.assert_array_equal(surface(position[order], **settings), found[order])
 
 
 @pytest.mark.parametrize("spacing", [1e-6, 1e3])
 def test_flags_do_not_depend_on_scale_in_single_precision(spacing):
-    position = jittered_disc()
-    found = surface(position, spacing=0.01)
-    np.testing.assert_array_equal(surface(position, backend="cpu", dtype="float32", spacing=spacing), found)
+    film = lattice(Box(cells=(14, 2, 1))) + [14.0, 0.0, 0.0]
+    position = np.vstack([jittered_disc(), film])
+    for settings in ({}, {**THIN, "scan_normal": "corrected"}):
+        found = surface(position, spacing=0.01, **settings)
+        small = surface(position, backend="cpu", dtype="float32", spacing=spacing, **settings)
+        np.testing.assert_array_equal(small, found)
 
 
 # Normals
@@ -349,14 +456,14 @@ def test_oracle_agrees_with_the_plain_scan_and_its_margins_hold(dim):
     normal[:, :dim] = rng.normal(size=(n, dim))
     settings = FanScan(s, 2 * s, 1e-12, 0)
     scan = REGISTRY["surface_detection.fan_scan"].program("numpy")
-    flags, margin = scan(position, normal, None, None, settings)["surface"]
+    flags, margin = scan(position, normal, None, None, settings, None)["surface"]
     np.testing.assert_array_equal(flags.astype(bool), plain_scan(position, normal, s, 2 * s))
     assert 0 < flags.sum() < n
     assert (margin >= 0).all()
     step = 1e-3 * s
     for _ in range(20):
         moved = position + step * rng.uniform(-1, 1, (n, 3)) * (np.arange(3) < dim)
-        again, _ = scan(moved, normal, None, None, settings)["surface"]
+        again, _ = scan(moved, normal, None, None, settings, None)["surface"]
         # A move of `step` at both ends changes no comparison over a distance above 0.2 s by more than 0.02.
         np.testing.assert_array_equal(again[margin > 0.02], flags[margin > 0.02])
     assert (margin > 0.02).sum() > n // 2
@@ -381,7 +488,7 @@ def test_a_distance_at_which_both_lines_agree_is_no_tie():
     position = np.array([[0.0, 0, 0], [math.sqrt(2), 0, 0], [-1.0, 0.5, 0], [-1.0, -0.5, 0]])
     normal = np.array([[-1.0, 0, 0]] * 4)
     scan = REGISTRY["surface_detection.fan_scan"].program("numpy")
-    flags, margin = scan(position, normal, None, None, FanScan(1.0, 2.0, 1e-12, 0))["surface"]
+    flags, margin = scan(position, normal, None, None, FanScan(1.0, 2.0, 1e-12, 0), None)["surface"]
     assert flags[0] == 0
     assert margin[0] == pytest.approx(1 - math.sqrt(0.5))
 
@@ -421,6 +528,7 @@ def numbers(position, walls, dim, dtype, masses=None):
         "near_surface_limit": NearSurfaceLimit(real(0.98), real(1)),
         "asymmetry": None,
         "fan_scan": FanScan(real(0.5 * h), real(h), real(64 * np.finfo(dtype).eps), np.int32(0)),
+        "thin_feature": ThinFeature(real(0.3 / h**2), np.int32(dim)),
     }
     normal = oracle(REGISTRY["surface_normal.color_gradient"], values)[0].astype(dtype)
     return {**values, "surface_normal": normal}
@@ -528,6 +636,10 @@ def test_detection_runs_only_when_somebody_looks():
         ({"method": "number_density"}, {"surface", "number_density"}),
         ({"method": "fan_scan"}, {"surface", "surface_normal"}),
         ({}, {"surface", "scan_candidates", "number_density", "asymmetry", "surface_normal"}),
+        (
+            {"thin_features": "second_moment"},
+            {"surface", "scan_candidates", "number_density", "asymmetry", "surface_normal"},
+        ),
         ({"literal": ("E23",)}, {"surface", "near_surface", "number_density", "surface_normal"}),
         ({"method": "fan_scan", "scan_normal": "corrected"}, {"surface", "number_density", "corrected_normal"}),
     ],
@@ -607,7 +719,14 @@ def test_a_pass_over_every_row_serves_who_wants_some(borrower):
 
 
 @pytest.mark.parametrize(
-    "other", [{"threshold": 0.95}, {"asymmetry": 0.3}, {"literal": ("E10",)}, {"scan_radius": "full"}]
+    "other",
+    [
+        {"threshold": 0.95},
+        {"asymmetry": 0.3},
+        {"literal": ("E10",)},
+        {"scan_radius": "full"},
+        {"thin_features": "second_moment"},
+    ],
 )
 def test_different_settings_for_one_field_are_refused(borrower, other):
     with pytest.raises(InputError, match=r"'surface_detection' and 'borrower' compute field '\w+' in different ways"):
@@ -618,6 +737,8 @@ def test_different_settings_for_one_field_are_refused(borrower, other):
     ("settings", "words"),
     [
         ({"threshold": 0.0}, "threshold = 0.0"),
+        ({"thin_features": "moments"}, "thin_features = 'moments' is unknown"),
+        ({"method": "number_density", "thin_features": "second_moment"}, "belongs to the fan scan"),
         ({"threshold": 1.5}, "threshold = 1.5"),
         ({"threshold": math.nan}, "threshold = nan"),
         ({"asymmetry": 0.0}, "asymmetry = 0.0"),
@@ -631,6 +752,12 @@ def test_bad_settings_get_one_sentence(settings, words):
     with pytest.raises(InputError, match=r"^surface_detection: ") as caught:
         plan_of(SurfaceDetection(**settings))
     assert words in str(caught.value)
+
+
+def test_a_short_support_radius_does_not_go_with_the_second_moment():
+    with pytest.raises(InputError, match=r"with a support radius of 1.5 spacings; give 2 or more, or leave it out"):
+        detect(disc(), ratio=1.5, **THIN)
+    assert surface(lattice(Box(cells=(9, 9, 3)), 3), dim=3, ratio=2.0, **THIN).sum() == 9 * 9 * 3 - 7 * 7
 
 
 def test_detection_needs_a_liquid():

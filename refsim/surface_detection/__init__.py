@@ -1,7 +1,7 @@
 """Free-surface detection in one or two steps (Jiang & Zhu 2023, (12) and (13)).
 
-Contents: SurfaceDetection; fields NEAR_SURFACE, SCAN_CANDIDATES and SURFACE; NearSurfaceLimit, FanScan; passes
-near_surface_pass, candidates_pass, fan_scan_pass; operations surface_detection.near_surface,
+Contents: SurfaceDetection; fields NEAR_SURFACE, SCAN_CANDIDATES and SURFACE; NearSurfaceLimit, FanScan, ThinFeature;
+passes near_surface_pass, candidates_pass, fan_scan_pass; operations surface_detection.near_surface,
 surface_detection.candidates, surface_detection.fan_scan, surface_detection.release_pressure.
 
 A liquid in motion presses its surface: there the number density is that of the bulk, and no threshold on it tells
@@ -45,9 +45,14 @@ SCAN_CANDIDATES = Field("scan_candidates", "-", "1 where the fan scan of two ste
 SURFACE = Field("surface", "-", "1 in the surface set S", dtype="uint8")
 
 METHODS = ("number_density", "fan_scan", "two_step")
+THIN_FEATURES = ("fan_scan", "second_moment")
 THRESHOLD = 0.98  # the paper's lambda of J(12)
 SPARSE = 0.9  # lambda of the first step where asymmetry stands beside it; the lower end of the paper's range
 NORMALS = {"color": SURFACE_NORMAL, "corrected": CORRECTED_NORMAL}
+THIN = (
+    1.3  # of the variance across two lattice layers, so that particles may be a fifth of the spacing off their places
+)
+THIN_FROM = 2.0  # spacings: with a shorter support radius the bulk is hardly thicker than a film of three layers
 
 
 class NearSurfaceLimit(NamedTuple):
@@ -64,6 +69,13 @@ class FanScan(NamedTuple):
     support_radius: float  # h [m], in which neighbours are counted
     smallest_normal: float  # shorter normals have no direction, in the normal's unit
     printed: int  # the printed "<" of the second line (E5)
+
+
+class ThinFeature(NamedTuple):
+    """The limit below which a neighbourhood is thin (E20), as the kernels take it."""
+
+    variance: float  # greatest variance across a thin neighbourhood, in units of h^2
+    dim: int  # 2 in the plane, where the third axis has no extent
 
 
 def near_surface_pass(on_demand: bool = False, output: str = "near_surface") -> Pass:
@@ -96,16 +108,34 @@ def half_space_moment(fluid: WeaklyCompressible, grid: Discretisation) -> float:
     return float(fluid.rest_number_density(grid) * integral)
 
 
+def two_layer_variance(grid: Discretisation) -> float:
+    """Variance [m^2] across a square (cubic) lattice film of two layers as its particles see it, weight 1 - (r/h)^2.
+
+    With p the other layer's share of the weight it is p (1 - p) d^2, hence at most d^2/4 at any support radius.
+    """
+    d, h = grid.spacing, grid.support_radius
+    steps = np.arange(-int(h / d) - 1, int(h / d) + 2)
+    squared = (d * np.stack(np.meshgrid(*[steps] * (grid.dim - 1)))) ** 2
+    own, other = (np.maximum(1 - (squared.sum(0) + height**2) / h**2, 0).sum() for height in (0.0, d))
+    return float(own * other / (own + other) ** 2 * d**2)
+
+
 def fan_scan_pass(
-    normal: Literal["color", "corrected"] = "color", candidates: str | None = None, on_demand: bool = False
+    normal: Literal["color", "corrected"] = "color",
+    candidates: str | None = None,
+    on_demand: bool = False,
+    thin_features: Literal["fan_scan", "second_moment"] = "fan_scan",
 ) -> Pass:
     """The pass that writes field `surface`, J(13), from the named kind of normal.
 
     `candidates` names a uint8 field: rows where it is zero are not scanned and are no surface.
+    `thin_features`: what decides on films and filaments, the scan alone or the second moment besides.
     """
     field = NORMALS[normal].name
     reads = ("position", field) if candidates is None else ("position", field, candidates)
     names = {"surface_normal": field, "candidates": candidates}
+    if thin_features == "fan_scan":
+        names["thin_feature"] = None
     return Pass("surface_detection.fan_scan", reads, ("surface",), on_demand=on_demand, names=names)
 
 
@@ -120,6 +150,9 @@ class SurfaceDetection(Effect, frozen=True, kw_only=True):
                  plane surface
     scan_radius  s of J(13): "half" of the support radius, or the "full" one, which doubles the list radius
     scan_normal  "color" (J(19)) or "corrected" (J(20))
+    thin_features  what decides on films and filaments up to two layers thick: "fan_scan", as in the paper, or
+                 "second_moment", which also takes a scanned particle for surface where the least eigenvalue of its
+                 neighbourhood's second moment is that of such a film; for support radii from 2 spacings on
     each_step    detect in every step; by default only when the state is looked at
     release_pressure  the pressure of surface particles is zero: the condition on a free surface that particle methods
                  with an incompressible liquid set; it makes every step depend on what is detected
@@ -127,7 +160,8 @@ class SurfaceDetection(Effect, frozen=True, kw_only=True):
                  alone is the first step, so that the scan looks in N only); or "all"
 
     A particle with fewer than 3 neighbours within the support radius is surface whatever its normal; one with more
-    whose normal has no direction is not (E20). Wall particles count as neighbours and block the scan.
+    whose normal has no direction is not (E20), unless `thin_features` takes it. Wall particles count as neighbours and
+    block the scan.
     """
 
     name: ClassVar[str] = "surface_detection"
@@ -137,6 +171,7 @@ class SurfaceDetection(Effect, frozen=True, kw_only=True):
     asymmetry: float = 0.25
     scan_radius: Literal["half", "full"] = "half"
     scan_normal: Literal["color", "corrected"] = "color"
+    thin_features: Literal["fan_scan", "second_moment"] = "fan_scan"
     each_step: bool = False
     release_pressure: bool = False
     literal: tuple[str, ...] = ()
@@ -153,11 +188,26 @@ class SurfaceDetection(Effect, frozen=True, kw_only=True):
                 f"{self.name}: threshold = {self.threshold} would take every particle for near the surface; give a"
                 " number up to 1.2 (the paper uses 0.90 to 0.99)."
             )
-        choices = {"method": METHODS, "scan_radius": ("half", "full"), "scan_normal": tuple(NORMALS)}
+        choices = {
+            "method": METHODS,
+            "scan_radius": ("half", "full"),
+            "scan_normal": tuple(NORMALS),
+            "thin_features": THIN_FEATURES,
+        }
         for key, allowed in choices.items():
             value = getattr(self, key)
             if value not in allowed:
                 raise InputError(f"{self.name}: {key} = {value!r} is unknown; choose one of {', '.join(allowed)}.")
+        if self.thin_features == "second_moment" and self.method == "number_density":
+            raise InputError(
+                f"{self.name}: thin_features = 'second_moment' belongs to the fan scan, which method = 'number_density'"
+                " does not run; choose method 'two_step' or 'fan_scan', or leave thin_features out."
+            )
+        if self.thin_features == "second_moment" and grid.support_radius < THIN_FROM * grid.spacing:
+            raise InputError(
+                f"{self.name}: thin_features = 'second_moment' cannot tell films from bulk with a support radius of"
+                f" {grid.support_radius / grid.spacing:.3g} spacings; give {THIN_FROM:g} or more, or leave it out."
+            )
         self._printed()
 
     def fields(self, others: Mapping[str, Effect]) -> tuple[Field, ...]:
@@ -186,7 +236,10 @@ class SurfaceDetection(Effect, frozen=True, kw_only=True):
             return (near_surface_pass(on_demand, output="surface"),)
         candidates = self.candidates()
         normals = {"color": color_gradient_pass, "corrected": corrected_pass}[self.scan_normal]
-        scan = (normals(candidates, on_demand), fan_scan_pass(self.scan_normal, candidates, on_demand))
+        scan = (
+            normals(candidates, on_demand),
+            fan_scan_pass(self.scan_normal, candidates, on_demand, self.thin_features),
+        )
         if candidates is None:
             return scan
         first = candidates_pass if self._lopsided() else near_surface_pass
@@ -213,7 +266,7 @@ class SurfaceDetection(Effect, frozen=True, kw_only=True):
         smallest = max(1e-12, 64.0 * float(np.finfo(grid.dtype).eps))
         if self.scan_normal == "corrected":
             smallest /= h
-        return {
+        groups = {
             **normal_term(fluid, grid, own_density="E10" in self._printed()),
             "near_surface_limit": NearSurfaceLimit(grid.real(self._lambda(THRESHOLD) * delta0), grid.real(np.inf)),
             "candidate_limit": NearSurfaceLimit(
@@ -226,6 +279,9 @@ class SurfaceDetection(Effect, frozen=True, kw_only=True):
                 np.int32("E5" in self._printed()),
             ),
         }
+        if self.thin_features == "second_moment":
+            groups["thin_feature"] = ThinFeature(grid.real(THIN * two_layer_variance(grid) / h**2), np.int32(grid.dim))
+        return groups
 
     def _printed(self) -> frozenset[str]:
         return literal_errata(self.name, self.literal, ("E5", "E6", "E10", "E23"))
@@ -278,14 +334,20 @@ register(
         name="surface_detection.fan_scan",
         folder=_HERE,
         paper="Jiang & Zhu 2023, after Marrone et al. 2010",
-        equation="J(13) with E5, E6, E20",
+        equation="J(13) with E5, E6, E20; least eigenvalue of the second moment",
         function="fan_scan",
         outputs=("surface",),
         exact=("surface",),
-        optional=("walls", "candidates"),
+        optional=("walls", "candidates", "thin_feature"),
         tolerance=16.0,
-        tolerance_reason="roundings of the distance, the unit normal and their product, relative to the distance",
-        variants=({}, {"walls": None, "candidates": None}, {"candidates": None}, {"walls": None}),
+        tolerance_reason="roundings of the distance, the unit normal and their product, relative to the distance; for"
+        " each neighbour those of the second moment and its determinants, relative to the sum of squares",
+        variants=(
+            {},
+            {"walls": None, "candidates": None},
+            {"candidates": None, "thin_feature": None},
+            {"walls": None, "thin_feature": None},
+        ),
         invariants=("translation", "reordering"),
         cases=SHAPES,
     )

@@ -3,7 +3,7 @@
 import numpy as np
 
 from refsim.cases import VARIATIONS, Case, Exact, Variation, closed_form, groups, particles, takes
-from refsim.surface_detection import FanScan, NearSurfaceLimit, SurfaceDetection
+from refsim.surface_detection import FanScan, NearSurfaceLimit, SurfaceDetection, ThinFeature
 
 
 @particles("surface", "near_surface")
@@ -11,10 +11,10 @@ def _marks(case, random):
     return (random.random(case.count) < 0.5).astype(np.uint8)
 
 
-@groups("near_surface_limit", "fan_scan")
+@groups("near_surface_limit", "fan_scan", "thin_feature")
 def _detection(case, grid):
     literal = ("all",) if case.literal else ()
-    groups = SurfaceDetection(literal=literal).prepare(grid, case.effects)
+    groups = SurfaceDetection(literal=literal, thin_features="second_moment").prepare(grid, case.effects)
     return groups | {"near_surface_limit": groups["candidate_limit"]}
 
 
@@ -61,7 +61,7 @@ def one_in_the_way():
     return Exact(
         case,
         {"surface_normal": np.array([[0.0, -2.0, 0.0]] * 4), "candidates": np.array([1, 0, 1, 1], np.uint8),
-         "fan_scan": FanScan(1.0, 2.0, 1e-6, np.int32(0))},
+         "fan_scan": FanScan(1.0, 2.0, 1e-6, np.int32(0)), "thin_feature": None},
         {"surface": np.array([0, 0, 1, 1], np.uint8)},
     )  # fmt: skip
 
@@ -74,7 +74,7 @@ def _printed_fan(*directions):
     return (
         Case("printed_fan", 2, np.concatenate([np.zeros((1, 3)), around]), spacing=1.0, support_radius=2.0),
         {"surface_normal": np.array([[0.0, -2.0, 0.0]] * count), "candidates": np.eye(1, count, dtype=np.uint8)[0],
-         "fan_scan": FanScan(1.0, 2.0, 1e-6, np.int32(1))},
+         "fan_scan": FanScan(1.0, 2.0, 1e-6, np.int32(1)), "thin_feature": None},
     )  # fmt: skip
 
 
@@ -88,6 +88,46 @@ def printed_cone_of_three():
 def printed_beside_the_cone():
     """As printed, one who stands 50 degrees off the axis, outside the cone, occupies it."""
     return Exact(*_printed_fan(-10, 5, 50), {"surface": np.array([0, 0, 0, 0], np.uint8)})
+
+
+def _crosses(*arms, dim=2, walls=()):
+    """h = 2, particles without normals, 10 apart, each between four others, `arms` given as (along, across).
+
+    Along the axis across the variance, in units of h^2, is 2 w_b b^2/(1 + 2 w_a + 2 w_b) for a = along/h, b = across/h
+    and w = 1 - a^2, 1 - b^2.
+    """
+    steps = np.array([[0.0, 0, 0], [1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0]])
+    position = np.concatenate([[10.0 * k, 0, 0] + steps * [a, b, 1] for k, (a, b) in enumerate(arms)])
+    wall = np.array(walls, dtype=float).reshape(-1, 3)
+    case = Case("crosses", dim, position, spacing=1.0, support_radius=2.0, wall_position=wall)
+    middle = (np.arange(len(position)) % 5 == 0).astype(np.uint8)
+    given = {"surface_normal": 0 * position, "candidates": middle, "fan_scan": FanScan(1.0, 2.0, 1e-6, np.int32(0))}
+    return case, given
+
+
+@closed_form("surface_detection.fan_scan")
+def thinner_than_the_limit():
+    """b = 0.25 between a = 0.5: variance 0.9375/70 = 0.02679; b = 0.3: 0.0378; and 0.5 each way: 3/32 = 0.0938."""
+    case, given = _crosses((1.0, 0.5), (1.0, 0.6), (0.5, 1.0), (1.0, 1.0))
+    given["thin_feature"] = ThinFeature(0.03, np.int32(2))
+    return Exact(case, given, {"surface": np.eye(20, dtype=np.uint8)[[0, 10]].sum(0, dtype=np.uint8)})
+
+
+@closed_form("surface_detection.fan_scan")
+def a_plane_in_space_is_thin():
+    """All neighbours in the plane z = 0 of 3D: no variance across it, whatever the limit."""
+    case, given = _crosses((1.0, 1.0), dim=3)
+    given["thin_feature"] = ThinFeature(1e-3, np.int32(3))
+    return Exact(case, given, {"surface": np.eye(1, 5, dtype=np.uint8)[0]})
+
+
+@closed_form("surface_detection.fan_scan")
+def a_film_between_two_walls():
+    """In space, wall particles 1 m off the plane, w = 3/4: p = 3/19 of the weight on one side, variance p (1 - p)/4 =
+    12/361 = 0.0332; on both sides 6/22 of it, 6/88 = 0.0682."""
+    case, given = _crosses((1.0, 1.0), (1.0, 1.0), dim=3, walls=[(0, 0, 1), (10, 0, 1), (10, 0, -1)])
+    given["thin_feature"] = ThinFeature(0.05, np.int32(3))
+    return Exact(case, given, {"surface": np.eye(1, 10, dtype=np.uint8)[0]})
 
 
 @closed_form("surface_detection.release_pressure")

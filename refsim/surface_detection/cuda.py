@@ -17,11 +17,14 @@ def near_surface(number_density, asymmetry, near_surface_limit, near_surface):
 
 
 @cuda_kernel
-def fan_scan(position, surface_normal, candidates, neighbours, walls, fan_scan, surface):
-    """J(13); zero where a particle is no candidate. A normal without direction counts as an occupied region."""
+def fan_scan(position, surface_normal, candidates, neighbours, walls, fan_scan, thin_feature, surface):
+    """J(13); zero where a particle is no candidate. A normal without direction counts as an occupied region.
+
+    Where `thin_feature` is given, a candidate in a thin neighbourhood is surface whatever the scan says (E20).
+    """
     i = cuda.grid(1)
     if i < surface.shape[0]:
-        near, occupied = particle.ENOUGH, True
+        near, occupied, thin = particle.ENOUGH, True, False
         if candidates is None or candidates[i] != 0:
             nx, ny, nz, directed = particle.unit(surface_normal, i, fan_scan.smallest_normal)
             near, occupied = particle.scan_row(
@@ -47,7 +50,22 @@ def fan_scan(position, surface_normal, candidates, neighbours, walls, fan_scan, 
                     near,
                     occupied,
                 )
-        surface[i] = near < particle.ENOUGH or not occupied
+            if thin_feature is not None and occupied and near >= particle.ENOUGH:
+                sums = particle.moments_row(
+                    i,
+                    cuda_row(neighbours, i),
+                    position,
+                    position,
+                    neighbours.entries,
+                    fan_scan,
+                    particle.own_moments(fan_scan),
+                )
+                if walls is not None:
+                    sums = particle.moments_row(
+                        i, cuda_row(walls, i), position, walls.position, walls.entries, fan_scan, sums
+                    )
+                thin = formulas.is_thin(*sums, thin_feature)
+        surface[i] = near < particle.ENOUGH or not occupied or thin
 
 
 @cuda_kernel

@@ -1,4 +1,4 @@
-"""What one particle does in the fan scan; the CPU and the CUDA kernels share these loops.
+"""What one particle does in surface detection; the CPU and the CUDA kernels share these loops.
 
 `row` is (first, stride, count) of the particle's neighbours in `index`; the wall's row likewise.
 """
@@ -6,7 +6,7 @@
 import math
 
 from refsim.compile import formula
-from refsim.surface_detection.formulas import in_scan_region
+from refsim.surface_detection.formulas import in_scan_region, moment_weight
 
 ENOUGH = 3  # neighbours below which a particle is spray (E20)
 
@@ -42,3 +42,36 @@ def scan_row(i, row, position, source, index, normal, fan_scan, near, occupied):
             near += 1
         occupied = occupied or in_scan_region(r2, nx * dx + ny * dy + nz * dz, fan_scan)
     return near, occupied
+
+
+@formula
+def moments_row(i, row, position, source, index, fan_scan, sums):
+    """Sums of w, w u and w u u^T over one list, u = x_ij/h, w = 1 - |u|^2, added to `sums`; dimensionless."""
+    first, stride, count = row
+    h = fan_scan.support_radius
+    weight, mx, my, mz, xx, xy, xz, yy, yz, zz = sums
+    x, y, z = position[i, 0], position[i, 1], position[i, 2]
+    for k in range(count):
+        j = index[first + k * stride]
+        dx, dy, dz = (x - source[j, 0]) / h, (y - source[j, 1]) / h, (z - source[j, 2]) / h
+        r2 = dx * dx + dy * dy + dz * dz
+        if r2 < type(h)(1):
+            w = moment_weight(r2)
+            weight += w
+            mx += w * dx
+            my += w * dy
+            mz += w * dz
+            xx += w * dx * dx
+            xy += w * dx * dy
+            xz += w * dx * dz
+            yy += w * dy * dy
+            yz += w * dy * dz
+            zz += w * dz * dz
+    return weight, mx, my, mz, xx, xy, xz, yy, yz, zz
+
+
+@formula
+def own_moments(fan_scan):
+    """The sums of `moments_row` over the particle alone: weight 1 at u = 0."""
+    zero = type(fan_scan.support_radius)(0)
+    return type(zero)(1), zero, zero, zero, zero, zero, zero, zero, zero, zero

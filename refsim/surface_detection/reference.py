@@ -46,12 +46,40 @@ def _in_region(separation, distance, axis, fan_scan):
     return np.maximum(np.maximum(far, close), np.minimum(ball, cone))
 
 
-def fan_scan(position, surface_normal, candidates, walls, fan_scan, rows=None):
+def _thinness(position, walls, fan_scan, thin_feature, rows):
+    """Signed margin (n,), positive where a neighbourhood is thin, from the eigenvalues of its second moment.
+
+    C_i = sum_j w_ij (x_j - m_i)(x_j - m_i)^T / sum_j w_ij [m^2] over particles, the own one and walls nearer than h,
+    w = 1 - (r/h)^2, m_i = sum_j w_ij x_j / sum_j w_ij [m]; thin where the least eigenvalue is at most the limit. Its
+    distance from the limit is taken relative to the squares summed, less as there are more of them to be rounded.
+    """
+    h, dim = float(fan_scan.support_radius), int(thin_feature.dim)
+    everyone = np.asarray(position, dtype=float)
+    if walls is not None:
+        everyone = np.concatenate([everyone, np.asarray(walls.position, dtype=float)])
+    margin = np.full(len(position) if rows is None else len(rows), -np.inf)
+    for place, separation, distance in pair_blocks(position, everyone, rows):
+        for i, away, far in zip(range(place.start, place.stop), -separation[..., :dim], distance):
+            near = far < h
+            if not near.any():
+                continue
+            share = 1 - (far[near] / h) ** 2
+            share /= share.sum()
+            mean = share @ away[near]
+            spread = away[near] - mean
+            least = np.linalg.eigvalsh((share[:, None] * spread).T @ spread)[0] / h**2
+            squares = share @ (far[near] / h) ** 2 + float(thin_feature.variance)
+            margin[i] = (float(thin_feature.variance) - least) / squares / near.sum()
+    return margin
+
+
+def fan_scan(position, surface_normal, candidates, walls, fan_scan, thin_feature, rows=None):
     """Surface flags (n,); position (n, 3) [m], surface_normal (n, 3) inward, candidates (n,) or None.
 
     J(13), a = -n/|n|: particle j is in the region of i where |x_ij| >= sqrt2 s and |x_j - x_i - s a| < s, or
     |x_ij| < sqrt2 s and a . (x_j - x_i) > sqrt(1/2) |x_ij| (E5: printed "<"). i is surface where nobody is in its
     region, or where fewer than 3 particles are nearer than h; a normal below `smallest_normal` finds nothing (E20).
+    With `thin_feature` also where the neighbourhood is thin.
     """
     n = len(position)
     normal = _rows(surface_normal, rows)
@@ -74,6 +102,8 @@ def fan_scan(position, surface_normal, candidates, walls, fan_scan, rows=None):
     directed = length / float(fan_scan.smallest_normal) - 1
     sparse = nearest[:, -1] / float(fan_scan.support_radius) - 1
     surface = np.maximum(sparse, np.minimum(directed, -occupied))
+    if thin_feature is not None:
+        surface = np.maximum(surface, _thinness(position, walls, fan_scan, thin_feature, rows))
     if candidates is not None:
         surface = np.where(_rows(candidates, rows) != 0, surface, -np.inf)
     return {"surface": ((surface > 0).astype(np.uint8), np.abs(surface))}

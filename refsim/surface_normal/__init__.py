@@ -62,7 +62,7 @@ def _pass(operation: str, reads: tuple[str, ...], output: str, candidates: str |
 _HERE = "refsim.surface_normal"
 _INVARIANTS = ("translation", "rotation", "reordering")
 # Hard inputs of normals and of the scan that follows them, beside those that every operation meets.
-SHAPES = ("two_layers", "three_layers", "cavity", "tank_corner", "notch")
+SHAPES = ("two_layers", "three_layers", "jittered_film", "bent_filament", "cavity", "tank_corner", "notch")
 _VARIANTS = ({}, {"walls": None, "candidates": None}, {"candidates": None}, {"walls": None})
 register(
     Operation(

@@ -104,6 +104,22 @@ def tank_corner() -> Case:
 
 
 @case
+def jittered_film() -> Case:
+    """A turned sheet in space of two layers, every particle off its place by up to a tenth of the spacing."""
+    position = lattice((7, 7, 2))
+    position += 0.01 * np.random.default_rng(3).uniform(-1, 1, position.shape)
+    turn = np.array([[2.0, -1, 2], [2, 2, -1], [-1, 2, 2]]) / 3
+    return shape("jittered_film", 3, position @ turn.T)
+
+
+@case
+def bent_filament() -> Case:
+    """A row of single particles along a helix in space."""
+    angle = np.arange(30) / 5
+    return shape("bent_filament", 3, 0.4 * np.stack([np.cos(angle), np.sin(angle), 0.9 * angle], axis=1))
+
+
+@case
 def notch() -> Case:
     """A V-shaped notch along z, at whose bottom the edges stand exactly at 45 degrees: the scan's tie.
 
