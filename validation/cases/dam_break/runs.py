@@ -34,11 +34,13 @@ DETECTORS: dict[str, dict[str, Any]] = {  # settings of the effect
     **{method: {"method": method} for method in METHODS},
     "two_step_printed": {"literal": ("E23",)},
 }
+SETTINGS = {**DETECTORS, "second_moment": {"thin_features": "second_moment"}}  # of every detector of the hard cases
 WORDS = {
     "number_density": "number density",
     "fan_scan": "fan scan",
     "two_step": "two-step",
     "two_step_printed": "two-step with J(12) as printed",
+    "second_moment": "two-step with the second moment",
 }
 
 
@@ -172,8 +174,8 @@ def detect(
     backend: str,
     threads: int | None = None,
 ) -> Simulation:
-    """A cloud (position, mass) in the tank, seen by one detector of DETECTORS."""
-    scene = column_scene(columns, depth, tank, (SurfaceDetection(**DETECTORS[method]),), cloud)
+    """A cloud (position, mass) in the tank, seen by one detector of SETTINGS."""
+    scene = column_scene(columns, depth, tank, (SurfaceDetection(**SETTINGS[method]),), cloud)
     simulation = context.simulation(scene, backend, threads)
     simulation.evaluate()
     return simulation

@@ -13,9 +13,9 @@ from refsim import Box, Cloud, Scene, SurfaceDetection
 from refsim.scene import make_plan
 from validation.cases.dam_break.runs import (
     DENSITY,
-    DETECTORS,
     GRAVITY,
     HEIGHT,
+    SETTINGS,
     TRUTH_RADIUS,
     WORDS,
     column_scene,
@@ -107,7 +107,7 @@ def beside_walls(context: Context, backend: str, method: str, depth: int = 1, co
     size = columns * spacing
     room = msgspec.structs.replace(scene.effects[2], upper=(size, 4 * size, depth * spacing))
     with trial.ending():
-        detection = SurfaceDetection(**DETECTORS[method])
+        detection = SurfaceDetection(**SETTINGS[method])
         box = Box(cells=(columns, columns, depth))
         simulation = trial.start(
             msgspec.structs.replace(scene, fluid=(box,), effects=(*scene.effects[:2], room, detection))
@@ -160,7 +160,7 @@ def spray(context: Context, backend: str, depth: int = 1) -> Result:
     parts = [np.array(place) + group[: 1 + k % 3] for k, place in enumerate(places)]
     position = np.vstack(parts)
     with trial.ending():
-        for method in DETECTORS:
+        for method in SETTINGS:
             mass = np.full(len(position), DENSITY * spacing ** (2 if depth == 1 else 3))
             seen = detect(context, method, columns, depth, 4.0, (position, mass), backend)
             flags = seen.field("surface").astype(bool)
@@ -252,7 +252,7 @@ CASES = (
             seconds=1.0 if dim == 2 else 4.0,
         )
         for dim in (2, 3)
-        for method in DETECTORS
+        for method in SETTINGS
     ),
     *(
         HardCase(
@@ -260,7 +260,7 @@ CASES = (
             "no particle with fewer than 3 neighbours missed; false alarms beside walls within 2 points of those away",
             in_motion, {"method": method}, seconds=12.0,
         )
-        for method in DETECTORS
+        for method in SETTINGS
     ),
     HardCase(
         "spray", "lone particles, pairs and triples, in the air and on a wall, 2D", "all are surface", spray, short=True
@@ -272,7 +272,7 @@ CASES = (
             "all are surface", sheet, {"method": method, "layers": layers}, seconds=3.0,
         )
         for layers in (1, 2)
-        for method in ("number_density", "fan_scan", "two_step")
+        for method in ("number_density", "fan_scan", "two_step", "second_moment")
     ),
 )  # fmt: skip
 
