@@ -165,7 +165,9 @@ def smoothing_group(name, dim):
 # What each effect is to hand out, from its paper's equations: {group: {member: value}}.
 
 
-def liquid(dim, kernels="wendland", exponent=1, clamp=1, pressure=0.0, gradient=1.0, wall=2.0, viscosity=MU):
+def liquid(
+    dim, kernels="wendland", exponent=1, clamp=1, pressure=0.0, gradient=1.0, wall=2.0, viscosity=MU, central=0.0
+):
     """Jiang & Zhu 2023, J(9) (Tait's equation with exponent 7), J(10), J(11); walls with p_b = p_i push twice."""
     sums, gradients = SETS[kernels]
     fluid = {
@@ -182,7 +184,8 @@ def liquid(dim, kernels="wendland", exponent=1, clamp=1, pressure=0.0, gradient=
         "gradient_smoothing": smoothing_group(gradients, dim),
         "fluid": fluid,
     }
-    return groups | {"viscosity": {"coefficient": viscosity} if viscosity else None}
+    viscous = {"viscosity": viscosity, "central_viscosity": central}
+    return groups | {name: {"coefficient": value} if value else None for name, value in viscous.items()}
 
 
 def normal_term(dim, printed=0, sums="wendland_c2"):
@@ -197,6 +200,17 @@ def half_space_moment(dim, sums="wendland_c2"):
         angles = 2 * math.pi * integral(lambda t: np.cos(t) * np.sin(t), (0.0, math.pi / 2))
     radial = integral(lambda r: r**dim * kernel(sums, r, dim), H * np.array([0.0, 0.5, 1.0]))
     return rest_number_density(dim, sums) * angles * radial
+
+
+def film_variance(dim):
+    """Variance [m^2] across a lattice film of two layers about one of its particles, with weights 1 - (r/h)^2."""
+    heights, weights = [], []
+    for place in itertools.product(*[range(-4, 5)] * (dim - 1), (0, 1)):
+        weight = 1 - D**2 * sum(k**2 for k in place) / H**2
+        if weight > 0:
+            heights.append(D * place[-1])
+            weights.append(weight)
+    return float(np.cov(heights, aweights=weights, ddof=0))
 
 
 def detection(
@@ -699,6 +713,10 @@ SETUPS = {
         lambda dim: (water(literal=("all",)),),
         lambda dim: liquid(dim, gradient=0.5, viscosity=-MU),  # E24, E3
     ),
+    "central viscosity": (  # zeta = 5 eta/3 of Espanol & Revenga 2003 in 3D: (dim + 2) mu along the line of centres
+        lambda dim: (water(viscosity="central"),),
+        lambda dim: liquid(dim, viscosity=0.0, central=(dim + 2) * MU),
+    ),
     "inviscid": (lambda dim: (water(dynamic_viscosity=0.0),), lambda dim: liquid(dim, viscosity=0.0)),
     "cohesive liquid": (
         lambda dim: (WATER, jz()),
@@ -742,6 +760,10 @@ SETUPS = {
         box_walls,
     ),
     "detection": (lambda dim: (SurfaceDetection(), WATER), detection),
+    "detection of films": (
+        lambda dim: (SurfaceDetection(thin_features="second_moment"), WATER),
+        lambda dim: detection(dim) | {"thin_feature": {"variance": 1.3 * film_variance(dim) / H**2, "dim": dim}},
+    ),
     "detection, other settings": (
         lambda dim: (
             SurfaceDetection(threshold=0.95, asymmetry=0.4, scan_normal="corrected", literal=("E5", "E6", "E10")),

@@ -22,6 +22,7 @@ VARIATIONS[NearSurfaceLimit] = Variation(other={"asymmetry": lambda least: 0.5 *
 VARIATIONS[FanScan] = Variation(
     other={"support_radius": lambda h: 0.5 * h, "smallest_normal": lambda least: 1.0}  # longer than some normals
 )
+VARIATIONS[ThinFeature] = Variation(other={"variance": lambda least: 4 * least, "dim": lambda dim: 5 - dim})
 takes("surface_detection.near_surface", near_surface_limit="number_density")  # J(12) stands alone
 
 
