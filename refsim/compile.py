@@ -24,10 +24,11 @@ from typing import Any
 
 import numba
 import numpy as np
-from llvmlite import binding
 from numba import njit
 from numba import prange as prange
 from numba.extending import register_jitable
+
+from refsim.cache_files import check_files, is_stored, refuse_foreign
 
 try:
     import fcntl
@@ -41,6 +42,7 @@ if "NUMBA_THREADING_LAYER" not in os.environ:
     # where virtual cores are shared.
     numba.config.THREADING_LAYER = "workqueue"
 _CACHES_KEPT = 200
+_CACHE_NAME = re.compile("[0-9a-f]{16}")  # of the folders that `cache_folder` makes: it deletes no other
 ANY_ORDER = {"reassoc", "contract", "arcp", "nsz"}
 
 
@@ -102,16 +104,24 @@ def cache_root() -> pathlib.Path:
 
 @functools.cache
 def cache_folder(path: pathlib.Path) -> str:
-    """Cache folder for the kernels of a source file; the folders longest unused are cleared away."""
-    folder = cache_root() / source_digest(path)
+    """Cache folder for the kernels of a source file; the folders longest unused are cleared away.
+
+    Raises InputError if a folder that can be written to belongs to another user or is open to all.
+    """
+    root = cache_root()
+    folder = root / source_digest(path)
     try:
-        folder.mkdir(parents=True, exist_ok=True)
+        root.mkdir(mode=0o700, parents=True, exist_ok=True)
+        folder.mkdir(mode=0o700, exist_ok=True)
         os.utime(folder)
-        caches = sorted((p for p in cache_root().iterdir() if p.is_dir()), key=lambda p: p.stat().st_mtime)
-        for stale in caches[:-_CACHES_KEPT]:
+        named = (p for p in root.iterdir() if _CACHE_NAME.fullmatch(p.name) and p.is_dir())
+        for stale in sorted(named, key=lambda p: p.stat().st_mtime)[:-_CACHES_KEPT]:
             shutil.rmtree(stale, ignore_errors=True)
     except OSError:  # a read-only home still works: Numba then compiles in every process
         pass
+    if os.access(folder, os.W_OK):
+        refuse_foreign(root)
+        refuse_foreign(folder)
     return str(folder)
 
 
@@ -122,12 +132,16 @@ def _cached(dispatcher: Any, function: Callable, apart: bool = False) -> Any:
     if not os.access(folder, os.W_OK):
         return dispatcher
     before, numba.config.CACHE_DIR = numba.config.CACHE_DIR, folder
+    mask = os.umask(0o077)  # Numba makes a folder of its own inside
     try:
         dispatcher.enable_caching()
     finally:
+        os.umask(mask)
         numba.config.CACHE_DIR = before
+    refuse_foreign(pathlib.Path(dispatcher._cache.cache_path))
+    check_files(dispatcher._cache)
     if apart and hasattr(os, "fork"):
-        _compile_apart(dispatcher, pathlib.Path(folder))
+        _compile_apart(dispatcher)
     if fcntl is not None:
         _compile_in_turn(dispatcher, pathlib.Path(folder, f"{function.__qualname__}.lock"))
     return dispatcher
@@ -150,7 +164,7 @@ def _compile_in_turn(dispatcher: Any, lock: pathlib.Path) -> None:
     dispatcher.compile = compile_in_turn
 
 
-def _compile_apart(dispatcher: Any, folder: pathlib.Path) -> None:
+def _compile_apart(dispatcher: Any) -> None:
     """Let a child process fill the cache, so that the code that runs always comes out of it.
 
     A process that compiles a parallel loop holds its body twice, optimised differently, and runs the other one
@@ -158,20 +172,17 @@ def _compile_apart(dispatcher: Any, folder: pathlib.Path) -> None:
     differ, and a run would not resume bit for bit after the process that compiled.
     """
     compile_here = dispatcher.compile
-    processor = binding.get_host_cpu_name()
 
     def compile_apart(signature: Any) -> Any:
-        key = hashlib.sha256(f"{dispatcher.__name__} {signature} {processor}".encode()).hexdigest()[:24]
-        mark = folder / f"{key}.compiled"
-        if not mark.exists():
+        if not is_stored(dispatcher, signature):
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # of forking beside threads: the child uses none of them
                 child = os.fork()
             if child == 0:
+                warnings.simplefilter("ignore")  # the parent says what the cache refuses
                 try:
                     gc.disable()  # arrays of a GPU can be freed by the parent only
                     compile_here(signature)
-                    mark.touch()
                 finally:
                     os._exit(0)  # without the parent's clean-up; what went wrong is found again below
             os.waitpid(child, 0)

@@ -7,7 +7,10 @@ import sys
 
 import pytest
 
+from refsim import compile as compiling
+from refsim.cache_files import refuse_foreign
 from refsim.compile import sources_behind
+from refsim.errors import InputError
 
 FILES = {
     "__init__.py": "",
@@ -53,7 +56,7 @@ late = os.environ["LATE"].split()  # between reading and writing the cache's ind
 IndexDataCacheFile._save_index = after(late[0], IndexDataCacheFile._save_index)
 IndexDataCacheFile._save_data = after(late[1], IndexDataCacheFile._save_data)
 def compiled():
-    return len(list(pathlib.Path(os.environ["REFSIM_CACHE_DIR"]).glob("*/*.compiled")))
+    return len(list(pathlib.Path(os.environ["REFSIM_CACHE_DIR"]).glob("*/*/*.nbc")))
 before = compiled()
 values = np.ones(3, os.environ["KIND"])
 kernel(values)
@@ -163,3 +166,113 @@ def test_the_process_that_compiles_computes_the_same_bits(tmp_path):
         subprocess.run(command, capture_output=True, text=True, env=environment, check=True).stdout for _ in range(2)
     )
     assert first == second
+
+
+# Damage
+
+
+def told(package, program=PROGRAM, kind="float32", **variables):
+    """(exit code, standard output, standard error) of a process of its own that runs the kernel."""
+    environment = dict(os.environ, REFSIM_CACHE_DIR=str(package.parent / "cache"), KIND=kind, LATE="0 0", **variables)
+    here = [str(package.parent), str(pathlib.Path(__file__).parents[1]), environment.get("PYTHONPATH", "")]
+    environment["PYTHONPATH"] = os.pathsep.join(here)
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, env=environment)
+    return done.returncode, done.stdout, done.stderr
+
+
+def cached(package, kind):
+    (found,) = (package.parent / "cache").glob(f"*/*/*.{kind}")
+    return found
+
+
+def flipped(content):
+    middle = len(content) // 2
+    return content[:middle] + bytes([content[middle] ^ 1]) + content[middle + 1 :]
+
+
+DAMAGE = {
+    "empty": lambda content: b"",
+    "half": lambda content: content[: len(content) // 2],
+    "a flipped bit": flipped,
+    "longer": lambda content: content + b"\0",
+}
+
+
+@pytest.mark.parametrize("kind", ["nbi", "nbc"])
+def test_a_damaged_cache_is_dropped_and_compiled_anew(tiny, kind):
+    """The code that runs comes out of the renewed cache (one hit), so that its bits are those of every other run."""
+    assert run(tiny) == (4, 1, 1)
+    for damage in DAMAGE.values():
+        path = cached(tiny, kind)
+        path.write_bytes(damage(path.read_bytes()))
+        code, out, err = told(tiny)
+        assert (code, out.split()[0], out.split()[2]) == (0, "4.0", "1"), err
+        assert err.count("UserWarning") == 1
+        assert f"the compile cache was damaged ({path}" in err
+        assert told(tiny) == (0, "4.0 0 1\n", "")
+
+
+def test_code_of_another_kernel_in_a_file_of_the_cache_is_not_run(tiny):
+    assert run(tiny) == (4, 1, 1)
+    path = cached(tiny, "nbc")
+    assert ended(started(tiny, "float64"))[0] == 4
+    other = path.with_name(path.name.replace(".1.nbc", ".2.nbc"))
+    path.write_bytes(other.read_bytes())
+    code, out, err = told(tiny)
+    assert (code, out.split()[0]) == (0, "4.0")
+    assert "damaged" in err
+
+
+def test_a_kill_between_code_and_index_leaves_no_index_of_other_code(tiny):
+    assert run(tiny) == (4, 1, 1)
+    cached(tiny, "nbi").unlink()
+    killed = PROGRAM.replace(
+        "def compiled():", "IndexDataCacheFile._save_data = lambda *a: os._exit(9)\ndef compiled():"
+    )
+    assert told(tiny, killed, "float64")[0] == 9
+    assert ended(started(tiny, "float64"))[0] == 4
+
+
+def test_a_full_disk_costs_the_cache_and_not_the_run(tiny):
+    resource = pytest.importorskip("resource")
+    limited = f"import resource\nresource.setrlimit(resource.RLIMIT_FSIZE, (1000, {resource.RLIM_INFINITY}))\n"
+    code, out, err = told(tiny, limited + PROGRAM)
+    assert (code, out) == (0, "4.0 0 0\n")
+    assert err.count("UserWarning") == 1
+    assert "cannot be written (File too large); the next run compiles these kernels again." in err
+
+
+def test_a_cache_that_others_can_write_to_is_refused(tiny, monkeypatch):
+    assert run(tiny) == (4, 1, 1)
+    for folder in (tiny.parent / "cache", cached(tiny, "nbi").parent.parent, cached(tiny, "nbi").parent):
+        folder.chmod(0o777)
+        code, _, err = told(tiny)
+        assert code == 1
+        assert err.splitlines()[-1].startswith(
+            f"refsim.errors.InputError: the compile cache {folder} can be written to"
+        )
+        assert "set REFSIM_CACHE_DIR" in err
+        folder.chmod(0o700)
+    assert run(tiny) == (4, 0, 1)
+    monkeypatch.setattr(os, "geteuid", lambda: os.stat(tiny).st_uid + 1)
+    with pytest.raises(InputError, match="belongs to another user"):
+        refuse_foreign(tiny.parent / "cache")
+
+
+def test_a_cache_made_under_any_umask_is_the_users_own(tiny):
+    code, _, err = told(tiny, "import os\nos.umask(0)\n" + PROGRAM)
+    assert code == 0, err
+    assert (tiny.parent / "cache").stat().st_mode & 0o777 == 0o700
+    assert run(tiny) == (4, 0, 1)
+
+
+def test_only_folders_of_the_cache_are_cleared_away(tmp_path, monkeypatch):
+    monkeypatch.setenv("REFSIM_CACHE_DIR", str(tmp_path))
+    monkeypatch.setattr(compiling, "_CACHES_KEPT", 1)
+    old, own = tmp_path / "0123456789abcdef", tmp_path / "photographs"
+    for age, folder in enumerate((old, own)):
+        folder.mkdir()
+        os.utime(folder, (age, age))
+    (source := tmp_path / "kernel.py").write_text("")
+    made = compiling.cache_folder(source)
+    assert sorted(p.name for p in tmp_path.iterdir() if p.is_dir()) == sorted([pathlib.Path(made).name, "photographs"])
