@@ -1,6 +1,7 @@
 """`refsim contract`: a third party's programs, found, bound, judged and reported; the page's example works."""
 
 import ctypes
+import inspect
 import json
 import pathlib
 import re
@@ -165,9 +166,11 @@ def judged(program, operation="sph.gravity", steps=("T1", "T7"), **options):
 WRONG = {
     "shape": (lambda field, acceleration: np.zeros(3), "returned acceleration as float64 of shape (3,); wanted is"),
     "dtype": (lambda field, acceleration: np.zeros(acceleration.shape, np.float32), "as float32 of shape"),
-    "a list": (lambda acceleration: acceleration.tolist(), "as list; return a NumPy array."),
+    "a list": (lambda acceleration: acceleration.tolist(), "as list; wanted is a NumPy array"),
     "other output": (lambda acceleration: {"velocity": acceleration}, "'velocity', which is no output"),
     "none of them": (lambda acceleration: {}, "did not return acceleration"),
+}
+MISFIT = {
     "parameter": (lambda gravity, acceleration: None, "takes gravity, which the operation has not; it has field,"),
     "any number": (lambda *values: None, "takes *values, which the operation has not"),
     "no signature": (ctypes.pythonapi.Py_IsInitialized, "does not tell its parameters"),
@@ -175,20 +178,27 @@ WRONG = {
 
 
 @pytest.mark.parametrize("name", WRONG)
-def test_wrong_answers_and_parameters_are_bad_input(name):
+def test_an_answer_of_a_wrong_form_fails_every_trial(name):
     program, said = WRONG[name]
+    found = judged(program)
+    assert len(found) >= 2
+    for outcome in found:
+        assert not outcome.passed
+        assert said in outcome.words
+
+
+@pytest.mark.parametrize("name", MISFIT)
+def test_a_parameter_that_the_operation_has_not_is_bad_input(name):
+    program, said = MISFIT[name]
     with pytest.raises(InputError, match=re.escape(said)):
         judged(program)
 
 
-def test_a_wrong_dtype_ends_the_command_with_code_2(folder, capsys):
-    (folder / "own.py").write_text(
-        "import numpy as np\nPROGRAMS = {'sph.gravity': lambda field, acceleration: np.zeros(acceleration.shape)}\n"
-    )
-    code, out, err = refsim(capsys, "own.py", "--dtype", "float32", "--step", "T1")
+def test_a_misfit_is_told_before_anything_is_judged(folder, capsys):
+    (folder / "own.py").write_text(f"{GRAVITY}PROGRAMS = {{'sph.gravity': gravity, 'sph.density': lambda weight: 1}}\n")
+    code, out, err = refsim(capsys, "own.py", *QUICK)
     assert (code, out) == (2, "")
-    assert "returned acceleration as float64 of shape" in err
-    assert "wanted is float32" in err
+    assert "takes weight, which the operation has not" in err
     assert err.count("\n") == 1
 
 
@@ -225,8 +235,8 @@ def test_several_outputs_are_returned_by_name_in_every_variant():
     found = judged(density, "sph.density", ("T1",))
     assert {o.variant for o in found} == {0, 1, 2}
     assert all(o.passed for o in found)
-    with pytest.raises(InputError, match=re.escape("return {name: array} for number_density, asymmetry")):
-        judged(lambda mass: mass, "sph.density", ("T1",))
+    (first, *_) = judged(lambda mass: mass, "sph.density", ("T1",))
+    assert "it returned ndarray; wanted is {name: array} for number_density, asymmetry" in first.words
 
 
 @pytest.mark.parametrize(
@@ -264,9 +274,139 @@ def test_a_program_that_raises_or_crashes_costs_its_own_operation(folder, capsys
     }  # fmt: skip
     (crash,) = operations["sph.state"]["outcomes"]
     assert crash["step"] == "T1"
+    assert crash["trial"] != "the rest of the step"  # the case is named
     assert "the program ended its process (signal SIG" in crash["words"]
     assert operations["sph.extremes"]["outcomes"][0]["words"] == "it raised ValueError: too few particles"
     assert len(found["not_offered"]) == len(REGISTRY) - 3
+
+
+# What a program may not touch
+
+
+def ended(program):
+    """Outcomes of T2 by trial."""
+    return {o.trial: o for o in judged(program, steps=("T2",))}
+
+
+def right_but(action):
+    def program(field, acceleration, identity=None, position=None):
+        acceleration += field
+        action(field, acceleration)
+
+    return program
+
+
+def beside(offset):
+    def write(field, acceleration):
+        place = acceleration.ctypes.data + (acceleration.nbytes if offset >= 0 else 0) + offset
+        ctypes.c_ubyte.from_address(place).value ^= 1
+
+    return write
+
+
+DESTROYED = {
+    "input": (lambda field, a: field.__setitem__(0, -1), "it changed its input field (row 0 first)"),
+    "input to NaN": (lambda field, a: field.fill(np.nan), "it changed its input field (row 0 first)"),
+    "sign of zero": (lambda field, a: np.copysign(field, -1, out=field), "it changed its input field"),
+    "behind": (beside(0), "it wrote behind the end of acceleration"),
+    "far behind": (beside(4000), "it wrote behind the end of acceleration"),
+    "before": (beside(-8), "it wrote before the start of acceleration"),
+}
+
+
+@pytest.mark.parametrize("name", DESTROYED)
+def test_a_right_answer_that_destroys_something_fails(name):
+    action, said = DESTROYED[name]
+    found = ended(right_but(action))
+    assert len(found) > 20
+    for outcome in found.values():
+        assert not outcome.passed
+        assert said in outcome.words
+        assert outcome.error <= 1  # the answer itself is right
+
+
+def test_lists_that_a_program_changed_are_whole_in_the_next_trial():
+    def destroying(position, neighbours, density, number_density=None, asymmetry=None):
+        density[:] = 1
+        neighbours.count[:] = 0
+
+    broken = judged(destroying, "sph.density", ("T2",))
+    assert any("it changed its input neighbours.count" in o.words for o in broken)
+    sound = contract.climb(contract.Target(REGISTRY["sph.density"], "cpu", "float64"), ("T2",))
+    assert all(o.passed for o in sound)
+
+
+@pytest.mark.parametrize("backend", ["numpy", "cpu"])
+def test_refsims_own_programs_are_held_to_the_same(backend, monkeypatch):
+    program = REGISTRY["sph.gravity"].program(backend)
+
+    def destroying(*values):
+        answer = program(*values)
+        values[0][...] = 7
+        return answer
+
+    destroying.__signature__ = inspect.signature(getattr(program, "py_func", program))
+    monkeypatch.setattr(type(REGISTRY["sph.gravity"]), "program", lambda self, name: destroying)
+    (first, *_) = contract.climb(contract.Target(REGISTRY["sph.gravity"], backend, "float64"), ("T1",))
+    assert not first.passed
+    assert "it changed its input" in first.words
+
+
+# Libraries that break their process
+
+
+AT_IMPORT = {
+    "sys.exit": ("import sys\nsys.exit(0)", "cannot be imported: SystemExit: 0."),
+    "os._exit": ("import os\nos._exit(0)", "cannot be imported: the program ended its process (exit code 0)."),
+    "crash": ("import ctypes\nctypes.string_at(0)", "the program ended its process (signal SIGSEGV)."),
+    "endless": ("while True: pass", "cannot be imported: its import did not end within 2 s (--time-limit)."),
+    "interrupt": ("raise KeyboardInterrupt", "cannot be imported: KeyboardInterrupt"),
+    "words": ("class E(Exception):\n def __str__(self): return 1/0\nraise E", "cannot be imported: E: no word of why."),
+}
+
+
+@pytest.mark.parametrize("name", AT_IMPORT)
+def test_a_library_that_cannot_be_imported_is_bad_input(name, folder, capsys):
+    text, said = AT_IMPORT[name]
+    (folder / "own.py").write_text(text + "\n")
+    code, out, err = refsim(capsys, "own.py", "--time-limit", "2")
+    assert (code, out) == (2, "")
+    assert said in err
+    assert err.startswith("refsim: ")
+    assert err.count("\n") == 1
+
+
+def test_a_program_that_does_not_return_costs_its_own_operation(folder, capsys):
+    (folder / "own.py").write_text(
+        "import ctypes, os, sys\n"
+        "def endless(density):\n    ctypes.pythonapi.pause()\n"
+        "def leaving(velocity):\n    sys.exit(0)\n"
+        "def gone(pressure):\n    os._exit(0)\n"
+        f"{GRAVITY}"
+        "PROGRAMS = {'sph.state': endless, 'sph.extremes': leaving, 'sph.gravity': gravity}\n"
+    )
+    code, out, err = refsim(capsys, "own.py", *QUICK, "--time-limit", "2", "--json")
+    assert code == 4
+    assert err == ""
+    operations = json.loads(out)["operations"]
+    assert {name: o["holds"] for name, o in operations.items()} == {
+        "sph.state": False, "sph.extremes": False, "sph.gravity": True,
+    }  # fmt: skip
+    (late,) = operations["sph.state"]["outcomes"]
+    assert "the program did not return within 2 s (--time-limit)" in late["words"]
+    assert operations["sph.extremes"]["outcomes"][0]["words"] == "it raised SystemExit: 0"
+
+
+@pytest.mark.parametrize(
+    "options",
+    [("--dtype", "float16"), ("--step", "T8"), ("--variant", "-1"), ("--variant", "99"), ("sph.gravty",)]
+    + [("--time-limit", text) for text in ("0", "-1", "nan", "inf")],
+)
+def test_options_are_checked_before_a_process_is_started(options, folder, capsys, monkeypatch):
+    monkeypatch.setattr("multiprocessing.get_context", lambda name: pytest.fail("a process was started"))
+    code, out, err = refsim(capsys, "own.py", *options)
+    assert (code, out) == (2, "")
+    assert err.count("\n") == 1
 
 
 def test_arguments_of_an_operation_are_told(capsys):

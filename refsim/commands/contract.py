@@ -32,41 +32,48 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--dtype", action="append", default=[], help="float32 or float64; both by default")
     parser.add_argument("--variant", action="append", default=[], type=int, help="number of a variant; all by default")
     parser.add_argument("--step", action="append", default=[], help="T1 to T7, T9 or T10; all by default")
+    words = "seconds for the import of the programs and for each call of one (120)"
+    parser.add_argument("--time-limit", type=float, default=120.0, metavar="S", help=words)
     parser.add_argument("--arguments", action="store_true", help="judge nothing; say what the operations take")
 
 
 def execute(options: argparse.Namespace) -> Outcome:
     """Judge the programs and report."""
-    from refsim import contract
     from refsim.contract import apart
+    from refsim.contract.programs import check_names
 
     if os.getcwd() not in sys.path:
         sys.path.insert(0, os.getcwd())  # modules are named as seen from where the command stands
+    if not 0 < options.time_limit < math.inf:
+        raise InputError(f"--time-limit = {options.time_limit:g} is not possible; give a positive number of seconds.")
     if options.arguments and options.programs in REGISTRY:
         return _arguments([options.programs, *options.operation], "cpu")
-    programs = contract.load(options.programs)
-    names = programs.operations(options.operation)
+    check_names(options.operation, options.dtype, options.variant, options.step)
+    wanted = (options.operation, options.dtype, options.variant, options.step)
+    request = apart.Request(options.programs, *map(tuple, wanted), options.time_limit)
     if options.arguments:
-        return _arguments(names, programs.arrays)
+        about = apart.describe(request)
+        return _arguments(about.names, about.arrays)
     began = time.perf_counter()
-    found: dict[str, list[Any]] = {name: [] for name in names}
-    for outcome in apart.outcomes(options.programs, names, options.dtype, options.variant, options.step):
+    about, outcomes = apart.judge(request)
+    found: dict[str, list[Any]] = {name: [] for name in about.names}
+    for outcome in outcomes:
         if not found[outcome.operation] and sys.stderr.isatty():
             print(f"{outcome.operation} ...", file=sys.stderr)
         found[outcome.operation].append(outcome)
-    data = _report(programs, found, time.perf_counter() - began)
+    data = _report(about, found, time.perf_counter() - began)
     return Outcome(data, _text(data, found), 0 if data["holds"] else 4)
 
 
-def _report(programs: Any, found: Mapping[str, Sequence[Any]], seconds: float) -> dict[str, Any]:
+def _report(about: Any, found: Mapping[str, Sequence[Any]], seconds: float) -> dict[str, Any]:
     operations = {name: _judged(outcomes) for name, outcomes in found.items()}
     return {
-        "programs": programs.name,
-        "arrays": programs.arrays,
+        "programs": about.name,
+        "arrays": about.arrays,
         "holds": all(operation["holds"] for operation in operations.values()),
         "seconds": round(seconds, 1),
         "operations": operations,
-        "not_offered": [] if programs.programs is None else [n for n in REGISTRY if n not in programs.programs],
+        "not_offered": [] if about.offered is None else [n for n in REGISTRY if n not in about.offered],
     }
 
 
@@ -206,6 +213,7 @@ register(
         configure,
         execute,
         "Climbs the ladder of tests with every program of a backend: closed forms, hard inputs, conservation,"
-        " symmetries, repeatability, bad input. Exit code 4 where a trial failed, 2 for bad input.",
+        " symmetries, repeatability, bad input. The programs run in a process of their own. Exit code 4 if a trial"
+        " failed, 2 for bad input.",
     )
 )

@@ -1,12 +1,25 @@
-"""The ladder in a process of its own: a program that crashes costs its own operation, not the report."""
+"""The ladder in a process of its own: a program that crashes or does not return costs its operation, not the report.
+
+Only that process imports the programs. It tells the parent what it does by messages, JSON lists through a pipe:
+`import`, `about`, `refused`, `begin`, `call`, `returned`, `outcome`, `done`, `fault`.
+"""
 
 from __future__ import annotations
 
+import contextlib
+import dataclasses
+import faulthandler
+import json
 import multiprocessing
 import os
+import queue
 import signal
 import sys
+import threading
+import time
+import warnings
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -14,85 +27,234 @@ import numpy as np
 from refsim.contract.ladder import Outcome
 from refsim.errors import InputError
 
+OWN_WORK = 600.0  # s without a message between two calls: oracles, neighbour lists, the start of Python
+MOST_BYTES = 1 << 20  # of a message
 
-def outcomes(
-    source: str,
-    operations: Sequence[str],
-    dtypes: Sequence[str] = (),
-    variants: Sequence[int] = (),
-    steps: Sequence[str] = (),
-) -> Iterator[Outcome]:
-    """Outcomes of the ladder for the programs of `source` (see `load`), operation by operation, as they come.
 
-    A process that ends by itself gives a failed outcome, and the next operation starts another one. Raises InputError
-    as `load` and `trials` do.
+@dataclass(frozen=True)
+class Request:
+    """What is judged: see `refsim.contract.programs.trials`; `seconds` limits the import and each call."""
+
+    source: str
+    operations: tuple[str, ...] = ()
+    dtypes: tuple[str, ...] = ()
+    variants: tuple[int, ...] = ()
+    steps: tuple[str, ...] = ()
+    seconds: float = 120.0
+
+
+@dataclass(frozen=True)
+class About:
+    """A library as its process describes it: `names` are judged, `offered` has programs (None: refsim's own)."""
+
+    name: str
+    arrays: str
+    names: list[str]
+    offered: list[str] | None
+
+
+def describe(request: Request) -> About:
+    """Import the programs in a process of their own and say what they are; raises InputError as `judge` does."""
+    child = _Child(request, (), False)
+    try:
+        return _about(child, request)
+    finally:
+        child.close()
+
+
+def judge(request: Request) -> tuple[About, Iterator[Outcome]]:
+    """(what the library is, outcomes of the ladder as they come, operation by operation).
+
+    An operation whose program ends its process or does not return in time gets a failed outcome; the next operation
+    starts another process. Raises InputError if the library cannot be imported or the request does not fit it.
     """
-    context = multiprocessing.get_context("spawn")
-    waiting = list(operations)
-    while waiting:
-        here, there = context.Pipe(duplex=False)
-        task = (there, source, tuple(waiting), tuple(dtypes), tuple(variants), tuple(steps), list(sys.path))
-        process = context.Process(target=_work, args=task, daemon=True)
-        process.start()
+    child = _Child(request, request.operations, True)
+    try:
+        about = _about(child, request)
+    except BaseException:
+        child.close()
+        raise
+    return about, _outcomes(child, about, request)
+
+
+def _about(child: _Child, request: Request) -> About:
+    try:
+        while True:
+            kind, value = child.message(request.seconds)
+            if kind == "refused":
+                raise InputError(value)
+            if kind == "about":
+                return About(**value)
+    except _Gone as gone:
+        raise InputError(f"{request.source} cannot be imported: {gone}.") from None
+
+
+def _outcomes(child: _Child, about: About, request: Request) -> Iterator[Outcome]:
+    waiting = list(about.names)
+    try:
+        while waiting:
+            at: list[Any] = [waiting[0], "", 0, "the start"]
+            case = "the rest of the step"
+            fault = ""
+            try:
+                while waiting and not fault:
+                    kind, value = child.message(request.seconds)
+                    if kind == "outcome":
+                        yield Outcome(**value)
+                    elif kind == "begin":
+                        at, case = value, "the rest of the step"
+                    elif kind == "call":
+                        case = value
+                    elif kind == "returned":
+                        case = "the rest of the step"
+                    elif kind == "done":
+                        waiting.remove(value)
+                    elif kind in ("refused", "fault"):
+                        fault = value
+            except (_Gone, TypeError, ValueError) as gone:  # TypeError: no message of ours
+                fault = str(gone) if isinstance(gone, _Gone) else "it disturbed the process that judges it"
+            if fault:
+                operation, dtype, variant, step = at
+                words = f"{fault}; what was left of the operation is not judged"
+                yield Outcome(operation, step, case, about.arrays, dtype, variant, False, np.inf, words)
+                if operation in waiting:
+                    waiting.remove(operation)
+                child.close()
+                if waiting:
+                    child = _Child(request, tuple(waiting), True)
+    finally:
+        child.close()
+
+
+class _Gone(Exception):
+    """The process that judges ended, or was ended; the message is a clause that says why."""
+
+
+class _Child:
+    """The process with the programs, and its messages."""
+
+    def __init__(self, request: Request, operations: Sequence[str], judged: bool) -> None:
+        context = multiprocessing.get_context("spawn")  # a forked process would inherit the threads of Numba's pool
+        self.pipe, there = context.Pipe(duplex=False)
+        task = (there, dataclasses.replace(request, operations=tuple(operations)), judged, list(sys.path))
+        self.process = context.Process(target=_work, args=task)
+        self.process.start()
         there.close()
-        at: tuple[Any, ...] = (waiting[0], "cpu", "", 0, "the start")
-        try:
-            while True:
-                kind, value = here.recv()
-                if kind == "refused":
-                    raise InputError(value)
-                if kind == "outcome":
-                    yield value
-                elif kind == "begin":
-                    at = value
-                elif kind == "done":
-                    waiting.remove(value)
-                    if not waiting:
-                        break
-        except EOFError:  # the process is gone
-            process.join()
-            operation, arrays, dtype, variant, step = at
-            words = f"the program ended its process ({_ending(process.exitcode)}); what was left of it is not judged"
-            yield Outcome(operation, step, "the rest of the step", arrays, dtype, variant, False, np.inf, words)
-            waiting.remove(operation)
-        finally:
-            here.close()
-            if process.is_alive():
-                process.join(5)
-                process.terminate()
-            process.join()
+        self.called = ""
+        self.messages: queue.SimpleQueue[Any] = queue.SimpleQueue()
+        threading.Thread(target=_read, args=(self.pipe, self.messages), daemon=True).start()
+
+    def message(self, seconds: float) -> tuple[str, Any]:
+        """(kind, value) of the next message; _Gone if none comes, `seconds` after the last if a program is running."""
+        until = time.monotonic() + (seconds if self.called else OWN_WORK)
+        found = None
+        while found is None:
+            try:
+                found = self.messages.get(timeout=0.2)
+                break
+            except queue.Empty:
+                pass
+            if not self.process.is_alive():
+                with contextlib.suppress(queue.Empty):  # a process of the program's own may hold the pipe open
+                    found = self.messages.get(timeout=1)
+                break
+            if time.monotonic() > until:
+                what = {"import": "its import did not end", "call": "the program did not return"}
+                words = what.get(self.called, "the process that judges it stood still")
+                raise _Gone(f"{words} within {seconds if self.called else OWN_WORK:g} s (--time-limit)")
+        if not isinstance(found, list) or len(found) != 2:
+            self.process.join(1)
+            raise _Gone(f"the program ended its process ({_ending(self.process.exitcode)})")
+        kind, value = found
+        if kind in ("import", "call"):
+            self.called = kind
+        elif kind in ("returned", "about", "refused", "fault"):
+            self.called = ""
+        return kind, value
+
+    def close(self) -> None:
+        """End the process and those that it started."""
+        if self.process.exitcode is None:
+            with contextlib.suppress(OSError, AttributeError):  # AttributeError: on Windows
+                os.killpg(self.process.pid, signal.SIGKILL)  # type: ignore[arg-type]
+            self.process.kill()
+        self.process.join()
+
+
+def _read(pipe: Any, messages: queue.SimpleQueue[Any]) -> None:
+    """Messages into the queue, and None at the end, or at the first that is none of ours."""
+    try:
+        while True:
+            messages.put(json.loads(pipe.recv_bytes(MOST_BYTES)))
+    except (EOFError, OSError, ValueError):
+        messages.put(None)
 
 
 def _ending(code: int | None) -> str:
-    if code is not None and code < 0:
-        return f"signal {signal.Signals(-code).name}"
-    return f"exit code {code}"
+    if code is None:
+        return "it closed the pipe that leads out of it"
+    return f"signal {signal.Signals(-code).name}" if code < 0 else f"exit code {code}"
 
 
-def _work(
-    pipe: Any,
-    source: str,
-    operations: tuple[str, ...],
-    dtypes: tuple[str, ...],
-    variants: tuple[int, ...],
-    steps: tuple[str, ...],
-    path: list[str],
-) -> None:
-    """In the other process: whatever the programs print goes to standard error, which is no report."""
+# In the other process
+
+
+def _work(pipe: Any, request: Request, judged: bool, path: list[str]) -> None:
+    """Import and judge. What programs print goes to standard error, which is no report; nothing is typed into them."""
+    from refsim.contract import programs as library
+
+    if hasattr(os, "setsid"):
+        os.setsid()  # what programs start ends with this process
     os.dup2(2, 1)
+    os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
     sys.path[:] = path
-    from refsim.contract.programs import load, trials
+    own, quiet = os.getpid(), open(os.devnull, "w")  # noqa: SIM115
 
+    def tell(kind: str, value: Any = None) -> None:
+        if os.getpid() != own:  # a copy of the process that a program made
+            os._exit(1)
+        pipe.send_bytes(json.dumps([kind, value]).encode())
+        if kind in ("import", "call"):  # ends this process even if the parent is gone
+            faulthandler.dump_traceback_later(2 * request.seconds + 30, exit=True, file=quiet)
+        else:
+            faulthandler.cancel_dump_traceback_later()
+
+    code = 1
     try:
-        programs = load(source)
-        for operation in operations:
-            pipe.send(("begin", (operation, programs.arrays, "", 0, "the start")))
+        try:
+            tell("import")
+            with np.errstate(), warnings.catch_warnings():  # a library may change both for everybody
+                found = library.load(request.source)
+                names = library.checked_request(found, request)
+        except InputError as error:
+            tell("refused", str(error))
+            return
+        except BaseException as error:
+            tell("refused", f"{request.source} cannot be imported: {library.told(error)}.")
+            return
+        offered = None if found.programs is None else list(found.programs)
+        tell("about", dataclasses.asdict(About(found.name, found.arrays, list(names), offered)))
+        for operation in names if judged else ():
+            tell("begin", [operation, "", 0, "the start"])
 
             def begin(dtype: str, variant: int, step: str, operation: str = operation) -> None:
-                pipe.send(("begin", (operation, programs.arrays, dtype, variant, step)))
+                tell("begin", [operation, dtype, variant, step])
 
-            for outcome in trials(programs, operation, dtypes, variants, steps, begin):
-                pipe.send(("outcome", outcome))
-            pipe.send(("done", operation))
-    except InputError as error:
-        pipe.send(("refused", str(error)))
+            def calling(case: str | None) -> None:
+                tell("returned" if case is None else "call", case)
+
+            for outcome in library.trials(
+                found, operation, request.dtypes, request.variants, request.steps, begin, calling
+            ):
+                tell("outcome", dataclasses.asdict(outcome))
+            tell("done", operation)
+        code = 0
+    except BaseException as error:
+        with contextlib.suppress(BaseException):
+            tell("fault", str(error) if isinstance(error, InputError) else library.told(error, "it ended its step by"))
+    finally:
+        with contextlib.suppress(BaseException):
+            sys.stdout.flush()
+        with contextlib.suppress(BaseException):
+            sys.stderr.flush()
+        os._exit(code)  # no exit handlers or threads of the programs

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from refsim import cases
 from refsim.backend import Backend, set_threads
 from refsim.boundary.walls import WallParticles
 from refsim.contract.bounds import errors, neighbour_counts, oracle, size, undecided
+from refsim.contract.guards import Guards
 from refsim.contract.inputs import Inputs, all_pairs, backend_for, on_backend, prepared, value_of, with_variant
 from refsim.contract.parameters import acts, varied
 from refsim.operation import REGISTRY, Operation
@@ -61,6 +63,8 @@ class Target:
 
     variant  number of the operation's variant
     loader   operation -> program taking the arguments of the backend's own program in their order
+    calling  is told the name of the case before each call of the program, and None after it
+    faults   what the program did since the last outcome beside a wrong answer; the next outcome fails by it
     """
 
     operation: Operation
@@ -68,6 +72,8 @@ class Target:
     dtype: str = "float32"
     variant: int = 0
     loader: Callable[[Operation], Callable[..., Any]] | None = None
+    calling: Callable[[str | None], None] = lambda case: None
+    faults: list[str] = field(default_factory=list, compare=False, repr=False)
 
     @property
     def place(self) -> Backend:
@@ -75,8 +81,11 @@ class Target:
         return backend_for(self.backend)
 
     def outcome(self, step: str, trial: str, error: float, words: str = "") -> Outcome:
-        """Passed where the error is at most the bound; NaN fails."""
-        passed = bool(error <= 1)
+        """Passed where the error is at most the bound and no launch since the last outcome had a fault; NaN fails."""
+        faults = tuple(dict.fromkeys(self.faults))
+        self.faults.clear()
+        passed = bool(error <= 1) and not faults
+        words = "; ".join(faults) or words
         return Outcome(
             self.operation.name, step, trial, self.backend, self.dtype, self.variant, passed, float(error), words
         )
@@ -90,7 +99,8 @@ class Target:
     ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
         """(outputs before, outputs after) one launch, on the host.
 
-        Without lists those of the oracle are taken, for the particles' order as it is; `before` sets outputs.
+        Without lists those of the oracle are taken, for the particles' order as it is; `before` sets outputs. A
+        program that raises, changes an input or writes beside its arrays adds to `faults`.
         """
         operation, place = self.operation, self.place
         if self.backend == "numpy":
@@ -99,19 +109,28 @@ class Target:
             neighbours, walls = all_pairs(inputs, place)
         wanted = {n: inputs.output(operation, n) for n in operation.outputs if not inputs.dropped(n)}
         wanted |= {n: np.asarray(v, wanted[n].dtype) for n, v in (before or {}).items() if n in wanted}
-        values = {n: on_backend(v, place) for n, v in wanted.items()}
+        guards = Guards(place)
+        values = {n: guards.hold(n, on_backend(v, place), written=True) for n, v in wanted.items()}
 
         def lookup(name: str) -> Any:
             if name not in values:
-                values[name] = value_of(operation, name, inputs, neighbours, walls, place)
+                values[name] = guards.hold(name, value_of(operation, name, inputs, neighbours, walls, place))
             return values[name]
 
-        with np.errstate(all="ignore"):
-            if self.loader is None:
-                place.bind(operation, lookup)()
-            else:
-                self.loader(operation)(*[lookup(name) for name in operation.arguments(self.backend)])
-        place.synchronize()
+        if self.loader is None:
+            call = place.bind(operation, lookup)
+        else:
+            call = functools.partial(self.loader(operation), *map(lookup, operation.arguments(self.backend)))
+        self.calling(inputs.case.name)
+        try:
+            with np.errstate(all="ignore"):
+                call()
+            place.synchronize()
+        except ProgramFailed as error:
+            self.faults.append(str(error))
+        finally:
+            self.calling(None)
+        self.faults.extend(guards.faults())
         return wanted, {n: np.array(place.host(values[n])) for n in wanted}
 
 
@@ -522,16 +541,15 @@ def climbing(
 
     begin  is told of (dtype, variant, step) before each step
 
-    A step whose program raises ends there, with an outcome that says so.
+    A trial fails in which the program raises, changes an input or writes beside its arrays.
     """
     for name in STEPS if steps is None else steps:
         if target.backend == "numpy" and name in AGAINST_ORACLE:
             continue
         begin(target.dtype, target.variant, name)
-        try:
-            yield from STEPS[name](target)
-        except ProgramFailed as error:
-            yield target.outcome(name, "the rest of the step", np.inf, str(error))
+        yield from STEPS[name](target)
+        if target.faults:
+            yield target.outcome(name, "the rest of the step", np.inf)
 
 
 def climb(target: Target, steps: tuple[str, ...] | None = None) -> list[Outcome]:

@@ -19,6 +19,7 @@ from typing import Any
 
 import numpy as np
 
+from refsim.contract.inputs import backend_for
 from refsim.contract.ladder import STEPS, Outcome, ProgramFailed, Target, climbing
 from refsim.errors import InputError
 from refsim.operation import BACKENDS, REGISTRY, Operation
@@ -27,6 +28,7 @@ GROUP = "refsim.contract"  # of entry points
 ATTRIBUTE = "PROGRAMS"  # what is taken from a module where nothing else is named
 DTYPES = ("float32", "float64")
 ARRAYS = ("cpu", "cuda")
+MOST_TOLD = 300  # characters of another's words
 
 Program = Callable[..., Any]
 
@@ -100,9 +102,9 @@ def load(source: str) -> Programs:
             found = _from_file(Path(place))
         else:
             found = importlib.import_module(place)
-    except InputError:
+    except (InputError, KeyboardInterrupt):
         raise
-    except Exception as error:  # a module may raise whatever it likes
+    except BaseException as error:  # a module may raise whatever it likes, SystemExit too
         if isinstance(error, ModuleNotFoundError) and not entries and (error.name or "") in _parents(place):
             hint = "give a file (folder/file.py), a module that Python can import, or an entry point's name"
             near = difflib.get_close_matches(place, REGISTRY, 1)
@@ -110,7 +112,17 @@ def load(source: str) -> Programs:
             raise InputError(
                 f"There is no module {place!r} and no such entry point of {GROUP}; {hint}{meant}."
             ) from None
-        raise InputError(f"{source} cannot be imported: {type(error).__name__}: {_line(error)}.") from None
+        raise InputError(f"{source} cannot be imported: {told(error)}.") from None
+    try:
+        return _programs(found, source, place, attribute)
+    except InputError:
+        raise
+    except Exception as error:  # so may a mapping of its own kind
+        raise InputError(f"{source} offers no usable programs: {told(error)}.") from None
+
+
+def _programs(found: Any, source: str, place: str, attribute: str) -> Programs:
+    """The mapping behind an imported object."""
     if inspect.ismodule(found):
         wanted = attribute or ATTRIBUTE
         if not hasattr(found, wanted):
@@ -119,7 +131,7 @@ def load(source: str) -> Programs:
     if isinstance(found, Programs):
         return replace(found, name=source).checked()
     if isinstance(found, Mapping):
-        return Programs(found, name=source).checked()
+        return Programs(dict(found), name=source).checked()
     raise InputError(f"{source} is {type(found).__name__}; give a mapping from names of operations to functions.")
 
 
@@ -153,16 +165,21 @@ def _among(values: Sequence[str], known: Sequence[str], words: str) -> None:
             raise InputError(f"{words} {value!r}; choose from {', '.join(known)}.")
 
 
-def _line(error: BaseException) -> str:
-    text = " ".join(str(error).split())
-    return text.rstrip(".") or "no word of why"
+def told(error: BaseException, how: str = "") -> str:
+    """An exception of another's code on one line of printable characters."""
+    try:
+        text = str(error)[:MOST_TOLD]
+    except Exception:  # its own __str__ raises
+        text = ""
+    text = " ".join("".join(c if c.isprintable() else " " for c in text).split()).rstrip(".")
+    return f"{how} {type(error).__name__}: {text or 'no word of why'}".strip()
 
 
 def by_name(program: Program, operation: Operation, owner: Programs) -> Program:
     """The program as a function of all the operation's arguments, in their order.
 
-    Raises InputError, when it is called, for what it hands back in a wrong shape or dtype, and ProgramFailed for what
-    it raises; at once for a parameter that the operation has not.
+    Raises ProgramFailed, when it is called, for what it raises and for an answer of a wrong shape or dtype; at once
+    InputError for a parameter that the operation has not.
     """
     names = operation.arguments(owner.arrays)
     label = f"{owner.name}: its program for {operation.name}"
@@ -172,10 +189,17 @@ def by_name(program: Program, operation: Operation, owner: Programs) -> Program:
         given = dict(zip(names, values))
         try:
             returned = program(*[given[n] for n in ordered], **{n: given[n] for n in named})
-        except Exception as error:
-            raise ProgramFailed(f"it raised {type(error).__name__}: {_line(error)}") from error
-        if returned is not None:
-            _hand_over(returned, operation, given, owner.arrays, label)
+        except KeyboardInterrupt:
+            raise
+        except BaseException as error:  # SystemExit is a failure of the program, and no end of the ladder
+            raise ProgramFailed(told(error, "it raised")) from error
+        try:
+            if returned is not None:
+                _hand_over(returned, operation, given, owner.arrays)
+        except ProgramFailed:
+            raise
+        except Exception as error:  # an object of its own kind
+            raise ProgramFailed(told(error, "its answer raised")) from error
 
     return call
 
@@ -200,29 +224,31 @@ def _parameters(program: Program, names: Sequence[str], label: str) -> tuple[lis
     return ordered, named
 
 
-def _hand_over(returned: Any, operation: Operation, given: Mapping[str, Any], arrays: str, label: str) -> None:
-    """Write what a program returned into the outputs."""
+def _hand_over(returned: Any, operation: Operation, given: Mapping[str, Any], arrays: str) -> None:
+    """Write what a program returned into the outputs; ProgramFailed if it does not fit."""
     if arrays == "cuda":
-        raise InputError(f"{label} returned something; on device arrays write the outputs in place and return None.")
+        raise ProgramFailed("it returned something; on device arrays it must write the outputs and return None")
     wanted = {name: given[name] for name in operation.outputs if given[name] is not None}
     if not isinstance(returned, Mapping):
         if len(operation.outputs) > 1:
-            kind = type(returned).__name__
-            raise InputError(f"{label} returned {kind}; return {{name: array}} for {_names(wanted)}.")
+            raise ProgramFailed(
+                f"it returned {type(returned).__name__}; wanted is {{name: array}} for {_names(wanted)}"
+            )
         returned = {operation.outputs[0]: returned}
     for name in returned:
         if name not in operation.outputs:
-            raise InputError(f"{label} returned {name!r}, which is no output; those are {_names(operation.outputs)}.")
+            raise ProgramFailed(f"it returned {name!r}, which is no output; those are {_names(operation.outputs)}")
     for name, target in wanted.items():
         if name not in returned:
-            raise InputError(f"{label} did not return {name}; return it, or write all outputs in place.")
+            raise ProgramFailed(f"it did not return {name}; it must, or write all outputs in place")
         values = returned[name]
         if not isinstance(values, np.ndarray):
-            raise InputError(f"{label} returned {name} as {type(values).__name__}; return a NumPy array.")
+            raise ProgramFailed(f"it returned {name} as {type(values).__name__}; wanted is a NumPy array")
+        values = np.array(values)
         if values.shape != target.shape or values.dtype != target.dtype:
-            raise InputError(
-                f"{label} returned {name} as {values.dtype} of shape {values.shape}; wanted is {target.dtype} of shape"
-                f" {target.shape}."
+            raise ProgramFailed(
+                f"it returned {name} as {values.dtype} of shape {values.shape}; wanted is {target.dtype} of shape"
+                f" {target.shape}"
             )
         if name in operation.adds:
             target += values
@@ -234,6 +260,40 @@ def _names(names: Sequence[str] | Mapping[str, Any]) -> str:
     return ", ".join(names)
 
 
+def check_names(
+    operations: Sequence[str] = (), dtypes: Sequence[str] = (), variants: Sequence[int] = (), steps: Sequence[str] = ()
+) -> None:
+    """Raise InputError for a name or number that no library has; needs no library."""
+    for name in operations:
+        _operation(name, "the contract")
+    _among(dtypes, DTYPES, "there is no dtype")
+    _among(steps, tuple(STEPS), "there is no step")
+    for name in operations or (() if not variants else (max(REGISTRY, key=lambda n: len(REGISTRY[n].variants)),)):
+        _variants(REGISTRY[name], variants)
+
+
+def _variants(operation: Operation, variants: Sequence[int]) -> list[int]:
+    """Those of `variants` that the operation has, all by default; InputError if it has none of them."""
+    every = range(len(operation.variants))
+    chosen = [n for n in (variants or every) if n in every]
+    if not chosen:
+        wanted = ", ".join(map(str, variants))
+        raise InputError(f"{operation.name} has no variant {wanted}; it has 0 to {every[-1]}.")
+    return chosen
+
+
+def checked_request(programs: Programs, request: Any) -> tuple[str, ...]:
+    """Names of the operations to judge; InputError if the programs or this machine cannot do what is requested."""
+    names = programs.operations(request.operations)
+    _among(request.dtypes, programs.dtypes, f"{programs.name} does not compute in")
+    backend_for(programs.arrays)
+    for name in names:
+        _variants(REGISTRY[name], request.variants)
+        if programs.programs is not None:
+            by_name(programs.programs[name], REGISTRY[name], programs)
+    return names
+
+
 def trials(
     programs: Programs,
     operation: str,
@@ -241,21 +301,21 @@ def trials(
     variants: Sequence[int] = (),
     steps: Sequence[str] = (),
     begin: Callable[[str, int, str], None] = lambda dtype, variant, step: None,
+    calling: Callable[[str | None], None] = lambda case: None,
 ) -> Iterator[Outcome]:
     """Outcomes of the ladder for one operation as they come; all dtypes of the backend, variants and steps by default.
 
-    begin  is told of (dtype, variant, step) before each step
+    begin    is told of (dtype, variant, step) before each step
+    calling  is told the case's name before each call of the program, and None after it
 
-    Raises InputError for what does not exist or cannot run here, and for a wrong shape or dtype.
+    Raises InputError for what does not exist or cannot run here.
     """
     found = REGISTRY[programs.operations((operation,))[0]]
     _among(dtypes, programs.dtypes, f"{programs.name} does not compute in")
     _among(steps, tuple(STEPS), "there is no step")
-    every = range(len(found.variants))
-    chosen = [n for n in (variants or every) if n in every]
-    if variants and not chosen:
-        raise InputError(f"{operation} has no variant {', '.join(map(str, variants))}; it has 0 to {every[-1]}.")
+    chosen = _variants(found, variants)
     loader = programs.loader()
     for dtype in dtypes or programs.dtypes:
         for variant in chosen:
-            yield from climbing(Target(found, programs.arrays, dtype, variant, loader), tuple(steps) or None, begin)
+            target = Target(found, programs.arrays, dtype, variant, loader, calling)
+            yield from climbing(target, tuple(steps) or None, begin)
