@@ -31,6 +31,8 @@ class Operation:
     exact       outputs compared exactly wherever the margin exceeds tolerance * eps
     reach       how many neighbourhoods away one particle's values act; 0 where they may act on all
     adds        outputs to which the kernel adds instead of assigning
+    work        arguments, or members of groups ("group.member"), that serve as work space: the contract lets a program
+                change them, and no other input
     entrywise   outputs of the whole set with a bound for each entry, whose scale counts the terms itself
     optional    arguments that are None where the scene has no such thing
     tolerance   c in the bound c * neighbours * eps * sum|terms|, with its reason in `tolerance_reason`
@@ -53,6 +55,7 @@ class Operation:
     exact: tuple[str, ...] = ()
     adds: tuple[str, ...] = ()
     reach: int = 1
+    work: tuple[str, ...] = ()
     entrywise: tuple[str, ...] = ()
     optional: tuple[str, ...] = ()
     tolerance: float = 4.0

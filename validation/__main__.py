@@ -1,4 +1,7 @@
-"""`python -m validation [CASE ...]`: the papers' experiments, with verdicts and pictures."""
+"""`python -m validation [CASE ...]`: the papers' experiments, with verdicts and pictures.
+
+`python -m validation attack` attacks the command line instead; see `python -m validation attack --help`.
+"""
 
 from __future__ import annotations
 
@@ -59,6 +62,11 @@ def options_of(given: argparse.Namespace, root: Path = Path()) -> Options:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; returns its exit code: 0 well, 2 bad input, 3 a run stopped, 4 a verdict failed."""
+    arguments = list(sys.argv[1:] if arguments is None else arguments)
+    if arguments[:1] == ["attack"]:
+        from validation.attack.__main__ import main as attack
+
+        return attack(arguments[1:])
     given = parser().parse_args(arguments)
     try:
         cases = discover()

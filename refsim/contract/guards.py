@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from typing import Any
 
 import numpy as np
@@ -16,11 +16,12 @@ PATTERN = 0xA5
 class Guards:
     """Hands the arguments of one call over, and says afterwards what the program changed that is not its own.
 
-    On the CPU each array is a copy between guard bytes. On a GPU the inputs are compared, without guard bytes.
+    A program may change its outputs and what is named in `work`. On the CPU each array is a copy between guard bytes.
+    On a GPU the inputs are compared, without guard bytes.
     """
 
-    def __init__(self, backend: Backend) -> None:
-        self.backend = backend
+    def __init__(self, backend: Backend, work: Collection[str] = ()) -> None:
+        self.backend, self.work = backend, work
         self.checks: list[Callable[[], str]] = []
 
     def hold(self, name: str, value: Any, written: bool = False) -> Any:
@@ -28,6 +29,7 @@ class Guards:
 
         written  the argument is an output, which the program may change
         """
+        written = written or name in self.work
         if isinstance(value, np.ndarray) and self.backend.name != "cuda":
             return self._fenced(name, value, written)
         if hasattr(value, "copy_to_host"):

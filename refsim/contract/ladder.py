@@ -109,7 +109,7 @@ class Target:
             neighbours, walls = all_pairs(inputs, place)
         wanted = {n: inputs.output(operation, n) for n in operation.outputs if not inputs.dropped(n)}
         wanted |= {n: np.asarray(v, wanted[n].dtype) for n, v in (before or {}).items() if n in wanted}
-        guards = Guards(place)
+        guards = Guards(place, operation.work)
         values = {n: guards.hold(n, on_backend(v, place), written=True) for n, v in wanted.items()}
 
         def lookup(name: str) -> Any:

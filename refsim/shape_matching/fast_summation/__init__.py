@@ -90,5 +90,6 @@ for _name in ("match", "pull", "region_motion", "damp"):
             paper="Rivers & James 2007",
             tolerance=2 * _plain.tolerance,
             rarely=True,
+            work=("boxes.first", "boxes.second"),
         )
     )

@@ -1,0 +1,22 @@
+"""Attacks on refsim: hostile scenes, damaged files, kills, full disks, broken libraries; `python -m validation attack`.
+
+A kind of trial is a module of this package with two functions. `make(seed, number)` draws a trial as plain values that
+JSON holds; the same two numbers give the same trial. `perform(trial, folder)` carries it out in an empty folder and
+returns (outcome, words). Good outcomes are exit codes of the command line in one sentence: "0", "2", "3", and "4" for a
+verdict. Every other outcome is a finding: "traceback", "sentence" (an error in more or less than one), "code" (another
+exit code than the trial must have), "lost" (a state that was on the disk, or other bits), "silent" (damage that nobody
+was told of), "hang" and "died" (of the process that performs).
+"""
+
+from __future__ import annotations
+
+GOOD = ("0", "2", "3", "4")
+BAD = ("traceback", "sentence", "code", "lost", "silent", "hang", "died")
+KINDS = {  # name: (module, trials of a whole campaign, seconds that one may take)
+    "scenes": ("scenes", 10_000, 60.0),
+    "checkpoints": ("checkpoints", 4_700, 60.0),
+    "caches": ("caches", 300, 90.0),
+    "kills": ("kills", 200, 120.0),
+    "libraries": ("libraries", 40, 120.0),
+    "disk": ("disk", 60, 120.0),
+}
