@@ -17,6 +17,6 @@ KINDS = {  # name: (module, trials of a whole campaign, seconds that one may tak
     "checkpoints": ("checkpoints", 4_700, 60.0),
     "caches": ("caches", 300, 90.0),
     "kills": ("kills", 200, 120.0),
-    "libraries": ("libraries", 40, 120.0),
+    "libraries": ("libraries", 60, 120.0),
     "disk": ("disk", 60, 120.0),
 }

@@ -42,7 +42,7 @@ def mixed(only: Sequence[str], scale: float) -> Iterator[tuple[str, int]]:
     order = sorted((((n + 0.5) / count, kind, n) for kind, count in counts.items() for n in range(count)))
     slow = [(kind, n) for _, kind, n in order if kind not in ("scenes", "checkpoints")]
     quick = {kind: [(k, n) for _, k, n in order if k == kind] for kind in ("scenes", "checkpoints") if kind in counts}
-    rounds = max(len(slow), 1)
+    rounds = max(len(slow), 50)
     for i in range(rounds):
         yield from slow[i : i + 1]
         for tasks in quick.values():

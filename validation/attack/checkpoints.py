@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any
 
 from validation.attack.commands import (
-    TANK,
     compared,
     here,
     last_lines,
@@ -31,7 +30,8 @@ RUN_FILES = (
     ("particles.vtkhdf.journal", 5),
     ("report.json", 5),
 )
-INPUTS = (("stone.obj", 10), ("stone.stl", 5), ("cloud.npy", 5), ("cloud.csv", 5))
+INPUTS = (("stone.obj", 3), ("stone.stl", 2), ("cloud.npy", 5), ("cloud.csv", 5))  # a mesh takes seconds
+HALF, END = "0.02", "0.03"  # s of simulated time
 HOW = ("bit", "byte", "zeros", "noise", "cut", "longer", "empty", "gone", "folder", "doubled", "swapped")
 OBJ = """v 0 0 0
 v .02 0 0
@@ -130,11 +130,14 @@ def perform(trial: dict[str, Any], folder: Path) -> tuple[str, str]:
     about = trial["file"]
     is_checkpoint = about.startswith("checkpoint")
     named = trial["resume"] == "file" and is_checkpoint
-    outcome, words = here(resume_command(run / about if named else run, "--output", str(run)))
+    until = ("--until", END)
+    outcome, words = here(resume_command(run / about if named else run, "--output", str(run), *until))
+    if outcome == "2" and any(d["how"] == "folder" for d in trial["damages"]):
+        return outcome, words  # refsim deletes no folder that lies in the place of its file
     if outcome == "2" and is_checkpoint:
         if not named:
             return "lost", f"one of two checkpoints is whole, and the folder is refused: {words}"
-        outcome, words = here(resume_command(run))
+        outcome, words = here(resume_command(run, *until))
         if outcome != "0":
             return ("lost" if outcome in "234" else outcome), f"the folder was refused after the file: {words}"
     if outcome == "0":
@@ -170,12 +173,11 @@ def _input(trial: dict[str, Any], folder: Path) -> tuple[str, str]:
 def _base() -> tuple[Path, dict[str, Any]]:
     """(folder of a run that was stopped half-way with two checkpoints, what the whole run reaches); once a process."""
     folder = Path(tempfile.mkdtemp(prefix="refsim-attack-"))
-    whole = reference(folder, "--backend", "numpy")
+    whole = reference(folder, "--backend", "numpy", "--until", END)
     scene = write_tank(folder)
     half = folder / "half"
-    arguments = run_command(scene, half, "--backend", "numpy", "--until", "0.03", "--checkpoint-every", "0.02")
+    arguments = run_command(scene, half, "--backend", "numpy", "--until", HALF, "--checkpoint-every", "0.02")
     outcome, words = here(arguments)
     if outcome != "0" or not (half / "checkpoint.previous.h5").exists():
         raise RuntimeError(f"the run to be damaged failed: {outcome}: {words}")
-    assert TANK in scene.read_text()
     return half, whole

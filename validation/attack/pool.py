@@ -123,7 +123,7 @@ def perform(tasks: Iterable[tuple[str, int]], seed: int, jobs: int, until: float
 
 def module(kind: str) -> Any:
     """The module of a kind of trial."""
-    return importlib.import_module(f"validation.attack.{KINDS[kind][0]}")
+    return importlib.import_module(f"validation.attack.{KINDS[kind][0] if kind in KINDS else kind}")
 
 
 def draw(kind: str, seed: int, number: int) -> dict[str, Any]:
