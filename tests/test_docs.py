@@ -248,6 +248,8 @@ def commands(text):
 
 def understood(words):
     """Whether the command's own parser takes the line; scenes, programs and files need not be there."""
+    if words[2:4] == ["validation", "attack"]:
+        words = [*words[:2], "validation.attack.__main__", *words[4:]]
     if words[0] == "refsim":
         refsim.commands.discover()
         if len(words) > 1 and not words[1].startswith("-") and words[1] not in refsim.commands.COMMANDS:

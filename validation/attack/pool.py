@@ -9,7 +9,6 @@ import multiprocessing
 import os
 import shutil
 import signal
-import sys
 import tempfile
 import time
 import traceback
@@ -42,7 +41,8 @@ class _Worker:
         context = multiprocessing.get_context("spawn")
         self.pipe, there = context.Pipe()
         self.log = tempfile.NamedTemporaryFile(prefix="refsim-attack-", suffix=".log")  # noqa: SIM115
-        self.process = context.Process(target=_work, args=(there, seed, self.log.name))
+        self.scratch = tempfile.mkdtemp(prefix="refsim-attack-")
+        self.process = context.Process(target=_work, args=(there, seed, self.log.name, self.scratch))
         self.process.start()
         there.close()
         self.waiting: list[tuple[str, int]] = []
@@ -61,6 +61,7 @@ class _Worker:
         self.process.join()
         self.pipe.close()
         self.log.close()
+        shutil.rmtree(self.scratch, ignore_errors=True)
 
     def last_words(self) -> str:
         return Path(self.log.name).read_text(errors="replace")[-1500:]
@@ -141,7 +142,7 @@ def carry_out(kind: str, trial: dict[str, Any]) -> tuple[str, str]:
             os.chdir(before)
 
 
-def _work(pipe: Any, seed: int, log: str) -> None:
+def _work(pipe: Any, seed: int, log: str, scratch: str) -> None:
     """In a process of its own: trials as they come. Its words go to a file; they are read if it dies."""
     file = open(log, "w", buffering=1)  # noqa: SIM115
     os.dup2(file.fileno(), 2)
@@ -157,8 +158,7 @@ def _work(pipe: Any, seed: int, log: str) -> None:
     for name in ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
         os.environ[name] = "1"
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    scratch = tempfile.mkdtemp(prefix="refsim-attack-")
-    tempfile.tempdir = scratch
+    tempfile.tempdir = scratch  # the parent removes it
     try:
         while True:
             for kind, number in pipe.recv():
@@ -170,6 +170,3 @@ def _work(pipe: Any, seed: int, log: str) -> None:
                 pipe.send(Ended(kind, number, outcome, words, trial, time.monotonic() - began))
     except (EOFError, OSError):
         pass
-    finally:
-        shutil.rmtree(scratch, ignore_errors=True)
-        sys.stderr.flush()
