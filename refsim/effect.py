@@ -221,6 +221,12 @@ class Effect(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
         """
         return None
 
+    def remark(self, grid: Discretisation, seen: Mapping[str, np.ndarray]) -> str | None:
+        """What a reader must know of all that comes after this step, where what it watches says so: a sentence that
+        goes on after "From step n on". The first one becomes a note of the run.
+        """
+        return None
+
     def greatest_speed(self, grid: Discretisation) -> float:
         """Speed [m/s] beyond which its equations mean nothing: a particle that is faster ends the run."""
         return math.inf

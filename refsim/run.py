@@ -122,6 +122,7 @@ class Simulation:
             self.notes.append(
                 f"backend numpy computes all {n} x {n} pairs in each pass and is slow; it is meant for checks"
             )
+        self.remarks: dict[str, str] = {}  # the notes that effects have made on the way, by effect
         self.timings = Timings()
         self.fields = {
             name: self.backend.zeros(f.shape(n), f.numpy_dtype(grid.dtype)) for name, f in self.plan.fields.items()
@@ -284,11 +285,18 @@ class Simulation:
                 stop = effect.verdict(self.plan.grid, seen, done.length)
                 if stop is not None:
                     raise RunStopped(stop[0], f"In step {self.steps} to {self.time:.6g} s {stop[1]}")
+                said = None if effect.name in self.remarks else effect.remark(self.plan.grid, seen)
+                if said is not None:
+                    self._remark(effect.name, f"{effect.name}: from step {self.steps} on, at {self.time:.6g} s, {said}")
         self.limiters[done.limiter] = self.limiters.get(done.limiter, 0) + 1
         self.last = StepResult(self.steps, self.time, done.length, done.limiter, done.limits)
         if self.auditor is not None:
             self.auditor.after_step()
         return self.last
+
+    def _remark(self, effect: str, note: str) -> None:
+        self.remarks[effect] = note
+        self.notes.append(note)
 
     def step_limits(self, extremes: Extremes) -> dict[str, float]:
         """Largest stable steps [s] by what limits them."""
@@ -329,6 +337,7 @@ class Simulation:
             "list_built": self._shared["neighbours"] is not None,
             "limiters": json.dumps(self.limiters),
             "stopped_at_walls": self.stopped_at_walls,
+            "remarks": json.dumps(self.remarks),
         }
         if self.first_length is not None:
             attributes["first_length"] = self.first_length
@@ -380,6 +389,8 @@ class Simulation:
         self._set_between_steps = clock.set_between_steps
         if self.auditor is not None and saved.audit is not None:
             self.auditor.restore(saved.audit)
+        for effect, note in saved.remarks.items():
+            self._remark(effect, note)
         if self.search is not None and clock.list_built:
             self.rebuild_list()
             self._squared_way, self._margin = clock.squared_way, clock.margin
@@ -591,6 +602,7 @@ class Clock(msgspec.Struct, frozen=True, kw_only=True):
     first_length: float | None = None
     search_log: str = "{}"
     energy_audit: str | None = None
+    remarks: str = "{}"
 
 
 @dataclass(frozen=True)
@@ -606,6 +618,7 @@ class SavedRun:
     versions        of the programs that wrote it
     search_log      counts of the neighbour search
     audit           what the energy audit remembers, where the scene asks for one
+    remarks         notes that effects had made on the way, by effect
     notes           one sentence for each checkpoint that was passed over for it
     """
 
@@ -618,6 +631,7 @@ class SavedRun:
     versions: dict[str, str]
     search_log: dict[str, int]
     audit: AuditState | None
+    remarks: dict[str, str]
     notes: tuple[str, ...]
 
 
@@ -637,6 +651,7 @@ def load_checkpoint(path: str | os.PathLike[str]) -> SavedRun:
         limiters = msgspec.json.decode(clock.limiters, type=dict[str, int])
         then = msgspec.json.decode(clock.versions, type=dict[str, str])
         log = msgspec.json.decode(clock.search_log, type=dict[str, int])
+        remarks = msgspec.json.decode(clock.remarks, type=dict[str, str])
         audit = msgspec.json.decode(clock.energy_audit, type=AuditState) if clock.energy_audit else None
     except (msgspec.MsgspecError, OverflowError, RecursionError) as error:
         words = str(error)[:200]
@@ -676,4 +691,4 @@ def load_checkpoint(path: str | os.PathLike[str]) -> SavedRun:
     build_position = saved.arrays["build_position"]
     if plan.grid.dim == 2 and any(values[:, 2].any() for values in (state["position"], build_position)):
         raise wrong("it has particles with another z than 0 in a 2D scene")
-    return SavedRun(file, plan, clock, state, build_position, limiters, then, log, audit, notes)
+    return SavedRun(file, plan, clock, state, build_position, limiters, then, log, audit, remarks, notes)

@@ -1,8 +1,10 @@
 """Transfers of MPM: what holds exactly, the readings of the embedding, the grid's memory, walls, stops, bad input."""
 
+import dataclasses
 import itertools
 import math
 
+import msgspec
 import numpy as np
 import pytest
 
@@ -19,13 +21,15 @@ from refsim import (
     SurfaceEnergy,
     contract,
     make_plan,
+    simulate,
 )
-from refsim.mpm import reference
+from refsim.__main__ import main
+from refsim.mpm import CROWDED, OVERFULL, UNEVEN, Counting, reference
 from refsim.mpm.grid import FARTHEST
 from refsim.operation import REGISTRY
 from refsim.surface_energy import Tension, surface_term
 from validation.cases.mpm_droplet.scene import drop_scene, ellipsoid
-from validation.metrics.mpm import CELL, Transfers, ball, round_trip, turning
+from validation.metrics.mpm import CELL, DENSITY, Transfers, ball, round_trip, turning
 
 CUBES = {2: (8, 8, 1), 3: (5, 5, 5)}
 
@@ -407,13 +411,22 @@ def test_printed_readings_change_the_run(erratum):
     assert printed is None or abs(plain - printed).max() > 1e-9
 
 
-def test_without_forces_nothing_moves():
-    """M7: particles take the velocity from before the update, so that neither pressure nor gravity acts."""
-    run = Simulation(scene(MpmLiquid(bulk_modulus=1e5, initial_ratio=0.9, literal=("M7",)), Gravity(), dim=3))
-    start = run.field("position")
-    for _ in range(5):
-        run.step()
-    assert abs(run.field("position") - start).max() < 1e-13
+@pytest.mark.parametrize("surface", [None, 180.0, 60.0])
+def test_velocity_of_before_the_update_knows_no_force(surface):
+    """M7: (4.12) to (4.14) with v^n, which is (mv)^n/m^n of (4.11): a thrown block flies straight on, at whatever
+    pressure, tension, gravity, viscosity and wall, and no volume changes."""
+    liquid = MpmLiquid(bulk_modulus=1e5, initial_ratio=0.9, dynamic_viscosity=20.0, literal=("M7",))
+    pull = Gravity(acceleration=(0.0, -9.81, 0.0))
+    effects = [liquid, pull, MpmWalls(lower=(-0.2, -0.2, 0.0), upper=(0.9, 0.9, 0.0), rule="slip")]
+    if surface is not None:
+        effects.append(SurfaceEnergy(surface_tension=50.0, contact_angle=surface))
+    run = Simulation(scene(*effects, dim=2, velocity=(3.0, -2.0, 0.0), step=1e-3))
+    start, way = run.field("position"), 0.0
+    for _ in range(150):
+        way += run.step().length
+    assert abs(run.field("position") - start - way * np.array([3.0, -2.0, 0.0])).max() < 1e-12
+    assert start[:, 0].max() + 3.0 * way > 0.9  # it is in the wall
+    assert abs(run.field("volume_ratio") - 0.9).max() < 1e-12
 
 
 @pytest.mark.parametrize("backend", ["numpy", "cpu"])
@@ -452,3 +465,118 @@ def test_plain_liquid_is_its_transfers():
     assert set(grid.bins) == {"particles"}
     assert "node_pull" not in grid._storage
     assert not {"cluster_share", "inverse_spread", "extent"} & set(plain.fields)
+
+
+def strewn(dim, shares):
+    """Crowding of a cube of particles strewn at random, each within its own share of the volume or anywhere."""
+    count = 150 if dim == 2 else 34
+    axes = np.meshgrid(*[np.arange(float(count))] * dim, indexing="ij")
+    lattice = np.stack(axes, axis=-1).reshape(-1, dim)
+    random = np.random.default_rng(9)
+    place = lattice + {"lattice": 0.3, "own": random.uniform(size=lattice.shape)}.get(shares, 0.0)
+    if shares == "any":
+        place = random.uniform(0, count, lattice.shape)
+    frame = np.linalg.qr(random.normal(size=(dim, dim)))[0]
+    position = np.pad(0.5 * CELL * (place - count / 2) @ frame, ((0, 0), (0, 3 - dim)))
+    full = DENSITY * (CELL / 2) ** dim
+    spread = Transfers(position, 0 * position, np.zeros((len(place), 9)), mass=np.full(len(place), full), dim=dim)
+    spread.values |= {"counting": Counting(DENSITY * CELL**dim), "greatest_crowding": np.zeros(1)}
+    spread.values |= {"crowding": np.zeros(len(place))}
+    spread.to_grid()
+    spread.run("mpm.count")
+    found = spread.values["crowding"]
+    assert found.max() == spread.values["greatest_crowding"][0]
+    return found[(abs(place - count / 2) < count / 2 - 5).all(1)]
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_crowding_of_particles_strewn_at_random(dim):
+    """Where the limits of crowding come from: a lattice has 1; what lies in shares of its own stays below CROWDED, most
+    of it below UNEVEN; what lies anywhere stays below OVERFULL."""
+    assert abs(strewn(dim, "lattice") - 1).max() < 1e-3
+    own, anywhere = strewn(dim, "own"), strewn(dim, "any")
+    assert own.max() < 1.2 < CROWDED < anywhere.max() < OVERFULL
+    assert own.mean() + own.std() < UNEVEN < own.max()
+
+
+def crowded(ratio, **surface):
+    """A disc whose J says that it is thinner than the grid counts it."""
+    tension = {"surface_tension": 0.01, **surface}
+    return drop_scene(ellipsoid(6.0, 2), 2, liquid={"initial_ratio": ratio, "bulk_modulus": 10.0}, tension=tension)
+
+
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+def test_run_says_from_when_on_particles_gather(tmp_path, dtype):
+    """Above 1.25 a note, once, in the run, in the checkpoint and in the report; above 2 a stop."""
+    disc = dataclasses.replace(crowded(1.3), dtype=dtype)
+    run = Simulation(disc)
+    assert not run.notes
+    run.step()
+    assert len(run.notes) == 1
+    assert "surface_energy: from step 1 on" in run.notes[0]
+    assert "1.3 times the liquid" in run.notes[0]
+    run.checkpoint(tmp_path / "c.h5")
+    for each in (run, Simulation.resume(tmp_path / "c.h5")):
+        each.step()
+        assert each.notes == run.notes
+        assert len(each.notes) == 1
+    assert simulate(disc, 2.5e-4).notes == run.notes
+    calm = Simulation(dataclasses.replace(crowded(1.2), dtype=dtype))
+    calm.step()
+    assert not calm.notes
+    with pytest.raises(RunStopped, match=r"counts 2\.1 times the liquid") as stop:
+        Simulation(dataclasses.replace(crowded(2.1), dtype=dtype)).step()
+    assert stop.value.reason == "clumped"
+
+
+def test_note_of_a_running_simulation_is_printed(tmp_path, capsys):
+    file = tmp_path / "disc.toml"
+    file.write_text(
+        """dim = 2\nspacing = 0.01\nsupport_radius = 0.03\nend_time = 2e-3\n
+        [[fluid]]\nshape = "box"\ncells = [16, 16, 1]\n
+        [effects.mpm_liquid]\nbulk_modulus = 1e4\ninitial_ratio = 1.3\n
+        [effects.surface_energy]\nsurface_tension = 0.07\n"""
+    )
+    assert main(["run", str(file), "--output", str(tmp_path / "run"), "--quiet"]) == 0
+    said = capsys.readouterr().err
+    assert said.count("note: surface_energy: from step 1 on") == 1
+    assert said.count("note:") == 1
+    assert "from step 1 on" in (tmp_path / "run" / "report.json").read_text()
+
+
+@pytest.mark.parametrize("volume", ["ratio", "gradient", "full_gradient"])
+def test_volume_ratio_follows_the_counted_density(volume):
+    """J says 1.2, the grid counts 1: within some recount times J tells of no more than 1.05 of what is counted, F as
+    much as J, and momentum stays."""
+    disc = crowded(1.2, recount_time=1e-3)
+    liquid = msgspec.structs.replace(disc.effects[0], volume=volume, bulk_modulus=1e-3)
+    run = Simulation(dataclasses.replace(disc, effects=(liquid, disc.effects[1])))
+    for _ in range(40):
+        run.step()
+    assert run.field("crowding").max() < 1.051
+    inside = np.linalg.norm(run.field("position"), axis=1) < 3 * disc.spacing
+    assert run.field("volume_ratio")[inside] == pytest.approx(1.05, abs=2e-3)
+    if volume != "ratio":
+        f = run.field("deformation").reshape(-1, 3, 3)
+        assert np.linalg.det(f) == pytest.approx(run.field("volume_ratio"), rel=1e-12)
+        assert f[:, 2, 2] == pytest.approx(1.0)
+    mass, velocity = run.field("mass"), run.field("velocity")
+    assert abs(mass @ velocity).max() < 1e-10 * mass.sum() * np.abs(velocity).max()
+
+
+def test_positions_turn_outwards_and_only_det_f_knows():
+    """A step x + dt v of a rotation stretches by 1 + (dt w)^2: det(1 + dt A) says so, 1 + dt tr A does not."""
+    turned = {}
+    for volume in ("ratio", "gradient"):
+        place = ellipsoid(8.0, 2)
+        velocity = 20.0 / 64 * np.stack([-place[:, 1], place[:, 0], 0 * place[:, 0]], axis=1)
+        quiet = {"volume": volume, "bulk_modulus": 1e-6}
+        run = Simulation(
+            drop_scene(place, 2, velocity=velocity, liquid=quiet, tension={"surface_tension": 1e-9}, step=1e-3)
+        )
+        for _ in range(20):
+            run.step()
+        inside = np.linalg.norm(run.field("position"), axis=1) < 4 / 64
+        turned[volume] = run.field("crowding")[inside].mean()
+    assert turned["gradient"] == pytest.approx(1.0, abs=2e-4)
+    assert turned["ratio"] == pytest.approx(1 - 19 * 0.02**2, abs=4e-4)

@@ -103,9 +103,12 @@ class _Progress:
 
     def __init__(self, until: float, folder: Path, quiet: bool) -> None:
         self.until, self.folder, self.quiet = until, folder, quiet
-        self.time, self.bar = None, None
+        self.time, self.bar, self.told = None, None, 0
 
     def __call__(self, simulation: Simulation) -> None:
+        for note in simulation.notes[self.told :]:
+            _say(f"note: {note}")
+        self.told = len(simulation.notes)
         if self.time is None:
             self._head(simulation)
         if self.quiet or simulation.time == self.time:
@@ -120,8 +123,6 @@ class _Progress:
 
     def _head(self, simulation: Simulation) -> None:
         self.time = simulation.time
-        for note in simulation.notes:
-            _say(f"note: {note}")
         if self.quiet:
             return
         plan = simulation.plan

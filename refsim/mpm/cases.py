@@ -22,11 +22,13 @@ from refsim.cases import (
 )
 from refsim.mpm import (
     Contact,
+    Counting,
     Embedding,
     KernelGradient,
     Liquid,
     Mirrors,
     MpmLiquid,
+    Recounting,
     ViscousStress,
     WallNodes,
     reference,
@@ -72,7 +74,24 @@ def _deformation(case, random):
     return (values + np.eye(3)).reshape(-1, 9)
 
 
-@groups("background", "liquid", "kernel_gradient", "viscous_stress")
+@particles("crowding")
+def _crowding(case, random):
+    """Half of them at rest or below, half of them with up to twice what they should have."""
+    return random.uniform(0.2, 2.0, case.count)
+
+
+@groups("greatest_crowding")
+def _greatest_crowding(case, grid):
+    return {"greatest_crowding": np.zeros(1, grid.dtype)}
+
+
+@groups("recounting")
+def _recounting(case, grid):
+    """J that follows in four milliseconds what is beyond a tenth."""
+    return {"recounting": Recounting(grid.real(1.1), grid.real(4e-3))}
+
+
+@groups("background", "liquid", "kernel_gradient", "viscous_stress", "counting")
 def _groups(case, grid):
     return liquid_of(case).prepare(grid, {}) | {"kernel_gradient": KernelGradient(np.int32(1))}
 
@@ -503,6 +522,33 @@ def sheared_cluster():
     strain = np.array([[2.0, 4.0, 3.0], [4.0, -4.0, 2.0], [3.0, 2.0, 0.0]])
     after = given["affine"].reshape(3, 3) - strain * share
     return Exact(made, given, {"affine": after.reshape(1, 9)})
+
+
+@closed_form("mpm.count")
+def counted_alone():
+    """A particle of 6 kg on a node, J = 3/2, in cells of 4 kg: sum_j B_j^2 = (13/32 + 3/16)^2 = (19/32)^2 of 6 kg."""
+    made, grid, background = alone(2)
+    given = {
+        "grid": grid, "background": background, "volume_ratio": np.array([1.5]), "node_mass": 6 * weight_of(grid),
+        "counting": Counting(4.0), "greatest_crowding": np.zeros(1), "crowding": np.zeros(1),
+    }  # fmt: skip
+    q = np.array([1.5 * 6 / 4 * (19 / 32) ** 2])
+    return Exact(made, given, {"crowding": q, "greatest_crowding": q})
+
+
+@closed_form("mpm.recount")
+def recounted():
+    """q = 2 beyond 5/4, dt/tau = 1/4: J falls by 1/4 of 3/8; q = 5/4 stays. F = 1 in space: its root."""
+    position = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
+    made = Case("recounted", 3, position, spacing=1.0, support_radius=2.0)
+    change = 1 - 3 / 32
+    given = {
+        "background": MpmLiquid(bulk_modulus=1.0, cell_size=2.0).background(made.grid("float64")),
+        "crowding": np.array([2.0, 1.25]), "recounting": Recounting(1.25, 1.0), "timestep": STEPS,
+        "deformation": np.tile(np.eye(3).ravel(), (2, 1)), "volume_ratio": np.array([1.5, 0.8]),
+    }  # fmt: skip
+    f = np.stack([change ** (1 / 3) * np.eye(3).ravel(), np.eye(3).ravel()])
+    return Exact(made, given, {"volume_ratio": np.array([1.5 * change, 0.8]), "deformation": f})
 
 
 @closed_form("mpm.contact")

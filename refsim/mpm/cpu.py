@@ -662,3 +662,30 @@ def viscosity(volume_ratio, inverse_spread, viscous_stress, timestep, affine):
         rows = particle.viscosity(i, affine, volume_ratio, inverse_spread, viscous_stress, timestep)
         for c in range(3):
             affine[i, c], affine[i, 3 + c], affine[i, 6 + c] = rows[0][c], rows[1][c], rows[2][c]
+
+
+@cpu_kernel
+def count_all(position, volume_ratio, node_mass, cell, background, counting, blocks, greatest_crowding, crowding):
+    """Counted over known density of every particle, and the largest; what is no number counts as infinite."""
+    real = type(background.cell_size)
+    greatest = real(0)
+    for i in prange(crowding.shape[0]):
+        own = particle.crowding(i, position, volume_ratio, node_mass, cell, background, counting, blocks)
+        crowding[i] = own
+        greatest = max(greatest, own if own < real(math.inf) else real(math.inf))
+    greatest_crowding[0] = greatest
+
+
+def count(position, volume_ratio, node_mass, background, counting, grid, greatest_crowding, crowding):
+    """Counted over known density of every particle, and the largest."""
+    count_all(
+        position, volume_ratio, node_mass, grid.cells["particles"], background, counting, grid.blocks,
+        greatest_crowding, crowding,
+    )  # fmt: skip
+
+
+@cpu_kernel
+def recount(crowding, recounting, timestep, background, deformation, volume_ratio):
+    """Volume ratios that follow the counted density."""
+    for i in prange(volume_ratio.shape[0]):
+        particle.recount(i, crowding, recounting, timestep, background, deformation, volume_ratio)

@@ -12,13 +12,14 @@ import numpy as np
 
 from refsim import device
 from refsim.backend import simulated
-from refsim.compile import cuda, cuda_kernel, formula
+from refsim.compile import THREADS_PER_BLOCK, cuda, cuda_kernel, formula
 from refsim.mpm import particle
 from refsim.mpm.formulas import spline_slopes, spline_weights
 from refsim.mpm.grid import DEEP, FARTHEST
 from refsim.neighbours.formulas import BITS, OFFSET, lower_bound
 from refsim.sparse_grid.cuda import SUMMING, fill_cells, number, sort_cells, sorted_points
 from refsim.sparse_grid.formulas import COORDINATE, node_coordinates
+from refsim.sph.cuda import largest_of_block as largest
 
 FAR = 2.0 * FARTHEST
 ROWS = 192  # threads of a block that scatters: three for each of 64 cells
@@ -784,3 +785,40 @@ def viscosity(volume_ratio, inverse_spread, viscous_stress, timestep, affine):
         rows = particle.viscosity(i, affine, volume_ratio, inverse_spread, viscous_stress, timestep)
         for c in range(3):
             affine[i, c], affine[i, 3 + c], affine[i, 6 + c] = rows[0][c], rows[1][c], rows[2][c]
+
+
+@cuda_kernel
+def count_all(position, volume_ratio, node_mass, cell, background, counting, blocks, greatest_crowding, crowding):
+    """Counted over known density of every particle, and the largest; what is no number counts as infinite."""
+    i = cuda.grid(1)
+    real = type(background.cell_size)
+    own = real(0)
+    if i < crowding.shape[0]:
+        own = particle.crowding(i, position, volume_ratio, node_mass, cell, background, counting, blocks)
+        crowding[i] = own
+        if not own < real(math.inf):
+            own = real(math.inf)
+    # What was read too early costs a look at the block and no more: the largest only grows.
+    if cuda.syncthreads_or(np.int32(own > greatest_crowding[0])) == 0:
+        return
+    shared = cuda.shared.array(THREADS_PER_BLOCK, crowding.dtype)
+    greatest = largest(shared, own)
+    if cuda.threadIdx.x == 0:
+        cuda.atomic.max(greatest_crowding, 0, greatest)
+
+
+def count(position, volume_ratio, node_mass, background, counting, grid, greatest_crowding, crowding):
+    """Counted over known density of every particle, and the largest."""
+    device.fill(greatest_crowding, 0)
+    count_all(
+        position, volume_ratio, node_mass, grid.cells["particles"], background, counting, grid.blocks,
+        greatest_crowding, crowding,
+    )  # fmt: skip
+
+
+@cuda_kernel
+def recount(crowding, recounting, timestep, background, deformation, volume_ratio):
+    """Volume ratios that follow the counted density."""
+    i = cuda.grid(1)
+    if i < volume_ratio.shape[0]:
+        particle.recount(i, crowding, recounting, timestep, background, deformation, volume_ratio)

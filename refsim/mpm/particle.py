@@ -427,6 +427,40 @@ def embed(
 
 
 @formula
+def crowding(i, position, volume_ratio, node_mass, cell, background, counting, blocks):
+    """Density counted on the grid at particle i over the one that its J tells: J sum_j B_j(x_p) m_j/(rho0 h^d)."""
+    jx, jy, jz = node_coordinates(blocks, cell[i])
+    real = type(background.cell_size)
+    wx = spline_weights(fraction(position[i, 0], jx, background))
+    wy = spline_weights(fraction(position[i, 1], jy, background))
+    wz = real(1), real(0), real(0)
+    if background.layers == 3:
+        wz = spline_weights(fraction(position[i, 2], jz, background))
+    total = real(0)
+    for kz in range(background.layers):
+        for ky in range(3):
+            for kx in range(3):
+                node = step_node(blocks, cell[i], kx, ky, kz)
+                total += wz[kz] * wy[ky] * wx[kx] * (node_mass[node] / counting.cell_mass)
+    return volume_ratio[i] * total
+
+
+@formula
+def recount(i, crowding, recounting, timestep, background, deformation, volume_ratio):
+    """J <- J (1 - min(1, dt/tau) (1 - q0/q)) of particle i where its crowding q is above q0, and F with it."""
+    real = type(background.cell_size)
+    if not crowding[i] <= recounting.limit:  # what is no number makes J none
+        share = min(real(1), timestep[1] / recounting.time)
+        change = real(1) - share * (real(1) - recounting.limit / crowding[i])
+        volume_ratio[i] *= change
+        if deformation is not None:
+            size = change ** (real(1) / real(3) if background.layers == 3 else real(0.5))
+            for c in range(9):
+                if background.layers == 3 or c < 8:  # F_zz stays one in the plane
+                    deformation[i, c] *= size
+
+
+@formula
 def node_update(node, mass, mx, my, mz, blocks, least_mass, node_pull, field, planes, timestep):
     """(4.19) with the walls of section 9: v_j [m/s]; zero on a node without mass."""
     real = type(mass)

@@ -507,3 +507,32 @@ def viscosity(volume_ratio, inverse_spread, viscous_stress, timestep, affine):
     value = a - factor * ((a + turned) @ inverse)
     scale = np.abs(a) + np.abs(factor) * ((np.abs(a) + np.abs(turned)) @ np.abs(inverse))
     return {"affine": (value.reshape(-1, 9), scale.reshape(-1, 9))}
+
+
+def count(position, volume_ratio, node_mass, background, counting, grid):
+    """q_p = J_p rho_p/rho0, dimensionless, with the counted density rho_p = sum_j B_j(x_p) m_j/h^d; and the largest."""
+    stencils = Stencils(position, node_table(grid.blocks), background)
+    mass, ratio = _f(node_mass)[stencils.j] / float(counting.cell_mass), _f(volume_ratio)
+    q = ratio * stencils.on_points(stencils.weight * mass)
+    scale = np.abs(ratio) * stencils.on_points(stencils.scale * np.abs(mass))
+    greatest = np.where(np.isnan(q), np.inf, q).max(initial=0.0)
+    return {
+        "greatest_crowding": (np.array([greatest]), np.array([scale.max(initial=0.0)])),
+        "crowding": (q, scale),
+    }
+
+
+def recount(crowding, recounting, timestep, background, deformation, volume_ratio):
+    """Where q > q0: J <- J + s (J q0/q - J), s = min(1, dt/tau), dimensionless; F takes part as a stretch of all axes
+    that makes the same J."""
+    q, ratio = _f(crowding), _f(volume_ratio)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        told = np.where(q <= float(recounting.limit), ratio, ratio * float(recounting.limit) / q)
+        new = ratio + min(1.0, float(timestep[1]) / float(recounting.time)) * (told - ratio)
+        dim = 3 if background.layers == 3 else 2
+        stretch = np.where(new == ratio, 1.0, (new / ratio) ** (1 / dim))
+    answer = {"volume_ratio": (new, 2 * np.abs(ratio))}
+    if deformation is not None:
+        f = _f(deformation) * np.stack([stretch] * 8 + [stretch if dim == 3 else np.ones_like(stretch)], axis=-1)
+        answer = {"deformation": (f, 2 * np.abs(_f(deformation)))} | answer
+    return answer

@@ -14,6 +14,7 @@ from refsim.effect import Discretisation, Effect, Pass, StepLimit, literal_errat
 from refsim.energy import Amount, EnergyAccount, EnergyState, amount
 from refsim.errors import InputError, RunStopped
 from refsim.isosurface import Mesh
+from refsim.mpm import CROWDED, CROWDING, GREATEST_CROWDING, OVERFULL
 from refsim.operation import REGISTRY, Operation, Procedure, enter, register
 from refsim.particles import Field
 from refsim.surface_energy import Tension
@@ -27,6 +28,12 @@ IMAGED = 5.0  # cells from a wall within which particles have an image: further 
 # Step of a surface that stays at r, over min(h/c, sqrt(rho0 h^3/(2 pi k))): with nothing embedded, and of a liquid that
 # is soft against its surface, k > SOFT lambda h; two thirds of the least that was measured (docs/stability.md)
 AT_R_ALONE, AT_R_SOFT, SOFT = 0.08, 0.03, 0.1
+# How J comes not to know, and what helps
+_GATHERED = (
+    "J follows the velocity's divergence over a cell and more, not particles that draw nearer within one, as they do at"
+    " once in a film or a filament of one or two of them, and sooner or later at a surface that swings. Take smaller"
+    " cells and more particles across a film; for a body dynamic_viscosity, a smaller step, or recount_time."
+)
 CLUMPED = 4.0  # times the particles of a full cell in one cell: J would have to be below a quarter to know of it
 
 
@@ -60,6 +67,8 @@ class SurfaceEnergy(Effect, frozen=True, kw_only=True):
     enclose_volume    the inset is the distance at which the surface encloses the liquid's present volume; `inset` is
                       not used. One distance for all of the surface
     smallest          particles of the smallest component that bears tension; 0 takes 3^dim
+    recount_time      time [s] in which J follows the density that the grid counts, where that is more than 1.05 times
+                      what J tells; 0 (default) never
     literal           printed readings to use: "M1" (the force's sign), "M14" (Algorithm 2), "M31" (the surface at r),
                       "M32" (15 cases); or "all"
     """
@@ -80,12 +89,18 @@ class SurfaceEnergy(Effect, frozen=True, kw_only=True):
     inset: float = 0.25
     enclose_volume: bool = False
     smallest: int = 0
+    recount_time: float = 0.0
     literal: tuple[str, ...] = ()
 
     @property
     def host_in_step(self) -> bool:
         """Whether the surface is reconstructed, for which the host is needed."""
         return self.acts()
+
+    @property
+    def watched(self) -> tuple[str, ...]:
+        """The largest crowding, where there is a surface."""
+        return ("greatest_crowding",) if self.acts() else ()
 
     def acts(self) -> bool:
         """Whether there is tension; else nothing is reconstructed, embedded or mirrored."""
@@ -99,7 +114,11 @@ class SurfaceEnergy(Effect, frozen=True, kw_only=True):
 
     def check(self, grid: Discretisation, others: Mapping[str, Effect]) -> None:
         self.tension().check(grid.dim)
-        require(self.name, capillary_number=(self.capillary_number, "positive"))
+        require(
+            self.name,
+            capillary_number=(self.capillary_number, "positive"),
+            recount_time=(self.recount_time, "not negative"),
+        )
         if self.embedding not in ("none", "cluster", "thesis", "gradient_corrected"):
             raise InputError(
                 f"{self.name}: embedding = {self.embedding!r} is not known; give cluster, thesis, gradient_corrected or"
@@ -152,7 +171,10 @@ class SurfaceEnergy(Effect, frozen=True, kw_only=True):
         return {}
 
     def fields(self, others: Mapping[str, Effect]) -> tuple[Field, ...]:
-        return (EXTENT,) if self.acts() else ()
+        if not self.acts():
+            return ()
+        crowding = replace(CROWDING, state=self.recount_time > 0)  # the next step begins with it
+        return EXTENT, crowding, GREATEST_CROWDING
 
     def passes(self, others: Mapping[str, Effect]) -> tuple[Pass, ...]:
         if not self.acts():
@@ -236,6 +258,26 @@ class SurfaceEnergy(Effect, frozen=True, kw_only=True):
                 " nothing embedded or a soft liquid the step is down to a tenth of the usual one. Take inset = 0.25."
             )
         return tuple(said)
+
+    def verdict(self, grid: Discretisation, seen: Mapping[str, np.ndarray], length: float) -> tuple[str, str] | None:
+        crowding = float(seen["greatest_crowding"][0])
+        if crowding > OVERFULL:
+            return (
+                "clumped",
+                f"the grid counts {crowding:.3g} times the liquid that a particle's volume ratio tells of, more than"
+                f" {OVERFULL:g}: {_GATHERED}",
+            )
+        return None
+
+    def remark(self, grid: Discretisation, seen: Mapping[str, np.ndarray]) -> str | None:
+        crowding = float(seen["greatest_crowding"][0])
+        if crowding > CROWDED:
+            return (
+                f"the grid counts {crowding:.3g} times the liquid that a particle's volume ratio tells of, more than"
+                f" {CROWDED:g}: shape and pressure are no longer to be trusted, and the run may stop as clumped."
+                " dynamic_viscosity keeps particles apart, and so does recount_time, for ten steps, say."
+            )
+        return None
 
     def step_limits(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, StepLimit]:
         if self.surface_tension == 0:
@@ -368,9 +410,7 @@ class SurfaceOfRun(SurfaceSamples):
         if most > CLUMPED * self.full:
             raise RunStopped(
                 "clumped",
-                f"Surface tension has drawn {most} particles into one cell, which holds {self.full:.3g}: a filament or"
-                " film of one or two particles gathers without its volume ratio changing; take smaller cells and more"
-                " particles across it.",
+                f"{most} particles have gathered in one cell, which holds {self.full:.3g}: {_GATHERED}",
             )
         samples = self.latest.samples
         if not self.reconstruction.finds_all(self.latest):

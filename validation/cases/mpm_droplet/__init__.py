@@ -61,6 +61,30 @@ ERRATA = {
     "M32": "15 cases",
 }
 
+RECOUNT = {"recount_time": 2e-3}  # ten steps
+# How long scenes hold: (what it is, parameters of `drops.held`)
+HELD: dict[str, tuple[str, dict[str, Any]]] = {
+    "square": ("square that becomes a disc", {"body": "square"}),
+    "square_none": ("the same, nothing embedded", {"body": "square", "tension": {"embedding": "none"}}),
+    "square_half": ("the same, half the step", {"body": "square", "step": 1e-4}),
+    "square_viscous": ("the same, viscosity 0.05", {"body": "square", "liquid": DAMPED}),
+    "square_recount": ("the same, recount_time of ten steps", {"body": "square", "tension": RECOUNT}),
+    "rest": ("disc at rest", {"body": "rest"}),
+    "rest_viscous": ("the same, viscosity 0.05", {"body": "rest", "liquid": DAMPED}),
+    "rest_recount": ("the same, recount_time of ten steps", {"body": "rest", "tension": RECOUNT}),
+    "turn": ("disc that turns, 20 rad/s", {"body": "turn"}),
+    "turn_gradient": ('the same, volume = "gradient"', {"body": "turn", "liquid": {"volume": "gradient"}}),
+    "turn_recount": (
+        'the same, volume = "gradient" and recount_time of ten steps',
+        {"body": "turn", "liquid": {"volume": "gradient"}, "tension": RECOUNT},
+    ),
+    "swing": ("disc that swings by 10 %", {"body": "swing"}),
+    "meet": ("two discs that meet", {"body": "meet"}),
+    "sheet": ("sheet, one cell thick", {"body": "sheet"}),
+    "ball": ("ball at rest, R = 6 h, in space", {"body": "rest", "dim": 3, "until": 1.0}),
+    "box": ("box that becomes a ball, in space", {"body": "box", "dim": 3, "until": 0.5}),
+}  # fmt: skip
+
 
 def bodies(options: Options) -> list[Run]:
     """Drops under surface tension."""
@@ -119,6 +143,10 @@ def bodies(options: Options) -> list[Run]:
         for dim, size, until in ((2, 12.0, 0.15), (3, 6.0, 0.06)):
             key = f"erratum_{dim}d_{printed.replace(', ', '_') or 'none'}"
             add(key, drops.erratum, 6.0, printed=printed, dim=dim, size=size, until=until)
+    for key, (_, scene) in HELD.items():
+        seconds = 150.0 if scene.get("dim") == 3 else 30.0
+        add(f"held_{key}", drops.held, seconds, **{"until": 2.0, **scene})
+    add("small_held", drops.held, 1.0, True, body="meet", until=0.02)
     add("stages", drops.stages, 10.0, size=20.0, threads=options.threads)
     add("example", drops.example, 60.0, until=0.25, shown=[0.0, 0.005, 0.01, 0.02, 0.05, 0.25])
     add("small_box", drops.rounding, 4.0, True, shape="box", size=5.0, until=0.02, tension=ENCLOSING, liquid=RESTFUL)
@@ -382,6 +410,23 @@ def body_tables(results: Results) -> list[Table]:
             " Area over that of the disc (ball) and pressure over Laplace's, means over the second half."
         )
         made.append(Table("What each correction buys", heading, rows, note))
+    rows = []
+    for key in (k for k in results if k.startswith(("held_", "small_held"))):
+        v = results[key].values
+        name = key.removeprefix("held_")
+        never = f"not within {v['until']:g} s"
+        cells = [never if v["noted"] is None else f"{v['noted']:.2f} s"]
+        cells.append(f"{v['time']:.2f} s, {v['stopped']}" if v["stopped"] else never)
+        cells += [f"{v['crowding']:.2f}", f"{real(v['inside']):.3f}"]
+        cells.append("" if v["angular"] is None else f"{100 * v['angular']:+.2f} %")
+        rows.append([HELD[name][0] if name in HELD else name, *cells])
+    if rows:
+        heading = ["scene", "note", "stop", "crowding", "rho J/rho0 inside", "angular momentum"]
+        note = (
+            "When the runner notes that particles gather, and when it stops; largest crowding until then; counted"
+            " density of particles two cells deep at the end; growth of the angular momentum."
+        )
+        made.append(Table("How long each scene holds", heading, rows, note))
     if "sheet" in results:
         v = results["sheet"].values
         cells = [[f"{v['speed']:.3f}", f"{v['culick']:.3f}", f"{v['speed'] / v['culick']:.3f}"]]

@@ -19,6 +19,7 @@ from validation.running import Context
 
 EXAMPLE = pathlib.Path(__file__).resolve().parents[3] / "docs" / "examples" / "mpm_droplet.toml"
 THESIS = "M9, M10"  # the embedding as printed
+SPIN = 20.0  # rad/s, of the disc that turns
 SIDES = (1.3, 1.0, 0.8)  # of the box that becomes a sphere
 
 
@@ -98,6 +99,53 @@ def erratum(context: Context, backend: str, printed: str, dim: int, size: float,
     except RunStopped as stop:
         return Result({**nothing, "stopped": f"{stop.reason} in step {run.steps}", "steps": run.steps})
     return Result({**nothing, **ledger.summary(), "stopped": stopped, "steps": run.steps})
+
+
+def held(
+    context: Context, backend: str, body: str, until: float, dim: int = 2, tension: Mapping[str, Any] | None = None,
+    liquid: Mapping[str, Any] | None = None, step: float | None = None,
+) -> Result:  # fmt: skip
+    """How long a scene holds: when the runner's note comes, and when and why it stops.
+
+    body  "square" of 20 cells, "box" of R = 6.3 cells as in `rounding`; "rest", "turn" (20 rad/s, from J = 1) and
+          "swing" (10 %) of a disc of 11 cells or a ball of 6; "meet" as in `collision`, "sheet" as in `sheet`
+    """
+    balanced, velocity = body in ("rest", "swing"), None
+    if body in ("square", "box"):
+        scale = 10.0 / math.prod(SIDES) ** (1 / 3)
+        place = box([20.0] * 2) if body == "square" else box([round(2 * scale * s) / 2 for s in SIDES], seed=3)
+    elif body == "sheet":
+        place, tension, step = box([40.0, 1.0]), {"surface_tension": 0.1, **(tension or {})}, 0.0
+    else:
+        single = ellipsoid({"meet": 8.0}.get(body, 11.0) if dim == 2 else 6.0, dim, 0.1 if body == "swing" else 0.0)
+        place = single
+        if body == "meet":
+            apart = np.array([10.0, 2.0])
+            place = np.vstack([single - apart, single + apart])
+            velocity = np.sign(-place[:, :1]) * [1.0, 0.0, 0.0]
+        if body == "turn":
+            velocity = SPIN * CELLS[dim] * np.stack([-place[:, 1], place[:, 0], 0 * place[:, 0]], axis=1)
+    moving = {} if velocity is None else {"velocity": velocity}
+    scene = drop_scene(
+        place, dim, tension=dict(tension or {}), liquid=dict(liquid or {}), balanced=balanced, step=step, **moving
+    )
+    run = context.simulation(scene, backend)
+    noted: list[float] = []
+    greatest = 0.0
+
+    def look(run: Simulation) -> None:
+        nonlocal greatest
+        greatest = max(greatest, float(run.field("greatest_crowding")[0]))
+        if run.remarks and not noted:
+            noted.append(run.time)
+
+    ledger, _, stopped = follow(context, run, until, 60, each=look)
+    turning = ledger.series["angular"]
+    return Result(
+        {"noted": noted[0] if noted else None, "stopped": stopped.split(" in ")[0], "time": run.time, "until": until,
+         "crowding": greatest, "inside": measures.evenness(run)["mean"], "dim": dim,
+         "angular": turning[-1] / turning[0] - 1 if body == "turn" else None, "steps": run.steps}
+    )  # fmt: skip
 
 
 def late(series: Mapping[str, Sequence[float]], share: float = 0.25) -> dict[str, dict[str, float]]:
