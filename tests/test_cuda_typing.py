@@ -41,6 +41,7 @@ IN_DOUBLE = {
             "scatter_tension",
             "gather",
             "gather_carriers",
+            "count_all",
         ),
         "a place on the background grid is found in float64, so that it keeps its digits far from the origin",
     ),

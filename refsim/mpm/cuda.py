@@ -19,7 +19,6 @@ from refsim.mpm.grid import DEEP, FARTHEST
 from refsim.neighbours.formulas import BITS, OFFSET, lower_bound
 from refsim.sparse_grid.cuda import SUMMING, fill_cells, number, sort_cells, sorted_points
 from refsim.sparse_grid.formulas import COORDINATE, node_coordinates
-from refsim.sph.cuda import largest_of_block as largest
 
 FAR = 2.0 * FARTHEST
 ROWS = 192  # threads of a block that scatters: three for each of 64 cells
@@ -802,9 +801,16 @@ def count_all(position, volume_ratio, node_mass, cell, background, counting, blo
     if cuda.syncthreads_or(np.int32(own > greatest_crowding[0])) == 0:
         return
     shared = cuda.shared.array(THREADS_PER_BLOCK, crowding.dtype)
-    greatest = largest(shared, own)
-    if cuda.threadIdx.x == 0:
-        cuda.atomic.max(greatest_crowding, 0, greatest)
+    thread = cuda.threadIdx.x
+    shared[thread] = own
+    half = cuda.blockDim.x // 2
+    while half > 0:
+        cuda.syncthreads()
+        if thread < half:
+            shared[thread] = max(shared[thread], shared[thread + half])
+        half //= 2
+    if thread == 0:
+        cuda.atomic.max(greatest_crowding, 0, shared[0])
 
 
 def count(position, volume_ratio, node_mass, background, counting, grid, greatest_crowding, crowding):

@@ -153,7 +153,7 @@ class Ledger:
     def summary(self) -> dict[str, Any]:
         """Drifts over the whole run, and the last values."""
         s = self.series
-        scale = float(self.mass.sum()) * self.fastest
+        scale = float(self.mass.sum()) * self.fastest or 1.0  # where nothing moves momenta are zero
         late = len(s["time"]) // 2
         return {
             "momentum": max(s["momentum"]) / scale, "angular": max(s["angular"]) / (scale * self.radius),
