@@ -286,7 +286,7 @@ def _check_magnitudes(place: str, part: Any) -> None:
             for axis, value in enumerate(values if several else (values,)):
                 if f.name != "velocity":  # told with the particle that has it
                     name = f"{f.name} along {'xyz'[axis]}" if several and len(values) == 3 else f.name
-                    _check_magnitude(place, name, value, SMALLEST)
+                    _check_magnitude(place, name, value, 0.0 if "temperature" in f.name else SMALLEST)
 
 
 def _check_magnitude(place: str, name: str, value: Any, least: float = 0.0) -> None:

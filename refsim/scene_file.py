@@ -38,6 +38,7 @@ SHAPES: dict[str, type] = {"box": Box, "ball": Ball, "cloud": Cloud}
 SOLIDS: dict[str, type] = {
     "box": SolidBox, "ball": SolidBall, "torus": SolidTorus, "mesh": SolidMesh, "cells": SolidCells,
 }  # fmt: skip
+DEEPEST = 50  # levels of tables and lists; a scene has four
 PARTS = {"fluid": SHAPES, "solid": SOLIDS}  # what a scene lists, and the shapes that it can have
 
 
@@ -72,12 +73,24 @@ def load_scene(path: str | os.PathLike[str]) -> Scene:
 def parse_scene(text: str, source: str, folder: pathlib.Path | None = None) -> Scene:
     """The scene in a TOML text; `source` names it in errors, `folder` is where files of clouds lie."""
     try:
-        return scene_from_dict(tomllib.loads(text), source, folder)
+        tables = tomllib.loads(text)
+        if _depth(tables) > DEEPEST:
+            raise RecursionError
+        return scene_from_dict(tables, source, folder)
     except ValueError as error:  # tomllib's own, and Python's for whole numbers of thousands of digits
         words = str(error)
         raise InputError(f"{source} is not TOML: {words[:1].lower()}{words[1:]}; correct that place.") from None
     except RecursionError:
         raise InputError(f"{source}: its tables or lists are nested too deeply; a scene needs four levels.") from None
+
+
+def _depth(tables: Any) -> int:
+    """Levels of tables and lists in one another."""
+    level, depth = [tables], 0
+    while level:
+        inner = [v.values() if isinstance(v, dict) else v for v in level if isinstance(v, dict | list)]
+        level, depth = [value for values in inner for value in values], depth + bool(inner)
+    return depth
 
 
 def scene_from_dict(tables: Mapping[str, Any], source: str, folder: pathlib.Path | None = None) -> Scene:

@@ -194,7 +194,7 @@ class TestPlan:
     def test_limits_of_the_step_are_those_of_the_effects(self, effects):
         found = Simulation(scene(*effects)).step().limits
         assert ("capillary" in found) == bool({*TENSIONS, SURFACE, SURFACE_WET} & set(effects))
-        assert ("viscous" in found) == (VISCOUS in effects)
+        assert ("viscous" in found) == bool({VISCOUS, CENTRAL} & set(effects))
         sound = any(isinstance(effect, (WeaklyCompressible, MpmLiquid)) for effect in effects)
         assert ("acoustic" in found) == (sound and IMPLICIT not in effects)
         assert all(value > 0 for value in found.values())

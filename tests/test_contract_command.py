@@ -170,10 +170,21 @@ WRONG = {
     "other output": (lambda acceleration: {"velocity": acceleration}, "'velocity', which is no output"),
     "none of them": (lambda acceleration: {}, "did not return acceleration"),
 }
+
+
+class Unsigned:
+    """A program whose parameters cannot be read, as those of many compiled functions."""
+
+    __signature__ = "unknown"
+
+    def __call__(self, *values):
+        return None
+
+
 MISFIT = {
     "parameter": (lambda gravity, acceleration: None, "takes gravity, which the operation has not; it has field,"),
     "any number": (lambda *values: None, "takes *values, which the operation has not"),
-    "no signature": (ctypes.pythonapi.Py_IsInitialized, "does not tell its parameters"),
+    "no signature": (Unsigned(), "does not tell its parameters"),
 }
 
 

@@ -388,7 +388,7 @@ def implicit(dim, relaxation=0.25, tolerance=1e-3, least=2, most=100):
     """Ihmsen et al. 2014: -a_ii/dt^2 = (m/rho0)^2 (|sum_j grad W|^2 + sum_j |grad W|^2); sum_j grad W = 0."""
     squares = float((slope("wendland_c2", lengths(offsets(dim)[1:]), dim) ** 2).sum())
     return {
-        "viscosity": {"coefficient": MU},
+        "viscosity": {"coefficient": MU}, "central_viscosity": None,
         "implicit": {
             "relaxation": relaxation, "tolerance": tolerance, "least": least, "most": most,
             "least_diagonal": 1e-6 * squares / rest_number_density(dim) ** 2,
@@ -455,7 +455,7 @@ def matching(width=2, stiffness=1.0, damping=0.1):
     """Rivers & James 2007: alpha, beta and w; floors of undetermined twists and of the inertia of thin regions."""
     group = {
         "half_width": width, "spacing": D, "stiffness": stiffness, "damping": damping, "twist_floor": 1e-6,
-        "inertia_floor": 1e-9, "precision": 0.05 * 2.0**-52,
+        "inertia_floor": 1e-9, "precision": 0.05 * 2.0**-52, "eps": 2.0**-52,
     }  # fmt: skip
     return {"matching": group}
 
@@ -464,7 +464,7 @@ CELLS = {2: 0.33, 3: 0.31}  # h of the background grid [m], by dimension
 
 
 def material_points(
-    dim, share=1.0, m3=0, m4=0, m5=0, shear=0, m6=False, reading=0, planes=None, mirrors=None, contact=None
+    dim, share=1.0, m3=0, m4=0, m5=0, shear=0, m6=False, reading=0, planes=None, mirrors=None, contact=None, recount=0.0
 ):  # fmt: skip
     """MLS-MPM (Hu et al. 2018) with quadratic splines: D^-1 = 4/h^2; viscosity 4 mu/(rho0 h^2)."""
     h, modulus = CELLS[dim], 3.1e6
@@ -479,6 +479,7 @@ def material_points(
             "forgets_shear": shear,
         },
         "field": None, "planes": planes, "mirrors": mirrors, "contact": contact, "embedding": {"reading": reading},
+        "counting": {"cell_mass": RHO * h**dim}, "recounting": {"limit": 1.05, "time": recount},
         "kernel_gradient": {"on": 1} if m6 else None, "viscous_stress": {"factor": 4 * MU / (RHO * h**2)},
     }  # fmt: skip
 
@@ -826,7 +827,11 @@ SETUPS = {
     ),
     "dong's solver": (
         lambda dim: (Dong2016(surface_tension=SIGMA, solver="hu_adams"), WATER),
-        lambda dim: dong(dim) | {"viscosity": {"coefficient": MU}},
+        lambda dim: dong(dim) | {"viscosity": {"coefficient": MU}, "central_viscosity": None},
+    ),
+    "dong's solver, central viscosity": (
+        lambda dim: (Dong2016(surface_tension=SIGMA, solver="hu_adams"), water(viscosity="central")),
+        lambda dim: dong(dim) | {"viscosity": None, "central_viscosity": {"coefficient": (dim + 2) * MU}},
     ),
     "he": (
         lambda dim: (He2014(surface_tension=SIGMA, air_pressure=200.0), WATER),
@@ -848,6 +853,10 @@ SETUPS = {
         lambda dim: normal_term(dim) | {"normal_tension": {"coefficient": 2.5, "printed_mass": 1}},
     ),
     "iisph": (lambda dim: (ImplicitPressure(), WATER), implicit),
+    "iisph, central viscosity": (
+        lambda dim: (ImplicitPressure(), water(viscosity="central")),
+        lambda dim: implicit(dim) | {"viscosity": None, "central_viscosity": {"coefficient": (dim + 2) * MU}},
+    ),
     "iisph, other settings": (
         lambda dim: (ImplicitPressure(relaxation=0.4, tolerance=2e-3, iterations=(3, 50)), WATER),
         lambda dim: implicit(dim, 0.4, 2e-3, 3, 50),
@@ -949,13 +958,14 @@ SETUPS = {
         lambda dim: material_points(dim, 0.0),
     ),
     "material points in a box": (
-        lambda dim: (MPM[dim], BETWEEN, SurfaceEnergy(surface_tension=SIGMA, contact_angle=70.0)),
+        lambda dim: (MPM[dim], BETWEEN, SurfaceEnergy(surface_tension=SIGMA, contact_angle=70.0, recount_time=0.02)),
         lambda dim: material_points(
             dim,
             reading=1,
             planes=wall_nodes(dim),
             mirrors={"on": 1},
             contact={"pull": SIGMA * math.cos(70 * math.pi / 180)},
+            recount=0.02,
         ),
     ),
     "surface of a run": (
@@ -1045,6 +1055,7 @@ BY_PRECISION = {  # what float32 takes where rounding decides: 64 roundings, and
     "smallest_normal": lambda value: 64 * 2.0**-23 * (value / 1e-12),
     "inertia_floor": lambda value: 1e-5,
     "precision": lambda value: 0.05 * 2.0**-23,
+    "eps": lambda value: 2.0**-23,
     "least_mass": lambda value: 1e-12 * value / 1e-24,
 }
 ROUNDED = {"lower", "upper", "distance"}  # of the band, and the next number outwards

@@ -115,9 +115,10 @@ def _matching(case, grid):
 
 
 _TABLES = "the case's tables are made for it"
+_ROUNDING = "it decides on collapsed regions only, which the cases members_* hold"
 _SOLVER = "how far a solver of eigenvectors goes; the reference's own goes to the end"
 VARIATIONS[Matching] = Variation(
-    held={"half_width": _TABLES, "precision": _SOLVER},
+    held={"half_width": _TABLES, "precision": _SOLVER, "eps": _ROUNDING},
     other={"twist_floor": lambda floor: 1e4 * floor, "inertia_floor": lambda floor: 1e4 * floor},
 )
 for _folder in ("shape_matching", "fast_summation", "parallel_reduction"):

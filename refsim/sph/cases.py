@@ -84,7 +84,7 @@ VARIATIONS[Fluid] = Variation(
 )
 takes("sph.state", fluid="rest_density stiffness exponent clamp internal_pressure")
 takes("sph.pressure", "sph.momentum", fluid="rest_density gradient_share wall_share")
-takes("sph.viscosity", smoothing="support_radius dim")
+takes("sph.viscosity", "sph.central_viscosity", smoothing="support_radius dim")
 
 
 # Closed forms: h = 2 m, so that in 3D Wendland W(0) = 21/(16 pi) and W(h/2) = 3/16 W(0), with slope W'(h/2) =
