@@ -629,4 +629,4 @@ def test_a_third_partys_program_on_device_arrays_is_judged(share, holds):
     returning = contract.Programs({"sph.gravity": lambda field, acceleration: acceleration}, arrays="cuda")
     for outcome in contract.trials(returning, "sph.gravity", steps=("T1",)):
         assert not outcome.passed
-        assert "on device arrays write the outputs in place" in outcome.words
+        assert "on device arrays it must write the outputs" in outcome.words
