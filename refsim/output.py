@@ -24,7 +24,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from io import FileIO
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import DTypeLike
@@ -206,9 +206,8 @@ class ParticleWriter:
         """Let `change` edit the VTKHDF group, then put all of its writes into the file or none (OSError)."""
         assert self._file is not None
         staged = _Staged(self._file)
-        try:
-            last = _edit(staged, "r+", change)
-        except Exception as error:  # what HDF5 finds wrong; nothing has been written yet
+        last, error = _on_hdf5(lambda: _edit(staged, "r+", change))
+        if last is None:  # nothing has been written yet
             raise InputError(
                 f"particle file {self.path} is damaged, so that no frame can be added or dropped; move it away or give"
                 " another path"
@@ -440,16 +439,35 @@ def _read_hdf5(path: Path, read: Callable[[h5py.Group], None]) -> None:
     advice = "give a file that refsim wrote"
     if not path.is_file():
         raise InputError(f"particle file {path} does not exist; {advice}")
-    try:
+
+    def work() -> None:
         with h5py.File(path, "r") as file:
             root = file["VTKHDF"]
             if root.attrs["Type"] != b"PolyData":
                 raise KeyError("PolyData")
             read(root)
-    except KeyError as error:
+
+    _, error = _on_hdf5(work)
+    if isinstance(error, KeyError):
         raise InputError(f"particle file {path} holds no temporal PolyData of VTKHDF; {advice}") from error
-    except Exception as error:
+    if error is not None:
         raise InputError(f"particle file {path} is damaged, or not an HDF5 file; {advice}") from error
+
+
+def _on_hdf5(work: Callable[[], Any]) -> tuple[Any, Exception | None]:
+    """What `work` returns, and the error that it ended with.
+
+    HDF5 objects of a damaged file are released here, because their complaints go to standard error.
+    """
+    hooks = sys.excepthook, sys.unraisablehook
+    sys.excepthook, sys.unraisablehook = lambda *error: None, lambda complaint: None
+    try:
+        return work(), None
+    except Exception as error:
+        error.__context__ = None
+        return None, error.with_traceback(None)
+    finally:
+        sys.excepthook, sys.unraisablehook = hooks
 
 
 # -- transactions ------------------------------------------------------------------------------------------

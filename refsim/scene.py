@@ -113,7 +113,7 @@ class Cloud(msgspec.Struct, tag="cloud", tag_field="shape", frozen=True, kw_only
             except OSError as error:
                 why = error.strerror or error
                 raise InputError(f"fluid cloud: cannot read {self.file!r} ({why}); give a readable file.") from None
-            except ValueError as error:
+            except Exception as error:  # a damaged header of a .npy file is parsed as Python, with any of its errors
                 raise InputError(
                     f"fluid cloud: cannot read positions from {self.file!r} ({error}); give a .npy file or one line of"
                     " comma-separated numbers for each particle."

@@ -91,8 +91,8 @@ def verdict(code: int, err: str) -> tuple[str, str]:
 
 
 def last_lines(text: str) -> str:
-    """The end of a long text."""
-    return text[-1500:].strip()
+    """The beginning and the end of a long text."""
+    return text.strip() if len(text) <= 3000 else f"{text[:1500]}\n...\n{text[-1500:]}".strip()
 
 
 # Whole runs, compared
