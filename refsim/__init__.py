@@ -10,18 +10,19 @@ from refsim.boundary.akinci_2012 import BoxWalls
 from refsim.boundary.mesh import load_mesh
 from refsim.boundary.one_way_coupling import MeshBoundary
 from refsim.boundary.two_way_coupling import TwoWayCoupling
-from refsim.driver import RunReport, simulate
-from refsim.energy import EnergyAudit
-from refsim.errors import InputError, RunStopped
+from refsim.core.energy import EnergyAudit
+from refsim.core.errors import InputError, RunStopped
+from refsim.core.versions import VERSION as __version__
+from refsim.engine.driver import RunReport, simulate
+from refsim.engine.simulation import Simulation, StepResult
 from refsim.heat import HeatConduction
 from refsim.melting import Melting
 from refsim.mpm import MpmLiquid, MpmWalls
 from refsim.mpm.surface import SurfaceEnergy
-from refsim.run import Simulation, StepResult
-from refsim.scene import Ball, Box, Cloud, Plan, Scene, make_plan
-from refsim.scene_file import load_scene
+from refsim.scene.files import load_scene
+from refsim.scene.scene import Ball, Box, Cloud, Plan, Scene, make_plan
+from refsim.scene.solids import SolidBall, SolidBox, SolidCells, SolidMesh, SolidTorus
 from refsim.shape_matching import ShapeMatching
-from refsim.solids import SolidBall, SolidBox, SolidCells, SolidMesh, SolidTorus
 from refsim.sph import Gravity, WeaklyCompressible
 from refsim.sph.iisph import ImplicitPressure
 from refsim.surface_detection import SurfaceDetection
@@ -35,8 +36,6 @@ from refsim.surface_tension.he_2014 import He2014
 from refsim.surface_tension.jiang_zhu_2023 import JiangZhu2023
 from refsim.surface_tension.normal_difference_2014 import NormalDifference2014
 from refsim.surface_tension.tartakovsky_meakin_2005 import TartakovskyMeakin2005
-
-__version__ = "0.1.0"
 
 __all__ = [
     "Akinci2013",

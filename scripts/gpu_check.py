@@ -52,13 +52,14 @@ from refsim import (  # noqa: E402  (from this working tree)
     SurfaceDetection,
     SurfaceEnergy,
     WeaklyCompressible,
-    backend,
     load_scene,
     make_plan,
     neighbours,
 )
+from refsim.backends import arrays as backend  # noqa: E402
+from refsim.backends import runtime  # noqa: E402
 from refsim.commands.plan import describe_plan  # noqa: E402
-from refsim.operation import REGISTRY  # noqa: E402
+from refsim.core.operation import REGISTRY  # noqa: E402
 
 DTYPES = ("float32", "float64")
 WORKERS = 6
@@ -103,8 +104,8 @@ def device_task(_: list[str]) -> list[Row]:
             rows.append(row(package, importlib.metadata.version(package)))
         except importlib.metadata.PackageNotFoundError:
             rows.append(row(package, "not installed"))
-    rows.append(row("arrays are sorted by", backend.array_library()))
-    if backend.simulated():
+    rows.append(row("arrays are sorted by", runtime.array_library()))
+    if runtime.simulated():
         return [*rows, row("device", "CUDA simulator")]
     import cupy
 
@@ -149,7 +150,7 @@ def pairing_task(arguments: list[str]) -> list[Row]:
 def search_task(arguments: list[str]) -> list[Row]:
     """The list against the CPU's entry by entry, and against all pairs on sampled rows."""
     dim, dtype = int(arguments[0]), arguments[1]
-    count = 60 if backend.simulated() else 20_000
+    count = 60 if runtime.simulated() else 20_000
     rng = np.random.default_rng(dim)
     position = rng.uniform(0, 0.1 * count ** (1 / dim), (count, 3))
     position[:, dim:] = 0
@@ -171,7 +172,7 @@ def search_task(arguments: list[str]) -> list[Row]:
     search.audit(there, cuda.zeros(position.shape, dtype), cuda.zeros(2, dtype), listed)
     search.build(there)  # which brings the audit's answer along
     rows.append(judged("neighbours missed in sampled rows", search.log.missed_neighbours, 0))
-    if not backend.simulated():  # the CPU's search would run as Python there
+    if not runtime.simulated():  # the CPU's search would run as Python there
         cpu = neighbours.NeighbourSearch(backend.choose("cpu"), dim, dtype, 0.2)
         their_order = cpu.order(position)
         theirs = cpu.build(np.ascontiguousarray(position[their_order]))
@@ -187,7 +188,7 @@ def search_task(arguments: list[str]) -> list[Row]:
 
 def dam_break(dtype: str, quick: bool) -> Scene:
     """A 2D column with walls and surface detection."""
-    cells = (4, 6, 1) if backend.simulated() else (40, 80, 1)
+    cells = (4, 6, 1) if runtime.simulated() else (40, 80, 1)
     spacing = 1.0 / cells[1]
     return Scene(
         name="dam_break",
@@ -207,7 +208,7 @@ def dam_break(dtype: str, quick: bool) -> Scene:
 
 def droplet(dtype: str, quick: bool) -> Scene:
     """17^3 particles, from cube to sphere."""
-    edge, spacing = (3 if backend.simulated() else 17), 1e-3
+    edge, spacing = (3 if runtime.simulated() else 17), 1e-3
     return Scene(
         name="droplet",
         dtype=dtype,
@@ -230,7 +231,7 @@ def drop_of(*effects: Any) -> Callable[[str, bool], Scene]:
             dtype=dtype,
             spacing=spacing,
             support_radius=2 * spacing,
-            fluid=(Ball(radius=(2 if backend.simulated() else 6) * spacing),),
+            fluid=(Ball(radius=(2 if runtime.simulated() else 6) * spacing),),
             effects=effects,
         )
 
@@ -248,7 +249,7 @@ def melting(dtype: str, quick: bool) -> Scene:
     """A small version of the melting case's first scene: heat, solids, coupling and melting."""
     from validation.cases.melting.scene import scene_of
 
-    return scene_of("figure_4", 0.2 if backend.simulated() else 0.4, dtype=dtype)
+    return scene_of("figure_4", 0.2 if runtime.simulated() else 0.4, dtype=dtype)
 
 
 def energy(dtype: str, quick: bool) -> Scene:
@@ -259,7 +260,7 @@ def energy(dtype: str, quick: bool) -> Scene:
         spacing=cell / 2,
         support_radius=1.5 * cell,
         step=2e-4,
-        fluid=(Box(lower=(0.4, 0.4, 0.4), cells=((4 if backend.simulated() else 12),) * 3),),
+        fluid=(Box(lower=(0.4, 0.4, 0.4), cells=((4 if runtime.simulated() else 12),) * 3),),
         effects=(MpmLiquid(rest_density=1.0, bulk_modulus=1000.0), SurfaceEnergy(surface_tension=1.0)),
     )
 
@@ -280,10 +281,10 @@ SCENES: dict[str, Callable[[str, bool], Scene]] = {
 def run_task(arguments: list[str]) -> list[Row]:
     """A whole run against the CPU after a few steps, and against itself after many."""
     name, dtype, steps = arguments[0], arguments[1], int(arguments[2])
-    compared = 2 if backend.simulated() else COMPARED[dtype]
-    steps = max(steps if not backend.simulated() else 3, compared)
+    compared = 2 if runtime.simulated() else COMPARED[dtype]
+    steps = max(steps if not runtime.simulated() else 3, compared)
     scene = SCENES[name](dtype, False)
-    oracle = Simulation(scene, "numpy" if backend.simulated() else "cpu")
+    oracle = Simulation(scene, "numpy" if runtime.simulated() else "cpu")
     runs = [Simulation(scene, "cuda") for _ in range(2)]
     for _ in range(compared):
         for simulation in (oracle, *runs):
@@ -326,7 +327,7 @@ def run_task(arguments: list[str]) -> list[Row]:
 
 def device_bytes() -> int:
     """Bytes of the device's memory that this process holds in arrays."""
-    if backend.simulated():
+    if runtime.simulated():
         return 0
     import cupy
 
@@ -347,7 +348,7 @@ BARS = {  # milliseconds a step, nanoseconds a step and particle
 def timing_task(arguments: list[str]) -> list[Row]:
     """Milliseconds of a step and of its parts on a spinning cube of viscous liquid with cohesion, float32, h = 2 d."""
     size, model = arguments
-    edge = 4 if backend.simulated() else SIZES[size]
+    edge = 4 if runtime.simulated() else SIZES[size]
     spacing = 1.0 / edge
     scene = Scene(
         dtype="float32",
@@ -364,20 +365,20 @@ def timing_task(arguments: list[str]) -> list[Row]:
     simulation = Simulation(plan, "cuda")
     rows = [row("particles", simulation.count), row("set-up", float(f"{time.perf_counter() - began:.3g}"), "s")]
     simulation._set("velocity", np.cross([0.0, 0.0, 1.0], plan.state.position - 0.5))
-    if not backend.simulated():
+    if not runtime.simulated():
         simulation.step()  # the list then holds the lattice that the plan counts
         said = describe_plan(plan, "cuda")["bytes"]["total"]
         held = device_bytes() - before
         rows.append(row("memory held", round(held / simulation.count, 1), "B/particle"))
         off = abs(held / said - 1)
         rows.append(judged("memory held, off what the plan says", round(off, 3), 0.1, words=f"{said / 2**20:.0f} MiB"))
-    for _ in range(2 if backend.simulated() else 60):
+    for _ in range(2 if runtime.simulated() else 60):
         simulation.step()
     from validation.cases.melting.device import clock
 
     mark, between = clock()
     wait = simulation.backend.synchronize
-    repeats = 1 if backend.simulated() else 20
+    repeats = 1 if runtime.simulated() else 20
 
     def measured(label: str, call: Callable[[], Any], times: int = repeats) -> None:
         call()
@@ -409,7 +410,7 @@ def timing_task(arguments: list[str]) -> list[Row]:
 
     measured("list: everything, audit included", rebuild, 3)
     kinds: dict[str, list[float]] = {"step alone": [], "step and a look at the list": [], "step and rebuild": []}
-    for _ in range(2 if backend.simulated() else 300):
+    for _ in range(2 if runtime.simulated() else 300):
         built, margin = search.log.rebuilds, simulation._margin
         began = time.perf_counter()
         simulation.step()  # waits for the device
@@ -423,7 +424,7 @@ def timing_task(arguments: list[str]) -> list[Row]:
         sum(len(spans) * np.median(spans) for spans in kinds.values() if spans) / sum(map(len, kinds.values()))
     )
     step, each = float(f"{1e3 * took:.4g}"), float(f"{1e9 * took / simulation.count:.4g}")
-    if backend.simulated():
+    if runtime.simulated():
         rows += [row("step", step, "ms"), row("step per particle", each, "ns")]
     else:
         bars = BARS.get((size, model), (math.inf, math.inf))
@@ -446,9 +447,9 @@ def melting_scene(size: str, **options: Any) -> Scene:
     """A scene of table 2, or a tank of a million particles of which a third is solid."""
     from validation.cases.melting.scene import made, scene_of, shared_tank
 
-    small = 0.2 if backend.simulated() else 1.0
+    small = 0.2 if runtime.simulated() else 1.0
     if size == "million":
-        return made(shared_tank("figure_6", (0.25 if backend.simulated() else 2.55), 1 / 3), **options)
+        return made(shared_tank("figure_6", (0.25 if runtime.simulated() else 2.55), 1 / 3), **options)
     return scene_of(size, small, **options)
 
 
@@ -468,14 +469,14 @@ def melting_task(arguments: list[str]) -> list[Row]:
     rows = [row("liquid", simulation.count - bodies), row("solid", bodies)]
     rows.append(row("skin", simulation.plan.scene.skin, "h"))
     rows.append(row("the step is one graph", int(simulation.stepper.recorded.whole)))
-    taken = cost.steps(simulation, *((2, 2) if backend.simulated() else (cost.WARM, cost.STEPS)))
+    taken = cost.steps(simulation, *((2, 2) if runtime.simulated() else (cost.WARM, cost.STEPS)))
     count = sum(map(len, taken.values()))
     rows += [shown(kind, float(np.median(all_)), f"{len(all_)} of them") for kind, all_ in taken.items() if all_]
     mean = sum(map(sum, taken.values())) / count
     rows.append(judged("step, mean", float(f"{1e3 * mean:.4g}"), MELTING_BAR.get(size, math.inf), "ms"))
     rows.append(row("paper over refsim", float(f"{1e-3 * MELTING[size] / mean:.3g}"), "-"))
     rows.append(row("simulated over real time", float(f"{simulation.plan.scene.step / mean:.3g}"), "-"))
-    stages = cost.stages(simulation, len(taken["step with a new list"]) / count, 1 if backend.simulated() else 20)
+    stages = cost.stages(simulation, len(taken["step with a new list"]) / count, 1 if runtime.simulated() else 20)
     own = grouped(stages)
     rows += [shown(f"GPU {name}", seconds) for name, seconds in stages.items()]
     rows += [shown(f"GPU: {group}", seconds) for group, seconds in own.items()]
@@ -483,8 +484,8 @@ def melting_task(arguments: list[str]) -> list[Row]:
     rows.append(row("solid at the end", int((simulation.field("phase") != 0).sum())))
     rows.append(judged("speed at the end is finite", float(not np.isfinite(simulation.field("velocity")).all()), 0))
     if size == "figure_6" and not skin:
-        on_cpu = Simulation(melting_scene(size), "cpu", 1 if backend.simulated() else HOST_THREADS)
-        warm, steps = (2, 2) if backend.simulated() else (30, 20)
+        on_cpu = Simulation(melting_scene(size), "cpu", 1 if runtime.simulated() else HOST_THREADS)
+        warm, steps = (2, 2) if runtime.simulated() else (30, 20)
         for _ in range(warm):
             on_cpu.step()
         on_cpu.timings.stages.clear()
@@ -630,7 +631,7 @@ def as_markdown(report: dict[str, Any]) -> str:
 def write(report: dict[str, Any], folder: pathlib.Path) -> None:
     """Write the report as JSON and Markdown, named by its date."""
     folder.mkdir(parents=True, exist_ok=True)
-    stem = folder / f"{report['date'][:10]}{'-simulator' if backend.simulated() else ''}"
+    stem = folder / f"{report['date'][:10]}{'-simulator' if runtime.simulated() else ''}"
     stem.with_suffix(".json").write_text(json.dumps(report, indent=1) + "\n")
     stem.with_suffix(".md").write_text(as_markdown(report))
     print(f"report: {stem.name}.json and .md in {folder.name}/")

@@ -13,7 +13,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
 
-from refsim.errors import InputError  # noqa: E402
+from refsim.core.errors import InputError  # noqa: E402
 from validation import accuracy_cost, stability  # noqa: E402
 from validation.harness import Options, discover, redraw  # noqa: E402
 

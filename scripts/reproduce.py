@@ -17,7 +17,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
 
-from refsim.errors import RefsimError  # noqa: E402
+from refsim.core.errors import RefsimError  # noqa: E402
 from validation.__main__ import add_options, options_of  # noqa: E402
 from validation.accuracy_cost import perform_panels, quick_panels  # noqa: E402
 from validation.claims import measure, read_claims, table  # noqa: E402

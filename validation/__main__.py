@@ -11,7 +11,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from refsim.errors import InputError, RefsimError
+from refsim.core.errors import InputError, RefsimError
 from validation.harness import Options, as_json, chosen_cases, discover, exit_code, perform, report
 
 

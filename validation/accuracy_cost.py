@@ -22,7 +22,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, TextIO
 
-from refsim.errors import InputError, RefsimError
+from refsim.core.errors import InputError, RefsimError
 from validation import cases as case_folder
 from validation.__main__ import add_options, options_of
 from validation.harness import (

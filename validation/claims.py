@@ -28,7 +28,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from refsim.errors import InputError, RefsimError, RunStopped
+from refsim.core.errors import InputError, RefsimError, RunStopped
 from validation import cases as case_folder
 from validation.harness import EXIT_FAILED, EXIT_FINE, Options, Results, Run, about_run, interrupted, machine
 from validation.results import Result, finite, load, result_folder, save

@@ -28,7 +28,7 @@ from refsim import (
     Simulation,
     WeaklyCompressible,
 )
-from refsim.effect import Discretisation
+from refsim.core.effect import Discretisation
 from refsim.surface_tension.calibration import BASE, BESIDE, SETTINGS
 from validation.metrics.droplet import nearest_neighbour_distance, radius_variation
 from validation.metrics.virial import inner_pressure

@@ -13,7 +13,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from refsim.backend import unavailable
+from refsim.backends.arrays import unavailable
 from validation.harness import Options, Run
 from validation.results import Result
 from validation.running import Context

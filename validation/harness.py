@@ -23,8 +23,8 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, TextIO
 
-from refsim.backend import device_name
-from refsim.errors import InputError, RunStopped
+from refsim.backends.arrays import device_name
+from refsim.core.errors import InputError, RunStopped
 from validation import cases as case_folder
 from validation.results import Result, finite, load, read_json, result_folder, save
 from validation.running import Context

@@ -105,7 +105,7 @@ def first_kept(error: Sequence[float], bar: float) -> int | None:
 
 def scene_digest(plan: Any) -> str:
     """Digest of a plan's scene: its settings, and its particles bit by bit."""
-    from refsim.scene_file import scene_to_checkpoint
+    from refsim.scene.files import scene_to_checkpoint
 
     text, arrays = scene_to_checkpoint(plan)
     digest = hashlib.sha256(text.encode())
@@ -119,7 +119,7 @@ def environment(threads: int | None, backend: str) -> dict[str, Any]:
 
     What the machine does not tell is None.
     """
-    from refsim.versions import versions
+    from refsim.core.versions import versions
 
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     found: dict[str, Any] = {

@@ -39,7 +39,7 @@ class Result:
 @functools.cache
 def sources_digest(module_file: str) -> str:
     """Digest of refsim, of the file in which a run's function stands, and of what this imports from here."""
-    from refsim.compile import sources_behind
+    from refsim.backends.compile import sources_behind
 
     files = {*(_ROOT / "refsim").rglob("*.py"), *sources_behind(Path(module_file).resolve())}
     digest = hashlib.sha256()

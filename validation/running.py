@@ -11,8 +11,8 @@ import msgspec
 import numpy as np
 
 from refsim import Plan, Scene, Simulation
-from refsim.errors import InputError
-from refsim.scene import make_plan
+from refsim.core.errors import InputError
+from refsim.scene.scene import make_plan
 
 
 @dataclass

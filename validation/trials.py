@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 
 from refsim import Plan, Scene, Simulation
-from refsim.driver import check_particles
-from refsim.errors import InputError, RunStopped
-from refsim.scene import make_plan
+from refsim.core.errors import InputError, RunStopped
+from refsim.engine.driver import check_particles
+from refsim.scene.scene import make_plan
 from validation.harness import Picture, Results
 from validation.results import Result
 from validation.running import Context, momenta, search_log

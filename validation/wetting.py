@@ -32,7 +32,7 @@ from refsim import (
     Simulation,
     WeaklyCompressible,
 )
-from refsim.effect import Discretisation
+from refsim.core.effect import Discretisation
 from refsim.surface_tension.calibration import BASE
 from refsim.surface_tension.contact_angle import WETTING_MAP
 from validation.drops import CALM, JITTER, STIR, STIRRED, STIRS

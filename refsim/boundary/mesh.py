@@ -8,13 +8,11 @@ from __future__ import annotations
 
 import os
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from refsim.errors import InputError
-from refsim.reading import GREATEST, open_regular
+from refsim.core.errors import InputError
+from refsim.scene.meshes import check_triangles, read_mesh
 
 ZERO_AREA = 1e-12  # height of a triangle over its longest side, below which it is a line
 SAME_PLACE = 1e-12  # share of the mesh's size below which vertices are one
@@ -67,55 +65,6 @@ def load_mesh(path: str | os.PathLike[str]) -> SurfaceMesh:
     return surface_mesh(read.vertices, read.faces, str(path))
 
 
-def read_mesh(path: str | os.PathLike[str], what: str = "mesh", process: bool = False) -> Any:
-    """The mesh in a file as trimesh holds it, in numbers that are finite; `process` has equal vertices joined.
-
-    what  stands before the messages
-
-    Raises InputError, in one sentence, for what cannot be read or holds no triangles.
-    """
-    import trimesh
-
-    class Beside(trimesh.resolvers.FilePathResolver):
-        """Files that a mesh names, such as buffers of .gltf; a pipe or a device is not waited for."""
-
-        def get(self, name: str) -> bytes:
-            with open_regular(os.path.join(self.parent, name.strip())) as file:
-                return file.read()
-
-    try:
-        with open_regular(path) as file:
-            kind = Path(path).suffix[1:].lower()
-            read = trimesh.load(file, file_type=kind, force="mesh", process=process, resolver=Beside(str(path)))
-        vertices, faces = np.array(read.vertices, dtype=float), np.array(read.faces, dtype=np.int64)
-    except FileNotFoundError:
-        raise InputError(f"{what}: there is no file {str(path)!r}; give the path of a mesh.") from None
-    except ImportError as error:
-        if error.name in ("charset_normalizer", "chardet"):  # trimesh asks them to guess at what is not UTF-8
-            raise InputError(
-                f"{what}: {str(path)!r} cannot be read, because it is neither binary nor text in UTF-8 as its ending"
-                " would have it; save it anew."
-            ) from None
-        raise InputError(
-            f"{what}: {str(path)!r} cannot be read: as what trimesh takes it for it needs {error.name}, which is not"
-            " installed; check the file, or install that."
-        ) from None
-    except Exception as error:  # trimesh raises whatever its readers do
-        words = getattr(error, "strerror", None) or " ".join(str(error).split()) or type(error).__name__
-        raise InputError(f"{what}: {str(path)!r} cannot be read ({words}); give a mesh file.") from None
-    _check_triangles(vertices, faces, str(path), what)
-    return read
-
-
-def _check_triangles(vertices: np.ndarray, faces: np.ndarray, source: str, what: str = "mesh") -> None:
-    if vertices.ndim != 2 or faces.ndim != 2 or vertices.shape[1:] != (3,) or faces.shape[1:] != (3,) or not len(faces):
-        raise InputError(f"{what}: {source!r} has no triangles; give a closed triangle mesh.")
-    if faces.min() < 0 or faces.max() >= len(vertices):
-        raise InputError(f"{what}: {source!r} has faces with vertices that are not there; write it anew.")
-    if not (np.abs(vertices[np.unique(faces)]) <= GREATEST).all():
-        raise InputError(f"{what}: {source!r} has vertices that are not finite, or beyond {GREATEST:g} m; mend them.")
-
-
 def surface_mesh(vertices: np.ndarray, faces: np.ndarray, source: str = "mesh") -> SurfaceMesh:
     """A mesh from vertices (v, 3) [m] and faces (t, 3), repaired where that is safe.
 
@@ -125,7 +74,7 @@ def surface_mesh(vertices: np.ndarray, faces: np.ndarray, source: str = "mesh") 
     `refsim.boundary.signed_distance.signed_distance`, whose lists say which lie near each other.
     """
     vertices, faces = np.array(vertices, dtype=float), np.array(faces, dtype=np.int64)
-    _check_triangles(vertices, faces, source)
+    check_triangles(vertices, faces, source)
     used, faces = np.unique(faces, return_inverse=True)
     vertices, faces = vertices[used], faces.reshape(-1, 3)
     origin = 0.5 * (vertices.min(0) + vertices.max(0))

@@ -9,9 +9,9 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from refsim.errors import InputError
-from refsim.plain import plain as plain
-from refsim.scene import Plan, Scene, make_plan
+from refsim.core.errors import InputError
+from refsim.core.plain import plain as plain
+from refsim.scene.scene import Plan, Scene, make_plan
 
 
 @dataclass(frozen=True)

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 
 from refsim.commands import Command, Outcome, in_time, register, table
-from refsim.errors import InputError
-from refsim.operation import BACKENDS, REGISTRY
+from refsim.core.errors import InputError
+from refsim.core.operation import BACKENDS, REGISTRY
 
 TOLD = 8  # failed trials that the text names for each operation; --json has all
 SHOWN_IN = "cloud_3d"  # the case whose arguments are shown
@@ -156,14 +156,15 @@ def _told(outcome: Any) -> str:
 
 def _arguments(names: Sequence[str], arrays: str) -> Outcome:
     """Each argument with its type and meaning, as a program on `arrays` gets it."""
-    from refsim import cases, contract
+    from refsim import contract
+    from refsim.core import cases
 
     cases.discover()
     count = cases.CASES[SHOWN_IN]().count
     data, lines = {}, []
     for name in names:
         if name not in REGISTRY:
-            from refsim.scene_file import suggestion
+            from refsim.scene.files import suggestion
 
             raise InputError(f"there is no operation {name!r}; {suggestion(name, REGISTRY)}")
         operation = REGISTRY[name]

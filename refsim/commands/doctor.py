@@ -11,14 +11,14 @@ from typing import Any
 
 import numpy as np
 
-from refsim.backend import host_memory, simulated, unavailable
+from refsim.backends.arrays import host_memory, simulated, unavailable
 from refsim.commands import Command, Outcome, in_bytes, in_time, register, table
-from refsim.errors import RefsimError
-from refsim.operation import BACKENDS, REGISTRY
-from refsim.run import Simulation
-from refsim.scene import Cloud, Plan, Scene, make_plan
+from refsim.core.errors import RefsimError
+from refsim.core.operation import BACKENDS, REGISTRY
+from refsim.core.versions import versions
+from refsim.engine.simulation import Simulation
+from refsim.scene.scene import Cloud, Plan, Scene, make_plan
 from refsim.sph import WeaklyCompressible
-from refsim.versions import versions
 
 TESTED = "sph.density"
 
@@ -98,7 +98,7 @@ def _self_test(backend: str) -> dict[str, Any]:
 def _threads() -> dict[str, Any]:
     import numba
 
-    from refsim import compile as compiler
+    from refsim.backends import compile as compiler
 
     assert compiler  # it chooses the threading layer
     try:
@@ -109,7 +109,7 @@ def _threads() -> dict[str, Any]:
 
 
 def _cache() -> dict[str, Any]:
-    from refsim.compile import cache_root
+    from refsim.backends.compile import cache_root
 
     root = cache_root()
     files = [p for p in root.rglob("*") if p.is_file()] if root.is_dir() else []
@@ -126,7 +126,7 @@ def _cache() -> dict[str, Any]:
 def _gpu() -> dict[str, Any]:
     if simulated():
         return {"name": "CUDA simulator"}
-    from refsim.compile import cuda
+    from refsim.backends.compile import cuda
 
     device = cuda.get_current_device()
     name = device.name.decode() if isinstance(device.name, bytes) else str(device.name)

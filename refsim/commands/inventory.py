@@ -13,9 +13,9 @@ from typing import Any
 import msgspec
 
 from refsim.commands import Command, Outcome, register, table
-from refsim.effect import EFFECTS, Effect
-from refsim.operation import BACKENDS, REGISTRY, Operation
-from refsim.scene_file import describe
+from refsim.core.effect import EFFECTS, Effect
+from refsim.core.operation import BACKENDS, REGISTRY, Operation
+from refsim.scene.files import describe
 
 
 @functools.cache

@@ -9,15 +9,15 @@ from typing import Any
 import numpy as np
 
 from refsim.commands import Command, Outcome, in_bytes, planned, register, table
-from refsim.effect import Extremes
-from refsim.energy import accounts
-from refsim.errors import InputError
-from refsim.operation import BACKENDS, PROCEDURES, REGISTRY
-from refsim.particles import BASE
-from refsim.run import step_limits
-from refsim.scene import Plan
-from refsim.scene_file import load_scene
-from refsim.stepping import stable_steps
+from refsim.core.effect import Extremes
+from refsim.core.errors import InputError
+from refsim.core.fields import BASE
+from refsim.core.operation import BACKENDS, PROCEDURES, REGISTRY
+from refsim.engine.simulation import step_limits
+from refsim.engine.stepping import stable_steps
+from refsim.scene.accounts import accounts
+from refsim.scene.files import load_scene
+from refsim.scene.scene import Plan
 
 WALL_PLACES = 4  # places per particle that the list of walls begins with; it grows where they are too few
 PLACES = 48  # the same for the list of neighbours, on the CPU

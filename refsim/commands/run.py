@@ -15,10 +15,10 @@ from pathlib import Path
 from typing import Any
 
 from refsim.commands import Command, Outcome, in_time, planned, register
-from refsim.driver import RunReport, simulate
-from refsim.errors import InputError, RunStopped
-from refsim.run import Simulation
-from refsim.scene_file import load_scene
+from refsim.core.errors import InputError, RunStopped
+from refsim.engine.driver import RunReport, simulate
+from refsim.engine.simulation import Simulation
+from refsim.scene.files import load_scene
 
 DESCRIPTION = """Run a scene to its end. The folder of the run holds particles.vtkhdf (open it in ParaView),
 checkpoint.h5, report.json and, if the run stops, a post-mortem. Ctrl-C ends the run with a checkpoint."""

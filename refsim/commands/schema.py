@@ -6,7 +6,7 @@ import argparse
 import json
 
 from refsim.commands import Command, Outcome, register
-from refsim.scene_file import scene_schema
+from refsim.scene.files import scene_schema
 
 
 def configure(parser: argparse.ArgumentParser) -> None:

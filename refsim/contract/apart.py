@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 
 from refsim.contract.ladder import Outcome
-from refsim.errors import InputError
+from refsim.core.errors import InputError
 
 OWN_WORK = 600.0  # s without a message between two calls: oracles, neighbour lists, the start of Python
 MOST_BYTES = 1 << 20  # of a message

@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 
 from refsim.contract.inputs import Inputs
+from refsim.core.operation import Operation
 from refsim.neighbours.reference import pair_blocks
-from refsim.operation import Operation
 
 STRETCH = 1e-6
 

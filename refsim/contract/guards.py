@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from refsim.backend import Backend
+from refsim.backends.arrays import Backend
 
 GUARD_BYTES = 4096  # before and after each array on the CPU; a multiple of every alignment
 PATTERN = 0xA5

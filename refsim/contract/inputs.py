@@ -8,15 +8,15 @@ from typing import Any
 
 import numpy as np
 
-from refsim import cases
-from refsim.backend import Backend
-from refsim.boundary.walls import with_list
+from refsim.backends.arrays import Backend
+from refsim.backends.scratch import Scratch
+from refsim.core import cases
+from refsim.core.fields import BASE, Field
+from refsim.core.operation import REGISTRY, Operation
+from refsim.core.walls import with_list
 from refsim.neighbours import NeighbourSearch
 from refsim.neighbours.reference import pair_blocks
 from refsim.neighbours.rows import NeighbourColumns, NeighbourRows
-from refsim.operation import REGISTRY, Operation
-from refsim.particles import BASE, Field
-from refsim.scratch import Scratch
 
 LISTS = ("search", "all_pairs")
 
@@ -100,7 +100,7 @@ class Inputs:
             made = cases.GROUPS[name](self.case, self.case.grid(self.dtype))
             return made[name]
         raise KeyError(
-            f"nothing makes the argument {name!r}: mark a function with refsim.cases.particles or .groups in the"
+            f"nothing makes the argument {name!r}: mark a function with refsim.core.cases.particles or .groups in the"
             " method folder's cases.py"
         )
 
@@ -115,7 +115,7 @@ def prepared(case_name: str, backend_name: str, dtype: str, lists: str = "search
 @functools.cache
 def backend_for(name: str) -> Backend:
     """The backend called `name`; InputError where it cannot run here."""
-    from refsim.backend import choose
+    from refsim.backends.arrays import choose
 
     return choose(name)
 
@@ -205,7 +205,7 @@ def bindings(
 
     operation  an Operation or its name
     dtype      "float32" or "float64"
-    case       name in refsim.cases.CASES
+    case       name in refsim.core.cases.CASES
     variant    overrides, or the number of one of the operation's own variants
     lists      "search" (refsim's neighbour search) or "all_pairs" (the oracle)
 

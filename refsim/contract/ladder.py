@@ -10,14 +10,14 @@ from typing import Any
 
 import numpy as np
 
-from refsim import cases
-from refsim.backend import Backend, set_threads
-from refsim.boundary.walls import WallParticles
+from refsim.backends.arrays import Backend, set_threads
 from refsim.contract.bounds import errors, neighbour_counts, oracle, size, undecided
 from refsim.contract.guards import Guards
 from refsim.contract.inputs import Inputs, all_pairs, backend_for, on_backend, prepared, value_of, with_variant
 from refsim.contract.parameters import acts, varied
-from refsim.operation import REGISTRY, Operation
+from refsim.core import cases
+from refsim.core.operation import REGISTRY, Operation
+from refsim.core.walls import WallParticles
 
 SAMPLED_ROWS = 40
 MOST_UNDECIDED = 0.1

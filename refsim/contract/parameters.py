@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from refsim.cases import TAKES, VARIATIONS, Variation
 from refsim.contract.inputs import Inputs
-from refsim.operation import Operation
+from refsim.core.cases import TAKES, VARIATIONS, Variation
+from refsim.core.operation import Operation
 
 
 def groups_of(operation: Operation, inputs: Inputs) -> dict[str, Any]:

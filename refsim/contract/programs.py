@@ -21,8 +21,8 @@ import numpy as np
 
 from refsim.contract.inputs import backend_for
 from refsim.contract.ladder import STEPS, Outcome, ProgramFailed, Target, climbing
-from refsim.errors import InputError
-from refsim.operation import BACKENDS, REGISTRY, Operation
+from refsim.core.errors import InputError
+from refsim.core.operation import BACKENDS, REGISTRY, Operation
 
 GROUP = "refsim.contract"  # of entry points
 ATTRIBUTE = "PROGRAMS"  # what is taken from a module where nothing else is named
@@ -153,7 +153,7 @@ def _parents(module: str) -> set[str]:
 
 def _operation(name: str, owner: str) -> Operation:
     if name not in REGISTRY:
-        from refsim.scene_file import suggestion
+        from refsim.scene.files import suggestion
 
         raise InputError(f"{owner} knows no operation {name!r}; {suggestion(name, REGISTRY)}")
     return REGISTRY[name]

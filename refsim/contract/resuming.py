@@ -7,8 +7,8 @@ import tempfile
 from collections.abc import Callable, Iterator
 
 from refsim.contract.ladder import Outcome
-from refsim.run import Simulation
-from refsim.scene import Scene
+from refsim.engine.simulation import Simulation
+from refsim.scene.scene import Scene
 
 
 def bits(simulation: Simulation) -> dict[str, bytes]:

@@ -20,8 +20,10 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
 
-from refsim.effect import Discretisation, Effect, Pass, StepLimit, literal_errata, require
-from refsim.errors import InputError
+from refsim.core.effect import Discretisation, Effect, Pass, StepLimit, literal_errata, require
+from refsim.core.errors import InputError
+from refsim.core.fields import Field
+from refsim.core.operation import Operation, register
 from refsim.heat.shapes import (
     MOST_PASSES,
     MUELLER,
@@ -32,11 +34,9 @@ from refsim.heat.shapes import (
     lattice_moment,
     lattice_sum,
 )
-from refsim.operation import Operation, register
-from refsim.particles import Field
 
 if TYPE_CHECKING:
-    from refsim.scene import InitialState
+    from refsim.core.effect import InitialState
 
 ABSOLUTE_ZERO = -273.15
 MOST_PLANNED = 20.0  # largest k dt/(rho c d^2) for which a GPU finds the number of passes by itself

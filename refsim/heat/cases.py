@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from refsim.cases import (
+from refsim.core.cases import (
     REST_DENSITY,
     VARIATIONS,
     Case,

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from refsim.compile import cpu_kernel, prange
+from refsim.backends.compile import cpu_kernel, prange
 from refsim.heat import pairing, particle, schemes, shapes
 from refsim.heat.formulas import temperature_of
 from refsim.neighbours.rows import cpu_row

@@ -1,6 +1,6 @@
 """Scalar formulas of heat conduction: Shao & Song 2017, equation (4), as M(4), and what completes it."""
 
-from refsim.compile import formula
+from refsim.backends.compile import formula
 from refsim.heat.shapes import MUELLER, SPIKY
 
 

@@ -12,8 +12,8 @@ from __future__ import annotations
 import itertools
 from typing import Any
 
-from refsim.compile import formula
-from refsim.errors import InputError
+from refsim.backends.compile import formula
+from refsim.core.errors import InputError
 from refsim.heat.shapes import Conduction, Period
 
 BITS = 21

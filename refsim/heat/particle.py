@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 
-from refsim.compile import formula
+from refsim.backends.compile import formula
 from refsim.heat.formulas import melted, pair_share, pair_weight, single_pass_share
 from refsim.heat.pairing import partner
 

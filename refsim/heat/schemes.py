@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
-from refsim.compile import formula
+from refsim.backends.compile import formula
 from refsim.heat.shapes import Stage
 
 

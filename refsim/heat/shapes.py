@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from refsim.effect import Discretisation
+from refsim.core.effect import Discretisation
 from refsim.smoothing import lattice
 
 SPIKY, MUELLER, POLY6 = range(3)

@@ -14,10 +14,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from refsim.backend import Backend
-from refsim.errors import InputError
+from refsim.backends.arrays import Backend
+from refsim.core.errors import InputError
+from refsim.core.operation import REGISTRY, Operation, register
 from refsim.isosurface.table import CaseTable, case_table
-from refsim.operation import REGISTRY, Operation, register
 from refsim.sparse_grid import Blocks, SparseGrid, nodes
 
 __all__ = ["CaseTable", "Cells", "Contour", "Mesh", "case_table", "edges_and_facets", "extract"]
@@ -56,7 +56,7 @@ def edges_and_facets(backend: Backend, blocks: Blocks, node_state: Any, dim: int
     crossings, cell_case = backend.empty(count, np.uint8), backend.empty(count, np.uint8)
     REGISTRY["isosurface.classify"].program(backend.name)(blocks, node_state, crossings, cell_case)
     if backend.name == "cuda":
-        from refsim import device
+        from refsim.backends import device
 
         edge_first = device.running_sum(device.looked_up(crossings, bits_set))
         facet_first = device.running_sum(device.looked_up(cell_case, table.count))

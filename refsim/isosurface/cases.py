@@ -5,8 +5,8 @@ import itertools
 
 import numpy as np
 
-from refsim.backend import Backend
-from refsim.cases import CASES, VARIATIONS, Case, Exact, Variation, case, closed_form, cloud, groups
+from refsim.backends.arrays import Backend
+from refsim.core.cases import CASES, VARIATIONS, Case, Exact, Variation, case, closed_form, cloud, groups
 from refsim.isosurface import BITS_SET, Contour, case_table, reference, running_sum
 from refsim.isosurface.table import CaseTable
 from refsim.sparse_grid import SparseGrid, nodes

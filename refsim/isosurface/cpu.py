@@ -1,6 +1,6 @@
 """CPU kernels of isosurfaces."""
 
-from refsim.compile import cpu_kernel, prange
+from refsim.backends.compile import cpu_kernel, prange
 from refsim.isosurface import node
 
 

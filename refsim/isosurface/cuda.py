@@ -1,6 +1,6 @@
 """CUDA kernels of isosurfaces."""
 
-from refsim.compile import cuda, cuda_kernel
+from refsim.backends.compile import cuda, cuda_kernel
 from refsim.isosurface import node
 
 

@@ -1,6 +1,6 @@
 """Scalar formulas of isosurfaces on a grid."""
 
-from refsim.compile import formula
+from refsim.backends.compile import formula
 from refsim.sparse_grid.formulas import step_node
 
 UNKNOWN = 2  # state of a node of which nothing is known; 0 is outside, 1 is inside

@@ -1,6 +1,6 @@
 """What one node, one cell and one vertex do in the extraction of an isosurface; both kernels share it."""
 
-from refsim.compile import formula
+from refsim.backends.compile import formula
 from refsim.isosurface.formulas import bits_below, crossing_share, state_at
 from refsim.sparse_grid.formulas import block_bits, node_coordinates, step_node
 

@@ -11,15 +11,15 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 
-from refsim.effect import Discretisation, Effect, Pass
-from refsim.errors import InputError
+from refsim.core.effect import Discretisation, Effect, Pass
+from refsim.core.errors import InputError
+from refsim.core.fields import Field
+from refsim.core.operation import Operation, register
 from refsim.heat import MELTING_POINT
-from refsim.operation import Operation, register
-from refsim.particles import Field
 from refsim.shape_matching.phases import FLUID
 
 if TYPE_CHECKING:
-    from refsim.scene import InitialState
+    from refsim.core.effect import InitialState
 
 MELTED = Field("melted", "-", "1 for nodes that melted in this step", dtype="int32", rows="solids")
 MELTED_COUNT = Field("melted_count", "-", "how many melted in this step", dtype="int32", rows=1)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from refsim.cases import Case, Exact, closed_form, groups, lattice
+from refsim.core.cases import Case, Exact, closed_form, groups, lattice
 from refsim.melting import MeltingRule
 from refsim.shape_matching.phases import FLUID, INTERIOR, SURFACE
 

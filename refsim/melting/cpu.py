@@ -1,6 +1,6 @@
 """CPU kernels of melting."""
 
-from refsim.compile import cpu_kernel, prange
+from refsim.backends.compile import cpu_kernel, prange
 from refsim.melting import particle
 
 

@@ -1,7 +1,7 @@
 """CUDA kernels of melting."""
 
-from refsim import device
-from refsim.compile import cuda, cuda_kernel
+from refsim.backends import device
+from refsim.backends.compile import cuda, cuda_kernel
 from refsim.melting import particle
 from refsim.neighbours.rows import sum_of_lanes
 from refsim.shape_matching.parallel_reduction.cuda import LANES

@@ -1,6 +1,6 @@
 """Scalar formulas of melting: Shao & Song 2017, section 2."""
 
-from refsim.compile import formula
+from refsim.backends.compile import formula
 
 
 @formula

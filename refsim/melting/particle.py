@@ -1,6 +1,6 @@
 """What one particle and one node do in melting; the CPU and the CUDA kernels share these."""
 
-from refsim.compile import formula
+from refsim.backends.compile import formula
 from refsim.melting.formulas import melts
 from refsim.shape_matching.phases import FLUID, NOBODY, SURFACE
 

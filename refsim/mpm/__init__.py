@@ -14,15 +14,15 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 
-from refsim.effect import Discretisation, Effect, Pass, StepLimit, literal_errata, require
-from refsim.energy import EnergyAccount, EnergyState, amount
-from refsim.errors import InputError
+from refsim.core.effect import Discretisation, Effect, Pass, StepLimit, literal_errata, require
+from refsim.core.energy import EnergyAccount, EnergyState, amount
+from refsim.core.errors import InputError
+from refsim.core.fields import Field
+from refsim.core.operation import Operation, register
 from refsim.mpm.grid import FARTHEST, Background, MpmGrid
-from refsim.operation import Operation, register
-from refsim.particles import Field
 
 if TYPE_CHECKING:
-    from refsim.scene import InitialState
+    from refsim.core.effect import InitialState
 
 AFFINE = Field("affine", "1/s", "affine velocity matrix A, row by row: A_ab is dv_a/dx_b", 9, state=True)
 VOLUME_RATIO = Field("volume_ratio", "-", "present over initial volume J", state=True)
@@ -53,7 +53,7 @@ FARTHEST_WAY = 0.5  # cells that a particle may move in a step
 LARGEST_DILATION = 0.5  # |dt tr A| of a step
 # Crowding is 1.000 in a lattice, however it is turned. Of particles strewn at random, each within its own share of the
 # volume, it is 1.01 with a deviation of 0.04 in the plane, 1.00 with 0.02 in space, and in none of 14,000 above 1.2; of
-# particles strewn without shares none is above 2 (`tests/test_mpm.py:test_crowding_of_particles_strewn_at_random`).
+# particles strewn without shares none is above 2 (`tests/mpm/test_mpm.py:test_crowding_of_particles_strewn_at_random`).
 UNEVEN = 1.05  # up to here it may be how particles happen to lie
 CROWDED = 1.25  # above, particles lie in others' shares
 OVERFULL = 2.0  # above, something has drawn them together

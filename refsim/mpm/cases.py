@@ -5,7 +5,7 @@ The background grid of a case has cells of two spacings; samples stand around it
 
 import numpy as np
 
-from refsim.cases import (
+from refsim.core.cases import (
     REST_DENSITY,
     VARIATIONS,
     Case,

@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 
-from refsim.compile import cpu_kernel, formula, prange
+from refsim.backends.compile import cpu_kernel, formula, prange
 from refsim.mpm import particle
 from refsim.mpm.formulas import spline_slopes, spline_weights
 from refsim.mpm.grid import FARTHEST

@@ -10,9 +10,9 @@ import math
 
 import numpy as np
 
-from refsim import device
-from refsim.backend import simulated
-from refsim.compile import THREADS_PER_BLOCK, cuda, cuda_kernel, formula
+from refsim.backends import device
+from refsim.backends.compile import THREADS_PER_BLOCK, cuda, cuda_kernel, formula
+from refsim.backends.runtime import simulated
 from refsim.mpm import particle
 from refsim.mpm.formulas import spline_slopes, spline_weights
 from refsim.mpm.grid import DEEP, FARTHEST

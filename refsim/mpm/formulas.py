@@ -3,7 +3,7 @@
 The spline's argument is the fraction f = x/h - j of a particle over its base node j, 1/2 <= f < 3/2.
 """
 
-from refsim.compile import formula
+from refsim.backends.compile import formula
 
 STICKY, SLIP, SEPARATING = 1, 2, 3
 IMAGED_ROWS = 3  # of nodes behind a mirror that points of the liquid may reach

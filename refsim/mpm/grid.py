@@ -13,8 +13,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from refsim.backend import Backend
-from refsim.errors import RunStopped
+from refsim.backends.arrays import Backend
+from refsim.core.errors import RunStopped
 from refsim.sparse_grid import Blocks, PointList
 
 BITS = 21  # of a block's coordinate in its key, as the sparse grid has them
@@ -153,7 +153,7 @@ class MpmGrid:
         self._unseen -= 1
         if self.sorting is not None and self._unseen > 0 and not moved:
             return False
-        from refsim import device
+        from refsim.backends import device
 
         programs = importlib.import_module("refsim.mpm.cuda")
         n, empty = position.shape[0], self.backend.empty
@@ -251,7 +251,7 @@ class MpmGrid:
         self.rebuilds += 1
         xp: Any = np
         if self.on_device:
-            from refsim import device
+            from refsim.backends import device
 
             xp, keys = device.library(), [device.seen(k) for k in keys]
         occupied = xp.unique(xp.concatenate([_runs(xp, k) for k in keys]))

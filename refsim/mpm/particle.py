@@ -6,7 +6,7 @@ stencil and its gradient g, both times mass; g is a tuple, row by row, in units 
 
 import math
 
-from refsim.compile import formula
+from refsim.backends.compile import formula
 from refsim.mpm.formulas import (
     IMAGED_ROWS,
     NOWHERE,

@@ -9,19 +9,19 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 
-from refsim.backend import Backend
-from refsim.effect import Discretisation, Effect, Pass, StepLimit, literal_errata, require
-from refsim.energy import Amount, EnergyAccount, EnergyState, amount
-from refsim.errors import InputError, RunStopped
+from refsim.backends.arrays import Backend
+from refsim.core.effect import Discretisation, Effect, Pass, StepLimit, literal_errata, require
+from refsim.core.energy import Amount, EnergyAccount, EnergyState, amount
+from refsim.core.errors import InputError, RunStopped
+from refsim.core.fields import Field
+from refsim.core.operation import REGISTRY, Operation, Procedure, enter, register
 from refsim.isosurface import Mesh
 from refsim.mpm import CROWDED, CROWDING, GREATEST_CROWDING, OVERFULL
-from refsim.operation import REGISTRY, Operation, Procedure, enter, register
-from refsim.particles import Field
 from refsim.surface_energy import Tension
 from refsim.surface_energy.reconstruction import Samples
 
 if TYPE_CHECKING:
-    from refsim.scene import InitialState
+    from refsim.core.effect import InitialState
 
 EXTENT = Field("extent", "-", "axes along which the liquid round a particle spreads; 1 in a filament", dtype="uint8")
 IMAGED = 5.0  # cells from a wall within which particles have an image: further than any sample at it can tell
@@ -428,7 +428,7 @@ class SurfaceOfRun(SurfaceSamples):
         """(NumPy or CuPy, what shows it an array of this backend, what makes one)."""
         if self.backend.name != "cuda":
             return np, np.asarray, np.asarray
-        from refsim import device
+        from refsim.backends import device
 
         return device.library(), device.seen, device.wrapped
 

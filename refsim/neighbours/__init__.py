@@ -13,10 +13,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from refsim.backend import Backend
-from refsim.errors import InputError, RunStopped
+from refsim.backends.arrays import Backend
+from refsim.core.errors import InputError, RunStopped
+from refsim.neighbours.limits import MOST_NEIGHBOURS as MOST_NEIGHBOURS
 
-MOST_NEIGHBOURS = 4096  # a particle with more is inside a collapsed clump
 AUDITED_ROWS = 8
 AUDIT_MARGIN = 1e-5  # share of the radius left out of the audit: positions are stepped back with rounding
 

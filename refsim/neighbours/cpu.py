@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from refsim.compile import cpu_kernel, formula, prange
+from refsim.backends.compile import cpu_kernel, formula, prange
 from refsim.neighbours.formulas import (
     BITS,
     at_bounds,

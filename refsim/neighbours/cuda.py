@@ -4,11 +4,10 @@ import math
 
 import numpy as np
 
-from refsim import device
-from refsim.backend import simulated
-from refsim.compile import cuda, cuda_kernel, formula
-from refsim.errors import RunStopped
-from refsim.neighbours import MOST_NEIGHBOURS
+from refsim.backends import device
+from refsim.backends.compile import cuda, cuda_kernel, formula
+from refsim.backends.runtime import simulated
+from refsim.core.errors import RunStopped
 from refsim.neighbours.formulas import (
     BITS,
     at_bounds,
@@ -18,6 +17,7 @@ from refsim.neighbours.formulas import (
     lower_bound,
     squared_between,
 )
+from refsim.neighbours.limits import MOST_NEIGHBOURS
 from refsim.neighbours.rows import NeighbourColumns, counted_lanes, cuda_lane
 
 # Threads that share a column where there are few: the device would otherwise wait for memory with most of its threads

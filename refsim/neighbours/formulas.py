@@ -7,7 +7,7 @@ it only makes the far cells fuller.
 
 import math
 
-from refsim.compile import formula
+from refsim.backends.compile import formula
 
 BITS = 21
 OFFSET = 1 << 20

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from refsim.compile import cuda, formula
+from refsim.backends.compile import cuda, formula
 
 
 class NeighbourRows(NamedTuple):

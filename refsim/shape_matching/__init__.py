@@ -15,15 +15,15 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 
-from refsim.effect import Discretisation, Effect, Pass, require
-from refsim.energy import EnergyAccount
-from refsim.errors import InputError
-from refsim.operation import Operation, register
-from refsim.particles import PLACE, Field
+from refsim.core.effect import Discretisation, Effect, Pass, require
+from refsim.core.energy import EnergyAccount
+from refsim.core.errors import InputError
+from refsim.core.fields import PLACE, Field
+from refsim.core.operation import Operation, register
 from refsim.shape_matching.phases import FLUID, SURFACE
 
 if TYPE_CHECKING:
-    from refsim.scene import InitialState
+    from refsim.core.effect import InitialState
 
 PHASE = Field("phase", "-", "0 liquid, 1 solid at its body's surface, 2 solid inside", dtype="int32", state=True)
 

@@ -4,7 +4,7 @@ import functools
 
 import numpy as np
 
-from refsim.cases import (
+from refsim.core.cases import (
     VARIATIONS,
     Case,
     Exact,
@@ -16,9 +16,9 @@ from refsim.cases import (
     particles,
     takes,
 )
+from refsim.scene.solids import lattice_of
 from refsim.shape_matching import Matching, floors, reference
 from refsim.shape_matching.fast_summation import boxes_of
-from refsim.solids import lattice_of
 
 
 @particles("identity")
@@ -63,7 +63,7 @@ def tables(case):
 
 
 def _phase(case):
-    from refsim.cases import PARTICLES
+    from refsim.core.cases import PARTICLES
 
     return PARTICLES["phase"](case, case.random("phase"))
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from refsim.compile import cpu_kernel, formula, prange
+from refsim.backends.compile import cpu_kernel, formula, prange
 from refsim.shape_matching import particle
 
 

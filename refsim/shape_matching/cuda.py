@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from refsim.compile import cuda, cuda_kernel
+from refsim.backends.compile import cuda, cuda_kernel
 from refsim.shape_matching import WIDEST, particle
 from refsim.shape_matching.phases import NOBODY
 

@@ -6,7 +6,7 @@ A slot of a node's table stands for the lattice cell at an offset from the node'
 
 import math
 
-from refsim.compile import formula
+from refsim.backends.compile import formula
 
 
 @formula

@@ -6,7 +6,7 @@ identity s, whose present row in the particle arrays is place[s]. Empty slots ar
 
 import numpy as np
 
-from refsim.compile import formula
+from refsim.backends.compile import formula
 from refsim.neighbours.formulas import BITS
 from refsim.shape_matching.formulas import (
     best_rotation,

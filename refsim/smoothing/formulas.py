@@ -4,7 +4,7 @@
 (`refsim.smoothing.smoothing`), so that float32 never meets a power of h beyond the one it needs.
 """
 
-from refsim.compile import formula
+from refsim.backends.compile import formula
 from refsim.smoothing.shapes import CUBIC_SPLINE, POLY6, SPIKY
 
 

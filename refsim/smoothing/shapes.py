@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from refsim.errors import InputError
+from refsim.core.errors import InputError
 
 POLY6, SPIKY, CUBIC_SPLINE, WENDLAND_C2 = range(4)
 SHAPES = {"poly6": POLY6, "spiky": SPIKY, "cubic_spline": CUBIC_SPLINE, "wendland_c2": WENDLAND_C2}

@@ -5,8 +5,8 @@ import itertools
 import numpy as np
 
 from refsim.neighbours.formulas import BITS, OFFSET
-from refsim.sparse_grid import Blocks, PointList
 from refsim.sparse_grid.formulas import BLOCK, FARTHEST
+from refsim.sparse_grid.tables import Blocks, PointList
 
 
 class Search:

@@ -4,12 +4,12 @@ import itertools
 
 import numpy as np
 
-from refsim import device
-from refsim.backend import simulated
-from refsim.compile import SIMULATED_THREADS, cuda, cuda_kernel, formula
+from refsim.backends import device
+from refsim.backends.compile import SIMULATED_THREADS, cuda, cuda_kernel, formula
+from refsim.backends.runtime import simulated
 from refsim.neighbours.formulas import BITS, OFFSET, lower_bound
-from refsim.sparse_grid import Blocks, PointList
 from refsim.sparse_grid.formulas import BLOCK, cell_coordinate, find_node
+from refsim.sparse_grid.tables import Blocks, PointList
 
 SUMMING = SIMULATED_THREADS if simulated() else 1024
 

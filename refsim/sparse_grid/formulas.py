@@ -7,7 +7,7 @@ Cell j has its lowest corner at node j, so that cells and nodes share their numb
 
 import math
 
-from refsim.compile import formula
+from refsim.backends.compile import formula
 from refsim.neighbours.formulas import BITS, OFFSET, lower_bound
 
 BLOCK = 64

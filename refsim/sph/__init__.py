@@ -13,11 +13,11 @@ from typing import Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 
-from refsim.effect import Discretisation, Effect, Pass, StepLimit, literal_errata, require
-from refsim.energy import EnergyAccount, EnergyState, amount, compression_energy
-from refsim.errors import InputError
-from refsim.operation import Operation, register
-from refsim.particles import Field
+from refsim.core.effect import Discretisation, Effect, Pass, StepLimit, literal_errata, require
+from refsim.core.energy import EnergyAccount, EnergyState, amount, compression_energy
+from refsim.core.errors import InputError
+from refsim.core.fields import Field
+from refsim.core.operation import Operation, register
 from refsim.smoothing import lattice, smoothing
 
 DENSITY = Field("density", "kg/m^3 (kg/m^2 in 2D)", "density rho, J(7)")

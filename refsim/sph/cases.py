@@ -4,22 +4,36 @@ import math
 
 import numpy as np
 
-from refsim.boundary.walls import Bounds, WallParticles
-from refsim.cases import (
+from refsim.core.cases import (
     REST_DENSITY,
     VARIATIONS,
     Case,
     Exact,
     Variation,
     closed_form,
+    effect_of_cases,
     groups,
     particles,
     takes,
 )
+from refsim.core.walls import Bounds, WallParticles
 from refsim.smoothing import SHAPES, Smoothing, smoothing
 from refsim.sph import CentralViscosity, Fluid, ViscosityTerm, WeaklyCompressible
 
 FLUID = "weakly_compressible"
+
+
+@effect_of_cases
+def _liquid(case):
+    return WeaklyCompressible(
+        rest_density=REST_DENSITY,
+        sound_speed=20.0,
+        dynamic_viscosity=0.5,
+        state=case.state,
+        clamp_pressure=case.clamp,
+        kernels=case.kernels,
+        literal=("all",) if case.literal else (),
+    )
 
 
 @particles("density")

@@ -2,7 +2,7 @@
 
 import math
 
-from refsim.compile import cpu_kernel, prange
+from refsim.backends.compile import cpu_kernel, prange
 from refsim.neighbours.rows import cpu_row
 from refsim.sph import formulas, particle
 

@@ -4,8 +4,8 @@ import math
 
 import numpy as np
 
-from refsim import device
-from refsim.compile import THREADS_PER_BLOCK, cuda, cuda_kernel, formula
+from refsim.backends import device
+from refsim.backends.compile import THREADS_PER_BLOCK, cuda, cuda_kernel, formula
 from refsim.neighbours.rows import cuda_lane, cuda_lane_row, cuda_row, lanes_sum
 from refsim.sph import formulas, particle
 

@@ -1,6 +1,6 @@
 """Scalar formulas of weakly compressible SPH: Jiang & Zhu 2023, equations (7) to (11), and the common solver."""
 
-from refsim.compile import formula
+from refsim.backends.compile import formula
 
 
 @formula

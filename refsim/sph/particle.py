@@ -5,7 +5,7 @@
 
 import math
 
-from refsim.compile import formula
+from refsim.backends.compile import formula
 from refsim.smoothing.formulas import kernel_slope, kernel_value, viscosity_laplacian
 from refsim.sph.formulas import central_viscosity_pair, pressure_pair, viscosity_pair, wall_pressure_pair
 

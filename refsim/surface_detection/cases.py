@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from refsim.cases import VARIATIONS, Case, Exact, Variation, closed_form, groups, particles, takes
+from refsim.core.cases import VARIATIONS, Case, Exact, Variation, closed_form, groups, particles, takes
 from refsim.surface_detection import FanScan, NearSurfaceLimit, SurfaceDetection, ThinFeature
 
 

@@ -1,6 +1,6 @@
 """CPU kernels of surface detection."""
 
-from refsim.compile import cpu_kernel, prange
+from refsim.backends.compile import cpu_kernel, prange
 from refsim.neighbours.rows import cpu_row
 from refsim.surface_detection import formulas, particle
 

@@ -1,6 +1,6 @@
 """CUDA kernels of surface detection."""
 
-from refsim.compile import cuda, cuda_kernel
+from refsim.backends.compile import cuda, cuda_kernel
 from refsim.neighbours.rows import cuda_row
 from refsim.surface_detection import formulas, particle
 

@@ -1,6 +1,6 @@
 """Scalar formulas of surface detection: Jiang & Zhu 2023, equations (12) and (13), thin features, and p = 0 on S."""
 
-from refsim.compile import formula
+from refsim.backends.compile import formula
 
 
 @formula

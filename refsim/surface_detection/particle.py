@@ -5,7 +5,7 @@
 
 import math
 
-from refsim.compile import formula
+from refsim.backends.compile import formula
 from refsim.surface_detection.formulas import in_scan_region, moment_weight
 
 ENOUGH = 3  # neighbours below which a particle is spray (E20)

@@ -5,19 +5,14 @@ import math
 
 import numpy as np
 
-from refsim.backend import Backend
-from refsim.cases import CASES, VARIATIONS, Case, Exact, Variation, case, closed_form, groups, lattice, takes
+from refsim.backends.arrays import Backend
+from refsim.core.cases import CASES, VARIATIONS, Case, Exact, Variation, case, closed_form, groups, lattice, takes
 from refsim.isosurface.cases import cell_size, extraction
 from refsim.sparse_grid import SparseGrid, nodes
 from refsim.sparse_grid.reference import node_table
-from refsim.surface_energy import Dice, SurfaceTerm, Tension, reference, surface_term
+from refsim.surface_energy import Dice, SurfaceTerm, Tension, reference, surface_term, tension_of
 
 UNITS = float(1 << 20)  # units of area in a cell's face
-
-
-def tension_of(case) -> Tension:
-    """Parameters of a case: few sweeps, so that no error is smoothed away; printed where it says so."""
-    return Tension(surface_tension=0.07, iterations=4, literal=("M1", "M31") if case.literal else ())
 
 
 def listed(case, position, dtype, shift=0.0):

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from refsim.compile import cpu_kernel, prange
+from refsim.backends.compile import cpu_kernel, prange
 from refsim.surface_energy import node
 
 

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from refsim import device
-from refsim.compile import cuda, cuda_kernel, formula
+from refsim.backends import device
+from refsim.backends.compile import cuda, cuda_kernel, formula
 from refsim.sparse_grid.formulas import step_node
 from refsim.surface_energy import node
 

@@ -2,7 +2,7 @@
 
 import math
 
-from refsim.compile import formula
+from refsim.backends.compile import formula
 
 LEAST_SUM = 1e-12  # of a node's splines; one that is reached less is not active
 

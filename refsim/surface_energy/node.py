@@ -5,7 +5,7 @@ Loops over cells near a node go through `step_node`; a cell's particles stand in
 
 import math
 
-from refsim.compile import formula
+from refsim.backends.compile import formula
 from refsim.sparse_grid.formulas import node_coordinates, step_node
 from refsim.surface_energy import formulas
 

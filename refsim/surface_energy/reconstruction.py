@@ -9,58 +9,21 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
-from refsim.backend import Backend
+from refsim.backends.arrays import Backend
+from refsim.core.operation import REGISTRY
 from refsim.isosurface import Mesh, edges_and_facets
-from refsim.operation import REGISTRY
 from refsim.sparse_grid import Blocks, PointList, SparseGrid, nodes
 from refsim.surface_energy import LARGEST_INSET, Dice, SurfaceTerm, Tension, surface_term
+from refsim.surface_energy.surface import Samples as Samples
+from refsim.surface_energy.surface import Surface as Surface
 
 AREA_UNITS = 1 << 20  # of h^(dim-1), so that running sums of areas are whole numbers and repeat
 CANDIDATES = 8  # for each Poisson-disk sample
 DENSEST = {2: 0.75, 3: 0.7}  # samples of a jammed set on an area of disk_radius^(dim-1)
-
-
-class Samples(NamedTuple):
-    """The surface as the transfers take it: s samples."""
-
-    position: Any  # (s, 3) [m]
-    normal: Any  # (s, 3), unit, outward
-    area: Any  # (s,) [m^(dim-1)], 0 on components that bear no tension
-    nearest: Any  # (s,) int32, nearest interior particle
-    count: Any  # (particles,) int32, samples of which each particle is the nearest
-
-
-@dataclass
-class Surface:
-    """All that one reconstruction makes; arrays on the backend.
-
-    samples          what the transfers take
-    mesh             the level set's surface, before the inset
-    inset_mesh       after it; the same where there is none
-    component_size   (particles,) int32, particles in the component of each
-    seconds          time of each stage [s], where it was asked for
-    most_in_a_cell   largest number of particles in one cell, where it is known already
-    unfound          whether a sample has no particle, where it is known already
-    """
-
-    samples: Samples
-    mesh: Mesh
-    inset_mesh: Mesh
-    component_size: Any
-    blocks: Blocks
-    cells: PointList
-    coefficients: Any
-    facet_normal: Any
-    offset_direction: Any
-    sample_place: Any
-    seconds: dict[str, float] = field(default_factory=dict)
-    most_in_a_cell: int | None = None
-    unfound: bool | None = None
 
 
 class Reconstruction:
@@ -167,7 +130,7 @@ class Reconstruction:
             return surface.most_in_a_cell
         first = surface.cells.first
         if self.backend.name == "cuda":
-            from refsim import device
+            from refsim.backends import device
 
             first = device.seen(first)
         return int((first[1:] - first[:-1]).max()) if len(first) > 1 else 0
@@ -178,7 +141,7 @@ class Reconstruction:
             return not surface.unfound
         numbers = surface.samples.nearest
         if self.backend.name == "cuda":
-            from refsim import device
+            from refsim.backends import device
 
             numbers = device.seen(numbers)
         return not len(numbers) or int(numbers.min()) >= 0
@@ -293,7 +256,7 @@ class Reconstruction:
         The volume within facets whose corners move along straight lines is a polynomial of degree dim in the way.
         """
         if self.backend.name == "cuda":
-            from refsim import device
+            from refsim.backends import device
 
             xp, seen = device.library(), device.seen
         else:
@@ -328,7 +291,7 @@ class Reconstruction:
         self._run("component_sizes", cells, label, size)
         least = self.tension.least_component(self.dim)
         if self.backend.name == "cuda":
-            from refsim import device
+            from refsim.backends import device
 
             xp, seen, wrapped = device.library(), device.seen, device.wrapped
         else:
@@ -359,14 +322,14 @@ class Reconstruction:
     def _places(self, flags: Any) -> Any:
         """Where `flags` are not zero, int32."""
         if self.backend.name == "cuda":
-            from refsim import device
+            from refsim.backends import device
 
             return device.wrapped(device.library().flatnonzero(device.seen(flags)).astype(np.int32))
         return np.flatnonzero(flags).astype(np.int32)
 
     def _gathered(self, values: Any, places: Any) -> Any:
         if self.backend.name == "cuda":
-            from refsim import device
+            from refsim.backends import device
 
             return device.wrapped(device.seen(values)[device.seen(places)])
         return values[places]
@@ -375,7 +338,7 @@ class Reconstruction:
         """(running sum of areas in whole units, their sum in units of h^(dim-1))."""
         per_unit = AREA_UNITS / float(self.term.cell_size) ** (self.dim - 1)
         if self.backend.name == "cuda":
-            from refsim import device
+            from refsim.backends import device
 
             xp, seen, wrapped = device.library(), device.seen, device.wrapped
         else:
@@ -389,7 +352,7 @@ class Reconstruction:
         _, old, _ = self._facet_samples(mesh)
         _, new, _ = self._facet_samples(inset_mesh)
         if self.backend.name == "cuda":
-            from refsim import device
+            from refsim.backends import device
 
             xp, seen, wrapped = device.library(), device.seen, device.wrapped
         else:

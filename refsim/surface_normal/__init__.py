@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from refsim.effect import Discretisation, Pass
-from refsim.operation import Operation, register
-from refsim.particles import Field
+from refsim.core.effect import Discretisation, Pass
+from refsim.core.fields import Field
+from refsim.core.operation import Operation, register
 
 if TYPE_CHECKING:
     from refsim.sph import WeaklyCompressible

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from refsim.cases import Case, Exact, case, closed_form, groups, lattice, particles, takes, vectors
+from refsim.core.cases import Case, Exact, case, closed_form, groups, lattice, particles, takes, vectors
 from refsim.smoothing import smoothing
 from refsim.surface_normal import SHAPES, NormalTerm, normal_term, reference
 

@@ -1,6 +1,6 @@
 """CPU kernels of surface normals."""
 
-from refsim.compile import cpu_kernel, prange
+from refsim.backends.compile import cpu_kernel, prange
 from refsim.neighbours.rows import cpu_row
 from refsim.sph.particle import wall_sum
 from refsim.surface_normal import particle

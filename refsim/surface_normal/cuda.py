@@ -1,6 +1,6 @@
 """CUDA kernels of surface normals."""
 
-from refsim.compile import cuda, cuda_kernel
+from refsim.backends.compile import cuda, cuda_kernel
 from refsim.neighbours.rows import cuda_lane, cuda_lane_row, cuda_row, cuda_share_row, lanes_sum
 from refsim.sph.particle import wall_sum
 from refsim.surface_normal import particle

@@ -1,6 +1,6 @@
 """Scalar formulas of surface normals: Jiang & Zhu 2023, equations (19) and (20)."""
 
-from refsim.compile import formula
+from refsim.backends.compile import formula
 
 
 @formula

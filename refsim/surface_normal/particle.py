@@ -5,7 +5,7 @@
 
 import math
 
-from refsim.compile import formula
+from refsim.backends.compile import formula
 from refsim.smoothing.formulas import kernel_slope, kernel_value
 from refsim.surface_normal.formulas import color_gradient_pair, corrected_pair, neighbour_volume
 

@@ -17,9 +17,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from refsim.effect import Effect
-from refsim.errors import InputError
-from refsim.reading import GREATEST
+from refsim.core.effect import Effect
+from refsim.core.errors import InputError
+from refsim.core.reading import GREATEST
 from refsim.sph.iisph import ImplicitPressure
 from refsim.surface_tension.akinci_2013 import Akinci2013
 from refsim.surface_tension.becker_teschner_2007 import BeckerTeschner2007

@@ -18,9 +18,9 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from refsim.effect import Discretisation, Effect, StepLimit
-from refsim.energy import EnergyAccount, EnergyState, pair_potential
-from refsim.errors import InputError
+from refsim.core.effect import Discretisation, Effect, StepLimit
+from refsim.core.energy import EnergyAccount, EnergyState, pair_potential
+from refsim.core.errors import InputError
 from refsim.smoothing import lattice
 
 COLLAPSE = 0.25  # Pi beyond which no density balances the cohesion

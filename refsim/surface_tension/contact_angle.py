@@ -18,9 +18,9 @@ from typing import Any
 
 import msgspec
 
-from refsim.effect import Discretisation
-from refsim.errors import InputError
-from refsim.reading import GREATEST
+from refsim.core.effect import Discretisation
+from refsim.core.errors import InputError
+from refsim.core.reading import GREATEST
 from refsim.sph import WeaklyCompressible
 from refsim.surface_tension.akinci_2013 import Akinci2013
 from refsim.surface_tension.calibration import BASE, SAME, Calibration, calibrate

@@ -14,8 +14,8 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from refsim.errors import InputError, RefsimError
-from refsim.versions import versions
+from refsim.core.errors import InputError, RefsimError
+from refsim.core.versions import versions
 from validation.attack import BAD, GOOD, KINDS
 from validation.attack.pool import Ended, carry_out, perform
 
@@ -61,7 +61,7 @@ def commit() -> str:
 
 
 def store(found: Ended, seed: int, folder: Path, date: str) -> Path:
-    """Write a finding to a file that `--replay` and tests/test_attack.py read."""
+    """Write a finding to a file that `--replay` and tests/validation/test_attack.py read."""
     path = folder / f"{found.kind}_{seed}_{found.number}.json"
     folder.mkdir(parents=True, exist_ok=True)
     data = {"kind": found.kind, "seed": seed, "number": found.number, "date": date, "commit": commit()}

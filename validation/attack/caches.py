@@ -19,7 +19,7 @@ from typing import Any
 from validation.attack.checkpoints import damage
 
 HOW = ("bit", "bit", "byte", "zeros", "noise", "cut", "longer", "empty", "gone", "folder", "doubled", "swapped")
-KERNEL = """from refsim.compile import cpu_kernel, prange
+KERNEL = """from refsim.backends.compile import cpu_kernel, prange
 
 
 @cpu_kernel
@@ -62,7 +62,7 @@ def _answer(package: Path) -> tuple[float, str]:
     """(what the kernel computes from 1, the warnings)."""
     import numpy as np
 
-    from refsim import cache_files, compile
+    from refsim.backends import cache_files, compile
 
     cache_files._told.clear()
     compile.cache_folder.cache_clear()

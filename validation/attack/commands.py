@@ -117,7 +117,7 @@ def resume_command(run: Path, *more: str) -> list[str]:
 
 def state(checkpoint: Path) -> dict[str, Any]:
     """What a run's state is compared by: every array bit for bit, time and step count."""
-    from refsim.checkpoint import read_checkpoint
+    from refsim.io.checkpoint import read_checkpoint
 
     saved = read_checkpoint(checkpoint)
     values: dict[str, Any] = {name: array.tobytes() for name, array in saved.arrays.items()}
@@ -126,7 +126,7 @@ def state(checkpoint: Path) -> dict[str, Any]:
 
 def frames(run: Path) -> list[tuple[float, bytes]]:
     """Times and positions of a run's frames."""
-    from refsim.output import read_particles
+    from refsim.io.frames import read_particles
 
     return [(frame.time, np.ascontiguousarray(frame.position).tobytes()) for frame in read_particles(run_file(run))]
 

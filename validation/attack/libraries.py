@@ -144,7 +144,7 @@ def perform(trial: dict[str, Any], folder: Path) -> tuple[str, str]:
     else:
         body, words = {**IN_A_PROGRAM, **HARMLESS}[name]
         right = "" if group == "program" else f"    RIGHT({STATE})\n"
-        head = "from refsim.operation import REGISTRY\nRIGHT = REGISTRY['sph.state'].program('cpu').py_func\n"
+        head = "from refsim.core.operation import REGISTRY\nRIGHT = REGISTRY['sph.state'].program('cpu').py_func\n"
         text = f"{head}{SOUND}def broken({STATE}):\n    {body}\n{right}{PROGRAMS}"
     (folder / "library.py").write_text(text)
     options = ("--step", "T1", "--step", "T7", "--dtype", "float64", "--time-limit", LIMIT, "--json")

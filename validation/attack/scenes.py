@@ -108,11 +108,11 @@ def perform(trial: dict[str, Any], folder: Path) -> tuple[str, str]:
 def _steps(path: Path, folder: Path) -> tuple[str, str]:
     import numpy as np
 
-    from refsim.driver import simulate
-    from refsim.errors import RefsimError
-    from refsim.run import Simulation
-    from refsim.scene import make_plan
-    from refsim.scene_file import load_scene
+    from refsim.core.errors import RefsimError
+    from refsim.engine.driver import simulate
+    from refsim.engine.simulation import Simulation
+    from refsim.scene.files import load_scene
+    from refsim.scene.scene import make_plan
 
     plan = make_plan(load_scene(path))
     walls = 0 if plan.walls is None else len(plan.walls.position)
@@ -132,7 +132,7 @@ def _steps(path: Path, folder: Path) -> tuple[str, str]:
 
 def _alter(scene: dict[str, Any], draw: random.Random) -> None:
     """One change of a scene's tables, in place."""
-    from refsim.effect import EFFECTS
+    from refsim.core.effect import EFFECTS
 
     tables = _tables(scene)
     table, kind = draw.choice(tables)
@@ -172,8 +172,8 @@ def _number(value: Any, draw: random.Random) -> Any:
 
 def _tables(scene: dict[str, Any]) -> list[tuple[dict[str, Any], Any]]:
     """Every table of the scene with the struct that it becomes, if it is known."""
-    from refsim.effect import EFFECTS
-    from refsim.scene import Scene
+    from refsim.core.effect import EFFECTS
+    from refsim.scene.scene import Scene
 
     found: list[tuple[dict[str, Any], Any]] = [(scene, Scene)]
     parts = {kind.__struct_config__.tag: kind for kind in _parts()}
@@ -188,7 +188,7 @@ def _tables(scene: dict[str, Any]) -> list[tuple[dict[str, Any], Any]]:
 
 
 def _parts() -> list[type]:
-    from refsim import scene, solids
+    from refsim.scene.scene import scene, solids
 
     return [scene.Box, scene.Ball, scene.Cloud, solids.SolidBox, solids.SolidBall, solids.SolidTorus, solids.SolidMesh,
             solids.SolidCells]  # fmt: skip
@@ -201,7 +201,7 @@ def _part(draw: random.Random) -> dict[str, Any]:
 
 def _drawn(draw: random.Random) -> dict[str, Any]:
     """A scene from its types alone."""
-    from refsim.effect import EFFECTS
+    from refsim.core.effect import EFFECTS
 
     scene: dict[str, Any] = dict(BASE)
     scene |= {"fluid": [_part(draw) for _ in range(draw.randint(0, 2))]}

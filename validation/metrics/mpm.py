@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 
 from refsim import Box, MpmLiquid, Scene
-from refsim.backend import Backend
+from refsim.backends.arrays import Backend
+from refsim.core.operation import REGISTRY
 from refsim.mpm import READINGS, Embedding, Liquid
 from refsim.mpm.grid import MpmGrid
-from refsim.operation import REGISTRY
-from refsim.scene import make_plan
+from refsim.scene.scene import make_plan
 from refsim.sparse_grid.reference import node_table
 
 CELL = 0.2  # h [m]

@@ -13,15 +13,15 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
 
-from refsim.boundary.walls import Bounds, WallParticles
-from refsim.effect import Discretisation, Effect, literal_errata, require
-from refsim.energy import EnergyAccount
-from refsim.errors import InputError
+from refsim.core.effect import Discretisation, Effect, literal_errata, require
+from refsim.core.energy import EnergyAccount
+from refsim.core.errors import InputError
+from refsim.core.walls import Bounds, WallParticles
+from refsim.scene.solids import countable
 from refsim.smoothing import lattice, smoothing
-from refsim.solids import countable
 
 if TYPE_CHECKING:
-    from refsim.scene import InitialState
+    from refsim.core.effect import InitialState
 
 FACES = ("-x", "+x", "-y", "+y", "-z", "+z")
 

@@ -20,12 +20,12 @@ import numpy as np
 
 from refsim.boundary.akinci_2012 import wall_kernel_sums
 from refsim.boundary.penetration import CORRECTIONS, correction_pass, penetration_groups
-from refsim.boundary.walls import WallParticles
-from refsim.effect import Discretisation, Effect, Pass, StepLimit, literal_errata, require
-from refsim.energy import EnergyAccount
-from refsim.errors import InputError
-from refsim.operation import Operation, register
-from refsim.particles import Field
+from refsim.core.effect import Discretisation, Effect, Pass, StepLimit, literal_errata, require
+from refsim.core.energy import EnergyAccount
+from refsim.core.errors import InputError
+from refsim.core.fields import Field
+from refsim.core.operation import Operation, register
+from refsim.core.walls import WallParticles
 from refsim.smoothing import lattice, smoothing
 
 MOST_LAYERS = 100  # of boundary particles
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from refsim.boundary.one_way_coupling.placing import PlacedSolid
-    from refsim.scene import InitialState
+    from refsim.core.effect import InitialState
 
 
 class WallViscosity(NamedTuple):

@@ -5,8 +5,8 @@ import math
 import numpy as np
 
 from refsim.boundary.one_way_coupling import WallGravity, WallViscosity
-from refsim.boundary.walls import WallParticles
-from refsim.cases import Case, Exact, closed_form, groups, takes
+from refsim.core.cases import Case, Exact, closed_form, groups, takes
+from refsim.core.walls import WallParticles
 
 
 @groups("wall_viscosity")

@@ -1,7 +1,7 @@
 """CPU kernels of one-way coupling."""
 
+from refsim.backends.compile import cpu_kernel, prange
 from refsim.boundary.one_way_coupling import particle
-from refsim.compile import cpu_kernel, prange
 from refsim.neighbours.rows import cpu_row
 
 

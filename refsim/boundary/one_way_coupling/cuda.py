@@ -1,7 +1,7 @@
 """CUDA kernels of one-way coupling."""
 
+from refsim.backends.compile import cuda, cuda_kernel
 from refsim.boundary.one_way_coupling import particle
-from refsim.compile import cuda, cuda_kernel
 from refsim.neighbours.rows import cuda_row
 
 

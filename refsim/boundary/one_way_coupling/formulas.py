@@ -1,6 +1,6 @@
 """Scalar formulas of one-way coupling: patent CN104318598A, P6."""
 
-from refsim.compile import formula
+from refsim.backends.compile import formula
 
 
 @formula

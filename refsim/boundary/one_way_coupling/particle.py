@@ -2,8 +2,8 @@
 
 import math
 
+from refsim.backends.compile import formula
 from refsim.boundary.one_way_coupling.formulas import wall_own_pressure, wall_pressure_pair, wall_viscosity_pair
-from refsim.compile import formula
 from refsim.smoothing.formulas import kernel_slope, kernel_value, viscosity_laplacian
 
 

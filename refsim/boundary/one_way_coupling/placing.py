@@ -14,7 +14,7 @@ import numpy as np
 from refsim.boundary.mesh import SurfaceMesh, load_mesh
 from refsim.boundary.sampling import sample, sample_beneath
 from refsim.boundary.signed_distance import NarrowBand, signed_distance
-from refsim.errors import InputError
+from refsim.core.errors import InputError
 
 BAND = 4.0  # width of the band in its spacings
 PROBE = 0.5  # depth under a boundary particle, in spacings of the band, where the field must be negative

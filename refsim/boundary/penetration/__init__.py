@@ -11,9 +11,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from refsim.effect import Pass
-from refsim.operation import Operation, register
-from refsim.particles import Field
+from refsim.core.effect import Pass
+from refsim.core.fields import Field
+from refsim.core.operation import Operation, register
 
 CORRECTIONS = Field(
     "corrections", "-", "how often the particle was sent back from a solid, P8", dtype="int32", state=True
@@ -105,7 +105,7 @@ def _long(case: Any, grid: Any, spacings: float) -> Any:
 
 
 def _other(case: Any, grid: Any, **changes: int) -> Penetration:
-    from refsim.cases import GROUPS
+    from refsim.core.cases import GROUPS
 
     own = GROUPS["penetration"](case, grid)["penetration"]
     return own._replace(**{name: np.int32(value) for name, value in changes.items()})

@@ -7,7 +7,7 @@ import numpy as np
 from refsim.boundary.mesh import surface_mesh
 from refsim.boundary.penetration import Penetration, marked_box, penetration_groups
 from refsim.boundary.signed_distance import DistanceField, signed_distance
-from refsim.cases import Case, Exact, case, closed_form, cloud, groups, particles, takes
+from refsim.core.cases import Case, Exact, case, closed_form, cloud, groups, particles, takes
 from refsim.sparse_grid import inverse_cell
 
 UNIT = 0.625  # spacing of the bands [spacings of the case]

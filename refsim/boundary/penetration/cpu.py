@@ -1,7 +1,7 @@
 """CPU kernel of the penetration correction."""
 
+from refsim.backends.compile import cpu_kernel, prange
 from refsim.boundary.penetration import particle
-from refsim.compile import cpu_kernel, prange
 
 
 @cpu_kernel

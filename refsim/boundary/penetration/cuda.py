@@ -1,8 +1,8 @@
 """CUDA kernel of the penetration correction."""
 
-from refsim import device
+from refsim.backends import device
+from refsim.backends.compile import THREADS_PER_BLOCK, cuda, cuda_kernel, formula
 from refsim.boundary.penetration import particle
-from refsim.compile import THREADS_PER_BLOCK, cuda, cuda_kernel, formula
 
 
 @formula

@@ -1,6 +1,6 @@
 """Scalar formulas of the penetration correction: patent CN104318598A, equation P8."""
 
-from refsim.compile import formula
+from refsim.backends.compile import formula
 
 MIXED = 0x7FFFFFFF
 

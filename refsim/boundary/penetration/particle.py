@@ -6,9 +6,9 @@ particle.
 
 import math
 
+from refsim.backends.compile import formula
 from refsim.boundary.penetration.formulas import pushed, rebound, reflected
 from refsim.boundary.signed_distance.formulas import beyond_inside, trilinear
-from refsim.compile import formula
 from refsim.sparse_grid.formulas import cell_coordinate, find_node
 
 LONGEST = 4096  # looks along one way

@@ -15,16 +15,16 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from refsim.backend import Backend, choose
+from refsim.backends.arrays import Backend, choose
 from refsim.boundary.mesh import SurfaceMesh
 from refsim.boundary.signed_distance import LEAST_BAND, DistanceField, NarrowBand, signed_distance
-from refsim.effect import literal_errata
-from refsim.errors import InputError
+from refsim.core.effect import literal_errata
+from refsim.core.errors import InputError
+from refsim.core.fields import Field
+from refsim.core.operation import REGISTRY, Operation, register
 from refsim.isosurface import Contour, edges_and_facets
 from refsim.neighbours import NeighbourSearch
-from refsim.operation import REGISTRY, Operation, register
-from refsim.particles import Field
-from refsim.solids import countable
+from refsim.scene.solids import countable
 
 HEXAGONAL = math.pi / (2 * math.sqrt(3))  # g of the densest packing, at the spacing 2 r
 LITERAL = ("E24", "E25")
@@ -208,7 +208,7 @@ def isosurface(band: NarrowBand, level: float = 0.0) -> tuple[Any, Any]:
     backend, blocks = band.backend, band.blocks
     at = type(band.grid.spacing)(level)
     if backend.name == "cuda":
-        from refsim import device
+        from refsim.backends import device
 
         state = device.computed(lambda xp, phi: (phi < at).astype(np.uint8), band.field.distance)
     else:
@@ -291,7 +291,7 @@ def relaxed(
 
 def _total_and_largest(backend: Backend, way: Any) -> tuple[float, float]:
     if backend.name == "cuda":
-        from refsim import device
+        from refsim.backends import device
 
         total, largest = device.computed(lambda xp, w: (float(w.sum(dtype=np.float64)), float(w.max())), way)
         return total, largest

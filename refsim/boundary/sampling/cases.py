@@ -6,7 +6,7 @@ import numpy as np
 
 from refsim.boundary.sampling import HEXAGONAL, facet_counts, reference, relaxation_step
 from refsim.boundary.signed_distance.cases import SHAPES, bodies
-from refsim.cases import CASES, Case, Exact, case, closed_form, groups
+from refsim.core.cases import CASES, Case, Exact, case, closed_form, groups
 
 
 @groups("facet_corner", "facets_of_mesh", "facet_area", "facet_last", "sample_seed", "placed")

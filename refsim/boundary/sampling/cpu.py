@@ -1,7 +1,7 @@
 """CPU kernels of boundary sampling."""
 
+from refsim.backends.compile import cpu_kernel, prange
 from refsim.boundary.sampling import particle
-from refsim.compile import cpu_kernel, prange
 from refsim.neighbours.rows import cpu_row
 
 PART = 256  # particles that a thread takes one after the other

@@ -1,7 +1,7 @@
 """CUDA kernels of boundary sampling."""
 
+from refsim.backends.compile import cuda, cuda_kernel
 from refsim.boundary.sampling import particle
-from refsim.compile import cuda, cuda_kernel
 from refsim.neighbours.rows import cuda_row
 
 

@@ -2,7 +2,7 @@
 
 import math
 
-from refsim.compile import formula
+from refsim.backends.compile import formula
 from refsim.surface_energy.formulas import hash_word, unit_share
 
 

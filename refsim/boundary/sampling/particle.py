@@ -2,9 +2,9 @@
 
 import math
 
+from refsim.backends.compile import formula
 from refsim.boundary.sampling.formulas import facet_of, hashed_direction, repulsion
 from refsim.boundary.signed_distance.formulas import trilinear_near
-from refsim.compile import formula
 from refsim.surface_energy.formulas import hash_word, unit_share
 
 

@@ -15,11 +15,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from refsim.backend import Backend, choose
+from refsim.backends.arrays import Backend, choose
 from refsim.boundary.mesh import SurfaceMesh
-from refsim.errors import InputError
-from refsim.operation import REGISTRY, Operation, register
-from refsim.solids import countable
+from refsim.core.errors import InputError
+from refsim.core.operation import REGISTRY, Operation, register
+from refsim.scene.solids import countable
 from refsim.sparse_grid import Blocks, inverse_cell, nodes
 
 LEAST_BAND = 2.0  # band over spacing: a cell that the surface meets has all its corners nearer than sqrt(3) spacings
@@ -244,7 +244,7 @@ def band_blocks(backend: Backend, triangles: Triangles, grid: BandGrid) -> tuple
     count = backend.empty(triangles.corner.shape[0], np.int32)
     REGISTRY["signed_distance.count_blocks"].program(backend.name)(triangles, grid, count)
     if backend.name == "cuda":
-        from refsim import device
+        from refsim.backends import device
 
         first = device.running_sum(count)
         pairs = int(backend.host(first[count.shape[0] :])[0])

@@ -17,7 +17,7 @@ from refsim.boundary.signed_distance import (
     reference,
     triangle_table,
 )
-from refsim.cases import CASES, VARIATIONS, Case, Exact, Variation, case, closed_form, groups, takes
+from refsim.core.cases import CASES, VARIATIONS, Case, Exact, Variation, case, closed_form, groups, takes
 from refsim.sparse_grid import Blocks
 
 OCTAHEDRON = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]], float)

@@ -1,8 +1,8 @@
 """CPU kernels of the signed distance."""
 
+from refsim.backends.compile import cpu_kernel, prange
 from refsim.boundary.signed_distance import node
 from refsim.boundary.signed_distance.formulas import trilinear
-from refsim.compile import cpu_kernel, prange
 
 
 @cpu_kernel

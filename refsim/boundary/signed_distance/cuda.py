@@ -1,8 +1,8 @@
 """CUDA kernels of the signed distance."""
 
+from refsim.backends.compile import cuda, cuda_kernel
 from refsim.boundary.signed_distance import node
 from refsim.boundary.signed_distance.formulas import trilinear
-from refsim.compile import cuda, cuda_kernel
 
 
 @cuda_kernel

@@ -2,7 +2,7 @@
 
 import math
 
-from refsim.compile import formula
+from refsim.backends.compile import formula
 from refsim.sparse_grid.formulas import BLOCK, cell_coordinate, find_node, find_node_near
 
 FACE = 0  # features of a triangle a b c: its face, then edges ab, bc, ca (1 to 3), then corners a, b, c (4 to 6)

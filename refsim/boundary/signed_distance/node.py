@@ -2,6 +2,7 @@
 
 import math
 
+from refsim.backends.compile import formula
 from refsim.boundary.signed_distance.formulas import (
     CULL_SLACK,
     MOST_WALKS,
@@ -13,7 +14,6 @@ from refsim.boundary.signed_distance.formulas import (
     step_in_block,
     triangle_offset,
 )
-from refsim.compile import formula
 from refsim.sparse_grid.formulas import BLOCK, cell_coordinate, find_node, node_coordinates
 
 

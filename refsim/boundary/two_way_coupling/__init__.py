@@ -11,17 +11,17 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from refsim.effect import Discretisation, Effect, Pass, StepLimit, literal_errata
-from refsim.energy import EnergyAccount, EnergyState, amount, compression_energy
-from refsim.errors import InputError
-from refsim.operation import Operation, register
-from refsim.particles import Field
+from refsim.core.effect import Discretisation, Effect, Pass, StepLimit, literal_errata
+from refsim.core.energy import EnergyAccount, EnergyState, amount, compression_energy
+from refsim.core.errors import InputError
+from refsim.core.fields import Field
+from refsim.core.operation import Operation, register
 from refsim.shape_matching import PHASE
 from refsim.shape_matching.phases import FLUID
 from refsim.sph import DENSITY, PRESSURE, ViscosityTerm, cohesive_pressure
 
 if TYPE_CHECKING:
-    from refsim.scene import InitialState
+    from refsim.core.effect import InitialState
 
 # Heaviest over lightest particle up to which the energy rises no more than with equal masses (docs/stability.md): of
 # solids beside a liquid the largest that was measured, and of liquids that melt has made beside each other

@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from refsim.boundary.two_way_coupling import Coupling
-from refsim.cases import REST_DENSITY, Case, Exact, closed_form, groups, particles, takes
+from refsim.core.cases import REST_DENSITY, Case, Exact, closed_form, groups, particles, takes
 from refsim.shape_matching.phases import FLUID, INTERIOR, SURFACE
 from refsim.sph import ViscosityTerm
 

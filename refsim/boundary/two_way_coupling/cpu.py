@@ -1,8 +1,8 @@
 """CPU kernels of two-way coupling."""
 
+from refsim.backends.compile import cpu_kernel, prange
 from refsim.boundary.two_way_coupling import particle
 from refsim.boundary.two_way_coupling.formulas import tait_pressure
-from refsim.compile import cpu_kernel, prange
 from refsim.neighbours.rows import cpu_row
 from refsim.shape_matching.phases import FLUID, INTERIOR
 from refsim.sph.particle import own_share, wall_sum

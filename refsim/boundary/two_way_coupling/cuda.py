@@ -1,8 +1,8 @@
 """CUDA kernels of two-way coupling."""
 
+from refsim.backends.compile import cuda, cuda_kernel
 from refsim.boundary.two_way_coupling import particle
 from refsim.boundary.two_way_coupling.formulas import tait_pressure
-from refsim.compile import cuda, cuda_kernel
 from refsim.neighbours.rows import cuda_lane, cuda_lane_row, cuda_share_row, lanes_sum
 from refsim.shape_matching.phases import FLUID, INTERIOR
 from refsim.sph.particle import own_share, wall_sum

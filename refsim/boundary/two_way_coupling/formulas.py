@@ -1,6 +1,6 @@
 """Scalar formulas of two-way coupling: Shao & Song 2017, equations (1) to (3)."""
 
-from refsim.compile import formula
+from refsim.backends.compile import formula
 
 
 @formula

@@ -5,6 +5,7 @@
 
 import math
 
+from refsim.backends.compile import formula
 from refsim.boundary.two_way_coupling.formulas import (
     pressure_pair,
     relative_contribution,
@@ -12,7 +13,6 @@ from refsim.boundary.two_way_coupling.formulas import (
     wall_pressure_pair,
     weighted_pressure,
 )
-from refsim.compile import formula
 from refsim.shape_matching.phases import FLUID, SURFACE
 from refsim.smoothing.formulas import kernel_slope, kernel_value, viscosity_laplacian
 

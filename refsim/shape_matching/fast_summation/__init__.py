@@ -16,8 +16,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from refsim.operation import REGISTRY, register
-from refsim.solids import Lattice
+from refsim.core.effect import Lattice
+from refsim.core.operation import REGISTRY, register
 
 WIDEST = 17  # numbers that a cell sums
 

@@ -6,7 +6,7 @@ over all cells axis by axis, and in the run's own precision.
 
 import numpy as np
 
-from refsim.compile import cuda, cuda_kernel
+from refsim.backends.compile import cuda, cuda_kernel
 from refsim.shape_matching import particle as plain
 from refsim.shape_matching.fast_summation import particle
 from refsim.shape_matching.parallel_reduction import cuda as reduction

@@ -6,7 +6,7 @@ away shows in the momentum, because a body that keeps its shape rounds the same 
 
 import numpy as np
 
-from refsim.compile import formula
+from refsim.backends.compile import formula
 from refsim.shape_matching.formulas import turned
 from refsim.shape_matching.phases import NOBODY
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 
-from refsim.operation import REGISTRY, register
+from refsim.core.operation import REGISTRY, register
 
 for _name in ("match", "pull", "region_motion", "damp"):
     _plain = REGISTRY[f"shape_matching.{_name}"]

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from refsim.backend import simulated
-from refsim.compile import cuda, cuda_kernel, formula
+from refsim.backends.compile import cuda, cuda_kernel, formula
+from refsim.backends.runtime import simulated
 from refsim.neighbours.rows import sum_of_lanes
 from refsim.shape_matching import particle
 from refsim.shape_matching.phases import NOBODY

@@ -15,10 +15,10 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from refsim.effect import Discretisation, Effect, Pass, StepLimit, require
-from refsim.energy import EnergyAccount
-from refsim.operation import Operation, register
-from refsim.particles import Field
+from refsim.core.effect import Discretisation, Effect, Pass, StepLimit, require
+from refsim.core.energy import EnergyAccount
+from refsim.core.fields import Field
+from refsim.core.operation import Operation, register
 from refsim.smoothing import lattice, smoothing
 from refsim.smoothing.reference import kernel_slope
 from refsim.sph import SETS, WeaklyCompressible

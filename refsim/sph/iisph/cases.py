@@ -4,11 +4,11 @@ import math
 
 import numpy as np
 
-from refsim.cases import VARIATIONS, Case, Exact, Variation, closed_form, groups, particles, takes, vectors
+from refsim.core.cases import VARIATIONS, Case, Exact, Variation, closed_form, groups, particles, takes, vectors
 from refsim.sph import Fluid
 from refsim.sph.iisph import Implicit, ImplicitPressure
 
-KICK, DRIFT = 0.011, 0.012  # per spacing, as in the steps of refsim.cases
+KICK, DRIFT = 0.011, 0.012  # per spacing, as in the steps of refsim.core.cases
 
 
 @particles("own_displacement", "pair_displacement")

@@ -1,6 +1,6 @@
 """CPU kernels of implicit incompressible SPH, and their iteration."""
 
-from refsim.compile import cpu_kernel, prange
+from refsim.backends.compile import cpu_kernel, prange
 from refsim.neighbours.rows import cpu_row
 from refsim.sph.iisph import formulas, particle
 

@@ -1,6 +1,6 @@
 """CUDA kernels of implicit incompressible SPH, and their iteration."""
 
-from refsim.compile import cuda, cuda_kernel
+from refsim.backends.compile import cuda, cuda_kernel
 from refsim.neighbours.rows import cuda_row
 from refsim.sph.iisph import formulas, particle
 

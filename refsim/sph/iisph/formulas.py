@@ -1,6 +1,6 @@
 """Scalar formulas of implicit incompressible SPH (Ihmsen et al. 2014), with s = dt (dt_previous + dt)/2 for dt^2."""
 
-from refsim.compile import formula
+from refsim.backends.compile import formula
 
 
 @formula

@@ -7,20 +7,17 @@ at the end. Numbers that outgrow the room, or particles in blocks that are not t
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from refsim import device
+from refsim.backends import device
 from refsim.isosurface import Mesh, case_tables
 from refsim.sparse_grid import Blocks, PointList, nodes
 from refsim.sparse_grid.cuda import sum_blocks, write_first
 from refsim.surface_energy import Tension
-from refsim.surface_energy.reconstruction import Samples, Surface
 from refsim.surface_energy.recorded import cuda as kernels
-
-if TYPE_CHECKING:
-    from refsim.surface_energy.reconstruction import Reconstruction
+from refsim.surface_energy.surface import Samples, Surface
 
 ROOM = 4  # a share of this more than was found last
 GRAPHS = 4  # particles may stand in so many arrays by turns
@@ -60,7 +57,7 @@ class Recorded:
     """
 
     def __init__(
-        self, reconstruction: Reconstruction, blocks: Blocks, sure: Any, particles: int, vertices: int, facets: int,
+        self, reconstruction: Any, blocks: Blocks, sure: Any, particles: int, vertices: int, facets: int,
         compiled: bool,
     ) -> None:  # fmt: skip
         self.owner, self.blocks, self.sure = reconstruction, blocks, sure

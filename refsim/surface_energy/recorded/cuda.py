@@ -6,8 +6,8 @@ block, or the room does not suffice, nothing is made of vertices and facets, and
 
 import numpy as np
 
-from refsim.backend import simulated
-from refsim.compile import cuda, cuda_kernel, formula
+from refsim.backends.compile import cuda, cuda_kernel, formula
+from refsim.backends.runtime import simulated
 from refsim.isosurface import node as isosurface_node
 from refsim.neighbours.rows import lanes_mask, sum_of_lanes
 from refsim.sparse_grid.cuda import SUMMING

@@ -4,8 +4,8 @@ import math
 
 import numpy as np
 
-from refsim.boundary.walls import WallParticles
-from refsim.cases import VARIATIONS, Case, Exact, Variation, closed_form, groups, takes
+from refsim.core.cases import VARIATIONS, Case, Exact, Variation, closed_form, groups, takes
+from refsim.core.walls import WallParticles
 from refsim.surface_tension.akinci_2013 import Adhesion, Akinci2013, AreaTerm, CohesionSpline
 
 

@@ -1,6 +1,6 @@
 """CPU kernels of Akinci et al. 2013."""
 
-from refsim.compile import cpu_kernel, prange
+from refsim.backends.compile import cpu_kernel, prange
 from refsim.neighbours.rows import cpu_row
 from refsim.sph.particle import wall_pressure
 from refsim.surface_tension.akinci_2013 import particle

@@ -1,6 +1,6 @@
 """CUDA kernels of Akinci et al. 2013."""
 
-from refsim.compile import cuda, cuda_kernel
+from refsim.backends.compile import cuda, cuda_kernel
 from refsim.neighbours.rows import cuda_lane, cuda_lane_row, cuda_row, cuda_share_row, lanes_sum
 from refsim.sph.particle import wall_pressure
 from refsim.surface_tension.akinci_2013 import particle

@@ -2,7 +2,7 @@
 
 import math
 
-from refsim.compile import formula
+from refsim.backends.compile import formula
 
 
 @formula

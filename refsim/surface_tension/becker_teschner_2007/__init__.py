@@ -12,9 +12,9 @@ from typing import Any, ClassVar, NamedTuple
 
 from numpy.typing import NDArray
 
-from refsim.effect import Discretisation, Effect, Pass, require
-from refsim.energy import EnergyAccount
-from refsim.operation import Operation, register
+from refsim.core.effect import Discretisation, Effect, Pass, require
+from refsim.core.energy import EnergyAccount
+from refsim.core.operation import Operation, register
 from refsim.smoothing.shapes import CUBIC_SPLINE, NORMALISATION
 from refsim.surface_tension.becker_teschner_2007.reference import attraction_function
 from refsim.surface_tension.cohesion import PairCohesion, nominal_tension, one_of

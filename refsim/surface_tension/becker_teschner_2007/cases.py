@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from refsim.cases import VARIATIONS, Case, Exact, Variation, closed_form, groups, takes
+from refsim.core.cases import VARIATIONS, Case, Exact, Variation, closed_form, groups, takes
 from refsim.surface_tension.becker_teschner_2007 import Attraction, BeckerTeschner2007
 
 

@@ -1,6 +1,6 @@
 """CPU kernel of Becker & Teschner 2007."""
 
-from refsim.compile import cpu_kernel, prange
+from refsim.backends.compile import cpu_kernel, prange
 from refsim.neighbours.rows import cpu_row
 from refsim.surface_tension.becker_teschner_2007 import particle
 

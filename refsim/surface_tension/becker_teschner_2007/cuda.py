@@ -1,6 +1,6 @@
 """CUDA kernel of Becker & Teschner 2007."""
 
-from refsim.compile import cuda, cuda_kernel
+from refsim.backends.compile import cuda, cuda_kernel
 from refsim.neighbours.rows import cuda_row
 from refsim.surface_tension.becker_teschner_2007 import particle
 

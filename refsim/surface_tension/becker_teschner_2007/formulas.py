@@ -1,6 +1,6 @@
 """Scalar formula of Becker & Teschner 2007."""
 
-from refsim.compile import formula
+from refsim.backends.compile import formula
 from refsim.smoothing.formulas import value
 from refsim.smoothing.shapes import CUBIC_SPLINE
 

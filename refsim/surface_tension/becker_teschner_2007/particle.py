@@ -5,7 +5,7 @@
 
 import math
 
-from refsim.compile import formula
+from refsim.backends.compile import formula
 from refsim.surface_tension.becker_teschner_2007 import formulas
 
 

@@ -15,9 +15,9 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from refsim.effect import Discretisation, Effect, Pass, StepLimit, literal_errata, require
-from refsim.operation import Operation, register
-from refsim.particles import Field
+from refsim.core.effect import Discretisation, Effect, Pass, StepLimit, literal_errata, require
+from refsim.core.fields import Field
+from refsim.core.operation import Operation, register
 from refsim.smoothing import lattice, smoothing
 from refsim.smoothing.reference import kernel_slope, kernel_value
 from refsim.sph import NUMBER_DENSITY, SETS, WeaklyCompressible

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from refsim.cases import Case, Exact, closed_form, groups, particles, takes, vectors
+from refsim.core.cases import Case, Exact, closed_form, groups, particles, takes, vectors
 from refsim.surface_tension.csf_wang_2019 import Continuum, CsfWang2019, Marangoni
 
 

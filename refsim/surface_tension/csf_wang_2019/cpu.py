@@ -1,6 +1,6 @@
 """CPU kernels of the continuum surface force."""
 
-from refsim.compile import cpu_kernel, prange
+from refsim.backends.compile import cpu_kernel, prange
 from refsim.neighbours.rows import cpu_row
 from refsim.sph.particle import wall_sum
 from refsim.surface_tension.csf_wang_2019 import particle

@@ -1,6 +1,6 @@
 """CUDA kernels of the continuum surface force."""
 
-from refsim.compile import cuda, cuda_kernel
+from refsim.backends.compile import cuda, cuda_kernel
 from refsim.neighbours.rows import cuda_row
 from refsim.sph.particle import wall_sum
 from refsim.surface_tension.csf_wang_2019 import particle

@@ -1,6 +1,6 @@
 """Scalar formulas of the continuum surface force, as reconstructed from Wang, Zhu & Yin 2019."""
 
-from refsim.compile import formula
+from refsim.backends.compile import formula
 
 
 @formula

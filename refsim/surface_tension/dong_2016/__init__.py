@@ -15,11 +15,11 @@ from typing import Any, ClassVar, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from refsim.effect import Discretisation, Effect, Pass, literal_errata, require
-from refsim.energy import EnergyAccount
-from refsim.errors import InputError
-from refsim.operation import Operation, register
-from refsim.particles import Field
+from refsim.core.effect import Discretisation, Effect, Pass, literal_errata, require
+from refsim.core.energy import EnergyAccount
+from refsim.core.errors import InputError
+from refsim.core.fields import Field
+from refsim.core.operation import Operation, register
 from refsim.sph import WeaklyCompressible
 from refsim.surface_normal import SURFACE_NORMAL, color_gradient_pass, normal_term
 from refsim.surface_tension.cohesion import PairCohesion, lattice_tension, one_of, turns

@@ -1,6 +1,6 @@
 """CPU kernels of Dong, Zhang & Chen 2016."""
 
-from refsim.compile import cpu_kernel, prange
+from refsim.backends.compile import cpu_kernel, prange
 from refsim.neighbours.rows import cpu_row
 from refsim.sph.particle import wall_pressure, wall_sum
 from refsim.surface_tension.dong_2016 import particle

@@ -1,6 +1,6 @@
 """CUDA kernels of Dong, Zhang & Chen 2016."""
 
-from refsim.compile import cuda, cuda_kernel
+from refsim.backends.compile import cuda, cuda_kernel
 from refsim.neighbours.rows import cuda_row
 from refsim.sph.particle import wall_pressure, wall_sum
 from refsim.surface_tension.dong_2016 import particle

@@ -1,6 +1,6 @@
 """Scalar formulas of Dong, Zhang & Chen 2016, equations D(4) to D(10)."""
 
-from refsim.compile import formula
+from refsim.backends.compile import formula
 
 
 @formula

@@ -5,7 +5,7 @@
 
 import math
 
-from refsim.compile import formula
+from refsim.backends.compile import formula
 from refsim.smoothing.formulas import kernel_slope, kernel_value
 from refsim.surface_tension.dong_2016 import formulas
 

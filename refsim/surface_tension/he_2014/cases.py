@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from refsim.cases import VARIATIONS, Case, Exact, Variation, closed_form, groups, particles
+from refsim.core.cases import VARIATIONS, Case, Exact, Variation, closed_form, groups, particles
 from refsim.surface_tension.he_2014 import AirPressure, He2014, SurfaceEnergy
 
 

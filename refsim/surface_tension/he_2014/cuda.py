@@ -1,6 +1,6 @@
 """CUDA kernels of He et al. 2014."""
 
-from refsim.compile import cuda, cuda_kernel
+from refsim.backends.compile import cuda, cuda_kernel
 from refsim.neighbours.rows import cuda_row
 from refsim.sph.particle import wall_sum
 from refsim.surface_tension.he_2014 import particle

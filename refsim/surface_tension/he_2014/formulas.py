@@ -1,6 +1,6 @@
 """Scalar formulas of He et al. 2014."""
 
-from refsim.compile import formula
+from refsim.backends.compile import formula
 
 
 @formula

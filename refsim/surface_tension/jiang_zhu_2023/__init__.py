@@ -20,11 +20,11 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from refsim.effect import Discretisation, Effect, Pass, literal_errata, require
-from refsim.energy import EnergyAccount
-from refsim.errors import InputError
-from refsim.operation import Operation, register
-from refsim.particles import Field
+from refsim.core.effect import Discretisation, Effect, Pass, literal_errata, require
+from refsim.core.energy import EnergyAccount
+from refsim.core.errors import InputError
+from refsim.core.fields import Field
+from refsim.core.operation import Operation, register
 from refsim.smoothing.shapes import NORMALISATION, POLY6
 from refsim.sph import NUMBER_DENSITY
 from refsim.surface_detection import NEAR_SURFACE, SurfaceDetection, detection_in, near_surface_pass

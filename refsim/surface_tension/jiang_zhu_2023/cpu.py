@@ -1,6 +1,6 @@
 """CPU kernels of Jiang & Zhu 2023."""
 
-from refsim.compile import cpu_kernel, prange
+from refsim.backends.compile import cpu_kernel, prange
 from refsim.neighbours.rows import cpu_row
 from refsim.sph.particle import wall_pressure, wall_sum
 from refsim.surface_tension.jiang_zhu_2023 import formulas, particle

@@ -1,6 +1,6 @@
 """Scalar formulas of Jiang & Zhu 2023, equations (14) to (18) and (21), and of the soft surface weight."""
 
-from refsim.compile import formula
+from refsim.backends.compile import formula
 from refsim.smoothing.formulas import value
 from refsim.smoothing.shapes import POLY6
 from refsim.surface_tension.jiang_zhu_2023.modes import ALL, CORRECTED, EITHER, ONE_SIDED, SOFT

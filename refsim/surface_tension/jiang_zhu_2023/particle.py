@@ -5,7 +5,7 @@
 
 import math
 
-from refsim.compile import formula
+from refsim.backends.compile import formula
 from refsim.smoothing.formulas import kernel_slope, kernel_value, viscosity_laplacian
 from refsim.sph.formulas import pressure_pair, viscosity_pair
 from refsim.surface_tension.jiang_zhu_2023 import formulas

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from refsim.cases import Case, Exact, closed_form, groups, takes
+from refsim.core.cases import Case, Exact, closed_form, groups, takes
 from refsim.surface_tension.normal_difference_2014 import NormalDifference, NormalDifference2014
 
 

@@ -1,6 +1,6 @@
 """CPU kernel of the tension by normal differences."""
 
-from refsim.compile import cpu_kernel, prange
+from refsim.backends.compile import cpu_kernel, prange
 from refsim.neighbours.rows import cpu_row
 from refsim.surface_tension.normal_difference_2014 import particle
 

@@ -1,6 +1,6 @@
 """CUDA kernel of the tension by normal differences."""
 
-from refsim.compile import cuda, cuda_kernel
+from refsim.backends.compile import cuda, cuda_kernel
 from refsim.neighbours.rows import cuda_row
 from refsim.surface_tension.normal_difference_2014 import particle
 

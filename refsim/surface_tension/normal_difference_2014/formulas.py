@@ -1,6 +1,6 @@
 """Scalar formula of the tension by normal differences: patent CN104318598A, equation P7."""
 
-from refsim.compile import formula
+from refsim.backends.compile import formula
 
 
 @formula

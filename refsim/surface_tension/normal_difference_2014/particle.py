@@ -1,6 +1,6 @@
 """What one particle does for the tension by normal differences; the CPU and the CUDA kernels share the loop."""
 
-from refsim.compile import formula
+from refsim.backends.compile import formula
 from refsim.surface_tension.normal_difference_2014.formulas import difference_pair
 
 

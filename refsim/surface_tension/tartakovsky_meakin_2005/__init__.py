@@ -14,9 +14,9 @@ from typing import Any, ClassVar, NamedTuple
 
 from numpy.typing import NDArray
 
-from refsim.effect import Discretisation, Effect, Pass, require
-from refsim.energy import EnergyAccount
-from refsim.operation import Operation, register
+from refsim.core.effect import Discretisation, Effect, Pass, require
+from refsim.core.energy import EnergyAccount
+from refsim.core.operation import Operation, register
 from refsim.surface_tension.cohesion import PairCohesion, nominal_tension, one_of
 from refsim.surface_tension.tartakovsky_meakin_2005.reference import force_function
 

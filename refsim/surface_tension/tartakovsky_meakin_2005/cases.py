@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from refsim.cases import VARIATIONS, Case, Exact, Variation, closed_form, groups, takes
+from refsim.core.cases import VARIATIONS, Case, Exact, Variation, closed_form, groups, takes
 from refsim.surface_tension.tartakovsky_meakin_2005 import CosineForce, TartakovskyMeakin2005
 
 

@@ -1,6 +1,6 @@
 """CPU kernel of Tartakovsky & Meakin 2005."""
 
-from refsim.compile import cpu_kernel, prange
+from refsim.backends.compile import cpu_kernel, prange
 from refsim.neighbours.rows import cpu_row
 from refsim.surface_tension.tartakovsky_meakin_2005 import particle
 

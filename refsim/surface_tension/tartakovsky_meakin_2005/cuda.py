@@ -1,6 +1,6 @@
 """CUDA kernel of Tartakovsky & Meakin 2005."""
 
-from refsim.compile import cuda, cuda_kernel
+from refsim.backends.compile import cuda, cuda_kernel
 from refsim.neighbours.rows import cuda_row
 from refsim.surface_tension.tartakovsky_meakin_2005 import particle
 

@@ -5,7 +5,7 @@
 
 import math
 
-from refsim.compile import formula
+from refsim.backends.compile import formula
 from refsim.surface_tension.tartakovsky_meakin_2005 import formulas
 
 

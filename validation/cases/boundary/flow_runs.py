@@ -23,8 +23,8 @@ from refsim import (
     WeaklyCompressible,
 )
 from refsim.boundary.signed_distance import NarrowBand
-from refsim.effect import Extremes
-from refsim.errors import RunStopped
+from refsim.core.effect import Extremes
+from refsim.core.errors import RunStopped
 from validation.cases.boundary.flow_shapes import SHAPES, SPACING, SUPPORT, cup, mesh_file
 from validation.metrics.shapes import lattice_ball
 from validation.results import Result

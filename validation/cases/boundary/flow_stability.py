@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from refsim import Box, Cloud, Gravity, MeshBoundary, Scene, WeaklyCompressible
-from refsim.boundary.walls import WallParticles
-from refsim.scene import make_plan
+from refsim.core.walls import WallParticles
+from refsim.scene.scene import make_plan
 from validation.cases.boundary.flow_shapes import SHAPES, SPACING, mesh_file
 from validation.results import Result
 from validation.running import Context

@@ -19,11 +19,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from refsim import MeshBoundary, Scene, Simulation
-from refsim.backend import Backend
-from refsim.compile import cpu_kernel, prange
-from refsim.errors import RunStopped
+from refsim.backends.arrays import Backend
+from refsim.backends.compile import cpu_kernel, prange
+from refsim.core.errors import RunStopped
 from refsim.neighbours import NeighbourSearch
-from refsim.scene import Plan, make_plan
+from refsim.scene.scene import Plan, make_plan
 from validation.cases.boundary.flow_runs import GRAVITY, inside_of, resting_cup, resting_scene
 from validation.cases.boundary.flow_shapes import SPACING, mesh_file
 from validation.results import Result

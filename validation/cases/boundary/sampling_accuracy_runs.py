@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from refsim.backend import choose, set_threads
+from refsim.backends.arrays import choose, set_threads
 from refsim.boundary.sampling import sample
 from refsim.boundary.signed_distance import signed_distance
 from validation.cases.boundary.sampling_runs import evenness, near_surface, radius_for

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from refsim.backend import choose, set_threads
+from refsim.backends.arrays import choose, set_threads
 from refsim.boundary.mesh import load_mesh
 from refsim.boundary.sampling import HEXAGONAL, sample
 from refsim.boundary.signed_distance import signed_distance

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from refsim.backend import choose
+from refsim.backends.arrays import choose
 from refsim.boundary.mesh import SurfaceMesh, surface_mesh
 from refsim.boundary.sampling import relaxed, sample
 from refsim.boundary.signed_distance import signed_distance

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from refsim.backend import unavailable
+from refsim.backends.arrays import unavailable
 from validation.cases.dam_break import pictures, runs
 from validation.harness import Case, Options, Picture, Results, Run
 from validation.metrics.dam_break import FRONT_DATA, data_tolerance

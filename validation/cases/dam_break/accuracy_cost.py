@@ -6,8 +6,8 @@ import functools
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from refsim import backend as backends
-from refsim.errors import InputError
+from refsim.backends import arrays as backends
+from refsim.core.errors import InputError
 from validation.accuracy_cost import Band, Panel, Points
 from validation.cases.dam_break import accuracy_runs
 from validation.cases.dam_break.runs import TRUTH_RADIUS

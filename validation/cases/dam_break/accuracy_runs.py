@@ -12,7 +12,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from refsim import Scene, Simulation, SurfaceDetection
-from refsim.errors import RunStopped
+from refsim.core.errors import RunStopped
 from validation.cases.dam_break.runs import GRAVITY, HEIGHT, TRUTH_RADIUS, column_scene
 from validation.cases.dam_break.state import TANK, load_state
 from validation.metrics.dam_break import (
@@ -238,7 +238,7 @@ def front_scene(columns: int, dtype: str, effects: Mapping[str, Mapping[str, Any
     """The column in the long tank, its particles displaced a little; effects by name, with their fields."""
     import msgspec
 
-    from refsim.effect import EFFECTS
+    from refsim.core.effect import EFFECTS
 
     more = tuple(EFFECTS[name](**fields) for name, fields in effects.items())
     spacing = 0.5 * HEIGHT / columns

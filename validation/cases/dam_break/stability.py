@@ -10,7 +10,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from refsim import Box, Cloud, Scene, SurfaceDetection
-from refsim.scene import make_plan
+from refsim.scene.scene import make_plan
 from validation.cases.dam_break.runs import (
     DENSITY,
     GRAVITY,

@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from refsim import Cloud, Dong2016, Scene, Simulation, WeaklyCompressible
-from refsim.effect import Extremes
-from refsim.errors import RunStopped
-from refsim.scene import make_plan
+from refsim.core.effect import Extremes
+from refsim.core.errors import RunStopped
+from refsim.scene.scene import make_plan
 from validation.cases.dong import scene as scenes
 from validation.metrics.droplet import (
     cubic_moment,

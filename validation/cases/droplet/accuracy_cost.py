@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from refsim import backend as backends
-from refsim.errors import InputError
+from refsim.backends import arrays as backends
+from refsim.core.errors import InputError
 from validation.accuracy_cost import Band, Panel, Points
 from validation.cases.droplet import accuracy_runs
 from validation.cases.droplet.runs import ROUND

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from refsim import Scene, Simulation
-from refsim.errors import RunStopped
+from refsim.core.errors import RunStopped
 from validation.cases.droplet.scene import VARIANTS, droplet_scene, particles
 from validation.metrics.droplet import fibonacci_directions, radius_variation
 from validation.metrics.shapes import shaken

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from refsim import Simulation
-from refsim.errors import RunStopped
+from refsim.core.errors import RunStopped
 from validation.cases.droplet.scene import END_TIME, VARIANTS, droplet_scene, particles
 from validation.metrics.droplet import (
     cubic_moment,

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from refsim import Scene, Simulation
-from refsim.errors import InputError, RunStopped
-from refsim.scene import make_plan
+from refsim.core.errors import InputError, RunStopped
+from refsim.scene.scene import make_plan
 from refsim.surface_tension.jiang_zhu_2023 import kirkwood_buff_sigma
 from validation.cases.droplet.scene import droplet_scene, particles
 from validation.metrics.droplet import nearest_neighbour_distance, radius_variation

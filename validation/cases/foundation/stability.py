@@ -32,13 +32,13 @@ from refsim import (
     WeaklyCompressible,
 )
 from refsim.boundary.akinci_2012 import calibrated_factor, wall_kernel_sums
-from refsim.boundary.walls import WallParticles
-from refsim.checkpoint import read_checkpoint, write_checkpoint
-from refsim.driver import simulate
-from refsim.errors import RunStopped
+from refsim.core.errors import RunStopped
+from refsim.core.walls import WallParticles
+from refsim.engine.driver import simulate
+from refsim.io.checkpoint import read_checkpoint, write_checkpoint
 from refsim.neighbours.reference import pair_blocks
-from refsim.scene import Plan, make_plan
-from refsim.scene_file import scene_to_toml
+from refsim.scene.files import scene_to_toml
+from refsim.scene.scene import Plan, make_plan
 from validation.results import Result
 from validation.running import Context, momenta
 from validation.trials import Cell, HardCase, Stability, StabilityMap, Trial, largest_stable, silent_up_to
@@ -609,7 +609,7 @@ def _speed(simulation: Simulation) -> float:
 
 
 def _outside(simulation: Simulation) -> int:
-    from refsim.driver import stock
+    from refsim.engine.driver import stock
 
     return stock(simulation)["outside_walls"]
 

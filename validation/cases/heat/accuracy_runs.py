@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from refsim.backend import choose, set_threads
+from refsim.backends.arrays import choose, set_threads
 from validation.cases.heat.conductor import Conductor, lattice
 from validation.cases.heat.exact import cosine
 from validation.reading import Reading, distribution, measured

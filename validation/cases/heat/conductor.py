@@ -8,14 +8,14 @@ from typing import Any
 
 import numpy as np
 
-from refsim.backend import Backend
-from refsim.effect import Discretisation
+from refsim.backends.arrays import Backend
+from refsim.backends.scratch import Scratch
+from refsim.core.effect import Discretisation
+from refsim.core.operation import REGISTRY
 from refsim.heat import HeatConduction, enthalpy_of
 from refsim.heat.schemes import chebyshev_passes, first_legendre_stages, legendre_stages, stage_passes
 from refsim.heat.shapes import lattice_sum, period_group
 from refsim.neighbours.rows import NeighbourRows
-from refsim.operation import REGISTRY
-from refsim.scratch import Scratch
 
 SUPPORT = 2.5  # support radius over spacing
 

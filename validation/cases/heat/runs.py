@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 
 from refsim import Box, HeatConduction, Scene, WeaklyCompressible
-from refsim.driver import stock
-from refsim.effect import Discretisation
+from refsim.core.effect import Discretisation
+from refsim.core.operation import REGISTRY
+from refsim.engine.driver import stock
 from refsim.heat import reference
 from refsim.heat.shapes import period_group
-from refsim.operation import REGISTRY
 from validation.cases.heat import exact
 from validation.cases.heat.conductor import SUPPORT, Conductor, lattice
 from validation.results import Result
@@ -376,7 +376,7 @@ def speed(context: Context, threads: int, number: float = 2.0, rounds: int = 7) 
 
     All of them take turns over the same neighbours; building the list is not counted.
     """
-    from refsim.backend import choose, set_threads
+    from refsim.backends.arrays import choose, set_threads
 
     position = lattice((40, 40, 38), 1.0)
     position += np.random.default_rng(1).uniform(-0.1, 0.1, position.shape)

@@ -9,9 +9,9 @@ import msgspec
 import numpy as np
 
 from refsim import Box, HeatConduction, Scene, Simulation
-from refsim.driver import stock
-from refsim.errors import InputError, RunStopped
-from refsim.scene import make_plan
+from refsim.core.errors import InputError, RunStopped
+from refsim.engine.driver import stock
+from refsim.scene.scene import make_plan
 from validation.results import Result
 from validation.running import Context
 from validation.trials import Cell, HardCase, Stability, StabilityMap, Trial, largest_stable

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from refsim.backend import unavailable
+from refsim.backends.arrays import unavailable
 from validation.cases.melting import claims, device, pictures, runs
 from validation.harness import Case, Options, Picture, Results, Run
 from validation.results import real

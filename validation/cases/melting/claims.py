@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from refsim.backend import unavailable
+from refsim.backends.arrays import unavailable
 from validation.cases.melting import device, runs
 from validation.claims import Measure
 from validation.harness import Options, Results, Run

@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from refsim import Scene, Simulation, backend
+from refsim import Scene, Simulation
+from refsim.backends import runtime
 from validation.cases.melting.runs import grouped
 from validation.cases.melting.scene import made, scene_of, shared_tank
 from validation.results import Result
@@ -19,7 +20,7 @@ WARM, STEPS = 30, 200  # steps before the clock runs, and under it
 
 def clock() -> tuple[Callable[[], Any], Callable[[Any, Any], float]]:
     """(mark, seconds between two marks) on the device; on the host in the simulator."""
-    if backend.simulated():
+    if runtime.simulated():
         return time.perf_counter, lambda a, b: b - a
     import cupy
 
@@ -54,7 +55,7 @@ def stages(simulation: Simulation, rebuilt: float, repeats: int = 20) -> dict[st
 
     Fields are put back after each, so that all see the same state.
     """
-    from refsim import device
+    from refsim.backends import device
 
     mark, between = clock()
     kept = {name: np.array(simulation.backend.host(values)) for name, values in simulation.fields.items()}

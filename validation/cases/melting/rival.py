@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from refsim.compile import cpu_kernel, formula, prange
+from refsim.backends.compile import cpu_kernel, formula, prange
 from refsim.shape_matching.phases import NOBODY
 
 

@@ -26,10 +26,10 @@ from refsim import (
     TwoWayCoupling,
     WeaklyCompressible,
 )
+from refsim.core.operation import REGISTRY
 from refsim.melting import MeltingRule
-from refsim.operation import REGISTRY
+from refsim.scene.solids import lattice_of
 from refsim.shape_matching.phases import FLUID, INTERIOR, NOBODY, SURFACE
-from refsim.solids import lattice_of
 from validation.cases.melting.scene import (
     FIGURES,
     HALF_WIDTH,

@@ -29,7 +29,7 @@ from refsim import (
     TwoWayCoupling,
     WeaklyCompressible,
 )
-from refsim.solids import body_cells
+from refsim.scene.solids import body_cells
 from validation.cases.melting import shapes
 
 SPACING, SUPPORT, STEP = 0.2, 0.5, 0.005  # [m], [m], [s]: table 1

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from refsim.backend import Backend
+from refsim.backends.arrays import Backend
 from refsim.isosurface import extract
 
 # Ellipsoids: center, half axes, turn about y [degrees]; x is forward, z is up, and pairs lie at both sides of y = 0.

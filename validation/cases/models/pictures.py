@@ -15,7 +15,7 @@ from refsim import (
     TartakovskyMeakin2005,
     WeaklyCompressible,
 )
-from refsim.effect import Discretisation
+from refsim.core.effect import Discretisation
 from refsim.surface_tension.dong_2016.reference import force_function
 from validation.cases.models.scene import MODELS
 from validation.drawing import (

@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from refsim import Akinci2013, Cloud, Dong2016, ImplicitPressure, Scene, Simulation, WeaklyCompressible
-from refsim.effect import Effect
-from refsim.errors import InputError, RunStopped
-from refsim.scene import make_plan
+from refsim.core.effect import Effect
+from refsim.core.errors import InputError, RunStopped
+from refsim.scene.scene import make_plan
 from refsim.surface_tension.cohesion import COLLAPSE, PairCohesion, compression
 from validation.cases.droplet.stability import BOILS, pieces
 from validation.drops import MODELS as SETTINGS

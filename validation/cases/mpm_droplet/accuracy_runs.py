@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from refsim import Simulation
-from refsim.errors import RunStopped
+from refsim.core.errors import RunStopped
 from validation.cases.mpm_droplet.scene import CELLS, MODULUS, drop_scene, ellipsoid, radius_of
 from validation.reading import Reading, distribution, measured
 from validation.results import Result

@@ -11,8 +11,8 @@ from scipy.sparse import csr_array, diags_array
 from scipy.sparse.linalg import spsolve
 
 from refsim import Box, MpmLiquid, MpmWalls, Scene
+from refsim.core.operation import REGISTRY
 from refsim.mpm import READINGS
-from refsim.operation import REGISTRY
 from refsim.sparse_grid.reference import node_table
 from validation.cases.mpm_droplet.stability import STEPS
 from validation.claims import Measure

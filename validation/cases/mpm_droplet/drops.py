@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from refsim import RunStopped, Simulation
-from refsim.scene_file import load_scene
+from refsim.scene.files import load_scene
 from refsim.surface_energy import LITERAL
 from validation.cases.mpm_droplet import measures
 from validation.cases.mpm_droplet.scene import CELLS, MODULUS, box, drop_scene, ellipsoid, radius_of

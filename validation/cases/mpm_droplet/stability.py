@@ -16,10 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from refsim import Cloud, Gravity, MpmLiquid, Scene, Simulation, SurfaceEnergy
-from refsim.errors import InputError, RunStopped
+from refsim.core.errors import InputError, RunStopped
 from refsim.mpm.grid import FARTHEST
 from refsim.mpm.reference import SYMMETRIC
-from refsim.scene import make_plan
+from refsim.scene.scene import make_plan
 from validation.results import Result
 from validation.running import Context
 from validation.trials import Cell, HardCase, Stability, StabilityMap, Trial, largest_stable

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from refsim.backend import choose, set_threads
+from refsim.backends.arrays import choose, set_threads
 from refsim.surface_energy import Tension
 from refsim.surface_energy.reconstruction import Reconstruction
 from validation.cases.surface_reconstruction import shapes

@@ -9,7 +9,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from refsim.backend import unavailable
+from refsim.backends.arrays import unavailable
 from validation.cases.surface_reconstruction import runs, shapes
 from validation.claims import Measure
 from validation.harness import Options, Results, Run

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from refsim.backend import Backend, choose, set_threads
+from refsim.backends.arrays import Backend, choose, set_threads
+from refsim.core.operation import REGISTRY
 from refsim.isosurface import Mesh
-from refsim.operation import REGISTRY
 from refsim.sparse_grid import nodes
 from refsim.surface_energy import Tension
 from refsim.surface_energy.reconstruction import Reconstruction, Surface

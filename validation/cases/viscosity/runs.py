@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from refsim import Akinci2013, Ball, Cloud, Scene, Simulation, WeaklyCompressible
-from refsim.effect import Discretisation
+from refsim.core.effect import Discretisation
 from validation.drops import fit_oscillation
 from validation.results import Result
 from validation.running import Context

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from refsim import Ball, Calibration, Cloud, RunStopped, Scene, Simulation, WeaklyCompressible, calibrate
-from refsim.effect import Discretisation
+from refsim.core.effect import Discretisation
 from validation.drops import BALLS, SOFTENING, fit_oscillation
 from validation.metrics.virial import inner_pressure
 from validation.results import Result

@@ -1,0 +1,1 @@
+"""Backends: arrays, compiling, CUDA graphs, scans and reductions."""

@@ -1,0 +1,164 @@
+"""Where arrays live and programs run: "numpy" (references), "cpu" (Numba), "cuda" (numba-cuda).
+
+A backend is chosen once and named in every report. Nothing ever falls back to another one.
+"""
+
+from __future__ import annotations
+
+import functools
+import importlib.util
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from refsim.backends.runtime import simulated
+from refsim.core.errors import InputError
+from refsim.core.operation import BACKENDS, Operation
+
+
+class Backend:
+    """Arrays in host memory and the programs called `name`; base of the CUDA backend."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+
+    def asarray(self, values: np.ndarray) -> Any:
+        """A contiguous copy of a host array on this backend."""
+        return np.array(values, order="C")
+
+    def empty(self, shape: Any, dtype: Any) -> Any:
+        """An array whose values are not set."""
+        return np.empty(shape, dtype)
+
+    def zeros(self, shape: Any, dtype: Any) -> Any:
+        """An array of zeros."""
+        return np.zeros(shape, dtype)
+
+    def host(self, array: Any) -> np.ndarray:
+        """The array's values on the host (no copy where it is there already)."""
+        return array
+
+    def assign(self, target: Any, values: Any) -> None:
+        """Copy `values` (a host array, an array of this backend or a number) into `target`."""
+        target[...] = values
+
+    def invert(self, order: Any, places: Any) -> None:
+        """places[order[i]] = i for a permutation `order` (n,) int32."""
+        places[order] = np.arange(len(order), dtype=places.dtype)
+
+    def bind(self, operation: Operation, lookup: Callable[[str], Any]) -> Callable[[], None]:
+        """The operation on the values that `lookup` gives for its argument names."""
+        return operation.bind(self.name, lookup)
+
+    def synchronize(self) -> None:
+        """Wait until everything launched has run."""
+
+
+class CudaBackend(Backend):
+    """Arrays on one CUDA device (or in the CUDA simulator)."""
+
+    def __init__(self) -> None:
+        super().__init__("cuda")
+        from refsim.backends import device
+        from refsim.backends.compile import cuda
+
+        self.cuda, self.device = cuda, device
+
+    def asarray(self, values: np.ndarray) -> Any:
+        return self.cuda.to_device(np.ascontiguousarray(values))
+
+    def empty(self, shape: Any, dtype: Any) -> Any:
+        return self.device.empty(shape, dtype)
+
+    def zeros(self, shape: Any, dtype: Any) -> Any:
+        array = self.empty(shape, dtype)
+        self.device.fill(array, 0)
+        return array
+
+    def host(self, array: Any) -> np.ndarray:
+        return array.copy_to_host()
+
+    def assign(self, target: Any, values: Any) -> None:
+        if np.ndim(values) == 0:
+            self.device.fill(target, values)
+        elif isinstance(values, np.ndarray):
+            target.copy_to_device(np.ascontiguousarray(np.broadcast_to(values, target.shape), target.dtype))
+        else:
+            target.copy_to_device(values)
+
+    def invert(self, order: Any, places: Any) -> None:
+        self.device.invert(order, places)
+
+    def synchronize(self) -> None:
+        self.cuda.synchronize()
+
+
+@functools.cache
+def unavailable(name: str) -> str | None:
+    """Why backend `name` cannot run here, or None if it can."""
+    if name not in BACKENDS:
+        return f"there is no such backend; choose one of {', '.join(BACKENDS)}"
+    if name != "cuda" or simulated():
+        return None
+    if importlib.util.find_spec("numba_cuda") is None:
+        return 'numba-cuda is not installed; run pip install "refsim[cuda]"'
+    try:
+        from refsim.backends.compile import cuda
+
+        if not cuda.is_available():
+            return "no CUDA device or driver was found"
+    except Exception as error:  # a broken driver installation raises whatever it likes: pass on its words
+        return f"CUDA does not start ({type(error).__name__}: {error})"
+    if importlib.util.find_spec("cupy") is None:
+        return 'CuPy is not installed; run pip install "refsim[cuda]"'
+    return None
+
+
+def device_name() -> str:
+    """The GPU in words."""
+    if simulated():
+        return "CUDA simulator"
+    import cupy
+
+    return str(cupy.cuda.runtime.getDeviceProperties(0)["name"].decode())
+
+
+def choose(name: str) -> Backend:
+    """The backend called `name`. Raises InputError with the reason where it cannot run."""
+    reason = unavailable(name)
+    if reason is not None:
+        raise InputError(f"Backend {name!r} cannot be used: {reason}.")
+    return CudaBackend() if name == "cuda" else Backend(name)
+
+
+def set_threads(backend: Backend, threads: int | None) -> None:
+    """Use `threads` CPU threads from now on (all by default); only the CPU backend has any.
+
+    Raises InputError for fewer than one, and on the CPU backend for more than there are.
+    """
+    if threads is not None and threads < 1:
+        raise InputError(f"threads = {threads} is not possible; give 1 or more.")
+    if backend.name != "cpu":
+        return
+    import numba
+
+    most = numba.config.NUMBA_NUM_THREADS
+    if threads is not None and not 1 <= threads <= most:
+        raise InputError(f"threads = {threads} is not possible here; give 1 to {most}.")
+    numba.set_num_threads(threads or most)
+
+
+def host_memory() -> dict[str, int | None]:
+    """Bytes of the machine's memory, "total" and "free"; None where the system does not say."""
+    try:
+        page = os.sysconf("SC_PAGE_SIZE")
+        total, free = (page * os.sysconf(name) for name in ("SC_PHYS_PAGES", "SC_AVPHYS_PAGES"))
+    except (AttributeError, ValueError, OSError):
+        return {"total": None, "free": None}
+    limit = Path("/sys/fs/cgroup/memory.max")
+    if limit.is_file() and (text := limit.read_text().strip()).isdigit():
+        total = min(total, int(text))
+    return {"total": total, "free": min(free, total)}

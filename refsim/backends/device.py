@@ -1,0 +1,465 @@
+"""Array moves on a CUDA device, the step's clock, CUDA graphs, and what CuPy does: stable sort and running sums.
+
+Under the CUDA simulator, and only there, NumPy stands in for CuPy; `refsim.backends.runtime.array_library` says which
+one is used.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from refsim.backends.compile import THREADS_PER_BLOCK, cuda, cuda_kernel, formula
+from refsim.backends.runtime import library, own_stream, simulated
+
+
+def seen(array: Any) -> Any:
+    """A device array as the library's own, without a copy (the simulator copies)."""
+    return array.copy_to_host() if simulated() else library().asarray(array)
+
+
+def wrapped(array: Any) -> Any:
+    """One of the library's arrays as a device array on the default stream, without a copy and without waiting."""
+    return cuda.to_device(array) if simulated() else cuda.as_cuda_array(array, sync=False).bind(0)
+
+
+def empty(shape: Any, dtype: Any) -> Any:
+    """A device array whose values are not set, out of the library's memory pool."""
+    return wrapped(library().empty(shape, dtype))
+
+
+def free_bytes() -> float:
+    """Device memory that could still be had [bytes]."""
+    if not simulated():
+        library().get_default_memory_pool().free_all_blocks()
+    return cuda.current_context().get_memory_info()[0]
+
+
+def stable_order(keys: Any, out: Any = None) -> Any:
+    """Permutation (n,) int64 that sorts the int64 `keys`; equal keys keep their order (radix sort)."""
+    if not keys.shape[0]:
+        return empty(0, np.int64) if out is None else out
+    order = library().argsort(seen(keys), kind="stable")
+    if out is None:
+        return wrapped(order)
+    _put(order, out)
+    return out
+
+
+def computed(function: Any, *arguments: Any) -> Any:
+    """What `function(library, ...)` gives for device arrays, its arrays (also in tuples and lists) on the device.
+
+    Arrays of the host go to NumPy and come back as such.
+    """
+    if any(isinstance(a, np.ndarray) for a in arguments):
+        return function(np, *arguments)
+
+    def back(value: Any) -> Any:
+        if isinstance(value, tuple | list):
+            return type(value)(back(part) for part in value)
+        return wrapped(value) if hasattr(value, "shape") else value
+
+    return back(function(library(), *(seen(a) if hasattr(a, "copy_to_host") else a for a in arguments)))
+
+
+# Running sums by kernels only, so that they can be recorded: sums of tiles, sums before each tile, sums within tiles.
+EACH = 8  # values that a thread adds up
+
+
+@cuda_kernel(rows_of="totals", block_for_each_row=True)
+def add_up_tiles(values, totals):  # noqa: ANN001, ANN201
+    """totals[b] = sum of the int32 `values` of tile b, EACH for each of a block's threads."""
+    first = (cuda.blockIdx.x * cuda.blockDim.x + cuda.threadIdx.x) * EACH
+    own = 0
+    for k in range(first, min(first + EACH, values.shape[0])):
+        own += values[k]
+    shared = cuda.shared.array(THREADS_PER_BLOCK, np.int32)
+    before = sum_before(shared, own)
+    if cuda.threadIdx.x == cuda.blockDim.x - 1:
+        totals[cuda.blockIdx.x] = before + own
+
+
+@cuda_kernel(rows_of="one", block_for_each_row=True)
+def add_up_before(totals, one):  # noqa: ANN001, ANN201
+    """totals[b] = sum of those before it; one block."""
+    share = (totals.shape[0] + cuda.blockDim.x - 1) // cuda.blockDim.x
+    first = cuda.threadIdx.x * share
+    end = min(first + share, totals.shape[0])
+    own = 0
+    for k in range(first, end):
+        own += totals[k]
+    shared = cuda.shared.array(THREADS_PER_BLOCK, np.int32)
+    before = sum_before(shared, own)
+    for k in range(first, end):
+        mine = totals[k]
+        totals[k] = before
+        before += mine
+
+
+@cuda_kernel(rows_of="totals", block_for_each_row=True)
+def add_up_within(values, totals, out):  # noqa: ANN001, ANN201
+    """out[i] = values[0] + ... + values[i]; `totals` are the sums before each tile."""
+    first = (cuda.blockIdx.x * cuda.blockDim.x + cuda.threadIdx.x) * EACH
+    own = 0
+    for k in range(first, min(first + EACH, values.shape[0])):
+        own += values[k]
+    shared = cuda.shared.array(THREADS_PER_BLOCK, np.int32)
+    running = totals[cuda.blockIdx.x] + sum_before(shared, own)
+    for k in range(first, min(first + EACH, values.shape[0])):
+        running += values[k]
+        out[k] = running
+
+
+@formula
+def sum_before(values, mine):  # noqa: ANN001, ANN201
+    """Sum of what the block's threads before this one hold; `values` is shared, one place for each thread."""
+    place = cuda.threadIdx.x
+    values[place] = mine
+    cuda.syncthreads()
+    step = 1
+    while step < cuda.blockDim.x:
+        add = values[place - step] if place >= step else 0
+        cuda.syncthreads()
+        values[place] += add
+        cuda.syncthreads()
+        step *= 2
+    return values[place] - mine
+
+
+class RunningSum:
+    """out[i] = values[0] + ... + values[i] for one pair of int32 arrays, as launches that can be recorded."""
+
+    def __init__(self, values: Any, out: Any) -> None:
+        tile = add_up_tiles.threads * EACH
+        self.values, self.out = values, out
+        self.totals = empty((values.shape[0] + tile - 1) // tile, np.int32)
+        self.one = empty(1, np.int32)
+
+    def __call__(self) -> None:
+        add_up_tiles(self.values, self.totals)
+        add_up_before(self.totals, self.one)
+        add_up_within(self.values, self.totals, self.out)
+
+
+def _put(values: Any, out: Any) -> None:
+    if simulated():
+        out.copy_to_device(values)
+    else:
+        seen(out)[...] = values
+
+
+class Recorded:
+    """A call that launches kernels only, as one CUDA graph: launched one by one at first, then recorded, then replayed.
+
+    What it launches must keep its arrays and numbers, allocate nothing and not wait for the device. In the simulator,
+    or where `whole` is false, the kernels are launched one by one every time.
+    """
+
+    def __init__(self, call: Callable[[], None], whole: bool = True) -> None:
+        self.call, self.whole = call, whole and not simulated()
+        self.called = False
+        self.graph: Any = None
+
+    def __call__(self) -> None:
+        if not self.whole or not self.called:
+            self.call()  # the first time also compiles and loads, which cannot be recorded
+            self.called = True
+            return
+        stream = own_stream()
+        if self.graph is None:
+            stream.begin_capture()
+            try:
+                self.call()
+            finally:
+                self.graph = stream.end_capture()
+        self.graph.launch(stream)
+
+    def renewed(self) -> Recorded:
+        """The same call with other arrays behind it: to be recorded anew."""
+        new = Recorded(self.call, self.whole)
+        new.called = self.called
+        return new
+
+
+class Mirror:
+    """A small device array and its values on the host, which `send` brings over without waiting."""
+
+    def __init__(self, array: Any) -> None:
+        self.array = array
+        self.values = np.zeros(array.shape, array.dtype)
+        if not simulated():
+            cupy = library()
+            self.memory = cupy.cuda.alloc_pinned_memory(self.values.nbytes)  # what the device can write by itself
+            self.values = np.frombuffer(self.memory, array.dtype, self.values.size).reshape(array.shape)
+            self.pointer = seen(array).data.ptr
+
+    def send(self) -> None:
+        """Launch the copy; it can be recorded."""
+        if simulated():
+            self.values[...] = self.array.copy_to_host()
+        else:
+            cupy = library()
+            cupy.cuda.runtime.memcpyAsync(
+                self.values.ctypes.data, self.pointer, self.values.nbytes,
+                cupy.cuda.runtime.memcpyDeviceToHost, own_stream().ptr,
+            )  # fmt: skip
+
+    def read(self) -> np.ndarray:
+        """Wait for everything launched; the values as they were when they were sent."""
+        if not simulated():
+            own_stream().synchronize()
+        return self.values
+
+
+class Mark:
+    """A point in what has been launched that the host can wait for."""
+
+    def __init__(self) -> None:
+        self.event = None if simulated() else library().cuda.Event(disable_timing=True)
+
+    def set(self) -> None:
+        """The point is behind everything launched until now."""
+        if self.event is not None:
+            self.event.record(own_stream())
+
+    def wait(self) -> None:
+        """Wait until the device has come to it."""
+        if self.event is not None:
+            self.event.synchronize()
+
+
+def head(array: Any, count: int) -> Any:
+    """The first rows of a device array, without a copy (the simulator copies)."""
+    return wrapped(seen(array)[:count])
+
+
+def address(array: Any) -> Any:
+    """What tells a device array's memory from that of others."""
+    return id(array) if simulated() else array.device_ctypes_pointer.value
+
+
+@cuda_kernel
+def fill_scalars(value, out):  # noqa: ANN001, ANN201  (types are Numba's)
+    """out[i] = value."""
+    i = cuda.grid(1)
+    if i < out.shape[0]:
+        out[i] = value
+
+
+@cuda_kernel
+def fill_vectors(value, out):  # noqa: ANN001, ANN201
+    """out[i, c] = value."""
+    i = cuda.grid(1)
+    if i < out.shape[0]:
+        for c in range(out.shape[1]):
+            out[i, c] = value
+
+
+@cuda_kernel
+def gather_scalars(array, order, out):  # noqa: ANN001, ANN201
+    """out[i] = array[order[i]]."""
+    i = cuda.grid(1)
+    if i < out.shape[0]:
+        out[i] = array[order[i]]
+
+
+@cuda_kernel
+def gather_vectors(array, order, out):  # noqa: ANN001, ANN201
+    """out[i, c] = array[order[i], c]."""
+    i = cuda.grid(1)
+    if i < out.shape[0]:
+        j = order[i]
+        for c in range(out.shape[1]):
+            out[i, c] = array[j, c]
+
+
+@cuda_kernel
+def copy_scalars(array, out):  # noqa: ANN001, ANN201
+    """out[i] = array[i]."""
+    i = cuda.grid(1)
+    if i < out.shape[0]:
+        out[i] = array[i]
+
+
+@cuda_kernel
+def copy_vectors(array, out):  # noqa: ANN001, ANN201
+    """out[i, c] = array[i, c]."""
+    i = cuda.grid(1)
+    if i < out.shape[0]:
+        for c in range(out.shape[1]):
+            out[i, c] = array[i, c]
+
+
+@cuda_kernel(rows_of="order")
+def gather_all_scalars(arrays, order, out):  # noqa: ANN001, ANN201
+    """out[k][i] = arrays[k][order[i]]."""
+    i = cuda.grid(1)
+    if i < order.shape[0]:
+        j = order[i]
+        for k in range(len(arrays)):
+            out[k][i] = arrays[k][j]
+
+
+@cuda_kernel(rows_of="order")
+def gather_all_vectors(arrays, order, out):  # noqa: ANN001, ANN201
+    """out[k][i, c] = arrays[k][order[i], c]."""
+    i = cuda.grid(1)
+    if i < order.shape[0]:
+        j = order[i]
+        for k in range(len(arrays)):
+            for c in range(out[k].shape[1]):
+                out[k][i, c] = arrays[k][j, c]
+
+
+@cuda_kernel(rows_of="first")
+def copy_all_scalars(arrays, out, first):  # noqa: ANN001, ANN201
+    """out[k][i] = arrays[k][i]; `first` is the first of the arrays."""
+    i = cuda.grid(1)
+    if i < first.shape[0]:
+        for k in range(len(arrays)):
+            out[k][i] = arrays[k][i]
+
+
+@cuda_kernel(rows_of="first")
+def copy_all_vectors(arrays, out, first):  # noqa: ANN001, ANN201
+    """out[k][i, c] = arrays[k][i, c]; `first` is the first of the arrays."""
+    i = cuda.grid(1)
+    if i < first.shape[0]:
+        for k in range(len(arrays)):
+            for c in range(out[k].shape[1]):
+                out[k][i, c] = arrays[k][i, c]
+
+
+# Rows of the clock, float64. REASON is 0 while the run can go on.
+TIME, PREVIOUS, FIRST, LENGTH, LIMITER, REASON, SPEED, ACCELERATION, RATE, EXCESS, WAY, STOPPED = range(12)
+CLOCK_ROWS = 12
+NON_FINITE, DIVERGED, STEP_TOO_SMALL, OUT_OF_RANGE = 1, 2, 3, 4
+
+
+@cuda_kernel
+def choose_step(extremes, limits, factor, fixed, smallest, greatest_speed, timestep, clock):  # noqa: ANN001, ANN201
+    """The next step's length from the particles' extremes, as `refsim.engine.stepping.choose` does on the host.
+
+    `limits` (k, 5) are StepLimits. Where the run cannot go on the clock says why and the step is zero, so that what
+    follows moves nothing.
+    """
+    if cuda.grid(1) == 0:
+        speed = math.sqrt(float(extremes[0]))
+        acceleration = math.sqrt(float(extremes[1]))
+        length, limiter = math.inf, 0
+        for k in range(limits.shape[0]):
+            rate = limits[k, 1] + limits[k, 2] * speed + limits[k, 3] * math.sqrt(limits[k, 0] * acceleration)
+            rate += limits[k, 4] * float(extremes[3])
+            if rate > 0.0 and limits[k, 0] / rate < length:
+                length, limiter = limits[k, 0] / rate, k
+        length *= factor
+        if fixed > 0.0:
+            length, limiter = fixed, -1
+        if clock[FIRST] == 0.0:
+            clock[FIRST] = length
+        reason = 0
+        if extremes[2] > 0:
+            reason = NON_FINITE
+        elif speed > greatest_speed:
+            reason = DIVERGED
+        elif extremes[4] > 0:
+            reason = OUT_OF_RANGE
+        elif not length > smallest * clock[FIRST]:
+            reason = STEP_TOO_SMALL
+        clock[LENGTH], clock[LIMITER], clock[REASON] = length, limiter, reason
+        clock[SPEED], clock[ACCELERATION] = speed, acceleration
+        clock[RATE], clock[EXCESS] = float(extremes[3]), float(extremes[4])
+        if reason:
+            length = 0.0
+        timestep[0] = 0.5 * (clock[PREVIOUS] + length) if length > 0.0 else 0.0
+        timestep[1] = length
+        if length > 0.0:
+            clock[PREVIOUS] = length
+            clock[TIME] += length
+
+
+@cuda_kernel
+def note_displacement(displacement, clock):  # noqa: ANN001, ANN201
+    """Put the largest squared way [m^2] and the number of stopped particles beside the step's length."""
+    if cuda.grid(1) == 0:
+        clock[WAY] = displacement[0]
+        clock[STOPPED] = displacement[1]
+
+
+def copy(array: Any, out: Any) -> None:
+    """out <- array for device arrays of one or two dimensions, by a kernel, so that it can be recorded."""
+    (copy_scalars if len(out.shape) == 1 else copy_vectors)(array, out)
+
+
+@cuda_kernel
+def invert(order, places):  # noqa: ANN001, ANN201
+    """places[order[i]] = i."""
+    i = cuda.grid(1)
+    if i < places.shape[0]:
+        places[order[i]] = i
+
+
+def fill(out: Any, value: float) -> None:
+    """Set every element of a device array of one or two dimensions to `value`."""
+    (fill_scalars if len(out.shape) == 1 else fill_vectors)(out.dtype.type(value), out)
+
+
+def gather(array: Any, order: Any, out: Any) -> None:
+    """out <- array[order] for device arrays of one or two dimensions."""
+    (gather_scalars if len(out.shape) == 1 else gather_vectors)(array, order, out)
+
+
+def gather_all(arrays: tuple, order: Any, out: tuple) -> None:
+    """out[k] <- arrays[k][order] for device arrays of one kind, in one launch."""
+    (gather_all_scalars if len(out[0].shape) == 1 else gather_all_vectors)(arrays, order, out)
+
+
+def copy_all(arrays: tuple, out: tuple) -> None:
+    """out[k] <- arrays[k] for device arrays of one kind, in one launch."""
+    (copy_all_scalars if len(out[0].shape) == 1 else copy_all_vectors)(arrays, out, arrays[0])
+
+
+class Rows:
+    """Puts the rows of arrays into another order, in place, through spare ones; those of one kind in one launch."""
+
+    def __init__(self, arrays: list[Any], order: Any) -> None:
+        self.arrays, self.order = arrays, order
+        kinds = dict.fromkeys((a.shape, a.dtype) for a in arrays)
+        alike = [tuple(a for a in arrays if (a.shape, a.dtype) == kind) for kind in kinds]
+        self.kinds = [(group, tuple(empty(a.shape, a.dtype) for a in group)) for group in alike]
+
+    def belongs_to(self, arrays: list[Any]) -> bool:
+        """Whether it moves these arrays."""
+        return len(arrays) == len(self.arrays) and all(a is b for a, b in zip(self.arrays, arrays, strict=True))
+
+    def launch(self) -> None:
+        """arrays[k] <- arrays[k][order]; it can be recorded."""
+        for arrays, spare in self.kinds:
+            gather_all(arrays, self.order, spare)
+            copy_all(spare, arrays)
+
+    @property
+    def nbytes(self) -> int:
+        """Memory of the spare arrays."""
+        return sum(a.nbytes for _, spare in self.kinds for a in spare)
+
+
+def running_sum(values: Any) -> Any:
+    """(n + 1,) int32: sum of the integers that stand before each place, and of everything at the end."""
+    xp = library()
+    total = xp.zeros(values.shape[0] + 1, np.int32)
+    total[1:] = xp.cumsum(seen(values), dtype=np.int32)
+    return wrapped(total)
+
+
+def looked_up(places: Any, table: Any) -> Any:
+    """table[places] for a short table, as a new array."""
+    return wrapped(seen(table)[seen(places)])
+
+
+def largest(values: Any) -> int:
+    """Largest of the integer `values`, 0 if there are none; waits for the device."""
+    return int(seen(values).max()) if values.shape[0] else 0

@@ -1,0 +1,37 @@
+"""Room in which operations keep what they need between their launches; nothing in it outlives a call."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from refsim.backends.arrays import Backend
+
+
+class Scratch:
+    """Arrays on one backend by name, made when first asked for and kept, so that steps allocate nothing.
+
+    An operation takes it as the argument `scratch`. The values in its arrays are those of whoever used them last.
+    """
+
+    def __init__(self, backend: Backend) -> None:
+        self.backend = backend
+        self._arrays: dict[str, Any] = {}
+
+    def array(self, name: str, shape: Any, dtype: Any) -> Any:
+        """The array called `name`, of this shape and dtype; its values are not set."""
+        shape = (shape,) if isinstance(shape, int) else tuple(shape)
+        held = self._arrays.get(name)
+        if held is None or tuple(held.shape) != shape or held.dtype != np.dtype(dtype):
+            held = self._arrays[name] = self.backend.empty(shape, dtype)
+        return held
+
+    def host(self, array: Any) -> np.ndarray:
+        """An array's values on the host."""
+        return self.backend.host(array)
+
+    @property
+    def bytes(self) -> int:
+        """Memory held."""
+        return sum(a.nbytes for a in self._arrays.values())

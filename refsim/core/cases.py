@@ -1,0 +1,481 @@
+"""Hard inputs that every operation meets, and how to make whatever an operation names from one of them.
+
+A case is a set of particles with everything that could trouble a kernel about it. Arguments are made by name:
+arrays with one row for each particle by functions marked `@particles`, parameter groups by functions marked
+`@groups`. A method folder adds its own, and its own cases and closed forms, in its `cases.py`, which is imported
+when the contract is (`discover`).
+"""
+
+from __future__ import annotations
+
+import functools
+import importlib
+import importlib.util
+import zlib
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from refsim.core.effect import Discretisation, Effect
+from refsim.core.operation import REGISTRY
+from refsim.core.walls import Bounds, WallParticles
+
+REST_DENSITY = 1000.0
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """One hard input. Lengths in metres; 2D cases have z = 0.
+
+    position       (n, 3) particle positions
+    wall_position  (m, 3) wall particles; none by default
+    masses         least and greatest mass, in units of rho0 d^dim
+    skin           share of the support radius by which the neighbour list reaches further
+    kernels, state, clamp, literal  settings of the effects whose parameter groups are taken
+    ties           True where decisions are drawn on purpose, so that few flags are certain
+    """
+
+    name: str
+    dim: int
+    position: np.ndarray
+    spacing: float = 0.1
+    support_radius: float = 0.2
+    wall_position: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
+    masses: tuple[float, float] = (0.4, 2.5)
+    skin: float = 0.1
+    kernels: str = "wendland"
+    state: str = "linear"
+    clamp: bool = False
+    literal: bool = False
+    ties: bool = False
+
+    @property
+    def count(self) -> int:
+        """Number of particles."""
+        return len(self.position)
+
+    @property
+    def list_radius(self) -> float:
+        """Distance up to which neighbours are listed, skin left out; the printed fan scan reaches 2 h."""
+        return self.support_radius * (2 if self.literal else 1)
+
+    def grid(self, dtype: str) -> Discretisation:
+        """What effects may know of the scene."""
+        return Discretisation(self.dim, dtype, self.spacing, self.support_radius, self.count)
+
+    @functools.cached_property
+    def effects(self) -> Mapping[str, Effect]:
+        """Effects whose parameter groups the operations take: those of the methods that give one to every case."""
+        discover()
+        return {effect.name: effect for effect in (maker(self) for maker in EFFECTS_OF_CASES)}
+
+    def random(self, name: str) -> np.random.Generator:
+        """Random numbers for one argument of this case; always the same."""
+        return np.random.default_rng(zlib.crc32(f"{self.name}/{name}".encode()))
+
+
+# Makers by argument name.
+
+Maker = Callable[[Case, np.random.Generator], np.ndarray]
+GroupMaker = Callable[[Case, Discretisation], Mapping[str, Any]]
+PARTICLES: dict[str, Maker] = {}
+GROUPS: dict[str, GroupMaker] = {}
+DERIVED: dict[str, Callable[[Any, str], Any]] = {}
+
+
+EFFECTS_OF_CASES: list[Callable[[Case], Effect]] = []
+
+
+def effect_of_cases(maker: Callable[[Case], Effect]) -> Callable[[Case], Effect]:
+    """Mark a function that makes an effect which every case has."""
+    EFFECTS_OF_CASES.append(maker)
+    return maker
+
+
+def _claim(names: tuple[str, ...], maker: Callable, table: dict[str, Any]) -> None:
+    """Put a maker's names into their table. Raises ValueError for a name that another function makes already.
+
+    Two methods that call different arrays by one name would get each other's, with another number of rows.
+    """
+    for name in names:
+        for known in (PARTICLES, GROUPS, DERIVED):
+            other = known.get(name)
+            if other is not None and (other.__module__, other.__qualname__) != (maker.__module__, maker.__qualname__):
+                raise ValueError(
+                    f"the argument {name!r} is made twice, in {other.__module__} and in {maker.__module__}; rename one."
+                )
+        table[name] = maker
+
+
+def particles(*names: str) -> Callable[[Maker], Maker]:
+    """Mark a function of (case, random) that makes an array with one row for each particle, in float64."""
+
+    def mark(maker: Maker) -> Maker:
+        _claim(names, maker, PARTICLES)
+        return maker
+
+    return mark
+
+
+def groups(*names: str) -> Callable[[GroupMaker], GroupMaker]:
+    """Mark a function of (case, grid) that returns parameter groups by name, in the grid's dtype."""
+
+    def mark(maker: GroupMaker) -> GroupMaker:
+        _claim(names, maker, GROUPS)
+        return maker
+
+    return mark
+
+
+def derived(*names: str) -> Callable[[Callable[[Any, str], Any]], Callable[[Any, str], Any]]:
+    """Mark a function of (inputs, name) that makes an argument from others, as they and their order are then."""
+
+    def mark(maker: Callable[[Any, str], Any]) -> Callable[[Any, str], Any]:
+        _claim(names, maker, DERIVED)
+        return maker
+
+    return mark
+
+
+Members = Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class Variation:
+    """How the contract changes the members of one type of parameter group, one at a time.
+
+    follow  (group, inputs, smoothing kernel) -> values of the members that follow from others, here or there
+    held    members that are never changed alone, each with its reason
+    other   another legal value of a member, from its own; by default 0.9 of a number, and of an integer 1 for 0 and one
+            less for every other
+    usual   members that act in an operation which does not say what it takes; by default all
+    """
+
+    follow: Callable[[Any, Any, Any], Members] = lambda group, inputs, kernel: {}
+    held: Mapping[str, str] = field(default_factory=dict)
+    other: Mapping[str, Callable[[Any], Any]] = field(default_factory=dict)
+    usual: tuple[str, ...] | None = None
+
+
+VARIATIONS: dict[type, Variation] = {}
+TAKES: dict[tuple[str, str], tuple[str, ...]] = {}
+
+
+def takes(*operations: str, **members: str) -> None:
+    """Say which members of a parameter group act in the operations: `fluid="rest_density clamp"`."""
+    for operation in operations:
+        TAKES.update({(operation, group): tuple(names.split()) for group, names in members.items()})
+
+
+@dataclass(frozen=True, eq=False)
+class Exact:
+    """A case whose answer is known in closed form: arguments that matter, and outputs, by name."""
+
+    case: Case
+    given: Mapping[str, Any]
+    expected: Mapping[str, np.ndarray]
+
+
+CLOSED_FORMS: dict[str, list[Callable[[], Exact]]] = {}
+
+
+def closed_form(*operations: str) -> Callable[[Callable[[], Exact]], Callable[[], Exact]]:
+    """Mark a function that returns an exactly known case of the operations."""
+
+    def mark(maker: Callable[[], Exact]) -> Callable[[], Exact]:
+        for operation in operations:
+            CLOSED_FORMS.setdefault(operation, []).append(maker)
+        return maker
+
+    return mark
+
+
+@functools.cache
+def discover() -> None:
+    """Import `cases.py` of every folder that has registered an operation."""
+    for folder in sorted({operation.folder for operation in REGISTRY.values()}):
+        if importlib.util.find_spec(f"{folder}.cases"):
+            importlib.import_module(f"{folder}.cases")
+
+
+# The cases.
+
+CASES: dict[str, Callable[[], Case]] = {}
+COMMON: list[str] = []
+
+
+def case(maker: Callable[[], Case]) -> Callable[[], Case]:
+    """Enter a case that only the operations meet which name it in `Operation.cases`."""
+    CASES[maker.__name__] = functools.cache(maker)
+    return CASES[maker.__name__]
+
+
+def common(maker: Callable[[], Case]) -> Callable[[], Case]:
+    """Enter a case that every operation meets."""
+    COMMON.append(maker.__name__)
+    return case(maker)
+
+
+def cloud(name: str, count: int, dim: int, spacing: float = 0.1) -> np.ndarray:
+    """Random positions (count, 3), on average one particle to spacing^dim, around the origin."""
+    side = spacing * count ** (1 / dim)
+    position = np.random.default_rng(zlib.crc32(name.encode())).uniform(-0.5 * side, 0.5 * side, (count, 3))
+    position[:, dim:] = 0
+    return position
+
+
+def lattice(cells: tuple[int, int, int], spacing: float = 0.1, dim: int = 3) -> np.ndarray:
+    """Lattice positions (n, 3), the first particle at the origin."""
+    axes = [spacing * np.arange(n if axis < dim else 1) for axis, n in enumerate(cells)]
+    return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+
+
+def floor_below(position: np.ndarray, dim: int, spacing: float) -> np.ndarray:
+    """One layer of wall particles (m, 3), half a spacing below the lowest particle."""
+    low, high = position.min(0), position.max(0)
+    axes = [np.arange(low[c], high[c] + spacing, spacing) for c in range(dim - 1)]
+    axes.append(np.array([low[dim - 1] - 0.5 * spacing]))
+    axes += [np.zeros(1)] * (3 - dim)
+    return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+
+
+@common
+def cloud_3d() -> Case:
+    """Random cloud, mixed masses, on a floor."""
+    position = cloud("cloud_3d", 150, 3)
+    return Case("cloud_3d", 3, position, wall_position=floor_below(position, 3, 0.1))
+
+
+@common
+def cloud_2d() -> Case:
+    """Random cloud in the plane on a floor, the other set of smoothing kernels, Tait, clamped."""
+    position = cloud("cloud_2d", 130, 2)
+    return Case(
+        "cloud_2d", 2, position, support_radius=0.26, wall_position=floor_below(position, 2, 0.1),
+        kernels="mueller", state="tait", clamp=True,
+    )  # fmt: skip
+
+
+@common
+def printed_readings() -> Case:
+    """Random cloud with every erratum taken as printed."""
+    position = cloud("printed_readings", 90, 2)
+    return Case(
+        "printed_readings", 2, position, support_radius=0.26, wall_position=floor_below(position, 2, 0.1),
+        literal=True, kernels="mueller",
+    )  # fmt: skip
+
+
+@common
+def lattice_3d() -> Case:
+    """Lattice in which the terms of every interior sum cancel."""
+    return Case("lattice_3d", 3, lattice((5, 5, 5)), masses=(1, 1), ties=True)
+
+
+@common
+def lattice_2d() -> Case:
+    """The same in the plane, on a floor."""
+    position = lattice((10, 10, 1), dim=2)
+    return Case(
+        "lattice_2d", 2, position, support_radius=0.27, masses=(1, 1), ties=True,
+        wall_position=floor_below(position, 2, 0.1),
+    )  # fmt: skip
+
+
+@common
+def on_cell_borders() -> Case:
+    """Lattice whose particles stand exactly on the borders of the search's cells, on both sides of the origin.
+
+    The skin is a quarter, so that cell size and coordinates are exact in binary.
+    """
+    position = lattice((5, 5, 4), 0.3125) - 2 * 0.3125
+    return Case("on_cell_borders", 3, position, spacing=0.3125, support_radius=0.5, skin=0.25, ties=True)
+
+
+@common
+def no_particles() -> Case:
+    """Nothing at all."""
+    return Case("no_particles", 3, np.zeros((0, 3)))
+
+
+@common
+def one_particle() -> Case:
+    """A lone particle away from the origin."""
+    return Case("one_particle", 3, np.array([[0.3, -0.2, 0.1]]))
+
+
+@common
+def two_particles() -> Case:
+    """A pair, so near the edge of the support that its terms are badly conditioned."""
+    return Case("two_particles", 2, np.array([[0.0, 0.0, 0.0], [0.12, 0.15, 0.0]]))
+
+
+@common
+def three_particles() -> Case:
+    """A triangle; the third reaches only one of the others."""
+    return Case("three_particles", 3, np.array([[0.0, 0.0, 0.0], [0.1, 0.02, 0.0], [-0.05, 0.03, 0.15]]))
+
+
+@common
+def coincident_pair() -> Case:
+    """Two particles at exactly the same place, among others."""
+    position = cloud("coincident_pair", 40, 3)
+    position[1] = position[0]
+    return Case("coincident_pair", 3, position)
+
+
+@common
+def nearly_coincident() -> Case:
+    """A pair 1e-12 spacings apart, where coordinates are fine enough to tell the two apart."""
+    position = cloud("nearly_coincident", 40, 3)
+    position[0] = 0
+    position[1] = [0, 1e-13, 0]
+    return Case("nearly_coincident", 3, position)
+
+
+@common
+def far_away() -> Case:
+    """A cloud 1e4 spacings from the origin, with its floor."""
+    position = cloud("far_away", 80, 3) + [1000.0, -1000.0, 500.0]
+    return Case("far_away", 3, position, wall_position=floor_below(position, 3, 0.1))
+
+
+@common
+def very_far_away() -> Case:
+    """A cloud 1e6 spacings from the origin: in float32 the coordinates come in steps of a sixteenth of a spacing."""
+    return Case("very_far_away", 2, cloud("very_far_away", 60, 2) + [1e5, 6e4, 0.0], support_radius=0.26)
+
+
+@common
+def tiny_lengths() -> Case:
+    """Support radius 1e-6 m."""
+    position = cloud("tiny_lengths", 60, 3, 0.5e-6)
+    return Case(
+        "tiny_lengths", 3, position, spacing=0.5e-6, support_radius=1e-6,
+        wall_position=floor_below(position, 3, 0.5e-6),
+    )  # fmt: skip
+
+
+@common
+def huge_lengths() -> Case:
+    """Support radius 1e3 m."""
+    position = cloud("huge_lengths", 60, 3, 500.0)
+    return Case(
+        "huge_lengths", 3, position, spacing=500.0, support_radius=1e3, wall_position=floor_below(position, 3, 500.0)
+    )
+
+
+@common
+def unequal_masses() -> Case:
+    """Masses 1000 : 1."""
+    return Case("unequal_masses", 3, cloud("unequal_masses", 80, 3), masses=(0.1, 100.0))
+
+
+@common
+def thin_sheet() -> Case:
+    """One layer of particles in space, tilted."""
+    position = lattice((9, 9, 1)) @ np.array([[0.8, 0.0, 0.6], [0.0, 1.0, 0.0], [-0.6, 0.0, 0.8]]).T
+    return Case("thin_sheet", 3, position, ties=True)
+
+
+@common
+def filament() -> Case:
+    """A line of particles in space."""
+    return Case("filament", 3, np.linspace(0, 3, 41)[:, None] * np.array([0.6, 0.0, 0.8]), ties=True)
+
+
+@common
+def flung_particle() -> Case:
+    """One particle 1e6 spacings away from a cloud."""
+    position = cloud("flung_particle", 60, 3)
+    position[7] = [1e5, -1e5, 3e4]
+    return Case("flung_particle", 3, position)
+
+
+@common
+def negative_coordinates() -> Case:
+    """A cloud where every coordinate is negative."""
+    return Case("negative_coordinates", 3, cloud("negative_coordinates", 80, 3) - [7.3, 5.1, 9.9])
+
+
+@case
+def few() -> Case:
+    """A small cloud on a floor, for other values of the parameters."""
+    position = cloud("few", 60, 3)
+    return Case("few", 3, position, wall_position=floor_below(position, 3, 0.1))
+
+
+@case
+def large() -> Case:
+    """A few thousand particles on a floor, compared on sampled rows."""
+    position = cloud("large", 3000, 3)
+    return Case("large", 3, position, wall_position=floor_below(position, 3, 0.1))
+
+
+# What every method may name.
+
+
+@particles("position")
+def _position(case: Case, random: np.random.Generator) -> np.ndarray:
+    return case.position
+
+
+@particles("mass")
+def _mass(case: Case, random: np.random.Generator) -> np.ndarray:
+    low, high = np.log(case.masses)
+    return REST_DENSITY * case.spacing**case.dim * np.exp(random.uniform(low, high, case.count))
+
+
+@particles("velocity")
+def _velocity(case: Case, random: np.random.Generator) -> np.ndarray:
+    return vectors(case, random)
+
+
+@particles("acceleration")
+def _acceleration(case: Case, random: np.random.Generator) -> np.ndarray:
+    return 5 * vectors(case, random)
+
+
+@particles("build_position")
+def _build_position(case: Case, random: np.random.Generator) -> np.ndarray:
+    return case.position + 0.02 * case.spacing * vectors(case, random)
+
+
+def vectors(case: Case, random: np.random.Generator) -> np.ndarray:
+    """Random vectors (n, 3) of length about one; in the plane where the case is."""
+    values = random.normal(size=(case.count, 3))
+    values[:, case.dim :] = 0
+    return values
+
+
+@groups("timestep", "displacement", "extremes")
+def _run_values(case: Case, grid: Discretisation) -> Mapping[str, Any]:
+    steps = np.array([0.011, 0.012], dtype=grid.dtype) * grid.real(case.spacing)
+    return {"timestep": steps, "displacement": np.zeros(2, grid.dtype), "extremes": np.zeros(5, grid.dtype)}
+
+
+@groups("bounds")
+def _bounds(case: Case, grid: Discretisation) -> Mapping[str, Any]:
+    """Planes that stop some of the particles, each in the widest gap of its neighbourhood: nobody moves as far."""
+    low, high = np.full(3, -np.inf), np.full(3, np.inf)
+    for axis in range(case.dim if case.count > 3 else 0):
+        places = np.sort(case.position[:, axis].astype(grid.dtype))
+        low[axis], high[axis] = (_gap(places, *shares) for shares in ((0.1, 0.3), (0.8, 0.95)))
+    return {"bounds": Bounds(low.astype(grid.dtype), high.astype(grid.dtype))}
+
+
+def _gap(places: np.ndarray, begin: float, end: float) -> float:
+    """Middle of the widest gap of sorted coordinates, between two shares of them."""
+    some = places[int(begin * len(places)) : int(end * len(places)) + 2].astype(float)
+    widest = int(np.argmax(np.diff(some)))
+    return 0.5 * (some[widest] + some[widest + 1])
+
+
+@groups("wall_particles")
+def _wall_particles(case: Case, grid: Discretisation) -> Mapping[str, Any]:
+    """Wall particles without a list, as references take them; volumes a little uneven."""
+    count = len(case.wall_position)
+    volume = 0.6 * case.spacing**case.dim * case.random("walls").uniform(0.8, 1.2, count)
+    return {"wall_particles": WallParticles(case.wall_position.astype(grid.dtype), volume.astype(grid.dtype))}

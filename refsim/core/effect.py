@@ -1,0 +1,301 @@
+"""What an effect is: parameters with units, the fields it needs, its passes and its stable step.
+
+A scene is a list of effects. What no effect asks for is neither allocated nor launched.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple
+
+import msgspec
+import numpy as np
+
+from refsim.core.errors import InputError
+from refsim.core.fields import Field
+from refsim.core.walls import WallParticles
+
+if TYPE_CHECKING:
+    from refsim.core.energy import EnergyAccount
+
+
+@dataclass(frozen=True)
+class Pass:
+    """One launch of one operation; `names` says what its arguments are called here where names differ.
+
+    stage  "start": once, when a simulation is made or resumed, for tables that follow from its state. "begin": at the
+           beginning of every step, in the effects' order; not when somebody looks at the state. "forces": before the
+           step's length is known, ordered by what passes touch. "motion": once it is known, in the effects' order,
+           those that update the position last; one of these stands in for the leap-frog. They may take `timestep` =
+           [(dt_previous + dt)/2, dt] [s], which is zero where the run is about to stop, `build_position` and
+           `displacement`, which an integrator writes as `sph.kick_drift` does.
+    """
+
+    operation: str
+    reads: tuple[str, ...] = ()
+    writes: tuple[str, ...] = ()
+    updates: tuple[str, ...] = ()  # changed in place: after every writer, before every reader
+    on_demand: bool = False  # run when somebody looks at the state, not in every step
+    names: Mapping[str, str | None] = field(default_factory=dict)
+    stage: Literal["start", "begin", "forces", "motion"] = "forces"
+
+
+class Lattice(NamedTuple):
+    """Cells of the nodes; nodes of one body stand together, sorted by key."""
+
+    cell: Any  # (S, 3) int32 cell of each node in the one global lattice
+    key: Any  # (S,) int64 the cell as a sortable key
+    body: Any  # (S,) int32 body of each node
+    first: Any  # (bodies + 1,) int32 first node of each body, and S
+
+
+@dataclass(frozen=True)
+class Nodes:
+    """The nodes of all bodies of a scene: their lattice and the bodies that they are of."""
+
+    lattice: Lattice
+    bodies: tuple[Any, ...]
+    spacing: float  # [m]
+
+    def of_bodies(self, name: str) -> np.ndarray:
+        """One of the bodies' numbers for every node (S,), or (S, 3)."""
+        values = np.array([getattr(body, name) for body in self.bodies], dtype=float)
+        return values[self.lattice.body]
+
+
+@dataclass(frozen=True)
+class InitialState:
+    """Particles at the start, on the host in float64.
+
+    sizes   number of particles of each solid, then of each part of the fluid
+    values  those of the effects' own state fields, by name
+    """
+
+    position: np.ndarray
+    velocity: np.ndarray
+    mass: np.ndarray
+    sizes: tuple[int, ...]
+    values: Mapping[str, np.ndarray] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Discretisation:
+    """What every effect may know of the scene when it prepares: lengths in metres, dtype as a NumPy name."""
+
+    dim: int
+    dtype: str
+    spacing: float
+    support_radius: float
+    count: int
+    step: float = 0.0  # fixed step [s]; 0 where the stable step decides
+    solids: Nodes | None = field(default=None, compare=False)  # the first particles, where the scene has solid bodies
+
+    def real(self, value: float) -> Any:
+        """`value` in the run's dtype."""
+        return np.dtype(self.dtype).type(value)
+
+
+@dataclass(frozen=True)
+class Extremes:
+    """Largest values over the particles in the present step."""
+
+    speed: float  # [m/s]
+    acceleration: float  # [m/s^2]
+    rate: float = 0.0  # of exchange [1/s]
+    excess: float = 0.0  # of a temperature over the range that it must keep [K]
+
+
+class StepLimit(NamedTuple):
+    """A largest stable step [s] that follows from the particles' largest speed, acceleration and rate of exchange.
+
+    length / (speed + speed_share |v|max + acceleration_share sqrt(length |a|max) + rate_share rate_max): one form, so
+    that the device can choose the step as the host does.
+    """
+
+    length: float  # [m]
+    speed: float = 0.0  # [m/s]
+    speed_share: float = 0.0
+    acceleration_share: float = 0.0
+    rate_share: float = 0.0  # [m]
+
+    @classmethod
+    def constant(cls, seconds: float) -> StepLimit:
+        """The same step whatever the particles do."""
+        return cls(seconds, 1.0)
+
+    @classmethod
+    def crossing(cls, length: float, speed: float = 0.0) -> StepLimit:
+        """The time in which the fastest particle, with `speed` [m/s] added, crosses `length` [m]."""
+        return cls(length, speed, 1.0)
+
+    @classmethod
+    def falling(cls, length: float) -> StepLimit:
+        """sqrt(length/|a|max): in which the largest acceleration moves a particle by half of `length` [m]."""
+        return cls(length, 0.0, 0.0, 1.0)
+
+    @classmethod
+    def exchanging(cls, largest_sum: float) -> StepLimit:
+        """The step in which no particle's sum of exchanges s = dt rate exceeds `largest_sum`."""
+        return cls(largest_sum, 0.0, 0.0, 0.0, 1.0)
+
+    def at(self, extremes: Extremes) -> float:
+        """The step [s]; infinite where nothing limits it."""
+        rate = self.speed + self.speed_share * extremes.speed
+        rate += self.acceleration_share * math.sqrt(self.length * extremes.acceleration)
+        rate += self.rate_share * extremes.rate
+        return self.length / rate if rate > 0 else math.inf
+
+
+EFFECTS: dict[str, type[Effect]] = {}
+
+
+class Effect(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Base of all effects. Parameters are the struct's fields, in SI units."""
+
+    name: ClassVar[str] = ""
+    host_in_step: ClassVar[bool] = False  # its passes need the host, so that a step cannot be one CUDA graph
+    watched: ClassVar[tuple[str, ...]] = ()  # small fields that it wants to see on the host after each step
+
+    def __init_subclass__(cls, **options: Any) -> None:
+        super().__init_subclass__(**options)
+        if cls.name:
+            EFFECTS[cls.name] = cls
+
+    def needs(self) -> tuple[str, ...]:
+        """Names of effects without which this one cannot work."""
+        return ()
+
+    def fields(self, others: Mapping[str, Effect]) -> tuple[Field, ...]:
+        """Fields it reads or writes beside the base fields."""
+        return ()
+
+    def passes(self, others: Mapping[str, Effect]) -> tuple[Pass, ...]:
+        """Its passes in an order that suits it; the plan orders passes of all effects by what they touch."""
+        return ()
+
+    def replaces(self) -> tuple[str, ...]:
+        """Operations of other effects' passes that its own passes do in their place."""
+        return ()
+
+    def notes(self, grid: Discretisation, others: Mapping[str, Effect]) -> tuple[str, ...]:
+        """What a user should know of these parameters in this scene before it runs."""
+        return ()
+
+    def beside_fields(self) -> str:
+        """What it holds besides fields, lists and walls; `refsim plan` names it, since its size follows the run."""
+        return ""
+
+    def list_radius(self, grid: Discretisation) -> float:
+        """Distance [m] up to which it needs neighbours; 0 if it needs none."""
+        return 0.0
+
+    def prepare(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, Any]:
+        """Parameter groups that its passes take by name, computed once on the host in float64."""
+        return {}
+
+    def shares(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, Any]:
+        """Parameter groups that passes of every effect may take by name."""
+        return {}
+
+    def walls(self, grid: Discretisation, others: Mapping[str, Effect]) -> WallParticles | None:
+        """Static boundary particles that it brings into the scene."""
+        return None
+
+    def wall_share(self) -> float:
+        """How many times the pressure of the particle that they meet wall particles are to push with; the least
+        counts."""
+        return 2.0
+
+    def moves_straight(self) -> bool:
+        """Whether a step takes every particle by dt v, so that the audit of the list knows where it came from."""
+        return True
+
+    def balanced_pressure(self, grid: Discretisation, others: Mapping[str, Effect]) -> float:
+        """Cohesive pressure [Pa] of the undisturbed bulk that the equation of state is to balance."""
+        return 0.0
+
+    def initial(
+        self, grid: Discretisation, state: InitialState, others: Mapping[str, Effect]
+    ) -> Mapping[str, np.ndarray]:
+        """Values at the start of the state fields that it owns, in the particles' first order; zero by default."""
+        return {}
+
+    def after_setting(self, name: str, field: Callable[[str], np.ndarray]) -> Mapping[str, np.ndarray]:
+        """Its fields that must follow when a user sets the field `name` between two steps; `field` gives values."""
+        return {}
+
+    def particle_mass(self, grid: Discretisation) -> float | None:
+        """Mass of a particle of the lattice [kg; kg/m in 2D], where it knows one."""
+        return None
+
+    def ledger(self, field: Callable[[str], np.ndarray]) -> dict[str, float]:
+        """What it keeps account of, in SI units, for the report of a run; `field` gives a field's values by name."""
+        return {}
+
+    def energy(self, grid: Discretisation, others: Mapping[str, Effect]) -> EnergyAccount | None:
+        """What its forces are worth, for the audit of the energy; None where they follow from no energy."""
+        return None
+
+    def largest_mass_ratio(self, others: Mapping[str, Effect]) -> float:
+        """Largest over smallest mass of particles up to which its forces were measured to gain no energy."""
+        return math.inf
+
+    def step_limits(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, StepLimit]:
+        """Largest stable steps by the name of what limits them."""
+        return {}
+
+    def sorting_cell(self, grid: Discretisation) -> float:
+        """Size [m] of the cells in whose order it wants the particles now and then; 0 if it does not care."""
+        return 0.0
+
+    def verdict(self, grid: Discretisation, seen: Mapping[str, np.ndarray], length: float) -> tuple[str, str] | None:
+        """(reason, sentence that goes on after "In step n") where what it watches forbids to go on.
+
+        length  of the step [s]
+        """
+        return None
+
+    def remark(self, grid: Discretisation, seen: Mapping[str, np.ndarray]) -> str | None:
+        """What a reader must know of all that comes after this step, where what it watches says so: a sentence that
+        goes on after "From step n on". The first one becomes a note of the run.
+        """
+        return None
+
+    def greatest_speed(self, grid: Discretisation) -> float:
+        """Speed [m/s] beyond which its equations mean nothing: a particle that is faster ends the run."""
+        return math.inf
+
+    def check(self, grid: Discretisation, others: Mapping[str, Effect]) -> None:
+        """Raise InputError where the parameters do not fit the scene, whose particles are not yet counted."""
+
+
+def require(owner: str, **bounds: tuple[float, str]) -> None:
+    """Check numbers: `name=(value, rule)`, rule one of "positive", "not negative", "finite".
+
+    Raises InputError with one sentence that names the parameter.
+    """
+    tests = {
+        "positive": (lambda x: x > 0, "a positive number"),
+        "not negative": (lambda x: x >= 0, "zero or a positive number"),
+        "finite": (lambda x: True, "a finite number"),
+    }
+    for name, (value, rule) in bounds.items():
+        test, words = tests[rule]
+        if not (math.isfinite(value) and test(value)):
+            raise InputError(f"{owner}: {name} = {value} is not possible; give {words}.")
+
+
+def literal_errata(owner: str, literal: tuple[str, ...], switchable: tuple[str, ...]) -> frozenset[str]:
+    """Errata whose printed reading `literal` asks for; "all" in it means every one of `switchable`.
+
+    Raises InputError, naming the effect `owner`, for anything else.
+    """
+    chosen = {literal} if isinstance(literal, str) else set(literal)
+    unknown = chosen - set(switchable) - {"all"}
+    if unknown:
+        raise InputError(
+            f"{owner}: literal has {', '.join(sorted(unknown))}; only {', '.join(switchable)} or all can be given here."
+        )
+    return frozenset(switchable if "all" in chosen else chosen)

@@ -1,0 +1,60 @@
+"""The two errors that a user of refsim meets; each carries the exit code of the command line."""
+
+from __future__ import annotations
+
+from typing import Any
+
+REASONS = {  # why a run stops: the only names that RunStopped takes
+    "non_finite": "a position, a velocity, an acceleration or a saved value is NaN or infinite",
+    "diverged": "a particle is faster than the effects' equations allow (ten times the sound speed)",
+    "temperature_out_of_range": "a temperature has left the range that conduction from the start's can reach",
+    "step_too_small": "the stable step has shrunk to a millionth of the first one",
+    "collapsed": "particles have clumped until one has thousands of neighbours",
+    "missed_neighbours": "an audit found a neighbour that the list lacks",
+    "out_of_grid": "a particle is beyond the last cell of the background grid, or at no finite place",
+    "outrun": "a particle moved by more than half a cell of the background grid in one step",
+    "compressed": "a particle has less than a fifth of its volume",
+    "expanded": "a particle has more than three times its volume",
+    "volume_jump": "a particle's volume changed by more than half in one step",
+    "clumped": "surface tension has drawn particles together where their volume ratio does not see it",
+    "energy_gained": "the mechanical energy grows without driving, beyond the bound of the scene's energy_audit",
+    "particles_lost": "a particle of the start is missing, or has another mass",
+    "out_of_memory": "the machine has no memory left",
+    "disk_full": "no space or quota is left; the run can be resumed from the last checkpoint",
+    "write_failed": "the disk refused a write for another reason",
+    "interrupted": "somebody stopped the run; it can be resumed from the checkpoint written then",
+}
+
+
+class RefsimError(Exception):
+    """Base of the errors that end a command with one clear sentence instead of a traceback."""
+
+    exit_code = 1
+
+
+class InputError(RefsimError):
+    """Bad input (exit code 2). The message is one sentence: what is wrong, where, and what to do about it."""
+
+    exit_code = 2
+
+
+class RunStopped(RefsimError):
+    """The run cannot go on as it is (exit code 3).
+
+    reason  a name of REASONS, for programs; the message is a sentence for people
+    report  of the run that stopped, where there was one (`refsim.engine.driver.RunReport`)
+    advice  lines that say what can be done next, where the catcher knows
+    """
+
+    exit_code = 3
+    report: Any = None
+    advice: tuple[str, ...] = ()
+
+    def __init__(self, reason: str, message: str) -> None:
+        if reason not in REASONS:
+            raise ValueError(f"{reason!r} is not one of the reasons {', '.join(REASONS)}")
+        super().__init__(reason, message)  # both, so that the error survives pickling between processes
+        self.reason = reason
+
+    def __str__(self) -> str:
+        return self.args[1]

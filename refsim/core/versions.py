@@ -1,0 +1,23 @@
+"""Which versions computed a result: for reports, checkpoints and `refsim doctor`."""
+
+from __future__ import annotations
+
+import functools
+import platform
+
+VERSION = "0.1.0"
+PACKAGES = ("refsim", "numpy", "numba", "llvmlite", "numba-cuda", "cupy-cuda13x")
+
+
+@functools.cache
+def versions() -> dict[str, str]:
+    """Versions of Python and of the packages that compute; nothing is imported for it."""
+    import importlib.metadata  # here, because it takes a tenth of the time that importing refsim does
+
+    found = {"python": platform.python_version()}
+    for name in PACKAGES:
+        try:
+            found[name] = importlib.metadata.version(name)
+        except importlib.metadata.PackageNotFoundError:
+            continue
+    return {"refsim": VERSION} | found  # which is not installed where it is used from its source folder

@@ -1,0 +1,187 @@
+"""The audit of a run's mechanical energy.
+
+It looks at the state between two steps, on the host in float64, and changes nothing of the run.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from refsim.core.energy import Amount, amount
+from refsim.core.errors import RunStopped
+from refsim.engine.run import Run
+from refsim.scene.accounts import accounts
+
+LEAP_FROGS = ("sph.kick_drift", "penetration.kick_drift")
+ROUNDINGS = 4.0  # of the run's dtype in each term, below which a change is none
+ROWS = 16384  # particles whose pairs are summed at once
+
+
+class StateOfRun:
+    """The present state for effects' accounts, as `refsim.core.energy.EnergyState` says."""
+
+    def __init__(self, simulation: Run) -> None:
+        self._simulation = simulation
+
+    def field(self, name: str) -> NDArray:
+        """A field's values, in SI units."""
+        return self._simulation._host(name).astype(float)
+
+    def array(self, name: str) -> Any:
+        """A field as it lies on the backend; not to be changed."""
+        return self._simulation.fields[name]
+
+    def flags(self, name: str) -> NDArray:
+        """A field of whole numbers."""
+        return self._simulation._host(name)
+
+    def shared(self, name: str) -> Any:
+        """What an effect shares with all passes, on this backend."""
+        return self._simulation._shared[name]
+
+    def host(self, array: Any) -> NDArray:
+        """An array of this backend in float64."""
+        return np.asarray(self._simulation.backend.host(array), dtype=float)
+
+    def evaluate(self) -> None:
+        """Bring every field up to the present positions."""
+        self._simulation.evaluate(on_demand=False)
+
+    def pair_sum(self, potential: Callable[[NDArray, NDArray, NDArray], NDArray], reach: float) -> Amount:
+        """Sum of potential(r, i, j) [J] over all pairs nearer than `reach` [m], each counted once."""
+        from scipy.spatial import cKDTree
+
+        position = self.field("position")
+        tree = cKDTree(position)
+        value = size = 0.0
+        for first in range(0, len(position), ROWS):
+            rows = cKDTree(position[first : first + ROWS])
+            near = rows.sparse_distance_matrix(tree, reach, output_type="ndarray")
+            i, j = near["i"] + first, near["j"]
+            own = i < j
+            part = amount(potential(near["v"][own], i[own], j[own]))
+            value, size = value + part.value, size + part.size
+        return Amount(value, size)
+
+
+class AuditState(msgspec.Struct, frozen=True):
+    """What an audit remembers between steps; energies in J (J/m in 2D)."""
+
+    start: dict[str, float] | None
+    now: dict[str, float]
+    lowest: float | None
+    turned_over: float
+    greatest_share: float
+
+
+class Auditor:
+    """The audit of a run: its energies now, at their start, their lowest sum and what was turned over so far."""
+
+    def __init__(self, simulation: Run) -> None:
+        plan = simulation.plan
+        assert plan.scene.energy_audit is not None
+        self.simulation, self.rule = simulation, plan.scene.energy_audit
+        self.accounts = accounts(plan.grid, plan.effects)
+        motion = plan.motion
+        # Forces that follow the choice of the step are not known between two steps: what they act on is not advanced.
+        late = {effect.name for effect, p in motion if effect is not None and "acceleration" in p.updates}
+        self.staggered = any(p.operation in LEAP_FROGS for _, p in motion) and late <= {"shape_matching"}
+        self.solids = bool(late)
+        self.renew()
+
+    def renew(self) -> None:
+        """Begin anew at the next step: somebody has set the state."""
+        self.start: dict[str, float] | None = None
+        self.now: dict[str, float] = {}
+        self.lowest, self.turned_over, self.greatest_share = math.inf, 0.0, 0.0
+
+    def uncounted(self) -> tuple[str, ...]:
+        """What follows from no energy, by effect."""
+        return tuple(f"{name}: {words}" for name, account in self.accounts.items() for words in account.uncounted)
+
+    def energies(self) -> dict[str, Amount]:
+        """All parts of the energy [J; J/m in 2D] in the present state, velocities at the positions' time."""
+        state = StateOfRun(self.simulation)
+        state.evaluate()
+        mass, velocity = state.field("mass"), state.field("velocity")
+        if self.staggered:
+            kick = 0.5 * self.simulation.previous_length * state.field("acceleration")
+            if self.solids:
+                from refsim.shape_matching.phases import FLUID
+
+                kick[state.flags("phase") != FLUID] = 0.0
+            velocity += kick
+        parts = {"kinetic": amount(0.5 * mass * (velocity**2).sum(1))}
+        for account in self.accounts.values():
+            parts |= {name: count(state) for name, count in account.parts.items()}
+        return parts
+
+    def begin(self) -> None:
+        """Note the energies that the run begins with, where they are not noted yet."""
+        if self.start is None:
+            self.look()
+
+    def after_step(self) -> None:
+        """Audit where it is due."""
+        if self.simulation.steps % self.rule.every == 0:
+            self.look()
+
+    def look(self, note: bool = True) -> None:
+        """Audit now. Raises RunStopped where the energy has grown; without `note` nothing is remembered."""
+        s = self.simulation
+        if self.start is None and not note:
+            return
+        parts = self.energies()
+        total = math.fsum(part.value for part in parts.values())
+        where = f"In step {s.steps} at {s.time:.6g} s"
+        values = {name: part.value for name, part in parts.items()}
+        if not math.isfinite(total):
+            raise RunStopped("non_finite", f"{where} the energy is not finite: {_words(values)}.")
+        start = values if self.start is None else self.start
+        turned = values["kinetic"] + math.fsum(abs(v - start[name]) for name, v in values.items() if name != "kinetic")
+        turned = max(self.turned_over, turned)
+        lowest = min(self.lowest, total)
+        rounding = ROUNDINGS * float(np.finfo(s.plan.grid.dtype).eps) * math.fsum(part.size for part in parts.values())
+        rise = max(total - lowest - rounding, 0.0)
+        share = rise / turned if turned > 0 else 0.0
+        if note:
+            self.start, self.now, self.lowest, self.turned_over = start, values, lowest, turned
+            self.greatest_share = max(self.greatest_share, share)
+        if share > self.rule.bound:
+            raise RunStopped(
+                "energy_gained",
+                f"{where} the energy stands {total - lowest:.4g} J above its lowest value, {share:.3g} of the"
+                f" {turned:.4g} J turned over and more than energy_audit's bound of {self.rule.bound:g}:"
+                f" {_words(values)}. Take more viscosity, a shorter step or masses that differ less.",
+            )
+
+    def report(self) -> dict[str, Any]:
+        """For the report of a run."""
+        return {
+            "every": self.rule.every, "bound": self.rule.bound, "start": self.start, "now": self.now,
+            "turned_over": self.turned_over, "greatest_share": self.greatest_share, "uncounted": list(self.uncounted()),
+        }  # fmt: skip
+
+    # In checkpoints
+
+    def saved(self) -> str:
+        """All that it remembers, as text that gives every number back."""
+        lowest = self.lowest if math.isfinite(self.lowest) else None
+        state = AuditState(self.start, self.now, lowest, self.turned_over, self.greatest_share)
+        return msgspec.json.encode(state).decode()
+
+    def restore(self, state: AuditState) -> None:
+        """Go on from what `saved` gave."""
+        self.start, self.now = state.start, state.now
+        self.lowest = math.inf if state.lowest is None else state.lowest
+        self.turned_over, self.greatest_share = state.turned_over, state.greatest_share
+
+
+def _words(values: Mapping[str, float]) -> str:
+    return ", ".join(f"{name} {value:.4g} J" for name, value in values.items())

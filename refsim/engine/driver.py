@@ -1,0 +1,383 @@
+"""A whole run: frames, checkpoints, progress, a report, and a post-mortem where it stops.
+
+A run's folder holds `particles.vtkhdf` (frames), `checkpoint.h5` and the one before it, `report.json` (the run
+log, renewed with every checkpoint) and, after a stop, `postmortem.json` and `postmortem.npz`.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import shlex
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from refsim.core.errors import InputError, RunStopped
+from refsim.core.plain import plain
+from refsim.core.versions import versions
+from refsim.engine.postmortem import AFTER_THESE, POSTMORTEM, POSTMORTEM_FIELDS, write_postmortem
+from refsim.engine.simulation import Simulation
+from refsim.io.checkpoint import cannot_write, previous_path, replace_file
+from refsim.io.frames import ParticleWriter
+from refsim.scene.scene import Plan, Scene
+
+PARTICLES, CHECKPOINT, REPORT = "particles.vtkhdf", "checkpoint.h5", "report.json"
+FRAMES = 100  # of a whole run, where the caller does not say how often
+
+
+@dataclass
+class RunReport:
+    """What a run did. SI units; momenta and energies with the velocities half a step behind the positions.
+
+    reason, message   why it stopped (one of `refsim.core.errors.REASONS`) and the sentence for people; None at its end
+    time, steps       reached, counted from the scene's start (so are all counts below)
+    step_limiters     how many steps each limit has set
+    search            neighbour list: rebuilds, audited_rows, missed_neighbours (0), most_neighbours,
+                      list_bytes
+    stopped_at_walls  how often the plane of a wall has stopped a particle
+    energy_audit      energies at the start and at the last audit [J], what was turned over, the greatest rise as a
+                      share of it, what is not counted; None without an audit
+    ledger            particles at the start and at the end: number, mass, momentum, energy, how many behind walls
+    seconds           wall seconds: total, compiling (the first calls), by stage, of this process alone
+    """
+
+    scene: str
+    backend: str
+    dtype: str
+    versions: dict[str, str]
+    particles: int
+    reason: str | None = None
+    message: str | None = None
+    time: float = 0.0
+    steps: int = 0
+    until: float = 0.0
+    resumed_at_step: int | None = None
+    step_limiters: dict[str, int] = field(default_factory=dict)
+    last_step: dict[str, Any] | None = None
+    search: dict[str, int] | None = None
+    stopped_at_walls: int = 0
+    energy_audit: dict[str, Any] | None = None
+    ledger: dict[str, dict[str, Any]] = field(default_factory=dict)
+    frames: int = 0
+    checkpoints: int = 0
+    seconds: dict[str, Any] = field(default_factory=dict)
+    files: dict[str, str] = field(default_factory=dict)
+    notes: list[str] = field(default_factory=list)
+
+
+def simulate(
+    scene: Scene | Plan | Simulation,
+    until: float | None = None,
+    *,
+    backend: str = "cpu",
+    threads: int | None = None,
+    output: str | os.PathLike[str] | None = None,
+    every: float | None = None,
+    checkpoint_every: float = 60.0,
+    overwrite: bool = False,
+    progress: Callable[[Simulation], None] | None = None,
+    asked_to_stop: Callable[[], bool] = lambda: False,
+) -> RunReport:
+    """Run a scene, or go on with a simulation, and return the report.
+
+    until             end [s], the scene's end_time by default; the first step that reaches it is the last one
+    output            folder for frames, checkpoints and report; nothing is written where it is None
+    every             simulated time between frames [s], a hundredth of the run by default
+    checkpoint_every  wall time between checkpoints [s]; one more is written at the end
+    overwrite         begin anew in a folder that holds an earlier run, unless that one is still running
+    progress          called before the first step and after every step
+    asked_to_stop     asked after every step; the run then ends with reason "interrupted" and a checkpoint
+
+    A simulation that was resumed from a checkpoint in `output` goes on there, with frames at the times that they would
+    have had without the interruption.
+
+    Raises InputError for bad input. Raises RunStopped where the run cannot go on: the last good checkpoint is
+    then untouched, and the folder has a post-mortem.
+    """
+    began = time.perf_counter()
+    simulation = scene if isinstance(scene, Simulation) else Simulation(scene, backend, threads)
+    run = _Run(simulation, until, output, every, checkpoint_every, overwrite, began, threads)
+    try:
+        run.go(progress, asked_to_stop)
+    except MemoryError:
+        raise run.stopped(
+            RunStopped(
+                "out_of_memory",
+                f"No memory was left in step {simulation.steps} at {simulation.time:.6g} s; take fewer particles or a"
+                " larger machine.",
+            )
+        ) from None
+    except RunStopped as stop:
+        raise run.stopped(stop) from stop.__cause__
+    finally:
+        run.close()
+    return run.report()
+
+
+def stock(simulation: Simulation | Plan) -> dict[str, Any]:
+    """The particles' number, mass [kg], momenta and energies, now (a simulation) or at the start (a plan).
+
+    Sums in float64, in 2D per metre of depth. `outside_walls` counts those behind a wall; `effects` is what the effects
+    keep account of, by their names.
+    """
+    if isinstance(simulation, Plan):
+        plan, state = simulation, simulation.state
+        values = {"position": state.position, "velocity": state.velocity, "mass": state.mass, **state.values}
+
+        def field(name: str) -> np.ndarray:
+            return values[name].astype(plan.fields[name].numpy_dtype(plan.grid.dtype))
+    else:
+        plan, field = simulation.plan, simulation.field
+    x, v, m = (field(name).astype(float) for name in ("position", "velocity", "mass"))
+    bounds = plan.shared.get("bounds")
+    outside = 0 if bounds is None else int(((x < bounds.lower) | (x > bounds.upper)).any(1).sum())
+    result = {
+        "particles": len(x),
+        "mass": math.fsum(m),
+        "momentum": (m[:, None] * v).sum(0).tolist(),
+        "angular_momentum": (m[:, None] * np.cross(x, v)).sum(0).tolist(),
+        "kinetic_energy": float(0.5 * (m * (v**2).sum(1)).sum()),
+        "greatest_speed": float(np.sqrt((v**2).sum(1).max(initial=0.0))),
+        "outside_walls": outside,
+    }
+    gravity = plan.effects.get("gravity")
+    if gravity is not None:
+        result["potential_energy"] = float(-(m * (x @ np.array(gravity.acceleration))).sum())
+    accounts = {name: effect.ledger(field) for name, effect in plan.effects.items()}
+    if any(accounts.values()):
+        result["effects"] = {name: account for name, account in accounts.items() if account}
+    return result
+
+
+def check_particles(simulation: Simulation) -> None:
+    """Raise RunStopped("particles_lost") where not every particle of the start is there with its own mass."""
+    n, start = simulation.count, simulation.plan.state
+    identity = np.array(simulation.backend.host(simulation.fields["identity"]))
+    lost = n - len(np.unique(identity[(identity >= 0) & (identity < n)]))
+    changed = 0
+    if not lost and not any("mass" in p.updates for _, p in simulation.plan.all_passes()):
+        changed = int((simulation.field("mass") != start.mass.astype(simulation.plan.grid.dtype)).sum())
+    if lost or changed:
+        raise RunStopped(
+            "particles_lost",
+            f"At step {simulation.steps} and {simulation.time:.6g} s {lost} of {n} particles are missing and"
+            f" {changed} have another mass than at the start; this is an error in an effect.",
+        )
+
+
+def _same_folder(first: Path, second: Path) -> bool:
+    try:
+        return os.path.samefile(first, second)
+    except OSError:  # one of them is not there
+        return False
+
+
+class _Run:
+    """The files and clocks of one call of `simulate`."""
+
+    def __init__(
+        self,
+        simulation: Simulation,
+        until: float | None,
+        output: str | os.PathLike[str] | None,
+        every: float | None,
+        checkpoint_every: float,
+        overwrite: bool,
+        began: float,
+        threads: int | None,
+    ) -> None:
+        self.simulation, self.began, self.threads = simulation, began, threads
+        self.until = simulation.plan.scene.end_time if until is None else until
+        for name, value in (("until", self.until), ("every", every), ("checkpoint_every", checkpoint_every)):
+            if value is not None and not (math.isfinite(value) and (value > 0 or (value == 0 and name != "every"))):
+                raise InputError(f"{name} = {value} is not possible; give a positive number of seconds.")
+        self.every = every or self.until / FRAMES or math.inf
+        self.checkpoint_every = checkpoint_every
+        self.resumed_at = simulation.steps if simulation.steps or simulation.source is not None else None
+        self.frames = self.checkpoints = 0
+        self.last_checkpoint: Path | None = None
+        self.stop: RunStopped | None = None
+        self.files: dict[str, str] = {}
+        self.writer: ParticleWriter | None = None
+        self.folder = None if output is None else Path(output)
+        if self.folder is not None:
+            self._open_folder(overwrite)
+
+    def _open_folder(self, overwrite: bool) -> None:
+        assert self.folder is not None
+        source, checkpoint = self.simulation.source, self.folder / CHECKPOINT
+        goes_on = self.resumed_at is not None and (source is None or _same_folder(source.parent, self.folder))
+        if not goes_on and not overwrite and any(map(os.path.lexists, (self.folder / REPORT, checkpoint))):
+            raise InputError(
+                f"folder {self.folder} holds an earlier run; resume that one (--resume), give another folder (--output)"
+                " or allow it to be overwritten (--overwrite)."
+            )
+        if os.path.exists(self.folder) and not os.path.isdir(self.folder):
+            raise InputError(f"{self.folder} is a file; give a folder for the output.")
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise cannot_write("folder", self.folder, error, "nothing was changed") from error
+        fields = {}
+        for name, f in self.simulation.plan.particle_fields.items():
+            if name != "position":
+                dtype = f.numpy_dtype(self.simulation.plan.grid.dtype)
+                fields[name] = (f.components, "uint8" if dtype.kind == "b" else dtype)
+        self.writer = ParticleWriter(
+            self.folder / PARTICLES, fields, append=goes_on, resume_time=self.simulation.time if goes_on else None
+        )
+        self.files["particles"] = str(self.folder / PARTICLES)
+        if goes_on:
+            self.last_checkpoint = source
+            return
+        for path in (checkpoint, previous_path(checkpoint), self.folder / POSTMORTEM, self.folder / POSTMORTEM_FIELDS):
+            try:  # only now that the writer holds the folder's lock: another run may still need them
+                path.unlink(missing_ok=True)
+            except OSError as error:
+                self.close()
+                raise cannot_write("folder", self.folder, error, f"{path.name} is still there") from error
+
+    def go(self, progress: Callable[[Simulation], None] | None, asked_to_stop: Callable[[], bool]) -> None:
+        simulation = self.simulation
+        if progress is not None:
+            progress(simulation)
+        clock = time.perf_counter()
+        if self.folder is not None:
+            if self._begins_with_frame():
+                self._frame()
+            if self.last_checkpoint is None:
+                self._checkpoint()  # so that a run that stops early can be replayed
+        while simulation.time < self.until:
+            next_frame = self._frame_after(simulation.time)
+            simulation.step()
+            if progress is not None:
+                progress(simulation)
+            if self.folder is not None:
+                if simulation.time >= next_frame:
+                    self._frame()
+                if time.perf_counter() - clock >= self.checkpoint_every:
+                    self._checkpoint()
+                    clock = time.perf_counter()
+            if asked_to_stop() and simulation.time < self.until:
+                if self.folder is not None:
+                    self._checkpoint()
+                raise RunStopped(
+                    "interrupted", f"The run was interrupted after step {simulation.steps} at {simulation.time:.6g} s."
+                )
+        check_particles(simulation)
+        if simulation.auditor is not None:
+            simulation.auditor.look(note=False)
+        if self.folder is not None:
+            assert self.writer is not None
+            if self.writer.last_time is None or simulation.time > self.writer.last_time:
+                self._frame()
+            self._checkpoint()
+
+    def _frame_after(self, time: float) -> float:
+        """The first time of the frames' grid after `time` [s]; the step that reaches it ends with a frame."""
+        return (math.floor(min(time / self.every * (1 + 1e-12), 2.0**53)) + 1) * self.every
+
+    def _begins_with_frame(self) -> bool:
+        """Whether the state at the start is a frame that the file lacks: the first one, or one on the grid of times."""
+        assert self.writer is not None
+        simulation, last = self.simulation, self.writer.last_time
+        if last is None and (simulation.steps == 0 or simulation.source is None):
+            return True
+        if last is not None and last >= simulation.time:
+            return False
+        return self._frame_after(simulation.time - simulation.previous_length) <= simulation.time
+
+    def _frame(self) -> None:
+        assert self.writer is not None
+        simulation = self.simulation
+        check_particles(simulation)
+        simulation.evaluate()
+        values = {name: simulation.field(name) for name in simulation.plan.particle_fields}
+        values = {name: v.view(np.uint8) if v.dtype.kind == "b" else v for name, v in values.items()}
+        self.writer.write(simulation.time, values.pop("position"), **values)
+        self.frames += 1
+
+    def _checkpoint(self) -> None:
+        assert self.folder is not None
+        path = self.folder / CHECKPOINT
+        check_particles(self.simulation)
+        self.simulation.checkpoint(path)
+        self.checkpoints += 1
+        self.last_checkpoint = path
+        self.files["checkpoint"] = str(path)
+        self._write_report()
+
+    def _write_report(self) -> None:
+        assert self.folder is not None
+        path = self.folder / REPORT
+        self.files["report"] = str(path)
+        try:
+            replace_file(path, (json.dumps(plain(asdict(self.report())), indent=1) + "\n").encode())
+        except OSError as error:
+            raise cannot_write("report", path, error, "the last good checkpoint is untouched") from error
+
+    def stopped(self, stop: RunStopped) -> RunStopped:
+        """Note why the run stopped, in a post-mortem and in the report; the error to raise, with the report."""
+        self.stop = stop
+        with suppress(InputError, RunStopped, OSError, MemoryError):  # a full disk must not hide the first reason
+            if self.folder is not None:
+                if stop.reason in AFTER_THESE:
+                    path = write_postmortem(self.simulation, stop, self.folder, self._replay(), self.last_checkpoint)
+                    self.files["postmortem"] = str(path)
+                self._write_report()
+            stop.report = self.report()
+        return stop
+
+    def _replay(self) -> str:
+        """The command that runs from the last checkpoint into the same stop, in a folder of its own."""
+        if self.last_checkpoint is None:
+            return "run the scene again: it stopped before its first checkpoint"
+        threads = "" if self.threads is None else f" --threads {self.threads}"
+        return (
+            f"refsim run --resume {shlex.quote(str(self.last_checkpoint))} --backend {self.simulation.backend.name}"
+            f" --until {self.until!r}{threads} --output {shlex.quote(str(self.folder / 'replay'))} --overwrite"
+        )
+
+    def report(self) -> RunReport:
+        """The report as of now."""
+        simulation = self.simulation
+        plan, stop, timings = simulation.plan, self.stop, simulation.timings
+        return RunReport(
+            scene=plan.scene.name,
+            backend=simulation.backend.name,
+            dtype=plan.grid.dtype,
+            versions=versions(),
+            particles=simulation.count,
+            reason=stop.reason if stop else None,
+            message=str(stop) if stop else None,
+            time=simulation.time,
+            steps=simulation.steps,
+            until=self.until,
+            resumed_at_step=self.resumed_at,
+            step_limiters=dict(simulation.limiters),
+            last_step=asdict(simulation.last) if simulation.last else None,
+            search=asdict(simulation.search.log) if simulation.search else None,
+            stopped_at_walls=simulation.stopped_at_walls,
+            energy_audit=simulation.auditor.report() if simulation.auditor else None,
+            ledger={"start": stock(plan), "end": stock(simulation)},
+            frames=self.frames,
+            checkpoints=self.checkpoints,
+            seconds={
+                "total": time.perf_counter() - self.began,
+                "first_calls": sum(timings.first_calls.values()),
+                "stages": dict(timings.stages),
+            },
+            files=dict(self.files),
+            notes=list(simulation.notes),
+        )
+
+    def close(self) -> None:
+        if self.writer is not None:
+            self.writer.close()

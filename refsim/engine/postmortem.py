@@ -1,0 +1,176 @@
+"""What is left behind when a run stops: where it broke first, and how to see it again.
+
+`postmortem.json` names the first bad particle, the pass that first wrote a non-finite value, the step and its
+limits, and the command that replays it; `postmortem.npz` holds all fields of the particles around.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from refsim.core.effect import Extremes
+from refsim.core.errors import RunStopped
+from refsim.core.plain import plain
+from refsim.engine.run import Run
+from refsim.io.checkpoint import cannot_write, replace_file
+
+POSTMORTEM, POSTMORTEM_FIELDS = "postmortem.json", "postmortem.npz"
+AFTER_THESE = (
+    "non_finite",
+    "diverged",
+    "step_too_small",
+    "collapsed",
+    "missed_neighbours",
+    "energy_gained",
+    "particles_lost",
+)
+GREATEST = {
+    "step_too_small": "acceleration",
+    "missed_neighbours": "velocity",
+    "diverged": "velocity",
+    "energy_gained": "velocity",
+}  # the particle to look at
+SHOWN = 500  # particles at most in the neighbourhood
+
+
+def write_postmortem(simulation: Run, stop: RunStopped, folder: Path, replay: str, checkpoint: Path | None) -> Path:
+    """Write both files into `folder`; the path of the JSON. Raises RunStopped or InputError where that fails."""
+    found = examine(simulation, stop)
+    row = found.pop("row")
+    near = _neighbourhood(simulation, row)
+    path = folder / POSTMORTEM
+    found |= {
+        "last_checkpoint": str(checkpoint) if checkpoint else None,
+        "replay": replay,
+        "neighbourhood": {"file": str(folder / POSTMORTEM_FIELDS), "particles": len(near.get("identity", ()))},
+    }
+    block = io.BytesIO()
+    np.savez(block, **near)
+    try:
+        replace_file(folder / POSTMORTEM_FIELDS, block.getvalue())
+        replace_file(path, (json.dumps(plain(found), indent=1) + "\n").encode())
+    except OSError as error:
+        raise cannot_write("post-mortem", path, error, "the last good checkpoint is untouched") from error
+    return path
+
+
+def examine(simulation: Run, stop: RunStopped) -> dict[str, Any]:
+    """What went wrong where, from the state that is left; `row` is the particle's place in the arrays."""
+    cause, row, count = _cause(simulation, stop)
+    fields = {name: _host(simulation, name) for name in simulation.plan.particle_fields}
+    result: dict[str, Any] = {
+        "reason": stop.reason,
+        "message": str(stop),
+        "step": simulation.steps,
+        "time": simulation.time,
+        "backend": simulation.backend.name,
+        "dtype": simulation.plan.grid.dtype,
+        "cause": cause,
+        "bad_particles": count,
+        "row": row,
+        "particle": None,
+        "last_step_limits": simulation.last.limits if simulation.last else None,
+        "last_step_length": simulation.last.length if simulation.last else None,
+        "limits_now": _limits_now(simulation, fields),
+    }
+    if row is not None:
+        result["particle"] = {name: values[row].tolist() for name, values in fields.items()} | {
+            "position_at_list_build": _build_position(simulation)[row].tolist()
+        }
+    return result
+
+
+def _cause(simulation: Run, stop: RunStopped) -> tuple[str, int | None, int]:
+    """(pass and field that broke first, row of the first bad particle, number of bad particles)."""
+    for name in ("position", "velocity", "mass"):
+        bad = _not_finite(_host(simulation, name))
+        if len(bad):
+            return (
+                f"sph.kick_drift wrote {name}" if name != "mass" else "mass of the scene",
+                _first(simulation, bad),
+                len(bad),
+            )
+    if stop.reason == "collapsed":
+        return "neighbours.build", *_most_crowded(simulation)
+    if stop.reason == "temperature_out_of_range":
+        t, (low, high) = _host(simulation, "temperature"), _host(simulation, "temperature_range")
+        beyond = np.maximum(t - high, low - t)
+        return "temperature farthest out of its range", int(beyond.argmax()), int((beyond > 0).sum())
+    if stop.reason in GREATEST:
+        name = GREATEST[stop.reason]
+        sizes = np.nan_to_num(np.linalg.norm(_host(simulation, name).astype(float), axis=1), nan=np.inf)
+        return f"greatest {name}", int(sizes.argmax()), 1
+    try:
+        with contextlib.closing(simulation.replay_passes()) as passes:
+            for operation, written in passes:
+                for name in written:
+                    if name in simulation.fields:
+                        bad = _not_finite(_host(simulation, name))
+                        if len(bad):
+                            return f"{operation} wrote {name}", _first(simulation, bad), len(bad)
+    except RunStopped as again:
+        return f"the passes stop again: {again.reason}", None, 0
+    return "no pass writes a value that is not finite", None, 0
+
+
+def _first(simulation: Run, rows: np.ndarray) -> int:
+    """Of these rows, that of the particle with the lowest number: the same one whatever the order."""
+    return int(rows[_host(simulation, "identity")[rows].argmin()])
+
+
+def _most_crowded(simulation: Run) -> tuple[int, int]:
+    from scipy.spatial import cKDTree
+
+    position = _host(simulation, "position").astype(float)
+    tree = cKDTree(position)
+    count = tree.query_ball_point(position, 0.5 * simulation.plan.grid.spacing, return_length=True)
+    return int(count.argmax()), int(count.max()) - 1
+
+
+def _limits_now(simulation: Run, fields: dict[str, np.ndarray]) -> dict[str, float] | None:
+    with np.errstate(all="ignore"):
+        speed, force = (
+            float(np.sqrt((fields[name].astype(float) ** 2).sum(1).max())) for name in ("velocity", "acceleration")
+        )
+    if not (math.isfinite(speed) and math.isfinite(force)):
+        return None
+    rate = float(np.max(fields.get("exchange_rate", np.zeros(1))))
+    return simulation.step_limits(Extremes(speed, force, rate if math.isfinite(rate) else 0.0))
+
+
+def _neighbourhood(simulation: Run, row: int | None) -> dict[str, np.ndarray]:
+    """All fields of the particles around one, nearest first: within two support radii of its last finite place."""
+    if row is None:
+        return {}
+    fields = {name: _host(simulation, name) for name in simulation.plan.particle_fields}
+    place = fields["position"][row].astype(float)
+    if not np.isfinite(place).all():
+        place = _build_position(simulation)[row].astype(float)
+    with np.errstate(all="ignore"):
+        distance = np.linalg.norm(fields["position"].astype(float) - place, axis=1)
+    distance[row] = 0.0
+    near = np.flatnonzero(distance <= 2 * simulation.plan.grid.support_radius)
+    near = near[np.argsort(distance[near], kind="stable")][:SHOWN]
+    result = {name: values[near] for name, values in fields.items()}
+    return result | {"position_at_list_build": _build_position(simulation)[near]}
+
+
+def _not_finite(values: np.ndarray) -> np.ndarray:
+    if values.dtype.kind != "f":
+        return np.empty(0, int)
+    return np.flatnonzero(~np.isfinite(values.reshape(len(values), -1)).all(1))
+
+
+def _host(simulation: Run, name: str) -> np.ndarray:
+    return np.array(simulation.backend.host(simulation.fields[name]))
+
+
+def _build_position(simulation: Run) -> np.ndarray:
+    return np.array(simulation.backend.host(simulation.build_position))

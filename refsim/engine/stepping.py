@@ -1,0 +1,208 @@
+"""One step's length and motion: chosen on the host, or on the device so that a whole step is one CUDA graph."""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import dataclass
+from typing import NoReturn
+
+import numpy as np
+
+from refsim.core.effect import Extremes, StepLimit
+from refsim.core.errors import RunStopped
+from refsim.engine.run import Run
+
+SMALLEST_STEP = 1e-6  # share of the first step below which the run is taken to have diverged
+
+
+@dataclass(frozen=True)
+class Advance:
+    """What a step did: its length [s], who limited it, and how far particles have come since the list was built.
+
+    limits       all largest stable steps [s]
+    greatest_way  [m] that no particle exceeds in this step
+    squared_way  largest squared way [m^2]
+    stopped      number of particles that a wall's plane stopped
+    """
+
+    length: float
+    limiter: str
+    limits: dict[str, float]
+    greatest_way: float
+    squared_way: float
+    stopped: int
+
+
+def stable_steps(limits: dict[str, StepLimit], extremes: Extremes) -> dict[str, float]:
+    """Largest stable steps [s] at these extremes, by what limits them."""
+    at = {name: limit.at(extremes) for name, limit in limits.items()}
+    return {name: step for name, step in at.items() if math.isfinite(step)}
+
+
+def check_extremes(simulation: Run, broken: int, extremes: Extremes) -> None:
+    """Raise RunStopped where `broken` particles have no finite speed or acceleration, or one is too fast."""
+    where = f"In step {simulation.steps} at {simulation.time:.6g} s"
+    if broken:
+        what = "a velocity or an acceleration"
+        if "temperature" in simulation.fields:
+            what = "a velocity, an acceleration or a temperature"
+        raise RunStopped("non_finite", f"{where} {broken} particles have {what} that is not finite.")
+    if extremes.speed > simulation.greatest_speed:
+        raise RunStopped(
+            "diverged",
+            f"{where} a particle moves with {extremes.speed:.4g} m/s, beyond the {simulation.greatest_speed:.4g} m/s up"
+            " to which the scene's equations hold: take a smaller step or a larger sound speed.",
+        )
+    if extremes.excess > 0:
+        low, high = simulation._host("temperature_range")
+        raise RunStopped(
+            "temperature_out_of_range",
+            f"{where} a temperature is {extremes.excess:.3g} K beyond the {low:.6g} to {high:.6g} deg C that conduction"
+            " from the start's temperatures can reach: take a shorter step or another scheme of heat_conduction.",
+        )
+
+
+def too_small(simulation: Run, limiter: str, length: float) -> NoReturn:
+    """Raise RunStopped for a step that has shrunk to nothing."""
+    raise RunStopped(
+        "step_too_small",
+        f"In step {simulation.steps} at {simulation.time:.6g} s the {limiter} limit asks for a step of {length:.3g} s,"
+        f" below {SMALLEST_STEP:g} of the first one: the run diverges.",
+    )
+
+
+class HostStepper:
+    """Launches the passes one by one and chooses the step in between."""
+
+    def __init__(self, simulation: Run) -> None:
+        self.simulation = simulation
+
+    def rebind(self) -> None:
+        """Nothing is kept of the arrays."""
+
+    def watched(self, name: str) -> np.ndarray:
+        """A watched field after the step."""
+        return self.simulation._host(name)
+
+    def advance(self) -> Advance:
+        """One step. Raises RunStopped, with the state as it was, where that is impossible."""
+        s = self.simulation
+        for name, call in s.begin_calls:
+            began = time.perf_counter()
+            call()
+            s.timings.add(name, time.perf_counter() - began)
+        for _ in s.launch(on_demand=False):
+            pass
+        extremes = s.checked_extremes()
+        limits = stable_steps(s.limits, extremes)
+        limiter = min(limits, key=lambda name: limits[name])
+        length = float(limits[limiter] * s.plan.scene.step_factor)
+        if s.plan.scene.step > 0:
+            length, limiter = s.plan.scene.step, "fixed"
+        if s.first_length is None:
+            s.first_length = length
+        if not length > SMALLEST_STEP * s.first_length:
+            too_small(s, limiter, length)
+        kick = 0.5 * (s.previous_length + length)
+        s.backend.assign(s.timestep, np.array([kick, length], dtype=s.plan.grid.dtype))
+        for name, call in s.motion_calls:
+            began = time.perf_counter()
+            call()
+            s.timings.add(name, time.perf_counter() - began)
+        squared_way, stopped = (float(x) for x in s.backend.host(s.displacement))
+        way = (extremes.speed + kick * extremes.acceleration) * length
+        return Advance(length, limiter, limits, way, squared_way, int(stopped))
+
+
+class DeviceStepper:
+    """Chooses the step on the device: passes, choice and motion are one CUDA graph, which sends the clock back."""
+
+    def __init__(self, simulation: Run) -> None:
+        from refsim.backends import device
+
+        s = self.simulation = simulation
+        self.device = device
+        self.names = list(s.limits)
+        self.limits = s.backend.asarray(np.array(list(s.limits.values()), dtype=np.float64))
+        self.clock = s.backend.zeros(device.CLOCK_ROWS, np.float64)
+        self.mirror = device.Mirror(self.clock)
+        watched = {name for effect in s.plan.effects.values() for name in effect.watched}
+        self.mirrors = {name: device.Mirror(s.fields[name]) for name in sorted(watched)}
+        self.in_step_with = -1  # the step up to which the device's clock has counted
+        whole = not any(effect.host_in_step for effect in s.plan.effects.values())
+        passes = (*s.plan.passes, *s.plan.motion)
+        self.pushed = any("acceleration" in (*p.writes, *p.updates) for _, p in passes)  # else it stays zero
+        self.recorded = device.Recorded(self._launch, whole)
+
+    def rebind(self) -> None:
+        """The arrays have changed: record the step anew."""
+        self.recorded = self.recorded.renewed()
+
+    def watched(self, name: str) -> np.ndarray:
+        """A watched field after the step, which sent it with the clock."""
+        return self.mirrors[name].values
+
+    def advance(self) -> Advance:
+        """One step. Raises RunStopped, with the state as it was, where that is impossible."""
+        s, device = self.simulation, self.device
+        if self.in_step_with != s.steps:
+            self._set_clock()
+        began = time.perf_counter()
+        if not self.recorded.called:
+            for _, call in s.begin_calls:
+                call()
+            for _ in s.launch(on_demand=False):  # each program's first call is timed, because it compiles
+                pass
+            self._choose_and_move()
+            self.recorded.called = True
+        else:
+            self.recorded()
+        clock = self.mirror.read()
+        s.timings.add("step", time.perf_counter() - began)
+        seen = (device.SPEED, device.ACCELERATION, device.RATE, device.EXCESS)
+        extremes = Extremes(*(float(clock[row]) for row in seen))
+        length, limiter = float(clock[device.LENGTH]), int(clock[device.LIMITER])
+        name = "fixed" if limiter < 0 else self.names[limiter]
+        reason = int(clock[device.REASON])
+        if reason:
+            self.in_step_with = -1
+            check_extremes(s, int(s.backend.host(s.extremes)[2]), extremes)
+            too_small(s, name, length)
+        s.first_length = float(clock[device.FIRST])
+        self.in_step_with = s.steps + 1
+        limits = stable_steps(s.limits, extremes)
+        way = (extremes.speed + 0.5 * (s.previous_length + length) * extremes.acceleration) * length
+        return Advance(length, name, limits, way, float(clock[device.WAY]), int(clock[device.STOPPED]))
+
+    def _set_clock(self) -> None:
+        """Give the device the host's clock: at the start, and after resuming."""
+        s, device = self.simulation, self.device
+        values = np.zeros(device.CLOCK_ROWS)
+        values[[device.TIME, device.PREVIOUS, device.FIRST]] = s.time, s.previous_length, s.first_length or 0.0
+        s.backend.assign(self.clock, values)
+
+    def _launch(self) -> None:
+        s, device = self.simulation, self.device
+        for _, call in s.begin_calls:
+            call()
+        if self.pushed:
+            device.fill(s.fields["acceleration"], 0)
+        for _, rare, call in s.force_calls:
+            if not rare:
+                call()
+        self._choose_and_move()
+
+    def _choose_and_move(self) -> None:
+        s, device = self.simulation, self.device
+        s.extremes_call()
+        scene = s.plan.scene
+        device.choose_step(
+            s.extremes, self.limits, scene.step_factor, scene.step, SMALLEST_STEP, s.greatest_speed, s.timestep,
+            self.clock,
+        )  # fmt: skip
+        for _, call in s.motion_calls:
+            call()
+        device.note_displacement(s.displacement, self.clock)
+        for mirror in (self.mirror, *self.mirrors.values()):
+            mirror.send()

@@ -1,0 +1,507 @@
+"""Checkpoints: named arrays and attributes in one HDF5 file that is either whole or not there.
+
+A checkpoint is written beside its final name and renamed into place, so a killed process or a full disk costs
+at most the interval since the last one. Values come back bit for bit; a digest tells a damaged file from a good
+one.
+
+Layout, version 2: the file begins with a block of 512 bytes that HDF5 passes over, lines of text padded with zero
+bytes: `refsim checkpoint`, `version`, `written_ns` (clock of the writer, nanoseconds), `bytes` (of the whole file) and
+`sha256` (of the lines before it and of all that follows the block). It is compared before HDF5 sees the file: HDF5
+may read a damaged file without end. Behind the block stand one dataset per array in the group `arrays` and the
+attributes as JSON text in the dataset `attributes`. Version 1 had no digest of the file, and is not read any more.
+"""
+
+from __future__ import annotations
+
+import errno
+import hashlib
+import json
+import math
+import os
+import re
+import time
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from io import BufferedReader, FileIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from refsim.core.errors import InputError, RunStopped
+from refsim.core.reading import open_regular
+
+FORMAT = "refsim checkpoint"
+VERSION = 2
+BLOCK = 512  # bytes before what HDF5 reads; HDF5 looks for its signature there
+
+Attribute = str | int | float | bool
+
+
+@dataclass(frozen=True)
+class Checkpoint:
+    """What `read_checkpoint` returns: the arrays by name (any shape, dtype as written) and the attributes."""
+
+    arrays: dict[str, np.ndarray]
+    attributes: dict[str, Attribute]
+
+
+def write_checkpoint(
+    path: str | os.PathLike[str],
+    arrays: Mapping[str, np.ndarray],
+    attributes: Mapping[str, Attribute],
+    keep: int = 2,
+) -> None:
+    """Write a checkpoint to `path`; at every instant a whole one, old or new, lies there or beside it.
+
+    arrays      any shape, boolean, integer, floating or complex; written bit for bit, units are the caller's
+    attributes  text and plain numbers; numbers come back exactly, with their type
+    keep        whole checkpoints to hold: `path` itself, then `<stem>.previous<suffix>`,
+                `<stem>.previous2<suffix>`, ...
+
+    Raises RunStopped, and leaves the checkpoints that are there as they are:
+      "non_finite"    an array holds a NaN or an infinity, or an attribute a NaN: nothing is written
+      "disk_full"     no space or quota left; the run itself is unharmed, so the caller may go on and try
+                      again later
+      "write_failed"  the disk refused for another reason
+    Raises InputError when the folder cannot be written to, TypeError or ValueError when a name, a dtype, an
+    attribute or `keep` is not of the kinds above. One writer per `path`: a write clears the leavings of
+    killed writers.
+    """
+    path = Path(path)
+    if keep < 1:
+        raise ValueError(f"keep must be at least 1, not {keep}")
+    checked = {name: _checked_array(path, name, array) for name, array in arrays.items()}
+    text = _attributes_text(path, attributes)
+
+    remove_stale_temporaries(path)
+    temporary = temporary_path(path)
+    try:
+        stream = _Stream(temporary)
+    except OSError as error:
+        raise cannot_write("checkpoint", path, error, KEPT) from error
+    try:
+        try:
+            _write_hdf5(stream, checked, text)
+            stream.finish(_next_written_ns(path))
+        except Exception:
+            if stream.error is None:  # a refused write is the cause of whatever HDF5 made of it
+                raise
+        finally:
+            stream.close()
+        if stream.error is not None:
+            raise stream.error
+        _put_in_place(temporary, path, keep)
+    except OSError as error:
+        raise cannot_write("checkpoint", path, error, KEPT) from error
+    finally:
+        with suppress(OSError):
+            temporary.unlink(missing_ok=True)
+
+
+def read_checkpoint(path: str | os.PathLike[str]) -> Checkpoint:
+    """Read a checkpoint after its digest was compared.
+
+    Raises InputError, in one sentence that names the file, when it is missing, is no checkpoint, is of
+    another version, is cut short or has been altered; when the previous checkpoint beside it is whole, the
+    sentence says so.
+    """
+    path = Path(path)
+    try:
+        return _read(path)
+    except _Unreadable as error:
+        previous = previous_path(path)
+        advice = "start the run again, or give the path of a whole checkpoint"
+        with suppress(_Unreadable):
+            _read(previous)
+            advice = f"resume from {previous} instead, which is whole"
+        raise InputError(f"checkpoint {path} {error}; {advice}") from error
+
+
+def whole_checkpoint(path: str | os.PathLike[str]) -> tuple[Path, Checkpoint, tuple[str, ...]]:
+    """(its path, what it holds, one sentence for each that was passed over) of the checkpoint to go on from.
+
+    path  a checkpoint, or the one before it where that one is missing, cut short or altered; or a folder, of which the
+          newest whole checkpoint is taken
+
+    Raises InputError where there is no whole one.
+    """
+    path = Path(path)
+    if os.path.isdir(path):
+        candidates = _newest_first(path)
+    else:
+        candidates = [path, previous_path(path)]
+    passed: list[tuple[Path, _Unreadable]] = []
+    for file in candidates:
+        try:
+            saved = _read(file)
+        except _Unreadable as error:
+            passed.append((file, error))
+        else:
+            return file, saved, tuple(f"checkpoint {name} {why}: resumed from {file}" for name, why in passed)
+    if not passed:
+        raise InputError(
+            f"folder {path} holds no whole checkpoint; give the folder of a run, or a checkpoint, or start the run"
+            " again."
+        )
+    raise InputError(
+        f"checkpoint {passed[0][0]} {passed[0][1]}; start the run again, or give the path of a whole checkpoint."
+    )
+
+
+def latest_checkpoint(folder: str | os.PathLike[str]) -> Path | None:
+    """The path of the newest whole checkpoint in `folder` (not below it), or None when there is none.
+
+    Raises InputError where the folder cannot be read.
+    """
+    for file in _newest_first(Path(folder)):
+        with suppress(_Unreadable):
+            _read(file)
+            return file
+    return None
+
+
+def _newest_first(folder: Path) -> list[Path]:
+    """Files of the folder to go on from: HDF5 files that do not begin as checkpoints do, then the newest first."""
+    try:
+        files = sorted(entry for entry in folder.iterdir() if entry.is_file() and not entry.name.startswith("."))
+    except OSError as error:
+        raise InputError(f"folder {folder} cannot be read ({error.strerror}); give the folder of a run") from error
+    dated, damaged = [], []
+    for file in files:
+        try:
+            dated.append((_written_ns(file), file))
+        except _Unreadable:
+            if file.suffix == ".h5":
+                damaged.append(file)
+    return damaged + [file for _, file in sorted(dated, reverse=True)]
+
+
+def previous_path(path: str | os.PathLike[str], generation: int = 1) -> Path:
+    """Where the checkpoint that stood at `path` goes when a newer one comes: `run.h5` ->
+    `run.previous.h5`."""
+    path = Path(path)
+    number = "" if generation == 1 else str(generation)
+    return path.with_name(f"{path.stem}.previous{number}{path.suffix}")
+
+
+# -- what is written ---------------------------------------------------------------------------------------
+
+
+def _checked_array(path: Path, name: str, array: np.ndarray) -> np.ndarray:
+    if not name or "/" in name or name == ".":
+        raise ValueError(f"{name!r} cannot name an array in a checkpoint")
+    array = np.asarray(array)
+    if array.dtype.kind not in "biufc":
+        raise TypeError(f"array {name!r} has dtype {array.dtype}, which a checkpoint does not hold")
+    if array.dtype.kind in "fc":
+        finite = np.isfinite(array)
+        if not finite.all():
+            bad = np.argwhere(~finite)
+            raise RunStopped(
+                "non_finite",
+                f"checkpoint {path} was not written because array {name!r} holds {len(bad)} non-finite "
+                f"values, the first at index {tuple(bad[0].tolist())}; {KEPT}",
+            )
+    return array if array.flags.c_contiguous else array.copy(order="C")
+
+
+def _attributes_text(path: Path, attributes: Mapping[str, Attribute]) -> str:
+    plain = {name: value.item() if isinstance(value, np.generic) else value for name, value in attributes.items()}
+    for name, value in plain.items():
+        if not isinstance(value, str | int | float | bool):
+            raise TypeError(f"attribute {name!r} is a {type(value).__name__}, not text or a plain number")
+        if isinstance(value, float) and math.isnan(value):
+            raise RunStopped(
+                "non_finite",
+                f"checkpoint {path} was not written because attribute {name!r} is not a number; {KEPT}",
+            )
+    return json.dumps(plain)
+
+
+def _write_hdf5(stream: _Stream, arrays: Mapping[str, np.ndarray], text: str) -> None:
+    import h5py
+
+    # In this format HDF5 checksums its own structures.
+    with h5py.File(stream, "w", libver=("v110", "v110"), userblock_size=BLOCK) as file:
+        group = file.create_group("arrays")
+        for name, array in arrays.items():
+            group.create_dataset(name, data=array)
+        file.create_dataset("attributes", data=text, dtype=h5py.string_dtype("utf-8", len(text)))
+
+
+@dataclass(frozen=True)
+class _Head:
+    """What stands in the block before HDF5's own bytes."""
+
+    version: int
+    written_ns: int
+    size: int
+    sha256: str = ""
+
+    def lines(self) -> bytes:
+        """Everything before the digest, which the digest covers too."""
+        return f"{FORMAT}\nversion {self.version}\nwritten_ns {self.written_ns}\nbytes {self.size}\n".encode()
+
+    def block(self) -> bytes:
+        return (self.lines() + f"sha256 {self.sha256}\n".encode()).ljust(BLOCK, b"\0")
+
+    def digest(self, file: BufferedReader | FileIO) -> str:
+        """SHA-256 of the lines and of what `file` still has to give."""
+        digest = hashlib.sha256(self.lines())
+        buffer = memoryview(bytearray(1 << 20))
+        while count := file.readinto(buffer):
+            digest.update(buffer[:count])
+        return digest.hexdigest()
+
+
+HEAD = re.compile(
+    rb"refsim checkpoint\nversion (\d{1,9})\nwritten_ns (\d{1,19})\nbytes (\d{1,19})\nsha256 ([0-9a-f]{64})\n"
+)
+
+
+class _Stream:
+    """The file that h5py writes to. It remembers the first error of the disk instead of raising it: an
+    exception inside HDF5's own close leaves the library with a half-closed file, and loses the error
+    number."""
+
+    def __init__(self, path: Path) -> None:
+        self.error: OSError | None = None
+        self._file = open(path, "x+b", buffering=0)  # noqa: SIM115
+
+    def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
+        return self._file.seek(offset, whence)
+
+    def tell(self) -> int:
+        return self._file.tell()
+
+    def read(self, size: int = -1) -> bytes:
+        """Not used: h5py takes an object with `read` for a file, and reads with `readinto`."""
+        return self._file.read(size)
+
+    def readinto(self, buffer: memoryview) -> int:
+        return self._file.readinto(buffer)
+
+    def write(self, data: memoryview) -> int:
+        self._remember(write_all, self._file, data)
+        return len(data)
+
+    def truncate(self, size: int) -> int:
+        self._remember(self._file.truncate, size)
+        return size
+
+    def flush(self) -> None:
+        pass
+
+    def finish(self, written_ns: int) -> None:
+        """Put the block with the digest of what HDF5 has written before it: only now is the file a checkpoint."""
+        head = _Head(VERSION, written_ns, self._file.seek(0, os.SEEK_END))
+        self._file.seek(BLOCK)
+        head = replace(head, sha256=head.digest(self._file))
+        self._file.seek(0)
+        self._remember(write_all, self._file, head.block())
+
+    def close(self) -> None:
+        """Put everything on the disk and close; `error` holds what went wrong, now or before."""
+        self._remember(os.fsync, self._file.fileno())
+        try:
+            self._file.close()
+        except OSError as error:
+            self.error = self.error or error
+
+    def _remember(self, action: Callable[..., object], *arguments: object) -> None:
+        if self.error is None:
+            try:
+                action(*arguments)
+            except OSError as error:
+                self.error = error
+
+
+def _put_in_place(temporary: Path, path: Path, keep: int) -> None:
+    """Rename `temporary` to `path` and the files before it one place down the row.
+
+    The old file gets a second name first and takes its new place last: a kill between any two calls leaves a
+    whole checkpoint at `path`. Where the file system has no hard links, the old one is moved to its new place
+    first.
+    """
+    for generation in range(keep - 1, 1, -1):
+        with suppress(FileNotFoundError):
+            _copy_name(previous_path(path, generation - 1), previous_path(path, generation))
+    old = temporary.with_suffix(".old.tmp")
+    if keep > 1 and path.exists():
+        try:
+            os.link(path, old)
+        except OSError:
+            os.replace(path, previous_path(path))
+    os.replace(temporary, path)
+    if old.exists():
+        os.replace(old, previous_path(path))
+    sync_folder(path.parent)
+
+
+def _copy_name(source: Path, target: Path) -> None:
+    """Let `target` name the file that `source` names, without an instant in which `target` names nothing."""
+    second = temporary_path(target)
+    try:
+        os.link(source, second)
+    except FileNotFoundError:
+        raise
+    except OSError:
+        os.replace(source, target)
+    else:
+        os.replace(second, target)
+
+
+# -- what is read ------------------------------------------------------------------------------------------
+
+
+class _Unreadable(Exception):
+    """Why a file is not a whole checkpoint: the rest of a sentence that begins with its name."""
+
+
+def _read(path: Path) -> Checkpoint:
+    import h5py
+
+    with _opened(path) as file:
+        head = _head(file)
+        size = os.fstat(file.fileno()).st_size
+        if size != head.size:
+            raise _Unreadable(f"is cut short or damaged (it has {size} of {head.size} bytes)")
+        if head.digest(file) != head.sha256:
+            raise _Unreadable("is damaged (it does not match its digest)")
+        try:
+            with h5py.File(file, "r") as root:
+                arrays = {name: _array(name, dataset, size) for name, dataset in root["arrays"].items()}
+                attributes = json.loads(root["attributes"].asstr()[()])
+        except _Unreadable:
+            raise
+        except Exception as error:
+            raise _Unreadable("is not a checkpoint of refsim (HDF5 cannot read what it should hold)") from error
+    if not isinstance(attributes, dict) or not all(isinstance(v, str | int | float) for v in attributes.values()):
+        raise _Unreadable("is not a checkpoint of refsim (its attributes are no table of text and numbers)")
+    return Checkpoint(arrays, attributes)
+
+
+def _array(name: str, dataset: Any, size: int) -> np.ndarray:
+    """A dataset of the kind that `write_checkpoint` makes, from a file of `size` bytes."""
+    plain = dataset.chunks is None and not dataset.is_virtual and not dataset.external
+    if not plain or dataset.dtype.kind not in "biufc" or dataset.nbytes > size:
+        raise _Unreadable(f"is not a checkpoint of refsim (array {name!r} is of another kind than refsim writes)")
+    return np.asarray(dataset[()])
+
+
+def _opened(path: Path) -> BufferedReader:
+    try:
+        return open_regular(path)
+    except FileNotFoundError:
+        raise _Unreadable("does not exist") from None
+    except OSError as error:
+        raise _Unreadable(f"cannot be read ({error.strerror})") from error
+
+
+def _head(file: BufferedReader) -> _Head:
+    """The block at the beginning of a file, which then stands behind it."""
+    try:
+        block = file.read(BLOCK)
+    except OSError as error:
+        raise _Unreadable(f"cannot be read ({error.strerror})") from error
+    found = HEAD.match(block)
+    if found is None:
+        if block.startswith(b"\x89HDF\r\n\x1a\n"):
+            raise _Unreadable(
+                "is an HDF5 file without the digest that a checkpoint begins with (refsim 0.1.0 wrote such checkpoints,"
+                " format version 1, and reads them)"
+            )
+        if block[: len(FORMAT)] == FORMAT.encode():
+            raise _Unreadable("is cut short or damaged (its first lines are not those of a checkpoint)")
+        raise _Unreadable("is not a checkpoint (it does not begin as one)")
+    head = _Head(*map(int, found.groups()[:3]), found[4].decode())
+    if head.version != VERSION:
+        raise _Unreadable(f"has format version {head.version}, and this refsim reads version {VERSION}")
+    if head.block() != block:
+        raise _Unreadable("is cut short or damaged (its first lines are not those of a checkpoint)")
+    return head
+
+
+def _written_ns(path: Path) -> int:
+    with _opened(path) as file:
+        return _head(file).written_ns
+
+
+def _next_written_ns(path: Path) -> int:
+    """The clock, but always after the checkpoint at `path`, even when the clock was set back."""
+    before = -1
+    with suppress(_Unreadable):
+        before = _written_ns(path)
+    return max(time.time_ns(), before + 1)
+
+
+# -- files that are replaced whole, for other writers too --------------------------------------------------
+
+KEPT = "the last good checkpoint is untouched"
+BAD_PATH = (
+    errno.ENOENT, errno.ENOTDIR, errno.EACCES, errno.EPERM, errno.EROFS, errno.EISDIR, errno.EEXIST, errno.ELOOP,
+    errno.ENAMETOOLONG, errno.EINVAL,
+)  # fmt: skip
+
+
+def temporary_path(path: Path) -> Path:
+    """A hidden name beside `path`, which `remove_stale_temporaries` finds again after a kill."""
+    return path.with_name(f".{path.name}.{os.getpid()}.tmp")
+
+
+def remove_stale_temporaries(path: Path) -> None:
+    """Remove what killed writers of `path` left behind; nothing happens where the folder is missing or
+    read-only."""
+    prefix = f".{path.name}."
+    with suppress(OSError):
+        for entry in list(path.parent.iterdir()):
+            if entry.name.startswith(prefix) and entry.name.endswith(".tmp"):
+                entry.unlink(missing_ok=True)
+
+
+def replace_file(path: Path, content: bytes | bytearray) -> None:
+    """Write `content` to `path`, which names the old file or the whole new one at every instant. Raises
+    OSError."""
+    remove_stale_temporaries(path)
+    temporary = temporary_path(path)
+    try:
+        with open(temporary, "xb", buffering=0) as file:
+            write_all(file, content)
+            os.fsync(file.fileno())
+        os.replace(temporary, path)
+    finally:
+        with suppress(OSError):
+            temporary.unlink(missing_ok=True)
+    sync_folder(path.parent)
+
+
+def write_all(file: FileIO, data: bytes | bytearray | memoryview) -> None:
+    """Write all of `data` to an unbuffered file, which may take less than it is given. Raises OSError."""
+    view = memoryview(data).cast("B")
+    while len(view):
+        view = view[file.write(view) :]
+
+
+def sync_folder(folder: Path) -> None:
+    """Put the names in `folder` on the disk, where the system can do that."""
+    if os.name == "posix":
+        descriptor = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)
+
+
+def cannot_write(what: str, path: Path, error: OSError, kept: str) -> InputError | RunStopped:
+    """The error to raise for a refused write of `what` ("checkpoint", ...) to `path`; `kept` says what is
+    still good."""
+    why = error.strerror or str(error)
+    if error.errno in BAD_PATH:
+        return InputError(
+            f"{what} {path} cannot be written ({why}); give a path in a folder that exists and is writable"
+        )
+    if error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG):
+        return RunStopped("disk_full", f"{what} {path} was not written because the disk is full ({why}); {kept}")
+    return RunStopped("write_failed", f"{what} {path} was not written because the disk refused ({why}); {kept}")

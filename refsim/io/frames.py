@@ -1,0 +1,670 @@
+"""Particle output that ParaView opens: VTKHDF for a whole run, VTP for one frame.
+
+A VTKHDF file is one HDF5 file that grows by a frame at a time. HDF5 alone can lose the whole file when its
+writer dies in the middle of an append, so each frame is a transaction: HDF5 works on the file as if it were
+written to, while its writes are held in memory; then what lies behind the old end goes to the disk, where no
+reader looks yet, and then the few pages that change inside the old file, first into a journal beside it and
+then into place, the page with the number of steps last. On the disk there is at every other instant a closed
+HDF5 file. A journal that a dead writer left behind is completed by the next `ParticleWriter(append=True)` or
+`read_particles`.
+"""
+
+from __future__ import annotations
+
+import errno
+import hashlib
+import math
+import os
+import stat
+import struct
+import sys
+import time as clock
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from io import FileIO
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import DTypeLike
+
+from refsim.core.errors import InputError
+from refsim.io.checkpoint import cannot_write, replace_file, write_all
+
+try:
+    import fcntl
+except ImportError:  # not a POSIX system: there, nothing stops a second writer
+    fcntl = None
+
+if TYPE_CHECKING:
+    import h5py
+
+DTYPES = {
+    np.dtype("float32"): "Float32",
+    np.dtype("float64"): "Float64",
+    np.dtype("int32"): "Int32",
+    np.dtype("int64"): "Int64",
+    np.dtype("uint8"): "UInt8",
+}
+CHUNK_ROWS = 65536
+HDF5 = {"libver": ("v110", "v110")}  # its chunk indices never move an old entry; HDF5 1.10 and later read it
+PAGED = {"fs_strategy": "page", "fs_page_size": 4096}  # and what it changes in place does not straddle pages
+KEPT = "the frames before it are untouched"
+
+
+@dataclass(frozen=True)
+class Frame:
+    """One frame of n particles: `time` in s, `position` (n, 3) in m, `fields` by name."""
+
+    time: float
+    position: np.ndarray
+    fields: dict[str, np.ndarray]
+
+
+class ParticleWriter:
+    """Writes a temporal VTKHDF file (PolyData, one vertex per particle) a frame at a time.
+
+    path         the file, usually `*.vtkhdf`; it is created or replaced by the first frame, not before
+    fields       name -> (components, dtype): one component is an (n,) array, more an (n, components) array;
+                 dtype is float32, float64, int32, int64 or uint8
+    append       go on with the file at `path` if there is one, which must have the same fields
+    resume_time  with `append`: frames later than this time (s) are dropped
+
+    The number of particles may change between frames. After `write` returns the frame is on the disk. While
+    the writer is open, `<path>.journal` lies beside the file.
+
+    Raises InputError when the folder is not writable, another process writes the same file, or, with
+    `append`, the file is no particle file or has other fields; ValueError when `fields` is not of the form
+    above.
+    """
+
+    def __init__(
+        self,
+        path: str | os.PathLike[str],
+        fields: Mapping[str, tuple[int, DTypeLike]],
+        *,
+        append: bool = False,
+        resume_time: float | None = None,
+    ) -> None:
+        self.path = Path(path)
+        self._fields = {name: _checked_field(name, *field) for name, field in fields.items()}
+        self._times: list[float] = []
+        self._precision: np.dtype | None = None  # of the positions in the file
+        self._file: FileIO | None = None
+        try:
+            self._journal = _locked_journal(_journal_path(self.path))
+        except BlockingIOError:
+            raise InputError(
+                f"particle file {self.path} is being written by another process; wait for it, or give another path"
+            ) from None
+        except OSError as error:
+            raise cannot_write("particle file", self.path, error, KEPT) from error
+        try:
+            if append and self.path.exists():
+                self._go_on(resume_time)
+            else:
+                self._journal.truncate(0)
+        except BaseException:
+            self.close()
+            raise
+
+    @property
+    def last_time(self) -> float | None:
+        """Time (s) of the last frame in the file, None before the first."""
+        return self._times[-1] if self._times else None
+
+    def write(self, time: float, position: np.ndarray, /, **fields: np.ndarray) -> None:
+        """Append one frame: `time` in s, later than the last; `position` (n, 3) in m; every declared field,
+        (n,) or (n, components), of the declared dtype. The dtype of the first frame's positions holds for the
+        whole file.
+
+        Raises ValueError when an argument is not like that, RunStopped ("disk_full", "write_failed") when the
+        disk refuses: the frames before it are then untouched, and the same frame or a later one can be tried again.
+        """
+        if self._journal.closed:
+            raise ValueError(f"the writer of {self.path} is closed")
+        if self._file is not None and os.fstat(self._journal.fileno()).st_size:
+            self._settle()  # the disk refused the last frame when it was half in place
+            if time == self.last_time:  # this is that frame again
+                return
+        if not math.isfinite(time) or (self._times and time <= self._times[-1]):
+            raise ValueError(f"time {time} is not later than that of the last frame, {self.last_time}")
+        arrays = self._checked_arrays(position, fields)
+        if self._precision not in (None, arrays["Points"].dtype):
+            raise ValueError(f"position must be {self._precision} as in the first frame")
+        try:
+            if self._file is None:
+                staged = _Staged(None)
+                _edit(staged, "w", lambda root: (_create(root, arrays), _append_frame(root, time, arrays)))
+                replace_file(self.path, staged.tail)
+                self._file = open(self.path, "r+b", buffering=0)  # noqa: SIM115
+            else:
+                self._transaction(lambda root: _append_frame(root, time, arrays))
+        except OSError as error:
+            raise cannot_write(f"frame at time {time} of", self.path, error, KEPT) from error
+        self._precision = arrays["Points"].dtype
+        self._times.append(float(time))
+
+    def close(self) -> None:
+        """Close the file; nothing is left to be written. Closing twice does no harm."""
+        if not self._journal.closed:
+            finished = os.fstat(self._journal.fileno()).st_size == 0
+            if finished:
+                with suppress(OSError):
+                    _journal_path(self.path).unlink()
+            self._close_files()
+
+    def __enter__(self) -> ParticleWriter:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
+
+    def _close_files(self) -> None:
+        self._journal.close()
+        if self._file is not None:
+            self._file.close()
+
+    def _go_on(self, resume_time: float | None) -> None:
+        """Open the file that is there, complete what a dead writer left half done, and drop late frames."""
+        found = self._settle()
+        if found != self._fields:
+            raise InputError(
+                f"particle file {self.path} holds the fields {_field_list(found)}, but this run writes "
+                f"{_field_list(self._fields)}; give another path"
+            )
+        if resume_time is not None:
+            kept = sum(time <= resume_time for time in self._times)
+            if kept < len(self._times):
+                try:
+                    self._transaction(lambda root: _drop_frames(root, kept))
+                except OSError as error:
+                    raise cannot_write("shortened particle file", self.path, error, KEPT) from error
+                del self._times[kept:]
+
+    def _settle(self) -> dict[str, tuple[int, np.dtype]]:
+        """Complete what was left half done, and read what the file then holds; returns its fields."""
+        try:
+            if self._file is None:
+                self._file = open(self.path, "r+b", buffering=0)  # noqa: SIM115
+            _recover(self._file, self._journal)
+        except OSError as error:
+            raise cannot_write("particle file", self.path, error, KEPT) from error
+        found: dict[str, tuple[int, np.dtype]] = {}
+
+        def look(root: h5py.Group) -> None:
+            self._precision = root["Points"].dtype
+            self._times = root["Steps/Values"][: root["Steps"].attrs["NSteps"]].tolist()
+            for name, data in root["PointData"].items():
+                found[name] = (1 if data.ndim == 1 else data.shape[1], data.dtype)
+
+        _read_hdf5(self.path, look)
+        return found
+
+    def _transaction(self, change: Callable[[h5py.Group], object]) -> None:
+        """Let `change` edit the VTKHDF group, then put all of its writes into the file or none (OSError)."""
+        assert self._file is not None
+        staged = _Staged(self._file)
+        last, error = _on_hdf5(lambda: _edit(staged, "r+", change))
+        if last is None:  # nothing has been written yet
+            raise InputError(
+                f"particle file {self.path} is damaged, so that no frame can be added or dropped; move it away or give"
+                " another path"
+            ) from error
+        staged.commit(self._journal, last)
+
+    def _checked_arrays(self, position: np.ndarray, fields: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+        position = np.asarray(position)
+        if position.ndim != 2 or position.shape[1] != 3 or position.dtype not in (np.float32, np.float64):
+            raise ValueError(f"position must be (n, 3), float32 or float64, not {position.shape} {position.dtype}")
+        if fields.keys() != self._fields.keys():
+            raise ValueError(f"the frame has the fields {sorted(fields)}, the file {sorted(self._fields)}")
+        arrays = {"Points": position}
+        for name, (components, dtype) in self._fields.items():
+            array = np.asarray(fields[name])
+            shape = (len(position),) if components == 1 else (len(position), components)
+            if array.shape != shape or array.dtype != dtype:
+                raise ValueError(f"field {name!r} must be {shape} {dtype}, not {array.shape} {array.dtype}")
+            arrays[f"PointData/{name}"] = array
+        return arrays
+
+
+def read_particles(path: str | os.PathLike[str], frames: slice = slice(None)) -> list[Frame]:
+    """The frames of a file written by `ParticleWriter`, in order of time; `frames` picks some of them.
+
+    Completes what a writer that was killed left half done, where the folder is writable.
+    Raises InputError when the file is missing, damaged, or no particle file.
+    """
+    path = Path(path)
+    result: list[Frame] = []
+
+    def read(root: h5py.Group) -> None:
+        result.clear()
+        steps = root["Steps"]
+        times = steps["Values"][: steps.attrs["NSteps"]]
+        counts = root["NumberOfPoints"][: len(times)]
+        starts = steps["PointOffsets"][: len(times)]
+        for step in range(len(times))[frames]:
+            rows = slice(starts[step], starts[step] + counts[step])
+            fields = {name: data[rows] for name, data in root["PointData"].items()}
+            result.append(Frame(float(times[step]), root["Points"][rows], fields))
+
+    for attempt in range(3):
+        alive = _recover_from_dead_writer(path)
+        try:
+            _read_hdf5(path, read)
+            break
+        except InputError:
+            if not alive or attempt == 2:
+                raise
+            clock.sleep(0.01)  # a living writer was between two pages
+    return result
+
+
+def write_vtp(path: str | os.PathLike[str], position: np.ndarray, /, **fields: np.ndarray) -> None:
+    """Write one frame as a VTP file (XML PolyData with raw data, one vertex per particle); whole or not at
+    all.
+
+    position  (n, 3), float32 or float64, in m
+    fields    (n,) or (n, components) arrays, float32, float64, int32, int64, uint8 or bool (written as uint8)
+
+    Raises ValueError for other shapes or dtypes, InputError when the folder is not writable, RunStopped
+    ("disk_full", "write_failed") when the disk refuses; a file that was there is then untouched.
+    """
+    from xml.sax.saxutils import quoteattr  # here, because it brings the network library along
+
+    position = np.asarray(position)
+    if position.ndim != 2 or position.shape[1] != 3 or position.dtype not in (np.float32, np.float64):
+        raise ValueError(f"position must be (n, 3), float32 or float64, not {position.shape} {position.dtype}")
+    count = len(position)
+    blocks: list[bytes] = []
+
+    def data_array(name: str, array: np.ndarray) -> str:
+        if array.dtype == np.bool_:
+            array = array.view(np.uint8)
+        if array.shape[:1] != (count,) or array.ndim > 2 or array.dtype not in DTYPES:
+            raise ValueError(
+                f"array {name!r} must be ({count},) or ({count}, components), not {array.shape} {array.dtype}"
+            )
+        components = array.shape[1] if array.ndim == 2 else 1
+        offset = sum(map(len, blocks))
+        blocks.append(struct.pack("=Q", array.nbytes) + array.tobytes())
+        return (
+            f'<DataArray type="{DTYPES[array.dtype]}" Name={quoteattr(name)} '
+            f'NumberOfComponents="{components}" format="appended" offset="{offset}"/>'
+        )
+
+    byte_order = f"{sys.byteorder.capitalize()}Endian"
+    lines = [
+        '<?xml version="1.0"?>',
+        f'<VTKFile type="PolyData" version="1.0" header_type="UInt64" byte_order="{byte_order}">',
+        f'<PolyData><Piece NumberOfPoints="{count}" NumberOfVerts="{count}">',
+        "<Points>",
+        data_array("Points", position),
+        "</Points>",
+        "<Verts>",
+        data_array("connectivity", np.arange(count, dtype=np.int64)),
+        data_array("offsets", np.arange(1, count + 1, dtype=np.int64)),
+        "</Verts>",
+        "<PointData>",
+        *(data_array(name, np.asarray(array)) for name, array in fields.items()),
+        "</PointData>",
+        "</Piece></PolyData>",
+        '<AppendedData encoding="raw">_',
+    ]
+    content = b"".join(["\n".join(lines).encode(), *blocks, b"\n</AppendedData></VTKFile>\n"])
+    try:
+        replace_file(Path(path), content)
+    except OSError as error:
+        raise cannot_write("particle file", Path(path), error, "the file that was there is untouched") from error
+
+
+# -- the VTKHDF layout -------------------------------------------------------------------------------------
+#
+# Frames stand one after another in Points and PointData/*; Steps/PointOffsets says where each begins. All
+# frames share the connectivity 0, 1, 2, ... of the largest one. They do not share the cell offsets, though
+# these are the same numbers: readers of VTK 9.3 take the place of the offsets from the number of steps, and
+# later ones from the number of different CellOffsets, so each frame has its own, and an empty one room for one
+# cell. Tables that are equal by construction are one dataset under several names.
+
+
+def _checked_field(name: str, components: int, dtype: DTypeLike) -> tuple[int, np.dtype]:
+    dtype = np.dtype(dtype)
+    if not name or "/" in name or name == "." or components < 1 or dtype not in DTYPES:
+        raise ValueError(f"field {name!r} cannot be written as {components} components of {dtype}")
+    return int(components), dtype
+
+
+def _field_list(fields: Mapping[str, tuple[int, np.dtype]]) -> str:
+    return (
+        ", ".join(f"{name} ({components} x {dtype})" for name, (components, dtype) in sorted(fields.items())) or "none"
+    )
+
+
+def _create(root: h5py.Group, arrays: Mapping[str, np.ndarray]) -> None:
+    """The empty VTKHDF group for frames like `arrays`."""
+
+    def table(group: h5py.Group, name: str, columns: tuple[int, ...] = ()) -> h5py.Dataset:
+        return group.create_dataset(name, (0, *columns), "i8", maxshape=(None, *columns), chunks=(256, *columns))
+
+    root.attrs["Version"] = np.array([2, 0])
+    root.attrs.create("Type", b"PolyData", dtype="S8")
+    rows = len(arrays["Points"]) or 1024
+    rows = -(-rows // -(-rows // CHUNK_ROWS))  # a frame fills whole chunks
+    for name, array in arrays.items():
+        shape = array.shape[1:]
+        root.create_dataset(name, (0, *shape), array.dtype, maxshape=(None, *shape), chunks=(rows, *shape))
+    root.require_group("PointData")
+    counts = table(root, "NumberOfPoints")
+
+    vertices = root.create_group("Vertices")
+    vertices["NumberOfCells"] = vertices["NumberOfConnectivityIds"] = counts
+    for name in ("Connectivity", "Offsets"):
+        vertices.create_dataset(name, (0,), "i4", maxshape=(None,), chunks=(rows + 1,))
+    nothing = root.create_group("Lines")
+    nothing["NumberOfConnectivityIds"] = nothing["Offsets"] = table(nothing, "NumberOfCells")
+    nothing.create_dataset("Connectivity", (0,), "i8")
+    root["Polygons"] = root["Strips"] = nothing
+
+    steps = root.create_group("Steps")
+    steps.attrs["NSteps"] = 0
+    steps.create_dataset("Values", (0,), "f8", maxshape=(None,), chunks=(256,))
+    table(steps, "PartOffsets")
+    table(steps, "NumberOfParts")
+    offsets = table(steps, "PointOffsets")
+    table(steps, "CellOffsets", (4,))
+    table(steps, "ConnectivityIdOffsets", (4,))
+    names = steps.create_group("PointDataOffsets")
+    for name in root["PointData"]:
+        names[name] = offsets
+
+
+def _append_frame(root: h5py.Group, time: float, arrays: Mapping[str, np.ndarray]) -> None:
+    steps, vertices = root["Steps"], root["Vertices"]
+    step = int(steps.attrs["NSteps"])
+    start, count = len(root["Points"]), len(arrays["Points"])
+    for name, array in arrays.items():
+        _extend(root[name], start, array)
+    known = len(vertices["Connectivity"])
+    if count > known:
+        _extend(vertices["Connectivity"], known, np.arange(known, count))
+    cells = len(vertices["Offsets"]) - step  # a frame has one offset more than cells
+    _extend(vertices["Offsets"], cells + step, np.arange(max(count, 1) + 1))
+    _extend(root["NumberOfPoints"], step, [count])
+    _extend(root["Lines/NumberOfCells"], step, [0])
+    _extend(steps["Values"], step, [time])
+    _extend(steps["PartOffsets"], step, [step])
+    _extend(steps["NumberOfParts"], step, [1])
+    _extend(steps["PointOffsets"], step, [start])
+    _extend(steps["CellOffsets"], step, [[cells, 0, 0, 0]])
+    _extend(steps["ConnectivityIdOffsets"], step, [[0, 0, 0, 0]])
+    steps.attrs.modify("NSteps", step + 1)
+
+
+def _extend(data: h5py.Dataset, start: int, rows: np.ndarray | list) -> None:
+    data.resize(start + len(rows), axis=0)
+    data[start:] = rows
+
+
+def _drop_frames(root: h5py.Group, kept: int) -> None:
+    """Cut the file back to its first `kept` frames; the shared connectivity stays."""
+    steps = root["Steps"]
+    rows, cells = int(steps["PointOffsets"][kept]), int(steps["CellOffsets"][kept, 0])
+    steps.attrs.modify("NSteps", kept)
+    for data in (root["Points"], *root["PointData"].values()):
+        data.resize(rows, axis=0)
+    root["Vertices/Offsets"].resize(cells + kept, axis=0)
+    for table in steps.values():
+        if hasattr(table, "resize"):
+            table.resize(kept, axis=0)
+    root["NumberOfPoints"].resize(kept, axis=0)
+    root["Lines/NumberOfCells"].resize(kept, axis=0)
+
+
+def _edit(staged: _Staged, mode: str, change: Callable[[h5py.Group], object]) -> int:
+    """Apply `change` to the VTKHDF group of a staged file; returns where the header with the number of steps
+    lies."""
+    import h5py
+
+    with h5py.File(staged, mode, **HDF5, **(PAGED if mode == "w" else {})) as file:
+        root = file.require_group("VTKHDF")
+        change(root)
+        return h5py.h5o.get_info(root["Steps"].id).addr
+
+
+def _read_hdf5(path: Path, read: Callable[[h5py.Group], None]) -> None:
+    import h5py
+
+    advice = "give a file that refsim wrote"
+    if not path.is_file():
+        raise InputError(f"particle file {path} does not exist; {advice}")
+
+    def work() -> None:
+        with h5py.File(path, "r") as file:
+            root = file["VTKHDF"]
+            if root.attrs["Type"] != b"PolyData":
+                raise KeyError("PolyData")
+            read(root)
+
+    _, error = _on_hdf5(work)
+    if isinstance(error, KeyError):
+        raise InputError(f"particle file {path} holds no temporal PolyData of VTKHDF; {advice}") from error
+    if error is not None:
+        raise InputError(f"particle file {path} is damaged, or not an HDF5 file; {advice}") from error
+
+
+def _on_hdf5(work: Callable[[], Any]) -> tuple[Any, Exception | None]:
+    """What `work` returns, and the error that it ended with.
+
+    HDF5 objects of a damaged file are released here, because their complaints go to standard error.
+    """
+    hooks = sys.excepthook, sys.unraisablehook
+    sys.excepthook, sys.unraisablehook = lambda *error: None, lambda complaint: None
+    try:
+        return work(), None
+    except Exception as error:
+        error.__context__ = None
+        return None, error.with_traceback(None)
+    finally:
+        sys.excepthook, sys.unraisablehook = hooks
+
+
+# -- transactions ------------------------------------------------------------------------------------------
+
+PAGE = 4096  # a page is written whole even by a process that is being killed
+JOURNAL_MAGIC = b"refsimJ1"
+
+
+class _Staged:
+    """A file for h5py to work on: reads see the file below, writes stay in memory until `commit`."""
+
+    def __init__(self, file: FileIO | None) -> None:
+        self.tail = bytearray()  # what lies behind the end of the file below
+        self._file = file
+        self._base = os.fstat(file.fileno()).st_size if file else 0
+        self._size = self._base
+        self._pages: dict[int, bytearray] = {}  # changed pages of the file below, by number
+        self._position = 0
+
+    def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
+        self._position = {os.SEEK_SET: 0, os.SEEK_CUR: self._position, os.SEEK_END: self._size}[whence] + offset
+        return self._position
+
+    def tell(self) -> int:
+        return self._position
+
+    def flush(self) -> None:
+        pass
+
+    def truncate(self, size: int) -> int:
+        self._size = size
+        behind = max(size - self._base, 0)
+        del self.tail[behind:]
+        self.tail.extend(bytes(behind - len(self.tail)))
+        return size
+
+    def read(self, size: int) -> bytes:
+        """Not used: h5py takes an object with `read` for a file, and reads with `readinto`."""
+        data = bytearray(size)
+        self.readinto(memoryview(data))
+        return bytes(data)
+
+    def readinto(self, buffer: memoryview) -> int:
+        view = memoryview(buffer).cast("B")
+        start, end = self._position, self._position + len(view)
+        view[:] = bytes(len(view))
+        if start < self._base:
+            assert self._file is not None
+            below = min(end, self._base)
+            self._file.seek(start)
+            done = 0
+            while done < below - start and (got := self._file.readinto(view[done : below - start])):
+                done += got
+            for number in range(start // PAGE, -(-below // PAGE)):
+                page = self._pages.get(number)
+                if page is not None:
+                    first, last = max(start, number * PAGE), min(below, (number + 1) * PAGE)
+                    view[first - start : last - start] = page[first - number * PAGE : last - number * PAGE]
+        if end > self._base:
+            first = max(start, self._base)
+            piece = self.tail[first - self._base : end - self._base]
+            view[first - start : first - start + len(piece)] = piece
+        self._position = end
+        return len(view)
+
+    def write(self, data: memoryview) -> int:
+        view = memoryview(data).cast("B")
+        start, end = self._position, self._position + len(view)
+        self._size = max(self._size, end)
+        below = min(end, self._base)
+        for number in range(start // PAGE, -(-below // PAGE) if start < below else 0):
+            page = self._pages.get(number)
+            if page is None:
+                page = self._pages[number] = bytearray(self._page_below(number))
+            first, last = max(start, number * PAGE), min(below, (number + 1) * PAGE)
+            page[first - number * PAGE : last - number * PAGE] = view[first - start : last - start]
+        if end > self._base:
+            first = max(start, self._base)
+            gap = first - self._base - len(self.tail)
+            if gap > 0:
+                self.tail.extend(bytes(gap))
+            self.tail[first - self._base : end - self._base] = view[first - start :]
+        self._position = end
+        return len(view)
+
+    def _page_below(self, number: int) -> bytes:
+        assert self._file is not None
+        self._file.seek(number * PAGE)
+        return self._file.read(min(PAGE, self._base - number * PAGE))
+
+    def commit(self, journal: FileIO, last: int) -> None:
+        """Put the writes into the file, the page that holds the byte `last` after all others.
+
+        On an OSError the file is as before, or, when the disk refuses even to change what it already holds,
+        the journal has what is missing.
+        """
+        assert self._file is not None
+        numbers = sorted(self._pages, key=lambda number: (number in (last // PAGE, last // PAGE + 1), number))
+        pages = [
+            (number * PAGE, bytes(self._pages[number]))
+            for number in numbers
+            if self._pages[number] != self._page_below(number)
+        ]
+        try:
+            if self.tail:
+                self._file.seek(self._base)
+                write_all(self._file, self.tail)
+                os.fsync(self._file.fileno())
+            write_all(journal, _journal_entry(self._size, pages))
+            os.fsync(journal.fileno())
+        except OSError:
+            with suppress(OSError):
+                journal.truncate(0)
+            with suppress(OSError):
+                self._file.truncate(self._base)
+            raise
+        _apply(self._file, self._size, pages)
+        journal.truncate(0)
+
+
+def _apply(file: FileIO, size: int, pages: list[tuple[int, bytes]]) -> None:
+    for offset, page in pages:
+        file.seek(offset)
+        write_all(file, page)
+    if size < os.fstat(file.fileno()).st_size:
+        file.truncate(size)
+    os.fsync(file.fileno())
+
+
+def _journal_path(path: Path) -> Path:
+    return path.with_name(f"{path.name}.journal")
+
+
+def _locked_journal(path: Path) -> FileIO:
+    """The journal at `path`, locked. Raises OSError, BlockingIOError where another writer holds it."""
+    while True:
+        journal = open(path, "a+b", buffering=0)  # noqa: SIM115
+        try:
+            if not stat.S_ISREG(os.fstat(journal.fileno()).st_mode):
+                raise OSError(errno.EINVAL, "its journal is a pipe or a device, and not a file", str(path))
+            if not _lock(journal):
+                raise BlockingIOError(errno.EAGAIN, "locked", str(path))
+            with suppress(FileNotFoundError):
+                if os.path.samestat(os.fstat(journal.fileno()), os.stat(path)):
+                    return journal
+        except BaseException:
+            journal.close()
+            raise
+        journal.close()  # a writer that ended in between has removed it
+
+
+def _journal_entry(size: int, pages: list[tuple[int, bytes]]) -> bytes:
+    body = struct.pack("<QQ", size, len(pages)) + b"".join(
+        struct.pack("<QQ", offset, len(page)) + page for offset, page in pages
+    )
+    return JOURNAL_MAGIC + body + hashlib.sha256(body).digest()
+
+
+def _recover(file: FileIO, journal: FileIO) -> None:
+    """Complete the transaction in `journal`, if there is a whole one, and empty it. Raises OSError."""
+    journal.seek(0)
+    entry = journal.read()
+    if not entry:
+        return
+    body, digest = entry[len(JOURNAL_MAGIC) : -32], entry[-32:]
+    if entry.startswith(JOURNAL_MAGIC) and hashlib.sha256(body).digest() == digest:
+        size, count = struct.unpack_from("<QQ", body)
+        pages, at = [], 16
+        for _ in range(count):
+            offset, length = struct.unpack_from("<QQ", body, at)
+            pages.append((offset, body[at + 16 : at + 16 + length]))
+            at += 16 + length
+        _apply(file, size, pages)
+    journal.truncate(0)
+
+
+def _recover_from_dead_writer(path: Path) -> bool:
+    """Complete the last transaction on `path` unless its writer lives; tells whether it does."""
+    try:
+        with open(_journal_path(path), "r+b", buffering=0) as journal:
+            if not _lock(journal):
+                return True
+            with open(path, "r+b", buffering=0) as file:
+                _recover(file, journal)
+    except OSError:  # no journal, or a folder that cannot be written to
+        pass
+    return False
+
+
+def _lock(file: FileIO) -> bool:
+    """Take the lock that a living writer holds on its journal; it goes with the file's closing."""
+    if fcntl is None:
+        return True
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    except OSError:  # a file system without locks
+        return True
+    return True

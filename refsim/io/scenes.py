@@ -1,0 +1,116 @@
+"""Scenes in checkpoints: as TOML, and apart from it what need not lie on the disk any more."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from refsim.core.errors import InputError
+from refsim.io.checkpoint import Checkpoint
+from refsim.scene.files import parse_scene, scene_to_dict, scene_to_toml
+from refsim.scene.scene import Cloud, Plan, Scene, make_plan
+from refsim.scene.solids import Solid, SolidCells, SolidMesh
+
+
+def scene_to_checkpoint(plan: Plan) -> tuple[str, dict[str, np.ndarray]]:
+    """The scene as TOML, and apart from it what need not lie on the disk any more: clouds, and the cells of meshes."""
+    scene, solids = plan.scene, plan.grid.solids
+    parts = list(zip((*scene.solid, *scene.fluid), plan.state.sizes))
+    cloud = np.repeat([isinstance(part, Cloud) for part, _ in parts], plan.state.sizes)
+    arrays = {}
+    if cloud.any():
+        arrays = {f"start.{name}": getattr(plan.state, name)[cloud] for name in ("position", "velocity", "mass")}
+        arrays["start.sizes"] = np.array([n for part, n in parts if isinstance(part, Cloud)])
+    fluid = tuple(Cloud() if isinstance(part, Cloud) else part for part in scene.fluid)
+    solid = []
+    for number, part in enumerate(scene.solid):
+        kept = isinstance(part, SolidMesh | SolidCells)
+        if kept:
+            own = slice(*solids.lattice.first[number : number + 2])
+            arrays[f"start.cells.{number}"] = solids.lattice.cell[own]
+        solid.append(SolidCells(**_substance(part)) if kept else part)
+    return scene_to_toml(msgspec.structs.replace(scene, fluid=fluid, solid=tuple(solid))), arrays
+
+
+def _substance(part: Solid) -> dict[str, Any]:
+    """What a body has beside its shape."""
+    return {f.name: getattr(part, f.name) for f in msgspec.structs.fields(Solid)}
+
+
+def scene_from_checkpoint(saved: Checkpoint, source: str) -> Scene:
+    """The scene of a checkpoint. Raises InputError where it lacks a part or cannot be read."""
+
+    def array(name: str) -> np.ndarray:
+        if name not in saved.arrays:
+            raise InputError(
+                f"checkpoint {source} lacks {name!r}, so that it is not one of a run; start the run again."
+            )
+        return saved.arrays[name]
+
+    text = saved.attributes.get("scene")
+    if not isinstance(text, str):
+        raise InputError(f"checkpoint {source} has no scene, so that it is not of a run; start the run again.")
+    scene = parse_scene(text, f"the scene in {source}")
+    solid = tuple(
+        msgspec.structs.replace(part, cells=array(f"start.cells.{number}")) if isinstance(part, SolidCells) else part
+        for number, part in enumerate(scene.solid)
+    )
+    scene = msgspec.structs.replace(scene, solid=solid)
+    clouds = sum(isinstance(part, Cloud) for part in scene.fluid)
+    if not clouds:
+        return scene
+    sizes = array("start.sizes")
+    whole = {name: array(f"start.{name}") for name in ("position", "velocity", "mass")}
+    counted = sizes.dtype.kind in "iu" and sizes.shape == (clouds,) and (sizes >= 0).all()
+    if not counted or any(values.ndim == 0 or len(values) != int(sizes.sum()) for values in whole.values()):
+        raise InputError(
+            f"checkpoint {source}: the particles of its {clouds} clouds do not fit their numbers; start the run again."
+        )
+    pieces = {name: iter(np.split(values, np.cumsum(sizes)[:-1])) for name, values in whole.items()}
+    return msgspec.structs.replace(
+        scene,
+        fluid=tuple(
+            Cloud(**{name: next(piece) for name, piece in pieces.items()}) if isinstance(part, Cloud) else part
+            for part in scene.fluid
+        ),
+    )
+
+
+MAY_CHANGE = ("end_time", "name")
+
+
+def check_same_scene(scene: Scene, stored: Plan, source: str) -> Plan:
+    """The checkpoint's plan with the scene's end_time and name. Raises InputError where anything else differs."""
+    new, old = (
+        dict(_leaves(scene_to_dict(s) | {"fluid": "compared below", "solid": [*map(_substance, s.solid)]}, ""))
+        for s in (scene, stored.scene)
+    )
+    for place in dict.fromkeys((*old, *new)):
+        if place not in MAY_CHANGE and old.get(place) != new.get(place):
+            raise InputError(
+                f"checkpoint {source} has {place} = {old.get(place)} and the scene has {new.get(place)}; only"
+                f" {' and '.join(MAY_CHANGE)} may change on the way."
+            )
+    start = make_plan(scene).state
+    for name in ("position", "velocity", "mass"):
+        if not np.array_equal(getattr(start, name), getattr(stored.state, name)):
+            raise InputError(
+                f"checkpoint {source} began with other particles than the scene (their {name} differs); resume it with"
+                " its own scene."
+            )
+    kept = {name: getattr(scene, name) for name in MAY_CHANGE}
+    return dataclasses.replace(stored, scene=msgspec.structs.replace(stored.scene, **kept))
+
+
+def _leaves(tables: Any, place: str) -> Iterator[tuple[str, Any]]:
+    for name, value in tables.items():
+        where = f"{place}.{name}" if place else name
+        if isinstance(value, dict):
+            yield where, "present"
+            yield from _leaves(value, where)
+        else:
+            yield where, value

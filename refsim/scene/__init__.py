@@ -1,0 +1,1 @@
+"""Scenes: shapes and solids, scene files, and the plan made from them."""

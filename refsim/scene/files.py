@@ -1,0 +1,375 @@
+"""Scenes as TOML: reading with errors that name the place, writing for checkpoints, and the published JSON schema.
+
+What a field means is written once, in the docstring of its class ("name   meaning [unit]"); the schema, the
+lists of the command line and the error messages all take it from there.
+"""
+
+from __future__ import annotations
+
+import difflib
+import inspect
+import io
+import itertools
+import json
+import os
+import pathlib
+import re
+import tomllib
+import typing
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from refsim.core.effect import EFFECTS, Effect
+from refsim.core.energy import EnergyAudit
+from refsim.core.errors import InputError
+from refsim.core.reading import open_regular
+from refsim.scene.scene import Ball, Box, Cloud, Scene
+from refsim.scene.solids import SolidBall, SolidBox, SolidCells, SolidMesh, SolidTorus
+
+LARGEST_FILE = 1 << 28  # bytes
+SHAPES: dict[str, type] = {"box": Box, "ball": Ball, "cloud": Cloud}
+SOLIDS: dict[str, type] = {
+    "box": SolidBox, "ball": SolidBall, "torus": SolidTorus, "mesh": SolidMesh, "cells": SolidCells,
+}  # fmt: skip
+DEEPEST = 50  # levels of tables and lists; a scene has four
+PARTS = {"fluid": SHAPES, "solid": SOLIDS}  # what a scene lists, and the shapes that it can have
+
+
+def load_scene(path: str | os.PathLike[str]) -> Scene:
+    """The scene in a TOML file; a cloud's `file` is looked for beside it.
+
+    Raises InputError, in one sentence with file and place, when the file is missing, is not TOML, has an
+    unknown key, lacks one or has a value of the wrong kind.
+    """
+    path = pathlib.Path(path)
+    try:
+        with open_regular(path) as file:
+            size = os.fstat(file.fileno()).st_size
+            if size > LARGEST_FILE:
+                raise InputError(
+                    f"scene file {path} has {size / 2**20:,.0f} MiB, more than {LARGEST_FILE >> 20}; keep the positions"
+                    " of a cloud in a .npy file beside it."
+                )
+            with io.TextIOWrapper(file, encoding="utf-8-sig") as lines:  # some editors begin with a byte-order mark
+                text = lines.read()
+    except FileNotFoundError:
+        raise InputError(f"scene file {path} does not exist; give the path of a TOML file.") from None
+    except UnicodeDecodeError:
+        raise InputError(f"{path} is not TOML, because it is not text in UTF-8; give a scene file.") from None
+    except OSError as error:
+        raise InputError(
+            f"scene file {path} cannot be read ({error.strerror}); give the path of a TOML file."
+        ) from None
+    return parse_scene(text, str(path), folder=path.parent)
+
+
+def parse_scene(text: str, source: str, folder: pathlib.Path | None = None) -> Scene:
+    """The scene in a TOML text; `source` names it in errors, `folder` is where files of clouds lie."""
+    try:
+        tables = tomllib.loads(text)
+        if _depth(tables) > DEEPEST:
+            raise RecursionError
+        return scene_from_dict(tables, source, folder)
+    except ValueError as error:  # tomllib's own, and Python's for whole numbers of thousands of digits
+        words = str(error)
+        raise InputError(f"{source} is not TOML: {words[:1].lower()}{words[1:]}; correct that place.") from None
+    except RecursionError:
+        raise InputError(f"{source}: its tables or lists are nested too deeply; a scene needs four levels.") from None
+
+
+def _depth(tables: Any) -> int:
+    """Levels of tables and lists in one another."""
+    level, depth = [tables], 0
+    while level:
+        inner = [v.values() if isinstance(v, dict) else v for v in level if isinstance(v, dict | list)]
+        level, depth = [value for values in inner for value in values], depth + bool(inner)
+    return depth
+
+
+def scene_from_dict(tables: Mapping[str, Any], source: str, folder: pathlib.Path | None = None) -> Scene:
+    """The scene in nested tables, as TOML gives them."""
+    for key in tables:
+        if key in EFFECTS:
+            raise InputError(f"{source}: the table [{key}] is an effect; call it [effects.{key}].")
+    values = dict(tables)
+    for name, shapes in PARTS.items():
+        values[name] = _parts(name, shapes, values.get(name, []), source, folder)
+    values["effects"] = _effects(values.get("effects", {}), source, folder)
+    if "energy_audit" in values:
+        values["energy_audit"] = _table(EnergyAudit, values["energy_audit"], source, "[energy_audit]")
+    return _struct(Scene, values, source, "", ready=(*PARTS, "effects", "energy_audit"))
+
+
+def scene_to_dict(scene: Scene) -> dict[str, Any]:
+    """The scene as nested tables of plain values; `scene_from_dict` gives the same scene back."""
+    tables = {name: value for name, value in _plain(scene).items() if name not in (*PARTS, "effects")}
+    for name in PARTS:
+        tables[name] = [{"shape": part.__struct_config__.tag} | _plain(part) for part in getattr(scene, name)]
+    tables["effects"] = {effect.name: _plain(effect) for effect in scene.effects}
+    return tables
+
+
+def scene_to_toml(scene: Scene) -> str:
+    """The scene as TOML text, every value written out; numbers come back bit for bit."""
+    tables = scene_to_dict(scene)
+    apart = (*PARTS, "effects", "energy_audit")
+    lines = [f"{_key(name)} = {_toml(value)}" for name, value in tables.items() if name not in apart]
+    if "energy_audit" in tables:
+        lines += ["", "[energy_audit]"] + [f"{_key(n)} = {_toml(value)}" for n, value in tables["energy_audit"].items()]
+    for kind in PARTS:
+        for part in tables[kind]:
+            lines += ["", f"[[{kind}]]"] + [f"{_key(name)} = {_toml(value)}" for name, value in part.items()]
+    for effect, values in tables["effects"].items():
+        lines += ["", f"[effects.{_key(effect)}]"] + [
+            f"{_key(name)} = {_toml(value)}" for name, value in values.items()
+        ]
+    return "\n".join(lines) + "\n"
+
+
+def suggestion(word: str, known: Iterable[str]) -> str:
+    """ "did you mean X?" or, where nothing is near, what there is."""
+    known = list(known)
+    near = difflib.get_close_matches(str(word).lower(), known, n=1, cutoff=0.55)
+    return f"did you mean {near[0]}?" if near else f"choose from {', '.join(known)}."
+
+
+def describe(owner: type) -> dict[str, str]:
+    """What each field of a scene, shape or effect means, from the lines of its docstring."""
+    names = {f.name for f in msgspec.structs.fields(owner)}
+    found: dict[str, str] = {}
+    current: tuple[str, ...] = ()
+    documented = [
+        kind for kind in reversed(owner.__mro__) if issubclass(kind, msgspec.Struct) and "__doc__" in vars(kind)
+    ]
+    for line in [line for kind in documented for line in (inspect.getdoc(kind) or "").splitlines()[1:]]:
+        match = re.match(r"(\w+(?:, \w+)*)\s{2,}(\S.*)", line)
+        if match and set(match[1].split(", ")) <= names:
+            current = tuple(match[1].split(", "))
+            found |= dict.fromkeys(current, match[2].strip())
+        elif current and re.match(r"\s{3,}\S", line):
+            found |= {name: f"{found[name]} {line.strip()}" for name in current}
+        else:
+            current = ()
+    return found
+
+
+def unit_of(description: str) -> str | None:
+    """The unit in square brackets, None where there is none."""
+    match = re.search(r"\[([^\]\"]+)\]", description)
+    return match[1] if match else None
+
+
+def scene_schema(effects: Mapping[str, type[Effect]] = EFFECTS) -> dict[str, Any]:
+    """JSON schema of scene files, with description and unit of every field (units also as "x-unit")."""
+    effects = dict(sorted(effects.items()))
+    owners = [Scene, EnergyAudit, *SHAPES.values(), *SOLIDS.values(), *effects.values()]
+    _, definitions = msgspec.json.schema_components(owners, ref_template="#/$defs/{name}")
+    for owner in owners:
+        definition = definitions[owner.__name__]
+        definition["description"] = inspect.getdoc(owner).splitlines()[0]
+        for name, text in describe(owner).items():
+            entry = definition["properties"][name]
+            entry["description"] = text
+            if unit_of(text):
+                entry["x-unit"] = unit_of(text)
+    scene = definitions.pop("Scene")
+    scene["properties"]["effects"] = {
+        "description": scene["properties"]["effects"]["description"],
+        "type": "object",
+        "properties": {name: {"$ref": f"#/$defs/{effect.__name__}"} for name, effect in effects.items()},
+        "additionalProperties": False,
+    }
+    numbers = {"type": "array", "items": {"type": "number"}}
+    rows = {"type": "array", "items": numbers}
+    definitions["Cloud"]["properties"]["position"] |= rows
+    definitions["Cloud"]["properties"]["velocity"] |= {"anyOf": [numbers, rows]}
+    definitions["Cloud"]["properties"]["mass"] |= numbers
+    definitions["SolidCells"]["properties"]["cells"] |= {
+        "type": "array", "items": {"type": "array", "items": {"type": "integer"}}
+    }  # fmt: skip
+    for kind, shapes in PARTS.items():
+        for shape in shapes.values():
+            definitions[shape.__name__]["properties"]["shape"]["description"] = f"kind of this part of the {kind}"
+    head = {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": "refsim scene"}
+    whole = head | {k: v for k, v in scene.items() if k != "title"} | {"$defs": definitions}
+    return json.loads(json.dumps(whole))
+
+
+# Reading
+
+
+def _parts(
+    kind: str, shapes: Mapping[str, type], parts: Any, source: str, folder: pathlib.Path | None
+) -> tuple[Any, ...]:
+    if not isinstance(parts, list):
+        raise InputError(f"{source}: {kind} must be a list of tables; begin each with [[{kind}]].")
+    made = []
+    for number, part in enumerate(parts, 1):
+        place = f"[[{kind}]] number {number}"
+        if not isinstance(part, dict):
+            raise InputError(f"{source}: {place} must be a table, not {_word_for(part)}; begin it with [[{kind}]].")
+        values = dict(part)
+        shape = values.pop("shape", None)
+        if shape is None:
+            *some, last = (f'"{name}"' for name in shapes)
+            raise InputError(f"{source}: {place} has no shape; add shape = {', '.join(some)} or {last}.")
+        if not isinstance(shape, str) or shape not in shapes:
+            raise InputError(f"{source}: {place} has the unknown shape {shape!r}; {suggestion(shape, shapes)}")
+        result = _struct(shapes[shape], values, source, place)
+        if folder is not None and getattr(result, "file", ""):
+            result = msgspec.structs.replace(result, file=str(folder / result.file))
+        made.append(result)
+    return tuple(made)
+
+
+def _effects(tables: Any, source: str, folder: pathlib.Path | None) -> tuple[Effect, ...]:
+    if not isinstance(tables, dict):
+        raise InputError(f"{source}: effects must be tables; write each as [effects.name].")
+    made = []
+    for name, values in tables.items():
+        if name not in EFFECTS:
+            raise InputError(f"{source}: effect {name!r} is unknown; {suggestion(name, sorted(EFFECTS))}")
+        place = f"[effects.{name}]"
+        if not isinstance(values, dict):
+            raise InputError(
+                f"{source}: {name} under [effects] must be a table, not {_word_for(values)}; write {place}."
+            )
+        effect = _struct(EFFECTS[name], values, source, place)
+        if folder is not None and getattr(effect, "file", ""):
+            effect = msgspec.structs.replace(effect, file=str(folder / effect.file))
+        made.append(effect)
+    return tuple(made)
+
+
+def _table(owner: type, values: Any, source: str, place: str) -> Any:
+    """An instance of `owner` from what should be a table."""
+    if not isinstance(values, dict):
+        raise InputError(f"{source}: {place[1:-1]} must be a table, not {_word_for(values)}; write {place}.")
+    return _struct(owner, values, source, place)
+
+
+def _struct(owner: type, values: Mapping[str, Any], source: str, place: str, ready: tuple[str, ...] = ()) -> Any:
+    """An instance of `owner` from a table; values named in `ready` are taken as they are."""
+    fields = {f.name: f for f in msgspec.structs.fields(owner)}
+    at = f"{place}: " if place else ""
+    for name in values:
+        if name not in fields:
+            where = f" in {place}" if place else ""
+            raise InputError(f"{source}: unknown key {name!r}{where}; {suggestion(name, fields)}")
+    missing = [name for name, f in fields.items() if f.required and name not in values]
+    if missing:
+        meaning = describe(owner).get(missing[0])
+        words = f" ({meaning})" if meaning else ""
+        raise InputError(f"{source}: {at}the key {missing[0]!r}{words} is missing; add it.")
+    made = {}
+    for name, value in values.items():
+        made[name] = value if name in ready else _value(value, fields[name].type, source, f"{at}{name}")
+    return owner(**made)
+
+
+def _value(value: Any, kind: Any, source: str, place: str) -> Any:
+    try:
+        return msgspec.convert(value, kind)
+    except msgspec.ValidationError as error:
+        raise InputError(f"{source}: {place}{_why(str(error), value, kind)}") from None
+    except OverflowError:
+        raise InputError(f"{source}: {place} = {_short(value)} is too large for a number; check it.") from None
+
+
+def _why(words: str, value: Any, kind: Any) -> str:
+    """msgspec's words as the rest of a sentence that begins with the place."""
+    words, _, path = words.partition(" - at `$")
+    inside, found = path.rstrip("`"), value
+    for index in re.findall(r"\[(\d+)\]", inside):
+        found = found[int(index)]
+    if words.startswith("Invalid enum value"):
+        choices = _choices(kind)
+        if isinstance(found, str):
+            return f"{inside} = {found!r} is not possible; {suggestion(found, map(str, choices))}"
+        return f"{inside} = {found!r} is not possible; choose from {', '.join(map(repr, choices))}."
+    match = re.match(r"Expected `([^`]+)`(?: of length (?:at least )?(\d+))?", words)
+    if not match:
+        return f"{inside} = {found!r} is not possible ({words[:1].lower()}{words[1:]}); correct it."
+    if match[2]:
+        return f"{inside} has {len(found)} values; give {match[2]}."
+    wanted = " or ".join(WORDS.get(kind_name, kind_name) for kind_name in match[1].split(" | "))
+    return f"{inside} = {_short(found)} is {_word_for(found)}; give {wanted}."
+
+
+WORDS = {
+    "float": "a number",
+    "int": "a whole number",
+    "str": "text in quotes",
+    "bool": "true or false",
+    "array": "a list in square brackets",
+    "object": "a table",
+    "null": "nothing",
+}
+
+
+def _word_for(value: Any) -> str:
+    for kind, word in (
+        (bool, "true or false"),
+        (int, "a whole number"),
+        (float, "a number with decimals"),
+        (str, "text"),
+        (list, "a list"),
+        (dict, "a table"),
+    ):
+        if isinstance(value, kind):
+            return word
+    return f"a {type(value).__name__}"
+
+
+def _short(value: Any) -> str:
+    text = repr(value)
+    return text if len(text) <= 40 else f"{text[:37]}..."
+
+
+def _choices(kind: Any) -> list[Any]:
+    """All literal values inside a type."""
+    if typing.get_origin(kind) is typing.Literal:
+        return list(typing.get_args(kind))
+    return list(dict.fromkeys(itertools.chain.from_iterable(map(_choices, typing.get_args(kind)))))
+
+
+# Writing
+
+
+def _plain(struct: Any) -> dict[str, Any]:
+    """A struct's fields as plain values; None, which TOML does not have, is left out."""
+    values = {f.name: getattr(struct, f.name) for f in msgspec.structs.fields(struct)}
+    return {name: _plain_value(value) for name, value in values.items() if value is not None}
+
+
+def _plain_value(value: Any) -> Any:
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
+    if isinstance(value, list | tuple | set | frozenset):
+        return [_plain_value(v) for v in (sorted(value) if isinstance(value, set | frozenset) else value)]
+    if isinstance(value, msgspec.Struct):
+        return _plain(value)
+    if isinstance(value, Mapping):
+        return {str(k): _plain_value(v) for k, v in value.items()}
+    return value
+
+
+def _toml(value: Any) -> str:
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, int | float):
+        return repr(value)
+    if isinstance(value, str):
+        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+    if isinstance(value, list):
+        return f"[{', '.join(map(_toml, value))}]"
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{_key(k)} = {_toml(v)}" for k, v in value.items()) + "}"
+    raise TypeError(f"{value!r} cannot be written as TOML")
+
+
+def _key(name: str) -> str:
+    return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else _toml(name)

@@ -1,0 +1,294 @@
+"""Solid bodies of a scene, voxelised in one global lattice, on the host (Shao & Song 2017, figure 2).
+
+A body consists of the cells of the lattice whose centres lie in it; each becomes a node, a particle of the scene.
+The nodes are the first particles, body by body, in each sorted by cell.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from refsim.backends.arrays import host_memory
+from refsim.core.effect import Discretisation, Lattice, Nodes, require
+from refsim.core.errors import InputError
+
+Vector = tuple[float, float, float]
+BITS = 21  # of a cell's coordinate in its key, as in the neighbour search
+OFFSET = 1 << 20
+MOST_CELLS = 2**31 - 1  # particles are numbered in 32 bits
+LAID_OUT = 100  # bytes of a particle while a scene is laid out, in float64
+
+
+class Solid(msgspec.Struct, tag_field="shape", frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """What every solid body has.
+
+    density   rest density of its substance [kg/m^3]
+    velocity  at the start [m/s]
+    spin      angular velocity at the start, about its center of mass [1/s]
+    """
+
+    density: float = 917.0
+    velocity: Vector = (0.0, 0.0, 0.0)
+    spin: Vector = (0.0, 0.0, 0.0)
+
+    def inside(self, points: np.ndarray) -> np.ndarray:
+        """Which of the points (n, 3) [m] lie in the body."""
+        raise NotImplementedError
+
+    def extent(self) -> tuple[np.ndarray, np.ndarray]:
+        """Corners of a box around it [m]."""
+        raise NotImplementedError
+
+    def check(self, place: str) -> None:
+        """Raise InputError, naming the body's place in the scene, for impossible numbers."""
+        require(place, density=(self.density, "positive"))
+        for name in ("velocity", "spin"):
+            for axis, value in zip("xyz", getattr(self, name)):
+                require(place, **{f"{name} along {axis}": (value, "finite")})
+
+
+class SolidBox(Solid, tag="box", frozen=True, kw_only=True):
+    """Box with edges along the axes.
+
+    lower, upper  corners [m]
+    """
+
+    lower: Vector
+    upper: Vector
+
+    def inside(self, points: np.ndarray) -> np.ndarray:
+        return ((points > np.array(self.lower)) & (points < np.array(self.upper))).all(1)
+
+    def extent(self) -> tuple[np.ndarray, np.ndarray]:
+        return np.array(self.lower), np.array(self.upper)
+
+
+class SolidBall(Solid, tag="ball", frozen=True, kw_only=True):
+    """Ball.
+
+    center, radius  [m]
+    """
+
+    center: Vector
+    radius: float
+
+    def inside(self, points: np.ndarray) -> np.ndarray:
+        return ((points - np.array(self.center)) ** 2).sum(1) < self.radius**2
+
+    def extent(self) -> tuple[np.ndarray, np.ndarray]:
+        return np.array(self.center) - self.radius, np.array(self.center) + self.radius
+
+
+class SolidTorus(Solid, tag="torus", frozen=True, kw_only=True):
+    """Ring.
+
+    center        [m]
+    radius        of the circle in its middle [m]
+    tube_radius   [m]
+    axis          direction of its axis
+    """
+
+    center: Vector
+    radius: float
+    tube_radius: float
+    axis: Vector = (0.0, 0.0, 1.0)
+
+    def check(self, place: str) -> None:
+        super().check(place)
+        length = math.hypot(*self.axis)
+        if not (length > 0 and math.isfinite(length)):
+            raise InputError(f"{place}: axis = {list(self.axis)} has no direction; give one.")
+
+    def inside(self, points: np.ndarray) -> np.ndarray:
+        axis = np.array(self.axis) / np.linalg.norm(self.axis)
+        away = points - np.array(self.center)
+        height = away @ axis
+        ring = np.linalg.norm(away - height[:, None] * axis, axis=1) - self.radius
+        return ring**2 + height**2 < self.tube_radius**2
+
+    def extent(self) -> tuple[np.ndarray, np.ndarray]:
+        reach = self.radius + self.tube_radius
+        return np.array(self.center) - reach, np.array(self.center) + reach
+
+
+class SolidMesh(Solid, tag="mesh", frozen=True, kw_only=True):
+    """Closed triangle mesh.
+
+    file      mesh file that trimesh reads (.stl, .obj, .ply, ...)
+    center    where the middle of its bounding box goes [m]
+    size      its longest edge there [m]; 0 leaves the file's numbers as metres
+    rotation  turn about x, then y, then z before [degrees]
+    """
+
+    file: str
+    center: Vector
+    size: float = 0.0
+    rotation: Vector = (0.0, 0.0, 0.0)
+
+    def check(self, place: str) -> None:
+        super().check(place)
+        require(place, size=(self.size, "not negative"))
+        for name in ("center", "rotation"):
+            for axis, value in zip("xyz", getattr(self, name)):
+                require(place, **{f"{name} along {axis}": (value, "finite")})
+
+    @np.errstate(over="warn", divide="warn", invalid="warn")
+    def mesh(self) -> Any:
+        """The mesh in its place, as trimesh holds it. Raises InputError where it cannot be read or is not closed."""
+        import trimesh
+
+        from refsim.scene.meshes import read_mesh
+
+        mesh = read_mesh(self.file, "solid mesh", process=True)
+        if not mesh.is_watertight:
+            edges = np.sort(mesh.edges, axis=1)
+            _, uses = np.unique(edges, axis=0, return_counts=True)
+            raise InputError(
+                f"solid mesh: {self.file!r} is not closed ({int((uses != 2).sum())} of its edges do not belong to two"
+                " triangles); fill its holes."
+            )
+        for angle, axis in zip(self.rotation, np.eye(3)):
+            mesh.apply_transform(trimesh.transformations.rotation_matrix(math.radians(angle), axis))
+        mesh.apply_translation(-mesh.bounds.mean(0))
+        if self.size > 0:
+            mesh.apply_scale(self.size / max(mesh.extents))
+        mesh.apply_translation(self.center)
+        return mesh
+
+    @np.errstate(over="warn", divide="warn", invalid="warn")
+    def inside(self, points: np.ndarray) -> np.ndarray:
+        """Odd number of crossings above, by one ray for each column of the lattice: a ray for each point is slow."""
+        mesh = self.mesh()
+        column, own = np.unique(points[:, :2], axis=0, return_inverse=True)
+        own = own.reshape(-1)
+        below = np.column_stack([column, np.full(len(column), mesh.bounds[0, 2] - 1.0)])
+        up = np.broadcast_to([0.0, 0.0, 1.0], below.shape)
+        place, ray, _ = mesh.ray.intersects_location(below, up, multiple_hits=True)
+        # A ray through an edge meets both of its triangles in one place, which is one crossing.
+        hits = np.unique(np.column_stack([ray, np.round(np.reshape(place, (-1, 3))[:, 2], 9)]), axis=0)
+        crossings = np.bincount(hits[:, 0].astype(int), minlength=len(column))
+        first = np.cumsum(crossings) - crossings
+        above = np.zeros(len(points), int)
+        for number in range(crossings.max(initial=0)):
+            there = crossings[own] > number
+            above[there] += hits[first[own[there]] + number, 1] > points[there, 2]
+        result = above % 2 == 1
+        doubtful = crossings[own] % 2 == 1
+        if doubtful.any():
+            result[doubtful] = mesh.contains(points[doubtful])
+        return result
+
+    def extent(self) -> tuple[np.ndarray, np.ndarray]:
+        lower, upper = self.mesh().bounds
+        return lower, upper
+
+
+class SolidCells(Solid, tag="cells", frozen=True, kw_only=True):
+    """Cells of the global lattice given one by one.
+
+    cells  (k, 3) whole numbers; cell (a, b, e) has its centre at ((a + 1/2) d, (b + 1/2) d, (e + 1/2) d)
+    """
+
+    cells: Any = None
+
+
+def cell_key(cell: np.ndarray) -> np.ndarray:
+    """Sortable keys (S,) int64 of cells (S, 3), x lowest."""
+    shifted = np.asarray(cell, np.int64) + OFFSET
+    return (shifted[:, 2] << (2 * BITS)) | (shifted[:, 1] << BITS) | shifted[:, 0]
+
+
+def lattice_of(cells: list[np.ndarray]) -> Lattice:
+    """Lattice of bodies, each given by its cells (k, 3); nodes come body by body, in each sorted by key."""
+    ordered = [np.asarray(c, np.int32).reshape(-1, 3)[np.argsort(cell_key(c))] for c in cells]
+    cell = np.concatenate([np.zeros((0, 3), np.int32), *ordered])
+    first = np.cumsum([0, *map(len, ordered)]).astype(np.int32)
+    body = np.repeat(np.arange(len(ordered), dtype=np.int32), np.diff(first))
+    return Lattice(cell, cell_key(cell), body, first)
+
+
+def voxelised(solids: tuple[Solid, ...], grid: Discretisation) -> Nodes:
+    """The nodes of the bodies. Raises InputError for bodies that are too small, that overlap, or in 2D."""
+    if grid.dim != 3:
+        raise InputError("scene: solids are bodies in space; set dim to 3 or leave them out.")
+    cells = [body_cells(body, f"[[solid]] number {number}", grid.spacing) for number, body in enumerate(solids, 1)]
+    owner = np.repeat(np.arange(len(cells)), [len(c) for c in cells])
+    keys = cell_key(np.concatenate(cells))
+    order = np.argsort(keys, kind="stable")
+    same = np.flatnonzero(np.diff(keys[order]) == 0)
+    if len(same):
+        a, b = sorted(owner[order[same[0] : same[0] + 2]] + 1)
+        raise InputError(
+            f"scene: [[solid]] number {a} and number {b} overlap (bodies share {len(same)} cells of the lattice);"
+            " move them apart."
+        )
+    return Nodes(lattice_of(cells), solids, grid.spacing)
+
+
+def countable(
+    what: str, cells: Iterable[float], each: int = LAID_OUT, kind: str = "cells of the lattice",
+    advice: str = "give a smaller body or a larger spacing",
+) -> None:  # fmt: skip
+    """Raises InputError where a block of so many cells along each axis has more than an index of 32 bits can number,
+    or, at so many bytes each, takes more memory than the machine has."""
+    number = math.prod(map(float, cells))
+    if not number <= MOST_CELLS:
+        raise InputError(
+            f"{what} makes {number:.3g} {kind}, more than the {MOST_CELLS:,} that can be numbered; {advice}."
+        )
+    total = host_memory()["total"]
+    if total is not None and number * each > total:
+        raise InputError(
+            f"{what} makes {number:.3g} {kind}, whose {number * each / 2**30:.3g} GiB this machine with"
+            f" its {total / 2**30:.3g} GiB cannot hold; {advice}."
+        )
+
+
+def body_cells(body: Solid, place: str, spacing: float) -> np.ndarray:
+    """Cells (k, 3) int32 whose centres lie in a body. Raises InputError where it is empty, too small or too large."""
+    body.check(place)
+    if isinstance(body, SolidCells):
+        return _given_cells(body, place)
+    lower, upper = body.extent()
+    if not (np.isfinite([lower, upper]).all() and (lower < upper).all()):
+        raise InputError(f"{place}: its extent from {_words(lower)} to {_words(upper)} m is empty; give it a size.")
+    countable(f"{place}: its extent at a spacing of {spacing} m", np.ceil((upper - lower) / spacing))
+    if not (np.abs([lower, upper]) < OFFSET * spacing).all():
+        raise InputError(
+            f"{place}: it reaches farther than {OFFSET:,} cells of {spacing:g} m from the origin, from {_words(lower)}"
+            f" to {_words(upper)} m; move it there or make it smaller."
+        )
+    low, high = np.floor(lower / spacing).astype(int), np.ceil(upper / spacing).astype(int)
+    axes = [np.arange(a, b) for a, b in zip(low, high)]
+    cells = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    cells = cells[body.inside((cells + 0.5) * spacing)]
+    if not len(cells):
+        raise InputError(
+            f"{place}: no centre of a lattice cell lies in it, because it is smaller than the spacing ({spacing} m);"
+            " make it larger or the spacing smaller."
+        )
+    return cells.astype(np.int32)
+
+
+def _given_cells(body: SolidCells, place: str) -> np.ndarray:
+    try:
+        cells = np.array(body.cells)
+    except (TypeError, ValueError):
+        cells = np.zeros(0)
+    if cells.ndim != 2 or cells.shape[1:] != (3,) or cells.dtype.kind not in "iu" or not len(cells):
+        raise InputError(f"{place}: cells must be rows of 3 whole numbers; give at least one.")
+    if not ((cells > -OFFSET) & (cells < OFFSET)).all():
+        raise InputError(f"{place}: a cell is {OFFSET:,} or more cells from the origin; move it there.")
+    cells = cells.astype(np.int32)
+    if len(np.unique(cells, axis=0)) < len(cells):
+        raise InputError(f"{place}: a cell is listed twice; keep one.")
+    return cells
+
+
+def _words(point: np.ndarray) -> str:
+    return f"({', '.join(f'{x:g}' for x in point)})"

@@ -1,0 +1,47 @@
+"""A reconstructed surface: what the transfers take of it, and all that its reconstruction made."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+from refsim.isosurface import Mesh
+from refsim.sparse_grid import Blocks, PointList
+
+
+class Samples(NamedTuple):
+    """The surface as the transfers take it: s samples."""
+
+    position: Any  # (s, 3) [m]
+    normal: Any  # (s, 3), unit, outward
+    area: Any  # (s,) [m^(dim-1)], 0 on components that bear no tension
+    nearest: Any  # (s,) int32, nearest interior particle
+    count: Any  # (particles,) int32, samples of which each particle is the nearest
+
+
+@dataclass
+class Surface:
+    """All that one reconstruction makes; arrays on the backend.
+
+    samples          what the transfers take
+    mesh             the level set's surface, before the inset
+    inset_mesh       after it; the same where there is none
+    component_size   (particles,) int32, particles in the component of each
+    seconds          time of each stage [s], where it was asked for
+    most_in_a_cell   largest number of particles in one cell, where it is known already
+    unfound          whether a sample has no particle, where it is known already
+    """
+
+    samples: Samples
+    mesh: Mesh
+    inset_mesh: Mesh
+    component_size: Any
+    blocks: Blocks
+    cells: PointList
+    coefficients: Any
+    facet_normal: Any
+    offset_direction: Any
+    sample_place: Any
+    seconds: dict[str, float] = field(default_factory=dict)
+    most_in_a_cell: int | None = None
+    unfound: bool | None = None

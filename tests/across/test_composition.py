@@ -1,0 +1,406 @@
+"""A scene pays for what it uses: of an effect that is not there no field, no launch, no byte, no bit of difference."""
+
+import os
+import pathlib
+import re
+import shutil
+import subprocess
+import sys
+import tracemalloc
+
+import numpy as np
+import pytest
+
+import refsim
+from refsim import (
+    Akinci2013,
+    BeckerTeschner2007,
+    Box,
+    BoxWalls,
+    CsfWang2019,
+    Dong2016,
+    Gravity,
+    He2014,
+    HeatConduction,
+    ImplicitPressure,
+    InputError,
+    JiangZhu2023,
+    Melting,
+    MeshBoundary,
+    MpmLiquid,
+    MpmWalls,
+    NormalDifference2014,
+    Scene,
+    ShapeMatching,
+    Simulation,
+    SolidBox,
+    SurfaceDetection,
+    SurfaceEnergy,
+    TartakovskyMeakin2005,
+    TwoWayCoupling,
+    WeaklyCompressible,
+    make_plan,
+)
+from refsim.commands.plan import describe_plan
+from refsim.core.effect import EFFECTS
+from refsim.core.fields import BASE
+from refsim.core.operation import REGISTRY
+
+LIQUID = WeaklyCompressible(sound_speed=12.0, clamp_pressure=False)  # its surface pulls it together: it moves
+VISCOUS = WeaklyCompressible(sound_speed=12.0, clamp_pressure=False, dynamic_viscosity=0.3)
+GRAVITY = Gravity()
+WALLS = BoxWalls(lower=(0, 0, 0), upper=(0.6, 0.6, 0.6))
+CENTRAL = WeaklyCompressible(sound_speed=12.0, clamp_pressure=False, dynamic_viscosity=0.3, viscosity="central")
+DETECTION = SurfaceDetection()
+DETECTION_EACH_STEP = SurfaceDetection(each_step=True)
+DETECTION_THIN = SurfaceDetection(thin_features="second_moment")
+RELEASE = SurfaceDetection(release_pressure=True)
+TENSION = JiangZhu2023(surface_tension=0.5, pair_mode="soft", density_correction=False)
+AKINCI = Akinci2013(surface_tension=0.5, adhesion=0.1)
+DONG = Dong2016(surface_tension=0.5)
+BECKER = BeckerTeschner2007(surface_tension=0.5)
+TARTAKOVSKY = TartakovskyMeakin2005(surface_tension=0.5)
+HE = He2014(surface_tension=0.1, air_pressure=1.0)
+CSF = CsfWang2019(surface_tension=0.5)
+DIFFERENCE = NormalDifference2014(area_acceleration=0.5)
+CLAMPED = WeaklyCompressible(sound_speed=12.0)
+SHAPE = ShapeMatching()
+STIFF = ShapeMatching(damping=0.0, half_width=1)
+COUPLING = TwoWayCoupling()
+MELTING = Melting()
+HEAT = HeatConduction(temperature=50.0)
+WARM = HeatConduction(temperature=50.0, melting_point=0.0)
+ICE = HeatConduction(temperature=-5.0, melting_point=0.0, latent_heat=3e5, held=(0,), scheme="single_pass")
+IMPLICIT = ImplicitPressure()
+PEBBLE = pathlib.Path(__file__).parents[2] / "docs" / "examples" / "pebble.obj"
+MESH = MeshBoundary(file=str(PEBBLE), center=(0.2, 0.2, -0.4), size=0.4, viscosity=0.1, adhesion=0.1)
+MESH_ALONE = MeshBoundary(file=str(PEBBLE), center=(0.2, 0.2, -0.4), size=0.4, correction="none")
+TENSIONS = (TENSION, AKINCI, DONG, BECKER, TARTAKOVSKY, HE, CSF)
+MPM = MpmLiquid(bulk_modulus=144e3)
+MPM_FULL = MpmLiquid(bulk_modulus=144e3, volume="gradient")
+SURFACE = SurfaceEnergy(surface_tension=0.5)
+SURFACE_WET = SurfaceEnergy(surface_tension=0.5, contact_angle=60.0, embedding="none")
+MPM_WALLS = MpmWalls(lower=(-0.2, -0.2, -0.2), upper=(0.8, 0.8, 0.8))
+TENSE = {2: (), 3: (JiangZhu2023(surface_tension=0.05),)}
+SETS = [
+    (LIQUID,),
+    (MPM,),
+    (MPM, GRAVITY, MPM_WALLS),
+    (MPM_FULL,),
+    (MPM, SURFACE),
+    (SURFACE_WET, MPM_WALLS, MPM),
+    (VISCOUS,),
+    (CENTRAL,),
+    (CENTRAL, IMPLICIT),
+    (CENTRAL, GRAVITY, WALLS, AKINCI),
+    (LIQUID, GRAVITY),
+    (LIQUID, GRAVITY, WALLS),
+    (LIQUID, DETECTION),
+    (LIQUID, DETECTION_EACH_STEP),
+    (LIQUID, DETECTION_THIN),
+    (LIQUID, RELEASE),
+    (LIQUID, TENSION),
+    (LIQUID, WALLS, AKINCI),
+    (LIQUID, DONG),
+    (LIQUID, BECKER),
+    (LIQUID, TARTAKOVSKY),
+    (LIQUID, HE),
+    (LIQUID, CSF),
+    (LIQUID, DIFFERENCE),
+    (LIQUID, MESH),
+    (VISCOUS, GRAVITY, WALLS, MESH_ALONE),
+    (LIQUID, HEAT),
+    (LIQUID, ICE),
+    (VISCOUS, IMPLICIT, GRAVITY),
+    (VISCOUS, GRAVITY, WALLS, DETECTION, TENSION),
+    (SHAPE,),
+    (STIFF, GRAVITY),
+    (CLAMPED, SHAPE, COUPLING),
+    (CLAMPED, GRAVITY, WALLS, SHAPE, COUPLING, WARM, MELTING),
+]
+SOLID = SolidBox(lower=(0.1, 0.1, 0.4), upper=(0.4, 0.4, 0.6))
+
+
+def scene(*effects, **options):
+    """A box of liquid, and a solid above it where an effect holds one."""
+    solid = (SOLID,) if any(isinstance(effect, ShapeMatching) for effect in effects) else ()
+    return Scene(
+        spacing=0.1, support_radius=0.21, fluid=(Box(cells=(4, 4, 4)),), solid=solid, effects=effects, step=5e-4,
+        **options,
+    )  # fmt: skip
+
+
+def names(effects):
+    marks = {
+        "each_step": {True: "_each_step"},
+        "release_pressure": {True: "_release"},
+        "thin_features": {"second_moment": "_thin"},
+        "volume": {"gradient": "_full"},
+        "embedding": {"none": "_wet"},
+    }
+    return "+".join(
+        effect.name + "".join(word.get(getattr(effect, mark, False), "") for mark, word in marks.items())
+        for effect in effects
+    )
+
+
+@pytest.mark.parametrize("effects", SETS, ids=names)
+class TestPlan:
+    def test_fields_are_those_that_were_asked_for(self, effects):
+        plan = make_plan(scene(*effects))
+        asked = {f.name for f in BASE}
+        for effect in plan.effects.values():
+            asked |= {f.name for f in effect.fields(plan.effects)}
+        assert set(plan.fields) == asked
+
+    def test_every_field_is_used(self, effects):
+        plan = make_plan(scene(*effects))
+        touched = {f.name for f in BASE}
+        for _, p in plan.all_passes():
+            touched |= {*p.reads, *p.writes, *p.updates}
+        touched |= set(REGISTRY["sph.extremes"].arguments("cpu"))  # the runner's own look at the state
+        assert set(plan.fields) <= touched
+
+    def test_fields_are_written_before_they_are_read(self, effects):
+        plan = make_plan(scene(*effects))
+        written = {f.name for f in BASE} | {"place"} | {name for name, f in plan.fields.items() if f.state}
+        for _, p in plan.all_passes():
+            assert set(p.reads) <= written, p.operation
+            written |= {*p.writes, *p.updates}
+
+    def test_nothing_is_launched_twice(self, effects):
+        launches = make_plan(scene(*effects)).launches(on_demand=True)
+        assert len(set(launches)) == len(launches)
+
+    def test_passes_belong_to_effects_of_the_scene(self, effects):
+        plan = make_plan(scene(*effects))
+        brought = [effect for effect, _ in (*plan.passes, *plan.motion) if effect is not None]
+        assert {effect.name for effect in brought} <= {effect.name for effect in effects}
+
+    def test_a_run_holds_and_launches_what_the_plan_says(self, effects):
+        simulation = Simulation(scene(*effects))
+        plan = simulation.plan
+        simulation.step()
+        assert set(simulation.fields) == set(plan.fields)
+        held = sum(array.nbytes for array in simulation.fields.values())
+        assert held == simulation.count * sum(plan.field_bytes().values()) + sum(plan.table_bytes().values())
+        runner = {p.operation for effect, p in plan.motion if effect is None} | {p.operation for _, p in plan.start}
+        runner |= {"neighbours"} if plan.list_radius > 0 else set()
+        runner |= {"sorting"} if any(e.sorting_cell(plan.grid) for e in plan.effects.values()) else set()
+        assert set(simulation.timings.first_calls) == {*plan.launches(), *runner}
+        simulation.evaluate()
+        assert set(simulation.timings.first_calls) == {*plan.launches(True), *runner}
+
+    def test_limits_of_the_step_are_those_of_the_effects(self, effects):
+        found = Simulation(scene(*effects)).step().limits
+        assert ("capillary" in found) == bool({*TENSIONS, SURFACE, SURFACE_WET} & set(effects))
+        assert ("viscous" in found) == bool({VISCOUS, CENTRAL} & set(effects))
+        sound = any(isinstance(effect, (WeaklyCompressible, MpmLiquid)) for effect in effects)
+        assert ("acoustic" in found) == (sound and IMPLICIT not in effects)
+        assert all(value > 0 for value in found.values())
+
+
+FOOTPRINTS = {
+    DETECTION: {"scan_candidates", "surface", "surface_normal", "number_density", "asymmetry"},
+    DETECTION_THIN: {"scan_candidates", "surface", "surface_normal", "number_density", "asymmetry"},
+    TENSION: {"surface_normal", "surface_weight", "corrected_normal", "number_density"},
+    AKINCI: {"surface_normal"},
+    DONG: {"surface_normal", "corrected_density"},
+    BECKER: set(),
+    TARTAKOVSKY: set(),
+    HE: {"color", "color_gradient_squared"},
+    CSF: {"interface_normal", "curvature", "number_density", "near_surface", "corrected_density"},
+    DIFFERENCE: {"surface_normal"},
+    MESH: {"corrections"},
+    MESH_ALONE: set(),
+    HEAT: {"temperature", "heat_capacity", "conductivity", "volume", "temperature_range"},
+    ICE: {
+        "temperature",
+        "heat_capacity",
+        "conductivity",
+        "volume",
+        "temperature_range",
+        "enthalpy",
+        "melting_point",
+        "latent_heat",
+        "reservoir",
+    },
+    GRAVITY: set(),
+    WALLS: set(),
+}
+
+
+@pytest.mark.parametrize("effect", FOOTPRINTS, ids=lambda effect: names((effect,)))
+def test_an_effect_brings_its_own_and_nothing_else(effect):
+    without, with_it = make_plan(scene(LIQUID)), make_plan(scene(LIQUID, effect))
+    assert set(with_it.fields) - set(without.fields) == FOOTPRINTS[effect]
+    assert set(without.launches(True)) <= set(with_it.launches(True))
+    passes = (*with_it.passes, *with_it.motion)
+    own = {p.operation for e, p in passes if e is not None and e.name == effect.name}
+    assert set(with_it.launches(True)) - set(without.launches(True)) == own
+    assert without.walls is None
+    assert with_it.walls is None or effect in (WALLS, MESH, MESH_ALONE)
+
+
+def test_shared_passes_run_once():
+    """Detection and tension both want the colour-gradient normal: one field, one launch, in every step."""
+    plan = make_plan(scene(LIQUID, DETECTION, TENSION))
+    assert plan.launches().count("surface_normal.color_gradient") == 1
+    assert make_plan(scene(LIQUID, DETECTION)).launches() == make_plan(scene(LIQUID)).launches()
+
+
+def test_the_second_moment_is_summed_only_where_a_scene_asks_for_it():
+    """The same fields and launches; without the option the scan gets no limit, so that its loop is not compiled."""
+    plain, thin = (make_plan(scene(LIQUID, effect)) for effect in (DETECTION, DETECTION_THIN))
+    assert plain.launches(True) == thin.launches(True)
+    for plan, wanted in ((plain, False), (thin, True)):
+        (scan,) = [p for _, p in plan.all_passes() if p.operation == "surface_detection.fan_scan"]
+        assert (scan.names.get("thin_feature", "thin_feature") is not None) == wanted
+        detection = plan.effects["surface_detection"]
+        assert ("thin_feature" in detection.prepare(plan.grid, plan.effects)) == wanted
+
+
+def test_every_effect_is_looked_at_here():
+    assert {type(effect) for effects in SETS for effect in effects} == set(EFFECTS.values())
+
+
+def test_solids_and_melting_bring_their_own_and_nothing_else():
+    """Without solids no table of nodes, without melting no refilling of regions and no flags for it."""
+    liquid, held = make_plan(scene(CLAMPED)), make_plan(scene(CLAMPED, SHAPE, COUPLING))
+    warm, melting = (make_plan(scene(CLAMPED, SHAPE, COUPLING, WARM, *more)) for more in ((), (MELTING,)))
+    assert not liquid.table_bytes()
+    assert "phase" not in liquid.fields
+    assert set(melting.fields) - set(warm.fields) == {"melted", "melted_count", "rebuild", "melting_point"}
+    new = {"melting.melt", "melting.detach", "shape_matching.regions", "shape_matching.classify"}
+    assert set(melting.launches()) - set(warm.launches()) == new
+    assert not warm.begin
+    replaced = {"sph.density", "sph.state", "sph.pressure"}
+    assert replaced & set(liquid.launches()) == replaced
+    assert not replaced & set(held.launches())
+    rigid = make_plan(scene(STIFF))
+    assert not {"region_velocity", "region_spin"} & set(rigid.fields)
+    assert rigid.table_bytes()["region"] == 4 * 27 * 18
+    assert held.table_bytes()["region"] == 4 * 125 * 18
+
+
+def state(simulation):
+    return {name: simulation.field(name).tobytes() for name in ("position", "velocity", "mass")}
+
+
+def advanced(*effects, steps=15):
+    simulation = Simulation(scene(*effects))
+    for _ in range(steps):
+        simulation.step()
+    return simulation
+
+
+@pytest.mark.parametrize(
+    "with_it, without",
+    [
+        ((LIQUID, DETECTION), (LIQUID,)),
+        ((LIQUID, DETECTION_EACH_STEP), (LIQUID,)),
+        ((LIQUID, JiangZhu2023(surface_tension=0.0)), (LIQUID,)),
+        ((DETECTION, LIQUID), (LIQUID, DETECTION)),
+    ],
+    ids=["looks on demand", "looks in each step", "zero tension", "order of the list"],
+)
+def test_effects_that_exert_nothing_leave_every_bit(with_it, without):
+    assert state(advanced(*with_it)) == state(advanced(*without))
+
+
+def test_effects_that_act_are_seen():
+    """So that the comparison of bits above can fail."""
+    plain = state(advanced(LIQUID))
+    assert plain != state(advanced(LIQUID, steps=14))
+    for effect in (GRAVITY, TENSION, BoxWalls(lower=(0, 0, 0), upper=(0.4, 0.4, 0.4))):
+        assert state(advanced(LIQUID, effect)) != plain
+
+
+PROGRAM = """
+import hashlib, sys
+from refsim import Box, Gravity, Scene, Simulation, WeaklyCompressible
+simulation = Simulation(Scene(spacing=0.1, support_radius=0.21, dim=2, fluid=(Box(cells=(4, 5, 1)),), step=1e-3,
+    effects=(WeaklyCompressible(sound_speed=12.0, dynamic_viscosity=0.2), Gravity(acceleration=(0.0, -9.81, 0.0)))))
+for _ in range(4):
+    simulation.step()
+print([hashlib.sha256(simulation.field(name).tobytes()).hexdigest() for name in ("position", "velocity")])
+print(sorted(m for m in sys.modules if m.startswith("refsim.surface")))
+"""
+
+
+def printed(folder):
+    environment = dict(os.environ, PYTHONPATH=str(folder), NUMBA_DISABLE_JIT="1")
+    done = subprocess.run(
+        [sys.executable, "-c", PROGRAM], capture_output=True, text=True, env=environment, cwd=folder, check=True
+    )
+    return done.stdout.splitlines()
+
+
+def test_where_an_effect_does_not_exist_the_bits_are_the_same(tmp_path):
+    """A copy of the package from which the surface folders were torn out, kernels run as Python in both."""
+    source = pathlib.Path(refsim.__file__).parent
+    shutil.copytree(
+        source, tmp_path / "refsim", ignore=shutil.ignore_patterns("__pycache__", "surface_*", "surface.py")
+    )
+    contents = tmp_path / "refsim" / "__init__.py"
+    text = contents.read_text()
+    torn = re.sub(r".*(?:surface_|mpm\.surface|SurfaceDetection|SurfaceEnergy|JiangZhu).*\n", "", text)
+    assert torn != text
+    contents.write_text(torn)
+    bits, modules = printed(tmp_path)
+    whole_bits, whole_modules = printed(source.parent)
+    assert modules == "[]" != whole_modules
+    assert bits == whole_bits
+
+
+def test_forces_add_up():
+    """The acceleration of all effects together is the sum of what each adds to the liquid's own."""
+    small = Gravity(acceleration=(0.3, 0.0, -1.0))
+
+    def pull(*effects):
+        simulation = Simulation(scene(LIQUID, *effects, dtype="float64"), "numpy")
+        simulation.evaluate()
+        return simulation.field("acceleration")
+
+    own = pull()
+    parts = [pull(effect) - own for effect in (small, TENSION)]
+    together = pull(small, TENSION) - own
+    assert min(np.abs(part).max() for part in parts) > 1e-4
+    assert np.abs(together - sum(parts)).max() < 1e-12 * np.abs(own).max()
+
+
+def test_what_an_effect_needs_must_be_there():
+    for effect in (WALLS, DETECTION, TENSION):
+        with pytest.raises(InputError, match=f"'{effect.name}' needs effect 'weakly_compressible'"):
+            make_plan(scene(effect))
+
+
+def test_without_neighbours_there_is_no_search():
+    simulation = Simulation(scene(GRAVITY))
+    simulation.step()
+    assert simulation.plan.list_radius == 0
+    assert simulation.search is None
+    assert set(simulation.fields) == {f.name for f in BASE}
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_a_run_takes_the_memory_that_its_plan_says(dim):
+    """`refsim plan`'s bytes against what the process allocates and holds; while a list is built it takes more."""
+    cells, radius = ((100, 100, 1), 0.13) if dim == 2 else ((20, 20, 20), 0.1)
+    effects = (WeaklyCompressible(sound_speed=10.0, dynamic_viscosity=0.1), Gravity(acceleration=(0, -9.81, 0)))
+    plan = make_plan(
+        Scene(dim=dim, spacing=0.05, support_radius=radius, fluid=(Box(cells=cells),), effects=(*effects, *TENSE[dim]))
+    )
+    Simulation(plan).step()  # so that compiling is no part of it
+    said = describe_plan(plan, "cpu")["bytes"]["total"]
+    tracemalloc.start()
+    try:
+        before, _ = tracemalloc.get_traced_memory()
+        simulation = Simulation(plan)
+        for _ in range(3):
+            simulation.step()
+        held, peak = (b - before for b in tracemalloc.get_traced_memory())
+    finally:
+        tracemalloc.stop()
+    assert 0.97 * said < held < 1.08 * said
+    assert peak < 1.4 * said

@@ -1,0 +1,158 @@
+"""CONTRIBUTING.md adds a method from the first line to the last: its files are cut out of the page and must work.
+
+The files are put beside the package, not into it, and run in processes of their own, so that no other test meets the
+example's effect.
+"""
+
+import importlib.util
+import os
+import pathlib
+import re
+import subprocess
+import sys
+
+import pytest
+
+ROOT = pathlib.Path(__file__).parents[2]
+FILE = re.compile(r"^```python\n# file: (\S+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+TOML = re.compile(r"^```toml\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+ORDER = ["formulas.py", "reference.py", "particle.py", "cpu.py", "cuda.py", "__init__.py", "cases.py"]
+
+FOUND_BESIDE = """
+import pathlib, sys
+import refsim
+root = pathlib.Path(sys.argv[1])
+refsim.__path__.append(str(root / "refsim"))
+from refsim.core.operation import REGISTRY
+before = set(REGISTRY)
+import refsim.velocity_smoothing
+from refsim import contract
+operation, = (REGISTRY[name] for name in set(REGISTRY) - before)
+"""
+
+LADDER = """
+for backend, dtype in (("numpy", "float64"), ("cpu", "float32")):
+    found = contract.climb(contract.Target(operation, backend, dtype))
+    failed = [str(outcome) for outcome in found if not outcome.passed]
+    assert not failed, failed
+    print(backend, dtype, "climbed", *sorted({outcome.step for outcome in found}))
+"""
+
+RULES = """
+sys.path.insert(0, sys.argv[2])
+import test_registry
+for rule in test_registry.RULES:
+    problems = list(rule([operation], root / "refsim"))
+    assert not problems, problems
+test_registry.test_operation_has_hard_inputs_and_a_closed_form(operation.name)
+print("kept", len(test_registry.RULES), "rules")
+"""
+
+SCENE = """
+import numpy as np
+from refsim.scene.scene import make_plan
+from refsim.scene.files import parse_scene
+from refsim.engine.simulation import Simulation
+
+LIQUID = '''
+spacing = 0.1
+support_radius = 0.2
+step = 1e-3
+[[fluid]]
+shape = "box"
+cells = [4, 4, 4]
+[[fluid]]
+shape = "box"
+lower = [0.4, 0.0, 0.0]
+cells = [4, 4, 4]
+velocity = [0.0, 0.5, 0.0]
+[effects.weakly_compressible]
+sound_speed = 10.0
+'''
+energies = []
+for effects in ("", sys.argv[3]):
+    scene = parse_scene(LIQUID + effects, "the page")
+    simulation = Simulation(make_plan(scene), "cpu")
+    for _ in range(20):
+        simulation.step()
+    velocity = simulation.field("velocity").astype(float)
+    assert abs(velocity.mean(0) - [0.0, 0.25, 0.0]).max() < 1e-6
+    energies.append(((velocity - velocity.mean(0)) ** 2).sum())
+assert "velocity_smoothing.smooth" in simulation.plan.launches()
+assert energies[1] < 0.995 * energies[0], energies
+print("slowed down")
+"""
+
+SIMULATED = """
+import numpy as np
+outcome = contract.run(operation, "cuda", "float32", "cloud_2d")
+assert outcome.passed, str(outcome)
+print("simulated")
+"""
+
+
+@pytest.fixture(scope="module")
+def page():
+    return (ROOT / "CONTRIBUTING.md").read_text()
+
+
+@pytest.fixture(scope="module")
+def example(page, tmp_path_factory):
+    """Folder with the example's files as the page has them."""
+    root = tmp_path_factory.mktemp("contributing")
+    for name, text in FILE.findall(page):
+        path = root / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text)
+    return root
+
+
+def run(example, program, *arguments, **environment):
+    done = subprocess.run(
+        [sys.executable, "-c", FOUND_BESIDE + program, example, *arguments],
+        capture_output=True,
+        text=True,
+        cwd=example,
+        env=dict(os.environ, PYTHONPATH=str(ROOT), **environment),
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_the_page_has_every_file_of_a_method(page):
+    assert [pathlib.Path(name).name for name, _ in FILE.findall(page)] == ORDER
+    assert len({pathlib.Path(name).parent for name, _ in FILE.findall(page)}) == 1
+
+
+def test_the_example_climbs_the_ladder_and_keeps_the_rules(page, example):
+    (effect,) = TOML.findall(page)
+    said = run(example, LADDER + RULES + SCENE, str(ROOT / "tests" / "ladder"), effect)
+    assert "cpu float32 climbed T1 T10 T2 T3 T4 T5 T6 T7 T9" in said
+    assert "numpy float64 climbed T1" in said
+    assert "kept 5 rules" in said
+    assert "slowed down" in said
+
+
+def test_the_example_is_judged(page, example, tmp_path):
+    """A slip in the page's formula would not pass."""
+    for name, text in FILE.findall(page):
+        path = tmp_path / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text.replace("real(2) * mass_j", "real(3) * mass_j"))
+    with pytest.raises(AssertionError, match="FAIL velocity_smoothing"):
+        run(tmp_path, LADDER, NUMBA_DISABLE_JIT="1")
+
+
+def test_the_example_runs_in_the_cuda_simulator(example):
+    if importlib.util.find_spec("numba_cuda") is None:
+        pytest.skip('numba-cuda is not installed; pip install "refsim[cuda]" brings it')
+    assert "simulated" in run(example, SIMULATED, NUMBA_ENABLE_CUDASIM="1", NUMBA_DISABLE_JIT="1")
+
+
+@pytest.mark.skipif(importlib.util.find_spec("ruff") is None, reason="ruff comes with the extra `test`")
+def test_the_example_is_written_like_the_house(page):
+    for name, text in FILE.findall(page):
+        for task in (["check", "--config", 'lint.isort.known-first-party = ["refsim"]'], ["format", "--diff"]):
+            command = [sys.executable, "-m", "ruff", *task, "--stdin-filename", str(ROOT / name), "-"]
+            done = subprocess.run(command, input=text, capture_output=True, text=True, cwd=ROOT)
+            assert done.returncode == 0, f"{name}: {done.stdout}{done.stderr}"

@@ -1,0 +1,309 @@
+"""The pages say what is there: links, code references, examples, and everything that is registered is explained."""
+
+import ast
+import configparser
+import functools
+import importlib
+import json
+import pathlib
+import re
+import subprocess
+import sys
+
+import pytest
+
+import refsim
+import refsim.commands
+from refsim.__main__ import make_parser
+from refsim.core.effect import EFFECTS
+from refsim.core.errors import REASONS
+from refsim.core.operation import REGISTRY
+from refsim.scene.files import parse_scene
+from refsim.scene.scene import Scene, make_plan
+from validation import accuracy_cost
+from validation.drawing import LARGEST_PICTURE
+from validation.harness import Options, discover
+
+ROOT = pathlib.Path(__file__).parents[2]
+DOCS = sorted((ROOT / "docs").rglob("*.md"))
+PAGES = [*DOCS, *(ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md"))]
+NO_EFFECT = ("index.md", "guarantees.md", "scene_files.md", "accuracy_cost.md", "contract.md")
+EFFECT_PAGES = [p for p in DOCS if p.name not in NO_EFFECT]
+PUBLISHED = {name: effect for name, effect in EFFECTS.items() if effect.__module__.startswith("refsim.")}
+
+BLOCK = re.compile(r"^```(\w*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+LINK = re.compile(r"!?\[[^\]]*\]\(([^)\s]+)\)")
+PLACE = re.compile(r"\b([\w/.-]+\.py):(\w+)")
+LARGEST_FOLDER = 12_000_000  # bytes of all pictures and their data
+PATH = re.compile(r"`((?:refsim|tests|validation|scripts|docs|figures)/[\w/.-]*)`")
+DOTTED = re.compile(r"\brefsim((?:\.\w+)+)")
+STEMS = (ROOT, ROOT / "refsim", ROOT / "tests")
+
+pages = pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
+
+
+def prose(page):
+    """The page without its code blocks."""
+    return BLOCK.sub("", page.read_text())
+
+
+def blocks(page, language):
+    return [text for name, text in BLOCK.findall(page.read_text()) if name == language]
+
+
+def anchors(page):
+    """What headings are called in links."""
+    heads = re.findall(r"^#+ (.*)$", prose(page), re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", head.lower()).replace(" ", "-") for head in heads}
+
+
+@functools.cache
+def drawn():
+    """Pictures that `python -m validation` and `python -m validation.accuracy_cost` publish."""
+    drawers = [*discover().values(), *accuracy_cost.cases(Options()).values()]
+    return {picture.file for case in drawers for picture in case.pictures}
+
+
+def broken_links(page, text):
+    for target in LINK.findall(text):
+        if re.match(r"https?://", target):
+            continue
+        name, _, anchor = target.partition("#")
+        path = (page.parent / name).resolve() if name else page
+        there = path.exists() or (path.parent == ROOT / "figures" and path.name in drawn())
+        if not (there and path.is_relative_to(ROOT)) or (anchor and anchor not in anchors(path)):
+            yield target
+
+
+@functools.cache
+def defined(path):
+    """Functions, classes, methods and module-level names of a source file."""
+    tree = ast.parse(path.read_text())
+    names = {node.name for node in ast.walk(tree) if isinstance(node, (ast.FunctionDef, ast.ClassDef))}
+    for node in tree.body:
+        targets = node.targets if isinstance(node, ast.Assign) else [getattr(node, "target", None)]
+        names |= {target.id for target in targets if isinstance(target, ast.Name)}
+    return names
+
+
+def broken_references(text):
+    for file, name in PLACE.findall(text):
+        found = [stem / file for stem in STEMS if (stem / file).exists()]
+        if not found or not any(name in defined(path) for path in found):
+            yield f"{file}:{name}"
+    made_by_runs = (ROOT / ".gitignore").read_text().splitlines()
+    for path in PATH.findall(text):
+        if not (ROOT / path).exists() and path not in made_by_runs:
+            yield path
+    for dotted in DOTTED.findall(text):
+        if not resolves(dotted[1:].split(".")):
+            yield f"refsim{dotted}"
+
+
+def resolves(names):
+    found, place = refsim, "refsim"
+    for name in names:
+        place = f"{place}.{name}"
+        if not hasattr(found, name):
+            try:
+                importlib.import_module(place)
+            except ImportError:
+                return False
+        found = getattr(found, name)
+    return True
+
+
+@pages
+def test_links_lead_somewhere(page):
+    assert not list(broken_links(page, prose(page)))
+
+
+@pages
+def test_references_into_the_code_exist(page):
+    text = prose(page)
+    if page.name == "CONTRIBUTING.md":  # adds a method that is not there; test_contributing looks after it
+        text = re.sub(r"`?refsim[./]velocity_smoothing\S*", "", text)
+    assert not list(broken_references(text))
+
+
+def test_a_broken_link_and_a_wrong_reference_are_found():
+    page = ROOT / "docs" / "index.md"
+    text = (
+        "[a](nowhere.md) [b](sph.md#no-such-heading) [c](sph.md#step) ![d](../figures/figure_99.png) [e](https://x.y)"
+    )
+    assert list(broken_links(page, text)) == ["nowhere.md", "sph.md#no-such-heading", "../figures/figure_99.png"]
+    text = "`sph/formulas.py:state_pressure` `sph/formulas.py:no` `refsim.simulate` `refsim.sph.nothing` `refsim/no.py`"
+    assert list(broken_references(text)) == ["sph/formulas.py:no", "refsim/no.py", "refsim.sph.nothing"]
+
+
+# Nothing that can be switched on goes unexplained
+
+
+def words(paths):
+    return "\n".join(path.read_text() for path in paths)
+
+
+@pytest.mark.parametrize("name", [*REGISTRY, *PUBLISHED])
+def test_operations_and_effects_have_a_page(name):
+    assert f"`{name}`" in words(EFFECT_PAGES), f"no page in docs/ names {name}"
+
+
+def switchable(effect):
+    """Errata that the effect takes in `literal`, from its call of `literal_errata`."""
+    tree = ast.parse(pathlib.Path(sys.modules[effect.__module__].__file__).read_text())
+    (owner,) = (n for n in tree.body if isinstance(n, ast.ClassDef) and n.name == effect.__name__)
+    calls = [n for n in ast.walk(owner) if isinstance(n, ast.Call) and getattr(n.func, "id", "") == "literal_errata"]
+    return tuple(ast.literal_eval(calls[0].args[2])) if calls else ()
+
+
+@pytest.mark.parametrize("name", [n for n, effect in PUBLISHED.items() if "literal" in effect.__struct_fields__])
+def test_printed_readings_are_explained(name):
+    """Each that an effect accepts stands in a table row of its page with the effect; numbered ones have a paragraph."""
+    errata = switchable(PUBLISHED[name])
+    assert errata
+    text = words(EFFECT_PAGES)
+    for erratum in errata:
+        rows = [row for row in text.splitlines() if row.startswith("|") and f'`"{erratum}"` on' in row]
+        assert any(f"`{name}`" in row for row in rows), f"no row says what {erratum} on {name} does"
+        if re.fullmatch(r"E\d+", erratum):
+            (paragraph,) = re.findall(rf"^\*\*{erratum}, .*?(?=^\n|\Z)", text, re.MULTILINE | re.DOTALL)
+            head = paragraph.partition(".**")[0]
+            assert "switchable" in head
+            assert f"`{name}`" in head
+
+
+def test_what_a_page_calls_switchable_is():
+    errata = {erratum for effect in PUBLISHED.values() for erratum in switchable(effect)}
+    called = re.findall(r"^\*\*(E\d+)\b[^*]*switchable", words(EFFECT_PAGES), re.MULTILINE)
+    assert set(called) == {erratum for erratum in errata if erratum.startswith("E")}
+
+
+def section_of(name, heading):
+    return (ROOT / "docs" / name).read_text().partition(f"\n## {heading}\n")[2].partition("\n## ")[0]
+
+
+def test_stop_reasons_are_told():
+    rows = re.findall(r"^\| `(\w+)` +\|", section_of("guarantees.md", "Why a run stops"), re.MULTILINE)
+    assert rows == list(REASONS)
+
+
+def test_tolerances_are_told():
+    section = section_of("guarantees.md", "Tolerances")
+    told = {}
+    for names, tolerance in re.findall(r"^\| (`.*?`) +\| (\d+) +\|", section, re.MULTILINE):
+        told |= dict.fromkeys(re.findall(r"`([^`]+)`", names), float(tolerance))
+    assert told == {name: operation.tolerance for name, operation in REGISTRY.items()}
+
+
+def test_keys_of_a_scene_are_told():
+    section = section_of("scene_files.md", "Keys of the scene")
+    told = dict(re.findall(r"^\| `(\w+)` +\| (.*?) +\|", section, re.MULTILINE))
+    assert set(told) == set(Scene.__struct_fields__)
+    for name, default in zip(Scene.__struct_fields__[-len(Scene.__struct_defaults__) :], Scene.__struct_defaults__):
+        if name != "effects":
+            assert told[name].strip("`") == json.dumps(default), name
+
+
+# Examples work
+
+
+SCENES = [(page, k) for page in DOCS for k in range(len(blocks(page, "toml")))]
+
+
+@pytest.mark.parametrize("page, number", SCENES, ids=lambda value: getattr(value, "name", str(value)))
+def test_scenes_on_the_pages_can_be_planned(page, number):
+    text = blocks(page, "toml")[number]
+    if "spacing" not in text:  # effects alone
+        text = 'spacing = 0.1\nsupport_radius = 0.26\n[[fluid]]\nshape = "box"\ncells = [4, 4, 4]\n' + text
+    assert make_plan(parse_scene(text, page.name)).grid.count > 0
+
+
+PROGRAMS = [(page, k) for page in PAGES if page.name != "CONTRIBUTING.md" for k in range(len(blocks(page, "python")))]
+
+
+@pytest.mark.parametrize("page, number", PROGRAMS, ids=lambda value: getattr(value, "name", str(value)))
+def test_programs_on_the_pages_run(page, number, tmp_path):
+    """As they stand; where a run takes long, its end is brought forward."""
+    text = re.sub(r"(\w+)\.time < [\d.]+", r"\1.steps < 5", blocks(page, "python")[number])
+    if number and "import" not in text:
+        pytest.skip("goes on from the program before")
+    done = subprocess.run(
+        [sys.executable, "-W", "error", "-c", f"import sys; sys.path.insert(0, {str(ROOT)!r})\n{text}"],
+        capture_output=True, text=True, cwd=tmp_path,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert done.stdout
+
+
+def commands(text):
+    """Words of every command line in code, but for those that only stand for one (capitals, brackets, dots)."""
+    fenced = [line for name, block in BLOCK.findall(text) if name == "sh" for line in block.splitlines()]
+    for line in [*fenced, *re.findall(r"`([^`\n]+)`", BLOCK.sub("", text))]:
+        for command in re.split(r"&&|;|\||>", line.partition("#")[0]):
+            words = command.split()
+            ours = words[:1] == ["refsim"] or (words[:2] == ["python", "-m"] and words[2].startswith("validation"))
+            if ours and not re.search(r"[\[\]]|\.\.\.|(?<!\S)[A-Z]+(?!\S)", command):
+                yield words
+
+
+def understood(words):
+    """Whether the command's own parser takes the line; scenes, programs and files need not be there."""
+    if words[2:4] == ["validation", "attack"]:
+        words = [*words[:2], "validation.attack.__main__", *words[4:]]
+    if words[0] == "refsim":
+        refsim.commands.discover()
+        if len(words) > 1 and not words[1].startswith("-") and words[1] not in refsim.commands.COMMANDS:
+            return False
+        needed = {"run": ["--quiet"], "plan": ["scene"], "sample": ["mesh", "--radius", "1"], "contract": ["cpu"]}
+        alone = needed.get(words[1], []) if len(words) == 2 else []
+        parser, arguments = make_parser(), [*words[1:], *alone]
+    else:
+        module = importlib.import_module("validation.__main__" if words[2] == "validation" else words[2])
+        if not hasattr(module, "parser"):
+            return callable(module.main)
+        parser, arguments = module.parser(), words[3:]
+    try:
+        given = parser.parse_args(arguments)
+    except (SystemExit, refsim.InputError):
+        return False
+    return words[2:3] != ["validation"] or set(given.case) <= set(discover())
+
+
+@pages
+def test_commands_on_the_pages_are_understood(page):
+    assert [" ".join(words) for words in commands(page.read_text()) if not understood(words)] == []
+
+
+def test_a_command_that_is_not_there_is_found():
+    text = (
+        "`refsim rnu x` `refsim run x --untill 3` `python -m validation dropplet` `python -m validation droplet --qick`"
+    )
+    wrong = [words for words in commands(text) if not understood(words)]
+    assert len(wrong) == len(list(commands(text))) == 4
+
+
+def test_an_installed_package_has_its_data():
+    listed = configparser.ConfigParser()
+    listed.read(ROOT / "setup.cfg")
+    for package, patterns in listed["options.package_data"].items():
+        folder = ROOT / package
+        data = [path for path in folder.rglob("*") if path.is_file() and path.suffix not in (".py", ".pyc")]
+        assert data
+        taken = {path for pattern in patterns.split(",") for path in folder.glob(pattern.strip())}
+        assert [path for path in data if path not in taken and "__pycache__" not in path.parts] == []
+
+
+def test_the_version_is_one():
+    version = refsim.__version__
+    assert f"version = {version}\n" in (ROOT / "setup.cfg").read_text()
+    assert f"\nversion: {version}\n" in (ROOT / "CITATION.cff").read_text()
+    assert re.search(r"^## (\S+)", (ROOT / "CHANGELOG.md").read_text(), re.MULTILINE)[1] == version
+
+
+def test_figures_stay_light():
+    """Plots are PNG with a palette, shaded pictures WebP; long data is compressed."""
+    sizes = {path.name: path.stat().st_size for path in (ROOT / "figures").iterdir() if path.is_file()}
+    pictures = {name: size for name, size in sizes.items() if not name.endswith((".json", ".json.gz"))}
+    assert {pathlib.Path(name).suffix for name in pictures} == {".png", ".webp"}
+    assert not {name: size for name, size in pictures.items() if size > LARGEST_PICTURE}
+    assert sum(sizes.values()) <= LARGEST_FOLDER

@@ -1,0 +1,125 @@
+"""Every solver of the liquid with every kind of wall: the backends agree on whole scenes, and no push is lost."""
+
+import numpy as np
+import pytest
+import trimesh
+
+from refsim import (
+    Akinci2013,
+    Box,
+    BoxWalls,
+    Dong2016,
+    Gravity,
+    ImplicitPressure,
+    InputError,
+    MeshBoundary,
+    MpmLiquid,
+    MpmWalls,
+    Scene,
+    ShapeMatching,
+    Simulation,
+    SolidBox,
+    TwoWayCoupling,
+    WeaklyCompressible,
+    contract,
+    make_plan,
+)
+from refsim.core import cases
+from refsim.core.operation import REGISTRY
+
+SPACING, SUPPORT = 0.01, 0.027
+LIQUID = WeaklyCompressible(sound_speed=20.0, dynamic_viscosity=0.5)
+BOX = BoxWalls(lower=(-0.03, -0.03, 0.03), upper=(0.03, 0.03, 0.1))
+DONG = Dong2016(surface_tension=1.0, solver="hu_adams")
+SOLVERS = {
+    "shared": (LIQUID,),
+    "dong_2016": (LIQUID, DONG),
+    "iisph": (LIQUID, ImplicitPressure()),
+    "two_way_coupling": (LIQUID, TwoWayCoupling(), ShapeMatching()),
+}
+WALLS = {"box": (BOX,), "mesh": (None,), "box and mesh": (BOX, None), "printed mesh": ("E30",)}
+
+
+@pytest.fixture(scope="module")
+def plate(tmp_path_factory):
+    path = tmp_path_factory.mktemp("meshes") / "plate.obj"
+    trimesh.creation.box((0.1, 0.1, 0.06)).export(path)
+    return str(path)
+
+
+def scene(effects, **changes):
+    """Liquid so near the upper face of the plate, z = 0.03 m, that it is pressed."""
+    solid = ()
+    if any(effect.name == "shape_matching" for effect in effects):
+        solid = (SolidBox(lower=(-0.0201, -0.0201, 0.0699), upper=(0.0001, 0.0001, 0.0901), density=900.0),)
+    liquid = Box(lower=(-0.02, -0.02, 0.03 + 0.3 * SPACING), cells=(4, 4, 3))
+    return Scene(spacing=SPACING, support_radius=SUPPORT, fluid=(liquid,), solid=solid, effects=effects, **changes)
+
+
+def effects(solver, walls, plate):
+    meshes = {None: MeshBoundary(file=plate), "E30": MeshBoundary(file=plate, literal=("E30",))}
+    return (*SOLVERS[solver], Gravity(), *(meshes.get(wall, wall) for wall in WALLS[walls]))
+
+
+def agree(made, steps=3):
+    """Compare positions, velocities and accelerations on "numpy" and "cpu" after some steps, from the same start."""
+    runs = [Simulation(made, backend) for backend in ("numpy", "cpu")]
+    for simulation in runs:
+        for _ in range(steps):
+            simulation.step()
+        simulation.evaluate()
+    for name in {"position", "velocity", "acceleration"} & set(runs[0].fields):
+        oracle, own = (simulation.field(name).astype(float) for simulation in runs)
+        assert np.abs(own - oracle).max() <= 2e-4 * np.abs(oracle).max(), name
+
+
+@pytest.mark.parametrize("walls", WALLS)
+@pytest.mark.parametrize("solver", SOLVERS)
+def test_backends_agree_on_a_whole_scene(solver, walls, plate):
+    agree(scene(effects(solver, walls, plate)))
+
+
+@pytest.mark.parametrize("rule", ["sticky", "slip", "separating"])
+def test_backends_agree_on_material_points_between_walls(rule):
+    walls = MpmWalls(lower=(-0.04, -0.04, 0.0), upper=(0.04, 0.04, 0.1), rule=rule)
+    liquid = Box(lower=(-0.02, -0.02, 0.002), cells=(4, 4, 3), velocity=(0.3, 0.0, -1.0))
+    made = Scene(
+        spacing=SPACING, support_radius=2 * SPACING, fluid=(liquid,),
+        effects=(MpmLiquid(bulk_modulus=1e5), Gravity(), walls),
+    )  # fmt: skip
+    agree(made)
+
+
+def takes_wall_share(name):
+    """Whether the reference's answer follows the share of the pressure with which walls push."""
+    operation, made = REGISTRY[name], contract.Inputs(cases.CASES["cloud_3d"](), "float64")
+    answers = []
+    for share in (1.0, 2.0):
+        given = made.replaced(fluid=made["fluid"]._replace(wall_share=np.float64(share)))
+        answers.append(operation.program("numpy")(*(given[argument] for argument in operation.arguments("numpy"))))
+    return any(not np.array_equal(value[0], answers[1][output][0]) for output, value in answers[0].items())
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+def test_a_mesh_adds_the_other_half_of_the_pressure_where_walls_push_with_one(solver, plate):
+    """P6: p_i of the solver's own pass and p_b of the mesh's; neither without the other."""
+    cases.discover()
+    launched = make_plan(scene(effects(solver, "mesh", plate))).launches()
+    takers = {name for name in launched if "fluid" in REGISTRY[name].arguments("numpy") and takes_wall_share(name)}
+    assert len(takers) == (solver in ("shared", "dong_2016"))
+    assert ("one_way_coupling.wall_pressure" in launched) == bool(takers)
+
+
+@pytest.mark.parametrize("walls, acts", [(WALLS["box"], 1), (WALLS["mesh"], 1), ((), 0)])
+def test_adhesion_acts_at_walls_of_every_kind(walls, acts, plate):
+    """And nowhere else."""
+    given = (MeshBoundary(file=plate) if wall is None else wall for wall in walls)
+    launched = make_plan(scene((LIQUID, Akinci2013(gamma=0.1, adhesion=2.0), *given))).launches()
+    assert launched.count("akinci_2013.adhesion") == acts
+
+
+def test_two_effects_cannot_take_the_same_place(plate):
+    """Both of their pressure forces would act."""
+    for pair in ((DONG, ImplicitPressure()), (TwoWayCoupling(), ShapeMatching(), ImplicitPressure())):
+        with pytest.raises(InputError, match="take the place of 'sph"):
+            make_plan(scene((LIQUID, *pair)))

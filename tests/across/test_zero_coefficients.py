@@ -1,0 +1,346 @@
+"""A coefficient of zero costs nothing: no pass, no field, no byte, no neighbour, no limit of the step, no bit.
+
+Every effect stands in one of two lists: with the coefficients whose zero makes it the identity, or with the reason why
+it has none. Every number of an effect that may be zero stands in one of three: those coefficients, the coefficients of
+a term of its own, or what is no coefficient.
+"""
+
+import math
+import pathlib
+
+import msgspec
+import pytest
+
+from refsim import (
+    Akinci2013,
+    BeckerTeschner2007,
+    Box,
+    BoxWalls,
+    Cloud,
+    CsfWang2019,
+    Dong2016,
+    Gravity,
+    He2014,
+    HeatConduction,
+    ImplicitPressure,
+    InputError,
+    JiangZhu2023,
+    Melting,
+    MeshBoundary,
+    MpmLiquid,
+    MpmWalls,
+    NormalDifference2014,
+    Scene,
+    ShapeMatching,
+    Simulation,
+    SolidBox,
+    SurfaceDetection,
+    SurfaceEnergy,
+    TartakovskyMeakin2005,
+    TwoWayCoupling,
+    WeaklyCompressible,
+    make_plan,
+)
+from refsim.commands.plan import describe_plan
+from refsim.core.effect import EFFECTS, Extremes
+
+PEBBLE = pathlib.Path(__file__).parents[2] / "docs" / "examples" / "pebble.obj"
+FACES = ("-x", "+x", "-y", "+y", "-z", "+z")
+ROOM = {"lower": (-0.2, -0.2, -0.2), "upper": (0.8, 0.8, 0.8)}
+LIQUID = WeaklyCompressible(sound_speed=12.0, clamp_pressure=False)  # its surface pulls it together: it moves
+CLAMPED = WeaklyCompressible(sound_speed=12.0)
+MPM = MpmLiquid(bulk_modulus=144e3, initial_ratio=0.98)
+PULL = Gravity()
+NOTHING = Gravity(acceleration=(0.0, 0.0, 0.0))
+FROZEN = {"melting_point": 0.0, "temperature": -5.0}
+SHAPE = ShapeMatching()
+LIMP = ShapeMatching(stiffness=0.0, damping=0.0)
+
+# (effect with zeros, the rest of the scene, fields that stay as its own state)
+IDENTITIES = {
+    "gravity": [(NOTHING, (LIQUID,), ()), (NOTHING, (MPM,), ()), (NOTHING, (), ())],
+    "heat_conduction": [
+        # temperatures and what the report's ledger of heat is made of; other effects melt by them
+        (HeatConduction(conductivity=0.0), (LIQUID,), ("temperature", "heat_capacity")),
+        (HeatConduction(conductivity=0.0), (), ("temperature", "heat_capacity")),
+        (HeatConduction(conductivity=(0.0,), scheme="explicit"), (LIQUID,), ("temperature", "heat_capacity")),
+        (
+            HeatConduction(conductivity=0.0, latent_heat=3e5, held=(0,), **FROZEN),
+            (LIQUID,),
+            ("temperature", "heat_capacity", "enthalpy", "melting_point", "latent_heat", "reservoir"),
+        ),
+    ],
+    # which particles are solid, and which of them are at a surface, is what coupling and melting ask for
+    "shape_matching": [(LIMP, (LIQUID,), ("phase", "place", "direct"))],
+    "surface_energy": [
+        (SurfaceEnergy(surface_tension=0.0), (MPM,), ()),
+        (SurfaceEnergy(surface_tension=0.0, embedding="none", enclose_volume=True), (MPM,), ()),
+        (SurfaceEnergy(surface_tension=0.0, contact_angle=60.0), (MPM, MpmWalls(**ROOM)), ()),
+    ],
+    "akinci_2013": [
+        (Akinci2013(surface_tension=0.0), (LIQUID,), ()),
+        (Akinci2013(gamma=0.0, area_acceleration=0.0, adhesion=0.0), (LIQUID, BoxWalls(**ROOM)), ()),
+        (Akinci2013(gamma=0.0, literal=("gamma",)), (LIQUID,), ()),
+    ],
+    "becker_teschner_2007": [
+        (BeckerTeschner2007(surface_tension=0.0), (LIQUID,), ()),
+        (BeckerTeschner2007(kappa=0.0), (LIQUID,), ()),
+    ],
+    "tartakovsky_meakin_2005": [
+        (TartakovskyMeakin2005(surface_tension=0.0), (LIQUID,), ()),
+        (TartakovskyMeakin2005(strength=0.0), (LIQUID,), ()),
+    ],
+    # its density filter is a switch, and acts whatever the tension is
+    "dong_2016": [
+        (Dong2016(surface_tension=0.0, filter_density=False), (LIQUID,), ()),
+        (Dong2016(stiffness=0.0, correction=0.0, filter_density=False), (LIQUID,), ()),
+    ],
+    "he_2014": [
+        (He2014(), (LIQUID,), ()),
+        (He2014(surface_tension=0.0, air_pressure=0.0), (LIQUID,), ()),
+        (He2014(kappa=0.0), (LIQUID,), ()),
+    ],
+    "jiang_zhu_2023": [
+        (JiangZhu2023(surface_tension=0.0), (LIQUID,), ()),
+        (JiangZhu2023(gamma=0.0, pair_mode="either", area_ratio=0.5), (LIQUID,), ()),
+        (JiangZhu2023(gamma=0.0, pair_mode="soft", area_term="color", area_acceleration=1.0), (LIQUID,), ()),
+        (JiangZhu2023(surface_tension=0.0, density_correction=False), (LIQUID, SurfaceDetection()), ()),
+    ],
+    "csf_wang_2019": [(CsfWang2019(surface_tension=0.0), (LIQUID,), ())],
+    "normal_difference_2014": [(NormalDifference2014(area_acceleration=0.0), (LIQUID,), ())],
+    "box_walls": [(BoxWalls(open_faces=FACES, **ROOM), (LIQUID, PULL), ())],
+    "mpm_walls": [(MpmWalls(open_faces=FACES, **ROOM), (MPM, PULL), ())],
+}
+WITHOUT = {
+    "weakly_compressible": "the liquid itself: density and sound speed are positive",
+    "mpm_liquid": "the liquid itself: density and bulk modulus are positive",
+    "iisph": "stands in for the equation of state, whatever its numbers are",
+    "surface_detection": "marks particles and moves none; nothing is launched but where somebody looks or asks",
+    "two_way_coupling": "stands in for the liquid's density and forces, and has no number",
+    "melting": "turns particles liquid by their temperature, and has no number",
+    "mesh_boundary": "a solid in the liquid's way, whatever its friction and adhesion are",
+}
+# effect with a zero, and without; the rest of the scene; what the term launches and holds
+TERMS = {
+    "weakly_compressible.dynamic_viscosity": (
+        LIQUID, msgspec.structs.replace(LIQUID, dynamic_viscosity=0.3), (), {"sph.momentum"}, set(),
+    ),
+    "mpm_liquid.dynamic_viscosity": (
+        MPM, msgspec.structs.replace(MPM, dynamic_viscosity=0.3), (), {"mpm.viscosity"}, set(),
+    ),
+    "heat_conduction.latent_heat": (
+        HeatConduction(), HeatConduction(latent_heat=3e5, **FROZEN), (LIQUID,), set(),
+        {"enthalpy", "melting_point", "latent_heat"},
+    ),
+    "shape_matching.damping": (
+        ShapeMatching(damping=0.0), SHAPE, (LIQUID,), {"fast_summation.region_motion", "fast_summation.damp"},
+        {"region_velocity", "region_spin"},
+    ),
+    "akinci_2013.area_acceleration": (
+        Akinci2013(surface_tension=0.5, area_acceleration=0.0), Akinci2013(surface_tension=0.5), (LIQUID,),
+        {"surface_normal.color_gradient"}, {"surface_normal"},
+    ),
+    "akinci_2013.adhesion": (
+        Akinci2013(surface_tension=0.5), Akinci2013(surface_tension=0.5, adhesion=0.1), (LIQUID, BoxWalls(**ROOM)),
+        {"akinci_2013.adhesion"}, set(),
+    ),
+    "dong_2016.correction": (
+        Dong2016(surface_tension=0.5, correction=0.0), Dong2016(surface_tension=0.5), (LIQUID,),
+        {"surface_normal.color_gradient"}, {"surface_normal"},
+    ),
+    "he_2014.surface_tension": (
+        He2014(air_pressure=1.0), He2014(surface_tension=0.1, air_pressure=1.0), (LIQUID,),
+        {"he_2014.color", "he_2014.squared_gradient"}, {"color", "color_gradient_squared"},
+    ),
+    "jiang_zhu_2023.area_ratio": (
+        JiangZhu2023(surface_tension=0.5, area_ratio=0.0), JiangZhu2023(surface_tension=0.5), (LIQUID,),
+        {"surface_normal.corrected", "jiang_zhu_2023.tension"}, {"corrected_normal"},
+    ),
+    "jiang_zhu_2023.area_acceleration": (
+        JiangZhu2023(surface_tension=0.5, area_term="color", area_acceleration=0.0),
+        JiangZhu2023(surface_tension=0.5, area_term="color"), (LIQUID,),
+        {"surface_normal.color_gradient", "jiang_zhu_2023.tension"}, {"surface_normal"},
+    ),
+    "mesh_boundary.viscosity": (
+        MeshBoundary(file=str(PEBBLE), center=(0.2, 0.2, -0.4), size=0.4),
+        MeshBoundary(file=str(PEBBLE), center=(0.2, 0.2, -0.4), size=0.4, viscosity=0.1), (LIQUID,),
+        {"one_way_coupling.wall_viscosity"}, set(),
+    ),
+    "mesh_boundary.adhesion": (
+        MeshBoundary(file=str(PEBBLE), center=(0.2, 0.2, -0.4), size=0.4),
+        MeshBoundary(file=str(PEBBLE), center=(0.2, 0.2, -0.4), size=0.4, adhesion=0.1), (LIQUID,),
+        {"akinci_2013.adhesion"}, set(),
+    ),
+}  # fmt: skip
+# Numbers that may be zero and are no coefficient of a force or a flux, with what zero means.
+OTHERS = {
+    "shape_matching.stiffness": "alone it leaves the damping, which needs the regions' rigid motion",
+    "heat_conduction.temperature": "a temperature",
+    "heat_conduction.melting_point": "a temperature",
+    "heat_conduction.conductivity": "see IDENTITIES",
+    "mpm_liquid.cell_size": "two spacings",
+    "mesh_boundary.size": "that of the file",
+    "mesh_boundary.radius": "half a spacing",
+    "mesh_boundary.layers": "as many as a particle reaches",
+    "mesh_boundary.restitution": "slip",
+    "mesh_boundary.rebound": "back to the surface and no further",
+    "mesh_boundary.field_spacing": "half a spacing",
+    "mesh_boundary.volume_factor": "solved",
+    "mesh_boundary.seed": "a seed",
+    "surface_energy.contact_angle": "a wall that is wetted wholly",
+    "surface_energy.seed": "a seed",
+    "surface_energy.iterations": "the fit's first guess",
+    "surface_energy.inset": "the surface through the outermost particles",
+    "surface_energy.smallest": "3^dim",
+    "jiang_zhu_2023.soft_lower": "a weight from the least steepness on",
+}
+SAMPLES = [
+    (LIQUID, ()),
+    (MPM, ()),
+    (PULL, ()),
+    (HeatConduction(), ()),
+    (SHAPE, ()),
+    (SurfaceEnergy(surface_tension=0.5), (MPM, MpmWalls(**ROOM))),
+    (Akinci2013(surface_tension=0.5), (LIQUID,)),
+    (Akinci2013(gamma=0.5), (LIQUID,)),
+    (BeckerTeschner2007(surface_tension=0.5), (LIQUID,)),
+    (BeckerTeschner2007(kappa=0.5), (LIQUID,)),
+    (TartakovskyMeakin2005(surface_tension=0.5), (LIQUID,)),
+    (TartakovskyMeakin2005(strength=0.5), (LIQUID,)),
+    (Dong2016(surface_tension=0.5), (LIQUID,)),
+    (Dong2016(stiffness=0.5), (LIQUID,)),
+    (He2014(surface_tension=0.1, air_pressure=1.0), (LIQUID,)),
+    (He2014(kappa=0.1), (LIQUID,)),
+    (JiangZhu2023(surface_tension=0.5), (LIQUID,)),
+    (JiangZhu2023(gamma=0.5), (LIQUID,)),
+    (CsfWang2019(surface_tension=0.5), (LIQUID,)),
+    (NormalDifference2014(area_acceleration=0.5), (LIQUID,)),
+    (BoxWalls(**ROOM), (LIQUID,)),
+    (MpmWalls(**ROOM), (MPM,)),
+    (ImplicitPressure(), (LIQUID,)),
+    (SurfaceDetection(), (LIQUID,)),
+    (TwoWayCoupling(), (CLAMPED, SHAPE)),
+    (Melting(), (CLAMPED, SHAPE, TwoWayCoupling(), HeatConduction(**FROZEN))),
+    (MeshBoundary(file=str(PEBBLE), center=(0.2, 0.2, -0.4), size=0.4), (LIQUID,)),
+]
+CASES = [(name, k) for name, cases in IDENTITIES.items() for k in range(len(cases))]
+
+
+def scene(*effects, solid=False):
+    solids = (SolidBox(lower=(0.1, 0.1, 0.5), upper=(0.4, 0.4, 0.7)),) if solid else ()
+    return Scene(spacing=0.1, support_radius=0.21, fluid=(Box(cells=(4, 4, 4)),), solid=solids, effects=effects)
+
+
+def both(name, k):
+    """(scene without the effect, scene with its zeros, fields that stay)."""
+    effect, rest, own = IDENTITIES[name][k]
+    if not isinstance(effect, ShapeMatching):
+        return scene(*rest), scene(*rest, effect), own
+    with_it = scene(*rest, effect, solid=True)  # a solid must have its effect: without it the same particles are liquid
+    start = make_plan(with_it).state
+    solid = slice(0, start.sizes[0])
+    cloud = Cloud(position=start.position[solid], mass=start.mass[solid])
+    return msgspec.structs.replace(scene(*rest), fluid=(cloud, *with_it.fluid)), with_it, own
+
+
+def limits(plan):
+    at = Extremes(1.0, 10.0)
+    return {k: v.at(at) for e in plan.effects.values() for k, v in e.step_limits(plan.grid, plan.effects).items()}
+
+
+def test_every_effect_stands_in_one_list():
+    own = {name for name, effect in EFFECTS.items() if effect.__module__.startswith("refsim.")}
+    assert not set(IDENTITIES) & set(WITHOUT)
+    assert {*IDENTITIES, *WITHOUT} == own
+    assert {type(effect).name for effect, _ in SAMPLES} == own
+
+
+def test_every_number_that_may_be_zero_stands_in_one_list():
+    """A new parameter that zero does not refuse must be told: does its zero leave out what it belongs to?"""
+    identities = {name: [case[0] for case in cases] for name, cases in IDENTITIES.items()}
+    found = set()
+    for effect, rest in SAMPLES:
+        for f in msgspec.structs.fields(effect):
+            if not any(kind in str(f.type) for kind in ("float", "int")) or isinstance(getattr(effect, f.name), tuple):
+                continue
+            zero = msgspec.structs.replace(effect, **{f.name: 0})
+            try:
+                make_plan(scene(*rest, zero, solid=isinstance(effect, ShapeMatching) or SHAPE in rest))
+            except (InputError, ZeroDivisionError):
+                continue
+            found.add(f"{effect.name}.{f.name}")
+    told = {*TERMS, *OTHERS}
+    for place in found - told:
+        name, parameter = place.split(".")
+        assert any(getattr(effect, parameter) == 0 for effect in identities.get(name, ())), place
+    assert {place for place in told if place not in found} <= {"heat_conduction.latent_heat"}
+
+
+@pytest.mark.parametrize("name, k", CASES)
+def test_the_plan_is_that_of_a_scene_without(name, k):
+    without, with_it, own = (make_plan(s) if isinstance(s, Scene) else s for s in both(name, k))
+    assert with_it.launches(True) == without.launches(True)
+    assert [p for _, p in with_it.motion] == [p for _, p in without.motion]
+    started = {p.operation for _, p in with_it.start} - {p.operation for _, p in without.start}
+    # the surfaces of solids are found once, when a run begins
+    assert started == (
+        {"shape_matching.direct_neighbours", "shape_matching.classify"} if own and "phase" in own else set()
+    )
+    assert set(with_it.fields) - set(without.fields) == set(own)
+    assert with_it.list_radius == without.list_radius
+    assert limits(with_it) == limits(without)
+    assert (with_it.walls is None) == (without.walls is None)
+    assert set(with_it.shared) - set(without.shared) <= {"lattice"}
+    assert any(e.host_in_step for e in with_it.effects.values()) == any(
+        e.host_in_step for e in without.effects.values()
+    )
+    for backend in ("cpu", "cuda"):
+        here, there = (describe_plan(plan, backend) for plan in (with_it, without))
+        more = sum(math.prod(f.shape(with_it.grid.count)) * f.numpy_dtype("float32").itemsize
+                   for f in with_it.fields.values() if f.name in own)  # fmt: skip
+        moved = sum(with_it.field_bytes()[n] for n in own if n in with_it.field_bytes() and with_it.fields[n].state)
+        lists = moved * with_it.grid.count if backend == "cuda" and with_it.list_radius else 0  # spare arrays
+        assert here["bytes"]["total"] == there["bytes"]["total"] + more + lists
+        assert here["step"]["limits"] == there["step"]["limits"]
+        assert here["not_counted"] == there["not_counted"]
+
+
+@pytest.mark.parametrize("name, k", CASES)
+def test_no_bit_of_the_state_changes(name, k):
+    without, with_it, _ = both(name, k)
+    bits = []
+    for each in (without, with_it):
+        simulation = Simulation(each)
+        for _ in range(12):
+            simulation.step()
+        bits.append([simulation.field(n).tobytes() for n in ("position", "velocity", "mass")])
+        bits[-1].append(simulation.time)
+    assert bits[0] == bits[1]
+
+
+@pytest.mark.parametrize("place", TERMS)
+def test_a_term_of_zero_is_left_out(place):
+    zero, act, rest, operations, fields = TERMS[place]
+    without, with_it = (make_plan(scene(*rest, e, solid=isinstance(e, ShapeMatching))) for e in (zero, act))
+    assert operations <= set(with_it.launches(True))
+    assert not operations & set(without.launches(True))
+    assert fields <= set(with_it.fields)
+    assert not fields & set(without.fields)
+
+
+def test_what_acts_is_seen():
+    """So that the comparisons above can fail."""
+    plain = make_plan(scene(LIQUID))
+    for effect in (PULL, HeatConduction(), JiangZhu2023(surface_tension=1e-9), Akinci2013(gamma=1e-9)):
+        assert make_plan(scene(LIQUID, effect)).launches(True) != plain.launches(True)
+
+
+def test_a_limp_solid_still_melts():
+    """Without stiffness and damping regions are not matched, but melting finds its tables."""
+    heat = HeatConduction(conductivity=0.0, temperature=5.0, melting_point=0.0)
+    simulation = Simulation(scene(CLAMPED, LIMP, TwoWayCoupling(), heat, Melting(bookkeeping="water"), solid=True))
+    solid = int((simulation.field("phase") != 0).sum())
+    simulation.step()
+    assert solid > 0
+    assert int((simulation.field("phase") != 0).sum()) < solid
+    assert not any("match" in name.split(".")[1] for name in simulation.plan.launches(True))

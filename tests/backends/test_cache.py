@@ -1,0 +1,278 @@
+"""The compile cache: used again where nothing changed, and never after an edit, in whatever file it was made."""
+
+import os
+import pathlib
+import subprocess
+import sys
+
+import pytest
+
+from refsim.backends import compile as compiling
+from refsim.backends.cache_files import refuse_foreign
+from refsim.backends.compile import sources_behind
+from refsim.core.errors import InputError
+
+FILES = {
+    "__init__.py": "",
+    "numbers.py": "FACTOR = 2.0\n",
+    "formulas.py": """from refsim.backends.compile import formula
+from tiny.numbers import FACTOR
+
+
+@formula
+def scaled(x):
+    return x * type(x)(FACTOR)
+""",
+    "particle.py": """from refsim.backends.compile import formula
+from tiny import formulas
+
+
+@formula
+def twice(x):
+    return formulas.scaled(x) + formulas.scaled(x)
+""",
+    "cpu.py": """from refsim.backends.compile import cpu_kernel, prange
+from tiny import particle
+
+
+@cpu_kernel
+def kernel(values):
+    for i in prange(values.shape[0]):
+        values[i] = particle.twice(values[i])
+""",
+    "other.py": "UNRELATED = 1\n",
+}
+PROGRAM = """
+import os, pathlib, time
+import numpy as np
+from numba.core.caching import IndexDataCacheFile
+from tiny.cpu import kernel
+def after(seconds, save):
+    def late(*arguments):
+        time.sleep(float(seconds))
+        save(*arguments)
+    return late
+late = os.environ["LATE"].split()  # between reading and writing the cache's index, and before the code follows
+IndexDataCacheFile._save_index = after(late[0], IndexDataCacheFile._save_index)
+IndexDataCacheFile._save_data = after(late[1], IndexDataCacheFile._save_data)
+def compiled():
+    return len(list(pathlib.Path(os.environ["REFSIM_CACHE_DIR"]).glob("*/*/*.nbc")))
+before = compiled()
+values = np.ones(3, os.environ["KIND"])
+kernel(values)
+print(values[0], compiled() - before, sum(kernel.stats.cache_hits.values()))
+"""
+SUMS = """
+import hashlib
+import numpy as np
+from refsim.neighbours.rows import NeighbourRows
+from refsim.core.operation import REGISTRY
+from refsim.smoothing import smoothing
+from refsim.sph import Fluid
+
+n, real, random = 300, np.float32, np.random.default_rng(3)
+position = random.random((n, 3)).astype(real)
+position[:, 2] = 0
+values = {
+    "position": position,
+    "velocity": random.random((n, 3)).astype(real),
+    "mass": random.random(n).astype(real),
+    "density": (1 + random.random(n)).astype(real),
+    "pressure": random.random(n).astype(real),
+    "smoothing": smoothing("wendland_c2", 0.2, 2, "float32"),
+    "fluid": Fluid(real(1), real(1), np.int32(7), np.int32(1)),
+    "neighbours": NeighbourRows(
+        np.arange(n) * n, np.full(n, n, np.int32), np.tile(np.arange(n, dtype=np.int32), n)
+    ),
+    "acceleration": np.zeros((n, 3), real),
+}
+REGISTRY["sph.pressure"].bind("cpu", values.get)()
+print(hashlib.sha256(values["acceleration"].tobytes()).hexdigest())
+"""
+
+
+@pytest.fixture
+def tiny(tmp_path):
+    package = tmp_path / "tiny"
+    package.mkdir()
+    for name, text in FILES.items():
+        (package / name).write_text(text)
+    return package
+
+
+def started(package, kind="float32", late="0 0"):
+    """A process of its own that runs the kernel on numbers of a kind, and is late by some seconds in saving it."""
+    environment = dict(os.environ, REFSIM_CACHE_DIR=str(package.parent / "cache"), KIND=kind, LATE=late)
+    here = [str(package.parent), str(pathlib.Path(__file__).parents[2]), environment.get("PYTHONPATH", "")]
+    environment["PYTHONPATH"] = os.pathsep.join(here)
+    return subprocess.Popen([sys.executable, "-c", PROGRAM], stdout=subprocess.PIPE, text=True, env=environment)
+
+
+def ended(process):
+    """(result, kernels compiled, cache hits) of the kernel in a process."""
+    words, _ = process.communicate()
+    assert process.returncode == 0
+    value, compiled, hits = words.split()
+    return float(value), int(compiled), int(hits)
+
+
+def run(package):
+    return ended(started(package))
+
+
+def edit(package, name, old, new):
+    path = package / name
+    assert old in path.read_text()
+    path.write_text(path.read_text().replace(old, new))
+
+
+def test_edits_behind_a_kernel_are_seen_and_others_cost_nothing(tiny):
+    assert run(tiny) == (4, 1, 1)
+    assert run(tiny) == (4, 0, 1)
+    edit(tiny, "other.py", "1", "2")  # a file that the kernel has nothing to do with
+    assert run(tiny) == (4, 0, 1)
+    edit(tiny, "formulas.py", "x * type(x)(FACTOR)", "x - type(x)(FACTOR)")  # called through a second file
+    assert run(tiny) == (-2, 1, 1)
+    edit(tiny, "numbers.py", "2.0", "3.0")  # a constant in a third
+    assert run(tiny) == (-4, 1, 1)
+
+
+def test_processes_that_compile_one_kernel_at_once_do_not_disturb_each_other(tiny):
+    at_once = [started(tiny, "float32", late="1.2 0"), started(tiny, "float64", late="0.6 1.8")]
+    assert [ended(p)[0] for p in at_once] == [4, 4]
+    assert [ended(started(tiny, kind)) for kind in ("float32", "float64")] == [(4, 0, 1), (4, 0, 1)]
+
+
+def test_sources_behind_a_kernel(tiny):
+    found = {path.name for path in sources_behind(tiny / "cpu.py")}
+    assert found >= {"cpu.py", "particle.py", "formulas.py", "numbers.py"}
+    assert "other.py" not in found
+
+
+def test_a_cache_that_cannot_be_written_does_no_harm(tiny):
+    (tiny.parent / "cache").write_text("in the way")
+    assert run(tiny) == (4, 0, 0)
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="there, the process that compiles runs code of its own")
+def test_the_process_that_compiles_computes_the_same_bits(tmp_path):
+    """Sums may be taken in any order, but in the same one before and after a resume."""
+    environment = dict(os.environ, REFSIM_CACHE_DIR=str(tmp_path))
+    environment["PYTHONPATH"] = os.pathsep.join(
+        [str(pathlib.Path(__file__).parents[2]), os.environ.get("PYTHONPATH", "")]
+    )
+    command = [sys.executable, "-c", SUMS]
+    first, second = (
+        subprocess.run(command, capture_output=True, text=True, env=environment, check=True).stdout for _ in range(2)
+    )
+    assert first == second
+
+
+# Damage
+
+
+def told(package, program=PROGRAM, kind="float32", **variables):
+    """(exit code, standard output, standard error) of a process of its own that runs the kernel."""
+    environment = dict(os.environ, REFSIM_CACHE_DIR=str(package.parent / "cache"), KIND=kind, LATE="0 0", **variables)
+    here = [str(package.parent), str(pathlib.Path(__file__).parents[2]), environment.get("PYTHONPATH", "")]
+    environment["PYTHONPATH"] = os.pathsep.join(here)
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, env=environment)
+    return done.returncode, done.stdout, done.stderr
+
+
+def cached(package, kind):
+    (found,) = (package.parent / "cache").glob(f"*/*/*.{kind}")
+    return found
+
+
+def flipped(content):
+    middle = len(content) // 2
+    return content[:middle] + bytes([content[middle] ^ 1]) + content[middle + 1 :]
+
+
+DAMAGE = {
+    "empty": lambda content: b"",
+    "half": lambda content: content[: len(content) // 2],
+    "a flipped bit": flipped,
+    "longer": lambda content: content + b"\0",
+}
+
+
+@pytest.mark.parametrize("kind", ["nbi", "nbc"])
+def test_a_damaged_cache_is_dropped_and_compiled_anew(tiny, kind):
+    """The code that runs comes out of the renewed cache (one hit), so that its bits are those of every other run."""
+    assert run(tiny) == (4, 1, 1)
+    for damage in DAMAGE.values():
+        path = cached(tiny, kind)
+        path.write_bytes(damage(path.read_bytes()))
+        code, out, err = told(tiny)
+        assert (code, out.split()[0], out.split()[2]) == (0, "4.0", "1"), err
+        assert err.count("UserWarning") == 1
+        assert f"the compile cache was damaged ({path}" in err
+        assert told(tiny) == (0, "4.0 0 1\n", "")
+
+
+def test_code_of_another_kernel_in_a_file_of_the_cache_is_not_run(tiny):
+    assert run(tiny) == (4, 1, 1)
+    path = cached(tiny, "nbc")
+    assert ended(started(tiny, "float64"))[0] == 4
+    other = path.with_name(path.name.replace(".1.nbc", ".2.nbc"))
+    path.write_bytes(other.read_bytes())
+    code, out, err = told(tiny)
+    assert (code, out.split()[0]) == (0, "4.0")
+    assert "damaged" in err
+
+
+def test_a_kill_between_code_and_index_leaves_no_index_of_other_code(tiny):
+    assert run(tiny) == (4, 1, 1)
+    cached(tiny, "nbi").unlink()
+    killed = PROGRAM.replace(
+        "def compiled():", "IndexDataCacheFile._save_data = lambda *a: os._exit(9)\ndef compiled():"
+    )
+    assert told(tiny, killed, "float64")[0] == 9
+    assert ended(started(tiny, "float64"))[0] == 4
+
+
+def test_a_full_disk_costs_the_cache_and_not_the_run(tiny):
+    resource = pytest.importorskip("resource")
+    limited = f"import resource\nresource.setrlimit(resource.RLIMIT_FSIZE, (1000, {resource.RLIM_INFINITY}))\n"
+    code, out, err = told(tiny, limited + PROGRAM)
+    assert (code, out) == (0, "4.0 0 0\n")
+    assert err.count("UserWarning") == 1
+    assert "cannot be written (File too large); the next run compiles these kernels again." in err
+
+
+def test_a_cache_that_others_can_write_to_is_refused(tiny, monkeypatch):
+    assert run(tiny) == (4, 1, 1)
+    for folder in (tiny.parent / "cache", cached(tiny, "nbi").parent.parent, cached(tiny, "nbi").parent):
+        folder.chmod(0o777)
+        code, _, err = told(tiny)
+        assert code == 1
+        assert err.splitlines()[-1].startswith(
+            f"refsim.core.errors.InputError: the compile cache {folder} can be written to"
+        )
+        assert "set REFSIM_CACHE_DIR" in err
+        folder.chmod(0o700)
+    assert run(tiny) == (4, 0, 1)
+    monkeypatch.setattr(os, "geteuid", lambda: os.stat(tiny).st_uid + 1)
+    with pytest.raises(InputError, match="belongs to another user"):
+        refuse_foreign(tiny.parent / "cache")
+
+
+def test_a_cache_made_under_any_umask_is_the_users_own(tiny):
+    code, _, err = told(tiny, "import os\nos.umask(0)\n" + PROGRAM)
+    assert code == 0, err
+    assert (tiny.parent / "cache").stat().st_mode & 0o777 == 0o700
+    assert run(tiny) == (4, 0, 1)
+
+
+def test_only_folders_of_the_cache_are_cleared_away(tmp_path, monkeypatch):
+    monkeypatch.setenv("REFSIM_CACHE_DIR", str(tmp_path))
+    monkeypatch.setattr(compiling, "_CACHES_KEPT", 1)
+    old, own = tmp_path / "0123456789abcdef", tmp_path / "photographs"
+    for age, folder in enumerate((old, own)):
+        folder.mkdir()
+        os.utime(folder, (age, age))
+    (source := tmp_path / "kernel.py").write_text("")
+    made = compiling.cache_folder(source)
+    assert sorted(p.name for p in tmp_path.iterdir() if p.is_dir()) == sorted([pathlib.Path(made).name, "photographs"])

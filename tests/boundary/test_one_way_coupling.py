@@ -1,0 +1,176 @@
+"""Solids from meshes in scenes: volumes, what a scene pays, bad input, files, resuming."""
+
+import pathlib
+
+import numpy as np
+import pytest
+import trimesh
+
+from refsim import Box, Gravity, InputError, MeshBoundary, Scene, Simulation, WeaklyCompressible, make_plan
+from refsim.boundary.akinci_2012 import calibrated_factor
+from refsim.boundary.one_way_coupling import layer_factors
+from refsim.scene.files import load_scene, scene_to_toml
+from refsim.smoothing import smoothing
+from refsim.smoothing.reference import kernel_value
+
+SPACING, SUPPORT = 0.01, 0.027
+LIQUID = WeaklyCompressible(sound_speed=20.0, dynamic_viscosity=0.5)
+
+
+@pytest.fixture(scope="module")
+def plate(tmp_path_factory):
+    path = tmp_path_factory.mktemp("meshes") / "plate.obj"
+    trimesh.creation.box((0.16, 0.16, 0.06)).export(path)
+    return str(path)
+
+
+def scene(*effects, gap=1.0, **changes):
+    """A block on the plate, whose upper face is at z = 0.03 m."""
+    fluid = Box(lower=(-0.035, -0.035, 0.03 + (gap - 0.5) * SPACING), cells=(7, 7, 5))
+    return Scene(spacing=SPACING, support_radius=SUPPORT, dtype="float64", fluid=(fluid,), effects=effects, **changes)
+
+
+def test_density_is_p5(plate):
+    """rho_i = sum_j m_j W_ij + sum_b rho0 g W_ib / sum_b' W_bb', summed here in full."""
+    simulation = Simulation(scene(LIQUID, MeshBoundary(file=plate, literal=("E30",))))
+    simulation.evaluate()
+    x, m = simulation.field("position"), simulation.field("mass")
+    b = simulation.plan.walls.position
+    kernel = smoothing("wendland_c2", SUPPORT, 3)
+
+    def w(a, c):
+        return kernel_value(np.linalg.norm(a[:, None] - c[None], axis=2), kernel)
+
+    volume = 1 / w(b, b).sum(1)
+    expected = w(x, x) @ m + 1000 * w(x, b) @ volume
+    assert np.allclose(simulation.field("density"), expected, rtol=1e-12)
+
+
+def test_the_calibrated_factor_gives_the_first_layer_the_rest_density(plate):
+    """One spacing from a flat wall; literal g = 1 is 12 to 17 % too dense there."""
+    errors = {}
+    for name, given in (("calibrated", {}), ("single", {"layers": 1}), ("printed", {"literal": ("E30",)})):
+        simulation = Simulation(scene(LIQUID, MeshBoundary(file=plate, **given)))
+        simulation.evaluate()
+        x = simulation.field("position")
+        first = (x[:, 2] < 0.041) & (np.abs(x[:, :2]).max(1) < 0.006)
+        errors[name] = simulation.field("density")[first].mean() / 1000 - 1
+    assert abs(errors["calibrated"]) < 0.01
+    assert abs(errors["single"]) < 0.02
+    assert 0.12 < errors["printed"] < 0.20
+
+
+def test_layers_beneath_the_surface_stand_a_spacing_apart(plate):
+    """And all boundary particles of a wall have the same volume, as if the liquid went on in it."""
+    walls = make_plan(scene(LIQUID, MeshBoundary(file=plate))).walls
+    middle = np.abs(walls.position[:, :2]).max(1) < 0.04
+    z, volume = walls.position[:, 2], walls.volume
+    upper = [middle & (np.abs(z - height) < 1e-4) for height in (0.03, 0.03 - SPACING)]
+    assert all(layer.sum() > 50 for layer in upper)
+    assert not (middle & (z > 0.001) & ~upper[0] & ~upper[1]).any()
+    assert abs(volume[upper[0]].mean() / volume[upper[1]].mean() - 1) < 0.05
+
+
+def test_factors_of_hexagons_and_of_the_lattice_are_alike():
+    for shape, ratio in (("wendland_c2", 2.7), ("poly6", 2.6)):
+        assert abs(layer_factors(shape, ratio, 1.0, 0.5, 1)[0] / calibrated_factor(shape, ratio, 1.0, 3) - 1) < 0.03
+
+
+def test_pressure_at_the_wall_derives_from_the_energy_of_p5(plate):
+    """With p = c^2 (rho - rho0): F_i = -d/dx_i sum_k m_k e(rho_k), whose wall part is Psi_b p_i/rho_i^2 once."""
+    simulation = Simulation(
+        scene(WeaklyCompressible(sound_speed=20.0), MeshBoundary(file=plate, literal=("E30",)), gap=0.9)
+    )
+    simulation.evaluate()
+    assert simulation.plan.shared["fluid"].wall_share == 1.0
+    row = int(np.argmin(simulation.field("position")[:, 2] + np.abs(simulation.field("position")[:, :2]).sum(1)))
+    x, b = simulation.field("position")[row], simulation.plan.walls.position
+    kernel, way = smoothing("wendland_c2", SUPPORT, 3), 1e-7
+    volume = simulation.plan.walls.volume
+
+    def filled(z):
+        return 1000 * float(kernel_value(np.linalg.norm(x + [0, 0, z] - b, axis=1), kernel) @ volume)
+
+    rho, p = simulation.field("density")[row], simulation.field("pressure")[row]
+    expected = -p / rho**2 * (filled(way) - filled(-way)) / (2 * way)
+    bare = Simulation(scene(WeaklyCompressible(sound_speed=20.0), gap=0.9))
+    for name in ("density", "pressure"):
+        assert name in bare.fields
+    from refsim.core.operation import REGISTRY
+
+    given = {n: simulation.field(n) for n in ("position", "velocity", "mass", "density", "pressure")}
+    program = REGISTRY["sph.pressure"].program("numpy")
+    shared = simulation.plan.shared
+    both = [
+        program(*given.values(), walls, shared["gradient_smoothing"], shared["fluid"], None)["acceleration"][0]
+        for walls in (simulation.plan.walls, None)
+    ]
+    assert np.isclose((both[0] - both[1])[row, 2], expected, rtol=1e-5)
+    assert expected > 0
+
+
+def test_without_a_mesh_nothing_of_it_is_there(plate):
+    without, with_it = make_plan(scene(LIQUID)), make_plan(scene(LIQUID, MeshBoundary(file=plate, viscosity=0.1)))
+    assert without.walls is None
+    assert with_it.walls is not None
+    assert "corrections" not in without.fields
+    assert "corrections" in with_it.fields
+    new = {"one_way_coupling.wall_viscosity", "penetration.kick_drift"}
+    assert set(with_it.launches()) - set(without.launches()) == new | {"one_way_coupling.wall_pressure"}
+    printed = make_plan(scene(LIQUID, MeshBoundary(file=plate, viscosity=0.1, literal=("E30",))))
+    assert set(printed.launches()) - set(without.launches()) == new
+    assert without.shared["fluid"].wall_share == 2.0
+    free = make_plan(scene(LIQUID, MeshBoundary(file=plate, correction="none", literal=("E30",))))
+    assert "corrections" not in free.fields
+    assert free.launches() == without.launches()
+
+
+def test_a_run_goes_on_bit_for_bit_from_its_checkpoint(plate, tmp_path):
+    whole = Simulation(scene(LIQUID, Gravity(), MeshBoundary(file=plate, volume_factor=0.01), gap=0.3))
+    for _ in range(100):
+        whole.step()
+    assert whole.field("corrections").sum() > 0
+    whole.checkpoint(tmp_path / "checkpoint.h5")
+    resumed = Simulation.resume(tmp_path / "checkpoint.h5")
+    for _ in range(10):
+        whole.step()
+        resumed.step()
+    for name in ("position", "velocity", "corrections"):
+        assert whole.field(name).tobytes() == resumed.field(name).tobytes()
+
+
+def test_a_mesh_is_looked_for_beside_the_scene_file(plate, tmp_path):
+    (tmp_path / "solid.obj").write_text(pathlib.Path(plate).read_text())
+    text = scene_to_toml(scene(LIQUID, MeshBoundary(file="solid.obj")))
+    (tmp_path / "scene.toml").write_text(text)
+    loaded = load_scene(tmp_path / "scene.toml")
+    assert loaded.effects[-1].file == str(tmp_path / "solid.obj")
+    assert len(make_plan(loaded).walls.position) > 100
+
+
+@pytest.mark.parametrize(
+    "changes, words",
+    [
+        ({"file": "nowhere.obj"}, "there is no file"),
+        ({"radius": -1.0}, "radius = -1"),
+        ({"radius": 0.2}, "smaller than the boundary particles"),
+        ({"size": 0.004}, "smaller than the boundary particles"),
+        ({"restitution": 1.5}, "restitution = 1.5"),
+        ({"layers": -1}, "layers = -1"),
+        ({"correction": "hope"}, "correction = 'hope'"),
+        ({"center": (0.0, float("nan"), 0.0)}, "center along y"),
+    ],
+)
+def test_bad_input_gets_one_sentence(plate, changes, words):
+    with pytest.raises(InputError, match=words) as caught:
+        make_plan(scene(LIQUID, MeshBoundary(**{"file": plate, **changes})))
+    assert "\n" not in str(caught.value)
+
+
+def test_a_mesh_needs_space(plate):
+    flat = Scene(
+        spacing=SPACING, support_radius=SUPPORT, dim=2, fluid=(Box(cells=(3, 3, 1)),),
+        effects=(LIQUID, MeshBoundary(file=plate)),
+    )  # fmt: skip
+    with pytest.raises(InputError, match="body in space"):
+        make_plan(flat)

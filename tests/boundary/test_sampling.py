@@ -1,0 +1,161 @@
+"""Boundary particles on meshes: their number, how even they are, what repeats, what is refused, the command."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+import trimesh
+
+from refsim.__main__ import main
+from refsim.backends.arrays import Backend, set_threads
+from refsim.boundary.mesh import surface_mesh
+from refsim.boundary.sampling import HEXAGONAL, facet_counts, relaxed, sample
+from refsim.boundary.signed_distance import signed_distance
+from refsim.commands.sample import nearest_distances
+from refsim.core.errors import InputError
+
+BALL = surface_mesh(trimesh.creation.icosphere(3).vertices, trimesh.creation.icosphere(3).faces, "ball")
+BOX = surface_mesh(*(lambda m: (m.vertices, m.faces))(trimesh.creation.box((1.0, 1.0, 1.0))), "box")
+
+
+@pytest.fixture(scope="module")
+def on_ball():
+    return sample(BALL, 0.08, seed=1)
+
+
+def test_particles_are_even_and_on_the_mesh(on_ball):
+    assert on_ball.converged
+    assert len(on_ball.position) == pytest.approx(on_ball.expected, abs=1)
+    nearest = nearest_distances(on_ball.position)
+    assert nearest.min() / nearest.mean() > 0.85
+    assert nearest.std() / nearest.mean() < 0.05
+    made = trimesh.Trimesh(BALL.vertices, BALL.faces)
+    assert trimesh.proximity.closest_point(made, on_ball.position)[1].max() < 1e-5 * on_ball.radius / 0.08
+    outward = (on_ball.normal * on_ball.position).sum(1) / np.linalg.norm(on_ball.position, axis=1)
+    assert outward.min() > 0.98
+
+
+def test_a_box_keeps_its_edges():
+    made = sample(BOX, 0.06)
+    assert made.converged
+    assert len(made.position) == pytest.approx(made.expected, abs=1)
+    assert np.abs(np.abs(made.position).max(1) - 0.5).max() < 1e-6
+
+
+def test_count_follows_the_area():
+    """The running sum keeps the total whatever the triangles' sizes; each by itself, as printed, keeps nothing."""
+    area = np.full(1000, 0.3)
+    radius = math.sqrt(HEXAGONAL / math.pi)
+    assert facet_counts(area, HEXAGONAL, radius)[-1] == 300
+    assert facet_counts(area, HEXAGONAL, radius, each_by_itself=True)[-1] == 0
+    assert np.diff(facet_counts(area, HEXAGONAL, radius)).max() == 1
+    with pytest.raises(InputError, match="E25"):
+        sample(BALL, 0.08, literal=("E25",))
+
+
+def test_same_seed_same_bits(on_ball):
+    cpu = Backend("cpu")
+    try:
+        set_threads(cpu, 1)
+        again = sample(BALL, 0.08, seed=1)
+    finally:
+        set_threads(cpu, None)
+    assert np.array_equal(on_ball.position, again.position)
+    assert np.array_equal(on_ball.normal, again.normal)
+    other = sample(BALL, 0.08, seed=2)
+    assert not np.array_equal(on_ball.position, other.position)
+
+
+def test_printed_step_never_meets_the_threshold_on_a_box():
+    printed = sample(BOX, 0.06, literal=("E24",), most_iterations=300)
+    assert not printed.converged
+    assert "still move" in printed.notes[-1]
+    assert sample(BOX, 0.06, most_iterations=300).converged
+
+
+def test_particles_at_one_place_part():
+    """Fifty particles on the same spot of a ball end as fifty places, the same ones every time."""
+    band = signed_distance(BALL, 0.08)
+    pile = np.repeat(np.array([[0.0, 0.0, 0.99]], np.float32), 50, axis=0)
+    ends = [relaxed(Backend("cpu"), band.local, pile.copy(), 0.08, 3, False, 60)[0] for _ in range(2)]
+    assert np.array_equal(*ends)
+    assert nearest_distances(ends[0]).min() > 0.5 * 0.08
+
+
+def test_a_mesh_far_away_gets_the_same_particles(on_ball):
+    shift = np.array([16384.0, -8192.0, 4096.0])
+    far = sample(surface_mesh(BALL.vertices + shift, BALL.faces, "far"), 0.08, seed=1)
+    assert np.abs(far.position - shift - on_ball.position).max() < 1e-9
+
+
+TILT = trimesh.transformations.rotation_matrix(0.4, [1.0, 0.7, 0.2])
+
+
+def tilted_plate(thickness):
+    made = trimesh.creation.box((1.0, 0.8, thickness)).apply_transform(TILT)
+    return surface_mesh(made.vertices, made.faces)
+
+
+def test_a_thin_plate_gets_a_finer_grid():
+    plate = sample(tilted_plate(0.02), 0.03)
+    assert any("finer" in note for note in plate.notes)
+    assert len(plate.position) == pytest.approx(plate.expected, abs=1)
+    upper = (plate.position @ TILT[:3, 2]) > 0
+    assert abs(upper.mean() - 0.5) < 0.03
+
+
+@pytest.mark.parametrize(
+    "options, words",
+    [
+        ({"radius": 0.0}, "positive"), ({"radius": float("nan")}, "positive"),
+        ({"radius": 3.0}, "larger than the mesh"), ({"radius": 0.1, "density": -1.0}, "positive"),
+        ({"radius": 0.1, "literal": ("E99",)}, "E99"),
+        ({"radius": 0.1, "spacing": -1.0}, "positive"),
+    ],
+)  # fmt: skip
+def test_bad_input_is_refused(options, words):
+    with pytest.raises(InputError, match=words):
+        sample(BALL, **options)
+
+
+def test_a_sheet_too_thin_for_any_grid_is_refused():
+    with pytest.raises(InputError, match="thinner than the grid"):
+        sample(tilted_plate(1e-4), 0.1)
+
+
+def test_command(tmp_path, capsys):
+    trimesh.creation.box((1.0, 1.0, 1.0)).export(tmp_path / "box.obj")
+    place = tmp_path / "boundary.vtp"
+    assert main(["sample", str(tmp_path / "box.obj"), "--radius", "0.06", "-o", str(place), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["particles"] == pytest.approx(told["expected"], abs=1)
+    assert told["converged"]
+    vtk = pytest.importorskip("vtk")
+    reader = vtk.vtkXMLPolyDataReader()
+    reader.SetFileName(str(place))
+    reader.Update()
+    read = reader.GetOutput()
+    assert read.GetNumberOfPoints() == told["particles"]
+    assert {read.GetPointData().GetArrayName(k) for k in range(2)} == {"normal", "nearest"}
+    assert main(["sample", str(tmp_path / "box.obj"), "--radius", "0.06", "-o", str(place)]) == 0
+    assert "g A/(pi r^2)" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    "arguments, words",
+    [
+        (["none.obj", "--radius", "0.1"], "there is no file"),
+        (["box.obj", "--radius", "-1"], "radius"),
+        (["box.obj", "--radius", "9"], "larger than the mesh"),
+        (["box.obj", "--radius", "0.1", "-o", "x.txt"], "vtp"),
+        (["box.obj"], "--radius"),
+    ],
+)
+def test_command_refuses_in_one_sentence(tmp_path, capsys, monkeypatch, arguments, words):
+    monkeypatch.chdir(tmp_path)
+    trimesh.creation.box((1.0, 1.0, 1.0)).export("box.obj")
+    assert main(["sample", *arguments]) == 2
+    error = capsys.readouterr().err
+    assert words in error
+    assert error.count("\n") == 1

@@ -1,0 +1,247 @@
+"""The signed distance from a mesh: against trimesh, winding numbers and analytic shapes; which meshes are refused."""
+
+import numpy as np
+import pytest
+import trimesh
+
+from refsim.boundary.mesh import load_mesh, surface_mesh, winding
+from refsim.boundary.signed_distance import signed_distance
+from refsim.boundary.signed_distance.cases import crossed, needle, plate
+from refsim.core.errors import InputError
+
+BALL = trimesh.creation.icosphere(3)
+BOX = trimesh.creation.box((1.0, 0.8, 0.6))
+
+
+def meshed(made):
+    return surface_mesh(made.vertices, made.faces)
+
+
+@pytest.fixture(scope="module")
+def ball_band():
+    return signed_distance(meshed(BALL), 0.06)
+
+
+def node_places(band):
+    from refsim.sparse_grid.reference import node_table
+
+    return band.spacing * node_table(band.field)
+
+
+def test_distance_is_that_of_trimesh(ball_band):
+    place = node_places(ball_band)
+    rows = np.random.default_rng(1).choice(np.flatnonzero(ball_band.field.closest >= 0), 300, replace=False)
+    _, distance, _ = trimesh.proximity.closest_point(BALL, place[rows])
+    assert np.abs(np.abs(ball_band.field.distance[rows]) - distance).max() < 3e-7
+    beyond = np.flatnonzero(ball_band.field.closest < 0)[:100]
+    assert trimesh.proximity.closest_point(BALL, place[beyond])[1].min() > ball_band.band * (1 - 1e-6)
+
+
+@pytest.mark.parametrize("shape, spacing", [(needle, 0.004), (plate, 0.02)], ids=["needle", "plate"])
+def test_signs_are_those_of_the_winding_number(shape, spacing):
+    """At every node, also where two faces of a sharp tip are equally near, and at random places off the table."""
+    band = signed_distance(shape(), spacing, 2 * spacing, dtype="float64")
+    place = node_places(band)
+    clear = np.abs(band.field.distance) > 1e-9
+    rows = np.random.default_rng(2).choice(np.flatnonzero(clear), 1500, replace=False)
+    corners = band.mesh.corners
+    inside = np.array([winding(p, corners) > 0.5 for p in place[rows]])
+    assert inside.any()
+    assert np.array_equal(band.field.distance[rows] < 0, inside)
+
+
+def test_the_inside_beyond_all_blocks_is_marked():
+    box = meshed(BOX)
+    band = signed_distance(box, 0.02, dtype="float64")
+    place = np.random.default_rng(3).uniform(-0.7, 0.7, (2000, 3))
+    distance, slope = band.at(place)
+    over = np.abs(place) - 0.5 * np.array(BOX.extents)
+    known = np.linalg.norm(np.maximum(over, 0), axis=1) + np.minimum(over.max(1), 0)
+    clear = np.abs(known) > 0.02
+    assert np.array_equal(distance[clear] < 0, known[clear] < 0)
+    deep = known < -band.band - 0.05
+    assert deep.any()
+    assert (distance[deep] == -band.band).all()
+    assert (slope[deep] == 0).all()
+
+
+def test_trilinear_error_is_of_second_order():
+    ball = meshed(trimesh.creation.icosphere(5))
+    ways = np.random.default_rng(4).normal(size=(2000, 3))
+    place = ways / np.linalg.norm(ways, axis=1)[:, None] * np.random.default_rng(5).uniform(0.95, 1.05, (2000, 1))
+    known = np.linalg.norm(place, axis=1) - 1
+    errors = []
+    for spacing in (0.2, 0.1):
+        distance, slope = signed_distance(ball, spacing, dtype="float64").at(place)
+        errors.append(np.sqrt(((distance - known) ** 2).mean()))
+        assert np.abs(np.linalg.norm(slope, axis=1) - 1).max() < 0.6 * spacing
+    assert 1.6 < np.log2(errors[0] / errors[1]) < 2.4
+
+
+def test_projection_stands_on_the_mesh(ball_band):
+    ways = np.random.default_rng(6).normal(size=(300, 3))
+    place = (ways / np.linalg.norm(ways, axis=1)[:, None] * 1.003).astype(np.float32)
+    onto, normal = ball_band.project(place)
+    _, least, _ = trimesh.proximity.closest_point(BALL, place)
+    _, off, _ = trimesh.proximity.closest_point(BALL, onto)
+    assert off.max() < 1e-6
+    assert np.abs(np.linalg.norm(onto - place, axis=1) - least).max() < 0.05 * ball_band.spacing
+    assert np.abs(np.linalg.norm(normal, axis=1) - 1).max() < 1e-5
+
+
+def test_memory_follows_the_surface():
+    """Half the spacing, four times the blocks; two balls 1000 radii apart cost two balls."""
+    one = signed_distance(meshed(BALL), 0.08, check_crossings=False)
+    finer = signed_distance(meshed(BALL), 0.04, check_crossings=False)
+    assert 3.4 < finer.nbytes / one.nbytes < 4.6
+    apart = trimesh.util.concatenate([BALL, BALL.copy().apply_translation([1000.0, 0, 0])])
+    both = signed_distance(meshed(apart), 0.08, check_crossings=False)
+    assert 1.9 < both.nbytes / one.nbytes < 2.1
+
+
+def test_a_mesh_far_away_has_the_same_field():
+    near, far = meshed(BOX), surface_mesh(np.array(BOX.vertices) + [16384.0, -8192.0, 4096.0], BOX.faces)
+    one, other = (signed_distance(mesh, 0.05, dtype="float32") for mesh in (near, far))
+    assert np.array_equal(one.field.keys, other.field.keys)
+    assert np.array_equal(one.field.distance, other.field.distance)
+    place = np.random.default_rng(7).uniform(-0.5, 0.5, (100, 3))
+    assert np.array_equal(one.at(place)[0], other.at(place + [16384.0, -8192.0, 4096.0])[0]) or np.allclose(
+        one.at(place)[0], other.at(place + [16384.0, -8192.0, 4096.0])[0], atol=1e-9
+    )
+
+
+# Meshes that are repaired, and say so
+
+
+def test_duplicated_faces_are_left_out():
+    mesh = surface_mesh(BOX.vertices, np.concatenate([BOX.faces, BOX.faces[:2], BOX.faces[3:4, ::-1]]))
+    assert mesh.notes == ("3 duplicated faces left out",)
+    assert mesh.volume == pytest.approx(0.48)
+
+
+def test_triangles_without_area_are_taken_into_the_neighbour():
+    """A corner in the middle of an edge, on one side only: the other side keeps its long edge over a flat triangle."""
+    a, b, c = BOX.faces[0]
+    middle = 0.5 * (BOX.vertices[a] + BOX.vertices[b])
+    m = len(BOX.vertices)
+    faces = np.concatenate([BOX.faces[1:], [[a, m, c], [m, b, c], [a, b, m]]])
+    mesh = surface_mesh(np.concatenate([BOX.vertices, middle[None]]), faces)
+    assert mesh.notes == ("1 triangle without area taken into the neighbours",)
+    assert mesh.volume == pytest.approx(0.48)
+    assert len(mesh.faces) == len(BOX.faces) + 2
+    signed_distance(mesh, 0.1)
+
+
+def test_bodies_inside_out_and_wrong_windings_are_turned():
+    mesh = surface_mesh(BOX.vertices, BOX.faces[:, ::-1])
+    assert mesh.notes == ("1 body turned inside out",)
+    assert mesh.volume == pytest.approx(0.48)
+    faces = BOX.faces.copy()
+    faces[2] = faces[2, ::-1]
+    mesh = surface_mesh(BOX.vertices, faces)
+    assert mesh.notes[0] == "1 face wound as the neighbours are"
+    assert mesh.volume == pytest.approx(0.48)
+
+
+def test_a_small_hole_is_filled_and_a_cavity_is_kept():
+    mesh = surface_mesh(BOX.vertices, BOX.faces[1:])
+    assert mesh.notes == ("holes filled with 1 triangle",)
+    assert mesh.volume == pytest.approx(0.48)
+    inner = 0.5 * np.array(BOX.vertices)
+    hollow = surface_mesh(np.concatenate([BOX.vertices, inner]), np.concatenate([BOX.faces, BOX.faces[:, ::-1] + 8]))
+    assert hollow.notes == ()
+    assert hollow.volume == pytest.approx(0.48 * 7 / 8)
+    distance, _ = signed_distance(hollow, 0.04).at(np.array([[0.0, 0.0, 0.0], [0.38, 0.0, 0.0]]))
+    assert distance[0] > 0 > distance[1]
+
+
+def test_bodies_that_touch_at_a_point_keep_a_normal_each():
+    other = np.array(BOX.vertices) + BOX.extents
+    mesh = surface_mesh(np.concatenate([BOX.vertices, other]), np.concatenate([BOX.faces, BOX.faces + 8]))
+    assert mesh.notes == ("1 vertex split where bodies touch at a point",)
+    distance, _ = signed_distance(mesh, 0.04).at(np.array([[0.52, 0.38, 0.28], [0.48, 0.38, 0.28]]))
+    assert distance[0] > 0 > distance[1]
+
+
+# Meshes that are refused, each in one sentence
+
+
+def strip():
+    """A Moebius strip."""
+    turn = np.linspace(0, 2 * np.pi, 21)[:-1]
+    way = np.stack([np.cos(turn / 2) * np.cos(turn), np.cos(turn / 2) * np.sin(turn), np.sin(turn / 2)], 1)
+    ring = np.stack([np.cos(turn), np.sin(turn), 0 * turn], 1)
+    corner = np.stack([ring - 0.3 * way, ring + 0.3 * way], 1).reshape(-1, 3)
+    k = np.arange(20)
+    a, b, c, d = 2 * k, 2 * k + 1, 2 * k + 2, 2 * k + 3
+    c[-1], d[-1] = 1, 0
+    return corner, np.concatenate([np.stack([a, c, b], 1), np.stack([b, c, d], 1)])
+
+
+def shared_edge():
+    """Two boxes with an edge in common."""
+    other = np.array(BOX.vertices) + np.array([1.0, 0.8, 0.0])
+    return np.concatenate([BOX.vertices, other]), np.concatenate([BOX.faces, BOX.faces + 8])
+
+
+def nested():
+    return np.concatenate([BOX.vertices, 0.5 * BOX.vertices]), np.concatenate([BOX.faces, BOX.faces + 8])
+
+
+NOT_FINITE = np.where(np.arange(24).reshape(8, 3) == 4, np.nan, BOX.vertices)
+
+
+@pytest.mark.parametrize(
+    "given, words",
+    [
+        ((BALL.vertices, BALL.faces[100:]), "is open"),
+        (shared_edge(), "is not manifold"),
+        (nested(), "a body inside another body"),
+        ((NOT_FINITE, BOX.faces), "not finite"),
+        ((BOX.vertices, np.zeros((0, 3), int)), "has no triangles"),
+        ((np.zeros((3, 3)), [[0, 1, 2]]), "has no extent"),
+        ((BOX.vertices, [[0, 1, 99]]), "not there"),
+        (strip(), "is open"),
+    ],
+    ids=["open", "not_manifold", "nested", "nan", "empty", "point", "index", "moebius"],
+)
+def test_what_cannot_be_repaired_is_refused(given, words):
+    with pytest.raises(InputError, match=words) as caught:
+        surface_mesh(*given)
+    assert str(caught.value).count(". ") == 0
+
+
+def test_a_mesh_that_crosses_itself_is_refused():
+    with pytest.raises(InputError, match="crosses itself"):
+        signed_distance(crossed(), 0.05)
+    signed_distance(crossed(), 0.05, check_crossings=False)
+
+
+@pytest.mark.parametrize(
+    "spacing, band, words",
+    [
+        (2.0, None, "2 m across|across"),
+        (-1.0, None, "positive"),
+        (0.1, 0.1, "too narrow"),
+        (1e-7, None, "larger spacing"),
+    ],
+    ids=["larger_than_mesh", "negative", "narrow", "tiny"],
+)
+def test_impossible_grids_are_refused(spacing, band, words):
+    with pytest.raises(InputError, match=words):
+        signed_distance(meshed(BOX), spacing, band)
+
+
+def test_files_that_cannot_be_read_are_refused(tmp_path):
+    with pytest.raises(InputError, match="there is no file"):
+        load_mesh(tmp_path / "none.obj")
+    for name, words in (("bad.ply", "cannot be read"), ("empty.obj", "no triangles|cannot be read")):
+        (tmp_path / name).write_text("not a mesh\n")
+        with pytest.raises(InputError, match=words):
+            load_mesh(tmp_path / name)
+    (tmp_path / "latin.obj").write_bytes(b"# caf\xe9\nv 0 0 0\n")
+    words = "neither binary nor text in UTF-8|no triangles"  # the latter where a library is there that guesses
+    with pytest.raises(InputError, match=words):
+        load_mesh(tmp_path / "latin.obj")
+    BOX.export(tmp_path / "box.stl")
+    assert load_mesh(tmp_path / "box.stl").volume == pytest.approx(0.48)

@@ -1,0 +1,514 @@
+"""The command line as a first-time user meets it: one sentence for each mistake, one object with --json."""
+
+import json
+import os
+import pathlib
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+import refsim
+from refsim import Scene, Simulation, WeaklyCompressible
+from refsim.__main__ import main
+from refsim.backends.arrays import unavailable
+from refsim.commands import COMMANDS, discover, doctor, in_bytes, in_time, table
+from refsim.core.effect import EFFECTS
+from refsim.core.operation import BACKENDS, REGISTRY
+from refsim.scene.files import load_scene
+from refsim.scene.scene import solids
+
+ROOT = pathlib.Path(__file__).parents[2]
+SCENE = """
+spacing = 0.01
+support_radius = 0.02
+dim = 2
+end_time = 0.04
+
+[[fluid]]
+shape = "box"
+cells = [6, 10, 1]
+
+[effects.weakly_compressible]
+sound_speed = 20.0
+rest_density = 1000.0
+dynamic_viscosity = 2.0
+state = "tait"
+
+[effects.gravity]
+acceleration = [0.0, -9.81, 0.0]
+
+[effects.box_walls]
+lower = [0.0, 0.0, 0.0]
+upper = [0.3, 0.3, 0.0]
+open_faces = ["+y"]
+"""
+MESH = '[[solid]]\nshape = "mesh"\nfile = "{}"\ncenter = [0.0, 0.0, 0.0]\n[effects.shape_matching]\n'
+CLOUD = 'shape = "cloud"\nposition = {}\n'
+
+
+@pytest.fixture
+def scene(tmp_path, monkeypatch):
+    """A good scene file, in a folder of its own where the command stands."""
+    monkeypatch.chdir(tmp_path)
+    path = tmp_path / "tank.toml"
+    path.write_text(SCENE)
+    return path
+
+
+def one_sentence(err):
+    """Exactly one sentence for people."""
+    assert err.startswith("refsim: ")
+    assert err.count("\n") == 1
+    assert err.rstrip().endswith((".", "?"))
+    assert "Traceback" not in err
+    return err
+
+
+# -- mistakes
+
+BOX = 'shape = "box"\ncells = [6, 10, 1]'
+BAD = {
+    "unknown key": ("spacing =", "spacng =", "did you mean spacing?"),
+    "missing effect": ("[effects.weakly_compressible]", "[effects.surface_detection]", ""),
+    "effect that an effect needs": (
+        SCENE[SCENE.index("[effects.weakly") : SCENE.index("[effects.gravity")],
+        "",
+        "needs effect",
+    ),
+    "position nan": (BOX, CLOUD.format("[[nan, 0.0], [0.1, 0.1]]"), "position of particle 0 is not a finite number"),
+    "position inf": (BOX, CLOUD.format("[[0.2, 0.2], [inf, 0.1]]"), "position of particle 1 is not a finite number"),
+    "velocity nan": (BOX, BOX + "\nvelocity = [nan, 0.0, 0.0]", "velocity of particle 0"),
+    "duplicates": (
+        BOX,
+        CLOUD.format("[[0.1, 0.2], [0.2, 0.2], [0.1, 0.2]]"),
+        "particles 0 and 2 are at the same place",
+    ),
+    "mass zero": (BOX, CLOUD.format("[[0.1, 0.2], [0.2, 0.2]]") + "mass = [1.0, 0.0]", "mass of particle 1 is 0.0"),
+    "mass negative": (
+        BOX,
+        CLOUD.format("[[0.1, 0.2], [0.2, 0.2]]") + "mass = [-1.0, 1.0]",
+        "mass of particle 0 is -1.0",
+    ),
+    "spacing zero": ("spacing = 0.01", "spacing = 0", "spacing = 0"),
+    "spacing negative": ("spacing = 0.01", "spacing = -0.01", "spacing = -0.01"),
+    "spacing nan": ("spacing = 0.01", "spacing = nan", "spacing = nan"),
+    "radius zero": ("support_radius = 0.02", "support_radius = 0", "support_radius = 0"),
+    "radius negative": ("support_radius = 0.02", "support_radius = -1.0", "support_radius = -1.0"),
+    "radius below one spacing": ("support_radius = 0.02", "support_radius = 0.009", "below one spacing"),
+    "density zero": ("rest_density = 1000.0", "rest_density = 0.0", "rest_density = 0.0"),
+    "density negative": ("rest_density = 1000.0", "rest_density = -1.0", "rest_density = -1.0"),
+    "viscosity negative": ("dynamic_viscosity = 2.0", "dynamic_viscosity = -0.05", "dynamic_viscosity = -0.05"),
+    "sound speed zero": ("sound_speed = 20.0", "sound_speed = 0.0", "sound_speed = 0.0"),
+    "step negative": ("end_time = 0.04", "step = -1e-3", "step = -0.001"),
+    "step infinite": ("end_time = 0.04", "step = inf", "step = inf"),
+    "step factor zero": ("end_time = 0.04", "step_factor = 0.0", "step_factor = 0.0"),
+    "step too long": ("end_time = 0.04", "step = 0.008", "20 times the stable one"),
+    "step factor above one": ("end_time = 0.04", "step_factor = 1.5", "give at most 1"),
+    "no particles": ("[[fluid]]\n" + BOX, "", "no particles"),
+    "no particles in the box": ("cells = [6, 10, 1]", "cells = [0, 10, 1]", "cells = [0, 10, 1]"),
+    "empty cloud": (BOX, CLOUD.format("[]"), "position"),
+    "not TOML": ("dim = 2", "dim: 2", "is not TOML"),
+    "depth in 2D": (BOX, CLOUD.format("[[0.1, 0.2, 0.3], [0.2, 0.2, 0.0]]"), "particle 0 has z = 0.3"),
+    "more than can be numbered": ("cells = [6, 10, 1]", "cells = [9223372036854775808, 10, 1]", "can be numbered"),
+    "a ball beyond numbers": (BOX, 'shape = "ball"\nradius = 1e9', "can be numbered"),
+    "walls beyond numbers": (
+        "spacing = 0.01\nsupport_radius = 0.02",
+        "spacing = 1e-9\nsupport_radius = 2e-9",
+        "box_walls: its box at a spacing of 1e-09 m makes",
+    ),
+    "mass of one for two": (BOX, CLOUD.format("[[0.1, 0.2], [0.2, 0.2]]") + "mass = [1.0]", "mass does not fit 2"),
+    "behind a wall": (BOX, BOX + "\nlower = [-0.2, 0.0, 0.0]", "is behind a wall (60 such particles)"),
+    "support radius in another unit": ("support_radius = 0.02", "support_radius = 20.0", "more than the 4,096 that a"),
+    "skin in another unit": ("dim = 2", "dim = 2\nskin = 1e9", "more than the 4,096 that a"),
+    "400 digits": ("spacing = 0.01", "spacing = 1" + "0" * 400, "spacing = 1000000000"),
+    "400 digits of cells": (
+        "cells = [6, 10, 1]",
+        "cells = [1" + "0" * 400 + ", 10, 1]",
+        "cells along x = 100000000000...",
+    ),
+    "5,000 digits": ("spacing = 0.01", "spacing = " + "1" * 5000, "is not TOML: exceeds the limit"),
+    "lists in lists": ("spacing = 0.01", "spacing = " + "[" * 100000 + "]" * 100000, "nested too deeply"),
+    "tables in tables": ("dim = 2", "dim = 2\n" + "a." * 3000 + "a = 1", "nested too deeply"),
+    "tables in an effect": ("sound_speed = 20.0", "sound_speed." + "a." * 3000 + "a = 1", "nested too deeply"),
+    "a far corner": (BOX, BOX + "\nlower = [1.7e308, 0.0, 0.0]", "lower along x = 1.7e+308 is too large"),
+    "a great speed": (BOX, BOX + "\nvelocity = [1.7e308, 0.0, 0.0]", "velocity of particle 0"),
+    "a great length": (
+        "spacing = 0.01\nsupport_radius = 0.02",
+        "spacing = 1e308\nsupport_radius = 1.7e308",
+        "too large",
+    ),
+    "a tiny step": ("dim = 2", "dim = 2\nstep = 5e-324", "step = 4.94066e-324 is too small"),
+    "great walls": ("upper = [0.3, 0.3, 0.0]", "upper = [1.7e308, 0.3, 0.0]", "upper along x = 1.7e+308 is too large"),
+    "a great sound speed": ("sound_speed = 20.0", "sound_speed = 1.7e308", "sound_speed = 1.7e+308 is too large"),
+    "positions as text": (BOX, CLOUD.format('[["0.1", "0.2"]]'), "list of coordinates"),
+    "a name that no file has": (BOX, 'shape = "cloud"\nfile = "a\\u0000b"', "no file can have this name"),
+    "a version": ("dim = 2", 'dim = 2\nversion = "1"', "unknown key 'version'"),
+    "wrong kind": ("dim = 2", 'dim = "2"', "dim = '2'"),
+}
+
+
+@pytest.mark.parametrize("command", ["plan", "run"])
+@pytest.mark.parametrize("name", BAD)
+def test_bad_scenes_get_one_sentence(scene, capsys, name, command):
+    old, new, words = BAD[name]
+    assert old in SCENE
+    scene.write_text(SCENE.replace(old, new, 1))
+    assert main([command, str(scene)]) == 2
+    told = capsys.readouterr()
+    assert told.out == ""
+    assert words in one_sentence(told.err)
+    assert "tank.toml" in told.err
+    assert [path.name for path in scene.parent.iterdir()] == ["tank.toml"]  # nothing was begun
+
+
+@pytest.mark.parametrize(
+    "arguments, words",
+    [
+        (["plan", "none.toml"], "none.toml does not exist"),
+        (["plan", "."], "cannot be read"),
+        (["run"], "nothing to run"),
+        (["run", "tank.toml", "--backend", "quantum"], "no such backend; choose one of numpy, cpu, cuda"),
+        (["plan", "tank.toml", "--backend", "quantum"], "no backend 'quantum'"),
+        (["run", "tank.toml", "--threads", "0"], "threads = 0"),
+        (["run", "tank.toml", "--threads", "0", "--backend", "numpy"], "threads = 0"),
+        (["run", "tank.toml", "--output", "loop", "--backend", "numpy"], "folder loop cannot be written"),
+        (["run", "tank.toml", "--output", "x" * 300, "--backend", "numpy"], "cannot be written"),
+        (["run", "--resume", "loop"], "cannot be read"),
+        (["run", "--resume", "x" * 300], "cannot be read"),
+        (["plan", "loop"], "cannot be read"),
+        (["plan", "x" * 300], "cannot be read"),
+        (["run", "tank.toml", "--until", "nan", "--backend", "numpy"], "until = nan"),
+        (["run", "tank.toml", "--until", "soon"], "invalid float value: 'soon'"),
+        (["run", "tank.toml", "--every", "0", "--backend", "numpy"], "every = 0"),
+        (["run", "tank.toml", "--output", "tank.toml", "--backend", "numpy"], "tank.toml is a file; give a folder"),
+        (["run", "--resume", "none.h5"], "none.h5 does not exist"),
+        (["run", "--resume", "tank.toml"], "is not a checkpoint"),
+        (["run", "--resume", "."], "holds no whole checkpoint"),
+        (["rnu", "tank.toml"], "no command 'rnu'; did you mean run?"),
+        (["run", "tank.toml", "--outptu", "x"], "unrecognized arguments: --outptu x; see refsim run --help."),
+        (["contract"], "required: programs; see refsim contract --help."),
+    ],
+)
+def test_bad_commands_get_one_sentence(scene, capsys, arguments, words):
+    if "loop" in arguments:
+        pathlib.Path("loop").symlink_to("loop")
+    assert main(["--json" if a is None else a for a in arguments]) == 2
+    told = capsys.readouterr()
+    assert told.out == ""
+    assert words in one_sentence(told.err)
+
+
+@pytest.mark.skipif(os.name != "posix", reason="pipes and devices of POSIX")
+@pytest.mark.parametrize("make", [os.mkfifo, lambda path: pathlib.Path(path).symlink_to("/dev/zero")])
+@pytest.mark.parametrize(
+    "arguments, part",
+    [
+        (["plan", "it"], ""),
+        (["run", "--resume", "it"], ""),
+        (["sample", "it", "--radius", "0.1"], ""),
+        (["plan", "tank.toml"], '[[fluid]]\nshape = "cloud"\nfile = "it"'),
+        (["plan", "tank.toml"], '[[fluid]]\nshape = "cloud"\nfile = "it.npy"'),
+        (["plan", "tank.toml"], MESH.format("it.obj")),
+        (["plan", "tank.toml"], '[effects.mesh_boundary]\nfile = "it.obj"'),
+    ],
+)
+def test_what_never_ends_is_not_read(scene, capsys, make, arguments, part):
+    """In a process of its own, which is ended where it waits."""
+    for name in ("it", "it.npy", "it.obj"):
+        make(name)
+    if part:
+        head, liquid = "spacing = 0.1\nsupport_radius = 0.2\n", "\n[effects.weakly_compressible]\nsound_speed = 1.0\n"
+        if "[[fluid]]" not in part:
+            head += '[[fluid]]\nshape = "box"\ncells = [2, 2, 2]\n'
+        scene.write_text(head + part + liquid)
+    command = [sys.executable, "-m", "refsim", *arguments]
+    done = subprocess.run(
+        command, capture_output=True, text=True, timeout=60, env=os.environ | {"PYTHONPATH": str(ROOT)}
+    )
+    assert done.returncode == 2
+    assert "it is a pipe or a device, and not a file" in one_sentence(done.stderr)
+
+
+@pytest.mark.skipif(os.name != "posix", reason="pipes of POSIX")
+def test_a_mesh_does_not_wait_for_what_it_names(scene, capsys):
+    """A .gltf whose buffer is a pipe."""
+    os.mkfifo("pipe.bin")
+    views = [{"buffer": 0, "byteLength": 36}]
+    accessors = [{"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3"}]
+    primitives = [{"primitives": [{"attributes": {"POSITION": 0}}]}]
+    pathlib.Path("m.gltf").write_text(
+        json.dumps(
+            {
+                "asset": {"version": "2.0"}, "buffers": [{"uri": "pipe.bin", "byteLength": 36}], "bufferViews": views,
+                "accessors": accessors, "meshes": primitives, "nodes": [{"mesh": 0}], "scenes": [{"nodes": [0]}],
+            }
+        )
+    )  # fmt: skip
+    assert main(["sample", "m.gltf", "--radius", "0.1"]) == 2
+    assert "it is a pipe or a device" in one_sentence(capsys.readouterr().err)
+
+
+@pytest.mark.parametrize("suffix", ["obj", "stl", "ply", "off", "glb", "gltf", "xyz"])
+@pytest.mark.parametrize(
+    "content",
+    [b"\xff\xfe\xfa\x80abc", b"", b"ply\nformat ascii 1.0\nelement vertex 99999999999\n"],
+    ids=["bytes", "none", "ply"],
+)
+def test_what_is_no_mesh_is_told_of_a_solid_as_of_a_boundary(scene, capsys, suffix, content):
+    pathlib.Path(f"m.{suffix}").write_bytes(content)
+    parts = {
+        "solid mesh: ": MESH.format(f"m.{suffix}"),
+        "mesh: ": f'[effects.mesh_boundary]\nfile = "m.{suffix}"',
+    }
+    for words, part in parts.items():
+        fluid = '[[fluid]]\nshape = "box"\ncells = [2, 2, 2]\n[effects.weakly_compressible]\nsound_speed = 1.0\n'
+        scene.write_text("spacing = 0.1\nsupport_radius = 0.2\n" + fluid + part)
+        assert main(["plan", str(scene)]) == 2
+        told = one_sentence(capsys.readouterr().err)
+        assert words in told
+        assert f"m.{suffix}" in told
+        assert "charset_normalizer" not in told
+
+
+def test_a_solid_beyond_the_lattice_is_refused(scene, capsys):
+    head = "spacing = 0.1\nsupport_radius = 0.2\nfluid = []\n"
+    parts = {
+        "farther than 1,048,576 cells": 'shape = "box"\nlower = [1e9, 0.0, 0.0]\nupper = [1000000001.0, 1.0, 1.0]',
+        "1,048,576 or more cells from": 'shape = "cells"\ncells = [[1099511627776, 0, 0]]',
+        "axis = [0.0, 0.0, 0.0] has no direction": 'shape = "torus"\ncenter = [0.0, 0.0, 0.0]\nradius = 1.0\n'
+        "tube_radius = 0.3\naxis = [0.0, 0.0, 0.0]",
+        "size = -1.0": 'shape = "mesh"\nfile = "m.obj"\ncenter = [0.0, 0.0, 0.0]\nsize = -1.0',
+    }
+    for words, part in parts.items():
+        scene.write_text(head + "[[solid]]\n" + part + "\n[effects.shape_matching]\n")
+        assert main(["plan", str(scene)]) == 2
+        assert words in one_sentence(capsys.readouterr().err)
+
+
+LARGE = b"{'descr': '<f8', 'fortran_order': False, 'shape': (99999999999, 3), }".ljust(117) + b"\n"
+
+
+@pytest.mark.parametrize(
+    "content",
+    [b"", b"\x93NUMPY", b"\x93NUMPY\x01\x00v\x00" + LARGE, b"PK\x03\x04", b"\x80\x04K\x01."],
+    ids=["none", "begun", "large", "zip", "pickle"],
+)
+def test_a_cloud_of_no_numbers_is_told(scene, capsys, content):
+    pathlib.Path("p.npy").write_bytes(content)
+    scene.write_text(SCENE.replace(BOX, 'shape = "cloud"\nfile = "p.npy"'))
+    assert main(["plan", str(scene)]) == 2
+    assert "p.npy" in one_sentence(capsys.readouterr().err)
+
+
+def test_a_scene_that_is_not_text(scene, capsys):
+    scene.write_bytes(b"\xff\xfe\x00")
+    assert main(["plan", str(scene)]) == 2
+    assert "is not TOML" in one_sentence(capsys.readouterr().err)
+
+
+def test_more_than_memory_holds_is_refused_before_it_is_laid_out(scene, capsys, monkeypatch):
+    monkeypatch.setattr(solids, "host_memory", lambda: {"total": 5000, "free": 5000})
+    assert main(["plan", str(scene)]) == 2
+    assert "makes 60 cells of the lattice, whose 5.59e-06 GiB this machine" in one_sentence(capsys.readouterr().err)
+
+
+def test_a_byte_order_mark_is_read_over(scene, capsys):
+    scene.write_bytes(b"\xef\xbb\xbf" + scene.read_bytes())
+    assert main(["plan", str(scene)]) == 0
+    assert capsys.readouterr().err == ""
+
+
+@pytest.mark.skipif(unavailable("cuda") is None, reason="there is a GPU here")
+def test_a_backend_that_is_not_there_is_told_with_its_reason(scene, capsys):
+    assert main(["run", str(scene), "--backend", "cuda"]) == 2
+    err = one_sentence(capsys.readouterr().err)
+    assert unavailable("cuda") in err
+
+
+def test_a_damaged_checkpoint_is_told(scene, capsys):
+    simulation = Simulation(load_scene(scene), "numpy")
+    simulation.checkpoint("c.h5")
+    whole = pathlib.Path("c.h5").read_bytes()
+    pathlib.Path("c.h5").write_bytes(whole[: len(whole) // 2])
+    assert main(["run", "--resume", "c.h5"]) == 2
+    assert "c.h5" in one_sentence(capsys.readouterr().err)
+
+
+def test_with_json_a_mistake_is_one_object_too(scene, capsys):
+    assert main(["plan", "none.toml", "--json"]) == 2
+    told = capsys.readouterr()
+    found = json.loads(told.out)
+    assert found["exit_code"] == 2
+    assert found["reason"] == "bad_input"
+    assert found["error"] in one_sentence(told.err)
+
+
+# -- commands
+
+
+def test_plan_shows_what_the_run_allocates_and_launches(scene, capsys):
+    assert main(["plan", str(scene), "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    simulation = Simulation(load_scene(scene))
+    simulation.step()
+    arrays = {name: array.nbytes for name, array in simulation.fields.items()}
+    assert {name: f["bytes"] for name, f in found["fields"].items()} == arrays
+    assert found["bytes"]["fields"] == sum(arrays.values())
+    assert [p["operation"] for p in found["passes"]] == [name for name, _, _ in simulation.force_calls]
+    for p in found["passes"] + found["runner"]:
+        module, function = p["kernel"].rsplit(".", 1)
+        assert hasattr(sys.modules[module], function)
+    assert found["wall_particles"] == simulation.plan.walls.position.shape[0]
+    assert found["step"]["limiter"] == simulation.last.limiter == "acoustic"
+    assert found["step"]["length"] == pytest.approx(simulation.last.length, rel=1e-6)
+    assert set(found["step"]["limits"]) == set(simulation.last.limits)
+    assert found["effects"]["weakly_compressible"]["fields"] == ["density", "pressure"]
+    assert found["effects"]["box_walls"]["wall_particles"] == found["wall_particles"]
+    kept = sum(a.nbytes for a in simulation._shared["neighbours"] if isinstance(a, np.ndarray))
+    assert kept == pytest.approx(found["bytes"]["neighbour_list"], rel=0.02)
+
+
+def test_plan_for_people(scene, capsys):
+    assert main(["plan", str(scene)]) == 0
+    out = capsys.readouterr().out
+    for words in (
+        "60 particles",
+        "density",
+        "kg/m^3",
+        "refsim.sph.cpu.momentum",
+        "set by acoustic",
+        "0.022 m",
+        "B a particle",
+    ):
+        assert words in out
+
+
+def test_plan_names_the_backend_and_warns_of_a_step_that_is_too_large(scene, capsys):
+    scene.write_text(SCENE.replace("end_time = 0.04", "step = 0.0005"))
+    assert main(["plan", str(scene), "--backend", "numpy"]) == 0
+    out = capsys.readouterr().out
+    assert "refsim.sph.reference.momentum" in out
+    assert "1.2 times the stable one" in out
+    assert "Neighbour list: none" in out
+
+
+def test_list_tells_the_registry(capsys):
+    assert main(["list", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["operations"].keys() == REGISTRY.keys()
+    assert found["effects"].keys() == EFFECTS.keys()
+    for name, operation in found["operations"].items():
+        for backend in ("numpy", "cpu"):
+            assert (backend in operation["backends"]) == callable(REGISTRY[name].program(backend))
+    assert set(found["operations"]["sph.density"]["backends"]) == set(BACKENDS)
+    (speed,) = [p for p in found["effects"]["weakly_compressible"]["parameters"] if p["name"] == "sound_speed"]
+    assert speed == {
+        "name": "sound_speed",
+        "default": None,
+        "required": True,
+        "meaning": "numerical sound speed c [m/s]",
+    }
+    assert main(["list"]) == 0
+    assert "Jiang & Zhu 2023" in capsys.readouterr().out
+
+
+def test_doctor_finds_the_backends_that_work(capsys):
+    assert main(["doctor", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["verdict"].startswith("pass")
+    for name in ("numpy", "cpu"):
+        test = found["self_test"][name]
+        assert test["verdict"] == "pass"
+        assert test["largest_relative_error"] <= test["bound"] < 1e-3
+    assert found["self_test"]["cpu"]["largest_relative_error"] > 0
+    assert found["backends"]["cuda"]["available"] == (unavailable("cuda") is None)
+    assert {"numpy", "numba", "refsim"} <= found["versions"].keys()
+    assert found["threads"]["most"] >= 1
+
+
+def test_doctor_notices_wrong_numbers(capsys, monkeypatch):
+    plain = Simulation.field
+
+    def field(self, name):
+        return plain(self, name) * (1.001 if self.backend.name == "cpu" else 1)
+
+    monkeypatch.setattr(doctor.Simulation, "field", field)
+    assert main(["doctor"]) == 4
+    out = capsys.readouterr().out
+    assert "Verdict: fail: backend cpu computes wrong numbers" in out
+    assert "WRONG" in out
+
+
+def test_run_writes_a_folder_and_a_report(scene, capsys):
+    assert main(["run", str(scene), "--json"]) == 0
+    told = capsys.readouterr()
+    found = json.loads(told.out)
+    folder = scene.parent / "tank_run"
+    names = ["checkpoint.h5", "checkpoint.previous.h5", "particles.vtkhdf", "report.json"]
+    assert sorted(p.name for p in folder.iterdir()) == names
+    report = json.loads((folder / "report.json").read_text())
+    for key in ("steps", "time", "backend", "versions", "step_limiters", "search", "ledger", "reason"):
+        assert report[key] == found[key]
+    assert report["reason"] is None
+    assert report["time"] >= 0.04
+    assert sum(report["step_limiters"].values()) == report["steps"]
+    assert report["search"]["missed_neighbours"] == 0
+    assert report["search"]["audited_rows"] > 0
+    start, end = report["ledger"]["start"], report["ledger"]["end"]
+    assert end["particles"] == start["particles"] == 60
+    assert end["mass"] == start["mass"]
+    assert end["outside_walls"] == 0
+    assert end["momentum"][1] < 0
+    assert end["kinetic_energy"] > 0 == start["kinetic_energy"]
+    assert "60 particles" in told.err
+    assert "100%" in told.err
+
+    assert main(["run", str(scene), "--quiet"]) == 2  # an earlier run is not lost by a second command
+    assert "--overwrite" in one_sentence(capsys.readouterr().err)
+    assert main(["run", str(scene), "--quiet", "--overwrite"]) == 0
+    told = capsys.readouterr()
+    assert told.err == ""
+    assert "0 neighbours missed" in told.out
+    assert "60 of 60" in told.out
+    assert main(["run", "--resume", str(folder)]) == 0
+    assert "nothing was left to do" in capsys.readouterr().err
+
+
+def test_import_is_light():
+    heavy = ("numba", "h5py", "scipy", "tqdm")
+    code = f"import sys, refsim, refsim.__main__; print([m for m in {heavy} if m in sys.modules])"
+    command = [sys.executable, "-c", code]
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    done = subprocess.run(command, capture_output=True, text=True, env=environment, check=True)
+    assert done.stdout == "[]\n"
+
+
+def test_without_a_command_help_is_shown(capsys):
+    assert main([]) == 0
+    out = capsys.readouterr().out
+    discover()
+    assert {"doctor", "list", "plan", "run", "schema"} <= COMMANDS.keys()
+    assert all(name in out for name in COMMANDS)
+    assert main(["--version"]) == 0
+    assert refsim.__version__ in capsys.readouterr().out
+
+
+def test_a_reader_that_goes_away_is_no_error():
+    command = f"{sys.executable} -m refsim list | head -n 1; exit ${{PIPESTATUS[0]}}"
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    done = subprocess.run(["bash", "-c", command], capture_output=True, text=True, env=environment)
+    assert done.returncode == 0
+    assert done.stderr == ""
+
+
+def test_words_for_people():
+    assert table([("a", 1), ("bcd", 22)], ("x", "n"), right=(1,)) == "x     n\n---  --\na     1\nbcd  22"
+    assert (in_bytes(10), in_bytes(2048), in_bytes(3 << 30)) == ("10 B", "2.0 KiB", "3.0 GiB")
+    assert (in_time(1.234), in_time(125), in_time(7260)) == ("1.23 s", "2 min 05 s", "2 h 01 min")
+
+
+def test_a_scene_made_in_python_is_checked_too():
+    with pytest.raises(refsim.InputError, match="no particles"):
+        Simulation(Scene(spacing=1.0, support_radius=2.0, fluid=(), effects=(WeaklyCompressible(sound_speed=1.0),)))

@@ -1,0 +1,408 @@
+"""The audit of the energy: each part against another program, what gains energy stops, no bit of a run changes."""
+
+import json
+import math
+
+import msgspec
+import numpy as np
+import pytest
+from scipy.integrate import quad
+
+from refsim import (
+    Akinci2013,
+    BeckerTeschner2007,
+    Box,
+    BoxWalls,
+    Cloud,
+    CsfWang2019,
+    Dong2016,
+    EnergyAudit,
+    Gravity,
+    He2014,
+    ImplicitPressure,
+    InputError,
+    JiangZhu2023,
+    MpmLiquid,
+    NormalDifference2014,
+    RunStopped,
+    Scene,
+    ShapeMatching,
+    Simulation,
+    SolidBox,
+    SurfaceEnergy,
+    TartakovskyMeakin2005,
+    TwoWayCoupling,
+    WeaklyCompressible,
+    load_scene,
+    make_plan,
+    simulate,
+)
+from refsim.__main__ import main
+from refsim.core.energy import pair_potential
+from refsim.scene.files import parse_scene, scene_to_toml
+from refsim.sph import reference as sph_reference
+
+AUDIT = EnergyAudit(every=20)
+RISING = (0.0, 0.0, -2.0)
+EXPLODING = WeaklyCompressible(sound_speed=20.0, dynamic_viscosity=20.0, state="tait", literal=("E3",))
+
+
+def lattice(side=6, seed=3, spacing=0.1, shaken=0.1):
+    """Places of a cube, shaken by a share of the spacing."""
+    axes = np.meshgrid(*[np.arange(side) * spacing] * 3, indexing="ij")
+    place = np.stack(axes, axis=-1).reshape(-1, 3)
+    return place + shaken * spacing * np.random.default_rng(seed).standard_normal(place.shape)
+
+
+def cloud(**options):
+    return Cloud(position=lattice(), **options)
+
+
+def scene(*effects, fluid=None, audit=AUDIT, **options):
+    options = {"dtype": "float64", **options}
+    return Scene(
+        spacing=0.1, support_radius=0.21, fluid=(fluid or cloud(),), effects=effects, energy_audit=audit, **options
+    )
+
+
+def dam(dtype="float32", audit=AUDIT, viscosity=1.1):
+    """The dam break of docs/scene_files.md with a quarter of the particles."""
+    return Scene(
+        dim=2, spacing=0.01, support_radius=0.026, dtype=dtype, fluid=(Box(cells=(10, 20, 1)),), energy_audit=audit,
+        effects=(
+            WeaklyCompressible(sound_speed=20.0, dynamic_viscosity=2 * viscosity, state="tait"),
+            Gravity(acceleration=(0.0, -9.81, 0.0)),
+            BoxWalls(lower=(0.0, 0.0, 0.0), upper=(0.4, 0.4, 0.0), open_faces=("+y",)),
+        ),
+    )  # fmt: skip
+
+
+def drop(dtype="float32", audit=AUDIT):
+    """The drop of docs/scene_files.md."""
+    return Scene(
+        spacing=0.00111111, support_radius=0.00289, dtype=dtype, energy_audit=audit,
+        fluid=(Box(lower=(-0.005,) * 3, cells=(9, 9, 9)),),
+        effects=(
+            WeaklyCompressible(sound_speed=3.4, dynamic_viscosity=0.13, kernels="mueller"),
+            JiangZhu2023(surface_tension=0.072),
+        ),
+    )  # fmt: skip
+
+
+def growing(dtype="float32", audit=AUDIT):
+    """Viscosity with its printed sign (E3) pushes particles away from their neighbours' velocity."""
+    place = lattice(shaken=0.0)
+    block = Cloud(position=place, velocity=0.1 * np.random.default_rng(8).standard_normal(place.shape))
+    return Scene(
+        spacing=0.1, support_radius=0.21, dtype=dtype, fluid=(block,), effects=(EXPLODING,),
+        energy_audit=audit,
+    )  # fmt: skip
+
+
+def advance(simulation, steps):
+    for _ in range(steps):
+        simulation.step()
+
+
+def parts(made, backend="numpy", steps=0):
+    simulation = Simulation(made, backend)
+    for _ in range(steps):
+        simulation.step()
+    return simulation, {name: part.value for name, part in simulation.auditor.energies().items()}
+
+
+# Each part against another program
+
+
+def test_gravity_grows_with_height():
+    simulation, found = parts(scene(Gravity(acceleration=RISING)))
+    x, m = simulation.field("position"), simulation.field("mass")
+    assert found["gravity"] == pytest.approx(sum(2.0 * mi * xi[2] for mi, xi in zip(m, x)), rel=1e-12)
+    lifted = Cloud(position=lattice() + [0.0, 0.0, 1.0])
+    higher = parts(scene(Gravity(acceleration=RISING), fluid=lifted))[1]
+    assert higher["gravity"] - found["gravity"] == pytest.approx(2.0 * m.sum(), rel=1e-9)
+
+
+@pytest.mark.parametrize("state, clamp, cohesion", [("tait", True, 0.0), ("linear", False, 0.0), ("linear", True, 5.0)])
+def test_compression_is_the_work_of_the_pressure(state, clamp, cohesion):
+    """m times the integral of p/rho^2 drho from rho0, p from the reference of the equation of state."""
+    fluid = WeaklyCompressible(sound_speed=10.0, state=state, clamp_pressure=clamp)
+    effects = (fluid, JiangZhu2023(surface_tension=cohesion, density_correction=False)) if cohesion else (fluid,)
+    simulation, found = parts(scene(*effects))
+    group = simulation.plan.shared["fluid"]
+    assert (float(group.internal_pressure) > 0) == (cohesion > 0)
+
+    def push(rho):
+        return float(sph_reference.state(np.array([rho]), group)["pressure"][0][0]) / rho**2
+
+    rho, m = simulation.field("density"), simulation.field("mass")
+    work = [mi * quad(push, 1000.0, ri, epsrel=1e-11, epsabs=0, limit=400)[0] for mi, ri in zip(m[::7], rho[::7])]
+    assert rho.min() < 900 < 1000 < rho.max()
+    single = simulation.auditor.accounts["weakly_compressible"].parts["compression"]
+
+    class One:
+        def field(self, name):
+            return {"mass": m[::7], "density": rho[::7]}[name]
+
+    assert single(One()).value == pytest.approx(math.fsum(work), rel=1e-6)
+    assert found["compression"] > 0 or not clamp
+
+
+PAIRS = {
+    "jiang_zhu_2023": JiangZhu2023(surface_tension=1.0, area_term="none", density_correction=False),
+    "dong_2016": Dong2016(surface_tension=1.0, correction=0.0, filter_density=False),
+    "becker_teschner_2007": BeckerTeschner2007(surface_tension=1.0),
+    "tartakovsky_meakin_2005": TartakovskyMeakin2005(surface_tension=1.0),
+}
+
+
+@pytest.mark.parametrize("name", PAIRS)
+def test_cohesion_is_the_potential_of_its_force(name):
+    """Moving a particle changes the energy by minus the force of the reference times the way."""
+    fluid = WeaklyCompressible(sound_speed=40.0)
+    way = 1e-6
+
+    def at(shift, *effects):
+        place = lattice()
+        place[100] += shift
+        simulation = Simulation(scene(fluid, *effects, fluid=Cloud(position=place)), "numpy")
+        found = {n: p.value for n, p in simulation.auditor.energies().items()}
+        return found, simulation.field("acceleration")[100] * simulation.field("mass")[100]
+
+    ahead, behind = (at((sign * way, 0, 0), PAIRS[name])[0]["cohesion"] for sign in (1, -1))
+    plain = msgspec.structs.replace(PAIRS[name], balance_pressure=False)
+    pull = at((0, 0, 0), plain)[1] - at((0, 0, 0))[1]
+    assert -(ahead - behind) / (2 * way) == pytest.approx(pull[0], rel=2e-5, abs=1e-7 * np.abs(pull).max())
+
+
+def test_a_pair_that_attracts_has_negative_energy():
+    effect = BeckerTeschner2007(kappa=1.0)
+    two = Cloud(position=[[0.0, 0.0, 0.0], [0.15, 0.0, 0.0]])
+    fluid = WeaklyCompressible(sound_speed=50.0)
+    _, found = parts(scene(fluid, effect, fluid=two))
+    m = fluid.particle_mass(make_plan(scene(fluid, fluid=two)).grid)
+    h = 0.21
+    kernel = [8 / (math.pi * h**3) * 2 * (1 - r / h) ** 3 * r for r in np.linspace(0.15, h, 200001)]
+    assert found["cohesion"] == pytest.approx(-m * np.trapezoid(kernel, dx=(h - 0.15) / 200000), rel=1e-6)
+    assert found["cohesion"] < 0
+
+
+def test_a_table_of_a_known_potential():
+    phi = pair_potential(lambda r: np.cos(3 * r), 2.0)
+    r = np.linspace(0.0, 2.0, 999)
+    assert np.abs(phi(r) - (np.sin(6.0) - np.sin(3 * r)) / 3).max() < 1e-11
+    assert phi(np.array([2.0]))[0] == 0.0
+
+
+def test_kinetic_energy_is_that_of_the_positions_time():
+    """Free fall: kinetic and potential energy add up to what they were, to rounding, whatever the step."""
+    fall = Gravity(acceleration=RISING)
+    for step in (1e-3, 7e-3):
+        simulation = Simulation(scene(fall, step=step, audit=EnergyAudit(every=1)), "numpy")
+        for _ in range(10):
+            simulation.step()
+        start, now = (sum(values.values()) for values in (simulation.auditor.start, simulation.auditor.now))
+        assert simulation.auditor.now["kinetic"] > 0
+        assert abs(now - start) < 1e-12 * simulation.auditor.turned_over
+
+
+def test_two_way_coupling_counts_each_liquid_from_its_own_density():
+    fluid = WeaklyCompressible(sound_speed=10.0, state="tait")
+    solid = (SolidBox(lower=(1.0, 1.0, 1.0), upper=(1.3, 1.3, 1.3), density=400.0),)
+    effects = (fluid, ShapeMatching(), TwoWayCoupling())
+    simulation, found = parts(scene(*effects, solid=solid))
+    rho, m, phase = (simulation.field(n) for n in ("density", "mass", "phase"))
+
+    def push(s):
+        return max(0.0, 1e5 / 7 * (s**7 - 1)) / s**2
+
+    work = [mi / 1000 * quad(push, 1, ri / 1000, epsrel=1e-11)[0] for mi, ri, p in zip(m, rho, phase) if p == 0]
+    assert found["compression"] == pytest.approx(math.fsum(work), rel=1e-8)
+    assert found["compression"] > 0
+
+
+def test_mpm_counts_motion_about_particles_and_compression():
+    liquid = MpmLiquid(bulk_modulus=1e5, initial_ratio=0.98)
+    simulation, found = parts(scene(liquid), "cpu", steps=5)
+    m, j, a, v = (simulation.field(n) for n in ("mass", "volume_ratio", "affine", "velocity"))
+    assert found["kinetic"] == pytest.approx(sum(0.5 * mi * (vi @ vi) for mi, vi in zip(m, v)))
+    assert found["compression"] == pytest.approx(sum(0.5 * 1e5 * mi / 1000 * (ji - 1) ** 2 for mi, ji in zip(m, j)))
+    spread = 0.2**2 / 4  # of quadratic B-splines about any place, along each axis
+    assert found["affine"] == pytest.approx(sum(0.5 * mi * spread * (ai @ ai) for mi, ai in zip(m, a)))
+    assert found["affine"] > 0
+
+
+def test_the_surface_is_worth_its_area():
+    block = Box(lower=(-0.4, -0.4, -0.4), cells=(8, 8, 8))
+    liquid = MpmLiquid(bulk_modulus=1e5)
+    _, found = parts(scene(liquid, SurfaceEnergy(surface_tension=0.5), fluid=block), "cpu")
+    assert 0.7 * 0.5 * 6 * 0.8**2 < found["surface"] < 1.1 * 0.5 * 6 * 0.8**2
+    _, twice = parts(scene(liquid, SurfaceEnergy(surface_tension=1.0), fluid=block), "cpu")
+    assert twice["surface"] == pytest.approx(2 * found["surface"], rel=1e-12)
+
+
+# Runs
+
+
+@pytest.mark.parametrize("backend", ["numpy", "cpu"])
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+def test_a_scene_that_gains_energy_stops(backend, dtype):
+    simulation = Simulation(growing(dtype), backend)
+    with pytest.raises(RunStopped, match=r"energy_audit's bound of 0\.05") as stop:
+        advance(simulation, 2000)
+    assert stop.value.reason == "energy_gained"
+    assert simulation.steps % AUDIT.every == 0
+    assert np.isfinite(simulation.field("velocity")).all()
+
+
+def test_a_heavy_particle_gains_energy_and_is_announced():
+    """One of four times the mass in a block that is pressed together: nothing else stops the run."""
+    place = lattice(8)
+    middle = place.mean(0)
+    mass = np.full(len(place), 1.0)
+    mass[np.argmin(((place - middle) ** 2).sum(1))] = 4.0
+    fluid = WeaklyCompressible(sound_speed=10.0, dynamic_viscosity=8.4, state="tait")
+    heavy = Cloud(position=place, velocity=-1.25 * (place - middle), mass=mass)
+    with_it = scene(fluid, fluid=heavy, audit=EnergyAudit(every=2))
+    assert any("4 times the mass of the lightest; up to 1.5" in note for note in make_plan(with_it).notes)
+    with pytest.raises(RunStopped) as stop:
+        simulate(with_it, 0.2)
+    assert stop.value.reason == "energy_gained"
+    assert simulate(msgspec.structs.replace(with_it, energy_audit=None), 0.2).reason is None
+    equal = Cloud(position=place, velocity=-1.25 * (place - middle), mass=np.full(len(place), 1.0))
+    assert not any("times the mass" in note for note in make_plan(scene(fluid, fluid=equal)).notes)
+
+
+@pytest.mark.parametrize("made, until", [(dam, 0.4), (drop, 0.03)], ids=["dam", "drop"])
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+def test_sound_scenes_pass_with_the_published_bound(made, until, dtype):
+    report = simulate(made(dtype), until)
+    audit = report.energy_audit
+    assert audit["bound"] == EnergyAudit().bound == 0.05
+    assert audit["greatest_share"] <= 0.05
+    lost = sum(audit["start"].values()) - sum(audit["now"].values())
+    assert lost > 0.01 * audit["turned_over"] > 0
+
+
+def test_liquid_at_rest_keeps_its_bound():
+    """Nothing is turned over: rounding alone is no growth."""
+    still = scene(WeaklyCompressible(sound_speed=10.0), dtype="float32", fluid=Box(cells=(5, 5, 5)))
+    assert simulate(still, 0.2).energy_audit["greatest_share"] == 0.0
+
+
+@pytest.mark.parametrize("backend", ["numpy", "cpu"])
+def test_an_audit_changes_no_bit(backend):
+    bits = []
+    for audit in (None, EnergyAudit(every=3, bound=1e6)):
+        simulation = Simulation(dam(audit=audit), backend)
+        for _ in range(40):
+            simulation.step()
+        bits.append([simulation.field(n).tobytes() for n in ("position", "velocity")] + [simulation.time])
+        assert (simulation.auditor is None) == (audit is None)
+    assert bits[0] == bits[1]
+
+
+@pytest.mark.parametrize("cut", [0, 5, 19, 20, 31])
+def test_a_resumed_audit_is_the_same(tmp_path, cut):
+    """Its memory is in the checkpoint, number for number."""
+    rule = EnergyAudit(every=10, bound=1e6)
+    whole, first = Simulation(dam(audit=rule)), Simulation(dam(audit=rule))
+    advance(whole, 45)
+    advance(first, cut)
+    first.checkpoint(tmp_path / "cut.h5")
+    resumed = Simulation.resume(tmp_path / "cut.h5")
+    assert resumed.auditor.saved() == first.auditor.saved()
+    advance(resumed, 45 - cut)
+    assert resumed.auditor.saved() == whole.auditor.saved()
+    assert whole.auditor.turned_over > 0
+    assert whole.field("velocity").tobytes() == resumed.field("velocity").tobytes()
+
+
+def test_the_last_good_checkpoint_stays(tmp_path, capsys):
+    """Exit code 3; a checkpoint never holds a state beyond the bound, also between two audits."""
+    file = tmp_path / "growing.toml"
+    file.write_text(scene_to_toml(growing(audit=EnergyAudit(every=1000000, bound=0.3))))
+    simulation = Simulation(load_scene(file))
+    simulation.step()
+    simulation.checkpoint(tmp_path / "good.h5")
+    before = (tmp_path / "good.h5").read_bytes()
+    advance(simulation, 60)
+    with pytest.raises(RunStopped, match="bound") as stop:
+        simulation.checkpoint(tmp_path / "good.h5")
+    assert stop.value.reason == "energy_gained"
+    assert (tmp_path / "good.h5").read_bytes() == before
+    file.write_text(scene_to_toml(growing()))
+    assert main(["run", str(file), "--until", "5", "--output", str(tmp_path / "out"), "--json"]) == 3
+    said = json.loads(capsys.readouterr().out)
+    assert "energy_gained" in json.dumps(said)
+    report = json.loads((tmp_path / "out" / "report.json").read_text())
+    assert report["reason"] == "energy_gained"
+    assert (tmp_path / "out" / "postmortem.json").exists()
+    assert Simulation.resume(tmp_path / "out").steps == 0
+
+
+def test_a_state_that_was_set_begins_anew():
+    simulation = Simulation(dam(audit=EnergyAudit(every=5)))
+    for _ in range(10):
+        simulation.step()
+    simulation.set_field("velocity", simulation.field("velocity") + np.float32(1.0))
+    for _ in range(10):
+        simulation.step()
+    assert simulation.auditor.start["kinetic"] > 0.5 * simulation.field("mass").sum() * 0.9
+
+
+# What cannot be counted, and how it is asked for
+
+
+REFUSED = {
+    "akinci_2013": Akinci2013(surface_tension=0.1),
+    "csf_wang_2019": CsfWang2019(surface_tension=0.1),
+    "he_2014": He2014(surface_tension=0.1),
+    "normal_difference_2014": NormalDifference2014(area_acceleration=0.1),
+    "jiang_zhu_2023": JiangZhu2023(surface_tension=0.1, pair_mode="soft"),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_forces_without_an_energy_are_refused(name):
+    with pytest.raises(InputError, match=f"effect '{name}' follow from no energy"):
+        make_plan(scene(WeaklyCompressible(sound_speed=10.0), REFUSED[name]))
+    make_plan(scene(WeaklyCompressible(sound_speed=10.0), REFUSED[name], audit=None))
+
+
+def test_what_is_not_counted_is_said(tmp_path, capsys):
+    file = tmp_path / "scene.toml"
+    file.write_text(scene_to_toml(dam()))
+    assert main(["plan", str(file)]) == 0
+    said = capsys.readouterr().out
+    assert "Energy audit: every 20 steps" in said
+    assert "counts kinetic, compression, gravity; not counted: box_walls: half of the walls' push" in said
+    fluid = WeaklyCompressible(sound_speed=10.0)
+    implicit = Simulation(scene(fluid, ImplicitPressure(), fluid=Box(cells=(4, 4, 4))), "cpu")
+    assert implicit.auditor.uncounted() == ("iisph: work of the pressure on the compression that tolerance leaves",)
+    assert not implicit.auditor.staggered
+
+
+def test_a_scene_file_asks_for_it():
+    made = dam()
+    text = scene_to_toml(made)
+    assert "[energy_audit]\nevery = 20\nbound = 0.05\n" in text
+    assert parse_scene(text, "here").energy_audit == AUDIT
+    assert "energy_audit" not in scene_to_toml(dam(audit=None))
+    assert scene_to_toml(parse_scene(text, "here")) == text
+
+
+@pytest.mark.parametrize(
+    "table, words",
+    [
+        ("energy_audit = 5\n", "energy_audit must be a table"),
+        ("[energy_audit]\nevry = 5\n", "did you mean every"),
+        ("[energy_audit]\nevery = 0\n", "every = 0 is not possible"),
+        ("[energy_audit]\nbound = 0.0\n", "bound = 0.0 is not possible"),
+        ("[energy_audit]\nbound = nan\n", "bound = nan is not possible"),
+    ],
+)
+def test_mistakes_are_named(table, words):
+    text = f'spacing = 0.1\nsupport_radius = 0.2\n{table}[[fluid]]\nshape = "box"\ncells = [2, 2, 2]\n'
+    with pytest.raises(InputError, match=words):
+        make_plan(parse_scene(text, "here"))

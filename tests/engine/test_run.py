@@ -1,0 +1,664 @@
+"""Whole runs: resumed bit for bit, stopped with a named reason, nothing lost on the way."""
+
+import json
+import os
+import pathlib
+import signal
+import subprocess
+import sys
+import time
+
+import msgspec
+import numpy as np
+import pytest
+
+from refsim import (
+    Box,
+    BoxWalls,
+    Cloud,
+    Gravity,
+    InputError,
+    RunStopped,
+    Scene,
+    Simulation,
+    WeaklyCompressible,
+    simulate,
+)
+from refsim.__main__ import main
+from refsim.core.errors import REASONS
+from refsim.engine import simulation as run_module
+from refsim.engine import stepping
+from refsim.engine.driver import check_particles, stock
+from refsim.engine.simulation import load_checkpoint
+from refsim.io.checkpoint import latest_checkpoint, read_checkpoint, write_checkpoint
+from refsim.io.frames import read_particles
+from refsim.scene.files import load_scene, scene_to_toml
+
+ROOT = pathlib.Path(__file__).parents[2]
+STEPS = 60
+CUTS = (0, 1, 2, 28, 29, 31, 36, 37, 38)
+
+
+def tank(dtype="float32", step=0.0, literal=(), viscosity=0.05, velocity=(0.0, 0.0, 0.0), **changes):
+    """A small 2D dam break: walls, gravity, viscosity."""
+    return Scene(
+        name="tank",
+        spacing=0.01,
+        support_radius=0.02,
+        dim=2,
+        dtype=dtype,
+        end_time=0.05,
+        step=step,
+        fluid=(Box(cells=(8, 16, 1), velocity=velocity),),
+        effects=(
+            WeaklyCompressible(sound_speed=20.0, dynamic_viscosity=viscosity, state="tait", literal=literal),
+            Gravity(acceleration=(0.0, -9.81, 0.0)),
+            BoxWalls(lower=(0.0, 0.0, 0.0), upper=(0.3, 0.3, 0.0), open_faces=("+y",)),
+        ),
+        **changes,
+    )
+
+
+def droplet():
+    """A cube of 216 particles with surface tension, from the docs' example."""
+    scene = load_scene(ROOT / "docs" / "examples" / "droplet.toml")
+    return msgspec.structs.replace(scene, fluid=(Box(cells=(6, 6, 6)),))
+
+
+def advance(simulation, steps):
+    while simulation.steps < steps:
+        simulation.step()
+    return simulation
+
+
+def load(path):
+    with np.load(path) as file:
+        return dict(file)
+
+
+def assert_same_run(first, second):
+    """Everything that outlives a step is equal, bit for bit."""
+    a, b = first.snapshot(), second.snapshot()
+    assert a.arrays.keys() == b.arrays.keys()
+    for name, array in a.arrays.items():
+        assert array.tobytes() == b.arrays[name].tobytes(), name
+    for snapshot in (a, b):
+        if "search_log" in snapshot.attributes:
+            log = json.loads(snapshot.attributes["search_log"])
+            snapshot.attributes["search_log"] = {k: v for k, v in log.items() if k != "list_bytes"}
+    assert a.attributes == b.attributes
+
+
+@pytest.mark.parametrize(
+    "scene, backend, cuts",
+    [
+        (tank("float32"), "cpu", CUTS),
+        (droplet(), "cpu", (1, 25, 40)),
+        (tank("float64", velocity=(0.3, 0.0, 0.0)), "numpy", (0, 1, 7)),
+    ],
+    ids=["walls", "tension", "numpy"],
+)
+def test_a_resumed_run_is_the_same_run(tmp_path, scene, backend, cuts):
+    steps = STEPS if backend == "cpu" else 12
+    plain = advance(Simulation(scene, backend), steps)
+    if plain.search is not None:
+        assert plain.search.log.rebuilds > 1
+        assert plain.search.log.audited_rows
+    written = Simulation(scene, backend)
+    for cut in cuts:
+        advance(written, cut).checkpoint(tmp_path / f"{cut}.h5")
+    assert_same_run(plain, advance(written, steps))  # writing changes nothing
+    for cut in cuts:
+        resumed = Simulation.resume(tmp_path / f"{cut}.h5")
+        assert resumed.steps == cut
+        assert resumed.notes == plain.notes
+        assert_same_run(plain, advance(resumed, steps))
+
+
+@pytest.mark.slow
+def test_a_resumed_run_is_the_same_run_in_double_precision(tmp_path):
+    scene = tank("float64")
+    plain = advance(Simulation(scene), STEPS)
+    advance(Simulation(scene), 30).checkpoint(tmp_path / "30.h5")
+    assert_same_run(plain, advance(Simulation.resume(tmp_path / "30.h5"), STEPS))
+
+
+def test_cuts_stand_around_a_look_and_a_rebuild():
+    """Before half a skin of way is used up, between that and a look, between looks, and on either side of a rebuild:
+    otherwise the cuts would prove little."""
+    simulation, seen = Simulation(tank()), set()
+    for cut in CUTS:
+        advance(simulation, cut)
+        pending = simulation._squared_way > simulation.search.allowed_way**2
+        seen.add((simulation.search.log.rebuilds, pending, simulation._margin > 0))
+    assert {(1, False, False), (1, True, False), (1, True, True), (2, False, False)} <= seen
+
+
+def test_frames_and_looks_change_nothing(tmp_path):
+    scene = tank()
+    plain = advance(Simulation(scene), 40)
+    watched = Simulation(scene)
+    report = simulate(watched, plain.time, output=tmp_path / "run", every=1e-4, checkpoint_every=0.0)
+    assert report.steps == 40
+    assert report.frames == 41
+    position = plain.field("position")
+    assert_same_run(advance(plain, 45), advance(watched, 45))
+    frames = read_particles(tmp_path / "run" / "particles.vtkhdf")
+    assert [len(frame.position) for frame in frames] == [128] * 41
+    assert np.array_equal(frames[-1].position, position)
+    assert np.array_equal(frames[0].fields["identity"], np.arange(128))
+
+
+def test_what_outlives_a_step_survives_a_look():
+    """A pass that changes a state field in place, such as a warm start, is not run twice by looking."""
+    simulation = Simulation(tank(), "numpy")
+    simulation.plan.fields["mass"]  # a state field
+    object.__setattr__(simulation.plan.passes[0][1], "updates", ("mass",))
+    call = simulation.force_calls[0]
+
+    def spoil():
+        call[2]()
+        simulation.fields["mass"] *= 2
+
+    simulation.force_calls[0] = (*call[:2], spoil)
+    before = simulation.field("mass")
+    simulation.evaluate()
+    assert np.array_equal(simulation.field("mass"), before)
+
+
+def test_clouds_come_out_of_the_checkpoint(tmp_path):
+    points = np.random.default_rng(5).random((40, 3)) * 0.05
+    np.save(tmp_path / "points.npy", points)
+    file = Cloud(file=str(tmp_path / "points.npy"), velocity=(1.0, 0.0, 0.0))
+    scene = Scene(
+        spacing=0.01,
+        support_radius=0.02,
+        fluid=(
+            file,
+            Box(cells=(2, 2, 2), lower=(1.0, 0.0, 0.0)),
+            Cloud(position=points + 2.0, mass=np.arange(1.0, 41.0)),
+        ),
+        effects=(WeaklyCompressible(sound_speed=20.0),),
+    )
+    first = Simulation(scene, "numpy")
+    first.checkpoint(tmp_path / "c.h5")
+    (tmp_path / "points.npy").unlink()
+    second = Simulation.resume(tmp_path / "c.h5")
+    for name in ("position", "velocity", "mass"):
+        assert np.array_equal(getattr(second.plan.state, name), getattr(first.plan.state, name))
+    assert second.plan.state.sizes == (40, 8, 40)
+
+
+# -- resuming what does not fit
+
+
+def test_another_backend_goes_on_and_says_so(tmp_path):
+    advance(Simulation(tank()), 20).checkpoint(tmp_path / "c.h5")
+    resumed = Simulation.resume(tmp_path / "c.h5", backend="numpy")
+    assert any("not bit for bit" in note for note in resumed.notes)
+    straight = advance(Simulation(tank()), 30)
+    advance(resumed, 30)
+    assert np.abs(resumed.field("position") - straight.field("position")).max() < 1e-5
+    resumed.checkpoint(tmp_path / "n.h5")
+    back = Simulation.resume(tmp_path / "n.h5", backend="cpu")  # a checkpoint without a list
+    advance(back, 40)
+    assert back.search.log.missed_neighbours == 0
+
+
+def test_other_versions_are_noted(tmp_path):
+    Simulation(tank(), "numpy").checkpoint(tmp_path / "c.h5")
+    saved = read_checkpoint(tmp_path / "c.h5")
+    then = json.loads(saved.attributes["versions"]) | {"numpy": "1.0"}
+    write_checkpoint(tmp_path / "c.h5", saved.arrays, saved.attributes | {"versions": json.dumps(then)})
+    note = Simulation.resume(tmp_path / "c.h5").notes[-1]
+    assert "numpy 1.0 -> " in note
+
+
+@pytest.mark.parametrize(
+    "other, words",
+    [
+        (tank("float64"), "dtype = float32 and the scene has float64"),
+        (tank(viscosity=0.06), "effects.weakly_compressible.dynamic_viscosity = 0.05"),
+        (tank(velocity=(1.0, 0.0, 0.0)), "velocity differs"),
+    ],
+)
+def test_a_scene_that_is_not_the_checkpoints_is_refused(tmp_path, other, words):
+    Simulation(tank(), "numpy").checkpoint(tmp_path / "c.h5")
+    with pytest.raises(InputError, match=words):
+        Simulation.resume(tmp_path / "c.h5", scene=other)
+
+
+def test_end_and_name_may_change(tmp_path):
+    Simulation(tank(), "numpy").checkpoint(tmp_path / "c.h5")
+    scene = msgspec.structs.replace(tank(), end_time=7.0, name="longer")
+    assert Simulation.resume(tmp_path / "c.h5", scene=scene).plan.scene == scene
+
+
+@pytest.mark.parametrize("lost", ["field.velocity", "build_position"])
+def test_a_checkpoint_that_lacks_something_is_refused(tmp_path, lost):
+    Simulation(tank(), "numpy").checkpoint(tmp_path / "c.h5")
+    saved = read_checkpoint(tmp_path / "c.h5")
+    write_checkpoint(tmp_path / "c.h5", {k: v for k, v in saved.arrays.items() if k != lost}, saved.attributes)
+    with pytest.raises(InputError, match=lost):
+        Simulation.resume(tmp_path / "c.h5")
+    wrong = saved.arrays | {lost: saved.arrays[lost][:-1]}
+    write_checkpoint(tmp_path / "c.h5", wrong, saved.attributes)
+    with pytest.raises(InputError, match="the scene wants"):
+        Simulation.resume(tmp_path / "c.h5")
+
+
+@pytest.mark.parametrize(
+    "change, words",
+    [
+        ({"time": float("inf")}, "time = inf"),
+        ({"time": "0.1"}, "numbers are not those of a run"),
+        ({"steps": 1.5}, "numbers are not those of a run"),
+        ({"steps": -1}, "steps = -1 is no count"),
+        ({"steps": 10**400}, "steps = 1000"),
+        ({"time": 10**400}, "numbers are not those of a run"),
+        ({"previous_length": -1.0}, "previous_length = -1"),
+        ({"first_length": float("inf")}, "first_length = inf"),
+        ({"squared_way": -1.0}, "squared_way = -1"),
+        ({"margin": float("inf")}, "margin = inf"),
+        ({"backend": "quantum"}, "numbers are not those of a run"),
+        ({"list_built": "yes"}, "numbers are not those of a run"),
+        ({"limiters": "[1]"}, "numbers are not those of a run"),
+        ({"limiters": "[" * 100000}, "numbers are not those of a run"),
+        ({"versions": '{"numpy": 1}'}, "numbers are not those of a run"),
+        ({"search_log": '{"__class__": 1}'}, "search log"),
+        ({"scene": 3}, "has no scene"),
+        ({"scene": "spacing = 0.01"}, "the scene in"),
+    ],
+)
+def test_a_checkpoint_with_impossible_numbers_is_refused(tmp_path, change, words):
+    Simulation(tank(), "numpy").checkpoint(tmp_path / "c.h5")
+    saved = read_checkpoint(tmp_path / "c.h5")
+    write_checkpoint(tmp_path / "c.h5", saved.arrays, saved.attributes | change)
+    with pytest.raises(InputError, match=words) as caught:
+        load_checkpoint(tmp_path / "c.h5")
+    assert "\n" not in str(caught.value)
+
+
+def with_row(array, row, value):
+    array = array.copy()
+    array[row] = value
+    return array
+
+
+@pytest.mark.parametrize(
+    "name, spoil, words",
+    [
+        ("field.mass", lambda a: with_row(a, 3, -1.0), "1 of its particles have no positive mass"),
+        ("field.velocity", lambda a: with_row(a, 3, 1e38), "beyond 1e"),
+        ("field.mass", lambda a: a.astype("float64"), "the scene wants float32"),
+        ("field.identity", lambda a: with_row(a, 3, 4), "identity"),
+        ("field.identity", lambda a: with_row(a, 3, 2**31 - 1), "identity"),
+        ("field.position", lambda a: with_row(a, (0, 2), 0.5), "z than 0 in a 2D scene"),
+        ("field.velocity", lambda a: a.astype("complex64"), "the scene wants float32"),
+        ("build_position", lambda a: a[:, :2], "the scene wants float32"),
+    ],
+)
+def test_a_checkpoint_with_impossible_particles_is_refused(tmp_path, name, spoil, words):
+    Simulation(tank(), "numpy").checkpoint(tmp_path / "c.h5")
+    saved = read_checkpoint(tmp_path / "c.h5")
+    write_checkpoint(tmp_path / "c.h5", saved.arrays | {name: spoil(saved.arrays[name])}, saved.attributes)
+    with pytest.raises(InputError, match=words):
+        Simulation.resume(tmp_path / "c.h5")
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"start.sizes": np.array([41])},
+        {"start.sizes": np.array([-1])},
+        {"start.sizes": np.array([40.0])},
+        {"start.sizes": np.array(40)},
+        {"start.mass": np.array(1.0)},
+        {"start.position": np.zeros((40, 5))},
+        {"start.velocity": np.zeros(40, complex)},
+    ],
+)
+def test_a_checkpoint_with_impossible_clouds_is_refused(tmp_path, change):
+    points = np.random.default_rng(5).random((40, 3)) * 0.05
+    liquid = WeaklyCompressible(sound_speed=20.0)
+    scene = Scene(spacing=0.01, support_radius=0.02, fluid=(Cloud(position=points),), effects=(liquid,))
+    Simulation(scene, "numpy").checkpoint(tmp_path / "c.h5")
+    saved = read_checkpoint(tmp_path / "c.h5")
+    write_checkpoint(tmp_path / "c.h5", saved.arrays | change, saved.attributes)
+    with pytest.raises(InputError):
+        load_checkpoint(tmp_path / "c.h5")
+
+
+# -- runs that are interrupted
+
+
+class Killed(BaseException):
+    """What nothing in refsim catches, as a kill is."""
+
+
+def killed_after(steps, scene, out, **options):
+    """A run to its end_time on the references that is killed after so many steps."""
+
+    def progress(simulation):
+        if simulation.steps == steps:
+            raise Killed
+
+    with pytest.raises(Killed):
+        simulate(scene, backend="numpy", output=out, progress=progress, **options)
+
+
+@pytest.mark.parametrize("interval", [0.0, 1e9], ids=["every step", "the first alone"])
+@pytest.mark.parametrize("steps", [0, 1, 5])
+def test_frames_of_a_killed_run_have_the_times_of_the_uninterrupted_one(tmp_path, steps, interval):
+    """Also where the run is killed before its second checkpoint."""
+    scene = tank("float64")
+    scene = msgspec.structs.replace(scene, end_time=8.5 * Simulation(scene, "numpy").step().length)
+    every = scene.end_time / 4.3
+    simulate(scene, backend="numpy", output=tmp_path / "whole", every=every)
+    out = tmp_path / "killed"
+    killed_after(steps, scene, out, every=every, checkpoint_every=interval)
+    kept = latest_checkpoint(out)
+    if steps == 0:  # before the first checkpoint
+        assert kept is None
+        report = simulate(scene, backend="numpy", output=out, every=every)
+        assert report.resumed_at_step is None
+    else:
+        resumed = Simulation.resume(out)
+        assert resumed.steps == (steps - 1 if interval == 0 else 0)
+        report = simulate(resumed, output=out, every=every)
+        assert report.resumed_at_step is not None
+    whole, after = (read_particles(folder / "particles.vtkhdf") for folder in (tmp_path / "whole", out))
+    assert [frame.time for frame in after] == [frame.time for frame in whole]
+    for a, b in zip(after, whole):
+        assert a.position.tobytes() == b.position.tobytes()
+    assert_same_run(Simulation.resume(tmp_path / "whole"), Simulation.resume(out))
+
+
+def test_a_run_resumed_into_another_folder_has_frames_on_the_grid(tmp_path):
+    scene = tank("float64")
+    length = Simulation(scene, "numpy").step().length
+    scene = msgspec.structs.replace(scene, end_time=8.5 * length)
+    every = 3.5 * length
+    simulate(scene, backend="numpy", output=tmp_path / "whole", every=every)
+    killed_after(6, scene, tmp_path / "killed", every=every, checkpoint_every=0.0)
+    resumed = Simulation.resume(tmp_path / "killed")
+    killed_after(7, resumed, tmp_path / "other", every=every)
+    simulate(Simulation.resume(tmp_path / "other"), output=tmp_path / "other", every=every)  # it has a checkpoint, too
+    whole, after = (read_particles(tmp_path / name / "particles.vtkhdf") for name in ("whole", "other"))
+    assert [frame.time for frame in after] == [frame.time for frame in whole][-len(after) :]
+    with pytest.raises(InputError, match="holds an earlier run"):
+        simulate(Simulation.resume(tmp_path / "killed"), output=tmp_path / "other")
+
+
+def test_a_running_run_keeps_its_checkpoints(tmp_path, capsys):
+    """Neither --overwrite nor --resume touches a folder whose run is still writing."""
+    path, out = tmp_path / "tank.toml", tmp_path / "out"
+    path.write_text(scene_to_toml(tank()))
+    looked = []
+
+    def progress(simulation):
+        if simulation.steps == 2:
+            before = {file.name: file.read_bytes() for file in out.iterdir()}
+            for command in ([path, "--overwrite"], ["--resume", out]):
+                words = ["run", *map(str, command), "--output", str(out), "--backend", "numpy", "--quiet"]
+                assert main(words) == 2
+                looked.append(capsys.readouterr().err)
+            assert {file.name: file.read_bytes() for file in out.iterdir()} == before
+
+    simulate(tank(), 0.001, backend="numpy", output=out, checkpoint_every=0.0, progress=progress)
+    assert len(looked) == 2
+    assert all("is being written by another process" in words for words in looked)
+
+
+def test_a_damaged_checkpoint_is_passed_over_and_the_run_says_so(tmp_path, capsys):
+    out = tmp_path / "out"
+    killed_after(3, tank(), out, checkpoint_every=0.0)
+    newest = out / "checkpoint.h5"
+    content = bytearray(newest.read_bytes())
+    content[3803] ^= 1
+    newest.write_bytes(content)
+    for place in (out, newest):
+        resumed = Simulation.resume(place)
+        assert resumed.source == out / "checkpoint.previous.h5"
+        assert "does not match its digest): resumed from" in resumed.notes[-1]
+    assert main(["run", "--resume", str(out), "--until", "0.001", "--quiet"]) == 0
+    assert "note: checkpoint" in capsys.readouterr().err
+    assert Simulation.resume(out).source == newest
+
+
+# -- runs that stop
+
+
+@pytest.mark.parametrize(
+    "scene, reason",
+    [
+        (tank(step=0.0003, viscosity=50.0, literal=("E3",)), "diverged"),
+    ],
+    ids=["E3"],
+)
+def test_a_diverging_run_stops_with_its_reason(tmp_path, capsys, scene, reason):
+    path = tmp_path / "bad.toml"
+    path.write_text(scene_to_toml(scene))
+    out = tmp_path / "out"
+    command = ["run", str(path), "--until", "5", "--output", str(out), "--quiet", "--checkpoint-every", "0"]
+    assert main([*command, "--json"]) == 3
+    told = capsys.readouterr()
+    found = json.loads(told.out)
+    assert found["reason"] == found["report"]["reason"] == reason
+    assert "Traceback" not in told.err
+    report = json.loads((out / "report.json").read_text())
+    assert report["reason"] == reason
+    saved = read_checkpoint(out / "checkpoint.h5")
+    assert all(np.isfinite(array).all() for array in saved.arrays.values() if array.dtype.kind == "f")
+    assert saved.attributes["steps"] <= report["steps"]
+
+    post = json.loads((out / "postmortem.json").read_text())
+    assert post["reason"] == reason
+    assert post["step"] == report["steps"]
+    speed = np.linalg.norm(post["particle"]["velocity"])
+    assert speed > 200
+    near = load(out / "postmortem.npz")
+    assert near["identity"][0] == post["particle"]["identity"]
+    assert len(near["identity"]) == post["neighbourhood"]["particles"]
+
+    words = post["replay"].split()  # the command that replays it does
+    assert words[0] == "refsim"
+    assert main([*words[1:], "--quiet"]) == 3
+    again = json.loads((out / "replay" / "postmortem.json").read_text())
+    assert again["particle"] == post["particle"]
+    assert again["message"] == post["message"]
+    assert read_checkpoint(out / "checkpoint.h5").attributes == saved.attributes
+
+
+def spoiled(simulation, name, field, value):
+    """The run computes `value` for one particle in the pass `name`."""
+    for k, (operation, rare, call) in enumerate(simulation.force_calls):
+        if operation == name:
+
+            def spoil(call=call):
+                call()
+                row = int(np.flatnonzero(simulation.fields["identity"] == 77)[0])
+                simulation.fields[field][row] = value
+
+            simulation.force_calls[k] = (operation, rare, spoil)
+
+
+def test_a_nan_names_its_particle_and_pass_and_leaves_the_checkpoint(tmp_path):
+    simulation = Simulation(tank(), "numpy")
+    taken = []
+
+    def progress(simulation):
+        taken.append(simulation.steps)
+        if simulation.steps == 3:
+            spoiled(simulation, "sph.state", "pressure", np.nan)
+
+    with pytest.raises(RunStopped) as caught, np.errstate(invalid="ignore"):
+        simulate(simulation, 1.0, output=tmp_path, progress=progress, checkpoint_every=0.0, every=1.0)
+    assert caught.value.reason == "non_finite"
+    assert read_checkpoint(tmp_path / "checkpoint.h5").attributes["steps"] == 2
+    post = json.loads((tmp_path / "postmortem.json").read_text())
+    assert post["cause"] == "sph.state wrote pressure"
+    assert post["particle"]["identity"] == 77
+    assert post["bad_particles"] == 1
+    assert post["particle"]["pressure"] == "nan"
+    assert post["last_step_limits"]["acoustic"] > 0
+    assert post["step"] == 3
+    near = load(tmp_path / "postmortem.npz")
+    assert near["identity"][0] == 77
+    assert 4 < len(near["identity"]) < 128
+
+
+def test_a_position_that_is_not_finite_is_named(tmp_path):
+    simulation = Simulation(tank(), "numpy")
+
+    def progress(simulation):
+        if simulation.steps == 2:
+            simulation.fields["position"][5] = np.inf
+
+    with pytest.raises(RunStopped) as caught, np.errstate(all="ignore"):
+        simulate(simulation, 1.0, output=tmp_path, progress=progress, checkpoint_every=0.0, every=1.0)
+    assert caught.value.reason == "non_finite"
+    post = json.loads((tmp_path / "postmortem.json").read_text())
+    assert post["cause"] == "sph.kick_drift wrote position"
+    assert post["particle"]["identity"] == simulation.fields["identity"][5]
+    assert len(load(tmp_path / "postmortem.npz")["identity"]) > 4
+
+
+def test_missed_neighbours_end_the_run(tmp_path, monkeypatch):
+    simulation = Simulation(tank())
+    monkeypatch.setattr(simulation.search, "allowed_way", 0.02)  # forty times too lax
+    with pytest.raises(RunStopped) as caught:
+        simulate(simulation, 1.0, output=tmp_path)
+    assert caught.value.reason == "missed_neighbours"
+    assert (tmp_path / "postmortem.json").exists()
+
+
+def test_a_shrinking_step_ends_the_run(tmp_path, monkeypatch):
+    simulation = Simulation(tank(), "numpy")
+    advance(simulation, 1)
+    monkeypatch.setattr(stepping, "stable_steps", lambda limits, extremes: {"force": 1e-12})
+    with pytest.raises(RunStopped) as caught:
+        simulate(simulation, 1.0, output=tmp_path)
+    assert caught.value.reason == "step_too_small"
+    assert json.loads((tmp_path / "postmortem.json").read_text())["cause"] == "greatest acceleration"
+
+
+@pytest.mark.parametrize(
+    "spoil, words",
+    [
+        (lambda fields: fields["identity"].__setitem__(3, 4), "1 of 128 particles are missing"),
+        (lambda fields: fields["mass"].__setitem__(3, 4.0), "1 have another mass"),
+    ],
+)
+def test_no_particle_is_lost_silently(spoil, words):
+    simulation = Simulation(tank(), "numpy")
+    check_particles(simulation)
+    spoil(simulation.fields)
+    with pytest.raises(RunStopped, match=words):
+        check_particles(simulation)
+
+
+def test_the_ledger_counts_particles_behind_walls():
+    simulation = Simulation(tank(), "numpy")
+    assert stock(simulation) == stock(simulation.plan)
+    assert stock(simulation)["outside_walls"] == 0
+    simulation.fields["position"][:3] += (0.0, 9.0, 0.0)  # the top is open
+    simulation.fields["position"][3:5] -= (9.0, 0.0, 0.0)
+    assert stock(simulation)["outside_walls"] == 2
+
+
+def test_memory_that_runs_out_has_a_name(tmp_path, monkeypatch):
+    simulation = Simulation(tank(), "numpy")
+
+    def step():
+        raise MemoryError
+
+    monkeypatch.setattr(simulation, "step", step)
+    with pytest.raises(RunStopped) as caught:
+        simulate(simulation, 1.0, output=tmp_path)
+    assert caught.value.reason == "out_of_memory"
+    assert json.loads((tmp_path / "report.json").read_text())["reason"] == "out_of_memory"
+
+
+def test_a_full_disk_keeps_the_last_checkpoint(tmp_path, monkeypatch):
+    simulation = Simulation(tank(), "numpy")
+
+    def progress(simulation):
+        if simulation.steps == 3:
+            monkeypatch.setattr(run_module, "write_checkpoint", full)
+
+    def full(path, *_):
+        raise RunStopped("disk_full", f"checkpoint {path} was not written because the disk is full")
+
+    with pytest.raises(RunStopped) as caught:
+        simulate(simulation, 1.0, output=tmp_path, progress=progress, checkpoint_every=0.0)
+    assert caught.value.reason == "disk_full"
+    assert Simulation.resume(tmp_path).steps == 2
+    assert not (tmp_path / "postmortem.json").exists()
+
+
+def test_reasons_are_those_of_the_list():
+    with pytest.raises(ValueError, match="not one of the reasons"):
+        RunStopped("bored", "x")
+    texts = [file.read_text() for file in (ROOT / "refsim").rglob("*.py") if file.name != "errors.py"]
+    unused = {name for name in REASONS if not any(f'"{name}"' in text for text in texts)}
+    assert not unused  # an unknown one cannot be used: RunStopped refuses it
+
+
+# -- kills
+
+posix = pytest.mark.skipif(os.name != "posix", reason="signals")
+
+
+def start(path, out, *more):
+    command = [sys.executable, "-m", "refsim", "run", path, "--output", out, "--until", "100", "--quiet", *more]
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    process = subprocess.Popen([*map(str, command)], stderr=subprocess.PIPE, stdout=subprocess.PIPE, env=environment)
+    ends = time.monotonic() + 120
+    while time.monotonic() < ends and process.poll() is None:
+        try:
+            if json.loads((out / "report.json").read_text())["steps"] >= 20:
+                return process
+        except (OSError, ValueError):
+            pass
+        time.sleep(0.02)
+    process.kill()
+    raise AssertionError(process.communicate()[1].decode())
+
+
+@posix
+def test_a_killed_run_loses_at_most_the_interval(tmp_path):
+    """SIGKILL in the middle; the resumed run ends bit for bit where one that was never killed ends."""
+    path, out = tmp_path / "tank.toml", tmp_path / "out"
+    path.write_text(scene_to_toml(tank()))
+    process = start(path, out, "--checkpoint-every", "0")
+    process.send_signal(signal.SIGKILL)
+    process.communicate()
+    known = json.loads((out / "report.json").read_text())["steps"]
+    resumed = Simulation.resume(out)
+    assert resumed.steps >= known
+    end = resumed.time + 0.005
+    assert main(["run", "--resume", str(out), "--until", repr(end), "--quiet"]) == 0
+    final = Simulation.resume(out)
+    whole = advance(Simulation(tank()), final.steps)
+    whole.evaluate(on_demand=False)  # as before each checkpoint, which looks at the list and so decides on a rebuild
+    assert_same_run(whole, final)
+    times = [frame.time for frame in read_particles(out / "particles.vtkhdf")]
+    assert times == sorted(set(times))
+
+
+@posix
+def test_ctrl_c_ends_between_two_steps_with_a_checkpoint(tmp_path):
+    path, out = tmp_path / "tank.toml", tmp_path / "out"
+    path.write_text(scene_to_toml(tank()))
+    process = start(path, out, "--checkpoint-every", "0.1")
+    process.send_signal(signal.SIGINT)
+    stdout, stderr = process.communicate(timeout=60)
+    assert process.returncode == 3
+    assert b"Traceback" not in stderr
+    assert b"[interrupted]" in stderr
+    assert f"refsim run --resume {out}".encode() in stderr
+    assert stdout == b""
+    report = json.loads((out / "report.json").read_text())
+    assert report["reason"] == "interrupted"
+    assert Simulation.resume(out).steps == report["steps"]

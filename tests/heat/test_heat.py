@@ -1,0 +1,390 @@
+"""Heat conduction as a whole: what it keeps, what bounds it, what it converges to, and what it says about bad input."""
+
+import dataclasses
+import math
+
+import msgspec
+import numpy as np
+import pytest
+
+from refsim import Box, Cloud, HeatConduction, InputError, RunStopped, Scene, Simulation, make_plan
+from refsim.__main__ import main
+from refsim.core.operation import REGISTRY
+from refsim.engine.driver import stock
+from refsim.heat import reference
+from refsim.heat.shapes import lattice_moment
+from validation.cases import heat as case
+from validation.cases.heat import exact, runs
+from validation.running import Context
+from validation.verdicts import Bounds
+
+BAR = (Box(cells=(8, 4, 4)), Box(lower=(0.8, 0.0, 0.0), cells=(8, 4, 4)))
+NUMBER = 0.1**2 * 1000.0 * 1000.0  # dt [s] of k dt/(rho c d^2) = 1 at k = 1 W/(m K)
+ICE = {"melting_point": 0.0, "latent_heat": 3e4}
+
+
+def bar(number=2.0, dtype="float64", **options):
+    """A warm half on a cold one, in steps of k dt/(rho c d^2) = `number`."""
+    given = {
+        "temperature": (50.0, -10.0),
+        "conductivity": 1.0,
+        "heat_capacity": 1000.0,
+        "largest_number": 1e9,
+        **options,
+    }
+    return Scene(
+        spacing=0.1,
+        support_radius=0.25,
+        fluid=BAR,
+        effects=(HeatConduction(**given),),
+        step=number * NUMBER,
+        dtype=dtype,
+    )
+
+
+def ran(scene, steps=10):
+    simulation = Simulation(scene)
+    for _ in range(steps):
+        simulation.step()
+    return simulation
+
+
+def heat(of):
+    return stock(of)["effects"]["heat_conduction"]["heat"]
+
+
+KEEPING = [
+    ("implicit", {}), ("conjugate_gradient", {}), ("runge_kutta_legendre", {}), ("single_pass", {}),
+    ("pair_exchange", {}), ("implicit", ICE), ("conjugate_gradient", ICE), ("runge_kutta_legendre", ICE),
+    ("single_pass", ICE),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("scheme, more", KEEPING, ids=lambda v: v if isinstance(v, str) else "ice" if v else "plain")
+def test_heat_is_kept(scheme, more):
+    simulation = ran(bar(scheme=scheme, **more), 20)
+    size = abs(simulation.field("temperature")).max() * simulation.count * 1e6
+    assert simulation.field("temperature").std() < 28  # of 30: something was exchanged
+    assert abs(heat(simulation) - heat(simulation.plan)) < 1e-12 * max(size, abs(heat(simulation)))
+
+
+def test_one_sided_exchange_does_not_keep_heat():
+    """The literal reading (R1): what one particle gains no other loses."""
+    simulation = ran(bar(2.0, scheme="one_sided", conductivity=(1.0, 3.0)))
+    assert abs(heat(simulation) / heat(simulation.plan) - 1) > 1e-3
+
+
+BOUNDED = [
+    ("implicit", {}), ("conjugate_gradient", {}), ("single_pass", {}), ("single_pass", ICE), ("implicit", ICE),
+    ("nonlinear_jacobi", ICE),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("scheme, more", BOUNDED, ids=lambda v: v if isinstance(v, str) else "ice" if v else "plain")
+@pytest.mark.parametrize("number", [0.5, 30.0, 3e6])
+def test_no_temperature_leaves_the_range_of_the_start(scheme, more, number):
+    """Up to s_max of 1e7; a truncated iteration may overshoot by a thousandth of the range."""
+    values = ran(bar(number, scheme=scheme, **more), 3).field("temperature")
+    assert values.min() >= -10 - 0.06
+    assert values.max() <= 50 + 0.06
+
+
+def test_a_step_beyond_the_explicit_limit_is_refused():
+    with pytest.raises(InputError, match="times the stable one"):
+        make_plan(bar(20.0, scheme="explicit"))
+
+
+def test_a_temperature_that_is_not_finite_stops_the_run():
+    simulation = ran(bar(), 1)
+    simulation.fields["temperature"][3] = np.nan
+    with pytest.raises(RunStopped) as stop:
+        simulation.step()
+    assert stop.value.reason == "non_finite"
+    assert "or a temperature that is not finite" in str(stop.value)
+
+
+def test_a_step_takes_the_limit_of_the_explicit_scheme():
+    plan = make_plan(Scene(spacing=0.1, support_radius=0.25, fluid=BAR, effects=(HeatConduction(scheme="explicit"),)))
+    limit = plan.effects["heat_conduction"].step_limits(plan.grid, plan.effects)["conduction"].length
+    assert limit == pytest.approx(0.2917 * 0.1**2 * 1000 * 4186 / 0.6, rel=1e-3)
+
+
+def hard_cloud(kind, scheme, melts, dtype="float64", **options):
+    """216 particles, some at 50 and the rest at -10 deg C, whose sums s_i exceed the lattice's; the runner's own step.
+
+    With latent heat the warm ones are held.
+    """
+    random = np.random.default_rng(7)
+    x = 0.1 * np.stack(np.meshgrid(*[np.arange(6)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
+    mass = np.full(216, 1.0)
+    if kind == "cloud":
+        x = random.uniform(0, 0.6, (216, 3))
+    elif kind == "pairs":
+        x = np.concatenate([x[:108], x[:108] + 1e-3])
+    else:
+        mass *= np.where(random.random(216) < 0.5, {"masses 1:2": 0.5, "masses 1:100": 0.01}[kind], 1.0)
+    warm = x[:, 0] < 0.25
+    parts = tuple(Cloud(position=x[of], mass=mass[of]) for of in (warm, ~warm))
+    given = {"temperature": (50.0, -10.0), "conductivity": 1.0, "heat_capacity": 1000.0, "scheme": scheme}
+    given |= {"held": (0,), **ICE} if melts else {}
+    effects = (HeatConduction(**{**given, **options}),)
+    return Scene(spacing=0.1, support_radius=0.25, fluid=parts, effects=effects, dtype=dtype, end_time=1e9)
+
+
+KINDS = ("masses 1:2", "masses 1:100", "cloud", "pairs")
+
+
+@pytest.mark.parametrize("dtype", ["float64", "float32"])
+@pytest.mark.parametrize("melts", [False, True], ids=["plain", "ice"])
+@pytest.mark.parametrize("kind", KINDS)
+def test_explicit_conduction_keeps_its_range_at_the_runners_own_step(kind, melts, dtype):
+    """200 steps at the largest step that the particles' own sums allow; before, |T| grew to 1e43."""
+    simulation = Simulation(hard_cloud(kind, "explicit", melts, dtype))
+    for _ in range(200):
+        length = simulation.step().length
+        values = simulation.field("temperature")
+        assert values.min() >= -10 - 1e-4
+        assert values.max() <= 50 + 1e-4
+    rates = reference.exchange_rate(
+        *(simulation.field(k) for k in ("position", "mass", "volume", "heat_capacity", "conductivity")),
+        simulation.field("reservoir") if melts else None, simulation.plan.parameters["heat_conduction"]["conduction"],
+        None,
+    )["exchange_rate"][0]  # fmt: skip
+    assert length * rates.max() <= 1 + 1e-5
+    assert simulation.last.limiter == ("exchange" if length * rates.max() > 1 - 1e-5 else "conduction")
+
+
+@pytest.mark.parametrize("kind", KINDS[:2])
+def test_enthalpies_of_lighter_particles_limit_the_step(kind):
+    """RKL1 with latent heat at the runner's own step; before, temperatures left their range by 15 % of it."""
+    values = ran(hard_cloud(kind, "runge_kutta_legendre", True), 60).field("temperature")
+    assert values.min() >= -10 - 1e-9
+    assert values.max() <= 50 + 1e-9
+
+
+def test_the_step_follows_the_sums_while_particles_move():
+    """A cloud that flies together: the limit falls with every step, and holds for the sums of that very step."""
+    scene = hard_cloud("cloud", "explicit", False)
+    simulation = Simulation(scene)
+    x = simulation.field("position")
+    simulation.set_field("velocity", -2e-4 * (x - 0.3))
+    lengths = []
+    for _ in range(6):
+        simulation.evaluate()
+        largest = float(simulation.field("exchange_rate").max())
+        lengths.append(simulation.step().length)
+        assert lengths[-1] * largest <= 1 + 1e-12
+    assert lengths[-1] < 0.8 * lengths[0]
+    assert simulation.field("temperature").max() <= 50
+
+
+@pytest.mark.parametrize("dtype", ["float64", "float32"])
+@pytest.mark.parametrize("melts", [False, True], ids=["plain", "ice"])
+def test_a_temperature_out_of_its_range_stops_the_run(melts, dtype):
+    """Explicit conduction made to take seven stable steps at once."""
+    plan = make_plan(bar(0.1, dtype, scheme="explicit", **(ICE if melts else {})))
+    plan = dataclasses.replace(plan, scene=msgspec.structs.replace(plan.scene, step=2.0 * NUMBER))
+    simulation = Simulation(plan)
+    stop = None
+    while stop is None and simulation.steps < 50:
+        try:
+            simulation.step()
+        except RunStopped as error:
+            stop = error
+    assert stop.reason == "temperature_out_of_range"
+    assert "shorter step" in str(stop)
+    assert abs(simulation.field("temperature")).max() < 200, "at once"
+
+
+def test_a_temperature_that_a_user_sets_begins_a_new_range():
+    simulation = ran(bar(), 1)
+    values = simulation.field("temperature")
+    simulation.set_field("temperature", values + 500)
+    simulation.step()
+    simulation.set_field("temperature", values)
+    simulation.step()
+    low, high = simulation.field("temperature_range")
+    assert low < values.min()
+    assert values.max() < high < 60
+    melting = ran(bar(scheme="single_pass", **ICE), 1)
+    melting.set_field("enthalpy", melting.field("enthalpy") + 1e6)  # 970 K more
+    for _ in range(3):
+        melting.step()
+    assert melting.field("temperature").max() > 900
+
+
+def test_the_plan_says_which_sums_limit_the_step():
+    plan = make_plan(hard_cloud("cloud", "explicit", False))
+    assert any("limit 'exchange' shortens the step" in note for note in plan.notes)
+    fixed = make_plan(bar(0.25, scheme="explicit"))
+    assert any("is not shortened" in note for note in fixed.notes)
+    assert not make_plan(bar(0.25)).notes
+
+
+def test_the_lattice_conducts_as_it_should():
+    """sum_j V_j L_ij r^2/3 is 0.950 at h = 2.5 d before the calibration, 2 for Mueller's as printed (M6)."""
+    assert lattice_moment(0, 2.5, 1.0, 3) == pytest.approx(0.950, abs=5e-4)
+    assert lattice_moment(1, 2.5, 0.05, 3) == pytest.approx(2.0, abs=1e-3)
+
+
+def slab_error(number, scheme):
+    """Largest error of a cosine along an insulated bar of 32 x 4 x 4, against the mode's own decay in the bar."""
+    cells = (32, 4, 4)
+    x = (np.arange(32) + 0.5) * 0.1
+    mode = np.repeat(np.cos(math.pi * x / 3.2), 16)
+    decay = {}
+    for name, n in ((scheme, number), ("runge_kutta_legendre", 0.25)):
+        effect = HeatConduction(
+            temperature=tuple(50 * mode), conductivity=1.0, heat_capacity=1000.0, scheme=name, largest_number=1e9
+        )
+        scene = Scene(
+            spacing=0.1, support_radius=0.25, fluid=(Box(cells=cells),), effects=(effect,), step=n * NUMBER,
+            dtype="float64",
+        )  # fmt: skip
+        decay[name, n] = ran(scene, round(16 / n)).field("temperature")
+    exact = decay["runge_kutta_legendre", 0.25]
+    return abs(decay[scheme, number] - exact).max()
+
+
+def test_orders_in_time():
+    """Backward Euler is of first order in dt; RKL2, of second, is far nearer at the same step."""
+    coarse, fine = slab_error(8.0, "conjugate_gradient"), slab_error(4.0, "conjugate_gradient")
+    assert 0.8 < math.log2(coarse / fine) < 1.3
+    assert slab_error(8.0, "runge_kutta_legendre") < 0.1 * coarse
+
+
+def test_nonlinear_jacobi_converges_to_newton():
+    """Both solve backward Euler with latent heat; the reference by a semi-smooth Newton method."""
+    scene = bar(1.0, scheme="nonlinear_jacobi", iterations=200, **ICE)
+    simulation = Simulation(scene)
+    simulation.step()
+    names = ("position", "mass", "volume", "heat_capacity", "conductivity", "melting_point", "latent_heat")
+    start = Simulation(scene)
+    given = {name: start.field(name) for name in (*names, "enthalpy", "temperature")}
+    conduction = scene.effects[0].conduction(simulation.plan.grid)
+    enthalpy, temperature, steps = reference.newton(
+        **given, reservoir=None, timestep=(0.0, scene.step), conduction=conduction, period=None
+    )
+    assert steps < 20
+    assert abs(simulation.field("enthalpy") - enthalpy).max() < 1e-6 * abs(enthalpy).max()
+    assert abs(simulation.field("temperature") - temperature).max() < 1e-4
+
+
+def test_reservoirs_hold_their_temperature():
+    values = ran(bar(5.0, held=(1,)), 200).field("temperature")
+    assert (values[128:] == -10).all()
+    assert abs(values[:128] + 10).max() < 5  # the rest goes there
+
+
+@pytest.mark.parametrize(
+    "options, words",
+    [
+        ({"conductivity": -1.0}, "conductivity = -1.0 is not possible"),
+        ({"melting_point": -300.0, "latent_heat": 1.0}, "melting_point = -300.0 is not possible"),
+        ({"temperature": -274.0}, "temperature = -274.0 is not possible"),
+        ({"heat_capacity": 0.0}, "heat_capacity = 0.0 is not possible"),
+        ({"latent_heat": 3e5}, "without a melting_point"),
+        ({"latent_heat": 3e5, "melting_point": 0.0, "scheme": "pair_exchange"}, "knows no latent heat"),
+        ({"scheme": "nonlinear_jacobi"}, "is for latent heat only"),
+        ({"literal": ("M5",)}, "conduct backwards"),
+        ({"literal": ("M11",), **ICE}, "with literal M11"),
+        ({"temperature": (1.0, 2.0, 3.0)}, "3 numbers for 2 parts"),
+        ({"held": (5,)}, "held names part 5"),
+        ({"largest_number": 1.0}, "beyond largest_number"),
+    ],
+)
+def test_bad_input_is_told_in_one_sentence(options, words):
+    with pytest.raises(InputError, match=words) as error:
+        make_plan(bar(**options))
+    assert str(error.value).count(". ") == 0
+
+
+COLD = """
+spacing = 0.1
+support_radius = 0.25
+step = 10.0
+
+[[fluid]]
+shape = "box"
+cells = [4, 4, 4]
+
+[effects.heat_conduction]
+temperature = -5.0
+conductivity = {conductivity}
+melting_point = {melting_point}
+latent_heat = 1e5
+"""
+
+
+@pytest.mark.parametrize(
+    "values, words",
+    [
+        ({"conductivity": -0.6, "melting_point": 0.0}, "conductivity = -0.6 is not possible; give zero or a positive"),
+        ({"conductivity": 0.6, "melting_point": -300.0}, "melting_point = -300.0 is not possible; give a temperature"),
+        ({"conductivity": "nan", "melting_point": 0.0}, "conductivity = nan is not possible"),
+    ],
+)
+@pytest.mark.parametrize("command", ["plan", "run"])
+def test_a_scene_file_with_impossible_materials_ends_with_2(tmp_path, capsys, command, values, words):
+    scene = tmp_path / "ice.toml"
+    scene.write_text(COLD.format(**values))
+    assert main([command, str(scene)]) == 2
+    told = capsys.readouterr()
+    assert told.out == ""
+    assert words in told.err
+    assert told.err.count(". ") == 0
+    assert [path.name for path in tmp_path.iterdir()] == ["ice.toml"]  # nothing was begun
+
+
+def test_enthalpies_near_a_reservoir_limit_the_step():
+    """RKL1 overshoots beyond 3; the default of 10 holds for temperatures alone, and for the other schemes."""
+    for scheme, more, number in (
+        ("runge_kutta_legendre", ICE, 3.0),
+        ("runge_kutta_legendre", {}, 10.0),
+        ("implicit", ICE, 10.0),
+    ):
+        plan = make_plan(bar(0.1, scheme=scheme, largest_number=10.0, **more))
+        limit = plan.effects["heat_conduction"].step_limits(plan.grid, plan.effects)["conduction"].length
+        assert limit == pytest.approx(number * NUMBER)
+
+
+# The case
+
+
+def test_closed_forms_against_the_anchors():
+    """lambda of one-phase Stefan problems (Alexiades & Solomon), the sphere's mean by its own series, the limits."""
+    known = {0.01: 0.070593276561, 0.1: 0.220016272743, 0.5: 0.464785920646, 2.0: 0.800601362806}
+    for number, root in known.items():
+        assert exact.stefan_root(number, 0.0, 1.0) == pytest.approx(root, rel=1e-9)
+    r = (np.arange(4000) + 0.5) / 4000
+    mean = (3 * r**2 * exact.cooled_sphere(r, 1.0, 0.05)).mean()
+    n = np.arange(1, 200)
+    assert mean == pytest.approx(6 / math.pi**2 * (np.exp(-((n * math.pi) ** 2) * 0.05) / n**2).sum(), rel=1e-5)
+    plane = exact.melting_shell(1e4, 1e4 + 1, 100, 50.0, -10.0, 100.0, 0.1)
+    root = exact.stefan_root(50.0, -10.0, 100.0)
+    assert 1 - plane.ice[-1] == pytest.approx(2 * root * math.sqrt(plane.time[-1]), rel=3e-3)
+
+
+def test_ice_melts_as_neumann_says():
+    """Twenty spacings: the depth as measured from the first held layer, half a spacing behind the surface."""
+    (row,) = runs.stefan(Context(), "runge_kutta_legendre", 20, (2.0,)).values["rows"]
+    assert row["shifted"] < 5
+    assert row["raw"] > 4 * row["shifted"]  # which shows what the half spacing is
+
+
+def test_a_sphere_cools_as_the_series_says():
+    (row,) = runs.sphere(Context(), "runge_kutta_legendre", 7, (0.5,)).values["rows"]
+    assert row["shifted"] < 2 < row["raw"]
+
+
+def test_every_bound_of_the_case_is_held_against_something():
+    """Names of bounds are made of schemes and steps; none may go astray."""
+    slabs = {f"slab_{s}_{n:g}".replace(".", "_") for s in case.PLAIN for n in runs.NUMBERS if s != "explicit"}
+    named = {name for name in Bounds("heat").entries if name.startswith("slab_")} - {"slab_error", "slab_drift"}
+    assert named == slabs
+    assert {f"order_{scheme}" for scheme in case.PLAIN} <= set(Bounds("heat").entries)
+
+
+def test_every_scheme_has_an_operation():
+    names = {name for name in REGISTRY if name.startswith("heat.")}
+    assert len(names) == 10

@@ -1,0 +1,447 @@
+"""Checkpoints come back bit for bit, and no kill, full disk or damage leaves a run without a whole one."""
+
+import errno
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+
+import h5py
+import numpy as np
+import pytest
+
+from refsim.core.errors import InputError, RunStopped
+from refsim.io import checkpoint
+from refsim.io.checkpoint import latest_checkpoint, previous_path, read_checkpoint, whole_checkpoint, write_checkpoint
+
+posix = pytest.mark.skipif(os.name != "posix", reason="signals and file size limits of POSIX")
+
+
+def state(step, n=1000):
+    """Arrays of every dtype in use, all of them different at every step."""
+    rng = np.random.default_rng(step)
+    return {
+        "position": rng.normal(size=(n, 3)).astype(np.float32),
+        "velocity": rng.normal(size=(n, 3)),
+        "order": rng.integers(-(2**31), 2**31, n, dtype=np.int32),
+        "key": rng.integers(-(2**63), 2**63 - 1, n, dtype=np.int64),
+        "phase": rng.integers(0, 256, n, dtype=np.uint8),
+        "surface": rng.random(n) < 0.5,
+    }
+
+
+def assert_same(left, right):
+    assert left.keys() == right.keys()
+    for name in left:
+        assert left[name].dtype == right[name].dtype, name
+        assert left[name].shape == right[name].shape, name
+        assert left[name].tobytes() == right[name].tobytes(), name
+
+
+def test_every_dtype_comes_back_bit_for_bit(tmp_path):
+    arrays = state(0) | {
+        "edge32": np.array([-0.0, 1e-45, np.finfo(np.float32).max], np.float32),
+        "edge64": np.array([-0.0, 5e-324, np.finfo(np.float64).max]),
+        "empty": np.empty((0, 3), np.float32),
+        "scalar": np.array(0.1),
+        "columns": np.asfortranarray(np.arange(6.0).reshape(2, 3)),
+        "strided": np.arange(10, dtype=np.int32)[::3],
+    }
+    attributes = {
+        "time": 0.1 + 0.2,
+        "limit": float("inf"),
+        "step": 2**70,
+        "on": True,
+        "scene": "é\n\0='x'" * 20000,
+    }
+    write_checkpoint(tmp_path / "run.h5", arrays, attributes)
+    back = read_checkpoint(tmp_path / "run.h5")
+    assert_same(back.arrays, arrays)
+    assert back.attributes == attributes
+    assert {name: type(value) for name, value in back.attributes.items()} == {
+        name: type(value) for name, value in attributes.items()
+    }
+
+
+def test_numpy_numbers_are_attributes_too(tmp_path):
+    write_checkpoint(tmp_path / "run.h5", {}, {"dt": np.float64(0.1), "step": np.int32(3), "on": np.True_})
+    assert read_checkpoint(tmp_path / "run.h5").attributes == {"dt": 0.1, "step": 3, "on": True}
+
+
+@pytest.mark.parametrize("keep", [1, 2, 3])
+def test_keeps_as_many_as_asked(tmp_path, keep):
+    path = tmp_path / "run.h5"
+    for step in range(5):
+        write_checkpoint(path, state(step), {"step": step}, keep=keep)
+    files = [path, previous_path(path), previous_path(path, 2)][:keep]
+    assert sorted(tmp_path.iterdir()) == sorted(files)
+    assert [read_checkpoint(file).attributes["step"] for file in files] == [4, 3, 2][:keep]
+    assert latest_checkpoint(tmp_path) == path
+
+
+def test_rotates_without_hard_links(tmp_path, monkeypatch):
+    def no_links(*_):
+        raise OSError(errno.EPERM, "no hard links here")
+
+    monkeypatch.setattr(os, "link", no_links)
+    test_keeps_as_many_as_asked(tmp_path, 3)
+
+
+def test_a_whole_checkpoint_lies_there_between_any_two_calls(tmp_path, monkeypatch):
+    """Look at the folder before and after every call that changes a name."""
+    path = tmp_path / "run.h5"
+    for step in range(3):
+        write_checkpoint(path, state(step), {"step": step})
+    seen = []
+
+    def watched(name):
+        real = getattr(os, name)
+
+        def call(*arguments):
+            for _ in range(2):
+                seen.append(read_checkpoint(latest_checkpoint(tmp_path)).attributes["step"])
+                if len(seen) % 2:
+                    real(*arguments)
+
+        monkeypatch.setattr(os, name, call)
+
+    watched("link")
+    watched("replace")
+    write_checkpoint(path, state(3), {"step": 3})
+    assert len(seen) >= 6
+    assert seen == sorted(seen)
+    assert set(seen) == {2, 3}
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64, np.complex128])
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+def test_non_finite_values_never_replace_a_good_checkpoint(tmp_path, dtype, value):
+    path = tmp_path / "run.h5"
+    write_checkpoint(path, state(0), {"step": 0})
+    before = path.read_bytes()
+    bad = np.zeros((5, 3), dtype)
+    bad[3, 1] = value
+    with pytest.raises(RunStopped, match=r"'force'.*1 non-finite.*\(3, 1\)") as caught:
+        write_checkpoint(path, state(1) | {"force": bad}, {"step": 1})
+    assert caught.value.reason == "non_finite"
+    assert caught.value.exit_code == 3
+    with pytest.raises(RunStopped, match="'time'"):
+        write_checkpoint(path, state(1), {"time": float("nan")})
+    assert [file.name for file in tmp_path.iterdir()] == ["run.h5"]
+    assert path.read_bytes() == before
+
+
+def test_what_a_checkpoint_does_not_hold_is_refused(tmp_path):
+    path = tmp_path / "run.h5"
+    with pytest.raises(TypeError, match="'names'"):
+        write_checkpoint(path, {"names": np.array(["a"])}, {})
+    with pytest.raises(TypeError, match="'scene'"):
+        write_checkpoint(path, {}, {"scene": [1]})
+    with pytest.raises(ValueError, match="a/b"):
+        write_checkpoint(path, {"a/b": np.zeros(1)}, {})
+    with pytest.raises(ValueError, match="keep"):
+        write_checkpoint(path, {}, {}, keep=0)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_folder_that_is_not_there(tmp_path):
+    with pytest.raises(InputError, match="folder that exists") as caught:
+        write_checkpoint(tmp_path / "no" / "run.h5", {}, {})
+    assert caught.value.exit_code == 2
+
+
+# -- files that are not whole checkpoints
+
+
+def refuse(path, words):
+    with pytest.raises(InputError, match=words) as caught:
+        read_checkpoint(path)
+    message = str(caught.value)
+    assert str(path) in message
+    assert "\n" not in message
+    return message
+
+
+def test_files_that_are_no_checkpoints(tmp_path):
+    path = tmp_path / "run.h5"
+    refuse(path, "does not exist")
+    refuse(tmp_path, "cannot be read")
+    path.write_bytes(b"")
+    refuse(path, "does not begin as one")
+    path.write_text("time = 3")
+    refuse(path, "does not begin as one")
+    with h5py.File(path, "w") as file:
+        file["x"] = 1
+    refuse(path, "without the digest that a checkpoint begins with")
+    write_checkpoint(path, state(0), {})
+    path.write_bytes(path.read_bytes().replace(b"\nversion 2\n", b"\nversion 3\n", 1))
+    refuse(path, "format version 3, and this refsim reads version 2")
+
+
+@posix
+@pytest.mark.parametrize("make", [os.mkfifo, lambda path: path.symlink_to("/dev/zero")], ids=["pipe", "device"])
+def test_what_never_ends_is_refused(tmp_path, make):
+    make(tmp_path / "run.h5")
+    refuse(tmp_path / "run.h5", "is a pipe or a device")
+    assert latest_checkpoint(tmp_path) is None
+
+
+def attributes_of(text):
+    def fill(file):
+        del file["attributes"]
+        file["attributes"] = text
+
+    return fill
+
+
+@pytest.mark.parametrize(
+    "fill",
+    [
+        lambda file: file.create_dataset("arrays/b", (10**12,), "f8"),
+        lambda file: file.create_dataset("arrays/b", (3,), "f8", chunks=(3,)),
+        lambda file: file.create_dataset("arrays/b", (1,), "f8", external="/dev/zero"),
+        lambda file: file.create_dataset("arrays/b", data=["text"]),
+        lambda file: file.create_group("arrays/b"),
+        lambda file: file.pop("arrays"),
+        lambda file: file.pop("attributes"),
+        attributes_of("[1]"),
+        attributes_of('{"scene": [1]}'),
+        attributes_of('{"scene": null}'),
+        attributes_of("{"),
+        attributes_of('{"a":' + "[" * 100000 + "]" * 100000 + "}"),
+        attributes_of('{"a":' + "1" * 5000 + "}"),
+        attributes_of(b"\xff\xfe"),
+    ],
+)
+def test_what_refsim_never_writes_is_refused_whatever_the_digest_says(tmp_path, monkeypatch, fill):
+    """A file with a right digest, written by another program."""
+    path = tmp_path / "run.h5"
+
+    def write_hdf5(stream, arrays, text):
+        with h5py.File(stream, "w", userblock_size=checkpoint.BLOCK) as file:
+            file["arrays/a"] = np.zeros(3)
+            file["attributes"] = text
+            fill(file)
+
+    monkeypatch.setattr(checkpoint, "_write_hdf5", write_hdf5)
+    write_checkpoint(path, {}, {"step": 3})
+    refuse(path, "not a checkpoint of refsim")
+
+
+def test_a_file_cut_short_at_any_length(tmp_path):
+    path = tmp_path / "run.h5"
+    write_checkpoint(path, state(0, n=20), {"step": 0})
+    whole = path.read_bytes()
+    for length in range(0, len(whole), 97):
+        path.write_bytes(whole[:length])
+        refuse(path, "start the run again")
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        lambda file: file["arrays/velocity"].write_direct(np.zeros((20, 3))),
+        lambda file: file["arrays"].pop("velocity"),
+        lambda file: file["arrays"].move("velocity", "speed"),
+        lambda file: file["arrays"].copy("velocity", "extra"),
+        lambda file: file.pop("attributes"),
+        lambda file: file.pop("arrays"),
+    ],
+)
+def test_altered_content(tmp_path, damage):
+    path = tmp_path / "run.h5"
+    write_checkpoint(path, state(0, n=20), {"step": 0})
+    with h5py.File(path, "r+") as file:
+        damage(file)
+    refuse(path, "damaged")
+
+
+def test_hdf5_never_sees_a_damaged_file(tmp_path, monkeypatch):
+    """HDF5 reads some damaged files without end: one flipped bit of any byte is noticed before."""
+    path = tmp_path / "run.h5"
+    write_checkpoint(path, {"position": np.zeros((4, 3))}, {"step": 0})
+    whole = path.read_bytes()
+    monkeypatch.setattr(h5py, "File", lambda *_, **__: pytest.fail("HDF5 was given a damaged file"))
+    rng = random.Random(1)
+    for place in range(len(whole)):
+        damaged = bytearray(whole)
+        damaged[place] ^= 1 << rng.randrange(8)
+        path.write_bytes(damaged)
+        refuse(path, "damaged|does not begin as one|format version")
+
+
+def test_the_previous_checkpoint_is_named_when_it_is_whole(tmp_path):
+    path = tmp_path / "run.h5"
+    for step in range(2):
+        write_checkpoint(path, state(step), {"step": step})
+    path.write_bytes(path.read_bytes()[:-1])
+    assert str(previous_path(path)) in refuse(path, "resume from")
+    assert latest_checkpoint(tmp_path) == previous_path(path)
+    for place in (path, tmp_path):
+        file, saved, notes = whole_checkpoint(place)
+        assert (file, saved.attributes["step"]) == (previous_path(path), 0)
+        assert len(notes) == 1
+        assert str(path) in notes[0]
+        assert f"resumed from {file}" in notes[0]
+    assert read_checkpoint(latest_checkpoint(tmp_path)).attributes["step"] == 0
+
+    previous_path(path).write_bytes(b"")
+    refuse(path, "start the run again")
+    assert latest_checkpoint(tmp_path) is None
+    with pytest.raises(InputError, match="cannot be read"):
+        latest_checkpoint(tmp_path / "nowhere")
+
+
+def test_the_newest_wins_whatever_the_file_times_say(tmp_path, monkeypatch):
+    write_checkpoint(tmp_path / "b.h5", {}, {"step": 1})
+    write_checkpoint(tmp_path / "a.h5", {}, {"step": 2})
+    os.utime(tmp_path / "a.h5", (0, 0))
+    assert latest_checkpoint(tmp_path) == tmp_path / "a.h5"
+    monkeypatch.setattr(time, "time_ns", lambda: 5)  # the clock is set back
+    write_checkpoint(tmp_path / "a.h5", {}, {"step": 3})
+    assert read_checkpoint(latest_checkpoint(tmp_path)).attributes["step"] == 3
+
+
+# -- kills and full disks
+
+PREAMBLE = """
+import resource, signal, sys
+from pathlib import Path
+sys.path[:0] = sys.argv[2:]
+from test_checkpoint import state
+from refsim.io.checkpoint import write_checkpoint
+from refsim.core.errors import RunStopped
+path = Path(sys.argv[1])
+"""
+
+
+def python(code, path, **options):
+    folders = [
+        os.path.dirname(__file__),
+        os.path.dirname(os.path.dirname(os.path.abspath(checkpoint.__file__))),
+    ]
+    return subprocess.Popen([sys.executable, "-c", PREAMBLE + code, str(path), *folders], text=True, **options)
+
+
+@posix
+def test_kill_in_the_middle_of_writing(tmp_path):
+    """SIGKILL at seeded random moments of a process that does nothing but write."""
+    path = tmp_path / "run.h5"
+    rng = random.Random(7)
+    last, left_behind, progress = -1, 0, 0
+    for _ in range(8):
+        writer = python(
+            f"""
+for step in range({last} + 1, 10**9):
+    write_checkpoint(path, state(step, n=20000), {{"step": step}})
+    print(step, flush=True)
+""",
+            path,
+            stdout=subprocess.PIPE,
+        )
+        reported = int(writer.stdout.readline())  # it is at work
+        time.sleep(rng.uniform(0, 0.1))
+        writer.send_signal(signal.SIGKILL)
+        reported = max([reported, *map(int, writer.stdout.read().split())])
+        writer.stdout.close()
+        assert writer.wait() == -signal.SIGKILL
+        found = read_checkpoint(latest_checkpoint(tmp_path))
+        step = found.attributes["step"]
+        assert reported <= step <= reported + 1  # at most the write that was under way is lost
+        assert_same(found.arrays, state(step, n=20000))
+        assert read_checkpoint(path).attributes["step"] == step
+        left_behind += any(file.name.endswith(".tmp") for file in tmp_path.iterdir())
+        progress += step > last
+        last = step
+    assert progress == 8
+    assert left_behind > 0  # some kills did hit a write
+    write_checkpoint(path, state(0), {"step": 0})
+    assert sorted(tmp_path.iterdir()) == sorted([path, previous_path(path)])
+
+
+@posix
+@pytest.mark.parametrize("room", [0, 50, 2000, 70000])
+def test_no_room_left_for_a_real_write(tmp_path, room):
+    """A process that may write files of `room` bytes only: the system itself refuses, at different places."""
+    path = tmp_path / "run.h5"
+    write_checkpoint(path, state(0), {"step": 0})
+    before = path.read_bytes()
+    assert len(before) > 70000 - 20000
+    writer = python(
+        f"""
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+resource.setrlimit(resource.RLIMIT_FSIZE, ({room}, {room}))
+for _ in range(2):
+    try:
+        write_checkpoint(path, state(1, n=2000), {{"step": 1}})
+    except RunStopped as stop:
+        print(stop.reason, stop)
+""",
+        path,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+    )
+    out, err = writer.communicate(timeout=20)
+    assert writer.returncode == 0, err
+    assert err == ""
+    assert len(out.splitlines()) == 2
+    assert all(line.startswith("disk_full checkpoint ") and "untouched" in line for line in out.splitlines())
+    assert [file.name for file in tmp_path.iterdir()] == ["run.h5"]
+    assert path.read_bytes() == before
+
+
+@pytest.mark.parametrize("number", [errno.ENOSPC, errno.EDQUOT, errno.EIO])
+@pytest.mark.parametrize("call", ["fsync", "replace"])
+def test_the_disk_refuses_at_the_end(tmp_path, monkeypatch, number, call):
+    path = tmp_path / "run.h5"
+    for step in range(2):
+        write_checkpoint(path, state(step), {"step": step})
+
+    def refuse_call(*_):
+        raise OSError(number, os.strerror(number))
+
+    with monkeypatch.context() as patch:
+        patch.setattr(os, call, refuse_call)
+        with pytest.raises(RunStopped) as caught:
+            write_checkpoint(path, state(2), {"step": 2})
+    assert caught.value.reason == ("write_failed" if number == errno.EIO else "disk_full")
+    assert read_checkpoint(path).attributes["step"] == 1
+    assert read_checkpoint(previous_path(path)).attributes["step"] == 0
+    write_checkpoint(path, state(3), {"step": 3})  # room again: the run goes on
+    assert read_checkpoint(path).attributes["step"] == 3
+    assert sorted(tmp_path.iterdir()) == sorted([path, previous_path(path)])
+
+
+def test_every_single_write_refused(tmp_path, monkeypatch):
+    """ENOSPC at the first, second, ... write of the file, each also after a part of it was taken."""
+    path = tmp_path / "run.h5"
+    write_checkpoint(path, state(0, n=50), {"step": 0})
+    before = path.read_bytes()
+    real = checkpoint.write_all
+    room = 0
+
+    def counted(file, data):
+        nonlocal room
+        room -= 1
+        if room < 0:
+            real(file, memoryview(data).cast("B")[: len(data) // 2])
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        real(file, data)
+
+    monkeypatch.setattr(checkpoint, "write_all", counted)
+    refused = 0
+    while True:
+        room = refused
+        try:
+            write_checkpoint(path, state(1, n=50), {"step": 1})
+            break
+        except RunStopped as stop:
+            reason = stop.reason
+        assert reason == "disk_full"
+        assert path.read_bytes() == before
+        assert [file.name for file in tmp_path.iterdir()] == ["run.h5"]
+        refused += 1
+    assert refused > 5
+    assert read_checkpoint(path).attributes["step"] == 1

@@ -1,0 +1,611 @@
+"""Particle files come back bit for bit, ParaView's own readers open them, and kills and full disks cost no frame."""
+
+import errno
+import os
+import random
+import signal
+import subprocess
+import sys
+import time as clock
+
+import h5py
+import numpy as np
+import pytest
+import vtk
+from vtk.util.numpy_support import vtk_to_numpy
+
+from refsim.core.errors import InputError, RunStopped
+from refsim.io import frames as output
+from refsim.io.frames import ParticleWriter, read_particles, write_vtp
+
+posix = pytest.mark.skipif(os.name != "posix", reason="signals and file size limits of POSIX")
+
+FIELDS = {
+    "density": (1, "float32"),
+    "velocity": (3, "float32"),
+    "energy": (1, np.float64),
+    "phase": (1, np.int32),
+    "surface": (1, "uint8"),
+    "pair": (2, "int64"),
+}
+
+
+def frame(step, n=50):
+    """(time, position, fields) of step `step`, different at every step."""
+    rng = np.random.default_rng(step)
+    fields = {}
+    for name, (components, dtype) in FIELDS.items():
+        shape = (n,) if components == 1 else (n, components)
+        fields[name] = rng.integers(0, 256, shape).astype(dtype)
+        if np.dtype(dtype).kind == "f":
+            fields[name] = rng.normal(size=shape).astype(dtype)
+    return 0.1 * step, rng.normal(size=(n, 3)).astype(np.float32), fields
+
+
+def assert_frame(found, expected):
+    time, position, fields = expected
+    assert found.time == time
+    assert found.fields.keys() == fields.keys()
+    for left, right in [(found.position, position), *((found.fields[name], fields[name]) for name in fields)]:
+        assert left.dtype == right.dtype
+        assert left.shape == right.shape
+        assert left.tobytes() == right.tobytes()
+
+
+def write_frames(writer, frames):
+    for time, position, fields in frames:
+        writer.write(time, position, **fields)
+
+
+class Messages:
+    """What VTK says while this is active; it reports errors through a window, not through exceptions."""
+
+    def __enter__(self):
+        self.file = vtk.vtkStringOutputWindow()
+        self.before = vtk.vtkOutputWindow.GetInstance()
+        vtk.vtkOutputWindow.SetInstance(self.file)
+        return self
+
+    def __exit__(self, *_):
+        vtk.vtkOutputWindow.SetInstance(self.before)
+
+    @property
+    def text(self):
+        return self.file.GetOutput()
+
+
+def arrays_of(data):
+    points = vtk_to_numpy(data.GetPoints().GetData())
+    table = data.GetPointData()
+    names = [table.GetArrayName(i) for i in range(table.GetNumberOfArrays())]
+    return points, {name: vtk_to_numpy(table.GetArray(name)) for name in names}
+
+
+def assert_vtk(path, frames, seed=0):
+    """The real reader finds these frames, in whatever order it is asked."""
+    with Messages() as messages:
+        reader = vtk.vtkHDFReader()
+        reader.SetFileName(str(path))
+        reader.UpdateInformation()
+        key = vtk.vtkStreamingDemandDrivenPipeline.TIME_STEPS()
+        if len(frames) > 1:
+            assert reader.GetOutputInformation(0).Get(key) == tuple(time for time, _, _ in frames)
+        order = list(range(len(frames)))
+        random.Random(seed).shuffle(order)
+        for step in order:
+            time, position, fields = frames[step]
+            reader.UpdateTimeStep(time)
+            data = reader.GetOutput()
+            assert isinstance(data, vtk.vtkPolyData)
+            n = len(position)
+            assert data.GetNumberOfPoints() == data.GetNumberOfVerts() == data.GetNumberOfCells() == n
+            if n == 0:
+                continue
+            points, found = arrays_of(data)
+            assert points.dtype == position.dtype
+            assert np.array_equal(points, position)
+            assert found.keys() == fields.keys()
+            for name, array in fields.items():
+                assert found[name].dtype == array.dtype, name
+                assert np.array_equal(found[name], array), name
+            verts = data.GetVerts()
+            assert vtk_to_numpy(verts.GetConnectivityArray()).tolist() == list(range(n))
+            assert vtk_to_numpy(verts.GetOffsetsArray()).tolist() == list(range(n + 1))
+    assert messages.text == ""
+
+
+# -- what is written is what is read
+
+
+@pytest.mark.parametrize("counts", [[50], [50] * 6, [30, 60, 1, 0, 0, 45, 60], [0, 5, 3], [7, 0]])
+def test_every_frame_comes_back_bit_for_bit(tmp_path, counts):
+    path = tmp_path / "run.vtkhdf"
+    frames = [frame(step, n) for step, n in enumerate(counts)]
+    with ParticleWriter(path, FIELDS) as writer:
+        assert writer.last_time is None
+        for number, (time, position, fields) in enumerate(frames):
+            writer.write(time, position, **fields)
+            assert writer.last_time == time
+            assert len(read_particles(path)) == number + 1  # whole while the writer is at work
+            assert_vtk(path, frames[: number + 1], seed=number)
+    assert [file.name for file in tmp_path.iterdir()] == ["run.vtkhdf"]
+    for found, expected in zip(read_particles(path), frames, strict=True):
+        assert_frame(found, expected)
+    assert_frame(read_particles(path, slice(-1, None))[0], frames[-1])
+
+
+def test_double_positions_no_fields_and_many_frames(tmp_path):
+    """More frames than a chunk of the tables holds, no field at all."""
+    path = tmp_path / "run.vtkhdf"
+    position = np.random.default_rng(0).normal(size=(260, 4, 3))
+    with ParticleWriter(path, {}) as writer:
+        for step in range(260):
+            writer.write(step, position[step, : step % 5])
+    found = read_particles(path)
+    assert len(found) == 260
+    for step in range(260):
+        assert np.array_equal(found[step].position, position[step, : step % 5])
+    assert_vtk(path, [(float(step), position[step, : step % 5], {}) for step in range(260)])
+
+
+def test_frames_larger_than_a_chunk(tmp_path, monkeypatch):
+    monkeypatch.setattr(output, "CHUNK_ROWS", 64)
+    path = tmp_path / "run.vtkhdf"
+    frames = [frame(step, n) for step, n in enumerate([200, 199, 300])]
+    with ParticleWriter(path, FIELDS) as writer:
+        write_frames(writer, frames)
+    for found, expected in zip(read_particles(path), frames, strict=True):
+        assert_frame(found, expected)
+    assert_vtk(path, frames)
+
+
+def test_size_stays_near_that_of_the_data(tmp_path):
+    path = tmp_path / "run.vtkhdf"
+    frames = [frame(step, 5000) for step in range(10)]
+    with ParticleWriter(path, FIELDS) as writer:
+        write_frames(writer, frames)
+    data = sum(position.nbytes + sum(a.nbytes for a in fields.values()) for _, position, fields in frames)
+    assert path.stat().st_size < 1.25 * data
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+@pytest.mark.parametrize("n", [0, 1, 37])
+def test_single_frame_through_the_real_reader(tmp_path, dtype, n):
+    path = tmp_path / "frame.vtp"
+    _, position, fields = frame(3, n)
+    position = position.astype(dtype)
+    write_vtp(path, position, inside=position[:, 0] > 0, **{"a<b & c": position[:, 0]}, **fields)
+    with Messages() as messages:
+        reader = vtk.vtkXMLPolyDataReader()
+        reader.SetFileName(str(path))
+        reader.Update()
+        data = reader.GetOutput()
+    assert messages.text == ""
+    assert data.GetNumberOfPoints() == data.GetNumberOfVerts() == n
+    if n:
+        points, found = arrays_of(data)
+        assert points.dtype == dtype
+        assert np.array_equal(points, position)
+        expected = fields | {"inside": (position[:, 0] > 0).view(np.uint8), "a<b & c": position[:, 0]}
+        assert found.keys() == expected.keys()
+        for name, array in expected.items():
+            assert found[name].dtype == array.dtype, name
+            assert np.array_equal(found[name], array), name
+        assert vtk_to_numpy(data.GetVerts().GetConnectivityArray()).tolist() == list(range(n))
+        assert vtk_to_numpy(data.GetVerts().GetOffsetsArray()).tolist() == list(range(n + 1))
+
+
+# -- going on after a resume
+
+
+@pytest.mark.parametrize("counts", [[20] * 8, [5, 0, 30, 2, 0, 40, 1, 9]])
+@pytest.mark.parametrize("resume_time", [None, -1.0, 0.25, 9.0])
+def test_append_drops_later_frames(tmp_path, resume_time, counts):
+    path = tmp_path / "run.vtkhdf"
+    old = [frame(step, n) for step, n in enumerate(counts)]
+    with ParticleWriter(path, FIELDS) as writer:
+        write_frames(writer, old)
+    kept = [one for one in old if resume_time is None or one[0] <= resume_time]
+    new = [frame(step + 100, n) for step, n in enumerate(counts[::-1])]
+    with ParticleWriter(path, FIELDS, append=True, resume_time=resume_time) as writer:
+        assert writer.last_time == (kept[-1][0] if kept else None)
+        assert len(read_particles(path)) == len(kept)
+        write_frames(writer, new)
+    for found, expected in zip(read_particles(path), kept + new, strict=True):
+        assert_frame(found, expected)
+    assert_vtk(path, kept + new)
+
+
+def test_fields_may_have_any_name(tmp_path):
+    path = tmp_path / "run.vtkhdf"
+    fields = {name: np.arange(3.0) for name in ("time", "position", "self", "path", "a b")}
+    with ParticleWriter(path, dict.fromkeys(fields, (1, "float64"))) as writer:
+        writer.write(0.0, np.zeros((3, 3)), **fields)
+    assert read_particles(path)[0].fields.keys() == fields.keys()
+    write_vtp(tmp_path / "frame.vtp", np.zeros((3, 3)), **fields)
+
+
+def test_append_without_a_file_starts_one(tmp_path):
+    path = tmp_path / "run.vtkhdf"
+    with ParticleWriter(path, FIELDS, append=True, resume_time=1.0) as writer:
+        write_frames(writer, [frame(0)])
+    assert_frame(read_particles(path)[0], frame(0))
+
+
+def test_a_new_writer_replaces_the_file_with_its_first_frame(tmp_path):
+    path = tmp_path / "run.vtkhdf"
+    for step in range(2):
+        with ParticleWriter(path, FIELDS) as writer:
+            if step:
+                assert read_particles(path)[0].time == 0.0
+            write_frames(writer, [frame(step)])
+    (found,) = read_particles(path)
+    assert_frame(found, frame(1))
+
+
+def test_append_refuses_what_does_not_fit(tmp_path):
+    path = tmp_path / "run.vtkhdf"
+    with ParticleWriter(path, FIELDS) as writer:
+        write_frames(writer, [frame(0)])
+    before = path.read_bytes()
+    for fields in ({}, FIELDS | {"density": (1, "float64")}, FIELDS | {"velocity": (2, "float32")}):
+        with pytest.raises(InputError, match=r"velocity \(3 x float32\)"):
+            ParticleWriter(path, fields, append=True)
+    assert [file.name for file in tmp_path.iterdir()] == ["run.vtkhdf"]
+    assert path.read_bytes() == before
+    path.write_bytes(before[:-10])
+    with pytest.raises(InputError, match="damaged"):
+        ParticleWriter(path, FIELDS, append=True)
+    path.write_text("time = 3")
+    with pytest.raises(InputError, match="damaged, or not an HDF5 file"):
+        ParticleWriter(path, FIELDS, append=True)
+
+
+# -- bad input
+
+
+def test_frames_that_do_not_fit_are_refused_and_leave_the_file_alone(tmp_path):
+    path = tmp_path / "run.vtkhdf"
+    _, position, fields = frame(1)
+    with ParticleWriter(path, FIELDS) as writer:
+        write_frames(writer, [frame(0)])
+        before = path.read_bytes()
+        for time, place, extra, words in [
+            (0.0, position, {}, "not later"),
+            (float("nan"), position, {}, "not later"),
+            (1.0, position[:, :2], {}, "position"),
+            (1.0, position.astype(int), {}, "position"),
+            (1.0, position.astype(np.float64), {}, "float32 as in the first frame"),
+            (1.0, position, {"density": fields["density"][:-1]}, "'density'"),
+            (1.0, position, {"density": fields["density"].astype(np.float64)}, "'density'"),
+            (1.0, position, {"velocity": fields["density"]}, "'velocity'"),
+            (1.0, position, {"heat": fields["density"]}, "heat"),
+        ]:
+            with pytest.raises(ValueError, match=words):
+                writer.write(time, place, **(fields | extra))
+        assert path.read_bytes() == before
+        write_frames(writer, [frame(1)])
+    with pytest.raises(ValueError, match="closed"):
+        writer.write(2.0, position, **fields)
+    writer.close()
+    assert len(read_particles(path)) == 2
+
+
+def test_declarations_and_paths_that_cannot_be(tmp_path):
+    for fields in ({"a": (0, "float32")}, {"a/b": (1, "float32")}, {"a": (1, "float16")}, {"": (1, "int32")}):
+        with pytest.raises(ValueError, match="cannot be written"):
+            ParticleWriter(tmp_path / "run.vtkhdf", fields)
+    with pytest.raises(InputError, match="folder that exists"):
+        ParticleWriter(tmp_path / "no" / "run.vtkhdf", {})
+    with pytest.raises(InputError, match="folder that exists"):
+        write_vtp(tmp_path / "no" / "run.vtp", np.zeros((1, 3)))
+    with pytest.raises(ValueError, match="'a'"):
+        write_vtp(tmp_path / "run.vtp", np.zeros((2, 3)), a=np.zeros(3))
+    assert not list(tmp_path.iterdir())
+
+
+def test_reading_what_is_no_particle_file(tmp_path):
+    path = tmp_path / "run.vtkhdf"
+    with pytest.raises(InputError, match="does not exist"):
+        read_particles(path)
+    path.write_text("time = 3")
+    with pytest.raises(InputError, match="not an HDF5 file"):
+        read_particles(path)
+    with h5py.File(path, "w") as file:
+        file["x"] = 1
+    with pytest.raises(InputError, match="no temporal PolyData"):
+        read_particles(path)
+
+
+@posix
+def test_a_damaged_file_is_told_whatever_is_asked_of_it(tmp_path):
+    """Flipped bits at seeded places: what is read or appended either works or is refused in one sentence."""
+    path, rng = tmp_path / "run.vtkhdf", np.random.default_rng(5)
+    fields = {"mass": (1, "float32")}
+
+    def frame():
+        return rng.random((20, 3)).astype("float32")
+
+    with ParticleWriter(path, fields) as writer:
+        for step in range(3):
+            writer.write(float(step), frame(), mass=np.ones(20, "float32"))
+    whole = path.read_bytes()
+    refused = []
+    for place in rng.choice(np.flatnonzero(np.frombuffer(whole, np.uint8)), 400):
+        damaged = bytearray(whole)
+        damaged[place] ^= 1 << rng.integers(8)
+        path.write_bytes(damaged)
+        try:
+            with ParticleWriter(path, fields, append=True, resume_time=1.5) as writer:
+                writer.write(2.0, frame(), mass=np.ones(20, "float32"))
+            read_particles(path)
+        except InputError as error:
+            refused.append(str(error))
+    assert len(refused) > 50
+    assert all(str(path) in words and "\n" not in words for words in refused)
+
+
+@pytest.mark.skipif(os.name != "posix", reason="pipes of POSIX")
+def test_a_journal_that_is_a_pipe_is_refused(tmp_path):
+    os.mkfifo(tmp_path / "run.vtkhdf.journal")
+    with pytest.raises(InputError, match="journal is a pipe or a device"):
+        ParticleWriter(tmp_path / "run.vtkhdf", {})
+
+
+def test_one_writer_at_a_time(tmp_path):
+    path = tmp_path / "run.vtkhdf"
+    with ParticleWriter(path, FIELDS) as writer:
+        write_frames(writer, [frame(0)])
+        with pytest.raises(InputError, match="another process"):
+            ParticleWriter(path, FIELDS, append=True)
+        write_frames(writer, [frame(1)])
+    with ParticleWriter(path, FIELDS, append=True) as writer:
+        write_frames(writer, [frame(2)])
+    assert len(read_particles(path)) == 3
+
+
+# -- kills and full disks
+
+PREAMBLE = """
+import resource, signal, sys
+from pathlib import Path
+sys.path[:0] = sys.argv[2:]
+import numpy as np
+from refsim.core.errors import RunStopped
+from refsim.io.frames import ParticleWriter
+path = Path(sys.argv[1])
+fields = {"density": (1, "float64"), "velocity": (3, "float32")}
+def frame(step):
+    n = 2000 + step % 7
+    rng = np.random.default_rng(step)
+    return rng.random((n, 3)), {"density": rng.random(n), "velocity": rng.random((n, 3)).astype("float32")}
+"""
+
+
+def python(code, path, **options):
+    folder = os.path.dirname(os.path.dirname(os.path.abspath(output.__file__)))
+    return subprocess.Popen([sys.executable, "-c", PREAMBLE + code, str(path), folder], text=True, **options)
+
+
+def expected_frame(step):
+    names = {}
+    exec(PREAMBLE.split("path = ")[1].split("\n", 1)[1], {"np": np}, names)
+    return names["frame"](step)
+
+
+@posix
+def test_kill_in_the_middle_of_appending(tmp_path):
+    """SIGKILL at seeded random moments: every frame that was reported is there, whole, and the run goes on."""
+    path = tmp_path / "run.vtkhdf"
+    rng = random.Random(11)
+    last = -1
+    for _ in range(8):
+        writer = python(
+            f"""
+writer = ParticleWriter(path, fields, append=True)
+for step in range({last} + 1, 10**9):
+    position, values = frame(step)
+    writer.write(float(step), position, **values)
+    print(step, flush=True)
+""",
+            path,
+            stdout=subprocess.PIPE,
+        )
+        reported = int(writer.stdout.readline())
+        clock.sleep(rng.uniform(0, 0.1))
+        writer.send_signal(signal.SIGKILL)
+        reported = max([reported, *map(int, writer.stdout.read().split())])
+        writer.stdout.close()
+        assert writer.wait() == -signal.SIGKILL
+        if rng.random() < 0.5:  # half of the time, ParaView is the first to look
+            steps = reported + 1
+            with Messages() as messages:
+                reader = vtk.vtkHDFReader()
+                reader.SetFileName(str(path))
+                reader.UpdateInformation()
+                steps = reader.GetOutputInformation(0).Length(vtk.vtkStreamingDemandDrivenPipeline.TIME_STEPS())
+            assert messages.text == ""
+            assert steps == 0 or reported + 1 <= steps <= reported + 2  # a file of one frame has no list of times
+        found = read_particles(path)
+        assert [one.time for one in found] == list(range(len(found)))
+        assert reported + 1 <= len(found) <= reported + 2
+        last = len(found) - 1
+        for step in {0, last // 2, last}:
+            position, values = expected_frame(step)
+            assert_frame(found[step], (float(step), position, values))
+    with ParticleWriter(path, {"density": (1, "float64"), "velocity": (3, "float32")}, append=True):
+        pass
+    assert [file.name for file in tmp_path.iterdir()] == ["run.vtkhdf"]
+    found = read_particles(path)
+    assert_vtk(path, [(one.time, one.position, one.fields) for one in found])
+
+
+class Stop(BaseException):
+    """Stands for a kill between two writes."""
+
+
+def test_a_stop_between_any_two_writes(tmp_path, monkeypatch):
+    """Die before or in the first, second, ... write of an append: always the old frames or the new ones."""
+    real = output.write_all
+    room = 0
+
+    def counted(file, data):
+        nonlocal room
+        room -= 1
+        if room < 0:
+            real(file, memoryview(data)[: 0 if len(data) <= output.PAGE else len(data) // 2])
+            raise Stop
+        real(file, data)
+
+    monkeypatch.setattr(output, "write_all", counted)
+    frames = [frame(step, 100 + step) for step in range(4)]
+    outcomes = set()
+    for allowed in range(100):
+        path = tmp_path / f"run{allowed}.vtkhdf"
+        room = 10**9
+        writer = ParticleWriter(path, FIELDS)
+        write_frames(writer, frames[:2])
+        room = allowed
+        try:
+            write_frames(writer, frames[2:3])
+        except Stop:
+            died = True
+        else:
+            died = False
+        room = 10**9
+        writer._close_files()
+        with h5py.File(path) as file:
+            steps = file["VTKHDF/Steps"].attrs["NSteps"]
+        assert_vtk(path, frames[:steps])  # as it lies there, before anything of ours has looked at it
+        if allowed % 2:
+            found = read_particles(path)
+            outcomes.add(len(found))
+            for one, expected in zip(found, frames, strict=False):
+                assert_frame(one, expected)
+        with ParticleWriter(path, FIELDS, append=True, resume_time=0.1) as writer:
+            assert writer.last_time == 0.1
+            write_frames(writer, frames[3:])
+        for one, expected in zip(read_particles(path), [*frames[:2], frames[3]], strict=True):
+            assert_frame(one, expected)
+        assert_vtk(path, [*frames[:2], frames[3]])
+        if not died:
+            break
+    assert not died
+    assert allowed > 4
+    assert outcomes == {2, 3}
+
+
+def test_what_a_stopped_append_left_at_the_end_is_cut_off(tmp_path):
+    sizes = []
+    for rest in (b"", bytes(100_000)):
+        path = tmp_path / f"run{len(rest)}.vtkhdf"
+        with ParticleWriter(path, FIELDS) as writer:
+            write_frames(writer, [frame(0)])
+        path.write_bytes(path.read_bytes() + rest)
+        with ParticleWriter(path, FIELDS, append=True) as writer:
+            write_frames(writer, [frame(1)])
+        sizes.append(path.stat().st_size)
+        assert_vtk(path, [frame(0), frame(1)])
+    assert sizes[0] == sizes[1]
+
+
+@posix
+@pytest.mark.parametrize("room", [0, 1000, 150_000, 400_000])
+def test_no_room_left_for_a_real_frame(tmp_path, room):
+    """A process that may write files of `room` bytes only: the system itself refuses."""
+    path = tmp_path / "run.vtkhdf"
+    writer = python(
+        f"""
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+resource.setrlimit(resource.RLIMIT_FSIZE, ({room}, {room}))
+refused = 0
+with ParticleWriter(path, fields) as writer:
+    for step in range(10):
+        position, values = frame(step)
+        try:
+            writer.write(float(step), position, **values)
+        except RunStopped as stop:
+            assert stop.reason == "disk_full", stop
+            assert "\\n" not in str(stop)
+            refused += 1
+print(step + 1 - refused)
+assert refused
+""",
+        path,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+    )
+    out, err = writer.communicate(timeout=20)
+    assert writer.returncode == 0, err
+    assert err == ""
+    whole = int(out)
+    assert (whole > 0) == (room > 100_000)
+    assert [file.name for file in tmp_path.iterdir()] == (["run.vtkhdf"] if whole else [])
+    if whole:
+        found = read_particles(path)
+        for step in range(whole):
+            position, values = expected_frame(step)
+            assert_frame(found[step], (float(step), position, values))
+        assert_vtk(path, [(one.time, one.position, one.fields) for one in found])
+
+
+@pytest.mark.parametrize("number", [errno.ENOSPC, errno.EIO])
+def test_every_single_write_refused(tmp_path, monkeypatch, number):
+    """The disk refuses the first, second, ... write of an append; the same writer goes on when there is room."""
+    real = output.write_all
+    room = 0
+
+    def counted(file, data):
+        nonlocal room
+        room -= 1
+        if room < 0:
+            real(file, memoryview(data)[: 0 if len(data) <= output.PAGE else len(data) // 2])
+            raise OSError(number, os.strerror(number))
+        real(file, data)
+
+    monkeypatch.setattr(output, "write_all", counted)
+    frames = [frame(step, 100 + step) for step in range(4)]
+    for allowed in range(100):
+        path = tmp_path / f"run{allowed}.vtkhdf"
+        with ParticleWriter(path, FIELDS) as writer:
+            room = 10**9
+            write_frames(writer, frames[:2])
+            before = path.read_bytes()
+            room = allowed
+            try:
+                write_frames(writer, frames[2:3])
+                reason = None
+            except RunStopped as stop:
+                reason = stop.reason
+            room = 10**9
+            found = read_particles(path)
+            assert len(found) == (3 if reason is None else 2)
+            assert_vtk(path, frames[: len(found)])
+            if allowed < 2:  # what lies behind the old end, and the journal
+                assert path.read_bytes() == before
+            if reason is not None:
+                assert reason == ("write_failed" if number == errno.EIO else "disk_full")
+                write_frames(writer, frames[2:3])
+            write_frames(writer, frames[3:])
+        for one, expected in zip(read_particles(path), frames, strict=True):
+            assert_frame(one, expected)
+        assert_vtk(path, frames)
+        if reason is None:
+            break
+    assert reason is None
+    assert allowed > 4
+
+
+def test_vtp_on_a_full_disk(tmp_path, monkeypatch):
+    path = tmp_path / "frame.vtp"
+    write_vtp(path, np.zeros((5, 3)))
+    before = path.read_bytes()
+
+    def refuse(*_):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(os, "fsync", refuse)
+    with pytest.raises(RunStopped, match="disk is full"):
+        write_vtp(path, np.ones((5, 3)))
+    assert [file.name for file in tmp_path.iterdir()] == ["frame.vtp"]
+    assert path.read_bytes() == before

@@ -1,0 +1,633 @@
+"""The CUDA backend in Numba's CUDA simulator: kernels, search and whole runs, with tens of particles.
+
+Run it as `NUMBA_ENABLE_CUDASIM=1 NUMBA_DISABLE_JIT=1 pytest tests/ladder/test_cuda_simulator.py`; without the simulator
+everything here is skipped, because compiled kernels would need a GPU (`scripts/gpu_check.py`).
+"""
+
+import importlib
+import threading
+
+import numpy as np
+import pytest
+
+from refsim import (
+    Akinci2013,
+    Ball,
+    Box,
+    BoxWalls,
+    Cloud,
+    Gravity,
+    JiangZhu2023,
+    MpmLiquid,
+    RunStopped,
+    Scene,
+    Simulation,
+    SurfaceDetection,
+    SurfaceEnergy,
+    WeaklyCompressible,
+    contract,
+    neighbours,
+    sparse_grid,
+)
+from refsim.backends import arrays as backend
+from refsim.backends import runtime
+from refsim.core.operation import REGISTRY
+from refsim.neighbours.reference import neighbour_list, pair_blocks
+
+pytestmark = pytest.mark.skipif(
+    not runtime.simulated(), reason="runs in the CUDA simulator only: set NUMBA_ENABLE_CUDASIM=1 NUMBA_DISABLE_JIT=1"
+)
+RADIUS = 0.2
+SKIN = 0.25
+
+
+@pytest.fixture(scope="module", autouse=True)
+def waiting_simulator():
+    """The simulator that waits for its threads.
+
+    Numba's own asks all of them without a pause whether they are alive, which takes most of the time from them.
+    """
+    kernel = importlib.import_module("numba.cuda.simulator.kernel")
+
+    def is_alive(thread):
+        if not thread.syncthreads_blocked:
+            thread.join(1e-3)
+        return threading.Thread.is_alive(thread)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(kernel.BlockThread, "is_alive", is_alive)
+        yield
+
+
+@pytest.fixture(scope="module")
+def cuda():
+    return backend.choose("cuda")
+
+
+def cloud(count, dim, seed=1, spacing=0.1):
+    position = np.random.default_rng(seed).uniform(0, spacing * count ** (1 / dim), (count, 3))
+    position[:, dim:] = 0
+    return position
+
+
+def built(cuda, position, dim, dtype="float64", radius=RADIUS):
+    """(search, positions in cell order on the host, its list)."""
+    search = neighbours.NeighbourSearch(cuda, dim, dtype, radius, SKIN)
+    there = cuda.asarray(position.astype(dtype))
+    there = search.reorder(there, search.order(there))
+    return search, cuda.host(there), search.build(there)
+
+
+def columns(cuda, listed):
+    """Neighbours of each particle, in the list's own order."""
+    count, entries = cuda.host(listed.count), cuda.host(listed.entries)
+    return [entries[i :: len(count)][: count[i]] for i in range(len(count))]
+
+
+def assert_all_pairs(cuda, position, listed, reach=RADIUS * (1 + SKIN)):
+    expected = neighbour_list(position.astype(float), reach)
+    for own, true in zip(columns(cuda, listed), expected, strict=True):
+        assert list(own) == list(true)  # in the order of the particles, so that sums repeat
+
+
+HARD = {
+    "cloud_2d": (cloud(60, 2), 2),
+    "cloud_3d": (cloud(60, 3), 3),
+    "lattice on cell borders": (
+        RADIUS * (1 + SKIN) * np.stack(np.meshgrid(*[np.arange(4) - 2.0] * 3), axis=-1).reshape(-1, 3),
+        3,
+    ),
+    "flung particle": (np.vstack([cloud(30, 3), [[1e5, -1e5, 3e4]]]), 3),
+    "beyond the cells": (np.vstack([cloud(20, 3), [[1e15, 0, 0], [1e15, 0.1, 0], [-1e30, 0, 1e30]]]), 3),
+    "coincident": (np.vstack([cloud(20, 2), cloud(20, 2)[:3], cloud(20, 2)[:1]]), 2),
+    "one": (np.zeros((1, 3)), 3),
+    "none": (np.zeros((0, 3)), 2),
+}
+
+
+@pytest.mark.parametrize("name", HARD)
+def test_list_equals_all_pairs(cuda, name):
+    position, dim = HARD[name]
+    search, ordered, listed = built(cuda, position, dim)
+    assert sorted(map(tuple, ordered)) == sorted(map(tuple, position))
+    assert_all_pairs(cuda, ordered, listed)
+    assert search.log.most_neighbours == max((len(own) for own in columns(cuda, listed)), default=0)
+
+
+@pytest.mark.parametrize("name", HARD)
+def test_particles_are_sorted_stably_by_cell(cuda, name):
+    """By counting; where the box of cells is too large for that, or a cell too full, by a sort of the keys."""
+    position, dim = HARD[name]
+    search = neighbours.NeighbourSearch(cuda, dim, "float64", RADIUS, SKIN)
+    expected = cuda.host(search.order(cuda.asarray(position)))
+    there, number = cuda.asarray(position), cuda.asarray(np.arange(len(position), dtype=np.int32))
+    other, before = cuda.asarray(2 * position), cuda.asarray(np.zeros_like(position))
+    moved = search.sort(there, [there, number, other], before)
+    assert list(cuda.host(moved[1])) == list(expected)
+    assert (cuda.host(moved[0]) == position[expected]).all()
+    assert (cuda.host(moved[2]) == 2 * position[expected]).all()
+    assert (cuda.host(before) == position[expected]).all()
+    sorter = search.programs.sorter
+    flung = name in ("flung particle", "beyond the cells")
+    assert sorter.by_count is None or bool(sorter.mirror.read()[6]) == flung
+
+
+def test_list_in_float32(cuda):
+    _, ordered, listed = built(cuda, cloud(60, 3, seed=5), 3, "float32")
+    assert ordered.dtype == np.float32
+    assert_all_pairs(cuda, ordered, listed)
+
+
+def test_particle_at_no_place_has_no_neighbours_and_hides_none(cuda):
+    position = cloud(30, 3)
+    position[11, 1] = np.nan
+    _, ordered, listed = built(cuda, position, 3)
+    lost = int(np.flatnonzero(np.isnan(ordered[:, 1]))[0])
+    assert not len(columns(cuda, listed)[lost])
+    assert_all_pairs(cuda, ordered, listed)
+
+
+def test_room_grows_until_everything_fits(cuda):
+    search, ordered, listed = built(cuda, cloud(40, 3, spacing=0.15), 3)
+    room = listed.entries.shape[0] // 40
+    for squeeze in (0.7, 0.2):
+        position = squeeze * ordered
+        listed = search.build(search.reorder(cuda.asarray(position), search.order(cuda.asarray(position))))
+        order = cuda.host(search.order(cuda.asarray(position)))
+        assert_all_pairs(cuda, position[order], listed)
+    assert listed.entries.shape[0] // 40 >= search.log.most_neighbours == 39 > room
+
+
+def test_collapsed_clump_stops_the_run_before_memory_does(cuda, monkeypatch):
+    import refsim.neighbours.cuda as programs
+
+    for module in (neighbours, programs):
+        monkeypatch.setattr(module, "MOST_NEIGHBOURS", 8)
+    with pytest.raises(RunStopped, match="collapsed into a clump"):
+        built(cuda, 0.1 * cloud(20, 3), 3)
+
+
+def test_list_larger_than_the_device_stops_the_run(cuda, monkeypatch):
+    from refsim.backends import device
+
+    monkeypatch.setattr(device, "free_bytes", lambda: 100)
+    with pytest.raises(RunStopped, match="neighbour list needs") as stopped:
+        built(cuda, cloud(20, 3), 3)
+    assert stopped.value.reason == "out_of_memory"
+
+
+def test_walls_near_each_particle(cuda):
+    fluid, walls = cloud(30, 2), cloud(25, 2, seed=2) - [0.1, 0.1, 0]
+    search, ordered, _ = built(cuda, fluid, 2)
+    static = search.static_set(walls)
+    assert np.array_equal(cuda.host(static.position), walls[static.order])
+    near = search.build_against(cuda.asarray(ordered), static)
+    (_, _, distance), *_ = pair_blocks(ordered, walls[static.order])
+    for own, true in zip(columns(cuda, near), distance, strict=True):
+        assert sorted(own) == list(np.flatnonzero(true < RADIUS * (1 + SKIN)))
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_sparse_grid_is_the_cpus(cuda, dim):
+    position = np.vstack([cloud(40, dim), [[1e5, -1e5, 0.0]], [[np.nan, 0.1, 0.0]]])
+    for where in (position, position[:0]):
+        host, there = (sparse_grid.SparseGrid(b, dim, "float64", 0.2) for b in (backend.choose("cpu"), cuda))
+        blocks, covered = host.cover(where, 3, 4), there.cover(cuda.asarray(where), 3, 4)
+        nodes = np.array([[0, 0, 0], [7, -9, 0]])
+        held, holding = host.holding(nodes), there.holding(cuda.asarray(nodes))
+        lists = [host.by_cell(where, blocks, s) for s in (0, 0.5)]
+        listed = [there.by_cell(cuda.asarray(where), covered, s) for s in (0, 0.5)]
+        for own, other in zip((blocks, held, *lists), (covered, holding, *listed), strict=True):
+            for a, b in zip(own, other, strict=True):
+                assert np.array_equal(a, cuda.host(b)[: len(a)])
+                assert a.dtype == b.dtype
+
+
+def test_particles_of_mpm_are_sorted_without_the_host(cuda):
+    """The bins are those that CuPy's sort makes; blocks are made anew only where a particle nears their edge."""
+    from refsim.core.errors import RunStopped
+    from refsim.mpm import cuda as programs
+    from refsim.mpm.grid import MpmGrid
+
+    place = 0.2 * cloud(60, 2)
+    grid, cell = MpmGrid(2, "float64", 0.2, cuda), cuda.zeros(len(place), np.int32)
+    changes = []
+    for step in range(25):  # half a cell each
+        position = cuda.asarray(place + [0.1 * step, 0.0, 0.0])
+        changes.append(grid.attend(position))
+        if step % 8 == 7:  # the last for which the blocks were looked at
+            seen = position
+            programs.cells(seen, None, None, grid, cell)
+            expected = programs.sorted_bins(cell, grid.nodes // 64)
+            for own, other in zip(grid.bins["particles"], expected, strict=True):
+                assert np.array_equal(cuda.host(own), cuda.host(other))
+            assert cuda.host(cell).min() >= 0
+    assert changes[0]
+    assert 1 <= sum(changes[1:]) <= 2
+    assert np.array_equal(cuda.host(grid.order(seen)), cuda.host(expected[1]))
+    assert grid.attend(position, moved=True)  # somebody else may have put them anywhere
+    lost = cuda.asarray(np.full_like(place, np.nan))
+    for _ in range(7):
+        grid.attend(lost)
+    programs.cells(lost, None, None, grid, cell)
+    with pytest.raises(RunStopped) as stopped:
+        grid.attend(lost)
+    assert stopped.value.reason == "out_of_grid"
+
+
+@pytest.mark.parametrize("quadrature", ["facets", "poisson"])
+def test_reconstructed_surface_is_the_cpus(cuda, quadrature):
+    from refsim.surface_energy import Tension
+    from refsim.surface_energy.reconstruction import Reconstruction
+
+    position = np.vstack([0.5 * cloud(25, 2), [[3.0, 3.0, 0.0]]])
+    found = []
+    for place in (backend.choose("cpu"), cuda):
+        tension = Tension(surface_tension=1.0, quadrature=quadrature, smallest=5)
+        made = Reconstruction(place, 2, "float64", 0.1, tension)
+        there = place.asarray(position)
+        surface = made.surface(there)
+        force, extents = made.force(surface.samples, surface.blocks), made.extents(there)
+        arrays = (*surface.samples, surface.component_size, force, extents)
+        found.append([np.array(place.host(a)) for a in arrays])
+    assert len(found[0][0]) > 20
+    for own, other in zip(*found, strict=True):
+        assert own.shape == other.shape
+        assert np.abs(own.astype(float) - other).max() < 1e-12
+
+
+def test_recorded_surface_is_the_cpus(cuda, monkeypatch):
+    """A lone particle beside a drop, in few blocks: each of their 64 threads is one of Python's here."""
+    from refsim.sparse_grid.cuda import Search
+    from refsim.surface_energy import Tension
+    from refsim.surface_energy.reconstruction import Reconstruction
+    from refsim.surface_energy.recorded import RecordedSurface
+
+    def close(search, *reach):
+        blocks = search.cover(*reach)
+        return blocks, search._sure(blocks, *reach[1:])
+
+    monkeypatch.setattr(Search, "roomy", close)
+    drop = 0.05 * np.array([[i + 3, j + 3, 0.0] for i in range(4) for j in range(3)]) + 0.01 * cloud(12, 2)
+    position = np.vstack([drop, [[0.65, 0.2, 0.0]]])
+    tension = Tension(surface_tension=1.0, smallest=5, iterations=2)
+    found = []
+    for place in (backend.choose("cpu"), cuda):
+        made = Reconstruction(place, 2, "float64", 0.1, tension, reused=True)
+        there = place.asarray(position)
+        surface = made.surface(there)
+        assert isinstance(surface, RecordedSurface) == (place is cuda)
+        force, extents = made.force(surface.samples, surface.blocks), made.extents(there)
+        arrays = (
+            *surface.samples, *surface.mesh, *surface.inset_mesh, surface.component_size, surface.coefficients,
+            surface.facet_normal, surface.offset_direction, surface.sample_place, force, extents,
+            np.array([made.most_in_a_cell(surface), made.finds_all(surface)]),
+        )  # fmt: skip
+        found.append([a if isinstance(a, np.ndarray) else np.array(place.host(a)) for a in arrays])
+    assert (found[0][2] == 0).any()
+    assert (found[0][2] > 0).any()
+    for own, other in zip(*found, strict=True):
+        assert own.shape == other.shape
+        assert np.abs(own.astype(float) - other).max() < 1e-12
+    away = cuda.asarray(position[:1] + 0.8 * np.arange(13)[:, None])
+    assert made._recorded.surface(away) is None  # particles that leave the blocks take another one
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_roomy_blocks_suffice_a_block_farther(cuda, dim):
+    from refsim.sparse_grid import SparseGrid
+
+    grid = SparseGrid(cuda, dim, "float64", 0.1)
+    position = np.array([[0.05, 0.05, 0.0]])
+    blocks, sure = grid.programs.roomy(cuda.asarray(position), 1, 2)
+    way = np.array([0.1 * grid.programs.width, 0.0, 0.0])
+    for steps, suffice in ((0, True), (1, True), (-1, True), (2, False)):
+        block = cuda.host(grid.programs.cell_of(cuda.asarray(position + steps * way), blocks, 0.0))[0] // 64
+        assert (block >= 0 and bool(cuda.host(sure)[block])) == suffice
+        assert np.isin(cuda.host(grid.cover(cuda.asarray(position + steps * way), 1, 2).keys),
+                       cuda.host(blocks.keys)).all() == suffice  # fmt: skip
+
+
+def test_audit_counts_what_a_list_misses(cuda):
+    search, ordered, listed = built(cuda, cloud(40, 3), 3)
+    velocity = np.random.default_rng(3).normal(size=ordered.shape)
+    drift = cuda.asarray(np.array([0.0, 0.01]))
+    moved = cuda.asarray(ordered + 0.01 * velocity)
+    search.audit(moved, cuda.asarray(velocity), drift, listed)
+    assert search.log.audited_rows == 8
+    report = search.programs.lists["own"].queries.report
+    assert cuda.host(report)[2] == 0
+    rows = neighbours.AuditedRows(1, 40)
+    wide = 1.5 * search.reach
+    expected = sum(map(len, neighbour_list(ordered, wide))) - sum(map(len, columns(cuda, listed)))
+    assert expected > 0
+    search.programs.audit(moved, cuda.asarray(velocity), drift, listed, rows, wide)
+    assert cuda.host(report)[2] == expected
+    search.build(search.programs.lists["own"].position)
+    assert search.log.missed_neighbours == expected
+
+
+def test_equal_keys_keep_their_order(cuda):
+    from refsim.backends import device
+
+    keys = np.array([3, 1, 3, 1, 2**62, 3, 1], np.int64)
+    order = cuda.host(device.stable_order(cuda.asarray(keys)))
+    assert list(order) == [1, 3, 6, 0, 2, 5, 4]
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_ways_are_compared_in_blocks_that_touch(cuda, dim):
+    position = cloud(60, dim, seed=7)
+    search, ordered, _ = built(cuda, position, dim)
+    way = 0.1 * np.random.default_rng(8).normal(size=ordered.shape)
+    way[:, dim:] = 0
+    there = cuda.asarray(ordered)
+    search.build(there)
+    block = np.floor(ordered / search.reach).astype(int) // 2
+    low, high = ([end(way[(block == b).all(1)], axis=0) for b in block] for end in (np.min, np.max))
+    touching = max(
+        (np.maximum(high[a] - low[b], high[b] - low[a]) ** 2).sum()
+        for a in range(60)
+        for b in range(60)
+        if np.abs(block[a] - block[b]).max() <= 1
+    )
+    anywhere = ((way.max(0) - way.min(0)) ** 2).sum()
+    for _ in range(2):
+        found = search.programs.squared_relative_ways(cuda.asarray(ordered + way), there)
+        assert found == pytest.approx((touching, anywhere), rel=1e-12)
+
+
+@pytest.mark.parametrize("room", [2, 3, 6, 20])
+def test_occupied_cells_are_found_or_counted(cuda, room):
+    from refsim.neighbours import cuda as programs
+
+    position = 1.1 * np.array([[0, 0, 0], [0, 0, 0], [1, 0, 0], [1, 0, 0], [1, 0, 0], [0, 3, 0]]) + 0.5
+    table = programs.CellTable(cuda, 1.0, cuda.asarray(position))
+    table.make_room(room)
+    table.fill()
+    assert list(cuda.host(table.run)) == [1, 1, 2, 2, 2, 3]
+    assert cuda.host(table.report)[0] == 3
+    assert table.fits() == (room >= 3)
+    if room >= 3:
+        keys, (cells, first) = cuda.host(table.keys), (cuda.host(a) for a in (table.cells, table.first))
+        assert list(cells[:3]) == sorted(set(keys))
+        assert list(first[:4]) == [0, 2, 5, 6]
+        assert (cells[3:] == programs.FARTHEST).all()
+
+
+@pytest.mark.parametrize("shape", [(), (3,), (1,)])
+def test_arrays_are_filled_assigned_and_reordered(cuda, shape):
+    values = np.random.default_rng(4).normal(size=(19, *shape)).astype(np.float32)
+    there = cuda.zeros(values.shape, np.float32)
+    assert not cuda.host(there).any()
+    cuda.assign(there, 2.5)
+    assert (cuda.host(there) == 2.5).all()
+    cuda.assign(there, values.astype(float))
+    assert np.array_equal(cuda.host(there), values)
+    copy = cuda.empty(values.shape, np.float32)
+    cuda.assign(copy, there)
+    order = np.random.default_rng(5).permutation(19)
+    search = neighbours.NeighbourSearch(cuda, 3, "float32", RADIUS)
+    assert np.array_equal(cuda.host(search.reorder(copy, cuda.asarray(order))), values[order])
+    assert np.array_equal(cuda.host(copy), values)
+
+
+def test_largest_values_do_not_outlive_their_call(cuda):
+    from refsim.sph import cuda as kernels
+
+    out = cuda.asarray(np.array([1e9, 1e9, 7.0, 1e9, 1e9]))
+    velocity = np.random.default_rng(6).normal(size=(21, 3))
+    velocity[3] = np.nan
+    velocity[20] = [3.0, 4.0, 12.0]
+    kernels.extremes(cuda.asarray(velocity), cuda.asarray(0.5 * velocity), None, None, None, out)
+    assert np.allclose(cuda.host(out), [169.0, 42.25, 1.0, 0.0, 0.0])
+    warmth, rates = np.linspace(-3.0, 7.0, 21), np.linspace(1.0, 2.0, 21)
+    warmth[4] = rates[5] = np.nan
+    bounds = cuda.asarray(np.array([-2.5, 5.0]))
+    kernels.extremes(
+        cuda.asarray(velocity), cuda.asarray(0.5 * velocity), cuda.asarray(warmth), bounds, cuda.asarray(rates), out
+    )
+    assert np.allclose(cuda.host(out), [169.0, 42.25, 3.0, 2.0, 2.0])
+    place = cuda.asarray(np.zeros((21, 3)))
+    way = cuda.asarray(np.array([1e9, 5.0]))
+    steps = cuda.asarray(np.array([0.0, 0.1]))
+    kernels.kick_drift(place, cuda.asarray(np.zeros((21, 3))), None, steps, way, cuda.asarray(velocity), place)
+    assert cuda.host(way)[0] == np.inf  # the particle that is nowhere
+    assert cuda.host(way)[1] == 0
+
+
+@pytest.mark.parametrize(
+    ("name", "variant"), [(name, k) for name, operation in REGISTRY.items() for k in range(len(operation.variants))]
+)
+def test_operation_agrees_with_its_reference(name, variant):
+    """One hard input of the contract; all of them run on a GPU (`scripts/gpu_check.py`)."""
+    outcome = contract.run(name, "cuda", "float32", "cloud_2d", variant)
+    assert outcome.passed, str(outcome)
+
+
+@pytest.mark.parametrize("name", ["sph.state", "sph.momentum", "dong_2016.momentum", "one_way_coupling.wall_pressure"])
+def test_operation_follows_its_parameters(name):
+    """T10 of what reads the liquid's parameters; all operations climb it on a GPU."""
+    outcomes = contract.climb(contract.Target(REGISTRY[name], "cuda", "float32"), ("T10",))
+    assert len(outcomes) > 5
+    assert all(outcome.passed for outcome in outcomes), "\n".join(map(str, outcomes))
+
+
+@pytest.mark.parametrize("name", ["match", "pull", "region_motion", "damp"])
+def test_sums_over_boxes_agree_with_the_reference(monkeypatch, name):
+    """Fast summation's own kernels, which serve wide regions only."""
+    monkeypatch.setattr("refsim.shape_matching.fast_summation.cuda.NARROW", 0)
+    outcome = contract.run(f"fast_summation.{name}", "cuda", "float32", "cloud_3d", 0)
+    assert outcome.passed, str(outcome)
+
+
+@pytest.mark.parametrize(
+    ("tension", "last"),
+    [
+        (JiangZhu2023(surface_tension=0.5, area_ratio=0.0), "jiang_zhu_2023.momentum"),
+        (JiangZhu2023(surface_tension=0.5, pair_mode="soft"), "jiang_zhu_2023.tension"),  # its pairs have weights
+        (Akinci2013(surface_tension=0.5), "akinci_2013.momentum"),
+    ],
+)
+def test_pair_forces_and_pressure_share_a_loop_where_one_exists(tension, last):
+    liquid = WeaklyCompressible(sound_speed=20.0, dynamic_viscosity=1.0)
+    scene = Scene(
+        dtype="float64", spacing=0.25, support_radius=0.5, fluid=(Box(cells=(2, 2, 2)),), effects=(liquid, tension)
+    )
+    joined, apart = Simulation(scene, "cuda"), Simulation(scene, "numpy")
+    launched = [name for name, _, _ in joined.force_calls]
+    assert launched[-1] == last
+    assert ("sph.momentum" in launched) == (not last.endswith("momentum"))
+    joined.step()
+    apart.step()
+    there = apart.field("velocity")
+    assert np.abs(joined.field("velocity") - there).max() < 1e-12 * np.abs(there).max()
+
+
+def dam_break(dtype):
+    spacing = 0.02
+    return Scene(
+        dim=2,
+        dtype=dtype,
+        spacing=spacing,
+        support_radius=2 * spacing,
+        skin=0.05,
+        fluid=(Box(cells=(5, 6, 1)),),
+        effects=(
+            WeaklyCompressible(sound_speed=8.0, dynamic_viscosity=0.2, state="tait"),
+            Gravity(acceleration=(2.0, -9.81, 0.0)),
+            BoxWalls(lower=(0.0, 0.0, 0.0), upper=(0.2, 0.2, 0.0)),
+            SurfaceDetection(),
+        ),
+    )
+
+
+def droplet(dtype):
+    spacing = 0.01
+    return Scene(
+        dim=3,
+        dtype=dtype,
+        spacing=spacing,
+        support_radius=2 * spacing,
+        skin=0.05,
+        fluid=(Ball(radius=0.018, velocity=(0.3, -0.1, 0.2)),),
+        effects=(
+            WeaklyCompressible(sound_speed=5.0, dynamic_viscosity=0.05),
+            JiangZhu2023(surface_tension=0.07, density_correction=True),
+        ),
+    )
+
+
+# Steps are few because rounding differences grow with every one of them; the tolerances allow for that growth.
+@pytest.mark.parametrize(
+    ("scene", "dtype", "steps", "tolerance"),
+    [(dam_break, "float64", 8, 1e-9), (dam_break, "float32", 3, 1e-4), (droplet, "float64", 4, 1e-9)],
+)
+def test_run_follows_the_references_and_repeats_bit_for_bit(scene, dtype, steps, tolerance):
+    oracle, run, again = (Simulation(scene(dtype), name) for name in ("numpy", "cuda", "cuda"))
+    for _ in range(steps):
+        expected, result, repeated = (s.step() for s in (oracle, run, again))
+        assert result.limiter == expected.limiter
+        assert result == repeated
+        assert abs(result.length - expected.length) <= tolerance * expected.length
+    for s in (oracle, run, again):
+        s.evaluate()
+    assert run.search.log.missed_neighbours == 0
+    for name, f in run.plan.fields.items():
+        values = run.field(name)
+        assert np.array_equal(values, again.field(name)), name
+        if f.numpy_dtype(dtype).kind in "iub":
+            assert np.array_equal(values, oracle.field(name)), name
+        else:
+            largest = np.abs(oracle.field(name)).max()
+            assert np.abs(values - oracle.field(name)).max() <= tolerance * largest, name
+
+
+def test_run_of_mpm_sorts_its_particles_and_finds_those_that_were_moved(monkeypatch):
+    monkeypatch.setattr("refsim.engine.simulation.SORT_EVERY", 2)
+    effects = MpmLiquid(bulk_modulus=100.0, initial_ratio=0.9), Gravity(acceleration=(0.0, -9.81, 0.0))
+    scene = Scene(
+        dim=2, spacing=0.1, support_radius=0.3, dtype="float64", fluid=(Box(cells=(5, 4, 1)),), effects=effects
+    )
+    oracle, run = Simulation(scene, "numpy"), Simulation(scene, "cuda")
+    for step in range(3):
+        for s in (oracle, run):
+            if step == 2:  # far from all blocks
+                s.set_field("position", s.field("position") + [5.0, 0.0, 0.0])
+            s.step()
+    assert list(run.backend.host(run.fields["identity"])) != list(range(20))
+    for name in ("position", "velocity", "affine", "volume_ratio", "step_extremes"):
+        expected = oracle.field(name)
+        assert np.abs(run.field(name) - expected).max() <= 1e-12 * np.abs(expected).max(), name
+
+
+def test_run_of_mpm_under_tension_watches_its_crowding():
+    """A step of a small body that is counted denser than J says: crowding, J, and the note, as on the CPU."""
+    liquid = MpmLiquid(bulk_modulus=1e3, initial_ratio=1.9, volume="gradient")
+    random = np.random.default_rng(4)
+    place = np.stack(np.meshgrid(range(5), range(4), [0.0]), axis=-1).reshape(-1, 3) * [1, 1, 0]
+    place[:, :2] += random.uniform(-0.1, 0.1, (20, 2))  # no two particles are as near to a sample
+    scene = Scene(
+        dim=2, spacing=0.1, support_radius=0.3, dtype="float64", step=1e-3, fluid=(Cloud(position=0.1 * place),),
+        effects=(liquid, SurfaceEnergy(surface_tension=1.0, recount_time=4e-3)),
+    )  # fmt: skip
+    oracle, run = Simulation(scene, "cpu"), Simulation(scene, "cuda")
+    for s in (oracle, run):
+        s.step()
+    for name in ("position", "volume_ratio", "deformation", "crowding", "greatest_crowding"):
+        expected = oracle.field(name)
+        assert np.abs(run.field(name) - expected).max() <= 1e-12 * np.abs(expected).max(), name
+    assert run.notes == oracle.notes
+    assert "from step 1 on" in run.notes[0]
+
+
+def test_device_chooses_the_step_as_the_host_does(cuda):
+    """Every limit in turn, a fixed step, and all reasons to stop."""
+    from refsim.backends import device
+    from refsim.core.effect import Extremes, StepLimit
+    from refsim.engine.stepping import stable_steps
+
+    limits = {
+        "a": StepLimit.constant(0.5), "b": StepLimit.crossing(2.0, speed=3.0), "c": StepLimit.falling(1.0),
+        "d": StepLimit.exchanging(3.0),
+    }  # fmt: skip
+    table = cuda.asarray(np.array(list(limits.values())))
+
+    def chosen(speed, acceleration, rate=0.0, excess=0.0, broken=0, fixed=0.0, previous=0.25, first=0.0):
+        values = np.zeros(device.CLOCK_ROWS)
+        values[[device.TIME, device.PREVIOUS, device.FIRST]] = 7.0, previous, first
+        clock, steps = cuda.asarray(values), cuda.zeros(2, np.float64)
+        extremes = cuda.asarray(np.array([speed**2, acceleration**2, broken, rate, excess]))
+        device.choose_step(extremes, table, 0.5, fixed, 1e-6, 100.0, steps, clock)
+        return cuda.host(clock), list(cuda.host(steps))
+
+    for now in ((0.0, 0.0), (5.0, 0.0), (1.0, 100.0), (1.0, 100.0, 40.0)):
+        expected = stable_steps(limits, Extremes(*now))
+        limiter = min(expected, key=expected.get)
+        clock, steps = chosen(*now)
+        length = 0.5 * expected[limiter]
+        assert clock[device.LENGTH] == pytest.approx(length, rel=1e-15)
+        assert list(limits)[int(clock[device.LIMITER])] == limiter
+        assert steps == [0.5 * (0.25 + clock[device.LENGTH]), clock[device.LENGTH]]
+        assert list(clock[[device.TIME, device.PREVIOUS]]) == [7.0 + clock[device.LENGTH], clock[device.LENGTH]]
+        assert clock[device.FIRST] == clock[device.LENGTH]
+    clock, steps = chosen(1.0, 1.0, fixed=0.125)
+    assert (clock[device.LIMITER], steps[1]) == (-1, 0.125)
+    for reason, given in (
+        (device.NON_FINITE, {"broken": 2}), (device.DIVERGED, {"speed": 101.0}),
+        (device.STEP_TOO_SMALL, {"first": 1e9}), (device.OUT_OF_RANGE, {"excess": 0.5}),
+    ):  # fmt: skip
+        clock, steps = chosen(**({"speed": 1.0, "acceleration": 1.0} | given))
+        assert clock[device.REASON] == reason
+        assert steps == [0.0, 0.0]
+        assert list(clock[[device.TIME, device.PREVIOUS]]) == [7.0, 0.25]
+
+
+def test_run_rebuilds_its_list_and_audits_the_old_one():
+    run = Simulation(dam_break("float64"), "cuda")
+    run.step()
+    run._squared_way = np.inf
+    run.step()
+    assert run.search.log.rebuilds == 2
+    assert run.search.log.audited_rows == 8
+    assert run.search.log.missed_neighbours == 0
+
+
+def test_what_stands_in_is_reported():
+    assert "in place of CuPy" in runtime.array_library()
+
+
+@pytest.mark.parametrize("share, holds", [(1, True), (2, False)])
+def test_a_third_partys_program_on_device_arrays_is_judged(share, holds):
+    def gravity(field, acceleration):
+        for _ in range(share):
+            REGISTRY["sph.gravity"].program("cuda")(field, acceleration)
+
+    programs = contract.Programs({"sph.gravity": gravity}, arrays="cuda", dtypes=("float32",), name="mine")
+    found = list(contract.trials(programs, "sph.gravity", steps=("T1", "T7")))
+    assert found
+    assert all(outcome.passed for outcome in found) == holds
+    returning = contract.Programs({"sph.gravity": lambda field, acceleration: acceleration}, arrays="cuda")
+    for outcome in contract.trials(returning, "sph.gravity", steps=("T1",)):
+        assert not outcome.passed
+        assert "on device arrays it must write the outputs" in outcome.words

@@ -1,0 +1,385 @@
+"""Every CUDA kernel compiles to PTX, with and without its optional arguments, in both dtypes; no GPU is needed.
+
+In float32 no kernel may contain a float64 instruction unless it is declared here: one bare `2.0` in a formula would
+make a GPU several times slower without changing a digit that any other test sees.
+"""
+
+import importlib
+import os
+import re
+import sys
+import types as python_types
+
+import numpy as np
+import pytest
+
+from refsim import isosurface
+from refsim.backends import arrays as backend
+from refsim.backends import runtime
+from refsim.backends.scratch import Scratch
+from refsim.contract.inputs import Inputs, with_variant
+from refsim.core import cases
+from refsim.core.operation import REGISTRY
+from refsim.core.walls import WallColumns
+from refsim.neighbours.rows import NeighbourColumns
+
+CAPABILITY = (8, 0)
+IN_DOUBLE = {
+    "turn_direction": "the dots of conjugate gradients are taken in float64",
+    "take_step": "the dots of conjugate gradients are taken in float64",
+    "add_up": "the dots of conjugate gradients are taken in float64",
+    "plan_chebyshev": "one thread finds the passes, in float64 as on the host",
+    "clear_sums": "the dots of conjugate gradients are taken in float64",
+    "choose_step": "one thread keeps the clock, in float64 as on the host",
+    "note_displacement": "one thread keeps the clock, in float64 as on the host",
+    **dict.fromkeys(
+        (
+            "contact",
+            "write_keys",
+            "write_cells",
+            "count_cells",
+            "weights",
+            "scatter_particles",
+            "scatter_carriers",
+            "scatter_tension",
+            "gather",
+            "gather_carriers",
+            "count_all",
+        ),
+        "a place on the background grid is found in float64, so that it keeps its digits far from the origin",
+    ),
+    **dict.fromkeys(
+        ("count_blocks", "list_blocks", "interpolate", "project", "relax"),
+        "the place of a point or a box on a mesh's grid is found in float64, so that it keeps its digits far away",
+    ),
+    "match": "what the sums of a region do not settle at once is summed again in float64",
+    "cosine_cohesion": "the library's cosine has a path for arguments beyond 1e5, which a distance never takes",
+    **dict.fromkeys(
+        ("cell_keys", "block_keys", "point_nodes"),
+        "coordinates of cells are found in float64, so that both backends sort alike, far away, too",
+    ),
+    **dict.fromkeys(
+        (
+            "_match_cells", "_goal_cells", "_motion_cells", "_damp_cells", "_axis_sums", "_match_nodes", "_goal_nodes",
+            "_motion_nodes", "_damp_nodes",
+        ),
+        "sums over boxes of cells are taken from one point of the body",
+    ),
+    **dict.fromkeys(
+        (
+            "node_states", "exit_points", "throw_darts", "offsets", "splines_of_points", "mls_normals",
+            "spline_normals", "surface_force", "extents",
+        ),
+        "the place of a point between nodes is a small difference of large numbers",
+    ),
+    **dict.fromkeys(
+        (
+            "count_particles", "states_of_blocks", "place_vertices", "place_points", "sort_points", "find_normals",
+            "place_samples", "locate_samples", "sum_pulls",
+        ),
+        "places on the grid and between nodes, as in the programs that these kernels stand for",
+    ),
+    **dict.fromkeys(
+        ("step_and_correct",), "a place in the narrow band is found in float64, so that it keeps its digits far away",
+    ),
+}  # fmt: skip
+CASE = "cloud_2d"
+COMPILED = set()  # what was looked at already
+DTYPES = ("float32", "float64")
+
+# Every variant in float32; in float64, which branches nowhere of its own, the first one.
+LAUNCHED = [
+    (name, variant, dtype)
+    for name, operation in REGISTRY.items()
+    for variant in range(len(operation.variants))
+    for dtype in DTYPES[: 1 if variant else 2]
+]
+
+pytestmark = pytest.mark.skipif(runtime.simulated(), reason="the CUDA simulator compiles nothing")
+
+
+def cuda_compiler():
+    """numba.cuda, if it can compile; else skip, or fail where $REFSIM_REQUIRE_CUDA_TOOLS asks for it."""
+    try:
+        importlib.import_module("numba_cuda")  # the target that the kernels are written for; Numba's own is deprecated
+        cuda = importlib.import_module("numba.cuda")
+        cuda.compile_ptx(lambda: None, (), cc=CAPABILITY)
+    except Exception as error:
+        reason = f"no CUDA compiler here ({type(error).__name__}: {error}); pip install 'refsim[cuda]' brings one"
+        (pytest.fail if os.environ.get("REFSIM_REQUIRE_CUDA_TOOLS") else pytest.skip)(reason)
+    return cuda
+
+
+@pytest.fixture(scope="module")
+def compiler():
+    """numba.cuda with a stand-in for the device, whose compute capability is all that the compiler asks for."""
+    cuda = cuda_compiler()
+    device = python_types.SimpleNamespace(compute_capability=CAPABILITY)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(importlib.import_module("numba.cuda.dispatcher"), "get_current_device", lambda: device)
+        yield cuda
+
+
+class Zeros(backend.Backend):
+    """Host arrays whose values are set: nothing is launched that would set them, and programs look at some."""
+
+    empty = backend.Backend.zeros
+
+
+def operation_arguments(name, variant, dtype):
+    """Everything that the operation's CUDA program takes, by name, as host arrays of the right type."""
+    operation = REGISTRY[name]
+    cases.discover()
+    inputs = with_variant(Inputs(cases.CASES[CASE](), dtype), operation.variants[variant])
+    count, entries = np.zeros(len(inputs["position"]), np.int32), np.zeros(4, np.int32)
+
+    def value(argument):
+        if argument in operation.outputs:
+            return inputs.output(operation, argument)
+        if argument == "scratch":
+            return Scratch(Zeros("cpu"))
+        if argument == "neighbours":
+            return NeighbourColumns(count, entries)
+        if argument == "walls" and inputs["walls"] is not None:
+            return WallColumns(*inputs["walls"], count, entries)
+        return inputs[argument]
+
+    return {argument: value(argument) for argument in operation.arguments("cuda")}
+
+
+def launches(monkeypatch, program, arguments):
+    """The launches [(kernel, arguments)] of a program, none of which takes place; its own arrays are NumPy's."""
+    from refsim.backends import device
+    from refsim.backends.compile import CudaKernel
+
+    seen = []
+    with monkeypatch.context() as patch:
+        patch.setattr(device, "empty", np.empty)
+        patch.setattr(device, "largest", lambda values: 0)
+        patch.setattr(CudaKernel, "__call__", lambda kernel, *values: seen.append((kernel, values)))
+        patch.setattr(device, "library", lambda: np)  # what CuPy does is nothing to compile
+        patch.setattr(device, "seen", lambda array: array)
+        patch.setattr(device, "wrapped", lambda array: array)
+        program(*arguments)
+    return seen
+
+
+def support_launches(dtype):
+    """Launches of the search's and the device's own kernels, with the types that Search hands them."""
+    from refsim.backends import device
+    from refsim.core.walls import Bounds
+    from refsim.mpm import cuda as mpm
+    from refsim.neighbours import cuda as search
+    from refsim.sparse_grid import Blocks
+    from refsim.sparse_grid import cuda as sparse
+
+    n, real = 5, np.dtype(dtype).type
+    vectors, scalars, integers = np.zeros((n, 3), dtype), np.zeros(n, dtype), np.zeros(n, np.int32)
+    keys, ranges, one = np.zeros(n, np.int64), np.zeros((n, 9), np.int32), real(1)
+    listed, shared = (NeighbourColumns(integers, integers, (np.int32(0),) * lanes) for lanes in (1, 4))
+    blocks = Blocks(keys, np.zeros((n, 27), np.int32))
+    return [
+        (search.cell_keys, (vectors, 1.0, keys)),
+        (search.mark_cells, (keys, integers)),
+        (search.occupied_cells, (keys, keys, integers, integers, integers)),
+        (search.cell_ranges, (keys, integers, keys, integers, ranges, ranges)),
+        (search.build_list, (vectors, integers, ranges, ranges, vectors, one, 1, integers, listed)),
+        (search.build_list, (vectors, integers, ranges, ranges, vectors, one, 1, integers, shared)),
+        (device.gather_all_scalars, ((scalars, scalars), keys, (scalars, scalars))),
+        (device.gather_all_vectors, ((vectors, vectors), keys, (vectors, vectors))),
+        (device.copy_all_scalars, ((scalars, scalars), (scalars, scalars), scalars)),
+        (device.copy_all_vectors, ((vectors, vectors), (vectors, vectors), vectors)),
+        (search.clear_counts, (integers, integers)),
+        (search.box_of_cells, (keys, integers)),
+        (search.count_cells, (keys, *4 * (integers,))),
+        (search.fill_buckets, 6 * (integers,)),
+        (search.order_buckets, (*5 * (integers,), keys)),
+        (device.add_up_tiles, (integers, integers)),
+        (device.add_up_before, (integers, integers)),
+        (device.add_up_within, (integers, integers, integers)),
+        (search.touching_blocks, (keys, integers, 3, integers)),
+        (search.clear_boxes, (vectors, vectors, integers, scalars)),
+        (search.block_boxes, (vectors, vectors, keys, integers, integers, 3, vectors, vectors)),
+        (search.block_ways, (vectors, vectors, integers, 2, scalars, integers)),
+        (search.count_missed, (vectors, vectors, scalars, None, listed, 1, 8, one, integers)),
+        (search.count_missed, (vectors, vectors, scalars, Bounds(scalars, scalars), listed, 1, 8, one, integers)),
+        (sparse.block_keys, (vectors, 1.0, 3, keys)),
+        (sparse.point_nodes, (vectors, 1.0, 0.5, blocks, integers)),
+        (sparse.count_uncovered, (keys, keys, np.zeros(n, np.uint8), integers)),
+        (sparse.count_points, 3 * (integers,)),
+        (mpm.write_keys, (vectors, 1.0, 2, keys)),
+        (mpm.count_cells, (vectors, 1.0, blocks, np.zeros(n, np.uint8), *3 * (integers,))),
+        (mpm.count_gaps, (integers, integers)),
+        (sparse.total_blocks, (integers, integers)),
+        (sparse.sum_blocks, (integers, integers)),
+        (sparse.write_first, 3 * (integers,)),
+        (sparse.fill_cells, 4 * (integers,)),
+        (sparse.sort_cells, 4 * (integers,)),
+        (device.fill_scalars, (one, scalars)),
+        (device.fill_scalars, (np.int32(0), integers)),
+        (device.fill_vectors, (one, vectors)),
+        (device.gather_scalars, (scalars, keys, scalars)),
+        (device.gather_scalars, (integers, keys, integers)),
+        (device.gather_vectors, (vectors, keys, vectors)),
+        (device.copy_scalars, (scalars, scalars)),
+        (device.copy_vectors, (vectors, vectors)),
+        (device.invert, (integers, integers)),
+        (device.choose_step, (scalars, np.zeros((2, 4)), 1.0, 0.0, 1e-6, 9.0, scalars, np.zeros(10))),
+        (device.note_displacement, (scalars, np.zeros(10))),
+    ]
+
+
+def recorded_launches(monkeypatch, dtype, normals):
+    """Launches of a recorded reconstruction."""
+    from refsim.backends import device
+    from refsim.surface_energy import Tension, recorded
+    from refsim.surface_energy.reconstruction import Reconstruction
+
+    place = np.random.default_rng(0).uniform(-0.1, 0.1, (9, 3)).astype(dtype)
+    made = Reconstruction(Zeros("cpu"), 3, dtype, 0.1, Tension(surface_tension=1.0, iterations=2, normals=normals))
+    blocks, _ = made._cells(place)
+    silent = python_types.SimpleNamespace(send=lambda: None)
+    monkeypatch.setattr(device, "Mirror", lambda array: silent)
+    monkeypatch.setattr(device, "Mark", lambda: None)
+    with monkeypatch.context() as patch:
+        patch.setattr(device, "fill", lambda *_: None)
+        patch.setattr(recorded, "case_tables", lambda *_: (isosurface.case_table(3), None))
+        graph = recorded.Recorded(made, blocks, np.ones(len(blocks.keys), np.uint8), len(place), 9, 9, True)
+    parts = graph._cut, graph._fit
+    return [step for part in parts for step in launches(monkeypatch, part, (place,))] + launches(
+        monkeypatch, graph._pull, ()
+    )
+
+
+def kernels_of(module_name):
+    from refsim.backends.compile import CudaKernel
+
+    module = importlib.import_module(module_name)
+    return {v for v in vars(module).values() if isinstance(v, CudaKernel) and v.function.__module__ == module_name}
+
+
+def slots(kind):
+    """Number of values that a launch passes for an argument of this Numba type."""
+    from numba import types
+
+    if isinstance(kind, types.Array):
+        return 5 + 2 * kind.ndim
+    return sum(map(slots, kind)) if isinstance(kind, types.BaseTuple) else 1
+
+
+def as_if_on_device(value):
+    """The value with stand-ins for device arrays in it."""
+    if isinstance(value, np.ndarray):
+        names = {name: getattr(value, name) for name in ("dtype", "ndim", "size", "shape", "strides")}
+        place = python_types.SimpleNamespace(value=value.ctypes.data)
+        return python_types.SimpleNamespace(
+            copy_to_host=None, is_c_contiguous=lambda: True, device_ctypes_pointer=place, **names
+        )
+    if isinstance(value, tuple):
+        parts = map(as_if_on_device, value)
+        return value._make(parts) if hasattr(value, "_make") else tuple(parts)
+    return value
+
+
+def assert_launches(kernel, values, slots):
+    """The short way to launch knows the arguments and hands over as many numbers."""
+    from refsim.backends.compile import kinds_of, unfold
+
+    there, numbers = tuple(map(as_if_on_device, values)), []
+    assert kinds_of(there) is not None, kernel.__name__
+    unfold(there, numbers)
+    assert len(numbers) == slots, kernel.__name__
+
+
+def assert_compiles(cuda, kernel, values, dtype):
+    """Compile for the values' types; look at the PTX for parameters and for float64."""
+    import numba
+
+    kinds = tuple(numba.typeof(value) for value in values)
+    if (kernel, kinds, dtype) in COMPILED:  # several operations launch it
+        return
+    ptx, _ = cuda.compile_ptx(kernel.function, kinds, cc=CAPABILITY, fastmath=kernel.fastmath)
+    entry = ptx[ptx.index(".entry") :]
+    assert entry[: entry.index(")")].count(".param") == sum(map(slots, kinds)), "the launch passes other parameters"
+    assert_launches(kernel, values, sum(map(slots, kinds)))
+    if dtype == "float32" and kernel.__name__ not in IN_DOUBLE:
+        lines = [line.strip()[:100] for line in ptx.splitlines() if ".param" not in line]  # handed in is not computed
+        double = [line for line in lines if re.search(r"\.f64\b", line)]
+        assert not double, f"{kernel.__name__} computes in float64: {double[:3]}"
+    COMPILED.add((kernel, kinds, dtype))
+
+
+@pytest.mark.parametrize(("name", "variant", "dtype"), LAUNCHED)
+def test_operation_compiles(compiler, monkeypatch, name, variant, dtype):
+    arguments = operation_arguments(name, variant, dtype)
+    made = launches(monkeypatch, REGISTRY[name].program("cuda"), arguments.values())
+    assert made, "the program launches nothing"
+    for kernel, values in made:
+        assert_compiles(compiler, kernel, values, dtype)
+
+
+@pytest.mark.parametrize("dtype", DTYPES)
+def test_search_and_array_moves_compile(compiler, dtype):
+    for kernel, values in support_launches(dtype):
+        assert_compiles(compiler, kernel, values, dtype)
+
+
+def test_recorded_reconstruction_compiles(compiler, monkeypatch):
+    """In float32; float64 branches nowhere of its own."""
+    made = recorded_launches(monkeypatch, "float32", "mls")
+    used = {kernel for kernel, _ in made}
+    assert kernels_of("refsim.surface_energy.recorded.cuda") <= used
+    for kernel, values in made:
+        assert_compiles(compiler, kernel, values, "float32")
+
+
+@pytest.mark.parametrize("name", ["match", "pull", "region_motion", "damp"])
+def test_sums_over_boxes_compile(compiler, monkeypatch, name):
+    """Fast summation's own kernels, which serve wide regions only."""
+    monkeypatch.setattr("refsim.shape_matching.fast_summation.cuda.NARROW", 0)
+    test_operation_compiles(compiler, monkeypatch, f"fast_summation.{name}", 0, "float32")
+
+
+def test_no_kernel_is_left_out(compiler, monkeypatch):
+    monkeypatch.setattr("refsim.shape_matching.fast_summation.cuda.NARROW", 0)
+    known = {kernel for kernel, _ in support_launches("float32")}
+    for name, operation in REGISTRY.items():
+        for variant in range(len(operation.variants)):
+            values = operation_arguments(name, variant, "float32").values()
+            known |= {kernel for kernel, _ in launches(monkeypatch, operation.program("cuda"), values)}
+    folders = {operation.folder for operation in REGISTRY.values()}
+    rest = ("refsim.neighbours.cuda", "refsim.sparse_grid.cuda", "refsim.backends.device")
+    for module in (*(f"{folder}.cuda" for folder in sorted(folders)), *rest):
+        left = sorted(kernel.__name__ for kernel in kernels_of(module) - known)
+        assert not left, f"{module}: {', '.join(left)} is neither in an operation nor listed here"
+
+
+def test_a_bare_float_literal_is_found(compiler):
+    from refsim.backends.compile import CudaKernel, cuda
+
+    def leaking(out):
+        i = cuda.grid(1)
+        out[i] = 0.1 * out[i]
+
+    with pytest.raises(AssertionError, match="computes in float64"):
+        assert_compiles(compiler, CudaKernel(leaking, False, None), (np.zeros(3, np.float32),), "float32")
+
+
+def test_absent_argument_travels_as_a_null_pointer(compiler):
+    from numba import types
+
+    from refsim.backends.compile import _AbsentArgument
+
+    assert _AbsentArgument().prepare_args(types.none, None, stream=0, retr=[]) == (types.CPointer(types.void), 0)
+    assert _AbsentArgument().prepare_args(types.int32, 7, stream=0, retr=[]) == (types.int32, 7)
+
+
+def test_missing_compiler_fails_where_it_is_required(monkeypatch):
+    """$REFSIM_REQUIRE_CUDA_TOOLS, which the continuous run sets, turns the skip into a failure."""
+    monkeypatch.setitem(sys.modules, "numba.cuda", None)
+    monkeypatch.delenv("REFSIM_REQUIRE_CUDA_TOOLS", raising=False)
+    with pytest.raises(pytest.skip.Exception, match="no CUDA compiler here"):
+        cuda_compiler()
+    monkeypatch.setenv("REFSIM_REQUIRE_CUDA_TOOLS", "1")
+    with pytest.raises(pytest.fail.Exception, match="no CUDA compiler here"):
+        cuda_compiler()

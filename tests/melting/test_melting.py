@@ -1,0 +1,295 @@
+"""Melting: what melts when, the tables after it, bookkeeping, whole runs, bad input."""
+
+import numpy as np
+import pytest
+
+from refsim import (
+    Box,
+    BoxWalls,
+    Gravity,
+    HeatConduction,
+    InputError,
+    Melting,
+    Scene,
+    ShapeMatching,
+    Simulation,
+    SolidBox,
+    SolidCells,
+    TwoWayCoupling,
+    WeaklyCompressible,
+    contract,
+    make_plan,
+)
+from refsim.core.operation import REGISTRY
+from refsim.melting import MeltingRule
+from refsim.scene.solids import lattice_of
+from refsim.shape_matching import reference
+from refsim.shape_matching.phases import FLUID, INTERIOR, SURFACE
+
+LIQUID = WeaklyCompressible(sound_speed=40.0, dynamic_viscosity=50.0, state="tait", kernels="cubic_spline")
+BODY = SolidBox(lower=(0.4, 0.4, 0.8), upper=(1.4, 1.4, 1.8), density=917.0)
+
+
+def scene(solid=(BODY,), highest=5.0, slope=0.0, melting=None, **options):
+    """A body over a basin; temperatures stay as they begin, `highest` at x = 0, falling by `slope` a metre."""
+    values = {"spacing": 0.2, "support_radius": 0.5, "step": 0.004, "dtype": "float64"} | options
+
+    def made(temperature):
+        heat = HeatConduction(temperature=temperature, conductivity=0.0, melting_point=0.0, scheme="single_pass")
+        effects = (
+            LIQUID, Gravity(), BoxWalls(lower=(0, 0, 0), upper=(1.8, 1.8, 3)), ShapeMatching(summation="gather"),
+            TwoWayCoupling(), heat, melting or Melting(),
+        )  # fmt: skip
+        return Scene(fluid=(Box(cells=(9, 9, 4)),), solid=solid, effects=effects, **values)
+
+    if not slope:
+        return made(highest)
+    x = make_plan(made(highest)).state.position[:, 0]
+    return made(tuple((highest - slope * x).tolist()))
+
+
+# What melts
+
+
+def test_only_surfaces_melt_and_one_layer_in_a_step():
+    """A cube of 5 x 5 x 5, hot through and through: 98, 26 and 1 particles in three steps, each from a surface."""
+    simulation = Simulation(scene())
+    gone = []
+    for _ in range(4):
+        before = simulation.field("phase")
+        simulation.step()
+        after = simulation.field("phase")
+        melted = (before != FLUID) & (after == FLUID)
+        assert (before[melted] == SURFACE).all()
+        gone.append(int(melted.sum()))
+    assert gone == [98, 26, 1, 0]
+    assert not (simulation.field("region")[:] >= 0).any(), "nothing is left in the tables"
+
+
+def test_nothing_melts_below_the_melting_point():
+    """Not even as little as a float's distance below it."""
+    simulation = Simulation(scene(highest=np.nextafter(0.0, -1.0)))
+    plain = simulation.field("phase").copy()
+    for _ in range(3):
+        simulation.step()
+    assert (simulation.field("phase") == plain).all()
+    assert (plain[:125] == SURFACE).sum() == 98
+
+
+def test_exactly_at_the_melting_point_it_melts():
+    simulation = Simulation(scene(highest=0.0))
+    simulation.step()
+    assert (simulation.field("phase")[:125] == FLUID).sum() == 98
+
+
+def test_what_melts_does_not_depend_on_the_order():
+    """The same body, its particles in 20 other orders: the same cells melt, and the same tables follow."""
+    random = np.random.default_rng(3)
+    cells = np.stack(np.meshgrid(*[np.arange(4)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)[:50]
+    lattice = lattice_of([cells])
+    temperature = random.integers(-1, 2, 50).astype(float)
+    answers = []
+    for _ in range(20):
+        identity = random.permutation(50).astype(np.int32)
+        place = np.argsort(identity).astype(np.int32)
+        phase = np.full(50, SURFACE, np.int32)
+        tables = fresh_tables(phase, place, lattice, 1)
+        melted = melting_round(identity, place, temperature[identity], phase, *tables)
+        answers.append([melted.tobytes(), phase[place].tobytes(), *(t.tobytes() for t in tables[:3])])
+    assert all(answer == answers[0] for answer in answers)
+
+
+def fresh_tables(phase, place, lattice, width, program="cpu"):
+    """direct, region and region_count of nodes that are all there."""
+    nodes = len(lattice.key)
+    direct, region = np.empty((nodes, 27), np.int32), np.empty((nodes, (2 * width + 1) ** 3), np.int32)
+    count = np.empty(nodes, np.int32)
+    REGISTRY["shape_matching.direct_neighbours"].program(program)(phase, place, lattice, direct)
+    REGISTRY["shape_matching.regions"].program(program)(direct, None, lattice, region, count)
+    return direct, region, count, lattice
+
+
+def melting_round(identity, place, temperature, phase, direct, region, count, lattice):
+    """One round of melting at 0 deg C on the tables, in place; which nodes melted."""
+    nodes = len(direct)
+    melted, number, rebuild = np.empty(nodes, np.int32), np.empty(1, np.int32), np.empty(nodes, np.int32)
+    ones = np.ones(len(phase))
+    rule = MeltingRule(np.int32(0), 1000.0, 1.0, 0.6, 4186.0)
+    REGISTRY["melting.melt"].program("cpu")(
+        identity, temperature, None, 0 * ones, None, rule, melted, number, ones, ones.copy(), None, None, phase
+    )
+    REGISTRY["melting.detach"].program("cpu")(melted, number, region, direct, rebuild)
+    REGISTRY["shape_matching.regions"].program("cpu")(direct, rebuild, lattice, region, count)
+    REGISTRY["shape_matching.classify"].program("cpu")(identity, direct, phase)
+    assert number[0] == melted.sum()
+    return melted
+
+
+@pytest.mark.parametrize("width", [1, 2, 3])
+def test_regions_equal_a_search_after_every_round(width):
+    """200 rounds in which random particles melt wherever they are; a breadth-first search is the judge."""
+    random = np.random.default_rng(width)
+    cells = np.stack(np.meshgrid(*[np.arange(6)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
+    lattice = lattice_of([cells[:120], cells[120:]])  # two bodies that touch
+    nodes = len(cells)
+    identity = np.arange(nodes, dtype=np.int32)
+    phase = np.full(nodes, SURFACE, np.int32)
+    direct, region, count, lattice = fresh_tables(phase, identity, lattice, width)
+    smaller = 0
+    for round_ in range(200):
+        solid = np.flatnonzero(phase != FLUID)
+        chosen = random.choice(solid, min(len(solid), 1 + round_ % 2), replace=False)
+        temperature = np.full(nodes, -1.0)
+        temperature[chosen] = 1.0
+        phase[solid] = SURFACE  # so that any may melt, not only what lies outside
+        melting_round(identity, identity, temperature, phase, direct, region, count, lattice)
+        expected = members_by_search(phase != FLUID, lattice, width)
+        for s in range(nodes):
+            found = region[s][region[s] >= 0]
+            assert set(found.tolist()) == expected[s]
+            assert count[s] == len(found)
+            smaller += len(found) < (2 * width + 1) ** 3
+    assert (phase == FLUID).all() or round_ == 199
+    assert smaller
+
+
+def members_by_search(solid, lattice, width):
+    """Members of every region: a breadth-first search over cells, with dictionaries and sets."""
+    place = {(b, *cell): s for s, (b, cell) in enumerate(zip(lattice.body.tolist(), lattice.cell.tolist())) if solid[s]}
+    steps = [(a, b, e) for a in (-1, 0, 1) for b in (-1, 0, 1) for e in (-1, 0, 1)]
+    near = {
+        s: [place[c] for a, b, e in steps if (c := (body, x + a, y + b, z + e)) in place]
+        for (body, x, y, z), s in place.items()
+    }
+    members = []
+    for s in range(len(solid)):
+        found = front = {s} if solid[s] else set()
+        for _ in range(width):
+            front = {j for m in front for j in near[m]} - found
+            found = found | front
+        members.append(found)
+    return members
+
+
+def test_a_fill_that_expands_what_it_writes_is_wrong():
+    """M15: one pass that also expands entries of its own pass finds other regions in a body with a gap."""
+    cells = np.array([[0, 0, 0], [1, 0, 0], [2, 0, 0], [2, 1, 0], [2, 2, 0], [1, 2, 0], [0, 2, 0]])
+    lattice = lattice_of([cells])
+    place = np.arange(7, dtype=np.int32)
+    direct, region, _, _ = fresh_tables(np.full(7, SURFACE, np.int32), place, lattice, 2)
+    first = [tuple(c) for c in lattice.cell.tolist()].index((0, 0, 0))
+    reached = {tuple(lattice.cell[j]) for j in region[first] if j >= 0}
+    assert reached == {(0, 0, 0), (1, 0, 0), (2, 0, 0), (2, 1, 0)}
+    assert (direct[first] >= 0).sum() == 2
+
+
+# Bookkeeping
+
+
+@pytest.mark.parametrize(("bookkeeping", "change"), [("immiscible", 0.0), ("water", 83.0)])
+def test_mass_and_rest_density_of_the_melt(bookkeeping, change):
+    """Kept, or those of the liquid: 125 particles of ice become heavier by 83 kg/m^3 each."""
+    simulation = Simulation(scene(melting=Melting(bookkeeping=bookkeeping)))
+    volume = 1 / simulation.plan.effects["weakly_compressible"].rest_number_density(simulation.plan.grid)
+    before = simulation.field("mass").sum()
+    for _ in range(4):
+        simulation.step()
+    assert simulation.field("mass").sum() - before == pytest.approx(125 * change * volume, abs=1e-9 * before)
+    assert (simulation.field("rest_density")[:125] == (1000.0 if change else 917.0)).all()
+
+
+# Runs
+
+
+def half_molten(**options):
+    """A body of which the left part is hot: it melts away in a few steps and the rest stays solid."""
+    return scene(highest=0.79, slope=1.0, **options)
+
+
+def test_what_is_left_goes_on_as_a_body():
+    simulation = Simulation(half_molten())
+    for _ in range(150):
+        simulation.step()
+    phase, v = simulation.field("phase")[:125], simulation.field("velocity")
+    assert (phase == FLUID).sum() == 50
+    assert (phase == INTERIOR).sum() == 9
+    assert np.abs(v).max() < 10
+    x = simulation.field("position")[:125][phase != FLUID]
+    rest = simulation.plan.state.position[:125][phase != FLUID]
+    gap = np.abs(
+        np.linalg.norm(x[:, None] - x[None], axis=2) - np.linalg.norm(rest[:, None] - rest[None], axis=2)
+    ).max()
+    assert gap < 0.1, "half a spacing"
+
+
+def test_a_resumed_run_is_the_same_run():
+    outcomes = list(contract.resumes(half_molten(dtype="float32", skin=0.02, name="melting"), "cpu"))
+    assert outcomes
+    assert all(outcome.passed for outcome in outcomes), "\n".join(map(str, outcomes))
+
+
+def test_cells_of_a_mesh_outlive_its_file(tmp_path):
+    import trimesh
+
+    from refsim import SolidMesh
+
+    path = tmp_path / "ball.stl"
+    trimesh.creation.icosphere(subdivisions=3, radius=1.0).export(path)
+    mesh = SolidMesh(file=str(path), center=(0.9, 0.9, 1.6), size=1.3, rotation=(10.0, 20.0, 30.0))
+    simulation = Simulation(scene(solid=(mesh,)))
+    volume = 4 / 3 * np.pi * 0.65**3
+    assert simulation.plan.grid.solids.lattice.first[1] * 0.2**3 == pytest.approx(volume, rel=0.1)
+    simulation.step()
+    simulation.checkpoint(tmp_path / "saved.h5")
+    path.unlink()
+    again = Simulation.resume(tmp_path / "saved.h5")
+    simulation.step()
+    again.step()
+    assert (again.field("position") == simulation.field("position")).all()
+
+
+def test_an_open_mesh_is_refused(tmp_path):
+    import trimesh
+
+    from refsim import SolidMesh
+
+    path = tmp_path / "open.stl"
+    ball = trimesh.creation.icosphere(subdivisions=1, radius=1.0)
+    ball.update_faces(np.arange(len(ball.faces)) != 7)
+    ball.export(path)
+    with pytest.raises(InputError, match=r"is not closed \(3 of its edges"):
+        make_plan(scene(solid=(SolidMesh(file=str(path), center=(0, 0, 0)),)))
+    with pytest.raises(InputError, match="there is no file"):
+        make_plan(scene(solid=(SolidMesh(file=str(tmp_path / "none.stl"), center=(0, 0, 0)),)))
+
+
+def test_impossible_bookkeeping_and_missing_heat():
+    with pytest.raises(InputError, match=r"bookkeeping = 'switch_density' is not possible.*10\^7"):
+        make_plan(scene(melting=Melting(bookkeeping="switch_density")))
+    effects = tuple(effect for effect in scene().effects if effect.name != "heat_conduction")
+    with pytest.raises(InputError, match="'melting' needs effect 'heat_conduction'"):
+        make_plan(Scene(spacing=0.2, support_radius=0.5, fluid=(), solid=(BODY,), effects=effects))
+
+
+def test_a_plate_of_one_layer_melts():
+    plate = SolidCells(cells=[[a, b, 5] for a in range(2, 7) for b in range(2, 7)])
+    simulation = Simulation(scene(solid=(plate,)))
+    assert (simulation.field("phase")[:25] == SURFACE).all()
+    simulation.step()
+    assert (simulation.field("phase") == FLUID).all()
+    for _ in range(50):
+        simulation.step()
+    assert np.isfinite(simulation.field("position")).all()
+
+
+def test_reference_and_cpu_agree_on_a_whole_run():
+    """Three steps of the coupled, melting scene on the references and on the CPU."""
+    small = SolidBox(lower=(0.4, 0.4, 0.8), upper=(1.0, 1.0, 1.4), density=917.0)
+    runs = [Simulation(scene(solid=(small,), highest=0.79, slope=1.0), backend) for backend in ("numpy", "cpu")]
+    for simulation in runs:
+        for _ in range(3):
+            simulation.step()
+    assert (runs[0].field("phase") == runs[1].field("phase")).all()
+    assert (runs[0].field("phase")[:27] == FLUID).sum() == 18
+    assert np.abs(runs[0].field("position") - runs[1].field("position")).max() < 1e-10
+    assert reference.FLUID == FLUID

@@ -1,0 +1,429 @@
+"""The neighbour search against all pairs, on every hard input, and what it does where things go wrong."""
+
+import math
+import re
+
+import numpy as np
+import pytest
+
+from refsim import Box, Cloud, Gravity, InputError, RunStopped, Scene, Simulation, WeaklyCompressible
+from refsim.backends.arrays import choose, set_threads
+from refsim.core import cases
+from refsim.core.walls import Bounds
+from refsim.neighbours import AUDITED_ROWS, MOST_NEIGHBOURS, AuditedRows, NeighbourSearch, coincident_pairs
+from refsim.neighbours.reference import neighbour_list, pair_blocks
+from refsim.neighbours.rows import NeighbourRows
+
+CPU = choose("cpu")
+
+
+def search_for(case, dtype, skin=None, **options):
+    return NeighbourSearch(CPU, case.dim, dtype, case.support_radius, case.skin if skin is None else skin, **options)
+
+
+def rows(listed):
+    return [np.sort(listed.entries[s : s + c]) for s, c in zip(listed.start, listed.count)]
+
+
+def ordered(case, dtype, **options):
+    """(search, positions in cell order, list)."""
+    search = search_for(case, dtype, **options)
+    position = case.position.astype(dtype)
+    position = position[search.order(position)]
+    return search, position, search.build(position)
+
+
+def certain(query, source, reach):
+    """(pairs that must be listed, pairs that may be): within and around the reach by what rounding allows."""
+    eps = 8 * np.finfo(query.dtype).eps
+    for place, _, distance in pair_blocks(query, source):
+        yield place, distance < reach * (1 - eps), distance < reach * (1 + eps)
+
+
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+@pytest.mark.parametrize("name", [*cases.COMMON, "large"])
+def test_list_holds_all_pairs(name, dtype):
+    case = cases.CASES[name]()
+    search, position, listed = ordered(case, dtype)
+    assert sorted(map(tuple, position)) == sorted(map(tuple, case.position.astype(dtype)))
+    own = np.arange(len(position))
+    table = np.zeros((len(position), len(position)), dtype=np.int64)
+    for i, row in enumerate(rows(listed)):
+        np.add.at(table[i], row, 1)
+    for place, needed, allowed in certain(position, position, search.reach):
+        other = own[place, None] != own[None, :]
+        assert (table[place] <= (allowed & other)).all()
+        assert (table[place] >= (needed & other)).all()
+    if len(position):
+        assert search.log.most_neighbours == listed.count.max()
+
+
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+@pytest.mark.parametrize("name", [n for n in cases.COMMON if len(cases.CASES[n]().wall_position)] + ["no_particles"])
+def test_wall_list_holds_all_pairs(name, dtype):
+    case = cases.CASES[name]()
+    search = search_for(case, dtype)
+    position = case.position.astype(dtype)
+    position = position[search.order(position)]
+    static = search.static_set(case.wall_position)
+    assert np.array_equal(static.position, case.wall_position.astype(dtype)[static.order])
+    listed = search.build_against(position, static)
+    table = np.zeros((len(position), len(static.position)), dtype=np.int64)
+    for i, row in enumerate(rows(listed)):
+        np.add.at(table[i], row, 1)
+    for place, needed, allowed in certain(position, static.position, search.reach):
+        assert (table[place] <= allowed).all()
+        assert (table[place] >= needed).all()
+
+
+def test_oracle_is_right_about_a_line():
+    position = np.array([[0.0, 0, 0], [0.5, 0, 0], [1.0, 0, 0], [2.5, 0, 0]])
+    assert [list(r) for r in neighbour_list(position, 1.0)] == [[1], [0, 2], [1], []]
+    assert [list(r) for r in neighbour_list(position, 1.0, rows=[2])] == [[1]]
+
+
+def test_order_is_a_stable_permutation():
+    """Particles of one cell stay as they stood, so that a rebuild moves nobody without need."""
+    case = cases.CASES["large"]()
+    search, position, _ = ordered(case, "float32")
+    assert np.array_equal(search.order(position), np.arange(len(position)))
+    together = np.zeros((50, 3), np.float32)
+    assert np.array_equal(search.order(together), np.arange(50))
+
+
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+def test_a_flung_particle_costs_nothing(dtype):
+    """Cells and list are as large as for the cloud without it: only occupied cells exist."""
+    case = cases.CASES["flung_particle"]()
+    near = np.delete(case.position, 7, axis=0)
+    sizes = []
+    for position in (case.position, near):
+        search = search_for(case, dtype)
+        position = position.astype(dtype)
+        position = position[search.order(position)]
+        listed = search.build(position)
+        _, cells, first = search.static_set(position).prepared
+        assert len(cells) <= len(position)
+        assert len(first) == len(cells) + 1
+        sizes.append((search.log.list_bytes, len(listed.entries)))
+    assert sizes[0][0] <= sizes[1][0] + 1000
+    assert sizes[0][1] <= sizes[1][1] + 100
+
+
+def test_far_beyond_the_numbered_cells_nothing_is_missed():
+    """Cells further than 2^20 from the origin share the last number; neighbours there are found all the same."""
+    away = np.array([3e7, -3e7, 1e9])
+    position = np.concatenate([cases.cloud("edge", 60, 3, 0.5), cases.cloud("edge", 60, 3, 0.5) + away])
+    search = NeighbourSearch(CPU, 3, "float64", 1.0, 0.0)
+    position = position[search.order(position)]
+    expected = neighbour_list(position, 1.0)
+    assert sum(map(len, expected)) > 500
+    assert all(np.array_equal(a, b) for a, b in zip(rows(search.build(position)), expected))
+
+
+def test_list_grows_and_stays_whole():
+    """From a loose cloud to one so dense that the first capacity is far too small, with one search."""
+    search = NeighbourSearch(CPU, 3, "float64", 0.2, 0.1)
+    held = []
+    for spacing in (0.2, 0.1, 0.035):
+        position = cases.cloud("growth", 900, 3, spacing)
+        position = position[search.order(position)]
+        listed = search.build(position)
+        expected = neighbour_list(position, search.reach)
+        assert all(np.array_equal(a, b) for a, b in zip(rows(listed), expected))
+        held.append(search.log.list_bytes)
+    assert held[2] > 4 * held[0]
+    assert listed.count.max() > 300
+    assert search.log.rebuilds == 3
+
+
+def test_a_collapsed_clump_stops_the_run():
+    position = cases.cloud("clump", MOST_NEIGHBOURS + 2, 3, 1e-5)
+    search = NeighbourSearch(CPU, 3, "float64", 1.0, 0.1)
+    with pytest.raises(RunStopped, match="collapsed") as stopped:
+        search.build(position[search.order(position)])
+    assert stopped.value.reason == "collapsed"
+
+
+def test_negative_skin_is_refused():
+    with pytest.raises(InputError, match="skin"):
+        NeighbourSearch(CPU, 3, "float64", 1.0, -0.1)
+
+
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+def test_bits_do_not_depend_on_threads_or_repetition(dtype):
+    import numba
+
+    case = cases.CASES["large"]()
+    answers = []
+    try:
+        for threads in (1, numba.config.NUMBA_NUM_THREADS, 1):
+            set_threads(CPU, threads)
+            _, position, listed = ordered(case, dtype)
+            used = [listed.entries[s : s + c].tobytes() for s, c in zip(listed.start, listed.count)]
+            answers.append((position.tobytes(), listed.start.tobytes(), listed.count.tobytes(), used))
+    finally:
+        set_threads(CPU, None)
+    assert answers[0] == answers[1] == answers[2]
+
+
+# Where the input is no good
+
+
+def test_coincident_particles_are_named():
+    position = np.array([[0.0, 0, 0], [1, 2, 3], [5, 5, 5], [1, 2, 3], [0, 0, 0], [0, 0, 1e-300]])
+    assert sorted(coincident_pairs(position)) == [(0, 4), (1, 3)]
+    assert coincident_pairs(position[:3]) == []
+    assert coincident_pairs(np.zeros((0, 3))) == []
+    liquid = WeaklyCompressible(sound_speed=10.0)
+    with pytest.raises(InputError, match="particles 1 and 3 are at the same place"):
+        Simulation(Scene(spacing=1.0, support_radius=2.0, fluid=(Cloud(position=position[:4]),), effects=(liquid,)))
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
+def test_positions_that_are_no_numbers_harm_nobody_else(value):
+    """The search neither hangs nor crashes; such a particle has no neighbours, the others keep theirs."""
+    position = cases.cloud("broken", 200, 3)
+    position[17, 1] = value
+    search = NeighbourSearch(CPU, 3, "float64", 0.2, 0.1)
+    order = search.order(position)
+    listed = rows(search.build(position[order]))
+    place = int(np.flatnonzero(order == 17)[0])
+    with np.errstate(invalid="ignore"):
+        expected = neighbour_list(position[order], search.reach)
+    assert len(listed[place]) == 0
+    assert all(np.array_equal(a, b) for a, b in zip(listed, expected))
+
+
+def test_a_position_that_is_no_number_is_refused_and_stops_a_run():
+    points = [[0.0, 0, 0], [1.0, math.nan, 0], [2.0, 0, 0]]
+    liquid = WeaklyCompressible(sound_speed=10.0)
+    with pytest.raises(InputError, match="position of particle 1 is not a finite number"):
+        Simulation(Scene(spacing=1.0, support_radius=2.0, fluid=(Cloud(position=points),), effects=(liquid,)))
+    simulation = Simulation(Scene(spacing=0.1, support_radius=0.2, fluid=(Box(cells=(3, 3, 3)),), effects=(liquid,)))
+    simulation.step()
+    simulation.fields["velocity"][4, 2] = np.nan
+    with pytest.raises(RunStopped) as stopped:
+        simulation.step()
+    assert stopped.value.reason == "non_finite"
+
+
+# Skin, rebuilds and the audit
+
+
+def falling_box(**options):
+    return Scene(
+        spacing=0.1,
+        support_radius=0.2,
+        fluid=(Box(cells=(4, 4, 4), velocity=(1.0, 0.0, 0.0)),),
+        effects=(Gravity(acceleration=(0.0, 0.0, 0.0)),) if options.pop("still", False) else (
+            WeaklyCompressible(sound_speed=10.0), Gravity(acceleration=(0.0, 0.0, 0.0))),
+        **options,
+    )  # fmt: skip
+
+
+def test_list_is_kept_until_half_the_skin_is_used_up():
+    """At 1 m/s and steps of 1 ms, half a skin of 0.1 h is 10 ms of way: eleven evaluations to a list.
+
+    Where something else than forces moves particles, that is; what falls as one needs no second list.
+    """
+    simulation = Simulation(falling_box(step=1e-3, skin=0.1, dtype="float64"))
+    for _ in range(25):
+        simulation.step()
+    assert simulation.search.log.rebuilds == 1
+    simulation = Simulation(falling_box(step=1e-3, skin=0.1, dtype="float64"))
+    simulation._moved_by_forces = False
+    rebuilds = []
+    for _ in range(25):
+        simulation.step()
+        rebuilds.append(simulation.search.log.rebuilds)
+    assert rebuilds[0] == 1
+    changed = np.flatnonzero(np.diff(rebuilds)) + 1
+    assert list(changed) in ([10, 20], [11, 21], [10, 21], [11, 22])
+    assert simulation.search.log.audited_rows == 2 * AUDITED_ROWS
+    assert simulation.search.log.missed_neighbours == 0
+
+
+def test_without_a_skin_every_step_builds_a_list():
+    simulation = Simulation(falling_box(step=1e-3, skin=0.0))
+    for _ in range(5):
+        simulation.step()
+    assert simulation.search.log.rebuilds == 5
+
+
+def test_between_rebuilds_no_neighbour_is_missed():
+    """A hot cloud: at every step the list holds every pair nearer than the support radius."""
+    random = np.random.default_rng(5)
+    position = cases.cloud("hot", 300, 3)
+    velocity = random.normal(size=(300, 3)) * 3
+    simulation = Simulation(
+        Scene(
+            spacing=0.1,
+            support_radius=0.2,
+            fluid=(Cloud(position=position, velocity=velocity),),
+            effects=(WeaklyCompressible(sound_speed=10.0, rest_density=1000.0),),
+            step=5e-4,
+            dtype="float64",
+            skin=0.25,
+        )
+    )
+    used = set()
+    for _ in range(30):
+        simulation.step()
+        search, listed = simulation.search, simulation._shared["neighbours"]
+        used.add(search.log.rebuilds)
+        if simulation._squared_way <= search.allowed_way**2:
+            expected = neighbour_list(simulation.fields["position"], search.radius)
+            for row, near in zip(rows(listed), expected):
+                assert set(near) <= set(row)
+    assert 2 < len(used) < 30
+
+
+def test_audit_finds_a_planted_gap():
+    """A list from which one neighbour of one particle was taken: the audit of all rows counts exactly that."""
+    case = cases.CASES["coincident_pair"]()
+    search, position, listed = ordered(case, "float64")
+    still = np.zeros_like(position)
+
+    def audited(neighbours):
+        before = search.programs.missed
+        for search.log.rebuilds in range(40):  # another row every time
+            search.audit(position, still, np.zeros(2), neighbours)
+        return search.programs.missed - before
+
+    assert audited(listed) == 0
+    assert search.log.audited_rows == 40 * AUDITED_ROWS
+    near = neighbour_list(position, search.radius)
+    victim = max(range(len(near)), key=lambda i: len(near[i]))
+    index, count = listed.entries.copy(), listed.count.copy()
+    row = slice(listed.start[victim], listed.start[victim] + listed.count[victim])
+    others = [j for j in index[row] if j != near[victim][0]]
+    index[row.start : row.start + len(others)] = others
+    count[victim] -= 1
+    share = len(position) // AUDITED_ROWS  # a row out of each share; which one follows from the builds
+    hits = sum(victim % share == built * 7919 % share and victim < AUDITED_ROWS * share for built in range(40))
+    assert hits > 0
+    assert audited(NeighbourRows(listed.start, count, index)) == hits
+
+
+def test_audit_looks_where_the_list_was_last_used():
+    """After a step that halves all distances the list would look short; the audit steps back first."""
+    case = cases.CASES["cloud_3d"]()
+    search, position, listed = ordered(case, "float64")
+    velocity = -0.5 * position
+    search.audit(position + velocity, velocity, np.array([0.0, 1.0]), listed)
+    assert search.programs.missed == 0
+    search.audit(position + velocity, velocity, np.zeros(2), listed)
+    assert search.programs.missed > 20
+    search.build(position)
+    assert search.log.missed_neighbours == search.programs.missed
+
+
+def test_audit_leaves_out_particles_that_a_plane_stopped():
+    """A particle stopped at a plane did not come from position - drift * velocity: its pairs are not judged."""
+    search = NeighbourSearch(choose("cpu"), 2, "float64", 1.0, skin=0.1)
+    before = np.array([[0.3, 0.0, 0.0], [1.5, 0.0, 0.0], [1.5, 2.0, 0.0], [1.5, 2.5, 0.0]])
+    listed = search.build(before)
+    velocity = np.zeros((4, 3))
+    after = before + [[0.0, 0.0, 0.0], [-0.9, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]]
+    bounds = Bounds(np.array([0.6, -np.inf, -np.inf]), np.full(3, np.inf))  # where the second one stands now
+    rows, still = AuditedRows(1, 4), np.zeros(2)
+    search.programs.audit(after, velocity, still, listed, rows, 1.0, bounds)
+    assert search.programs.missed == 0
+    search.programs.audit(after, velocity, still, listed, rows, 1.0)
+    assert search.programs.missed == 2
+
+
+def test_a_state_set_between_steps_keeps_the_list_and_the_audit_right():
+    """Velocities that are set did not lead to the positions, and positions that are set need another list."""
+    position = np.random.default_rng(1).uniform(0, 1.2, (300, 3))
+    liquid = WeaklyCompressible(sound_speed=100.0, rest_density=1000.0)
+    drop = Cloud(position=position)
+    simulation = Simulation(
+        Scene(spacing=0.1, support_radius=0.2, fluid=(drop,), effects=(liquid,), step=5e-4, dtype="float64")
+    )
+    for seed in range(4):
+        for _ in range(5):
+            simulation.step()
+        thrown = np.random.default_rng(seed).normal(0, 40, position.shape)
+        simulation.set_field("velocity", thrown)
+        assert np.array_equal(simulation.field("velocity"), thrown)
+        simulation.evaluate()  # builds the list where it must, and must not audit it by these velocities
+    simulation.step()
+    assert simulation.search.log.missed_neighbours == 0
+    simulation.set_field("position", position[::-1])
+    simulation.evaluate()
+    listed = simulation._shared["neighbours"]
+    expected = neighbour_list(simulation.fields["position"], simulation.search.radius)
+    assert all(set(near) <= set(row) for row, near in zip(rows(listed), expected))
+    assert np.array_equal(simulation.field("position"), position[::-1])
+
+
+def test_a_state_that_cannot_be_set_is_refused():
+    simulation = Simulation(falling_box())
+    for name, values, said in (
+        ("density", np.zeros(simulation.count), "'density' is no state of this scene's particles; it has position"),
+        ("identity", np.zeros(simulation.count), "'identity' is no state"),
+        ("velocity", np.zeros((3, 3)), "velocity has shape (3, 3); give"),
+        ("velocity", np.full((simulation.count, 3), np.nan), "velocity has values that are not finite"),
+    ):
+        with pytest.raises(InputError, match=re.escape(said)):
+            simulation.set_field(name, values)
+    with pytest.raises(InputError, match="no field 'densty'; did you mean density"):
+        simulation.field("densty")
+
+
+# Particles that move together need no new list
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_blocks_compare_all_pairs_that_could_meet(dim):
+    """The bounds are not below the ways of two particles within two cells, nor of any two, and not far above."""
+    position = cases.cloud(f"blocks {dim}", 300, dim)
+    search = NeighbourSearch(CPU, dim, "float64", 0.2, 0.1)
+    position = position[search.order(position)]
+    search.build(position)
+    way = 0.1 * np.random.default_rng(dim).normal(size=position.shape)
+    way[:, dim:] = 0
+    touching, anywhere = search.programs.squared_relative_ways(position + way, position)
+    difference = ((way[:, None] - way[None]) ** 2).sum(2)
+    near = np.linalg.norm(position[:, None] - position[None], axis=2) < 2 * search.reach
+    assert difference[near].max() <= touching * (1 + 1e-12) <= anywhere * (1 + 1e-12)
+    assert anywhere == pytest.approx(((way.max(0) - way.min(0)) ** 2).sum(), rel=1e-12)
+
+
+def whirl(motion, position):
+    """Velocities of a common motion, a rotation, and two halves that run into each other."""
+    front = np.where(position[:, :1] > position[:, 0].mean(), -0.4, 0.4) * np.array([1.0, 0, 0])
+    common = np.tile([3.0, -2.0, 0.0], (len(position), 1))
+    return {"common": common, "turning": np.cross([0.0, 0.0, 1.0], position - position.mean(0)), "meeting": front}[
+        motion
+    ]
+
+
+@pytest.mark.parametrize(("motion", "share"), [("common", 0.02), ("turning", 0.8), ("meeting", 1.1)])
+@pytest.mark.parametrize("dim", [2, 3])
+def test_list_stays_complete_while_it_is_kept(dim, motion, share):
+    """After every step the list in use holds every pair within the radius, of all pairs; `share` of the rebuilds that
+    half a skin of way would ask for are enough."""
+    cells = (40, 20, 1) if dim == 2 else (14, 7, 7)
+    scene = Scene(
+        dim=dim, spacing=0.05, support_radius=0.1, fluid=(Box(cells=cells),), skin=0.15,
+        effects=(WeaklyCompressible(sound_speed=8.0),),
+    )  # fmt: skip
+    simulation = Simulation(scene, "cpu")
+    simulation._set("velocity", whirl(motion, simulation.plan.state.position))
+    way = 0.0
+    for _ in range(50):
+        simulation.step()
+        way += simulation.last.length * np.linalg.norm(simulation.field("velocity"), axis=1).max()
+        simulation._update_list()
+        near = simulation._shared["neighbours"]
+        listed = np.zeros((simulation.count,) * 2, dtype=bool)
+        for row, (start, count) in enumerate(zip(near.start, near.count)):
+            listed[row, near.entries[start : start + count]] = True
+        position = simulation.fields["position"].astype(float)
+        distance = np.linalg.norm(position[:, None] - position[None], axis=2)
+        assert listed[(distance < scene.support_radius * (1 - 1e-5)) & ~np.eye(simulation.count, dtype=bool)].all()
+    assert simulation.search.log.rebuilds <= share * way / simulation.search.allowed_way + 1
+    assert simulation.search.log.missed_neighbours == 0

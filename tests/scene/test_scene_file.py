@@ -1,0 +1,205 @@
+"""Scene files: what is read is what was written, and every mistake is named with its place."""
+
+import json
+import pathlib
+
+import msgspec
+import numpy as np
+import pytest
+
+from refsim import Ball, Box, BoxWalls, Cloud, Gravity, InputError, Scene, WeaklyCompressible, make_plan
+from refsim.__main__ import main
+from refsim.core.effect import EFFECTS
+from refsim.scene.files import (
+    SHAPES,
+    describe,
+    load_scene,
+    parse_scene,
+    scene_schema,
+    scene_to_toml,
+    unit_of,
+)
+
+ROOT = pathlib.Path(__file__).parents[2]
+EXAMPLES = sorted((ROOT / "docs" / "examples").glob("*.toml"))
+PUBLISHED = {name: effect for name, effect in EFFECTS.items() if effect.__module__.startswith("refsim.")}
+
+SCENE = """
+name = "tank"
+spacing = 0.01
+support_radius = 0.02
+dim = 2
+
+[[fluid]]
+shape = "box"
+cells = [4, 5, 1]
+
+[effects.weakly_compressible]
+sound_speed = 20.0
+state = "tait"
+
+[effects.gravity]
+acceleration = [0.0, -9.81, 0.0]
+
+[effects.box_walls]
+lower = [0.0, 0.0, 0.0]
+upper = [0.1, 0.1, 0.0]
+open_faces = ["+y"]
+"""
+
+
+def test_a_scene_file_is_the_scene_in_python():
+    expected = Scene(
+        name="tank",
+        spacing=0.01,
+        support_radius=0.02,
+        dim=2,
+        fluid=(Box(cells=(4, 5, 1)),),
+        effects=(
+            WeaklyCompressible(sound_speed=20.0, state="tait"),
+            Gravity(acceleration=(0.0, -9.81, 0.0)),
+            BoxWalls(lower=(0.0, 0.0, 0.0), upper=(0.1, 0.1, 0.0), open_faces=("+y",)),
+        ),
+    )
+    assert parse_scene(SCENE, "tank.toml") == expected
+
+
+def test_toml_gives_the_same_scene_back_bit_for_bit():
+    scene = Scene(
+        name='a "name" \\ with\nlines, é and \U0001f4a7 and \x7f',
+        spacing=0.1 + 1e-17,
+        support_radius=1 / 3,
+        dim=2,
+        dtype="float64",
+        step=1e-300,
+        fluid=(
+            Ball(radius=np.nextafter(1.0, 2.0), center=(1.0, -2.5, 0.0)),
+            Box(cells=(1, 2, 1), velocity=(1e-9, 0.0, 0.0)),
+        ),
+        effects=(Gravity(acceleration=(0.1, 0.2, 0.0)), WeaklyCompressible(sound_speed=3.0, clamp_pressure=False)),
+    )
+    text = scene_to_toml(scene)
+    again = parse_scene(text, "scene")
+    assert again == scene
+    assert [e.name for e in again.effects] == ["gravity", "weakly_compressible"]
+    assert scene_to_toml(again) == text
+
+
+def test_a_cloud_goes_through_toml():
+    cloud = Cloud(position=np.array([[0.1, 0.2, 0.3], [1 / 3, 0.0, 1e-20]]), mass=np.array([1.0, 2.0]))
+    scene = Scene(spacing=0.1, support_radius=0.2, fluid=(cloud,), effects=(WeaklyCompressible(sound_speed=1.0),))
+    again = parse_scene(scene_to_toml(scene), "scene").fluid[0]
+    assert np.array_equal(again.position, cloud.position)
+    assert again.mass == [1.0, 2.0]
+
+
+@pytest.mark.parametrize("suffix", ["npy", "csv"])
+def test_a_file_of_positions_lies_beside_the_scene(tmp_path, monkeypatch, suffix):
+    points = np.random.default_rng(1).random((5, 3))
+    if suffix == "npy":
+        np.save(tmp_path / "points.npy", points)
+    else:
+        np.savetxt(tmp_path / "points.csv", points, delimiter=",", fmt="%.17g")
+    path = tmp_path / "scene.toml"
+    path.write_text(f'spacing = 0.1\nsupport_radius = 0.2\n[[fluid]]\nshape = "cloud"\nfile = "points.{suffix}"\n')
+    monkeypatch.chdir("/")
+    assert np.array_equal(make_plan(load_scene(path)).state.position, points)
+
+
+@pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
+def test_examples_load_and_plan(path, capsys):
+    assert main(["plan", str(path)]) == 0
+    told = capsys.readouterr().out
+    assert load_scene(path).name in told
+    beside = {"mpm_droplet": "blocks of the background grid; nodes,", "mesh_boundary": "distances in a band"}
+    words = "Not counted, since it follows the run: " + beside.get(path.stem, "")
+    assert (words in told) == (path.stem in beside)
+
+
+def test_there_are_examples():
+    assert EXAMPLES
+
+
+@pytest.mark.parametrize(
+    "old, new, words",
+    [
+        ("spacing =", "spaceing =", "unknown key 'spaceing'; did you mean spacing?"),
+        ("cells =", "cels =", "unknown key 'cels' in [[fluid]] number 1; did you mean cells?"),
+        (
+            "sound_speed",
+            "soundspeed",
+            "unknown key 'soundspeed' in [effects.weakly_compressible]; did you mean sound_speed?",
+        ),
+        ("[effects.gravity]", "[effects.gravitation]", "effect 'gravitation' is unknown; did you mean gravity?"),
+        ("[effects.gravity]", "[gravity]", "call it [effects.gravity]"),
+        ('shape = "box"', 'shape = "bal"', "number 1 has the unknown shape 'bal'; did you mean ball?"),
+        ('shape = "box"', 'shape = ["box"]', "unknown shape ['box']"),
+        ('shape = "box"', "", "[[fluid]] number 1 has no shape"),
+        ("[[fluid]]", "[fluid]", "begin each with [[fluid]]"),
+        ("sound_speed = 20.0", "", "[effects.weakly_compressible]: the key 'sound_speed' (numerical sound speed c"),
+        ("sound_speed = 20.0", 'sound_speed = "20"', "sound_speed = '20' is text; give a number"),
+        ("sound_speed = 20.0", "sound_speed = true", "sound_speed = True is true or false; give a number"),
+        ("[4, 5, 1]", "[4, 5]", "[[fluid]] number 1: cells has 2 values; give 3"),
+        ("[4, 5, 1]", "[4, 5.5, 1]", "cells[1] = 5.5 is a number with decimals; give a whole number"),
+        ("[4, 5, 1]", "4", "cells = 4 is a whole number; give a list in square brackets"),
+        ("dim = 2", "dim = 4", "dim = 4 is not possible; choose from 2, 3"),
+        ('"tait"', '"tiat"', "state = 'tiat' is not possible; did you mean tait?"),
+        ('"+y"', '"y+"', "open_faces[0] = 'y+' is not possible"),
+        ("spacing = 0.01", "spacing 0.01", "is not TOML: expected '='"),
+        ("dim = 2", "dim = 2\ndim = 3", "is not TOML: cannot overwrite a value (at line 6"),
+    ],
+)
+def test_a_mistake_is_named_with_file_and_place(old, new, words):
+    assert SCENE.count(old) >= 1
+    with pytest.raises(InputError) as caught:
+        make_plan(parse_scene(SCENE.replace(old, new, 1), "tank.toml"))
+    text = str(caught.value)
+    assert text.startswith("tank.toml")
+    assert words in text
+    assert "\n" not in text
+
+
+@pytest.mark.parametrize(
+    "part, words",
+    [
+        ("", "either position or file"),
+        ('position = [[0, 0, 0]]\nfile = "x.npy"', "either position or file"),
+        ('file = "none.npy"', "cannot read"),
+        ("position = [[0.0, 0.0, 0.0], [1.0]]", "list of coordinates"),
+        ("position = [[0.0, 0.0, 0.0]]\nvelocity = 'fast'", "velocity does not fit 1 particles"),
+        ("position = [[0.0, 0.0, 0.0]]\nmass = [1.0, 2.0]", "mass does not fit 1 particles"),
+        ("position = [[0.0, 0.0, 0.0], [0.1, 0.0, 0.0]]\nmass = [1.0]", "mass does not fit 2 particles"),
+        ('file = "complex.npy"', "list of coordinates"),
+    ],
+)
+def test_clouds_that_cannot_be(tmp_path, part, words):
+    np.save(tmp_path / "complex.npy", np.eye(3) * 1j)
+    with pytest.raises(InputError, match=words):
+        make_plan(
+            parse_scene(f'spacing = 0.1\nsupport_radius = 0.2\n[[fluid]]\nshape = "cloud"\n{part}', "s", tmp_path)
+        )
+
+
+def test_the_published_schema_is_current():
+    committed = json.loads((ROOT / "refsim" / "scene" / "scene.schema.json").read_text())
+    assert committed == scene_schema(PUBLISHED), "renew it: python -m refsim schema > refsim/scene/scene.schema.json"
+
+
+@pytest.mark.parametrize("owner", [Scene, *SHAPES.values(), *PUBLISHED.values()], ids=lambda owner: owner.__name__)
+def test_every_field_says_what_it_is(owner):
+    assert set(describe(owner)) == {f.name for f in msgspec.structs.fields(owner)}
+
+
+def test_the_schema_has_units_and_knows_the_examples():
+    schema = scene_schema(PUBLISHED)
+    assert schema["properties"]["spacing"]["x-unit"] == "m"
+    assert schema["$defs"]["Gravity"]["properties"]["acceleration"]["x-unit"] == "m/s^2"
+    assert unit_of('faces without wall, of "-x"') is None
+    for entry in [schema, *schema["$defs"].values()]:
+        assert entry["additionalProperties"] is False
+        assert all("description" in field for field in entry["properties"].values())
+
+
+def test_schema_command(capsys):
+    assert main(["schema"]) == 0
+    assert json.loads(capsys.readouterr().out)["title"] == "refsim scene"

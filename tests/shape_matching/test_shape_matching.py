@@ -1,0 +1,516 @@
+"""Lattice shape matching: rotations in every degenerate case, regions, conservation, stability, bad input."""
+
+import zlib
+
+import msgspec
+import numpy as np
+import pytest
+
+from refsim import (
+    Box,
+    BoxWalls,
+    Gravity,
+    InputError,
+    Scene,
+    ShapeMatching,
+    Simulation,
+    SolidBall,
+    SolidBox,
+    SolidCells,
+    SolidTorus,
+    TwoWayCoupling,
+    WeaklyCompressible,
+    make_plan,
+)  # fmt: skip
+from refsim.core.operation import REGISTRY
+from refsim.scene.solids import lattice_of
+from refsim.shape_matching import Matching, floors, reference
+from refsim.shape_matching.fast_summation import boxes_of
+
+# Rotations
+
+
+def rotation_matrix(q):
+    return reference._matrix(q)
+
+
+def quaternion(axis, degrees):
+    axis = np.array(axis, float) / np.linalg.norm(axis)
+    half = np.radians(degrees) / 2
+    return np.array([np.cos(half), *(np.sin(half) * axis)])
+
+
+def best_trace(a):
+    """Largest tr(R^T A) over proper rotations, from the singular values."""
+    u, s, v = np.linalg.svd(a)
+    return s[0] + s[1] + s[2] * np.sign(np.linalg.det(u) * np.linalg.det(v))
+
+
+def matched(position, cells, before=(1.0, 0.0, 0.0, 0.0), dtype="float64", width=1):
+    """(rotation, moments' matrix A) of the first node's region of a body of these cells, on the CPU."""
+    made = lattice_of([np.array(cells)])
+    order = [list(map(tuple, np.array(cells).tolist())).index(tuple(cell)) for cell in made.cell.tolist()]
+    x = np.ascontiguousarray(np.array(position, dtype=dtype)[order])
+    n = len(x)
+    place, phase = np.arange(n, dtype=np.int32), np.ones(n, np.int32)
+    direct = reference.direct_neighbours(phase, place, made)["direct"][0]
+    region = reference.regions(direct, None, made, np.zeros((n, (2 * width + 1) ** 3), int), np.zeros(n, int))
+    region = region["region"][0].astype(np.int32)
+    share = np.ones(n, dtype)
+    rotation = np.ascontiguousarray(np.tile(before, (n, 1)).astype(dtype))
+    center, anchor = np.zeros((n, 3), dtype), np.zeros((n, 3), dtype)
+    real = np.dtype(dtype).type
+    matching = Matching(np.int32(width), real(1), real(1), real(0.1), *floors(dtype))
+    REGISTRY["shape_matching.match"].program("cpu")(x, share, region, matching, center, anchor, rotation)
+    own = region[0][region[0] >= 0]
+    x, cell = x[own].astype(float), made.cell[own].astype(float)
+    return rotation[0].astype(float), (x - x.mean(0)).T @ (cell - cell.mean(0))
+
+
+CUBE = np.stack(np.meshgrid(*[np.arange(3)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)[
+    [13, *range(13), *range(14, 27)]
+]
+CUBE = CUBE - CUBE[0]
+LINE = np.array([[0, 0, 0], [1, 0, 0], [-1, 0, 0]])
+SHEET = np.array([[a, b, 0] for a in (0, 1, -1) for b in (0, 1, -1)])
+TURN = rotation_matrix(quaternion([1, 2, 3], 50))
+SHAPES = {
+    "cube turned": (CUBE @ TURN.T, CUBE),
+    "cube flipped by 180 degrees": (CUBE @ np.diag([-1.0, -1.0, 1.0]), CUBE),
+    "cube inverted": (-CUBE, CUBE),
+    "cube mirrored and stretched": (CUBE @ np.diag([1.0, 1.5, -0.2]), CUBE),
+    "cube pressed flat": (CUBE @ np.diag([1.0, 0.8, 0.0]), CUBE),
+    "cube pressed into a line": (CUBE @ np.diag([0.0, 0.0, 1.0]), CUBE),
+    "cube pressed into a point": (0.0 * CUBE, CUBE),
+    "cube sheared": (CUBE @ np.array([[1, 0.9, 0.3], [0, 1, 0.7], [0, 0, 1]]), CUBE),
+    "line turned": (LINE @ TURN.T, LINE),
+    "line turned end for end": (-1.0 * LINE, LINE),
+    "sheet turned": (SHEET @ TURN.T, SHEET),
+    "sheet flipped": (SHEET @ np.diag([1.0, -1.0, -1.0]), SHEET),
+    "sheet inverted": (-1.0 * SHEET, SHEET),
+    "one node": (np.array([[3.0, 2.0, 1.0]]), np.array([[0, 0, 0]])),
+}
+
+
+@pytest.mark.parametrize("dtype", ["float64", "float32"])
+@pytest.mark.parametrize("before", [(1.0, 0.0, 0.0, 0.0), tuple(quaternion([3, -1, 2], 170))], ids=["cold", "warm"])
+@pytest.mark.parametrize("name", SHAPES)
+def test_rotation_is_the_best_proper_one(name, before, dtype):
+    """Also for inverted, flat, collinear and single regions: a rotation, and none has a larger tr(R^T A)."""
+    position, cells = SHAPES[name]
+    q, a = matched(position, cells, before, dtype)
+    eps = float(np.finfo(dtype).eps)
+    r = rotation_matrix(q)
+    assert np.abs(r @ r.T - np.eye(3)).max() < 40 * eps
+    assert np.linalg.det(r) > 0
+    assert q @ np.array(before) >= 0, "of the sign of the one before"
+    size = np.linalg.norm(a)
+    assert (r * a).sum() >= best_trace(a) - (40 * eps + 1e-6) * size
+
+
+@pytest.mark.parametrize("name", ["line turned", "sheet turned", "cube turned"])
+def test_reference_finds_the_same_rotation(name):
+    position, cells = SHAPES[name]
+    made = lattice_of([np.array(cells)])
+    back = [list(map(tuple, np.array(cells).tolist())).index(tuple(cell)) for cell in made.cell.tolist()]
+    x = position[back]
+    region = np.full((1, 27), -1)
+    offset = made.cell - made.cell[back.index(0)]
+    region[0, (offset + 1) @ [9, 3, 1]] = np.arange(len(x))
+    matching = Matching(1, 1.0, 1.0, 0.1, 1e-9, 1e-9)
+    before = np.tile(quaternion([3, -1, 2], 60), (len(x), 1))
+    answer = reference.match(x, np.ones(len(x)), np.tile(region, (len(x), 1)), matching, before)["rotation"][0]
+    q, _ = matched(position, cells, tuple(before[0]))
+    assert min(np.abs(q - answer[back.index(0)]).max(), np.abs(q + answer[back.index(0)]).max()) < 1e-5
+
+
+SUMMATIONS = ("shape_matching", "parallel_reduction", "fast_summation")
+COLLAPSES = {  # members' places from their node [d], from their cells and a direction u and another v
+    "a point": lambda g, u, v: 0 * g,
+    "a point, as far as positions tell": lambda g, u, v: 1e-16 * g,
+    "a millionth": lambda g, u, v: 1e-6 * g,
+    "a line": lambda g, u, v: np.outer(g @ [1.0, 0.3, -0.6], u),
+    "a short line": lambda g, u, v: 1e-6 * np.outer(g @ [1.0, 0.3, -0.6], u),
+    "two points": lambda g, u, v: np.outer(g[:, 0] > 0, u),
+    "a plane": lambda g, u, v: np.outer(g[:, 0], u) + np.outer(g[:, 1], v),
+    "a small plane": lambda g, u, v: 1e-6 * (np.outer(g[:, 0], u) + np.outer(g[:, 1], v)),
+    "their mirror image": lambda g, u, v: g - 2 * np.outer(g @ u, u),
+    "evenly folded": lambda g, u, v: np.outer((g**2).sum(1), u),
+}
+
+
+@pytest.mark.parametrize("dtype", ["float64", "float32"])
+@pytest.mark.parametrize("summation", SUMMATIONS)
+@pytest.mark.parametrize("name", COLLAPSES)
+def test_collapsed_regions_turn_as_the_reference_says(name, summation, dtype):
+    """A corner of a body of 7 x 7 x 7 nodes collapses: 20 places and rotations before, within 0.01 degrees.
+
+    Before, fast sums turned members in a point by up to 173 degrees, and in float32 all sums those on a line by 156.
+    """
+    made = lattice_of([np.stack(np.meshgrid(*[np.arange(7)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)])
+    (s,) = np.flatnonzero((made.cell == 1).all(1))
+    members = np.flatnonzero((made.cell <= 2).all(1))
+    offset = (made.cell[members] - 1).astype(float)
+    region, count = np.full((343, 27), -1, np.int32), np.zeros(343, np.int32)
+    region[s, (made.cell[members]) @ [9, 3, 1]] = members
+    count[s] = 27
+    real = np.dtype(dtype).type
+    matching = Matching(np.int32(1), real(1), real(1), real(0.1), *floors(dtype))
+    random = np.random.default_rng(zlib.crc32(name.encode()))
+    for trial in range(20):
+        q = random.normal(size=4)
+        q /= np.linalg.norm(q)
+        x = made.cell @ rotation_matrix(q).T + random.uniform(-5, 5, 3)
+        frame = np.linalg.qr(random.normal(size=(3, 3)))[0]
+        x[members] = x[s] + COLLAPSES[name](offset, frame[0], frame[1])
+        given = {
+            "solid_position": x.astype(dtype), "region": region, "region_count": count, "matching": matching,
+            "region_share": random.uniform(0.2, 5.0, 343).astype(dtype), "boxes": boxes_of(made, 1),
+            "region_center": np.zeros((343, 3), dtype), "region_anchor": np.zeros((343, 3), dtype),
+            "rotation": np.tile(q if trial % 2 else [0.5, 0.5, -0.5, 0.5], (343, 1)).astype(dtype),
+        }  # fmt: skip
+        expected = reference.match(*(given[k] for k in ("solid_position", "region_share", "region")), matching,
+                                   given["rotation"])["rotation"][0][s]  # fmt: skip
+        operation = REGISTRY[f"{summation}.match"]
+        operation.program("cpu")(*(given[k] for k in operation.arguments("cpu")))
+        got = given["rotation"][s].astype(float)
+        half = np.linalg.norm(got / np.linalg.norm(got) - expected / np.linalg.norm(expected))
+        assert np.degrees(2 * half) < 0.01, f"trial {trial}"
+        if name.startswith("a point"):
+            assert np.allclose(got, (q if trial % 2 else [0.5, 0.5, -0.5, 0.5]), atol=1e-6)
+
+
+def test_a_crushed_corner_does_not_set_a_body_spinning():
+    """Fast sums: 27 nodes of a body in one place are drawn back without a spin that is not finite."""
+    simulation = free((SolidBox(lower=(0, 0, 0), upper=(1.4, 1.4, 1.4)),), 0, summation="fast", half_width=1)
+    x = simulation.field("position")
+    crushed = (x < 0.55).all(1)
+    assert crushed.sum() == 27
+    x[crushed] = [0.323, 0.256, 0.189]
+    simulation.set_field("position", x)
+    for _ in range(100):
+        simulation.step()
+    assert np.isfinite(simulation.field("region_spin")).all()
+    assert np.abs(simulation.field("velocity")).max() < 60  # 0.2 m a step
+
+
+def test_undetermined_twist_stays_and_determined_directions_turn():
+    """A line along x that now points along y: the rotation takes x to y and turns as little as it can about it."""
+    q, _ = matched(LINE @ rotation_matrix(quaternion([0, 0, 1], 90)).T, LINE)
+    assert np.allclose(rotation_matrix(q) @ [1, 0, 0], [0, 1, 0], atol=1e-6)
+    assert np.allclose(q, quaternion([0, 0, 1], 90), atol=1e-6)
+    q, _ = matched(0.0 * CUBE, CUBE, tuple(quaternion([1, 1, 0], 33)))
+    assert np.allclose(q, quaternion([1, 1, 0], 33)), "where nothing is determined the one before stays"
+
+
+# Whole bodies
+
+
+def free(solid, steps, dt=0.005, dtype="float64", gravity=None, **options):
+    """A scene of solids alone, advanced."""
+    options = {"summation": "gather"} | options
+    effects = (ShapeMatching(**options), *(() if gravity is None else (Gravity(acceleration=gravity),)))
+    scene = Scene(spacing=0.2, support_radius=0.5, fluid=(), solid=solid, effects=effects, step=dt, dtype=dtype)
+    simulation = Simulation(scene)
+    for _ in range(steps):
+        simulation.step()
+    return simulation
+
+
+def momenta(simulation):
+    x, v, m = (simulation.field(name).astype(float) for name in ("position", "velocity", "mass"))
+    return (m[:, None] * v).sum(0), (m[:, None] * np.cross(x, v)).sum(0)
+
+
+SPINNING = SolidBox(lower=(0, 0, 0), upper=(0.8, 0.6, 0.6), velocity=(1.0, 0.0, 0.0), spin=(0.0, 1.0, 3.0))
+
+
+def distances(simulation):
+    x = simulation.field("position").astype(float)
+    return np.linalg.norm(x[:, None] - x[None], axis=2)
+
+
+@pytest.mark.parametrize("width", [1, 2])
+def test_a_free_body_keeps_momenta_and_shape(width):
+    """1,000 steps; 10,000 in the case validation/melting."""
+    start, end = free((SPINNING,), 0, half_width=width), free((SPINNING,), 1000, half_width=width)
+    (p0, l0), (p1, l1) = momenta(start), momenta(end)
+    assert np.abs(p1 - p0).max() < 1e-12 * np.linalg.norm(p0)
+    assert np.abs(l1 - l0).max() < 1e-9 * np.linalg.norm(l0)
+    # Leap-frog lets a turning body breathe by (omega dt)^2 at most.
+    assert np.abs(distances(end) - distances(start)).max() < 2 * (3.2 * 0.005) ** 2 * 1.2
+
+
+def test_forces_on_a_deformed_body_conserve_momenta():
+    """A body whose particles fly apart in all directions, with and without damping."""
+    for damping in (0.0, 0.1):
+        simulation = free((SPINNING,), 0, damping=damping)
+        random = np.random.default_rng(1).normal(size=(36, 3))
+        simulation.backend.assign(simulation.fields["velocity"], simulation.field("velocity") + random)
+        p0, l0 = momenta(simulation)
+        for _ in range(100):
+            simulation.step()
+        p1, l1 = momenta(simulation)
+        scale = np.linalg.norm(simulation.field("mass")) * 1.0
+        assert np.abs(p1 - p0).max() < 1e-12 * scale
+        assert np.abs(l1 - l0).max() < 1e-9 * scale
+
+
+def test_damping_takes_the_ringing_away():
+    """A body whose particles start 0.6 spacings off their places: undamped it rings on, damped it comes to rest."""
+    speeds = {}
+    for damping in (0.0, 0.1):
+        simulation = free((SolidBox(lower=(0, 0, 0), upper=(1, 1, 1)),), 0, damping=damping, half_width=1)
+        noise = 0.12 * np.random.default_rng(2).normal(size=(125, 3))
+        simulation.backend.assign(simulation.fields["position"], simulation.field("position") + noise)
+        for _ in range(400):
+            simulation.step()
+        speeds[damping] = np.abs(simulation.field("velocity")).max()
+        assert np.isfinite(speeds[damping])
+    assert speeds[0.0] > 10 * speeds[0.1]
+
+
+def test_stiffness_grows_with_the_half_width():
+    """A bar that is bent by opposite kicks at its ends gives way less with wider regions."""
+    bend = []
+    for width in (1, 2, 4):
+        simulation = free((SolidBox(lower=(0, 0, 0), upper=(2.4, 0.6, 0.6)),), 0, half_width=width, damping=0.0)
+        x = simulation.field("position")
+        kick = np.zeros_like(x)
+        kick[:, 2] = np.where(np.abs(x[:, 0] - 1.2) > 0.8, 3.0, -3.0)
+        simulation.backend.assign(simulation.fields["velocity"], kick)
+        most = 0.0
+        for _ in range(60):
+            simulation.step()
+            z = simulation.field("position")[:, 2] - x[:, 2]
+            most = max(most, abs(z[np.abs(x[:, 0] - 1.2) > 1.0].mean() - z[np.abs(x[:, 0] - 1.2) < 0.2].mean()))
+        bend.append(most)
+    assert bend[0] > 1.3 * bend[1] > 1.3**2 * bend[2]
+
+
+def test_ways_of_summing_give_the_same_motion():
+    """Gather, reduction and fast summation, on a body with a hole and a fin, where some regions are not whole boxes."""
+    cells = [[a, b, e] for a in range(6) for b in range(6) for e in range(5) if not (a == 2 and b in (1, 2, 3))]
+    cells += [[a, 9, 0] for a in range(6)] + [[0, b, 0] for b in (6, 7, 8)]
+    ends = []
+    for summation in ("gather", "reduction", "fast"):
+        body = SolidCells(cells=cells, spin=(0.5, 1.0, 2.0), velocity=(1.0, 0.0, 0.0))
+        simulation = free((body,), 0, dtype="float32", summation=summation)
+        kick = np.random.default_rng(5).normal(size=(len(cells), 3)).astype(np.float32)
+        simulation.backend.assign(simulation.fields["velocity"], simulation.field("velocity") + kick)
+        for _ in range(40):
+            simulation.step()
+        ends.append(simulation.field("position").astype(float))
+    assert np.abs(ends[1] - ends[0]).max() < 2e-5
+    assert np.abs(ends[2] - ends[0]).max() < 2e-5
+
+
+def test_fast_sums_are_exact_far_from_the_first_particle():
+    """float32, two particles that spin 4 m from their body's first one: sums taken from there need float64.
+
+    In float32 the pair's inertia would lose what the floor of its inertia holds, and its spin would explode.
+    """
+    random, pairs = np.random.default_rng(3), [[[20, 5 * k, 17], [21, 5 * k + 1, 17]] for k in range(8)]
+    body = SolidCells(cells=[[0, 0, 0], *(cell for pair in pairs for cell in pair)])
+    simulation = free((body,), 0, dtype="float32", summation="fast")
+    kick = np.zeros((17, 3))
+    kick[1::2] = random.normal(size=(8, 3)) * (4.0, 4.0, 8.0)
+    kick[2::2] = -kick[1::2]
+    simulation.backend.assign(simulation.fields["velocity"], kick.astype("float32"))
+    fastest = []
+    for _ in range(60):
+        simulation.step()
+        fastest.append(np.linalg.norm(simulation.field("velocity"), axis=1).max())
+    assert max(fastest) < 1.05 * np.linalg.norm(kick, axis=1).max()
+
+
+FRAGMENTS = {
+    "one particle": [[0, 0, 0]],
+    "two particles": [[0, 0, 0], [1, 1, 1]],
+    "chain of seven": [[k, 0, 0] for k in range(7)],
+    "sheet of 49": [[a, b, 0] for a in range(7) for b in range(7)],
+    "plate one layer thick with a hole": [[a, b, 0] for a in range(5) for b in range(5) if (a, b) != (2, 2)],
+    "two pieces of one body": [[0, 0, 0], [1, 0, 0], [9, 0, 0], [9, 1, 0]],
+}
+
+
+@pytest.mark.parametrize("name", FRAGMENTS)
+def test_fragments_fall_as_one(name):
+    """Chains, sheets, pairs and single particles fall freely and keep their shape."""
+    simulation = free((SolidCells(cells=FRAGMENTS[name]),), 200, gravity=(0.0, 0.0, -9.81), dtype="float32")
+    start = free((SolidCells(cells=FRAGMENTS[name]),), 0)
+    way = simulation.field("position").astype(float) - start.field("position")
+    assert np.isfinite(way).all()
+    assert np.allclose(way, [0, 0, -4.905], atol=1e-4)
+
+
+def test_bodies_one_cell_apart_are_not_welded():
+    """Two boxes whose cells touch fly apart as if the other were not there."""
+    left = SolidBox(lower=(0, 0, 0), upper=(0.6, 0.6, 0.6), velocity=(-1.0, 0.0, 0.0))
+    right = SolidBox(lower=(0.6, 0, 0), upper=(1.2, 0.6, 0.6), velocity=(1.0, 0.0, 0.0))
+    simulation = free((left, right), 100)
+    v = simulation.field("velocity")
+    assert np.allclose(v[:27], [-1, 0, 0], atol=1e-12)
+    assert np.allclose(v[27:], [1, 0, 0], atol=1e-12)
+    assert (simulation.field("phase") == 1).sum() == 52, "each has one particle inside"
+
+
+# Coupling
+
+
+def coupled(step=0.004, gravity=True, walls=True, viscosity=50.0, dtype="float64", **options):
+    """A light box over a basin."""
+    effects = [
+        WeaklyCompressible(sound_speed=40.0, dynamic_viscosity=viscosity, state="tait", kernels="cubic_spline"),
+        ShapeMatching(summation="gather"),
+        TwoWayCoupling(),
+    ]
+    if gravity:
+        effects.append(Gravity())
+    if walls:
+        effects.append(BoxWalls(lower=(0, 0, 0), upper=(1.6, 1.6, 3)))
+    body = SolidBox(lower=(0.4, 0.4, 0.8), upper=(1.2, 1.2, 1.6), density=500.0, velocity=(0.0, 0.0, -1.0))
+    return Scene(
+        spacing=0.2, support_radius=0.5, fluid=(Box(cells=(8, 8, 4)),), solid=(body,), effects=tuple(effects),
+        step=step, dtype=dtype, **options,
+    )  # fmt: skip
+
+
+def test_liquid_and_solid_conserve_momentum_together():
+    """Without gravity and walls, to round-off; the parts exchange a great deal of it."""
+    simulation = Simulation(coupled(gravity=False, walls=False))
+    (p0, _), own = momenta(simulation), []
+    for _ in range(100):
+        simulation.step()
+        v, m = simulation.field("velocity")[:64], simulation.field("mass")[:64]
+        own.append((m[:, None] * v).sum(0)[2])
+    p1, _ = momenta(simulation)
+    assert np.abs(p1 - p0).max() < 1e-12 * np.abs(p0).max()
+    assert own[-1] > 0.5 * own[0], "momentum along -z has gone over"
+
+
+def test_one_pressure_a_pair_spares_light_liquid_among_heavy():
+    """Water between particles of ten times its density, disordered and compressed: the scene's switch divides its
+    acceleration by more than two, and momentum stays."""
+    from refsim.boundary.two_way_coupling import reference as coupling
+
+    random = np.random.default_rng(3)
+    x = 0.19 * (np.stack(np.meshgrid(*[np.arange(6)] * 3, indexing="ij"), -1).reshape(-1, 3)
+                + random.uniform(-0.15, 0.15, (216, 3)))  # fmt: skip
+    inner = np.flatnonzero((np.abs(x - x.mean(0)) < 0.35).all(1))
+    light = random.choice(inner, 6, replace=False)
+    rho0 = np.full(216, 10000.0)
+    rho0[light] = 1000.0
+    mass, phase, one = rho0 * 0.2**3, np.zeros(216, np.int32), np.ones(216)
+    speed = {}
+    for weighted in (False, True):
+        scene = coupled(gravity=False, walls=False)
+        effects = [*scene.effects[:2], TwoWayCoupling(density_weighted=weighted)]
+        plan = make_plan(msgspec.structs.replace(scene, effects=tuple(effects)))
+        group = plan.shared | plan.parameters["two_way_coupling"]
+        state = coupling.density(x, mass, rho0, phase, one, None, group["smoothing"], group["coupling"])
+        rho, p, volume = (state[name][0] for name in ("density", "pressure", "volume"))
+        a = coupling.forces(
+            x, np.zeros_like(x), mass, rho, rho0, phase, p, volume, one, None, group["gradient_smoothing"],
+            group["coupling"], None,
+        )["acceleration"][0]  # fmt: skip
+        assert np.abs((mass[:, None] * a).sum(0)).max() < 1e-12 * np.abs(mass[:, None] * a).sum()
+        speed[weighted] = np.linalg.norm(a[light], axis=1).mean()
+    assert speed[True] < 0.5 * speed[False]
+
+
+def test_a_light_body_floats_at_rest():
+    """Energy does not grow: a box of half the water's density ends half under water, and everything comes to rest."""
+    simulation = Simulation(coupled())
+    kinetic = []
+    for _ in range(700):
+        simulation.step()
+        v, m = simulation.field("velocity"), simulation.field("mass")
+        kinetic.append(0.5 * (m * (v**2).sum(1)).sum())
+    assert np.mean(kinetic[-50:]) < 0.05 * max(kinetic)
+    x = simulation.field("position")
+    level = 0.8 + 0.5 * 0.8**3 / 1.6**2
+    assert x[:64, 2].mean() == pytest.approx(level, abs=0.2)
+
+
+@pytest.mark.parametrize(("literal", "expected"), [((), 1.057), (("M4",), 1.165)], ids=["all solids", "as printed"])
+def test_first_layer_of_liquid_on_a_solid(literal, expected):
+    """Density over rest density next to a flat solid: V_k over all solids 1.057, over surfaces alone 1.165."""
+    effects = (
+        WeaklyCompressible(sound_speed=40.0, state="tait", kernels="cubic_spline"),
+        ShapeMatching(summation="gather"),
+        TwoWayCoupling(literal=literal),
+    )
+    scene = Scene(
+        spacing=0.2, support_radius=0.5, fluid=(Box(lower=(0, 0, 0.8), cells=(14, 14, 5)),), dtype="float64",
+        solid=(SolidBox(lower=(0, 0, 0), upper=(2.8, 2.8, 0.8)),), effects=effects, step=1e-3,
+    )  # fmt: skip
+    simulation = Simulation(scene)
+    simulation.evaluate()
+    x, rho = simulation.field("position"), simulation.field("density")
+    middle = (np.abs(x[:, :2] - 1.4).max(1) < 0.4) & (np.abs(x[:, 2] - 0.9) < 0.01)
+    assert middle.sum() == 16
+    assert rho[middle] / 1000 == pytest.approx(expected, abs=2e-3)
+
+
+# Scenes
+
+
+def test_cells_of_shapes():
+    """Volumes of cube, ball and ring, counted in cells."""
+    spacing = 0.05
+    shapes = {
+        SolidBox(lower=(0, 0, 0), upper=(1, 1, 1)): 1.0,
+        SolidBall(center=(0.5, 0.5, 3.5), radius=0.5): 4 / 3 * np.pi * 0.5**3,
+        SolidTorus(center=(3, 0, 0), radius=0.5, tube_radius=0.25, axis=(1, 1, 0)): 2 * np.pi**2 * 0.5 * 0.25**2,
+    }
+    scene = Scene(spacing=spacing, support_radius=0.1, fluid=(), solid=tuple(shapes), effects=(ShapeMatching(),))
+    counts = np.diff(make_plan(scene).grid.solids.lattice.first)
+    assert counts * spacing**3 == pytest.approx(list(shapes.values()), rel=0.02)
+
+
+HELD = (ShapeMatching(),)
+
+
+def solids(*bodies, effects=HELD, **options):
+    values = {"spacing": 0.2, "support_radius": 0.5, "fluid": (), **options}
+    return Scene(solid=bodies, effects=effects, **values)
+
+
+BALL = SolidBall(center=(0, 0, 0), radius=0.5)
+BAD = {
+    "number 1: no centre of a lattice cell": solids(SolidBall(center=(0, 0, 0), radius=0.05)),
+    "number 1 and number 2 overlap": solids(BALL, SolidBox(lower=(0, 0, 0), upper=(1, 1, 1))),
+    "number 1 reaches outside the walls": solids(
+        BALL,
+        effects=(
+            ShapeMatching(),
+            WeaklyCompressible(sound_speed=10.0),
+            BoxWalls(lower=(0, 0, 0), upper=(2, 2, 2)),
+        ),
+    ),
+    "less than half a spacing from a solid's": solids(BALL, fluid=(Box(lower=(0.05, 0, 0), cells=(3, 3, 3)),)),
+    "nothing holds its solids together": solids(BALL, effects=()),
+    "the scene has no solids to hold together": Scene(
+        spacing=0.2, support_radius=0.5, fluid=(Box(cells=(2, 2, 2)),), effects=(ShapeMatching(),)
+    ),
+    "density = -1.0 is not possible": solids(SolidBall(center=(0, 0, 0), radius=0.5, density=-1.0)),
+    "set dim to 3": solids(BALL, dim=2),
+    "half_width = 5": solids(BALL, effects=(ShapeMatching(half_width=5),)),
+    "damping = 1.5": solids(BALL, effects=(ShapeMatching(damping=1.5),)),
+    "a cell is listed twice": solids(SolidCells(cells=[[0, 0, 0], [0, 0, 0]])),
+    "rows of 3 whole numbers": solids(SolidCells(cells=[[0.5, 0, 0]])),
+    "its extent from": solids(SolidBox(lower=(1, 0, 0), upper=(0, 1, 1))),
+    "more than the 2,147,483,647 that can be numbered": solids(SolidBox(lower=(0, 0, 0), upper=(1e9, 1e9, 1e9))),
+    "with negative pressures solids would stick": solids(
+        BALL, effects=(ShapeMatching(), TwoWayCoupling(), WeaklyCompressible(sound_speed=10.0, clamp_pressure=False))
+    ),
+    "needs effect 'shape_matching'": solids(BALL, effects=(TwoWayCoupling(), WeaklyCompressible(sound_speed=10.0))),
+}
+
+
+@pytest.mark.parametrize("words", BAD)
+def test_bad_solids_are_refused_in_one_sentence(words):
+    with pytest.raises(InputError, match=words) as caught:
+        make_plan(BAD[words])
+    assert "\n" not in str(caught.value)

@@ -1,0 +1,755 @@
+"""Surface normals and surface detection: what they must do whatever the numbers, and the CPU against the oracle."""
+
+import math
+from typing import ClassVar
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from refsim import Ball, Box, BoxWalls, Cloud, InputError, Scene, Simulation, SurfaceDetection, WeaklyCompressible
+from refsim.core import cases
+from refsim.core.effect import EFFECTS, Discretisation, Effect
+from refsim.core.operation import REGISTRY
+from refsim.core.walls import WallParticles, WallRows
+from refsim.neighbours.reference import neighbour_list, pair_blocks
+from refsim.neighbours.rows import NeighbourRows
+from refsim.scene.scene import make_plan
+from refsim.smoothing import smoothing
+from refsim.smoothing.reference import kernel_value
+from refsim.sph import Fluid
+from refsim.sph.reference import density as reference_density
+from refsim.surface_detection import (
+    FanScan,
+    NearSurfaceLimit,
+    ThinFeature,
+    detection_in,
+    half_space_moment,
+    two_layer_variance,
+)
+from refsim.surface_normal import SHAPES, NormalTerm
+from validation.metrics.surface_truth import arc_cover_surface, cap_cover_surface
+
+METHODS = ("number_density", "fan_scan", "two_step")
+PROBE = 1.2  # radius of the truth's probe, in spacings
+CENTER = np.array([0.63, 0.77, 0])  # of the disc
+
+
+def lattice(part, dim=2):
+    return part.positions(Discretisation(dim, "float64", 1.0, 2.6, 0))
+
+
+def disc(radius=10.2):
+    """A disc cut off centre, so that no normal lies exactly on a diagonal: there a neighbour would be a tie."""
+    block = lattice(Box(cells=(30, 30, 1))) - [15, 15, 0]
+    return block[np.linalg.norm(block - CENTER, axis=1) < radius]
+
+
+def jittered_disc(seed=5):
+    """A disc without ties: every particle off its lattice point by up to a tenth of the spacing."""
+    points = disc()
+    points[:, :2] += np.random.default_rng(seed).uniform(-0.1, 0.1, (len(points), 2))
+    return points
+
+
+def detect(position, backend="numpy", dtype="float64", spacing=1.0, dim=2, ratio=2.6, walls=(), **settings):
+    """A simulation whose fields belong to the given positions; these are in spacings."""
+    scene = Scene(
+        spacing=spacing,
+        support_radius=ratio * spacing,
+        dim=dim,
+        dtype=dtype,
+        fluid=(Cloud(position=position * spacing),),
+        effects=(WeaklyCompressible(sound_speed=10.0), SurfaceDetection(**settings), *walls),
+    )
+    simulation = Simulation(scene, backend)
+    simulation.evaluate()
+    return simulation
+
+
+def surface(position, **options):
+    return detect(position, **options).field("surface").astype(bool)
+
+
+def shape(name):
+    """Positions of particles and walls of a hard input, in spacings."""
+    cases.discover()
+    case = cases.CASES[name]()
+    return case.position / case.spacing, case.wall_position / case.spacing
+
+
+def turned(position, angle):
+    c, s = math.cos(angle), math.sin(angle)
+    return position @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]])
+
+
+# What is found
+
+
+def test_ring_of_a_disc_is_found_exactly_on_the_cpu():
+    position = disc()
+    simulation = detect(position, "cpu", "float32", spacing=0.01)
+    truth = arc_cover_surface(position[:, :2], PROBE)
+    assert 40 < truth.sum() < 80
+    np.testing.assert_array_equal(simulation.field("surface").astype(bool), truth)
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.3, 1.1])
+@pytest.mark.parametrize("method", ["fan_scan", "two_step"])
+def test_ring_of_a_disc_is_found_exactly_at_any_angle(method, angle):
+    position = turned(disc(7.4), angle)
+    truth = arc_cover_surface(position[:, :2], PROBE)
+    np.testing.assert_array_equal(surface(position, method=method), truth)
+
+
+def test_faces_of_a_block_are_found_exactly_in_3d():
+    position = lattice(Box(cells=(7, 6, 5)), dim=3)
+    truth = cap_cover_surface(position, PROBE)
+    assert truth.sum() == 7 * 6 * 5 - 5 * 4 * 3
+    np.testing.assert_array_equal(surface(position, dim=3), truth)
+
+
+def test_number_density_alone_takes_a_second_layer_in():
+    position = disc()
+    truth = arc_cover_surface(position[:, :2], PROBE)
+    found = surface(position, method="number_density")
+    assert found[truth].all()
+    assert found.sum() > truth.sum()
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_two_steps_find_what_both_of_them_find(seed):
+    position = np.random.default_rng(seed).uniform(0, 18, (250, 3)) * [1, 1, 0]
+    one, two = (surface(position, method=m) for m in METHODS[:2])
+    printed, found = surface(position, literal=("E23",)), detect(position)
+    np.testing.assert_array_equal(printed, one & two)
+    assert printed.sum() < one.sum()
+    first = found.field("scan_candidates").astype(bool)
+    np.testing.assert_array_equal(found.field("surface").astype(bool), first & two)
+    assert not first.all()
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_a_pressed_surface_is_lopsided_though_it_is_as_dense_as_the_bulk(dim):
+    """A lattice pressed until its faces are as dense as the bulk: J(12) sees no surface, the first moment does."""
+    cells = (16, 16, 1) if dim == 2 else (10, 10, 10)
+    position = lattice(Box(cells=cells), dim=dim)
+    pressed = (position - position.mean(0)) * 0.85
+    simulation = detect(np.vstack([position, pressed + [60.0, 0, 0]]), dim=dim)
+    found, delta = simulation.field("surface").astype(bool), simulation.field("number_density")
+    count = len(position)
+    edge = (np.abs(pressed) > np.abs(pressed).max(0) - 1e-9)[:, :dim].sum(1)
+    faces = edge == 1  # edges and corners are sparse in any case
+    rest = simulation.plan.effects["weakly_compressible"].rest_number_density(simulation.plan.grid)
+    assert delta[count:][faces].min() > 0.98 * rest
+    np.testing.assert_array_equal(found[:count], found[count:])
+    np.testing.assert_array_equal(found[count:], edge > 0)
+    printed = surface(pressed, dim=dim, literal=("E23",))
+    assert not printed[faces].any()
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+@pytest.mark.parametrize("kernels", ["wendland", "mueller"])
+def test_half_space_moment_is_that_of_a_plane_surface(dim, kernels):
+    """On a fine lattice: a particle on the cut has half the sum, its first moment is M."""
+    fluid = WeaklyCompressible(sound_speed=1.0, kernels=kernels)
+    grid = Discretisation(dim, "float64", 1.0, 8.0, 0)
+    axis = np.arange(-9.0, 10.0)
+    points = np.stack(np.meshgrid(axis, axis, axis if dim == 3 else [0.0], indexing="ij"), axis=-1).reshape(-1, 3)
+    weight = np.where(points[:, 0] > 0.25, 1.0, np.where(points[:, 0] > -0.25, 0.5, 0.0))  # the layer on the cut: half
+    kernel = smoothing(fluid.sum_kernel(), grid.support_radius, dim)
+    moment = (weight * kernel_value(np.linalg.norm(points, axis=1), kernel) * points[:, 0]).sum()
+    assert half_space_moment(fluid, grid) == pytest.approx(moment, rel=0.02)
+
+
+def test_a_missing_particle_makes_no_surface_but_a_hole_does():
+    block = lattice(Box(cells=(21, 21, 1))) - [10.5, 10.5, 0]
+    inner = np.abs(block[:, :2]).max(1) < 8
+    cavity = np.hypot(block[:, 0], block[:, 1]) > 0.5
+    hole = np.hypot(block[:, 0] - 0.13, block[:, 1] - 0.27) > 3.2
+    assert not surface(block[cavity])[inner[cavity]].any()
+    found, truth = surface(block[hole]), arc_cover_surface(block[hole][:, :2], PROBE)
+    np.testing.assert_array_equal(found, truth)
+    assert found[inner[hole]].any()
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+@pytest.mark.parametrize("count", [1, 2, 3])
+@pytest.mark.parametrize("method", METHODS)
+def test_spray_is_surface(method, count, dim):
+    assert surface(np.arange(count)[:, None] * [0.6, 0.8, 0.0], dim=dim, method=method).all()
+
+
+def test_a_wet_wall_is_no_surface():
+    """In a full tank neither set has a member; in an open one the top layer is S."""
+    cells, size = 8, (8.0, 8.0, 0.0)
+    position = lattice(Box(cells=(cells, cells, 1)))
+    closed = BoxWalls(lower=(0.0, 0.0, 0.0), upper=size)
+    full = detect(position, walls=(closed,))
+    assert not full.field("scan_candidates").any()
+    assert not detect(position, walls=(closed,), literal=("E23",)).field("near_surface").any()
+    assert not full.field("surface").any()
+    assert not surface(position, walls=(closed,), method="fan_scan").any()
+    assert surface(position).any()  # without walls the same block has a surface
+    opened = BoxWalls(lower=(0.0, 0.0, 0.0), upper=size, open_faces=("+y",))
+    top = position[:, 1] > 7
+    np.testing.assert_array_equal(surface(position, walls=(opened,)), top)
+    np.testing.assert_array_equal(surface(position, walls=(opened,), method="fan_scan"), top)
+
+
+def test_the_full_radius_sees_across_a_gap_that_the_half_one_misses():
+    block = lattice(Box(cells=(8, 12, 1)))
+    apart = 3.6  # wider than h = 2.6, within reach of a ball of radius h
+    position = np.vstack([block, block + [7.0 + apart, 0, 0]])
+    facing = np.isin(np.round(position[:, 0], 6), np.round([7.5, 7.5 + apart], 6)) & (np.abs(position[:, 1] - 6) < 3)
+    assert facing.sum() == 12
+    assert surface(position, scan_radius="half")[facing].all()
+    assert not surface(position, scan_radius="full")[facing].any()
+    np.testing.assert_array_equal(surface(position, literal=("E6",)), surface(position, scan_radius="full"))
+
+
+def test_the_printed_cone_finds_no_surface():
+    """E5: with "<" the second line is the outside of the cone, where the liquid lies."""
+    assert surface(disc()).any()
+    assert not surface(disc(), literal=("E5",)).any()
+    assert not surface(disc(), literal=("all",)).any()
+
+
+def test_corrected_normals_find_less():
+    position, _ = shape("three_layers")
+    assert surface(position, scan_normal="corrected").sum() < surface(position).sum()
+
+
+# Films and filaments
+
+THIN = {"thin_features": "second_moment"}
+
+
+def thin_shapes(dim):
+    """(name, positions, part found by the scan with J(19) and J(20)); every particle is exposed."""
+    random = np.random.default_rng(31)
+    side = 30 if dim == 2 else 11
+    for layers, found in ((1, (0.4, 0.4)), (2, (1.0, 0.4))):
+        sheet = lattice(Box(cells=(side, layers, 1) if dim == 2 else (side, side, layers)), dim)
+        yield f"film of {layers}", sheet, found
+        yield (
+            f"turned film of {layers}",
+            sheet @ Rotation.random(rng=random).as_matrix() if dim == 3 else turned(sheet, 0.7),
+            found,
+        )
+        off = 0.1 * random.uniform(-1, 1, sheet.shape) * (np.arange(3) < dim)
+        yield f"jittered film of {layers}", sheet + off, (0.9 if layers == 1 else 1.0, 0.4)
+    row = np.arange(30.0)[:, None]
+    yield "straight row", row * [0.6, 0.8, 0.0], (0.1, 0.1)
+    bend = row[:, 0] / 8
+    yield "bent row", 8 * np.stack([np.sin(bend), np.cos(bend), 0 * bend], axis=1), (1.0, 0.1)
+    if dim == 3:
+        yield "helix", 4 * np.stack([np.cos(2 * bend), np.sin(2 * bend), bend], axis=1), (1.0, 0.4)
+        yield "two by two", lattice(Box(cells=(30, 2, 2)), dim), (1.0, 0.1)
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+@pytest.mark.parametrize("method", ["fan_scan", "two_step"])
+def test_films_and_filaments_are_found_whole_by_the_second_moment(dim, method):
+    """By the scan alone a normal that is zero by symmetry, or points anywhere, finds no more than the stated part."""
+    for name, position, parts in thin_shapes(dim):
+        assert (arc_cover_surface if dim == 2 else cap_cover_surface)(position, PROBE).all(), name
+        for normal, part in zip(("color", "corrected"), parts):
+            settings = {"dim": dim, "method": method, "scan_normal": normal}
+            assert surface(position, **settings).mean() <= part, (name, normal)
+            assert surface(position, **settings, **THIN).all(), (name, normal)
+
+
+@pytest.mark.parametrize("normal", ["color", "corrected"])
+def test_the_second_moment_takes_nothing_of_bulk_walls_and_cavities(normal):
+    """Films of three layers, discs, a block with a particle missing, a jittered one, tanks: no flag more."""
+    random = np.random.default_rng(32)
+    block = lattice(Box(cells=(9, 9, 9)), 3)
+    clouds = [(2, lattice(Box(cells=(24, 3, 1))), ()), (3, lattice(Box(cells=(11, 11, 3)), 3), ())]
+    clouds += [(2, disc(), ()), (2, jittered_disc(), ()), (3, np.delete(block, 364, axis=0), ())]
+    clouds += [(3, block + 0.15 * random.uniform(-1, 1, block.shape), ())]
+    for dim, cells in ((2, (9, 9, 1)), (3, (6, 6, 6))):
+        tank = BoxWalls(lower=(0.0, 0.0, 0.0), upper=tuple(map(float, cells)), open_faces=("+y",))
+        clouds.append((dim, lattice(Box(cells=cells), dim), (tank,)))
+    for dim, position, walls in clouds:
+        settings = {"dim": dim, "walls": walls, "scan_normal": normal}
+        before = surface(position, **settings)
+        assert 0 < before.sum() < len(before)
+        np.testing.assert_array_equal(surface(position, **settings, **THIN), before)
+
+
+@pytest.mark.parametrize("normal", ["color", "corrected"])
+@pytest.mark.parametrize("dim", [2, 3])
+def test_a_film_on_a_wall_is_surface_and_one_between_two_walls_is_not(dim, normal):
+    side = 20 if dim == 2 else 9
+    film = lattice(Box(cells=(side, 1, 1 if dim == 2 else side)), dim)
+    inner = (np.abs(film - film.mean(0)) < side / 2 - 3).all(1)
+    for faces, found in ((("+y",), True), ((), False)):
+        room = BoxWalls(lower=(0.0, 0.0, 0.0), upper=(side, 1.0, side), open_faces=faces)
+        flags = surface(film, dim=dim, walls=(room,), method="fan_scan", scan_normal=normal, **THIN)
+        assert (flags[inner] == found).all()
+    assert inner.any()
+
+
+@pytest.mark.parametrize("ratio", [2.0, 2.6, 3.3])
+@pytest.mark.parametrize("dim", [2, 3])
+def test_the_limit_is_that_of_two_lattice_layers(dim, ratio):
+    """Against NumPy's weighted covariance of the particles of such a film, and with 1.3 as the margin."""
+    grid = Discretisation(dim, "float64", 0.5, 0.5 * ratio, 0)
+    film = lattice(Box(cells=(11, 2, 1) if dim == 2 else (11, 2, 11)), dim) * 0.5
+    middle = film.mean(0) - [0, 0.25, 0]
+    way = np.linalg.norm(film - middle, axis=1)
+    assert way.min() < 1e-9
+    near = way < 0.5 * ratio
+    spread = np.cov(film[near, :dim].T, aweights=1 - (way[near] / (0.5 * ratio)) ** 2, ddof=0)
+    least = np.linalg.eigvalsh(spread)[0]
+    assert two_layer_variance(grid) == pytest.approx(least, rel=1e-12)
+    assert least <= 0.25 * 0.5**2
+    fluid = WeaklyCompressible(sound_speed=1.0)
+    thin = SurfaceDetection(**THIN).prepare(grid, {fluid.name: fluid})["thin_feature"]
+    assert thin == (pytest.approx(1.3 * least / (0.5 * ratio) ** 2, rel=1e-12), dim)
+
+
+# Symmetries
+
+
+@pytest.mark.parametrize(
+    "settings", [*({"method": method} for method in METHODS), THIN, {**THIN, "scan_normal": "corrected"}]
+)
+def test_flags_do_not_depend_on_place_angle_or_order(settings):
+    """On a disc with a film of two layers at its side."""
+    film = lattice(Box(cells=(14, 2, 1))) + [14.0, 0.0, 0.0]
+    position = np.vstack(
+        [jittered_disc(), film + 0.1 * np.random.default_rng(6).uniform(-1, 1, film.shape) * [1, 1, 0]]
+    )
+    found = surface(position, **settings)
+    assert 0 < found.sum() < len(found)
+    np.testing.assert_array_equal(surface(position + [300.0, -70.0, 0], **settings), found)
+    np.testing.assert_array_equal(surface(turned(position, 0.7), **settings), found)
+    order = np.random.default_rng(0).permutation(len(position))
+    np.testing.assert_array_equal(surface(position[order], **settings), found[order])
+
+
+@pytest.mark.parametrize("spacing", [1e-6, 1e3])
+def test_flags_do_not_depend_on_scale_in_single_precision(spacing):
+    film = lattice(Box(cells=(14, 2, 1))) + [14.0, 0.0, 0.0]
+    position = np.vstack([jittered_disc(), film])
+    for settings in ({}, {**THIN, "scan_normal": "corrected"}):
+        found = surface(position, spacing=0.01, **settings)
+        small = surface(position, backend="cpu", dtype="float32", spacing=spacing, **settings)
+        np.testing.assert_array_equal(small, found)
+
+
+# Normals
+
+
+def program_of_pair(operation, densities=(900.0, 1100.0), numbers=(2.0, 3.0), own_density=0, walls=None):
+    """The oracle on two particles at a distance of half the support radius h = 2 m along x, in 3D."""
+    h = 2.0
+    values = {
+        "position": np.array([[0.0, 0, 0], [0.5 * h, 0, 0]]),
+        "mass": np.array([3.0, 5.0]),
+        "density": np.array(densities),
+        "number_density": np.array(numbers),
+        "candidates": None,
+        "walls": walls,
+        "smoothing": smoothing("poly6", h, 3),
+        "gradient_smoothing": smoothing("spiky", h, 3),
+        "normal_term": NormalTerm(4.0, own_density),
+    }
+    program = REGISTRY[operation].program("numpy")
+    ((value, _),) = program(**{k: values[k] for k in REGISTRY[operation].arguments("numpy")}).values()
+    return value
+
+
+# Spiky: W' = -45/(pi h^4) (1 - q)^2; poly6: W = 315/(64 pi h^3) (1 - q^2)^3; q = 1/2, h = 2.
+SLOPE = -45 / (math.pi * 16) * 0.25
+VALUE, OWN_VALUE = 315 / (64 * math.pi * 8) * 0.75**3, 315 / (64 * math.pi * 8)
+
+
+def test_color_gradient_of_a_pair():
+    """J(19): n_0 = h (m_1/rho_1) W' e_01 with e_01 = -x: it points to the neighbour, into the liquid."""
+    normal = program_of_pair("surface_normal.color_gradient")
+    expected = 2 * SLOPE * np.array([[-5 / 1100, 0, 0], [3 / 900, 0, 0]])
+    np.testing.assert_allclose(normal, expected, rtol=1e-8)
+    assert normal[0, 0] > 0
+    printed = program_of_pair("surface_normal.color_gradient", own_density=1)
+    np.testing.assert_allclose(printed, 2 * SLOPE * np.array([[-5 / 900, 0, 0], [3 / 1100, 0, 0]]), rtol=1e-8)
+
+
+def test_corrected_normal_of_a_pair():
+    """J(20): ((delta_1 - delta_0)/delta0) V_1 W' e_01 / (V_0 W(0) + V_1 W); a wall only fills the denominator."""
+    v0, v1 = 3 / 900, 5 / 1100
+    filled = np.array([v0 * OWN_VALUE + v1 * VALUE, v1 * OWN_VALUE + v0 * VALUE])
+    expected = np.array([(1 / 4) * v1 * SLOPE * -1, (-1 / 4) * v0 * SLOPE]) / filled
+    np.testing.assert_allclose(program_of_pair("surface_normal.corrected")[:, 0], expected, rtol=1e-8)
+    assert expected[0] > 0  # towards the higher number density
+    printed = program_of_pair("surface_normal.corrected", own_density=1)[:, 0]
+    np.testing.assert_allclose(printed, expected * [1100 / 900, 900 / 1100], rtol=1e-8)
+    walls = WallParticles(np.array([[0.0, 1.0, 0]]), np.array([0.01]))
+    beside = program_of_pair("surface_normal.corrected", walls=walls)[0]
+    np.testing.assert_allclose(beside, [expected[0] * filled[0] / (filled[0] + 0.01 * VALUE), 0, 0], rtol=1e-8)
+
+
+@pytest.mark.parametrize("kind", ["surface_normal", "corrected_normal"])
+def test_normals_of_a_disc_point_inward(kind):
+    scan = {"surface_normal": "color", "corrected_normal": "corrected"}[kind]
+    simulation = detect(disc(), method="fan_scan", scan_normal=scan)
+    position, normal = simulation.field("position") - CENTER, simulation.field(kind)
+    way = np.linalg.norm(position, axis=1)
+    ring = way > way.max() - 0.8
+    length = np.linalg.norm(normal, axis=1)
+    inward = -(position * normal).sum(1) / (way * np.maximum(length, 1e-12))
+    assert inward[ring].min() > math.sqrt(0.5)  # within 45 degrees, on a staircase too
+    assert length[way < 4].max() < 1e-9 * length[ring].min()
+
+
+@pytest.mark.parametrize("operation", ["surface_normal.color_gradient", "surface_normal.corrected"])
+def test_normals_are_computed_for_candidates_only(operation):
+    values = numbers(jittered_disc(), None, 2, "float64")
+    program = REGISTRY[operation]
+    everywhere = oracle(program, values)[0]
+    values["candidates"] = (np.arange(len(everywhere)) % 3 == 0).astype(np.uint8)
+    chosen = oracle(program, values)[0]
+    np.testing.assert_array_equal(chosen, everywhere * values["candidates"][:, None])
+    assert np.abs(everywhere).min(0)[:2].max() > 0
+
+
+# The oracle's flags and margins
+
+
+def plain_scan(position, normal, s, h):
+    """J(13) as one would say it, particle by particle, with angles."""
+    flags = []
+    for i, x in enumerate(position):
+        axis = -normal[i] / np.linalg.norm(normal[i])
+        near, free = 0, True
+        for j, y in enumerate(position):
+            r = math.dist(x, y)
+            if i == j:
+                continue
+            near += r < h
+            if r >= math.sqrt(2) * s:
+                free &= math.dist(y, x + s * axis) >= s
+            else:
+                free &= math.acos(np.clip(axis @ (y - x) / r, -1, 1)) >= math.pi / 4
+        flags.append(free or near < 3)
+    return np.array(flags)
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_oracle_agrees_with_the_plain_scan_and_its_margins_hold(dim):
+    rng = np.random.default_rng(dim)
+    n, s = 60, 1.3
+    position, normal = np.zeros((n, 3)), np.zeros((n, 3))
+    position[:, :dim] = rng.uniform(0, 9 if dim == 2 else 5, (n, dim))
+    normal[:, :dim] = rng.normal(size=(n, dim))
+    settings = FanScan(s, 2 * s, 1e-12, 0)
+    scan = REGISTRY["surface_detection.fan_scan"].program("numpy")
+    flags, margin = scan(position, normal, None, None, settings, None)["surface"]
+    np.testing.assert_array_equal(flags.astype(bool), plain_scan(position, normal, s, 2 * s))
+    assert 0 < flags.sum() < n
+    assert (margin >= 0).all()
+    step = 1e-3 * s
+    for _ in range(20):
+        moved = position + step * rng.uniform(-1, 1, (n, 3)) * (np.arange(3) < dim)
+        again, _ = scan(moved, normal, None, None, settings, None)["surface"]
+        # A move of `step` at both ends changes no comparison over a distance above 0.2 s by more than 0.02.
+        np.testing.assert_array_equal(again[margin > 0.02], flags[margin > 0.02])
+    assert (margin > 0.02).sum() > n // 2
+
+
+LIMIT = NearSurfaceLimit(0.98, math.inf)
+
+
+def test_near_surface_margin_says_where_the_limit_flips():
+    density = np.array([0.5, 0.97, 0.99, 1.4])
+    program = REGISTRY["surface_detection.near_surface"].program("numpy")
+    flags, margin = program(density, None, LIMIT)["near_surface"]
+    np.testing.assert_array_equal(flags, [1, 1, 0, 0])
+    for i, (rho, m) in enumerate(zip(density, margin)):
+        for factor, flipped in ((0.99, 0), (1.01, 1)):
+            moved = rho * (1 + m * factor * (0.98 / rho) * (1 if flags[i] else -1))
+            assert program(np.array([moved]), None, LIMIT)["near_surface"][0][0] == flags[i] ^ flipped
+
+
+def test_a_distance_at_which_both_lines_agree_is_no_tie():
+    """At |x_ij| = sqrt2 s on the axis, ball and cone both hold the particle."""
+    position = np.array([[0.0, 0, 0], [math.sqrt(2), 0, 0], [-1.0, 0.5, 0], [-1.0, -0.5, 0]])
+    normal = np.array([[-1.0, 0, 0]] * 4)
+    scan = REGISTRY["surface_detection.fan_scan"].program("numpy")
+    flags, margin = scan(position, normal, None, None, FanScan(1.0, 2.0, 1e-12, 0), None)["surface"]
+    assert flags[0] == 0
+    assert margin[0] == pytest.approx(1 - math.sqrt(0.5))
+
+
+def test_the_bottom_of_a_notch_is_a_tie():
+    position, _ = shape("notch")
+    _, margin = oracle(REGISTRY["surface_detection.fan_scan"], numbers(position, None, 3, "float64"))
+    bottom = (np.abs(position) < 1e-9).all(1)
+    assert bottom.sum() == 1
+    assert margin[bottom].max() < 1e-12
+
+
+# CPU against the oracle
+
+
+def numbers(position, walls, dim, dtype, masses=None):
+    """Every argument of the operations for given positions [spacings], in `dtype`; walls have half a cell's volume."""
+    real = np.dtype(dtype).type
+    h, rest = 2.6, 1000.0
+    position = position.astype(dtype)
+    if walls is not None:
+        walls = WallParticles(walls.astype(dtype), np.full(len(walls), 0.5, dtype))
+    mass = np.full(len(position), rest, dtype) if masses is None else masses.astype(dtype)
+    sums, gradients = smoothing("poly6", h, dim, dtype), smoothing("spiky", h, dim, dtype)
+    fluid = Fluid(real(rest), real(1), np.int32(1), np.int32(1))
+    state = reference_density(position, mass, walls, sums, fluid)
+    values = {
+        "position": position,
+        "mass": mass,
+        "density": state["density"][0].astype(dtype),
+        "number_density": state["number_density"][0].astype(dtype),
+        "candidates": None,
+        "walls": walls,
+        "smoothing": sums,
+        "gradient_smoothing": gradients,
+        "normal_term": NormalTerm(real(1), np.int32(0)),
+        "near_surface_limit": NearSurfaceLimit(real(0.98), real(1)),
+        "asymmetry": None,
+        "fan_scan": FanScan(real(0.5 * h), real(h), real(64 * np.finfo(dtype).eps), np.int32(0)),
+        "thin_feature": ThinFeature(real(0.3 / h**2), np.int32(dim)),
+    }
+    normal = oracle(REGISTRY["surface_normal.color_gradient"], values)[0].astype(dtype)
+    return {**values, "surface_normal": normal}
+
+
+def oracle(operation, values):
+    ((value, scale),) = operation.program("numpy")(**{k: values[k] for k in operation.arguments("numpy")}).values()
+    return value, scale
+
+
+def rows(found):
+    count = np.array([len(f) for f in found], np.int32)
+    start = (np.cumsum(count) - count).astype(np.int64)
+    return start, count, np.concatenate([*found, [0]]).astype(np.int32)
+
+
+def cpu(operation, values, like):
+    h = float(values["fan_scan"].support_radius)
+    position, walls = values["position"], values["walls"]
+    listed = {**values, "neighbours": NeighbourRows(*rows(neighbour_list(position, h)))}
+    if walls is not None:
+        near = [np.flatnonzero(line < h) for _, _, block in pair_blocks(position, walls.position) for line in block]
+        listed["walls"] = WallRows(*walls, *rows(near))
+    (name,) = operation.outputs
+    out = np.full(like.shape, 7, np.uint8 if operation.exact else position.dtype)
+    operation.program("cpu")(*(out if k == name else listed[k] for k in operation.arguments("cpu")))
+    return out
+
+
+def arrangements(with_walls):
+    """(name, dim, position, walls, masses) in spacings: the shapes with or without walls, a pair and two clouds."""
+    for name in SHAPES:
+        position, walls = shape(name)
+        if (len(walls) > 0) == with_walls:
+            yield name, 2 if not position[:, 2].any() else 3, position, walls if with_walls else None, None
+    if not with_walls:
+        block = lattice(Box(cells=(5, 5, 1)))
+        yield "coincident pair", 2, np.vstack([block, block[12]]), None, None
+    for dim in (2, 3):
+        rng = np.random.default_rng(11)
+        cloud = np.zeros((120, 3))
+        cloud[:, :dim] = rng.uniform(0, 10 if dim == 2 else 5, (120, dim))
+        walls = cloud[:30] * [1, 0, 1] - [0, 0.7, 0] if with_walls else None
+        yield "cloud", dim, cloud, walls, rng.uniform(200, 2000, len(cloud))
+
+
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+@pytest.mark.parametrize("with_walls", [False, True])
+@pytest.mark.parametrize("literal", [False, True])
+def test_cpu_agrees_with_the_oracle_on_hard_inputs(dtype, with_walls, literal):
+    eps = np.finfo(dtype).eps
+    ties = 0
+    for name, dim, position, walls, masses in arrangements(with_walls):
+        values = numbers(position, walls, dim, dtype, masses)
+        if with_walls:
+            values["candidates"] = (np.arange(len(position)) % 4 > 0).astype(np.uint8)
+        if literal:
+            values["normal_term"] = values["normal_term"]._replace(own_density=np.int32(1))
+            values["fan_scan"] = values["fan_scan"]._replace(printed=np.int32(1))
+        for operation in REGISTRY.values():
+            looks = operation.name.startswith(("surface_normal.", "surface_detection."))
+            if not looks or operation.name.endswith("release_pressure"):
+                continue
+            value, scale = oracle(operation, values)
+            computed = cpu(operation, values, value)
+            if operation.exact:
+                decided = scale > operation.tolerance * eps
+                ties += (~decided).sum()
+                np.testing.assert_array_equal(computed[decided], value[decided], err_msg=f"{operation.name} {name}")
+            else:
+                most = max(1, *(len(f) for f in neighbour_list(values["position"], 2.6)))
+                excess = np.abs(computed - value) - operation.tolerance * most * eps * scale
+                assert excess.max() <= 0, (operation.name, name, excess.max())
+    assert ties < 20  # the notches' bottoms and few others: the exact comparison is not excused away
+
+
+# As part of a scene
+
+
+def plan_of(*effects, dim=2):
+    scene = Scene(
+        spacing=1.0,
+        support_radius=2.6,
+        dim=dim,
+        fluid=(Ball(radius=3.0),),
+        effects=(WeaklyCompressible(sound_speed=1.0), *effects),
+    )
+    return make_plan(scene)
+
+
+def test_detection_runs_only_when_somebody_looks():
+    own = [k for k in plan_of(SurfaceDetection()).launches(on_demand=True) if k.startswith("surface_")]
+    assert own == [
+        "surface_detection.candidates",
+        "surface_normal.color_gradient",
+        "surface_detection.fan_scan",
+    ]
+    assert not any(k.startswith("surface_") for k in plan_of(SurfaceDetection()).launches())
+    assert set(own) <= set(plan_of(SurfaceDetection(each_step=True)).launches())
+
+
+@pytest.mark.parametrize(
+    ("settings", "fields"),
+    [
+        ({"method": "number_density"}, {"surface", "number_density"}),
+        ({"method": "fan_scan"}, {"surface", "surface_normal"}),
+        ({}, {"surface", "scan_candidates", "number_density", "asymmetry", "surface_normal"}),
+        (
+            {"thin_features": "second_moment"},
+            {"surface", "scan_candidates", "number_density", "asymmetry", "surface_normal"},
+        ),
+        ({"literal": ("E23",)}, {"surface", "near_surface", "number_density", "surface_normal"}),
+        ({"method": "fan_scan", "scan_normal": "corrected"}, {"surface", "number_density", "corrected_normal"}),
+    ],
+)
+def test_only_the_needed_fields_exist(settings, fields):
+    assert set(plan_of(SurfaceDetection(**settings)).fields) - set(plan_of().fields) == fields
+
+
+def test_released_pressure_acts_before_the_forces():
+    """S keeps no pressure, the rest all of theirs; the force is summed from what is left."""
+    position = (disc(5.2) - CENTER) * 0.8  # pressed, so that every particle has a pressure
+    plain, free = detect(position, each_step=True), detect(position, release_pressure=True)
+    launches = free.plan.launches()
+    order = [launches.index(f"s{name}") for name in ("ph.state", "urface_detection.release_pressure", "ph.pressure")]
+    assert order == sorted(order)
+    marked = plain.field("surface").astype(bool)
+    assert 0 < marked.sum() < len(marked)
+    assert plain.field("pressure")[marked].max() > 0
+    np.testing.assert_array_equal(free.field("pressure"), np.where(marked, 0, plain.field("pressure")))
+    assert np.abs(free.field("acceleration") - plain.field("acceleration")).max() > 0
+
+
+def test_the_list_reaches_twice_as_far_for_the_full_radius():
+    assert plan_of(SurfaceDetection()).list_radius == pytest.approx(2.6)
+    assert plan_of(SurfaceDetection(scan_radius="full")).list_radius == pytest.approx(5.2)
+    assert plan_of(SurfaceDetection(scan_radius="full", method="number_density")).list_radius == pytest.approx(2.6)
+
+
+@pytest.fixture
+def borrower():
+    """Another effect that uses the detected sets in every step, with the scene's settings or its own."""
+
+    class Borrower(Effect, frozen=True, kw_only=True):
+        name: ClassVar[str] = "borrower"
+
+        own: SurfaceDetection | None = None
+
+        def _detection(self, others):
+            return self.own or detection_in(others)
+
+        def fields(self, others):
+            return self._detection(others).fields(others)
+
+        def passes(self, others):
+            return self._detection(others).detection_passes()
+
+        def prepare(self, grid, others):
+            return self._detection(others).prepare(grid, others)
+
+    yield Borrower
+    EFFECTS.pop("borrower")
+
+
+def test_two_effects_share_the_detected_sets(borrower):
+    for effects in ((borrower(), SurfaceDetection()), (SurfaceDetection(), borrower()), (borrower(),)):
+        plan = plan_of(*effects)
+        assert [k for k in plan.launches() if k.startswith("surface_")] == [
+            "surface_detection.candidates",
+            "surface_normal.color_gradient",
+            "surface_detection.fan_scan",
+        ]
+        assert plan.launches() == plan.launches(on_demand=True)
+
+
+def test_a_pass_over_every_row_serves_who_wants_some(borrower):
+    """The borrower's normals everywhere do for detection in two steps, but S itself must be the same S."""
+
+    class Normals(borrower, frozen=True, kw_only=True):
+        def passes(self, others):
+            return self.own.detection_passes()[:1]
+
+    plan = plan_of(Normals(own=SurfaceDetection(method="fan_scan")), SurfaceDetection())
+    assert plan.launches(on_demand=True).count("surface_normal.color_gradient") == 1
+    assert plan.launches().count("surface_normal.color_gradient") == 1
+    (normals,) = [p for _, p in plan.passes if p.operation == "surface_normal.color_gradient"]
+    assert normals.names["candidates"] is None
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        {"threshold": 0.95},
+        {"asymmetry": 0.3},
+        {"literal": ("E10",)},
+        {"scan_radius": "full"},
+        {"thin_features": "second_moment"},
+    ],
+)
+def test_different_settings_for_one_field_are_refused(borrower, other):
+    with pytest.raises(InputError, match=r"'surface_detection' and 'borrower' compute field '\w+' in different ways"):
+        plan_of(SurfaceDetection(), borrower(own=SurfaceDetection(**other)))
+
+
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [
+        ({"threshold": 0.0}, "threshold = 0.0"),
+        ({"thin_features": "moments"}, "thin_features = 'moments' is unknown"),
+        ({"method": "number_density", "thin_features": "second_moment"}, "belongs to the fan scan"),
+        ({"threshold": 1.5}, "threshold = 1.5"),
+        ({"threshold": math.nan}, "threshold = nan"),
+        ({"asymmetry": 0.0}, "asymmetry = 0.0"),
+        ({"method": "umbrella"}, "method = 'umbrella' is unknown; choose one of number_density, fan_scan, two_step"),
+        ({"scan_radius": "double"}, "scan_radius = 'double'"),
+        ({"scan_normal": "none"}, "scan_normal = 'none'"),
+        ({"literal": ("E4",)}, "literal has E4; only E5, E6, E10, E23 or all"),
+    ],
+)
+def test_bad_settings_get_one_sentence(settings, words):
+    with pytest.raises(InputError, match=r"^surface_detection: ") as caught:
+        plan_of(SurfaceDetection(**settings))
+    assert words in str(caught.value)
+
+
+def test_a_short_support_radius_does_not_go_with_the_second_moment():
+    with pytest.raises(InputError, match=r"with a support radius of 1.5 spacings; give 2 or more, or leave it out"):
+        detect(disc(), ratio=1.5, **THIN)
+    assert surface(lattice(Box(cells=(9, 9, 3)), 3), dim=3, ratio=2.0, **THIN).sum() == 9 * 9 * 3 - 7 * 7
+
+
+def test_detection_needs_a_liquid():
+    with pytest.raises(InputError, match="'surface_detection' needs effect 'weakly_compressible'"):
+        make_plan(Scene(spacing=1.0, support_radius=2.6, fluid=(Ball(radius=3.0),), effects=(SurfaceDetection(),)))

@@ -1,0 +1,385 @@
+"""The reconstruction of a surface: how good its normals are, what its force conserves, and where it ends."""
+
+import collections
+
+import numpy as np
+import pytest
+from scipy.linalg import lstsq
+
+from refsim.backends.arrays import Backend, set_threads
+from refsim.core.errors import InputError
+from refsim.isosurface.reference import classify
+from refsim.sparse_grid import nodes
+from refsim.sparse_grid.reference import node_table
+from refsim.surface_energy import Tension, reference, surface_term
+from refsim.surface_energy.cases import cut_ball
+from refsim.surface_energy.reconstruction import Reconstruction
+
+CPU = Backend("cpu")
+H = 1 / 32
+
+
+def ball(radius, seed=0, radii=(1.0, 1.0, 1.0), dim=3, jitter=0.25):
+    """A jittered lattice, 2^dim particles to a cell, cut by a sphere or ellipsoid of `radius` cells, in units of h."""
+    half = int(2 * radius * max(radii)) + 2
+    axis = 0.5 * np.arange(-half, half) + 0.25
+    place = np.stack(np.meshgrid(*[axis] * dim, indexing="ij"), axis=-1).reshape(-1, dim)
+    place = place + np.random.default_rng(seed).uniform(-jitter, jitter, place.shape)
+    inside = np.linalg.norm(place / np.array(radii[:dim]), axis=1) < radius
+    return np.pad(place[inside], ((0, 0), (0, 3 - dim)))
+
+
+def reconstructed(place, dim=3, dtype="float64", h=H, **parameters):
+    """(reconstruction, surface) of particles at `place` in units of h."""
+    made = Reconstruction(CPU, dim, dtype, h, Tension(surface_tension=2.0, **parameters))
+    return made, made.surface((h * place).astype(dtype))
+
+
+def angles(normal, place, radii=(1.0, 1.0, 1.0)):
+    """Angles [degrees] between normals at places outside an ellipsoid and its own at the points nearest to them."""
+    axes = np.array(radii) ** 2
+    low, high = np.zeros((len(place), 1)), np.full((len(place), 1), 1e3)
+    for _ in range(80):  # x_i = a_i^2 y_i/(a_i^2 + t) stands on the ellipsoid
+        t = 0.5 * (low + high)
+        outside = ((axes * place / (axes + t)) ** 2 / axes).sum(1, keepdims=True) > 1
+        low, high = np.where(outside, t, low), np.where(outside, high, t)
+    true = place / (axes + low)
+    true = true / np.linalg.norm(true, axis=1, keepdims=True)
+    return np.degrees(np.arccos(np.clip((normal * true).sum(1), -1, 1)))
+
+
+def sides(facets):
+    return collections.Counter((int(t[k - 1]), int(t[k])) for t in facets for k in range(3))
+
+
+# The surface
+
+
+@pytest.mark.parametrize("radii", [(1.0, 1.0, 1.0), (1.4, 1.0, 0.75)], ids=["sphere", "ellipsoid"])
+def test_normals_of_a_particle_cloud(radii):
+    """Radius 9 h: below 4 degrees in the mean and 15 at most in the best setting; facets and offsets are far worse."""
+    place = ball(9, radii=radii)
+    found = {}
+    for name, parameters in {
+        "best": {"offset": 0.25, "iterations": 1, "normals": "gradient"},
+        "default": {},
+        "facets": {"normals": "facets"},
+        "offsets": {"normals": "offsets"},
+    }.items():
+        _, surface = reconstructed(place, inset=None, **parameters)
+        found[name] = angles(surface.samples.normal, surface.samples.position, 9 * H * np.array(radii))
+    assert found["best"].mean() < 4
+    assert found["best"].max() < 15
+    assert found["default"].mean() < 5.5
+    assert found["facets"].mean() > 1.5 * found["default"].mean()
+    assert found["offsets"].mean() > 2 * found["default"].mean()
+
+
+@pytest.mark.parametrize("radii", [(1.0, 1.0, 1.0), (1.4, 1.0, 0.75)], ids=["sphere", "ellipsoid"])
+def test_surface_of_a_cloud_is_closed(radii):
+    _, surface = reconstructed(ball(6, radii=radii), dtype="float32")
+    edges = sides(surface.mesh.facets)
+    assert set(edges.values()) == {1}
+    assert all((b, a) in edges for a, b in edges)
+    assert len(surface.mesh.vertices) - len(edges) // 2 + len(surface.mesh.facets) == 2
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_vertices_stand_on_the_union_of_spheres(dim):
+    """Each is r away from a particle; only a sphere that contains neither end of an edge may cover it (M33)."""
+    place = ball(4, dim=dim)
+    _, surface = reconstructed(place, dim)
+    distance = np.linalg.norm(surface.mesh.vertices[:, None] / H - place[None], axis=-1).min(1)
+    assert distance.max() < dim**0.5 + 1e-9
+    assert distance.min() > dim**0.5 - (0.063 if dim == 3 else 0.051) - 0.01
+    assert (distance > dim**0.5 - 1e-9).mean() > 0.9
+
+
+def test_inset_brings_the_surface_back_to_the_liquid():
+    _, far = reconstructed(ball(9), inset=None)
+    _, near = reconstructed(ball(9))
+    radius = [np.linalg.norm(s.samples.position, axis=1).mean() / H for s in (far, near)]
+    assert 10.3 < radius[0] < 10.7
+    assert 8.85 < radius[1] < 9.2
+    assert near.samples.area.sum() == pytest.approx(4 * np.pi * (9 * H) ** 2, rel=0.04)
+    assert np.array_equal(far.mesh.vertices, near.mesh.vertices)
+
+
+@pytest.mark.parametrize("quadrature", ["facets", "poisson"])
+def test_samples_belong_to_their_nearest_particle(quadrature):
+    place = ball(4)
+    _, surface = reconstructed(place, quadrature=quadrature)
+    samples = surface.samples
+    distance = np.linalg.norm(samples.position[:, None] / H - place[None], axis=-1)
+    assert np.array_equal(distance.argmin(1), samples.nearest)
+    assert np.array_equal(np.bincount(samples.nearest, minlength=len(place)), samples.count)
+    assert np.linalg.norm(samples.normal, axis=1) == pytest.approx(1)
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_poisson_disk_samples_keep_their_distance_and_leave_no_gap(dim):
+    made, surface = reconstructed(ball(5, dim=dim), dim, quadrature="poisson", inset=None)
+    place = surface.samples.position / H
+    distance = np.linalg.norm(place[:, None] - place[None], axis=-1) + 9 * np.eye(len(place))
+    assert distance.min() >= 0.5
+    assert distance.min(1).max() < 1.1  # in a wider gap another disk would have found room
+    _, exact = reconstructed(ball(5, dim=dim), dim, inset=None)
+    assert surface.samples.area.sum() == pytest.approx(exact.samples.area.sum(), rel=1e-5)
+    assert np.ptp(surface.samples.area) == 0
+    again = made.surface((H * ball(5, dim=dim)), step=1)
+    assert not np.array_equal(again.samples.position[:20], surface.samples.position[:20])
+    redrawn = made.surface((H * ball(5, dim=dim)), step=0)
+    assert np.array_equal(redrawn.samples.position, surface.samples.position)
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+def test_same_particles_give_the_same_bits_in_any_order_on_any_threads(dim, dtype):
+    import numba
+
+    place = ball(3.5, dim=dim)
+    order = np.random.default_rng(1).permutation(len(place))
+    surfaces = []
+    for threads in (1, numba.config.NUMBA_NUM_THREADS):
+        set_threads(CPU, threads)
+        surfaces += [reconstructed(p, dim, dtype)[1] for p in (place, place[order])]
+    set_threads(CPU, None)
+    for surface in surfaces[1:]:
+        for name in ("position", "normal", "area"):
+            assert getattr(surface.samples, name).tobytes() == getattr(surfaces[0].samples, name).tobytes()
+    assert np.array_equal(order[surfaces[1].samples.nearest], surfaces[0].samples.nearest)
+
+
+def test_shift_by_whole_cells_shifts_the_surface():
+    place = np.round(ball(4) * 64) / 64
+    way = np.array([5.0, -3.0, 8.0])
+    _, here = reconstructed(place)
+    _, there = reconstructed(place + way)
+
+    def ordered(surface):
+        at = np.round(surface.samples.position / H, 6)
+        order = np.lexsort(at.T)
+        return at[order], surface.samples.area[order], surface.samples.normal[order]
+
+    first, second = ordered(here), ordered(there)
+    assert np.abs(second[0] - way - first[0]).max() < 1e-5
+    assert np.abs(second[1] - first[1]).max() < 1e-12
+    assert np.abs(second[2] - first[2]).max() < 1e-9
+
+
+# The fit
+
+
+def fit_matrix(made, surface):
+    """(B, dense, on its active columns; b; points [m]; active nodes) of a surface's fit."""
+    way = made.term.offset * made.term.cell_size * surface.offset_direction
+    points = np.vstack([surface.sample_place, surface.sample_place + way])
+    row, node, weight = reference._matrix(points, surface.blocks, made.term)
+    active, column = np.unique(node[weight > 0], return_inverse=True)
+    matrix = np.zeros((len(points), len(active)))
+    matrix[row[weight > 0], column] = weight[weight > 0]
+    return matrix, np.repeat([0.0, made.term.offset], len(points) // 2), points, active
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_spectrum_of_the_fit_lies_between_zero_and_one(dim):
+    """Lambda B^T B is stochastic: its greatest eigenvalue is one, so that the fit converges for 0 < omega < 2 (M15)."""
+    matrix, _, _, _ = fit_matrix(*reconstructed(ball(4 if dim == 2 else 2, dim=dim), dim, inset=None))
+    root = np.sqrt(1 / matrix.sum(0))
+    values = np.linalg.eigvalsh(root[:, None] * (matrix.T @ matrix) * root[None])
+    assert values.max() == pytest.approx(1, abs=1e-12)
+    assert values.min() > -1e-12
+    assert (values < 1e-6).sum() > 5  # null directions: the limit is not unique, the fitted values are
+
+
+def test_fit_goes_to_least_squares_and_its_residual_never_grows():
+    """Many samples with bumpy directions: no spline passes through all of them; SciPy's least squares is the limit."""
+    made, surface = reconstructed(ball(4, dim=2), 2, quadrature="poisson", disk_radius=0.1, inset=None)
+    matrix, goal, points, active = fit_matrix(made, surface)
+    solution = lstsq(matrix, goal)[0]
+    best = np.linalg.norm(goal - matrix @ solution)
+    assert best > 0.02 * np.linalg.norm(goal)
+    lengths = []
+    for sweeps in (1, 2, 3, 5, 10, 30, 100, 1000, 10000):
+        made.term = made.term._replace(iterations=np.int32(sweeps))
+        found = made._fit(surface.blocks, points)[active]
+        lengths.append(np.linalg.norm(goal - matrix @ found))
+    assert (np.diff(lengths) < 0).all()
+    assert best * (1 - 1e-9) < lengths[-1] < 1.05 * best
+    assert np.abs(matrix @ (found - solution)).max() < 0.05 * goal.max()
+
+
+# The force
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+@pytest.mark.parametrize(
+    "parameters", [{}, {"inset": None}, {"quadrature": "poisson"}], ids=["inset", "at r", "poisson"]
+)
+def test_force_has_no_sum_no_torque_and_the_virial_of_its_area(dim, parameters):
+    made, surface = reconstructed(ball(4, radii=(1.3, 1.0, 0.8), dim=dim), dim, **parameters)
+    force = made.force(surface.samples, surface.blocks)
+    place = H * node_table(surface.blocks)
+    size = np.abs(force).sum()
+    assert np.abs(force.sum(0)).max() < 1e-13 * size
+    assert np.abs(np.cross(place, force).sum(0)).max() < 1e-13 * size
+    area = surface.samples.area.sum()
+    assert -(force * place).sum() == pytest.approx((dim - 1) * 2.0 * area, rel=1e-10)
+    printed, _ = reconstructed(ball(1), dim, literal=("M1",), **parameters)
+    assert np.array_equal(printed.force(surface.samples, surface.blocks), -force)
+
+
+def test_force_is_the_slope_of_the_surface_energy():
+    """Work on a smooth motion of the nodes against the change of k times the area of the facets that move with it."""
+    made, surface = reconstructed(ball(9), inset=None)
+    true = surface.facet_normal  # of the very mesh whose area is measured
+    force = made.force(surface.samples._replace(normal=true), surface.blocks)
+
+    def motion(x):
+        return np.stack([np.sin(5 * x[:, 1]), x[:, 0] * x[:, 2] + x[:, 1], np.cos(4 * x[:, 0]) + 2 * x[:, 2]], axis=1)
+
+    def area(vertices):
+        a, b, c = (vertices[surface.mesh.facets[:, k]] for k in range(3))
+        return 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1).sum()
+
+    step = 1e-6
+    vertices = surface.mesh.vertices
+    slope = (area(vertices + step * motion(vertices)) - area(vertices - step * motion(vertices))) / (2 * step)
+    work = (force * motion(H * node_table(surface.blocks))).sum()
+    assert work == pytest.approx(-2.0 * slope, rel=2e-3)
+
+
+# Where it ends
+
+
+def test_components_too_small_bear_no_tension():
+    """A drop, a pair and a lone particle: fewer than 27 hang together only in the last two."""
+    drop = ball(3)
+    place = np.vstack([drop, [[9.0, 0, 0], [9.4, 0.1, 0], [-9.0, 1, 2]]])
+    made, surface = reconstructed(place, inset=0.25)
+    assert list(surface.component_size[[0, -3, -2, -1]]) == [len(drop), 2, 2, 1]
+    idle = surface.samples.nearest >= len(drop)
+    assert idle.any()
+    assert not surface.samples.area[idle].any()
+    assert (surface.samples.area[~idle] > 0).all()
+    _, all_bear = reconstructed(place, inset=0.25, smallest=1)
+    assert all_bear.samples.area[idle].sum() > 0
+    force = made.force(surface.samples, surface.blocks)
+    far = np.abs(node_table(surface.blocks)[:, 0]) > 7
+    assert not force[far].any()
+
+
+@pytest.mark.parametrize(
+    ("name", "place", "dim", "wanted"),
+    [
+        ("filament", 0.5 * np.arange(20)[:, None] * np.array([2, 3, 6]) / 7, 3, {1}),
+        ("two by two filament", None, 3, {3}),
+        ("film", None, 3, {2}),
+        ("row", 0.5 * np.arange(20)[:, None] * np.array([0.6, 0.8, 0]), 2, {1}),
+        ("two rows", None, 2, {2}),
+        ("alone", np.array([[0.0, 0, 0], [3.0, 0, 0]]), 3, {0}),
+    ],
+)
+def test_filaments_and_films_are_told_from_bulk(name, place, dim, wanted):
+    lattices = {"two by two filament": (20, 2, 2), "film": (8, 8, 1), "two rows": (20, 2, 1)}
+    if place is None:
+        place = 0.5 * np.stack(np.meshgrid(*map(np.arange, lattices[name]), indexing="ij"), axis=-1).reshape(-1, 3)
+    made = Reconstruction(CPU, dim, "float64", H, Tension(surface_tension=2.0))
+    assert set(made.extents(H * (place + 0.1 * np.array([1.0, 1.0, dim == 3])))) == wanted
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+@pytest.mark.parametrize("quadrature", ["facets", "poisson"])
+@pytest.mark.parametrize("count", [0, 1])
+def test_nothing_and_one_particle(dim, quadrature, count):
+    place = np.full((count, 3), 0.37)
+    place[:, dim:] = 0
+    made, surface = reconstructed(place, dim, "float32", quadrature=quadrature, smallest=1)
+    assert (len(surface.samples.area) > 0) == (count > 0)
+    force = made.force(surface.samples, surface.blocks)
+    assert np.isfinite(force).all()
+    assert np.isfinite(surface.samples.normal).all()
+    assert (surface.samples.nearest == 0).all()
+
+
+def test_particle_on_a_node_marks_its_neighbours_and_no_more():
+    """Exactly r away is not nearer than r: of the nodes around one on a node all within 1 step, but for the corners."""
+    place = np.zeros((1, 3))
+    _, surface = reconstructed(place, h=0.25)
+    state = np.zeros(nodes(surface.blocks), int)
+    far = np.abs(node_table(surface.blocks)).sum(1)
+    near = (np.abs(node_table(surface.blocks)).max(1) <= 1) & (far < 3)
+    state[near] = 1
+    crossings, _ = classify(surface.blocks, state)["crossings"]
+    assert len(surface.mesh.vertices) == sum(int(c).bit_count() for c in crossings)
+    assert np.linalg.norm(surface.mesh.vertices, axis=1) == pytest.approx(0.25 * 3**0.5)
+
+
+def test_drops_nearer_than_twice_the_radius_share_one_surface():
+    disc = ball(4, dim=2)
+    sizes = []
+    for gap in (2.5, 4.5):
+        place = np.vstack([disc, disc + [8 + gap, 0, 0]])
+        _, surface = reconstructed(place, 2)
+        sizes.append(surface.component_size[0])
+    assert sizes == [2 * len(disc), len(disc)]
+
+
+def test_cavity_narrower_than_twice_the_radius_has_no_surface():
+    disc = ball(6, dim=2)
+    radius = np.linalg.norm(disc, axis=1)
+    inner = []
+    for hole in (1.0, 2.6):
+        _, surface = reconstructed(disc[radius > hole], 2, inset=None)
+        inner.append((np.linalg.norm(surface.samples.position, axis=1) < 4 * H).sum())
+    assert inner[0] == 0
+    assert inner[1] > 0
+
+
+# Readings and bad input
+
+
+def test_printed_readings_do_what_they_say():
+    place = ball(4)
+    _, printed = reconstructed(place, literal=("M14",), inset=None)
+    assert not printed.coefficients.any()
+    assert np.array_equal(printed.samples.normal, printed.offset_direction)
+    _, at_r = reconstructed(place, literal=("M31",))
+    _, none = reconstructed(place, inset=None)
+    assert np.array_equal(at_r.samples.position, none.samples.position)
+    scattered = np.random.default_rng(2).uniform(-6, 6, (60, 3))
+    holes = []
+    for literal in ((), ("M32",)):
+        _, surface = reconstructed(scattered, literal=literal, inset=None)
+        edges = sides(surface.mesh.facets)
+        holes.append(sum((b, a) not in edges for a, b in edges))
+    assert holes[0] == 0
+    assert holes[1] > 0
+
+
+@pytest.mark.parametrize(
+    ("parameters", "words"),
+    [
+        ({"surface_tension": -1.0}, "surface_tension = -1.0"),
+        ({"level_set_radius": 1.0}, "level_set_radius = 1.0 is not possible; give 1.732 to 2"),
+        ({"disk_radius": 1.5}, "disk_radius = 1.5"),
+        ({"relaxation": 2.0}, "so that the fit converges"),
+        ({"offset": 3.0}, "offset = 3.0"),
+        ({"iterations": -1}, "iterations = -1"),
+        ({"normals": "best"}, "choose one of mls, gradient, facets, offsets"),
+        ({"quadrature": "gauss"}, "choose one of facets, poisson"),
+        ({"inset": 2.0}, "inset = 2.0"),
+        ({"literal": ("E2",)}, "only M1, M14, M31, M32 or all"),
+    ],
+)
+def test_bad_parameters_are_told(parameters, words):
+    with pytest.raises(InputError, match=words):
+        Reconstruction(CPU, 3, "float32", H, Tension(**{"surface_tension": 1.0, **parameters}))
+
+
+def test_terms_in_the_runs_dtype():
+    term = surface_term(Tension(surface_tension=0.5, normals="gradient"), 2, "float32", 0.1)
+    assert term.radius_squared == 2
+    assert term.inset == np.float32(2**0.5 - 0.25)
+    assert {type(part) for part in term} == {np.float32, float, np.int32}
+    assert len(cut_ball(0.3, 2)) > 10

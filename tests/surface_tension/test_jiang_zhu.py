@@ -1,0 +1,447 @@
+"""Tension after Jiang & Zhu 2023: its force's shape and numbers, conservation, pairing, a cube that rounds off."""
+
+import itertools
+import math
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from refsim import (
+    Box,
+    Cloud,
+    InputError,
+    JiangZhu2023,
+    Scene,
+    Simulation,
+    SurfaceDetection,
+    WeaklyCompressible,
+    make_plan,
+)
+from refsim.core.effect import Discretisation, StepLimit
+from refsim.core.operation import REGISTRY
+from refsim.core.walls import WallParticles, with_list
+from refsim.neighbours.reference import neighbour_list
+from refsim.neighbours.rows import NeighbourRows
+from refsim.smoothing import smoothing
+from refsim.sph import Fluid
+from refsim.surface_tension.jiang_zhu_2023 import (
+    AreaTerm,
+    PairSelection,
+    SoftThresholds,
+    formulas,
+    internal_pressure,
+    kirkwood_buff_sigma,
+    reference,
+)
+from refsim.surface_tension.jiang_zhu_2023.modes import PAIR_MODES
+
+H = 2.7  # support radius in spacings
+
+
+def prepared(dim=3, dtype="float64", support_radius=1.0, spacing=None, rest_density=1.0, **parameters):
+    """Parameter groups of the effect, with rho0 = 1 and h = 1 unless told otherwise."""
+    grid = Discretisation(dim, dtype, spacing or support_radius / H, support_radius, 100)
+    effect = JiangZhu2023(**({"gamma": 1.0} | parameters))
+    others = {
+        "weakly_compressible": WeaklyCompressible(rest_density=rest_density, sound_speed=100.0),
+        effect.name: effect,
+    }
+    effect.check(grid, others)
+    return effect.prepare(grid, others)
+
+
+def shape(q, **options):
+    cohesion = prepared(**options)["cohesion"]
+    return np.array([formulas.force_shape(np.float64(x), cohesion) for x in np.atleast_1d(q)])
+
+
+def drop(n=5, dtype="float32", dim=3, fluid=None, wobble=0.0, **parameters):
+    spacing = 1.0 / n
+    cells = (n, n, n if dim == 3 else 1)
+    part = Box(lower=(-0.5, -0.5, -0.5), cells=cells)
+    if wobble:
+        grid = Discretisation(dim, dtype, spacing, H * spacing, 0)
+        points = part.positions(grid)
+        points[:, :dim] += np.random.default_rng(7).uniform(-wobble, wobble, (len(points), dim)) * spacing
+        part = Cloud(position=points)
+    effects = [fluid or WeaklyCompressible(rest_density=1.0, sound_speed=40.0, dynamic_viscosity=0.2)]
+    if parameters:
+        effects.append(JiangZhu2023(**parameters))
+    return Scene(
+        spacing=spacing, support_radius=H * spacing, dim=dim, dtype=dtype, fluid=(part,), effects=tuple(effects)
+    )
+
+
+# The force function J(17)
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_force_function_has_the_published_shape(dim):
+    q = np.linspace(0, 1, 20001)
+    c = shape(q, dim=dim)
+    assert c[0] == pytest.approx(0.6 / 0.8**3 - 0.9, rel=1e-12)
+    zero = q[np.flatnonzero(c < 0)[0]]
+    assert zero == pytest.approx(0.3609, abs=1e-4)
+    lowest = np.argmin(c)
+    assert q[lowest] == pytest.approx(0.589, abs=1e-3)
+    assert c[0] / -c[lowest] == pytest.approx(1.97, abs=5e-3)
+    assert c[-1] == 0.0
+
+
+def test_printed_coefficient_in_2d_has_hardly_any_core():
+    q = np.linspace(0, 1, 20001)
+    c = shape(q, dim=2, literal=("E7",))
+    assert q[np.flatnonzero(c < 0)[0]] == pytest.approx(0.153, abs=1e-3)
+    assert c[0] / -c.min() == pytest.approx(0.22, abs=5e-3)
+
+
+@pytest.mark.parametrize("support_radius", [1e-6, 1e3])
+@pytest.mark.parametrize("dim", [2, 3])
+def test_force_scales_with_the_support_radius_in_float32(support_radius, dim):
+    """J(17) and J(21) of one neighbour at q = 0.2, with gamma and the Kirkwood-Buff moments of poly6 as fractions.
+
+    int q^4 (1 - q^2)^3 = 16/1155 in space, int q^3 (1 - q^2)^3 = 1/40 in the plane; that of W(r, 0.8 h) is 0.8^2 times.
+    """
+    h, q, rho0, sigma = support_radius, 0.2, 1e3, 0.07
+    mass = rho0 * (h / H) ** dim
+    factor, moment, norm, alpha = {
+        2: (1 / 3, 1 / 40, 4 / math.pi, 0.75),
+        3: (math.pi / 8, 16 / 1155, 315 / (64 * math.pi), 0.6),
+    }[dim]
+    gamma = sigma / (factor * rho0**2 * h**2 * norm * moment * (0.9 - alpha * 0.64))
+    shape = alpha / 0.8**dim * (1 - (q / 0.8) ** 2) ** 3 - 0.9 * (1 - q**2) ** 3
+    groups = prepared(dim, "float32", h, rest_density=rho0, gamma=None, surface_tension=sigma)
+    value = formulas.cohesion_pair(np.float32(mass), np.float32(q), groups["cohesion"])
+    assert value.dtype == np.float32
+    assert value == pytest.approx(mass * gamma * norm / h**dim * shape, rel=1e-4)
+    volume = formulas.area_pair(np.float32(mass), np.float32(rho0), groups["area"])
+    strength = formulas.area_strength(np.float32(rho0), groups["area"])
+    gradient = np.float32(1 / h)
+    expected = 0.01 * gamma * h ** (1 - dim) * mass / h
+    assert strength * (volume * gradient) == pytest.approx(expected, rel=1e-4)
+
+
+def test_printed_sign_attracts_where_the_adopted_one_repels():
+    near = np.array([[0.0, 0, 0], [0.1, 0, 0]])
+    for literal, sign in (((), -1), (("E4",), 1)):
+        groups = prepared(literal=literal, area_term="none", pair_mode="all")
+        value = oracle_tension(near, np.ones(2), groups)[0]
+        assert np.sign(value[0, 0]) == sign
+
+
+def test_pair_acceleration_is_the_closed_form():
+    """T1: two particles, a = gamma m_j (alpha W(r, 0.8h) - beta W(r, h)) along e_ij."""
+    r, gamma, m = 0.4, 2.5, (1.5, 0.5)
+    groups = prepared(gamma=gamma, area_term="none", pair_mode="all")
+    value = oracle_tension(np.array([[0.0, 0, 0], [0.0, 0, r]]), np.array(m), groups)[0]
+    norm = 315 / (64 * math.pi)
+    c = 0.6 * norm / 0.8**3 * (1 - (r / 0.8) ** 2) ** 3 - 0.9 * norm * (1 - r**2) ** 3
+    np.testing.assert_allclose(value, [[0, 0, -gamma * m[1] * c], [0, 0, gamma * m[0] * c]], rtol=1e-8)
+
+
+# Nominal tension and cohesive pressure
+
+
+@pytest.mark.parametrize(
+    "dim, alpha, sigma, pressure",
+    [(3, 0.6, 0.004398, 0.03445), (2, 0.75, 0.004456, 0.03048), (2, 0.6, 0.005475, 0.04267)],
+)
+def test_kirkwood_buff_numbers(dim, alpha, sigma, pressure):
+    assert kirkwood_buff_sigma(1.0, 1.0, 1.0, dim, alpha) == pytest.approx(sigma, rel=2e-4)
+    assert internal_pressure(1.0, 1.0, 1.0, dim, alpha) == pytest.approx(pressure, rel=2e-4)
+    assert kirkwood_buff_sigma(3.0, 10.0, 0.1, dim, alpha) == pytest.approx(3 * sigma, rel=2e-4)
+    assert internal_pressure(3.0, 10.0, 0.1, dim, alpha) == pytest.approx(30 * pressure, rel=2e-4)
+
+
+def test_surface_tension_becomes_the_coefficient_that_has_it():
+    groups = prepared(gamma=None, surface_tension=0.07, rest_density=1000.0, support_radius=0.01)
+    gamma = float(groups["cohesion"].gamma)
+    assert kirkwood_buff_sigma(gamma, 1000.0, 0.01, 3) == pytest.approx(0.07, rel=1e-12)
+
+
+# Pair modes
+
+
+def oracle_tension(position, mass, groups, weight=None, surface=None, normal=None, density=None):
+    dim = 3
+    kernel = smoothing("wendland_c2", 1.0, dim)
+    density = np.ones(len(mass)) if density is None else density
+    return reference.tension(
+        position, mass, density, weight, surface, normal, kernel, groups["pairs"], groups["cohesion"], groups["area"]
+    )["acceleration"]
+
+
+@pytest.mark.parametrize("mode", PAIR_MODES)
+def test_pair_weight_table(mode):
+    expected = {
+        "soft": lambda wi, wj, si, sj: (wi + wj) / 2,
+        "all": lambda wi, wj, si, sj: 1,
+        "one_sided": lambda wi, wj, si, sj: si,
+        "either": lambda wi, wj, si, sj: max(si, sj),
+        "both": lambda wi, wj, si, sj: min(si, sj),
+    }[mode]
+    for wi, wj, si, sj in itertools.product((0.0, 0.25, 1.0), (0.0, 0.25, 1.0), (0, 1), (0, 1)):
+        base, slope = formulas.pair_weight(PAIR_MODES[mode], np.float32(wi), np.uint8(si))
+        assert base + slope * (wj if mode == "soft" else sj) == expected(wi, wj, si, sj)
+        assert base.dtype == slope.dtype == np.float32
+        assert reference.pair_shares(PAIR_MODES[mode], wi, wj, si, sj) == expected(wi, wj, si, sj)
+
+
+def cloud(count=60, dim=3, seed=3):
+    """Random particles of mixed masses in a box of two support radii; flags and weights at random."""
+    rng = np.random.default_rng(seed)
+    position = rng.uniform(0, 2, (count, 3))
+    if dim == 2:
+        position[:, 2] = 0
+    return SimpleNamespace(
+        position=position,
+        mass=rng.uniform(0.01, 0.1, count),
+        density=rng.uniform(0.5, 1.5, count),
+        surface=rng.integers(0, 2, count).astype(np.uint8),
+        surface_weight=np.maximum(rng.uniform(-0.5, 1, count), 0),
+        surface_normal=rng.normal(size=(count, 3)),
+        corrected_normal=rng.normal(size=(count, 3)),
+    )
+
+
+@pytest.mark.parametrize("mode", PAIR_MODES)
+@pytest.mark.parametrize("area_term", ["none", "corrected"])
+def test_momentum_of_the_pair_modes(mode, area_term):
+    c = cloud()
+    groups = prepared(pair_mode=mode, area_term=area_term)
+    value, scale = oracle_tension(
+        c.position, c.mass, groups, c.surface_weight, c.surface, c.corrected_normal, c.density
+    )
+    force = c.mass[:, None] * value
+    round_off = 1e-14 * (c.mass[:, None] * scale).sum()
+    linear = np.abs(force.sum(0)).max()
+    angular = np.abs(np.cross(c.position, force).sum(0)).max()
+    if mode == "one_sided":
+        assert linear > 1e6 * round_off
+        return
+    assert linear < round_off
+    if area_term == "none":
+        assert angular < 10 * round_off
+    else:
+        assert angular > 1e6 * round_off  # E12
+
+
+# Pairing: the CPU kernels against the all-pairs oracle
+
+
+def rows_of(position, radius):
+    found = neighbour_list(position, radius)
+    count = np.array([len(f) for f in found], dtype=np.int32)
+    start = np.concatenate(([0], np.cumsum(count[:-1]))).astype(np.int64)
+    return NeighbourRows(start, count, np.concatenate([*found, np.zeros(1)]).astype(np.int32))
+
+
+def wall_rows(position, wall, radius):
+    distance = np.linalg.norm(position[:, None] - wall[None], axis=2)
+    found = [np.flatnonzero(line < radius) for line in distance]
+    count = np.array([len(f) for f in found], dtype=np.int32)
+    start = np.concatenate(([0], np.cumsum(count[:-1]))).astype(np.int64)
+    return NeighbourRows(start, count, np.concatenate([*found, np.zeros(1)]).astype(np.int32))
+
+
+def compare(name, values, counts):
+    """Run the registered CPU program and the reference on the same, already rounded, inputs."""
+    operation = REGISTRY[name]
+    real = values["position"].dtype if "position" in values else values["surface_normal"].dtype
+    result = operation.program("numpy")(*(values[a] for a in operation.arguments("numpy")))
+    operation.program("cpu")(*(values[a] for a in operation.arguments("cpu")))
+    for output, (expected, scale) in result.items():
+        counts_here = counts.reshape(-1, *[1] * (np.ndim(scale) - 1))
+        bound = operation.tolerance * (counts_here + 1) * np.finfo(real).eps * scale
+        assert np.all(np.abs(values[output] - expected) <= bound), name
+        assert np.any(scale > 0)
+
+
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+@pytest.mark.parametrize(
+    "mode, area_term",
+    [("soft", "corrected"), ("all", "none"), ("either", "color"), ("both", "color"), ("one_sided", "color")],
+)
+def test_tension_pairs_with_its_oracle(dtype, mode, area_term):
+    c = cloud()
+    groups = prepared(dtype=dtype, pair_mode=mode, area_term=area_term)
+    values = {name: array.astype(dtype) for name, array in vars(c).items()}
+    normal = {"corrected": values["corrected_normal"], "color": values["surface_normal"], "none": None}
+    values |= groups | {
+        "surface": c.surface if mode in ("either", "both", "one_sided") else None,
+        "surface_weight": values["surface_weight"] if mode == "soft" else None,
+        "area_normal": normal[area_term],
+        "neighbours": rows_of(values["position"], 1.1),
+        "smoothing": smoothing("wendland_c2", 1.0, 3, dtype),
+        "acceleration": np.zeros((len(c.mass), 3), dtype),
+    }
+    compare("jiang_zhu_2023." + ("cohesion" if area_term == "none" else "tension"), values, values["neighbours"].count)
+
+
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+def test_density_correction_and_soft_weight_pair_with_their_oracles(dtype):
+    c = cloud()
+    wall = np.random.default_rng(5).uniform(0, 2, (20, 3)).astype(dtype)
+    walls = WallParticles(wall, np.full(len(wall), 0.03, dtype))
+    values = {name: array.astype(dtype) for name, array in vars(c).items()}
+    values |= prepared(dtype=dtype) | {
+        "near_surface": c.surface,
+        "neighbours": rows_of(values["position"], 1.1),
+        "walls": with_list(*walls, wall_rows(values["position"], wall, 1.1)),
+        "smoothing": smoothing("wendland_c2", 1.0, 3, dtype),
+        "fluid": Fluid(*np.array([1.0, 100.0], dtype), np.int32(1), np.int32(1)),
+        "corrected_density": np.zeros(len(c.mass), dtype),
+        "surface_normal": (0.5 * c.surface_normal).astype(dtype),
+        "surface_weight": np.zeros(len(c.mass), dtype),
+    }
+    compare("jiang_zhu_2023.corrected_density", values, values["neighbours"].count)
+    assert np.all(values["corrected_density"][c.surface == 0] == values["density"][c.surface == 0])
+    compare("jiang_zhu_2023.replace_density", values, values["neighbours"].count)
+    compare("jiang_zhu_2023.soft_weight", values, np.zeros(len(c.mass)))
+
+
+# Density correction J(14), J(15)
+
+
+def test_density_correction_keeps_a_constant_density():
+    c = cloud()
+    density = np.full(len(c.mass), 3.7)
+    kernel = smoothing("wendland_c2", 1.0, 3)
+    fluid = SimpleNamespace(rest_density=1.0)
+    marked = np.ones(len(c.mass))
+    rho, _ = reference.corrected_density(c.position, c.mass, density, marked, None, kernel, fluid)["corrected_density"]
+    np.testing.assert_allclose(rho, density, rtol=1e-12)
+
+
+def test_density_correction_lifts_the_surface_before_the_equation_of_state():
+    fluid = WeaklyCompressible(rest_density=1.0, sound_speed=40.0, clamp_pressure=False)
+    raw = Simulation(drop(11, fluid=fluid), "cpu")
+    corrected = Simulation(drop(11, fluid=fluid, gamma=0.0, density_correction=True), "cpu")
+    for simulation in (raw, corrected):
+        simulation.evaluate()
+    assert corrected.plan.launches()[:4] == (
+        "sph.density",
+        "surface_detection.near_surface",
+        "jiang_zhu_2023.corrected_density",
+        "jiang_zhu_2023.replace_density",
+    )
+    before, after = raw.field("density"), corrected.field("density")
+    near = corrected.field("near_surface") != 0
+    assert 0 < near.sum() < len(near)
+    assert np.array_equal(before[~near], after[~near])
+    distance = np.abs(corrected.field("position"))
+    face_middles = (distance.max(1) > 4.5 / 11) & (np.sort(distance, axis=1)[:, 1] < 0.5 / 11)
+    assert face_middles.sum() == 6
+    assert np.all(after[face_middles] > 1.04 * before[face_middles])
+    assert after.min() > 1.2 * before.min()
+    assert after.max() <= before.max()  # a mean of neighbouring densities
+    np.testing.assert_allclose(corrected.field("pressure"), 1600 * (after - 1), rtol=1e-5, atol=1e-3)
+
+
+# In a scene
+
+
+@pytest.mark.parametrize("mode", PAIR_MODES)
+def test_a_scene_pays_only_for_what_its_pair_mode_uses(mode):
+    plan = make_plan(drop(surface_tension=1.0, pair_mode=mode, area_ratio=0.0, density_correction=False))
+    launches = set(plan.launches()) - {"sph.density", "sph.state", "sph.momentum"}
+    detection = {"surface_detection.candidates", "surface_normal.color_gradient", "surface_detection.fan_scan"}
+    assert launches == {"jiang_zhu_2023.cohesion"} | {
+        "soft": {"surface_normal.color_gradient", "jiang_zhu_2023.soft_weight"},
+        "all": set(),
+    }.get(mode, detection)
+    assert "corrected_normal" not in plan.fields
+    assert ("surface" in plan.fields) == (mode not in ("soft", "all"))
+
+
+def test_no_tension_leaves_the_state_bitwise_alone():
+    plain = Simulation(drop(wobble=0.2), "cpu")
+    idle = Simulation(drop(wobble=0.2, surface_tension=0.0), "cpu")
+    assert idle.plan.launches() == plain.plan.launches()
+    assert set(idle.plan.fields) == set(plain.plan.fields)
+    for _ in range(5):
+        plain.step()
+        idle.step()
+    assert np.array_equal(plain.field("position"), idle.field("position"))
+    assert np.abs(plain.field("velocity")).max() > 0
+
+
+def test_detection_shares_its_passes_with_tension():
+    scene = drop(surface_tension=1.0, pair_mode="either", density_correction=True, area_term="color")
+    alone = make_plan(scene).launches()
+    assert len(alone) == len(set(alone))
+    beside = Scene(
+        **(
+            {f: getattr(scene, f) for f in scene.__struct_fields__}
+            | {"effects": (*scene.effects, SurfaceDetection(threshold=0.95))}
+        )
+    )
+    plan = make_plan(beside)
+    assert sorted(plan.launches()) == sorted(alone)
+    limit = plan.parameters["jiang_zhu_2023"]["near_surface_limit"].number_density
+    fluid = plan.effects["weakly_compressible"]
+    assert limit == pytest.approx(0.95 * fluid.rest_number_density(plan.grid))
+
+
+def test_capillary_step_limit():
+    scene = drop(surface_tension=2.0)
+    plan = make_plan(scene)
+    limits = plan.effects["jiang_zhu_2023"].step_limits(plan.grid, plan.effects)
+    half = scene.support_radius / 2
+    assert limits == {"capillary": StepLimit.constant(pytest.approx(0.25 * math.sqrt(half**3 / (4 * math.pi))))}
+
+
+def radius_variation(position):
+    """std/mean over 200 Fibonacci directions of the greatest distance from the centre within 20 degrees."""
+    k = np.arange(200) + 0.5
+    polar, around = np.arccos(1 - k / 100), math.pi * (1 + math.sqrt(5)) * k
+    directions = np.stack([np.cos(around) * np.sin(polar), np.sin(around) * np.sin(polar), np.cos(polar)], 1)
+    offset = position - position.mean(0)
+    distance = np.linalg.norm(offset, axis=1)
+    inside = offset @ directions.T > math.cos(math.radians(20)) * distance[:, None]
+    outermost = np.where(inside, distance[:, None], 0).max(0)
+    return outermost.std() / outermost.mean()
+
+
+def test_a_cube_rounds_off():
+    simulation = Simulation(drop(9, surface_tension=1.0), "cpu")
+    cube = radius_variation(simulation.field("position"))
+    while simulation.time < 0.55:
+        simulation.step()
+    position, velocity = simulation.field("position"), simulation.field("velocity")
+    assert radius_variation(position) < 0.25 * cube
+    assert np.abs(velocity.mean(0)).max() < 1e-5
+    assert np.sqrt((velocity**2).sum(1).mean()) < 0.2
+
+
+# Bad input
+
+
+@pytest.mark.parametrize(
+    "parameters, words",
+    [
+        ({}, "neither of surface_tension and gamma"),
+        ({"surface_tension": 1.0, "gamma": 1.0}, "both of surface_tension and gamma"),
+        ({"surface_tension": -1.0}, "surface_tension = -1.0"),
+        ({"gamma": math.nan}, "gamma = nan"),
+        ({"gamma": 1.0, "area_ratio": math.inf}, "area_ratio = inf"),
+        ({"gamma": 1.0, "soft_lower": 1.0}, "soft_lower < soft_upper"),
+        ({"gamma": 1.0, "pair_mode": "some"}, "choose one of soft, all"),
+        ({"gamma": 1.0, "area_term": "some"}, "choose one of corrected, color, none"),
+        ({"gamma": 1.0, "literal": ("E3",)}, "literal has E3"),
+        ({"surface_tension": 500.0, "balance_pressure": False}, "would collapse the liquid"),
+        ({"gamma": 1.0, "density_correction": True, "threshold": 2.0}, "threshold = 2.0"),
+    ],
+)
+def test_bad_parameters_get_one_sentence(parameters, words):
+    effects = (WeaklyCompressible(rest_density=1.0, sound_speed=40.0), JiangZhu2023(**parameters))
+    scene = Scene(spacing=0.2, support_radius=0.54, fluid=(Box(cells=(3, 3, 3)),), effects=effects)
+    with pytest.raises(InputError, match=words):
+        make_plan(scene)
+
+
+def test_groups_hold_the_runs_dtype():
+    for group in (AreaTerm, PairSelection, SoftThresholds):
+        found = next(g for g in prepared(dtype="float32").values() if isinstance(g, group))
+        assert all(type(x) in (np.float32, np.int32) for x in found)

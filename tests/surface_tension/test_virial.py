@@ -1,0 +1,107 @@
+"""The virial of the pair forces is that of the forces which the programs compute."""
+
+import numpy as np
+import pytest
+
+from refsim import (
+    Akinci2013,
+    Ball,
+    BeckerTeschner2007,
+    Cloud,
+    Dong2016,
+    He2014,
+    ImplicitPressure,
+    JiangZhu2023,
+    Scene,
+    Simulation,
+    TartakovskyMeakin2005,
+    WeaklyCompressible,
+)
+from refsim.core.effect import Discretisation
+from validation.metrics.virial import inner_pressure, pair_virials, share_inside
+
+TENSIONS = (
+    JiangZhu2023(surface_tension=1.0),
+    JiangZhu2023(surface_tension=1.0, pair_mode="soft", area_ratio=0.2),
+    Akinci2013(surface_tension=1.0, area_acceleration=20.0),
+    Dong2016(surface_tension=1.0),
+    BeckerTeschner2007(surface_tension=1.0),
+    TartakovskyMeakin2005(surface_tension=1.0),
+    He2014(surface_tension=1.0, air_pressure=3.0),
+)
+
+
+def blob(*effects, dim=3, clamp=True):
+    grid = Discretisation(dim, "float64", 0.1, 0.26, 0)
+    points = Ball(radius=0.42 if dim == 3 else 0.6).positions(grid)
+    points[:, :dim] += np.random.default_rng(2).uniform(-0.02, 0.02, (len(points), dim))
+    fluid = WeaklyCompressible(rest_density=1.0, sound_speed=20.0, clamp_pressure=clamp)
+    return Simulation(
+        Scene(spacing=0.1, support_radius=0.26, dim=dim, fluid=(Cloud(position=points),), effects=(fluid, *effects))
+    )
+
+
+@pytest.mark.parametrize("tension", TENSIONS, ids=lambda effect: effect.name + getattr(effect, "pair_mode", ""))
+def test_sum_of_pairs_is_the_sum_of_the_forces(tension):
+    """sum_pairs x_ij.F_ij = sum_i x_i.F_i, with the accelerations of the CPU's programs."""
+    simulation = blob(tension)
+    simulation.evaluate()
+    x, a, m = (simulation.field(name).astype(float) for name in ("position", "acceleration", "mass"))
+    _, _, virial = pair_virials(simulation)
+    assert virial.sum() == pytest.approx((m[:, None] * x * a).sum(), abs=2e-6 * np.abs(virial).sum())
+    assert abs(virial.sum()) > 1e-3 * np.abs(virial).sum()
+
+
+def test_sum_of_pairs_on_implicit_pressure():
+    """The same for Akinci 2013 on IISPH, whose pressures are those of the step that has just been made."""
+    simulation = blob(Akinci2013(surface_tension=1.0), ImplicitPressure())
+    for _ in range(3):
+        before = simulation.field("position").astype(float)
+        simulation.step()
+    simulation.set_field("position", before)
+    a, m = (simulation.field(name).astype(float) for name in ("acceleration", "mass"))
+    _, _, virial = pair_virials(simulation)
+    assert simulation.field("pressure").max() > 0
+    assert virial.sum() == pytest.approx((m[:, None] * before * a).sum(), abs=1e-5 * np.abs(virial).sum())
+
+
+def test_pairs_far_from_the_edge_of_a_ball_are_counted_whole_or_not_at_all():
+    simulation = blob(Akinci2013(surface_tension=1.0))
+    simulation.evaluate()
+    i, j, virial = pair_virials(simulation)
+    x = simulation.field("position").astype(float)
+    x -= x.mean(0)
+    for radius in (0.1, 0.25, 0.4):
+        shares = share_inside(x[i], x[j], radius)
+        expected = (shares * virial).sum() / (4 * np.pi * radius**3)
+        assert inner_pressure(simulation, [radius]) == pytest.approx(expected, rel=1e-9)
+
+
+def test_liquid_under_its_own_pressure():
+    """On a lattice squeezed by 2 % the virial is the pressure of the equation of state."""
+    grid = Discretisation(3, "float64", 1.0, 2.7, 0)
+    fluid = WeaklyCompressible(rest_density=1.0, sound_speed=20.0)
+    points = 0.98 * Ball(radius=8.0).positions(grid)
+    simulation = Simulation(
+        Scene(spacing=1.0, support_radius=2.7, dtype="float64", fluid=(Cloud(position=points),), effects=(fluid,))
+    )
+    simulation.evaluate()
+    inside = np.linalg.norm(points, axis=1) < 3
+    pressure = simulation.field("pressure")[inside].mean()
+    assert pressure == pytest.approx(400 * (0.98**-3 - 1), rel=0.05)
+    assert inner_pressure(simulation, (3.0, 4.0)) == pytest.approx(pressure, rel=0.05)
+
+
+def test_share_of_a_line_inside_a_ball():
+    """Of radius 2: wholly in, wholly out, one end in, through the centre, along a chord, beside it."""
+    lines = [
+        ((0, 0, 0), (1, 1, 0), 1.0),
+        ((3, 0, 0), (5, 0, 0), 0.0),
+        ((0, 0, 0), (8, 0, 0), 0.25),
+        ((-4, 0, 0), (4, 0, 0), 0.5),
+        ((-3, 1, 0), (3, 1, 0), 12**0.5 / 6),
+        ((-3, 2.5, 0), (3, 2.5, 0), 0.0),
+    ]
+    first, second, share = (np.array(column, dtype=float) for column in zip(*lines))
+    assert share_inside(first, second, 2.0) == pytest.approx(share, abs=1e-12)
+    assert share_inside(second, first, 2.0) == pytest.approx(share, abs=1e-12)

@@ -1,0 +1,244 @@
+"""The claims: what is written is complete, hangs together with its tests and its page, and is judged as it says."""
+
+import json
+import math
+import pathlib
+import re
+
+import numpy as np
+import pytest
+
+from validation import claims as command
+from validation.cases.dam_break import claims as dam_break
+from validation.cases.droplet import claims as droplet
+from validation.claims import CONFIRMED, NOT_TESTABLE, REFUTED, Claim, Found, Measure, discover, read_claims
+from validation.harness import EXIT_FAILED, EXIT_FINE, EXIT_INPUT, Options, Run
+from validation.results import Result
+from validation.running import Context
+
+ROOT = pathlib.Path(__file__).resolve().parents[2]
+CLAIMS = read_claims()
+TESTABLE = [name for name, claim in CLAIMS.items() if claim.verdict != NOT_TESTABLE]
+
+
+# What is written
+
+
+def test_every_claim_has_a_test_of_its_own():
+    tests = [claim.test for claim in CLAIMS.values() if claim.verdict != NOT_TESTABLE]
+    assert set(tests) <= set(discover())
+    assert len(set(tests)) == len(tests)
+
+
+@pytest.mark.parametrize("name", TESTABLE)
+def test_what_is_written_follows_from_the_numbers_beside_it(name):
+    claim = CLAIMS[name]
+    low, high = claim.spread
+    assert low <= claim.measured <= high
+    assert claim.starts >= 3 or low == high  # one start only where there is nothing that could differ
+    assert claim.judge([low, claim.measured, high]) == claim.verdict
+
+
+@pytest.mark.parametrize("name", TESTABLE)
+def test_every_value_behind_a_claim_is_published(name):
+    claim = CLAIMS[name]
+    published = json.loads((ROOT / "figures" / "claims.json").read_text())[name]
+    values = [math.inf if value is None else value for value in published["values"]]
+    assert len(values) == claim.starts
+    assert float(f"{np.median(values):.4g}") == claim.measured
+    assert [float(f"{x:.4g}") for x in (min(values), max(values))] == list(claim.spread)
+    assert published["verdict"] == claim.verdict
+    assert published["machine"]["processor"]
+
+
+@pytest.mark.parametrize("system", sorted({claim.system for claim in CLAIMS.values()}))
+def test_the_page_shows_the_claims(system):
+    page = (ROOT / "docs" / "claims.md").read_text()
+    between = re.search(rf"<!-- claims of {system} -->\n(.*?)<!-- end of {system} -->", page, re.DOTALL)
+    assert between, "write the two marks, then run python -m validation.claims --write"
+    assert between[1].strip() == command.page_table(CLAIMS, system).strip()
+
+
+def test_the_issue_of_each_claim_is_there():
+    """Both outcomes and reasons occur: a page on which every claim holds would have measured nothing."""
+    assert {claim.verdict for claim in CLAIMS.values()} == {CONFIRMED, REFUTED, NOT_TESTABLE}
+    assert all(claim.reason for claim in CLAIMS.values() if claim.verdict == NOT_TESTABLE)
+
+
+# How it is judged
+
+
+def claim(**changes):
+    given = {"name": "one", "system": "s", "says": "It is small.", "where": "here", "verdict": CONFIRMED}
+    tested = {"test": "validation/cases/droplet/claims.py:ONE", "what": "a size", "rule": "at_most", "bound": 1.0}
+    return Claim(**{**given, **tested, **changes})
+
+
+@pytest.mark.parametrize(
+    ("values", "verdict"),
+    [([0.5, 1.0], CONFIRMED), ([0.5, 1.1], REFUTED), ([math.nan], REFUTED), ([math.inf, 0.1], REFUTED), ([], REFUTED)],
+)
+def test_one_start_that_misses_the_bar_refutes(values, verdict):
+    assert claim().judge(values) == verdict
+
+
+def test_what_was_measured_is_held_against_what_is_written():
+    assert Found(claim(), [0.5]).holds
+    assert not Found(claim(), [1.5]).holds
+    assert Found(claim(verdict=REFUTED), [1.5]).holds
+    assert Found(claim(), missing="not now").holds
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ('[a]\nsystem="s"\nsays="x"\nwhere="y"\nverdict="not testable"', "a reason"),
+        ('[a]\nsystem="s"\nsays="x"\nwhere="y"\nverdict="perhaps"', "lacks"),
+        ('[a]\nsystem="s"\nsays="x"\nverdict="not testable"\nreason="z"', "lacks"),
+        ('[a]\nsystem="s"\nsays="x"\nwhere="y"\nverdict="not testable"\nreason="z"\nmood="good"', "unknown"),
+    ],
+)
+def test_an_incomplete_claim_is_refused(text, words, tmp_path):
+    (tmp_path / "claims.toml").write_text(text)
+    with pytest.raises(ValueError, match=words):
+        read_claims(tmp_path / "claims.toml")
+
+
+# The command
+
+
+def number_of(context, value):
+    return Result({"value": value})
+
+
+@pytest.fixture
+def own(tmp_path, monkeypatch):
+    """A file, a page and one measure of our own; its values are set by the test."""
+    (tmp_path / "claims.toml").write_text(
+        '[small]\nsystem = "s"\nsays = "It is small."\nwhere = "(1)"\ntest = "validation/cases/droplet/claims.py:ONE"\n'
+        'what = "its size"\nunit = "m"\nat_most = 1\nmeasured = 0.5\nspread = [0.5, 0.5]\nstarts = 1\n'
+        'verdict = "confirmed"\n\n[nice]\nsystem = "s"\nsays = "It is nice."\nwhere = "(2)"\n'
+        'verdict = "not testable"\nreason = "No measure."\n'
+    )
+    (tmp_path / "claims.md").write_text("# Page\n<!-- claims of s -->\n<!-- end of s -->\nmore\n")
+    values = [0.25, 0.5, 0.75]
+
+    def runs(options):
+        return [Run(f"size_{k}", number_of, {"value": value}) for k, value in enumerate(values)]
+
+    one = Measure(runs, lambda results: [result.values["value"] for result in results.values()])
+    monkeypatch.setattr(command, "FILE", tmp_path / "claims.toml")
+    monkeypatch.setattr(command, "PAGE", tmp_path / "claims.md")
+    monkeypatch.setattr(command, "discover", lambda: {"validation/cases/droplet/claims.py:ONE": one})
+    monkeypatch.setattr(command, "read_claims", lambda: read_claims(tmp_path / "claims.toml"))
+    folders = ["--results", str(tmp_path / "results"), "--figures", str(tmp_path / "figures")]
+    return values, folders, tmp_path
+
+
+def test_the_command_measures_stores_and_writes(own, capsys):
+    values, folders, folder = own
+    assert command.main(["--write", *folders]) == EXIT_FINE
+    printed = capsys.readouterr().out
+    assert "0.5 (0.25 to 0.75)" in printed
+    assert "No measure." in printed
+    written = read_claims(folder / "claims.toml")["small"]
+    assert (written.measured, written.spread, written.starts) == (0.5, (0.25, 0.75), 3)
+    page = (folder / "claims.md").read_text()
+    assert page.startswith("# Page\n")
+    assert page.endswith("more\n")
+    assert "### `small`: confirmed" in page
+    assert "**0.5 (0.25 to 0.75) m** over 3 starts" in page
+    assert "| [`small`](#small-confirmed) | (1) | 0.5 (0.25 to 0.75) m | at most 1 | confirmed |" in page
+    assert json.loads((folder / "figures" / "claims.json").read_text())["small"]["values"] == values
+    assert len(list((folder / "results" / "droplet").iterdir())) == 3
+
+
+def test_a_verdict_that_no_longer_holds_is_told_and_can_be_written(own, capsys):
+    values, folders, folder = own
+    values[2] = 1.5
+    assert command.main(folders) == EXIT_FAILED
+    assert "confirmed  now refuted" in capsys.readouterr().out
+    assert read_claims(folder / "claims.toml")["small"].verdict == CONFIRMED
+    assert command.main(["--write", *folders]) == EXIT_FINE
+    assert read_claims(folder / "claims.toml")["small"].verdict == REFUTED
+    assert "### `small`: refuted" in (folder / "claims.md").read_text()
+
+
+def test_without_computing_only_stored_results_count(own):
+    values, folders, folder = own
+    options = Options(results=folder / "results")
+    (found, _) = command.measure(list(command.read_claims().values()), options, compute=False)
+    assert found.missing == "not measured here"
+    command.main(folders)
+    (found, _) = command.measure(list(command.read_claims().values()), options, compute=False)
+    assert found.values == values
+
+
+def test_bad_input_gets_a_sentence(own, capsys):
+    _, folders, _ = own
+    assert command.main(["smell", *folders]) == EXIT_INPUT
+    assert "no claim or system 'smell'" in capsys.readouterr().err
+    assert command.main(["--write", "--quick", *folders]) == EXIT_INPUT
+
+
+def test_processes_give_what_one_gives(tmp_path):
+    """Two closed forms of the droplet in two processes, stored and read back."""
+    chosen = [CLAIMS["repulsion_3d"], CLAIMS["repulsion_2d"]]
+    found = command.measure(chosen, Options(quick=True, results=tmp_path), jobs=2)
+    assert [each.values[0] for each in found] == pytest.approx([1.968, 0.222], abs=1e-3)
+    assert all(each.holds for each in found)
+    (folder, *_) = (tmp_path / "droplet").iterdir()
+    assert json.loads((folder / "result.json").read_text())["about"]["date"]
+
+
+# Tiny runs of what the claims measure
+
+
+def test_area_term_keeps_momentum_and_turns_the_drop():
+    both = droplet.area_force(Context(), 125, 1, "all", "cpu").values
+    one_sided = droplet.area_force(Context(), 125, 1, "one_sided", "cpu").values
+    assert both["area"]["linear"] < 1e-13 < 1e-4 < both["area"]["angular"]
+    assert both["without"]["angular"] < 1e-13
+    assert one_sided["area"]["linear"] > 1e-3
+
+
+def test_density_near_the_surface_gains_by_the_correction():
+    error = droplet.surface_density(Context(), 343, 1, "cpu").values["error"]
+    assert 0.05 < error["corrected"] < error["raw"]
+
+
+def test_released_pressure_and_splash_runs():
+    """Without a clamp, the pressure that J(12) sets to zero is negative: the noise falls."""
+    noise = {}
+    for method in ("number_density", "two_step"):
+        values = dam_break.released(Context(), 8, 0.2, 1, method, False, "cpu").values
+        assert 0 <= values["marked"] < 0.5
+        noise[method] = values["noise"]
+    assert 0 < noise["number_density"] < noise["two_step"]
+    assert dam_break.splash(Context(), 8, 0.5, 1, True, "cpu").values["detached"] >= 0
+
+
+def test_runs_of_the_published_sizes_are_those_of_the_cases():
+    """What a case has computed serves its claims: same key, same parameters."""
+    from validation.cases.dam_break import CASE as DAM_BREAK
+    from validation.cases.droplet import CASE as DROPLET
+
+    for case, measure in ((DROPLET, droplet.AREA_ROUNDS), (DAM_BREAK, dam_break.FIGURE_5_UPPER)):
+        known = {run.key: run for run in case.runs(Options())}
+        shared = [run for run in measure.runs(Options()) if not run.key.startswith("claim_")]
+        assert len(shared) >= 5
+        for run in shared:
+            assert (run.function, run.parameters) == (known[run.key].function, known[run.key].parameters)
+
+
+def test_a_drop_that_never_comes_to_rest_is_infinitely_later():
+    def results(mine, its):
+        return {key: Result({"steady": its}) for key in droplet.FROM} | {
+            f"claim_steady_soft_{key}": Result({"steady": mine}) for key in droplet.FROM
+        }
+
+    values = droplet.STEADY_SOFT.values
+    assert values(results({"wall": 3.0}, {"wall": 2.0})) == [1.5] * 4
+    assert values(results(None, {"wall": 2.0})) == [math.inf] * 4
+    assert values(results({"wall": 3.0}, None)) == [0.0] * 4
+    assert values(results(None, None)) == []

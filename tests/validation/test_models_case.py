@@ -1,0 +1,56 @@
+"""The case that sets the models side by side: every model runs through it, pictures and tables come from results."""
+
+import numpy as np
+import pytest
+
+from refsim.core.effect import EFFECTS
+from validation.cases.models import CASE, judge, pictures, runs, scene, tables
+from validation.harness import Options, write_data
+from validation.running import Context
+
+
+@pytest.fixture(scope="module")
+def small():
+    """Small cubes under two models, one of which holds together."""
+    return {f"cube_{name}": runs.relax(Context(), name, "cube", 125, "cpu") for name in ("akinci", "becker_teschner")}
+
+
+def test_every_published_model_is_there():
+    named = {effect.name for model in scene.MODELS.values() for effect in model.changes.get("effects", ())}
+    tensions = {name for name, effect in EFFECTS.items() if effect.__module__.startswith("refsim.surface_tension")}
+    patent = {"normal_difference_2014"}  # of the mesh boundary's system; without cohesion it makes no drop
+    assert named | {"jiang_zhu_2023"} | patent == tensions | {"iisph"}
+    assert [m.paper for m in scene.MODELS.values() if m.paper] == [30.3, 34.6, 36.0, 35.1, 34.3]
+    planned = {run.key for run in CASE.runs(Options())}
+    assert planned == {f"{shape}_{name}" for shape in ("cube", "cut") for name in scene.MODELS}
+
+
+def test_rest_is_told_by_one_criterion(small):
+    values = small["cube_akinci"].values
+    energy = np.array(values["series"]["kinetic_energy"])
+    rest = values["rest"]
+    if rest is None:
+        assert energy[-1] > 1e-3 * energy.max()
+    else:
+        first = values["series"]["time"].index(rest["time"])
+        assert (energy[first:] <= 1e-3 * energy.max()).all()
+        assert energy[first - 1] > 1e-3 * energy.max()
+
+
+def test_tables_and_verdicts_show_every_run(small):
+    (table,) = tables(small)
+    text = str(table)
+    assert "35.1" in text
+    assert "125 particles" in text
+    assert len(judge(small)) == 8 * len(small)
+    assert all(m.verdict == "shown" for m in judge(small))
+
+
+def test_pictures_have_their_data(small, tmp_path):
+    assert len(pictures.panel_data(small)["rows"]) == 2
+    curves = pictures.curve_data({})["force_over_sigma_d"]
+    assert set(curves) == set(pictures.CURVES)
+    becker = curves["Becker & Teschner 2007"]
+    assert (becker <= 0).all()  # no repulsion, whatever is said of it (E15)
+    assert all((curves[name][0] > 0) for name in curves if name != "Becker & Teschner 2007")
+    assert write_data(CASE.pictures[0], {}, tmp_path).exists()

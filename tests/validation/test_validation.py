@@ -1,0 +1,480 @@
+"""The validation harness: reuse of results, verdicts, exit codes, JSON, drawing; and tiny runs of every case."""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib.util
+import io
+import json
+import sys
+import time
+import types
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from refsim.core.errors import InputError, RunStopped
+from validation import __main__ as command
+from validation import harness, processes, results, verdicts
+from validation.cases import droplet, timing
+from validation.cases.dam_break import CASE as DAM_BREAK
+from validation.cases.dam_break import runs as dam_runs
+from validation.cases.droplet import runs as droplet_runs
+from validation.harness import Case, Options, Picture, Run
+from validation.peers import splishsplash
+from validation.results import Result
+from validation.running import Context, advance
+from validation.tables import Table
+from validation.verdicts import Bounds, Measurement
+
+SCRIPTS = Path(__file__).resolve().parents[2] / "scripts"
+CALLS = []
+
+
+def doubled(context, value):
+    CALLS.append(value)
+    context.progress(0.5)
+    return Result({"double": 2 * value, "odd": float("nan")}, {"line": np.arange(value)})
+
+
+def stopping(context):
+    raise RunStopped("collapsed", "It collapsed.")
+
+
+def draw_line(data):
+    import matplotlib.pyplot as plt
+
+    figure, axes = plt.subplots(figsize=(2, 2))
+    axes.plot(data["line"])
+    return figure
+
+
+def measurement(value=1.0, verdict="pass", name="double"):
+    return Measurement(name, "twice the value", value, "m", "2", "at most 5", verdict)
+
+
+def fake_case(value=2, judge=None, function=doubled, parameters=None):
+    return Case(
+        name="fake",
+        title="a case for tests",
+        runs=lambda options: [
+            Run("one", function, {"value": value} if parameters is None else parameters),
+            Run("other", function, {"value": 9}, skip="quick" if options.quick else ""),
+        ][: 1 if parameters is not None else 2],
+        judge=judge or (lambda found: [measurement(found["one"].values["double"])] if "one" in found else []),
+        pictures=(Picture("line", lambda found: {"line": found["one"].arrays["line"]}, draw_line, ("one",)),),
+        tables=lambda found: [Table("A table", ["a", "b"], [["x", 1.5], ["y", None]])],
+    )
+
+
+@pytest.fixture
+def options(tmp_path):
+    CALLS.clear()
+    return Options(quick=True, results=tmp_path / "results", figures=tmp_path / "figures")
+
+
+def perform(case, options):
+    return harness.perform([case], options, io.StringIO())
+
+
+def test_results_are_kept_by_their_parameters_and_reused(options):
+    (first,) = perform(fake_case(), options)
+    (second,) = perform(fake_case(), options)
+    assert CALLS == [2]
+    assert second.reused == ["one"]
+    assert second.results["one"].values == first.results["one"].values == {"double": 4, "odd": None}
+    assert second.results["one"].arrays["line"].tolist() == [0, 1]
+    about = second.results["one"].about
+    assert about["parameters"] == {"value": 2}
+    assert {"date", "machine", "seconds", "seconds_compiling"} <= set(about)
+    perform(fake_case(value=3), options)
+    assert CALLS == [2, 3]
+    assert len(list((options.results / "fake").iterdir())) == 2
+
+
+def test_fresh_and_changed_sources_compute_anew(options, monkeypatch):
+    perform(fake_case(), options)
+    perform(fake_case(), harness.Options(**{**vars(options), "fresh": True}))
+    assert CALLS == [2, 2]
+    monkeypatch.setattr(results, "sources_digest", lambda file: "another")
+    perform(fake_case(), options)
+    assert CALLS == [2, 2, 2]
+
+
+def test_an_interrupted_run_says_what_is_kept(options):
+    def stop(context, value):
+        raise KeyboardInterrupt
+
+    case = fake_case()
+    runs = [*case.runs(options)[:1], Run("later", stop, {"value": 1})]
+    case = dataclasses.replace(case, runs=lambda options: runs)
+    with pytest.raises(RunStopped, match=r"1 finished since the start are kept in .*results; the same command") as told:
+        perform(case, options)
+    assert told.value.exit_code == 3
+    with pytest.raises(RunStopped, match="held before is kept"):
+        perform(case, options)
+    assert CALLS == [2], "what was finished is not computed again"
+
+
+def test_interrupted_processes_start_nothing_more(options, monkeypatch):
+    def first_only(futures):
+        yield next(as_completed(futures))
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(processes, "ProcessPoolExecutor", lambda jobs, **given: ThreadPoolExecutor(1))
+    monkeypatch.setattr(processes, "as_completed", first_only)
+    with pytest.raises(RunStopped, match=r"1 finished since the start are kept"):
+        processes.compute_ahead([fake_case()], options, 2)
+    assert CALLS == [2]
+
+
+def test_what_cannot_be_done_is_said_before_computing(options, tmp_path):
+    with pytest.raises(InputError, match="no run whose name starts with 'ont'; choose from one, other"):
+        perform(fake_case(), dataclasses.replace(options, only=("ont",)))
+    (tmp_path / "a_file").write_text("")
+    for what in ("results", "figures"):
+        with pytest.raises(
+            InputError, match=f"for {what} cannot be written to .*; make it writable, or give another \\(--{what}\\)."
+        ):
+            perform(fake_case(), dataclasses.replace(options, **{what: tmp_path / "a_file" / "in"}))
+    assert not CALLS
+
+
+def test_digest_covers_refsim_and_what_a_run_imports():
+    assert results.sources_digest(dam_runs.__file__) != results.sources_digest(droplet_runs.__file__)
+    from refsim.backends.compile import sources_behind
+
+    behind = {path.name for path in sources_behind(Path(droplet_runs.__file__))}
+    assert {"runs.py", "scene.py", "droplet.py", "shapes.py", "running.py"} <= behind
+
+
+def test_what_is_skipped_is_named_with_its_reason(options):
+    outcomes = perform(fake_case(), options)
+    text = io.StringIO()
+    harness.report(outcomes, text)
+    assert "left out other (quick)" in text.getvalue()
+    whole = harness.Options(**{**vars(options), "quick": False})
+    assert set(perform(fake_case(), harness.Options(**{**vars(whole), "only": ("oth",)}))[0].results) == {"other"}
+    perform(fake_case(), whole)
+    assert CALLS == [2, 9]
+    assert set(perform(fake_case(), options)[0].results) == {"one", "other"}, "stored, perhaps on a machine that can"
+    assert CALLS == [2, 9]
+
+
+def test_a_result_is_whole_or_not_there(options, monkeypatch):
+    def torn(path, **arrays):
+        Path(path).write_bytes(b"half")
+        raise OSError("disk full")
+
+    monkeypatch.setattr(results.np, "savez_compressed", torn)
+    with pytest.raises(OSError, match="disk full"):
+        perform(fake_case(), options)
+    assert list((options.results / "fake").iterdir()) == []
+
+
+def test_an_unreadable_result_is_computed_anew(options):
+    perform(fake_case(), options)
+    (folder,) = (options.results / "fake").iterdir()
+    (folder / "result.json").write_text("{")
+    perform(fake_case(), options)
+    assert CALLS == [2, 2]
+
+
+def test_verdicts(tmp_path):
+    (tmp_path / "x.toml").write_text(
+        '[low]\nwhat="a"\nunit="m"\nsource="s"\nat_most=0.5\npaper="1"\n'
+        '[high]\nwhat="b"\nunit="m"\nsource="s"\nat_least=2\n'
+        '[same]\nwhat="c"\nunit="-"\nsource="s"\nequals=0\n'
+        '[free]\nwhat="d"\nunit="-"\nsource="s"\n'
+    )
+    bounds = Bounds("x", tmp_path)
+    cases = [("low", 0.5, "pass"), ("low", 0.51, "fail"), ("low", float("nan"), "fail"), ("high", 2.0, "pass")]
+    cases += [("high", 1.9, "fail"), ("same", 0, "pass"), ("same", 1, "fail"), ("free", float("nan"), "shown")]
+    for name, value, verdict in cases:
+        assert bounds.judge(name, value).verdict == verdict, (name, value)
+    made = bounds.judge("low", 0.1, "run_2", "second run")
+    assert (made.name, made.what, made.tolerance) == ("low.run_2", "a, second run", "at most 0.5")
+    (tmp_path / "y.toml").write_text('[low]\nwhat="a"\nunit="m"\nat_most=1\n')
+    with pytest.raises(ValueError, match="source"):
+        Bounds("y", tmp_path)
+
+
+def test_every_bound_on_file_is_complete_and_has_a_source():
+    for name in harness.discover():
+        entries = Bounds(name).entries
+        assert entries
+        assert all(len(entry["source"]) > 10 for entry in entries.values()), name
+
+
+@pytest.mark.parametrize(
+    ("judged", "code"),
+    [(["pass", "shown"], 0), (["pass", "fail"], 4), ([], 0)],
+)
+def test_exit_codes_follow_the_verdicts(options, judged, code):
+    case = fake_case(judge=lambda found: [measurement(verdict=v) for v in judged])
+    assert harness.exit_code(perform(case, options)) == code
+
+
+def test_a_stopped_run_is_reported_and_the_others_go_on(options):
+    outcomes = harness.perform(
+        [fake_case(function=stopping, parameters={}), fake_case(judge=lambda found: [measurement(verdict="fail")])],
+        options,
+        io.StringIO(),
+    )
+    assert harness.exit_code(outcomes) == 3
+    assert "It collapsed." in outcomes[0].stopped["one"]
+    assert outcomes[1].measurements
+    assert outcomes[0].drawn == []
+    text = io.StringIO()
+    harness.report(outcomes, text)
+    assert "one stopped. It collapsed." in text.getvalue()
+
+
+def test_command_prints_one_json_object(options, monkeypatch, capsys):
+    monkeypatch.setattr(command, "discover", lambda: {"fake": fake_case()})
+    folders = ["--results", str(options.results), "--figures", str(options.figures)]
+    assert command.main(["fake", "--quick", "--json", *folders]) == 0
+    printed = capsys.readouterr()
+    entry = {"value": 4.0, "unit": "m", "paper": "2", "tolerance": "at most 5", "verdict": "pass"}
+    assert json.loads(printed.out) == {"double": entry}
+    assert "A table" in printed.err
+    assert "verdict" in printed.err
+    assert command.main(["fake", "--quick", *folders]) == 0
+    printed = capsys.readouterr()
+    assert "twice the value" in printed.out
+    assert "reused one" in printed.out
+
+
+def test_json_has_null_for_what_is_not_finite(options):
+    outcomes = perform(fake_case(judge=lambda found: [measurement(float("nan"), "fail")]), options)
+    assert json.loads(harness.as_json(outcomes))["double"]["value"] is None
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["dam_brake"], "did you mean 'dam_break'?"),
+        (["zzz"], "choose one of boundary, dam_break"),
+        (["droplet", "--quick", "--backend", "abacus"], "there is no such backend"),
+    ],
+)
+def test_bad_input_gets_a_sentence_and_code_2(arguments, said, tmp_path, capsys):
+    folders = ["--results", str(tmp_path / "r"), "--figures", str(tmp_path / "f")]
+    assert command.main([*arguments, *folders]) == 2
+    assert said in capsys.readouterr().err
+
+
+def test_pictures_are_drawn_from_their_files_alone(options, monkeypatch):
+    case = fake_case()
+    perform(case, options)
+    picture = options.figures / "line.png"
+    before = picture.read_bytes()
+    assert json.loads((options.figures / "line.json").read_text()) == {"line": [0, 1]}
+    picture.unlink()
+    monkeypatch.setattr(results, "load", None)
+    CALLS.clear()
+    harness.redraw(case.pictures[0], options.figures)
+    assert picture.read_bytes() == before
+    assert CALLS == []
+    with pytest.raises(InputError, match="run the case first"):
+        harness.redraw(case.pictures[0], options.figures / "nowhere")
+
+
+def load_script(name):
+    spec = importlib.util.spec_from_file_location(name, SCRIPTS / f"{name}.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_make_figures_draws_without_simulating(options, monkeypatch, capsys):
+    case = fake_case()
+    perform(case, options)
+    script = load_script("make_figures")
+    monkeypatch.setattr(script, "ROOT", options.figures.parent)
+    monkeypatch.setattr(script, "discover", lambda: {"fake": case})
+    (options.figures / "line.png").unlink()
+    CALLS.clear()
+    assert script.main([]) == 0
+    assert (options.figures / "line.png").exists()
+    assert CALLS == []
+    assert script.main(["curve"]) == 2
+    assert "choose from line" in capsys.readouterr().err
+
+
+def test_reproduce_runs_every_case_and_passes_on_the_code(options, monkeypatch, capsys):
+    script = load_script("reproduce")
+    monkeypatch.setattr(script, "ROOT", options.results.parent)
+    monkeypatch.setattr(script, "discover", lambda: {"fake": fake_case(judge=lambda f: [measurement(9.0, "fail")])})
+    monkeypatch.setattr(script, "perform_panels", lambda names, options: [])
+    assert script.main(["--quick"]) == 4
+    printed = capsys.readouterr().out
+    assert printed.rstrip().endswith("fail")
+    assert "compiling or loading" in printed
+    assert (options.results.parent / "figures" / "quick" / "line.png").exists()
+
+
+def test_cases_are_found_by_what_they_export(tmp_path, monkeypatch):
+    folder = tmp_path / "someones_cases"
+    folder.mkdir()
+    (folder / "__init__.py").write_text("")
+    (folder / "plain.py").write_text("CASE = None\n")
+    (folder / "mine.py").write_text(
+        "from validation.harness import Case\nCASE = Case('mine', 'title', lambda o: [], lambda r: [])\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    module = importlib.import_module("someones_cases")
+    assert list(harness.discover(module)) == ["mine"]
+    for name in list(sys.modules):
+        if name.startswith("someones_cases"):
+            monkeypatch.delitem(sys.modules, name)
+    assert {"dam_break", "droplet", "timing"} <= set(harness.discover())
+
+
+def test_tables_align_words_left_and_numbers_right():
+    lines = str(Table("T", ["what", "value"], [["a", 12.0], ["long", 0.123456]], "note")).splitlines()
+    assert lines == ["T", "what   value", "----  ------", "a         12", "long  0.1235", "note"]
+
+
+# Tiny runs of the real cases
+
+
+def judged(case, found):
+    return {m.name: m for m in case.judge(found)}
+
+
+def draw_all(case, found, folder):
+    for picture in case.pictures:
+        if set(picture.needs) <= set(found):
+            harness.write_data(picture, found, folder)
+            assert harness.redraw(picture, folder).stat().st_size > 4000
+
+
+def as_stored(folder, result):
+    results.save(folder, Result(result.values, result.arrays, {"machine": harness.machine(), "date": "2020-01-01"}))
+    return results.load(folder)
+
+
+def test_tiny_dam_break(tmp_path):
+    shares = []
+    context = Context(shares.append)
+    found = {
+        "detection_2d": dam_runs.collapse(context, columns=8, until=0.2, backend="cpu", samples=3),
+        "front_2d": dam_runs.surge(context, columns=6, backend="cpu"),
+    }
+    for k, columns in enumerate((6, 7, 8)):
+        cost = dam_runs.detection_cost(context, columns=columns, repeats=3, backend="cpu", moment=0.1)
+        found[f"detection_cost_{k + 1}"] = cost
+    found = {name: as_stored(tmp_path / name, result) for name, result in found.items()}
+    assert max(shares) >= 1.0
+    assert context.compile_seconds() > 0
+    made = judged(DAM_BREAK, found)
+    assert made["lost_particles.detection_2d"].value == 0
+    assert 0.0 <= made["energy_rise.front_2d"].value < 0.05
+    assert made["f1.detection_2d.fan_scan"].value > 0.8
+    assert 0.2 < made["front.front_2d.martin_moyce_2.25in"].value + 0.2 < 0.6
+    assert len(DAM_BREAK.tables(found)) == 4
+    # Every detector agrees with itself: the flags of a stored cloud are those of the moving one.
+    last = found["detection_2d"].arrays["position"][-1]
+    mass = np.full(len(last), 1000.0 * (0.5 / 8) ** 2, np.float32)
+    again = dam_runs.detect(context, "two_step", 8, 1, 4.0, (last, mass), "cpu").field("surface")
+    assert (again.astype(bool) == found["detection_2d"].arrays["two_step"][-1]).mean() > 0.98
+    draw_all(DAM_BREAK, found, tmp_path)
+    steps = found["detection_2d"].values["first_step"]
+    assert set(steps) == set(dam_runs.FIRST_STEPS)
+    assert steps["printed_1.01"]["share"] > steps["printed_0.98"]["share"] > steps["printed_0.90"]["share"]
+    assert steps["adopted_0.25"]["largest_loss"] <= steps["moment_0.25"]["largest_loss"]
+    # The table's rule is the one that the detector uses.
+    assert steps["adopted_0.25"]["share"] == pytest.approx(found["detection_2d"].values["scanned_share"])
+    cost = found["detection_cost_3"].values["methods"]["two_step"]
+    assert cost["charged"] > cost["whole"] >= cost["scan"] + cost["normals"] > 0
+    assert set(found["detection_cost_3"].values["all_threads"]) == set(dam_runs.DETECTORS)
+
+
+def test_ledger_finds_a_lost_particle_and_gained_energy():
+    simulation = Context().simulation(dam_runs.column_scene(4), "cpu")
+    simulation.evaluate()
+    ledger = dam_runs.Ledger(simulation, (1.0, 4.0, 1.0))
+    ledger.add(simulation)
+    ledger.energy.append(1.5 * ledger.energy[0])
+    simulation.fields["position"][0] = (-5.0, 0.0, 0.0)
+    values = ledger.values(simulation)
+    assert values["lost_particles"] == 1
+    assert values["energy_rise"] == pytest.approx(0.5)
+
+
+def test_tiny_droplet(tmp_path):
+    result = droplet_runs.relax(Context(), "cube", 1331, "cpu", until=0.12, samples=6)
+    found = {"cube_4913": as_stored(tmp_path / "one", result)}
+    values = found["cube_4913"].values
+    assert values["particles"] == 1331
+    assert values["series"]["cubic_moment"][-1] > values["series"]["cubic_moment"][0]
+    made = judged(droplet.CASE, found)
+    assert made["momentum.cube_4913"].verdict == "pass"
+    assert made["missed_neighbours.cube_4913"].verdict == "pass"
+    assert made["lattice_variation.ball"].value < made["lattice_variation.cube"].value
+    draw_all(droplet.CASE, found, tmp_path)
+
+
+def test_droplet_starts_have_the_stated_counts_and_one_volume():
+    for shape, count, exact in (("cube", 4913, 4913), ("cut", 5039, 5039), ("box", 4913, 4862)):
+        position, spacing, axes = droplet_runs.particles(shape, count)
+        assert len(position) == exact
+        assert len(position) * spacing**3 == pytest.approx(1.0, rel=0.02)
+        assert axes.T @ axes == pytest.approx(np.eye(3), abs=1e-12)
+
+
+def test_a_drop_that_stops_is_a_result_with_its_reason(monkeypatch):
+    def stop(simulation, times, sample, context):
+        sample(simulation, 0.0)
+        raise RunStopped("non_finite", "gone")
+
+    monkeypatch.setattr(droplet_runs, "advance", stop)
+    values = droplet_runs.relax(Context(), "cube", 64, "cpu").values
+    assert values["stopped"] == "non_finite at 0.000 s"
+    assert values["steady"] is None
+    assert droplet.outcome(Result({**values, "end": results.finite(values["end"])})).startswith("stopped: non_finite")
+
+
+def test_a_missing_peer_is_reported_not_crashed_on(monkeypatch):
+    monkeypatch.setattr(splishsplash, "missing", lambda: "it is not installed")
+    found = {name: timing.runs.against_splishsplash(Context(), 3, 2, 1, 1) for name in timing.PEERS}
+    assert timing.CASE.judge(found) == []
+    assert "left out: it is not installed" in str(timing.CASE.tables(found)[0])
+
+
+def test_a_broken_peer_is_reported_with_its_last_words(monkeypatch, tmp_path):
+    broken = tmp_path / "python"
+    broken.write_text("#!/bin/sh\necho no such library >&2\nexit 7\n")
+    broken.chmod(0o755)
+    monkeypatch.setattr(splishsplash.sys, "executable", str(broken))
+    assert splishsplash.run(3, 2, 1) == {"missing": "SPlisHSPlasH ended with code 7: no such library"}
+
+
+@pytest.mark.slow
+def test_step_costs_at_small_size(tmp_path):
+    found = {"steps": as_stored(tmp_path / "s", timing.runs.step_costs(Context(), 8, "cpu", 1, count=216))}
+    assert all(m.verdict == verdicts.SHOWN and m.value > 0 for m in timing.CASE.judge(found))
+    prices = {row["words"]: row for row in found["steps"].values["prices"]}
+    assert prices["gravity"]["launches"] == 1
+    assert prices["tension, soft pairs"]["bytes"] > 0
+
+
+def test_compiling_is_not_charged_to_a_run():
+    """The first call of a stage takes 0.2 s, every later one nothing."""
+
+    class Compiling:
+        time, timings = 0.0, types.SimpleNamespace(first_calls={})
+
+        def step(self):
+            if not self.timings.first_calls:
+                time.sleep(0.2)
+                self.timings.first_calls["sph.density"] = 0.2
+            self.time += 1.0
+
+    walls = []
+    total = advance(Compiling(), [2.0, 5.0], lambda simulation, wall: walls.append(wall), Context())
+    assert len(walls) == 2
+    assert total == walls[1] < 0.15
