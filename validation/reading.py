@@ -105,7 +105,7 @@ def first_kept(error: Sequence[float], bar: float) -> int | None:
 
 def scene_digest(plan: Any) -> str:
     """Digest of a plan's scene: its settings, and its particles bit by bit."""
-    from refsim.scene.files import scene_to_checkpoint
+    from refsim.io.scenes import scene_to_checkpoint
 
     text, arrays = scene_to_checkpoint(plan)
     digest = hashlib.sha256(text.encode())

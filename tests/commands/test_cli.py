@@ -16,8 +16,8 @@ from refsim.backends.arrays import unavailable
 from refsim.commands import COMMANDS, discover, doctor, in_bytes, in_time, table
 from refsim.core.effect import EFFECTS
 from refsim.core.operation import BACKENDS, REGISTRY
+from refsim.scene import solids
 from refsim.scene.files import load_scene
-from refsim.scene.scene import solids
 
 ROOT = pathlib.Path(__file__).parents[2]
 SCENE = """

@@ -188,7 +188,7 @@ def _tables(scene: dict[str, Any]) -> list[tuple[dict[str, Any], Any]]:
 
 
 def _parts() -> list[type]:
-    from refsim.scene.scene import scene, solids
+    from refsim.scene import scene, solids
 
     return [scene.Box, scene.Ball, scene.Cloud, solids.SolidBox, solids.SolidBall, solids.SolidTorus, solids.SolidMesh,
             solids.SolidCells]  # fmt: skip
