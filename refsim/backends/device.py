@@ -341,7 +341,7 @@ NON_FINITE, DIVERGED, STEP_TOO_SMALL, OUT_OF_RANGE = 1, 2, 3, 4
 
 @cuda_kernel
 def choose_step(extremes, limits, factor, fixed, smallest, greatest_speed, timestep, clock):  # noqa: ANN001, ANN201
-    """The next step's length from the particles' extremes, as `refsim.engine.stepping.choose` does on the host.
+    """The next step's length from the particles' extremes, as `refsim.engine.stepping.HostStepper` does on the host.
 
     `limits` (k, 5) are StepLimits. Where the run cannot go on the clock says why and the step is zero, so that what
     follows moves nothing.

@@ -38,14 +38,13 @@ MANY_FOR_ALL_PAIRS = 2000  # particles above which the numpy backend is announce
 
 @dataclass(frozen=True)
 class StepResult:
-    """One step: its length, who limited it, all limits, and why the run cannot go on (None if it can)."""
+    """One step: its number, the time [s] at its end, its length [s], the limit that set it, and all limits [s]."""
 
     step: int
     time: float
     length: float
     limiter: str
     limits: dict[str, float]
-    reason: str | None = None
 
 
 def joined(passes: Sequence[tuple[Effect, Pass]], backend: str) -> list[tuple[tuple[Effect, ...], Pass]]:
