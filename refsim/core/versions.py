@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import platform
 
-VERSION = "0.1.0"
+VERSION = "0.2.0"
 PACKAGES = ("refsim", "numpy", "numba", "llvmlite", "numba-cuda", "cupy-cuda13x")
 
 
