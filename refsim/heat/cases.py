@@ -104,7 +104,10 @@ def _conduction_follows(group, inputs, kernel):
     case = inputs.case
     grid = Case("", int(group.dim), case.position, case.spacing, float(group.support_radius)).grid("float64")
     made = conduction_group(grid, int(group.laplacian), float(group.factor))._asdict()
-    return {name: made[name] for name in ("inverse_radius", "inverse_volume", "scale")}
+    # Where a GPU finds the number of passes, its table is made for the sums of the case.
+    held = ("most_passes", "unit_capacity") if group.planned_passes else ()
+    own = {name: getattr(group, name) for name in held}
+    return own | {name: made[name] for name in ("inverse_radius", "inverse_volume", "scale")}
 
 
 def _period_follows(group, inputs, kernel):
