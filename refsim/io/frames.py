@@ -7,6 +7,12 @@ reader looks yet, and then the few pages that change inside the old file, first 
 then into place, the page with the number of steps last. On the disk there is at every other instant a closed
 HDF5 file. A journal that a dead writer left behind is completed by the next `ParticleWriter(append=True)` or
 `read_particles`.
+
+HDF5 can crash on a damaged file, so a digest is compared before HDF5 opens it. The file begins with a page of 4096
+bytes that HDF5 and its readers pass over (a user block): lines of text padded with zero bytes, `refsim particles`,
+`version`, `bytes` (of the file; what lies behind them was left by a stopped append) and `digest`. The digest is the sum
+modulo 2^256 of BLAKE2b (32 bytes, little-endian, salted with the page's number) over all other pages of 4096 bytes, so
+that a frame hashes only what it changes. The head changes in the same transaction as the other pages.
 """
 
 from __future__ import annotations
@@ -15,6 +21,7 @@ import errno
 import hashlib
 import math
 import os
+import re
 import stat
 import struct
 import sys
@@ -22,14 +29,15 @@ import time as clock
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
-from io import FileIO
+from io import BufferedReader, FileIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import DTypeLike
 
 from refsim.core.errors import InputError
+from refsim.core.reading import open_regular
 from refsim.io.checkpoint import cannot_write, replace_file, write_all
 
 try:
@@ -49,7 +57,8 @@ DTYPES = {
 }
 CHUNK_ROWS = 65536
 HDF5 = {"libver": ("v110", "v110")}  # its chunk indices never move an old entry; HDF5 1.10 and later read it
-PAGED = {"fs_strategy": "page", "fs_page_size": 4096}  # and what it changes in place does not straddle pages
+PAGE = 4096  # a page is written whole even by a process that is being killed
+PAGED = {"fs_strategy": "page", "fs_page_size": PAGE, "userblock_size": PAGE}  # what it changes does not straddle pages
 KEPT = "the frames before it are untouched"
 
 
@@ -75,7 +84,7 @@ class ParticleWriter:
     the writer is open, `<path>.journal` lies beside the file.
 
     Raises InputError when the folder is not writable, another process writes the same file, or, with
-    `append`, the file is no particle file or has other fields; ValueError when `fields` is not of the form
+    `append`, the file is damaged, has no digest or has other fields; ValueError when `fields` is not of the form
     above.
     """
 
@@ -137,6 +146,7 @@ class ParticleWriter:
             if self._file is None:
                 staged = _Staged(None)
                 _edit(staged, "w", lambda root: (_create(root, arrays), _append_frame(root, time, arrays)))
+                staged.seal()
                 replace_file(self.path, staged.tail)
                 self._file = open(self.path, "r+b", buffering=0)  # noqa: SIM115
             else:
@@ -206,12 +216,8 @@ class ParticleWriter:
         """Let `change` edit the VTKHDF group, then put all of its writes into the file or none (OSError)."""
         assert self._file is not None
         staged = _Staged(self._file)
-        last, error = _on_hdf5(lambda: _edit(staged, "r+", change))
-        if last is None:  # nothing has been written yet
-            raise InputError(
-                f"particle file {self.path} is damaged, so that no frame can be added or dropped; move it away or give"
-                " another path"
-            ) from error
+        last = _edit(staged, "r+", change)
+        staged.seal()
         staged.commit(self._journal, last)
 
     def _checked_arrays(self, position: np.ndarray, fields: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
@@ -234,7 +240,7 @@ def read_particles(path: str | os.PathLike[str], frames: slice = slice(None)) ->
     """The frames of a file written by `ParticleWriter`, in order of time; `frames` picks some of them.
 
     Completes what a writer that was killed left half done, where the folder is writable.
-    Raises InputError when the file is missing, damaged, or no particle file.
+    Raises InputError when the file is missing, damaged (it does not match its digest), or no particle file.
     """
     path = Path(path)
     result: list[Frame] = []
@@ -251,12 +257,12 @@ def read_particles(path: str | os.PathLike[str], frames: slice = slice(None)) ->
             result.append(Frame(float(times[step]), root["Points"][rows], fields))
 
     for attempt in range(3):
-        alive = _recover_from_dead_writer(path)
         try:
+            _check_path(path)
             _read_hdf5(path, read)
             break
         except InputError:
-            if not alive or attempt == 2:
+            if attempt == 2 or not _journal_path(path).exists():
                 raise
             clock.sleep(0.01)  # a living writer was between two pages
     return result
@@ -430,49 +436,87 @@ def _edit(staged: _Staged, mode: str, change: Callable[[h5py.Group], object]) ->
     with h5py.File(staged, mode, **HDF5, **(PAGED if mode == "w" else {})) as file:
         root = file.require_group("VTKHDF")
         change(root)
-        return h5py.h5o.get_info(root["Steps"].id).addr
+        return file.userblock_size + h5py.h5o.get_info(root["Steps"].id).addr
 
 
 def _read_hdf5(path: Path, read: Callable[[h5py.Group], None]) -> None:
+    """Let `read` look at the VTKHDF group of a file whose digest was compared."""
     import h5py
 
-    advice = "give a file that refsim wrote"
-    if not path.is_file():
-        raise InputError(f"particle file {path} does not exist; {advice}")
-
-    def work() -> None:
-        with h5py.File(path, "r") as file:
-            root = file["VTKHDF"]
-            if root.attrs["Type"] != b"PolyData":
-                raise KeyError("PolyData")
-            read(root)
-
-    _, error = _on_hdf5(work)
-    if isinstance(error, KeyError):
-        raise InputError(f"particle file {path} holds no temporal PolyData of VTKHDF; {advice}") from error
-    if error is not None:
-        raise InputError(f"particle file {path} is damaged, or not an HDF5 file; {advice}") from error
-
-
-def _on_hdf5(work: Callable[[], Any]) -> tuple[Any, Exception | None]:
-    """What `work` returns, and the error that it ended with.
-
-    HDF5 objects of a damaged file are released here, because their complaints go to standard error.
-    """
-    hooks = sys.excepthook, sys.unraisablehook
-    sys.excepthook, sys.unraisablehook = lambda *error: None, lambda complaint: None
     try:
-        return work(), None
-    except Exception as error:
-        error.__context__ = None
-        return None, error.with_traceback(None)
-    finally:
-        sys.excepthook, sys.unraisablehook = hooks
+        with h5py.File(path, "r") as file:
+            read(file["VTKHDF"])
+    except (OSError, KeyError, RuntimeError) as error:
+        raise InputError(f"particle file {path} was changed while it was read; read it again") from error
+
+
+# -- the digest --------------------------------------------------------------------------------------------
+
+HEAD = re.compile(rb"refsim particles\nversion 1\nbytes (\d{1,19})\ndigest ([0-9a-f]{64})\n\0*")
+ADVICE = "give another path, or move the file away (a resumed run then begins a new one)"
+
+
+def _head(size: int, digest: int) -> bytes:
+    """The first page of a file of `size` bytes."""
+    return f"refsim particles\nversion 1\nbytes {size}\ndigest {digest:064x}\n".encode().ljust(PAGE, b"\0")
+
+
+def _page_digest(number: int, page: bytes) -> int:
+    """What a page adds to the digest; the head and pages that are not there add nothing."""
+    if number == 0 or not page:
+        return 0
+    return int.from_bytes(hashlib.blake2b(page, digest_size=32, salt=number.to_bytes(16, "little")).digest(), "little")
+
+
+def _stated(file: FileIO | BufferedReader, head: bytes = b"") -> tuple[int, int]:
+    """(bytes, digest) in `head`, or else in the first page of the file. Raises InputError."""
+    if not head:
+        file.seek(0)
+        head = file.read(PAGE)
+    found = HEAD.fullmatch(head)
+    size = int(found[1]) if found else 0
+    if found and len(head) == PAGE and size <= os.fstat(file.fileno()).st_size:
+        return size, int(found[2], 16)
+    if found:
+        why = "is cut short"
+    elif head.startswith(b"\x89HDF\r\n\x1a\n"):
+        why = "is an HDF5 file without the digest that particle files begin with (refsim 0.1.0 wrote such files)"
+    else:
+        why = "is damaged, or not a particle file of refsim (it does not begin as one)"
+    raise InputError(f"particle file {file.name} {why}; {ADVICE}")
+
+
+def _check(file: FileIO | BufferedReader, pages: Mapping[int, bytes]) -> None:
+    """Compare the digest of the file, as it will be with `pages` (by offset) in place. Raises InputError."""
+    size, digest = _stated(file, pages.get(0, b""))
+    total = 0
+    file.seek(PAGE)
+    for offset in range(PAGE, size, PAGE):
+        page, new = file.read(PAGE), pages.get(offset, b"")
+        total += _page_digest(offset // PAGE, (new + page[len(new) :])[: size - offset])
+    if total % 2**256 != digest:
+        raise InputError(f"particle file {file.name} is damaged (it does not match its digest); {ADVICE}")
+
+
+def _check_path(path: Path) -> None:
+    """Complete the last transaction on `path` unless its writer lives, and compare the digest. Raises InputError."""
+    pages: dict[int, bytes] = {}
+    try:
+        with suppress(OSError), open(_journal_path(path), "r+b", buffering=0) as journal:
+            if _lock(journal):
+                with open(path, "r+b", buffering=0) as file:
+                    return _recover(file, journal)
+            pages = _journalled(journal)[1]  # which the living writer is putting in place
+        with open_regular(path) as file:
+            return _check(file, pages)
+    except FileNotFoundError:
+        raise InputError(f"particle file {path} does not exist; give a file that refsim wrote") from None
+    except OSError as error:
+        raise InputError(f"particle file {path} cannot be read ({error.strerror}); {ADVICE}") from error
 
 
 # -- transactions ------------------------------------------------------------------------------------------
 
-PAGE = 4096  # a page is written whole even by a process that is being killed
 JOURNAL_MAGIC = b"refsimJ1"
 
 
@@ -482,7 +526,7 @@ class _Staged:
     def __init__(self, file: FileIO | None) -> None:
         self.tail = bytearray()  # what lies behind the end of the file below
         self._file = file
-        self._base = os.fstat(file.fileno()).st_size if file else 0
+        self._base, self._digest = _stated(file) if file else (0, 0)
         self._size = self._base
         self._pages: dict[int, bytearray] = {}  # changed pages of the file below, by number
         self._position = 0
@@ -556,7 +600,17 @@ class _Staged:
     def _page_below(self, number: int) -> bytes:
         assert self._file is not None
         self._file.seek(number * PAGE)
-        return self._file.read(min(PAGE, self._base - number * PAGE))
+        return self._file.read(max(min(PAGE, self._base - number * PAGE), 0))
+
+    def seal(self) -> None:
+        """Write the head, with the digest of what the file now holds."""
+        digest, sizes = self._digest, sorted((self._base, self._size))
+        for number in {*self._pages, *range(sizes[0] // PAGE, -(-sizes[1] // PAGE))}:
+            self.seek(number * PAGE)
+            now = self.read(max(min(PAGE, self._size - number * PAGE), 0))
+            digest += _page_digest(number, now) - _page_digest(number, self._page_below(number) if self._file else b"")
+        self.seek(0)
+        self.write(memoryview(_head(self._size, digest % 2**256)))
 
     def commit(self, journal: FileIO, last: int) -> None:
         """Put the writes into the file, the page that holds the byte `last` after all others.
@@ -626,35 +680,33 @@ def _journal_entry(size: int, pages: list[tuple[int, bytes]]) -> bytes:
     return JOURNAL_MAGIC + body + hashlib.sha256(body).digest()
 
 
-def _recover(file: FileIO, journal: FileIO) -> None:
-    """Complete the transaction in `journal`, if there is a whole one, and empty it. Raises OSError."""
+def _journalled(journal: FileIO) -> tuple[int, dict[int, bytes]]:
+    """(size of the file, pages by offset in the order of writing) of the transaction in `journal`; no pages where none
+    is whole."""
     journal.seek(0)
     entry = journal.read()
-    if not entry:
-        return
     body, digest = entry[len(JOURNAL_MAGIC) : -32], entry[-32:]
-    if entry.startswith(JOURNAL_MAGIC) and hashlib.sha256(body).digest() == digest:
-        size, count = struct.unpack_from("<QQ", body)
-        pages, at = [], 16
-        for _ in range(count):
-            offset, length = struct.unpack_from("<QQ", body, at)
-            pages.append((offset, body[at + 16 : at + 16 + length]))
-            at += 16 + length
-        _apply(file, size, pages)
+    if not entry.startswith(JOURNAL_MAGIC) or hashlib.sha256(body).digest() != digest:
+        return 0, {}
+    size, count = struct.unpack_from("<QQ", body)
+    pages, at = {}, 16
+    for _ in range(count):
+        offset, length = struct.unpack_from("<QQ", body, at)
+        pages[offset] = body[at + 16 : at + 16 + length]
+        at += 16 + length
+    return size, pages
+
+
+def _recover(file: FileIO, journal: FileIO) -> None:
+    """Compare the digest, complete the transaction in `journal`, if there is a whole one, and empty it.
+
+    Raises OSError, InputError where the file does not match its digest; both files are then as before.
+    """
+    size, pages = _journalled(journal)
+    _check(file, pages)
+    if pages:
+        _apply(file, size, list(pages.items()))
     journal.truncate(0)
-
-
-def _recover_from_dead_writer(path: Path) -> bool:
-    """Complete the last transaction on `path` unless its writer lives; tells whether it does."""
-    try:
-        with open(_journal_path(path), "r+b", buffering=0) as journal:
-            if not _lock(journal):
-                return True
-            with open(path, "r+b", buffering=0) as file:
-                _recover(file, journal)
-    except OSError:  # no journal, or a folder that cannot be written to
-        pass
-    return False
 
 
 def _lock(file: FileIO) -> bool:

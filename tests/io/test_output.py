@@ -1,6 +1,7 @@
 """Particle files come back bit for bit, ParaView's own readers open them, and kills and full disks cost no frame."""
 
 import errno
+import hashlib
 import os
 import random
 import signal
@@ -253,12 +254,16 @@ def test_append_refuses_what_does_not_fit(tmp_path):
             ParticleWriter(path, fields, append=True)
     assert [file.name for file in tmp_path.iterdir()] == ["run.vtkhdf"]
     assert path.read_bytes() == before
-    path.write_bytes(before[:-10])
-    with pytest.raises(InputError, match="damaged"):
-        ParticleWriter(path, FIELDS, append=True)
-    path.write_text("time = 3")
-    with pytest.raises(InputError, match="damaged, or not an HDF5 file"):
-        ParticleWriter(path, FIELDS, append=True)
+    for content, words in [
+        (before[:-10], "cut short"),
+        (b"time = 3", "not a particle file"),
+        (before[4096:], "without the digest"),  # as they were written before there was one
+    ]:
+        path.write_bytes(content)
+        for use in (lambda: ParticleWriter(path, FIELDS, append=True), lambda: read_particles(path)):
+            with pytest.raises(InputError, match=words):
+                use()
+        assert path.read_bytes() == content
 
 
 # -- bad input
@@ -309,40 +314,97 @@ def test_reading_what_is_no_particle_file(tmp_path):
     with pytest.raises(InputError, match="does not exist"):
         read_particles(path)
     path.write_text("time = 3")
-    with pytest.raises(InputError, match="not an HDF5 file"):
+    with pytest.raises(InputError, match="not a particle file"):
         read_particles(path)
     with h5py.File(path, "w") as file:
         file["x"] = 1
-    with pytest.raises(InputError, match="no temporal PolyData"):
+    with pytest.raises(InputError, match="without the digest"):
+        read_particles(path)
+    path.unlink()
+    path.mkdir()
+    with pytest.raises(InputError, match="cannot be read"):
         read_particles(path)
 
 
-@posix
-def test_a_damaged_file_is_told_whatever_is_asked_of_it(tmp_path):
-    """Flipped bits at seeded places: what is read or appended either works or is refused in one sentence."""
-    path, rng = tmp_path / "run.vtkhdf", np.random.default_rng(5)
-    fields = {"mass": (1, "float32")}
-
-    def frame():
-        return rng.random((20, 3)).astype("float32")
-
-    with ParticleWriter(path, fields) as writer:
-        for step in range(3):
-            writer.write(float(step), frame(), mass=np.ones(20, "float32"))
-    whole = path.read_bytes()
-    refused = []
-    for place in rng.choice(np.flatnonzero(np.frombuffer(whole, np.uint8)), 400):
-        damaged = bytearray(whole)
-        damaged[place] ^= 1 << rng.integers(8)
-        path.write_bytes(damaged)
-        try:
-            with ParticleWriter(path, fields, append=True, resume_time=1.5) as writer:
-                writer.write(2.0, frame(), mass=np.ones(20, "float32"))
+def refused(path, monkeypatch):
+    """The sentence that refuses a damaged file, to read and to append, before HDF5 sees it or it changes."""
+    files = {one: one.read_bytes() for one in path.parent.iterdir()}
+    with monkeypatch.context() as patch:
+        patch.setattr(h5py, "File", lambda *_, **__: pytest.fail("HDF5 was given a damaged file"))
+        with pytest.raises(InputError) as one:
             read_particles(path)
-        except InputError as error:
-            refused.append(str(error))
-    assert len(refused) > 50
-    assert all(str(path) in words and "\n" not in words for words in refused)
+        with pytest.raises(InputError) as two:
+            ParticleWriter(path, FIELDS, append=True, resume_time=0.1)
+    assert str(one.value) == str(two.value)
+    assert {one: one.read_bytes() for one in path.parent.iterdir()} == files
+    return str(one.value)
+
+
+def test_damage_anywhere_is_told_before_hdf5_sees_it(tmp_path, monkeypatch):
+    """A flipped bit in each page, at its ends and at seeded places, zeros over pages, pages exchanged, a file cut."""
+    path, rng = tmp_path / "run.vtkhdf", np.random.default_rng(5)
+    with ParticleWriter(path, FIELDS) as writer:
+        write_frames(writer, [frame(step) for step in range(3)])
+    whole = path.read_bytes()
+    pages = range(0, len(whole), 4096)
+    assert len(pages) == 15
+    damaged = []
+    places = [place for first in pages for place in (first, min(first + 4096, len(whole)) - 1)]
+    for place in [*places, *range(120), *rng.integers(len(whole), size=100)]:
+        damaged.append(bytearray(whole))
+        damaged[-1][place] ^= 1 << rng.integers(8)
+    for first in pages:
+        damaged.append(bytearray(whole))
+        damaged[-1][first : first + 100] = rng.bytes(len(whole[first : first + 100]))
+        damaged.append(bytearray(whole[:first]))
+    exchanged = bytearray(whole)
+    exchanged[4096:8192], exchanged[8192:12288] = whole[8192:12288], whole[4096:8192]
+    for content in [*damaged, exchanged]:
+        path.write_bytes(content)
+        words = refused(path, monkeypatch)
+        assert words.startswith(f"particle file {path} ")
+        assert words.endswith(output.ADVICE)
+        assert "\n" not in words
+
+
+def test_a_damaged_file_is_not_mended_from_a_journal(tmp_path, monkeypatch):
+    """A writer died before its pages were in place, and the file was damaged elsewhere: both files stay as they are."""
+    path = tmp_path / "run.vtkhdf"
+    writer = ParticleWriter(path, FIELDS)
+    write_frames(writer, [frame(0), frame(1)])
+    with monkeypatch.context() as patch:
+        patch.setattr(output, "_apply", lambda *_: (_ for _ in ()).throw(Stop))
+        with pytest.raises(Stop):
+            write_frames(writer, [frame(2)])
+    writer._close_files()
+    whole = path.read_bytes()
+    changed = bytearray(whole)
+    changed[whole.index(frame(0)[1].tobytes())] ^= 1
+    path.write_bytes(changed)
+    assert "does not match its digest" in refused(path, monkeypatch)
+    path.write_bytes(whole)
+    assert len(read_particles(path)) == 3
+
+
+def test_the_digest_is_that_of_the_file(tmp_path):
+    """Computed anew from the bytes, after frames were added and dropped; equal frames give equal files."""
+    path, again = tmp_path / "run.vtkhdf", tmp_path / "again.vtkhdf"
+    for step in range(6):
+        with ParticleWriter(path, FIELDS, append=True, resume_time=None if step < 4 else 0.15) as writer:
+            write_frames(writer, [frame(step, 700 - 100 * step)])
+        content = path.read_bytes()
+        total = 0
+        for number in range(1, -(-len(content) // 4096)):
+            page = content[4096 * number : 4096 * (number + 1)]
+            salt = bytes([number % 256, number // 256]) + bytes(14)
+            for power, byte in enumerate(hashlib.blake2b(page, digest_size=32, salt=salt).digest()):
+                total += byte << 8 * power
+        head = f"refsim particles\nversion 1\nbytes {len(content)}\ndigest {total % 2**256:064x}\n"
+        assert content[:4096] == head.encode() + bytes(4096 - len(head))
+        if step == 3:
+            with ParticleWriter(again, FIELDS) as writer:
+                write_frames(writer, [frame(number, 700 - 100 * number) for number in range(4)])
+            assert again.read_bytes() == content
 
 
 @pytest.mark.skipif(os.name != "posix", reason="pipes of POSIX")
@@ -510,7 +572,7 @@ def test_what_a_stopped_append_left_at_the_end_is_cut_off(tmp_path):
 
 
 @posix
-@pytest.mark.parametrize("room", [0, 1000, 150_000, 400_000])
+@pytest.mark.parametrize("room", [0, 1000, 155_000, 400_000])
 def test_no_room_left_for_a_real_frame(tmp_path, room):
     """A process that may write files of `room` bytes only: the system itself refuses."""
     path = tmp_path / "run.vtkhdf"
