@@ -503,10 +503,10 @@ def _check_path(path: Path) -> None:
     pages: dict[int, bytes] = {}
     try:
         with suppress(OSError), open(_journal_path(path), "r+b", buffering=0) as journal:
+            pages = _journalled(journal)[1]  # which a living writer is putting in place
             if _lock(journal):
                 with open(path, "r+b", buffering=0) as file:
                     return _recover(file, journal)
-            pages = _journalled(journal)[1]  # which the living writer is putting in place
         with open_regular(path) as file:
             return _check(file, pages)
     except FileNotFoundError:

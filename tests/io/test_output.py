@@ -387,8 +387,9 @@ def test_a_damaged_file_is_not_mended_from_a_journal(tmp_path, monkeypatch):
 
 
 def test_the_digest_is_that_of_the_file(tmp_path):
-    """Computed anew from the bytes, after frames were added and dropped. A file that was gone on with equals one that was
-    written at once, but for the second page, where HDF5 notes when it created the root group."""
+    """Computed anew from the bytes, after frames were added and dropped. A continued file equals one written
+    at once, but for the second page, where HDF5 notes when it created the root group.
+    """
     path, again = tmp_path / "run.vtkhdf", tmp_path / "again.vtkhdf"
     for step in range(6):
         with ParticleWriter(path, FIELDS, append=True, resume_time=None if step < 4 else 0.15) as writer:
