@@ -1,7 +1,7 @@
 """Audit of the mechanical energy: without driving it must not grow.
 
 Contents: EnergyAudit (a scene's option), EnergyAccount (what an effect counts), EnergyState;
-compression_energy, pair_potential. The audit of a run is `refsim.engine.audit`.
+compression_energy, compression_amount, pair_potential. The audit of a run is `refsim.engine.audit`.
 """
 
 from __future__ import annotations
@@ -96,6 +96,15 @@ def compression_energy(
     own = np.log(s) if exponent == 1 else (s ** (exponent - 1) - 1) / (exponent - 1)
     work = np.asarray(stiffness) * (own + 1 / s - 1) + internal_pressure * (s - 1)
     return np.asarray(mass, dtype=float) * work / rest_density
+
+
+def compression_amount(work: NDArray, modulus: NDArray, dtype: Any) -> Amount:
+    """Sum of m_i u_i [J]; a density known to one rounding of `dtype` is unsure by eps m c^2, at rest too.
+
+    modulus  m_i dp/drho = m_i c^2 at the rest density [J]
+    """
+    found = amount(work)
+    return found._replace(size=found.size + float(np.finfo(dtype).eps) * float(modulus.sum()))
 
 
 def _zero_pressure(stiffness: NDArray, exponent: int, internal_pressure: float) -> NDArray:

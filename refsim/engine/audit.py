@@ -117,10 +117,22 @@ class Auditor:
 
                 kick[state.flags("phase") != FLUID] = 0.0
             velocity += kick
-        parts = {"kinetic": amount(0.5 * mass * (velocity**2).sum(1))}
+        kinetic = amount(0.5 * mass * (velocity**2).sum(1))
+        parts = {"kinetic": kinetic._replace(size=kinetic.size + self._unsure(state, mass))}
         for account in self.accounts.values():
             parts |= {name: count(state) for name, count in account.parts.items()}
         return parts
+
+    def _unsure(self, state: StateOfRun, mass: NDArray) -> float:
+        """Energy [J] over eps that solids get from the rounding of places to which they are pulled within a step."""
+        s = self.simulation
+        if "shape_matching" not in s.plan.effects or not s.previous_length > 0:
+            return 0.0
+        from refsim.shape_matching.phases import FLUID
+
+        held = state.flags("phase") != FLUID
+        speed = state.field("position")[held] / s.previous_length  # times eps: a rounding of the place in one step
+        return float(np.finfo(s.plan.grid.dtype).eps) * float(0.5 * (mass[held] * (speed**2).sum(1)).sum())
 
     def begin(self) -> None:
         """Note the energies that the run begins with, where they are not noted yet."""

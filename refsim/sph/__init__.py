@@ -14,7 +14,7 @@ from typing import Any, ClassVar, Literal, NamedTuple
 import numpy as np
 
 from refsim.core.effect import Discretisation, Effect, Pass, StepLimit, literal_errata, require
-from refsim.core.energy import EnergyAccount, EnergyState, amount, compression_energy
+from refsim.core.energy import EnergyAccount, EnergyState, amount, compression_amount, compression_energy
 from refsim.core.errors import InputError
 from refsim.core.fields import Field
 from refsim.core.operation import Operation, register
@@ -207,10 +207,7 @@ class WeaklyCompressible(Effect, frozen=True, kw_only=True):
             work = share * compression_energy(
                 mass, density, self.rest_density, stiffness, exponent, cohesion, self.clamp_pressure
             )
-            # a density that is known to a rounding holds so much work, at rest too
-            unsure = float(np.finfo(grid.dtype).eps) * (stiffness * exponent + cohesion) / self.rest_density
-            found = amount(work)
-            return found._replace(size=found.size + unsure * float(mass.sum()))
+            return compression_amount(work, mass * (stiffness * exponent + cohesion) / self.rest_density, grid.dtype)
 
         return EnergyAccount({"compression": compression})
 

@@ -284,10 +284,26 @@ def test_sound_scenes_pass_with_the_published_bound(made, until, dtype):
     assert lost > 0.01 * audit["turned_over"] > 0
 
 
-def test_liquid_at_rest_keeps_its_bound():
+AT_REST = {
+    "weakly compressible": ((WeaklyCompressible(sound_speed=10.0),), ()),
+    "beside a solid": (
+        (WeaklyCompressible(sound_speed=10.0), ShapeMatching(), TwoWayCoupling()),
+        (SolidBox(lower=(1.0, 1.0, 1.0), upper=(1.3, 1.3, 1.3), density=400.0),),
+    ),
+    "MPM": ((MpmLiquid(bulk_modulus=1e5),), ()),
+}
+
+
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+@pytest.mark.parametrize("name", AT_REST)
+def test_liquid_at_rest_keeps_its_bound(name, dtype):
     """Nothing is turned over: rounding alone is no growth."""
-    still = scene(WeaklyCompressible(sound_speed=10.0), dtype="float32", fluid=Box(cells=(5, 5, 5)))
-    assert simulate(still, 0.2).energy_audit["greatest_share"] == 0.0
+    effects, solid = AT_REST[name]
+    audit = EnergyAudit(every=1)
+    still = scene(*effects, dtype=dtype, fluid=Box(cells=(5, 5, 5)), solid=solid, audit=audit)
+    found = simulate(still, 0.2).energy_audit
+    assert found["greatest_share"] == 0.0
+    assert found["now"]["kinetic"] < 1e-8
 
 
 @pytest.mark.parametrize("backend", ["numpy", "cpu"])

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 import numpy as np
 
 from refsim.core.effect import Discretisation, Effect, Pass, StepLimit, literal_errata
-from refsim.core.energy import EnergyAccount, EnergyState, amount, compression_energy
+from refsim.core.energy import EnergyAccount, EnergyState, compression_amount, compression_energy
 from refsim.core.errors import InputError
 from refsim.core.fields import Field
 from refsim.core.operation import Operation, register
@@ -121,7 +121,8 @@ class TwoWayCoupling(Effect, frozen=True, kw_only=True):
         def compression(state: EnergyState) -> Any:
             wet = state.flags("phase") == FLUID
             mass, density, rest = (state.field(name)[wet] for name in ("mass", "density", "rest_density"))
-            return amount(compression_energy(mass, density, rest, rest * liquid.sound_speed**2 / exponent, exponent))
+            work = compression_energy(mass, density, rest, rest * liquid.sound_speed**2 / exponent, exponent)
+            return compression_amount(work, mass * liquid.sound_speed**2, grid.dtype)
 
         uncounted = []
         if self.density_weighted:
