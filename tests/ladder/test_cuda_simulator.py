@@ -7,6 +7,7 @@ everything here is skipped, because compiled kernels would need a GPU (`scripts/
 import importlib
 import threading
 
+import msgspec
 import numpy as np
 import pytest
 
@@ -16,6 +17,7 @@ from refsim import (
     Box,
     BoxWalls,
     Cloud,
+    EnergyAudit,
     Gravity,
     JiangZhu2023,
     MpmLiquid,
@@ -521,6 +523,41 @@ def test_run_follows_the_references_and_repeats_bit_for_bit(scene, dtype, steps,
         else:
             largest = np.abs(oracle.field(name)).max()
             assert np.abs(values - oracle.field(name)).max() <= tolerance * largest, name
+
+
+def advance(simulation, steps):
+    for _ in range(steps):
+        simulation.step()
+
+
+def test_an_audit_of_the_energy_is_the_cpus():
+    """Every second step, with cohesion, of which pairs are summed; a scene that gains energy stops."""
+    audited = msgspec.structs.replace(droplet("float64"), energy_audit=EnergyAudit(every=2, bound=1e6))
+    oracle, run = Simulation(audited, "cpu"), Simulation(audited, "cuda")
+    seen = []
+    for _ in range(4):
+        oracle.step()
+        run.step()
+        seen.append(dict(run.auditor.now))
+    start, now = run.auditor.start, run.auditor.now
+    assert set(now) == {"kinetic", "compression", "cohesion"}
+    assert seen[0] == start
+    assert seen[1] == seen[2] != start
+    assert seen[3] == now != seen[1]
+    for found, expected in ((start, oracle.auditor.start), (now, oracle.auditor.now)):
+        largest = max(map(abs, expected.values()))
+        for name, value in expected.items():
+            assert abs(found[name] - value) <= 1e-9 * largest, name
+    pushed = WeaklyCompressible(sound_speed=5.0, dynamic_viscosity=1.0, literal=("E3",))
+    growing = msgspec.structs.replace(
+        audited, effects=(pushed,), energy_audit=EnergyAudit(every=2),
+        fluid=(Cloud(position=0.01 * cloud(12, 3, spacing=0.9), velocity=cloud(12, 3, seed=2)),),
+    )  # fmt: skip
+    stopping = Simulation(growing, "cuda")
+    with pytest.raises(RunStopped) as stopped:
+        advance(stopping, 10)
+    assert stopped.value.reason == "energy_gained"
+    assert stopping.steps % 2 == 0
 
 
 def test_run_of_mpm_sorts_its_particles_and_finds_those_that_were_moved(monkeypatch):
