@@ -301,7 +301,15 @@ def _check_neighbours(scene: Scene, what: str, radius: float) -> None:
 def _planned(scene: Scene) -> Plan:
     effects = _effects(scene)
     empty = Discretisation(scene.dim, scene.dtype, scene.spacing, scene.support_radius, 0, scene.step)
+    postponed = []
     for effect in effects.values():  # before the particles, whose masses follow from the effects
+        try:
+            effect.check(empty, effects)
+        except InputError:
+            raise
+        except Exception:  # it may read an effect whose own check, which comes later, says what is wrong
+            postponed.append(effect)
+    for effect in postponed:
         effect.check(empty, effects)
     solids = voxelised(scene.solid, empty) if scene.solid else None
     state = _initial_state(scene, empty, effects, solids)
