@@ -5,6 +5,7 @@ each parameter group that an effect hands out is computed again from the publish
 quadrature, lattices are summed, nothing is taken from refsim's own tables. Lengths and densities are not one.
 """
 
+import functools
 import itertools
 import math
 
@@ -1012,6 +1013,12 @@ def handed_out(effects, dim, dtype="float64"):
     return effects[0].shares(grid, others) | effects[0].prepare(grid, others)
 
 
+@functools.cache
+def given(name, dim, dtype="float64"):
+    """What the setup of that name hands out; a mesh takes seconds."""
+    return handed_out(SETUPS[name][0](dim), dim, dtype)
+
+
 def setups():
     for name, (_, _, *dims) in SETUPS.items():
         for dim in dims[0] if dims else (2, 3):
@@ -1032,8 +1039,7 @@ def wrong(got, expected):
 
 @pytest.mark.parametrize("name, dim", list(setups()))
 def test_every_member_is_the_papers(name, dim):
-    made, expected = SETUPS[name][:2]
-    got, expected = handed_out(made(dim), dim), expected(dim)
+    got, expected = given(name, dim), SETUPS[name][1](dim)
     groups = {key: value for key, value in got.items() if value is None or is_group(value) or key in expected}
     assert set(groups) == set(expected)
     if "penetration" in expected:  # its box encloses the other group's blocks
@@ -1063,7 +1069,7 @@ ROUNDED = {"lower", "upper", "distance"}  # of the band, and the next number out
 
 @pytest.mark.parametrize("name, dim", list(setups()))
 def test_single_precision_rounds_what_double_precision_takes(name, dim):
-    single, double = (handed_out(SETUPS[name][0](dim), dim, dtype) for dtype in ("float32", "float64"))
+    single, double = (given(name, dim, dtype) for dtype in ("float32", "float64"))
     assert set(single) == set(double)
     for key, group in single.items():
         for member, value, exact in zip(group._fields, group, double[key]) if is_group(group) else ():
@@ -1129,7 +1135,7 @@ def test_no_effect_and_no_group_is_missing():
     for name, (made, _, *dims) in SETUPS.items():
         for dim in dims[0] if dims else (2, 3):
             effects = made(dim)
-            for key, value in handed_out(effects, dim).items():
+            for key, value in given(name, dim).items():
                 seen.setdefault((effects[0].name, key), []).append(value)
             assert effects[0].name in own, name
     assert {effect for effect, _ in seen} >= set(own)
