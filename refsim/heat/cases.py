@@ -118,7 +118,7 @@ def _period_follows(group, inputs, kernel):
 VARIATIONS[Conduction] = Variation(
     _conduction_follows,
     {
-        "planned_passes": "room on a GPU, which does not change the answer",
+        "planned_passes": "capacity of a table on a GPU, which does not change the answer",
         "residual": "the reference solves exactly",
     },
     {"dim": lambda dim: 5 - dim, "most_passes": lambda most: 2},

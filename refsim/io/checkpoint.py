@@ -376,7 +376,7 @@ def _read(path: Path) -> Checkpoint:
                 attributes = json.loads(root["attributes"].asstr()[()])
         except _Unreadable:
             raise
-        except Exception as error:
+        except Exception as error:  # HDF5 raises many kinds for contents that the digest cannot vouch for
             raise _Unreadable("is not a checkpoint of refsim (HDF5 cannot read what it should hold)") from error
     if not isinstance(attributes, dict) or not all(isinstance(v, str | int | float) for v in attributes.values()):
         raise _Unreadable("is not a checkpoint of refsim (its attributes are no table of text and numbers)")

@@ -14,5 +14,5 @@ class PointList(NamedTuple):
     """Points by cell: those of cell i are point[first[i] : first[i + 1]], in the order of their numbers."""
 
     first: Any  # (nodes + 1,) int32
-    point: Any  # (points in some block,) int32; on a GPU with unused room at its end for the others
+    point: Any  # (points in some block,) int32; on a GPU the end is unused capacity for the others
     cell: Any  # (points,) int32, the cell of each point, -1 for none

@@ -46,7 +46,7 @@ from refsim.core.effect import EFFECTS, Extremes
 
 PEBBLE = pathlib.Path(__file__).parents[2] / "docs" / "examples" / "pebble.obj"
 FACES = ("-x", "+x", "-y", "+y", "-z", "+z")
-ROOM = {"lower": (-0.2, -0.2, -0.2), "upper": (0.8, 0.8, 0.8)}
+TANK = {"lower": (-0.2, -0.2, -0.2), "upper": (0.8, 0.8, 0.8)}
 LIQUID = WeaklyCompressible(sound_speed=12.0, clamp_pressure=False)  # its surface pulls it together: it moves
 CLAMPED = WeaklyCompressible(sound_speed=12.0)
 MPM = MpmLiquid(bulk_modulus=144e3, initial_ratio=0.98)
@@ -75,11 +75,11 @@ IDENTITIES = {
     "surface_energy": [
         (SurfaceEnergy(surface_tension=0.0), (MPM,), ()),
         (SurfaceEnergy(surface_tension=0.0, embedding="none", enclose_volume=True), (MPM,), ()),
-        (SurfaceEnergy(surface_tension=0.0, contact_angle=60.0), (MPM, MpmWalls(**ROOM)), ()),
+        (SurfaceEnergy(surface_tension=0.0, contact_angle=60.0), (MPM, MpmWalls(**TANK)), ()),
     ],
     "akinci_2013": [
         (Akinci2013(surface_tension=0.0), (LIQUID,), ()),
-        (Akinci2013(gamma=0.0, area_acceleration=0.0, adhesion=0.0), (LIQUID, BoxWalls(**ROOM)), ()),
+        (Akinci2013(gamma=0.0, area_acceleration=0.0, adhesion=0.0), (LIQUID, BoxWalls(**TANK)), ()),
         (Akinci2013(gamma=0.0, literal=("gamma",)), (LIQUID,), ()),
     ],
     "becker_teschner_2007": [
@@ -108,8 +108,8 @@ IDENTITIES = {
     ],
     "csf_wang_2019": [(CsfWang2019(surface_tension=0.0), (LIQUID,), ())],
     "normal_difference_2014": [(NormalDifference2014(area_acceleration=0.0), (LIQUID,), ())],
-    "box_walls": [(BoxWalls(open_faces=FACES, **ROOM), (LIQUID, PULL), ())],
-    "mpm_walls": [(MpmWalls(open_faces=FACES, **ROOM), (MPM, PULL), ())],
+    "box_walls": [(BoxWalls(open_faces=FACES, **TANK), (LIQUID, PULL), ())],
+    "mpm_walls": [(MpmWalls(open_faces=FACES, **TANK), (MPM, PULL), ())],
 }
 WITHOUT = {
     "weakly_compressible": "the liquid itself: density and sound speed are positive",
@@ -141,7 +141,7 @@ TERMS = {
         {"surface_normal.color_gradient"}, {"surface_normal"},
     ),
     "akinci_2013.adhesion": (
-        Akinci2013(surface_tension=0.5), Akinci2013(surface_tension=0.5, adhesion=0.1), (LIQUID, BoxWalls(**ROOM)),
+        Akinci2013(surface_tension=0.5), Akinci2013(surface_tension=0.5, adhesion=0.1), (LIQUID, BoxWalls(**TANK)),
         {"akinci_2013.adhesion"}, set(),
     ),
     "dong_2016.correction": (
@@ -200,7 +200,7 @@ SAMPLES = [
     (PULL, ()),
     (HeatConduction(), ()),
     (SHAPE, ()),
-    (SurfaceEnergy(surface_tension=0.5), (MPM, MpmWalls(**ROOM))),
+    (SurfaceEnergy(surface_tension=0.5), (MPM, MpmWalls(**TANK))),
     (Akinci2013(surface_tension=0.5), (LIQUID,)),
     (Akinci2013(gamma=0.5), (LIQUID,)),
     (BeckerTeschner2007(surface_tension=0.5), (LIQUID,)),
@@ -215,8 +215,8 @@ SAMPLES = [
     (JiangZhu2023(gamma=0.5), (LIQUID,)),
     (CsfWang2019(surface_tension=0.5), (LIQUID,)),
     (NormalDifference2014(area_acceleration=0.5), (LIQUID,)),
-    (BoxWalls(**ROOM), (LIQUID,)),
-    (MpmWalls(**ROOM), (MPM,)),
+    (BoxWalls(**TANK), (LIQUID,)),
+    (MpmWalls(**TANK), (MPM,)),
     (ImplicitPressure(), (LIQUID,)),
     (SurfaceDetection(), (LIQUID,)),
     (TwoWayCoupling(), (CLAMPED, SHAPE)),
