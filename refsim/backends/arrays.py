@@ -49,9 +49,9 @@ class Backend:
         """places[order[i]] = i for a permutation `order` (n,) int32."""
         places[order] = np.arange(len(order), dtype=places.dtype)
 
-    def bind(self, operation: Operation, lookup: Callable[[str], Any]) -> Callable[[], None]:
-        """The operation on the values that `lookup` gives for its argument names."""
-        return operation.bind(self.name, lookup)
+    def bind(self, operation: Operation, lookup: Callable[[str], Any], algorithm: str = "") -> Callable[[], None]:
+        """The operation, by `algorithm` where the backend has it, on the values that `lookup` gives by name."""
+        return operation.bind(operation.chosen(self.name, algorithm), lookup)
 
     def synchronize(self) -> None:
         """Wait until everything launched has run."""

@@ -1,8 +1,9 @@
 """Formulas and kernels: the only module that names Numba's decorators.
 
-A scalar formula is written once in plain Python and marked `@formula`; CPU kernels, CUDA kernels and the
-CUDA simulator all call it. Compiled code is cached on disk under a digest of every source behind a kernel,
-because Numba's own cache looks at one file only and would return old numbers after an edit in another.
+A scalar formula is written once in plain Python and marked `@formula`. A kernel's body, marked `@kernel`, says what one
+particle (node, sample, cell) does; the loop over particles is made for each backend. Compiled code is cached on disk
+under a digest of every source behind a kernel, because Numba's own cache looks at one file only and would return old
+numbers after an edit in another.
 """
 
 from __future__ import annotations
@@ -13,11 +14,14 @@ import functools
 import gc
 import hashlib
 import inspect
+import linecache
 import os
 import pathlib
 import re
 import shutil
 import sys
+import tempfile
+import types
 import warnings
 from collections.abc import Callable
 from typing import Any
@@ -57,6 +61,14 @@ def formula(function: Callable | None = None, *, inlined: bool = False) -> Any:
         return functools.partial(formula, inlined=inlined)
     options = {"forceinline": True} if inlined else {}
     return register_jitable(error_model="numpy", no_cfunc_wrapper=True, **options)(function)  # C never calls it
+
+
+def cuda_formula(function: Callable) -> Any:
+    """Mark a formula that names `cuda`, for CUDA kernels of any module.
+
+    The simulator replaces `cuda` in the module of a kernel or of a device function, and in no other.
+    """
+    return _load_cuda().jit(device=True)(function) if simulated() else formula(function)
 
 
 _IMPORT = re.compile(r"^(?:from[ \t]+([\w.]+)[ \t]+import[ \t]+(\([^)]*\)|[^\n]*)|import[ \t]+([\w.]+))", re.MULTILINE)
@@ -129,7 +141,8 @@ def cache_folder(path: pathlib.Path) -> str:
 def _cached(dispatcher: Any, function: Callable, apart: bool = False) -> Any:
     if not hasattr(dispatcher, "enable_caching"):  # plain Python under NUMBA_DISABLE_JIT and in the simulator
         return dispatcher
-    folder = cache_folder(pathlib.Path(function.__code__.co_filename))
+    path = pathlib.Path(function.__code__.co_filename)
+    folder = str(path.parent) if path.parent.parent == cache_root() else cache_folder(path)  # a wrapper, or a source
     if not os.access(folder, os.W_OK):
         return dispatcher
     before, numba.config.CACHE_DIR = numba.config.CACHE_DIR, folder
@@ -373,6 +386,140 @@ def cuda_kernel(
             threads=threads, registers=registers,
         )  # fmt: skip
     return CudaKernel(function, fastmath, rows_of, lanes, block_for_each_row, threads, registers)
+
+
+_LOOPS = {
+    "cpu": """\
+def {name}({arguments}):
+    for i in prange({rows}.shape[0]):
+        body(i, {arguments})
+""",
+    "cuda": """\
+def {name}({arguments}):
+    i = cuda.grid(1)
+    if i < {rows}.shape[0]:
+        body(i, {arguments})
+""",
+}
+_LOOPS_WITH_LANES = {
+    "cpu": """\
+def {name}({arguments}):
+    for i in prange({rows}.shape[0]):
+        body(i, None, {arguments})
+""",
+    "cuda": """\
+def {name}({arguments}):
+    lanes = {lanes}
+    i, lane = cuda.grid(1) // lanes, cuda.grid(1) % lanes
+    if i < {rows}.shape[0]:
+        body(i, (lane, lanes), {arguments})
+""",
+}
+
+
+class Kernel:
+    """What one row does, written once, and the kernels made of it: a `prange` loop and a CUDA kernel.
+
+    The body takes the row's number `i`, with `lanes` also `lane`, and then the arguments, outputs last. Rows are those
+    of the last argument, or of `rows_of`. With `lanes` (the name of a list, True for `neighbours`, or a number) so many
+    neighbouring CUDA threads share a row: `lane` is (number of the thread, number of threads), and None on a CPU.
+    `ordered` and `packed` are options of `cpu_kernel`, `registers` and `fastmath` of `cuda_kernel`.
+
+    Called itself, it runs the program for the backend on which the array of rows lives.
+    """
+
+    def __init__(
+        self,
+        function: Callable,
+        rows_of: str | None,
+        lanes: bool | str | int,
+        ordered: bool,
+        packed: bool,
+        fastmath: bool,
+        registers: int | None,
+    ) -> None:
+        names = list(inspect.signature(function).parameters)
+        self.body = formula(function, inlined=True)
+        self.arguments = names[2 if lanes else 1 :]
+        self.rows = rows_of or names[-1]
+        self.lanes = "neighbours" if lanes is True else lanes
+        self.options: dict[str, dict[str, Any]] = {
+            "cpu": {"ordered": ordered, "packed": packed},
+            "cuda": {"rows_of": self.rows, "lanes": lanes, "fastmath": fastmath, "registers": registers},
+        }
+        self.__name__, self.__doc__, self.__module__ = function.__name__, function.__doc__, function.__module__
+        self.__wrapped__ = function
+        self._made: dict[str, Any] = {}
+
+    def source(self, backend: str) -> str:
+        """The loop around the body on `backend`, "cpu" or "cuda", as Python."""
+        loops = _LOOPS_WITH_LANES if self.lanes else _LOOPS
+        lanes = f"len({self.lanes}.lanes)" if isinstance(self.lanes, str) else self.lanes
+        return loops[backend].format(
+            name=self.__name__, arguments=", ".join(self.arguments), rows=self.rows, lanes=lanes
+        )
+
+    def on(self, backend: str) -> Any:
+        """The kernel for `backend`, "cpu" or "cuda"; made at first use."""
+        if backend not in self._made:
+            function = self._wrapper(backend)
+            make = {"cpu": cpu_kernel, "cuda": cuda_kernel}[backend]
+            self._made[backend] = make(function, **self.options[backend])
+        return self._made[backend]
+
+    def __call__(self, *arguments: Any) -> None:
+        on_host = isinstance(arguments[self.arguments.index(self.rows)], np.ndarray)
+        self.on("cpu" if on_host else "cuda")(*arguments)
+
+    def _wrapper(self, backend: str) -> Callable:
+        """The loop as a function whose source is a file of the cache folder, where Numba's cache looks for it."""
+        text = self.source(backend)
+        module = types.ModuleType(f"{self.__module__}.{self.__name__}_{backend}")
+        path = pathlib.Path(cache_folder(pathlib.Path(self.body.__code__.co_filename)), f"{self.__name__}_{backend}.py")
+        _write_once(path, text)
+        linecache.cache[str(path)] = (len(text), None, text.splitlines(keepends=True), str(path))
+        module.__dict__.update(body=self.body, prange=prange, __file__=str(path))
+        if backend == "cuda":
+            module.__dict__["cuda"] = _load_cuda()
+        sys.modules[module.__name__] = module  # Numba's cache finds the globals of a kernel by its module's name
+        exec(compile(text, str(path), "exec"), module.__dict__)
+        function = module.__dict__[self.__name__]
+        function.__doc__ = self.__doc__
+        return function
+
+
+def _write_once(path: pathlib.Path, text: str) -> None:
+    """Write a file unless it is there already: Numba takes its age for its version."""
+    if path.exists():
+        return
+    with contextlib.suppress(OSError):  # of a read-only folder: nothing is cached then
+        handle, draft = tempfile.mkstemp(dir=path.parent)
+        try:
+            with os.fdopen(handle, "w") as file:
+                file.write(text)
+            with contextlib.suppress(FileExistsError):  # another process was faster
+                os.link(draft, path)
+        finally:
+            os.unlink(draft)
+
+
+def kernel(
+    function: Callable | None = None,
+    *,
+    rows_of: str | None = None,
+    lanes: bool | str | int = False,
+    ordered: bool = False,
+    packed: bool = False,
+    fastmath: bool = False,
+    registers: int | None = None,
+) -> Any:
+    """Mark what one row does; its kernels for the CPU and for CUDA are made of it, see `Kernel`."""
+    if function is None:
+        return functools.partial(
+            kernel, rows_of=rows_of, lanes=lanes, ordered=ordered, packed=packed, fastmath=fastmath,
+            registers=registers,
+        )  # fmt: skip
+    return Kernel(function, rows_of, lanes, ordered, packed, fastmath, registers)
 
 
 @functools.cache

@@ -12,7 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from refsim.backends.compile import THREADS_PER_BLOCK, cuda, cuda_kernel, formula
+from refsim.backends.compile import THREADS_PER_BLOCK, cuda, cuda_kernel
+from refsim.backends.primitives import sum_before
 from refsim.backends.runtime import library, own_stream, simulated
 
 
@@ -111,22 +112,6 @@ def add_up_within(values, totals, out):  # noqa: ANN001, ANN201
     for k in range(first, min(first + EACH, values.shape[0])):
         running += values[k]
         out[k] = running
-
-
-@formula
-def sum_before(values, mine):  # noqa: ANN001, ANN201
-    """Sum of what the block's threads before this one hold; `values` is shared, one place for each thread."""
-    place = cuda.threadIdx.x
-    values[place] = mine
-    cuda.syncthreads()
-    step = 1
-    while step < cuda.blockDim.x:
-        add = values[place - step] if place >= step else 0
-        cuda.syncthreads()
-        values[place] += add
-        cuda.syncthreads()
-        step *= 2
-    return values[place] - mine
 
 
 class RunningSum:

@@ -1,4 +1,4 @@
-"""`refsim list`: every operation with its paper and backends, every effect with its parameters."""
+"""`refsim list`: every operation with its paper and programs, every effect with its parameters."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ import msgspec
 
 from refsim.commands import Command, Outcome, register, table
 from refsim.core.effect import EFFECTS, Effect
-from refsim.core.operation import BACKENDS, REGISTRY, Operation
+from refsim.core.operation import REGISTRY, Operation
 from refsim.scene.files import describe
 
 
@@ -34,10 +34,14 @@ def _functions(module: str) -> frozenset[str]:
     return frozenset(names)
 
 
-def backends_of(operation: Operation) -> list[str]:
-    """Backends for which the operation has a program."""
-    files = {"numpy": "reference"}
-    return [b for b in BACKENDS if operation.function in _functions(f"{operation.folder}.{files.get(b, b)}")]
+def programs_of(operation: Operation) -> list[str]:
+    """Names of the programs that the operation has: backends, and backend:algorithm where there are more."""
+    entries = {name: operation.entry(name) for name in operation.names()}
+    return [
+        name
+        for name, entry in entries.items()
+        if (entry.function or operation.function) in _functions(f"{operation.folder}.{entry.module}")
+    ]
 
 
 def _parameters(effect: type[Effect]) -> list[dict[str, Any]]:
@@ -60,7 +64,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def execute(options: argparse.Namespace) -> Outcome:
     """List the registry and the effects."""
     operations = {
-        o.name: {"paper": o.paper, "equation": o.equation, "backends": backends_of(o)} for o in REGISTRY.values()
+        o.name: {"paper": o.paper, "equation": o.equation, "programs": programs_of(o)} for o in REGISTRY.values()
     }
     effects = {
         name: {"summary": (inspect.getdoc(effect) or "").split("\n")[0], "parameters": _parameters(effect)}
@@ -69,8 +73,8 @@ def execute(options: argparse.Namespace) -> Outcome:
     lines = [f"{len(operations)} operations", ""]
     lines.append(
         table(
-            [(n, o["paper"], o["equation"], " ".join(o["backends"])) for n, o in operations.items()],
-            ("operation", "paper", "equation", "backends"),
+            [(n, o["paper"], o["equation"], " ".join(o["programs"])) for n, o in operations.items()],
+            ("operation", "paper", "equation", "programs"),
         )
     )
     lines += ["", f"{len(effects)} effects, as tables [effects.NAME] of a scene file"]

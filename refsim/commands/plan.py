@@ -46,7 +46,7 @@ def describe_plan(plan: Plan, backend: str) -> dict[str, Any]:
         {
             "operation": p.operation,
             "effect": effect.name,
-            "kernel": kernel_name(p.operation, backend),
+            "kernel": kernel_name(p.operation, backend, p.algorithm),
             "reads": list(p.reads),
             "writes": list(p.writes),
             "updates": list(p.updates),
@@ -108,13 +108,14 @@ def _energy_audit(plan: Plan) -> dict[str, Any] | None:
     }
 
 
-def kernel_name(operation: str, backend: str) -> str:
+def kernel_name(operation: str, backend: str, algorithm: str = "") -> str:
     """module.function that the backend launches for an operation."""
     if operation in PROCEDURES:
         procedure = PROCEDURES[operation]
         return f"{procedure.owner}.{procedure.method}: {len(procedure.operations)} operations"
     found = REGISTRY[operation]
-    return f"{found.folder}.{'reference' if backend == 'numpy' else backend}.{found.function}"
+    entry = found.entry(found.chosen(backend, algorithm))
+    return f"{found.folder}.{entry.module}.{entry.function or found.function}"
 
 
 def _owner(plan: Plan, name: str) -> list[str]:

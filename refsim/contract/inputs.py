@@ -12,7 +12,7 @@ from refsim.backends.arrays import Backend
 from refsim.backends.scratch import Scratch
 from refsim.core import cases
 from refsim.core.fields import BASE, Field
-from refsim.core.operation import REGISTRY, Operation
+from refsim.core.operation import REGISTRY, Operation, backend_of
 from refsim.core.walls import with_list
 from refsim.neighbours import NeighbourSearch
 from refsim.neighbours.reference import pair_blocks
@@ -204,6 +204,7 @@ def bindings(
     """Values of everything that the operation's program on `backend` takes, by argument name, on one case.
 
     operation  an Operation or its name
+    backend    or the name of one of the operation's further programs ("cuda:fused")
     dtype      "float32" or "float64"
     case       name in refsim.core.cases.CASES
     variant    overrides, or the number of one of the operation's own variants
@@ -211,8 +212,8 @@ def bindings(
 
     Arrays that are written are copies of their own. Raises KeyError where nothing makes an argument.
     """
-    operation = REGISTRY[operation] if isinstance(operation, str) else operation
+    operation = (REGISTRY[operation] if isinstance(operation, str) else operation).as_computed_by(backend)
     chosen = operation.variants[variant] if isinstance(variant, int) else variant
-    made, neighbours, walls = prepared(case, backend, dtype, lists)
-    inputs, place = with_variant(made, chosen), backend_for(backend)
+    made, neighbours, walls = prepared(case, backend_of(backend), dtype, lists)
+    inputs, place = with_variant(made, chosen), backend_for(backend_of(backend))
     return {name: value_of(operation, name, inputs, neighbours, walls, place) for name in operation.arguments(backend)}

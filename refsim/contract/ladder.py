@@ -16,7 +16,7 @@ from refsim.contract.guards import Guards
 from refsim.contract.inputs import Inputs, all_pairs, backend_for, on_backend, prepared, value_of, with_variant
 from refsim.contract.parameters import acts, varied
 from refsim.core import cases
-from refsim.core.operation import REGISTRY, Operation
+from refsim.core.operation import REGISTRY, Operation, backend_of
 from refsim.core.walls import WallParticles
 
 SAMPLED_ROWS = 40
@@ -59,8 +59,9 @@ class Outcome:
 
 @dataclass(frozen=True)
 class Target:
-    """One operation's program under test: on a backend of refsim's, or a loader's own with the same arguments.
+    """One operation's program under test: one of refsim's, or a loader's own with the same arguments.
 
+    backend  name of the program: its backend, or backend and algorithm ("cuda:fused")
     variant  number of the operation's variant
     loader   operation -> program taking the arguments of the backend's own program in their order
     calling  is told the name of the case before each call of the program, and None after it
@@ -75,10 +76,13 @@ class Target:
     calling: Callable[[str | None], None] = lambda case: None
     faults: list[str] = field(default_factory=list, compare=False, repr=False)
 
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "operation", self.operation.as_computed_by(self.backend))
+
     @property
     def place(self) -> Backend:
         """Where the arrays live."""
-        return backend_for(self.backend)
+        return backend_for(backend_of(self.backend))
 
     def outcome(self, step: str, trial: str, error: float, words: str = "") -> Outcome:
         """Passed where the error is at most the bound and no launch since the last outcome had a fault; NaN fails."""
@@ -118,7 +122,7 @@ class Target:
             return values[name]
 
         if self.loader is None:
-            call = place.bind(operation, lookup)
+            call = operation.bind(self.backend, lookup)
         else:
             call = functools.partial(self.loader(operation), *map(lookup, operation.arguments(self.backend)))
         self.calling(inputs.case.name)
@@ -195,7 +199,7 @@ def _cast(value: Any, dtype: str) -> Any:
 
 def on_case(target: Target, name: str, step: str = "T2", lists: str = "search") -> Outcome:
     """T2: one hard input against the oracle, over the neighbour search's lists or the oracle's."""
-    made, neighbours, walls = prepared(name, target.backend, target.dtype, lists)
+    made, neighbours, walls = prepared(name, target.place.name, target.dtype, lists)
     inputs = target.varied(made)
     before, after = target.launch(inputs, neighbours, walls)
     answer = oracle(target.operation, inputs)
@@ -218,7 +222,7 @@ def hard_inputs(target: Target) -> Iterator[Outcome]:
 
 def large_case(target: Target) -> Iterator[Outcome]:
     """T3: a few thousand particles, sampled rows against the oracle."""
-    made, neighbours, walls = prepared(LARGE, target.backend, target.dtype)
+    made, neighbours, walls = prepared(LARGE, target.place.name, target.dtype)
     inputs = target.varied(made)
     before, after = target.launch(inputs, neighbours, walls)
     rows = np.sort(inputs.case.random("rows").choice(inputs.case.count, SAMPLED_ROWS, replace=False))
@@ -372,10 +376,10 @@ def _unsorted(values: np.ndarray, order: np.ndarray) -> np.ndarray:
 
 def repeats(target: Target) -> Iterator[Outcome]:
     """T6: the same bits again; on the CPU also on one, two and all threads."""
-    made, neighbours, walls = prepared("cloud_3d", target.backend, target.dtype)
+    made, neighbours, walls = prepared("cloud_3d", target.place.name, target.dtype)
     inputs = target.varied(made)
     counts: tuple[int | None, ...] = (None, None)
-    if target.backend == "cpu":
+    if target.place.name == "cpu":
         import numba
 
         counts = tuple(sorted({1, min(2, numba.config.NUMBA_NUM_THREADS), numba.config.NUMBA_NUM_THREADS})) * 2
@@ -387,7 +391,7 @@ def repeats(target: Target) -> Iterator[Outcome]:
     finally:
         set_threads(target.place, None)
     same = all(a[n].tobytes() == answers[0][n].tobytes() for a in answers for n in a)
-    trial = "again" if target.backend != "cpu" else f"on {', '.join(map(str, counts))} threads"
+    trial = "again" if target.place.name != "cpu" else f"on {', '.join(map(str, counts))} threads"
     yield target.outcome("T6", trial, 0.0 if same else np.inf)
 
 
@@ -468,10 +472,12 @@ def parameters(target: Target) -> Iterator[Outcome]:
         yield from _takes(target)
         return
     operation = target.operation
-    made, neighbours, walls = prepared(FEW, target.backend, target.dtype)
+    made, neighbours, walls = prepared(FEW, target.place.name, target.dtype)
     start = target.varied(made)
     usual = None
     for name, member, inputs in varied(operation, start):
+        if name not in operation.arguments(target.backend):
+            continue  # fixed in a program that serves some of the operation's variants
         if acts(operation, name, member, start):
             answer = oracle(operation, inputs)
         else:

@@ -22,7 +22,7 @@ import numpy as np
 from refsim.contract.inputs import backend_for
 from refsim.contract.ladder import STEPS, Outcome, ProgramFailed, Target, climbing
 from refsim.core.errors import InputError
-from refsim.core.operation import BACKENDS, REGISTRY, Operation
+from refsim.core.operation import BACKENDS, REGISTRY, Operation, backend_of
 
 GROUP = "refsim.contract"  # of entry points
 ATTRIBUTE = "PROGRAMS"  # what is taken from a module where nothing else is named
@@ -313,9 +313,14 @@ def trials(
     found = REGISTRY[programs.operations((operation,))[0]]
     _among(dtypes, programs.dtypes, f"{programs.name} does not compute in")
     _among(steps, tuple(STEPS), "there is no step")
-    chosen = _variants(found, variants)
+    _variants(found, variants)
+    names = [programs.arrays]
+    if programs.programs is None:
+        names = [name for name in found.names() if backend_of(name) == programs.arrays]
     loader = programs.loader()
-    for dtype in dtypes or programs.dtypes:
-        for variant in chosen:
-            target = Target(found, programs.arrays, dtype, variant, loader, calling)
-            yield from climbing(target, tuple(steps) or None, begin)
+    for name in names:
+        for dtype in dtypes or programs.dtypes:
+            for variant in range(len(found.as_computed_by(name).variants)):
+                if not variants or variant in variants:
+                    target = Target(found, name, dtype, variant, loader, calling)
+                    yield from climbing(target, tuple(steps) or None, begin)

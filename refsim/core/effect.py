@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 class Pass:
     """One launch of one operation; `names` says what its arguments are called here where names differ.
 
+    algorithm  of the program, where the backend has it; else the plain program runs
     stage  "start": once, when a simulation is made or resumed, for tables that follow from its state. "begin": at the
            beginning of every step, in the effects' order; not when somebody looks at the state. "forces": before the
            step's length is known, ordered by what passes touch. "motion": once it is known, in the effects' order,
@@ -39,6 +40,7 @@ class Pass:
     updates: tuple[str, ...] = ()  # changed in place: after every writer, before every reader
     on_demand: bool = False  # run when somebody looks at the state, not in every step
     names: Mapping[str, str | None] = field(default_factory=dict)
+    algorithm: str = ""
     stage: Literal["start", "begin", "forces", "motion"] = "forces"
 
 

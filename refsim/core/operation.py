@@ -1,6 +1,9 @@
-"""One equation, its three programs, its hard inputs: the registry that makes the tests.
+"""One equation, its programs, its hard inputs: the registry that makes the tests.
 
-Arguments are bound by name. A kernel names the arrays and parameter groups it takes; its outputs stand last.
+A program is named by its backend ("numpy", "cpu", "cuda") or, where a backend has another algorithm beside the plain
+one, by backend and algorithm ("cuda:fused"). One reference judges them all.
+
+Arguments are bound by name. A program names the arrays and parameter groups it takes; its outputs stand last.
 The reference takes the same names, less the neighbour structures and the outputs, and returns
 `{output: (value, scale)}`, where `scale` is the sum of the absolute terms behind each value; for a flag, of which
 nothing can be nearly right, it is the margin: the relative distance of the decision from flipping.
@@ -12,10 +15,37 @@ import functools
 import importlib
 import inspect
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 BACKENDS = ("numpy", "cpu", "cuda")
+
+
+@dataclass(frozen=True)
+class Program:
+    """Where a program of an operation stands, and what differs from the operation's plain program.
+
+    module     of the operation's folder
+    function   in it; by default the one that has the operation's function's name
+    also       operations whose accelerations it adds in the same loop over the neighbours; a GPU launches it in place
+               of the passes of all of them, so that each neighbour is read once
+    names      what arguments of the operations' references are called in such a program, where names differ
+    tolerance  c of its own bound, with the reason in `reason`; None for that of the operation
+    variants   argument overrides under which it is tested; None for those of the operation
+    work       arguments beside the operation's that serve as work space
+    """
+
+    module: str
+    function: str = ""
+    also: tuple[str, ...] = ()
+    names: Mapping[str, str] = field(default_factory=dict)
+    tolerance: float | None = None
+    reason: str = ""
+    variants: tuple[Mapping[str, Any], ...] | None = None
+    work: tuple[str, ...] = ()
+
+
+PLAIN = {"numpy": Program("reference"), "cpu": Program("kernels"), "cuda": Program("kernels")}
 
 
 @dataclass(frozen=True)
@@ -23,10 +53,11 @@ class Operation:
     """One equation of one paper and where its programs stand.
 
     name        "folder.operation", unique
-    folder      the package that holds reference.py, cpu.py and cuda.py
+    folder      the package that holds reference.py and kernels.py
     paper       author and year, or "standard"
     equation    the paper's number, with the spec's erratum where the adopted reading differs
-    function    name of the function in all three files
+    function    name of the function in both files
+    programs    programs that stand elsewhere, or beside the plain ones, by name: "cpu", "cuda" or "backend:algorithm"
     outputs     kernel arguments that are written
     exact       outputs compared exactly wherever the margin exceeds tolerance * eps
     reach       how many neighbourhoods away one particle's values act; 0 where they may act on all
@@ -40,10 +71,6 @@ class Operation:
     invariants  names of the contract's conservation and symmetry checks that hold
     broken      those that a variant does not keep, by the variant's number
     cases       names of hard inputs beside the common ones
-    joins       operations of which it adds the accelerations of two up in one loop over the neighbours; a GPU launches
-                it in place of the two, which saves reading each neighbour twice
-    rarely      True where another operation computes the same in another way: its CPU programs are tested once, the
-                rest under `slow`
     """
 
     name: str
@@ -66,24 +93,62 @@ class Operation:
     invariants: tuple[str, ...] = ()
     broken: Mapping[int, tuple[str, ...]] = field(default_factory=dict)
     cases: tuple[str, ...] = ()
-    joins: tuple[str, ...] = ()
-    rarely: bool = False
+    programs: Mapping[str, Program] = field(default_factory=dict)
 
-    def program(self, backend: str) -> Callable:
-        """The function that computes this operation on `backend`, imported at first use."""
-        return _program(self.folder, {"numpy": "reference"}.get(backend, backend), self.function)
+    def names(self) -> tuple[str, ...]:
+        """Names of all its programs: the backends, and backend and algorithm where there are more."""
+        return (*BACKENDS, *(name for name in self.programs if name not in BACKENDS))
 
-    def arguments(self, backend: str) -> tuple[str, ...]:
-        """Names that the program takes, in order."""
-        function = self.program(backend)
+    def chosen(self, backend: str, algorithm: str) -> str:
+        """Name of the program for an algorithm on a backend: the plain one where the backend has no other."""
+        name = f"{backend}:{algorithm}"
+        return name if name in self.programs else backend
+
+    def entry(self, name: str) -> Program:
+        """Where the program called `name` stands; raises KeyError if there is none."""
+        return self.programs[name] if name in self.programs else PLAIN[name]
+
+    def program(self, name: str) -> Callable:
+        """The function that is the program called `name`, imported at first use."""
+        entry = self.entry(name)
+        return _program(self.folder, entry.module, entry.function or self.function, backend_of(name))
+
+    def as_computed_by(self, name: str) -> Operation:
+        """The operation that judges the program called `name`: this one, with what the program's entry changes.
+
+        Where the program adds other operations' accelerations, too, its reference adds their references'.
+        """
+        entry = self.entry(name)
+        changed: dict[str, Any] = {"work": (*self.work, *entry.work)}
+        if entry.tolerance is not None:
+            changed |= {"tolerance": entry.tolerance, "tolerance_reason": entry.reason}
+        if entry.variants is not None:
+            changed |= {"variants": entry.variants, "broken": {}}
+        if not entry.also:
+            return replace(self, **changed)
+        parts = (self, *(REGISTRY[part] for part in entry.also))
+        kept = [set(part.invariants).difference(*part.broken.values()) for part in parts]
+        changed |= {
+            "name": f"{self.name}:{name.partition(':')[2]}",
+            "optional": tuple(dict.fromkeys(name for part in parts for name in part.optional)),
+            "invariants": tuple(invariant for invariant in self.invariants if all(invariant in k for k in kept)),
+            "cases": tuple(dict.fromkeys(case for part in parts for case in part.cases)),
+            "tolerance": max(changed.get("tolerance", 0.0), *(part.tolerance for part in parts)),
+        }
+        shared = {f.name: getattr(self, f.name) for f in fields(self)}
+        return Fused(**(shared | changed), parts=parts, called=entry.names)
+
+    def arguments(self, name: str) -> tuple[str, ...]:
+        """Names that the program called `name` takes, in order."""
+        function = self.program(name)
         names = inspect.signature(getattr(function, "py_func", function)).parameters
         return tuple(name for name in names if name != "rows")
 
-    def bind(self, backend: str, lookup: Callable[[str], Any]) -> Callable[[], None]:
-        """A call without arguments: the program on the values that `lookup` gives for its names."""
-        function = self.program(backend)
-        values = [lookup(name) for name in self.arguments(backend)]
-        if backend != "numpy":
+    def bind(self, program: str, lookup: Callable[[str], Any]) -> Callable[[], None]:
+        """A call without arguments: the program of that name on the values that `lookup` gives for its arguments."""
+        function = self.program(program)
+        values = [lookup(name) for name in self.arguments(program)]
+        if program != "numpy":
             if any(isinstance(value, Current) for value in values):
                 return lambda: function(*map(current, values))
             return functools.partial(function, *values)
@@ -100,6 +165,34 @@ class Operation:
                     target[...] = value
 
         return call
+
+
+@dataclass(frozen=True)
+class Fused(Operation):
+    """What a program computes that adds the accelerations of several operations: the sum of theirs."""
+
+    parts: tuple[Operation, ...] = ()
+    called: Mapping[str, str] = field(default_factory=dict)
+
+    def program(self, name: str) -> Callable:
+        """As Operation's; the reference is the sum of the parts' references."""
+        return self._sum if name == "numpy" else super().program(name)
+
+    def arguments(self, name: str) -> tuple[str, ...]:
+        """Names that the program called `name` takes; of the reference those that one of the parts takes."""
+        if name != "numpy":
+            return super().arguments(name)
+        return tuple(dict.fromkeys(self.called.get(a, a) for part in self.parts for a in part.arguments(name)))
+
+    def _sum(self, *values: Any, rows: Any = None) -> dict[str, tuple[Any, Any]]:
+        given = dict(zip(self.arguments("numpy"), values))
+        total: dict[str, tuple[Any, Any]] = {}
+        for part in self.parts:
+            taken = [given[self.called.get(name, name)] for name in part.arguments("numpy")]
+            answer = part.program("numpy")(*taken, rows=rows)
+            for name, terms in answer.items():
+                total[name] = tuple(map(sum, zip(total.get(name, (0, 0)), terms)))  # type: ignore[assignment]
+        return total
 
 
 @dataclass(frozen=True)
@@ -163,6 +256,21 @@ def enter(procedure: Procedure) -> Procedure:
     return procedure
 
 
+def backend_of(program: str) -> str:
+    """The backend on which the program of this name runs."""
+    return program.partition(":")[0]
+
+
 @functools.cache
-def _program(folder: str, module: str, function: str) -> Callable:
-    return getattr(importlib.import_module(f"{folder}.{module}"), function)
+def _program(folder: str, module: str, function: str, backend: str) -> Callable:
+    if module == "kernels" and not _has(folder, function):
+        module = backend
+    found = getattr(importlib.import_module(f"{folder}.{module}"), function)
+    return found.on(backend) if hasattr(found, "on") else found  # of a body, the kernel that is made of it
+
+
+def _has(folder: str, function: str) -> bool:  # until every folder has its kernels.py
+    try:
+        return hasattr(importlib.import_module(f"{folder}.kernels"), function)
+    except ModuleNotFoundError:
+        return False

@@ -19,7 +19,7 @@ from refsim.backends import arrays as backends
 from refsim.backends.scratch import Scratch
 from refsim.core.effect import Effect, Extremes, Pass, StepLimit
 from refsim.core.errors import InputError, RunStopped
-from refsim.core.operation import PROCEDURES, REGISTRY, Current
+from refsim.core.operation import PROCEDURES, REGISTRY, Current, backend_of
 from refsim.core.reading import GREATEST
 from refsim.core.versions import versions
 from refsim.core.walls import WallParticles, with_list
@@ -47,23 +47,28 @@ class StepResult:
     limits: dict[str, float]
 
 
-def joined(passes: Sequence[tuple[Effect, Pass]], backend: str) -> list[tuple[tuple[Effect, ...], Pass]]:
-    """The passes in their order, each with its effects; on a GPU one in the place of two that an operation joins.
+def fused(passes: Sequence[tuple[Effect, Pass]], backend: str) -> list[tuple[tuple[Effect, ...], Pass]]:
+    """The passes in their order, each with its effects; one in place of several that one program computes together.
 
-    It stands where the later of the two stood: what both read is there by then, and accelerations add in any order.
+    It stands where the last of them stood: what all of them read is there by then, and accelerations add in any order.
     """
     result = [((effect,), p) for effect, p in passes]
-    for operation in REGISTRY.values():
-        places = [k for k, (_, p) in enumerate(result) if p.operation in operation.joins]
-        if backend != "cuda" or len(places) != 2:
-            continue
-        (first, p), (second, q) = (result[k] for k in places)
-        names = {name: other for name, other in (*p.names.items(), *q.names.items()) if name in operation.optional}
-        reads = tuple(dict.fromkeys((*p.reads, *q.reads)))
-        if set(reads) <= {*operation.arguments(backend), *names.values()}:
-            one = Pass(operation.name, reads, updates=("acceleration",), names=names)
-            result[places[1]] = ((*first, *second), one)
-            del result[places[0]]
+    for _, p in list(passes):
+        operation = REGISTRY.get(p.operation)
+        for name in () if operation is None else operation.names():
+            parts = {p.operation, *operation.entry(name).also}
+            places = [k for k, (_, q) in enumerate(result) if q.operation in parts]
+            if backend_of(name) != backend or len(parts) == 1 or len(places) != len(parts):
+                continue
+            together = [result[k] for k in places]
+            taken, optional = operation.arguments(name), operation.as_computed_by(name).optional
+            names = {a: b for _, q in together for a, b in q.names.items() if a in optional and a in taken}
+            reads = tuple(dict.fromkeys(field for _, q in together for field in q.reads))
+            if set(reads) <= {*taken, *names.values()}:
+                one = Pass(p.operation, reads, updates=p.updates, names=names, algorithm=name.partition(":")[2])
+                result[places[-1]] = (tuple(effect for effects, _ in together for effect in effects), one)
+                for k in reversed(places[:-1]):
+                    del result[k]
     return result
 
 
@@ -107,7 +112,7 @@ class Simulation:
         self.plan = scene if isinstance(scene, Plan) else make_plan(scene)
         self.backend = backends.choose(backend)
         backends.set_threads(self.backend, threads)
-        self.force_passes = joined(self.plan.passes, self.backend.name)
+        self.force_passes = fused(self.plan.passes, self.backend.name)
         grid, state = self.plan.grid, self.plan.state
         n = grid.count
         self.source: Path | None = None  # the checkpoint that it was resumed from
@@ -556,7 +561,10 @@ class Simulation:
     def _bound(self, effects: tuple[Effect | None, ...], p: Pass) -> Callable[[], None]:
         """A pass as a call without arguments; those of no effect are the runner's own."""
         procedure = PROCEDURES.get(p.operation)
-        operation = None if procedure is not None else REGISTRY[p.operation]
+        operation = None
+        if procedure is None:
+            found = REGISTRY[p.operation]
+            operation = found.as_computed_by(found.chosen(self.backend.name, p.algorithm))
         sources = (
             {name: value for e in effects if e is not None for name, value in self._parameters[e.name].items()},
             self._shared,
@@ -579,7 +587,9 @@ class Simulation:
                 return None
             raise KeyError(f"{p.operation} takes {name!r}, which no effect of the scene provides")
 
-        return self.backend.bind(operation, lookup) if operation is not None else procedure.bind(lookup)
+        if procedure is not None:
+            return procedure.bind(lookup)
+        return self.backend.bind(operation, lookup, p.algorithm)
 
 
 # What a checkpoint of a run holds

@@ -4,26 +4,12 @@ import numpy as np
 
 from refsim.backends import device
 from refsim.backends.compile import THREADS_PER_BLOCK, cuda, cuda_kernel, formula
+from refsim.backends.primitives import largest_of_block
 from refsim.heat import pairing, particle, schemes, shapes
 from refsim.heat.formulas import temperature_of
 from refsim.neighbours.rows import cuda_lane, cuda_lane_row, cuda_row, lanes_sum
 
 CHECKED = 8  # passes of conjugate gradients between two looks at the residual
-
-
-@formula
-def largest_of_block(values, mine):
-    """Largest `mine` of the block's threads (a power of two of them); `values` is shared, one place for each."""
-    place = cuda.threadIdx.x
-    values[place] = mine
-    cuda.syncthreads()
-    half = cuda.blockDim.x // 2
-    while half > 0:
-        if place < half and values[place + half] > values[place]:
-            values[place] = values[place + half]
-        cuda.syncthreads()
-        half //= 2
-    return values[0]
 
 
 @cuda_kernel(rows_of="exchange_sum", lanes="exchanges")

@@ -6,6 +6,7 @@ import numpy as np
 
 from refsim.backends import device
 from refsim.backends.compile import cuda, cuda_kernel, formula
+from refsim.backends.primitives import counted_lanes
 from refsim.backends.runtime import simulated
 from refsim.core.errors import RunStopped
 from refsim.neighbours.formulas import (
@@ -18,7 +19,7 @@ from refsim.neighbours.formulas import (
     squared_between,
 )
 from refsim.neighbours.limits import MOST_NEIGHBOURS
-from refsim.neighbours.rows import NeighbourColumns, counted_lanes, cuda_lane
+from refsim.neighbours.rows import NeighbourColumns, cuda_lane
 
 # Threads that share a column where there are few: the device would otherwise wait for memory with most of its threads
 # asleep. The simulator knows no shuffles, so there it is one.

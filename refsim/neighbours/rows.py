@@ -5,8 +5,10 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
+from numba import types
+from numba.extending import overload
 
-from refsim.backends.compile import cuda, formula
+from refsim.backends.compile import formula
 
 
 class NeighbourRows(NamedTuple):
@@ -37,6 +39,55 @@ def cuda_row(neighbours, i):  # noqa: ANN001, ANN201
     return np.uint64(i), np.uint64(neighbours.count.shape[0]), np.uint64(neighbours.count[i])
 
 
+def row_of(neighbours, i, lane=None):  # noqa: ANN001, ANN201
+    """(first, stride, count) of the neighbours of i in `entries`, or of a lane's share of them.
+
+    lane  None, or (number of the thread, number of threads that share the row)
+    """
+    if hasattr(neighbours, "start"):
+        return cpu_row(neighbours, i)
+    return cuda_row(neighbours, i) if lane is None else cuda_share_row(neighbours, i, lane[0], lane[1])
+
+
+def _row_of(neighbours, i, lane=None):  # noqa: ANN001, ANN202
+    if "start" in neighbours.fields:
+        return lambda neighbours, i, lane=None: cpu_row(neighbours, i)
+    if lane is None or isinstance(lane, (types.NoneType, types.Omitted)):
+        return lambda neighbours, i, lane=None: cuda_row(neighbours, i)
+    return lambda neighbours, i, lane=None: cuda_share_row(neighbours, i, lane[0], lane[1])
+
+
+def first_lane(lane):  # noqa: ANN001, ANN201
+    """Whether this thread writes what the lanes of its row have found together; True on a CPU."""
+    return lane is None or lane[0] == 0
+
+
+def _first_lane(lane):  # noqa: ANN001, ANN202
+    return (lambda lane: True) if isinstance(lane, types.NoneType) else (lambda lane: lane[0] == 0)
+
+
+def over_lanes(value, lane):  # noqa: ANN001, ANN201
+    """Sum of the lanes' shares, the same in all of them and always in the same order; the value itself on a CPU."""
+    return value if lane is None else _sum_of_lanes()(value, lane[0], lane[1])
+
+
+def _over_lanes(value, lane):  # noqa: ANN001, ANN202
+    if isinstance(lane, types.NoneType):
+        return lambda value, lane: value
+    sum_of_lanes = _sum_of_lanes()
+    return lambda value, lane: sum_of_lanes(value, lane[0], lane[1])
+
+
+def _sum_of_lanes() -> Any:
+    from refsim.backends.primitives import sum_of_lanes  # loads numba.cuda, which a CPU does without
+
+    return sum_of_lanes
+
+
+for _function, _chosen in ((row_of, _row_of), (first_lane, _first_lane), (over_lanes, _over_lanes)):
+    overload(_function, jit_options={"error_model": "numpy", "no_cfunc_wrapper": True})(_chosen)
+
+
 @formula
 def cuda_lane(place, neighbours):  # noqa: ANN001, ANN201
     """(particle, lane) of thread `place` in a kernel with `lanes`: that many neighbouring threads share a particle."""
@@ -61,35 +112,4 @@ def cuda_share_row(columns, i, lane, lanes):  # noqa: ANN001, ANN201
 @formula
 def lanes_sum(value, lane, neighbours):  # noqa: ANN001, ANN201
     """Sum of the lanes' shares, the same in all of them and always in the same order."""
-    return sum_of_lanes(value, lane, len(neighbours.lanes))
-
-
-@formula
-def sum_of_lanes(value, lane, lanes):  # noqa: ANN001, ANN201
-    """Sum of what so many neighbouring threads hold, a power of two, the same in all and always in the same order."""
-    if lanes > 1:
-        mask = lanes_mask(lane, lanes)
-        step = 1
-        while step < lanes:
-            value += cuda.shfl_xor_sync(mask, value, step)
-            step *= 2
-    return value
-
-
-@formula
-def lanes_mask(lane, lanes):  # noqa: ANN001, ANN201
-    """Bits of a warp's threads that share a row with this one."""
-    return np.uint32((1 << lanes) - 1) << np.uint32(cuda.laneid - lane)
-
-
-@formula
-def counted_lanes(flag, lane, lanes):  # noqa: ANN001, ANN201
-    """(how many lanes before this one raise their flag, how many of all)."""
-    before, together = 0, 1 if flag else 0
-    if lanes > 1:
-        mask = lanes_mask(lane, lanes)
-        raised = np.uint32(cuda.ballot_sync(mask, flag)) >> np.uint32(cuda.laneid - lane)
-        raised &= np.uint32((1 << lanes) - 1)
-        before = np.int64(cuda.popc(raised & np.uint32((1 << lane) - 1)))
-        together = np.int64(cuda.popc(raised))
-    return before, together
+    return over_lanes(value, (lane, len(neighbours.lanes)))

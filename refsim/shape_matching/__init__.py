@@ -19,7 +19,8 @@ from refsim.core.effect import Discretisation, Effect, Pass, require
 from refsim.core.energy import EnergyAccount
 from refsim.core.errors import InputError
 from refsim.core.fields import PLACE, Field
-from refsim.core.operation import Operation, register
+from refsim.core.operation import Operation, Program, register
+from refsim.shape_matching.fast_summation import boxes_of
 from refsim.shape_matching.phases import FLUID, SURFACE
 
 if TYPE_CHECKING:
@@ -42,7 +43,7 @@ REGION_ANCHOR = _table("region_anchor", "m", "way that a region would take its o
 SOLID_VELOCITY = _table("solid_velocity", "m/s", "velocity of a node's particle after the kick", 3)
 REGION_VELOCITY = _table("region_velocity", "m/s", "v_c: mean velocity of a region", 3)
 REGION_SPIN = _table("region_spin", "1/s", "omega: angular velocity of a region", 3)
-SUMMATIONS = {"gather": "shape_matching", "reduction": "parallel_reduction", "fast": "fast_summation"}
+SUMMATIONS = ("gather", "reduction", "fast")
 WIDEST = 4  # half-width up to which regions are tested
 
 
@@ -126,7 +127,6 @@ class ShapeMatching(Effect, frozen=True, kw_only=True):
         )
 
     def passes(self, others: Mapping[str, Effect]) -> tuple[Pass, ...]:
-        folder = SUMMATIONS[self.summation]
         tables = ("solid_position", "region", "region_count", "place")
         start = (
             Pass("shape_matching.direct_neighbours", ("phase", "place"), ("direct",), stage="start"),
@@ -144,22 +144,22 @@ class ShapeMatching(Effect, frozen=True, kw_only=True):
                 ("region_share", "solid_position"),
             ),
             Pass(
-                f"{folder}.match", ("solid_position", "region_share", "region"),
-                ("region_center", "region_anchor"), ("rotation",),
+                "shape_matching.match", ("solid_position", "region_share", "region"),
+                ("region_center", "region_anchor"), ("rotation",), algorithm=self.summation,
             ),
         )  # fmt: skip
         pull = Pass(
-            f"{folder}.pull", ("velocity", "region_anchor", "rotation", *tables), ("solid_velocity",),
-            ("acceleration",), stage="motion",
+            "shape_matching.pull", ("velocity", "region_anchor", "rotation", *tables), ("solid_velocity",),
+            ("acceleration",), stage="motion", algorithm=self.summation,
         )  # fmt: skip
         damping = (
             Pass(
-                f"{folder}.region_motion", ("solid_velocity", "region_share", "region_center", *tables),
-                ("region_velocity", "region_spin"), stage="motion",
+                "shape_matching.region_motion", ("solid_velocity", "region_share", "region_center", *tables),
+                ("region_velocity", "region_spin"), stage="motion", algorithm=self.summation,
             ),
             Pass(
-                f"{folder}.damp", ("solid_velocity", "region_center", "region_velocity", "region_spin", *tables),
-                updates=("acceleration",), stage="motion",
+                "shape_matching.damp", ("solid_velocity", "region_center", "region_velocity", "region_spin", *tables),
+                updates=("acceleration",), stage="motion", algorithm=self.summation,
             ),
         )  # fmt: skip
         return (*start, *forces, pull, *damping) if self.damping > 0 else (*start, *forces, pull)
@@ -179,7 +179,7 @@ class ShapeMatching(Effect, frozen=True, kw_only=True):
         )
         if self.summation != "fast" or not self.holds():
             return {"matching": matching}
-        return {"matching": matching, "boxes": fast_summation.boxes_of(grid.solids.lattice, self.half_width)}
+        return {"matching": matching, "boxes": boxes_of(grid.solids.lattice, self.half_width)}
 
     def _solids(self, grid: Discretisation) -> int:
         if grid.solids is None:
@@ -193,6 +193,22 @@ COLLAPSED = (
     "members_in_a_point", "members_on_a_line", "members_on_a_short_line", "members_on_a_plane",
     "members_on_a_small_plane",
 )  # fmt: skip
+
+
+def _sums(tolerance: float) -> dict[str, Program]:
+    """Other ways to add up regions: a thread block a region (Shao & Song 2017, section 3.2), and boxes of cells."""
+    fast = {
+        "tolerance": 2 * tolerance,
+        "reason": "as the sum over members; terms are taken from one point of the body",
+        "work": ("boxes.first", "boxes.second"),
+    }
+    return {
+        "cuda:reduction": Program("parallel_reduction.cuda"),
+        "cpu:fast": Program("fast_summation.cpu", **fast),
+        "cuda:fast": Program("fast_summation.cuda", **fast),
+    }
+
+
 _AFTER = "Shao & Song 2017, after Rivers & James 2007"
 register(
     Operation(
@@ -247,6 +263,7 @@ register(
         paper=_AFTER,
         equation="c, A and argmax tr(R^T A)",
         function="match",
+        programs=_sums(16.0),
         outputs=("region_center", "region_anchor", "rotation"),
         tolerance=16.0,
         tolerance_reason="products and sums of A, and the sweeps of the eigensolver, over the gap of the eigenvalues",
@@ -260,6 +277,7 @@ register(
         paper=_AFTER,
         equation="g_i = sum_r [R_r (x0_i - c0_r) + c_r]/cnt_i, v += alpha (g - x)/dt",
         function="pull",
+        programs=_sums(8.0),
         outputs=("acceleration", "solid_velocity"),
         adds=("acceleration",),
         tolerance=8.0,
@@ -273,6 +291,7 @@ register(
         paper="standard",
         equation="v_c = sum m v/M, omega = I^-1 L",
         function="region_motion",
+        programs=_sums(16.0),
         outputs=("region_velocity", "region_spin"),
         tolerance=16.0,
         tolerance_reason="products and sums of I and L, and Cholesky's steps, over the least eigenvalue of I",
@@ -286,11 +305,10 @@ register(
         paper="standard",
         equation="v_i += (beta/cnt_i) sum_r [v_r + omega_r x (x_i - c_r) - v_i]",
         function="damp",
+        programs=_sums(8.0),
         outputs=("acceleration",),
         adds=("acceleration",),
         tolerance=8.0,
         tolerance_reason="a cross product, a sum and a product",
     )
 )
-
-from refsim.shape_matching import fast_summation, parallel_reduction  # noqa: E402, F401  (they register the rest)

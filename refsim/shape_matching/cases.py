@@ -121,11 +121,10 @@ VARIATIONS[Matching] = Variation(
     held={"half_width": _TABLES, "precision": _SOLVER, "eps": _ROUNDING},
     other={"twist_floor": lambda floor: 1e4 * floor, "inertia_floor": lambda floor: 1e4 * floor},
 )
-for _folder in ("shape_matching", "fast_summation", "parallel_reduction"):
-    takes(f"{_folder}.match", matching="spacing twist_floor")
-    takes(f"{_folder}.pull", matching="spacing stiffness")
-    takes(f"{_folder}.region_motion", matching="inertia_floor")
-    takes(f"{_folder}.damp", matching="damping")
+takes("shape_matching.match", matching="spacing twist_floor")
+takes("shape_matching.pull", matching="spacing stiffness")
+takes("shape_matching.region_motion", matching="inertia_floor")
+takes("shape_matching.damp", matching="damping")
 
 
 # Hard cases: bodies of whose regions many have collapsed, away from the body's middle
@@ -278,7 +277,7 @@ def _whole_region():
     return made, region
 
 
-@closed_form("shape_matching.match", "parallel_reduction.match", "fast_summation.match")
+@closed_form("shape_matching.match")
 def quarter_turn():
     """A cube turned by 90 degrees about z around (5, 0, 0): x = 5 - y0, y = x0: its node is where it belongs."""
     made, region = _whole_region()
@@ -316,7 +315,7 @@ def _crowd():
     return given, crowd, middle
 
 
-@closed_form("shape_matching.match", "parallel_reduction.match", "fast_summation.match")
+@closed_form("shape_matching.match")
 def members_in_one_place():
     """Members in one place, away from their body's middle, do not turn their region, however it was turned before."""
     given, crowd, middle = _crowd()
@@ -333,7 +332,7 @@ def members_in_one_place():
     return Exact(whole, given, {"rotation": rotation, "region_center": none, "region_anchor": anchor})
 
 
-@closed_form("shape_matching.match", "parallel_reduction.match", "fast_summation.match")
+@closed_form("shape_matching.match")
 def lone_node():
     """A region of one node keeps its rotation and takes the node's place."""
     rotation = np.array([[0.6, 0.0, 0.8, 0.0], [0.6, 0.0, 0.8, 0.0]])
@@ -350,7 +349,7 @@ def lone_node():
     return Exact(PAIR, given, expected)
 
 
-@closed_form("shape_matching.pull", "parallel_reduction.pull", "fast_summation.pull")
+@closed_form("shape_matching.pull")
 def stretched_pair():
     """Nodes 2 m apart that belong 1 m apart are drawn in by half a metre each; alpha = 1/2, t = 1/4 s, dt = 1/2 s."""
     turn = np.tile([np.sqrt(0.5), -np.sqrt(0.5), 0.0, 0.0], (2, 1))  # takes z to y
@@ -366,7 +365,7 @@ def stretched_pair():
     return Exact(PAIR, given, {"acceleration": pulled, "solid_velocity": after})
 
 
-@closed_form("shape_matching.region_motion", "parallel_reduction.region_motion", "fast_summation.region_motion")
+@closed_form("shape_matching.region_motion")
 def spinning_block():
     """A cube of 27 nodes that moves with 2 m/s along x and turns with 3/s about z."""
     made, region = _whole_region()
@@ -383,7 +382,7 @@ def spinning_block():
     return Exact(CUBE, given, {"region_velocity": expected_mean, "region_spin": expected_spin})
 
 
-@closed_form("shape_matching.region_motion", "parallel_reduction.region_motion", "fast_summation.region_motion")
+@closed_form("shape_matching.region_motion")
 def crowd_in_one_place():
     """Members in one place, away from their body's middle, have a mean velocity and no spin."""
     given, crowd, middle = _crowd()
@@ -399,7 +398,7 @@ def crowd_in_one_place():
     return Exact(whole, given, {"region_velocity": mean, "region_spin": np.zeros((343, 3))})
 
 
-@closed_form("shape_matching.damp", "parallel_reduction.damp", "fast_summation.damp")
+@closed_form("shape_matching.damp")
 def damped_pair():
     """Half the difference to the regions' velocity in t = 1/4 s: beta = 1/2, regions at rest but for a spin about x."""
     given = {

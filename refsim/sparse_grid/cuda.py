@@ -6,6 +6,7 @@ import numpy as np
 
 from refsim.backends import device
 from refsim.backends.compile import SIMULATED_THREADS, cuda, cuda_kernel, formula
+from refsim.backends.primitives import sum_before
 from refsim.backends.runtime import simulated
 from refsim.neighbours.formulas import BITS, OFFSET, lower_bound
 from refsim.sparse_grid.formulas import BLOCK, cell_coordinate, find_node
@@ -74,22 +75,6 @@ def total_blocks(held, total):
         for c in range(64 * b, 64 * b + 64):
             count += held[c]
         total[b] = count
-
-
-@formula
-def sum_before(part, mine):
-    """Sum of `mine` over the threads of the block before this one; `part` is shared, one place for each thread."""
-    thread = cuda.threadIdx.x
-    part[thread] = mine
-    cuda.syncthreads()
-    reach = 1
-    while reach < cuda.blockDim.x:
-        other = part[thread - reach] if thread >= reach else 0
-        cuda.syncthreads()
-        part[thread] += other
-        cuda.syncthreads()
-        reach *= 2
-    return part[thread] - mine
 
 
 @cuda_kernel(block_for_each_row=True, threads=SUMMING, rows_of="one")

@@ -17,7 +17,7 @@ from refsim.core.effect import Discretisation, Effect, Pass, StepLimit, literal_
 from refsim.core.energy import EnergyAccount, EnergyState, amount, compression_amount, compression_energy
 from refsim.core.errors import InputError
 from refsim.core.fields import Field
-from refsim.core.operation import Operation, register
+from refsim.core.operation import Operation, Program, register
 from refsim.smoothing import lattice, smoothing
 
 DENSITY = Field("density", "kg/m^3 (kg/m^2 in 2D)", "density rho, J(7)")
@@ -306,6 +306,7 @@ class Gravity(Effect, frozen=True, kw_only=True):
 
 
 _HERE = "refsim.sph"
+REDUCTIONS = {"cpu": Program("reductions"), "cuda": Program("reductions_cuda")}
 DENSITY_OPERATION = register(
     Operation(
         name="sph.density",
@@ -417,6 +418,7 @@ register(
         paper="standard",
         equation="max |v|^2, max |a|^2, max s/dt, max (T - range)",
         function="extremes",
+        programs=REDUCTIONS,
         outputs=("extremes",),
         optional=("temperature", "temperature_range", "exchange_rate"),
         variants=(
@@ -434,6 +436,7 @@ register(
         paper="standard",
         equation="leap-frog with a changing step",
         function="kick_drift",
+        programs=REDUCTIONS,
         outputs=("displacement", "velocity", "position"),
         optional=("bounds",),
         variants=({"bounds": None}, {}),

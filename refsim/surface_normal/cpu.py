@@ -2,7 +2,7 @@
 
 from refsim.backends.compile import cpu_kernel, prange
 from refsim.neighbours.rows import cpu_row
-from refsim.sph.particle import wall_sum
+from refsim.sph.kernels import wall_sum
 from refsim.surface_normal import particle
 
 
@@ -60,7 +60,7 @@ def corrected(
                 normal_term,
             )
             if walls is not None:
-                filled += wall_sum(i, cpu_row(walls, i), position, walls, smoothing)
+                filled += wall_sum(i, position, walls, smoothing)
         corrected_normal[i, 0] = nx / filled
         corrected_normal[i, 1] = ny / filled
         corrected_normal[i, 2] = nz / filled

@@ -2,7 +2,7 @@
 
 from refsim.backends.compile import cuda, cuda_kernel
 from refsim.neighbours.rows import cuda_lane, cuda_lane_row, cuda_row, cuda_share_row, lanes_sum
-from refsim.sph.particle import wall_sum
+from refsim.sph.kernels import wall_sum
 from refsim.surface_normal import particle
 
 
@@ -68,7 +68,7 @@ def corrected(
                 normal_term,
             )
             if walls is not None:
-                filled += wall_sum(i, cuda_row(walls, i), position, walls, smoothing)
+                filled += wall_sum(i, position, walls, smoothing)
         corrected_normal[i, 0] = nx / filled
         corrected_normal[i, 1] = ny / filled
         corrected_normal[i, 2] = nz / filled

@@ -377,7 +377,7 @@ def test_plan_for_people(scene, capsys):
         "60 particles",
         "density",
         "kg/m^3",
-        "refsim.sph.cpu.momentum",
+        "refsim.sph.kernels.momentum",
         "set by acoustic",
         "0.022 m",
         "B a particle",
@@ -401,8 +401,8 @@ def test_list_tells_the_registry(capsys):
     assert found["effects"].keys() == EFFECTS.keys()
     for name, operation in found["operations"].items():
         for backend in ("numpy", "cpu"):
-            assert (backend in operation["backends"]) == callable(REGISTRY[name].program(backend))
-    assert set(found["operations"]["sph.density"]["backends"]) == set(BACKENDS)
+            assert (backend in operation["programs"]) == callable(REGISTRY[name].program(backend))
+    assert set(found["operations"]["sph.density"]["programs"]) == set(BACKENDS)
     (speed,) = [p for p in found["effects"]["weakly_compressible"]["parameters"] if p["name"] == "sound_speed"]
     assert speed == {
         "name": "sound_speed",

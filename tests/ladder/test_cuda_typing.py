@@ -19,7 +19,7 @@ from refsim.backends import runtime
 from refsim.backends.scratch import Scratch
 from refsim.contract.inputs import Inputs, with_variant
 from refsim.core import cases
-from refsim.core.operation import REGISTRY
+from refsim.core.operation import REGISTRY, backend_of
 from refsim.core.walls import WallColumns
 from refsim.neighbours.rows import NeighbourColumns
 
@@ -89,9 +89,11 @@ DTYPES = ("float32", "float64")
 
 # Every variant in float32; in float64, which branches nowhere of its own, the first one.
 LAUNCHED = [
-    (name, variant, dtype)
+    (name, program, variant, dtype)
     for name, operation in REGISTRY.items()
-    for variant in range(len(operation.variants))
+    for program in operation.names()
+    if backend_of(program) == "cuda"
+    for variant in range(len(operation.as_computed_by(program).variants))
     for dtype in DTYPES[: 1 if variant else 2]
 ]
 
@@ -126,9 +128,9 @@ class Zeros(backend.Backend):
     empty = backend.Backend.zeros
 
 
-def operation_arguments(name, variant, dtype):
-    """Everything that the operation's CUDA program takes, by name, as host arrays of the right type."""
-    operation = REGISTRY[name]
+def operation_arguments(name, program, variant, dtype):
+    """Everything that the operation's program takes, by name, as host arrays of the right type."""
+    operation = REGISTRY[name].as_computed_by(program)
     cases.discover()
     inputs = with_variant(Inputs(cases.CASES[CASE](), dtype), operation.variants[variant])
     count, entries = np.zeros(len(inputs["position"]), np.int32), np.zeros(4, np.int32)
@@ -144,7 +146,7 @@ def operation_arguments(name, variant, dtype):
             return WallColumns(*inputs["walls"], count, entries)
         return inputs[argument]
 
-    return {argument: value(argument) for argument in operation.arguments("cuda")}
+    return {argument: value(argument) for argument in operation.arguments(program)}
 
 
 def launches(monkeypatch, program, arguments):
@@ -252,10 +254,11 @@ def recorded_launches(monkeypatch, dtype, normals):
 
 
 def kernels_of(module_name):
-    from refsim.backends.compile import CudaKernel
+    from refsim.backends.compile import CudaKernel, Kernel
 
-    module = importlib.import_module(module_name)
-    return {v for v in vars(module).values() if isinstance(v, CudaKernel) and v.function.__module__ == module_name}
+    named = vars(importlib.import_module(module_name)).values()
+    made = {v for v in named if isinstance(v, CudaKernel) and v.function.__module__ == module_name}
+    return made | {v.on("cuda") for v in named if isinstance(v, Kernel) and v.__module__ == module_name}
 
 
 def slots(kind):
@@ -309,10 +312,10 @@ def assert_compiles(cuda, kernel, values, dtype):
     COMPILED.add((kernel, kinds, dtype))
 
 
-@pytest.mark.parametrize(("name", "variant", "dtype"), LAUNCHED)
-def test_operation_compiles(compiler, monkeypatch, name, variant, dtype):
-    arguments = operation_arguments(name, variant, dtype)
-    made = launches(monkeypatch, REGISTRY[name].program("cuda"), arguments.values())
+@pytest.mark.parametrize(("name", "program", "variant", "dtype"), LAUNCHED)
+def test_operation_compiles(compiler, monkeypatch, name, program, variant, dtype):
+    arguments = operation_arguments(name, program, variant, dtype)
+    made = launches(monkeypatch, REGISTRY[name].program(program), arguments.values())
     assert made, "the program launches nothing"
     for kernel, values in made:
         assert_compiles(compiler, kernel, values, dtype)
@@ -337,19 +340,20 @@ def test_recorded_reconstruction_compiles(compiler, monkeypatch):
 def test_sums_over_boxes_compile(compiler, monkeypatch, name):
     """Fast summation's own kernels, which serve wide regions only."""
     monkeypatch.setattr("refsim.shape_matching.fast_summation.cuda.NARROW", 0)
-    test_operation_compiles(compiler, monkeypatch, f"fast_summation.{name}", 0, "float32")
+    test_operation_compiles(compiler, monkeypatch, f"shape_matching.{name}", "cuda:fast", 0, "float32")
 
 
 def test_no_kernel_is_left_out(compiler, monkeypatch):
     monkeypatch.setattr("refsim.shape_matching.fast_summation.cuda.NARROW", 0)
     known = {kernel for kernel, _ in support_launches("float32")}
-    for name, operation in REGISTRY.items():
-        for variant in range(len(operation.variants)):
-            values = operation_arguments(name, variant, "float32").values()
-            known |= {kernel for kernel, _ in launches(monkeypatch, operation.program("cuda"), values)}
-    folders = {operation.folder for operation in REGISTRY.values()}
-    rest = ("refsim.neighbours.cuda", "refsim.sparse_grid.cuda", "refsim.backends.device")
-    for module in (*(f"{folder}.cuda" for folder in sorted(folders)), *rest):
+    for name, program, variant, dtype in LAUNCHED:
+        if dtype == "float32":
+            values = operation_arguments(name, program, variant, dtype).values()
+            known |= {kernel for kernel, _ in launches(monkeypatch, REGISTRY[name].program(program), values)}
+    listed = {module for module in sys.modules if module.startswith("refsim.")} - {
+        "refsim.surface_energy.recorded.cuda"
+    }
+    for module in sorted(listed):
         left = sorted(kernel.__name__ for kernel in kernels_of(module) - known)
         assert not left, f"{module}: {', '.join(left)} is neither in an operation nor listed here"
 

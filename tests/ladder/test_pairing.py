@@ -26,7 +26,7 @@ from refsim import (
 from refsim.backends.arrays import unavailable
 from refsim.contract import parameters
 from refsim.core import cases
-from refsim.core.operation import REGISTRY
+from refsim.core.operation import REGISTRY, backend_of
 from refsim.neighbours.rows import NeighbourRows
 
 EPS = np.finfo(np.float32).eps
@@ -34,26 +34,30 @@ EPS = np.finfo(np.float32).eps
 
 def trials():
     cases.discover()
-    for backend in ("numpy", "cpu", "cuda"):
-        for name, operation in REGISTRY.items():
-            for variant in range(len(operation.variants)):
+    for name, operation in REGISTRY.items():
+        for program in operation.names():
+            backend = backend_of(program)
+            for variant in range(len(operation.as_computed_by(program).variants)):
                 for dtype in ("float32", "float64"):
                     single = dtype == "float32"
-                    by_default = {"numpy": 0 if single else len(operation.variants), "cpu": 2 if single else 1}
-                    marks = []
-                    if backend == "cuda":
-                        marks.append(pytest.mark.gpu)
-                    elif variant >= by_default[backend] - (backend == "cpu" and not single and operation.rarely):
+                    every = len(operation.variants)
+                    by_default = {
+                        "numpy": 0 if single else every,
+                        "cpu": 2 if single else program == "cpu",
+                        "cuda": every,
+                    }
+                    marks = [pytest.mark.gpu] if backend == "cuda" else []
+                    if variant >= by_default[backend]:
                         marks.append(pytest.mark.slow)
-                    yield pytest.param(name, variant, backend, dtype, marks=marks)
+                    yield pytest.param(name, variant, program, dtype, marks=marks)
 
 
-@pytest.mark.parametrize("name, variant, backend, dtype", list(trials()))
-def test_ladder(name, variant, backend, dtype):
-    reason = unavailable(backend)
+@pytest.mark.parametrize("name, variant, program, dtype", list(trials()))
+def test_ladder(name, variant, program, dtype):
+    reason = unavailable(backend_of(program))
     if reason is not None:
         pytest.skip(reason)
-    outcomes = list(contract.trials(contract.own(backend), name, (dtype,), (variant,)))
+    outcomes = contract.climb(contract.Target(REGISTRY[name], program, dtype, variant))
     assert len(outcomes) >= 2, "nothing was climbed"
     failed = [str(outcome) for outcome in outcomes if not outcome.passed]
     assert not failed, "\n".join(failed)
@@ -63,7 +67,7 @@ def test_many_threads_give_the_same_bits():
     """Eight threads, more than there are cores, against one: T6 in a process that was started with eight."""
     program = """
 from refsim import contract
-from refsim.core.operation import REGISTRY
+from refsim.core.operation import REGISTRY, backend_of
 for operation in REGISTRY.values():
     for outcome in contract.climb(contract.Target(operation, "cpu", "float32"), ("T6",)):
         print(outcome.passed, outcome)

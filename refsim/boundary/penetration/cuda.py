@@ -1,23 +1,9 @@
 """CUDA kernel of the penetration correction."""
 
 from refsim.backends import device
-from refsim.backends.compile import THREADS_PER_BLOCK, cuda, cuda_kernel, formula
+from refsim.backends.compile import THREADS_PER_BLOCK, cuda, cuda_kernel
+from refsim.backends.primitives import largest_of_block
 from refsim.boundary.penetration import particle
-
-
-@formula
-def largest_of_block(values, mine):
-    """Largest `mine` of the block's threads; here because the simulator knows `cuda` in the kernel's own file only."""
-    place = cuda.threadIdx.x
-    values[place] = mine
-    cuda.syncthreads()
-    half = cuda.blockDim.x // 2
-    while half > 0:
-        if place < half and values[place + half] > values[place]:
-            values[place] = values[place + half]
-        cuda.syncthreads()
-        half //= 2
-    return values[0]
 
 
 def kick_drift(

@@ -5,7 +5,7 @@ from refsim.boundary.two_way_coupling import particle
 from refsim.boundary.two_way_coupling.formulas import tait_pressure
 from refsim.neighbours.rows import cpu_row
 from refsim.shape_matching.phases import FLUID, INTERIOR
-from refsim.sph.particle import own_share, wall_sum
+from refsim.sph.kernels import own_share, wall_sum
 
 
 @cpu_kernel
@@ -31,7 +31,7 @@ def density(
             total = particle.weighted_sum(i, row, position, relative_contribution, neighbours.entries, smoothing)
             rho = mass[i] * (total + relative_contribution[i] * own_share(smoothing))
             if walls is not None:
-                rho += rest_density[i] * wall_sum(i, cpu_row(walls, i), position, walls, smoothing)
+                rho += rest_density[i] * wall_sum(i, position, walls, smoothing)
             p = tait_pressure(rho, rest_density[i], coupling)
         density[i] = rho
         pressure[i] = p
@@ -53,9 +53,7 @@ def forces(
             ax, ay, az = fx / mass[i], fy / mass[i], fz / mass[i]
             if walls is not None:  # noqa: SIM102  (a test of its own is what Numba prunes)
                 if phase[i] == FLUID:
-                    bx, by, bz = particle.wall_pressure(
-                        i, cpu_row(walls, i), position, density, rest_density, pressure, walls, smoothing
-                    )
+                    bx, by, bz = particle.wall_pressure(i, position, density, rest_density, pressure, walls, smoothing)
                     ax += bx
                     ay += by
                     az += bz

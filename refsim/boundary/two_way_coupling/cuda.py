@@ -5,7 +5,7 @@ from refsim.boundary.two_way_coupling import particle
 from refsim.boundary.two_way_coupling.formulas import tait_pressure
 from refsim.neighbours.rows import cuda_lane, cuda_lane_row, cuda_share_row, lanes_sum
 from refsim.shape_matching.phases import FLUID, INTERIOR
-from refsim.sph.particle import own_share, wall_sum
+from refsim.sph.kernels import own_share, wall_sum
 
 
 @cuda_kernel(lanes=True)
@@ -36,8 +36,7 @@ def density(
             total = lanes_sum(total, lane, neighbours)
             rho = mass[i] * (total + relative_contribution[i] * own_share(smoothing))
             if walls is not None:
-                row = cuda_share_row(walls, i, lane, len(neighbours.lanes))
-                filled = wall_sum(i, row, position, walls, smoothing)
+                filled = wall_sum(i, position, walls, smoothing, (lane, len(neighbours.lanes)))
                 rho += rest_density[i] * lanes_sum(filled, lane, neighbours)
             p = tait_pressure(rho, rest_density[i], coupling)
         if lane == 0:

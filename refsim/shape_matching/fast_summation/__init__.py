@@ -4,20 +4,15 @@ A region whose members are all nodes of its body in the box of (2 w + 1)^3 cells
 planes of 2 w + 1 sums of rows of 2 w + 1 cells, which neighbouring regions share: 3 (2 w + 1) additions instead of
 (2 w + 1)^3. Every other region is summed member by member. Sums stand in float64, because their terms are taken from
 one point of the body and not from the region's own node.
-
-Contents: Boxes, boxes_of; operations fast_summation.match, fast_summation.pull, fast_summation.region_motion,
-fast_summation.damp.
 """
 
 from __future__ import annotations
 
-import dataclasses
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from refsim.core.effect import Lattice
-from refsim.core.operation import REGISTRY, register
 
 WIDEST = 17  # numbers that a cell sums
 
@@ -78,18 +73,3 @@ def _ranges(place: np.ndarray, planes: int, half_width: int) -> np.ndarray:
         if len(near):
             ranges[p, 4:8] = near[:, 1].min(), near[:, 1].max() + 1, near[:, 0].min(), near[:, 0].max() + 1
     return ranges
-
-
-for _name in ("match", "pull", "region_motion", "damp"):
-    _plain = REGISTRY[f"shape_matching.{_name}"]
-    register(
-        dataclasses.replace(
-            _plain,
-            name=f"fast_summation.{_name}",
-            folder="refsim.shape_matching.fast_summation",
-            paper="Rivers & James 2007",
-            tolerance=2 * _plain.tolerance,
-            rarely=True,
-            work=("boxes.first", "boxes.second"),
-        )
-    )

@@ -3,8 +3,8 @@
 import numpy as np
 
 from refsim.backends.compile import cuda, cuda_kernel, formula
+from refsim.backends.primitives import sum_of_lanes
 from refsim.backends.runtime import simulated
-from refsim.neighbours.rows import sum_of_lanes
 from refsim.shape_matching import particle
 from refsim.shape_matching.phases import NOBODY
 

@@ -7,9 +7,9 @@ block, or the room does not suffice, nothing is made of vertices and facets, and
 import numpy as np
 
 from refsim.backends.compile import cuda, cuda_kernel, formula
+from refsim.backends.primitives import lanes_mask, sum_before, sum_of_lanes
 from refsim.backends.runtime import simulated
 from refsim.isosurface import node as isosurface_node
-from refsim.neighbours.rows import lanes_mask, sum_of_lanes
 from refsim.sparse_grid.cuda import SUMMING
 from refsim.sparse_grid.formulas import cell_coordinate, find_node_near, node_coordinates, step_node
 from refsim.surface_energy import formulas, node
@@ -26,22 +26,6 @@ OWN = 27 // WIDTH + (27 % WIDTH > 0)  # nodes of each thread
 # as made (0 where they do not fit), samples without a particle, cells with a point of the fit or a sample
 MISSING, MOST, EDGES, FACETS, VERTICES, MADE, UNFOUND, FILLED = range(8)
 COUNTS = 8
-
-
-@formula
-def sum_before(part, mine):
-    """Sum of `mine` over the threads of the block before this one; `part` is shared, one place for each thread."""
-    thread = cuda.threadIdx.x
-    part[thread] = mine
-    cuda.syncthreads()
-    reach = 1
-    while reach < cuda.blockDim.x:
-        other = part[thread - reach] if thread >= reach else 0
-        cuda.syncthreads()
-        part[thread] += other
-        cuda.syncthreads()
-        reach *= 2
-    return part[thread] - mine
 
 
 @cuda_kernel(rows_of="held")

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from refsim.core.effect import Discretisation, Effect, Pass, literal_errata, require
 from refsim.core.errors import InputError
 from refsim.core.fields import Field
-from refsim.core.operation import Operation, register
+from refsim.core.operation import Operation, Program, register
 from refsim.surface_normal import SURFACE_NORMAL, color_gradient_pass, normal_term
 from refsim.surface_tension.akinci_2013.reference import cohesion_function
 from refsim.surface_tension.cohesion import PairCohesion, neighbours_in_support, nominal_tension, one_of, turns
@@ -200,6 +200,15 @@ register(
         paper=_PAPER,
         equation="cohesion, area term and K_ij",
         function="tension",
+        programs={
+            "cuda:fused": Program(
+                "cuda",
+                "momentum",
+                also=("sph.momentum",),
+                names={"smoothing": "gradient_smoothing"},
+                variants=({}, {"area_term": None, "area_normal": None, "walls": None}),
+            )
+        },
         outputs=("acceleration",),
         adds=("acceleration",),
         optional=("area_normal", "spline", "area_term"),
@@ -209,24 +218,6 @@ register(
         variants=({}, {"area_term": None, "area_normal": None}, {"spline": None}),
         invariants=(*_SYMMETRY, "linear_momentum", "angular_momentum"),
         broken={0: ("linear_momentum", "angular_momentum"), 2: ("linear_momentum", "angular_momentum")},
-    )
-)
-register(
-    Operation(
-        name="akinci_2013.momentum",
-        folder=_HERE,
-        paper=f"{_PAPER}; Jiang & Zhu 2023",
-        equation="cohesion and area term with J(10), J(11)",
-        function="momentum",
-        outputs=("acceleration",),
-        adds=("acceleration",),
-        optional=("walls", "viscosity", "area_normal", "spline", "area_term"),
-        joins=("sph.momentum", "akinci_2013.tension"),
-        tolerance=12.0,
-        tolerance_reason="as akinci_2013.tension;" + EDGE,
-        variants=({}, {"area_term": None, "area_normal": None, "walls": None}),
-        invariants=_SYMMETRY,
-        rarely=True,
     )
 )
 register(

@@ -29,7 +29,7 @@ def _adhesion_follows(group, inputs, kernel):
 
 VARIATIONS[CohesionSpline] = Variation(_spline_follows)
 VARIATIONS[Adhesion] = Variation(_adhesion_follows)
-takes("akinci_2013.momentum", fluid="rest_density gradient_share wall_share")
+takes("akinci_2013.tension:fused", fluid="rest_density gradient_share wall_share")
 takes("akinci_2013.tension", "akinci_2013.adhesion", smoothing="support_radius dim")
 
 
@@ -86,7 +86,7 @@ def pair_with_normals():
     )  # fmt: skip
 
 
-@closed_form("akinci_2013.momentum")
+@closed_form("akinci_2013.tension:fused")
 def pair_that_rests():
     """Without pressure and at equal velocities only cohesion acts: a_1 = -K gamma m_2 C(h/2) e_12 with K = 5/4."""
     pull = 5 / 4 * 0.5 / (16 * math.pi) / (1 + 2e-9)

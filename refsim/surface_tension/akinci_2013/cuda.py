@@ -1,8 +1,8 @@
 """CUDA kernels of Akinci et al. 2013."""
 
 from refsim.backends.compile import cuda, cuda_kernel
-from refsim.neighbours.rows import cuda_lane, cuda_lane_row, cuda_row, cuda_share_row, lanes_sum
-from refsim.sph.particle import wall_pressure
+from refsim.neighbours.rows import cuda_lane, cuda_lane_row, cuda_row, lanes_sum
+from refsim.sph.kernels import wall_pressure
 from refsim.surface_tension.akinci_2013 import particle
 
 
@@ -35,8 +35,8 @@ def momentum(
             neighbours.entries, gradient_smoothing, fluid, viscosity, spline, area_term,
         )  # fmt: skip
         if walls is not None:
-            row = cuda_share_row(walls, i, lane, len(neighbours.lanes))
-            bx, by, bz = wall_pressure(i, row, position, density, pressure, walls, gradient_smoothing, fluid)
+            share = lane, len(neighbours.lanes)
+            bx, by, bz = wall_pressure(i, position, density, pressure, walls, gradient_smoothing, fluid, share)
             ax += bx
             ay += by
             az += bz

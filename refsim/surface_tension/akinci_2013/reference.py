@@ -9,7 +9,6 @@ import math
 import numpy as np
 
 from refsim.neighbours.reference import other_particles, pair_blocks
-from refsim.sph.reference import momentum as sph_momentum
 
 
 def cohesion_function(r, h, dim):
@@ -54,28 +53,6 @@ def tension(position, mass, density, area_normal, smoothing, fluid, spline, area
             value[place] -= (eps * (normal[i, None, :] - normal[None, :, :])).sum(1)
             scale[place] += (np.abs(eps) * (np.abs(normal[i, None, :]) + np.abs(normal[None, :, :]))).sum(1)
     return {"acceleration": (value, scale)}
-
-
-def momentum(
-    position,
-    velocity,
-    mass,
-    density,
-    pressure,
-    area_normal,
-    walls,
-    gradient_smoothing,
-    fluid,
-    viscosity,
-    spline,
-    area_term,
-    rows=None,
-):
-    """Acceleration [m/s^2] by pressure and viscosity, J(10) and J(11), and by cohesion and area term: their sum."""
-    given = (position, velocity, mass, density, pressure, walls, gradient_smoothing, fluid, viscosity, rows)
-    liquid = sph_momentum(*given)["acceleration"]
-    surface = tension(position, mass, density, area_normal, gradient_smoothing, fluid, spline, area_term, rows)
-    return {"acceleration": tuple(a + b for a, b in zip(liquid, surface["acceleration"]))}
 
 
 def adhesion(position, walls, smoothing, fluid, adhesion, rows=None):

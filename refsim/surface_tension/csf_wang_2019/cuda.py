@@ -2,7 +2,7 @@
 
 from refsim.backends.compile import cuda, cuda_kernel
 from refsim.neighbours.rows import cuda_row
-from refsim.sph.particle import wall_sum
+from refsim.sph.kernels import wall_sum
 from refsim.surface_tension.csf_wang_2019 import particle
 
 
@@ -19,7 +19,7 @@ def normal(position, mass, density, neighbours, walls, smoothing, gradient_smoot
             nx += bx
             ny += by
             nz += bz
-            filled += wall_sum(i, cuda_row(walls, i), position, walls, smoothing)
+            filled += wall_sum(i, position, walls, smoothing)
         interface_normal[i, 0] = nx / filled
         interface_normal[i, 1] = ny / filled
         interface_normal[i, 2] = nz / filled

@@ -2,7 +2,7 @@
 
 from refsim.backends.compile import cpu_kernel, prange
 from refsim.neighbours.rows import cpu_row
-from refsim.sph.particle import wall_pressure, wall_sum
+from refsim.sph.kernels import wall_pressure, wall_sum
 from refsim.surface_tension.dong_2016 import particle
 
 
@@ -12,7 +12,7 @@ def density(position, mass, neighbours, walls, smoothing, fluid, number_density,
     for i in prange(density.shape[0]):
         number = particle.kernel_sum(i, cpu_row(neighbours, i), position, neighbours.entries, smoothing)
         if walls is not None:
-            number += fluid.rest_density * wall_sum(i, cpu_row(walls, i), position, walls, smoothing) / mass[i]
+            number += fluid.rest_density * wall_sum(i, position, walls, smoothing) / mass[i]
         density[i] = mass[i] * number
         if number_density is not None:
             number_density[i] = number
@@ -35,7 +35,7 @@ def momentum(position, velocity, mass, density, pressure, neighbours, walls, smo
             viscosity,
         )
         if walls is not None:
-            bx, by, bz = wall_pressure(i, cpu_row(walls, i), position, density, pressure, walls, smoothing, fluid)
+            bx, by, bz = wall_pressure(i, position, density, pressure, walls, smoothing, fluid)
             ax += bx
             ay += by
             az += bz

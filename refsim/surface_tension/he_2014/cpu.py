@@ -2,7 +2,7 @@
 
 from refsim.backends.compile import cpu_kernel, prange
 from refsim.neighbours.rows import cpu_row
-from refsim.sph.particle import wall_sum
+from refsim.sph.kernels import wall_sum
 from refsim.surface_tension.he_2014 import particle
 
 
@@ -12,7 +12,7 @@ def color(position, mass, density, neighbours, walls, smoothing, color):
     for i in prange(color.shape[0]):
         c = particle.color(i, cpu_row(neighbours, i), position, mass, density, neighbours.entries, smoothing)
         if walls is not None:
-            c += wall_sum(i, cpu_row(walls, i), position, walls, smoothing)
+            c += wall_sum(i, position, walls, smoothing)
         color[i] = c
 
 

@@ -2,7 +2,7 @@
 
 from refsim.backends.compile import cuda, cuda_kernel
 from refsim.neighbours.rows import cuda_row
-from refsim.sph.particle import wall_sum
+from refsim.sph.kernels import wall_sum
 from refsim.surface_tension.he_2014 import particle
 
 
@@ -13,7 +13,7 @@ def color(position, mass, density, neighbours, walls, smoothing, color):
     if i < color.shape[0]:
         c = particle.color(i, cuda_row(neighbours, i), position, mass, density, neighbours.entries, smoothing)
         if walls is not None:
-            c += wall_sum(i, cuda_row(walls, i), position, walls, smoothing)
+            c += wall_sum(i, position, walls, smoothing)
         color[i] = c
 
 

@@ -24,7 +24,7 @@ from refsim.core.effect import Discretisation, Effect, Pass, literal_errata, req
 from refsim.core.energy import EnergyAccount
 from refsim.core.errors import InputError
 from refsim.core.fields import Field
-from refsim.core.operation import Operation, register
+from refsim.core.operation import Operation, Program, register
 from refsim.smoothing.shapes import NORMALISATION, POLY6
 from refsim.sph import NUMBER_DENSITY
 from refsim.surface_detection import NEAR_SURFACE, SurfaceDetection, detection_in, near_surface_pass
@@ -476,9 +476,22 @@ _MODES = {name: {"pairs": PairSelection(np.int32(number))} for name, number in P
 _SOFT = _MODES["soft"] | {"surface": None}
 _ALL = _MODES["all"] | {"surface_weight": None, "surface": None}
 _EITHER, _BOTH, _ONE_SIDED = (_MODES[m] | {"surface_weight": None} for m in ("either", "both", "one_sided"))
+
+
+def _fused(*variants: dict[str, Any]) -> dict[str, Program]:
+    """Pair forces between all pairs in one loop with pressure and viscosity."""
+    every = tuple(variant | _ALL for variant in variants)
+    return {
+        "cuda:fused": Program(
+            "cuda", "momentum", also=("sph.momentum",), names={"smoothing": "gradient_smoothing"}, variants=every
+        )
+    }
+
+
 register(
     Operation(
         name="jiang_zhu_2023.cohesion",
+        programs=_fused({"area": None, "area_normal": None, "walls": None}),
         equation="J(16) with E4, J(17) with E7",
         variants=tuple(modes | {"area": None, "area_normal": None} for modes in (_SOFT, _ALL, _EITHER)),
         invariants=(*_SYMMETRY, "linear_momentum", "angular_momentum"),
@@ -498,29 +511,12 @@ register(
 register(
     Operation(
         name="jiang_zhu_2023.tension",
+        programs=_fused({}),
         equation="J(16), J(17), J(21); J(18)",
         tolerance_reason=_EDGE,
         variants=(_SOFT, _ALL, _EITHER, _BOTH, _ONE_SIDED),
         invariants=(*_SYMMETRY, "linear_momentum"),
         broken={4: ("linear_momentum",)},
         **_PAIR,
-    )
-)
-register(
-    Operation(
-        name="jiang_zhu_2023.momentum",
-        folder=_HERE,
-        paper=_PAPER,
-        equation="J(16) between all pairs, J(17), J(21), J(18) with J(10), J(11)",
-        function="momentum",
-        outputs=("acceleration",),
-        adds=("acceleration",),
-        optional=("walls", "viscosity", "area_normal", "cohesion", "area"),
-        joins=("sph.momentum", "jiang_zhu_2023.tension", "jiang_zhu_2023.cohesion"),
-        tolerance=12.0,
-        tolerance_reason=_EDGE,
-        variants=({}, {"area": None, "area_normal": None, "walls": None}),
-        invariants=_SYMMETRY,
-        rarely=True,
     )
 )

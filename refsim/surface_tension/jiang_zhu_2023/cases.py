@@ -42,7 +42,7 @@ def _width_follows(group, inputs, kernel):
 
 VARIATIONS[Cohesion] = Variation(_cohesion_follows, {"inner_stretch": "the reference has the 0.8 of J(17)"})
 VARIATIONS[SoftThresholds] = Variation(_width_follows)
-takes("jiang_zhu_2023.momentum", fluid="rest_density gradient_share wall_share")
+takes("jiang_zhu_2023.tension:fused", fluid="rest_density gradient_share wall_share")
 takes("jiang_zhu_2023.cohesion", "jiang_zhu_2023.tension", smoothing="support_radius dim")
 takes("jiang_zhu_2023.area", smoothing="support_radius")
 
@@ -99,7 +99,7 @@ def cohering_pair():
     )  # fmt: skip
 
 
-@closed_form("jiang_zhu_2023.momentum")
+@closed_form("jiang_zhu_2023.tension:fused")
 def cohering_pair_that_rests():
     """Without pressure and at equal velocities only cohesion acts: a_1 = gamma m_2 C(h/2) e_12."""
     return Exact(

@@ -2,7 +2,7 @@
 
 from refsim.backends.compile import cpu_kernel, prange
 from refsim.neighbours.rows import cpu_row
-from refsim.sph.particle import wall_pressure, wall_sum
+from refsim.sph.kernels import wall_sum
 from refsim.surface_tension.jiang_zhu_2023 import formulas, particle
 
 
@@ -16,7 +16,7 @@ def corrected_density(position, mass, density, near_surface, neighbours, walls, 
                 i, cpu_row(neighbours, i), position, mass, density, neighbours.entries, smoothing
             )
             if walls is not None:
-                filled = fluid.rest_density * wall_sum(i, cpu_row(walls, i), position, walls, smoothing)
+                filled = fluid.rest_density * wall_sum(i, position, walls, smoothing)
                 mass_sum += filled
                 volume_sum += filled / rho
             rho = formulas.normalised_density(mass_sum, volume_sum)
@@ -48,29 +48,6 @@ def tension(
             i, cpu_row(neighbours, i), position, mass, density, surface_weight, surface, area_normal,
             neighbours.entries, smoothing, pairs, cohesion, area,
         )  # fmt: skip
-        acceleration[i, 0] += ax
-        acceleration[i, 1] += ay
-        acceleration[i, 2] += az
-
-
-@cpu_kernel
-def momentum(
-    position, velocity, mass, density, pressure, area_normal, neighbours, walls, gradient_smoothing, fluid, viscosity,
-    cohesion, area, acceleration,
-):  # fmt: skip
-    """J(16) between all pairs, J(21) or J(18), J(10), J(11), walls after Akinci 2012; added to the acceleration."""
-    for i in prange(acceleration.shape[0]):
-        ax, ay, az = particle.momentum(
-            i, cpu_row(neighbours, i), position, velocity, mass, density, pressure, area_normal, neighbours.entries,
-            gradient_smoothing, fluid, viscosity, cohesion, area,
-        )  # fmt: skip
-        if walls is not None:
-            bx, by, bz = wall_pressure(
-                i, cpu_row(walls, i), position, density, pressure, walls, gradient_smoothing, fluid
-            )
-            ax += bx
-            ay += by
-            az += bz
         acceleration[i, 0] += ax
         acceleration[i, 1] += ay
         acceleration[i, 2] += az

@@ -1,8 +1,8 @@
 """CUDA kernels of Jiang & Zhu 2023."""
 
 from refsim.backends.compile import cuda, cuda_kernel
-from refsim.neighbours.rows import cuda_lane, cuda_lane_row, cuda_row, cuda_share_row, lanes_sum
-from refsim.sph.particle import wall_pressure, wall_sum
+from refsim.neighbours.rows import cuda_lane, cuda_lane_row, cuda_row, lanes_sum
+from refsim.sph.kernels import wall_pressure, wall_sum
 from refsim.surface_tension.jiang_zhu_2023 import formulas, particle
 
 
@@ -17,7 +17,7 @@ def corrected_density(position, mass, density, near_surface, neighbours, walls, 
                 i, cuda_row(neighbours, i), position, mass, density, neighbours.entries, smoothing
             )
             if walls is not None:
-                filled = fluid.rest_density * wall_sum(i, cuda_row(walls, i), position, walls, smoothing)
+                filled = fluid.rest_density * wall_sum(i, position, walls, smoothing)
                 mass_sum += filled
                 volume_sum += filled / rho
             rho = formulas.normalised_density(mass_sum, volume_sum)
@@ -72,8 +72,8 @@ def momentum(
             neighbours.entries, gradient_smoothing, fluid, viscosity, cohesion, area,
         )  # fmt: skip
         if walls is not None:
-            row = cuda_share_row(walls, i, lane, len(neighbours.lanes))
-            bx, by, bz = wall_pressure(i, row, position, density, pressure, walls, gradient_smoothing, fluid)
+            share = lane, len(neighbours.lanes)
+            bx, by, bz = wall_pressure(i, position, density, pressure, walls, gradient_smoothing, fluid, share)
             ax += bx
             ay += by
             az += bz

@@ -8,7 +8,6 @@ import numpy as np
 
 from refsim.neighbours.reference import pair_blocks
 from refsim.smoothing.reference import kernel_value
-from refsim.sph.reference import momentum as sph_momentum
 
 INNER = 0.8  # the repulsive kernel's support, as a share of h
 MODES = ("soft", "all", "one_sided", "either", "both")
@@ -115,29 +114,6 @@ def _pair_sums(position, mass, density, marks, area_normal, smoothing, cohesion,
             size = np.abs(normal[i, None, :]) + np.abs(normal[None, :, :])
             scale[place] += (np.abs(factor)[..., None] * size).sum(1)
     return value, scale
-
-
-def momentum(
-    position,
-    velocity,
-    mass,
-    density,
-    pressure,
-    area_normal,
-    walls,
-    gradient_smoothing,
-    fluid,
-    viscosity,
-    cohesion,
-    area,
-    rows=None,
-):
-    """Acceleration [m/s^2] a by J(10) and J(11), and by J(16) between all pairs with J(21) or J(18): their sum."""
-    given = (position, velocity, mass, density, pressure, walls, gradient_smoothing, fluid, viscosity, rows)
-    liquid = sph_momentum(*given)["acceleration"]
-    marks = (None, None, MODES.index("all"))
-    surface = _pair_sums(position, mass, density, marks, area_normal, gradient_smoothing, cohesion, area, rows)
-    return {"acceleration": tuple(a + b for a, b in zip(liquid, surface))}
 
 
 def _poly6(r, radius, dim):

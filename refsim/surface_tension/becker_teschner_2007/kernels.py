@@ -1,18 +1,16 @@
-"""What one particle does in Becker & Teschner 2007; the CPU and the CUDA kernels share this loop.
-
-`row` is (first, stride, count) of the particle's neighbours in `index`.
-"""
+"""What one particle does in Becker & Teschner 2007."""
 
 import math
 
-from refsim.backends.compile import formula
+from refsim.backends.compile import kernel
+from refsim.neighbours.rows import row_of
 from refsim.surface_tension.becker_teschner_2007 import formulas
 
 
-@formula
-def cohesion(i, row, position, mass, index, smoothing, attraction):
-    """Attraction -kappa m_j/m_i W(r) x_ij: acceleration of particle i [m/s^2]."""
-    first, stride, count = row
+@kernel
+def cohesion(i, position, mass, neighbours, smoothing, attraction, acceleration):
+    """Attraction -kappa m_j/m_i W(r) x_ij; added to the acceleration [m/s^2]."""
+    first, stride, count = row_of(neighbours, i)
     h = smoothing.support_radius
     real = type(h)
     limit = h * h
@@ -20,7 +18,7 @@ def cohesion(i, row, position, mass, index, smoothing, attraction):
     ax, ay, az = real(0), real(0), real(0)
     x, y, z = position[i, 0], position[i, 1], position[i, 2]
     for k in range(count):
-        j = index[first + k * stride]
+        j = neighbours.entries[first + k * stride]
         dx, dy, dz = x - position[j, 0], y - position[j, 1], z - position[j, 2]
         r2 = dx * dx + dy * dy + dz * dz
         if r2 < limit:
@@ -29,4 +27,6 @@ def cohesion(i, row, position, mass, index, smoothing, attraction):
             ax += f * dx
             ay += f * dy
             az += f * dz
-    return strength * ax, strength * ay, strength * az
+    acceleration[i, 0] += strength * ax
+    acceleration[i, 1] += strength * ay
+    acceleration[i, 2] += strength * az

@@ -1,0 +1,67 @@
+"""What CUDA kernels do together: sums and maxima over the threads of a block, and over threads that share a row."""
+
+import numpy as np
+
+from refsim.backends.compile import cuda, cuda_formula
+
+
+@cuda_formula
+def sum_before(values, mine):  # noqa: ANN001, ANN201  (types are Numba's)
+    """Sum of `mine` over the threads of the block before this one; `values` is shared, one entry for each thread."""
+    thread = cuda.threadIdx.x
+    values[thread] = mine
+    cuda.syncthreads()
+    step = 1
+    while step < cuda.blockDim.x:
+        add = values[thread - step] if thread >= step else 0
+        cuda.syncthreads()
+        values[thread] += add
+        cuda.syncthreads()
+        step *= 2
+    return values[thread] - mine
+
+
+@cuda_formula
+def largest_of_block(values, mine):  # noqa: ANN001, ANN201
+    """Largest `mine` of the block's threads, a power of two of them; `values` is shared, one entry for each thread."""
+    thread = cuda.threadIdx.x
+    values[thread] = mine
+    cuda.syncthreads()
+    half = cuda.blockDim.x // 2
+    while half > 0:
+        if thread < half and values[thread + half] > values[thread]:
+            values[thread] = values[thread + half]
+        cuda.syncthreads()
+        half //= 2
+    return values[0]
+
+
+@cuda_formula
+def sum_of_lanes(value, lane, lanes):  # noqa: ANN001, ANN201
+    """Sum of what so many neighbouring threads hold, a power of two, the same in all and always in the same order."""
+    if lanes > 1:
+        mask = lanes_mask(lane, lanes)
+        step = 1
+        while step < lanes:
+            value += cuda.shfl_xor_sync(mask, value, step)
+            step *= 2
+    return value
+
+
+@cuda_formula
+def lanes_mask(lane, lanes):  # noqa: ANN001, ANN201
+    """Bits of a warp's threads that share a row with this one."""
+    return np.uint32((1 << lanes) - 1) << np.uint32(cuda.laneid - lane)
+
+
+@cuda_formula
+def counted_lanes(flag, lane, lanes):  # noqa: ANN001, ANN201
+    """(how many lanes before this one raise their flag, how many of all)."""
+    before, together = 0, 1 if flag else 0
+    if lanes > 1:
+        mask = lanes_mask(lane, lanes)
+        raised = np.uint32(cuda.ballot_sync(mask, flag)) >> np.uint32(cuda.laneid - lane)
+        raised &= np.uint32((1 << lanes) - 1)
+        before = np.int64(cuda.popc(raised & np.uint32((1 << lane) - 1)))
+        together = np.int64(cuda.popc(raised))
+    return before, together

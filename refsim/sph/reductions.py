@@ -1,0 +1,91 @@
+"""Maxima over all particles, and the leap-frog step that yields the largest displacement.
+
+One parallel loop each; `reductions_cuda` has the CUDA kernels.
+"""
+
+import math
+
+from refsim.backends.compile import cpu_kernel, formula, prange
+
+
+@formula
+def squares(i, velocity, acceleration, temperature, temperature_range, exchange_rate):
+    """(|v|^2, |a|^2, exchange rate [1/s], excess over the temperature range [K], whether a value is not finite) of i.
+
+    Rate and excess are 0 where their arrays are None.
+    """
+    speed = velocity[i, 0] ** 2 + velocity[i, 1] ** 2 + velocity[i, 2] ** 2
+    force = acceleration[i, 0] ** 2 + acceleration[i, 1] ** 2 + acceleration[i, 2] ** 2
+    # Numba's isfinite(x) tests x - x, which the compiler removes where sums may be taken in any order.
+    beyond = type(speed)(math.inf)
+    broken = not (speed < beyond and force < beyond)
+    if temperature is not None:
+        broken = broken or not abs(temperature[i]) < beyond
+    rate, excess = type(speed)(0), type(speed)(0)
+    if temperature_range is not None:
+        excess = max(excess, max(temperature[i] - temperature_range[1], temperature_range[0] - temperature[i]))
+    if exchange_rate is not None:
+        rate = exchange_rate[i]
+        broken = broken or not rate < beyond
+    return speed, force, rate, excess, broken
+
+
+@cpu_kernel
+def extremes(velocity, acceleration, temperature, temperature_range, exchange_rate, extremes):
+    """Largest |v|^2 and |a|^2, number of particles with a value that is not finite, largest rate and excess."""
+    speed = extremes.dtype.type(0)
+    force = extremes.dtype.type(0)
+    rate = extremes.dtype.type(0)
+    excess = extremes.dtype.type(0)
+    broken = 0
+    for i in prange(velocity.shape[0]):
+        s, f, r, e, bad = squares(i, velocity, acceleration, temperature, temperature_range, exchange_rate)
+        speed = max(speed, s)
+        force = max(force, f)
+        rate = max(rate, r)
+        excess = max(excess, e)
+        broken += bad
+    extremes[0] = speed
+    extremes[1] = force
+    extremes[2] = broken
+    extremes[3] = rate
+    extremes[4] = excess
+
+
+@formula
+def stepped(i, position, velocity, acceleration, build_position, bounds, timestep):
+    """Leap-frog with a changing step: v += (dt_previous + dt)/2 a, x += dt v, stopped at the walls' planes.
+
+    Returns (squared displacement since the list was built [m^2], whether a wall's plane stopped the particle).
+    """
+    squared = type(timestep[0])(0)
+    stopped = False
+    for c in range(3):
+        v = velocity[i, c] + timestep[0] * acceleration[i, c]
+        x = position[i, c] + timestep[1] * v
+        if bounds is not None:  # noqa: SIM102  (a test of its own is what Numba prunes)
+            if x < bounds.lower[c] or x > bounds.upper[c]:
+                x = min(max(x, bounds.lower[c]), bounds.upper[c])
+                v = type(v)(0)
+                stopped = True
+        velocity[i, c] = v
+        position[i, c] = x
+        moved = x - build_position[i, c]
+        squared += moved * moved
+    if not squared >= type(squared)(0):  # NaN: a maximum over the particles would ignore it
+        squared = type(squared)(math.inf)
+    return squared, stopped
+
+
+@cpu_kernel
+def kick_drift(acceleration, build_position, bounds, timestep, displacement, velocity, position):
+    """Leap-frog step; `displacement` is the largest squared displacement since the list was built [m^2] and the number
+    of particles that a wall's plane stopped."""
+    largest = displacement.dtype.type(0)
+    stopped = 0
+    for i in prange(position.shape[0]):
+        squared, hit = stepped(i, position, velocity, acceleration, build_position, bounds, timestep)
+        largest = max(largest, squared)
+        stopped += hit
+    displacement[0] = largest
+    displacement[1] = stopped
