@@ -1,0 +1,158 @@
+"""`refsim show OPERATION`: its equation, formula, reference and program, as they stand in the sources."""
+
+from __future__ import annotations
+
+import argparse
+import ast
+import functools
+import importlib
+import importlib.util
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from refsim.commands import Command, Outcome, register
+from refsim.core.errors import InputError
+from refsim.core.operation import REGISTRY, Operation, backend_of
+from refsim.scene.files import suggestion
+
+WRITTEN_ONCE = "kernels"  # the module whose bodies become the kernels of both backends
+
+
+@dataclass(frozen=True)
+class Source:
+    """A function as it stands in a file; `line` is its first line."""
+
+    module: str
+    name: str
+    line: int
+    text: str
+
+    def __str__(self) -> str:
+        place = f"{self.module.replace('.', '/')}.py"
+        return f"# {place}:{self.line}\n{self.text}" if self.line else f"# made for {place}\n{self.text}"
+
+
+@functools.cache
+def _file(module: str) -> Path | None:
+    try:
+        spec = importlib.util.find_spec(module)
+    except ModuleNotFoundError:
+        return None
+    return Path(spec.origin) if spec is not None and spec.origin is not None else None
+
+
+@functools.cache
+def _parsed(module: str) -> tuple[str, ast.Module]:
+    path = _file(module)
+    assert path is not None, module
+    text = path.read_text(encoding="utf-8")
+    return text, ast.parse(text)
+
+
+def _function(module: str, name: str) -> ast.FunctionDef | None:
+    nodes = _parsed(module)[1].body
+    return next((n for n in nodes if isinstance(n, ast.FunctionDef) and n.name == name), None)
+
+
+def source_of(module: str, name: str) -> Source:
+    """A function with its decorators; raises InputError where the module does not define it."""
+    node = _function(module, name)
+    if node is None:
+        raise InputError(f"{module} defines no function {name}, which `refsim show` could print.")
+    first = min([node.lineno, *(d.lineno for d in node.decorator_list)])
+    lines = _parsed(module)[0].splitlines()[first - 1 : node.end_lineno]
+    return Source(module, name, first, "\n".join(lines))
+
+
+@functools.cache
+def _imported(module: str) -> dict[str, str]:
+    """What the module imports of its own package, by the name that it uses."""
+    found = {}
+    for node in _parsed(module)[1].body:
+        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith(module.partition(".")[0]):
+            found |= {alias.asname or alias.name: f"{node.module}.{alias.name}" for alias in node.names}
+    return found
+
+
+def called_by(module: str, name: str) -> list[tuple[str, str]]:
+    """(module, name) of the package's functions that a function calls, directly or through others."""
+    found: dict[tuple[str, str], None] = {}
+    waiting = [(module, name)]
+    while waiting:
+        place, function = waiting.pop(0)
+        node = _function(place, function)
+        for part in ast.walk(node) if node is not None else ():
+            if isinstance(part, ast.Attribute) and isinstance(part.value, ast.Name):
+                target = (_imported(place).get(part.value.id, ""), part.attr)
+            elif isinstance(part, ast.Name):
+                full = _imported(place).get(part.id, f"{place}.{part.id}")
+                target = (full.rpartition(".")[0], full.rpartition(".")[2])
+            else:
+                continue
+            if target not in found and target[0] and _file(target[0]) is not None and _function(*target) is not None:
+                found[target] = None
+                waiting.append(target)
+    return list(found)
+
+
+def describe(operation: Operation, program: str) -> dict[str, list[Source]]:
+    """Formulas, reference, program and helpers of the operation as Source objects, by heading."""
+    reference, entry = operation.entry("numpy"), operation.entry(program)
+    module, name = f"{operation.folder}.{entry.module}", entry.function or operation.function
+    called = called_by(module, name)
+    found = {
+        "formulas": [source_of(*place) for place in called if place[0].endswith(".formulas")],
+        "reference": [source_of(f"{operation.folder}.{reference.module}", operation.function)],
+        "program": [source_of(module, name)],
+        "helpers": [
+            source_of(*place) for place in called if place[0].startswith(operation.folder) and place[0] == module
+        ],
+    }
+    body = getattr(importlib.import_module(module), name) if entry.module == WRITTEN_ONCE else None
+    if hasattr(body, "source"):
+        found["loop"] = [Source(module, name, 0, body.source(backend_of(program)).rstrip())]
+    return found
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Operation and program."""
+    parser.add_argument("operation", help="its name, such as sph.momentum; `refsim list` names all")
+    parser.add_argument(
+        "--backend",
+        default="cpu",
+        metavar="PROGRAM",
+        help="cpu, cuda, or another program of the operation (cuda:fused)",
+    )
+
+
+def execute(options: argparse.Namespace) -> Outcome:
+    """Print the sources of one operation."""
+    operation = REGISTRY.get(options.operation)
+    if operation is None:
+        raise InputError(
+            f"There is no operation {options.operation!r}; {suggestion(options.operation, REGISTRY)} `refsim list` has"
+            " all names."
+        )
+    programs = [name for name in operation.names() if name != "numpy"]
+    if options.backend not in programs:
+        raise InputError(f"{operation.name} has no program {options.backend!r}; choose one of {', '.join(programs)}.")
+    found = describe(operation, options.backend)
+    headings = {
+        "formulas": "Formulas",
+        "reference": "Reference: NumPy, all pairs, float64",
+        "program": "What one row does, for both backends" if "loop" in found else f"Program on {options.backend}",
+        "helpers": "Helpers",
+        "loop": f"The loop around it that is made for {backend_of(options.backend)}",
+    }
+    lines = [operation.name, f"{operation.paper}: {operation.equation}"]
+    for key, heading in headings.items():
+        if found.get(key):
+            lines += ["", f"## {heading}", *(f"\n{source}" for source in found[key])]
+    data = {key: [asdict(source) for source in sources] for key, sources in found.items()}
+    return Outcome(
+        {"operation": operation.name, "paper": operation.paper, "equation": operation.equation, **data},
+        "\n".join(lines),
+    )
+
+
+register(Command("show", "print equation, formula, reference and program of an operation", configure, execute))

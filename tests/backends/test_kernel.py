@@ -1,0 +1,98 @@
+"""A body is written once: the loops around it, their files in the cache folder, and the line that an error names."""
+
+import os
+import pathlib
+import subprocess
+import sys
+import textwrap
+
+import numba
+import numpy as np
+import pytest
+
+from refsim.backends.compile import kernel
+from refsim.sph import kernels
+
+BODY = """
+from refsim.backends.compile import kernel
+
+@kernel
+def doubled(i, values, out):
+    out[i] = 2 * values[i]
+
+@kernel
+def broken(i, values, out):
+    out[i] = values.nowhere
+"""
+PROGRAM = """
+import numpy as np, sys
+from tiny import body
+out = np.zeros(5)
+body.doubled(np.arange(5.0), out)
+assert list(out) == [0, 2, 4, 6, 8]
+print(body.doubled.on("cpu").__code__.co_filename, sum(body.doubled.on("cpu").stats.cache_hits.values()))
+try:
+    body.broken(np.arange(5.0), out)
+except Exception as error:
+    print("body.py" in str(error), "values.nowhere" in str(error))
+"""
+
+
+@pytest.fixture
+def run(tmp_path):
+    (tmp_path / "tiny").mkdir()
+    (tmp_path / "tiny" / "__init__.py").touch()
+    (tmp_path / "tiny" / "body.py").write_text(BODY)
+    cache = tmp_path / "cache"
+    places = os.pathsep.join([str(tmp_path), str(pathlib.Path(kernels.__file__).parents[2])])
+    environment = dict(os.environ, PYTHONPATH=places, REFSIM_CACHE_DIR=str(cache))
+
+    def again():
+        done = subprocess.run([sys.executable, "-c", PROGRAM], env=environment, capture_output=True, text=True)
+        assert done.returncode == 0, done.stderr
+        return done.stdout.split()
+
+    return cache, again
+
+
+def test_loops_are_files_of_the_cache_folder_and_found_again(run):
+    cache, again = run
+    place, hits, *error = again()
+    assert pathlib.Path(place).parent.parent == cache
+    assert "for i in prange(out.shape[0]):" in pathlib.Path(place).read_text()
+    assert error == ["True", "True"], "a typing error does not point at the body"
+    stamp = pathlib.Path(place).stat().st_mtime_ns
+    _, hits, *_ = again()
+    assert int(hits) == 1
+    assert pathlib.Path(place).stat().st_mtime_ns == stamp
+
+
+def test_a_cache_folder_that_cannot_be_written_costs_the_cache_only(run):
+    cache, again = run
+    cache.write_text("a file where the folder should be")
+    _, hits, *_ = again()
+    assert int(hits) == 0
+
+
+def test_lanes_are_an_option():
+    cpu, cuda = kernels.density.source("cpu"), kernels.density.source("cuda")
+    assert "body(i, None, position" in cpu
+    assert "lanes = len(neighbours.lanes)" in cuda
+    assert "body(i, (lane, lanes), position" in cuda
+    assert "lane" not in kernels.state.source("cuda")
+
+    @kernel(lanes=4, rows_of="values")
+    def summed(i, lane, values, out):
+        """Nothing."""
+
+    assert "lanes = 4" in summed.source("cuda")
+    assert "i < values.shape[0]" in summed.source("cuda")
+
+
+def test_a_kernel_runs_where_its_rows_are():
+    field, acceleration = np.array([1.0, 2.0, 3.0]), np.zeros((4, 3))
+    kernels.gravity(field, acceleration)
+    assert (acceleration == field).all()
+    assert kernels.gravity.on("cpu") is kernels.gravity.on("cpu")
+    if not numba.config.DISABLE_JIT:
+        assert textwrap.dedent(kernels.gravity.source("cpu")).startswith("def gravity(field, acceleration):")
