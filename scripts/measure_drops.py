@@ -20,6 +20,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+ROOT = Path(__file__).resolve().parent.parent
+sys.path.insert(0, str(ROOT))
+
 
 def finite(value: object) -> object:
     """Strict JSON has no NaN."""
@@ -78,7 +81,8 @@ def main() -> int:
     options = parser.parse_args()
     os.environ["NUMBA_NUM_THREADS"] = "1"
     kind = importlib.import_module("validation.wetting" if options.sessile else "validation.drops")
-    options.output = options.output or Path("validation/data") / ("wetting.json" if options.sessile else "drops.json")
+    file = "wetting.json" if options.sessile else "drops.json"
+    options.output = options.output or ROOT / "validation" / "data" / file
     models = tuple(options.models.split(",")) if options.models else tuple(kind.MODELS)
     dims = tuple(int(d) for d in options.dims.split(","))
     rows = json.loads(options.output.read_text()) if options.output.exists() else {}

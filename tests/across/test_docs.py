@@ -1,7 +1,6 @@
 """The pages say what is there: links, code references, examples, and everything that is registered is explained."""
 
 import ast
-import configparser
 import functools
 import importlib
 import json
@@ -280,17 +279,6 @@ def test_a_command_that_is_not_there_is_found():
     )
     wrong = [words for words in commands(text) if not understood(words)]
     assert len(wrong) == len(list(commands(text))) == 4
-
-
-def test_an_installed_package_has_its_data():
-    listed = configparser.ConfigParser()
-    listed.read(ROOT / "setup.cfg")
-    for package, patterns in listed["options.package_data"].items():
-        folder = ROOT / package
-        data = [path for path in folder.rglob("*") if path.is_file() and path.suffix not in (".py", ".pyc")]
-        assert data
-        taken = {path for pattern in patterns.split(",") for path in folder.glob(pattern.strip())}
-        assert [path for path in data if path not in taken and "__pycache__" not in path.parts] == []
 
 
 def test_the_version_is_one():
