@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from refsim.backends.arrays import host_memory, simulated, unavailable
+from refsim.backends.launching import launch_note
 from refsim.commands import Command, Outcome, in_bytes, in_time, register, table
 from refsim.core.errors import RefsimError
 from refsim.core.operation import BACKENDS, REGISTRY
@@ -41,6 +42,7 @@ def execute(options: argparse.Namespace) -> Outcome:
         "self_test": {name: _self_test(name) for name, reason in backends.items() if reason is None},
     }
     found["threads"] = _threads()
+    found["launch_note"] = launch_note()  # known after the self-test has launched a kernel
     failed = [name for name, test in found["self_test"].items() if test["verdict"] != "pass"]
     working = [name for name in found["self_test"] if name not in failed]
     absent = [name for name, reason in backends.items() if reason is not None]
@@ -180,6 +182,8 @@ def _text(found: dict[str, Any]) -> str:
                     f" {test['largest_relative_error']:.2g}, allowed {test['bound']:.2g}, {in_time(test['seconds'])}",
                 )
             )
+    if found["launch_note"]:
+        told.append(("note", "", found["launch_note"]))
     return "\n".join([*lines, table(told), "", f"Verdict: {found['verdict']}."])
 
 
