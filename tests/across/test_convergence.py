@@ -88,7 +88,7 @@ def still(case, **given):
 
 
 def test_pressure_force_is_of_second_order():
-    """J(10) with E24: a -> -grad p / rho. The printed factor 1/2 halves it.
+    """J(10) with Jiang & Zhu E24: a -> -grad p / rho. The printed factor 1/2 halves it.
 
     Of (p_i + p_j)/2 the first part has no gradient inside the liquid: as printed, the stated pressure is twice what
     holds the liquid, and sound travels at c/sqrt(2).

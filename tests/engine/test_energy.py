@@ -90,7 +90,7 @@ def drop(dtype="float32", audit=AUDIT):
 
 
 def growing(dtype="float32", audit=AUDIT):
-    """Viscosity with its printed sign (E3) pushes particles away from their neighbours' velocity."""
+    """Viscosity with its printed sign (Jiang & Zhu E3) pushes particles away from their neighbours' velocity."""
     place = lattice(shaken=0.0)
     block = Cloud(position=place, velocity=0.1 * np.random.default_rng(8).standard_normal(place.shape))
     return Scene(

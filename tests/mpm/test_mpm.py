@@ -412,7 +412,7 @@ def test_printed_readings_change_the_run(erratum):
 
 @pytest.mark.parametrize("surface", [None, 180.0, 60.0])
 def test_velocity_of_before_the_update_knows_no_force(surface):
-    """M7: (4.12) to (4.14) with v^n, which is (mv)^n/m^n of (4.11): a thrown block flies straight on, at whatever
+    """Thesis M7: (4.12) to (4.14) with v^n, which is (mv)^n/m^n of (4.11): a thrown block moves straight on, at any
     pressure, tension, gravity, viscosity and wall, and no volume changes."""
     liquid = MpmLiquid(bulk_modulus=1e5, initial_ratio=0.9, dynamic_viscosity=20.0, literal=("M7",))
     pull = Gravity(acceleration=(0.0, -9.81, 0.0))

@@ -209,7 +209,7 @@ def test_the_full_radius_sees_across_a_gap_that_the_half_one_misses():
 
 
 def test_the_printed_cone_finds_no_surface():
-    """E5: with "<" the second line is the outside of the cone, where the liquid lies."""
+    """Jiang & Zhu E5: with "<" the second line is the outside of the cone, where the liquid lies."""
     assert surface(disc()).any()
     assert not surface(disc(), literal=("E5",)).any()
     assert not surface(disc(), literal=("all",)).any()

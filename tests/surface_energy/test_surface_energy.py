@@ -86,7 +86,7 @@ def test_surface_of_a_cloud_is_closed(radii):
 
 @pytest.mark.parametrize("dim", [2, 3])
 def test_vertices_stand_on_the_union_of_spheres(dim):
-    """Each is r away from a particle; only a sphere that contains neither end of an edge may cover it (M33)."""
+    """Each is r away from a particle; only a sphere that contains neither end of an edge may cover it (thesis M33)."""
     place = ball(4, dim=dim)
     _, surface = reconstructed(place, dim)
     distance = np.linalg.norm(surface.mesh.vertices[:, None] / H - place[None], axis=-1).min(1)
@@ -183,7 +183,7 @@ def fit_matrix(made, surface):
 
 @pytest.mark.parametrize("dim", [2, 3])
 def test_spectrum_of_the_fit_lies_between_zero_and_one(dim):
-    """Lambda B^T B is stochastic: its greatest eigenvalue is one, so that the fit converges for 0 < omega < 2 (M15)."""
+    """Lambda B^T B is stochastic: its largest eigenvalue is 1, so the fit converges for 0 < omega < 2 (thesis M15)."""
     matrix, _, _, _ = fit_matrix(*reconstructed(ball(4 if dim == 2 else 2, dim=dim), dim, inset=None))
     root = np.sqrt(1 / matrix.sum(0))
     values = np.linalg.eigvalsh(root[:, None] * (matrix.T @ matrix) * root[None])
