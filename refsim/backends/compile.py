@@ -157,7 +157,7 @@ def _compile_in_turn(dispatcher: Any, lock: pathlib.Path) -> None:
 
     def compile_in_turn(signature: Any) -> Any:
         with contextlib.ExitStack() as held:
-            with contextlib.suppress(OSError):  # a cache that vanished meanwhile is nobody else's either
+            with contextlib.suppress(OSError):  # a cache folder deleted meanwhile needs no lock
                 fcntl.flock(held.enter_context(lock.open("w")), fcntl.LOCK_EX)
             return compile_here(signature)
 

@@ -1,4 +1,4 @@
-"""`refsim doctor`: what is installed, which backends run here, and whether they compute right."""
+"""`refsim doctor`: what is installed, which backends run here, and whether their results are right."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def execute(options: argparse.Namespace) -> Outcome:
-    """Look around, test each backend that can run, and end with one verdict."""
+    """Collect versions and hardware, test each backend that can run, and give one verdict."""
     backends = {name: unavailable(name) for name in BACKENDS}
     found: dict[str, Any] = {
         "versions": versions(),
@@ -81,7 +81,7 @@ def _self_test(backend: str) -> dict[str, Any]:
         neighbours = simulation.search.log.most_neighbours if simulation.search else 0
     except RefsimError as error:
         return {"operation": TESTED, "verdict": "fail", "why": str(error)}
-    except Exception as error:  # whatever a broken installation raises is the finding
+    except Exception as error:  # any error of a broken installation is reported
         return {"operation": TESTED, "verdict": "fail", "why": f"{type(error).__name__}: {error}"}
     expected, computed = values
     error = float(np.abs(computed / expected - 1).max())
@@ -119,7 +119,7 @@ def _cache() -> dict[str, Any]:
     for path in files:
         try:
             size += path.stat().st_size
-        except OSError:  # another process has just cleared it away
+        except OSError:  # another process has just deleted it
             continue
     parent = next(p for p in (root, *root.parents) if p.exists())
     return {"folder": str(root), "bytes": size, "files": len(files), "writable": os.access(parent, os.W_OK)}

@@ -200,7 +200,7 @@ NOT_FINITE = np.where(np.arange(24).reshape(8, 3) == 4, np.nan, BOX.vertices)
         ((NOT_FINITE, BOX.faces), "not finite"),
         ((BOX.vertices, np.zeros((0, 3), int)), "has no triangles"),
         ((np.zeros((3, 3)), [[0, 1, 2]]), "has no extent"),
-        ((BOX.vertices, [[0, 1, 99]]), "not there"),
+        ((BOX.vertices, [[0, 1, 99]]), "do not exist"),
         (strip(), "is open"),
     ],
     ids=["open", "not_manifold", "nested", "nan", "empty", "point", "index", "moebius"],
