@@ -1,8 +1,8 @@
 """Measures the drops of the sigma map, or with --sessile of the wetting map, on many cores; rows are kept as they come.
 
 python scripts/measure_drops.py --jobs 16 --output rows.json [--models akinci,dong] [--dims 3] [--seconds 540]
-Drops are measured in order of priority, the longest runs of a priority first. Rows that exist are not measured again,
-so that a stopped run goes on.
+What the map needs most comes first, the longest of it before the rest. A row that is there already is not measured
+again, so that a stopped run goes on where it was.
 """
 
 from __future__ import annotations
@@ -20,9 +20,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-ROOT = Path(__file__).resolve().parent.parent
-sys.path.insert(0, str(ROOT))
-
 
 def finite(value: object) -> object:
     """Strict JSON has no NaN."""
@@ -30,7 +27,7 @@ def finite(value: object) -> object:
 
 
 def write(path: Path, rows: dict[str, dict]) -> None:
-    """One row a line, by key; the old file is replaced when the new one is complete."""
+    """One row a line, by key; until it is whole, the file of before stands."""
     lines = [f"{json.dumps(k)}: {json.dumps({n: finite(v) for n, v in rows[k].items()})}" for k in sorted(rows)]
     part = path.with_suffix(".part")
     part.write_text("{\n" + ",\n".join(lines) + "\n}\n")
@@ -43,9 +40,9 @@ def work(point: Any) -> dict:
 
 
 def measured(points: list[Any], jobs: int, seconds: float, keep: Callable[[dict], None]) -> None:
-    """Measure the points in processes of their own for at most `seconds`; unfinished points are dropped.
+    """Measure the points in processes of their own until time is up; what is then unfinished is given up.
 
-    A drop is started only if it should end in time, judged by the median time of those before it.
+    A drop begins only if it should end in time by what those before it took.
     """
     began, waiting, running, paces = time.perf_counter(), list(points), {}, [1.0]
     with multiprocessing.get_context("spawn").Pool(jobs) as pool:
@@ -60,7 +57,7 @@ def measured(points: list[Any], jobs: int, seconds: float, keep: Callable[[dict]
                 return
             for result in [r for r in running if r.ready()]:
                 point, row = running.pop(result), result.get()
-                if not row["stopped"] and row["seconds"] > 10:  # shorter ones mostly compile
+                if not row["stopped"] and row["seconds"] > 10:  # those below are compiling more than running
                     paces.append(row["seconds"] / point.cost())
                 keep(row)
             time.sleep(0.02)
@@ -81,13 +78,12 @@ def main() -> int:
     options = parser.parse_args()
     os.environ["NUMBA_NUM_THREADS"] = "1"
     kind = importlib.import_module("validation.wetting" if options.sessile else "validation.drops")
-    file = "wetting.json" if options.sessile else "drops.json"
-    options.output = options.output or ROOT / "validation" / "data" / file
+    options.output = options.output or Path("validation/data") / ("wetting.json" if options.sessile else "drops.json")
     models = tuple(options.models.split(",")) if options.models else tuple(kind.MODELS)
     dims = tuple(int(d) for d in options.dims.split(","))
     rows = json.loads(options.output.read_text()) if options.output.exists() else {}
-    needed = list(kind.device_points() if options.cuda else kind.points(models, dims))
-    missing = [p for p in needed if p.key not in rows]
+    wanted = list(kind.device_points() if options.cuda else kind.points(models, dims))
+    missing = [p for p in wanted if p.key not in rows]
     if not options.cuda:  # those stand in the order in which they matter
         missing.sort(key=lambda p: (p.urgency(), p.cost() if options.jobs == 1 else -p.cost()))
     missing = missing[: options.limit]
@@ -104,7 +100,7 @@ def main() -> int:
         print(f"{time.perf_counter() - began:5.0f}  {row['key']:<58} {words}", flush=True)
 
     measured(missing, options.jobs, options.seconds, keep)
-    left = sum(p.key not in rows for p in needed)
+    left = sum(p.key not in rows for p in wanted)
     print(f"{left} left; {time.perf_counter() - began:.0f} s")
     return 0
 

@@ -115,7 +115,7 @@ def add_up_within(values, totals, out):  # noqa: ANN001, ANN201
 
 @formula
 def sum_before(values, mine):  # noqa: ANN001, ANN201
-    """Sum of `mine` over the threads of the block before this one; `values` is shared memory, one entry a thread."""
+    """Sum of what the block's threads before this one hold; `values` is shared, one place for each thread."""
     place = cuda.threadIdx.x
     values[place] = mine
     cuda.syncthreads()

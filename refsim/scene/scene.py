@@ -409,7 +409,7 @@ def _coarse_places(scene: Scene, state: InitialState) -> tuple[str, ...]:
 
 
 def _unequal_masses(state: InitialState, effects: Mapping[str, Effect]) -> Iterator[str]:
-    """Notes on effects that were measured to conserve energy up to a mass ratio that the scene exceeds."""
+    """A note where masses differ by more than an effect was measured to bear."""
     ratio = float(state.mass.max() / state.mass.min())
     for name, effect in effects.items():
         largest = effect.largest_mass_ratio(effects)

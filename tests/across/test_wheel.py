@@ -92,17 +92,9 @@ def test_commands_work_with_the_wheel_alone(unpacked, tmp_path):
     assert refsim("schema")[0] == "{"
 
 
-@pytest.mark.parametrize(
-    "script, argument",
-    [
-        ("reproduce.py", "--help"),
-        ("make_figures.py", "--help"),
-        ("measure_drops.py", "--limit=0"),
-        ("gpu_check.py", "-h"),
-    ],
-)
-def test_scripts_find_the_clone_from_any_folder(script, argument, tmp_path):
-    assert run((str(ROOT / "scripts" / script), argument), tmp_path, PYTHONPATH="")
+@pytest.mark.parametrize("script", sorted((ROOT / "scripts").glob("*.py")), ids=lambda path: path.name)
+def test_scripts_find_the_clone_from_any_folder(script, tmp_path):
+    assert run((str(script), "--help"), tmp_path, PYTHONPATH="").startswith("usage")
 
 
 def test_validation_outside_of_the_clone_says_what_to_do(tmp_path):
