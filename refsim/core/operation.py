@@ -25,7 +25,7 @@ class Operation:
     name        "folder.operation", unique
     folder      the package that holds reference.py, cpu.py and cuda.py
     paper       author and year, or "standard"
-    equation    the paper's number, with the source's erratum where the adopted reading differs
+    equation    the paper's number, with the spec's erratum where the adopted reading differs
     function    name of the function in all three files
     outputs     kernel arguments that are written
     exact       outputs compared exactly wherever the margin exceeds tolerance * eps
@@ -128,11 +128,11 @@ def register(operation: Operation) -> Operation:
 
 @dataclass(frozen=True)
 class Procedure:
-    """Operations that an object of the run launches one after another, for the pass of the same name.
+    """Operations that an object of the run launches one after another, for a pass that bears its name.
 
     owner       what the object is called among the parameter groups
     method      of the object, which gets what `takes` names
-    operations  names of what it launches, for display
+    operations  what it launches, for people
     """
 
     name: str

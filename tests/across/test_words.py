@@ -23,7 +23,7 @@ NEVER = {
 }
 PACKAGES = (
     "backends", "boundary/akinci_2012", "boundary/one_way_coupling", "boundary/two_way_coupling", "commands",
-    "contract", "core", "io", "isosurface", "neighbours", "scene", "smoothing", "surface_normal",
+    "contract", "io", "isosurface", "neighbours", "scene", "smoothing", "surface_normal",
     "surface_tension",
 )  # fmt: skip
 PLACES = [*(f"refsim/{name}" for name in PACKAGES), "docs", "scripts", "README.md", "CONTRIBUTING.md"]
