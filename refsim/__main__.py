@@ -1,4 +1,4 @@
-"""The command line: `refsim doctor | list | plan | run | schema | contract`, and what else lies in `refsim.commands`.
+"""The command line: `refsim doctor | list | plan | run | schema | contract` and other modules of `refsim.commands`.
 
 Exit codes: 0 all well, 2 bad input, 3 the run stopped with a named reason, 4 a verdict failed. With --json one
 object goes to standard output and everything else to standard error.
@@ -99,7 +99,7 @@ def _failed(error: RefsimError, as_json: bool) -> int:
 
 
 def _closed() -> int:
-    """Whoever read our output has gone (`refsim list | head`): end without words."""
+    """The reader has closed standard output (`refsim list | head`): end without a message."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     return 0
 

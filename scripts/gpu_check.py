@@ -2,7 +2,7 @@
 
     python scripts/gpu_check.py [--quick] [--only PREFIX] [--minutes 6] [--workers 6] [--devices 1]
 
-Every task runs in a process of its own, because one illegal memory access spoils CUDA for the whole process: the
+Every task runs in a process of its own, because one illegal memory access ends CUDA for the whole process: the
 pairing suite of the contract for each operation and dtype, the neighbour search against the CPU's and against all
 pairs, whole runs against the CPU, bitwise repetition, and times. A task that fails is reported and the others go
 on. Exit code 0 all well, 2 no GPU, 4 something failed or did not end in time.
@@ -67,10 +67,10 @@ MARK = "gpu_check result: "
 PACKAGES = ("numpy", "numba", "numba-cuda", "cupy-cuda13x", "cuda-bindings", "cuda-core")
 SIZES = {"60k": 39, "1M": 100, "8M": 200}  # particles along the edge of a cube
 COMPARED = {"float32": 5, "float64": 20}  # steps before two backends are compared: rounding grows with each
-# Of the largest value. On the CPU float32 and float64 already differ by 2 % in the pressure of the dam break after
-# five steps, because a liquid at rest has hardly any; the pairing is the sharp test, this one finds wrong wiring.
+# Share of the largest value. On the CPU, float32 and float64 already differ by 2 % in the pressure of the dam break
+# after five steps, because a liquid at rest has almost none. The pairing tests accuracy; this tests whole runs.
 TOLERANCE = {"float32": 0.1, "float64": 1e-8}
-# Fields that are round-off where nothing is deformed yet, and what they are compared with: a length, a rate.
+# Fields that are rounding errors before any deformation, by the scale of their errors: a length, a rate.
 OF_SPACING = ("region_anchor", "region_center")
 OF_SHAKING = ("region_spin",)
 FLAGS = {"float32": 2e-3, "float64": 0.0}  # share of flags that may differ
@@ -128,7 +128,7 @@ def pairing_task(arguments: list[str]) -> list[Row]:
 
     name, dtype = arguments
     outcomes = list(contract.trials(contract.own("cuda"), name, (dtype,)))
-    if name.startswith("fast_summation"):  # its own kernels serve wide regions only; here all
+    if name.startswith("fast_summation"):  # its own kernels are used for wide regions only; here for all
         from refsim.shape_matching.fast_summation import cuda as fast_summation
 
         fast_summation.NARROW = 0
@@ -170,7 +170,7 @@ def search_task(arguments: list[str]) -> list[Row]:
     same = all(np.array_equal(a, b) for a, b in zip(lists, found[1][2])) and np.array_equal(order, found[1][0])
     rows = [judged("differences between two builds", int(not same), 0)]
     search.audit(there, cuda.zeros(position.shape, dtype), cuda.zeros(2, dtype), listed)
-    search.build(there)  # which brings the audit's answer along
+    search.build(there)  # the audit's result is read here
     rows.append(judged("neighbours missed in sampled rows", search.log.missed_neighbours, 0))
     if not runtime.simulated():  # the CPU's search would run as Python there
         cpu = neighbours.NeighbourSearch(backend.choose("cpu"), dim, dtype, 0.2)
@@ -239,7 +239,7 @@ def drop_of(*effects: Any) -> Callable[[str, bool], Scene]:
 
 
 def pebble(dtype: str, quick: bool) -> Scene:
-    """The documents' example of a mesh, from when the liquid touches it: pressures before are rounding alone."""
+    """The example docs/examples/mesh_boundary.toml from first contact on: before, pressures are rounding errors."""
     scene = load_scene(ROOT / "docs" / "examples" / "mesh_boundary.toml")
     column = msgspec.structs.replace(scene.fluid[0], lower=(-0.05, -0.05, 0.056), velocity=(0.0, 0.0, -1.0))
     return msgspec.structs.replace(scene, dtype=dtype, fluid=(column,))
@@ -295,7 +295,7 @@ def run_task(arguments: list[str]) -> list[Row]:
     grid = runs[0].plan.grid
     shaking = float(np.abs(oracle.field("velocity")).max()) / grid.spacing  # [1/s]
     for field, kind in runs[0].plan.fields.items():
-        if field in ("place", "cell"):  # hang on when the list was built, or the grid's blocks were laid
+        if field in ("place", "cell"):  # depend on when the list or the grid's blocks were built
             continue
         true, own = oracle.field(field), runs[0].field(field)
         if kind.numpy_dtype(dtype).kind in "iub":
@@ -596,7 +596,7 @@ def commit() -> str:
 
 
 def as_markdown(report: dict[str, Any]) -> str:
-    """The report for people."""
+    """The report as Markdown."""
     lines = [f"# GPU report of {report['date']}", ""]
     late = [a["task"] for a in report["tasks"] if unfinished(a)]
     bad = [a["task"] for a in report["tasks"] if failed(a) and not unfinished(a)]
@@ -675,7 +675,7 @@ def main() -> int:
     together, alone = ([task for task in tasks if task.startswith(options.only)] for tasks in planned(options.quick))
     answers = [executed("device", deadline)]
     tell(answers[0])
-    # What comes last has its time kept: the timing tasks need the GPU for themselves.
+    # Time is reserved for the timing tasks, which run last and have the GPU to themselves.
     reserve = min(120, 20 * len(alone))
     places = (options.workers if (os.cpu_count() or 1) >= 8 else 1) * options.devices
     devices: queue.SimpleQueue[str] | None = queue.SimpleQueue() if options.devices > 1 else None

@@ -11,6 +11,10 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+if not __package__:
+    print("Run this from the folder of the clone, as `python -m validation`.", file=sys.stderr)
+    sys.exit(2)
+
 from refsim.core.errors import InputError, RefsimError
 from validation.harness import Options, as_json, chosen_cases, discover, exit_code, perform, report
 

@@ -110,7 +110,7 @@ def unavailable(name: str) -> str | None:
 
         if not cuda.is_available():
             return "no CUDA device or driver was found"
-    except Exception as error:  # a broken driver installation raises whatever it likes: pass on its words
+    except Exception as error:  # a broken driver installation may raise anything; its message is passed on
         return f"CUDA does not start ({type(error).__name__}: {error})"
     if importlib.util.find_spec("cupy") is None:
         return 'CuPy is not installed; run pip install "refsim[cuda]"'

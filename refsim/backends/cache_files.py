@@ -2,7 +2,7 @@
 
 Numba unpickles what it finds in its cache and runs it. Each file of refsim's cache therefore ends with a SHA-256 over
 its name and its content. A file that does not match is deleted and its kernel is compiled anew; a warning says so once
-in a process. The digest finds damage; against other users stands the check of the folder's owner and rights.
+in a process. The digest detects damage; the check of the folder's owner and rights protects against other users.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _told: set[str] = set()  # kinds of warnings that this process has given
 
 
 def refuse_foreign(folder: Path) -> None:
-    """Raise InputError if somebody else owns a folder of the cache, or everybody may write to it."""
+    """Raise InputError if another user owns a folder of the cache, or every user may write to it."""
     if not hasattr(os, "geteuid"):  # Windows
         return
     try:
@@ -120,10 +120,12 @@ def _is_whole(path: str) -> bool:
     except FileNotFoundError:
         return False
     except OSError:
-        pass  # unreadable is as bad as damaged
+        pass  # an unreadable file is treated as damaged
     with contextlib.suppress(OSError):
         os.unlink(path)
-    _tell_once("damaged", f"the compile cache was damaged ({path}); what was damaged is dropped and compiled anew.")
+    _tell_once(
+        "damaged", f"the compile cache was damaged ({path}); damaged files are deleted, their kernels compiled again."
+    )
     return False
 
 

@@ -9,7 +9,6 @@ numbers after an edit in another.
 from __future__ import annotations
 
 import contextlib
-import ctypes
 import functools
 import gc
 import hashlib
@@ -27,12 +26,12 @@ from collections.abc import Callable
 from typing import Any
 
 import numba
-import numpy as np
 from numba import njit
 from numba import prange as prange
 from numba.extending import register_jitable
 
 from refsim.backends.cache_files import check_files, is_stored, refuse_foreign
+from refsim.backends.launching import Launch, direct_launch, kinds_of
 from refsim.backends.runtime import simulated, stream
 
 try:
@@ -171,7 +170,7 @@ def _compile_in_turn(dispatcher: Any, lock: pathlib.Path) -> None:
 
     def compile_in_turn(signature: Any) -> Any:
         with contextlib.ExitStack() as held:
-            with contextlib.suppress(OSError):  # a cache that vanished meanwhile is nobody else's either
+            with contextlib.suppress(OSError):  # a cache folder deleted meanwhile needs no lock
                 fcntl.flock(held.enter_context(lock.open("w")), fcntl.LOCK_EX)
             return compile_here(signature)
 
@@ -291,68 +290,11 @@ class CudaKernel:
                 self.launches[kinds](blocks, self.threads, arguments)
             else:
                 self.dispatcher[blocks, self.threads, stream()](*arguments)  # compiles
-                self.launches[kinds] = Launch(self.dispatcher, arguments)
-
-
-_SCALARS = {
-    bool: bool, int: ctypes.c_int64, float: ctypes.c_double, np.uint8: ctypes.c_uint8, np.int32: ctypes.c_int32,
-    np.int64: ctypes.c_int64, np.float32: ctypes.c_float, np.float64: ctypes.c_double,
-}  # fmt: skip
-
-
-def kinds_of(values: tuple) -> tuple | None:
-    """What a compiled kernel depends on in its arguments; None where one of them is of another sort."""
-    kinds: list[Any] = [type(values)]
-    for value in values:
-        sort = type(value)
-        if value is None or sort in _SCALARS:
-            kinds.append(sort)
-        elif isinstance(value, tuple):
-            inner = kinds_of(value)
-            if inner is None:
-                return None
-            kinds.append(inner)
-        elif hasattr(value, "copy_to_host") and value.is_c_contiguous():
-            kinds.append((value.dtype.num, value.ndim))
-        else:
-            return None
-    return tuple(kinds)
-
-
-class Launch:
-    """A compiled CUDA kernel for arguments of certain kinds, launched without Numba's search for their types.
-
-    That search takes about a tenth of a millisecond for each launch: more than most kernels of a reconstruction run.
-    """
-
-    def __init__(self, dispatcher: Any, arguments: tuple) -> None:
-        from cuda.core import LaunchConfig, launch
-        from numba.cuda.cudadrv import driver
-        from numba.cuda.typing.typeof import Purpose, typeof
-
-        kinds = tuple(typeof(argument, Purpose.argument) for argument in arguments)
-        self.kernel = dispatcher.overloads[kinds]._codelibrary.get_cufunc().kernel
-        self.stream, self.launch, self.config = driver._to_core_stream(stream()), launch, LaunchConfig
-
-    def __call__(self, blocks: int, threads: int, arguments: tuple) -> None:
-        values: list[Any] = []
-        unfold(arguments, values)
-        self.launch(self.stream, self.config(grid=(blocks, 1, 1), block=(threads, 1, 1)), self.kernel, *values)
-
-
-def unfold(arguments: tuple, values: list[Any]) -> None:
-    """Append the numbers that a kernel takes for its arguments; seven and more for an array."""
-    for value in arguments:
-        sort = type(value)
-        if value is None:
-            values.append(0)
-        elif sort in _SCALARS:
-            values.append(_SCALARS[sort](value))
-        elif isinstance(value, tuple):
-            unfold(value, values)
-        else:
-            place = value.device_ctypes_pointer.value or 0
-            values.extend((0, 0, value.size, value.dtype.itemsize, place, *value.shape, *value.strides))
+                launch = direct_launch(self.dispatcher, arguments)
+                if launch is None:
+                    self.launches = None
+                else:
+                    self.launches[kinds] = launch
 
 
 class _AbsentArgument:

@@ -1,4 +1,4 @@
-"""Array moves on a CUDA device, the step's clock, CUDA graphs, and what CuPy does: stable sort and running sums.
+"""Copies and permutations of CUDA arrays, the clock of the step, CUDA graphs, and CuPy's stable sort and sums.
 
 Under the CUDA simulator, and only there, NumPy stands in for CuPy; `refsim.backends.runtime.array_library` says which
 one is used.
@@ -33,7 +33,7 @@ def empty(shape: Any, dtype: Any) -> Any:
 
 
 def free_bytes() -> float:
-    """Device memory that could still be had [bytes]."""
+    """Free device memory [bytes]."""
     if not simulated():
         library().get_default_memory_pool().free_all_blocks()
     return cuda.current_context().get_memory_info()[0]
@@ -51,9 +51,9 @@ def stable_order(keys: Any, out: Any = None) -> Any:
 
 
 def computed(function: Any, *arguments: Any) -> Any:
-    """What `function(library, ...)` gives for device arrays, its arrays (also in tuples and lists) on the device.
+    """Result of `function(library, ...)` for device arrays; arrays in it (also in tuples and lists) are on the device.
 
-    Arrays of the host go to NumPy and come back as such.
+    Host arrays are passed to NumPy and returned as host arrays.
     """
     if any(isinstance(a, np.ndarray) for a in arguments):
         return function(np, *arguments)
@@ -139,8 +139,8 @@ def _put(values: Any, out: Any) -> None:
 class Recorded:
     """A call that launches kernels only, as one CUDA graph: launched one by one at first, then recorded, then replayed.
 
-    What it launches must keep its arrays and numbers, allocate nothing and not wait for the device. In the simulator,
-    or where `whole` is false, the kernels are launched one by one every time.
+    The launches must use the same arrays and numbers every time, allocate nothing and not wait for the device. In the
+    simulator, or if `whole` is false, the kernels are launched one by one every time.
     """
 
     def __init__(self, call: Callable[[], None], whole: bool = True) -> None:
@@ -163,21 +163,21 @@ class Recorded:
         self.graph.launch(stream)
 
     def renewed(self) -> Recorded:
-        """The same call with other arrays behind it: to be recorded anew."""
+        """The same call after its arrays have been replaced: it is recorded again."""
         new = Recorded(self.call, self.whole)
         new.called = self.called
         return new
 
 
 class Mirror:
-    """A small device array and its values on the host, which `send` brings over without waiting."""
+    """A small device array and a copy of it on the host, which `send` updates asynchronously."""
 
     def __init__(self, array: Any) -> None:
         self.array = array
         self.values = np.zeros(array.shape, array.dtype)
         if not simulated():
             cupy = library()
-            self.memory = cupy.cuda.alloc_pinned_memory(self.values.nbytes)  # what the device can write by itself
+            self.memory = cupy.cuda.alloc_pinned_memory(self.values.nbytes)  # for an asynchronous copy
             self.values = np.frombuffer(self.memory, array.dtype, self.values.size).reshape(array.shape)
             self.pointer = seen(array).data.ptr
 
@@ -193,25 +193,25 @@ class Mirror:
             )  # fmt: skip
 
     def read(self) -> np.ndarray:
-        """Wait for everything launched; the values as they were when they were sent."""
+        """Wait for all launches; the values at the time of `send`."""
         if not simulated():
             own_stream().synchronize()
         return self.values
 
 
 class Mark:
-    """A point in what has been launched that the host can wait for."""
+    """A CUDA event: a point in the sequence of launches that the host can wait for."""
 
     def __init__(self) -> None:
         self.event = None if simulated() else library().cuda.Event(disable_timing=True)
 
     def set(self) -> None:
-        """The point is behind everything launched until now."""
+        """Record the event after all launches so far."""
         if self.event is not None:
             self.event.record(own_stream())
 
     def wait(self) -> None:
-        """Wait until the device has come to it."""
+        """Wait until the device has reached the event."""
         if self.event is not None:
             self.event.synchronize()
 
@@ -222,7 +222,7 @@ def head(array: Any, count: int) -> Any:
 
 
 def address(array: Any) -> Any:
-    """What tells a device array's memory from that of others."""
+    """Address of a device array's memory; in the simulator the identity of the array."""
     return id(array) if simulated() else array.device_ctypes_pointer.value
 
 
@@ -328,8 +328,8 @@ NON_FINITE, DIVERGED, STEP_TOO_SMALL, OUT_OF_RANGE = 1, 2, 3, 4
 def choose_step(extremes, limits, factor, fixed, smallest, greatest_speed, timestep, clock):  # noqa: ANN001, ANN201
     """The next step's length from the particles' extremes, as `refsim.engine.stepping.HostStepper` does on the host.
 
-    `limits` (k, 5) are StepLimits. Where the run cannot go on the clock says why and the step is zero, so that what
-    follows moves nothing.
+    `limits` (k, 5) are StepLimits. If the run cannot go on, the clock holds the reason and the step is zero, so that
+    later kernels move nothing.
     """
     if cuda.grid(1) == 0:
         speed = math.sqrt(float(extremes[0]))
@@ -368,7 +368,7 @@ def choose_step(extremes, limits, factor, fixed, smallest, greatest_speed, times
 
 @cuda_kernel
 def note_displacement(displacement, clock):  # noqa: ANN001, ANN201
-    """Put the largest squared way [m^2] and the number of stopped particles beside the step's length."""
+    """Copy the largest squared displacement [m^2] and the number of stopped particles into the clock."""
     if cuda.grid(1) == 0:
         clock[WAY] = displacement[0]
         clock[STOPPED] = displacement[1]
@@ -408,7 +408,7 @@ def copy_all(arrays: tuple, out: tuple) -> None:
 
 
 class Rows:
-    """Puts the rows of arrays into another order, in place, through spare ones; those of one kind in one launch."""
+    """Reorders the rows of arrays in place through spare arrays; arrays of equal shape and dtype in one launch."""
 
     def __init__(self, arrays: list[Any], order: Any) -> None:
         self.arrays, self.order = arrays, order
@@ -417,7 +417,7 @@ class Rows:
         self.kinds = [(group, tuple(empty(a.shape, a.dtype) for a in group)) for group in alike]
 
     def belongs_to(self, arrays: list[Any]) -> bool:
-        """Whether it moves these arrays."""
+        """Whether it reorders these arrays."""
         return len(arrays) == len(self.arrays) and all(a is b for a, b in zip(self.arrays, arrays, strict=True))
 
     def launch(self) -> None:

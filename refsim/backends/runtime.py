@@ -1,4 +1,4 @@
-"""The CUDA runtime: whether it is simulated, what sorts and scans arrays there, and the stream of all launches."""
+"""The CUDA runtime: whether it is simulated, the library that sorts and scans arrays, the stream of all launches."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ def simulated() -> bool:
 
 
 def array_library() -> str:
-    """What sorts and compacts arrays for the CUDA backend: CuPy, or NumPy in its place in the simulator."""
+    """Name of the library that sorts and compacts arrays for the CUDA backend: CuPy, or NumPy in the simulator."""
     return "NumPy in place of CuPy (CUDA simulator)" if simulated() else "CuPy"
 
 
@@ -28,7 +28,7 @@ def library() -> Any:
 def own_stream() -> Any:
     """CuPy's stream on which everything is launched, so that it can be recorded; None in the simulator.
 
-    It waits for the default stream and the default stream for it, so that copies need no thought.
+    It synchronises with the default stream in both directions, so that copies need no explicit synchronisation.
     """
     return None if simulated() else library().cuda.Stream(non_blocking=False)
 

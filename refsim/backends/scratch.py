@@ -1,4 +1,4 @@
-"""Room in which operations keep what they need between their launches; nothing in it outlives a call."""
+"""Scratch memory of operations; its contents are undefined after a call."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from refsim.backends.arrays import Backend
 
 
 class Scratch:
-    """Arrays on one backend by name, made when first asked for and kept, so that steps allocate nothing.
+    """Named arrays on one backend, allocated at the first request and kept, so that later steps allocate nothing.
 
-    An operation takes it as the argument `scratch`. The values in its arrays are those of whoever used them last.
+    An operation takes it as the argument `scratch`. The values in an array are those of its latest use.
     """
 
     def __init__(self, backend: Backend) -> None:

@@ -43,14 +43,14 @@ def execute(options: argparse.Namespace) -> Outcome:
     from refsim.contract.programs import check_names
 
     if os.getcwd() not in sys.path:
-        sys.path.insert(0, os.getcwd())  # modules are named as seen from where the command stands
+        sys.path.insert(0, os.getcwd())  # modules are named relative to the current folder
     if not 0 < options.time_limit < math.inf:
         raise InputError(f"--time-limit = {options.time_limit:g} is not possible; give a positive number of seconds.")
     if options.arguments and options.programs in REGISTRY:
         return _arguments([options.programs, *options.operation], "cpu")
     check_names(options.operation, options.dtype, options.variant, options.step)
-    wanted = (options.operation, options.dtype, options.variant, options.step)
-    request = apart.Request(options.programs, *map(tuple, wanted), options.time_limit)
+    selected = (options.operation, options.dtype, options.variant, options.step)
+    request = apart.Request(options.programs, *map(tuple, selected), options.time_limit)
     if options.arguments:
         about = apart.describe(request)
         return _arguments(about.names, about.arrays)

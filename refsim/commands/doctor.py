@@ -1,4 +1,4 @@
-"""`refsim doctor`: what is installed, which backends run here, and whether they compute right."""
+"""`refsim doctor`: what is installed, which backends run here, and whether their results are right."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from refsim.backends.arrays import host_memory, simulated, unavailable
+from refsim.backends.launching import launch_note
 from refsim.commands import Command, Outcome, in_bytes, in_time, register, table
 from refsim.core.errors import RefsimError
 from refsim.core.operation import BACKENDS, REGISTRY
@@ -28,7 +29,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def execute(options: argparse.Namespace) -> Outcome:
-    """Look around, test each backend that can run, and end with one verdict."""
+    """Collect versions and hardware, test each backend that can run, and give one verdict."""
     backends = {name: unavailable(name) for name in BACKENDS}
     found: dict[str, Any] = {
         "versions": versions(),
@@ -41,6 +42,7 @@ def execute(options: argparse.Namespace) -> Outcome:
         "self_test": {name: _self_test(name) for name, reason in backends.items() if reason is None},
     }
     found["threads"] = _threads()
+    found["launch_note"] = launch_note()  # known after the self-test has launched a kernel
     failed = [name for name, test in found["self_test"].items() if test["verdict"] != "pass"]
     working = [name for name in found["self_test"] if name not in failed]
     absent = [name for name, reason in backends.items() if reason is not None]
@@ -79,7 +81,7 @@ def _self_test(backend: str) -> dict[str, Any]:
         neighbours = simulation.search.log.most_neighbours if simulation.search else 0
     except RefsimError as error:
         return {"operation": TESTED, "verdict": "fail", "why": str(error)}
-    except Exception as error:  # whatever a broken installation raises is the finding
+    except Exception as error:  # any error of a broken installation is reported
         return {"operation": TESTED, "verdict": "fail", "why": f"{type(error).__name__}: {error}"}
     expected, computed = values
     error = float(np.abs(computed / expected - 1).max())
@@ -117,7 +119,7 @@ def _cache() -> dict[str, Any]:
     for path in files:
         try:
             size += path.stat().st_size
-        except OSError:  # another process has just cleared it away
+        except OSError:  # another process has just deleted it
             continue
     parent = next(p for p in (root, *root.parents) if p.exists())
     return {"folder": str(root), "bytes": size, "files": len(files), "writable": os.access(parent, os.W_OK)}
@@ -180,6 +182,8 @@ def _text(found: dict[str, Any]) -> str:
                     f" {test['largest_relative_error']:.2g}, allowed {test['bound']:.2g}, {in_time(test['seconds'])}",
                 )
             )
+    if found["launch_note"]:
+        told.append(("note", "", found["launch_note"]))
     return "\n".join([*lines, table(told), "", f"Verdict: {found['verdict']}."])
 
 

@@ -19,9 +19,9 @@ from refsim.scene.accounts import accounts
 from refsim.scene.files import load_scene
 from refsim.scene.scene import Plan
 
-WALL_PLACES = 4  # places per particle that the list of walls begins with; it grows where they are too few
-PLACES = 48  # the same for the list of neighbours, on the CPU
-CELLS = 1 / 6  # of a particle, that the GPU's table of occupied cells begins with
+WALL_PLACES = 4  # initial capacity of the list of walls [entries per particle]; it grows when exceeded
+PLACES = 48  # the same of the list of neighbours on the CPU
+CELLS = 1 / 6  # initial capacity of the GPU's table of occupied cells [cells per particle]
 
 
 def describe_plan(plan: Plan, backend: str) -> dict[str, Any]:
@@ -140,7 +140,7 @@ def _brings(plan: Plan, name: str, steps: dict[str, Any]) -> dict[str, Any]:
 
 
 def _neighbour_list(plan: Plan, backend: str) -> dict[str, Any] | None:
-    """Estimate from the undisturbed lattice; the list grows where particles crowd."""
+    """Estimate from the undisturbed lattice; the list grows where particles are denser."""
     if not plan.list_radius or backend == "numpy":
         return None
     grid = plan.grid
@@ -173,7 +173,7 @@ def _list_bytes(plan: Plan, backend: str, each: int) -> int:
 
 
 def _first_step(plan: Plan) -> dict[str, Any]:
-    """Limits at the start: from the speeds given and from gravity, before any force has been computed."""
+    """Step limits at the start, from the initial speeds and gravity; other forces are not computed yet."""
     speed = float(np.sqrt((plan.state.velocity**2).sum(1).max(initial=0.0)))
     gravity = plan.effects.get("gravity")
     force = math.hypot(*gravity.acceleration) if gravity is not None else 0.0
@@ -272,7 +272,7 @@ def _text(found: dict[str, Any]) -> str:
         lines.append(
             f"Neighbour list: radius {listed['radius']:g} m, reaching to {listed['reach']:g} m,"
             f" {listed['neighbours_on_a_lattice']} neighbours on the lattice, about {in_bytes(listed['bytes'])};"
-            f" built anew when a particle has moved {listed['built_anew_after']:.3g} m"
+            f" rebuilt when a particle has moved {listed['built_anew_after']:.3g} m"
         )
     else:
         lines.append("Neighbour list: none")

@@ -99,7 +99,7 @@ def _advice(stop: RunStopped, folder: Path, options: argparse.Namespace) -> tupl
 
 
 class _Progress:
-    """A bar over simulated time with an estimate of what is left; compile time is told apart, before it."""
+    """A bar over simulated time with an estimate of what is left; compile time is reported separately before."""
 
     def __init__(self, until: float, folder: Path, quiet: bool) -> None:
         self.until, self.folder, self.quiet = until, folder, quiet
@@ -162,7 +162,7 @@ def _asked_to_stop() -> Iterator[threading.Event]:
         if asked.is_set():
             raise KeyboardInterrupt
         asked.set()
-        _say("\nstopping after this step, with a checkpoint; once more to stop at once")
+        _say("\nstopping after this step, with a checkpoint; interrupt again to stop at once")
 
     if threading.current_thread() is not threading.main_thread():
         yield asked

@@ -41,7 +41,7 @@ class InputError(RefsimError):
 class RunStopped(RefsimError):
     """The run cannot go on as it is (exit code 3).
 
-    reason  a name of REASONS, for programs; the message is a sentence for people
+    reason  a name of REASONS, for programs; the message is one sentence
     report  of the run that stopped, where there was one (`refsim.engine.driver.RunReport`)
     advice  lines that say what can be done next, where the catcher knows
     """

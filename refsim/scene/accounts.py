@@ -12,14 +12,14 @@ MOVES = {"acceleration", "velocity", "position", "mass", "density", "rest_densit
 
 
 def accounts(grid: Discretisation, effects: Mapping[str, Effect]) -> dict[str, EnergyAccount]:
-    """What each effect counts. Raises InputError where one has forces and knows no energy of them."""
+    """The account of each effect. Raises InputError if an effect has forces without a known energy."""
     found = {}
     for name, effect in effects.items():
         account = effect.energy(grid, effects)
         passes = effect.passes(effects)
         if account is None and any(MOVES & {*p.writes, *p.updates} for p in passes):
             raise InputError(
-                f"energy_audit: the forces of effect {name!r} follow from no energy that could be counted; leave out"
+                f"energy_audit: the forces of effect {name!r} have no energy that can be computed; leave out"
                 " the audit or the effect."
             )
         found[name] = account or EnergyAccount()

@@ -130,7 +130,7 @@ def scene_to_toml(scene: Scene) -> str:
 
 
 def suggestion(word: str, known: Iterable[str]) -> str:
-    """ "did you mean X?" or, where nothing is near, what there is."""
+    """ "did you mean X?", or all known words if none is similar."""
     known = list(known)
     near = difflib.get_close_matches(str(word).lower(), known, n=1, cutoff=0.55)
     return f"did you mean {near[0]}?" if near else f"choose from {', '.join(known)}."
@@ -295,8 +295,8 @@ def _why(words: str, value: Any, kind: Any) -> str:
         return f"{inside} = {found!r} is not possible ({words[:1].lower()}{words[1:]}); correct it."
     if match[2]:
         return f"{inside} has {len(found)} values; give {match[2]}."
-    wanted = " or ".join(WORDS.get(kind_name, kind_name) for kind_name in match[1].split(" | "))
-    return f"{inside} = {_short(found)} is {_word_for(found)}; give {wanted}."
+    expected = " or ".join(WORDS.get(kind_name, kind_name) for kind_name in match[1].split(" | "))
+    return f"{inside} = {_short(found)} is {_word_for(found)}; give {expected}."
 
 
 WORDS = {

@@ -15,14 +15,14 @@ from refsim.core.reading import GREATEST, open_regular
 def read_mesh(path: str | os.PathLike[str], what: str = "mesh", process: bool = False) -> Any:
     """The mesh in a file as trimesh holds it, in numbers that are finite; `process` has equal vertices joined.
 
-    what  stands before the messages
+    what  first words of the messages
 
     Raises InputError, in one sentence, for what cannot be read or holds no triangles.
     """
     import trimesh
 
     class Beside(trimesh.resolvers.FilePathResolver):
-        """Files that a mesh names, such as buffers of .gltf; a pipe or a device is not waited for."""
+        """Files that a mesh names, such as buffers of .gltf; pipes and devices are refused."""
 
         def get(self, name: str) -> bytes:
             with open_regular(os.path.join(self.parent, name.strip())) as file:
@@ -36,14 +36,14 @@ def read_mesh(path: str | os.PathLike[str], what: str = "mesh", process: bool = 
     except FileNotFoundError:
         raise InputError(f"{what}: there is no file {str(path)!r}; give the path of a mesh.") from None
     except ImportError as error:
-        if error.name in ("charset_normalizer", "chardet"):  # trimesh asks them to guess at what is not UTF-8
+        if error.name in ("charset_normalizer", "chardet"):  # trimesh guesses the encoding with them
             raise InputError(
-                f"{what}: {str(path)!r} cannot be read, because it is neither binary nor text in UTF-8 as its ending"
-                " would have it; save it anew."
+                f"{what}: {str(path)!r} cannot be read, because it is neither binary nor text in UTF-8, as its suffix"
+                " requires; save it again."
             ) from None
         raise InputError(
-            f"{what}: {str(path)!r} cannot be read: as what trimesh takes it for it needs {error.name}, which is not"
-            " installed; check the file, or install that."
+            f"{what}: {str(path)!r} cannot be read: its format needs the package {error.name}, which is not installed;"
+            " check the file, or install the package."
         ) from None
     except Exception as error:  # trimesh raises whatever its readers do
         words = getattr(error, "strerror", None) or " ".join(str(error).split()) or type(error).__name__
@@ -53,10 +53,10 @@ def read_mesh(path: str | os.PathLike[str], what: str = "mesh", process: bool = 
 
 
 def check_triangles(vertices: np.ndarray, faces: np.ndarray, source: str, what: str = "mesh") -> None:
-    """Raise InputError where vertices (n, 3) [m] and faces (m, 3) are no triangles in finite numbers."""
+    """Raise InputError if vertices (n, 3) [m] and faces (m, 3) are no triangles with finite coordinates."""
     if vertices.ndim != 2 or faces.ndim != 2 or vertices.shape[1:] != (3,) or faces.shape[1:] != (3,) or not len(faces):
         raise InputError(f"{what}: {source!r} has no triangles; give a closed triangle mesh.")
     if faces.min() < 0 or faces.max() >= len(vertices):
-        raise InputError(f"{what}: {source!r} has faces with vertices that are not there; write it anew.")
+        raise InputError(f"{what}: {source!r} has faces with vertices that do not exist; export it again.")
     if not (np.abs(vertices[np.unique(faces)]) <= GREATEST).all():
-        raise InputError(f"{what}: {source!r} has vertices that are not finite, or beyond {GREATEST:g} m; mend them.")
+        raise InputError(f"{what}: {source!r} has vertices that are not finite or beyond {GREATEST:g} m; correct them.")

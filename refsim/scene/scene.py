@@ -1,6 +1,6 @@
 """A scene: particles and a list of effects; and the plan that follows from it.
 
-The plan is the union of what the effects ask for: fields, passes in dependency order, one neighbour list.
+The plan is the union of what the effects need: fields, passes in dependency order, one neighbour list.
 """
 
 from __future__ import annotations
@@ -28,10 +28,10 @@ from refsim.scene.solids import SolidBall, SolidBox, SolidCells, SolidMesh, Soli
 
 Vector = tuple[float, float, float]
 
-COARSE = 1e-3  # spacings: coarser places than this are announced
+COARSE = 1e-3  # [spacings] a coarser resolution of positions gives a note
 LEAST = 1e-30  # smallest length [m] and time [s] that a scene may have
 SMALLEST = 1e-100  # magnitude of any other number that is not zero
-LONGEST_FIXED = 1.6  # stable steps that a fixed step may span; longer ones were seen to gain energy without diverging
+LONGEST_FIXED = 1.6  # stable steps that a fixed step may span; longer ones gained energy without diverging in tests
 
 
 class Box(msgspec.Struct, tag="box", tag_field="shape", frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -101,7 +101,7 @@ class Cloud(msgspec.Struct, tag="cloud", tag_field="shape", frozen=True, kw_only
         """Positions (n, 3) [m]."""
         values = self.position
         if (values is None) == (not self.file):
-            raise InputError("fluid cloud: the positions are wanted once; give either position or file.")
+            raise InputError("fluid cloud: positions must be given exactly once; give either position or file.")
         if self.file:
             try:
                 with open_regular(self.file) as file, warnings.catch_warnings():
@@ -167,7 +167,7 @@ class Scene(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
 
 @dataclass(frozen=True)
 class Plan:
-    """What a scene needs: nothing that no effect asks for stands here.
+    """What a scene needs: the fields, passes and lists of its effects and no others.
 
     start   once, when a simulation is made or resumed
     begin   at the beginning of every step, in order
@@ -397,14 +397,14 @@ def _check_fixed_step(scene: Scene, grid: Discretisation, effects: Mapping[str, 
 
 
 def _coarse_places(scene: Scene, state: InitialState) -> tuple[str, ...]:
-    """A note where the dtype cannot tell places apart that are a thousandth of the spacing apart."""
+    """A note if the dtype does not resolve positions to a thousandth of the spacing."""
     farthest = np.abs(state.position).max()
     step = float(np.spacing(farthest.astype(scene.dtype))) / scene.spacing
     if step <= COARSE:
         return ()
     return (
-        f"{scene.dtype} keeps places {farthest:.4g} m from the origin only to {step:.2g} spacings, so that slow motion"
-        " is lost there: move the scene to the origin, or take float64",
+        f"{scene.dtype} resolves positions {farthest:.4g} m from the origin to {step:.2g} spacings only, so that slow"
+        " motion is lost there: move the scene to the origin, or use float64",
     )
 
 
@@ -503,8 +503,8 @@ def _check_places(state: InitialState, bounds: Any, solids: Nodes | None) -> Non
         inside = np.flatnonzero(near < reach * (1 - 1e-6))
         if len(inside):
             raise InputError(
-                f"scene: {len(inside)} particles of the fluid are less than half a spacing from a solid's; leave room"
-                " for the solids in the fluid."
+                f"scene: {len(inside)} particles of the fluid are less than half a spacing from a solid's; leave"
+                " them out of the fluid."
             )
 
 
@@ -608,10 +608,10 @@ def _motion(
 def _merged(
     passes: Sequence[tuple[Effect, Pass]], parameters: Mapping[str, Mapping[str, Any]]
 ) -> list[tuple[Effect, Pass]]:
-    """One launch where two effects ask for the same; what one wants in each step is not left until it is looked at.
+    """Passes with one launch for equal passes of two effects; it is on demand only if both effects take it on demand.
 
-    A pass over every row also serves an effect that wants it for its `candidates` only. Raises InputError where two
-    effects would write one field in different ways.
+    A pass over every row also serves an effect that needs it for its `candidates` only. Raises InputError if two
+    effects would write one field differently.
     """
     kept: list[tuple[Effect, Pass]] = []
     for effect, p in passes:
@@ -658,7 +658,7 @@ def _ordered(passes: Sequence[tuple[Effect, Pass]], fields: Mapping[str, Field])
     """Passes so that every field is written, then updated, then read; otherwise in the effects' order."""
     for _, p in passes:
         if p.operation not in REGISTRY and p.operation not in PROCEDURES:
-            raise InputError(f"A pass asks for operation {p.operation!r}, which is not registered.")
+            raise InputError(f"A pass names operation {p.operation!r}, which is not registered.")
     writers: dict[str, list[int]] = {}
     updaters: dict[str, list[int]] = {}
     for k, (_, p) in enumerate(passes):

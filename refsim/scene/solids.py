@@ -21,7 +21,7 @@ Vector = tuple[float, float, float]
 BITS = 21  # of a cell's coordinate in its key, as in the neighbour search
 OFFSET = 1 << 20
 MOST_CELLS = 2**31 - 1  # particles are numbered in 32 bits
-LAID_OUT = 100  # bytes of a particle while a scene is laid out, in float64
+LAID_OUT = 100  # bytes of a particle while a scene is built, in float64
 
 
 class Solid(msgspec.Struct, tag_field="shape", frozen=True, kw_only=True, forbid_unknown_fields=True):

@@ -18,7 +18,7 @@ CELLS = (12, 18, 27, 40)
 
 
 def order(sizes, errors):
-    """Slope of error against size, and the errors must fall on the way."""
+    """Slope of error against size, and the errors must fall at every refinement."""
     assert (np.diff(errors) < 0).all()
     return np.polyfit(np.log(sizes), np.log(errors), 1)[0]
 
@@ -35,7 +35,7 @@ def patch(n):
 
 def moment(case, function, power):
     """Sum over the infinite lattice of V r^power f(r): the integral that the lattice stands for, but for a constant
-    share which depends on h/d alone. The project's masses (delta0 of the spec) take it out of the density; here it is
+    share which depends on h/d alone. The project's masses (delta0) take it out of the density; here it is
     taken out of the derivatives too, so that what is left must shrink with h."""
     reach = np.arange(-4, 5) * case.spacing
     r = np.hypot(*np.meshgrid(reach, reach)).ravel()
@@ -88,7 +88,7 @@ def still(case, **given):
 
 
 def test_pressure_force_is_of_second_order():
-    """J(10) with E24: a -> -grad p / rho. The printed factor 1/2 halves it.
+    """J(10) with Jiang & Zhu E24: a -> -grad p / rho. The printed factor 1/2 halves it.
 
     Of (p_i + p_j)/2 the first part has no gradient inside the liquid: as printed, the stated pressure is twice what
     holds the liquid, and sound travels at c/sqrt(2).
@@ -157,10 +157,10 @@ def test_free_fall_is_exact():
     begun = simulation.field("position")
     for _ in range(40):
         simulation.step()
-    way = simulation.field("position") - begun
+    moved = simulation.field("position") - begun
     assert simulation.time == pytest.approx(0.4)
-    assert np.abs(way - 0.5 * np.array(fall) * simulation.time**2).max() < 1e-14 * 40
-    assert simulation.search is None  # nobody needed neighbours
+    assert np.abs(moved - 0.5 * np.array(fall) * simulation.time**2).max() < 1e-14 * 40
+    assert simulation.search is None  # no effect needed neighbours
 
 
 def test_tait_comes_to_the_linear_law_as_compression_vanishes():

@@ -102,7 +102,7 @@ def takes_wall_share(name):
 
 @pytest.mark.parametrize("solver", SOLVERS)
 def test_a_mesh_adds_the_other_half_of_the_pressure_where_walls_push_with_one(solver, plate):
-    """P6: p_i of the solver's own pass and p_b of the mesh's; neither without the other."""
+    """Patent P6: p_i of the solver's own pass and p_b of the mesh's; neither without the other."""
     cases.discover()
     launched = make_plan(scene(effects(solver, "mesh", plate))).launches()
     takers = {name for name in launched if "fluid" in REGISTRY[name].arguments("numpy") and takes_wall_share(name)}

@@ -70,7 +70,7 @@ IDENTITIES = {
             ("temperature", "heat_capacity", "enthalpy", "melting_point", "latent_heat", "reservoir"),
         ),
     ],
-    # which particles are solid, and which of them are at a surface, is what coupling and melting ask for
+    # which particles are solid, and which of them are at a surface, is what coupling and melting need
     "shape_matching": [(LIMP, (LIQUID,), ("phase", "place", "direct"))],
     "surface_energy": [
         (SurfaceEnergy(surface_tension=0.0), (MPM,), ()),
@@ -118,7 +118,7 @@ WITHOUT = {
     "surface_detection": "marks particles and moves none; nothing is launched but where somebody looks or asks",
     "two_way_coupling": "stands in for the liquid's density and forces, and has no number",
     "melting": "turns particles liquid by their temperature, and has no number",
-    "mesh_boundary": "a solid in the liquid's way, whatever its friction and adhesion are",
+    "mesh_boundary": "a solid that displaces liquid, whatever its friction and adhesion are",
 }
 # effect with a zero, and without; the rest of the scene; what the term launches and holds
 TERMS = {

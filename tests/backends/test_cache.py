@@ -150,7 +150,7 @@ def test_sources_behind_a_kernel(tiny):
 
 
 def test_a_cache_that_cannot_be_written_does_no_harm(tiny):
-    (tiny.parent / "cache").write_text("in the way")
+    (tiny.parent / "cache").write_text("not a folder")
     assert run(tiny) == (4, 0, 0)
 
 

@@ -58,7 +58,7 @@ def scene(tmp_path, monkeypatch):
 
 
 def one_sentence(err):
-    """Exactly one sentence for people."""
+    """Exactly one sentence."""
     assert err.startswith("refsim: ")
     assert err.count("\n") == 1
     assert err.rstrip().endswith((".", "?"))
@@ -370,7 +370,7 @@ def test_plan_shows_what_the_run_allocates_and_launches(scene, capsys):
     assert kept == pytest.approx(found["bytes"]["neighbour_list"], rel=0.02)
 
 
-def test_plan_for_people(scene, capsys):
+def test_plan_as_text(scene, capsys):
     assert main(["plan", str(scene)]) == 0
     out = capsys.readouterr().out
     for words in (
@@ -503,7 +503,7 @@ def test_a_reader_that_goes_away_is_no_error():
     assert done.stderr == ""
 
 
-def test_words_for_people():
+def test_tables_and_units_as_text():
     assert table([("a", 1), ("bcd", 22)], ("x", "n"), right=(1,)) == "x     n\n---  --\na     1\nbcd  22"
     assert (in_bytes(10), in_bytes(2048), in_bytes(3 << 30)) == ("10 B", "2.0 KiB", "3.0 GiB")
     assert (in_time(1.234), in_time(125), in_time(7260)) == ("1.23 s", "2 min 05 s", "2 h 01 min")

@@ -84,7 +84,7 @@ def test_the_pages_slip_is_found_where_masses_differ(folder, compiler, capsys):
     passed = {o["trial"]: o["passed"] for o in found["outcomes"]}
     assert not passed["cloud_3d"]
     assert not passed["linear_momentum in cloud_3d"]
-    assert passed["lattice_3d"]  # of equal masses: there nobody sees it
+    assert passed["lattice_3d"]  # of equal masses: the error does not show
     assert "mass[i]" in PAGE.read_text().partition("```c\n")[2].partition("```\n\n")[2]
 
 

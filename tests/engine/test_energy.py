@@ -90,7 +90,7 @@ def drop(dtype="float32", audit=AUDIT):
 
 
 def growing(dtype="float32", audit=AUDIT):
-    """Viscosity with its printed sign (E3) pushes particles away from their neighbours' velocity."""
+    """Viscosity with its printed sign (Jiang & Zhu E3) pushes particles away from their neighbours' velocity."""
     place = lattice(shaken=0.0)
     block = Cloud(position=place, velocity=0.1 * np.random.default_rng(8).standard_normal(place.shape))
     return Scene(
@@ -158,9 +158,9 @@ PAIRS = {
 
 @pytest.mark.parametrize("name", PAIRS)
 def test_cohesion_is_the_potential_of_its_force(name):
-    """Moving a particle changes the energy by minus the force of the reference times the way."""
+    """Moving a particle changes the energy by minus the force of the reference times the displacement."""
     fluid = WeaklyCompressible(sound_speed=40.0)
-    way = 1e-6
+    shift = 1e-6
 
     def at(shift, *effects):
         place = lattice()
@@ -169,10 +169,10 @@ def test_cohesion_is_the_potential_of_its_force(name):
         found = {n: p.value for n, p in simulation.auditor.energies().items()}
         return found, simulation.field("acceleration")[100] * simulation.field("mass")[100]
 
-    ahead, behind = (at((sign * way, 0, 0), PAIRS[name])[0]["cohesion"] for sign in (1, -1))
+    ahead, behind = (at((sign * shift, 0, 0), PAIRS[name])[0]["cohesion"] for sign in (1, -1))
     plain = msgspec.structs.replace(PAIRS[name], balance_pressure=False)
     pull = at((0, 0, 0), plain)[1] - at((0, 0, 0))[1]
-    assert -(ahead - behind) / (2 * way) == pytest.approx(pull[0], rel=2e-5, abs=1e-7 * np.abs(pull).max())
+    assert -(ahead - behind) / (2 * shift) == pytest.approx(pull[0], rel=2e-5, abs=1e-7 * np.abs(pull).max())
 
 
 def test_a_pair_that_attracts_has_negative_energy():
@@ -367,7 +367,7 @@ def test_a_state_that_was_set_begins_anew():
     assert simulation.auditor.start["kinetic"] > 0.5 * simulation.field("mass").sum() * 0.9
 
 
-# What cannot be counted, and how it is asked for
+# What cannot be counted, and how an audit is requested
 
 
 REFUSED = {

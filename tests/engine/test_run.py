@@ -434,7 +434,7 @@ def test_a_damaged_checkpoint_is_passed_over_and_the_run_says_so(tmp_path, capsy
     [
         (tank(step=0.0003, viscosity=50.0, literal=("E3",)), "diverged"),
     ],
-    ids=["E3"],
+    ids=["Jiang & Zhu E3"],
 )
 def test_a_diverging_run_stops_with_its_reason(tmp_path, capsys, scene, reason):
     path = tmp_path / "bad.toml"

@@ -222,7 +222,7 @@ def test_the_plan_says_which_sums_limit_the_step():
 
 
 def test_the_lattice_conducts_as_it_should():
-    """sum_j V_j L_ij r^2/3 is 0.950 at h = 2.5 d before the calibration, 2 for Mueller's as printed (M6)."""
+    """sum_j V_j L_ij r^2/3 is 0.950 at h = 2.5 d uncalibrated, 2 for Mueller's as printed (Shao & Song M6)."""
     assert lattice_moment(0, 2.5, 1.0, 3) == pytest.approx(0.950, abs=5e-4)
     assert lattice_moment(1, 2.5, 0.05, 3) == pytest.approx(2.0, abs=1e-3)
 

@@ -362,9 +362,9 @@ for step in range({last} + 1, 10**9):
 
 
 @posix
-@pytest.mark.parametrize("room", [0, 50, 2000, 70000])
-def test_no_room_left_for_a_real_write(tmp_path, room):
-    """A process that may write files of `room` bytes only: the system itself refuses, at different places."""
+@pytest.mark.parametrize("space", [0, 50, 2000, 70000])
+def test_no_space_left_for_a_real_write(tmp_path, space):
+    """A process that may write files of `space` bytes only: the system itself refuses, at different places."""
     path = tmp_path / "run.h5"
     write_checkpoint(path, state(0), {"step": 0})
     before = path.read_bytes()
@@ -372,7 +372,7 @@ def test_no_room_left_for_a_real_write(tmp_path, room):
     writer = python(
         f"""
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-resource.setrlimit(resource.RLIMIT_FSIZE, ({room}, {room}))
+resource.setrlimit(resource.RLIMIT_FSIZE, ({space}, {space}))
 for _ in range(2):
     try:
         write_checkpoint(path, state(1, n=2000), {{"step": 1}})
@@ -409,7 +409,7 @@ def test_the_disk_refuses_at_the_end(tmp_path, monkeypatch, number, call):
     assert caught.value.reason == ("write_failed" if number == errno.EIO else "disk_full")
     assert read_checkpoint(path).attributes["step"] == 1
     assert read_checkpoint(previous_path(path)).attributes["step"] == 0
-    write_checkpoint(path, state(3), {"step": 3})  # room again: the run goes on
+    write_checkpoint(path, state(3), {"step": 3})  # space again: the run goes on
     assert read_checkpoint(path).attributes["step"] == 3
     assert sorted(tmp_path.iterdir()) == sorted([path, previous_path(path)])
 
@@ -420,12 +420,12 @@ def test_every_single_write_refused(tmp_path, monkeypatch):
     write_checkpoint(path, state(0, n=50), {"step": 0})
     before = path.read_bytes()
     real = checkpoint.write_all
-    room = 0
+    space = 0
 
     def counted(file, data):
-        nonlocal room
-        room -= 1
-        if room < 0:
+        nonlocal space
+        space -= 1
+        if space < 0:
             real(file, memoryview(data).cast("B")[: len(data) // 2])
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
         real(file, data)
@@ -433,7 +433,7 @@ def test_every_single_write_refused(tmp_path, monkeypatch):
     monkeypatch.setattr(checkpoint, "write_all", counted)
     refused = 0
     while True:
-        room = refused
+        space = refused
         try:
             write_checkpoint(path, state(1, n=50), {"step": 1})
             break

@@ -511,12 +511,12 @@ class Stop(BaseException):
 def test_a_stop_between_any_two_writes(tmp_path, monkeypatch):
     """Die before or in the first, second, ... write of an append: always the old frames or the new ones."""
     real = output.write_all
-    room = 0
+    space = 0
 
     def counted(file, data):
-        nonlocal room
-        room -= 1
-        if room < 0:
+        nonlocal space
+        space -= 1
+        if space < 0:
             real(file, memoryview(data)[: 0 if len(data) <= output.PAGE else len(data) // 2])
             raise Stop
         real(file, data)
@@ -526,17 +526,17 @@ def test_a_stop_between_any_two_writes(tmp_path, monkeypatch):
     outcomes = set()
     for allowed in range(100):
         path = tmp_path / f"run{allowed}.vtkhdf"
-        room = 10**9
+        space = 10**9
         writer = ParticleWriter(path, FIELDS)
         write_frames(writer, frames[:2])
-        room = allowed
+        space = allowed
         try:
             write_frames(writer, frames[2:3])
         except Stop:
             died = True
         else:
             died = False
-        room = 10**9
+        space = 10**9
         writer._close_files()
         with h5py.File(path) as file:
             steps = file["VTKHDF/Steps"].attrs["NSteps"]
@@ -574,14 +574,14 @@ def test_what_a_stopped_append_left_at_the_end_is_cut_off(tmp_path):
 
 
 @posix
-@pytest.mark.parametrize("room", [0, 1000, 155_000, 400_000])
-def test_no_room_left_for_a_real_frame(tmp_path, room):
-    """A process that may write files of `room` bytes only: the system itself refuses."""
+@pytest.mark.parametrize("space", [0, 1000, 155_000, 400_000])
+def test_no_space_left_for_a_real_frame(tmp_path, space):
+    """A process that may write files of `space` bytes only: the system itself refuses."""
     path = tmp_path / "run.vtkhdf"
     writer = python(
         f"""
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-resource.setrlimit(resource.RLIMIT_FSIZE, ({room}, {room}))
+resource.setrlimit(resource.RLIMIT_FSIZE, ({space}, {space}))
 refused = 0
 with ParticleWriter(path, fields) as writer:
     for step in range(10):
@@ -603,7 +603,7 @@ assert refused
     assert writer.returncode == 0, err
     assert err == ""
     whole = int(out)
-    assert (whole > 0) == (room > 100_000)
+    assert (whole > 0) == (space > 100_000)
     assert [file.name for file in tmp_path.iterdir()] == (["run.vtkhdf"] if whole else [])
     if whole:
         found = read_particles(path)
@@ -615,14 +615,14 @@ assert refused
 
 @pytest.mark.parametrize("number", [errno.ENOSPC, errno.EIO])
 def test_every_single_write_refused(tmp_path, monkeypatch, number):
-    """The disk refuses the first, second, ... write of an append; the same writer goes on when there is room."""
+    """The disk refuses the first, second, ... write of an append; the same writer goes on when there is space."""
     real = output.write_all
-    room = 0
+    space = 0
 
     def counted(file, data):
-        nonlocal room
-        room -= 1
-        if room < 0:
+        nonlocal space
+        space -= 1
+        if space < 0:
             real(file, memoryview(data)[: 0 if len(data) <= output.PAGE else len(data) // 2])
             raise OSError(number, os.strerror(number))
         real(file, data)
@@ -632,16 +632,16 @@ def test_every_single_write_refused(tmp_path, monkeypatch, number):
     for allowed in range(100):
         path = tmp_path / f"run{allowed}.vtkhdf"
         with ParticleWriter(path, FIELDS) as writer:
-            room = 10**9
+            space = 10**9
             write_frames(writer, frames[:2])
             before = path.read_bytes()
-            room = allowed
+            space = allowed
             try:
                 write_frames(writer, frames[2:3])
                 reason = None
             except RunStopped as stop:
                 reason = stop.reason
-            room = 10**9
+            space = 10**9
             found = read_particles(path)
             assert len(found) == (3 if reason is None else 2)
             assert_vtk(path, frames[: len(found)])

@@ -225,9 +225,9 @@ def test_blocks_cover_what_they_must_and_no_domain(dim):
     grid = SparseGrid(CPU, dim, "float32", 0.1)
     blocks = grid.cover(position, 3, 4)
     find = Lookup(blocks)
-    wanted = covering(position, np.float32(0.1), dim, 3, 4)
-    assert (find(wanted) >= 0).all()
-    assert nodes(blocks) < 60 * len(wanted)
+    keys = covering(position, np.float32(0.1), dim, 3, 4)
+    assert (find(keys) >= 0).all()
+    assert nodes(blocks) < 60 * len(keys)
     assert (np.diff(blocks.keys) > 0).all()
 
 
@@ -239,9 +239,9 @@ def test_steps_lead_to_the_nodes_that_they_say(dim):
     assert np.array_equal(find(node_table(blocks)), np.arange(nodes(blocks)))
     for node in random.choice(nodes(blocks), 60):
         assert node_coordinates(blocks, node) == tuple(find.coordinates[node])
-        way = random.integers(-4, 5, 3)
-        way[dim:] = 0
-        assert step_node(blocks, int(node), *map(int, way)) == find(find.coordinates[node] + way)
+        shift = random.integers(-4, 5, 3)
+        shift[dim:] = 0
+        assert step_node(blocks, int(node), *map(int, shift)) == find(find.coordinates[node] + shift)
 
 
 @pytest.mark.parametrize("dim", [2, 3])

@@ -286,7 +286,7 @@ def as_if_on_device(value):
 
 def assert_launches(kernel, values, slots):
     """The short way to launch knows the arguments and hands over as many numbers."""
-    from refsim.backends.compile import kinds_of, unfold
+    from refsim.backends.launching import kinds_of, unfold
 
     there, numbers = tuple(map(as_if_on_device, values)), []
     assert kinds_of(there) is not None, kernel.__name__

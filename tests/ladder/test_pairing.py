@@ -83,7 +83,7 @@ for operation in REGISTRY.values():
 
 
 def flying_drop(**options):
-    """A moving drop over a floor with everything switched on; a thin skin, so that lists are rebuilt on the way."""
+    """A moving drop over a floor with everything switched on; a thin skin, so that lists are rebuilt during the run."""
     return Scene(
         spacing=0.1, support_radius=0.21, skin=0.02, dim=2, name="drop",
         fluid=(Ball(center=(0.5, 0.5, 0.0), radius=0.35, velocity=(3.0, -1.0, 0.0)),),
@@ -141,7 +141,7 @@ def test_a_plain_program_passes_through():
     steps = ("T1", "T2", "T5", "T6", "T7", "T9")
     outcomes = contract.check("sph.density", own_density(lambda rho: rho), dtypes=("float64",), steps=steps)
     assert {outcome.step for outcome in outcomes} == set(steps)
-    # In a product of matrices 0 * NaN spreads: the step that asks for harm to nobody else notices.
+    # In a product of matrices 0 * NaN spreads: step T9, which forbids other changes, notices.
     assert all(outcome.passed or outcome.trial == "NaN in mass" for outcome in outcomes)
 
 

@@ -190,7 +190,7 @@ def liquid(
 
 
 def normal_term(dim, printed=0, sums="wendland_c2"):
-    """J(20): delta0; E10: the printed volume m_j/rho_i."""
+    """J(20): delta0; Jiang & Zhu E10: the printed volume m_j/rho_i."""
     return {"normal_term": {"rest_number_density": rest_number_density(dim, sums), "own_density": printed}}
 
 
@@ -217,7 +217,7 @@ def film_variance(dim):
 def detection(
     dim, share=0.98, sparse=0.9, asymmetry=0.25, radius=H / 2, smallest=1e-12, e5=0, e10=0, sums="wendland_c2"
 ):
-    """J(12) delta_i <= lambda delta0; the asymmetry as a share of that on a plane; J(13) with s = h/2 (E6)."""
+    """J(12) delta_i <= lambda delta0; the asymmetry over that on a plane; J(13) with s = h/2 (Jiang & Zhu E6)."""
     delta0 = rest_number_density(dim, sums)
     return normal_term(dim, e10, sums) | {
         "near_surface_limit": {"number_density": share * delta0, "asymmetry": math.inf},
@@ -234,7 +234,7 @@ def jiang_zhu_shape(r, dim, alpha, beta=0.9):
 
 
 def jiang_zhu(dim, gamma=None, alpha=None, sign=1, mode=1, area=None, soft=(0.3, 1.0), **scan):
-    """J(16) with gamma from sigma, J(17) with alpha = 0.6 (0.75 in the plane, E7) and beta = 0.9, J(18), J(21)."""
+    """J(16) with gamma from sigma, J(17) with alpha = 0.6 (0.75 in 2D, Jiang & Zhu E7) and beta = 0.9, J(18), J(21)."""
     alpha = alpha or {2: 0.75, 3: 0.6}[dim]
     gamma = gamma or SIGMA / sharp_tension(lambda r: jiang_zhu_shape(r, dim, alpha), dim)
     at_zero = kernel("poly6", 0.0, dim), kernel("poly6", 0.0, dim, 0.8 * H)
@@ -398,7 +398,7 @@ def implicit(dim, relaxation=0.25, tolerance=1e-3, least=2, most=100):
 
 
 def coupling(dim, exponent=1, m2=0, m3=0, m4=0, weighted=0):
-    """Shao & Song 2017, (1) to (3): V_min = 1/sum_j W_ij in the bulk, Tait's B/rho0 = c^2/g; M2 to M4 as printed."""
+    """Shao & Song 2017, (1) to (3), M2 to M4 as printed: V_min = 1/sum_j W_ij in the bulk, Tait's B/rho0 = c^2/g."""
     return {
         "viscosity": {"coefficient": MU},
         "coupling": {
@@ -409,7 +409,7 @@ def coupling(dim, exponent=1, m2=0, m3=0, m4=0, weighted=0):
 
 
 def heat_weight(name, q, dim, h=H):
-    """L_ij of Shao & Song's (4) [1/m^(dim+2)]: -W'/r of spiky, Mueller's Laplacian or that of poly6 (M5)."""
+    """L_ij of Shao & Song's (4) [1/m^(dim+2)]: -W'/r of spiky, Laplacian of Mueller or poly6 (Shao & Song M5)."""
     r = np.asarray(q, dtype=float) * h
     if name == "spiky":
         return -slope("spiky", r, dim, h) / r
@@ -420,7 +420,7 @@ def heat_weight(name, q, dim, h=H):
 
 
 def heat(dim, name="spiky", number=0, profile=None, factor=None, planned=None, largest=10.0, **changes):
-    """Shao & Song's (4), whose L_ij is made consistent: sum_j V_j L_ij r^2/dim = 1 on the lattice (M6)."""
+    """Shao & Song's (4), whose L_ij is made consistent: sum_j V_j L_ij r^2/dim = 1 on the lattice (Shao & Song M6)."""
     r = lengths(offsets(dim)[1:])
     r = r[r < H * (1 - 1e-12)]
     weight = D**dim * heat_weight(name, r / H, dim)
@@ -594,7 +594,7 @@ def encloses(side):
 
 
 def mesh(gravity=(0.0, 0.0, 0.0), swept=1, printed=0, everywhere=0, pulls=True):
-    """Patent CN104318598A, P6 (friction, pressure led on by gravity) and P8; the band beside the surface."""
+    """Patent CN104318598A: patent P6 (friction, pressure extrapolated by gravity) and P8; the band at the surface."""
     h = 0.06
     return {
         "wall_gravity": dict(zip("xyz", gravity)) if pulls else None,
@@ -713,7 +713,7 @@ SETUPS = {
     "cubic spline": (lambda dim: (water(kernels="cubic_spline"),), lambda dim: liquid(dim, "cubic_spline")),
     "printed liquid": (
         lambda dim: (water(literal=("all",)),),
-        lambda dim: liquid(dim, gradient=0.5, viscosity=-MU),  # E24, E3
+        lambda dim: liquid(dim, gradient=0.5, viscosity=-MU),  # Jiang & Zhu E24, E3
     ),
     "central viscosity": (  # zeta = 5 eta/3 of Espanol & Revenga 2003 in 3D: (dim + 2) mu along the line of centres
         lambda dim: (water(viscosity="central"),),
@@ -872,12 +872,12 @@ SETUPS = {
         lambda dim: coupling(dim, 7, 1, 1, 1, 1),
         (3,),
     ),
-    "two-way, M2": (
+    "two-way, Shao & Song M2": (
         lambda dim: (TwoWayCoupling(literal=("M2",)), WATER, ShapeMatching()),
         lambda dim: coupling(dim, m2=1),
         (3,),
     ),
-    "two-way, M3": (
+    "two-way, Shao & Song M3": (
         lambda dim: (TwoWayCoupling(literal=("M3",)), WATER, ShapeMatching()),
         lambda dim: coupling(dim, m3=1),
         (3,),
@@ -908,7 +908,7 @@ SETUPS = {
         lambda dim: (HeatConduction(temperature=1.0, scheme="explicit", literal=("M5", "M8", "M9", "M11")),),
         lambda dim: heat(dim, "poly6", 2, 0.75 - 0.5625 * dim, 0.5, 0, sweep_share=1.0, unit_capacity=1, frozen=1),
     ),
-    "heat, M6": (
+    "heat, Shao & Song M6": (
         lambda dim: (HeatConduction(temperature=1.0, scheme="one_sided", laplacian="mueller", literal=("M6",)),),
         lambda dim: heat(dim, "mueller", 1, 0.5, 1.0, 0),
     ),
@@ -954,7 +954,7 @@ SETUPS = {
         ),
         lambda dim: material_points(dim, 2.0, 1, 1, 1, 1, True) | {"field": [0.1, -9.0, 0.0]},
     ),
-    "material points, M7": (
+    "material points, thesis M7": (
         lambda dim: (liquid_of_points(dim, literal=("M7",)),),
         lambda dim: material_points(dim, 0.0),
     ),
@@ -1088,7 +1088,7 @@ def test_single_precision_rounds_what_double_precision_takes(name, dim):
 
 @pytest.mark.parametrize("dim", [2, 3])
 def test_the_surface_of_material_points(dim):
-    """Thesis, chapter 3: r = sqrt(dim) h, epsilon, omega, delta; lengths in cells. M1, M14 and M31 as printed."""
+    """Thesis, chapter 3: r = sqrt(dim) h, epsilon, omega, delta; lengths in cells. Thesis M1, M14, M31 as printed."""
     h = CELLS[dim]
     given = {"surface_tension": SIGMA, "offset": 0.4, "relaxation": 1.3, "iterations": 7, "inset": 0.2}
     expected = {

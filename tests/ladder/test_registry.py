@@ -1,4 +1,4 @@
-"""The house's rules, read from the sources: nothing that computes is outside the registry, every form is there."""
+"""The rules of the registry, read from the sources: no kernel outside it, every program of an operation present."""
 
 import ast
 import pathlib
@@ -29,7 +29,7 @@ def functions(path):
 
 
 def decorated(node, *names):
-    """Whether a function bears one of the decorators, with or without arguments."""
+    """Whether a function has one of the decorators, with or without arguments."""
     if not isinstance(node, ast.FunctionDef):
         return False
     plain = [d.func if isinstance(d, ast.Call) else d for d in node.decorator_list]

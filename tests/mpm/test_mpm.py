@@ -312,16 +312,16 @@ def test_contact_angle_of_180_is_no_contact():
 def test_walls_at_90_degrees_are_planes_of_symmetry(dim, cut):
     """A half or a quarter of a drop on walls moves as it does in the whole drop, as exactly as that keeps its symmetry:
     to round-off in the plane; in space facets of the two halves differ in the diagonals of their polygons, by a few
-    per cent of the way in 12 steps, so that a tenth of it is allowed and the part is held to the whole's own error."""
+    per cent of the displacement in 12 steps, so a tenth of it is allowed; the bound is the whole's own error."""
     sides = {"xyz".index(axis): 1 if sign == "-" else -1 for sign, axis in zip(cut[::2], cut[1::2], strict=True)}
     whole = ellipsoid(4.0 if dim == 2 else 3.1, dim, stretch=0.2, seed=2)  # within reach of its images
     for axis, side in sides.items():
         whole = whole[side * whole[:, axis] > 0]
     count = len(whole)
-    room = [np.full(3, -9.0), np.full(3, 9.0)]
+    bounds = [np.full(3, -9.0), np.full(3, 9.0)]
     for axis, side in sides.items():
-        room[0 if side == 1 else 1][axis] = 0.0
-    walls = {"lower": tuple(room[0]), "upper": tuple(room[1]), "rule": "slip"}
+        bounds[0 if side == 1 else 1][axis] = 0.0
+    walls = {"lower": tuple(bounds[0]), "upper": tuple(bounds[1]), "rule": "slip"}
     part = Simulation(drop_scene(whole, dim, tension={"contact_angle": 90.0}, walls=walls), "cpu")
     for axis in sides:
         image = whole.copy()
@@ -412,7 +412,7 @@ def test_printed_readings_change_the_run(erratum):
 
 @pytest.mark.parametrize("surface", [None, 180.0, 60.0])
 def test_velocity_of_before_the_update_knows_no_force(surface):
-    """M7: (4.12) to (4.14) with v^n, which is (mv)^n/m^n of (4.11): a thrown block flies straight on, at whatever
+    """Thesis M7: (4.12) to (4.14) with v^n, which is (mv)^n/m^n of (4.11): a thrown block moves straight on, at any
     pressure, tension, gravity, viscosity and wall, and no volume changes."""
     liquid = MpmLiquid(bulk_modulus=1e5, initial_ratio=0.9, dynamic_viscosity=20.0, literal=("M7",))
     pull = Gravity(acceleration=(0.0, -9.81, 0.0))
@@ -420,11 +420,11 @@ def test_velocity_of_before_the_update_knows_no_force(surface):
     if surface is not None:
         effects.append(SurfaceEnergy(surface_tension=50.0, contact_angle=surface))
     run = Simulation(scene(*effects, dim=2, velocity=(3.0, -2.0, 0.0), step=1e-3))
-    start, way = run.field("position"), 0.0
+    start, moved = run.field("position"), 0.0
     for _ in range(150):
-        way += run.step().length
-    assert abs(run.field("position") - start - way * np.array([3.0, -2.0, 0.0])).max() < 1e-12
-    assert start[:, 0].max() + 3.0 * way > 0.9  # it is in the wall
+        moved += run.step().length
+    assert abs(run.field("position") - start - moved * np.array([3.0, -2.0, 0.0])).max() < 1e-12
+    assert start[:, 0].max() + 3.0 * moved > 0.9  # it is in the wall
     assert abs(run.field("volume_ratio") - 0.9).max() < 1e-12
 
 

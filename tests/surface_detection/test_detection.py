@@ -209,7 +209,7 @@ def test_the_full_radius_sees_across_a_gap_that_the_half_one_misses():
 
 
 def test_the_printed_cone_finds_no_surface():
-    """E5: with "<" the second line is the outside of the cone, where the liquid lies."""
+    """Jiang & Zhu E5: with "<" the second line is the outside of the cone, where the liquid lies."""
     assert surface(disc()).any()
     assert not surface(disc(), literal=("E5",)).any()
     assert not surface(disc(), literal=("all",)).any()
@@ -285,8 +285,8 @@ def test_a_film_on_a_wall_is_surface_and_one_between_two_walls_is_not(dim, norma
     film = lattice(Box(cells=(side, 1, 1 if dim == 2 else side)), dim)
     inner = (np.abs(film - film.mean(0)) < side / 2 - 3).all(1)
     for faces, found in ((("+y",), True), ((), False)):
-        room = BoxWalls(lower=(0.0, 0.0, 0.0), upper=(side, 1.0, side), open_faces=faces)
-        flags = surface(film, dim=dim, walls=(room,), method="fan_scan", scan_normal=normal, **THIN)
+        walls = BoxWalls(lower=(0.0, 0.0, 0.0), upper=(side, 1.0, side), open_faces=faces)
+        flags = surface(film, dim=dim, walls=(walls,), method="fan_scan", scan_normal=normal, **THIN)
         assert (flags[inner] == found).all()
     assert inner.any()
 
@@ -298,10 +298,10 @@ def test_the_limit_is_that_of_two_lattice_layers(dim, ratio):
     grid = Discretisation(dim, "float64", 0.5, 0.5 * ratio, 0)
     film = lattice(Box(cells=(11, 2, 1) if dim == 2 else (11, 2, 11)), dim) * 0.5
     middle = film.mean(0) - [0, 0.25, 0]
-    way = np.linalg.norm(film - middle, axis=1)
-    assert way.min() < 1e-9
-    near = way < 0.5 * ratio
-    spread = np.cov(film[near, :dim].T, aweights=1 - (way[near] / (0.5 * ratio)) ** 2, ddof=0)
+    distance = np.linalg.norm(film - middle, axis=1)
+    assert distance.min() < 1e-9
+    near = distance < 0.5 * ratio
+    spread = np.cov(film[near, :dim].T, aweights=1 - (distance[near] / (0.5 * ratio)) ** 2, ddof=0)
     least = np.linalg.eigvalsh(spread)[0]
     assert two_layer_variance(grid) == pytest.approx(least, rel=1e-12)
     assert least <= 0.25 * 0.5**2
@@ -396,12 +396,12 @@ def test_normals_of_a_disc_point_inward(kind):
     scan = {"surface_normal": "color", "corrected_normal": "corrected"}[kind]
     simulation = detect(disc(), method="fan_scan", scan_normal=scan)
     position, normal = simulation.field("position") - CENTER, simulation.field(kind)
-    way = np.linalg.norm(position, axis=1)
-    ring = way > way.max() - 0.8
+    radius = np.linalg.norm(position, axis=1)
+    ring = radius > radius.max() - 0.8
     length = np.linalg.norm(normal, axis=1)
-    inward = -(position * normal).sum(1) / (way * np.maximum(length, 1e-12))
+    inward = -(position * normal).sum(1) / (radius * np.maximum(length, 1e-12))
     assert inward[ring].min() > math.sqrt(0.5)  # within 45 degrees, on a staircase too
-    assert length[way < 4].max() < 1e-9 * length[ring].min()
+    assert length[radius < 4].max() < 1e-9 * length[ring].min()
 
 
 @pytest.mark.parametrize("operation", ["surface_normal.color_gradient", "surface_normal.corrected"])

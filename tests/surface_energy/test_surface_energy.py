@@ -86,7 +86,7 @@ def test_surface_of_a_cloud_is_closed(radii):
 
 @pytest.mark.parametrize("dim", [2, 3])
 def test_vertices_stand_on_the_union_of_spheres(dim):
-    """Each is r away from a particle; only a sphere that contains neither end of an edge may cover it (M33)."""
+    """Each is r away from a particle; only a sphere that contains neither end of an edge may cover it (thesis M33)."""
     place = ball(4, dim=dim)
     _, surface = reconstructed(place, dim)
     distance = np.linalg.norm(surface.mesh.vertices[:, None] / H - place[None], axis=-1).min(1)
@@ -122,7 +122,7 @@ def test_poisson_disk_samples_keep_their_distance_and_leave_no_gap(dim):
     place = surface.samples.position / H
     distance = np.linalg.norm(place[:, None] - place[None], axis=-1) + 9 * np.eye(len(place))
     assert distance.min() >= 0.5
-    assert distance.min(1).max() < 1.1  # in a wider gap another disk would have found room
+    assert distance.min(1).max() < 1.1  # a wider gap would hold another disk
     _, exact = reconstructed(ball(5, dim=dim), dim, inset=None)
     assert surface.samples.area.sum() == pytest.approx(exact.samples.area.sum(), rel=1e-5)
     assert np.ptp(surface.samples.area) == 0
@@ -152,9 +152,9 @@ def test_same_particles_give_the_same_bits_in_any_order_on_any_threads(dim, dtyp
 
 def test_shift_by_whole_cells_shifts_the_surface():
     place = np.round(ball(4) * 64) / 64
-    way = np.array([5.0, -3.0, 8.0])
+    shift = np.array([5.0, -3.0, 8.0])
     _, here = reconstructed(place)
-    _, there = reconstructed(place + way)
+    _, there = reconstructed(place + shift)
 
     def ordered(surface):
         at = np.round(surface.samples.position / H, 6)
@@ -162,7 +162,7 @@ def test_shift_by_whole_cells_shifts_the_surface():
         return at[order], surface.samples.area[order], surface.samples.normal[order]
 
     first, second = ordered(here), ordered(there)
-    assert np.abs(second[0] - way - first[0]).max() < 1e-5
+    assert np.abs(second[0] - shift - first[0]).max() < 1e-5
     assert np.abs(second[1] - first[1]).max() < 1e-12
     assert np.abs(second[2] - first[2]).max() < 1e-9
 
@@ -172,8 +172,8 @@ def test_shift_by_whole_cells_shifts_the_surface():
 
 def fit_matrix(made, surface):
     """(B, dense, on its active columns; b; points [m]; active nodes) of a surface's fit."""
-    way = made.term.offset * made.term.cell_size * surface.offset_direction
-    points = np.vstack([surface.sample_place, surface.sample_place + way])
+    offset = made.term.offset * made.term.cell_size * surface.offset_direction
+    points = np.vstack([surface.sample_place, surface.sample_place + offset])
     row, node, weight = reference._matrix(points, surface.blocks, made.term)
     active, column = np.unique(node[weight > 0], return_inverse=True)
     matrix = np.zeros((len(points), len(active)))
@@ -183,7 +183,7 @@ def fit_matrix(made, surface):
 
 @pytest.mark.parametrize("dim", [2, 3])
 def test_spectrum_of_the_fit_lies_between_zero_and_one(dim):
-    """Lambda B^T B is stochastic: its greatest eigenvalue is one, so that the fit converges for 0 < omega < 2 (M15)."""
+    """Lambda B^T B is stochastic: its largest eigenvalue is 1, so the fit converges for 0 < omega < 2 (thesis M15)."""
     matrix, _, _, _ = fit_matrix(*reconstructed(ball(4 if dim == 2 else 2, dim=dim), dim, inset=None))
     root = np.sqrt(1 / matrix.sum(0))
     values = np.linalg.eigvalsh(root[:, None] * (matrix.T @ matrix) * root[None])
@@ -270,7 +270,7 @@ def test_components_too_small_bear_no_tension():
 
 
 @pytest.mark.parametrize(
-    ("name", "place", "dim", "wanted"),
+    ("name", "place", "dim", "expected"),
     [
         ("filament", 0.5 * np.arange(20)[:, None] * np.array([2, 3, 6]) / 7, 3, {1}),
         ("two by two filament", None, 3, {3}),
@@ -280,12 +280,12 @@ def test_components_too_small_bear_no_tension():
         ("alone", np.array([[0.0, 0, 0], [3.0, 0, 0]]), 3, {0}),
     ],
 )
-def test_filaments_and_films_are_told_from_bulk(name, place, dim, wanted):
+def test_filaments_and_films_are_told_from_bulk(name, place, dim, expected):
     lattices = {"two by two filament": (20, 2, 2), "film": (8, 8, 1), "two rows": (20, 2, 1)}
     if place is None:
         place = 0.5 * np.stack(np.meshgrid(*map(np.arange, lattices[name]), indexing="ij"), axis=-1).reshape(-1, 3)
     made = Reconstruction(CPU, dim, "float64", H, Tension(surface_tension=2.0))
-    assert set(made.extents(H * (place + 0.1 * np.array([1.0, 1.0, dim == 3])))) == wanted
+    assert set(made.extents(H * (place + 0.1 * np.array([1.0, 1.0, dim == 3])))) == expected
 
 
 @pytest.mark.parametrize("dim", [2, 3])

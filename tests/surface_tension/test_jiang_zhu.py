@@ -224,7 +224,7 @@ def test_momentum_of_the_pair_modes(mode, area_term):
     if area_term == "none":
         assert angular < 10 * round_off
     else:
-        assert angular > 1e6 * round_off  # E12
+        assert angular > 1e6 * round_off  # Jiang & Zhu E12
 
 
 # Pairing: the CPU kernels against the all-pairs oracle

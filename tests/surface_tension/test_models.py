@@ -388,7 +388,7 @@ def cloud(count=60, seed=3):
 
 
 def test_printed_correction_loses_momentum():
-    """E21: V_j = m_j/rho_j makes a pair's two forces as different as the densities; the mean density mends it."""
+    """Dong E21: V_j = m_j/rho_j makes a pair's two forces as different as the densities; the mean density mends it."""
     position, density, normal = cloud()
     mass = np.full(len(density), 0.03)
     kernel = smoothing("wendland_c2", 1.0, 3)

@@ -51,6 +51,6 @@ def test_pictures_have_their_data(small, tmp_path):
     curves = pictures.curve_data({})["force_over_sigma_d"]
     assert set(curves) == set(pictures.CURVES)
     becker = curves["Becker & Teschner 2007"]
-    assert (becker <= 0).all()  # no repulsion, whatever is said of it (E15)
+    assert (becker <= 0).all()  # no repulsion, whatever is said of it (Jiang & Zhu E15)
     assert all((curves[name][0] > 0) for name in curves if name != "Becker & Teschner 2007")
     assert write_data(CASE.pictures[0], {}, tmp_path).exists()

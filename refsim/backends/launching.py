@@ -1,0 +1,102 @@
+"""Direct launches of compiled CUDA kernels, without Numba's search for the types of the arguments.
+
+That search takes about 0.1 ms a launch, more than most kernels of a surface reconstruction run. A direct launch needs
+private names of numba-cuda, which only `private_kernel` uses; if they are missing, kernels are launched through the
+public call `dispatcher[blocks, threads, stream](*arguments)`.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import warnings
+from typing import Any
+
+import numpy as np
+
+from refsim.backends.runtime import stream
+
+SCALARS = {
+    bool: bool, int: ctypes.c_int64, float: ctypes.c_double, np.uint8: ctypes.c_uint8, np.int32: ctypes.c_int32,
+    np.int64: ctypes.c_int64, np.float32: ctypes.c_float, np.float64: ctypes.c_double,
+}  # fmt: skip
+_notes: list[str] = []  # why launches are not direct; empty while they are
+
+
+def private_kernel(dispatcher: Any, arguments: tuple) -> tuple[Any, Any]:
+    """The kernel that a dispatcher has compiled for these arguments and the stream, both as `cuda.core` takes them.
+
+    The only function that uses private names of numba-cuda (`_codelibrary`, `_to_core_stream`).
+    """
+    from numba.cuda.cudadrv import driver
+    from numba.cuda.typing.typeof import Purpose, typeof
+
+    types = tuple(typeof(argument, Purpose.argument) for argument in arguments)
+    return dispatcher.overloads[types]._codelibrary.get_cufunc().kernel, driver._to_core_stream(stream())
+
+
+class Launch:
+    """A compiled CUDA kernel for arguments of certain kinds (see `kinds_of`), launched directly."""
+
+    def __init__(self, dispatcher: Any, arguments: tuple) -> None:
+        from cuda.core import LaunchConfig, launch
+
+        self.kernel, self.stream = private_kernel(dispatcher, arguments)
+        self.launch, self.config = launch, LaunchConfig
+
+    def __call__(self, blocks: int, threads: int, arguments: tuple) -> None:
+        values: list[Any] = []
+        unfold(arguments, values)
+        self.launch(self.stream, self.config(grid=(blocks, 1, 1), block=(threads, 1, 1)), self.kernel, *values)
+
+
+def direct_launch(dispatcher: Any, arguments: tuple) -> Launch | None:
+    """A direct launch of a kernel compiled for these arguments; None, with one warning, if it is impossible."""
+    try:
+        return Launch(dispatcher, arguments)
+    except (AttributeError, ImportError, KeyError, TypeError) as error:
+        if not _notes:
+            _notes.append(
+                "CUDA kernels are launched through Numba's public call, about 0.1 ms slower each, because this version"
+                f" of numba-cuda lacks what a direct launch needs ({type(error).__name__}: {error})."
+            )
+            warnings.warn(_notes[0], stacklevel=3)
+        return None
+
+
+def launch_note() -> str | None:
+    """Why kernels were not launched directly in this process; None if they were, or if none has been launched."""
+    return _notes[0] if _notes else None
+
+
+def kinds_of(values: tuple) -> tuple | None:
+    """What a compiled kernel depends on in its arguments; None if `unfold` does not know the type of one of them."""
+    kinds: list[Any] = [type(values)]
+    for value in values:
+        sort = type(value)
+        if value is None or sort in SCALARS:
+            kinds.append(sort)
+        elif isinstance(value, tuple):
+            inner = kinds_of(value)
+            if inner is None:
+                return None
+            kinds.append(inner)
+        elif hasattr(value, "copy_to_host") and value.is_c_contiguous():
+            kinds.append((value.dtype.num, value.ndim))
+        else:
+            return None
+    return tuple(kinds)
+
+
+def unfold(arguments: tuple, values: list[Any]) -> None:
+    """Append the numbers that a kernel takes for its arguments; seven and more for an array."""
+    for value in arguments:
+        sort = type(value)
+        if value is None:
+            values.append(0)
+        elif sort in SCALARS:
+            values.append(SCALARS[sort](value))
+        elif isinstance(value, tuple):
+            unfold(value, values)
+        else:
+            place = value.device_ctypes_pointer.value or 0
+            values.extend((0, 0, value.size, value.dtype.itemsize, place, *value.shape, *value.strides))

@@ -1,0 +1,129 @@
+"""CUDA kernels are launched directly while numba-cuda has the private names for it, and publicly without them.
+
+No GPU is needed: the dispatcher, the driver's stream and `cuda.core` are replaced by objects that record the calls.
+"""
+
+import sys
+import types
+import warnings
+
+import numpy as np
+import pytest
+
+from refsim.backends import compile as compiler
+from refsim.backends import launching
+from refsim.backends.runtime import simulated
+from refsim.commands import doctor
+
+
+class FakeArray:
+    """What a launch reads of a device array of 4 numbers in float32."""
+
+    dtype, ndim, shape, strides, size = np.dtype("float32"), 1, (4,), (4,), 4
+    device_ctypes_pointer = types.SimpleNamespace(value=4096)
+
+    def copy_to_host(self):
+        raise AssertionError
+
+    def is_c_contiguous(self):
+        return True
+
+
+class FakeDispatcher:
+    """Compiles at the first public launch, as Numba's does."""
+
+    def __init__(self, calls):
+        function = types.SimpleNamespace(kernel="compiled")
+        library = types.SimpleNamespace(get_cufunc=lambda: function)
+        self.calls, self.overloads, self.compiled = calls, {}, types.SimpleNamespace(_codelibrary=library)
+
+    def __getitem__(self, where):
+        def launch(*arguments):
+            self.overloads[tuple(map(type, arguments))] = self.compiled
+            self.calls.append(("public", where, arguments))
+
+        return launch
+
+
+def scale(factor, out):
+    """A kernel of two arguments; it never runs."""
+
+
+@pytest.fixture
+def kernel(monkeypatch):
+    """A kernel on fakes; `kernel.calls` has what was launched."""
+    from numba.cuda.cudadrv import driver
+
+    calls = []
+    core, typing = types.ModuleType("cuda.core"), types.ModuleType("numba.cuda.typing.typeof")
+    core.LaunchConfig = lambda grid, block: (grid, block)
+    core.launch = lambda stream, config, kernel, *values: calls.append((kernel, stream, config, values))
+    typing.Purpose, typing.typeof = types.SimpleNamespace(argument=1), lambda value, purpose: type(value)
+    monkeypatch.setitem(sys.modules, "cuda.core", core)
+    monkeypatch.setitem(sys.modules, "numba.cuda.typing.typeof", typing)
+    monkeypatch.setattr(driver, "_to_core_stream", lambda stream: f"core {stream}", raising=False)
+    monkeypatch.setattr(launching, "stream", lambda: "stream")
+    monkeypatch.setattr(compiler, "stream", lambda: "stream")
+    monkeypatch.setattr(launching, "_notes", [])
+    made = compiler.cuda_kernel(scale)
+    made.dispatcher, made.launches, made.calls = FakeDispatcher(calls), {}, calls
+    return made
+
+
+def numbers(values):
+    return [getattr(value, "value", value) for value in values]
+
+
+def test_a_compiled_kernel_is_launched_directly(kernel):
+    array = FakeArray()
+    for _ in range(2):
+        kernel(np.float32(2.5), array)
+    first, second = kernel.calls
+    assert first == ("public", (1, kernel.threads, "stream"), (np.float32(2.5), array))
+    assert second[:3] == ("compiled", "core stream", ((1, 1, 1), (kernel.threads, 1, 1)))
+    assert numbers(second[3]) == [2.5, 0, 0, 4, 4, 4096, 4, 4]
+    assert launching.launch_note() is None
+
+
+def remove_stream(monkeypatch, kernel):
+    from numba.cuda.cudadrv import driver
+
+    monkeypatch.delattr(driver, "_to_core_stream")
+
+
+def remove_library(monkeypatch, kernel):
+    del kernel.dispatcher.compiled._codelibrary
+
+
+def remove_types(monkeypatch, kernel):
+    monkeypatch.setitem(sys.modules, "numba.cuda.typing.typeof", None)
+
+
+def remove_core(monkeypatch, kernel):
+    monkeypatch.setitem(sys.modules, "cuda.core", None)
+
+
+@pytest.mark.parametrize("remove", [remove_stream, remove_library, remove_types, remove_core])
+def test_without_the_private_names_the_public_launch_is_taken_and_said_once(kernel, monkeypatch, remove):
+    remove(monkeypatch, kernel)
+    array = FakeArray()
+    with pytest.warns(UserWarning, match="launched through Numba's public call"):
+        kernel(np.float32(2.5), array)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        kernel(np.float32(3.5), array)
+        assert launching.direct_launch(kernel.dispatcher, (np.float32(1), array)) is None  # another kernel
+    where = (1, kernel.threads, "stream")
+    assert kernel.calls == [("public", where, (np.float32(x), array)) for x in (2.5, 3.5)]
+    assert "lacks what a direct launch needs" in launching.launch_note()
+
+
+def test_doctor_says_why_launches_are_slower(monkeypatch):
+    monkeypatch.setattr(doctor, "launch_note", lambda: "Kernels are launched slowly.")
+    found = doctor.execute(None)
+    assert found.data["launch_note"] == "Kernels are launched slowly."
+    assert "Kernels are launched slowly." in found.text
+
+
+def test_the_simulator_launches_publicly():
+    assert (compiler.cuda_kernel(scale).launches is None) == simulated()
