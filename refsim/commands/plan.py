@@ -13,8 +13,7 @@ from refsim.core.effect import Extremes
 from refsim.core.errors import InputError
 from refsim.core.fields import BASE
 from refsim.core.operation import BACKENDS, PROCEDURES, REGISTRY
-from refsim.engine.simulation import step_limits
-from refsim.engine.stepping import stable_steps
+from refsim.engine.stepping import stable_steps, step_limits
 from refsim.scene.accounts import accounts
 from refsim.scene.files import load_scene
 from refsim.scene.scene import Plan
