@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from refsim.commands import Command, Outcome, in_bytes, planned, register, table
+from refsim.core.capabilities import BringsWalls, HoldsOtherMemory, having
 from refsim.core.effect import Extremes
 from refsim.core.errors import InputError
 from refsim.core.fields import BASE
@@ -17,6 +18,7 @@ from refsim.engine.stepping import stable_steps, step_limits
 from refsim.scene.accounts import accounts
 from refsim.scene.files import load_scene
 from refsim.scene.scene import Plan
+from refsim.sph import gravity_of
 
 WALL_PLACES = 4  # places per particle that the list of walls begins with; it grows where they are too few
 PLACES = 48  # the same for the list of neighbours, on the CPU
@@ -85,7 +87,7 @@ def describe_plan(plan: Plan, backend: str) -> dict[str, Any]:
             "neighbour_list": neighbours["bytes"] if neighbours else 0,
             "total": bytes_fields + bytes_own + bytes_walls + (neighbours["bytes"] if neighbours else 0),
         },
-        "not_counted": [held for effect in plan.effects.values() if (held := effect.beside_fields())],
+        "not_counted": [held for effect in having(plan.effects, HoldsOtherMemory) if (held := effect.other_memory())],
         "step": steps,
         "end_time": scene.end_time,
         "energy_audit": _energy_audit(plan),
@@ -127,7 +129,7 @@ def _brings(plan: Plan, name: str, steps: dict[str, Any]) -> dict[str, Any]:
     base = {f.name for f in BASE}
     extremes = Extremes(steps["speed"], steps["acceleration"])
     limits = {k: limit.at(extremes) for k, limit in effect.step_limits(plan.grid, plan.effects).items()}
-    walls = effect.walls(plan.grid, plan.effects)
+    walls = effect.walls(plan.grid, plan.effects) if isinstance(effect, BringsWalls) else None
     return {
         "fields": [f.name for f in effect.fields(plan.effects) if f.name not in base],
         "passes": [p.operation for p in effect.passes(plan.effects) if p.operation in plan.launches(True)],
@@ -173,7 +175,7 @@ def _list_bytes(plan: Plan, backend: str, each: int) -> int:
 def _first_step(plan: Plan) -> dict[str, Any]:
     """Limits at the start: from the speeds given and from gravity, before any force has been computed."""
     speed = float(np.sqrt((plan.state.velocity**2).sum(1).max(initial=0.0)))
-    gravity = plan.effects.get("gravity")
+    gravity = gravity_of(plan.effects)
     force = math.hypot(*gravity.acceleration) if gravity is not None else 0.0
     limits = stable_steps(step_limits(plan), Extremes(speed, force))
     limiter = min(limits, key=lambda name: limits[name])

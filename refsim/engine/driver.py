@@ -19,6 +19,7 @@ from typing import Any
 
 import numpy as np
 
+from refsim.core.capabilities import KeepsLedger, having
 from refsim.core.errors import InputError, RunStopped
 from refsim.core.plain import plain
 from refsim.core.versions import versions
@@ -27,6 +28,7 @@ from refsim.engine.simulation import Simulation
 from refsim.io.checkpoint import cannot_write, previous_path, replace_file
 from refsim.io.frames import ParticleWriter
 from refsim.scene.scene import Plan, Scene
+from refsim.sph import gravity_of
 
 PARTICLES, CHECKPOINT, REPORT = "particles.vtkhdf", "checkpoint.h5", "report.json"
 ONE_BY_ONE = (
@@ -156,10 +158,10 @@ def stock(simulation: Simulation | Plan) -> dict[str, Any]:
         "greatest_speed": float(np.sqrt((v**2).sum(1).max(initial=0.0))),
         "outside_walls": outside,
     }
-    gravity = plan.effects.get("gravity")
+    gravity = gravity_of(plan.effects)
     if gravity is not None:
         result["potential_energy"] = float(-(m * (x @ np.array(gravity.acceleration))).sum())
-    accounts = {name: effect.ledger(field) for name, effect in plan.effects.items()}
+    accounts = {effect.name: effect.ledger(field) for effect in having(plan.effects, KeepsLedger)}
     if any(accounts.values()):
         result["effects"] = {name: account for name, account in accounts.items() if account}
     return result

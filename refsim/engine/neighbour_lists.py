@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from refsim.core.capabilities import CorrectsPositions, having
 from refsim.core.errors import RunStopped
 from refsim.core.walls import WallParticles, with_list
 from refsim.engine.list_policy import ListPolicy
@@ -29,7 +30,8 @@ class NeighbourLists:
         if plan.list_radius > 0 and run.backend.name != "numpy":
             self.search = NeighbourSearch(run.backend, grid.dim, grid.dtype, plan.list_radius, plan.scene.skin)
         self.policy = ListPolicy(plan, self.search)
-        self.auditable = all(effect.moves_straight() for effect in plan.effects.values())
+        correctors = having(plan.effects, CorrectsPositions)
+        self.auditable = not any(effect.corrects_positions() for effect in correctors)
         self.velocities_set = False
         self._lists: tuple[Any, Any] | None = None
         self._static: Any = None

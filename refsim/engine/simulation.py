@@ -17,6 +17,7 @@ import numpy as np
 
 from refsim.backends import arrays as backends
 from refsim.backends.scratch import Scratch
+from refsim.core.capabilities import FollowsSettings, LimitsSpeed, Watches, having
 from refsim.core.effect import Effect, Extremes, Pass
 from refsim.core.errors import InputError, RunStopped
 from refsim.engine.audit import Auditor
@@ -71,7 +72,9 @@ class Simulation:
         self.first_length: float | None = None
         self.last: StepResult | None = None
         self.limits = step_limits(self.plan)
-        self.greatest_speed = min((e.greatest_speed(grid) for e in self.plan.effects.values()), default=math.inf)
+        speeds = (effect.greatest_speed(grid) for effect in having(self.plan.effects, LimitsSpeed))
+        self.greatest_speed = min(speeds, default=math.inf)
+        self._watching: list[Any] = [effect for effect in having(self.plan.effects, Watches) if effect.watched]
         self.limiters: dict[str, int] = {}
         self.stopped_at_walls = 0
         self.notes: list[str] = list(self.plan.notes)
@@ -160,7 +163,7 @@ class Simulation:
             raise InputError(f"set_field: {name} has values that are not finite; give finite ones.")
         self._set(name, values[self._host("identity")])
         self.lists.velocities_set = True
-        for effect in self.plan.effects.values():
+        for effect in having(self.plan.effects, FollowsSettings):
             for own, following in effect.after_setting(name, self._host).items():
                 self._set(own, following)
         if self.auditor is not None:
@@ -200,15 +203,14 @@ class Simulation:
     def _watch(self, length: float) -> None:
         """Show the effects what they watch: they may stop the run, or add a note to it."""
         grid = self.plan.grid
-        for effect in self.plan.effects.values():
-            if effect.watched:
-                seen = {name: self.stepper.watched(name) for name in effect.watched}
-                stop = effect.verdict(grid, seen, length)
-                if stop is not None:
-                    raise RunStopped(stop[0], f"In step {self.steps} to {self.time:.6g} s {stop[1]}")
-                said = None if effect.name in self.remarks else effect.remark(grid, seen)
-                if said is not None:
-                    self.remark(effect.name, f"{effect.name}: from step {self.steps} on, at {self.time:.6g} s, {said}")
+        for effect in self._watching:
+            seen = {name: self.stepper.watched(name) for name in effect.watched}
+            stop = effect.verdict(grid, seen, length)
+            if stop is not None:
+                raise RunStopped(stop[0], f"In step {self.steps} to {self.time:.6g} s {stop[1]}")
+            said = None if effect.name in self.remarks else effect.remark(grid, seen)
+            if said is not None:
+                self.remark(effect.name, f"{effect.name}: from step {self.steps} on, at {self.time:.6g} s, {said}")
 
     def remark(self, effect: str, note: str) -> None:
         """Add an effect's note to the run."""

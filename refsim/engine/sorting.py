@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from refsim.core.capabilities import WantsCellOrder, having
 from refsim.engine.run import Run
 from refsim.neighbours import NeighbourSearch
 
@@ -17,7 +18,7 @@ class ParticleOrder:
     def __init__(self, run: Run) -> None:
         plan, grid = run.plan, run.plan.grid
         self.run = run
-        size = max((e.sorting_cell(grid) for e in plan.effects.values()), default=0.0)
+        size = max((e.sorting_cell(grid) for e in having(plan.effects, WantsCellOrder)), default=0.0)
         self._cells: NeighbourSearch | None = None
         if plan.list_radius == 0 and size > 0 and run.backend.name != "numpy":
             self._cells = NeighbourSearch(run.backend, grid.dim, grid.dtype, size, 0.0)

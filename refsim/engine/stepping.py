@@ -9,6 +9,7 @@ from typing import NoReturn
 
 import numpy as np
 
+from refsim.core.capabilities import Watches, having
 from refsim.core.effect import Extremes, StepLimit
 from refsim.core.errors import RunStopped
 from refsim.engine.run import Calls, Run
@@ -138,7 +139,7 @@ class DeviceStepper:
         self.limits = s.backend.asarray(np.array(list(s.limits.values()), dtype=np.float64))
         self.clock = s.backend.zeros(device.CLOCK_ROWS, np.float64)
         self.mirror = device.Mirror(self.clock)
-        watched = {name for effect in s.plan.effects.values() for name in effect.watched}
+        watched = {name for effect in having(s.plan.effects, Watches) for name in effect.watched}
         self.mirrors = {name: device.Mirror(s.fields[name]) for name in sorted(watched)}
         self.in_step_with = -1  # the step up to which the device's clock has counted
         self.profiled = s.timings.wait is not None
