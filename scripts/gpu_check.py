@@ -405,16 +405,16 @@ def timing_task(arguments: list[str]) -> list[Row]:
     measured("list: build", lambda: search.build(simulation.build_position), 3)
 
     def rebuild() -> None:
-        simulation._squared_way = np.inf
-        simulation._update_list()
+        simulation.lists.policy.invalidate()
+        simulation.lists.update()
 
     measured("list: everything, audit included", rebuild, 3)
     kinds: dict[str, list[float]] = {"step alone": [], "step and a look at the list": [], "step and rebuild": []}
     for _ in range(2 if runtime.simulated() else 300):
-        built, margin = search.log.rebuilds, simulation._margin
+        built, margin = search.log.rebuilds, simulation.lists.policy.margin
         began = time.perf_counter()
         simulation.step()  # waits for the device
-        looked = margin <= 0 < simulation._margin
+        looked = margin <= 0 < simulation.lists.policy.margin
         kind = 2 if search.log.rebuilds > built else int(looked)
         list(kinds.values())[kind].append(time.perf_counter() - began)
     for kind, spans in kinds.items():

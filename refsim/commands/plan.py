@@ -9,15 +9,16 @@ from typing import Any
 import numpy as np
 
 from refsim.commands import Command, Outcome, in_bytes, planned, register, table
+from refsim.core.capabilities import BringsWalls, HoldsOtherMemory, having
 from refsim.core.effect import Extremes
 from refsim.core.errors import InputError
 from refsim.core.fields import BASE
 from refsim.core.operation import BACKENDS, PROCEDURES, REGISTRY
-from refsim.engine.simulation import step_limits
-from refsim.engine.stepping import stable_steps
+from refsim.engine.stepping import stable_steps, step_limits
 from refsim.scene.accounts import accounts
 from refsim.scene.files import load_scene
 from refsim.scene.scene import Plan
+from refsim.sph import gravity_of
 
 WALL_PLACES = 4  # initial capacity of the list of walls [entries per particle]; it grows when exceeded
 PLACES = 48  # the same of the list of neighbours on the CPU
@@ -86,7 +87,7 @@ def describe_plan(plan: Plan, backend: str) -> dict[str, Any]:
             "neighbour_list": neighbours["bytes"] if neighbours else 0,
             "total": bytes_fields + bytes_own + bytes_walls + (neighbours["bytes"] if neighbours else 0),
         },
-        "not_counted": [held for effect in plan.effects.values() if (held := effect.beside_fields())],
+        "not_counted": [held for effect in having(plan.effects, HoldsOtherMemory) if (held := effect.other_memory())],
         "step": steps,
         "end_time": scene.end_time,
         "energy_audit": _energy_audit(plan),
@@ -129,7 +130,7 @@ def _brings(plan: Plan, name: str, steps: dict[str, Any]) -> dict[str, Any]:
     base = {f.name for f in BASE}
     extremes = Extremes(steps["speed"], steps["acceleration"])
     limits = {k: limit.at(extremes) for k, limit in effect.step_limits(plan.grid, plan.effects).items()}
-    walls = effect.walls(plan.grid, plan.effects)
+    walls = effect.walls(plan.grid, plan.effects) if isinstance(effect, BringsWalls) else None
     return {
         "fields": [f.name for f in effect.fields(plan.effects) if f.name not in base],
         "passes": [p.operation for p in effect.passes(plan.effects) if p.operation in plan.launches(True)],
@@ -175,7 +176,7 @@ def _list_bytes(plan: Plan, backend: str, each: int) -> int:
 def _first_step(plan: Plan) -> dict[str, Any]:
     """Step limits at the start, from the initial speeds and gravity; other forces are not computed yet."""
     speed = float(np.sqrt((plan.state.velocity**2).sum(1).max(initial=0.0)))
-    gravity = plan.effects.get("gravity")
+    gravity = gravity_of(plan.effects)
     force = math.hypot(*gravity.acceleration) if gravity is not None else 0.0
     limits = stable_steps(step_limits(plan), Extremes(speed, force))
     limiter = min(limits, key=lambda name: limits[name])

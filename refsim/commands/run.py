@@ -14,7 +14,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from refsim.commands import Command, Outcome, in_time, planned, register
+from refsim.commands import Command, Outcome, in_time, planned, register, table
 from refsim.core.errors import InputError, RunStopped
 from refsim.engine.driver import RunReport, simulate
 from refsim.engine.simulation import Simulation
@@ -40,6 +40,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add("--resume", metavar="FILE|DIR", help="go on from a checkpoint, or from the newest one in a folder")
     add("--overwrite", action="store_true", help="begin anew in a folder that holds an earlier run")
     add("--threads", type=int, metavar="N", help="CPU threads (all)")
+    add("--profile", action="store_true", help="time every pass to its end, and print the seconds by pass")
     add("--quiet", action="store_true", help="no progress")
 
 
@@ -75,12 +76,13 @@ def execute(options: argparse.Namespace) -> Outcome:
 def _begin(options: argparse.Namespace) -> tuple[Simulation, Path]:
     scene = None if options.scene is None else load_scene(options.scene)
     if options.resume is not None:
-        simulation = Simulation.resume(options.resume, options.backend, options.threads, scene)
+        simulation = Simulation.resume(options.resume, options.backend, options.threads, scene, options.profile)
         source = Path(options.resume)
         return simulation, Path(options.output or (source if os.path.isdir(source) else source.parent))
     if scene is None:
         raise InputError("there is nothing to run; give a scene file, or a checkpoint with --resume.")
-    simulation = Simulation(planned(scene, options.scene), options.backend or "cpu", options.threads)
+    plan = planned(scene, options.scene)
+    simulation = Simulation(plan, options.backend or "cpu", options.threads, options.profile)
     return simulation, Path(options.output or f"{Path(options.scene).stem}_run")
 
 
@@ -204,7 +206,24 @@ def _text(report: RunReport) -> str:
             share = f" ({(value - before) / abs(before):+.3g} of it)" if before else ""
             lines.append(f"{effect}, {name}: {before:.9g} -> {value:.9g}{share}")
     lines += [f"{name}: {path}" for name, path in report.files.items()]
-    return "\n".join(lines)
+    return "\n".join(lines) + ("" if report.profile is None else _profile(report.profile))
+
+
+def _profile(profile: dict[str, Any]) -> str:
+    """The seconds by stage, the longest first."""
+    rows = [
+        (
+            cost["stage"],
+            f"{cost['seconds']:.4g}",
+            f"{100 * cost['share']:.1f} %",
+            f"{cost['launches']:,}" if cost["launches"] else "-",
+            f"{cost['first']:.3g}" if cost["first"] else "-",
+        )
+        for cost in profile["stages"]
+    ]
+    head = ("pass or part of the loop", "seconds", "share", "launches", "first launch [s]")
+    note = f"\n{profile['note']}" if profile["note"] else ""
+    return f"\n\n{table(rows, head, right=(1, 2, 3, 4))}{note}"
 
 
 def _vector(values: list[float]) -> str:

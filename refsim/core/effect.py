@@ -6,7 +6,7 @@ A scene is a list of effects. What no effect asks for is neither allocated nor l
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple
 
@@ -15,7 +15,6 @@ import numpy as np
 
 from refsim.core.errors import InputError
 from refsim.core.fields import Field
-from refsim.core.walls import WallParticles
 
 if TYPE_CHECKING:
     from refsim.core.energy import EnergyAccount
@@ -154,11 +153,13 @@ EFFECTS: dict[str, type[Effect]] = {}
 
 
 class Effect(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Base of all effects. Parameters are the struct's fields, in SI units."""
+    """Base of all effects. Parameters are the struct's fields, in SI units.
+
+    What only some effects do is a capability of its own, in `refsim.core.capabilities`.
+    """
 
     name: ClassVar[str] = ""
     host_in_step: ClassVar[bool] = False  # its passes need the host, so that a step cannot be one CUDA graph
-    watched: ClassVar[tuple[str, ...]] = ()  # small fields that it wants to see on the host after each step
 
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
@@ -185,10 +186,6 @@ class Effect(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
         """What a user should know of these parameters in this scene before it runs."""
         return ()
 
-    def beside_fields(self) -> str:
-        """What it holds besides fields, lists and walls; `refsim plan` names it, since its size follows the run."""
-        return ""
-
     def list_radius(self, grid: Discretisation) -> float:
         """Distance [m] up to which it needs neighbours; 0 if it needs none."""
         return 0.0
@@ -201,73 +198,19 @@ class Effect(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
         """Parameter groups that passes of every effect may take by name."""
         return {}
 
-    def walls(self, grid: Discretisation, others: Mapping[str, Effect]) -> WallParticles | None:
-        """Static boundary particles that it brings into the scene."""
-        return None
-
-    def wall_share(self) -> float:
-        """How many times the pressure of the particle that they meet wall particles are to push with; the least
-        counts."""
-        return 2.0
-
-    def moves_straight(self) -> bool:
-        """Whether a step takes every particle by dt v, so that the audit of the list knows where it came from."""
-        return True
-
-    def balanced_pressure(self, grid: Discretisation, others: Mapping[str, Effect]) -> float:
-        """Cohesive pressure [Pa] of the undisturbed bulk that the equation of state is to balance."""
-        return 0.0
-
     def initial(
         self, grid: Discretisation, state: InitialState, others: Mapping[str, Effect]
     ) -> Mapping[str, np.ndarray]:
         """Values at the start of the state fields that it owns, in the particles' first order; zero by default."""
         return {}
 
-    def after_setting(self, name: str, field: Callable[[str], np.ndarray]) -> Mapping[str, np.ndarray]:
-        """Its fields that must follow when a user sets the field `name` between two steps; `field` gives values."""
-        return {}
-
-    def particle_mass(self, grid: Discretisation) -> float | None:
-        """Mass of a particle of the lattice [kg; kg/m in 2D], where it knows one."""
-        return None
-
-    def ledger(self, field: Callable[[str], np.ndarray]) -> dict[str, float]:
-        """What it keeps account of, in SI units, for the report of a run; `field` gives a field's values by name."""
-        return {}
-
     def energy(self, grid: Discretisation, others: Mapping[str, Effect]) -> EnergyAccount | None:
         """What its forces are worth, for the audit of the energy; None where they follow from no energy."""
         return None
 
-    def largest_mass_ratio(self, others: Mapping[str, Effect]) -> float:
-        """Largest over smallest mass of particles up to which its forces were measured to gain no energy."""
-        return math.inf
-
     def step_limits(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, StepLimit]:
         """Largest stable steps by the name of what limits them."""
         return {}
-
-    def sorting_cell(self, grid: Discretisation) -> float:
-        """Size [m] of the cells in whose order it wants the particles now and then; 0 if it does not care."""
-        return 0.0
-
-    def verdict(self, grid: Discretisation, seen: Mapping[str, np.ndarray], length: float) -> tuple[str, str] | None:
-        """(reason, sentence that goes on after "In step n") where what it watches forbids to go on.
-
-        length  of the step [s]
-        """
-        return None
-
-    def remark(self, grid: Discretisation, seen: Mapping[str, np.ndarray]) -> str | None:
-        """What a reader must know of all that comes after this step, where what it watches says so: a sentence that
-        goes on after "From step n on". The first one becomes a note of the run.
-        """
-        return None
-
-    def greatest_speed(self, grid: Discretisation) -> float:
-        """Speed [m/s] beyond which its equations mean nothing: a particle that is faster ends the run."""
-        return math.inf
 
     def check(self, grid: Discretisation, others: Mapping[str, Effect]) -> None:
         """Raise InputError where the parameters do not fit the scene, whose particles are not yet counted."""

@@ -149,7 +149,8 @@ class Auditor:
         s = self.simulation
         if self.start is None and not note:
             return
-        parts = self.energies()
+        with s.timings.of_host("energy_audit"):
+            parts = self.energies()
         total = math.fsum(part.value for part in parts.values())
         where = f"In step {s.steps} at {s.time:.6g} s"
         values = {name: part.value for name, part in parts.items()}

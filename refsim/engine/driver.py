@@ -19,6 +19,7 @@ from typing import Any
 
 import numpy as np
 
+from refsim.core.capabilities import KeepsLedger, having
 from refsim.core.errors import InputError, RunStopped
 from refsim.core.plain import plain
 from refsim.core.versions import versions
@@ -27,8 +28,13 @@ from refsim.engine.simulation import Simulation
 from refsim.io.checkpoint import cannot_write, previous_path, replace_file
 from refsim.io.frames import ParticleWriter
 from refsim.scene.scene import Plan, Scene
+from refsim.sph import gravity_of
 
 PARTICLES, CHECKPOINT, REPORT = "particles.vtkhdf", "checkpoint.h5", "report.json"
+ONE_BY_ONE = (
+    "profiled on cuda: the passes were launched one by one with a wait after each, not as one CUDA graph; each launch"
+    " took some 10 to 50 microseconds longer than in a run without a profile"
+)
 FRAMES = 100  # of a whole run, where the caller does not say how often
 
 
@@ -46,6 +52,8 @@ class RunReport:
                       share of it, what is not counted; None without an audit
     ledger            particles at the start and at the end: number, mass, momentum, energy, how many behind walls
     seconds           wall seconds: total, compiling (the first calls), by stage, of this process alone
+    profile           of a run that was profiled: `note`, and in `stages` what each stage took
+                      (`refsim.engine.timings.StageCost`), the longest first; else None
     """
 
     scene: str
@@ -68,6 +76,7 @@ class RunReport:
     frames: int = 0
     checkpoints: int = 0
     seconds: dict[str, Any] = field(default_factory=dict)
+    profile: dict[str, Any] | None = None
     files: dict[str, str] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
 
@@ -82,6 +91,7 @@ def simulate(
     every: float | None = None,
     checkpoint_every: float = 60.0,
     overwrite: bool = False,
+    profile: bool = False,
     progress: Callable[[Simulation], None] | None = None,
     asked_to_stop: Callable[[], bool] = lambda: False,
 ) -> RunReport:
@@ -92,6 +102,7 @@ def simulate(
     every             simulated time between frames [s], a hundredth of the run by default
     checkpoint_every  wall time between checkpoints [s]; one more is written at the end
     overwrite         begin anew in a folder that holds an earlier run, unless that one is still running
+    profile           time every pass to its end (see `Simulation`, which has the option where one is given)
     progress          called before the first step and after every step
     asked_to_stop     asked after every step; the run then ends with reason "interrupted" and a checkpoint
 
@@ -102,7 +113,7 @@ def simulate(
     then untouched, and the folder has a post-mortem.
     """
     began = time.perf_counter()
-    simulation = scene if isinstance(scene, Simulation) else Simulation(scene, backend, threads)
+    simulation = scene if isinstance(scene, Simulation) else Simulation(scene, backend, threads, profile)
     run = _Run(simulation, until, output, every, checkpoint_every, overwrite, began, threads)
     try:
         run.go(progress, asked_to_stop)
@@ -147,10 +158,10 @@ def stock(simulation: Simulation | Plan) -> dict[str, Any]:
         "greatest_speed": float(np.sqrt((v**2).sum(1).max(initial=0.0))),
         "outside_walls": outside,
     }
-    gravity = plan.effects.get("gravity")
+    gravity = gravity_of(plan.effects)
     if gravity is not None:
         result["potential_energy"] = float(-(m * (x @ np.array(gravity.acceleration))).sum())
-    accounts = {name: effect.ledger(field) for name, effect in plan.effects.items()}
+    accounts = {effect.name: effect.ledger(field) for effect in having(plan.effects, KeepsLedger)}
     if any(accounts.values()):
         result["effects"] = {name: account for name, account in accounts.items() if account}
     return result
@@ -204,6 +215,7 @@ class _Run:
         self.frames = self.checkpoints = 0
         self.last_checkpoint: Path | None = None
         self.stop: RunStopped | None = None
+        self.loop_began, self.counted_before = time.perf_counter(), simulation.timings.counted
         self.files: dict[str, str] = {}
         self.writer: ParticleWriter | None = None
         self.folder = None if output is None else Path(output)
@@ -298,17 +310,19 @@ class _Run:
         assert self.writer is not None
         simulation = self.simulation
         check_particles(simulation)
-        simulation.evaluate()
-        values = {name: simulation.field(name) for name in simulation.plan.particle_fields}
-        values = {name: v.view(np.uint8) if v.dtype.kind == "b" else v for name, v in values.items()}
-        self.writer.write(simulation.time, values.pop("position"), **values)
+        with simulation.timings.of_host("frames"):
+            simulation.evaluate()
+            values = {name: simulation.field(name) for name in simulation.plan.particle_fields}
+            values = {name: v.view(np.uint8) if v.dtype.kind == "b" else v for name, v in values.items()}
+            self.writer.write(simulation.time, values.pop("position"), **values)
         self.frames += 1
 
     def _checkpoint(self) -> None:
         assert self.folder is not None
         path = self.folder / CHECKPOINT
         check_particles(self.simulation)
-        self.simulation.checkpoint(path)
+        with self.simulation.timings.of_host("checkpoints"):
+            self.simulation.checkpoint(path)
         self.checkpoints += 1
         self.last_checkpoint = path
         self.files["checkpoint"] = str(path)
@@ -374,9 +388,18 @@ class _Run:
                 "first_calls": sum(timings.first_calls.values()),
                 "stages": dict(timings.stages),
             },
+            profile=self._profile(),
             files=dict(self.files),
             notes=list(simulation.notes),
         )
+
+    def _profile(self) -> dict[str, Any] | None:
+        timings = self.simulation.timings
+        if timings.wait is None:
+            return None
+        elapsed = time.perf_counter() - self.loop_began + self.counted_before
+        note = ONE_BY_ONE if self.simulation.backend.name == "cuda" else ""
+        return {"note": note, "stages": [cost._asdict() for cost in timings.costs(elapsed)]}
 
     def close(self) -> None:
         if self.writer is not None:

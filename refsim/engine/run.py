@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
 
 from refsim.backends.arrays import Backend
 from refsim.core.effect import Extremes, StepLimit
+from refsim.engine.timings import Timings
 from refsim.scene.scene import Plan
+
+Calls = list[tuple[str, Callable[[], None]]]  # operation and its launch
 
 
 class Run(Protocol):
@@ -17,26 +21,42 @@ class Run(Protocol):
 
     plan: Plan
     backend: Backend
+    source: Path | None  # the checkpoint that it was resumed from
     time: float  # [s]
     steps: int
     previous_length: float  # of the last step [s]
     first_length: float | None  # of the first step [s]
     greatest_speed: float  # [m/s] beyond which the run is taken to have diverged
     limits: dict[str, StepLimit]
+    limiters: dict[str, int]  # how many steps each limit has set
+    stopped_at_walls: int  # how often a wall's plane has stopped a particle
+    notes: list[str]
+    remarks: dict[str, str]  # the notes that effects have made during the run, by effect
     last: Any  # StepResult of the last step
-    timings: Any  # seconds by stage
+    timings: Timings
     fields: dict[str, Any]  # arrays of the backend by name
     build_position: Any  # (n, 3) [m] at the last build of the neighbour list
-    extremes: Any  # (3,), see operation sph.extremes
+    extremes: Any  # (5,), see operation sph.extremes
     displacement: Any  # (2,), see operation sph.kick_drift
     timestep: Any  # (2,) [s]
-    force_calls: Any
-    begin_calls: Any
-    motion_calls: Any
-    extremes_call: Any
+    begin_calls: Calls
+    force_calls: list[tuple[str, bool, Callable[[], None]]]  # the second says whether it runs on demand only
+    motion_calls: Calls
+    extremes_call: Callable[[], None]
+    lists: Any  # NeighbourLists
+    order: Any  # ParticleOrder
+    stepper: Any  # HostStepper or DeviceStepper
+    auditor: Any  # Auditor, or None
     _shared: dict[str, Any]
+    _parameters: dict[str, dict[str, Any]]
 
     def _host(self, name: str) -> np.ndarray: ...
+
+    def start(self) -> None: ...
+
+    def rebind(self) -> None: ...
+
+    def remark(self, effect: str, note: str) -> None: ...
 
     def evaluate(self, on_demand: bool = True) -> None: ...
 

@@ -9,29 +9,42 @@ from typing import NoReturn
 
 import numpy as np
 
+from refsim.core.capabilities import Watches, having
 from refsim.core.effect import Extremes, StepLimit
 from refsim.core.errors import RunStopped
-from refsim.engine.run import Run
+from refsim.engine.run import Calls, Run
+from refsim.scene.scene import Plan
 
 SMALLEST_STEP = 1e-6  # share of the first step below which the run is taken to have diverged
 
 
 @dataclass(frozen=True)
 class Advance:
-    """What a step did: its length [s], who limited it, and how far particles have come since the list was built.
+    """What a step did: its length [s], the limit that set it, and how far particles have moved.
 
-    limits       all largest stable steps [s]
-    greatest_way  [m] that no particle exceeds in this step
-    squared_way  largest squared way [m^2]
-    stopped      number of particles that a wall's plane stopped
+    limits                all largest stable steps [s]
+    step_displacement     [m] that no particle exceeds in this step
+    squared_displacement  largest since the neighbour list was built [m^2]
+    stopped               number of particles that a wall's plane stopped
     """
 
     length: float
     limiter: str
     limits: dict[str, float]
-    greatest_way: float
-    squared_way: float
+    step_displacement: float
+    squared_displacement: float
     stopped: int
+
+
+def step_limits(plan: Plan) -> dict[str, StepLimit]:
+    """Largest stable steps of a plan by what limits them; at least one is finite whatever the particles do."""
+    grid, effects = plan.grid, plan.effects
+    limits = {"force": StepLimit.falling(grid.support_radius / 32)}  # 0.25 sqrt((h/2)/|a|)
+    for effect in effects.values():
+        limits |= effect.step_limits(grid, effects)
+    if not any(limit.speed > 0 for limit in limits.values()):
+        limits["resting"] = StepLimit.constant(plan.scene.end_time or 1.0)
+    return limits
 
 
 def stable_steps(limits: dict[str, StepLimit], extremes: Extremes) -> dict[str, float]:
@@ -79,7 +92,7 @@ class HostStepper:
         self.simulation = simulation
 
     def rebind(self) -> None:
-        """Nothing is kept of the arrays."""
+        """Nothing to do: it holds no arrays."""
 
     def watched(self, name: str) -> np.ndarray:
         """A watched field after the step."""
@@ -89,9 +102,7 @@ class HostStepper:
         """One step. Raises RunStopped, with the state as it was, where that is impossible."""
         s = self.simulation
         for name, call in s.begin_calls:
-            began = time.perf_counter()
-            call()
-            s.timings.add(name, time.perf_counter() - began)
+            s.timings.run(name, call)
         for _ in s.launch(on_demand=False):
             pass
         extremes = s.checked_extremes()
@@ -107,16 +118,17 @@ class HostStepper:
         kick = 0.5 * (s.previous_length + length)
         s.backend.assign(s.timestep, np.array([kick, length], dtype=s.plan.grid.dtype))
         for name, call in s.motion_calls:
-            began = time.perf_counter()
-            call()
-            s.timings.add(name, time.perf_counter() - began)
-        squared_way, stopped = (float(x) for x in s.backend.host(s.displacement))
-        way = (extremes.speed + kick * extremes.acceleration) * length
-        return Advance(length, limiter, limits, way, squared_way, int(stopped))
+            s.timings.run(name, call)
+        squared, stopped = (float(x) for x in s.backend.host(s.displacement))
+        moved = (extremes.speed + kick * extremes.acceleration) * length
+        return Advance(length, limiter, limits, moved, squared, int(stopped))
 
 
 class DeviceStepper:
-    """Chooses the step on the device: passes, choice and motion are one CUDA graph, which sends the clock back."""
+    """Chooses the step on the device: passes, choice and motion are one CUDA graph, which sends the clock back.
+
+    In a run that is profiled they are launched one by one, each with a wait behind it; the programs are the same.
+    """
 
     def __init__(self, simulation: Run) -> None:
         from refsim.backends import device
@@ -127,10 +139,11 @@ class DeviceStepper:
         self.limits = s.backend.asarray(np.array(list(s.limits.values()), dtype=np.float64))
         self.clock = s.backend.zeros(device.CLOCK_ROWS, np.float64)
         self.mirror = device.Mirror(self.clock)
-        watched = {name for effect in s.plan.effects.values() for name in effect.watched}
+        watched = {name for effect in having(s.plan.effects, Watches) for name in effect.watched}
         self.mirrors = {name: device.Mirror(s.fields[name]) for name in sorted(watched)}
         self.in_step_with = -1  # the step up to which the device's clock has counted
-        whole = not any(effect.host_in_step for effect in s.plan.effects.values())
+        self.profiled = s.timings.wait is not None
+        whole = not (self.profiled or any(effect.host_in_step for effect in s.plan.effects.values()))
         passes = (*s.plan.passes, *s.plan.motion)
         self.pushed = any("acceleration" in (*p.writes, *p.updates) for _, p in passes)  # else it stays zero
         self.recorded = device.Recorded(self._launch, whole)
@@ -150,8 +163,7 @@ class DeviceStepper:
             self._set_clock()
         began = time.perf_counter()
         if not self.recorded.called:
-            for _, call in s.begin_calls:
-                call()
+            self._launch_each(s.begin_calls)
             for _ in s.launch(on_demand=False):  # each program's first call is timed, because it compiles
                 pass
             self._choose_and_move()
@@ -159,7 +171,8 @@ class DeviceStepper:
         else:
             self.recorded()
         clock = self.mirror.read()
-        s.timings.add("step", time.perf_counter() - began)
+        if not self.profiled:
+            s.timings.add("step", time.perf_counter() - began)
         seen = (device.SPEED, device.ACCELERATION, device.RATE, device.EXCESS)
         extremes = Extremes(*(float(clock[row]) for row in seen))
         length, limiter = float(clock[device.LENGTH]), int(clock[device.LIMITER])
@@ -172,8 +185,8 @@ class DeviceStepper:
         s.first_length = float(clock[device.FIRST])
         self.in_step_with = s.steps + 1
         limits = stable_steps(s.limits, extremes)
-        way = (extremes.speed + 0.5 * (s.previous_length + length) * extremes.acceleration) * length
-        return Advance(length, name, limits, way, float(clock[device.WAY]), int(clock[device.STOPPED]))
+        moved = (extremes.speed + 0.5 * (s.previous_length + length) * extremes.acceleration) * length
+        return Advance(length, name, limits, moved, float(clock[device.WAY]), int(clock[device.STOPPED]))
 
     def _set_clock(self) -> None:
         """Give the device the host's clock: at the start, and after resuming."""
@@ -184,25 +197,37 @@ class DeviceStepper:
 
     def _launch(self) -> None:
         s, device = self.simulation, self.device
-        for _, call in s.begin_calls:
-            call()
+        self._launch_each(s.begin_calls)
         if self.pushed:
             device.fill(s.fields["acceleration"], 0)
-        for _, rare, call in s.force_calls:
-            if not rare:
-                call()
+        self._launch_each([(name, call) for name, rare, call in s.force_calls if not rare])
         self._choose_and_move()
 
+    def _launch_each(self, calls: Calls) -> None:
+        for name, call in calls:
+            if self.profiled:
+                self.simulation.timings.run(name, call)
+            else:
+                call()
+
     def _choose_and_move(self) -> None:
-        s, device = self.simulation, self.device
-        s.extremes_call()
-        scene = s.plan.scene
-        device.choose_step(
+        self._launch_each(
+            [
+                ("sph.extremes", self.simulation.extremes_call),
+                ("choose_step", self._choose),
+                *self.simulation.motion_calls,
+                ("send_clock", self._send),
+            ]
+        )
+
+    def _choose(self) -> None:
+        s, scene = self.simulation, self.simulation.plan.scene
+        self.device.choose_step(
             s.extremes, self.limits, scene.step_factor, scene.step, SMALLEST_STEP, s.greatest_speed, s.timestep,
             self.clock,
         )  # fmt: skip
-        for _, call in s.motion_calls:
-            call()
-        device.note_displacement(s.displacement, self.clock)
+
+    def _send(self) -> None:
+        self.device.note_displacement(self.simulation.displacement, self.clock)
         for mirror in (self.mirror, *self.mirrors.values()):
             mirror.send()

@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
 
+from refsim.core.capabilities import FollowsSettings, KeepsLedger, KnowsParticleMass
 from refsim.core.effect import Discretisation, Effect, Pass, StepLimit, literal_errata, require
 from refsim.core.errors import InputError
 from refsim.core.fields import Field
@@ -34,6 +35,7 @@ from refsim.heat.shapes import (
     lattice_moment,
     lattice_sum,
 )
+from refsim.sph import LIQUID, liquid_of
 
 if TYPE_CHECKING:
     from refsim.core.effect import InitialState
@@ -75,7 +77,7 @@ SCHEMES = {
 }
 
 
-class HeatConduction(Effect, frozen=True, kw_only=True):
+class HeatConduction(Effect, KnowsParticleMass, FollowsSettings, KeepsLedger, frozen=True, kw_only=True):
     """Conducts heat between all particles within the support radius, liquid or solid.
 
     "Each part": one number for all, one for each solid and then each part of the fluid, or one for each particle.
@@ -215,7 +217,7 @@ class HeatConduction(Effect, frozen=True, kw_only=True):
         if self._limited_by_sums():
             own.append(EXCHANGE_RATE)
         if not self._volume_is_given(others):
-            own.append(VOLUME if "weakly_compressible" in others else dataclasses.replace(VOLUME, state=True))
+            own.append(VOLUME if LIQUID in others else dataclasses.replace(VOLUME, state=True))
         return tuple(own)
 
     def _volume_is_given(self, others: Mapping[str, Effect]) -> bool:
@@ -233,7 +235,7 @@ class HeatConduction(Effect, frozen=True, kw_only=True):
             reads.append("reservoir")
         absent = {} if self.melts else dict.fromkeys(("enthalpy", "melting_point", "latent_heat"))
         made = []
-        if "weakly_compressible" in others and not self._volume_is_given(others):
+        if LIQUID in others and not self._volume_is_given(others):
             made.append(Pass("heat.particle_volume", ("mass", "density"), ("volume",)))
         if self._limited_by_sums():
             needs = ("position", "mass", "volume", "heat_capacity", "conductivity", *(("reservoir",) * bool(self.held)))
@@ -260,7 +262,7 @@ class HeatConduction(Effect, frozen=True, kw_only=True):
                 values["temperature_range"] = self._range(values.__getitem__, grid.dtype)
         if self.held:
             values["reservoir"] = self._reservoir(state)
-        if self.conducts and not self._volume_is_given(others) and "weakly_compressible" not in others:
+        if self.conducts and not self._volume_is_given(others) and LIQUID not in others:
             values["volume"] = np.full(grid.count, grid.spacing**grid.dim)
         return values
 
@@ -395,8 +397,7 @@ class HeatConduction(Effect, frozen=True, kw_only=True):
         k = float(np.max(self.conductivity))
         if "M11" in self._printed():
             return k
-        liquid = others.get("weakly_compressible")
-        density = self.density if liquid is None else liquid.rest_density
+        density = liquid_of(others).rest_density if LIQUID in others else self.density
         if grid.solids is not None:
             density = min(density, float(np.min(grid.solids.of_bodies("density"))))
         return k / (density * float(np.min(self.heat_capacity)))

@@ -11,12 +11,14 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 
+from refsim.core.capabilities import KeepsLedger
 from refsim.core.effect import Discretisation, Effect, Pass
 from refsim.core.errors import InputError
 from refsim.core.fields import Field
 from refsim.core.operation import Operation, register
 from refsim.heat import MELTING_POINT
 from refsim.shape_matching.phases import FLUID
+from refsim.sph import liquid_of
 
 if TYPE_CHECKING:
     from refsim.core.effect import InitialState
@@ -36,7 +38,7 @@ class MeltingRule(NamedTuple):
     liquid_heat_capacity: float  # [J/(kg K)]
 
 
-class Melting(Effect, frozen=True, kw_only=True):
+class Melting(Effect, KeepsLedger, frozen=True, kw_only=True):
     """Turns particles at the surface of solids liquid when they are as hot as their body's melting point.
 
     bookkeeping  of the melt: "immiscible" keeps mass and rest density, a liquid as dense as its solid; "water" gives
@@ -107,7 +109,7 @@ class Melting(Effect, frozen=True, kw_only=True):
         }
 
     def prepare(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, Any]:
-        liquid: Any = others["weakly_compressible"]
+        liquid = liquid_of(others)
         heat: Any = others["heat_conduction"]
         last = [float(np.ravel(values)[-1]) for values in (heat.conductivity, heat.heat_capacity)]  # the last part's
         return {

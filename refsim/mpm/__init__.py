@@ -14,12 +14,14 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 
+from refsim.core.capabilities import HoldsOtherMemory, KnowsParticleMass, LimitsMassRatio, WantsCellOrder, Watches
 from refsim.core.effect import Discretisation, Effect, Pass, StepLimit, literal_errata, require
 from refsim.core.energy import EnergyAccount, EnergyState, amount
 from refsim.core.errors import InputError
 from refsim.core.fields import Field
 from refsim.core.operation import Operation, register
 from refsim.mpm.grid import FARTHEST, Background, MpmGrid
+from refsim.sph import LIQUID
 
 if TYPE_CHECKING:
     from refsim.core.effect import InitialState
@@ -121,7 +123,9 @@ class Contact(NamedTuple):
     pull: Any  # k cos(contact angle) [N/m; N in the plane]
 
 
-class MpmLiquid(Effect, frozen=True, kw_only=True):
+class MpmLiquid(
+    Effect, KnowsParticleMass, LimitsMassRatio, WantsCellOrder, HoldsOtherMemory, Watches, frozen=True, kw_only=True
+):
     """Weakly compressible liquid moved by the material point method (APIC, quadratic B-splines).
 
     rest_density     rho0 [kg/m^3; kg/m^2 in 2D]
@@ -179,7 +183,7 @@ class MpmLiquid(Effect, frozen=True, kw_only=True):
                 f"{self.name}: cell_size = {self.cell_size} m is below one particle spacing ({grid.spacing} m), so that"
                 " cells would be empty inside the liquid; give two spacings."
             )
-        for other in ("weakly_compressible", "box_walls"):
+        for other in (LIQUID, "box_walls"):
             if other in others:
                 raise InputError(f"Effects {self.name!r} and {other!r} do not go together; keep one of them.")
         self._printed()
@@ -236,7 +240,7 @@ class MpmLiquid(Effect, frozen=True, kw_only=True):
     def sorting_cell(self, grid: Discretisation) -> float:
         return self.cell(grid)
 
-    def beside_fields(self) -> str:
+    def other_memory(self) -> str:
         return "blocks of the background grid"
 
     def passes(self, others: Mapping[str, Effect]) -> tuple[Pass, ...]:

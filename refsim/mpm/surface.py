@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple
 import numpy as np
 
 from refsim.backends.arrays import Backend
+from refsim.core.capabilities import HoldsOtherMemory, Watches
 from refsim.core.effect import Discretisation, Effect, Pass, StepLimit, literal_errata, require
 from refsim.core.energy import Amount, EnergyAccount, EnergyState, amount
 from refsim.core.errors import InputError, RunStopped
@@ -45,7 +46,7 @@ class Face(NamedTuple):
     inward: int  # 1 or -1, along the axis, towards the liquid
 
 
-class SurfaceEnergy(Effect, frozen=True, kw_only=True):
+class SurfaceEnergy(Effect, HoldsOtherMemory, Watches, frozen=True, kw_only=True):
     """Surface tension of an MPM liquid: its surface is reconstructed in each step and pulls on the grid.
 
     surface_tension   k [N/m] (in the plane N, per metre of depth)
@@ -109,7 +110,7 @@ class SurfaceEnergy(Effect, frozen=True, kw_only=True):
     def needs(self) -> tuple[str, ...]:
         return ("mpm_liquid",)
 
-    def beside_fields(self) -> str:
+    def other_memory(self) -> str:
         return "" if not self.acts() else "nodes, facets and samples of the surface"
 
     def check(self, grid: Discretisation, others: Mapping[str, Effect]) -> None:

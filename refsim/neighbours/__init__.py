@@ -58,7 +58,7 @@ class NeighbourSearch:
         if not self.skin >= 0.0:
             raise InputError(f"skin = {self.skin} is not possible; give zero or a positive share of the radius.")
         self.reach = self.radius * (1 + self.skin)
-        self.allowed_way = 0.5 * self.skin * self.radius
+        self.allowed_displacement = 0.5 * self.skin * self.radius
         if self.backend.name == "cuda":
             from refsim.neighbours import cuda as programs
         else:
@@ -96,17 +96,18 @@ class NeighbourSearch:
         """array[order], as a new array."""
         return self.programs.reorder(array, order)
 
-    def margin(self, position: Any, build_position: Any, largest_way: float, walls: bool) -> float:
-        """How much further [m] any two particles may move against each other before the list could lack a pair.
+    def margin(self, position: Any, build_position: Any, largest_displacement: float, walls: bool) -> float:
+        """How much further [m] any two particles may move relative to each other before the list could lack a pair.
 
-        Particles that move together need no new list: what counts is the way of one against another that could come
-        near. The boxes of ways are compared of blocks of cells that touch; particles of other blocks were two cells
-        apart. Against `walls`, which stand still, `largest_way` [m] counts, the largest way since the list was built.
+        Particles that move together need no new list: displacements relative to each other count, of particles that
+        could come near. Blocks of cells that touch are compared by the boxes of their particles' displacements;
+        particles of other blocks were two cells apart. Walls stand still: with `walls`, `largest_displacement` [m], the
+        largest since the list was built, counts too.
         """
-        touching, anywhere = map(math.sqrt, self.programs.squared_relative_ways(position, build_position))
-        allowed = 2 * self.allowed_way * (1 - AUDIT_MARGIN)
+        touching, anywhere = map(math.sqrt, self.programs.squared_relative_displacements(position, build_position))
+        allowed = 2 * self.allowed_displacement * (1 - AUDIT_MARGIN)
         left = min(allowed - touching, 2 * self.reach - self.radius - anywhere)
-        return min(left, allowed - largest_way) if walls else left
+        return min(left, allowed - largest_displacement) if walls else left
 
     def audit(self, position: Any, velocity: Any, timestep: Any, neighbours: Any, bounds: Any = None) -> None:
         """Compare sampled rows of the list with all pairs, where it was last used: at position - dt * velocity.

@@ -200,7 +200,7 @@ def block_keys(cells, keys):
 
 @cpu_kernel
 def block_boxes(position, build_position, first, order, begin, low, high):
-    """Box [low, high] (blocks, 3) [m] of the ways that the particles of each block have gone since the list was built.
+    """Box [low, high] (blocks, 3) [m] of the displacements of each block's particles since the list was built.
 
     The cells of block b are order[begin[b] : begin[b + 1]]; `first` is the first particle of each cell.
     """
@@ -211,15 +211,18 @@ def block_boxes(position, build_position, first, order, begin, low, high):
         for k in range(begin[b], begin[b + 1]):
             for i in range(first[order[k]], first[order[k] + 1]):
                 for c in range(3):
-                    way = position[i, c] - build_position[i, c]
-                    low[b, c] = min(low[b, c], way)
-                    high[b, c] = max(high[b, c], way)
+                    displacement = position[i, c] - build_position[i, c]
+                    low[b, c] = min(low[b, c], displacement)
+                    high[b, c] = max(high[b, c], displacement)
 
 
 @cpu_kernel
-def block_ways(blocks, low, high, layers, ways):
-    """Largest squared difference [m^2] between ways in each block and in itself or a neighbour; `blocks` are keys."""
-    for b in prange(ways.shape[0]):
+def block_displacements(blocks, low, high, layers, displacements):
+    """Largest squared relative displacement [m^2] of particles of each block and of itself or one that touches it.
+
+    `blocks` are the blocks' keys.
+    """
+    for b in prange(displacements.shape[0]):
         largest = squared_between(low, high, b, b)
         for k in range(3 * layers):  # rows of x; the half of them that lies before this one is seen from there
             row = blocks[b] + (np.int64(k % 3 - 1) << BITS)
@@ -229,10 +232,10 @@ def block_ways(blocks, low, high, layers, ways):
             while a < b and blocks[a] <= row + 1:
                 largest = max(largest, squared_between(low, high, a, b))
                 a += 1
-        ways[b] = largest
+        displacements[b] = largest
 
 
-class Blocks:
+class CellBlocks:
     """Blocks of two cells along each axis: particles of blocks that do not touch are two cells apart at least."""
 
     def __init__(self, cells, first, dim):
@@ -243,14 +246,14 @@ class Blocks:
         self.keys, begin = _occupied(keys[self.order])
         self.begin = begin
 
-    def squared_ways(self, position, build_position):
-        """Bounds of the squared difference [m^2] between two particles' ways: in touching blocks, and anywhere."""
+    def squared_displacements(self, position, build_position):
+        """Bounds of the squared relative displacement [m^2] of two particles: in touching blocks, and anywhere."""
         low, high = np.empty((2, len(self.keys), 3), position.dtype)
-        ways = np.empty(len(self.keys), position.dtype)
+        displacements = np.empty(len(self.keys), position.dtype)
         block_boxes(position, build_position, self.first, self.order, self.begin, low, high)
-        block_ways(self.keys, low, high, self.layers, ways)
+        block_displacements(self.keys, low, high, self.layers, displacements)
         anywhere = ((high.max(0) - low.min(0)) ** 2).sum()
-        return float(ways.max()), float(anywhere)
+        return float(displacements.max()), float(anywhere)
 
 
 def _occupied(keys):
@@ -294,10 +297,10 @@ class Search:
         self.cells, self.blocks = _occupied(keys), None
         return self._build("own", position, keys, position, *self.cells, exclude_self=True)
 
-    def squared_relative_ways(self, position, build_position):
+    def squared_relative_displacements(self, position, build_position):
         if self.blocks is None:  # only where the particles move far enough to ask
-            self.blocks = Blocks(*self.cells, self.dim)
-        return self.blocks.squared_ways(position, build_position)
+            self.blocks = CellBlocks(*self.cells, self.dim)
+        return self.blocks.squared_displacements(position, build_position)
 
     def build_against(self, position, prepared):
         return self._build("static", position, self.keys(position), *prepared, exclude_self=False)

@@ -166,11 +166,11 @@ def touching_blocks(cells, report, dim, near):
 
 
 @cuda_kernel(rows_of="low")
-def clear_boxes(low, high, report, ways):
-    """Empty boxes, and no way yet; the last row is the box of all."""
+def clear_boxes(low, high, report, displacements):
+    """Empty boxes, and no displacement yet; the last row is the box of all."""
     k = cuda.grid(1)
     if k == 0:
-        ways[0] = 0
+        displacements[0] = 0
     if k < report[0] or k == high.shape[0] - 1:
         for c in range(3):
             low[k, c] = math.inf
@@ -179,7 +179,7 @@ def clear_boxes(low, high, report, ways):
 
 @cuda_kernel
 def block_boxes(position, build_position, cells, first, report, dim, low, high):
-    """Box [low, high] [m] of the ways of each block's particles since the list was built, in its leader's row.
+    """Box [low, high] [m] of the displacements of each block's particles since the list was built, in its leader's row.
 
     Least and largest values do not depend on the order in which the cells come. The last row is the box of all.
     """
@@ -192,9 +192,9 @@ def block_boxes(position, build_position, cells, first, report, dim, low, high):
             least = position[i, c] - build_position[i, c]
             most = least
             while i < first[k + 1]:
-                way = position[i, c] - build_position[i, c]
-                least = min(least, way)
-                most = max(most, way)
+                displacement = position[i, c] - build_position[i, c]
+                least = min(least, displacement)
+                most = max(most, displacement)
                 i += 1
             cuda.atomic.min(low, (leader, c), least)
             cuda.atomic.max(high, (leader, c), most)
@@ -205,17 +205,17 @@ def block_boxes(position, build_position, cells, first, report, dim, low, high):
 
 
 @cuda_kernel
-def block_ways(low, high, report, dim, ways, near):
-    """ways: bounds of the squared difference [m^2] between ways, in a block and one that touches it, and anywhere."""
+def block_displacements(low, high, report, dim, displacements, near):
+    """displacements: bounds of the squared relative one [m^2] of two particles, in touching blocks and anywhere."""
     k = cuda.grid(1)
     places = 9 if dim == 2 else 27
     c = k // places
     if k == 0:
-        ways[1] = squared_between(low, high, high.shape[0] - 1, high.shape[0] - 1)
+        displacements[1] = squared_between(low, high, high.shape[0] - 1, high.shape[0] - 1)
     if k < near.shape[0] and c < report[0] and near[k] >= 0:
-        way = squared_between(low, high, c, near[k])
-        if way > ways[0]:
-            cuda.atomic.max(ways, 0, way)
+        apart = squared_between(low, high, c, near[k])
+        if apart > displacements[0]:
+            cuda.atomic.max(displacements, 0, apart)
 
 
 @formula
@@ -223,8 +223,8 @@ def squared_distance_before(i, j, position, velocity, drift):
     """|x_i - x_j|^2 [m^2] a time `drift` [s] ago."""
     squared = type(drift)(0)
     for c in range(3):
-        way = (position[i, c] - drift * velocity[i, c]) - (position[j, c] - drift * velocity[j, c])
-        squared += way * way
+        apart = (position[i, c] - drift * velocity[i, c]) - (position[j, c] - drift * velocity[j, c])
+        squared += apart * apart
     return squared
 
 
@@ -458,7 +458,7 @@ class ListOf:
         return (self.queries.nbytes if self.known is None else 0) + sum(a.nbytes for a in own)
 
 
-class Blocks:
+class CellBlocks:
     """Blocks of two cells along each axis: particles of blocks that do not touch are two cells apart at least."""
 
     def __init__(self, backend, table, dim, position, build_position):
@@ -467,23 +467,23 @@ class Blocks:
         room, real = table.cells.shape[0], position.dtype
         self.low, self.high = backend.empty((room + 1, 3), real), backend.empty((room + 1, 3), real)
         self.near = backend.empty(room * (9 if dim == 2 else 27), np.int32)
-        self.ways = backend.zeros(2, real)
-        self.mirror = device.Mirror(self.ways)
+        self.displacements = backend.zeros(2, real)
+        self.mirror = device.Mirror(self.displacements)
         self.found = False  # whether `near` belongs to the present list
         self.find = device.Recorded(lambda: touching_blocks(table.cells, table.report, dim, self.near))
         self.measure = device.Recorded(self._measure)
 
     def _measure(self):
         table = self.table
-        clear_boxes(self.low, self.high, table.report, self.ways)
+        clear_boxes(self.low, self.high, table.report, self.displacements)
         block_boxes(
             self.position, self.build_position, table.cells, table.first, table.report, self.dim, self.low, self.high
         )
-        block_ways(self.low, self.high, table.report, self.dim, self.ways, self.near)
+        block_displacements(self.low, self.high, table.report, self.dim, self.displacements, self.near)
         self.mirror.send()
 
-    def squared_ways(self):
-        """Bounds of the squared difference [m^2] between two particles' ways: in touching blocks, and anywhere."""
+    def squared_displacements(self):
+        """Bounds of the squared relative displacement [m^2] of two particles: in touching blocks, and anywhere."""
         if not self.found:
             self.find()
             self.found = True
@@ -601,11 +601,11 @@ class Search:
                 self.blocks = None
         return result
 
-    def squared_relative_ways(self, position, build_position):
+    def squared_relative_displacements(self, position, build_position):
         if self.blocks is None or self.blocks.position is not position:  # only where particles move far enough to ask
             table = self.lists["own"].queries
-            self.blocks = Blocks(self.backend, table, self.dim, position, build_position)
-        return self.blocks.squared_ways()
+            self.blocks = CellBlocks(self.backend, table, self.dim, position, build_position)
+        return self.blocks.squared_displacements()
 
     def build_against(self, position, prepared):
         return self._build("static", position, *prepared)

@@ -43,8 +43,8 @@ def squared_between(low, high, a, b):
     """Largest squared difference [m^2] of a vector in the box [low, high] of row a and one in that of row b."""
     squared = low[a, 0] - low[a, 0]
     for c in range(3):
-        way = max(high[a, c] - low[b, c], high[b, c] - low[a, c])
-        squared += way * way
+        apart = max(high[a, c] - low[b, c], high[b, c] - low[a, c])
+        squared += apart * apart
     return squared
 
 

@@ -16,6 +16,7 @@ from typing import Any, Literal
 import msgspec
 import numpy as np
 
+from refsim.core.capabilities import BringsWalls, KnowsParticleMass, LimitsMassRatio, having
 from refsim.core.effect import EFFECTS, Discretisation, Effect, Extremes, InitialState, Nodes, Pass, require
 from refsim.core.energy import EnergyAudit
 from refsim.core.errors import InputError
@@ -322,7 +323,7 @@ def _planned(scene: Scene) -> Plan:
         fields |= {f.name: _counted(f, solids) for f in effect.fields(effects)}
         shared |= effect.shares(grid, effects)
         parameters[name] = effect.prepare(grid, effects)
-        made = effect.walls(grid, effects)
+        made = effect.walls(grid, effects) if isinstance(effect, BringsWalls) else None
         if made is not None:
             walls.append(made)
     if scene.energy_audit is not None:
@@ -409,14 +410,15 @@ def _coarse_places(scene: Scene, state: InitialState) -> tuple[str, ...]:
 
 
 def _unequal_masses(state: InitialState, effects: Mapping[str, Effect]) -> Iterator[str]:
-    """A note where masses differ by more than an effect was measured to bear."""
+    """A note where the ratio of masses is above what the forces of an effect were measured with."""
     ratio = float(state.mass.max() / state.mass.min())
-    for name, effect in effects.items():
+    for effect in having(effects, LimitsMassRatio):
         largest = effect.largest_mass_ratio(effects)
         if ratio > largest * (1 + 1e-6):
             yield (
-                f"{name}: the heaviest particle has {ratio:.4g} times the mass of the lightest; up to {largest:g} times"
-                " was measured to gain no energy: take masses that differ less, or watch the energy by energy_audit"
+                f"{effect.name}: the heaviest particle has {ratio:.4g} times the mass of the lightest; up to"
+                f" {largest:g} times was measured to gain no energy: take masses that differ less, or watch the energy"
+                " by energy_audit"
             )
 
 
@@ -471,8 +473,8 @@ def _solid_particles(
     """Position, velocity and mass of the nodes of solids; each has the volume of a particle of the liquid in bulk."""
     if "shape_matching" not in effects:
         raise InputError("scene: nothing holds its solids together; add effect 'shape_matching'.")
-    liquid = effects.get("weakly_compressible")
-    volume = 1 / liquid.rest_number_density(grid) if liquid else grid.spacing**grid.dim  # type: ignore[attr-defined]
+    liquid = next((e for e in having(effects, KnowsParticleMass) if e.of_liquid), None)
+    volume = grid.spacing**grid.dim if liquid is None else liquid.particle_volume(grid)
     position = (solids.lattice.cell + 0.5) * grid.spacing
     mass = solids.of_bodies("density") * volume
     velocity = solids.of_bodies("velocity")
@@ -510,8 +512,8 @@ def _check_places(state: InitialState, bounds: Any, solids: Nodes | None) -> Non
 
 def _lattice_mass(grid: Discretisation, effects: Mapping[str, Effect]) -> float:
     """Mass of a lattice particle: the liquid's, else that of the first effect that knows one, else 1."""
-    liquid_first = sorted(effects.values(), key=lambda effect: effect.name != "weakly_compressible")
-    return next((mass for effect in liquid_first if (mass := effect.particle_mass(grid)) is not None), 1.0)
+    liquid_first = sorted(having(effects, KnowsParticleMass), key=lambda effect: not effect.of_liquid)
+    return liquid_first[0].particle_mass(grid) if liquid_first else 1.0
 
 
 def _per_particle(name: str, values: Any, shape: tuple[int, ...]) -> np.ndarray:

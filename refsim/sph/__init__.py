@@ -1,7 +1,7 @@
 """Weakly compressible SPH: density, equation of state, pressure, viscosity, leap-frog (Jiang & Zhu 2023, (7) to (11)).
 
-Contents: WeaklyCompressible, Gravity; operations sph.density, sph.state, sph.pressure, sph.momentum, sph.viscosity,
-sph.central_viscosity, sph.gravity, sph.extremes, sph.kick_drift.
+Contents: WeaklyCompressible, Gravity; liquid_of and gravity_of, which find them in a scene; operations sph.density,
+sph.state, sph.pressure, sph.momentum, sph.viscosity, sph.central_viscosity, sph.gravity, sph.extremes, sph.kick_drift.
 """
 
 from __future__ import annotations
@@ -13,6 +13,14 @@ from typing import Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 
+from refsim.core.capabilities import (
+    BalancesCohesion,
+    BringsWalls,
+    KnowsParticleMass,
+    LimitsMassRatio,
+    LimitsSpeed,
+    having,
+)
 from refsim.core.effect import Discretisation, Effect, Pass, StepLimit, literal_errata, require
 from refsim.core.energy import EnergyAccount, EnergyState, amount, compression_amount, compression_energy
 from refsim.core.errors import InputError
@@ -20,6 +28,7 @@ from refsim.core.fields import Field
 from refsim.core.operation import Operation, Program, register
 from refsim.smoothing import lattice, smoothing
 
+LIQUID = "weakly_compressible"  # name of the effect that brings the liquid
 DENSITY = Field("density", "kg/m^3 (kg/m^2 in 2D)", "density rho, J(7)")
 NUMBER_DENSITY = Field("number_density", "1/m^3 (1/m^2 in 2D)", "number density delta, J(8)")
 ASYMMETRY = Field("asymmetry", "1/m^2 (1/m in 2D)", "length of the first moment of J(8), |sum_j W_ij x_ij|")
@@ -84,15 +93,20 @@ def central_coefficient(dynamic_viscosity: float, dim: int) -> float:
 
 def cohesive_pressure(grid: Discretisation, others: Mapping[str, Effect]) -> float:
     """Internal pressure [Pa] of all cohesive effects that the equation of state is to balance."""
-    return sum(effect.balanced_pressure(grid, others) for effect in others.values())
+    return sum(effect.balanced_pressure(grid, others) for effect in having(others, BalancesCohesion))
 
 
-def _implicit(others: Mapping[str, Effect]) -> bool:
+def least_wall_share(others: Mapping[str, Effect]) -> float:
+    """How many times the particle's pressure wall particles push with: the least of all walls, 2 without any."""
+    return min((effect.wall_share for effect in having(others, BringsWalls)), default=BringsWalls.wall_share)
+
+
+def pressure_is_replaced(others: Mapping[str, Effect]) -> bool:
     """Whether another effect solves for the pressure in place of the equation of state."""
     return any("sph.state" in effect.replaces() for effect in others.values())
 
 
-class WeaklyCompressible(Effect, frozen=True, kw_only=True):
+class WeaklyCompressible(Effect, KnowsParticleMass, LimitsSpeed, LimitsMassRatio, frozen=True, kw_only=True):
     """Liquid whose pressure follows from its summed density.
 
     rest_density       rho0 [kg/m^3; kg/m^2 in 2D]
@@ -109,7 +123,8 @@ class WeaklyCompressible(Effect, frozen=True, kw_only=True):
                        gradient in J(10)); or "all"
     """
 
-    name: ClassVar[str] = "weakly_compressible"
+    name: ClassVar[str] = LIQUID
+    of_liquid: ClassVar[bool] = True
 
     rest_density: float = 1000.0
     sound_speed: float
@@ -142,7 +157,7 @@ class WeaklyCompressible(Effect, frozen=True, kw_only=True):
         return self.viscosity == "central" and self.dynamic_viscosity > 0
 
     def fields(self, others: Mapping[str, Effect]) -> tuple[Field, ...]:
-        return (DENSITY,) if _implicit(others) else (DENSITY, PRESSURE)
+        return (DENSITY,) if pressure_is_replaced(others) else (DENSITY, PRESSURE)
 
     def passes(self, others: Mapping[str, Effect]) -> tuple[Pass, ...]:
         viscous = self.dynamic_viscosity > 0
@@ -167,7 +182,7 @@ class WeaklyCompressible(Effect, frozen=True, kw_only=True):
     def _braked(self, grid: Discretisation, others: Mapping[str, Effect]) -> Iterator[str]:
         """What J(11) does to the rotation of a liquid without walls."""
         own = not any("sph.density" in effect.replaces() for effect in others.values())  # its forces act
-        held = any(type(effect).walls is not Effect.walls for effect in others.values())
+        held = bool(having(others, BringsWalls))
         if self.dynamic_viscosity == 0 or self.central() or not own or held or grid.count == 0:
             return
         radius = grid.spacing * math.sqrt(grid.count / math.pi)
@@ -185,8 +200,7 @@ class WeaklyCompressible(Effect, frozen=True, kw_only=True):
         """With which viscosity energy may appear."""
         most = LEAST_VISCOUS[self.kernels]
         least = self.rest_density * self.sound_speed * grid.support_radius / most
-        replaced = any("sph.state" in effect.replaces() for effect in others.values())
-        if self.dynamic_viscosity >= least or replaced:
+        if self.dynamic_viscosity >= least or pressure_is_replaced(others):
             return ()
         return (
             f"{self.name}: with a viscosity of {self.dynamic_viscosity:g} Pa s, below rho0 c h/{most:g} = {least:.3g}"
@@ -195,7 +209,7 @@ class WeaklyCompressible(Effect, frozen=True, kw_only=True):
 
     def energy(self, grid: Discretisation, others: Mapping[str, Effect]) -> EnergyAccount:
         """Work of compression of J(9) or Tait, where no other effect brings the pressure."""
-        if _implicit(others):
+        if pressure_is_replaced(others):
             return EnergyAccount()
         exponent = 7 if self.state == "tait" else 1
         stiffness = self.rest_density * self.sound_speed**2 / exponent
@@ -234,6 +248,10 @@ class WeaklyCompressible(Effect, frozen=True, kw_only=True):
         """m = rho0/delta0 [kg; kg/m in 2D], so that the interior of a lattice has exactly the rest density."""
         return self.rest_density / self.rest_number_density(grid)
 
+    def particle_volume(self, grid: Discretisation) -> float:
+        """1/delta0 [m^dim]."""
+        return 1 / self.rest_number_density(grid)
+
     def shares(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, Any]:
         sums, gradients = SETS[self.kernels]
         exponent = 7 if self.state == "tait" else 1
@@ -247,7 +265,7 @@ class WeaklyCompressible(Effect, frozen=True, kw_only=True):
                 np.int32(self.clamp_pressure),
                 grid.real(cohesive_pressure(grid, others)),
                 grid.real(0.5 if "E24" in self._printed() else 1.0),
-                grid.real(min(effect.wall_share() for effect in others.values())),
+                grid.real(least_wall_share(others)),
             ),
         }
 
@@ -264,7 +282,7 @@ class WeaklyCompressible(Effect, frozen=True, kw_only=True):
         stiffening = 2 * cohesive_pressure(grid, others) / self.rest_density
         sound_speed = math.sqrt(self.sound_speed**2 + stiffening)
         limits: dict[str, StepLimit] = {}
-        if not _implicit(others):
+        if not pressure_is_replaced(others):
             limits["acoustic"] = StepLimit.crossing(0.4 * grid.support_radius, sound_speed)
         if self.dynamic_viscosity > 0:
             half = 0.5 * grid.support_radius
@@ -273,6 +291,11 @@ class WeaklyCompressible(Effect, frozen=True, kw_only=True):
             seconds = 0.125 * half**2 * self.rest_density / self.dynamic_viscosity
             limits["viscous"] = StepLimit.constant(seconds / stiffer)
         return limits
+
+
+def liquid_of(others: Mapping[str, Effect]) -> WeaklyCompressible:
+    """The scene's liquid; an effect that takes it has LIQUID among its needs."""
+    return others[LIQUID]  # type: ignore[return-value]
 
 
 class Gravity(Effect, frozen=True, kw_only=True):
@@ -303,6 +326,11 @@ class Gravity(Effect, frozen=True, kw_only=True):
 
     def prepare(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, Any]:
         return {"field": np.array(self.acceleration, dtype=grid.dtype)}
+
+
+def gravity_of(others: Mapping[str, Effect]) -> Gravity | None:
+    """The scene's gravity, if it has any."""
+    return others.get(Gravity.name)  # type: ignore[return-value]
 
 
 _HERE = "refsim.sph"

@@ -18,9 +18,9 @@ from refsim.core.cases import (
 )
 from refsim.core.walls import Bounds, WallParticles
 from refsim.smoothing import SHAPES, Smoothing, smoothing
-from refsim.sph import CentralViscosity, Fluid, ViscosityTerm, WeaklyCompressible
+from refsim.sph import LIQUID, CentralViscosity, Fluid, ViscosityTerm, WeaklyCompressible
 
-FLUID = "weakly_compressible"
+FLUID = LIQUID
 
 
 @effect_of_cases

@@ -27,7 +27,7 @@ from refsim.core.errors import InputError
 from refsim.core.fields import Field
 from refsim.core.operation import Operation, register
 from refsim.smoothing import smoothing
-from refsim.sph import ASYMMETRY, NUMBER_DENSITY, PRESSURE
+from refsim.sph import ASYMMETRY, LIQUID, NUMBER_DENSITY, PRESSURE, liquid_of
 from refsim.surface_normal import (
     CORRECTED_NORMAL,
     SHAPES,
@@ -177,7 +177,7 @@ class SurfaceDetection(Effect, frozen=True, kw_only=True):
     literal: tuple[str, ...] = ()
 
     def needs(self) -> tuple[str, ...]:
-        return ("weakly_compressible",)
+        return (LIQUID,)
 
     def check(self, grid: Discretisation, others: Mapping[str, Effect]) -> None:
         require(self.name, asymmetry=(self.asymmetry, "positive"))
@@ -260,7 +260,7 @@ class SurfaceDetection(Effect, frozen=True, kw_only=True):
         return grid.support_radius * (2.0 if scanned and self._full() else 1.0)
 
     def prepare(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, Any]:
-        fluid: Any = others["weakly_compressible"]
+        fluid = liquid_of(others)
         h, delta0 = grid.support_radius, fluid.rest_number_density(grid)
         # Without rounding a normal without direction is exactly zero; its unit is 1 or, for J(20), 1/m.
         smallest = max(1e-12, 64.0 * float(np.finfo(grid.dtype).eps))

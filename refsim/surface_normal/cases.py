@@ -6,6 +6,7 @@ import numpy as np
 
 from refsim.core.cases import Case, Exact, case, closed_form, groups, lattice, particles, takes, vectors
 from refsim.smoothing import smoothing
+from refsim.sph import liquid_of
 from refsim.surface_normal import SHAPES, NormalTerm, normal_term, reference
 
 
@@ -33,7 +34,7 @@ def _candidates(case, random):
 
 @groups("normal_term")
 def _normal_term(case, grid):
-    return normal_term(case.effects["weakly_compressible"], grid, own_density=case.literal)
+    return normal_term(liquid_of(case.effects), grid, own_density=case.literal)
 
 
 takes("surface_normal.color_gradient", normal_term="own_density")

@@ -18,10 +18,12 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from refsim.core.capabilities import BalancesCohesion
 from refsim.core.effect import Discretisation, Effect, StepLimit
 from refsim.core.energy import EnergyAccount, EnergyState, pair_potential
 from refsim.core.errors import InputError
 from refsim.smoothing import lattice
+from refsim.sph import LIQUID, liquid_of, pressure_is_replaced
 
 COLLAPSE = 0.25  # Pi beyond which no density balances the cohesion
 STRAINED = 0.045  # Pi at which the bulk is compressed by 5 %: from here on a run is warned of
@@ -99,7 +101,7 @@ def compression(number: float) -> float:
     return 2 / (1 + math.sqrt(1 - 4 * number))
 
 
-class PairCohesion(Effect, frozen=True, kw_only=True):
+class PairCohesion(Effect, BalancesCohesion, frozen=True, kw_only=True):
     """Base of the cohesive models: nominal tension, internal pressure, its balance and its bound, capillary step.
 
     balance_pressure  the equation of state balances the cohesion of the bulk by P_int (rho/rho0)^2; left out, cohesion
@@ -111,7 +113,7 @@ class PairCohesion(Effect, frozen=True, kw_only=True):
     balance_pressure: bool = True
 
     def needs(self) -> tuple[str, ...]:
-        return ("weakly_compressible",)
+        return (LIQUID,)
 
     def pair_force(self, r: NDArray, grid: Discretisation, others: Mapping[str, Effect]) -> NDArray:
         """C(r) [N/kg^2] at distances r [m] up to h; positive repels."""
@@ -123,7 +125,7 @@ class PairCohesion(Effect, frozen=True, kw_only=True):
 
     def nominal_tension(self, grid: Discretisation, others: Mapping[str, Effect]) -> float:
         """sigma [N/m] of the pair force by the Kirkwood-Buff integral or lattice sum."""
-        force, fluid = self._force(grid, others), _fluid(others)
+        force, fluid = self._force(grid, others), liquid_of(others)
         if self.lattice:
             return lattice_tension(force, fluid.rest_density, fluid.particle_mass(grid), grid)
         return nominal_tension(force, fluid.rest_density, grid.support_radius, grid.dim)
@@ -132,7 +134,7 @@ class PairCohesion(Effect, frozen=True, kw_only=True):
         """P_int [Pa] of the pair force in the undisturbed bulk; 0 where the bulk feels none."""
         if not self.acts_on_all_pairs():
             return 0.0
-        force, fluid = self._force(grid, others), _fluid(others)
+        force, fluid = self._force(grid, others), liquid_of(others)
         if self.lattice:
             return lattice_pressure(force, fluid.rest_density, fluid.particle_mass(grid), grid)
         return internal_pressure(force, fluid.rest_density, grid.support_radius, grid.dim)
@@ -142,7 +144,7 @@ class PairCohesion(Effect, frozen=True, kw_only=True):
 
     def check_collapse(self, grid: Discretisation, others: Mapping[str, Effect]) -> None:
         """Raise InputError where no density balances the cohesion, P_int > rho0 c^2/4."""
-        number, fluid = self.collapse_number(grid, others), _fluid(others)
+        number, fluid = self.collapse_number(grid, others), liquid_of(others)
         if number >= COLLAPSE:
             needed = fluid.sound_speed * math.sqrt(number / COLLAPSE)
             raise InputError(
@@ -153,10 +155,9 @@ class PairCohesion(Effect, frozen=True, kw_only=True):
 
     def collapse_number(self, grid: Discretisation, others: Mapping[str, Effect]) -> float:
         """Pi = P_int/(rho0 c^2) that the linear equation of state has to hold by compression; 0 where nothing has."""
-        fluid = _fluid(others)
+        fluid = liquid_of(others)
         held = self.balance_pressure or fluid.state != "linear"
-        replaced = any("sph.state" in effect.replaces() for effect in others.values())
-        if held or replaced:
+        if held or pressure_is_replaced(others):
             return 0.0
         return max(0.0, self.internal_pressure(grid, others)) / (fluid.rest_density * fluid.sound_speed**2)
 
@@ -195,7 +196,7 @@ class PairCohesion(Effect, frozen=True, kw_only=True):
 
 def too_stiff(name: str, sigma: float, largest: float, grid: Discretisation, others: Mapping[str, Effect]) -> str:
     """Words where S = sigma/(rho0 c^2 d) exceeds what a model was found to bear at any step; else ""."""
-    fluid = _fluid(others)
+    fluid = liquid_of(others)
     value = sigma / (fluid.rest_density * fluid.sound_speed**2 * grid.spacing)
     if value <= largest * (1 + 1e-9):
         return ""
@@ -211,7 +212,7 @@ def turns(name: str, term: str, others: Mapping[str, Effect]) -> str:
 
     Viscosity J(11) does not act along the pair either, and brakes far more; the liquid's own note says so.
     """
-    fluid = _fluid(others)
+    fluid = liquid_of(others)
     if fluid.dynamic_viscosity > 0 and not fluid.central():
         return ""
     how = "with this viscosity" if fluid.central() else "without viscosity"
@@ -226,7 +227,7 @@ def capillary_limit(sigma: float, grid: Discretisation, others: Mapping[str, Eff
     if sigma == 0:
         return {}
     half = 0.5 * grid.support_radius
-    seconds = 0.25 * math.sqrt(_fluid(others).rest_density * half**3 / (2 * math.pi * sigma))
+    seconds = 0.25 * math.sqrt(liquid_of(others).rest_density * half**3 / (2 * math.pi * sigma))
     return {"capillary": StepLimit.constant(seconds)}
 
 
@@ -237,7 +238,3 @@ def one_of(owner: str, **given: float | None) -> None:
     if len(chosen) != 1:
         words = {0: "neither", 2: "both"}.get(len(chosen), "several")
         raise InputError(f"{owner}: {words} of {' and '.join(names)} given; give exactly one of them.")
-
-
-def _fluid(others: Mapping[str, Effect]) -> Any:
-    return others["weakly_compressible"]

@@ -21,7 +21,7 @@ import msgspec
 from refsim.core.effect import Discretisation
 from refsim.core.errors import InputError
 from refsim.core.reading import GREATEST
-from refsim.sph import WeaklyCompressible
+from refsim.sph import LIQUID, WeaklyCompressible
 from refsim.surface_tension.akinci_2013 import Akinci2013
 from refsim.surface_tension.calibration import BASE, SAME, Calibration, calibrate
 
@@ -105,7 +105,7 @@ def calibrate_contact_angle(
     fluid = WeaklyCompressible(rest_density=rest_density, sound_speed=tension.sound_speed, kernels=kernels)  # type: ignore[arg-type]
     grid = Discretisation(dim, "float64", spacing, support * spacing, 0)
     effect: Any = tension.effect
-    adhesion = share * effect.coefficient(grid, {"weakly_compressible": fluid})
+    adhesion = share * effect.coefficient(grid, {LIQUID: fluid})
     return ContactAngle(
         effect=msgspec.structs.replace(effect, adhesion=adhesion),
         adhesion=adhesion,

@@ -42,6 +42,7 @@ from refsim import (
     make_plan,
 )
 from refsim.commands.plan import describe_plan
+from refsim.core.capabilities import WantsCellOrder, having
 from refsim.core.effect import EFFECTS
 from refsim.core.fields import BASE
 from refsim.core.operation import REGISTRY
@@ -185,8 +186,9 @@ class TestPlan:
         held = sum(array.nbytes for array in simulation.fields.values())
         assert held == simulation.count * sum(plan.field_bytes().values()) + sum(plan.table_bytes().values())
         runner = {p.operation for effect, p in plan.motion if effect is None} | {p.operation for _, p in plan.start}
+        runner |= {"sph.extremes"}
         runner |= {"neighbours"} if plan.list_radius > 0 else set()
-        runner |= {"sorting"} if any(e.sorting_cell(plan.grid) for e in plan.effects.values()) else set()
+        runner |= {"sorting"} if having(plan.effects, WantsCellOrder) else set()
         assert set(simulation.timings.first_calls) == {*plan.launches(), *runner}
         simulation.evaluate()
         assert set(simulation.timings.first_calls) == {*plan.launches(True), *runner}

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import refsim
-from refsim import Scene, Simulation, WeaklyCompressible
+from refsim import Scene, Simulation, WeaklyCompressible, make_plan
 from refsim.__main__ import main
 from refsim.backends.arrays import unavailable
 from refsim.commands import COMMANDS, discover, doctor, in_bytes, in_time, table
@@ -474,6 +474,37 @@ def test_run_writes_a_folder_and_a_report(scene, capsys):
     assert "60 of 60" in told.out
     assert main(["run", "--resume", str(folder)]) == 0
     assert "nothing was left to do" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("backend", ["numpy", "cpu"])
+def test_a_profile_lists_the_seconds_by_pass_and_changes_nothing(scene, capsys, backend):
+    """Every launch of the plan is there with its number, the longest first, and the run ends with the same bits."""
+    plain = ["run", str(scene), "--backend", backend, "--until", "0.01", "--quiet"]
+    assert main([*plain, "--output", "plain", "--json"]) == 0
+    without = json.loads(capsys.readouterr().out)
+    assert without["profile"] is None
+    assert main([*plain, "--output", "timed", "--json", "--profile"]) == 0
+    report = json.loads(capsys.readouterr().out)
+    ends = [Simulation.resume(pathlib.Path(folder)) for folder in ("plain", "timed")]
+    for name, f in ends[0].plan.fields.items():
+        assert not f.state or np.array_equal(ends[0].field(name), ends[1].field(name)), name
+    assert report["steps"] == without["steps"] > 3
+    stages = {cost["stage"]: cost for cost in report["profile"]["stages"]}
+    assert report["profile"]["note"] == ""
+    seconds = [cost["seconds"] for cost in report["profile"]["stages"]]
+    assert seconds == sorted(seconds, reverse=True)
+    assert sum(cost["share"] for cost in stages.values()) == pytest.approx(1.0)
+    shown = {*make_plan(load_scene(scene)).launches(on_demand=True), "sph.extremes", "sph.kick_drift"}
+    shown |= {"frames", "checkpoints", "other"}
+    assert shown | ({"neighbours"} if backend == "cpu" else set()) == set(stages)
+    assert stages["sph.kick_drift"]["launches"] == report["steps"]
+    assert stages["frames"]["launches"] == report["frames"]
+    counted = sum(seconds) + sum(cost["first"] for cost in stages.values())
+    assert 0.5 * report["seconds"]["total"] < counted < report["seconds"]["total"]
+    assert main([*plain, "--output", "told", "--profile"]) == 0
+    lines = capsys.readouterr().out.partition("\n\n")[2].splitlines()
+    assert "launches" in lines[0]
+    assert sorted(line.split()[0] for line in lines[2:]) == sorted(stages)
 
 
 def test_import_is_light():

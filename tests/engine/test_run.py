@@ -28,8 +28,8 @@ from refsim.__main__ import main
 from refsim.core.errors import REASONS
 from refsim.engine import simulation as run_module
 from refsim.engine import stepping
+from refsim.engine.checkpoints import load_checkpoint
 from refsim.engine.driver import check_particles, stock
-from refsim.engine.simulation import load_checkpoint
 from refsim.io.checkpoint import latest_checkpoint, read_checkpoint, write_checkpoint
 from refsim.io.frames import read_particles
 from refsim.scene.files import load_scene, scene_to_toml
@@ -129,8 +129,8 @@ def test_cuts_stand_around_a_look_and_a_rebuild():
     simulation, seen = Simulation(tank()), set()
     for cut in CUTS:
         advance(simulation, cut)
-        pending = simulation._squared_way > simulation.search.allowed_way**2
-        seen.add((simulation.search.log.rebuilds, pending, simulation._margin > 0))
+        pending = simulation.lists.policy.squared_displacement > simulation.search.allowed_displacement**2
+        seen.add((simulation.search.log.rebuilds, pending, simulation.lists.policy.margin > 0))
     assert {(1, False, False), (1, True, False), (1, True, True), (2, False, False)} <= seen
 
 
@@ -526,7 +526,7 @@ def test_a_position_that_is_not_finite_is_named(tmp_path):
 
 def test_missed_neighbours_end_the_run(tmp_path, monkeypatch):
     simulation = Simulation(tank())
-    monkeypatch.setattr(simulation.search, "allowed_way", 0.02)  # forty times too lax
+    monkeypatch.setattr(simulation.search, "allowed_displacement", 0.02)  # forty times too lax
     with pytest.raises(RunStopped) as caught:
         simulate(simulation, 1.0, output=tmp_path)
     assert caught.value.reason == "missed_neighbours"

@@ -569,7 +569,7 @@ def test_an_audit_of_the_energy_is_the_cpus():
 
 
 def test_run_of_mpm_sorts_its_particles_and_finds_those_that_were_moved(monkeypatch):
-    monkeypatch.setattr("refsim.engine.simulation.SORT_EVERY", 2)
+    monkeypatch.setattr("refsim.engine.sorting.SORT_EVERY", 2)
     effects = MpmLiquid(bulk_modulus=100.0, initial_ratio=0.9), Gravity(acceleration=(0.0, -9.81, 0.0))
     scene = Scene(
         dim=2, spacing=0.1, support_radius=0.3, dtype="float64", fluid=(Box(cells=(5, 4, 1)),), effects=effects
@@ -651,11 +651,26 @@ def test_device_chooses_the_step_as_the_host_does(cuda):
 def test_run_rebuilds_its_list_and_audits_the_old_one():
     run = Simulation(dam_break("float64"), "cuda")
     run.step()
-    run._squared_way = np.inf
+    run.lists.policy.invalidate()
     run.step()
     assert run.search.log.rebuilds == 2
     assert run.search.log.audited_rows == 8
     assert run.search.log.missed_neighbours == 0
+
+
+def test_a_profiled_run_is_the_same_run_and_names_every_pass():
+    """The passes are launched one by one in the place of one graph: their seconds are apart, the bits are the same."""
+    plain, profiled = Simulation(dam_break("float32"), "cuda"), Simulation(dam_break("float32"), "cuda", profile=True)
+    for run in (plain, profiled):
+        advance(run, 3)
+    for name in plain.fields:
+        assert np.array_equal(plain.field(name), profiled.field(name)), name
+    assert "step" in plain.timings.stages
+    assert not profiled.stepper.recorded.whole
+    own = {"sph.extremes", "sph.kick_drift", "choose_step", "send_clock"}
+    assert {*profiled.plan.launches(), *own} <= profiled.timings.launches.keys()
+    assert "step" not in profiled.timings.launches
+    assert {profiled.timings.launches[name] for name in own} == {3}
 
 
 def test_what_stands_in_is_reported():

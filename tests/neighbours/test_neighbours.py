@@ -232,7 +232,7 @@ def test_list_is_kept_until_half_the_skin_is_used_up():
         simulation.step()
     assert simulation.search.log.rebuilds == 1
     simulation = Simulation(falling_box(step=1e-3, skin=0.1, dtype="float64"))
-    simulation._moved_by_forces = False
+    simulation.lists.policy.by_forces = False
     rebuilds = []
     for _ in range(25):
         simulation.step()
@@ -272,7 +272,7 @@ def test_between_rebuilds_no_neighbour_is_missed():
         simulation.step()
         search, listed = simulation.search, simulation._shared["neighbours"]
         used.add(search.log.rebuilds)
-        if simulation._squared_way <= search.allowed_way**2:
+        if simulation.lists.policy.squared_displacement <= search.allowed_displacement**2:
             expected = neighbour_list(simulation.fields["position"], search.radius)
             for row, near in zip(rows(listed), expected):
                 assert set(near) <= set(row)
@@ -385,7 +385,7 @@ def test_blocks_compare_all_pairs_that_could_meet(dim):
     search.build(position)
     way = 0.1 * np.random.default_rng(dim).normal(size=position.shape)
     way[:, dim:] = 0
-    touching, anywhere = search.programs.squared_relative_ways(position + way, position)
+    touching, anywhere = search.programs.squared_relative_displacements(position + way, position)
     difference = ((way[:, None] - way[None]) ** 2).sum(2)
     near = np.linalg.norm(position[:, None] - position[None], axis=2) < 2 * search.reach
     assert difference[near].max() <= touching * (1 + 1e-12) <= anywhere * (1 + 1e-12)
@@ -417,7 +417,7 @@ def test_list_stays_complete_while_it_is_kept(dim, motion, share):
     for _ in range(50):
         simulation.step()
         way += simulation.last.length * np.linalg.norm(simulation.field("velocity"), axis=1).max()
-        simulation._update_list()
+        simulation.lists.update()
         near = simulation._shared["neighbours"]
         listed = np.zeros((simulation.count,) * 2, dtype=bool)
         for row, (start, count) in enumerate(zip(near.start, near.count)):
@@ -425,5 +425,5 @@ def test_list_stays_complete_while_it_is_kept(dim, motion, share):
         position = simulation.fields["position"].astype(float)
         distance = np.linalg.norm(position[:, None] - position[None], axis=2)
         assert listed[(distance < scene.support_radius * (1 - 1e-5)) & ~np.eye(simulation.count, dtype=bool)].all()
-    assert simulation.search.log.rebuilds <= share * way / simulation.search.allowed_way + 1
+    assert simulation.search.log.rebuilds <= share * way / simulation.search.allowed_displacement + 1
     assert simulation.search.log.missed_neighbours == 0

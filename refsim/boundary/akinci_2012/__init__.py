@@ -13,12 +13,14 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
 
+from refsim.core.capabilities import BringsWalls
 from refsim.core.effect import Discretisation, Effect, literal_errata, require
 from refsim.core.energy import EnergyAccount
 from refsim.core.errors import InputError
 from refsim.core.walls import Bounds, WallParticles
 from refsim.scene.solids import countable
 from refsim.smoothing import lattice, smoothing
+from refsim.sph import LIQUID, least_wall_share, liquid_of, pressure_is_replaced
 
 if TYPE_CHECKING:
     from refsim.core.effect import InitialState
@@ -26,7 +28,7 @@ if TYPE_CHECKING:
 FACES = ("-x", "+x", "-y", "+y", "-z", "+z")
 
 
-class BoxWalls(Effect, frozen=True, kw_only=True):
+class BoxWalls(Effect, BringsWalls, frozen=True, kw_only=True):
     """Walls around the box from `lower` to `upper` [m]; free slip.
 
     lower, upper  corners of the liquid's room [m]; in 2D the z parts are ignored
@@ -42,7 +44,7 @@ class BoxWalls(Effect, frozen=True, kw_only=True):
     literal: tuple[str, ...] = ()
 
     def needs(self) -> tuple[str, ...]:
-        return ("weakly_compressible",)
+        return (LIQUID,)
 
     def check(self, grid: Discretisation, others: Mapping[str, Effect]) -> None:
         for axis in range(grid.dim):
@@ -62,8 +64,7 @@ class BoxWalls(Effect, frozen=True, kw_only=True):
 
     def energy(self, grid: Discretisation, others: Mapping[str, Effect]) -> EnergyAccount:
         """None of its own: walls at rest do no work. The liquid's compression counts their part of the density."""
-        replaced = any("sph.state" in effect.replaces() for effect in others.values())
-        if replaced or min(effect.wall_share() for effect in others.values()) == 1:
+        if pressure_is_replaced(others) or least_wall_share(others) == 1:
             return EnergyAccount()
         return EnergyAccount(uncounted=("half of the walls' push, which mirrors the liquid's pressure",))
 
@@ -72,7 +73,7 @@ class BoxWalls(Effect, frozen=True, kw_only=True):
         position = box_layer(self.lower, self.upper, grid.spacing, grid.dim, self.open_faces)
         if not len(position):
             return None
-        shape = others["weakly_compressible"].sum_kernel()
+        shape = liquid_of(others).sum_kernel()
         factor = (
             1.0 if "g" in self._printed() else calibrated_factor(shape, grid.support_radius, grid.spacing, grid.dim)
         )

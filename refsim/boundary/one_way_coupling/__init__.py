@@ -20,6 +20,7 @@ import numpy as np
 
 from refsim.boundary.akinci_2012 import wall_kernel_sums
 from refsim.boundary.penetration import CORRECTIONS, correction_pass, penetration_groups
+from refsim.core.capabilities import BringsWalls, CorrectsPositions, HoldsOtherMemory, KeepsLedger
 from refsim.core.effect import Discretisation, Effect, Pass, StepLimit, literal_errata, require
 from refsim.core.energy import EnergyAccount
 from refsim.core.errors import InputError
@@ -27,6 +28,7 @@ from refsim.core.fields import Field
 from refsim.core.operation import Operation, register
 from refsim.core.walls import WallParticles
 from refsim.smoothing import lattice, smoothing
+from refsim.sph import LIQUID, gravity_of, liquid_of, pressure_is_replaced
 
 MOST_LAYERS = 100  # of boundary particles
 FINEST = 0.01  # spacings of the liquid: smaller ones of boundary particles and distances are mistakes of units
@@ -52,7 +54,7 @@ class WallGravity(NamedTuple):
     z: float
 
 
-class MeshBoundary(Effect, frozen=True, kw_only=True):
+class MeshBoundary(Effect, BringsWalls, CorrectsPositions, HoldsOtherMemory, KeepsLedger, frozen=True, kw_only=True):
     """A solid at rest, given as a closed triangle mesh, that the liquid flows around.
 
     file            mesh file that trimesh reads (.obj, .stl, .ply, ...); in a scene file, looked for beside it
@@ -78,6 +80,7 @@ class MeshBoundary(Effect, frozen=True, kw_only=True):
     """
 
     name: ClassVar[str] = "mesh_boundary"
+    wall_share: ClassVar[float] = 1.0  # the boundary particles' own pressure is a pass of its own
 
     file: str
     center: tuple[float, float, float] | None = None
@@ -97,7 +100,7 @@ class MeshBoundary(Effect, frozen=True, kw_only=True):
     literal: tuple[str, ...] = ()
 
     def needs(self) -> tuple[str, ...]:
-        return ("weakly_compressible",)
+        return (LIQUID,)
 
     def check(self, grid: Discretisation, others: Mapping[str, Effect]) -> None:
         if grid.dim != 3:
@@ -146,7 +149,7 @@ class MeshBoundary(Effect, frozen=True, kw_only=True):
     def walls(self, grid: Discretisation, others: Mapping[str, Effect]) -> WallParticles:
         """Boundary particles (m, 3) [m], layer by layer, and their volumes V_b = g/sum_k W_bk (m,) [m^3]."""
         solid, radius = self.placed(grid), self.radius or 0.5 * grid.spacing
-        shape = others["weakly_compressible"].sum_kernel()  # type: ignore[attr-defined]
+        shape = liquid_of(others).sum_kernel()
         parts = (solid.position, *solid.beneath)
         if self.volume_factor or "E30" in self._printed():
             factors = (self.volume_factor or 1.0,) * len(parts)
@@ -156,21 +159,16 @@ class MeshBoundary(Effect, frozen=True, kw_only=True):
         factor = np.repeat(factors, [len(part) for part in parts])
         return WallParticles(position, factor / wall_kernel_sums(position, shape, grid.support_radius, 3))
 
-    def moves_straight(self) -> bool:
-        """Not where P8 puts a particle elsewhere."""
-        return self.correction == "none"
-
-    def wall_share(self) -> float:
-        """The particle's own pressure once; the boundary particles' is a pass of its own."""
-        return 1.0
+    def corrects_positions(self) -> bool:
+        """Where P8 puts particles that would enter the solid elsewhere."""
+        return self.correction != "none"
 
     def _extrapolates(self, others: Mapping[str, Effect]) -> bool:
         """Whether boundary particles have a pressure of their own.
 
         Solvers without the liquid's equation of state have walls of their own, which do not take `wall_share`.
         """
-        taken = {name for effect in others.values() for name in effect.replaces()}
-        return "E30" not in self._printed() and "sph.state" not in taken
+        return "E30" not in self._printed() and not pressure_is_replaced(others)
 
     def fields(self, others: Mapping[str, Effect]) -> tuple[Field, ...]:
         return () if self.correction == "none" else (CORRECTIONS,)
@@ -215,8 +213,8 @@ class MeshBoundary(Effect, frozen=True, kw_only=True):
     def prepare(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, Any]:
         groups: dict[str, Any] = {}
         if self._extrapolates(others):
-            gravity = others.get("gravity")
-            pull = (0.0, 0.0, 0.0) if gravity is None else gravity.acceleration  # type: ignore[attr-defined]
+            gravity = gravity_of(others)
+            pull = (0.0, 0.0, 0.0) if gravity is None else gravity.acceleration
             groups["wall_gravity"] = WallGravity(*map(grid.real, pull))
         if self.viscosity > 0:
             groups["wall_viscosity"] = WallViscosity(grid.real(self.viscosity))
@@ -235,11 +233,11 @@ class MeshBoundary(Effect, frozen=True, kw_only=True):
     def step_limits(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, StepLimit]:
         if self.viscosity == 0:
             return {}
-        half, liquid = 0.5 * grid.support_radius, others["weakly_compressible"]
-        seconds = 0.125 * half**2 * liquid.rest_density / self.viscosity  # type: ignore[attr-defined]
+        half, liquid = 0.5 * grid.support_radius, liquid_of(others)
+        seconds = 0.125 * half**2 * liquid.rest_density / self.viscosity
         return {"wall friction": StepLimit.constant(seconds)}
 
-    def beside_fields(self) -> str:
+    def other_memory(self) -> str:
         return "distances in a band around the mesh"
 
     def notes(self, grid: Discretisation, others: Mapping[str, Effect]) -> tuple[str, ...]:

@@ -272,7 +272,7 @@ def relaxed(
     moved, neighbours = np.inf, None
     other, way = backend.empty((count, 3), dtype), backend.empty(count, dtype)
     for iteration in range(most):
-        if moved > search.allowed_way * 0.999:
+        if moved > search.allowed_displacement * 0.999:
             position = search.reorder(position, search.order(position))
             neighbours = search.build(position)
             moved = 0.0

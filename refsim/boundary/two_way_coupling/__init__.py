@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 
+from refsim.core.capabilities import LimitsMassRatio
 from refsim.core.effect import Discretisation, Effect, Pass, StepLimit, literal_errata
 from refsim.core.energy import EnergyAccount, EnergyState, compression_amount, compression_energy
 from refsim.core.errors import InputError
@@ -18,7 +19,7 @@ from refsim.core.fields import Field
 from refsim.core.operation import Operation, register
 from refsim.shape_matching import PHASE
 from refsim.shape_matching.phases import FLUID
-from refsim.sph import DENSITY, PRESSURE, ViscosityTerm, cohesive_pressure
+from refsim.sph import DENSITY, LIQUID, PRESSURE, ViscosityTerm, cohesive_pressure, liquid_of
 
 if TYPE_CHECKING:
     from refsim.core.effect import InitialState
@@ -45,7 +46,7 @@ class Coupling(NamedTuple):
     density_weighted: int  # pairs of liquid push by one pressure, weighted by densities
 
 
-class TwoWayCoupling(Effect, frozen=True, kw_only=True):
+class TwoWayCoupling(Effect, LimitsMassRatio, frozen=True, kw_only=True):
     """Liquid and solids push and drag each other; takes the place of the liquid's own density and forces.
 
     The liquid may consist of several substances: every particle has its own rest density, that of the scene's liquid or
@@ -64,19 +65,19 @@ class TwoWayCoupling(Effect, frozen=True, kw_only=True):
     literal: tuple[str, ...] = ()
 
     def needs(self) -> tuple[str, ...]:
-        return ("weakly_compressible", "shape_matching")
+        return (LIQUID, "shape_matching")
 
     def replaces(self) -> tuple[str, ...]:
         return ("sph.density", "sph.state", "sph.pressure", "sph.momentum")
 
     def check(self, grid: Discretisation, others: Mapping[str, Effect]) -> None:
         self._printed()
-        if not others["weakly_compressible"].clamp_pressure:  # type: ignore[attr-defined]
+        if not liquid_of(others).clamp_pressure:
             raise InputError(
                 f"{self.name}: with negative pressures solids would stick to the liquid; set clamp_pressure = true in"
                 " weakly_compressible."
             )
-        if others["weakly_compressible"].central():  # type: ignore[attr-defined]
+        if liquid_of(others).central():
             raise InputError(
                 f"{self.name}: drags by its own equation (3), not along the line of centres; leave viscosity of"
                 " weakly_compressible at 'laplacian'."
@@ -93,14 +94,14 @@ class TwoWayCoupling(Effect, frozen=True, kw_only=True):
     def initial(
         self, grid: Discretisation, state: InitialState, others: Mapping[str, Effect]
     ) -> Mapping[str, np.ndarray]:
-        rest_density = np.full(grid.count, others["weakly_compressible"].rest_density)  # type: ignore[attr-defined]
+        rest_density = np.full(grid.count, liquid_of(others).rest_density)
         if grid.solids is not None:
             own = grid.solids.of_bodies("density")
             rest_density[: len(own)] = own
         return {"rest_density": rest_density}
 
     def passes(self, others: Mapping[str, Effect]) -> tuple[Pass, ...]:
-        viscous = others["weakly_compressible"].dynamic_viscosity > 0  # type: ignore[attr-defined]
+        viscous = liquid_of(others).dynamic_viscosity > 0
         state = ("position", "mass", "rest_density", "phase", "relative_contribution")
         return (
             Pass("two_way_coupling.contribution", ("position", "phase"), ("relative_contribution",)),
@@ -115,7 +116,7 @@ class TwoWayCoupling(Effect, frozen=True, kw_only=True):
 
     def energy(self, grid: Discretisation, others: Mapping[str, Effect]) -> EnergyAccount:
         """Work of compression of the liquid's particles, each from its own rest density."""
-        liquid: Any = others["weakly_compressible"]
+        liquid = liquid_of(others)
         exponent = 7 if liquid.state == "tait" else 1
 
         def compression(state: EnergyState) -> Any:
@@ -138,7 +139,7 @@ class TwoWayCoupling(Effect, frozen=True, kw_only=True):
         return grid.support_radius
 
     def prepare(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, Any]:
-        liquid: Any = others["weakly_compressible"]
+        liquid = liquid_of(others)
         printed = self._printed()
         exponent = 7 if liquid.state == "tait" else 1
         viscous = liquid.dynamic_viscosity > 0
@@ -156,7 +157,7 @@ class TwoWayCoupling(Effect, frozen=True, kw_only=True):
         }
 
     def step_limits(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, StepLimit]:
-        liquid: Any = others["weakly_compressible"]
+        liquid = liquid_of(others)
         limits = {"acoustic": StepLimit.crossing(0.4 * grid.support_radius, liquid.sound_speed)}
         if liquid.dynamic_viscosity > 0 and grid.solids is not None:
             lightest = min([liquid.rest_density, *(body.density for body in grid.solids.bodies)])

@@ -21,7 +21,7 @@ from refsim.core.fields import Field
 from refsim.core.operation import Operation, register
 from refsim.smoothing import lattice, smoothing
 from refsim.smoothing.reference import kernel_slope
-from refsim.sph import SETS, WeaklyCompressible
+from refsim.sph import LIQUID, SETS, liquid_of
 
 PRESSURE = Field("pressure", "Pa", "pressure p of the implicit solution, and the start of the next one", state=True)
 OWN_DISPLACEMENT = Field("own_displacement", "m/Pa", "d_ii: displacement by the particle's own pressure", 3)
@@ -63,7 +63,7 @@ class ImplicitPressure(Effect, frozen=True, kw_only=True):
     courant: float = 0.2
 
     def needs(self) -> tuple[str, ...]:
-        return ("weakly_compressible",)
+        return (LIQUID,)
 
     def check(self, grid: Discretisation, others: Mapping[str, Effect]) -> None:
         require(
@@ -94,7 +94,8 @@ class ImplicitPressure(Effect, frozen=True, kw_only=True):
             names=names,
             stage="motion",
         )
-        if _fluid(others).dynamic_viscosity == 0 or _fluid(others).central():  # the liquid brings that pass itself
+        liquid = liquid_of(others)
+        if liquid.dynamic_viscosity == 0 or liquid.central():  # the liquid brings that pass itself
             return (solve,)
         return (Pass("sph.viscosity", reads, updates=("acceleration",), names=names), solve)
 
@@ -106,7 +107,7 @@ class ImplicitPressure(Effect, frozen=True, kw_only=True):
         return grid.support_radius
 
     def prepare(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, Any]:
-        fluid = _fluid(others)
+        fluid = liquid_of(others)
         kernel = smoothing(SETS[fluid.kernels][1], grid.support_radius, grid.dim)
         reach = math.ceil(grid.support_radius / grid.spacing)
         steps = lattice(reach, grid.dim)
@@ -126,10 +127,6 @@ class ImplicitPressure(Effect, frozen=True, kw_only=True):
 
     def step_limits(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, StepLimit]:
         return {"courant": StepLimit.crossing(self.courant * grid.support_radius)}
-
-
-def _fluid(others: Mapping[str, Effect]) -> WeaklyCompressible:
-    return others["weakly_compressible"]  # type: ignore[return-value]
 
 
 _HERE = "refsim.sph.iisph"

@@ -14,10 +14,12 @@ from typing import Any, ClassVar, NamedTuple
 
 from numpy.typing import NDArray
 
+from refsim.core.capabilities import BringsWalls, having
 from refsim.core.effect import Discretisation, Effect, Pass, literal_errata, require
 from refsim.core.errors import InputError
 from refsim.core.fields import Field
 from refsim.core.operation import Operation, Program, register
+from refsim.sph import liquid_of
 from refsim.surface_normal import SURFACE_NORMAL, color_gradient_pass, normal_term
 from refsim.surface_tension.akinci_2013.reference import cohesion_function
 from refsim.surface_tension.cohesion import PairCohesion, neighbours_in_support, nominal_tension, one_of, turns
@@ -96,7 +98,7 @@ class Akinci2013(PairCohesion, frozen=True, kw_only=True):
         """gamma [m^4/(kg s^2)], given or from sigma."""
         if self.gamma is not None:
             return self.gamma
-        h, rest_density = grid.support_radius, others["weakly_compressible"].rest_density  # type: ignore[attr-defined]
+        h, rest_density = grid.support_radius, liquid_of(others).rest_density
         return self.surface_tension / nominal_tension(
             lambda r: -cohesion_function(r, h, grid.dim), rest_density, h, grid.dim
         )
@@ -108,7 +110,7 @@ class Akinci2013(PairCohesion, frozen=True, kw_only=True):
             return gamma
         if self.area_acceleration is not None:
             return self.area_acceleration
-        return WATER_RATIO * gamma * others["weakly_compressible"].rest_density  # type: ignore[attr-defined]
+        return WATER_RATIO * gamma * liquid_of(others).rest_density
 
     def pair_force(self, r: NDArray, grid: Discretisation, others: Mapping[str, Effect]) -> NDArray:
         """-gamma C(r) [N/kg^2]; K_ij is 1 in the undisturbed bulk."""
@@ -126,7 +128,7 @@ class Akinci2013(PairCohesion, frozen=True, kw_only=True):
         if self._coheres() or self._has_area():
             names = {"area_normal": "surface_normal" if self._has_area() else None}
             passes.append(Pass("akinci_2013.tension", reads, updates=("acceleration",), names=names))
-        walled = any(type(effect).walls is not Effect.walls for effect in others.values())
+        walled = bool(having(others, BringsWalls))
         if self.adhesion > 0 and walled:
             passes.append(Pass("akinci_2013.adhesion", ("position",), updates=("acceleration",)))
         return tuple(passes)
@@ -136,7 +138,7 @@ class Akinci2013(PairCohesion, frozen=True, kw_only=True):
 
     def prepare(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, Any]:
         real, volume = grid.real, grid.support_radius**grid.dim
-        fluid: Any = others["weakly_compressible"]
+        fluid = liquid_of(others)
         gamma, beta = self.coefficient(grid, others), self.adhesion
         groups: dict[str, Any] = normal_term(fluid, grid)
         return groups | {
@@ -162,7 +164,7 @@ class Akinci2013(PairCohesion, frozen=True, kw_only=True):
                 " found to tremble at rest, with up to 40 % of the kinetic energy of their start, whatever the step;"
                 " with area_acceleration = 0 they come to rest"
             )
-        unit = self.coefficient(grid, others) * others["weakly_compressible"].rest_density  # type: ignore[attr-defined]
+        unit = self.coefficient(grid, others) * liquid_of(others).rest_density
         near = neighbours_in_support(grid)
         value = self.area_coefficient(grid, others) / unit * near
         if value > LARGEST_AREA * (1 + 1e-9):

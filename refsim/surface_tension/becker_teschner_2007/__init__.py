@@ -16,6 +16,7 @@ from refsim.core.effect import Discretisation, Effect, Pass, require
 from refsim.core.energy import EnergyAccount
 from refsim.core.operation import Operation, register
 from refsim.smoothing.shapes import CUBIC_SPLINE, NORMALISATION
+from refsim.sph import liquid_of
 from refsim.surface_tension.becker_teschner_2007.reference import attraction_function
 from refsim.surface_tension.cohesion import PairCohesion, nominal_tension, one_of
 
@@ -56,7 +57,7 @@ class BeckerTeschner2007(PairCohesion, frozen=True, kw_only=True):
         """kappa [m^dim/s^2], given or from sigma."""
         if self.kappa is not None:
             return self.kappa
-        rest_density = others["weakly_compressible"].rest_density  # type: ignore[attr-defined]
+        rest_density = liquid_of(others).rest_density
         unit = nominal_tension(self._force_of(1.0, grid, others), rest_density, grid.support_radius, grid.dim)
         return self.surface_tension / unit
 
@@ -81,7 +82,7 @@ class BeckerTeschner2007(PairCohesion, frozen=True, kw_only=True):
 
     def pair_mass(self, mass_i: NDArray, mass_j: NDArray, grid: Discretisation, others: Mapping[str, Effect]) -> Any:
         """m times the pair's mean mass, m of the lattice's particles: the force on i has the factor m_j alone."""
-        return others["weakly_compressible"].particle_mass(grid) * 0.5 * (mass_i + mass_j)  # type: ignore[attr-defined]
+        return liquid_of(others).particle_mass(grid) * 0.5 * (mass_i + mass_j)
 
     def energy(self, grid: Discretisation, others: Mapping[str, Effect]) -> EnergyAccount:
         return self.pair_account(grid, others) if self.passes(others) else EnergyAccount()
@@ -99,7 +100,7 @@ class BeckerTeschner2007(PairCohesion, frozen=True, kw_only=True):
         return grid.spacing if self.clamp_distance else 0.0
 
     def _force_of(self, kappa: float, grid: Discretisation, others: Mapping[str, Effect]) -> Any:
-        mass = others["weakly_compressible"].particle_mass(grid)  # type: ignore[attr-defined]
+        mass = liquid_of(others).particle_mass(grid)
         h, least = grid.support_radius, self._least_distance(grid)
         return lambda r: -kappa / mass * attraction_function(r, h, grid.dim, least) * r
 

@@ -20,7 +20,7 @@ from refsim.core.fields import Field
 from refsim.core.operation import Operation, register
 from refsim.smoothing import lattice, smoothing
 from refsim.smoothing.reference import kernel_slope, kernel_value
-from refsim.sph import NUMBER_DENSITY, SETS, WeaklyCompressible
+from refsim.sph import LIQUID, NUMBER_DENSITY, SETS, liquid_of
 from refsim.surface_detection import NEAR_SURFACE, detection_in, near_surface_pass
 from refsim.surface_tension.cohesion import capillary_limit, too_stiff
 from refsim.surface_tension.jiang_zhu_2023 import CORRECTED_DENSITY
@@ -92,7 +92,7 @@ class CsfWang2019(Effect, frozen=True, kw_only=True):
     literal: tuple[str, ...] = ()
 
     def needs(self) -> tuple[str, ...]:
-        return ("weakly_compressible",)
+        return (LIQUID,)
 
     def check(self, grid: Discretisation, others: Mapping[str, Effect]) -> None:
         require(
@@ -105,7 +105,7 @@ class CsfWang2019(Effect, frozen=True, kw_only=True):
         self._printed()
 
     def notes(self, grid: Discretisation, others: Mapping[str, Effect]) -> tuple[str, ...]:
-        fluid: WeaklyCompressible = others["weakly_compressible"]  # type: ignore[assignment]
+        fluid = liquid_of(others)
         if not self._acts():
             return ()
         said = [
@@ -159,7 +159,7 @@ class CsfWang2019(Effect, frozen=True, kw_only=True):
 
     def prepare(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, Any]:
         real, h = grid.real, grid.support_radius
-        fluid: WeaklyCompressible = others["weakly_compressible"]  # type: ignore[assignment]
+        fluid = liquid_of(others)
         plain = "shell" in self._printed()
         share = flat_share(*SETS[fluid.kernels], h, grid.spacing, grid.dim) if self.normalise else 1.0
         gradient = Marangoni(*map(real, self.tension_gradient)) if any(self.tension_gradient) else None

@@ -20,7 +20,7 @@ from refsim.core.energy import EnergyAccount
 from refsim.core.errors import InputError
 from refsim.core.fields import Field
 from refsim.core.operation import Operation, register
-from refsim.sph import WeaklyCompressible
+from refsim.sph import liquid_of
 from refsim.surface_normal import SURFACE_NORMAL, color_gradient_pass, normal_term
 from refsim.surface_tension.cohesion import PairCohesion, lattice_tension, one_of, turns
 from refsim.surface_tension.dong_2016.reference import force_function
@@ -111,7 +111,7 @@ class Dong2016(PairCohesion, frozen=True, kw_only=True):
         if self.correction is not None:
             return self.correction
         sigma = max(0.0, self.nominal_tension(grid, others))
-        return CORRECTION_RATIO * sigma / (_fluid(others).rest_density * grid.spacing)
+        return CORRECTION_RATIO * sigma / (liquid_of(others).rest_density * grid.spacing)
 
     def pair_force(self, r: NDArray, grid: Discretisation, others: Mapping[str, Effect]) -> NDArray:
         """L(r) [N/kg^2] of D(7)."""
@@ -173,7 +173,7 @@ class Dong2016(PairCohesion, frozen=True, kw_only=True):
         return grid.support_radius if self.passes({}) else 0.0
 
     def prepare(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, Any]:
-        real, fluid = grid.real, _fluid(others)
+        real, fluid = grid.real, liquid_of(others)
         share = self._rest_distance(grid) / grid.support_radius
         groups: dict[str, Any] = normal_term(fluid, grid)
         if self.solver == "hu_adams":
@@ -208,7 +208,7 @@ class Dong2016(PairCohesion, frozen=True, kw_only=True):
         sigma = self.nominal_tension(grid, others) if self._corrects() and self._coheres() else 0.0
         if sigma <= 0:
             return
-        value = self.correction_coefficient(grid, others) * _fluid(others).rest_density * grid.spacing / sigma
+        value = self.correction_coefficient(grid, others) * liquid_of(others).rest_density * grid.spacing / sigma
         if value > LARGEST_CORRECTION * (1 + 1e-9):
             fate = "fly apart" if value >= SHATTERING_CORRECTION else "swell"
             yield (
@@ -224,7 +224,7 @@ class Dong2016(PairCohesion, frozen=True, kw_only=True):
 
     def _unit_tension(self, grid: Discretisation, others: Mapping[str, Effect]) -> float:
         """sigma [N/m] of k = 1 N/kg^2."""
-        fluid, h, d0 = _fluid(others), grid.support_radius, self._rest_distance(grid)
+        fluid, h, d0 = liquid_of(others), grid.support_radius, self._rest_distance(grid)
         return lattice_tension(lambda r: force_function(r, h, d0), fluid.rest_density, fluid.particle_mass(grid), grid)
 
     def _coheres(self) -> bool:
@@ -233,10 +233,6 @@ class Dong2016(PairCohesion, frozen=True, kw_only=True):
     def _corrects(self) -> bool:
         """Whether the correction is really computed: one with a coefficient of zero is left out."""
         return self.correction != 0 and (self._coheres() or self.correction is not None)
-
-
-def _fluid(others: Mapping[str, Effect]) -> WeaklyCompressible:
-    return others["weakly_compressible"]  # type: ignore[return-value]
 
 
 _HERE = "refsim.surface_tension.dong_2016"

@@ -21,14 +21,14 @@ from refsim.core.fields import Field
 from refsim.core.operation import Operation, register
 from refsim.smoothing import lattice, smoothing
 from refsim.smoothing.reference import kernel_slope, kernel_value
-from refsim.sph import SETS, WeaklyCompressible
+from refsim.sph import SETS, liquid_of
 from refsim.surface_tension.cohesion import PairCohesion, too_stiff
 
 COLOR = Field("color", "-", "smoothed color c, 1 inside the liquid")
 COLOR_GRADIENT_SQUARED = Field("color_gradient_squared", "1/m^2", "|grad c|^2")
 
 
-class SurfaceEnergy(NamedTuple):
+class SurfaceEnergyTerm(NamedTuple):
     """The surface-energy term as the kernels take it."""
 
     kappa: float  # [N]
@@ -128,7 +128,7 @@ class He2014(PairCohesion, frozen=True, kw_only=True):
 
     def pair_force(self, r: NDArray, grid: Discretisation, others: Mapping[str, Effect]) -> NDArray:
         """p_atm W'(r)/rho0^2 [N/kg^2], the part that acts in the bulk, too."""
-        fluid = _fluid(others)
+        fluid = liquid_of(others)
         kernel = smoothing(SETS[fluid.kernels][1], grid.support_radius, grid.dim)
         return self.air_pressure * kernel_slope(r, kernel) / fluid.rest_density**2
 
@@ -159,20 +159,16 @@ class He2014(PairCohesion, frozen=True, kw_only=True):
 
     def prepare(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, Any]:
         kappa = self.coefficient(grid, others)
-        energy = SurfaceEnergy(grid.real(kappa), grid.real(kappa / 4)) if self._has_energy() else None
+        energy = SurfaceEnergyTerm(grid.real(kappa), grid.real(kappa / 4)) if self._has_energy() else None
         air = AirPressure(grid.real(self.air_pressure)) if self.air_pressure > 0 else None
         return {"surface_energy": energy, "air_pressure": air}
 
     def _unit_tension(self, grid: Discretisation, others: Mapping[str, Effect]) -> float:
-        sums, gradients = SETS[_fluid(others).kernels]
+        sums, gradients = SETS[liquid_of(others).kernels]
         return flat_surface_tension(sums, gradients, grid.support_radius, grid.spacing, grid.dim)
 
     def _has_energy(self) -> bool:
         return bool(self.kappa or self.surface_tension)
-
-
-def _fluid(others: Mapping[str, Effect]) -> WeaklyCompressible:
-    return others["weakly_compressible"]  # type: ignore[return-value]
 
 
 _HERE = "refsim.surface_tension.he_2014"

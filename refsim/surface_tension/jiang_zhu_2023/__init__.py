@@ -26,7 +26,7 @@ from refsim.core.errors import InputError
 from refsim.core.fields import Field
 from refsim.core.operation import Operation, Program, register
 from refsim.smoothing.shapes import NORMALISATION, POLY6
-from refsim.sph import NUMBER_DENSITY
+from refsim.sph import NUMBER_DENSITY, liquid_of
 from refsim.surface_detection import NEAR_SURFACE, SurfaceDetection, detection_in, near_surface_pass
 from refsim.surface_normal import (
     CORRECTED_NORMAL,
@@ -210,7 +210,7 @@ class JiangZhu2023(PairCohesion, frozen=True, kw_only=True):
         """gamma of J(16) [m^4/(kg s^2)], given or from sigma."""
         if self.gamma is not None:
             return self.gamma
-        rest_density = others["weakly_compressible"].rest_density  # type: ignore[attr-defined]
+        rest_density = liquid_of(others).rest_density
         return self.surface_tension / kirkwood_buff_sigma(
             1.0, rest_density, grid.support_radius, grid.dim, self._alpha(grid.dim)
         )
@@ -219,7 +219,7 @@ class JiangZhu2023(PairCohesion, frozen=True, kw_only=True):
         """sigma [N/m], given or from gamma."""
         if self.surface_tension is not None:
             return self.surface_tension
-        rest_density = others["weakly_compressible"].rest_density  # type: ignore[attr-defined]
+        rest_density = liquid_of(others).rest_density
         return kirkwood_buff_sigma(self.gamma, rest_density, grid.support_radius, grid.dim, self._alpha(grid.dim))
 
     def signed_gamma(self, grid: Discretisation, others: Mapping[str, Effect]) -> float:
@@ -297,7 +297,7 @@ class JiangZhu2023(PairCohesion, frozen=True, kw_only=True):
 
     def prepare(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, Any]:
         real, h, dim = grid.real, grid.support_radius, grid.dim
-        fluid: Any = others["weakly_compressible"]
+        fluid = liquid_of(others)
         gamma = self.signed_gamma(grid, others)
         area = None
         if self._area() == "corrected":
@@ -338,7 +338,7 @@ class JiangZhu2023(PairCohesion, frozen=True, kw_only=True):
                 f"{self.name}: pair_mode {self.pair_mode!r} switches tension on and off as particles enter and leave"
                 " the surface set, so that drops boil or fall apart: 'all' comes to rest"
             )
-        fluid: Any = others["weakly_compressible"]
+        fluid = liquid_of(others)
         if self.pair_mode == "soft":
             gamma = abs(self.signed_gamma(grid, others))
             pull = internal_pressure(gamma, fluid.rest_density, grid.support_radius, grid.dim, self._alpha(grid.dim))
@@ -382,7 +382,7 @@ class JiangZhu2023(PairCohesion, frozen=True, kw_only=True):
     def internal_pressure(self, grid: Discretisation, others: Mapping[str, Effect]) -> float:
         if not self.acts_on_all_pairs():
             return 0.0
-        rest_density = others["weakly_compressible"].rest_density  # type: ignore[attr-defined]
+        rest_density = liquid_of(others).rest_density
         gamma = self.signed_gamma(grid, others)
         return internal_pressure(gamma, rest_density, grid.support_radius, grid.dim, self._alpha(grid.dim))
 

@@ -20,6 +20,7 @@ from refsim.core.effect import Discretisation, Effect, Pass, StepLimit, literal_
 from refsim.core.fields import Field
 from refsim.core.operation import Operation, register
 from refsim.smoothing import lattice, smoothing
+from refsim.sph import LIQUID, SETS, liquid_of
 from refsim.surface_normal import SURFACE_NORMAL, color_gradient_pass, normal_term
 
 SAFETY = 0.5  # of the step 2/omega at which the stiffest wave of the lattice would begin to grow
@@ -47,7 +48,7 @@ class NormalDifference2014(Effect, frozen=True, kw_only=True):
     literal: tuple[str, ...] = ()
 
     def needs(self) -> tuple[str, ...]:
-        return ("weakly_compressible",)
+        return (LIQUID,)
 
     def check(self, grid: Discretisation, others: Mapping[str, Effect]) -> None:
         require(self.name, area_acceleration=(self.area_acceleration, "not negative"))
@@ -70,16 +71,14 @@ class NormalDifference2014(Effect, frozen=True, kw_only=True):
 
     def prepare(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, Any]:
         term = NormalDifference(grid.real(self.area_acceleration), np.int32("P7" in self._printed()))
-        fluid: Any = others["weakly_compressible"]
+        fluid = liquid_of(others)
         return {**normal_term(fluid, grid), "normal_tension": term}
 
     def step_limits(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, StepLimit]:
         """SAFETY 2/omega of the stiffest wave on the lattice."""
         if self.area_acceleration == 0:
             return {}
-        from refsim.sph import SETS
-
-        shape = SETS[others["weakly_compressible"].kernels][1]  # type: ignore[attr-defined]
+        shape = SETS[liquid_of(others).kernels][1]
         stiffness = stiffest_wave(shape, grid.support_radius / grid.spacing, grid.dim)
         seconds = SAFETY * 2 / math.sqrt(stiffness * self.area_acceleration / grid.spacing)
         return {"normal_tension": StepLimit.constant(seconds)}

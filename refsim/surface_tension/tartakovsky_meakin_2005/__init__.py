@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from refsim.core.effect import Discretisation, Effect, Pass, require
 from refsim.core.energy import EnergyAccount
 from refsim.core.operation import Operation, register
+from refsim.sph import liquid_of
 from refsim.surface_tension.cohesion import PairCohesion, nominal_tension, one_of
 from refsim.surface_tension.tartakovsky_meakin_2005.reference import force_function
 
@@ -54,7 +55,7 @@ class TartakovskyMeakin2005(PairCohesion, frozen=True, kw_only=True):
         """s [N; N/m in 2D], given or from sigma."""
         if self.strength is not None:
             return self.strength
-        rest_density = others["weakly_compressible"].rest_density  # type: ignore[attr-defined]
+        rest_density = liquid_of(others).rest_density
         unit = nominal_tension(self._force_of(1.0, grid, others), rest_density, grid.support_radius, grid.dim)
         return self.surface_tension / unit
 
@@ -69,7 +70,7 @@ class TartakovskyMeakin2005(PairCohesion, frozen=True, kw_only=True):
 
     def pair_mass(self, mass_i: NDArray, mass_j: NDArray, grid: Discretisation, others: Mapping[str, Effect]) -> Any:
         """m^2 of the lattice's particles: the force of a pair does not depend on its masses."""
-        return others["weakly_compressible"].particle_mass(grid) ** 2  # type: ignore[attr-defined]
+        return liquid_of(others).particle_mass(grid) ** 2
 
     def energy(self, grid: Discretisation, others: Mapping[str, Effect]) -> EnergyAccount:
         return self.pair_account(grid, others) if self.passes(others) else EnergyAccount()
@@ -83,7 +84,7 @@ class TartakovskyMeakin2005(PairCohesion, frozen=True, kw_only=True):
         return {"cosine_force": CosineForce(grid.real(strength), grid.real(wave_number))}
 
     def _force_of(self, strength: float, grid: Discretisation, others: Mapping[str, Effect]) -> Any:
-        mass = others["weakly_compressible"].particle_mass(grid)  # type: ignore[attr-defined]
+        mass = liquid_of(others).particle_mass(grid)
         return lambda r: strength / mass**2 * force_function(r, grid.support_radius)
 
 

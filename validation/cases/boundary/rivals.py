@@ -94,7 +94,7 @@ class Rival:
     def __init__(self, simulation: Simulation, wall: NDArray, normal: NDArray) -> None:
         self.simulation = simulation
         self.plan, self.backend = simulation.plan, simulation.backend
-        simulation._auditable = False  # its particles are moved by others, too
+        simulation.lists.auditable = False  # its particles are moved by others, too
         grid = self.plan.grid
         self.search = NeighbourSearch(Backend("cpu"), 3, "float64", grid.support_radius, SKIN)
         self.static = self.search.static_set(wall)

@@ -75,8 +75,8 @@ def stages(simulation: Simulation, rebuilt: float, repeats: int = 20) -> dict[st
         for field, values in kept.items():
             simulation.backend.assign(simulation.fields[field], values)
     began = time.perf_counter()
-    simulation._squared_way = np.inf
-    simulation._update_list()
+    simulation.lists.policy.invalidate()
+    simulation.lists.update()
     simulation.backend.synchronize()
     found["neighbours"] = rebuilt * (time.perf_counter() - began)
     return found

@@ -1,0 +1,151 @@
+"""What some effects do beside the hooks of `Effect`: each class here is one capability.
+
+An effect names its capabilities among its bases, `class BoxWalls(Effect, BringsWalls, ...)`, and defines their methods.
+`having` finds the effects of a scene with a capability.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from typing import ClassVar, TypeVar
+
+import numpy as np
+
+from refsim.core.effect import Discretisation, Effect
+from refsim.core.walls import WallParticles
+
+
+class BringsWalls:
+    """Brings static boundary particles into the scene."""
+
+    __slots__ = ()
+
+    wall_share: ClassVar[float] = 2.0  # times the particle's pressure with which they push; the least of a scene counts
+
+    def walls(self, grid: Discretisation, others: Mapping[str, Effect]) -> WallParticles | None:
+        """Positions and volumes of the boundary particles; None if there are none."""
+        raise NotImplementedError
+
+
+class CorrectsPositions:
+    """Puts particles elsewhere than a step's displacement dt v does."""
+
+    __slots__ = ()
+
+    def corrects_positions(self) -> bool:
+        """Whether it does so with these parameters; the neighbour list is then not audited."""
+        raise NotImplementedError
+
+
+class BalancesCohesion:
+    """Has cohesion whose pressure the equation of state is to balance."""
+
+    __slots__ = ()
+
+    def balanced_pressure(self, grid: Discretisation, others: Mapping[str, Effect]) -> float:
+        """Cohesive pressure [Pa] of the undisturbed bulk that the equation of state is to balance."""
+        raise NotImplementedError
+
+
+class KnowsParticleMass:
+    """Knows the mass of a particle of the lattice."""
+
+    __slots__ = ()
+
+    of_liquid: ClassVar[bool] = False  # the liquid's mass counts before that of other effects
+
+    def particle_mass(self, grid: Discretisation) -> float:
+        """Mass of a particle of the lattice [kg; kg/m in 2D]."""
+        raise NotImplementedError
+
+    def particle_volume(self, grid: Discretisation) -> float:
+        """Volume of a particle in the bulk [m^dim]."""
+        return grid.spacing**grid.dim
+
+
+class LimitsSpeed:
+    """Has equations that hold up to some speed of the particles."""
+
+    __slots__ = ()
+
+    def greatest_speed(self, grid: Discretisation) -> float:
+        """Speed [m/s] above which its equations do not hold: a faster particle ends the run."""
+        raise NotImplementedError
+
+
+class LimitsMassRatio:
+    """Has forces that were measured to gain no energy up to some ratio of the particles' masses."""
+
+    __slots__ = ()
+
+    def largest_mass_ratio(self, others: Mapping[str, Effect]) -> float:
+        """That ratio of the largest to the smallest mass."""
+        raise NotImplementedError
+
+
+class WantsCellOrder:
+    """Wants the particles sorted by cell from time to time, also where there is no neighbour list."""
+
+    __slots__ = ()
+
+    def sorting_cell(self, grid: Discretisation) -> float:
+        """Size of those cells [m]."""
+        raise NotImplementedError
+
+
+class FollowsSettings:
+    """Has fields that follow from another field when a user sets that one between two steps."""
+
+    __slots__ = ()
+
+    def after_setting(self, name: str, field: Callable[[str], np.ndarray]) -> Mapping[str, np.ndarray]:
+        """New values of its fields after `name` was set; `field` gives a field's values by name."""
+        raise NotImplementedError
+
+
+class KeepsLedger:
+    """Counts a quantity for the report of a run."""
+
+    __slots__ = ()
+
+    def ledger(self, field: Callable[[str], np.ndarray]) -> dict[str, float]:
+        """Quantities in SI units by name; `field` gives a field's values by name."""
+        raise NotImplementedError
+
+
+class Watches:
+    """Looks at small fields on the host after each step, and may stop the run or add a note to it."""
+
+    __slots__ = ()
+
+    watched: ClassVar[tuple[str, ...]] = ()  # names of those fields
+
+    def verdict(self, grid: Discretisation, seen: Mapping[str, np.ndarray], length: float) -> tuple[str, str] | None:
+        """(reason, sentence that goes on after "In step n") if the run must stop; `length` of the step [s]."""
+        return None
+
+    def remark(self, grid: Discretisation, seen: Mapping[str, np.ndarray]) -> str | None:
+        """Sentence that goes on after "From step n on", if results are to be read with care from here on.
+
+        The first one becomes a note of the run.
+        """
+        return None
+
+
+class HoldsOtherMemory:
+    """Holds arrays besides fields, lists and walls, whose size depends on the course of the run."""
+
+    __slots__ = ()
+
+    def other_memory(self) -> str:
+        """Name of these arrays, for `refsim plan`; "" where there are none."""
+        raise NotImplementedError
+
+
+Capability = TypeVar("Capability")
+
+
+def having(effects: Mapping[str, Effect] | Iterable[Effect], capability: type[Capability]) -> list[Capability]:
+    """The effects with a capability, in their order."""
+    each = effects.values() if isinstance(effects, Mapping) else effects
+    return [effect for effect in each if isinstance(effect, capability)]

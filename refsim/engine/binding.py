@@ -1,0 +1,71 @@
+"""Passes of a plan as calls without arguments: every name that a program takes is looked up once."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from refsim.backends.arrays import Backend
+from refsim.core.effect import Effect, Pass
+from refsim.core.operation import PROCEDURES, REGISTRY, Current, backend_of
+
+
+def fused(passes: Sequence[tuple[Effect, Pass]], backend: str) -> list[tuple[tuple[Effect, ...], Pass]]:
+    """The passes in their order, each with its effects; one in place of several that one program computes together.
+
+    It stands where the last of them stood: what all of them read is there by then, and accelerations add in any order.
+    """
+    result = [((effect,), p) for effect, p in passes]
+    for _, p in list(passes):
+        operation = REGISTRY.get(p.operation)
+        for name in () if operation is None else operation.names():
+            parts = {p.operation, *operation.entry(name).also}
+            places = [k for k, (_, q) in enumerate(result) if q.operation in parts]
+            if backend_of(name) != backend or len(parts) == 1 or len(places) != len(parts):
+                continue
+            together = [result[k] for k in places]
+            taken, optional = operation.arguments(name), operation.as_computed_by(name).optional
+            names = {a: b for _, q in together for a, b in q.names.items() if a in optional and a in taken}
+            reads = tuple(dict.fromkeys(field for _, q in together for field in q.reads))
+            if set(reads) <= {*taken, *names.values()}:
+                one = Pass(p.operation, reads, updates=p.updates, names=names, algorithm=name.partition(":")[2])
+                result[places[-1]] = (tuple(effect for effects, _ in together for effect in effects), one)
+                for k in reversed(places[:-1]):
+                    del result[k]
+    return result
+
+
+def bound(p: Pass, backend: Backend, sources: Sequence[Mapping[str, Any]]) -> Callable[[], None]:
+    """A pass as a call without arguments; each name stands for the value of the first of `sources` that has it.
+
+    A name "owner.attribute" is read from its owner at every launch. Raises KeyError where no source has a name that the
+    program cannot do without.
+    """
+    procedure = PROCEDURES.get(p.operation)
+    operation = None
+    if procedure is None:
+        found = REGISTRY[p.operation]
+        operation = found.as_computed_by(found.chosen(backend.name, p.algorithm))
+
+    def lookup(name: str) -> Any:
+        name = p.names.get(name, name)
+        owner, _, attribute = (name or "").partition(".")
+        for source in sources:
+            if owner in source:
+                return Current(source[owner], attribute) if attribute else source[owner]
+        if name is None or (operation is not None and name in operation.optional):
+            return None
+        raise KeyError(f"{p.operation} takes {name!r}, which no effect of the scene provides")
+
+    return procedure.bind(lookup) if procedure is not None else backend.bind(operation, lookup, p.algorithm)
+
+
+def on_backend(value: Any, backend: Backend) -> Any:
+    """A parameter group with its arrays on the backend."""
+    if isinstance(value, np.ndarray):
+        return backend.asarray(value)
+    if isinstance(value, tuple) and any(isinstance(part, np.ndarray) for part in value):
+        return type(value)(*(on_backend(part, backend) for part in value))
+    return value.on_backend(backend) if hasattr(value, "on_backend") else value

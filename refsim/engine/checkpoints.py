@@ -1,0 +1,202 @@
+"""What a checkpoint of a run holds: taking it, checking one that was read, and putting it back."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import msgspec
+import numpy as np
+
+from refsim.core.errors import InputError
+from refsim.core.reading import GREATEST
+from refsim.core.versions import versions
+from refsim.engine.audit import AuditState
+from refsim.engine.run import Run
+from refsim.io.checkpoint import Checkpoint, whole_checkpoint
+from refsim.io.scenes import scene_from_checkpoint, scene_to_checkpoint
+from refsim.neighbours import SearchLog
+from refsim.scene.scene import Plan, make_plan
+
+
+class Clock(msgspec.Struct, frozen=True, kw_only=True):
+    """Numbers of a run that outlive a step, as `snapshot` writes them beside its arrays; SI units.
+
+    Names in a file are those of its first version: squared_way and set_between_steps.
+    """
+
+    backend: Literal["numpy", "cpu", "cuda"]
+    time: float
+    steps: int
+    previous_length: float
+    squared_displacement: float = msgspec.field(name="squared_way")
+    margin: float
+    velocities_set: bool = msgspec.field(name="set_between_steps")
+    list_built: bool
+    stopped_at_walls: int
+    limiters: str
+    versions: str
+    first_length: float | None = None
+    search_log: str = "{}"
+    energy_audit: str | None = None
+    remarks: str = "{}"
+
+
+@dataclass(frozen=True)
+class SavedRun:
+    """A checkpoint that was read and found to fit its own scene.
+
+    file            where it lies
+    plan            of the scene in it
+    clock           time, steps and what else counts them
+    state           fields that outlive a step, by name
+    build_position  positions (n, 3) [m] at the last build of the neighbour list
+    limiters        how many steps each limit has set
+    versions        of the programs that wrote it
+    search_log      counts of the neighbour search
+    audit           what the energy audit remembers, where the scene asks for one
+    remarks         notes that effects had made on the way, by effect
+    notes           one sentence for each checkpoint that was passed over for it
+    """
+
+    file: Path
+    plan: Plan
+    clock: Clock
+    state: dict[str, np.ndarray]
+    build_position: np.ndarray
+    limiters: dict[str, int]
+    versions: dict[str, str]
+    search_log: dict[str, int]
+    audit: AuditState | None
+    remarks: dict[str, str]
+    notes: tuple[str, ...]
+
+
+def load_checkpoint(path: str | os.PathLike[str]) -> SavedRun:
+    """The run in a checkpoint, or in the newest whole checkpoint of a folder, all of it checked.
+
+    Raises InputError, in one sentence, where there is none or it does not fit its own scene.
+    """
+    file, saved, notes = whole_checkpoint(path)
+    plan = make_plan(scene_from_checkpoint(saved, str(file)))
+
+    def wrong(what: str) -> InputError:
+        return InputError(f"checkpoint {file}: {what}; start the run again.")
+
+    try:
+        clock = msgspec.convert(saved.attributes, Clock)
+        limiters = msgspec.json.decode(clock.limiters, type=dict[str, int])
+        then = msgspec.json.decode(clock.versions, type=dict[str, str])
+        log = msgspec.json.decode(clock.search_log, type=dict[str, int])
+        remarks = msgspec.json.decode(clock.remarks, type=dict[str, str])
+        audit = msgspec.json.decode(clock.energy_audit, type=AuditState) if clock.energy_audit else None
+    except (msgspec.MsgspecError, OverflowError, RecursionError) as error:
+        words = str(error)[:200]
+        raise wrong(f"its numbers are not those of a run ({words[:1].lower()}{words[1:]})") from None
+    if (plan.scene.energy_audit is None) != (audit is None):
+        raise wrong("its energy audit is not that of its scene")
+    counts = {"steps": clock.steps, "stopped_at_walls": clock.stopped_at_walls, **limiters, **log}
+    lengths = {"time": clock.time, "previous_length": clock.previous_length, "margin": clock.margin}
+    if clock.first_length is not None:
+        lengths["first_length"] = clock.first_length
+    for name, value in counts.items():
+        if not 0 <= value < 2**63:
+            raise wrong(f"{name} = {value} is no count")
+    for name, value in lengths.items():
+        if not 0 <= value <= GREATEST:
+            raise wrong(f"{name} = {value} is not possible")
+    if not clock.squared_displacement >= 0:
+        raise wrong(f"squared_way = {clock.squared_displacement} is not possible")
+    if not log.keys() <= {f.name for f in dataclasses.fields(SearchLog)}:
+        raise wrong(f"its search log has the entries {', '.join(log)}")
+    shapes = {f"field.{name}": (f.shape(plan.grid.count), f.numpy_dtype(plan.grid.dtype))
+              for name, f in plan.fields.items() if f.state}  # fmt: skip
+    shapes["build_position"] = shapes["field.position"]
+    for name, (shape, dtype) in shapes.items():
+        values = saved.arrays.get(name)
+        if values is None:
+            raise wrong(f"it lacks {name!r}, so that it is not one of a run of this refsim")
+        if values.shape != shape or values.dtype != dtype:
+            raise wrong(f"{name} is {values.dtype} {values.shape}, and the scene wants {dtype} {shape}")
+        if dtype.kind == "f" and not (np.abs(values) <= GREATEST).all():
+            raise wrong(f"{name} has values that are not finite, or beyond {GREATEST:g}")
+    state = {name.removeprefix("field."): saved.arrays[name] for name in shapes if name != "build_position"}
+    if (state["mass"] <= 0).any():
+        raise wrong(f"{int((state['mass'] <= 0).sum())} of its particles have no positive mass")
+    if not np.array_equal(np.sort(state["identity"]), np.arange(plan.grid.count)):
+        raise wrong("its particles' numbers (identity) are not each of 0, 1, 2, ... once")
+    build_position = saved.arrays["build_position"]
+    if plan.grid.dim == 2 and any(values[:, 2].any() for values in (state["position"], build_position)):
+        raise wrong("it has particles with another z than 0 in a 2D scene")
+    return SavedRun(file, plan, clock, state, build_position, limiters, then, log, audit, remarks, notes)
+
+
+def snapshot(run: Run) -> Checkpoint:
+    """All of a run that outlives a step, on the host: what a checkpoint file holds."""
+    text, arrays = scene_to_checkpoint(run.plan)
+    arrays |= {f"field.{name}": run._host(name) for name, f in run.plan.fields.items() if f.state}
+    arrays["build_position"] = np.array(run.backend.host(run.build_position))
+    lists = run.lists
+    clock = Clock(
+        backend=run.backend.name,
+        time=run.time,
+        steps=run.steps,
+        previous_length=run.previous_length,
+        squared_displacement=lists.policy.squared_displacement,
+        margin=lists.policy.margin,
+        velocities_set=lists.velocities_set,
+        list_built=lists.built,
+        stopped_at_walls=run.stopped_at_walls,
+        limiters=json.dumps(run.limiters),
+        versions=json.dumps(versions()),
+        first_length=run.first_length,
+        search_log=json.dumps({} if lists.search is None else dataclasses.asdict(lists.search.log)),
+        energy_audit=None if run.auditor is None else run.auditor.saved(),
+        remarks=json.dumps(run.remarks),
+    )
+    stored = {f.encode_name: getattr(clock, f.name) for f in msgspec.structs.fields(Clock)}
+    attributes = {"scene": text} | {name: value for name, value in stored.items() if value is not None}
+    return Checkpoint(arrays, attributes)
+
+
+def restore(run: Run, saved: SavedRun) -> None:
+    """Put a new run of the same scene into the saved state; its notes say where it will not go on bit for bit."""
+    clock, lists = saved.clock, run.lists
+    run.source = saved.file
+    run.notes += saved.notes
+    for name, values in saved.state.items():
+        run.backend.assign(run.fields[name], values)
+    run.backend.assign(run.build_position, saved.build_position)
+    run.time, run.steps = clock.time, clock.steps
+    run.previous_length, run.first_length = clock.previous_length, clock.first_length
+    run.order.renumber()
+    run.start()
+    run.backend.assign(run.timestep, np.array([0.0, run.previous_length], dtype=run.plan.grid.dtype))
+    run.limiters = dict(saved.limiters)
+    run.stopped_at_walls = clock.stopped_at_walls
+    lists.velocities_set = clock.velocities_set
+    if run.auditor is not None and saved.audit is not None:
+        run.auditor.restore(saved.audit)
+    for effect, note in saved.remarks.items():
+        run.remark(effect, note)
+    if lists.search is not None and clock.list_built:
+        lists.rebuild()
+        lists.policy.squared_displacement, lists.policy.margin = clock.squared_displacement, clock.margin
+        log = lists.search.log
+        here = log.list_bytes  # the size that the list has grown to changes no result
+        for name, value in saved.search_log.items():
+            setattr(log, name, value)
+        log.list_bytes = here
+    now, then = versions(), saved.versions
+    if clock.backend != run.backend.name:
+        run.notes.append(
+            f"resumed on backend {run.backend.name} from a checkpoint of backend {clock.backend}: the run goes"
+            " on from the same state, but not bit for bit as it would have there"
+        )
+    elif now != then:
+        changed = ", ".join(f"{name} {then.get(name)} -> {now[name]}" for name in now if now[name] != then.get(name))
+        run.notes.append(f"resumed with other versions ({changed}): bit for bit equality is not promised")

@@ -1,0 +1,64 @@
+"""When the neighbour list is rebuilt.
+
+The list holds every pair nearer than radius + skin at the moment it is built. Until some particle has moved by half the
+skin it is used without a further look. From then on the displacements of particles relative to each other decide: while
+no pair can have come within the radius, the list is kept, and the margin that is left is used up step by step.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from refsim.neighbours import NeighbourSearch
+from refsim.scene.scene import Plan
+
+WORTH_KEEPING = 0.2  # share of the allowed displacement; with a smaller margin left, rebuilding beats looking each step
+
+
+class ListPolicy:
+    """Decides whether the neighbour list still holds every pair within the radius.
+
+    squared_displacement  largest since the list was built [m^2]; infinite where it is not known
+    margin                relative displacement [m] that two particles have left, as of the latest look; 0 before one
+    by_forces             whether velocities change by accelerations alone, so that these bound a step's displacement
+    """
+
+    def __init__(self, plan: Plan, search: NeighbourSearch | None) -> None:
+        self.search = search
+        self.walls = plan.walls is not None
+        self.by_forces = not any(
+            effect is not None and {"velocity", "position"} & {*p.updates, *p.writes} for effect, p in plan.motion
+        )
+        self.squared_displacement = math.inf
+        self.margin = 0.0
+
+    def needs_no_look(self) -> bool:
+        """Whether the bounds of the steps alone show that the list is complete; true where there is no list."""
+        if self.search is None:
+            return True
+        return self.squared_displacement <= self.search.allowed_displacement**2 or self.margin > 0
+
+    def keeps(self, position: Any, build_position: Any) -> bool:
+        """Whether relative displacements allow to keep the list; then `margin` [m] says for how long.
+
+        position, build_position  (n, 3) [m], now and when the list was built
+        """
+        if self.search is None or not (self.by_forces and math.isfinite(self.squared_displacement)):
+            return False
+        largest = math.sqrt(self.squared_displacement)
+        self.margin = self.search.margin(position, build_position, largest, self.walls)
+        return self.margin > WORTH_KEEPING * self.search.allowed_displacement
+
+    def after_step(self, squared_displacement: float, step_displacement: float) -> None:
+        """Note a step: the largest squared displacement since the build [m^2], and a bound on that of the step [m]."""
+        self.squared_displacement = squared_displacement
+        self.margin = max(self.margin - 2 * step_displacement, 0.0)
+
+    def after_build(self) -> None:
+        """Note that the list was built where the particles are."""
+        self.squared_displacement = self.margin = 0.0
+
+    def invalidate(self) -> None:
+        """Have the list rebuilt before its next use."""
+        self.squared_displacement, self.margin = math.inf, 0.0

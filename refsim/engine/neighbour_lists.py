@@ -1,0 +1,97 @@
+"""The neighbour lists of a run: of the particles, and of the wall particles near each of them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from refsim.core.capabilities import CorrectsPositions, having
+from refsim.core.errors import RunStopped
+from refsim.core.walls import WallParticles, with_list
+from refsim.engine.list_policy import ListPolicy
+from refsim.engine.run import Run
+from refsim.neighbours import NeighbourSearch
+
+
+class NeighbourLists:
+    """Builds the lists of a run when `ListPolicy` asks for it, and shares them with all passes.
+
+    search          of the particles; None where no effect needs neighbours, and on backend "numpy", which sums over all
+                    pairs
+    auditable       whether a step moves every particle by dt v, so that the audit knows where it came from
+    velocities_set  whether velocities are others than those that led to the positions, which excludes an audit
+    """
+
+    def __init__(self, run: Run) -> None:
+        plan, grid = run.plan, run.plan.grid
+        self.run = run
+        self.search: NeighbourSearch | None = None
+        if plan.list_radius > 0 and run.backend.name != "numpy":
+            self.search = NeighbourSearch(run.backend, grid.dim, grid.dtype, plan.list_radius, plan.scene.skin)
+        self.policy = ListPolicy(plan, self.search)
+        correctors = having(plan.effects, CorrectsPositions)
+        self.auditable = not any(effect.corrects_positions() for effect in correctors)
+        self.velocities_set = False
+        self._lists: tuple[Any, Any] | None = None
+        self._static: Any = None
+        self._walls: tuple[Any, Any] | None = None  # their positions and volumes on the backend, in cell order
+        run._shared["neighbours"] = None
+        if plan.walls is not None:
+            self._prepare_walls(plan.walls, np.dtype(grid.dtype))
+
+    def _prepare_walls(self, walls: WallParticles, dtype: np.dtype) -> None:
+        if self.search is None:
+            self.run._shared["walls"] = WallParticles(walls.position.astype(dtype), walls.volume.astype(dtype))
+            return
+        self._static = self.search.static_set(walls.position)
+        volume = self.run.backend.asarray(walls.volume[self._static.order].astype(dtype))
+        self._walls = (self._static.position, volume)
+
+    @property
+    def built(self) -> bool:
+        """Whether there is a list."""
+        return self.run._shared["neighbours"] is not None
+
+    def update(self) -> None:
+        """Rebuild the lists where one may lack a pair; the particles are put into cell order before.
+
+        Raises RunStopped where the audit of the old list finds that it lacked a neighbour.
+        """
+        if self.policy.needs_no_look():
+            return
+        self.run.timings.run("neighbours", self._look)
+
+    def _look(self) -> None:
+        run, search = self.run, self.search
+        assert search is not None
+        if self.built and self.policy.keeps(run.fields["position"], run.build_position):
+            return
+        # The audit steps positions back by the velocities, which must be those that led to them.
+        if self.built and self.auditable and not self.velocities_set:
+            position, velocity = run.fields["position"], run.fields["velocity"]
+            search.audit(position, velocity, run.timestep, run._shared["neighbours"], run._shared.get("bounds"))
+        run.order.sort(search)
+        self.rebuild()
+        missed = search.log.missed_neighbours
+        if missed:
+            raise RunStopped(
+                "missed_neighbours",
+                f"The neighbour list lacked {missed} neighbours of the audited particles up to step {run.steps} at"
+                f" {run.time:.6g} s; give the scene a larger skin than {run.plan.scene.skin}.",
+            )
+
+    def rebuild(self) -> None:
+        """Build the lists from the particles' present order and `build_position`."""
+        run, known = self.run, self._lists
+        assert self.search is not None
+        near = self.search.build(run.build_position)
+        at_walls = None if self._walls is None else self.search.build_against(run.build_position, self._static)
+        self.policy.after_build()
+        run.order.renumber()
+        if known is None or near is not known[0] or at_walls is not known[1]:
+            self._lists = (near, at_walls)
+            run._shared["neighbours"] = near
+            if self._walls is not None:
+                run._shared["walls"] = with_list(*self._walls, at_walls)
+            run.rebind()
