@@ -410,8 +410,8 @@ class Kernel:
         return self._made[backend]
 
     def __call__(self, *arguments: Any) -> None:
-        on_host = isinstance(arguments[self.arguments.index(self.rows)], np.ndarray)
-        self.on("cpu" if on_host else "cuda")(*arguments)
+        rows = arguments[self.arguments.index(self.rows)]
+        self.on("cuda" if hasattr(rows, "copy_to_host") else "cpu")(*arguments)
 
     def _wrapper(self, backend: str) -> Callable:
         """The loop as a function whose source is a file of the cache folder, where Numba's cache looks for it."""

@@ -1,11 +1,10 @@
 """Isosurfaces on a sparse grid: marching squares and marching cubes with faces that agree (Lorensen & Cline 1987).
 
 Contents: Mesh, Contour, Cells, extract, mesh_from_states, case_table; operations isosurface.classify,
-isosurface.facets, isosurface.edge_points. There is no effect of its own.
+isosurface.facets, isosurface.edge_points. The package has no effect.
 
-What is inside has state 1, what is outside 0, and a node of which nothing is known 2: cells that touch such a node
-have no facets, so that the surface ends there. Facets are triangles in space and segments in the plane; their
-normals point from inside to outside.
+A node inside has state 1, one outside 0, and one of unknown state 2: cells with such a corner have no facets, and the
+surface ends there. Facets are triangles in space and segments in the plane; their normals point from inside to outside.
 """
 
 from __future__ import annotations
@@ -24,7 +23,7 @@ __all__ = ["CaseTable", "Cells", "Contour", "Mesh", "case_table", "edges_and_fac
 
 
 class Contour(NamedTuple):
-    """What is extracted from node values, as the kernels take it."""
+    """Cell size and level as the kernels take them."""
 
     cell_size: float  # h [m]
     level: float  # value on the surface
@@ -34,7 +33,7 @@ class Mesh(NamedTuple):
     """A surface: arrays on the backend on which it was extracted."""
 
     vertices: Any  # (v, 3) [m]; z = 0 in the plane
-    facets: Any  # (f, dim) int32: triangles against the clock as seen from outside; segments with the inside left
+    facets: Any  # (f, dim) int32: triangles counter-clockwise as seen from outside; segments with the inside left
 
 
 class Cells(NamedTuple):
@@ -74,7 +73,7 @@ BITS_SET = np.array([0, 1, 1, 2, 1, 2, 2, 3], np.uint8)
 
 
 def running_sum(values: np.ndarray) -> np.ndarray:
-    """(n + 1,) int32: sum of what stands before each place, and of everything at the end."""
+    """(n + 1,) int32: sum of the values before each place; the last entry is the total."""
     total = np.zeros(len(values) + 1, np.int32)
     np.cumsum(values, out=total[1:])
     return total
@@ -89,7 +88,7 @@ _TABLES: dict[tuple[str, int, bool], tuple[CaseTable, Any]] = {}
 
 
 def case_tables(backend: Backend, dim: int, merged: bool) -> tuple[CaseTable, Any]:
-    """(table of cases, number of bits set in 0 to 7) on the backend, brought there once."""
+    """(table of cases, number of bits set in 0 to 7) on the backend, copied there once."""
     key = backend.name, dim, merged
     if key not in _TABLES:
         _TABLES[key] = on_backend(case_table(dim, merged), backend), backend.asarray(BITS_SET)
@@ -100,14 +99,14 @@ def extract(
     backend: Backend, coordinates: np.ndarray, values: np.ndarray, cell_size: float, dim: int,
     level: float = 0.0, merged: bool = False,
 ) -> Mesh:  # fmt: skip
-    """The surface on which values given on some nodes of a grid take `level`; inside is what lies below it.
+    """The surface on which values given at some nodes of a grid equal `level`; values inside are below it.
 
     coordinates  (n, 3) integers j of the nodes x_j = h j with a value, in any order, each once; j_z = 0 in the plane
-    values       (n,) their values; the dtype is that of the mesh. NaN means unknown
+    values       (n,) values there, in the dtype of the mesh; NaN is unknown
     cell_size    h [m]
     merged       the classical table of 15 cases, which leaves holes
 
-    The surface is closed wherever every cell that it meets has values at all its corners. Raises InputError where
+    The surface is closed wherever all cells that it crosses have values at all their corners. Raises InputError if
     shapes do not fit or coordinates repeat.
     """
     coordinates, values = np.asarray(coordinates), np.asarray(values)
@@ -158,7 +157,7 @@ register(
         name="isosurface.facets",
         folder=_HERE,
         paper=_PAPER,
-        equation="the table of cases, with inside corners kept apart on every face",
+        equation="table of cases; inside corners that are diagonal on a face are separate",
         function="facets",
         outputs=("vertex_edge", "facets"),
         exact=("vertex_edge", "facets"),

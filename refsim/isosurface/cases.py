@@ -12,7 +12,7 @@ from refsim.isosurface.table import CaseTable
 from refsim.sparse_grid import SparseGrid, nodes
 from refsim.sparse_grid.reference import node_table
 
-REACH = (5, 6)  # nodes under and over each particle's cell that blocks hold
+REACH = (5, 6)  # nodes below and above each particle's cell that the blocks contain
 
 
 def cell_size(case: Case) -> float:
@@ -37,7 +37,7 @@ def distance_to_nearest(points: np.ndarray, position: np.ndarray) -> np.ndarray:
 
 @functools.cache
 def extraction(name: str, dtype: str) -> dict:
-    """Everything that the extraction makes on its way, by the references."""
+    """All intermediate arrays of the extraction, by the references."""
     made = CASES[name]()
     position, blocks = covered(name, dtype)
     h = cell_size(made)
@@ -78,13 +78,13 @@ VARIATIONS[Contour] = Variation(other={"level": lambda level: 0.01})
 
 @case
 def narrow_band() -> Case:
-    """Values known only near the surface: it ends where they do."""
+    """Values known only near the surface, which ends with them."""
     return Case("narrow_band", 3, cloud("narrow_band", 80, 3))
 
 
 @case
 def all_states() -> Case:
-    """So loose a cloud in space that cells take many of their 256 states."""
+    """A cloud in space so sparse that its cells have many of the 256 states."""
     return Case("all_states", 3, cloud("all_states", 60, 3, 0.45))
 
 
@@ -142,7 +142,7 @@ def _quarters(given, dim):
 
 
 def _closed(given, dim):
-    """Each orthant has one facet, whose corners lie on its three (two) half axes, in the order of its handedness."""
+    """Each orthant has one facet, whose corners lie on its three (two) half axes, ordered by its handedness."""
     coordinates = node_table(given["blocks"])
     on = {}
     for v, edge in enumerate(given["vertex_edge"]):

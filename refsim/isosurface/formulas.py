@@ -3,7 +3,7 @@
 from refsim.backends.compile import formula
 from refsim.sparse_grid.formulas import step_node
 
-UNKNOWN = 2  # state of a node of which nothing is known; 0 is outside, 1 is inside
+UNKNOWN = 2  # state of a node; 0 is outside, 1 is inside
 
 
 @formula
@@ -21,7 +21,7 @@ def bits_below(bits, axis):
 
 @formula
 def state_at(blocks, node_state, node, dx, dy, dz):
-    """State (flag) of the node a step away; s = UNKNOWN where there is no node."""
+    """State (flag) of the node a step away; s = UNKNOWN if there is no node."""
     there = step_node(blocks, node, dx, dy, dz)
     if there < 0:
         return UNKNOWN

@@ -40,10 +40,10 @@ def _edges(dim):
 
 
 def polygons(case, dim):
-    """Oriented polygons of one cell as tuples of edges, found by walking round each inside corner's faces.
+    """Oriented polygons of one cell as tuples of edges, found by going round the faces of each inside corner.
 
     On a square face a point on edge e is joined to the one on the other cut edge at e's inside corner's side: the
-    segment from e keeps e's inside corner to itself as far as inside corners are joined along the face's rim.
+    segment from e separates e's inside corner, and those joined to it along the face's rim, from the others.
     """
     edges = _edges(dim)
     place = [np.array([(c >> b & 1) + (0.5 if b == a else 0.0) for b in range(3)]) for c, a in edges]
@@ -87,7 +87,7 @@ _FACETS = {}
 
 
 def cell_facets(case, dim):
-    """Facets of one cell, worked out once."""
+    """Facets of one cell, computed once."""
     if (case, dim) not in _FACETS:
         _FACETS[case, dim] = _cell_facets(case, dim)
     return _FACETS[case, dim]
@@ -145,7 +145,7 @@ def _cell_facets(case, dim):
 def facets(blocks, crossings, cell_case, edge_first, facet_first, table):
     """Edge 3 i + a of each vertex, vertices of each facet = v(edges of the case); dimensionless numbers.
 
-    Of the table only `merged` is looked at: whether cells with more than four corners inside take their complement's.
+    Of the table only `merged` is used: whether cells with more than four corners inside take their complement's facets.
     """
     dim = dimension(blocks)
     find = Lookup(blocks)
@@ -184,7 +184,7 @@ def edge_points(blocks, node_value, contour, vertex_edge):
     low, high = value[node], value[find(start + way)]
     share = (float(contour.level) - low) / (high - low)
     position = float(contour.cell_size) * (start + share[:, None] * way)
-    # the share's own conditioning: both differences are rounded relative to the values, not to themselves
+    # conditioning of the share: both differences are rounded relative to the values
     loose = (np.abs(low) + np.abs(high) + abs(float(contour.level))) / np.abs(high - low)
     scale = float(contour.cell_size) * (np.abs(start) + 1 + loose[:, None] * way)
     return {"vertex_position": (position, scale)}

@@ -1,9 +1,9 @@
 """Which facets a cell has in each state of its corners: 16 cases in the plane, 256 in space, made by tracing.
 
 Corner c of a cell stands at its bits (x = c & 1, y = c >> 1 & 1, z = c >> 2); a state has bit c set where corner c
-is inside. On a face whose inside corners stand across, they are always kept apart, in both cells that share the
-face: so every cell agrees with its neighbours and the surface is closed. The classical table merges states with
-their complements; there the two cells decide differently and leave a hole.
+is inside. Inside corners that are diagonal on a face are always separated, in both cells that share the face: cells
+agree with their neighbours, and the surface is closed. The classical table merges states with their complements; the
+two cells of such a face may disagree and leave a hole.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ def edges(dim: int) -> list[tuple[int, int]]:
 
 @functools.cache
 def faces(dim: int) -> list[tuple[int, ...]]:
-    """Corners of each face of a cell, going round against the clock as seen from outside; the square itself in 2D."""
+    """Corners of each face of a cell, counter-clockwise as seen from outside; the square itself in 2D."""
     if dim == 2:
         return [(0, 1, 3, 2)]
     found = []
@@ -47,15 +47,15 @@ def faces(dim: int) -> list[tuple[int, ...]]:
 
 
 def loops(state: int, dim: int) -> list[Loop]:
-    """Closed loops of cut edges of a cell in space, against the clock as seen from outside the liquid; in the plane
-    its segments, with the liquid on their left."""
+    """Closed loops of cut edges of a cell in space, counter-clockwise as seen from outside; in the plane its segments,
+    with the inside on their left."""
     number = {frozenset((c, c | 1 << a)): e for e, (c, a) in enumerate(edges(dim))}
     follows: dict[int, int] = {}
     for ring in faces(dim):
         inside = [state >> c & 1 for c in ring]
         size = len(ring)
         for k in range(size):
-            if inside[k] and not inside[k - 1]:  # a run of inside corners begins; it ends where the next is outside
+            if inside[k] and not inside[k - 1]:  # the first of a run of inside corners
                 end = k
                 while inside[(end + 1) % size]:
                     end += 1
@@ -74,7 +74,7 @@ def loops(state: int, dim: int) -> list[Loop]:
 
 
 def triangulations(loop: Loop) -> Iterator[tuple[Facet, ...]]:
-    """Every way to cut a polygon into triangles along its diagonals."""
+    """All triangulations of a polygon along its diagonals."""
     if len(loop) < 3:
         yield ()
         return
@@ -86,8 +86,8 @@ def triangulations(loop: Loop) -> Iterator[tuple[Facet, ...]]:
 
 @functools.cache
 def triangulated(loop: Loop) -> tuple[Facet, ...]:
-    """The triangles of a loop: no diagonal lies in a face of the cell, where the cell next to it might have the same;
-    of these the way whose diagonals, between midpoints of edges, have the least sum of squares; of these the first."""
+    """The triangulation of a loop without a diagonal in a face of the cell, where the adjacent cell might have the same
+    one; of several that with the least sum of squares of the diagonals between midpoints of edges; then the first."""
     ends = [{c, c | 1 << a} for c, a in edges(3)]
     middle = [[sum(c >> b & 1 for c in pair) for b in range(3)] for pair in ends]  # in halves of the cell size
 
@@ -104,7 +104,7 @@ def triangulated(loop: Loop) -> tuple[Facet, ...]:
         turned = sorted(t[t.index(min(t)) :] + t[: t.index(min(t))] for t in way)
         best = min(best or (cost, turned), (cost, turned))
     if best is None:
-        raise ValueError(f"every way to cut the loop {loop} leaves a diagonal in a face")
+        raise ValueError(f"every triangulation of the loop {loop} has a diagonal in a face")
     return tuple(best[1])
 
 
@@ -119,7 +119,7 @@ def case_table(dim: int, merged: bool = False) -> CaseTable:
     """The table of all states.
 
     merged  True for the classical table, in which states of more than half the corners are those of their complement
-            turned round: the cases of 15 pictures, with holes
+            with reversed facets: 15 cases, with holes
     """
     states = 2 ** (2**dim)
     rows = []

@@ -4,14 +4,12 @@ Contents: SurfaceDetection; fields NEAR_SURFACE, SCAN_CANDIDATES and SURFACE; Ne
 passes near_surface_pass, candidates_pass, fan_scan_pass; operations surface_detection.near_surface,
 surface_detection.candidates, surface_detection.fan_scan, surface_detection.release_pressure.
 
-A liquid in motion presses its surface: there the number density is that of the bulk, and no threshold on it tells
-one from the other (E23). What tells them apart is that the neighbours of a surface particle stand on one side. The
-first of the two steps therefore asks for the first moment of the neighbourhood as well, which the density pass sums
-on the way.
+Motion compresses the surface of a liquid: the number density there reaches that of the bulk, and no threshold on it
+distinguishes the two (Jiang & Zhu E23). The neighbours of a surface particle stand on one side. The first of the two
+steps therefore also uses the first moment of the neighbourhood, which the density pass sums in the same loop.
 
 Another effect that needs the detected sets takes the scene's settings, or the default ones, from
-`detection_in(others)` and lists `passes`, `fields` and `parameters` of these; a pass that both effects list
-runs once.
+`detection_in(others)` and lists their passes, fields and parameter groups; a pass that both effects list runs once.
 """
 
 from __future__ import annotations
@@ -49,17 +47,15 @@ THIN_FEATURES = ("fan_scan", "second_moment")
 THRESHOLD = 0.98  # the paper's lambda of J(12)
 SPARSE = 0.9  # lambda of the first step where asymmetry stands beside it; the lower end of the paper's range
 NORMALS = {"color": SURFACE_NORMAL, "corrected": CORRECTED_NORMAL}
-THIN = (
-    1.3  # of the variance across two lattice layers, so that particles may be a fifth of the spacing off their places
-)
-THIN_FROM = 2.0  # spacings: with a shorter support radius the bulk is hardly thicker than a film of three layers
+THIN = 1.3  # of the variance across two lattice layers: allows displacements of a fifth of the spacing
+THIN_FROM = 2.0  # spacings; a smaller support radius barely exceeds a film of three layers
 
 
 class NearSurfaceLimit(NamedTuple):
-    """J(12), and the limit beside it (E23), as the kernels take them."""
+    """J(12), and the limit of the first moment (Jiang & Zhu E23), as the kernels take them."""
 
     number_density: float  # lambda delta0 [1/m^dim]
-    asymmetry: float  # least first moment [m^(1 - dim)]; unused where J(12) stands alone
+    asymmetry: float  # least first moment [m^(1 - dim)]; unused by J(12) alone
 
 
 class FanScan(NamedTuple):
@@ -68,14 +64,14 @@ class FanScan(NamedTuple):
     radius: float  # s [m]
     support_radius: float  # h [m], in which neighbours are counted
     smallest_normal: float  # shorter normals have no direction, in the normal's unit
-    printed: int  # the printed "<" of the second line (E5)
+    printed: int  # the printed "<" of the second line (Jiang & Zhu E5)
 
 
 class ThinFeature(NamedTuple):
-    """The limit below which a neighbourhood is thin (E20), as the kernels take it."""
+    """The limit below which a neighbourhood is thin (Jiang & Zhu E20), as the kernels take it."""
 
     variance: float  # greatest variance across a thin neighbourhood, in units of h^2
-    dim: int  # 2 in the plane, where the third axis has no extent
+    dim: int  # 2 in the plane, where z = 0
 
 
 def near_surface_pass(on_demand: bool = False, output: str = "near_surface") -> Pass:
@@ -87,7 +83,7 @@ def near_surface_pass(on_demand: bool = False, output: str = "near_surface") -> 
 
 
 def candidates_pass(on_demand: bool = False) -> Pass:
-    """The pass that writes field `scan_candidates`: sparse or lopsided neighbourhoods (E23)."""
+    """The pass that writes field `scan_candidates`: sparse or lopsided neighbourhoods (Jiang & Zhu E23)."""
     names = {"near_surface": "scan_candidates", "near_surface_limit": "candidate_limit"}
     reads = ("number_density", "asymmetry")
     return Pass("surface_detection.candidates", reads, ("scan_candidates",), on_demand=on_demand, names=names)
@@ -128,8 +124,8 @@ def fan_scan_pass(
 ) -> Pass:
     """The pass that writes field `surface`, J(13), from the named kind of normal.
 
-    `candidates` names a uint8 field: rows where it is zero are not scanned and are no surface.
-    `thin_features`: what decides on films and filaments, the scan alone or the second moment besides.
+    `candidates` names a uint8 field: particles where it is zero are not scanned and are no surface.
+    `thin_features`: what decides on films and filaments, the scan alone or also the second moment.
     """
     field = NORMALS[normal].name
     reads = ("position", field) if candidates is None else ("position", field, candidates)
@@ -145,23 +141,22 @@ class SurfaceDetection(Effect, frozen=True, kw_only=True):
     method       "number_density" (S = N, J(12)), "fan_scan" (J(13) for every particle) or "two_step" (J(13) where the
                  neighbourhood is sparse or lopsided)
     threshold    lambda of J(12); the paper's range is 0.90 to 0.99, its choice 0.98, which is the default where J(12)
-                 stands alone. In two steps 0.90: what is denser is told by its asymmetry
-    asymmetry    first moment of the neighbourhood from which on it is lopsided, as a share of that of a particle on a
-                 plane surface
+                 is used alone. In two steps 0.90: denser surface particles are found by their asymmetry
+    asymmetry    least first moment of a lopsided neighbourhood, as a share of that of a particle on a plane surface
     scan_radius  s of J(13): "half" of the support radius, or the "full" one, which doubles the list radius
     scan_normal  "color" (J(19)) or "corrected" (J(20))
     thin_features  what decides on films and filaments up to two layers thick: "fan_scan", as in the paper, or
-                 "second_moment", which also takes a scanned particle for surface where the least eigenvalue of its
-                 neighbourhood's second moment is that of such a film; for support radii from 2 spacings on
-    each_step    detect in every step; by default only when the state is looked at
-    release_pressure  the pressure of surface particles is zero: the condition on a free surface that particle methods
-                 with an incompressible liquid set; it makes every step depend on what is detected
+                 "second_moment", which also marks a scanned particle as surface if the least eigenvalue of its
+                 neighbourhood's second moment is that of such a film; for support radii of at least 2 spacings
+    each_step    detect in every step; by default only when the state is read
+    release_pressure  the pressure of surface particles is zero, the condition on a free surface of particle methods for
+                 incompressible liquids; every step then depends on the detected set
     literal      printed readings to use: "E5" (the "<" of J(13)), "E6" (s = h), "E10" (V_j = m_j/rho_i), "E23" (J(12)
-                 alone is the first step, so that the scan looks in N only); or "all"
+                 alone is the first step, so that only N is scanned); or "all"
 
     A particle with fewer than 3 neighbours within the support radius is surface whatever its normal; one with more
-    whose normal has no direction is not (E20), unless `thin_features` takes it. Wall particles count as neighbours and
-    block the scan.
+    whose normal has no direction is not (Jiang & Zhu E20), unless `thin_features` marks it. Wall particles count as
+    neighbours and occupy the scan region.
     """
 
     name: ClassVar[str] = "surface_detection"
@@ -185,7 +180,7 @@ class SurfaceDetection(Effect, frozen=True, kw_only=True):
             require(self.name, threshold=(self.threshold, "positive"))
         if self.threshold is not None and self.threshold > 1.2:
             raise InputError(
-                f"{self.name}: threshold = {self.threshold} would take every particle for near the surface; give a"
+                f"{self.name}: threshold = {self.threshold} would mark every particle as near the surface; give a"
                 " number up to 1.2 (the paper uses 0.90 to 0.99)."
             )
         choices = {
@@ -246,7 +241,7 @@ class SurfaceDetection(Effect, frozen=True, kw_only=True):
         return (first(on_demand), *scan)
 
     def candidates(self) -> str | None:
-        """Name of the field of what the fan scan looks at; None where it looks at every particle, or is not run."""
+        """Name of the field that marks the particles to scan; None if all are scanned, or none."""
         if self.method != "two_step":
             return None
         return "scan_candidates" if self._lopsided() else "near_surface"
@@ -262,7 +257,7 @@ class SurfaceDetection(Effect, frozen=True, kw_only=True):
     def prepare(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, Any]:
         fluid = liquid_of(others)
         h, delta0 = grid.support_radius, fluid.rest_number_density(grid)
-        # Without rounding a normal without direction is exactly zero; its unit is 1 or, for J(20), 1/m.
+        # Up to rounding, a normal without direction is zero; normals are dimensionless or, J(20), in 1/m.
         smallest = max(1e-12, 64.0 * float(np.finfo(grid.dtype).eps))
         if self.scan_normal == "corrected":
             smallest /= h
@@ -287,7 +282,7 @@ class SurfaceDetection(Effect, frozen=True, kw_only=True):
         return literal_errata(self.name, self.literal, ("E5", "E6", "E10", "E23"))
 
     def _lopsided(self) -> bool:
-        """Whether the first step asks for the asymmetry of the neighbourhood."""
+        """Whether the first step uses the asymmetry of the neighbourhood."""
         return self.method == "two_step" and "E23" not in self._printed()
 
     def _lambda(self, usual: float) -> float:
@@ -325,7 +320,7 @@ register(
     Operation(
         name="surface_detection.candidates",
         paper="Jiang & Zhu 2023, with the first moment beside it",
-        equation="J(12) with E23",
+        equation="J(12) with Jiang & Zhu E23",
         **_FIRST_STEP,
     )
 )
@@ -334,7 +329,7 @@ register(
         name="surface_detection.fan_scan",
         folder=_HERE,
         paper="Jiang & Zhu 2023, after Marrone et al. 2010",
-        equation="J(13) with E5, E6, E20; least eigenvalue of the second moment",
+        equation="J(13) with Jiang & Zhu E5, E6, E20; least eigenvalue of the second moment",
         function="fan_scan",
         outputs=("surface",),
         exact=("surface",),
@@ -356,7 +351,7 @@ register(
     Operation(
         name="surface_detection.release_pressure",
         folder=_HERE,
-        paper="Koshizuka & Oka 1996, as Jiang & Zhu 2023 tells it",
+        paper="Koshizuka & Oka 1996, as cited by Jiang & Zhu 2023",
         equation="p = 0 on S",
         function="release_pressure",
         outputs=("pressure",),

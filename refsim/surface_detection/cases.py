@@ -23,7 +23,7 @@ VARIATIONS[FanScan] = Variation(
     other={"support_radius": lambda h: 0.5 * h, "smallest_normal": lambda least: 1.0}  # longer than some normals
 )
 VARIATIONS[ThinFeature] = Variation(other={"variance": lambda least: 4 * least, "dim": lambda dim: 5 - dim})
-takes("surface_detection.near_surface", near_surface_limit="number_density")  # J(12) stands alone
+takes("surface_detection.near_surface", near_surface_limit="number_density")  # J(12) alone
 
 
 @closed_form("surface_detection.near_surface")
@@ -40,7 +40,7 @@ def thresholds():
 
 @closed_form("surface_detection.candidates")
 def sparse_or_lopsided():
-    """Either is enough, and at the limit it counts: sparse alone, lopsided alone, both, neither."""
+    """Either suffices, the limits included: sparse alone, lopsided alone, both, neither."""
     case = Case("sides", 2, np.array([[0.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 2.0, 0.0], [0.0, 3.0, 0.0]]))
     return Exact(
         case,
@@ -54,8 +54,8 @@ def sparse_or_lopsided():
 def one_in_the_way():
     """h = 2, s = 1, normals along -y: particle 0 looks to +y.
 
-    Particle 1 at 45 degrees off that axis and 2 behind leave the fan open; 3 stands in the ball of radius s around
-    the scan's centre. 0 and 3 have three neighbours, 0 is blocked by 3, and 3 has nobody above.
+    Particle 1, beyond 45 degrees off that axis, and 2, behind, are outside the region; 3 is in the ball of radius s
+    around the scan's centre. 0 and 3 have three neighbours; 3 occupies the region of 0, and the region of 3 is empty.
     """
     position = np.array([[0.0, 0.0, 0.0], [1.0, 0.3, 0.0], [-0.4, -1.0, 0.0], [0.0, 1.5, 0.0]])
     case = Case("fan", 2, position, spacing=1.0, support_radius=2.0)
@@ -68,7 +68,8 @@ def one_in_the_way():
 
 
 def _printed_fan(*directions):
-    """A particle that looks to +y, with others 0.9 m away at these angles [degrees] off that axis; E5 as printed."""
+    """A particle that looks to +y, with others 0.9 m away at these angles [degrees] off that axis; Jiang & Zhu E5 as
+    printed."""
     angle = np.radians(directions)
     around = 0.9 * np.stack([np.sin(angle), np.cos(angle), 0 * angle], axis=1)
     count = len(directions) + 1
@@ -81,13 +82,13 @@ def _printed_fan(*directions):
 
 @closed_form("surface_detection.fan_scan")
 def printed_cone_of_three():
-    """As printed, who stands in the cone does not count: three of them leave particle 0 at the surface."""
+    """As printed, particles in the cone do not count: with three of them particle 0 is surface."""
     return Exact(*_printed_fan(-10, 5, 40), {"surface": np.array([1, 0, 0, 0], np.uint8)})
 
 
 @closed_form("surface_detection.fan_scan")
 def printed_beside_the_cone():
-    """As printed, one who stands 50 degrees off the axis, outside the cone, occupies it."""
+    """As printed, a particle 50 degrees off the axis, outside the cone, occupies the region."""
     return Exact(*_printed_fan(-10, 5, 50), {"surface": np.array([0, 0, 0, 0], np.uint8)})
 
 
@@ -133,7 +134,7 @@ def a_film_between_two_walls():
 
 @closed_form("surface_detection.release_pressure")
 def released():
-    """Zero on the surface, of either sign elsewhere."""
+    """Zero on the surface, unchanged with either sign elsewhere."""
     case = Case("released", 2, np.array([[0.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 2.0, 0.0]]))
     return Exact(
         case,

@@ -11,7 +11,7 @@ def is_near_surface(number_density, near_surface_limit):
 
 @formula
 def is_lopsided(asymmetry, near_surface_limit):
-    """E23, beside J(12): the first moment of the neighbourhood is at least the limit, both [m^(1 - dim)]."""
+    """|sum_j W_ij x_ij| >= limit, both [m^(1 - dim)]: the first moment, beside J(12) (Jiang & Zhu E23)."""
     return asymmetry >= near_surface_limit.asymmetry
 
 
@@ -25,10 +25,10 @@ def released_pressure(pressure, surface):
 
 @formula
 def in_scan_region(squared, along, fan_scan):
-    """J(13) for one particle: |x_ij|^2 [m^2] and n_hat . x_ij [m], n inward, which is the way along the outward axis.
+    """J(13) for one particle: |x_ij|^2 [m^2] and n_hat . x_ij [m], n inward: distance along the outward axis.
 
-    From sqrt2 s on, a ball of radius s around x_i - s n_hat; nearer, a cone of total opening pi/2. Both lines are
-    squared, so that no root is taken. E5: the printed "<" of the second line describes the outside of the cone.
+    For |x_ij| >= sqrt2 s a ball of radius s around x_i - s n_hat; nearer, a cone of total opening pi/2. Both lines are
+    squared to avoid the root. Jiang & Zhu E5: the printed "<" of the second line describes the outside of the cone.
     """
     real = type(squared)
     s = fan_scan.radius

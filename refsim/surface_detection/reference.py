@@ -1,8 +1,8 @@
 """NumPy oracle of surface detection: all pairs, float64.
 
 Answers are flags, so that each function returns {output: (flags, margin)}: margin (n,) >= 0 is the relative
-distance of the decision from flipping. It is built like the decision itself: every comparison becomes a signed
-number (positive where it holds), "and" the smaller, "or" the larger, "not" the negative of its parts.
+distance of the decision from flipping. It is built like the decision: a comparison becomes a signed number (positive
+where it holds), "and" the smaller, "or" the larger, "not" the negative of its parts.
 """
 
 import numpy as np
@@ -20,7 +20,8 @@ def _rows(array, rows):
 def near_surface(number_density, asymmetry, near_surface_limit, rows=None):
     """Near-surface flags (n,), number_density (n,) [1/m^dim]: J(12) delta_i <= lambda delta0.
 
-    With asymmetry (n,) [m^(1 - dim)], the length of the first moment of J(8), also who has at least the limit (E23).
+    With asymmetry (n,) [m^(1 - dim)], the length of the first moment of J(8), also those with at
+    least the limit (Jiang & Zhu E23).
     """
     margin = 1 - _rows(number_density, rows) / float(near_surface_limit.number_density)
     if asymmetry is not None:
@@ -42,16 +43,17 @@ def _in_region(separation, distance, axis, fan_scan):
     if fan_scan.printed:
         cone = np.where(there, -cone, -1.0)
     far, close = np.minimum(beyond, ball), np.minimum(-beyond, cone)
-    # Where both lines say the same, the distance at which they meet decides nothing.
+    # Where both lines agree, the distance sqrt2 s between them does not matter.
     return np.maximum(np.maximum(far, close), np.minimum(ball, cone))
 
 
 def _thinness(position, walls, fan_scan, thin_feature, rows):
-    """Signed margin (n,), positive where a neighbourhood is thin, from the eigenvalues of its second moment.
+    """Signed margin (n,), positive for a thin neighbourhood, from the eigenvalues of its second moment.
 
-    C_i = sum_j w_ij (x_j - m_i)(x_j - m_i)^T / sum_j w_ij [m^2] over particles, the own one and walls nearer than h,
-    w = 1 - (r/h)^2, m_i = sum_j w_ij x_j / sum_j w_ij [m]; thin where the least eigenvalue is at most the limit. Its
-    distance from the limit is taken relative to the squares summed, less as there are more of them to be rounded.
+    C_i = sum_j w_ij (x_j - m_i)(x_j - m_i)^T / sum_j w_ij [m^2] over particle i, particles and walls nearer than
+    h, w = 1 - (r/h)^2, m_i = sum_j w_ij x_j / sum_j w_ij [m]; thin if the least eigenvalue is at most the limit. The
+    margin is their difference relative to the sum of squares and divided by the number of terms, each of which is
+    rounded.
     """
     h, dim = float(fan_scan.support_radius), int(thin_feature.dim)
     everyone = np.asarray(position, dtype=float)
@@ -77,9 +79,9 @@ def fan_scan(position, surface_normal, candidates, walls, fan_scan, thin_feature
     """Surface flags (n,); position (n, 3) [m], surface_normal (n, 3) inward, candidates (n,) or None.
 
     J(13), a = -n/|n|: particle j is in the region of i where |x_ij| >= sqrt2 s and |x_j - x_i - s a| < s, or
-    |x_ij| < sqrt2 s and a . (x_j - x_i) > sqrt(1/2) |x_ij| (E5: printed "<"). i is surface where nobody is in its
-    region, or where fewer than 3 particles are nearer than h; a normal below `smallest_normal` finds nothing (E20).
-    With `thin_feature` also where the neighbourhood is thin.
+    |x_ij| < sqrt2 s and a . (x_j - x_i) > sqrt(1/2) |x_ij| (Jiang & Zhu E5: printed "<"). i is surface if its region
+    is empty, or if fewer than 3 particles are nearer than h; with a normal below `smallest_normal` the region counts as
+    occupied (Jiang & Zhu E20). With `thin_feature` i is surface also if its neighbourhood is thin.
     """
     n = len(position)
     normal = _rows(surface_normal, rows)

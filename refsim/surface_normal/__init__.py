@@ -1,12 +1,12 @@
 """Surface normals, inward: colour gradient and corrected normals (Jiang & Zhu 2023, (19) and (20)).
 
 Contents: SURFACE_NORMAL, CORRECTED_NORMAL, NormalTerm, color_gradient_pass, corrected_pass, normal_term;
-operations surface_normal.color_gradient, surface_normal.corrected. There is no effect of its own: effects that
-need normals declare the field, list the pass and hand out `normal_term`.
+operations surface_normal.color_gradient, surface_normal.corrected. The package has no effect: effects that need
+normals declare the field, list the pass and return `normal_term` among their parameter groups.
 
 Walls count as occupied. In J(19) a wall particle contributes h V_b grad W_ib, so that liquid at a wall has no
-spurious normal. In J(20) it is given the particle's own number density, hence adds nothing to the sum; its
-volume stands in the denominator, which the wall completes.
+spurious normal. In J(20) it has the number density of particle i and so adds nothing to the sum; its volume enters the
+denominator.
 """
 
 from __future__ import annotations
@@ -27,14 +27,14 @@ CORRECTED_NORMAL = Field("corrected_normal", "1/m", "corrected normal n*, inward
 
 
 class NormalTerm(NamedTuple):
-    """What the normals take beside the particles, as the kernels take it."""
+    """Parameters of the normals as the kernels take them."""
 
     rest_number_density: float  # delta0 [1/m^dim]
-    own_density: int  # V_j = m_j/rho_i as printed (E10) instead of m_j/rho_j
+    own_density: int  # V_j = m_j/rho_i as printed (Jiang & Zhu E10) instead of m_j/rho_j
 
 
 def normal_term(fluid: WeaklyCompressible, grid: Discretisation, own_density: bool = False) -> dict[str, NormalTerm]:
-    """Parameter group of both normals, for `Effect.prepare`; own_density=True is the literal reading of E10."""
+    """Parameter group of both normals, for `Effect.prepare`; own_density=True takes Jiang & Zhu E10 as printed."""
     return {"normal_term": NormalTerm(grid.real(fluid.rest_number_density(grid)), np.int32(own_density))}
 
 
@@ -61,7 +61,7 @@ def _pass(operation: str, reads: tuple[str, ...], output: str, candidates: str |
 
 _HERE = "refsim.surface_normal"
 _INVARIANTS = ("translation", "rotation", "reordering")
-# Hard inputs of normals and of the scan that follows them, beside those that every operation meets.
+# Hard inputs of normals and of the fan scan, beside those of every operation.
 SHAPES = ("two_layers", "three_layers", "jittered_film", "bent_filament", "cavity", "tank_corner", "notch")
 _VARIANTS = ({}, {"walls": None, "candidates": None}, {"candidates": None}, {"walls": None})
 register(
@@ -69,7 +69,7 @@ register(
         name="surface_normal.color_gradient",
         folder=_HERE,
         paper="Jiang & Zhu 2023",
-        equation="J(19) with E10",
+        equation="J(19) with Jiang & Zhu E10",
         function="color_gradient",
         outputs=("surface_normal",),
         optional=("walls", "candidates"),
@@ -84,7 +84,7 @@ register(
         name="surface_normal.corrected",
         folder=_HERE,
         paper="Jiang & Zhu 2023",
-        equation="J(20), J(15) with E10",
+        equation="J(20), J(15) with Jiang & Zhu E10",
         function="corrected",
         outputs=("corrected_normal",),
         optional=("walls", "candidates"),

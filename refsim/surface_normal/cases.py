@@ -12,7 +12,7 @@ from refsim.surface_normal import SHAPES, NormalTerm, normal_term, reference
 
 @particles("surface_normal", "corrected_normal", "area_normal")
 def _normals(case, random):
-    """Lengths from zero to well beyond one, and some exactly zero; of the shapes their own, with walls as liquid."""
+    """Lengths from zero to well above one, and some exactly zero; of the shapes J(19), walls taken as liquid."""
     if case.name in SHAPES:
         everyone = np.vstack([case.position, case.wall_position])
         one = np.ones(len(everyone))
@@ -60,7 +60,7 @@ def pair_normals():
 
 @closed_form("surface_normal.corrected")
 def pair_corrected_normals():
-    """n*_1 = ((d_2 - d_1)/d_0) V_2 W'(r) e_12 / (V_1 W(0) + V_2 W(r)); the second has no turn as a candidate."""
+    """n*_1 = ((d_2 - d_1)/d_0) V_2 W'(r) e_12 / (V_1 W(0) + V_2 W(r)); the second particle is no candidate."""
     volume = np.array([2 / 1000, 3 / 500])
     filled = volume[0] * W0 + volume[1] * 3 / 16 * W0
     return Exact(
@@ -78,7 +78,7 @@ def shape(name: str, dim: int, position: np.ndarray, **options) -> Case:
 
 @case
 def two_layers() -> Case:
-    """A sheet in space of two layers: each is surface and stands in the other's way."""
+    """A sheet in space of two layers: both are surface, and each occupies the scan region of the other."""
     return shape("two_layers", 3, lattice((7, 2, 7)))
 
 
@@ -90,7 +90,7 @@ def three_layers() -> Case:
 
 @case
 def cavity() -> Case:
-    """A block that lacks its middle particle: a void too small to have a surface."""
+    """A block without its middle particle: a void too small to have a surface."""
     position = lattice((9, 9, 1), dim=2)
     return shape("cavity", 2, np.delete(position, len(position) // 2, axis=0))
 
@@ -106,7 +106,7 @@ def tank_corner() -> Case:
 
 @case
 def jittered_film() -> Case:
-    """A turned sheet in space of two layers, every particle off its place by up to a tenth of the spacing."""
+    """A turned sheet in space of two layers, every particle displaced by up to a tenth of the spacing."""
     position = lattice((7, 7, 2))
     position += 0.01 * np.random.default_rng(3).uniform(-1, 1, position.shape)
     turn = np.array([[2.0, -1, 2], [2, 2, -1], [-1, 2, 2]]) / 3
@@ -122,9 +122,6 @@ def bent_filament() -> Case:
 
 @case
 def notch() -> Case:
-    """A V-shaped notch along z, at whose bottom the edges stand exactly at 45 degrees: the scan's tie.
-
-    The bottom stands at the origin.
-    """
+    """A V-shaped notch along z with its bottom at the origin: its edges at exactly 45 degrees, a tie of the scan."""
     position = lattice((11, 11, 3)) - [0.5, 0.5, 0.1]
     return shape("notch", 3, position[position[:, 1] <= np.abs(position[:, 0]) + 1e-9])

@@ -22,7 +22,7 @@ def _gradient(separation, distance, smoothing):
 
 
 def _neighbour_volumes(mass, density, density_i, normal_term):
-    """V_j as a (b, n) table: m_j/rho_j, or the printed m_j/rho_i (E10)."""
+    """V_j as a (b, n) table: m_j/rho_j, or the printed m_j/rho_i (Jiang & Zhu E10)."""
     mass, density = np.asarray(mass, dtype=float), np.asarray(density, dtype=float)
     if normal_term.own_density:
         return mass[None, :] / density_i[:, None]
@@ -39,7 +39,8 @@ def _only_candidates(output, value, scale, candidates, rows):
 def color_gradient(position, mass, density, candidates, walls, gradient_smoothing, normal_term, rows=None):
     """Colour-gradient normals, inward, dimensionless; zero for particles that are no candidates.
 
-    J(19) n_i = h sum_j (m_j/rho_j) grad W_ij + h sum_b V_b grad W_ib (E10: printed m_j/rho_i).
+    J(19) n_i = h sum_j (m_j/rho_j) grad W_ij + h sum_b V_b grad W_ib (Jiang & Zhu E10: printed
+    m_j/rho_i).
     """
     h = float(gradient_smoothing.support_radius)
     density_i = _rows(density, rows)
@@ -74,7 +75,7 @@ def corrected(
     """Corrected normals, inward [1/m]; zero for particles that are no candidates.
 
     J(20) n_i* = sum_j ((delta_j - delta_i)/delta0) V_j grad W_ij / sum_k V_k W_ik, self in the denominator only;
-    V_j = m_j/rho_j (E10: printed m_j/rho_i). Walls: delta_b = delta_i, V_b in the denominator.
+    V_j = m_j/rho_j (Jiang & Zhu E10: printed m_j/rho_i). Walls: delta_b = delta_i, V_b in the denominator.
     """
     density_i, number_i = _rows(density, rows), _rows(number_density, rows)
     number = np.asarray(number_density, dtype=float)

@@ -3,8 +3,8 @@
 Contents: ImplicitPressure; operations iisph.solve and its steps iisph.predict, iisph.halve, iisph.displace,
 iisph.relax, iisph.keep, iisph.push; sph.viscosity, the viscous force J(11) without the pressure's.
 
-It stands in for the equation of state and the pressure force of weakly_compressible. The solution follows the choice of
-the step: all other forces are summed first, and with them the density that their motion would lead to.
+It replaces the equation of state and the pressure force of weakly_compressible. The step length is chosen before the
+pressures are solved for: all other forces are summed first, and from them follows the advected density.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import numpy as np
 from refsim.core.effect import Discretisation, Effect, Pass, StepLimit, require
 from refsim.core.energy import EnergyAccount
 from refsim.core.fields import Field
-from refsim.core.operation import Operation, register
+from refsim.core.operation import Operation, Program, register
 from refsim.smoothing import lattice, smoothing
 from refsim.smoothing.reference import kernel_slope
 from refsim.sph import LIQUID, SETS, liquid_of
@@ -36,21 +36,21 @@ WORK = (OWN_DISPLACEMENT, DIAGONAL, ADVECTED_DENSITY, PAIR_DISPLACEMENT, DENSITY
 
 
 class Implicit(NamedTuple):
-    """The solver as the kernels take it."""
+    """Parameters of the solver as the kernels take them."""
 
     relaxation: float  # omega
     tolerance: float  # mean compression allowed, as a share of rho0
-    least: int
-    most: int
+    least: int  # iterations
+    most: int  # iterations
     least_diagonal: float  # 1e-6 of -a_ii/dt^2 on the lattice [kg/(m^3 Pa s^2)]
 
 
 class ImplicitPressure(Effect, frozen=True, kw_only=True):
-    """Pressure of an incompressible liquid, in place of weakly_compressible's.
+    """Pressure of an incompressible liquid; replaces that of weakly_compressible.
 
     relaxation  omega of the Jacobi iteration; the paper's 0.5 holds for about 40 neighbours, with 70 it diverges
     tolerance   mean compression at which the iteration ends, as a share of rho0
-    iterations  at least and at most so many
+    iterations  least and largest number of iterations
     courant     share of the support radius that the fastest particle may cross in a step
     """
 
@@ -95,12 +95,12 @@ class ImplicitPressure(Effect, frozen=True, kw_only=True):
             stage="motion",
         )
         liquid = liquid_of(others)
-        if liquid.dynamic_viscosity == 0 or liquid.central():  # the liquid brings that pass itself
+        if liquid.dynamic_viscosity == 0 or liquid.central():  # weakly_compressible lists that pass
             return (solve,)
         return (Pass("sph.viscosity", reads, updates=("acceleration",), names=names), solve)
 
     def energy(self, grid: Discretisation, others: Mapping[str, Effect]) -> EnergyAccount:
-        """None: the pressure of liquid that keeps its volume does no work."""
+        """No energy: the pressure of a liquid of constant volume does no work."""
         return EnergyAccount(uncounted=("work of the pressure on the compression that tolerance leaves",))
 
     def list_radius(self, grid: Discretisation) -> float:
@@ -173,6 +173,7 @@ _step("halve", "p = 0.5 p(before)", ("pressure",), 0.0, "half of a number is exa
 _step("keep", "p <- the relaxed p", ("pressure",), 0.0, "a copy", invariants=("reordering",))
 _step(
     "solve", "all steps of one solution", (*(f.name for f in WORK), "pressure", "acceleration"), 32.0,
-    "the roundings of every step, carried on by the scale", reach=8,
+    "the roundings of every step, which the scale carries on", reach=8,
+    programs={"cpu": Program("iteration"), "cuda": Program("iteration")},
     adds=("acceleration",), optional=("walls",), variants=({}, {"walls": None}), invariants=_SYMMETRY,
 )  # fmt: skip

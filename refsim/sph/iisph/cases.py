@@ -13,13 +13,13 @@ KICK, DRIFT = 0.011, 0.012  # per spacing, as in the steps of refsim.core.cases
 
 @particles("own_displacement", "pair_displacement")
 def _displacements(case, random):
-    """What pressures of the case's size do in a step like its own."""
+    """Displacements of the size that the case's pressures cause in one of its steps."""
     return KICK * DRIFT * case.spacing**2 * 1e-2 / case.support_radius * vectors(case, random)
 
 
 @particles("diagonal")
 def _diagonal(case, random):
-    """Negative, of the size that the step and the support give; some too small to divide by."""
+    """Negative, of the size that step and support radius give; some zero, by which nothing is divided."""
     values = -KICK * DRIFT * case.spacing**2 / case.support_radius**2 * random.uniform(0.2, 2, case.count)
     values[4::9] = 0
     return values
@@ -37,13 +37,13 @@ def _pressures(case, random):
 
 @groups("implicit")
 def _implicit(case, grid):
-    """Always two iterations: how many are needed may depend on a rounding."""
+    """Always two iterations, since the number needed may depend on rounding."""
     return ImplicitPressure(iterations=(2, 2)).prepare(grid, case.effects)
 
 
 VARIATIONS[Implicit] = Variation(other={"least_diagonal": lambda least: 5e5 * least})
 takes("iisph.relax", implicit="relaxation least_diagonal")
-takes("iisph.solve", implicit="relaxation most least_diagonal")  # always two iterations, whatever is left
+takes("iisph.solve", implicit="relaxation most least_diagonal")  # always two iterations, whatever the compression
 
 
 # h = 2 m: in 3D Wendland W(0) = 21/(16 pi), W'(h/2) = -5/8 W(0) per metre.
@@ -85,7 +85,7 @@ def displaced_pair():
 
 
 def _relaxed(diagonal, pressure, new):
-    """Displacements across the pair do nothing: what is left is d_ji p_i, s m_1 p_1/rho_1^2 |W'|^2 m_2."""
+    """Displacements across the line of centres do not count; d_ji p_i gives s m_1 p_1/rho_1^2 |W'|^2 m_2."""
     advected = np.array([1100.0, 950.0])
     own = 0.125 * MASS * MASS[::-1] / DENSITY**2 * pressure * SLOPE**2
     sums = 1000 - advected - own
@@ -104,13 +104,13 @@ def _relaxed(diagonal, pressure, new):
 
 @closed_form("iisph.relax")
 def compressed_and_thin():
-    """The first is too dense and gets a pressure, the second too thin: its pressure falls to 0."""
+    """The first has too large a density and gets a pressure; the second too small a density: its pressure becomes 0."""
     return _relaxed(np.array([-0.02, -0.5]), np.array([4000.0, 10.0]), None)
 
 
 @closed_form("iisph.relax")
 def hardly_coupled():
-    """Where a_ii is nothing there is no pressure."""
+    """A particle whose -a_ii is below the limit gets no pressure."""
     diagonal = np.array([-1e-11, -1e-11])
     return _relaxed(diagonal, np.array([4000.0, 1000.0]), np.zeros(2))
 
@@ -137,7 +137,7 @@ def kept():
 
 @closed_form("iisph.solve")
 def pair_at_rest():
-    """Two particles at half the rest density need no pressure, whatever they began with."""
+    """Two particles at half the rest density need no pressure."""
     return Exact(
         PAIR,
         GIVEN

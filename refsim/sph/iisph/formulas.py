@@ -14,7 +14,7 @@ def diagonal(gradient_squared, pair_squares, density_i, square_step):
 
 @formula
 def relaxed_pressure(pressure, missing, sums, diagonal, implicit, square_step):
-    """p <- max(0, (1 - w) p + (w/a_ii) (rho0 - rho_adv - sums)) [Pa]; 0 where -a_ii is below 1e-6 of the bulk's."""
+    """p <- max(0, (1 - w) p + (w/a_ii) (rho0 - rho_adv - sums)) [Pa]; 0 where -a_ii is at most 1e-6 of the bulk's."""
     real = type(pressure)
     if -diagonal <= implicit.least_diagonal * square_step:
         return real(0)

@@ -9,7 +9,7 @@ import numpy as np
 from refsim.backends.compile import cuda, cuda_kernel, formula
 from refsim.backends.primitives import lanes_mask, sum_before, sum_of_lanes
 from refsim.backends.runtime import simulated
-from refsim.isosurface import node as isosurface_node
+from refsim.isosurface import kernels as isosurface_kernels
 from refsim.sparse_grid.cuda import SUMMING
 from refsim.sparse_grid.formulas import cell_coordinate, find_node_near, node_coordinates, step_node
 from refsim.surface_energy import formulas, node
@@ -183,7 +183,7 @@ def classify_blocks(blocks, node_state, table, crossings, cell_case, cut_total):
     part = cuda.shared.array(CELLS, np.int32)
     b, thread = cuda.blockIdx.x, cuda.threadIdx.x
     i = CELLS * b + thread
-    bits, case = isosurface_node.classify(i, blocks, node_state)
+    bits, case = isosurface_kernels.cell_states(i, blocks, node_state)
     crossings[i] = bits
     cell_case[i] = case
     mine = cut_count(bits) + (int(table.count[case]) << 16)
@@ -333,7 +333,7 @@ def write_facets(
     """Vertices by their edges, facets by their vertices; and the particles of each component."""
     i = CELLS * cuda.blockIdx.x + cuda.threadIdx.x
     if counts[VERTICES] > 0:
-        isosurface_node.write_facets(
+        isosurface_kernels.write_facets(
             i, blocks, crossings, cell_case, edge_first, facet_first, table, vertex_edge, facets
         )
     add_members(first, node_label, members)

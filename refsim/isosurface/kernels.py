@@ -1,15 +1,23 @@
-"""What one node, one cell and one vertex do in the extraction of an isosurface; both kernels share it."""
+"""What one node, one cell and one vertex do in the extraction of an isosurface."""
 
-from refsim.backends.compile import formula
+from refsim.backends.compile import formula, kernel
 from refsim.isosurface.formulas import bits_below, crossing_share, state_at
 from refsim.sparse_grid.formulas import block_bits, node_coordinates, step_node
 
 
-@formula
-def classify(i, blocks, node_state):
-    """(bit a set where the edge from node i along axis a is cut, state of the corners of cell i).
+@kernel
+def classify(i, blocks, node_state, crossings, cell_case):
+    """Cut edges of node i and states of the corners of cell i, both as bits."""
+    bits, case = cell_states(i, blocks, node_state)
+    crossings[i] = bits
+    cell_case[i] = case
 
-    A cell of which a corner is unknown counts as outside.
+
+@formula
+def cell_states(i, blocks, node_state):
+    """(bit a set where the edge from node i along axis a is cut, states of the corners of cell i); dimensionless.
+
+    A cell with a corner of unknown state counts as outside.
     """
     space = block_bits(blocks) == 2
     corners = 8 if space else 4
@@ -30,9 +38,15 @@ def classify(i, blocks, node_state):
     return crossings, case
 
 
+@kernel(rows_of="cell_case")
+def facets(i, blocks, crossings, cell_case, edge_first, facet_first, table, vertex_edge, facets):
+    """Numbers of the edges on which the vertices of node i stand, and of the vertices of the facets of cell i."""
+    write_facets(i, blocks, crossings, cell_case, edge_first, facet_first, table, vertex_edge, facets)
+
+
 @formula
 def write_facets(i, blocks, crossings, cell_case, edge_first, facet_first, table, vertex_edge, facets):
-    """Names of the vertices on the edges of node i, and the corners of the facets of cell i."""
+    """vertex_edge <- 3 i + axis for the cut edges of node i; facets <- vertices of the facets of cell i."""
     bits = int(crossings[i])
     at = edge_first[i]
     for axis in range(3):
@@ -49,9 +63,9 @@ def write_facets(i, blocks, crossings, cell_case, edge_first, facet_first, table
             facets[facet_first[i] + f, s] = edge_first[lower] + bits_below(int(crossings[lower]), axis)
 
 
-@formula
-def edge_point(v, blocks, node_value, contour, vertex_edge):
-    """Position [m] of vertex v, where the value is linear along its edge."""
+@kernel
+def edge_points(v, blocks, node_value, contour, vertex_edge, vertex_position):
+    """Position x = h (j + t e_a) [m] of vertex v, where the value is linear along its edge."""
     h = contour.cell_size
     real = type(h)
     node = vertex_edge[v] // 3
@@ -60,4 +74,6 @@ def edge_point(v, blocks, node_value, contour, vertex_edge):
     jx, jy, jz = node_coordinates(blocks, node)
     there = step_node(blocks, node, dx, dy, dz)
     share = crossing_share(node_value[node], node_value[there], contour.level)
-    return h * (real(jx) + real(dx) * share), h * (real(jy) + real(dy) * share), h * (real(jz) + real(dz) * share)
+    vertex_position[v, 0] = h * (real(jx) + real(dx) * share)
+    vertex_position[v, 1] = h * (real(jy) + real(dy) * share)
+    vertex_position[v, 2] = h * (real(jz) + real(dz) * share)

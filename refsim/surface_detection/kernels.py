@@ -1,0 +1,114 @@
+"""What one particle does in surface detection."""
+
+import math
+
+from refsim.backends.compile import formula, kernel
+from refsim.neighbours.rows import row_of
+from refsim.surface_detection import formulas
+from refsim.surface_detection.formulas import in_scan_region, moment_weight
+
+ENOUGH = 3  # neighbours; a particle with fewer is spray (Jiang & Zhu E20)
+
+
+@kernel
+def near_surface(i, number_density, asymmetry, near_surface_limit, near_surface):
+    """J(12); with `asymmetry` also particles whose neighbours stand on one side (Jiang & Zhu E23); a flag."""
+    found = formulas.is_near_surface(number_density[i], near_surface_limit)
+    if asymmetry is not None:
+        found = found or formulas.is_lopsided(asymmetry[i], near_surface_limit)
+    near_surface[i] = found
+
+
+@kernel
+def fan_scan(i, position, surface_normal, candidates, neighbours, walls, fan_scan, thin_feature, surface):
+    """J(13); a flag, zero for a particle that is no candidate. The region of a normal without direction is occupied.
+
+    With `thin_feature`, a candidate in a thin neighbourhood is surface whatever the scan finds (Jiang & Zhu E20).
+    """
+    near, occupied, thin = ENOUGH, True, False
+    if candidates is None or candidates[i] != 0:
+        nx, ny, nz, directed = unit(surface_normal, i, fan_scan.smallest_normal)
+        normal = (nx, ny, nz)
+        near, occupied = scan(i, position, neighbours, position, normal, fan_scan, 0, not directed)
+        if walls is not None:
+            near, occupied = scan(i, position, walls, walls.position, normal, fan_scan, near, occupied)
+        if thin_feature is not None and occupied and near >= ENOUGH:
+            sums = moments(i, position, neighbours, position, fan_scan, own_moments(fan_scan))
+            if walls is not None:
+                sums = moments(i, position, walls, walls.position, fan_scan, sums)
+            thin = formulas.is_thin(*sums, thin_feature)
+    surface[i] = near < ENOUGH or not occupied or thin
+
+
+@formula
+def unit(vector, i, smallest):
+    """(components of row i divided by its length, whether the length is at least `smallest`)."""
+    x, y, z = vector[i, 0], vector[i, 1], vector[i, 2]
+    length = math.sqrt(x * x + y * y + z * z)
+    if length < smallest:
+        zero = type(length)(0)
+        return zero, zero, zero, False
+    return x / length, y / length, z / length, True
+
+
+@formula
+def scan(i, position, listed, source, normal, fan_scan, near, occupied):
+    """J(13) over the particles at `source` in the list: (neighbours within the support radius, at most ENOUGH; whether
+    the region is occupied).
+
+    `near` and `occupied` are the results of other lists; the loop ends as soon as neither can change.
+    """
+    first, stride, count = row_of(listed, i)
+    limit = fan_scan.support_radius * fan_scan.support_radius
+    nx, ny, nz = normal
+    x, y, z = position[i, 0], position[i, 1], position[i, 2]
+    for k in range(count):
+        if occupied and near >= ENOUGH:
+            break
+        j = listed.entries[first + k * stride]
+        dx, dy, dz = x - source[j, 0], y - source[j, 1], z - source[j, 2]
+        r2 = dx * dx + dy * dy + dz * dz
+        if r2 < limit:
+            near += 1
+        occupied = occupied or in_scan_region(r2, nx * dx + ny * dy + nz * dz, fan_scan)
+    return near, occupied
+
+
+@formula
+def moments(i, position, listed, source, fan_scan, sums):
+    """Sums of w, w u and w u u^T over the particles at `source` in the list, u = x_ij/h, w = 1 - |u|^2, added to
+    `sums`; dimensionless."""
+    first, stride, count = row_of(listed, i)
+    h = fan_scan.support_radius
+    weight, mx, my, mz, xx, xy, xz, yy, yz, zz = sums
+    x, y, z = position[i, 0], position[i, 1], position[i, 2]
+    for k in range(count):
+        j = listed.entries[first + k * stride]
+        dx, dy, dz = (x - source[j, 0]) / h, (y - source[j, 1]) / h, (z - source[j, 2]) / h
+        r2 = dx * dx + dy * dy + dz * dz
+        if r2 < type(h)(1):
+            w = moment_weight(r2)
+            weight += w
+            mx += w * dx
+            my += w * dy
+            mz += w * dz
+            xx += w * dx * dx
+            xy += w * dx * dy
+            xz += w * dx * dz
+            yy += w * dy * dy
+            yz += w * dy * dz
+            zz += w * dz * dz
+    return weight, mx, my, mz, xx, xy, xz, yy, yz, zz
+
+
+@formula
+def own_moments(fan_scan):
+    """The sums of `moments` over the particle alone: weight 1 at u = 0."""
+    zero = type(fan_scan.support_radius)(0)
+    return type(zero)(1), zero, zero, zero, zero, zero, zero, zero, zero, zero
+
+
+@kernel
+def release_pressure(i, surface, pressure):
+    """p = 0 on S, unchanged elsewhere [Pa]."""
+    pressure[i] = formulas.released_pressure(pressure[i], surface[i])
