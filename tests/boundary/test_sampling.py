@@ -48,7 +48,7 @@ def test_count_follows_the_area():
     area = np.full(1000, 0.3)
     radius = math.sqrt(HEXAGONAL / math.pi)
     assert facet_counts(area, HEXAGONAL, radius)[-1] == 300
-    assert facet_counts(area, HEXAGONAL, radius, each_by_itself=True)[-1] == 0
+    assert facet_counts(area, HEXAGONAL, radius, separately=True)[-1] == 0
     assert np.diff(facet_counts(area, HEXAGONAL, radius)).max() == 1
     with pytest.raises(InputError, match="E25"):
         sample(BALL, 0.08, literal=("E25",))

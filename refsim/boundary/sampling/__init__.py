@@ -1,9 +1,9 @@
-"""Boundary particles on a triangle mesh, spread evenly (patent CN104318598A, claim 2; P2 to P4 with E24 and E25).
+"""Boundary particles on a triangle mesh, evenly spread (patent CN104318598A, claim 2: patent P2 to P4, E24, E25).
 
 Contents: sample, BoundarySample, Relaxation; operations sampling.areas, .place, .relax.
 
-The surface is the zero level of the signed distance. g A/(pi r^2) particles are strewn over it, pushed apart along it
-and pulled back to it until they hardly move, and at last put onto the mesh itself.
+The surface is the zero level of the signed distance. g A/(pi r^2) particles are placed on it at random, repel each
+other along it and are projected back onto it until they hardly move. Finally they are projected onto the mesh itself.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from refsim.boundary.signed_distance import LEAST_BAND, DistanceField, NarrowBan
 from refsim.core.effect import literal_errata
 from refsim.core.errors import InputError
 from refsim.core.fields import Field
-from refsim.core.operation import REGISTRY, Operation, register
+from refsim.core.operation import REGISTRY, Operation, Program, register
 from refsim.isosurface import Contour, edges_and_facets
 from refsim.neighbours import NeighbourSearch
 from refsim.scene.solids import countable
@@ -33,16 +33,16 @@ STEP = 2.0  # lambda
 LONGEST_STEP = 0.5  # of a tangential move, in r
 DECAY = 0.95  # of lambda in each iteration
 CUTOFF = 3.0  # of Omega, in sigma
-THRESHOLD = 2e-3  # of the sum of all ways, in r N
+THRESHOLD = 2e-3  # of the sum of all steps' lengths, in r N
 MOST_ITERATIONS = 1000
 SKIN = 0.5  # of the neighbour list, in cut-offs
-GRIDS = (1.5, 1.0, 0.5, 0.25, 0.125)  # spacings of the grid, in r; the first that sees all parts is taken
-AREA_KEPT = 0.05  # share of the mesh's area that the isosurface may lack
-ROUNDED = 0.2  # trilinear distance, in spacings of the grid, from which on a corner of the mesh may be cut off
+GRIDS = (1.5, 1.0, 0.5, 0.25, 0.125)  # spacings of the grid, in r; the first that resolves all parts is taken
+AREA_KEPT = 0.05  # fraction of the mesh's area that the isosurface may lack
+ROUNDED = 0.2  # trilinear distance, in spacings of the grid, above which a corner of the mesh may be cut off
 CUT_OFF = 1.8  # distance of such a corner from the isosurface, in r, at which another particle would fit
 
-RELAXED_POSITION = Field("relaxed_position", "m", "place of a boundary particle after a step of the relaxation", 3)
-WAY = Field("way", "m", "way of a boundary particle in a step of the relaxation")
+RELAXED_POSITION = Field("relaxed_position", "m", "position of a boundary particle after a step of the relaxation", 3)
+STEP_LENGTH = Field("step_length", "m", "length of a boundary particle's step in the relaxation")
 
 
 class Relaxation(NamedTuple):
@@ -52,8 +52,8 @@ class Relaxation(NamedTuple):
     cutoff_squared: float  # (3 sigma)^2 [m^2]
     step: float  # lambda_k r [m]
     longest: float  # r/2 [m]
-    tangential: Any  # int32, 1 where v_t is projected on the tangent plane, 0 as printed (E24)
-    seed: Any  # int64, of the directions of particles at one place
+    tangential: Any  # int32, 1 to project v_t on the tangent plane, 0 as printed (patent E24)
+    seed: Any  # int64, of the directions of coincident particles
 
 
 @dataclass(frozen=True)
@@ -62,14 +62,14 @@ class BoundarySample:
 
     position    (n, 3) float64 [m] in the scene, on the mesh
     normal      (n, 3) unit outward normals
-    radius      r [m]; neighbours stand about 2 r apart
+    radius      r [m]; neighbours are about 2 r apart
     expected    g A/(pi r^2) for the mesh's area
     iterations  of the relaxation
     converged   whether the patent's threshold was met
-    residual    sum of all ways over r N in the last iteration
+    residual    sum of the steps' lengths over r N in the last iteration
     residuals   of all iterations
     field       the narrow band on which they were spread
-    notes       what a user should know, a sentence each
+    notes       warnings for the user, one sentence each
     """
 
     position: np.ndarray
@@ -84,7 +84,7 @@ class BoundarySample:
 
     @property
     def residual(self) -> float:
-        """Sum of all ways over r N in the last iteration."""
+        """Sum of the steps' lengths over r N in the last iteration."""
         return float(self.residuals[-1]) if len(self.residuals) else 0.0
 
 
@@ -96,17 +96,17 @@ def sample(
 ) -> BoundarySample:  # fmt: skip
     """Boundary particles of radius r = `radius` [m] on a mesh.
 
-    seed             of the first places; the same seed gives the same particles on any number of threads
-    density          g; pi/(2 sqrt 3) packs them hexagonally, 2 r apart
-    spacing          of the signed distance's grid [m]; by default 1.5 r, and less where parts of the mesh are too thin
-                     or too sharp for it
-    literal          errata taken as printed: E24 (repulsion not projected, no decay of the step), E25 (particles
-                     counted in each triangle by itself), or "all"
-    most_iterations  after which the relaxation ends unconverged, which a note then says
-    watch            called with (iteration, positions on the backend relative to the mesh's origin) after each one
+    seed             of the initial positions; the same seed gives the same particles on any number of threads
+    density          g; pi/(2 sqrt 3) is a hexagonal packing, 2 r apart
+    spacing          of the signed distance's grid [m]; by default 1.5 r, or finer if parts of the mesh are too thin or
+                     too sharp for it
+    literal          errata of the patent taken as printed: E24 (repulsion not projected, constant step), E25
+                     (particles counted for each triangle separately), or "all"
+    most_iterations  limit of the relaxation; a note says if it ends unconverged
+    watch            called after each iteration with its number and the positions relative to the mesh's origin
 
-    Raises InputError for a radius that is not positive or larger than the mesh, a density that is not positive, and
-    what `signed_distance` refuses.
+    Raises InputError for a radius that is not positive or larger than half the mesh, for a density that is not
+    positive, and where `signed_distance` does.
     """
     backend = choose(backend) if isinstance(backend, str) else backend
     printed = literal_errata("sampling", literal, LITERAL)
@@ -129,7 +129,7 @@ def sample(
     if count == 0:
         raise InputError(
             f"sampling: radius = {radius:g} m leaves no particle on {mesh.source!r}; give a smaller radius"
-            + (" or leave out literal E25." if "E25" in printed else ".")
+            + (" or remove E25 from literal." if "E25" in printed else ".")
         )
     position = backend.empty((count, 3), dtype)
     seed_value = np.int64(seed)
@@ -139,9 +139,10 @@ def sample(
     )
     if not converged:
         notes.append(
-            f"the particles still move by {residuals[-1]:.2g} r a step after {len(residuals)} iterations"
+            f"not converged: the particles still move by {residuals[-1]:.2g} r in a step after {len(residuals)}"
+            " iterations"
             if len(residuals)
-            else "the particles were not spread"
+            else "the particles were not relaxed"
         )
     place, normal = _on_mesh(band, position)
     return BoundarySample(
@@ -151,7 +152,7 @@ def sample(
 
 
 def _on_mesh(band: NarrowBand, position: Any) -> tuple[Any, Any]:
-    """The particles on the nearest triangles, and the normals there."""
+    """Positions projected onto the nearest triangles (n, 3) [m], and the normals there (n, 3)."""
     place, normal = (band.backend.empty(position.shape, position.dtype) for _ in range(2))
     program = REGISTRY["signed_distance.project"].program(band.backend.name)
     program(position, band.triangles, band.local, place, normal)
@@ -161,7 +162,7 @@ def _on_mesh(band: NarrowBand, position: Any) -> tuple[Any, Any]:
 def _surface(
     mesh: SurfaceMesh, radius: float, spacing: float | None, backend: Backend, dtype: str, check: bool, notes: list[str]
 ) -> tuple[NarrowBand, Any, Any, np.ndarray]:
-    """(band, vertices, facets, areas on the host) of the isosurface, on a grid that sees all parts of the mesh."""
+    """(band, vertices, facets, areas on the host) of the isosurface, on a grid that resolves all parts of the mesh."""
     grids = [share * radius for share in GRIDS] if spacing is None else [spacing]
     for attempt, wanted in enumerate(grids):
         h = min(wanted, 0.25 * float(mesh.extent.max()))
@@ -181,16 +182,16 @@ def _surface(
                 f"the grid's spacing was made {GRIDS[0] / GRIDS[attempt]:g} times finer, for thin or sharp parts"
             )
         if cut:
-            notes.append(f"{cut} corners of the mesh are sharper than the grid: no particle may reach them")
+            notes.append(f"{cut} corners of the mesh are sharper than the grid resolves: particles may not reach them")
         return band, corner, facets, area
     raise InputError(
-        f"sampling: {mesh.source!r} has parts thinner than the grid of the signed distance, which lacks"
-        f" {100 * lacking:.0f} % of its area at a spacing of {h:.4g} m; give a smaller spacing."
+        f"sampling: {mesh.source!r} has parts thinner than the grid of the signed distance, whose isosurface lacks"
+        f" {100 * lacking:.0f} % of the mesh's area at a spacing of {h:.4g} m; give a smaller spacing."
     )
 
 
 def _corners_cut_off(band: NarrowBand, corner: np.ndarray, radius: float) -> int:
-    """How many vertices of the mesh have no place on the isosurface near enough for a particle to fill them."""
+    """Number of vertices of the mesh farther than CUT_OFF r from the isosurface."""
     backend, vertices = band.backend, band.mesh.vertices.astype(band.field.distance.dtype)
     distance, slope = backend.empty(len(vertices), vertices.dtype), backend.empty(vertices.shape, vertices.dtype)
     program = REGISTRY["signed_distance.interpolate"].program(backend.name)
@@ -222,11 +223,11 @@ def isosurface(band: NarrowBand, level: float = 0.0) -> tuple[Any, Any]:
 
 
 def sample_beneath(mesh: SurfaceMesh, radius: float, depth: float, spacing: float, seed: int = 0) -> np.ndarray:
-    """Particles (n, 3) [m] inside a mesh, `depth` [m] beneath its surface, spread as `sample` spreads them on it.
+    """Particles (n, 3) [m] inside a mesh, `depth` [m] below its surface, spread as `sample` spreads them on it.
 
     spacing  of the signed distance's grid [m]
 
-    Where the solid is nowhere so thick there are none. They stay on the trilinear distance's level.
+    n is 0 if the solid is nowhere that thick. The particles lie on the level of the trilinear distance.
     """
     band = signed_distance(mesh, spacing, depth + 2 * spacing, check_crossings=False)
     backend = band.backend
@@ -242,10 +243,13 @@ def sample_beneath(mesh: SurfaceMesh, radius: float, depth: float, spacing: floa
     return np.asarray(position, dtype=float) + mesh.origin
 
 
-def facet_counts(area: np.ndarray, density: float, radius: float, each_by_itself: bool = False) -> np.ndarray:
-    """(f,) int32 running count of particles: floor(S_f + 1/2), S_f the running sum of g A/(pi r^2) (P2, E25)."""
+def facet_counts(area: np.ndarray, density: float, radius: float, separately: bool = False) -> np.ndarray:
+    """(f,) int32 cumulative count of particles: floor(S_f + 1/2), S_f the running sum of g A/(pi r^2).
+
+    Patent P2 with E25; `separately` rounds the count of each facet down, as printed.
+    """
     wanted = density * np.asarray(area, dtype=float) / (math.pi * radius**2)
-    if each_by_itself:
+    if separately:
         return np.cumsum(np.floor(wanted)).astype(np.int32)
     return np.floor(np.cumsum(wanted) + 0.5).astype(np.int32)
 
@@ -263,23 +267,23 @@ def relaxed(
     backend: Backend, field: DistanceField, position: Any, radius: float, seed: int, printed: bool, most: int,
     watch: Callable[[int, Any], None] | None = None,
 ) -> tuple[Any, list[float], bool]:  # fmt: skip
-    """(positions in cell order, sum of ways over r N of each iteration, whether it fell below the threshold)."""
+    """(positions in cell order, sum of the steps' lengths over r N of each iteration, whether it converged)."""
     dtype = np.dtype(position.dtype).name
     search = NeighbourSearch(backend, 3, dtype, CUTOFF * WIDTH * radius, SKIN)
     program = REGISTRY["sampling.relax"].program(backend.name)
     count = position.shape[0]
     residuals: list[float] = []
     moved, neighbours = np.inf, None
-    other, way = backend.empty((count, 3), dtype), backend.empty(count, dtype)
+    other, step_length = backend.empty((count, 3), dtype), backend.empty(count, dtype)
     for iteration in range(most):
         if moved > search.allowed_displacement * 0.999:
             position = search.reorder(position, search.order(position))
             neighbours = search.build(position)
             moved = 0.0
         step = STEP * (1.0 if printed else DECAY**iteration)
-        program(position, neighbours, field, relaxation_step(radius, step, seed, printed, dtype), other, way)
+        program(position, neighbours, field, relaxation_step(radius, step, seed, printed, dtype), other, step_length)
         position, other = other, position
-        total, largest = _total_and_largest(backend, way)
+        total, largest = _total_and_largest(backend, step_length)
         moved += largest
         residuals.append(total / (radius * count))
         if watch is not None:
@@ -289,28 +293,28 @@ def relaxed(
     return position, residuals, False
 
 
-def _total_and_largest(backend: Backend, way: Any) -> tuple[float, float]:
+def _total_and_largest(backend: Backend, length: Any) -> tuple[float, float]:
     if backend.name == "cuda":
         from refsim.backends import device
 
-        total, largest = device.computed(lambda xp, w: (float(w.sum(dtype=np.float64)), float(w.max())), way)
+        total, largest = device.computed(lambda xp, a: (float(a.sum(dtype=np.float64)), float(a.max())), length)
         return total, largest
-    return float(way.sum(dtype=np.float64)), float(way.max())
+    return float(length.sum(dtype=np.float64)), float(length.max())
 
 
 def _as_printed(case: Any, grid: Any) -> Relaxation:
-    """The step of E24 for the contract's cases."""
+    """The step as printed (patent E24) for the contract's cases."""
     return relaxation_step(case.list_radius / (CUTOFF * WIDTH), STEP, 5, True, grid.dtype)
 
 
 _HERE = "refsim.boundary.sampling"
-_PAPER = "CN104318598A"
+_PAPER = "patent CN104318598A, 2014"
 register(
     Operation(
         name="sampling.areas",
         folder=_HERE,
         paper=_PAPER,
-        equation="P2: area A of a facet",
+        equation="patent P2: area A of a facet",
         function="areas",
         outputs=("facet_area",),
         entrywise=("facet_area",),
@@ -323,7 +327,7 @@ register(
         name="sampling.place",
         folder=_HERE,
         paper=_PAPER,
-        equation="P2 with E25: g A/(pi r^2) particles by a running sum",
+        equation="patent P2 with E25: g A/(pi r^2) particles by a running sum",
         function="place",
         outputs=("placed",),
         entrywise=("placed",),
@@ -336,9 +340,10 @@ register(
         name="sampling.relax",
         folder=_HERE,
         paper=_PAPER,
-        equation="P3 and P4 with E24: tangential repulsion and projection along the normal",
+        equation="patent P3 and P4 with E24: tangential repulsion and projection along the normal",
         function="relax",
-        outputs=("relaxed_position", "way"),
+        programs={"cpu": Program("relaxation")},
+        outputs=("relaxed_position", "step_length"),
         cases=("piled_up",),
         variants=({}, {"relaxation": _as_printed}),
         invariants=("reordering",),

@@ -1,4 +1,4 @@
-"""Inputs and closed forms of boundary sampling: the bodies round a case's particles, and the particles themselves."""
+"""Inputs and closed forms of boundary sampling: bodies around a case's particles, and the particles themselves."""
 
 import math
 
@@ -29,14 +29,14 @@ def _relaxation(case, grid):
 
 @case
 def piled_up() -> Case:
-    """Particles at one place by twos, threes and sevens, on the surface of the first body."""
+    """Groups of two, three and seven coincident particles, on the surface of the first body."""
     place = np.repeat(0.045 * np.array([[1, 0, 0], [0, 1, 0], [0, 0, -1], [0.5, 0.5, 0]]), (2, 3, 7, 1), axis=0)
     return Case("piled_up", 3, np.concatenate([np.zeros((1, 3)), place]))
 
 
 @closed_form("sampling.areas")
 def half_squares():
-    """Half of a unit square, half of a square twice as wide, and a triangle without area."""
+    """Half of a unit square, half of a square of side 2 m, and a triangle without area."""
     corner = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [2, 0, 0], [0, 0, 2]], float)
     facets = np.array([[0, 1, 2], [0, 3, 4], [0, 1, 3]], np.int32)
     given = {"facet_corner": corner, "facets_of_mesh": facets, "facet_area": np.zeros(3)}
@@ -45,7 +45,7 @@ def half_squares():
 
 @closed_form("sampling.place")
 def at_points():
-    """Facets shrunk to a point each, of which the second gets two particles and the third none."""
+    """Facets that are points; the second gets two particles and the third none."""
     corner = np.array([[1, 2, 3], [4, 5, 6], [7, 8, 9], [-1, 0, 1]], float)
     facets = np.repeat(np.arange(4, dtype=np.int32)[:, None], 3, axis=1)
     last = np.array([1, 3, 3, 4], np.int32)
@@ -55,7 +55,7 @@ def at_points():
 
 @closed_form("sampling.relax")
 def a_pair_over_a_cube():
-    """Two particles 0.4 m apart, 0.3 m over the cube's upper face, sigma = 0.4 m, r = 0.5 m, lambda = 0.4.
+    """Two particles 0.4 m apart, 0.3 m above the cube's upper face, sigma = 0.4 m, r = 0.5 m, lambda = 0.4.
 
     Omega = exp(-1/2), so each moves 0.2 exp(-1/2) m along the face and 0.3 m down onto it.
     """
@@ -64,4 +64,4 @@ def a_pair_over_a_cube():
     where = np.array([[0.1 - apart, 0.1, 1.0], [0.5 + apart, 0.1, 1.0]])
     made = CASES["unit_cube"]()
     pair = Case("unit_cube", 3, np.array([[0.1, 0.1, 1.3], [0.5, 0.1, 1.3]]), spacing=made.spacing, support_radius=2.0)
-    return Exact(pair, given, {"relaxed_position": where, "way": np.full(2, math.hypot(apart, 0.3))})
+    return Exact(pair, given, {"relaxed_position": where, "step_length": np.full(2, math.hypot(apart, 0.3))})

@@ -1,4 +1,4 @@
-"""Scalar formulas of boundary sampling (patent CN104318598A, claim 2; P2 to P4)."""
+"""Scalar formulas of boundary sampling (patent CN104318598A, claim 2: patent P2 to P4)."""
 
 import math
 
@@ -8,13 +8,13 @@ from refsim.surface_energy.formulas import hash_word, unit_share
 
 @formula
 def repulsion(squared, relaxation):
-    """P4: Omega(s) = exp(-s^2/(2 sigma^2)), dimensionless, for the squared distance s^2 [m^2]."""
+    """Patent P4: Omega(s) = exp(-s^2/(2 sigma^2)), dimensionless, for the squared distance s^2 [m^2]."""
     return math.exp(-squared * relaxation.inverse_width)
 
 
 @formula
 def hashed_direction(i, j, seed, one):
-    """P4: a unit vector d_ij = -d_ji, dimensionless, for particles at one place, from the hash of their numbers."""
+    """Patent P4: unit vector d_ij = -d_ji, dimensionless, of coincident particles, from the hash of their numbers."""
     low, high = min(i, j), max(i, j)
     z = unit_share(hash_word(low, high, 2 * seed), one)
     z = z + z - one
@@ -27,7 +27,7 @@ def hashed_direction(i, j, seed, one):
 
 @formula
 def facet_of(i, facet_last):
-    """P2: facet f with N_(f-1) <= i < N_f for the running count N_f of particles (dimensionless)."""
+    """Patent P2: facet f with N_(f-1) <= i < N_f for the cumulative count N_f of particles (dimensionless)."""
     low = 0
     high = facet_last.shape[0] - 1
     while low < high:

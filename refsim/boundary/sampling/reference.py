@@ -26,7 +26,7 @@ def _share(a, b, c):
 
 
 def areas(facet_corner, facets_of_mesh):
-    """P2: A = |(b - a) x (c - a)|/2 [m^2] of each facet."""
+    """Patent P2: A = |(b - a) x (c - a)|/2 [m^2] of each facet."""
     corner = np.asarray(facet_corner, dtype=float)[np.asarray(facets_of_mesh)]
     one, other = corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]
     cross = np.cross(one, other)
@@ -35,7 +35,7 @@ def areas(facet_corner, facets_of_mesh):
 
 
 def place(facet_corner, facets_of_mesh, facet_last, sample_seed):
-    """P2, E25: particle i stands in the facet f with N_(f-1) <= i < N_f, at (1 - s) a + s ((1 - w) b + w c) [m]."""
+    """Patent P2 with E25: x = (1 - s) a + s ((1 - w) b + w c) [m] in the facet f with N_(f-1) <= i < N_f."""
     corner = np.asarray(facet_corner, dtype=float)[np.asarray(facets_of_mesh)]
     last = np.asarray(facet_last)
     count = int(last[-1]) if len(last) else 0
@@ -56,7 +56,10 @@ def _direction(i, j, seed):
 
 
 def relax(position, distance_field, relaxation, rows=None):
-    """P3, P4, E24: x <- x + lambda r v_t - phi n and its way [m], v_t = (I - n n^T) sum_l Omega (x - x_l)/|x - x_l|."""
+    """Patent P3 and P4 with E24: x <- x + lambda r v_t - phi n, and the length of that step, both [m].
+
+    v_t = (I - n n^T) sum_l Omega(|x - x_l|) (x - x_l)/|x - x_l|.
+    """
     x = np.asarray(position, dtype=float)
     own = np.arange(len(x)) if rows is None else np.asarray(rows)
     push, pushes = np.zeros((len(own), 3)), np.zeros(len(own))
@@ -85,5 +88,5 @@ def relax(position, distance_field, relaxation, rows=None):
     size = (float(relaxation.step) * pushes + np.abs(phi)) * (1 + 4 * unsure) + here["query_distance"][1]
     return {
         "relaxed_position": (x[own] + move, (np.abs(x[own]).max(1, initial=0.0) + size)[:, None] * np.ones(3)),
-        "way": (np.linalg.norm(move, axis=1), size),
+        "step_length": (np.linalg.norm(move, axis=1), size),
     }

@@ -1,10 +1,10 @@
-"""Signed distance from a triangle mesh in a narrow band (patent CN104318598A, claim 2; P1 with E26).
+"""Signed distance from a triangle mesh in a narrow band (patent CN104318598A, claim 2: patent P1 with E26).
 
 Contents: NarrowBand, signed_distance, DistanceField, Triangles, BandGrid, TriangleLists, triangle_table; operations
 signed_distance.count_blocks, .list_blocks, .nearest, .signs, .fill, .crossings, .interpolate, .project.
 
-Nodes stand at h j relative to the mesh's origin and are kept in blocks of 64 in a table of sorted keys, only where the
-surface is. Inside is negative.
+Nodes lie at h j relative to the mesh's origin. They are stored in blocks of 64, only near the surface, in a table of
+sorted keys. The distance is negative inside.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from refsim.scene.solids import countable
 from refsim.sparse_grid import Blocks, inverse_cell, nodes
 
 LEAST_BAND = 2.0  # band over spacing: a cell that the surface meets has all its corners nearer than sqrt(3) spacings
-NODE_BYTES = 40  # of a node of the band while it is made
+NODE_BYTES = 40  # memory for a node while the band is built
 FARTHEST = 1 << 20  # spacings that fit on either side of the origin
 
 
@@ -33,7 +33,7 @@ class Triangles(NamedTuple):
     corner: Any  # (t, 9) [m], corners a, b, c
     normal: Any  # (t, 21) unit pseudonormals: of the face, of the edges ab, bc, ca, of the corners a, b, c
     owner: Any  # (t, 7) int32, the lowest triangle that shares the face, the edge or the corner
-    vertex: Any  # (t, 3) int32, which corners are the same
+    vertex: Any  # (t, 3) int32, vertex of the mesh at each corner
     across: Any  # (t, 3) int32, the triangle across each edge
 
 
@@ -57,10 +57,10 @@ class DistanceField(NamedTuple):
     """A narrow band as the kernels take it; `trilinear` in `formulas` gives value and slope at a point."""
 
     keys: Any  # (b,) int64, ascending: blocks of 64 nodes
-    neighbour: Any  # (b, 27) int32, number of the block a step away, -1 for none
-    distance: Any  # (64 b,) phi [m], negative inside, held to the band
+    neighbour: Any  # (b, 27) int32, number of the adjacent block, -1 for none
+    distance: Any  # (64 b,) phi [m], negative inside, clamped to the band
     closest: Any  # (64 b,) int32 closest triangle, -1 beyond the band
-    inside_after: Any  # (b,) uint8, whether what follows the block along x is inside
+    inside_after: Any  # (b,) uint8, 1 if nodes that follow the block along x are inside
     spacing: float  # h [m]
     inverse_spacing: Any  # 1/h [1/m], float64
     band: float  # [m]
@@ -71,7 +71,7 @@ class DistanceField(NamedTuple):
 
 @dataclass(frozen=True)
 class NarrowBand:
-    """The signed distance from a mesh near its surface, and on which side of it everything else lies.
+    """The signed distance from a mesh near its surface, and the side of the mesh for all other points.
 
     mesh       the mesh
     backend    where the arrays are
@@ -125,8 +125,8 @@ class NarrowBand:
     def project(self, points: Any) -> tuple[Any, Any]:
         """(nearest points of the mesh (n, 3) [m], unit normals there (n, 3)) for points (n, 3) [m] near its surface.
 
-        Looked for from the triangles that are closest to the corners of the point's cell, over edges to neighbours as
-        long as they are nearer; a point whose cell has none stays where it is, with normal 0.
+        The search begins with the triangles that are closest to the corners of the point's cell, and goes across edges
+        to neighbours as long as these are nearer. A point whose cell has no triangle keeps its position, with normal 0.
         """
         dtype = self.field.distance.dtype
         place, normal = (self.backend.empty((points.shape[0], 3), dtype) for _ in range(2))
@@ -136,12 +136,12 @@ class NarrowBand:
 
 
 def triangle_table(mesh: SurfaceMesh, dtype: str) -> Triangles:
-    """The kernels' triangles on the host, with angle-weighted pseudonormals (E26) found in float64."""
-    corners = mesh.corners.astype(dtype).astype(float)  # normals of what the kernels see
+    """The kernels' triangles on the host, with angle-weighted pseudonormals (patent E26) computed in float64."""
+    corners = mesh.corners.astype(dtype).astype(float)  # rounded as the kernels see them
     sides = np.roll(corners, -1, axis=1) - corners
     face = _units(np.cross(sides[:, 0], sides[:, 1]))
-    ways = _units(sides)
-    angle = np.arccos(np.clip(-(ways * np.roll(ways, 1, axis=1)).sum(2), -1.0, 1.0))
+    directions = _units(sides)
+    angle = np.arccos(np.clip(-(directions * np.roll(directions, 1, axis=1)).sum(2), -1.0, 1.0))
     vertex = np.zeros((len(mesh.vertices), 3))
     for k in range(3):
         for c in range(3):
@@ -192,8 +192,8 @@ def signed_distance(
 ) -> NarrowBand:  # fmt: skip
     """The signed distance from a mesh on nodes `spacing` [m] apart, up to `band` [m] (3 spacings by default).
 
-    Raises InputError where the spacing is not positive, larger than the mesh or far too small for it, where the band
-    is narrower than 2 spacings, and, unless `check_crossings` is off, where triangles of the mesh cross.
+    Raises InputError if the spacing is not positive, larger than the mesh or too small for it, if the band is narrower
+    than 2 spacings, and, unless `check_crossings` is False, if triangles of the mesh cross.
     """
     backend = choose(backend) if isinstance(backend, str) else backend
     size = float(mesh.extent.max())
@@ -240,7 +240,7 @@ def signed_distance(
 
 
 def band_blocks(backend: Backend, triangles: Triangles, grid: BandGrid) -> tuple[Blocks, TriangleLists]:
-    """Blocks with a node in the band, and the triangles near each, from one bounding box for each triangle."""
+    """Blocks within the band of a triangle, and the triangles near each block."""
     count = backend.empty(triangles.corner.shape[0], np.int32)
     REGISTRY["signed_distance.count_blocks"].program(backend.name)(triangles, grid, count)
     if backend.name == "cuda":
@@ -271,14 +271,14 @@ def band_blocks(backend: Backend, triangles: Triangles, grid: BandGrid) -> tuple
 
 
 def _neighbours(xp: Any, keys: Any) -> Any:
-    """(b, 27) int32 number of the block a step away along each axis, -1 for none."""
+    """(b, 27) int32 numbers of the adjacent blocks, x lowest, -1 for none."""
     found = xp.full((len(keys), 27), -1, dtype=np.int32)
-    for way, (z, y, x) in enumerate(itertools.product((-1, 0, 1), repeat=3)):
+    for slot, (z, y, x) in enumerate(itertools.product((-1, 0, 1), repeat=3)):
         if not len(keys):
             break
         wanted = keys + ((z << 42) + (y << 21) + x)
         place = xp.minimum(xp.searchsorted(keys, wanted), len(keys) - 1)
-        found[:, way] = xp.where(keys[place] == wanted, place, -1)
+        found[:, slot] = xp.where(keys[place] == wanted, place, -1)
     return found
 
 
@@ -289,7 +289,7 @@ def block_rows(keys: np.ndarray) -> np.ndarray:
 
 
 def _refuse_crossings(mesh: SurfaceMesh, backend: Backend, triangles: Triangles, dtype: str) -> None:
-    """Compare triangles that share a block of a grid as coarse as the mesh, whatever the field's spacing is."""
+    """Raise InputError if triangles cross; compares those that share a block of a grid as coarse as the mesh."""
     sides = np.linalg.norm(np.roll(mesh.corners, -1, axis=1) - mesh.corners, axis=2)
     spacing = max(0.5 * float(sides.mean()), float(mesh.extent.max()) / FARTHEST)
     _, lists = band_blocks(backend, triangles, band_grid(spacing, spacing, dtype))  # blocks 2 sides wide
@@ -300,28 +300,28 @@ def _refuse_crossings(mesh: SurfaceMesh, backend: Backend, triangles: Triangles,
     if len(found):
         one, other = found[0, 1:]
         raise InputError(
-            f"mesh: {mesh.source!r} crosses itself (triangles {one} and {other}, say), so that inside and outside are"
-            " not told apart there; unite its parts."
+            f"mesh: {mesh.source!r} crosses itself (for example triangles {one} and {other}), so inside and outside are"
+            " not defined there; unite its parts."
         )
 
 
 _HERE = "refsim.boundary.signed_distance"
-_PAPER = "CN104318598A"
+_PAPER = "patent CN104318598A, 2014"
 _SHAPES = ("needle", "thin_plate", "thick_box")
 _OPERATIONS = ("nearest", "signs", "fill")
-_PLACE = "places are rounded products of coordinates and the spacing; differences of them come with a few roundings"
+_PLACE = "node positions are rounded products of coordinate and spacing; differences of them add a few roundings"
 register(
     Operation(
         name="signed_distance.count_blocks",
         folder=_HERE,
         paper=_PAPER,
-        equation="P1: one bounding box for each triangle",
+        equation="patent P1: one bounding box for each triangle",
         function="count_blocks",
         cases=_SHAPES,
         outputs=("block_count",),
         exact=("block_count",),
         tolerance=32.0,
-        tolerance_reason="integers; a block whose distance is as near to the limit as rounding takes it is undecided",
+        tolerance_reason="integers; a block whose distance is within rounding of the limit is undecided",
     )
 )
 register(
@@ -329,7 +329,7 @@ register(
         name="signed_distance.list_blocks",
         folder=_HERE,
         paper=_PAPER,
-        equation="P1: sorted keys",
+        equation="patent P1: sorted keys",
         function="list_blocks",
         cases=_SHAPES,
         outputs=("pair_key", "pair_triangle"),
@@ -343,7 +343,7 @@ register(
         name="signed_distance.nearest",
         folder=_HERE,
         paper=_PAPER,
-        equation="P1: least |phi| in the band, ties to the lower triangle",
+        equation="patent P1: least |phi| in the band, ties to the lower triangle",
         function="nearest",
         cases=_SHAPES,
         outputs=("unsigned_distance", "closest"),
@@ -358,7 +358,7 @@ register(
         name="signed_distance.signs",
         folder=_HERE,
         paper=_PAPER,
-        equation="P1 with E26: angle-weighted pseudonormal of the closest feature",
+        equation="patent P1 with E26: angle-weighted pseudonormal of the closest feature",
         function="signs",
         cases=_SHAPES,
         outputs=("distance",),
@@ -372,7 +372,7 @@ register(
         name="signed_distance.fill",
         folder=_HERE,
         paper=_PAPER,
-        equation="E26: interior beyond the band",
+        equation="patent E26: interior beyond the band",
         function="fill",
         cases=_SHAPES,
         outputs=("distance", "inside_after"),
@@ -401,7 +401,7 @@ register(
         name="signed_distance.interpolate",
         folder=_HERE,
         paper=_PAPER,
-        equation="P1: trilinear value and slope",
+        equation="patent P1: trilinear value and slope",
         function="interpolate",
         cases=_SHAPES,
         outputs=("query_distance", "query_gradient"),
@@ -416,7 +416,7 @@ register(
         name="signed_distance.project",
         folder=_HERE,
         paper=_PAPER,
-        equation="P1: exact closest triangle, from those of the cell's corners",
+        equation="patent P1: exact closest triangle, from those of the cell's corners",
         function="project",
         cases=_SHAPES,
         outputs=("projected", "projected_normal"),

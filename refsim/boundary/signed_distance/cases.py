@@ -1,4 +1,4 @@
-"""Inputs and closed forms of the signed distance: small bodies round a case's particles, and shapes of their own."""
+"""Inputs and closed forms of the signed distance: small bodies around a case's particles, and single shapes."""
 
 import functools
 import math
@@ -25,12 +25,12 @@ OCTAHEDRON_FACES = np.array(
     [[0, 2, 4], [2, 1, 4], [1, 3, 4], [3, 0, 4], [2, 0, 5], [1, 2, 5], [3, 1, 5], [0, 3, 5]], np.int64
 )
 SHIFT = np.array([0.31, 0.17, 0.23])  # of the grid's spacing, from a case's first particle to the grid's nodes
-BODIES = 8  # round the first particles of a case
+BODIES = 8  # around the first particles of a case
 QUERIES = 40
 
 
 def bodies(made: Case) -> SurfaceMesh:
-    """An octahedron round each of the first particles, relative to the origin; one at each place, none far away."""
+    """An octahedron around each of the first particles, relative to the first; coincident and remote ones left out."""
     place = made.position[:BODIES] - made.position[:1]
     place = place[np.sort(np.unique(np.round(1e6 * place / made.spacing), axis=0, return_index=True)[1])]
     place = place[np.abs(place).max(1, initial=0.0) < 1000 * made.spacing]
@@ -40,12 +40,12 @@ def bodies(made: Case) -> SurfaceMesh:
 
 
 def _shift(made: Case) -> np.ndarray:
-    """From the origin to the first particle [m]: particles of a lattice are not on nodes, where slopes jump."""
+    """Offset [m] of the first particle, so that particles of a lattice are not on nodes, where slopes jump."""
     return 0.25 * made.spacing * SHIFT
 
 
 def _turn() -> np.ndarray:
-    """A turn that leaves no edge along an axis, so that few distances are equal."""
+    """A rotation that leaves no edge along an axis, so that few distances are equal."""
     a, b = 0.4, 0.7
     about_x = np.array([[1, 0, 0], [0, math.cos(a), -math.sin(a)], [0, math.sin(a), math.cos(a)]])
     about_z = np.array([[math.cos(b), -math.sin(b), 0], [math.sin(b), math.cos(b), 0], [0, 0, 1]])
@@ -53,14 +53,14 @@ def _turn() -> np.ndarray:
 
 
 def needle() -> SurfaceMesh:
-    """A pyramid 1 m long and 0.02 m wide: at its tip edges are sharp and the nearest face says the wrong side."""
+    """A pyramid 0.3 m long and 0.02 m wide: beyond its sharp tip the normal of the nearest face has the wrong sign."""
     corner = np.array([[0, 0.01, 0.01], [0, -0.01, 0.01], [0, -0.01, -0.01], [0, 0.01, -0.01], [0.3, 0.0, 0.0]])
     faces = np.array([[0, 1, 4], [1, 2, 4], [2, 3, 4], [3, 0, 4], [1, 0, 3], [1, 3, 2]], np.int64)
     return SurfaceMesh(corner, faces[:, ::-1].copy() if _volume(corner, faces) < 0 else faces, np.zeros(3))
 
 
 def plate() -> SurfaceMesh:
-    """A box 0.4 m x 0.3 m x 0.01 m, thinner than the grid's spacing, a little turned."""
+    """A box 0.4 m x 0.3 m x 0.01 m, thinner than the grid's spacing, rotated."""
     return _box(np.array([0.4, 0.3, 0.01]), _turn())
 
 
@@ -83,7 +83,7 @@ def crossed() -> SurfaceMesh:
 
 
 def thick() -> SurfaceMesh:
-    """A box with so much inside that its middle is beyond the band and beyond all blocks."""
+    """A box so thick that its centre is beyond the band and outside all blocks."""
     return _box(np.array([1.3, 1.1, 0.9]), np.eye(3))
 
 
@@ -117,7 +117,7 @@ for _name in SHAPES:
 
 @functools.cache
 def band_of(name: str, dtype: str) -> dict:
-    """Everything that the signed distance makes on its way for a case, by the references."""
+    """All intermediate arrays of the signed distance for a case, by the references."""
     made = CASES[name]()
     mesh = SHAPES[name]() if name in SHAPES else bodies(made)
     h = SPACINGS.get(name, 0.25 * made.spacing)
@@ -158,7 +158,7 @@ def follow(triangles: Triangles, grid: BandGrid, dtype: str) -> dict:
 
 
 def queries(made: Case, mesh: SurfaceMesh, grid: BandGrid) -> np.ndarray:
-    """Points [m] round the mesh relative to its origin, inside and outside, on nodes and where no block is."""
+    """Points [m] around the mesh relative to its origin: inside, outside, on nodes and outside all blocks."""
     random = made.random("query")
     if not len(mesh.faces):
         return np.zeros((0, 3))
@@ -186,7 +186,7 @@ def _at_queries(case, grid):
     return {"query_distance": flat, "query_gradient": full, "projected": full, "projected_normal": full}
 
 
-_OF_THE_BLOCKS = "the case's blocks of nodes are made for it"
+_OF_THE_BLOCKS = "the case's blocks of nodes depend on it"
 VARIATIONS[BandGrid] = Variation(
     held=dict.fromkeys(("spacing", "inverse_spacing", "half_diagonal"), _OF_THE_BLOCKS), usual=("band",)
 )
@@ -199,7 +199,7 @@ takes("signed_distance.project", distance_field="origin_x origin_y origin_z")
 
 
 def cube_distance(place: np.ndarray) -> np.ndarray:
-    """Signed distance [m] of the cube from -1 m to 1 m: what is beyond each face outside, the nearest face inside."""
+    """Signed distance [m] of the cube from -1 m to 1 m."""
     over = np.abs(place) - 1
     return np.linalg.norm(np.maximum(over, 0), axis=1) + np.minimum(over.max(1), 0)
 
@@ -214,7 +214,7 @@ def _cube(*names):
 
 @closed_form("signed_distance.nearest")
 def nodes_of_a_cube():
-    """Distance of every node from the cube, held to the band of 5/4 m; h = 1/2 m."""
+    """Distance of every node from the cube, at most the band of 5/4 m; h = 1/2 m."""
     return _cube("unsigned_distance")
 
 
@@ -236,9 +236,9 @@ def inside_of_a_thick_box():
 
 
 def speck() -> tuple[Case, dict]:
-    """A tetrahedron of 1/1024 m in the middle of block 0, h = 1 m, band 2 m.
+    """A tetrahedron of 1/1024 m in the centre of block 0, h = 1 m, band 2 m.
 
-    The middles of blocks stand 4 m apart and the limit is 2 + 3 sqrt(3)/2 = 4.598 m: the block itself and the six that
+    The centres of blocks are 4 m apart and the limit is 2 + 3 sqrt(3)/2 = 4.598 m: the block itself and the six that
     share a face with it.
     """
     corner = 1.5 + np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]) / 1024
@@ -274,7 +274,7 @@ def _apart(count: int) -> tuple[np.ndarray, ...]:
 
 @closed_form("signed_distance.crossings")
 def one_crossing():
-    """An upright triangle stands in a lying one; a third lies 2 m over it."""
+    """A vertical triangle pierces a horizontal one; a third lies 2 m above."""
     flat = np.array([[0, 0, 0], [2, 0, 0], [0, 2, 0]], float)
     upright = np.array([[0.5, 0.25, -1], [0.5, 0.25, 1], [3, 2, 0]])
     corner = np.stack([flat, upright, flat + [0, 0, 2]])
@@ -290,7 +290,7 @@ def one_crossing():
 
 @closed_form("signed_distance.interpolate")
 def above_a_cube():
-    """Over and under the middle of a face phi is linear; far away it is the band, with no slope."""
+    """Above and below the middle of a face phi is linear; far away it is the band, with slope 0."""
     points = np.array([[0.2, 0.1, 1.3], [0.2, 0.1, 0.8], [-1.7, 0.3, 0.2], [90.0, 0.0, 0.0]])
     given = {"query": points, "query_distance": np.zeros(4), "query_gradient": np.zeros((4, 3))}
     slope = np.array([[0, 0, 1], [0, 0, 1], [-1, 0, 0], [0, 0, 0]], float)

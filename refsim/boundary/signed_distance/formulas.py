@@ -6,16 +6,17 @@ from refsim.backends.compile import formula
 from refsim.sparse_grid.formulas import BLOCK, cell_coordinate, find_node, find_node_near
 
 FACE = 0  # features of a triangle a b c: its face, then edges ab, bc, ca (1 to 3), then corners a, b, c (4 to 6)
-MOST_WALKS = 32  # triangles on the way to the nearest one
+MOST_STEPS = 32  # from triangle to triangle towards the nearest one
 WIDTH = 4  # nodes along a block
-CULL_SLACK = 1.0001  # the test that leaves blocks out may err on the safe side only
+CULL_SLACK = 1.0001  # rounding must not exclude a block that is within the band
 
 
 @formula
 def edge_offset(px, py, pz, ax, ay, az, bx, by, bz):
-    """P1, closest point of the edge ab: p - c = p - a - t (b - a), t = (p - a).(b - a)/|b - a|^2 held to [0, 1], [m].
+    """Patent P1, closest point c of the edge ab: p - c = p - a - t (b - a) [m].
 
-    Returns (x, y, z of p - c, which end t was held to: 0 none, 1 a, 2 b).
+    t = (p - a).(b - a)/|b - a|^2, clamped to [0, 1].
+    Returns (x, y, z of p - c, end at which c lies: 0 none, 1 a, 2 b).
     """
     ex, ey, ez = bx - ax, by - ay, bz - az
     dx, dy, dz = px - ax, py - ay, pz - az
@@ -31,9 +32,9 @@ def edge_offset(px, py, pz, ax, ay, az, bx, by, bz):
 
 @formula
 def triangle_offset(px, py, pz, t, corner, normal):
-    """P1, closest point c of triangle t to p: (x, y, z of p - c [m], feature on which c lies).
+    """Patent P1, closest point c of triangle t to p: (x, y, z of p - c [m], feature on which c lies).
 
-    Where p stands over the face, p - c = ((p - a).n) n; else c lies on the nearest edge that p is beyond.
+    If p projects into the face, p - c = ((p - a).n) n; otherwise c lies on the nearest of the edges beyond which p is.
     """
     real = type(px)
     nx, ny, nz = normal[t, 0], normal[t, 1], normal[t, 2]
@@ -47,7 +48,7 @@ def triangle_offset(px, py, pz, t, corner, normal):
         bx, by, bz = corner[t, b], corner[t, b + 1], corner[t, b + 2]
         ex, ey, ez = bx - ax, by - ay, bz - az
         dx, dy, dz = px - ax, py - ay, pz - az
-        mx, my, mz = ey * nz - ez * ny, ez * nx - ex * nz, ex * ny - ey * nx  # out of the triangle, in its plane
+        mx, my, mz = ey * nz - ez * ny, ez * nx - ex * nz, ex * ny - ey * nx  # outward, in the triangle's plane
         if dx * mx + dy * my + dz * mz > 0:
             qx, qy, qz, end = edge_offset(px, py, pz, ax, ay, az, bx, by, bz)
             squared = qx * qx + qy * qy + qz * qz
@@ -83,8 +84,8 @@ def block_range(low, high, inverse_spacing):
 def band_value(field, jx, jy, jz):
     """phi_j [m] at the node with integer coordinates j; without a block phi = -band inside and +band outside.
 
-    A block that is not there holds no node of the band, so it is inside where the last block before it along x, of
-    the same row of blocks, says so (E26).
+    A missing block holds no node of the band, so it lies entirely on the side that follows the last block before it
+    along x in the same row of blocks (patent E26).
     """
     node = find_node(field, jx, jy, jz)
     if node >= 0:
@@ -96,7 +97,7 @@ def band_value(field, jx, jy, jz):
 
 @formula
 def beyond_inside(field, jx, jy, jz):
-    """Whether the node j of no block lies inside: flag = that of the last block before it in its row of blocks."""
+    """Whether a node j without a block lies inside: flag = that of the last block before it in its row of blocks."""
     key = block_key(jx >> 2, jy >> 2, jz >> 2)
     low = 0
     high = field.keys.shape[0]
@@ -119,13 +120,12 @@ def block_key(bx, by, bz):
 
 @formula
 def step_in_block(field, node, dx, dy, dz):
-    """Node (dx, dy, dz) in {0, 1}^3 further, -1 where no block holds it: n = 64 b + l, dimensionless."""
+    """Node at offset (dx, dy, dz) in {0, 1}^3, -1 if no block holds it: n = 64 b + l, dimensionless."""
     local = node & 63
     x = (local & 3) + dx
     y = ((local >> 2) & 3) + dy
     z = (local >> 4) + dz
-    way = 13 + (x >> 2) + 3 * (y >> 2) + 9 * (z >> 2)
-    b = field.neighbour[node >> 6, way]
+    b = field.neighbour[node >> 6, 13 + (x >> 2) + 3 * (y >> 2) + 9 * (z >> 2)]
     if b < 0:
         return -1
     return b * BLOCK + (((z & 3) << 4) | ((y & 3) << 2) | (x & 3))
@@ -133,18 +133,18 @@ def step_in_block(field, node, dx, dy, dz):
 
 @formula
 def trilinear(x, y, z, field):
-    """P1: (phi = sum_c w_c phi_c [m], d phi/dx, d phi/dy, d phi/dz) between nodes; see `trilinear_near`."""
+    """Patent P1: (phi = sum_c w_c phi_c [m], d phi/dx, d phi/dy, d phi/dz) between nodes; see `trilinear_near`."""
     phi, gx, gy, gz, _ = trilinear_near(x, y, z, field, -1)
     return phi, gx, gy, gz
 
 
 @formula(inlined=True)
 def trilinear_near(x, y, z, field, block):
-    """P1, value and slope of phi between nodes: (phi [m], d phi/dx, d phi/dy, d phi/dz), |grad phi| near 1.
+    """Patent P1, value and slope of phi between nodes: (phi [m], d phi/dx, d phi/dy, d phi/dz, block of x).
 
-    phi = sum_c w_c phi_c over the 8 corners of the cell, w_c the product of u or 1 - u along each axis. Away from the
-    band phi = -band inside and +band outside, and the slope is 0. x [m] is in the scene's frame. `block` is looked at
-    before all others, -1 for none; the last number returned is the block in which x stands, -1 for none.
+    phi = sum_c w_c phi_c over the 8 corners of the cell, w_c the product of u or 1 - u along each axis. Beyond the
+    band phi = -band inside and +band outside, and the slope is 0. x [m] is in the scene's frame. The search for the
+    cell begins with block number `block` (-1 for none); the block returned is -1 if no block holds x.
     """
     h = field.spacing
     real = type(h)
@@ -188,7 +188,7 @@ def trilinear_near(x, y, z, field, block):
 
 @formula
 def plane_side(ax, ay, az, nx, ny, nz, x, y, z):
-    """Height [m] of x over the plane through a with normal n: s = (x - a).n."""
+    """Signed height [m] of x above the plane through a with normal n: s = (x - a).n."""
     return (x - ax) * nx + (y - ay) * ny + (z - az) * nz
 
 

@@ -9,7 +9,7 @@ OFFSET = 2**20
 
 
 def dot(a, b):
-    """Scalar products over the last axis, sooner than as sums along so short an axis."""
+    """Scalar products over the last axis; faster than a sum along an axis of three."""
     return np.einsum("...c,...c->...", a, b)
 
 
@@ -82,14 +82,14 @@ def _pairs(triangles, band_grid):
 
 
 def count_blocks(triangles, band_grid):
-    """P1: n_t = number of blocks within the band of each triangle [dimensionless], out of its grown box."""
+    """Patent P1: n_t = number of blocks within the band of each triangle [dimensionless], out of its grown box."""
     found = list(_pairs(triangles, band_grid))
     count = np.array([len(blocks) for blocks, _ in found], dtype=float)
     return {"block_count": (count, np.array([margin for _, margin in found], dtype=float))}
 
 
 def list_blocks(triangles, band_grid, block_first):
-    """P1: key = (bz + 2^20) 2^42 + (by + 2^20) 2^21 + bx + 2^20 and triangle of each pair; integers [dimensionless]."""
+    """Patent P1: key = (bz + 2^20) 2^42 + (by + 2^20) 2^21 + bx + 2^20 and triangle of each pair; dimensionless."""
     keys, owner, margins = [], [], []
     for t, (block, margin) in enumerate(_pairs(triangles, band_grid)):
         shifted = block + OFFSET
@@ -122,7 +122,7 @@ def _nearest(place, triangles):
 
 
 def nearest(triangles, band_grid, band_blocks, triangle_lists):
-    """P1: |phi_j| = min_t |x_j - t| [m], held to the band, and the lowest triangle with the closest feature, or -1."""
+    """Patent P1: |phi_j| = min_t |x_j - t| [m], at most the band; lowest triangle with the closest feature, or -1."""
     band = float(band_grid.band)
     place = float(band_grid.spacing) * node_table(band_blocks)
     least, which, other = _nearest(place, triangles)
@@ -136,7 +136,7 @@ def nearest(triangles, band_grid, band_blocks, triangle_lists):
 
 
 def signs(triangles, band_grid, band_blocks, closest, unsigned_distance):
-    """P1, E26: phi = -|phi| where (x - c).n < 0, n the pseudonormal of the closest feature; [m]."""
+    """Patent P1 with E26: phi = -|phi| where (x - c).n < 0, n the pseudonormal of the closest feature; [m]."""
     place = float(band_grid.spacing) * node_table(band_blocks)
     value = np.array(unsigned_distance, dtype=float)
     rows = np.flatnonzero(np.asarray(closest) >= 0)
@@ -149,7 +149,7 @@ def signs(triangles, band_grid, band_blocks, closest, unsigned_distance):
 
 
 def fill(band_grid, row_first, closest, distance):
-    """E26: beyond the band phi = -band inside and +band outside [m], the side of the last node of the band before."""
+    """Patent E26: beyond the band phi = -band inside and +band outside [m], the side of the last node in it before."""
     value = np.array(distance, dtype=float)
     closest, first = np.asarray(closest), np.asarray(row_first)
     after = np.zeros(len(value) // 64)
@@ -229,7 +229,7 @@ def _node_values(field):
 
 
 def interpolate(query, distance_field):
-    """P1: phi = sum_c w_c phi_c [m] over the corners of the cell, and its slope d phi/dx [dimensionless]."""
+    """Patent P1: phi = sum_c w_c phi_c [m] over the corners of the cell, and its slope d phi/dx [dimensionless]."""
     field = distance_field
     h, band = float(field.spacing), float(field.band)
     places, rows = _node_values(field)
@@ -294,7 +294,7 @@ def project(query, triangles, distance_field):
         near = [places.get(tuple((j + [c & 1, c >> 1 & 1, c >> 2]).tolist()), -1) for c in range(8)]
         own = sorted({int(field.closest[n]) for n in near if n >= 0} - {-1})
         around = []
-        for move in moves if own else ():  # what jumps nearby, between two features or two sides, is left undecided
+        for move in moves if own else ():  # a result that jumps nearby, between two features or sides, is undecided
             best = _walked(point + move, own, corners, np.asarray(triangles.across))
             around.append((point + move - best[1], normals[best[2], best[3]]))
         if own:

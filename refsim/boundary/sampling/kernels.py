@@ -1,17 +1,18 @@
-"""What one facet and one boundary particle do in sampling; both kernels share it."""
+"""What one facet and one boundary particle do in sampling."""
 
 import math
 
-from refsim.backends.compile import formula
+from refsim.backends.compile import formula, kernel
 from refsim.boundary.sampling.formulas import facet_of, hashed_direction, repulsion
 from refsim.boundary.signed_distance.formulas import trilinear_near
+from refsim.neighbours.rows import row_of
 from refsim.surface_energy.formulas import hash_word, unit_share
 
 
-@formula
-def area(f, facet_corner, facets):
-    """Area [m^2] of facet f: half the cross product of two sides."""
-    a, b, c = facets[f, 0], facets[f, 1], facets[f, 2]
+@kernel
+def areas(f, facet_corner, facets_of_mesh, facet_area):
+    """Patent P2: area [m^2] of facet f, half the length of the cross product of two sides."""
+    a, b, c = facets_of_mesh[f, 0], facets_of_mesh[f, 1], facets_of_mesh[f, 2]
     ux, uy, uz = (
         facet_corner[b, 0] - facet_corner[a, 0],
         facet_corner[b, 1] - facet_corner[a, 1],
@@ -23,40 +24,38 @@ def area(f, facet_corner, facets):
         facet_corner[c, 2] - facet_corner[a, 2],
     )
     x, y, z = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
-    return math.sqrt(x * x + y * y + z * z) * type(ux)(0.5)
+    facet_area[f] = math.sqrt(x * x + y * y + z * z) * type(ux)(0.5)
 
 
-@formula
-def place(i, facet_corner, facets, facet_last, seed):
-    """Place [m] of particle i, evenly at random in its facet: x = (1 - s) a + s ((1 - w) b + w c), s = sqrt(u)."""
+@kernel
+def place(i, facet_corner, facets_of_mesh, facet_last, sample_seed, placed):
+    """Initial position [m] of particle i, uniform in its facet: x = (1 - s) a + s ((1 - w) b + w c), s = sqrt(u)."""
     f = facet_of(i, facet_last)
-    a, b, c = facets[f, 0], facets[f, 1], facets[f, 2]
+    a, b, c = facets_of_mesh[f, 0], facets_of_mesh[f, 1], facets_of_mesh[f, 2]
     one = type(facet_corner[a, 0])(1)
-    root = math.sqrt(unit_share(hash_word(seed, i, 1), one))
-    w = unit_share(hash_word(seed, i, 2), one)
+    root = math.sqrt(unit_share(hash_word(sample_seed, i, 1), one))
+    w = unit_share(hash_word(sample_seed, i, 2), one)
     s, t = root * (one - w), root * w
-    x = facet_corner[a, 0] + s * (facet_corner[b, 0] - facet_corner[a, 0])
-    y = facet_corner[a, 1] + s * (facet_corner[b, 1] - facet_corner[a, 1])
-    z = facet_corner[a, 2] + s * (facet_corner[b, 2] - facet_corner[a, 2])
-    x += t * (facet_corner[c, 0] - facet_corner[a, 0])
-    y += t * (facet_corner[c, 1] - facet_corner[a, 1])
-    z += t * (facet_corner[c, 2] - facet_corner[a, 2])
-    return x, y, z
+    for k in range(3):
+        x = facet_corner[a, k] + s * (facet_corner[b, k] - facet_corner[a, k])
+        x += t * (facet_corner[c, k] - facet_corner[a, k])
+        placed[i, k] = x
 
 
 @formula(inlined=True)
-def relax(i, row, position, index, field, relaxation, block):
-    """New place [m] of particle i and its way [m]: x += lambda r v_t - phi n, the tangential part at most r/2.
+def relaxed_particle(i, position, neighbours, field, relaxation, block):
+    """Patent P4 with E24: x += lambda r v_t - phi n, the tangential part at most r/2.
 
-    v_t = (I - n n^T) sum_l Omega(|x - x_l|) (x - x_l)/|x - x_l| (P4 with E24), n = grad phi/|grad phi|.
-    `block` of the field is looked at first, -1 for none; the last number returned is the one in which the particle was.
+    v_t = (I - n n^T) sum_l Omega(|x - x_l|) (x - x_l)/|x - x_l|, n = grad phi/|grad phi|.
+    Returns (x, y, z [m], length of the step [m], block of the field that held the particle). The search in the field
+    begins with block number `block`, -1 for none.
     """
-    first, stride, count = row
+    first, stride, count = row_of(neighbours, i)
     x, y, z = position[i, 0], position[i, 1], position[i, 2]
     one = type(x)(1)
     tx, ty, tz = one - one, one - one, one - one
     for k in range(count):
-        j = index[first + k * stride]
+        j = neighbours.entries[first + k * stride]
         dx, dy, dz = x - position[j, 0], y - position[j, 1], z - position[j, 2]
         squared = dx * dx + dy * dy + dz * dz
         if squared < relaxation.cutoff_squared:
@@ -84,3 +83,11 @@ def relax(i, row, position, index, field, relaxation, block):
         tx, ty, tz = shorter * tx, shorter * ty, shorter * tz
     tx, ty, tz = tx - phi * nx, ty - phi * ny, tz - phi * nz
     return x + tx, y + ty, z + tz, math.sqrt(tx * tx + ty * ty + tz * tz), found
+
+
+@kernel
+def relax(i, position, neighbours, distance_field, relaxation, relaxed_position, step_length):
+    """One step of the relaxation: new position [m] and length of the step [m] of particle i."""
+    x, y, z, length, _ = relaxed_particle(i, position, neighbours, distance_field, relaxation, -1)
+    relaxed_position[i, 0], relaxed_position[i, 1], relaxed_position[i, 2] = x, y, z
+    step_length[i] = length
