@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from refsim.backends.arrays import unavailable
-from validation.harness import Options, Run
+from validation.experiment import Options, Run
 from validation.results import Result
 from validation.running import Context
 

@@ -20,9 +20,9 @@ from refsim.core.errors import REASONS
 from refsim.core.operation import REGISTRY
 from refsim.scene.files import parse_scene
 from refsim.scene.scene import Scene, make_plan
-from validation import accuracy_cost
 from validation.drawing import LARGEST_PICTURE
-from validation.harness import Options, discover
+from validation.__main__ import every_picture
+from validation.experiment import discover
 
 ROOT = pathlib.Path(__file__).parents[2]
 DOCS = sorted((ROOT / "docs").rglob("*.md"))
@@ -59,9 +59,8 @@ def anchors(page):
 
 @functools.cache
 def drawn():
-    """Pictures that `python -m validation` and `python -m validation.accuracy_cost` publish."""
-    drawers = [*discover().values(), *accuracy_cost.cases(Options()).values()]
-    return {picture.file for case in drawers for picture in case.pictures}
+    """Pictures that the commands of `python -m validation` publish."""
+    return {picture.file for picture in every_picture().values()}
 
 
 def broken_links(page, text):

@@ -13,10 +13,10 @@ from refsim.core.operation import REGISTRY
 from refsim.engine.driver import stock
 from refsim.heat import reference
 from refsim.heat.shapes import lattice_moment
-from validation.cases import heat as case
-from validation.cases.heat import exact, runs
+from validation.checks import Bounds
+from validation.experiments import heat as case
+from validation.experiments.heat import exact, runs
 from validation.running import Context
-from validation.verdicts import Bounds
 
 BAR = (Box(cells=(8, 4, 4)), Box(lower=(0.8, 0.0, 0.0), cells=(8, 4, 4)))
 NUMBER = 0.1**2 * 1000.0 * 1000.0  # dt [s] of k dt/(rho c d^2) = 1 at k = 1 W/(m K)

@@ -28,9 +28,9 @@ from refsim.core.effect import Discretisation
 from refsim.core.operation import REGISTRY
 from refsim.smoothing import smoothing
 from refsim.smoothing.reference import viscosity_laplacian
-from validation.cases import viscosity as case_of_drops
-from validation.cases.viscosity import runs
-from validation.harness import Options
+from validation.experiment import Options
+from validation.experiments import viscosity as case_of_drops
+from validation.experiments.viscosity import runs
 from validation.running import Context
 
 MU = 0.7

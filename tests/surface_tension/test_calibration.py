@@ -9,12 +9,12 @@ import pytest
 
 from refsim import InputError, calibrate, load_scene
 from refsim.surface_tension.calibration import MAP, SETTINGS, sigma_map
-from validation import sigma_map as condensing
-from validation.cases import laplace, oscillation, spurious, water_drop
-from validation.cases.dong import scene as dong_scene
-from validation.cases.water_drop import runs as water
-from validation.drops import device_points, fit_laplace, fit_oscillation, points
-from validation.harness import redraw, write_data
+from validation.experiment import redraw, write_data
+from validation.experiments import laplace, oscillation, spurious, water_drop
+from validation.experiments.dong import scene as dong_scene
+from validation.experiments.water_drop import runs as water
+from validation.measure import sigma_map as condensing
+from validation.measure.drops import device_points, fit_laplace, fit_oscillation, points
 from validation.results import Result, finite
 
 EXAMPLE = Path(__file__).parents[2] / "docs" / "examples" / "water_drop.toml"
@@ -210,7 +210,7 @@ def test_a_tiny_drop_can_be_measured():
 
 
 def water_result(laplace=0.0728, rayleigh=0.0728):
-    """What `validation.cases.water_drop.runs.drop` gives, made up."""
+    """What `validation.experiments.water_drop.runs.drop` gives, made up."""
     row = {
         "model": "akinci", "kernels": "wendland", "dim": 3, "cells": 10.0, "seed": 4, "stopped": "", "nominal": 0.02,
         "uncertainty": 0.03, "sound_speed": 4.0, "asked": 0.0728, "particles": 4000, "radius": 1e-3, "jump": 145.0,

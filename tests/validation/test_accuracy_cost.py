@@ -11,22 +11,22 @@ import pytest
 
 from refsim.core.errors import InputError, RunStopped
 from validation import accuracy_cost, accuracy_picture, harness, results
-from validation.accuracy_cost import Band, Panel
-from validation.cases.dam_break import accuracy_cost as dam_panels
-from validation.cases.dam_break import accuracy_runs as dam_runs
-from validation.cases.droplet import accuracy_cost as drop_panels
-from validation.cases.droplet import accuracy_runs as drop_runs
-from validation.cases.mpm_droplet import accuracy_cost as mpm_panels
-from validation.cases.surface_reconstruction import accuracy_cost as surface_panels
+from validation.accuracy import Band, Panel
+from validation.checks import Check
+from validation.experiment import EXIT_FAILED, EXIT_STOPPED, Options, Run
+from validation.experiments.dam_break import accuracy_cost as dam_panels
+from validation.experiments.dam_break import accuracy_runs as dam_runs
+from validation.experiments.droplet import accuracy_cost as drop_panels
+from validation.experiments.droplet import accuracy_runs as drop_runs
+from validation.experiments.mpm_droplet import accuracy_cost as mpm_panels
+from validation.experiments.surface_reconstruction import accuracy_cost as surface_panels
 from validation.gpu_readings import gpu_runs, reported, without_gpu
-from validation.harness import EXIT_FAILED, EXIT_STOPPED, Options, Run
 from validation.metrics import shapes
 from validation.metrics.droplet import radius_variation_scale
 from validation.reading import Reading, distribution, environment, first_kept, kept_error, measured
 from validation.results import Result
 from validation.running import Context
 from validation.start_up import start_up
-from validation.verdicts import Measurement
 from validation.work_precision import (
     BETTER,
     REPEATS,
@@ -321,7 +321,7 @@ def test_expected_failures_are_fine_and_others_are_not(options, monkeypatch):
     text = io.StringIO()
     harness.report(outcomes, text)
     assert "setting wild: diverged at 0.1 s" in text.getvalue()
-    judged = panel(judge=lambda made: [Measurement("a", "a", 1.0, "", "", "at most 0", "fail")])
+    judged = panel(judge=lambda made: [Check("a", "a", 1.0, "", "", "at most 0", "fail")])
     assert harness.exit_code(perform(judged, options)) == EXIT_FAILED
 
 
@@ -412,7 +412,7 @@ def test_panels_are_found_by_what_they_export(tmp_path, monkeypatch):
     for name in ("", "mine", "other"):
         (folder / name / "__init__.py").write_text("")
     (folder / "mine" / "accuracy_cost.py").write_text(
-        "from validation.accuracy_cost import Panel\n"
+        "from validation.accuracy import Panel\n"
         "PANELS = [Panel('mine', 't', 'o', 'r', 1.0, lambda o: [], '', '', '', '')]\n"
     )
     monkeypatch.syspath_prepend(tmp_path)
@@ -508,7 +508,7 @@ def test_misplaced_surface_is_the_distance_between_both_sets():
 
 
 def test_stored_states_are_those_that_are_named():
-    from validation.cases.dam_break.state import STORED, load_state
+    from validation.experiments.dam_break.state import STORED, load_state
 
     for name, (columns, depth, moment) in STORED.items():
         state = load_state(name)
@@ -623,7 +623,7 @@ def test_the_bar_against_the_peer_is_judged_by_times(monkeypatch):
 @pytest.mark.slow
 def test_starts_are_timed_cold_and_warm():
     scene = {
-        "module": "validation.cases.dam_break.accuracy_runs",
+        "module": "validation.experiments.dam_break.accuracy_runs",
         "function": "front_scene",
         "parameters": {"columns": 4, "dtype": "float32", "effects": {}},
     }

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from validation import claims as command
-from validation.cases.dam_break import claims as dam_break
-from validation.cases.droplet import claims as droplet
 from validation.claims import CONFIRMED, NOT_TESTABLE, REFUTED, Claim, Found, Measure, discover, read_claims
-from validation.harness import EXIT_FAILED, EXIT_FINE, EXIT_INPUT, Options, Run
+from validation.experiment import EXIT_FAILED, EXIT_FINE, EXIT_INPUT, Options, Run
+from validation.experiments.dam_break import claims as dam_break
+from validation.experiments.droplet import claims as droplet
 from validation.results import Result
 from validation.running import Context
 
@@ -70,7 +70,7 @@ def test_the_issue_of_each_claim_is_there():
 
 def claim(**changes):
     given = {"name": "one", "system": "s", "says": "It is small.", "where": "here", "verdict": CONFIRMED}
-    tested = {"test": "validation/cases/droplet/claims.py:ONE", "what": "a size", "rule": "at_most", "bound": 1.0}
+    tested = {"test": "validation/experiments/droplet/claims.py:ONE", "what": "a size", "rule": "at_most", "bound": 1.0}
     return Claim(**{**given, **tested, **changes})
 
 
@@ -115,7 +115,7 @@ def number_of(context, value):
 def own(tmp_path, monkeypatch):
     """A file, a page and one measure of our own; its values are set by the test."""
     (tmp_path / "claims.toml").write_text(
-        '[small]\nsystem = "s"\nsays = "It is small."\nwhere = "(1)"\ntest = "validation/cases/droplet/claims.py:ONE"\n'
+        '[small]\nsystem = "s"\nsays = "It is small."\nwhere = "(1)"\ntest = "validation/experiments/droplet/claims.py:ONE"\n'
         'what = "its size"\nunit = "m"\nat_most = 1\nmeasured = 0.5\nspread = [0.5, 0.5]\nstarts = 1\n'
         'verdict = "confirmed"\n\n[nice]\nsystem = "s"\nsays = "It is nice."\nwhere = "(2)"\n'
         'verdict = "not testable"\nreason = "No measure."\n'
@@ -129,7 +129,7 @@ def own(tmp_path, monkeypatch):
     one = Measure(runs, lambda results: [result.values["value"] for result in results.values()])
     monkeypatch.setattr(command, "FILE", tmp_path / "claims.toml")
     monkeypatch.setattr(command, "PAGE", tmp_path / "claims.md")
-    monkeypatch.setattr(command, "discover", lambda: {"validation/cases/droplet/claims.py:ONE": one})
+    monkeypatch.setattr(command, "discover", lambda: {"validation/experiments/droplet/claims.py:ONE": one})
     monkeypatch.setattr(command, "read_claims", lambda: read_claims(tmp_path / "claims.toml"))
     folders = ["--results", str(tmp_path / "results"), "--figures", str(tmp_path / "figures")]
     return values, folders, tmp_path
@@ -220,8 +220,8 @@ def test_released_pressure_and_splash_runs():
 
 def test_runs_of_the_published_sizes_are_those_of_the_cases():
     """What a case has computed serves its claims: same key, same parameters."""
-    from validation.cases.dam_break import CASE as DAM_BREAK
-    from validation.cases.droplet import CASE as DROPLET
+    from validation.experiments.dam_break import CASE as DAM_BREAK
+    from validation.experiments.droplet import CASE as DROPLET
 
     for case, measure in ((DROPLET, droplet.AREA_ROUNDS), (DAM_BREAK, dam_break.FIGURE_5_UPPER)):
         known = {run.key: run for run in case.runs(Options())}
@@ -237,7 +237,7 @@ def test_a_drop_that_never_comes_to_rest_is_infinitely_later():
             f"claim_steady_soft_{key}": Result({"steady": mine}) for key in droplet.FROM
         }
 
-    values = droplet.STEADY_SOFT.values
+    values = droplet.STEADY_SOONER_SOFT.values
     assert values(results({"wall": 3.0}, {"wall": 2.0})) == [1.5] * 4
     assert values(results(None, {"wall": 2.0})) == [math.inf] * 4
     assert values(results({"wall": 3.0}, None)) == [0.0] * 4

@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from validation.cases import dong_table_1
-from validation.cases.dong import CASE, pictures, runs, scene
-from validation.harness import Options, redraw, write_data
+from validation.experiment import Options, redraw, write_data
+from validation.experiments import dong_table_1
+from validation.experiments.dong import CASE, pictures, runs, scene
 from validation.metrics.spread import layers, parts, seen_from_above
 from validation.results import Result
 from validation.running import refusal

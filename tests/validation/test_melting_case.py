@@ -11,13 +11,13 @@ from refsim.core import cases
 from refsim.core.operation import REGISTRY
 from refsim.scene.scene import make_plan
 from refsim.scene.solids import body_cells
-from validation.cases import melting
-from validation.cases.melting import pictures, rival, runs, shapes
-from validation.cases.melting.scene import FIGURES, made, scene_of, shared_tank
-from validation.harness import Options
+from validation.checks import FAIL
+from validation.experiment import Options
+from validation.experiments import melting
+from validation.experiments.melting import pictures, rival, runs, shapes
+from validation.experiments.melting.scene import FIGURES, made, scene_of, shared_tank
 from validation.results import Result, finite
 from validation.running import Context
-from validation.verdicts import FAIL
 
 
 def test_two_methods_cannot_make_one_argument():

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from refsim.core.effect import EFFECTS
-from validation.cases.models import CASE, judge, pictures, runs, scene, tables
-from validation.harness import Options, write_data
+from validation.experiment import Options, write_data
+from validation.experiments.models import CASE, judge, pictures, runs, scene, tables
 from validation.running import Context
 
 

@@ -12,7 +12,7 @@ import pytest
 from refsim import Box, Cloud, InputError, JiangZhu2023, RunStopped, Scene, WeaklyCompressible
 from refsim.scene.scene import make_plan
 from validation import harness, stability
-from validation.cases.droplet.stability import pieces
+from validation.experiments.droplet.stability import pieces
 from validation.metrics.voids import find_voids
 from validation.results import Result, finite
 from validation.running import Context

@@ -18,16 +18,16 @@ import pytest
 from refsim.core.errors import InputError, RunStopped
 from validation import __main__ as command
 from validation import harness, processes, results, verdicts
-from validation.cases import droplet, timing
-from validation.cases.dam_break import CASE as DAM_BREAK
-from validation.cases.dam_break import runs as dam_runs
-from validation.cases.droplet import runs as droplet_runs
-from validation.harness import Case, Options, Picture, Run
+from validation.checks import Bounds, Check
+from validation.experiment import Case, Options, Picture, Run
+from validation.experiments import droplet, timing
+from validation.experiments.dam_break import CASE as DAM_BREAK
+from validation.experiments.dam_break import runs as dam_runs
+from validation.experiments.droplet import runs as droplet_runs
 from validation.peers import splishsplash
 from validation.results import Result
 from validation.running import Context, advance
 from validation.tables import Table
-from validation.verdicts import Bounds, Measurement
 
 SCRIPTS = Path(__file__).resolve().parents[2] / "scripts"
 CALLS = []
@@ -52,7 +52,7 @@ def draw_line(data):
 
 
 def measurement(value=1.0, verdict="pass", name="double"):
-    return Measurement(name, "twice the value", value, "m", "2", "at most 5", verdict)
+    return Check(name, "twice the value", value, "m", "2", "at most 5", verdict)
 
 
 def fake_case(value=2, judge=None, function=doubled, parameters=None):
@@ -322,7 +322,7 @@ def test_cases_are_found_by_what_they_export(tmp_path, monkeypatch):
     (folder / "__init__.py").write_text("")
     (folder / "plain.py").write_text("CASE = None\n")
     (folder / "mine.py").write_text(
-        "from validation.harness import Case\nCASE = Case('mine', 'title', lambda o: [], lambda r: [])\n"
+        "from validation.experiment import Case\nCASE = Case('mine', 'title', lambda o: [], lambda r: [])\n"
     )
     monkeypatch.syspath_prepend(tmp_path)
     module = importlib.import_module("someones_cases")
