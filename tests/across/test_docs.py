@@ -20,8 +20,8 @@ from refsim.core.errors import REASONS
 from refsim.core.operation import REGISTRY
 from refsim.scene.files import parse_scene
 from refsim.scene.scene import Scene, make_plan
-from validation.drawing import LARGEST_PICTURE
 from validation.__main__ import every_picture
+from validation.drawing import LARGEST_PICTURE
 from validation.experiment import discover
 
 ROOT = pathlib.Path(__file__).parents[2]

@@ -4,7 +4,7 @@ import json
 import math
 
 import pytest
-from validation.attack.__main__ import FINDINGS, mixed
+from validation.attack.campaign import FINDINGS, mixed
 
 from validation.__main__ import main
 from validation.attack import BAD, GOOD, KINDS, checkpoints, commands, libraries

@@ -9,8 +9,8 @@ import trimesh
 
 from refsim import Simulation
 from validation.experiment import Options
-from validation.experiments import mpm_droplet
 from validation.experiments.mpm_droplet import drops, measures, pictures
+from validation.experiments.mpm_droplet import experiment as mpm_droplet
 from validation.experiments.mpm_droplet.scene import CELLS, box, drop_scene, ellipsoid, lattice, radius_of, turned
 from validation.experiments.mpm_droplet.stability import Turning
 from validation.results import Result
