@@ -55,19 +55,21 @@ class Check:
         return {"value": value, "unit": self.unit, "paper": self.paper, "bar": self.bar, "verdict": self.verdict}
 
 
-@functools.cache
-def expected(experiment: str, kind: str, folder: Path = FOLDER) -> Mapping[str, Mapping[str, Any]]:
+def expected(experiment: str, kind: str, folder: Path | None = None) -> Mapping[str, Mapping[str, Any]]:
     """The entries of one kind by name; none where the experiment has no file. Raises ValueError for other kinds."""
-    path = folder / experiment / "expected.toml"
-    if not path.exists():
-        return {}
-    entries = tomllib.loads(path.read_text())
+    return read_expected((folder or FOLDER) / experiment / "expected.toml").get(kind, {})
+
+
+@functools.cache
+def read_expected(path: Path) -> Mapping[str, Mapping[str, Any]]:
+    """The entries of a file by kind and name; none without the file."""
+    entries = tomllib.loads(path.read_text()) if path.exists() else {}
     if unknown := set(entries) - set(KINDS):
         raise ValueError(f"{path}: there is no kind {sorted(unknown)}; choose from {', '.join(KINDS)}")
-    return entries.get(kind, {})
+    return entries
 
 
-def bars(experiment: str, kind: str = VERDICT, folder: Path = FOLDER) -> Mapping[str, Mapping[str, Any]]:
+def bars(experiment: str, kind: str = VERDICT, folder: Path | None = None) -> Mapping[str, Mapping[str, Any]]:
     """The bars of an experiment's verdicts or accuracy points. Raises ValueError for one that is not complete."""
     entries = expected(experiment, kind, folder)
     for name, entry in entries.items():
@@ -85,7 +87,7 @@ def _rules(entry: Mapping[str, Any]) -> list[str]:
 class Checks:
     """Holds numbers against the bars of an experiment, and keeps the checks in their order (`made`)."""
 
-    def __init__(self, experiment: str, kind: str = VERDICT, folder: Path = FOLDER) -> None:
+    def __init__(self, experiment: str, kind: str = VERDICT, folder: Path | None = None) -> None:
         self.bars, self.made = bars(experiment, kind, folder), list[Check]()
 
     def __call__(self, name: str, value: float | None, run: str = "", words: str = "") -> Check:

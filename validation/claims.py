@@ -21,7 +21,7 @@ from typing import Any
 
 from refsim.core.errors import InputError
 from validation import checks
-from validation.checks import CLAIM, RULES, expected, number
+from validation.checks import CLAIM, RULES, expected, number, read_expected
 from validation.experiment import Options, Part, Results, Run, discover
 from validation.perform import machine, perform
 from validation.results import finite
@@ -269,7 +269,7 @@ def write(found: Sequence[Found]) -> None:
                 if count != 1:
                     raise ValueError(f"[claim.{each.claim.name}] has {count} lines {key} = ...")
             path.write_text(text[:begin] + entry + (text[stop:] if stop > 0 else ""))
-    expected.cache_clear()
+    read_expected.cache_clear()
     write_page()
 
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from validation.checks import FAIL, FOLDER, HARD_CASE, Check, expected, number
+from validation.checks import FAIL, HARD_CASE, Check, expected, number
 from validation.checks import PASS as WELL
 from validation.experiment import Experiment, Options, Part, Picture, Results, Run, chosen
 from validation.results import Result, real
@@ -30,7 +30,7 @@ class OnFile:
     why: str = ""
 
 
-def outcomes(experiment: str, folder: Path = FOLDER) -> dict[str, OnFile]:
+def outcomes(experiment: str, folder: Path | None = None) -> dict[str, OnFile]:
     """The outcomes on file. Raises ValueError for an entry that does not say what it must."""
     entries = expected(experiment, HARD_CASE, folder)
     for name, entry in entries.items():
@@ -55,7 +55,7 @@ def parts(names: Sequence[str], experiments: Mapping[str, Experiment], options: 
     return made
 
 
-def part_of(experiment: Experiment, options: Options, only: Sequence[str] = (), folder: Path = FOLDER) -> Part:
+def part_of(experiment: Experiment, options: Options, only: Sequence[str] = (), folder: Path | None = None) -> Part:
     """An experiment's hard cases and maps; `only` names some of them."""
     hard = [case for case in experiment.hard_cases if not only or case.name in only]
     maps = [m for m in experiment.maps if not only or m.name in only]

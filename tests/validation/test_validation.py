@@ -213,7 +213,7 @@ def test_verdicts(tmp_path):
     with pytest.raises(ValueError, match="source"):
         Checks("y", folder=tmp_path)
     (tmp_path / "x" / "expected.toml").write_text('[low]\nwhat="a"\n')
-    checks.expected.cache_clear()
+    checks.read_expected.cache_clear()
     with pytest.raises(ValueError, match=r"no kind .*low"):
         Checks("x", folder=tmp_path)
 

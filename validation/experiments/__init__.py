@@ -1,1 +1,1 @@
-"""The cases: every module in here that exports a `CASE` (`validation.harness.Case`) is found and run."""
+"""The experiments: a folder in here whose module `experiment` has an `EXPERIMENT` is one (`validation.experiment`)."""
