@@ -247,7 +247,7 @@ def pebble(dtype: str, quick: bool) -> Scene:
 
 def melting(dtype: str, quick: bool) -> Scene:
     """A small version of the melting case's first scene: heat, solids, coupling and melting."""
-    from validation.cases.melting.scene import scene_of
+    from validation.experiments.melting.scene import scene_of
 
     return scene_of("figure_4", 0.2 if runtime.simulated() else 0.4, dtype=dtype)
 
@@ -374,7 +374,7 @@ def timing_task(arguments: list[str]) -> list[Row]:
         rows.append(judged("memory held, off what the plan says", round(off, 3), 0.1, words=f"{said / 2**20:.0f} MiB"))
     for _ in range(2 if runtime.simulated() else 60):
         simulation.step()
-    from validation.cases.melting.device import clock
+    from validation.experiments.melting.device import clock
 
     mark, between = clock()
     wait = simulation.backend.synchronize
@@ -445,7 +445,7 @@ HOST_THREADS = 4  # of the CPU beside which the GPU is timed
 
 def melting_scene(size: str, **options: Any) -> Scene:
     """A scene of table 2, or a tank of a million particles of which a third is solid."""
-    from validation.cases.melting.scene import made, scene_of, shared_tank
+    from validation.experiments.melting.scene import made, scene_of, shared_tank
 
     small = 0.2 if runtime.simulated() else 1.0
     if size == "million":
@@ -455,8 +455,8 @@ def melting_scene(size: str, **options: Any) -> Scene:
 
 def melting_task(arguments: list[str]) -> list[Row]:
     """Milliseconds of a melting step, float32, w = 2: as one graph, by stage as graphs, and by stage on the CPU."""
-    from validation.cases.melting import device as cost
-    from validation.cases.melting.runs import grouped
+    from validation.experiments.melting import device as cost
+    from validation.experiments.melting.runs import grouped
     from validation.running import stage_seconds
 
     def shown(name: str, seconds: float, words: str = "") -> Row:

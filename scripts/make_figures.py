@@ -14,8 +14,9 @@ ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
 
 from refsim.core.errors import InputError  # noqa: E402
-from validation import accuracy_cost, stability  # noqa: E402
-from validation.harness import Options, discover, redraw  # noqa: E402
+from validation.__main__ import every_picture  # noqa: E402
+from validation.drawing import redraw  # noqa: E402
+from validation.experiment import chosen  # noqa: E402
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -25,15 +26,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--quick", action="store_true", help="those of the quick sizes, in figures/quick")
     given = parser.parse_args(arguments)
     folder = ROOT / ("figures/quick" if given.quick else "figures")
-    drawers = [*discover().values(), *accuracy_cost.cases(Options()).values()]
-    drawers += [stability.as_case(name, found) for name, found in stability.discover().items()]
-    pictures = {picture.name: picture for case in drawers for picture in case.pictures}
+    pictures = every_picture()
     names = given.picture or [name for name in pictures if any(folder.glob(f"{name}.json*"))]
     try:
-        for name in names:
-            if name not in pictures:
-                raise InputError(f"There is no picture {name!r}; choose from {', '.join(pictures)}.")
-            print(redraw(pictures[name], folder))
+        for picture in chosen(names, pictures, "picture") if names else ():
+            print(redraw(picture, folder))
     except InputError as error:
         print(error, file=sys.stderr)
         return error.exit_code

@@ -1,4 +1,4 @@
 """The papers' experiments: cases, what they measure, their pictures, and the verdicts on them.
 
-`python -m validation [CASE] [--quick]`. Every module in `validation.cases` that exports a `CASE` takes part.
+`python -m validation [CASE] [--quick]`. Every module in `validation.experiments` that exports a `CASE` takes part.
 """

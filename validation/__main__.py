@@ -1,41 +1,87 @@
-"""`python -m validation [CASE ...]`: the papers' experiments, with verdicts and pictures.
+"""The papers' experiments: `python -m validation list | run | claims | stability | accuracy | measure | attack`.
 
-`python -m validation attack` attacks the command line instead; see `python -m validation attack --help`.
+Every command prints its own help and touches nothing with `--help`. Exit codes: 0 well, 2 bad input, 3 a run stopped,
+4 a check failed.
 """
 
 from __future__ import annotations
 
 import argparse
-import dataclasses
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import NoReturn
 
 if not __package__:
     print("Run this from the folder of the clone, as `python -m validation`.", file=sys.stderr)
     sys.exit(2)
 
 from refsim.core.errors import InputError, RefsimError
-from validation.harness import Options, as_json, chosen_cases, discover, exit_code, perform, report
+from validation import accuracy, claims, stability
+from validation.attack import campaign
+from validation.checks import ACCURACY, CLAIM, HARD_CASE, KINDS, VERDICT, bars
+from validation.experiment import Experiment, Options, Picture, chosen, discover
+from validation.measure import command
+from validation.perform import EXIT_FAILED, EXIT_FINE, Performed, exit_code, perform
+from validation.report import as_json, report
+
+
+class Parser(argparse.ArgumentParser):
+    """A parser whose errors are one sentence."""
+
+    def error(self, message: str) -> NoReturn:
+        """Raises InputError."""
+        raise InputError(f"{self.prog}: {message}; --help says more.")
 
 
 def parser() -> argparse.ArgumentParser:
     """The command line."""
-    made = argparse.ArgumentParser(prog="python -m validation", description=__doc__)
-    made.add_argument("case", nargs="*", help="cases to run; all by default")
-    add_options(made)
-    made.add_argument("--results", type=Path, default=Path("results"), help="where results are kept and reused")
-    made.add_argument("--figures", type=Path, help="where pictures go; figures, with --quick figures/quick")
-    made.add_argument("--only", nargs="+", default=[], metavar="RUN", help="runs whose names start like one of these")
-    made.add_argument(
-        "--jobs", type=int, default=1, metavar="N", help="processes of one thread each for all runs that are not timed"
+    made = Parser(
+        prog="python -m validation", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    made.add_argument("--list", action="store_true", help="list the cases")
+    commands = made.add_subparsers(dest="command", metavar="COMMAND", required=True, parser_class=Parser)
+
+    def add(name: str, words: str) -> argparse.ArgumentParser:
+        return commands.add_parser(name, help=words, description=f"{words[0].upper()}{words[1:]}.")
+
+    part = add("list", "names the experiments, or what some of them hold")
+    part.add_argument(
+        "names", nargs="*", metavar="EXPERIMENT | KIND", help=f"experiments, or one of {', '.join(KINDS)}"
+    )
+    part.set_defaults(perform=listed)
+
+    part = add("run", "runs experiments and checks what they give against its bars, with tables and pictures")
+    part.add_argument("names", nargs="*", metavar="EXPERIMENT", help="all by default")
+    add_options(part, "--only", "--jobs")
+    part.set_defaults(perform=run)
+
+    part = add("claims", "measures what the papers claim, and says whether the written verdicts hold")
+    part.add_argument("names", nargs="*", metavar="CLAIM | SYSTEM", help="all by default")
+    add_options(part, "--jobs")
+    part.add_argument(
+        "--write", action="store_true", help="write what was measured into expected.toml and docs/claims.md"
+    )
+    part.set_defaults(perform=measure_claims)
+
+    part = add("stability", "runs hard cases, whose outcomes are on file, and measures maps of what is stable")
+    part.add_argument("names", nargs="*", metavar="EXPERIMENT | CASE | MAP", help="all by default")
+    add_options(part, "--jobs")
+    part.add_argument("--markdown", action="store_true", help="print the page's rows from the outcomes on file")
+    part.set_defaults(perform=hard_cases)
+
+    part = add("accuracy", "measures error against wall time")
+    part.add_argument("names", nargs="*", metavar="PANEL", help="all by default")
+    add_options(part, "--only")
+    part.add_argument("--compare", nargs=2, metavar=("OLD", "NEW"), help="judge two reports; measures nothing")
+    part.set_defaults(perform=panels)
+
+    command.add_commands(add("measure", "measures the drops behind packaged tables, and writes the tables"))
+    campaign.add_options(add("attack", "attacks the command line for some minutes and counts how it ends"))
     return made
 
 
-def add_options(made: argparse.ArgumentParser) -> None:
-    """What this command and scripts/reproduce.py have in common."""
+def add_options(made: argparse.ArgumentParser, *more: str) -> None:
+    """What the commands that compute and scripts/reproduce.py have in common; `more` of --only and --jobs."""
     size = made.add_mutually_exclusive_group()
     size.add_argument("--quick", action="store_true", help="small sizes: minutes in all")
     size.add_argument("--full", action="store_true", help="the published sizes (the default)")
@@ -46,54 +92,136 @@ def add_options(made: argparse.ArgumentParser) -> None:
     made.add_argument(
         "--json", action="store_true", help="one JSON object on standard output, the rest on standard error"
     )
+    if not more:
+        return
+    made.add_argument("--results", type=Path, default=Path("results"), help="where results are kept and reused")
+    made.add_argument("--figures", type=Path, help="where pictures go; figures, with --quick figures/quick")
+    if "--only" in more:
+        made.add_argument(
+            "--only", nargs="+", default=[], metavar="RUN", help="runs whose names start like one of these"
+        )
+    if "--jobs" in more:
+        made.add_argument("--jobs", type=int, default=1, metavar="N", help="processes for all runs that are not timed")
 
 
 def options_of(given: argparse.Namespace, root: Path = Path()) -> Options:
     """The options of a parsed command line; folders lie under `root` unless they are given."""
-    quick = given.quick
-    figures = getattr(given, "figures", None) or root / ("figures/quick" if quick else "figures")
     return Options(
-        quick=quick,
+        quick=given.quick,
         backend=given.backend,
         peers=given.peers,
         fresh=given.fresh,
         threads=given.threads,
         results=root / getattr(given, "results", "results"),
-        figures=figures,
+        figures=getattr(given, "figures", None) or root / ("figures/quick" if given.quick else "figures"),
         only=tuple(getattr(given, "only", ())),
     )
 
 
+def listed(given: argparse.Namespace) -> int:
+    """What there is: a line for each experiment; of those that are named, everything."""
+    known = discover()
+    kinds = [name for name in given.names if name in KINDS]
+    some = chosen([name for name in given.names if name not in KINDS], known, "experiment or kind")
+    for experiment in some:
+        parts = contents(experiment)
+        if not given.names:
+            counts = ", ".join(f"{len(parts[kind])} {words}" for kind, words in COUNTED.items() if parts[kind])
+            print(f"{experiment.name:22}  {experiment.title} ({counts})")
+            continue
+        for kind in kinds or KINDS:
+            for name, words in parts[kind].items():
+                print(f"{experiment.name:22}  {kind:9}  {name:32}  {words}")
+    return EXIT_FINE
+
+
+COUNTED = dict(zip(KINDS, ("bars", "claims", "hard cases and maps", "panels")))
+
+
+def contents(experiment: Experiment) -> dict[str, dict[str, str]]:
+    """Names and words of an experiment's checks, by kind."""
+    own = [claim for claim in claims.read_claims().values() if claim.experiment == experiment.name]
+    hard = {case.name: case.hard for case in experiment.hard_cases}
+    return {
+        VERDICT: {name: bar["what"] for name, bar in bars(experiment.name).items()},
+        CLAIM: {claim.name: f"{claim.verdict}: {claim.what or claim.says}" for claim in own},
+        HARD_CASE: hard | {m.name: m.title for m in experiment.maps},
+        ACCURACY: {panel.name: panel.title for panel in experiment.panels},
+    }
+
+
+def every_picture() -> dict[str, Picture]:
+    """All pictures by name: of experiments, of their hard cases and maps, and of panels."""
+    options, known = Options(), discover()
+    parts = [part for e in known.values() for part in (e.part(options), stability.part_of(e, options))]
+    parts += [accuracy.part_of(name, panel, options) for name, panel in accuracy.panels(known).values()]
+    return {picture.name: picture for part in parts for picture in part.pictures}
+
+
+def run(given: argparse.Namespace) -> int:
+    """Run experiments."""
+    options = options_of(given)
+    some = chosen(given.names, discover(), "experiment")
+    return told(perform([experiment.part(options) for experiment in some], options, given.jobs), given.json)
+
+
+def hard_cases(given: argparse.Namespace) -> int:
+    """Run hard cases and maps."""
+    options = options_of(given)
+    if given.markdown:
+        for experiment in discover().values():
+            print("\n".join([f"\n{experiment.name}: {experiment.title}", *stability.markdown(experiment)]))
+        return EXIT_FINE
+    return told(perform(stability.parts(given.names, discover(), options), options, given.jobs), given.json)
+
+
+def panels(given: argparse.Namespace) -> int:
+    """Measure error against time, or compare two reports."""
+    if given.compare:
+        comparison = accuracy.compare(*map(accuracy.read_report, given.compare))
+        print("\n".join(comparison.lines))
+        return EXIT_FAILED if comparison.worse else EXIT_FINE
+    some = chosen(given.names, accuracy.panels(discover()), "panel")
+    return told(accuracy.perform_panels(some, options_of(given)), given.json)
+
+
+def measure_claims(given: argparse.Namespace) -> int:
+    """Measure claims."""
+    some = claims.chosen(given.names, claims.read_claims())
+    if given.write and given.quick:
+        raise InputError("claims: --write takes the published sizes; leave --quick out.")
+    options = options_of(given)
+    found = claims.measure(some, options, given.jobs)
+    claims.write_figures(found, options.figures)
+    if given.write:
+        claims.write(found)
+        now = claims.read_claims()
+        found = [claims.Found(now[each.claim.name], each.values, each.missing) for each in found]
+    print(claims.table(found), file=sys.stderr if given.json else sys.stdout)
+    for why in dict.fromkeys(each.missing for each in found if each.missing):
+        names = ", ".join(each.claim.name for each in found if each.missing == why)
+        print(f"not measured: {names} ({why})", file=sys.stderr if given.json else sys.stdout)
+    if given.json:
+        print(claims.as_json(found))
+    return EXIT_FINE if all(each.holds for each in found) else EXIT_FAILED
+
+
+def told(performed: Sequence[Performed], json: bool) -> int:
+    """Report, and the exit code."""
+    report(performed, sys.stderr if json else sys.stdout)
+    if json:
+        print(as_json(performed))
+    return exit_code(performed)
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command; returns its exit code: 0 well, 2 bad input, 3 a run stopped, 4 a verdict failed."""
-    arguments = list(sys.argv[1:] if arguments is None else arguments)
-    if arguments[:1] == ["attack"]:
-        from validation.attack.__main__ import main as attack
-
-        return attack(arguments[1:])
-    given = parser().parse_args(arguments)
+    """Run a command; returns its exit code."""
     try:
-        cases = discover()
-        if given.list:
-            for case in cases.values():
-                print(f"{case.name:12}  {case.title}")
-            return 0
-        options, chosen = options_of(given), chosen_cases(given.case, cases)
-        if given.jobs < 1:
-            raise InputError(f"--jobs = {given.jobs} is not possible; give 1 or more processes.")
-        if given.jobs > 1:
-            from validation.processes import compute_ahead
-
-            compute_ahead(chosen, options, given.jobs)
-            options = dataclasses.replace(options, fresh=False)
-        outcomes = perform(chosen, options)
+        given = parser().parse_args(sys.argv[1:] if arguments is None else arguments)
+        return given.perform(given)
     except RefsimError as error:
         print(error, file=sys.stderr)
         return error.exit_code
-    report(outcomes, sys.stderr if given.json else sys.stdout)
-    if given.json:
-        print(as_json(outcomes))
-    return exit_code(outcomes)
 
 
 if __name__ == "__main__":

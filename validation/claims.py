@@ -1,67 +1,57 @@
-"""What the papers claim, and what was measured of it: `python -m validation.claims [CLAIM ...]`.
+"""What the papers claim, and what was measured of it: `python -m validation claims [CLAIM ...]`.
 
-The claims stand in `claims.toml`, one table each: the source's sentence in translation, where it stands, the test that
-measures it, the bar, and what was measured. The tests stand with their system, in `validation/cases/<case>/claims.py`,
-and are found there. A claim is confirmed if every start keeps the bar, and refuted otherwise; one that cannot be
-measured is not testable, with its reason. Without `--write` the command measures anew what is not stored, and says
-whether the written verdicts still hold.
+A claim stands in the `expected.toml` of the experiment that measures it, as `[claim.NAME]`: the source's sentence in
+translation, where it stands, the bar, and what was measured. How it is measured is a `Measure` of that name, in
+capitals, in the experiment's module `claims`. A claim is confirmed if every start keeps the bar, and refuted otherwise;
+one that cannot be measured is not testable, with its reason.
 """
 
 from __future__ import annotations
 
-import argparse
-import functools
-import importlib
+import dataclasses
 import json
 import math
-import multiprocessing
-import os
-import pkgutil
 import re
-import signal
 import sys
-import time
-import tomllib
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass, field
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
-from refsim.core.errors import InputError, RefsimError, RunStopped
-from validation import cases as case_folder
-from validation.harness import EXIT_FAILED, EXIT_FINE, Options, Results, Run, about_run, interrupted, machine
-from validation.results import Result, finite, load, result_folder, save
-from validation.running import Context
+from refsim.core.errors import InputError
+from validation import checks
+from validation.checks import CLAIM, RULES, expected, number, read_expected
+from validation.experiment import Options, Part, Results, Run, discover
+from validation.perform import machine, perform
+from validation.results import finite
 from validation.tables import Table
-from validation.verdicts import RULES, number
 
-ROOT = Path(__file__).resolve().parent.parent
-FILE = Path(__file__).parent / "claims.toml"
-PAGE = ROOT / "docs" / "claims.md"
+PAGE = Path(__file__).resolve().parent.parent / "docs" / "claims.md"
 CONFIRMED, REFUTED, NOT_TESTABLE = "confirmed", "refuted", "not testable"
 _WANTED = {"system", "says", "where", "verdict"}
-_MEASURED = {"test", "what", "unit", "measured", "spread", "starts"}
+_MEASURED = {"what", "unit", "measured", "spread", "starts"}
 
 
 @dataclass(frozen=True)
 class Claim:
-    """One claim, as it stands in `claims.toml`.
+    """One claim, as it stands on file.
 
-    says      the source's sentence in translation, or what it amounts to; where: section, equation or figure
-    test      "path/of/module.py:NAME" of the `Measure`
-    what      the quantity in words, with its unit
-    rule      at_most, at_least or equals; bound: its number
-    measured  median over the starts (seeds, sizes, states); spread: least and largest; starts: how many
-    reason    why it cannot be tested; of the others, what a reader must know beside the number
+    experiment  in whose folder it stands
+    system      whose page it is on
+    says        the source's sentence in translation, or what it amounts to; where: section, equation or figure
+    what        the quantity in words, with its unit
+    rule        at_most, at_least or equals; bound: its number
+    measured    median over the starts (seeds, sizes, states); spread: least and largest; starts: how many
+    reason      why it cannot be tested; of the others, what a reader must know beside the number
     """
 
     name: str
+    experiment: str
     system: str
     says: str
     where: str
     verdict: str
-    test: str = ""
     what: str = ""
     unit: str = "-"
     rule: str = ""
@@ -118,124 +108,70 @@ class Found:
         return not self.values or self.verdict == self.claim.verdict
 
 
-def read_claims(path: Path = FILE) -> dict[str, Claim]:
-    """The claims by name. Raises ValueError for a file that does not say what it must."""
-    claims = {}
-    for name, entry in tomllib.loads(path.read_text()).items():
-        rules = [rule for rule in RULES if rule in entry]
-        wanted = _WANTED if entry.get("verdict") == NOT_TESTABLE else _WANTED | _MEASURED
-        lacking = wanted - set(entry)
-        unknown = set(entry) - _WANTED - _MEASURED - set(RULES) - {"reason"}
-        if lacking or unknown:
-            raise ValueError(f"{path}: [{name}] lacks {sorted(lacking)} or has unknown keys {sorted(unknown)}")
-        if entry["verdict"] not in (CONFIRMED, REFUTED, NOT_TESTABLE):
-            raise ValueError(f"{path}: [{name}] has the verdict {entry['verdict']!r}")
-        testable = entry["verdict"] != NOT_TESTABLE
-        if len(rules) != testable or not (testable or entry.get("reason")):
-            raise ValueError(f"{path}: [{name}] needs one rule, or a reason why it cannot be tested")
-        given = {key: value for key, value in entry.items() if key not in RULES}
-        if testable:
-            given |= {"rule": rules[0], "bound": entry[rules[0]], "spread": tuple(entry["spread"])}
-        claims[name] = Claim(name=name, **given)
-    return claims
+def measures(module: ModuleType) -> dict[str, Measure]:
+    """Every `Measure` of a module, by its name in small letters, which is that of its claim."""
+    return {name.lower(): value for name, value in vars(module).items() if isinstance(value, Measure)}
 
 
-@functools.cache
-def discover() -> dict[str, Measure]:
-    """Every `Measure` of the modules `validation.cases.<case>.claims`, by "path/of/module.py:NAME"."""
-    found = {}
-    for entry in pkgutil.iter_modules(case_folder.__path__):
-        name = f"{case_folder.__name__}.{entry.name}.claims"
-        if entry.ispkg and importlib.util.find_spec(name):
-            module = importlib.import_module(name)
-            path = Path(str(module.__file__)).resolve().relative_to(ROOT).as_posix()
-            found |= {f"{path}:{key}": value for key, value in vars(module).items() if isinstance(value, Measure)}
+def read_claims(folder: Path | None = None) -> dict[str, Claim]:
+    """The claims of all experiments by name. Raises ValueError for an entry that does not say what it must."""
+    folder, found = folder or checks.FOLDER, {}
+    for path in sorted(folder.glob("*/expected.toml")):
+        for name, entry in expected(path.parent.name, CLAIM, folder).items():
+            found[name] = _claim(name, path.parent.name, entry)
     return found
 
 
-def case_of(test: str) -> str:
-    """The case in whose folder a test stands."""
-    return test.split("/")[2]
+def _claim(name: str, experiment: str, entry: Mapping[str, Any]) -> Claim:
+    rules = [rule for rule in RULES if rule in entry]
+    testable = entry.get("verdict") != NOT_TESTABLE
+    lacking = (_WANTED | _MEASURED if testable else _WANTED) - set(entry)
+    unknown = set(entry) - _WANTED - _MEASURED - set(RULES) - {"reason"}
+    where = f"{experiment}: [claim.{name}]"
+    if lacking or unknown:
+        raise ValueError(f"{where} lacks {sorted(lacking)} or has unknown keys {sorted(unknown)}")
+    if entry["verdict"] not in (CONFIRMED, REFUTED, NOT_TESTABLE):
+        raise ValueError(f"{where} has the verdict {entry['verdict']!r}")
+    if len(rules) != testable or not (testable or entry.get("reason")):
+        raise ValueError(f"{where} needs one rule, or a reason why it cannot be tested")
+    given = {key: value for key, value in entry.items() if key not in RULES}
+    if testable:
+        given |= {"rule": rules[0], "bound": entry[rules[0]], "spread": tuple(entry["spread"])}
+    return Claim(name=name, experiment=experiment, **given)
 
 
 def measure(claims: Sequence[Claim], options: Options, jobs: int = 1, compute: bool = True) -> list[Found]:
     """Values of the claims; what is not stored is computed, in `jobs` processes, or left out."""
-    measures, wanted = discover(), []
-    waiting: dict[Path, Run] = {}
-    timed: dict[Path, Run] = {}
-    for claim in claims:
-        found = Found(claim)
-        wanted.append((found, {}))
+    made, parts = [Found(claim) for claim in claims], {}
+    experiments = discover()
+    for found in made:
+        claim = found.claim
         if claim.verdict == NOT_TESTABLE:
             found.missing = claim.reason
             continue
-        if options.quick and not measures[claim.test].quick:
+        how = experiments[claim.experiment].claims[claim.name]
+        if options.quick and not how.quick:
             found.missing = "takes the published sizes; run without --quick"
             continue
-        for run in measures[claim.test].runs(options):
-            folder = result_folder(options.results, case_of(claim.test), run.key, run.function, run.parameters)
-            wanted[-1][1][run.key] = folder
-            kept = (run.skip or not options.fresh) and load(folder) is not None  # perhaps from a machine that can
-            if not kept and run.skip:
-                found.missing = run.skip
-            elif not kept:
-                (timed if measures[claim.test].timed else waiting)[folder] = run
-    if compute:
-        _compute({folder: run for folder, run in waiting.items() if folder not in timed}, jobs)
-        _compute(timed, 1)
-    for found, folders in wanted:
-        if found.missing:
+        runs = [dataclasses.replace(run, timed=run.timed or how.timed) for run in how.runs(options)]
+        parts[claim.name] = Part(CLAIM, claim.name, claim.experiment, runs, lambda results: ())
+    performed = dict(zip(parts, perform(list(parts.values()), options, jobs, compute)))
+    for found in made:
+        each = performed.get(found.claim.name)
+        if each is None:
             continue
-        stored = {key: load(folder) for key, folder in folders.items()}
-        results = {key: result for key, result in stored.items() if result is not None}
-        if not compute and len(results) < len(stored):
+        if each.skipped:
+            found.missing = next(iter(each.skipped.values()))
+        elif not compute and len(each.results) < len(each.part.runs):
             found.missing = "not measured here"
-            continue
-        found.values = [float(value) for value in measures[found.claim.test].values(results)]
-        found.machine = next((r.about["machine"] for r in results.values() if "machine" in r.about), machine())
-    return [found for found, _ in wanted]
-
-
-def _compute(waiting: Mapping[Path, Run], jobs: int) -> None:
-    """Compute and store; long runs first, one thread each where there are several processes."""
-    from tqdm import tqdm
-
-    order = sorted(waiting.items(), key=lambda item: -item[1].estimate)
-    with tqdm(total=len(order), disable=not order, file=sys.stderr, desc="claims", unit="run") as bar:
-        if jobs <= 1:
-            for folder, run in order:
-                try:
-                    _one(folder, run)
-                except KeyboardInterrupt:
-                    raise interrupted(bar.n, folder.parent.parent) from None
-                bar.update()
-            return
-        spawn = multiprocessing.get_context("spawn")
-        with ProcessPoolExecutor(jobs, mp_context=spawn, initializer=_one_thread) as pool:
-            started = [pool.submit(_one, folder, run, 1) for folder, run in order]
-            try:
-                for done in as_completed(started):
-                    done.result()
-                    bar.update()
-            except KeyboardInterrupt:
-                pool.shutdown(wait=True, cancel_futures=True)
-                raise interrupted(bar.n, order[0][0].parent.parent) from None
-
-
-def _one_thread() -> None:
-    signal.signal(signal.SIGINT, signal.SIG_DFL)  # Ctrl-C ends it without words; the parent says what is kept
-    os.environ["NUMBA_NUM_THREADS"] = "1"  # before Numba is loaded
-
-
-def _one(folder: Path, run: Run, threads: int | None = None) -> None:
-    context, began = Context(threads=threads), time.perf_counter()
-    try:
-        result = run.function(context, **run.parameters)
-    except RunStopped as error:
-        print(f"{folder.name} stopped. {error} (reason: {error.reason})", file=sys.stderr)
-        return
-    about = about_run(folder.parent.name, run, time.perf_counter() - began, context)
-    save(folder, Result(result.values, result.arrays, about))
+        else:
+            for key, why in each.stopped.items():
+                print(f"{found.claim.name}: {key} stopped. {why}", file=sys.stderr)
+            how = experiments[found.claim.experiment].claims[found.claim.name]
+            found.values = [float(value) for value in how.values(each.results)]
+            where = (result.about["machine"] for result in each.results.values() if "machine" in result.about)
+            found.machine = next(where, found.machine)
+    return made
 
 
 # Reports
@@ -269,12 +205,11 @@ def spread_words(values: Sequence[float]) -> str:
 
 
 def _median(values: Sequence[float]) -> float:
-    if any(not math.isfinite(value) for value in values):
-        ordered = sorted(values, key=lambda value: (math.isnan(value), value))
-        return ordered[len(ordered) // 2]
-    ordered = sorted(values)
+    ordered = sorted(values, key=lambda value: (math.isnan(value), value))
     half = len(ordered) // 2
-    return ordered[half] if len(ordered) % 2 else 0.5 * (ordered[half - 1] + ordered[half])
+    if len(ordered) % 2 or not all(map(math.isfinite, ordered)):
+        return ordered[half]
+    return 0.5 * (ordered[half - 1] + ordered[half])
 
 
 def page_table(claims: Mapping[str, Claim], system: str) -> str:
@@ -288,9 +223,10 @@ def page_table(claims: Mapping[str, Claim], system: str) -> str:
     for claim in own:
         lines += ["", f"### {heading(claim)}", "", f"> {claim.says} ({claim.where})", ""]
         if claim.starts:
+            place = f"validation/experiments/{claim.experiment}/claims.py:{claim.name.upper()}"
             lines += [
                 f"{claim.what[0].upper()}{claim.what[1:]}: **{written(claim)}** over {claim.starts}"
-                f" start{'s' * (claim.starts > 1)}; confirmed by {claim.bar()}. Test: `{claim.test}`.",
+                f" start{'s' * (claim.starts > 1)}; confirmed by {claim.bar()}. Test: `{place}`.",
             ]
         if claim.reason:
             lines += [""] * bool(claim.starts) + [claim.reason]
@@ -313,9 +249,8 @@ def anchor(claim: Claim) -> str:
     return f"{claim.name}-{claim.verdict.replace(' ', '-')}"
 
 
-def write(found: Sequence[Found], options: Options) -> None:
-    """Put what was measured into `claims.toml` (numbers and verdict of each entry) and onto the page."""
-    text = FILE.read_text()
+def write(found: Sequence[Found]) -> None:
+    """Put what was measured into the experiments' files (numbers and verdict of each entry) and onto the page."""
     for each in found:
         if each.values:
             values = {
@@ -324,15 +259,17 @@ def write(found: Sequence[Found], options: Options) -> None:
                 "starts": len(each.values),
                 "verdict": each.verdict,
             }
-            begin = re.search(rf"^\[{each.claim.name}\]$", text, re.MULTILINE).start()  # type: ignore[union-attr]
+            path = checks.FOLDER / each.claim.experiment / "expected.toml"
+            text = path.read_text()
+            begin = re.search(rf"^\[claim\.{each.claim.name}\]$", text, re.MULTILINE).start()  # type: ignore[union-attr]
             stop = text.find("\n[", begin + 1)
             entry = text[begin : stop if stop > 0 else None]
             for key, value in values.items():
                 entry, count = re.subn(rf"^{key} = .*$", f"{key} = {_toml(value)}", entry, flags=re.MULTILINE)
                 if count != 1:
-                    raise ValueError(f"[{each.claim.name}] has {count} lines {key} = ...")
-            text = text[:begin] + entry + (text[stop:] if stop > 0 else "")
-    FILE.write_text(text)
+                    raise ValueError(f"[claim.{each.claim.name}] has {count} lines {key} = ...")
+            path.write_text(text[:begin] + entry + (text[stop:] if stop > 0 else ""))
+    read_expected.cache_clear()
     write_page()
 
 
@@ -359,9 +296,9 @@ def write_page() -> None:
     PAGE.write_text(text)
 
 
-def write_figures(found: Sequence[Found], options: Options) -> Path:
+def write_figures(found: Sequence[Found], folder: Path) -> None:
     """Write every value of what was measured to `claims.json` among the figures."""
-    path = options.figures / "claims.json"
+    path = folder / "claims.json"
     path.parent.mkdir(parents=True, exist_ok=True)
     stored = json.loads(path.read_text()) if path.exists() else {}
     for each in found:
@@ -372,24 +309,12 @@ def write_figures(found: Sequence[Found], options: Options) -> Path:
             )  # fmt: skip
     lines = [f"{json.dumps(key)}: {json.dumps(value, allow_nan=False)}" for key, value in stored.items()]
     path.write_text("{\n" + ",\n".join(lines) + "\n}\n")
-    return path
 
 
-def parser() -> argparse.ArgumentParser:
-    """The command line."""
-    made = argparse.ArgumentParser(prog="python -m validation.claims", description=(__doc__ or "").split("\n\n")[0])
-    made.add_argument("claim", nargs="*", help="claims, or systems, to measure; all by default")
-    made.add_argument("--quick", action="store_true", help="small sizes, where they can judge")
-    made.add_argument("--jobs", type=int, default=1, help="processes; each computes on one thread")
-    made.add_argument("--backend", default="cpu", help="numpy, cpu (default) or cuda")
-    made.add_argument("--fresh", action="store_true", help="compute anew what is stored")
-    made.add_argument(
-        "--write", action="store_true", help="write what was measured into claims.toml and docs/claims.md"
-    )
-    made.add_argument("--results", type=Path, default=Path("results"), help="where results are kept and reused")
-    made.add_argument("--figures", type=Path, help="where claims.json goes; figures, with --quick figures/quick")
-    made.add_argument("--list", action="store_true", help="list the claims")
-    return made
+def as_json(found: Sequence[Found]) -> str:
+    """One object: every claim's values and verdicts by name."""
+    named = {e.claim.name: {"values": e.values, "written": e.claim.verdict, "verdict": e.verdict} for e in found}
+    return json.dumps(finite(named), indent=1, allow_nan=False)
 
 
 def chosen(names: Sequence[str], claims: Mapping[str, Claim]) -> list[Claim]:
@@ -397,43 +322,5 @@ def chosen(names: Sequence[str], claims: Mapping[str, Claim]) -> list[Claim]:
     systems = {claim.system for claim in claims.values()}
     for name in names:
         if name not in claims and name not in systems:
-            raise InputError(f"There is no claim or system {name!r}; python -m validation.claims --list names them.")
+            raise InputError(f"There is no claim or system {name!r}; python -m validation list claim names them.")
     return [claim for claim in claims.values() if not names or claim.name in names or claim.system in names]
-
-
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command; returns its exit code: 0 well, 2 bad input, 4 where a written verdict does not hold."""
-    given = parser().parse_args(arguments)
-    try:
-        claims = chosen(given.claim, read_claims())
-        if given.list:
-            for claim in claims:
-                print(f"{claim.system:16}  {claim.name:32}  {claim.verdict:12}  {claim.what or claim.says}")
-            return EXIT_FINE
-        if given.write and given.quick:
-            raise InputError("claims: --write takes the published sizes; leave --quick out.")
-        figures = given.figures or Path("figures/quick" if given.quick else "figures")
-        options = Options(
-            quick=given.quick, backend=given.backend, fresh=given.fresh, results=given.results, figures=figures
-        )
-        found = measure(claims, options, given.jobs)
-    except RefsimError as error:
-        print(error, file=sys.stderr)
-        return error.exit_code
-    write_figures(found, options)
-    if given.write:
-        write(found, options)
-        found = [
-            Found(claim, each.values, each.missing) for claim, each in zip(chosen(given.claim, read_claims()), found)
-        ]
-    print(table(found))
-    for why in dict.fromkeys(each.missing for each in found if each.missing):
-        names = ", ".join(each.claim.name for each in found if each.missing == why)
-        print(f"not measured: {names} ({why})")
-    return EXIT_FINE if all(each.holds for each in found) else EXIT_FAILED
-
-
-if __name__ == "__main__":
-    from validation.claims import main as run  # this module under its own name, as the cases know it
-
-    sys.exit(run())

@@ -1,15 +1,24 @@
-"""How pictures look, and two small renderers: balls and a lit surface, both by depth buffer."""
+"""How pictures look and where they and their data are kept, and two small renderers: balls and a lit surface, both by
+depth buffer."""
 
 from __future__ import annotations
 
 import contextlib
+import gzip
 import io
-from collections.abc import Iterator
+import json
+from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+from refsim.core.errors import InputError
+from validation.results import finite, read_json
+
+if TYPE_CHECKING:
+    from validation.experiment import Picture
 
 # Okabe & Ito's palette, told apart by every kind of colour vision; red and blue where a paper uses them.
 BLACK, ORANGE, SKY, GREEN, YELLOW, BLUE, VERMILION, PURPLE = (
@@ -19,6 +28,7 @@ SURFACE_RED, INTERIOR_BLUE = "#D62728", "#4A7FC1"
 GREY = "#666666"
 DOTS_PER_INCH = 160
 LARGEST_PICTURE = 300_000  # bytes
+LONG_DATA = 10_000  # bytes of a picture's data above which its file is compressed
 WEBP = ((1.0, 78), (1.0, 65), (0.8, 75), (0.65, 75), (0.5, 75))  # share of the size, quality: the first that fits
 
 
@@ -46,6 +56,43 @@ def save_picture(figure: Any, path: Path) -> None:
     raise ValueError(
         f"{path.name} takes {coded.tell()} bytes, more than {LARGEST_PICTURE}: draw less, or mark it shaded."
     )
+
+
+def write_data(picture: Picture, results: Mapping[str, Any], folder: Path) -> Path:
+    """Write the data of a picture, one key a line, in place of the file that is there; compressed (.json.gz) above
+    LONG_DATA bytes."""
+    name, data = picture.name, finite(picture.collect(results))
+    lines = [f"{json.dumps(key)}: {json.dumps(value, allow_nan=False)}" for key, value in data.items()]
+    text = "{\n" + ",\n".join(lines) + "\n}\n"
+    folder.mkdir(parents=True, exist_ok=True)
+    short, long = folder / f"{name}.json", folder / f"{name}.json.gz"
+    compressed = len(text) > LONG_DATA
+    path, other = (long, short) if compressed else (short, long)
+    path.write_bytes(gzip.compress(text.encode(), 9, mtime=0) if compressed else text.encode())
+    other.unlink(missing_ok=True)
+    return path
+
+
+def read_data(folder: Path, name: str) -> Any:
+    """Data of a picture. Raises OSError or ValueError where there is no such file, or another."""
+    long = folder / f"{name}.json.gz"
+    return read_json(long if long.exists() else folder / f"{name}.json")
+
+
+def redraw(picture: Picture, folder: Path) -> Path:
+    """Draw a picture from its data file. Raises InputError where that is missing."""
+    try:
+        data = read_data(folder, picture.name)
+    except (OSError, ValueError) as error:
+        raise InputError(f"There is no data to draw {picture.name} from ({error}); run the experiment first.") from None
+    path = folder / picture.file
+    with style():
+        figure = picture.draw(data)
+        save_picture(figure, path)
+        import matplotlib.pyplot as plt
+
+        plt.close(figure)
+    return path
 
 
 @contextlib.contextmanager

@@ -1,6 +1,6 @@
 """Readings of a panel that a GPU gave, for machines without one.
 
-On a machine with a GPU `python -m validation.accuracy_cost PANEL --backend cuda` stores
+On a machine with a GPU `python -m validation accuracy PANEL --backend cuda` stores
 `results/accuracy_cost_PANEL/<run>-<digest>/result.json`. A copy of that file, `gpu_reports/accuracy_cost_PANEL.json`,
 brings its points into the panel of every other machine, with the device and the date. They stand beside that machine's
 own points: its front and its advice are without them.
@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from refsim.backends.arrays import unavailable
-from validation.harness import Options, Run
+from validation.experiment import Options, Run
 from validation.results import Result
 from validation.running import Context
 

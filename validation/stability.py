@@ -1,133 +1,99 @@
-"""`python -m validation.stability [CASE ...]`: hard cases, whose outcomes are on file, and maps of what is stable.
+"""Hard cases, whose outcomes are on file, and maps of what is stable: `python -m validation stability [NAME ...]`.
 
-Every folder of `validation/cases/` that has a module `stability` with a `STABILITY` takes part
-(`validation.trials.Stability`); its outcomes stand in `validation/expected/stability/<folder>.toml`. A hard case
-ends in a pass, a refusal, or a stop with a reason; what stands on file must come out again. In every cell of a map the
+An experiment names them as `hard_cases` and `maps`. A hard case ends in a pass, a refusal, or a stop with a reason;
+what stands in the experiment's `expected.toml`, as `[hard_case.NAME]`, must come out again. In every cell of a map the
 runner's own limit must lie below what was measured.
 """
 
 from __future__ import annotations
 
-import argparse
-import contextlib
-import dataclasses
-import importlib
-import importlib.util
 import math
-import pkgutil
-import sys
 import textwrap
-import tomllib
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
-from refsim.core.errors import InputError, RefsimError
-from validation import cases as case_folder
-from validation.__main__ import add_options, options_of
-from validation.harness import (
-    Case,
-    Options,
-    Outcome,
-    Picture,
-    Results,
-    Run,
-    as_json,
-    chosen_cases,
-    exit_code,
-    perform,
-    report,
-)
-from validation.processes import compute_ahead
+from validation.checks import FAIL, HARD_CASE, Check, expected, number
+from validation.checks import PASS as WELL
+from validation.experiment import Experiment, Options, Part, Picture, Results, Run, chosen
 from validation.results import Result, real
 from validation.tables import Table
-from validation.trials import FAILS, PASS, REFUSED, STOPPED, WARNED, Cell, HardCase, Stability, StabilityMap
-from validation.verdicts import EXPECTED, FAIL, Measurement, number
-from validation.verdicts import PASS as WELL
-
-OUTCOMES = EXPECTED / "stability"
+from validation.trials import FAILS, PASS, REFUSED, STOPPED, WARNED, Cell, HardCase, StabilityMap
 
 
-def discover(folder: ModuleType = case_folder) -> dict[str, Stability]:
-    """Every system's hard cases and maps, by the name of its folder."""
-    found = {}
-    for entry in pkgutil.iter_modules(folder.__path__):
-        place = f"{folder.__name__}.{entry.name}"
-        if entry.ispkg and importlib.util.find_spec(f"{place}.stability") is not None:
-            found[entry.name] = importlib.import_module(f"{place}.stability").STABILITY
-    return found
-
-
-@dataclasses.dataclass(frozen=True)
-class Recorded:
+@dataclass(frozen=True)
+class OnFile:
     """The outcome on file of one hard case; `why` explains one that is not a pass."""
 
     outcome: str
     why: str = ""
 
 
-def recorded(system: str, folder: Path = OUTCOMES) -> dict[str, Recorded]:
-    """The outcomes on file. Raises ValueError for a file that does not say what it must."""
-    path = folder / f"{system}.toml"
-    with open(path, "rb") as file:
-        entries = tomllib.load(file)
+def outcomes(experiment: str, folder: Path | None = None) -> dict[str, OnFile]:
+    """The outcomes on file. Raises ValueError for an entry that does not say what it must."""
+    entries = expected(experiment, HARD_CASE, folder)
     for name, entry in entries.items():
         said = entry.get("outcome", "")
         if not said or set(entry) - {"outcome", "why"} or ("why" in entry) == (said == PASS):
-            raise ValueError(f"{path}: [{name}] needs an outcome and, unless that is a pass, why; it has {entry}")
-    return {name: Recorded(**entry) for name, entry in entries.items()}
+            raise ValueError(f"{experiment}: [hard_case.{name}] needs an outcome and, unless that is a pass, why")
+    return {name: OnFile(**entry) for name, entry in entries.items()}
 
 
-# What harness.perform is given
+def parts(names: Sequence[str], experiments: Mapping[str, Experiment], options: Options) -> list[Part]:
+    """The named experiments, hard cases and maps, or all. Raises InputError for a name that there is not."""
+    own = {name: e for name, e in experiments.items() if e.hard_cases or e.maps}
+    owner = {part.name: name for name, e in own.items() for part in (*e.hard_cases, *e.maps)}
+    chosen(names, {**own, **owner}, "experiment, hard case or map")
+    made = []
+    for name, experiment in own.items():
+        some = [part for part in names if owner.get(part) == name]
+        if name in names or not names:
+            made.append(part_of(experiment, options))
+        elif some:
+            made.append(part_of(experiment, options, some))
+    return made
 
 
-def as_case(
-    system: str, stability: Stability, only: Sequence[str] = (), folder: Path = OUTCOMES, maps: bool = True
-) -> Case:
-    """A system's hard cases and maps as one case of the harness; `only` names some of them."""
-    hard = [case for case in stability.cases if not only or case.name in only]
-    drawn = [m for m in stability.maps if maps and (not only or m.name in only)]
+def part_of(experiment: Experiment, options: Options, only: Sequence[str] = (), folder: Path | None = None) -> Part:
+    """An experiment's hard cases and maps; `only` names some of them."""
+    hard = [case for case in experiment.hard_cases if not only or case.name in only]
+    maps = [m for m in experiment.maps if not only or m.name in only]
+    runs = []
+    for case in hard:
+        skip = "long; run without --quick" if options.quick and not case.short and not only else ""
+        parameters = {**case.parameters, "backend": options.backend}
+        runs.append(Run(case.name, case.function, parameters, estimate=case.seconds, skip=skip))
+    for m in maps:
+        if options.quick and not only:
+            runs.append(Run(m.name, m.cells[0].function, skip="a sweep of many runs; run without --quick"))
+            continue
+        for cell in m.cells:
+            parameters = {**cell.parameters, "backend": options.backend}
+            runs.append(Run(_key(m, cell), cell.function, parameters, estimate=cell.seconds))
 
-    def runs(options: Options) -> list[Run]:
-        made = []
-        for case in hard:
-            parameters = {**case.parameters, "backend": options.backend}
-            skip = "long; run without --quick" if options.quick and not case.short and not only else ""
-            made.append(Run(case.name, case.function, parameters, estimate=case.seconds, skip=skip))
-        for m in drawn:
-            if options.quick and not only:
-                made.append(Run(m.name, m.cells[0].function, skip="a sweep of many runs; run without --quick"))
-                continue
-            for cell in m.cells:
-                parameters = {**cell.parameters, "backend": options.backend}
-                made.append(Run(_key(m, cell), cell.function, parameters, estimate=cell.seconds))
-        return made
-
-    def judge(results: Results) -> list[Measurement]:
-        known = recorded(system, folder)
+    def checks(results: Results) -> list[Check]:
+        known = outcomes(experiment.name, folder)
         made = [judged(case, results[case.name], known.get(case.name)) for case in hard if case.name in results]
-        for m in drawn:
-            for cell in m.cells:
-                if _key(m, cell) in results:
-                    made.append(judged_cell(m, cell, results[_key(m, cell)]))
-        return made
+        cells = [(m, cell) for m in maps for cell in m.cells if _key(m, cell) in results]
+        return [*made, *(judged_cell(m, cell, results[_key(m, cell)]) for m, cell in cells)]
 
     def tables(results: Results) -> list[Table]:
-        made = [outcome_table(system, hard, results), *(map_table(m, results) for m in drawn)]
-        return [t for t in [*made, *stability.tables(results)] if t.rows]
+        made = [outcome_table(experiment.name, hard, results), *(map_table(m, results) for m in maps)]
+        return [t for t in made if t.rows]
 
-    pictures = tuple(map_picture(m) for m in drawn) + stability.pictures
-    return Case(system, stability.title, runs, judge, pictures, tables)
+    names = {case.name for case in hard}
+    pictures = [*map(map_picture, maps), *(p for p in experiment.pictures if names & set(p.needs))]
+    return Part(HARD_CASE, experiment.name, experiment.name, runs, checks, pictures, tables)
 
 
-def judged(case: HardCase, result: Result, known: Recorded | None) -> Measurement:
+def judged(case: HardCase, result: Result, known: OnFile | None) -> Check:
     """The verdict on an outcome: it is the one on file, or misses fewer checks than that."""
     checks, outcome = result.values["checks"], result.values["outcome"]
     held = sum(check["held"] for check in checks.values())
     expected = known.outcome if known else "nothing on file"
     verdict = WELL if foreseen(outcome, expected) else FAIL
-    return Measurement(
+    return Check(
         case.name, f"{case.hard}: {outcome}", held, f"of {len(checks)} checks", "", f"on file: {expected}", verdict
     )
 
@@ -142,14 +108,14 @@ def foreseen(outcome: str, expected: str) -> bool:
     return outcome == expected or (outcome == PASS and as_kind == WARNED)
 
 
-def judged_cell(m: StabilityMap, cell: Cell, result: Result) -> Measurement:
+def judged_cell(m: StabilityMap, cell: Cell, result: Result) -> Check:
     """The verdict on a map's cell: what the runner lets pass without a word is stable."""
     largest, runner = real(result.values["largest"]), real(result.values["runner"])
     what = f"{m.quantity}, {cell.row}, {cell.column}"
     verdict, expected = WELL if runner <= largest else FAIL, f"at least {number(runner)}, the runner's own"
     if result.values.get("refused"):
         verdict, expected = WELL if largest == 0 else FAIL, "none: the runner refuses to choose a step"
-    return Measurement(_key(m, cell), what, largest, "", "", expected, verdict)
+    return Check(_key(m, cell), what, largest, "", "", expected, verdict)
 
 
 def _key(m: StabilityMap, cell: Cell) -> str:
@@ -285,80 +251,12 @@ def draw_map(data: Mapping[str, Any]) -> Any:
     return figure
 
 
-def markdown(system: str, stability: Stability, folder: Path = OUTCOMES) -> list[str]:
+def markdown(experiment: Experiment) -> list[str]:
     """The rows of the page's table: case, what must hold, outcome on file and why."""
-    known = recorded(system, folder)
+    known = outcomes(experiment.name)
     rows = []
-    for case in stability.cases:
+    for case in experiment.hard_cases:
         on_file = known[case.name]
         outcome = on_file.outcome if on_file.outcome == PASS else f"**{on_file.outcome}**: {on_file.why}"
         rows.append(f"| `{case.name}` | {case.hard} | {case.holds} | {outcome} |")
     return rows
-
-
-# The command
-
-
-def parser() -> argparse.ArgumentParser:
-    """The command line."""
-    made = argparse.ArgumentParser(prog="python -m validation.stability", description=__doc__)
-    made.add_argument("case", nargs="*", help="systems, hard cases or maps, by name; all by default")
-    add_options(made)
-    made.add_argument("--jobs", type=int, default=1, metavar="N", help="processes of one thread each")
-    made.add_argument("--results", type=Path, default=Path("results"), help="where results are kept and reused")
-    made.add_argument("--figures", type=Path, help="where pictures go; figures, with --quick figures/quick")
-    made.add_argument("--list", action="store_true", help="list systems, hard cases and maps")
-    made.add_argument("--markdown", action="store_true", help="print the page's rows from the outcomes on file")
-    return made
-
-
-def chosen(names: Sequence[str], systems: Mapping[str, Stability]) -> list[Case]:
-    """The named systems, hard cases and maps, or all. Raises InputError for a name that there is not."""
-    whole = {name: as_case(name, stability) for name, stability in systems.items()}
-    owner = {part.name: name for name, s in systems.items() for part in (*s.cases, *s.maps)}
-    chosen_cases([name for name in names if name not in owner], {**whole, **dict.fromkeys(owner)})  # type: ignore[arg-type]
-    if not names:
-        return list(whole.values())
-    made = []
-    for name, stability in systems.items():
-        parts = [part for part in names if owner.get(part) == name]
-        if name in names:
-            made.append(whole[name])
-        elif parts:
-            made.append(as_case(name, stability, parts))
-    return made
-
-
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command; returns its exit code: 0 well, 2 bad input, 3 a run stopped outside a trial, 4 a verdict
-    failed (an outcome is not the one on file, or a runner's limit lies beyond what is stable)."""
-    given = parser().parse_args(arguments)
-    try:
-        systems = discover()
-        if given.list or given.markdown:
-            for name, stability in systems.items():
-                print(f"\n{name}: {stability.title}")
-                lines = [f"  {part.name:24} {getattr(part, 'hard', None) or part.title}"
-                         for part in (*stability.cases, *stability.maps)]  # fmt: skip
-                print("\n".join(markdown(name, stability) if given.markdown else lines))
-            return 0
-        options = options_of(given)
-        cases = chosen(given.case, systems)
-        if given.jobs < 1:
-            raise InputError(f"--jobs = {given.jobs} is not possible; give 1 or more processes.")
-        if given.jobs > 1:
-            compute_ahead(cases, options, given.jobs)
-            options = dataclasses.replace(options, fresh=False)
-        outcomes: list[Outcome] = perform(cases, options)
-    except RefsimError as error:
-        print(error, file=sys.stderr)
-        return error.exit_code
-    with contextlib.redirect_stdout(sys.stderr if given.json else sys.stdout):
-        report(outcomes, sys.stdout)
-    if given.json:
-        print(as_json(outcomes))
-    return exit_code(outcomes)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

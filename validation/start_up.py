@@ -1,7 +1,4 @@
-"""What starting costs: a fresh process, with and without compiled kernels on the disk.
-
-`python -m validation.start_up SPEC` is such a process; SPEC is the JSON that `start_up` hands over.
-"""
+"""What starting costs: a fresh process, with and without compiled kernels on the disk."""
 
 from __future__ import annotations
 
@@ -46,7 +43,7 @@ def _process(spec: Mapping[str, Any], cache: str) -> dict[str, float]:
     environment = {**os.environ, "REFSIM_CACHE_DIR": cache, "PYTHONPATH": path}
     began = time.perf_counter()
     done = subprocess.run(
-        [sys.executable, "-m", "validation.start_up", json.dumps(spec)],
+        [sys.executable, "-c", f"from validation.start_up import timed; timed({json.dumps(json.dumps(spec))})"],
         env=environment, capture_output=True, text=True, timeout=TIME_LIMIT, check=False,
     )  # fmt: skip
     whole = time.perf_counter() - began
@@ -55,9 +52,9 @@ def _process(spec: Mapping[str, Any], cache: str) -> dict[str, float]:
     return {"whole": whole, **json.loads(done.stdout.splitlines()[-1])}
 
 
-def main(spec: Mapping[str, Any]) -> None:
-    """Make the scene, take two steps and print the parts' seconds as JSON."""
-    began = time.perf_counter()
+def timed(text: str) -> None:
+    """In a process of its own: make the scene that the JSON names, take two steps, print the parts' seconds as JSON."""
+    began, spec = time.perf_counter(), json.loads(text)
     scene = getattr(importlib.import_module(spec["module"]), spec["function"])(**spec["parameters"])
     from refsim import Simulation
 
@@ -69,7 +66,3 @@ def main(spec: Mapping[str, Any]) -> None:
     simulation.backend.synchronize()
     end = time.perf_counter()
     print(json.dumps({"import": imported - began, "first_step": first - imported, "second_step": end - first}))
-
-
-if __name__ == "__main__":
-    main(json.loads(sys.argv[1]))

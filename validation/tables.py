@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
-from validation.verdicts import Measurement, number
+from validation.checks import number
 
 
 @dataclass(frozen=True)
@@ -36,12 +36,3 @@ def aligned(rows: Sequence[Sequence[str]], right: Sequence[bool]) -> list[str]:
         return "  ".join(parts).rstrip()
 
     return [line(rows[0]), "  ".join("-" * w for w in widths), *map(line, rows[1:])]
-
-
-def verdict_table(measurements: Iterable[tuple[str, Measurement]]) -> str:
-    """The final table: (case, measurement) pairs; the case is named once."""
-    rows, last = [["case", "quantity", "paper", "measured", "", "tolerance", "verdict"]], ""
-    for case, m in measurements:
-        rows.append([case if case != last else "", m.what, m.paper, number(m.value), m.unit, m.tolerance, m.verdict])
-        last = case
-    return "\n".join(aligned(rows, [False, False, False, True, False, False, False]))

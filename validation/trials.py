@@ -1,12 +1,12 @@
 """What hard cases and stability maps are made of: a trial that notes what held and how it ended, and a bisection.
 
-A system states its own in `validation/cases/<system>/stability.py` as `STABILITY`; `validation.stability` finds it.
+An experiment names its own as `hard_cases` and `maps`; `validation.stability` performs and judges them.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any
@@ -17,10 +17,8 @@ from refsim import Plan, Scene, Simulation
 from refsim.core.errors import InputError, RunStopped
 from refsim.engine.driver import check_particles
 from refsim.scene.scene import make_plan
-from validation.harness import Picture, Results
 from validation.results import Result
 from validation.running import Context, momenta, search_log
-from validation.tables import Table
 
 PASS, WARNED, REFUSED, STOPPED, FAILS = "pass", "warned", "refused", "stopped", "fails"
 STANDING = "brakes free rotation"  # of the note on every free liquid with J(11): it foresees no other failure
@@ -84,17 +82,6 @@ class StabilityMap:
     criterion: str
     advice: str
     cells: tuple[Cell, ...]
-
-
-@dataclass(frozen=True)
-class Stability:
-    """The hard cases and maps of one system; pictures and tables are drawn from the cases' results."""
-
-    title: str
-    cases: tuple[HardCase, ...]
-    maps: tuple[StabilityMap, ...] = ()
-    pictures: tuple[Picture, ...] = ()
-    tables: Callable[[Results], Sequence[Table]] = lambda results: ()
 
 
 class Trial:

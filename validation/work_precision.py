@@ -1,6 +1,6 @@
 """Statistics of work and precision: medians, Pareto front, observed order, and whether two reports differ.
 
-Points are plain mappings with "error" and "seconds" (a median), as `validation.accuracy_cost` makes them.
+Points are plain mappings with "error" and "seconds" (a median), as `validation.accuracy` makes them.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """Which coefficient gives which surface tension: the measured sigma map, and its inverse.
 
 Contents: calibrate, Calibration, SETTINGS, sigma_map. The map (`sigma_map.json`) holds what drops at rest and in
-oscillation showed, in shares of the nominal tension, for each model, dimension, support radius h/d, stiffness
-S = sigma/(rho0 c^2 d) of the nominal tension, and set of smoothing kernels. `scripts/measure_drops.py` measures it and
-`validation/sigma_map.py` condenses it.
+oscillation showed, in shares of the nominal tension, for each model, dimension, support radius h/d, stiffness S =
+sigma/(rho0 c^2 d) of the nominal tension, and set of smoothing kernels. `python -m validation measure drops` measures
+it and `validation/measure/sigma_map.py` condenses it.
 """
 
 from __future__ import annotations

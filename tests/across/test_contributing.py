@@ -14,8 +14,8 @@ import sys
 import pytest
 
 ROOT = pathlib.Path(__file__).parents[2]
-FILE = re.compile(r"^```python\n# file: (\S+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
-TOML = re.compile(r"^```toml\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+FILE = re.compile(r"^```python\n# file: (refsim/\S+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+TOML = re.compile(r"^```toml\n(?!# file)(.*?)^```$", re.MULTILINE | re.DOTALL)
 ORDER = ["formulas.py", "reference.py", "kernels.py", "__init__.py", "cases.py"]
 
 FOUND_BESIDE = """

@@ -13,10 +13,10 @@ from refsim.core.operation import REGISTRY
 from refsim.engine.driver import stock
 from refsim.heat import reference
 from refsim.heat.shapes import lattice_moment
-from validation.cases import heat as case
-from validation.cases.heat import exact, runs
+from validation.checks import bars
+from validation.experiments.heat import exact, runs
+from validation.experiments.heat import experiment as case
 from validation.running import Context
-from validation.verdicts import Bounds
 
 BAR = (Box(cells=(8, 4, 4)), Box(lower=(0.8, 0.0, 0.0), cells=(8, 4, 4)))
 NUMBER = 0.1**2 * 1000.0 * 1000.0  # dt [s] of k dt/(rho c d^2) = 1 at k = 1 W/(m K)
@@ -380,9 +380,9 @@ def test_a_sphere_cools_as_the_series_says():
 def test_every_bound_of_the_case_is_held_against_something():
     """Names of bounds are made of schemes and steps; none may go astray."""
     slabs = {f"slab_{s}_{n:g}".replace(".", "_") for s in case.PLAIN for n in runs.NUMBERS if s != "explicit"}
-    named = {name for name in Bounds("heat").entries if name.startswith("slab_")} - {"slab_error", "slab_drift"}
+    named = {name for name in bars("heat") if name.startswith("slab_")} - {"slab_error", "slab_drift"}
     assert named == slabs
-    assert {f"order_{scheme}" for scheme in case.PLAIN} <= set(Bounds("heat").entries)
+    assert {f"order_{scheme}" for scheme in case.PLAIN} <= set(bars("heat"))
 
 
 def test_every_scheme_has_an_operation():

@@ -27,7 +27,7 @@ from refsim.core.operation import REGISTRY
 from refsim.mpm import CROWDED, OVERFULL, UNEVEN, Counting, reference
 from refsim.mpm.grid import FARTHEST
 from refsim.surface_energy import Tension, surface_term
-from validation.cases.mpm_droplet.scene import drop_scene, ellipsoid
+from validation.experiments.mpm_droplet.scene import drop_scene, ellipsoid
 from validation.metrics.mpm import CELL, DENSITY, Transfers, ball, round_trip, turning
 
 CUBES = {2: (8, 8, 1), 3: (5, 5, 5)}

@@ -28,9 +28,9 @@ from refsim.core.effect import Discretisation
 from refsim.core.operation import REGISTRY
 from refsim.smoothing import smoothing
 from refsim.smoothing.reference import viscosity_laplacian
-from validation.cases import viscosity as case_of_drops
-from validation.cases.viscosity import runs
-from validation.harness import Options
+from validation.experiment import Options
+from validation.experiments.viscosity import experiment as case_of_drops
+from validation.experiments.viscosity import runs
 from validation.running import Context
 
 MU = 0.7
@@ -275,11 +275,11 @@ def test_the_case_of_spinning_drops_at_small_size(monkeypatch):
     (planned,) = case_of_drops.planned(Options(quick=True))
     assert planned.parameters == {"dim": 2, "radius": 8.0, "seed": case_of_drops.SEED}
     found = {"spin_2d_4": runs.spin(Context(), 2, 4.0, 1)}
-    verdicts = {m.name: m.verdict for m in case_of_drops.CASE.judge(found)}
+    verdicts = {m.name: m.verdict for m in case_of_drops.EXPERIMENT.checked(found)}
     assert verdicts["kept.spin_2d_4"] == "pass"
     assert set(verdicts.values()) == {"pass", "shown"}
     values = found["spin_2d_4"].values
     assert values["damping.central"] > 1.6 * values["damping.laplacian"] > 0.5
-    assert "4" in str(case_of_drops.CASE.tables(found)[0])
-    (picture,) = case_of_drops.CASE.pictures
+    assert "4" in str(case_of_drops.EXPERIMENT.tables(found)[0])
+    (picture,) = case_of_drops.EXPERIMENT.pictures
     assert len(picture.draw(picture.collect(found)).axes) == 2

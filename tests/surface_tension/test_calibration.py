@@ -9,12 +9,15 @@ import pytest
 
 from refsim import InputError, calibrate, load_scene
 from refsim.surface_tension.calibration import MAP, SETTINGS, sigma_map
-from validation import sigma_map as condensing
-from validation.cases import laplace, oscillation, spurious, water_drop
-from validation.cases.dong import scene as dong_scene
-from validation.cases.water_drop import runs as water
-from validation.drops import device_points, fit_laplace, fit_oscillation, points
-from validation.harness import redraw, write_data
+from validation.drawing import redraw, write_data
+from validation.experiments.dong import scene as dong_scene
+from validation.experiments.laplace import experiment as laplace
+from validation.experiments.oscillation import experiment as oscillation
+from validation.experiments.spurious import experiment as spurious
+from validation.experiments.water_drop import experiment as water_drop
+from validation.experiments.water_drop import runs as water
+from validation.measure import sigma_map as condensing
+from validation.measure.drops import device_points, fit_laplace, fit_oscillation, points
 from validation.results import Result, finite
 
 EXAMPLE = Path(__file__).parents[2] / "docs" / "examples" / "water_drop.toml"
@@ -177,8 +180,9 @@ def test_a_planted_frequency_is_found():
     assert misfit < 1e-3
 
 
-@pytest.mark.parametrize("case", [laplace.CASE, oscillation.CASE, spurious.CASE], ids=lambda case: case.name)
-def test_cases_show_the_published_map(case, tmp_path):
+@pytest.mark.parametrize("shown", [laplace, oscillation, spurious], ids=lambda shown: shown.EXPERIMENT.name)
+def test_experiments_show_the_published_map(shown, tmp_path):
+    case = shown.EXPERIMENT
     values = finite(condensing.published(None, "").values)
     found = {"map": Result(values)}
     if case.name == "laplace":
@@ -210,7 +214,7 @@ def test_a_tiny_drop_can_be_measured():
 
 
 def water_result(laplace=0.0728, rayleigh=0.0728):
-    """What `validation.cases.water_drop.runs.drop` gives, made up."""
+    """What `validation.experiments.water_drop.runs.drop` gives, made up."""
     row = {
         "model": "akinci", "kernels": "wendland", "dim": 3, "cells": 10.0, "seed": 4, "stopped": "", "nominal": 0.02,
         "uncertainty": 0.03, "sound_speed": 4.0, "asked": 0.0728, "particles": 4000, "radius": 1e-3, "jump": 145.0,
@@ -222,11 +226,11 @@ def water_result(laplace=0.0728, rayleigh=0.0728):
 
 def test_a_water_drop_is_held_against_the_newtons_per_metre_that_were_asked_for(tmp_path):
     found = {"a": water_result(), "b": water_result(laplace=0.0772)}  # 6 % off, twice what calibrate is sure of
-    verdicts = {m.name: m.verdict for m in water_drop.CASE.judge(found)}
+    verdicts = {m.name: m.verdict for m in water_drop.EXPERIMENT.checked(found)}
     failed = {name for name, verdict in verdicts.items() if verdict == "fail"}
     assert failed == {"requested.b.laplace", "deviations.b.laplace"}
-    assert "+6.0 %" in str(water_drop.CASE.tables(found)[0])
-    (picture,) = water_drop.CASE.pictures
+    assert "+6.0 %" in str(water_drop.EXPERIMENT.tables(found)[0])
+    (picture,) = water_drop.EXPERIMENT.pictures
     write_data(picture, found, tmp_path)
     assert redraw(picture, tmp_path).stat().st_size > 10_000
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from refsim import InputError, calibrate, calibrate_contact_angle
-from validation import wetting
+from validation.measure import wetting
 
 WATER = {"spacing": 1e-3, "rest_density": 1000.0}
 

@@ -1,6 +1,5 @@
 """What accuracy costs: statistics, the report, its sentence and picture, comparing reports, and tiny real panels."""
 
-import importlib
 import io
 import json
 import math
@@ -10,23 +9,26 @@ import numpy as np
 import pytest
 
 from refsim.core.errors import InputError, RunStopped
-from validation import accuracy_cost, accuracy_picture, harness, results
-from validation.accuracy_cost import Band, Panel
-from validation.cases.dam_break import accuracy_cost as dam_panels
-from validation.cases.dam_break import accuracy_runs as dam_runs
-from validation.cases.droplet import accuracy_cost as drop_panels
-from validation.cases.droplet import accuracy_runs as drop_runs
-from validation.cases.mpm_droplet import accuracy_cost as mpm_panels
-from validation.cases.surface_reconstruction import accuracy_cost as surface_panels
+from validation import accuracy, accuracy_picture, drawing, results
+from validation.__main__ import main
+from validation.accuracy import Band, Panel
+from validation.checks import ACCURACY, Check, Checks
+from validation.experiment import Experiment, Options, Picture, Run, discover
+from validation.experiments.dam_break import accuracy as dam_panels
+from validation.experiments.dam_break import accuracy_runs as dam_runs
+from validation.experiments.droplet import accuracy as drop_panels
+from validation.experiments.droplet import accuracy_runs as drop_runs
+from validation.experiments.mpm_droplet import accuracy as mpm_panels
+from validation.experiments.surface_reconstruction import accuracy as surface_panels
 from validation.gpu_readings import gpu_runs, reported, without_gpu
-from validation.harness import EXIT_FAILED, EXIT_STOPPED, Options, Run
 from validation.metrics import shapes
 from validation.metrics.droplet import radius_variation_scale
+from validation.perform import EXIT_FAILED, EXIT_STOPPED, exit_code
 from validation.reading import Reading, distribution, environment, first_kept, kept_error, measured
+from validation.report import report
 from validation.results import Result
 from validation.running import Context
 from validation.start_up import start_up
-from validation.verdicts import Measurement
 from validation.work_precision import (
     BETTER,
     REPEATS,
@@ -183,12 +185,12 @@ def options(tmp_path):
 
 
 def perform(made, options):
-    return accuracy_cost.perform_panels([], options, {"made_up": made}, io.StringIO())
+    return accuracy.perform_panels([("fake", made)], options, stream=io.StringIO())
 
 
 def made_report(readings=READINGS, **more):
     found = {"one": measured(readings, 1, "cpu")}
-    return accuracy_cost.make_report(panel(**more), found, Options())
+    return accuracy.make_report(panel(**more), found, Options())
 
 
 def test_report_tells_front_failures_sources_and_effects():
@@ -216,7 +218,7 @@ def test_report_tells_front_failures_sources_and_effects():
     assert any(line.startswith("energy:") for line in made["omissions"])
     (where,) = made["where"]
     assert where["threads"] == 1
-    text = "\n".join(str(table) for table in accuracy_cost.tables(made))
+    text = "\n".join(str(table) for table in accuracy.tables(made))
     for part in ("failed: diverged at 0.1 s", "front", "the fine thing", "+300 %", "the moon", made["advice"]):
         assert part in text
 
@@ -225,12 +227,12 @@ def test_repeats_are_pooled_into_medians():
     rounds = {
         f"r{k}": measured([reading("a", 0.01 * (1 + k), [1.0 + k])], 1, "cpu") for k in (4, 0, 1, 2, 3)
     }  # fmt: skip
-    point = accuracy_cost.pooled(rounds)["a"]
+    point = accuracy.pooled(rounds)["a"]
     assert sorted(point["all_seconds"]) == [1.0, 2.0, 3.0, 4.0, 5.0]
     assert (point["seconds"], point["mad"], point["error"]) == (3.0, 1.0, 0.03)
     assert point["parts"]["step"]["median"] == pytest.approx(2.25)
     assert "scatters" in point["unstable"]
-    few = accuracy_cost.pooled(dict(list(rounds.items())[:3]))["a"]
+    few = accuracy.pooled(dict(list(rounds.items())[:3]))["a"]
     assert few["unstable"] == f"only 3 of {REPEATS} repeats"
 
 
@@ -240,11 +242,11 @@ def test_time_to_an_error_is_read_off_the_curve():
     found = {
         f"r{k}": measured([reading("a", 0.02, [4.0 + k], curve=c)], 1, "cpu") for k, c in enumerate(curves)
     }  # fmt: skip
-    point = accuracy_cost.pooled(found)["a"]
-    assert accuracy_cost.time_to(point, 0.03) == {"seconds": 6.0, "mad": 3.0}
-    assert accuracy_cost.time_to(point, 0.01) is None
+    point = accuracy.pooled(found)["a"]
+    assert accuracy.time_to(point, 0.03) == {"seconds": 6.0, "mad": 3.0}
+    assert accuracy.time_to(point, 0.01) is None
     late = {**point, "curves": [{"wall": list(range(9)), "error": [1.0] * 8 + [0.01]}]}
-    assert accuracy_cost.time_to(late, 0.02) is None  # there at the end, but nobody saw it stay
+    assert accuracy.time_to(late, 0.02) is None  # there at the end, but nobody saw it stay
 
 
 def test_advice_follows_the_data():
@@ -280,7 +282,7 @@ def test_what_fails_elsewhere_is_drawn_but_not_advised():
     assert "middle" in made["front"]
     assert "take setting fine" in made["advice"]
     assert made["headline"]["rows"][0]["key"] == "fine"
-    assert "turned about it keeps 0.3" in "\n".join(map(str, accuracy_cost.tables(made)))
+    assert "turned about it keeps 0.3" in "\n".join(map(str, accuracy.tables(made)))
     made = made_report([*READINGS, check(float("nan"), stopped="torn: in two")], check_bar=0.05)
     assert made["points"]["middle"]["elsewhere"] == "turned about: torn: in two"
 
@@ -292,7 +294,7 @@ def test_figure_has_failures_as_crosses_with_their_reason(options):
     assert drawn.name == "accuracy_cost_made_up.png"
     assert drawn.stat().st_size > 30_000
     data = json.loads((options.figures / "accuracy_cost_made_up.json").read_text())
-    assert data["schema"] == accuracy_cost.SCHEMA
+    assert data["schema"] == accuracy.SCHEMA
     from validation.drawing import style
 
     with style():
@@ -313,16 +315,16 @@ def test_figure_has_failures_as_crosses_with_their_reason(options):
 
 
 def test_expected_failures_are_fine_and_others_are_not(options, monkeypatch):
-    assert harness.exit_code(perform(panel(), options)) == 0
+    assert exit_code(perform(panel(), options)) == 0
     unasked = Reading("wild", "setting wild", {"program": "ours"}, stopped="diverged at 0.1 s", spent=2.0)
     monkeypatch.setitem(CHOSEN, "unasked", [*READINGS[:2], unasked])
     outcomes = perform(panel("unasked"), options)
-    assert harness.exit_code(outcomes) == EXIT_STOPPED
+    assert exit_code(outcomes) == EXIT_STOPPED
     text = io.StringIO()
-    harness.report(outcomes, text)
+    report(outcomes, text)
     assert "setting wild: diverged at 0.1 s" in text.getvalue()
-    judged = panel(judge=lambda made: [Measurement("a", "a", 1.0, "", "", "at most 0", "fail")])
-    assert harness.exit_code(perform(judged, options)) == EXIT_FAILED
+    judged = panel(checks=lambda made, check: check.made.append(Check("a", "a", 1.0, "", "", "at most 0", "fail")))
+    assert exit_code(perform(judged, options)) == EXIT_FAILED
 
 
 def test_results_are_reused_and_reports_stay_the_same(options):
@@ -370,8 +372,8 @@ def written(tmp_path):
         made = made_report(readings, **more)
         if where:
             made["where"] = [{**made["where"][0], **where}]
-        picture = harness.Picture(name, lambda found: made, None)
-        return str(harness.write_data(picture, {}, tmp_path))
+        picture = Picture(name, lambda found: made, None)
+        return str(drawing.write_data(picture, {}, tmp_path))
 
     return write
 
@@ -379,62 +381,50 @@ def written(tmp_path):
 def test_two_reports_are_compared(written, capsys):
     slower = [reading("middle", 0.02, 5.0), reading("rough", 0.08, 1.0), reading("new", 0.3, 1.0)]
     old = written("old")
-    assert accuracy_cost.main(["--compare", old, old]) == 0
+    assert main(["accuracy", "--compare", old, old]) == 0
     assert "nothing got worse" in capsys.readouterr().out
-    assert accuracy_cost.main(["--compare", old, written("new", slower)]) == EXIT_FAILED
+    assert main(["accuracy", "--compare", old, written("new", slower)]) == EXIT_FAILED
     said = capsys.readouterr().out
     assert "Verdict: worse (middle: time)" in said
     assert "1.25" in said
     assert "only in the old report: fine, theirs, wasteful, wild" in said
     assert "only in the new report: new" in said
     moved = written("moved", slower, where={"processor": "another"})
-    assert accuracy_cost.main(["--compare", old, moved]) == 0
+    assert main(["accuracy", "--compare", old, moved]) == 0
     assert "times are not compared" in capsys.readouterr().out
 
 
 def test_bad_reports_get_a_sentence_and_code_2(written, tmp_path, capsys):
     junk = tmp_path / "junk.json"
     junk.write_text('{"schema": "something else"}')
-    assert accuracy_cost.main(["--compare", written("old"), str(junk)]) == 2
+    assert main(["accuracy", "--compare", written("old"), str(junk)]) == 2
     assert "no report of schema" in capsys.readouterr().err
-    assert accuracy_cost.main(["--compare", str(tmp_path / "none"), str(junk)]) == 2
+    assert main(["accuracy", "--compare", str(tmp_path / "none"), str(junk)]) == 2
     with pytest.raises(InputError, match="two reports of one panel"):
-        accuracy_cost.compare(made_report(), made_report(name="other"))
+        accuracy.compare(made_report(), made_report(name="other"))
 
 
 # Panels that are there
 
 
-def test_panels_are_found_by_what_they_export(tmp_path, monkeypatch):
-    folder = tmp_path / "someones_systems"
-    (folder / "mine").mkdir(parents=True)
-    (folder / "other").mkdir()
-    for name in ("", "mine", "other"):
-        (folder / name / "__init__.py").write_text("")
-    (folder / "mine" / "accuracy_cost.py").write_text(
-        "from validation.accuracy_cost import Panel\n"
-        "PANELS = [Panel('mine', 't', 'o', 'r', 1.0, lambda o: [], '', '', '', '')]\n"
-    )
-    monkeypatch.syspath_prepend(tmp_path)
-    found = accuracy_cost.discover(importlib.import_module("someones_systems"))
-    assert list(found) == ["mine"]
-    for name in list(sys.modules):
-        if name.startswith("someones_systems"):
-            monkeypatch.delitem(sys.modules, name)
+def test_two_panels_of_one_name_are_refused():
+    both = {name: Experiment(name, "title", panels=(panel(),)) for name in ("mine", "yours")}
+    with pytest.raises(ValueError, match="two panels are called 'made_up'"):
+        accuracy.panels(both)
 
 
-def test_every_panel_has_what_the_figure_needs():
-    panels = accuracy_cost.discover()
+def test_every_panel_has_what_the_figure_needs(tmp_path):
+    panels = {name: panel for name, (_, panel) in accuracy.panels(discover()).items()}
     assert {"detection_2d", "detection_3d", "droplet", "front"} <= set(panels)
     for made in panels.values():
         for options in (Options(), Options(quick=True)):
             runs = made.runs(options)
             assert len({run.key for run in runs}) == len(runs)
             for run in runs:
-                results.result_folder(harness.Path(), made.name, run.key, run.function, run.parameters)
+                results.result_folder(tmp_path, made.name, run.key, run.function, run.parameters)
         for sequence in (made.space, made.time, made.arithmetic, made.tolerance):
             assert len(sequence) > 1
-    assert "detection_2d" in accuracy_cost.quick_panels()
+    assert panels["detection_2d"].quick
 
 
 def test_settings_of_the_panels_are_all_there():
@@ -483,7 +473,7 @@ def test_a_gpus_report_brings_its_points(tmp_path):
     assert without_gpu("made_up", Options(), tmp_path) == []
     (run,) = gpu_runs("made_up", Options(), tmp_path)
     given = {"one": measured(READINGS, 1, "cpu"), run.key: reported(Context(), **run.parameters, folder=tmp_path)}
-    made = accuracy_cost.make_report(panel(lines=(("ours", ("rough", "middle", "missing")),)), given, Options())
+    made = accuracy.make_report(panel(lines=(("ours", ("rough", "middle", "missing")),)), given, Options())
     assert made["points"]["cuda_middle"]["words"] == "setting middle, on a GPU"
     assert made["points"]["middle"]["seconds"] == pytest.approx(4.0)
     assert (made["front"], made["front_elsewhere"]) == (["rough", "middle", "fine"], ["cuda_middle"])
@@ -493,9 +483,9 @@ def test_a_gpus_report_brings_its_points(tmp_path):
 
 
 def test_unknown_panels_get_a_sentence(tmp_path, capsys):
-    assert accuracy_cost.main(["dropplet", "--results", str(tmp_path)]) == 2
+    assert main(["accuracy", "dropplet", "--results", str(tmp_path)]) == 2
     assert "no panel 'dropplet'; did you mean 'droplet'?" in capsys.readouterr().err
-    assert accuracy_cost.main(["--list"]) == 0
+    assert main(["list", "accuracy"]) == 0
     assert "front" in capsys.readouterr().out
 
 
@@ -508,7 +498,7 @@ def test_misplaced_surface_is_the_distance_between_both_sets():
 
 
 def test_stored_states_are_those_that_are_named():
-    from validation.cases.dam_break.state import STORED, load_state
+    from validation.experiments.dam_break.state import STORED, load_state
 
     for name, (columns, depth, moment) in STORED.items():
         state = load_state(name)
@@ -608,8 +598,10 @@ def test_the_bar_against_the_peer_is_judged_by_times(monkeypatch):
     (made,) = drop_panels.PANELS
 
     def verdicts(*readings):
-        report = accuracy_cost.make_report(made, {"one": measured(readings, 2, "cpu")}, Options())
-        return {m.name: m for m in drop_panels.judge(report)}
+        report = accuracy.make_report(made, {"one": measured(readings, 2, "cpu")}, Options())
+        check = Checks("droplet", ACCURACY)
+        made.checks(report, check)
+        return {m.name: m for m in check.made}
 
     assert verdicts(own, peer)["against_peer"].value == pytest.approx(0.2)
     assert verdicts(own, peer)["against_peer"].verdict == "pass"
@@ -623,7 +615,7 @@ def test_the_bar_against_the_peer_is_judged_by_times(monkeypatch):
 @pytest.mark.slow
 def test_starts_are_timed_cold_and_warm():
     scene = {
-        "module": "validation.cases.dam_break.accuracy_runs",
+        "module": "validation.experiments.dam_break.accuracy_runs",
         "function": "front_scene",
         "parameters": {"columns": 4, "dtype": "float32", "effects": {}},
     }
@@ -636,6 +628,6 @@ def test_reports_survive_json(tmp_path):
     stored = tmp_path / "one"
     results.save(stored, Result(found["one"].values, {}, {"date": "2020-01-01"}))
     again = {"one": results.load(stored)}
-    first, second = (accuracy_cost.make_report(panel(), r, Options()) for r in (found, again))
+    first, second = (accuracy.make_report(panel(), r, Options()) for r in (found, again))
     assert results.finite(first["points"]) == results.finite(second["points"])
     assert first["advice"] == second["advice"]

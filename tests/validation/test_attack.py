@@ -7,7 +7,7 @@ import pytest
 
 from validation.__main__ import main
 from validation.attack import BAD, GOOD, KINDS, checkpoints, commands, libraries
-from validation.attack.__main__ import FINDINGS, mixed
+from validation.attack.campaign import FINDINGS, mixed
 from validation.attack.pool import carry_out, draw, perform
 
 STORED = sorted(FINDINGS.glob("*.json"))

@@ -8,11 +8,14 @@ import re
 import numpy as np
 import pytest
 
-from validation import claims as command
-from validation.cases.dam_break import claims as dam_break
-from validation.cases.droplet import claims as droplet
-from validation.claims import CONFIRMED, NOT_TESTABLE, REFUTED, Claim, Found, Measure, discover, read_claims
-from validation.harness import EXIT_FAILED, EXIT_FINE, EXIT_INPUT, Options, Run
+from validation import checks
+from validation import claims as claiming
+from validation.__main__ import main
+from validation.claims import CONFIRMED, NOT_TESTABLE, REFUTED, Claim, Found, Measure, read_claims
+from validation.experiment import Experiment, Options, Run, discover
+from validation.experiments.dam_break import claims as dam_break
+from validation.experiments.droplet import claims as droplet
+from validation.perform import EXIT_FAILED, EXIT_FINE, EXIT_INPUT
 from validation.results import Result
 from validation.running import Context
 
@@ -24,10 +27,11 @@ TESTABLE = [name for name, claim in CLAIMS.items() if claim.verdict != NOT_TESTA
 # What is written
 
 
-def test_every_claim_has_a_test_of_its_own():
-    tests = [claim.test for claim in CLAIMS.values() if claim.verdict != NOT_TESTABLE]
-    assert set(tests) <= set(discover())
-    assert len(set(tests)) == len(tests)
+def test_every_claim_has_a_measure_of_its_own_and_no_measure_is_left_over():
+    measured = {name for experiment in discover().values() for name in experiment.claims}
+    assert measured == set(TESTABLE)
+    for name in TESTABLE:
+        assert name in discover()[CLAIMS[name].experiment].claims
 
 
 @pytest.mark.parametrize("name", TESTABLE)
@@ -55,8 +59,8 @@ def test_every_value_behind_a_claim_is_published(name):
 def test_the_page_shows_the_claims(system):
     page = (ROOT / "docs" / "claims.md").read_text()
     between = re.search(rf"<!-- claims of {system} -->\n(.*?)<!-- end of {system} -->", page, re.DOTALL)
-    assert between, "write the two marks, then run python -m validation.claims --write"
-    assert between[1].strip() == command.page_table(CLAIMS, system).strip()
+    assert between, "write the two marks, then run python -m validation claims --write"
+    assert between[1].strip() == claiming.page_table(CLAIMS, system).strip()
 
 
 def test_the_issue_of_each_claim_is_there():
@@ -69,8 +73,15 @@ def test_the_issue_of_each_claim_is_there():
 
 
 def claim(**changes):
-    given = {"name": "one", "system": "s", "says": "It is small.", "where": "here", "verdict": CONFIRMED}
-    tested = {"test": "validation/cases/droplet/claims.py:ONE", "what": "a size", "rule": "at_most", "bound": 1.0}
+    given = {
+        "name": "one",
+        "experiment": "e",
+        "system": "s",
+        "says": "It is small.",
+        "where": "here",
+        "verdict": CONFIRMED,
+    }
+    tested = {"what": "a size", "rule": "at_most", "bound": 1.0}
     return Claim(**{**given, **tested, **changes})
 
 
@@ -92,16 +103,17 @@ def test_what_was_measured_is_held_against_what_is_written():
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ('[a]\nsystem="s"\nsays="x"\nwhere="y"\nverdict="not testable"', "a reason"),
-        ('[a]\nsystem="s"\nsays="x"\nwhere="y"\nverdict="perhaps"', "lacks"),
-        ('[a]\nsystem="s"\nsays="x"\nverdict="not testable"\nreason="z"', "lacks"),
-        ('[a]\nsystem="s"\nsays="x"\nwhere="y"\nverdict="not testable"\nreason="z"\nmood="good"', "unknown"),
+        ('verdict="not testable"\nwhere="y"', "a reason"),
+        ('verdict="perhaps"\nwhere="y"', "lacks"),
+        ('verdict="not testable"\nreason="z"', "lacks"),
+        ('verdict="not testable"\nwhere="y"\nreason="z"\nmood="good"', "unknown"),
     ],
 )
 def test_an_incomplete_claim_is_refused(text, words, tmp_path):
-    (tmp_path / "claims.toml").write_text(text)
+    (tmp_path / "e").mkdir()
+    (tmp_path / "e" / "expected.toml").write_text(f'[claim.a]\nsystem="s"\nsays="x"\n{text}')
     with pytest.raises(ValueError, match=words):
-        read_claims(tmp_path / "claims.toml")
+        read_claims(tmp_path)
 
 
 # The command
@@ -114,11 +126,12 @@ def number_of(context, value):
 @pytest.fixture
 def own(tmp_path, monkeypatch):
     """A file, a page and one measure of our own; its values are set by the test."""
-    (tmp_path / "claims.toml").write_text(
-        '[small]\nsystem = "s"\nsays = "It is small."\nwhere = "(1)"\ntest = "validation/cases/droplet/claims.py:ONE"\n'
-        'what = "its size"\nunit = "m"\nat_most = 1\nmeasured = 0.5\nspread = [0.5, 0.5]\nstarts = 1\n'
-        'verdict = "confirmed"\n\n[nice]\nsystem = "s"\nsays = "It is nice."\nwhere = "(2)"\n'
-        'verdict = "not testable"\nreason = "No measure."\n'
+    (tmp_path / "e").mkdir()
+    (tmp_path / "e" / "expected.toml").write_text(
+        '[claim.small]\nsystem = "s"\nsays = "It is small."\nwhere = "(1)"\nwhat = "its size"\nunit = "m"\n'
+        'at_most = 1\nmeasured = 0.5\nspread = [0.5, 0.5]\nstarts = 1\nverdict = "confirmed"\n\n'
+        '[claim.nice]\nsystem = "s"\nsays = "It is nice."\nwhere = "(2)"\nverdict = "not testable"\n'
+        'reason = "No measure."\n'
     )
     (tmp_path / "claims.md").write_text("# Page\n<!-- claims of s -->\n<!-- end of s -->\nmore\n")
     values = [0.25, 0.5, 0.75]
@@ -127,21 +140,20 @@ def own(tmp_path, monkeypatch):
         return [Run(f"size_{k}", number_of, {"value": value}) for k, value in enumerate(values)]
 
     one = Measure(runs, lambda results: [result.values["value"] for result in results.values()])
-    monkeypatch.setattr(command, "FILE", tmp_path / "claims.toml")
-    monkeypatch.setattr(command, "PAGE", tmp_path / "claims.md")
-    monkeypatch.setattr(command, "discover", lambda: {"validation/cases/droplet/claims.py:ONE": one})
-    monkeypatch.setattr(command, "read_claims", lambda: read_claims(tmp_path / "claims.toml"))
+    monkeypatch.setattr(checks, "FOLDER", tmp_path)
+    monkeypatch.setattr(claiming, "PAGE", tmp_path / "claims.md")
+    monkeypatch.setattr(claiming, "discover", lambda: {"e": Experiment("e", "title", claims={"small": one})})
     folders = ["--results", str(tmp_path / "results"), "--figures", str(tmp_path / "figures")]
     return values, folders, tmp_path
 
 
 def test_the_command_measures_stores_and_writes(own, capsys):
     values, folders, folder = own
-    assert command.main(["--write", *folders]) == EXIT_FINE
+    assert main(["claims", "--write", *folders]) == EXIT_FINE
     printed = capsys.readouterr().out
     assert "0.5 (0.25 to 0.75)" in printed
     assert "No measure." in printed
-    written = read_claims(folder / "claims.toml")["small"]
+    written = read_claims()["small"]
     assert (written.measured, written.spread, written.starts) == (0.5, (0.25, 0.75), 3)
     page = (folder / "claims.md").read_text()
     assert page.startswith("# Page\n")
@@ -150,41 +162,41 @@ def test_the_command_measures_stores_and_writes(own, capsys):
     assert "**0.5 (0.25 to 0.75) m** over 3 starts" in page
     assert "| [`small`](#small-confirmed) | (1) | 0.5 (0.25 to 0.75) m | at most 1 | confirmed |" in page
     assert json.loads((folder / "figures" / "claims.json").read_text())["small"]["values"] == values
-    assert len(list((folder / "results" / "droplet").iterdir())) == 3
+    assert len(list((folder / "results" / "e").iterdir())) == 3
 
 
 def test_a_verdict_that_no_longer_holds_is_told_and_can_be_written(own, capsys):
     values, folders, folder = own
     values[2] = 1.5
-    assert command.main(folders) == EXIT_FAILED
+    assert main(["claims", *folders]) == EXIT_FAILED
     assert "confirmed  now refuted" in capsys.readouterr().out
-    assert read_claims(folder / "claims.toml")["small"].verdict == CONFIRMED
-    assert command.main(["--write", *folders]) == EXIT_FINE
-    assert read_claims(folder / "claims.toml")["small"].verdict == REFUTED
+    assert read_claims()["small"].verdict == CONFIRMED
+    assert main(["claims", "--write", *folders]) == EXIT_FINE
+    assert read_claims()["small"].verdict == REFUTED
     assert "### `small`: refuted" in (folder / "claims.md").read_text()
 
 
 def test_without_computing_only_stored_results_count(own):
     values, folders, folder = own
     options = Options(results=folder / "results")
-    (found, _) = command.measure(list(command.read_claims().values()), options, compute=False)
+    (found, _) = claiming.measure(list(read_claims().values()), options, compute=False)
     assert found.missing == "not measured here"
-    command.main(folders)
-    (found, _) = command.measure(list(command.read_claims().values()), options, compute=False)
+    main(["claims", *folders])
+    (found, _) = claiming.measure(list(read_claims().values()), options, compute=False)
     assert found.values == values
 
 
 def test_bad_input_gets_a_sentence(own, capsys):
     _, folders, _ = own
-    assert command.main(["smell", *folders]) == EXIT_INPUT
+    assert main(["claims", "smell", *folders]) == EXIT_INPUT
     assert "no claim or system 'smell'" in capsys.readouterr().err
-    assert command.main(["--write", "--quick", *folders]) == EXIT_INPUT
+    assert main(["claims", "--write", "--quick", *folders]) == EXIT_INPUT
 
 
 def test_processes_give_what_one_gives(tmp_path):
     """Two closed forms of the droplet in two processes, stored and read back."""
     chosen = [CLAIMS["repulsion_3d"], CLAIMS["repulsion_2d"]]
-    found = command.measure(chosen, Options(quick=True, results=tmp_path), jobs=2)
+    found = claiming.measure(chosen, Options(quick=True, results=tmp_path), jobs=2)
     assert [each.values[0] for each in found] == pytest.approx([1.968, 0.222], abs=1e-3)
     assert all(each.holds for each in found)
     (folder, *_) = (tmp_path / "droplet").iterdir()
@@ -220,8 +232,8 @@ def test_released_pressure_and_splash_runs():
 
 def test_runs_of_the_published_sizes_are_those_of_the_cases():
     """What a case has computed serves its claims: same key, same parameters."""
-    from validation.cases.dam_break import CASE as DAM_BREAK
-    from validation.cases.droplet import CASE as DROPLET
+    from validation.experiments.dam_break.experiment import EXPERIMENT as DAM_BREAK
+    from validation.experiments.droplet.experiment import EXPERIMENT as DROPLET
 
     for case, measure in ((DROPLET, droplet.AREA_ROUNDS), (DAM_BREAK, dam_break.FIGURE_5_UPPER)):
         known = {run.key: run for run in case.runs(Options())}
@@ -237,7 +249,7 @@ def test_a_drop_that_never_comes_to_rest_is_infinitely_later():
             f"claim_steady_soft_{key}": Result({"steady": mine}) for key in droplet.FROM
         }
 
-    values = droplet.STEADY_SOFT.values
+    values = droplet.STEADY_SOONER_SOFT.values
     assert values(results({"wall": 3.0}, {"wall": 2.0})) == [1.5] * 4
     assert values(results(None, {"wall": 2.0})) == [math.inf] * 4
     assert values(results({"wall": 3.0}, None)) == [0.0] * 4

@@ -5,9 +5,11 @@ import math
 import numpy as np
 import pytest
 
-from validation.cases import dong_table_1
-from validation.cases.dong import CASE, pictures, runs, scene
-from validation.harness import Options, redraw, write_data
+from validation.drawing import redraw, write_data
+from validation.experiment import Options
+from validation.experiments.dong import pictures, runs, scene
+from validation.experiments.dong.experiment import EXPERIMENT
+from validation.experiments.dong_table_1 import experiment as dong_table_1
 from validation.metrics.spread import layers, parts, seen_from_above
 from validation.results import Result
 from validation.running import refusal
@@ -78,14 +80,14 @@ def test_printed_step_is_refused_for_a_stiff_liquid_and_taken_for_a_soft_one():
 
 
 def test_every_picture_has_its_runs():
-    planned = {run.key for run in CASE.runs(Options())}
-    assert {name for picture in CASE.pictures for name in picture.needs} <= planned
-    frames = next(run for run in CASE.runs(Options()) if run.key == "rest_with").parameters["frames"]
+    planned = {run.key for run in EXPERIMENT.runs(Options())}
+    assert {name for picture in EXPERIMENT.pictures for name in picture.needs} <= planned
+    frames = next(run for run in EXPERIMENT.runs(Options()) if run.key == "rest_with").parameters["frames"]
     assert {*scene.FRAMES, *scene.LATER, *pictures.MERGING, pictures.REST} <= set(frames)
 
 
 def test_table_1_takes_the_median_of_its_turns(tmp_path):
-    runs_of = dong_table_1.CASE.runs(Options())
+    runs_of = dong_table_1.EXPERIMENT.runs(Options())
     assert {run.key for run in runs_of} == set(dong_table_1.NEEDS)
     seconds = {"dong": 0.004, "iif": 0.002, "csf": 0.005}
     found = {}
@@ -94,12 +96,12 @@ def test_table_1_takes_the_median_of_its_turns(tmp_path):
         step = seconds[model] * (10 if turn == 3 else 1)  # a turn that was disturbed
         values = {"model": model, "case": case, "step": step, "steps": 40, "frames": 40, "particles": 7, "threads": 2}
         found[run.key] = Result(values)
-    shares = {m.name: m.value for m in dong_table_1.CASE.judge(found)}
+    shares = {m.name: m.value for m in dong_table_1.EXPERIMENT.checked(found)}
     assert shares["frame_over_iif.oil"] == pytest.approx(2.0)
     assert shares["frame_over_csf.droplet"] == pytest.approx(0.8)
-    (table,) = dong_table_1.CASE.tables(found)
+    (table,) = dong_table_1.EXPERIMENT.tables(found)
     assert "4.0 (4.0 to 40.0)" in str(table)
-    (picture,) = dong_table_1.CASE.pictures
+    (picture,) = dong_table_1.EXPERIMENT.pictures
     write_data(picture, found, tmp_path)
     assert redraw(picture, tmp_path).stat().st_size > 10_000
-    assert dong_table_1.CASE.tables({}) == []
+    assert dong_table_1.EXPERIMENT.tables({}) == []

@@ -11,13 +11,13 @@ from refsim.core import cases
 from refsim.core.operation import REGISTRY
 from refsim.scene.scene import make_plan
 from refsim.scene.solids import body_cells
-from validation.cases import melting
-from validation.cases.melting import pictures, rival, runs, shapes
-from validation.cases.melting.scene import FIGURES, made, scene_of, shared_tank
-from validation.harness import Options
+from validation.checks import FAIL
+from validation.experiment import Options
+from validation.experiments.melting import experiment as melting
+from validation.experiments.melting import pictures, rival, runs, shapes
+from validation.experiments.melting.scene import FIGURES, made, scene_of, shared_tank
 from validation.results import Result, finite
 from validation.running import Context
-from validation.verdicts import FAIL
 
 
 def test_two_methods_cannot_make_one_argument():
@@ -84,7 +84,7 @@ def test_a_run_keeps_frames_and_what_it_watched(cube):
     assert values["series"]["solid"][0] == 125
     assert 0 < cube.arrays["solid_2"].sum() <= 63
     assert values["series"]["mass"][-1] > values["series"]["mass"][0], "ice becomes heavier as water"
-    made_of = melting.judge({"figure_4": cube})
+    made_of = melting.EXPERIMENT.checked({"figure_4": cube})
     assert made_of
     assert not [m for m in made_of if m.verdict == FAIL], made_of
 
@@ -147,10 +147,10 @@ def test_every_operation_counts_in_one_stage():
 def test_quick_leaves_nothing_out():
     keys = {run.key for run in melting.planned(Options(quick=True))}
     assert keys == {run.key for run in melting.planned(Options())}
-    needed = {name for picture in melting.CASE.pictures for name in picture.needs}
+    needed = {name for picture in melting.EXPERIMENT.pictures for name in picture.needs}
     assert needed <= keys
     empty: dict[str, Result] = {}
-    assert melting.judge(empty) == []
+    assert melting.EXPERIMENT.checked(empty) == []
     assert melting.tables(empty) == []
 
 

@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 
 from refsim.core.effect import EFFECTS
-from validation.cases.models import CASE, judge, pictures, runs, scene, tables
-from validation.harness import Options, write_data
+from validation.drawing import write_data
+from validation.experiment import Options
+from validation.experiments.models import pictures, runs, scene
+from validation.experiments.models.experiment import EXPERIMENT, tables
 from validation.running import Context
 
 
@@ -21,7 +23,7 @@ def test_every_published_model_is_there():
     patent = {"normal_difference_2014"}  # of the mesh boundary's system; without cohesion it makes no drop
     assert named | {"jiang_zhu_2023"} | patent == tensions | {"iisph"}
     assert [m.paper for m in scene.MODELS.values() if m.paper] == [30.3, 34.6, 36.0, 35.1, 34.3]
-    planned = {run.key for run in CASE.runs(Options())}
+    planned = {run.key for run in EXPERIMENT.runs(Options())}
     assert planned == {f"{shape}_{name}" for shape in ("cube", "cut") for name in scene.MODELS}
 
 
@@ -42,8 +44,8 @@ def test_tables_and_verdicts_show_every_run(small):
     text = str(table)
     assert "35.1" in text
     assert "125 particles" in text
-    assert len(judge(small)) == 8 * len(small)
-    assert all(m.verdict == "shown" for m in judge(small))
+    assert len(EXPERIMENT.checked(small)) == 8 * len(small)
+    assert all(m.verdict == "shown" for m in EXPERIMENT.checked(small))
 
 
 def test_pictures_have_their_data(small, tmp_path):
@@ -53,4 +55,4 @@ def test_pictures_have_their_data(small, tmp_path):
     becker = curves["Becker & Teschner 2007"]
     assert (becker <= 0).all()  # no repulsion, whatever is said of it (Jiang & Zhu E15)
     assert all((curves[name][0] > 0) for name in curves if name != "Becker & Teschner 2007")
-    assert write_data(CASE.pictures[0], {}, tmp_path).exists()
+    assert write_data(EXPERIMENT.pictures[0], {}, tmp_path).exists()

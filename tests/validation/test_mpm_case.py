@@ -8,11 +8,11 @@ import pytest
 import trimesh
 
 from refsim import Simulation
-from validation.cases import mpm_droplet
-from validation.cases.mpm_droplet import drops, measures, pictures
-from validation.cases.mpm_droplet.scene import CELLS, box, drop_scene, ellipsoid, lattice, radius_of, turned
-from validation.cases.mpm_droplet.stability import Turning
-from validation.harness import Options
+from validation.experiment import Options
+from validation.experiments.mpm_droplet import drops, measures, pictures
+from validation.experiments.mpm_droplet import experiment as mpm_droplet
+from validation.experiments.mpm_droplet.scene import CELLS, box, drop_scene, ellipsoid, lattice, radius_of, turned
+from validation.experiments.mpm_droplet.stability import Turning
 from validation.results import Result
 from validation.running import Context
 

@@ -1,58 +1,59 @@
-"""Hard cases end as it stands on file; the harness notices where they do not; maps are what they say."""
+"""Hard cases end as it stands on file; the command notices where they do not; maps are what they say."""
 
 import io
 import json
 import math
 import pathlib
-import types
 
 import numpy as np
 import pytest
 
 from refsim import Box, Cloud, InputError, JiangZhu2023, RunStopped, Scene, WeaklyCompressible
 from refsim.scene.scene import make_plan
-from validation import harness, stability
-from validation.cases.droplet.stability import pieces
+from validation import perform, stability
+from validation.__main__ import main
+from validation.experiment import Experiment, Options, Part, Run, discover
+from validation.experiments.droplet.stability import pieces
 from validation.metrics.voids import find_voids
 from validation.results import Result, finite
 from validation.running import Context
-from validation.trials import Cell, HardCase, Stability, StabilityMap, Trial, largest_stable, silent_up_to
+from validation.trials import Cell, HardCase, StabilityMap, Trial, largest_stable, silent_up_to
 
 ROOT = pathlib.Path(__file__).parents[2]
-SYSTEMS = stability.discover()
-SHORT = [(name, case) for name, system in SYSTEMS.items() for case in system.cases if case.short]
+EXPERIMENTS = discover()
+SHORT = [(name, case) for name, experiment in EXPERIMENTS.items() for case in experiment.hard_cases if case.short]
 
 
 @pytest.mark.parametrize(("system", "case"), SHORT, ids=[case.name for _, case in SHORT])
 def test_a_hard_case_ends_as_on_file(system, case):
     result = case.function(Context(threads=1), backend="cpu", **case.parameters)
-    assert result.values["outcome"] == stability.recorded(system)[case.name].outcome, result.values
+    assert result.values["outcome"] == stability.outcomes(system)[case.name].outcome, result.values
 
 
 # What is on file
 
 
 def test_every_case_has_its_outcome_on_file_and_none_is_left_over():
-    names = [part.name for system in SYSTEMS.values() for part in (*system.cases, *system.maps)]
+    names = [part.name for e in EXPERIMENTS.values() for part in (*e.hard_cases, *e.maps)]
     assert len(set(names)) == len(names)
-    for name, system in SYSTEMS.items():
-        assert set(stability.recorded(name)) == {case.name for case in system.cases}
+    for name, experiment in EXPERIMENTS.items():
+        assert set(stability.outcomes(name)) == {case.name for case in experiment.hard_cases}
 
 
 def test_an_outcome_that_is_no_pass_says_why(tmp_path):
-    for text in (
-        '[a]\noutcome = "refused"\n',
-        '[a]\noutcome = "pass"\nwhy = "x"\n',
-        "[a]\n",
-        '[a]\noutcome = "pass"\nx = 1\n',
-    ):
-        (tmp_path / "s.toml").write_text(text)
+    for k, text in enumerate(('outcome = "refused"', 'outcome = "pass"\nwhy = "x"', "", 'outcome = "pass"\nx = 1')):
+        write_expected(tmp_path / str(k), f"[hard_case.a]\n{text}\n")
         with pytest.raises(ValueError, match="needs an outcome"):
-            stability.recorded("s", tmp_path)
+            stability.outcomes(str(k), tmp_path)
+
+
+def write_expected(folder, text):
+    folder.mkdir()
+    (folder / "expected.toml").write_text(text)
 
 
 def test_every_case_of_the_anchors_is_there():
-    names = " ".join(case.name for system in SYSTEMS.values() for case in system.cases)
+    names = " ".join(case.name for experiment in EXPERIMENTS.values() for case in experiment.hard_cases)
     words = (
         "coincident particles_1 apart_1e-12 film filament mass_ratio tension_x100 nothing step_x1 step_x2 step_x4"
         " step_x8 impact edge cell_borders far_away leaves overflow empty killed disk_full other_backend oh_ voids"
@@ -65,12 +66,12 @@ def test_every_case_of_the_anchors_is_there():
 def test_the_page_has_every_outcome():
     page = (ROOT / "docs" / "stability.md").read_text()
     squeezed = {" ".join(line.split()) for line in page.splitlines()}
-    for name, system in SYSTEMS.items():
-        for row in stability.markdown(name, system):
+    for experiment in EXPERIMENTS.values():
+        for row in stability.markdown(experiment):
             assert " ".join(row.split()) in squeezed, row
 
 
-# The harness
+# The outcomes
 
 
 def trial(*checks, ends=None):
@@ -112,29 +113,30 @@ def limit(context, backend, largest, runner):
 def fake(outcome="pass", largest=2.0, runner=1.0):
     cells = (Cell("a", "b", limit, {"largest": largest, "runner": runner}),)
     case = HardCase("thin", "a thin thing", "it holds", ends, {"outcome": outcome}, short=True)
-    return Stability("fake", (case,), (StabilityMap("limits", "Limits", "x", "calm.", "Take 1.", cells),))
+    limits = StabilityMap("limits", "Limits", "x", "calm.", "Take 1.", cells)
+    return Experiment("fake", "a thin thing", hard_cases=(case,), maps=(limits,))
 
 
-def judged(tmp_path, system, text='[thin]\noutcome = "pass"\n'):
-    (tmp_path / "fake.toml").write_text(text)
-    options = harness.Options(results=tmp_path / "results", figures=tmp_path / "figures")
-    case = stability.as_case("fake", system, folder=tmp_path)
-    return harness.perform([case], options, stream=io.StringIO())
+def judged(tmp_path, experiment, text):
+    write_expected(tmp_path / "fake", text)
+    options = Options(results=tmp_path / "results", figures=tmp_path / "figures")
+    part = stability.part_of(experiment, options, folder=tmp_path)
+    return perform.perform([part], options, stream=io.StringIO())
 
 
 @pytest.mark.parametrize(
     ("system", "text", "code"),
     [
-        (fake(), '[thin]\noutcome = "pass"\n', 0),
-        (fake("stopped: diverged"), '[thin]\noutcome = "stopped: diverged"\nwhy = "thin"\n', 0),
-        (fake("stopped: diverged"), '[thin]\noutcome = "pass"\n', 4),
+        (fake(), '[hard_case.thin]\noutcome = "pass"\n', 0),
+        (fake("stopped: diverged"), '[hard_case.thin]\noutcome = "stopped: diverged"\nwhy = "thin"\n', 0),
+        (fake("stopped: diverged"), '[hard_case.thin]\noutcome = "pass"\n', 4),
         (fake(), "", 4),
-        (fake(largest=0.5), '[thin]\noutcome = "pass"\n', 4),
+        (fake(largest=0.5), '[hard_case.thin]\noutcome = "pass"\n', 4),
     ],
 )
 def test_a_changed_outcome_or_a_limit_beyond_the_stable_fails(tmp_path, system, text, code):
     outcomes = judged(tmp_path, system, text)
-    assert harness.exit_code(outcomes) == code
+    assert perform.exit_code(outcomes) == code
     assert (tmp_path / "figures" / "limits.png").stat().st_size > 1000
     assert "a thin thing" in str(outcomes[0].tables[0])
     assert "tears" in str(outcomes[0].tables[1])
@@ -159,39 +161,31 @@ def test_a_map_is_drawn_from_its_file_where_nothing_failed_and_where_all_did(tmp
     assert said == {"4 or more", "none"}
 
 
-def test_systems_plug_in_by_their_folder(tmp_path, monkeypatch):
-    for name, text in (("alpha", "STABILITY = 'a'"), ("beta", None)):
-        folder = tmp_path / "plugged" / name
-        folder.mkdir(parents=True)
-        (folder / "__init__.py").touch()
-        if text:
-            (folder / "stability.py").write_text(text)
-    monkeypatch.syspath_prepend(tmp_path)
-    folder = types.ModuleType("plugged")
-    folder.__path__ = [str(tmp_path / "plugged")]
-    assert stability.discover(folder) == {"alpha": "a"}
-
-
 def test_the_command(tmp_path, capsys):
-    assert stability.main(["--list"]) == 0
+    assert main(["list", "hard_case"]) == 0
     assert "tension_x100" in capsys.readouterr().out
-    assert stability.main(["no_such_case"]) == 2
-    assert "There is no case 'no_such_case'" in capsys.readouterr().err
-    assert stability.main(["empty_scene", "--jobs", "0"]) == 2
+    assert main(["stability", "--markdown"]) == 0
+    assert "| `tension_x100` |" in capsys.readouterr().out
+    assert main(["stability", "no_such_case"]) == 2
+    assert "There is no experiment, hard case or map 'no_such_case'" in capsys.readouterr().err
     folders = ["--results", str(tmp_path / "results"), "--figures", str(tmp_path / "figures")]
-    assert stability.main(["empty_scene", "empty_cloud", "--json", "--jobs", "2", *folders]) == 0
+    assert main(["stability", "empty_scene", "--jobs", "0", *folders]) == 2
+    assert main(["stability", "empty_scene", "empty_cloud", "--json", "--jobs", "2", *folders]) == 0
     found = json.loads(capsys.readouterr().out)
     assert {name: entry["verdict"] for name, entry in found.items()} == {"empty_scene": "pass", "empty_cloud": "pass"}
 
 
-def test_processes_store_what_they_compute(tmp_path, capsys):
-    cases = stability.chosen(["empty_scene", "empty_cloud"], stability.discover())
-    timed = harness.Run("timed", print, {"threads": 2})  # waits until nothing else runs
-    cases.append(harness.Case("others", "", lambda options: [timed], lambda results: []))
-    stability.compute_ahead(cases, harness.Options(results=tmp_path), jobs=2)
-    assert not (tmp_path / "others").exists()
-    found = {folder.name.rpartition("-")[0] for folder in (tmp_path / "foundation").iterdir()}
-    assert found == {"empty_scene", "empty_cloud"}, capsys.readouterr().err
+def test_what_is_timed_waits_until_nothing_else_runs(tmp_path):
+    options = Options(results=tmp_path / "results", figures=tmp_path / "figures")
+    (own,) = stability.parts(["empty_scene", "empty_cloud"], EXPERIMENTS, options)
+    timed = Run("timed", stored_before, {"folder": str(tmp_path / "results" / "foundation"), "threads": 2})
+    others = Part("verdict", "others", "others", [timed], lambda results: ())
+    (_, last) = perform.perform([own, others], options, jobs=2, stream=io.StringIO())
+    assert last.results["timed"].values == {"stored": 2}
+
+
+def stored_before(context, folder, threads):
+    return Result({"stored": len(list(pathlib.Path(folder).iterdir()))})
 
 
 @pytest.mark.parametrize(

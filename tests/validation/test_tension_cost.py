@@ -5,10 +5,10 @@ import math
 
 import pytest
 
-from validation import drop_seconds
-from validation.cases import tension_cost
-from validation.drops import Point, in_panel
-from validation.sigma_map import ROWS
+from validation.experiments.tension_cost import experiment as tension_cost
+from validation.measure import drop_seconds
+from validation.measure.drops import Point, in_panel
+from validation.measure.sigma_map import ROWS
 
 
 def row(radius, laplace, rayleigh, steps, model="akinci", stopped="", kernels="mueller", seed=1):

@@ -1,4 +1,4 @@
-"""The validation harness: reuse of results, verdicts, exit codes, JSON, drawing; and tiny runs of every case."""
+"""Experiments: reuse of results, verdicts, exit codes, JSON, drawing; and tiny runs of some of them."""
 
 from __future__ import annotations
 
@@ -17,17 +17,20 @@ import pytest
 
 from refsim.core.errors import InputError, RunStopped
 from validation import __main__ as command
-from validation import harness, processes, results, verdicts
-from validation.cases import droplet, timing
-from validation.cases.dam_break import CASE as DAM_BREAK
-from validation.cases.dam_break import runs as dam_runs
-from validation.cases.droplet import runs as droplet_runs
-from validation.harness import Case, Options, Picture, Run
+from validation import checks, drawing, results
+from validation import perform as performing
+from validation.checks import Check, Checks, bars
+from validation.experiment import Experiment, Options, Picture, Run, discover
+from validation.experiments.dam_break import runs as dam_runs
+from validation.experiments.dam_break.experiment import EXPERIMENT as DAM_BREAK
+from validation.experiments.droplet import experiment as droplet
+from validation.experiments.droplet import runs as droplet_runs
+from validation.experiments.timing import experiment as timing
 from validation.peers import splishsplash
+from validation.report import as_json, report
 from validation.results import Result
 from validation.running import Context, advance
 from validation.tables import Table
-from validation.verdicts import Bounds, Measurement
 
 SCRIPTS = Path(__file__).resolve().parents[2] / "scripts"
 CALLS = []
@@ -52,18 +55,19 @@ def draw_line(data):
 
 
 def measurement(value=1.0, verdict="pass", name="double"):
-    return Measurement(name, "twice the value", value, "m", "2", "at most 5", verdict)
+    return Check(name, "twice the value", value, "m", "2", "at most 5", verdict)
 
 
-def fake_case(value=2, judge=None, function=doubled, parameters=None):
-    return Case(
+def fake(value=2, judge=None, function=doubled, parameters=None):
+    judge = judge or (lambda found: [measurement(found["one"].values["double"])] if "one" in found else [])
+    return Experiment(
         name="fake",
-        title="a case for tests",
+        title="an experiment for tests",
         runs=lambda options: [
             Run("one", function, {"value": value} if parameters is None else parameters),
             Run("other", function, {"value": 9}, skip="quick" if options.quick else ""),
         ][: 1 if parameters is not None else 2],
-        judge=judge or (lambda found: [measurement(found["one"].values["double"])] if "one" in found else []),
+        checks=lambda found, check: check.made.extend(judge(found)),
         pictures=(Picture("line", lambda found: {"line": found["one"].arrays["line"]}, draw_line, ("one",)),),
         tables=lambda found: [Table("A table", ["a", "b"], [["x", 1.5], ["y", None]])],
     )
@@ -75,13 +79,13 @@ def options(tmp_path):
     return Options(quick=True, results=tmp_path / "results", figures=tmp_path / "figures")
 
 
-def perform(case, options):
-    return harness.perform([case], options, io.StringIO())
+def perform(experiment, options, **more):
+    return performing.perform([experiment.part(options)], options, stream=io.StringIO(), **more)
 
 
 def test_results_are_kept_by_their_parameters_and_reused(options):
-    (first,) = perform(fake_case(), options)
-    (second,) = perform(fake_case(), options)
+    (first,) = perform(fake(), options)
+    (second,) = perform(fake(), options)
     assert CALLS == [2]
     assert second.reused == ["one"]
     assert second.results["one"].values == first.results["one"].values == {"double": 4, "odd": None}
@@ -89,17 +93,17 @@ def test_results_are_kept_by_their_parameters_and_reused(options):
     about = second.results["one"].about
     assert about["parameters"] == {"value": 2}
     assert {"date", "machine", "seconds", "seconds_compiling"} <= set(about)
-    perform(fake_case(value=3), options)
+    perform(fake(value=3), options)
     assert CALLS == [2, 3]
     assert len(list((options.results / "fake").iterdir())) == 2
 
 
 def test_fresh_and_changed_sources_compute_anew(options, monkeypatch):
-    perform(fake_case(), options)
-    perform(fake_case(), harness.Options(**{**vars(options), "fresh": True}))
+    perform(fake(), options)
+    perform(fake(), dataclasses.replace(options, fresh=True))
     assert CALLS == [2, 2]
     monkeypatch.setattr(results, "sources_digest", lambda file: "another")
-    perform(fake_case(), options)
+    perform(fake(), options)
     assert CALLS == [2, 2, 2]
 
 
@@ -107,7 +111,7 @@ def test_an_interrupted_run_says_what_is_kept(options):
     def stop(context, value):
         raise KeyboardInterrupt
 
-    case = fake_case()
+    case = fake()
     runs = [*case.runs(options)[:1], Run("later", stop, {"value": 1})]
     case = dataclasses.replace(case, runs=lambda options: runs)
     with pytest.raises(RunStopped, match=r"1 finished since the start are kept in .*results; the same command") as told:
@@ -123,22 +127,22 @@ def test_interrupted_processes_start_nothing_more(options, monkeypatch):
         yield next(as_completed(futures))
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(processes, "ProcessPoolExecutor", lambda jobs, **given: ThreadPoolExecutor(1))
-    monkeypatch.setattr(processes, "as_completed", first_only)
+    monkeypatch.setattr(performing, "ProcessPoolExecutor", lambda jobs, **given: ThreadPoolExecutor(1))
+    monkeypatch.setattr(performing, "as_completed", first_only)
     with pytest.raises(RunStopped, match=r"1 finished since the start are kept"):
-        processes.compute_ahead([fake_case()], options, 2)
+        perform(fake(), options, jobs=2)
     assert CALLS == [2]
 
 
 def test_what_cannot_be_done_is_said_before_computing(options, tmp_path):
     with pytest.raises(InputError, match="no run whose name starts with 'ont'; choose from one, other"):
-        perform(fake_case(), dataclasses.replace(options, only=("ont",)))
+        perform(fake(), dataclasses.replace(options, only=("ont",)))
     (tmp_path / "a_file").write_text("")
     for what in ("results", "figures"):
         with pytest.raises(
             InputError, match=f"for {what} cannot be written to .*; make it writable, or give another \\(--{what}\\)."
         ):
-            perform(fake_case(), dataclasses.replace(options, **{what: tmp_path / "a_file" / "in"}))
+            perform(fake(), dataclasses.replace(options, **{what: tmp_path / "a_file" / "in"}))
     assert not CALLS
 
 
@@ -151,15 +155,15 @@ def test_digest_covers_refsim_and_what_a_run_imports():
 
 
 def test_what_is_skipped_is_named_with_its_reason(options):
-    outcomes = perform(fake_case(), options)
+    outcomes = perform(fake(), options)
     text = io.StringIO()
-    harness.report(outcomes, text)
+    report(outcomes, text)
     assert "left out other (quick)" in text.getvalue()
-    whole = harness.Options(**{**vars(options), "quick": False})
-    assert set(perform(fake_case(), harness.Options(**{**vars(whole), "only": ("oth",)}))[0].results) == {"other"}
-    perform(fake_case(), whole)
+    whole = dataclasses.replace(options, quick=False)
+    assert set(perform(fake(), dataclasses.replace(whole, only=("oth",)))[0].results) == {"other"}
+    perform(fake(), whole)
     assert CALLS == [2, 9]
-    assert set(perform(fake_case(), options)[0].results) == {"one", "other"}, "stored, perhaps on a machine that can"
+    assert set(perform(fake(), options)[0].results) == {"one", "other"}, "stored, perhaps on a machine that can"
     assert CALLS == [2, 9]
 
 
@@ -170,42 +174,56 @@ def test_a_result_is_whole_or_not_there(options, monkeypatch):
 
     monkeypatch.setattr(results.np, "savez_compressed", torn)
     with pytest.raises(OSError, match="disk full"):
-        perform(fake_case(), options)
+        perform(fake(), options)
     assert list((options.results / "fake").iterdir()) == []
 
 
 def test_an_unreadable_result_is_computed_anew(options):
-    perform(fake_case(), options)
+    perform(fake(), options)
     (folder,) = (options.results / "fake").iterdir()
     (folder / "result.json").write_text("{")
-    perform(fake_case(), options)
+    perform(fake(), options)
     assert CALLS == [2, 2]
 
 
 def test_verdicts(tmp_path):
-    (tmp_path / "x.toml").write_text(
-        '[low]\nwhat="a"\nunit="m"\nsource="s"\nat_most=0.5\npaper="1"\n'
-        '[high]\nwhat="b"\nunit="m"\nsource="s"\nat_least=2\n'
-        '[same]\nwhat="c"\nunit="-"\nsource="s"\nequals=0\n'
-        '[free]\nwhat="d"\nunit="-"\nsource="s"\n'
+    for name in "xy":
+        (tmp_path / name).mkdir()
+    (tmp_path / "x" / "expected.toml").write_text(
+        '[verdict.low]\nwhat="a"\nunit="m"\nsource="s"\nat_most=0.5\npaper="1"\n'
+        '[verdict.high]\nwhat="b"\nunit="m"\nsource="s"\nat_least=2\n'
+        '[verdict.same]\nwhat="c"\nunit="-"\nsource="s"\nequals=0\n'
+        '[verdict.free]\nwhat="d"\nunit="-"\nsource="s"\n'
     )
-    bounds = Bounds("x", tmp_path)
+    check = Checks("x", folder=tmp_path)
     cases = [("low", 0.5, "pass"), ("low", 0.51, "fail"), ("low", float("nan"), "fail"), ("high", 2.0, "pass")]
-    cases += [("high", 1.9, "fail"), ("same", 0, "pass"), ("same", 1, "fail"), ("free", float("nan"), "shown")]
+    cases += [
+        ("low", None, "fail"),
+        ("high", 1.9, "fail"),
+        ("same", 0, "pass"),
+        ("same", 1, "fail"),
+        ("free", float("nan"), "shown"),
+    ]
     for name, value, verdict in cases:
-        assert bounds.judge(name, value).verdict == verdict, (name, value)
-    made = bounds.judge("low", 0.1, "run_2", "second run")
-    assert (made.name, made.what, made.tolerance) == ("low.run_2", "a, second run", "at most 0.5")
-    (tmp_path / "y.toml").write_text('[low]\nwhat="a"\nunit="m"\nat_most=1\n')
+        assert check(name, value).verdict == verdict, (name, value)
+    made = check("low", 0.1, "run_2", "second run")
+    assert (made.name, made.what, made.bar) == ("low.run_2", "a, second run", "at most 0.5")
+    assert [c.verdict for c in check.made] == [*(verdict for *_, verdict in cases), "pass"]
+    (tmp_path / "y" / "expected.toml").write_text('[verdict.low]\nwhat="a"\nunit="m"\nat_most=1\n')
     with pytest.raises(ValueError, match="source"):
-        Bounds("y", tmp_path)
+        Checks("y", folder=tmp_path)
+    (tmp_path / "x" / "expected.toml").write_text('[low]\nwhat="a"\n')
+    checks.read_expected.cache_clear()
+    with pytest.raises(ValueError, match=r"no kind .*low"):
+        Checks("x", folder=tmp_path)
 
 
 def test_every_bound_on_file_is_complete_and_has_a_source():
-    for name in harness.discover():
-        entries = Bounds(name).entries
-        assert entries
-        assert all(len(entry["source"]) > 10 for entry in entries.values()), name
+    for name, experiment in discover().items():
+        for kind, wanted in (("verdict", name != "foundation"), ("accuracy", name != "boundary" and experiment.panels)):
+            entries = bars(name, kind)
+            assert bool(entries) == bool(wanted), name
+            assert all(len(entry["source"]) > 10 for entry in entries.values()), name
 
 
 @pytest.mark.parametrize(
@@ -213,51 +231,51 @@ def test_every_bound_on_file_is_complete_and_has_a_source():
     [(["pass", "shown"], 0), (["pass", "fail"], 4), ([], 0)],
 )
 def test_exit_codes_follow_the_verdicts(options, judged, code):
-    case = fake_case(judge=lambda found: [measurement(verdict=v) for v in judged])
-    assert harness.exit_code(perform(case, options)) == code
+    case = fake(judge=lambda found: [measurement(verdict=v) for v in judged])
+    assert performing.exit_code(perform(case, options)) == code
 
 
 def test_a_stopped_run_is_reported_and_the_others_go_on(options):
-    outcomes = harness.perform(
-        [fake_case(function=stopping, parameters={}), fake_case(judge=lambda found: [measurement(verdict="fail")])],
-        options,
-        io.StringIO(),
-    )
-    assert harness.exit_code(outcomes) == 3
+    both = [fake(function=stopping, parameters={}), fake(judge=lambda found: [measurement(verdict="fail")])]
+    outcomes = performing.perform([each.part(options) for each in both], options, stream=io.StringIO())
+    assert performing.exit_code(outcomes) == 3
     assert "It collapsed." in outcomes[0].stopped["one"]
-    assert outcomes[1].measurements
+    assert outcomes[1].checks
     assert outcomes[0].drawn == []
     text = io.StringIO()
-    harness.report(outcomes, text)
+    report(outcomes, text)
     assert "one stopped. It collapsed." in text.getvalue()
 
 
 def test_command_prints_one_json_object(options, monkeypatch, capsys):
-    monkeypatch.setattr(command, "discover", lambda: {"fake": fake_case()})
+    monkeypatch.setattr(command, "discover", lambda: {"fake": fake()})
     folders = ["--results", str(options.results), "--figures", str(options.figures)]
-    assert command.main(["fake", "--quick", "--json", *folders]) == 0
+    assert command.main(["run", "fake", "--quick", "--json", *folders]) == 0
     printed = capsys.readouterr()
-    entry = {"value": 4.0, "unit": "m", "paper": "2", "tolerance": "at most 5", "verdict": "pass"}
+    entry = {"value": 4.0, "unit": "m", "paper": "2", "bar": "at most 5", "verdict": "pass"}
     assert json.loads(printed.out) == {"double": entry}
     assert "A table" in printed.err
     assert "verdict" in printed.err
-    assert command.main(["fake", "--quick", *folders]) == 0
+    assert command.main(["run", "fake", "--quick", *folders]) == 0
     printed = capsys.readouterr()
     assert "twice the value" in printed.out
     assert "reused one" in printed.out
 
 
 def test_json_has_null_for_what_is_not_finite(options):
-    outcomes = perform(fake_case(judge=lambda found: [measurement(float("nan"), "fail")]), options)
-    assert json.loads(harness.as_json(outcomes))["double"]["value"] is None
+    outcomes = perform(fake(judge=lambda found: [measurement(float("nan"), "fail")]), options)
+    assert json.loads(as_json(outcomes))["double"]["value"] is None
 
 
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (["dam_brake"], "did you mean 'dam_break'?"),
-        (["zzz"], "choose one of boundary, dam_break"),
-        (["droplet", "--quick", "--backend", "abacus"], "there is no such backend"),
+        (["run", "dam_brake"], "did you mean 'dam_break'?"),
+        (["run", "zzz"], "choose from boundary, dam_break"),
+        (["stability", "zzz"], "no experiment, hard case or map 'zzz'"),
+        (["accuracy", "zzz"], "no panel 'zzz'; choose from"),
+        (["claims", "zzz"], "no claim or system 'zzz'"),
+        (["run", "droplet", "--quick", "--backend", "abacus"], "there is no such backend"),
     ],
 )
 def test_bad_input_gets_a_sentence_and_code_2(arguments, said, tmp_path, capsys):
@@ -267,7 +285,7 @@ def test_bad_input_gets_a_sentence_and_code_2(arguments, said, tmp_path, capsys)
 
 
 def test_pictures_are_drawn_from_their_files_alone(options, monkeypatch):
-    case = fake_case()
+    case = fake()
     perform(case, options)
     picture = options.figures / "line.png"
     before = picture.read_bytes()
@@ -275,11 +293,11 @@ def test_pictures_are_drawn_from_their_files_alone(options, monkeypatch):
     picture.unlink()
     monkeypatch.setattr(results, "load", None)
     CALLS.clear()
-    harness.redraw(case.pictures[0], options.figures)
+    drawing.redraw(case.pictures[0], options.figures)
     assert picture.read_bytes() == before
     assert CALLS == []
-    with pytest.raises(InputError, match="run the case first"):
-        harness.redraw(case.pictures[0], options.figures / "nowhere")
+    with pytest.raises(InputError, match="run the experiment first"):
+        drawing.redraw(case.pictures[0], options.figures / "nowhere")
 
 
 def load_script(name):
@@ -290,11 +308,11 @@ def load_script(name):
 
 
 def test_make_figures_draws_without_simulating(options, monkeypatch, capsys):
-    case = fake_case()
+    case = fake()
     perform(case, options)
     script = load_script("make_figures")
     monkeypatch.setattr(script, "ROOT", options.figures.parent)
-    monkeypatch.setattr(script, "discover", lambda: {"fake": case})
+    monkeypatch.setattr(script, "every_picture", lambda: {p.name: p for p in case.pictures})
     (options.figures / "line.png").unlink()
     CALLS.clear()
     assert script.main([]) == 0
@@ -307,8 +325,8 @@ def test_make_figures_draws_without_simulating(options, monkeypatch, capsys):
 def test_reproduce_runs_every_case_and_passes_on_the_code(options, monkeypatch, capsys):
     script = load_script("reproduce")
     monkeypatch.setattr(script, "ROOT", options.results.parent)
-    monkeypatch.setattr(script, "discover", lambda: {"fake": fake_case(judge=lambda f: [measurement(9.0, "fail")])})
-    monkeypatch.setattr(script, "perform_panels", lambda names, options: [])
+    monkeypatch.setattr(script, "discover", lambda: {"fake": fake(judge=lambda f: [measurement(9.0, "fail")])})
+    monkeypatch.setattr(script, "perform_panels", lambda chosen, options: [])
     assert script.main(["--quick"]) == 4
     printed = capsys.readouterr().out
     assert printed.rstrip().endswith("fail")
@@ -316,21 +334,25 @@ def test_reproduce_runs_every_case_and_passes_on_the_code(options, monkeypatch, 
     assert (options.results.parent / "figures" / "quick" / "line.png").exists()
 
 
-def test_cases_are_found_by_what_they_export(tmp_path, monkeypatch):
+def test_experiments_are_found_by_their_folders(tmp_path, monkeypatch):
     folder = tmp_path / "someones_cases"
     folder.mkdir()
     (folder / "__init__.py").write_text("")
-    (folder / "plain.py").write_text("CASE = None\n")
-    (folder / "mine.py").write_text(
-        "from validation.harness import Case\nCASE = Case('mine', 'title', lambda o: [], lambda r: [])\n"
-    )
+    text = "from validation.experiment import Experiment\nEXPERIMENT = Experiment('mine', 'title')\n"
+    for name in ("mine", "plain"):
+        (folder / name).mkdir()
+    (folder / "mine" / "experiment.py").write_text(text)
     monkeypatch.syspath_prepend(tmp_path)
     module = importlib.import_module("someones_cases")
-    assert list(harness.discover(module)) == ["mine"]
+    assert list(discover(module)) == ["mine"]
+    (folder / "plain" / "experiment.py").write_text(text)
+    discover.cache_clear()
+    with pytest.raises(ValueError, match="is called 'mine'"):
+        discover(module)
     for name in list(sys.modules):
         if name.startswith("someones_cases"):
             monkeypatch.delitem(sys.modules, name)
-    assert {"dam_break", "droplet", "timing"} <= set(harness.discover())
+    assert {"dam_break", "droplet", "timing"} <= set(discover())
 
 
 def test_tables_align_words_left_and_numbers_right():
@@ -342,18 +364,18 @@ def test_tables_align_words_left_and_numbers_right():
 
 
 def judged(case, found):
-    return {m.name: m for m in case.judge(found)}
+    return {m.name: m for m in case.checked(found)}
 
 
 def draw_all(case, found, folder):
     for picture in case.pictures:
         if set(picture.needs) <= set(found):
-            harness.write_data(picture, found, folder)
-            assert harness.redraw(picture, folder).stat().st_size > 4000
+            drawing.write_data(picture, found, folder)
+            assert drawing.redraw(picture, folder).stat().st_size > 4000
 
 
 def as_stored(folder, result):
-    results.save(folder, Result(result.values, result.arrays, {"machine": harness.machine(), "date": "2020-01-01"}))
+    results.save(folder, Result(result.values, result.arrays, {"machine": performing.machine(), "date": "2020-01-01"}))
     return results.load(folder)
 
 
@@ -411,11 +433,11 @@ def test_tiny_droplet(tmp_path):
     values = found["cube_4913"].values
     assert values["particles"] == 1331
     assert values["series"]["cubic_moment"][-1] > values["series"]["cubic_moment"][0]
-    made = judged(droplet.CASE, found)
+    made = judged(droplet.EXPERIMENT, found)
     assert made["momentum.cube_4913"].verdict == "pass"
     assert made["missed_neighbours.cube_4913"].verdict == "pass"
     assert made["lattice_variation.ball"].value < made["lattice_variation.cube"].value
-    draw_all(droplet.CASE, found, tmp_path)
+    draw_all(droplet.EXPERIMENT, found, tmp_path)
 
 
 def test_droplet_starts_have_the_stated_counts_and_one_volume():
@@ -441,8 +463,8 @@ def test_a_drop_that_stops_is_a_result_with_its_reason(monkeypatch):
 def test_a_missing_peer_is_reported_not_crashed_on(monkeypatch):
     monkeypatch.setattr(splishsplash, "missing", lambda: "it is not installed")
     found = {name: timing.runs.against_splishsplash(Context(), 3, 2, 1, 1) for name in timing.PEERS}
-    assert timing.CASE.judge(found) == []
-    assert "left out: it is not installed" in str(timing.CASE.tables(found)[0])
+    assert timing.EXPERIMENT.checked(found) == []
+    assert "left out: it is not installed" in str(timing.EXPERIMENT.tables(found)[0])
 
 
 def test_a_broken_peer_is_reported_with_its_last_words(monkeypatch, tmp_path):
@@ -456,7 +478,7 @@ def test_a_broken_peer_is_reported_with_its_last_words(monkeypatch, tmp_path):
 @pytest.mark.slow
 def test_step_costs_at_small_size(tmp_path):
     found = {"steps": as_stored(tmp_path / "s", timing.runs.step_costs(Context(), 8, "cpu", 1, count=216))}
-    assert all(m.verdict == verdicts.SHOWN and m.value > 0 for m in timing.CASE.judge(found))
+    assert all(m.verdict == checks.SHOWN and m.value > 0 for m in timing.EXPERIMENT.checked(found))
     prices = {row["words"]: row for row in found["steps"].values["prices"]}
     assert prices["gravity"]["launches"] == 1
     assert prices["tension, soft pairs"]["bytes"] > 0

@@ -1,1 +1,0 @@
-"""The liquid that every system stands on: its hard cases (`stability.py`)."""

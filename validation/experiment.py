@@ -1,0 +1,174 @@
+"""What an experiment is: runs, whose results are stored, and checks of what they gave.
+
+A folder of `validation/experiments/` whose module `experiment` has an `EXPERIMENT` is one; its bars and sources stand
+beside it in `expected.toml` (`validation.checks`). Checks are of four kinds. Verdicts and their pictures come from the
+runs of the experiment itself (`python -m validation run`); claims of a paper (`claims`), hard cases and maps of what is
+stable (`stability`) and panels of error against time (`accuracy`) each bring runs of their own.
+"""
+
+from __future__ import annotations
+
+import difflib
+import functools
+import importlib
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import ModuleType
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from refsim.core.errors import InputError
+from validation import experiments as folder_of_experiments
+from validation.checks import VERDICT, Check, Checks
+from validation.results import Result
+from validation.tables import Table
+
+if TYPE_CHECKING:
+    from validation.accuracy import Panel
+    from validation.claims import Measure
+    from validation.trials import HardCase, StabilityMap
+
+Results = Mapping[str, Result]
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Options:
+    """What the user asks for.
+
+    quick    the small sizes of `reproduce.py --quick`, otherwise the published ones
+    peers    also run other programs on the same work
+    fresh    compute anew what is stored
+    threads  of the CPU; all without
+    only     runs whose keys start like one of these; all without
+    """
+
+    quick: bool = False
+    backend: str = "cpu"
+    peers: bool = False
+    fresh: bool = False
+    threads: int | None = None
+    results: Path = Path("results")
+    figures: Path = Path("figures")
+    only: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Run:
+    """One computation: `function(context, **parameters)`, stored under `key` and the digest of its parameters.
+
+    estimate  seconds it may take, for the progress bar
+    skip      why it is left out, if it is
+    timed     its time is what it measures: it runs alone, on all threads; so does one with a parameter `threads`
+    """
+
+    key: str
+    function: Callable[..., Result]
+    parameters: Mapping[str, Any] = field(default_factory=dict)
+    estimate: float = 1.0
+    skip: str = ""
+    timed: bool = False
+
+    @property
+    def alone(self) -> bool:
+        """Whether nothing may run beside it."""
+        return self.timed or "threads" in self.parameters
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A picture and the data it is drawn from: `collect` gives what JSON takes, `draw` makes a figure of that alone.
+
+    `needs`: the runs whose results it shows. `shaded` pictures (rendered surfaces, thousands of particles) are stored
+    as WebP, plots as PNG with a palette.
+    """
+
+    name: str
+    collect: Callable[[Results], Mapping[str, Any]]
+    draw: Callable[[Mapping[str, Any]], Any]
+    needs: tuple[str, ...] = ()
+    shaded: bool = False
+
+    @property
+    def file(self) -> str:
+        """Name of its file."""
+        return f"{self.name}.webp" if self.shaded else f"{self.name}.png"
+
+
+@dataclass(frozen=True)
+class Part:
+    """The runs of one kind of checks that an experiment has under the user's options.
+
+    name    of the experiment, the claim or the panel
+    folder  in which its results are kept, below the folder of results
+    checks, tables   from the results that are there; pictures are drawn where all that they need is there
+    """
+
+    kind: str
+    name: str
+    folder: str
+    runs: Sequence[Run]
+    checks: Callable[[Results], Sequence[Check]]
+    pictures: Sequence[Picture] = ()
+    tables: Callable[[Results], Sequence[Table]] = lambda results: ()
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """One experiment.
+
+    name        of its folder
+    runs        what is to be computed under the options
+    checks      calls `check(name, value)` for every quantity of the results that are there
+    pictures    of the runs and of the hard cases
+    tables      further tables, from the results that are there
+    claims      how each claim of its `expected.toml` is measured, by name
+    hard_cases, maps   scenes that are hard, whose outcomes stand in `expected.toml`, and how far a setting can go
+    panels      error against time
+    """
+
+    name: str
+    title: str
+    runs: Callable[[Options], Sequence[Run]] = lambda options: ()
+    checks: Callable[[Results, Checks], None] = lambda results, check: None
+    pictures: tuple[Picture, ...] = ()
+    tables: Callable[[Results], Sequence[Table]] = lambda results: ()
+    claims: Mapping[str, Measure] = field(default_factory=dict)
+    hard_cases: tuple[HardCase, ...] = ()
+    maps: tuple[StabilityMap, ...] = ()
+    panels: tuple[Panel, ...] = ()
+
+    def checked(self, results: Results) -> list[Check]:
+        """The verdicts on what is there."""
+        check = Checks(self.name)
+        self.checks(results, check)
+        return check.made
+
+    def part(self, options: Options) -> Part:
+        """Its own runs, with the verdicts on them."""
+        drawn = tuple(p for p in self.pictures if not {case.name for case in self.hard_cases} & set(p.needs))
+        return Part(VERDICT, self.name, self.name, self.runs(options), self.checked, drawn, self.tables)
+
+
+@functools.cache
+def discover(folder: ModuleType = folder_of_experiments) -> dict[str, Experiment]:
+    """The experiments by name. Raises ValueError for one that is not called as its folder is."""
+    found = {}
+    for path in sorted(path for place in folder.__path__ for path in Path(place).glob("*/experiment.py")):
+        name = path.parent.name
+        found[name] = importlib.import_module(f"{folder.__name__}.{name}.experiment").EXPERIMENT
+        if found[name].name != name:
+            raise ValueError(f"the experiment in {path.parent} is called {found[name].name!r}")
+    return found
+
+
+def chosen(names: Iterable[str], known: Mapping[str, T], what: str) -> list[T]:
+    """The named ones, or all without names. Raises InputError for a name that there is not."""
+    names = list(names)
+    for name in names:
+        if name not in known:
+            near = difflib.get_close_matches(name, known, n=1)
+            some = ", ".join([*known][:20]) + (", ..." if len(known) > 20 else "")
+            hint = f"did you mean {near[0]!r}?" if near else f"choose from {some}."
+            raise InputError(f"There is no {what} {name!r}; {hint}")
+    return [known[name] for name in names or known]

@@ -1,0 +1,77 @@
+"""What accuracy costs on meshes: evenness of particles over iterations, the distance over spacing and bytes."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from validation.accuracy import Panel
+from validation.experiment import Options, Run
+from validation.experiments.boundary import sampling_accuracy_runs
+from validation.experiments.dam_break.accuracy import unavailable
+from validation.work_precision import REPEATS
+
+ITERATIONS = (1, 3, 10, 20, 30, 1000)
+SPACINGS = (0.16, 0.08, 0.04, 0.02)
+COUNT = 5000
+
+
+def sampling_runs(options: Options) -> list[Run]:
+    """One run, in which all settings take turns."""
+    settings: dict[str, dict[str, Any]] = {}
+
+    def add(key: str, words: str, iterations: int, dtype: str = "float32", count: int = COUNT) -> None:
+        knobs = {"dtype": dtype, "backend": options.backend, "particles": count}
+        settings[key] = {"words": f"{words}, {dtype}", "knobs": knobs, "iterations": iterations, "count": count}
+
+    for number in ITERATIONS[::2] if options.quick else ITERATIONS:
+        add(f"k{number}", f"{number} iterations" if number < 1000 else "until they rest", number)
+    if not options.quick:
+        add("k1000_float64", "until they rest", 1000, "float64")
+        add("k1000_half", f"until they rest, {COUNT // 2:,} particles", 1000, count=COUNT // 2)
+    parameters = {"settings": settings, "backend": options.backend, "threads": options.threads, "repeats": REPEATS}
+    return [Run("quality", sampling_accuracy_runs.quality, parameters, estimate=30.0)]
+
+
+def distance_runs(options: Options) -> list[Run]:
+    """One run, in which all settings take turns."""
+    settings: dict[str, dict[str, Any]] = {}
+    for spacing in SPACINGS[:2] if options.quick else SPACINGS:
+        knobs = {"spacing": spacing, "dtype": "float32", "backend": options.backend}
+        settings[f"h{spacing:g}"] = {"words": f"h = {spacing:g} m, float32", "knobs": knobs}
+    knobs = {"spacing": SPACINGS[1], "dtype": "float64", "backend": options.backend}
+    settings[f"h{SPACINGS[1]:g}_float64"] = {"words": f"h = {SPACINGS[1]:g} m, float64", "knobs": knobs}
+    parameters = {"settings": settings, "backend": options.backend, "threads": options.threads, "repeats": REPEATS}
+    return [Run("distance", sampling_accuracy_runs.distance, parameters, estimate=40.0)]
+
+
+PANELS = (
+    Panel(
+        name="boundary_sampling",
+        title="Boundary particles on an organic shape",
+        observable="variation of the distance to the nearest particle",
+        reference="equal distances",
+        stated=0.05,
+        runs=sampling_runs,
+        space="more particles are no better spread",
+        time="nothing is stepped",
+        arithmetic=("k1000", "k1000_float64"),
+        tolerance="iterations are the panel's own axis",
+        effects=(("float64 for float32", "k1000", "k1000_float64"),),
+        exact=False,
+        omissions=lambda options: [*unavailable(options)],
+    ),
+    Panel(
+        name="signed_distance",
+        title="Signed distance from a ball of 82k triangles",
+        observable="rms error of the trilinear distance within 0.02 m of the surface [m]",
+        reference="the ball that the mesh was cut from",
+        stated=1e-3,
+        runs=distance_runs,
+        space=tuple(f"h{spacing:g}" for spacing in SPACINGS),
+        space_theory=2.0,
+        time="nothing is stepped",
+        arithmetic=(f"h{SPACINGS[1]:g}", f"h{SPACINGS[1]:g}_float64"),
+        tolerance="nothing is iterated",
+        omissions=lambda options: [*unavailable(options), "spacings below the mesh's own edges, 0.017 m"],
+    ),
+)

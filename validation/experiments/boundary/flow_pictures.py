@@ -1,0 +1,144 @@
+"""Pictures of liquid at meshes, each drawn from its own data file."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from validation.drawing import BLUE, GREY, VERMILION, ball_picture, show_image, view_matrix, visible_balls
+from validation.experiment import Results
+from validation.experiments.boundary.flow_runs import ARMS, DENSITY, GRAVITY, POUR, SPACING
+from validation.results import real
+
+VIEW = view_matrix(azimuth=32.0, elevation=22.0)
+EXTENT = 0.17  # half width of a frame [m]
+WATER, SOLID = (0.16, 0.50, 0.80), (0.72, 0.66, 0.58)
+MILLI = 1e-4  # unit of stored coordinates [m]
+
+
+def pour_data(results: Results) -> dict[str, Any]:
+    """The particles that can be seen, half-way and at the end, of every shape and arm."""
+    rows = []
+    for shape in POUR:
+        for arm, words in ARMS.items():
+            result = results[f"flow_pour_{shape}_{arm}"]
+            solid = result.arrays["solid"].astype(float)
+            frames = []
+            for k in (2, 5):
+                liquid = result.arrays["position"][k].astype(float)
+                both = np.vstack([liquid, solid])
+                seen = visible_balls(both, 0.5 * SPACING, VIEW, EXTENT)
+                frame = result.values["frames"][k]
+                frames.append(
+                    {
+                        "time_s": frame["time"], "components": frame["components"], "holes": frame["holes"],
+                        "liquid": np.rint(both[seen[seen < len(liquid)]] / MILLI).astype(int),
+                        "solid": np.rint(both[seen[seen >= len(liquid)]] / MILLI).astype(int),
+                    }
+                )  # fmt: skip
+            rows.append({"shape": shape, "arm": words, "frames": frames})
+    return {"title": "Liquid poured on solids, by tension", "rows": rows}
+
+
+def pour_picture(data: Mapping[str, Any]) -> Any:
+    """A shape a row; half-way and at the end of each arm."""
+    import matplotlib.pyplot as plt
+
+    shapes = list(dict.fromkeys(row["shape"] for row in data["rows"]))
+    arms = list(dict.fromkeys(row["arm"] for row in data["rows"]))
+    figure, axes = plt.subplots(len(shapes), 2 * len(arms), figsize=(2.05 * 2 * len(arms), 2.25 * len(shapes)))
+    for row in data["rows"]:
+        for k, frame in enumerate(row["frames"]):
+            place = axes[shapes.index(row["shape"])][2 * arms.index(row["arm"]) + k]
+            place.set_axis_off()
+            liquid = np.array(frame["liquid"], dtype=float).reshape(-1, 3) * MILLI
+            solid = np.array(frame["solid"], dtype=float).reshape(-1, 3) * MILLI
+            x = np.vstack([liquid, solid])
+            colour = np.vstack([np.broadcast_to(WATER, liquid.shape), np.broadcast_to(SOLID, solid.shape)])
+            show_image(place, ball_picture(x, 0.5 * SPACING, colour, VIEW, EXTENT, 260), EXTENT)
+            words = f"{frame['time_s']:.2f} s: {frame['components']} parts, {frame['holes']} holes"
+            place.text(0.5, 0.0, words, transform=place.transAxes, ha="center", va="top", fontsize=7, color="#444444")
+            if arms.index(row["arm"]) == 0 and k == 0:
+                side = {"rotation": 90, "ha": "right", "va": "center", "fontsize": 8.5, "fontweight": "bold"}
+                place.text(-0.02, 0.5, row["shape"], transform=place.transAxes, **side)
+            if shapes.index(row["shape"]) == 0 and k == 0:
+                place.set_title(row["arm"], fontsize=8.5, loc="left")
+    figure.suptitle(data["title"], fontsize=10.5, fontweight="bold")
+    return figure
+
+
+def rain_data(results: Results) -> dict[str, Any]:
+    """Particles inside after any step, by step, shape and correction; null where it was not run."""
+    keys = [key.split("_")[2:] for key in results if key.startswith("flow_rain_")]
+    shapes = list(dict.fromkeys(key[0] for key in keys))
+    shares = sorted({float(key[2]) for key in keys})
+
+    def found(name: str, shape: str, correction: str, share: float) -> float | None:
+        result = results.get(f"flow_rain_{shape}_{correction}_{share:g}")
+        return None if result is None else real(result.values[name])
+
+    def table(name: str) -> dict[str, dict[str, list[float | None]]]:
+        return {f"{s:g}": {c: [found(name, shape, c, s) for shape in shapes] for c in RAIN_WORDS} for s in shares}
+
+    return {
+        "title": "Rain of 2,560 particles at 2 m/s: found inside the solid after a step",
+        "shapes": shapes, "inside": table("ever_inside"), "deepest_spacings": table("deepest_spacings"),
+    }  # fmt: skip
+
+
+RAIN_WORDS = {
+    "none": ("no correction", VERMILION), "point": ("where the step ends", GREY), "swept": ("swept correction", BLUE),
+}  # fmt: skip
+
+
+def rain_picture(data: Mapping[str, Any]) -> Any:
+    """A panel a step, bars by shape."""
+    import matplotlib.pyplot as plt
+
+    panels = data["inside"]
+    figure, axes = plt.subplots(len(panels), 1, figsize=(7.2, 1.7 * len(panels) + 0.6), sharex=True, squeeze=False)
+    at = np.arange(len(data["shapes"]))
+    for place, (share, rows) in zip(axes[:, 0], panels.items()):
+        for shift, (key, (words, colour)) in zip((-0.27, 0.0, 0.27), RAIN_WORDS.items()):
+            known = [k for k, value in enumerate(rows[key]) if value is not None]
+            if known:
+                values = [rows[key][k] for k in known]
+                bars = place.bar(at[known] + shift, values, 0.26, color=colour, label=words)
+                place.bar_label(bars, fmt="%d", fontsize=7, padding=1)
+        place.margins(y=0.25)
+        place.set_ylabel("particles")
+        words = "the runner's own step" if share == "1" else f"{share} times the runner's step"
+        place.set_title(words, fontsize=9, loc="left")
+    first = next((p for p in axes[:, 0] if len(p.get_legend_handles_labels()[0]) == len(RAIN_WORDS)), axes[0, 0])
+    figure.legend(*first.get_legend_handles_labels(), loc="outside lower center", fontsize=8, ncols=3)
+    axes[-1, 0].set_xticks(at, data["shapes"])
+    figure.suptitle(data["title"], fontsize=10.5, fontweight="bold")
+    return figure
+
+
+def tank_data(results: Results) -> dict[str, Any]:
+    """Pressure of every particle by height, mean of the last tenth of the steps."""
+    result = results["flow_tank"]
+    return {
+        "title": "A tank at rest: pressure by height, over 10,000 steps",
+        "height_m": result.arrays["height"].round(5),
+        "pressure_pa": result.arrays["pressure"].round(2),
+        "surface_m": real(result.values["surface_m"]),
+        "level_m": real(result.values["level_m"]),
+    }
+
+
+def tank_picture(data: Mapping[str, Any]) -> Any:
+    """Dots, and the hydrostatic line."""
+    import matplotlib.pyplot as plt
+
+    figure, axes = plt.subplots(figsize=(5.6, 3.8))
+    axes.plot(data["pressure_pa"], data["height_m"], ".", color=BLUE, markersize=2.5, label="particles")
+    z = np.linspace(0, data["level_m"], 20)
+    axes.plot(DENSITY * GRAVITY * (data["level_m"] - z), z, color=GREY, label=r"$\rho_0 g (z_s - z)$")
+    axes.set(xlabel="pressure [Pa]", ylabel="height [m]")
+    axes.set_title(data["title"])
+    axes.legend()
+    return figure

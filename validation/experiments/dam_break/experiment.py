@@ -1,0 +1,240 @@
+"""Collapse of a liquid column: surface detection against the exact truth, its cost, the surge front.
+
+The column is L wide and 2 L high; walls are free slip; Tait equation of state. The paper does not say what its dam
+break looks like (E17b): the settings of `runs.py` are this project's, and stand in every result.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from validation.checks import Checks
+from validation.claims import measures
+from validation.experiment import Experiment, Options, Picture, Results, Run
+from validation.experiments.dam_break import accuracy, claims, pictures, runs, stability
+from validation.experiments.dam_break.claims import COSTLY_QUICK, costs_planned
+from validation.metrics.dam_break import FRONT_DATA, data_tolerance
+from validation.results import floats, real
+from validation.tables import Table
+
+FIGURE_FROM = 2000  # particles from which on figure 5 is judged; below, launches take a part of the time
+FIGURE_5 = tuple(f"detection_cost_{k + 1}" for k in range(len(COSTLY_QUICK)))  # it takes more where there are more
+MOMENTS = (0.3, 0.6, 1.0)  # s: at which the recall of two steps is held against that of the fan scan alone
+
+
+def planned(options: Options) -> list[Run]:
+    """The runs under the options."""
+    quick, backend = options.quick, options.backend
+    made = [
+        Run("detection_2d", runs.collapse, {"columns": 40, "until": 1.8, "backend": backend}, estimate=18.0),
+        Run("front_2d", runs.surge, {"columns": 28 if quick else 40, "backend": backend}, estimate=7 if quick else 12),
+    ]
+    made += costs_planned(options)
+    reason = "in 3D it takes minutes; run without --quick" if quick else ""
+    made += [
+        Run(
+            "front_3d",
+            runs.surge,
+            {"columns": 20, "depth": 6, "backend": backend},
+            estimate=60.0,
+            skip=reason,
+        ),
+        Run(
+            "detection_3d",
+            runs.collapse,
+            {"columns": 20, "depth": 20, "until": 1.2, "samples": 12, "backend": backend},
+            estimate=160.0,
+            skip=reason,
+        ),
+    ]
+    return made
+
+
+def checks(results: Results, check: Checks) -> None:
+    """The verdicts."""
+    for key, words in (("detection_2d", "2D"), ("detection_3d", "3D")):
+        if key not in results:
+            continue
+        values = results[key].values
+        for method, score in values["score"].items():
+            for name in ("precision", "recall", "f1"):
+                check(name, score[name], f"{key}.{method}", f"{runs.WORDS[method]}, {words}")
+        f1 = {method: real(score["f1"]) for method, score in values["score"].items()}
+        check("f1_gain", f1["two_step"] - f1["number_density"], key, words)
+        for method, name in (("two_step", "recall_gap"), ("two_step_printed", "recall_gap_printed")):
+            for moment in MOMENTS:
+                k = int(np.argmin(np.abs(floats(values["time"]) - moment)))
+                gap = recall_gap(values["over_time"], method, k)
+                check(name, gap, f"{key}.{moment}", f"{words}, {moment} s")
+            pooled = {m: values["score"][m]["recall"] for m in (method, "fan_scan")}
+            check(name, pooled[method] - pooled["fan_scan"], key, f"{words}, whole collapse")
+        check("scanned_share", values["scanned_share"], key, words)
+    for key, words in (("front_2d", "2D"), ("front_3d", "3D")):
+        if key in results:
+            for name, fit in results[key].values["front"].items():
+                label = f"{words}, {LABELS[name]}"
+                kind = "front" if FRONT_DATA[name].kind == "experiment" else "front_computed"
+                check(kind, abs(real(fit["largest"])), f"{key}.{name}", label)
+                check("time_offset", fit["offset"], f"{key}.{name}", label)
+    for key, result in results.items():
+        if "ledger" in result.values:
+            ledger = result.values["ledger"]
+            words = key.replace("_", " ")
+            for name in ("lost_particles", "mass_change", "energy_rise", "missed_neighbours"):
+                check(name, ledger[name], key, words)
+    for size in sizes(results):
+        run, words, methods = str(size["particles"]), f"{size['particles']:,} particles", size["methods"]
+        for method in ("number_density", "two_step", "fan_scan"):
+            seconds = 1e3 * methods[method]["whole"]
+            check("detection_time", seconds, f"{method}.{run}", f"{runs.WORDS[method]}, {words}")
+        judged = "detection_ratio" if size["particles"] >= FIGURE_FROM else "detection_ratio_small"
+        for name, part in (
+            (judged, "whole"),
+            ("detection_ratio_charged", "charged"),
+            ("scan_ratio", "scan"),
+        ):
+            ratio = methods["two_step"][part] / methods["fan_scan"][part]
+            check(name, ratio, run, words)
+        together = size["all_threads"]
+        ratio = together["two_step"]["whole"] / together["fan_scan"]["whole"]
+        check("detection_ratio_threads", ratio, run, words)
+
+
+def sizes(results: Results) -> list[Mapping[str, Any]]:
+    """What detection costs, by growing number of particles."""
+    found = [result.values for key, result in results.items() if key.startswith("detection_cost_")]
+    return sorted(found, key=lambda values: values["particles"])
+
+
+def recall_gap(over_time: Mapping[str, Any], method: str, k: int) -> float:
+    """Recall of a detector less that of the fan scan alone at sample k."""
+    return real(over_time[method]["recall"][k]) - real(over_time["fan_scan"]["recall"][k])
+
+
+LABELS = {
+    "martin_moyce_1.125in": "Martin & Moyce 1952, 1.125 in",
+    "martin_moyce_2.25in": "Martin & Moyce 1952, 2.25 in",
+    "koshizuka_oka": "Koshizuka & Oka 1996",
+    "koshizuka_oka_mps": "Koshizuka & Oka 1996, MPS",
+}
+
+
+def tables(results: Results) -> list[Table]:
+    """Detection over time, and what detection costs."""
+    made = []
+    if "detection_2d" in results:
+        values = results["detection_2d"].values
+        rows = []
+        for k in range(0, len(values["time"]), 3):
+            row: list[Any] = [f"{values['time'][k]:.2f}", values["truth"][k]]
+            for method in runs.METHODS:
+                row += [f"{values['over_time'][method][name][k]:.3f}" for name in ("precision", "recall")]
+            rows.append(row)
+        heading = ["t [s]", "surface"]
+        heading += [f"{short} {letter}" for short in ("density", "scan", "two-step") for letter in ("P", "R")]
+        made.append(
+            Table(
+                "Surface detection over the 2D collapse: precision P and recall R of the number density, the fan scan"
+                " and the two-step detector",
+                heading,
+                rows,
+                f"Truth: exact arc cover, radius {values['truth_radius']:g} spacings.",
+            )
+        )
+    for key in ("detection_2d", "detection_3d"):
+        if key in results:
+            made.append(first_steps(key[-2:].upper(), results[key].values["first_step"]))
+    costs = sizes(results)
+    if costs:
+        rows = []
+        for size in costs:
+            methods = size["methods"]
+            row = [size["particles"], f"{100 * size['scanned_share']:.1f} %"]
+            row += [f"{1e3 * methods[m]['whole']:.3f}" for m in ("number_density", "two_step", "fan_scan")]
+            row += [f"{methods['two_step']['whole'] / methods['fan_scan']['whole']:.2f}"]
+            row += [f"{1e3 * methods['two_step'][part]:.3f}" for part in ("moment_sum", "normals", "scan")]
+            row += [f"{1e3 * size['number_density_pass']:.3f}"]
+            row += [f"{methods['two_step']['charged'] / methods['fan_scan']['whole']:.2f}"]
+            together = size["all_threads"]
+            row += [f"{together['two_step']['whole'] / together['fan_scan']['whole']:.2f}"]
+            rows.append(row)
+        made.append(
+            Table(
+                "Detection time [ms] on one thread, medians",
+                [
+                    "particles",
+                    "scanned",
+                    "density",
+                    "two-step",
+                    "fan scan",
+                    "ratio",
+                    "first moment",
+                    "normals",
+                    "scan",
+                    "J(8)",
+                    "ratio with J(8)",
+                    "ratio, all threads",
+                ],
+                rows,
+                "Whole detection: threshold, normals and scan, in two steps also what the first moment adds to the"
+                " density pass; these parts are those of two steps. J(8), the number density, comes with the density"
+                " pass of every step and is charged to none, and where it says so to two steps, in full.",
+            )
+        )
+    if "front_2d" in results:
+        rows = []
+        for key in ("front_2d", "front_3d"):
+            if key in results:
+                for name, fit in results[key].values["front"].items():
+                    rows.append(
+                        [key[-2:].upper(), LABELS[name], f"{fit['offset']:+.3f}", f"{100 * fit['largest']:+.1f} %",
+                         f"{100 * fit['rms']:.1f} %", fit["points"]]
+                    )  # fmt: skip
+        made.append(
+            Table(
+                "Surge front against published series, after one fitted time offset each",
+                ["run", "series", "offset of t sqrt(2g/L)", "largest deviation", "rms", "points"],
+                rows,
+                f"The experiments deviate from each other by up to {100 * data_tolerance():.1f} %.",
+            )
+        )
+    return made
+
+
+def first_steps(words: str, found: Mapping[str, Mapping[str, float]]) -> Table:
+    """The rules tried as the first of two steps."""
+    rows = [
+        [
+            runs.FIRST_STEPS[name][0],
+            runs.FIRST_STEPS[name][1],
+            *(f"{100 * values[part]:.1f}" for part in ("largest_loss", "mean_loss")),
+            f"{values['precision']:.3f}",
+            *(f"{100 * values[part]:.0f} %" for part in ("share", "largest_share")),
+        ]
+        for name, values in found.items()
+    ]
+    heading = ["scanned if", "cost beside J(8)", "largest loss", "mean loss", "precision", "scanned", "at most"]
+    note = "Loss: points of recall that the fan scan alone has and two steps have not, at the samples of the collapse."
+    return Table(f"First steps tried in the {words} collapse", heading, rows, note)
+
+
+EXPERIMENT = Experiment(
+    name="dam_break",
+    title="collapse of a liquid column: surface detection (figures 4 and 5) and the surge front",
+    runs=planned,
+    checks=checks,
+    pictures=(
+        Picture("figure_4", pictures.detection_data, pictures.detection_picture, ("detection_2d",)),
+        Picture("figure_4_scores", pictures.score_data, pictures.score_picture, ("detection_2d",)),
+        Picture("figure_5", pictures.cost_data, pictures.cost_picture, FIGURE_5),
+        Picture("front", pictures.front_data, pictures.front_picture, ("front_2d",)),
+        Picture("voids", pictures.void_data, pictures.void_picture, ("voids",)),
+    ),
+    tables=tables,
+    claims=measures(claims),
+    hard_cases=stability.CASES,
+    panels=accuracy.PANELS,
+)

@@ -1,0 +1,330 @@
+"""Pictures of the dam break, each drawn from its own data file."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from validation.drawing import BLACK, BLUE, GREEN, GREY, INTERIOR_BLUE, ORANGE, PURPLE, SKY, SURFACE_RED, VERMILION
+from validation.experiment import Results
+from validation.experiments.dam_break.runs import METHODS, WORDS
+from validation.experiments.dam_break.stability import STARTS, WIDEST
+from validation.metrics.dam_break import data_tolerance, load_front_data, ritter_front
+from validation.results import floats
+
+SHOWN_AT, SHOWN_UP_TO = 1.6, 0.85  # s, m: the wave that came back from the wall breaks; spray above is left out
+COLOURS = {"number_density": ORANGE, "two_step": BLUE, "fan_scan": GREEN}
+TITLES = {
+    "number_density": "a  Number density, J(12)",
+    "fan_scan": "b  Fan scan, J(13)",
+    "two_step": "c  Two-step: sparse or lopsided, J(13)",
+}
+
+
+def detection_data(results: Results) -> dict[str, Any]:
+    """Figure 4: one moment, each detector's flags, and the truth."""
+    result = results["detection_2d"]
+    time = floats(result.values["time"])
+    k = int(np.argmin(np.abs(time - SHOWN_AT)))
+    data = {
+        "title": "Figure 4: free-surface particles found in a dam break",
+        "time_s": float(time[k]),
+        "shown_up_to_m": SHOWN_UP_TO,
+        "spacing_m": result.values["spacing"],
+        "truth_radius_spacings": result.values["truth_radius"],
+        "position_m": np.round(result.arrays["position"][k][:, :2].astype(float), 4),
+        "truth": result.arrays["truth"][k].astype(int),
+    }
+    for method in METHODS:
+        data[method] = result.arrays[method][k].astype(int)
+        data[f"{method}_score"] = {n: result.values["over_time"][method][n][k] for n in ("precision", "recall", "f1")}
+    return data
+
+
+def detection_picture(data: Mapping[str, Any]) -> Any:
+    """Three panels: surface red, interior blue, errors against the exact truth ringed."""
+    import matplotlib.pyplot as plt
+    from matplotlib.lines import Line2D
+
+    position, truth = np.array(data["position_m"]), np.array(data["truth"], bool)
+    top = data["shown_up_to_m"]
+    above = int((position[:, 1] > top).sum())
+    figure, panels = plt.subplots(3, 1, figsize=(8.0, 3 * (7.2 * top / 2.04 + 0.4) + 0.8), sharex=True)
+    size = (72 * 7.6 / 2.06 * data["spacing_m"]) ** 2
+    for axes, method in zip(panels, METHODS):
+        flags, score = np.array(data[method], bool), data[f"{method}_score"]
+        missed, extra = truth & ~flags, flags & ~truth
+        axes.scatter(*position[~flags].T, s=0.55 * size, c=INTERIOR_BLUE, lw=0)
+        axes.scatter(*position[flags].T, s=0.55 * size, c=SURFACE_RED, lw=0)
+        axes.scatter(*position[extra].T, s=2.4 * size, facecolors="none", edgecolors=BLACK, lw=0.9, marker="s")
+        axes.scatter(*position[missed].T, s=2.8 * size, facecolors="none", edgecolors=BLACK, lw=0.9)
+        axes.plot([0, 0, 2, 2], [top, 0, 0, top], color=GREY, lw=1.2)
+        axes.set_title(TITLES[method])
+        words = f"precision {score['precision']:.2f}   recall {score['recall']:.2f}   F1 {score['f1']:.2f}"
+        axes.set_title(words, loc="right", fontweight="normal", fontsize=9.5)
+        axes.set_xlim(-0.02, 2.02)
+        axes.set_ylim(-0.02, top)
+        axes.set_aspect("equal")
+        axes.set_ylabel("y [m]")
+    panels[-1].set_xlabel("x [m]")
+
+    def dot(**options: Any) -> Line2D:
+        return Line2D([], [], ls="", **options)
+
+    hollow = {"markerfacecolor": "none", "markeredgecolor": BLACK, "markersize": 7}
+    figure.legend(
+        handles=[
+            dot(marker="o", color=SURFACE_RED, label="taken for surface"),
+            dot(marker="o", color=INTERIOR_BLUE, label="taken for interior"),
+            dot(marker="s", label="wrong: is interior", **hollow),
+            dot(marker="o", label="wrong: is surface", **hollow),
+        ],
+        loc="outside lower center",
+        ncols=4,
+        title=f"t = {data['time_s']:.2f} s, {len(position):,} particles ({above} of the spray are above the picture);"
+        f" truth: exact arc cover, radius {data['truth_radius_spacings']:g} spacings",
+        title_fontsize=9,
+    )
+    return figure
+
+
+def score_data(results: Results) -> dict[str, Any]:
+    """Precision and recall over the collapse, in 2D and, where it was run, in 3D."""
+    data: dict[str, Any] = {"title": "Surface detection over the collapse against the exact truth", "runs": {}}
+    for words, key in (("2D", "detection_2d"), ("3D", "detection_3d")):
+        if key in results:
+            values = results[key].values
+            data["truth_radius_spacings"] = values["truth_radius"]
+            data["runs"][words] = {
+                "particles": values["particles"],
+                "time_s": values["time"],
+                "over_time": values["over_time"],
+                "pooled": values["score"],
+            }
+    return data
+
+
+def score_picture(data: Mapping[str, Any]) -> Any:
+    """Precision and recall against time, every detector; a row for each dimension."""
+    import matplotlib.pyplot as plt
+
+    found, truths = data["runs"], {"2D": "arc cover", "3D": "spherical-cap cover"}
+    figure, panels = plt.subplots(len(found), 2, figsize=(8.8, 0.6 + 3.1 * len(found)), sharey=True, squeeze=False)
+    looks = {
+        "number_density": {"color": COLOURS["number_density"], "marker": "o"},
+        "fan_scan": {"color": COLOURS["fan_scan"], "marker": "^"},
+        "two_step": {"color": COLOURS["two_step"], "marker": "s"},
+        "two_step_printed": {"color": SKY, "marker": "D", "ls": "--"},
+    }
+    for row, (words, run) in zip(panels, found.items()):
+        for axes, name in zip(row, ("precision", "recall")):
+            for method, look in looks.items():
+                label = f"{WORDS[method]}, whole collapse {run['pooled'][method][name]:.2f}"
+                axes.plot(run["time_s"], floats(run["over_time"][method][name]), ms=4, lw=1.3, label=label, **look)
+            axes.set_title(f"{name.capitalize()}, {words}, {run['particles']:,} particles")
+            axes.set_ylim(-0.4, 1.05)  # room for the legend
+            axes.set_yticks(np.linspace(0, 1, 6))
+            axes.grid(True)
+            axes.legend(loc="lower right")
+        row[0].set_ylabel(f"share ({truths[words]}, {data['truth_radius_spacings']:g} d)")
+    for axes in panels[-1]:
+        axes.set_xlabel("time [s]")
+    return figure
+
+
+def cost_data(results: Results) -> dict[str, Any]:
+    """Figure 5: detection time against particle number."""
+    found = [result for key, result in results.items() if key.startswith("detection_cost_")]
+    found.sort(key=lambda result: result.values["particles"])
+    return {
+        "title": "Figure 5: detection time in a dam break",
+        "moment_s": found[0].values["moment"],
+        "repeats": found[0].values["repeats"],
+        "machine": found[-1].about["machine"],
+        "date": found[-1].about["date"],
+        "moved_on": found[-1].values["moved_on"],
+        "sizes": [result.values for result in found],
+    }
+
+
+def cost_picture(data: Mapping[str, Any]) -> Any:
+    """Whole detection, what two steps take of the fan scan's time, and where that goes."""
+    import matplotlib.pyplot as plt
+
+    sizes = data["sizes"]
+    number = np.array([size["particles"] for size in sizes])
+
+    def milliseconds(method: str, part: str) -> np.ndarray:
+        return 1e3 * np.array([size["methods"][method][part] for size in sizes])
+
+    figure, (whole, ratio, parts) = plt.subplots(1, 3, figsize=(11.2, 3.8))
+    marks = {"number_density": "o", "fan_scan": "^", "two_step": "s"}
+    for method in ("fan_scan", "two_step", "number_density"):
+        time = milliseconds(method, "whole")
+        whole.plot(number, time, color=COLOURS[method], marker=marks[method], ms=5, label=WORDS[method])
+    whole.set_title("a  Whole detection")
+    whole.set_yscale("log")
+    whole.set_ylabel("median time [ms]")
+    low, high = whole.get_ylim()
+    whole.set_ylim(min(low, 10.0 ** np.floor(np.log10(low * 1.01))), 2.5 * high)
+    for part, look, words in (
+        ("whole", {"color": BLUE, "marker": "s"}, "J(8) charged to neither"),
+        ("charged", {"color": SKY, "marker": "D", "ls": "--"}, "J(8) charged to two steps"),
+    ):
+        shares = 100 * milliseconds("two_step", part) / milliseconds("fan_scan", "whole")
+        ratio.plot(number, shares, ms=5, label=words, **look)
+    together = [s["all_threads"]["two_step"]["whole"] / s["all_threads"]["fan_scan"]["whole"] for s in sizes]
+    words = f"as the first, on all {data['machine']['cores']} threads"
+    ratio.plot(number, 100 * np.array(together), ms=5, color=PURPLE, marker="x", ls=":", label=words)
+    ratio.axhline(50, color=GREY, lw=1, ls=":")
+    scanned = [100 * size["scanned_share"] for size in sizes]
+    ratio.plot(number, scanned, color=GREY, marker=".", lw=1, label="particles scanned")
+    ratio.set_title("b  Two steps, share of the fan scan")
+    ratio.set_ylabel("share [%]")
+    ratio.set_ylim(0, 1.4 * ratio.get_ylim()[1])
+    below = np.zeros(len(number))
+    kinds = {
+        "moment_sum": ("first moment", ORANGE), "normals": ("normals", BLUE), "scan": ("scan", GREEN),
+    }  # fmt: skip
+    place = np.arange(len(number))
+    for part, (words, colour) in kinds.items():
+        share = milliseconds("two_step", part) / milliseconds("two_step", "whole")
+        parts.bar(place, 100 * share, 0.62, bottom=below, color=colour, label=words)
+        below += 100 * share
+    parts.bar(place, 100 - below, 0.62, bottom=below, color=GREY, label="threshold")
+    parts.set_title("c  Where two steps spend it")
+    parts.set_ylabel("share of its time [%]")
+    parts.set_ylim(0, 135)
+    parts.set_yticks(range(0, 101, 20))
+    parts.set_xticks(place, [f"{n:,}" for n in number], rotation=35)
+    for axes in (whole, ratio):
+        axes.set_xscale("log")
+        axes.set_xticks(number, [f"{n:,}" for n in number], rotation=35)
+        axes.xaxis.set_minor_locator(plt.NullLocator())
+    whole.yaxis.set_major_formatter("{x:g}")
+    whole.yaxis.set_minor_formatter(plt.NullFormatter())
+    for axes in (whole, ratio, parts):
+        axes.set_xlabel("particles")
+        axes.grid(axis="y" if axes is parts else "both")
+        axes.legend(loc="upper left", ncols=2 if axes is parts else 1)
+    machine = data["machine"]
+    figure.supxlabel(
+        f"2D, t = {data['moment_s']:g} s, one thread, medians of {data['repeats']}; {machine['processor']},"
+        f" {machine['cores']} cores",
+        fontsize=8, color=GREY,
+    )  # fmt: skip
+    return figure
+
+
+def front_data(results: Results) -> dict[str, Any]:
+    """Surge front of the runs, and each series' fitted offset."""
+    data: dict[str, Any] = {"title": "Surge front of a collapsing column", "tolerance": data_tolerance(), "runs": {}}
+    for key in ("front_2d", "front_3d"):
+        if key in results:
+            values = results[key].values
+            data["runs"][key[-2:].upper()] = {
+                name: values[name] for name in ("particles", "time", "connected", "farthest", "front")
+            }
+    return data
+
+
+def front_picture(data: Mapping[str, Any]) -> Any:
+    """Front against time with the experiments, and the deviation from each."""
+    import matplotlib.pyplot as plt
+
+    figure, (axes, below) = plt.subplots(2, 1, figsize=(7.4, 6.4), sharex=True, height_ratios=(2.1, 1))
+    run = data["runs"]["2D"]
+    time, front = np.array(run["time"]), np.array(run["connected"])
+    looks = {
+        "martin_moyce_1.125in": ("o", BLUE, "Martin & Moyce 1952, 1.125 in"),
+        "martin_moyce_2.25in": ("s", SKY, "Martin & Moyce 1952, 2.25 in"),
+        "koshizuka_oka": ("^", GREEN, "Koshizuka & Oka 1996"),
+        "koshizuka_oka_mps": ("x", GREY, "Koshizuka & Oka 1996, computed (MPS)"),
+    }
+    axes.plot(time, front, color=VERMILION, label=f"refsim 2D, {run['particles']:,} particles", zorder=3)
+    if "3D" in data["runs"]:
+        other = data["runs"]["3D"]
+        axes.plot(
+            other["time"], other["connected"], color=BLACK, ls="--", lw=1.4, zorder=3,
+            label=f"refsim 3D, {other['particles']:,} particles",
+        )  # fmt: skip
+    late = time <= 2.2
+    axes.plot(time[late], ritter_front(time[late]), color=GREY, lw=1, ls=":", label="Ritter's bound, 1 + 2 T")
+    for name, (mark, colour, words) in looks.items():
+        series, fit = load_front_data(name), run["front"][name]
+        filled = {} if mark == "x" else {"markerfacecolor": "white", "markeredgewidth": 1.4}
+        label = f"{words}, offset {fit['offset']:+.2f}"
+        axes.plot(series.time + fit["offset"], series.front, mark, color=colour, ms=6, label=label, **filled)
+        at = series.time + fit["offset"]
+        within = at <= time[-1]
+        deviation = 100 * (np.interp(at[within], time, front) / series.front[within] - 1)
+        below.plot(at[within], deviation, mark, color=colour, ms=6, **filled)
+    bar = 100 * data["tolerance"]
+    below.axhspan(-bar, bar, color=BLUE, alpha=0.10, lw=0)
+    below.text(0.02, bar - 0.6, f"the experiments differ by up to {bar:.1f} %", fontsize=8, color=GREY, va="top")
+    below.axhline(0, color=GREY, lw=0.8)
+    reach = max(1.5 * bar, 1.0)
+    below.set_ylim(-reach, reach)
+    below.set_xlabel(r"$T = t\,\sqrt{2g/L}$ (experiments shifted by their fitted offset)")
+    below.set_ylabel("2D run from series [%]")
+    axes.set_ylabel("front position z / L")
+    axes.set_title("Surge front of a column L wide and 2 L high")
+    axes.set_xlim(0, time[-1])
+    axes.set_ylim(bottom=0.5)
+    axes.legend(loc="upper left")
+    for each in (axes, below):
+        each.grid(True)
+    return figure
+
+
+# The picture of the voids
+
+
+def void_data(results: Results) -> dict[str, Any]:
+    """Void area over time by start, and the particles at 0.3 s of four of them."""
+    result = results["voids"]
+    shown = result.values["shown"]
+    frames = {name: result.arrays[f"at_0.3_{k}"] for k, name in enumerate(STARTS) if f"at_0.3_{k}" in result.arrays}
+    return {
+        "title": "Voids after the start of a collapsing column",
+        "spacing_m": shown["spacing"],
+        "disc_spacings": WIDEST,
+        "time_s": shown["time"],
+        "area_d2": shown["area"],
+        "position_um": {name: np.rint(1e6 * x).astype(int) for name, x in list(frames.items())[:4]},
+    }
+
+
+def void_picture(data: Mapping[str, Any]) -> Any:
+    """Particles at 0.3 s, and the area of voids over time."""
+    import matplotlib.pyplot as plt
+
+    figure = plt.figure(figsize=(9.6, 6.8))
+    top, bottom = figure.subfigures(2, 1, height_ratios=(1.25, 1))
+    top.suptitle(data["title"], x=0.01, ha="left", fontweight="bold", fontsize=10.5)
+    panels = top.subplots(1, len(data["position_um"]), sharey=True)
+    size = 0.9 * (72 * 2.1 * data["spacing_m"]) ** 2
+    for (name, x), axes in zip(data["position_um"].items(), panels):
+        points = floats(x) / 1e6
+        axes.scatter(points[:, 0], points[:, 1], s=size, color=BLUE, linewidths=0)
+        axes.set_aspect("equal")
+        axes.set_xlim(0, 1.0)
+        axes.set_xticks([0.0, 0.5, 1.0])
+        axes.set_ylim(0, 1.05)
+        axes.set_title(name.replace(", ", ",\n"), fontweight="normal", loc="center", fontsize=9)
+        axes.set_xlabel("x [m]")
+    panels[0].set_ylabel("y [m], t = 0.3 s")
+    axes = bottom.subplots()
+    looks = ((BLUE, "-"), (SKY, "--"), (VERMILION, "-"), (ORANGE, "--"), (PURPLE, "-"), (GREEN, "-."))
+    for (name, area), (colour, dash) in zip(data["area_d2"].items(), looks):
+        axes.plot(data["time_s"], np.maximum(floats(area), 0.05), dash, color=colour, label=name)
+    axes.set_yscale("log")
+    axes.set_ylim(0.04, None)
+    axes.set_xlabel("time [s]")
+    axes.set_ylabel(r"voids [$d^2$]; below 0.05: none")
+    axes.grid(True)
+    axes.legend(ncols=2, loc="upper center", bbox_to_anchor=(0.5, -0.22))
+    axes.axhline(2.0, color=GREY, lw=0.8)
+    return figure

@@ -1,0 +1,60 @@
+"""Stored moments of the dam break, so that detectors are measured on the same cloud whatever becomes of the flow.
+
+`python -m validation measure states` computes them anew (some minutes); what they were made with stands in each file.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+STATES = Path(__file__).resolve().parent.parent.parent / "states"
+# Name: columns, particles across, moment [s]. In 2D the wave that came back breaks, in 3D the front has hit the wall.
+STORED = {"dam_break_2d": (60, 1, 1.0), "dam_break_3d": (16, 16, 0.6)}
+TANK = 4.0  # column widths
+
+
+class State(NamedTuple):
+    """A moment: positions (n, 3) [m], masses (n,) [kg; kg/m in 2D], and the column it came from."""
+
+    position: NDArray[np.float32]
+    mass: NDArray[np.float32]
+    columns: int
+    depth: int
+    time: float
+
+
+def load_state(name: str) -> State:
+    """The stored moment `name`. Raises KeyError for another name."""
+    columns, depth, _ = STORED[name]
+    with np.load(STATES / f"{name}.npz") as stored:
+        made = json.loads(str(stored["made"]))
+        return State(stored["position"], stored["mass"], columns, depth, made["time"])
+
+
+def store() -> None:
+    """Compute and store every moment."""
+    from refsim import Simulation
+    from validation.experiments.dam_break.runs import column_scene
+    from validation.reading import environment, scene_digest
+
+    for name, (columns, depth, moment) in STORED.items():
+        simulation = Simulation(column_scene(columns, depth, TANK), backend="cpu", threads=1)
+        scene = scene_digest(simulation.plan)
+        while simulation.time < moment:
+            simulation.step()
+        where = environment(1, "cpu")
+        made = {"time": simulation.time, "steps": simulation.steps, "scene": scene, "versions": where["versions"],
+                "dtype": "float32"}  # fmt: skip
+        STATES.mkdir(exist_ok=True)
+        np.savez_compressed(
+            STATES / f"{name}.npz",
+            position=simulation.field("position"),
+            mass=simulation.field("mass"),
+            made=np.array(json.dumps(made)),
+        )
+        print(name, simulation.count, "particles", made, flush=True)

@@ -1,0 +1,375 @@
+"""What Dong, Zhang & Chen 2016 claim, measured: density, area, momentum, seconds, shape, coefficients, droplets.
+
+Starts are cubes of other sizes and lattices, other shapes, or other shakings of the falling block, as each test says.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from refsim import Cloud, CsfWang2019, Dong2016, Scene, WeaklyCompressible
+from validation.claims import Measure
+from validation.experiment import Options, Results, Run
+from validation.experiments.dong import runs
+from validation.experiments.dong import scene as scenes
+from validation.experiments.droplet.runs import relaxed
+from validation.results import Result, real
+from validation.running import Context, advance
+
+SMALL = 1331  # particles
+SEEDS = (1, 2, 3)
+STARTS = {"cube": ("cube", SMALL, 1), "cut": ("cut", SMALL, 1), "cut_2": ("cut", SMALL, 2), "box": ("box", SMALL, 1)}
+ARMS = (True, False)  # with and without the Shepard filter
+
+
+def values_of(prefix: str, part: Callable[[dict], float]) -> Callable[[Results], list[float]]:
+    """A number of every run whose key begins so."""
+    return lambda found: [part(dict(r.values)) for key, r in found.items() if key.startswith(prefix)]
+
+
+# Density. The swing is the bulk's mean of rho/rho0 - 1; of the block, which has no bulk, the compression.
+
+
+def calibrated_cube(filtered: bool) -> Measure:
+    """Half of the bulk's peak-to-peak over the last half of the time, from the calibrated starts."""
+
+    def planned(options: Options) -> list[Run]:
+        made = []
+        for name, (shape, count, seed) in STARTS.items():
+            parameters: dict[str, Any] = {"shape": shape, "count": count, "seed": seed, "backend": options.backend}
+            if not filtered:
+                parameters["changes"] = {"filter_density": False}
+            made.append(Run(f"claim_cube_{name}_{'filtered' if filtered else 'raw'}", runs.cube, parameters, 8.0))
+        return made
+
+    return Measure(planned, values_of("claim_cube", lambda v: real(v["swing"])), quick=False)
+
+
+def calibrated_block(filtered: bool) -> Measure:
+    """Compression of the falling block up to frame 90, calibrated."""
+
+    def planned(options: Options) -> list[Run]:
+        return [
+            Run(
+                f"claim_block_{'filtered' if filtered else 'raw'}_{seed}", runs.fall,
+                {"tension": True, "backend": options.backend, "seed": seed, "frames": list(range(0, 91, 2)),
+                 "filtered": filtered}, 4.0,
+            )
+            for seed in SEEDS
+        ]  # fmt: skip
+
+    return Measure(planned, values_of("claim_block", lambda v: real(v["compression"])), quick=False)
+
+
+def printed_block(filtered: bool) -> Measure:
+    """Compression of the falling block with the printed numbers, at the sound speed that the printed step allows."""
+
+    def planned(options: Options) -> list[Run]:
+        return [
+            Run(
+                f"claim_printed_{'filtered' if filtered else 'raw'}_{seed}", runs.printed_limits,
+                {"backend": options.backend, "seed": seed, "filtered": filtered}, 2.0,
+            )
+            for seed in SEEDS
+        ]  # fmt: skip
+
+    return Measure(planned, values_of("claim_printed", lambda v: real(v["soft"])), quick=False)
+
+
+DENSITY_CUBE = calibrated_cube(True)
+DENSITY_CUBE_RAW = calibrated_cube(False)
+DENSITY_BLOCK = calibrated_block(True)
+DENSITY_BLOCK_RAW = calibrated_block(False)
+DENSITY_PRINTED = printed_block(True)
+DENSITY_PRINTED_RAW = printed_block(False)
+
+# Cohesion alone, and with the correction, from shapes far from a ball.
+
+SHAPES = ("cube", "box", "rod", "pair")
+
+
+def excess(values: dict) -> float:
+    """Area over that of a ball of the same volume, less one; infinite for a torn drop."""
+    found = real(values["area"])
+    return math.inf if math.isnan(found) else found - 1
+
+
+def rest_area(corrected: bool) -> Measure:
+    """Area at rest over that of a ball of the same volume, less one, at the calibrated setting."""
+
+    def planned(options: Options) -> list[Run]:
+        made = []
+        for shape in SHAPES:
+            parameters: dict[str, Any] = {
+                "shape": shape,
+                "count": SMALL,
+                "backend": options.backend,
+                "until": 8.0,
+                "viscosity": scenes.CALM,
+            }
+            if not corrected:
+                parameters["changes"] = {"correction": 0.0}
+            made.append(Run(f"claim_area_{shape}_{corrected:d}", runs.cube, parameters, 12.0))
+        return made
+
+    return Measure(planned, values_of("claim_area", excess), quick=False)
+
+
+def frozen(context: Context, shape: str, corrected: bool, backend: str) -> Result:
+    """From a shape to rest with the paper's support of 1.5 spacings, which the sigma map does not cover."""
+    position, spacing = scenes.start(shape, SMALL)
+    scene = Scene(
+        spacing=spacing, support_radius=scenes.PRINTED_SUPPORT * spacing, fluid=(Cloud(position=position),),
+        effects=(
+            WeaklyCompressible(
+                rest_density=scenes.DENSITY, sound_speed=15.0, dynamic_viscosity=scenes.CALM, kernels="mueller"
+            ),
+            Dong2016(surface_tension=scenes.TENSION, correction=None if corrected else 0.0),
+        ),
+    )  # fmt: skip
+    found = runs.drop(context, scene, np.linspace(0.0, 4.0, 21), backend)
+    return Result({**found.values, "series": {}})
+
+
+def frozen_area(corrected: bool) -> Measure:
+    """The same as `rest_area` with the paper's support."""
+
+    def planned(options: Options) -> list[Run]:
+        made = []
+        for shape in SHAPES:
+            parameters = {"shape": shape, "corrected": corrected, "backend": options.backend}
+            made.append(Run(f"claim_frozen_{shape}_{corrected:d}", frozen, parameters, 12.0))
+        return made
+
+    return Measure(planned, values_of("claim_frozen", excess), quick=False)
+
+
+COHESION_NOT_MINIMAL = rest_area(False)
+CORRECTION_MINIMAL = rest_area(True)
+COHESION_NOT_MINIMAL_SHORT = frozen_area(False)
+CORRECTION_MINIMAL_SHORT = frozen_area(True)
+
+# Momentum: sums of forces and torques over the sums of their moduli, float64, on a drop under way.
+
+
+def forces(context: Context, seed: int, backend: str) -> Result:
+    """Of each term on a drop after 0.2 s: the pair force, the correction (adopted and printed), the continuum force."""
+    position, spacing = scenes.start("cut", SMALL, seed)
+    scene = scenes.cube_scene(position, spacing, dtype="float64")
+    moving = context.simulation(scene, backend)
+    advance(moving, [0.2], lambda simulation, wall: None, context)
+    position, mass = moving.field("position"), moving.field("mass")[:, None]
+    k, strength = runs.coefficients(scene)["stiffness"], runs.coefficients(scene)["correction"]
+    liquid = WeaklyCompressible(rest_density=scenes.DENSITY, sound_speed=20.0, kernels="mueller")
+    raw = {"filter_density": False}
+    terms = {
+        "cohesion": Dong2016(stiffness=k, correction=0.0, **raw),
+        "correction": Dong2016(stiffness=0.0, correction=strength, **raw),
+        "printed": Dong2016(stiffness=0.0, correction=strength, literal=("E21",), **raw),
+        "csf": CsfWang2019(surface_tension=scenes.TENSION, density_correction=False),
+    }
+
+    def acceleration(effects: tuple) -> NDArray:
+        scene = Scene(
+            spacing=spacing, support_radius=2.6 * spacing, dtype="float64", fluid=(Cloud(position=position),),
+            effects=(liquid, *effects),
+        )  # fmt: skip
+        looked = context.simulation(scene, backend)
+        looked.evaluate(on_demand=False)
+        return looked.field("acceleration")
+
+    pressure, found = acceleration(()), {}
+    for name, effect in terms.items():
+        force = mass * (acceleration((effect,)) - pressure)
+        torque = np.cross(position, force)
+        found[name] = {
+            "linear": float(np.linalg.norm(force.sum(0)) / np.linalg.norm(force, axis=1).sum()),
+            "angular": float(np.linalg.norm(torque.sum(0)) / np.linalg.norm(torque, axis=1).sum()),
+        }
+    return Result(found)
+
+
+def momentum(term: str, part: str) -> Measure:
+    """What a term does to the linear or angular momentum, start by start."""
+
+    def planned(options: Options) -> list[Run]:
+        return [Run(f"claim_forces_{s}", forces, {"seed": s, "backend": options.backend}, 4.0) for s in SEEDS]
+
+    return Measure(planned, values_of("claim_forces", lambda v: real(v[term][part])), quick=False)
+
+
+LINEAR_COHESION = momentum("cohesion", "linear")
+ANGULAR_COHESION = momentum("cohesion", "angular")
+LINEAR_CORRECTION = momentum("correction", "linear")
+ANGULAR_CORRECTION = momentum("correction", "angular")
+LINEAR_PRINTED = momentum("printed", "linear")
+ANGULAR_PRINTED = momentum("printed", "angular")
+LINEAR_CSF = momentum("csf", "linear")
+ANGULAR_CSF = momentum("csf", "angular")
+
+# Seconds a frame, in three rounds; the rounds of the case's own run are the first.
+
+ROUNDS = (1, 2, 3)
+
+
+def speed(rival: str, case: str) -> Callable[[Options], list[Run]]:
+    """Runs of Dong's model and its rival, a round each in turn."""
+
+    def planned(options: Options) -> list[Run]:
+        made = []
+        for k in ROUNDS:
+            for model in ("dong", rival):
+                parameters = {"model": model, "case": case, "backend": options.backend}
+                if k > 1:
+                    parameters["turn"] = k
+                key = f"speed_{case}_{model}" if k == 1 else f"claim_speed_{case}_{model}_{k}"
+                made.append(Run(key, runs.seconds_per_frame, parameters, 8.0))
+        return made
+
+    return planned
+
+
+def quotients(found: Results, rival: str, case: str) -> list[float]:
+    """Seconds of a frame with Dong's model over those with its rival, round by round."""
+    values = []
+    for k in ROUNDS:
+        keys = [f"speed_{case}_{m}" if k == 1 else f"claim_speed_{case}_{m}_{k}" for m in ("dong", rival)]
+        own, its = (runs.per_frame(found[key].values) for key in keys)
+        values.append(own / its)
+    return values
+
+
+def faster(rival: str, case: str) -> Measure:
+    """Seconds of a frame over the rival's."""
+    return Measure(speed(rival, case), lambda found: quotients(found, rival, case), quick=False, timed=True)
+
+
+def more_so(rival: str) -> Measure:
+    """The quotient of the oil drops over that of the droplet."""
+
+    def values(found: Results) -> list[float]:
+        return [a / b for a, b in zip(quotients(found, rival, "oil"), quotients(found, rival, "droplet"), strict=True)]
+
+    def planned(options: Options) -> list[Run]:
+        return [*speed(rival, "droplet")(options), *speed(rival, "oil")(options)]
+
+    return Measure(planned, values, quick=False, timed=True)
+
+
+FASTER_THAN_CSF_DROPLET = faster("csf", "droplet")
+FASTER_THAN_CSF_OIL = faster("csf", "oil")
+FASTER_IN_COMPLEX_SCENES = more_so("csf")
+AS_FAST_AS_IIF_DROPLET = faster("iif", "droplet")
+AS_FAST_AS_IIF_OIL = faster("iif", "oil")
+
+# The history of the shape beside that of the continuum force, in one liquid and with one measured tension: h = 2.6 d,
+# Wendland, and a viscosity at which the continuum force holds a cube together. q4 over time, each time in units of its
+# own half-way.
+
+SIDES = (11, 13, 15)
+LIQUID = {"support": 2.6, "kernels": "wendland", "viscosity": 0.3}
+
+
+def history(context: Context, side: int, model: str, backend: str) -> Result:
+    """A cube of side 1 m in the droplet case's liquid: q4 over time."""
+    effect = (
+        Dong2016(surface_tension=1.0 / scenes.RATIO["wendland"])
+        if model == "dong"
+        else CsfWang2019(surface_tension=1.0)
+    )
+    changes = {**LIQUID, "effects": (effect,)}
+    found = relaxed(context, model, changes, "cube", side**3, backend, until=2.2, samples=220)
+    series = {name: found.values["series"][name] for name in ("time", "cubic_moment", "radius_variation")}
+    return Result({"series": series, "stopped": found.values["stopped"]})
+
+
+def in_half_times(values: dict, at: NDArray) -> NDArray:
+    """q4 over its start, at times `at` in units of the time in which it halves."""
+    time, moment = (np.array(values["series"][name], dtype=float) for name in ("time", "cubic_moment"))
+    share = moment / moment[0]
+    first = int(np.argmax(share <= 0.5))
+    half = np.interp(-0.5, -share[first - 1 : first + 1], time[first - 1 : first + 1]) if first else math.nan
+    return np.interp(at, time / half, share, right=math.nan)
+
+
+def _history_runs(options: Options) -> list[Run]:
+    return [
+        Run(f"claim_history_{side}_{model}", history, {"side": side, "model": model, "backend": options.backend}, 8.0)
+        for side in SIDES
+        for model in ("dong", "csf")
+    ]
+
+
+def _history_values(found: Results) -> list[float]:
+    values, at = [], np.linspace(0.0, 6.0, 241)
+    for side in SIDES:
+        a, b = (in_half_times(dict(found[f"claim_history_{side}_{m}"].values), at) for m in ("dong", "csf"))
+        both = np.isfinite(a) & np.isfinite(b)
+        values.append(float(np.sqrt(((a - b)[both] ** 2).mean())) if both.any() else math.nan)
+    return values
+
+
+SHAPE_LIKE_CSF = Measure(_history_runs, _history_values, quick=False)
+
+# k against lambda: which lambda/k gives the roundest drop at rest, by their numbers in SI units.
+
+
+def _sweep_runs(options: Options) -> list[Run]:
+    return [Run(key, runs.sweep, {**pair, "backend": options.backend}, 3.0) for key, pair in runs.sweep_pairs().items()]
+
+
+def _best_ratio(found: Results) -> list[float]:
+    """|log10(lambda/k)| of the drop of least area among those at rest, by size."""
+    values = []
+    for side in runs.SWEEP_SIDES:
+        rows = [dict(r.values) for key, r in found.items() if key.startswith(f"sweep_{side}_")]
+        whole = [v for v in rows if not v["stopped"] and v["correction"] and v["area"]]
+        calm = [v for v in whole if real(v["kinetic_share"]) < 0.01]
+        best = min(calm, key=lambda v: real(v["area"]), default=None)
+        values.append(abs(math.log10(best["correction"] / best["stiffness"])) if best else math.nan)
+    return values
+
+
+ONE_ORDER = Measure(_sweep_runs, _best_ratio, quick=False)
+
+# Droplets against net.
+
+
+def _fall_runs(options: Options) -> list[Run]:
+    made = []
+    for seed in (1, 2, 3, 4, 5):
+        for tension in ARMS:
+            parameters = {
+                "tension": tension,
+                "backend": options.backend,
+                "seed": seed,
+                "frames": [*scenes.FRAMES, *scenes.LATER],
+            }
+            made.append(Run(f"claim_fall_{seed}_{tension:d}", runs.fall, parameters, 3.0))
+    return made
+
+
+def splash(part: str, frame: int, over: Callable[[float, float], float]) -> Measure:
+    """A count with tension against the same without, start by start."""
+
+    def values(found: Results) -> list[float]:
+        made = []
+        for seed in (1, 2, 3, 4, 5):
+            both = []
+            for tension in ARMS:
+                rows = found[f"claim_fall_{seed}_{tension:d}"].values["rows"]
+                both.append(real(next(row[part] for row in rows if row["frame"] == frame)))
+            made.append(over(*both))
+        return made
+
+    return Measure(_fall_runs, values)
+
+
+NET_WITHOUT = splash("holes", 90, lambda a, b: b / max(a, 1.0))
+FEWER_LONE = splash("lone", 120, lambda a, b: a / max(b, 1.0))
+GATHERS = splash("height", 160, lambda a, b: a / b)

@@ -1,0 +1,303 @@
+"""Pictures of Dong's scenes, each drawn from its own data file."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from validation.drawing import (
+    BLUE,
+    GREEN,
+    GREY,
+    ORANGE,
+    VERMILION,
+    ball_picture,
+    show_image,
+    view_matrix,
+    visible_balls,
+)
+from validation.experiment import Results
+from validation.experiments.dong import scene as scenes
+from validation.results import Result
+
+CUBE_VIEW = view_matrix(azimuth=10.0, elevation=7.0)  # nearly along an axis, as in the paper
+TOP, SIDE_VIEW = view_matrix(azimuth=-90.0, elevation=90.0), view_matrix(azimuth=-90.0, elevation=1.0)
+WATER = (0.16, 0.50, 0.80)
+COLOURS = [(0.16, 0.50, 0.80), (0.90, 0.45, 0.13), (0.20, 0.62, 0.40), (0.65, 0.35, 0.65), (0.80, 0.65, 0.15)]
+GLASS = (0.55, 0.72, 0.86)  # of what belongs to no larger part
+CUBE_EXTENT, ROOM_EXTENT = 1.3, 0.54  # half widths: in R, in m
+MERGING = (120, 160, 240, 320, 480, 640, 800, 1600)  # frames
+REST = 1600
+MILLI = 1e-3
+
+
+def moments(values: Mapping[str, Any]) -> list[int]:
+    """Samples of figure 3: start, ball, halfway, octahedron, ball, and the end."""
+    moment = np.array(values["series"]["moment"])
+    top = next(k for k in range(2, len(moment)) if moment[k] > 0 and moment[k] >= moment[min(k + 1, len(moment) - 1)])
+    ball = int(np.argmin(np.abs(moment[: top + 1])))
+    after = top + int(np.argmax(moment[top:] <= 0))
+    low = after + int(np.argmin(moment[after : after + top]))
+    return [0, ball // 2, ball, (ball + top) // 2, top, after, low, len(moment) - 1]
+
+
+def cube_data(results: Results) -> dict[str, Any]:
+    """Figure 3: the particles that can be seen at eight moments, and the drop's points and corners over time."""
+    result = results["cube_4913"]
+    values, frames = result.values, []
+    for k in moments(values):
+        x = result.arrays["position"][k].astype(float)
+        x = (x - x.mean(0)) / values["radius"]
+        seen = visible_balls(x, 0.5 * values["spacing"] / values["radius"], CUBE_VIEW, CUBE_EXTENT)
+        frames.append(
+            {
+                "time_s": values["series"]["time"][k], "moment": values["series"]["moment"][k],
+                "position_milliradii": np.rint(x[seen] / MILLI).astype(int),
+            }
+        )  # fmt: skip
+    keep = ("time", "moment", "points", "corners")
+    from validation.experiments.dong.runs import rayleigh_period
+
+    return {
+        "title": "Dong, figure 3: a cube of 0.5 m without gravity",
+        "spacing_radii": values["spacing"] / values["radius"], "frames": frames,
+        "series": {name: np.round(values["series"][name], 5) for name in keep},
+        "oscillation": values["oscillation"], "rayleigh_s": rayleigh_period(scenes.TENSION, values["radius"]),
+        "tension_n_per_m": scenes.TENSION,
+    }  # fmt: skip
+
+
+def cube_picture(data: Mapping[str, Any]) -> Any:
+    """Draw figure 3: eight moments, and under them the history of the shape."""
+    import matplotlib.pyplot as plt
+
+    figure = plt.figure(figsize=(9.6, 6.9))
+    grid = figure.add_gridspec(3, 4, height_ratios=(1.0, 1.0, 0.95))
+    for k, frame in enumerate(data["frames"]):
+        place = figure.add_subplot(grid[k // 4, k % 4])
+        x = np.array(frame["position_milliradii"], dtype=float) * MILLI
+        colour = np.broadcast_to(WATER, x.shape)
+        image = ball_picture(x, 0.5 * data["spacing_radii"], colour, CUBE_VIEW, CUBE_EXTENT, 420)
+        show_image(place, image, CUBE_EXTENT)
+        words = f"{frame['time_s']:.2f} s, q4 {frame['moment']:+.3f}"
+        place.set_title(words, fontsize=8.5, loc="center", weight="normal")
+    series = data["series"]
+    left, right = figure.add_subplot(grid[2, :2]), figure.add_subplot(grid[2, 2:])
+    left.plot(series["time"], series["moment"], color=BLUE)
+    for frame in data["frames"]:
+        left.plot(frame["time_s"], frame["moment"], "o", color=BLUE, markersize=4)
+    left.axhline(0, color=GREY, linewidth=0.8)
+    period = data["oscillation"]["period"]
+    words = f"period {period:.2f} s;\nRayleigh's n = 4 at {data['tension_n_per_m']:.0f} N/m: {data['rayleigh_s']:.2f} s"
+    left.text(0.97, 0.06, words, transform=left.transAxes, ha="right", fontsize=8.5)
+    left.set(xlabel="time [s]", ylabel="q4 (octahedron above 0)")
+    left.set_title("shape")
+    right.plot(series["time"], series["points"], color=GREEN, label="along the axes (six points)")
+    right.plot(series["time"], series["corners"], color=VERMILION, label="along the body diagonals (corners)")
+    right.set(xlabel="time [s]", ylabel="reach over R")
+    right.set_title("reach")
+    right.legend()
+    for axes in (left, right):
+        axes.grid(True)
+    figure.suptitle(data["title"], fontsize=10.5, fontweight="bold")
+    return figure
+
+
+def _room(result: Result, frame: int, view: NDArray, colour_parts: bool = True) -> dict[str, Any]:
+    """What can be seen of the liquid at a frame, with the number of each particle's part (-1: of a small one)."""
+    from validation.metrics.spread import parts
+
+    values = result.values
+    k = next(k for k, row in enumerate(values["rows"]) if row["frame"] == frame)
+    x = result.arrays["position"][k].astype(float)
+    part = parts(x, values["spacing"])
+    sizes = np.bincount(part)
+    part = np.where(sizes[part] >= 5, part, -1)
+    seen = visible_balls(x - _middle(view), 0.5 * values["spacing"], view, ROOM_EXTENT)
+    kept = ("frame", "time", "parts", "lone", "holes", "largest", "stretch", "layers")
+    return {
+        **{name: values["rows"][k][name] for name in kept},
+        "position_mm": np.rint(x[seen] / MILLI).astype(int), "part": part[seen],
+    }  # fmt: skip
+
+
+def _middle(view: NDArray) -> NDArray:
+    """What stands in the middle of a picture of the room."""
+    return np.array([0.0, 0.0, 0.0 if view is TOP else 0.16])
+
+
+def _draw_room(place: Any, frame: Mapping[str, Any], spacing: float, view: NDArray) -> None:
+    x = np.array(frame["position_mm"], dtype=float).reshape(-1, 3) * MILLI - _middle(view)
+    part = np.array(frame["part"], dtype=int)
+    colour = np.array([GLASS if p < 0 else COLOURS[p % len(COLOURS)] for p in part]).reshape(-1, 3)
+    show_image(place, ball_picture(x, 0.5 * spacing, colour, view, ROOM_EXTENT, 420), ROOM_EXTENT)
+    half = 0.5 * scenes.ROOM + 0.5 * spacing
+    if view is TOP:
+        place.plot([-half, half, half, -half, -half], [-half, -half, half, half, -half], color=GREY, linewidth=0.8)
+    else:
+        floor = -_middle(view)[2] - 0.5 * spacing
+        place.plot([-half, half], [floor, floor], color=GREY, linewidth=0.8)
+
+
+def _counts(frame: Mapping[str, Any], *names: str) -> str:
+    """Counts in words: 1 part, 2 parts."""
+    return ", ".join(f"{frame[name]} {name if frame[name] != 1 else name[:-1]}" for name in names)
+
+
+def splash_data(results: Results) -> dict[str, Any]:
+    """Figure 4: from above at frames 60 to 90, with and without tension."""
+    arms = {"with": "with tension", "without": "without tension"}
+    return {
+        "title": "Dong, figure 4: the block after its impact, from above",
+        "spacing_m": results["rest_with"].values["spacing"],
+        "rows": [
+            {
+                "words": words,
+                "frames": [_room(results[f"rest_{arm}"], frame, TOP) for frame in (*scenes.FRAMES, *scenes.LATER)],
+            }
+            for arm, words in arms.items()
+        ],
+    }
+
+
+def splash_picture(data: Mapping[str, Any]) -> Any:
+    """Draw figure 4: an arm a row."""
+    import matplotlib.pyplot as plt
+
+    rows = data["rows"]
+    figure, axes = plt.subplots(len(rows), len(rows[0]["frames"]), figsize=(12.6, 5.0), squeeze=False)
+    for line, row in enumerate(rows):
+        for column, frame in enumerate(row["frames"]):
+            place = axes[line][column]
+            _draw_room(place, frame, data["spacing_m"], TOP)
+            words = (
+                f"frame {frame['frame']}: {_counts(frame, 'parts')}, {frame['lone']} lone,\n{_counts(frame, 'holes')}"
+            )
+            place.set_title(words, fontsize=8, loc="center", weight="normal")
+        axes[line][0].text(-0.04, 0.5, row["words"], transform=axes[line][0].transAxes, rotation=90, ha="right",
+                           va="center", fontsize=9.5)  # fmt: skip
+    figure.suptitle(data["title"] + " (colours: parts of 5 particles and more)", fontsize=10.5, fontweight="bold")
+    return figure
+
+
+def rest_data(results: Results) -> dict[str, Any]:
+    """Figure 5: from the side at rest, with and without tension."""
+    return {
+        "title": "Dong, figure 5: at rest, from the side",
+        "spacing_m": results["rest_with"].values["spacing"],
+        "rows": [
+            {"words": words, **_room(results[f"rest_{arm}"], REST, SIDE_VIEW)}
+            for arm, words in (("with", "with tension"), ("without", "without tension"))
+        ],
+    }
+
+
+def rest_picture(data: Mapping[str, Any]) -> Any:
+    """Draw figure 5."""
+    import matplotlib.pyplot as plt
+
+    figure, axes = plt.subplots(1, 2, figsize=(9.6, 1.9))
+    for place, row in zip(axes, data["rows"]):
+        _draw_room(place, row, data["spacing_m"], SIDE_VIEW)
+        place.set_ylim(-0.2, -0.05)
+        words = f"{row['words']}: {_counts(row, 'layers', 'parts')}, {row['lone']} lone"
+        place.set_title(words, fontsize=9, loc="center", weight="normal")
+    figure.suptitle(data["title"] + f" ({data['rows'][0]['time']:.1f} s)", fontsize=10.5, fontweight="bold")
+    return figure
+
+
+def merging_data(results: Results) -> dict[str, Any]:
+    """Figure 6: droplets become one, from above."""
+    result = results["rest_with"]
+    rows = result.values["rows"]
+    return {
+        "title": "Dong, figure 6: the droplets merge",
+        "spacing_m": result.values["spacing"],
+        "frames": [_room(result, frame, TOP) for frame in MERGING],
+        "series": {name: [row[name] for row in rows] for name in ("time", "parts", "lone", "largest")},
+    }
+
+
+def merging_picture(data: Mapping[str, Any]) -> Any:
+    """Draw figure 6: eight moments, and the number of parts over time."""
+    import matplotlib.pyplot as plt
+
+    figure = plt.figure(figsize=(9.6, 7.4))
+    grid = figure.add_gridspec(3, 4, height_ratios=(1.0, 1.0, 0.75))
+    for k, frame in enumerate(data["frames"]):
+        place = figure.add_subplot(grid[k // 4, k % 4])
+        _draw_room(place, frame, data["spacing_m"], TOP)
+        words = f"{frame['time']:.2f} s: {_counts(frame, 'parts')}, {frame['lone']} lone"
+        place.set_title(words, fontsize=8, loc="center", weight="normal")
+    axes = figure.add_subplot(grid[2, :])
+    series = data["series"]
+    axes.plot(series["time"], series["parts"], color=BLUE, marker="o", markersize=3, label="parts of 5 and more")
+    axes.plot(series["time"], series["lone"], color=ORANGE, marker="o", markersize=3, label="lone particles")
+    axes.set(xlabel="time [s]", ylabel="number", xscale="log", ylim=(0, None))
+    axes.set_xticks((0.3, 0.5, 1, 2, 4, 8), ("0.3", "0.5", "1", "2", "4", "8"))
+    axes.set_xticks((), minor=True)
+    axes.legend()
+    axes.grid(True)
+    figure.suptitle(data["title"], fontsize=10.5, fontweight="bold")
+    return figure
+
+
+DARK = 8e-4  # excess of area from which on the map's colours ask for white letters
+
+
+def sweep_data(results: Results) -> dict[str, Any]:
+    """Area of small drops over k and lambda, and which of them are at rest."""
+    from validation.experiments.dong import runs
+
+    rows = []
+    for key, pair in runs.sweep_pairs().items():
+        values = results[key].values
+        names = ("stiffness", "correction", "area", "kinetic_share", "swing", "stopped")
+        rows.append({**pair, **{f"{name}_found" if name in pair else name: values[name] for name in names}})
+    return {
+        "title": "k against lambda: how far drops are from a ball",
+        "unit_of_cohesion": "k of the calibrated tension",
+        "unit_of_correction": "nominal sigma/(rho0 d) of the calibrated tension",
+        "calm": 0.01,
+        "rows": rows,
+    }
+
+
+def sweep_picture(data: Mapping[str, Any]) -> Any:
+    """Draw a map for each size; the best that is at rest is framed."""
+    import matplotlib.pyplot as plt
+    from matplotlib.colors import LogNorm
+    from matplotlib.patches import Rectangle
+
+    sides = list(dict.fromkeys(row["side"] for row in data["rows"]))
+    figure, axes = plt.subplots(1, len(sides), figsize=(11.5, 3.0), sharey=True)
+    for place, side in zip(axes, sides):
+        rows = [row for row in data["rows"] if row["side"] == side]
+        across, up = (list(dict.fromkeys(row[name] for row in rows)) for name in ("correction", "cohesion"))
+        excess, best = np.full((len(up), len(across)), np.nan), None
+        for row in rows:
+            at = up.index(row["cohesion"]), across.index(row["correction"])
+            whole = row["area"] is not None and not row["stopped"]
+            excess[at] = row["area"] - 1 if whole else np.nan
+            calm = whole and row["kinetic_share"] < data["calm"]
+            words = "torn" if not whole else f"{1e3 * excess[at]:.2f}" + ("" if calm else "\nnot at rest")
+            ink = "white" if whole and excess[at] > DARK else "black"
+            place.text(at[1], at[0], words, ha="center", va="center", fontsize=6.5, color=ink)
+            if calm and row["correction"] and (best is None or excess[at] < excess[best]):
+                best = at
+        image = place.imshow(excess, origin="lower", aspect="auto", cmap="YlGnBu", norm=LogNorm(3e-4, 2e-3))
+        if best is not None:
+            place.add_patch(
+                Rectangle((best[1] - 0.5, best[0] - 0.5), 1, 1, fill=False, edgecolor=VERMILION, linewidth=2)
+            )
+        place.set_xticks(range(len(across)), [f"{value:g}" for value in across])
+        place.set_yticks(range(len(up)), [f"{value:g}" for value in up])
+        place.set(xlabel=r"$\lambda\,\rho_0 d/\sigma$")
+        place.set_title(f"cube of {side**3:,}")
+    axes[0].set(ylabel="k over the calibrated one")
+    figure.colorbar(image, ax=axes, label="area over a ball's, less one", shrink=0.9)
+    figure.suptitle(data["title"] + " (numbers: thousandths)", fontsize=10.5, fontweight="bold")
+    return figure

@@ -1,0 +1,323 @@
+"""Pictures of the droplet, each drawn from its own data file."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from validation.drawing import (
+    BLACK,
+    BLUE,
+    GREEN,
+    GREY,
+    ORANGE,
+    PURPLE,
+    SKY,
+    VERMILION,
+    ball_picture,
+    show_image,
+    surface_picture,
+    view_matrix,
+    visible_balls,
+)
+from validation.experiment import Results
+from validation.metrics.droplet import surface_mesh
+from validation.results import floats
+
+VIEW = view_matrix(azimuth=32.0, elevation=24.0)
+ROWS = {"cube_4913": "cube", "cut_5039": "cube cut from a turned lattice", "box_4862": "turned box, 1.3 : 1 : 0.8"}
+EXTENT = 1.5  # half width of a frame, in R
+WATER = (0.16, 0.50, 0.80)
+
+
+def chosen_frames(values: Mapping[str, Any], count: int) -> list[int]:
+    """Samples that tell the story: the start, on the way, the first octahedron (greatest q4), and on to the end."""
+    moment = floats(values["series"]["cubic_moment"])
+    last = len(moment) - 1
+    peak = int(np.argmax(moment[: last // 2]))
+    way = int(np.argmin(np.abs(moment[: peak + 1] - 0.5 * moment[0]))) if peak > 1 else 1
+    chosen = [0, way, peak]
+    chosen += np.geomspace(last, max(2 * peak, 2), max(count - 3, 1)).round().astype(int).tolist()
+    return sorted({k for k in chosen if k <= last})
+
+
+def frame_data(results: Results) -> dict[str, Any]:
+    """Figure 6: the particles that can be seen, of each start, at chosen times."""
+    data: dict[str, Any] = {
+        "title": "Figure 6: a cube of liquid becomes a drop",
+        "half_width_radii": EXTENT,
+        "rows": [],
+    }
+    for key, words in ROWS.items():
+        if key not in results or key == "cut_5039":
+            continue
+        values, position = results[key].values, results[key].arrays["position"]
+        frames = []
+        for k in chosen_frames(values, 6):
+            x = (position[k] - position[k].mean(0)) / values["radius"]
+            seen = visible_balls(x, 0.5 * values["spacing"] / values["radius"], VIEW, EXTENT)
+            frames.append(
+                {
+                    "time_s": values["series"]["time"][k],
+                    "cubic_moment": values["series"]["cubic_moment"][k],
+                    "radius_variation": values["series"]["radius_variation"][k],
+                    "position_milliradii": np.rint(1000 * x[seen]).astype(int),
+                }
+            )
+        data["rows"].append(
+            {
+                "start": words,
+                "particles": values["particles"],
+                "radius_m": values["radius"],
+                "capillary_time_s": values["capillary_time"],
+                "spacing_radii": values["spacing"] / values["radius"],
+                "frames": frames,
+            }
+        )
+    return data
+
+
+def frame_picture(data: Mapping[str, Any]) -> Any:
+    """Rows of lit balls, coloured by their distance from the centre."""
+    import matplotlib.pyplot as plt
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import Normalize
+
+    rows = data["rows"]
+    columns = max(len(row["frames"]) for row in rows)
+    figure, panels = plt.subplots(len(rows), columns, figsize=(1.75 * columns, 2.55 * len(rows) + 0.75), squeeze=False)
+    norm, colours = Normalize(0.8, 1.3), plt.get_cmap("viridis")
+    extent = data["half_width_radii"]
+    for row, line in zip(rows, panels):
+        for axes in line:
+            axes.set_axis_off()
+        for frame, axes in zip(row["frames"], line):
+            x = np.array(frame["position_milliradii"]) / 1000
+            colour = colours(norm(np.linalg.norm(x, axis=1)))[:, :3]
+            show_image(axes, ball_picture(x, 0.5 * row["spacing_radii"], colour, VIEW, extent), extent)
+            axes.set_title(f"t = {frame['time_s'] / row['capillary_time_s']:.2f}", loc="center", fontweight="normal")
+            axes.text(
+                0.5, -0.02, f"$q_4$ = {frame['cubic_moment']:+.3f}\nroughness {frame['radius_variation']:.4f}",
+                transform=axes.transAxes, ha="center", va="top", fontsize=8, color=GREY,
+            )  # fmt: skip
+        words = f"{row['start'].capitalize()}, {row['particles']:,} particles"
+        line[0].set_title(f"{words}\n", loc="left")
+    bar = figure.colorbar(
+        ScalarMappable(norm, colours), ax=panels, orientation="horizontal", shrink=0.4, aspect=40, pad=0.02
+    )
+    bar.set_label(r"distance from the centre / R   (times in $\sqrt{\rho R^3/\sigma}$, roughness is std/mean radius)")
+    return figure
+
+
+def surface_data(results: Results) -> dict[str, Any]:
+    """Figure 7: all particles at four times; the surface is made of them when it is drawn."""
+    values, position = results["cube_4913"].values, results["cube_4913"].arrays["position"]
+    frames = []
+    for k in chosen_frames(values, 4):
+        x = (position[k] - position[k].mean(0)) / values["radius"]
+        frames.append(
+            {"time_s": values["series"]["time"][k], "position_milliradii": np.rint(1000 * x).astype(int).tolist()}
+        )
+    return {
+        "title": "Figure 7: the drop's surface",
+        "spacing_radii": values["spacing"] / values["radius"],
+        "capillary_time_s": values["capillary_time"],
+        "half_width_radii": 1.4,
+        "frames": frames,
+    }
+
+
+def surface_picture_of(data: Mapping[str, Any]) -> Any:
+    """The reconstructed surface, lit."""
+    import matplotlib.pyplot as plt
+
+    frames, extent = data["frames"], data["half_width_radii"]
+    figure, panels = plt.subplots(1, len(frames), figsize=(2.5 * len(frames), 3.0))
+    for frame, axes in zip(frames, np.atleast_1d(panels)):
+        x = np.array(frame["position_milliradii"]) / 1000
+        x = x[np.linalg.norm(x, axis=1) < 3.0]
+        mesh = surface_mesh(x, data["spacing_radii"], smoothing=1.0, cell=0.3)
+        show_image(axes, surface_picture(*mesh, WATER, VIEW, extent, pixels=900), extent)
+        time = frame["time_s"] / data["capillary_time_s"]
+        axes.set_title(f"t = {time:.2f}", loc="center", fontweight="normal", y=0.95)
+    figure.supxlabel(r"times in $\sqrt{\rho R^3/\sigma}$; surface where half the volume is liquid", fontsize=8.5)
+    return figure
+
+
+def force_data(results: Results) -> dict[str, Any]:
+    """Figure 2: the curve of J(17), in units of W_poly6(0, h), with the printed and the adopted 2D coefficient."""
+    from refsim.surface_tension.jiang_zhu_2023 import ALPHA, BETA, INNER
+
+    q = np.linspace(0.0, 1.05, 211)
+
+    def curve(alpha: float, dim: int) -> np.ndarray:
+        def poly6(u: np.ndarray) -> np.ndarray:
+            return np.where(u < 1, (1 - np.minimum(u, 1.0) ** 2) ** 3, 0.0)
+
+        return alpha * poly6(q / INNER) / INNER**dim - BETA * poly6(q)
+
+    return {
+        "title": "Figure 2: inter-particle force, J(17)",
+        "q": q.round(4),
+        "curves": {
+            "3D, alpha = 0.6, beta = 0.9 (the paper)": curve(ALPHA[3], 3).round(5),
+            "2D, alpha = 0.75 (adopted: the same shape)": curve(ALPHA[2], 2).round(5),
+            "2D, alpha = 0.6 (printed)": curve(ALPHA[3], 2).round(5),
+        },
+    }
+
+
+def force_picture(data: Mapping[str, Any]) -> Any:
+    """Repulsion up, attraction down, zeros marked."""
+    import matplotlib.pyplot as plt
+
+    figure, axes = plt.subplots(figsize=(6.4, 3.8))
+    q = np.array(data["q"])
+    looks = ((VERMILION, "-", 2.4), (BLUE, "--", 1.6), (GREY, ":", 1.8))
+    for (words, values), (colour, dash, width) in zip(data["curves"].items(), looks):
+        c = np.array(values)
+        axes.plot(q, c, dash, color=colour, lw=width, label=words)
+        cross = int(np.flatnonzero((c[:-1] > 0) & (c[1:] <= 0))[0])
+        zero = q[cross] + (q[cross + 1] - q[cross]) * c[cross] / (c[cross] - c[cross + 1])
+        axes.plot(zero, 0, "o", ms=6, mfc="white", mec=colour, mew=1.5, zorder=4)
+        if dash != "--":
+            place = (zero + 0.06, 0.085) if dash == "-" else (0.03, -0.075)
+            axes.annotate(
+                f"zero at {zero:.3f} h", (zero, 0), place, fontsize=8.5,
+                color=colour, arrowprops={"arrowstyle": "-", "color": colour, "lw": 0.8},
+            )  # fmt: skip
+    axes.axhline(0, color="#444444", lw=0.8)
+    low, high = axes.get_ylim()
+    axes.axhspan(0, high, color=ORANGE, alpha=0.06, lw=0)
+    axes.axhspan(low, 0, color=SKY, alpha=0.08, lw=0)
+    axes.set_ylim(low, high)
+    axes.text(1.03, 0.012, "repulsion", ha="right", fontsize=9, color=GREY)
+    axes.text(1.03, -0.022, "attraction", ha="right", fontsize=9, color=GREY)
+    axes.set_xlim(0, 1.05)
+    axes.set_xlabel("distance r / h")
+    axes.set_ylabel(r"$C(r)\,/\,W_{\mathrm{poly6}}(0,h)$")
+    axes.set_title("Inter-particle force of Jiang & Zhu 2023, J(17)")
+    axes.grid(True)
+    axes.legend(loc="upper right")
+    return figure
+
+
+MEASURES = (
+    ("radius_variation", "radius variation", True),
+    ("cubic_moment", r"$q_4$", False),
+    ("kinetic_energy", "kinetic energy / peak", True),
+    ("nn_5", "nearest neighbour / spacing", False),
+)
+
+
+def measure_data(results: Results) -> dict[str, Any]:
+    """Shape, energy and spacing over time, from each start."""
+    data: dict[str, Any] = {
+        "title": "From the start to rest",
+        "bars": {"radius_variation": 0.005, "kinetic_energy": 1e-3},
+    }
+    data["runs"] = {}
+    for key, words in ROWS.items():
+        if key in results:
+            values = results[key].values
+            names = ("time", "radius_variation", "cubic_moment", "kinetic_energy", "nn_min", "nn_5", "nn_mean")
+            data["runs"][f"{words}, {values['particles']:,}"] = {
+                "capillary_time_s": values["capillary_time"],
+                "lattice": values["lattice"],
+                **{name: values["series"][name] for name in names},
+            }
+    return data
+
+
+def measure_picture(data: Mapping[str, Any]) -> Any:
+    """Four panels against time in capillary times."""
+    import matplotlib.pyplot as plt
+
+    figure, panels = plt.subplots(2, 2, figsize=(9.6, 6.2), sharex=True)
+    looks = ((BLUE, "-"), (ORANGE, "--"), (GREEN, "-."))
+    for (name, words, logarithmic), axes in zip(MEASURES, panels.ravel()):
+        for (label, run), (colour, dash) in zip(data["runs"].items(), looks):
+            time = floats(run["time"]) / run["capillary_time_s"]
+            values = floats(run[name])
+            if name == "kinetic_energy":
+                values = values / np.nanmax(values)
+                values[0] = np.nan
+            axes.plot(time, values, dash, color=colour, label=label if name != "nn_5" else None)
+            if name == "nn_5":
+                axes.plot(time, floats(run["nn_min"]), dash, color=colour, lw=0.9)
+                axes.plot(time, floats(run["nn_mean"]), dash, color=colour, lw=0.9)
+        if name in data["bars"]:
+            axes.axhline(data["bars"][name], color=VERMILION, lw=1.2, ls=":")
+            axes.text(0.99, data["bars"][name], "bar", color=VERMILION, fontsize=8, ha="right", va="bottom",
+                      transform=axes.get_yaxis_transform())  # fmt: skip
+        if name == "radius_variation":
+            lattice = next(iter(data["runs"].values()))["lattice"]
+            for shape, value in lattice.items():
+                axes.axhline(value, color=GREY, lw=0.8)
+                axes.text(0.99, value, f"lattice {shape}", color=GREY, fontsize=8, ha="right", va="bottom",
+                          transform=axes.get_yaxis_transform())  # fmt: skip
+        if name == "nn_5":
+            axes.axhline(0.7, color=VERMILION, lw=1.2, ls=":")
+            axes.axhline(0.4, color=VERMILION, lw=1.2, ls=":")
+            axes.text(0.99, 0.58, "upper bar: 5th percentile", color=VERMILION, fontsize=8, ha="right", va="top",
+                      transform=axes.get_yaxis_transform())  # fmt: skip
+            axes.text(0.99, 0.4, "lower bar: least", color=VERMILION, fontsize=8, ha="right", va="top",
+                      transform=axes.get_yaxis_transform())  # fmt: skip
+            axes.set_title("mean (top), 5th percentile (thick), least (bottom)", fontweight="normal", fontsize=9)
+            axes.set_ylim(0, 1.05)
+        if name == "cubic_moment":
+            axes.set_title(r"$q_4$: cube -0.127, ball 0, octahedron above 0", fontweight="normal", fontsize=9)
+        if logarithmic:
+            axes.set_yscale("log")
+        axes.set_ylabel(words)
+        axes.grid(True)
+    panels[0, 1].axhline(0, color=GREY, lw=0.8)
+    panels[0, 1].legend(loc="lower right")
+    for axes in panels[1]:
+        axes.set_xlabel(r"time / $\sqrt{\rho R^3/\sigma}$")
+    return figure
+
+
+def mode_data(results: Results) -> dict[str, Any]:
+    """Energy, shape and momentum over time, for every reading of which pairs act."""
+    data: dict[str, Any] = {"title": "Which pairs act", "runs": {}}
+    for key, result in results.items():
+        if key == "cube_4913" or key.startswith("mode_"):
+            values = result.values
+            names = ("time", "kinetic_energy", "radius_variation", "momentum", "momentum_scale")
+            data["runs"][values["words"]] = {
+                "capillary_time_s": values["capillary_time"],
+                "stopped": values["stopped"],
+                **{name: values["series"][name] for name in names},
+            }
+    return data
+
+
+def mode_picture(data: Mapping[str, Any]) -> Any:
+    """Kinetic energy, roughness and lost momentum against time."""
+    import matplotlib.pyplot as plt
+
+    figure, panels = plt.subplots(1, 3, figsize=(11.4, 4.2), sharex=True)
+    looks = ((BLUE, "-"), (GREEN, "--"), (PURPLE, "-."), (ORANGE, "-"), (SKY, "-."), (VERMILION, "-"), (BLACK, ":"))
+    for (words, run), (colour, dash) in zip(data["runs"].items(), looks):
+        time = floats(run["time"]) / run["capillary_time_s"]
+        energy, scale = floats(run["kinetic_energy"]), floats(run["momentum_scale"])
+        drift = np.linalg.norm(floats(run["momentum"]), axis=1) / np.maximum(np.nanmax(scale), 1e-300)
+        lines = (energy, floats(run["radius_variation"]), drift)
+        for axes, values in zip(panels, lines):
+            values = np.where(values > 0, values, np.nan)
+            axes.plot(time, values, dash, color=colour, label=words if axes is panels[0] else None)
+            if run["stopped"]:
+                axes.plot(time[-1], values[-1], "x", color=colour, ms=8, mew=2)
+    for axes, limits in zip(panels, ((1e-5, 1e2), (5e-4, 1.0), (1e-9, 2.0))):
+        axes.set_ylim(limits)
+    titles = ("a  Kinetic energy [J]", "b  Radius variation", "c  Momentum / largest sum of m |v|")
+    for axes, title in zip(panels, titles):
+        axes.set_yscale("log")
+        axes.set_title(title)
+        axes.set_xlabel(r"time / $\sqrt{\rho R^3/\sigma}$")
+        axes.grid(True)
+    figure.legend(loc="outside lower center", ncols=3)
+    return figure

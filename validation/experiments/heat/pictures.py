@@ -1,0 +1,273 @@
+"""Pictures of the heat case, each drawn from its data file alone."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from validation.drawing import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION, YELLOW
+from validation.experiment import Results
+from validation.experiments.heat import exact, runs
+from validation.results import floats
+
+SCHEMES = {
+    "one_sided": "M(4), each particle by itself (R1)", "pair_exchange": "M(4), both of a pair (R3)",
+    "single_pass": "single pass (NPX)", "implicit": "implicit (Chebyshev)",
+    "conjugate_gradient": "conjugate gradients", "runge_kutta_legendre": "Runge-Kutta-Legendre", "explicit": "explicit",
+    "nonlinear_jacobi": "nonlinear Jacobi",
+}  # fmt: skip
+COLOURS = {
+    "one_sided": VERMILION, "pair_exchange": ORANGE, "single_pass": SKY, "implicit": BLUE,
+    "conjugate_gradient": PURPLE, "runge_kutta_legendre": GREEN, "explicit": GREY, "nonlinear_jacobi": YELLOW,
+}  # fmt: skip
+EXACT = {"color": BLACK, "linestyle": "--", "linewidth": 1.1}
+
+
+def _found(results: Results, prefix: str) -> dict[str, Any]:
+    """Rows of each scheme that was run."""
+    return {name: results[f"{prefix}{name}"].values["rows"] for name in SCHEMES if f"{prefix}{name}" in results}
+
+
+def schemes_data(results: Results) -> dict[str, Any]:
+    """Error against passes."""
+    return {"title": "A cosine in a slab: error against work", "schemes": _found(results, "slab_")}
+
+
+def schemes(data: Mapping[str, Any]) -> Any:
+    """Error over the passes for each unit of k dt/(rho c d^2); crosses at the top edge have blown up."""
+    import matplotlib.pyplot as plt
+
+    figure, axis = plt.subplots(figsize=(7.6, 4.2))
+    for name, rows in data["schemes"].items():
+        colour = COLOURS[name]
+        shown = [(r["work"], r["error"], r["number"]) for r in rows if r["work"] and r["error"]]
+        if shown:
+            work, error, _ = zip(*shown)
+            axis.loglog(work, error, "o-", color=colour, label=SCHEMES[name])
+            for w, e, n in shown:
+                axis.annotate(f"{n:g}", (w, e), (4, 4), textcoords="offset points", fontsize=7, color=colour)
+        lost = [r["work"] for r in rows if r["work"] and not r["error"]]
+        axis.plot(lost, [60.0] * len(lost), "x", color=colour, label=f"{SCHEMES[name]}: blown up" if lost else None)
+    axis.set_xlabel("passes over the neighbours for each k dt/(rho c d²) = 1")
+    axis.set_ylabel("rms error [% of the range]")
+    axis.set_title(data["title"])
+    axis.grid(True, which="major")
+    axis.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
+    return figure
+
+
+def _curve(x: np.ndarray, y: np.ndarray, digits: int = 4) -> dict[str, Any]:
+    return {"x": np.round(x, digits), "y": np.round(y, digits)}
+
+
+def profiles_data(results: Results) -> dict[str, Any]:
+    """Slab, sphere and column at the end, with the exact curves."""
+    depth = (np.arange(runs.LENGTH) + 0.5) * runs.SPACING
+    slab = {
+        name: _curve(depth, results[f"slab_{name}"].arrays["profile_8"])
+        for name in SCHEMES
+        if f"slab_{name}" in results and np.abs(results[f"slab_{name}"].arrays["profile_8"]).max() < 1e3
+    }
+    ball = results["sphere_runge_kutta_legendre"]
+    some = np.random.default_rng(0).permutation(len(ball.arrays["r"]))[:600]
+    sphere = {
+        name: _curve(
+            results[f"sphere_{name}"].arrays["r"][some], results[f"sphere_{name}"].arrays["temperature_2"][some]
+        )
+        for name in ("single_pass", "implicit", "runge_kutta_legendre")
+        if f"sphere_{name}" in results
+    }
+    radius = np.linspace(0, 1, 101)
+    column = results["stefan_runge_kutta_legendre"]
+    ice = {
+        name: _curve(results[f"stefan_{name}"].arrays["x"], results[f"stefan_{name}"].arrays["temperature_2"])
+        for name in ("runge_kutta_legendre", "implicit", "single_pass")
+        if f"stefan_{name}" in results
+    }
+    spacing, until, root = (column.values["rows"][1]["size"], column.values["until"], column.values["root"])
+    x = np.linspace(0, 1, 201)
+    return {
+        "title": "Profiles beside the exact ones",
+        "slab": {"curves": slab, "exact": _curve(depth, exact.cosine(depth, runs.LENGTH * runs.SPACING, runs.END))},
+        "sphere": {"curves": sphere, "exact": _curve(radius, exact.cooled_sphere(radius, 1.05, 0.1))},
+        "stefan": {
+            "curves": ice,
+            "exact": _curve(x - spacing / 2, exact.stefan_profile(x, until, runs.WALL, runs.START, root)),
+        },
+    }  # fmt: skip
+
+
+def profiles(data: Mapping[str, Any]) -> Any:
+    """Three panels: slab, sphere, Stefan's problem."""
+    import matplotlib.pyplot as plt
+
+    figure, panels = plt.subplots(1, 3, figsize=(12.5, 3.6))
+    words = {
+        "slab": ("A cosine in a slab, k dt/(rho c d²) = 8", "depth [m]", "-"),
+        "sphere": ("A jittered sphere that cools, k dt/(rho c d²) = 2", "radius [m]", "."),
+        "stefan": ("Ice beside a warm wall, k dt/(rho c d²) = 2", "depth [m]", "-"),
+    }
+    for axis, (key, (title, label, mark)) in zip(panels, words.items()):
+        for name, curve in data[key]["curves"].items():
+            size = {"markersize": 2.5} if mark == "." else {"linewidth": 1.5}
+            axis.plot(floats(curve["x"]), floats(curve["y"]), mark, color=COLOURS[name], label=SCHEMES[name], **size)
+        axis.plot(floats(data[key]["exact"]["x"]), floats(data[key]["exact"]["y"]), label="exact", **EXACT)
+        axis.set_title(title)
+        axis.set_xlabel(label)
+        axis.grid()
+    panels[0].set_ylabel("temperature [°C]")
+    panels[2].set_xlim(-0.08, 0.8)
+    handles = {}
+    for axis in panels:
+        for handle, label in zip(*axis.get_legend_handles_labels()):
+            handles.setdefault(label, handle)
+    figure.legend(handles.values(), handles.keys(), loc="outside lower center", ncols=4)
+    return figure
+
+
+def fronts_data(results: Results) -> dict[str, Any]:
+    """Melted depth and radius of the ice over time, with both readings of where the wall stands."""
+    column = results["stefan_runge_kutta_legendre"]
+    spacing = column.values["rows"][1]["size"]
+    time = column.arrays["time_2"]
+    depth = {
+        name: _curve(results[f"stefan_{name}"].arrays["time_8"], results[f"stefan_{name}"].arrays["depth_8"], 5)
+        for name in SCHEMES
+        if f"stefan_{name}" in results
+    }
+    truth = 2 * column.values["root"] * np.sqrt(np.linspace(0, time[-1], 101))
+    ball = results["melting_runge_kutta_legendre_20"]
+    oracle = results["oracle"]
+    inside = slice(None, None, max(1, len(oracle.arrays["time"]) // 200))
+    spheres = {
+        str(cells): _curve(result.arrays["time"], result.arrays["radius"], 5)
+        for cells in (10, 20)
+        if (result := results.get(f"melting_runge_kutta_legendre_{cells}")) is not None
+    }
+    return {
+        "title": "Fronts of melting ice",
+        "depth": depth,
+        "raw": _curve(np.linspace(0, time[-1], 101), truth, 5),
+        "shifted": _curve(np.linspace(0, time[-1], 101), truth - spacing / 2, 5),
+        "spheres": spheres,
+        "sphere": _curve(oracle.arrays["time"][inside], np.cbrt(oracle.arrays["ice"][inside]), 5),
+        "sphere_shifted": _curve(ball.arrays["time"], ball.arrays["shifted"], 5),
+    }
+
+
+def fronts(data: Mapping[str, Any]) -> Any:
+    """Two panels: melted depth beside a wall, radius of a sphere of ice."""
+    import matplotlib.pyplot as plt
+
+    figure, (left, right) = plt.subplots(1, 2, figsize=(11.0, 3.8))
+    for name, curve in data["depth"].items():
+        wide = 3.2 if name == "implicit" else 1.5  # conjugate gradients solve the same, and lie on it
+        left.plot(floats(curve["x"]), floats(curve["y"]), color=COLOURS[name], label=SCHEMES[name], linewidth=wide)
+    left.plot(floats(data["raw"]["x"]), floats(data["raw"]["y"]), label="exact, wall at the surface", **EXACT)
+    shifted = {**EXACT, "linestyle": ":"}
+    x, y = (floats(data["shifted"][name]) for name in "xy")
+    left.plot(x, y, label="exact, wall at the first held layer", **shifted)
+    left.set_ylim(bottom=0)
+    left.set_title("Melted depth [m], k dt/(rho c d²) = 8")
+    for (cells, curve), colour in zip(data["spheres"].items(), (SKY, GREEN)):
+        right.plot(
+            floats(curve["x"]), floats(curve["y"]), color=colour, label=f"particles, R = {cells} d", linewidth=1.5
+        )
+    right.plot(floats(data["sphere"]["x"]), floats(data["sphere"]["y"]), label="1D, wall at R", **EXACT)
+    x, y = (floats(data["sphere_shifted"][name]) for name in "xy")
+    right.plot(x, y, label="1D, wall at R + d/2, 20 d", **shifted)
+    right.set_title("Radius of a sphere of ice [m]")
+    right.set_ylim(0, 1.02)
+    for axis in (left, right):
+        axis.set_xlabel("time [s]")
+        axis.set_xlim(left=0)
+        axis.grid()
+    left.legend(fontsize=7.5, loc="center right", bbox_to_anchor=(-0.12, 0.5))
+    right.legend(fontsize=7.5)
+    return figure
+
+
+def orders_data(results: Results) -> dict[str, Any]:
+    """Errors over the spacing and over the step."""
+    single = {
+        "slab": [[r["size"] / 8.0, r["error"]] for r in results["spacing"].values["rows"]],
+        "sphere, as it is": [], "sphere, shifted": [], "Stefan, as it is": [], "Stefan, shifted": [],
+    }  # fmt: skip
+    for key in sorted(k for k in results if k.startswith(("spheres_", "columns_"))):
+        (row,) = results[key].values["rows"]
+        words = "sphere" if key.startswith("spheres_") else "Stefan"
+        single[f"{words}, as it is"].append([row["size"], row["raw"]])
+        single[f"{words}, shifted"].append([row["size"], row["shifted"]])
+    return {
+        "title": "Orders of convergence",
+        "spacing": {k: sorted(v) for k, v in single.items() if v},
+        "step": {name: [[r["size"], r["error"]] for r in rows] for name, rows in _found(results, "step_").items()},
+    }
+
+
+def orders(data: Mapping[str, Any]) -> Any:
+    """Two panels, each with the slopes of first and second order."""
+    import matplotlib.pyplot as plt
+
+    figure, (left, right) = plt.subplots(1, 2, figsize=(9.6, 3.8))
+    looks = {
+        "slab": (GREEN, "o-"), "sphere, as it is": (SKY, "s-"), "sphere, shifted": (SKY, "s:"),
+        "Stefan, as it is": (ORANGE, "^-"), "Stefan, shifted": (ORANGE, "^:"),
+    }  # fmt: skip
+    for name, pairs in data["spacing"].items():
+        size, error = floats(pairs).T
+        left.loglog(size, error, looks[name][1], color=looks[name][0], label=name, markersize=4)
+    for name, pairs in data["step"].items():
+        size, error = floats(pairs).T
+        right.loglog(size, error, "o-", color=COLOURS[name], label=SCHEMES[name], markersize=4)
+    for axis, words in ((left, "spacing over the length"), (right, "k dt/(rho c d²)")):
+        low, high = axis.get_ylim()
+        size = np.array(axis.get_xlim())
+        for order, line in ((1, "--"), (2, ":")):
+            guide = np.sqrt(low * high) * (size / np.sqrt(size[0] * size[1])) ** order
+            axis.plot(size, guide, line, color=GREY, linewidth=0.9, label=f"order {order}")
+        axis.set_ylim(low, high)
+        axis.set_xlabel(words)
+        axis.grid(which="major")
+        axis.legend(fontsize=7, loc="center left", bbox_to_anchor=(1.0, 0.5))
+    left.set_ylabel("error [%]")
+    left.set_title("In the spacing, Runge-Kutta-Legendre")
+    right.set_title("In the step, the slab")
+    return figure
+
+
+def ledger_data(results: Results) -> dict[str, Any]:
+    """Change of the heat over the steps."""
+    return {
+        "title": "Heat gained or lost by melting ice",
+        "drift": {
+            dtype: {
+                name: np.abs(results[key].arrays["drift"])
+                for name in SCHEMES
+                if (key := f"ledger_{name}_{dtype}") in results
+            }
+            for dtype in ("float64", "float32")
+        },
+    }
+
+
+def ledger(data: Mapping[str, Any]) -> Any:
+    """Two panels, by precision, with the bars."""
+    import matplotlib.pyplot as plt
+
+    figure, panels = plt.subplots(1, 2, figsize=(9.6, 3.4), sharey=True)
+    for axis, (dtype, curves), bar in zip(panels, data["drift"].items(), (1e-12, 1e-5)):
+        for name, values in curves.items():
+            steps = np.linspace(50, 1000, len(values))
+            axis.semilogy(steps, np.maximum(floats(values), 1e-18), "o-", markersize=3, color=COLOURS[name],
+                          label=SCHEMES[name])  # fmt: skip
+        axis.axhline(bar, color=GREY, linestyle="--", linewidth=1)
+        axis.text(50, bar, f"bar {bar:g}", ha="left", va="bottom", fontsize=8, color=GREY)
+        axis.set_title(dtype)
+        axis.set_xlabel("steps")
+        axis.grid()
+    panels[0].set_ylabel("|change of heat| / movable heat")
+    panels[1].legend(fontsize=7.5, loc="center left", bbox_to_anchor=(1.0, 0.5))
+    return figure

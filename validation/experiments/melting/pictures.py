@@ -1,0 +1,491 @@
+"""Pictures of melting, each drawn from its own data file."""
+
+from __future__ import annotations
+
+import base64
+import zlib
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from validation.drawing import GREY, Layer, ball_picture, layered_picture, view_matrix
+from validation.experiment import Results
+from validation.experiments.melting.scene import SPACING
+from validation.results import real
+
+WATER = (0.30, 0.58, 0.86)
+BODY = {
+    "red": (0.80, 0.16, 0.14),
+    "green": (0.16, 0.60, 0.26),
+    "blue": (0.15, 0.33, 0.78),
+    "yellow": (0.93, 0.74, 0.12),
+}
+ICE = (0.86, 0.93, 0.98)
+CELL = 0.5 * SPACING  # of the grid on which surfaces are extracted
+PIXELS = 720
+
+
+def packed(values: NDArray) -> str:
+    """Whole numbers (n,) or (n, c) as text: differences from row to row, compressed."""
+    rows = np.diff(values, axis=0, prepend=np.zeros_like(values[:1]))
+    return base64.b64encode(zlib.compress(np.ascontiguousarray(rows.T).tobytes(), 9)).decode()
+
+
+def unpacked(text: str, dtype: str, columns: int = 1) -> NDArray:
+    """What was packed: (n,), or (n, columns)."""
+    rows = np.frombuffer(zlib.decompress(base64.b64decode(text)), dtype).reshape(columns, -1).T
+    values = np.cumsum(rows, axis=0, dtype=dtype)
+    return values if columns > 1 else values[:, 0]
+
+
+def stage_data(key: str, title: str) -> Any:
+    """Frames of a figure's run, as a picture's data."""
+
+    def collect(results: Results) -> dict[str, Any]:
+        result = results[key]
+        values, arrays = result.values, result.arrays
+        frames = [
+            {
+                "time": at,
+                "position_cm": packed(arrays[f"position_{k}"]),
+                "temperature": packed(arrays[f"temperature_{k}"]),
+                "solid": packed(arrays[f"solid_{k}"]),
+                "share": float(arrays[f"solid_{k}"].sum() / sum(values["solids"])),
+            }
+            for k, at in enumerate(values["times"])
+        ]
+        kept = ("figure", "particles", "solids", "tank", "colours", "densities", "temperatures", "bookkeeping")
+        return {"title": title, **{name: values[name] for name in kept}, "frames": frames}
+
+    return collect
+
+
+def distance_field(points: NDArray, low: NDArray, shape: tuple[int, ...]) -> NDArray[np.float64]:
+    """|x - xbar| - r on a grid, xbar the weighted mean of the particles nearby (Zhu & Bridson 2005), r = 0.6 d [m]."""
+    reach = 1.6 * SPACING
+    steps = int(np.ceil(reach / CELL))
+    count = int(np.prod(shape))
+    weight, moment = np.zeros(count), np.zeros((3, count))
+    base = np.floor((points - low) / CELL).astype(int)
+    around = np.arange(-steps + 1, steps + 1)
+    layer = np.stack(np.meshgrid([0], around, around, indexing="ij"), axis=-1).reshape(-1, 3)
+    for a in around:
+        node = base[:, None] + layer + (a, 0, 0)
+        away = points[:, None] - (low + CELL * node)
+        near = 1 - (away**2).sum(2) / reach**2
+        held = near > 0
+        flat = np.ravel_multi_index(tuple(node[held].T), shape)
+        w = near[held] ** 3
+        weight += np.bincount(flat, w, count)
+        for c in range(3):
+            moment[c] += np.bincount(flat, w * away[held, c], count)
+    mean = moment / np.maximum(weight, 1e-12)
+    value = np.where(weight > 1e-12, np.sqrt((mean**2).sum(0)) - 0.6 * SPACING, SPACING)
+    return value.reshape(shape)
+
+
+def surface(points: NDArray) -> tuple[NDArray, NDArray]:
+    """(vertices, triangles) of the surface around particles [m]; none for no particles."""
+    from scipy.ndimage import gaussian_filter
+    from skimage.measure import marching_cubes
+
+    if not len(points):
+        return np.zeros((0, 3)), np.zeros((0, 3), int)
+    margin = 6 * CELL
+    low = np.floor((points.min(0) - margin) / CELL) * CELL
+    shape = tuple((np.ceil((points.max(0) + margin - low) / CELL)).astype(int) + 1)
+    value = gaussian_filter(distance_field(points, low, shape), 0.8)
+    if not (value.min() < 0 < value.max()):
+        return np.zeros((0, 3)), np.zeros((0, 3), int)
+    vertices, triangles, _, _ = marching_cubes(value, 0.0, spacing=(CELL,) * 3, gradient_direction="descent")
+    return vertices + low, triangles
+
+
+def stage_picture(azimuth: float, elevation: float, melt_shown: bool) -> Any:
+    """Above the lit surfaces of water, melt and solids; below the temperature of the particles, cut in the middle."""
+
+    def draw(data: Mapping[str, Any]) -> Any:
+        import matplotlib.pyplot as plt
+        from matplotlib.cm import ScalarMappable
+        from matplotlib.colors import Normalize
+
+        frames, tank = data["frames"], np.array(data["tank"], dtype=float)
+        view = view_matrix(azimuth, elevation)
+        middle = tank * (0.5, 0.5, 0.36)
+        corners = (np.array(list(np.ndindex(2, 2, 2))) * tank - middle) @ view.T
+        extent = 1.04 * np.abs(corners[:, :2]).max()
+        owner = np.repeat(np.arange(len(data["solids"])), data["solids"])
+        part = np.append(owner, np.full(data["particles"] - len(owner), -1))
+        cold, hot = data["temperatures"]
+        norm, colours = Normalize(cold, hot), plt.get_cmap("RdYlBu_r")
+        loaded = []
+        for f in frames:
+            x = unpacked(f["position_cm"], "int16", 3) / 100.0 - middle
+            loaded.append((x, unpacked(f["temperature"], "uint8") / 2.0 - 25, unpacked(f["solid"], "uint8") > 0))
+        top = max(float((x @ view.T)[:, 1].max()) for x, _, _ in loaded) + 2 * SPACING
+        low = float(corners[:, 1].min())
+        wide = float(np.abs(corners[:, 0]).max())
+        columns = len(frames)
+        ratio = (top - low) / (2 * wide)
+        figure, panels = plt.subplots(2, columns, figsize=(11.0, 1.0 + 2 * ratio * 11.0 / columns), squeeze=False)
+        for k, (f, (x, temperature, solid)) in enumerate(zip(frames, loaded)):
+            layers = []
+            for body, colour in enumerate(data["colours"]):
+                shade = BODY[colour] if melt_shown else ICE
+                layers.append(Layer(*surface(x[(part == body) & solid]), shade, 1.0))
+                if melt_shown:
+                    paler = tuple(0.45 + 0.55 * c for c in shade)
+                    layers.append(Layer(*surface(x[(part == body) & ~solid]), paler, 1.0))
+            water = (part < 0) if melt_shown else ~solid
+            layers.append(Layer(*surface(x[water]), WATER, 0.30))
+            axes = panels[0, k]
+            edges(axes, corners, False)
+            axes.imshow(layered_picture(layers, view, extent, PIXELS), extent=(-extent, extent) * 2, zorder=2)
+            edges(axes, corners, True)
+            axes.set_title(f"{f['time']:.2f} s, {100 * f['share']:.0f} % solid", loc="center", fontweight="normal")
+            shown = x[:, 1] >= 0 if abs(azimuth + 90) < 45 else x[:, 1] >= -1e9
+            picture = ball_picture(
+                x[shown], 0.55 * SPACING, colours(norm(temperature[shown]))[:, :3], view, extent, PIXELS
+            )
+            below = panels[1, k]
+            edges(below, corners, False)
+            below.imshow(picture, extent=(-extent, extent) * 2, zorder=2)
+            for each in (axes, below):
+                each.set_xlim(-wide - SPACING, wide + SPACING)
+                each.set_ylim(low - SPACING, top)
+                each.set_axis_off()
+        figure.colorbar(
+            ScalarMappable(norm, colours), ax=panels[1, :].tolist(), location="bottom", fraction=0.07, pad=0.02,
+            aspect=60, label="temperature of the particles [deg C]; the front half is cut away",
+        )  # fmt: skip
+        solids = f"{sum(data['solids']):,} solid"
+        figure.suptitle(
+            f"{data['title']}: {data['particles']:,} particles, {solids} at the start", fontweight="bold", x=0.01,
+            ha="left", fontsize=11,
+        )  # fmt: skip
+        return figure
+
+    return draw
+
+
+def edges(axes: Any, corners: NDArray, front: bool) -> None:
+    """Edges of the tank, the hind ones behind the picture."""
+    farthest = int(np.argmin(corners[:, 2]))
+    for a in range(8):
+        for bit in (1, 2, 4):
+            b = a ^ bit
+            if a < b and (farthest in (a, b)) != front and not (front and max(a, b) and (a & 1) and (b & 1)):
+                axes.plot(*corners[[a, b], :2].T, color=GREY, linewidth=0.6, alpha=0.8, zorder=3 if front else 1)
+
+
+def filling_data(results: Results) -> dict[str, Any]:
+    """Figure 3: the plate, its node, and arrayR after each pass."""
+    result = results["filling"]
+    return {
+        "title": "Figure 3: arrayR of one node, filled level by level",
+        **{name: result.values[name] for name in ("node", "cell", "half_width")},
+        "cells": result.arrays["cells"].tolist(), "solid": result.arrays["solid"].tolist(),
+        "passes": result.arrays["passes"].tolist(),
+    }  # fmt: skip
+
+
+def filling_picture(data: Mapping[str, Any]) -> Any:
+    """The plate with its nodes' numbers, then the middle layer of arrayR after each pass; -1 stands for none."""
+    import matplotlib.pyplot as plt
+
+    passes, node, width = data["passes"], data["node"], data["half_width"]
+    figure, panels = plt.subplots(1, len(passes) + 1, figsize=(11.0, 3.3))
+    plate = panels[0]
+    a0, b0, _ = data["cell"]
+    for s, ((a, b, _), solid) in enumerate(zip(data["cells"], data["solid"])):
+        held = abs(a - a0) <= width and abs(b - b0) <= width
+        colour = "white" if not solid else "#FDBE6F" if s == node else "#CFE3F5" if held else "#EEEEEE"
+        plate.add_patch(plt.Rectangle((a - 0.5, b - 0.5), 1, 1, facecolor=colour, edgecolor="#999999", linewidth=0.8))
+        words = str(s) if solid else "melted"
+        plate.text(
+            a, b, words, ha="center", va="center", fontsize=8 if solid else 5.5, color="black" if solid else GREY
+        )
+    plate.add_patch(
+        plt.Rectangle((a0 - width - 0.5, b0 - width - 0.5), 2 * width + 1, 2 * width + 1, fill=False, linewidth=1.6)
+    )
+    plate.set_xlim(-0.6, 6.6)
+    plate.set_ylim(-0.6, 6.6)
+    plate.set_title(f"the plate; box of node {node}, w = {width}", loc="center", fontweight="normal")
+    before = [[-1] * len(passes[0])] * len(passes[0])
+    for k, now in enumerate(passes):
+        axes = panels[k + 1]
+        for i, row in enumerate(now):
+            for j, entry in enumerate(row):
+                new = entry >= 0 and before[i][j] < 0
+                colour = "white" if entry < 0 else "#FDBE6F" if new else "#CFE3F5"
+                axes.add_patch(
+                    plt.Rectangle((i - 0.5, j - 0.5), 1, 1, facecolor=colour, edgecolor="#999999", linewidth=0.8)
+                )
+                axes.text(i, j, str(entry), ha="center", va="center", fontsize=9, color=GREY if entry < 0 else "black")
+        axes.set_xlim(-0.6, len(now) - 0.4)
+        axes.set_ylim(-0.6, len(now) - 0.4)
+        axes.set_title(f"after pass {k}", loc="center", fontweight="normal")
+        before = now
+    for axes in panels:
+        axes.set_aspect("equal")
+        axes.set_axis_off()
+    figure.suptitle(data["title"], fontweight="bold", x=0.01, ha="left", fontsize=11)
+    return figure
+
+
+COLOURS = {
+    "neighbour list": "#8DA0CB", "liquid and coupling": "#4A90C2", "heat": "#D9653B", "melting": "#E9C46A",
+    "shape matching": "#5AAE7A",
+}  # fmt: skip
+
+
+def time_data(results: Results) -> dict[str, Any]:
+    """Table 2 and figure 7: milliseconds a step, stage by stage."""
+    from validation.experiments.melting import runs
+    from validation.experiments.melting.experiment import PAPER
+
+    rows = []
+    for figure, (words, paper) in PAPER.items():
+        for kind in ("cost", "rival"):
+            key = f"{kind}_{figure}"
+            if key in results:
+                values = results[key].values
+                rows.append(
+                    {
+                        "figure": figure, "words": words, "kind": kind, "paper": paper,
+                        "liquid": values["liquid"], "solid": values["solid"],
+                        "milliseconds": 1e3 * values["seconds"], "threads": values["threads"],
+                        "stages": {name: 1e3 * s for name, s in runs.grouped(values["stages"]).items()},
+                    }
+                )  # fmt: skip
+    return {"title": "Table 2 and figure 7: a step of 5 ms", "rows": rows}
+
+
+def time_picture(data: Mapping[str, Any]) -> Any:
+    """A bar for each scene and method, cut into stages, and the paper's number beside it."""
+    import matplotlib.pyplot as plt
+
+    rows = data["rows"]
+    figure, axes = plt.subplots(figsize=(9.6, 0.9 + 0.55 * len(rows)))
+    labels = []
+    for k, row in enumerate(rows):
+        left = 0.0
+        for name, colour in COLOURS.items():
+            width = row["stages"].get(name, 0.0)
+            axes.barh(k, width, left=left, color=colour, label=name if k == 0 else None, height=0.7)
+            left += width
+        axes.text(left, k, f"  {row['milliseconds']:.0f} ms", va="center", fontsize=8.5)
+        if row["kind"] == "cost":
+            axes.plot([row["paper"]] * 2, [k - 0.42, k + 0.42], color="black", linewidth=2)
+        words = f"{row['liquid'] / 1e3:.1f}k + {row['solid'] / 1e3:.1f}k"
+        labels.append(f"{words}\n{'refsim' if row['kind'] == 'cost' else 'stand-in for the rival'}")
+    axes.plot([], [], color="black", linewidth=2, label="paper, GTX 690")
+    axes.set_yticks(range(len(rows)), labels, fontsize=8)
+    axes.invert_yaxis()
+    axes.set_xlabel(f"milliseconds a step, CPU, {rows[0]['threads']} threads")
+    axes.grid(axis="x")
+    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=6)
+    axes.set_title(data["title"])
+    return figure
+
+
+def gpu_data(results: Results) -> dict[str, Any]:
+    """Table 2 and a million particles on a GPU: milliseconds a step, stage by stage."""
+    from validation.experiments.melting.experiment import ON_GPU, PAPER
+
+    rows = []
+    for figure in ON_GPU:
+        values = results[f"gpu_{figure}"].values
+        rows.append(
+            {
+                "figure": figure, "liquid": values["liquid"], "solid": values["solid"],
+                "paper": PAPER[figure][1] if figure in PAPER else None, "renewed": values["renewed"],
+                "stages": {name: 1e3 * s for name, s in values["stages"].items()},
+                "operations": {name: 1e3 * s for name, s in values["operations"].items()},
+                **{name: 1e3 * real(values[name]) for name in ("seconds", "one_graph", "with_list")},
+            }
+        )  # fmt: skip
+    machine = results[f"gpu_{ON_GPU[0]}"].about["machine"]
+    return {"title": "Table 2 on a GPU, and a million particles", "machine": machine, "rows": rows}
+
+
+def gpu_picture(data: Mapping[str, Any]) -> Any:
+    """A bar for each scene, cut into stages; the mean step, lists included, and the paper's number beside it."""
+    import matplotlib.pyplot as plt
+
+    groups = [[row for row in data["rows"] if row["paper"]], [row for row in data["rows"] if not row["paper"]]]
+    figure, panels = plt.subplots(2, 1, figsize=(9.6, 4.0), height_ratios=[len(rows) for rows in groups])
+    for axes, rows in zip(panels, groups):
+        for k, row in enumerate(rows):
+            left = 0.0
+            for name, colour in COLOURS.items():
+                width = row["stages"].get(name, 0.0)
+                axes.barh(k, width, left=left, color=colour, label=name if k == 0 else None, height=0.7)
+                left += width
+            axes.plot([row["seconds"]] * 2, [k - 0.42, k + 0.42], color="black", linewidth=2)
+            words = f"  {row['seconds']:.2f} ms a step" + (f", paper {row['paper']:g}" if row["paper"] else "")
+            axes.text(max(left, row["seconds"]), k, words, va="center", fontsize=8.5)
+        labels = [f"{row['liquid'] / 1e3:.1f}k + {row['solid'] / 1e3:.1f}k" for row in rows]
+        axes.set_yticks(range(len(rows)), labels, fontsize=8)
+        axes.set_xlim(0, 1.35 * max(max(sum(row["stages"].values()), row["seconds"]) for row in rows))
+        axes.invert_yaxis()
+        axes.grid(axis="x")
+    panels[0].plot([], [], color="black", linewidth=2, label="mean step, lists included")
+    panels[0].set_title(data["title"])
+    panels[1].set_xlabel(f"milliseconds, {data['machine'].get('gpu', 'GPU')}; each stage by itself")
+    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=6, fontsize=8)
+    return figure
+
+
+def speed_data(results: Results) -> dict[str, Any]:
+    """The fastest particle of figure 5 over time, by how pairs of liquid push each other."""
+    from validation.checks import Bounds
+
+    rows = []
+    for key, words in (("figure_5", "one pressure a pair"), ("own_pressure", "each by its own pressure")):
+        values = results[key].values
+        series = values["series"]
+        later = np.diff(series["time"], prepend=-1.0) > 0  # the last entry may repeat the one before
+        own = {name: np.asarray(series[name])[later].tolist() for name in ("time", "fastest", "solid")}
+        rows.append({"words": words, "step": values["options"].get("step"), **own})
+    bar = Bounds("melting").entries["fastest"]["at_most"]
+    return {"title": "Figure 5: the fastest particle in every ten steps", "bar": bar, "rows": rows}
+
+
+def speed_picture(data: Mapping[str, Any]) -> Any:
+    """Greatest speed over time, and the bar."""
+    import matplotlib.pyplot as plt
+
+    figure, axes = plt.subplots(figsize=(7.2, 3.4))
+    for row, colour in zip(data["rows"], ("#4A90C2", "#D9653B")):
+        axes.plot(row["time"], row["fastest"], color=colour, label=row["words"], linewidth=1.2)
+    axes.axhline(data["bar"], color="black", linestyle="--", linewidth=1, label="bar")
+    axes.set_xlabel("time [s]")
+    axes.set_ylabel("greatest speed [m/s]")
+    axes.set_ylim(bottom=0)
+    axes.grid(True)
+    axes.legend(loc="upper left")
+    axes.set_title(data["title"])
+    return figure
+
+
+def share_data(results: Results) -> dict[str, Any]:
+    """Milliseconds of each stage of a step in one tank of which more and more is solid."""
+    from validation.experiments.melting import claims, runs
+
+    rows = []
+    for share in claims.SHARES:
+        values = results[f"share_{round(100 * share)}"].values
+        rows.append(
+            {
+                "liquid": values["liquid"], "solid": values["solid"], "milliseconds": 1e3 * values["seconds"],
+                "threads": values["threads"],
+                "stages": {name: 1e3 * s for name, s in runs.grouped(values["stages"]).items()},
+            }
+        )  # fmt: skip
+    count = rows[0]["liquid"] + rows[0]["solid"]
+    return {"title": f"A step by the share of solid: {count:,} particles in one tank", "rows": rows}
+
+
+def share_picture(data: Mapping[str, Any]) -> Any:
+    """A bar for each share, cut into stages."""
+    import matplotlib.pyplot as plt
+
+    rows = data["rows"]
+    figure, axes = plt.subplots(figsize=(9.6, 3.0))
+    for k, row in enumerate(rows):
+        left = 0.0
+        for name, colour in COLOURS.items():
+            width = row["stages"].get(name, 0.0)
+            axes.barh(k, width, left=left, color=colour, label=name if k == 0 else None, height=0.7)
+            left += width
+        axes.text(left, k, f"  {row['milliseconds']:.0f} ms", va="center", fontsize=8.5)
+    shares = [row["solid"] / (row["liquid"] + row["solid"]) for row in rows]
+    axes.set_yticks(range(len(rows)), [f"{100 * share:.0f} % solid" for share in shares], fontsize=8)
+    axes.invert_yaxis()
+    axes.grid(axis="x")
+    axes.set_xlabel(f"milliseconds a step, CPU, {rows[0]['threads']} threads")
+    axes.legend(loc="upper center", bbox_to_anchor=(0.45, -0.22), ncols=5)
+    axes.set_title(data["title"])
+    return figure
+
+
+def savings_data(results: Results) -> dict[str, Any]:
+    """What a step of figure 4's scene takes with one effect after the other left out."""
+    rows = [
+        {
+            **{name: row[name] for name in ("scene", "particles", "operations", "melted")},
+            "milliseconds": 1e3 * row["seconds"], "bytes": row["bytes"] / row["particles"],
+            "stages": {name: 1e3 * seconds for name, seconds in row["stages"].items()},
+        }
+        for row in results["savings"].values["rows"]
+    ]  # fmt: skip
+    threads = results["savings"].values["threads"]
+    return {"title": "What is left out costs nothing: a step of figure 4's scene", "threads": threads, "rows": rows}
+
+
+def savings_picture(data: Mapping[str, Any]) -> Any:
+    """A bar for each scene, cut into stages, with its time, operations and bytes."""
+    import matplotlib.pyplot as plt
+
+    rows = data["rows"]
+    figure, axes = plt.subplots(figsize=(9.6, 3.4))
+    for k, row in enumerate(rows):
+        left = 0.0
+        for name, colour in COLOURS.items():
+            width = row["stages"].get(name, 0.0)
+            axes.barh(k, width, left=left, color=colour, label=name if k == 0 else None, height=0.7)
+            left += width
+        words = f"  {row['milliseconds']:.0f} ms, {row['operations']} operations, {row['bytes']:.0f} bytes a particle"
+        axes.text(left, k, words, va="center", fontsize=8.5)
+    axes.set_yticks(range(len(rows)), [row["scene"] for row in rows], fontsize=8)
+    axes.set_xlim(0, 1.6 * max(row["milliseconds"] for row in rows))
+    axes.invert_yaxis()
+    axes.grid(axis="x")
+    axes.set_xlabel(f"milliseconds a step, CPU, {data['threads']} threads")
+    axes.legend(loc="upper center", bbox_to_anchor=(0.45, -0.2), ncols=5)
+    axes.set_title(data["title"])
+    return figure
+
+
+SUMS = {
+    "gather": ("member by member", "#4A90C2", "o"), "reduction": ("parallel reduction (the paper)", "#D9653B", "s"),
+    "fast": ("fast summation", "#5AAE7A", "^"),
+}  # fmt: skip
+
+
+def width_data(results: Results) -> dict[str, Any]:
+    """Stiffness, error and cost over half-width and way of summing."""
+    rows = [{"half_width": width, **row} for width in (1, 2, 3, 4) for row in results[f"width_{width}"].values["rows"]]
+    return {"title": "A bent bar of 20 x 8 x 8 nodes: what half-width and way of summing do", "rows": rows}
+
+
+def width_picture(data: Mapping[str, Any]) -> Any:
+    """Stiffness, distance from float64, and time of a step's four sums, over w."""
+    import matplotlib.pyplot as plt
+
+    figure, panels = plt.subplots(1, 3, figsize=(11.0, 3.6))
+    for summation, (words, colour, marker) in SUMS.items():
+        own = [row for row in data["rows"] if row["summation"] == summation and row["dtype"] == "float32"]
+        width = [row["half_width"] for row in own]
+        look = {"color": colour, "marker": marker, "label": words}
+        panels[0].plot(width, [row["stiffness"] for row in own], **look)
+        panels[1].semilogy(width, [row["error"] for row in own], **look)
+        panels[2].semilogy(width, [1e9 * row["seconds"] / row["nodes"] for row in own], **look)
+    double = [row for row in data["rows"] if row["dtype"] == "float64"]
+    panels[0].plot(
+        [row["half_width"] for row in double], [row["stiffness"] for row in double], color="black", linestyle="--",
+        label="float64, member by member",
+    )  # fmt: skip
+    titles = ("stiffness: kick over bend [1/s]", "float32 from float64 [d]", "four sums [ns a node], CPU")
+    for axes, title in zip(panels, titles):
+        axes.set_xticks([1, 2, 3, 4])
+        axes.set_xlabel("half-width w [cells]")
+        axes.set_title(title, loc="left", fontsize=9.5)
+        axes.grid(True)
+    panels[0].set_ylim(bottom=0)
+    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
+    figure.suptitle(data["title"], fontweight="bold", x=0.01, ha="left", fontsize=11)
+    return figure

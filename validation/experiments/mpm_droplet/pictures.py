@@ -1,0 +1,697 @@
+"""Pictures of the MPM droplet."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from refsim.mpm import READINGS
+from validation.drawing import (
+    BLUE,
+    GREEN,
+    GREY,
+    ORANGE,
+    VERMILION,
+    show_image,
+    surface_picture,
+    view_matrix,
+)
+from validation.experiment import Results
+from validation.experiments.surface_reconstruction.pictures import pipeline
+from validation.results import floats, real
+
+COLOURS = {"none": GREY, "cluster": BLUE, "thesis": VERMILION, "gradient_corrected": ORANGE}
+FLOOR = 1e-17  # where an error that is exactly zero is drawn
+
+
+def square_data(results: Results) -> dict[str, Any]:
+    """Particles at four times, and energies over time."""
+    result = results["square_cluster"]
+    return {
+        "title": "A square of liquid becomes a disc",
+        "frames": result.arrays["frames"][:, :, :2].round(5).tolist(),
+        "times": result.values["frames"],
+        "surfaces": frames_of(result, len(result.values["frames"])),
+        "series": result.values["series"],
+        "until": result.values["series"]["time"][-1],
+    }
+
+
+def square_picture(data: Mapping[str, Any]) -> Any:
+    """Particles and reconstructed surface at four times, the energy ledger below."""
+    import matplotlib.pyplot as plt
+
+    figure, places = plt.subplot_mosaic(
+        [["0", "1", "2", "3"], ["energy"] * 4], figsize=(8.6, 5.4), height_ratios=(1, 1.2), layout="constrained"
+    )
+    points = [point for frame in data["frames"] for point in frame]
+    margin = 0.01
+    low_high = [(min(p[c] for p in points) - margin, max(p[c] for p in points) + margin) for c in range(2)]
+    for k, (at, frame) in enumerate(zip(data["times"], data["frames"])):
+        axes = places[str(k)]
+        axes.scatter([x for x, _ in frame], [y for _, y in frame], s=1.6, color=BLUE, linewidths=0)
+        outline(axes, data["surfaces"][k], VERMILION, 1 / 64)
+        axes.set_aspect("equal")
+        axes.set_xlim(*low_high[0])
+        axes.set_ylim(*low_high[1])
+        axes.set_title(f"{at:g} s")
+        axes.set_xticks([])
+        axes.set_yticks([])
+        axes.grid(False)
+    series, axes = data["series"], places["energy"]
+    parts = (
+        ("energy", "all", GREY),
+        ("surface", "surface", VERMILION),
+        ("kinetic", "motion", BLUE),
+        ("bulk", "bulk", GREEN),
+    )
+    for name, words, colour in parts:
+        axes.plot(series["time"], series[name], color=colour, label=words, linewidth=2.2 if name == "energy" else 1.4)
+    axes.set_xlabel("time [s]")
+    axes.set_ylabel("energy [J/m]")
+    axes.set_ylim(bottom=0)
+    axes.set_xlim(0, data["until"])
+    axes.legend(frameon=False, ncols=4, loc="center right")
+    axes.grid(axis="y")
+    axes.set_title("energy ledger")
+    return figure
+
+
+def readings_data(results: Results) -> dict[str, Any]:
+    """Errors of the four readings."""
+    return {"title": "What the readings keep", "readings": results["transfers"].values["readings"]}
+
+
+def readings_picture(data: Mapping[str, Any]) -> Any:
+    """Errors side by side on a logarithmic axis."""
+    import matplotlib.pyplot as plt
+
+    parts = {"grid_momentum": "momentum\non the grid", "momentum": "momentum\nthere and back", "velocity": "velocity",
+             "gradient": "gradient A\nat the surface", "power": "power\nbalance"}  # fmt: skip
+    figure, axes = plt.subplots(figsize=(8.6, 3.8), layout="constrained")
+    for k, name in enumerate(READINGS):
+        found = data["readings"][name]
+        errors = [abs(found[p] - 1) if p == "power" else found[p] for p in parts]
+        place = [i + 0.2 * (k - 1.5) for i in range(len(parts))]
+        axes.bar(place, [max(e, FLOOR) for e in errors], width=0.18, color=COLOURS[name], label=name.replace("_", " "))
+    axes.set_yscale("log")
+    axes.set_ylim(FLOOR, 30)
+    axes.set_xticks(range(len(parts)), parts.values())
+    axes.set_ylabel("relative error")
+    axes.grid(axis="y")
+    axes.legend(frameon=False, ncols=4, loc="upper left")
+    axes.set_title("Affine field to the grid and back: four readings of the embedding", pad=12)
+    return figure
+
+
+VIEW = view_matrix(azimuth=32.0, elevation=24.0)
+WATER = (0.16, 0.50, 0.80)
+LEDGER = (
+    ("energy", "all", GREY),
+    ("surface", "surface", VERMILION),
+    ("kinetic", "motion", BLUE),
+    ("bulk", "bulk", GREEN),
+)
+
+
+def frames_of(result: Any, count: int) -> list[dict[str, Any]]:
+    """Surfaces of a run, in cells."""
+    names = [str(k) for k in range(count) if f"vertices_{k}" in result.arrays]
+    return [
+        {"vertices": np.round(result.arrays[f"vertices_{k}"], 2), "facets": result.arrays[f"facets_{k}"]} for k in names
+    ]
+
+
+def upright(vertices: Any) -> np.ndarray:
+    """Places with y upwards, turned so that z is upwards for the viewer."""
+    v = floats(vertices)
+    return np.stack([v[:, 0], -v[:, 2], v[:, 1]], axis=1)
+
+
+def shaded(axes: Any, frame: Mapping[str, Any], extent: float, turn: bool = False, middle: Any = None) -> None:
+    """A lit surface, its middle (or the given one) in the middle of the panel."""
+    v = upright(frame["vertices"]) if turn else floats(frame["vertices"])
+    v = v - (v.mean(0) if middle is None else middle)
+    show_image(axes, surface_picture(v, np.array(frame["facets"]), WATER, VIEW, extent, 420), extent)
+
+
+def ledger_lines(axes: Any, series: Mapping[str, Any], names: Any = LEDGER) -> None:
+    """Energies over time."""
+    for name, words, colour in names:
+        wide = 2.2 if name == "energy" else 1.4
+        axes.plot(series["time"], series[name], color=colour, label=words, linewidth=wide)
+    axes.set_xlabel("time [s]")
+    axes.grid(axis="y")
+    axes.legend(ncols=2, loc="center right")
+
+
+def chosen(series: Mapping[str, Any], *names: str) -> dict[str, Any]:
+    """Some of a ledger's series, with its time."""
+    return {name: series[name] for name in ("time", *names)}
+
+
+ENERGIES = ("energy", "surface", "kinetic", "bulk")
+
+
+# Runs whose surfaces are shown over time, and those whose ledgers are
+SURFACES = {
+    "square_cluster": "square, 20 h", "swing_2d_16": "ellipse, R = 16 h", "rest_2d_11_default_0": "disc, R = 11 h",
+    "collision_2d": "two discs, R = 8 h", "floor_2d_60": "floor, 60 degrees", "floor_2d_120": "floor, 120 degrees",
+    "cube": "cube, 10 h", "swing_3d_6": "spheroid, R = 6.2 h", "rest_3d_6_default_0": "ball, R = 6 h",
+    "floor_3d_60": "floor, 60 degrees", "floor_3d_90": "floor, 90 degrees", "floor_3d_120": "floor, 120 degrees",
+}  # fmt: skip
+LEDGERS = {
+    "square_cluster": "square to disc", "swing_2d_16": "ellipse", "rest_2d_11_default_0": "disc at rest",
+    "collision_2d": "two discs meet", "floor_2d_90": "half a disc on a floor", "sheet": "sheet",
+    "cube": "cube to ball", "box": "turned box to ball, viscous", "swing_3d_6": "spheroid",
+    "rest_3d_6_default_0": "ball at rest", "collision_3d": "two balls meet",
+    "floor_3d_90": "half a ball on a floor",
+}  # fmt: skip
+
+
+def outline(axes: Any, frame: Mapping[str, Any], colour: str, unit: float = 1.0) -> None:
+    """A reconstructed outline in the plane; vertices in `unit` of the axes."""
+    from matplotlib.collections import LineCollection
+
+    corner = unit * floats(frame["vertices"])[np.array(frame["facets"])][:, :, :2]
+    axes.add_collection(LineCollection(corner, colors=colour, linewidths=1.2, capstyle="round"))
+
+
+def surfaces_data(results: Results) -> dict[str, Any]:
+    """Reconstructed surfaces of each scene at four times."""
+    rows = []
+    for key, words in SURFACES.items():
+        values = results[key].values
+        times = values["frames"] if key == "square_cluster" else values["shown"]
+        rows.append({"words": words, "floor": key.startswith("floor"), "space": "vertices_0" in results[key].arrays
+                     and results[key].arrays["facets_0"].shape[1] == 3, "times": times,
+                     "frames": frames_of(results[key], len(times))})  # fmt: skip
+    return {"title": "Reconstructed surfaces over time", "rows": rows}
+
+
+def surfaces_picture(data: Mapping[str, Any]) -> Any:
+    """Scenes of the plane on the left, of space on the right; time goes from left to right."""
+    import matplotlib.pyplot as plt
+
+    halves = [[row for row in data["rows"] if row["space"] == space] for space in (False, True)]
+    count = max(len(row["frames"]) for row in data["rows"])
+    figure, panels = plt.subplots(
+        max(len(half) for half in halves), 2 * count, figsize=(13.2, 1.75 * max(len(half) for half in halves))
+    )
+    for axes in panels.flat:
+        axes.set_axis_off()
+    for side, half in enumerate(halves):
+        for line, row in zip(panels[:, side * count : (side + 1) * count], half):
+            places = [upright(f["vertices"]) if row["floor"] else floats(f["vertices"]) for f in row["frames"]]
+            if row["space"]:  # seen from any side
+                extent = 1.02 * max(np.linalg.norm(p - middle_of(p), axis=1).max() for p in places)
+            else:
+                extent = 1.08 * max(np.abs(p - middle_of(p)).max() for p in places)
+            for k, (axes, frame, place) in enumerate(zip(line, row["frames"], places)):
+                middle = middle_of(place)
+                if row["space"]:
+                    shaded(axes, frame, extent, turn=row["floor"], middle=middle)
+                else:
+                    outline(axes, frame, BLUE)
+                    middle = middle_of(floats(frame["vertices"]))
+                    axes.set_xlim(middle[0] - extent, middle[0] + extent)
+                    axes.set_ylim(middle[1] - extent, middle[1] + extent)
+                    axes.set_aspect("equal")
+                    if row["floor"]:
+                        axes.axhline(0.0, color=GREY, linewidth=0.8)
+                words = f"{row['times'][k]:.3g} s"
+                axes.set_title(f"{row['words']}: {words}" if k == 0 else words, fontsize=8, fontweight="normal",
+                               loc="center")  # fmt: skip
+    return figure
+
+
+def middle_of(place: np.ndarray) -> np.ndarray:
+    """The middle of the box round all places."""
+    return 0.5 * (place.min(0) + place.max(0))
+
+
+def ledgers_data(results: Results) -> dict[str, Any]:
+    """Energies and drifts of each scene; drifts over m v_max (R) and cells."""
+    rows = []
+    for key, words in LEDGERS.items():
+        values = results[key].values
+        series = dict(values["series"])
+        series["angular"] = np.abs(floats(series["angular"]) - series["angular"][0]).tolist()  # drops that meet turn
+        row: dict[str, Any] = {"words": words, "series": chosen(series, *ENERGIES, "momentum", "angular", "centre")}
+        row["scale"] = {name: scale_of(series[name], values[name]) for name in ("momentum", "angular")}
+        row["kept"] = {name: values[name] for name in ("momentum", "angular", "centre")}
+        rows.append(row)
+    return {"title": "Ledgers of energy and momentum", "rows": rows}
+
+
+def scale_of(series: Any, largest: float) -> float:
+    """What brings a series to the relative value of its largest entry."""
+    most = float(np.nanmax(np.abs(floats(series))))
+    return largest / most if most > 0 else 0.0
+
+
+def ledgers_picture(data: Mapping[str, Any]) -> Any:
+    """For each scene its energies above, its drifts below."""
+    import matplotlib.pyplot as plt
+    from matplotlib.ticker import MaxNLocator
+
+    across = 4
+    down = -(-len(data["rows"]) // across)
+    figure, panels = plt.subplots(2 * down, across, figsize=(13.4, 4.1 * down))
+    for k, row in enumerate(data["rows"]):
+        energy, drift = panels[2 * (k // across), k % across], panels[2 * (k // across) + 1, k % across]
+        series = row["series"]
+        time, start = floats(series["time"]), series["energy"][0]
+        for name, words, colour in LEDGER:
+            change = 100 * (floats(series[name]) - series[name][0]) / start
+            energy.plot(time, change, color=colour, label=words, linewidth=2.0 if name == "energy" else 1.2)
+        energy.axhline(0.0, color=GREY, linewidth=0.6)
+        energy.set_title(row["words"])
+        energy.set_ylabel("change of energy [%]" if k % across == 0 else "")
+        for name, words, colour in (
+            ("momentum", "momentum/m v$_{max}$", BLUE), ("angular", "angular/m v$_{max}$ R", ORANGE),
+            ("centre", "centre/h", GREEN),
+        ):  # fmt: skip
+            values = np.abs(floats(series[name])) * row["scale"].get(name, 1.0)
+            drift.semilogy(time, np.maximum(values, 1e-18), color=colour, label=words, linewidth=1.2)
+        drift.set_ylim(1e-18, 10)
+        drift.set_yticks([1e-16, 1e-12, 1e-8, 1e-4, 1])
+        drift.set_xlabel("time [s]" if k // across == down - 1 else "")
+        for axes in (energy, drift):
+            axes.grid(axis="y")
+            axes.xaxis.set_major_locator(MaxNLocator(5))
+    panels[0, 0].legend(ncols=2, fontsize=7.5)
+    panels[1, 0].legend(fontsize=7.5, loc="center right")
+    return figure
+
+
+def box_data(results: Results) -> dict[str, Any]:
+    """Surfaces of the box that becomes a ball, its ledgers, and its shape with and without viscosity."""
+    box, other = results["box"], results["box_default"]
+    return {
+        "title": "A turned box of 1.3 : 1 : 0.8 becomes a ball", "times": box.values["shown"],
+        "frames": frames_of(box, len(box.values["shown"])), "particles": box.values["particles"],
+        "series": chosen(box.values["series"], *ENERGIES, "momentum", "angular", "centre", "sphericity", "volume",
+                         "anisotropy", "pressure"),
+        "default": chosen(other.values["series"], "sphericity", "volume", "anisotropy"),
+        "scales": [box.values["momentum"], box.values["angular"]],
+    }  # fmt: skip
+
+
+def box_picture(data: Mapping[str, Any]) -> Any:
+    """Lit surfaces above; energies, drifts and shape below."""
+    import matplotlib.pyplot as plt
+
+    count = len(data["frames"])
+    figure = plt.figure(figsize=(10.4, 5.2))
+    above, below = figure.subfigures(2, 1, height_ratios=(1, 1.9))
+    extent = 1.04 * max(np.abs(floats(f["vertices"]) - floats(f["vertices"]).mean(0)).max() for f in data["frames"])
+    for axes, at, frame in zip(above.subplots(1, count), data["times"], data["frames"]):
+        shaded(axes, frame, extent)
+        axes.set_title(f"{at:g} s", loc="center", fontweight="normal")
+    energy, drift, shape = below.subplots(1, 3)
+    ledger_lines(energy, data["series"])
+    energy.set_ylabel("energy [J]")
+    energy.set_ylim(bottom=0)
+    energy.set_title("Energy ledger")
+    for (name, words, colour), scale in zip(
+        (("momentum", "momentum / m v$_{max}$", BLUE), ("angular", "angular momentum / m v$_{max}$ R", ORANGE)),
+        data["scales"],
+    ):
+        values = floats(data["series"][name])
+        drift.semilogy(
+            data["series"]["time"], np.maximum(values / values.max() * scale, 1e-20), color=colour, label=words
+        )
+    drift.semilogy(
+        data["series"]["time"], np.maximum(floats(data["series"]["centre"]), 1e-20), color=GREEN, label="centre / h"
+    )
+    drift.set_ylim(1e-19, 1e0)
+    drift.set_xlabel("time [s]")
+    drift.grid(axis="y")
+    drift.legend(loc="upper right")
+    drift.set_title("Drifts")
+    for series, line, label in ((data["series"], "-", True), (data["default"], ":", False)):
+        for name, colour in (("volume", GREEN), ("sphericity", VERMILION), ("anisotropy", BLUE)):
+            shape.plot(series["time"], series[name], line, color=colour, label=name if label else None)
+    shape.set_xlabel("time [s]; dotted: no viscosity, inset h/4")
+    shape.set_ylim(0, 1.1)
+    shape.grid(axis="y")
+    shape.legend(loc="center right")
+    shape.set_title("Shape")
+    return figure
+
+
+SETTLING = {
+    "box": "as judged", "box_turn_5": "turned otherwise", "box_turn_7": "turned otherwise", "box_full": "27 a cell",
+    "box_coarse": "coarse", "box_fine": "fine", "box_thin": "0.4 of the viscosity",
+}  # fmt: skip
+
+
+def settling_data(results: Results) -> dict[str, Any]:
+    """Anisotropy of the particles and of the body, over time and over the last quarter, in each box."""
+    rows = []
+    for key, words in SETTLING.items():
+        if key not in results:
+            continue
+        v = results[key].values
+        rows.append(
+            {"words": words, "radius": v["radius_in_cells"], "inside": v["inside"], "cut": v["cut"],
+             "series": chosen(v["series"], "anisotropy", "particle_anisotropy"),
+             "last": {name: v["last"][name] for name in ("anisotropy", "particle_anisotropy")}}
+        )  # fmt: skip
+    return {"title": "A box becomes a ball: anisotropy of its inertia", "rows": rows}
+
+
+def settling_picture(data: Mapping[str, Any]) -> Any:
+    """Particles and body over time on the left; mean and largest over the last quarter on the right."""
+    import matplotlib.pyplot as plt
+
+    figure, (left, right) = plt.subplots(1, 2, figsize=(9.6, 3.4), width_ratios=(1.1, 1))
+    kinds = (("particle_anisotropy", "particles", BLUE), ("anisotropy", "body in the surface", VERMILION))
+    row = data["rows"][0]
+    for name, words, colour in kinds:
+        left.semilogy(row["series"]["time"], row["series"][name], color=colour, label=words)
+    left.axhline(0.01, color=GREY, linestyle="--", linewidth=1.0)
+    left.set_xlabel("time [s]")
+    left.set_ylabel("anisotropy of inertia")
+    left.set_title(f"{row['words'].capitalize()}, R = {row['radius']:.1f} h")
+    left.legend(loc="upper right")
+    labels = [f"{row['words']}, R = {row['radius']:.1f} h" for row in data["rows"]]
+    for name, _, colour in kinds:
+        shift = -0.13 if name == "anisotropy" else 0.13
+        for k, row in enumerate(data["rows"]):
+            last = row["last"][name]
+            right.plot([last["mean"], last["largest"]], [k + shift] * 2, color=colour, linewidth=1.4)
+            right.plot(last["largest"], k + shift, "o", color=colour, markersize=4)
+    for k, row in enumerate(data["rows"]):
+        right.plot(row["cut"], k, "|", color=GREY, markersize=14)
+    right.axvline(0.01, color=GREY, linestyle="--", linewidth=1.0)
+    right.set_xscale("log")
+    ticks = (0.002, 0.005, 0.01, 0.02, 0.05)
+    right.set_xticks(ticks, [f"{v:g}" for v in ticks])
+    right.minorticks_off()
+    right.set_xlim(0.0012, 0.06)
+    right.set_xlabel("stroke: a lattice cut by a sphere")
+    right.set_yticks(range(len(labels)), labels)
+    right.invert_yaxis()
+    right.set_title("Last quarter: mean to largest")
+    for axes in (left, right):
+        axes.grid(axis="both" if axes is left else "x")
+    return figure
+
+
+def collision_data(results: Results) -> dict[str, Any]:
+    """Surfaces of two drops that meet in space, and the ledgers in space and in the plane."""
+    space, plane = results["collision_3d"], results["collision_2d"]
+    return {
+        "title": "Two drops meet off their axis", "times": space.values["shown"],
+        "frames": frames_of(space, len(space.values["shown"])),
+        "space": chosen(space.values["series"], *ENERGIES), "plane": chosen(plane.values["series"], *ENERGIES),
+        "kept": {name: [r.values[name] for r in (space, plane)] for name in ("momentum", "angular", "centre")},
+    }  # fmt: skip
+
+
+def collision_picture(data: Mapping[str, Any]) -> Any:
+    """Lit surfaces above, energies below."""
+    import matplotlib.pyplot as plt
+
+    count = len(data["frames"])
+    figure = plt.figure(figsize=(10.4, 5.0))
+    above, below = figure.subfigures(2, 1, height_ratios=(1, 1.6))
+    extent = 1.02 * max(np.abs(floats(f["vertices"]) - floats(f["vertices"]).mean(0)).max() for f in data["frames"])
+    for axes, at, frame in zip(above.subplots(1, count), data["times"], data["frames"]):
+        shaded(axes, frame, extent, turn=True)
+        axes.set_title(f"{at:g} s", loc="center", fontweight="normal")
+    parts = (("space", "In space", "J"), ("plane", "In the plane", "J/m"))
+    for k, (axes, (name, words, unit)) in enumerate(zip(below.subplots(1, 2), parts)):
+        ledger_lines(axes, data[name])
+        axes.set_ylabel(f"energy [{unit}]")
+        axes.set_ylim(bottom=0)
+        momentum, angular, centre = (data["kept"][n][k] for n in ("momentum", "angular", "centre"))
+        axes.set_title(
+            f"{words}: drift of momentum {momentum:.0e},\nof angular momentum {angular:.0e}, the centre {centre:.0e} h",
+            fontsize=8.5,
+        )
+    return figure
+
+
+def floor_data(results: Results) -> dict[str, Any]:
+    """Drops on a floor at the end, and their angles over time in the plane and in space."""
+    angles = sorted(int(key.removeprefix("floor_3d_")) for key in results if key.startswith("floor_3d_"))
+    made: dict[str, Any] = {"title": "Drops on a slipping floor", "angles": angles, "frames": [], "curves": {}}
+    for angle in angles:
+        result = results[f"floor_3d_{angle}"]
+        made["frames"].append(frames_of(result, len(result.values["shown"]))[-1])
+        for dim in (2, 3):
+            if f"floor_{dim}d_{angle}" in results:
+                v = results[f"floor_{dim}d_{angle}"].values
+                made["curves"][f"{dim}d_{angle}"] = {
+                    "time": v["time"][::4],
+                    "angle": v["angles"][::4],
+                    "mean": v["angle"],
+                }
+    return made
+
+
+def floor_picture(data: Mapping[str, Any]) -> Any:
+    """Three lit drops, and angles over time."""
+    import matplotlib.pyplot as plt
+
+    figure, panels = plt.subplots(1, 4, figsize=(10.8, 3.1), width_ratios=(1, 1, 1, 1.5))
+    extent = 1.05 * max(np.abs(upright(f["vertices"])[:, :2]).max() for f in data["frames"])
+    for axes, angle, frame in zip(panels, data["angles"], data["frames"]):
+        v = upright(frame["vertices"])
+        shaded(axes, frame, extent, turn=True, middle=np.array([v[:, 0].mean(), v[:, 1].mean(), 0.35 * extent]))
+        axes.set_title(f"asked for {angle}°, holds {data['curves'][f'3d_{angle}']['mean']:.0f}°", loc="center",
+                       fontweight="normal")  # fmt: skip
+    axes = panels[-1]
+    for angle, colour in zip(data["angles"], (BLUE, GREEN, VERMILION)):
+        axes.axhline(angle, color=GREY, linewidth=0.8)
+        for dim, line in ((2, "--"), (3, "-")):
+            curve = data["curves"].get(f"{dim}d_{angle}")
+            if curve is not None:
+                label = ("in space" if dim == 3 else "in the plane") if angle == 90 else None
+                axes.plot(curve["time"], floats(curve["angle"]), line, color=colour, label=label, linewidth=1.3)
+    axes.set_ylim(20, 160)
+    axes.set_xlabel("time [s]")
+    axes.set_ylabel("contact angle [degrees]")
+    axes.legend(loc="upper right")
+    return figure
+
+
+def pressure_data(results: Results) -> dict[str, Any]:
+    """Pressures at rest against resolution."""
+    from validation.experiments.mpm_droplet import orders, pressures
+
+    found = pressures(results)
+    return {
+        "title": "Pressure of drops at rest over Laplace's",
+        "curves": {f"{dim}d_{name}": {"rows": rows, "orders": orders(rows)} for (dim, name), rows in found.items()},
+    }
+
+
+def pressure_picture(data: Mapping[str, Any]) -> Any:
+    """The plane on the left, space on the right."""
+    import matplotlib.pyplot as plt
+
+    figure, panels = plt.subplots(1, 2, figsize=(9.0, 3.3), sharey=True)
+    for axes, dim, bar, place in ((panels[0], 2, 0.03, 11.0), (panels[1], 3, 0.05, 6.0)):
+        axes.axhline(1.0, color=GREY, linewidth=0.8)
+        axes.plot([place, place], [1 - bar, 1 + bar], color=GREY, linewidth=5, alpha=0.35, solid_capstyle="butt")
+        for name, words, colour in (("default", "inset h/4", ORANGE), ("enclosing", "inset by volume", BLUE)):
+            curve = data["curves"].get(f"{dim}d_{name}")
+            if curve is None:
+                continue
+            x, y = ([row[key] for row in curve["rows"]] for key in ("cells", "pressure"))
+            half = [0.5 * row["spread"] for row in curve["rows"]]
+            gains = ", ".join(f"{gain:.2f} ({small:g} to {2 * small:g})" for small, gain in curve["orders"])
+            label = f"{words}; order {gains}" if gains else words
+            axes.errorbar(x, y, half, color=colour, marker="o", markersize=4, capsize=3, label=label)
+        axes.set_xscale("log", base=2)
+        axes.set_xlabel("R/h")
+        axes.set_xticks([row["cells"] for row in curve["rows"]], [f"{row['cells']:.3g}" for row in curve["rows"]])
+        axes.minorticks_off()
+        axes.set_title("in the plane" if dim == 2 else "in space")
+        axes.grid(axis="y")
+        axes.legend(loc="lower right" if dim == 3 else "upper right", fontsize=7.5)
+    panels[0].set_ylim(0.932, 1.058)
+    panels[0].set_ylabel("pressure over k (d - 1)/R")
+    return figure
+
+
+def frequency_data(results: Results) -> dict[str, Any]:
+    """Frequencies against resolution and amplitude, and what shifts them."""
+    names = (
+        "dim",
+        "radius_in_cells",
+        "amplitude",
+        "ratio",
+        "ratio_error",
+        "inertia",
+        "compressible",
+        "damping_of_period",
+    )
+    rows = {
+        key.removeprefix("swing_"): {name: results[key].values[name] for name in names}
+        for key in results
+        if key.startswith("swing_")
+    }
+    ideal = {
+        dim: {name: results[f"potential_flow_{dim}"].values[name] for name in ("amplitudes", "ratios")}
+        for dim in ("2d", "3d")
+    }
+    return {
+        "title": "Mode 2 against Rayleigh's frequency", "rows": rows, "ideal": ideal,
+        "swing": results["swing_2d_16"].values["swing"], "radius": results["swing_2d_16"].values["radius_in_cells"],
+    }  # fmt: skip
+
+
+def frequency_picture(data: Mapping[str, Any]) -> Any:
+    """The swing itself, then the frequency over amplitude and over resolution, with all that is known to shift it."""
+    import matplotlib.pyplot as plt
+
+    figure, (swing, amplitude, resolution) = plt.subplots(1, 3, figsize=(11.4, 3.9), width_ratios=(1, 1.15, 1.25))
+    swing.plot(data["swing"]["time"], data["swing"]["value"], color=BLUE)
+    swing.set_xlabel("time [s]")
+    swing.set_ylabel(r"$\langle x^2-y^2\rangle/\langle x^2+y^2\rangle$")
+    swing.set_title("Mode 2, in the plane, R = 16 h, 10 %")
+    kinds = (("2d", "in the plane", BLUE, "2d_16"), ("3d", "in space", ORANGE, "3d_9"))
+    for dim, words, colour, series in kinds:
+        rows = {key: r for key, r in data["rows"].items() if key.startswith(dim)}
+        share, ratio = (floats(data["ideal"][dim][name]) for name in ("amplitudes", "ratios"))
+        found = sorted((r for k, r in rows.items() if k.startswith(series)), key=lambda r: r["amplitude"])
+        amplitude.plot(100 * share, ratio, color=colour, linewidth=0.9, alpha=0.7)
+        amplitude.plot(100 * share, known(found[0]) * ratio, "--", color=colour, linewidth=0.9)
+        marked(amplitude, [100 * r["amplitude"] for r in found], found, colour, f"{words}, R = {series[3:]} h")
+        found = sorted((r for k, r in rows.items() if k.removeprefix(f"{dim}_").replace(".", "").isdigit()),
+                       key=lambda r: r["radius_in_cells"])  # fmt: skip
+        exact = dict(zip(share, ratio))[0.1]
+        x = [r["radius_in_cells"] for r in found]
+        resolution.axhline(exact, color=colour, linewidth=0.9, alpha=0.7)
+        resolution.plot(x, [exact * known(r) for r in found], "--", color=colour, linewidth=0.9)
+        marked(resolution, x, found, colour, words)
+    amplitude.set_xlim(left=0)
+    amplitude.set_xlabel("amplitude [%]")
+    amplitude.set_ylabel(r"$\omega/\omega_R$")
+    amplitude.set_title("Amplitude")
+    resolution.set_xscale("log", base=2)
+    ticks = (4, 6, 8, 11, 16, 22)
+    resolution.set_xticks(ticks, [f"{v:d}" for v in ticks])
+    resolution.minorticks_off()
+    resolution.set_xlabel("R/h")
+    resolution.set_title("Resolution, amplitude 10 %")
+    for axes in (amplitude, resolution):
+        axes.plot([], [], color=GREY, linewidth=0.9, label="ideal liquid")
+        axes.plot([], [], "--", color=GREY, linewidth=0.9, label="... compressible, with the grid's inertia")
+        axes.axhspan(0.97, 1.03, color=GREY, alpha=0.12, linewidth=0)
+        axes.set_ylim(0.935, 1.035)
+        axes.legend(fontsize=7.5, loc="upper right")
+    for axes in (swing, amplitude, resolution):
+        axes.grid(axis="y")
+    return figure
+
+
+def known(row: Mapping[str, Any]) -> float:
+    """What compressibility and the grid's inertia do to the frequency of ideal liquid."""
+    return float(row["compressible"] / math.sqrt(real(row["inertia"])))
+
+
+def marked(axes: Any, x: Any, rows: Any, colour: str, words: str) -> None:
+    """Measured frequencies with the fit's standard error."""
+    axes.errorbar(x, [r["ratio"] for r in rows], [r["ratio_error"] for r in rows], color=colour, marker="o",
+                  markersize=4, capsize=2, label=words)  # fmt: skip
+
+
+def sheet_data(results: Results) -> dict[str, Any]:
+    """The sheet's outline at several times, and its width."""
+    result = results["sheet"]
+    v = result.values
+    return {
+        "title": "A sheet of one cell draws back", "times": v["shown"], "frames": frames_of(result, len(v["shown"])),
+        "width": v["width"], "speed": v["speed"], "culick": v["culick"],
+    }  # fmt: skip
+
+
+def sheet_picture(data: Mapping[str, Any]) -> Any:
+    """Outlines above each other, and the width over time."""
+    import matplotlib.pyplot as plt
+    from matplotlib.collections import LineCollection
+
+    figure, (left, right) = plt.subplots(1, 2, figsize=(9.6, 3.2), width_ratios=(1.5, 1))
+    gap = 7.0
+    for k, (at, frame) in enumerate(zip(data["times"], data["frames"])):
+        corner = floats(frame["vertices"])[np.array(frame["facets"])][:, :, :2] - [0.0, k * gap]
+        left.add_collection(LineCollection(corner, colors=BLUE, linewidths=1.2))
+        left.text(22.5, -k * gap, f"{at:g} s", va="center", fontsize=8.5)
+    left.set_xlim(-22, 28)
+    left.set_ylim(-gap * (len(data["frames"]) - 0.3), 0.7 * gap)
+    left.set_aspect("equal")
+    left.set_xlabel("cells")
+    left.set_yticks([])
+    left.spines["left"].set_visible(False)
+    left.set_title("Reconstructed outline")
+    time = floats(data["width"]["time"])
+    right.plot(time, data["width"]["value"], color=BLUE, label=f"width; ends move at {data['speed']:.2f} m/s")
+    h = 1 / 64
+    start = data["width"]["value"][0]
+    right.plot(time, start - 2 * data["culick"] * time / h, "--", color=GREY,
+               label=f"Taylor and Culick: {data['culick']:.2f} m/s")  # fmt: skip
+    right.set_ylim(0, 1.3 * start)
+    right.set_xlim(0, time[-1])
+    right.set_xlabel("time [s]")
+    right.set_ylabel("width [cells]")
+    right.grid(axis="y")
+    right.legend(loc="upper right")
+    return figure
+
+
+def example_data(results: Results) -> dict[str, Any]:
+    """Surfaces of the example scene."""
+    result = results["example"]
+    return {
+        "title": "docs/examples/mpm_droplet.toml", "times": result.values["shown"],
+        "frames": frames_of(result, len(result.values["shown"])), "millimetres": result.values["millimetres"],
+    }  # fmt: skip
+
+
+def example_picture(data: Mapping[str, Any]) -> Any:
+    """A row of lit surfaces."""
+    import matplotlib.pyplot as plt
+
+    figure, panels = plt.subplots(1, len(data["frames"]), figsize=(10.4, 2.1))
+    extent = 1.04 * max(np.abs(floats(f["vertices"]) - floats(f["vertices"]).mean(0)).max() for f in data["frames"])
+    for axes, at, frame in zip(panels, data["times"], data["frames"]):
+        shaded(axes, frame, extent)
+        axes.set_title(f"{1e3 * at:g} ms", loc="center", fontweight="normal")
+    return figure
+
+
+STAGES = (
+    ("cells", "particles\nby cell"), ("level set and facets", "level set,\nmarching cubes"), ("samples", "samples"),
+    ("offsets", "nearest particles,\noffsets"), ("fit", "spline fit\n(LSPIA)"), ("normals", "normals"),
+    ("inset", "inset, samples\nanew"), ("components", "components\nthat bear tension"),
+    ("mpm.embed", "embedded\npoints"),
+    ("mpm.cells", "particles into\nthe grid's cells"), ("mpm.particle_to_grid", "particles\nto grid"),
+    ("mpm.carriers_to_grid", "embedded points\nto grid"), ("surface_energy.surface_force", "surface force"),
+    ("mpm.grid_update", "grid update"), ("back", "grid to\nparticles"),
+)  # fmt: skip
+
+
+def pipeline_data(results: Results) -> dict[str, Any]:
+    """Seconds of each stage of a whole step."""
+    values = results["stages"].values
+    spent = dict(values["stages"])
+    back = sum(spent.pop(name, 0.0) for name in ("mpm.grid_to_carriers", "mpm.grid_to_particle"))
+    known = {name for name, _ in STAGES}
+    return {
+        "title": "Figure 4.7: a whole step", **{name: values[name] for name in ("particles", "samples", "backend")},
+        "stages": {**{name: seconds for name, seconds in spent.items() if name in known}, "back": back},
+    }  # fmt: skip
+
+
+def pipeline_picture(data: Mapping[str, Any]) -> Any:
+    """The stages as boxes."""
+    return pipeline(data, STAGES)

@@ -1,0 +1,72 @@
+"""Tension by Rayleigh against tension by Laplace, drop by drop."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from validation.drawing import GREY
+from validation.experiment import Results
+from validation.experiments.laplace.pictures import COLOURS
+from validation.measure.drops import MODELS
+from validation.measure.sigma_map import WORST_MISFIT
+from validation.results import real
+
+
+def data(results: Results) -> dict[str, Any]:
+    """Both tensions of every kicked drop whose frequency can be read."""
+    names = ("model", "dim", "support", "stiffness", "radius", "seed", "laplace", "rayleigh", "misfit")
+    rows = [
+        {n: row[n] for n in names}
+        for row in results["map"].values["rows"]
+        if not row["stopped"] and math.isfinite(real(row.get("rayleigh"))) and row["misfit"] <= WORST_MISFIT
+    ]
+    now = [result.values for key, result in results.items() if key != "map"]
+    fine = [
+        {n: row[n] for n in names} for row in now if not row["stopped"] and math.isfinite(real(row.get("rayleigh")))
+    ]
+    return {"title": "Tension by Rayleigh against tension by Laplace", "drops": rows, "now": fine}
+
+
+def picture(data: Mapping[str, Any]) -> Any:
+    """On the line a drop has one surface tension; above it something else holds the shape, too."""
+    import matplotlib.pyplot as plt
+    from matplotlib.ticker import FixedLocator, NullLocator, StrMethodFormatter
+
+    figure, panels = plt.subplots(1, 2, figsize=(9.6, 5.2))
+    for axes, dim in zip(panels, (2, 3)):
+        axes.fill_between([0.3, 30], [0.3 * 0.95, 30 * 0.95], [0.3 * 1.05, 30 * 1.05], color="#dddddd", lw=0)
+        axes.plot([0.3, 30], [0.3, 30], color=GREY, lw=0.8)
+        for model, colour in COLOURS.items():
+            own = [d for d in data["drops"] if d["model"] == model and d["dim"] == dim and d["laplace"] > 0]
+            if own:
+                x, y = [d["laplace"] for d in own], [d["rayleigh"] for d in own]
+                axes.plot(x, y, "o", ms=5, color=colour, label=MODELS[model][0])
+        now = [d for d in data.get("now", ()) if d["dim"] == dim]
+        if now:
+            x, y = [d["laplace"] for d in now], [d["rayleigh"] for d in now]
+            ring = {"marker": "o", "ms": 8, "mfc": "none", "mec": "black", "mew": 1.0, "ls": "none"}
+            axes.plot(x, y, label="Akinci 2013, measured now", **ring)
+        axes.set_xscale("log")
+        axes.set_yscale("log")
+        ticks = (0.5, 1, 2, 5, 10, 20)
+        for axis in (axes.xaxis, axes.yaxis):
+            axis.set_major_locator(FixedLocator(ticks))
+            axis.set_major_formatter(StrMethodFormatter("{x:g}"))
+            axis.set_minor_locator(NullLocator())
+        axes.set_xlim(0.5, 12)
+        axes.set_ylim(0.5, 27)
+        beyond = sum(
+            d["dim"] == dim and not (0.5 <= d["laplace"] <= 12 and 0.5 <= d["rayleigh"] <= 27) for d in data["drops"]
+        )
+        words = f"; {beyond} drops lie outside" if beyond else ""
+        axes.set_title(f"{dim}D, mode n = 2{words}")
+        axes.set_xlabel("tension by the jump, over the nominal one")
+        axes.set_ylabel("tension by the frequency, over the nominal one")
+        axes.grid(True)
+    handles: dict[str, Any] = {}
+    for axes in panels:
+        handles |= {label: handle for handle, label in zip(*axes.get_legend_handles_labels())}
+    figure.legend(handles.values(), handles.keys(), loc="outside lower center", ncols=4, fontsize=8)
+    return figure

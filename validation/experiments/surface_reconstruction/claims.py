@@ -1,0 +1,135 @@
+"""What the thesis claims of its reconstructed surface (chapter 3), measured on particle clouds cut by a sphere.
+
+Starts are jitters of the cloud's lattice. What is about time comes from the case's runs `solvers` and `normals_cost`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from refsim.backends.arrays import unavailable
+from validation.claims import Measure
+from validation.experiment import Options, Results, Run
+from validation.experiments.surface_reconstruction import runs, shapes
+from validation.results import Result, real
+from validation.running import Context
+
+SEEDS = (1, 2, 3)
+
+
+def reconstruction(context: Context, seed: int, backend: str) -> Result:
+    """Errors of normals by kind, jumps over edges, the fit's largest eigenvalue and what it keeps, on one cloud."""
+    place = shapes.cloud("sphere", runs.RADIUS, seed)
+    values: dict[str, float] = {}
+    for kind in ("mls", "gradient", "facets"):
+        parameters = {**runs.DEFAULT, "normals": kind}
+        made, surface, _ = runs.reconstruct(place, backend, inset=None, **parameters)
+        sample = made.backend.host(surface.samples.position) / runs.CELL
+        normal = made.backend.host(surface.samples.normal)
+        true = shapes.true_normals(sample, "sphere", runs.RADIUS)
+        pairs = runs.neighbouring_facets(made.backend.host(surface.mesh.facets))
+        values[f"error_{kind}"] = float(shapes.angles(normal, true).mean())
+        jump = shapes.angles(normal[pairs[:, 0]], normal[pairs[:, 1]])
+        values[f"jump_{kind}"] = float(np.quantile(jump, 0.95))
+    least = runs.smallest_angles(made.backend.host(surface.mesh.vertices), made.backend.host(surface.mesh.facets))
+    values["slivers"] = float((least < 10).mean())
+    matrix, _, active, _ = runs.fit_system(2, runs.RADIUS, offset=0.5, seed=seed)
+    dense = matrix.toarray()
+    root = np.sqrt(1 / dense.sum(0))
+    largest = np.linalg.eigvalsh(root[:, None] * (dense.T @ dense) * root[None, :])[-1]
+    values["beyond_one"] = float(abs(largest - 1))
+    matrix, _, active, _ = runs.fit_system(3, runs.RADIUS, offset=0.5, seed=seed)
+    product = (matrix.T @ matrix).nnz
+    values["kept_share"] = (3 * len(active) + 9 * matrix.shape[0]) / (1.5 * product + 4 * len(active))
+    return Result(values)
+
+
+def _clouds(options: Options) -> list[Run]:
+    return [
+        Run(f"claim_surface_{seed}", reconstruction, {"seed": seed, "backend": options.backend}, estimate=6.0)
+        for seed in SEEDS
+    ]
+
+
+def _each(value: Callable[[Result], float]) -> Callable[[Results], list[float]]:
+    return lambda results: [value(result) for result in results.values()]
+
+
+def _ratio(above: str, below: str) -> Callable[[Results], list[float]]:
+    return _each(lambda result: real(result.values[above]) / real(result.values[below]))
+
+
+def _solvers(options: Options) -> list[Run]:
+    return [Run("solvers", runs.solvers, {"threads": options.threads}, estimate=30.0)]
+
+
+def _normals(options: Options) -> list[Run]:
+    parameters = {"backend": options.backend, "threads": options.threads}
+    return [Run("normals_cost", runs.normals_cost, parameters, estimate=3.0)]
+
+
+def _normals_on_gpu(options: Options) -> list[Run]:
+    parameters = {"backend": "cuda", "threads": None, "count": 1_000_000, "copies": 128}
+    return [Run("normals_on_gpu", runs.normals_cost, parameters, estimate=60.0, skip=unavailable("cuda") or "")]
+
+
+def _fits(options: Options) -> list[Run]:
+    """The fit to a large surface on four threads of a host and on its GPU."""
+    missing = unavailable("cuda") or ""
+    return [
+        Run("fit_on_cpu", runs.fit_scaling, {"backend": "cpu", "threads": [4]}, estimate=30.0, skip=missing),
+        Run("fit_on_gpu", runs.fit_scaling, {"backend": "cuda", "threads": []}, estimate=60.0, skip=missing),
+    ]
+
+
+def _gain(results: Results) -> list[float]:
+    host, gpu = (real(results[name].values["rows"][0]["seconds"]) for name in ("fit_on_cpu", "fit_on_gpu"))
+    return [host / gpu]
+
+
+def _median_ratio(above: list[float], below: list[float]) -> float:
+    """The median turn's ratio: what else the machine does slows both programs of a turn."""
+    return float(np.median([real(a) / real(b) for a, b in zip(above, below, strict=True)]))
+
+
+def _times(above: str, below: str) -> Callable[[Results], list[float]]:
+    """Seconds of one solver over those of another; "most" in a name stands for all threads."""
+
+    def values(results: Results) -> list[float]:
+        found = results["solvers"].values
+        seconds = {row["name"]: row["turns"] for row in found["rows"]}
+        first, second = (name.replace("most", str(found["threads"])) for name in (above, below))
+        return [_median_ratio(seconds[first], seconds[second])]
+
+    return values
+
+
+def _costs(results: Results) -> list[float]:
+    """Nanoseconds of MLS normals over those of the gradient, in the dtype in which they compare worse."""
+    (found,) = results.values()
+    rows = {(row["dtype"], row["kind"]): row["turns"] for row in found.values["rows"]}
+    return [max(_median_ratio(rows[dtype, "mls"], rows[dtype, "gradient"]) for dtype in ("float32", "float64"))]
+
+
+SURFACE_FIT_SCALES = Measure(_solvers, _times("lspia_10_1", "lspia_10_most"), quick=False, timed=True)
+SURFACE_FIT_BEATS_GRADIENTS = Measure(_solvers, _times("cg_10", "lspia_10_most"), quick=False, timed=True)
+SURFACE_FIT_BEATS_FACTORS = Measure(_solvers, _times("direct", "lspia_10_most"), quick=False, timed=True)
+SURFACE_MLS_IS_CHEAPER = Measure(_normals, _costs, quick=False, timed=True)
+
+
+def _registers(results: Results) -> list[float]:
+    """Registers of the MLS kernel over those of the gradient's, in the dtype in which they compare worse."""
+    rows = {(row["dtype"], row["kind"]): row["registers"] for row in results["normals_on_gpu"].values["rows"]}
+    return [max(rows[dtype, "mls"] / rows[dtype, "gradient"] for dtype in ("float32", "float64"))]
+
+
+SURFACE_MLS_TAKES_FEWER_REGISTERS = Measure(_normals_on_gpu, _registers, quick=False, timed=True)
+SURFACE_FIT_SCALES_ON_GPU = Measure(_fits, _gain, quick=False, timed=True)
+SURFACE_MLS_IS_CHEAPER_ON_GPU = Measure(_normals_on_gpu, _costs, quick=False, timed=True)
+SURFACE_FIT_CONVERGES = Measure(_clouds, _each(lambda result: real(result.values["beyond_one"])))
+SURFACE_FIT_KEEPS_LITTLE = Measure(_clouds, _each(lambda result: real(result.values["kept_share"])))
+SURFACE_FACETS_ARE_SLIVERS = Measure(_clouds, _each(lambda result: real(result.values["slivers"])))
+SURFACE_FIT_SMOOTHS_NORMALS = Measure(_clouds, _ratio("jump_mls", "jump_facets"))
+SURFACE_MLS_AS_GOOD_AS_GRADIENT = Measure(_clouds, _ratio("error_mls", "error_gradient"))

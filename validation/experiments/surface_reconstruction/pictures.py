@@ -1,0 +1,223 @@
+"""Pictures of the reconstruction, each drawn from its own data file."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from validation.checks import number
+from validation.drawing import BLUE, GREEN, GREY, ORANGE, VERMILION, view_matrix
+from validation.experiment import Results
+from validation.experiments.surface_reconstruction.shapes import RADII
+from validation.results import floats
+
+VIEW = view_matrix(azimuth=32.0, elevation=24.0)
+WATER = np.array([0.16, 0.50, 0.80])
+SHOWN = {
+    "gradient_0.25_1": ("best: gradient, $\\epsilon$ = h/4, 1 sweep", BLUE),
+    "mls_0.5_10": ("default: MLS, $\\epsilon$ = h/2, 10 sweeps", GREEN),
+    "facets": ("marching-cubes facets", ORANGE),
+    "offsets": ("away from the nearest particle", VERMILION),
+}
+BINS = np.linspace(0, 40, 81)
+
+
+def error_data(results: Results) -> dict[str, Any]:
+    """Histograms of the angle between normals and the true ones, for the settings that are shown."""
+    data: dict[str, Any] = {
+        "title": "Error of normals on a particle cloud of radius 9 h",
+        "bins_degrees": BINS,
+        "shapes": {},
+    }
+    for shape in RADII:
+        result = results[f"normals_{shape}"]
+        data["shapes"][shape] = {
+            key: {
+                "share": np.histogram(np.minimum(result.arrays[key], 39.9), BINS)[0] / len(result.arrays[key]),
+                "mean": result.values["rows"][key]["mean"], "max": result.values["rows"][key]["max"],
+            }
+            for key in SHOWN
+        }  # fmt: skip
+    return data
+
+
+def error_picture(data: Mapping[str, Any]) -> Any:
+    """One panel a shape, one curve a setting."""
+    import matplotlib.pyplot as plt
+
+    bins = floats(data["bins_degrees"])
+    figure, panels = plt.subplots(1, len(data["shapes"]), figsize=(9.0, 3.4), sharey=True)
+    for axes, (shape, curves) in zip(panels, data["shapes"].items()):
+        for key, (words, colour) in SHOWN.items():
+            curve = curves[key]
+            label = f"{words}\nmean {curve['mean']:.1f}, largest {curve['max']:.0f} degrees"
+            axes.stairs(100 * floats(curve["share"]), bins, color=colour, linewidth=1.6, label=label)
+        axes.set_title(shape.capitalize())
+        axes.set_xlabel("angle to the true normal [degrees]; last bin: all beyond")
+        axes.set_xlim(0, 40)
+        axes.grid(axis="y")
+        axes.legend(loc="upper right", fontsize=7.5)
+    panels[0].set_ylabel("share of samples [%]")
+    return figure
+
+
+def mesh_data(results: Results) -> dict[str, Any]:
+    """The sphere's mesh as extracted and after the inset, and the normals of its facets."""
+    arrays = results["meshes"].arrays
+    return {
+        "title": "The reconstructed surface of a sphere, lit by facet normals and by fitted ones",
+        "facets": arrays["sphere_facets"],
+        "vertices": np.round(arrays["sphere_vertices"], 3), "inset": np.round(arrays["sphere_inset"], 3),
+        "facet_normal": np.round(arrays["sphere_facet_normal"], 3), "normal": np.round(arrays["sphere_normal"], 3),
+    }  # fmt: skip
+
+
+def lit(axes: Any, vertices: np.ndarray, facets: np.ndarray, normal: np.ndarray, extent: float) -> None:
+    """Triangles seen from VIEW, the farthest first, each in the shade that its normal gives it."""
+    from matplotlib.collections import PolyCollection
+
+    seen = vertices @ VIEW.T
+    corner = seen[facets]
+    front = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])[:, 2] > 0
+    order = np.argsort(corner[:, :, 2].mean(1))
+    order = order[front[order]]
+    turned = normal[order] @ VIEW.T
+    light = np.array([-0.5, 0.6, 0.62])
+    light /= np.linalg.norm(light)
+    half = light + [0.0, 0.0, 1.0]
+    half /= np.linalg.norm(half)
+    shade = 0.25 + 0.7 * np.clip(turned @ light, 0, 1)
+    shine = 0.5 * np.clip(turned @ half, 0, 1) ** 40
+    colour = np.clip(WATER * shade[:, None] + shine[:, None], 0, 1)
+    axes.add_collection(PolyCollection(corner[order][:, :, :2], facecolors=colour, edgecolors=colour, linewidths=0.25))
+    axes.set_xlim(-extent, extent)
+    axes.set_ylim(-extent, extent)
+    axes.set_aspect("equal")
+    axes.set_axis_off()
+
+
+def mesh_picture(data: Mapping[str, Any]) -> Any:
+    """Three panels of one size: facet normals, fitted normals, and the surface pulled back to the liquid."""
+    import matplotlib.pyplot as plt
+
+    facets = np.array(data["facets"])
+    far, near = floats(data["vertices"]), floats(data["inset"])
+    figure, panels = plt.subplots(1, 3, figsize=(9.6, 3.6))
+    extent = 1.03 * np.abs(far).max()
+    for axes, vertices, normal, words in (
+        (panels[0], far, data["facet_normal"], "marching cubes, facet normals"),
+        (panels[1], far, data["normal"], "the same mesh, fitted normals"),
+        (panels[2], near, data["normal"], "after the inset, fitted normals"),
+    ):
+        lit(axes, vertices, facets, floats(normal), extent)
+        radius = np.linalg.norm(vertices, axis=1)
+        axes.set_title(words, loc="center", fontweight="normal")
+        axes.text(
+            0.5, 0.0, f"radius {radius.mean():.2f} ± {radius.std():.2f} h; particles end at 9 h",
+            transform=axes.transAxes, ha="center", va="top", fontsize=8, color=GREY,
+        )  # fmt: skip
+    return figure
+
+
+def convergence_data(results: Results) -> dict[str, Any]:
+    """Residual and error against sweeps, and the spectrum."""
+    values = results["convergence"].values
+    return {"title": "Convergence of the fit", "curves": values["curves"], "eigenvalues": values["spectrum"]["values"]}
+
+
+def convergence_picture(data: Mapping[str, Any]) -> Any:
+    """Residuals, errors of normals, eigenvalues."""
+    import matplotlib.pyplot as plt
+
+    curves = data["curves"]
+    sweeps = floats(curves["sweeps"])
+    figure, panels = plt.subplots(1, 3, figsize=(10.2, 3.3))
+    looks = {
+        "cloud_1": ("particle cloud, $\\omega$ = 1", ORANGE, "-"),
+        "cloud_1.9": ("particle cloud, $\\omega$ = 1.9", ORANGE, "--"),
+        "smooth_1": ("smooth samples, $\\omega$ = 1", BLUE, "-"),
+        "smooth_1.9": ("smooth samples, $\\omega$ = 1.9", BLUE, "--"),
+    }  # fmt: skip
+    for key, (words, colour, line) in looks.items():
+        panels[0].loglog(sweeps, floats(curves[key]["residual"]), line, color=colour, label=words)
+        panels[1].semilogx(sweeps, floats(curves[key]["error"]), line, color=colour, label=words)
+    panels[0].set_ylabel(r"rms residual / $\epsilon$")
+    panels[1].set_ylabel("mean error of normals [degrees]")
+    panels[1].set_ylim(bottom=0)
+    for axes in panels[:2]:
+        axes.set_xlabel("sweeps")
+        axes.grid()
+    panels[0].legend(fontsize=7.5)
+    values = np.maximum(floats(data["eigenvalues"]), 1e-12)
+    panels[2].semilogy(np.arange(1, len(values) + 1) / len(values), values, color=GREEN)
+    panels[2].set_xlabel("share of the eigenvalues")
+    panels[2].set_ylabel(r"eigenvalue of $\Lambda B^T B$ (disc)")
+    panels[2].set_ylim(1e-9, 2)
+    panels[2].grid()
+    for axes, words in zip(panels, ("Residual", "Normals", "Spectrum")):
+        axes.set_title(words)
+    return figure
+
+
+BOXES = (
+    ("cells", "particles\nby cell"), ("level set and facets", "level set,\nmarching cubes"), ("samples", "samples"),
+    ("offsets", "nearest particles,\noffsets"), ("fit", "spline fit\n(LSPIA)"), ("normals", "normals"),
+    ("inset", "inset, samples\nanew"), ("components", "components\nthat bear tension"),
+    ("force", "force on\nthe nodes"),
+)  # fmt: skip
+
+
+def pipeline_data(results: Results) -> dict[str, Any]:
+    """Seconds of each stage, for the largest number of particles."""
+    values = results["stages"].values
+    rows = [row for row in values["rows"] if row["quadrature"] == "facets"]
+    row = max(rows, key=lambda r: r["particles"])
+    return {"title": "Figure 4.7: from particles to force", "backend": values["backend"], **row}
+
+
+def pipeline_picture(data: Mapping[str, Any]) -> Any:
+    """The stages as boxes in rows, joined by arrows, with milliseconds and shares."""
+    return pipeline(data, BOXES)
+
+
+def pipeline(data: Mapping[str, Any], boxes: Sequence[tuple[str, str]], columns: int = 5) -> Any:
+    """A diagram of stages: `boxes` (name in data["stages"], words), row by row, to the right and back again."""
+    import matplotlib.pyplot as plt
+    from matplotlib.patches import FancyArrowPatch, FancyBboxPatch
+
+    total, rows = sum(data["stages"].values()), math.ceil(len(boxes) / columns)
+    figure, axes = plt.subplots(figsize=(10.0, 0.6 + 1.2 * rows))
+    axes.set_xlim(-0.1, columns + 0.1)
+    axes.set_ylim(0.2, 1.15 * rows - 0.15)
+    axes.set_axis_off()
+    centres = []
+    for k in range(len(boxes)):
+        row, at = divmod(k, columns)
+        centres.append((at + 0.5 if row % 2 == 0 else columns - 0.5 - at, 0.6 + 1.15 * (rows - 1 - row)))
+    for (name, words), (x, y) in zip(boxes, centres):
+        seconds = data["stages"].get(name, 0.0)
+        share = seconds / total
+        box = FancyBboxPatch(
+            (x - 0.4, y - 0.3), 0.8, 0.6, boxstyle="round,pad=0.02,rounding_size=0.06", linewidth=1.0,
+            edgecolor="#444444", facecolor=plt.get_cmap("Blues")(0.08 + 0.6 * share),
+        )  # fmt: skip
+        axes.add_patch(box)
+        axes.text(x, y + 0.1, words, ha="center", va="center", fontsize=8.5)
+        spent = f"{number(float(f'{1e3 * seconds:.3g}'))} ms, {100 * share:.0f} %"
+        axes.text(x, y - 0.2, spent, ha="center", va="center", fontsize=8, color=GREY)
+    for (x0, y0), (x1, y1) in itertools.pairwise(centres):
+        if y0 == y1:
+            way = 1 if x1 > x0 else -1
+            ends = (x0 + 0.43 * way, y0), (x1 - 0.43 * way, y1)
+        else:
+            ends = (x0, y0 - 0.33), (x1, y1 + 0.33)
+        axes.add_patch(FancyArrowPatch(*ends, arrowstyle="-|>", mutation_scale=11, color="#444444", linewidth=1.1))
+    axes.set_title(
+        f"{data['title']}: {data['particles']:,} particles, {data['samples']:,} samples, {data['backend']},"
+        f" {1e3 * total:.3g} ms in all"
+    )
+    return figure

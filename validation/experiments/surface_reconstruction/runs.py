@@ -1,0 +1,580 @@
+"""Runs of the reconstruction: normals, the fit's convergence, meshes, stages, and other programs on the same work."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+
+from refsim.backends.arrays import Backend, choose, set_threads
+from refsim.core.operation import REGISTRY
+from refsim.isosurface import Mesh
+from refsim.sparse_grid import nodes
+from refsim.surface_energy import Tension
+from refsim.surface_energy.reconstruction import Reconstruction, Surface
+from validation.experiments.surface_reconstruction import shapes
+from validation.peers import pysplashsurf
+from validation.results import Result
+from validation.running import Context
+
+CELL = 1 / 32  # m
+RADIUS = 9.0  # of the sphere, in cells
+SWEEPS = (1, 10, 100)
+OFFSETS = (0.25, 0.5, 1.0, 2.0)
+WORDS = {
+    "facets": "facets",
+    "offsets": "offset directions",
+    "mls": "MLS (3.17)",
+    "gradient": "gradient (3.9)",
+}
+DEFAULT = {"normals": "mls", "offset": 0.5, "iterations": 10}
+BEST = {"normals": "gradient", "offset": 0.25, "iterations": 1}
+
+
+def settings() -> dict[str, dict[str, Any]]:
+    """Every way to normals that is compared, by key."""
+    made: dict[str, dict[str, Any]] = {"facets": {"normals": "facets"}, "offsets": {"normals": "offsets"}}
+    for kind in ("mls", "gradient"):
+        for offset in OFFSETS:
+            for sweeps in SWEEPS:
+                made[f"{kind}_{offset:g}_{sweeps}"] = {"normals": kind, "offset": offset, "iterations": sweeps}
+    return made
+
+
+def words_of(parameters: Mapping[str, Any]) -> str:
+    """A setting in words."""
+    words = WORDS[parameters["normals"]]
+    if "offset" in parameters:
+        sweeps = parameters["iterations"]
+        words += f", epsilon {parameters['offset']:g} h, {sweeps} sweep{'s' if sweeps > 1 else ''}"
+    return words
+
+
+def reconstruct(
+    place: np.ndarray, backend: str, dtype: str = "float64", dim: int = 3, timed: bool = False, **parameters: Any
+) -> tuple[Reconstruction, Surface, Any]:
+    """(reconstruction, surface, positions on the backend) of particles at `place`, in cells."""
+    there = choose(backend)
+    made = Reconstruction(there, dim, dtype, CELL, Tension(surface_tension=1.0, **parameters), timed)
+    position = there.asarray((CELL * place).astype(dtype))
+    return made, made.surface(position), position
+
+
+def normal_errors(context: Context, shape: str, backend: str, seed: int = 0, radius: float = RADIUS) -> Result:
+    """Angles between normals and the true ones [degrees], for every setting, on one jittered cloud."""
+    place = shapes.cloud(shape, radius, seed)
+    rows, arrays = {}, {}
+    chosen = settings()
+    for k, (key, parameters) in enumerate(chosen.items()):
+        made, surface, _ = reconstruct(place, backend, inset=None, **parameters)
+        sample = made.backend.host(surface.samples.position) / CELL
+        normal = made.backend.host(surface.samples.normal)
+        angle = shapes.angles(normal, shapes.true_normals(sample, shape, radius))
+        away = made.backend.host(surface.offset_direction)
+        rows[key] = {
+            "words": words_of(parameters), **parameters,
+            "mean": float(angle.mean()), "p95": float(np.quantile(angle, 0.95)), "max": float(angle.max()),
+            "against_offsets": int(((normal * away).sum(1) < 0).sum()),
+        }  # fmt: skip
+        if key in ("facets", "offsets") or parameters in (DEFAULT, BEST):
+            arrays[key] = angle
+        context.progress((k + 1) / len(chosen))
+    return Result({"particles": len(place), "samples": len(angle), "rows": rows}, arrays)
+
+
+def smooth_samples(context: Context, backend: str, count: int = 2480, input_error: float = 11.8) -> Result:
+    """The fit alone: samples exactly on a sphere, directions with a mean error of `input_error` degrees."""
+    there = choose(backend)
+    true = shapes.fibonacci_sphere(count)
+    away = shapes.tilted(true, input_error)
+    sample = CELL * RADIUS * true
+    rows = []
+    for offset in (0.25, 0.5, 1.0):
+        for sweeps in (1, 10, 30, 100, 300):
+            row: dict[str, Any] = {"offset": offset, "iterations": sweeps}
+            for kind in ("mls", "gradient"):
+                tension = Tension(surface_tension=1.0, normals=kind, offset=offset, iterations=sweeps)
+                made = Reconstruction(there, 3, "float64", CELL, tension)
+                normal = fitted_normals(made, sample, away)
+                row[kind] = float(shapes.angles(there.host(normal), true).mean())
+            rows.append(row)
+            context.progress(len(rows) / 15)
+    return Result({"samples": count, "input": float(shapes.angles(away, true).mean()), "rows": rows})
+
+
+def fitted_normals(made: Reconstruction, sample: np.ndarray, away: np.ndarray) -> Any:
+    """Normals at samples [m] from the fit to them and to points `offset` away from them."""
+    there = made.backend
+    h = float(made.term.cell_size)
+    blocks = made.grid.cover(there.asarray(sample), 4, 6)
+    points = there.asarray(np.vstack([sample, sample + float(made.term.offset) * h * away]))
+    coefficients = made._fit(blocks, points)
+    return made._smooth_normals(blocks, coefficients, there.asarray(sample), there.asarray(away))
+
+
+def convergence(context: Context, backend: str, offset: float = 1.0) -> Result:
+    """Residual and normal error against sweeps, for two relaxations, on the particle cloud and on smooth samples."""
+    place = shapes.cloud("sphere", RADIUS)
+    made, surface, _ = reconstruct(place, backend, inset=None, offset=offset, normals="gradient")
+    there = made.backend
+    rough = there.host(surface.sample_place), there.host(surface.offset_direction)
+    true = shapes.fibonacci_sphere(2480)
+    smooth = CELL * RADIUS * true, shapes.tilted(true, 11.8)
+    counts = (1, 2, 3, 5, 10, 20, 30, 50, 100, 200, 300, 500, 1000)
+    curves: dict[str, Any] = {"sweeps": counts}
+    for name, (sample, away) in {"cloud": rough, "smooth": smooth}.items():
+        for relaxation in (1.0, 1.9):
+            residuals, errors = [], []
+            for sweeps in counts:
+                tension = Tension(
+                    surface_tension=1.0, normals="gradient", offset=offset, iterations=sweeps, relaxation=relaxation
+                )
+                fit = Reconstruction(there, 3, "float64", CELL, tension)
+                normal = there.host(fitted_normals(fit, sample, away))
+                residuals.append(rms_residual(fit, sample, away) / offset)
+                outward = shapes.true_normals(sample / CELL, "sphere", RADIUS)
+                errors.append(float(shapes.angles(normal, outward).mean()))
+            curves[f"{name}_{relaxation:g}"] = {"residual": residuals, "error": errors}
+            context.progress(len(curves) / 5)
+    return Result({"curves": curves, "spectrum": spectrum()})
+
+
+def rms_residual(made: Reconstruction, sample: np.ndarray, away: np.ndarray) -> float:
+    """Root mean square of b - B C over all rows [h], after the fit."""
+    there, h = made.backend, float(made.term.cell_size)
+    blocks = made.grid.cover(there.asarray(sample), 4, 6)
+    points = there.asarray(np.vstack([sample, sample + float(made.term.offset) * h * away]))
+    coefficients = made._fit(blocks, points)
+    value = there.empty(points.shape[0], points.dtype)
+    unit = there.zeros(points.shape, points.dtype)
+    bases = made.grid.by_cell(points, blocks, 0.5)
+    REGISTRY["surface_energy.spline_normals"].program(there.name)(
+        points, bases, blocks, made.term, coefficients, unit, value, None, there.empty(points.shape, points.dtype)
+    )
+    goal = np.repeat([0.0, float(made.term.offset)], len(sample))
+    return float(np.sqrt(((there.host(value) - goal) ** 2).mean()))
+
+
+def fit_system(
+    dim: int, radius: float, seed: int = 0, **parameters: Any
+) -> tuple[Any, np.ndarray, np.ndarray, Surface]:
+    """(B as a sparse matrix of its active columns, b, active nodes, surface) of a particle cloud's fit."""
+    from scipy.sparse import csr_array
+
+    from refsim.surface_energy.reference import _matrix
+
+    place = shapes.cloud("sphere", radius, seed, dim)
+    made, surface, _ = reconstruct(place, "cpu", dim=dim, inset=None, **parameters)
+    h = float(made.term.cell_size)
+    points = np.vstack(
+        [surface.sample_place, surface.sample_place + float(made.term.offset) * h * surface.offset_direction]
+    )
+    row, node, weight = _matrix(points, surface.blocks, made.term)
+    row, node, weight = (a[weight > 1e-12] for a in (row, node, weight))
+    active, column = np.unique(node, return_inverse=True)
+    goal = np.repeat([0.0, float(made.term.offset)], len(points) // 2)
+    return csr_array((weight, (row, column)), shape=(len(points), len(active))), goal, active, surface
+
+
+def spectrum() -> dict[str, Any]:
+    """Eigenvalues of Lambda B^T B of a disc's fit, in descending order."""
+    matrix, _, _, _ = fit_system(2, 9.0, offset=1.0)
+    dense = matrix.toarray()
+    root = np.sqrt(1 / dense.sum(0))
+    values = np.linalg.eigvalsh(root[:, None] * (dense.T @ dense) * root[None, :])[::-1]
+    return {
+        "values": values, "largest": float(values[0]),
+        "below_1e-2": float((values < 1e-2).mean()), "below_1e-6": float((values < 1e-6).mean()),
+    }  # fmt: skip
+
+
+# Meshes
+
+
+def meshes(context: Context, backend: str) -> Result:
+    """How good the triangles are, how much normals jump from facet to facet, and whether the surface is closed."""
+    rows, arrays = {}, {}
+    for shape in shapes.RADII:
+        place = shapes.cloud(shape, RADIUS)
+        made, surface, _ = reconstruct(place, backend, **DEFAULT)
+        host = made.backend.host
+        mesh = Mesh(*(host(a) for a in surface.mesh))
+        moved = host(surface.inset_mesh.vertices)
+        facet_normal, normal = host(surface.facet_normal), host(surface.samples.normal)
+        pairs = neighbouring_facets(mesh.facets)
+        least = smallest_angles(mesh.vertices, mesh.facets)
+        jump = {"facets": shapes.angles(facet_normal[pairs[:, 0]], facet_normal[pairs[:, 1]])}
+        jump["fit"] = shapes.angles(normal[pairs[:, 0]], normal[pairs[:, 1]])
+        edges, unmatched = edge_counts(mesh.facets)
+        radius = np.linalg.norm(moved / CELL, axis=1)
+        rows[shape] = {
+            "vertices": len(mesh.vertices), "facets": len(mesh.facets), "edges": edges, "unmatched": unmatched,
+            "euler": len(mesh.vertices) - edges + len(mesh.facets),
+            "least_angle": quantiles(least), "least_angle_inset": quantiles(smallest_angles(moved, mesh.facets)),
+            "jump_facets": quantiles(jump["facets"]), "jump_fit": quantiles(jump["fit"]),
+            "inset_radius": [float(radius.mean()), float(radius.std())],
+        }  # fmt: skip
+        arrays |= {
+            f"{shape}_vertices": (mesh.vertices / CELL).astype(np.float32), f"{shape}_facets": mesh.facets,
+            f"{shape}_inset": (moved / CELL).astype(np.float32),
+            f"{shape}_facet_normal": facet_normal.astype(np.float32),
+            f"{shape}_normal": normal.astype(np.float32),
+        }  # fmt: skip
+        arrays |= {f"{shape}_jump_{name}": values.astype(np.float32) for name, values in jump.items()}
+    return Result({"rows": rows}, arrays)
+
+
+def quantiles(values: np.ndarray) -> dict[str, float]:
+    """Least, 5 %, median, mean, 95 % and largest."""
+    return {
+        "min": float(values.min()), "p5": float(np.quantile(values, 0.05)), "median": float(np.median(values)),
+        "mean": float(values.mean()), "p95": float(np.quantile(values, 0.95)), "max": float(values.max()),
+    }  # fmt: skip
+
+
+def smallest_angles(vertices: np.ndarray, facets: np.ndarray) -> np.ndarray:
+    """Smallest angle of each triangle [degrees]; 0 where two corners coincide."""
+    corner = vertices[facets]
+    found = np.full(len(facets), 180.0)
+    for k in range(3):
+        u, v = corner[:, (k + 1) % 3] - corner[:, k], corner[:, (k + 2) % 3] - corner[:, k]
+        size = np.linalg.norm(u, axis=1) * np.linalg.norm(v, axis=1)
+        cosine = (u * v).sum(1) / np.where(size > 0, size, 1.0)
+        found = np.minimum(found, np.where(size > 0, np.degrees(np.arccos(np.clip(cosine, -1, 1))), 0.0))
+    return found
+
+
+def neighbouring_facets(facets: np.ndarray) -> np.ndarray:
+    """Pairs of triangles that share an edge (edges, 2)."""
+    side = np.sort(np.concatenate([facets[:, [0, 1]], facets[:, [1, 2]], facets[:, [2, 0]]]), axis=1)
+    owner = np.tile(np.arange(len(facets)), 3)
+    order = np.lexsort(side.T)
+    return owner[order].reshape(-1, 2)
+
+
+def edge_counts(facets: np.ndarray) -> tuple[int, int]:
+    """(edges, edges that are not in exactly two triangles, once in each direction)."""
+    directed = np.concatenate([facets[:, [0, 1]], facets[:, [1, 2]], facets[:, [2, 0]]]).astype(np.int64)
+    code = directed[:, 0] * (facets.max(initial=0) + 1) + directed[:, 1]
+    back = directed[:, 1] * (facets.max(initial=0) + 1) + directed[:, 0]
+    known, times = np.unique(code, return_counts=True)
+    edges = len(np.unique(np.minimum(code, back)))
+    return edges, int((times != 1).sum() + (~np.isin(back, known)).sum())
+
+
+# Time
+
+
+def medians(function: Callable[[], Any], there: Backend, repeats: int) -> tuple[float, float]:
+    """(median, median deviation) of wall seconds of a call, after one that compiles."""
+    return middle(in_turns({"": function}, there, repeats)[""])
+
+
+def in_turns(programs: dict[str, Callable[[], Any]], there: Backend, turns: int) -> dict[str, list[float]]:
+    """Wall seconds of each call in each turn, after one call that compiles. In turns, because on shared cores the time
+    of one program says little beside that of another a second later."""
+    spent: dict[str, list[float]] = {name: [] for name in programs}
+    for turn in range(turns + 1):
+        for name, function in programs.items():
+            began = time.perf_counter()
+            function()
+            there.synchronize()
+            if turn:
+                spent[name].append(time.perf_counter() - began)
+    return spent
+
+
+def middle(spent: list[float]) -> tuple[float, float]:
+    """(median, median deviation)."""
+    found = float(np.median(spent))
+    return found, float(np.median(np.abs(np.array(spent) - found)))
+
+
+def stages(context: Context, backend: str, counts: list[int], threads: int | None, repeats: int = 5) -> Result:
+    """Seconds of each stage of a reconstruction and of the force, by number of particles."""
+    there = choose(backend)
+    set_threads(there, threads)
+    rows = []
+    try:
+        for k, count in enumerate(counts):
+            place = shapes.lattice_block(count)
+            for quadrature in ("facets", "poisson"):
+                made, surface, position = reconstruct(place, backend, "float32", timed=True, quadrature=quadrature)
+                spent: dict[str, list[float]] = {}
+                for _ in range(repeats):
+                    surface = made.surface(position)
+                    for name, seconds in surface.seconds.items():
+                        spent.setdefault(name, []).append(seconds)
+                    began = time.perf_counter()
+                    made.force(surface.samples, surface.blocks)
+                    there.synchronize()
+                    spent.setdefault("force", []).append(time.perf_counter() - began)
+                rows.append(
+                    {
+                        "particles": len(place), "quadrature": quadrature,
+                        "samples": int(surface.samples.area.shape[0]), "nodes": nodes(surface.blocks),
+                        "stages": {name: float(np.median(values)) for name, values in spent.items()},
+                    }
+                )  # fmt: skip
+            context.progress((k + 1) / len(counts))
+    finally:
+        set_threads(there, None)
+    return Result({"backend": backend, "threads": threads, "rows": rows})
+
+
+def beside_transfers(context: Context, backend: str, cells: int, rounds: int, repeats: int = 25) -> Result:
+    """A surface and its force as a run makes them, in turns with a step of plain liquid of as many particles.
+
+    cells  of the cube's edge, with eight particles each
+    """
+    from validation.experiments.mpm_droplet.runs import BLOCK, plain_block  # that case takes pictures from this one
+
+    there = choose(backend)
+    place = shapes.lattice_block(8 * cells**3)
+    position = there.asarray((CELL * place).astype(np.float32))
+    made = Reconstruction(there, 3, "float32", CELL, Tension(surface_tension=1.0), reused=True)
+    found = []
+
+    def whole() -> None:
+        found[:] = [made.surface(position)]
+        made.force(found[0].samples, found[0].blocks)
+
+    own, force, plain = [], [], []
+    for k in range(rounds):
+        for _ in range(3):  # compiled, recorded, and warm
+            whole()
+        own.append(medians(whole, there, repeats)[0])
+        force.append(medians(lambda: made.force(found[0].samples, found[0].blocks), there, repeats)[0])
+        block = {**BLOCK, "cells": cells, "room": cells + 24, "steps": 3 * 8}  # it sorts in one step of eight
+        plain.append(plain_block(context, block, 1, backend)[1])
+        context.progress((k + 1) / rounds)
+    ratios = [a / b for a, b in zip(own, plain, strict=True)]
+    return Result(
+        {
+            "backend": backend, "particles": len(place), "samples": int(found[0].samples.area.shape[0]),
+            "nodes": nodes(found[0].blocks), "own": own, "force": force, "plain": plain, "ratios": ratios,
+            "ratio": float(np.median(ratios)),
+        }
+    )  # fmt: skip
+
+
+def normals_cost(
+    context: Context, backend: str, threads: int | None, repeats: int = 15, count: int = 200_000, copies: int = 1
+) -> Result:
+    """Nanoseconds of a normal by MLS and by the spline's gradient, in both dtypes, at the samples of a large drop of
+    `count` particles, each taken `copies` times: on a GPU a launch alone takes as long as 100,000 normals."""
+    there = choose(backend)
+    set_threads(there, threads)
+    rows = []
+    try:
+        for dtype in ("float32", "float64"):
+            made, surface, _ = reconstruct(shapes.lattice_block(count), backend, dtype, inset=None)
+            sample, away = (
+                there.asarray(np.tile(there.host(a), (copies, 1)))
+                for a in (surface.sample_place, surface.offset_direction)
+            )
+            bases = made.grid.by_cell(sample, surface.blocks, 0.5)
+            out = there.empty(sample.shape, np.dtype(dtype))
+            arguments = (
+                sample, bases, surface.blocks, made.term, surface.coefficients, away,
+                None, None, out,
+            )  # fmt: skip
+            names = {"mls": "mls_normals", "gradient": "spline_normals"}
+            programs = {kind: REGISTRY[f"surface_energy.{name}"].program(backend) for kind, name in names.items()}
+            calls = {kind: lambda p=program, a=arguments: p(*a) for kind, program in programs.items()}
+            for kind, spent in in_turns(calls, there, repeats).items():
+                seconds, spread = middle(spent)
+                rows.append(
+                    {
+                        "dtype": dtype, "kind": kind, "normals": int(sample.shape[0]),
+                        "nanoseconds": 1e9 * seconds / sample.shape[0], "spread": 1e9 * spread / sample.shape[0],
+                        "turns": spent, "registers": registers(programs[kind]),
+                    }
+                )  # fmt: skip
+            context.progress(len(rows) / 4)
+    finally:
+        set_threads(there, None)
+    return Result({"backend": backend, "threads": threads, "rows": rows})
+
+
+def registers(program: Any) -> int | None:
+    """Most registers that a compiled CUDA kernel takes; None on the CPU."""
+    dispatcher = getattr(program, "dispatcher", None)
+    if dispatcher is None or not hasattr(dispatcher, "get_regs_per_thread"):
+        return None
+    found = dispatcher.get_regs_per_thread()
+    return max(found.values()) if isinstance(found, dict) else int(found)
+
+
+def solvers(context: Context, threads: int | None, repeats: int = 9, radius: float = RADIUS) -> Result:
+    """The fit's system by LSPIA, by conjugate gradients and by a sparse solver: seconds, residual, error of normals."""
+    from scipy.sparse import eye_array
+    from scipy.sparse.linalg import cg, splu
+
+    there = choose("cpu")
+    matrix, goal, active, surface = fit_system(3, radius, offset=0.5)
+    normal_matrix = (matrix.T @ matrix).tocsr()
+    side = matrix.T @ goal
+    true = shapes.true_normals(surface.sample_place / CELL, "sphere", radius)
+    made = Reconstruction(there, 3, "float64", CELL, Tension(surface_tension=1.0, normals="gradient"))
+    rows: list[dict[str, Any]] = []
+
+    def add(name: str, words: str, solution: np.ndarray, numbers: int) -> None:
+        coefficients = np.zeros(nodes(surface.blocks))
+        coefficients[active] = solution
+        normal = made._smooth_normals(surface.blocks, coefficients, surface.sample_place, surface.offset_direction)
+        seconds, spread = middle(spent[name])
+        rows.append(
+            {
+                "name": name, "words": words, "seconds": seconds, "spread": spread, "turns": spent[name],
+                "residual": float(np.sqrt(((goal - matrix @ solution) ** 2).mean()) / goal.max()),
+                "error": float(shapes.angles(normal, true).mean()), "numbers_per_node": numbers / len(active),
+            }
+        )  # fmt: skip
+
+    h = float(made.term.cell_size)
+    points = np.vstack([surface.sample_place, surface.sample_place + 0.5 * h * surface.offset_direction])
+    most = there_threads()
+    ridge = 1e-10 * eye_array(len(active))
+
+    def fitted(sweeps: int, used: int) -> np.ndarray:
+        set_threads(there, used)
+        made.term = made.term._replace(iterations=np.int32(sweeps))
+        return made._fit(surface.blocks, points)
+
+    def solved(sweeps: int) -> np.ndarray:
+        product = (matrix.T @ matrix).tocsr()
+        return cg(product, matrix.T @ goal, maxiter=sweeps, rtol=0.0, atol=0.0)[0]
+
+    def direct() -> np.ndarray:
+        return splu(((matrix.T @ matrix) + ridge).tocsc()).solve(side)
+
+    fits = [(sweeps, used) for used in sorted({1, most}) for sweeps in (1, 10, 100)]
+    calls: dict[str, Callable[[], Any]] = {f"lspia_{s}_{n}": lambda s=s, n=n: fitted(s, n) for s, n in fits}
+    calls |= {f"cg_{s}": lambda s=s: solved(s) for s in (1, 10, 100)} | {"direct": direct}
+    try:
+        spent = in_turns(calls, there, repeats)
+        set_threads(there, threads)
+        for s, n in fits:
+            add(f"lspia_{s}_{n}", f"LSPIA, {s} sweeps, {n} threads", fitted(s, n)[active], 3 * len(active))
+        stored = normal_matrix.nnz * 1.5 + matrix.nnz * 1.5 + 4 * len(active)
+        for s in (1, 10, 100):
+            add(f"cg_{s}", f"conjugate gradients, {s} steps (SciPy)", solved(s), int(stored))
+        factors = splu((normal_matrix + ridge).tocsc())
+        stored = 1.5 * (factors.L.nnz + factors.U.nnz + normal_matrix.nnz)
+        add("direct", "sparse factors, ridge 1e-10 (SciPy)", direct(), int(stored))
+    finally:
+        set_threads(there, None)
+    context.progress(1.0)
+    return Result(
+        {"rows": rows, "samples": len(points) // 2, "active": len(active), "entries": int(matrix.nnz), "threads": most}
+    )
+
+
+def fit_scaling(
+    context: Context, backend: str, threads: list[int], count: int = 1_000_000, sweeps: int = 10, repeats: int = 7
+) -> Result:
+    """Seconds of the fit to the surface of a block of `count` particles, float32, on one backend; bytes that it keeps.
+
+    threads  numbers of CPU threads to time; one row without a number on a GPU
+    """
+    there = choose(backend)
+    tension = {**DEFAULT, "iterations": sweeps}
+    made, surface, _ = reconstruct(shapes.lattice_block(count), backend, "float32", inset=None, **tension)
+    place = there.host(surface.sample_place)
+    away = there.host(surface.offset_direction)
+    shift = np.float32(float(made.term.offset) * CELL)
+    points = there.asarray(np.vstack([place, place + shift * away]).astype(np.float32))
+    rows = []
+    try:
+        for used in threads or [0]:
+            set_threads(there, used or None)
+            seconds, spread = medians(lambda: made._fit(surface.blocks, points), there, repeats)
+            rows.append({"threads": used, "seconds": seconds, "spread": spread})
+            context.progress(len(rows) / len(threads or [0]))
+    finally:
+        set_threads(there, None)
+    kept = fit_bytes(made, surface.blocks, points)
+    return Result(
+        {"backend": backend, "rows": rows, "points": len(place) * 2, "nodes": nodes(surface.blocks), "sweeps": sweeps,
+         **kept}
+    )  # fmt: skip
+
+
+def fit_bytes(made: Reconstruction, blocks: Any, points: Any) -> dict[str, float]:
+    """Bytes that the fit allocates for each node of its grid, and for each point that it fits (the list of points by
+    cell comes on top, as wherever points are looked for in cells)."""
+    taken: list[Any] = []
+    empty, places = made._empty, made._places
+
+    def keep(function: Callable[..., Any]) -> Callable[..., Any]:
+        def called(*arguments: Any) -> Any:
+            taken.append(function(*arguments))
+            return taken[-1]
+
+        return called
+
+    made._empty, made._places = keep(empty), keep(places)  # type: ignore[method-assign]
+    try:
+        made._fit(blocks, points)
+    finally:
+        made._empty, made._places = empty, places  # type: ignore[method-assign]
+    size = [math.prod(a.shape) * np.dtype(a.dtype).itemsize for a in taken]
+    of_points = sum(s for s, a in zip(size, taken) if a.shape[0] == points.shape[0])
+    return {
+        "bytes_per_node": (sum(size) - of_points) / nodes(blocks), "bytes_per_point": of_points / points.shape[0],
+    }  # fmt: skip
+
+
+def there_threads() -> int:
+    """CPU threads that Numba may use."""
+    import numba
+
+    return int(numba.config.NUMBA_NUM_THREADS)
+
+
+def against_pysplashsurf(context: Context, count: int, rounds: int, threads: int) -> Result:
+    """Level set and marching cubes of both programs on the same block, in turn: medians over all rounds.
+
+    refsim's part is what makes the mesh: cells, node states, facets and exit points.
+    """
+    missing = pysplashsurf.missing()
+    if missing:
+        return Result({"missing": missing})
+    there = choose("cpu")
+    set_threads(there, threads)
+    place = shapes.lattice_block(count)
+    position = (CELL * place).astype(np.float32)
+    made = Reconstruction(there, 3, "float32", CELL, Tension(surface_tension=1.0))
+    own, other = [], []
+    try:
+        mesh = made.mesh(position)
+        for k in range(rounds):
+            peer = pysplashsurf.run(position, CELL, threads)
+            if "missing" in peer:
+                return Result({"missing": peer["missing"]})
+            other.append(peer["seconds"] / len(position))
+            spent = []
+            for _ in range(3):
+                began = time.perf_counter()
+                mesh = made.mesh(position)
+                spent.append(time.perf_counter() - began)
+            own.append(float(np.median(spent)) / len(position))
+            context.progress((k + 1) / rounds)
+    finally:
+        set_threads(there, None)
+    ratios = [b / a for a, b in zip(own, other, strict=True)]
+
+    def spread(values: list[float]) -> dict[str, float]:
+        return {"median": float(np.median(values)), "low": min(values), "high": max(values)}
+
+    return Result(
+        {
+            "missing": "", "version": peer["version"], "particles": len(position), "threads": threads,
+            "refsim": spread(own), "peer": spread(other), "ratios": ratios, "ratio": float(np.median(ratios)),
+            "facets": len(mesh.facets), "peer_facets": peer["facets"],
+        }
+    )  # fmt: skip

@@ -1,0 +1,95 @@
+"""Pictures of the timing case."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from validation.drawing import BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION
+from validation.experiment import Results
+from validation.experiments.timing.runs import GROUPS, grouped
+
+COLOURS = {
+    "neighbours": GREY, "density": SKY, "forces": BLUE, "detection": GREEN, "tension": VERMILION, "other": PURPLE,
+}  # fmt: skip
+
+
+def steady_data(results: Results) -> dict[str, Any]:
+    """Table 1: seconds to steady state by stage, and the paper's column."""
+    words = {
+        "steady_default": "all pairs", "steady_default_detection": "all pairs, detection on",
+        "steady_soft": "soft pairs", "steady_soft_detection": "soft pairs, detection on",
+        "steady_text": "the paper's text",
+    }  # fmt: skip
+    bars = []
+    for key, label in words.items():
+        if key not in results:
+            continue
+        values, steady = results[key].values, results[key].values["steady"]
+        upto = steady or {"wall": values["seconds"], "stages": values["series"]["stages"][-1]}
+        share = grouped(upto["stages"])
+        share["other"] = max(upto["wall"] - sum(share.values()), 0.0)
+        bars.append(
+            {
+                "label": label,
+                "steady": steady is not None,
+                "stopped": values["stopped"],
+                "seconds": upto["wall"],
+                "stages": share,
+            }
+        )
+    about = results["steady_default"].about
+    return {
+        "title": "Table 1: seconds to steady state",
+        "particles": results["steady_default"].values["particles"],
+        "machine": about["machine"],
+        "date": about["date"],
+        "own_column_of_the_paper_s": 30.3,
+        "bars": bars,
+    }
+
+
+def steady_picture(data: Mapping[str, Any]) -> Any:
+    """One bar a reading of the tension, split into stages; the paper's value as a line."""
+    import matplotlib.pyplot as plt
+
+    bars = data["bars"]
+    figure, axes = plt.subplots(figsize=(8.6, 0.55 * len(bars) + 1.9))
+    place = list(range(len(bars)))[::-1]
+    for group in (*GROUPS, "other"):
+        left = [
+            sum(bar["stages"].get(g, 0.0) for g in (*GROUPS, "other")[: (*GROUPS, "other").index(group)])
+            for bar in bars
+        ]
+        width = [bar["stages"].get(group, 0.0) for bar in bars]
+        axes.barh(place, width, left=left, height=0.62, color=COLOURS[group], label=group, edgecolor="white", lw=0.6)
+    for bar, y in zip(bars, place):
+        note = f"{bar['seconds']:.1f} s"
+        if bar["stopped"]:
+            note += f", stopped: {bar['stopped']}"
+        elif not bar["steady"]:
+            note += ": not steady"
+        end = max(bar["seconds"], sum(bar["stages"].values()))
+        axes.text(end, y, f"  {note}", va="center", fontsize=8.5)
+    paper = data["own_column_of_the_paper_s"]
+    axes.axvline(paper, color=ORANGE, ls="--", lw=1.6)
+    axes.text(
+        paper,
+        len(bars) - 0.45,
+        f" {paper} s in the paper\n (its machine, its criterion)",
+        fontsize=8,
+        va="top",
+        color=GREY,
+    )
+    axes.set_yticks(place, [bar["label"] for bar in bars])
+    axes.set_xlim(0, 1.35 * max(paper, *(bar["seconds"] for bar in bars)))
+    axes.set_ylim(-0.6, len(bars) - 0.3)
+    axes.set_xlabel("wall time [s]")
+    axes.set_title(f"Seconds to steady state, {data['particles']:,} particles")
+    axes.grid(True, axis="x")
+    figure.legend(loc="outside lower center", ncols=6)
+    machine = data["machine"]
+    axes.set_title(
+        f"{machine['processor']}, {machine['cores']} cores", loc="right", fontsize=8, color=GREY, fontweight="normal"
+    )
+    return figure

@@ -1,0 +1,169 @@
+"""Drops that spin, and drops that oscillate in the mode n = 2, with either form of the viscosity.
+
+Lengths in spacings, rho0 = 1, nominal sigma = 1. The tension acts along the pair: Akinci 2013 without its area term.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from refsim import Akinci2013, Ball, Cloud, Scene, Simulation, WeaklyCompressible
+from refsim.core.effect import Discretisation
+from validation.measure.drops import fit_oscillation
+from validation.results import Result
+from validation.running import Context
+
+FORMS = ("laplacian", "central")
+SUPPORT, STIFFNESS = 2.6, 0.01  # h/d; S = sigma/(rho0 c^2 d)
+JITTER, STIRS, STIR = 0.1, 20, 0.7  # of the lattice, in spacings; random kicks, ever weaker, in sqrt(sigma/(rho d))
+STIRRED, RESTED = 2.0, 2.0  # stages in t_sigma = sqrt(rho R^3/sigma)
+CALM = 0.3  # Ohnesorge number mu/sqrt(rho sigma R) while relaxing and while spinning
+SPIN = 0.1  # angular velocity in 1/t_sigma: the drop stays round
+TURNED = 1.5  # length of the spin-down, in R^2/(5 nu), R^2/(4 nu) in 2D
+KICK, PERIODS, SAMPLES = 0.4, 2.25, 54  # amplitude of the oscillation in radii; what is fitted
+
+
+FLOW = {2: np.array([1.0, -1.0, 0.0]), 3: np.array([0.5, 0.5, -1.0])}  # diagonal of A in v = A x of the mode n = 2
+
+
+def scene(form: str, dim: int, position: NDArray, velocity: NDArray, viscosity: float) -> Scene:
+    """The drop as it stands; mu in units of sqrt(rho sigma d)."""
+    fluid = WeaklyCompressible(
+        rest_density=1.0,
+        sound_speed=1 / math.sqrt(STIFFNESS),
+        dynamic_viscosity=viscosity,
+        viscosity=form,  # type: ignore[arg-type]
+        kernels="mueller",
+    )
+    return Scene(
+        name=f"{form} {dim}d",
+        spacing=1.0,
+        support_radius=SUPPORT,
+        dim=dim,  # type: ignore[arg-type]
+        dtype="float64",
+        fluid=(Cloud(position=position, velocity=velocity),),
+        effects=(fluid, Akinci2013(surface_tension=1.0, area_acceleration=0.0)),
+    )
+
+
+def relaxed(context: Context, dim: int, radius: float, seed: int) -> tuple[NDArray, float]:
+    """(positions about the centre, radius of the drop's volume) of a drop that has been stirred and come to rest."""
+    random, unit = np.random.default_rng(seed), radius**1.5
+    position = Ball(radius=radius).positions(Discretisation(dim, "float64", 1.0, SUPPORT, 0))
+    position[:, :dim] += JITTER * random.uniform(-1, 1, (len(position), dim))
+    made = scene("central", dim, position - position.mean(0), np.zeros_like(position), CALM * math.sqrt(radius))
+    simulation = context.simulation(made, "cpu")
+    for k in range(STIRS):
+        kick = np.zeros_like(position)
+        kick[:, :dim] = random.normal(size=(len(position), dim)) / math.sqrt(dim)
+        simulation.set_field("velocity", simulation.field("velocity") + STIR * (1 - k / STIRS) * (kick - kick.mean(0)))
+        _to(simulation, STIRRED * unit * (k + 1) / STIRS)
+    _to(simulation, (STIRRED + RESTED) * unit)
+    simulation.evaluate()
+    x = simulation.field("position") - simulation.field("position").mean(0)
+    density = simulation.field("density")[np.linalg.norm(x, axis=1) < 0.6 * radius].mean()
+    volume = simulation.field("mass").sum() / density
+    return x, math.sqrt(volume / math.pi) if dim == 2 else (3 * volume / (4 * math.pi)) ** (1 / 3)
+
+
+def rate(dim: int, viscosity: float, radius: float) -> float:
+    """5 nu/R^2 in 3D, 4 nu/R^2 in 2D [1/s]: Lamb's damping of n = 2, and J(11)'s braking of a rigid rotation."""
+    return (5 if dim == 3 else 4) * viscosity / radius**2
+
+
+def spin(context: Context, dim: int, radius: float, seed: int) -> Result:
+    """One relaxed drop under either form: its angular momentum over time, turning as a rigid body, and its damping.
+
+    braking.<form>  rate of decay of L, fitted to log L, over 5 nu/R^2 (4 in 2D)
+    change.<form>   largest |L/L(0) - 1|
+    damping.<form>  P/(4 K) over 5 nu/R^2 (4 in 2D), with the power P of the viscous forces and the kinetic energy K of
+                    the flow v = A x of the mode n = 2: Lamb's damping, whose energy 2 K falls by P/2 in the mean
+    """
+    position, size = relaxed(context, dim, radius, seed)
+    viscosity = CALM * math.sqrt(radius)
+    expected = rate(dim, viscosity, size)
+    values: dict[str, Any] = {"dim": dim, "radius": radius, "seed": seed, "particles": len(position), "size": size}
+    arrays: dict[str, NDArray] = {}
+    for share, form in enumerate(FORMS):
+        velocity = np.cross([0.0, 0.0, SPIN / radius**1.5], position)
+        simulation = context.simulation(scene(form, dim, position, velocity, viscosity), "cpu")
+        times, momenta = [0.0], [_angular_momentum(simulation)]
+        for k in range(30):
+            _to(simulation, TURNED / expected * (k + 1) / 30)
+            times.append(simulation.time)
+            momenta.append(_angular_momentum(simulation))
+        left = np.array(momenta) / momenta[0]
+        values[f"braking.{form}"] = float(-np.polyfit(times, np.log(left), 1)[0] / expected)
+        values[f"change.{form}"] = float(np.abs(left - 1).max())
+        flow = position * FLOW[dim]
+        moving, resting = (
+            _accelerations(context, scene(form, dim, position, v, viscosity)) for v in (flow, np.zeros_like(flow))
+        )
+        power, energy = -(flow * (moving - resting)).sum(), 0.5 * (flow**2).sum()  # of equal masses
+        values[f"damping.{form}"] = float(power / (4 * energy) / expected)
+        arrays |= {f"time.{form}": np.array(times) * expected, f"left.{form}": left}
+        context.progress(0.5 + 0.25 * (share + 1))
+    return Result(values, arrays)
+
+
+def _accelerations(context: Context, made: Scene) -> NDArray:
+    """Accelerations (n, 3) of a scene as it starts, in its own order of particles."""
+    simulation = context.simulation(made, "cpu")
+    simulation.evaluate()
+    place = np.argsort(simulation.field("identity"))
+    return simulation.field("acceleration")[place]
+
+
+def swing(context: Context, dim: int, radius: float, seed: int, ohnesorge: Sequence[float]) -> Result:
+    """Damping of the mode n = 2 of one relaxed drop that is kicked, with either form and several viscosities.
+
+    seen.<form>.<Oh>    beta of a + b t + A exp(-beta t) sin(omega t + phi) over Lamb's 5 nu/R^2 (4 in 2D)
+    misfit.<form>.<Oh>  rms of what the fit leaves, over that of the motion
+    """
+    position, size = relaxed(context, dim, radius, seed)
+    nominal = math.sqrt((8 if dim == 3 else 6) / size**3)
+    values: dict[str, Any] = {"dim": dim, "radius": radius, "seed": seed, "particles": len(position), "size": size}
+    values["ohnesorge"] = list(ohnesorge)
+    arrays: dict[str, NDArray] = {}
+    for share, form in enumerate(FORMS):
+        for number in ohnesorge:
+            viscosity = number * math.sqrt(radius)
+            made = scene(form, dim, position, KICK * nominal * FLOW[dim] * position, viscosity)
+            simulation = context.simulation(made, "cpu")
+            times, moments = [0.0], [_moment(simulation, dim)]
+            for k in range(SAMPLES):
+                _to(simulation, PERIODS * 2 * math.pi / nominal * (k + 1) / SAMPLES)
+                times.append(simulation.time)
+                moments.append(_moment(simulation, dim))
+            _, beta, misfit, _ = fit_oscillation(np.array(times), np.array(moments), nominal)
+            values[f"seen.{form}.{number:g}"] = beta / rate(dim, viscosity, size)
+            values[f"misfit.{form}.{number:g}"] = misfit
+            arrays |= {f"time.{form}.{number:g}": np.array(times) * nominal / (2 * math.pi)}
+            arrays |= {f"moment.{form}.{number:g}": np.array(moments)}
+        context.progress(0.4 + 0.3 * (share + 1))
+    return Result(values, arrays)
+
+
+def _to(simulation: Simulation, time: float) -> None:
+    while simulation.time < time:
+        simulation.step()
+
+
+def _angular_momentum(simulation: Simulation) -> float:
+    """About the z axis through the origin, which the drop does not leave."""
+    x, v, m = (simulation.field(name) for name in ("position", "velocity", "mass"))
+    return float((m * (x[:, 0] * v[:, 1] - x[:, 1] * v[:, 0])).sum())
+
+
+def _moment(simulation: Simulation, dim: int) -> float:
+    """Second moment of the mode n = 2 over the mean square radius."""
+    x = simulation.field("position")
+    square = ((x - x.mean(0)) ** 2).mean(0)
+    if dim == 3:
+        return float((square[0] + square[1] - 2 * square[2]) / square.sum())
+    return float((square[0] - square[1]) / square.sum())

@@ -1,0 +1,161 @@
+"""A millimetre of water in SI units, its coefficients from `calibrate`: what jump and frequency say of its tension.
+
+A program of its own beside `validation/measure/drops.py`, which measured the map in units of the drop.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from refsim import Ball, Calibration, Cloud, RunStopped, Scene, Simulation, WeaklyCompressible, calibrate
+from refsim.core.effect import Discretisation
+from validation.measure.drops import BALLS, SOFTENING, fit_oscillation
+from validation.metrics.virial import inner_pressure
+from validation.results import Result
+from validation.running import Context
+
+TENSION = 0.0728  # N/m, water in air at 20 degrees
+DENSITY = 998.0  # kg/m^3; in 2D kg/m^2
+RADIUS = 1e-3  # m
+SUPPORT = 2.6  # spacings
+CALM, THIN = 0.040, 0.004  # Pa s, while it comes to rest and while it is measured: water has 0.001
+JITTER, STIRS = 0.1, 20  # of the lattice, in spacings; random kicks, ever weaker, so that it does not freeze
+SNAPSHOTS = 40
+KICK = 0.2  # amplitude of the oscillation, in radii: that of the map, whose kicks are of the nominal tension
+PERIODS, PER_PERIOD = 2.25, 24
+STIRRED, RESTED, SETTLED, AVERAGED = 4.0, 2.0, 2.0, 4.0  # stages in sqrt(rho R^3/sigma), 3.7 ms
+
+
+def coefficients(model: str, kernels: str, dim: int, cells: float) -> Calibration:
+    """What `calibrate` gives for water."""
+    return calibrate(
+        TENSION, model, spacing=RADIUS / cells, rest_density=DENSITY, dim=dim, kernels=kernels, radius=RADIUS
+    )
+
+
+def water(
+    found: Calibration, kernels: str, dim: int, cells: float, position: NDArray, velocity: NDArray, viscosity: float
+) -> Scene:
+    """The scene as anybody would write it with these coefficients."""
+    liquid = WeaklyCompressible(
+        rest_density=DENSITY,
+        sound_speed=found.sound_speed,
+        dynamic_viscosity=viscosity,
+        kernels=kernels,  # type: ignore[arg-type]
+    )
+    return Scene(
+        name="water drop",
+        spacing=RADIUS / cells,
+        support_radius=SUPPORT * RADIUS / cells,
+        dim=dim,  # type: ignore[arg-type]
+        fluid=(Cloud(position=position, velocity=velocity),),
+        effects=(liquid, found.effect, *found.beside),
+    )
+
+
+def drop(context: Context, model: str, kernels: str, dim: int, cells: float, seed: int) -> Result:
+    """Tension [N/m] of a water drop by its pressure jump and by its frequency.
+
+    cells  radius in spacings
+
+    laplace      P R/(dim - 1) of the total pressure, mean of the snapshots
+    rayleigh     rho R^3 (omega^2 + beta^2)/k of the mode n = 2, k = 8 in 3D and 6 in 2D
+    uncertainty  relative, as `calibrate` states it
+    """
+    found = coefficients(model, kernels, dim, cells)
+    random, spacing = np.random.default_rng(seed), RADIUS / cells
+    position = Ball(radius=RADIUS).positions(Discretisation(dim, "float64", spacing, SUPPORT * spacing, 0))
+    position[:, :dim] += JITTER * spacing * random.uniform(-1, 1, (len(position), dim))
+    position -= position.mean(0)
+    unit = math.sqrt(DENSITY * RADIUS**3 / TENSION)
+    row: dict[str, Any] = {
+        "model": model, "kernels": kernels, "dim": dim, "cells": cells, "seed": seed, "stopped": "",
+        "nominal": found.nominal, "uncertainty": found.uncertainty, "sound_speed": found.sound_speed,
+        "asked": TENSION, "particles": len(position),
+    }  # fmt: skip
+
+    def begin(x: NDArray, v: NDArray, viscosity: float) -> Simulation:
+        return context.simulation(water(found, kernels, dim, cells, x, v, viscosity), "cpu")
+
+    try:
+        calm = begin(position, np.zeros_like(position), CALM)
+        for k in range(STIRS):
+            kick = np.zeros_like(position)
+            kick[:, :dim] = random.normal(size=(len(position), dim)) * math.sqrt(TENSION / (DENSITY * spacing) / dim)
+            velocity = calm.field("velocity").astype(float) + 0.35 * (1 - k / STIRS) * (kick - kick.mean(0))
+            calm.set_field("velocity", velocity)
+            _to(calm, STIRRED * unit * (k + 1) / STIRS)
+        context.progress(0.3)
+        _to(calm, (STIRRED + RESTED) * unit)
+        thin = begin(*_state(calm), THIN)
+        _to(thin, SETTLED * unit)
+        context.progress(0.5)
+        jumps, radii, times = [], [], []
+        for k in range(SNAPSHOTS):
+            _to(thin, (SETTLED + AVERAGED * (k + 1) / SNAPSHOTS) * unit)
+            thin.evaluate()
+            jump, radius = _pressure(thin, dim)
+            jumps.append(jump)
+            radii.append(radius)
+            times.append(thin.time)
+        context.progress(0.8)
+        radius, jump = float(np.mean(radii)), float(np.mean(jumps))
+        row |= {"radius": radius, "jump": jump, "laplace": jump * radius / (dim - 1)}
+        moments, at, told = _swing(begin, thin, dim, radius)
+        row |= told
+    except RunStopped as stop:
+        return Result(row | {"stopped": stop.reason})
+    arrays = {"jump_time": times, "jump": jumps, "moment_time": at, "moment": moments}
+    return Result(row, {name: np.asarray(values, dtype=float) for name, values in arrays.items()})
+
+
+def _state(simulation: Simulation) -> tuple[NDArray, NDArray]:
+    x, v = (simulation.field(name).astype(float) for name in ("position", "velocity"))
+    return x - x.mean(0), v - v.mean(0)
+
+
+def _to(simulation: Simulation, time: float) -> None:
+    while simulation.time < time:
+        simulation.step()
+
+
+def _pressure(simulation: Simulation, dim: int) -> tuple[float, float]:
+    """Total pressure [Pa] inside, virial and motion, and the radius [m] of the drop's volume."""
+    x, v = _state(simulation)
+    density = simulation.field("density").astype(float)[np.linalg.norm(x, axis=1) < 0.6 * RADIUS].mean()
+    volume = simulation.field("mass").astype(float).sum() / density
+    radius = (3 * volume / (4 * math.pi)) ** (1 / 3) if dim == 3 else math.sqrt(volume / math.pi)
+    return inner_pressure(simulation, BALLS * radius) + density * float((v**2).sum(1).mean()) / dim, radius
+
+
+def _swing(begin: Any, rest: Simulation, dim: int, radius: float) -> tuple[list[float], list[float], dict[str, float]]:
+    """Kick the mode n = 2, follow its second moment, and fit it."""
+    stiffness = 8.0 if dim == 3 else 6.0
+    expected = math.sqrt(stiffness * TENSION / (DENSITY * radius**3))
+    flow = np.array([0.5, 0.5, -1.0]) if dim == 3 else np.array([1.0, -1.0, 0.0])
+    x, v = _state(rest)
+    drop = begin(x, v + KICK * expected * flow * x, THIN)
+    at, moments = [0.0], [_moment(drop, dim)]
+    for k in range(round(PERIODS * PER_PERIOD)):
+        _to(drop, (k + 1) / PER_PERIOD * 2 * math.pi / expected)
+        at.append(drop.time)
+        moments.append(_moment(drop, dim))
+    omega, damping, misfit, amplitude = fit_oscillation(np.array(at), np.array(moments), expected)
+    lasting = math.sqrt(float(np.mean(np.exp(-2 * damping * np.array(at))))) * amplitude / 2
+    small = omega / (1 - SOFTENING[dim] * min(lasting, 0.6) ** 2)
+    told = {
+        "rayleigh": DENSITY * radius**3 * (small**2 + damping**2) / stiffness,
+        "frequency": small / (2 * math.pi), "asked_frequency": expected / (2 * math.pi), "misfit": misfit,
+    }  # fmt: skip
+    return moments, at, told
+
+
+def _moment(simulation: Simulation, dim: int) -> float:
+    """Second moment of the mode n = 2 over the mean square radius."""
+    square = (_state(simulation)[0] ** 2).mean(0)
+    top = square[0] + square[1] - 2 * square[2] if dim == 3 else square[0] - square[1]
+    return float(top / square.sum())

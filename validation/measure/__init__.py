@@ -1,0 +1,1 @@
+"""Measurements behind packaged tables, apart from the experiments: `python -m validation measure`."""

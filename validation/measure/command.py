@@ -1,0 +1,182 @@
+"""`python -m validation measure WHAT`: what takes hours or a machine of its own, and is kept on file.
+
+Rows of drops are kept as they come, and a row that is there already is not measured again, so that a stopped run goes
+on where it was. `sigma_map` and `wetting_map` condense them into the tables of `refsim.calibrate` and
+`refsim.calibrate_contact_angle`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import json
+import math
+import multiprocessing
+import os
+import statistics
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from validation.results import finite
+
+DATA = Path(__file__).resolve().parent.parent / "data"
+
+
+def add_commands(made: argparse.ArgumentParser) -> None:
+    """The subcommands."""
+    commands = made.add_subparsers(dest="what", metavar="WHAT", required=True, parser_class=type(made))
+
+    def add(name: str, words: str, perform: Callable[[argparse.Namespace], int]) -> argparse.ArgumentParser:
+        part = commands.add_parser(name, help=words, description=f"{words[0].upper()}{words[1:]}.")
+        part.set_defaults(perform=perform)
+        return part
+
+    for name, words, file in (
+        ("drops", "measures the free drops of the sigma map", "drops.json"),
+        ("sessile", "measures the drops of the wetting map, which sit on a plane", "wetting.json"),
+    ):
+        part = add(name, words, measure_drops)
+        part.add_argument("--jobs", type=int, default=1, help="processes of one thread each")
+        part.add_argument("--output", type=Path, default=DATA / file, help=f"file of rows; validation/data/{file}")
+        part.add_argument("--models", type=_words, help="some of them, with commas between; all by default")
+        part.add_argument("--dims", type=_dims, default=(2, 3), help="2, 3 or 2,3 (the default)")
+        part.add_argument("--seconds", type=float, default=math.inf, help="stop after so long")
+        part.add_argument("--limit", type=int, default=10**9, help="measure at most so many")
+        if name == "drops":
+            part.add_argument("--cuda", action="store_true", help="the few drops that are measured on a GPU, too")
+    for name, words in (
+        ("sigma_map", "condenses the free drops on file into the table of refsim.calibrate"),
+        ("wetting_map", "condenses the sessile drops on file into the table of refsim.calibrate_contact_angle"),
+    ):
+        add(name, words, write_map).add_argument("--output", type=Path, help="the packaged table by default")
+    part = add("drop_seconds", "times a step of each drop; wants a machine that does nothing else", time_steps)
+    part.add_argument("--cuda", action="store_true", help="the drops on a GPU, otherwise those of the CPU")
+    part.add_argument("--models", type=_words, help="some of them only; for a look, since the others' rows go")
+    part.add_argument("--seconds", type=float, default=math.inf, help="begin no drop after 0.7 of this")
+    part.add_argument("--output", type=Path, default=DATA / "drop_seconds.json", help="file of rows")
+    part = add("mass_ratio", "prints by how much the energy rises, by ratio of particle masses and scene", mass_ratios)
+    part.add_argument("kinds", nargs="*", help="scenes whose names contain one of these words; all by default")
+    add("states", "computes the stored moments of the dam break anew (some minutes)", store_states)
+
+
+def _words(text: str) -> tuple[str, ...]:
+    return tuple(text.split(","))
+
+
+def _dims(text: str) -> tuple[int, ...]:
+    return tuple(int(word) for word in text.split(","))
+
+
+def write(path: Path, rows: dict[str, dict]) -> None:
+    """One row a line, by key; until it is whole, the file of before stands."""
+    lines = [f"{json.dumps(k)}: {json.dumps({n: finite(v) for n, v in rows[k].items()})}" for k in sorted(rows)]
+    part = path.with_suffix(".part")
+    part.write_text("{\n" + ",\n".join(lines) + "\n}\n")
+    os.replace(part, path)
+
+
+def work(point: Any) -> dict:
+    """One drop, in a process of its own."""
+    return importlib.import_module(type(point).__module__).measure(point)
+
+
+def measured(points: list[Any], jobs: int, seconds: float, keep: Callable[[dict], None]) -> None:
+    """Measure the points in processes of their own until time is up; what is then unfinished is given up.
+
+    A drop begins only if it should end in time by what those before it took.
+    """
+    began, waiting, running, paces = time.perf_counter(), list(points), {}, [1.0]
+    with multiprocessing.get_context("spawn").Pool(jobs) as pool:
+        while (left := seconds - (time.perf_counter() - began)) > 0:
+            pace = statistics.median(paces)
+            fitting = (p for p in waiting if pace * p.cost() < left)
+            while len(running) < jobs and (point := next(fitting, None)):
+                running[pool.apply_async(work, (point,))] = point
+                waiting.remove(point)
+                fitting = (p for p in waiting if pace * p.cost() < left)
+            if not running:
+                return
+            for result in [r for r in running if r.ready()]:
+                point, row = running.pop(result), result.get()
+                if not row["stopped"] and row["seconds"] > 10:  # those below are compiling more than running
+                    paces.append(row["seconds"] / point.cost())
+                keep(row)
+            time.sleep(0.02)
+        print("time is up; unfinished: " + ", ".join(p.key for p in running.values()), flush=True)
+
+
+def measure_drops(given: argparse.Namespace) -> int:
+    """Measure what is missing, what the map needs most first; prints one line for each row."""
+    sessile = given.what == "sessile"
+    os.environ["NUMBA_NUM_THREADS"] = "1"
+    kind = importlib.import_module(f"validation.measure.{'wetting' if sessile else 'drops'}")
+    rows = json.loads(given.output.read_text()) if given.output.exists() else {}
+    cuda = not sessile and given.cuda
+    wanted = list(kind.device_points() if cuda else kind.points(given.models or tuple(kind.MODELS), given.dims))
+    missing = [p for p in wanted if p.key not in rows]
+    if not cuda:  # those stand in the order in which they matter
+        missing.sort(key=lambda p: (p.urgency(), p.cost() if given.jobs == 1 else -p.cost()))
+    missing = missing[: given.limit]
+    print(f"{len(missing)} drops to measure, {len(rows)} there", flush=True)
+    given.output.parent.mkdir(parents=True, exist_ok=True)
+    began = time.perf_counter()
+    shown = ("angle", "circle") if sessile else ("laplace", "rayleigh")
+
+    def keep(row: dict[str, Any]) -> None:
+        rows[row["key"]] = row
+        write(given.output, rows)
+        first, second = (row.get(name, math.nan) for name in shown)
+        words = f"{row['stopped'] or 'ok':<12} {first:7.3f} {second:7.3f} {row['seconds']:7.1f} s"
+        print(f"{time.perf_counter() - began:5.0f}  {row['key']:<58} {words}", flush=True)
+
+    measured(missing, given.jobs, given.seconds, keep)
+    left = sum(p.key not in rows for p in wanted)
+    print(f"{left} left; {time.perf_counter() - began:.0f} s")
+    return 0
+
+
+def write_map(given: argparse.Namespace) -> int:
+    """Write a table from the rows on file."""
+    kind = importlib.import_module(f"validation.measure.{'wetting' if given.what == 'wetting_map' else 'sigma_map'}")
+    rows, path = kind.read_rows(), given.output or kind.PACKAGED
+    print(f"{len(rows)} drops, {kind.write(rows, path)} settings: {path.name}")
+    return 0
+
+
+def time_steps(given: argparse.Namespace) -> int:
+    """Time the drops and keep their rows; prints one line each."""
+    from validation.measure import drop_seconds
+
+    kind = "cuda" if given.cuda else "cpu"
+    where, began = drop_seconds.machine(kind), time.perf_counter()
+    wanted = (p for p in drop_seconds.panel_points(given.cuda) if given.models is None or p.model in given.models)
+    rows = drop_seconds.timed(wanted, given.seconds)
+    for row in rows:
+        words = f"{1e3 * row['seconds_per_step']:9.3f} ms a step +- {100 * row['deviation']:.1f} %"
+        print(f"{row['key']:<58} {words} {row['unstable']}")
+    drop_seconds.write(kind, rows, where, given.output)
+    print(f"{len(rows)} drops, {time.perf_counter() - began:.0f} s, {where['machine']}, load {where['load']}")
+    return 0
+
+
+def mass_ratios(given: argparse.Namespace) -> int:
+    """Print the table."""
+    from validation.measure.mass_ratio import KINDS, RATIOS, rise
+
+    for name, made in KINDS.items():
+        if given.kinds and not any(word in name for word in given.kinds):
+            continue
+        for ratio in RATIOS:
+            share, reason = rise(made(ratio), ratio)
+            print(f"{name:36s} {ratio:7g} {share:12.3g} {reason}", flush=True)
+    return 0
+
+
+def store_states(given: argparse.Namespace) -> int:
+    """Compute the states."""
+    from validation.experiments.dam_break.state import store
+
+    store()
+    return 0

@@ -1,0 +1,423 @@
+"""Drops without gravity under every model of surface tension: pressure jump, frequency, rest.
+
+Lengths in spacings, rho0 = 1 and the nominal sigma = 1, so that every measured tension is a share of the nominal one.
+The stiffness S = sigma/(rho0 c^2 d) stands for the coefficient: at the same sound speed a larger coefficient is a
+larger S. `points` lists what is measured; `python -m validation measure drops` measures it on many cores and keeps the
+rows.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+import time
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from refsim import (
+    Ball,
+    Cloud,
+    InputError,
+    RunStopped,
+    Scene,
+    Simulation,
+    WeaklyCompressible,
+)
+from refsim.core.effect import Discretisation
+from refsim.surface_tension.calibration import BASE, BESIDE, SETTINGS
+from validation.metrics.droplet import nearest_neighbour_distance, radius_variation
+from validation.metrics.virial import inner_pressure
+
+JITTER = 0.1  # of the starting lattice, in spacings: each seed another drop
+RELAXED, SETTLED, AVERAGED = 3.0, 1.0, 2.0  # length of the stages in t_sigma = sqrt(rho R^3/sigma)
+FITTED_FROM = 3.0  # support radii: drops that are smaller are not fitted against 1/R
+PERIODS = 2.25  # of the oscillation that are fitted
+STIRRED, STIRS, STIR = 2.0, 20, 0.7  # t_sigma, number and first size [sqrt(sigma/(rho d))] of random kicks
+CALM, THIN = 0.3, 0.03  # Ohnesorge numbers mu/sqrt(rho sigma R) while relaxing and while measuring
+SNAPSHOTS, PER_PERIOD = 40, 24
+KICK = 0.4  # amplitude of the oscillation, in radii: beyond what the particles' frozen order bears elastically
+SOFTENING = {2: 0.0, 3: 34409 / 58800}  # omega = omega_0 (1 - s A^2) at amplitude A (Tsamopoulos & Brown 1983)
+INNER = 0.6  # of R: where density is taken
+BALLS = np.linspace(0.4, 0.7, 7)  # of R: in which the pressure is taken
+UNSTIRRED = ("csf",)  # bears no random kicks, and freezes no stresses: its force acts at the surface only
+# The first two have no drop at BASE: it flies apart. The iteration of the third wants few neighbours.
+OTHER_BASE: dict[str, dict[str, Any]] = {
+    "csf": {"kernels": "wendland"},
+    "he": {"kernels": "wendland"},
+    "akinci_iisph": {"support": 2.0},
+}
+
+MODELS = {name: (words, partial(effect, 1.0)) for name, (words, effect) in SETTINGS.items()}  # of nominal sigma = 1
+
+
+@dataclass(frozen=True)
+class Point:
+    """One drop.
+
+    support    h in spacings
+    radius     R in spacings
+    stiffness  S = sigma/(rho0 c^2 d) of the nominal sigma
+    kernels    of weakly_compressible
+    kicked     whether it is set into oscillation at the end
+    dtype, backend  with what it is computed; the map holds float32 on the cpu
+    """
+
+    model: str
+    dim: int = 3
+    support: float = 2.6
+    radius: float = 10.0
+    stiffness: float = 0.01
+    kernels: str = "mueller"
+    seed: int = 1
+    kicked: bool = True
+    dtype: str = "float32"
+    backend: str = "cpu"
+
+    @property
+    def key(self) -> str:
+        """Name of the point's row."""
+        size = f"h{self.support:g}.R{self.radius:g}.S{self.stiffness:g}"
+        how = "".join(f".{name}" for name in (self.dtype, self.backend) if name not in ("float32", "cpu"))
+        return f"{self.model}.{self.dim}d.{self.kernels}.{size}.{self.seed}{how}"
+
+    def cost(self) -> float:
+        """About the seconds that it takes, on one core or a GPU."""
+        particles = self.radius**self.dim * (4.2 if self.dim == 3 else math.pi)
+        steps = self.radius**1.5 * math.sqrt(0.01 / self.stiffness) * (130 if self.kicked else 90)
+        if self.backend == "cuda":
+            return 80.0 if self.model in BESIDE else 20.0
+        if self.backend == "numpy":
+            return 1.5e-6 * particles**2 * steps
+        solver = 3.0 if self.model in BESIDE else 1.0
+        return (
+            1e-6 * solver * particles * steps * (2.6 if self.dim == 3 else 0.8) * (self.support / 2.6) ** (self.dim - 1)
+        )
+
+    def urgency(self) -> int:
+        """0 for what `tension_cost` shows, 1 to 3 along the axes: one radius, the others, other seeds."""
+        if at_base(self.model, asdict(self)) or in_panel(asdict(self)):
+            return 0
+        return 3 if self.seed > 1 else 1 if self.radius == SEEDED[self.dim] else 2
+
+
+RADII = {2: (8.0, 11.0, 16.0, 24.0), 3: (5.0, 7.0, 8.5, 10.0, 12.0, 14.0)}
+SEEDED = {2: 16.0, 3: 10.0}  # radius at which three seeds are run, and from which on drops are kicked
+LARGE = 10.0  # radius in 3D beyond which drops are measured at the base only: they take minutes
+LARGE_IMPLICIT = 10.0  # the same of implicit pressure, each step of which is an iteration
+COSTED = (7.0, 10.0)  # radii in 3D of drops in float64, for what accuracy costs
+ALL_PAIRS = 4.0  # radius in 3D of drops on the numpy backend, which compares all pairs
+FEW = ("he", "csf")  # models whose larger drops do not last, left out on a GPU
+SEEDED_MODELS = ("akinci", "dong")  # with three seeds along the axes, too
+ROUNDER: dict[str, Any] = {
+    "model": "akinci",
+    "dim": 3,
+    "kernels": "wendland",
+}  # off the base, and nearer to one tension
+AXES: dict[str, tuple[Any, ...]] = {
+    "support": (2.0, 2.3, 2.6, 3.0),
+    "stiffness": (0.003, 0.01, 0.03),
+    "kernels": ("mueller", "wendland"),
+}
+
+
+def base(model: str) -> dict[str, Any]:
+    """The setting at which the axes of a model cross."""
+    return BASE | OTHER_BASE.get(model, {})
+
+
+def at_base(model: str, setting: Mapping[str, Any]) -> bool:
+    """Whether a point, row or map entry of the model stands where its axes cross."""
+    return all(setting[name] == value for name, value in base(model).items())
+
+
+def in_panel(row: Mapping[str, Any]) -> bool:
+    """Whether a point or row belongs to what accuracy costs: 3D at the base, and what comes nearest to one tension."""
+    if row["dim"] != 3:
+        return False
+    rounder = row["radius"] >= LARGE and at_base(row["model"], {**row, "kernels": base(row["model"])["kernels"]})
+    return at_base(row["model"], row) or (rounder and all(row[name] == value for name, value in ROUNDER.items()))
+
+
+def points(models: tuple[str, ...] = tuple(MODELS), dims: tuple[int, ...] = (2, 3)) -> Iterator[Point]:
+    """The map: all radii and three seeds at the base point, and each axis on its own through it at four radii.
+
+    Akinci 2013 has three seeds at every radius from 10 spacings on, with both sets of kernels. Implicit pressure knows
+    no sound speed, and so no stiffness. At the base, drops in float64 and on the numpy backend come last.
+    """
+    for model, dim in itertools.product(models, dims):
+        centre = base(model)
+        axes = {name: values for name, values in AXES.items() if name != "stiffness" or model not in BESIDE}
+        crossing = [centre | {name: value} for name, values in axes.items() for value in values]
+        settings = {tuple(sorted(setting.items())) for setting in crossing}
+        for setting in sorted(settings, key=str):
+            based = at_base(model, dict(setting))
+            leading = model == SEEDED_MODELS[0] and at_base(model, dict(setting) | {"kernels": base(model)["kernels"]})
+            for radius in RADII[dim]:
+                if radius > LARGE and dim == 3 and not (based or leading):
+                    continue
+                if radius > LARGE_IMPLICIT and dim == 3 and model in BESIDE:
+                    continue
+                three = radius == SEEDED[dim] and (based or model in SEEDED_MODELS)
+                three |= leading and dim == 3 and radius >= LARGE
+                kicked = radius >= SEEDED[dim] or (based and dim == 3)
+                for seed in (1, 2, 3) if three else (1,):
+                    yield Point(model, dim, radius=radius, seed=seed, kicked=kicked, **dict(setting))
+        for radius in COSTED if dim == 3 else ():
+            yield Point(model, dim, radius=radius, dtype="float64", **centre)
+        if dim == 3 and model not in BESIDE:  # all pairs in each of its iterations take minutes even so
+            yield Point(model, dim, radius=ALL_PAIRS, dtype="float64", backend="numpy", **centre)
+
+
+def device_points() -> Iterator[Point]:
+    """Drops of the base setting on a GPU, for what accuracy costs there; what matters most comes first."""
+    models = [model for model in MODELS if model not in FEW]
+    for radius, dtype in ((10.0, "float32"), (14.0, "float32"), (7.0, "float32"), (10.0, "float64")):
+        for model in models:
+            yield Point(model, 3, radius=radius, dtype=dtype, backend="cuda", **base(model))
+        if radius >= LARGE and dtype == "float32":
+            yield Point(**ROUNDER, radius=radius, backend="cuda")
+
+
+def scene(point: Point, position: NDArray, velocity: NDArray | None, ohnesorge: float) -> Scene:
+    """The drop as it stands, with a viscosity mu = Oh sqrt(rho sigma R)."""
+    fluid = WeaklyCompressible(
+        rest_density=1.0,
+        sound_speed=1 / math.sqrt(point.stiffness),
+        dynamic_viscosity=ohnesorge * math.sqrt(point.radius),
+        kernels=point.kernels,  # type: ignore[arg-type]
+    )
+    return Scene(
+        name=point.key,
+        spacing=1.0,
+        support_radius=point.support,
+        dim=point.dim,  # type: ignore[arg-type]
+        dtype=point.dtype,  # type: ignore[arg-type]
+        fluid=(Cloud(position=position, velocity=(0.0, 0.0, 0.0) if velocity is None else velocity),),
+        effects=(fluid, MODELS[point.model][1](), *BESIDE.get(point.model, ())),
+    )
+
+
+def start(point: Point) -> NDArray:
+    """Particles of a ball (disc) cut from the lattice, shifted at random."""
+    grid = Discretisation(point.dim, "float64", 1.0, point.support, 0)
+    position = Ball(radius=point.radius).positions(grid)
+    random = np.random.default_rng(point.seed)
+    position[:, : point.dim] += JITTER * random.uniform(-1, 1, (len(position), point.dim))
+    return position - position.mean(0)
+
+
+def measure(point: Point) -> dict[str, Any]:
+    """Relax the drop, average its pressure, kick it, and fit its frequency. A run that stops is a row, too.
+
+    laplace    sigma = P R/(dim - 1) from the virial pressure, mean over balls of 0.4 to 0.7 R and over 40 snapshots
+    rayleigh   sigma = rho R^3 (omega^2 + beta^2)/k from the damped frequency, k = 8 in 3D and 6 in 2D; omega for
+               small amplitudes, by the known softening in 3D
+    steps      of all stages together, for what the drop costs
+    spurious   rms speed at rest over sqrt(sigma/(rho R)); capillary = mu max|v|/sigma
+    """
+    began = time.perf_counter()
+    row: dict[str, Any] = {**asdict(point), "key": point.key, "stopped": ""}
+    try:
+        _measure(point, row)
+    except RunStopped as stop:
+        row["stopped"] = stop.reason
+    except InputError:  # of the drop as it stands: two particles at one place
+        row["stopped"] = "clumped"
+    except Dispersed:
+        row["stopped"] = "dispersed"
+    row["seconds"] = round(time.perf_counter() - began, 2)
+    return row
+
+
+class Dispersed(Exception):
+    """Nothing is left where the drop was."""
+
+
+def _measure(point: Point, row: dict[str, Any]) -> None:
+    capillary_time = math.sqrt(point.radius**3)
+    position = start(point)
+    row["particles"] = len(position)
+    calm = Simulation(scene(point, position, None, CALM), point.backend)
+    _anneal(calm, point, STIRRED * capillary_time)
+    _run(calm, RELAXED * capillary_time)
+    _together(calm, point)
+    thin = Simulation(scene(point, calm.field("position").astype(float), None, THIN), point.backend)
+    _run(thin, SETTLED * capillary_time)
+    samples = []
+    for k in range(SNAPSHOTS):
+        _run(thin, (SETTLED + AVERAGED * (k + 1) / SNAPSHOTS) * capillary_time)
+        thin.evaluate()
+        samples.append(_rest(thin, point))
+    mean = {name: float(np.mean([s[name] for s in samples])) for name in samples[0]}
+    radius = mean["radius"]
+    viscosity = THIN * math.sqrt(point.radius)
+    x, v, m = (thin.field(name).astype(float) for name in ("position", "velocity", "mass"))
+    moduli = (m[:, None] * np.abs(v)).sum()
+    near = nearest_neighbour_distance(x)
+    row |= {
+        "steps": calm.steps + thin.steps,
+        "effective_radius": radius,
+        "pressure": mean["pressure"],
+        "balls": len(BALLS),
+        "pressure_deviation": float(np.std([s["pressure"] for s in samples])),
+        "laplace": mean["pressure"] * radius / (point.dim - 1),
+        "bulk_error": mean["density"] - 1,
+        "spurious": mean["rms"] * math.sqrt(radius),
+        "capillary": viscosity * float(np.max([s["max"] for s in samples])),
+        "momentum": float(np.linalg.norm((m[:, None] * v).sum(0)) / moduli),
+        "angular_momentum": float(
+            np.linalg.norm((m[:, None] * np.cross(x, v)).sum(0)) / (m * np.linalg.norm(x, axis=1) * _speed(v)).sum()
+        ),
+        "nn_min": float(near.min()),
+        "nn_5": float(np.quantile(near, 0.05)),
+        "extent": float(np.linalg.norm(x - x.mean(0), axis=1).max() / radius),
+        "roughness": radius_variation(x) if point.dim == 3 else _disc_variation(x),
+    }
+    if point.kicked:
+        _oscillate(point, thin, radius, row)
+
+
+def _anneal(simulation: Simulation, point: Point, until: float) -> None:
+    """Kick all particles at random, ever more weakly: a drop at rest is a solid with the stresses of its freezing."""
+    random = np.random.default_rng(1000 + point.seed)
+    for k in range(0 if point.model in UNSTIRRED else STIRS):
+        velocity = simulation.field("velocity").astype(float)
+        noise = random.normal(size=velocity.shape)
+        noise[:, point.dim :] = 0
+        velocity += STIR * (1 - k / STIRS) * (noise - noise.mean(0)) / math.sqrt(point.dim)
+        simulation.set_field("velocity", velocity)
+        _run(simulation, until * (k + 1) / STIRS)
+        _together(simulation, point)
+
+
+def _together(simulation: Simulation, point: Point) -> None:
+    """Raise Dispersed where half of the particles have left the drop: the rest would tell of no drop."""
+    x = simulation.field("position").astype(float)
+    if np.median(np.linalg.norm(x - x.mean(0), axis=1)) > 2 * point.radius:
+        raise Dispersed
+
+
+def _rest(simulation: Simulation, point: Point) -> dict[str, float]:
+    """One snapshot: pressure, density and radius, speeds."""
+    x, v = simulation.field("position").astype(float), simulation.field("velocity").astype(float)
+    away = np.linalg.norm(x - x.mean(0), axis=1)
+    inside = away < INNER * point.radius
+    if not inside.any() or away.max() > 10 * point.radius:
+        raise Dispersed
+    density = simulation.field("density").astype(float)[inside].mean()
+    mass = simulation.field("mass").astype(float).sum()
+    volume = mass / density
+    radius = (3 * volume / (4 * math.pi)) ** (1 / 3) if point.dim == 3 else math.sqrt(volume / math.pi)
+    speed = _speed(v - v.mean(0))
+    return {
+        "pressure": inner_pressure(simulation, BALLS * radius),
+        "density": float(density),
+        "radius": radius,
+        "rms": float(np.sqrt((speed**2).mean())),
+        "max": float(speed.max()),
+    }
+
+
+def _oscillate(point: Point, thin: Simulation, radius: float, row: dict[str, Any]) -> None:
+    """Kick the mode n = 2 and fit its damped frequency."""
+    stiffness = 8.0 if point.dim == 3 else 6.0
+    nominal = math.sqrt(stiffness / radius**3)
+    x, v = thin.field("position").astype(float), thin.field("velocity").astype(float)
+    x = x - x.mean(0)
+    flow = np.array([0.5, 0.5, -1.0]) if point.dim == 3 else np.array([1.0, -1.0, 0.0])
+    kicked = Simulation(scene(point, x, v - v.mean(0) + KICK * nominal * flow * x, THIN), point.backend)
+    sigma = max(row["laplace"], 0.25) if math.isfinite(row["laplace"]) else 1.0
+    expected = nominal * math.sqrt(sigma)
+    until, count = PERIODS * 2 * math.pi / expected, round(PERIODS * PER_PERIOD)
+    times, moments = [0.0], [_moment(kicked, point.dim)]
+    for k in range(count):
+        _run(kicked, until * (k + 1) / count)
+        times.append(kicked.time)
+        moments.append(_moment(kicked, point.dim))
+    omega, damping, misfit, amplitude = fit_oscillation(np.array(times), np.array(moments), expected)
+    lasting = math.sqrt(float(np.mean(np.exp(-2 * damping * np.array(times))))) * amplitude / 2
+    squared = (omega / (1 - SOFTENING[point.dim] * min(lasting, 0.6) ** 2)) ** 2 + damping**2
+    row["steps"] += kicked.steps
+    row |= {
+        "omega": omega,
+        "amplitude": lasting,
+        "damping": damping,
+        "misfit": misfit,
+        "rayleigh": squared * radius**3 / stiffness,
+        "lamb": (5.0 if point.dim == 3 else 4.0) * THIN * math.sqrt(point.radius) / radius**2,
+    }
+
+
+def _moment(simulation: Simulation, dim: int) -> float:
+    """Second moment of the mode n = 2 over the mean square radius."""
+    x = simulation.field("position").astype(float)
+    square = ((x - x.mean(0)) ** 2).mean(0)
+    if dim == 3:
+        return float((square[0] + square[1] - 2 * square[2]) / square.sum())
+    return float((square[0] - square[1]) / square.sum())
+
+
+def fit_oscillation(times: NDArray, values: NDArray, expected: float) -> tuple[float, float, float, float]:
+    """(omega [1/s], beta [1/s], misfit, A) of a + b t + A exp(-beta t) sin(omega t + phi); NaN where nothing fits.
+
+    misfit  rms of what is left over the rms of the values about their line
+    """
+    from scipy.optimize import OptimizeWarning, curve_fit
+
+    def curve(t: NDArray, a: float, b: float, amplitude: float, beta: float, omega: float, phase: float) -> NDArray:
+        return a + b * t + amplitude * np.exp(-beta * t) * np.sin(omega * t + phase)
+
+    spread = float(np.abs(values - values[0]).max())
+    best: tuple[float, ...] = (math.nan, math.nan, math.nan, math.nan)
+    line = values - np.polyval(np.polyfit(times, values, 1), times)
+    for factor, damping in itertools.product((0.6, 0.8, 1.0, 1.25, 1.5), (0.05, 0.3)):
+        guess = (float(values[0]), 0.0, spread, damping * expected, factor * expected, 0.0)
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", OptimizeWarning)
+                found, _ = curve_fit(curve, times, values, guess, maxfev=4000)
+        except RuntimeError:
+            continue
+        rest = float(np.std(values - curve(times, *found)) / max(np.std(line), 1e-30))
+        if found[4] > 0 and found[3] > -0.1 * expected and not rest >= best[2]:
+            best = (float(found[4]), float(found[3]), rest, abs(float(found[2])))
+    return best  # type: ignore[return-value]
+
+
+def _run(simulation: Simulation, until: float) -> None:
+    while simulation.time < until:
+        simulation.step()
+
+
+def _speed(velocity: NDArray) -> NDArray:
+    return np.sqrt((velocity**2).sum(1))
+
+
+def _disc_variation(position: NDArray, directions: int = 120, half_angle: float = 10.0) -> float:
+    """Roughness of a disc: std/mean over directions of the greatest distance from the centre near each."""
+    x = position[:, :2] - position[:, :2].mean(0)
+    angle, away = np.arctan2(x[:, 1], x[:, 0]), np.linalg.norm(x, axis=1)
+    turn = 2 * math.pi * np.arange(directions) / directions
+    off = np.abs((angle[None, :] - turn[:, None] + math.pi) % (2 * math.pi) - math.pi)
+    near = np.where(off < math.radians(half_angle), away[None, :], 0.0).max(1)
+    return float(near.std() / near.mean()) if (near > 0).all() else math.nan
+
+
+def fit_laplace(rows: Sequence[Mapping[str, Any]]) -> tuple[float, float, float]:
+    """(sigma, its standard error, intercept P0) from P = (dim - 1) sigma/R + P0 over the radii; NaN below three.
+
+    Of drops with R >= 3 h: a smaller one has no bulk, since the surface reaches a support radius deep.
+    """
+    lasting = [r for r in rows if not r["stopped"] and math.isfinite(r["pressure"])]
+    use = [r for r in lasting if r["radius"] >= FITTED_FROM * r["support"]]
+    curvature = np.array([(r["dim"] - 1) / r["effective_radius"] for r in use])
+    if len(set(np.round(curvature, 3))) < 3:
+        return math.nan, math.nan, math.nan
+    (slope, intercept), covariance = np.polyfit(curvature, [r["pressure"] for r in use], 1, cov=True)
+    return float(slope), float(math.sqrt(covariance[0, 0])), float(intercept)

@@ -1,0 +1,186 @@
+"""The measured drops (`data/drops.json`) condensed into the sigma map that `refsim.calibrate` reads.
+
+`python -m validation measure sigma_map` writes it anew from the rows that `measure drops` measured. The cases
+`laplace`, `oscillation` and `spurious` show it, and measure a few of its drops again.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from refsim.surface_tension.calibration import MAP as PACKAGED
+from validation.experiment import Run
+from validation.measure import drops
+from validation.measure.drops import FITTED_FROM, MODELS, SEEDED, Point, fit_laplace, measure
+from validation.results import Result, finite
+from validation.running import Context
+
+ROWS = Path(__file__).resolve().parent.parent / "data" / "drops.json"
+AXES = ("model", "dim", "support", "stiffness", "kernels")
+WORST_MISFIT = 0.35  # of the oscillation's fit: beyond it no frequency is read
+WORST = {"spurious": max, "capillary": max, "momentum": max, "angular_momentum": max, "nn_5": min, "roughness": max}
+
+
+def read_rows(path: Path = ROWS) -> list[dict[str, Any]]:
+    """The measured drops; null becomes NaN, and the pressure gets the part of the particles' random motion.
+
+    Irving & Kirkwood's pressure is virial and motion together: P = virial + rho <v^2>/dim. The rows hold the virial
+    and the rms speed at rest over sqrt(sigma/(rho R)).
+    """
+    rows = json.loads(path.read_text()).values() if path.exists() else []
+    made = []
+    for row in rows:
+        numbers = {name: math.nan if value is None else value for name, value in row.items()}
+        made.append(with_motion(numbers) if not row["stopped"] else numbers)
+    return made
+
+
+def with_motion(row: Mapping[str, Any]) -> dict[str, Any]:
+    """A row whose `pressure` and `laplace` hold the part of the random motion."""
+    dim, radius = row["dim"], row["effective_radius"]
+    moving = row["spurious"] ** 2 / radius / dim
+    return {**row, "pressure": row["pressure"] + moving, "laplace": row["laplace"] + moving * radius / (dim - 1)}
+
+
+def condensed(rows: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """One entry for each setting, sorted.
+
+    laplace, laplace_error, intercept  fit of P = (dim - 1) sigma/R + P0 over the radii, sigma over the nominal one
+    flat_laplace, flat_rayleigh        limits for R to infinity of the drops' R P/(dim - 1) and of Rayleigh's tension by
+                                       lines in 1/R (Tolman 1949); with their standard errors, flat_..._error
+    rayleigh, rayleigh_spread          mean and standard deviation over the drops whose oscillation could be fitted
+    seeds, seed_spread                 drops that differ by their seed alone, and the deviation of their P R
+    drops_by_radius                    of each radius [d] whose frequency was read: both tensions of the drops
+                                       themselves, R P/(dim - 1) and Rayleigh's, means and deviations over the seeds
+    radii                              in spacings, of the drops that lasted
+    stopped                            how many drops ended otherwise, by reason
+    """
+    groups: dict[tuple[Any, ...], list[Mapping[str, Any]]] = {}
+    for row in filter(in_map, rows):
+        groups.setdefault(tuple(row[name] for name in AXES), []).append(row)
+    return [_entry(dict(zip(AXES, key)), groups[key]) for key in sorted(groups, key=str)]
+
+
+def in_map(row: Mapping[str, Any]) -> bool:
+    """Whether a row is in float32 on the cpu; the others tell what accuracy costs."""
+    return row.get("dtype", "float32") == "float32" and row.get("backend", "cpu") == "cpu"
+
+
+def _entry(entry: dict[str, Any], rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    lasting = [row for row in rows if not row["stopped"]]
+    slope, error, intercept = fit_laplace(lasting)
+    waves = [r["rayleigh"] for r in lasting if _read(r) and r["radius"] >= SEEDED[r["dim"]]]
+    seeded = [r["laplace"] for r in lasting if r["radius"] == SEEDED[r["dim"]]]
+    large = [r for r in lasting if r["radius"] >= FITTED_FROM * r["support"]]
+    entry |= {
+        "laplace": slope,
+        "laplace_error": error,
+        "intercept": intercept,
+        **_flat("laplace", large),
+        **_flat("rayleigh", [r for r in large if _read(r) and r["radius"] >= SEEDED[r["dim"]]]),
+        "rayleigh": float(np.mean(waves)) if waves else math.nan,
+        "rayleigh_spread": float(np.std(waves)) if len(waves) > 1 else math.nan,
+        "seeds": len(seeded),
+        "seed_spread": float(np.std(seeded)) if len(seeded) > 1 else math.nan,
+        "drops_by_radius": [
+            _of_radius(lasting, radius)
+            for radius in sorted({r["radius"] for r in lasting if _read(r)})
+            if radius >= SEEDED[entry["dim"]]
+        ],
+        "radii": sorted({r["radius"] for r in lasting}),
+        "drops": len(rows),
+        "stopped": dict(Counter(r["stopped"] for r in rows if r["stopped"])),
+    }
+    for name, worst in WORST.items():
+        values = [r[name] for r in lasting if math.isfinite(r[name])]
+        entry[name] = float(worst(values)) if values else math.nan
+    return entry
+
+
+def _flat(name: str, rows: Sequence[Mapping[str, Any]]) -> dict[str, float]:
+    """What a tension of drops becomes where curvature is gone; NaN below three radii."""
+    curvature = np.array([1 / r["effective_radius"] for r in rows])
+    if len({r["radius"] for r in rows}) < 3:
+        return {f"flat_{name}": math.nan, f"flat_{name}_error": math.nan}
+    (_, limit), covariance = np.polyfit(curvature, [r[name] for r in rows], 1, cov=True)
+    return {f"flat_{name}": float(limit), f"flat_{name}_error": float(math.sqrt(covariance[1, 1]))}
+
+
+def _read(row: Mapping[str, Any]) -> bool:
+    return row.get("misfit", math.nan) <= WORST_MISFIT
+
+
+def _of_radius(rows: Sequence[Mapping[str, Any]], radius: float) -> dict[str, Any]:
+    own = [r for r in rows if r["radius"] == radius and _read(r)]
+    found: dict[str, Any] = {"radius": radius, "seeds": len(own)}
+    for name in ("laplace", "rayleigh"):
+        values = [r[name] for r in own]
+        found |= {
+            name: float(np.mean(values)),
+            f"{name}_spread": float(np.std(values, ddof=1)) if len(own) > 1 else None,
+        }
+    return found
+
+
+def at_base(entry: Mapping[str, Any]) -> bool:
+    """Whether a row or setting of the map stands where the axes of its model cross."""
+    return in_map(entry) and drops.at_base(entry["model"], entry)
+
+
+# What the cases have in common
+
+
+def published(context: Context, rows: str) -> Result:
+    """The rows and settings on file; `rows` is the file's digest."""
+    found = read_rows()
+    return Result({"settings": condensed(found), "rows": found})
+
+
+def drop(context: Context, **point: Any) -> Result:
+    """One drop measured now, as `measure drops` does, with its part of the random motion."""
+    row = measure(Point(**point))
+    return Result(row if row["stopped"] else with_motion(row))
+
+
+def map_run() -> Run:
+    """The run that reads the published map."""
+    digest = hashlib.sha256(ROWS.read_bytes()).hexdigest()[:16]
+    return Run("map", published, {"rows": digest}, estimate=1.0)
+
+
+def drop_run(model: str, dim: int, radius: float, seed: int = 1, kicked: bool = False) -> Run:
+    """One drop at the map's base."""
+    point = {"model": model, "dim": dim, "radius": radius, "seed": seed, "kicked": kicked}
+    seconds = 0.4e-3 * radius ** (dim + 1.5) * (1.6 if kicked else 1.0)
+    return Run(f"{model}_{dim}d_R{radius:g}_{seed}", drop, point, estimate=max(1.0, seconds))
+
+
+def words_of(row: Mapping[str, Any]) -> str:
+    """Model and dimension in words."""
+    return f"{MODELS[row['model']][0]}, {row['dim']}D"
+
+
+def write(rows: Iterable[Mapping[str, Any]], path: Path = PACKAGED) -> int:
+    """Write the map, one setting a line; returns how many settings it has."""
+    entries = [json.dumps(finite(rounded(entry)), allow_nan=False) for entry in condensed(rows)]
+    path.write_text('{"settings": [\n' + ",\n".join(entries) + "\n]}\n")
+    return len(entries)
+
+
+def rounded(entry: Mapping[str, Any]) -> dict[str, Any]:
+    """Five digits are more than any drop gives."""
+    return {n: _five(v) for n, v in entry.items()}
+
+
+def _five(value: Any) -> Any:
+    if isinstance(value, list):
+        return [rounded(v) if isinstance(v, Mapping) else v for v in value]
+    return float(f"{value:.5g}") if isinstance(value, float) and math.isfinite(value) else value
