@@ -20,9 +20,9 @@ from refsim.scene.files import load_scene
 from refsim.scene.scene import Plan
 from refsim.sph import gravity_of
 
-WALL_PLACES = 4  # initial capacity of the list of walls [entries per particle]; it grows when exceeded
-PLACES = 48  # the same of the list of neighbours on the CPU
-CELLS = 1 / 6  # initial capacity of the GPU's table of occupied cells [cells per particle]
+WALL_PLACES = 4  # places per particle that the list of walls begins with; it grows where they are too few
+PLACES = 48  # the same for the list of neighbours, on the CPU
+CELLS = 1 / 6  # of a particle, that the GPU's table of occupied cells begins with
 
 
 def describe_plan(plan: Plan, backend: str) -> dict[str, Any]:

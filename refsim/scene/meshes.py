@@ -57,6 +57,6 @@ def check_triangles(vertices: np.ndarray, faces: np.ndarray, source: str, what: 
     if vertices.ndim != 2 or faces.ndim != 2 or vertices.shape[1:] != (3,) or faces.shape[1:] != (3,) or not len(faces):
         raise InputError(f"{what}: {source!r} has no triangles; give a closed triangle mesh.")
     if faces.min() < 0 or faces.max() >= len(vertices):
-        raise InputError(f"{what}: {source!r} has faces with vertices that do not exist; export it again.")
+        raise InputError(f"{what}: {source!r} has faces with vertices that are not there; export it again.")
     if not (np.abs(vertices[np.unique(faces)]) <= GREATEST).all():
         raise InputError(f"{what}: {source!r} has vertices that are not finite or beyond {GREATEST:g} m; correct them.")

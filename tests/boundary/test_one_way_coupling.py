@@ -85,14 +85,14 @@ def test_pressure_at_the_wall_derives_from_the_energy_of_p5(plate):
     assert simulation.plan.shared["fluid"].wall_share == 1.0
     row = int(np.argmin(simulation.field("position")[:, 2] + np.abs(simulation.field("position")[:, :2]).sum(1)))
     x, b = simulation.field("position")[row], simulation.plan.walls.position
-    kernel, shift = smoothing("wendland_c2", SUPPORT, 3), 1e-7
+    kernel, way = smoothing("wendland_c2", SUPPORT, 3), 1e-7
     volume = simulation.plan.walls.volume
 
     def filled(z):
         return 1000 * float(kernel_value(np.linalg.norm(x + [0, 0, z] - b, axis=1), kernel) @ volume)
 
     rho, p = simulation.field("density")[row], simulation.field("pressure")[row]
-    expected = -p / rho**2 * (filled(shift) - filled(-shift)) / (2 * shift)
+    expected = -p / rho**2 * (filled(way) - filled(-way)) / (2 * way)
     bare = Simulation(scene(WeaklyCompressible(sound_speed=20.0), gap=0.9))
     for name in ("density", "pressure"):
         assert name in bare.fields

@@ -1,4 +1,4 @@
-"""The penetration correction on solids: no particle enters at any step; marked region and every particle agree."""
+"""The penetration correction on solids: nobody gets in, whatever the step; marked region and every particle agree."""
 
 import math
 import types
@@ -74,7 +74,7 @@ def test_ways_that_begin_far_outside_the_grid_are_swept(ball):
 
 
 def test_far_from_the_origin_in_float32(plate):
-    """1e4 m from the origin float32 resolves a tenth of a spacing; no particle passes the plate."""
+    """1e4 m away places come in steps of a tenth of a spacing; nobody passes the plate."""
     simulation = bullets(plate, "swept", 3.0, shift=(0.0, 0.0, 1e4))
     for _ in range(20):
         simulation.step()

@@ -67,12 +67,8 @@ def test_the_inside_beyond_all_blocks_is_marked():
 
 def test_trilinear_error_is_of_second_order():
     ball = meshed(trimesh.creation.icosphere(5))
-    directions = np.random.default_rng(4).normal(size=(2000, 3))
-    place = (
-        directions
-        / np.linalg.norm(directions, axis=1)[:, None]
-        * np.random.default_rng(5).uniform(0.95, 1.05, (2000, 1))
-    )
+    ways = np.random.default_rng(4).normal(size=(2000, 3))
+    place = ways / np.linalg.norm(ways, axis=1)[:, None] * np.random.default_rng(5).uniform(0.95, 1.05, (2000, 1))
     known = np.linalg.norm(place, axis=1) - 1
     errors = []
     for spacing in (0.2, 0.1):
@@ -83,8 +79,8 @@ def test_trilinear_error_is_of_second_order():
 
 
 def test_projection_stands_on_the_mesh(ball_band):
-    directions = np.random.default_rng(6).normal(size=(300, 3))
-    place = (directions / np.linalg.norm(directions, axis=1)[:, None] * 1.003).astype(np.float32)
+    ways = np.random.default_rng(6).normal(size=(300, 3))
+    place = (ways / np.linalg.norm(ways, axis=1)[:, None] * 1.003).astype(np.float32)
     onto, normal = ball_band.project(place)
     _, least, _ = trimesh.proximity.closest_point(BALL, place)
     _, off, _ = trimesh.proximity.closest_point(BALL, onto)
@@ -173,9 +169,9 @@ def test_bodies_that_touch_at_a_point_keep_a_normal_each():
 def strip():
     """A Moebius strip."""
     turn = np.linspace(0, 2 * np.pi, 21)[:-1]
-    radial = np.stack([np.cos(turn / 2) * np.cos(turn), np.cos(turn / 2) * np.sin(turn), np.sin(turn / 2)], 1)
+    way = np.stack([np.cos(turn / 2) * np.cos(turn), np.cos(turn / 2) * np.sin(turn), np.sin(turn / 2)], 1)
     ring = np.stack([np.cos(turn), np.sin(turn), 0 * turn], 1)
-    corner = np.stack([ring - 0.3 * radial, ring + 0.3 * radial], 1).reshape(-1, 3)
+    corner = np.stack([ring - 0.3 * way, ring + 0.3 * way], 1).reshape(-1, 3)
     k = np.arange(20)
     a, b, c, d = 2 * k, 2 * k + 1, 2 * k + 2, 2 * k + 3
     c[-1], d[-1] = 1, 0
@@ -204,7 +200,7 @@ NOT_FINITE = np.where(np.arange(24).reshape(8, 3) == 4, np.nan, BOX.vertices)
         ((NOT_FINITE, BOX.faces), "not finite"),
         ((BOX.vertices, np.zeros((0, 3), int)), "has no triangles"),
         ((np.zeros((3, 3)), [[0, 1, 2]]), "has no extent"),
-        ((BOX.vertices, [[0, 1, 99]]), "do not exist"),
+        ((BOX.vertices, [[0, 1, 99]]), "not there"),
         (strip(), "is open"),
     ],
     ids=["open", "not_manifold", "nested", "nan", "empty", "point", "index", "moebius"],

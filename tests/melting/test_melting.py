@@ -172,7 +172,7 @@ def members_by_search(solid, lattice, width):
 
 
 def test_a_fill_that_expands_what_it_writes_is_wrong():
-    """Shao & Song M15: one pass that also expands entries of its own pass finds other regions in a body with a gap."""
+    """M15: one pass that also expands entries of its own pass finds other regions in a body with a gap."""
     cells = np.array([[0, 0, 0], [1, 0, 0], [2, 0, 0], [2, 1, 0], [2, 2, 0], [1, 2, 0], [0, 2, 0]])
     lattice = lattice_of([cells])
     place = np.arange(7, dtype=np.int32)

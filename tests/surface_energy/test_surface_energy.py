@@ -122,7 +122,7 @@ def test_poisson_disk_samples_keep_their_distance_and_leave_no_gap(dim):
     place = surface.samples.position / H
     distance = np.linalg.norm(place[:, None] - place[None], axis=-1) + 9 * np.eye(len(place))
     assert distance.min() >= 0.5
-    assert distance.min(1).max() < 1.1  # a wider gap would hold another disk
+    assert distance.min(1).max() < 1.1  # in a wider gap another disk would have found room
     _, exact = reconstructed(ball(5, dim=dim), dim, inset=None)
     assert surface.samples.area.sum() == pytest.approx(exact.samples.area.sum(), rel=1e-5)
     assert np.ptp(surface.samples.area) == 0
@@ -183,7 +183,7 @@ def fit_matrix(made, surface):
 
 @pytest.mark.parametrize("dim", [2, 3])
 def test_spectrum_of_the_fit_lies_between_zero_and_one(dim):
-    """Lambda B^T B is stochastic: its largest eigenvalue is 1, so the fit converges for 0 < omega < 2 (thesis M15)."""
+    """Lambda B^T B is stochastic: its greatest eigenvalue is one, so that the fit converges for 0 < omega < 2 (M15)."""
     matrix, _, _, _ = fit_matrix(*reconstructed(ball(4 if dim == 2 else 2, dim=dim), dim, inset=None))
     root = np.sqrt(1 / matrix.sum(0))
     values = np.linalg.eigvalsh(root[:, None] * (matrix.T @ matrix) * root[None])

@@ -142,7 +142,7 @@ def test_dongs_scenes_keep_a_tension_that_the_map_still_gives():
 
 
 def rows_of(sigma=1.7, left=0.01, radii=(8.0, 11.0, 16.0, 24.0)):
-    """Drops whose jump is sigma/R + left, with motion that carries part of it."""
+    """Drops whose jump is sigma/R + left, with motion that bears part of it."""
     made = []
     for radius in radii:
         moving = 0.4
