@@ -18,7 +18,6 @@ from refsim.engine.simulation import Simulation, StepResult
 from refsim.heat import HeatConduction
 from refsim.melting import Melting
 from refsim.mpm import MpmLiquid, MpmWalls
-from refsim.mpm.surface import SurfaceEnergy
 from refsim.scene.files import load_scene
 from refsim.scene.scene import Ball, Box, Cloud, Plan, Scene, make_plan
 from refsim.scene.solids import SolidBall, SolidBox, SolidCells, SolidMesh, SolidTorus
@@ -26,6 +25,7 @@ from refsim.shape_matching import ShapeMatching
 from refsim.sph import Gravity, WeaklyCompressible
 from refsim.sph.iisph import ImplicitPressure
 from refsim.surface_detection import SurfaceDetection
+from refsim.surface_energy.effect import SurfaceEnergy
 from refsim.surface_tension.akinci_2013 import Akinci2013
 from refsim.surface_tension.becker_teschner_2007 import BeckerTeschner2007
 from refsim.surface_tension.calibration import Calibration, calibrate

@@ -15,14 +15,11 @@ from refsim.core.errors import InputError
 from refsim.core.fields import BASE
 from refsim.core.operation import BACKENDS, PROCEDURES, REGISTRY
 from refsim.engine.stepping import stable_steps, step_limits
+from refsim.neighbours.limits import NEIGHBOUR_CAPACITY, PARTICLES_PER_CELL, WALL_CAPACITY, with_margin
 from refsim.scene.accounts import accounts
 from refsim.scene.files import load_scene
 from refsim.scene.scene import Plan
 from refsim.sph import gravity_of
-
-WALL_PLACES = 4  # places per particle that the list of walls begins with; it grows where they are too few
-PLACES = 48  # the same for the list of neighbours, on the CPU
-CELLS = 1 / 6  # of a particle, that the GPU's table of occupied cells begins with
 
 
 def describe_plan(plan: Plan, backend: str) -> dict[str, Any]:
@@ -64,7 +61,7 @@ def describe_plan(plan: Plan, backend: str) -> dict[str, Any]:
     walls = 0 if plan.walls is None else len(plan.walls.position)
     bytes_walls = walls * 4 * np.dtype(grid.dtype).itemsize
     if walls and neighbours:
-        bytes_walls += n * (WALL_PLACES * 4 + 12)  # the list of walls near each particle
+        bytes_walls += n * (WALL_CAPACITY * 4 + 12)  # the list of walls near each particle
     steps = _first_step(plan)
     return {
         "scene": scene.name,
@@ -165,9 +162,9 @@ def _list_bytes(plan: Plan, backend: str, each: int) -> int:
     """Bytes of the list of particles with `each` neighbours and of what builds it."""
     n = plan.grid.count
     if backend != "cuda":
-        return n * (4 * max(PLACES, each) + 12)  # entries; first entry and count of each row
+        return n * (4 * max(NEIGHBOUR_CAPACITY, each) + 12)  # entries; first entry and count of each row
     rows = 3 if plan.grid.dim == 2 else 9  # of three cells around each
-    entries, cells = 4 * (each + each // 8 + 4), CELLS * (12 + 8 * rows)
+    entries, cells = 4 * with_margin(each), (12 + 8 * rows) / PARTICLES_PER_CELL
     state = [f for f in plan.particle_fields.values() if f.state]
     moved = sum(f.components * f.numpy_dtype(plan.grid.dtype).itemsize for f in state)  # through spare arrays
     return int(n * (entries + 4 + cells + 16 + 16 + moved))  # count; keys and runs; keys and order

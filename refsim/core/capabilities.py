@@ -11,8 +11,26 @@ from typing import ClassVar, TypeVar
 
 import numpy as np
 
-from refsim.core.effect import Discretisation, Effect
+from refsim.core.effect import Discretisation, Effect, literal_errata
 from refsim.core.walls import WallParticles
+
+
+class HasErrata:
+    """Has errata of its source whose printed reading the parameter `literal` can switch on."""
+
+    __slots__ = ()
+
+    source: ClassVar[str] = ""  # as an erratum is cited: "Jiang & Zhu"
+    errata: ClassVar[tuple[str, ...]] = ()  # those that can be switched
+    literal: tuple[str, ...]
+
+    def printed(self) -> frozenset[str]:
+        """Errata that are taken as printed. Raises InputError for one that is not among `errata`."""
+        return literal_errata(self.name, self.literal, self.errata, self.source)  # type: ignore[attr-defined]
+
+    def cited(self, errata: Iterable[str]) -> str:
+        """Errata with their source, for messages: "Shao & Song M2, M4"."""
+        return f"{self.source} {', '.join(sorted(errata))}"
 
 
 class BringsWalls:

@@ -232,15 +232,16 @@ def require(owner: str, **bounds: tuple[float, str]) -> None:
             raise InputError(f"{owner}: {name} = {value} is not possible; give {words}.")
 
 
-def literal_errata(owner: str, literal: tuple[str, ...], switchable: tuple[str, ...]) -> frozenset[str]:
-    """Errata whose printed reading `literal` asks for; "all" in it means every one of `switchable`.
+def literal_errata(owner: str, literal: tuple[str, ...], switchable: tuple[str, ...], source: str) -> frozenset[str]:
+    """Errata of `source` whose printed reading `literal` asks for; "all" in it means every one of `switchable`.
 
-    Raises InputError, naming the effect `owner`, for anything else.
+    Raises InputError, naming the effect `owner` and the source, for anything else.
     """
     chosen = {literal} if isinstance(literal, str) else set(literal)
     unknown = chosen - set(switchable) - {"all"}
     if unknown:
         raise InputError(
-            f"{owner}: literal has {', '.join(sorted(unknown))}; only {', '.join(switchable)} or all can be given here."
+            f"{owner}: literal has {', '.join(sorted(unknown))}; only {', '.join(switchable)} or all can be given here"
+            f" (printed readings of {source})."
         )
     return frozenset(switchable if "all" in chosen else chosen)

@@ -20,8 +20,8 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
 
-from refsim.core.capabilities import FollowsSettings, KeepsLedger, KnowsParticleMass
-from refsim.core.effect import Discretisation, Effect, Pass, StepLimit, literal_errata, require
+from refsim.core.capabilities import FollowsSettings, HasErrata, KeepsLedger, KnowsParticleMass
+from refsim.core.effect import Discretisation, Effect, Pass, StepLimit, require
 from refsim.core.errors import InputError
 from refsim.core.fields import Field
 from refsim.core.operation import Operation, register
@@ -77,7 +77,7 @@ SCHEMES = {
 }
 
 
-class HeatConduction(Effect, KnowsParticleMass, FollowsSettings, KeepsLedger, frozen=True, kw_only=True):
+class HeatConduction(Effect, KnowsParticleMass, FollowsSettings, KeepsLedger, HasErrata, frozen=True, kw_only=True):
     """Conducts heat between all particles within the support radius, liquid or solid.
 
     "Each part": one number for all, one for each solid and then each part of the fluid, or one for each particle.
@@ -108,6 +108,8 @@ class HeatConduction(Effect, KnowsParticleMass, FollowsSettings, KeepsLedger, fr
     """
 
     name: ClassVar[str] = "heat_conduction"
+    source: ClassVar[str] = "Shao & Song"
+    errata: ClassVar[tuple[str, ...]] = ("M5", "M6", "M8", "M9", "M11")
 
     temperature: PerPart = 20.0
     conductivity: PerPart = 0.6
@@ -186,7 +188,7 @@ class HeatConduction(Effect, KnowsParticleMass, FollowsSettings, KeepsLedger, fr
             raise InputError(f"{self.name}: tolerance and residual are shares of an error; give numbers below 1.")
         if self.melts and self.melting_point is None:
             raise InputError(f"{self.name}: latent_heat is given without a melting_point; give both, or neither.")
-        printed = self._printed()
+        printed = self.printed()
         if self.melts and "M11" in printed:
             raise InputError(f"{self.name}: with literal M11 there is no heat capacity and no latent heat; drop one.")
         if "M5" in printed and self.scheme not in ("pair_exchange", "one_sided", "explicit"):
@@ -201,9 +203,6 @@ class HeatConduction(Effect, KnowsParticleMass, FollowsSettings, KeepsLedger, fr
                 f"{self.name}: the fixed step of {grid.step} s is k dt/(rho c d^2) = {number:.3g}, beyond"
                 f" largest_number = {self.largest_number}; take a shorter step, or raise it if accuracy matters less."
             )
-
-    def _printed(self) -> frozenset[str]:
-        return literal_errata(self.name, self.literal, ("M5", "M6", "M8", "M9", "M11"))
 
     def fields(self, others: Mapping[str, Effect]) -> tuple[Field, ...]:
         own = [TEMPERATURE, HEAT_CAPACITY]
@@ -291,7 +290,7 @@ class HeatConduction(Effect, KnowsParticleMass, FollowsSettings, KeepsLedger, fr
             values.append(temperature_at(h, c, point, latent))
         low, high = min(v.min() for v in values), max(v.max() for v in values)
         share = BEYOND.get(self.scheme, BEYOND_OTHERS)
-        if self._printed() & {"M5", "M9"}:
+        if self.printed() & {"M5", "M9"}:
             share = BEYOND_LITERAL
         margin = share * (high - low) + ROUNDINGS * np.finfo(dtype).eps * max(abs(low), abs(high))
         if self.melts:
@@ -327,7 +326,7 @@ class HeatConduction(Effect, KnowsParticleMass, FollowsSettings, KeepsLedger, fr
 
     def conduction(self, grid: Discretisation) -> Conduction:
         """How pairs exchange heat, as the kernels take it."""
-        printed = self._printed()
+        printed = self.printed()
         laplacian = MUELLER if self.laplacian == "mueller" else SPIKY
         if "M5" in printed:
             laplacian = POLY6
@@ -395,7 +394,7 @@ class HeatConduction(Effect, KnowsParticleMass, FollowsSettings, KeepsLedger, fr
     def greatest_diffusivity(self, grid: Discretisation, others: Mapping[str, Effect]) -> float:
         """Largest k/(rho c) [m^2/s] that any of the materials could have; with M11 the largest k."""
         k = float(np.max(self.conductivity))
-        if "M11" in self._printed():
+        if "M11" in self.printed():
             return k
         density = liquid_of(others).rest_density if LIQUID in others else self.density
         if grid.solids is not None:
@@ -409,7 +408,7 @@ class HeatConduction(Effect, KnowsParticleMass, FollowsSettings, KeepsLedger, fr
     def ledger(self, field: Callable[[str], np.ndarray]) -> dict[str, float]:
         """Heat [J], from 0 deg C or, with latent heat, from solid at the melting point; reservoirs left out."""
         names = ("mass", "enthalpy") if self.melts else ("mass", "heat_capacity", "temperature")
-        if "M11" in self._printed() and self.conducts:
+        if "M11" in self.printed() and self.conducts:
             names = ("volume", "temperature")
         one = functools.reduce(np.multiply, (np.asarray(field(name), dtype=float) for name in names))
         if self.held:

@@ -1,9 +1,9 @@
 """Material point method for a weakly compressible liquid: transfers between particles and a sparse background grid.
 
-Contents: MpmLiquid, MpmWalls, and in `refsim.mpm.surface` SurfaceEnergy; operations mpm.weights, mpm.cells, mpm.embed,
+Contents: MpmLiquid (its step as passes: `refsim.mpm.step`), MpmWalls; operations mpm.weights, mpm.cells, mpm.embed,
 mpm.viscosity, mpm.particle_to_grid, mpm.carriers_to_grid, mpm.count, mpm.recount, mpm.contact, mpm.grid_update,
-mpm.grid_to_carriers, mpm.grid_to_particle.
-Numbers in brackets are the thesis's, M marks its errata (docs/mpm.md).
+mpm.grid_to_carriers, mpm.grid_to_particle. Its surface is the effect of `refsim.surface_energy`.
+Numbers in brackets are those of the thesis, and so are the errata M3 to M27 (docs/mpm.md).
 """
 
 from __future__ import annotations
@@ -14,14 +14,23 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 
-from refsim.core.capabilities import HoldsOtherMemory, KnowsParticleMass, LimitsMassRatio, WantsCellOrder, Watches
-from refsim.core.effect import Discretisation, Effect, Pass, StepLimit, literal_errata, require
+from refsim.core.capabilities import (
+    HasErrata,
+    HoldsOtherMemory,
+    KnowsParticleMass,
+    LimitsMassRatio,
+    WantsCellOrder,
+    Watches,
+)
+from refsim.core.effect import Discretisation, Effect, Pass, StepLimit, require
 from refsim.core.energy import EnergyAccount, EnergyState, amount
 from refsim.core.errors import InputError
 from refsim.core.fields import Field
 from refsim.core.operation import Operation, register
 from refsim.mpm.grid import FARTHEST, Background, MpmGrid
-from refsim.sph import LIQUID
+from refsim.mpm.step import Step
+from refsim.sph import LIQUID, gravity_of
+from refsim.surface_energy.effect import UNEVEN, surface_of
 
 if TYPE_CHECKING:
     from refsim.core.effect import InitialState
@@ -36,8 +45,6 @@ STEP_EXTREMES = Field(
     "step_extremes", "-, -, 1/s, m^2", "least and largest J, largest |tr A|, largest squared way of a step", rows=4,
     state=True,
 )  # fmt: skip
-CROWDING = Field("crowding", "-", "density counted on the grid times J, over the rest density")
-GREATEST_CROWDING = Field("greatest_crowding", "-", "largest crowding of the particles", rows=1)
 BASE_NODE = Field("base_node", "-", "integer coordinates of the base node", 3, dtype="int32")
 SPLINE_WEIGHT = Field("spline_weight", "-", "quadratic B-spline at three nodes of each axis", 9)
 SPLINE_SLOPE = Field("spline_slope", "-", "its slope times h at three nodes of each axis", 9)
@@ -53,12 +60,6 @@ LEAST_VOLUME, LARGEST_VOLUME = 0.2, 3.0
 MASS_RATIO = 1000.0  # largest that was measured; the energy does not ask for the ratio (docs/stability.md)
 FARTHEST_WAY = 0.5  # cells that a particle may move in a step
 LARGEST_DILATION = 0.5  # |dt tr A| of a step
-# Crowding is 1.000 in a lattice, however it is turned. Of particles strewn at random, each within its own share of the
-# volume, it is 1.01 with a deviation of 0.04 in the plane, 1.00 with 0.02 in space, and in none of 14,000 above 1.2; of
-# particles strewn without shares none is above 2 (`tests/mpm/test_mpm.py:test_crowding_of_particles_strewn_at_random`).
-UNEVEN = 1.05  # up to here it may be how particles happen to lie
-CROWDED = 1.25  # above, particles lie in others' shares
-OVERFULL = 2.0  # above, something has drawn them together
 
 
 class Liquid(NamedTuple):
@@ -124,8 +125,9 @@ class Contact(NamedTuple):
 
 
 class MpmLiquid(
-    Effect, KnowsParticleMass, LimitsMassRatio, WantsCellOrder, HoldsOtherMemory, Watches, frozen=True, kw_only=True
-):
+    Effect, KnowsParticleMass, LimitsMassRatio, WantsCellOrder, HoldsOtherMemory, Watches, HasErrata,
+    frozen=True, kw_only=True,
+):  # fmt: skip
     """Weakly compressible liquid moved by the material point method (APIC, quadratic B-splines).
 
     rest_density     rho0 [kg/m^3; kg/m^2 in 2D]
@@ -143,6 +145,8 @@ class MpmLiquid(
     """
 
     name: ClassVar[str] = "mpm_liquid"
+    source: ClassVar[str] = "thesis"
+    errata: ClassVar[tuple[str, ...]] = ("M3", "M4", "M5", "M6", "M7", "M13", "M27")
     watched: ClassVar[tuple[str, ...]] = ("step_extremes",)
 
     rest_density: float = 1000.0
@@ -186,10 +190,7 @@ class MpmLiquid(
         for other in (LIQUID, "box_walls"):
             if other in others:
                 raise InputError(f"Effects {self.name!r} and {other!r} do not go together; keep one of them.")
-        self._printed()
-
-    def _printed(self) -> frozenset[str]:
-        return literal_errata(self.name, self.literal, ("M3", "M4", "M5", "M6", "M7", "M13", "M27"))
+        self.printed()
 
     def cell(self, grid: Discretisation) -> float:
         """h [m]."""
@@ -206,8 +207,7 @@ class MpmLiquid(
     def fields(self, others: Mapping[str, Effect]) -> tuple[Field, ...]:
         own = (AFFINE, VOLUME_RATIO, CELL, STEP_EXTREMES)
         own += (DEFORMATION,) if self.volume != "ratio" else ()
-        embedded = _reading(others) not in (None, "none")
-        return own + ((CLUSTER_SHARE, INVERSE_SPREAD) if embedded else ())
+        return own + ((CLUSTER_SHARE, INVERSE_SPREAD) if self.step(others).embedded else ())
 
     def initial(
         self, grid: Discretisation, state: InitialState, others: Mapping[str, Effect]
@@ -224,7 +224,7 @@ class MpmLiquid(
             "volume_ratio": np.full(n, self.initial_ratio),
             "step_extremes": np.array([self.initial_ratio, self.initial_ratio, 0.0, 0.0]),
         }
-        if "M13" in self._printed():
+        if "M13" in self.printed():
             flat = unit.copy()
             flat[:, grid.dim * 4 :] = 0
             start["affine"] = flat
@@ -243,61 +243,24 @@ class MpmLiquid(
     def other_memory(self) -> str:
         return "blocks of the background grid"
 
+    def step(self, others: Mapping[str, Effect]) -> Step:
+        """What a step consists of in this scene."""
+        surface = surface_of(others)
+        idle = "M7" in self.printed()  # forces reach no particle
+        tension = surface is not None and not idle
+        return Step(
+            reading=None if surface is None else surface.embedding,
+            tension=tension,
+            contact=tension and surface.wets(others) and surface.contact_pull() != 0,
+            recounts=surface is not None and surface.recount_time > 0,
+            viscous=self.dynamic_viscosity > 0 and not idle,
+            deforms=self.volume != "ratio",
+            accelerated=_others_push(self, others) and not idle,
+            listed=any(e.list_radius(_ANY) > 0 for e in others.values()),
+        )
+
     def passes(self, others: Mapping[str, Effect]) -> tuple[Pass, ...]:
-        reading, idle = _reading(others), "M7" in self._printed()
-        embedded = reading not in (None, "none")
-        pulled = reading is not None and not idle
-        pushed, full = _others_push(self, others) and not idle, self.volume != "ratio"
-        listed = any(e.list_radius(_ANY) > 0 for e in others.values())
-        names: dict[str, str | None] = {n: f"grid.{n}" for n in ("node_mass", "node_momentum", "node_velocity")}
-        names |= {"surface_sample": "surface.sample_position" if reading else None}
-        names |= {"sample_owner": "surface.sample_nearest" if reading else None}
-        names |= {n: f"surface.{n}" if embedded else None for n in _CARRIED}
-        names |= {} if embedded else dict.fromkeys(("cluster_share", "inverse_spread", "embedding"))
-        names |= {"node_pull": "grid.node_pull" if pulled else None}
-        names |= {} if pushed else {"acceleration": None}
-        names |= {} if listed else {"build_position": None}
-        names |= {} if full else {"deformation": None}
-
-        def step(operation: str, reads: tuple[str, ...], writes: tuple[str, ...], *updates: str) -> Pass:
-            return Pass(operation, reads, writes, updates, names=names, stage="motion")
-
-        cluster = ("cluster_share", "inverse_spread") if embedded else ()
-        state = ("position", "velocity", "mass", "affine", "volume_ratio", *cluster)
-        state += ("acceleration",) if pushed else ()
-        samples = ("samples",) if reading else ()
-        moved = ("velocity", "affine", "volume_ratio", "step_extremes", "position", *(("deformation",) if full else ()))
-        chain = [step("mpm.embed", ("position", *samples), ("carriers", *cluster))] if embedded else []
-        chain.append(step("mpm.cells", ("position", *samples, *cluster), ("cell",)))
-        if self.dynamic_viscosity > 0 and not idle:
-            own = {"inverse_spread": "inverse_spread" if reading == "cluster" else None}
-            reads = ("cell", "volume_ratio", *cluster)
-            chain.append(Pass("mpm.viscosity", reads, (), ("affine",), names=own, stage="motion"))
-        chain.append(step("mpm.particle_to_grid", ("cell", *state), ("node_momentum",)))
-        if embedded:
-            chain.append(step("mpm.carriers_to_grid", ("cell", *state), (), "node_momentum"))
-        if reading:
-            counted = ("position", "volume_ratio", "cell", "node_momentum")
-            chain.append(step("mpm.count", counted, ("greatest_crowding", "crowding")))
-            if surface_of(others).recount_time > 0:  # with the crowding of the step before, ahead of all transfers
-                kept = ("volume_ratio", *(("deformation",) if full else ()))
-                chain.append(Pass("mpm.recount", ("crowding",), (), kept, names=names, stage="begin"))
-        if pulled:
-            forced = {n: f"surface.sample_{n}" for n in ("position", "area", "normal")}
-            forced = {f"sample_{n}": place for n, place in forced.items()} | {"surface_term": "surface.term"}
-            forced |= {"spline_cells": "grid.sample_cells", "blocks": "grid.blocks", "node_force": "grid.node_pull"}
-            operation = "surface_energy.surface_force"
-            chain.append(Pass(operation, ("cell", *samples), ("node_pull",), names=forced, stage="motion"))
-            if surface_of(others).wets(others) and surface_of(others).contact_pull() != 0:
-                held = {**forced, "sample_line": "surface.sample_line"}
-                chain.append(Pass("mpm.contact", ("cell", *samples), (), ("node_pull",), names=held, stage="motion"))
-        force = ("node_pull",) if pulled else ()
-        chain.append(step("mpm.grid_update", ("node_momentum", *force), ("node_velocity",)))
-        if embedded:
-            chain.append(step("mpm.grid_to_carriers", ("cell", "node_velocity"), ("carrier_moment",)))
-        gathered = ("cell", "node_velocity", *cluster, *(("carrier_moment",) if embedded else ()))
-        chain.append(step("mpm.grid_to_particle", gathered, (), *moved))
-        return tuple(chain)
+        return tuple(self.step(others).passes())
 
     def energy(self, grid: Discretisation, others: Mapping[str, Effect]) -> EnergyAccount:
         """Compression m/rho0 lambda (J - 1)^2/2, and motion about the particles m h^2/8 sum A_ab^2 of APIC."""
@@ -310,8 +273,8 @@ class MpmLiquid(
         def affine(state: EnergyState) -> Any:
             return amount(state.field("mass") * h**2 / 8 * (state.field("affine") ** 2).sum(1))
 
-        printed = self._printed() - {"M13"}
-        words = (f"the printed readings {', '.join(sorted(printed))}",) if printed else ()
+        printed = self.printed() - {"M13"}
+        words = (f"the printed readings {self.cited(printed)}",) if printed else ()
         return EnergyAccount({"compression": compression, "affine": affine}, words)
 
     def largest_mass_ratio(self, others: Mapping[str, Effect]) -> float:
@@ -332,8 +295,8 @@ class MpmLiquid(
         )
 
     def prepare(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, Any]:
-        printed = self._printed()
-        gravity, walls, surface = others.get("gravity"), others.get("mpm_walls"), surface_of(others)
+        printed = self.printed()
+        gravity, walls, surface = gravity_of(others), others.get("mpm_walls"), surface_of(others)
         idle = "M7" in printed  # (4.12) to (4.14) with v^n: what makes v^(n+1) of it reaches no particle
         wet = surface is not None and surface.wets(others) and not idle
         share = 0.0 if idle else 1.0
@@ -356,7 +319,7 @@ class MpmLiquid(
             else None,
             "mirrors": Mirrors(np.int32(1)) if wet else None,
             "contact": Contact(grid.real(surface.contact_pull())) if wet else None,
-            "embedding": Embedding(np.int32(READINGS.index(_reading(others) or "none"))),
+            "embedding": Embedding(np.int32(0 if surface is None else READINGS.index(surface.embedding))),
             "kernel_gradient": KernelGradient(np.int32(1)) if "M6" in printed else None,
             "viscous_stress": ViscousStress(grid.real(self._viscous_factor(grid))),
             "counting": Counting(grid.real(self.rest_density * self.cell(grid) ** grid.dim)),
@@ -375,7 +338,7 @@ class MpmLiquid(
         }
         if self.dynamic_viscosity > 0:  # half of the step in which a strain would vanish at once
             limits["viscous"] = StepLimit.constant(0.25 / self._viscous_factor(grid))
-        gravity = others.get("gravity")
+        gravity = gravity_of(others)
         if gravity is not None:
             pull = math.hypot(*gravity.acceleration)
             if pull > 0:
@@ -416,6 +379,11 @@ Face = Literal["-x", "+x", "-y", "+y", "-z", "+z"]
 FACES = ("-x", "+x", "-y", "+y", "-z", "+z")
 
 
+def mpm_liquid_of(others: Mapping[str, Effect]) -> MpmLiquid:
+    """The scene's liquid on the background grid; an effect that takes it has `mpm_liquid` among its needs."""
+    return others[MpmLiquid.name]  # type: ignore[return-value]
+
+
 class MpmWalls(Effect, frozen=True, kw_only=True):
     """Walls of a box, as conditions on the nodes of the background grid on and beyond its faces.
 
@@ -450,7 +418,7 @@ class MpmWalls(Effect, frozen=True, kw_only=True):
                     f"{self.name}: face {face!r} cannot be given a rule like that; name each of {', '.join(FACES)} at"
                     " most once."
                 )
-        h = others["mpm_liquid"].cell(grid) if "mpm_liquid" in others else grid.spacing
+        h = mpm_liquid_of(others).cell(grid) if MpmLiquid.name in others else grid.spacing
         for axis in range(grid.dim):
             low, high = self.lower[axis], self.upper[axis]
             require(self.name, lower=(low, "finite"), upper=(high, "finite"))
@@ -464,7 +432,7 @@ class MpmWalls(Effect, frozen=True, kw_only=True):
         self, grid: Discretisation, state: InitialState, others: Mapping[str, Effect]
     ) -> Mapping[str, np.ndarray]:
         lower, upper = self.room(grid)
-        inside = others["mpm_liquid"].cell(grid) * 1e-6 if "mpm_liquid" in others else 0.0  # type: ignore[attr-defined]
+        inside = mpm_liquid_of(others).cell(grid) * 1e-6 if MpmLiquid.name in others else 0.0
         out = np.flatnonzero(((state.position < lower - inside) | (state.position > upper + inside)).any(1))
         if len(out):
             where = ", ".join(f"{x:.6g}" for x in state.position[out[0], : grid.dim])
@@ -515,23 +483,11 @@ class _Anything(NamedTuple):
 _ANY: Any = _Anything()
 
 
-def surface_of(others: Mapping[str, Effect]) -> Any:
-    """The effect that brings surface samples, or None; without tension it brings none."""
-    return next((e for e in others.values() if getattr(e, "embedding", None) is not None and e.acts()), None)  # type: ignore[attr-defined]
-
-
-def _reading(others: Mapping[str, Effect]) -> str | None:
-    """Reading of the embedding; None where there is no surface at all."""
-    surface = surface_of(others)
-    return None if surface is None else surface.embedding
-
-
 def _others_push(own: Effect, others: Mapping[str, Effect]) -> bool:
     """Whether another effect adds to the particles' acceleration."""
     return any("acceleration" in p.updates for e in others.values() if e is not own for p in e.passes(others))
 
 
-_CARRIED = tuple(f"carrier_{part}" for part in ("first", "position", "owner", "moment"))
 _HERE = "refsim.mpm"
 _THESIS = "thesis on reconstructed-surface tension in MPM"
 _HARD = ("on_nodes", "on_nodes_2d", "many_in_a_cell", "one_in_each_block", "near_the_last_cell")
@@ -745,3 +701,16 @@ register(
         tolerance_reason=_SUMS,
     )
 )  # fmt: skip
+register(
+    Operation(
+        name="mpm.contact",
+        folder=_HERE,
+        paper=_THESIS,
+        equation="section 9: k_wall = -k cos(theta), at the edge of the wetted area (Young)",
+        function="contact",
+        outputs=("node_force",),
+        adds=("node_force",),
+        tolerance=8.0,
+        tolerance_reason="splines, products and sum",
+    )
+)

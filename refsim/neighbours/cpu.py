@@ -12,6 +12,7 @@ from refsim.neighbours.formulas import (
     lower_bound,
     squared_between,
 )
+from refsim.neighbours.limits import NEIGHBOUR_CAPACITY, WALL_CAPACITY
 from refsim.neighbours.rows import NeighbourRows
 
 PLACE_OF_BYTE = np.uint64(0x0020406080A0C0E0)  # times a lone 1 in byte k: k in the three highest bits
@@ -311,7 +312,8 @@ class Search:
         needed = np.zeros(CHUNKS, np.int64)
         index = self.storage.get(name)
         if index is None or len(index) < CHUNKS:
-            index = np.empty(max(CHUNKS, 48 * n if exclude_self else 4 * n), np.uint32)
+            capacity = NEIGHBOUR_CAPACITY if exclude_self else WALL_CAPACITY
+            index = np.empty(max(CHUNKS, capacity * n), np.uint32)
         radius = position.dtype.type(self.reach)
         while True:
             build_list(

@@ -18,7 +18,7 @@ from refsim.neighbours.formulas import (
     lower_bound,
     squared_between,
 )
-from refsim.neighbours.limits import MOST_NEIGHBOURS
+from refsim.neighbours.limits import MOST_NEIGHBOURS, PARTICLES_PER_CELL, with_margin
 from refsim.neighbours.rows import NeighbourColumns, cuda_lane
 
 # Threads that share a column where there are few: the device would otherwise wait for memory with most of its threads
@@ -358,7 +358,7 @@ class CellTable:
         self.begins, self.run = backend.empty(n, np.int32), backend.empty(n, np.int32)
         # Cells of this table; of the list built with it most neighbours, those that audits found missing, and builds.
         self.report = backend.zeros(4, np.int32)
-        self.make_room(n // 6 + 8)
+        self.make_room(n // PARTICLES_PER_CELL + 8)
         self.position, self.inverse_cell = position, inverse_cell
         self.add_up = device.RunningSum(self.begins, self.run)
 
@@ -440,8 +440,11 @@ class ListOf:
                 return self.listed, most
 
     def _grown(self, n, most):
-        """Room for `most` neighbours of each of `n` particles and some more; stops the run where memory ends."""
-        columns = most + most // 8 + 4
+        """Allocate a list of capacity `most`, with a margin, for each of `n` particles.
+
+        Raises RunStopped if memory is exhausted.
+        """
+        columns = with_margin(most)
         self.listed = self.listed._replace(entries=self.backend.empty(1, np.uint32))
         free = device.free_bytes()
         if 4 * columns * n > free:

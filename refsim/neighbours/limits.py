@@ -1,3 +1,11 @@
-"""Limits of the neighbour search."""
+"""Limits and first capacities of the neighbour search; the lists grow where these are too small."""
 
 MOST_NEIGHBOURS = 4096  # a particle with more is inside a collapsed clump
+NEIGHBOUR_CAPACITY = 48  # entries per particle that a list on the CPU begins with
+WALL_CAPACITY = 4  # the same of the list of wall particles near each particle
+PARTICLES_PER_CELL = 6  # for which a GPU's table of occupied cells has entries at first
+
+
+def with_margin(most: int) -> int:
+    """Entries per particle of a GPU's list whose longest row has `most`."""
+    return most + most // 8 + 4

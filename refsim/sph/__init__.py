@@ -16,12 +16,13 @@ import numpy as np
 from refsim.core.capabilities import (
     BalancesCohesion,
     BringsWalls,
+    HasErrata,
     KnowsParticleMass,
     LimitsMassRatio,
     LimitsSpeed,
     having,
 )
-from refsim.core.effect import Discretisation, Effect, Pass, StepLimit, literal_errata, require
+from refsim.core.effect import Discretisation, Effect, Pass, StepLimit, require
 from refsim.core.energy import EnergyAccount, EnergyState, amount, compression_amount, compression_energy
 from refsim.core.errors import InputError
 from refsim.core.fields import Field
@@ -106,7 +107,7 @@ def pressure_is_replaced(others: Mapping[str, Effect]) -> bool:
     return any("sph.state" in effect.replaces() for effect in others.values())
 
 
-class WeaklyCompressible(Effect, KnowsParticleMass, LimitsSpeed, LimitsMassRatio, frozen=True, kw_only=True):
+class WeaklyCompressible(Effect, KnowsParticleMass, LimitsSpeed, LimitsMassRatio, HasErrata, frozen=True, kw_only=True):
     """Liquid whose pressure follows from its summed density.
 
     rest_density       rho0 [kg/m^3; kg/m^2 in 2D]
@@ -124,6 +125,8 @@ class WeaklyCompressible(Effect, KnowsParticleMass, LimitsSpeed, LimitsMassRatio
     """
 
     name: ClassVar[str] = LIQUID
+    source: ClassVar[str] = "Jiang & Zhu"
+    errata: ClassVar[tuple[str, ...]] = ("E3", "E24")
     of_liquid: ClassVar[bool] = True
 
     rest_density: float = 1000.0
@@ -142,15 +145,12 @@ class WeaklyCompressible(Effect, KnowsParticleMass, LimitsSpeed, LimitsMassRatio
             sound_speed=(self.sound_speed, "positive"),
             dynamic_viscosity=(self.dynamic_viscosity, "not negative"),
         )
-        self._printed()
+        self.printed()
         if self.central() and "E3" in self.literal:
             raise InputError(
                 f"{self.name}: literal 'E3' is the printed sign of J(11), which viscosity = 'central' does not use;"
                 " leave one of them out."
             )
-
-    def _printed(self) -> frozenset[str]:
-        return literal_errata(self.name, self.literal, ("E3", "E24"))
 
     def central(self) -> bool:
         """Whether there is viscosity, and along the line of centres."""
@@ -213,7 +213,7 @@ class WeaklyCompressible(Effect, KnowsParticleMass, LimitsSpeed, LimitsMassRatio
             return EnergyAccount()
         exponent = 7 if self.state == "tait" else 1
         stiffness = self.rest_density * self.sound_speed**2 / exponent
-        share = 0.5 if "E24" in self._printed() else 1.0
+        share = 0.5 if "E24" in self.printed() else 1.0
         cohesion = cohesive_pressure(grid, others)
 
         def compression(state: EnergyState) -> Any:
@@ -264,13 +264,13 @@ class WeaklyCompressible(Effect, KnowsParticleMass, LimitsSpeed, LimitsMassRatio
                 np.int32(exponent),
                 np.int32(self.clamp_pressure),
                 grid.real(cohesive_pressure(grid, others)),
-                grid.real(0.5 if "E24" in self._printed() else 1.0),
+                grid.real(0.5 if "E24" in self.printed() else 1.0),
                 grid.real(least_wall_share(others)),
             ),
         }
 
     def prepare(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, Any]:
-        sign = -1.0 if "E3" in self._printed() else 1.0
+        sign = -1.0 if "E3" in self.printed() else 1.0
         viscous = self.dynamic_viscosity > 0 and not self.central()
         central = grid.real(central_coefficient(self.dynamic_viscosity, grid.dim))
         return {

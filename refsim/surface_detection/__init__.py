@@ -19,7 +19,8 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 
-from refsim.core.effect import Discretisation, Effect, Pass, literal_errata, require
+from refsim.core.capabilities import HasErrata
+from refsim.core.effect import Discretisation, Effect, Pass, require
 from refsim.core.energy import EnergyAccount
 from refsim.core.errors import InputError
 from refsim.core.fields import Field
@@ -135,7 +136,7 @@ def fan_scan_pass(
     return Pass("surface_detection.fan_scan", reads, ("surface",), on_demand=on_demand, names=names)
 
 
-class SurfaceDetection(Effect, frozen=True, kw_only=True):
+class SurfaceDetection(Effect, HasErrata, frozen=True, kw_only=True):
     """Marks the particles of the free surface in field `surface`.
 
     method       "number_density" (S = N, J(12)), "fan_scan" (J(13) for every particle) or "two_step" (J(13) where the
@@ -160,6 +161,8 @@ class SurfaceDetection(Effect, frozen=True, kw_only=True):
     """
 
     name: ClassVar[str] = "surface_detection"
+    source: ClassVar[str] = "Jiang & Zhu"
+    errata: ClassVar[tuple[str, ...]] = ("E5", "E6", "E10", "E23")
 
     method: Literal["number_density", "fan_scan", "two_step"] = "two_step"
     threshold: float | None = None
@@ -203,7 +206,7 @@ class SurfaceDetection(Effect, frozen=True, kw_only=True):
                 f"{self.name}: thin_features = 'second_moment' cannot tell films from bulk with a support radius of"
                 f" {grid.support_radius / grid.spacing:.3g} spacings; give {THIN_FROM:g} or more, or leave it out."
             )
-        self._printed()
+        self.printed()
 
     def fields(self, others: Mapping[str, Effect]) -> tuple[Field, ...]:
         fields = [SURFACE]
@@ -262,7 +265,7 @@ class SurfaceDetection(Effect, frozen=True, kw_only=True):
         if self.scan_normal == "corrected":
             smallest /= h
         groups = {
-            **normal_term(fluid, grid, own_density="E10" in self._printed()),
+            **normal_term(fluid, grid, own_density="E10" in self.printed()),
             "near_surface_limit": NearSurfaceLimit(grid.real(self._lambda(THRESHOLD) * delta0), grid.real(np.inf)),
             "candidate_limit": NearSurfaceLimit(
                 grid.real(self._lambda(SPARSE) * delta0), grid.real(self.asymmetry * half_space_moment(fluid, grid))
@@ -271,25 +274,22 @@ class SurfaceDetection(Effect, frozen=True, kw_only=True):
                 grid.real(h if self._full() else 0.5 * h),
                 grid.real(h),
                 grid.real(smallest),
-                np.int32("E5" in self._printed()),
+                np.int32("E5" in self.printed()),
             ),
         }
         if self.thin_features == "second_moment":
             groups["thin_feature"] = ThinFeature(grid.real(THIN * two_layer_variance(grid) / h**2), np.int32(grid.dim))
         return groups
 
-    def _printed(self) -> frozenset[str]:
-        return literal_errata(self.name, self.literal, ("E5", "E6", "E10", "E23"))
-
     def _lopsided(self) -> bool:
         """Whether the first step uses the asymmetry of the neighbourhood."""
-        return self.method == "two_step" and "E23" not in self._printed()
+        return self.method == "two_step" and "E23" not in self.printed()
 
     def _lambda(self, usual: float) -> float:
         return usual if self.threshold is None else self.threshold
 
     def _full(self) -> bool:
-        return self.scan_radius == "full" or "E6" in self._printed()
+        return self.scan_radius == "full" or "E6" in self.printed()
 
 
 def detection_in(others: Mapping[str, Effect]) -> SurfaceDetection:

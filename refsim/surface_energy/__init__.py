@@ -1,26 +1,26 @@
 """Surface energy of a particle liquid on the background grid: the thesis's chapter 3 and force (4.18).
 
-Contents: Tension (the parameters), SurfaceTerm, Dice, surface_term; operations surface_energy.node_states,
-.exit_points, .facet_samples, .candidates, .poisson_disk, .offsets, .sample_counts, .fit_weights, .fit, .mls_normals,
-.spline_normals, .inset, .surface_force, .components, .component_sizes, .extents. What runs them one after another is
-`refsim.surface_energy.reconstruction`.
+Contents: Tension (the parameters, base of the effect in `refsim.surface_energy.effect`), SurfaceTerm, Dice,
+surface_term; operations surface_energy.node_states, .exit_points, .facet_samples, .candidates, .poisson_disk, .offsets,
+.sample_counts, .fit_weights, .fit, .mls_normals, .spline_normals, .inset, .surface_force, .components,
+.component_sizes, .extents. What runs them one after another is `refsim.surface_energy.reconstruction`.
 
 Interior particles are the liquid's own; samples stand on its surface. Letters inside formulas are the thesis's.
 """
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, Literal, NamedTuple
 
 import msgspec
 import numpy as np
 
-from refsim.core.effect import literal_errata, require
+from refsim.core.capabilities import HasErrata
+from refsim.core.effect import Effect, require
 from refsim.core.errors import InputError
 from refsim.core.operation import Operation, register
 from refsim.sparse_grid import inverse_cell
 
-LITERAL = ("M1", "M14", "M31", "M32")
 NORMALS = ("mls", "gradient", "facets", "offsets")
 QUADRATURES = ("facets", "poisson")
 LARGEST_INSET = 0.75  # cells, of an inset that follows the volume
@@ -37,7 +37,7 @@ class SurfaceTerm(NamedTuple):
     iterations: int  # of the fit
     inset: float  # (r - delta)/h by which vertices go back
     disk: float  # r_s/h, least distance of samples
-    tension: float  # k [N/m], negative as printed (M1)
+    tension: float  # k [N/m], negative for the sign as printed (thesis M1)
 
 
 class Dice(NamedTuple):
@@ -47,8 +47,8 @@ class Dice(NamedTuple):
     candidates: int  # number of candidates
 
 
-class Tension(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """How the surface is reconstructed and how strongly it pulls.
+class Tension(Effect, HasErrata, frozen=True, kw_only=True):
+    """How a surface is reconstructed and how strongly it pulls: base of the effect `SurfaceEnergy`.
 
     surface_tension   k [N/m] (in the plane N, per metre of depth)
     level_set_radius  r of the spheres round the particles, in cells; by default sqrt(dim)
@@ -60,46 +60,46 @@ class Tension(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
     relaxation        omega of the fit, between 0 and 2
     normals           "mls" (3.17), "gradient" (3.9), or, to compare, "facets" and "offsets"
     inset             distance of the liquid's surface from its outermost particles, in cells: the surface is pulled
-                      back to it; None leaves it at r
-    enclose_volume    the inset is the distance at which the surface encloses the liquid's present volume, at most
-                      `LARGEST_INSET` cells; `inset` then serves where the volume is not known
-    smallest          particles of the smallest component that bears tension; by default 3^dim
-    literal           errata taken as printed: M1, M14, M31, M32, or "all"
+                      back to it; a negative one leaves it at r
+    enclose_volume    the inset is the distance at which the surface encloses the liquid's present volume, at most 0.75
+                      cells; `inset` then serves only where the volume is not known. One distance for all of the surface
+    smallest          particles of the smallest component that has tension; 0 takes 3^dim
+    literal           printed readings to use: "M1" (the force's sign), "M14" (Algorithm 2), "M31" (the surface at r),
+                      "M32" (15 cases); or "all"
     """
+
+    source: ClassVar[str] = "thesis"
+    errata: ClassVar[tuple[str, ...]] = ("M1", "M14", "M31", "M32")
 
     surface_tension: float
     level_set_radius: float | None = None
-    quadrature: str = "facets"
+    quadrature: Literal["facets", "poisson"] = "facets"
     disk_radius: float = 0.5
     seed: int = 0
     offset: float = 0.5
     iterations: int = 10
     relaxation: float = 1.0
-    normals: str = "mls"
-    inset: float | None = 0.25
+    normals: Literal["mls", "gradient", "facets", "offsets"] = "mls"
+    inset: float = 0.25
     enclose_volume: bool = False
-    smallest: int | None = None
+    smallest: int = 0
     literal: tuple[str, ...] = ()
-
-    def printed(self) -> frozenset[str]:
-        """Errata taken as printed."""
-        return literal_errata("surface_energy", self.literal, LITERAL)
 
     def radius(self, dim: int) -> float:
         """r/h."""
         return dim**0.5 if self.level_set_radius is None else self.level_set_radius
 
     def least_component(self, dim: int) -> int:
-        """Particles of the smallest component that bears tension."""
-        return 3**dim if self.smallest is None else self.smallest
+        """Particles of the smallest component that has tension."""
+        return self.smallest or 3**dim
 
     def inset_distance(self) -> float | None:
         """delta/h, None where the surface stays at r."""
-        return None if "M31" in self.printed() else self.inset
+        return None if "M31" in self.printed() or self.inset < 0 else self.inset
 
-    def check(self, dim: int) -> None:
+    def check_parameters(self, dim: int) -> None:
         """Raise InputError, in one sentence, for what is not possible."""
-        owner = "surface_energy"
+        owner = self.name or "surface_energy"
         self.printed()
         require(
             owner,
@@ -108,7 +108,7 @@ class Tension(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
             disk_radius=(self.disk_radius, "positive"),
             offset=(self.offset, "positive"),
             relaxation=(self.relaxation, "positive"),
-            inset=(self.inset or 0.0, "not negative"),
+            inset=(self.inset, "finite"),
         )
         for name, value, known in (
             ("quadrature", self.quadrature, QUADRATURES), ("normals", self.normals, NORMALS),
@@ -126,7 +126,7 @@ class Tension(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
             ("disk_radius", self.disk_radius, 0.05, 1.0, "of a cell"),
             ("offset", self.offset, 0.0, 2.0, "of a cell"),
             ("relaxation", self.relaxation, 0.0, 2.0, "so that the fit converges"),
-            ("inset", self.inset or 0.0, 0.0, self.radius(dim), "less than the level set's radius"),
+            ("inset", max(self.inset, 0.0), 0.0, self.radius(dim), "less than the level set's radius"),
         )
         for name, value, low, high, why in limits:
             if not low - 1e-12 <= value <= high or (name == "relaxation" and value >= high):

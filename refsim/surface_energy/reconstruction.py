@@ -40,7 +40,7 @@ class Reconstruction:
         self, backend: Backend, dim: int, dtype: str, cell_size: float, tension: Tension, timed: bool = False,
         reused: bool = False,
     ) -> None:  # fmt: skip
-        tension.check(dim)
+        tension.check_parameters(dim)
         self.backend, self.dim, self.dtype, self.tension, self.timed = backend, dim, np.dtype(dtype), tension, timed
         self.grid = SparseGrid(backend, dim, dtype, cell_size)
         self.term: SurfaceTerm = surface_term(tension, dim, dtype, cell_size)

@@ -27,6 +27,7 @@ from refsim.sph import LIQUID, liquid_of, pressure_is_replaced
 
 COLLAPSE = 0.25  # Pi beyond which no density balances the cohesion
 STRAINED = 0.045  # Pi at which the bulk is compressed by 5 %: from here on a run is warned of
+TENSION_POWER, PRESSURE_POWER = {2: 3, 3: 4}, {2: 2, 3: 3}  # of r in the moments of C
 PairForce = Callable[[NDArray], NDArray]  # C(r) [N/kg^2] of distances r [m]
 
 _NODE, _WEIGHT = np.polynomial.legendre.leggauss(16)
@@ -40,22 +41,30 @@ def force_moment(force: PairForce, power: int, support_radius: float, parts: int
     return float((half * _WEIGHT * r**power * force(r)).sum())
 
 
-def nominal_tension(force: PairForce, rest_density: float, support_radius: float, dim: int) -> float:
-    """Surface tension [N/m] for a sharp surface and g(r) = 1 (Kirkwood & Buff 1949).
+def tension_of_moment(rest_density: float, dim: int, *moment: float) -> float:
+    """Surface tension [N/m] for a sharp surface and g(r) = 1 (Kirkwood & Buff 1949), of the moment's factors.
 
     3D sigma = -(pi/8) rho0^2 int r^4 C dr; 2D sigma = -(1/3) rho0^2 int r^3 C dr.
     """
-    factor, power = (math.pi / 8, 4) if dim == 3 else (1 / 3, 3)
-    return -factor * rest_density**2 * force_moment(force, power, support_radius)
+    return math.prod((-math.pi / 8 if dim == 3 else -1 / 3, rest_density**2, *moment))
 
 
-def internal_pressure(force: PairForce, rest_density: float, support_radius: float, dim: int) -> float:
-    """Cohesive pressure [Pa] of the bulk for g(r) = 1; positive compresses.
+def pressure_of_moment(rest_density: float, dim: int, *moment: float) -> float:
+    """Cohesive pressure [Pa] of the bulk for g(r) = 1, of the moment's factors; positive compresses.
 
     3D P = -(2 pi/3) rho0^2 int r^3 C dr; 2D P = -(pi/2) rho0^2 int r^2 C dr.
     """
-    factor, power = (2 * math.pi / 3, 3) if dim == 3 else (math.pi / 2, 2)
-    return -factor * rest_density**2 * force_moment(force, power, support_radius)
+    return math.prod((-2 * math.pi / 3 if dim == 3 else -math.pi / 2, rest_density**2, *moment))
+
+
+def nominal_tension(force: PairForce, rest_density: float, support_radius: float, dim: int) -> float:
+    """Surface tension [N/m] of a pair force between all particles (`tension_of_moment`)."""
+    return tension_of_moment(rest_density, dim, force_moment(force, TENSION_POWER[dim], support_radius))
+
+
+def internal_pressure(force: PairForce, rest_density: float, support_radius: float, dim: int) -> float:
+    """Cohesive pressure [Pa] of a pair force between all particles (`pressure_of_moment`)."""
+    return pressure_of_moment(rest_density, dim, force_moment(force, PRESSURE_POWER[dim], support_radius))
 
 
 def lattice_tension(force: PairForce, rest_density: float, mass: float, grid: Discretisation) -> float:

@@ -500,7 +500,7 @@ def test_a_profile_lists_the_seconds_by_pass_and_changes_nothing(scene, capsys, 
     assert stages["sph.kick_drift"]["launches"] == report["steps"]
     assert stages["frames"]["launches"] == report["frames"]
     counted = sum(seconds) + sum(cost["first"] for cost in stages.values())
-    assert 0.5 * report["seconds"]["total"] < counted < report["seconds"]["total"]
+    assert 0.5 * report["seconds"]["total"] < counted < report["seconds"]["total"] + 0.1
     assert main([*plain, "--output", "told", "--profile"]) == 0
     lines = capsys.readouterr().out.partition("\n\n")[2].splitlines()
     assert "launches" in lines[0]

@@ -14,6 +14,7 @@ from refsim import contract
 from refsim.core import cases
 from refsim.core.effect import EFFECTS
 from refsim.core.operation import REGISTRY
+from refsim.scene.files import describe
 
 ROOT = pathlib.Path(refsim.__file__).parent
 SEARCHES = {"neighbours", "sparse_grid"}  # one algorithm behind the class `Search`; test_neighbours, test_isosurface
@@ -213,7 +214,7 @@ def test_cases_are_hard():
 
 def test_effects_explain_their_parameters():
     for name, effect in EFFECTS.items():
-        missing = [field for field in effect.__struct_fields__ if field not in (effect.__doc__ or "")]
+        missing = set(effect.__struct_fields__) - describe(effect).keys()
         assert not missing, f"{name} does not explain {missing}"
 
 

@@ -24,9 +24,10 @@ from refsim import (
 )
 from refsim.__main__ import main
 from refsim.core.operation import REGISTRY
-from refsim.mpm import CROWDED, OVERFULL, UNEVEN, Counting, reference
+from refsim.mpm import Counting, reference
 from refsim.mpm.grid import FARTHEST
 from refsim.surface_energy import Tension, surface_term
+from refsim.surface_energy.effect import CROWDED, OVERFULL, UNEVEN
 from validation.experiments.mpm_droplet.scene import drop_scene, ellipsoid
 from validation.metrics.mpm import CELL, DENSITY, Transfers, ball, round_trip, turning
 

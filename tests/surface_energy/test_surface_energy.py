@@ -66,7 +66,7 @@ def test_normals_of_a_particle_cloud(radii):
         "facets": {"normals": "facets"},
         "offsets": {"normals": "offsets"},
     }.items():
-        _, surface = reconstructed(place, inset=None, **parameters)
+        _, surface = reconstructed(place, inset=-1.0, **parameters)
         found[name] = angles(surface.samples.normal, surface.samples.position, 9 * H * np.array(radii))
     assert found["best"].mean() < 4
     assert found["best"].max() < 15
@@ -96,7 +96,7 @@ def test_vertices_stand_on_the_union_of_spheres(dim):
 
 
 def test_inset_brings_the_surface_back_to_the_liquid():
-    _, far = reconstructed(ball(9), inset=None)
+    _, far = reconstructed(ball(9), inset=-1.0)
     _, near = reconstructed(ball(9))
     radius = [np.linalg.norm(s.samples.position, axis=1).mean() / H for s in (far, near)]
     assert 10.3 < radius[0] < 10.7
@@ -118,12 +118,12 @@ def test_samples_belong_to_their_nearest_particle(quadrature):
 
 @pytest.mark.parametrize("dim", [2, 3])
 def test_poisson_disk_samples_keep_their_distance_and_leave_no_gap(dim):
-    made, surface = reconstructed(ball(5, dim=dim), dim, quadrature="poisson", inset=None)
+    made, surface = reconstructed(ball(5, dim=dim), dim, quadrature="poisson", inset=-1.0)
     place = surface.samples.position / H
     distance = np.linalg.norm(place[:, None] - place[None], axis=-1) + 9 * np.eye(len(place))
     assert distance.min() >= 0.5
     assert distance.min(1).max() < 1.1  # in a wider gap another disk would have found room
-    _, exact = reconstructed(ball(5, dim=dim), dim, inset=None)
+    _, exact = reconstructed(ball(5, dim=dim), dim, inset=-1.0)
     assert surface.samples.area.sum() == pytest.approx(exact.samples.area.sum(), rel=1e-5)
     assert np.ptp(surface.samples.area) == 0
     again = made.surface((H * ball(5, dim=dim)), step=1)
@@ -184,7 +184,7 @@ def fit_matrix(made, surface):
 @pytest.mark.parametrize("dim", [2, 3])
 def test_spectrum_of_the_fit_lies_between_zero_and_one(dim):
     """Lambda B^T B is stochastic: its greatest eigenvalue is one, so that the fit converges for 0 < omega < 2 (M15)."""
-    matrix, _, _, _ = fit_matrix(*reconstructed(ball(4 if dim == 2 else 2, dim=dim), dim, inset=None))
+    matrix, _, _, _ = fit_matrix(*reconstructed(ball(4 if dim == 2 else 2, dim=dim), dim, inset=-1.0))
     root = np.sqrt(1 / matrix.sum(0))
     values = np.linalg.eigvalsh(root[:, None] * (matrix.T @ matrix) * root[None])
     assert values.max() == pytest.approx(1, abs=1e-12)
@@ -194,7 +194,7 @@ def test_spectrum_of_the_fit_lies_between_zero_and_one(dim):
 
 def test_fit_goes_to_least_squares_and_its_residual_never_grows():
     """Many samples with bumpy directions: no spline passes through all of them; SciPy's least squares is the limit."""
-    made, surface = reconstructed(ball(4, dim=2), 2, quadrature="poisson", disk_radius=0.1, inset=None)
+    made, surface = reconstructed(ball(4, dim=2), 2, quadrature="poisson", disk_radius=0.1, inset=-1.0)
     matrix, goal, points, active = fit_matrix(made, surface)
     solution = lstsq(matrix, goal)[0]
     best = np.linalg.norm(goal - matrix @ solution)
@@ -214,7 +214,7 @@ def test_fit_goes_to_least_squares_and_its_residual_never_grows():
 
 @pytest.mark.parametrize("dim", [2, 3])
 @pytest.mark.parametrize(
-    "parameters", [{}, {"inset": None}, {"quadrature": "poisson"}], ids=["inset", "at r", "poisson"]
+    "parameters", [{}, {"inset": -1.0}, {"quadrature": "poisson"}], ids=["inset", "at r", "poisson"]
 )
 def test_force_has_no_sum_no_torque_and_the_virial_of_its_area(dim, parameters):
     made, surface = reconstructed(ball(4, radii=(1.3, 1.0, 0.8), dim=dim), dim, **parameters)
@@ -231,7 +231,7 @@ def test_force_has_no_sum_no_torque_and_the_virial_of_its_area(dim, parameters):
 
 def test_force_is_the_slope_of_the_surface_energy():
     """Work on a smooth motion of the nodes against the change of k times the area of the facets that move with it."""
-    made, surface = reconstructed(ball(9), inset=None)
+    made, surface = reconstructed(ball(9), inset=-1.0)
     true = surface.facet_normal  # of the very mesh whose area is measured
     force = made.force(surface.samples._replace(normal=true), surface.blocks)
 
@@ -330,7 +330,7 @@ def test_cavity_narrower_than_twice_the_radius_has_no_surface():
     radius = np.linalg.norm(disc, axis=1)
     inner = []
     for hole in (1.0, 2.6):
-        _, surface = reconstructed(disc[radius > hole], 2, inset=None)
+        _, surface = reconstructed(disc[radius > hole], 2, inset=-1.0)
         inner.append((np.linalg.norm(surface.samples.position, axis=1) < 4 * H).sum())
     assert inner[0] == 0
     assert inner[1] > 0
@@ -341,16 +341,16 @@ def test_cavity_narrower_than_twice_the_radius_has_no_surface():
 
 def test_printed_readings_do_what_they_say():
     place = ball(4)
-    _, printed = reconstructed(place, literal=("M14",), inset=None)
+    _, printed = reconstructed(place, literal=("M14",), inset=-1.0)
     assert not printed.coefficients.any()
     assert np.array_equal(printed.samples.normal, printed.offset_direction)
     _, at_r = reconstructed(place, literal=("M31",))
-    _, none = reconstructed(place, inset=None)
+    _, none = reconstructed(place, inset=-1.0)
     assert np.array_equal(at_r.samples.position, none.samples.position)
     scattered = np.random.default_rng(2).uniform(-6, 6, (60, 3))
     holes = []
     for literal in ((), ("M32",)):
-        _, surface = reconstructed(scattered, literal=literal, inset=None)
+        _, surface = reconstructed(scattered, literal=literal, inset=-1.0)
         edges = sides(surface.mesh.facets)
         holes.append(sum((b, a) not in edges for a, b in edges))
     assert holes[0] == 0

@@ -30,7 +30,7 @@ from refsim.surface_tension.jiang_zhu_2023 import (
     PairSelection,
     SoftThresholds,
     formulas,
-    internal_pressure,
+    kirkwood_buff_pressure,
     kirkwood_buff_sigma,
     reference,
 )
@@ -149,9 +149,9 @@ def test_pair_acceleration_is_the_closed_form():
 )
 def test_kirkwood_buff_numbers(dim, alpha, sigma, pressure):
     assert kirkwood_buff_sigma(1.0, 1.0, 1.0, dim, alpha) == pytest.approx(sigma, rel=2e-4)
-    assert internal_pressure(1.0, 1.0, 1.0, dim, alpha) == pytest.approx(pressure, rel=2e-4)
+    assert kirkwood_buff_pressure(1.0, 1.0, 1.0, dim, alpha) == pytest.approx(pressure, rel=2e-4)
     assert kirkwood_buff_sigma(3.0, 10.0, 0.1, dim, alpha) == pytest.approx(3 * sigma, rel=2e-4)
-    assert internal_pressure(3.0, 10.0, 0.1, dim, alpha) == pytest.approx(30 * pressure, rel=2e-4)
+    assert kirkwood_buff_pressure(3.0, 10.0, 0.1, dim, alpha) == pytest.approx(30 * pressure, rel=2e-4)
 
 
 def test_surface_tension_becomes_the_coefficient_that_has_it():

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
 
-from refsim.core.capabilities import BringsWalls
-from refsim.core.effect import Discretisation, Effect, literal_errata, require
+from refsim.core.capabilities import BringsWalls, HasErrata
+from refsim.core.effect import Discretisation, Effect, require
 from refsim.core.energy import EnergyAccount
 from refsim.core.errors import InputError
 from refsim.core.walls import Bounds, WallParticles
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 FACES = ("-x", "+x", "-y", "+y", "-z", "+z")
 
 
-class BoxWalls(Effect, BringsWalls, frozen=True, kw_only=True):
+class BoxWalls(Effect, BringsWalls, HasErrata, frozen=True, kw_only=True):
     """Walls around the box from `lower` to `upper` [m]; free slip.
 
     lower, upper  corners of the liquid's room [m]; in 2D the z parts are ignored
@@ -37,6 +37,8 @@ class BoxWalls(Effect, BringsWalls, frozen=True, kw_only=True):
     """
 
     name: ClassVar[str] = "box_walls"
+    source: ClassVar[str] = "Akinci et al."
+    errata: ClassVar[tuple[str, ...]] = ("g",)
 
     lower: tuple[float, float, float]
     upper: tuple[float, float, float]
@@ -57,10 +59,7 @@ class BoxWalls(Effect, BringsWalls, frozen=True, kw_only=True):
                 )
         cells = [(high - low) / grid.spacing for low, high in zip(self.lower, self.upper)][: grid.dim]
         countable(f"box_walls: its box at a spacing of {grid.spacing} m", cells, each=1)
-        self._printed()
-
-    def _printed(self) -> frozenset[str]:
-        return literal_errata(self.name, self.literal, ("g",))
+        self.printed()
 
     def energy(self, grid: Discretisation, others: Mapping[str, Effect]) -> EnergyAccount:
         """None of its own: walls at rest do no work. The liquid's compression counts their part of the density."""
@@ -74,9 +73,7 @@ class BoxWalls(Effect, BringsWalls, frozen=True, kw_only=True):
         if not len(position):
             return None
         shape = liquid_of(others).sum_kernel()
-        factor = (
-            1.0 if "g" in self._printed() else calibrated_factor(shape, grid.support_radius, grid.spacing, grid.dim)
-        )
+        factor = 1.0 if "g" in self.printed() else calibrated_factor(shape, grid.support_radius, grid.spacing, grid.dim)
         return WallParticles(position, factor / wall_kernel_sums(position, shape, grid.support_radius, grid.dim))
 
     def shares(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, Any]:

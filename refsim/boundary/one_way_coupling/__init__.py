@@ -20,8 +20,8 @@ import numpy as np
 
 from refsim.boundary.akinci_2012 import wall_kernel_sums
 from refsim.boundary.penetration import CORRECTIONS, correction_pass, penetration_groups
-from refsim.core.capabilities import BringsWalls, CorrectsPositions, HoldsOtherMemory, KeepsLedger
-from refsim.core.effect import Discretisation, Effect, Pass, StepLimit, literal_errata, require
+from refsim.core.capabilities import BringsWalls, CorrectsPositions, HasErrata, HoldsOtherMemory, KeepsLedger
+from refsim.core.effect import Discretisation, Effect, Pass, StepLimit, require
 from refsim.core.energy import EnergyAccount
 from refsim.core.errors import InputError
 from refsim.core.fields import Field
@@ -54,7 +54,9 @@ class WallGravity(NamedTuple):
     z: float
 
 
-class MeshBoundary(Effect, BringsWalls, CorrectsPositions, HoldsOtherMemory, KeepsLedger, frozen=True, kw_only=True):
+class MeshBoundary(
+    Effect, BringsWalls, CorrectsPositions, HoldsOtherMemory, KeepsLedger, HasErrata, frozen=True, kw_only=True
+):
     """A solid at rest, given as a closed triangle mesh, that the liquid flows around.
 
     file            mesh file that trimesh reads (.obj, .stl, .ply, ...); in a scene file, looked for beside it
@@ -80,6 +82,8 @@ class MeshBoundary(Effect, BringsWalls, CorrectsPositions, HoldsOtherMemory, Kee
     """
 
     name: ClassVar[str] = "mesh_boundary"
+    source: ClassVar[str] = "patent"
+    errata: ClassVar[tuple[str, ...]] = ("E27", "E30")
     wall_share: ClassVar[float] = 1.0  # the boundary particles' own pressure is a pass of its own
 
     file: str
@@ -127,10 +131,7 @@ class MeshBoundary(Effect, BringsWalls, CorrectsPositions, HoldsOtherMemory, Kee
             raise InputError(
                 f"{self.name}: correction = {self.correction!r} is unknown; choose one of swept, point, none."
             )
-        self._printed()
-
-    def _printed(self) -> frozenset[str]:
-        return literal_errata(self.name, self.literal, ("E27", "E30"))
+        self.printed()
 
     def placed(self, grid: Discretisation) -> PlacedSolid:
         """The solid in its place: boundary particles and narrow band. Raises InputError for a mesh that is none."""
@@ -142,7 +143,7 @@ class MeshBoundary(Effect, BringsWalls, CorrectsPositions, HoldsOtherMemory, Kee
         )  # fmt: skip
 
     def _layers(self, grid: Discretisation) -> int:
-        if "E30" in self._printed():
+        if "E30" in self.printed():
             return 1
         return self.layers or max(1, math.ceil(grid.support_radius / grid.spacing * (1 - 1e-9)) - 1)
 
@@ -151,7 +152,7 @@ class MeshBoundary(Effect, BringsWalls, CorrectsPositions, HoldsOtherMemory, Kee
         solid, radius = self.placed(grid), self.radius or 0.5 * grid.spacing
         shape = liquid_of(others).sum_kernel()
         parts = (solid.position, *solid.beneath)
-        if self.volume_factor or "E30" in self._printed():
+        if self.volume_factor or "E30" in self.printed():
             factors = (self.volume_factor or 1.0,) * len(parts)
         else:
             factors = layer_factors(shape, grid.support_radius, grid.spacing, radius, len(parts))
@@ -168,7 +169,7 @@ class MeshBoundary(Effect, BringsWalls, CorrectsPositions, HoldsOtherMemory, Kee
 
         Solvers without the liquid's equation of state have walls of their own, which do not take `wall_share`.
         """
-        return "E30" not in self._printed() and not pressure_is_replaced(others)
+        return "E30" not in self.printed() and not pressure_is_replaced(others)
 
     def fields(self, others: Mapping[str, Effect]) -> tuple[Field, ...]:
         return () if self.correction == "none" else (CORRECTIONS,)
@@ -226,7 +227,7 @@ class MeshBoundary(Effect, BringsWalls, CorrectsPositions, HoldsOtherMemory, Kee
         if self.correction != "none":
             groups |= penetration_groups(
                 self.placed(grid).band.field, grid.dtype, self.restitution, self.rebound, self.correction == "swept",
-                "E27" in self._printed(), self.every_particle,
+                "E27" in self.printed(), self.every_particle,
             )  # fmt: skip
         return groups
 

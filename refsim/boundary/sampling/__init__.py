@@ -109,7 +109,7 @@ def sample(
     positive, and where `signed_distance` does.
     """
     backend = choose(backend) if isinstance(backend, str) else backend
-    printed = literal_errata("sampling", literal, LITERAL)
+    printed = literal_errata("sampling", literal, LITERAL, "patent")
     size = float(mesh.extent.max())
     for name, value in (("radius", radius), ("density", density)):
         if not (np.isfinite(value) and value > 0):

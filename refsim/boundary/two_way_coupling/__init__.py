@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from refsim.core.capabilities import LimitsMassRatio
-from refsim.core.effect import Discretisation, Effect, Pass, StepLimit, literal_errata
+from refsim.core.capabilities import HasErrata, LimitsMassRatio
+from refsim.core.effect import Discretisation, Effect, Pass, StepLimit
 from refsim.core.energy import EnergyAccount, EnergyState, compression_amount, compression_energy
 from refsim.core.errors import InputError
 from refsim.core.fields import Field
@@ -46,7 +46,7 @@ class Coupling(NamedTuple):
     density_weighted: int  # pairs of liquid push by one pressure, weighted by densities
 
 
-class TwoWayCoupling(Effect, LimitsMassRatio, frozen=True, kw_only=True):
+class TwoWayCoupling(Effect, LimitsMassRatio, HasErrata, frozen=True, kw_only=True):
     """Liquid and solids push and drag each other; takes the place of the liquid's own density and forces.
 
     The liquid may consist of several substances: every particle has its own rest density, that of the scene's liquid or
@@ -60,6 +60,8 @@ class TwoWayCoupling(Effect, LimitsMassRatio, frozen=True, kw_only=True):
     """
 
     name: ClassVar[str] = "two_way_coupling"
+    source: ClassVar[str] = "Shao & Song"
+    errata: ClassVar[tuple[str, ...]] = ("M2", "M3", "M4")
 
     density_weighted: bool = False
     literal: tuple[str, ...] = ()
@@ -71,7 +73,7 @@ class TwoWayCoupling(Effect, LimitsMassRatio, frozen=True, kw_only=True):
         return ("sph.density", "sph.state", "sph.pressure", "sph.momentum")
 
     def check(self, grid: Discretisation, others: Mapping[str, Effect]) -> None:
-        self._printed()
+        self.printed()
         if not liquid_of(others).clamp_pressure:
             raise InputError(
                 f"{self.name}: with negative pressures solids would stick to the liquid; set clamp_pressure = true in"
@@ -84,9 +86,6 @@ class TwoWayCoupling(Effect, LimitsMassRatio, frozen=True, kw_only=True):
             )
         if cohesive_pressure(grid, others) > 0:
             raise InputError(f"{self.name}: an effect with cohesion takes particles of solids for liquid; remove it.")
-
-    def _printed(self) -> frozenset[str]:
-        return literal_errata(self.name, self.literal, ("M2", "M3", "M4"))
 
     def fields(self, others: Mapping[str, Effect]) -> tuple[Field, ...]:
         return (DENSITY, PRESSURE, REST_DENSITY, PHASE, RELATIVE_CONTRIBUTION, VOLUME)
@@ -128,8 +127,8 @@ class TwoWayCoupling(Effect, LimitsMassRatio, frozen=True, kw_only=True):
         uncounted = []
         if self.density_weighted:
             uncounted.append("the density-weighted pressure, so far as it differs from each particle's own")
-        if {"M2", "M4"} & self._printed():
-            uncounted.append("the printed readings M2 and M4")
+        if {"M2", "M4"} & self.printed():
+            uncounted.append(f"the printed readings {self.cited(('M2', 'M4'))}")
         return EnergyAccount({"compression": compression}, tuple(uncounted))
 
     def largest_mass_ratio(self, others: Mapping[str, Effect]) -> float:
@@ -140,7 +139,7 @@ class TwoWayCoupling(Effect, LimitsMassRatio, frozen=True, kw_only=True):
 
     def prepare(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, Any]:
         liquid = liquid_of(others)
-        printed = self._printed()
+        printed = self.printed()
         exponent = 7 if liquid.state == "tait" else 1
         viscous = liquid.dynamic_viscosity > 0
         return {

@@ -14,8 +14,8 @@ from typing import Any, ClassVar, NamedTuple
 
 from numpy.typing import NDArray
 
-from refsim.core.capabilities import BringsWalls, having
-from refsim.core.effect import Discretisation, Effect, Pass, literal_errata, require
+from refsim.core.capabilities import BringsWalls, HasErrata, having
+from refsim.core.effect import Discretisation, Effect, Pass, require
 from refsim.core.errors import InputError
 from refsim.core.fields import Field
 from refsim.core.operation import Operation, Program, register
@@ -50,7 +50,7 @@ class Adhesion(NamedTuple):
     amplitude: float  # beta 0.007/h^dim
 
 
-class Akinci2013(PairCohesion, frozen=True, kw_only=True):
+class Akinci2013(PairCohesion, HasErrata, frozen=True, kw_only=True):
     """Surface tension of a free liquid surface, and adhesion to walls.
 
     surface_tension    sigma [N/m]; nominal: turned into gamma by the Kirkwood-Buff integral. The area term adds its
@@ -71,6 +71,8 @@ class Akinci2013(PairCohesion, frozen=True, kw_only=True):
     """
 
     name: ClassVar[str] = "akinci_2013"
+    source: ClassVar[str] = "Akinci et al."
+    errata: ClassVar[tuple[str, ...]] = ("gamma",)
 
     surface_tension: float | None = None
     gamma: float | None = None
@@ -87,7 +89,7 @@ class Akinci2013(PairCohesion, frozen=True, kw_only=True):
         }
         require(self.name, **{key: (value, "not negative") for key, value in own.items() if value is not None})
         require(self.name, adhesion=(self.adhesion, "not negative"))
-        if "gamma" in self._printed() and self.area_acceleration is not None:
+        if "gamma" in self.printed() and self.area_acceleration is not None:
             raise InputError(
                 f"{self.name}: literal 'gamma' sets the coefficient of the area term, and area_acceleration does, too;"
                 " give one of them."
@@ -106,7 +108,7 @@ class Akinci2013(PairCohesion, frozen=True, kw_only=True):
     def area_coefficient(self, grid: Discretisation, others: Mapping[str, Effect]) -> float:
         """eps [m/s^2], given or from gamma."""
         gamma = self.coefficient(grid, others)
-        if "gamma" in self._printed():
+        if "gamma" in self.printed():
             return gamma
         if self.area_acceleration is not None:
             return self.area_acceleration
@@ -174,9 +176,6 @@ class Akinci2013(PairCohesion, frozen=True, kw_only=True):
                 f" {LARGEST_AREA / near:.2g}, up to which drops with {near:.0f} neighbours come to rest: they {fate},"
                 " and no shorter step mends that"
             )
-
-    def _printed(self) -> frozenset[str]:
-        return literal_errata(self.name, self.literal, ("gamma",))
 
     def _coheres(self) -> bool:
         return (self.gamma if self.gamma is not None else self.surface_tension) != 0

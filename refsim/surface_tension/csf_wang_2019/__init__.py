@@ -15,7 +15,8 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from refsim.core.effect import Discretisation, Effect, Pass, StepLimit, literal_errata, require
+from refsim.core.capabilities import HasErrata
+from refsim.core.effect import Discretisation, Effect, Pass, StepLimit, require
 from refsim.core.fields import Field
 from refsim.core.operation import Operation, register
 from refsim.smoothing import lattice, smoothing
@@ -68,7 +69,7 @@ LARGEST_STIFFNESS = 0.015
 LEAST_VISCOSITY = 0.45
 
 
-class CsfWang2019(Effect, frozen=True, kw_only=True):
+class CsfWang2019(Effect, HasErrata, frozen=True, kw_only=True):
     """Surface tension of a free liquid surface as a force along its normal, by its curvature.
 
     surface_tension      sigma [N/m]
@@ -83,6 +84,8 @@ class CsfWang2019(Effect, frozen=True, kw_only=True):
     """
 
     name: ClassVar[str] = "csf_wang_2019"
+    source: ClassVar[str] = "Wang et al."
+    errata: ClassVar[tuple[str, ...]] = ("shell",)
 
     surface_tension: float
     tension_gradient: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -102,7 +105,7 @@ class CsfWang2019(Effect, frozen=True, kw_only=True):
         )
         for axis, value in zip("xyz", self.tension_gradient):
             require(self.name, **{f"tension_gradient along {axis}": (value, "finite")})
-        self._printed()
+        self.printed()
 
     def notes(self, grid: Discretisation, others: Mapping[str, Effect]) -> tuple[str, ...]:
         fluid = liquid_of(others)
@@ -160,7 +163,7 @@ class CsfWang2019(Effect, frozen=True, kw_only=True):
     def prepare(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, Any]:
         real, h = grid.real, grid.support_radius
         fluid = liquid_of(others)
-        plain = "shell" in self._printed()
+        plain = "shell" in self.printed()
         share = flat_share(*SETS[fluid.kernels], h, grid.spacing, grid.dim) if self.normalise else 1.0
         gradient = Marangoni(*map(real, self.tension_gradient)) if any(self.tension_gradient) else None
         groups = detection_in(others).prepare(grid, others)
@@ -177,9 +180,6 @@ class CsfWang2019(Effect, frozen=True, kw_only=True):
 
     def step_limits(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, StepLimit]:
         return capillary_limit(self.surface_tension, grid, others)
-
-    def _printed(self) -> frozenset[str]:
-        return literal_errata(self.name, self.literal, ("shell",))
 
     def _acts(self) -> bool:
         return self.surface_tension > 0 or any(self.tension_gradient)

@@ -15,7 +15,8 @@ from typing import Any, ClassVar, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from refsim.core.effect import Discretisation, Effect, Pass, literal_errata, require
+from refsim.core.capabilities import HasErrata
+from refsim.core.effect import Discretisation, Effect, Pass, require
 from refsim.core.energy import EnergyAccount
 from refsim.core.errors import InputError
 from refsim.core.fields import Field
@@ -47,7 +48,7 @@ class NormalDifference(NamedTuple):
     symmetric: int  # 0: V_j = m_j/rho_j as printed (E21)
 
 
-class Dong2016(PairCohesion, frozen=True, kw_only=True):
+class Dong2016(PairCohesion, HasErrata, frozen=True, kw_only=True):
     """Surface tension of a free liquid surface.
 
     surface_tension   sigma [N/m]; nominal: turned into k by the sum over the lattice's shells
@@ -65,6 +66,8 @@ class Dong2016(PairCohesion, frozen=True, kw_only=True):
     """
 
     name: ClassVar[str] = "dong_2016"
+    source: ClassVar[str] = "Dong"
+    errata: ClassVar[tuple[str, ...]] = ("E21",)
     lattice: ClassVar[bool] = True
 
     surface_tension: float | None = None
@@ -97,7 +100,7 @@ class Dong2016(PairCohesion, frozen=True, kw_only=True):
             )
         if self.solver not in ("shared", "hu_adams"):
             raise InputError(f"{self.name}: solver = {self.solver!r} is unknown; choose one of shared, hu_adams.")
-        self._printed()
+        self.printed()
         self.check_collapse(grid, others)
 
     def coefficient(self, grid: Discretisation, others: Mapping[str, Effect]) -> float:
@@ -188,7 +191,7 @@ class Dong2016(PairCohesion, frozen=True, kw_only=True):
             )
         if self._corrects():
             coefficient = self.correction_coefficient(grid, others) / grid.support_radius
-            correction = NormalDifference(real(coefficient), np.int32("E21" not in self._printed()))
+            correction = NormalDifference(real(coefficient), np.int32("E21" not in self.printed()))
         return groups | {"molecular_force": force, "normal_difference": correction}
 
     def notes(self, grid: Discretisation, others: Mapping[str, Effect]) -> tuple[str, ...]:
@@ -215,9 +218,6 @@ class Dong2016(PairCohesion, frozen=True, kw_only=True):
                 f"{self.name}: correction = {value:.3g} sigma/(rho0 d) is above {LARGEST_CORRECTION:g}, up to which"
                 f" drops come to rest at their density: they {fate}, and no shorter step mends that"
             )
-
-    def _printed(self) -> frozenset[str]:
-        return literal_errata(self.name, self.literal, ("E21",))
 
     def _rest_distance(self, grid: Discretisation) -> float:
         return grid.spacing if self.rest_distance is None else self.rest_distance

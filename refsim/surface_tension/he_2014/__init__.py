@@ -28,7 +28,7 @@ COLOR = Field("color", "-", "smoothed color c, 1 inside the liquid")
 COLOR_GRADIENT_SQUARED = Field("color_gradient_squared", "1/m^2", "|grad c|^2")
 
 
-class SurfaceEnergyTerm(NamedTuple):
+class SurfaceEnergy(NamedTuple):
     """The surface-energy term as the kernels take it."""
 
     kappa: float  # [N]
@@ -159,7 +159,7 @@ class He2014(PairCohesion, frozen=True, kw_only=True):
 
     def prepare(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, Any]:
         kappa = self.coefficient(grid, others)
-        energy = SurfaceEnergyTerm(grid.real(kappa), grid.real(kappa / 4)) if self._has_energy() else None
+        energy = SurfaceEnergy(grid.real(kappa), grid.real(kappa / 4)) if self._has_energy() else None
         air = AirPressure(grid.real(self.air_pressure)) if self.air_pressure > 0 else None
         return {"surface_energy": energy, "air_pressure": air}
 

@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from refsim.core.cases import VARIATIONS, Case, Exact, Variation, closed_form, groups, particles
-from refsim.surface_tension.he_2014 import AirPressure, He2014, SurfaceEnergyTerm
+from refsim.surface_tension.he_2014 import AirPressure, He2014, SurfaceEnergy
 
 
 @particles("color")
@@ -28,7 +28,7 @@ def _tension(case, grid):
     return He2014(kappa=3.0 * case.support_radius**2, air_pressure=2.0).prepare(grid, case.effects)
 
 
-VARIATIONS[SurfaceEnergyTerm] = Variation(lambda group, inputs, kernel: {"quarter": float(group.kappa) / 4})
+VARIATIONS[SurfaceEnergy] = Variation(lambda group, inputs, kernel: {"quarter": float(group.kappa) / 4})
 
 
 # h = 2 m: in 3D Wendland W(0) = 21/(16 pi), W(h/2) = 3/16 W(0), W'(h/2) = -5/8 W(0) per metre.
@@ -62,7 +62,7 @@ def drawn_together():
         GIVEN
         | {
             "color_gradient_squared": np.array([0.5, 0.25]),
-            "surface_energy": SurfaceEnergyTerm(8.0, 2.0),
+            "surface_energy": SurfaceEnergy(8.0, 2.0),
             "air_pressure": AirPressure(3.0),
         },
         {"acceleration": np.array([[0.0, pull / 2, 0.0], [0.0, -pull / 3, 0.0]])},

@@ -1,6 +1,6 @@
 """Free-surface tension by pair forces on surface particles (Jiang & Zhu 2023, (14) to (18) and (21)).
 
-Contents: JiangZhu2023; kirkwood_buff_sigma, internal_pressure; operations jiang_zhu_2023.corrected_density,
+Contents: JiangZhu2023; kirkwood_buff_sigma, kirkwood_buff_pressure; operations jiang_zhu_2023.corrected_density,
 .replace_density, .soft_weight, .cohesion, .area, .tension.
 
 "Tension acts on surface particles only" leaves open which pairs act. By default all pairs act, the equation of state
@@ -12,7 +12,6 @@ close into a crust; the modes by the surface set S do not come to rest.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Mapping
 from typing import Any, ClassVar, Literal, NamedTuple
 
@@ -20,7 +19,8 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from refsim.core.effect import Discretisation, Effect, Pass, literal_errata, require
+from refsim.core.capabilities import HasErrata
+from refsim.core.effect import Discretisation, Effect, Pass, require
 from refsim.core.energy import EnergyAccount
 from refsim.core.errors import InputError
 from refsim.core.fields import Field
@@ -35,7 +35,15 @@ from refsim.surface_normal import (
     corrected_pass,
     normal_term,
 )
-from refsim.surface_tension.cohesion import PairCohesion, one_of, turns
+from refsim.surface_tension.cohesion import (
+    PRESSURE_POWER,
+    TENSION_POWER,
+    PairCohesion,
+    one_of,
+    pressure_of_moment,
+    tension_of_moment,
+    turns,
+)
 from refsim.surface_tension.jiang_zhu_2023.modes import AREA_TERMS, PAIR_MODES
 
 CORRECTED_DENSITY = Field("corrected_density", "kg/m^3 (kg/m^2 in 2D)", "density rho* near the surface, J(14)")
@@ -99,8 +107,11 @@ def force_function(r: NDArray, support_radius: float, dim: int, alpha: float, be
     return alpha * poly6(INNER * support_radius) - beta * poly6(support_radius)
 
 
-def force_moment(power: int, alpha: float, beta: float, dim: int) -> float:
-    """Integral over q of q^power C(q h) h^dim, with C of J(17); dimensionless, exact by Gauss quadrature."""
+def unit_moment(power: int, alpha: float, beta: float, dim: int) -> float:
+    """Integral over q of q^power C(q h) h^dim, with C of J(17); dimensionless, exact by Gauss quadrature.
+
+    The moment of gamma C in SI units is gamma h^(power + 1 - dim) times this.
+    """
     node, weight = np.polynomial.legendre.leggauss(16)
 
     def shell(radius: float) -> float:
@@ -113,30 +124,20 @@ def force_moment(power: int, alpha: float, beta: float, dim: int) -> float:
 def kirkwood_buff_sigma(
     gamma: float, rest_density: float, support_radius: float, dim: int, alpha: float | None = None, beta: float = BETA
 ) -> float:
-    """Nominal surface tension [N/m] of the pair force between all particles, for a sharp surface and g(r) = 1.
-
-    3D sigma = -(pi/8) rho0^2 gamma int r^4 C dr; 2D sigma = -(1/3) rho0^2 gamma int r^3 C dr.
-    """
-    alpha = ALPHA[dim] if alpha is None else alpha
-    factor = math.pi / 8 if dim == 3 else 1 / 3
-    moment = force_moment(4 if dim == 3 else 3, alpha, beta, dim)
-    return -factor * rest_density**2 * gamma * support_radius**2 * moment
+    """Nominal surface tension [N/m] of the pair force between all particles (`cohesion.tension_of_moment`)."""
+    moment = unit_moment(TENSION_POWER[dim], ALPHA[dim] if alpha is None else alpha, beta, dim)
+    return tension_of_moment(rest_density, dim, gamma, support_radius**2, moment)
 
 
-def internal_pressure(
+def kirkwood_buff_pressure(
     gamma: float, rest_density: float, support_radius: float, dim: int, alpha: float | None = None, beta: float = BETA
 ) -> float:
-    """Cohesive pressure [Pa] that the pair force between all particles puts into the bulk; positive compresses.
-
-    3D P = -(2 pi/3) rho0^2 gamma int r^3 C dr; 2D P = -(pi/2) rho0^2 gamma int r^2 C dr.
-    """
-    alpha = ALPHA[dim] if alpha is None else alpha
-    factor = 2 * math.pi / 3 if dim == 3 else math.pi / 2
-    moment = force_moment(3 if dim == 3 else 2, alpha, beta, dim)
-    return -factor * rest_density**2 * gamma * support_radius * moment
+    """Cohesive pressure [Pa] of the pair force between all particles (`cohesion.pressure_of_moment`)."""
+    moment = unit_moment(PRESSURE_POWER[dim], ALPHA[dim] if alpha is None else alpha, beta, dim)
+    return pressure_of_moment(rest_density, dim, gamma, support_radius, moment)
 
 
-class JiangZhu2023(PairCohesion, frozen=True, kw_only=True):
+class JiangZhu2023(PairCohesion, HasErrata, frozen=True, kw_only=True):
     """Surface tension of a free liquid surface.
 
     surface_tension     sigma [N/m]; nominal: turned into gamma by the Kirkwood-Buff integral (kirkwood_buff_sigma).
@@ -166,6 +167,8 @@ class JiangZhu2023(PairCohesion, frozen=True, kw_only=True):
     """
 
     name: ClassVar[str] = "jiang_zhu_2023"
+    source: ClassVar[str] = "Jiang & Zhu"
+    errata: ClassVar[tuple[str, ...]] = ("E4", "E5", "E6", "E7", "E10", "E23")
 
     surface_tension: float | None = None
     gamma: float | None = None
@@ -201,7 +204,7 @@ class JiangZhu2023(PairCohesion, frozen=True, kw_only=True):
                 f"{self.name}: soft_upper = {self.soft_upper} is not above soft_lower = {self.soft_lower}; give"
                 " soft_lower < soft_upper (0.3 and 1.0 by default)."
             )
-        self._printed()
+        self.printed()
         if self._marked() or self._corrects():
             self._detection(others).check(grid, others)
         self.check_collapse(grid, others)
@@ -224,7 +227,7 @@ class JiangZhu2023(PairCohesion, frozen=True, kw_only=True):
 
     def signed_gamma(self, grid: Discretisation, others: Mapping[str, Effect]) -> float:
         """gamma with the printed sign of J(16) where E4 is taken literally."""
-        return (-1 if "E4" in self._printed() else 1) * self.coefficient(grid, others)
+        return (-1 if "E4" in self.printed() else 1) * self.coefficient(grid, others)
 
     def fields(self, others: Mapping[str, Effect]) -> tuple[Field, ...]:
         fields: list[Field] = []
@@ -309,7 +312,7 @@ class JiangZhu2023(PairCohesion, frozen=True, kw_only=True):
                 eps = AKINCI_RATIO * abs(gamma) * fluid.rest_density
             area = AreaTerm(np.int32(AREA_TERMS["color"]), real(eps))
         groups = self._detection(others).prepare(grid, others)
-        groups |= normal_term(fluid, grid, own_density="E10" in self._printed())
+        groups |= normal_term(fluid, grid, own_density="E10" in self.printed())
         return groups | {
             "pairs": PairSelection(np.int32(PAIR_MODES[self.pair_mode])),
             "soft": SoftThresholds(
@@ -341,7 +344,9 @@ class JiangZhu2023(PairCohesion, frozen=True, kw_only=True):
         fluid = liquid_of(others)
         if self.pair_mode == "soft":
             gamma = abs(self.signed_gamma(grid, others))
-            pull = internal_pressure(gamma, fluid.rest_density, grid.support_radius, grid.dim, self._alpha(grid.dim))
+            pull = kirkwood_buff_pressure(
+                gamma, fluid.rest_density, grid.support_radius, grid.dim, self._alpha(grid.dim)
+            )
             number = pull / (fluid.rest_density * fluid.sound_speed**2)
             if number > LARGEST_SOFT:
                 yield (
@@ -384,20 +389,17 @@ class JiangZhu2023(PairCohesion, frozen=True, kw_only=True):
             return 0.0
         rest_density = liquid_of(others).rest_density
         gamma = self.signed_gamma(grid, others)
-        return internal_pressure(gamma, rest_density, grid.support_radius, grid.dim, self._alpha(grid.dim))
-
-    def _printed(self) -> frozenset[str]:
-        return literal_errata(self.name, self.literal, ("E4", "E5", "E6", "E7", "E10", "E23"))
+        return kirkwood_buff_pressure(gamma, rest_density, grid.support_radius, grid.dim, self._alpha(grid.dim))
 
     def _detection(self, others: Mapping[str, Effect]) -> SurfaceDetection:
         """How N and S are found: as the scene's surface detection says, with this effect's own wishes."""
         found = detection_in(others)
-        wanted = (*found.literal, *sorted(self._printed() & {"E5", "E6", "E10", "E23"}))
+        wanted = (*found.literal, *sorted(self.printed() & {"E5", "E6", "E10", "E23"}))
         threshold = found.threshold if self.threshold is None else self.threshold
         return msgspec.structs.replace(found, literal=tuple(dict.fromkeys(wanted)), threshold=threshold)
 
     def _alpha(self, dim: int) -> float:
-        return ALPHA[3] if "E7" in self._printed() else ALPHA[dim]
+        return ALPHA[3] if "E7" in self.printed() else ALPHA[dim]
 
     def _acts(self) -> bool:
         return (self.gamma if self.gamma is not None else self.surface_tension) != 0

@@ -16,7 +16,8 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from refsim.core.effect import Discretisation, Effect, Pass, StepLimit, literal_errata, require
+from refsim.core.capabilities import HasErrata
+from refsim.core.effect import Discretisation, Effect, Pass, StepLimit, require
 from refsim.core.fields import Field
 from refsim.core.operation import Operation, register
 from refsim.smoothing import lattice, smoothing
@@ -33,7 +34,7 @@ class NormalDifference(NamedTuple):
     printed_mass: int  # m_i for a pair of any masses (P7)
 
 
-class NormalDifference2014(Effect, frozen=True, kw_only=True):
+class NormalDifference2014(Effect, HasErrata, frozen=True, kw_only=True):
     """Surface tension without cohesion: particles are drawn to where the surface's normals are alike.
 
     area_acceleration  gamma [m/s^2], coefficient of the force, which does not fall to zero at r = h: a pair that
@@ -43,6 +44,8 @@ class NormalDifference2014(Effect, frozen=True, kw_only=True):
     """
 
     name: ClassVar[str] = "normal_difference_2014"
+    source: ClassVar[str] = "patent"
+    errata: ClassVar[tuple[str, ...]] = ("P7",)
 
     area_acceleration: float
     literal: tuple[str, ...] = ()
@@ -52,10 +55,7 @@ class NormalDifference2014(Effect, frozen=True, kw_only=True):
 
     def check(self, grid: Discretisation, others: Mapping[str, Effect]) -> None:
         require(self.name, area_acceleration=(self.area_acceleration, "not negative"))
-        self._printed()
-
-    def _printed(self) -> frozenset[str]:
-        return literal_errata(self.name, self.literal, ("P7",))
+        self.printed()
 
     def fields(self, others: Mapping[str, Effect]) -> tuple[Field, ...]:
         return (SURFACE_NORMAL,) if self.area_acceleration > 0 else ()
@@ -70,7 +70,7 @@ class NormalDifference2014(Effect, frozen=True, kw_only=True):
         return grid.support_radius if self.area_acceleration > 0 else 0.0
 
     def prepare(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, Any]:
-        term = NormalDifference(grid.real(self.area_acceleration), np.int32("P7" in self._printed()))
+        term = NormalDifference(grid.real(self.area_acceleration), np.int32("P7" in self.printed()))
         fluid = liquid_of(others)
         return {**normal_term(fluid, grid), "normal_tension": term}
 

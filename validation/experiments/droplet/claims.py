@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from refsim import Cloud, JiangZhu2023, Scene, WeaklyCompressible
-from refsim.surface_tension.jiang_zhu_2023 import force_moment, kirkwood_buff_sigma
+from refsim.surface_tension.jiang_zhu_2023 import kirkwood_buff_sigma, unit_moment
 from validation.claims import Measure
 from validation.experiment import Options, Results, Run
 from validation.experiments.droplet import runs
@@ -262,7 +262,7 @@ def force_extremes(context: Context, dim: int, alpha: float, beta: float) -> Res
     q = np.linspace(0.0, 1.0, 200_001)
     inner = np.where(q < 0.8, (1 - (q / 0.8) ** 2) ** 3, 0.0) / 0.8**dim
     curve = alpha * inner - beta * (1 - q**2) ** 3
-    moment = force_moment(dim, alpha, beta, dim)
+    moment = unit_moment(dim, alpha, beta, dim)
     return Result({"ratio": float(curve.max() / -curve.min()), "moment": moment})
 
 

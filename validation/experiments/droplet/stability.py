@@ -303,10 +303,10 @@ def tension_cell(
 
 def _modulus(spacing: float, scene: Mapping[str, Any]) -> float:
     """sigma [N/m] for which P_int = rho0 c^2, with rho0 = 1 kg/m^3, c = 40 m/s."""
-    from refsim.surface_tension.jiang_zhu_2023 import internal_pressure
+    from refsim.surface_tension.jiang_zhu_2023 import kirkwood_buff_pressure
 
     h = scene["support"] * spacing
-    return 40.0**2 * kirkwood_buff_sigma(1.0, 1.0, h, 3) / internal_pressure(1.0, 1.0, h, 3)
+    return 40.0**2 * kirkwood_buff_sigma(1.0, 1.0, h, 3) / kirkwood_buff_pressure(1.0, 1.0, h, 3)
 
 
 def area_cell(

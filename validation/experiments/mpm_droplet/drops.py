@@ -11,7 +11,7 @@ import numpy as np
 
 from refsim import RunStopped, Simulation
 from refsim.scene.files import load_scene
-from refsim.surface_energy import LITERAL
+from refsim.surface_energy import Tension
 from validation.experiments.mpm_droplet import measures
 from validation.experiments.mpm_droplet.scene import CELLS, MODULUS, box, drop_scene, ellipsoid, radius_of
 from validation.results import Result
@@ -90,8 +90,8 @@ def rounding(
 def erratum(context: Context, backend: str, printed: str, dim: int, size: float, until: float) -> Result:
     """A square or a cube becomes round with one erratum of the thesis as printed, or none (""), all else as adopted."""
     literal: dict[str, Any] = {"literal": (printed,)} if printed else {}
-    surface = literal if printed in LITERAL else {"embedding": "thesis"} if printed == THESIS else {}
-    liquid = literal if printed and printed != THESIS and printed not in LITERAL else {}
+    surface = literal if printed in Tension.errata else {"embedding": "thesis"} if printed == THESIS else {}
+    liquid = literal if printed and printed != THESIS and printed not in Tension.errata else {}
     run = context.simulation(drop_scene(box([size] * dim), dim, tension=surface, liquid=liquid), backend)
     nothing = {"stopped": "", "dim": dim, "printed": printed, "steps": 0}
     try:

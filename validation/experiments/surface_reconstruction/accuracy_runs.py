@@ -34,7 +34,7 @@ def normals(
         for key, setting in settings.items():
             dtype = setting["knobs"]["dtype"]
             began = time.perf_counter()
-            tension = Tension(surface_tension=1.0, inset=None, **setting["tension"])
+            tension = Tension(surface_tension=1.0, inset=-1.0, **setting["tension"])
             made[key] = Reconstruction(there, 3, dtype, CELL, tension, timed=True)
             place = CELL * shapes.cloud("sphere", setting.get("radius", RADIUS))
             positions[key] = there.asarray(place.astype(dtype))

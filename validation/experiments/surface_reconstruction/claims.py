@@ -25,7 +25,7 @@ def reconstruction(context: Context, seed: int, backend: str) -> Result:
     values: dict[str, float] = {}
     for kind in ("mls", "gradient", "facets"):
         parameters = {**runs.DEFAULT, "normals": kind}
-        made, surface, _ = runs.reconstruct(place, backend, inset=None, **parameters)
+        made, surface, _ = runs.reconstruct(place, backend, inset=-1.0, **parameters)
         sample = made.backend.host(surface.samples.position) / runs.CELL
         normal = made.backend.host(surface.samples.normal)
         true = shapes.true_normals(sample, "sphere", runs.RADIUS)

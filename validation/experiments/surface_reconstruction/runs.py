@@ -69,7 +69,7 @@ def normal_errors(context: Context, shape: str, backend: str, seed: int = 0, rad
     rows, arrays = {}, {}
     chosen = settings()
     for k, (key, parameters) in enumerate(chosen.items()):
-        made, surface, _ = reconstruct(place, backend, inset=None, **parameters)
+        made, surface, _ = reconstruct(place, backend, inset=-1.0, **parameters)
         sample = made.backend.host(surface.samples.position) / CELL
         normal = made.backend.host(surface.samples.normal)
         angle = shapes.angles(normal, shapes.true_normals(sample, shape, radius))
@@ -118,7 +118,7 @@ def fitted_normals(made: Reconstruction, sample: np.ndarray, away: np.ndarray) -
 def convergence(context: Context, backend: str, offset: float = 1.0) -> Result:
     """Residual and normal error against sweeps, for two relaxations, on the particle cloud and on smooth samples."""
     place = shapes.cloud("sphere", RADIUS)
-    made, surface, _ = reconstruct(place, backend, inset=None, offset=offset, normals="gradient")
+    made, surface, _ = reconstruct(place, backend, inset=-1.0, offset=offset, normals="gradient")
     there = made.backend
     rough = there.host(surface.sample_place), there.host(surface.offset_direction)
     true = shapes.fibonacci_sphere(2480)
@@ -167,7 +167,7 @@ def fit_system(
     from refsim.surface_energy.reference import _matrix
 
     place = shapes.cloud("sphere", radius, seed, dim)
-    made, surface, _ = reconstruct(place, "cpu", dim=dim, inset=None, **parameters)
+    made, surface, _ = reconstruct(place, "cpu", dim=dim, inset=-1.0, **parameters)
     h = float(made.term.cell_size)
     points = np.vstack(
         [surface.sample_place, surface.sample_place + float(made.term.offset) * h * surface.offset_direction]
@@ -371,7 +371,7 @@ def normals_cost(
     rows = []
     try:
         for dtype in ("float32", "float64"):
-            made, surface, _ = reconstruct(shapes.lattice_block(count), backend, dtype, inset=None)
+            made, surface, _ = reconstruct(shapes.lattice_block(count), backend, dtype, inset=-1.0)
             sample, away = (
                 there.asarray(np.tile(there.host(a), (copies, 1)))
                 for a in (surface.sample_place, surface.offset_direction)
@@ -483,7 +483,7 @@ def fit_scaling(
     """
     there = choose(backend)
     tension = {**DEFAULT, "iterations": sweeps}
-    made, surface, _ = reconstruct(shapes.lattice_block(count), backend, "float32", inset=None, **tension)
+    made, surface, _ = reconstruct(shapes.lattice_block(count), backend, "float32", inset=-1.0, **tension)
     place = there.host(surface.sample_place)
     away = there.host(surface.offset_direction)
     shift = np.float32(float(made.term.offset) * CELL)

@@ -1,0 +1,295 @@
+"""Surface energy of the liquid of the material point method: the effect `surface_energy`.
+
+Contents: SurfaceEnergy (`surface_of` a scene); passes surface_energy.reconstruct, surface_energy.reconstruct_enclosing,
+surface_energy.find_filaments. The passes of the transfers that the surface takes part in are those of `refsim.mpm`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, Protocol
+
+import numpy as np
+
+from refsim.core.capabilities import HoldsOtherMemory, Watches
+from refsim.core.effect import Discretisation, Effect, Pass, StepLimit, require
+from refsim.core.energy import Amount, EnergyAccount, EnergyState, amount
+from refsim.core.errors import InputError
+from refsim.core.fields import Field
+from refsim.core.operation import REGISTRY, Procedure, enter
+from refsim.surface_energy import Tension
+from refsim.surface_energy.run_surface import GATHERED, Face, SurfaceOfRun
+
+if TYPE_CHECKING:
+    from refsim.core.effect import InitialState
+
+EXTENT = Field("extent", "-", "axes along which the liquid round a particle spreads; 1 in a filament", dtype="uint8")
+CROWDING = Field("crowding", "-", "density counted on the grid times J, over the rest density")
+GREATEST_CROWDING = Field("greatest_crowding", "-", "largest crowding of the particles", rows=1)
+# Crowding is 1.000 in a lattice, however it is turned. Of particles strewn at random, each within its own share of the
+# volume, it is 1.01 with a deviation of 0.04 in the plane, 1.00 with 0.02 in space, and in none of 14,000 above 1.2; of
+# particles strewn without shares none is above 2 (`tests/mpm/test_mpm.py:test_crowding_of_particles_strewn_at_random`).
+UNEVEN = 1.05  # up to here it may be how particles happen to lie
+CROWDED = 1.25  # above, particles lie in others' shares
+OVERFULL = 2.0  # above, something has drawn them together
+# Step of a surface that stays at r, over min(h/c, sqrt(rho0 h^3/(2 pi k))): with nothing embedded, and of a liquid that
+# is soft against its surface, k > SOFT lambda h; two thirds of the least that was measured (docs/stability.md)
+AT_R_ALONE, AT_R_SOFT, SOFT = 0.08, 0.03, 0.1
+
+
+class GridLiquid(Protocol):
+    """What the surface takes of the effect mpm_liquid."""
+
+    rest_density: float  # rho0 [kg/m^dim]
+    bulk_modulus: float  # lambda [Pa]
+
+    def cell(self, grid: Discretisation) -> float: ...  # h [m]
+
+    def sound_speed(self) -> float: ...  # [m/s]
+
+
+def _liquid(others: Mapping[str, Effect]) -> GridLiquid:
+    return others["mpm_liquid"]  # type: ignore[return-value]
+
+
+def _walls(others: Mapping[str, Effect]) -> Any:
+    return others["mpm_walls"]
+
+
+class SurfaceEnergy(Tension, HoldsOtherMemory, Watches, frozen=True, kw_only=True):
+    """Surface tension of an MPM liquid: its surface is reconstructed in each step and pulls on the grid.
+
+    embedding         how points are embedded for the samples: "cluster" (default), "thesis", "gradient_corrected" or
+                      "none"
+    contact_angle     of the liquid on the walls of `mpm_walls` [degrees], which then mirror it; 180 leaves the surface
+                      along walls as it is
+    capillary_number  share b of sqrt(rho h^3/(2 pi k)) that the step may have; the limit of stability is 0.75
+    recount_time      time [s] in which J follows the density that the grid counts, where that is more than 1.05 times
+                      what J tells; 0 (default) never
+    """
+
+    name: ClassVar[str] = "surface_energy"
+
+    embedding: Literal["none", "cluster", "thesis", "gradient_corrected"] = "cluster"
+    contact_angle: float = 180.0
+    capillary_number: float = 0.3
+    recount_time: float = 0.0
+
+    @property
+    def host_in_step(self) -> bool:
+        """Whether the surface is reconstructed, for which the host is needed."""
+        return self.acts()
+
+    @property
+    def watched(self) -> tuple[str, ...]:
+        """The largest crowding, where there is a surface."""
+        return ("greatest_crowding",) if self.acts() else ()
+
+    def acts(self) -> bool:
+        """Whether there is tension; else nothing is reconstructed, embedded or mirrored."""
+        return self.surface_tension > 0
+
+    def needs(self) -> tuple[str, ...]:
+        return ("mpm_liquid",)
+
+    def other_memory(self) -> str:
+        return "" if not self.acts() else "nodes, facets and samples of the surface"
+
+    def check(self, grid: Discretisation, others: Mapping[str, Effect]) -> None:
+        self.check_parameters(grid.dim)
+        require(
+            self.name,
+            capillary_number=(self.capillary_number, "positive"),
+            recount_time=(self.recount_time, "not negative"),
+        )
+        if self.embedding not in ("none", "cluster", "thesis", "gradient_corrected"):
+            raise InputError(
+                f"{self.name}: embedding = {self.embedding!r} is not known; give cluster, thesis, gradient_corrected or"
+                " none."
+            )
+        if not 0 <= self.contact_angle <= 180:
+            raise InputError(
+                f"{self.name}: contact_angle = {self.contact_angle} is not possible; give 0 to 180 degrees."
+            )
+        foreign = self.embedding in ("thesis", "gradient_corrected")
+        if foreign and self.surface_tension > 0 and self.inset_distance() is None and not grid.step:
+            raise InputError(
+                f"{self.name}: embedding = {self.embedding!r} with the surface at r is stable with no step; give"
+                " the scene a step of its own to see how it ends, or take an inset or the cluster."
+            )
+        if self.contact_angle != 180 and "mpm_walls" not in others:
+            raise InputError(
+                f"{self.name}: contact_angle = {self.contact_angle} needs a wall; add mpm_walls or leave it out."
+            )
+
+    def initial(
+        self, grid: Discretisation, state: InitialState, others: Mapping[str, Effect]
+    ) -> Mapping[str, np.ndarray]:
+        if not self.acts():
+            return {}
+        least = self.least_component(grid.dim)
+        if grid.count < least:
+            raise InputError(
+                f"{self.name}: {grid.count} particles do not resolve a body whose surface bears tension, which takes"
+                f" {least}; take smaller cells and more particles, or set smallest."
+            )
+        cell = _liquid(others).cell(grid)
+        filled = grid.count * (grid.spacing / cell) ** grid.dim
+        if filled < least / 2**grid.dim:
+            raise InputError(
+                f"{self.name}: cells of {cell:g} m do not resolve the body, which fills {filled:.2g} of them and must"
+                f" fill {least / 2**grid.dim:.3g}; take a smaller cell_size."
+            )
+        return {}
+
+    def fields(self, others: Mapping[str, Effect]) -> tuple[Field, ...]:
+        if not self.acts():
+            return ()
+        crowding = replace(CROWDING, state=self.recount_time > 0)  # the next step begins with it
+        return EXTENT, crowding, GREATEST_CROWDING
+
+    def passes(self, others: Mapping[str, Effect]) -> tuple[Pass, ...]:
+        if not self.acts():
+            return ()
+        found = [Pass("surface_energy.reconstruct", ("position",), ("samples",), stage="motion")]
+        if self.enclose_volume:
+            reads = ("position", "mass", "volume_ratio")
+            found = [Pass("surface_energy.reconstruct_enclosing", reads, ("samples",), stage="motion")]
+        found.append(Pass("surface_energy.find_filaments", ("position",), ("extent",), on_demand=True))
+        return tuple(found)
+
+    def wets(self, others: Mapping[str, Effect]) -> bool:
+        """Whether walls have a contact angle."""
+        return self.contact_angle != 180 and "mpm_walls" in others
+
+    def contact_pull(self) -> float:
+        """k cos(theta) [N/m; N in the plane]: what a wall pulls at the edge of the wetted area (Young)."""
+        share = math.cos(math.radians(self.contact_angle)) if self.contact_angle != 90 else 0.0
+        return share * self.surface_tension
+
+    def _faces(self, grid: Discretisation, others: Mapping[str, Effect]) -> tuple[Face, ...]:
+        """The walls with a contact angle, as planes of nodes."""
+        if not self.wets(others):
+            return ()
+        real = np.dtype(grid.dtype).type
+        cell = _liquid(others).cell(grid)
+        nodes = _walls(others).nodes(grid, cell)
+        made = []
+        for axis in range(grid.dim):
+            for side, node in enumerate((nodes.lower[axis], nodes.upper[axis])):
+                if nodes.rules[2 * axis + side]:
+                    made.append(Face(axis, real(cell) * real(node), 1 - 2 * side))
+        return tuple(made)
+
+    def energy(self, grid: Discretisation, others: Mapping[str, Effect]) -> EnergyAccount:
+        """k times the area of the reconstructed surface, less k cos(theta) times that of the wetted walls (Young)."""
+        if not self.acts():
+            return EnergyAccount()
+        dim, pull, wets = grid.dim, self.contact_pull(), self.wets(others)
+
+        def surface(state: EnergyState) -> Amount:
+            made, mass = state.shared("surface"), state.array("mass")
+            if self.enclose_volume:
+                made.reconstruct_enclosing(state.array("position"), mass, state.array("volume_ratio"))
+            else:
+                made.reconstruct(state.array("position"))
+            found = amount(self.surface_tension * state.host(made.sample_area))
+            if not (wets and pull):
+                return found
+            # by the divergence theorem the lines at the edge give dim - 1 times the wetted area
+            place, line = state.host(made.sample_position), state.host(made.sample_line)
+            wetted = amount(-pull * (place * line).sum(1) / (dim - 1))
+            return Amount(found.value + wetted.value, found.size + wetted.size)
+
+        return EnergyAccount(
+            {"surface": surface}, ("what the surface's fitted normals pull beside the change of its area",)
+        )
+
+    def shares(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, Any]:
+        if not self.acts():
+            return {}
+        cell = _liquid(others).cell(grid)
+        full, density = (cell / grid.spacing) ** grid.dim, _liquid(others).rest_density
+        faces = self._faces(grid, others)
+        made = SurfaceOfRun(
+            self, grid.dim, grid.dtype, cell, grid.count, full, density, faces, self.contact_pull() != 0
+        )
+        return {"surface": made}
+
+    def notes(self, grid: Discretisation, others: Mapping[str, Effect]) -> tuple[str, ...]:
+        """Readings that are there to compare with, and were seen to be unstable (docs/stability.md)."""
+        said = []
+        if self.surface_tension > 0 and self.embedding in ("thesis", "gradient_corrected"):
+            said.append(
+                f"surface_energy: embedding = {self.embedding!r} is there to compare with: it loses momentum and may"
+                " be unstable with any step; take 'cluster'."
+            )
+        if self.surface_tension > 0 and self.inset_distance() is None:
+            said.append(
+                "surface_energy: without an inset the surface stands at r from the particles and presses too hard; with"
+                " nothing embedded or a soft liquid the step is down to a tenth of the usual one. Take inset = 0.25."
+            )
+        return tuple(said)
+
+    def verdict(self, grid: Discretisation, seen: Mapping[str, np.ndarray], length: float) -> tuple[str, str] | None:
+        crowding = float(seen["greatest_crowding"][0])
+        if crowding > OVERFULL:
+            return (
+                "clumped",
+                f"the grid counts {crowding:.3g} times the liquid that a particle's volume ratio tells of, more than"
+                f" {OVERFULL:g}: {GATHERED}",
+            )
+        return None
+
+    def remark(self, grid: Discretisation, seen: Mapping[str, np.ndarray]) -> str | None:
+        crowding = float(seen["greatest_crowding"][0])
+        if crowding > CROWDED:
+            return (
+                f"the grid counts {crowding:.3g} times the liquid that a particle's volume ratio tells of, more than"
+                f" {CROWDED:g}: shape and pressure are no longer to be trusted, and the run may stop as clumped."
+                " dynamic_viscosity keeps particles apart, and so does recount_time, for ten steps, say."
+            )
+        return None
+
+    def step_limits(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, StepLimit]:
+        if self.surface_tension == 0:
+            return {}
+        liquid = _liquid(others)
+        period = math.sqrt(liquid.rest_density * liquid.cell(grid) ** 3 / (2 * math.pi * self.surface_tension))
+        limits = {"capillary": StepLimit.constant(self.capillary_number * period)}
+        h, alone = liquid.cell(grid), self.embedding == "none"
+        soft = self.surface_tension > SOFT * liquid.bulk_modulus * h
+        if self.inset_distance() is None and (soft or alone):
+            share = AT_R_SOFT if soft else AT_R_ALONE
+            limits["surface_at_r"] = StepLimit.constant(share * min(h / liquid.sound_speed(), period))
+        return limits
+
+
+def surface_of(others: Mapping[str, Effect]) -> SurfaceEnergy | None:
+    """The scene's surface with tension, or None; without tension there is nothing to reconstruct."""
+    found = others.get(SurfaceEnergy.name)
+    return found if isinstance(found, SurfaceEnergy) and found.acts() else None
+
+
+_STAGES = tuple(name for name in REGISTRY if name.startswith("surface_energy."))
+enter(Procedure("surface_energy.reconstruct", "surface", "reconstruct", ("position",), _STAGES))
+enter(
+    Procedure(
+        "surface_energy.reconstruct_enclosing",
+        "surface",
+        "reconstruct_enclosing",
+        ("position", "mass", "volume_ratio"),
+        _STAGES,
+    )
+)
+enter(
+    Procedure(
+        "surface_energy.find_filaments",
+        "surface",
+        "find_filaments",
+        ("position", "extent"),
+        ("surface_energy.extents",),
+    )
+)
