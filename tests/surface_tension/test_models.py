@@ -39,7 +39,7 @@ from refsim.surface_tension.cohesion import (
     neighbours_in_support,
     nominal_tension,
 )
-from refsim.surface_tension.dong_2016 import LARGEST_CORRECTION, NormalDifference
+from refsim.surface_tension.dong_2016 import LARGEST_CORRECTION, NormalCorrection
 from refsim.surface_tension.dong_2016.reference import force_function as dong_force
 
 COHESIVE = (JiangZhu2023, Akinci2013, Dong2016, BeckerTeschner2007, TartakovskyMeakin2005)
@@ -394,7 +394,7 @@ def test_printed_correction_loses_momentum():
     kernel = smoothing("wendland_c2", 1.0, 3)
 
     def drift(symmetric):
-        correction = NormalDifference(2.0, np.int32(symmetric))
+        correction = NormalCorrection(2.0, np.int32(symmetric))
         program = REGISTRY["dong_2016.tension"].program("numpy")
         value, scale = program(position, mass, density, normal, kernel, None, correction)["acceleration"]
         return np.abs((mass[:, None] * value).sum(0)).max() / (mass[:, None] * scale).sum()
