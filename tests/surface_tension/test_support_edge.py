@@ -64,7 +64,7 @@ def across(operation, variant, distance):
 
 
 def test_only_the_area_terms_jump_at_the_edge_of_the_support():
-    """Every other pair term of every tension model falls to zero there."""
+    """Every other pair term of every tension model vanishes there."""
     jumping = set()
     for operation, variant in tension_sums():
         inside, outside = across(operation, variant, 1 - NEAR), across(operation, variant, 1 + NEAR)
@@ -120,7 +120,7 @@ def test_akincis_area_term_jumps_by_no_more_than_its_bound(dim, kernels):
 
 @pytest.mark.parametrize("seed", [1, 2])
 def test_in_a_drop_at_rest_one_pair_at_the_edge_matters(seed):
-    """What the page says of it: the largest acceleration there is small, and the bound on |n_i - n_j| holds."""
+    """The two numbers of the page: the largest acceleration there is small, and the bound on |n_i - n_j| holds."""
     radius, h = 5.0, 2.6
     position = Ball(radius=radius).positions(Discretisation(3, "float64", 1.0, h, 0))
     position += 0.1 * np.random.default_rng(seed).uniform(-1, 1, position.shape)
