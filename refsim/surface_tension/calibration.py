@@ -181,9 +181,9 @@ def _judged(entry: Mapping[str, Any], radius: float | None) -> dict[str, Any]:
         drops = nearest[:1] if _same(nearest[0]["radius"], radius) else nearest
     laplace, rayleigh = (sum(d[name] for d in drops) / len(drops) for name in ("laplace", "rayleigh"))
     ratio = 0.5 * (laplace + rayleigh)
-    told = {**made, "ratio": ratio, "laplace": laplace, "rayleigh": rayleigh, "reach": ""}
+    result = {**made, "ratio": ratio, "laplace": laplace, "rayleigh": rayleigh, "reach": ""}
     if min(laplace, rayleigh) <= 0:
-        return {**told, "uncertainty": math.inf}
+        return {**result, "uncertainty": math.inf}
     parts = [0.5 * (laplace - rayleigh)]
     for d in drops:  # each drop's distance from the mean of all, and its deviation over the seeds
         found = [0.5 * (d["laplace"] + d["rayleigh"]) - ratio]
@@ -191,7 +191,7 @@ def _judged(entry: Mapping[str, Any], radius: float | None) -> dict[str, Any]:
             0.5 * math.hypot(d["laplace_spread"], d["rayleigh_spread"]) if d["seeds"] > 1 else ONE_SEED * ratio
         )
         parts += [part / math.sqrt(len(drops)) for part in found]
-    return {**told, "uncertainty": math.sqrt(sum(part**2 for part in parts)) / ratio}
+    return {**result, "uncertainty": math.sqrt(sum(part**2 for part in parts)) / ratio}
 
 
 def _same(value: float, other: float) -> bool:

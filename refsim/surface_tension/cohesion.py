@@ -192,7 +192,7 @@ class PairCohesion(Effect, frozen=True, kw_only=True):
         return lambda r: self.pair_force(r, grid, others)
 
 
-def too_stiff(name: str, sigma: float, largest: float, grid: Discretisation, others: Mapping[str, Effect]) -> str:
+def stiffness_note(name: str, sigma: float, largest: float, grid: Discretisation, others: Mapping[str, Effect]) -> str:
     """Note if S = sigma/(rho0 c^2 d) exceeds the `largest` with which drops were found to stay whole; else ""."""
     fluid = _fluid(others)
     value = sigma / (fluid.rest_density * fluid.sound_speed**2 * grid.spacing)
@@ -205,7 +205,7 @@ def too_stiff(name: str, sigma: float, largest: float, grid: Discretisation, oth
     )
 
 
-def turns(name: str, term: str, others: Mapping[str, Effect]) -> str:
+def angular_momentum_note(name: str, term: str, others: Mapping[str, Effect]) -> str:
     """Note if a term that is not parallel to e_ij alone changes the angular momentum of a free liquid; else "".
 
     With viscosity J(11), which changes it far more, the note of weakly_compressible says so instead.

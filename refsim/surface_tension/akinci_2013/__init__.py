@@ -20,7 +20,13 @@ from refsim.core.fields import Field
 from refsim.core.operation import Operation, Program, register
 from refsim.surface_normal import SURFACE_NORMAL, color_gradient_pass, normal_term
 from refsim.surface_tension.akinci_2013.reference import cohesion_function
-from refsim.surface_tension.cohesion import PairCohesion, neighbours_in_support, nominal_tension, one_of, turns
+from refsim.surface_tension.cohesion import (
+    PairCohesion,
+    angular_momentum_note,
+    neighbours_in_support,
+    nominal_tension,
+    one_of,
+)
 
 WATER_RATIO = 1e-3  # eps/(gamma rho0) of the one printed coefficient, for water in SI units
 # eps N/(gamma rho0), with N neighbours in the support, up to which drops come to rest, and from which on they fly
@@ -152,8 +158,8 @@ class Akinci2013(PairCohesion, frozen=True, kw_only=True):
         """Notes on angular momentum, and on area terms with which drops were found to boil or to fly apart."""
         if not self._has_area():
             return
-        if said := turns(self.name, "area term", others):
-            yield said
+        if note := angular_momentum_note(self.name, "area term", others):
+            yield note
         if not self._coheres():
             return
         if "iisph" in others:

@@ -65,11 +65,11 @@ class BeckerTeschner2007(PairCohesion, frozen=True, kw_only=True):
         return self._force_of(self.coefficient(grid, others), grid, others)(r)
 
     def notes(self, grid: Discretisation, others: Mapping[str, Effect]) -> tuple[str, ...]:
-        said = super().notes(grid, others)
+        notes = super().notes(grid, others)
         if self.clamp_distance or not self.passes(others):
-            return said
+            return notes
         return (
-            *said,
+            *notes,
             f"{self.name}: without clamp_distance nearer pairs attract more: particles were found to pile up until"
             " drops burst",
         )

@@ -22,7 +22,7 @@ from refsim.smoothing import lattice, smoothing
 from refsim.smoothing.reference import kernel_slope, kernel_value
 from refsim.sph import NUMBER_DENSITY, SETS, WeaklyCompressible
 from refsim.surface_detection import NEAR_SURFACE, detection_in, near_surface_pass
-from refsim.surface_tension.cohesion import capillary_limit, too_stiff
+from refsim.surface_tension.cohesion import capillary_limit, stiffness_note
 from refsim.surface_tension.jiang_zhu_2023 import CORRECTED_DENSITY
 
 INTERFACE_NORMAL = Field("interface_normal", "1/m", "normal n by the corrected kernel, inward", 3)
@@ -112,18 +112,18 @@ class CsfWang2019(Effect, frozen=True, kw_only=True):
         fluid: WeaklyCompressible = others["weakly_compressible"]  # type: ignore[assignment]
         if not self._acts():
             return ()
-        said = [
+        notes = [
             f"{self.name}: the forces of a pair are not opposite and equal: momentum is not conserved, and drops of"
             " few layers were found to gain energy until particles gather in pairs or leave the drop",
-            too_stiff(self.name, self.surface_tension, LARGEST_STIFFNESS, grid, others),
+            stiffness_note(self.name, self.surface_tension, LARGEST_STIFFNESS, grid, others),
         ]
         least = LEAST_VISCOSITY * math.sqrt(fluid.rest_density * self.surface_tension * grid.spacing)
         if fluid.dynamic_viscosity < least * (1 - 1e-9):
-            said.append(
+            notes.append(
                 f"{self.name}: dynamic_viscosity {fluid.dynamic_viscosity:.3g} Pa s is below {least:.3g} Pa s ="
                 f" {LEAST_VISCOSITY:g} sqrt(rho0 sigma d), the least with which cubes became drops in one piece"
             )
-        return tuple(filter(None, said))
+        return tuple(filter(None, notes))
 
     def nominal_tension(self, grid: Discretisation, others: Mapping[str, Effect]) -> float:
         """sigma [N/m]."""

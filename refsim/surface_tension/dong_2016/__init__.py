@@ -22,7 +22,7 @@ from refsim.core.fields import Field
 from refsim.core.operation import Operation, register
 from refsim.sph import WeaklyCompressible
 from refsim.surface_normal import SURFACE_NORMAL, color_gradient_pass, normal_term
-from refsim.surface_tension.cohesion import PairCohesion, lattice_tension, one_of, turns
+from refsim.surface_tension.cohesion import PairCohesion, angular_momentum_note, lattice_tension, one_of
 from refsim.surface_tension.dong_2016.reference import force_function
 from refsim.surface_tension.jiang_zhu_2023 import CORRECTED_DENSITY
 
@@ -203,8 +203,8 @@ class Dong2016(PairCohesion, frozen=True, kw_only=True):
                 " of the lattice attract: drops were found to freeze in the shape they have and to tremble, with up to"
                 " 14 % of their initial kinetic energy"
             )
-        if self._corrects() and (said := turns(self.name, "correction", others)):
-            yield said
+        if self._corrects() and (note := angular_momentum_note(self.name, "correction", others)):
+            yield note
         sigma = self.nominal_tension(grid, others) if self._corrects() and self._coheres() else 0.0
         if sigma <= 0:
             return

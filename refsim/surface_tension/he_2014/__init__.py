@@ -22,7 +22,7 @@ from refsim.core.operation import Operation, register
 from refsim.smoothing import lattice, smoothing
 from refsim.smoothing.reference import kernel_slope, kernel_value
 from refsim.sph import SETS, WeaklyCompressible
-from refsim.surface_tension.cohesion import PairCohesion, too_stiff
+from refsim.surface_tension.cohesion import PairCohesion, stiffness_note
 
 COLOR = Field("color", "-", "smoothed color c, 1 inside the liquid")
 COLOR_GRADIENT_SQUARED = Field("color_gradient_squared", "1/m^2", "|grad c|^2")
@@ -112,13 +112,13 @@ class He2014(PairCohesion, frozen=True, kw_only=True):
 
     def notes(self, grid: Discretisation, others: Mapping[str, Effect]) -> tuple[str, ...]:
         own = self.coefficient(grid, others) * self._unit_tension(grid, others)
-        said = [too_stiff(self.name, own, LARGEST_STIFFNESS, grid, others)]
+        notes = [stiffness_note(self.name, own, LARGEST_STIFFNESS, grid, others)]
         if own > 0:
-            said.append(
+            notes.append(
                 f"{self.name}: the gradient energy does not act in the bulk: drops were found to spread, or to come to"
                 " rest in the shape they have, with particles that gather in pairs"
             )
-        return (*super().notes(grid, others), *filter(None, said))
+        return (*super().notes(grid, others), *filter(None, notes))
 
     def coefficient(self, grid: Discretisation, others: Mapping[str, Effect]) -> float:
         """kappa [N], given or from sigma."""

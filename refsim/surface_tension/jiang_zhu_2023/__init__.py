@@ -35,7 +35,7 @@ from refsim.surface_normal import (
     corrected_pass,
     normal_term,
 )
-from refsim.surface_tension.cohesion import PairCohesion, one_of, turns
+from refsim.surface_tension.cohesion import PairCohesion, angular_momentum_note, one_of
 from refsim.surface_tension.jiang_zhu_2023.modes import AREA_TERMS, PAIR_MODES
 
 CORRECTED_DENSITY = Field("corrected_density", "kg/m^3 (kg/m^2 in 2D)", "density rho* near the surface, J(14)")
@@ -358,8 +358,8 @@ class JiangZhu2023(PairCohesion, frozen=True, kw_only=True):
                 )
         if self._area() == "none":
             return
-        if said := turns(self.name, "area term", others):
-            yield said
+        if note := angular_momentum_note(self.name, "area term", others):
+            yield note
         kernels, value, name = fluid.kernels, self.area_ratio, "area_ratio"
         if self._area() == "color":
             unit = abs(self.signed_gamma(grid, others)) * fluid.rest_density
