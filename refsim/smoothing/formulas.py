@@ -1,7 +1,7 @@
 """Smoothing kernels W(r, h) in q = r/h, h the support radius.
 
-`value` and `slope` give the dimensionless shapes w(q) and w'(q); the host multiplies in the normalisation
-(`refsim.smoothing.smoothing`), so that float32 never meets a power of h beyond the one it needs.
+`value` and `slope` give the dimensionless shapes w(q) and w'(q); the host computes the factors in front
+(`refsim.smoothing.smoothing`) in float64, so that in float32 no higher power of h occurs than in the result.
 """
 
 from refsim.backends.compile import formula

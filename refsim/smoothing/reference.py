@@ -18,7 +18,7 @@ def _normalisation(name, h, dim):
 
 
 def kernel_value(r, smoothing):
-    """W(r, h) [1/m^dim] at distances r [m], any shape of array."""
+    """W(r, h) [1/m^dim] at distances r [m], an array of any shape."""
     h, name = float(smoothing.support_radius), NAMES[smoothing.shape]
     q = np.asarray(r, dtype=float) / h
     if name == "poly6":
@@ -33,7 +33,7 @@ def kernel_value(r, smoothing):
 
 
 def kernel_slope(r, smoothing):
-    """dW/dr [1/m^(dim+1)] at distances r [m], any shape of array."""
+    """dW/dr [1/m^(dim+1)] at distances r [m], an array of any shape."""
     h, name = float(smoothing.support_radius), NAMES[smoothing.shape]
     q = np.asarray(r, dtype=float) / h
     if name == "poly6":

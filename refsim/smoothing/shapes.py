@@ -12,7 +12,7 @@ from refsim.core.errors import InputError
 POLY6, SPIKY, CUBIC_SPLINE, WENDLAND_C2 = range(4)
 SHAPES = {"poly6": POLY6, "spiky": SPIKY, "cubic_spline": CUBIC_SPLINE, "wendland_c2": WENDLAND_C2}
 
-# Coefficient of 1/h^dim that makes the integral of W one, by dimension.
+# Coefficient of 1/h^dim for which the integral of W is one, by dimension.
 NORMALISATION = {
     POLY6: {2: 4 / math.pi, 3: 315 / (64 * math.pi)},
     SPIKY: {2: 10 / math.pi, 3: 15 / math.pi},
@@ -24,7 +24,7 @@ VISCOSITY_LAPLACIAN = {2: 40 / math.pi, 3: 45 / math.pi}
 
 
 class Smoothing(NamedTuple):
-    """One smoothing kernel as the compiled code takes it; all but `shape` and `dim` in the run's dtype."""
+    """Parameters of a smoothing kernel in kernels; all but `shape` and `dim` in the run's dtype."""
 
     support_radius: float  # h [m]
     inverse_radius: float  # 1/h [1/m]
@@ -36,7 +36,9 @@ class Smoothing(NamedTuple):
 
 
 def lattice(reach: int, dim: int) -> np.ndarray:
-    """Places (k, dim) of the square or cubic lattice of spacing 1 up to `reach` along each axis, the last one first."""
+    """Points (k, dim) of the square or cubic lattice of spacing 1, up to `reach` along each axis; the last axis varies
+    fastest.
+    """
     return np.moveaxis(np.indices((2 * reach + 1,) * dim, dtype=float), 0, -1).reshape(-1, dim) - reach
 
 

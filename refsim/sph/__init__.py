@@ -35,10 +35,11 @@ NUMBER_DENSITY = Field("number_density", "1/m^3 (1/m^2 in 2D)", "number density 
 ASYMMETRY = Field("asymmetry", "1/m^2 (1/m in 2D)", "length of the first moment of J(8), |sum_j W_ij x_ij|")
 PRESSURE = Field("pressure", "Pa", "pressure p, J(9)")
 
-# rho0 c h/mu up to which liquid between walls, and a drop, were found to gain no energy (docs/stability.md)
+# rho0 c h/mu up to which liquid between walls and drops were found to gain no energy (docs/stability.md)
 LEAST_VISCOUS = {"wendland": 250.0, "mueller": 80.0, "cubic_spline": 80.0}
-# Heaviest over lightest particle up to which one in a block of others gains less than 1 % of the energy turned over
-# (docs/stability.md); with more J(7) makes its neighbours too dense, and J(10) is not the slope of their energy
+# Ratio of the largest to the smallest mass up to which a heavy particle in a block gains less than 1 % of the energy
+# exchanged (docs/stability.md). Beyond it J(7) makes its neighbours too dense, and J(10) is not the gradient of their
+# energy.
 MASS_RATIO = 1.5
 SETS = {
     "wendland": ("wendland_c2", "wendland_c2"),
@@ -48,27 +49,27 @@ SETS = {
 
 
 class Fluid(NamedTuple):
-    """Equation of state as the kernels take it."""
+    """Parameters of the equation of state, the pressure force and the walls in kernels."""
 
     rest_density: float  # [kg/m^dim]
     stiffness: float  # rho0 c^2 / g [Pa]
-    exponent: int
-    clamp: int
+    exponent: int  # g
+    clamp: int  # 1: negative pressures become zero
     internal_pressure: float = 0.0  # P_int [Pa] of the effects' cohesion, balanced in the bulk
-    gradient_share: float = 1.0  # of the pressure gradient that J(10) delivers; 1/2 as printed (E24)
-    wall_share: float = 2.0  # times the particle's pressure with which walls push: 2 for p_b = p_i, 1 as P6 prints it
+    gradient_share: float = 1.0  # factor of the pressure gradient in J(10); 1/2 as printed (Jiang & Zhu E24)
+    wall_share: float = 2.0  # wall pressure over the particle's, summed: 2 for p_b = p_i, 1 for patent P6
 
 
 class ViscosityTerm(NamedTuple):
-    """Viscous term as the kernels take it."""
+    """Parameters of the viscous term in kernels."""
 
     coefficient: float  # dynamic viscosity [Pa s]; negative for the printed sign of J(11)
 
 
 class CentralViscosity(NamedTuple):
-    """Viscosity along the line of centres as the kernels take it."""
+    """Parameters of the viscosity along the line of centres in kernels."""
 
-    coefficient: float  # (dim + 2) mu [Pa s], by which the sum over the neighbours delivers mu (`central_coefficient`)
+    coefficient: float  # (dim + 2) mu [Pa s], see `central_coefficient`
 
 
 @functools.lru_cache(maxsize=64)
@@ -83,7 +84,7 @@ def lattice_number_density(shape: str, support_radius: float, spacing: float, di
 
 
 def central_coefficient(dynamic_viscosity: float, dim: int) -> float:
-    """(dim + 2) mu [Pa s]: what the viscosity along the line of centres takes for the continuum's mu [Pa s].
+    """(dim + 2) mu [Pa s]: coefficient of the viscosity along the line of centres for the dynamic viscosity mu [Pa s].
 
     For v_j - v_i = r (e.grad) v + r^2/2 (e.grad)^2 v + ... at x_j = x_i + r e the force density k sum_j V_j lap W_ij
     (e.(v_j - v_i)) e becomes (k/2) <e_a e_b e_c e_d> d_c d_d v_b int r^2 lap W dV. The mean over directions is
@@ -93,7 +94,7 @@ def central_coefficient(dynamic_viscosity: float, dim: int) -> float:
 
 
 def cohesive_pressure(grid: Discretisation, others: Mapping[str, Effect]) -> float:
-    """Internal pressure [Pa] of all cohesive effects that the equation of state is to balance."""
+    """Internal pressure [Pa] of all cohesive effects, as far as the equation of state balances it."""
     return sum(effect.balanced_pressure(grid, others) for effect in having(others, BalancesCohesion))
 
 
@@ -113,14 +114,14 @@ class WeaklyCompressible(Effect, KnowsParticleMass, LimitsSpeed, LimitsMassRatio
     rest_density       rho0 [kg/m^3; kg/m^2 in 2D]
     sound_speed        numerical sound speed c [m/s]
     dynamic_viscosity  mu [Pa s]; 0 leaves viscosity out
-    viscosity          "laplacian" (J(11), along the difference of velocities: it brakes a liquid that rotates as a
-                       rigid body) or "central" (Espanol & Revenga 2003, along the line of centres: it keeps angular
-                       momentum)
+    viscosity          "laplacian" (J(11), along the difference of velocities: it slows down the rotation of a rigidly
+                       rotating liquid) or "central" (Espanol & Revenga 2003, along the line of centres: it conserves
+                       angular momentum)
     state              "linear" (J(9)) or "tait" (exponent 7)
     clamp_pressure     negative pressures become zero
     kernels            "wendland" (Wendland C2 throughout), "mueller" (poly6 for sums, spiky for gradients) or
                        "cubic_spline" (throughout)
-    literal            printed readings to use: "E3" (sign of J(11), which blows up), "E24" (half of the pressure
+    literal            printed readings to use: "E3" (sign of J(11), unstable), "E24" (half of the pressure
                        gradient in J(10)); or "all"
     """
 
@@ -153,7 +154,7 @@ class WeaklyCompressible(Effect, KnowsParticleMass, LimitsSpeed, LimitsMassRatio
             )
 
     def central(self) -> bool:
-        """Whether there is viscosity, and along the line of centres."""
+        """Whether the viscosity is not zero and acts along the line of centres."""
         return self.viscosity == "central" and self.dynamic_viscosity > 0
 
     def fields(self, others: Mapping[str, Effect]) -> tuple[Field, ...]:
@@ -180,7 +181,7 @@ class WeaklyCompressible(Effect, KnowsParticleMass, LimitsSpeed, LimitsMassRatio
         return (*self._braked(grid, others), *self._thin(grid, others))
 
     def _braked(self, grid: Discretisation, others: Mapping[str, Effect]) -> Iterator[str]:
-        """What J(11) does to the rotation of a liquid without walls."""
+        """Note on the loss of angular momentum by J(11) in a liquid without walls."""
         own = not any("sph.density" in effect.replaces() for effect in others.values())  # its forces act
         held = bool(having(others, BringsWalls))
         if self.dynamic_viscosity == 0 or self.central() or not own or held or grid.count == 0:
@@ -192,23 +193,23 @@ class WeaklyCompressible(Effect, KnowsParticleMass, LimitsSpeed, LimitsMassRatio
         rate = factor * self.dynamic_viscosity / (self.rest_density * radius**2)
         yield (
             f"{self.name}: viscosity J(11) brakes free rotation: a drop of all {grid.count} particles (R = {radius:.3g}"
-            f" m) loses angular momentum at up to {factor} nu/R^2 = {rate:.3g} per second; viscosity = 'central' keeps"
-            " it"
+            f" m) loses angular momentum at up to {factor} nu/R^2 = {rate:.3g} per second; viscosity = 'central'"
+            " conserves it"
         )
 
     def _thin(self, grid: Discretisation, others: Mapping[str, Effect]) -> tuple[str, ...]:
-        """With which viscosity energy may appear."""
+        """Note on a viscosity with which kinetic energy may grow."""
         most = LEAST_VISCOUS[self.kernels]
         least = self.rest_density * self.sound_speed * grid.support_radius / most
         if self.dynamic_viscosity >= least or pressure_is_replaced(others):
             return ()
         return (
             f"{self.name}: with a viscosity of {self.dynamic_viscosity:g} Pa s, below rho0 c h/{most:g} = {least:.3g}"
-            " Pa s, kinetic energy may appear out of nothing at walls and in drops: give more, or watch the energy",
+            " Pa s, kinetic energy may grow at walls and in drops: increase the viscosity, or monitor the energy",
         )
 
     def energy(self, grid: Discretisation, others: Mapping[str, Effect]) -> EnergyAccount:
-        """Work of compression of J(9) or Tait, where no other effect brings the pressure."""
+        """Work of compression of J(9) or Tait, unless another effect computes the pressure."""
         if pressure_is_replaced(others):
             return EnergyAccount()
         exponent = 7 if self.state == "tait" else 1
@@ -233,7 +234,7 @@ class WeaklyCompressible(Effect, KnowsParticleMass, LimitsSpeed, LimitsMassRatio
         return grid.support_radius
 
     def greatest_speed(self, grid: Discretisation) -> float:
-        """Ten times the sound speed; the equation of state supposes a tenth of it."""
+        """Ten times the sound speed [m/s]; weak compressibility assumes at most a tenth of the sound speed."""
         return 10 * self.sound_speed
 
     def sum_kernel(self) -> str:
@@ -381,7 +382,7 @@ register(
         name="sph.momentum",
         folder=_HERE,
         paper="Jiang & Zhu 2023",
-        equation="J(10), J(11) with E3",
+        equation="J(10), J(11) with Jiang & Zhu E3",
         function="momentum",
         outputs=("acceleration",),
         adds=("acceleration",),
@@ -396,7 +397,7 @@ register(
         name="sph.viscosity",
         folder=_HERE,
         paper="Jiang & Zhu 2023",
-        equation="J(11) with E3, without J(10)",
+        equation="J(11) with Jiang & Zhu E3, without J(10)",
         function="viscous",
         outputs=("acceleration",),
         adds=("acceleration",),

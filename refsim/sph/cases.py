@@ -38,7 +38,7 @@ def _liquid(case):
 
 @particles("density")
 def _density(case, random):
-    """Up to a tenth off the rest density."""
+    """Within a tenth of the rest density."""
     return REST_DENSITY * random.uniform(0.9, 1.1, case.count)
 
 
@@ -58,7 +58,7 @@ def _asymmetry(case, random):
 
 @particles("pressure")
 def _pressure(case, random):
-    """Of either sign, so that nothing relies on clamping."""
+    """Of either sign, so that no result depends on clamping."""
     return 4e4 * random.uniform(-0.5, 1.0, case.count)
 
 
@@ -84,7 +84,7 @@ def _field(case, grid):
 
 
 def _smoothing_follows(group, inputs, kernel):
-    """Scales; and the support of the gradients' kernel where there is another one: both have the scene's."""
+    """The factors; and for the gradients' kernel the support radius, which is that of the scene as well."""
     own = {} if group is kernel else {"support_radius": kernel.support_radius, "dim": kernel.dim}
     group = group._replace(**own)
     shape = next(name for name, number in SHAPES.items() if number == group.shape)
@@ -134,7 +134,7 @@ def two_particles_and_a_wall():
 
 @closed_form("sph.density")
 def two_particles_in_the_plane():
-    """The same by the factor of 2D, W(0) = 7/(pi h^2)."""
+    """The same in 2D, with W(0) = 7/(pi h^2)."""
     mass = np.array([2.0, 3.0])
     own = 7 / (4 * math.pi)
     return Exact(
@@ -152,7 +152,7 @@ def linear_state():
 
 @closed_form("sph.state")
 def clamped_tait():
-    """p = B ((rho/rho0)^7 - 1), 2^7 = 128; never below zero, and a small pressure stays."""
+    """p = B ((rho/rho0)^7 - 1), 2^7 = 128; negative values become zero, small positive ones remain."""
     fluid = Fluid(1000.0, 100.0, np.int32(7), np.int32(1))
     three = Case("three", 3, np.array([[0.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 2.0, 0.0]]))
     small = 100 * (1.0009765625**7 - 1)
@@ -188,7 +188,7 @@ def pressed_pair():
 
 @closed_form("sph.pressure")
 def pressed_against_a_wall():
-    """One wall particle below: a = 2 rho0 V_b (p/rho^2) |W'(h/2)| upwards, half of it as printed (E24)."""
+    """One wall particle below: a = 2 rho0 V_b (p/rho^2) |W'(h/2)| upwards, half of it as printed (Jiang & Zhu E24)."""
     case = Case(
         "on_wall", 3, np.zeros((1, 3)), spacing=1.0, support_radius=2.0, wall_position=np.array([[0.0, -1.0, 0.0]])
     )
@@ -206,7 +206,7 @@ def pressed_against_a_wall():
 
 @closed_form("sph.momentum", "sph.viscosity")
 def sheared_pair():
-    """Viscosity mu m_j/(rho_i rho_j) 45/(pi h^6) (h - r) (v_j - v_i) draws velocities together."""
+    """Viscosity mu m_j/(rho_i rho_j) 45/(pi h^6) (h - r) (v_j - v_i) reduces the difference of velocities."""
     factor = 0.5 / 1000.0**2 * 45 / (math.pi * 64)
     return Exact(
         PAIR,
@@ -251,12 +251,12 @@ def braked_in_the_plane():
 
 
 @closed_form("sph.central_viscosity")
-def turning_as_one():
-    """Three particles that turn as a rigid body, v = omega x r, are not braked at all."""
+def rigid_rotation():
+    """In rigid rotation, v = omega x r, the viscosity along the line of centres vanishes."""
     position = np.array([[0.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.5, 0.0, 0.0]])
-    turning = Case("turning", 3, position, spacing=1.0, support_radius=2.0)
+    three = Case("rigid_rotation", 3, position, spacing=1.0, support_radius=2.0)
     return Exact(
-        turning,
+        three,
         {
             "mass": np.array([2.0, 3.0, 4.0]), "density": np.array([1000.0, 500.0, 800.0]),
             "velocity": np.cross([0.5, -0.25, 2.0], position), "central_viscosity": CentralViscosity(2.0),
@@ -267,7 +267,7 @@ def turning_as_one():
 
 @closed_form("sph.gravity")
 def falling():
-    """Every particle takes g."""
+    """a = g."""
     return Exact(PAIR, {"field": np.array([0.0, 2.0, -9.75])}, {"acceleration": np.array([[0.0, 2.0, -9.75]] * 2)})
 
 
@@ -289,7 +289,7 @@ def largest_squares():
 
 @closed_form("sph.kick_drift")
 def one_leap():
-    """v = 1 + 0.5 * 2, x = 0 + 0.25 * v; the second particle stays and counts two metres from where it was listed."""
+    """v = 1 + 0.5 * 2, x = 0 + 0.25 * v; the second particle, at rest, is 2 m from its position at the list's build."""
     return Exact(
         PAIR,
         {
@@ -309,7 +309,7 @@ def one_leap():
 
 @closed_form("sph.kick_drift")
 def stopped_by_a_plane():
-    """The first particle would pass the plane x = 0.25: it is put there and loses that part of its velocity."""
+    """The first particle would pass the plane x = 0.25: it stops there and loses its normal velocity."""
     far = np.full(3, np.inf)
     return Exact(
         PAIR,

@@ -1,4 +1,4 @@
-"""Scalar formulas of weakly compressible SPH: Jiang & Zhu 2023, equations (7) to (11), and the common solver."""
+"""Scalar formulas of weakly compressible SPH: Jiang & Zhu 2023, equations (7) to (11); Tait; walls."""
 
 from refsim.backends.compile import formula
 
@@ -7,7 +7,7 @@ from refsim.backends.compile import formula
 def state_pressure(density, fluid):
     """J(9) and Tait: p = (rho0 c^2 / g) ((rho/rho0)^g - 1) + P_int (rho/rho0)^2 [Pa]; g = 1 is J(9) with k = c^2.
 
-    P_int balances the cohesion of the bulk (0 where no effect brings any), before negative pressures are clamped.
+    P_int balances the cohesion of the bulk (0 without a cohesive effect) and is added before the clamp.
     """
     real = type(density)
     ratio = density / fluid.rest_density
@@ -24,14 +24,17 @@ def state_pressure(density, fluid):
 def pressure_pair(volume_j, pressure_i, pressure_j, slope, fluid):
     """J(10) for one neighbour: factor of e_ij in the force density [N/m^3], -s V_j (p_i + p_j) W'(r).
 
-    s = 1 (E24): the printed s = 1/2 delivers half the pressure gradient, as sum_j V_j p_i grad W_ij vanishes.
+    s = 1 (Jiang & Zhu E24): s = 1/2 as printed gives half the pressure gradient, as sum_j V_j p_i grad W_ij vanishes.
     """
     return -fluid.gradient_share * volume_j * (pressure_i + pressure_j) * slope
 
 
 @formula
 def viscosity_pair(volume_j, viscosity, laplacian):
-    """J(11) for one neighbour: factor of (v_j - v_i) in the force density [N s/m^4], mu V_j lap W (E3)."""
+    """J(11) for one neighbour: factor of (v_j - v_i) in the force density [N s/m^4], mu V_j lap W.
+
+    The sign is that of Jiang & Zhu E3.
+    """
     return viscosity.coefficient * volume_j * laplacian
 
 

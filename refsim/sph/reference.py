@@ -44,9 +44,9 @@ def density(position, mass, walls, smoothing, fluid, rows=None):
 
 
 def state(density, fluid, rows=None):
-    """Pressure [Pa] from density [kg/m^dim]: J(9) p = c^2 (rho - rho0), or Tait with exponent g; clamped if asked.
+    """Pressure [Pa] from density [kg/m^dim]: J(9) p = c^2 (rho - rho0), or Tait with exponent g.
 
-    P_int (rho/rho0)^2 is added before, to balance the cohesion of the bulk.
+    P_int (rho/rho0)^2, which balances the cohesion of the bulk, is added; negative values then become 0 if `clamp`.
     """
     ratio = _rows(density, rows) / float(fluid.rest_density)
     power = np.power(ratio, int(fluid.exponent))
@@ -60,8 +60,8 @@ def state(density, fluid, rows=None):
 def momentum(position, velocity, mass, density, pressure, walls, smoothing, fluid, viscosity, rows=None):
     """Acceleration [m/s^2] by pressure and viscosity.
 
-    J(10) a_i = -(s/rho_i) sum_j m_j (p_i + p_j)/rho_j grad W_ij, s = 1 (E24) or as printed 1/2;
-    J(11) a_i += (mu/rho_i) sum_j (m_j/rho_j) (v_j - v_i) lap W_ij (sign of E3);
+    J(10) a_i = -(s/rho_i) sum_j m_j (p_i + p_j)/rho_j grad W_ij, s = 1 (Jiang & Zhu E24) or as printed 1/2;
+    J(11) a_i += (mu/rho_i) sum_j (m_j/rho_j) (v_j - v_i) lap W_ij (sign of Jiang & Zhu E3);
     Akinci 2012 walls: a_i -= k s sum_b rho0 V_b p_i/rho_i^2 grad W_ib, k = 2 for p_b = p_i.
     """
     velocity = np.asarray(velocity, dtype=float)
@@ -95,7 +95,7 @@ def momentum(position, velocity, mass, density, pressure, walls, smoothing, flui
 
 
 def viscous(position, velocity, mass, density, smoothing, viscosity, rows=None):
-    """Acceleration [m/s^2] a_i = (mu/rho_i) sum_j (m_j/rho_j) (v_j - v_i) lap W_ij, J(11) with the sign of E3."""
+    """Acceleration [m/s^2] a_i = (mu/rho_i) sum_j (m_j/rho_j) (v_j - v_i) lap W_ij, J(11) with Jiang & Zhu E3."""
     v = np.asarray(velocity, dtype=float)
     volume = np.asarray(mass, dtype=float) / np.asarray(density, dtype=float)
     rho_i, v_i = _rows(density, rows), _rows(velocity, rows)
@@ -134,14 +134,14 @@ def central_viscous(position, velocity, mass, density, smoothing, central_viscos
 
 
 def gravity(field, rows=None):
-    """Uniform acceleration a_i = g [m/s^2], g of J(6); one row that every particle takes."""
+    """Uniform acceleration a_i = g [m/s^2], g of J(6); one row for all particles."""
     field = np.asarray(field, dtype=float)[None, :]
     return {"acceleration": (field, np.abs(field))}
 
 
 def extremes(velocity, acceleration, temperature, temperature_range, exchange_rate):
-    """E = (max |v|^2 [m^2/s^2], max |a|^2 [m^2/s^4], number of particles where one of these or of the rest is not
-    finite, max rate [1/s], how far the temperature that is farthest out of its range [deg C] lies beyond it [K]).
+    """E = (max |v|^2 [m^2/s^2], max |a|^2 [m^2/s^4], number of particles with a value that is not finite,
+    max rate [1/s], largest excess of a temperature over its range [K]).
     """
     speed = (np.asarray(velocity, dtype=float) ** 2).sum(1)
     force = (np.asarray(acceleration, dtype=float) ** 2).sum(1)
@@ -165,7 +165,7 @@ def extremes(velocity, acceleration, temperature, temperature_range, exchange_ra
 def kick_drift(acceleration, build_position, bounds, timestep, velocity, position):
     """Leap-frog: v += (dt_previous + dt)/2 a [m/s], x += dt v [m], stopped at the walls' planes `bounds` [m].
 
-    displacement: [largest squared way since the list was built [m^2], number of stopped particles].
+    displacement: [largest squared displacement since the list was built [m^2], number of stopped particles].
     """
     kick, drift = (float(t) for t in timestep)
     a = np.asarray(acceleration, dtype=float)
@@ -181,9 +181,9 @@ def kick_drift(acceleration, build_position, bounds, timestep, velocity, positio
         v = np.where(beyond, 0.0, v)
         stopped = beyond.any(1)
         x = np.clip(x, lower, upper)
-    way = x - np.asarray(build_position, dtype=float)
-    squared = (way**2).sum(1)
-    bound = ((np.abs(way) + x_scale) ** 2).sum(1)
+    moved = x - np.asarray(build_position, dtype=float)
+    squared = (moved**2).sum(1)
+    bound = ((np.abs(moved) + x_scale) ** 2).sum(1)
     return {
         "velocity": (v, v_scale),
         "position": (x, x_scale),

@@ -1,9 +1,9 @@
-"""Which coefficient gives which surface tension: the measured sigma map, and its inverse.
+"""Coefficient for a surface tension: the measured sigma map and its inverse.
 
-Contents: calibrate, Calibration, SETTINGS, sigma_map. The map (`sigma_map.json`) holds what drops at rest and in
-oscillation showed, in shares of the nominal tension, for each model, dimension, support radius h/d, stiffness S =
-sigma/(rho0 c^2 d) of the nominal tension, and set of smoothing kernels. `python -m validation measure drops` measures
-it and `validation/measure/sigma_map.py` condenses it.
+Contents: calibrate, Calibration, SETTINGS, sigma_map. The map (`sigma_map.json`) has tensions measured on drops at rest
+and in oscillation, divided by the nominal one, for each model, dimension, support radius h/d, stiffness
+S = sigma/(rho0 c^2 d) of the nominal tension, and set of smoothing kernels. `python -m validation measure drops`
+measures it and `validation/measure/sigma_map.py` condenses it.
 """
 
 from __future__ import annotations
@@ -30,12 +30,12 @@ from refsim.surface_tension.jiang_zhu_2023 import JiangZhu2023
 from refsim.surface_tension.tartakovsky_meakin_2005 import TartakovskyMeakin2005
 
 MAP = Path(__file__).with_name("sigma_map.json")
-BASE = {"support": 2.6, "stiffness": 0.01, "kernels": "mueller"}  # the map's axes cross here
-MOST_UNCERTAIN = 0.5  # of the tension: beyond it there is none to speak of
-ONE_SEED = 0.1  # relative uncertainty that a drop without another of its kind is given
+BASE = {"support": 2.6, "stiffness": 0.01, "kernels": "mueller"}  # the point common to all lines of the map
+MOST_UNCERTAIN = 0.5  # largest relative uncertainty of a calibration
+ONE_SEED = 0.1  # relative uncertainty assumed for a drop measured with one seed only
 SAME = 1e-6  # relative difference of settings that count as equal
 
-# Models with the settings in which they were measured: words and effect of a nominal tension [N/m].
+# Models with the settings in which they were measured: name, and effect for a nominal tension [N/m].
 SETTINGS: dict[str, tuple[str, Callable[[float], Effect]]] = {
     "jiang_zhu": ("Jiang & Zhu 2023", lambda sigma: JiangZhu2023(surface_tension=sigma, area_ratio=0.012)),
     "akinci": ("Akinci 2013", lambda sigma: Akinci2013(surface_tension=sigma)),
@@ -55,22 +55,22 @@ SETTINGS: dict[str, tuple[str, Callable[[float], Effect]]] = {
     "csf": ("continuum surface force", lambda sigma: CsfWang2019(surface_tension=sigma)),
     "akinci_iisph": ("Akinci 2013 on IISPH", lambda sigma: Akinci2013(surface_tension=sigma)),
 }
-BESIDE: dict[str, tuple[Effect, ...]] = {"akinci_iisph": (ImplicitPressure(),)}  # effects that a model needs, too
+BESIDE: dict[str, tuple[Effect, ...]] = {"akinci_iisph": (ImplicitPressure(),)}  # further effects that a model needs
 
 
 @dataclass(frozen=True)
 class Calibration:
     """Coefficients that give a surface tension.
 
-    effect             for the scene, with the nominal tension that gives the wanted one
-    beside             further effects for the scene: those of the model's own way to a pressure
+    effect             for the scene, with the nominal tension that gives the required one
+    beside             further effects for the scene, such as an implicit pressure
     nominal            that nominal tension [N/m], the effect's `surface_tension`
     nominal_error      its uncertainty [N/m]
     ratio              measured over nominal tension
     laplace, rayleigh  the two measured tensions behind it, over the nominal one: jump at rest, frequency of n = 2
-    uncertainty        relative, of the tension that results
+    uncertainty        relative, of the resulting tension
     sound_speed        for weakly_compressible [m/s]
-    stiffness          S = nominal/(rho0 c^2 d) that it amounts to
+    stiffness          S = nominal/(rho0 c^2 d)
     """
 
     effect: Effect
@@ -106,20 +106,19 @@ def calibrate(
 ) -> Calibration:
     """Coefficients of `model` that give the surface tension `sigma`, by the measured map.
 
-    sigma           wanted tension [N/m]
+    sigma           required tension [N/m]
     model           a name in SETTINGS
     spacing         d [m]
     rest_density    rho0 [kg/m^3; kg/m^2 in 2D]
     support_radius  h [m]; left out, 2.6 d
-    sound_speed     of weakly_compressible [m/s]; left out, the one that makes S = 0.01
+    sound_speed     of weakly_compressible [m/s]; left out, the one with which S = 0.01
     kernels         of weakly_compressible
-    radius          of the drops that count [m]; left out, all radii that were measured
-    settings        another map than the published one
+    radius          of the drops to use [m]; left out, all measured radii
+    settings        a map instead of the published one
 
-    The ratio is the mean of what jump and frequency of the same drops say; its uncertainty holds half their difference
-    and the deviation over seeds. It is interpolated between measured settings along one axis of the map, the others at
-    its base. Raises InputError outside the map, and where
-    the measurements do not agree on a tension.
+    The ratio is the mean of the tensions from pressure jump and frequency of the same drops; its uncertainty comprises
+    half their difference and the deviation over seeds. It is interpolated between measured settings along one axis of
+    the map, with the others at BASE. Raises InputError outside the map, and if the two tensions disagree by too much.
     """
     entries = sigma_map() if settings is None else settings
     lengths = {"support_radius": support_radius, "sound_speed": sound_speed, "radius": radius}
@@ -141,7 +140,7 @@ def calibrate(
     if found["uncertainty"] > MOST_UNCERTAIN:
         raise InputError(
             f"calibrate: {model} has no one surface tension at h = {support:.3g} d and S = {found['stiffness']:.3g}:"
-            f" {_said(found)}; choose another model or setting."
+            f" {_disagreement(found)}; choose another model or setting."
         )
     ratio, nominal = found["ratio"], sigma / found["ratio"]
     speed = sound_speed or math.sqrt(nominal / (rest_density * spacing * found["stiffness"]))
@@ -159,10 +158,10 @@ def calibrate(
     )
 
 
-def _said(found: Mapping[str, Any]) -> str:
+def _disagreement(found: Mapping[str, Any]) -> str:
     if not math.isfinite(found["ratio"]):
-        return "no drop both lasted and swung, so that nothing is known"
-    return f"Laplace says {found['laplace']:.3g} and Rayleigh {found['rayleigh']:.3g} of the nominal one"
+        return "no drop both stayed whole and oscillated"
+    return f"Laplace's law gives {found['laplace']:.3g} and Rayleigh's {found['rayleigh']:.3g} of the nominal one"
 
 
 def _judged(entry: Mapping[str, Any], radius: float | None) -> dict[str, Any]:
@@ -182,9 +181,9 @@ def _judged(entry: Mapping[str, Any], radius: float | None) -> dict[str, Any]:
         drops = nearest[:1] if _same(nearest[0]["radius"], radius) else nearest
     laplace, rayleigh = (sum(d[name] for d in drops) / len(drops) for name in ("laplace", "rayleigh"))
     ratio = 0.5 * (laplace + rayleigh)
-    told = {**made, "ratio": ratio, "laplace": laplace, "rayleigh": rayleigh, "reach": ""}
+    result = {**made, "ratio": ratio, "laplace": laplace, "rayleigh": rayleigh, "reach": ""}
     if min(laplace, rayleigh) <= 0:
-        return {**told, "uncertainty": math.inf}
+        return {**result, "uncertainty": math.inf}
     parts = [0.5 * (laplace - rayleigh)]
     for d in drops:  # each drop's distance from the mean of all, and its deviation over the seeds
         found = [0.5 * (d["laplace"] + d["rayleigh"]) - ratio]
@@ -192,7 +191,7 @@ def _judged(entry: Mapping[str, Any], radius: float | None) -> dict[str, Any]:
             0.5 * math.hypot(d["laplace_spread"], d["rayleigh_spread"]) if d["seeds"] > 1 else ONE_SEED * ratio
         )
         parts += [part / math.sqrt(len(drops)) for part in found]
-    return {**told, "uncertainty": math.sqrt(sum(part**2 for part in parts)) / ratio}
+    return {**result, "uncertainty": math.sqrt(sum(part**2 for part in parts)) / ratio}
 
 
 def _same(value: float, other: float) -> bool:
@@ -230,7 +229,7 @@ def _at(own: Sequence[Mapping[str, Any]], support: float, stiffness: float, mode
         return {**first, "stiffness": stiffness}
     share = (math.log(place) - math.log(first[axis])) / (math.log(last[axis]) - math.log(first[axis]))
     mixed = {name: (1 - share) * first[name] + share * last[name] for name in ("ratio", "laplace", "rayleigh")}
-    # What a straight line cannot know counts as a quarter of the difference of its ends.
+    # The error of linear interpolation is taken as a quarter of the difference between its ends.
     bend = 0.25 * abs(first["ratio"] - last["ratio"]) / mixed["ratio"]
     uncertainty = math.hypot(max(first["uncertainty"], last["uncertainty"]), bend)
     return {**mixed, "stiffness": stiffness, "uncertainty": uncertainty}

@@ -1,12 +1,11 @@
-"""What the models share whose cohesion is a central force between pairs, F_ij = m_i m_j C(r) e_ij, C > 0 repelling.
+"""Models with a central pair force F_ij = m_i m_j C(r) e_ij, where C > 0 repels.
 
-Contents: PairCohesion; nominal_tension, internal_pressure (all neighbours alike, or on the lattice), compression.
+Contents: PairCohesion; nominal_tension, internal_pressure, lattice_tension, lattice_pressure; compression.
 
-Cohesion between all pairs puts the bulk under an internal pressure P_int, many times the jump sigma/R that is left of
-it at the surface. Two things follow for every such model. The equation of state can balance it: it adds
-P_int (rho/rho0)^2, and the undisturbed bulk rests. Without that a linear equation of state has to be compressed
-until it holds, rho/rho0 = s with Pi s^2 - s + 1 = 0 and Pi = P_int/(rho0 c^2), which has no solution beyond Pi = 1/4:
-there the liquid collapses.
+Cohesion between all pairs causes an internal pressure P_int in the bulk, many times the jump 2 sigma/R (sigma/R in 2D)
+at the surface. The equation of state can balance it by a term P_int (rho/rho0)^2; the bulk is then at rest at rho0.
+Without this term a linear equation of state balances P_int by compression: rho/rho0 = s with Pi s^2 - s + 1 = 0 and
+Pi = P_int/(rho0 c^2), which has no solution for Pi > 1/4: the liquid collapses.
 """
 
 from __future__ import annotations
@@ -26,7 +25,7 @@ from refsim.smoothing import lattice
 from refsim.sph import LIQUID, liquid_of, pressure_is_replaced
 
 COLLAPSE = 0.25  # Pi beyond which no density balances the cohesion
-STRAINED = 0.045  # Pi at which the bulk is compressed by 5 %: from here on a run is warned of
+STRAINED = 0.045  # Pi at which the bulk is compressed by 5 %, from which on a note warns
 TENSION_POWER, PRESSURE_POWER = {2: 3, 3: 4}, {2: 2, 3: 3}  # of r in the moments of C
 PairForce = Callable[[NDArray], NDArray]  # C(r) [N/kg^2] of distances r [m]
 
@@ -68,7 +67,7 @@ def internal_pressure(force: PairForce, rest_density: float, support_radius: flo
 
 
 def lattice_tension(force: PairForce, rest_density: float, mass: float, grid: Discretisation) -> float:
-    """The same as `nominal_tension`, with the neighbours in the shells of the lattice.
+    """`nominal_tension` with the sum over the neighbours on the lattice instead of the integral [N/m].
 
     3D sigma = -(n/32) sum_j r_j^2 f_j; 2D sigma = -(n/(6 pi)) sum_j r_j^2 f_j, f = m^2 C, n = rho0/m.
     """
@@ -78,7 +77,7 @@ def lattice_tension(force: PairForce, rest_density: float, mass: float, grid: Di
 
 
 def lattice_pressure(force: PairForce, rest_density: float, mass: float, grid: Discretisation) -> float:
-    """The same as `internal_pressure`, with the neighbours in the shells of the lattice.
+    """`internal_pressure` with the sum over the neighbours on the lattice instead of the integral [Pa].
 
     P = -(n/(2 dim)) sum_j r_j f_j, f = m^2 C, n = rho0/m.
     """
@@ -101,7 +100,7 @@ def _shells(grid: Discretisation) -> NDArray:
 
 
 def compression(number: float) -> float:
-    """rho/rho0 at which the linear equation of state holds the cohesion, s = (1 - sqrt(1 - 4 Pi))/(2 Pi).
+    """rho/rho0 at which the linear equation of state balances the cohesion, s = (1 - sqrt(1 - 4 Pi))/(2 Pi).
 
     number  Pi = P_int/(rho0 c^2), at most 1/4; NaN beyond
     """
@@ -111,13 +110,13 @@ def compression(number: float) -> float:
 
 
 class PairCohesion(Effect, BalancesCohesion, frozen=True, kw_only=True):
-    """Base of the cohesive models: nominal tension, internal pressure, its balance and its bound, capillary step.
+    """Base of the models with pair cohesion: nominal tension, internal pressure, its balance, capillary step limit.
 
-    balance_pressure  the equation of state balances the cohesion of the bulk by P_int (rho/rho0)^2; left out, cohesion
-                      compresses the liquid, and a linear equation of state gives way at P_int = rho0 c^2/4
+    balance_pressure  the equation of state balances the cohesion of the bulk by P_int (rho/rho0)^2; without it
+                      cohesion compresses the liquid, which collapses at P_int = rho0 c^2/4 (linear equation of state)
     """
 
-    lattice: ClassVar[bool] = False  # neighbours in the lattice's shells, for a force that reaches hardly beyond them
+    lattice: ClassVar[bool] = False  # sums over lattice neighbours, for a force of short range
 
     balance_pressure: bool = True
 
@@ -129,7 +128,7 @@ class PairCohesion(Effect, BalancesCohesion, frozen=True, kw_only=True):
         raise NotImplementedError
 
     def acts_on_all_pairs(self) -> bool:
-        """Whether the bulk feels the pair force, too."""
+        """Whether the pair force also acts in the bulk."""
         return True
 
     def nominal_tension(self, grid: Discretisation, others: Mapping[str, Effect]) -> float:
@@ -140,7 +139,7 @@ class PairCohesion(Effect, BalancesCohesion, frozen=True, kw_only=True):
         return nominal_tension(force, fluid.rest_density, grid.support_radius, grid.dim)
 
     def internal_pressure(self, grid: Discretisation, others: Mapping[str, Effect]) -> float:
-        """P_int [Pa] of the pair force in the undisturbed bulk; 0 where the bulk feels none."""
+        """P_int [Pa] of the pair force in the undisturbed bulk; 0 if it does not act there."""
         if not self.acts_on_all_pairs():
             return 0.0
         force, fluid = self._force(grid, others), liquid_of(others)
@@ -159,11 +158,11 @@ class PairCohesion(Effect, BalancesCohesion, frozen=True, kw_only=True):
             raise InputError(
                 f"{self.name}: the cohesive pressure of {self.internal_pressure(grid, others):.4g} Pa would collapse"
                 f" the liquid; give weakly_compressible a sound_speed above {needed:.4g} m/s (10 times that for 1 %"
-                " compression), or let balance_pressure = true hold it."
+                " compression), or set balance_pressure = true."
             )
 
     def collapse_number(self, grid: Discretisation, others: Mapping[str, Effect]) -> float:
-        """Pi = P_int/(rho0 c^2) that the linear equation of state has to hold by compression; 0 where nothing has."""
+        """Pi = P_int/(rho0 c^2) that a linear equation of state balances by compression; 0 if nothing needs to."""
         fluid = liquid_of(others)
         held = self.balance_pressure or fluid.state != "linear"
         if held or pressure_is_replaced(others):
@@ -176,8 +175,8 @@ class PairCohesion(Effect, BalancesCohesion, frozen=True, kw_only=True):
             return ()
         return (
             f"{self.name}: its cohesion compresses the bulk by about {100 * (compression(number) - 1):.0f} % (P_int ="
-            f" {number:.2g} rho0 c^2; nothing holds it beyond {COLLAPSE}): take a larger sound_speed, or let"
-            " balance_pressure = true hold it",
+            f" {number:.2g} rho0 c^2; beyond {COLLAPSE} the liquid collapses): take a larger sound_speed, or set"
+            " balance_pressure = true",
         )
 
     def pair_mass(self, mass_i: NDArray, mass_j: NDArray, grid: Discretisation, others: Mapping[str, Effect]) -> Any:
@@ -203,36 +202,36 @@ class PairCohesion(Effect, BalancesCohesion, frozen=True, kw_only=True):
         return lambda r: self.pair_force(r, grid, others)
 
 
-def too_stiff(name: str, sigma: float, largest: float, grid: Discretisation, others: Mapping[str, Effect]) -> str:
-    """Words where S = sigma/(rho0 c^2 d) exceeds what a model was found to bear at any step; else ""."""
+def stiffness_note(name: str, sigma: float, largest: float, grid: Discretisation, others: Mapping[str, Effect]) -> str:
+    """Note if S = sigma/(rho0 c^2 d) exceeds the `largest` with which drops were found to stay whole; else ""."""
     fluid = liquid_of(others)
     value = sigma / (fluid.rest_density * fluid.sound_speed**2 * grid.spacing)
     if value <= largest * (1 + 1e-9):
         return ""
     return (
         f"{name}: sigma/(rho0 c^2 d) = {value:.2g} is above {largest:g}, up to which cubes became drops: they fly"
-        " apart, and no shorter step mends that; take a sound_speed of at least"
+        " apart, and a shorter step does not help; take a sound_speed of at least"
         f" {fluid.sound_speed * math.sqrt(value / largest):.3g} m/s"
     )
 
 
-def turns(name: str, term: str, others: Mapping[str, Effect]) -> str:
-    """Words where a term that does not act along the pair alone changes a free liquid's angular momentum; else "".
+def angular_momentum_note(name: str, term: str, others: Mapping[str, Effect]) -> str:
+    """Note if a term that is not parallel to e_ij alone changes the angular momentum of a free liquid; else "".
 
-    Viscosity J(11) does not act along the pair either, and brakes far more; the liquid's own note says so.
+    With viscosity J(11), which changes it far more, the note of weakly_compressible says so instead.
     """
     fluid = liquid_of(others)
     if fluid.dynamic_viscosity > 0 and not fluid.central():
         return ""
     how = "with this viscosity" if fluid.central() else "without viscosity"
     return (
-        f"{name}: {how} angular momentum would stay, but its {term} does not act along the pair and"
-        " changes it: leave that out where it matters"
+        f"{name}: {how} angular momentum would be conserved, but the {term} does not act along the pair and"
+        " changes it: leave the term out if that matters"
     )
 
 
 def capillary_limit(sigma: float, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, StepLimit]:
-    """Step limit 0.25 sqrt(rho0 (h/2)^3/(2 pi sigma)) under its name; none without tension [N/m]."""
+    """Step limit 0.25 sqrt(rho0 (h/2)^3/(2 pi sigma)) [s] for the tension sigma [N/m]; none if it is zero."""
     if sigma == 0:
         return {}
     half = 0.5 * grid.support_radius

@@ -1,4 +1,4 @@
-"""Which adhesion gives which contact angle: the measured wetting map, and its inverse.
+"""Adhesion for a contact angle: the measured wetting map and its inverse.
 
 Contents: calibrate_contact_angle, ContactAngle, wetting_map. The map (`wetting_map.json`) holds the contact angles of
 sessile drops of Akinci 2013 on a plane against b = beta/gamma, the coefficient of adhesion over that of cohesion.
@@ -26,7 +26,7 @@ from refsim.surface_tension.akinci_2013 import Akinci2013
 from refsim.surface_tension.calibration import BASE, SAME, Calibration, calibrate
 
 WETTING_MAP = Path(__file__).with_name("wetting_map.json")
-ONE_DROP = 5.0  # degrees of uncertainty that an angle without a second drop is given
+ONE_DROP = 5.0  # uncertainty assumed for an angle measured on one drop only [degrees]
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ class ContactAngle:
     adhesion     beta [m^4/(kg s^2)], the effect's `adhesion`
     share        b = beta/gamma
     uncertainty  of the angle [degrees]
-    tension      what `calibrate` says of the surface tension; its sound speed belongs to the scene
+    tension      result of `calibrate` for the surface tension; its sound speed is that of the scene
     """
 
     effect: Akinci2013
@@ -64,20 +64,20 @@ def calibrate_contact_angle(
     kernels: str = "mueller",
     settings: Sequence[Mapping[str, Any]] | None = None,
 ) -> ContactAngle:
-    """Coefficients of Akinci 2013 with which liquid of tension `sigma` meets a plane wall at `angle`.
+    """Coefficients of Akinci 2013 for a contact angle `angle` of liquid of tension `sigma` on a plane wall.
 
-    angle           wanted contact angle, through the liquid [degrees]
-    sigma           wanted surface tension [N/m]
+    angle           required contact angle, through the liquid [degrees]
+    sigma           required surface tension [N/m]
     spacing         d [m]
     rest_density    rho0 [kg/m^3; kg/m^2 in 2D]
     support_radius  h [m]; left out, 2.6 d
     kernels         of weakly_compressible
-    settings        another wetting map than the published one
+    settings        a wetting map instead of the published one
 
     For walls of `box_walls` and S = sigma/(rho0 c^2 d) = 0.01 of the nominal tension, which sets the sound speed. The
-    cosine is interpolated between measured coefficients; the uncertainty holds half of what two ways to read the
-    angle differ by, the deviation over drops, and a quarter of the step between the coefficients. Raises InputError
-    outside of what was measured.
+    cosine is interpolated between measured coefficients; the uncertainty comprises half the difference
+    between two measurements of the angle, the deviation over drops, and a quarter of the difference between the two
+    measured angles. Raises InputError outside the measured range.
     """
     this = "calibrate_contact_angle"
     given = {"angle": angle, "sigma": sigma, "spacing": spacing, "rest_density": rest_density}
@@ -116,7 +116,7 @@ def calibrate_contact_angle(
 
 
 def _share_of(angle: float, entry: Mapping[str, Any], this: str, support: float) -> tuple[float, float]:
-    """(b, uncertainty of the angle [degrees]) where the measured line of cosines passes the wanted one."""
+    """(b, uncertainty of the angle [degrees]) from the measured cosines by linear interpolation."""
     caps = [drop for drop in entry["drops"] if drop["angle"] is not None]
     for low, high in itertools.pairwise(caps):  # by growing coefficient: the angle falls
         if high["angle"] <= angle <= low["angle"]:
@@ -131,7 +131,7 @@ def _share_of(angle: float, entry: Mapping[str, Any], this: str, support: float)
     low, high = min(drop["angle"] for drop in caps), max(drop["angle"] for drop in caps)
     raise InputError(
         f"{this}: {angle:g} degrees is outside the map at h = {support:.3g} d, which has {low:.0f} to {high:.0f}"
-        " degrees; beyond them drops spread to a film, or leave the plane."
+        " degrees; beyond it drops spread to a film or detach from the plane."
     )
 
 

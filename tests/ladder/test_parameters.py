@@ -340,7 +340,7 @@ def dong(dim, d0=D, stiffness=None, correction=None, symmetric=1):
     }
     # The normal of the kernels is h n of D(11).
     both = normal_term(dim) | {"molecular_force": force if stiffness else None}
-    return both | {"normal_difference": {"coefficient": correction / H, "symmetric": symmetric} if correction else None}
+    return both | {"normal_correction": {"coefficient": correction / H, "symmetric": symmetric} if correction else None}
 
 
 def he_unit_tension(dim, kernels):
@@ -374,7 +374,7 @@ def he_unit_tension(dim, kernels):
 def he(dim, kappa, air=None):
     """He et al. 2014: (kappa/4)(|grad c_i|^2 + |grad c_j|^2); p_atm."""
     return {
-        "surface_energy": {"kappa": kappa, "quarter": kappa / 4} if kappa else None,
+        "gradient_energy": {"kappa": kappa, "quarter": kappa / 4} if kappa else None,
         "air_pressure": {"pressure": air} if air else None,
     }
 

@@ -21,7 +21,7 @@ HARMLESS = {
     "corrected": [("nx, ny, nz, filled = (real(0)", "zero over anything")],
     "unit": [("zero = type(length)(0)", "a normal without direction is not looked at")],
     "tension": [("nx, ny, nz = (real(0)", "set again where they are used")],
-    "momentum": [("nx, ny, nz = (real(0)", "set again where they are used")],
+    "pair_sums": [("nx, ny, nz = (real(0)", "set again where they are used")],
     "rigid_motion": [("spin = (real(0)", "set again where it is used")],
     "adhesion_pair": [("q <= real(0.5) or q >= real(1)", "beyond the support no pair is looked at")],
     "squared_gradient": [(f"g{c} += f * d{c}", "only its square is taken") for c in "xyz"],
@@ -45,7 +45,7 @@ HARMLESS = {
     "_damp": [("lanes = np.zeros((LANES", "room to spare")],
     "_pull": [("lanes = np.zeros((LANES", "room to spare")],
     "_region_motion": [("lanes = np.zeros((LANES", "room to spare")],
-    "row_share": [
+    "row_weights": [
         ("one = real(1)", "only whether a row is idle depends on it"),
         ("weight_i, surface_i = (zero, 0)", "belongs to the mode that is not taken"),
         ("base == zero and slope != zero", "looks for idle rows in vain, or not at all"),

@@ -252,7 +252,7 @@ def test_the_note_is_said_where_a_drop_can_turn():
         return [note for note in notes if "brakes free rotation" in note]
 
     (note,) = told("laplacian")
-    assert "viscosity = 'central' keeps it" in note
+    assert "viscosity = 'central' conserves it" in note
     assert told("laplacian", ImplicitPressure()) == [note]
     assert told("central") == told("laplacian", viscosity=0.0) == []
     assert told("laplacian", BoxWalls(lower=(-9, -9, -9), upper=(9, 9, 9))) == []

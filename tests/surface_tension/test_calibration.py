@@ -25,7 +25,7 @@ WATER = {"spacing": 1e-3, "rest_density": 1000.0}
 
 
 def setting(ratio=2.0, apart=0.0, support=2.6, stiffness=0.01, seeds=3, radii=(10.0, 14.0), model="akinci", dim=3):
-    """A setting of a map that is made up: Laplace and Rayleigh `apart` on either side of the ratio."""
+    """A setting of an artificial map: Laplace and Rayleigh differ from the ratio by `apart`, in opposite directions."""
     drops = [
         {
             "radius": radius, "seeds": seeds, "laplace": ratio * (1 + apart), "rayleigh": ratio * (1 - apart),
@@ -89,8 +89,11 @@ OUTSIDE = {
     "radius": ({"radius": 0.005}, "the radius is outside the drops of akinci that were measured at h = 2.6 d"),
     "stiffness": ({"sound_speed": 1000.0}, r"sigma/(rho0 c^2 d) = 7.2e-08 is outside the map of akinci"),
     "off both axes": ({"sound_speed": 4.0, "support_radius": 3e-3}, "leave sound_speed out"),
-    "no agreement": ({"model": "dong"}, "dong has no one surface tension at h = 2.6 d and S = 0.01: Laplace says 4.8"),
-    "no drop": ({"model": "he"}, "no drop both lasted and swung"),
+    "no agreement": (
+        {"model": "dong"},
+        "dong has no one surface tension at h = 2.6 d and S = 0.01: Laplace's law gives 4.8",
+    ),
+    "no drop": ({"model": "he"}, "no drop both stayed whole and oscillated"),
 }
 
 
@@ -132,7 +135,7 @@ def test_water_can_be_calibrated(dim):
 
 
 def test_dongs_scenes_keep_a_tension_that_the_map_still_gives():
-    """They hold the ratio of the day of their runs; the map of today must agree within what it is sure of."""
+    """The scenes contain the ratio with which they were run; the present map agrees within its uncertainty."""
     for kernels, ratio in dong_scene.RATIO.items():
         found = calibrate(1.0, "dong", spacing=1.0, rest_density=1.0, kernels=kernels)
         assert ratio == pytest.approx(found.ratio, rel=found.uncertainty)
@@ -142,7 +145,7 @@ def test_dongs_scenes_keep_a_tension_that_the_map_still_gives():
 
 
 def rows_of(sigma=1.7, left=0.01, radii=(8.0, 11.0, 16.0, 24.0)):
-    """Drops whose jump is sigma/R + left, with motion that bears part of it."""
+    """Drops whose pressure jump is sigma/R + left, part of it balanced by their motion."""
     made = []
     for radius in radii:
         moving = 0.4
@@ -214,7 +217,7 @@ def test_a_tiny_drop_can_be_measured():
 
 
 def water_result(laplace=0.0728, rayleigh=0.0728):
-    """What `validation.experiments.water_drop.runs.drop` gives, made up."""
+    """An artificial result of `validation.experiments.water_drop.runs.drop`."""
     row = {
         "model": "akinci", "kernels": "wendland", "dim": 3, "cells": 10.0, "seed": 4, "stopped": "", "nominal": 0.02,
         "uncertainty": 0.03, "sound_speed": 4.0, "asked": 0.0728, "particles": 4000, "radius": 1e-3, "jump": 145.0,
@@ -225,7 +228,7 @@ def water_result(laplace=0.0728, rayleigh=0.0728):
 
 
 def test_a_water_drop_is_held_against_the_newtons_per_metre_that_were_asked_for(tmp_path):
-    found = {"a": water_result(), "b": water_result(laplace=0.0772)}  # 6 % off, twice what calibrate is sure of
+    found = {"a": water_result(), "b": water_result(laplace=0.0772)}  # 6 % off, twice the uncertainty of calibrate
     verdicts = {m.name: m.verdict for m in water_drop.EXPERIMENT.checked(found)}
     failed = {name for name, verdict in verdicts.items() if verdict == "fail"}
     assert failed == {"requested.b.laplace", "deviations.b.laplace"}

@@ -39,7 +39,7 @@ from refsim.surface_tension.cohesion import (
     neighbours_in_support,
     nominal_tension,
 )
-from refsim.surface_tension.dong_2016 import LARGEST_CORRECTION, NormalDifference
+from refsim.surface_tension.dong_2016 import LARGEST_CORRECTION, NormalCorrection
 from refsim.surface_tension.dong_2016.reference import force_function as dong_force
 
 COHESIVE = (JiangZhu2023, Akinci2013, Dong2016, BeckerTeschner2007, TartakovskyMeakin2005)
@@ -63,14 +63,14 @@ def drop(*effects, n=6, h=2.7, until=0.4, sound_speed=40.0, kernels="wendland", 
     return simulation
 
 
-def told(plan, words):
-    """Notes of a plan that hold the words."""
+def notes_with(plan, words):
+    """Notes of a plan that contain the words."""
     return [note for note in plan.notes if words in note]
 
 
 @pytest.mark.parametrize("dim", [2, 3])
-def test_large_area_terms_are_told(dim):
-    """Each bound on its own two sides, and the default on the safe one."""
+def test_large_area_terms_are_noted(dim):
+    """A note above each bound, none below it and none at the default."""
 
     def notes(effect, h=2.6):
         grid, others = setting(dim, h)
@@ -81,7 +81,7 @@ def test_large_area_terms_are_told(dim):
             spacing=1.0, support_radius=h, dim=dim, fluid=(Box(cells=cells),),
             effects=(others["weakly_compressible"], effect),
         )  # fmt: skip
-        return told(make_plan(scene), "no shorter step mends")
+        return notes_with(make_plan(scene), "a shorter step does not help")
 
     def akinci(number, gamma=2.0):
         return lambda grid, others: Akinci2013(
@@ -107,7 +107,7 @@ def test_large_area_terms_are_told(dim):
 
 @pytest.mark.slow
 def test_an_area_term_beyond_its_bound_does_fly_apart():
-    """The instability itself, in the cube of 64: far beyond the bound it scatters, at the default it holds together."""
+    """A cube of 64 particles: far beyond the bound they fly apart, below it they stay together."""
     reach = {}
     for share in (0.07, 2.4):
         grid, others = setting(3, 2.6)
@@ -123,7 +123,7 @@ def test_an_area_term_beyond_its_bound_does_fly_apart():
 
 
 def test_akinci_spline_has_the_published_values():
-    """Spot values of the spline at h = 1 m (anchor ST14), its zero and its two extremes."""
+    """Values of the spline at h = 1 m, its zero and its two extremes."""
     c = cohesion_function(np.array([0.01, 0.1, 0.2725, 0.5, 1.0]), 1.0, 3)
     np.testing.assert_allclose(np.abs(c), [0.159135176, 0.144303877, 4.3605e-4, 0.159154943, 0], rtol=2e-5)
     assert (np.sign(c) == [-1, -1, -1, 1, 0]).all()
@@ -177,7 +177,7 @@ def test_akinci_integrals(dim, sigma, pressure):
 
 @cohesive
 def test_integrals_of_the_model_are_those_of_its_coefficient(model):
-    """A nominal tension of 0.7 N/m comes back from the coefficient that it is turned into."""
+    """The coefficient for a nominal tension of 0.7 N/m has that nominal tension."""
     for dim in (2, 3):
         grid, others = setting(dim)
         effect = model(surface_tension=0.7)
@@ -200,8 +200,8 @@ def test_nominal_tension_is_the_stated_integral(dim):
     assert effect.nominal_tension(grid, others) == pytest.approx(3.0 / mass * moment, rel=1e-6)
 
 
-def test_dong_counts_the_shells_of_the_lattice():
-    """At h = 1.5 d the integral would call the force anti-tension; the 12 face diagonals attract."""
+def test_dongs_nominal_tension_is_the_sum_over_the_lattice():
+    """At h = 1.5 d the integral gives a negative tension; on the lattice the 12 face diagonals attract."""
     grid, others = setting(h=1.5)
     effect = Dong2016(stiffness=1.0)
     mass = others["weakly_compressible"].particle_mass(grid)
@@ -211,8 +211,8 @@ def test_dong_counts_the_shells_of_the_lattice():
     assert nominal_tension(lambda r: dong_force(r, 1.5, 1.0), 1.0, 1.5, 3) < 0
 
 
-def test_what_a_model_does_to_drops_is_told():
-    """Each note with what it speaks of, and not without."""
+def test_what_a_model_does_to_drops_is_noted():
+    """Each note appears with the setting that it warns of, and not without."""
 
     def notes(*effects, viscosity=1.0, h=2.6, form="laplacian"):
         fluid = WeaklyCompressible(
@@ -226,28 +226,28 @@ def test_what_a_model_does_to_drops_is_told():
         (Dong2016(surface_tension=1.0), Dong2016(surface_tension=1.0, correction=0.0)),
         (JiangZhu2023(surface_tension=1.0), JiangZhu2023(surface_tension=1.0, area_term="none")),
     ):
-        assert len(told(notes(effect, viscosity=0.0), turning)) == 1
-        assert told(notes(effect), turning) == told(notes(without, viscosity=0.0), turning) == []
-        assert len(told(notes(effect, form="central"), turning)) == 1
-        assert told(notes(without, form="central"), turning) == []
-    assert told(notes(akinci, ImplicitPressure()), "tremble at rest")
-    assert told(notes(akinci), "tremble") == []
+        assert len(notes_with(notes(effect, viscosity=0.0), turning)) == 1
+        assert notes_with(notes(effect), turning) == notes_with(notes(without, viscosity=0.0), turning) == []
+        assert len(notes_with(notes(effect, form="central"), turning)) == 1
+        assert notes_with(notes(without, form="central"), turning) == []
+    assert notes_with(notes(akinci, ImplicitPressure()), "tremble at rest")
+    assert notes_with(notes(akinci), "tremble") == []
     dong = Dong2016(surface_tension=1.0)
-    assert told(notes(dong, h=1.7), "freeze in the shape")
-    assert told(notes(dong, h=1.8), "freeze in the shape") == []
-    assert told(notes(BeckerTeschner2007(surface_tension=1.0, clamp_distance=False)), "pile up")
-    assert told(notes(BeckerTeschner2007(surface_tension=1.0)), "pile up") == []
+    assert notes_with(notes(dong, h=1.7), "freeze in the shape")
+    assert notes_with(notes(dong, h=1.8), "freeze in the shape") == []
+    assert notes_with(notes(BeckerTeschner2007(surface_tension=1.0, clamp_distance=False)), "pile up")
+    assert notes_with(notes(BeckerTeschner2007(surface_tension=1.0)), "pile up") == []
     for effect, without in (
         (He2014(kappa=1e-3), He2014(air_pressure=1e-3)),
         (CsfWang2019(surface_tension=1e-3), CsfWang2019(surface_tension=0.0)),
     ):
-        assert told(notes(effect), "gather in pairs")
+        assert notes_with(notes(effect), "gather in pairs")
         assert [note for note in notes(without).notes if "brakes free rotation" not in note] == []
 
 
 @cohesive
-def test_internal_pressure_is_what_a_cut_through_the_lattice_bears(model):
-    """Across a plane through the block the pair forces pull with P_int per area: the virial's other definition."""
+def test_internal_pressure_is_the_force_across_a_cut_through_the_lattice(model):
+    """The pair forces across a plane through the block, over its area, are P_int."""
     h = 2.7
     grid, others = setting(h=h)
     effect = model(surface_tension=1.0)
@@ -266,8 +266,8 @@ def test_internal_pressure_is_what_a_cut_through_the_lattice_bears(model):
 
 
 @cohesive
-def test_collapse_is_refused_and_strain_is_told(model):
-    """No density holds the cohesion beyond P_int = rho0 c^2/4: warned of from 5 % on, refused there."""
+def test_collapse_is_refused_and_strain_is_noted(model):
+    """A note from 5 % compression on; beyond P_int = rho0 c^2/4 no density balances the cohesion, and it is refused."""
     grid, others = setting()
     effect = model(surface_tension=1.0, balance_pressure=False)
     pressure = effect.internal_pressure(grid, others)
@@ -278,8 +278,8 @@ def test_collapse_is_refused_and_strain_is_told(model):
         cube = Box(cells=(4, 4, 4))
         return make_plan(Scene(spacing=1.0, support_radius=2.7, fluid=(cube,), effects=(fluid, effect)))
 
-    assert told(at(0.04), "compresses the bulk") == []
-    (note,) = told(at(0.2), "compresses the bulk")
+    assert notes_with(at(0.04), "compresses the bulk") == []
+    (note,) = notes_with(at(0.2), "compresses the bulk")
     assert model.name in note
     assert f"{100 * (compression(0.2) - 1):.0f} %" in note
     with pytest.raises(InputError, match="would collapse the liquid; give weakly_compressible a sound_speed above"):
@@ -290,12 +290,12 @@ def test_collapse_is_refused_and_strain_is_told(model):
             effects=(others["weakly_compressible"], model(surface_tension=1e5)),
         )
     )  # fmt: skip
-    assert told(balanced, "compresses the bulk") == []
+    assert notes_with(balanced, "compresses the bulk") == []
     assert balanced.shared["fluid"].internal_pressure == pytest.approx(1e5 * pressure, rel=1e-5)
 
 
 def slab(depth=12, width=9):
-    """A lattice block (n, 3) with d = 1 whose top faces +z, and which particles of it stand in its middle column."""
+    """A lattice block (n, 3) with d = 1 whose top faces +z, and which of its particles are in its middle column."""
     axis = np.arange(width) - width // 2
     position = np.stack(np.meshgrid(axis, axis, -np.arange(depth), indexing="ij"), -1).reshape(-1, 3).astype(float)
     return position, np.flatnonzero((position[:, :2] == 0).all(1))
@@ -315,8 +315,8 @@ def test_air_pressure_delivers_half_of_itself():
     assert He2014(air_pressure=8.0).internal_pressure(grid, others) == pytest.approx(8.0 / 2, rel=1e-6)
 
 
-def test_surface_energy_has_the_tension_of_its_flat_surface():
-    """int (P_N - P_T) dz: the pull across a vertical cut, less what the column itself is drawn together by."""
+def test_gradient_energy_has_the_tension_of_its_flat_surface():
+    """int (P_N - P_T) dz from the forces across a vertical cut and those within the column."""
     grid, others = setting(h=2.0)
     effect = He2014(surface_tension=0.7)
     kappa = effect.coefficient(grid, others)
@@ -394,7 +394,7 @@ def test_printed_correction_loses_momentum():
     kernel = smoothing("wendland_c2", 1.0, 3)
 
     def drift(symmetric):
-        correction = NormalDifference(2.0, np.int32(symmetric))
+        correction = NormalCorrection(2.0, np.int32(symmetric))
         program = REGISTRY["dong_2016.tension"].program("numpy")
         value, scale = program(position, mass, density, normal, kernel, None, correction)["acceleration"]
         return np.abs((mass[:, None] * value).sum(0)).max() / (mass[:, None] * scale).sum()
@@ -404,7 +404,7 @@ def test_printed_correction_loses_momentum():
 
 
 def test_equal_masses_make_pairs_of_forces():
-    """Akinci's area term and Becker & Teschner's attraction keep momentum for equal masses, and only for them."""
+    """Akinci's area term and Becker & Teschner's attraction conserve momentum for equal masses only."""
     position, density, normal = cloud()
     kernel, fluid = smoothing("wendland_c2", 1.0, 3), Fluid(1.0, 1e4, np.int32(1), np.int32(0))
     grid, others = setting(h=1.0)
@@ -453,7 +453,7 @@ def test_one_coefficient_for_both_terms_flies_apart():
     assert np.abs(drop(Akinci2013(surface_tension=1.0, literal=("gamma",))).field("position")).max() > 10
 
 
-def test_hu_adams_stands_in_the_place_of_the_shared_liquid():
+def test_hu_adams_replaces_the_shared_liquid():
     simulation = drop(Dong2016(surface_tension=1.0, solver="hu_adams"), until=0.05)
     launches = simulation.plan.launches()
     assert {"dong_2016.density", "dong_2016.momentum", "sph.state"} <= set(launches)

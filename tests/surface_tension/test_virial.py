@@ -53,7 +53,7 @@ def test_sum_of_pairs_is_the_sum_of_the_forces(tension):
 
 
 def test_sum_of_pairs_on_implicit_pressure():
-    """The same for Akinci 2013 on IISPH, whose pressures are those of the step that has just been made."""
+    """The same for Akinci 2013 on IISPH, whose pressures are those of the step before."""
     simulation = blob(Akinci2013(surface_tension=1.0), ImplicitPressure())
     for _ in range(3):
         before = simulation.field("position").astype(float)

@@ -160,7 +160,7 @@ def _dong(simulation: Simulation, pairs: Pairs) -> NDArray:
     total = np.zeros(len(i))
     if groups["molecular_force"] is not None:
         total = total + _central(simulation, pairs, "dong_2016")
-    correction = groups["normal_difference"]
+    correction = groups["normal_correction"]
     if correction is not None:
         volume = 2 * mass[i] * mass[j] / (density[i] + density[j])
         along = _along(_field(simulation, "surface_normal"), pairs)
@@ -173,9 +173,9 @@ def _he(simulation: Simulation, pairs: Pairs) -> NDArray:
     groups = simulation.plan.parameters["he_2014"]
     volume = _field(simulation, "mass") / _field(simulation, "density")
     factor = np.zeros(len(i))
-    if groups["surface_energy"] is not None:
+    if groups["gradient_energy"] is not None:
         squared = _field(simulation, "color_gradient_squared")
-        factor = factor + float(groups["surface_energy"].quarter) * (squared[i] + squared[j])
+        factor = factor + float(groups["gradient_energy"].quarter) * (squared[i] + squared[j])
     if groups["air_pressure"] is not None:
         factor = factor + float(groups["air_pressure"].pressure)
     return factor * volume[i] * volume[j] * kernel_slope(r, simulation.plan.shared["gradient_smoothing"]) * r

@@ -2,8 +2,8 @@
 
 Contents: Akinci2013; operations akinci_2013.tension, akinci_2013.adhesion.
 
-Cohesion and area term carry one coefficient gamma in the paper, although the two terms differ in dimension by a
-density: in SI units and for water the one is a thousandth of gamma rho0. Here they have two coefficients.
+The paper gives cohesion and area term one coefficient gamma, although the dimensions of the two differ by a density:
+for water in SI units the coefficient of the area term is 0.001 gamma rho0. Here each term has its own coefficient.
 """
 
 from __future__ import annotations
@@ -22,29 +22,35 @@ from refsim.core.operation import Operation, Program, register
 from refsim.sph import liquid_of
 from refsim.surface_normal import SURFACE_NORMAL, color_gradient_pass, normal_term
 from refsim.surface_tension.akinci_2013.reference import cohesion_function
-from refsim.surface_tension.cohesion import PairCohesion, neighbours_in_support, nominal_tension, one_of, turns
+from refsim.surface_tension.cohesion import (
+    PairCohesion,
+    angular_momentum_note,
+    neighbours_in_support,
+    nominal_tension,
+    one_of,
+)
 
 WATER_RATIO = 1e-3  # eps/(gamma rho0) of the one printed coefficient, for water in SI units
 # eps N/(gamma rho0), with N neighbours in the support, up to which drops come to rest, and from which on they fly
-# apart (docs/akinci_2013.md): the area term sums over N neighbours without a volume. No shorter step mends it.
+# apart at any step (docs/akinci_2013.md). The area term grows with N, since its sum contains no volume.
 LARGEST_AREA, SHATTERING_AREA = 0.14, 1.0
 
 
 class CohesionSpline(NamedTuple):
-    """Cohesion as the kernels take it."""
+    """Parameters of the cohesion in kernels."""
 
     gamma: float  # [m^4/(kg s^2)]
     amplitude: float  # gamma 32/(pi h^dim)
 
 
 class AreaTerm(NamedTuple):
-    """Area term as the kernels take it."""
+    """Parameters of the area term in kernels."""
 
     coefficient: float  # eps [m/s^2]
 
 
 class Adhesion(NamedTuple):
-    """Adhesion as the kernels take it."""
+    """Parameters of the adhesion in kernels."""
 
     beta: float  # [m^4/(kg s^2)]
     amplitude: float  # beta 0.007/h^dim
@@ -53,20 +59,20 @@ class Adhesion(NamedTuple):
 class Akinci2013(PairCohesion, HasErrata, frozen=True, kw_only=True):
     """Surface tension of a free liquid surface, and adhesion to walls.
 
-    surface_tension    sigma [N/m]; nominal: turned into gamma by the Kirkwood-Buff integral. The area term adds its
-                       own part, so that the measured tension is up to several times as large
+    surface_tension    sigma [N/m]; nominal: turned into gamma by the Kirkwood-Buff integral. The area term adds
+                       to it: the measured tension is up to several times as large
     gamma              coefficient of the cohesion [m^4/(kg s^2)], instead of sigma
-    area_acceleration  eps [m/s^2], coefficient of the area term; left out, 0.001 gamma rho0, which is what one number
-                       for both terms means for water in SI units
-    adhesion           beta [m^4/(kg s^2)], coefficient of the attraction by walls; needs walls to act
+    area_acceleration  eps [m/s^2], coefficient of the area term; left out, 0.001 gamma rho0, the value that one
+                       coefficient for both terms has for water in SI units
+    adhesion           beta [m^4/(kg s^2)], coefficient of the attraction by wall particles
     balance_pressure   the equation of state balances the cohesion of the bulk by P_int (rho/rho0)^2 (not in the
-                       paper); left out, cohesion compresses the liquid
-    literal            printed readings to use: "gamma" (one number for both terms: eps = gamma in SI units, whatever
-                       rho0 is); or "all"
+                       paper); without it cohesion compresses the liquid
+    literal            printed readings to use: "gamma" (one coefficient for both terms: eps = gamma in SI units at
+                       any rho0); or "all"
 
-    Cohesion keeps linear and angular momentum; the area term keeps the linear one for equal masses, and not the
-    angular one, because n_i - n_j does not point along the pair. The area term does not fall to zero at r = h: where a
-    pair crosses r = h, the acceleration jumps by K_ij eps |n_i - n_j|, at most 3.2 s^2 eps with s = rho0 over the least
+    Cohesion conserves linear and angular momentum. The area term conserves linear momentum for equal masses, but not
+    angular momentum, because n_i - n_j is not parallel to e_ij. The area term does not vanish at r = h: where a pair
+    crosses r = h, the acceleration jumps by K_ij eps |n_i - n_j|, at most 3.2 s^2 eps with s = rho0 over the least
     density near by.
     """
 
@@ -91,7 +97,7 @@ class Akinci2013(PairCohesion, HasErrata, frozen=True, kw_only=True):
         require(self.name, adhesion=(self.adhesion, "not negative"))
         if "gamma" in self.printed() and self.area_acceleration is not None:
             raise InputError(
-                f"{self.name}: literal 'gamma' sets the coefficient of the area term, and area_acceleration does, too;"
+                f"{self.name}: literal 'gamma' sets the coefficient of the area term, and so does area_acceleration;"
                 " give one of them."
             )
         self.check_collapse(grid, others)
@@ -153,17 +159,17 @@ class Akinci2013(PairCohesion, HasErrata, frozen=True, kw_only=True):
         return (*super().notes(grid, others), *self._unstable(grid, others))
 
     def _unstable(self, grid: Discretisation, others: Mapping[str, Effect]) -> Iterator[str]:
-        """What the area term does to angular momentum, and with which drops were found to boil or to fly apart."""
+        """Notes on angular momentum, and on area terms with which drops were found to boil or to fly apart."""
         if not self._has_area():
             return
-        if said := turns(self.name, "area term", others):
-            yield said
+        if note := angular_momentum_note(self.name, "area term", others):
+            yield note
         if not self._coheres():
             return
         if "iisph" in others:
             yield (
-                f"{self.name}: on an implicit pressure the area term feeds motion: drops of some hundred particles were"
-                " found to tremble at rest, with up to 40 % of the kinetic energy of their start, whatever the step;"
+                f"{self.name}: with implicit pressure the area term adds kinetic energy: drops of some hundred"
+                " particles were found to tremble at rest, with up to 40 % of their initial kinetic energy at any step;"
                 " with area_acceleration = 0 they come to rest"
             )
         unit = self.coefficient(grid, others) * liquid_of(others).rest_density
@@ -173,23 +179,23 @@ class Akinci2013(PairCohesion, HasErrata, frozen=True, kw_only=True):
             fate = "fly apart" if value >= SHATTERING_AREA else "boil"
             yield (
                 f"{self.name}: area_acceleration/(gamma rho0) = {value / near:.3g} is above"
-                f" {LARGEST_AREA / near:.2g}, up to which drops with {near:.0f} neighbours come to rest: they {fate},"
-                " and no shorter step mends that"
+                f" {LARGEST_AREA / near:.2g}, up to which drops with {near:.0f} neighbours come to rest: they {fate};"
+                " a shorter step does not help"
             )
 
     def _coheres(self) -> bool:
         return (self.gamma if self.gamma is not None else self.surface_tension) != 0
 
     def _has_area(self) -> bool:
-        """Whether the area term is really computed: one with a coefficient of zero is left out."""
+        """Whether the area term is computed: not if its coefficient is zero."""
         return self.area_acceleration != 0 and (self._coheres() or self.area_acceleration is not None)
 
 
 EDGE = (
-    " not in the bound: the area term keeps its weight up to r = h, so that a pair whose distance a rounding takes"
-    " across h changes a by K_ij eps |n_i - n_j|, at most 3.2 s^2 eps with s = rho0 over the least density near by: the"
-    " longest normal is that of liquid that fills a half-space, h int W dA over its surface, which is below 1.6, times"
-    " s for V_j = m_j/rho_j, and K_ij is at most s"
+    " not in the bound: the area term does not vanish at r = h, so that a pair which a rounding moves across r = h"
+    " changes a by K_ij eps |n_i - n_j|, at most 3.2 s^2 eps with s = rho0 over the least density near by: the longest"
+    " normal is that of a half-space of liquid, h int W dA over its surface, which is below 1.6, times s for"
+    " V_j = m_j/rho_j, and K_ij is at most s"
 )
 _HERE = "refsim.surface_tension.akinci_2013"
 _PAPER = "Akinci, Akinci & Teschner 2013"
@@ -203,8 +209,8 @@ register(
         function="tension",
         programs={
             "cuda:fused": Program(
-                "cuda",
-                "momentum",
+                "kernels",
+                "tension_and_momentum",
                 also=("sph.momentum",),
                 names={"smoothing": "gradient_smoothing"},
                 variants=({}, {"area_term": None, "area_normal": None, "walls": None}),

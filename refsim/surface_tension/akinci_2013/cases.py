@@ -11,7 +11,7 @@ from refsim.surface_tension.akinci_2013 import Adhesion, Akinci2013, AreaTerm, C
 
 @groups("spline", "area_term", "adhesion")
 def _tension(case, grid):
-    """The area term as large as the cohesion, so that neither hides the other."""
+    """Area term and cohesion of similar size, so that an error in either is visible."""
     effect = Akinci2013(gamma=2.0, area_acceleration=5.0, adhesion=3.0)
     return effect.prepare(grid, case.effects)
 
@@ -76,7 +76,7 @@ def repelled_pair():
 
 @closed_form("akinci_2013.tension")
 def pair_with_normals():
-    """a_1 = -K eps (n_1 - n_2), whatever the masses; cohesion is zero."""
+    """a_1 = -K eps (n_1 - n_2), for any masses; cohesion is zero."""
     difference = np.array([0.5, -1.0, 0.25])
     return Exact(
         PAIR,
@@ -87,7 +87,7 @@ def pair_with_normals():
 
 
 @closed_form("akinci_2013.tension:fused")
-def pair_that_rests():
+def pair_at_rest():
     """Without pressure and at equal velocities only cohesion acts: a_1 = -K gamma m_2 C(h/2) e_12 with K = 5/4."""
     pull = 5 / 4 * 0.5 / (16 * math.pi) / (1 + 2e-9)
     return Exact(
@@ -101,7 +101,7 @@ def pair_that_rests():
 
 
 @closed_form("akinci_2013.adhesion")
-def stuck_to_a_wall():
+def drawn_to_a_wall():
     """At r = 3 h/4: A = 0.007/h^3 (1/4)^(1/4) = 0.007/(8 sqrt 2); a = beta rho0 V_b A towards the wall."""
     case = Case(
         "akinci_wall", 3, np.zeros((1, 3)), spacing=1.0, support_radius=2.0, wall_position=np.array([[0.0, -1.5, 0.0]])

@@ -20,7 +20,7 @@ def force_shape(q):
 
 
 @formula
-def correction(density_i, density_j, fluid):
+def correction_factor(density_i, density_j, fluid):
     """K_ij = 2 rho0/(rho_i + rho_j); dimensionless."""
     return (fluid.rest_density + fluid.rest_density) / (density_i + density_j)
 

@@ -44,7 +44,7 @@ def tension(position, mass, density, area_normal, smoothing, fluid, spline, area
             unit = separation / (distance + 1e-9 * h)[..., None]
             strength = factor * float(spline.gamma) * mass[None, :]
             value[place] -= ((strength * cohesion_function(distance, h, dim))[..., None] * unit).sum(1)
-            # Both parts of the spline's core count, also where they cancel.
+            # The scale adds the two terms of the spline below h/2, which may cancel.
             size = cohesion_function(distance, h, dim) + (distance <= h / 2) / (math.pi * h**dim)
             scale[place] += ((np.abs(strength) * np.abs(size))[..., None] * np.abs(unit)).sum(1)
         if area_term is not None:
@@ -58,7 +58,7 @@ def tension(position, mass, density, area_normal, smoothing, fluid, spline, area
 def adhesion(position, walls, smoothing, fluid, adhesion, rows=None):
     """Acceleration [m/s^2] a_i = -beta sum_b Psi_b A(r) e_ib, Psi_b = rho0 V_b.
 
-    The scale holds what a rounding of q does to the fourth root: |x dA/dx| with x = (2 q - 1)(2 - 2 q).
+    The scale contains the effect of a rounding of q on the fourth root: |x dA/dx| with x = (2 q - 1)(2 - 2 q).
     """
     h, dim = float(smoothing.support_radius), int(smoothing.dim)
     filling = float(fluid.rest_density) * np.asarray(walls.volume, dtype=float)

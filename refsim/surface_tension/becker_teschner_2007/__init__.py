@@ -2,7 +2,7 @@
 
 Contents: BeckerTeschner2007; operation becker_teschner_2007.cohesion.
 
-Every pair attracts, at every distance; nothing but the pressure keeps particles apart.
+Every pair attracts at every distance; only the pressure keeps particles apart.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ from refsim.surface_tension.cohesion import PairCohesion, nominal_tension, one_o
 
 
 class Attraction(NamedTuple):
-    """The attraction as the kernels take it."""
+    """Parameters of the attraction in kernels."""
 
     kappa: float  # [m^dim/s^2]
     strength: float  # kappa W(0) [1/s^2]
-    least_q: float  # distance below which W grows no more, as a share of h
+    least_q: float  # distance below which W is constant, as a share of h
 
 
 class BeckerTeschner2007(PairCohesion, frozen=True, kw_only=True):
@@ -34,11 +34,11 @@ class BeckerTeschner2007(PairCohesion, frozen=True, kw_only=True):
 
     surface_tension   sigma [N/m]; nominal: turned into kappa by the Kirkwood-Buff integral
     kappa             coefficient of the attraction [m^3/s^2; m^2/s^2 in 2D], instead of sigma
-    clamp_distance    W stops growing below one spacing (an addition: nearer pairs would attract the more)
+    clamp_distance    W is constant below one spacing (not in the paper, where nearer pairs attract more)
     balance_pressure  the equation of state balances the cohesion of the bulk by P_int (rho/rho0)^2 (not in the paper);
-                      left out, cohesion compresses the liquid
+                      without it cohesion compresses the liquid
 
-    The force is a pair's own for equal masses only; then it keeps linear and angular momentum.
+    The forces of a pair are opposite and equal for equal masses only; linear and angular momentum are then conserved.
     """
 
     name: ClassVar[str] = "becker_teschner_2007"
@@ -66,12 +66,12 @@ class BeckerTeschner2007(PairCohesion, frozen=True, kw_only=True):
         return self._force_of(self.coefficient(grid, others), grid, others)(r)
 
     def notes(self, grid: Discretisation, others: Mapping[str, Effect]) -> tuple[str, ...]:
-        said = super().notes(grid, others)
+        notes = super().notes(grid, others)
         if self.clamp_distance or not self.passes(others):
-            return said
+            return notes
         return (
-            *said,
-            f"{self.name}: without clamp_distance nearer pairs attract the more: particles were found to pile up until"
+            *notes,
+            f"{self.name}: without clamp_distance nearer pairs attract more: particles were found to pile up until"
             " drops burst",
         )
 

@@ -40,7 +40,7 @@ def plain_pair():
 
 
 @closed_form("becker_teschner_2007.cohesion")
-def held_pair():
-    """Nearer than a spacing the kernel stays W(h/2)."""
+def clamped_pair():
+    """Below one spacing the kernel is W(h/2)."""
     given = {"mass": np.array([2.0, 3.0]), "attraction": Attraction(0.5, 0.5 / math.pi, 0.5)}
     return Exact(PAIR, given, {"acceleration": _pull(1 / 4)})

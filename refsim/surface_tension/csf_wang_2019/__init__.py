@@ -2,8 +2,8 @@
 
 Contents: CsfWang2019, flat_share; operations csf_wang_2019.normal, csf_wang_2019.curvature, csf_wang_2019.force.
 
-The paper is described in words only: a normal and a tangential force, and a density correction near the surface. The
-force is no pair's own: momentum is not kept.
+Jiang & Zhu describe the paper in words: a normal and a tangential force, and a density correction near the surface.
+These forces are not pairwise opposite and equal, so that momentum is not conserved.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from refsim.smoothing import lattice, smoothing
 from refsim.smoothing.reference import kernel_slope, kernel_value
 from refsim.sph import LIQUID, NUMBER_DENSITY, SETS, liquid_of
 from refsim.surface_detection import NEAR_SURFACE, detection_in, near_surface_pass
-from refsim.surface_tension.cohesion import capillary_limit, too_stiff
+from refsim.surface_tension.cohesion import capillary_limit, stiffness_note
 from refsim.surface_tension.jiang_zhu_2023 import CORRECTED_DENSITY
 
 INTERFACE_NORMAL = Field("interface_normal", "1/m", "normal n by the corrected kernel, inward", 3)
@@ -31,17 +31,17 @@ CURVATURE = Field("curvature", "1/m", "curvature kappa of the surface, positive 
 
 
 class Continuum(NamedTuple):
-    """The continuum surface force as the kernels take it."""
+    """Parameters of the continuum surface force in kernels."""
 
     tension: float  # sigma [N/m]
-    threshold: float  # |n| above which a particle is of the surface [1/m]
-    factor: float  # dim - 1, or dim in the plain reading
-    share: float  # 1/int |n| over the liquid's side of a flat surface
-    plain: int
+    threshold: float  # |n| above which a particle belongs to the surface [1/m]
+    factor: float  # dim - 1; dim in the plain reading
+    share: float  # 1/int |n| over the liquid's side of a flat surface; dimensionless
+    plain: int  # 1: the plain reading
 
 
 class Marangoni(NamedTuple):
-    """Gradient of the surface tension as the kernels take it [N/m^2]."""
+    """Gradient of the surface tension [N/m^2]."""
 
     x: float
     y: float
@@ -50,7 +50,10 @@ class Marangoni(NamedTuple):
 
 @functools.lru_cache(maxsize=64)
 def flat_share(sums: str, gradients: str, support_radius: float, spacing: float, dim: int) -> float:
-    """1/sum_k |n_k| d over the layers of a lattice half-space; |n| would sum to 1 over both sides of a surface."""
+    """1/sum_k |n_k| d over the layers of a lattice half-space; dimensionless.
+
+    With particles on both sides of the surface the sum would be 1.
+    """
     reach = math.ceil(support_radius / spacing)
     steps = spacing * lattice(reach, dim)
     distance = np.sqrt((steps**2).sum(1))
@@ -64,7 +67,8 @@ def flat_share(sums: str, gradients: str, support_radius: float, spacing: float,
     return 1 / total
 
 
-# What cubes of 512 particles were found to bear (docs/stability.md): S = 0.020 and mu = 0.39 sqrt(rho0 sigma d).
+# Bounds of the notes: cubes of 512 particles became drops up to S = 0.020 and down to mu = 0.39 sqrt(rho0 sigma d)
+# (docs/stability.md).
 LARGEST_STIFFNESS = 0.015
 LEAST_VISCOSITY = 0.45
 
@@ -73,11 +77,11 @@ class CsfWang2019(Effect, HasErrata, frozen=True, kw_only=True):
     """Surface tension of a free liquid surface as a force along its normal, by its curvature.
 
     surface_tension      sigma [N/m]
-    tension_gradient     change of sigma over length along x, y, z [N/m^2]; gives the force along the surface
-    threshold            a particle is of the surface where |n| exceeds this over h (Morris 2000 takes 0.01 of his h,
-                         half the support)
-    normalise            make up for the half of |n| that falls where there is no liquid; left out, the force is about
-                         half to two thirds of what sigma asks for
+    tension_gradient     gradient of sigma along x, y, z [N/m^2], which drives the force along the surface
+    threshold            a particle belongs to the surface where |n| h exceeds this (Morris 2000 takes 0.01 with his h,
+                         half the support radius)
+    normalise            compensate for the half of |n| outside the liquid, where there are no particles; without it the
+                         force is about half to two thirds of that of sigma
     density_correction   correct the density near the surface as in Jiang & Zhu, J(14) and J(15)
     literal              plain readings to use: "shell" (the curvature's factor dim with the whole distance in the
                          denominator, up to 1.5 times too large on a thin surface layer); or "all"
@@ -111,18 +115,18 @@ class CsfWang2019(Effect, HasErrata, frozen=True, kw_only=True):
         fluid = liquid_of(others)
         if not self._acts():
             return ()
-        said = [
-            f"{self.name}: the force is no pair's own: momentum is not kept, and drops of few layers were found to gain"
-            " energy until particles gather in pairs or fly off",
-            too_stiff(self.name, self.surface_tension, LARGEST_STIFFNESS, grid, others),
+        notes = [
+            f"{self.name}: the forces of a pair are not opposite and equal: momentum is not conserved, and drops of"
+            " few layers were found to gain energy until particles gather in pairs or leave the drop",
+            stiffness_note(self.name, self.surface_tension, LARGEST_STIFFNESS, grid, others),
         ]
         least = LEAST_VISCOSITY * math.sqrt(fluid.rest_density * self.surface_tension * grid.spacing)
         if fluid.dynamic_viscosity < least * (1 - 1e-9):
-            said.append(
+            notes.append(
                 f"{self.name}: dynamic_viscosity {fluid.dynamic_viscosity:.3g} Pa s is below {least:.3g} Pa s ="
-                f" {LEAST_VISCOSITY:g} sqrt(rho0 sigma d), down to which cubes became drops in one piece"
+                f" {LEAST_VISCOSITY:g} sqrt(rho0 sigma d), the least with which cubes became drops in one piece"
             )
-        return tuple(filter(None, said))
+        return tuple(filter(None, notes))
 
     def nominal_tension(self, grid: Discretisation, others: Mapping[str, Effect]) -> float:
         """sigma [N/m]."""
@@ -138,7 +142,7 @@ class CsfWang2019(Effect, HasErrata, frozen=True, kw_only=True):
         if not self._acts():
             return ()
         passes: list[Pass] = []
-        if self.density_correction:  # reads the raw density: counts as an updater, before every other reader
+        if self.density_correction:  # an update of `density`: precedes every pass that reads it
             passes += [
                 near_surface_pass(),
                 Pass(

@@ -13,7 +13,7 @@ def normal_pair(volume_j, slope):
 def tangential_share(cosine, continuum):
     """1 - (1 - delta) (e_ij . n_i)^2, the part of a pair's direction along the surface; 1 in the plain reading.
 
-    delta = 0.01 keeps the sum from vanishing where all neighbours stand along the normal. Dimensionless.
+    delta = 0.01 keeps the sum positive if all neighbours lie along the normal. Dimensionless.
     """
     real = type(cosine)
     if continuum.plain:

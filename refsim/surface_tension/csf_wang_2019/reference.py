@@ -56,7 +56,7 @@ def curvature(position, mass, density, interface_normal, gradient_smoothing, con
         share = np.ones_like(cosine) if continuum.plain else 1 - 0.99 * cosine**2
         above[place] += (slope * change.sum(-1)).sum(1)
         above_size[place] += (np.abs(slope) * np.abs(change).sum(-1)).sum(1)
-        # Unit vectors are rounded as such, however small the difference of two of them is.
+        # The rounding of a unit vector does not depend on how small the difference of two is.
         above_size[place] += (np.abs(slope) * np.abs(direction).sum(-1)).sum(1)
         below[place] -= (slope * distance * share).sum(1)
         below_size[place] += (np.abs(slope) * distance * (1 + cosine**2)).sum(1)
@@ -69,7 +69,7 @@ def curvature(position, mass, density, interface_normal, gradient_smoothing, con
 
 
 def force(position, mass, density, interface_normal, curvature, gradient_smoothing, continuum, marangoni, rows=None):
-    """Acceleration [m/s^2], zero off the surface; c is the share that makes up for the missing half of the normals.
+    """Acceleration [m/s^2], zero off the surface; c = `share` compensates for the half of |n| outside the liquid.
 
     a_i = (c/rho_i) [sigma_i kappa_i n_i + |n_i| (g_i - (g_i.n^_i) n^_i)];
     g_i = sum_j V_j (sigma_j - sigma_i) grad W_ij.

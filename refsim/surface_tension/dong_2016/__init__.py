@@ -2,8 +2,8 @@
 
 Contents: Dong2016; operations dong_2016.tension, dong_2016.density, dong_2016.momentum, dong_2016.shepard_filter.
 
-The normals of D(11) are those of Jiang & Zhu's J(19), less the factor h. Density, pressure and viscosity after Hu &
-Adams 2006, as the paper has them, can stand in place of the shared liquid's.
+The normals of D(11) are those of J(19) without the factor h. With solver = "hu_adams" density, pressure and viscosity
+after Hu & Adams 2006, as in the paper, replace those of weakly_compressible.
 """
 
 from __future__ import annotations
@@ -23,17 +23,17 @@ from refsim.core.fields import Field
 from refsim.core.operation import Operation, register
 from refsim.sph import liquid_of
 from refsim.surface_normal import SURFACE_NORMAL, color_gradient_pass, normal_term
-from refsim.surface_tension.cohesion import PairCohesion, lattice_tension, one_of, turns
+from refsim.surface_tension.cohesion import PairCohesion, angular_momentum_note, lattice_tension, one_of
 from refsim.surface_tension.dong_2016.reference import force_function
 from refsim.surface_tension.jiang_zhu_2023 import CORRECTED_DENSITY
 
-CORRECTION_RATIO = 3.0  # lambda rho0 d/sigma where lambda is left out: rounds the drop without boiling
-# The same up to which drops come to rest at their density, and from which on they fly apart (docs/dong_2016.md).
+CORRECTION_RATIO = 3.0  # default of lambda rho0 d/sigma, with which drops become round and come to rest
+# Values of it up to which drops come to rest at their density, and from which on they fly apart (docs/dong_2016.md).
 LARGEST_CORRECTION, SHATTERING_CORRECTION = 24.0, 96.0
 
 
 class MolecularForce(NamedTuple):
-    """D(7) as the kernels take it."""
+    """Parameters of D(7) in kernels."""
 
     stiffness: float  # k [N/kg^2]
     rest_distance: float  # d0 [m]
@@ -41,28 +41,28 @@ class MolecularForce(NamedTuple):
     scale: float  # 1/(e (2 - e)), e = d0/h
 
 
-class NormalDifference(NamedTuple):
-    """D(9) as the kernels take it."""
+class NormalCorrection(NamedTuple):
+    """Parameters of D(9) in kernels."""
 
-    coefficient: float  # lambda/h [m/s^2], for normals that bear a factor h
-    symmetric: int  # 0: V_j = m_j/rho_j as printed (E21)
+    coefficient: float  # lambda/h [m/s^2], for normals with the factor h
+    symmetric: int  # 0: V_j = m_j/rho_j as printed (Dong E21)
 
 
 class Dong2016(PairCohesion, HasErrata, frozen=True, kw_only=True):
     """Surface tension of a free liquid surface.
 
-    surface_tension   sigma [N/m]; nominal: turned into k by the sum over the lattice's shells
+    surface_tension   sigma [N/m]; nominal: turned into k by a sum over the neighbours on the lattice
     stiffness         k of D(7) [N/kg^2], instead of sigma
     rest_distance     d0 of D(7) [m]; left out, the spacing
     correction        lambda of D(9) [m^2/s^2]; left out, 3 sigma/(rho0 d)
-    filter_density    Shepard filter of all densities in every step, one pass, as the paper has it
-    solver            "shared" (density, pressure and viscosity of weakly_compressible, so that models differ by their
-                      tension alone) or "hu_adams" (D(3) to D(5))
+    filter_density    one Shepard filter of all densities in every step, as in the paper
+    solver            "shared" (density, pressure and viscosity of weakly_compressible, so that the models differ by
+                      their tension alone) or "hu_adams" (D(3) to D(5))
     balance_pressure  the equation of state balances the cohesion of the bulk by P_int (rho/rho0)^2 (not in the paper);
-                      left out, cohesion compresses the liquid
+                      without it cohesion compresses the liquid
     literal           printed readings to use: "E21" (V_j = m_j/rho_j in D(9), which loses momentum); or "all"
 
-    Pair force and correction keep the linear momentum; the correction does not keep the angular one.
+    Pair force and correction conserve linear momentum; the correction does not conserve angular momentum.
     """
 
     name: ClassVar[str] = "dong_2016"
@@ -90,7 +90,7 @@ class Dong2016(PairCohesion, HasErrata, frozen=True, kw_only=True):
         if self._rest_distance(grid) >= grid.support_radius:
             raise InputError(
                 f"{self.name}: rest_distance = {self._rest_distance(grid)} m is not below the support radius of"
-                f" {grid.support_radius} m, so that nothing would attract; give a smaller one, or a larger"
+                f" {grid.support_radius} m, so that no pair would attract; give a smaller one, or a larger"
                 " support_radius."
             )
         if self.surface_tension and self._unit_tension(grid, others) <= 0:
@@ -144,7 +144,7 @@ class Dong2016(PairCohesion, HasErrata, frozen=True, kw_only=True):
                     names={"smoothing": "gradient_smoothing"},
                 ),
             ]
-        if self.filter_density:  # reads the raw density: counts as an updater, before every other reader
+        if self.filter_density:  # an update of `density`: precedes every pass that reads it
             passes += [
                 Pass(
                     "dong_2016.shepard_filter",
@@ -165,7 +165,7 @@ class Dong2016(PairCohesion, HasErrata, frozen=True, kw_only=True):
         return tuple(passes)
 
     def energy(self, grid: Discretisation, others: Mapping[str, Effect]) -> EnergyAccount:
-        """The potential of D(7); correction and filtered density follow from no energy."""
+        """The potential of D(7); the correction and the filtered density have none."""
         uncounted = ["the correction D(9)"] if self._corrects() else []
         uncounted += ["what the density filter changes in the pressure"] if self.filter_density else []
         if self._coheres():
@@ -191,23 +191,23 @@ class Dong2016(PairCohesion, HasErrata, frozen=True, kw_only=True):
             )
         if self._corrects():
             coefficient = self.correction_coefficient(grid, others) / grid.support_radius
-            correction = NormalDifference(real(coefficient), np.int32("E21" not in self.printed()))
-        return groups | {"molecular_force": force, "normal_difference": correction}
+            correction = NormalCorrection(real(coefficient), np.int32("E21" not in self.printed()))
+        return groups | {"molecular_force": force, "normal_correction": correction}
 
     def notes(self, grid: Discretisation, others: Mapping[str, Effect]) -> tuple[str, ...]:
         return (*super().notes(grid, others), *self._unstable(grid, others))
 
     def _unstable(self, grid: Discretisation, others: Mapping[str, Effect]) -> Iterator[str]:
-        """What a short support and the correction do, and with which corrections drops swell or fly apart."""
+        """Notes on a short support radius and on corrections with which drops were found to swell or to fly apart."""
         share = grid.support_radius / grid.spacing
         if self._coheres() and share <= math.sqrt(3):
             yield (
-                f"{self.name}: with a support radius of {share:.3g} spacings only the neighbours across the lattice's"
-                " diagonals attract: drops were found to freeze in the shape they have and to tremble, with up to 14 %"
-                " of the kinetic energy of their start"
+                f"{self.name}: with a support radius of {share:.3g} spacings only the neighbours along the diagonals"
+                " of the lattice attract: drops were found to freeze in the shape they have and to tremble, with up to"
+                " 14 % of their initial kinetic energy"
             )
-        if self._corrects() and (said := turns(self.name, "correction", others)):
-            yield said
+        if self._corrects() and (note := angular_momentum_note(self.name, "correction", others)):
+            yield note
         sigma = self.nominal_tension(grid, others) if self._corrects() and self._coheres() else 0.0
         if sigma <= 0:
             return
@@ -216,7 +216,7 @@ class Dong2016(PairCohesion, HasErrata, frozen=True, kw_only=True):
             fate = "fly apart" if value >= SHATTERING_CORRECTION else "swell"
             yield (
                 f"{self.name}: correction = {value:.3g} sigma/(rho0 d) is above {LARGEST_CORRECTION:g}, up to which"
-                f" drops come to rest at their density: they {fate}, and no shorter step mends that"
+                f" drops come to rest at their density: they {fate}; a shorter step does not help"
             )
 
     def _rest_distance(self, grid: Discretisation) -> float:
@@ -231,7 +231,7 @@ class Dong2016(PairCohesion, HasErrata, frozen=True, kw_only=True):
         return (self.stiffness if self.stiffness is not None else self.surface_tension) != 0
 
     def _corrects(self) -> bool:
-        """Whether the correction is really computed: one with a coefficient of zero is left out."""
+        """Whether the correction is computed: not if its coefficient is zero."""
         return self.correction != 0 and (self._coheres() or self.correction is not None)
 
 
@@ -243,14 +243,14 @@ register(
         name="dong_2016.tension",
         folder=_HERE,
         paper=_PAPER,
-        equation="D(6), D(7); D(8) to D(11) with E21",
+        equation="D(6), D(7); D(8) to D(11) with Dong E21",
         function="tension",
         outputs=("acceleration",),
         adds=("acceleration",),
-        optional=("surface_normal", "molecular_force", "normal_difference"),
+        optional=("surface_normal", "molecular_force", "normal_correction"),
         tolerance=12.0,
         tolerance_reason="one rounding in each of distance, powers, kernel, quotients, product and sum",
-        variants=({}, {"normal_difference": None, "surface_normal": None}, {"molecular_force": None}),
+        variants=({}, {"normal_correction": None, "surface_normal": None}, {"molecular_force": None}),
         invariants=(*_SYMMETRY, "linear_momentum", "angular_momentum"),
         broken={0: ("angular_momentum",), 2: ("angular_momentum",)},
     )

@@ -6,12 +6,12 @@ import numpy as np
 
 from refsim.core.cases import VARIATIONS, Case, Exact, Variation, closed_form, groups, takes
 from refsim.sph import Fluid, ViscosityTerm
-from refsim.surface_tension.dong_2016 import Dong2016, MolecularForce, NormalDifference
+from refsim.surface_tension.dong_2016 import Dong2016, MolecularForce, NormalCorrection
 
 
-@groups("molecular_force", "normal_difference")
+@groups("molecular_force", "normal_correction")
 def _tension(case, grid):
-    """Both terms of like size; every erratum as printed where the case asks for it."""
+    """Both terms of similar size; the printed reading of every erratum in cases marked `literal`."""
     effect = Dong2016(stiffness=4.0, correction=2.0 * case.support_radius, literal=("all",) if case.literal else ())
     return effect.prepare(grid, case.effects)
 
@@ -38,8 +38,8 @@ def _pair(r):
 
 
 def _given(**others):
-    no_correction = NormalDifference(0.0, np.int32(1))
-    given = {"mass": MASS, "density": DENSITY, "molecular_force": FORCE, "normal_difference": no_correction}
+    no_correction = NormalCorrection(0.0, np.int32(1))
+    given = {"mass": MASS, "density": DENSITY, "molecular_force": FORCE, "normal_correction": no_correction}
     return given | {"surface_normal": np.zeros((2, 3))} | others
 
 
@@ -63,7 +63,7 @@ def _corrected(symmetric, volume):
     return Exact(
         _pair(1.0),
         _given(
-            molecular_force=FORCE._replace(stiffness=0.0), normal_difference=NormalDifference(8.0, np.int32(symmetric)),
+            molecular_force=FORCE._replace(stiffness=0.0), normal_correction=NormalCorrection(8.0, np.int32(symmetric)),
             surface_normal=np.array([difference, np.zeros(3)]),
         ),
         {"acceleration": 8.0 * kernel * np.array([-volume[0] * difference, volume[1] * difference])},
@@ -78,7 +78,7 @@ def corrected_pair():
 
 @closed_form("dong_2016.tension")
 def pair_as_printed():
-    """a_1 = -lambda m_2/rho_2 (n_1 - n_2) W(h/2) (E21)."""
+    """a_1 = -lambda m_2/rho_2 (n_1 - n_2) W(h/2) (Dong E21)."""
     return _corrected(False, (3 / 600, 2 / 1000))
 
 

@@ -76,11 +76,11 @@ def momentum(position, velocity, mass, density, pressure, walls, smoothing, flui
     return {"acceleration": (value, scale)}
 
 
-def tension(position, mass, density, surface_normal, smoothing, molecular_force, normal_difference, rows=None):
+def tension(position, mass, density, surface_normal, smoothing, molecular_force, normal_correction, rows=None):
     """Acceleration F/m [m/s^2] by pair force and correction, each unless None; surface_normal = h n_i.
 
     D(6), D(7) a_i = sum_j m_j L(r) e_ij;
-    D(9) a_i = -lambda sum_j V_j (n_i - n_j) W_ij, V_j = 2 m_j/(rho_i + rho_j) (E21) or as printed m_j/rho_j.
+    D(9) a_i = -lambda sum_j V_j (n_i - n_j) W_ij, V_j = 2 m_j/(rho_i + rho_j) (Dong E21) or as printed m_j/rho_j.
     """
     h = float(smoothing.support_radius)
     mass, rho = np.asarray(mass, dtype=float), np.asarray(density, dtype=float)
@@ -97,12 +97,12 @@ def tension(position, mass, density, surface_normal, smoothing, molecular_force,
             # The difference of two powers is as uncertain as their sum is large.
             size = ((h - distance) ** 4 + (h - d0) ** 2 * (h - distance) ** 2) / (h**2 * d0 * (2 * h - d0))
             scale[place] += ((np.abs(strength) * size * (distance < h))[..., None] * np.abs(unit)).sum(1)
-        if normal_difference is not None:
+        if normal_correction is not None:
             normal = np.asarray(surface_normal, dtype=float)
             volume = (mass / rho)[None, :]
-            if normal_difference.symmetric:
+            if normal_correction.symmetric:
                 volume = 2 * mass[None, :] / (rho[i, None] + rho[None, :])
-            factor = float(normal_difference.coefficient) * volume * kernel_value(distance, smoothing) * other
+            factor = float(normal_correction.coefficient) * volume * kernel_value(distance, smoothing) * other
             value[place] -= (factor[..., None] * (normal[i, None, :] - normal[None, :, :])).sum(1)
             size = np.abs(normal[i, None, :]) + np.abs(normal[None, :, :])
             scale[place] += (np.abs(factor)[..., None] * size).sum(1)

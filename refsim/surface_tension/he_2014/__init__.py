@@ -1,8 +1,8 @@
-"""Surface energy and air pressure on free surfaces after He et al. 2014 (Jiang & Zhu 2023, reference [10]).
+"""Gradient energy and air pressure on free surfaces after He et al. 2014 (Jiang & Zhu 2023, reference [10]).
 
 Contents: He2014, flat_surface_tension; operations he_2014.color, he_2014.squared_gradient, he_2014.tension.
 
-The two terms are independent of each other; each is left out where its coefficient is zero.
+The terms are independent of each other. A term whose coefficient is zero is not computed.
 """
 
 from __future__ import annotations
@@ -22,21 +22,21 @@ from refsim.core.operation import Operation, register
 from refsim.smoothing import lattice, smoothing
 from refsim.smoothing.reference import kernel_slope, kernel_value
 from refsim.sph import SETS, liquid_of
-from refsim.surface_tension.cohesion import PairCohesion, too_stiff
+from refsim.surface_tension.cohesion import PairCohesion, stiffness_note
 
 COLOR = Field("color", "-", "smoothed color c, 1 inside the liquid")
 COLOR_GRADIENT_SQUARED = Field("color_gradient_squared", "1/m^2", "|grad c|^2")
 
 
-class SurfaceEnergy(NamedTuple):
-    """The surface-energy term as the kernels take it."""
+class GradientEnergy(NamedTuple):
+    """Parameters of the energy (kappa/2) |grad c|^2 in kernels."""
 
     kappa: float  # [N]
     quarter: float  # kappa/4 [N]
 
 
 class AirPressure(NamedTuple):
-    """The air-pressure term as the kernels take it."""
+    """Parameters of the air-pressure term in kernels."""
 
     pressure: float  # p_atm [Pa]
 
@@ -60,7 +60,7 @@ def flat_surface_tension(sums: str, gradients: str, support_radius: float, spaci
     up = np.rint(steps[:, -1] / spacing).astype(int)  # x_ij of a neighbour below is positive
 
     def below(depth: int) -> NDArray:
-        """Layer of each neighbour; those above the surface do not exist, those below the last layer are bulk."""
+        """Layer of each neighbour: negative above the surface, bulk below the last layer."""
         return depth + up
 
     color = np.array([own + w[below(k) >= 0].sum() for k in layers])
@@ -82,19 +82,19 @@ def flat_surface_tension(sums: str, gradients: str, support_radius: float, spaci
     return sigma
 
 
-LARGEST_STIFFNESS = 0.004  # cubes of 512 particles bore S = 0.005 (docs/stability.md)
+LARGEST_STIFFNESS = 0.004  # cubes of 512 particles became drops up to S = 0.005 (docs/stability.md)
 
 
 class He2014(PairCohesion, frozen=True, kw_only=True):
-    """Surface tension of a free liquid surface by its diffuse energy, and the pressure of air that is not there.
+    """Surface tension of a free liquid surface by its gradient energy, and the pressure of air that is not simulated.
 
     surface_tension   sigma [N/m]; nominal: turned into kappa by the virial of a flat lattice surface
-    kappa             coefficient of the surface energy [N], instead of sigma; neither of the two leaves the term out
-    air_pressure      p_atm [Pa]; its pair force delivers half of it at the surface and adds a tension of its own
-    balance_pressure  the equation of state balances what the air-pressure term puts into the bulk, p_atm/2 (not in the
-                      paper); the surface energy puts nothing there
+    kappa             coefficient of the gradient energy [N], instead of sigma; without both the term is left out
+    air_pressure      p_atm [Pa]; the pair force yields half of it at the surface, and a further tension
+    balance_pressure  the equation of state balances the p_atm/2 by which the air-pressure term compresses the bulk (not
+                      in the paper); the gradient energy does not act in the bulk
 
-    Both terms keep linear and angular momentum.
+    Both terms conserve linear and angular momentum.
     """
 
     name: ClassVar[str] = "he_2014"
@@ -112,13 +112,13 @@ class He2014(PairCohesion, frozen=True, kw_only=True):
 
     def notes(self, grid: Discretisation, others: Mapping[str, Effect]) -> tuple[str, ...]:
         own = self.coefficient(grid, others) * self._unit_tension(grid, others)
-        said = [too_stiff(self.name, own, LARGEST_STIFFNESS, grid, others)]
+        notes = [stiffness_note(self.name, own, LARGEST_STIFFNESS, grid, others)]
         if own > 0:
-            said.append(
-                f"{self.name}: the surface energy does not hold the bulk together: drops were found to spread, or to"
-                " come to rest as they are, with particles that gather in pairs"
+            notes.append(
+                f"{self.name}: the gradient energy does not act in the bulk: drops were found to spread, or to come to"
+                " rest in the shape they have, with particles that gather in pairs"
             )
-        return (*super().notes(grid, others), *filter(None, said))
+        return (*super().notes(grid, others), *filter(None, notes))
 
     def coefficient(self, grid: Discretisation, others: Mapping[str, Effect]) -> float:
         """kappa [N], given or from sigma."""
@@ -127,7 +127,7 @@ class He2014(PairCohesion, frozen=True, kw_only=True):
         return (self.surface_tension or 0.0) / self._unit_tension(grid, others)
 
     def pair_force(self, r: NDArray, grid: Discretisation, others: Mapping[str, Effect]) -> NDArray:
-        """p_atm W'(r)/rho0^2 [N/kg^2], the part that acts in the bulk, too."""
+        """p_atm W'(r)/rho0^2 [N/kg^2], the term that also acts in the bulk."""
         fluid = liquid_of(others)
         kernel = smoothing(SETS[fluid.kernels][1], grid.support_radius, grid.dim)
         return self.air_pressure * kernel_slope(r, kernel) / fluid.rest_density**2
@@ -159,9 +159,9 @@ class He2014(PairCohesion, frozen=True, kw_only=True):
 
     def prepare(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, Any]:
         kappa = self.coefficient(grid, others)
-        energy = SurfaceEnergy(grid.real(kappa), grid.real(kappa / 4)) if self._has_energy() else None
+        energy = GradientEnergy(grid.real(kappa), grid.real(kappa / 4)) if self._has_energy() else None
         air = AirPressure(grid.real(self.air_pressure)) if self.air_pressure > 0 else None
-        return {"surface_energy": energy, "air_pressure": air}
+        return {"gradient_energy": energy, "air_pressure": air}
 
     def _unit_tension(self, grid: Discretisation, others: Mapping[str, Effect]) -> float:
         sums, gradients = SETS[liquid_of(others).kernels]
@@ -205,17 +205,17 @@ register(
         name="he_2014.tension",
         folder=_HERE,
         paper=_PAPER,
-        equation="surface energy; air pressure",
+        equation="gradient energy; air pressure",
         function="tension",
         outputs=("acceleration",),
         adds=("acceleration",),
-        optional=("color_gradient_squared", "surface_energy", "air_pressure"),
+        optional=("color_gradient_squared", "gradient_energy", "air_pressure"),
         tolerance=12.0,
         tolerance_reason="one rounding in each of distance, slope, volume, two factors, direction, product and sum",
         variants=(
             {},
             {"air_pressure": None},
-            {"surface_energy": None, "color_gradient_squared": None},
+            {"gradient_energy": None, "color_gradient_squared": None},
         ),
         invariants=(*_SYMMETRY, "linear_momentum", "angular_momentum"),
     )

@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from refsim.core.cases import VARIATIONS, Case, Exact, Variation, closed_form, groups, particles
-from refsim.surface_tension.he_2014 import AirPressure, He2014, SurfaceEnergy
+from refsim.surface_tension.he_2014 import AirPressure, GradientEnergy, He2014
 
 
 @particles("color")
@@ -22,13 +22,13 @@ def _squares(case, random):
     return values
 
 
-@groups("surface_energy", "air_pressure")
+@groups("gradient_energy", "air_pressure")
 def _tension(case, grid):
     """Both terms of like size."""
     return He2014(kappa=3.0 * case.support_radius**2, air_pressure=2.0).prepare(grid, case.effects)
 
 
-VARIATIONS[SurfaceEnergy] = Variation(lambda group, inputs, kernel: {"quarter": float(group.kappa) / 4})
+VARIATIONS[GradientEnergy] = Variation(lambda group, inputs, kernel: {"quarter": float(group.kappa) / 4})
 
 
 # h = 2 m: in 3D Wendland W(0) = 21/(16 pi), W(h/2) = 3/16 W(0), W'(h/2) = -5/8 W(0) per metre.
@@ -62,7 +62,7 @@ def drawn_together():
         GIVEN
         | {
             "color_gradient_squared": np.array([0.5, 0.25]),
-            "surface_energy": SurfaceEnergy(8.0, 2.0),
+            "gradient_energy": GradientEnergy(8.0, 2.0),
             "air_pressure": AirPressure(3.0),
         },
         {"acceleration": np.array([[0.0, pull / 2, 0.0], [0.0, -pull / 3, 0.0]])},

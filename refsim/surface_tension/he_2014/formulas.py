@@ -10,9 +10,9 @@ def color_gradient_pair(volume_j, color_j, slope):
 
 
 @formula
-def surface_energy_pair(volume_j, squared_i, squared_j, slope, surface_energy):
+def gradient_energy_pair(volume_j, squared_i, squared_j, slope, gradient_energy):
     """rho_i a_i = (kappa/4) sum_j V_j (|grad c_i|^2 + |grad c_j|^2) W'(r) e_ij: the factor of e_ij [N/m^3]."""
-    return surface_energy.quarter * volume_j * (squared_i + squared_j) * slope
+    return gradient_energy.quarter * volume_j * (squared_i + squared_j) * slope
 
 
 @formula

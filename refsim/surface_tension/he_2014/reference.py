@@ -41,9 +41,9 @@ def squared_gradient(position, mass, density, color, gradient_smoothing, rows=No
 
 
 def tension(
-    position, mass, density, color_gradient_squared, gradient_smoothing, surface_energy, air_pressure, rows=None
+    position, mass, density, color_gradient_squared, gradient_smoothing, gradient_energy, air_pressure, rows=None
 ):
-    """Acceleration [m/s^2] by surface energy and air pressure, each unless None.
+    """Acceleration [m/s^2] by gradient energy and air pressure, each unless None.
 
     a_i = (kappa/(4 rho_i)) sum_j V_j (|grad c_i|^2 + |grad c_j|^2) grad W_ij;
     a_i += (p_atm/rho_i) sum_j V_j grad W_ij.
@@ -55,9 +55,9 @@ def tension(
     for place, separation, distance in pair_blocks(position, position, rows):
         i = own[place]
         gradient = volume[None, :, None] * _gradient(separation, distance, gradient_smoothing) / rho[i, None, None]
-        if surface_energy is not None:
+        if gradient_energy is not None:
             squared = np.asarray(color_gradient_squared, dtype=float)
-            both = float(surface_energy.kappa) / 4 * (squared[i, None] + squared[None, :])
+            both = float(gradient_energy.kappa) / 4 * (squared[i, None] + squared[None, :])
             value[place] += (both[..., None] * gradient).sum(1)
             scale[place] += np.abs(both[..., None] * gradient).sum(1)
         if air_pressure is not None:

@@ -3,11 +3,11 @@
 Contents: JiangZhu2023; kirkwood_buff_sigma, kirkwood_buff_pressure; operations jiang_zhu_2023.corrected_density,
 .replace_density, .soft_weight, .cohesion, .area, .tension.
 
-"Tension acts on surface particles only" leaves open which pairs act. By default all pairs act, the equation of state
-balances their pull in the bulk, and what is left is tension at the surface. The readings that confine the force to
-the surface are pair modes beside it: "soft" weights a pair by (w_i + w_j)/2, where w rises with |h grad c| from 0 in
-the bulk to 1 at the surface, which rounds a drop that starts symmetric but lets the surface layer of any other drop
-close into a crust; the modes by the surface set S do not come to rest.
+"Tension acts on surface particles only" does not say which pairs act (Jiang & Zhu E9). By default all pairs act and the
+equation of state balances their cohesion in the bulk; the tension at the surface remains. Other pair modes confine the
+force to the surface. "soft" weights a pair by (w_i + w_j)/2, where w rises with |h grad c| from 0 in the bulk to 1 at
+the surface: a drop that is symmetric at the start becomes round, in any other drop the surface layer becomes a rigid
+crust. With the modes by the surface set S drops do not come to rest.
 """
 
 from __future__ import annotations
@@ -39,40 +39,41 @@ from refsim.surface_tension.cohesion import (
     PRESSURE_POWER,
     TENSION_POWER,
     PairCohesion,
+    angular_momentum_note,
     one_of,
     pressure_of_moment,
     tension_of_moment,
-    turns,
 )
 from refsim.surface_tension.jiang_zhu_2023.modes import AREA_TERMS, PAIR_MODES
 
 CORRECTED_DENSITY = Field("corrected_density", "kg/m^3 (kg/m^2 in 2D)", "density rho* near the surface, J(14)")
 SURFACE_WEIGHT = Field("surface_weight", "-", "soft surface weight w, 0 in the bulk, 1 at the surface")
 
-ALPHA = {2: 0.75, 3: 0.6}  # of J(17); 0.6 in 2D is the printed reading (E7)
+ALPHA = {2: 0.75, 3: 0.6}  # of J(17); 0.6 in 2D is the printed reading (Jiang & Zhu E7)
 BETA = 0.9
 INNER = 0.8  # support of the repulsive kernel, as a share of h
-MARKED_MODES = ("one_sided", "either", "both")  # those that ask for the surface set S
+MARKED_MODES = ("one_sided", "either", "both")  # modes that need the surface set S
 # Area coefficients up to which a drop stays in one piece and comes to rest (docs/stability.md): eps_r of J(21), and
-# eps'/(gamma rho0) of J(18). Beyond them no step is short enough.
+# eps'/(gamma rho0) of J(18). A shorter step does not raise them.
 LARGEST_AREA = {
     "corrected": {"mueller": 0.012, "wendland": 0.006, "cubic_spline": 0.006},
     "color": {"mueller": 0.003, "wendland": 0.0015, "cubic_spline": 0.0015},
 }
-LARGEST_SOFT = 0.015  # P_int/(rho0 c^2) of the pair force between all particles, from which on soft drops boil
-# rho0 c h/mu up to which a drop gains no energy where the pair force is not balanced in the equation of state
+# P_int/(rho0 c^2) of the pair force between all particles, from which on drops boil with pair_mode = "soft".
+LARGEST_SOFT = 0.015
+# rho0 c h/mu up to which a drop gains no energy if the equation of state does not balance the pair force.
 LEAST_VISCOUS = 55.0
 AKINCI_RATIO = 1e-3  # eps'/(gamma rho0) of Akinci et al. 2013 for water
 
 
 class PairSelection(NamedTuple):
-    """Which pairs act, as the kernels take it."""
+    """Which pairs act."""
 
     mode: int  # of PAIR_MODES
 
 
 class SoftThresholds(NamedTuple):
-    """Soft surface weight as the kernels take it; |h grad c| is dimensionless."""
+    """Parameters of the soft surface weight in kernels; |h grad c| is dimensionless."""
 
     lower: float
     upper: float
@@ -80,9 +81,9 @@ class SoftThresholds(NamedTuple):
 
 
 class Cohesion(NamedTuple):
-    """J(16), J(17) as the kernels take them."""
+    """Parameters of J(16) and J(17) in kernels."""
 
-    gamma: float  # [m^4/(kg s^2)]; negative for the printed sign (E4)
+    gamma: float  # [m^4/(kg s^2)]; negative for the printed sign (Jiang & Zhu E4)
     alpha: float
     beta: float
     amplitude: float  # gamma W_poly6(0, h)
@@ -91,7 +92,7 @@ class Cohesion(NamedTuple):
 
 
 class AreaTerm(NamedTuple):
-    """J(21) or J(18) as the kernels take them."""
+    """Parameters of J(21) or J(18) in kernels."""
 
     kind: int  # of AREA_TERMS
     coefficient: float  # eps of J(21) [N/m^5; N/m^4 in 2D], or eps' of J(18) [m/s^2]
@@ -141,18 +142,18 @@ class JiangZhu2023(PairCohesion, HasErrata, frozen=True, kw_only=True):
     """Surface tension of a free liquid surface.
 
     surface_tension     sigma [N/m]; nominal: turned into gamma by the Kirkwood-Buff integral (kirkwood_buff_sigma).
-                        Measured values lie within about a third of it
+                        Measured values deviate from it by up to about a third
     gamma               coefficient of J(16) [m^4/(kg s^2)], instead of sigma
     pair_mode           "all", "soft" (pairs weighted by their soft surface weights), or by the surface set S:
-                        "one_sided" (force on i in S without reaction: loses momentum), "either", "both"
+                        "one_sided" (force on i in S without reaction: does not conserve momentum), "either", "both"
     area_term           "corrected" (J(21) with normals J(20)), "color" (J(18) with normals J(19)) or "none"
     area_ratio          eps_r of J(21), eps = eps_r gamma rho0^2 h^(1 - dim); stable up to about 0.01
     area_acceleration   eps' of J(18) [m/s^2]; left out, 0.001 gamma rho0
     balance_pressure    with "all": the equation of state balances the cohesion of the bulk by P_int (rho/rho0)^2;
-                        left out, cohesion compresses the liquid, and nothing is near the surface by J(12) any more
+                        without it cohesion compresses the liquid, and J(12) finds no particle near the surface
     density_correction  correct the density near the surface, J(14) and J(15), before the equation of state and the
-                        normals. Without it J(21), which divides by both densities, can push a particle that has left
-                        the surface further out. Left out, it is on where there is tension
+                        normals. Without it J(21), which divides by both densities, can accelerate a particle that has
+                        left the surface outwards. Left out, it is on if there is tension
     threshold           lambda of J(12), the near-surface set N of the density correction (and, by "E23", of S); left
                         out, that of the scene's surface detection, else the paper's 0.98
     soft_lower          |h grad c| up to which the soft surface weight is 0
@@ -160,10 +161,10 @@ class JiangZhu2023(PairCohesion, HasErrata, frozen=True, kw_only=True):
     literal             printed readings to use: "E4" (sign of J(16)), "E7" (alpha = 0.6 in 2D), "E10" (V_j =
                         m_j/rho_i in the normals), "E5", "E6" and "E23" (in the surface detection); or "all"
 
-    Pair modes by S detect the surface in every step, as the scene's surface detection says or in two steps. Pair
-    force and area term keep the linear momentum but for "one_sided" (J(18): for equal masses); the area term does
-    not keep the angular momentum (E12). It does not fall to zero at r = h: where a pair crosses r = h, the
-    acceleration jumps by (eps/rho_i) V_j |n*_i - n*_j| in J(21), eps' |n_i - n_j| in J(18).
+    Pair modes by S detect the surface in every step, by the scene's surface detection or in two steps. Pair force and
+    area term conserve linear momentum except for "one_sided" (J(18): for equal masses); the area term does not conserve
+    angular momentum (Jiang & Zhu E12). It does not vanish at r = h: where a pair crosses r = h, the acceleration jumps
+    by (eps/rho_i) V_j |n*_i - n*_j| in J(21), eps' |n_i - n_j| in J(18).
     """
 
     name: ClassVar[str] = "jiang_zhu_2023"
@@ -226,7 +227,7 @@ class JiangZhu2023(PairCohesion, HasErrata, frozen=True, kw_only=True):
         return kirkwood_buff_sigma(self.gamma, rest_density, grid.support_radius, grid.dim, self._alpha(grid.dim))
 
     def signed_gamma(self, grid: Discretisation, others: Mapping[str, Effect]) -> float:
-        """gamma with the printed sign of J(16) where E4 is taken literally."""
+        """gamma [m^4/(kg s^2)], with the printed sign of J(16) if Jiang & Zhu E4 is taken literally."""
         return (-1 if "E4" in self.printed() else 1) * self.coefficient(grid, others)
 
     def fields(self, others: Mapping[str, Effect]) -> tuple[Field, ...]:
@@ -247,7 +248,7 @@ class JiangZhu2023(PairCohesion, HasErrata, frozen=True, kw_only=True):
     def passes(self, others: Mapping[str, Effect]) -> tuple[Pass, ...]:
         passes: list[Pass] = []
         if self._corrects():
-            # The correction reads the raw density: it counts as an updater, before every other reader.
+            # An update of `density`: precedes every pass that reads it.
             passes += [
                 near_surface_pass(),
                 Pass(
@@ -284,7 +285,7 @@ class JiangZhu2023(PairCohesion, HasErrata, frozen=True, kw_only=True):
         return tuple(passes)
 
     def energy(self, grid: Discretisation, others: Mapping[str, Effect]) -> EnergyAccount | None:
-        """The potential of J(16) between all pairs; pairs that are weighted or chosen follow from no energy."""
+        """The potential of J(16) between all pairs; weighted or selected pairs have none."""
         uncounted = ["what the density correction changes in the pressure"] if self._corrects() else []
         if not self._acts():
             return EnergyAccount(uncounted=tuple(uncounted))
@@ -333,7 +334,7 @@ class JiangZhu2023(PairCohesion, HasErrata, frozen=True, kw_only=True):
         return (*super().notes(grid, others), *self._unstable(grid, others))
 
     def _unstable(self, grid: Discretisation, others: Mapping[str, Effect]) -> Iterator[str]:
-        """Settings with which drops were found to boil or to throw particles off, whatever the step."""
+        """Notes on settings with which drops were found to boil or to lose particles at any step."""
         if not self._acts():
             return
         if self._marked():
@@ -357,13 +358,13 @@ class JiangZhu2023(PairCohesion, HasErrata, frozen=True, kw_only=True):
             least = fluid.rest_density * fluid.sound_speed * grid.support_radius / LEAST_VISCOUS
             if fluid.dynamic_viscosity < least:
                 yield (
-                    f"{self.name}: with cohesion that is not balanced and a viscosity of {fluid.dynamic_viscosity:g}"
+                    f"{self.name}: with unbalanced cohesion and a viscosity of {fluid.dynamic_viscosity:g}"
                     f" Pa s, below rho0 c h/{LEAST_VISCOUS:g} = {least:.3g} Pa s, drops may gain kinetic energy"
                 )
         if self._area() == "none":
             return
-        if said := turns(self.name, "area term", others):
-            yield said
+        if note := angular_momentum_note(self.name, "area term", others):
+            yield note
         kernels, value, name = fluid.kernels, self.area_ratio, "area_ratio"
         if self._area() == "color":
             unit = abs(self.signed_gamma(grid, others)) * fluid.rest_density
@@ -373,7 +374,7 @@ class JiangZhu2023(PairCohesion, HasErrata, frozen=True, kw_only=True):
         if value > most:
             yield (
                 f"{self.name}: {name} = {value:.3g} is above {most:g}, up to which drops with {kernels} kernels come to"
-                " rest in one piece; no shorter step mends that"
+                " rest in one piece; a shorter step does not help"
             )
 
     def pair_force(self, r: NDArray, grid: Discretisation, others: Mapping[str, Effect]) -> NDArray:
@@ -392,7 +393,7 @@ class JiangZhu2023(PairCohesion, HasErrata, frozen=True, kw_only=True):
         return kirkwood_buff_pressure(gamma, rest_density, grid.support_radius, grid.dim, self._alpha(grid.dim))
 
     def _detection(self, others: Mapping[str, Effect]) -> SurfaceDetection:
-        """How N and S are found: as the scene's surface detection says, with this effect's own wishes."""
+        """Detection of N and S: the scene's, with this effect's threshold and printed readings."""
         found = detection_in(others)
         wanted = (*found.literal, *sorted(self.printed() & {"E5", "E6", "E10", "E23"}))
         threshold = found.threshold if self.threshold is None else self.threshold
@@ -411,7 +412,7 @@ class JiangZhu2023(PairCohesion, HasErrata, frozen=True, kw_only=True):
         return self.pair_mode in MARKED_MODES
 
     def _area(self) -> str:
-        """The area term that is really computed: one with a coefficient of zero is left out."""
+        """The area term that is computed: "none" if its coefficient is zero."""
         left_out = {"corrected": self.area_ratio == 0, "color": self.area_acceleration == 0}
         return "none" if left_out.get(self.area_term, True) else self.area_term
 
@@ -424,7 +425,7 @@ register(
         name="jiang_zhu_2023.corrected_density",
         folder=_HERE,
         paper=_PAPER,
-        equation="J(14), J(15) with E8",
+        equation="J(14), J(15) with Jiang & Zhu E8",
         function="corrected_density",
         outputs=("corrected_density",),
         optional=("walls", "near_surface"),
@@ -452,7 +453,7 @@ register(
         name="jiang_zhu_2023.soft_weight",
         folder=_HERE,
         paper="in place of the surface set of Jiang & Zhu 2023",
-        equation="E9: smoothstep of |h grad c|, J(19)",
+        equation="Jiang & Zhu E9: smoothstep of |h grad c|, J(19)",
         function="soft_weight",
         outputs=("surface_weight",),
         tolerance=8.0,
@@ -461,9 +462,9 @@ register(
     )
 )
 _EDGE = (
-    "one rounding in each of distance, two or three kernels, products and sum; not in the bound: the area term keeps"
-    " its weight up to r = h, so that a pair whose distance a rounding takes across h changes a by (eps/rho_i) V_j"
-    " |n*_i - n*_j| in J(21) and eps' |n_i - n_j| in J(18), at most 3.2 s eps' (as akinci_2013.tension)"
+    "one rounding in each of distance, two or three kernels, products and sum; not in the bound: the area term does not"
+    " vanish at r = h, so that a pair which a rounding moves across r = h changes a by (eps/rho_i) V_j |n*_i - n*_j| in"
+    " J(21) and eps' |n_i - n_j| in J(18), at most 3.2 s eps' (as akinci_2013.tension)"
 )
 _PAIR = {
     "folder": _HERE,
@@ -481,11 +482,15 @@ _EITHER, _BOTH, _ONE_SIDED = (_MODES[m] | {"surface_weight": None} for m in ("ei
 
 
 def _fused(*variants: dict[str, Any]) -> dict[str, Program]:
-    """Pair forces between all pairs in one loop with pressure and viscosity."""
+    """The program that sums the pair forces between all pairs in one loop with pressure and viscosity."""
     every = tuple(variant | _ALL for variant in variants)
     return {
         "cuda:fused": Program(
-            "cuda", "momentum", also=("sph.momentum",), names={"smoothing": "gradient_smoothing"}, variants=every
+            "kernels",
+            "tension_and_momentum",
+            also=("sph.momentum",),
+            names={"smoothing": "gradient_smoothing"},
+            variants=every,
         )
     }
 
@@ -494,7 +499,7 @@ register(
     Operation(
         name="jiang_zhu_2023.cohesion",
         programs=_fused({"area": None, "area_normal": None, "walls": None}),
-        equation="J(16) with E4, J(17) with E7",
+        equation="J(16) with Jiang & Zhu E4, J(17) with Jiang & Zhu E7",
         variants=tuple(modes | {"area": None, "area_normal": None} for modes in (_SOFT, _ALL, _EITHER)),
         invariants=(*_SYMMETRY, "linear_momentum", "angular_momentum"),
         **_PAIR,
@@ -503,7 +508,7 @@ register(
 register(
     Operation(
         name="jiang_zhu_2023.area",
-        equation="J(21); J(18) with E11",
+        equation="J(21); J(18) with Jiang & Zhu E11",
         tolerance_reason=_EDGE,
         variants=(_SOFT | {"cohesion": None},),
         invariants=(*_SYMMETRY, "linear_momentum"),

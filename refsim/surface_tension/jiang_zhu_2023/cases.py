@@ -100,7 +100,7 @@ def cohering_pair():
 
 
 @closed_form("jiang_zhu_2023.tension:fused")
-def cohering_pair_that_rests():
+def cohering_pair_at_rest():
     """Without pressure and at equal velocities only cohesion acts: a_1 = gamma m_2 C(h/2) e_12."""
     return Exact(
         PAIR,

@@ -8,13 +8,13 @@ from refsim.surface_tension.jiang_zhu_2023.modes import ALL, CORRECTED, EITHER, 
 
 @formula
 def normalised_density(mass_sum, volume_sum):
-    """J(14) with J(15): rho* = sum m_j W_ij / sum (m_k/rho_k) W_ik [kg/m^dim]; the weights W* share one denominator."""
+    """J(14) with J(15): rho* = sum m_j W_ij / sum (m_k/rho_k) W_ik [kg/m^dim]; all W* have the same denominator."""
     return mass_sum / volume_sum
 
 
 @formula
 def soft_weight(steepness, soft):
-    """Soft surface weight (E9) w = t^2 (3 - 2 t), t = (|h grad c| - lower)/(upper - lower) clipped to 0..1.
+    """Soft surface weight (Jiang & Zhu E9) w = t^2 (3 - 2 t), t = (|h grad c| - lower)/(upper - lower) clipped to 0..1.
 
     Dimensionless.
     """
@@ -31,7 +31,8 @@ def soft_weight(steepness, soft):
 def pair_weight(mode, weight_i, surface_i):
     """(base, slope) of the pair weights of particle i: a pair acts on i with base + slope * (w_j, or s_j by S).
 
-    soft = (w_i + w_j)/2; all = 1; one_sided = s_i; either = s_i or s_j; both = s_i and s_j (E9). Dimensionless.
+    soft = (w_i + w_j)/2; all = 1; one_sided = s_i; either = s_i or s_j; both = s_i and s_j (Jiang & Zhu E9).
+    Dimensionless.
     """
     real = type(weight_i)
     on = real(1) if surface_i != 0 else real(0)
@@ -55,7 +56,7 @@ def force_shape(q, cohesion):
 
 @formula
 def cohesion_pair(mass_j, q, cohesion):
-    """J(16) for one neighbour (sign of E4): factor of e_ij in the acceleration of i [m/s^2], gamma m_j C(r)."""
+    """J(16) for one neighbour with Jiang & Zhu E4: factor of e_ij in the acceleration of i [m/s^2], gamma m_j C(r)."""
     return mass_j * (cohesion.amplitude * force_shape(q, cohesion))
 
 
@@ -69,7 +70,7 @@ def area_pair(mass_j, density_j, area):
 
 @formula
 def area_strength(density_i, area):
-    """Factor of the sum of `area_pair` terms, less its minus sign: eps/rho_i in J(21), eps' [m/s^2] in J(18)."""
+    """Minus the factor of the sum of `area_pair` terms: eps/rho_i in J(21), eps' [m/s^2] in J(18)."""
     if area.kind == CORRECTED:
         return area.coefficient / density_i
     return area.coefficient

@@ -60,7 +60,7 @@ def soft_weight(surface_normal, soft, rows=None):
 
 
 def pair_shares(mode, weight_i, weight_j, surface_i, surface_j):
-    """Share of each pair force that acts on i (E9); dimensionless, any shapes that broadcast."""
+    """Share of each pair force that acts on i (Jiang & Zhu E9); dimensionless, for arrays that broadcast."""
     name = MODES[int(mode)]
     on_i, on_j = np.asarray(surface_i) != 0, np.asarray(surface_j) != 0
     if name == "soft":
@@ -77,7 +77,7 @@ def pair_shares(mode, weight_i, weight_j, surface_i, surface_j):
 def tension(position, mass, density, surface_weight, surface, area_normal, smoothing, pairs, cohesion, area, rows=None):
     """Acceleration F/m [m/s^2] by the pair force and the area term; marks and weights that are None count as 0.
 
-    J(16) a_i = gamma sum_j m_j C(r) e_ij (sign of E4); J(17) C = alpha W_poly6(r, 0.8h) - beta W_poly6(r, h);
+    J(16) a_i = gamma sum_j m_j C(r) e_ij (Jiang & Zhu E4); J(17) C = alpha W_poly6(r, 0.8h) - beta W_poly6(r, h);
     J(21) a_i = -eps sum_j m_j/(rho_i rho_j) (n*_i - n*_j); J(18) a_i = -eps' sum_j (n_i - n_j).
     """
     marks = (surface_weight, surface, int(pairs.mode))

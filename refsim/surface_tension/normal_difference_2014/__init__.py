@@ -1,9 +1,9 @@
-"""Surface tension from the difference of normals after patent CN104318598A (2014), its equation P7.
+"""Surface tension from the difference of normals after patent CN104318598A (2014), patent P7.
 
 Contents: NormalDifference2014; operation normal_difference_2014.tension.
 
-The patent has no cohesion and prints neither the normal nor a value of the coefficient: the normal is the colour
-gradient of Akinci et al. 2013, J(19), and gamma is an acceleration.
+The patent has no cohesion and states neither the normal nor a value of the coefficient. Here the normal is the colour
+gradient of Akinci et al. 2013, J(19) (patent E29), and gamma is an acceleration.
 """
 
 from __future__ import annotations
@@ -24,23 +24,23 @@ from refsim.smoothing import lattice, smoothing
 from refsim.sph import LIQUID, SETS, liquid_of
 from refsim.surface_normal import SURFACE_NORMAL, color_gradient_pass, normal_term
 
-SAFETY = 0.5  # of the step 2/omega at which the stiffest wave of the lattice would begin to grow
+SAFETY = 0.5  # share of the step 2/omega beyond which the stiffest wave on the lattice grows
 
 
 class NormalDifference(NamedTuple):
-    """The tension as the kernels take it."""
+    """Parameters of the tension in kernels."""
 
     coefficient: float  # gamma [m/s^2]
-    printed_mass: int  # m_i for a pair of any masses (P7)
+    printed_mass: int  # 1: factor m_i as printed (patent P7); 0: harmonic mean of the masses
 
 
 class NormalDifference2014(Effect, HasErrata, frozen=True, kw_only=True):
-    """Surface tension without cohesion: particles are drawn to where the surface's normals are alike.
+    """Surface tension without cohesion: the force on a particle is opposite to its normal less its neighbours'.
 
-    area_acceleration  gamma [m/s^2], coefficient of the force, which does not fall to zero at r = h: a pair that
-                       crosses r = h changes the acceleration by gamma |n_i - n_j| (equal masses)
-    literal            printed readings to use: "P7" (m_i instead of the pair's harmonic mean of masses, which keeps
-                       the momentum for equal masses only); or "all"
+    area_acceleration  gamma [m/s^2], coefficient of the force, which does not vanish at r = h: where a pair
+                       crosses r = h, the acceleration jumps by gamma |n_i - n_j| (equal masses)
+    literal            printed readings to use: "P7" (m_i instead of the harmonic mean of the pair's masses, which
+                       conserves momentum for equal masses only); or "all"
     """
 
     name: ClassVar[str] = "normal_difference_2014"
@@ -86,7 +86,7 @@ class NormalDifference2014(Effect, HasErrata, frozen=True, kw_only=True):
 
 @functools.lru_cache(maxsize=64)
 def stiffest_wave(shape: str, ratio: float, dim: int) -> float:
-    """Largest omega^2 d/gamma of a wave of small displacements on the lattice under P7 alone; dimensionless.
+    """Largest omega^2 d/gamma of a wave of small displacements on the lattice under patent P7 alone; dimensionless.
 
     shape  kernel of the normals; ratio  h/d
 
@@ -101,8 +101,8 @@ def stiffest_wave(shape: str, ratio: float, dim: int) -> float:
     length = np.sqrt((r**2).sum(1))
     near = (length > 0) & (length < ratio)
     r, length = r[near], length[near]
-    unit, slope, way = r / length[:, None], kernel_slope(length, kernel), 1e-4
-    bend = (kernel_slope(np.minimum(length + way, ratio), kernel) - kernel_slope(length - way, kernel)) / (2 * way)
+    unit, slope, step = r / length[:, None], kernel_slope(length, kernel), 1e-4
+    bend = (kernel_slope(np.minimum(length + step, ratio), kernel) - kernel_slope(length - step, kernel)) / (2 * step)
     along = unit[:, :, None] * unit[:, None, :]
     second = (bend - slope / length)[:, None, None] * along + (slope / length)[:, None, None] * np.eye(dim)
     largest = 0.0
@@ -120,13 +120,13 @@ register(
         name="normal_difference_2014.tension",
         folder="refsim.surface_tension.normal_difference_2014",
         paper="patent CN104318598A, 2014",
-        equation="P7 with symmetric masses",
+        equation="patent P7 with symmetric masses",
         function="tension",
         outputs=("acceleration",),
         adds=("acceleration",),
         tolerance=8.0,
         tolerance_reason="one rounding in each of the difference, the mean mass, product and sum; not in the bound: the"
-        " force keeps its weight up to r = h, so that a pair whose distance a rounding takes across h changes a by"
+        " force does not vanish at r = h, so that a pair which a rounding moves across r = h changes a by"
         " 2 gamma m_j/(m_i + m_j) |n_i - n_j|, |n_i - n_j| at most 3.2 s (as akinci_2013.tension)",
         variants=({}, {"normal_tension": lambda case, grid: NormalDifference(grid.real(5.0), np.int32(1))}),
         invariants=("translation", "rotation", "reordering", "linear_momentum"),

@@ -6,8 +6,9 @@ from refsim.neighbours.reference import other_particles, pair_blocks
 
 
 def tension(position, mass, surface_normal, smoothing, normal_tension, rows=None):
-    """P7: acceleration a_i = -(gamma/m_i) sum_j m_i m_j/((m_i + m_j)/2) (n_i - n_j) [m/s^2]; as printed with m_i.
+    """Patent P7: acceleration a_i = -(gamma/m_i) sum_j m_i m_j/((m_i + m_j)/2) (n_i - n_j) [m/s^2].
 
+    As printed the factor is m_i instead of the harmonic mean of the masses.
     position, surface_normal (n, 3) [m], [-]; mass (n,) [kg]. Returns (value, scale).
     """
     mass, normal = np.asarray(mass, dtype=float), np.asarray(surface_normal, dtype=float)

@@ -2,8 +2,8 @@
 
 Contents: TartakovskyMeakin2005; operation tartakovsky_meakin_2005.cohesion.
 
-Jiang & Zhu say that it lacks a repulsion, Dong that its value vanishes as particles meet. Neither holds for the force
-s cos(3 pi r/(2 h)) e_ij: it repels below h/3 and tends to s.
+Jiang & Zhu write that the force has no repulsion, Dong that it vanishes as r does. Neither holds for
+s cos(3 pi r/(2 h)) e_ij: it repels below h/3 and tends to s as r -> 0.
 """
 
 from __future__ import annotations
@@ -23,21 +23,21 @@ from refsim.surface_tension.tartakovsky_meakin_2005.reference import force_funct
 
 
 class CosineForce(NamedTuple):
-    """The pair force as the kernels take it."""
+    """Parameters of the pair force in kernels."""
 
     strength: float  # s [N; N/m in 2D]
     wave_number: float  # 3 pi/(2 h) [1/m]
 
 
 class TartakovskyMeakin2005(PairCohesion, frozen=True, kw_only=True):
-    """Surface tension of a free liquid surface by a pair force that repels near and attracts far.
+    """Surface tension of a free liquid surface by a pair force that repels below h/3 and attracts beyond.
 
     surface_tension   sigma [N/m]; nominal: turned into s by the Kirkwood-Buff integral
     strength          s [N; N/m in 2D], instead of sigma; the force of a pair does not depend on its masses
     balance_pressure  the equation of state balances the cohesion of the bulk by P_int (rho/rho0)^2 (not in the paper);
-                      left out, cohesion compresses the liquid
+                      without it cohesion compresses the liquid
 
-    Keeps linear and angular momentum.
+    The force conserves linear and angular momentum.
     """
 
     name: ClassVar[str] = "tartakovsky_meakin_2005"

@@ -18,7 +18,7 @@ def force_function(r, h):
 def cosine_cohesion(position, mass, smoothing, cosine_force, rows=None):
     """Acceleration [m/s^2] a_i = (s/m_i) sum_j cos(3 pi r/(2 h)) e_ij.
 
-    The scale adds the argument to the cosine, whose rounding it shares.
+    The scale adds the argument of the cosine, whose rounding the cosine takes over.
     """
     h = float(smoothing.support_radius)
     mass = np.asarray(mass, dtype=float)

@@ -1,19 +1,18 @@
-"""What one particle does under the continuum surface force; the CPU and the CUDA kernels share these loops.
-
-`row` is (first, stride, count) of the particle's neighbours in `index`; the wall's row likewise.
-"""
+"""What one particle does under the continuum surface force."""
 
 import math
 
-from refsim.backends.compile import formula
+from refsim.backends.compile import formula, kernel
+from refsim.neighbours.rows import row_of
 from refsim.smoothing.formulas import kernel_slope, kernel_value
+from refsim.sph.kernels import wall_sum
 from refsim.surface_tension.csf_wang_2019 import formulas
 
 
-@formula
-def normal_sums(i, row, position, mass, density, index, smoothing, gradient_smoothing):
-    """(three components of sum_j V_j grad W_ij [1/m], sum_k V_k W_ik with self [-]) over the fluid."""
-    first, stride, count = row
+@kernel
+def normal(i, position, mass, density, neighbours, walls, smoothing, gradient_smoothing, interface_normal):
+    """n_i = sum_j V_j grad W_ij / sum_k V_k W_ik, walls as liquid, inward [1/m]."""
+    first, stride, count = row_of(neighbours, i)
     h = smoothing.support_radius
     real = type(h)
     limit = h * h
@@ -22,7 +21,7 @@ def normal_sums(i, row, position, mass, density, index, smoothing, gradient_smoo
     filled = mass[i] / density[i] * kernel_value(real(0), smoothing)
     x, y, z = position[i, 0], position[i, 1], position[i, 2]
     for k in range(count):
-        j = index[first + k * stride]
+        j = neighbours.entries[first + k * stride]
         dx, dy, dz = x - position[j, 0], y - position[j, 1], z - position[j, 2]
         r2 = dx * dx + dy * dy + dz * dz
         if r2 < limit:
@@ -33,13 +32,21 @@ def normal_sums(i, row, position, mass, density, index, smoothing, gradient_smoo
             nx += f * dx
             ny += f * dy
             nz += f * dz
-    return nx, ny, nz, filled
+    if walls is not None:
+        bx, by, bz = wall_normal(i, position, walls, gradient_smoothing)
+        nx += bx
+        ny += by
+        nz += bz
+        filled += wall_sum(i, position, walls, smoothing)
+    interface_normal[i, 0] = nx / filled
+    interface_normal[i, 1] = ny / filled
+    interface_normal[i, 2] = nz / filled
 
 
 @formula
-def wall_normal(i, row, position, walls, gradient_smoothing):
-    """sum_b V_b grad W_ib over the walls [1/m]."""
-    first, stride, count = row
+def wall_normal(i, position, walls, gradient_smoothing):
+    """sum_b V_b grad W_ib over the wall particles [1/m]."""
+    first, stride, count = row_of(walls, i)
     h = gradient_smoothing.support_radius
     real = type(h)
     limit = h * h
@@ -59,10 +66,10 @@ def wall_normal(i, row, position, walls, gradient_smoothing):
     return nx, ny, nz
 
 
-@formula
-def curvature(i, row, position, mass, density, interface_normal, index, gradient_smoothing, continuum):
+@kernel
+def curvature(i, position, mass, density, interface_normal, neighbours, gradient_smoothing, continuum, curvature):
     """Renormalised divergence of the unit normals over the active neighbours [1/m]; 0 off the surface."""
-    first, stride, count = row
+    first, stride, count = row_of(neighbours, i)
     h = gradient_smoothing.support_radius
     real = type(h)
     limit = h * h
@@ -70,19 +77,20 @@ def curvature(i, row, position, mass, density, interface_normal, index, gradient
     nx, ny, nz = interface_normal[i, 0], interface_normal[i, 1], interface_normal[i, 2]
     own = nx * nx + ny * ny + nz * nz
     if own <= continuum.threshold * continuum.threshold:
-        return real(0)
+        curvature[i] = real(0)
+        return
     own = real(1) / math.sqrt(own)
     nx, ny, nz = nx * own, ny * own, nz * own
     divergence, spread = real(0), real(0)
     x, y, z = position[i, 0], position[i, 1], position[i, 2]
     for k in range(count):
-        j = index[first + k * stride]
+        j = neighbours.entries[first + k * stride]
         dx, dy, dz = x - position[j, 0], y - position[j, 1], z - position[j, 2]
         r2 = dx * dx + dy * dy + dz * dz
         if r2 < limit:
             mx, my, mz = interface_normal[j, 0], interface_normal[j, 1], interface_normal[j, 2]
             length = mx * mx + my * my + mz * mz
-            if not length <= continuum.threshold * continuum.threshold:  # a NaN counts, to stay visible
+            if not length <= continuum.threshold * continuum.threshold:  # also for NaN, so that it stays visible
                 length = real(1) / math.sqrt(length)
                 r = math.sqrt(r2)
                 apart = r + tiny
@@ -91,36 +99,37 @@ def curvature(i, row, position, mass, density, interface_normal, index, gradient
                 divergence += weight * change
                 cosine = (nx * dx + ny * dy + nz * dz) / apart
                 spread -= weight * r * formulas.tangential_share(cosine, continuum)
-    return formulas.curvature(divergence, spread, continuum)
+    curvature[i] = formulas.curvature(divergence, spread, continuum)
 
 
-@formula
+@kernel
 def force(
-    i, row, position, mass, density, interface_normal, curvature, index, gradient_smoothing, continuum, marangoni
-):
-    """Normal force sigma kappa n and, unless `marangoni` is None, tangential force: acceleration [m/s^2].
+    i, position, mass, density, interface_normal, curvature, neighbours, gradient_smoothing, continuum, marangoni,
+    acceleration,
+):  # fmt: skip
+    """Normal force sigma kappa n and, unless `marangoni` is None, tangential force; added to the acceleration [m/s^2].
 
     The tangential force is |n| (g - (g.n)n/|n|^2), g = sum_j V_j (sigma_j - sigma_i) grad W_ij.
     """
-    real = type(gradient_smoothing.support_radius)
     nx, ny, nz = interface_normal[i, 0], interface_normal[i, 1], interface_normal[i, 2]
     squared = nx * nx + ny * ny + nz * nz
     if squared <= continuum.threshold * continuum.threshold:
-        return real(0), real(0), real(0)
+        return
     strength = continuum.tension
     if marangoni is not None:
         strength += marangoni.x * position[i, 0] + marangoni.y * position[i, 1] + marangoni.z * position[i, 2]
     f = strength * curvature[i]
     ax, ay, az = f * nx, f * ny, f * nz
     if marangoni is not None:
-        first, stride, count = row
+        first, stride, count = row_of(neighbours, i)
         h = gradient_smoothing.support_radius
+        real = type(h)
         limit = h * h
         tiny = real(1e-9) * h
         gx, gy, gz = real(0), real(0), real(0)
         x, y, z = position[i, 0], position[i, 1], position[i, 2]
         for k in range(count):
-            j = index[first + k * stride]
+            j = neighbours.entries[first + k * stride]
             dx, dy, dz = x - position[j, 0], y - position[j, 1], z - position[j, 2]
             r2 = dx * dx + dy * dy + dz * dz
             if r2 < limit:
@@ -136,4 +145,6 @@ def force(
         ay += length * (gy - along * ny)
         az += length * (gz - along * nz)
     scale = continuum.share / density[i]
-    return scale * ax, scale * ay, scale * az
+    acceleration[i, 0] += scale * ax
+    acceleration[i, 1] += scale * ay
+    acceleration[i, 2] += scale * az

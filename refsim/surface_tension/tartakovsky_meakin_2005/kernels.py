@@ -1,18 +1,16 @@
-"""What one particle does in Tartakovsky & Meakin 2005; the CPU and the CUDA kernels share this loop.
-
-`row` is (first, stride, count) of the particle's neighbours in `index`.
-"""
+"""What one particle does in Tartakovsky & Meakin 2005."""
 
 import math
 
-from refsim.backends.compile import formula
+from refsim.backends.compile import kernel
+from refsim.neighbours.rows import row_of
 from refsim.surface_tension.tartakovsky_meakin_2005 import formulas
 
 
-@formula
-def cosine_cohesion(i, row, position, mass, index, smoothing, cosine_force):
-    """Pair force s cos(3 pi r/(2 h)) e_ij: acceleration of particle i [m/s^2]."""
-    first, stride, count = row
+@kernel
+def cosine_cohesion(i, position, mass, neighbours, smoothing, cosine_force, acceleration):
+    """Pair force s cos(3 pi r/(2 h)) e_ij over m_i; added to the acceleration [m/s^2]."""
+    first, stride, count = row_of(neighbours, i)
     h = smoothing.support_radius
     real = type(h)
     limit = h * h
@@ -21,7 +19,7 @@ def cosine_cohesion(i, row, position, mass, index, smoothing, cosine_force):
     ax, ay, az = real(0), real(0), real(0)
     x, y, z = position[i, 0], position[i, 1], position[i, 2]
     for k in range(count):
-        j = index[first + k * stride]
+        j = neighbours.entries[first + k * stride]
         dx, dy, dz = x - position[j, 0], y - position[j, 1], z - position[j, 2]
         r2 = dx * dx + dy * dy + dz * dz
         if r2 < limit:
@@ -30,4 +28,6 @@ def cosine_cohesion(i, row, position, mass, index, smoothing, cosine_force):
             ax += f * dx
             ay += f * dy
             az += f * dz
-    return strength * ax, strength * ay, strength * az
+    acceleration[i, 0] += strength * ax
+    acceleration[i, 1] += strength * ay
+    acceleration[i, 2] += strength * az
