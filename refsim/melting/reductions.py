@@ -1,48 +1,19 @@
-"""CPU kernels of melting."""
+"""Melting of all particles and their number: one parallel loop; `reductions_cuda` has the CUDA kernel."""
 
 from refsim.backends.compile import cpu_kernel, prange
-from refsim.melting import particle
+from refsim.melting.kernels import melted_now
 
 
 @cpu_kernel
 def melt(
-    identity,
-    temperature,
-    enthalpy,
-    melting_point,
-    latent_heat,
-    melting,
-    melted,
-    melted_count,
-    mass,
-    rest_density,
-    conductivity,
-    heat_capacity,
-    phase,
-):
-    """Melt what is hot at surfaces."""
+    identity, temperature, enthalpy, melting_point, latent_heat, melting, melted, melted_count, mass, rest_density,
+    conductivity, heat_capacity, phase,
+):  # fmt: skip
+    """Melt the particles at surfaces that are hot enough; `melted_count` is their number."""
     count = 0
     for i in prange(phase.shape[0]):
-        count += particle.melt(
-            i,
-            identity,
-            temperature,
-            enthalpy,
-            melting_point,
-            latent_heat,
-            melting,
-            melted,
-            mass,
-            rest_density,
-            conductivity,
-            heat_capacity,
-            phase,
-        )
+        count += melted_now(
+            i, identity, temperature, enthalpy, melting_point, latent_heat, melting, melted, mass, rest_density,
+            conductivity, heat_capacity, phase,
+        )  # fmt: skip
     melted_count[0] = count
-
-
-@cpu_kernel
-def detach(melted, melted_count, region, direct, rebuild):
-    """Take melted nodes out of the tables; mark the regions to be filled anew."""
-    for s in prange(rebuild.shape[0]):
-        rebuild[s] = particle.detach(s, 0, 1, melted, melted_count, region, direct)

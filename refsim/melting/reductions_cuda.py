@@ -1,91 +1,38 @@
-"""CUDA kernels of melting."""
+"""Melting of all particles and their number: CUDA kernel.
+
+One atomic addition for each block; a sum of whole numbers does not depend on the order of the blocks.
+"""
 
 from refsim.backends import device
 from refsim.backends.compile import cuda, cuda_kernel
-from refsim.backends.primitives import sum_of_lanes
-from refsim.melting import particle
-from refsim.shape_matching.parallel_reduction.cuda import LANES
+from refsim.melting.kernels import melted_now
 
 
 def melt(
-    identity,
-    temperature,
-    enthalpy,
-    melting_point,
-    latent_heat,
-    melting,
-    melted,
-    melted_count,
-    mass,
-    rest_density,
-    conductivity,
-    heat_capacity,
-    phase,
-):
-    """Melt what is hot at surfaces. A count of whole numbers does not depend on the order in which they come."""
+    identity, temperature, enthalpy, melting_point, latent_heat, melting, melted, melted_count, mass, rest_density,
+    conductivity, heat_capacity, phase,
+):  # fmt: skip
+    """Melt the particles at surfaces that are hot enough; `melted_count` is their number."""
     device.fill(melted_count, 0)
     melt_and_count(
-        identity,
-        temperature,
-        enthalpy,
-        melting_point,
-        latent_heat,
-        melting,
-        melted,
-        melted_count,
-        mass,
-        rest_density,
-        conductivity,
-        heat_capacity,
-        phase,
-    )
+        identity, temperature, enthalpy, melting_point, latent_heat, melting, melted, melted_count, mass, rest_density,
+        conductivity, heat_capacity, phase,
+    )  # fmt: skip
 
 
 @cuda_kernel
 def melt_and_count(
-    identity,
-    temperature,
-    enthalpy,
-    melting_point,
-    latent_heat,
-    melting,
-    melted,
-    melted_count,
-    mass,
-    rest_density,
-    conductivity,
-    heat_capacity,
-    phase,
-):
-    """Melt what is hot at surfaces, and count it."""
+    identity, temperature, enthalpy, melting_point, latent_heat, melting, melted, melted_count, mass, rest_density,
+    conductivity, heat_capacity, phase,
+):  # fmt: skip
+    """Melt the particles at surfaces that are hot enough; their number is added to `melted_count`, zero before."""
     i = cuda.grid(1)
     gone = False
     if i < phase.shape[0]:
-        gone = particle.melt(
-            i,
-            identity,
-            temperature,
-            enthalpy,
-            melting_point,
-            latent_heat,
-            melting,
-            melted,
-            mass,
-            rest_density,
-            conductivity,
-            heat_capacity,
-            phase,
-        )
+        gone = melted_now(
+            i, identity, temperature, enthalpy, melting_point, latent_heat, melting, melted, mass, rest_density,
+            conductivity, heat_capacity, phase,
+        )  # fmt: skip
     count = cuda.syncthreads_count(1 if gone else 0)
     if cuda.threadIdx.x == 0 and count > 0:
         cuda.atomic.add(melted_count, 0, count)
-
-
-@cuda_kernel(lanes=LANES)
-def detach(melted, melted_count, region, direct, rebuild):
-    """Take melted nodes out of the tables; mark the regions to be filled anew."""
-    s, lane = cuda.grid(1) // LANES, cuda.grid(1) % LANES
-    if s < rebuild.shape[0]:
-        held = sum_of_lanes(particle.detach(s, lane, LANES, melted, melted_count, region, direct), lane, LANES)
-        if lane == 0:
-            rebuild[s] = held > 0
