@@ -3,7 +3,7 @@
 from refsim.backends.compile import formula, kernel
 from refsim.backends.runtime import simulated
 from refsim.melting.formulas import melts
-from refsim.neighbours.rows import first_lane, over_lanes
+from refsim.neighbours.rows import first_lane, lane_slots, over_lanes
 from refsim.shape_matching.phases import FLUID, NOBODY, SURFACE
 
 LANES = 1 if simulated() else 8  # CUDA threads that share a node; the simulator has no shuffles
@@ -38,7 +38,7 @@ def melted_now(
 @kernel(lanes=LANES)
 def detach(s, lane, melted, melted_count, region, direct, rebuild):
     """Remove melted nodes from the direct neighbours of node s; rebuild = 1 if one was in its region, else 0."""
-    start, step = (0, 1) if lane is None else (lane[0], lane[1])
+    start, step = lane_slots(lane)
     held = 0
     if melted_count[0] > 0:
         for slot in range(start, 27, step):
