@@ -1,7 +1,7 @@
-"""Triangle meshes as boundaries: read by trimesh, repaired where that is safe, refused in one sentence where it is not.
+"""Triangle meshes as boundaries: read by trimesh, repaired where that is safe, otherwise refused with an InputError.
 
-A mesh is kept relative to its own origin, the middle of its bounding box, so that it keeps its digits in float32
-however far from the scene's origin it stands.
+Vertices are relative to the mesh's own origin, the centre of its bounding box, so that float32 resolves them at any
+distance from the scene's origin.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from refsim.core.errors import InputError
 from refsim.scene.meshes import check_triangles, read_mesh
 
 ZERO_AREA = 1e-12  # height of a triangle over its longest side, below which it is a line
-SAME_PLACE = 1e-12  # share of the mesh's size below which vertices are one
+SAME_PLACE = 1e-12  # fraction of the mesh's size below which vertices are merged
 
 
 @dataclass(frozen=True)
@@ -23,9 +23,9 @@ class SurfaceMesh:
     """A closed, manifold, outward oriented triangle mesh.
 
     vertices  (v, 3) float64 [m] relative to `origin`
-    faces     (t, 3) int64, against the clock as seen from outside
+    faces     (t, 3) int64, counterclockwise as seen from outside
     origin    (3,) float64 [m]
-    source    what it is called in messages
+    source    its name in messages
     notes     one sentence for each repair
     """
 
@@ -57,9 +57,9 @@ class SurfaceMesh:
 
 
 def load_mesh(path: str | os.PathLike[str]) -> SurfaceMesh:
-    """The mesh in a file that trimesh reads (.obj, .stl, .ply, .off, .glb, ...), repaired as `surface_mesh` says.
+    """The mesh in a file that trimesh reads (.obj, .stl, .ply, .off, .glb, ...), repaired as by `surface_mesh`.
 
-    Raises InputError, in one sentence, for what cannot be read, holds no triangles or cannot be repaired.
+    Raises InputError for a file that cannot be read, has no triangles or cannot be repaired.
     """
     read = read_mesh(path)
     return surface_mesh(read.vertices, read.faces, str(path))
@@ -69,9 +69,9 @@ def surface_mesh(vertices: np.ndarray, faces: np.ndarray, source: str = "mesh") 
     """A mesh from vertices (v, 3) [m] and faces (t, 3), repaired where that is safe.
 
     Repaired, with a note each: duplicated faces, triangles without area, holes of one triangle or one quadrilateral,
-    faces wound against their neighbours, bodies turned inside out. Raises InputError for what is empty, not finite,
-    open, non-manifold, or one body inside another that is not wound as a cavity. Triangles that cross are found by
-    `refsim.boundary.signed_distance.signed_distance`, whose lists say which lie near each other.
+    faces wound against their neighbours, bodies wound inside out. Raises InputError for a mesh that is empty, not
+    finite, open or non-manifold, or has a body inside another that is not wound as a cavity. Triangles that cross are
+    found by `refsim.boundary.signed_distance.signed_distance`, which has lists of the triangles near each other.
     """
     vertices, faces = np.array(vertices, dtype=float), np.array(faces, dtype=np.int64)
     check_triangles(vertices, faces, source)
@@ -100,7 +100,7 @@ def areas(corners: np.ndarray) -> np.ndarray:
 
 
 def signed_volume(corners: np.ndarray) -> float:
-    """Volume [m^3] that triangles (t, 3, 3) enclose, negative where they are wound inside out."""
+    """Volume [m^3] enclosed by triangles (t, 3, 3), negative if they are wound inside out."""
     return float(np.einsum("tc,tc->", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) / 6)
 
 
@@ -109,14 +109,14 @@ def _counted(number: int, one: str, many: str = "") -> str:
 
 
 def _merged(vertices: np.ndarray, faces: np.ndarray, size: float) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices at one place become one: files such as STL repeat them for each triangle."""
+    """Merge coincident vertices: files such as STL repeat them for each triangle."""
     cell = np.round(vertices / (SAME_PLACE * size))
     _, first, place = np.unique(cell, axis=0, return_index=True, return_inverse=True)
     return vertices[first], place.reshape(-1)[faces]
 
 
 def _without_duplicates(faces: np.ndarray, notes: list[str]) -> np.ndarray:
-    faces = faces[(faces != np.roll(faces, 1, axis=1)).all(1)]  # a vertex twice: nothing is lost with it
+    faces = faces[(faces != np.roll(faces, 1, axis=1)).all(1)]  # a face with a vertex twice has no area
     _, first = np.unique(np.sort(faces, axis=1), axis=0, return_index=True)
     if len(first) < len(faces):
         notes.append(f"{_counted(len(faces) - len(first), 'duplicated face')} left out")
@@ -124,7 +124,7 @@ def _without_duplicates(faces: np.ndarray, notes: list[str]) -> np.ndarray:
 
 
 def _without_slivers(vertices: np.ndarray, faces: np.ndarray, notes: list[str]) -> np.ndarray:
-    """Triangles without area are taken into the neighbour over their longest side, whose corner they then share."""
+    """Merge triangles without area into the neighbour across their longest side, whose corner they then share."""
     faces, flipped = faces.copy(), 0
     for _ in range(len(faces)):
         corners = vertices[faces]
@@ -164,7 +164,7 @@ def _without_slivers(vertices: np.ndarray, faces: np.ndarray, notes: list[str]) 
 
 
 def _edges(faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """((e, 2) edges, (e,) how many faces each has)."""
+    """((e, 2) edges, (e,) number of faces of each)."""
     edges = np.sort(faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
     return np.unique(edges, axis=0, return_counts=True)
 
@@ -176,7 +176,7 @@ def _closed(vertices: np.ndarray, faces: np.ndarray, source: str, notes: list[st
     if (uses > 2).any():
         raise InputError(
             f"mesh: {source!r} is not manifold ({_counted(int((uses > 2).sum()), 'edge')} with more than two"
-            " triangles), so that inside and outside are not told apart there; separate the parts that share them."
+            " triangles), so inside and outside are not defined there; separate the parts that share them."
         )
     if (uses == 1).any():
         mended = trimesh.Trimesh(vertices, faces, process=False)
@@ -195,7 +195,7 @@ def _closed(vertices: np.ndarray, faces: np.ndarray, source: str, notes: list[st
 
 
 def _components(faces: np.ndarray) -> np.ndarray:
-    """(t,) number of the body of each face; faces belong together that share an edge."""
+    """(t,) number of the body of each face; faces that share an edge belong to one body."""
     from scipy.sparse import coo_matrix
     from scipy.sparse.csgraph import connected_components
 
@@ -220,8 +220,7 @@ def _oriented(vertices: np.ndarray, faces: np.ndarray, source: str, notes: list[
         directed = new[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
         if len(np.unique(directed, axis=0)) < len(directed):
             raise InputError(
-                f"mesh: {source!r} has one side only, as a Moebius strip has, so that it has no interior; give a"
-                " closed mesh."
+                f"mesh: {source!r} has one side only, like a Moebius strip, so it has no interior; give a closed mesh."
             )
         turned = np.count_nonzero((new != faces).any(1))
         turned = min(turned, len(faces) - turned)
@@ -249,7 +248,7 @@ def _oriented(vertices: np.ndarray, faces: np.ndarray, source: str, notes: list[
 
 
 def _hosts(corners: np.ndarray, body: np.ndarray, count: int) -> np.ndarray:
-    """(bodies,) how many other bodies each one lies in, by solid angles at one of its corners."""
+    """(bodies,) number of other bodies that contain each one, by solid angles at one of its corners."""
     first = np.array([np.flatnonzero(body == b)[0] for b in range(count)])
     point = corners[first, 0]
     low = np.array([corners[body == b].min((0, 1)) for b in range(count)])
@@ -279,11 +278,11 @@ def winding(point: np.ndarray, corners: np.ndarray) -> float:
 def _split_touching_vertices(
     vertices: np.ndarray, faces: np.ndarray, notes: list[str]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Each fan of faces gets a vertex of its own, so that bodies that touch at a point keep a normal each."""
+    """Give each fan of faces its own vertex, so that bodies which touch at a point keep separate normals."""
     from scipy.sparse import coo_matrix
     from scipy.sparse.csgraph import connected_components
 
-    corner = np.arange(3 * len(faces)).reshape(-1, 3)  # corners belong together that share an edge at their vertex
+    corner = np.arange(3 * len(faces)).reshape(-1, 3)  # corners that share an edge at their vertex belong to one fan
     begin, end = corner.reshape(-1), np.roll(corner, -1, axis=1).reshape(-1)
     a, b = faces.reshape(-1), np.roll(faces, -1, axis=1).reshape(-1)
     key = np.stack([np.minimum(a, b), np.maximum(a, b)], axis=1)
@@ -291,7 +290,7 @@ def _split_touching_vertices(
     first, second = order[0::2], order[1::2]  # the two faces of each edge of a closed manifold mesh
     pairs = np.concatenate(
         [np.stack([begin[first], end[second]], 1), np.stack([end[first], begin[second]], 1)]
-    )  # wound alike, one begins where the other ends
+    )  # consistently wound: one face begins where the other ends
     graph = coo_matrix((np.ones(len(pairs)), pairs.T), shape=(corner.size, corner.size))
     fans, fan = connected_components(graph, directed=False)
     if fans > len(vertices):

@@ -1,4 +1,4 @@
-"""Melting: particles at the surface of a solid that reach the melting point turn liquid (Shao & Song 2017, section 2).
+"""Melting: particles at a solid's surface that reach the melting point become liquid (Shao & Song 2017, section 2).
 
 Contents: Melting, MeltingRule; tables MELTED, MELTED_COUNT, REBUILD; operations melting.melt, melting.detach.
 """
@@ -15,7 +15,7 @@ from refsim.core.capabilities import KeepsLedger
 from refsim.core.effect import Discretisation, Effect, Pass
 from refsim.core.errors import InputError
 from refsim.core.fields import Field
-from refsim.core.operation import Operation, register
+from refsim.core.operation import Operation, Program, register
 from refsim.heat import MELTING_POINT
 from refsim.shape_matching.phases import FLUID
 from refsim.sph import liquid_of
@@ -24,14 +24,14 @@ if TYPE_CHECKING:
     from refsim.core.effect import InitialState
 
 MELTED = Field("melted", "-", "1 for nodes that melted in this step", dtype="int32", rows="solids")
-MELTED_COUNT = Field("melted_count", "-", "how many melted in this step", dtype="int32", rows=1)
-REBUILD = Field("rebuild", "-", "1 for nodes whose region is filled anew", dtype="int32", rows="solids")
+MELTED_COUNT = Field("melted_count", "-", "number of nodes that melted in this step", dtype="int32", rows=1)
+REBUILD = Field("rebuild", "-", "1 for nodes whose region is rebuilt", dtype="int32", rows="solids")
 
 
 class MeltingRule(NamedTuple):
     """Melting as the kernels take it."""
 
-    into_liquid: int  # 1 where the melt takes density and mass of the scene's liquid
+    into_liquid: int  # 1 if the melt takes density and mass of the scene's liquid
     liquid_density: float  # [kg/m^3]
     liquid_mass: float  # [kg]
     liquid_conductivity: float  # [W/(m K)]
@@ -39,10 +39,11 @@ class MeltingRule(NamedTuple):
 
 
 class Melting(Effect, KeepsLedger, frozen=True, kw_only=True):
-    """Turns particles at the surface of solids liquid when they are as hot as their body's melting point.
+    """Particles at the surface of solids become liquid at the melting point of their body.
 
-    bookkeeping  of the melt: "immiscible" keeps mass and rest density, a liquid as dense as its solid; "water" gives
-                 it mass, rest density, conductivity and heat capacity of the scene's liquid, and the total mass changes
+    bookkeeping  of the melt: "immiscible" keeps mass and rest density, so the melt is as dense as its solid; "water"
+                 gives it mass, rest density, conductivity and heat capacity of the scene's liquid, and the total mass
+                 changes
     """
 
     name: ClassVar[str] = "melting"
@@ -56,14 +57,14 @@ class Melting(Effect, KeepsLedger, frozen=True, kw_only=True):
         if self.bookkeeping not in ("immiscible", "water"):
             raise InputError(
                 f"{self.name}: bookkeeping = {self.bookkeeping!r} is not possible; give 'immiscible' or 'water' (the"
-                " mass cannot be kept while the rest density is switched: a density ratio of 10 multiplies Tait's"
-                " pressure by 10^7)."
+                " rest density cannot change at constant mass: a density ratio of 10 multiplies Tait's pressure by"
+                " 10^7)."
             )
         if others["heat_conduction"].melting_point is None:  # type: ignore[attr-defined]
-            raise InputError(f"{self.name}: there is no melting point; give heat_conduction one.")
+            raise InputError(f"{self.name}: heat_conduction has no melting_point; set it.")
 
-    def _brought(self, others: Mapping[str, Effect]) -> set[str]:
-        """Names of the fields that other effects bring."""
+    def _provided(self, others: Mapping[str, Effect]) -> set[str]:
+        """Names of the fields that other effects provide."""
         return {f.name for effect in others.values() if effect.name != self.name for f in effect.fields(others)}
 
     def fields(self, others: Mapping[str, Effect]) -> tuple[Field, ...]:
@@ -72,13 +73,13 @@ class Melting(Effect, KeepsLedger, frozen=True, kw_only=True):
     def initial(
         self, grid: Discretisation, state: InitialState, others: Mapping[str, Effect]
     ) -> Mapping[str, np.ndarray]:
-        if "melting_point" in self._brought(others):
+        if "melting_point" in self._provided(others):
             return {}
         heat: Any = others["heat_conduction"]
         return {"melting_point": heat.of_particles("melting_point", state)}
 
     def passes(self, others: Mapping[str, Effect]) -> tuple[Pass, ...]:
-        latent = "enthalpy" in self._brought(others)
+        latent = "enthalpy" in self._provided(others)
         reads = ("identity", "temperature", "melting_point", *(("enthalpy", "latent_heat") if latent else ()))
         absent = {name: None for name in ("conductivity", "heat_capacity") if name not in self._materials(others)}
         absent |= {} if latent else {"enthalpy": None, "latent_heat": None}
@@ -95,12 +96,12 @@ class Melting(Effect, KeepsLedger, frozen=True, kw_only=True):
         )  # fmt: skip
 
     def _materials(self, others: Mapping[str, Effect]) -> tuple[str, ...]:
-        """Properties for heat that the melt takes from the liquid, where it takes any."""
+        """Thermal properties that the melt takes from the liquid."""
         wanted = ("conductivity", "heat_capacity") if self.bookkeeping == "water" else ()
-        return tuple(name for name in wanted if name in self._brought(others))
+        return tuple(name for name in wanted if name in self._provided(others))
 
     def ledger(self, field: Callable[[str], np.ndarray]) -> dict[str, float]:
-        """What is solid, and the volume at rest densities, which melting keeps."""
+        """Number and mass [kg] of solid particles, and the volume at rest densities [m^3], which melting conserves."""
         mass, density, phase = (np.asarray(field(name), dtype=float) for name in ("mass", "rest_density", "phase"))
         return {
             "solid_particles": int((phase != FLUID).sum()),
@@ -128,8 +129,9 @@ register(
         name="melting.melt",
         folder=_HERE,
         paper="Shao & Song 2017",
-        equation="M section 2: T >= T_melt at surfaces, with M12, M13",
+        equation="Shao & Song, section 2: T >= T_melt at surfaces, with M12, M13",
         function="melt",
+        programs={"cpu": Program("reductions"), "cuda": Program("reductions_cuda")},
         outputs=("melted", "melted_count", "mass", "rest_density", "conductivity", "heat_capacity", "phase"),
         exact=("melted", "melted_count", "phase"),
         optional=("enthalpy", "latent_heat", "conductivity", "heat_capacity"),
@@ -142,7 +144,7 @@ register(
         name="melting.detach",
         folder=_HERE,
         paper="Shao & Song 2017",
-        equation="M section 2 and figure 3, with M16 to M18",
+        equation="Shao & Song, section 2 and figure 3, with M16 to M18",
         function="detach",
         outputs=("direct", "rebuild"),
         exact=("direct", "rebuild"),

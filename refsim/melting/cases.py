@@ -36,7 +36,7 @@ def _chain(**changes):
 
 @closed_form("melting.melt")
 def at_the_melting_point():
-    """What stands exactly at the melting point melts; what is inside does not, however hot. Mass and density stay."""
+    """Surface particles at the melting point melt; interior ones do not at any temperature. Mass and density stay."""
     expected = {
         "melted": np.array([1, 0, 1, 0]), "melted_count": np.array([2]), "mass": np.full(5, 9.0),
         "rest_density": np.full(5, 900.0), "phase": np.array([INTERIOR, FLUID, SURFACE, FLUID, FLUID]),
@@ -47,7 +47,7 @@ def at_the_melting_point():
 
 @closed_form("melting.melt")
 def with_latent_heat_into_water():
-    """With latent heat node 2, which holds less than 7 J/kg, stays; node 0 takes the water's mass and density."""
+    """With latent heat node 2, which has less than 7 J/kg, stays solid; node 0 takes the water's mass and density."""
     given = _chain(enthalpy=np.array([9.0, 6.0, 9.0, 7.0, 9.0]), latent_heat=np.full(5, 7.0))
     given["melting"] = given["melting"]._replace(into_liquid=np.int32(1))
     expected = {

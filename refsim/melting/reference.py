@@ -10,11 +10,11 @@ def melt(
     identity, temperature, enthalpy, melting_point, latent_heat, melting, phase, mass, rest_density, conductivity,
     heat_capacity, melted,
 ):  # fmt: skip
-    """M = {i at a body's surface, T_i >= Tm_i [deg C] (with latent heat: H_i >= Lh_i [J/kg])} turns liquid.
+    """M = {i at a body's surface, T_i >= Tm_i [deg C] (with latent heat: H_i >= Lh_i [J/kg])} becomes liquid.
 
-    melted (S,): 1 for nodes in M; melted_count (1,): how many; phase 0 in M. Bookkeeping: as "water" mass = rho_w V_min
-    [kg], rest density rho_w [kg/m^3], conductivity [W/(m K)] and heat capacity [J/(kg K)] of water in M, else all are
-    kept (M13).
+    melted (S,): 1 for nodes in M; melted_count (1,): number of M; phase 0 in M. Bookkeeping (Shao & Song M13): as
+    "water" mass = rho_w V_min [kg], rest density rho_w [kg/m^3], conductivity [W/(m K)] and heat capacity [J/(kg K)] of
+    water in M; otherwise all are kept.
     """
     phase, mass, rho = np.array(phase), np.array(mass, dtype=float), np.array(rest_density, dtype=float)
     ready = (phase == SURFACE) & (np.asarray(temperature) >= np.asarray(melting_point))
@@ -44,9 +44,9 @@ def melt(
 
 
 def detach(melted, melted_count, region, direct):
-    """direct = -1 in every slot of a melted node and in every slot that holds one (M16).
+    """direct = -1 in every slot of a melted node and in every slot that holds one (Shao & Song M16).
 
-    rebuild: flag of the regions to be filled anew, those that held a melted node (M17).
+    rebuild: flag of the regions that held a melted node and are rebuilt (Shao & Song M17).
     """
     gone = np.append(np.asarray(melted), 0) != 0  # the last one stands for empty slots, -1
     direct = np.where(gone[np.asarray(direct)], NOBODY, direct)

@@ -89,6 +89,12 @@ for _function, _chosen in ((row_of, _row_of), (first_lane, _first_lane), (over_l
 
 
 @formula
+def lane_slots(lane):  # noqa: ANN001, ANN201
+    """(first, step) of a lane's share of the slots 0, 1, 2, ...; all of them without lanes."""
+    return (0, 1) if lane is None else (lane[0], lane[1])
+
+
+@formula
 def cuda_lane(place, neighbours):  # noqa: ANN001, ANN201
     """(particle, lane) of thread `place` in a kernel with `lanes`: that many neighbouring threads share a particle."""
     lanes = len(neighbours.lanes)

@@ -31,7 +31,7 @@ def scene(*effects, gap=1.0, **changes):
 
 
 def test_density_is_p5(plate):
-    """rho_i = sum_j m_j W_ij + sum_b rho0 g W_ib / sum_b' W_bb', summed here in full."""
+    """Patent P5: rho_i = sum_j m_j W_ij + sum_b rho0 g W_ib / sum_b' W_bb', summed here over all particles."""
     simulation = Simulation(scene(LIQUID, MeshBoundary(file=plate, literal=("E30",))))
     simulation.evaluate()
     x, m = simulation.field("position"), simulation.field("mass")
@@ -60,8 +60,8 @@ def test_the_calibrated_factor_gives_the_first_layer_the_rest_density(plate):
     assert 0.12 < errors["printed"] < 0.20
 
 
-def test_layers_beneath_the_surface_stand_a_spacing_apart(plate):
-    """And all boundary particles of a wall have the same volume, as if the liquid went on in it."""
+def test_layers_below_the_surface_are_a_spacing_apart(plate):
+    """And all boundary particles of a wall have about the same volume, as if the liquid filled the solid."""
     walls = make_plan(scene(LIQUID, MeshBoundary(file=plate))).walls
     middle = np.abs(walls.position[:, :2]).max(1) < 0.04
     z, volume = walls.position[:, 2], walls.volume
@@ -85,14 +85,14 @@ def test_pressure_at_the_wall_derives_from_the_energy_of_p5(plate):
     assert simulation.plan.shared["fluid"].wall_share == 1.0
     row = int(np.argmin(simulation.field("position")[:, 2] + np.abs(simulation.field("position")[:, :2]).sum(1)))
     x, b = simulation.field("position")[row], simulation.plan.walls.position
-    kernel, way = smoothing("wendland_c2", SUPPORT, 3), 1e-7
+    kernel, apart = smoothing("wendland_c2", SUPPORT, 3), 1e-7
     volume = simulation.plan.walls.volume
 
     def filled(z):
         return 1000 * float(kernel_value(np.linalg.norm(x + [0, 0, z] - b, axis=1), kernel) @ volume)
 
     rho, p = simulation.field("density")[row], simulation.field("pressure")[row]
-    expected = -p / rho**2 * (filled(way) - filled(-way)) / (2 * way)
+    expected = -p / rho**2 * (filled(apart) - filled(-apart)) / (2 * apart)
     bare = Simulation(scene(WeaklyCompressible(sound_speed=20.0), gap=0.9))
     for name in ("density", "pressure"):
         assert name in bare.fields
@@ -109,7 +109,7 @@ def test_pressure_at_the_wall_derives_from_the_energy_of_p5(plate):
     assert expected > 0
 
 
-def test_without_a_mesh_nothing_of_it_is_there(plate):
+def test_without_a_mesh_there_are_none_of_its_fields_and_launches(plate):
     without, with_it = make_plan(scene(LIQUID)), make_plan(scene(LIQUID, MeshBoundary(file=plate, viscosity=0.1)))
     assert without.walls is None
     assert with_it.walls is not None
@@ -125,7 +125,7 @@ def test_without_a_mesh_nothing_of_it_is_there(plate):
     assert free.launches() == without.launches()
 
 
-def test_a_run_goes_on_bit_for_bit_from_its_checkpoint(plate, tmp_path):
+def test_a_run_resumes_bit_for_bit_from_its_checkpoint(plate, tmp_path):
     whole = Simulation(scene(LIQUID, Gravity(), MeshBoundary(file=plate, volume_factor=0.01), gap=0.3))
     for _ in range(100):
         whole.step()
@@ -157,7 +157,7 @@ def test_a_mesh_is_looked_for_beside_the_scene_file(plate, tmp_path):
         ({"size": 0.004}, "smaller than the boundary particles"),
         ({"restitution": 1.5}, "restitution = 1.5"),
         ({"layers": -1}, "layers = -1"),
-        ({"correction": "hope"}, "correction = 'hope'"),
+        ({"correction": "sweep"}, "correction = 'sweep'"),
         ({"center": (0.0, float("nan"), 0.0)}, "center along y"),
     ],
 )

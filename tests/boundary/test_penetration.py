@@ -1,4 +1,4 @@
-"""The penetration correction on solids: nobody gets in, whatever the step; marked region and every particle agree."""
+"""The penetration correction on solids: no particle enters at any step; marked region and every particle agree."""
 
 import math
 import types
@@ -8,7 +8,7 @@ import pytest
 import trimesh
 
 from refsim import Box, Cloud, Gravity, InputError, MeshBoundary, Scene, Simulation, WeaklyCompressible, make_plan
-from refsim.boundary.penetration.particle import clipped
+from refsim.boundary.penetration.kernels import clipped
 from refsim.boundary.penetration.reference import rebound
 
 SPACING = 0.01
@@ -17,7 +17,7 @@ LIQUID = WeaklyCompressible(sound_speed=20.0, dynamic_viscosity=0.5)
 
 @pytest.fixture(scope="module")
 def plate(tmp_path_factory):
-    """A lying plate, half a spacing thick."""
+    """A horizontal plate, half a spacing thick."""
     path = tmp_path_factory.mktemp("meshes") / "plate.obj"
     trimesh.creation.box((0.1, 0.1, 0.005)).export(path)
     return str(path)
@@ -31,12 +31,12 @@ def ball(tmp_path_factory):
 
 
 def bullets(file, correction, speed, dtype="float32", shift=(0.0, 0.0, 0.0), **changes):
-    """Particles far apart that fly down on the solid at so many spacings in a step of 0.4 ms."""
+    """Particles far apart that move down onto the solid by `speed` spacings in a step of 0.2 ms."""
     x, y = np.meshgrid(np.arange(-3, 4), np.arange(-3, 4))
     at = np.stack([0.012 * x.ravel(), 0.012 * y.ravel(), np.full(x.size, 0.045)], axis=1)
     at[:, 2] += 0.1 * SPACING * np.arange(x.size) % SPACING
     fluid = Cloud(position=at + shift, velocity=(0.0, 0.0, -speed * SPACING / 2e-4))
-    # As printed, boundary particles hold lone particles least: what is looked at is the correction.
+    # As printed, boundary particles repel lone particles least, so the test isolates the correction.
     given = {"literal": ("E30",), "field_spacing": 0.0025, **changes}
     boundary = MeshBoundary(file=file, center=shift, correction=correction, **given)
     return Simulation(
@@ -45,7 +45,7 @@ def bullets(file, correction, speed, dtype="float32", shift=(0.0, 0.0, 0.0), **c
 
 
 def through(simulation, steps, height=0.0):
-    """Number of particles that came below the solid."""
+    """Number of particles that passed below the solid."""
     for _ in range(steps):
         simulation.step()
     return int((simulation.field("position")[:, 2] < height - 0.003).sum())
@@ -59,7 +59,7 @@ def test_only_the_swept_correction_holds_a_plate_thinner_than_a_step(plate, spee
     assert through(bullets(plate, "none", speed), 30) > 0
 
 
-def test_ways_that_begin_far_outside_the_grid_are_swept(ball):
+def test_paths_that_begin_far_outside_the_grid_are_swept(ball):
     simulation = bullets(ball, "swept", 3.8)
     box = simulation.plan.parameters["mesh_boundary"]["penetration"]
     simulation.fields["position"][:, 2] += 0.5
@@ -74,7 +74,7 @@ def test_ways_that_begin_far_outside_the_grid_are_swept(ball):
 
 
 def test_far_from_the_origin_in_float32(plate):
-    """1e4 m away places come in steps of a tenth of a spacing; nobody passes the plate."""
+    """1e4 m away positions are rounded to a tenth of a spacing; no particle passes the plate."""
     simulation = bullets(plate, "swept", 3.0, shift=(0.0, 0.0, 1e4))
     for _ in range(20):
         simulation.step()
@@ -92,7 +92,7 @@ def test_marked_region_and_every_particle_give_the_same_bits(ball):
 
 
 def test_restitution_sends_particles_back_as_fast_as_they_came(plate):
-    """c_r = 1 on a flat plate: the speed is kept, its sign turned; c_r = 0 takes the part along the normal away."""
+    """c_r = 1 on a flat plate reverses the velocity; c_r = 0 removes its normal part."""
     elastic, slip = (bullets(plate, "swept", 0.5, restitution=c, volume_factor=1e-6) for c in (1.0, 0.0))
     before = elastic.field("velocity")[0, 2]
     for _ in range(12):
@@ -103,7 +103,7 @@ def test_restitution_sends_particles_back_as_fast_as_they_came(plate):
     assert np.abs(slip.field("velocity")[:, 2]).max() < 1e-4 * abs(before)
 
 
-def test_rebound_is_a_hash_between_nothing_and_its_largest():
+def test_rebound_is_a_hash_between_zero_and_its_maximum():
     group = types.SimpleNamespace(rebound=0.1)
     values = rebound(np.arange(4000), np.zeros(4000, int), group)
     assert values.min() >= 0
@@ -113,7 +113,7 @@ def test_rebound_is_a_hash_between_nothing_and_its_largest():
     assert not np.array_equal(values, rebound(np.arange(4000), np.ones(4000, int), group))
 
 
-def test_a_way_is_clipped_to_the_box():
+def test_a_path_is_clipped_to_the_box():
     box = types.SimpleNamespace(lower=(-1.0, -1.0, -1.0), upper=(1.0, 1.0, 1.0))
     first, last = clipped(
         np.float64(0), np.float64(0), np.float64(5), np.float64(0), np.float64(0), np.float64(-8), box

@@ -1,4 +1,4 @@
-"""Boundary particles on meshes: their number, how even they are, what repeats, what is refused, the command."""
+"""Boundary particles on meshes: number, evenness, repeatability, refused input, the command."""
 
 import json
 import math
@@ -44,7 +44,7 @@ def test_a_box_keeps_its_edges():
 
 
 def test_count_follows_the_area():
-    """The running sum keeps the total whatever the triangles' sizes; each by itself, as printed, keeps nothing."""
+    """The running sum keeps the total for any size of triangles; separate counts, as printed (patent E25), give 0."""
     area = np.full(1000, 0.3)
     radius = math.sqrt(HEXAGONAL / math.pi)
     assert facet_counts(area, HEXAGONAL, radius)[-1] == 300
@@ -67,15 +67,15 @@ def test_same_seed_same_bits(on_ball):
     assert not np.array_equal(on_ball.position, other.position)
 
 
-def test_printed_step_never_meets_the_threshold_on_a_box():
+def test_printed_step_does_not_converge_on_a_box():
     printed = sample(BOX, 0.06, literal=("E24",), most_iterations=300)
     assert not printed.converged
     assert "still move" in printed.notes[-1]
     assert sample(BOX, 0.06, most_iterations=300).converged
 
 
-def test_particles_at_one_place_part():
-    """Fifty particles on the same spot of a ball end as fifty places, the same ones every time."""
+def test_coincident_particles_separate():
+    """Fifty coincident particles on a ball end at fifty positions, the same in each run."""
     band = signed_distance(BALL, 0.08)
     pile = np.repeat(np.array([[0.0, 0.0, 0.99]], np.float32), 50, axis=0)
     ends = [relaxed(Backend("cpu"), band.local, pile.copy(), 0.08, 3, False, 60)[0] for _ in range(2)]

@@ -39,7 +39,7 @@ def test_distance_is_that_of_trimesh(ball_band):
 
 @pytest.mark.parametrize("shape, spacing", [(needle, 0.004), (plate, 0.02)], ids=["needle", "plate"])
 def test_signs_are_those_of_the_winding_number(shape, spacing):
-    """At every node, also where two faces of a sharp tip are equally near, and at random places off the table."""
+    """At random nodes, also where two faces of a sharp tip are equally near."""
     band = signed_distance(shape(), spacing, 2 * spacing, dtype="float64")
     place = node_places(band)
     clear = np.abs(band.field.distance) > 1e-9
@@ -67,8 +67,12 @@ def test_the_inside_beyond_all_blocks_is_marked():
 
 def test_trilinear_error_is_of_second_order():
     ball = meshed(trimesh.creation.icosphere(5))
-    ways = np.random.default_rng(4).normal(size=(2000, 3))
-    place = ways / np.linalg.norm(ways, axis=1)[:, None] * np.random.default_rng(5).uniform(0.95, 1.05, (2000, 1))
+    directions = np.random.default_rng(4).normal(size=(2000, 3))
+    place = (
+        directions
+        / np.linalg.norm(directions, axis=1)[:, None]
+        * np.random.default_rng(5).uniform(0.95, 1.05, (2000, 1))
+    )
     known = np.linalg.norm(place, axis=1) - 1
     errors = []
     for spacing in (0.2, 0.1):
@@ -79,8 +83,8 @@ def test_trilinear_error_is_of_second_order():
 
 
 def test_projection_stands_on_the_mesh(ball_band):
-    ways = np.random.default_rng(6).normal(size=(300, 3))
-    place = (ways / np.linalg.norm(ways, axis=1)[:, None] * 1.003).astype(np.float32)
+    directions = np.random.default_rng(6).normal(size=(300, 3))
+    place = (directions / np.linalg.norm(directions, axis=1)[:, None] * 1.003).astype(np.float32)
     onto, normal = ball_band.project(place)
     _, least, _ = trimesh.proximity.closest_point(BALL, place)
     _, off, _ = trimesh.proximity.closest_point(BALL, onto)
@@ -90,7 +94,7 @@ def test_projection_stands_on_the_mesh(ball_band):
 
 
 def test_memory_follows_the_surface():
-    """Half the spacing, four times the blocks; two balls 1000 radii apart cost two balls."""
+    """At half the spacing four times the blocks; two balls 1000 radii apart take twice the memory of one."""
     one = signed_distance(meshed(BALL), 0.08, check_crossings=False)
     finer = signed_distance(meshed(BALL), 0.04, check_crossings=False)
     assert 3.4 < finer.nbytes / one.nbytes < 4.6
@@ -110,7 +114,7 @@ def test_a_mesh_far_away_has_the_same_field():
     )
 
 
-# Meshes that are repaired, and say so
+# Meshes that are repaired, with a note
 
 
 def test_duplicated_faces_are_left_out():
@@ -119,8 +123,8 @@ def test_duplicated_faces_are_left_out():
     assert mesh.volume == pytest.approx(0.48)
 
 
-def test_triangles_without_area_are_taken_into_the_neighbour():
-    """A corner in the middle of an edge, on one side only: the other side keeps its long edge over a flat triangle."""
+def test_triangles_without_area_are_merged_into_the_neighbour():
+    """A vertex in the middle of an edge, on one side only: a flat triangle joins it to the long edge on the other."""
     a, b, c = BOX.faces[0]
     middle = 0.5 * (BOX.vertices[a] + BOX.vertices[b])
     m = len(BOX.vertices)
@@ -169,9 +173,9 @@ def test_bodies_that_touch_at_a_point_keep_a_normal_each():
 def strip():
     """A Moebius strip."""
     turn = np.linspace(0, 2 * np.pi, 21)[:-1]
-    way = np.stack([np.cos(turn / 2) * np.cos(turn), np.cos(turn / 2) * np.sin(turn), np.sin(turn / 2)], 1)
+    across = np.stack([np.cos(turn / 2) * np.cos(turn), np.cos(turn / 2) * np.sin(turn), np.sin(turn / 2)], 1)
     ring = np.stack([np.cos(turn), np.sin(turn), 0 * turn], 1)
-    corner = np.stack([ring - 0.3 * way, ring + 0.3 * way], 1).reshape(-1, 3)
+    corner = np.stack([ring - 0.3 * across, ring + 0.3 * across], 1).reshape(-1, 3)
     k = np.arange(20)
     a, b, c, d = 2 * k, 2 * k + 1, 2 * k + 2, 2 * k + 3
     c[-1], d[-1] = 1, 0

@@ -392,7 +392,7 @@ def test_what_is_not_counted_is_said(tmp_path, capsys):
     assert main(["plan", str(file)]) == 0
     said = capsys.readouterr().out
     assert "Energy audit: every 20 steps" in said
-    assert "counts kinetic, compression, gravity; not counted: box_walls: half of the walls' push" in said
+    assert "counts kinetic, compression, gravity; not counted: box_walls: half of the walls' pressure force" in said
     fluid = WeaklyCompressible(sound_speed=10.0)
     implicit = Simulation(scene(fluid, ImplicitPressure(), fluid=Box(cells=(4, 4, 4))), "cpu")
     assert implicit.auditor.uncounted() == ("iisph: work of the pressure on the compression that tolerance leaves",)

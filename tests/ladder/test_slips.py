@@ -27,7 +27,8 @@ HARMLESS = {
     "squared_gradient": [(f"g{c} += f * d{c}", "only its square is taken") for c in "xyz"],
     "step_node": [("return -1", "any negative number says that there is no node")],
     "base_coordinate": [("return FARTHEST + 1", "any number beyond all nodes does")],
-    "melt": [("phase[i] = FLUID", "a zero has no sign")],
+    "melted_now": [("phase[i] = FLUID", "a zero has no sign")],
+    "detach": [("held = 1", "any positive number means that a melted node is in the region")],
     **{name: [("zero = type(", "only the type is taken")] for name in ("damp_sums", "damp_slot", "motion_sums")},
     "goal_sums": [("real = type(", "only the type is taken")],
     "motion_slot": [("return nothing_12(type(", "only the type is taken")],
@@ -38,7 +39,7 @@ HARMLESS = {
     ],
     "relaxed_pressure": [("value < real(0)", "a pascal is far below the bound")],
     "tait_pressure": [("pressure < real(0)", "a pascal is far below the bound")],
-    "wall_own_pressure": [
+    "boundary_pressure": [
         ("fluid.clamp and pressure < type(pressure)(0)", "a pascal is far below the bound"),
         ("return type(pressure)(0)", "a pascal is far below the bound"),
     ],

@@ -1,4 +1,4 @@
-"""Melting: what melts when, the tables after it, bookkeeping, whole runs, bad input."""
+"""Melting: which particles melt, the tables of nodes, bookkeeping, whole runs, bad input."""
 
 import numpy as np
 import pytest
@@ -31,7 +31,7 @@ BODY = SolidBox(lower=(0.4, 0.4, 0.8), upper=(1.4, 1.4, 1.8), density=917.0)
 
 
 def scene(solid=(BODY,), highest=5.0, slope=0.0, melting=None, **options):
-    """A body over a basin; temperatures stay as they begin, `highest` at x = 0, falling by `slope` a metre."""
+    """A body above a basin; constant temperatures, `highest` [deg C] at x = 0, decreasing by `slope` [K/m]."""
     values = {"spacing": 0.2, "support_radius": 0.5, "step": 0.004, "dtype": "float64"} | options
 
     def made(temperature):
@@ -48,11 +48,11 @@ def scene(solid=(BODY,), highest=5.0, slope=0.0, melting=None, **options):
     return made(tuple((highest - slope * x).tolist()))
 
 
-# What melts
+# Which particles melt
 
 
 def test_only_surfaces_melt_and_one_layer_in_a_step():
-    """A cube of 5 x 5 x 5, hot through and through: 98, 26 and 1 particles in three steps, each from a surface."""
+    """A uniformly hot cube of 5 x 5 x 5: 98, 26 and 1 particles melt in three steps, each from a surface."""
     simulation = Simulation(scene())
     gone = []
     for _ in range(4):
@@ -67,7 +67,7 @@ def test_only_surfaces_melt_and_one_layer_in_a_step():
 
 
 def test_nothing_melts_below_the_melting_point():
-    """Not even as little as a float's distance below it."""
+    """Not even at the next lower floating-point number."""
     simulation = Simulation(scene(highest=np.nextafter(0.0, -1.0)))
     plain = simulation.field("phase").copy()
     for _ in range(3):
@@ -83,7 +83,7 @@ def test_exactly_at_the_melting_point_it_melts():
 
 
 def test_what_melts_does_not_depend_on_the_order():
-    """The same body, its particles in 20 other orders: the same cells melt, and the same tables follow."""
+    """The same body, its particles in 20 other orders: the same cells melt, and the tables are the same."""
     random = np.random.default_rng(3)
     cells = np.stack(np.meshgrid(*[np.arange(4)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)[:50]
     lattice = lattice_of([cells])
@@ -100,7 +100,7 @@ def test_what_melts_does_not_depend_on_the_order():
 
 
 def fresh_tables(phase, place, lattice, width, program="cpu"):
-    """direct, region and region_count of nodes that are all there."""
+    """direct, region and region_count of nodes of which none has melted."""
     nodes = len(lattice.key)
     direct, region = np.empty((nodes, 27), np.int32), np.empty((nodes, (2 * width + 1) ** 3), np.int32)
     count = np.empty(nodes, np.int32)
@@ -110,7 +110,7 @@ def fresh_tables(phase, place, lattice, width, program="cpu"):
 
 
 def melting_round(identity, place, temperature, phase, direct, region, count, lattice):
-    """One round of melting at 0 deg C on the tables, in place; which nodes melted."""
+    """One round of melting at 0 deg C on the tables, in place; returns the flags of melted nodes."""
     nodes = len(direct)
     melted, number, rebuild = np.empty(nodes, np.int32), np.empty(1, np.int32), np.empty(nodes, np.int32)
     ones = np.ones(len(phase))
@@ -127,7 +127,7 @@ def melting_round(identity, place, temperature, phase, direct, region, count, la
 
 @pytest.mark.parametrize("width", [1, 2, 3])
 def test_regions_equal_a_search_after_every_round(width):
-    """200 rounds in which random particles melt wherever they are; a breadth-first search is the judge."""
+    """200 rounds in which random particles melt anywhere; the reference is a breadth-first search."""
     random = np.random.default_rng(width)
     cells = np.stack(np.meshgrid(*[np.arange(6)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
     lattice = lattice_of([cells[:120], cells[120:]])  # two bodies that touch
@@ -172,7 +172,7 @@ def members_by_search(solid, lattice, width):
 
 
 def test_a_fill_that_expands_what_it_writes_is_wrong():
-    """M15: one pass that also expands entries of its own pass finds other regions in a body with a gap."""
+    """Shao & Song M15: a pass that also expands entries of its own pass finds other regions in a body with a gap."""
     cells = np.array([[0, 0, 0], [1, 0, 0], [2, 0, 0], [2, 1, 0], [2, 2, 0], [1, 2, 0], [0, 2, 0]])
     lattice = lattice_of([cells])
     place = np.arange(7, dtype=np.int32)
@@ -188,7 +188,7 @@ def test_a_fill_that_expands_what_it_writes_is_wrong():
 
 @pytest.mark.parametrize(("bookkeeping", "change"), [("immiscible", 0.0), ("water", 83.0)])
 def test_mass_and_rest_density_of_the_melt(bookkeeping, change):
-    """Kept, or those of the liquid: 125 particles of ice become heavier by 83 kg/m^3 each."""
+    """Kept, or those of the liquid: the density of 125 particles of ice increases by 83 kg/m^3."""
     simulation = Simulation(scene(melting=Melting(bookkeeping=bookkeeping)))
     volume = 1 / simulation.plan.effects["weakly_compressible"].rest_number_density(simulation.plan.grid)
     before = simulation.field("mass").sum()
@@ -202,11 +202,11 @@ def test_mass_and_rest_density_of_the_melt(bookkeeping, change):
 
 
 def half_molten(**options):
-    """A body of which the left part is hot: it melts away in a few steps and the rest stays solid."""
+    """A body whose left part is hot: that part melts in a few steps and the rest stays solid."""
     return scene(highest=0.79, slope=1.0, **options)
 
 
-def test_what_is_left_goes_on_as_a_body():
+def test_the_rest_moves_on_as_a_body():
     simulation = Simulation(half_molten())
     for _ in range(150):
         simulation.step()

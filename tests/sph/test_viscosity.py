@@ -262,7 +262,7 @@ def test_the_note_is_said_where_a_drop_can_turn():
 def test_what_the_choice_does_not_go_with_is_refused():
     place = {"spacing": 0.1, "support_radius": 0.26, "fluid": (Cloud(position=[[0.0, 0.0, 0.0]]),)}
     solid = (SolidBox(lower=(0.1, 0.1, 0.4), upper=(0.4, 0.4, 0.6)),)
-    with pytest.raises(InputError, match="two_way_coupling: drags by its own equation"):
+    with pytest.raises(InputError, match="two_way_coupling: its viscous force is Shao & Song"):
         make_plan(Scene(**place, solid=solid, effects=(liquid("central"), ShapeMatching(), TwoWayCoupling())))
     with pytest.raises(InputError, match=r"printed sign of J\(11\), which viscosity = 'central' does not use"):
         make_plan(Scene(**place, effects=(liquid("central", literal=("E3",)),)))

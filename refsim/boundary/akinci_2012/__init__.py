@@ -1,8 +1,8 @@
 """Walls of boxes as one layer of boundary particles, after Akinci et al. 2012 with a calibrated volume.
 
-V_b = g / sum_k W_bk. With g = 1 (literal) the first fluid layer on a flat wall is 12 to 17 % too dense; the
-default g is solved on the lattice so that this layer has the rest density. A lone particle never
-reaches the rest density and would drift through one layer: the box's planes stop it, and the run counts that.
+V_b = g / sum_k W_bk. With g = 1 (literal) the first fluid layer on a flat wall is 12 to 17 % too dense; the default g
+is calibrated on the lattice so that this layer has the rest density. A lone particle never reaches the rest density
+and would pass through one layer: the planes of the box stop it, and the run counts these stops.
 """
 
 from __future__ import annotations
@@ -31,9 +31,9 @@ FACES = ("-x", "+x", "-y", "+y", "-z", "+z")
 class BoxWalls(Effect, BringsWalls, HasErrata, frozen=True, kw_only=True):
     """Walls around the box from `lower` to `upper` [m]; free slip.
 
-    lower, upper  corners of the liquid's room [m]; in 2D the z parts are ignored
+    lower, upper  corners of the box [m]; in 2D the z components are ignored
     open_faces    faces without wall, of "-x", "+x", "-y", "+y", "-z", "+z"
-    literal       printed readings to use: "g" (Akinci's V_b, g = 1, instead of the calibrated one); or "all"
+    literal       readings taken as printed: "g" (Akinci's V_b, g = 1, instead of the calibrated one); or "all"
     """
 
     name: ClassVar[str] = "box_walls"
@@ -62,10 +62,10 @@ class BoxWalls(Effect, BringsWalls, HasErrata, frozen=True, kw_only=True):
         self.printed()
 
     def energy(self, grid: Discretisation, others: Mapping[str, Effect]) -> EnergyAccount:
-        """None of its own: walls at rest do no work. The liquid's compression counts their part of the density."""
+        """None of its own: walls at rest do no work. The liquid's compression includes their part of the density."""
         if pressure_is_replaced(others) or least_wall_share(others) == 1:
             return EnergyAccount()
-        return EnergyAccount(uncounted=("half of the walls' push, which mirrors the liquid's pressure",))
+        return EnergyAccount(uncounted=("half of the walls' pressure force, which mirrors the liquid's pressure",))
 
     def walls(self, grid: Discretisation, others: Mapping[str, Effect]) -> WallParticles | None:
         """Positions (m, 3) [m] half a spacing outside the box and volumes (m,) [m^dim]; None with all faces open."""
@@ -90,12 +90,12 @@ class BoxWalls(Effect, BringsWalls, HasErrata, frozen=True, kw_only=True):
     def initial(
         self, grid: Discretisation, state: InitialState, others: Mapping[str, Effect]
     ) -> Mapping[str, np.ndarray]:
-        """No values of its own; refuses particles that begin behind a wall, where no wall particle holds them."""
+        """No values of its own; raises InputError for particles that start behind a wall."""
         bounds = self.shares(grid, others).get("bounds")
         if bounds is None:
             return {}
         slack = 1e-3 * grid.spacing  # for the rounding of the planes
-        first = 0 if grid.solids is None else len(grid.solids.lattice.key)  # of solids, ShapeMatching speaks
+        first = 0 if grid.solids is None else len(grid.solids.lattice.key)  # ShapeMatching tests particles of solids
         x = state.position[first:]
         out = np.flatnonzero(((x < bounds.lower - slack) | (x > bounds.upper + slack)).any(1))
         if len(out):

@@ -1,12 +1,12 @@
-"""One-way coupling of a liquid with a solid given as a triangle mesh (patent CN104318598A, P5 to P8).
+"""One-way coupling of a liquid with a solid given as a triangle mesh (patent CN104318598A: patent P5 to P8).
 
 Contents: MeshBoundary; WallGravity, WallViscosity, layer_factors; operations one_way_coupling.wall_pressure,
 one_way_coupling.wall_viscosity.
 
-The solid's surface carries boundary particles, and so do the levels beneath it as far as the liquid's kernel reaches.
-Every pass of the liquid sees them as wall particles: they count in its density (P5) and push with its pressure (P6).
-What is of this effect alone is the pressure that they have themselves, led on from the liquid, their friction (P6),
-their adhesion, and the correction of particles that would enter the solid (P8, `refsim.boundary.penetration`).
+Boundary particles are placed on the solid's surface and in layers below it, as deep as the liquid's kernel reaches. All
+passes of the liquid treat them as wall particles: they contribute to its density (patent P5) and mirror its pressure
+(P6). This effect adds their own pressure, extrapolated from the liquid, their friction (P6), their adhesion, and the
+correction of particles that would enter the solid (P8, `refsim.boundary.penetration`).
 """
 
 from __future__ import annotations
@@ -31,7 +31,9 @@ from refsim.smoothing import lattice, smoothing
 from refsim.sph import LIQUID, gravity_of, liquid_of, pressure_is_replaced
 
 MOST_LAYERS = 100  # of boundary particles
-FINEST = 0.01  # spacings of the liquid: smaller ones of boundary particles and distances are mistakes of units
+FINEST = (
+    0.01  # least spacing of boundary particles and distances, in spacings of the liquid: guards against wrong units
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -47,7 +49,7 @@ class WallViscosity(NamedTuple):
 
 
 class WallGravity(NamedTuple):
-    """Gravity as the boundary particles' pressure takes it."""
+    """Gravity in the boundary particles' pressure."""
 
     x: float  # [m/s^2]
     y: float
@@ -59,26 +61,26 @@ class MeshBoundary(
 ):
     """A solid at rest, given as a closed triangle mesh, that the liquid flows around.
 
-    file            mesh file that trimesh reads (.obj, .stl, .ply, ...); in a scene file, looked for beside it
-    center          where the middle of its bounding box goes [m]; left out, it stays where the file has it
-    size            its longest edge there [m]; 0 leaves the file's numbers as metres
-    rotation        turn about x, then y, then z before [degrees]
-    radius          r of the boundary particles, which stand 2 r apart [m]; 0 for half a spacing of the liquid
-    layers          of boundary particles, one spacing of the liquid beneath each other; 0 for as many as a particle
-                    one spacing off the surface reaches
-    viscosity       mu_b of the friction between liquid and boundary particles [Pa s]; 0 lets the liquid slip
-    adhesion        beta [m^4/(kg s^2)], coefficient of the attraction by boundary particles; 0 leaves it out
-    correction      of particles that would enter the solid: "swept" (where their way enters it), "point" (where their
+    file            mesh file that trimesh reads (.obj, .stl, .ply, ...); in a scene file, relative to its folder
+    center          position of the centre of its bounding box [m]; if omitted, the file's
+    size            its longest edge [m]; 0 takes the file's numbers as metres
+    rotation        about x, then y, then z, before it is scaled and moved [degrees]
+    radius          r of the boundary particles, which are 2 r apart [m]; 0 for half a spacing of the liquid
+    layers          of boundary particles, one spacing of the liquid apart; 0 for as many as a particle one spacing off
+                    the surface reaches
+    viscosity       mu_b of the friction between liquid and boundary particles [Pa s]; 0 for free slip
+    adhesion        beta [m^4/(kg s^2)], coefficient of the attraction by boundary particles; 0 for none
+    correction      of particles that would enter the solid: "swept" (where their path enters it), "point" (where their
                     step ends, as printed) or "none"
     restitution     c_r of the correction, from 0 (slip) to 1 (elastic)
-    rebound         largest D_r of the correction, a share of the depth
+    rebound         largest D_r of the correction, a fraction of the depth
     field_spacing   of the signed distances [m]; 0 for half a spacing of the liquid
-    every_particle  look up a distance for every particle, not only in the marked region around the surface
-    volume_factor   g of the boundary particles' volumes V_b = g/sum_k W_bk; 0 solves it so that liquid on a lattice,
-                    one spacing from a flat wall, has the rest density
-    seed            of the placing of boundary particles
-    literal         printed readings to use: "E27" (velocities are reflected also where they point out of the solid),
-                    "E30" (one layer with g = 1, which has no pressure but the particle's own); or "all"
+    every_particle  interpolate a distance for every particle, not only in the marked region around the surface
+    volume_factor   g of the boundary particles' volumes V_b = g/sum_k W_bk; 0 calibrates it so that liquid on a
+                    lattice, one spacing from a flat wall, has the rest density
+    seed            of the positions of boundary particles
+    literal         errata of the patent taken as printed: "E27" (velocities that point out of the solid are reflected,
+                    too), "E30" (one layer with g = 1, which mirrors the particle's own pressure); or "all"
     """
 
     name: ClassVar[str] = "mesh_boundary"
@@ -134,7 +136,7 @@ class MeshBoundary(
         self.printed()
 
     def placed(self, grid: Discretisation) -> PlacedSolid:
-        """The solid in its place: boundary particles and narrow band. Raises InputError for a mesh that is none."""
+        """The solid in its position: boundary particles and narrow band. Raises InputError for a defective mesh."""
         from refsim.boundary.one_way_coupling.placing import placed_solid
 
         return placed_solid(
@@ -161,13 +163,13 @@ class MeshBoundary(
         return WallParticles(position, factor / wall_kernel_sums(position, shape, grid.support_radius, 3))
 
     def corrects_positions(self) -> bool:
-        """Where P8 puts particles that would enter the solid elsewhere."""
+        """True where patent P8 moves particles that would enter the solid."""
         return self.correction != "none"
 
     def _extrapolates(self, others: Mapping[str, Effect]) -> bool:
-        """Whether boundary particles have a pressure of their own.
+        """Whether boundary particles have a pressure of their own (patent E30).
 
-        Solvers without the liquid's equation of state have walls of their own, which do not take `wall_share`.
+        Solvers that replace the liquid's equation of state compute wall forces themselves, without `wall_share`.
         """
         return "E30" not in self.printed() and not pressure_is_replaced(others)
 
@@ -180,8 +182,8 @@ class MeshBoundary(
         inside = int((self.placed(grid).distance(state.position) < 0).sum())
         if inside:
             raise InputError(
-                f"{self.name}: {inside} particles of the scene start inside the solid of {self.file!r}; move the one or"
-                " the others."
+                f"{self.name}: {inside} particles of the scene start inside the solid of {self.file!r}; move the solid"
+                " or the particles."
             )
         return {} if self.correction == "none" else {"corrections": np.zeros(grid.count, np.int32)}
 
@@ -202,7 +204,7 @@ class MeshBoundary(
         return tuple(made)
 
     def energy(self, grid: Discretisation, others: Mapping[str, Effect]) -> EnergyAccount | None:
-        """None of its own, since it is at rest; adhesion has no account."""
+        """No energy of its own, since the solid is at rest; adhesion has no account."""
         if self.adhesion > 0:
             return None
         words = ("the boundary particles' own pressure",) if self._extrapolates(others) else ()
@@ -245,7 +247,7 @@ class MeshBoundary(
         return tuple(f"{self.name}: {words}" for words in self.placed(grid).notes)
 
     def ledger(self, field: Callable[[str], np.ndarray]) -> dict[str, float]:
-        """How often a particle was sent back from the solid, and how many have been."""
+        """Number of corrections, and of particles that were corrected."""
         if self.correction == "none":
             return {}
         corrections = field("corrections")
@@ -256,12 +258,12 @@ class MeshBoundary(
 def layer_factors(
     shape: str, support_radius: float, spacing: float, radius: float, layers: int
 ) -> tuple[float, ...]:  # fmt: skip
-    """g of each layer for which liquid on a flat wall has the rest density; lengths in metres.
+    """g of each layer for which liquid on a flat wall has the rest density; lengths in metres, g dimensionless.
 
-    Boundary particles stand 2 r apart, packed in hexagons of area A, in layers one spacing d beneath each other; the
-    liquid's first layer stands d above. All have the same volume s A d, with
+    Boundary particles are 2 r apart in a hexagonal packing of area A each, in layers one spacing d apart; the liquid's
+    first layer lies d above. All have the same volume s A d, with
     (sum over fluid layers)/(sum over the full lattice) + s d sum_l (integral of W over the plane l) = 1,
-    and g = V_b sum_k W_bk, in which other layers count with their mean.
+    and g = V_b sum_k W_bk, in which other layers are averaged over their plane.
     """
     from refsim.smoothing.reference import kernel_value
 
@@ -274,7 +276,7 @@ def layer_factors(
         return float(kernel_value(spacing * np.sqrt(flat2 + k * k), kernel).sum())
 
     def of_plane(away: float) -> float:
-        """Integral of W over a plane so far away [1/m]."""
+        """Integral of W over a plane at distance `away` [1/m]."""
         rim = math.sqrt(max(support_radius**2 - away**2, 0.0))
         node, weight = np.polynomial.legendre.leggauss(200)
         rho = 0.5 * rim * (node + 1)
@@ -297,13 +299,13 @@ register(
         name="one_way_coupling.wall_pressure",
         folder="refsim.boundary.one_way_coupling",
         paper="patent CN104318598A, 2014; Adami, Hu & Adams 2012",
-        equation="P6, pressure, with E30",
-        function="wall_pressure",
+        equation="patent P6, pressure, with E30",
+        function="extrapolated_wall_pressure",
         outputs=("acceleration",),
         adds=("acceleration",),
         tolerance=16.0,
-        tolerance_reason="as sph.pressure, with the roundings of a mean of the liquid's pressure and of its lead to the"
-        " wall",
+        tolerance_reason="as sph.pressure, with the roundings of a mean of the liquid's pressure and of its"
+        " extrapolation to the wall",
         invariants=("translation", "reordering"),
     )
 )
@@ -312,7 +314,7 @@ register(
         name="one_way_coupling.wall_viscosity",
         folder="refsim.boundary.one_way_coupling",
         paper="patent CN104318598A, 2014; Akinci et al. 2012",
-        equation="P6, viscous force, with E30",
+        equation="patent P6, viscous force, with E30",
         function="wall_viscosity",
         outputs=("acceleration",),
         adds=("acceleration",),

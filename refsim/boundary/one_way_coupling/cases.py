@@ -39,7 +39,7 @@ def _wall_gravity(case, grid):
     return {"wall_gravity": WallGravity(*(grid.real(g) for g in (2.0, -1.0, -9.0)))}
 
 
-takes("one_way_coupling.wall_pressure", fluid="rest_density clamp gradient_share")  # P6, p_b: once, whatever p_i counts
+takes("one_way_coupling.wall_pressure", fluid="rest_density clamp gradient_share")  # p_b counts once
 takes("one_way_coupling.wall_viscosity", smoothing="support_radius dim")
 
 

@@ -1,11 +1,11 @@
-"""Scalar formulas of one-way coupling: patent CN104318598A, P6."""
+"""Scalar formulas of one-way coupling: patent CN104318598A, equation P6 (patent P6)."""
 
 from refsim.backends.compile import formula
 
 
 @formula
-def wall_viscosity_pair(wall_mass, density_i, wall_viscosity, laplacian):
-    """P6 for one boundary particle: factor of v_b - v_i in the acceleration [1/s], mu Psi_b/rho_i^2 lap W_ib (E30).
+def boundary_viscosity_pair(wall_mass, density_i, wall_viscosity, laplacian):
+    """Patent P6 with E30: factor mu Psi_b/rho_i^2 lap W_ib of v_b - v_i in the acceleration [1/s].
 
     From F_ib = mu (m_i/rho_i) (Psi_b/rho_i) (v_b - v_i) lap W_ib, Psi_b = rho0 V_b; v_b = 0.
     """
@@ -13,19 +13,19 @@ def wall_viscosity_pair(wall_mass, density_i, wall_viscosity, laplacian):
 
 
 @formula
-def wall_own_pressure(around, gravity, dx, dy, dz, fluid):
-    """P6 with E30, p_b [Pa]: p~_i + rho0 g.(x_b - x_i), (dx, dy, dz) = x_i - x_b [m] (Adami, Hu & Adams 2012, (27)).
+def boundary_pressure(mean, gravity, dx, dy, dz, fluid):
+    """Patent P6 with E30: p_b = p~_i + rho0 g.(x_b - x_i) [Pa], (dx, dy, dz) = x_i - x_b [m].
 
-    p~_i is the pressure of the liquid around particle i, led to its place.
+    `mean` is p~_i, the mean pressure of the liquid around x_i, extrapolated to x_i (Adami, Hu & Adams 2012, (27)).
     """
-    deeper = gravity.x * dx + gravity.y * dy + gravity.z * dz
-    pressure = around - fluid.rest_density * deeper
+    head = gravity.x * dx + gravity.y * dy + gravity.z * dz
+    pressure = mean - fluid.rest_density * head
     if fluid.clamp and pressure < type(pressure)(0):
         return type(pressure)(0)
     return pressure
 
 
 @formula
-def wall_pressure_pair(wall_mass, density_i, pressure_b, slope, fluid):
-    """P6 with E30 for one boundary particle: factor f = -s Psi_b p_b/rho_i^2 W'(r) of e_ib in a_i [m/s^2]."""
+def boundary_pressure_pair(wall_mass, density_i, pressure_b, slope, fluid):
+    """Patent P6 with E30: factor f = -s Psi_b p_b/rho_i^2 W'(r) of e_ib in the acceleration a_i [m/s^2]."""
     return -fluid.gradient_share * wall_mass * pressure_b / (density_i * density_i) * slope

@@ -1,4 +1,4 @@
-"""A solid in its place: its mesh read and moved, boundary particles on it, signed distances around it; on the host."""
+"""Placing of a solid, on the host: mesh read and moved, boundary particles on it, signed distances around it."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ PROBE = 0.5  # depth under a boundary particle, in spacings of the band, where t
 
 @dataclass(frozen=True)
 class PlacedSolid:
-    """What a scene needs of a solid.
+    """A solid in a scene.
 
-    mesh       in its place
+    mesh       in its position
     position   boundary particles on the surface (m, 3) [m]
     normal     outward (m, 3)
-    beneath    those of each further layer, (k, 3) [m]
+    beneath    those of each further layer below it, (k, 3) [m]
     band       signed distances, float64
-    notes      what a user should know, one sentence each
+    notes      warnings for the user, one sentence each
     """
 
     mesh: SurfaceMesh
@@ -40,19 +40,19 @@ class PlacedSolid:
     notes: tuple[str, ...]
 
     def distance(self, points: np.ndarray) -> np.ndarray:
-        """Signed distances (n,) [m] of points (n, 3) [m], negative inside, held to the band."""
+        """Signed distances (n,) [m] of points (n, 3) [m], negative inside, clamped to the band."""
         return self.band.at(np.ascontiguousarray(points, dtype=float))[0]
 
 
 def placed_mesh(
     file: str, center: tuple[float, float, float] | None, size: float, rotation: tuple[float, float, float]
 ) -> SurfaceMesh:
-    """The mesh of a file, turned, scaled to `size` [m] unless that is 0, and moved to `center` [m] unless None."""
+    """The mesh of a file, rotated, scaled to `size` [m] unless that is 0, and moved to `center` [m] unless None."""
     mesh = load_mesh(file)
     vertices = mesh.vertices
     for axis, angle in enumerate(rotation):
         if angle:
-            vertices = vertices @ _turn(axis, math.radians(angle)).T
+            vertices = vertices @ _rotation(axis, math.radians(angle)).T
     middle = 0.5 * (vertices.min(0) + vertices.max(0))
     vertices = vertices - middle
     origin = mesh.origin + middle
@@ -63,8 +63,8 @@ def placed_mesh(
     return dataclasses.replace(mesh, vertices=vertices, origin=origin)
 
 
-def _turn(axis: int, angle: float) -> np.ndarray:
-    """(3, 3) rotation about an axis."""
+def _rotation(axis: int, angle: float) -> np.ndarray:
+    """(3, 3) matrix of a rotation by `angle` [rad] about an axis."""
     c, s = math.cos(angle), math.sin(angle)
     a, b = (axis + 1) % 3, (axis + 2) % 3
     turn = np.eye(3)
@@ -76,17 +76,17 @@ def placed_solid(
     file: str, center: tuple[float, float, float] | None, size: float, rotation: tuple[float, float, float],
     radius: float, field_spacing: float, seed: int, layers: int, apart: float,
 ) -> PlacedSolid:  # fmt: skip
-    """The solid of a mesh file; kept, so that a plan reads and samples it once while the file stays as it is.
+    """The solid of a mesh file; cached while the file is unchanged, so that a plan reads and samples it once.
 
-    layers  of boundary particles, `apart` [m] beneath each other
+    layers  of boundary particles, `apart` [m] apart
 
-    Raises InputError for a mesh that cannot be read, has no interior, or is smaller than the spacing asked for.
+    Raises InputError for a mesh that cannot be read, has no interior, or is smaller than the given spacing.
     """
     try:
         written = os.stat(file).st_mtime_ns
-    except (OSError, ValueError):  # told where it is read
+    except (OSError, ValueError):  # reading the file reports it
         written = 0
-    with np.errstate(over="warn", divide="warn", invalid="warn"):  # what degenerate triangles give is looked at
+    with np.errstate(over="warn", divide="warn", invalid="warn"):  # degenerate triangles are handled below
         return _placed(file, written, center, size, rotation, radius, field_spacing, seed, layers, apart)
 
 
@@ -100,7 +100,7 @@ def _placed(
     if 2 * radius > extent:
         raise InputError(
             f"mesh_boundary: the solid of {file!r} is {extent:.3g} m across, smaller than the boundary particles'"
-            f" spacing of {2 * radius:.3g} m; make it larger, or radius smaller."
+            f" spacing of {2 * radius:.3g} m; enlarge it, or reduce radius."
         )
     band = signed_distance(mesh, field_spacing, BAND * field_spacing, dtype="float64")
     sampled = sample(mesh, radius, seed=seed)
@@ -111,8 +111,8 @@ def _placed(
     if unseen:
         notes.append(
             f"the signed distances do not resolve the solid under {unseen} of {len(position)} boundary particles, where"
-            f" it is thinner than about {field_spacing:.3g} m or sharper: particles may slip through there; make"
-            " field_spacing smaller"
+            f" it is thinner or sharper than about {field_spacing:.3g} m: particles may slip through there; reduce"
+            " field_spacing"
         )
     beneath = tuple(sample_beneath(mesh, radius, k * apart, field_spacing, seed + k) for k in range(1, layers))
     return PlacedSolid(mesh, position, normal, beneath, band, tuple(notes))

@@ -7,9 +7,9 @@ from refsim.smoothing.reference import kernel_slope, kernel_value, viscosity_lap
 
 
 def wall_viscosity(position, velocity, density, walls, smoothing, fluid, wall_viscosity, rows=None):
-    """P6, viscous part: a_i = sum_b mu Psi_b/rho_i^2 (v_b - v_i) lap W_ib [m/s^2], Psi_b = rho0 V_b, v_b = 0 (E30).
+    """Patent P6 with E30, viscous part: a_i = sum_b mu Psi_b/rho_i^2 (v_b - v_i) lap W_ib [m/s^2], v_b = 0.
 
-    position, velocity (n, 3) [m], [m/s]; density (n,) [kg/m^3]. Returns (value, scale).
+    Psi_b = rho0 V_b; position, velocity (n, 3) [m], [m/s]; density (n,) [kg/m^3]. Returns (value, scale).
     """
     pick = slice(None) if rows is None else np.asarray(rows)
     v, rho = np.asarray(velocity, dtype=float)[pick], np.asarray(density, dtype=float)[pick]
@@ -21,8 +21,8 @@ def wall_viscosity(position, velocity, density, walls, smoothing, fluid, wall_vi
     return {"acceleration": (value, np.abs(value))}
 
 
-def wall_pressure(position, density, pressure, walls, smoothing, fluid, wall_gravity, rows=None):
-    """P6 with p_b (E30): a_i = -s sum_b Psi_b p_b/rho_i^2 grad W_ib [m/s^2], after Adami, Hu & Adams 2012, (27).
+def extrapolated_wall_pressure(position, density, pressure, walls, smoothing, fluid, wall_gravity, rows=None):
+    """Patent P6 with E30: a_i = -s sum_b Psi_b p_b/rho_i^2 grad W_ib [m/s^2], after Adami, Hu & Adams 2012, (27).
 
     p_b = p~_i + rho0 g.(x_b - x_i) [Pa], p~_i = sum_j W_ij (p_j + rho_j g.(x_i - x_j)) / sum_j W_ij, self included.
     position (n, 3) [m]; density [kg/m^3], pressure [Pa] (n,). Returns (value, scale).
@@ -30,11 +30,11 @@ def wall_pressure(position, density, pressure, walls, smoothing, fluid, wall_gra
     rho, p = np.asarray(density, dtype=float), np.asarray(pressure, dtype=float)
     g = np.array([float(part) for part in wall_gravity])
     own = rho if rows is None else rho[np.asarray(rows)]
-    around, size = np.zeros(len(own)), np.zeros(len(own))
+    mean, size = np.zeros(len(own)), np.zeros(len(own))
     for place, separation, distance in pair_blocks(position, position, rows):
         w = kernel_value(distance, smoothing)
         deeper = rho[None, :] * (separation @ g)
-        around[place] = (w * (p[None, :] + deeper)).sum(1) / w.sum(1)
+        mean[place] = (w * (p[None, :] + deeper)).sum(1) / w.sum(1)
         size[place] = (w * (np.abs(p)[None, :] + np.abs(deeper))).sum(1) / w.sum(1)
     value, scale = np.zeros((len(own), 3)), np.zeros((len(own), 3))
     psi = float(fluid.rest_density) * np.asarray(walls.volume, dtype=float)
@@ -42,7 +42,7 @@ def wall_pressure(position, density, pressure, walls, smoothing, fluid, wall_gra
         apart = distance + 1e-9 * float(smoothing.support_radius)
         gradient = (kernel_slope(distance, smoothing) / apart)[..., None] * separation
         head = float(fluid.rest_density) * (separation @ g)
-        pressure_b = around[place, None] - head
+        pressure_b = mean[place, None] - head
         if fluid.clamp:
             pressure_b = np.maximum(pressure_b, 0)
         factor = (float(fluid.gradient_share) * psi[None, :] / own[place, None] ** 2)[..., None] * gradient

@@ -1,8 +1,7 @@
-"""What keeps particles out of a solid: the penetration correction of patent CN104318598A, P8, literal and swept.
+"""Penetration correction, which keeps particles out of a solid: patent CN104318598A, P8, as printed and swept.
 
 Contents: CORRECTIONS, Penetration, correction_pass, penetration_groups; operation penetration.kick_drift. There is no
-effect of its own: `mesh_boundary` (`refsim.boundary.one_way_coupling`) brings the pass, which stands in for the
-leap-frog.
+effect of this name: `mesh_boundary` (`refsim.boundary.one_way_coupling`) adds the pass, which replaces the leap-frog.
 """
 
 from __future__ import annotations
@@ -13,10 +12,10 @@ import numpy as np
 
 from refsim.core.effect import Pass
 from refsim.core.fields import Field
-from refsim.core.operation import Operation, register
+from refsim.core.operation import Operation, Program, register
 
 CORRECTIONS = Field(
-    "corrections", "-", "how often the particle was sent back from a solid, P8", dtype="int32", state=True
+    "corrections", "-", "number of penetration corrections of the particle, patent P8", dtype="int32", state=True
 )
 
 
@@ -25,10 +24,10 @@ class Penetration(NamedTuple):
 
     restitution: float  # c_r
     rebound: float  # largest D_r
-    swept: int  # look along the way, not only where the step ends
-    printed: int  # reflect velocities also where they point out (E27)
-    everywhere: int  # look a distance up for every particle, not only in marked cells
-    lower: Any  # (3,) corners of the box that holds all marked cells [m]
+    swept: int  # test the whole path, not only the end of the step
+    printed: int  # reflect also velocities that point out of the solid (patent E27)
+    everywhere: int  # interpolate a distance for every particle, not only in marked cells
+    lower: Any  # (3,) corners of the box around all marked cells [m]
     upper: Any
 
 
@@ -41,7 +40,7 @@ def correction_pass() -> Pass:
 def penetration_groups(
     solid_field: Any, dtype: str, restitution: float, rebound: float, swept: bool, printed: bool, everywhere: bool
 ) -> dict[str, Any]:
-    """Parameter groups of the pass, for `Effect.prepare`: the narrow band and what is done at it."""
+    """Parameter groups of the pass, for `Effect.prepare`: the narrow band and the correction."""
     lower, upper = marked_box(solid_field)
     real = np.dtype(dtype).type
     solid_field = solid_field._replace(
@@ -62,7 +61,7 @@ def penetration_groups(
 
 
 def marked_box(solid_field: Any) -> tuple[np.ndarray, np.ndarray]:
-    """Corners (3,), (3,) [m] of the box that holds all blocks of a narrow band."""
+    """Corners (3,), (3,) [m] of the box around all blocks of a narrow band."""
     keys = np.asarray(solid_field.keys)
     origin = np.array([solid_field.origin_x, solid_field.origin_y, solid_field.origin_z], dtype=float)
     if not len(keys):
@@ -77,8 +76,9 @@ register(
         name="penetration.kick_drift",
         folder="refsim.boundary.penetration",
         paper="patent CN104318598A, 2014",
-        equation="leap-frog and P8 with E26 to E28",
+        equation="leap-frog and patent P8 with E26 to E28",
         function="kick_drift",
+        programs={"cpu": Program("reductions"), "cuda": Program("reductions_cuda")},
         outputs=("displacement", "corrections", "velocity", "position"),
         exact=("corrections",),
         optional=("bounds",),
@@ -100,7 +100,7 @@ register(
 
 
 def _long(case: Any, grid: Any, spacings: float) -> Any:
-    """Steps in which a particle of the tests moves by about so many spacings."""
+    """Time steps in which a particle of the tests moves by about `spacings` spacings."""
     return np.array([0.8, 1.0], dtype=grid.dtype) * grid.real(spacings * case.spacing)
 
 

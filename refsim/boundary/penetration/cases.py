@@ -38,7 +38,7 @@ def octahedron(center: np.ndarray, size: float, dtype: str) -> DistanceField:
 
 @particles("corrections")
 def _corrections(case, random):
-    """Some particles have been sent back before."""
+    """Some particles have been corrected before."""
     return random.integers(0, 4, case.count).astype(np.int32)
 
 
@@ -46,8 +46,8 @@ def _corrections(case, random):
 def _solid(case, grid):
     """An octahedron, a little off the middle of the particles, so that some are inside.
 
-    Where float32 keeps places to a fraction of a spacing only, it stands at their side: too many would be too near to
-    its surface to say on which side they are.
+    Where float32 resolves positions to a fraction of a spacing only, it lies beside them: too many would otherwise be
+    within rounding of its surface.
     """
     middle = np.median(case.position, axis=0) if case.count else np.zeros(3)
     coarse = case.count > 0 and np.abs(middle).max() > 1e5 * case.spacing
@@ -55,7 +55,7 @@ def _solid(case, grid):
     return penetration_groups(octahedron(center, case.spacing, grid.dtype), grid.dtype, 0.4, 0.1, True, False, False)
 
 
-# `everywhere` looks up more distances, and finds the same.
+# `everywhere` interpolates more distances, with the same result.
 takes("penetration.kick_drift", penetration="restitution rebound swept printed")
 takes("penetration.kick_drift", solid_field="origin_x origin_y origin_z")
 
@@ -69,7 +69,7 @@ def towards_edges() -> Case:
 
 @case
 def outside_the_grid() -> Case:
-    """Most particles stand far outside the box of the band, so that their ways begin outside it."""
+    """Most particles lie far outside the box of the band, so that their paths begin outside it."""
     position = 6 * cloud("outside_the_grid", 120, 3)
     return Case("outside_the_grid", 3, position)
 
@@ -91,7 +91,7 @@ def _slab() -> DistanceField:
 
 
 def _fall(begin, speed, **changes):
-    """One particle that falls for a second without acceleration onto the slab; c_r = 1/2, D_r = 0."""
+    """One particle that moves onto the slab for 1 s without acceleration; c_r = 1/2, D_r = 0."""
     position = np.array([begin], dtype=float)
     field = _slab()
     lower, upper = marked_box(field)
@@ -110,31 +110,31 @@ def _fall(begin, speed, **changes):
 
 @closed_form("penetration.kick_drift")
 def printed_bounce():
-    """Point: z = 1 - 3 = -2 goes up to 0, and v_z = -3 to 3/2; x and v_x go on."""
+    """Point: z = 1 - 3 = -2 becomes 0, and v_z = -3 becomes 3/2; x and v_x are not changed."""
     made, given = _fall((0.25, 0.5, 1.0), (1.0, 0.0, -3.0), swept=np.int32(0))
-    way = np.array([1.0, 0.0, -1.0])
+    moved = np.array([1.0, 0.0, -1.0])
     return Exact(
         made, given,
         {"position": np.array([[1.25, 0.5, 0.0]]), "velocity": np.array([[1.0, 0.0, 1.5]]),
-         "corrections": np.array([1]), "displacement": np.array([way @ way, 0.0])},
+         "corrections": np.array([1]), "displacement": np.array([moved @ moved, 0.0])},
     )  # fmt: skip
 
 
 @closed_form("penetration.kick_drift")
 def swept_bounce():
-    """Swept, from 1 m at 3 m/s: looks at z = 1, 1/4, 0, -1/4; there P8 puts it to z = 0, 5/12 of the way on."""
+    """Swept, from 1 m at 3 m/s: samples z = 1, 1/4, 0, -1/4, which is 5/12 of the path; there P8 moves it to z = 0."""
     made, given = _fall((0.25, 0.5, 1.0), (0.0, 0.0, -3.0))
-    way = np.array([0.0, 0.0, -1.0])
+    moved = np.array([0.0, 0.0, -1.0])
     return Exact(
         made, given,
         {"position": np.array([[0.25, 0.5, 0.0]]), "velocity": np.array([[0.0, 0.0, 1.5]]),
-         "corrections": np.array([1]), "displacement": np.array([way @ way, 0.0])},
+         "corrections": np.array([1]), "displacement": np.array([moved @ moved, 0.0])},
     )  # fmt: skip
 
 
 @closed_form("penetration.kick_drift")
 def leaving_is_not_reflected():
-    """Inside at z = -2 and rising: P8 moves it from z = -1 to 0, and v stays (E27)."""
+    """Inside at z = -2 and rising: P8 moves it from z = -1 to 0, and v is not changed (patent E27)."""
     made, given = _fall((0.25, 0.5, -2.0), (0.0, 0.0, 1.0))
     return Exact(
         made, given,
@@ -145,7 +145,7 @@ def leaving_is_not_reflected():
 
 @closed_form("penetration.kick_drift")
 def printed_leaving():
-    """The printed rule turns it round all the same: v_z = 1 becomes -1/2."""
+    """The printed rule reflects it nevertheless: v_z = 1 becomes -1/2."""
     made, given = _fall((0.25, 0.5, -2.0), (0.0, 0.0, 1.0), printed=np.int32(1))
     return Exact(
         made, given,

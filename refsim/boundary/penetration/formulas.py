@@ -1,4 +1,4 @@
-"""Scalar formulas of the penetration correction: patent CN104318598A, equation P8."""
+"""Scalar formulas of the penetration correction: patent CN104318598A, equation P8 (patent P8)."""
 
 from refsim.backends.compile import formula
 
@@ -7,7 +7,7 @@ MIXED = 0x7FFFFFFF
 
 @formula
 def rebound(identity, count, penetration):
-    """P8: D_r = rebound hash(identity, corrections so far), a share of the depth (E28), dimensionless."""
+    """Patent P8 with E28: D_r = rebound hash(identity, corrections so far), a fraction of the depth, dimensionless."""
     real = type(penetration.rebound)
     a = (int(identity) * 1_000_003 + int(count) * 7_919 + 12_345) & MIXED
     a = ((a ^ (a >> 15)) * 73_856_093) & MIXED
@@ -18,7 +18,7 @@ def rebound(identity, count, penetration):
 
 @formula
 def reflected(along, penetration):
-    """P8: dv = -(1 + c_r) v.n, the factor of the normal in the change of velocity [m/s]; only where v.n < 0 (E27)."""
+    """Patent P8 with E27: dv = -(1 + c_r) v.n if v.n < 0, else 0: change of velocity along the normal [m/s]."""
     real = type(penetration.restitution)
     if along < real(0) or penetration.printed:
         return -(real(1) + penetration.restitution) * along
@@ -27,9 +27,9 @@ def reflected(along, penetration):
 
 @formula
 def pushed(depth, steep, share):
-    """P8: dx = (1 + D_r) |s|/|grad phi|, the way along the normal [m].
+    """Patent P8: dx = (1 + D_r) |phi|/|grad phi|, displacement along the normal [m], at most 2 (1 + D_r) |phi|.
 
-    Over edges the interpolated distance is less steep than 1, and |s| alone ends inside; no more than 2 |s| is taken.
+    Near edges the slope of the interpolated distance is below 1, so that a displacement of |phi| would end inside.
     """
     real = type(depth)
     return (real(1) + share) * abs(depth) / min(max(steep, real(0.5)), real(1))

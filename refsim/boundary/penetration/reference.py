@@ -7,7 +7,7 @@ from refsim.sparse_grid.reference import Lookup
 CLEARANCE = 4
 LONGEST = 4096
 PUSHES, LEFT = 16, 128
-ROUNDING = 4e-7  # of a place, relative, in float32
+ROUNDING = 4e-7  # of a position, relative, in float32
 
 
 class Sampled:
@@ -40,7 +40,7 @@ class Sampled:
         return value
 
     def __call__(self, x, everywhere=False):
-        """(phi (n,) [m], slope (n, 3)) at places (n, 3) [m]."""
+        """(phi (n,) [m], slope (n, 3)) at points (n, 3) [m]."""
         local = (np.asarray(x, dtype=float) - self.origin) / self.h
         j = np.clip(np.floor(np.nan_to_num(local, nan=-(2.0**20))), -(2**20), 2**20).astype(np.int64)
         u = local - j
@@ -61,7 +61,7 @@ class Sampled:
 
 
 def rebound(identity, count, penetration):
-    """D_r of P8 (n,), dimensionless: a hash of particle and count of corrections, times the largest one (E28)."""
+    """D_r of patent P8 with E28 (n,), dimensionless: rebound times a hash of particle and count of corrections."""
     a = (np.asarray(identity, dtype=np.int64) * 1_000_003 + np.asarray(count, dtype=np.int64) * 7_919 + 12_345) % 2**31
     a = ((a ^ a // 2**15) * 73_856_093) % 2**31
     a = ((a ^ a // 2**13) * 19_349_663) % 2**31
@@ -70,19 +70,19 @@ def rebound(identity, count, penetration):
 
 
 def in_box(x, penetration):
-    """Which places (n, 3) [m] are in the box of the marked region."""
+    """Which points (n, 3) [m] are in the box of the marked region."""
     low, high = np.asarray(penetration.lower, dtype=float), np.asarray(penetration.upper, dtype=float)
     return ((x >= low) & (x <= high)).all(1)
 
 
-def entry(start, way, sampled, penetration):
-    """(share (n,) of the way where sphere tracing first finds phi < 0, inf for never; least |phi| on the way [m])."""
-    length = np.sqrt((way**2).sum(1))
+def entry(start, path, sampled, penetration):
+    """(least t (n,) with phi(start + t path) < 0 by sphere tracing, inf for none; least |phi| on the path [m])."""
+    length = np.sqrt((path**2).sum(1))
     low, high = np.asarray(penetration.lower, dtype=float), np.asarray(penetration.upper, dtype=float)
     with np.errstate(all="ignore"):
-        a, b = (low - start) / way, (high - start) / way
+        a, b = (low - start) / path, (high - start) / path
         first, last = np.fmin(a, b), np.fmax(a, b)
-    still = way == 0
+    still = path == 0
     missed = (still & ((start < low) | (start > high))).any(1)
     first = np.maximum(np.where(still, 0.0, first).max(1), 0.0)
     last = np.minimum(np.where(still, 1.0, last).min(1), 1.0)
@@ -92,8 +92,8 @@ def entry(start, way, sampled, penetration):
     for _ in range(LONGEST):
         if not len(going):
             break
-        phi, _ = sampled(start[going] + t[going, None] * way[going], penetration.everywhere)
-        rounded = t[going] > 0  # the particle's own place is known exactly
+        phi, _ = sampled(start[going] + t[going, None] * path[going], penetration.everywhere)
+        rounded = t[going] > 0  # the particle's own position is exact
         least[going] = np.minimum(least[going], np.where(rounded, np.abs(phi), np.inf))
         found[going] = np.where(phi < 0, t[going], np.inf)
         on = (phi >= 0) & (t[going] < last[going])
@@ -107,13 +107,13 @@ def kick_drift(
     acceleration, identity, build_position, bounds, timestep, solid_field, penetration, corrections, velocity,
     position,
 ):  # fmt: skip
-    """Leap-frog: v += (dt_previous + dt)/2 a [m/s], x += dt v [m]; where it would enter the solid, P8.
+    """Leap-frog: v += (dt_previous + dt)/2 a [m/s], x += dt v [m]; patent P8 where a particle would enter the solid.
 
-    Swept: x becomes the first place on its way with phi < 0. P8 where phi < 0, n = grad phi/|grad phi|:
-    v -= (1 + c_r)(v.n) n, unless v.n >= 0 (E27), x += (1 + D_r) |phi|/min(|grad phi|, 1) n (E28), at most
-    twice |phi|; swept: again, up to 16 times in all, where that leaves it inside by more than h/128.
+    Swept: x becomes the first point of the path with phi < 0. P8 where phi < 0, n = grad phi/|grad phi|:
+    v -= (1 + c_r)(v.n) n, unless v.n >= 0 (E27), x += (1 + D_r) |phi|/min(|grad phi|, 1) n (E28), the quotient at most
+    2 |phi|; swept: repeated, up to 16 times in all, while phi < -h/128.
     displacement: as `sph.kick_drift`.
-    The scale is infinite where a distance on the way is too near to zero for its sign to be certain.
+    The scale is infinite where a distance on the path is within rounding of 0.
     """
     kick, drift = (float(t) for t in timestep)
     a = np.asarray(acceleration, dtype=float)
@@ -134,7 +134,7 @@ def kick_drift(
         exact = np.abs(begun) / sampled.band
         hit = outside & (share < 1)
         x = np.where(hit[:, None], old_x + np.where(hit, share, 0.0)[:, None] * (x - old_x), x)
-    # A normal is a difference of distances over a spacing: what rounding of the place does to it, in units of 1/eps.
+    # A normal is a difference of distances over a spacing: its error by rounding of the position, in units of 1/eps.
     size = np.abs(old_x).max(1, initial=0.0) + np.abs(np.asarray(penetration.upper)).max() + sampled.band
     tilt = 1e-3 + 2 * ROUNDING * np.abs(old_x).max(1, initial=0.0) / sampled.h  # of a normal, by rounding
     total = np.sqrt((v_scale**2).sum(1))
@@ -158,9 +158,9 @@ def kick_drift(
         x[looked] += (share[looked] * np.abs(phi) / np.clip(steep, 0.5, 1.0))[:, None] * normal
         v_scale[looked] += (4 * doubt[looked] * (1 + 1 / steep) * total[looked])[:, None]
         x_scale[looked] += (8 * size[looked] * (1 + 1 / steep))[:, None]
-        doubt[looked] *= 8 * (1 + 1 / steep)  # what is asked next is where this push went
+        doubt[looked] *= 8 * (1 + 1 / steep)  # the next push depends on this one
         jumped[looked] = True
-    margin = np.minimum(4 * margin / size, exact)  # a place is rounded by eps/2 in each coordinate
+    margin = np.minimum(4 * margin / size, exact)  # a position is rounded by eps/2 in each coordinate
     certain = margin > 4 * ROUNDING
     v_scale = np.where((certain & ~grazing)[:, None] | np.isnan(v_scale), v_scale, np.inf)
     x_scale = np.where(certain[:, None] | np.isnan(x_scale), x_scale, np.inf)
@@ -171,9 +171,9 @@ def kick_drift(
         v = np.where(beyond, 0.0, v)
         stopped = beyond.any(1)
         x = np.clip(x, lower, upper)
-    passed = x - np.asarray(build_position, dtype=float)
-    squared = (passed**2).sum(1)
-    bound = ((np.abs(passed) + x_scale) ** 2).sum(1)
+    moved = x - np.asarray(build_position, dtype=float)
+    squared = (moved**2).sum(1)
+    bound = ((np.abs(moved) + x_scale) ** 2).sum(1)
     return {
         "corrections": (count + jumped, margin),
         "velocity": (v, v_scale),

@@ -78,7 +78,7 @@ def blocks_of_triangle(t, triangles, grid, first, pair_key, pair_triangle):
 def nearest(n, triangles, band_grid, band_blocks, triangle_lists, unsigned_distance, closest):
     """Patent P1: distance [m] of node n, at most the band, and its closest triangle, -1 beyond the band.
 
-    Of the triangles that share the closest edge or corner the lowest is kept, whatever the rounding of their distances.
+    Of the triangles that share the closest edge or corner the lowest is kept, independent of the rounding of distances.
     Triangles whose bounding box is farther than the nearest so far are skipped.
     """
     h = band_grid.spacing

@@ -24,13 +24,13 @@ from refsim.sph import DENSITY, LIQUID, PRESSURE, ViscosityTerm, cohesive_pressu
 if TYPE_CHECKING:
     from refsim.core.effect import InitialState
 
-# Heaviest over lightest particle up to which the energy rises no more than with equal masses (docs/stability.md): of
-# solids beside a liquid the largest that was measured, and of liquids that melt has made beside each other
+# Largest ratio of particle masses for which the energy rises no more than with equal masses (docs/stability.md): of
+# solids in a liquid, the largest measured; of liquids that melting has produced
 MASS_RATIO, LIQUIDS_RATIO = 1000.0, 10.0
 REST_DENSITY = Field("rest_density", "kg/m^3", "rest density rho0 of the particle's substance", state=True)
 VOLUME = Field("volume", "m^3", "volume V = m/rho")
 RELATIVE_CONTRIBUTION = Field(
-    "relative_contribution", "-", "weight in the liquid's density, M(1): 1 in liquid, phi at a solid's surface, else 0"
+    "relative_contribution", "-", "weight in Shao & Song (1): 1 in liquid, phi at a solid's surface, 0 inside solids"
 )
 
 
@@ -40,23 +40,23 @@ class Coupling(NamedTuple):
     least_volume: float  # V_min, the volume of a liquid particle in the undisturbed bulk [m^dim]
     stiffness: float  # c^2/g of Tait's equation [m^2/s^2]
     exponent: int
-    printed_volume: int  # V_k from the particles at surfaces alone (M4)
-    printed_pressure: int  # (2) without one m_i (M2)
-    printed_viscosity: int  # (3) without one V_i (M3)
-    density_weighted: int  # pairs of liquid push by one pressure, weighted by densities
+    printed_volume: int  # V_k from the particles at surfaces alone (Shao & Song M4)
+    printed_pressure: int  # (2) without one m_i (Shao & Song M2)
+    printed_viscosity: int  # (3) without one V_i (Shao & Song M3)
+    density_weighted: int  # pairs of liquid have a common pressure, weighted by densities
 
 
 class TwoWayCoupling(Effect, LimitsMassRatio, HasErrata, frozen=True, kw_only=True):
-    """Liquid and solids push and drag each other; takes the place of the liquid's own density and forces.
+    """Pressure and viscous forces between liquid and solids; replaces the liquid's own density and forces.
 
     The liquid may consist of several substances: every particle has its own rest density, that of the scene's liquid or
     of the solid that it has melted from. Kernels, sound speed, equation of state and viscosity are those of
     `weakly_compressible`, whose negative pressures must be clamped.
 
-    density_weighted  a pair of liquid pushes by one pressure, (rho_j p_i + rho_i p_j)/(rho_i + rho_j), and not each by
-                      its own (Hu & Adams 2007): for substances of very different density
-    literal           printed readings to use: "M2" ((2) without one m_i), "M3" ((3) without one V_i), "M4" (V_k from
-                      the particles at surfaces alone); or "all"
+    density_weighted  a pair of liquid particles has the common pressure (rho_j p_i + rho_i p_j)/(rho_i + rho_j), not
+                      two (Hu & Adams 2007): for substances of very different density
+    literal           errata of Shao & Song taken as printed: "M2" ((2) without one m_i), "M3" ((3) without one V_i),
+                      "M4" (V_k from the particles at surfaces alone); or "all"
     """
 
     name: ClassVar[str] = "two_way_coupling"
@@ -76,16 +76,16 @@ class TwoWayCoupling(Effect, LimitsMassRatio, HasErrata, frozen=True, kw_only=Tr
         self.printed()
         if not liquid_of(others).clamp_pressure:
             raise InputError(
-                f"{self.name}: with negative pressures solids would stick to the liquid; set clamp_pressure = true in"
+                f"{self.name}: negative pressures would make solids stick to the liquid; set clamp_pressure = true in"
                 " weakly_compressible."
             )
         if liquid_of(others).central():
             raise InputError(
-                f"{self.name}: drags by its own equation (3), not along the line of centres; leave viscosity of"
+                f"{self.name}: its viscous force is Shao & Song (3), not along the line of centres; leave viscosity of"
                 " weakly_compressible at 'laplacian'."
             )
         if cohesive_pressure(grid, others) > 0:
-            raise InputError(f"{self.name}: an effect with cohesion takes particles of solids for liquid; remove it.")
+            raise InputError(f"{self.name}: an effect with cohesion treats particles of solids as liquid; remove it.")
 
     def fields(self, others: Mapping[str, Effect]) -> tuple[Field, ...]:
         return (DENSITY, PRESSURE, REST_DENSITY, PHASE, RELATIVE_CONTRIBUTION, VOLUME)
@@ -114,7 +114,7 @@ class TwoWayCoupling(Effect, LimitsMassRatio, HasErrata, frozen=True, kw_only=Tr
         )
 
     def energy(self, grid: Discretisation, others: Mapping[str, Effect]) -> EnergyAccount:
-        """Work of compression of the liquid's particles, each from its own rest density."""
+        """Work of compression of the liquid's particles, relative to each one's own rest density."""
         liquid = liquid_of(others)
         exponent = 7 if liquid.state == "tait" else 1
 
@@ -126,7 +126,7 @@ class TwoWayCoupling(Effect, LimitsMassRatio, HasErrata, frozen=True, kw_only=Tr
 
         uncounted = []
         if self.density_weighted:
-            uncounted.append("the density-weighted pressure, so far as it differs from each particle's own")
+            uncounted.append("the difference of the density-weighted pressure from each particle's own")
         if {"M2", "M4"} & self.printed():
             uncounted.append(f"the printed readings {self.cited(('M2', 'M4'))}")
         return EnergyAccount({"compression": compression}, tuple(uncounted))
@@ -172,7 +172,7 @@ register(
         name="two_way_coupling.contribution",
         folder=_HERE,
         paper=_PAPER,
-        equation="M(1), phi, with M4",
+        equation="Shao & Song (1), phi, with M4",
         function="contribution",
         outputs=("relative_contribution",),
         tolerance_reason="one rounding in each of distance, kernel, sum and quotient",
@@ -184,12 +184,12 @@ register(
         name="two_way_coupling.density",
         folder=_HERE,
         paper=_PAPER,
-        equation="M(1), p = B ((rho/rho0)^7 - 1), V = m/rho",
+        equation="Shao & Song (1), p = B ((rho/rho0)^7 - 1), V = m/rho",
         function="density",
         outputs=("density", "pressure", "volume"),
         optional=("walls",),
         tolerance=8.0,
-        tolerance_reason="as any summed density, and its power, counted in the scale by the exponent",
+        tolerance_reason="one rounding in each of distance, kernel, product and sum; the scale counts the power's",
         variants=({}, {"walls": None}),
         invariants=("translation", "rotation", "reordering"),
     )
@@ -199,7 +199,7 @@ register(
         name="two_way_coupling.pressure",
         folder=_HERE,
         paper=_PAPER,
-        equation="M(2) with M1, M2",
+        equation="Shao & Song (2) with M1, M2",
         function="forces",
         outputs=("acceleration",),
         adds=("acceleration",),
@@ -214,7 +214,7 @@ register(
         name="two_way_coupling.forces",
         folder=_HERE,
         paper=_PAPER,
-        equation="M(2), M(3) with M1 to M3",
+        equation="Shao & Song (2), (3) with M1 to M3",
         function="forces",
         outputs=("acceleration",),
         adds=("acceleration",),

@@ -12,13 +12,13 @@ from refsim.sph import ViscosityTerm
 
 @particles("phase")
 def _phase(case, random):
-    """Liquid, surfaces and insides of solids, mixed as no scene mixes them."""
+    """Liquid, surfaces and interiors of solids, mixed at random."""
     return random.choice(np.array([FLUID, SURFACE, INTERIOR], np.int32), case.count, p=[0.5, 0.35, 0.15])
 
 
 @particles("rest_density")
 def _rest_density(case, random):
-    """Substances from a fifth to ten times water; liquids near the density that the cases give them."""
+    """Solids of 0.2 to 10 times water's density; liquids near the density of the cases."""
     liquid = _phase(case, case.random("phase")) == FLUID
     solid = REST_DENSITY * np.exp(random.uniform(np.log(0.2), np.log(10), case.count))
     return np.where(liquid, REST_DENSITY * random.uniform(0.8, 1.1, case.count), solid)
@@ -45,8 +45,8 @@ takes("two_way_coupling.pressure", coupling="printed_pressure density_weighted")
 takes("two_way_coupling.forces", coupling="printed_pressure printed_viscosity density_weighted")
 
 
-# Closed forms: h = 2 m, cubic spline out of the way: Wendland's W(0) = 21/(16 pi), W(h/2) = 3/16 W(0), W'(h/2) =
-# -5/4 W(0)/h; the Laplacian's A (h - r) = 45/(64 pi).
+# Closed forms: h = 2 m, Wendland C2: W(0) = 21/(16 pi), W(h/2) = 3/16 W(0), W'(h/2) = -5/4 W(0)/h; the viscosity
+# kernel's Laplacian is 45/(64 pi).
 
 W0 = 21 / (16 * math.pi)
 SLOPE = 5 / 4 * W0 / 2 / (1 + 2e-9)
@@ -60,7 +60,7 @@ def _coupled(**changes):
 
 @closed_form("two_way_coupling.contribution")
 def surface_beside_inside():
-    """V_k = 1/(W(0) + W(h/2)) over both solids (M4), phi = V_k/V_min; the inside has none, the liquid 1."""
+    """V_k = 1/(W(0) + W(h/2)) over both solids (Shao & Song M4), phi = V_k/V_min; 0 inside, 1 in the liquid."""
     position = np.array([[0.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 2.0, 0.0]])
     three = Case("coupled_three", 3, position, spacing=1.0, support_radius=2.0)
     phi = 1 / (19 / 16 * W0 * 0.5)
@@ -73,7 +73,7 @@ def surface_beside_inside():
 
 @closed_form("two_way_coupling.contribution")
 def printed_surface_beside_inside():
-    """As printed V_k = 1/W(0): the inside is not counted."""
+    """As printed V_k = 1/W(0): the interior is not counted."""
     given = {"phase": np.array([SURFACE, INTERIOR], np.int32), "coupling": _coupled(printed_volume=np.int32(1))}
     return Exact(PAIR, given, {"relative_contribution": np.array([1 / (W0 * 0.5), 0.0])})
 
@@ -118,13 +118,13 @@ def _pushed(coupling, viscosity, force):
 
 @closed_form("two_way_coupling.pressure")
 def solid_pushes_liquid():
-    """F = -V^2 p phi |W'|: 0.25 m^6 * 40 Pa * 0.25, away from each other; the solid's own pressure does nothing."""
+    """F = -V^2 p phi |W'|: 0.25 m^6 * 40 Pa * 0.25, repulsive; the solid's own pressure has no effect."""
     return _pushed(_coupled(), None, [0.0, -2.5 * SLOPE, 0.0])
 
 
 @closed_form("two_way_coupling.pressure")
 def printed_push():
-    """(2) as printed lacks one m_i = 2 kg."""
+    """Shao & Song (2) as printed lacks one m_i = 2 kg."""
     return _pushed(_coupled(printed_pressure=np.int32(1)), None, [0.0, -1.25 * SLOPE, 0.0])
 
 
@@ -142,13 +142,13 @@ def two_liquids_by_one_pressure():
 
 @closed_form("two_way_coupling.forces")
 def solid_drags_liquid():
-    """F = mu V^2 phi v lap W on top: 3 Pa s * 0.25 m^6 * 0.25 * 8 m/s * 45/(64 pi)."""
+    """F = mu V^2 phi v lap W in addition: 3 Pa s * 0.25 m^6 * 0.25 * 8 m/s * 45/(64 pi)."""
     drag = 3 * 0.0625 * 8 * 45 / (64 * math.pi)
     return _pushed(_coupled(), ViscosityTerm(3.0), [drag, -2.5 * SLOPE, 0.0])
 
 
 @closed_form("two_way_coupling.forces")
 def printed_drag():
-    """(3) as printed lacks one V_i = 0.5 m^3."""
+    """Shao & Song (3) as printed lacks one V_i = 0.5 m^3."""
     drag = 3 * 0.125 * 8 * 45 / (64 * math.pi)
     return _pushed(_coupled(printed_viscosity=np.int32(1)), ViscosityTerm(3.0), [drag, -2.5 * SLOPE, 0.0])

@@ -18,9 +18,9 @@ def _rows(array, rows, kind=float):
 
 
 def contribution(position, phase, smoothing, coupling, rows=None):
-    """Weights of all particles in (1): 1 in the liquid, 0 inside solids, phi_k = 1/(V_min sum_k' W_kk') at surfaces.
+    """Weights in Shao & Song (1): 1 in the liquid, 0 inside solids, phi_k = 1/(V_min sum_k' W_kk') at surfaces.
 
-    M4: k' runs over all solid particles, or as printed over those at surfaces alone. Dimensionless.
+    With M4 k' runs over all solid particles; as printed, over those at surfaces alone. Dimensionless.
     """
     phase = np.asarray(phase)
     own = _rows(phase, rows, int)
@@ -35,7 +35,7 @@ def contribution(position, phase, smoothing, coupling, rows=None):
 
 
 def density(position, mass, rest_density, phase, relative_contribution, walls, smoothing, coupling, rows=None):
-    """(1): rho_i = m_i sum_j W_ij + m_i sum_k phi_k W_ik [kg/m^dim], self included; solids keep rho0_i.
+    """Shao & Song (1): rho_i = m_i sum_j W_ij + m_i sum_k phi_k W_ik [kg/m^dim], self included; solids keep rho0_i.
 
     Walls, whose phi_b = V_b rho0_i/m_i: rho_i += rho0_i sum_b V_b W_ib.
     Tait: p_i = max(0, B_i ((rho_i/rho0_i)^g - 1)) [Pa], B_i = rho0_i c^2/g, 0 in solids. V_i = m_i/rho_i [m^dim].
@@ -68,9 +68,10 @@ def forces(
     """Accelerations F_i/m_i [m/s^2] of liquid and solids.
 
     Liquid i, liquid j: F_ij = -(V_i^2 p_i + V_j^2 p_j) grad W + mu V_i V_j (v_j - v_i) lap W.
-    Liquid i, solid k: (2) F_ik = -V_i^2 p_i phi_k grad W (M1, M2), (3) F_ik += mu V_i^2 phi_k (v_k - v_i) lap W (M3);
-    as printed without one m_i, and without one V_i. F_ki = -F_ik. With density_weighted p_i and p_j of two liquids are
-    both (rho_j p_i + rho_i p_j)/(rho_i + rho_j), rho = m/V. Walls: a_i -= rho0_i V_b p_i/rho_i^2 grad W.
+    Liquid i, solid k: Shao & Song (2) with M1, M2: F_ik = -V_i^2 p_i phi_k grad W; (3) with M3: F_ik += mu V_i^2 phi_k
+    (v_k - v_i) lap W; as printed without one m_i, and without one V_i. F_ki = -F_ik. With density_weighted p_i and p_j
+    of two liquids are both (rho_j p_i + rho_i p_j)/(rho_i + rho_j), rho = m/V. Walls: a_i -= rho0_i V_b p_i/rho_i^2
+    grad W.
     """
     phase = np.asarray(phase)
     m, p, size, phi = (np.asarray(a, dtype=float) for a in (mass, pressure, volume, relative_contribution))

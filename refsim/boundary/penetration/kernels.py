@@ -1,7 +1,6 @@
-"""What one particle does at a solid's surface; the CPU and the CUDA kernels share it.
+"""What one particle does at a solid's surface.
 
-`solid_field` is the narrow band of signed distances, negative inside; `penetration` says what is done with a
-particle.
+`solid_field` is the narrow band of signed distances, negative inside; `penetration` holds the correction's parameters.
 """
 
 import math
@@ -11,15 +10,17 @@ from refsim.boundary.penetration.formulas import pushed, rebound, reflected
 from refsim.boundary.signed_distance.formulas import beyond_inside, trilinear
 from refsim.sparse_grid.formulas import cell_coordinate, find_node
 
-LONGEST = 4096  # looks along one way
-CLEARANCE = 4  # in the band's spacing over it: error allowed to interpolated distances, and the shortest look
-PUSHES = 16  # out of the solid in one step, at most; each is two depths long at most, and halves it on rounded edges
-LEFT = 128  # in the band's spacing over it: depth that one push may leave, which asks for no other
+LONGEST = 4096  # samples along one path
+CLEARANCE = (
+    4  # h/CLEARANCE is subtracted from interpolated distances and is the least step along a path; h: band's spacing
+)
+PUSHES = 16  # at most, in one step; each is at most two depths long, and halves the depth on rounded edges
+LEFT = 128  # a push that leaves the particle less deep than h/LEFT is the last one
 
 
 @formula
-def looked_up(x, y, z, solid_field, penetration):
-    """(phi [m], its slope along x, y, z) at a place: interpolated in a marked cell, +-band without slope in others."""
+def marked_distance(x, y, z, solid_field, penetration):
+    """(phi [m], its slope along x, y, z) at a point: interpolated in a marked cell, +-band and slope 0 in others."""
     real = type(x)
     if not penetration.everywhere:
         inverse = solid_field.inverse_spacing
@@ -36,7 +37,7 @@ def looked_up(x, y, z, solid_field, penetration):
 
 @formula
 def clipped(x, y, z, wx, wy, wz, penetration):
-    """Shares (first, last) of the way from x to x + w [m] inside the band's box; first > last where it misses it."""
+    """Interval (first, last) of t for which x + t w [m], 0 <= t <= 1, is in the band's box; first > last if none is."""
     real = type(x)
     first, last = real(0), real(1)
     for c in range(3):
@@ -58,9 +59,9 @@ def clipped(x, y, z, wx, wy, wz, penetration):
 
 @formula
 def entry(x, y, z, wx, wy, wz, solid_field, penetration):
-    """Share of the way from x to x + w [m] at which sphere tracing first finds a negative distance; 2 for never.
+    """Least t in [0, 1] for which sphere tracing finds a negative distance at x + t w [m]; 2 if there is none.
 
-    The way is clipped to the band's box first, so that it may begin anywhere.
+    The path is clipped to the band's box first, so that it may begin anywhere.
     """
     real = type(x)
     never = real(2)
@@ -73,7 +74,7 @@ def entry(x, y, z, wx, wy, wz, solid_field, penetration):
     clearance = solid_field.spacing / real(CLEARANCE)
     t = first
     for _ in range(LONGEST):
-        d, _, _, _ = looked_up(x + t * wx, y + t * wy, z + t * wz, solid_field, penetration)
+        d, _, _, _ = marked_distance(x + t * wx, y + t * wy, z + t * wz, solid_field, penetration)
         if d < real(0):
             return t
         if t >= last:
@@ -84,19 +85,19 @@ def entry(x, y, z, wx, wy, wz, solid_field, penetration):
 
 @formula
 def outside_box(x, y, z, penetration):
-    """Whether a place [m] is outside the marked region's box, where no distance need be looked up."""
+    """Whether a point [m] is outside the marked region's box, where no distance is needed."""
     low, high = penetration.lower, penetration.upper
     return not (x >= low[0] and x <= high[0] and y >= low[1] and y <= high[1] and z >= low[2] and z <= high[2])
 
 
 @formula
-def kick_drift(
+def corrected_step(
     i, position, velocity, acceleration, identity, corrections, build_position, bounds, timestep, solid_field,
     penetration,
 ):  # fmt: skip
-    """Leap-frog step with P8: v += (dt_previous + dt)/2 a, x += dt v; what would enter the solid is sent back.
+    """Leap-frog step v += (dt_previous + dt)/2 a, x += dt v, with patent P8 for particles that would enter the solid.
 
-    Returns (squared way since the list was built [m^2], whether a wall's plane stopped the particle).
+    Returns (squared displacement since the list was built [m^2], whether a wall's plane stopped the particle).
     """
     real = type(timestep[0])
     x0, y0, z0 = position[i, 0], position[i, 1], position[i, 2]
@@ -107,8 +108,8 @@ def kick_drift(
     if penetration.swept:
         begun = real(1)
         if not outside_box(x0, y0, z0, penetration):
-            begun, _, _, _ = looked_up(x0, y0, z0, solid_field, penetration)
-        if begun >= real(0):  # else it is inside already: what counts is where it comes to
+            begun, _, _, _ = marked_distance(x0, y0, z0, solid_field, penetration)
+        if begun >= real(0):  # otherwise the particle is inside already, and only the end of its step counts
             t = entry(x0, y0, z0, x - x0, y - y0, z - z0, solid_field, penetration)
             if t < real(1):
                 x, y, z = x0 + t * (x - x0), y0 + t * (y - y0), z0 + t * (z - z0)
@@ -116,15 +117,15 @@ def kick_drift(
         share = rebound(identity[i], corrections[i], penetration)
         allowed = real(0)
         for push in range(PUSHES if penetration.swept else 1):
-            depth, nx, ny, nz = looked_up(x, y, z, solid_field, penetration)
+            depth, nx, ny, nz = marked_distance(x, y, z, solid_field, penetration)
             steep = math.sqrt(nx * nx + ny * ny + nz * nz)
             if not (depth < allowed and steep > real(0)):
                 break
             nx, ny, nz = nx / steep, ny / steep, nz / steep
             jump = reflected(u * nx + v * ny + w * nz, penetration)
             u, v, w = u + jump * nx, v + jump * ny, w + jump * nz
-            way = pushed(depth, steep, share)
-            x, y, z = x + way * nx, y + way * ny, z + way * nz
+            distance = pushed(depth, steep, share)
+            x, y, z = x + distance * nx, y + distance * ny, z + distance * nz
             if push == 0:
                 corrections[i] += 1
                 allowed = -solid_field.spacing / real(LEFT)
@@ -143,8 +144,8 @@ def kick_drift(
                 stopped = True
         velocity[i, c] = speed
         position[i, c] = place
-        way = place - build_position[i, c]
-        squared += way * way
-    if not squared >= real(0):  # no number: a maximum over the particles would pass over it
+        moved = place - build_position[i, c]
+        squared += moved * moved
+    if not squared >= real(0):  # NaN: a maximum over the particles would ignore it
         squared = real(math.inf)
     return squared, stopped

@@ -1,7 +1,10 @@
-"""CPU kernel of the penetration correction."""
+"""The leap-frog step with the penetration correction, which yields the largest displacement: one parallel loop.
+
+`reductions_cuda` has the CUDA kernel.
+"""
 
 from refsim.backends.compile import cpu_kernel, prange
-from refsim.boundary.penetration import particle
+from refsim.boundary.penetration.kernels import corrected_step
 
 
 @cpu_kernel
@@ -9,11 +12,12 @@ def kick_drift(
     acceleration, identity, build_position, bounds, timestep, solid_field, penetration, displacement, corrections,
     velocity, position,
 ):  # fmt: skip
-    """Leap-frog step with P8; `displacement` as `sph.kick_drift` writes it."""
+    """Leap-frog step with patent P8; `displacement` is the largest squared displacement since the list was built [m^2]
+    and the number of particles that a wall's plane stopped."""
     largest = displacement.dtype.type(0)
     stopped = 0
     for i in prange(position.shape[0]):
-        squared, hit = particle.kick_drift(
+        squared, hit = corrected_step(
             i, position, velocity, acceleration, identity, corrections, build_position, bounds, timestep,
             solid_field, penetration,
         )  # fmt: skip

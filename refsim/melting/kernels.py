@@ -1,16 +1,23 @@
-"""What one particle and one node do in melting; the CPU and the CUDA kernels share these."""
+"""What one particle and one node do in melting."""
 
-from refsim.backends.compile import formula
+from refsim.backends.compile import formula, kernel
+from refsim.backends.runtime import simulated
 from refsim.melting.formulas import melts
+from refsim.neighbours.rows import first_lane, lane_slots, over_lanes
 from refsim.shape_matching.phases import FLUID, NOBODY, SURFACE
+
+LANES = 1 if simulated() else 8  # CUDA threads that share a node; the simulator has no shuffles
 
 
 @formula
-def melt(
+def melted_now(
     i, identity, temperature, enthalpy, melting_point, latent_heat, melting, melted, mass, rest_density, conductivity,
     heat_capacity, phase,
 ):  # fmt: skip
-    """Melt particle i if it is at a body's surface and hot enough; whether it was. Decided by its own values alone."""
+    """Melt particle i if it is at a body's surface and hot enough; returns whether it melted.
+
+    The decision takes the particle's own values only, so it does not depend on the order of the particles.
+    """
     gone = phase[i] == SURFACE and melts(temperature[i], melting_point[i])
     if enthalpy is not None:
         gone = gone and enthalpy[i] >= latent_heat[i]
@@ -28,20 +35,20 @@ def melt(
     return gone
 
 
-@formula
-def detach(s, lane, lanes, melted, melted_count, region, direct):
-    """Take melted nodes out of the direct neighbours of node s; 1 if one was in its region, else 0.
-
-    A lane looks at its share of the slots, one out of as many as there are lanes.
-    """
+@kernel(lanes=LANES)
+def detach(s, lane, melted, melted_count, region, direct, rebuild):
+    """Remove melted nodes from the direct neighbours of node s; rebuild = 1 if one was in its region, else 0."""
+    start, step = lane_slots(lane)
     held = 0
     if melted_count[0] > 0:
-        for slot in range(lane, 27, lanes):
+        for slot in range(start, 27, step):
             other = direct[s, slot]
             if other != NOBODY and (melted[s] or melted[other]):
                 direct[s, slot] = NOBODY
-        for slot in range(lane, region.shape[1], lanes):
+        for slot in range(start, region.shape[1], step):
             other = region[s, slot]
             if other != NOBODY and melted[other]:
                 held = 1
-    return held
+    held = over_lanes(held, lane)
+    if first_lane(lane):
+        rebuild[s] = 1 if held > 0 else 0

@@ -1,0 +1,38 @@
+"""Melting of all particles and their number: CUDA kernel.
+
+One atomic addition for each block; a sum of whole numbers does not depend on the order of the blocks.
+"""
+
+from refsim.backends import device
+from refsim.backends.compile import cuda, cuda_kernel
+from refsim.melting.kernels import melted_now
+
+
+def melt(
+    identity, temperature, enthalpy, melting_point, latent_heat, melting, melted, melted_count, mass, rest_density,
+    conductivity, heat_capacity, phase,
+):  # fmt: skip
+    """Melt the particles at surfaces that are hot enough; `melted_count` is their number."""
+    device.fill(melted_count, 0)
+    melt_and_count(
+        identity, temperature, enthalpy, melting_point, latent_heat, melting, melted, melted_count, mass, rest_density,
+        conductivity, heat_capacity, phase,
+    )  # fmt: skip
+
+
+@cuda_kernel
+def melt_and_count(
+    identity, temperature, enthalpy, melting_point, latent_heat, melting, melted, melted_count, mass, rest_density,
+    conductivity, heat_capacity, phase,
+):  # fmt: skip
+    """Melt the particles at surfaces that are hot enough; their number is added to `melted_count`, zero before."""
+    i = cuda.grid(1)
+    gone = False
+    if i < phase.shape[0]:
+        gone = melted_now(
+            i, identity, temperature, enthalpy, melting_point, latent_heat, melting, melted, mass, rest_density,
+            conductivity, heat_capacity, phase,
+        )  # fmt: skip
+    count = cuda.syncthreads_count(1 if gone else 0)
+    if cuda.threadIdx.x == 0 and count > 0:
+        cuda.atomic.add(melted_count, 0, count)
