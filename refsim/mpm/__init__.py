@@ -18,7 +18,7 @@ from refsim.core.effect import Discretisation, Effect, Pass, StepLimit, literal_
 from refsim.core.energy import EnergyAccount, EnergyState, amount
 from refsim.core.errors import InputError
 from refsim.core.fields import Field
-from refsim.core.operation import Operation, register
+from refsim.core.operation import Operation, Program, register
 from refsim.mpm.grid import FARTHEST, Background, MpmGrid
 
 if TYPE_CHECKING:
@@ -559,12 +559,12 @@ register(
         folder=_HERE,
         cases=_HARD,
         paper=_THESIS,
-        equation="section 3, (3.16) with M19",
+        equation="quadratic B-spline, (3.16) with thesis M19",
         function="weights",
         outputs=("base_node", "spline_weight", "spline_slope"),
         exact=("base_node",),
         tolerance=8.0,
-        tolerance_reason="the place in the cell is rounded once, and the polynomial a few times",
+        tolerance_reason="one rounding of the position in the cell, and a few of the polynomial",
         invariants=("reordering",),
     )
 )
@@ -574,13 +574,14 @@ register(
         folder=_HERE,
         cases=_HARD,
         paper=_THESIS,
-        equation="section 3, base = floor(x/h - 1/2)",
+        equation="base node floor(x/h - 1/2)",
         function="cells",
+        programs={"cpu": Program("sorting"), "cuda": Program("sorting_cuda")},
         outputs=("cell",),
         exact=("cell",),
         optional=("carrier_position", "surface_sample"),
         variants=({"carrier_position": None, "surface_sample": None}, {}),
-        tolerance_reason="the place on the grid is found in float64 with two roundings",
+        tolerance_reason="the position on the grid is computed in float64 with two roundings",
     )
 )
 register(
@@ -589,8 +590,9 @@ register(
         folder=_HERE,
         cases=_HARD,
         paper=_THESIS,
-        equation="section 5 with M11, M12; D_p of 5.2",
+        equation="embedded points and their D_p, with thesis M11, M12",
         function="embed",
+        programs={"cpu": Program("embedding"), "cuda": Program("embedding")},
         outputs=("carrier_first", "carrier_position", "carrier_owner", "cluster_share", "inverse_spread"),
         exact=("carrier_first", "carrier_owner"),
         entrywise=("carrier_position",),
@@ -622,8 +624,9 @@ register(
         folder=_HERE,
         cases=_HARD,
         paper=_THESIS,
-        equation="(4.10), (4.15), (4.17) with M3, M4, M6",
+        equation="(4.10), (4.15), (4.17) with thesis M3, M4, M6",
         function="particle_to_grid",
+        programs={"cpu": Program("particle_to_grid"), "cuda": Program("particle_to_grid_cuda")},
         outputs=("node_mass", "node_momentum"),
         entrywise=("node_mass", "node_momentum"),
         optional=("acceleration", "cluster_share", "inverse_spread", "embedding", "kernel_gradient"),
@@ -644,8 +647,9 @@ register(
         folder=_HERE,
         cases=_HARD,
         paper=_THESIS,
-        equation="(4.15), section 5.2",
+        equation="(4.15)",
         function="carriers_to_grid",
+        programs={"cpu": Program("particle_to_grid"), "cuda": Program("particle_to_grid_cuda")},
         outputs=("node_mass", "node_momentum"),
         entrywise=("node_mass", "node_momentum"),
         adds=("node_mass", "node_momentum"),
@@ -663,6 +667,7 @@ register(
         paper=_THESIS,
         equation="none in the thesis; J sum_j B_j(x_p) m_j/(rho0 h^d), m_j of 4.2.4",
         function="count",
+        programs={"cpu": Program("crowding"), "cuda": Program("crowding_cuda")},
         outputs=("greatest_crowding", "crowding"),
         tolerance=32.0,
         tolerance_reason=_SUMS,
@@ -691,7 +696,7 @@ register(
         folder=_HERE,
         cases=_HARD,
         paper=_THESIS,
-        equation="(4.11), (4.19); walls of section 9",
+        equation="(4.11), (4.19), and the walls",
         function="grid_update",
         outputs=("node_velocity",),
         optional=("node_pull", "field", "planes", "mirrors"),
@@ -709,8 +714,9 @@ register(
         folder=_HERE,
         cases=_HARD,
         paper=_THESIS,
-        equation="(4.14), section 5.2: moments of the embedded points",
+        equation="(4.14): moments of the embedded points",
         function="grid_to_carriers",
+        programs={"cpu": Program("grid_to_particle"), "cuda": Program("grid_to_particle_cuda")},
         outputs=("carrier_moment",),
         entrywise=("carrier_moment",),
         tolerance=32.0,
@@ -723,8 +729,9 @@ register(
         folder=_HERE,
         cases=_HARD,
         paper=_THESIS,
-        equation="(4.8), (4.12), (4.13), (4.16) with M5, M9, M10",
+        equation="(4.8), (4.12), (4.13), (4.16) with thesis M5, M9, M10",
         function="grid_to_particle",
+        programs={"cpu": Program("grid_to_particle"), "cuda": Program("grid_to_particle_cuda")},
         outputs=("displacement", "step_extremes", "velocity", "affine", "volume_ratio", "deformation", "position"),
         optional=(
             "cluster_share", "inverse_spread", "embedding", "carrier_first", "carrier_position", "carrier_moment",

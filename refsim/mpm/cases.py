@@ -1,6 +1,6 @@
 """Inputs, hard cases and closed forms of the transfers.
 
-The background grid of a case has cells of two spacings; samples stand around its particles at 1.3 cells.
+The background grid of a case has cells of two spacings; samples are 1.3 cells from its particles.
 """
 
 import numpy as np
@@ -52,7 +52,7 @@ def liquid_of(case: Case) -> MpmLiquid:
 
 @particles("affine")
 def _affine(case, random):
-    """Velocity gradients of about a third of a velocity in a spacing."""
+    """Velocity gradients of about 0.3 m/s per spacing."""
     values = random.normal(size=(case.count, 3, 3)) * 0.3 / case.spacing
     values[:, case.dim :, :] = 0
     values[:, :, case.dim :] = 0
@@ -61,7 +61,7 @@ def _affine(case, random):
 
 @particles("volume_ratio")
 def _volume_ratio(case, random):
-    """Up to a tenth off."""
+    """Up to a tenth from one."""
     return random.uniform(0.9, 1.1, case.count)
 
 
@@ -76,7 +76,7 @@ def _deformation(case, random):
 
 @particles("crowding")
 def _crowding(case, random):
-    """Half of them at rest or below, half of them with up to twice what they should have."""
+    """From 0.2, below the density at rest, to twice that density."""
     return random.uniform(0.2, 2.0, case.count)
 
 
@@ -87,7 +87,7 @@ def _greatest_crowding(case, grid):
 
 @groups("recounting")
 def _recounting(case, grid):
-    """J that follows in four milliseconds what is beyond a tenth."""
+    """J follows crowding above 1.1 in four milliseconds."""
     return {"recounting": Recounting(grid.real(1.1), grid.real(4e-3))}
 
 
@@ -124,7 +124,7 @@ def _sample_line(inputs, name):
 
 @groups("planes")
 def _planes(case, grid):
-    """Walls of every kind, each a quarter of the way into the particles."""
+    """Walls of every kind, each with a fifth to a quarter of the particles behind it."""
     h = float(liquid_of(case).cell(grid))
     lower, upper = np.full(3, -(2**30)), np.full(3, 2**30)
     for axis in range(case.dim if case.count else 0):
@@ -136,7 +136,7 @@ def _planes(case, grid):
 _OF_THE_GRID = "the case's grid is made for it"
 VARIATIONS[Background] = Variation(
     held=dict.fromkeys(("cell_size", "inverse_cell", "inverse_moment", "layers", "width"), _OF_THE_GRID),
-    other={"least_mass": lambda least: 0.2},  # [kg]: as much as a node in the liquid's outskirts has
+    other={"least_mass": lambda least: 0.2},  # [kg], that of a node at the edge of the liquid
     usual=(),
 )
 VARIATIONS[Embedding] = Variation(other={"reading": lambda reading: reading + 1})
@@ -148,19 +148,19 @@ takes("mpm.grid_to_particle", liquid="timeless forgets_shear")
 
 
 def _shell(inputs):
-    """Places of the samples (s, 3) [m], whatever the particles' order."""
+    """Positions of the samples (s, 3) [m], independent of the particles' order."""
     case, random = inputs.case, inputs.case.random("samples")
     count = (case.count + 1) // 2
     at = np.sort(random.choice(case.count, count, replace=False)) if count else np.zeros(0, int)
-    ways = random.normal(size=(count, 3))
-    ways[:, case.dim :] = 0
-    ways /= np.sqrt((ways**2).sum(1, keepdims=True))
-    return case.position[at] + 2.6 * case.spacing * ways
+    directions = random.normal(size=(count, 3))
+    directions[:, case.dim :] = 0
+    directions /= np.sqrt((directions**2).sum(1, keepdims=True))
+    return case.position[at] + 2.6 * case.spacing * directions
 
 
 @derived("surface_sample", "sample_owner")
 def _samples(inputs, name):
-    """Samples on spheres round half of the particles; the nearest of all particles is each one's owner."""
+    """Samples on spheres around half of the particles; the owner of each is the nearest of all particles."""
     position = _shell(inputs).astype(inputs.dtype)
     if name == "surface_sample":
         return position
@@ -170,7 +170,7 @@ def _samples(inputs, name):
 
 @derived(*EMBEDDED)
 def _embedded(inputs, name):
-    """What the oracle embeds."""
+    """The embedded points of the reference."""
     given = [inputs[n] for n in ("position", "surface_sample", "sample_owner", "background")]
     value = reference.embed(*given)[name][0]
     return value.astype(np.int32 if name in ("carrier_first", "carrier_owner") else inputs.dtype)
@@ -204,7 +204,7 @@ def _node_values(inputs, name):
     return values.astype(inputs.dtype)
 
 
-# Hard cases: what a grid could stumble over.
+# Hard cases
 
 
 @case
@@ -235,7 +235,7 @@ def one_in_each_block() -> Case:
 
 @case
 def near_the_last_cell() -> Case:
-    """A cloud twenty cells before the grid's end, where a block has neighbours on one side only."""
+    """A cloud near the end of the grid, where a block has neighbours on one side only."""
     return Case(
         "near_the_last_cell", 2, cloud("near_the_last_cell", 40, 2) + [-0.2 * (2**20 - 60), 0.2 * (2**20 - 60), 0]
     )
@@ -366,7 +366,7 @@ def one_sample():
 
 @closed_form("mpm.carriers_to_grid")
 def two_carriers():
-    """w m B_j(x_q) (v + A (x_j - x_p)) with B_j(x_q) the particle's weights, a node further and a node back."""
+    """w m B_j(x_q) (v + A (x_j - x_p)) B_j(x_q) the particle's weights shifted by a node each way."""
     made, given = _pair()
     v, grid = np.array([1.0, -2.0, 0.5]), given["grid"]
     arm = 2.0 * node_table(grid.blocks) - made.position[0]
@@ -445,7 +445,7 @@ def mirrored_nodes():
 
 
 def _moving(dim):
-    """Nodes with the velocity c + G x, of which APIC takes c + G x_p and G."""
+    """Nodes with the velocity c + G x, from which APIC takes c + G x_p and G."""
     made, grid, background = alone(dim)
     c = np.array([1.0, -2.0, 0.5]) * (np.arange(3) < dim)
     v = c + 2.0 * node_table(grid.blocks) @ turn(dim).T

@@ -1,13 +1,30 @@
-"""Scalar formulas of the transfers: splines, stress, volume ratio, walls; numbers are the thesis's, M marks its errata.
+"""Scalar formulas of the transfers: splines, stress, volume ratio, walls; equation numbers are those of the thesis.
 
-The spline's argument is the fraction f = x/h - j of a particle over its base node j, 1/2 <= f < 3/2.
+The argument of the spline is the offset f = x/h - j of a particle from its base node j, 1/2 <= f < 3/2.
 """
 
+import math
+
 from refsim.backends.compile import formula
+from refsim.mpm.grid import FARTHEST
 
 STICKY, SLIP, SEPARATING = 1, 2, 3
-IMAGED_ROWS = 3  # of nodes behind a mirror that points of the liquid may reach
+CLUSTER, CORRECTED = 1, 3  # readings of the embedding; 0 is none, 2 the thesis's
+IMAGED_ROWS = 3  # of nodes behind a mirror that the liquid may reach
 NOWHERE = 1 << 30
+FAR = 2.0 * FARTHEST
+
+
+@formula
+def base_coordinate(x, inverse_cell):
+    """Base node j = floor(x/h - 1/2) of x [m], in float64; FARTHEST + 1 where x is too far or NaN.
+
+    It is found from floor(2 x/h): fused multiplication and subtraction cannot round this differently.
+    """
+    halves = float(x) * (inverse_cell + inverse_cell)
+    if halves > -FAR and halves < FAR:
+        return (int(math.floor(halves)) - 1) >> 1  # noqa: RUF046  (in CUDA floor gives a float)
+    return FARTHEST + 1
 
 
 @formula
@@ -18,8 +35,7 @@ def fraction(x, base, background):
 
 @formula
 def spline_weights(f):
-    """Section 3: B at the three nodes of an axis, w = (1/2 (3/2 - f)^2, 3/4 - (f - 1)^2, 1/2 (f - 1/2)^2),
-    dimensionless."""
+    """B at the three nodes of an axis, w = (1/2 (3/2 - f)^2, 3/4 - (f - 1)^2, 1/2 (f - 1/2)^2), dimensionless."""
     real = type(f)
     low, middle, high = real(1.5) - f, f - real(1), f - real(0.5)
     return real(0.5) * low * low, real(0.75) - middle * middle, real(0.5) * high * high
@@ -27,14 +43,15 @@ def spline_weights(f):
 
 @formula
 def spline_slopes(f):
-    """Section 3: h B' at the three nodes of an axis, w' = (f - 3/2, -2 (f - 1), f - 1/2), dimensionless."""
+    """h B' at the three nodes of an axis, w' = (f - 3/2, -2 (f - 1), f - 1/2), dimensionless."""
     real = type(f)
     return f - real(1.5), real(-2) * (f - real(1)), f - real(0.5)
 
 
 @formula
 def stress_moment(ratio, mass, liquid, step):
-    """(4.17): K = dt V0 lambda (J - 1) J [J s]; with M3 V0 = 1, with M4 without J, with M27 twice as much."""
+    """(4.17): K = dt V0 lambda (J - 1) J [J s]; as printed V0 = 1 (thesis M3), without the
+    factor J (thesis M4), twice as much (thesis M27)."""
     real = type(ratio)
     volume = real(1) if liquid.unit_volume else mass / liquid.rest_density
     factor = real(1) if liquid.linear_stress else ratio
@@ -43,16 +60,17 @@ def stress_moment(ratio, mass, liquid, step):
 
 @formula
 def dilation(trace, liquid, step):
-    """(4.16) for the volume: J <- J (1 + dt tr A), the factor, dimensionless; with M5 dt = 1 s."""
+    """(4.16) for the volume: J <- J (1 + dt tr A), the factor, dimensionless; thesis M5 as printed:
+    dt = 1 s."""
     real = type(trace)
     return real(1) + (real(1) if liquid.timeless else step) * trace
 
 
 @formula
 def wall_velocity(v, below, above, low_rule, high_rule):
-    """Section 9: the part v [m/s] of a node's velocity along a wall's normal, n.v >= 0 or = 0 in the wall.
+    """Component v [m/s] of a node's velocity along the normal of a wall: n.v >= 0 or n.v = 0 in the wall.
 
-    below, above  whether the node stands in the wall at the low and at the high end of the axis
+    below, above  whether the node is in the wall at the low and at the high end of the axis
     """
     real = type(v)
     if below and (low_rule == SLIP or (low_rule == SEPARATING and v < real(0))):
@@ -80,7 +98,7 @@ def determinant(f0, f1, f2, f3, f4, f5, f6, f7, f8):
 
 @formula
 def canonical(j, low, high, below, above):
-    """Section 9: the node a on the liquid's side of mirrors at `low` and `high` that j is an image of, dimensionless:
+    """The node a on the liquid's side of mirrors at `low` and `high` of which j is an image, dimensionless:
     a = 2 low - j below, 2 high - j above, else j."""
     if below and j < low:
         return 2 * low - j
@@ -91,16 +109,15 @@ def canonical(j, low, high, below, above):
 
 @formula
 def buried(j, low, high, low_rule, high_rule):
-    """Section 9: whether node j (dimensionless) lies further behind a wall than anything of the liquid reaches, so that
-    m_j = 0."""
+    """Whether node j (dimensionless) is farther behind a wall than the liquid reaches, so that m_j = 0."""
     return (low_rule > 0 and j < low - IMAGED_ROWS) or (high_rule > 0 and j > high + IMAGED_ROWS)
 
 
 @formula
 def image(j, which, low, high, below, above):
-    """Section 9: image i = 2 low - j (1) or 2 high - j (2) of node j, j itself (0), dimensionless; NOWHERE without one.
+    """Image i = 2 low - j (1) or 2 high - j (2) of node j, j itself (0), dimensionless; NOWHERE if there is none.
 
-    Points reach no more than IMAGED_ROWS rows behind a mirror, and a node on it is its own image.
+    Points reach at most IMAGED_ROWS rows behind a mirror, and a node on it is its own image.
     """
     if which == 0:
         return j
@@ -113,8 +130,7 @@ def image(j, which, low, high, below, above):
 
 @formula
 def on_mirror(j, low, high, low_rule, high_rule):
-    """Section 9: (whether node j on a face stands still, v = 0, whether its velocity has no normal part, n.v = 0) [m/s]
-    for two mirrors of an axis."""
+    """(whether node j is on a sticky face, v = 0; whether it is on any, n.v = 0 [m/s]) for two mirrors of an axis."""
     below, above = low_rule > 0 and j == low, high_rule > 0 and j == high
     stuck = (below and low_rule == STICKY) or (above and high_rule == STICKY)
     return stuck, below or above
@@ -122,10 +138,10 @@ def on_mirror(j, low, high, low_rule, high_rule):
 
 @formula
 def reflection(which, low_rule, high_rule):
-    """Section 9: signs of v' = (-v_n, +-v_t), the image of a velocity in a face (dimensionless), which as for `image`.
+    """Signs of v' = (-v_n, +-v_t), the image of a velocity in a face (dimensionless), `which` as for `image`.
 
-    Slip and separating: -1, 1, for what wets a wall does not leave it but at its edge. Sticky: -1, -1, so that the
-    velocity on the face is none.
+    Slip and separating: -1, 1, since liquid that wets a wall leaves it at the edge only. Sticky: -1, -1, so that the
+    velocity on the face is zero.
     """
     if which == 0:
         return 1, 1

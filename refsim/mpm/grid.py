@@ -15,13 +15,13 @@ import numpy as np
 
 from refsim.backends.arrays import Backend
 from refsim.core.errors import RunStopped
+from refsim.core.operation import REGISTRY
 from refsim.sparse_grid import Blocks, PointList
 
 BITS = 21  # of a block's coordinate in its key, as the sparse grid has them
 FARTHEST = (1 << 20) - 16  # cells from the origin up to which there are blocks
 NODES = 64  # of a block
 SETS = ("particles", "carriers", "samples")
-PROGRAMS = {"numpy": "reference"}
 SLACK = {"cuda": 1}  # blocks by which a new table reaches further, where making one costs more than passing over it
 UNSEEN = 8  # steps, of half a cell each at most, in which a particle crosses no more than one block
 OUT_OF_ORDER = 0.05  # share of particles that do not stand behind the one before in the lists: more are worth moving
@@ -90,9 +90,8 @@ class MpmGrid:
             grid.complete = backend.asarray(self.complete)
             sets = [self._located.get(name) for name in SETS]
             sets = [None if values is None else backend.asarray(values) for values in sets]
-            programs = importlib.import_module(f"refsim.mpm.{PROGRAMS.get(backend.name, backend.name)}")
             outputs = () if backend.name == "numpy" else (backend.empty(sets[0].shape[0], np.int32),)
-            programs.cells(*sets, grid, *outputs)
+            REGISTRY["mpm.cells"].program(backend.name)(*sets, grid, *outputs)
         return grid
 
     # What follows from where the points are
@@ -155,7 +154,7 @@ class MpmGrid:
             return False
         from refsim.backends import device
 
-        programs = importlib.import_module("refsim.mpm.cuda")
+        programs = importlib.import_module("refsim.mpm.sorting_cuda")
         n, empty = position.shape[0], self.backend.empty
         self._unseen = UNSEEN
         if self.sorting is not None and not moved:
@@ -184,7 +183,7 @@ class MpmGrid:
         already, but for a few.
         """
         assert self.sorting is not None
-        programs = importlib.import_module("refsim.mpm.cuda")
+        programs = importlib.import_module("refsim.mpm.sorting_cuda")
         cell = self._array("order_cell", (position.shape[0],), np.int32)
         programs.sort_particles(position, self, cell, gaps=True)
         return self.sorting.bins.point if self._noted()[2] > OUT_OF_ORDER * position.shape[0] else None

@@ -1,8 +1,8 @@
 """NumPy oracle of the transfers: every particle against every node, float64.
 
-Nodes are those of `grid`, numbered as its blocks say; each sum runs over all of them, with the spline's own definition
-B(u) = 3/4 - u^2 for |u| < 1/2 and 1/2 (3/2 - |u|)^2 for |u| < 3/2. Scales are sums of absolute terms in which each
-weight counts with what the rounding of a particle's place within its cell may change it by.
+Nodes are those of `grid`, numbered by its blocks; each sum runs over all of them, with the spline B(u) = 3/4 - u^2 for
+|u| < 1/2 and 1/2 (3/2 - |u|)^2 for |u| < 3/2. Scales are sums of absolute terms, in which each weight includes its
+change by the rounding of a particle's position in its cell.
 """
 
 import numpy as np
@@ -13,7 +13,7 @@ BLOCK_BYTES = 2**26
 FARTHEST = 2**20 - 16
 CLUSTER, THESIS, CORRECTED = 1, 2, 3
 STICKY, SLIP, SEPARATING = 1, 2, 3
-ROWS_BEHIND = 3  # of nodes behind a mirror that count
+ROWS_BEHIND = 3  # of nodes behind a mirror that the liquid may reach
 SYMMETRIC = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])  # where (a, b) stands in (xx, xy, xz, yy, yz, zz)
 
 
@@ -22,13 +22,13 @@ def _f(array):
 
 
 def spline(u):
-    """Section 3: B(u), dimensionless."""
+    """B(u) of the quadratic spline, dimensionless."""
     u = np.abs(u)
     return np.where(u < 0.5, 0.75 - u**2, np.where(u < 1.5, 0.5 * (1.5 - u) ** 2, 0.0))
 
 
 def spline_slope(u):
-    """Section 3: dB/du, dimensionless."""
+    """dB/du of the quadratic spline, dimensionless."""
     a = np.abs(u)
     return np.where(a < 0.5, -2 * u, np.where(a < 1.5, -np.sign(u) * (1.5 - a), 0.0))
 
@@ -102,7 +102,7 @@ def _base(position, inverse_cell):
 
 
 def find_cells(position, inverse_cell, blocks, complete, cell):
-    """Write the points' cells; (points in no block, points at no possible place)."""
+    """Write the points' cells; (points outside all blocks, points too far away or NaN)."""
     dim = 3 if blocks.neighbour.shape[1] == 27 else 2
     base, possible, _ = _base(_f(position)[:, :dim], inverse_cell)
     coordinates = np.zeros((len(base), 3), np.int64)
@@ -115,7 +115,7 @@ def find_cells(position, inverse_cell, blocks, complete, cell):
 
 
 def block_keys(position, inverse_cell, dim):
-    """Keys (n,) of the points' blocks, -1 for points at no possible place."""
+    """Keys (n,) of the points' blocks, -1 for points too far away or NaN."""
     base, possible, _ = _base(_f(position)[:, :dim], inverse_cell)
     width = 4 if dim == 3 else 8
     key = sum((base[:, c] // width + 2**20) * 2 ** (21 * c) for c in range(dim))
@@ -123,7 +123,7 @@ def block_keys(position, inverse_cell, dim):
 
 
 def sorted_bins(cell, blocks):
-    """First place of each cell and the points by cell; no oracle needs them."""
+    """First place of each cell and the points by cell; unused by the references."""
     order = np.argsort(cell, kind="stable").astype(np.int32)
     return np.searchsorted(np.asarray(cell)[order], np.arange(64 * blocks + 1)).astype(np.int32), order
 
@@ -138,7 +138,7 @@ def cells(position, carrier_position, surface_sample, grid):
 
 
 def weights(position, background):
-    """Section 3: base node j = floor(x/h - 1/2), and B and h B' at j, j + 1, j + 2 along each axis, dimensionless."""
+    """Base node j = floor(x/h - 1/2), and B and h B' at j, j + 1, j + 2 along each axis, dimensionless."""
     x = _f(position) * background.inverse_cell
     base, _, margin = _base(position, background.inverse_cell)
     u = x[:, :, None] - (base[:, :, None] + np.arange(3))
@@ -176,7 +176,7 @@ def _spread(stencils, mass, field, gradient, centre):
     sizes = np.einsum("kab,kb->ka", np.abs(gradient[p]), np.abs(arm) + stencils.h)
     columns = np.hstack([mass[p][:, None], field[p] + terms])
     bounds = np.hstack([mass[p][:, None], np.abs(field[p]) + sizes])
-    reached = stencils.weight > 0  # so that what is not a number stays where it is
+    reached = stencils.weight > 0  # a NaN stays within its stencil
     total = np.where(reached[:, None], stencils.weight[:, None] * columns, 0.0)
     return stencils.on_nodes(total), stencils.on_nodes(stencils.scale[:, None] * bounds)
 
@@ -186,7 +186,7 @@ def _nodes(total, bound):
 
 
 def _pushed(velocity, acceleration, timestep):
-    """Velocity [m/s] with what the forces of other effects add in the step."""
+    """Velocity [m/s] after the kick by the forces of other effects."""
     velocity = _f(velocity)
     return velocity if acceleration is None else velocity + float(timestep[1]) * _f(acceleration)
 
@@ -197,8 +197,8 @@ def particle_to_grid(
 ):  # fmt: skip
     """m_j [kg] and (mv)_j [kg m/s] with the impulse of the liquid's stress.
 
-    (4.10), (4.15) (mv)_j = sum_p m_p B_j(x_p) (v_p + A_p (x_j - x_p)); MLS force of section 5.2,
-    dt f_j = -sum_p K_p B_j(x_p) D_p^-1 (x_j - x_p), or (4.17) as printed, -sum_p K_p grad B_j(x_p) (M6).
+    (4.10), (4.15) (mv)_j = sum_p m_p B_j(x_p) (v_p + A_p (x_j - x_p)); MLS force
+    dt f_j = -sum_p K_p B_j(x_p) D_p^-1 (x_j - x_p), or (4.17) as printed, -sum_p K_p grad B_j(x_p) (thesis M6).
     """
     mass, h = _f(mass), float(background.cell_size)
     stencils = Stencils(position, node_table(grid.blocks), background)
@@ -229,10 +229,10 @@ def carriers_to_grid(
     carrier_position, carrier_owner, position, velocity, mass, affine, volume_ratio, acceleration, liquid, background,
     timestep, cluster_share, inverse_spread, embedding, grid,
 ):  # fmt: skip
-    """What the embedded points add: m_j [kg], (mv)_j [kg m/s].
+    """Contribution of the embedded points: m_j [kg], (mv)_j [kg m/s].
 
-    Section 5.2: (mv)_j += sum_q w m_p B_j(x_q) (v_p + A_p (x_j - x_p)) - w K_p B_j(x_q) D_p^-1 (x_j - x_p); the
-    thesis's readings have x_q in the first term and no second one (4.15).
+    (mv)_j += sum_q w m_p B_j(x_q) (v_p + A_p (x_j - x_p)) - w K_p B_j(x_q) D_p^-1 (x_j - x_p); (4.15)
+    as in the thesis has x_q in the first term and no second one.
     """
     h, p = float(background.cell_size), np.asarray(carrier_owner)
     stencils = Stencils(carrier_position, node_table(grid.blocks), background)
@@ -253,11 +253,10 @@ def carriers_to_grid(
 
 
 def _reflected(j, planes):
-    """Every node j (n, 3) as the image of one on the liquid's side: (places of those (n, 3), signs (n, 3) of the
-    velocity, whether a node is near enough for liquid to reach it, whether the place is on a sticky face and, (n, 3),
-    on any).
+    """Every node j (n, 3) as the image of one on the liquid's side: (coordinates of those (n, 3), signs (n, 3) of the
+    velocity, whether the liquid may reach node j (n,), which components of the velocity are zero (n, 3)).
 
-    A slip or separating face turns the normal part round, a sticky one all.
+    A slip or separating face reverses the normal component, a sticky one all.
     """
     place, sign, there = j.copy(), np.ones(j.shape), np.ones(len(j), dtype=bool)
     faces = [
@@ -283,7 +282,7 @@ def _reflected(j, planes):
 
 def _with_images(mass, momentum, size, planes, blocks):
     """Masses, momenta and scales of nodes with those of their images, in the frame of the node on the liquid's side;
-    signs of a velocity from there to the node, and which parts are none."""
+    signs of a velocity from there to the node, and which components are zero."""
     place, sign, there, none = _reflected(node_table(blocks), planes)
     _, group = np.unique(place, axis=0, return_inverse=True)
     group = group.ravel()
@@ -297,10 +296,10 @@ def _with_images(mass, momentum, size, planes, blocks):
 
 
 def grid_update(node_mass, node_momentum, node_pull, field, planes, mirrors, background, timestep, grid):
-    """(4.19) v_j = ((mv)_j + dt f_j)/m_j + dt g [m/s], f the surface's force, and the walls of section 9.
+    """(4.19) v_j = ((mv)_j + dt f_j)/m_j + dt g [m/s], f the surface's force, and the walls.
 
-    Nodes whose mass is next to nothing stand still. Where the walls are mirrors, a node bears the masses, momenta and
-    forces of its images, too, and one behind a wall moves as the image of that in front of it.
+    Nodes with at most `least_mass` have v = 0. With mirrors, masses, momenta and forces of a node's images are added to
+    its own, and a node behind a wall moves as the image of that in front of it.
     """
     mass, momentum = _f(node_mass), _f(node_momentum)
     size = np.abs(momentum)
@@ -361,7 +360,7 @@ def grid_to_particle(
 ):  # fmt: skip
     """Velocity [m/s], A [1/s], J, F and position [m] of every particle after the step.
 
-    (4.12) v_p = sum_j B v_j; (4.13) A_p = (4/h^2) sum_j B v_j (x_j - x_p)^T; in a cluster (section 5.2) the weighted
+    (4.12) v_p = sum_j B v_j; (4.13) A_p = (4/h^2) sum_j B v_j (x_j - x_p)^T; in a cluster the weighted
     sums over its points, with D_p^-1; as printed (4.14). (4.16) J <- J (1 + dt tr A) or F <- (1 + dt A) F;
     (4.8) x <- x + dt v.
     """
@@ -414,10 +413,10 @@ def grid_to_particle(
         answer["deformation"] = (new.reshape(n, 9), new_scale.reshape(n, 9))
     least, most = (ratio_new.min(), ratio_new.max()) if n else (1.0, 1.0)
     x_new = x + step * v
-    way = x_new - _f(build_position) if build_position is not None else step * v
-    squared = np.where(np.isfinite(ratio_new), (way**2).sum(1), np.inf)
-    way_scale = (np.abs(x) if build_position is not None else 0) + step * v_scale
-    far = ((np.abs(way) + way_scale) ** 2).sum(1)
+    shift = x_new - _f(build_position) if build_position is not None else step * v
+    squared = np.where(np.isfinite(ratio_new), (shift**2).sum(1), np.inf)
+    shift_scale = (np.abs(x) if build_position is not None else 0) + step * v_scale
+    far = ((np.abs(shift) + shift_scale) ** 2).sum(1)
     return answer | {
         "displacement": (np.array([squared.max(initial=0), 0.0]), np.array([far.max(initial=0), 0.0])),
         "step_extremes": (
@@ -446,7 +445,7 @@ def _permanent(m):
 
 
 def embed(position, surface_sample, sample_owner, background):
-    """Section 5: points x_s and x_o = 2 x_p - x_s [m] by owner p, w = 1/(2 C_p + 1), and E_p^-1, dimensionless.
+    """Points x_s and x_o = 2 x_p - x_s [m] by owner p, w = 1/(2 C_p + 1), and E_p^-1, dimensionless.
 
     E = 1 + (4/h^2) w sum_q (x_q - x_p)(x_q - x_p)^T, so that D = (h^2/4) E.
     """
@@ -464,7 +463,7 @@ def embed(position, surface_sample, sample_owner, background):
     np.add.at(spread, owner, front[:, None, None] * d[:, :, None] * d[:, None, :])
     np.add.at(size, owner, front[:, None, None] * np.abs(d[:, :, None] * d[:, None, :]))
     inverse = np.linalg.inv(spread)
-    # An error e of E changes E^-1 by E^-1 e E^-1, and no entry of E^-1 exceeds one.
+    # An error e of E changes E^-1 by E^-1 e E^-1, and all entries of E^-1 are at most one.
     bound = (1 + size.sum((1, 2)))[:, None] * np.ones(6)
     six = np.stack([inverse[:, a, b] for a, b in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))], axis=-1)
     first = np.concatenate([[0], 2 * np.cumsum(count)])
@@ -478,18 +477,18 @@ def embed(position, surface_sample, sample_owner, background):
 
 
 def contact(sample_position, sample_line, spline_cells, blocks, surface_term, contact, node_force):
-    """Section 9: f_j <- f_j + k cos(theta) sum_s B_j(x_s) l_s [N], l_s [m^(d-2)] the outward normals of the wetted
-    area's edge."""
+    """f_j <- f_j + k cos(theta) sum_s B_j(x_s) l_s [N], l_s [m^(d-2)] the outward normals of the edge of the wetted
+    area."""
     j, line = node_table(blocks), _f(sample_line)
     u = _f(sample_position) * float(surface_term.inverse_cell)
     dim = 3 if blocks.neighbour.shape[1] == 27 else 2
     value, scale = _f(node_force).copy(), np.abs(_f(node_force))
-    # a difference taken in float64 is off by float64's rounding of the place
+    # a difference in float64 has the rounding error of the position in float64
     far = np.abs(u).max(1, initial=0) * np.finfo(float).eps / np.finfo(np.asarray(sample_position).dtype).eps
     for s in np.flatnonzero((line != 0).any(1)):
         apart = u[s, :dim] - j[:, :dim]
         weight = spline(apart).prod(1)
-        # at the edge of its spline a rounding decides whether a node has any share
+        # at the edge of its spline rounding decides whether a node has a share
         loose = (np.abs(apart) < 1.5 + 1e-3).all(1) * (1 + far[s])
         value += float(contact.pull) * weight[:, None] * line[s]
         scale += abs(float(contact.pull)) * loose[:, None] * np.abs(line[s])
@@ -497,7 +496,7 @@ def contact(sample_position, sample_line, spline_cells, blocks, surface_term, co
 
 
 def viscosity(volume_ratio, inverse_spread, viscous_stress, timestep, affine):
-    """A - dt J (4 mu/(rho0 h^2)) (A + A^T) E^-1 [1/s], row by row; E = 1 where nothing is embedded."""
+    """A - dt J (4 mu/(rho0 h^2)) (A + A^T) E^-1 [1/s], row by row; E = 1 without embedded points."""
     a, ratio = _f(affine).reshape(-1, 3, 3), _f(volume_ratio)
     inverse = np.eye(3)
     if inverse_spread is not None:
@@ -523,12 +522,12 @@ def count(position, volume_ratio, node_mass, background, counting, grid):
 
 
 def recount(crowding, recounting, timestep, background, deformation, volume_ratio):
-    """Where q > q0: J <- J + s (J q0/q - J), s = min(1, dt/tau), dimensionless; F takes part as a stretch of all axes
-    that makes the same J."""
+    """Where q > q0: J <- J + s (J q0/q - J), s = min(1, dt/tau), dimensionless; F is stretched
+    equally along all axes to the same J."""
     q, ratio = _f(crowding), _f(volume_ratio)
     with np.errstate(divide="ignore", invalid="ignore"):
-        told = np.where(q <= float(recounting.limit), ratio, ratio * float(recounting.limit) / q)
-        new = ratio + min(1.0, float(timestep[1]) / float(recounting.time)) * (told - ratio)
+        target = np.where(q <= float(recounting.limit), ratio, ratio * float(recounting.limit) / q)
+        new = ratio + min(1.0, float(timestep[1]) / float(recounting.time)) * (target - ratio)
         dim = 3 if background.layers == 3 else 2
         stretch = np.where(new == ratio, 1.0, (new / ratio) ** (1 / dim))
     answer = {"volume_ratio": (new, 2 * np.abs(ratio))}

@@ -550,7 +550,7 @@ register(
         name="mpm.contact",
         folder="refsim.mpm",
         paper="thesis on reconstructed-surface tension in MPM",
-        equation="section 9: k_wall = -k cos(theta), at the edge of the wetted area (Young)",
+        equation="k_wall = -k cos(theta) at the edge of the wetted area (Young)",
         function="contact",
         outputs=("node_force",),
         adds=("node_force",),

@@ -208,7 +208,7 @@ def test_sparse_grid_is_the_cpus(cuda, dim):
 def test_particles_of_mpm_are_sorted_without_the_host(cuda):
     """The bins are those that CuPy's sort makes; blocks are made anew only where a particle nears their edge."""
     from refsim.core.errors import RunStopped
-    from refsim.mpm import cuda as programs
+    from refsim.mpm import sorting_cuda as programs
     from refsim.mpm.grid import MpmGrid
 
     place = 0.2 * cloud(60, 2)

@@ -171,7 +171,8 @@ def support_launches(dtype):
     """Launches of the search's and the device's own kernels, with the types that Search hands them."""
     from refsim.backends import device
     from refsim.core.walls import Bounds
-    from refsim.mpm import cuda as mpm
+    from refsim.mpm import kernels as mpm
+    from refsim.mpm import sorting_cuda as mpm_sorting
     from refsim.neighbours import cuda as search
     from refsim.sparse_grid import Blocks
     from refsim.sparse_grid import cuda as sparse
@@ -210,9 +211,9 @@ def support_launches(dtype):
         (sparse.point_nodes, (vectors, 1.0, 0.5, blocks, integers)),
         (sparse.count_uncovered, (keys, keys, np.zeros(n, np.uint8), integers)),
         (sparse.count_points, 3 * (integers,)),
-        (mpm.write_keys, (vectors, 1.0, 2, keys)),
-        (mpm.count_cells, (vectors, 1.0, blocks, np.zeros(n, np.uint8), *3 * (integers,))),
-        (mpm.count_gaps, (integers, integers)),
+        (mpm.write_keys.on("cuda"), (vectors, 1.0, 2, keys)),
+        (mpm_sorting.count_cells, (vectors, 1.0, blocks, np.zeros(n, np.uint8), *3 * (integers,))),
+        (mpm_sorting.count_gaps, (integers, integers)),
         (sparse.total_blocks, (integers, integers)),
         (sparse.sum_blocks, (integers, integers)),
         (sparse.write_first, 3 * (integers,)),

@@ -1,0 +1,46 @@
+"""Density counted on the grid over that of the volume ratio, and its maximum, on a CPU."""
+
+import math
+
+from refsim.backends.compile import cpu_kernel, formula, prange
+from refsim.mpm.formulas import fraction, spline_weights
+from refsim.sparse_grid.formulas import node_coordinates, step_node
+
+
+@formula
+def particle_crowding(i, position, volume_ratio, node_mass, cell, background, counting, blocks):
+    """q = J sum_j B_j(x_p) m_j/(rho0 h^d), dimensionless: density counted on the grid over that of J_i."""
+    jx, jy, jz = node_coordinates(blocks, cell[i])
+    real = type(background.cell_size)
+    wx = spline_weights(fraction(position[i, 0], jx, background))
+    wy = spline_weights(fraction(position[i, 1], jy, background))
+    wz = real(1), real(0), real(0)
+    if background.layers == 3:
+        wz = spline_weights(fraction(position[i, 2], jz, background))
+    total = real(0)
+    for kz in range(background.layers):
+        for ky in range(3):
+            for kx in range(3):
+                node = step_node(blocks, cell[i], kx, ky, kz)
+                total += wz[kz] * wy[ky] * wx[kx] * (node_mass[node] / counting.cell_mass)
+    return volume_ratio[i] * total
+
+
+@cpu_kernel
+def count_all(position, volume_ratio, node_mass, cell, background, counting, blocks, greatest_crowding, crowding):
+    """Counted density over that of J for every particle, and the largest; a NaN counts as infinite."""
+    real = type(background.cell_size)
+    greatest = real(0)
+    for i in prange(crowding.shape[0]):
+        own = particle_crowding(i, position, volume_ratio, node_mass, cell, background, counting, blocks)
+        crowding[i] = own
+        greatest = max(greatest, own if own < real(math.inf) else real(math.inf))
+    greatest_crowding[0] = greatest
+
+
+def count(position, volume_ratio, node_mass, background, counting, grid, greatest_crowding, crowding):
+    """Counted density over that of J for every particle, and the largest; dimensionless."""
+    count_all(
+        position, volume_ratio, node_mass, grid.cells["particles"], background, counting, grid.blocks,
+        greatest_crowding, crowding,
+    )  # fmt: skip

@@ -1,0 +1,261 @@
+"""Nodes to particles and embedded points, on a GPU: one thread block for each block of nodes.
+
+The velocities in the reach of the block go to shared memory; then a thread takes a particle.
+"""
+
+import math
+
+import numpy as np
+
+from refsim.backends.compile import cuda, cuda_kernel, formula
+from refsim.backends.runtime import simulated
+from refsim.mpm.formulas import spline_weights
+from refsim.mpm.grid_to_particle import centred, move_particle
+from refsim.mpm.kernels import layer_weights, place
+from refsim.mpm.particle_to_grid_cuda import REACH, quotient
+from refsim.sparse_grid.cuda import SUMMING, number
+from refsim.sparse_grid.formulas import node_coordinates
+
+GATHERING = 16 if simulated() else 128  # threads; more than a row of the affine matrices has numbers
+EIGHT = 8  # numbers of which a thread finds the largest
+
+
+@formula
+def row_moments(n, w0, w1, w2, c, values):
+    """Sums over the nodes n, n + 1, n + 2 of a row: w v and w v i, i from 0, of the component c."""
+    u1, u2 = w1 * values[n + 1, c], w2 * values[n + 2, c]
+    return w0 * values[n, c] + u1 + u2, u1 + (u2 + u2)
+
+
+@formula
+def layer_moments(n, width, wx, wy, c, values):
+    """Sums over a layer of the stencil from node n on: w v, w v i, w v j of the component c."""
+    a0, b0 = row_moments(n, wx[0], wx[1], wx[2], c, values)
+    a1, b1 = row_moments(n + width, wx[0], wx[1], wx[2], c, values)
+    a2, b2 = row_moments(n + 2 * width, wx[0], wx[1], wx[2], c, values)
+    a1 *= wy[1]
+    a2 *= wy[2]
+    return wy[0] * a0 + a1 + a2, wy[0] * b0 + wy[1] * b1 + wy[2] * b2, a1 + (a2 + a2)
+
+
+@formula
+def component_moments(at, width, layers, wx, wy, wz, c, values):
+    """Sums over the stencil from node `at` on: B v, B v i, B v j, B v k of the component c; the plane has one layer."""
+    a0, x0, y0 = layer_moments(at, width, wx, wy, c, values)
+    if layers == 1:
+        return a0, x0, y0, type(a0)(0)
+    a1, x1, y1 = layer_moments(at + width * width, width, wx, wy, c, values)
+    a2, x2, y2 = layer_moments(at + 2 * width * width, width, wx, wy, c, values)
+    a1 *= wz[1]
+    a2 *= wz[2]
+    x = wz[0] * x0 + wz[1] * x1 + wz[2] * x2
+    y = wz[0] * y0 + wz[1] * y1 + wz[2] * y2
+    return wz[0] * a0 + a1 + a2, x, y, a1 + (a2 + a2)
+
+
+@formula
+def stencil_moments(at, width, layers, wx, wy, wz, values):
+    """Sums over the stencil's nodes: B v (3) and B v (j - base)^T (9, row by row); values (nodes, 3) [m/s]."""
+    vx, xx, xy, xz = component_moments(at, width, layers, wx, wy, wz, 0, values)
+    vy, yx, yy, yz = component_moments(at, width, layers, wx, wy, wz, 1, values)
+    vz, zx, zy, zz = component_moments(at, width, layers, wx, wy, wz, 2, values)
+    return vx, vy, vz, xx, xy, xz, yx, yy, yz, zx, zy, zz
+
+
+@formula
+def load_reach(b, blocks, width, bits, deep, node_velocity, values):
+    """`load_block` for a width and depth that the compiler knows, to avoid divisions."""
+    rest = (1 << bits) - 1
+    middle = 13 if deep > 1 else 4
+    at = number(cuda.threadIdx.x)
+    while at < width * width * deep:
+        line, z = quotient(at, width), quotient(at, width * width)
+        x, y = at - line * width, line - z * width
+        s = number(blocks.neighbour[b, number(middle + (x >> bits) + 3 * (y >> bits) + 9 * (z >> bits))])
+        n = 64 * s + (((z & rest) << (2 * bits)) | ((y & rest) << bits) | (x & rest))
+        for c in range(3):
+            values[at, c] = node_velocity[n, c]
+        at += GATHERING
+
+
+@formula
+def load_block(b, blocks, background, node_velocity, values):
+    """values (width^dim, 3): velocities of the nodes in the reach of block b."""
+    if background.layers == 3:
+        load_reach(b, blocks, 6, 2, 6, node_velocity, values)
+    else:
+        load_reach(b, blocks, 10, 3, 1, node_velocity, values)
+    cuda.syncthreads()
+
+
+@formula
+def moments(x, y, z, fx, fy, fz, background, values):
+    """`stencil_moments` at node (x, y, z) of the block, with widths that the compiler knows."""
+    wx, wy = spline_weights(fx), spline_weights(fy)
+    if background.layers == 3:
+        return stencil_moments((z * 6 + y) * 6 + x, 6, 3, wx, wy, spline_weights(fz), values)
+    return stencil_moments(y * 10 + x, 10, 1, wx, wy, layer_weights(fz, background), values)
+
+
+@formula
+def largest_of_rows(values):
+    """values[c, 0] <- largest of row c, which has one number for each thread of the block, just written by it."""
+    thread = number(cuda.threadIdx.x)
+    parts = values.shape[1] // EIGHT
+    cuda.syncthreads()
+    most = values[0, 0]
+    row = quotient(thread, parts)
+    if row < values.shape[0]:
+        most = values[row, thread - row * parts]
+        for k in range(1, EIGHT):
+            most = max(most, values[row, thread - row * parts + k * parts])
+    cuda.syncthreads()
+    if row < values.shape[0]:
+        values[row, thread - row * parts] = most
+    cuda.syncthreads()
+    if thread < values.shape[0]:
+        most = values[thread, 0]
+        for k in range(1, parts):
+            most = max(most, values[thread, k])
+        values[thread, 0] = most
+    cuda.syncthreads()
+
+
+@formula
+def put_rows(numbers, count, width, rows, out):
+    """Copy the first `count` rows of `width` values from shared memory to the points with these numbers."""
+    for k in range(width):
+        at = number(cuda.threadIdx.x) + k * GATHERING
+        row = quotient(at, width)
+        if row < count:
+            c = number(at - row * width)
+            out[number(numbers[row]), c] = rows[row, c]
+
+
+@cuda_kernel(block_for_each_row=True, threads=GATHERING, rows_of="block_extremes", registers=64)
+def gather(
+    bins, node_velocity, cell, liquid, background, timestep, blocks, cluster_share, inverse_spread, embedding,
+    carrier_first, carrier_position, carrier_moment, build_position, block_extremes, velocity, affine, volume_ratio,
+    deformation, position,
+):  # fmt: skip
+    """Velocity, gradient, volume ratio and position of every particle from the nodes.
+
+    block_extremes (b, 5): for each block's particles the largest squared displacement since the list was built, -J, J,
+    |tr A| and squared displacement of the step.
+    """
+    b, thread = number(cuda.blockIdx.x), number(cuda.threadIdx.x)
+    real = type(background.cell_size)
+    far, least, most, fast, jump = real(0), real(-math.inf), real(-math.inf), real(0), real(0)
+    begin, end = number(bins.first[64 * b]), number(bins.first[64 * b + 64])
+    # Tells the compiler the widths.
+    known = node_velocity.shape[1] == 3 and velocity.shape[1] == 3 and position.shape[1] == 3 and affine.shape[1] == 9
+    if begin < end and known:
+        values = cuda.shared.array((REACH, 3), velocity.dtype)
+        best = cuda.shared.array((5, GATHERING), velocity.dtype)
+        matrix = cuda.shared.array((GATHERING, 9), velocity.dtype)
+        speed = cuda.shared.array((GATHERING, 3), velocity.dtype)
+        moved = cuda.shared.array((GATHERING, 3), velocity.dtype)
+        numbers = cuda.shared.array(GATHERING, np.int32)
+        origin = node_coordinates(blocks, b * 64)
+        load_block(b, blocks, background, node_velocity, values)
+        while begin < end:
+            if begin + thread < end:
+                i = number(bins.point[begin + thread])
+                numbers[thread] = i
+                fx, fy, fz, x, y, z = place(i, position, cell, origin, background)
+                sums = moments(x, y, z, fx, fy, fz, background, values)
+                squared, ratio, rate, leap = move_particle(
+                    i, thread, sums, fx, fy, fz, background, liquid, timestep, cluster_share, inverse_spread, embedding,
+                    carrier_first, carrier_position, carrier_moment, build_position, position, volume_ratio,
+                    deformation, speed, matrix, moved,
+                )  # fmt: skip
+                far, least, most, fast = max(far, squared), max(least, -ratio), max(most, ratio), max(fast, rate)
+                jump = max(jump, leap)
+            cuda.syncthreads()
+            # All threads write the rows together: neighbouring threads write contiguous memory.
+            count = min(GATHERING, end - begin)
+            put_rows(numbers, count, 9, matrix, affine)
+            put_rows(numbers, count, 3, speed, velocity)
+            put_rows(numbers, count, 3, moved, position)
+            cuda.syncthreads()
+            begin += GATHERING
+        best[0, thread], best[1, thread], best[2, thread] = far, least, most
+        best[3, thread], best[4, thread] = fast, jump
+        largest_of_rows(best)
+        far, least, most, fast, jump = best[0, 0], best[1, 0], best[2, 0], best[3, 0], best[4, 0]
+    if thread == 0:
+        block_extremes[b, 0] = far
+        block_extremes[b, 1] = least
+        block_extremes[b, 2] = most
+        block_extremes[b, 3] = fast
+        block_extremes[b, 4] = jump
+
+
+@cuda_kernel(block_for_each_row=True, threads=SUMMING, rows_of="step_extremes")
+def reduce_extremes(block_extremes, displacement, step_extremes):
+    """Extremes of all blocks; each of the thread blocks finds one, the first one two."""
+    real = displacement.dtype.type
+    best = cuda.shared.array((1, SUMMING), displacement.dtype)
+    for c in range(cuda.blockIdx.x, 5, 4):
+        mine = real(-math.inf)
+        for b in range(cuda.threadIdx.x, block_extremes.shape[0], SUMMING):
+            mine = max(mine, block_extremes[b, c])
+        cuda.syncthreads()
+        best[0, cuda.threadIdx.x] = mine
+        largest_of_rows(best)
+        mine = best[0, 0]
+        if cuda.threadIdx.x == 0:
+            some = mine > real(-math.inf)
+            if c == 0:
+                displacement[0] = mine if some else real(0)
+                displacement[1] = real(0)
+            elif c == 1:
+                step_extremes[0] = -mine if some else real(1)
+            elif c == 2:
+                step_extremes[1] = mine if some else real(1)
+            else:
+                step_extremes[c - 1] = mine if some else real(0)
+
+
+def grid_to_particle(
+    node_velocity, liquid, background, timestep, cluster_share, inverse_spread, embedding, carrier_first,
+    carrier_position, carrier_moment, build_position, grid, displacement, step_extremes, velocity, affine,
+    volume_ratio, deformation, position,
+):  # fmt: skip
+    """(4.12), (4.13) or A of the cluster, (4.16), (4.8): velocity, affine matrix, volume ratio and position."""
+    extremes = grid.block_extremes
+    gather(
+        grid.bins["particles"], node_velocity, grid.cells["particles"], liquid, background, timestep, grid.blocks,
+        cluster_share, inverse_spread, embedding, carrier_first, carrier_position, carrier_moment, build_position,
+        extremes,
+        velocity, affine, volume_ratio, deformation, position,
+    )  # fmt: skip
+    reduce_extremes(extremes, displacement, step_extremes)
+
+
+@cuda_kernel(block_for_each_row=True, threads=GATHERING, rows_of="complete")
+def gather_carriers(bins, node_velocity, carrier_position, carrier_cell, background, blocks, complete, carrier_moment):
+    """Moments of the nodes' velocities about every embedded point; a thread block for each row of `complete`."""
+    b = cuda.blockIdx.x
+    if bins.first[64 * b + 64] == bins.first[64 * b]:
+        return
+    values = cuda.shared.array((REACH, 3), node_velocity.dtype)
+    origin = node_coordinates(blocks, b * 64)
+    load_block(b, blocks, background, node_velocity, values)
+    for at in range(bins.first[64 * b] + cuda.threadIdx.x, bins.first[64 * b + 64], cuda.blockDim.x):
+        i = bins.point[at]
+        fx, fy, fz, x, y, z = place(i, carrier_position, carrier_cell, origin, background)
+        sums = moments(x, y, z, fx, fy, fz, background, values)
+        m = centred(sums, fx, fy, fz, background.cell_size)
+        carrier_moment[i, 0], carrier_moment[i, 1], carrier_moment[i, 2] = sums[0], sums[1], sums[2]
+        for c in range(9):
+            carrier_moment[i, 3 + c] = m[c]
+
+
+def grid_to_carriers(node_velocity, carrier_position, background, grid, carrier_moment):
+    """Sums of B v and B v (x_j - x_q)^T about every embedded point."""
+    cell = grid.cells["carriers"]
+    gather_carriers(
+        grid.bins["carriers"], node_velocity, carrier_position, cell, background, grid.blocks, grid.complete,
+        carrier_moment,
+    )  # fmt: skip

@@ -1,0 +1,385 @@
+"""What one point or one node does, and the geometry of stencils and clusters that the transfers share."""
+
+from refsim.backends.compile import formula, kernel
+from refsim.mpm.formulas import (
+    IMAGED_ROWS,
+    NOWHERE,
+    STICKY,
+    base_coordinate,
+    buried,
+    canonical,
+    fraction,
+    image,
+    on_mirror,
+    reflection,
+    spline_slopes,
+    spline_weights,
+    wall_velocity,
+)
+from refsim.mpm.formulas import inverse_spread as inverted
+from refsim.mpm.grid import FARTHEST
+from refsim.neighbours.formulas import BITS, OFFSET
+from refsim.sparse_grid.formulas import find_node, node_coordinates, step_node
+from refsim.surface_energy.formulas import grid_offset, spline_weight
+
+# Cells and stencils
+
+
+@formula
+def key_of(jx, jy, jz, bits):
+    """Key of the block with node j; in the plane jz is 0 and not divided."""
+    bz = jz >> 2 if bits == 2 else jz
+    return ((bz + OFFSET) << (2 * BITS)) | (((jy >> bits) + OFFSET) << BITS) | ((jx >> bits) + OFFSET)
+
+
+@kernel
+def write_keys(i, position, inverse_cell, bits, keys):
+    """Key of the block of a point at `position` [m]; -1 where it is too far or NaN."""
+    jx = base_coordinate(position[i, 0], inverse_cell)
+    jy = base_coordinate(position[i, 1], inverse_cell)
+    jz = base_coordinate(position[i, 2], inverse_cell) if bits == 2 else 0
+    lost = jx > FARTHEST or jy > FARTHEST or jz > FARTHEST
+    keys[i] = -1 if lost else key_of(jx, jy, jz, bits)
+
+
+@formula
+def place(i, position, cell, origin, background):
+    """(offsets f of point i along x, y, z, coordinates of its base node in the block whose first node is `origin`)."""
+    local = cell[i] & 63
+    if background.layers == 3:
+        x, y, z = local & 3, (local >> 2) & 3, local >> 4
+        fx = fraction(position[i, 0], origin[0] + x, background)
+        fy = fraction(position[i, 1], origin[1] + y, background)
+        fz = fraction(position[i, 2], origin[2] + z, background)
+        return fx, fy, fz, x, y, z
+    x, y = local & 7, local >> 3
+    fx = fraction(position[i, 0], origin[0] + x, background)
+    fy = fraction(position[i, 1], origin[1] + y, background)
+    return fx, fy, type(fx)(0), x, y, 0
+
+
+@formula
+def layer_weights(fz, background):
+    """Weights along z; 1 for the one layer of nodes in the plane."""
+    if background.layers == 3:
+        return spline_weights(fz)
+    real = type(fz)
+    return real(1), real(0), real(0)
+
+
+@formula
+def layer_slopes(fz, background):
+    """Slopes along z; 0 in the plane."""
+    if background.layers == 3:
+        return spline_slopes(fz)
+    real = type(fz)
+    return real(0), real(0), real(0)
+
+
+@kernel
+def weights(i, position, background, base_node, spline_weight, spline_slope):
+    """Base node, B and h B' of a particle, three for each axis; dimensionless."""
+    for c in range(3):
+        j = base_coordinate(position[i, c], background.inverse_cell)
+        base_node[i, c] = j
+        f = type(background.cell_size)(float(position[i, c]) * background.inverse_cell - float(j))
+        w, s = spline_weights(f), spline_slopes(f)
+        spline_weight[i, 3 * c], spline_slope[i, 3 * c] = w[0], s[0]
+        spline_weight[i, 3 * c + 1], spline_slope[i, 3 * c + 1] = w[1], s[1]
+        spline_weight[i, 3 * c + 2], spline_slope[i, 3 * c + 2] = w[2], s[2]
+
+
+# Clusters and viscosity
+
+
+@formula
+def round_spread(h):
+    """E^-1 of a particle without embedded points: the unit matrix."""
+    real = type(h)
+    return real(1), real(0), real(0), real(1), real(0), real(1)
+
+
+@formula
+def spread_of(i, inverse_spread):
+    """E^-1 of particle i's cluster."""
+    return (
+        inverse_spread[i, 0], inverse_spread[i, 1], inverse_spread[i, 2],
+        inverse_spread[i, 3], inverse_spread[i, 4], inverse_spread[i, 5],
+    )  # fmt: skip
+
+
+@formula
+def viscous_row(ax, ay, az, sx, sy, sz, inverse, factor):
+    """A row of A - factor S E^-1: (ax, ay, az) of A, (sx, sy, sz) of S = A + A^T."""
+    xx, xy, xz, yy, yz, zz = inverse
+    return (
+        ax - factor * (sx * xx + sy * xy + sz * xz),
+        ay - factor * (sx * xy + sy * yy + sz * yz),
+        az - factor * (sx * xz + sy * yz + sz * zz),
+    )
+
+
+@kernel
+def viscosity(i, volume_ratio, inverse_spread, viscous_stress, timestep, affine):
+    """A <- A - dt (4 mu J/(rho0 h^2)) (A + A^T) E^-1 [1/s], row by row: what the stress mu (A + A^T) adds to (4.10).
+
+    As for the pressure, its force is -V (4/h^2) B_j stress E^-1 (x_j - x_p), linear in x_j - x_p as is the affine
+    momentum.
+    """
+    factor = timestep[1] * viscous_stress.factor * volume_ratio[i]
+    inverse = round_spread(factor)
+    if inverse_spread is not None:
+        inverse = spread_of(i, inverse_spread)
+    xx, xy, xz = affine[i, 0], affine[i, 1], affine[i, 2]
+    yx, yy, yz = affine[i, 3], affine[i, 4], affine[i, 5]
+    zx, zy, zz = affine[i, 6], affine[i, 7], affine[i, 8]
+    first = viscous_row(xx, xy, xz, xx + xx, xy + yx, xz + zx, inverse, factor)
+    second = viscous_row(yx, yy, yz, yx + xy, yy + yy, yz + zy, inverse, factor)
+    third = viscous_row(zx, zy, zz, zx + xz, zy + yz, zz + zz, inverse, factor)
+    for c in range(3):
+        affine[i, c], affine[i, 3 + c], affine[i, 6 + c] = first[c], second[c], third[c]
+
+
+@kernel(rows_of="cluster_share")
+def embed_samples(
+    i, position, surface_sample, order, first, cell_size, carrier_first, carrier_position, carrier_owner,
+    cluster_share, inverse_spread,
+):  # fmt: skip
+    """Samples x_s of particle i and their mirror images 2 x_p - x_s [m], w = 1/(2 C + 1), and E^-1, dimensionless."""
+    real = type(cell_size)
+    count = first[i + 1] - first[i]
+    share = real(1) / real(2 * count + 1)
+    xx, xy, xz, yy, yz, zz = real(1), real(0), real(0), real(1), real(0), real(1)
+    for k in range(first[i], first[i + 1]):
+        s = order[k]
+        d = (
+            surface_sample[s, 0] - position[i, 0],
+            surface_sample[s, 1] - position[i, 1],
+            surface_sample[s, 2] - position[i, 2],
+        )
+        for c in range(3):
+            carrier_position[2 * k, c] = surface_sample[s, c]
+            carrier_position[2 * k + 1, c] = position[i, c] - d[c]
+        carrier_owner[2 * k] = i
+        carrier_owner[2 * k + 1] = i
+        two = real(8) * share / (cell_size * cell_size)
+        xx += two * d[0] * d[0]
+        xy += two * d[0] * d[1]
+        xz += two * d[0] * d[2]
+        yy += two * d[1] * d[1]
+        yz += two * d[1] * d[2]
+        zz += two * d[2] * d[2]
+    carrier_first[i] = 2 * first[i]
+    carrier_first[i + 1] = 2 * first[i + 1]  # the next particle writes the same number
+    cluster_share[i] = share
+    inverse = inverted(xx, xy, xz, yy, yz, zz)
+    for c in range(6):
+        inverse_spread[i, c] = inverse[c]
+
+
+@kernel
+def recount(i, crowding, recounting, timestep, background, deformation, volume_ratio):
+    """J <- J (1 - min(1, dt/tau) (1 - q0/q)) where the crowding q of particle i is above q0, and F with it."""
+    real = type(background.cell_size)
+    if not crowding[i] <= recounting.limit:  # a NaN makes J NaN
+        share = min(real(1), timestep[1] / recounting.time)
+        change = real(1) - share * (real(1) - recounting.limit / crowding[i])
+        volume_ratio[i] *= change
+        if deformation is not None:
+            size = change ** (real(1) / real(3) if background.layers == 3 else real(0.5))
+            for c in range(9):
+                if background.layers == 3 or c < 8:  # F_zz = 1 in the plane
+                    deformation[i, c] *= size
+
+
+# On the nodes
+
+
+@kernel
+def update_nodes(
+    n, node_mass, node_momentum, node_pull, field, planes, mirrors, least_mass, timestep, blocks, node_velocity
+):  # fmt: skip
+    """(4.19) and the walls: v_j [m/s]."""
+    if mirrors is not None:
+        v = mirrored_update(n, node_mass, node_momentum, blocks, least_mass, node_pull, field, planes, timestep)
+    else:
+        v = node_update(
+            n, node_mass[n], node_momentum[n, 0], node_momentum[n, 1], node_momentum[n, 2], blocks, least_mass,
+            node_pull, field, planes, timestep,
+        )  # fmt: skip
+    node_velocity[n, 0] = v[0]
+    node_velocity[n, 1] = v[1]
+    node_velocity[n, 2] = v[2]
+
+
+def grid_update(node_mass, node_momentum, node_pull, field, planes, mirrors, background, timestep, grid, node_velocity):
+    """(4.19) v_j = ((mv)_j + dt f_j)/m_j + dt g [m/s], and the walls."""
+    update_nodes(
+        node_mass, node_momentum, node_pull, field, planes, mirrors, background.least_mass, timestep, grid.blocks,
+        node_velocity,
+    )  # fmt: skip
+
+
+@formula
+def node_update(node, mass, mx, my, mz, blocks, least_mass, node_pull, field, planes, timestep):
+    """(4.19) with the walls: v_j [m/s]; zero on a node with at most `least_mass`."""
+    real = type(mass)
+    zero = real(0)
+    if not mass > least_mass:
+        return zero, zero, zero
+    step = timestep[1]
+    if node_pull is not None:
+        mx += step * node_pull[node, 0]
+        my += step * node_pull[node, 1]
+        mz += step * node_pull[node, 2]
+    vx, vy, vz = mx / mass, my / mass, mz / mass
+    if field is not None:
+        vx += step * field[0]
+        vy += step * field[1]
+        vz += step * field[2]
+    if planes is not None:
+        jx, jy, jz = node_coordinates(blocks, node)
+        vx, vy, vz = at_walls(jx, jy, jz, vx, vy, vz, planes)
+    return vx, vy, vz
+
+
+@formula
+def at_walls(jx, jy, jz, vx, vy, vz, planes):
+    """Velocity of node j at the walls [m/s]: 0 in a sticky one, without the component into a slip or separating one."""
+    lx, ux = jx <= planes.lower[0], jx >= planes.upper[0]
+    ly, uy = jy <= planes.lower[1], jy >= planes.upper[1]
+    lz, uz = jz <= planes.lower[2], jz >= planes.upper[2]
+    r = planes.rules
+    if (
+        (lx and r[0] == STICKY) or (ux and r[1] == STICKY) or (ly and r[2] == STICKY)
+        or (uy and r[3] == STICKY) or (lz and r[4] == STICKY) or (uz and r[5] == STICKY)
+    ):  # fmt: skip
+        zero = type(vx)(0)
+        return zero, zero, zero
+    return (
+        wall_velocity(vx, lx, ux, r[0], r[1]),
+        wall_velocity(vy, ly, uy, r[2], r[3]),
+        wall_velocity(vz, lz, uz, r[4], r[5]),
+    )
+
+
+@formula
+def within_rows(j, low, high, low_rule, high_rule):
+    """Whether coordinate j is in the imaged rows behind a wall of an axis, or in their images."""
+    return (low_rule > 0 and j <= low + IMAGED_ROWS) or (high_rule > 0 and j >= high - IMAGED_ROWS)
+
+
+@formula
+def mirrored_update(
+    node, node_mass, node_momentum, blocks, least_mass, node_pull, field, planes, timestep,
+):  # fmt: skip
+    """(4.19) at walls that mirror the liquid [m/s]: masses, momenta and forces of a node's images are added to its own.
+
+    The velocity is that of the node on the liquid's side; a node behind the wall moves as its image.
+    """
+    jx, jy, jz = node_coordinates(blocks, node)
+    low = int(planes.lower[0]), int(planes.lower[1]), int(planes.lower[2])
+    high = int(planes.upper[0]), int(planes.upper[1]), int(planes.upper[2])
+    r = planes.rules
+    near_x = within_rows(jx, low[0], high[0], r[0], r[1])
+    near_y = within_rows(jy, low[1], high[1], r[2], r[3])
+    near_z = within_rows(jz, low[2], high[2], r[4], r[5])
+    if not (near_x or near_y or near_z):
+        mass = node_mass[node]
+        return node_update(
+            node, mass, node_momentum[node, 0], node_momentum[node, 1], node_momentum[node, 2], blocks, least_mass,
+            node_pull, field, None, timestep,
+        )  # fmt: skip
+    real = type(least_mass)
+    if (
+        buried(jx, low[0], high[0], r[0], r[1]) or buried(jy, low[1], high[1], r[2], r[3])
+        or buried(jz, low[2], high[2], r[4], r[5])
+    ):  # fmt: skip
+        return real(0), real(0), real(0)
+    ax = canonical(jx, low[0], high[0], r[0] > 0, r[1] > 0)
+    ay = canonical(jy, low[1], high[1], r[2] > 0, r[3] > 0)
+    az = canonical(jz, low[2], high[2], r[4] > 0, r[5] > 0)
+    mass, mx, my, mz = real(0), real(0), real(0), real(0)
+    for kz in range(3):
+        iz = image(az, kz, low[2], high[2], r[4] > 0, r[5] > 0)
+        for ky in range(3):
+            iy = image(ay, ky, low[1], high[1], r[2] > 0, r[3] > 0)
+            for kx in range(3):
+                ix = image(ax, kx, low[0], high[0], r[0] > 0, r[1] > 0)
+                if ix == NOWHERE or iy == NOWHERE or iz == NOWHERE:
+                    continue
+                n = find_node(blocks, ix, iy, iz)
+                if n < 0:
+                    continue
+                sx, sy, sz = signs(kx, ky, kz, r)
+                mass += node_mass[n]
+                px, py, pz = node_momentum[n, 0], node_momentum[n, 1], node_momentum[n, 2]
+                if node_pull is not None:
+                    px += timestep[1] * node_pull[n, 0]
+                    py += timestep[1] * node_pull[n, 1]
+                    pz += timestep[1] * node_pull[n, 2]
+                mx += real(sx) * px
+                my += real(sy) * py
+                mz += real(sz) * pz
+    if not mass > least_mass:
+        return real(0), real(0), real(0)
+    vx, vy, vz = mx / mass, my / mass, mz / mass
+    if field is not None:
+        vx += timestep[1] * field[0]
+        vy += timestep[1] * field[1]
+        vz += timestep[1] * field[2]
+    stuck_x, rests_x = on_mirror(ax, low[0], high[0], r[0], r[1])
+    stuck_y, rests_y = on_mirror(ay, low[1], high[1], r[2], r[3])
+    stuck_z, rests_z = on_mirror(az, low[2], high[2], r[4], r[5])
+    if stuck_x or stuck_y or stuck_z:
+        return real(0), real(0), real(0)
+    vx = real(0) if rests_x else vx
+    vy = real(0) if rests_y else vy
+    vz = real(0) if rests_z else vz
+    sx, sy, sz = signs(
+        0 if ax == jx else (1 if jx < low[0] else 2),
+        0 if ay == jy else (1 if jy < low[1] else 2),
+        0 if az == jz else (1 if jz < low[2] else 2),
+        r,
+    )
+    return real(sx) * vx, real(sy) * vy, real(sz) * vz
+
+
+@formula
+def signs(kx, ky, kz, rules):
+    """Signs of the components of a velocity after mirrors kx, ky, kz (0 none, 1 lower, 2 upper) of the three axes."""
+    xn, xt = reflection(kx, rules[0], rules[1])
+    yn, yt = reflection(ky, rules[2], rules[3])
+    zn, zt = reflection(kz, rules[4], rules[5])
+    return xn * yt * zt, xt * yn * zt, xt * yt * zn
+
+
+@kernel
+def contact(i, sample_position, sample_line, spline_cells, blocks, surface_term, contact, node_force):
+    """Young's force k cos(theta) sum_s B_i(x_s) l_s [N], added to that on node i; l_s: outward normals of the edge of
+    the wetted area, in the wall, times length."""
+    real = type(surface_term.cell_size)
+    fx, fy, fz = real(0), real(0), real(0)
+    space = blocks.neighbour.shape[1] == 27
+    for kz in range(3 if space else 1):
+        for ky in range(3):
+            for kx in range(3):
+                cell = step_node(blocks, i, -kx, -ky, -kz)
+                if cell < 0:
+                    continue
+                for k in range(spline_cells.first[cell], spline_cells.first[cell + 1]):
+                    s = spline_cells.point[k]
+                    lx, ly, lz = sample_line[s, 0], sample_line[s, 1], sample_line[s, 2]
+                    if lx == real(0) and ly == real(0) and lz == real(0):
+                        continue
+                    jx, jy, jz = node_coordinates(blocks, cell)
+                    weight = spline_weight(grid_offset(sample_position[s, 0], jx, surface_term), kx)
+                    weight *= spline_weight(grid_offset(sample_position[s, 1], jy, surface_term), ky)
+                    if space:
+                        weight *= spline_weight(grid_offset(sample_position[s, 2], jz, surface_term), kz)
+                    fx += weight * lx
+                    fy += weight * ly
+                    fz += weight * lz
+    node_force[i, 0] += contact.pull * fx
+    node_force[i, 1] += contact.pull * fy
+    node_force[i, 2] += contact.pull * fz

@@ -1,0 +1,295 @@
+"""Particles and embedded points to nodes, on a GPU: one thread block for each block of nodes.
+
+The threads bring points into shared memory, each as an affine field; three threads for each cell (one for each row of
+its stencil) add up the cell's points in registers; then, in a fixed order, the sums of the cells go to the block's
+nodes in shared memory, one node of the stencil at a time, so that no two threads write the same node. There is no
+atomic addition of floats: results repeat bit for bit.
+"""
+
+import numpy as np
+
+from refsim.backends.compile import cuda, cuda_kernel, formula
+from refsim.mpm.formulas import spline_slopes, spline_weights
+from refsim.mpm.kernels import layer_slopes, layer_weights, place
+from refsim.mpm.particle_to_grid import carrier_field, particle_field
+from refsim.sparse_grid.cuda import number
+from refsim.sparse_grid.formulas import node_coordinates
+
+ROWS = 192  # threads of a block that scatters: three for each of 64 cells
+REACH = 216  # nodes in the reach of a block: 6 x 6 x 6, or 10 x 10 in the plane
+SUMS = 4 * REACH  # mass and momentum of each
+ALL_SUMS = 3 * SUMS  # one for each row of a stencil
+CHUNK = 256  # points of a block in shared memory at a time
+PADDED = CHUNK + CHUNK // 8  # one place more after eight, so that the points of cells in a row lie in different banks
+APART = 75  # between particles of a cell that are added in turn: those of eleven cells lie in different banks
+IN_TURN = 3 * APART
+RECORD = 17  # numbers of a point: offsets, mass, value and gradient of its field, moment of its stress
+
+
+@formula
+def quotient(at, width):
+    """at // width for at >= 0; with a width known to the compiler this is a multiplication."""
+    return np.int64(np.uint32(at) // np.uint32(width))
+
+
+# A thread adds up the row j of a cell's stencil: nodes (i, j, k), the i-th of layer k at 3 k + i.
+
+
+@formula
+def chosen(j, three):
+    """three[j], without an array that could not stay in registers."""
+    if j == 0:
+        return three[0]
+    return three[1] if j == 1 else three[2]
+
+
+@formula
+def add_affine_row(total, j, layers, wx, wy, wz, mass, qx, qy, qz, g):
+    """Add B (mass, q + g (j - base)) of one point to the row's sums."""
+    real = type(mass)
+    w_row = chosen(j, wy)
+    x = qx + real(j) * g[1]
+    y = qy + real(j) * g[4]
+    z = qz + real(j) * g[7]
+    for k in range(3):
+        if k < layers:
+            w = w_row * wz[k]
+            for i in range(3):
+                far = real(i)
+                share = w * wx[i]
+                total[(3 * k + i) * 4] += share * mass
+                total[(3 * k + i) * 4 + 1] += share * (x + far * g[0])
+                total[(3 * k + i) * 4 + 2] += share * (y + far * g[3])
+                total[(3 * k + i) * 4 + 3] += share * (z + far * g[6])
+            x += g[2]
+            y += g[5]
+            z += g[8]
+
+
+@formula
+def add_gradient_row(total, j, background, wx, wy, wz, sx, sy, sz, t):
+    """Add T (h grad B) of one point to the row's sums."""
+    w_row, s_row = chosen(j, wy), chosen(j, sy)
+    for k in range(3):
+        if k < background.layers:
+            for i in range(3):
+                dx = sx[i] * w_row * wz[k]
+                dy = wx[i] * s_row * wz[k]
+                dz = wx[i] * w_row * sz[k]
+                total[(3 * k + i) * 4 + 1] += t[0] * dx + t[1] * dy + t[2] * dz
+                total[(3 * k + i) * 4 + 2] += t[1] * dx + t[3] * dy + t[4] * dz
+                total[(3 * k + i) * 4 + 3] += t[2] * dx + t[4] * dy + t[5] * dz
+
+
+@formula
+def deposit_reach(total, at, width, layers, shared):
+    """Add the rows' sums to the nodes in shared memory from number `at` on, one node of the stencil after the other."""
+    for k in range(layers):
+        for i in range(3):
+            n = at + k * width * width + i
+            for c in range(4):
+                shared[n + c * REACH] += total[(3 * k + i) * 4 + c]
+            cuda.syncthreads()
+
+
+@formula
+def deposit(total, cell, row, background, shared, scratch, b):
+    """Add the rows' sums of all cells of block b to its nodes.
+
+    Each row of the stencils has its own copy of the nodes in shared memory, so that no two threads write the same one.
+    A copy holds all masses, then all momenta along each axis, so that adjacent nodes lie in different banks.
+    """
+    thread = number(cuda.threadIdx.x)
+    n = thread
+    while n < ALL_SUMS:
+        shared[n] = type(background.cell_size)(0)
+        n += ROWS
+    cuda.syncthreads()
+    own = row * SUMS
+    if background.layers == 3:
+        deposit_reach(total, number(own + ((cell >> 4) * 6 + ((cell >> 2) & 3) + row) * 6 + (cell & 3)), 6, 3, shared)
+    else:
+        deposit_reach(total, number(own + ((cell >> 3) + row) * 10 + (cell & 7)), 10, 1, shared)
+    n = thread
+    while n < 4 * scratch.shape[1]:
+        at = (n & 3) * REACH + (n >> 2)
+        scratch[b, n >> 2, n & 3] = shared[at] + shared[at + SUMS] + shared[at + 2 * SUMS]
+        n += ROWS
+
+
+@formula
+def keep_field(records, at, fx, fy, fz, mass, qx, qy, qz, g, moment):
+    """Store a point at place `at` in shared memory."""
+    records[0, at], records[1, at], records[2, at], records[3, at] = fx, fy, fz, mass
+    records[4, at], records[5, at], records[6, at] = qx, qy, qz
+    records[7, at], records[8, at], records[9, at] = g[0], g[1], g[2]
+    records[10, at], records[11, at], records[12, at] = g[3], g[4], g[5]
+    records[13, at], records[14, at], records[15, at] = g[6], g[7], g[8]
+    records[16, at] = moment
+
+
+@formula
+def add_kept_row(total, row, background, records, at, kernel_gradient):
+    """Add the point at place `at` in shared memory to the row's sums."""
+    wx, wy = spline_weights(records[0, at]), spline_weights(records[1, at])
+    wz = layer_weights(records[2, at], background)
+    g = (
+        records[7, at], records[8, at], records[9, at], records[10, at], records[11, at], records[12, at],
+        records[13, at], records[14, at], records[15, at],
+    )  # fmt: skip
+    mass, qx, qy, qz = records[3, at], records[4, at], records[5, at], records[6, at]
+    if background.layers == 3:
+        add_affine_row(total, row, 3, wx, wy, wz, mass, qx, qy, qz, g)
+    else:
+        add_affine_row(total, row, 1, wx, wy, wz, mass, qx, qy, qz, g)
+    if kernel_gradient is not None:
+        p = -records[16, at] / background.cell_size
+        zero = type(p)(0)
+        sx, sy = spline_slopes(records[0, at]), spline_slopes(records[1, at])
+        sz = layer_slopes(records[2, at], background)
+        add_gradient_row(total, row, background, wx, wy, wz, sx, sy, sz, (p, zero, zero, p, zero, p))
+
+
+@cuda_kernel(block_for_each_row=True, threads=ROWS)
+def scatter_particles(
+    bins, position, velocity, mass, affine, volume_ratio, acceleration, cell, liquid, background, timestep,
+    cluster_share, inverse_spread, embedding, kernel_gradient, blocks, scratch,
+):  # fmt: skip
+    """Sums of each block's particles on the nodes in their reach."""
+    b = number(cuda.blockIdx.x)
+    if bins.first[64 * b] == bins.first[64 * b + 64]:
+        return
+    thread = number(cuda.threadIdx.x)
+    own_cell, row = thread & 63, thread >> 6
+    first, last = number(bins.first[64 * b + own_cell]), number(bins.first[64 * b + own_cell + 1])
+    shared = cuda.shared.array(ALL_SUMS, scratch.dtype)
+    records = cuda.shared.array((RECORD, IN_TURN), scratch.dtype)
+    total = cuda.local.array(36, scratch.dtype)
+    for n in range(36):
+        total[n] = type(background.cell_size)(0)
+    origin = node_coordinates(blocks, b * 64)
+    known = position.shape[1] == 3 and velocity.shape[1] == 3 and affine.shape[1] == 9  # to the compiler, too
+    # Every thread loads one particle, three of each cell, so that all threads have equally many to add up.
+    cell_of, rank = quotient(thread, 3), thread - 3 * quotient(thread, 3)
+    at, end = bins.first[64 * b + cell_of] + rank, bins.first[64 * b + cell_of + 1]
+    while cuda.syncthreads_or(np.int32(first < last)) and known:
+        if at < end:
+            i = number(bins.point[number(at)])
+            fx, fy, fz, _, _, _ = place(i, position, cell, origin, background)
+            own, qx, qy, qz, g, moment = particle_field(
+                i, fx, fy, fz, velocity, mass, affine, volume_ratio, acceleration, liquid, background, timestep,
+                cluster_share, inverse_spread, embedding, kernel_gradient,
+            )  # fmt: skip
+            keep_field(records, number(rank * APART + cell_of), fx, fy, fz, own, qx, qy, qz, g, moment)
+        cuda.syncthreads()
+        for k in range(3):
+            if first + k < last:
+                add_kept_row(total, row, background, records, own_cell + k * APART, kernel_gradient)
+        at += 3
+        first += 3
+    deposit(total, own_cell, row, background, shared, scratch, b)
+
+
+@cuda_kernel(block_for_each_row=True, threads=ROWS)
+def scatter_carriers(
+    bins, carrier_position, carrier_owner, carrier_cell, position, velocity, mass, affine, volume_ratio, acceleration,
+    liquid, background, timestep, cluster_share, inverse_spread, embedding, blocks, scratch,
+):  # fmt: skip
+    """Sums of each block's embedded points on the nodes in their reach."""
+    b = cuda.blockIdx.x
+    start, end = bins.first[64 * b], bins.first[64 * b + 64]
+    if start == end:
+        return
+    thread = cuda.threadIdx.x
+    own_cell, row = thread & 63, thread >> 6
+    first, last = bins.first[64 * b + own_cell], bins.first[64 * b + own_cell + 1]
+    shared = cuda.shared.array(ALL_SUMS, scratch.dtype)
+    records = cuda.shared.array((RECORD, PADDED), scratch.dtype)
+    total = cuda.local.array(36, scratch.dtype)
+    for n in range(36):
+        total[n] = type(background.cell_size)(0)
+    origin = node_coordinates(blocks, b * 64)
+    while start < end:
+        stop = min(start + CHUNK, end)
+        for at in range(start + thread, stop, ROWS):
+            c = bins.point[at]
+            fx, fy, fz, _, _, _ = place(c, carrier_position, carrier_cell, origin, background)
+            own, qx, qy, qz, g = carrier_field(
+                c, fx, fy, fz, carrier_position, carrier_owner, position, velocity, mass, affine, volume_ratio,
+                acceleration, liquid, background, timestep, cluster_share, inverse_spread, embedding,
+            )  # fmt: skip
+            keep_field(records, at - start + ((at - start) >> 3), fx, fy, fz, own, qx, qy, qz, g, own)
+        cuda.syncthreads()
+        for at in range(max(first, start), min(last, stop)):
+            add_kept_row(total, row, background, records, at - start + ((at - start) >> 3), None)
+        cuda.syncthreads()
+        start = stop
+    deposit(total, own_cell, row, background, shared, scratch, b)
+
+
+@formula
+def collect_node(n, bits, width, layers, bins, blocks, scratch):
+    """(m, mv) of node n from the sums of its block and of those below it."""
+    rest = (1 << bits) - 1
+    b, node = n >> 6, n & 63
+    x, y, z = node & rest, (node >> bits) & rest, node >> (2 * bits)
+    zero = type(scratch[0, 0, 0])(0)
+    m, px, py, pz = zero, zero, zero, zero
+    for dz in range(2 if layers == 3 else 1):
+        for dy in range(2):
+            for dx in range(2):
+                if (dx == 0 or x < 2) and (dy == 0 or y < 2) and (dz == 0 or z < 2):
+                    s = blocks.neighbour[b, blocks.neighbour.shape[1] // 2 - dx - 3 * dy - 9 * dz]
+                    if s >= 0 and bins.first[64 * number(s) + 64] > bins.first[64 * number(s)]:
+                        at = ((z + (dz << bits)) * width + y + (dy << bits)) * width + x + (dx << bits)
+                        m += scratch[number(s), at, 0]
+                        px += scratch[number(s), at, 1]
+                        py += scratch[number(s), at, 2]
+                        pz += scratch[number(s), at, 3]
+    return m, px, py, pz
+
+
+@cuda_kernel
+def collect(bins, blocks, add, scratch, node_momentum, node_mass):
+    """m_j [kg] and (mv)_j [kg m/s] from the blocks' sums; added to the present values if `add`."""
+    n = number(cuda.grid(1))
+    if n < node_mass.shape[0]:
+        if blocks.neighbour.shape[1] == 27:
+            m, px, py, pz = collect_node(n, 2, 6, 3, bins, blocks, scratch)
+        else:
+            m, px, py, pz = collect_node(n, 3, 10, 1, bins, blocks, scratch)
+        if add:
+            m += node_mass[n]
+            px += node_momentum[n, 0]
+            py += node_momentum[n, 1]
+            pz += node_momentum[n, 2]
+        node_mass[n] = m
+        node_momentum[n, 0] = px
+        node_momentum[n, 1] = py
+        node_momentum[n, 2] = pz
+
+
+def particle_to_grid(
+    position, velocity, mass, affine, volume_ratio, acceleration, liquid, background, timestep, cluster_share,
+    inverse_spread, embedding, kernel_gradient, grid, node_mass, node_momentum,
+):  # fmt: skip
+    """(4.10), (4.15), (4.17): m_j and (mv)_j with the impulse of the liquid's stress."""
+    bins, scratch = grid.bins["particles"], grid.scratch
+    scatter_particles(
+        bins, position, velocity, mass, affine, volume_ratio, acceleration, grid.cells["particles"], liquid,
+        background, timestep, cluster_share, inverse_spread, embedding, kernel_gradient, grid.blocks, scratch,
+    )  # fmt: skip
+    collect(bins, grid.blocks, False, scratch, node_momentum, node_mass)
+
+
+def carriers_to_grid(
+    carrier_position, carrier_owner, position, velocity, mass, affine, volume_ratio, acceleration, liquid, background,
+    timestep, cluster_share, inverse_spread, embedding, grid, node_mass, node_momentum,
+):  # fmt: skip
+    """(4.15) of the embedded points, added to m_j and (mv)_j."""
+    bins, scratch = grid.bins["carriers"], grid.scratch
+    scatter_carriers(
+        bins, carrier_position, carrier_owner, grid.cells["carriers"], position, velocity, mass, affine, volume_ratio,
+        acceleration, liquid, background, timestep, cluster_share, inverse_spread, embedding, grid.blocks, scratch,
+    )  # fmt: skip
+    collect(bins, grid.blocks, True, scratch, node_momentum, node_mass)

@@ -1,0 +1,156 @@
+"""Cells of points, keys of their blocks, and points by cell, on a GPU; with `sort_particles` without the host."""
+
+import numpy as np
+
+from refsim.backends import device
+from refsim.backends.compile import cuda, cuda_kernel, formula
+from refsim.mpm.formulas import base_coordinate
+from refsim.mpm.grid import DEEP, FARTHEST
+from refsim.mpm.kernels import key_of, write_keys
+from refsim.neighbours.formulas import BITS, OFFSET, lower_bound
+from refsim.sparse_grid.cuda import fill_cells, number, sort_cells, sorted_points
+from refsim.sparse_grid.formulas import COORDINATE, block_bits
+
+
+@cuda_kernel
+def write_cells(position, inverse_cell, keys, complete, bits, counts, cell):
+    """Cell of each point: number of its base node; -1 outside all blocks. counts = (missing, lost)."""
+    i = cuda.grid(1)
+    if i < cell.shape[0]:
+        jx = base_coordinate(position[i, 0], inverse_cell)
+        jy = base_coordinate(position[i, 1], inverse_cell)
+        jz = base_coordinate(position[i, 2], inverse_cell) if bits == 2 else 0
+        if jx > FARTHEST or jy > FARTHEST or jz > FARTHEST:
+            cuda.atomic.add(counts, 1, 1)
+            cell[i] = -1
+        else:
+            rest = (1 << bits) - 1
+            key = key_of(jx, jy, jz, bits)
+            b = lower_bound(keys, key)
+            if b == keys.shape[0] or keys[b] != key or complete[b] == 0:
+                cuda.atomic.add(counts, 0, 1)
+                cell[i] = -1
+            else:
+                local = ((jy & rest) << bits) | (jx & rest)
+                if bits == 2:
+                    local |= (jz & rest) << 4
+                cell[i] = b * 64 + local
+
+
+def block_keys(position, inverse_cell, dim):
+    """Keys (n,) of the points' blocks."""
+    keys = device.empty(position.shape[0], np.int64)
+    write_keys(position, inverse_cell, 2 if dim == 3 else 3, keys)
+    return keys
+
+
+def find_cells(position, inverse_cell, blocks, complete, cell):
+    """Write the points' cells; (points outside all blocks, points too far away or NaN)."""
+    counts = device.wrapped(device.library().zeros(2, np.int32))
+    write_cells(position, inverse_cell, blocks.keys, complete, block_bits(blocks), counts, cell)
+    missing, lost = device.seen(counts).tolist()
+    return missing, lost
+
+
+def sorted_bins(cell, blocks):
+    """Points by cell."""
+    return sorted_points(cell, 64 * blocks)
+
+
+# Sorting without the host, so that a CUDA graph can hold it: all blocks exist.
+
+
+@formula
+def block_beside(hint, x, y, z, keys, neighbour):
+    """Number of the block with these integer coordinates if the block `hint` touches it, else -1."""
+    if hint < 0 or hint >= keys.shape[0]:
+        return np.int32(-1)
+    base = keys[number(hint)]
+    dx = np.int32(x - np.int32(base & COORDINATE) + (OFFSET + 1))
+    dy = np.int32(y - np.int32((base >> BITS) & COORDINATE) + (OFFSET + 1))
+    dz = np.int32(z - np.int32(base >> (2 * BITS)) + (OFFSET + 1))
+    if dx < 0 or dx > 2 or dy < 0 or dy > 2 or dz < 0 or dz > 2:
+        return np.int32(-1)
+    if neighbour.shape[1] == 27:
+        return neighbour[number(hint), number(dx + 3 * dy + 9 * dz)]
+    return neighbour[number(hint), number(dx + 3 * dy)] if dz == 1 else np.int32(-1)
+
+
+@formula
+def find_place(jx, jy, jz, bits, hint, blocks):
+    """(block, number in it) of node j; block -1 if there is none. `hint` and the blocks around it are tried first."""
+    x, y, z = np.int32(jx), np.int32(jy), np.int32(jz)
+    rest = (1 << bits) - 1
+    local = np.int32(((y & rest) << bits) | (x & rest))
+    if bits == 2:
+        local |= np.int32((z & rest) << 4)
+        z = np.int32(z >> 2)
+    b = block_beside(hint, np.int32(x >> bits), np.int32(y >> bits), z, blocks.keys, blocks.neighbour)
+    if b < 0:
+        key = key_of(jx, jy, jz, bits)
+        found = lower_bound(blocks.keys, key)
+        if found < blocks.keys.shape[0] and blocks.keys[found] == key:
+            b = np.int32(found)
+    return b, local
+
+
+@cuda_kernel
+def count_cells(position, inverse_cell, blocks, complete, held, place, cell):
+    """Cell of each particle, and how many of its cell were counted before it; -1 outside all blocks.
+
+    The search begins in the block of the present value of `cell`, which may be any number. After the counts of the
+    nodes, `held` counts the particles that are not deep in the blocks (see DEEP), and those too far away or NaN.
+    """
+    i = number(cuda.grid(1))
+    if i < cell.shape[0]:
+        nodes = 64 * complete.shape[0]
+        deep = blocks.neighbour.shape[1] == 27
+        jx = base_coordinate(position[i, 0], inverse_cell)
+        jy = base_coordinate(position[i, 1], inverse_cell)
+        jz = base_coordinate(position[i, 2], inverse_cell) if deep else 0
+        found = np.int32(-1)
+        if jx <= FARTHEST and jy <= FARTHEST and jz <= FARTHEST:
+            if deep:
+                b, local = find_place(jx, jy, jz, 2, cell[i] >> 6, blocks)
+            else:
+                b, local = find_place(jx, jy, jz, 3, cell[i] >> 6, blocks)
+            state = complete[number(b)] if b >= 0 else 0
+            if state != 0:
+                found = np.int32(b * 64 + local)
+                place[i] = cuda.atomic.add(held, number(found), 1)
+            if state != DEEP:
+                cuda.atomic.add(held, nodes, 1)
+        else:
+            cuda.atomic.add(held, nodes + 1, 1)
+        cell[i] = found
+
+
+@cuda_kernel(rows_of="point")
+def count_gaps(point, held):
+    """The last of `held` counts particles that are not in memory directly after their predecessor in the lists."""
+    i = cuda.grid(1)
+    if i + 1 < point.shape[0] and point[i + 1] != point[i] + 1:
+        cuda.atomic.add(held, held.shape[0] - 1, 1)
+
+
+def sort_particles(position, grid, cell, gaps=False):
+    """Cells and bins of the particles, whose blocks exist; with `gaps` also the number of those out of order."""
+    bins, held, sums, place, unsorted, _ = grid.sorting
+    device.fill(held, 0)
+    blocks = grid.blocks
+    count_cells(position, grid.inverse_cell, blocks, grid.complete, held, place, cell)
+    sums()
+    fill_cells(cell, place, bins.first, unsorted)
+    sort_cells(cell, bins.first, unsorted, bins.point)
+    if gaps:
+        count_gaps(bins.point, held)
+
+
+def cells(position, carrier_position, surface_sample, grid, cell):
+    """Cell of every particle, with the blocks and bins of all point sets brought up to date."""
+    if grid.sorting is not None:
+        grid.cells["particles"] = cell
+        sort_particles(position, grid, cell)
+        return
+    sets = {"particles": position, "carriers": carrier_position, "samples": surface_sample}
+    grid.locate(sets, cell, find_cells, block_keys, sorted_bins)
