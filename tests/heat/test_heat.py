@@ -222,7 +222,7 @@ def test_the_plan_says_which_sums_limit_the_step():
 
 
 def test_the_lattice_conducts_as_it_should():
-    """sum_j V_j L_ij r^2/3 is 0.950 at h = 2.5 d before the calibration, 2 for Mueller's as printed (M6)."""
+    """sum_j V_j L_ij r^2/3 is 0.950 at h = 2.5 d uncalibrated, 2 for Mueller's as printed (Shao & Song M6)."""
     assert lattice_moment(0, 2.5, 1.0, 3) == pytest.approx(0.950, abs=5e-4)
     assert lattice_moment(1, 2.5, 0.05, 3) == pytest.approx(2.0, abs=1e-3)
 
@@ -284,10 +284,10 @@ def test_reservoirs_hold_their_temperature():
         ({"temperature": -274.0}, "temperature = -274.0 is not possible"),
         ({"heat_capacity": 0.0}, "heat_capacity = 0.0 is not possible"),
         ({"latent_heat": 3e5}, "without a melting_point"),
-        ({"latent_heat": 3e5, "melting_point": 0.0, "scheme": "pair_exchange"}, "knows no latent heat"),
+        ({"latent_heat": 3e5, "melting_point": 0.0, "scheme": "pair_exchange"}, "has no latent heat"),
         ({"scheme": "nonlinear_jacobi"}, "is for latent heat only"),
-        ({"literal": ("M5",)}, "conduct backwards"),
-        ({"literal": ("M11",), **ICE}, "with literal M11"),
+        ({"literal": ("M5",)}, "conduct from cold to warm"),
+        ({"literal": ("M11",), **ICE}, "with literal Shao & Song M11"),
         ({"temperature": (1.0, 2.0, 3.0)}, "3 numbers for 2 parts"),
         ({"held": (5,)}, "held names part 5"),
         ({"largest_number": 1.0}, "beyond largest_number"),

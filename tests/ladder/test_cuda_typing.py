@@ -25,11 +25,10 @@ from refsim.neighbours.rows import NeighbourColumns
 
 CAPABILITY = (8, 0)
 IN_DOUBLE = {
-    "turn_direction": "the dots of conjugate gradients are taken in float64",
-    "take_step": "the dots of conjugate gradients are taken in float64",
+    "turn_blocks": "the dots of conjugate gradients are taken in float64",
+    "step_blocks": "the dots of conjugate gradients are taken in float64",
     "add_up": "the dots of conjugate gradients are taken in float64",
     "plan_chebyshev": "one thread finds the passes, in float64 as on the host",
-    "clear_sums": "the dots of conjugate gradients are taken in float64",
     "choose_step": "one thread keeps the clock, in float64 as on the host",
     "note_displacement": "one thread keeps the clock, in float64 as on the host",
     **dict.fromkeys(
@@ -139,7 +138,7 @@ def operation_arguments(name, program, variant, dtype):
         if argument in operation.outputs:
             return inputs.output(operation, argument)
         if argument == "scratch":
-            return Scratch(Zeros("cpu"))
+            return Scratch(Zeros("cuda"))
         if argument == "neighbours":
             return NeighbourColumns(count, entries)
         if argument == "walls" and inputs["walls"] is not None:
@@ -152,13 +151,14 @@ def operation_arguments(name, program, variant, dtype):
 def launches(monkeypatch, program, arguments):
     """The launches [(kernel, arguments)] of a program, none of which takes place; its own arrays are NumPy's."""
     from refsim.backends import device
-    from refsim.backends.compile import CudaKernel
+    from refsim.backends.compile import CudaKernel, Kernel
 
     seen = []
     with monkeypatch.context() as patch:
         patch.setattr(device, "empty", np.empty)
         patch.setattr(device, "largest", lambda values: 0)
         patch.setattr(CudaKernel, "__call__", lambda kernel, *values: seen.append((kernel, values)))
+        patch.setattr(Kernel, "__call__", lambda kernel, *values: kernel.on("cuda")(*values))  # arrays are NumPy's
         patch.setattr(device, "library", lambda: np)  # what CuPy does is nothing to compile
         patch.setattr(device, "seen", lambda array: array)
         patch.setattr(device, "wrapped", lambda array: array)

@@ -271,7 +271,7 @@ def test_damping_takes_the_ringing_away():
 
 
 def test_stiffness_grows_with_the_half_width():
-    """A bar that is bent by opposite kicks at its ends gives way less with wider regions."""
+    """A bar that is bent by opposite kicks at its ends bends less with wider regions."""
     bend = []
     for width in (1, 2, 4):
         simulation = free((SolidBox(lower=(0, 0, 0), upper=(2.4, 0.6, 0.6)),), 0, half_width=width, damping=0.0)
@@ -339,9 +339,9 @@ def test_fragments_fall_as_one(name):
     """Chains, sheets, pairs and single particles fall freely and keep their shape."""
     simulation = free((SolidCells(cells=FRAGMENTS[name]),), 200, gravity=(0.0, 0.0, -9.81), dtype="float32")
     start = free((SolidCells(cells=FRAGMENTS[name]),), 0)
-    way = simulation.field("position").astype(float) - start.field("position")
-    assert np.isfinite(way).all()
-    assert np.allclose(way, [0, 0, -4.905], atol=1e-4)
+    moved = simulation.field("position").astype(float) - start.field("position")
+    assert np.isfinite(moved).all()
+    assert np.allclose(moved, [0, 0, -4.905], atol=1e-4)
 
 
 def test_bodies_one_cell_apart_are_not_welded():
