@@ -4,7 +4,7 @@ from refsim.backends import device
 from refsim.backends.compile import cuda, cuda_kernel
 from refsim.backends.primitives import sum_of_lanes
 from refsim.melting import particle
-from refsim.shape_matching.parallel_reduction.cuda import LANES
+from refsim.shape_matching.kernels import LANES
 
 
 def melt(

@@ -23,7 +23,19 @@ from refsim.core import cases
 from refsim.core.operation import REGISTRY
 from refsim.smoothing import SHAPES, formulas, reference, smoothing
 
-MODULES = ("kernels", "reductions", "schemes", "pair_exchange", "cpu", "particle", "node", "formulas")
+MODULES = (
+    "kernels",
+    "reductions",
+    "schemes",
+    "pair_exchange",
+    "fast_summation",
+    "region_filling",
+    "rotation",
+    "cpu",
+    "particle",
+    "node",
+    "formulas",
+)
 FIRST_CASES = ("three_particles", "cloud_2d", "cloud_3d", "printed_readings")
 NEGATED = {ast.Lt: ast.GtE, ast.LtE: ast.Gt, ast.Gt: ast.LtE, ast.GtE: ast.Lt, ast.Eq: ast.NotEq, ast.NotEq: ast.Eq}
 SWAPPED = {
