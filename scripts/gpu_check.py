@@ -128,11 +128,12 @@ def pairing_task(arguments: list[str]) -> list[Row]:
 
     name, dtype = arguments
     outcomes = list(contract.trials(contract.own("cuda"), name, (dtype,)))
-    if name.startswith("fast_summation"):  # its own kernels are used for wide regions only; here for all
-        from refsim.shape_matching.fast_summation import cuda as fast_summation
+    if "cuda:fast" in REGISTRY[name].programs:  # its own kernels serve wide regions only; here all
+        from refsim.shape_matching import fast_summation_cuda
 
-        fast_summation.NARROW = 0
-        outcomes += contract.trials(contract.own("cuda"), name, (dtype,))
+        fast_summation_cuda.NARROW = 0
+        for variant in range(len(REGISTRY[name].variants)):
+            outcomes += contract.climb(contract.Target(REGISTRY[name], "cuda:fast", dtype, variant))
     bad = [outcome for outcome in outcomes if not outcome.passed]
     finite = [outcome.error for outcome in outcomes if np.isfinite(outcome.error)]
     rows = [

@@ -37,6 +37,21 @@ def largest_of_block(values, mine):  # noqa: ANN001, ANN201
 
 
 @cuda_formula
+def sum_of_block(values, mine):  # noqa: ANN001, ANN201
+    """Sum of `mine` over the block's threads, a power of two of them; `values` is shared, one entry for each thread."""
+    thread = cuda.threadIdx.x
+    values[thread] = mine
+    cuda.syncthreads()
+    half = cuda.blockDim.x // 2
+    while half > 0:
+        if thread < half:
+            values[thread] += values[thread + half]
+        cuda.syncthreads()
+        half //= 2
+    return values[0]
+
+
+@cuda_formula
 def sum_of_lanes(value, lane, lanes):  # noqa: ANN001, ANN201
     """Sum of what so many neighbouring threads hold, a power of two, the same in all and always in the same order."""
     if lanes > 1:

@@ -6,8 +6,8 @@ RESERVOIR, VOLUME, EXCHANGE_RATE, TEMPERATURE_RANGE; operations heat.explicit, h
 heat.enthalpy_jacobi, heat.exchange_rate, heat.particle_volume.
 
 A scheme is one pass in the motion of a step: it takes temperatures over the step's length at the positions of the
-step's start. Other effects read the field `temperature`, and `enthalpy` where there is latent heat; who turns solid
-into liquid changes `conductivity`, `heat_capacity` and `mass` where its materials differ, and nothing else of it.
+step's start. Other effects read the field `temperature`, and `enthalpy` if there is latent heat. An effect that melts
+particles changes their `conductivity`, `heat_capacity` and `mass` if the materials differ, and no other field.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from refsim.core.capabilities import FollowsSettings, HasErrata, KeepsLedger, Kn
 from refsim.core.effect import Discretisation, Effect, Pass, StepLimit, require
 from refsim.core.errors import InputError
 from refsim.core.fields import Field
-from refsim.core.operation import Operation, register
+from refsim.core.operation import Operation, Program, register
 from refsim.heat.shapes import (
     MOST_PASSES,
     MUELLER,
@@ -43,13 +43,13 @@ if TYPE_CHECKING:
 ABSOLUTE_ZERO = -273.15
 MOST_PLANNED = 20.0  # largest k dt/(rho c d^2) for which a GPU finds the number of passes by itself
 KEEPS_RANGE = 3.0  # k dt/(rho c d^2) up to which RKL1 on enthalpies overshoots nowhere, not even beside a reservoir
-# Share of the range of temperatures by which a run may leave it. What a solve leaves over is below a thousandth; a run
+# Share of the range of temperatures by which a run may leave it. The error of a solve is below a thousandth; a run
 # that diverges grows without bound, so that a generous share only delays its end by a few steps.
 BEYOND = {"implicit": 0.1, "conjugate_gradient": 0.1, "runge_kutta_legendre": 1.0}
 BEYOND_OTHERS, BEYOND_LITERAL = 0.01, 1.0  # schemes that keep the range to rounding; printed ones that do not
-ROUNDINGS = 4096  # of the largest temperature, that a run may leave the range by
-ANY_TEMPERATURE = 1e30  # [deg C] where something else heats
-CROWDED = 3.0  # s_i over that of the lattice, for which it has room
+ROUNDINGS = 4096  # of the largest temperature, by which a run may leave the range
+ANY_TEMPERATURE = 1e30  # [deg C] if another effect heats
+CROWDED = 3.0  # largest s_i over that of the lattice for which a GPU has enough passes
 TEMPERATURE = Field("temperature", "deg C", "temperature T", state=True)
 ENTHALPY = Field("enthalpy", "J/kg", "specific enthalpy H, 0 for solid at the melting point", state=True)
 HEAT_CAPACITY = Field("heat_capacity", "J/(kg K)", "specific heat c", state=True)
@@ -85,11 +85,11 @@ class HeatConduction(Effect, KnowsParticleMass, FollowsSettings, KeepsLedger, Ha
     temperature    at the start [deg C]; each part
     conductivity   k [W/(m K)]; each part
     heat_capacity  specific heat c [J/(kg K)]; each part
-    melting_point  Tm [deg C], wanted where there is latent heat; each part
+    melting_point  Tm [deg C], required with latent heat; each part
     latent_heat    L [J/kg], 0 for none anywhere; each part
     held           parts whose temperature is held, by number from 0: reservoirs of heat
     density        of the lattice's particles [kg/m^3] in a scene without a liquid that gives them their mass
-    scheme         "implicit" (backward Euler: Chebyshev's iteration, conjugate gradients where the step is too long for
+    scheme         "implicit" (backward Euler: Chebyshev's iteration, conjugate gradients if the step is too long for
                    it), "conjugate_gradient", "nonlinear_jacobi" (backward Euler for latent heat, keeps heat only as far
                    as it converges), "runge_kutta_legendre" (second order; the most accurate), "single_pass",
                    "pair_exchange" (M(4), both particles of a pair), "one_sided" (M(4), each particle by itself),
@@ -102,9 +102,10 @@ class HeatConduction(Effect, KnowsParticleMass, FollowsSettings, KeepsLedger, Ha
     tolerance      share of its error that Chebyshev's iteration leaves
     residual       share of the first residual at which conjugate gradients stop
     iterations     of nonlinear Jacobi
-    literal        printed readings to use: "M5" (Laplacian of poly6, negative nearby), "M6" (Mueller's not halved, with
-                   twice the diffusivity), "M8" (both sweeps of M(4) over the whole step), "M9" (temperature differences
-                   of before the sweep), "M11" (conductivity is a diffusivity [m^2/s], no heat capacity); or "all"
+    literal        errata of Shao & Song to read as printed: "M5" (Laplacian of poly6, negative for near pairs), "M6"
+                   (Mueller's not halved, twice the diffusivity), "M8" (both sweeps of M(4) over the whole step), "M9"
+                   (temperature differences before the sweep), "M11" (conductivity is a diffusivity [m^2/s], no heat
+                   capacity); or "all"
     """
 
     name: ClassVar[str] = "heat_conduction"
@@ -142,7 +143,7 @@ class HeatConduction(Effect, KnowsParticleMass, FollowsSettings, KeepsLedger, Ha
 
     @property
     def conducts(self) -> bool:
-        """Whether any part conducts; else temperatures stay as they are, and there is nothing to solve."""
+        """Whether any part conducts; if none does, temperatures do not change."""
         return bool(np.any(np.asarray(self.conductivity) > 0))
 
     @property
@@ -155,7 +156,7 @@ class HeatConduction(Effect, KnowsParticleMass, FollowsSettings, KeepsLedger, Ha
         chosen = SCHEMES[self.scheme][self.melts]
         if chosen is None:
             able = ", ".join(name for name, operations in SCHEMES.items() if operations[self.melts])
-            words = "knows no latent heat" if self.melts else "is for latent heat only"
+            words = "has no latent heat" if self.melts else "is for latent heat only"
             raise InputError(f"{self.name}: scheme = {self.scheme!r} {words}; choose one of {able}.")
         return chosen
 
@@ -190,11 +191,13 @@ class HeatConduction(Effect, KnowsParticleMass, FollowsSettings, KeepsLedger, Ha
             raise InputError(f"{self.name}: latent_heat is given without a melting_point; give both, or neither.")
         printed = self.printed()
         if self.melts and "M11" in printed:
-            raise InputError(f"{self.name}: with literal M11 there is no heat capacity and no latent heat; drop one.")
+            raise InputError(
+                f"{self.name}: with literal Shao & Song M11 there is no heat capacity and no latent heat; drop one."
+            )
         if "M5" in printed and self.scheme not in ("pair_exchange", "one_sided", "explicit"):
             raise InputError(
-                f"{self.name}: literal M5 makes some pairs conduct backwards, and scheme {self.scheme!r} cannot solve"
-                " that; choose pair_exchange, one_sided or explicit."
+                f"{self.name}: with literal Shao & Song M5 some pairs conduct from cold to warm, and scheme"
+                f" {self.scheme!r} cannot solve that; choose pair_exchange, one_sided or explicit."
             )
         self.operation()
         number = grid.step * self.greatest_diffusivity(grid, others) / grid.spacing**2
@@ -277,10 +280,10 @@ class HeatConduction(Effect, KnowsParticleMass, FollowsSettings, KeepsLedger, Ha
         return {"temperature_range": self._range(field, str(field("temperature").dtype))}
 
     def _range(self, field: Callable[[str], np.ndarray], dtype: str) -> np.ndarray:
-        """Lowest and highest temperature [deg C] that conduction may reach: those of now, and what a scheme adds.
+        """Lowest and highest temperature [deg C] that conduction may reach: the present ones and a scheme's margin.
 
-        A particle that melts may take another heat capacity while it keeps its enthalpy above the melting point; where
-        the liquid's is the smaller one it becomes warmer by their ratio.
+        A particle that melts may take another heat capacity while it keeps its enthalpy above the melting point; if the
+        liquid's is smaller it becomes warmer by their ratio.
         """
         values = [np.asarray(field("temperature"), dtype=float)]
         if self.melts:
@@ -347,10 +350,10 @@ class HeatConduction(Effect, KnowsParticleMass, FollowsSettings, KeepsLedger, Ha
         )
 
     def _planned_passes(self, grid: Discretisation, conduction: Conduction) -> int:
-        """Passes that suffice for the longest step even where particles stand thrice as close as on the lattice."""
+        """Passes that suffice for the longest step up to s_i of `CROWDED` times the lattice's."""
         if self.scheme != "implicit" or self.host_in_step:
             return 0
-        from refsim.heat.schemes import chebyshev_passes  # brings Numba, which planning alone does without
+        from refsim.heat.stages import chebyshev_passes  # imports Numba, which planning does not need
 
         most = CROWDED * self.largest_number * lattice_sum(conduction, grid)
         return min(MOST_PASSES, chebyshev_passes(most, self.tolerance))
@@ -375,7 +378,7 @@ class HeatConduction(Effect, KnowsParticleMass, FollowsSettings, KeepsLedger, Ha
         return {"conduction": StepLimit.constant(number * grid.spacing**2 / diffusivity), **limits}
 
     def _limited_by_sums(self) -> bool:
-        """Whether the scheme bears no more than a certain s_i, so that the particles' own sums limit the step."""
+        """Whether the scheme fails above a certain s_i, so that the particles' own sums limit the step."""
         return self.scheme == "explicit" or (self.scheme == "runge_kutta_legendre" and self.melts)
 
     def notes(self, grid: Discretisation, others: Mapping[str, Effect]) -> tuple[str, ...]:
@@ -392,7 +395,7 @@ class HeatConduction(Effect, KnowsParticleMass, FollowsSettings, KeepsLedger, Ha
         return (f"{words} limit 'exchange' shortens the step",)
 
     def greatest_diffusivity(self, grid: Discretisation, others: Mapping[str, Effect]) -> float:
-        """Largest k/(rho c) [m^2/s] that any of the materials could have; with M11 the largest k."""
+        """Largest k/(rho c) [m^2/s] that any of the materials could have; with Shao & Song M11 the largest k."""
         k = float(np.max(self.conductivity))
         if "M11" in self.printed():
             return k
@@ -402,7 +405,7 @@ class HeatConduction(Effect, KnowsParticleMass, FollowsSettings, KeepsLedger, Ha
         return k / (density * float(np.min(self.heat_capacity)))
 
     def particle_mass(self, grid: Discretisation) -> float:
-        """rho d^dim [kg; kg/m in 2D] of particles on the lattice, where no liquid says otherwise."""
+        """rho d^dim [kg; kg/m in 2D] of particles on the lattice in a scene without a liquid."""
         return self.density * grid.spacing**grid.dim
 
     def ledger(self, field: Callable[[str], np.ndarray]) -> dict[str, float]:
@@ -419,7 +422,7 @@ class HeatConduction(Effect, KnowsParticleMass, FollowsSettings, KeepsLedger, Ha
 def enthalpy_of(
     temperature: np.ndarray, heat_capacity: np.ndarray, melting_point: np.ndarray, latent_heat: np.ndarray
 ) -> np.ndarray:
-    """H(T) [J/kg]: solid up to the melting point, at it too, and liquid above."""
+    """H(T) [J/kg]: solid up to and at the melting point, liquid above."""
     above = temperature > melting_point
     return heat_capacity * (temperature - melting_point) + np.where(above, latent_heat, 0.0)
 
@@ -441,7 +444,9 @@ _PLAIN = {"reservoir": None, "period": None}
 _REASON = "the scale counts the temperatures once for each pass; the few roundings of one exchange"
 
 
-def _scheme(name: str, paper: str, equation: str, reach: int, melting: bool = False, **options: Any) -> None:
+def _scheme(
+    name: str, paper: str, equation: str, reach: int, melting: bool = False, module: str = "schemes", **options: Any
+) -> None:
     outputs = ("enthalpy", "temperature") if melting else ("temperature",)
     variants = ({"period": None, **_NO_ENTHALPY}, _PLAIN) if melting else ({"period": None}, _PLAIN)
     register(
@@ -451,6 +456,7 @@ def _scheme(name: str, paper: str, equation: str, reach: int, melting: bool = Fa
             paper=paper,
             equation=equation,
             function=name,
+            programs=dict.fromkeys(("cpu", "cuda"), Program(module)),
             outputs=outputs,
             optional=_MELTING if melting else _OPTIONAL,
             reach=reach,
@@ -467,13 +473,13 @@ def _scheme(name: str, paper: str, equation: str, reach: int, melting: bool = Fa
 
 
 _scheme("explicit", "standard", "forward Euler on (4)", 1, melting=True)
-_scheme("one_sided", _PAPER, "(4) with M7 as printed (R1)", 2, invariants=("translation",))
-_scheme("pair_exchange", _PAPER, "(4) with M5 to M9 (R3)", 0, invariants=())
+_scheme("one_sided", _PAPER, "(4) with Shao & Song M7 as printed (R1)", 2, invariants=("translation",))
+_scheme("pair_exchange", _PAPER, "(4) with Shao & Song M5 to M9 (R3)", 0, module="pair_exchange", invariants=())
 _scheme("single_pass", _PAPER, "(4) for all neighbours at once (NPX)", 2, melting=True)
 
 
 def _planned(case: Any, grid: Discretisation) -> Conduction:
-    """The number of passes is found where the particles are, not on the host."""
+    """The number of passes is found on the GPU, not on the host."""
     return HeatConduction().conduction(grid)._replace(planned_passes=np.int32(MOST_PASSES))
 
 
@@ -483,7 +489,7 @@ _scheme(
 )  # fmt: skip
 _scheme(
     "conjugate_gradient", "standard", "backward Euler, of which (4) is one pair (PCG)", 0, melting=True,
-    tolerance=4.0, tolerance_reason=f"{_REASON}; the residual that is left",
+    tolerance=4.0, tolerance_reason=f"{_REASON}; the residual of the solution",
 )  # fmt: skip
 _scheme("runge_kutta_legendre", "Meyer, Balsara & Aslam 2014", "RKL2; RKL1 with latent heat", 0, melting=True)
 register(
@@ -491,8 +497,9 @@ register(
         name="heat.enthalpy_jacobi",
         folder=_HERE,
         paper="standard",
-        equation="backward Euler with latent heat (M12)",
+        equation="backward Euler with latent heat (Shao & Song M12)",
         function="enthalpy_jacobi",
+        programs=dict.fromkeys(("cpu", "cuda"), Program("schemes")),
         outputs=("enthalpy", "temperature"),
         optional=_OPTIONAL,
         tolerance=1.0,

@@ -21,6 +21,7 @@ from refsim.heat import HeatConduction
 from refsim.heat.shapes import Conduction, Period, conduction_group, period_group
 
 SLOW = 1.0  # k dt/(rho c d^2) of the common cases, on average
+STORED = REST_DENSITY * 1000.0  # rho c [J/(m^3 K)] of the common cases, about
 
 
 @particles("temperature")
@@ -53,7 +54,7 @@ def _heat_capacity(case, random):
 @particles("conductivity")
 def _conductivity(case, random):
     """Such that one step of the case carries heat across about a spacing; one particle in eight does not conduct."""
-    stored = 1.0 if case.literal else REST_DENSITY * 1000.0  # rho c; with M11 the conductivity is a diffusivity
+    stored = 1.0 if case.literal else STORED  # with Shao & Song M11 k is a diffusivity
     values = SLOW * 100 * stored * case.spacing * random.uniform(0.1, 1.0, case.count)
     values[3::8] = 0
     if case.name == "steep_conductivities":
@@ -100,13 +101,20 @@ def _period(case, grid):
 
 
 def _conduction_follows(group, inputs, kernel):
-    """What is made of the support radius and of the spacing d of the case."""
-    case = inputs.case
+    """What is made of the support radius and of the spacing d of the case.
+
+    If the conductivity becomes a diffusivity (Shao & Song M11), or a diffusivity a conductivity, it is divided or
+    multiplied by rho c: s_i would be a million times the case's, beyond what a GPU's table of passes is made for and
+    unstable for RKL1 with latent heat, whose answer one rounding would then change completely.
+    """
+    case, factor, own = inputs.case, float(group.factor), {}
+    if group.unit_capacity != case.literal:
+        factor *= STORED if case.literal else 1 / STORED
+        own["factor"] = factor
     grid = Case("", int(group.dim), case.position, case.spacing, float(group.support_radius)).grid("float64")
-    made = conduction_group(grid, int(group.laplacian), float(group.factor))._asdict()
-    # Where a GPU finds the number of passes, its table is made for the sums of the case.
-    held = ("most_passes", "unit_capacity") if group.planned_passes else ()
-    own = {name: getattr(group, name) for name in held}
+    made = conduction_group(grid, int(group.laplacian), factor)._asdict()
+    if group.planned_passes:  # a GPU that finds the number of passes does not look at their bound
+        own["most_passes"] = group.most_passes
     return own | {name: made[name] for name in ("inverse_radius", "inverse_volume", "scale")}
 
 

@@ -8,8 +8,8 @@ from refsim.heat.shapes import MUELLER, SPIKY
 def laplacian_shape(q, conduction):
     """L_ij = scale * l(q) of M(4), q = r/h < 1: (1 - q)^2/max(q, 1/10) spiky, 1 - q Mueller; dimensionless.
 
-    Below a tenth of h the quotient is held, so that one close pair does not make the whole system stiff.
-    The true Laplacian of poly6, 4 q^2 (1 - q^2) - dim (1 - q^2)^2, is negative for small q (M5 as printed).
+    Below a tenth of h the quotient stays constant, so that one close pair does not make the whole system stiff.
+    The true Laplacian of poly6, 4 q^2 (1 - q^2) - dim (1 - q^2)^2, is negative for small q (Shao & Song M5 as printed).
     """
     real = type(q)
     a = real(1) - q
@@ -35,7 +35,7 @@ def mean_conductivity(conductivity_i, conductivity_j, conduction):
 def pair_weight(q, volume_i, volume_j, conductivity_i, conductivity_j, seconds, conduction):
     """g = dt G_ij = dt V_i V_j 2 k_ij L_ij [J/K], the heat that a pair exchanges for each kelvin of difference.
 
-    Volumes come in units of the spacing's, so that no power of a length leaves float32.
+    Volumes are taken in units of the spacing's, so that no power of a length exceeds the range of float32.
     """
     volumes = (volume_i * conduction.inverse_volume) * (volume_j * conduction.inverse_volume)
     mean = mean_conductivity(conductivity_i, conductivity_j, conduction)
@@ -60,7 +60,7 @@ def temperature_of(enthalpy, heat_capacity, melting_point, latent_heat):
     beyond = enthalpy
     if enthalpy >= type(enthalpy)(0):
         beyond = enthalpy - latent_heat
-        if enthalpy <= latent_heat:  # false for no number, which minima and maxima would hide on a GPU
+        if enthalpy <= latent_heat:  # false for NaN, which minima and maxima would hide on a GPU
             beyond = type(enthalpy)(0)
     return melting_point + beyond / heat_capacity
 

@@ -22,8 +22,8 @@ SPIKY, MUELLER, POLY6 = range(3)
 def laplacian(distance, conduction):
     """L_ij of M(4) [1/m^(dim+2)] at a distance [m], before the calibration.
 
-    Spiky: -W'(r)/max(r, h/10) (M5). Mueller: (h - r) 45/(pi h^6) in 3D and 40/(pi h^5) in 2D, halved (M6) or as
-    printed. Poly6: its true Laplacian, negative near the particle (M5 as printed).
+    Spiky: -W'(r)/max(r, h/10) (Shao & Song M5). Mueller: (h - r) 45/(pi h^6) in 3D and 40/(pi h^5) in 2D, halved
+    (Shao & Song M6) or as printed. Poly6: its true Laplacian, negative near the particle (Shao & Song M5 as printed).
     """
     h, dim = float(conduction.support_radius), int(conduction.dim)
     r = np.asarray(distance, dtype=float)
@@ -40,7 +40,7 @@ def laplacian(distance, conduction):
 def pairs(position, volume, conductivity, timestep, conduction, period):
     """(i, j, g): both directions of every pair within h, in the order of i, then j; g = dt G_ij [J/K].
 
-    G_ij = f V_i V_j 2 k_ij L_ij, k_ij the harmonic or the arithmetic mean; f the calibration (or M6).
+    G_ij = f V_i V_j 2 k_ij L_ij, k_ij the harmonic or the arithmetic mean; f the calibration, or Shao & Song M6.
     """
     v, k = np.asarray(volume, dtype=float), np.asarray(conductivity, dtype=float)
     h = float(conduction.support_radius)
@@ -68,7 +68,7 @@ def nearest_image(separation, period):
 
 
 def capacities(mass, volume, heat_capacity, reservoir, conduction):
-    """1/C_i [K/J], C_i = m_i c_i, or V_i where the conductivity is taken for a diffusivity (M11); 0 for reservoirs."""
+    """1/C_i [K/J], C_i = m_i c_i, or V_i if the conductivity is a diffusivity (Shao & Song M11); 0 for reservoirs."""
     one = np.asarray(volume if conduction.unit_capacity else mass, dtype=float)
     c = 1.0 if conduction.unit_capacity else np.asarray(heat_capacity, dtype=float)
     inverse = 1 / (one * c)
@@ -159,8 +159,9 @@ def one_sided(
 ):  # fmt: skip
     """M(4) as read literally (R1): T_i <- T_i + g (T_j - T_i)/C_i / (1 + g (1/C_i + 1/C_j)), neighbour by neighbour.
 
-    Every particle runs through its neighbours by itself, with their temperatures of before; then, from the new
-    temperatures, backwards. With `frozen` (M9) the difference T_j - T_i is that of before, too. [degrees C]
+    Every particle takes its neighbours one after another, with their temperatures before the sweep; then, from the new
+    temperatures, backwards. With `frozen` (Shao & Song M9) T_i in the difference is that before the sweep, too.
+    [degrees C]
     """
     i, j, g = pairs(position, volume, conductivity, timestep, conduction, period)
     inverse = capacities(mass, volume, heat_capacity, reservoir, conduction)
@@ -186,7 +187,7 @@ def pair_exchange(
 ):  # fmt: skip
     """M(4) for both particles of a pair at once (R3): E = g (T_j - T_i)/(1 + g (1/C_i + 1/C_j)) goes from j to i [J].
 
-    Every pair once, in the order of `rounds`, and once more backwards; half of dt each (M8). [degrees C]
+    Every pair once, in the order of `rounds`, and once more backwards; half of dt each (Shao & Song M8). [degrees C]
     """
     position = np.asarray(position, dtype=float)
     i, j, g = pairs(position, volume, conductivity, timestep, conduction, period)

@@ -1,74 +1,253 @@
-"""Coefficients of the schemes' stages, from the largest s_i; computed in float64."""
+"""The schemes of heat conduction: which kernels are launched one after another, on either backend."""
 
-from __future__ import annotations
+import numpy as np
 
-import math
-from collections.abc import Iterator
-
-from refsim.backends.compile import formula
-from refsim.heat.shapes import Stage
-
-
-@formula
-def chebyshev_passes(largest_sum: float, tolerance: float) -> int:
-    """Passes after which Chebyshev's iteration has shrunk every error by `tolerance`, for eigenvalues 1..1 + 2 s."""
-    if not largest_sum > 0.0:
-        return 0
-    if not largest_sum < 1e12:  # every temperature is the mean's, or none is finite
-        return 1 << 30
-    rho = largest_sum / (1.0 + largest_sum)
-    sigma = rho / (1.0 + math.sqrt((1.0 + 2.0 * largest_sum) / (1.0 + largest_sum) ** 2))
-    return max(1, int(math.ceil(math.log(tolerance / 2.0) / math.log(sigma))))  # noqa: RUF046  (a float in CUDA)
+from refsim.heat import reductions
+from refsim.heat.kernels import add, advance, collect, copy, flow, pass_once, plan_chebyshev, solve_own, sweep, take_up
+from refsim.heat.stages import (
+    EXPLICIT,
+    MOST_CONJUGATE_PASSES,
+    chebyshev_passes,
+    chebyshev_stages,
+    first_legendre_stages,
+    legendre_stages,
+)
 
 
-@formula
-def chebyshev_omega(k: int, largest_sum: float, before: float) -> float:
-    """omega_k = 1, 1/(1 - rho^2/2), 1/(1 - rho^2 omega/4), ..., rho = s/(1 + s)."""
-    rho = largest_sum / (1.0 + largest_sum)
-    if k == 0:
-        return 1.0
-    return 1.0 / (1.0 - rho * rho * (0.5 if k == 1 else 0.25 * before))
+def of_backend(found, scratch):
+    """What `reductions` calls so, or, on a GPU, what `reductions_cuda` does."""
+    if scratch.backend.name != "cuda":
+        return found
+    from refsim.heat import reductions_cuda
+
+    return getattr(reductions_cuda, found.__name__)
 
 
-def chebyshev_stages(largest_sum: float, passes: int) -> Iterator[Stage]:
-    """Backward Euler by Chebyshev's iteration on 1 + dt A/C, started from the old temperatures.
+def weighed(*arguments):
+    """As `reductions.weighed`, on the backend of the last argument, the scratch memory."""
+    return of_backend(reductions.weighed, arguments[-1])(*arguments)
 
-    No scaling by the diagonal: every iterate is a polynomial in A/C of the old temperatures and keeps sum C T.
+
+# What the schemes share
+
+
+def copied(values, name, scratch):
+    """A copy of an array in scratch memory."""
+    target = scratch.array(name, values.shape[0], values.dtype)
+    copy(values, target)
+    return target
+
+
+def written(stages, scratch, real):
+    """Coefficients of stages that the host has found, as (table (stages, 4), array (1,) of their number)."""
+    table = scratch.array(f"heat table {len(stages)}", (len(stages), 4), real)
+    number = scratch.array("heat number", 1, np.int32)
+    scratch.backend.assign(table, np.array(stages, real))
+    scratch.backend.assign(number, len(stages))
+    return table, number
+
+
+def planned(largest, conduction, scratch, real):
+    """(table, number) of Chebyshev's iteration found where the particles are; the host does not wait for it."""
+    table = scratch.array("heat table", (int(conduction.planned_passes), 4), real)
+    number = scratch.array("heat number", 1, np.int32)
+    plan_chebyshev(largest, conduction, table, number)
+    return table, number
+
+
+def run_stages(plan, exchanges, inverse, heat_capacity, melting_point, latent_heat, scratch, enthalpy, temperature):
+    """Take the stages of a plan (table, number) one after the other, from the state and into it."""
+    table, number = plan
+    melts = melting_point is not None
+    state = enthalpy if melts else temperature
+    heat_capacity = heat_capacity if melts else None
+    n, real = state.shape[0], state.dtype
+    flow_start = scratch.array("heat flow", n, real)
+    values = [scratch.array(f"heat buffer {k}", n, real) for k in range(3)]
+    warm = [scratch.array(f"heat warm {k}", n, real) for k in range(3)] if melts else [None] * 3
+    now = before = state
+    if melts:  # values are gains of enthalpy
+        now = before = scratch.array("heat nothing", n, real)
+        scratch.backend.assign(now, 0)
+    source = temperature
+    for k in range(table.shape[0]):
+        new, target = values[k % 3], warm[k % 3]
+        advance(
+            exchanges, state, now, before, source, flow_start, inverse, heat_capacity, melting_point, latent_heat,
+            table, number, np.int32(k), target, new,
+        )  # fmt: skip
+        before, now = now, new
+        source = target if melts else new
+    collect(*values, number, state if melts else None, state)
+    if melts:
+        collect(*warm, number, None, temperature)
+
+
+def known(largest, enthalpy, temperature, scratch):
+    """The largest s_i on the host; None if it is not finite.
+
+    The solver couples all particles, so no temperature is valid then: all are set to NaN.
     """
-    omega = 1.0
-    for k in range(passes):
-        omega = chebyshev_omega(k, largest_sum, omega)
-        step = omega / (1 + largest_sum)
-        yield Stage(before=1 - omega, start=step, flow=step, flow_start=0.0)
+    most = float(scratch.host(largest)[0])
+    if most < np.inf:
+        return most
+    scratch.backend.assign(temperature, np.nan)
+    if enthalpy is not None:
+        scratch.backend.assign(enthalpy, np.nan)
+    return None
 
 
-def legendre_stages(largest_sum: float) -> Iterator[Stage]:
-    """RKL2 (Meyer, Balsara & Aslam 2014): s odd with (s^2 + s - 2)/4 >= s_max, at least 3; second order in dt."""
-    number = max(3, math.ceil((math.sqrt(9 + 16 * max(largest_sum, 0.0)) - 1) / 2 - 1e-9))
-    number += 1 - number % 2
-    w = 4 / (number**2 + number - 2)
-    b = [1 / 3, 1 / 3, 1 / 3] + [(j * j + j - 2) / (2 * j * (j + 1)) for j in range(3, number + 1)]
-    yield Stage(0.0, 0.0, b[1] * w, 0.0)
-    for j in range(2, number + 1):
-        mu = (2 * j - 1) / j * b[j] / b[j - 1]
-        nu = (1 - j) / j * b[j] / b[j - 2]
-        yield Stage(nu, 1 - mu - nu, mu * w, -(1 - b[j - 1]) * mu * w)
+# The schemes
 
 
-def first_legendre_stages(largest_sum: float) -> Iterator[Stage]:
-    """RKL1: (s^2 + s)/2 >= s_max; first order, monotone in each stage's weights."""
-    number = max(1, math.ceil((math.sqrt(1 + 8 * max(largest_sum, 0.0)) - 1) / 2 - 1e-9))
-    number += 1 - number % 2
-    w = 2 / (number**2 + number)
-    for j in range(1, number + 1):
-        mu, nu = (2 * j - 1) / j, (1 - j) / j
-        yield Stage(nu, 0.0, mu * w, 0.0)
+def explicit(
+    position, mass, volume, heat_capacity, conductivity, reservoir, melting_point, latent_heat, neighbours, timestep,
+    conduction, period, scratch, enthalpy, temperature,
+):  # fmt: skip
+    """Forward Euler."""
+    exchanges, inverse, _, _ = weighed(
+        position, mass, volume, heat_capacity, conductivity, reservoir, neighbours, timestep, conduction, period,
+        scratch,
+    )  # fmt: skip
+    plan = written([EXPLICIT], scratch, temperature.dtype)
+    run_stages(plan, exchanges, inverse, heat_capacity, melting_point, latent_heat, scratch, enthalpy, temperature)
 
 
-MOST_CONJUGATE_PASSES = 2000  # beyond which rounding is all that is left to gain
-EXPLICIT = Stage(0.0, 0.0, 1.0, 0.0)
+def one_sided(
+    position, mass, volume, heat_capacity, conductivity, reservoir, neighbours, timestep, conduction, period, scratch,
+    temperature,
+):  # fmt: skip
+    """M(4) read literally (R1): every particle by itself, forwards, then backwards."""
+    exchanges, inverse, _, _ = weighed(
+        position, mass, volume, heat_capacity, conductivity, reservoir, neighbours, timestep, conduction, period,
+        scratch,
+    )  # fmt: skip
+    for backwards in (0, 1):
+        old = copied(temperature, "heat start", scratch)
+        sweep(exchanges, inverse, conduction, np.int32(backwards), old, temperature)
 
 
-def stage_passes(stages: Iterator[Stage]) -> int:
-    """How many passes over the neighbours the stages take."""
-    return sum(1 for _ in stages)
+def single_pass(
+    position, mass, volume, heat_capacity, conductivity, reservoir, melting_point, latent_heat, neighbours, timestep,
+    conduction, period, scratch, enthalpy, temperature,
+):  # fmt: skip
+    """NPX: all pairs at once."""
+    exchanges, inverse, sums, _ = weighed(
+        position, mass, volume, heat_capacity, conductivity, reservoir, neighbours, timestep, conduction, period,
+        scratch,
+    )  # fmt: skip
+    old = copied(temperature, "heat start", scratch)
+    pass_once(exchanges, sums, inverse, old, heat_capacity, melting_point, latent_heat, enthalpy, temperature)
+
+
+def chebyshev(
+    position, mass, volume, heat_capacity, conductivity, reservoir, melting_point, latent_heat, neighbours, timestep,
+    conduction, period, scratch, enthalpy, temperature,
+):  # fmt: skip
+    """Backward Euler by Chebyshev's iteration; by conjugate gradients if that would take too many passes.
+
+    With `planned_passes` a GPU finds the number of passes itself, so that a step waits for nothing.
+    """
+    exchanges, inverse, _, largest = weighed(
+        position, mass, volume, heat_capacity, conductivity, reservoir, neighbours, timestep, conduction, period,
+        scratch,
+    )  # fmt: skip
+    start = None if enthalpy is None else copied(temperature, "heat start", scratch)
+    plan, real = None, temperature.dtype
+    if conduction.planned_passes and scratch.backend.name == "cuda":
+        plan = planned(largest, conduction, scratch, real)
+    else:
+        most = known(largest, enthalpy, temperature, scratch)
+        if most is None:
+            return
+        passes = max(1, chebyshev_passes(most, float(conduction.tolerance)))
+        if passes <= conduction.most_passes:
+            plan = written(list(chebyshev_stages(most, passes)), scratch, real)
+    if plan is None:
+        solve(exchanges, inverse, conduction, scratch, temperature)
+    else:
+        run_stages(plan, exchanges, inverse, heat_capacity, None, None, scratch, None, temperature)
+    if enthalpy is not None:
+        take_up(start, heat_capacity, melting_point, latent_heat, enthalpy, temperature)
+
+
+def conjugate_gradient(
+    position, mass, volume, heat_capacity, conductivity, reservoir, melting_point, latent_heat, neighbours, timestep,
+    conduction, period, scratch, enthalpy, temperature,
+):  # fmt: skip
+    """Backward Euler by conjugate gradients; with latent heat Chernoff's formula."""
+    exchanges, inverse, _, largest = weighed(
+        position, mass, volume, heat_capacity, conductivity, reservoir, neighbours, timestep, conduction, period,
+        scratch,
+    )  # fmt: skip
+    if known(largest, enthalpy, temperature, scratch) is None:
+        return
+    start = None if enthalpy is None else copied(temperature, "heat start", scratch)
+    solve(exchanges, inverse, conduction, scratch, temperature)
+    if enthalpy is not None:
+        take_up(start, heat_capacity, melting_point, latent_heat, enthalpy, temperature)
+
+
+def solve(exchanges, inverse, conduction, scratch, temperature):
+    """Conjugate gradients, scaled by C, for the change of the temperatures; returns the passes taken.
+
+    Every direction is a polynomial in A/C of the old temperatures, so that sum C T is kept without a correction.
+    """
+    n, real = temperature.shape[0], temperature.dtype
+    names = ("residual", "gradient", "direction", "turned", "image", "solution")
+    residual, gradient, direction, turned, image, solution = (scratch.array(f"heat {k}", n, real) for k in names)
+    dots = scratch.array("heat dots", 3, np.float64)
+    turn, step = of_backend(reductions.turn, scratch), of_backend(reductions.step, scratch)
+    every = 8 if scratch.backend.name == "cuda" else 1  # passes between looks at the residual, which a GPU waits for
+    flow(exchanges, temperature, residual)
+    for array in (direction, image, solution, dots):
+        scratch.backend.assign(array, 0)
+    step(inverse, direction, image, dots, solution, residual, gradient, scratch)
+    first, passes = None, 1
+    while True:
+        turn(exchanges, inverse, gradient, dots, direction, turned, image, scratch)
+        direction, turned = turned, direction
+        step(inverse, direction, image, dots, solution, residual, gradient, scratch)
+        passes += 1
+        if first is None or passes % every == 0:
+            now, _, before = (float(v) for v in scratch.host(dots))
+            first = before if first is None else first
+            enough = float(conduction.residual) ** 2 * first
+            if not now > enough or passes > MOST_CONJUGATE_PASSES:
+                break
+    add(solution, temperature)
+    return passes
+
+
+def runge_kutta_legendre(
+    position, mass, volume, heat_capacity, conductivity, reservoir, melting_point, latent_heat, neighbours, timestep,
+    conduction, period, scratch, enthalpy, temperature,
+):  # fmt: skip
+    """RKL2 on temperatures, RKL1 on enthalpies."""
+    exchanges, inverse, _, largest = weighed(
+        position, mass, volume, heat_capacity, conductivity, reservoir, neighbours, timestep, conduction, period,
+        scratch,
+    )  # fmt: skip
+    most = known(largest, enthalpy, temperature, scratch)
+    if most is None:
+        return
+    stages = list((legendre_stages if enthalpy is None else first_legendre_stages)(most))
+    plan = written(stages, scratch, temperature.dtype)
+    run_stages(plan, exchanges, inverse, heat_capacity, melting_point, latent_heat, scratch, enthalpy, temperature)
+
+
+def enthalpy_jacobi(
+    position, mass, volume, heat_capacity, conductivity, reservoir, melting_point, latent_heat, neighbours, timestep,
+    conduction, period, scratch, enthalpy, temperature,
+):  # fmt: skip
+    """Backward Euler with latent heat, nonlinear Jacobi."""
+    exchanges, inverse, sums, _ = weighed(
+        position, mass, volume, heat_capacity, conductivity, reservoir, neighbours, timestep, conduction, period,
+        scratch,
+    )  # fmt: skip
+    start = copied(enthalpy, "heat start", scratch)
+    for _ in range(conduction.iterations):
+        old = copied(temperature, "heat warm 0", scratch)
+        solve_own(
+            exchanges, sums, inverse, start, heat_capacity, melting_point, latent_heat, old, enthalpy, temperature
+        )

@@ -15,7 +15,7 @@ from refsim.core.effect import Discretisation
 from refsim.smoothing import lattice
 
 SPIKY, MUELLER, POLY6 = range(3)
-MOST_PASSES = 64  # of Chebyshev's iteration: a longer one that is cut short overshoots
+MOST_PASSES = 64  # of Chebyshev's iteration: longer ones overshoot if they are truncated
 # Coefficient of l(q)/h^(dim + 2) in L_ij, by dimension: the kernels' own normalisations and their derivatives.
 NORMALISATION = {
     SPIKY: {2: 30 / math.pi, 3: 45 / math.pi},
@@ -31,16 +31,16 @@ class Conduction(NamedTuple):
     inverse_radius: float  # 1/h
     inverse_volume: float  # 1/d^dim
     scale: float  # d^(2 dim) times the coefficient of l(q) in L_ij [m^(dim - 2)]
-    factor: float  # calibration of L_ij, or 1/2 (M6); in `scale` already
+    factor: float  # calibration of L_ij, or 1/2 (Shao & Song M6); a factor of `scale`
     tolerance: float  # of Chebyshev's iteration
     residual: float  # of conjugate gradients, against the first one
-    sweep_share: float  # of dt in each sweep of the pair exchange (M8)
-    laplacian: int  # SPIKY, MUELLER or POLY6 (M5)
+    sweep_share: float  # of dt in each sweep of the pair exchange (Shao & Song M8)
+    laplacian: int  # SPIKY, MUELLER or POLY6 (Shao & Song M5)
     harmonic: int  # mean of two conductivities: harmonic, else arithmetic
-    unit_capacity: int  # the conductivity is a diffusivity (M11)
-    frozen: int  # T_j - T_i of before (M9)
+    unit_capacity: int  # the conductivity is a diffusivity (Shao & Song M11)
+    frozen: int  # T_j - T_i before the sweep (Shao & Song M9)
     most_passes: int  # of Chebyshev's iteration; beyond, conjugate gradients
-    planned_passes: int  # room for passes whose number a GPU finds by itself; 0 where the host finds it
+    planned_passes: int  # capacity of a GPU's table of passes; 0 if the host finds their number
     iterations: int  # of nonlinear Jacobi
     dim: int
 
@@ -72,7 +72,7 @@ class ExchangeRows(NamedTuple):
 
 
 class ExchangeColumns(NamedTuple):
-    """The same on the GPU: the k-th of i stands at k * n + i."""
+    """The same on the GPU for all pairs of the neighbour list: the k-th of i is entries[k * n + i]."""
 
     count: Any
     entries: Any

@@ -5,7 +5,7 @@ shape_matching.direct_neighbours, shape_matching.regions, shape_matching.classif
 shape_matching.match, shape_matching.pull, shape_matching.region_motion, shape_matching.damp.
 
 Tables have a row for each node of a solid, in the particles' first order: every build of the neighbour list sorts the
-particles anew, and nodes keep their numbers. Field `place` says where a node's particle stands.
+particles anew, and nodes keep their numbers. Field `place` is the row of a node's particle.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from refsim.core.energy import EnergyAccount
 from refsim.core.errors import InputError
 from refsim.core.fields import PLACE, Field
 from refsim.core.operation import Operation, Program, register
-from refsim.shape_matching.fast_summation import boxes_of
+from refsim.shape_matching.boxes import boxes_of
 from refsim.shape_matching.phases import FLUID, SURFACE
 
 if TYPE_CHECKING:
@@ -39,7 +39,7 @@ REGION_SHARE = _table("region_share", "kg", "m_k/cnt_k: a node's share in each r
 SOLID_POSITION = _table("solid_position", "m", "position of a node's particle", 3)
 ROTATION = _table("rotation", "-", "quaternion of a region's best rotation", 4, state=True)
 REGION_CENTER = _table("region_center", "m", "c_r - x_r: center of mass of a region, from its node", 3)
-REGION_ANCHOR = _table("region_anchor", "m", "way that a region would take its own node", 3)
+REGION_ANCHOR = _table("region_anchor", "m", "displacement of a region's own node to its goal in that region", 3)
 SOLID_VELOCITY = _table("solid_velocity", "m/s", "velocity of a node's particle after the kick", 3)
 REGION_VELOCITY = _table("region_velocity", "m/s", "v_c: mean velocity of a region", 3)
 REGION_SPIN = _table("region_spin", "1/s", "omega: angular velocity of a region", 3)
@@ -54,7 +54,7 @@ class Matching(NamedTuple):
     spacing: float  # d [m]
     stiffness: float  # alpha
     damping: float  # beta
-    twist_floor: float  # weight of the rotation before in an undetermined twist
+    twist_floor: float  # weight of the previous rotation in an undetermined twist
     inertia_floor: float  # share of the trace that is added to the inertia
     precision: float = 1e-17  # of Newton's steps: their square is the last one's
     eps: float = 2.220446049250313e-16  # of the positions
@@ -75,10 +75,11 @@ class ShapeMatching(Effect, frozen=True, kw_only=True):
     """Holds the scene's solids together: every region of a lattice is drawn to its best rigid motion.
 
     half_width  w of the regions [cells], 1 to 4: stiffness and cost grow with it
-    stiffness   alpha, share of the way to the goal that a step takes, up to 1
-    damping     beta, share of the difference to the regions' rigid motion that a step takes away; 0 leaves it out
+    stiffness   alpha, share of the displacement to the goal in a step, up to 1
+    damping     beta, share of the difference to the regions' rigid motion that a step removes, up to 1; 0 leaves it out
     summation   how regions are summed: "gather" (member by member), "reduction" (threads of a GPU share a region, as in
-                the paper) or "fast" (boxes of cells, one axis after the other; on a GPU by reduction up to w = 2)
+                the paper; on a CPU as "gather") or "fast" (boxes of cells, one axis after the other; on a GPU by
+                reduction up to w = 2)
     """
 
     name: ClassVar[str] = "shape_matching"
@@ -101,7 +102,7 @@ class ShapeMatching(Effect, frozen=True, kw_only=True):
             )
 
     def holds(self) -> bool:
-        """Whether it acts on the solids at all; else it only knows which particles they are, and their surfaces."""
+        """Whether it acts on the solids; if not, only their particles and surfaces are found."""
         return self.stiffness > 0 or self.damping > 0
 
     def fields(self, others: Mapping[str, Effect]) -> tuple[Field, ...]:
@@ -164,6 +165,11 @@ class ShapeMatching(Effect, frozen=True, kw_only=True):
         )  # fmt: skip
         return (*start, *forces, pull, *damping) if self.damping > 0 else (*start, *forces, pull)
 
+    def notes(self, grid: Discretisation, others: Mapping[str, Effect]) -> tuple[str, ...]:
+        if self.summation != "reduction" or not self.holds():
+            return ()
+        return (f"{self.name}: summation = 'reduction' is a GPU's; on a CPU regions are summed as with 'gather'",)
+
     def energy(self, grid: Discretisation, others: Mapping[str, Effect]) -> EnergyAccount:
         """None: the pull towards the best rigid motion follows from no energy."""
         return EnergyAccount(uncounted=("what the solids store while they are bent",) if self.stiffness > 0 else ())
@@ -196,16 +202,16 @@ COLLAPSED = (
 
 
 def _sums(tolerance: float) -> dict[str, Program]:
-    """Other ways to add up regions: a thread block a region (Shao & Song 2017, section 3.2), and boxes of cells."""
+    """Further algorithms for sums over regions: threads that share a region (Shao & Song 2017, 3.2), boxes of cells."""
     fast = {
         "tolerance": 2 * tolerance,
-        "reason": "as the sum over members; terms are taken from one point of the body",
+        "reason": "as the sum over members; terms are relative to one point of the body",
         "work": ("boxes.first", "boxes.second"),
     }
     return {
-        "cuda:reduction": Program("parallel_reduction.cuda"),
-        "cpu:fast": Program("fast_summation.cpu", **fast),
-        "cuda:fast": Program("fast_summation.cuda", **fast),
+        "cuda:reduction": Program("parallel_reduction_cuda"),
+        "cpu:fast": Program("fast_summation", **fast),
+        "cuda:fast": Program("fast_summation_cuda", **fast),
     }
 
 
@@ -215,7 +221,7 @@ register(
         name="shape_matching.direct_neighbours",
         folder=_HERE,
         paper=_PAPER,
-        equation="M figure 2, arrayN, with M18, M19",
+        equation="M figure 2, arrayN, with Shao & Song M18, M19",
         function="direct_neighbours",
         outputs=("direct",),
         exact=("direct",),
@@ -226,8 +232,9 @@ register(
         name="shape_matching.regions",
         folder=_HERE,
         paper=_PAPER,
-        equation="M figure 3, arrayR, with M14, M15",
+        equation="M figure 3, arrayR, with Shao & Song M14, M15",
         function="regions",
+        programs={"cpu": Program("region_filling"), "cuda": Program("region_filling_cuda")},
         outputs=("region", "region_count"),
         exact=("region", "region_count"),
         optional=("rebuild",),

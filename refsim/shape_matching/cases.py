@@ -18,7 +18,7 @@ from refsim.core.cases import (
 )
 from refsim.scene.solids import lattice_of
 from refsim.shape_matching import Matching, floors, reference
-from refsim.shape_matching.fast_summation import boxes_of
+from refsim.shape_matching.boxes import boxes_of
 
 
 @particles("identity")
@@ -189,7 +189,7 @@ DIRECT[0, [13, 14]], DIRECT[1, [12, 13]] = [0, 1], [0, 1]
 
 @closed_form("shape_matching.direct_neighbours")
 def cube_of_27():
-    """In a cube of 27 nodes each has those in its slots; nodes of a cell below, of another body, are nobody's."""
+    """In a cube of 27 nodes each has those in its slots; nodes of a cell below, of another body, are no members."""
     made = lattice_of([BLOCK.astype(int)])
     number = {tuple(cell): s for s, cell in enumerate(made.cell.tolist())}
     slots = [(a, b, e) for a in (-1, 0, 1) for b in (-1, 0, 1) for e in (-1, 0, 1)]
@@ -203,7 +203,7 @@ def cube_of_27():
 
 @closed_form("shape_matching.direct_neighbours")
 def touching_bodies():
-    """Two bodies in adjacent cells are not welded (M19)."""
+    """Two bodies in adjacent cells are not welded (Shao & Song M19)."""
     made = lattice_of([np.array([[0, 0, 0]]), np.array([[0, 0, 1]])])
     expected = NONE.copy()
     expected[0, 13], expected[1, 13] = 0, 1

@@ -242,7 +242,7 @@ def best_rotation(moments, before, floor, lost, precision, matrix, basis):
                 matrix[p, q] += weight * before[p] * before[q]
                 basis[p, q] = real(p == q)
         top = diagonalised(matrix, basis, precision)
-        for p in range(4):  # p p^T of the rotation before gives way to that of the answer, in the answer's basis
+        for p in range(4):  # p of the previous rotation is replaced by the answer, in the answer's basis
             along_p = basis_part(basis, p, before)
             for q in range(4):
                 matrix[p, q] -= weight * along_p * basis_part(basis, q, before)
@@ -313,6 +313,6 @@ def solved(a, b, floor):
 
 
 @formula
-def pull(way, stiffness, timestep):
+def pull(displacement, stiffness, timestep):
     """a = alpha (g - x)/(t dt) [m/s^2], so that the kick t = (dt_before + dt)/2 brings v += alpha (g - x)/dt."""
-    return stiffness * way / (timestep[0] * timestep[1])
+    return stiffness * displacement / (timestep[0] * timestep[1])

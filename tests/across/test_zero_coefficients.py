@@ -133,7 +133,7 @@ TERMS = {
         {"enthalpy", "melting_point", "latent_heat"},
     ),
     "shape_matching.damping": (
-        ShapeMatching(damping=0.0), SHAPE, (LIQUID,), {"fast_summation.region_motion", "fast_summation.damp"},
+        ShapeMatching(damping=0.0), SHAPE, (LIQUID,), {"shape_matching.region_motion", "shape_matching.damp"},
         {"region_velocity", "region_spin"},
     ),
     "akinci_2013.area_acceleration": (

@@ -445,7 +445,7 @@ def test_operation_follows_its_parameters(name):
 @pytest.mark.parametrize("name", ["match", "pull", "region_motion", "damp"])
 def test_sums_over_boxes_agree_with_the_reference(monkeypatch, name):
     """Fast summation's own kernels, which serve wide regions only."""
-    monkeypatch.setattr("refsim.shape_matching.fast_summation.cuda.NARROW", 0)
+    monkeypatch.setattr("refsim.shape_matching.fast_summation_cuda.NARROW", 0)
     outcome = contract.run(f"shape_matching.{name}", "cuda:fast", "float32", "cloud_3d", 0)
     assert outcome.passed, str(outcome)
 

@@ -25,11 +25,10 @@ from refsim.neighbours.rows import NeighbourColumns
 
 CAPABILITY = (8, 0)
 IN_DOUBLE = {
-    "turn_direction": "the dots of conjugate gradients are taken in float64",
-    "take_step": "the dots of conjugate gradients are taken in float64",
+    "turn_blocks": "the dots of conjugate gradients are taken in float64",
+    "step_blocks": "the dots of conjugate gradients are taken in float64",
     "add_up": "the dots of conjugate gradients are taken in float64",
     "plan_chebyshev": "one thread finds the passes, in float64 as on the host",
-    "clear_sums": "the dots of conjugate gradients are taken in float64",
     "choose_step": "one thread keeps the clock, in float64 as on the host",
     "note_displacement": "one thread keeps the clock, in float64 as on the host",
     **dict.fromkeys(
@@ -60,8 +59,8 @@ IN_DOUBLE = {
     ),
     **dict.fromkeys(
         (
-            "_match_cells", "_goal_cells", "_motion_cells", "_damp_cells", "_axis_sums", "_match_nodes", "_goal_nodes",
-            "_motion_nodes", "_damp_nodes",
+            "match_cells", "goal_cells", "motion_cells", "damp_cells", "sum_axis", "match_nodes", "goal_nodes",
+            "motion_nodes", "damp_nodes",
         ),
         "sums over boxes of cells are taken from one point of the body",
     ),
@@ -139,7 +138,7 @@ def operation_arguments(name, program, variant, dtype):
         if argument in operation.outputs:
             return inputs.output(operation, argument)
         if argument == "scratch":
-            return Scratch(Zeros("cpu"))
+            return Scratch(Zeros("cuda"))
         if argument == "neighbours":
             return NeighbourColumns(count, entries)
         if argument == "walls" and inputs["walls"] is not None:
@@ -341,12 +340,12 @@ def test_recorded_reconstruction_compiles(compiler, monkeypatch):
 @pytest.mark.parametrize("name", ["match", "pull", "region_motion", "damp"])
 def test_sums_over_boxes_compile(compiler, monkeypatch, name):
     """Fast summation's own kernels, which serve wide regions only."""
-    monkeypatch.setattr("refsim.shape_matching.fast_summation.cuda.NARROW", 0)
+    monkeypatch.setattr("refsim.shape_matching.fast_summation_cuda.NARROW", 0)
     test_operation_compiles(compiler, monkeypatch, f"shape_matching.{name}", "cuda:fast", 0, "float32")
 
 
 def test_no_kernel_is_left_out(compiler, monkeypatch):
-    monkeypatch.setattr("refsim.shape_matching.fast_summation.cuda.NARROW", 0)
+    monkeypatch.setattr("refsim.shape_matching.fast_summation_cuda.NARROW", 0)
     known = {kernel for kernel, _ in support_launches("float32")}
     for name, program, variant, dtype in LAUNCHED:
         if dtype == "float32":

@@ -43,9 +43,6 @@ HARMLESS = {
         ("fluid.clamp and pressure < type(pressure)(0)", "a pascal is far below the bound"),
         ("return type(pressure)(0)", "a pascal is far below the bound"),
     ],
-    "_damp": [("lanes = np.zeros((LANES", "room to spare")],
-    "_pull": [("lanes = np.zeros((LANES", "room to spare")],
-    "_region_motion": [("lanes = np.zeros((LANES", "room to spare")],
     "row_weights": [
         ("one = real(1)", "only whether a row is idle depends on it"),
         ("weight_i, surface_i = (zero, 0)", "belongs to the mode that is not taken"),

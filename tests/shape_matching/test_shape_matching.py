@@ -25,7 +25,7 @@ from refsim import (
 from refsim.core.operation import REGISTRY
 from refsim.scene.solids import lattice_of
 from refsim.shape_matching import Matching, floors, reference
-from refsim.shape_matching.fast_summation import boxes_of
+from refsim.shape_matching.boxes import boxes_of
 
 # Rotations
 
@@ -124,7 +124,7 @@ def test_reference_finds_the_same_rotation(name):
     assert min(np.abs(q - answer[back.index(0)]).max(), np.abs(q + answer[back.index(0)]).max()) < 1e-5
 
 
-SUMMATIONS = ("shape_matching", "parallel_reduction", "fast_summation")
+PROGRAMS = ("cpu", "cpu:fast")
 COLLAPSES = {  # members' places from their node [d], from their cells and a direction u and another v
     "a point": lambda g, u, v: 0 * g,
     "a point, as far as positions tell": lambda g, u, v: 1e-16 * g,
@@ -140,9 +140,9 @@ COLLAPSES = {  # members' places from their node [d], from their cells and a dir
 
 
 @pytest.mark.parametrize("dtype", ["float64", "float32"])
-@pytest.mark.parametrize("summation", SUMMATIONS)
+@pytest.mark.parametrize("program", PROGRAMS)
 @pytest.mark.parametrize("name", COLLAPSES)
-def test_collapsed_regions_turn_as_the_reference_says(name, summation, dtype):
+def test_collapsed_regions_turn_as_the_reference_says(name, program, dtype):
     """A corner of a body of 7 x 7 x 7 nodes collapses: 20 places and rotations before, within 0.01 degrees.
 
     Before, fast sums turned members in a point by up to 173 degrees, and in float32 all sums those on a line by 156.
@@ -171,8 +171,8 @@ def test_collapsed_regions_turn_as_the_reference_says(name, summation, dtype):
         }  # fmt: skip
         expected = reference.match(*(given[k] for k in ("solid_position", "region_share", "region")), matching,
                                    given["rotation"])["rotation"][0][s]  # fmt: skip
-        operation = REGISTRY[f"{summation}.match"]
-        operation.program("cpu")(*(given[k] for k in operation.arguments("cpu")))
+        operation = REGISTRY["shape_matching.match"]
+        operation.program(program)(*(given[k] for k in operation.arguments(program)))
         got = given["rotation"][s].astype(float)
         half = np.linalg.norm(got / np.linalg.norm(got) - expected / np.linalg.norm(expected))
         assert np.degrees(2 * half) < 0.01, f"trial {trial}"
@@ -288,8 +288,11 @@ def test_stiffness_grows_with_the_half_width():
     assert bend[0] > 1.3 * bend[1] > 1.3**2 * bend[2]
 
 
-def test_ways_of_summing_give_the_same_motion():
-    """Gather, reduction and fast summation, on a body with a hole and a fin, where some regions are not whole boxes."""
+def test_summation_methods_give_the_same_motion():
+    """Gather and fast summation, on a body with a hole and a fin, where some regions are not whole boxes.
+
+    A CPU sums "reduction" as "gather".
+    """
     cells = [[a, b, e] for a in range(6) for b in range(6) for e in range(5) if not (a == 2 and b in (1, 2, 3))]
     cells += [[a, 9, 0] for a in range(6)] + [[0, b, 0] for b in (6, 7, 8)]
     ends = []
@@ -301,8 +304,21 @@ def test_ways_of_summing_give_the_same_motion():
         for _ in range(40):
             simulation.step()
         ends.append(simulation.field("position").astype(float))
-    assert np.abs(ends[1] - ends[0]).max() < 2e-5
+    assert (ends[1] == ends[0]).all()
     assert np.abs(ends[2] - ends[0]).max() < 2e-5
+
+
+def test_the_plan_says_that_a_cpu_has_no_reduction():
+    def notes(**options):
+        solid = (SolidBox(lower=(0, 0, 0), upper=(0.6, 0.6, 0.6)),)
+        scene = Scene(
+            spacing=0.2, support_radius=0.5, fluid=(), solid=solid, effects=(ShapeMatching(**options),), step=0.005
+        )
+        return make_plan(scene).notes
+
+    assert any("on a CPU regions are summed as with 'gather'" in note for note in notes(summation="reduction"))
+    assert not notes(summation="gather")
+    assert not notes()
 
 
 def test_fast_sums_are_exact_far_from_the_first_particle():

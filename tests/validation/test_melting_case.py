@@ -140,7 +140,7 @@ def test_regions_of_a_few_rounds_and_those_of_the_rival():
 
 def test_every_operation_counts_in_one_stage():
     stages = {"neighbours": 1.0, "heat.chebyshev": 2.0, "shape_matching.regions": 3.0, "shape_matching.gather": 4.0}
-    total = runs.grouped({**stages, "two_way_coupling.forces": 5.0, "melting.melt": 6.0, "fast_summation.pull": 7.0})
+    total = runs.grouped({**stages, "two_way_coupling.forces": 5.0, "melting.melt": 6.0, "shape_matching.pull": 7.0})
     assert list(total.values()) == [1.0, 5.0, 2.0, 9.0, 11.0]
 
 

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from refsim.heat import cpu, pairing
+from refsim.heat import kernels, pair_exchange, schemes
 from validation.claims import Measure
 from validation.experiment import Options, Results, Run
 from validation.experiments.heat import exact
@@ -41,21 +41,21 @@ def column(scheme: str, seed: int | None = None) -> tuple[Conductor, np.ndarray]
 def swept(made: Conductor, order: Any, seconds: float, passes: int, reverse: bool) -> None:
     """One step of M(4) in so many passes of equal parts; every second one backwards, or none.
 
-    order  of the pairs, from `pairing.colours`
+    order  of the pairs, from `pair_exchange.colours`
     """
     given = {**made.given, "timestep": np.array([0.0, seconds])}
     t, conduction = made.temperature, made.conduction._replace(sweep_share=np.float64(1 / passes))
     if made.scheme == "one_sided":
         given["timestep"] = np.array([0.0, seconds / passes])
-        exchanges, inverse, _, _ = cpu.weighed(*(given[name] for name in WEIGHING))
+        exchanges, inverse, _, _ = schemes.weighed(*(given[name] for name in WEIGHING))
         for k in range(passes):
-            cpu.sweep(exchanges, inverse, conduction, np.int32(reverse and k % 2), t.copy(), t)
+            kernels.sweep(exchanges, inverse, conduction, np.int32(reverse and k % 2), t.copy(), t)
         return
     inverse = 1.0 / (given["mass"] * given["heat_capacity"])
     members, first, colours = order
-    ends, cells = np.cumsum([0, *map(len, colours)]), np.concatenate(colours)
+    cells, ends = pair_exchange.joined(colours)
     for k in range(passes):
-        cpu.exchange_cells(
+        pair_exchange.exchange_colours(
             cells, ends, members, first, np.int32(reverse and k % 2), given["position"], given["volume"],
             given["conductivity"], inverse, given["timestep"], conduction, given["period"], t,
         )  # fmt: skip
@@ -68,7 +68,7 @@ def reversal(context: Context, scheme: str, number: float) -> Result:
     for words, reverse in (("forward", False), ("reversed", True)):
         for passes in PASSES:
             made, x = column(scheme)
-            order = pairing.colours(np, made.given["position"], made.conduction, made.given["period"])
+            order = pair_exchange.colours(np, made.given["position"], made.conduction, made.given["period"])
             for _ in range(steps):
                 swept(made, order, UNTIL / steps, passes, reverse)
             error = made.temperature - exact.cosine(x, CELLS * SPACING, UNTIL)

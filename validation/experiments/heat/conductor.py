@@ -13,8 +13,8 @@ from refsim.backends.scratch import Scratch
 from refsim.core.effect import Discretisation
 from refsim.core.operation import REGISTRY
 from refsim.heat import HeatConduction, enthalpy_of
-from refsim.heat.schemes import chebyshev_passes, first_legendre_stages, legendre_stages, stage_passes
 from refsim.heat.shapes import lattice_sum, period_group
+from refsim.heat.stages import chebyshev_passes, first_legendre_stages, legendre_stages, stage_passes
 from refsim.neighbours.rows import NeighbourRows
 
 SUPPORT = 2.5  # support radius over spacing
@@ -133,12 +133,12 @@ class Conductor:
 
     def _solved(self, seconds: float) -> int:
         """Passes that conjugate gradients take."""
-        from refsim.heat import cpu
+        from refsim.heat import schemes
 
         names = (
             "position", "mass", "volume", "heat_capacity", "conductivity", "reservoir", "neighbours", "timestep",
             "conduction", "period", "scratch",
         )  # fmt: skip
         given = {**self.given, "timestep": np.array([0.0, seconds])}
-        exchanges, inverse, _, _ = cpu.weighed(*(given[name] for name in names))
-        return cpu.solve(exchanges, inverse, self.conduction, given["scratch"], self.temperature.copy())
+        exchanges, inverse, _, _ = schemes.weighed(*(given[name] for name in names))
+        return schemes.solve(exchanges, inverse, self.conduction, given["scratch"], self.temperature.copy())

@@ -416,7 +416,7 @@ GROUPS = {
     "liquid and coupling": ("two_way_coupling.", "sph."),
     "heat": ("heat.",),
     "melting": ("melting.", "shape_matching.regions", "shape_matching.classify", "rival."),
-    "shape matching": ("shape_matching.", "fast_summation.", "parallel_reduction."),
+    "shape matching": ("shape_matching.",),
 }
 
 

@@ -1,22 +1,33 @@
-"""CUDA kernels of shape matching with region sums by reduction: the threads of part of a warp share a region."""
+"""Region sums by parallel reduction: neighbouring threads share a region (Shao & Song 2017, section 3.2)."""
 
 import numpy as np
 
 from refsim.backends.compile import cuda, cuda_kernel, formula
 from refsim.backends.primitives import sum_of_lanes
-from refsim.backends.runtime import simulated
-from refsim.shape_matching import particle
+from refsim.shape_matching.kernels import (
+    LANES,
+    added,
+    added_12,
+    damp_end,
+    damp_slot,
+    goal_end,
+    goal_member,
+    match_end,
+    match_member,
+    motion_end,
+    motion_slot,
+    nothing_12,
+    nothing_16,
+)  # fmt: skip
 from refsim.shape_matching.phases import NOBODY
-
-LANES = 1 if simulated() else 8  # threads that share a region; the simulator knows no shuffles
 
 
 @formula
 def _opposites(pair, half_width):
     """(slot, the one opposite, (a, b, e)): a pair of slots and the first one's offset [cells].
 
-    Pairs that follow each other stand side by side along x, as nodes do in memory. Opposite slots are summed one after
-    the other, so that sums stay small.
+    Successive pairs are neighbours along x, as nodes are in memory. Opposite slots are summed one after the other, so
+    that sums stay small.
     """
     n = np.uint32(2 * half_width + 1)
     column = np.uint32(pair) // n
@@ -65,23 +76,19 @@ def match(solid_position, region_share, region, matching, region_center, region_
     s, lane = cuda.grid(1) // LANES, cuda.grid(1) % LANES
     if s < rotation.shape[0]:
         middle = region.shape[1] // 2
-        sums = particle.nothing_16(rotation.dtype.type(0))
+        sums = nothing_16(rotation.dtype.type(0))
         for pair in range(lane, middle + 1, LANES):
             slot, other, offset = _opposites(pair, matching.half_width)
             j = region[s, slot]
             if j != NOBODY:
-                sums = particle.added(sums, particle.match_member(s, j, offset, solid_position, region_share))
+                sums = added(sums, match_member(s, j, offset, solid_position, region_share))
             j = region[s, other]
             if j != NOBODY and pair < middle:
-                terms = particle.match_member(s, j, _opposite(offset), solid_position, region_share)
-                sums = particle.added(sums, terms)
+                terms = match_member(s, j, _opposite(offset), solid_position, region_share)
+                sums = added(sums, terms)
         sums = _summed_16(lane, sums)
         if lane == 0:
-            matrix, basis = cuda.local.array((4, 4), np.float64), cuda.local.array((4, 4), np.float64)
-            particle.match_end(
-                s, sums, solid_position, region_share, region, matching, matrix, basis, region_center, region_anchor,
-                rotation,
-            )  # fmt: skip
+            match_end(s, sums, solid_position, region_share, region, matching, region_center, region_anchor, rotation)
 
 
 @cuda_kernel(lanes=LANES)
@@ -99,17 +106,15 @@ def pull(
             slot, other, offset = _opposites(pair, matching.half_width)
             r = region[s, slot]
             if r != NOBODY:
-                a, b, e = particle.goal_member(s, r, offset, solid_position, region_anchor, rotation, matching)
+                a, b, e = goal_member(s, r, offset, solid_position, region_anchor, rotation, matching)
                 x, y, z = x + a, y + b, z + e
             r = region[s, other]
             if r != NOBODY and pair < middle:
-                a, b, e = particle.goal_member(
-                    s, r, _opposite(offset), solid_position, region_anchor, rotation, matching
-                )
+                a, b, e = goal_member(s, r, _opposite(offset), solid_position, region_anchor, rotation, matching)
                 x, y, z = x + a, y + b, z + e
         sums = _summed_3(lane, (x, y, z))
         if lane == 0:
-            particle.goal_end(s, sums, region_count, place, velocity, matching, timestep, acceleration, solid_velocity)
+            goal_end(s, sums, region_count, place, velocity, matching, timestep, acceleration, solid_velocity)
 
 
 @cuda_kernel(lanes=LANES)
@@ -121,24 +126,24 @@ def region_motion(
     if s < region_spin.shape[0]:
         middle = region.shape[1] // 2
         mass = region_spin.dtype.type(0)
-        sums = particle.nothing_12(mass)
+        sums = nothing_12(mass)
         for pair in range(lane, middle + 1, LANES):
             slot, other, _ = _opposites(pair, matching.half_width)
             if region[s, slot] != NOBODY:
                 mass += region_share[region[s, slot]]
-                sums = particle.added_12(
+                sums = added_12(
                     sums,
-                    particle.motion_slot(s, slot, solid_position, solid_velocity, region_share, region, region_center),
+                    motion_slot(s, slot, solid_position, solid_velocity, region_share, region, region_center),
                 )
             if region[s, other] != NOBODY and pair < middle:
                 mass += region_share[region[s, other]]
-                sums = particle.added_12(
+                sums = added_12(
                     sums,
-                    particle.motion_slot(s, other, solid_position, solid_velocity, region_share, region, region_center),
+                    motion_slot(s, other, solid_position, solid_velocity, region_share, region, region_center),
                 )
         mass, sums = sum_of_lanes(mass, lane, LANES), _summed_12(lane, sums)
         if lane == 0:
-            particle.motion_end(s, mass, sums, solid_velocity, matching, region_velocity, region_spin)
+            motion_end(s, mass, sums, solid_velocity, matching, region_velocity, region_spin)
 
 
 @cuda_kernel(rows_of="region_count", lanes=LANES)
@@ -154,15 +159,15 @@ def damp(
         u, v, w = zero, zero, zero
         for pair in range(lane, middle + 1, LANES):
             slot, other, _ = _opposites(pair, matching.half_width)
-            a, b, e = particle.damp_slot(
+            a, b, e = damp_slot(
                 s, slot, solid_position, solid_velocity, region, region_center, region_velocity, region_spin
             )
             u, v, w = u + a, v + b, w + e
             if pair < middle:
-                a, b, e = particle.damp_slot(
+                a, b, e = damp_slot(
                     s, other, solid_position, solid_velocity, region, region_center, region_velocity, region_spin
                 )
                 u, v, w = u + a, v + b, w + e
         sums = _summed_3(lane, (u, v, w))
         if lane == 0:
-            particle.damp_end(s, sums, region_count, place, matching, timestep, acceleration)
+            damp_end(s, sums, region_count, place, matching, timestep, acceleration)

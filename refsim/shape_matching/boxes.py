@@ -1,10 +1,4 @@
-"""Region sums over boxes of cells, one axis after the other, after FastLSM (Rivers & James 2007).
-
-A region whose members are all nodes of its body in the box of (2 w + 1)^3 cells around it is summed as 2 w + 1 sums of
-planes of 2 w + 1 sums of rows of 2 w + 1 cells, which neighbouring regions share: 3 (2 w + 1) additions instead of
-(2 w + 1)^3. Every other region is summed member by member. Sums stand in float64, because their terms are taken from
-one point of the body and not from the region's own node.
-"""
+"""The cells over which fast summation adds up regions, after FastLSM (Rivers & James 2007)."""
 
 from __future__ import annotations
 
@@ -20,9 +14,9 @@ WIDEST = 17  # numbers that a cell sums
 class Boxes(NamedTuple):
     """The bodies' cells in one box of planes, rows and columns, with w empty cells wherever two rows or bodies meet.
 
-    A window of 2 w + 1 cells along any axis then never holds what is not beside its middle: windows of rows and planes
-    need not be cut at the box's sides, and the first and the last w planes, which are empty too, have none. Planes
-    follow z, rows y and columns x, so that nodes stand in the order of their cells.
+    A window of 2 w + 1 cells along any axis then holds cells of one row and one body only: windows of rows and planes
+    need not be truncated at the box's sides. The first and the last w planes are empty and have no windows. Planes
+    follow z, rows y and columns x, so that nodes are in the order of their cells.
     """
 
     node: Any  # (cells,) int32 node in each cell, -1 for none
@@ -31,8 +25,8 @@ class Boxes(NamedTuple):
     side: Any  # (3,) int32 planes, rows and columns
     planes: Any  # (planes, 8) int32 of each: nodes [0, 1), rows of its nodes [2, 3), rows [4, 5) and columns [6, 7)
     #              of the nodes at most w planes away
-    first: Any  # (17, cells) float64, for sums on the way
-    second: Any  # (17, cells) float64, likewise
+    first: Any  # (17, cells) float64, work space: terms of each cell, partial sums
+    second: Any  # (17, cells) float64, work space: sums over boxes
 
 
 def boxes_of(lattice: Lattice, half_width: int) -> Boxes:

@@ -1,19 +1,19 @@
-"""What one node does in lattice shape matching; the CPU and the CUDA kernels share these loops.
+"""What one node does in lattice shape matching.
 
-Tables stand in the particles' first order, in which the nodes of solids come first: row s belongs to the particle of
-identity s, whose present row in the particle arrays is place[s]. Empty slots are NOBODY.
+Tables have a row for each node in the particles' first order, in which the nodes of solids come first: row s belongs to
+the particle of identity s, whose present row in the particle arrays is place[s]. Empty slots are NOBODY.
 """
 
 import numpy as np
 
-from refsim.backends.compile import formula
+from refsim.backends.compile import formula, kernel
+from refsim.backends.runtime import simulated
 from refsim.neighbours.formulas import BITS
+from refsim.shape_matching import formulas
 from refsim.shape_matching.formulas import (
-    best_rotation,
     goal_term,
     match_term,
     motion_term,
-    pull,
     quick_rotation,
     rigid_motion,
     rigid_term,
@@ -21,16 +21,16 @@ from refsim.shape_matching.formulas import (
     turned,
 )
 from refsim.shape_matching.phases import FLUID, INTERIOR, NOBODY, SURFACE
+from refsim.shape_matching.rotation import solved_rotation
 
-LEVEL = 28  # bits of a node's number; what stands above them is its level while a region is filled
-NUMBER = (1 << LEVEL) - 1
+LANES = 1 if simulated() else 8  # CUDA threads that share a region; the simulator has no shuffles
 SMALL = 1e-3  # of M d: where A is below, positions have come together, and it is summed with care
-EPSILON, PRECISION = 2.220446049250313e-16, 1e-17  # of float64: what a rounding may be, and where the eigensolver stops
+EPSILON = 2.220446049250313e-16  # of float64
 
 
 @formula
 def find(key, wanted, first, end):
-    """Place of `wanted` among the sorted keys [first, end); NOBODY if it is not there."""
+    """Place of `wanted` among the sorted keys [first, end); NOBODY if it is absent."""
     low, high = first, end
     while low < high:
         middle = (low + high) >> 1
@@ -44,9 +44,9 @@ def find(key, wanted, first, end):
     return found
 
 
-@formula
+@kernel(ordered=True)
 def direct_neighbours(s, phase, place, lattice, direct):
-    """27 direct neighbours of node s, itself in slot 13: solid, of the same body, a cell away at most."""
+    """27 direct neighbours of node s, itself in slot 13: solid, of the same body, at most one cell away."""
     solid = phase[place[s]] != FLUID
     body = lattice.body[s]
     first, end = lattice.first[body], lattice.first[body + 1]
@@ -61,90 +61,24 @@ def direct_neighbours(s, phase, place, lattice, direct):
         direct[s, slot] = other
 
 
-@formula
-def fill_region(s, direct, region):
-    """Members of the region of node s, at most w steps away over direct neighbours; returns their number.
-
-    w + 1 passes over the box of slots: pass 0 writes the node itself, pass p the direct neighbours of what pass p - 1
-    wrote (M15: not of what it writes itself), which the level beside each number tells.
-    """
-    slots = region.shape[1]
-    side = 1
-    while side * side * side < slots:
-        side += 2
-    middle = slots // 2
-    for slot in range(slots):
-        region[s, slot] = NOBODY
-    count = 0
-    if direct[s, 13] != NOBODY:
-        region[s, middle] = s
-        count = 1
-    for level in range(1, side // 2 + 1):
-        for slot in range(slots):
-            entry = region[s, slot]
-            if entry != NOBODY and entry >> LEVEL == level - 1:
-                node = entry & NUMBER
-                for near in range(27):
-                    a, b, e = slot_offset(near, 1)
-                    target = slot + (a * side + b) * side + e
-                    if region[s, target] == NOBODY and direct[node, near] != NOBODY:
-                        region[s, target] = direct[node, near] | (level << LEVEL)
-                        count += 1
-    for slot in range(slots):
-        if region[s, slot] != NOBODY:
-            region[s, slot] &= NUMBER
-    return count
+@kernel(ordered=True)
+def classify(i, identity, direct, phase):
+    """Phase of particle i, if it is a node: at its body's surface if one of the 27 direct neighbours is missing."""
+    if identity[i] < direct.shape[0]:
+        s = identity[i]
+        found = INTERIOR
+        if direct[s, 13] == NOBODY:
+            found = FLUID
+        else:
+            for slot in range(27):
+                if direct[s, slot] == NOBODY:
+                    found = SURFACE
+        phase[i] = found
 
 
-@formula
-def next_to(s, slot, direct, side):
-    """What passes 0 and 1 write into a slot of the region of node s: the node itself, and its direct neighbours."""
-    middle = side // 2
-    a, b, e = slot // (side * side) - middle, slot // side % side - middle, slot % side - middle
-    found = NOBODY
-    if -1 <= a <= 1 and -1 <= b <= 1 and -1 <= e <= 1:
-        found = direct[s, (a + 1) * 9 + (b + 1) * 3 + e + 1]
-        if found != NOBODY and (a != 0 or b != 0 or e != 0):
-            found |= 1 << LEVEL
-    return found
-
-
-@formula
-def reached(slot, level, direct, entries, side):
-    """What pass `level` writes into an empty slot of a region: the node there, if one beside links to it.
-
-    The same passes as in `fill_region`, seen from the slot that is written, so that threads can share a region, whose
-    slots are `entries`.
-    """
-    found = NOBODY
-    near = 0
-    x, y, z = slot // (side * side), slot // side % side, slot % side
-    while found == NOBODY and near < 27:
-        a, b, e = slot_offset(near, 1)
-        if 0 <= x - a < side and 0 <= y - b < side and 0 <= z - e < side:
-            entry = entries[((x - a) * side + y - b) * side + z - e]
-            if entry != NOBODY and entry >> LEVEL == level - 1:
-                found = direct[entry & NUMBER, near]
-        near += 1
-    return found
-
-
-@formula
-def phase_of(s, direct):
-    """Phase of node s: at its body's surface where one of the 27 direct neighbours is missing."""
-    phase = INTERIOR
-    if direct[s, 13] == NOBODY:
-        phase = FLUID
-    else:
-        for slot in range(27):
-            if direct[s, slot] == NOBODY:
-                phase = SURFACE
-    return phase
-
-
-@formula
+@kernel(ordered=True)
 def gather(s, position, mass, place, region_count, region_share, solid_position):
-    """Position [m] and share [kg] of node s."""
+    """Position [m] of node s and its share m_k/cnt_k in each of its regions [kg]."""
     i = place[s]
     for c in range(3):
         solid_position[s, c] = position[i, c]
@@ -185,7 +119,7 @@ def nothing_12(zero):
 
 @formula
 def match_slot(s, slot, solid_position, region_share, region, half_width):
-    """Terms of one slot in the sums of the region of node s; zeros where it is empty."""
+    """Terms of one slot in the sums of the region of node s; zeros if it is empty."""
     j = region[s, slot]
     if j == NOBODY:
         return nothing_16(type(solid_position[s, 0])(0))
@@ -194,7 +128,7 @@ def match_slot(s, slot, solid_position, region_share, region, half_width):
 
 @formula
 def match_member(s, j, offset, solid_position, region_share):
-    """Terms of member j of the region of node s, which stands `offset` cells from it."""
+    """Terms of member j of the region of node s, `offset` cells from it."""
     real = type(solid_position[s, 0])
     return match_term(
         region_share[j],
@@ -207,9 +141,16 @@ def match_member(s, j, offset, solid_position, region_share):
     )
 
 
+@kernel(ordered=True)
+def match(s, solid_position, region_share, region, matching, region_center, region_anchor, rotation):
+    """Center [m], anchor [m] and rotation of the region of node s, summed member by member."""
+    sums = match_sums(s, solid_position, region_share, region, matching.half_width)
+    match_end(s, sums, solid_position, region_share, region, matching, region_center, region_anchor, rotation)
+
+
 @formula
 def match_sums(s, solid_position, region_share, region, half_width):
-    """Sums of the region of node s, by plain gather."""
+    """Sums of the region of node s, member by member."""
     sums = nothing_16(type(solid_position[s, 0])(0))
     last = region.shape[1] - 1
     for k in range(region.shape[1]):  # a slot and then its opposite, so that sums stay small: k = 0, last, 1, ...
@@ -221,7 +162,7 @@ def match_sums(s, solid_position, region_share, region, half_width):
 
 @formula
 def careful_sums(s, solid_position, region_share, region, half_width):
-    """(sums, S = sum m |x|_1 [kg m]) of the region of node s, by plain gather in float64, with exact differences."""
+    """(sums, S = sum m |x|_1 [kg m]) of the region of node s, member by member in float64, with exact differences."""
     zero = np.float64(0)
     sums, size = nothing_16(zero), zero
     last = region.shape[1] - 1
@@ -240,28 +181,26 @@ def careful_sums(s, solid_position, region_share, region, half_width):
 
 @formula
 def position_doubt(s, solid_position, matching):
-    """What rounding of positions may make of an entry of A/M [m]: eps w |x|_1, x from the origin."""
+    """Error of an entry of A/M [m] by rounding of the positions: eps w |x|_1, x from the origin."""
     far = abs(solid_position[s, 0]) + abs(solid_position[s, 1]) + abs(solid_position[s, 2])
     return matching.eps * type(far)(matching.half_width) * far
 
 
 @formula
 def match_quick(s, sums, solid_position, matching, rotation):
-    """(whether it is found, q): rotation of a region where it is near the one before and well determined."""
+    """(whether it is found, q): rotation of a region if it is near the one before and well determined."""
     real = type(matching.spacing)
     least = real(SMALL) * matching.spacing + real(16) * position_doubt(s, solid_position, matching)
     return quick_rotation(sums, rotation[s], sums[0] * least, matching.precision)
 
 
 @formula
-def match_end(
-    s, sums, solid_position, region_share, region, matching, matrix, basis, region_center, region_anchor, rotation
-):  # fmt: skip
-    """Center, rotation and anchor of the region of node s, from its sums; an empty one is the node's place.
+def match_end(s, sums, solid_position, region_share, region, matching, region_center, region_anchor, rotation):
+    """Center, rotation and anchor of the region of node s, from its sums; of an empty one the node's own position.
 
-    What the sums do not settle at once is summed again with care. No order of n terms makes more than n eps sum |terms|
-    of an entry of A, and sum |terms| <= 2 w S: below that, and below what the positions' own rounding makes of it, A
-    says nothing.
+    If Newton's steps find no rotation the region is summed again in float64. The rounding error of n terms is at most
+    n eps sum |terms| in an entry of A, in any order, and sum |terms| <= 2 w S. Below that, and below the error that
+    the positions' rounding makes, A determines no rotation.
     """
     real = type(sums[0])
     near, q = match_quick(s, sums, solid_position, matching, rotation)
@@ -273,7 +212,7 @@ def match_end(
             np.float64(rotation[s, 0]), np.float64(rotation[s, 1]), np.float64(rotation[s, 2]),
             np.float64(rotation[s, 3]),
         )  # fmt: skip
-        best = best_rotation(exact, before, np.float64(matching.twist_floor), lost, PRECISION, matrix, basis)
+        best = solved_rotation(exact, before, np.float64(matching.twist_floor), lost)
         q = (real(best[0]), real(best[1]), real(best[2]), real(best[3]))
         sums = narrowed(exact, real)
     match_write(s, sums, q, matching, region_center, region_anchor, rotation)
@@ -309,7 +248,7 @@ def match_write(s, sums, q, matching, region_center, region_anchor, rotation):
 
 @formula
 def goal_slot(s, slot, solid_position, region, region_anchor, rotation, matching):
-    """Way from node s to where the region of one slot takes it [m]; zeros where the slot is empty."""
+    """Displacement of node s to its goal in the region of one slot [m]; zeros if the slot is empty."""
     zero = type(matching.spacing)(0)
     r = region[s, slot]
     if r == NOBODY:
@@ -320,7 +259,7 @@ def goal_slot(s, slot, solid_position, region, region_anchor, rotation, matching
 
 @formula
 def goal_member(s, r, offset, solid_position, region_anchor, rotation, matching):
-    """Way from node s to where the region of node r takes it [m]; r stands `offset` cells from s."""
+    """Displacement of node s to its goal in the region of node r [m]; r is `offset` cells from s."""
     real = type(matching.spacing)
     x, y, z = goal_term(
         rotation[r], region_anchor[r], real(offset[0]), real(offset[1]), real(offset[2]), matching.spacing
@@ -331,9 +270,19 @@ def goal_member(s, r, offset, solid_position, region_anchor, rotation, matching)
     return x, y, z
 
 
+@kernel(ordered=True)
+def pull(
+    s, velocity, solid_position, region, region_count, region_anchor, rotation, place, matching, timestep, acceleration,
+    solid_velocity,
+):  # fmt: skip
+    """Pull of node s towards its goal [m/s^2], summed member by member; added to the acceleration."""
+    sums = goal_sums(s, solid_position, region, region_anchor, rotation, matching)
+    goal_end(s, sums, region_count, place, velocity, matching, timestep, acceleration, solid_velocity)
+
+
 @formula
 def goal_sums(s, solid_position, region, region_anchor, rotation, matching):
-    """Sum of goal_slot over the slots, by plain gather."""
+    """Sum of goal_slot over the slots, member by member [m]."""
     zero = type(matching.spacing)(0)
     gx, gy, gz = zero, zero, zero
     for slot in range(region.shape[1]):
@@ -347,18 +296,18 @@ def goal_sums(s, solid_position, region, region_anchor, rotation, matching):
 
 @formula
 def goal_end(s, sums, region_count, place, velocity, matching, timestep, acceleration, solid_velocity):
-    """Pull of node s towards its goal, added to its acceleration, and the velocity that the step will give it."""
+    """Pull of node s towards its goal, added to its acceleration [m/s^2], and its velocity after the kick [m/s]."""
     i = place[s]
     count = type(matching.spacing)(region_count[s])
     for c in range(3):
         if count > 0 and timestep[1] > 0:
-            acceleration[i, c] += pull(sums[c] / count, matching.stiffness, timestep)
+            acceleration[i, c] += formulas.pull(sums[c] / count, matching.stiffness, timestep)
         solid_velocity[s, c] = velocity[i, c] + timestep[0] * acceleration[i, c]
 
 
 @formula
 def motion_slot(s, slot, solid_position, solid_velocity, region_share, region, region_center):
-    """Terms of one slot in the motion of the region of node s; zeros where it is empty. Velocities from node s's."""
+    """Terms of one slot in the motion of the region of node s; zeros if it is empty. Velocities relative to node s."""
     j = region[s, slot]
     if j == NOBODY:
         return nothing_12(type(region_center[s, 0])(0))
@@ -373,9 +322,18 @@ def motion_slot(s, slot, solid_position, solid_velocity, region_share, region, r
     )
 
 
+@kernel(ordered=True)
+def region_motion(
+    s, solid_position, solid_velocity, region_share, region, region_center, matching, region_velocity, region_spin
+):
+    """Velocity [m/s] and spin [1/s] of the region of node s, summed member by member."""
+    mass, sums = motion_sums(s, solid_position, solid_velocity, region_share, region, region_center)
+    motion_end(s, mass, sums, solid_velocity, matching, region_velocity, region_spin)
+
+
 @formula
 def motion_sums(s, solid_position, solid_velocity, region_share, region, region_center):
-    """Mass of the region of node s, and the sums of its motion, by plain gather."""
+    """Mass [kg] of the region of node s, and the sums of its motion, member by member."""
     zero = type(region_center[s, 0])(0)
     mass = zero
     sums = nothing_12(zero)
@@ -391,7 +349,7 @@ def motion_sums(s, solid_position, solid_velocity, region_share, region, region_
 
 @formula
 def motion_end(s, mass, sums, solid_velocity, matching, region_velocity, region_spin):
-    """Velocity and spin of the region of node s, from its sums; an empty one moves as the node does."""
+    """Velocity [m/s] and spin [1/s] of the region of node s, from its sums; an empty one has the node's velocity."""
     zero = type(mass)(0)
     v, spin = (zero, zero, zero), (zero, zero, zero)
     if mass > zero:
@@ -403,7 +361,7 @@ def motion_end(s, mass, sums, solid_velocity, matching, region_velocity, region_
 
 @formula
 def damp_slot(s, slot, solid_position, solid_velocity, region, region_center, region_velocity, region_spin):
-    """Velocity that the region of one slot would give node s, from its own [m/s]; zeros where the slot is empty."""
+    """Velocity of node s in the rigid motion of one slot's region less its own [m/s]; zeros if the slot is empty."""
     zero = type(solid_position[s, 0])(0)
     u, v, w = zero, zero, zero
     r = region[s, slot]
@@ -421,9 +379,19 @@ def damp_slot(s, slot, solid_position, solid_velocity, region, region_center, re
     return u, v, w
 
 
+@kernel(rows_of="region_count", ordered=True)
+def damp(
+    s, solid_position, solid_velocity, region, region_count, region_center, region_velocity, region_spin, place,
+    matching, timestep, acceleration,
+):  # fmt: skip
+    """Damping of node s towards the rigid motion of its regions [m/s^2]; added to the acceleration."""
+    sums = damp_sums(s, solid_position, solid_velocity, region, region_center, region_velocity, region_spin)
+    damp_end(s, sums, region_count, place, matching, timestep, acceleration)
+
+
 @formula
 def damp_sums(s, solid_position, solid_velocity, region, region_center, region_velocity, region_spin):
-    """Sum of damp_slot over the slots, by plain gather."""
+    """Sum of damp_slot over the slots, member by member [m/s]."""
     zero = type(solid_position[s, 0])(0)
     su, sv, sw = zero, zero, zero
     for slot in range(region.shape[1]):

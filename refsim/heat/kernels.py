@@ -1,0 +1,231 @@
+"""What one particle does in heat conduction.
+
+An exchange is a pair (i, j) within the support radius with its weight g = dt G_ij [J/K]; `schemes` says in which order
+the kernels are launched, `reductions` finds the exchanges and the sums over all particles.
+"""
+
+import math
+
+import numpy as np
+
+from refsim.backends.compile import formula, kernel
+from refsim.heat.formulas import melted, pair_share, pair_weight, single_pass_share, temperature_of
+from refsim.heat.stages import chebyshev_omega, chebyshev_passes
+from refsim.neighbours.rows import first_lane, over_lanes, row_of
+
+
+@formula
+def nearest_image(separation, length, inverse):
+    """A component of a separation [m] to the nearest image in a period of `length` [m]; both 0 for none."""
+    real = type(separation)
+    return separation - length * real(math.floor(separation * inverse + real(0.5)))
+
+
+@formula
+def scaled_distance(i, j, position, period, conduction):
+    """q = |x_i - x_j|/h; with a period to the nearest image."""
+    dx, dy, dz = position[i, 0] - position[j, 0], position[i, 1] - position[j, 1], position[i, 2] - position[j, 2]
+    if period is not None:
+        dx = nearest_image(dx, period.x, period.inverse_x)
+        dy = nearest_image(dy, period.y, period.inverse_y)
+        dz = nearest_image(dz, period.z, period.inverse_z)
+    return math.sqrt(dx * dx + dy * dy + dz * dz) * conduction.inverse_radius
+
+
+@formula
+def inverse_capacity(i, mass, volume, heat_capacity, reservoir, conduction):
+    """1/C_i [K/J], C_i = m_i c_i, or V_i (Shao & Song M11); 0 for a reservoir, whose temperature is held."""
+    real = type(conduction.support_radius)
+    if reservoir is not None:  # noqa: SIM102  (a test of its own is what Numba prunes)
+        if reservoir[i] != 0:
+            return real(0)
+    if conduction.unit_capacity:
+        return real(1) / volume[i]
+    return real(1) / (mass[i] * heat_capacity[i])
+
+
+@formula
+def weight(i, j, position, volume, conductivity, seconds, conduction, period):
+    """g of a pair [J/K]: 0 beyond h and for coincident particles; NaN where the distance is NaN."""
+    q = scaled_distance(i, j, position, period, conduction)
+    real = type(q)
+    if q >= real(1) or q <= real(1e-9):
+        return real(0)
+    return pair_weight(q, volume[i], volume[j], conductivity[i], conductivity[j], seconds, conduction)
+
+
+@kernel(lanes=True)
+def exchange_rate(
+    i, lane, position, mass, volume, heat_capacity, conductivity, reservoir, neighbours, conduction, period,
+    exchange_rate,
+):  # fmt: skip
+    """s_i/dt = sum_j |G_ij|/C_i [1/s]."""
+    first, stride, count = row_of(neighbours, i, lane)
+    real = type(conduction.support_radius)
+    total = real(0)
+    for k in range(count):
+        j = neighbours.entries[first + k * stride]
+        total += abs(weight(i, j, position, volume, conductivity, real(1), conduction, period))
+    total = over_lanes(total, lane)
+    if first_lane(lane):
+        exchange_rate[i] = total * inverse_capacity(i, mass, volume, heat_capacity, reservoir, conduction)
+
+
+@formula
+def flow_to(i, lane, own, temperature, exchanges):
+    """dt Q_i = sum_j g (T_j - T) [J], or the lane's share of it, for particle i at T = `own` [degrees C]."""
+    first, stride, count = row_of(exchanges, i, lane)
+    total = type(own)(0)
+    for k in range(count):
+        at = first + k * stride
+        total += exchanges.weight[at] * (temperature[exchanges.entries[at]] - own)
+    return total
+
+
+@kernel(lanes="exchanges")
+def flow(i, lane, exchanges, temperature, flow):
+    """dt Q_i = sum_j g (T_j - T_i) [J]."""
+    total = over_lanes(flow_to(i, lane, temperature[i], temperature, exchanges), lane)
+    if first_lane(lane):
+        flow[i] = total
+
+
+@kernel(lanes="exchanges")
+def advance(
+    i, lane, exchanges, start, now, before, temperature, flow_start, inverse, heat_capacity, melting_point, latent_heat,
+    table, number, k, new_temperature, new,
+):  # fmt: skip
+    """Stage k of a scheme, if it has so many: the new temperature [degrees C], or the new gain of enthalpy [J/kg].
+
+    y' = y + before (y_before - y) + start (y_start - y) + (flow Q(y) + flow_start Q(y_start)) dt/C, the coefficients
+    in row k of `table`. With a melting point y are enthalpies. They are large beside what a stage adds: `now` and
+    `before` are gains since the start, which lose less to rounding. The first stage stores its flow in `flow_start`.
+    """
+    if k < number[0]:
+        total = over_lanes(flow_to(i, lane, temperature[i], temperature, exchanges), lane)
+        if first_lane(lane):
+            if k == 0:
+                flow_start[i] = total
+            rate = inverse[i]
+            y = now[i]
+            if heat_capacity is not None:
+                rate *= heat_capacity[i]
+                change = table[k, 0] * (before[i] - y) - table[k, 1] * y
+            else:
+                change = table[k, 0] * (before[i] - y) + table[k, 1] * (start[i] - y)
+            value = y + change + rate * (table[k, 2] * total + table[k, 3] * flow_start[i])
+            new[i] = value
+            if melting_point is not None:
+                enthalpy = start[i] + value
+                new_temperature[i] = temperature_of(enthalpy, heat_capacity[i], melting_point[i], latent_heat[i])
+
+
+@kernel
+def collect(i, first, second, third, number, start, target):
+    """target = the buffer that the last of `number` stages has written, added to `start` where there is one."""
+    last = (number[0] - 1) % 3
+    value = third[i]
+    if last == 0:
+        value = first[i]
+    elif last == 1:
+        value = second[i]
+    if start is not None:
+        value += start[i]
+    target[i] = value
+
+
+@kernel(rows_of="table")
+def plan_chebyshev(i, largest, conduction, table, number):
+    """Number of passes and coefficients of Chebyshev's iteration; if it exceeds the table, passes that only damp."""
+    if i == 0:
+        passes = chebyshev_passes(float(largest[0]), float(conduction.tolerance))
+        if passes > table.shape[0]:
+            number[0] = table.shape[0]
+        else:
+            number[0] = max(1, passes)
+        omega = 1.0
+        for k in range(number[0]):
+            omega = chebyshev_omega(k, float(largest[0]), omega)
+            if passes > table.shape[0]:
+                omega = 1.0
+            step = omega / (1.0 + float(largest[0]))
+            table[k, 0], table[k, 1], table[k, 2], table[k, 3] = 1.0 - omega, step, step, 0.0
+
+
+@kernel(lanes="exchanges")
+def pass_once(
+    i, lane, exchanges, exchange_sum, inverse, old, heat_capacity, melting_point, latent_heat, enthalpy, temperature
+):
+    """NPX: C_i T_i += sum_j g (T_j - T_i)/(1 + s_i + s_j), with the `old` temperatures [degrees C; J/kg]."""
+    first, stride, count = row_of(exchanges, i, lane)
+    own, sum_i = old[i], exchange_sum[i]
+    total = type(own)(0)
+    for k in range(count):
+        at = first + k * stride
+        j = exchanges.entries[at]
+        total += single_pass_share(exchanges.weight[at], sum_i, exchange_sum[j]) * (old[j] - own)
+    change = inverse[i] * over_lanes(total, lane)
+    if first_lane(lane):
+        if enthalpy is None:
+            temperature[i] = old[i] + change
+        else:
+            enthalpy[i] += change * heat_capacity[i]
+            temperature[i] = temperature_of(enthalpy[i], heat_capacity[i], melting_point[i], latent_heat[i])
+
+
+@kernel
+def sweep(i, exchanges, inverse, conduction, backwards, old, temperature):
+    """M(4) for particle i alone and its neighbours in turn (R1), with their `old` temperatures [degrees C]."""
+    first, stride, count = row_of(exchanges, i)
+    before = old[i]
+    running = before
+    for n in range(count):
+        k = count - np.uint64(1) - n if backwards else n
+        at = first + k * stride
+        j = exchanges.entries[at]
+        share = inverse[i] * pair_share(exchanges.weight[at], inverse[i], inverse[j])
+        if conduction.frozen:  # Shao & Song M9 as printed
+            running += share * (old[j] - before)
+        else:
+            running += share * (old[j] - running)
+    temperature[i] = running
+
+
+@kernel(lanes="exchanges")
+def solve_own(
+    i, lane, exchanges, exchange_sum, inverse, start, heat_capacity, melting_point, latent_heat, old, enthalpy,
+    temperature,
+):  # fmt: skip
+    """Nonlinear Jacobi: each particle's own equation with the other `old` temperatures [J/kg; degrees C]."""
+    total = over_lanes(flow_to(i, lane, melting_point[i], old, exchanges), lane)
+    if first_lane(lane):
+        value, rate = start[i], inverse[i]
+        if rate != type(rate)(0):
+            value = melted(start[i] + rate * heat_capacity[i] * total, exchange_sum[i], latent_heat[i])
+        enthalpy[i] = value
+        temperature[i] = temperature_of(value, heat_capacity[i], melting_point[i], latent_heat[i])
+
+
+@kernel
+def take_up(i, start, heat_capacity, melting_point, latent_heat, enthalpy, temperature):
+    """H += c (T - T_start), T = T(H) [J/kg; degrees C]."""
+    enthalpy[i] += heat_capacity[i] * (temperature[i] - start[i])
+    temperature[i] = temperature_of(enthalpy[i], heat_capacity[i], melting_point[i], latent_heat[i])
+
+
+@kernel
+def copy(i, values, target):
+    """target = values."""
+    target[i] = values[i]
+
+
+@kernel
+def add(i, change, values):
+    """values += change."""
+    values[i] += change[i]
+
+
+@kernel
+def particle_volume(i, mass, density, volume):
+    """V_i = m_i/rho_i [m^3; m^2 in 2D]."""
+    volume[i] = mass[i] / density[i]

@@ -1,0 +1,152 @@
+"""The exchanges of all particles and sums over all particles on a CPU; `reductions_cuda` does the same on a GPU.
+
+The neighbour list reaches further than the support radius: a CPU keeps a list of its own of the pairs within it.
+"""
+
+import numpy as np
+
+from refsim.backends.compile import cpu_kernel, formula, prange
+from refsim.heat.kernels import inverse_capacity, weight
+from refsim.heat.shapes import ExchangeRows
+from refsim.neighbours.rows import row_of
+
+CHUNKS = 64  # of a sum, fixed, so that it does not depend on the number of threads
+
+
+def weighed(
+    position, mass, volume, heat_capacity, conductivity, reservoir, neighbours, timestep, conduction, period, scratch
+):
+    """(exchanges, 1/C_i [K/J], s_i, array (1,) of the largest s_i, infinite where a sum is not finite)."""
+    n, real, capacity = len(volume), volume.dtype, len(neighbours.entries)
+    exchanges = ExchangeRows(
+        neighbours.start,
+        scratch.array("heat count", n, np.int32),
+        scratch.array("heat entries", capacity, np.int32),
+        scratch.array("heat weight", capacity, real),
+    )
+    inverse, sums = scratch.array("heat inverse", n, real), scratch.array("heat sums", n, real)
+    largest = scratch.array("heat largest", 1, real)
+    weigh(
+        position, mass, volume, heat_capacity, conductivity, reservoir, neighbours, timestep, conduction, period,
+        exchanges, inverse, sums, largest,
+    )  # fmt: skip
+    return exchanges, inverse, sums, largest
+
+
+@formula
+def weigh_and_pack(i, position, volume, conductivity, neighbours, timestep, conduction, period, exchanges):
+    """Write the exchanges of particle i, those nearer than h, one after the other; their sum of g [J/K]."""
+    first, stride, count = row_of(neighbours, i)
+    total = type(conduction.support_radius)(0)
+    found = np.uint64(0)
+    for k in range(count):
+        j = neighbours.entries[first + k * stride]
+        g = weight(i, j, position, volume, conductivity, timestep[1], conduction, period)
+        if g != type(g)(0):
+            exchanges.entries[first + found * stride] = j
+            exchanges.weight[first + found * stride] = g
+            total += g
+            found += np.uint64(1)
+    exchanges.count[i] = found  # here: in a loop of Numba's own a store into a tuple's array is lost
+    return total
+
+
+@cpu_kernel
+def weigh(
+    position, mass, volume, heat_capacity, conductivity, reservoir, neighbours, timestep, conduction, period,
+    exchanges, inverse, exchange_sum, largest,
+):  # fmt: skip
+    """The exchanges of every particle with their weights [J/K], 1/C_i [K/J], s_i, and the largest s_i."""
+    real = largest.dtype.type
+    most = real(0)
+    for i in prange(exchange_sum.shape[0]):
+        total = weigh_and_pack(i, position, volume, conductivity, neighbours, timestep, conduction, period, exchanges)
+        inverse[i] = inverse_capacity(i, mass, volume, heat_capacity, reservoir, conduction)
+        own = inverse[i] * total
+        exchange_sum[i] = own
+        if not own < real(np.inf):
+            own = real(np.inf)
+        most = max(most, own)
+    largest[0] = most
+
+
+# Conjugate gradients; dots (3,): r z of this pass, p A p, r z of the pass before; all in float64
+
+
+@formula
+def step_ratio(above, below, real):
+    """Quotient of two dots as `real`; 0 where the divisor is."""
+    return real(above / below) if below > 0 else real(0)
+
+
+@formula
+def flow_along(i, lane, gradient, direction, share, exchanges):
+    """sum_j g (p_j - p_i) [J], or the lane's share of it, for the new direction p = z + share * p_before [K]."""
+    first, stride, count = row_of(exchanges, i, lane)
+    own = gradient[i] + share * direction[i]
+    total = type(own)(0)
+    for k in range(count):
+        at = first + k * stride
+        j = exchanges.entries[at]
+        total += exchanges.weight[at] * (gradient[j] + share * direction[j] - own)
+    return total
+
+
+@formula
+def turned(i, own, flow, inverse, direction, image):
+    """Write p and A p = C p - sum_j g (p_j - p_i) [K; J] of particle i; p A p. A p is 0 for a reservoir, where p is."""
+    real = type(own)
+    through = real(0)
+    if inverse[i] > real(0):
+        through = own / inverse[i] - flow
+    direction[i], image[i] = own, through
+    return np.float64(own) * np.float64(through)
+
+
+@formula
+def stepped(i, length, inverse, direction, image, solution, residual, gradient):
+    """x += alpha p, r -= alpha A p, z = r/C of particle i [K; J; K]; r z."""
+    solution[i] += length * direction[i]
+    residual[i] -= length * image[i]
+    gradient[i] = inverse[i] * residual[i]
+    return np.float64(residual[i]) * np.float64(gradient[i])
+
+
+def turn(exchanges, inverse, gradient, dots, old, direction, image, scratch):
+    """p = z + beta p_before, A p and p A p."""
+    partial = scratch.array("heat partial", CHUNKS, np.float64)
+    turn_chunks(exchanges, inverse, gradient, dots, old, direction, image, partial)
+    dots[1] = partial.sum()
+
+
+def step(inverse, direction, image, dots, solution, residual, gradient, scratch):
+    """x += alpha p, r -= alpha A p, z = r/C and r z."""
+    partial = scratch.array("heat partial", CHUNKS, np.float64)
+    step_chunks(inverse, direction, image, dots, solution, residual, gradient, partial)
+    dots[2], dots[0] = dots[0], partial.sum()
+
+
+@cpu_kernel
+def turn_chunks(exchanges, inverse, gradient, dots, old, direction, image, partial):
+    """p = z + beta p_before [K], A p [J], and p A p of each chunk."""
+    share = step_ratio(dots[0], dots[2], direction.dtype.type)
+    n = direction.shape[0]
+    for chunk in prange(partial.shape[0]):
+        total = 0.0
+        for i in range(chunk * n // partial.shape[0], (chunk + 1) * n // partial.shape[0]):
+            own = gradient[i] + share * old[i]
+            flow = flow_along(i, None, gradient, old, share, exchanges)
+            total += turned(i, own, flow, inverse, direction, image)
+        partial[chunk] = total
+
+
+@cpu_kernel
+def step_chunks(inverse, direction, image, dots, solution, residual, gradient, partial):
+    """x += alpha p, r -= alpha A p, z = r/C [K; J; K], and r z of each chunk."""
+    length = step_ratio(dots[0], dots[1], direction.dtype.type)
+    n = direction.shape[0]
+    for chunk in prange(partial.shape[0]):
+        total = 0.0
+        for i in range(chunk * n // partial.shape[0], (chunk + 1) * n // partial.shape[0]):
+            total += stepped(i, length, inverse, direction, image, solution, residual, gradient)
+        partial[chunk] = total

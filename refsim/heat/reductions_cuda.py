@@ -1,0 +1,128 @@
+"""The weights of all pairs and sums over all particles on a GPU: a tree in each block, then one over the blocks.
+
+Sums are taken in float64, in an order that does not change, so that results repeat bit for bit.
+"""
+
+import numpy as np
+
+from refsim.backends.compile import THREADS_PER_BLOCK, cuda, cuda_kernel
+from refsim.backends.primitives import largest_of_block, sum_of_block
+from refsim.heat.kernels import inverse_capacity, weight
+from refsim.heat.reductions import flow_along, step_ratio, stepped, turned
+from refsim.heat.shapes import ExchangeColumns
+from refsim.neighbours.rows import over_lanes, row_of
+
+
+def weighed(
+    position, mass, volume, heat_capacity, conductivity, reservoir, neighbours, timestep, conduction, period, scratch
+):
+    """(exchanges, 1/C_i [K/J], s_i, array (1,) of the largest s_i, infinite where a sum is not finite)."""
+    n, real, capacity = volume.shape[0], volume.dtype, neighbours.entries.shape[0]
+    weights = scratch.array("heat weight", capacity, real)
+    exchanges = ExchangeColumns(neighbours.count, neighbours.entries, weights, neighbours.lanes)
+    inverse, sums = scratch.array("heat inverse", n, real), scratch.array("heat sums", n, real)
+    largest = scratch.array("heat largest", 1, real)
+    scratch.backend.assign(largest, 0)
+    weigh(
+        position, mass, volume, heat_capacity, conductivity, reservoir, timestep, conduction, period, exchanges,
+        inverse, sums, largest,
+    )  # fmt: skip
+    return exchanges, inverse, sums, largest
+
+
+@cuda_kernel(rows_of="exchange_sum", lanes="exchanges")
+def weigh(
+    position, mass, volume, heat_capacity, conductivity, reservoir, timestep, conduction, period, exchanges, inverse,
+    exchange_sum, largest,
+):  # fmt: skip
+    """The weights of every particle's neighbours [J/K], 0 beyond h, 1/C_i [K/J], s_i, and the largest s_i."""
+    lanes = len(exchanges.lanes)
+    i, lane = cuda.grid(1) // lanes, cuda.grid(1) % lanes
+    real = largest.dtype.type
+    own = real(0)
+    if i < exchange_sum.shape[0]:
+        first, stride, count = row_of(exchanges, i, (lane, lanes))
+        total = type(conduction.support_radius)(0)
+        for k in range(count):
+            at = first + k * stride
+            g = weight(i, exchanges.entries[at], position, volume, conductivity, timestep[1], conduction, period)
+            exchanges.weight[at] = g
+            total += g
+        total = over_lanes(total, (lane, lanes))
+        if lane == 0:
+            inverse[i] = inverse_capacity(i, mass, volume, heat_capacity, reservoir, conduction)
+            own = inverse[i] * total
+            exchange_sum[i] = own
+            if not own < real(np.inf):
+                own = real(np.inf)
+    shared = cuda.shared.array(THREADS_PER_BLOCK, largest.dtype)
+    most = largest_of_block(shared, own)
+    if cuda.threadIdx.x == 0:
+        cuda.atomic.max(largest, 0, most)
+
+
+def turn(exchanges, inverse, gradient, dots, old, direction, image, scratch):
+    """p = z + beta p_before, A p and p A p."""
+    partial = _partial_sums(direction.shape[0] * len(exchanges.lanes), "heat partial turn", scratch)
+    turn_blocks(exchanges, inverse, gradient, dots, old, image, partial, direction)
+    add_up(partial, np.int32(1), scratch.array("heat one", 1, np.int32), dots)
+
+
+def step(inverse, direction, image, dots, solution, residual, gradient, scratch):
+    """x += alpha p, r -= alpha A p, z = r/C and r z."""
+    partial = _partial_sums(direction.shape[0], "heat partial", scratch)
+    step_blocks(inverse, direction, image, dots, residual, gradient, partial, solution)
+    add_up(partial, np.int32(0), scratch.array("heat one", 1, np.int32), dots)
+
+
+def _partial_sums(threads, name, scratch):
+    """An entry for each block of so many threads."""
+    return scratch.array(name, (threads + step_blocks.threads - 1) // step_blocks.threads, np.float64)
+
+
+@cuda_kernel(lanes="exchanges")
+def turn_blocks(exchanges, inverse, gradient, dots, old, image, partial, direction):
+    """p = z + beta p_before [K], A p [J], and p A p of each block."""
+    lanes = len(exchanges.lanes)
+    i, lane = cuda.grid(1) // lanes, cuda.grid(1) % lanes
+    total = 0.0
+    if i < direction.shape[0]:
+        share = step_ratio(dots[0], dots[2], direction.dtype.type)
+        own = gradient[i] + share * old[i]
+        flow = over_lanes(flow_along(i, (lane, lanes), gradient, old, share, exchanges), (lane, lanes))
+        if lane == 0:
+            total = turned(i, own, flow, inverse, direction, image)
+    shared = cuda.shared.array(THREADS_PER_BLOCK, np.float64)
+    whole = sum_of_block(shared, total)
+    if cuda.threadIdx.x == 0:
+        partial[cuda.blockIdx.x] = whole
+
+
+@cuda_kernel
+def step_blocks(inverse, direction, image, dots, residual, gradient, partial, solution):
+    """x += alpha p, r -= alpha A p, z = r/C [K; J; K], and r z of each block."""
+    i = cuda.grid(1)
+    total = 0.0
+    if i < solution.shape[0]:
+        length = step_ratio(dots[0], dots[1], solution.dtype.type)
+        total = stepped(i, length, inverse, direction, image, solution, residual, gradient)
+    shared = cuda.shared.array(THREADS_PER_BLOCK, np.float64)
+    whole = sum_of_block(shared, total)
+    if cuda.threadIdx.x == 0:
+        partial[cuda.blockIdx.x] = whole
+
+
+@cuda_kernel(rows_of="one", block_for_each_row=True)
+def add_up(partial, target, one, dots):
+    """dots[target] = sum of `partial`; dots[0], if it is that, goes to dots[2] before. One block."""
+    total = 0.0
+    k = cuda.threadIdx.x
+    while k < partial.shape[0]:
+        total += partial[k]
+        k += cuda.blockDim.x
+    shared = cuda.shared.array(THREADS_PER_BLOCK, np.float64)
+    whole = sum_of_block(shared, total)
+    if cuda.threadIdx.x == 0:
+        if target == 0:
+            dots[2] = dots[0]
+        dots[target] = whole

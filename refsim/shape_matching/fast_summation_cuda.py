@@ -1,0 +1,163 @@
+"""CUDA kernels of shape matching with region sums by fast summation.
+
+Boxes pay for wide regions only: up to half-width NARROW the threads of a warp add up a region in less time than it
+takes to pass over all cells axis by axis, and in the run's own precision.
+"""
+
+from refsim.backends.compile import cuda, cuda_kernel, formula
+from refsim.shape_matching import parallel_reduction_cuda as reduction
+from refsim.shape_matching.fast_summation import (
+    damp_cell,
+    damp_nodes,
+    goal_cell,
+    goal_nodes,
+    match_cell,
+    match_nodes,
+    motion_cell,
+    motion_nodes,
+)
+
+NARROW = 2  # half-width up to which regions are summed by reduction
+
+
+def match(solid_position, region_share, region, region_count, boxes, matching, region_center, region_anchor, rotation):
+    """Center, rotation and anchor of every region."""
+    if matching.half_width <= NARROW:
+        reduction.match(solid_position, region_share, region, matching, region_center, region_anchor, rotation)
+        return
+    match_cells(solid_position, region_share, boxes, boxes.node)
+    sum_boxes(boxes, matching.half_width, 17)
+    match_nodes(
+        solid_position, region_share, region, region_count, boxes, matching, region_center, region_anchor, rotation
+    )
+
+
+def pull(
+    velocity, solid_position, region, region_count, region_anchor, rotation, place, boxes, matching, timestep,
+    acceleration, solid_velocity,
+):  # fmt: skip
+    """Pull of every node towards its goal; added to the acceleration."""
+    if matching.half_width <= NARROW:
+        reduction.pull(
+            velocity, solid_position, region, region_count, region_anchor, rotation, place, matching, timestep,
+            acceleration, solid_velocity,
+        )  # fmt: skip
+        return
+    goal_cells(solid_position, region_count, region_anchor, rotation, boxes, matching, boxes.node)
+    sum_boxes(boxes, matching.half_width, 13)
+    goal_nodes(
+        velocity, solid_position, region, region_count, region_anchor, rotation, place, boxes, matching, timestep,
+        acceleration, solid_velocity,
+    )  # fmt: skip
+
+
+def region_motion(
+    solid_position, solid_velocity, region_share, region, region_count, region_center, boxes, matching, region_velocity,
+    region_spin,
+):  # fmt: skip
+    """Velocity and spin of every region."""
+    if matching.half_width <= NARROW:
+        reduction.region_motion(
+            solid_position, solid_velocity, region_share, region, region_center, matching, region_velocity, region_spin
+        )
+        return
+    motion_cells(solid_position, solid_velocity, region_share, boxes, boxes.node)
+    sum_boxes(boxes, matching.half_width, 17)
+    motion_nodes(
+        solid_position, solid_velocity, region_share, region, region_count, region_center, boxes, matching,
+        region_velocity, region_spin,
+    )  # fmt: skip
+
+
+def damp(
+    solid_position, solid_velocity, region, region_count, region_center, region_velocity, region_spin, place, boxes,
+    matching, timestep, acceleration,
+):  # fmt: skip
+    """Damping of every node towards the rigid motion of its regions; added to the acceleration."""
+    if matching.half_width <= NARROW:
+        reduction.damp(
+            solid_position, solid_velocity, region, region_count, region_center, region_velocity, region_spin, place,
+            matching, timestep, acceleration,
+        )  # fmt: skip
+        return
+    damp_cells(
+        solid_position, solid_velocity, region_count, region_center, region_velocity, region_spin, boxes, boxes.node
+    )
+    sum_boxes(boxes, matching.half_width, 7)
+    damp_nodes(
+        solid_position, solid_velocity, region, region_count, region_center, region_velocity, region_spin, place, boxes,
+        matching, timestep, acceleration,
+    )  # fmt: skip
+
+
+@cuda_kernel
+def match_cells(solid_position, region_share, boxes, node):
+    """Terms of every cell."""
+    cell = cuda.grid(1)
+    if cell < node.shape[0]:
+        match_cell(cell, solid_position, region_share, boxes)
+
+
+@cuda_kernel
+def goal_cells(solid_position, region_count, region_anchor, rotation, boxes, matching, node):
+    """Terms of every cell."""
+    cell = cuda.grid(1)
+    if cell < node.shape[0]:
+        goal_cell(cell, solid_position, region_count, region_anchor, rotation, boxes, matching.spacing)
+
+
+@cuda_kernel
+def motion_cells(solid_position, solid_velocity, region_share, boxes, node):
+    """Terms of every cell."""
+    cell = cuda.grid(1)
+    if cell < node.shape[0]:
+        motion_cell(cell, solid_position, solid_velocity, region_share, boxes)
+
+
+@cuda_kernel
+def damp_cells(
+    solid_position, solid_velocity, region_count, region_center, region_velocity, region_spin, boxes, node
+):  # fmt: skip
+    """Terms of every cell."""
+    cell = cuda.grid(1)
+    if cell < node.shape[0]:
+        damp_cell(
+            cell, solid_position, solid_velocity, region_count, region_center, region_velocity, region_spin, boxes
+        )
+
+
+@formula
+def stride_of(axis, side):
+    """Distance of neighbouring cells along an axis in memory [cells]."""
+    if axis == 0:
+        return side[1] * side[2]
+    if axis == 1:
+        return side[2]
+    return 1
+
+
+@formula
+def axis_sum(c, cell, stride, half_width, source, target):
+    """Sum of number c over the 2 w + 1 cells around one along an axis, whose cells stand `stride` apart."""
+    total = source[c, cell]
+    for k in range(1, half_width + 1):
+        total += source[c, cell - k * stride] + source[c, cell + k * stride]
+    target[c, cell] = total
+
+
+@cuda_kernel
+def sum_axis(axis, half_width, count, side, source, target, node):
+    """Sums along one axis around every cell; neighbouring threads read contiguous memory."""
+    cell = cuda.grid(1)
+    margin = half_width * side[1] * side[2]
+    if margin <= cell < node.shape[0] - margin:
+        stride = stride_of(axis, side)
+        for c in range(count):
+            axis_sum(c, cell, stride, half_width, source, target)
+
+
+def sum_boxes(boxes, half_width, count):
+    """Sums of the first `count` numbers over the box around every cell, into boxes.second."""
+    sum_axis(0, half_width, count, boxes.side, boxes.first, boxes.second, boxes.node)
+    sum_axis(1, half_width, count, boxes.side, boxes.second, boxes.first, boxes.node)
+    sum_axis(2, half_width, count, boxes.side, boxes.first, boxes.second, boxes.node)

@@ -1,0 +1,79 @@
+"""Filling of regions on a GPU: the threads of a block share a region, whose slots lie in shared memory."""
+
+import numpy as np
+
+from refsim.backends.compile import cuda, cuda_kernel, formula
+from refsim.shape_matching import WIDEST
+from refsim.shape_matching.formulas import slot_offset
+from refsim.shape_matching.phases import NOBODY
+from refsim.shape_matching.region_filling import LEVEL, NUMBER
+
+MOST_SLOTS = (2 * WIDEST + 1) ** 3
+
+
+@cuda_kernel(block_for_each_row=True)
+def regions(direct, rebuild, lattice, region, region_count):
+    """Regions by filling level by level; all of them, or those marked in `rebuild`. A block shares a region."""
+    s = cuda.blockIdx.x
+    entries = cuda.shared.array(MOST_SLOTS, np.int32)
+    wanted = True
+    if rebuild is not None:
+        wanted = rebuild[s] != 0
+    if wanted:
+        slots, own, step = region.shape[1], cuda.threadIdx.x, cuda.blockDim.x
+        side = 1
+        while side * side * side < slots:
+            side += 2
+        for slot in range(own, slots, step):
+            entries[slot] = next_to(s, slot, direct, side)
+        if own == 0:
+            region_count[s] = 0
+        cuda.syncthreads()
+        for level in range(2, side // 2 + 1):
+            for slot in range(own, slots, step):
+                if entries[slot] == NOBODY:
+                    other = reached(slot, level, direct, entries, side)
+                    if other != NOBODY:
+                        entries[slot] = other | (level << LEVEL)
+            cuda.syncthreads()
+        count = 0
+        for slot in range(own, slots, step):
+            entry = entries[slot]
+            if entry != NOBODY:
+                entry &= NUMBER
+                count += 1
+            region[s, slot] = entry
+        cuda.atomic.add(region_count, s, count)
+
+
+@formula
+def next_to(s, slot, direct, side):
+    """What passes 0 and 1 write into a slot of the region of node s: the node itself, and its direct neighbours."""
+    middle = side // 2
+    a, b, e = slot // (side * side) - middle, slot // side % side - middle, slot % side - middle
+    found = NOBODY
+    if -1 <= a <= 1 and -1 <= b <= 1 and -1 <= e <= 1:
+        found = direct[s, (a + 1) * 9 + (b + 1) * 3 + e + 1]
+        if found != NOBODY and (a != 0 or b != 0 or e != 0):
+            found |= 1 << LEVEL
+    return found
+
+
+@formula
+def reached(slot, level, direct, entries, side):
+    """What pass `level` writes into an empty slot of a region: the node there, if it is a direct neighbour of a member.
+
+    The same passes as in `fill_region`, seen from the slot that is written, so that threads can share a region, whose
+    slots are `entries`.
+    """
+    found = NOBODY
+    near = 0
+    x, y, z = slot // (side * side), slot // side % side, slot % side
+    while found == NOBODY and near < 27:
+        a, b, e = slot_offset(near, 1)
+        if 0 <= x - a < side and 0 <= y - b < side and 0 <= z - e < side:
+            entry = entries[((x - a) * side + y - b) * side + z - e]
+            if entry != NOBODY and entry >> LEVEL == level - 1:
+                found = direct[entry & NUMBER, near]
+        near += 1
+    return found

@@ -1,0 +1,28 @@
+"""The best rotation of a region, with matrices that lie on the heap on a CPU and in local memory on a GPU."""
+
+import numpy as np
+from numba.extending import overload
+
+from refsim.shape_matching.formulas import best_rotation
+
+PRECISION = 1e-17  # of the eigensolver in float64
+
+
+def solved_rotation(moments, before, floor, lost):
+    """`best_rotation` of a region whose sums are float64: a quaternion, dimensionless."""
+    matrix, basis = np.empty((4, 4), np.float64), np.empty((4, 4), np.float64)
+    return best_rotation(moments, before, floor, lost, PRECISION, matrix, basis)
+
+
+def _on_cpu(moments, before, floor, lost):
+    return solved_rotation
+
+
+def _on_cuda(moments, before, floor, lost):
+    from refsim.shape_matching import rotation_cuda  # loads numba.cuda, which a CPU does without
+
+    return rotation_cuda.solved_rotation
+
+
+for _target, _chosen in (("cpu", _on_cpu), ("cuda", _on_cuda)):
+    overload(solved_rotation, target=_target, jit_options={"error_model": "numpy", "no_cfunc_wrapper": True})(_chosen)
