@@ -337,7 +337,7 @@ def weights_of_nodes(i, fit_splines, fit_cells, blocks, surface_term, node_weigh
 
 
 def fit(fit_splines, fit_cells, blocks, surface_term, node_weight, active, residual, coefficients):
-    """(3.6), Algorithm 2: `iterations` sweeps from C = 0; C and residual in units of h."""
+    """(3.6), Algorithm 2: `iterations` sweeps from C = 0; C [h] and residuals [h]."""
     fill(coefficients, 0)
     fill(residual, 0)
     for _ in range(surface_term.iterations):
