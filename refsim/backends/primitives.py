@@ -3,6 +3,9 @@
 import numpy as np
 
 from refsim.backends.compile import cuda, cuda_formula
+from refsim.backends.runtime import simulated
+
+MOST_THREADS = 1024  # of a block
 
 
 @cuda_formula
@@ -51,22 +54,50 @@ def sum_of_block(values, mine):  # noqa: ANN001, ANN201
     return values[0]
 
 
-@cuda_formula
-def sum_of_lanes(value, lane, lanes):  # noqa: ANN001, ANN201
-    """Sum of what so many neighbouring threads hold, a power of two, the same in all and always in the same order."""
-    if lanes > 1:
-        mask = lanes_mask(lane, lanes)
-        step = 1
-        while step < lanes:
-            value += cuda.shfl_xor_sync(mask, value, step)
-            step *= 2
-    return value
+if simulated():
+
+    @cuda_formula
+    def across_lanes(value, lane, lanes, step):  # noqa: ANN001, ANN201
+        """What the thread holds whose lane differs by the bit `step`; all lanes of a row call it together."""
+        held = cuda.shared.array(MOST_THREADS, object)  # values keep their types
+        held[cuda.threadIdx.x] = value
+        cuda.syncthreads()
+        found = held[cuda.threadIdx.x ^ step]
+        cuda.syncthreads()
+        return found
+
+else:
+
+    @cuda_formula
+    def across_lanes(value, lane, lanes, step):  # noqa: ANN001, ANN201
+        """What the thread holds whose lane differs by the bit `step`; all lanes of a row call it together."""
+        return cuda.shfl_xor_sync(lanes_mask(lane, lanes), value, step)
 
 
 @cuda_formula
 def lanes_mask(lane, lanes):  # noqa: ANN001, ANN201
     """Bits of a warp's threads that share a row with this one."""
     return np.uint32((1 << lanes) - 1) << np.uint32(cuda.laneid - lane)
+
+
+@cuda_formula
+def sum_of_lanes(value, lane, lanes):  # noqa: ANN001, ANN201
+    """Sum of what so many neighbouring threads hold, a power of two, the same in all and always in the same order."""
+    step = 1
+    while step < lanes:
+        value += across_lanes(value, lane, lanes, step)
+        step *= 2
+    return value
+
+
+@cuda_formula
+def largest_of_lanes(value, lane, lanes):  # noqa: ANN001, ANN201
+    """Largest of what so many neighbouring threads hold, a power of two; the same in all."""
+    step = 1
+    while step < lanes:
+        value = max(value, across_lanes(value, lane, lanes, step))
+        step *= 2
+    return value
 
 
 @cuda_formula

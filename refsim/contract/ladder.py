@@ -159,9 +159,10 @@ def closed_forms(target: Target) -> Iterator[Outcome]:
     variant = target.operation.variants[target.variant]
     for maker in cases.CLOSED_FORMS.get(target.operation.name, ()):
         exact = maker()
-        if any(not _same(exact.given[name], value) for name, value in variant.items() if name in exact.given):
+        dropped = {name for name, value in variant.items() if value is None and name in target.operation.outputs}
+        if any(not _same(exact.given[n], v) for n, v in variant.items() if n in exact.given and n not in dropped):
             continue
-        given = {name: _cast(value, target.dtype) for name, value in exact.given.items()}
+        given = {name: _cast(value, target.dtype) for name, value in exact.given.items() if name not in dropped}
         inputs = target.varied(Inputs(exact.case, target.dtype)).replaced(**given)
         start = {n: 0 * inputs.output(target.operation, n) for n in target.operation.adds}
         _, after = target.launch(inputs, before=start)

@@ -25,7 +25,7 @@ BACKENDS = ("numpy", "cpu", "cuda")
 class Program:
     """Where a program of an operation stands, and what differs from the operation's plain program.
 
-    module     of the operation's folder
+    module     of the operation's folder, or of `folder`
     function   in it; by default the one that has the operation's function's name
     also       operations whose accelerations it adds in the same loop over the neighbours; a GPU launches it in place
                of the passes of all of them, so that each neighbour is read once
@@ -33,6 +33,7 @@ class Program:
     tolerance  c of its own bound, with the reason in `reason`; None for that of the operation
     variants   argument overrides under which it is tested; None for those of the operation
     work       arguments beside the operation's that serve as work space
+    folder     package of the module where it is not the operation's: a later method's program of an earlier operation
     """
 
     module: str
@@ -43,6 +44,7 @@ class Program:
     reason: str = ""
     variants: tuple[Mapping[str, Any], ...] | None = None
     work: tuple[str, ...] = ()
+    folder: str = ""
 
 
 PLAIN = {"numpy": Program("reference"), "cpu": Program("kernels"), "cuda": Program("kernels")}
@@ -111,7 +113,7 @@ class Operation:
     def program(self, name: str) -> Callable:
         """The function that is the program called `name`, imported at first use."""
         entry = self.entry(name)
-        return _program(self.folder, entry.module, entry.function or self.function, backend_of(name))
+        return _program(entry.folder or self.folder, entry.module, entry.function or self.function, backend_of(name))
 
     def as_computed_by(self, name: str) -> Operation:
         """The operation that judges the program called `name`: this one, with what the program's entry changes.
@@ -217,6 +219,14 @@ def register(operation: Operation) -> Operation:
         raise ValueError(f"operation {operation.name!r} is registered twice")
     REGISTRY[operation.name] = operation
     return operation
+
+
+def add_program(operation: str, name: str, program: Program) -> None:
+    """Enter another method's program of a registered operation; each program's name is entered once."""
+    entered = REGISTRY[operation]
+    if name in entered.programs:
+        raise ValueError(f"operation {operation!r} has a program {name!r} already")
+    REGISTRY[operation] = replace(entered, programs={**entered.programs, name: program})
 
 
 @dataclass(frozen=True)

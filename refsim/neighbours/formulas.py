@@ -16,7 +16,7 @@ LARGEST = (1 << 21) - 2  # leaves a cell free on either side, so that key +- 1 n
 
 @formula
 def cell_coordinate(x, inverse_cell):
-    """Integer cell coordinate of x [m], clamped to 1..LARGEST; NaN goes to the first cell."""
+    """Integer cell coordinate = floor(x/cell) + OFFSET of x [m], clamped to 1..LARGEST; NaN goes to the first cell."""
     scaled = float(x) * inverse_cell
     if not scaled > 1.0 - OFFSET:
         return 1
@@ -27,20 +27,20 @@ def cell_coordinate(x, inverse_cell):
 
 @formula
 def cell_key(cx, cy, cz):
-    """Sortable key of a cell; cells that follow each other in x have consecutive keys."""
+    """Sortable key k = 2^42 c_z + 2^21 c_y + c_x of a cell, dimensionless; neighbours along x have consecutive keys."""
     return (cz << (2 * BITS)) | (cy << BITS) | cx
 
 
 @formula
 def block_key(cell):
-    """Key of the block of two cells along each axis that holds a cell, given by its key."""
+    """Key (dimensionless) of the block = floor(c/2) of two cells along each axis that holds a cell, given by its key."""
     mask = (1 << BITS) - 1
     return cell_key((cell & mask) >> 1, ((cell >> BITS) & mask) >> 1, cell >> (2 * BITS + 1))
 
 
 @formula
 def squared_between(low, high, a, b):
-    """Largest squared difference [m^2] of a vector in the box [low, high] of row a and one in that of row b."""
+    """Largest squared difference = max |u - v|^2 [m^2] of u in the box [low, high] of row a and v in that of row b."""
     squared = low[a, 0] - low[a, 0]
     for c in range(3):
         apart = max(high[a, c] - low[b, c], high[b, c] - low[a, c])
@@ -50,7 +50,7 @@ def squared_between(low, high, a, b):
 
 @formula
 def at_bounds(i, position, bounds):
-    """Whether particle i stands on a plane of `bounds` [m], where the latest step may have stopped it."""
+    """A flag: particle i at x = lower or upper plane of `bounds` [m], where the latest step may have stopped it."""
     for c in range(3):  # noqa: SIM110  (Numba compiles no generators)
         if position[i, c] == bounds.lower[c] or position[i, c] == bounds.upper[c]:
             return True
@@ -59,7 +59,7 @@ def at_bounds(i, position, bounds):
 
 @formula
 def lower_bound(keys, key):
-    """First position in the sorted `keys` whose value is not below `key`."""
+    """First position p (dimensionless) in the sorted `keys` with keys[p] >= key."""
     low = 0
     high = len(keys)
     while low < high:

@@ -31,19 +31,19 @@ def cell_coordinate(x, inverse_cell, shift):
 
 @formula
 def block_bits(blocks):
-    """Bits that number a block's nodes along an axis: 2 in space, 3 in the plane."""
+    """Bits (dimensionless) that number a block's nodes along an axis: = 2 in space, 3 in the plane."""
     return 2 if blocks.neighbour.shape[1] == 27 else 3
 
 
 @formula
 def find_node(blocks, jx, jy, jz):
-    """Number of the node with integer coordinates j, -1 where no block holds it."""
+    """Number i (dimensionless) of the node x = h j with integer coordinates j, -1 where no block holds it."""
     return find_node_near(blocks, jx, jy, jz, -1)
 
 
 @formula
 def find_node_near(blocks, jx, jy, jz, guess):
-    """Number of the node with integer coordinates j, -1 where no block holds it; block `guess`, or -1, first."""
+    """Number i (dimensionless) of the node x = h j, -1 where no block holds it; block `guess`, or -1, is tried first."""
     bits = block_bits(blocks)
     bz = jz >> bits if bits == 2 else jz
     key = ((bz + OFFSET) << (2 * BITS)) | (((jy >> bits) + OFFSET) << BITS) | ((jx >> bits) + OFFSET)
@@ -61,7 +61,7 @@ def find_node_near(blocks, jx, jy, jz, guess):
 
 @formula
 def node_coordinates(blocks, node):
-    """Integer coordinates j of a node."""
+    """Integer coordinates j = x/h of a node, dimensionless."""
     bits = block_bits(blocks)
     rest = (1 << bits) - 1
     key = blocks.keys[node >> 6]
@@ -76,17 +76,17 @@ def node_coordinates(blocks, node):
 
 @formula
 def step_node(blocks, node, dx, dy, dz):
-    """The node (dx, dy, dz) away, each at most a block's width, or -1 where no block holds it."""
+    """Number (dimensionless) of the node j + (dx, dy, dz), |d| <= a block's width, -1 where no block holds it."""
     bits = block_bits(blocks)
     rest = (1 << bits) - 1
     local = node & 63
     x = (local & rest) + dx
     y = ((local >> bits) & rest) + dy
     z = (local >> (2 * bits)) + dz
-    way = blocks.neighbour.shape[1] // 2 + (x >> bits) + 3 * (y >> bits)
+    direction = blocks.neighbour.shape[1] // 2 + (x >> bits) + 3 * (y >> bits)
     if bits == 2:
-        way += 9 * (z >> 2)
-    b = blocks.neighbour[node >> 6, way]
+        direction += 9 * (z >> 2)
+    b = blocks.neighbour[node >> 6, direction]
     if b < 0:
         return -1
     return b * BLOCK + (((z & rest) << (2 * bits)) | ((y & rest) << bits) | (x & rest))

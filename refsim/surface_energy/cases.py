@@ -331,6 +331,7 @@ def no_samples():
 @closed_form("surface_energy.sample_counts")
 def three_samples_of_two_particles():
     made, _, given = lone(3)
+    given["interior_position"] = np.array([[1.0, 1.0, 1.0], [0.5, 1.0, 1.0], [1.0, 2.5, 1.0]])
     return Exact(
         made, given | {"nearest": np.array([2, 0, 2], np.int32), "sample_count": np.zeros(3, np.int32)},
         {"sample_count": np.array([1, 0, 2])},
@@ -366,15 +367,24 @@ def weights_of_one_sample():
     return Exact(made, given, expected)
 
 
-@closed_form("surface_energy.fit")
-def one_sweep_of_one_sample():
+def one_sweep(dim: int):
     """From C = 0 the residuals are 0 and epsilon: C_j = epsilon B_j(q)/(B_j(x) + B_j(q))."""
-    made, _, given, first, second = middle_fit(2)
-    given["surface_term"] = surface_term(Tension(surface_tension=3.0, iterations=1), 2, "float64", H)
+    made, _, given, first, second = middle_fit(dim)
+    given["surface_term"] = surface_term(Tension(surface_tension=3.0, iterations=1), dim, "float64", H)
     count = len(first)
     given |= {"residual": np.zeros(2), "coefficients": np.zeros(count)}
     value = 0.5 * second * given["node_weight"]
     return Exact(made, given, {"residual": np.array([0.0, 0.5]), "coefficients": value})
+
+
+@closed_form("surface_energy.fit")
+def one_sweep_of_one_sample_2d():
+    return one_sweep(2)
+
+
+@closed_form("surface_energy.fit")
+def one_sweep_of_one_sample_3d():
+    return one_sweep(3)
 
 
 def plane():
@@ -391,23 +401,6 @@ def plane():
     value = place @ np.array([0.6, 0.8, 0.0]) / H - 0.3
     kept = np.array([slope[0], [-1.0, 0.0, 0.0]])  # the second points against what was handed in
     return Exact(made, given, {"surface_value": value, "surface_gradient": slope, "sample_normal": kept})
-
-
-def plane_alone():
-    """The normals without value and gradient."""
-    exact = plane()
-    given = dict(exact.given) | {"surface_value": None, "surface_gradient": None}
-    return Exact(exact.case, given, {"sample_normal": exact.expected["sample_normal"]})
-
-
-@closed_form("surface_energy.mls_normals")
-def plane_alone_by_least_squares():
-    return plane_alone()
-
-
-@closed_form("surface_energy.spline_normals")
-def plane_alone_by_gradient():
-    return plane_alone()
 
 
 @closed_form("surface_energy.mls_normals")
@@ -432,29 +425,40 @@ def vertex_pulled_back():
     return Exact(made, given, {"inset_position": np.array([[1.0, 2 - 0.6 * way, 3 - 0.8 * way]])})
 
 
-@closed_form("surface_energy.surface_force")
-def one_sample_pulls():
-    """A sample on node (2, 2), normal along y: it pulls along x only, -k A B'(u_x) B(u_y) on the nodes beside."""
-    made, grid, given = lone(2)
-    place = np.array([[2 * H, 2 * H, 0.0]])
+def one_sample_pulls(dim: int):
+    """A sample on node (2, 2, ..), normal along y: it pulls across y only, -k A B'(u_x) B(u_y) .. on the nodes."""
+    made, grid, given = lone(dim)
+    place = np.zeros((1, 3))
+    place[:, :dim] = 2 * H
     given |= {
         "sample_position": place, "sample_area": np.array([0.5]), "sample_normal": np.array([[0.0, 1.0, 0.0]]),
         "spline_cells": grid.by_cell(place, given["blocks"], 0.5), "node_force": np.zeros((nodes(given["blocks"]), 3)),
     }  # fmt: skip
-    j = node_table(given["blocks"])[:, :2] - 2
+    j = node_table(given["blocks"])[:, :dim] - 2
     # dB/dx_sample of the node to the right is +1/2 /h
-    slope = np.where(np.abs(j[:, 0]) == 1, 0.5 * j[:, 0], 0.0) / H
-    across = np.where(j[:, 1] == 0, 0.75, np.where(np.abs(j[:, 1]) == 1, 0.125, 0.0))
+    slope = np.where(np.abs(j) == 1, 0.5 * j, 0.0) / H
+    value = np.where(j == 0, 0.75, np.where(np.abs(j) == 1, 0.125, 0.0))
     force = np.zeros((len(j), 3))
-    force[:, 0] = -3.0 * 0.5 * slope * across
+    for c in range(0, dim, 2):
+        force[:, c] = -3.0 * 0.5 * slope[:, c] * np.delete(value, c, axis=1).prod(1)
     return Exact(made, given, {"node_force": force})
 
 
-@closed_form("surface_energy.components", "surface_energy.component_sizes")
-def two_separate_particles():
-    """In the plane, eight cells apart: two components of one particle each."""
-    made, grid, given = lone(2)
-    place = np.array([[0.5 * H, 0.5 * H, 0.0], [8.5 * H, 0.5 * H, 0.0], [8.6 * H, 0.4 * H, 0.0]])
+@closed_form("surface_energy.surface_force")
+def one_sample_pulls_2d():
+    return one_sample_pulls(2)
+
+
+@closed_form("surface_energy.surface_force")
+def one_sample_pulls_3d():
+    return one_sample_pulls(3)
+
+
+def two_separate_particles(dim: int):
+    """Eight cells apart: a component of one particle, and another of two."""
+    made, grid, given = lone(dim)
+    place = H * np.array([[0.5, 0.5, 0.5], [8.5, 0.5, 0.5], [8.6, 0.4, 0.5]])
+    place[:, dim:] = 0
     blocks = grid.cover(place, 4, 5)
     cells = grid.by_cell(place, blocks)
     j = node_table(blocks)
@@ -462,11 +466,21 @@ def two_separate_particles():
     number = {tuple(c): i for i, c in enumerate(j.tolist())}
     label = np.full(len(j), -1)
     for corner in (0, 8):
-        own = [number[corner + a, b, 0] for a in (0, 1) for b in (0, 1)]
+        own = [number[corner + a, b, c] for a in (0, 1) for b in (0, 1) for c in (0, 1)[: dim - 1]]
         state[own], label[own] = 1, min(own)
     given |= {"blocks": blocks, "cells": cells, "node_state": state, "interior_position": place}
     given |= {"node_label": label.astype(np.int32), "component_size": np.zeros(3, np.int32)}
     return Exact(made, given, {"node_label": label, "component_size": np.array([1, 2, 2])})
+
+
+@closed_form("surface_energy.components", "surface_energy.component_sizes")
+def two_separate_particles_2d():
+    return two_separate_particles(2)
+
+
+@closed_form("surface_energy.components", "surface_energy.component_sizes")
+def two_separate_particles_3d():
+    return two_separate_particles(3)
 
 
 @closed_form("surface_energy.extents")

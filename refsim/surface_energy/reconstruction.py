@@ -93,7 +93,7 @@ class Reconstruction:
             return None
         if not position.shape[0]:
             return None
-        for _ in range(3):  # blocks for particles that have left theirs, then room for vertices and facets
+        for _ in range(3):  # blocks for particles that have left theirs, then capacity for vertices and facets
             graph = self._recorded
             if graph is not None and graph.particles == position.shape[0]:
                 found = graph.surface(position)
@@ -101,11 +101,11 @@ class Reconstruction:
                     return found
             if graph is None:
                 mesh = self.mesh(position)
-                room = mesh.vertices.shape[0], mesh.facets.shape[0]
+                capacity = mesh.vertices.shape[0], mesh.facets.shape[0]
             else:
-                room = graph.room()
+                capacity = graph.capacity()
             blocks, sure = self.grid.programs.roomy(position, self.below, self.above)
-            self._recorded = recorded.Recorded(self, blocks, sure, position.shape[0], *room, graph is not None)
+            self._recorded = recorded.SurfaceGraph(self, blocks, sure, position.shape[0], *capacity, graph is not None)
         return self._recorded.surface(position)
 
     def force(self, samples: Samples, blocks: Blocks) -> Any:

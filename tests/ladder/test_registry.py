@@ -1,6 +1,7 @@
-"""The rules of the registry, read from the sources: no kernel outside it, every program of an operation present."""
+"""Rules read from the sources: every kernel is tested against a reference, every program and docstring is there."""
 
 import ast
+import functools
 import pathlib
 import re
 import shutil
@@ -17,24 +18,40 @@ from refsim.core.operation import REGISTRY
 from refsim.scene.files import describe
 
 ROOT = pathlib.Path(refsim.__file__).parent
-SEARCHES = {"neighbours", "sparse_grid"}  # one algorithm behind the class `Search`; test_neighbours, test_isosurface
+LADDER = pathlib.Path(__file__).parent
+KERNELS = ("kernel", "cpu_kernel", "cuda_kernel")
+COMPILED_ONLY = "test_cuda_typing.py"  # runs no kernel
 IMPORT_SECONDS = 0.3
 UNIT = re.compile(r"\[[^\]]*\]|dimensionless|flags?\b", re.IGNORECASE)
 EQUATION = re.compile(r"=|<-|\b[A-Z]\(\d+\)")
 
 
+@functools.cache
+def parsed(path, changed):
+    return ast.parse(path.read_text())
+
+
+def tree_of(path):
+    return parsed(path, path.stat().st_mtime_ns)
+
+
 def functions(path):
-    """{name: node} of a module's functions, and its classes' too."""
-    tree = ast.parse(path.read_text())
-    return {node.name: node for node in tree.body if isinstance(node, (ast.FunctionDef, ast.ClassDef))}
+    """{name: node} of a module's functions and classes, also of those under a condition."""
+    found = {}
+    for node in tree_of(path).body:
+        for part in ast.walk(node) if isinstance(node, ast.If) else (node,):
+            if isinstance(part, (ast.FunctionDef, ast.ClassDef)):
+                found[part.name] = part
+    return found
 
 
-def decorated(node, *names):
-    """Whether a function has one of the decorators, with or without arguments."""
-    if not isinstance(node, ast.FunctionDef):
-        return False
-    plain = [d.func if isinstance(d, ast.Call) else d for d in node.decorator_list]
-    return any(isinstance(d, ast.Name) and d.id in names for d in plain)
+def decorator(node, *names):
+    """The first of a function's decorators with one of the names, with or without arguments; None without any."""
+    for found in node.decorator_list if isinstance(node, ast.FunctionDef) else ():
+        plain = found.func if isinstance(found, ast.Call) else found
+        if isinstance(plain, ast.Name) and plain.id in names:
+            return found
+    return None
 
 
 def names_in(node):
@@ -43,8 +60,20 @@ def names_in(node):
     }
 
 
+def path_of(package, root):
+    """File or folder of a dotted name below refsim."""
+    return root.joinpath(*package.split(".")[1:])
+
+
+def source_of(package, root):
+    """The source of a module or package; None where there is none."""
+    path = path_of(package, root)
+    found = (path.with_suffix(".py"), path / "__init__.py")
+    return next((file for file in found if file.exists()), None)
+
+
 def folder_of(operation, root):
-    return root.joinpath(*operation.folder.split(".")[1:])
+    return path_of(operation.folder, root)
 
 
 def by_folder(operations, root):
@@ -54,76 +83,146 @@ def by_folder(operations, root):
     return found
 
 
-def arguments(node):
-    return [a.arg for a in node.args.args if a.arg != "rows"]
+def where(operation, program, root):
+    """(file, name) of a program of an operation."""
+    entry = operation.entry(program)
+    package = f"{entry.folder or operation.folder}.{entry.module}"
+    return path_of(package, root).with_suffix(".py"), entry.function or operation.function
+
+
+def programs(operations, root):
+    """(operation, name of a program, its file, its name there) of all programs."""
+    for operation in operations:
+        for program in operation.names():
+            yield operation, program, *where(operation, program, root)
+
+
+def imported(path, root):
+    """What a module imports from refsim, by the names it uses: ({module}, (module, name)) for each."""
+    modules, members = {}, {}
+    for node in ast.walk(tree_of(path)):
+        if isinstance(node, ast.ImportFrom) and (node.module or "").split(".")[0] == "refsim":
+            for alias in node.names:
+                own = alias.asname or alias.name
+                module = source_of(f"{node.module}.{alias.name}", root)
+                if module is not None:
+                    modules.setdefault(own, set()).add(module)
+                elif source_of(node.module, root) is not None:
+                    members.setdefault(own, set()).add((source_of(node.module, root), alias.name))
+    return modules, members
+
+
+def reached_by(path, node, root):
+    """(file, name) of what a function or class of a module names: there, in modules it imports, or imported itself."""
+    used = names_in(node)
+    modules, members = imported(path, root)
+    yield from ((path, name) for name in used)
+    for name in used & members.keys():
+        yield from members[name]
+    for alias in used & modules.keys():
+        yield from ((module, name) for module in modules[alias] for name in used)
+
+
+def entries(operations, root):
+    """(file, name) of what is tested: programs of operations, and what the ladder's tests call."""
+    for _, _, path, name in programs(operations, root):
+        yield path, name
+    for path in sorted(LADDER.glob("test_*.py")):
+        if path.name != COMPILED_ONLY:
+            yield from reached_by(path, tree_of(path), root)
 
 
 def stray_kernels(operations, root):
-    """Kernels that no operation and no search can reach."""
-    owners = by_folder(operations, root)
-    for path in sorted([*root.rglob("cpu.py"), *root.rglob("cuda.py")]):
+    """Kernels that neither a program of an operation nor what the ladder's tests call can reach."""
+    waiting, reached = list(entries(operations, root)), set()
+    while waiting:
+        path, name = waiting.pop()
+        if (path, name) in reached or not path.exists():
+            continue
+        reached.add((path, name))
         own = functions(path)
-        reached = {operation.function for operation in owners.get(path.parent, ())}
-        if path.parent.name in SEARCHES:
-            reached.add("Search")
-        if path.parent.name == "recorded":  # what a graph launches one after another stands beside its kernels
-            reached |= names_in(ast.parse((path.parent / "__init__.py").read_text())) & own.keys()
-        waiting = list(reached & own.keys())
-        while waiting:
-            for name in (names_in(own[waiting.pop()]) & own.keys()) - reached:
-                reached.add(name)
-                waiting.append(name)
-        for name, node in own.items():
-            if decorated(node, "cpu_kernel", "cuda_kernel") and name not in reached:
-                yield f"{path.relative_to(root)}: kernel {name} is in no operation and no search"
+        if name in own:
+            waiting += reached_by(path, own[name], root)
+        elif path.name == "__init__.py":
+            waiting += imported(path, root)[1].get(name, ())  # handed on under the package's name
+    for path in sorted(root.rglob("*.py")):
+        for name, node in functions(path).items():
+            if decorator(node, *KERNELS) and (path, name) not in reached:
+                yield f"{path.relative_to(root)}: no operation and no test of the ladder reaches kernel {name}"
 
 
 def missing_forms(operations, root):
-    """Operations without one of the three programs."""
-    for operation in operations:
-        for module in ("reference", "cpu", "cuda"):
-            path = folder_of(operation, root) / f"{module}.py"
-            if not path.exists() or operation.function not in functions(path):
-                yield f"{operation.name} has no {operation.function} in {module}.py"
+    """Operations one of whose programs is not where they say."""
+    for operation, program, path, name in programs(operations, root):
+        if not path.exists() or name not in functions(path):
+            yield f"{operation.name}: its program {program} is no {name} in {path.relative_to(root)}"
+
+
+def mixed_files(operations, root):
+    """Bodies of both backends beside code of one, and files named after a backend."""
+    for path in sorted(root.rglob("*.py")):
+        if path.stem in ("cpu", "cuda", "particle", "node"):
+            yield f"{path.relative_to(root)} is not named by what it does"
+        if path.stem == "kernels":
+            for name in sorted(names_in(tree_of(path)) & {"cuda", "prange"}):
+                yield f"{path.relative_to(root)} names {name}, which only one backend has"
+
+
+def arguments(node):
+    """What a program takes, by name: of a body without the number of the row and the lane."""
+    names = [a.arg for a in node.args.args if a.arg != "rows"]
+    found = decorator(node, "kernel")
+    if found is None:
+        return names
+    lanes = isinstance(found, ast.Call) and any(option.arg == "lanes" for option in found.keywords)
+    return names[2 if lanes else 1 :]
 
 
 def unequal_signatures(operations, root):
     """Programs that do not name the same arguments, or whose outputs do not stand last."""
+    taken = {}
+    for operation, program, path, name in programs(operations, root):
+        taken.setdefault(operation.name, {})[program] = arguments(functions(path)[name])
+    known = {name for found in taken.values() for program in found.values() for name in program}
     for operation in operations:
-        folder = folder_of(operation, root)
-        reference, cpu, cuda = (
-            arguments(functions(folder / f"{module}.py")[operation.function]) for module in ("reference", "cpu", "cuda")
-        )
+        found = taken[operation.name]
+        reference, cpu, cuda = (found[program] for program in ("numpy", "cpu", "cuda"))
         if cpu != cuda:
-            yield f"{operation.name}: cpu.py takes {cpu}, cuda.py takes {cuda}"
+            yield f"{operation.name}: its program for the CPU takes {cpu}, that for CUDA {cuda}"
         beside = set(cpu) - set(reference)
         if not set(reference) <= set(cpu) or not beside <= {"neighbours", "scratch", *operation.outputs}:
-            yield f"{operation.name}: reference.py takes {reference}, cpu.py takes {cpu}"
-        if tuple(cpu[-len(operation.outputs) :]) != operation.outputs:
-            yield f"{operation.name}: outputs {operation.outputs} do not stand last in {cpu}"
+            yield f"{operation.name}: reference.py takes {reference}, the programs {cpu}"
         if not {*operation.adds, *operation.exact} <= set(operation.outputs) or not set(operation.optional) <= set(cpu):
             yield f"{operation.name}: adds, exact or optional name what the programs do not have"
+        for program, names in found.items():
+            if program != "numpy" and tuple(names[-len(operation.outputs) :]) != operation.outputs:
+                yield f"{operation.name}: outputs {operation.outputs} do not stand last in {program}, {names}"
+            if not {*operation.entry(program).work, *operation.entry(program).names} <= known:
+                yield f"{operation.name}: {program} names work space or arguments that no program takes"
 
 
 def wordless(operations, root):
-    """Formulas and references whose docstring has no equation or no unit, operations that cite nothing."""
+    """Formulas, references and programs whose docstring lacks an equation or a unit, operations that cite nothing."""
     owners = by_folder(operations, root)
     for path in sorted([*root.rglob("formulas.py"), *root.rglob("reference.py")]):
         listed = {operation.function for operation in owners.get(path.parent, ())}
         for name, node in functions(path).items():
-            if path.parent.name not in SEARCHES and (decorated(node, "formula") or name in listed):
+            if decorator(node, "formula") or name in listed:
                 words = ast.get_docstring(node) or ""
                 for what, pattern in (("equation", EQUATION), ("unit", UNIT)):
                     if not pattern.search(words):
                         yield f"{path.relative_to(root)}: the docstring of {name} has no {what}"
-    for folder in owners:
-        for module in ("cpu", "cuda"):
-            for name, node in functions(folder / f"{module}.py").items():
-                if not ast.get_docstring(node):
-                    yield f"{folder.relative_to(root)}/{module}.py: {name} has no docstring"
+    for path in sorted({path for _, program, path, _ in programs(operations, root) if program != "numpy"}):
+        for name, node in functions(path).items() if path.exists() else ():
+            if not ast.get_docstring(node) and not name.startswith("_"):
+                yield f"{path.relative_to(root)}: {name} has no docstring"
+    for _, program, path, name in programs(operations, root):
+        body = functions(path).get(name) if path.exists() and path.stem == "kernels" else None
+        if program in ("cpu", "cuda") and body is not None and not UNIT.search(ast.get_docstring(body) or ""):
+            yield f"{path.relative_to(root)}: the docstring of {name} has no unit"
     for operation in operations:
         if not (operation.paper and operation.equation and operation.tolerance_reason):
-            yield f"{operation.name} does not say its paper, its equation and why its tolerance is what it is"
+            yield f"{operation.name} does not give its paper, its equation and the reason for its tolerance"
 
 
 def overreaching_references(operations, root):
@@ -140,7 +239,7 @@ def overreaching_references(operations, root):
                     yield f"{path.relative_to(root)} imports {module}"
 
 
-RULES = (stray_kernels, missing_forms, unequal_signatures, wordless, overreaching_references)
+RULES = (stray_kernels, missing_forms, mixed_files, unequal_signatures, wordless, overreaching_references)
 
 
 @pytest.mark.parametrize("rule", RULES, ids=lambda rule: rule.__name__)
@@ -150,21 +249,26 @@ def test_rule(rule):
 
 
 BREACHES = {
-    "stray_kernels": ("cpu.py", "def near_surface(", "def somewhat_near("),
-    "missing_forms": ("cuda.py", "def fan_scan(", "def fan_sweep("),
-    "unequal_signatures": ("cuda.py", "near_surface_limit, near_surface)", "limit, near_surface)"),
-    "wordless": ("formulas.py", "J(12): delta_i <= lambda delta0, both [1/m^dim].", "Near the surface."),
+    "stray_kernels": ("kernels.py", "def gravity(", "def falling("),
+    "missing_forms": ("reductions_cuda.py", "def kick_drift(", "def drift_kick("),
+    "mixed_files": (
+        "kernels.py",
+        "import math",
+        "import math\n\nfrom refsim.backends.compile import cuda\n\nDIM = cuda",
+    ),
+    "unequal_signatures": ("kernels.py", "state(i, density, fluid, pressure)", "state(i, rho, fluid, pressure)"),
+    "wordless": ("kernels.py", "J(9) or Tait's equation of state [Pa].", "Equation of state."),
     "overreaching_references": ("reference.py", "import numpy as np", "import scipy\nimport numpy as np"),
 }
 
 
 @pytest.mark.parametrize("rule", RULES, ids=lambda rule: rule.__name__)
 def test_rule_notices_a_breach(rule, tmp_path):
-    shutil.copytree(ROOT / "surface_detection", tmp_path / "surface_detection")
-    own = [operation for operation in REGISTRY.values() if operation.folder == "refsim.surface_detection"]
+    shutil.copytree(ROOT / "sph", tmp_path / "sph")
+    own = [operation for operation in REGISTRY.values() if operation.folder.startswith("refsim.sph")]
     assert not list(rule(own, tmp_path))
     name, old, new = BREACHES[rule.__name__]
-    path = tmp_path / "surface_detection" / name
+    path = tmp_path / "sph" / name
     text = path.read_text()
     assert old in text
     path.write_text(text.replace(old, new, 1))

@@ -1,23 +1,27 @@
-"""What one node, vertex, facet or sample does in the reconstruction of a surface; both kernels share it.
+"""What one node, vertex, facet, sample or particle does in the reconstruction of a surface and in its tension.
 
-Loops over cells near a node go through `step_node`; a cell's particles stand in its row of a `PointList`.
+Loops over cells near a node go through `step_node`; the particles of a cell stand in its row of a `PointList`.
 """
 
 import math
 
-from refsim.backends.compile import formula
+from refsim.backends.compile import formula, kernel
+from refsim.backends.runtime import fill, largest
 from refsim.sparse_grid.formulas import node_coordinates, step_node
 from refsim.surface_energy import formulas
 
+REJECTED, ACCEPTED, UNDECIDED = 0, 1, 2  # a candidate of the Poisson-disk sampling
 
-@formula
-def is_inside(i, interior_position, cells, blocks, surface_term):
-    """Algorithm 1, lines 5 to 9: whether a particle stands nearer than r to node i.
+
+@kernel
+def node_states(i, interior_position, cells, blocks, surface_term, node_state):
+    """Algorithm 1, lines 5 to 9, a flag: 1 where a particle stands nearer than r to node i, else 0.
 
     The cells that touch the node come first: inside the liquid the first particle decides.
     """
     jx, jy, jz = node_coordinates(blocks, i)
     space = blocks.neighbour.shape[1] == 27
+    node_state[i] = 0
     for ring in range(2):
         for dz in range(-2 if space else 0, 2 if space else 1):
             for dy in range(-2, 2):
@@ -34,13 +38,16 @@ def is_inside(i, interior_position, cells, blocks, surface_term):
                         uy = formulas.grid_offset(interior_position[p, 1], jy, surface_term)
                         uz = formulas.grid_offset(interior_position[p, 2], jz, surface_term)
                         if ux * ux + uy * uy + uz * uz < surface_term.radius_squared:
-                            return 1
-    return 0
+                            node_state[i] = 1
+                            return
 
 
 @formula(inlined=True)
 def farther_exit(farthest, ux, uy, uz, ax, ay, az, towards, surface_term):
-    """The farther one [h] of `farthest` and the way out of the sphere of a particle at u, along an axis."""
+    """Algorithm 1, line 15: max(`farthest`, l) [h], where l leads out of the sphere of a particle at u, along an axis.
+
+    `farthest` itself where the sphere does not hold the edge's inside end.
+    """
     real = type(farthest)
     along = ux * real(ax) + uy * real(ay) + uz * real(az)
     across = ux * ux * real(1 - ax) + uy * uy * real(1 - ay) + uz * uz * real(1 - az)
@@ -49,9 +56,9 @@ def farther_exit(farthest, ux, uy, uz, ax, ay, az, towards, surface_term):
     return farthest
 
 
-@formula
-def exit_point(v, interior_position, cells, blocks, node_state, surface_term, vertex_edge):
-    """Algorithm 1, lines 10 to 17: vertex v [m], the farthest way out of the spheres around the inside end."""
+@kernel
+def exit_points(v, interior_position, cells, blocks, node_state, surface_term, vertex_edge, vertex_position):
+    """Algorithm 1, lines 10 to 17: vertex v [m], the farthest exit from the spheres around the edge's inside end."""
     h = surface_term.cell_size
     real = type(h)
     node = vertex_edge[v] // 3
@@ -76,8 +83,23 @@ def exit_point(v, interior_position, cells, blocks, node_state, surface_term, ve
                     uy = formulas.grid_offset(interior_position[p, 1], jy, surface_term)
                     uz = formulas.grid_offset(interior_position[p, 2], jz, surface_term)
                     farthest = farther_exit(farthest, ux, uy, uz, ax, ay, az, towards, surface_term)
-    way = real(towards) * min(farthest, real(1))
-    return h * (real(jx) + real(ax) * way), h * (real(jy) + real(ay) * way), h * (real(jz) + real(az) * way)
+    length = real(towards) * min(farthest, real(1))
+    vertex_position[v, 0] = h * (real(jx) + real(ax) * length)
+    vertex_position[v, 1] = h * (real(jy) + real(ay) * length)
+    vertex_position[v, 2] = h * (real(jz) + real(az) * length)
+
+
+@kernel
+def facet_samples(f, vertex_position, facets, sample_position, sample_area, facet_normal):
+    """One sample to a facet: its centroid [m], area [m^(dim-1)] and unit normal."""
+    x, y, z, area, nx, ny, nz = facet_sample(f, vertex_position, facets)
+    sample_position[f, 0] = x
+    sample_position[f, 1] = y
+    sample_position[f, 2] = z
+    sample_area[f] = area
+    facet_normal[f, 0] = nx
+    facet_normal[f, 1] = ny
+    facet_normal[f, 2] = nz
 
 
 @formula
@@ -109,32 +131,108 @@ def facet_sample(f, vertex_position, facets):
     return x, y, z, area, nx, ny, nz
 
 
-@formula
-def away_from(found, best, ox, oy, oz, jx, jy, jz, interior_position, surface_term):
-    """Unit vector from particle `found` to the place o over node j; none without a particle, or upon it."""
-    real = type(surface_term.cell_size)
-    if found < 0 or not best > real(0):
-        return real(0), real(0), real(0)
-    length = math.sqrt(best)
-    ux = ox - formulas.grid_offset(interior_position[found, 0], jx, surface_term)
-    uy = oy - formulas.grid_offset(interior_position[found, 1], jy, surface_term)
-    uz = oz - formulas.grid_offset(interior_position[found, 2], jz, surface_term)
-    return ux / length, uy / length, uz / length
+@kernel
+def candidates(k, vertex_position, facets, area_before, dice, candidate_facet, candidate_position):
+    """Facet and position [m] of candidate k: spread evenly over the area, one to each of its equal shares."""
+    one = vertex_position.dtype.type(1)
+    shares = area_before.shape[0] - 1
+    total = int(area_before[shares])
+    width = total // int(dice.candidates)
+    mark = width * k + ((width * (formulas.hash_word(dice.seed, k, 0) >> 16)) >> 16)
+    low, high = 0, shares
+    while low < high:
+        middle = (low + high) >> 1
+        if area_before[middle + 1] <= mark:
+            low = middle + 1
+        else:
+            high = middle
+    f = min(low, shares - 1)
+    u = formulas.unit_share(formulas.hash_word(dice.seed, k, 1), one)
+    a, b = facets[f, 0], facets[f, 1]
+    if facets.shape[1] == 2:
+        s, t, c = u, one - one, a
+    else:
+        root = math.sqrt(u)
+        w = formulas.unit_share(formulas.hash_word(dice.seed, k, 2), one)
+        s, t, c = root * (one - w), root * w, facets[f, 2]
+    x = vertex_position[a, 0] + s * (vertex_position[b, 0] - vertex_position[a, 0])
+    y = vertex_position[a, 1] + s * (vertex_position[b, 1] - vertex_position[a, 1])
+    z = vertex_position[a, 2] + s * (vertex_position[b, 2] - vertex_position[a, 2])
+    candidate_facet[k] = f
+    candidate_position[k, 0] = x + t * (vertex_position[c, 0] - vertex_position[a, 0])
+    candidate_position[k, 1] = y + t * (vertex_position[c, 1] - vertex_position[a, 1])
+    candidate_position[k, 2] = z + t * (vertex_position[c, 2] - vertex_position[a, 2])
 
 
-@formula
-def nearest_particle(i, x, y, z, interior_position, cells, blocks, surface_term):
-    """(nearest particle, direction away from it) of a place [m] in cell i; of equally near ones the lowest number.
+def poisson_disk(candidate_position, candidate_cells, blocks, dice, surface_term, accepted):
+    """Poisson-disk samples, a flag for each candidate: rounds of `throw_darts` until every candidate is decided."""
+    fill(accepted, UNDECIDED)
+    while True:
+        throw_darts(candidate_position, candidate_cells, blocks, dice, surface_term, accepted)
+        if largest(accepted) != UNDECIDED:
+            return
 
-    Particles are looked for up to 2 h away; (-1, no direction) without any.
+
+@kernel
+def throw_darts(k, candidate_position, candidate_cells, blocks, dice, surface_term, accepted):
+    """One round for an undecided candidate k, a flag: decided if those that are drawn before it are.
+
+    It is accepted where no accepted candidate that is drawn before it stands nearer than the disk's radius. The result
+    does not depend on which decisions of the same round it sees.
     """
-    real = type(surface_term.cell_size)
+    if accepted[k] != UNDECIDED:
+        return
+    i = candidate_cells.cell[k]
+    if i < 0:
+        accepted[k] = REJECTED
+        return
     jx, jy, jz = node_coordinates(blocks, i)
-    ox, oy, oz = (
-        formulas.grid_offset(x, jx, surface_term),
-        formulas.grid_offset(y, jy, surface_term),
-        formulas.grid_offset(z, jz, surface_term),
-    )
+    ox = formulas.grid_offset(candidate_position[k, 0], jx, surface_term)
+    oy = formulas.grid_offset(candidate_position[k, 1], jy, surface_term)
+    oz = formulas.grid_offset(candidate_position[k, 2], jz, surface_term)
+    turn = formulas.hash_word(dice.seed, k, 3)
+    limit = surface_term.disk * surface_term.disk
+    space = blocks.neighbour.shape[1] == 27
+    verdict = ACCEPTED
+    for dz in range(-1 if space else 0, 2 if space else 1):
+        for dy in range(-1, 2):
+            for dx in range(-1, 2):
+                cell = step_node(blocks, i, dx, dy, dz)
+                if cell < 0:
+                    continue
+                for m in range(candidate_cells.first[cell], candidate_cells.first[cell + 1]):
+                    other = candidate_cells.point[m]
+                    if accepted[other] == REJECTED or other == k:
+                        continue
+                    ux = formulas.grid_offset(candidate_position[other, 0], jx, surface_term) - ox
+                    uy = formulas.grid_offset(candidate_position[other, 1], jy, surface_term) - oy
+                    uz = formulas.grid_offset(candidate_position[other, 2], jz, surface_term) - oz
+                    if ux * ux + uy * uy + uz * uz < limit:
+                        theirs = formulas.hash_word(dice.seed, other, 3)
+                        if theirs < turn or (theirs == turn and other < k):
+                            if accepted[other] == ACCEPTED:
+                                accepted[k] = REJECTED
+                                return
+                            verdict = UNDECIDED
+    accepted[k] = verdict
+
+
+@kernel(rows_of="nearest")
+def offsets(
+    s, interior_position, cells, blocks, surface_term, sample_position, sample_cells, nearest, offset_direction,
+    fit_position,
+):  # fmt: skip
+    """Section 4.3.1: nearest particle of sample s, unit vector away from it, and the two points of the fit [m].
+
+    Particles are looked for up to 2 h away; without any -1 and no direction. Of equally near ones the lowest number.
+    """
+    h = surface_term.cell_size
+    real = type(h)
+    i = sample_cells.cell[s]
+    jx, jy, jz = node_coordinates(blocks, i)
+    ox = formulas.grid_offset(sample_position[s, 0], jx, surface_term)
+    oy = formulas.grid_offset(sample_position[s, 1], jy, surface_term)
+    oz = formulas.grid_offset(sample_position[s, 2], jz, surface_term)
     space = blocks.neighbour.shape[1] == 27
     best = real(4)
     found = -1
@@ -158,11 +256,41 @@ def nearest_particle(i, x, y, z, interior_position, cells, blocks, surface_term)
                         if squared < best or (squared == best and p < found):
                             best, found = squared, p
     nx, ny, nz = away_from(found, best, ox, oy, oz, jx, jy, jz, interior_position, surface_term)
-    return found, nx, ny, nz
+    nearest[s] = found
+    offset_direction[s, 0] = nx
+    offset_direction[s, 1] = ny
+    offset_direction[s, 2] = nz
+    if fit_position is not None:
+        distance = surface_term.offset * h
+        for c in range(3):
+            fit_position[s, c] = sample_position[s, c]
+            fit_position[nearest.shape[0] + s, c] = sample_position[s, c] + distance * offset_direction[s, c]
 
 
 @formula
-def point_splines(r, fit_position, fit_cells, blocks, surface_term, fit_splines):
+def away_from(found, best, ox, oy, oz, jx, jy, jz, interior_position, surface_term):
+    """Section 4.3.1: n = (o - x_p)/|o - x_p|, dimensionless, of a position o over node j; `best` is |o - x_p|^2 [h^2].
+
+    0 without a particle `found`, and where the position is the particle's.
+    """
+    real = type(surface_term.cell_size)
+    if found < 0 or not best > real(0):
+        return real(0), real(0), real(0)
+    length = math.sqrt(best)
+    ux = ox - formulas.grid_offset(interior_position[found, 0], jx, surface_term)
+    uy = oy - formulas.grid_offset(interior_position[found, 1], jy, surface_term)
+    uz = oz - formulas.grid_offset(interior_position[found, 2], jz, surface_term)
+    return ux / length, uy / length, uz / length
+
+
+def fit_weights(fit_position, fit_cells, blocks, surface_term, fit_splines, node_weight):
+    """Splines of the points of the fit, and (3.7), both dimensionless."""
+    splines_of_points(fit_position, fit_cells, blocks, surface_term, fit_splines)
+    weights_of_nodes(fit_splines, fit_cells, blocks, surface_term, node_weight)
+
+
+@kernel
+def splines_of_points(r, fit_position, fit_cells, blocks, surface_term, fit_splines):
     """Splines of point r at the three nodes along each axis, dimensionless: 3 c + k; (1, 0, 0) along z in the plane."""
     real = type(surface_term.cell_size)
     base = fit_cells.cell[r]
@@ -170,10 +298,7 @@ def point_splines(r, fit_position, fit_cells, blocks, surface_term, fit_splines)
         for k in range(9):
             fit_splines[r, k] = real(0)
         return
-    jx, jy, jz = node_coordinates(blocks, base)
-    fx = formulas.grid_offset(fit_position[r, 0], jx, surface_term)
-    fy = formulas.grid_offset(fit_position[r, 1], jy, surface_term)
-    fz = formulas.grid_offset(fit_position[r, 2], jz, surface_term)
+    fx, fy, fz = cell_fractions(r, fit_position, base, blocks, surface_term)
     space = blocks.neighbour.shape[1] == 27
     for k in range(3):
         fit_splines[r, k] = formulas.spline_weight(fx, k)
@@ -182,9 +307,21 @@ def point_splines(r, fit_position, fit_cells, blocks, surface_term, fit_splines)
 
 
 @formula
-def normalizing_weight(i, fit_splines, fit_cells, blocks, surface_term):
-    """(3.7): 1/sum_r B_i(x_r), dimensionless, over all points of the fit; 0 at a node that they hardly reach,
-    whose weight would overflow."""
+def cell_fractions(q, query_position, base, blocks, surface_term):
+    """f = y/h - j of position q over the lowest node j of its splines, dimensionless."""
+    jx, jy, jz = node_coordinates(blocks, base)
+    fx = formulas.grid_offset(query_position[q, 0], jx, surface_term)
+    fy = formulas.grid_offset(query_position[q, 1], jy, surface_term)
+    fz = formulas.grid_offset(query_position[q, 2], jz, surface_term)
+    return fx, fy, fz
+
+
+@kernel
+def weights_of_nodes(i, fit_splines, fit_cells, blocks, surface_term, node_weight):
+    """(3.7), the diagonal of Lambda: 1/sum_r B_i(x_r), dimensionless, over all points of the fit.
+
+    0 at a node where the sum is at most LEAST_SUM, whose weight would overflow (thesis M16).
+    """
     real = type(surface_term.cell_size)
     total = real(0)
     space = blocks.neighbour.shape[1] == 27
@@ -196,13 +333,20 @@ def normalizing_weight(i, fit_splines, fit_cells, blocks, surface_term):
                     for k in range(fit_cells.first[cell], fit_cells.first[cell + 1]):
                         r = fit_cells.point[k]
                         total += fit_splines[r, kx] * fit_splines[r, 3 + ky] * fit_splines[r, 6 + kz]
-    if total > real(formulas.LEAST_SUM):
-        return real(1) / total
-    return real(0)
+    node_weight[i] = real(1) / total if total > real(formulas.LEAST_SUM) else real(0)
 
 
-@formula
-def fit_residual(r, fit_splines, fit_cells, blocks, surface_term, coefficients):
+def fit(fit_splines, fit_cells, blocks, surface_term, node_weight, active, residual, coefficients):
+    """(3.6), Algorithm 2: `iterations` sweeps from C = 0; C [h] and residuals [h]."""
+    fill(coefficients, 0)
+    fill(residual, 0)
+    for _ in range(surface_term.iterations):
+        fit_residuals(fit_splines, fit_cells, blocks, surface_term, coefficients, residual)
+        fit_correct(fit_splines, fit_cells, blocks, surface_term, node_weight, active, residual, coefficients)
+
+
+@kernel
+def fit_residuals(r, fit_splines, fit_cells, blocks, surface_term, coefficients, residual):
     """Algorithm 2: b_r - sum_j C_j B_j(x_r), in units of h; b is 0 for the first half of the points, then epsilon."""
     real = type(surface_term.cell_size)
     value = real(0)
@@ -210,7 +354,8 @@ def fit_residual(r, fit_splines, fit_cells, blocks, surface_term, coefficients):
         value = surface_term.offset
     base = fit_cells.cell[r]
     if base < 0:
-        return real(0)
+        residual[r] = real(0)
+        return
     space = blocks.neighbour.shape[1] == 27
     for kz in range(3 if space else 1):
         for ky in range(3):
@@ -219,12 +364,13 @@ def fit_residual(r, fit_splines, fit_cells, blocks, surface_term, coefficients):
                 j = step_node(blocks, base, kx, ky, kz)
                 if j >= 0:
                     value -= coefficients[j] * (fit_splines[r, kx] * across)
-    return value
+    residual[r] = value
 
 
-@formula
-def fit_correction(i, fit_splines, fit_cells, blocks, surface_term, residual):
-    """Algorithm 2: Delta_i = sum_r (b_r - f(x_r)) B_i(x_r), in units of h."""
+@kernel(rows_of="active")
+def fit_correct(a, fit_splines, fit_cells, blocks, surface_term, node_weight, active, residual, coefficients):
+    """Algorithm 2: C_i <- C_i + w Lambda_i sum_r (b_r - f(x_r)) B_i(x_r), in units of h, on the a-th active node i."""
+    i = active[a]
     total = type(surface_term.cell_size)(0)
     space = blocks.neighbour.shape[1] == 27
     for kz in range(3 if space else 1):
@@ -235,37 +381,43 @@ def fit_correction(i, fit_splines, fit_cells, blocks, surface_term, residual):
                     for k in range(fit_cells.first[cell], fit_cells.first[cell + 1]):
                         r = fit_cells.point[k]
                         total += residual[r] * (fit_splines[r, kx] * fit_splines[r, 3 + ky] * fit_splines[r, 6 + kz])
-    return total
+    coefficients[i] += surface_term.relaxation * node_weight[i] * total
+
+
+@kernel
+def mls_normals(
+    q, query_position, spline_cells, blocks, surface_term, coefficients, outward, surface_value, surface_gradient,
+    sample_normal,
+):  # fmt: skip
+    """(3.8) and (3.17): value [h], dimensionless gradient and unit normal of the implicit surface at position q."""
+    base = spline_cells.cell[q]
+    value, gx, gy, gz = mls_gradient(q, query_position, base, blocks, surface_term, coefficients)
+    store_normal(q, value, gx, gy, gz, outward, surface_value, surface_gradient, sample_normal)
+
+
+@kernel
+def spline_normals(
+    q, query_position, spline_cells, blocks, surface_term, coefficients, outward, surface_value, surface_gradient,
+    sample_normal,
+):  # fmt: skip
+    """(3.8) and (3.9): value [h], dimensionless gradient and unit normal of the implicit surface at position q."""
+    base = spline_cells.cell[q]
+    value, gx, gy, gz = spline_gradient(q, query_position, base, blocks, surface_term, coefficients)
+    store_normal(q, value, gx, gy, gz, outward, surface_value, surface_gradient, sample_normal)
 
 
 @formula
-def place_fractions(q, query_position, base, blocks, surface_term):
-    """f = y/h - j of place q over the lowest node j of its splines, dimensionless."""
-    jx, jy, jz = node_coordinates(blocks, base)
-    fx = formulas.grid_offset(query_position[q, 0], jx, surface_term)
-    fy = formulas.grid_offset(query_position[q, 1], jy, surface_term)
-    fz = formulas.grid_offset(query_position[q, 2], jz, surface_term)
-    return fx, fy, fz
+def mls_gradient(q, query_position, base, blocks, surface_term, coefficients):
+    """(value [h], three components of the gradient) of the implicit surface at position q: (3.8) and (3.17).
 
-
-@formula
-def mls_gradient(q, query_position, spline_cells, blocks, surface_term, coefficients):
-    """`mls_gradient_at` place q in its cell; nothing outside all blocks."""
-    real = type(surface_term.cell_size)
-    if spline_cells.cell[q] < 0:
-        return real(0), real(0), real(0), real(0)
-    return mls_gradient_at(q, query_position, spline_cells.cell[q], blocks, surface_term, coefficients)
-
-
-@formula
-def mls_gradient_at(q, query_position, base, blocks, surface_term, coefficients):
-    """(value [h], three components of the gradient) of the implicit surface at place q: (3.8) and (3.17).
-
-    C and lengths in units of h: 4/h^2 sum_j B_j C_j (x_j - y) is 4 sum_j B_j C_j (k - f), dimensionless.
+    C and lengths in units of h: 4/h^2 sum_j B_j C_j (x_j - y) is 4 sum_j B_j C_j (k - f), dimensionless. 0 where no
+    block holds `base`, the lowest node of the position's splines.
     """
     real = type(surface_term.cell_size)
     value, gx, gy, gz = real(0), real(0), real(0), real(0)
-    fx, fy, fz = place_fractions(q, query_position, base, blocks, surface_term)
+    if base < 0:
+        return value, gx, gy, gz
+    fx, fy, fz = cell_fractions(q, query_position, base, blocks, surface_term)
     space = blocks.neighbour.shape[1] == 27
     for kz in range(3 if space else 1):
         wz = formulas.spline_weight(fz, kz) if space else real(1)
@@ -286,23 +438,17 @@ def mls_gradient_at(q, query_position, base, blocks, surface_term, coefficients)
 
 
 @formula
-def spline_gradient(q, query_position, spline_cells, blocks, surface_term, coefficients):
-    """`spline_gradient_at` place q in its cell; nothing outside all blocks."""
-    real = type(surface_term.cell_size)
-    if spline_cells.cell[q] < 0:
-        return real(0), real(0), real(0), real(0)
-    return spline_gradient_at(q, query_position, spline_cells.cell[q], blocks, surface_term, coefficients)
+def spline_gradient(q, query_position, base, blocks, surface_term, coefficients):
+    """(value [h], three components of the gradient) of the implicit surface at position q: (3.8) and (3.9).
 
-
-@formula
-def spline_gradient_at(q, query_position, base, blocks, surface_term, coefficients):
-    """(value [h], three components of the gradient) of the implicit surface at place q: (3.8) and (3.9).
-
-    C in units of h: sum_j C_j h grad B_j is dimensionless.
+    C in units of h: sum_j C_j h grad B_j is dimensionless. 0 where no block holds `base`, the lowest node of the
+    position's splines.
     """
     real = type(surface_term.cell_size)
     value, gx, gy, gz = real(0), real(0), real(0), real(0)
-    fx, fy, fz = place_fractions(q, query_position, base, blocks, surface_term)
+    if base < 0:
+        return value, gx, gy, gz
+    fx, fy, fz = cell_fractions(q, query_position, base, blocks, surface_term)
     space = blocks.neighbour.shape[1] == 27
     for kz in range(3 if space else 1):
         wz = formulas.spline_weight(fz, kz) if space else real(1)
@@ -322,7 +468,7 @@ def spline_gradient_at(q, query_position, base, blocks, surface_term, coefficien
 
 @formula
 def store_normal(q, value, gx, gy, gz, outward, surface_value, surface_gradient, sample_normal):
-    """Value and gradient, where they are wanted, and the unit normal."""
+    """Value [h] and gradient = (gx, gy, gz), if their arrays are given, and the unit normal."""
     if surface_value is not None:
         surface_value[q] = value
     if surface_gradient is not None:
@@ -337,7 +483,7 @@ def store_normal(q, value, gx, gy, gz, outward, surface_value, surface_gradient,
 
 @formula
 def oriented_normal(gx, gy, gz, nx, ny, nz):
-    """Unit vector along the gradient g; the direction n instead where g is nothing or points against n."""
+    """Unit vector = g/|g| (dimensionless); the direction n instead where g is 0 or points against n."""
     real = type(gx)
     length = math.sqrt(gx * gx + gy * gy + gz * gz)
     if length > real(0):
@@ -347,9 +493,17 @@ def oriented_normal(gx, gy, gz, nx, ny, nz):
     return nx, ny, nz
 
 
-@formula
-def node_tension(i, sample_position, sample_area, sample_normal, spline_cells, blocks, surface_term):
-    """(4.18*): force [N] on node i, -k sum_s A_s (I - n n^T) grad B_i(x_s); k bears the sign (M1)."""
+@kernel
+def inset(v, vertex_position, vertex_normal, surface_term, inset_position):
+    """x - (r - delta) n [m]: vertex v moved back to the liquid's surface (thesis M31)."""
+    distance = surface_term.inset * surface_term.cell_size
+    for c in range(3):
+        inset_position[v, c] = vertex_position[v, c] - distance * vertex_normal[v, c]
+
+
+@kernel
+def surface_force(i, sample_position, sample_area, sample_normal, spline_cells, blocks, surface_term, node_force):
+    """(4.18*): force on node i [N], -k sum_s A_s (I - n n^T) grad B_i(x_s); k has the sign of thesis M1."""
     real = type(surface_term.cell_size)
     tx, ty, tz = real(0), real(0), real(0)
     space = blocks.neighbour.shape[1] == 27
@@ -381,20 +535,23 @@ def node_tension(i, sample_position, sample_area, sample_normal, spline_cells, b
                     ty += area * uy
                     tz += area * uz
     strength = -surface_term.tension / surface_term.cell_size
-    return strength * tx, strength * ty, strength * tz
+    node_force[i, 0] = strength * tx
+    node_force[i, 1] = strength * ty
+    node_force[i, 2] = strength * tz
 
 
-@formula
-def extent(p, interior_position, cells, blocks, surface_term):
-    """Along how many axes the particles nearer than h to particle p spread: 0 alone, 1 a filament, 2 a film, 3.
+@kernel
+def extents(p, interior_position, cells, blocks, surface_term, extent):
+    """Number of axes (dimensionless) along which the particles nearer than h to particle p spread.
 
-    The number of eigenvalues of their second moment about their mean above (h/8)^2, which tells a row of
-    particles half a cell apart from two rows.
+    0 one particle, 1 a filament, 2 a film, 3 bulk: the number of eigenvalues of their second moment about their mean
+    above (h/8)^2, which tells a row of particles half a cell apart from two rows.
     """
     real = type(surface_term.cell_size)
     i = cells.cell[p]
     if i < 0:
-        return 0
+        extent[p] = 0
+        return
     jx, jy, jz = node_coordinates(blocks, i)
     ox = formulas.grid_offset(interior_position[p, 0], jx, surface_term)
     oy = formulas.grid_offset(interior_position[p, 1], jy, surface_term)
@@ -429,79 +586,8 @@ def extent(p, interior_position, cells, blocks, surface_term):
     mx, my, mz = mx / n, my / n, mz / n
     xx, yy, zz = xx / n - mx * mx - least, yy / n - my * my - least, zz / n - mz * mz - least
     xy, xz, yz = xy / n - mx * my, xz / n - mx * mz, yz / n - my * mz
-    return formulas.positive_roots(
+    extent[p] = formulas.positive_roots(
         xx + yy + zz,
         xx * yy - xy * xy + (xx * zz - xz * xz) + (yy * zz - yz * yz),
         xx * (yy * zz - yz * yz) - xy * (xy * zz - yz * xz) + xz * (xy * yz - yy * xz),
     )
-
-
-@formula
-def dart(k, candidate_position, candidate_cells, blocks, dice, surface_term, accepted):
-    """What becomes of candidate k: 1 taken, 0 not, 2 not known yet.
-
-    It is taken where no taken candidate that was drawn before it stands nearer than the disk's radius.
-    """
-    i = candidate_cells.cell[k]
-    if i < 0:
-        return 0
-    jx, jy, jz = node_coordinates(blocks, i)
-    ox = formulas.grid_offset(candidate_position[k, 0], jx, surface_term)
-    oy = formulas.grid_offset(candidate_position[k, 1], jy, surface_term)
-    oz = formulas.grid_offset(candidate_position[k, 2], jz, surface_term)
-    turn = formulas.hash_word(dice.seed, k, 3)
-    limit = surface_term.disk * surface_term.disk
-    space = blocks.neighbour.shape[1] == 27
-    verdict = 1
-    for dz in range(-1 if space else 0, 2 if space else 1):
-        for dy in range(-1, 2):
-            for dx in range(-1, 2):
-                cell = step_node(blocks, i, dx, dy, dz)
-                if cell < 0:
-                    continue
-                for m in range(candidate_cells.first[cell], candidate_cells.first[cell + 1]):
-                    other = candidate_cells.point[m]
-                    if accepted[other] == 0 or other == k:
-                        continue
-                    ux = formulas.grid_offset(candidate_position[other, 0], jx, surface_term) - ox
-                    uy = formulas.grid_offset(candidate_position[other, 1], jy, surface_term) - oy
-                    uz = formulas.grid_offset(candidate_position[other, 2], jz, surface_term) - oz
-                    if ux * ux + uy * uy + uz * uz < limit:
-                        theirs = formulas.hash_word(dice.seed, other, 3)
-                        if theirs < turn or (theirs == turn and other < k):
-                            if accepted[other] == 1:
-                                return 0
-                            verdict = 2
-    return verdict
-
-
-@formula
-def candidate(k, vertex_position, facets, area_before, dice, one):
-    """(facet, place [m]) of candidate k: strewn evenly over the area, one to each of its equal shares."""
-    shares = area_before.shape[0] - 1
-    total = int(area_before[shares])
-    width = total // int(dice.candidates)
-    mark = width * k + ((width * (formulas.hash_word(dice.seed, k, 0) >> 16)) >> 16)
-    low, high = 0, shares
-    while low < high:
-        middle = (low + high) >> 1
-        if area_before[middle + 1] <= mark:
-            low = middle + 1
-        else:
-            high = middle
-    f = min(low, shares - 1)
-    u = formulas.unit_share(formulas.hash_word(dice.seed, k, 1), one)
-    a, b = facets[f, 0], facets[f, 1]
-    if facets.shape[1] == 2:
-        s, t, c = u, one - one, a
-    else:
-        root = math.sqrt(u)
-        w = formulas.unit_share(formulas.hash_word(dice.seed, k, 2), one)
-        s, t, c = root * (one - w), root * w, facets[f, 2]
-    x = vertex_position[a, 0] + s * (vertex_position[b, 0] - vertex_position[a, 0])
-    y = vertex_position[a, 1] + s * (vertex_position[b, 1] - vertex_position[a, 1])
-    z = vertex_position[a, 2] + s * (vertex_position[b, 2] - vertex_position[a, 2])
-    x += t * (vertex_position[c, 0] - vertex_position[a, 0])
-    y += t * (vertex_position[c, 1] - vertex_position[a, 1])
-    z += t * (vertex_position[c, 2] - vertex_position[a, 2])
-    return f, x, y, z

@@ -1,0 +1,215 @@
+"""The fit: points by cell, and sweeps of Algorithm 2.
+
+Sums over points on nodes are taken first over the points of each cell, for the nodes that these reach, a thread for
+each node, and then over the cells that reach a node. Cells with points are numbered, so that no others are looked at.
+"""
+
+import numpy as np
+
+from refsim.backends.compile import cuda, cuda_formula, cuda_kernel, formula
+from refsim.backends.primitives import sum_before, sum_of_lanes
+from refsim.backends.runtime import simulated
+from refsim.sparse_grid.cuda import SUMMING
+from refsim.sparse_grid.formulas import step_node
+from refsim.surface_energy import formulas, kernels
+from refsim.surface_energy.recorded.cells_cuda import CELLS, FILLED, MADE, occupied_near, sum_pairs
+
+REACHING = 216  # cells that reach a block's nodes: 6 x 6 x 6, or 10 x 10 in the plane
+CELL_BIT = 1 << 24  # counts a cell beside its points: the points of 64 cells are fewer than 2^24
+WIDTH = 4 if simulated() else 32  # threads that share a cell, one for each of the 27 nodes that its points reach
+OWN = 27 // WIDTH + (27 % WIDTH > 0)  # nodes of each thread
+
+
+@cuda_kernel(rows_of="cell")
+def fill_points(cell, place, first, each, counts, unsorted):
+    """The points of each cell, in any order; there are `each` points to a sample."""
+    r = cuda.grid(1)
+    if r < each * counts[MADE] and cell[r] >= 0:
+        unsorted[first[cell[r]] + place[r]] = r
+
+
+@formula
+def place_in_row(r, cell, first, unsorted):
+    """Position (dimensionless) of point r in the list of points by cell, in the order of their numbers."""
+    at = first[cell]
+    for k in range(first[cell], first[cell + 1]):
+        if unsorted[k] < r:
+            at += 1
+    return at
+
+
+@cuda_kernel(rows_of="fit_cell")
+def sort_points(
+    fit_position, fit_cell, fit_first, unsorted, blocks, surface_term, counts, fit_splines, fit_target
+):  # fmt: skip
+    """Splines of the fit's points, cell by cell, and b [h]: 0 at the samples, epsilon at their second points."""
+    r = cuda.grid(1)
+    if r < 2 * counts[MADE] and fit_cell[r] >= 0:
+        at = place_in_row(r, fit_cell[r], fit_first, unsorted)
+        real = type(surface_term.cell_size)
+        fx, fy, fz = kernels.cell_fractions(r, fit_position, fit_cell[r], blocks, surface_term)
+        space = blocks.neighbour.shape[1] == 27
+        for k in range(3):
+            fit_splines[at, k] = formulas.spline_weight(fx, k)
+            fit_splines[at, 3 + k] = formulas.spline_weight(fy, k)
+            fit_splines[at, 6 + k] = formulas.spline_weight(fz, k) if space else real(k == 0)
+        fit_target[at] = surface_term.offset if r >= counts[MADE] else real(0)
+
+
+@cuda_kernel(block_for_each_row=True, threads=CELLS, rows_of="pair_total")
+def total_points(held, pair_total):
+    """Points and 2^32 cells with points of each block."""
+    part = cuda.shared.array(CELLS, np.int32)
+    thread = cuda.threadIdx.x
+    mine = held[CELLS * cuda.blockIdx.x + thread]
+    mine += CELL_BIT if mine > 0 else 0
+    before = sum_before(part, np.int32(mine))
+    if thread == CELLS - 1:
+        pair_total[cuda.blockIdx.x] = unpacked(before + mine)
+
+
+@formula
+def unpacked(pair):
+    """Points + 2^32 cells (dimensionless) out of 32 bits."""
+    return (np.int64(pair >> 24) << 32) | np.int64(pair & (CELL_BIT - 1))
+
+
+@cuda_kernel(block_for_each_row=True, threads=SUMMING, rows_of="one")
+def sum_points(one, pair_total, counts):
+    """pair_total[b] <- sum over the blocks before b; number of cells with points."""
+    part = cuda.shared.array(SUMMING, np.int64)
+    before = sum_pairs(part, pair_total)
+    if cuda.threadIdx.x == SUMMING - 1:
+        counts[FILLED] = before >> 32
+
+
+@cuda_kernel(block_for_each_row=True, threads=CELLS, rows_of="pair_total")
+def first_points(held, first, rank, filled, pair_total):
+    """First point of each cell; the number of each cell with points, -1 for the others."""
+    part = cuda.shared.array(CELLS, np.int32)
+    i = CELLS * cuda.blockIdx.x + cuda.threadIdx.x
+    mine = held[i]
+    before = unpacked(sum_before(part, np.int32(mine + (CELL_BIT if mine > 0 else 0))))
+    before += pair_total[cuda.blockIdx.x]
+    first[i] = before & 0xFFFFFFFF
+    rank[i] = -1
+    if mine > 0:
+        rank[i] = before >> 32
+        filled[before >> 32] = i
+    if i == first.shape[0] - 2:
+        first[i + 1] = (before & 0xFFFFFFFF) + mine
+
+
+@cuda_kernel(lanes=WIDTH, rows_of="warps")
+def sum_fit(fit_first, fit_splines, fit_target, filled, blocks, coefficients, counts, reached, change, warps):
+    """Of each cell's points, for each node k that they reach: sum of B_k, and of (b - B C) B_k in units of h.
+
+    Without `coefficients` C is 0; the first of the sums is left out where `reached` is.
+    """
+    warp, lane = cuda.grid(1) // WIDTH, cuda.grid(1) % WIDTH
+    zero = fit_target.dtype.type(0)
+    terms = 27 if blocks.neighbour.shape[1] == 27 else 9
+    c = cuda.local.array(OWN, fit_target.dtype)
+    share = cuda.local.array(OWN, fit_target.dtype)
+    total = cuda.local.array(OWN, fit_target.dtype)
+    changed = cuda.local.array(OWN, fit_target.dtype)
+    for n in range(warp, counts[FILLED], warps.shape[0]):
+        cell = filled[n]
+        for m in range(OWN):
+            k = lane + m * WIDTH
+            c[m], share[m], total[m], changed[m] = zero, zero, zero, zero
+            if coefficients is not None and k < terms:
+                j = step_node(blocks, cell, k % 3, k // 3 % 3, k // 9)
+                if j >= 0:
+                    c[m] = coefficients[j]
+        for r in range(fit_first[cell], fit_first[cell + 1]):
+            fitted = zero
+            for m in range(OWN):
+                k = lane + m * WIDTH
+                if k < terms:
+                    share[m] = fit_splines[r, k % 3] * fit_splines[r, 3 + k // 3 % 3] * fit_splines[r, 6 + k // 9]
+                    fitted += c[m] * share[m]
+            residual = fit_target[r]
+            if coefficients is not None:
+                residual -= sum_of_lanes(fitted, lane, WIDTH)
+            for m in range(OWN):
+                total[m] += share[m]
+                changed[m] += residual * share[m]
+        for m in range(OWN):
+            k = lane + m * WIDTH
+            if k < terms:
+                change[n, k] = changed[m]
+                if reached is not None:
+                    reached[n, k] = total[m]
+
+
+@cuda_formula
+def load_ranks(b, rank, blocks, near):
+    """near[c]: numbers of the cells that reach the nodes of block b: of its own and of those up to two below."""
+    space = blocks.neighbour.shape[1] == 27
+    for c in range(cuda.threadIdx.x, 216 if space else 100, CELLS):
+        at = np.uint32(c)
+        if space:
+            z = at // np.uint32(36)
+            y = (at - np.uint32(36) * z) // np.uint32(6)
+            x = at - np.uint32(36) * z - np.uint32(6) * y
+        else:
+            z, y = np.uint32(2), at // np.uint32(10)
+            x = at - np.uint32(10) * y
+        cell = step_node(blocks, CELLS * b, np.int32(x) - 2, np.int32(y) - 2, np.int32(z) - 2)
+        near[c] = rank[cell] if cell >= 0 else -1
+    cuda.syncthreads()
+
+
+@cuda_formula
+def sum_around(near, blocks, first_column, columns, sums):
+    """Sum of `sums`[cell, k] over the cells that reach a thread's node, which is the k-th node in reach of the cell."""
+    space = blocks.neighbour.shape[1] == 27
+    bits, width = (2, 6) if space else (3, 10)
+    rest = (1 << bits) - 1
+    thread = cuda.threadIdx.x
+    own = (thread & rest) + 2 + width * (((thread >> bits) & rest) + 2)
+    if space:
+        own += 36 * ((thread >> 4) + 2)
+    total = sums.dtype.type(0)
+    for kz in range(3):
+        if kz == 0 or space:
+            for ky in range(3):
+                for kx in range(3):
+                    n = near[own - kx - width * ky - 36 * kz]
+                    if n >= 0:
+                        total += sums[n, columns * (kx + 3 * ky + 9 * kz) + first_column]
+    return total
+
+
+@cuda_kernel(block_for_each_row=True, threads=CELLS, rows_of="total")
+def begin_fit(fit_first, rank, blocks, reached, change, surface_term, node_weight, coefficients, total):
+    """(3.7): 1/sum_r B_i(x_r), 0 where the sum is at most LEAST_SUM, and the first sweep from C = 0."""
+    b = cuda.blockIdx.x
+    i = CELLS * b + cuda.threadIdx.x
+    near = cuda.shared.array(REACHING, np.int32)
+    real = type(surface_term.cell_size)
+    weight, value = real(0), real(0)
+    # a block's nodes are reached from itself and the blocks below, directions 0 to the middle
+    if occupied_near(fit_first, blocks, b, 0, blocks.neighbour.shape[1] // 2 + 1):
+        load_ranks(b, rank, blocks, near)
+        whole = sum_around(near, blocks, 0, 1, reached)
+        if whole > real(formulas.LEAST_SUM):
+            weight = real(1) / whole
+            if surface_term.iterations > 0:
+                value = surface_term.relaxation * weight * sum_around(near, blocks, 0, 1, change)
+    node_weight[i] = weight
+    coefficients[i] = value
+
+
+@cuda_kernel(block_for_each_row=True, threads=CELLS, rows_of="total")
+def correct(rank, blocks, change, surface_term, node_weight, coefficients, total):
+    """C <- C + w Lambda B^T (b - B C)."""
+    b = cuda.blockIdx.x
+    i = CELLS * b + cuda.threadIdx.x
+    near = cuda.shared.array(REACHING, np.int32)
+    weight = node_weight[i]
+    if cuda.syncthreads_or(1 if weight > type(weight)(0) else 0) != 0:
+        load_ranks(b, rank, blocks, near)
+        if weight > type(weight)(0):
+            coefficients[i] += surface_term.relaxation * weight * sum_around(near, blocks, 0, 1, change)

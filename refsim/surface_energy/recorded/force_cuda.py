@@ -1,0 +1,91 @@
+"""The force of the samples on the nodes of the same blocks."""
+
+import numpy as np
+
+from refsim.backends.compile import cuda, cuda_kernel
+from refsim.sparse_grid.formulas import node_coordinates
+from refsim.surface_energy import formulas
+from refsim.surface_energy.recorded.cells_cuda import CELLS, FILLED, MADE, node_at, occupied_near
+from refsim.surface_energy.recorded.fit_cuda import REACHING, WIDTH, load_ranks, place_in_row, sum_around
+
+
+@cuda_kernel(rows_of="held")
+def clear_samples(held):
+    """Sets the counters to 0."""
+    i = cuda.grid(1)
+    if i < held.shape[0]:
+        held[i] = 0
+
+
+@cuda_kernel(rows_of="facets")
+def locate_samples(
+    sample_position, vertex_edge, facets, blocks, surface_term, counts, held, sample_place, sample_cell
+):  # fmt: skip
+    """Cell of each sample, and its number among those of the cell."""
+    s = cuda.grid(1)
+    if s < counts[MADE]:
+        guess = (vertex_edge[facets[s, 0]] // 3) >> 6
+        x, y, z = sample_position[s, 0], sample_position[s, 1], sample_position[s, 2]
+        cell = node_at(x, y, z, 0.5, guess, blocks, surface_term)
+        sample_cell[s] = cell
+        if cell >= 0:
+            sample_place[s] = cuda.atomic.add(held, cell, 1)
+
+
+@cuda_kernel(rows_of="sample_cell")
+def sort_samples(sample_cell, first, unsorted, counts, point):
+    """The samples of each cell by their numbers."""
+    s = cuda.grid(1)
+    if s < counts[MADE] and sample_cell[s] >= 0:
+        point[place_in_row(s, sample_cell[s], first, unsorted)] = s
+
+
+@cuda_kernel(lanes=WIDTH, rows_of="warps")
+def sum_pulls(
+    sample_position, sample_area, sample_normal, first, point, filled, counts, blocks, surface_term, pulls, warps
+):  # fmt: skip
+    """(4.18*): sum of A_s (I - n n^T) h grad B_k(x_s) of each cell's samples, for each node k that they reach."""
+    warp, lane = cuda.grid(1) // WIDTH, cuda.grid(1) % WIDTH
+    real = type(surface_term.cell_size)
+    space = blocks.neighbour.shape[1] == 27
+    for n in range(warp, counts[FILLED], warps.shape[0]):
+        cell = filled[n]
+        jx, jy, jz = node_coordinates(blocks, cell)
+        for k in range(lane, 27 if space else 9, WIDTH):
+            kx, ky, kz = k % 3, k // 3 % 3, k // 9
+            tx, ty, tz = real(0), real(0), real(0)
+            for at in range(first[cell], first[cell + 1]):
+                s = point[at]
+                fx = formulas.grid_offset(sample_position[s, 0], jx, surface_term)
+                fy = formulas.grid_offset(sample_position[s, 1], jy, surface_term)
+                wx, wy, wz = formulas.spline_weight(fx, kx), formulas.spline_weight(fy, ky), real(1)
+                sx, sy, sz = formulas.spline_slope(fx, kx), formulas.spline_slope(fy, ky), real(0)
+                if space:
+                    fz = formulas.grid_offset(sample_position[s, 2], jz, surface_term)
+                    wz, sz = formulas.spline_weight(fz, kz), formulas.spline_slope(fz, kz)
+                ux, uy, uz = formulas.tangential(
+                    sample_normal[s, 0], sample_normal[s, 1], sample_normal[s, 2],
+                    sx * wy * wz, wx * sy * wz, wx * wy * sz,
+                )  # fmt: skip
+                area = sample_area[s]
+                tx += area * ux
+                ty += area * uy
+                tz += area * uz
+            pulls[n, 3 * k], pulls[n, 3 * k + 1], pulls[n, 3 * k + 2] = tx, ty, tz
+
+
+@cuda_kernel(block_for_each_row=True, threads=CELLS, rows_of="total")
+def pull_nodes(first, rank, blocks, pulls, surface_term, node_force, total):
+    """(4.18*): force on the nodes [N], -k sum_s A_s (I - n n^T) grad B_i(x_s)."""
+    b = cuda.blockIdx.x
+    i = CELLS * b + cuda.threadIdx.x
+    real = type(surface_term.cell_size)
+    near = cuda.shared.array(REACHING, np.int32)
+    tx, ty, tz = real(0), real(0), real(0)
+    if occupied_near(first, blocks, b, 0, blocks.neighbour.shape[1] // 2 + 1):
+        load_ranks(b, rank, blocks, near)
+        tx = sum_around(near, blocks, 0, 3, pulls)
+        ty = sum_around(near, blocks, 1, 3, pulls)
+        tz = sum_around(near, blocks, 2, 3, pulls)
+    strength = -surface_term.tension / surface_term.cell_size
+    node_force[i, 0], node_force[i, 1], node_force[i, 2] = strength * tx, strength * ty, strength * tz

@@ -1,0 +1,229 @@
+"""The stages of a recorded reconstruction as programs of the operations whose outputs they compute.
+
+Each program allocates what its stage needs, launches the stage's kernels and writes the operation's outputs. Particles
+are sorted by the graph's own counting, so that the `cells` of the arguments are not used. No operation has areas that
+are 0 on small components among its outputs, nor how many cells and points there are; these are judged in the whole
+reconstruction (`tests/ladder/test_cuda_simulator.py`).
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from refsim.backends import device
+from refsim.sparse_grid import nodes
+from refsim.sparse_grid.cuda import count_points
+from refsim.surface_energy.recorded import stages
+from refsim.surface_energy.recorded.cells_cuda import COUNTS, MADE, VERTICES
+
+SPARE = 3  # vertices and facets for which there is capacity beyond those that exist
+
+
+def arrays(blocks: Any, real: Any, particles: int = 0, vertices: int = 0, facets: int = 0) -> dict[str, Any]:
+    """Arrays of a reconstruction on the device; `counts` says how many vertices and facets there are."""
+    dim = 3 if blocks.neighbour.shape[1] == 27 else 2
+    a = stages.work_arrays(
+        device.empty, dim, np.dtype(real), nodes(blocks), particles, vertices + SPARE, facets + SPARE
+    )
+    made = np.zeros(COUNTS, np.int32)
+    made[VERTICES], made[MADE] = vertices, facets
+    a["counts"] = device.wrapped(device.library().asarray(made))
+    for name in ("held_points", "members", "node_label", "first", "sample_count", "vertex_edge", "facets"):
+        device.fill(a[name], 0)
+    return a
+
+
+def sorted_particles(position: Any, blocks: Any, term: Any, vertices: int = 0, facets: int = 0) -> dict[str, Any]:
+    """`arrays` with the particles at `position` (n, 3) [m] sorted by cell."""
+    a = arrays(blocks, position.dtype, position.shape[0], vertices, facets)
+    sure = device.empty(blocks.keys.shape[0], np.uint8)
+    device.fill(sure, 1)
+    device.fill(a["cell"], -1)
+    counts = a["counts"]
+    a["counts"] = device.empty(COUNTS, np.int32)
+    stages.sort_particles(a, position, blocks, term, sure)
+    return a | {"counts": counts}
+
+
+def node_states(interior_position: Any, cells: Any, blocks: Any, surface_term: Any, node_state: Any) -> None:
+    """Algorithm 1, lines 5 to 9."""
+    a = sorted_particles(interior_position, blocks, surface_term) | {"node_state": node_state}
+    stages.mark_nodes(a, blocks, surface_term)
+
+
+def components(blocks: Any, node_state: Any, node_label: Any) -> None:
+    """The lowest node of each inside node's component: within blocks, then across them."""
+    a = arrays(blocks, np.float32) | {"node_state": node_state, "node_label": node_label}
+    _without_facets(a)
+    stages.mark_nodes(a, blocks, None, given=True)
+    stages.write_cuts(a, blocks, _no_table())
+
+
+def component_sizes(cells: Any, node_label: Any, blocks: Any, component_size: Any) -> None:
+    """Particles in the component of each particle."""
+    from refsim.surface_energy.counts_cuda import look_up_members
+
+    a = arrays(blocks, np.float32)
+    label = device.empty(node_label.shape, np.int32)
+    device.copy(node_label, label)
+    _without_facets(a)
+    stages.write_cuts(a | {"first": cells.first, "node_label": label}, blocks, _no_table())
+    look_up_members(cells.cell, label, a["members"], component_size)
+
+
+def _without_facets(a: dict[str, Any]) -> None:
+    for name in ("crossings", "cell_case", "cut_total"):
+        device.fill(a[name], 0)
+
+
+def _no_table() -> Any:
+    """The table of cases in the plane, whose first case has no facets."""
+    from refsim.isosurface import CaseTable, case_table
+
+    table = case_table(2)
+    return CaseTable(*(device.wrapped(device.library().asarray(part)) for part in table[:3]), table.merged)
+
+
+def classify(blocks: Any, node_state: Any, table: Any, crossings: Any, cell_case: Any) -> None:
+    """Cut edges and corner states, with the numbers of vertices and facets."""
+    a = arrays(blocks, np.float32)
+    a |= {"node_state": node_state, "crossings": crossings, "cell_case": cell_case}
+    stages.count_cuts(a, blocks, table)
+
+
+def facets(blocks: Any, node_state: Any, table: Any, vertex_edge: Any, facets: Any) -> None:
+    """Vertices by their edges, facets by their vertices; numbered by block, then within each block."""
+    a = arrays(blocks, np.float32) | {"node_state": node_state, "vertex_edge": vertex_edge, "facets": facets}
+    device.fill(a["node_label"], -1)
+    stages.count_cuts(a, blocks, table)
+    stages.write_cuts(a, blocks, table)
+
+
+def exit_points(
+    interior_position: Any, cells: Any, blocks: Any, node_state: Any, surface_term: Any, vertex_edge: Any,
+    vertex_position: Any,
+) -> None:  # fmt: skip
+    """Algorithm 1, lines 10 to 17."""
+    a = sorted_particles(interior_position, blocks, surface_term, vertices=vertex_edge.shape[0])
+    a |= {"node_state": node_state, "vertex_edge": vertex_edge, "vertex_position": vertex_position}
+    stages.place_vertices(a, interior_position, blocks, surface_term)
+
+
+def facet_samples(
+    vertex_position: Any, facets: Any, blocks: Any, surface_term: Any, sample_position: Any, sample_area: Any,
+    facet_normal: Any,
+) -> None:  # fmt: skip
+    """Samples without an inset; a particle stands on each vertex, so that every sample has one."""
+    a = sorted_particles(vertex_position, blocks, surface_term, vertex_position.shape[0], facets.shape[0])
+    a |= {"vertex_position": vertex_position, "facets": facets, "facet_normal": facet_normal}
+    stages.place_points(a, vertex_position, blocks, surface_term)
+    a |= {"inset_position": vertex_position, "sample_position": sample_position, "sample_area": sample_area}
+    stages.place_samples(a, vertex_position, blocks, surface_term, np.int32(0))
+
+
+def _points_as_facets(a: dict[str, Any], position: Any) -> None:
+    """Facets without extent, whose samples stand at `position` (s, 3) [m]."""
+    xp, dim = device.library(), a["facets"].shape[1]
+    corner = xp.repeat(xp.arange(position.shape[0], dtype=np.int32)[:, None], dim, axis=1)
+    a |= {"vertex_position": position, "inset_position": position, "facets": device.wrapped(corner)}
+
+
+def offsets(
+    interior_position: Any, cells: Any, blocks: Any, surface_term: Any, sample_position: Any, sample_cells: Any,
+    nearest: Any, offset_direction: Any, fit_position: Any,
+) -> None:  # fmt: skip
+    """Section 4.3.1, at facets without extent: directions and points of the fit, then the nearest particles."""
+    count = sample_position.shape[0]
+    a = sorted_particles(interior_position, blocks, surface_term, count, count)
+    _points_as_facets(a, sample_position)
+    a |= {"outward": offset_direction, "nearest": nearest}
+    if fit_position is not None:
+        a["fit_position"] = fit_position
+    stages.place_points(a, interior_position, blocks, surface_term)
+    stages.place_samples(a, interior_position, blocks, surface_term, np.int32(0))
+
+
+def sample_counts(
+    nearest: Any, interior_position: Any, blocks: Any, surface_term: Any, sample_count: Any
+) -> None:  # fmt: skip
+    """Samples of each particle, counted where samples stand on their particles."""
+    own = device.seen(nearest)
+    own = device.wrapped(own[own >= 0])
+    position = device.empty((own.shape[0], 3), interior_position.dtype)
+    device.gather(interior_position, own, position)
+    a = sorted_particles(interior_position, blocks, surface_term, own.shape[0], own.shape[0])
+    device.fill(sample_count, 0)
+    _points_as_facets(a, position)
+    stages.place_samples(a | {"sample_count": sample_count}, interior_position, blocks, surface_term, np.int32(0))
+
+
+def _sorted_points(fit_position: Any, fit_cells: Any, blocks: Any, term: Any) -> dict[str, Any]:
+    a = arrays(blocks, fit_position.dtype, facets=fit_position.shape[0] // 2)
+    a |= {"fit_position": fit_position, "fit_cell": fit_cells.cell}
+    count_points(fit_cells.cell, a["held_points"], a["fit_place"])
+    stages.sort_points(a, blocks, term)
+    return a
+
+
+def fit_weights(
+    fit_position: Any, fit_cells: Any, blocks: Any, surface_term: Any, fit_splines: Any, node_weight: Any
+) -> None:  # fmt: skip
+    """(3.7), and the splines, which the stage keeps cell by cell; every point stands in a block."""
+    a = _sorted_points(fit_position, fit_cells, blocks, surface_term) | {"node_weight": node_weight}
+    stages.sweep(a, blocks, surface_term)
+    xp = device.library()
+    place = xp.argsort(xp.argsort(device.seen(fit_cells.cell), kind="stable"), kind="stable")
+    device.gather(a["fit_splines"], device.wrapped(place), fit_splines)
+
+
+def fit(
+    fit_position: Any, fit_cells: Any, blocks: Any, surface_term: Any, residual: Any, coefficients: Any
+) -> None:  # fmt: skip
+    """(3.6), Algorithm 2; residuals stay in registers, so that there is no such output."""
+    a = _sorted_points(fit_position, fit_cells, blocks, surface_term) | {"coefficients": coefficients}
+    stages.sweep(a, blocks, surface_term)
+
+
+def mls_normals(
+    query_position: Any, blocks: Any, surface_term: Any, coefficients: Any, outward: Any, surface_value: Any,
+    surface_gradient: Any, sample_normal: Any,
+) -> None:  # fmt: skip
+    """(3.17) at samples; value and gradient stay in registers, so that there are no such outputs."""
+    _normals(query_position, blocks, surface_term, coefficients, outward, sample_normal, np.int32(1))
+
+
+def spline_normals(
+    query_position: Any, blocks: Any, surface_term: Any, coefficients: Any, outward: Any, surface_value: Any,
+    surface_gradient: Any, sample_normal: Any,
+) -> None:  # fmt: skip
+    """(3.9) at samples; value and gradient stay in registers, so that there are no such outputs."""
+    _normals(query_position, blocks, surface_term, coefficients, outward, sample_normal, None)
+
+
+def _normals(
+    position: Any, blocks: Any, term: Any, coefficients: Any, outward: Any, normal: Any, mls: Any
+) -> None:  # fmt: skip
+    a = arrays(blocks, position.dtype, facets=position.shape[0])
+    a |= {"sample_place": position, "outward": outward, "coefficients": coefficients, "sample_normal": normal}
+    stages.find_normals(a, blocks, term, mls)
+
+
+def inset(
+    vertex_position: Any, vertex_normal: Any, surface_term: Any, blocks: Any, inset_position: Any
+) -> None:  # fmt: skip
+    """Vertices after the inset: without a gradient (C = 0) the normal at a vertex is the direction handed in."""
+    a = arrays(blocks, vertex_position.dtype, vertices=vertex_position.shape[0])
+    device.fill(a["coefficients"], 0)
+    a |= {"vertex_position": vertex_position, "vertex_outward": vertex_normal, "inset_position": inset_position}
+    stages.find_normals(a, blocks, surface_term, np.int32(1))
+
+
+def surface_force(
+    sample_position: Any, sample_area: Any, sample_normal: Any, blocks: Any, surface_term: Any, node_force: Any
+) -> None:  # fmt: skip
+    """(4.18*): first over the samples of each cell, then over the cells that reach a node."""
+    a = arrays(blocks, sample_position.dtype, facets=sample_position.shape[0])
+    a |= {"sample_position": sample_position, "sample_area": sample_area, "sample_normal": sample_normal}
+    stages.pull(a | {"node_force": node_force}, blocks, surface_term)

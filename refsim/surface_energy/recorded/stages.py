@@ -1,0 +1,166 @@
+"""The stages of a recorded reconstruction: which kernels are launched on which arrays, in the order of the graph.
+
+Each takes the arrays of `work_arrays` by name, the blocks and the parameters, launches kernels only, and does not
+wait for the device. `refsim.surface_energy.recorded` records them; `programs` runs them one at a time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+
+from refsim.sparse_grid import PointList
+from refsim.sparse_grid.cuda import sum_blocks, write_first
+from refsim.surface_energy.recorded import cells_cuda, fit_cuda, force_cuda, level_set_cuda, samples_cuda
+
+Arrays = Mapping[str, Any]
+
+
+def work_arrays(
+    empty: Callable[[Any, Any], Any], dim: int, real: np.dtype, nodes: int, particles: int, vertices: int, facets: int
+) -> dict[str, Any]:
+    """All arrays of a reconstruction, for `particles` particles on `nodes` nodes, with capacities for the others."""
+    n, count, v, f, b = particles, nodes, vertices, facets, nodes // 64
+    shapes = {
+        "held": count, "first": count + 1, "cell": n, "place": n, "unsorted": n, "placed": ((n, 3), real),
+        "node_state": (count, np.uint8), "node_label": count, "members": count,
+        "crossings": (count, np.uint8), "cell_case": (count, np.uint8),
+        "cut_total": (b, np.int64), "edge_first": count, "facet_first": count, "vertex_edge": v,
+        "facets": ((f, dim), np.int32), "vertex_position": ((v, 3), real), "vertex_outward": ((v, 3), real),
+        "sample_place": ((f, 3), real), "facet_normal": ((f, 3), real), "outward": ((f, 3), real),
+        "fit_position": ((2 * f, 3), real), "fit_cell": 2 * f, "fit_place": 2 * f, "held_points": count,
+        "fit_first": count + 1, "fit_unsorted": 2 * f, "fit_splines": ((2 * f, 9), real),
+        "fit_target": (2 * f, real), "node_weight": (count, real),
+        "coefficients": (count, real), "rank": count,
+        "filled": 2 * f, "pair_total": (b, np.int64), "reached": ((2 * f, 27), real), "change": ((2 * f, 27), real),
+        "pulls": ((f, 81), real), "warps": (f // 2 + 1, np.uint8), "sample_normal": ((f, 3), real),
+        "vertex_normal": ((v, 3), real),
+        "inset_position": ((v, 3), real), "sample_position": ((f, 3), real), "sample_area": (f, real),
+        "nearest": f, "sample_count": n, "either": (f + v, np.uint8), "total": b, "one": 1,
+        "counts": cells_cuda.COUNTS,
+        "held_samples": count, "samples_first": count + 1, "sample_point": f, "node_force": ((count, 3), real),
+    }  # fmt: skip
+    kinds = {name: shape if isinstance(shape, tuple) else (shape, np.int32) for name, shape in shapes.items()}
+    return {name: empty(shape, dtype) for name, (shape, dtype) in kinds.items()}
+
+
+def listed(a: Arrays) -> PointList:
+    """The particles of each cell; within a cell in any order."""
+    return PointList(a["first"], a["unsorted"], a["cell"])
+
+
+def sort_particles(a: Arrays, position: Any, blocks: Any, term: Any, sure: Any) -> None:
+    """Particles by cell, by counting; counters are set to 0."""
+    counts, total = a["counts"], a["total"]
+    cells_cuda.clear(a["held"], a["held_points"], a["members"], a["sample_count"], counts)
+    cells_cuda.count_particles(position, term, blocks, sure, a["held"], a["place"], a["cell"], counts)
+    cells_cuda.total_blocks(a["held"], counts, total)
+    sum_blocks(a["one"], total)
+    write_first(a["held"], total, a["first"])
+    cells_cuda.fill_particles(position, a["cell"], a["place"], a["first"], a["unsorted"], a["placed"])
+
+
+def mark_nodes(a: Arrays, blocks: Any, term: Any, given: bool = False) -> None:
+    """States of nodes, unless they are `given`, and labels of inside nodes within each block."""
+    placed = None if given else a["placed"]
+    level_set_cuda.states_of_blocks(placed, listed(a), blocks, term, a["node_state"], a["node_label"], a["total"])
+
+
+def count_cuts(a: Arrays, blocks: Any, table: Any) -> None:
+    """Cut edges and cell cases, and the numbers of vertices and facets."""
+    level_set_cuda.classify_blocks(blocks, a["node_state"], table, a["crossings"], a["cell_case"], a["cut_total"])
+    level_set_cuda.sum_cuts(a["one"], a["cut_total"], a["vertex_edge"], a["facets"], a["counts"])
+
+
+def write_cuts(a: Arrays, blocks: Any, table: Any) -> None:
+    """Edges of vertices and corners of facets; components joined across blocks, and their particles counted."""
+    crossings, case = a["crossings"], a["cell_case"]
+    level_set_cuda.first_cuts(
+        blocks, crossings, case, table, a["node_label"], a["edge_first"], a["facet_first"], a["cut_total"]
+    )
+    level_set_cuda.write_facets(
+        blocks, crossings, case, a["edge_first"], a["facet_first"], table, a["counts"], a["vertex_edge"], a["facets"],
+        a["first"], a["node_label"], a["members"], a["cut_total"],
+    )  # fmt: skip
+
+
+def place_vertices(a: Arrays, position: Any, blocks: Any, term: Any) -> None:
+    """Vertices on the union of spheres [m] and unit vectors away from their nearest particles."""
+    samples_cuda.place_vertices(
+        position, a["placed"], listed(a), blocks, a["node_state"], term, a["vertex_edge"], a["counts"],
+        a["vertex_position"], a["vertex_outward"],
+    )  # fmt: skip
+
+
+def place_points(a: Arrays, position: Any, blocks: Any, term: Any) -> None:
+    """Samples of facets, unit vectors away from their nearest particles, and the points of the fit [m]."""
+    samples_cuda.place_points(
+        position, a["placed"], listed(a), blocks, term, a["vertex_edge"], a["vertex_position"], a["facets"],
+        a["counts"], a["sample_place"], a["facet_normal"], a["outward"], a["fit_position"], a["fit_cell"],
+        a["fit_place"], a["held_points"],
+    )  # fmt: skip
+
+
+def sort_points(a: Arrays, blocks: Any, term: Any) -> None:
+    """Splines and values of the fit's points, cell by cell."""
+    number_cells(a, a["held_points"], a["fit_first"])
+    fit_cuda.fill_points(a["fit_cell"], a["fit_place"], a["fit_first"], 2, a["counts"], a["fit_unsorted"])
+    fit_cuda.sort_points(
+        a["fit_position"], a["fit_cell"], a["fit_first"], a["fit_unsorted"], blocks, term, a["counts"],
+        a["fit_splines"], a["fit_target"],
+    )  # fmt: skip
+
+
+def sweep(a: Arrays, blocks: Any, term: Any) -> None:
+    """(3.7), and Algorithm 2 from C = 0."""
+    weight, coefficients, rank, change = a["node_weight"], a["coefficients"], a["rank"], a["change"]
+    points = a["fit_first"], a["fit_splines"], a["fit_target"], a["filled"], blocks
+    fit_cuda.sum_fit(*points, None, a["counts"], a["reached"], change, a["warps"])
+    fit_cuda.begin_fit(a["fit_first"], rank, blocks, a["reached"], change, term, weight, coefficients, a["total"])
+    for _ in range(int(term.iterations) - 1):
+        fit_cuda.sum_fit(*points, coefficients, a["counts"], None, change, a["warps"])
+        fit_cuda.correct(rank, blocks, change, term, weight, coefficients, a["total"])
+
+
+def find_normals(a: Arrays, blocks: Any, term: Any, mls: Any) -> None:
+    """Normals at samples and vertices, by (3.17) or, where `mls` is None, by (3.9); vertices after the inset [m]."""
+    samples_cuda.find_normals(
+        a["sample_place"], a["outward"], a["vertex_position"], a["vertex_outward"], a["vertex_edge"], a["facets"],
+        blocks, term, a["coefficients"], mls, a["counts"], a["either"], a["sample_normal"], a["vertex_normal"],
+        a["inset_position"],
+    )  # fmt: skip
+
+
+def place_samples(a: Arrays, position: Any, blocks: Any, term: Any, least: Any) -> None:
+    """Samples after the inset; areas are 0 on components of fewer than `least` particles."""
+    samples_cuda.place_samples(
+        position, a["placed"], listed(a), blocks, term, a["vertex_edge"], a["inset_position"], a["facets"],
+        a["node_label"], a["members"], least, a["sample_position"], a["sample_area"], a["nearest"], a["sample_count"],
+        a["counts"],
+    )  # fmt: skip
+
+
+def pull(a: Arrays, blocks: Any, term: Any) -> None:
+    """The force of the samples on the nodes [N]."""
+    counts, held, first = a["counts"], a["held_samples"], a["samples_first"]
+    force_cuda.clear_samples(held)
+    force_cuda.locate_samples(
+        a["sample_position"], a["vertex_edge"], a["facets"], blocks, term, counts, held, a["fit_place"], a["fit_cell"]
+    )
+    number_cells(a, held, first)
+    fit_cuda.fill_points(a["fit_cell"], a["fit_place"], first, 1, counts, a["fit_unsorted"])
+    force_cuda.sort_samples(a["fit_cell"], first, a["fit_unsorted"], counts, a["sample_point"])
+    force_cuda.sum_pulls(
+        a["sample_position"], a["sample_area"], a["sample_normal"], first, a["sample_point"], a["filled"], counts,
+        blocks, term, a["pulls"], a["warps"],
+    )  # fmt: skip
+    force_cuda.pull_nodes(first, a["rank"], blocks, a["pulls"], term, a["node_force"], a["total"])
+
+
+def number_cells(a: Arrays, held: Any, first: Any) -> None:
+    """first <- sum of `held` over the cells before each; cells with points are numbered."""
+    fit_cuda.total_points(held, a["pair_total"])
+    fit_cuda.sum_points(a["one"], a["pair_total"], a["counts"])
+    fit_cuda.first_points(held, first, a["rank"], a["filled"], a["pair_total"])
