@@ -17,7 +17,7 @@ from refsim.mpm import particle
 from refsim.mpm.formulas import spline_slopes, spline_weights
 from refsim.mpm.grid import DEEP, FARTHEST
 from refsim.neighbours.formulas import BITS, OFFSET, lower_bound
-from refsim.sparse_grid.cuda import SUMMING, fill_cells, number, sort_cells, sorted_points
+from refsim.sparse_grid.block_search_cuda import SUMMING, fill_cells, number, sort_cells, sorted_points
 from refsim.sparse_grid.formulas import COORDINATE, node_coordinates
 
 FAR = 2.0 * FARTHEST

@@ -2,10 +2,10 @@
 
 Contents: Tension (the parameters), SurfaceTerm, Dice, surface_term; operations surface_energy.node_states,
 .exit_points, .facet_samples, .candidates, .poisson_disk, .offsets, .sample_counts, .fit_weights, .fit, .mls_normals,
-.spline_normals, .inset, .surface_force, .components, .component_sizes, .extents. What runs them one after another is
-`refsim.surface_energy.reconstruction`.
+.spline_normals, .inset, .surface_force, .components, .component_sizes, .extents. `refsim.surface_energy.reconstruction`
+runs them one after another.
 
-Interior particles are the liquid's own; samples stand on its surface. Letters inside formulas are the thesis's.
+Interior particles are those of the liquid; samples stand on its surface. Symbols are those of the thesis.
 """
 
 from __future__ import annotations
@@ -31,27 +31,27 @@ class SurfaceTerm(NamedTuple):
 
     cell_size: float  # h [m]
     inverse_cell: Any  # 1/h [1/m], float64
-    radius_squared: float  # (r/h)^2 of the spheres round the particles
+    radius_squared: float  # (r/h)^2 of the spheres around the particles
     offset: float  # epsilon/h of the fit's second points
     relaxation: float  # omega of the fit
     iterations: int  # of the fit
-    inset: float  # (r - delta)/h by which vertices go back
+    inset: float  # (r - delta)/h by which vertices are moved back
     disk: float  # r_s/h, least distance of samples
-    tension: float  # k [N/m], negative as printed (M1)
+    tension: float  # k [N/m], negative as printed (thesis M1)
 
 
 class Dice(NamedTuple):
-    """What decides where Poisson-disk samples fall."""
+    """Random numbers of the Poisson-disk samples."""
 
     seed: int
     candidates: int  # number of candidates
 
 
 class Tension(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """How the surface is reconstructed and how strongly it pulls.
+    """Parameters of the reconstruction of the surface and of its tension.
 
     surface_tension   k [N/m] (in the plane N, per metre of depth)
-    level_set_radius  r of the spheres round the particles, in cells; by default sqrt(dim)
+    level_set_radius  r of the spheres around the particles, in cells; by default sqrt(dim)
     quadrature        "facets": a sample to each facet; "poisson": Poisson-disk samples
     disk_radius       least distance of Poisson-disk samples, in cells, at most 1
     seed              of the Poisson-disk samples
@@ -59,12 +59,12 @@ class Tension(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
     iterations        sweeps of the fit
     relaxation        omega of the fit, between 0 and 2
     normals           "mls" (3.17), "gradient" (3.9), or, to compare, "facets" and "offsets"
-    inset             distance of the liquid's surface from its outermost particles, in cells: the surface is pulled
+    inset             distance of the liquid's surface from its outermost particles, in cells: the surface is moved
                       back to it; None leaves it at r
     enclose_volume    the inset is the distance at which the surface encloses the liquid's present volume, at most
-                      `LARGEST_INSET` cells; `inset` then serves where the volume is not known
-    smallest          particles of the smallest component that bears tension; by default 3^dim
-    literal           errata taken as printed: M1, M14, M31, M32, or "all"
+                      `LARGEST_INSET` cells; `inset` is used where the volume is not known
+    smallest          particles of the smallest component that has tension; by default 3^dim
+    literal           errata of the thesis taken as printed: M1, M14, M31, M32, or "all"
     """
 
     surface_tension: float
@@ -90,7 +90,7 @@ class Tension(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
         return dim**0.5 if self.level_set_radius is None else self.level_set_radius
 
     def least_component(self, dim: int) -> int:
-        """Particles of the smallest component that bears tension."""
+        """Particles of the smallest component that has tension."""
         return 3**dim if self.smallest is None else self.smallest
 
     def inset_distance(self) -> float | None:
@@ -98,7 +98,7 @@ class Tension(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
         return None if "M31" in self.printed() else self.inset
 
     def check(self, dim: int) -> None:
-        """Raise InputError, in one sentence, for what is not possible."""
+        """Raise InputError if a parameter is out of its range."""
         owner = "surface_energy"
         self.printed()
         require(
@@ -177,7 +177,7 @@ def _enter(name: str, equation: str, outputs: tuple[str, ...], **options: Any) -
 
 
 def tension_of(case: Any) -> Tension:
-    """Parameters of a case: few sweeps, so that no error is smoothed away; printed where it says so."""
+    """Parameters of a case: few sweeps, so that errors are not smoothed; errata as printed if the case says so."""
     return Tension(surface_tension=0.07, iterations=4, literal=("M1", "M31") if case.literal else ())
 
 

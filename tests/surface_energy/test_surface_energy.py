@@ -1,4 +1,4 @@
-"""The reconstruction of a surface: how good its normals are, what its force conserves, and where it ends."""
+"""The reconstruction of a surface: errors of its normals, conservation by its force, and limits."""
 
 import collections
 
@@ -86,7 +86,7 @@ def test_surface_of_a_cloud_is_closed(radii):
 
 @pytest.mark.parametrize("dim", [2, 3])
 def test_vertices_stand_on_the_union_of_spheres(dim):
-    """Each is r away from a particle; only a sphere that contains neither end of an edge may cover it (M33)."""
+    """Each is r away from a particle; only a sphere that contains neither end of an edge may cover it (thesis M33)."""
     place = ball(4, dim=dim)
     _, surface = reconstructed(place, dim)
     distance = np.linalg.norm(surface.mesh.vertices[:, None] / H - place[None], axis=-1).min(1)
@@ -122,7 +122,7 @@ def test_poisson_disk_samples_keep_their_distance_and_leave_no_gap(dim):
     place = surface.samples.position / H
     distance = np.linalg.norm(place[:, None] - place[None], axis=-1) + 9 * np.eye(len(place))
     assert distance.min() >= 0.5
-    assert distance.min(1).max() < 1.1  # in a wider gap another disk would have found room
+    assert distance.min(1).max() < 1.1  # in a wider gap another disk would fit
     _, exact = reconstructed(ball(5, dim=dim), dim, inset=None)
     assert surface.samples.area.sum() == pytest.approx(exact.samples.area.sum(), rel=1e-5)
     assert np.ptp(surface.samples.area) == 0
@@ -152,9 +152,9 @@ def test_same_particles_give_the_same_bits_in_any_order_on_any_threads(dim, dtyp
 
 def test_shift_by_whole_cells_shifts_the_surface():
     place = np.round(ball(4) * 64) / 64
-    way = np.array([5.0, -3.0, 8.0])
+    shift = np.array([5.0, -3.0, 8.0])
     _, here = reconstructed(place)
-    _, there = reconstructed(place + way)
+    _, there = reconstructed(place + shift)
 
     def ordered(surface):
         at = np.round(surface.samples.position / H, 6)
@@ -162,7 +162,7 @@ def test_shift_by_whole_cells_shifts_the_surface():
         return at[order], surface.samples.area[order], surface.samples.normal[order]
 
     first, second = ordered(here), ordered(there)
-    assert np.abs(second[0] - way - first[0]).max() < 1e-5
+    assert np.abs(second[0] - shift - first[0]).max() < 1e-5
     assert np.abs(second[1] - first[1]).max() < 1e-12
     assert np.abs(second[2] - first[2]).max() < 1e-9
 
@@ -172,8 +172,8 @@ def test_shift_by_whole_cells_shifts_the_surface():
 
 def fit_matrix(made, surface):
     """(B, dense, on its active columns; b; points [m]; active nodes) of a surface's fit."""
-    way = made.term.offset * made.term.cell_size * surface.offset_direction
-    points = np.vstack([surface.sample_place, surface.sample_place + way])
+    offset = made.term.offset * made.term.cell_size * surface.offset_direction
+    points = np.vstack([surface.sample_place, surface.sample_place + offset])
     row, node, weight = reference._matrix(points, surface.blocks, made.term)
     active, column = np.unique(node[weight > 0], return_inverse=True)
     matrix = np.zeros((len(points), len(active)))
@@ -183,7 +183,7 @@ def fit_matrix(made, surface):
 
 @pytest.mark.parametrize("dim", [2, 3])
 def test_spectrum_of_the_fit_lies_between_zero_and_one(dim):
-    """Lambda B^T B is stochastic: its greatest eigenvalue is one, so that the fit converges for 0 < omega < 2 (M15)."""
+    """Lambda B^T B is stochastic: its greatest eigenvalue is 1, and the fit converges for 0 < omega < 2 (thesis M15)."""
     matrix, _, _, _ = fit_matrix(*reconstructed(ball(4 if dim == 2 else 2, dim=dim), dim, inset=None))
     root = np.sqrt(1 / matrix.sum(0))
     values = np.linalg.eigvalsh(root[:, None] * (matrix.T @ matrix) * root[None])
@@ -249,11 +249,11 @@ def test_force_is_the_slope_of_the_surface_energy():
     assert work == pytest.approx(-2.0 * slope, rel=2e-3)
 
 
-# Where it ends
+# Limits
 
 
-def test_components_too_small_bear_no_tension():
-    """A drop, a pair and a lone particle: fewer than 27 hang together only in the last two."""
+def test_small_components_have_no_tension():
+    """A drop, a pair and a lone particle: only the last two are components of fewer than 27 particles."""
     drop = ball(3)
     place = np.vstack([drop, [[9.0, 0, 0], [9.4, 0.1, 0], [-9.0, 1, 2]]])
     made, surface = reconstructed(place, inset=0.25)
@@ -262,8 +262,8 @@ def test_components_too_small_bear_no_tension():
     assert idle.any()
     assert not surface.samples.area[idle].any()
     assert (surface.samples.area[~idle] > 0).all()
-    _, all_bear = reconstructed(place, inset=0.25, smallest=1)
-    assert all_bear.samples.area[idle].sum() > 0
+    _, all_kept = reconstructed(place, inset=0.25, smallest=1)
+    assert all_kept.samples.area[idle].sum() > 0
     force = made.force(surface.samples, surface.blocks)
     far = np.abs(node_table(surface.blocks)[:, 0]) > 7
     assert not force[far].any()
@@ -303,7 +303,7 @@ def test_nothing_and_one_particle(dim, quadrature, count):
 
 
 def test_particle_on_a_node_marks_its_neighbours_and_no_more():
-    """Exactly r away is not nearer than r: of the nodes around one on a node all within 1 step, but for the corners."""
+    """Exactly r away is not nearer than r: the nodes within one step along each axis, except the corners."""
     place = np.zeros((1, 3))
     _, surface = reconstructed(place, h=0.25)
     state = np.zeros(nodes(surface.blocks), int)
