@@ -13,7 +13,7 @@ from refsim.mpm.formulas import spline_weights
 from refsim.mpm.grid_to_particle import centred, move_particle
 from refsim.mpm.kernels import layer_weights, place
 from refsim.mpm.particle_to_grid_cuda import REACH, quotient
-from refsim.sparse_grid.cuda import SUMMING, number
+from refsim.sparse_grid.block_search_cuda import SUMMING, number
 from refsim.sparse_grid.formulas import node_coordinates
 
 GATHERING = 16 if simulated() else 128  # threads; more than a row of the affine matrices has numbers

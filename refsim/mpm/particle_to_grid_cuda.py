@@ -12,7 +12,7 @@ from refsim.backends.compile import cuda, cuda_kernel, formula
 from refsim.mpm.formulas import spline_slopes, spline_weights
 from refsim.mpm.kernels import layer_slopes, layer_weights, place
 from refsim.mpm.particle_to_grid import carrier_field, particle_field
-from refsim.sparse_grid.cuda import number
+from refsim.sparse_grid.block_search_cuda import number
 from refsim.sparse_grid.formulas import node_coordinates
 
 ROWS = 192  # threads of a block that scatters: three for each of 64 cells

@@ -8,7 +8,7 @@ from refsim.mpm.formulas import base_coordinate
 from refsim.mpm.grid import DEEP, FARTHEST
 from refsim.mpm.kernels import key_of, write_keys
 from refsim.neighbours.formulas import BITS, OFFSET, lower_bound
-from refsim.sparse_grid.cuda import fill_cells, number, sort_cells, sorted_points
+from refsim.sparse_grid.block_search_cuda import fill_cells, number, sort_cells, sorted_points
 from refsim.sparse_grid.formulas import COORDINATE, block_bits
 
 

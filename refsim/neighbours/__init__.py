@@ -60,10 +60,10 @@ class NeighbourSearch:
         self.reach = self.radius * (1 + self.skin)
         self.allowed_displacement = 0.5 * self.skin * self.radius
         if self.backend.name == "cuda":
-            from refsim.neighbours import cuda as programs
+            from refsim.neighbours import cell_list_cuda as programs
         else:
-            from refsim.neighbours import cpu as programs
-        self.programs = programs.Search(self.backend, self.dim, self.reach, self.log)
+            from refsim.neighbours import cell_list as programs
+        self.programs = programs.CellSearch(self.backend, self.dim, self.reach, self.log)
 
     def order(self, position: Any) -> Any:
         """Permutation that puts the particles into cell order (stable)."""

@@ -33,7 +33,7 @@ def cell_key(cx, cy, cz):
 
 @formula
 def block_key(cell):
-    """Key (dimensionless) of the block = floor(c/2) of two cells along each axis that holds a cell, given by its key."""
+    """Key (dimensionless) of the block = floor(c/2) of two cells along each axis that holds a cell of this key."""
     mask = (1 << BITS) - 1
     return cell_key((cell & mask) >> 1, ((cell >> BITS) & mask) >> 1, cell >> (2 * BITS + 1))
 

@@ -1,4 +1,4 @@
-"""The background grid, only where something is: blocks of 64 nodes in a table of sorted keys, and points by cell.
+"""The background grid near points only: blocks of 64 nodes in a table of sorted keys, and points by cell.
 
 Contents: Blocks, PointList, SparseGrid. Memory follows what is covered, not the domain. Reference:
 `refsim.sparse_grid.reference`.
@@ -30,10 +30,10 @@ class SparseGrid:
 
     def __post_init__(self) -> None:
         if self.backend.name == "cuda":
-            from refsim.sparse_grid import cuda as programs
+            from refsim.sparse_grid import block_search_cuda as programs
         else:
-            from refsim.sparse_grid import cpu as programs
-        self.programs = programs.Search(self.dim, inverse_cell(self.cell_size, self.dtype))
+            from refsim.sparse_grid import block_search as programs
+        self.programs = programs.BlockSearch(self.dim, inverse_cell(self.cell_size, self.dtype))
 
     def cover(self, position: Any, below: int, above: int) -> Blocks:
         """Blocks that hold every node from `below` under to `above` over the cell of each position (n, 3) [m]."""
@@ -48,7 +48,7 @@ class SparseGrid:
         return self.programs.by_cell(position, blocks, shift)
 
     def cells_alone(self, position: Any, blocks: Blocks, shift: float = 0.0) -> PointList:
-        """The cell of each point, as a list whose rows nobody may ask for: sorting is what takes the time."""
+        """The cell of each point, as a list without valid rows: it saves the sorting, which takes most of the time."""
         cell = self.programs.cell_of(position, blocks, shift)
         return PointList(cell, cell, cell)
 

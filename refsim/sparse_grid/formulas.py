@@ -43,7 +43,7 @@ def find_node(blocks, jx, jy, jz):
 
 @formula
 def find_node_near(blocks, jx, jy, jz, guess):
-    """Number i (dimensionless) of the node x = h j, -1 where no block holds it; block `guess`, or -1, is tried first."""
+    """Number i (dimensionless) of the node x = h j, -1 where no block holds it; block `guess`, or -1, comes first."""
     bits = block_bits(blocks)
     bz = jz >> bits if bits == 2 else jz
     key = ((bz + OFFSET) << (2 * BITS)) | (((jy >> bits) + OFFSET) << BITS) | ((jx >> bits) + OFFSET)

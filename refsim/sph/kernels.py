@@ -31,6 +31,8 @@ def density(i, lane, position, mass, neighbours, walls, smoothing, fluid, number
                 mx += w * dx
                 my += w * dy
                 mz += w * dz
+    if not number >= real(0):  # keeps the sum of W in every variant, so that the density has the same bits in all
+        rho = number
     rho = over_lanes(rho, lane)
     if number_density is not None:
         number = over_lanes(number, lane)

@@ -3,9 +3,9 @@
 Contents: Tension (the parameters, base of the effect in `refsim.surface_energy.effect`), SurfaceTerm, Dice,
 surface_term; operations surface_energy.node_states, .exit_points, .facet_samples, .candidates, .poisson_disk, .offsets,
 .sample_counts, .fit_weights, .fit, .mls_normals, .spline_normals, .inset, .surface_force, .components,
-.component_sizes, .extents. What runs them one after another is `refsim.surface_energy.reconstruction`.
+.component_sizes, .extents. `refsim.surface_energy.reconstruction` runs them one after another.
 
-Interior particles are the liquid's own; samples stand on its surface. Letters inside formulas are the thesis's.
+Interior particles are those of the liquid; samples stand on its surface. Symbols are those of the thesis.
 """
 
 from __future__ import annotations
@@ -31,27 +31,27 @@ class SurfaceTerm(NamedTuple):
 
     cell_size: float  # h [m]
     inverse_cell: Any  # 1/h [1/m], float64
-    radius_squared: float  # (r/h)^2 of the spheres round the particles
+    radius_squared: float  # (r/h)^2 of the spheres around the particles
     offset: float  # epsilon/h of the fit's second points
     relaxation: float  # omega of the fit
     iterations: int  # of the fit
-    inset: float  # (r - delta)/h by which vertices go back
+    inset: float  # (r - delta)/h by which vertices are moved back
     disk: float  # r_s/h, least distance of samples
-    tension: float  # k [N/m], negative for the sign as printed (thesis M1)
+    tension: float  # k [N/m], negative as printed (thesis M1)
 
 
 class Dice(NamedTuple):
-    """What decides where Poisson-disk samples fall."""
+    """Random numbers of the Poisson-disk samples."""
 
     seed: int
     candidates: int  # number of candidates
 
 
 class Tension(Effect, HasErrata, frozen=True, kw_only=True):
-    """How a surface is reconstructed and how strongly it pulls: base of the effect `SurfaceEnergy`.
+    """Parameters of the reconstruction of the surface and of its tension: base of the effect `SurfaceEnergy`.
 
     surface_tension   k [N/m] (in the plane N, per metre of depth)
-    level_set_radius  r of the spheres round the particles, in cells; by default sqrt(dim)
+    level_set_radius  r of the spheres around the particles, in cells; by default sqrt(dim)
     quadrature        "facets": a sample to each facet; "poisson": Poisson-disk samples
     disk_radius       least distance of Poisson-disk samples, in cells, at most 1
     seed              of the Poisson-disk samples
@@ -59,13 +59,12 @@ class Tension(Effect, HasErrata, frozen=True, kw_only=True):
     iterations        sweeps of the fit
     relaxation        omega of the fit, between 0 and 2
     normals           "mls" (3.17), "gradient" (3.9), or, to compare, "facets" and "offsets"
-    inset             distance of the liquid's surface from its outermost particles, in cells: the surface is pulled
+    inset             distance of the liquid's surface from its outermost particles, in cells: the surface is moved
                       back to it; a negative one leaves it at r
     enclose_volume    the inset is the distance at which the surface encloses the liquid's present volume, at most 0.75
-                      cells; `inset` then serves only where the volume is not known. One distance for all of the surface
+                      cells; `inset` is used where the volume is not known
     smallest          particles of the smallest component that has tension; 0 takes 3^dim
-    literal           printed readings to use: "M1" (the force's sign), "M14" (Algorithm 2), "M31" (the surface at r),
-                      "M32" (15 cases); or "all"
+    literal           errata of the thesis taken as printed: M1, M14, M31, M32, or "all"
     """
 
     source: ClassVar[str] = "thesis"
@@ -98,7 +97,7 @@ class Tension(Effect, HasErrata, frozen=True, kw_only=True):
         return None if "M31" in self.printed() or self.inset < 0 else self.inset
 
     def check_parameters(self, dim: int) -> None:
-        """Raise InputError, in one sentence, for what is not possible."""
+        """Raise InputError if a parameter is out of its range."""
         owner = self.name or "surface_energy"
         self.printed()
         require(
@@ -177,7 +176,7 @@ def _enter(name: str, equation: str, outputs: tuple[str, ...], **options: Any) -
 
 
 def tension_of(case: Any) -> Tension:
-    """Parameters of a case: few sweeps, so that no error is smoothed away; printed where it says so."""
+    """Parameters of a case: few sweeps, so that errors are not smoothed; errata as printed if the case says so."""
     return Tension(surface_tension=0.07, iterations=4, literal=("M1", "M31") if case.literal else ())
 
 

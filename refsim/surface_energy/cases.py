@@ -1,4 +1,4 @@
-"""Inputs and closed forms of the reconstruction: every step takes what the references of the steps before it made."""
+"""Inputs and closed forms of the reconstruction: each step's input comes from the references of earlier steps."""
 
 import functools
 import math
@@ -29,7 +29,7 @@ def area_units(area, h, dim) -> np.ndarray:
 
 @functools.cache
 def reconstruction(name: str, dtype: str) -> dict:
-    """Everything that the reconstruction makes on its way, by the references."""
+    """All intermediate results of the reconstruction, by the references."""
     made = CASES[name]()
     position = made.position.astype(dtype)
     before = extraction(name, dtype)
@@ -89,7 +89,7 @@ def _reconstruction(case, grid):
 
 
 VARIATIONS[SurfaceTerm] = Variation(
-    held=dict.fromkeys(("cell_size", "inverse_cell"), "the case's nodes and cells are made for it"), usual=()
+    held=dict.fromkeys(("cell_size", "inverse_cell"), "the case's nodes and cells belong to it"), usual=()
 )
 VARIATIONS[Dice] = Variation(held={"candidates": "the case's tables have as many rows"})
 takes("surface_energy.node_states", "surface_energy.exit_points", surface_term="radius_squared")
@@ -131,9 +131,9 @@ def disc() -> Case:
 
 @case
 def filament_row() -> Case:
-    """A row of particles half a cell apart, askew: no volume ratio sees how it gathers."""
-    way = np.array([2.0, 3.0, 6.0]) / 7
-    return shape("filament_row", 3, 0.1 * np.arange(30)[:, None] * way + 0.013)
+    """A row of particles half a cell apart, oblique to the axes; volume ratios do not show its contraction."""
+    direction = np.array([2.0, 3.0, 6.0]) / 7
+    return shape("filament_row", 3, 0.1 * np.arange(30)[:, None] * direction + 0.013)
 
 
 @case
@@ -150,7 +150,7 @@ def on_nodes() -> Case:
 
 @case
 def close_drops() -> Case:
-    """Two discs 2.5 cells apart: nearer than twice the level set's radius, so that they share one surface."""
+    """Two discs 2.5 cells apart: nearer than twice the level set's radius: they share one surface."""
     ball = cut_ball(0.45, 2)
     return shape("close_drops", 2, np.vstack([ball, ball + [1.4, 0.02, 0.0]]))
 
@@ -293,15 +293,16 @@ def three_darts():
 def sample_beside_a_particle():
     """The particle stands at (1, 1, 1) m, the sample 0.9 m beside it along the diagonal (2, 1, 2)/3; epsilon = h/2."""
     made, grid, given = lone(3)
-    way = np.array([[2.0, 1.0, 2.0]]) / 3
-    sample = given["interior_position"] + 0.9 * way
+    direction = np.array([[2.0, 1.0, 2.0]]) / 3
+    sample = given["interior_position"] + 0.9 * direction
     given |= {
         "sample_position": sample, "sample_cells": grid.by_cell(sample, given["blocks"]),
         "nearest": np.zeros(1, np.int32), "offset_direction": np.zeros((1, 3)), "fit_position": np.zeros((2, 3)),
     }  # fmt: skip
     return Exact(
         made, given,
-        {"nearest": np.zeros(1, int), "offset_direction": way, "fit_position": np.vstack([sample, sample + way])},
+        {"nearest": np.zeros(1, int), "offset_direction": direction,
+         "fit_position": np.vstack([sample, sample + direction])},
     )  # fmt: skip
 
 
@@ -421,8 +422,8 @@ def vertex_pulled_back():
         "vertex_position": np.array([[1.0, 2.0, 3.0]]), "vertex_normal": np.array([[0.0, 0.6, 0.8]]),
         "inset_position": np.zeros((1, 3)),
     }  # fmt: skip
-    way = (math.sqrt(3) - 0.25) * H
-    return Exact(made, given, {"inset_position": np.array([[1.0, 2 - 0.6 * way, 3 - 0.8 * way]])})
+    back = (math.sqrt(3) - 0.25) * H
+    return Exact(made, given, {"inset_position": np.array([[1.0, 2 - 0.6 * back, 3 - 0.8 * back]])})
 
 
 def one_sample_pulls(dim: int):

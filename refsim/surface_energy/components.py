@@ -8,7 +8,7 @@ def components(blocks, node_state, node_label):
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
-    from refsim.sparse_grid.cpu import neighbours_along
+    from refsim.sparse_grid.block_search import neighbours_along
 
     inside = node_state == 1
     node_label[:] = -1

@@ -4,12 +4,12 @@ import math
 
 from refsim.backends.compile import formula
 
-LEAST_SUM = 1e-12  # of a node's splines; one that is reached less is not active
+LEAST_SUM = 1e-12  # of a node's splines; a node with a smaller sum is not active
 
 
 @formula
 def grid_offset(x, j, surface_term):
-    """u = x/h - j of a place x [m] from node j, dimensionless; the difference is taken in float64."""
+    """u = x/h - j of a position x [m] from node j, dimensionless; the difference is taken in float64."""
     return type(surface_term.cell_size)(float(x) * surface_term.inverse_cell - float(j))
 
 
@@ -37,7 +37,7 @@ def spline_slope(f, k):
 
 @formula
 def exit_length(along, across_squared, surface_term):
-    """Algorithm 1, line 14: l = a + sqrt((r/h)^2 - q^2), the way [h] along an edge out of a sphere.
+    """Algorithm 1, line 14: l = a + sqrt((r/h)^2 - q^2), the distance [h] along an edge to the exit from a sphere.
 
     along           a, where the sphere's centre stands along the edge from its inside end
     across_squared  q^2, squared distance of the centre from the edge

@@ -1,7 +1,7 @@
 """The reconstruction of a surface, step after step: from particles to samples with normals, areas and particles.
 
 Figure 4.7 of the thesis up to the transfers: level set, marching cubes, samples, offsets, fit, normals, inset, and
-which components bear tension. All arrays stay on the backend.
+which components have tension. All arrays stay on the backend.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ class Reconstruction:
 
     cell_size  h [m]
     timed      measure each stage, waiting for the device after it
-    reused     the arrays of a surface are the next one's, too: on a GPU all of it is then one recorded graph
+    reused     the next surface overwrites the arrays of the last one: on a GPU it is then one recorded graph
 
     Raises InputError where the parameters are not possible.
     """
@@ -52,9 +52,9 @@ class Reconstruction:
         self._reused, self._recorded = reused, None
 
     def surface(self, position: Any, step: int = 0, volume: float | None = None) -> Surface:
-        """The surface of particles at `position` (n, 3) [m]; `step` draws other Poisson-disk samples each time.
+        """The surface of particles at `position` (n, 3) [m]; each `step` draws other Poisson-disk samples.
 
-        volume  what the surface encloses after the inset [m^dim]; None keeps the inset's distance
+        volume  enclosed by the surface after the inset [m^dim]; with None the inset's distance is given
         """
         if volume is None and self._reused and not self.timed and self.backend.name == "cuda":
             found = self._recorded_surface(position)
@@ -86,7 +86,7 @@ class Reconstruction:
         return self._mesh(position, blocks, cells)
 
     def _recorded_surface(self, position: Any) -> Surface | None:
-        """The surface by a recorded graph; None where there is none."""
+        """The surface by a recorded graph; None if there is no particle, no facet, or the parameters do not suit."""
         from refsim.surface_energy import recorded
 
         if not recorded.suits(self.tension):
@@ -104,7 +104,7 @@ class Reconstruction:
                 capacity = mesh.vertices.shape[0], mesh.facets.shape[0]
             else:
                 capacity = graph.capacity()
-            blocks, sure = self.grid.programs.roomy(position, self.below, self.above)
+            blocks, sure = self.grid.programs.with_margin(position, self.below, self.above)
             self._recorded = recorded.SurfaceGraph(self, blocks, sure, position.shape[0], *capacity, graph is not None)
         return self._recorded.surface(position)
 
@@ -188,7 +188,7 @@ class Reconstruction:
         return place, area, normal
 
     def offsets(self, position: Any, blocks: Blocks, cells: PointList, place: Any, fitted: bool) -> tuple[Any, ...]:
-        """(nearest particle, direction away from it, points of the fit where wanted) of places (s, 3) [m]."""
+        """(nearest particle, direction away from it, points of the fit if `fitted`) of places (s, 3) [m]."""
         count = place.shape[0]
         nearest, away = self._empty(count, np.int32), self._empty((count, 3))
         points = self._empty((2 * count, 3)) if fitted else None
@@ -253,7 +253,7 @@ class Reconstruction:
     def _enclosing(self, mesh: Mesh, vertex_normal: Any, volume: float) -> float:
         """(r - delta)/h with which the surface encloses `volume` [m^dim]; delta is 0 to LARGEST_INSET cells.
 
-        The volume within facets whose corners move along straight lines is a polynomial of degree dim in the way.
+        The volume within facets whose corners move along straight lines is a polynomial of degree dim in the distance.
         """
         if self.backend.name == "cuda":
             from refsim.backends import device
@@ -264,13 +264,13 @@ class Reconstruction:
         facets, h = seen(mesh.facets), float(self.term.cell_size)
         if not len(facets):
             return float(self.term.inset)
-        place, way = seen(mesh.vertices).astype(float), seen(vertex_normal).astype(float)
+        place, direction = seen(mesh.vertices).astype(float), seen(vertex_normal).astype(float)
         first = place[facets[0, 0]]
-        corner, move = (place[facets] - first)[:, :, : self.dim], h * way[facets][:, :, : self.dim]
+        corner, move = (place[facets] - first)[:, :, : self.dim], h * direction[facets][:, :, : self.dim]
         radius = self.tension.radius(self.dim)
-        ways = radius - np.linspace(0.0, LARGEST_INSET, self.dim + 1)
+        distances = radius - np.linspace(0.0, LARGEST_INSET, self.dim + 1)
         within = []
-        for t in ways:
+        for t in distances:
             p = corner - float(t) * move
             if self.dim == 2:
                 part = 0.5 * (p[:, 0, 0] * p[:, 1, 1] - p[:, 0, 1] * p[:, 1, 0])
@@ -278,9 +278,9 @@ class Reconstruction:
                 part = (p[:, 0] * xp.cross(p[:, 1], p[:, 2])).sum(1) / 6
             within.append(abs(float(part.sum())))
         if not within[0] < volume < within[-1]:
-            return float(ways[0] if volume <= within[0] else ways[-1])
-        curve = np.polynomial.Polynomial.fit(ways, np.array(within) - volume, self.dim)
-        roots = [float(z.real) for z in curve.roots() if abs(z.imag) < 1e-9 and ways[-1] <= z.real <= ways[0]]
+            return float(distances[0] if volume <= within[0] else distances[-1])
+        curve = np.polynomial.Polynomial.fit(distances, np.array(within) - volume, self.dim)
+        roots = [float(z.real) for z in curve.roots() if abs(z.imag) < 1e-9 and distances[-1] <= z.real <= distances[0]]
         return min(roots, key=lambda z: abs(z - float(self.term.inset)), default=float(self.term.inset))
 
     def _components(self, blocks: Blocks, cells: PointList, nearest: Any, area: Any) -> tuple[Any, Any]:
@@ -299,8 +299,8 @@ class Reconstruction:
         p = seen(nearest)
         if not len(p):
             return size, area
-        bears = (p >= 0) & (seen(size)[xp.maximum(p, 0)] >= least)
-        return size, wrapped(xp.where(bears, seen(area), self.dtype.type(0)))
+        kept = (p >= 0) & (seen(size)[xp.maximum(p, 0)] >= least)
+        return size, wrapped(xp.where(kept, seen(area), self.dtype.type(0)))
 
     # Arrays
 

@@ -11,8 +11,8 @@ import numpy as np
 from refsim.neighbours.reference import pair_blocks
 from refsim.sparse_grid.reference import Lookup, dimension
 
-LEAST_SUM = 1e-12  # of a node's splines; one that is reached less is not active
-TIE = 1e-5  # relative; a sphere whose surface passes that near to a node is left out of the comparison
+LEAST_SUM = 1e-12  # of a node's splines; a node with a smaller sum is not active
+TIE = 1e-5  # relative; a sphere whose surface passes nearer than this to a node is not compared
 
 
 def _in_cells(position, surface_term):
@@ -66,15 +66,15 @@ def _edge_ends(blocks, node_state, vertex_edge):
     node, axis = np.divmod(np.asarray(vertex_edge, dtype=int), 3)
     start = find.coordinates[node]
     lower_inside = np.asarray(node_state)[node] == 1
-    way = np.eye(3, dtype=int)[axis]
-    return np.where(lower_inside[:, None], start, start + way), axis, np.where(lower_inside, 1, -1)
+    step = np.eye(3, dtype=int)[axis]
+    return np.where(lower_inside[:, None], start, start + step), axis, np.where(lower_inside, 1, -1)
 
 
 def exit_points(interior_position, cells, blocks, node_state, surface_term, vertex_edge):
     """Algorithm 1, lines 10 to 17: x = x_g1 + s h max_v(a + sqrt(r^2/h^2 - q^2)) e_a [m] over |x_g1 - x_v| < r."""
     inside, axis, sign = _edge_ends(blocks, node_state, vertex_edge)
     h, limit = float(surface_term.cell_size), float(surface_term.radius_squared)
-    way, loose = np.zeros(len(inside)), np.ones(len(inside))
+    farthest, loose = np.zeros(len(inside)), np.ones(len(inside))
     own = np.arange(len(inside))
     for place, apart, distance in pair_blocks(inside, _in_cells(interior_position, surface_term)):
         k = own[place]
@@ -84,13 +84,13 @@ def exit_points(interior_position, cells, blocks, node_state, surface_term, vert
         near = distance**2 < limit
         root = np.sqrt(np.maximum(limit - across, 0))
         length = np.where(near, along + root, 0)
-        way[place] = length.max(axis=1, initial=0)
+        farthest[place] = length.max(axis=1, initial=0)
         tie = (np.abs(distance**2 - limit) < TIE * limit).any(1)
         condition = np.where(near, np.abs(along) + (limit + across + along**2) / np.maximum(root, 1e-12), 0)
         best = length.argmax(axis=1) if length.shape[1] else np.zeros(len(k), int)
         chosen = condition[np.arange(len(k)), best] if length.shape[1] else np.zeros(len(k))
         loose[place] = np.where(tie, np.inf, 1 + chosen)
-    step = sign * np.minimum(way, 1)
+    step = sign * np.minimum(farthest, 1)
     direction = np.eye(3)[axis]
     value = h * (inside + step[:, None] * direction)
     scale = h * (np.abs(inside) + 1 + np.where(direction > 0, loose[:, None], 0))
@@ -112,7 +112,7 @@ def facet_samples(vertex_position, facets):
     with np.errstate(invalid="ignore", divide="ignore"):
         normal = np.where(area[:, None] > 0, vector / area[:, None], 0)
         doubt = np.where(area > 0, size / area, np.inf)
-    # a facet of no area has any normal: its direction is all rounding
+    # the direction of a facet without area is rounding error
     return {
         "sample_position": (corner.mean(axis=1), np.abs(corner).sum(axis=1)),
         "sample_area": (area, size),
@@ -173,7 +173,7 @@ def poisson_disk(candidate_position, candidate_cells, blocks, dice, surface_term
         if (distance >= disk).all():
             taken[k] = 1
             held = np.vstack([held, u[k]])
-    # one close decision may turn those that follow
+    # one decision within rounding may reverse those that follow
     return {"accepted": (taken, np.full(len(u), margin))}
 
 
@@ -258,7 +258,7 @@ def _matrix(place, blocks, surface_term):
 def fit_weights(fit_position, fit_cells, blocks, surface_term):
     """B(x_r/h - j - k) for k = 0, 1, 2 along each axis; (3.7): Lambda_j = 1/sum_r B_j(x_r); dimensionless.
 
-    Lambda is 0 where the sum is below 1e-12 (M16).
+    Lambda is 0 where the sum is below 1e-12 (thesis M16).
     """
     dim = dimension(blocks)
     u = _in_cells(fit_position, surface_term)
@@ -314,7 +314,7 @@ def fit(fit_splines, fit_cells, blocks, surface_term, node_weight, active):
         size = np.abs(goal) + np.bincount(row, weight * np.abs(coefficient[node]), rows)
         coefficient = coefficient + step * np.bincount(node, weight * residual[row], count)
         scale = scale + step * np.bincount(node, weight * size[row], count)
-    # what one sweep rounds the following ones spread, but do not enlarge: the largest holds for all
+    # following sweeps spread the rounding error of one, but do not enlarge it: the largest bounds all
     spread = scale.max(initial=0) * max(int(surface_term.iterations), 1)
     return {
         "residual": (residual, np.full(rows, 3 * spread + float(surface_term.offset))),
@@ -324,7 +324,7 @@ def fit(fit_splines, fit_cells, blocks, surface_term, node_weight, active):
 
 def mls_normals(query_position, spline_cells, blocks, surface_term, coefficients, outward):
     """(3.8) f/h = sum_j C_j B_j; (3.17) c = (4/h^2) sum_j B_j C_j (x_j - y); n = c/|c|, or the direction handed in
-    where c is nothing or points against it. C in units of h, all dimensionless.
+    where c is 0 or points against it. C in units of h, all dimensionless.
 
     (3.17) is solved as the weighted least squares it comes from, (3.13), by its matrix.
     """
@@ -332,7 +332,7 @@ def mls_normals(query_position, spline_cells, blocks, surface_term, coefficients
 
 
 def spline_normals(query_position, spline_cells, blocks, surface_term, coefficients, outward):
-    """(3.8) f/h = sum_j C_j B_j; (3.9) g = sum_j C_j grad B_j; n = g/|g|, or the direction handed in where g is nothing
+    """(3.8) f/h = sum_j C_j B_j; (3.9) g = sum_j C_j grad B_j; n = g/|g|, or the direction handed in where g is 0
     or points against it. C in units of h, all dimensionless."""
     return _normals(query_position, blocks, surface_term, coefficients, outward, False)
 
@@ -345,9 +345,9 @@ def _normals(query_position, blocks, surface_term, coefficients, outward, least_
     held = np.where(at >= 0, np.append(np.asarray(coefficients, dtype=float), 0)[at], 0)
     value = (weight * held).sum(1)
     if least_squares:
-        way = -apart
-        moment = np.einsum("nk,nka,nkb->nab", weight, way, way) + np.diag([0.0] * dim + [1.0] * (3 - dim))
-        side = np.einsum("nk,nk,nka->na", weight, held - value[:, None], way)
+        towards = -apart
+        moment = np.einsum("nk,nka,nkb->nab", weight, towards, towards) + np.diag([0.0] * dim + [1.0] * (3 - dim))
+        side = np.einsum("nk,nk,nka->na", weight, held - value[:, None], towards)
         gradient = np.linalg.solve(moment, side[..., None])[..., 0]
     else:
         gradient = np.einsum("nk,nka->na", held, slope)
@@ -375,14 +375,14 @@ def _normals(query_position, blocks, surface_term, coefficients, outward, least_
 
 
 def inset(vertex_position, vertex_normal, surface_term):
-    """x <- x - (r - delta) n [m] of every vertex (section 4.6 of the restatement)."""
+    """x <- x - (r - delta) n [m] of every vertex (thesis M31)."""
     x, n = np.asarray(vertex_position, dtype=float), np.asarray(vertex_normal, dtype=float)
-    way = float(surface_term.inset) * float(surface_term.cell_size) * n
-    return {"inset_position": (x - way, np.abs(x) + np.abs(way))}
+    back = float(surface_term.inset) * float(surface_term.cell_size) * n
+    return {"inset_position": (x - back, np.abs(x) + np.abs(back))}
 
 
 def surface_force(sample_position, sample_area, sample_normal, spline_cells, blocks, surface_term):
-    """(4.18*): f_j = -k sum_s A_s (I - n n^T) grad B_j(x_s) [N]; M1 turns the sign of k."""
+    """(4.18*): f_j = -k sum_s A_s (I - n n^T) grad B_j(x_s) [N]; thesis M1 turns the sign of k."""
     dim = dimension(blocks)
     node, apart = _stencil(sample_position, surface_term, dim, 4)
     _, slope = _products(apart, dim)
@@ -407,8 +407,8 @@ def components(blocks, node_state):
     inside = np.asarray(node_state) == 1
     label = np.where(inside, np.arange(len(inside)), -1)
     waiting = list(np.flatnonzero(inside)[::-1])
-    ways = [np.eye(3, dtype=int)[a] * s for a in range(dimension(blocks)) for s in (1, -1)]
-    around = [find(find.coordinates + way) for way in ways]
+    steps = [np.eye(3, dtype=int)[a] * s for a in range(dimension(blocks)) for s in (1, -1)]
+    around = [find(find.coordinates + step) for step in steps]
     seen = np.zeros(len(inside), bool)
     while waiting:
         start = waiting.pop()
@@ -428,7 +428,7 @@ def components(blocks, node_state):
 
 
 def component_sizes(cells, node_label):
-    """n_p = particles whose cell's lowest node bears the label of p's; dimensionless, 0 outside all components."""
+    """n_p = particles whose cell's lowest node has the label of p's, dimensionless; 0 outside all components."""
     label = [int(node_label[c]) if c >= 0 else -1 for c in np.asarray(cells.cell)]
     value = [sum(other == own for other in label) if own >= 0 else 0 for own in label]
     return {"component_size": (np.array(value, dtype=int), np.full(len(label), np.inf))}
@@ -440,8 +440,8 @@ def extents(interior_position, cells, blocks, surface_term):
     u = _in_cells(interior_position, surface_term)
     value, margin = np.zeros(len(u), int), np.full(len(u), np.inf)
     for place, apart, distance in pair_blocks(u, u):
-        for row, (way, far) in enumerate(zip(apart, distance, strict=True)):
-            near = -way[far < 1]
+        for row, (separation, far) in enumerate(zip(apart, distance, strict=True)):
+            near = -separation[far < 1]
             moment = near.T @ near / len(near) - np.outer(near.mean(0), near.mean(0))
             found = np.linalg.eigvalsh(moment)
             value[place.start + row] = (found > 1 / 64).sum()

@@ -1,4 +1,4 @@
-"""A reconstructed surface: what the transfers take of it, and all that its reconstruction made."""
+"""A reconstructed surface: its samples, which the transfers take, and the results of its reconstruction."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ class Samples(NamedTuple):
 
     position: Any  # (s, 3) [m]
     normal: Any  # (s, 3), unit, outward
-    area: Any  # (s,) [m^(dim-1)], 0 on components that bear no tension
+    area: Any  # (s,) [m^(dim-1)], 0 on components without tension
     nearest: Any  # (s,) int32, nearest interior particle
     count: Any  # (particles,) int32, samples of which each particle is the nearest
 
@@ -25,11 +25,11 @@ class Surface:
 
     samples          what the transfers take
     mesh             the level set's surface, before the inset
-    inset_mesh       after it; the same where there is none
+    inset_mesh       after it; the same mesh without an inset
     component_size   (particles,) int32, particles in the component of each
-    seconds          time of each stage [s], where it was asked for
-    most_in_a_cell   largest number of particles in one cell, where it is known already
-    unfound          whether a sample has no particle, where it is known already
+    seconds          time of each stage [s], if measured
+    most_in_a_cell   largest number of particles in one cell, or None: not computed
+    unfound          whether a sample has no particle, or None: not computed
     """
 
     samples: Samples

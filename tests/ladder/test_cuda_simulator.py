@@ -161,7 +161,7 @@ def test_room_grows_until_everything_fits(cuda):
 
 
 def test_collapsed_clump_stops_the_run_before_memory_does(cuda, monkeypatch):
-    import refsim.neighbours.cuda as programs
+    import refsim.neighbours.cell_list_cuda as programs
 
     for module in (neighbours, programs):
         monkeypatch.setattr(module, "MOST_NEIGHBOURS", 8)
@@ -260,7 +260,7 @@ def test_reconstructed_surface_is_the_cpus(cuda, quadrature):
 
 def test_recorded_surface_is_the_cpus(cuda, monkeypatch):
     """A lone particle beside a drop, in few blocks: each of their 64 threads is one of Python's here."""
-    from refsim.sparse_grid.cuda import Search
+    from refsim.sparse_grid.block_search_cuda import BlockSearch
     from refsim.surface_energy import Tension
     from refsim.surface_energy.reconstruction import Reconstruction
     from refsim.surface_energy.recorded import RecordedSurface
@@ -269,7 +269,7 @@ def test_recorded_surface_is_the_cpus(cuda, monkeypatch):
         blocks = search.cover(*reach)
         return blocks, search._sure(blocks, *reach[1:])
 
-    monkeypatch.setattr(Search, "roomy", close)
+    monkeypatch.setattr(BlockSearch, "with_margin", close)
     drop = 0.05 * np.array([[i + 3, j + 3, 0.0] for i in range(4) for j in range(3)]) + 0.01 * cloud(12, 2)
     position = np.vstack([drop, [[0.65, 0.2, 0.0]]])
     tension = Tension(surface_tension=1.0, smallest=5, iterations=2)
@@ -292,16 +292,16 @@ def test_recorded_surface_is_the_cpus(cuda, monkeypatch):
         assert own.shape == other.shape
         assert np.abs(own.astype(float) - other).max() < 1e-12
     away = cuda.asarray(position[:1] + 0.8 * np.arange(13)[:, None])
-    assert made._recorded.surface(away) is None  # particles that leave the blocks take another one
+    assert made._recorded.surface(away) is None  # particles that leave the blocks need another graph
 
 
 @pytest.mark.parametrize("dim", [2, 3])
-def test_roomy_blocks_suffice_a_block_farther(cuda, dim):
+def test_blocks_with_a_margin_suffice_a_block_farther(cuda, dim):
     from refsim.sparse_grid import SparseGrid
 
     grid = SparseGrid(cuda, dim, "float64", 0.1)
     position = np.array([[0.05, 0.05, 0.0]])
-    blocks, sure = grid.programs.roomy(cuda.asarray(position), 1, 2)
+    blocks, sure = grid.programs.with_margin(cuda.asarray(position), 1, 2)
     way = np.array([0.1 * grid.programs.width, 0.0, 0.0])
     for steps, suffice in ((0, True), (1, True), (-1, True), (2, False)):
         block = cuda.host(grid.programs.cell_of(cuda.asarray(position + steps * way), blocks, 0.0))[0] // 64
@@ -361,7 +361,7 @@ def test_ways_are_compared_in_blocks_that_touch(cuda, dim):
 
 @pytest.mark.parametrize("room", [2, 3, 6, 20])
 def test_occupied_cells_are_found_or_counted(cuda, room):
-    from refsim.neighbours import cuda as programs
+    from refsim.neighbours import cell_list_cuda as programs
 
     position = 1.1 * np.array([[0, 0, 0], [0, 0, 0], [1, 0, 0], [1, 0, 0], [1, 0, 0], [0, 3, 0]]) + 0.5
     table = programs.CellTable(cuda, 1.0, cuda.asarray(position))
@@ -432,6 +432,40 @@ def test_operation_agrees_with_its_reference(name, program, variant):
     """One hard input of the contract; all of them run on a GPU (`scripts/gpu_check.py`)."""
     outcome = contract.run(name, program, "float32", "cloud_2d", variant)
     assert outcome.passed, str(outcome)
+
+
+RECORDED = [name for name, operation in REGISTRY.items() if "cuda:recorded" in operation.programs]
+
+
+@pytest.mark.parametrize("name", RECORDED)
+def test_recorded_stage_gives_its_closed_forms(name):
+    """In double precision, in the plane and in space, where the hard inputs have too many blocks for Python."""
+    outcomes = contract.climb(contract.Target(REGISTRY[name], "cuda:recorded", "float64"), ("T1",))
+    assert outcomes
+    assert all(outcome.passed for outcome in outcomes), "\n".join(map(str, outcomes))
+
+
+def test_lanes_exchange_what_they_hold(cuda):
+    """Several threads share a row in the simulator, too: the stages of a recorded surface run with more than one."""
+    from refsim.backends.compile import cuda as numba_cuda
+    from refsim.backends.compile import cuda_kernel
+    from refsim.backends.primitives import largest_of_lanes, sum_of_lanes
+    from refsim.surface_energy.recorded import fit_cuda, samples_cuda
+
+    assert min(samples_cuda.LANES, fit_cuda.WIDTH) > 1
+
+    @cuda_kernel(lanes=4)
+    def rows(values, total, most):
+        i, lane = numba_cuda.grid(1) // 4, numba_cuda.grid(1) % 4
+        if i < most.shape[0]:
+            total[i, lane] = sum_of_lanes(values[i, lane], lane, 4)
+            most[i, lane] = largest_of_lanes(values[i, lane], lane, 4)
+
+    values = np.random.default_rng(9).integers(-50, 50, (5, 4))
+    total, most = (cuda.asarray(np.zeros_like(values)) for _ in range(2))
+    rows(cuda.asarray(values), total, most)
+    assert (cuda.host(total) == values.sum(1, keepdims=True)).all()
+    assert (cuda.host(most) == values.max(1, keepdims=True)).all()
 
 
 @pytest.mark.parametrize("name", ["sph.state", "sph.momentum", "dong_2016.momentum", "one_way_coupling.wall_pressure"])

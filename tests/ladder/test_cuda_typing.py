@@ -13,7 +13,6 @@ import types as python_types
 import numpy as np
 import pytest
 
-from refsim import isosurface
 from refsim.backends import arrays as backend
 from refsim.backends import runtime
 from refsim.backends.scratch import Scratch
@@ -69,14 +68,14 @@ IN_DOUBLE = {
             "node_states", "exit_points", "throw_darts", "offsets", "splines_of_points", "mls_normals",
             "spline_normals", "surface_force", "extents",
         ),
-        "the place of a point between nodes is a small difference of large numbers",
+        "the position of a point between nodes is a small difference of large numbers",
     ),
     **dict.fromkeys(
         (
             "count_particles", "states_of_blocks", "place_vertices", "place_points", "sort_points", "find_normals",
             "place_samples", "locate_samples", "sum_pulls",
         ),
-        "places on the grid and between nodes, as in the programs that these kernels stand for",
+        "positions on the grid and between nodes, as in the plain programs of the same operations",
     ),
     **dict.fromkeys(
         ("step_and_correct",), "a place in the narrow band is found in float64, so that it keeps its digits far away",
@@ -167,14 +166,14 @@ def launches(monkeypatch, program, arguments):
 
 
 def support_launches(dtype):
-    """Launches of the search's and the device's own kernels, with the types that Search hands them."""
+    """Launches of the kernels of searches and array moves, with the types that the searches hand them."""
     from refsim.backends import device
     from refsim.core.walls import Bounds
     from refsim.mpm import kernels as mpm
     from refsim.mpm import sorting_cuda as mpm_sorting
-    from refsim.neighbours import cuda as search
+    from refsim.neighbours import cell_list_cuda as search
     from refsim.sparse_grid import Blocks
-    from refsim.sparse_grid import cuda as sparse
+    from refsim.sparse_grid import block_search_cuda as sparse
 
     n, real = 5, np.dtype(dtype).type
     vectors, scalars, integers = np.zeros((n, 3), dtype), np.zeros(n, dtype), np.zeros(n, np.int32)
@@ -230,28 +229,6 @@ def support_launches(dtype):
         (device.choose_step, (scalars, np.zeros((2, 4)), 1.0, 0.0, 1e-6, 9.0, scalars, np.zeros(10))),
         (device.note_displacement, (scalars, np.zeros(10))),
     ]
-
-
-def recorded_launches(monkeypatch, dtype, normals):
-    """Launches of a recorded reconstruction."""
-    from refsim.backends import device
-    from refsim.surface_energy import Tension, recorded
-    from refsim.surface_energy.reconstruction import Reconstruction
-
-    place = np.random.default_rng(0).uniform(-0.1, 0.1, (9, 3)).astype(dtype)
-    made = Reconstruction(Zeros("cpu"), 3, dtype, 0.1, Tension(surface_tension=1.0, iterations=2, normals=normals))
-    blocks, _ = made._cells(place)
-    silent = python_types.SimpleNamespace(send=lambda: None)
-    monkeypatch.setattr(device, "Mirror", lambda array: silent)
-    monkeypatch.setattr(device, "Mark", lambda: None)
-    with monkeypatch.context() as patch:
-        patch.setattr(device, "fill", lambda *_: None)
-        patch.setattr(recorded, "case_tables", lambda *_: (isosurface.case_table(3), None))
-        graph = recorded.Recorded(made, blocks, np.ones(len(blocks.keys), np.uint8), len(place), 9, 9, True)
-    parts = graph._cut, graph._fit
-    return [step for part in parts for step in launches(monkeypatch, part, (place,))] + launches(
-        monkeypatch, graph._pull, ()
-    )
 
 
 def kernels_of(module_name):
@@ -328,15 +305,6 @@ def test_search_and_array_moves_compile(compiler, dtype):
         assert_compiles(compiler, kernel, values, dtype)
 
 
-def test_recorded_reconstruction_compiles(compiler, monkeypatch):
-    """In float32; float64 branches nowhere of its own."""
-    made = recorded_launches(monkeypatch, "float32", "mls")
-    used = {kernel for kernel, _ in made}
-    assert kernels_of("refsim.surface_energy.recorded.cuda") <= used
-    for kernel, values in made:
-        assert_compiles(compiler, kernel, values, "float32")
-
-
 @pytest.mark.parametrize("name", ["match", "pull", "region_motion", "damp"])
 def test_sums_over_boxes_compile(compiler, monkeypatch, name):
     """Fast summation's own kernels, which serve wide regions only."""
@@ -351,9 +319,7 @@ def test_no_kernel_is_left_out(compiler, monkeypatch):
         if dtype == "float32":
             values = operation_arguments(name, program, variant, dtype).values()
             known |= {kernel for kernel, _ in launches(monkeypatch, REGISTRY[name].program(program), values)}
-    listed = {module for module in sys.modules if module.startswith("refsim.")} - {
-        "refsim.surface_energy.recorded.cuda"
-    }
+    listed = {module for module in sys.modules if module.startswith("refsim.")}
     for module in sorted(listed):
         left = sorted(kernel.__name__ for kernel in kernels_of(module) - known)
         assert not left, f"{module}: {', '.join(left)} is neither in an operation nor listed here"

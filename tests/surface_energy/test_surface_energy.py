@@ -1,4 +1,4 @@
-"""The reconstruction of a surface: how good its normals are, what its force conserves, and where it ends."""
+"""The reconstruction of a surface: errors of its normals, conservation by its force, and limits."""
 
 import collections
 
@@ -122,7 +122,7 @@ def test_poisson_disk_samples_keep_their_distance_and_leave_no_gap(dim):
     place = surface.samples.position / H
     distance = np.linalg.norm(place[:, None] - place[None], axis=-1) + 9 * np.eye(len(place))
     assert distance.min() >= 0.5
-    assert distance.min(1).max() < 1.1  # in a wider gap another disk would have found room
+    assert distance.min(1).max() < 1.1  # in a wider gap another disk would fit
     _, exact = reconstructed(ball(5, dim=dim), dim, inset=-1.0)
     assert surface.samples.area.sum() == pytest.approx(exact.samples.area.sum(), rel=1e-5)
     assert np.ptp(surface.samples.area) == 0
@@ -183,7 +183,7 @@ def fit_matrix(made, surface):
 
 @pytest.mark.parametrize("dim", [2, 3])
 def test_spectrum_of_the_fit_lies_between_zero_and_one(dim):
-    """Lambda B^T B is stochastic: its greatest eigenvalue is one, so that the fit converges for 0 < omega < 2 (M15)."""
+    """Lambda B^T B is stochastic: its greatest eigenvalue is 1, so the fit converges for 0 < omega < 2 (thesis M15)."""
     matrix, _, _, _ = fit_matrix(*reconstructed(ball(4 if dim == 2 else 2, dim=dim), dim, inset=-1.0))
     root = np.sqrt(1 / matrix.sum(0))
     values = np.linalg.eigvalsh(root[:, None] * (matrix.T @ matrix) * root[None])
@@ -249,11 +249,11 @@ def test_force_is_the_slope_of_the_surface_energy():
     assert work == pytest.approx(-2.0 * slope, rel=2e-3)
 
 
-# Where it ends
+# Limits
 
 
-def test_components_too_small_bear_no_tension():
-    """A drop, a pair and a lone particle: fewer than 27 hang together only in the last two."""
+def test_small_components_have_no_tension():
+    """A drop, a pair and a lone particle: only the last two are components of fewer than 27 particles."""
     drop = ball(3)
     place = np.vstack([drop, [[9.0, 0, 0], [9.4, 0.1, 0], [-9.0, 1, 2]]])
     made, surface = reconstructed(place, inset=0.25)
@@ -262,8 +262,8 @@ def test_components_too_small_bear_no_tension():
     assert idle.any()
     assert not surface.samples.area[idle].any()
     assert (surface.samples.area[~idle] > 0).all()
-    _, all_bear = reconstructed(place, inset=0.25, smallest=1)
-    assert all_bear.samples.area[idle].sum() > 0
+    _, all_kept = reconstructed(place, inset=0.25, smallest=1)
+    assert all_kept.samples.area[idle].sum() > 0
     force = made.force(surface.samples, surface.blocks)
     far = np.abs(node_table(surface.blocks)[:, 0]) > 7
     assert not force[far].any()
@@ -303,7 +303,7 @@ def test_nothing_and_one_particle(dim, quadrature, count):
 
 
 def test_particle_on_a_node_marks_its_neighbours_and_no_more():
-    """Exactly r away is not nearer than r: of the nodes around one on a node all within 1 step, but for the corners."""
+    """Exactly r away is not nearer than r: the nodes within one step along each axis, except the corners."""
     place = np.zeros((1, 3))
     _, surface = reconstructed(place, h=0.25)
     state = np.zeros(nodes(surface.blocks), int)

@@ -26,7 +26,7 @@ GRAPHS = 4  # particles may stand in so many arrays by turns
 
 
 def suits(tension: Tension) -> bool:
-    """Whether a surface with these parameters can be recorded: nothing that the host must know on the way."""
+    """Whether a surface with these parameters can be recorded: the host needs no intermediate result."""
     return (
         tension.quadrature == "facets"
         and tension.normals in ("mls", "gradient")

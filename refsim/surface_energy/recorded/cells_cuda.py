@@ -8,7 +8,7 @@ import numpy as np
 
 from refsim.backends.compile import cuda, cuda_formula, cuda_kernel, formula
 from refsim.backends.primitives import sum_before
-from refsim.sparse_grid.cuda import SUMMING
+from refsim.sparse_grid.block_search_cuda import SUMMING
 from refsim.sparse_grid.formulas import cell_coordinate, find_node_near, step_node
 
 CELLS = 64  # of a block, a thread to each

@@ -9,7 +9,7 @@ import numpy as np
 from refsim.backends.compile import cuda, cuda_formula, cuda_kernel, formula
 from refsim.backends.primitives import sum_before, sum_of_lanes
 from refsim.backends.runtime import simulated
-from refsim.sparse_grid.cuda import SUMMING
+from refsim.sparse_grid.block_search_cuda import SUMMING
 from refsim.sparse_grid.formulas import step_node
 from refsim.surface_energy import formulas, kernels
 from refsim.surface_energy.recorded.cells_cuda import CELLS, FILLED, MADE, occupied_near, sum_pairs

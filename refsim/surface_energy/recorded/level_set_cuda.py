@@ -5,7 +5,7 @@ import numpy as np
 from refsim.backends.compile import cuda, cuda_formula, cuda_kernel, formula
 from refsim.backends.primitives import sum_before
 from refsim.isosurface import kernels as isosurface_kernels
-from refsim.sparse_grid.cuda import SUMMING
+from refsim.sparse_grid.block_search_cuda import SUMMING
 from refsim.sparse_grid.formulas import node_coordinates, step_node
 from refsim.surface_energy import formulas
 from refsim.surface_energy.components_cuda import join, lowest

@@ -14,7 +14,7 @@ import numpy as np
 
 from refsim.backends import device
 from refsim.sparse_grid import nodes
-from refsim.sparse_grid.cuda import count_points
+from refsim.sparse_grid.block_search_cuda import count_points
 from refsim.surface_energy.recorded import stages
 from refsim.surface_energy.recorded.cells_cuda import COUNTS, MADE, VERTICES
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from refsim.sparse_grid import PointList
-from refsim.sparse_grid.cuda import sum_blocks, write_first
+from refsim.sparse_grid.block_search_cuda import sum_blocks, write_first
 from refsim.surface_energy.recorded import cells_cuda, fit_cuda, force_cuda, level_set_cuda, samples_cuda
 
 Arrays = Mapping[str, Any]

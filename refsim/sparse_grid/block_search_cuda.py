@@ -17,7 +17,7 @@ SUMMING = SIMULATED_THREADS if simulated() else 1024
 
 @formula
 def number(i):
-    """i >= 0, as the compiler should know it: an index that may count from an array's end costs six instructions."""
+    """i >= 0 as an unsigned index: one that may count from an array's end costs six instructions more."""
     return np.int64(np.uint32(i))
 
 
@@ -46,7 +46,7 @@ def point_nodes(position, inverse_cell, shift, blocks, node):
 
 @cuda_kernel
 def count_uncovered(keys, made, sure, missing):
-    """missing[0] <- 1 where a block with one of `keys` is not among those `made` that have all others in reach."""
+    """missing[0] <- 1 if a block of `keys` is not among `made`, or a block in its reach does not exist (`sure`)."""
     i = cuda.grid(1)
     if i < keys.shape[0]:
         b = lower_bound(made, keys[i])
@@ -54,8 +54,8 @@ def count_uncovered(keys, made, sure, missing):
             missing[0] = 1
 
 
-# Points are sorted by counting, without the host. The order in which they reach a counter does not repeat; their
-# numbers are sorted within each cell afterwards.
+# Points are sorted by counting, without the host. The order in which they reach a counter differs from run to run, so
+# that their numbers are sorted within each cell afterwards.
 
 
 @cuda_kernel(rows_of="node")
@@ -129,7 +129,7 @@ def sort_cells(cell, first, unsorted, point):
 
 
 def sort_counted(cell, place, held, total, one, first, unsorted, point):
-    """first, point <- the points by cell; `held` and `place` are counted, the others are room."""
+    """first, point <- the points by cell; `held` and `place` are counted before, the others are scratch memory."""
     total_blocks(held, total)
     sum_blocks(one, total)
     write_first(held, total, first)
@@ -138,7 +138,7 @@ def sort_counted(cell, place, held, total, one, first, unsorted, point):
 
 
 def sorted_points(cell, nodes):
-    """(first, point) of the points of each of so many cells; at the end of `point` is room for those of no cell."""
+    """(first, point) of the points of each of `nodes` cells; the end of `point` is unused where points have no cell."""
     n = cell.shape[0]
     held, first = device.empty(nodes, np.int32), device.empty(nodes + 1, np.int32)
     place, unsorted, point = (device.empty(n, np.int32) for _ in range(3))
@@ -152,17 +152,17 @@ def sorted_points(cell, nodes):
     return first, point
 
 
-class Search:
+class BlockSearch:
     """Host side; `inverse_cell` [1/m] in float64."""
 
     def __init__(self, dim, inverse_cell):
         self.dim, self.inverse_cell = dim, inverse_cell
         self.bits = 2 if dim == 3 else 3
         self.width = 1 << self.bits
-        self._covered = None  # (below, above, blocks, whether all blocks in reach of each are there)
+        self._covered = None  # (below, above, blocks, whether all blocks in reach of each exist)
 
     def cover(self, position, below, above):
-        """The blocks of the call before where they suffice; what is too much then hurts nobody."""
+        """The blocks of the call before if they suffice; surplus blocks are harmless."""
         keys = device.empty(position.shape[0], np.int64)
         block_keys(position, self.inverse_cell, self.dim, keys)
         if self._covered is not None and self._covered[:2] == (below, above) and position.shape[0]:
@@ -179,10 +179,10 @@ class Search:
         self._covered = below, above, blocks, self._sure(blocks, below, above)
         return blocks
 
-    def roomy(self, position, below, above):
-        """(blocks for a cover that reaches a block farther, whether all in reach of each are there (blocks,) uint8).
+    def with_margin(self, position, below, above):
+        """(blocks that reach a block farther than `cover`, whether all in reach of each exist (blocks,) uint8).
 
-        Particles that move by less than a block need no others.
+        They suffice until a particle has moved by the width of a block.
         """
         keys = device.empty(position.shape[0], np.int64)
         block_keys(position, self.inverse_cell, self.dim, keys)
@@ -190,7 +190,7 @@ class Search:
         return blocks, self._sure(blocks, below, above)
 
     def _sure(self, blocks, below, above):
-        """Whether all blocks in reach of each are there (blocks,) uint8."""
+        """Whether all blocks in reach of each exist (blocks,) uint8."""
         xp = device.library()
         made = device.seen(blocks.keys)
         wanted = made[:, None] + xp.asarray(self._steps(self._axis(below, above)))[None, :]

@@ -9,7 +9,7 @@ from refsim.sparse_grid.formulas import BLOCK, FARTHEST
 from refsim.sparse_grid.tables import Blocks, PointList
 
 
-class Search:
+class BlockSearch:
     """Host side; `inverse_cell` [1/m] in float64."""
 
     def __init__(self, dim, inverse_cell):
@@ -49,10 +49,10 @@ class Search:
         axis = range((-below) >> self.bits, ((self.width - 1 + above) >> self.bits) + 1)
         steps = self.keys(np.array(list(itertools.product(*(axis if c < self.dim else (0,) for c in range(3))))))
         keys = np.unique((occupied[:, None] + (steps - self.keys(np.zeros(3, np.int64)))[None, :]).ravel())
-        ways = np.array(
+        steps = np.array(
             [w[::-1] for w in itertools.product(*((-1, 0, 1) if c < self.dim else (0,) for c in (2, 1, 0)))]
         )
-        wanted = keys[:, None] + (self.keys(ways) - self.keys(np.zeros(3, np.int64)))[None, :]
+        wanted = keys[:, None] + (self.keys(steps) - self.keys(np.zeros(3, np.int64)))[None, :]
         place = np.searchsorted(keys, wanted)
         place[place == len(keys)] = 0
         found = keys[place] == wanted if len(keys) else np.zeros(wanted.shape, bool)

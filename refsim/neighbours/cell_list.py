@@ -264,7 +264,7 @@ def _occupied(keys):
     return (keys[first[:-1]], first) if len(keys) else (keys, np.zeros(1, np.int64))
 
 
-class Search:
+class CellSearch:
     """Host side of the CPU search; lists grow until everything fits."""
 
     def __init__(self, backend, dim, reach, log):

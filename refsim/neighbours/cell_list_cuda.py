@@ -564,7 +564,7 @@ class Sorter:
         return counted + self.keys.nbytes + self.order.nbytes + self.rows.nbytes
 
 
-class Search:
+class CellSearch:
     """Host side of the GPU search. Buffers belong to the arrays that they were made for, so that launches on them are
     recorded once and replayed."""
 
