@@ -1,4 +1,4 @@
-"""What is told of experiments that were performed: tables, what was left out or reused, and all checks at the end."""
+"""The report on experiments that were performed: tables, what was left out or reused, and all checks at the end."""
 
 from __future__ import annotations
 
