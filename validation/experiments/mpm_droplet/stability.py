@@ -296,7 +296,7 @@ def many_samples(context: Context, backend: str) -> Result:
     return trial.result()
 
 
-def nobody(context: Context, backend: str) -> Result:
+def no_particle(context: Context, backend: str) -> Result:
     """A scene without particles."""
     trial = Trial(context, backend)
     with trial.ending():
@@ -484,7 +484,7 @@ CASES = (
         "mpm_compressed", "tension against a hundredth of the stiffness: J below 0.2", "a named stop", square,
         {"tension": 10.0, "modulus": 10.0}, short=True,
     ),
-    HardCase("mpm_nobody", "no particle", "refused", nobody, short=True),
+    HardCase("mpm_no_particle", "no particle", "refused", no_particle, short=True),
     HardCase("mpm_one", "one particle, plain liquid", "it falls freely", one, {"tension": -1.0}, short=True),
     HardCase("mpm_one_under_tension", "one particle under tension", "refused", one, {"tension": 1.0}, short=True),
     *(
