@@ -7,7 +7,9 @@ import textwrap
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
+import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from validation.drawing import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION, YELLOW
 from validation.reading import first_kept
@@ -23,8 +25,6 @@ NARROW = 62  # characters of a short line
 
 def panel_picture(data: Mapping[str, Any]) -> Any:
     """Error against time; how the error falls; where it comes from; where the time goes; what effects cost."""
-    import matplotlib.pyplot as plt
-
     figure = plt.figure(figsize=(14.5, 9.4))
     grid = figure.add_gridspec(3, 3, width_ratios=(1.5, 1, 1), height_ratios=(1, 1, 0.62))
     points = {key: p for key, p in data["points"].items() if p["shown"]}
@@ -91,8 +91,7 @@ def _front(axes: Any, data: Mapping[str, Any], points: Mapping[str, Any], colour
     for number, key in enumerate(front, 1):
         axes.annotate(str(number), (alive[key]["error"], alive[key]["seconds"]), (6, 5), textcoords="offset points",
                       fontsize=9.5, fontweight="bold", zorder=5)  # fmt: skip
-    axes.set_xscale("log")
-    axes.set_yscale("log")
+    axes.set(xscale="log", yscale="log")
     left, right = axes.get_xlim()
     if failed:
         edge = right * (right / left) ** 0.12
@@ -129,8 +128,7 @@ def _front(axes: Any, data: Mapping[str, Any], points: Mapping[str, Any], colour
     axes.plot([], [], "o", color="white", mec=BLACK, mew=1.3, label="unstable timing")
     _plain_ticks(axes.xaxis)
     _plain_ticks(axes.yaxis, seconds)
-    axes.set_xlabel(f"error: {data['observable']}")
-    axes.set_ylabel("wall time to it: median, and where 80 % of the repeats lie")
+    axes.set(xlabel=f"error: {data['observable']}", ylabel="wall time to it: median, and where 80 % of the repeats lie")
     axes.set_title("a  Error against time; the front is numbered", pad=10 + 13 * math.ceil((len(colours) + 2) / 4))
     axes.grid(True, which="major")
     marked = [handle for handle in axes.get_legend_handles_labels()[0] if handle not in joined]
@@ -142,13 +140,10 @@ def _front(axes: Any, data: Mapping[str, Any], points: Mapping[str, Any], colour
 
 def _plain_ticks(axis: Any, words: Callable[[float], str] = "{:g}".format) -> None:
     """Numbers instead of powers on a logarithmic axis; between the decades where it spans few of them."""
-    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
-
     low, high = sorted(axis.get_view_interval())
     few = high / low < 30
-    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if few else (1.0,), numticks=12))
-    axis.set_major_formatter(FuncFormatter(lambda value, place: words(value)))
-    axis.set_minor_formatter(NullFormatter())
+    axis.set(major_locator=LogLocator(subs=(1.0, 2.0, 5.0) if few else (1.0,), numticks=12))
+    axis.set(major_formatter=FuncFormatter(lambda value, place: words(value)), minor_formatter=NullFormatter())
 
 
 def spread_out(failed: Sequence[Mapping[str, Any]], low: float) -> list[tuple[float, Mapping[str, Any]]]:
@@ -189,11 +184,8 @@ def _curves(axes: Any, data: Mapping[str, Any], points: Mapping[str, Any], colou
         if k is not None:
             axes.plot(wall[k], error[k], "o", color=colours[group], ms=6, mec="white")
     axes.axhline(data["stated"], color=GREY, ls="--", lw=1.0)
-    axes.set_xscale("log")
-    axes.set_yscale("log")
-    axes.set_xlabel("wall time [s]")
-    axes.set_ylabel(data["observable"])
-    axes.set_title("b  The error while a run goes on")
+    axes.set(xscale="log", yscale="log", xlabel="wall time [s]", ylabel=data["observable"])
+    axes.set(title="b  The error while a run goes on")
     axes.grid(True)
     axes.set_ylim(bottom=axes.get_ylim()[0] / 6.0)  # room for the legend
     axes.legend(loc="lower left", fontsize=6.8)
@@ -213,10 +205,9 @@ def _distributions(axes: Any, data: Mapping[str, Any], points: Mapping[str, Any]
                     axes.plot(value, number, mark, color=colour, ms=5)
     for q, colour in (("median", BLUE), ("99 %", ORANGE), ("max", VERMILION)):
         axes.plot([], [], "o", color=colour, label=q)
-    axes.set_yticks(range(1, len(data["front"]) + 1))
-    axes.set_ylim(0.4 + (len(data["front"]) - 0.1) / 0.76, 0.4)  # room for the legend
-    axes.set_xlabel("; ".join(textwrap.fill(name, NARROW) for name in names) or "no distribution")
-    axes.set_title("b  Not one norm: the front's distributions")
+    axes.set(yticks=range(1, len(data["front"]) + 1), ylim=(0.4 + (len(data["front"]) - 0.1) / 0.76, 0.4))
+    axes.set(xlabel="; ".join(textwrap.fill(name, NARROW) for name in names) or "no distribution")
+    axes.set(title="b  Not one norm: the front's distributions")
     axes.grid(True, axis="x")
     axes.legend(loc="lower right", fontsize=7.5)
 
@@ -273,14 +264,12 @@ def _sources(axes: Any, data: Mapping[str, Any]) -> None:
             axes.text(low, place - 0.09, " 0", va="center", fontsize=8)
         text = "\n".join(textwrap.wrap(s["words"], 66)[:3])
         axes.text(low, place + 0.14, text, va="top", fontsize=6.3, color=GREY, linespacing=1.0)
-    axes.set_xscale("log")
-    axes.set_xlim(low, high)
+    axes.set(xscale="log", xlim=(low, high))
     if not sizes:
         axes.xaxis.set_visible(False)
     axes.set_ylim(len(rows) - 0.25, -0.5)
     axes.set_yticks([place - 0.07 for place in range(len(rows))], [s["source"] for s in rows])
-    axes.set_xlabel("what the last refinement still changes")
-    axes.set_title("d  Where the error comes from")
+    axes.set(xlabel="what the last refinement still changes", title="d  Where the error comes from")
 
 
 def _effects(axes: Any, data: Mapping[str, Any]) -> None:
@@ -303,9 +292,7 @@ def _effects(axes: Any, data: Mapping[str, Any]) -> None:
                   transform=axes.get_yaxis_transform(), linespacing=1.0,
                   bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 0.3})  # fmt: skip
     axes.axvline(0, color=GREY, lw=0.8)
-    axes.set_yticks([])
-    axes.set_ylim(len(rows) - 0.2, -0.5)
-    axes.set_xlabel("more time for a step [%]")
+    axes.set(yticks=[], ylim=(len(rows) - 0.2, -0.5), xlabel="more time for a step [%]")
 
 
 def _words(left: Any, right: Any, data: Mapping[str, Any], points: Mapping[str, Any]) -> None:

@@ -20,11 +20,12 @@ from validation.results import finite, read_json
 if TYPE_CHECKING:
     from validation.experiment import Picture
 
-# Okabe & Ito's palette, told apart by every kind of colour vision; red and blue where a paper uses them.
+# Okabe & Ito's palette, distinct for every kind of colour vision; red and blue where a paper uses them.
 BLACK, ORANGE, SKY, GREEN, YELLOW, BLUE, VERMILION, PURPLE = (
     "#000000", "#E69F00", "#56B4E9", "#009E73", "#F0E442", "#0072B2", "#D55E00", "#CC79A7",
 )  # fmt: skip
 SURFACE_RED, INTERIOR_BLUE = "#D62728", "#4A7FC1"
+WATER = (0.16, 0.50, 0.80)  # of lit balls and surfaces
 GREY = "#666666"
 DOTS_PER_INCH = 160
 LARGEST_PICTURE = 300_000  # bytes

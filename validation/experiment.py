@@ -34,7 +34,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class Options:
-    """What the user asks for.
+    """The user's options.
 
     quick    the small sizes of `reproduce.py --quick`, otherwise the published ones
     peers    also run other programs on the same work

@@ -46,4 +46,4 @@ def without_gpu(panel: str, options: Options, folder: Path = REPORTS) -> list[st
     """What a panel says of the backend cuda where it has no point of it."""
     if options.backend == "cuda" or gpu_runs(panel, options, folder):
         return []
-    return [f"backend cuda: {unavailable('cuda') or 'asked for with --backend cuda'}"]
+    return [f"backend cuda: {unavailable('cuda') or 'measured with --backend cuda'}"]

@@ -194,14 +194,14 @@ def device() -> dict[str, Any]:
 
 
 def joules(backend: str) -> float | None:
-    """Energy that the device (the processor's package) has taken so far [J]; None where nobody counts it."""
+    """Energy that the device (the processor's package) has taken so far [J]; None where no counter is readable."""
     if backend == "cuda":
         try:
             import pynvml  # of nvidia-ml-py; not a dependency
 
             pynvml.nvmlInit()
             return 1e-3 * pynvml.nvmlDeviceGetTotalEnergyConsumption(pynvml.nvmlDeviceGetHandleByIndex(0))
-        except Exception:  # its errors are its own; the counter is a luxury
+        except Exception:  # errors of its own kinds; without the counter the energy is not reported
             return None
     try:
         return 1e-6 * float(Path("/sys/class/powercap/intel-rapl:0/energy_uj").read_text())

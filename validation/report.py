@@ -1,4 +1,4 @@
-"""What is told of experiments that were performed: tables, what was left out or reused, and all checks at the end."""
+"""The report on experiments that were performed: tables, what was left out or reused, and all checks at the end."""
 
 from __future__ import annotations
 
@@ -16,7 +16,8 @@ def report(performed: Sequence[Performed], stream: TextIO) -> None:
     for each in performed:
         for table in each.tables:
             print(f"\n{table}", file=stream)
-    notes, seconds, compiling = [], 0.0, 0.0
+    notes: list[str] = []
+    now = [r.about for each in performed for key, r in each.results.items() if key not in each.reused]
     for each in performed:
         name = each.part.name
         for why in dict.fromkeys(each.skipped.values()):
@@ -28,10 +29,8 @@ def report(performed: Sequence[Performed], stream: TextIO) -> None:
             notes.append(
                 f"{name}: reused {', '.join(each.reused)}, computed on {' and '.join(dates)} (--fresh computes anew)"
             )
-        now = [result.about for key, result in each.results.items() if key not in each.reused]
-        seconds += sum(about.get("seconds", 0.0) for about in now)
-        compiling += sum(about.get("seconds_compiling", 0.0) for about in now)
-    if seconds:
+    if now:
+        seconds, compiling = (sum(about.get(name, 0.0) for about in now) for name in ("seconds", "seconds_compiling"))
         notes.append(
             f"Computing took {seconds:.1f} s; of these, {compiling:.1f} s went into starting, and compiling or loading"
             " kernels."

@@ -14,8 +14,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import matplotlib.pyplot as plt
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
 from validation.checks import FAIL, HARD_CASE, Check, expected, number
 from validation.checks import PASS as WELL
+from validation.drawing import BLACK, BLUE, GREY, VERMILION
 from validation.experiment import Experiment, Options, Part, Picture, Results, Run, chosen
 from validation.results import Result, real
 from validation.tables import Table
@@ -193,10 +197,6 @@ _CELL = ("largest", "failing", "why", "runner", "tried")
 
 def draw_map(data: Mapping[str, Any]) -> Any:
     """One panel a column; in each row a bar over what was stable, a cross at what was not, the runner's limit."""
-    import matplotlib.pyplot as plt
-    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
-
-    from validation.drawing import BLACK, BLUE, GREY, VERMILION
 
     rows = list(dict.fromkeys(cell["row"] for cell in data["cells"]))
     columns = list(dict.fromkeys(cell["column"] for cell in data["cells"]))
@@ -230,8 +230,7 @@ def draw_map(data: Mapping[str, Any]) -> Any:
                 axes.scatter(value, y, zorder=3, linewidths=1.4, **mark)
             runner = cell["runner"] or left
             axes.plot([runner, runner], [y - 0.36, y + 0.36], color=BLACK, lw=2.2, zorder=4, solid_capstyle="butt")
-        axes.set_xscale("log")
-        axes.set_xlim(left, right)
+        axes.set(xscale="log", xlim=(left, right))
         if right / left < 100:
             axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
             axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: number(value)))

@@ -85,7 +85,7 @@ class StabilityMap:
 
 
 class Trial:
-    """A hard case under way.
+    """A hard case while it runs.
 
         trial = Trial(context, backend)
         with trial.ending():
@@ -103,7 +103,7 @@ class Trial:
         self.context, self.backend = context, backend
         self.checks: dict[str, dict[str, Any]] = {}
         self.shown: dict[str, Any] = {}
-        self.told: list[str] = []  # checks that the run's own notes said would not hold
+        self.noted: list[str] = []  # checks that the run's own notes said would not hold
         self.ended, self.message = PASS, ""
 
     @contextmanager
@@ -177,10 +177,10 @@ class Trial:
         return bool(held)
 
     def check_unless_noted(self, simulation: Simulation, word: str, what: str, value: float, **bound: float) -> None:
-        """Check a number that may miss its bound where one of the run's notes has `word`: the user was told."""
+        """Check a number that may miss its bound where one of the run's notes has `word`."""
         held = self.check(what, value, **bound)
         if not held and any(word in note and STANDING not in note for note in simulation.notes):
-            self.told.append(what)
+            self.noted.append(what)
 
     def show(self, what: str, value: Any) -> None:
         """Note a number that has no bound."""
@@ -190,7 +190,7 @@ class Trial:
     def outcome(self) -> str:
         """How it ended, in the words of the module's table."""
         missed = [what for what, check in self.checks.items() if not check["held"]]
-        unforeseen = [what for what in missed if what not in self.told]
+        unforeseen = [what for what in missed if what not in self.noted]
         if unforeseen:
             return f"{FAILS}: {', '.join(unforeseen)}"
         return f"{WARNED}: {', '.join(missed)}" if missed and self.ended == PASS else self.ended

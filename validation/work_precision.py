@@ -19,7 +19,7 @@ SCATTER = 0.05  # robust standard deviation over the median, above which a time 
 SPREAD = 1.5  # the slow end (90 %) over the fast end (10 %) of the repeats, above which it is, too
 NORMAL = 1.4826  # standard deviation of a normal distribution over its median absolute deviation
 SURE = 3.0  # standard deviations that a difference must exceed
-LEAST_TIME = 0.05  # relative difference of two times below which nobody cares
+LEAST_TIME = 0.05  # relative difference of two times that does not matter
 LEAST_ERROR = 0.01  # the same of two errors
 ORDERS = (0.05, 12.0)  # orders of convergence that are looked for
 

@@ -190,7 +190,7 @@ def test_experiments_show_the_published_map(shown, tmp_path):
     found = {"map": Result(values)}
     if case.name == "laplace":
         found |= {f"akinci_2d_R{r['radius']:g}_1": Result(condensing.with_motion(r)) for r in rows_of()}
-    verdicts = {m.name: m.verdict for m in case.judge(found)}
+    verdicts = {m.name: m.verdict for m in case.checked(found)}
     assert "fail" not in verdicts.values()
     assert all(str(table) for table in case.tables(found))
     for picture in case.pictures:

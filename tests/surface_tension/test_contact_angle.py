@@ -86,5 +86,5 @@ def test_outside_the_map_it_refuses_in_one_sentence(name):
 
 def test_the_published_map_is_that_of_the_published_drops(tmp_path):
     wetting.write(wetting.read_rows(), tmp_path / "map.json")
-    assert json.loads((tmp_path / "map.json").read_text()) == json.loads(wetting.WETTING_MAP.read_text())
+    assert json.loads((tmp_path / "map.json").read_text()) == json.loads(wetting.PACKAGED.read_text())
     assert {row["key"] for row in wetting.read_rows()} <= {point.key for point in wetting.points()}

@@ -17,7 +17,7 @@ import pytest
 
 from refsim.core.errors import InputError, RunStopped
 from validation import __main__ as command
-from validation import checks, drawing, results
+from validation import checks, drawing, peers, results
 from validation import perform as performing
 from validation.checks import Check, Checks, bars
 from validation.experiment import Experiment, Options, Picture, Run, discover
@@ -471,7 +471,7 @@ def test_a_broken_peer_is_reported_with_its_last_words(monkeypatch, tmp_path):
     broken = tmp_path / "python"
     broken.write_text("#!/bin/sh\necho no such library >&2\nexit 7\n")
     broken.chmod(0o755)
-    monkeypatch.setattr(splishsplash.sys, "executable", str(broken))
+    monkeypatch.setattr(peers.sys, "executable", str(broken))
     assert splishsplash.run(3, 2, 1) == {"missing": "SPlisHSPlasH ended with code 7: no such library"}
 
 

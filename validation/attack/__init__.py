@@ -4,8 +4,8 @@ A kind of trial is a module of this package with two functions. `make(seed, numb
 JSON holds; the same two numbers give the same trial. `perform(trial, folder)` carries it out in an empty folder and
 returns (outcome, words). Good outcomes are exit codes of the command line in one sentence: "0", "2", "3", and "4" for a
 verdict. Every other outcome is a finding: "traceback", "sentence" (an error in more or less than one), "code" (another
-exit code than the trial must have), "lost" (a state that was on the disk, or other bits), "silent" (damage that nobody
-was told of), "hang" and "died" (of the process that performs).
+exit code than the trial must have), "lost" (a state that was on the disk, or other bits), "silent" (damage without
+a message), "hang" and "died" (of the process that performs).
 """
 
 from __future__ import annotations

@@ -51,7 +51,7 @@ def perform(trial: dict[str, Any], folder: Path) -> tuple[str, str]:
     if value != 4:
         return "lost", f"the kernel computed {value}, and not 4"
     if changed and there and not said:
-        return "silent", "the damage was not told"
+        return "silent", "no message names the damage"
     value, again = _answer(package)
     if value != 4 or (again and path.is_file()):
         return "lost", f"the renewed cache gave {value} and said {again}"

@@ -171,7 +171,7 @@ def _input(trial: dict[str, Any], folder: Path) -> tuple[str, str]:
 
 @functools.cache
 def _base() -> tuple[Path, dict[str, Any]]:
-    """(folder of a run that was stopped half-way with two checkpoints, what the whole run reaches); once a process."""
+    """(folder of a run stopped in the middle with two checkpoints, what the whole run reaches); once a process."""
     folder = Path(tempfile.mkdtemp(prefix="refsim-attack-"))
     whole = reference(folder, "--backend", "numpy", "--until", END)
     scene = write_tank(folder)

@@ -53,7 +53,7 @@ def add_commands(made: argparse.ArgumentParser) -> None:
         add(name, words, write_map).add_argument("--output", type=Path, help="the packaged table by default")
     part = add("drop_seconds", "times a step of each drop; wants a machine that does nothing else", time_steps)
     part.add_argument("--cuda", action="store_true", help="the drops on a GPU, otherwise those of the CPU")
-    part.add_argument("--models", type=_words, help="some of them only; for a look, since the others' rows go")
+    part.add_argument("--models", type=_words, help="some of them only; the rows of the others are removed")
     part.add_argument("--seconds", type=float, default=math.inf, help="begin no drop after 0.7 of this")
     part.add_argument("--output", type=Path, default=DATA / "drop_seconds.json", help="file of rows")
     part = add("mass_ratio", "prints by how much the energy rises, by ratio of particle masses and scene", mass_ratios)

@@ -28,7 +28,7 @@ FILE = Path(__file__).resolve().parent.parent / "data" / "drop_seconds.json"
 ROUNDS = 5  # blocks of each drop, taken in turns, so that a disturbance falls on all
 BLOCK = 0.12  # s that a block takes at least
 MOST = {"cpu": 60, "numpy": 2, "cuda": 400}  # steps in a block at most
-WARM = (60, 3.0)  # steps, and seconds at most, before the first block: an even lattice is nobody's state
+WARM = (60, 3.0)  # steps, and seconds at most, before the first block, so that no even lattice is timed
 
 
 def panel_points(device: bool) -> list[Point]:

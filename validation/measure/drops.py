@@ -41,11 +41,13 @@ PERIODS = 2.25  # of the oscillation that are fitted
 STIRRED, STIRS, STIR = 2.0, 20, 0.7  # t_sigma, number and first size [sqrt(sigma/(rho d))] of random kicks
 CALM, THIN = 0.3, 0.03  # Ohnesorge numbers mu/sqrt(rho sigma R) while relaxing and while measuring
 SNAPSHOTS, PER_PERIOD = 40, 24
-KICK = 0.4  # amplitude of the oscillation, in radii: beyond what the particles' frozen order bears elastically
+KICK = 0.4  # amplitude of the oscillation, in radii: large enough that the particles' frozen order yields
 SOFTENING = {2: 0.0, 3: 34409 / 58800}  # omega = omega_0 (1 - s A^2) at amplitude A (Tsamopoulos & Brown 1983)
 INNER = 0.6  # of R: where density is taken
 BALLS = np.linspace(0.4, 0.7, 7)  # of R: in which the pressure is taken
-UNSTIRRED = ("csf",)  # bears no random kicks, and freezes no stresses: its force acts at the surface only
+UNSTIRRED = (
+    "csf",
+)  # random kicks tear it, and it needs none: its force acts at the surface only, and no stresses freeze
 # The first two have no drop at BASE: it flies apart. The iteration of the third wants few neighbours.
 OTHER_BASE: dict[str, dict[str, Any]] = {
     "csf": {"kernels": "wendland"},

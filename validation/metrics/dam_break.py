@@ -133,7 +133,7 @@ def dimensionless_time(time: ArrayLike, width: float, gravity: float = 9.81) -> 
 class Front(NamedTuple):
     """How far the liquid reaches along one axis [m].
 
-    connected: edge of the liquid that hangs together; spray is left out.
+    connected: edge of the connected liquid; spray is left out.
     farthest: edge of the farthest particle, spray included.
     detached: number of particles that do not belong to the connected liquid.
     """
@@ -146,7 +146,7 @@ class Front(NamedTuple):
 def front_position(position: ArrayLike, spacing: float, *, axis: int = 0, link: float = 2.0) -> Front:
     """The surge front of a particle cloud along ``axis``, towards larger values, with and without spray.
 
-    position: (n, dim) [m]. spacing: d [m]. link: longest distance / d at which two particles hang together.
+    position: (n, dim) [m]. spacing: d [m]. link: longest distance / d at which two particles count as connected.
     Particles linked to each other form groups; the liquid is the largest group, and what has torn
     off (a drop, a particle shot ahead) counts only for ``farthest``. The edge lies half a spacing beyond the
     outermost centre, so a column of width a that begins at 0 has its front at a.
@@ -190,7 +190,7 @@ def fit_time_offset(
     Least squares of front(T_data + offset) - z_data, all dimensionless.
     time (k,), front (k,): the curve, dimensionless as the data, time increasing; linear between its points.
     max_offset: largest shift allowed. from_rest: the curve starts with the release, so before it the front
-    stands still; otherwise the curve says nothing there. Only data points that the curve covers at every
+    stands still; otherwise the curve is not defined there. Only data points that the curve covers at every
     allowed offset are used, so all offsets are judged by the same points.
     Raises ValueError for curves of other shape, times that do not increase, fewer than two data points left.
     """

@@ -121,10 +121,10 @@ def turning(position: np.ndarray, dim: int) -> tuple[np.ndarray, np.ndarray, np.
 
 
 def round_trip(reading: str, step: float = 1e-4, seed: int = 1) -> dict[str, float]:
-    """What a reading of the embedding keeps of an affine field on its way to the grid and back (section 11.3).
+    """What a reading of the embedding keeps of an affine field after the transfers to the grid and back.
 
     grid_mass, grid_momentum  relative errors on the nodes
-    momentum                  relative error of the particles' momentum after the way back
+    momentum                  relative error of the particles' momentum after both transfers
     velocity, gradient        relative errors of v, and of A on particles with samples
     power                     power of the liquid's force over the loss of its energy
     """

@@ -1,6 +1,6 @@
-"""How liquid lies in a room, seen from above: its parts, the holes in them, the layers that it stands in.
+"""How liquid lies on a floor, seen from above: its connected parts, the holes in them, its number of layers.
 
-Raster and reach are in particle spacings, so that the counts do not depend on the size of the room.
+Raster and reach are in particle spacings, so that the counts do not depend on the size of the box.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ def parts(position: ArrayLike, spacing: float) -> NDArray[np.int64]:
 def covered(position: ArrayLike, spacing: float) -> NDArray[np.bool_]:
     """The floor as a raster of 0.1 spacings, true where a disc of half the reach about a particle lies over it.
 
-    A margin of one spacing is free all around, so that what is outside hangs together.
+    A margin of one spacing is free all around, so that the outside is connected.
     """
     points = np.asarray(position, dtype=float)[:, :2] / (CELL * spacing)
     margin = int((1.0 + REACH) / CELL)

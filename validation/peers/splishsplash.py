@@ -1,4 +1,4 @@
-"""SPlisHSPlasH on the same work: `python -m validation.peers.splishsplash SPEC`, where SPEC is what `run` hands over.
+"""SPlisHSPlasH on the same work: in a process of its own.
 
 block  its WCSPH on a block of liquid that spins. Equation of state, viscosity, step and support radius (2 spacings) are
        those of `timing.runs.spinning_block`. The neighbour search runs in every step, as that program does it. With
@@ -15,13 +15,12 @@ import importlib.metadata
 import importlib.util
 import json
 import os
-import subprocess
-import sys
-import tempfile
 import time
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
+
+from validation.peers import answer, lacking, launch
 
 CELLS = 47  # spacings along 1 m
 SPIN = 5.0  # rad/s
@@ -35,9 +34,7 @@ TIME_LIMIT = 300.0  # s
 
 def missing() -> str:
     """Why the program cannot run here, or ""."""
-    if importlib.util.find_spec("pysplishsplash") is None:
-        return "pySPlisHSPlasH is not installed; run pip install pySPlisHSPlasH"
-    return ""
+    return lacking("pysplishsplash", "pySPlisHSPlasH")
 
 
 def run(side: int, steps: int, threads: int, tension: float = 0.0) -> dict[str, Any]:
@@ -67,27 +64,13 @@ def graphics_libraries() -> dict[str, str]:
     return {"LD_PRELOAD": ":".join([*graphics, *os.environ.get("LD_PRELOAD", "").split()])} if graphics else {}
 
 
-def _launch(spec: Mapping[str, Any], threads: int) -> dict[str, Any]:
-    environment = {**os.environ, "OMP_NUM_THREADS": str(threads), **graphics_libraries()}
-    root = str(Path(__file__).resolve().parent.parent.parent)
-    environment["PYTHONPATH"] = os.pathsep.join(filter(None, [root, environment.get("PYTHONPATH", "")]))
-    command = [sys.executable, "-m", "validation.peers.splishsplash", json.dumps(spec)]
-    with tempfile.TemporaryDirectory() as folder:
-        try:
-            done = subprocess.run(
-                command, cwd=folder, env=environment, capture_output=True, text=True, timeout=TIME_LIMIT, check=False
-            )
-        except (OSError, subprocess.TimeoutExpired) as error:
-            return {"missing": f"SPlisHSPlasH did not run ({error})"}
-        answer = Path(folder) / "answer.json"
-        if done.returncode != 0 or not answer.exists():
-            last = (done.stderr.strip() or done.stdout.strip() or "no message").splitlines()[-1]
-            return {"missing": f"SPlisHSPlasH ended with code {done.returncode}: {last}"}
-        return json.loads(answer.read_text())
+def _launch(given: Mapping[str, Any], threads: int) -> dict[str, Any]:
+    environment = {"OMP_NUM_THREADS": str(threads), **graphics_libraries()}
+    return launch("splishsplash", "SPlisHSPlasH", given, environment, TIME_LIMIT)
 
 
-def block(side: int, steps: int, tension: float) -> None:
-    """Run the spinning block in this process and write answer.json into the working folder."""
+def block(side: int, steps: int, tension: float) -> dict[str, Any]:
+    """Run the spinning block in this process."""
     import numpy as np
     import pysplishsplash as peer
 
@@ -133,17 +116,18 @@ def block(side: int, steps: int, tension: float) -> None:
     particles = fluid.numActiveParticles()
     base.runSimulation()
     spent = np.diff(moments)[WARM : WARM + steps]
-    answer = {
+    return {
         "particles": int(particles),
         "seconds": float(np.mean(spent)),
         "steps": len(spent),
         "version": importlib.metadata.version("pySPlisHSPlasH"),
     }
-    Path("answer.json").write_text(json.dumps(answer))
 
 
-def drop(side: int, tension: float, viscosity: float, step: float, until: float, samples: int, shake: int) -> None:
-    """Run the drop in this process and write answer.json into the working folder."""
+def drop(
+    side: int, tension: float, viscosity: float, step: float, until: float, samples: int, shake: int
+) -> dict[str, Any]:
+    """Run the drop in this process."""
     import numpy as np
     import pysplishsplash as peer
 
@@ -197,13 +181,12 @@ def drop(side: int, tension: float, viscosity: float, step: float, until: float,
         fluid.setPosition(i, place.astype(np.float32))
     clock["last"] = time.perf_counter()
     base.runSimulation()
-    answer = {
+    return {
         **found,
         "particles": int(fluid.numActiveParticles()),
         "steps": clock["steps"],
         "version": importlib.metadata.version("pySPlisHSPlasH"),
     }
-    Path("answer.json").write_text(json.dumps(answer))
 
 
 def _simulator(peer: Any, scene: Mapping[str, Any]) -> Any:
@@ -216,6 +199,10 @@ def _simulator(peer: Any, scene: Mapping[str, Any]) -> Any:
     return base
 
 
+def work(work: str, **given: Any) -> dict[str, Any]:
+    """Either of both."""
+    return {"block": block, "drop": drop}[work](**given)
+
+
 if __name__ == "__main__":
-    given = json.loads(sys.argv[1])
-    {"block": block, "drop": drop}[given.pop("work")](**given)
+    answer(work)

@@ -1,4 +1,4 @@
-"""SPlisHSPlasH's surface sampling: `python -m validation.peers.splishsplash_sampling FOLDER`, which `run` fills.
+"""SPlisHSPlasH's surface sampling: in a process of its own.
 
 Its Python calls of the samplers take a single vertex, so the mesh goes in as the rigid body of a scene, whose boundary
 data it then makes: it reads the file and samples it with Poisson disks, its default. Both are counted. Its disks pack
@@ -9,16 +9,13 @@ from __future__ import annotations
 
 import importlib.metadata
 import json
-import os
-import subprocess
-import sys
-import tempfile
 import time
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from validation.peers import answer, launch
 from validation.peers.splishsplash import graphics_libraries, missing
 
 TIME_LIMIT = 600.0  # s
@@ -32,35 +29,19 @@ def run(vertices: np.ndarray, faces: np.ndarray, radius: float, threads: int, sc
     """
     if missing():
         return {"missing": missing()}
-    root = str(Path(__file__).resolve().parent.parent.parent)
-    environment = {**os.environ, "OMP_NUM_THREADS": str(threads), **graphics_libraries()}
-    environment["PYTHONPATH"] = os.pathsep.join(filter(None, [root, environment.get("PYTHONPATH", "")]))
-    with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
-        rows = [f"v {x:.9g} {y:.9g} {z:.9g}" for x, y, z in vertices]
-        rows += [f"f {a} {b} {c}" for a, b, c in np.asarray(faces) + 1]
-        (folder / "mesh.obj").write_text("\n".join(rows) + "\n")
-        (folder / "spec.json").write_text(json.dumps({"radius": scale * radius}))
-        command = [sys.executable, "-m", "validation.peers.splishsplash_sampling", name]
-        try:
-            done = subprocess.run(
-                command, cwd=name, env=environment, capture_output=True, text=True, timeout=TIME_LIMIT, check=False
-            )
-        except (OSError, subprocess.TimeoutExpired) as error:
-            return {"missing": f"SPlisHSPlasH did not run ({error})"}
-        if done.returncode != 0 or not (folder / "answer.json").exists():
-            last = (done.stderr.strip() or done.stdout.strip() or "no message").splitlines()[-1]
-            return {"missing": f"SPlisHSPlasH ended with code {done.returncode}: {last}"}
-        answer = json.loads((folder / "answer.json").read_text())
-        answer["position"] = np.load(folder / "position.npy")
-        return answer
+    environment = {"OMP_NUM_THREADS": str(threads), **graphics_libraries()}
+    given = {"vertices": vertices, "faces": faces, "radius": scale * radius}
+    return launch("splishsplash_sampling", "SPlisHSPlasH", given, environment, TIME_LIMIT)
 
 
-def main(folder: Path) -> int:
-    """Start a simulation with the mesh in `folder` and write what was sampled."""
+def work(vertices: np.ndarray, faces: np.ndarray, radius: float) -> dict[str, Any]:
+    """Start a simulation with the mesh in this process, and return what was sampled."""
     import pysplishsplash as peer
 
-    radius = json.loads((folder / "spec.json").read_text())["radius"]
+    folder = Path.cwd()
+    rows = [f"v {x:.9g} {y:.9g} {z:.9g}" for x, y, z in vertices]
+    rows += [f"f {a} {b} {c}" for a, b, c in np.asarray(faces) + 1]
+    (folder / "mesh.obj").write_text("\n".join(rows) + "\n")
     scene = {
         "Configuration": {
             "particleRadius": radius, "simulationMethod": 4, "boundaryHandlingMethod": 0, "timeStepSize": 1e-3,
@@ -88,11 +69,9 @@ def main(folder: Path) -> int:
     model = peer.Simulation.getCurrent().getBoundaryModel(0)
     count = model.numberOfParticles()
     position = np.array([model.getPosition(i) for i in range(count)])
-    np.save(folder / "position.npy", position)
-    answer = {"seconds": seconds, "particles": count, "version": importlib.metadata.version("pySPlisHSPlasH")}
-    (folder / "answer.json").write_text(json.dumps(answer))
-    return 0
+    version = importlib.metadata.version("pySPlisHSPlasH")
+    return {"seconds": seconds, "particles": count, "position": position, "version": version}
 
 
 if __name__ == "__main__":
-    sys.exit(main(Path(sys.argv[1])))
+    answer(work)

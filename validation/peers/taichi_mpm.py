@@ -1,4 +1,4 @@
-"""Plain MLS-MPM liquid in Taichi: `python -m validation.peers.taichi_mpm SPEC`, where SPEC is what `run` hands over.
+"""Plain MLS-MPM liquid in Taichi: in a process of its own.
 
 Equal work to refsim's plain liquid: APIC with quadratic B-splines in space, float32, weakly compressible stress with
 the factor J, J <- J (1 + dt tr A), gravity, separating walls. Written as Taichi's own examples are: a dense grid and a
@@ -8,26 +8,19 @@ can see that the same was computed.
 
 from __future__ import annotations
 
-import importlib.util
-import json
-import os
-import subprocess
-import sys
-import tempfile
 import time
-from pathlib import Path
 from typing import Any
 
 import numpy as np
+
+from validation.peers import answer, lacking, launch
 
 TIME_LIMIT = 300.0  # s
 
 
 def missing() -> str:
     """Why the program cannot run here, or ""."""
-    if importlib.util.find_spec("taichi") is None:
-        return "Taichi is not installed; run pip install taichi"
-    return ""
+    return lacking("taichi", "taichi")
 
 
 def run(block: dict[str, Any], threads: int, arch: str = "cpu") -> dict[str, Any]:
@@ -38,23 +31,8 @@ def run(block: dict[str, Any], threads: int, arch: str = "cpu") -> dict[str, Any
            "bulk_modulus" [Pa], "gravity" [m/s^2, along y], "step" [s], "steps", "warm" (steps that are not counted),
            "order" (of the particles in memory, see `places`; "lattice" if left out)
     """
-    spec = {**block, "threads": threads, "arch": arch}
-    root = str(Path(__file__).resolve().parent.parent.parent)
-    paths = os.pathsep.join(filter(None, [root, os.environ.get("PYTHONPATH", "")]))
-    environment = {**os.environ, "PYTHONPATH": paths, "TI_LOG_LEVEL": "error"}
-    command = [sys.executable, "-m", "validation.peers.taichi_mpm", json.dumps(spec)]
-    with tempfile.TemporaryDirectory() as folder:
-        try:
-            done = subprocess.run(
-                command, cwd=folder, env=environment, capture_output=True, text=True, timeout=TIME_LIMIT, check=False
-            )
-        except (OSError, subprocess.TimeoutExpired) as error:
-            return {"missing": f"Taichi did not run ({error})"}
-        answer = Path(folder) / "answer.json"
-        if done.returncode != 0 or not answer.exists():
-            last = (done.stderr.strip() or done.stdout.strip() or "no message").splitlines()[-1]
-            return {"missing": f"Taichi ended with code {done.returncode}: {last}"}
-        return json.loads(answer.read_text())
+    given = {**block, "threads": threads, "arch": arch}
+    return launch("taichi_mpm", "Taichi", given, {"TI_LOG_LEVEL": "error"}, TIME_LIMIT)
 
 
 def places(cells: int, spacing: float, order: str) -> np.ndarray:
@@ -74,7 +52,8 @@ def places(cells: int, spacing: float, order: str) -> np.ndarray:
     return (lattice + 0.5) * spacing
 
 
-def _main(spec: dict[str, Any]) -> dict[str, Any]:
+def work(**spec: Any) -> dict[str, Any]:
+    """Time the steps in this process."""
     import taichi as ti
 
     ti.init(
@@ -169,4 +148,4 @@ def _main(spec: dict[str, Any]) -> dict[str, Any]:
 
 
 if __name__ == "__main__":
-    Path("answer.json").write_text(json.dumps(_main(json.loads(sys.argv[1]))))
+    answer(work)

@@ -109,7 +109,7 @@ def unavailable(options: Options) -> list[str]:
         backends.choose("cuda")
     except InputError as error:
         return [f"backend cuda: {error}"]
-    return [] if options.backend == "cuda" else ["backend cuda: asked for with --backend cuda"]
+    return [] if options.backend == "cuda" else ["backend cuda: measured with --backend cuda"]
 
 
 def _detection_panel(state: str, dim: str, stated: float, cover: str) -> Panel:

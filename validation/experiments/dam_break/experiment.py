@@ -1,7 +1,7 @@
 """Collapse of a liquid column: surface detection against the exact truth, its cost, the surge front.
 
 The column is L wide and 2 L high; walls are free slip; Tait equation of state. The paper does not say what its dam
-break looks like (E17b): the settings of `runs.py` are this project's, and stand in every result.
+break looks like (Jiang & Zhu E17b): the settings of `runs.py` are this project's, and stand in every result.
 """
 
 from __future__ import annotations

@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.lines import Line2D
 
 from validation.drawing import BLACK, BLUE, GREEN, GREY, INTERIOR_BLUE, ORANGE, PURPLE, SKY, SURFACE_RED, VERMILION
 from validation.experiment import Results
@@ -45,9 +47,6 @@ def detection_data(results: Results) -> dict[str, Any]:
 
 def detection_picture(data: Mapping[str, Any]) -> Any:
     """Three panels: surface red, interior blue, errors against the exact truth ringed."""
-    import matplotlib.pyplot as plt
-    from matplotlib.lines import Line2D
-
     position, truth = np.array(data["position_m"]), np.array(data["truth"], bool)
     top = data["shown_up_to_m"]
     above = int((position[:, 1] > top).sum())
@@ -64,10 +63,7 @@ def detection_picture(data: Mapping[str, Any]) -> Any:
         axes.set_title(TITLES[method])
         words = f"precision {score['precision']:.2f}   recall {score['recall']:.2f}   F1 {score['f1']:.2f}"
         axes.set_title(words, loc="right", fontweight="normal", fontsize=9.5)
-        axes.set_xlim(-0.02, 2.02)
-        axes.set_ylim(-0.02, top)
-        axes.set_aspect("equal")
-        axes.set_ylabel("y [m]")
+        axes.set(xlim=(-0.02, 2.02), ylim=(-0.02, top), aspect="equal", ylabel="y [m]")
     panels[-1].set_xlabel("x [m]")
 
     def dot(**options: Any) -> Line2D:
@@ -108,8 +104,6 @@ def score_data(results: Results) -> dict[str, Any]:
 
 def score_picture(data: Mapping[str, Any]) -> Any:
     """Precision and recall against time, every detector; a row for each dimension."""
-    import matplotlib.pyplot as plt
-
     found, truths = data["runs"], {"2D": "arc cover", "3D": "spherical-cap cover"}
     figure, panels = plt.subplots(len(found), 2, figsize=(8.8, 0.6 + 3.1 * len(found)), sharey=True, squeeze=False)
     looks = {
@@ -151,8 +145,6 @@ def cost_data(results: Results) -> dict[str, Any]:
 
 def cost_picture(data: Mapping[str, Any]) -> Any:
     """Whole detection, what two steps take of the fan scan's time, and where that goes."""
-    import matplotlib.pyplot as plt
-
     sizes = data["sizes"]
     number = np.array([size["particles"] for size in sizes])
 
@@ -164,9 +156,7 @@ def cost_picture(data: Mapping[str, Any]) -> Any:
     for method in ("fan_scan", "two_step", "number_density"):
         time = milliseconds(method, "whole")
         whole.plot(number, time, color=COLOURS[method], marker=marks[method], ms=5, label=WORDS[method])
-    whole.set_title("a  Whole detection")
-    whole.set_yscale("log")
-    whole.set_ylabel("median time [ms]")
+    whole.set(title="a  Whole detection", yscale="log", ylabel="median time [ms]")
     low, high = whole.get_ylim()
     whole.set_ylim(min(low, 10.0 ** np.floor(np.log10(low * 1.01))), 2.5 * high)
     for part, look, words in (
@@ -181,9 +171,7 @@ def cost_picture(data: Mapping[str, Any]) -> Any:
     ratio.axhline(50, color=GREY, lw=1, ls=":")
     scanned = [100 * size["scanned_share"] for size in sizes]
     ratio.plot(number, scanned, color=GREY, marker=".", lw=1, label="particles scanned")
-    ratio.set_title("b  Two steps, share of the fan scan")
-    ratio.set_ylabel("share [%]")
-    ratio.set_ylim(0, 1.4 * ratio.get_ylim()[1])
+    ratio.set(title="b  Two steps, share of the fan scan", ylabel="share [%]", ylim=(0, 1.4 * ratio.get_ylim()[1]))
     below = np.zeros(len(number))
     kinds = {
         "moment_sum": ("first moment", ORANGE), "normals": ("normals", BLUE), "scan": ("scan", GREEN),
@@ -194,17 +182,14 @@ def cost_picture(data: Mapping[str, Any]) -> Any:
         parts.bar(place, 100 * share, 0.62, bottom=below, color=colour, label=words)
         below += 100 * share
     parts.bar(place, 100 - below, 0.62, bottom=below, color=GREY, label="threshold")
-    parts.set_title("c  Where two steps spend it")
-    parts.set_ylabel("share of its time [%]")
-    parts.set_ylim(0, 135)
-    parts.set_yticks(range(0, 101, 20))
+    parts.set(title="c  Where two steps spend it", ylabel="share of its time [%]", ylim=(0, 135))
+    parts.set(yticks=range(0, 101, 20))
     parts.set_xticks(place, [f"{n:,}" for n in number], rotation=35)
     for axes in (whole, ratio):
         axes.set_xscale("log")
         axes.set_xticks(number, [f"{n:,}" for n in number], rotation=35)
         axes.xaxis.set_minor_locator(plt.NullLocator())
-    whole.yaxis.set_major_formatter("{x:g}")
-    whole.yaxis.set_minor_formatter(plt.NullFormatter())
+    whole.yaxis.set(major_formatter="{x:g}", minor_formatter=plt.NullFormatter())
     for axes in (whole, ratio, parts):
         axes.set_xlabel("particles")
         axes.grid(axis="y" if axes is parts else "both")
@@ -232,8 +217,6 @@ def front_data(results: Results) -> dict[str, Any]:
 
 def front_picture(data: Mapping[str, Any]) -> Any:
     """Front against time with the experiments, and the deviation from each."""
-    import matplotlib.pyplot as plt
-
     figure, (axes, below) = plt.subplots(2, 1, figsize=(7.4, 6.4), sharex=True, height_ratios=(2.1, 1))
     run = data["runs"]["2D"]
     time, front = np.array(run["time"]), np.array(run["connected"])
@@ -266,12 +249,9 @@ def front_picture(data: Mapping[str, Any]) -> Any:
     below.text(0.02, bar - 0.6, f"the experiments differ by up to {bar:.1f} %", fontsize=8, color=GREY, va="top")
     below.axhline(0, color=GREY, lw=0.8)
     reach = max(1.5 * bar, 1.0)
-    below.set_ylim(-reach, reach)
-    below.set_xlabel(r"$T = t\,\sqrt{2g/L}$ (experiments shifted by their fitted offset)")
-    below.set_ylabel("2D run from series [%]")
-    axes.set_ylabel("front position z / L")
-    axes.set_title("Surge front of a column L wide and 2 L high")
-    axes.set_xlim(0, time[-1])
+    below.set(ylim=(-reach, reach), xlabel=r"$T = t\,\sqrt{2g/L}$ (experiments shifted by their fitted offset)")
+    below.set(ylabel="2D run from series [%]")
+    axes.set(ylabel="front position z / L", title="Surge front of a column L wide and 2 L high", xlim=(0, time[-1]))
     axes.set_ylim(bottom=0.5)
     axes.legend(loc="upper left")
     for each in (axes, below):
@@ -299,8 +279,6 @@ def void_data(results: Results) -> dict[str, Any]:
 
 def void_picture(data: Mapping[str, Any]) -> Any:
     """Particles at 0.3 s, and the area of voids over time."""
-    import matplotlib.pyplot as plt
-
     figure = plt.figure(figsize=(9.6, 6.8))
     top, bottom = figure.subfigures(2, 1, height_ratios=(1.25, 1))
     top.suptitle(data["title"], x=0.01, ha="left", fontweight="bold", fontsize=10.5)
@@ -309,10 +287,7 @@ def void_picture(data: Mapping[str, Any]) -> Any:
     for (name, x), axes in zip(data["position_um"].items(), panels):
         points = floats(x) / 1e6
         axes.scatter(points[:, 0], points[:, 1], s=size, color=BLUE, linewidths=0)
-        axes.set_aspect("equal")
-        axes.set_xlim(0, 1.0)
-        axes.set_xticks([0.0, 0.5, 1.0])
-        axes.set_ylim(0, 1.05)
+        axes.set(aspect="equal", xlim=(0, 1.0), xticks=[0.0, 0.5, 1.0], ylim=(0, 1.05))
         axes.set_title(name.replace(", ", ",\n"), fontweight="normal", loc="center", fontsize=9)
         axes.set_xlabel("x [m]")
     panels[0].set_ylabel("y [m], t = 0.3 s")
@@ -320,10 +295,7 @@ def void_picture(data: Mapping[str, Any]) -> Any:
     looks = ((BLUE, "-"), (SKY, "--"), (VERMILION, "-"), (ORANGE, "--"), (PURPLE, "-"), (GREEN, "-."))
     for (name, area), (colour, dash) in zip(data["area_d2"].items(), looks):
         axes.plot(data["time_s"], np.maximum(floats(area), 0.05), dash, color=colour, label=name)
-    axes.set_yscale("log")
-    axes.set_ylim(0.04, None)
-    axes.set_xlabel("time [s]")
-    axes.set_ylabel(r"voids [$d^2$]; below 0.05: none")
+    axes.set(yscale="log", ylim=(0.04, None), xlabel="time [s]", ylabel=r"voids [$d^2$]; below 0.05: none")
     axes.grid(True)
     axes.legend(ncols=2, loc="upper center", bbox_to_anchor=(0.5, -0.22))
     axes.axhline(2.0, color=GREY, lw=0.8)

@@ -98,7 +98,7 @@ def collapse(
 ) -> Result:
     """The collapse in a tank of 4 L to `until` [s], with every detector scored against the exact surface.
 
-    On the way, every rule of FIRST_STEPS is tried as the first of two steps. With a `seed` the start is jittered.
+    At every sample, each rule of FIRST_STEPS is tried as the first of two steps. With a `seed` the start is jittered.
     """
     start = None if seed is None else jittered(columns, depth, seed)
     simulation = context.simulation(column_scene(columns, depth, tank, (SurfaceDetection(),), start), backend)
@@ -370,7 +370,7 @@ def detection_cost(
 ) -> Result:
     """Median seconds of detection on the state at `moment` [s], by detector: on one thread, and on all of them.
 
-    Few particles leave many threads little to do but to start, which says nothing of the methods; so one thread is
+    With few particles most of the time of many threads goes into starting them; so one thread is
     judged. moved_on: the backend that moves the column to that state, `backend` if left out.
     """
     simulation = context.simulation(column_scene(columns, 1, tank), moved_on or backend)
@@ -388,7 +388,7 @@ def timed_detectors(
     """Median seconds of every detector on one cloud; the detectors take turns.
 
     whole    threshold, normals and scan, and what the detector adds to the density pass
-    charged  the same where nothing else asks for the number density: with the pass that sums it
+    charged  the same where no other effect needs the number density: with the pass that sums it
     """
     judged = {method: detect(context, method, columns, 1, tank, cloud, backend, threads) for method in DETECTORS}
     spent: dict[str, list[dict[str, float]]] = {method: [] for method in judged}

@@ -103,18 +103,18 @@ def beside_walls(context: Context, backend: str, method: str, depth: int = 1, co
     scene = column_scene(columns, depth)
     spacing = scene.spacing
     size = columns * spacing
-    room = msgspec.structs.replace(scene.effects[2], upper=(size, 4 * size, depth * spacing))
+    tank = msgspec.structs.replace(scene.effects[2], upper=(size, 4 * size, depth * spacing))
     with trial.ending():
         detection = SurfaceDetection(**SETTINGS[method])
         box = Box(cells=(columns, columns, depth))
         simulation = trial.start(
-            msgspec.structs.replace(scene, fluid=(box,), effects=(*scene.effects[:2], room, detection))
+            msgspec.structs.replace(scene, fluid=(box,), effects=(*scene.effects[:2], tank, detection))
         )
         simulation.evaluate()
         x, flags = simulation.field("position"), simulation.field("surface").astype(bool)
         top = x[:, 1] > size - spacing
         dim = simulation.plan.grid.dim
-        line = top & ((x < spacing) | (x > np.array(room.upper) - spacing))[:, [0, 2][: dim - 1]].any(1)
+        line = top & ((x < spacing) | (x > np.array(tank.upper) - spacing))[:, [0, 2][: dim - 1]].any(1)
         trial.check("found off the surface", int((flags & ~top).sum()), equals=0)
         trial.check("missed of the surface away from the contact line", int((~flags & top & ~line).sum()), equals=0)
         trial.show("missed of the contact line", f"{int((~flags & line).sum())} of {int(line.sum())}")

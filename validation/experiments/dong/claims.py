@@ -154,7 +154,7 @@ CORRECTION_MINIMAL = rest_area(True)
 COHESION_NOT_MINIMAL_SHORT = frozen_area(False)
 CORRECTION_MINIMAL_SHORT = frozen_area(True)
 
-# Momentum: sums of forces and torques over the sums of their moduli, float64, on a drop under way.
+# Momentum: sums of forces and torques over the sums of their moduli, float64, on a moving drop.
 
 
 def forces(context: Context, seed: int, backend: str) -> Result:
@@ -212,7 +212,7 @@ ANGULAR_PRINTED = momentum("printed", "angular")
 LINEAR_CSF = momentum("csf", "linear")
 ANGULAR_CSF = momentum("csf", "angular")
 
-# Seconds a frame, in three rounds; the rounds of the case's own run are the first.
+# Seconds a frame, in three rounds; the rounds of the experiment's own runs are the first.
 
 ROUNDS = (1, 2, 3)
 

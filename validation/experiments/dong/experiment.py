@@ -105,7 +105,7 @@ def tables(results: Results) -> list[Table]:
                     rows.append([f"{arm} tension", row["frame"], *cells, f"{row['stretch']:.2f}", row["layers"]])
         heading = ["", "frame", "parts", "lone", "holes", "largest part", "floor per particle", "stretch", "layers"]
         note = (
-            "Parts have 5 particles or more and hang together over 1.5 spacings. Holes are seen from above and larger"
+            "Parts have 5 particles or more, each within 1.5 spacings of another. Holes are seen from above and larger"
             " than one spacing squared. Stretch: the smallest circle about a part over the floor that it covers."
         )
         made.append(Table("Dong, figures 4 to 6: the block on the floor", heading, rows, note))

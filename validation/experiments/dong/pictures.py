@@ -5,7 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.colors import LogNorm
+from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 
 from validation.drawing import (
@@ -14,6 +17,7 @@ from validation.drawing import (
     GREY,
     ORANGE,
     VERMILION,
+    WATER,
     ball_picture,
     show_image,
     view_matrix,
@@ -25,7 +29,6 @@ from validation.results import Result
 
 CUBE_VIEW = view_matrix(azimuth=10.0, elevation=7.0)  # nearly along an axis, as in the paper
 TOP, SIDE_VIEW = view_matrix(azimuth=-90.0, elevation=90.0), view_matrix(azimuth=-90.0, elevation=1.0)
-WATER = (0.16, 0.50, 0.80)
 COLOURS = [(0.16, 0.50, 0.80), (0.90, 0.45, 0.13), (0.20, 0.62, 0.40), (0.65, 0.35, 0.65), (0.80, 0.65, 0.15)]
 GLASS = (0.55, 0.72, 0.86)  # of what belongs to no larger part
 CUBE_EXTENT, ROOM_EXTENT = 1.3, 0.54  # half widths: in R, in m
@@ -72,8 +75,6 @@ def cube_data(results: Results) -> dict[str, Any]:
 
 def cube_picture(data: Mapping[str, Any]) -> Any:
     """Draw figure 3: eight moments, and under them the history of the shape."""
-    import matplotlib.pyplot as plt
-
     figure = plt.figure(figsize=(9.6, 6.9))
     grid = figure.add_gridspec(3, 4, height_ratios=(1.0, 1.0, 0.95))
     for k, frame in enumerate(data["frames"]):
@@ -93,12 +94,10 @@ def cube_picture(data: Mapping[str, Any]) -> Any:
     period = data["oscillation"]["period"]
     words = f"period {period:.2f} s;\nRayleigh's n = 4 at {data['tension_n_per_m']:.0f} N/m: {data['rayleigh_s']:.2f} s"
     left.text(0.97, 0.06, words, transform=left.transAxes, ha="right", fontsize=8.5)
-    left.set(xlabel="time [s]", ylabel="q4 (octahedron above 0)")
-    left.set_title("shape")
+    left.set(xlabel="time [s]", ylabel="q4 (octahedron above 0)", title="shape")
     right.plot(series["time"], series["points"], color=GREEN, label="along the axes (six points)")
     right.plot(series["time"], series["corners"], color=VERMILION, label="along the body diagonals (corners)")
-    right.set(xlabel="time [s]", ylabel="reach over R")
-    right.set_title("reach")
+    right.set(xlabel="time [s]", ylabel="reach over R", title="reach")
     right.legend()
     for axes in (left, right):
         axes.grid(True)
@@ -165,8 +164,6 @@ def splash_data(results: Results) -> dict[str, Any]:
 
 def splash_picture(data: Mapping[str, Any]) -> Any:
     """Draw figure 4: an arm a row."""
-    import matplotlib.pyplot as plt
-
     rows = data["rows"]
     figure, axes = plt.subplots(len(rows), len(rows[0]["frames"]), figsize=(12.6, 5.0), squeeze=False)
     for line, row in enumerate(rows):
@@ -197,8 +194,6 @@ def rest_data(results: Results) -> dict[str, Any]:
 
 def rest_picture(data: Mapping[str, Any]) -> Any:
     """Draw figure 5."""
-    import matplotlib.pyplot as plt
-
     figure, axes = plt.subplots(1, 2, figsize=(9.6, 1.9))
     for place, row in zip(axes, data["rows"]):
         _draw_room(place, row, data["spacing_m"], SIDE_VIEW)
@@ -223,8 +218,6 @@ def merging_data(results: Results) -> dict[str, Any]:
 
 def merging_picture(data: Mapping[str, Any]) -> Any:
     """Draw figure 6: eight moments, and the number of parts over time."""
-    import matplotlib.pyplot as plt
-
     figure = plt.figure(figsize=(9.6, 7.4))
     grid = figure.add_gridspec(3, 4, height_ratios=(1.0, 1.0, 0.75))
     for k, frame in enumerate(data["frames"]):
@@ -268,10 +261,6 @@ def sweep_data(results: Results) -> dict[str, Any]:
 
 def sweep_picture(data: Mapping[str, Any]) -> Any:
     """Draw a map for each size; the best that is at rest is framed."""
-    import matplotlib.pyplot as plt
-    from matplotlib.colors import LogNorm
-    from matplotlib.patches import Rectangle
-
     sides = list(dict.fromkeys(row["side"] for row in data["rows"]))
     figure, axes = plt.subplots(1, len(sides), figsize=(11.5, 3.0), sharey=True)
     for place, side in zip(axes, sides):
@@ -295,8 +284,7 @@ def sweep_picture(data: Mapping[str, Any]) -> Any:
             )
         place.set_xticks(range(len(across)), [f"{value:g}" for value in across])
         place.set_yticks(range(len(up)), [f"{value:g}" for value in up])
-        place.set(xlabel=r"$\lambda\,\rho_0 d/\sigma$")
-        place.set_title(f"cube of {side**3:,}")
+        place.set(xlabel="$\\lambda\\,\\rho_0 d/\\sigma$", title=f"cube of {side**3:,}")
     axes[0].set(ylabel="k over the calibrated one")
     figure.colorbar(image, ax=axes, label="area over a ball's, less one", shrink=0.9)
     figure.suptitle(data["title"] + " (numbers: thousandths)", fontsize=10.5, fontweight="bold")

@@ -6,6 +6,7 @@ import statistics
 from collections.abc import Mapping
 from typing import Any
 
+import matplotlib.pyplot as plt
 import numpy as np
 
 from validation.drawing import BLUE, GREY, ORANGE
@@ -36,8 +37,6 @@ def data(results: Results) -> dict[str, Any]:
 
 def picture(data: Mapping[str, Any]) -> Any:
     """A group of bars for each scene; marks are the turns."""
-    import matplotlib.pyplot as plt
-
     words = {"droplet": "the cube, {:,} particles", "oil": "twelve drops of one oil, {:,} particles"}
     cases = list(data["particles"])
     longest = max(max(r["frame_ms"]) for r in data["rows"])
@@ -52,8 +51,7 @@ def picture(data: Mapping[str, Any]) -> Any:
             axes.text(max(found) + 0.012 * longest, y, f"{statistics.median(found):.1f}", va="center", fontsize=8)
     axes.set_yticks([-line for line in range(len(cases))], [words[c].format(data["particles"][c]) for c in cases])
     said = f"milliseconds a frame, {data['threads'] or 'all'} threads; bars: medians, strokes: single turns"
-    axes.set(xlabel=said, xlim=(0, 1.1 * longest))
-    axes.set_title(data["title"])
+    axes.set(xlabel=said, xlim=(0, 1.1 * longest), title=data["title"])
     axes.grid(True, axis="x")
     figure.legend(loc="outside lower center", ncols=3, fontsize=8)
     return figure

@@ -143,7 +143,7 @@ def band(points: Points) -> Band | None:
     kept = [e for e in kept if np.isfinite(e)]
     if len(kept) < 3:
         return None
-    words = f"cubes cut from lattices turned {len(kept)} ways keep {min(kept):.2g} to {max(kept):.2g}"
+    words = f"cubes cut from lattices turned by {len(kept)} rotations keep {min(kept):.2g} to {max(kept):.2g}"
     return Band(0.5 * (max(kept) - min(kept)), words)
 
 
@@ -178,7 +178,7 @@ def omissions(options: Options) -> list[str]:
     try:
         backends.choose("cuda")
         if options.backend != "cuda":
-            made.append("backend cuda: asked for with --backend cuda")
+            made.append("backend cuda: measured with --backend cuda")
     except InputError as error:
         made.append(f"backend cuda: {error}")
     return made

@@ -45,7 +45,7 @@ def starts(options: Options) -> Sequence[int]:
 
 
 def end(results: Results, key: str, part: str) -> list[float]:
-    """A number of the end of every run whose key begins so, by seed; the default's keys are the case's own."""
+    """A number of each run's final state by seed, for keys that begin so; the default's runs are the experiment's."""
     found = {seed: results[name] for seed, name in DEFAULTS.items() if key == "default" and name in results}
     for name, result in results.items():
         if name.startswith(f"claim_{key}_"):

@@ -1,7 +1,7 @@
 """A cube of liquid without gravity becomes a drop (figures 2, 6 and 7).
 
-The settings are this project's (E17): the paper gives no surface tension, stiffness, viscosity, step or side. They
-stand in `scene.py`, in one place.
+The settings are this project's (Jiang & Zhu E17): the paper gives no surface tension, stiffness, viscosity, step or
+side. They stand in `scene.py`, in one place.
 """
 
 from __future__ import annotations

@@ -5,7 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Normalize
 
 from validation.drawing import (
     BLACK,
@@ -16,6 +19,7 @@ from validation.drawing import (
     PURPLE,
     SKY,
     VERMILION,
+    WATER,
     ball_picture,
     show_image,
     surface_picture,
@@ -29,11 +33,10 @@ from validation.results import floats
 VIEW = view_matrix(azimuth=32.0, elevation=24.0)
 ROWS = {"cube_4913": "cube", "cut_5039": "cube cut from a turned lattice", "box_4862": "turned box, 1.3 : 1 : 0.8"}
 EXTENT = 1.5  # half width of a frame, in R
-WATER = (0.16, 0.50, 0.80)
 
 
 def chosen_frames(values: Mapping[str, Any], count: int) -> list[int]:
-    """Samples that tell the story: the start, on the way, the first octahedron (greatest q4), and on to the end."""
+    """Samples shown: the start, the first octahedron (greatest q4), one half-way to it, and later ones to the end."""
     moment = floats(values["series"]["cubic_moment"])
     last = len(moment) - 1
     peak = int(np.argmax(moment[: last // 2]))
@@ -81,10 +84,6 @@ def frame_data(results: Results) -> dict[str, Any]:
 
 def frame_picture(data: Mapping[str, Any]) -> Any:
     """Rows of lit balls, coloured by their distance from the centre."""
-    import matplotlib.pyplot as plt
-    from matplotlib.cm import ScalarMappable
-    from matplotlib.colors import Normalize
-
     rows = data["rows"]
     columns = max(len(row["frames"]) for row in rows)
     figure, panels = plt.subplots(len(rows), columns, figsize=(1.75 * columns, 2.55 * len(rows) + 0.75), squeeze=False)
@@ -131,8 +130,6 @@ def surface_data(results: Results) -> dict[str, Any]:
 
 def surface_picture_of(data: Mapping[str, Any]) -> Any:
     """The reconstructed surface, lit."""
-    import matplotlib.pyplot as plt
-
     frames, extent = data["frames"], data["half_width_radii"]
     figure, panels = plt.subplots(1, len(frames), figsize=(2.5 * len(frames), 3.0))
     for frame, axes in zip(frames, np.atleast_1d(panels)):
@@ -171,8 +168,6 @@ def force_data(results: Results) -> dict[str, Any]:
 
 def force_picture(data: Mapping[str, Any]) -> Any:
     """Repulsion up, attraction down, zeros marked."""
-    import matplotlib.pyplot as plt
-
     figure, axes = plt.subplots(figsize=(6.4, 3.8))
     q = np.array(data["q"])
     looks = ((VERMILION, "-", 2.4), (BLUE, "--", 1.6), (GREY, ":", 1.8))
@@ -195,10 +190,8 @@ def force_picture(data: Mapping[str, Any]) -> Any:
     axes.set_ylim(low, high)
     axes.text(1.03, 0.012, "repulsion", ha="right", fontsize=9, color=GREY)
     axes.text(1.03, -0.022, "attraction", ha="right", fontsize=9, color=GREY)
-    axes.set_xlim(0, 1.05)
-    axes.set_xlabel("distance r / h")
-    axes.set_ylabel(r"$C(r)\,/\,W_{\mathrm{poly6}}(0,h)$")
-    axes.set_title("Inter-particle force of Jiang & Zhu 2023, J(17)")
+    axes.set(xlim=(0, 1.05), xlabel="distance r / h", ylabel=r"$C(r)\,/\,W_{\mathrm{poly6}}(0,h)$")
+    axes.set(title="Inter-particle force of Jiang & Zhu 2023, J(17)")
     axes.grid(True)
     axes.legend(loc="upper right")
     return figure
@@ -233,8 +226,6 @@ def measure_data(results: Results) -> dict[str, Any]:
 
 def measure_picture(data: Mapping[str, Any]) -> Any:
     """Four panels against time in capillary times."""
-    import matplotlib.pyplot as plt
-
     figure, panels = plt.subplots(2, 2, figsize=(9.6, 6.2), sharex=True)
     looks = ((BLUE, "-"), (ORANGE, "--"), (GREEN, "-."))
     for (name, words, logarithmic), axes in zip(MEASURES, panels.ravel()):
@@ -297,8 +288,6 @@ def mode_data(results: Results) -> dict[str, Any]:
 
 def mode_picture(data: Mapping[str, Any]) -> Any:
     """Kinetic energy, roughness and lost momentum against time."""
-    import matplotlib.pyplot as plt
-
     figure, panels = plt.subplots(1, 3, figsize=(11.4, 4.2), sharex=True)
     looks = ((BLUE, "-"), (GREEN, "--"), (PURPLE, "-."), (ORANGE, "-"), (SKY, "-."), (VERMILION, "-"), (BLACK, ":"))
     for (words, run), (colour, dash) in zip(data["runs"].items(), looks):
@@ -315,9 +304,7 @@ def mode_picture(data: Mapping[str, Any]) -> Any:
         axes.set_ylim(limits)
     titles = ("a  Kinetic energy [J]", "b  Radius variation", "c  Momentum / largest sum of m |v|")
     for axes, title in zip(panels, titles):
-        axes.set_yscale("log")
-        axes.set_title(title)
-        axes.set_xlabel(r"time / $\sqrt{\rho R^3/\sigma}$")
+        axes.set(yscale="log", title=title, xlabel=r"time / $\sqrt{\rho R^3/\sigma}$")
         axes.grid(True)
     figure.legend(loc="outside lower center", ncols=3)
     return figure

@@ -42,7 +42,7 @@ def droplet_scene(
     sound_speed      [m/s]; viscosity [Pa s]
     tension          parameters of JiangZhu2023 that differ from the default model
     literal          printed readings of the equation of motion
-    detection        detect the surface in every step although nothing asks for it
+    detection        detect the surface in every step although no other effect needs it
     effects          in place of the tension (an empty tuple: none)
     spin             angular velocity at the start about z [rad/s]
     """

@@ -1,4 +1,4 @@
-"""Hard cases of a drop, and how far step, tension and area coefficient can go in every pair mode."""
+"""Hard cases of a drop, and the largest stable step, tension and area coefficient in every pair mode."""
 
 from __future__ import annotations
 
@@ -245,7 +245,7 @@ def step_cell(
     limiter = {}
 
     def run(factor: float) -> Drop:
-        # A scene refuses a factor above 1; a plan does as it is told.
+        # A scene refuses a factor above 1, a plan does not.
         forced = dataclasses.replace(plan, scene=msgspec.structs.replace(made, step_factor=factor))
         drop = settle(context, backend, forced, until)
         limiter[factor] = max(context.started[-1][1].limiters.items(), key=lambda item: item[1], default=("", 0))[0]

@@ -1,4 +1,4 @@
-"""Hard cases of the liquid below every system, of its walls, its neighbour list and its files; its largest step."""
+"""Hard cases of weakly compressible liquid, its walls, neighbour list and files; its largest stable step."""
 
 from __future__ import annotations
 
@@ -127,7 +127,7 @@ def coincident_later(context: Context, backend: str) -> Result:
 
 
 def few(context: Context, backend: str, count: int) -> Result:
-    """One to four particles fall freely, with tension and detection switched on: nobody divides by their absence."""
+    """One to four particles fall freely, with tension and detection switched on, although neighbours are missing."""
     trial = Trial(context, backend)
     points = SPACING * np.array([[0.0, 0, 0], [0.4, 0, 0], [0.2, 0.5, 0], [0.1, 0.2, 0.6]])[:count]
     scene = liquid(Cloud(position=points), Gravity(), tension(), SurfaceDetection(each_step=True), dtype="float32")
@@ -209,13 +209,13 @@ def nothing_acts(context: Context, backend: str) -> Result:
             start = simulation.field("position").astype(float)
             trial.advance(simulation, steps=100)
             change = float(np.abs(simulation.field("velocity") - np.array(velocity, dtype=np.float32)).max())
-            way = simulation.field("position").astype(float) - start - np.array(velocity) * simulation.time
+            displacement = simulation.field("position").astype(float) - start - np.array(velocity) * simulation.time
             if velocity == moving:
                 trial.check("change of velocity over c, moving", change / SOUND, at_most=1e-5)
-                trial.check("change of shape, moving [d]", float(np.abs(way).max()) / SPACING, at_most=1e-3)
+                trial.check("change of shape, moving [d]", float(np.abs(displacement).max()) / SPACING, at_most=1e-3)
             else:
                 trial.check("change of velocity at rest", change, equals=0)
-                trial.check("change of place at rest", float(np.abs(way).max()), equals=0)
+                trial.check("change of place at rest", float(np.abs(displacement).max()), equals=0)
     return trial.result()
 
 
@@ -393,7 +393,7 @@ def cell_borders(context: Context, backend: str, dtype: str) -> Result:
 def far_away(context: Context, backend: str, dtype: str, spacings: float = 1e6) -> Result:
     """A drop at (-1e6, -1e6, 1e6) spacings moves as the same drop at the origin does.
 
-    float32 keeps a place there to 0.06 spacings, coarser than a step's way, so that nothing can move as it should.
+    float32 keeps a place there to 0.06 spacings, coarser than the displacement of a step.
     """
     trial = Trial(context, backend)
     place = spacings * SPACING * np.array([-1.0, -1.0, 1.0])
@@ -408,20 +408,20 @@ def far_away(context: Context, backend: str, dtype: str, spacings: float = 1e6) 
         trial.show("said at the origin", notes[0])
         trial.show("said far away", notes[1])
         moved = float(np.abs(places[0]).max()) / SPACING
-        trial.show("greatest way at the origin [d]", moved)
+        trial.show("greatest displacement at the origin [d]", moved)
         apart = float(np.abs(places[1] - places[0]).max()) / SPACING
         if dtype == "float64":
-            trial.check("ways at the origin and far away differ by [d]", apart, at_most=1e-3)
+            trial.check("displacements at the origin and far away differ by [d]", apart, at_most=1e-3)
         else:
-            trial.show("ways at the origin and far away differ by [d]", apart)
+            trial.show("displacements at the origin and far away differ by [d]", apart)
             trial.check("the run says that places are too coarse", "float64" in notes[1], equals=1)
-            trial.check("it says nothing of the kind at the origin", "float64" in notes[0], equals=0)
+            trial.check("notes of this kind at the origin", "float64" in notes[0], equals=0)
     return trial.result()
 
 
 def leaves(context: Context, backend: str, spacings: float = 1e6) -> Result:
-    """One particle leaves a block at 9 c and is a million spacings away in the end: nobody is lost, and the others do
-    not notice."""
+    """One particle leaves a block at 9 c and is a million spacings away in the end: no particle is lost, and the others
+    move as without it."""
     trial = Trial(context, backend)
     block = Box(cells=(6, 6, 6))
     flung = Cloud(position=[[0.5, 0.0, 0.0]], velocity=(9 * SOUND, 0.0, 0.0))
@@ -525,7 +525,7 @@ def _reported(out: Path) -> int:
 
 
 def disk_full(context: Context, backend: str) -> Result:
-    """No room for a checkpoint in the middle of a run: it stops by name, the last checkpoint is whole, and the run goes
+    """The disk is full when a checkpoint is due: it stops by name, the last checkpoint is whole, and the run goes
     on from it bit for bit."""
     trial = Trial(context, backend)
     scene = tank(8, end_time=100.0)
@@ -677,7 +677,7 @@ STEP_MAP = StabilityMap(
     name="stability_tank_step",
     title="Largest stable step of a collapsing column (2D, walls)",
     quantity="step over the runner's own",
-    criterion="the run ends, nobody leaves, and the energy rises by 1.5 times what it does with half the step + 2 %.",
+    criterion="the run ends, no particle leaves, the energy rises by at most 1.5 times that of half the step + 2 %.",
     advice="Keep step_factor at 1; what lies above it is a reserve, not an offer.",
     cells=tuple(
         Cell(f"{state}, {kernels}", column, step_cell, {"state": state, "kernels": kernels, "viscosity": viscosity})
@@ -738,7 +738,7 @@ CASES = (
     ),
     HardCase(
         "coincident_later", "two particles meet at one place in the middle of a run",
-        "finite values, momentum kept to 32 roundings, nobody faster than c/2 in 200 steps", coincident_later,
+        "finite values, momentum kept to 32 roundings, no particle faster than c/2 in 200 steps", coincident_later,
         short=True,
     ),
     *(
@@ -750,7 +750,7 @@ CASES = (
     ),
     HardCase(
         "apart_1e-12", "two particles 1e-12 spacings apart, float64",
-        "finite values, momentum kept, nobody faster than c/2", almost_one, {"dtype": "float64"},
+        "finite values, momentum kept, no particle faster than c/2", almost_one, {"dtype": "float64"},
     ),
     HardCase(
         "apart_1e-12_float32", "the same in float32, where it is one place", "refused", almost_one,
@@ -773,36 +773,36 @@ CASES = (
     *(
         HardCase(
             f"tank_step_x{f}", f"a collapsing column with a fixed step of {f} times the stable one",
-            "no energy out of nothing and nobody outside, or refused", collapse, {"factor": float(f)},
+            "no energy gained and no particle outside, or refused", collapse, {"factor": float(f)},
             short=f > 1, seconds=3.0,
         )
         for f in (1, 2, 4, 8)
     ),
     HardCase(
         "tank", "a column collapses and splashes up at the far wall, with the runner's own steps",
-        "no energy out of nothing and nobody outside", collapse, seconds=3.0,
+        "no energy gained and no particle outside", collapse, seconds=3.0,
     ),
     HardCase(
         "tank_inviscid", "the same without viscosity",
-        "nobody outside; the run says beforehand that energy may appear", collapse,
+        "no particle outside; a note says beforehand that energy may be gained", collapse,
         {"viscosity": 0.0}, seconds=3.0,
     ),
     HardCase(
         "box_inviscid", "a block thrown about in a closed box without gravity and viscosity",
-        "nobody outside; the run says beforehand that energy may appear", thrown_about, seconds=3.0,
+        "no particle outside; a note says beforehand that energy may be gained", thrown_about, seconds=3.0,
     ),
     HardCase(
-        "impact_wall", "a cube hits a wall at 0.3 c", "no energy out of nothing, nobody outside, no clumps", impact,
+        "impact_wall", "a cube hits a wall at 0.3 c", "no energy gained, no particle outside, no clumps", impact,
         {"what": "wall"}, seconds=5.0,
     ),
     HardCase(
-        "impact_cubes", "two cubes collide, each at 0.3 c", "no energy out of nothing, momentum kept, no clumps",
+        "impact_cubes", "two cubes collide, each at 0.3 c", "no energy gained, momentum kept, no clumps",
         impact, {"what": "cubes"}, seconds=5.0,
     ),
     *(
         HardCase(
             f"edge_{edge.replace(' ', '_')}", f"a drop falls on a sharp edge: {words}",
-            "nobody inside the wall, nobody faster than 1.5 times free fall, no clumps", sharp_edge, {"edge": edge},
+            "no particle inside the wall, none faster than 1.5 times free fall, no clumps", sharp_edge, {"edge": edge},
             seconds=3.0,
         )
         for edge, words in (
@@ -819,7 +819,7 @@ CASES = (
         "cell_borders_float64", "the same in float64", "the same, to 1e-9 spacings", cell_borders, {"dtype": "float64"},
     ),
     HardCase(
-        "far_away", "a drop at -1e6 and 1e6 spacings, float32", "the run says that places are too coarse there",
+        "far_away", "a drop at -1e6 and 1e6 spacings, float32", "a note says that positions are too coarse there",
         far_away, {"dtype": "float32"}, short=True,
     ),
     HardCase(
@@ -828,7 +828,7 @@ CASES = (
     ),
     HardCase(
         "leaves", "a particle leaves at 9 c; two stand a million spacings off",
-        "nobody lost, the others undisturbed, a list of less than 1 MB", leaves, short=True,
+        "no particle lost, the others undisturbed, a list of less than 1 MB", leaves, short=True,
     ),
     HardCase(
         "overflow", "3,000 particles within one support radius", "the list grows to every pair", overflow,
@@ -843,8 +843,8 @@ CASES = (
         "at most the step under way is lost, and the run ends bit for bit as one never killed", killed, seconds=20.0,
     ),
     HardCase(
-        "disk_full", "no room for a checkpoint", "a named stop; the last checkpoint is whole and resumes bit for bit",
-        disk_full, short=True,
+        "disk_full", "a full disk when a checkpoint is written",
+        "a named stop; the last checkpoint is whole and resumes bit for bit", disk_full, short=True,
     ),
     HardCase(
         "other_backend", "resumed on another backend, and back",

@@ -6,6 +6,8 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
+import matplotlib.pyplot as plt
+
 from refsim.surface_tension.calibration import BASE
 from validation.drawing import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION
 from validation.experiment import Results
@@ -34,8 +36,6 @@ def jump_data(results: Results) -> dict[str, Any]:
 
 def jump_picture(data: Mapping[str, Any]) -> Any:
     """Above: the jump against the curvature with its fits; below: R jump/(dim - 1) against R, level for a tension."""
-    import matplotlib.pyplot as plt
-
     figure, grid = plt.subplots(2, 2, figsize=(9.6, 8.4))
     for dim, (above, below) in zip((2, 3), grid.T):
         least = FITTED_FROM * BASE["support"]  # smaller drops are not fitted: the surface reaches all of them
@@ -68,18 +68,12 @@ def jump_picture(data: Mapping[str, Any]) -> Any:
         steepest = (dim - 1) / least
         above.axvspan(steepest, 1.0, color="#eeeeee", lw=0)
         above.plot([0, steepest], [0, steepest], color=GREY, lw=0.8, ls=":")
-        above.set_xlim(0, 1.15 * steepest)
-        above.set_ylim(0, 5.2 * steepest)
-        above.set_title(f"{dim}D: jump against curvature")
-        above.set_xlabel(f"curvature {'2/R' if dim == 3 else '1/R'} [1/d]")
-        above.set_ylabel("pressure jump [nominal sigma/d]")
+        above.set(xlim=(0, 1.15 * steepest), ylim=(0, 5.2 * steepest), title=f"{dim}D: jump against curvature")
+        above.set(xlabel=f"curvature {'2/R' if dim == 3 else '1/R'} [1/d]", ylabel="pressure jump [nominal sigma/d]")
         below.axvspan(0, least, color="#eeeeee", lw=0)
         below.axhline(1, color=GREY, lw=0.8, ls=":")
-        below.set_xlim(4, 26 if dim == 2 else 15)
-        below.set_ylim(0, 8.5)
-        below.set_title(f"{dim}D: the same as a tension")
-        below.set_xlabel("radius R [d]")
-        below.set_ylabel("R jump/(dim - 1) over the nominal tension")
+        below.set(xlim=(4, 26 if dim == 2 else 15), ylim=(0, 8.5), title=f"{dim}D: the same as a tension")
+        below.set(xlabel="radius R [d]", ylabel="R jump/(dim - 1) over the nominal tension")
         for axes in (above, below):
             axes.grid(True)
     below_note = (
@@ -100,8 +94,6 @@ def map_data(results: Results) -> dict[str, Any]:
 
 def map_picture(data: Mapping[str, Any]) -> Any:
     """Left: jump and frequency of each model's drops at the base; right: along the axes h/d and S."""
-    import matplotlib.pyplot as plt
-
     figure, grid = plt.subplots(2, 3, figsize=(11.5, 7.8), width_ratios=(1.6, 1, 1))
     for line, dim in zip(grid, (2, 3)):
         own = [e for e in data["settings"] if e["dim"] == dim]
@@ -112,8 +104,7 @@ def map_picture(data: Mapping[str, Any]) -> Any:
             (line[2], "stiffness", ("support", 2.6), "stiffness S = sigma/(rho c^2 d)"),
         ):
             _along(axes, [e for e in own if e[fixed[0]] == fixed[1] and e["kernels"] == "mueller"], axis, dim)
-            axes.set_xlabel(label)
-            axes.set_title(f"{dim}D, R = {SEEDED[dim]:g} d")
+            axes.set(xlabel=label, title=f"{dim}D, R = {SEEDED[dim]:g} d")
     handles: dict[str, Any] = {}
     for axes in grid[:, 1:].flat:
         handles |= {label: handle for handle, label in zip(*axes.get_legend_handles_labels())}
@@ -146,8 +137,7 @@ def _models(axes: Any, entries: list[dict[str, Any]]) -> None:
         name: "" if base(name)["support"] == BASE["support"] else f", h = {base(name)['support']:g} d" for name in place
     }
     axes.set_yticks(list(place.values()), [MODELS[name][0] + own[name] for name in place])
-    axes.set_xlim(0, 11.5)
-    axes.set_ylim(-len(place) + 0.4, 0.6)
+    axes.set(xlim=(0, 11.5), ylim=(-len(place) + 0.4, 0.6))
     axes.grid(True, axis="x")
 
 

@@ -17,7 +17,7 @@ STARTS = {"cube": ("cube", 4913, 1), "cut": ("cut", 5039, 1), "cut_2": ("cut", 5
 
 
 def drop(options: Options, model: str, start: str) -> Run:
-    """A run of the case, or the same from another rotation."""
+    """A run of the experiment, or the same from another rotation."""
     shape, count, seed = STARTS[start]
     parameters = {"model": model, "shape": shape, "count": count, "backend": options.backend}
     if seed != 1:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+import matplotlib.pyplot as plt
 import numpy as np
 
 from refsim import (
@@ -24,6 +25,7 @@ from validation.drawing import (
     ORANGE,
     PURPLE,
     VERMILION,
+    WATER,
     ball_picture,
     show_image,
     view_matrix,
@@ -37,7 +39,6 @@ VIEW = view_matrix(azimuth=32.0, elevation=24.0)
 EXTENT = 1.5  # half width of a frame, in R
 THROWN = 0.3  # radius variation beyond which particles have left the drop
 SUPPORT = 2.6  # of the curves, in spacings
-WATER = (0.16, 0.50, 0.80)
 CURVES = {
     "Jiang & Zhu 2023": (JiangZhu2023, BLUE),
     "Akinci 2013": (Akinci2013, VERMILION),
@@ -68,8 +69,6 @@ def curve_data(results: Results) -> dict[str, Any]:
 
 def curve_picture(data: Mapping[str, Any]) -> Any:
     """Draw figure 3."""
-    import matplotlib.pyplot as plt
-
     figure, axes = plt.subplots(figsize=(6.6, 4.2))
     for name, values in data["force_over_sigma_d"].items():
         axes.plot(data["distance_supports"], values, label=name, color=CURVES[name][1])
@@ -99,8 +98,6 @@ def dong_data(results: Results) -> dict[str, Any]:
 
 def dong_picture(data: Mapping[str, Any]) -> Any:
     """Draw Dong's figure 1, and its attractive part enlarged."""
-    import matplotlib.pyplot as plt
-
     figure, pair = plt.subplots(1, 2, figsize=(8.2, 3.6))
     for colour, (ratio, values) in zip((BLUE, GREEN, VERMILION), data["force_over_k"].items()):
         for axes in pair:
@@ -153,8 +150,6 @@ def cut_panel_data(results: Results) -> dict[str, Any]:
 
 def panel_picture(data: Mapping[str, Any]) -> Any:
     """Draw the panel, a model a column."""
-    import matplotlib.pyplot as plt
-
     rows = data["rows"]
     figure, axes = plt.subplots(3, len(rows), figsize=(1.75 * len(rows), 5.9), squeeze=False)
     for column, row in enumerate(rows):
@@ -211,8 +206,6 @@ def rest_data(results: Results) -> dict[str, Any]:
 
 def rest_picture(data: Mapping[str, Any]) -> Any:
     """Draw table 1: bars of the paper and of both cubes, and what the drops are like at the end."""
-    import matplotlib.pyplot as plt
-
     rows = data["rows"]
     figure, axes = plt.subplots(1, 4, figsize=(13.5, 4.6), sharey=True, width_ratios=(2.2, 1, 1, 1))
     at = np.arange(len(rows))[::-1]
@@ -228,8 +221,7 @@ def rest_picture(data: Mapping[str, Any]) -> Any:
             words = missing if value is None else f"{value:.1f}"
             axes[0].text((value or 0) + 0.01 * longest, y, words, va="center", fontsize=7, color=colour)
     axes[0].set_yticks(at, [row["model"] for row in rows])
-    axes[0].set(xlabel="seconds until at rest", xlim=(0, 1.14 * longest))
-    axes[0].set_title(data["title"])
+    axes[0].set(xlabel="seconds until at rest", xlim=(0, 1.14 * longest), title=data["title"])
     axes[0].legend(loc="lower right")
     for place, (key, title, words, unit) in zip(
         axes[1:],
@@ -241,8 +233,7 @@ def rest_picture(data: Mapping[str, Any]) -> Any:
     ):
         for shape, shift, colour in bars[1:]:  # type: ignore[misc]
             place.barh(at + shift, [unit * real(row[shape].get(key)) for row in rows], 0.25, color=colour)
-        place.set(xlabel=words)
-        place.set_title(title)
+        place.set(xlabel=words, title=title)
         if key == "radius_variation":
             place.set(xscale="log", xlim=(1e-3, 1.0))
     for place in axes:

@@ -1,4 +1,4 @@
-"""Hard cases of a drop under every model of surface tension, and how far their coefficients can go.
+"""Hard cases of a drop under every model of surface tension, and their largest stable coefficients.
 
 Lengths in spacings, rho0 = 1 and the nominal sigma = 1, as in `validation.measure.drops`: t_sigma = sqrt(rho R^3/sigma)
 and Oh = mu/sqrt(rho sigma R) are those of the nominal tension. h = 2.6 d and S = sigma/(rho0 c^2 d) = 0.01 unless said.
@@ -192,7 +192,7 @@ def spray(context: Context, backend: str, model: str) -> Result:
         x = simulation.field("position")
         straight = position[:60] + group[:60] * simulation.time
         off = float(np.abs(x[:60] - straight).max())
-        _check(trial, simulation, "lone particles off their straight way [d]", off, at_most=1e-3)
+        _check(trial, simulation, "lone particles off their straight path [d]", off, at_most=1e-3)
         centre = [np.abs(x[k].mean(0) - (position + group * simulation.time)[k].mean(0)).max() for k in _groups(sizes)]
         if model != "csf":
             trial.check("centres of pairs and triples off theirs [d]", float(max(centre)), at_most=1e-3)
@@ -234,7 +234,7 @@ def spinning(context: Context, backend: str, model: str, turns: float = 2.0) -> 
 def collision(context: Context, backend: str, model: str, offset: float) -> Result:
     """Two drops meet at a Weber number rho v^2 D/sigma of about 4 (nominal) and become one.
 
-    offset  distance of their ways, over the radius
+    offset  distance between their paths, over the radius
     """
     trial = Trial(context, backend)
     with trial.ending():
@@ -316,9 +316,9 @@ def collapse(context: Context, backend: str, model: str, count: int = 389) -> Re
         return float(np.median(simulation.field("density")[away < 0.5 * np.quantile(away, 0.95)]))
 
     with trial.ending():
-        told = [any("compresses the bulk" in note for note in make_plan(made(n)).notes) for n in (0.04, 0.2)]
-        trial.check("warned of at 0.04 rho0 c^2", told[0], equals=0)
-        trial.check("warned of at 0.2 rho0 c^2", told[1], equals=1)
+        noted = [any("compresses the bulk" in note for note in make_plan(made(n)).notes) for n in (0.04, 0.2)]
+        trial.check("warned of at 0.04 rho0 c^2", noted[0], equals=0)
+        trial.check("warned of at 0.2 rho0 c^2", noted[1], equals=1)
         refused = ""
         try:
             make_plan(made(COLLAPSE * (1 + 1e-6)))
@@ -476,7 +476,7 @@ CASES = (
         "head_on", "two drops meet head on, We = 4", "one piece, momentum kept, motion dies down", collision, offset=0.0
     ),
     *_each("off_centre", "two drops meet a radius off centre, We = 4", "the same", collision, offset=1.0),
-    *_each("torn", "a drop torn by a shear", "nobody lost, momentum kept, no energy gained, three times as long", torn),
+    *_each("torn", "a drop torn by a shear", "particles and momentum kept, no energy gained, tripled length", torn),
     *_each(
         "low_oh_cube", "a cube at Oh = 0.04", "one piece, energy within what it releases; or said beforehand", cube
     ),

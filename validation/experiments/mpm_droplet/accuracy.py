@@ -50,7 +50,7 @@ def settings(options: Options) -> dict[str, dict[str, Any]]:
             add(key, f"R = {radius:g} h, Poisson-disk samples", radius, quadrature="poisson")
         add("gradient", base + "gradient, epsilon h/4, 1 sweep", **BEST)
         add("enclosing", base + "inset by volume", enclose_volume=True)
-        add("at_r", base + "surface left at r (M31)", inset=-1.0)
+        add("at_r", base + "surface left at r (thesis M31)", inset=-1.0)
         add("bare", base + "nothing embedded", embedding="none")
     return made
 

@@ -69,7 +69,7 @@ def vortices(context: Context, cells: int, affine: bool, backend: str, until: fl
 
 
 def breathing(context: Context, cells: int, implicit: bool, periods: float = 2.0) -> Result:
-    """Energy that a square block, let go at 0.98 of its volume, has lost after two of its sound's ways back and forth.
+    """Energy that a square block, let go at 0.98 of its volume, has lost after its sound has gone back and forth twice.
 
     Both schemes have the same transfers and steps. Backward Euler: the grid's velocities minimise
     sum m_j |v_j - v*_j|^2/2 + sum V0 lambda (J (1 + dt tr A_p(v)) - 1)^2/2, which is quadratic in them.

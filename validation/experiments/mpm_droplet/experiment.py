@@ -174,7 +174,7 @@ def planned(options: Options) -> list[Run]:
     made += bodies(options)
     peer: dict[str, Any] = {"cells": 24 if options.quick else 40, "steps": 10, "rounds": 3 if options.quick else 5}
     peer |= {"threads": options.threads or 2, "backend": options.backend}
-    asked = "" if options.peers else "asked for with --peers"
+    asked = "" if options.peers else "measured with --peers"
     if options.backend != "cuda":
         return [*made, Run("peer_taichi", runs.against_taichi, peer, estimate=60.0, skip=asked)]
     for cells, order, rounds in PEER_BLOCKS[: 1 if options.quick else None]:
@@ -433,7 +433,7 @@ def body_tables(results: Results) -> list[Table]:
 
 
 def tables(results: Results) -> list[Table]:
-    """Section 11.3 of the restatement, the ledgers of the square, and the other program."""
+    """What the transfers keep, the ledgers of the square, and the other program."""
     made = []
     if "transfers" in results:
         found = results["transfers"].values["readings"]

@@ -299,7 +299,7 @@ def contact(position: Array, floor: float, h: float, dim: int) -> dict[str, floa
 def angle_of_mass(height: float, volume: float, dim: int) -> float:
     """Contact angle [degrees] of the cap of this volume [m^dim] whose centre of mass stands so high over its floor [m].
 
-    Another way than `contact`: it asks the particles, not the surface.
+    Unlike `contact` it uses the particles, not the reconstructed surface.
     """
     from scipy.optimize import brentq
 

@@ -6,7 +6,10 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
+import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.collections import LineCollection
+from matplotlib.ticker import MaxNLocator
 
 from refsim.mpm import READINGS
 from validation.drawing import (
@@ -15,6 +18,7 @@ from validation.drawing import (
     GREY,
     ORANGE,
     VERMILION,
+    WATER,
     show_image,
     surface_picture,
     view_matrix,
@@ -42,8 +46,6 @@ def square_data(results: Results) -> dict[str, Any]:
 
 def square_picture(data: Mapping[str, Any]) -> Any:
     """Particles and reconstructed surface at four times, the energy ledger below."""
-    import matplotlib.pyplot as plt
-
     figure, places = plt.subplot_mosaic(
         [["0", "1", "2", "3"], ["energy"] * 4], figsize=(8.6, 5.4), height_ratios=(1, 1.2), layout="constrained"
     )
@@ -57,9 +59,7 @@ def square_picture(data: Mapping[str, Any]) -> Any:
         axes.set_aspect("equal")
         axes.set_xlim(*low_high[0])
         axes.set_ylim(*low_high[1])
-        axes.set_title(f"{at:g} s")
-        axes.set_xticks([])
-        axes.set_yticks([])
+        axes.set(title=f"{at:g} s", xticks=[], yticks=[])
         axes.grid(False)
     series, axes = data["series"], places["energy"]
     parts = (
@@ -70,8 +70,7 @@ def square_picture(data: Mapping[str, Any]) -> Any:
     )
     for name, words, colour in parts:
         axes.plot(series["time"], series[name], color=colour, label=words, linewidth=2.2 if name == "energy" else 1.4)
-    axes.set_xlabel("time [s]")
-    axes.set_ylabel("energy [J/m]")
+    axes.set(xlabel="time [s]", ylabel="energy [J/m]")
     axes.set_ylim(bottom=0)
     axes.set_xlim(0, data["until"])
     axes.legend(frameon=False, ncols=4, loc="center right")
@@ -87,8 +86,6 @@ def readings_data(results: Results) -> dict[str, Any]:
 
 def readings_picture(data: Mapping[str, Any]) -> Any:
     """Errors side by side on a logarithmic axis."""
-    import matplotlib.pyplot as plt
-
     parts = {"grid_momentum": "momentum\non the grid", "momentum": "momentum\nthere and back", "velocity": "velocity",
              "gradient": "gradient A\nat the surface", "power": "power\nbalance"}  # fmt: skip
     figure, axes = plt.subplots(figsize=(8.6, 3.8), layout="constrained")
@@ -97,8 +94,7 @@ def readings_picture(data: Mapping[str, Any]) -> Any:
         errors = [abs(found[p] - 1) if p == "power" else found[p] for p in parts]
         place = [i + 0.2 * (k - 1.5) for i in range(len(parts))]
         axes.bar(place, [max(e, FLOOR) for e in errors], width=0.18, color=COLOURS[name], label=name.replace("_", " "))
-    axes.set_yscale("log")
-    axes.set_ylim(FLOOR, 30)
+    axes.set(yscale="log", ylim=(FLOOR, 30))
     axes.set_xticks(range(len(parts)), parts.values())
     axes.set_ylabel("relative error")
     axes.grid(axis="y")
@@ -108,7 +104,6 @@ def readings_picture(data: Mapping[str, Any]) -> Any:
 
 
 VIEW = view_matrix(azimuth=32.0, elevation=24.0)
-WATER = (0.16, 0.50, 0.80)
 LEDGER = (
     ("energy", "all", GREY),
     ("surface", "surface", VERMILION),
@@ -174,8 +169,6 @@ LEDGERS = {
 
 def outline(axes: Any, frame: Mapping[str, Any], colour: str, unit: float = 1.0) -> None:
     """A reconstructed outline in the plane; vertices in `unit` of the axes."""
-    from matplotlib.collections import LineCollection
-
     corner = unit * floats(frame["vertices"])[np.array(frame["facets"])][:, :, :2]
     axes.add_collection(LineCollection(corner, colors=colour, linewidths=1.2, capstyle="round"))
 
@@ -194,8 +187,6 @@ def surfaces_data(results: Results) -> dict[str, Any]:
 
 def surfaces_picture(data: Mapping[str, Any]) -> Any:
     """Scenes of the plane on the left, of space on the right; time goes from left to right."""
-    import matplotlib.pyplot as plt
-
     halves = [[row for row in data["rows"] if row["space"] == space] for space in (False, True)]
     count = max(len(row["frames"]) for row in data["rows"])
     figure, panels = plt.subplots(
@@ -217,9 +208,8 @@ def surfaces_picture(data: Mapping[str, Any]) -> Any:
                 else:
                     outline(axes, frame, BLUE)
                     middle = middle_of(floats(frame["vertices"]))
-                    axes.set_xlim(middle[0] - extent, middle[0] + extent)
-                    axes.set_ylim(middle[1] - extent, middle[1] + extent)
-                    axes.set_aspect("equal")
+                    axes.set(xlim=(middle[0] - extent, middle[0] + extent))
+                    axes.set(ylim=(middle[1] - extent, middle[1] + extent), aspect="equal")
                     if row["floor"]:
                         axes.axhline(0.0, color=GREY, linewidth=0.8)
                 words = f"{row['times'][k]:.3g} s"
@@ -255,9 +245,6 @@ def scale_of(series: Any, largest: float) -> float:
 
 def ledgers_picture(data: Mapping[str, Any]) -> Any:
     """For each scene its energies above, its drifts below."""
-    import matplotlib.pyplot as plt
-    from matplotlib.ticker import MaxNLocator
-
     across = 4
     down = -(-len(data["rows"]) // across)
     figure, panels = plt.subplots(2 * down, across, figsize=(13.4, 4.1 * down))
@@ -269,17 +256,15 @@ def ledgers_picture(data: Mapping[str, Any]) -> Any:
             change = 100 * (floats(series[name]) - series[name][0]) / start
             energy.plot(time, change, color=colour, label=words, linewidth=2.0 if name == "energy" else 1.2)
         energy.axhline(0.0, color=GREY, linewidth=0.6)
-        energy.set_title(row["words"])
-        energy.set_ylabel("change of energy [%]" if k % across == 0 else "")
+        energy.set(title=row["words"], ylabel="change of energy [%]" if k % across == 0 else "")
         for name, words, colour in (
             ("momentum", "momentum/m v$_{max}$", BLUE), ("angular", "angular/m v$_{max}$ R", ORANGE),
             ("centre", "centre/h", GREEN),
         ):  # fmt: skip
             values = np.abs(floats(series[name])) * row["scale"].get(name, 1.0)
             drift.semilogy(time, np.maximum(values, 1e-18), color=colour, label=words, linewidth=1.2)
-        drift.set_ylim(1e-18, 10)
-        drift.set_yticks([1e-16, 1e-12, 1e-8, 1e-4, 1])
-        drift.set_xlabel("time [s]" if k // across == down - 1 else "")
+        drift.set(ylim=(1e-18, 10), yticks=[1e-16, 1e-12, 1e-8, 1e-4, 1])
+        drift.set(xlabel="time [s]" if k // across == down - 1 else "")
         for axes in (energy, drift):
             axes.grid(axis="y")
             axes.xaxis.set_major_locator(MaxNLocator(5))
@@ -303,8 +288,6 @@ def box_data(results: Results) -> dict[str, Any]:
 
 def box_picture(data: Mapping[str, Any]) -> Any:
     """Lit surfaces above; energies, drifts and shape below."""
-    import matplotlib.pyplot as plt
-
     count = len(data["frames"])
     figure = plt.figure(figsize=(10.4, 5.2))
     above, below = figure.subfigures(2, 1, height_ratios=(1, 1.9))
@@ -328,16 +311,14 @@ def box_picture(data: Mapping[str, Any]) -> Any:
     drift.semilogy(
         data["series"]["time"], np.maximum(floats(data["series"]["centre"]), 1e-20), color=GREEN, label="centre / h"
     )
-    drift.set_ylim(1e-19, 1e0)
-    drift.set_xlabel("time [s]")
+    drift.set(ylim=(1e-19, 1e0), xlabel="time [s]")
     drift.grid(axis="y")
     drift.legend(loc="upper right")
     drift.set_title("Drifts")
     for series, line, label in ((data["series"], "-", True), (data["default"], ":", False)):
         for name, colour in (("volume", GREEN), ("sphericity", VERMILION), ("anisotropy", BLUE)):
             shape.plot(series["time"], series[name], line, color=colour, label=name if label else None)
-    shape.set_xlabel("time [s]; dotted: no viscosity, inset h/4")
-    shape.set_ylim(0, 1.1)
+    shape.set(xlabel="time [s]; dotted: no viscosity, inset h/4", ylim=(0, 1.1))
     shape.grid(axis="y")
     shape.legend(loc="center right")
     shape.set_title("Shape")
@@ -367,17 +348,14 @@ def settling_data(results: Results) -> dict[str, Any]:
 
 def settling_picture(data: Mapping[str, Any]) -> Any:
     """Particles and body over time on the left; mean and largest over the last quarter on the right."""
-    import matplotlib.pyplot as plt
-
     figure, (left, right) = plt.subplots(1, 2, figsize=(9.6, 3.4), width_ratios=(1.1, 1))
     kinds = (("particle_anisotropy", "particles", BLUE), ("anisotropy", "body in the surface", VERMILION))
     row = data["rows"][0]
     for name, words, colour in kinds:
         left.semilogy(row["series"]["time"], row["series"][name], color=colour, label=words)
     left.axhline(0.01, color=GREY, linestyle="--", linewidth=1.0)
-    left.set_xlabel("time [s]")
-    left.set_ylabel("anisotropy of inertia")
-    left.set_title(f"{row['words'].capitalize()}, R = {row['radius']:.1f} h")
+    left.set(xlabel="time [s]", ylabel="anisotropy of inertia")
+    left.set(title=f"{row['words'].capitalize()}, R = {row['radius']:.1f} h")
     left.legend(loc="upper right")
     labels = [f"{row['words']}, R = {row['radius']:.1f} h" for row in data["rows"]]
     for name, _, colour in kinds:
@@ -393,8 +371,7 @@ def settling_picture(data: Mapping[str, Any]) -> Any:
     ticks = (0.002, 0.005, 0.01, 0.02, 0.05)
     right.set_xticks(ticks, [f"{v:g}" for v in ticks])
     right.minorticks_off()
-    right.set_xlim(0.0012, 0.06)
-    right.set_xlabel("stroke: a lattice cut by a sphere")
+    right.set(xlim=(0.0012, 0.06), xlabel="stroke: a lattice cut by a sphere")
     right.set_yticks(range(len(labels)), labels)
     right.invert_yaxis()
     right.set_title("Last quarter: mean to largest")
@@ -416,8 +393,6 @@ def collision_data(results: Results) -> dict[str, Any]:
 
 def collision_picture(data: Mapping[str, Any]) -> Any:
     """Lit surfaces above, energies below."""
-    import matplotlib.pyplot as plt
-
     count = len(data["frames"])
     figure = plt.figure(figsize=(10.4, 5.0))
     above, below = figure.subfigures(2, 1, height_ratios=(1, 1.6))
@@ -458,14 +433,12 @@ def floor_data(results: Results) -> dict[str, Any]:
 
 def floor_picture(data: Mapping[str, Any]) -> Any:
     """Three lit drops, and angles over time."""
-    import matplotlib.pyplot as plt
-
     figure, panels = plt.subplots(1, 4, figsize=(10.8, 3.1), width_ratios=(1, 1, 1, 1.5))
     extent = 1.05 * max(np.abs(upright(f["vertices"])[:, :2]).max() for f in data["frames"])
     for axes, angle, frame in zip(panels, data["angles"], data["frames"]):
         v = upright(frame["vertices"])
         shaded(axes, frame, extent, turn=True, middle=np.array([v[:, 0].mean(), v[:, 1].mean(), 0.35 * extent]))
-        axes.set_title(f"asked for {angle}°, holds {data['curves'][f'3d_{angle}']['mean']:.0f}°", loc="center",
+        axes.set_title(f"requested {angle}°, measured {data['curves'][f'3d_{angle}']['mean']:.0f}°", loc="center",
                        fontweight="normal")  # fmt: skip
     axes = panels[-1]
     for angle, colour in zip(data["angles"], (BLUE, GREEN, VERMILION)):
@@ -475,9 +448,7 @@ def floor_picture(data: Mapping[str, Any]) -> Any:
             if curve is not None:
                 label = ("in space" if dim == 3 else "in the plane") if angle == 90 else None
                 axes.plot(curve["time"], floats(curve["angle"]), line, color=colour, label=label, linewidth=1.3)
-    axes.set_ylim(20, 160)
-    axes.set_xlabel("time [s]")
-    axes.set_ylabel("contact angle [degrees]")
+    axes.set(ylim=(20, 160), xlabel="time [s]", ylabel="contact angle [degrees]")
     axes.legend(loc="upper right")
     return figure
 
@@ -495,8 +466,6 @@ def pressure_data(results: Results) -> dict[str, Any]:
 
 def pressure_picture(data: Mapping[str, Any]) -> Any:
     """The plane on the left, space on the right."""
-    import matplotlib.pyplot as plt
-
     figure, panels = plt.subplots(1, 2, figsize=(9.0, 3.3), sharey=True)
     for axes, dim, bar, place in ((panels[0], 2, 0.03, 11.0), (panels[1], 3, 0.05, 6.0)):
         axes.axhline(1.0, color=GREY, linewidth=0.8)
@@ -517,8 +486,7 @@ def pressure_picture(data: Mapping[str, Any]) -> Any:
         axes.set_title("in the plane" if dim == 2 else "in space")
         axes.grid(axis="y")
         axes.legend(loc="lower right" if dim == 3 else "upper right", fontsize=7.5)
-    panels[0].set_ylim(0.932, 1.058)
-    panels[0].set_ylabel("pressure over k (d - 1)/R")
+    panels[0].set(ylim=(0.932, 1.058), ylabel="pressure over k (d - 1)/R")
     return figure
 
 
@@ -551,13 +519,10 @@ def frequency_data(results: Results) -> dict[str, Any]:
 
 def frequency_picture(data: Mapping[str, Any]) -> Any:
     """The swing itself, then the frequency over amplitude and over resolution, with all that is known to shift it."""
-    import matplotlib.pyplot as plt
-
     figure, (swing, amplitude, resolution) = plt.subplots(1, 3, figsize=(11.4, 3.9), width_ratios=(1, 1.15, 1.25))
     swing.plot(data["swing"]["time"], data["swing"]["value"], color=BLUE)
-    swing.set_xlabel("time [s]")
-    swing.set_ylabel(r"$\langle x^2-y^2\rangle/\langle x^2+y^2\rangle$")
-    swing.set_title("Mode 2, in the plane, R = 16 h, 10 %")
+    swing.set(xlabel="time [s]", ylabel=r"$\langle x^2-y^2\rangle/\langle x^2+y^2\rangle$")
+    swing.set(title="Mode 2, in the plane, R = 16 h, 10 %")
     kinds = (("2d", "in the plane", BLUE, "2d_16"), ("3d", "in space", ORANGE, "3d_9"))
     for dim, words, colour, series in kinds:
         rows = {key: r for key, r in data["rows"].items() if key.startswith(dim)}
@@ -574,15 +539,12 @@ def frequency_picture(data: Mapping[str, Any]) -> Any:
         resolution.plot(x, [exact * known(r) for r in found], "--", color=colour, linewidth=0.9)
         marked(resolution, x, found, colour, words)
     amplitude.set_xlim(left=0)
-    amplitude.set_xlabel("amplitude [%]")
-    amplitude.set_ylabel(r"$\omega/\omega_R$")
-    amplitude.set_title("Amplitude")
+    amplitude.set(xlabel="amplitude [%]", ylabel=r"$\omega/\omega_R$", title="Amplitude")
     resolution.set_xscale("log", base=2)
     ticks = (4, 6, 8, 11, 16, 22)
     resolution.set_xticks(ticks, [f"{v:d}" for v in ticks])
     resolution.minorticks_off()
-    resolution.set_xlabel("R/h")
-    resolution.set_title("Resolution, amplitude 10 %")
+    resolution.set(xlabel="R/h", title="Resolution, amplitude 10 %")
     for axes in (amplitude, resolution):
         axes.plot([], [], color=GREY, linewidth=0.9, label="ideal liquid")
         axes.plot([], [], "--", color=GREY, linewidth=0.9, label="... compressible, with the grid's inertia")
@@ -617,20 +579,14 @@ def sheet_data(results: Results) -> dict[str, Any]:
 
 def sheet_picture(data: Mapping[str, Any]) -> Any:
     """Outlines above each other, and the width over time."""
-    import matplotlib.pyplot as plt
-    from matplotlib.collections import LineCollection
-
     figure, (left, right) = plt.subplots(1, 2, figsize=(9.6, 3.2), width_ratios=(1.5, 1))
     gap = 7.0
     for k, (at, frame) in enumerate(zip(data["times"], data["frames"])):
         corner = floats(frame["vertices"])[np.array(frame["facets"])][:, :, :2] - [0.0, k * gap]
         left.add_collection(LineCollection(corner, colors=BLUE, linewidths=1.2))
         left.text(22.5, -k * gap, f"{at:g} s", va="center", fontsize=8.5)
-    left.set_xlim(-22, 28)
-    left.set_ylim(-gap * (len(data["frames"]) - 0.3), 0.7 * gap)
-    left.set_aspect("equal")
-    left.set_xlabel("cells")
-    left.set_yticks([])
+    left.set(xlim=(-22, 28), ylim=(-gap * (len(data["frames"]) - 0.3), 0.7 * gap), aspect="equal", xlabel="cells")
+    left.set(yticks=[])
     left.spines["left"].set_visible(False)
     left.set_title("Reconstructed outline")
     time = floats(data["width"]["time"])
@@ -639,10 +595,7 @@ def sheet_picture(data: Mapping[str, Any]) -> Any:
     start = data["width"]["value"][0]
     right.plot(time, start - 2 * data["culick"] * time / h, "--", color=GREY,
                label=f"Taylor and Culick: {data['culick']:.2f} m/s")  # fmt: skip
-    right.set_ylim(0, 1.3 * start)
-    right.set_xlim(0, time[-1])
-    right.set_xlabel("time [s]")
-    right.set_ylabel("width [cells]")
+    right.set(ylim=(0, 1.3 * start), xlim=(0, time[-1]), xlabel="time [s]", ylabel="width [cells]")
     right.grid(axis="y")
     right.legend(loc="upper right")
     return figure
@@ -659,8 +612,6 @@ def example_data(results: Results) -> dict[str, Any]:
 
 def example_picture(data: Mapping[str, Any]) -> Any:
     """A row of lit surfaces."""
-    import matplotlib.pyplot as plt
-
     figure, panels = plt.subplots(1, len(data["frames"]), figsize=(10.4, 2.1))
     extent = 1.04 * max(np.abs(floats(f["vertices"]) - floats(f["vertices"]).mean(0)).max() for f in data["frames"])
     for axes, at, frame in zip(panels, data["times"], data["frames"]):
@@ -672,7 +623,7 @@ def example_picture(data: Mapping[str, Any]) -> Any:
 STAGES = (
     ("cells", "particles\nby cell"), ("level set and facets", "level set,\nmarching cubes"), ("samples", "samples"),
     ("offsets", "nearest particles,\noffsets"), ("fit", "spline fit\n(LSPIA)"), ("normals", "normals"),
-    ("inset", "inset, samples\nanew"), ("components", "components\nthat bear tension"),
+    ("inset", "inset, samples\nanew"), ("components", "components\nunder tension"),
     ("mpm.embed", "embedded\npoints"),
     ("mpm.cells", "particles into\nthe grid's cells"), ("mpm.particle_to_grid", "particles\nto grid"),
     ("mpm.carriers_to_grid", "embedded points\nto grid"), ("surface_energy.surface_force", "surface force"),

@@ -44,19 +44,24 @@ def free_fall(context: Context, backend: str, dim: int) -> Result:
         effects=(MpmLiquid(bulk_modulus=1e5), Gravity(acceleration=tuple(pull))),
     )  # fmt: skip
     run = context.simulation(scene, backend)
-    start, way = run.field("position"), np.zeros(3)
+    start, displacement = run.field("position"), np.zeros(3)
     for k in range(200):
         length = run.step().length
         velocity = velocity + length * pull
-        way = way + length * velocity
+        displacement = displacement + length * velocity
         context.progress(k / 200)
-    return Result({"error": float(abs(run.field("position") - start - way).max() / abs(way).max()), "time": run.time})
+    return Result(
+        {
+            "error": float(abs(run.field("position") - start - displacement).max() / abs(displacement).max()),
+            "time": run.time,
+        }
+    )
 
 
 def square(context: Context, backend: str, embedding: str, cells: int, until: float) -> Result:
     """A square of liquid whose surface draws it together: ledgers of momentum, energy and shape.
 
-    Lengths in cells of 1/64 m, rho = 1, k = 1, lambda = 1000, as in section 11.5 of the restatement.
+    Lengths in cells of 1/64 m, rho = 1, k = 1, lambda = 1000.
     """
     h = 1 / 64
     scene = Scene(

@@ -1,6 +1,6 @@
-"""Hard cases of MPM with surface tension, how the printed readings end, and the largest stable step of each embedding.
+"""Hard cases of MPM with surface tension, outcomes of the printed readings, largest stable step of each embedding.
 
-Units of section 11 of the restatement: rho0 = k = 1, lambda = 1000, cells of 1/64 m in the plane and 1/32 m in space.
+Units: rho0 = k = 1, lambda = 1000, cells of 1/64 m in the plane and 1/32 m in space.
 """
 
 from __future__ import annotations
@@ -184,7 +184,7 @@ def _turning(mass: NDArray, state: tuple[NDArray, ...], spread: NDArray) -> floa
 
 
 def isolated(context: Context, backend: str, smallest: int) -> Result:
-    """Sixty particles that see nobody fly apart; with smallest = 1 each bears tension."""
+    """Sixty particles without neighbours fly apart; with smallest = 1 surface tension acts on each."""
     trial = Trial(context, backend)
     random = np.random.default_rng(7)
     place = 8.0 * np.array(list(itertools.product(range(10), range(6), [0.0]))) + [0.3, 0.1, 0.0]
@@ -193,9 +193,9 @@ def isolated(context: Context, backend: str, smallest: int) -> Result:
         run = trial.start(liquid(place, velocity=velocity, smallest=smallest))
         start = run.field("position")
         trial.advance(run, until=0.01)
-        way = np.abs(run.field("position") - start - run.time * velocity).max()
-        trial.check("way less v t [h]", way / CELLS[2], at_most=1e-9)
-        trial.check("area that bears tension", float(run._shared["surface"].sample_area.sum()), equals=0)
+        displacement = np.abs(run.field("position") - start - run.time * velocity).max()
+        trial.check("displacement less v t [h]", displacement / CELLS[2], at_most=1e-9)
+        trial.check("area under tension", float(run._shared["surface"].sample_area.sum()), equals=0)
     return trial.result()
 
 
@@ -208,7 +208,7 @@ def filament(context: Context, backend: str, tension: float = TENSION) -> Result
     with trial.ending():
         run = trial.start(liquid(place, tension=tension))
         run.evaluate()
-        trial.check("inner particles told to be a filament", int((run.field("extent") == 1).sum()), at_least=76)
+        trial.check("inner particles recognised as a filament", int((run.field("extent") == 1).sum()), at_least=76)
         trial.advance(run, until=0.5)
     return trial.result()
 
@@ -236,7 +236,7 @@ def close_drops(context: Context, backend: str, gap: float) -> Result:
 
 
 def cavity(context: Context, backend: str) -> Result:
-    """A hole narrower than 2 r has no surface: it bears no tension and closes only as the liquid round it moves."""
+    """A hole narrower than 2 r has no surface: without tension it closes only as the liquid around it moves."""
     trial = Trial(context, backend)
     place = disc(9.0)
     place = place[np.linalg.norm(place, axis=1) > 1.1]
@@ -296,7 +296,7 @@ def many_samples(context: Context, backend: str) -> Result:
     return trial.result()
 
 
-def nobody(context: Context, backend: str) -> Result:
+def no_particle(context: Context, backend: str) -> Result:
     """A scene without particles."""
     trial = Trial(context, backend)
     with trial.ending():
@@ -306,20 +306,20 @@ def nobody(context: Context, backend: str) -> Result:
 
 
 def one(context: Context, backend: str, tension: float) -> Result:
-    """One particle: plain liquid falls freely; a surface of its own it cannot bear."""
+    """One particle: plain liquid falls freely; with surface tension the scene is refused."""
     trial = Trial(context, backend)
     with trial.ending():
         pull = np.array([0.3, -9.81, 0.0])
         made = liquid(np.array([[0.3, 0.1, 0.0]]), tension=tension, extra=(Gravity(acceleration=tuple(pull)),))
         run = trial.start(made)
-        start, v, way = run.field("position"), np.zeros(3), np.zeros(3)
+        start, v, displacement = run.field("position"), np.zeros(3), np.zeros(3)
         for _ in range(50):
             length = run.step().length
             v = v + length * pull
-            way = way + length * v
+            displacement = displacement + length * v
         trial.account(run)
-        error = np.abs(run.field("position") - start - way).max() / np.abs(way).max()
-        trial.check("way against free fall, relative", error, at_most=1e-12)
+        error = np.abs(run.field("position") - start - displacement).max() / np.abs(displacement).max()
+        trial.check("displacement against free fall, relative", error, at_most=1e-12)
     return trial.result()
 
 
@@ -329,7 +329,7 @@ def as_printed(
 ) -> Result:  # fmt: skip
     """The source's scheme, with its own sign or with the sign alone corrected, until it ends.
 
-    halved_within  steps within which a J falls below 1/2, with which section 11.4 of the restatement takes a run for
+    halved_within  steps within which a J falls below 1/2; a run is then taken for
                    failed; its block then stands on the grid's nodes, and samples are the source's, Poisson disks
     """
     trial = Trial(context, backend)
@@ -447,12 +447,12 @@ CASES = (
         isolated, {"smallest": 0}, short=True,
     ),
     HardCase(
-        "mpm_isolated_under_tension", "the same, each made to bear tension", "a named stop", isolated,
+        "mpm_isolated_under_tension", "the same, with tension on each", "a named stop", isolated,
         {"smallest": 1}, short=True,
     ),
     HardCase(
         "mpm_filament", "a row one particle wide, whose clumping J cannot see",
-        "told to be a filament; a named stop", filament, seconds=15.0,
+        "recognised as a filament; a named stop", filament, seconds=15.0,
     ),
     HardCase(
         "mpm_sheet", "a sheet of 40 by 1 cells", f"it draws in, {KEPT}; or a named stop", sheet, seconds=10.0
@@ -484,7 +484,7 @@ CASES = (
         "mpm_compressed", "tension against a hundredth of the stiffness: J below 0.2", "a named stop", square,
         {"tension": 10.0, "modulus": 10.0}, short=True,
     ),
-    HardCase("mpm_nobody", "no particle", "refused", nobody, short=True),
+    HardCase("mpm_no_particle", "no particle", "refused", no_particle, short=True),
     HardCase("mpm_one", "one particle, plain liquid", "it falls freely", one, {"tension": -1.0}, short=True),
     HardCase("mpm_one_under_tension", "one particle under tension", "refused", one, {"tension": 1.0}, short=True),
     *(

@@ -24,7 +24,7 @@ OTHERS = (4, 5, 6)  # seeds of drops that calibrate has not seen
 def planned(options: Options) -> list[Run]:
     """The published map, and drops that are kicked now: with --quick one in 2D; else three there and three in 3D.
 
-    Those in 3D have seeds of their own: a user's drops, whose tension `calibrate` has to foretell.
+    Those in 3D have seeds that the map does not hold, so that they test the tension predicted by `calibrate`.
     """
     if options.quick:
         return [map_run(), drop_run(MODEL, 2, 16.0, kicked=True)]
@@ -61,7 +61,7 @@ def checks(results: Results, check: Checks) -> None:
 
 
 def requested(row: Mapping[str, Any]) -> dict[str, float]:
-    """How far both tensions of a drop are from the one that `calibrate` was asked for, as shares of it."""
+    """Relative difference of both tensions of a drop from the one requested of `calibrate`."""
     place = {"dim": row["dim"], "radius": row["radius"], "spacing": 1.0, "rest_density": 1.0}
     ratio = calibrate(1.0, row["model"], **place).ratio  # measured over nominal tension
     return {name.capitalize(): abs(row[name] / ratio - 1) for name in ("laplace", "rayleigh")}

@@ -6,6 +6,9 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
+import matplotlib.pyplot as plt
+from matplotlib.ticker import FixedLocator, NullLocator, StrMethodFormatter
+
 from validation.drawing import GREY
 from validation.experiment import Results
 from validation.experiments.laplace.pictures import COLOURS
@@ -31,9 +34,6 @@ def data(results: Results) -> dict[str, Any]:
 
 def picture(data: Mapping[str, Any]) -> Any:
     """On the line a drop has one surface tension; above it something else holds the shape, too."""
-    import matplotlib.pyplot as plt
-    from matplotlib.ticker import FixedLocator, NullLocator, StrMethodFormatter
-
     figure, panels = plt.subplots(1, 2, figsize=(9.6, 5.2))
     for axes, dim in zip(panels, (2, 3)):
         axes.fill_between([0.3, 30], [0.3 * 0.95, 30 * 0.95], [0.3 * 1.05, 30 * 1.05], color="#dddddd", lw=0)
@@ -48,22 +48,18 @@ def picture(data: Mapping[str, Any]) -> Any:
             x, y = [d["laplace"] for d in now], [d["rayleigh"] for d in now]
             ring = {"marker": "o", "ms": 8, "mfc": "none", "mec": "black", "mew": 1.0, "ls": "none"}
             axes.plot(x, y, label="Akinci 2013, measured now", **ring)
-        axes.set_xscale("log")
-        axes.set_yscale("log")
+        axes.set(xscale="log", yscale="log")
         ticks = (0.5, 1, 2, 5, 10, 20)
         for axis in (axes.xaxis, axes.yaxis):
-            axis.set_major_locator(FixedLocator(ticks))
-            axis.set_major_formatter(StrMethodFormatter("{x:g}"))
-            axis.set_minor_locator(NullLocator())
-        axes.set_xlim(0.5, 12)
-        axes.set_ylim(0.5, 27)
+            axis.set(major_locator=FixedLocator(ticks), major_formatter=StrMethodFormatter("{x:g}"))
+            axis.set(minor_locator=NullLocator())
+        axes.set(xlim=(0.5, 12), ylim=(0.5, 27))
         beyond = sum(
             d["dim"] == dim and not (0.5 <= d["laplace"] <= 12 and 0.5 <= d["rayleigh"] <= 27) for d in data["drops"]
         )
         words = f"; {beyond} drops lie outside" if beyond else ""
-        axes.set_title(f"{dim}D, mode n = 2{words}")
-        axes.set_xlabel("tension by the jump, over the nominal one")
-        axes.set_ylabel("tension by the frequency, over the nominal one")
+        axes.set(title=f"{dim}D, mode n = 2{words}", xlabel="tension by the jump, over the nominal one")
+        axes.set(ylabel="tension by the frequency, over the nominal one")
         axes.grid(True)
     handles: dict[str, Any] = {}
     for axes in panels:

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+import matplotlib.pyplot as plt
+
 from validation.drawing import GREY
 from validation.experiment import Results
 from validation.experiments.laplace.pictures import COLOURS
@@ -31,8 +33,6 @@ def data(results: Results) -> dict[str, Any]:
 
 def picture(data: Mapping[str, Any]) -> Any:
     """One mark a drop, larger for larger drops; 2D full, 3D open."""
-    import matplotlib.pyplot as plt
-
     figure, grid = plt.subplots(2, 3, figsize=(12.0, 7.6), sharey=True)
     place = {name: -k for k, name in enumerate(MODELS)}
     for axes, (name, label, limits) in zip(grid.flat, SHOWN):

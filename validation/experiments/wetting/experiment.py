@@ -1,4 +1,4 @@
-"""Sessile drops on a plane: the contact angle against the coefficient of adhesion, and the angle that was asked for."""
+"""Sessile drops on a plane: the contact angle against the coefficient of adhesion, and the requested angle."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def asked(context: Context, dim: int, radius: float, angle: float) -> Result:
 
 
 def planned(options: Options) -> list[Run]:
-    """The published map, and drops measured now for angles that are asked for: with --quick one in 2D."""
+    """The published map, and drops measured now for requested angles: with --quick one in 2D."""
     made = [Run("map", published, {"rows": hashlib.sha256(ROWS.read_bytes()).hexdigest()[:16]}, estimate=1.0)]
     if options.quick:
         return [*made, Run("asked_2d_90", asked, {"dim": 2, "radius": 10.0, "angle": 90.0}, estimate=6.0)]
@@ -47,12 +47,12 @@ def planned(options: Options) -> list[Run]:
 
 
 def checks(results: Results, check: Checks) -> None:
-    """The angle that a drop has against the one that was asked for, and how the map lies."""
+    """The measured against the requested contact angle, and what the map shows."""
     for key, result in results.items():
         row = result.values
         if key == "map" or row["stopped"]:
             continue
-        words = f"{row['dim']}D, {row['asked']:g} degrees asked for, measured now"
+        words = f"{row['dim']}D, {row['asked']:g} degrees requested, measured now"
         check("requested", abs(row["angle"] - row["asked"]), key, words)
         check("two_ways", abs(row["angle"] - real(row["circle"])), key, words)
         check("drift", abs(row["drift"]), key, words)

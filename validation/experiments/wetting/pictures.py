@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
+import matplotlib.pyplot as plt
 import numpy as np
 
 from refsim.surface_tension.calibration import BASE
@@ -49,8 +50,6 @@ def data(results: Results) -> dict[str, Any]:
 
 def picture(data: Mapping[str, Any]) -> Any:
     """Above: the angle against beta/gamma at the base, and its cosine along the axes; below: outlines of drops."""
-    import matplotlib.pyplot as plt
-
     drops = data["drops"]
     figure = plt.figure(figsize=(11.0, 7.0 if drops else 3.9))
     above, below = figure.subfigures(2, 1, height_ratios=(1.35, 1)) if drops else (figure, None)
@@ -58,19 +57,15 @@ def picture(data: Mapping[str, Any]) -> Any:
     for dim, colour in ((2, BLUE), (3, VERMILION)):
         for entry in (e for e in data["settings"] if e["dim"] == dim and at_base(e)):
             _line(panels[0], entry, colour, f"{dim}D", angle=True)
-    panels[0].set_ylim(0, 180)
-    panels[0].set_yticks(range(0, 181, 30))
-    panels[0].set_ylabel("contact angle [degrees]")
-    panels[0].set_title("h = 2.6 d, S = 0.01, mueller")
+    panels[0].set(ylim=(0, 180), yticks=range(0, 181, 30), ylabel="contact angle [degrees]")
+    panels[0].set(title="h = 2.6 d, S = 0.01, mueller")
     for axes, dim in zip(panels[1:], (2, 3)):
         entries = sorted((e for e in data["settings"] if e["dim"] == dim), key=lambda e: not at_base(e))
         for entry, colour in zip(entries, COLOURS):
             if any(drop["angle"] is not None for drop in entry["drops"]):
                 _line(axes, entry, colour, words_of(entry).partition(", ")[2], angle=False)
         axes.axhline(0, color=GREY, lw=0.8, ls=":")
-        axes.set_ylim(-1.05, 1.4)
-        axes.set_ylabel("cosine of the contact angle")
-        axes.set_title(f"{dim}D")
+        axes.set(ylim=(-1.05, 1.4), ylabel="cosine of the contact angle", title=f"{dim}D")
     for axes in panels:
         axes.set_xlabel("adhesion over cohesion, beta/gamma")
         axes.grid(True)
@@ -107,7 +102,7 @@ def _outline(axes: Any, drop: Mapping[str, Any]) -> None:
     axes.plot(np.concatenate([-radius, radius]), np.concatenate([z, z]), "o", ms=3.5, color=BLUE, label="slices")
     for angle, colour, style, label in (
         (drop["angle"], VERMILION, "-", "cap"),
-        (drop["asked"], GREEN, "--", "asked for"),
+        (drop["asked"], GREEN, "--", "requested"),
     ):
         turn = math.radians(angle)
         size = (drop["particles"] / drop["density"] / cap_volume(turn, drop["dim"])) ** (1 / drop["dim"])
