@@ -341,7 +341,7 @@ def gpu_picture(data: Mapping[str, Any]) -> Any:
 
 def speed_data(results: Results) -> dict[str, Any]:
     """The fastest particle of figure 5 over time, by how pairs of liquid push each other."""
-    from validation.checks import Bounds
+    from validation.checks import bars
 
     rows = []
     for key, words in (("figure_5", "one pressure a pair"), ("own_pressure", "each by its own pressure")):
@@ -350,7 +350,7 @@ def speed_data(results: Results) -> dict[str, Any]:
         later = np.diff(series["time"], prepend=-1.0) > 0  # the last entry may repeat the one before
         own = {name: np.asarray(series[name])[later].tolist() for name in ("time", "fastest", "solid")}
         rows.append({"words": words, "step": values["options"].get("step"), **own})
-    bar = Bounds("melting").entries["fastest"]["at_most"]
+    bar = bars("melting")["fastest"]["at_most"]
     return {"title": "Figure 5: the fastest particle in every ten steps", "bar": bar, "rows": rows}
 
 
