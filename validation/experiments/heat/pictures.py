@@ -1,4 +1,4 @@
-"""Pictures of the heat case, each drawn from its data file alone."""
+"""Pictures of heat conduction, each drawn from its data file alone."""
 
 from __future__ import annotations
 
