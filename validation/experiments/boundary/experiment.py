@@ -132,7 +132,7 @@ def sampling_tables(results: Results) -> list[Table]:
             [name, r["iterations"], "yes" if r["converged"] else "no", r["residual"], r["least"], r["variation"]]
             for name, r in results["sampling_printed"].values["rows"].items()
         ]
-        head = ["step", "iterations", "threshold met", "ways/(r N)", "least/mean", "variation"]
+        head = ["step", "iterations", "threshold met", "displacements/(r N)", "least/mean", "variation"]
         made.append(Table("Adopted and printed step (patent E24) on a cube", head, rows))
     if "sampling_peers" in results:
         v = results["sampling_peers"].values

@@ -76,7 +76,7 @@ def shape_picture(data: Mapping[str, Any]) -> Any:
 
 
 def convergence_data(results: Results) -> dict[str, Any]:
-    """Ways of the iterations, adopted and printed, and errors of the distance over the spacing."""
+    """Displacements of the iterations, adopted and printed, and errors of the distance over the spacing."""
     printed = results["sampling_printed"]
     made: dict[str, Any] = {
         "title": "Relaxation and distance", "adopted": printed.arrays["adopted"], "printed": printed.arrays["printed"],
@@ -88,12 +88,12 @@ def convergence_data(results: Results) -> dict[str, Any]:
 
 
 def convergence_picture(data: Mapping[str, Any]) -> Any:
-    """The sum of ways; the error of the trilinear distance over the grid's spacing and over its bytes."""
+    """The sum of displacements; the error of the trilinear distance over the grid's spacing and over its bytes."""
     figure, (left, right, bytes_axes) = plt.subplots(1, 3, figsize=(13.2, 3.8))
     for name, colour in (("printed", ORANGE), ("adopted", BLUE)):
-        ways = floats(data[name])
+        moved = floats(data[name])
         words = {"printed": "as printed (patent E24)", "adopted": "adopted: the step decays"}[name]
-        left.semilogy(np.arange(1, len(ways) + 1), ways, color=colour, label=words)
+        left.semilogy(np.arange(1, len(moved) + 1), moved, color=colour, label=words)
     left.axhline(2e-3, color=GREY, linestyle="--", linewidth=1)
     left.text(0.99, 2.1e-3, "threshold", transform=left.get_yaxis_transform(), ha="right", va="bottom", color=GREY)
     left.set(xlabel="iteration", ylabel=r"$\Sigma|\Delta x|\,/\,(r N)$", title="Relaxation on a cube")
