@@ -8,8 +8,7 @@ from typing import Any
 from validation.accuracy import Panel
 from validation.checks import Checks
 from validation.experiment import Options, Run
-from validation.experiments.surface_reconstruction import accuracy_runs
-from validation.experiments.surface_reconstruction.runs import WORDS, words_of
+from validation.experiments.surface_reconstruction.runs import WORDS, normals, words_of
 from validation.gpu_readings import gpu_runs, without_gpu
 from validation.work_precision import REPEATS
 
@@ -21,7 +20,7 @@ BEST = "gradient_0.25_1_float32"
 
 
 def settings(options: Options) -> dict[str, dict[str, Any]]:
-    """Every way to normals, and the best one on other radii."""
+    """Every kind of normals, and the best one on other radii."""
     made: dict[str, dict[str, Any]] = {}
 
     def add(key: str, tension: Mapping[str, Any], dtype: str = "float32", **more: Any) -> None:
@@ -52,7 +51,7 @@ def runs(options: Options) -> list[Run]:
     parameters = {
         "settings": settings(options), "backend": options.backend, "threads": options.threads, "repeats": REPEATS,
     }  # fmt: skip
-    made = Run("normals", accuracy_runs.normals, parameters, estimate=8.0 if options.quick else 90.0)
+    made = Run("normals", normals, parameters, estimate=8.0 if options.quick else 90.0)
     return [made, *gpu_runs("surface_normals", options)]
 
 

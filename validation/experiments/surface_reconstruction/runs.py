@@ -17,6 +17,7 @@ from refsim.surface_energy import Tension
 from refsim.surface_energy.reconstruction import Reconstruction, Surface
 from validation.experiments.surface_reconstruction import shapes
 from validation.peers import pysplashsurf
+from validation.reading import Reading, distribution, measured
 from validation.results import Result
 from validation.running import Context
 
@@ -24,18 +25,13 @@ CELL = 1 / 32  # m
 RADIUS = 9.0  # of the sphere, in cells
 SWEEPS = (1, 10, 100)
 OFFSETS = (0.25, 0.5, 1.0, 2.0)
-WORDS = {
-    "facets": "facets",
-    "offsets": "offset directions",
-    "mls": "MLS (3.17)",
-    "gradient": "gradient (3.9)",
-}
+WORDS = {"facets": "facets", "offsets": "offset directions", "mls": "MLS (3.17)", "gradient": "gradient (3.9)"}
 DEFAULT = {"normals": "mls", "offset": 0.5, "iterations": 10}
 BEST = {"normals": "gradient", "offset": 0.25, "iterations": 1}
 
 
 def settings() -> dict[str, dict[str, Any]]:
-    """Every way to normals that is compared, by key."""
+    """Every setting of the normals that is compared, by key."""
     made: dict[str, dict[str, Any]] = {"facets": {"normals": "facets"}, "offsets": {"normals": "offsets"}}
     for kind in ("mls", "gradient"):
         for offset in OFFSETS:
@@ -578,3 +574,58 @@ def against_pysplashsurf(context: Context, count: int, rounds: int, threads: int
             "facets": len(mesh.facets), "peer_facets": peer["facets"],
         }
     )  # fmt: skip
+
+
+# What accuracy costs
+
+
+def normals(
+    context: Context, settings: Mapping[str, Mapping[str, Any]], backend: str, threads: int | None, repeats: int
+) -> Result:
+    """Every kind of normals, in turn, on one sphere of particles: mean angle to the true normal, and seconds.
+
+    settings  key to {"words", "knobs" (with "dtype"), "tension" (parameters of the reconstruction), "radius"}
+
+    Counted are offsets, fit and normals, for facets nothing but the facets; the level set and the mesh stand beside.
+    """
+    there = choose(backend)
+    set_threads(there, threads)
+    made, positions, compiling = {}, {}, {}
+    try:
+        for key, setting in settings.items():
+            dtype = setting["knobs"]["dtype"]
+            began = time.perf_counter()
+            tension = Tension(surface_tension=1.0, inset=-1.0, **setting["tension"])
+            made[key] = Reconstruction(there, 3, dtype, CELL, tension, timed=True)
+            place = CELL * shapes.cloud("sphere", setting.get("radius", RADIUS))
+            positions[key] = there.asarray(place.astype(dtype))
+            made[key].surface(positions[key])
+            compiling[key] = time.perf_counter() - began
+        spent: dict[str, list[dict[str, float]]] = {key: [] for key in made}
+        order = np.random.default_rng(0)
+        for k in range(repeats):
+            for key in order.permutation(list(made)).tolist():
+                spent[key].append(dict(made[key].surface(positions[key]).seconds))
+            context.progress((k + 1) / repeats)
+        readings = []
+        for key, setting in settings.items():
+            surface = made[key].surface(positions[key])
+            sample = there.host(surface.samples.position).astype(float) / CELL
+            normal = there.host(surface.samples.normal).astype(float)
+            radius = setting.get("radius", RADIUS)
+            angle = shapes.angles(normal, shapes.true_normals(sample, "sphere", radius))
+            own = ("samples",) if setting["tension"]["normals"] == "facets" else ("offsets", "fit", "normals")
+            parts = {name: [row[name] for row in spent[key]] for name in own}
+            beside = {"mesh": [row["cells"] + row["level set and facets"] for row in spent[key]]}
+            seconds = np.sum(list(parts.values()), axis=0).tolist()
+            readings.append(
+                Reading(
+                    key, setting["words"], setting["knobs"], error=float(angle.mean()), value=float(angle.mean()),
+                    seconds=seconds, per_step=seconds, parts=parts, beside=beside, compile=compiling[key],
+                    distribution={"angle [degrees]": distribution(angle)}, particles=int(positions[key].shape[0]),
+                    shown="radius" not in setting,
+                )
+            )  # fmt: skip
+    finally:
+        set_threads(there, None)
+    return measured(readings, threads, backend)

@@ -15,7 +15,10 @@ from validation.experiments.timing import pictures, runs
 from validation.tables import Table
 
 PAPER_SECONDS, PAPER_COUNT = 30.3, 5039
-VARIANTS = ("default", "soft", "text")
+STEADY = {  # variant of the tension and whether the surface is detected, which the paper's text needs for its force
+    "steady_default": ("default", False), "steady_default_detection": ("default", True),
+    "steady_soft": ("soft", False), "steady_soft_detection": ("soft", True), "steady_text": ("text", True),
+}  # fmt: skip
 PEER_TENSION = 0.05  # of Akinci et al. 2013 beside SPlisHSPlasH: present, and too weak to break the block up
 PEERS = {
     "peer_splishsplash": ("peer_ratio", "splishsplash", "with viscosity"),
@@ -25,34 +28,18 @@ PEERS = {
 
 def planned(options: Options) -> list[Run]:
     """The runs under the options."""
-    backend, made = options.backend, []
-    for variant in VARIANTS:
-        for detection in (False, True):
-            if variant == "text" and not detection:
-                continue  # it cannot be without: its force needs the surface set
-            made.append(
-                Run(
-                    f"steady_{variant}" + ("_detection" if detection and variant != "text" else ""),
-                    droplet_runs.relax,
-                    {
-                        "shape": "cut",
-                        "count": PAPER_COUNT,
-                        "backend": backend,
-                        "variant": variant,
-                        "detection": detection,
-                    },
-                    estimate=14.0,
-                    skip="takes a minute with the others; run without --quick" if options.quick else "",
-                )
-            )
-    parameters = {"steps": 200, "backend": backend, "threads": options.threads}
-    made.append(Run("steps", runs.step_costs, parameters, estimate=16.0))
+    backend, threads = options.backend, options.threads
+    slow = "takes a minute with the others; run without --quick" if options.quick else ""
     reason = "" if options.peers else "measured with --peers"
-    peer = {"side": 47, "steps": 30, "rounds": 3 if options.quick else 5, "threads": options.threads or 2}
-    made.append(Run("peer_splishsplash", runs.against_splishsplash, peer, estimate=60.0, skip=reason))
-    akinci = {**peer, "tension": PEER_TENSION}
-    made.append(Run("peer_splishsplash_akinci", runs.against_splishsplash, akinci, estimate=90.0, skip=reason))
-    return made
+    steady = {"shape": "cut", "count": PAPER_COUNT, "backend": backend}
+    peer = {"side": 47, "steps": 30, "rounds": 3 if options.quick else 5, "threads": threads or 2}
+    return [
+        *(Run(key, droplet_runs.relax, {**steady, "variant": variant, "detection": detection}, 14.0, slow)
+          for key, (variant, detection) in STEADY.items()),
+        Run("steps", runs.step_costs, {"steps": 200, "backend": backend, "threads": threads}, 16.0),
+        Run("peer_splishsplash", runs.against_splishsplash, peer, 60.0, reason),
+        Run("peer_splishsplash_akinci", runs.against_splishsplash, {**peer, "tension": PEER_TENSION}, 90.0, reason),
+    ]  # fmt: skip
 
 
 def checks(results: Results, check: Checks) -> None:

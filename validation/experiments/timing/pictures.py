@@ -1,4 +1,4 @@
-"""Pictures of the timing case."""
+"""The picture of table 1, drawn from its data file alone."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ from typing import Any
 
 import matplotlib.pyplot as plt
 
-from validation.drawing import BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION
+from validation.drawing import BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION, stacked_bars
 from validation.experiment import Results
-from validation.experiments.timing.runs import GROUPS, grouped
+from validation.experiments.timing.runs import grouped
 
 COLOURS = {
     "neighbours": GREY, "density": SKY, "forces": BLUE, "detection": GREEN, "tension": VERMILION, "other": PURPLE,
