@@ -40,7 +40,7 @@ def programs_of(operation: Operation) -> list[str]:
     return [
         name
         for name, entry in entries.items()
-        if (entry.function or operation.function) in _functions(f"{operation.folder}.{entry.module}")
+        if (entry.function or operation.function) in _functions(f"{entry.folder or operation.folder}.{entry.module}")
     ]
 
 

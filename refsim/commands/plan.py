@@ -113,7 +113,7 @@ def kernel_name(operation: str, backend: str, algorithm: str = "") -> str:
         return f"{procedure.owner}.{procedure.method}: {len(procedure.operations)} operations"
     found = REGISTRY[operation]
     entry = found.entry(found.chosen(backend, algorithm))
-    return f"{found.folder}.{entry.module}.{entry.function or found.function}"
+    return f"{entry.folder or found.folder}.{entry.module}.{entry.function or found.function}"
 
 
 def _owner(plan: Plan, name: str) -> list[str]:

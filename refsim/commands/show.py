@@ -98,7 +98,7 @@ def called_by(module: str, name: str) -> list[tuple[str, str]]:
 def describe(operation: Operation, program: str) -> dict[str, list[Source]]:
     """Formulas, reference, program and helpers of the operation as Source objects, by heading."""
     reference, entry = operation.entry("numpy"), operation.entry(program)
-    module, name = f"{operation.folder}.{entry.module}", entry.function or operation.function
+    module, name = f"{entry.folder or operation.folder}.{entry.module}", entry.function or operation.function
     called = called_by(module, name)
     found = {
         "formulas": [source_of(*place) for place in called if place[0].endswith(".formulas")],

@@ -273,14 +273,5 @@ def backend_of(program: str) -> str:
 
 @functools.cache
 def _program(folder: str, module: str, function: str, backend: str) -> Callable:
-    if module == "kernels" and not _has(folder, function):
-        module = backend
     found = getattr(importlib.import_module(f"{folder}.{module}"), function)
     return found.on(backend) if hasattr(found, "on") else found  # of a body, the kernel that is made of it
-
-
-def _has(folder: str, function: str) -> bool:  # until every folder has its kernels.py
-    try:
-        return hasattr(importlib.import_module(f"{folder}.kernels"), function)
-    except ModuleNotFoundError:
-        return False
