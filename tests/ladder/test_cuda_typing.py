@@ -151,10 +151,13 @@ def operation_arguments(name, program, variant, dtype):
 def launches(monkeypatch, program, arguments):
     """The launches [(kernel, arguments)] of a program, none of which takes place; its own arrays are NumPy's."""
     from refsim.backends import device
-    from refsim.backends.compile import CudaKernel
+    from refsim.backends.compile import CudaKernel, Kernel
 
     seen = []
     with monkeypatch.context() as patch:
+        patch.setattr(runtime, "fill", device.fill)
+        patch.setattr(runtime, "largest", lambda values: 0)
+        patch.setattr(Kernel, "__call__", lambda kernel, *values: kernel.on("cuda")(*values))
         patch.setattr(device, "empty", np.empty)
         patch.setattr(device, "largest", lambda values: 0)
         patch.setattr(CudaKernel, "__call__", lambda kernel, *values: seen.append((kernel, values)))

@@ -183,7 +183,7 @@ def fit_matrix(made, surface):
 
 @pytest.mark.parametrize("dim", [2, 3])
 def test_spectrum_of_the_fit_lies_between_zero_and_one(dim):
-    """Lambda B^T B is stochastic: its greatest eigenvalue is 1, and the fit converges for 0 < omega < 2 (thesis M15)."""
+    """Lambda B^T B is stochastic: its greatest eigenvalue is 1; the fit converges for 0 < omega < 2 (thesis M15)."""
     matrix, _, _, _ = fit_matrix(*reconstructed(ball(4 if dim == 2 else 2, dim=dim), dim, inset=None))
     root = np.sqrt(1 / matrix.sum(0))
     values = np.linalg.eigvalsh(root[:, None] * (matrix.T @ matrix) * root[None])
