@@ -14,18 +14,18 @@ from refsim.heat.stages import (
 )
 
 
-def of_backend(found, scratch):
-    """What `reductions` calls so, or, on a GPU, what `reductions_cuda` does."""
-    if scratch.backend.name != "cuda":
-        return found
+def sums_of(scratch):
+    """The module whose programs add up over all particles on the backend of the scratch memory."""
+    if scratch.backend.name == "cpu":
+        return reductions
     from refsim.heat import reductions_cuda
 
-    return getattr(reductions_cuda, found.__name__)
+    return reductions_cuda
 
 
 def weighed(*arguments):
     """As `reductions.weighed`, on the backend of the last argument, the scratch memory."""
-    return of_backend(reductions.weighed, arguments[-1])(*arguments)
+    return sums_of(arguments[-1]).weighed(*arguments)
 
 
 # What the schemes share
@@ -197,7 +197,7 @@ def solve(exchanges, inverse, conduction, scratch, temperature):
     names = ("residual", "gradient", "direction", "turned", "image", "solution")
     residual, gradient, direction, turned, image, solution = (scratch.array(f"heat {k}", n, real) for k in names)
     dots = scratch.array("heat dots", 3, np.float64)
-    turn, step = of_backend(reductions.turn, scratch), of_backend(reductions.step, scratch)
+    turn, step = sums_of(scratch).turn, sums_of(scratch).step
     every = 8 if scratch.backend.name == "cuda" else 1  # passes between looks at the residual, which a GPU waits for
     flow(exchanges, temperature, residual)
     for array in (direction, image, solution, dots):

