@@ -40,7 +40,7 @@ def cell_states(i, blocks, node_state):
 
 @kernel(rows_of="cell_case")
 def facets(i, blocks, crossings, cell_case, edge_first, facet_first, table, vertex_edge, facets):
-    """Numbers of the edges on which the vertices of node i stand, and of the vertices of the facets of cell i; dimensionless."""
+    """Numbers of the cut edges of node i, and of the vertices of the facets of cell i; dimensionless."""
     write_facets(i, blocks, crossings, cell_case, edge_first, facet_first, table, vertex_edge, facets)
 
 
