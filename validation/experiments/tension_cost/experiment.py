@@ -177,7 +177,7 @@ def machines(timings: Mapping[str, Any]) -> str:
 def tables(results: Results) -> list[Table]:
     """Every point, and which model to take for which accuracy."""
     if not {"map", "seconds"} <= results.keys():
-        return
+        return []
     made = of(results)
     rows: list[list[Any]] = []
     for p in made:
