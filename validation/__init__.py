@@ -1,4 +1,4 @@
-"""The papers' experiments: cases, what they measure, their pictures, and the verdicts on them.
+"""The papers' experiments, what they measure, their pictures, and the checks on them: `python -m validation`.
 
-`python -m validation [CASE] [--quick]`. Every module in `validation.experiments` that exports a `CASE` takes part.
+A folder of `validation.experiments` is one experiment (`validation.experiment`).
 """

@@ -7,6 +7,7 @@ Every command prints its own help and touches nothing with `--help`. Exit codes:
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -126,7 +127,8 @@ def listed(given: argparse.Namespace) -> int:
     for experiment in some:
         parts = contents(experiment)
         if not given.names:
-            counts = ", ".join(f"{len(parts[kind])} {words}" for kind, words in COUNTED.items() if parts[kind])
+            numbers = {kind: len(parts[kind]) for kind in KINDS if parts[kind]}
+            counts = ", ".join(f"{n} {COUNTED[kind]}{'s' * (n > 1)}" for kind, n in numbers.items())
             print(f"{experiment.name:22}  {experiment.title} ({counts})")
             continue
         for kind in kinds or KINDS:
@@ -135,7 +137,7 @@ def listed(given: argparse.Namespace) -> int:
     return EXIT_FINE
 
 
-COUNTED = dict(zip(KINDS, ("bars", "claims", "hard cases and maps", "panels")))
+COUNTED = dict(zip(KINDS, ("bar", "claim", "hard case", "panel")))
 
 
 def contents(experiment: Experiment) -> dict[str, dict[str, str]]:
@@ -222,6 +224,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except RefsimError as error:
         print(error, file=sys.stderr)
         return error.exit_code
+    except BrokenPipeError:  # the reader of standard output, `head` say, has seen enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return EXIT_FINE
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Results on disk: `results/<case>/<run>-<digest>/` with result.json and arrays.npz.
+"""Results on disk: `results/<experiment>/<run>-<digest>/` with result.json and arrays.npz.
 
 The digest covers the run's parameters and every source that shapes its numbers, so that a stored result is reused
 exactly as long as it would come out the same.
@@ -48,12 +48,12 @@ def sources_digest(module_file: str) -> str:
     return digest.hexdigest()[:16]
 
 
-def result_folder(root: Path, case: str, key: str, function: Callable, parameters: Mapping[str, Any]) -> Path:
+def result_folder(root: Path, experiment: str, key: str, function: Callable, parameters: Mapping[str, Any]) -> Path:
     """Where the result of `function(**parameters)` belongs; raises TypeError for parameters JSON does not know."""
     text = json.dumps(parameters, sort_keys=True, allow_nan=False)
     sources = sources_digest(inspect.getfile(function))
     digest = hashlib.sha256(f"{FORMAT} {function.__name__} {sources} {text}".encode()).hexdigest()[:12]
-    return root / case / f"{key}-{digest}"
+    return root / experiment / f"{key}-{digest}"
 
 
 def save(folder: Path, result: Result) -> None:

@@ -1,4 +1,4 @@
-"""Advancing simulations for the cases: progress, samples at set times, and what the stepping alone has cost."""
+"""Advancing simulations for experiments: progress, samples at set times, and what the stepping alone has cost."""
 
 from __future__ import annotations
 

@@ -47,7 +47,8 @@ def outcomes(experiment: str, folder: Path | None = None) -> dict[str, OnFile]:
 def parts(names: Sequence[str], experiments: Mapping[str, Experiment], options: Options) -> list[Part]:
     """The named experiments, hard cases and maps, or all. Raises InputError for a name that there is not."""
     own = {name: e for name, e in experiments.items() if e.hard_cases or e.maps}
-    owner = {part.name: name for name, e in own.items() for part in (*e.hard_cases, *e.maps)}
+    owner = {case.name: name for name, e in own.items() for case in e.hard_cases}
+    owner |= {m.name: name for name, e in own.items() for m in e.maps}
     chosen(names, {**own, **owner}, "experiment, hard case or map")
     made = []
     for name, experiment in own.items():

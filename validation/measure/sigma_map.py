@@ -1,6 +1,6 @@
 """The measured drops (`data/drops.json`) condensed into the sigma map that `refsim.calibrate` reads.
 
-`python -m validation measure sigma_map` writes it anew from the rows that `measure drops` measured. The cases
+`python -m validation measure sigma_map` writes it anew from the rows that `measure drops` measured. The experiments
 `laplace`, `oscillation` and `spurious` show it, and measure a few of its drops again.
 """
 
@@ -135,7 +135,7 @@ def at_base(entry: Mapping[str, Any]) -> bool:
     return in_map(entry) and drops.at_base(entry["model"], entry)
 
 
-# What the cases have in common
+# What the experiments have in common
 
 
 def published(context: Context, rows: str) -> Result:

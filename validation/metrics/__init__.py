@@ -1,1 +1,1 @@
-"""What cases measure: surface truth, droplet shape, dam-break front; and the shapes they start from."""
+"""What experiments measure: surface truth, droplet shape, dam-break front; and the shapes they start from."""

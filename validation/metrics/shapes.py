@@ -1,4 +1,4 @@
-"""Shapes that droplet cases start from: particles of a simple cubic lattice, centred on the origin.
+"""Shapes from which droplets start: particles of a simple cubic lattice, centred on the origin.
 
 The spacing is the unit of length unless given. Every shape is the same for the same arguments on every
 machine up to rounding.

@@ -110,7 +110,7 @@ def tables(results: Results) -> list[Table]:
             rows.append([gamma, v["particles"], v["core_density"], v["pressure"], v["sigma"], v["extent"]])
     if rows:
         heading = ["gamma m/s^2", "particles", "density in the middle", "pressure Pa", "p R/2 N/m", "extent/R"]
-        note = "P7 alone, 0.2 s. A tension would hold the drop: density 1 or more, extent near 1."
+        note = "Patent P7 alone, 0.2 s. A tension would hold the drop: density 1 or more, extent near 1."
         made.append(Table("A drop under the normal difference alone", heading, rows, note))
     rows = []
     for shape in POUR:

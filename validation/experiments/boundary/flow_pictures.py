@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+import matplotlib.pyplot as plt
 import numpy as np
 
 from validation.drawing import BLUE, GREY, VERMILION, ball_picture, show_image, view_matrix, visible_balls
@@ -44,8 +45,6 @@ def pour_data(results: Results) -> dict[str, Any]:
 
 def pour_picture(data: Mapping[str, Any]) -> Any:
     """A shape a row; half-way and at the end of each arm."""
-    import matplotlib.pyplot as plt
-
     shapes = list(dict.fromkeys(row["shape"] for row in data["rows"]))
     arms = list(dict.fromkeys(row["arm"] for row in data["rows"]))
     figure, axes = plt.subplots(len(shapes), 2 * len(arms), figsize=(2.05 * 2 * len(arms), 2.25 * len(shapes)))
@@ -95,8 +94,6 @@ RAIN_WORDS = {
 
 def rain_picture(data: Mapping[str, Any]) -> Any:
     """A panel a step, bars by shape."""
-    import matplotlib.pyplot as plt
-
     panels = data["inside"]
     figure, axes = plt.subplots(len(panels), 1, figsize=(7.2, 1.7 * len(panels) + 0.6), sharex=True, squeeze=False)
     at = np.arange(len(data["shapes"]))
@@ -132,13 +129,10 @@ def tank_data(results: Results) -> dict[str, Any]:
 
 def tank_picture(data: Mapping[str, Any]) -> Any:
     """Dots, and the hydrostatic line."""
-    import matplotlib.pyplot as plt
-
     figure, axes = plt.subplots(figsize=(5.6, 3.8))
     axes.plot(data["pressure_pa"], data["height_m"], ".", color=BLUE, markersize=2.5, label="particles")
     z = np.linspace(0, data["level_m"], 20)
     axes.plot(DENSITY * GRAVITY * (data["level_m"] - z), z, color=GREY, label=r"$\rho_0 g (z_s - z)$")
-    axes.set(xlabel="pressure [Pa]", ylabel="height [m]")
-    axes.set_title(data["title"])
+    axes.set(xlabel="pressure [Pa]", ylabel="height [m]", title=data["title"])
     axes.legend()
     return figure

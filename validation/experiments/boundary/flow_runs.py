@@ -209,7 +209,7 @@ def surface_height(place: NDArray) -> float:
 
 # Pouring: three arms
 
-ARMS = {"none": "no tension", "cohesion": "pairwise cohesion", "difference": "normal difference (P7)"}
+ARMS = {"none": "no tension", "cohesion": "pairwise cohesion", "difference": "normal difference (patent P7)"}
 POUR = {"sphere": 0.3, "torus": 0.3, "plate": 0.3, "funnel": 0.4, "pebble": 0.3}  # simulated seconds
 GAMMA = 0.1  # of the normal difference [m/s^2]
 TENSION = 1.0  # nominal, of the cohesion [N/m]

@@ -76,13 +76,13 @@ def hard_cases() -> tuple[HardCase, ...]:
         return HardCase(name, hard, holds, shots, parameters, seconds=5.0)
 
     return (
-        shot("flow_thin_plate", "a plate half a spacing thick, particles at 3 spacings a step", "nobody passes",
+        shot("flow_thin_plate", "a plate half a spacing thick, particles at 3 spacings a step", "no particle passes",
              shape="plate", spacings=3.0, thin=0.5),
-        shot("flow_needle_edges", "a needle's point and edges, 2 spacings a step", "nobody is inside",
+        shot("flow_needle_edges", "a needle's point and edges, 2 spacings a step", "no particle is inside",
              shape="needle", spacings=2.0, begin=0.1),
-        shot("flow_starts_outside", "ways that begin half a metre outside the grid", "nobody is inside",
+        shot("flow_starts_outside", "paths that begin half a metre outside the grid", "no particle is inside",
              shape="sphere", spacings=3.0, begin=0.5),
-        shot("flow_far_away", "a mesh 1e4 m from the origin in float32", "nobody passes the plate",
+        shot("flow_far_away", "a mesh 1e4 m from the origin in float32", "no particle passes the plate",
              shape="plate", spacings=3.0, shift=1e4),
         shot("flow_too_small", "a mesh smaller than the spacing", "refused in one sentence",
              shape="sphere", spacings=2.0, size=0.004),

@@ -143,7 +143,7 @@ class DistanceForces(Rival):
 
 
 class DirectForcing(Rival):
-    """Becker 2009: nobody ends a step nearer than a spacing to a boundary particle."""
+    """Becker 2009: no particle ends a step nearer than a spacing to a boundary particle."""
 
     def step(self) -> None:
         self.simulation.step()

@@ -1,4 +1,4 @@
-"""The case's first half: what is computed, judged and told of sampling and signed distance."""
+"""Sampling and signed distance: runs, checks and tables."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def planned(options: Options) -> list[Run]:
         if options.quick
         else {"level": 6, "count": 1_000_000, "rounds": 3, "scale": 1.28}
     )
-    reason = "" if options.peers else "asked for with --peers"
+    reason = "" if options.peers else "measured with --peers"
     parameters = {**size, "threads": options.threads or 2}
     made.append(Run("sampling_peers", sampling_runs.against_peers, parameters, estimate=900.0, skip=reason))
     return made
@@ -131,7 +131,7 @@ def tables(results: Results) -> list[Table]:
             for name, r in results["sampling_printed"].values["rows"].items()
         ]
         head = ["step", "iterations", "threshold met", "ways/(r N)", "least/mean", "variation"]
-        made.append(Table("Adopted and printed step (E24) on a cube", head, rows))
+        made.append(Table("Adopted and printed step (patent E24) on a cube", head, rows))
     if "sampling_peers" in results:
         v = results["sampling_peers"].values
         rows = []

@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.collections import EllipseCollection
 
 from validation.drawing import BLUE, GREEN, GREY, ORANGE, VERMILION, view_matrix
 from validation.experiment import Results
@@ -31,8 +33,6 @@ def shape_data(results: Results) -> dict[str, Any]:
 
 def shape_picture(data: Mapping[str, Any]) -> Any:
     """One panel a shape: the particles that face the viewer, coloured by the distance to the nearest one."""
-    import matplotlib.pyplot as plt
-    from matplotlib.collections import EllipseCollection
     from scipy.spatial import cKDTree
 
     figure, panels = plt.subplots(2, 3, figsize=(10.2, 7.0))
@@ -51,9 +51,8 @@ def shape_picture(data: Mapping[str, Any]) -> Any:
         axes.add_collection(last)
         low, high = position[:, :2].min(0), position[:, :2].max(0)
         middle, reach = 0.5 * (low + high), 0.54 * (high - low).max()
-        axes.set_xlim(middle[0] - reach, middle[0] + reach)
-        axes.set_ylim(middle[1] - reach, middle[1] + reach)
-        axes.set_aspect("equal")
+        axes.set(xlim=(middle[0] - reach, middle[0] + reach), ylim=(middle[1] - reach, middle[1] + reach))
+        axes.set(aspect="equal")
         axes.set_axis_off()
         axes.set_title(f"{shape.capitalize()}: {row['particles']:,} particles")
         axes.text(
@@ -80,18 +79,14 @@ def convergence_data(results: Results) -> dict[str, Any]:
 
 def convergence_picture(data: Mapping[str, Any]) -> Any:
     """The sum of ways; the error of the trilinear distance over the grid's spacing and over its bytes."""
-    import matplotlib.pyplot as plt
-
     figure, (left, right, bytes_axes) = plt.subplots(1, 3, figsize=(13.2, 3.8))
     for name, colour in (("printed", ORANGE), ("adopted", BLUE)):
         ways = floats(data[name])
-        words = {"printed": "as printed (E24)", "adopted": "adopted: the step decays"}[name]
+        words = {"printed": "as printed (patent E24)", "adopted": "adopted: the step decays"}[name]
         left.semilogy(np.arange(1, len(ways) + 1), ways, color=colour, label=words)
     left.axhline(2e-3, color=GREY, linestyle="--", linewidth=1)
     left.text(0.99, 2.1e-3, "threshold", transform=left.get_yaxis_transform(), ha="right", va="bottom", color=GREY)
-    left.set_xlabel("iteration")
-    left.set_ylabel(r"$\Sigma|\Delta x|\,/\,(r N)$")
-    left.set_title("Relaxation on a cube")
+    left.set(xlabel="iteration", ylabel=r"$\Sigma|\Delta x|\,/\,(r N)$", title="Relaxation on a cube")
     left.legend()
     left.grid()
     bytes_axes.sharey(right)
@@ -101,15 +96,12 @@ def convergence_picture(data: Mapping[str, Any]) -> Any:
             axes.loglog(over, [row["rms"] for row in rows], "o-", color=COLOURS[shape], label=shape)
     guide = np.array([0.05, 0.2])
     right.loglog(guide, 0.02 * guide**2, "--", color=GREY, label="second order")
-    right.set_xlabel("grid spacing [m]")
-    right.set_ylabel("rms error of the distance [m]")
-    right.set_title("Trilinear distance near the surface")
-    right.xaxis.set_major_formatter("{x:g}")
-    right.xaxis.set_minor_formatter("")
+    right.set(xlabel="grid spacing [m]", ylabel="rms error of the distance [m]")
+    right.set(title="Trilinear distance near the surface")
+    right.xaxis.set(major_formatter="{x:g}", minor_formatter="")
     right.set_xticks([0.05, 0.1, 0.2])
     right.legend()
     right.grid()
-    bytes_axes.set_xlabel("bytes of the narrow band")
-    bytes_axes.set_title("The same, over its memory")
+    bytes_axes.set(xlabel="bytes of the narrow band", title="The same, over its memory")
     bytes_axes.grid()
     return figure

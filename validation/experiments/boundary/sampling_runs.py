@@ -63,9 +63,9 @@ def wall_force_noise(
     place, out  (m, 3) places [m] on the surface, and the normals there
     apart       2 r [m], of the particles and of the layer from the wall
 
-    The force for one pressure is -sum_b V_b grad W, V_b = 1/sum_k W_bk (P5, P6), with Wendland's kernel of support 2.7
-    spacings; it varies from its mean within 3 spacings. Places at edges do not count: the force is no normal one there.
-    nan where there are no others.
+    The force for one pressure is -sum_b V_b grad W, V_b = 1/sum_k W_bk (patent P5, P6), by Wendland's kernel of support
+    2.7 spacings; it varies from its mean within 3 spacings. Places at edges do not count: the force is no normal one
+    there. nan where there are no others.
     """
     from scipy.spatial import cKDTree
 
@@ -142,7 +142,7 @@ def scorecard(context: Context, shape: str, count: int, backend: str, threads: i
 
 
 def printed(context: Context, shape: str, count: int, backend: str, iterations: int) -> Result:
-    """The adopted rule beside the printed one (E24): ways of the iterations."""
+    """The adopted rule beside the printed one (patent E24): displacements over the iterations."""
     made = SHAPES[shape]()
     mesh = mesh_of(made, shape)
     radius = radius_for(mesh.area, count)

@@ -72,7 +72,7 @@ def bad_mesh(context: Context, backend: str, kind: str) -> Result:
     with trial.ending():
         mesh = MESHES[kind]()
         found = sample(mesh, 0.04, backend=backend)
-        trial.check("repairs told", len(mesh.notes), at_least=1)
+        trial.check("repairs noted", len(mesh.notes), at_least=1)
         trial.check("volume off", abs(mesh.volume - 1), at_most=1e-9)
         _check_even(trial, found.position)
     return trial.result()
@@ -152,8 +152,8 @@ def far_away(context: Context, backend: str) -> Result:
 
 _SAYS = {
     "open": "refused in one sentence", "not_manifold": "refused in one sentence",
-    "duplicated": "repaired and told, then even", "inside_out": "repaired and told, then even",
-    "zero_area": "repaired and told, then even", "crossed": "refused in one sentence",
+    "duplicated": "repaired with a note, then even", "inside_out": "repaired with a note, then even",
+    "zero_area": "repaired with a note, then even", "crossed": "refused in one sentence",
 }  # fmt: skip
 
 

@@ -276,7 +276,7 @@ LIQUID = {"support": 2.6, "kernels": "wendland", "viscosity": 0.3}
 
 
 def history(context: Context, side: int, model: str, backend: str) -> Result:
-    """A cube of side 1 m in the droplet case's liquid: q4 over time."""
+    """A cube of side 1 m in the liquid of the experiment `droplet`: q4 over time."""
     effect = (
         Dong2016(surface_tension=1.0 / scenes.RATIO["wendland"])
         if model == "dong"

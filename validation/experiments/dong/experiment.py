@@ -1,4 +1,4 @@
-"""Dong, Zhang & Chen 2016: figures 3 to 6 (figure 1 is drawn by the models' case, table 1 stands in `dong_table_1`).
+"""Dong, Zhang & Chen 2016: figures 3 to 6 (figure 1 is drawn by `models`, table 1 stands in `dong_table_1`).
 
 The paper's numbers cannot move its cube, and its step is too long for its falling block: both are shown, beside the
 calibrated runs. Release height, the time between frames, sound speed and viscosity are this project's; see `scene.py`.

@@ -1,7 +1,7 @@
 """What Jiang & Zhu 2023 claim of their force and its correction, measured on drops.
 
-Quick sizes are drops of 11^3 particles, the published ones those of the droplet case; starts are rotations of a cut
-cube, so that no symmetry of a lattice flatters the answer.
+Quick sizes are drops of 11^3 particles, the published ones those of the experiment's own runs; starts are rotations of
+a cut cube, so that no symmetry of a lattice flatters the answer.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from validation.running import Context, advance
 
 SMALL, FULL = 1331, 5039  # particles
 SEEDS = (1, 2, 3, 4, 5)
-DEFAULTS = {seed: f"cut_{FULL}" if seed == 1 else f"seed_cut_{seed}" for seed in SEEDS}  # the droplet case's runs
+DEFAULTS = {seed: f"cut_{FULL}" if seed == 1 else f"seed_cut_{seed}" for seed in SEEDS}  # the experiment's runs
 SUPPORT = 2.6  # of the default droplet, in spacings
 
 
@@ -32,7 +32,7 @@ def drop(options: Options, seed: int, key: str, **changes: Any) -> Run:
     count = SMALL if options.quick else FULL
     parameters = {"shape": "cut", "count": count, "backend": options.backend, "seed": seed, **changes}
     if seed == 1:
-        parameters.pop("seed")  # the droplet case's own run: its result serves
+        parameters.pop("seed")  # the experiment's own run: its result serves
     name = f"claim_{key}_{parameters['count']}_{seed}"
     if key == "default" and not options.quick:
         name = DEFAULTS[seed]
@@ -234,7 +234,7 @@ def steady_ratio(variant: str) -> Measure:
         made = []
         for key, (shape, count) in FROM.items():
             parameters = {"shape": shape, "count": count, "backend": options.backend}
-            made.append(Run(key, runs.relax, parameters, estimate=15.0))  # the droplet case's own, but for one
+            made.append(Run(key, runs.relax, parameters, estimate=15.0))  # the experiment's own, but for one
             changed = {**parameters, "variant": variant}
             made.append(Run(f"claim_steady_{variant}_{key}", runs.relax, changed, estimate=18.0))
         return made

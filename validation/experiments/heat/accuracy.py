@@ -88,7 +88,7 @@ PANELS = (
         checks=checks,
         omissions=lambda options: [
             "backend cuda: one launch for each pass; it was not timed here",
-            "nonlinear Jacobi: for latent heat only (see the case's table of fronts)",
+            "nonlinear Jacobi: for latent heat only (see the table of fronts)",
         ],
     ),
 )

@@ -102,8 +102,8 @@ def numbering(context: Context, scheme: str, seed: int, number: float = 2.0) -> 
 def delivered(context: Context, scheme: str) -> Result:
     """Diffusivity that the cosine's decay shows, over that of the particles, for K of figures 4 to 6.
 
-    d = 0.2, h = 0.5, dt = 0.005 as in table 1; the printed form conducts with 2 K (M6), so that K stands for a number
-    of 2 K dt/d^2.
+    d = 0.2, h = 0.5, dt = 0.005 as in table 1; the printed form conducts with 2 K (Shao & Song M6), so that K stands
+    for a number of 2 K dt/d^2.
     """
     rows = []
     for diffusivity in (10.0, 30.0, 50.0, 70.0):

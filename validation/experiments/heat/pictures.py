@@ -1,10 +1,11 @@
-"""Pictures of the heat case, each drawn from its data file alone."""
+"""Pictures of heat conduction, each drawn from its data file alone."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from typing import Any
 
+import matplotlib.pyplot as plt
 import numpy as np
 
 from validation.drawing import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION, YELLOW
@@ -37,8 +38,6 @@ def schemes_data(results: Results) -> dict[str, Any]:
 
 def schemes(data: Mapping[str, Any]) -> Any:
     """Error over the passes for each unit of k dt/(rho c d^2); crosses at the top edge have blown up."""
-    import matplotlib.pyplot as plt
-
     figure, axis = plt.subplots(figsize=(7.6, 4.2))
     for name, rows in data["schemes"].items():
         colour = COLOURS[name]
@@ -50,9 +49,8 @@ def schemes(data: Mapping[str, Any]) -> Any:
                 axis.annotate(f"{n:g}", (w, e), (4, 4), textcoords="offset points", fontsize=7, color=colour)
         lost = [r["work"] for r in rows if r["work"] and not r["error"]]
         axis.plot(lost, [60.0] * len(lost), "x", color=colour, label=f"{SCHEMES[name]}: blown up" if lost else None)
-    axis.set_xlabel("passes over the neighbours for each k dt/(rho c d²) = 1")
-    axis.set_ylabel("rms error [% of the range]")
-    axis.set_title(data["title"])
+    axis.set(xlabel="passes over the neighbours for each k dt/(rho c d²) = 1", ylabel="rms error [% of the range]")
+    axis.set(title=data["title"])
     axis.grid(True, which="major")
     axis.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
     return figure
@@ -101,8 +99,6 @@ def profiles_data(results: Results) -> dict[str, Any]:
 
 def profiles(data: Mapping[str, Any]) -> Any:
     """Three panels: slab, sphere, Stefan's problem."""
-    import matplotlib.pyplot as plt
-
     figure, panels = plt.subplots(1, 3, figsize=(12.5, 3.6))
     words = {
         "slab": ("A cosine in a slab, k dt/(rho c d²) = 8", "depth [m]", "-"),
@@ -114,8 +110,7 @@ def profiles(data: Mapping[str, Any]) -> Any:
             size = {"markersize": 2.5} if mark == "." else {"linewidth": 1.5}
             axis.plot(floats(curve["x"]), floats(curve["y"]), mark, color=COLOURS[name], label=SCHEMES[name], **size)
         axis.plot(floats(data[key]["exact"]["x"]), floats(data[key]["exact"]["y"]), label="exact", **EXACT)
-        axis.set_title(title)
-        axis.set_xlabel(label)
+        axis.set(title=title, xlabel=label)
         axis.grid()
     panels[0].set_ylabel("temperature [°C]")
     panels[2].set_xlim(-0.08, 0.8)
@@ -159,8 +154,6 @@ def fronts_data(results: Results) -> dict[str, Any]:
 
 def fronts(data: Mapping[str, Any]) -> Any:
     """Two panels: melted depth beside a wall, radius of a sphere of ice."""
-    import matplotlib.pyplot as plt
-
     figure, (left, right) = plt.subplots(1, 2, figsize=(11.0, 3.8))
     for name, curve in data["depth"].items():
         wide = 3.2 if name == "implicit" else 1.5  # conjugate gradients solve the same, and lie on it
@@ -178,8 +171,7 @@ def fronts(data: Mapping[str, Any]) -> Any:
     right.plot(floats(data["sphere"]["x"]), floats(data["sphere"]["y"]), label="1D, wall at R", **EXACT)
     x, y = (floats(data["sphere_shifted"][name]) for name in "xy")
     right.plot(x, y, label="1D, wall at R + d/2, 20 d", **shifted)
-    right.set_title("Radius of a sphere of ice [m]")
-    right.set_ylim(0, 1.02)
+    right.set(title="Radius of a sphere of ice [m]", ylim=(0, 1.02))
     for axis in (left, right):
         axis.set_xlabel("time [s]")
         axis.set_xlim(left=0)
@@ -209,8 +201,6 @@ def orders_data(results: Results) -> dict[str, Any]:
 
 def orders(data: Mapping[str, Any]) -> Any:
     """Two panels, each with the slopes of first and second order."""
-    import matplotlib.pyplot as plt
-
     figure, (left, right) = plt.subplots(1, 2, figsize=(9.6, 3.8))
     looks = {
         "slab": (GREEN, "o-"), "sphere, as it is": (SKY, "s-"), "sphere, shifted": (SKY, "s:"),
@@ -228,12 +218,10 @@ def orders(data: Mapping[str, Any]) -> Any:
         for order, line in ((1, "--"), (2, ":")):
             guide = np.sqrt(low * high) * (size / np.sqrt(size[0] * size[1])) ** order
             axis.plot(size, guide, line, color=GREY, linewidth=0.9, label=f"order {order}")
-        axis.set_ylim(low, high)
-        axis.set_xlabel(words)
+        axis.set(ylim=(low, high), xlabel=words)
         axis.grid(which="major")
         axis.legend(fontsize=7, loc="center left", bbox_to_anchor=(1.0, 0.5))
-    left.set_ylabel("error [%]")
-    left.set_title("In the spacing, Runge-Kutta-Legendre")
+    left.set(ylabel="error [%]", title="In the spacing, Runge-Kutta-Legendre")
     right.set_title("In the step, the slab")
     return figure
 
@@ -255,8 +243,6 @@ def ledger_data(results: Results) -> dict[str, Any]:
 
 def ledger(data: Mapping[str, Any]) -> Any:
     """Two panels, by precision, with the bars."""
-    import matplotlib.pyplot as plt
-
     figure, panels = plt.subplots(1, 2, figsize=(9.6, 3.4), sharey=True)
     for axis, (dtype, curves), bar in zip(panels, data["drift"].items(), (1e-12, 1e-5)):
         for name, values in curves.items():
@@ -265,8 +251,7 @@ def ledger(data: Mapping[str, Any]) -> Any:
                           label=SCHEMES[name])  # fmt: skip
         axis.axhline(bar, color=GREY, linestyle="--", linewidth=1)
         axis.text(50, bar, f"bar {bar:g}", ha="left", va="bottom", fontsize=8, color=GREY)
-        axis.set_title(dtype)
-        axis.set_xlabel("steps")
+        axis.set(title=dtype, xlabel="steps")
         axis.grid()
     panels[0].set_ylabel("|change of heat| / movable heat")
     panels[1].legend(fontsize=7.5, loc="center left", bbox_to_anchor=(1.0, 0.5))

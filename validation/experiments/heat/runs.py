@@ -1,4 +1,4 @@
-"""What the heat case computes: slab, orders, sphere, Stefan's problem, a melting sphere, ledgers and ranges.
+"""Runs of heat conduction: slab, orders, sphere, Stefan's problem, a melting sphere, ledgers and ranges.
 
 Everywhere k = rho = c = 1 (SI units), h = 2.5 d; `number` is k dt/(rho c d^2).
 """

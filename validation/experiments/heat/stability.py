@@ -1,4 +1,4 @@
-"""Hard cases of heat conduction, and how long a step every scheme bears."""
+"""Hard cases of heat conduction, and the largest stable step of every scheme."""
 
 from __future__ import annotations
 
@@ -118,7 +118,7 @@ def explicit_forced(context: Context, backend: str, number: float = 2.0) -> Resu
 
 
 def forced(number: float) -> Any:
-    """A plan of the explicit scheme that takes the step it is told."""
+    """A plan of the explicit scheme with a step that a scene would refuse."""
     plan = make_plan(halves(0.1, "explicit"))
     return dataclasses.replace(plan, scene=msgspec.structs.replace(plan.scene, step=number * UNIT))
 
@@ -265,7 +265,7 @@ CASES = (
 MAPS = (
     StabilityMap(
         name="stability_heat_step",
-        title="How long a step conduction bears",
+        title="Largest stable step of conduction",
         quantity="k dt/(rho c d^2)",
         criterion="no temperature of a warm and a cold half (with latent heat: of ice beside a reservoir) leaves"
         " their range by more than 0.1 % in 20 steps.",

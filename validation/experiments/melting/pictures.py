@@ -7,7 +7,10 @@ import zlib
 from collections.abc import Mapping
 from typing import Any
 
+import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Normalize
 from numpy.typing import NDArray
 
 from validation.drawing import GREY, Layer, ball_picture, layered_picture, view_matrix
@@ -107,10 +110,6 @@ def stage_picture(azimuth: float, elevation: float, melt_shown: bool) -> Any:
     """Above the lit surfaces of water, melt and solids; below the temperature of the particles, cut in the middle."""
 
     def draw(data: Mapping[str, Any]) -> Any:
-        import matplotlib.pyplot as plt
-        from matplotlib.cm import ScalarMappable
-        from matplotlib.colors import Normalize
-
         frames, tank = data["frames"], np.array(data["tank"], dtype=float)
         view = view_matrix(azimuth, elevation)
         middle = tank * (0.5, 0.5, 0.36)
@@ -153,8 +152,7 @@ def stage_picture(azimuth: float, elevation: float, melt_shown: bool) -> Any:
             edges(below, corners, False)
             below.imshow(picture, extent=(-extent, extent) * 2, zorder=2)
             for each in (axes, below):
-                each.set_xlim(-wide - SPACING, wide + SPACING)
-                each.set_ylim(low - SPACING, top)
+                each.set(xlim=(-wide - SPACING, wide + SPACING), ylim=(low - SPACING, top))
                 each.set_axis_off()
         figure.colorbar(
             ScalarMappable(norm, colours), ax=panels[1, :].tolist(), location="bottom", fraction=0.07, pad=0.02,
@@ -193,8 +191,6 @@ def filling_data(results: Results) -> dict[str, Any]:
 
 def filling_picture(data: Mapping[str, Any]) -> Any:
     """The plate with its nodes' numbers, then the middle layer of arrayR after each pass; -1 stands for none."""
-    import matplotlib.pyplot as plt
-
     passes, node, width = data["passes"], data["node"], data["half_width"]
     figure, panels = plt.subplots(1, len(passes) + 1, figsize=(11.0, 3.3))
     plate = panels[0]
@@ -210,8 +206,7 @@ def filling_picture(data: Mapping[str, Any]) -> Any:
     plate.add_patch(
         plt.Rectangle((a0 - width - 0.5, b0 - width - 0.5), 2 * width + 1, 2 * width + 1, fill=False, linewidth=1.6)
     )
-    plate.set_xlim(-0.6, 6.6)
-    plate.set_ylim(-0.6, 6.6)
+    plate.set(xlim=(-0.6, 6.6), ylim=(-0.6, 6.6))
     plate.set_title(f"the plate; box of node {node}, w = {width}", loc="center", fontweight="normal")
     before = [[-1] * len(passes[0])] * len(passes[0])
     for k, now in enumerate(passes):
@@ -224,8 +219,7 @@ def filling_picture(data: Mapping[str, Any]) -> Any:
                     plt.Rectangle((i - 0.5, j - 0.5), 1, 1, facecolor=colour, edgecolor="#999999", linewidth=0.8)
                 )
                 axes.text(i, j, str(entry), ha="center", va="center", fontsize=9, color=GREY if entry < 0 else "black")
-        axes.set_xlim(-0.6, len(now) - 0.4)
-        axes.set_ylim(-0.6, len(now) - 0.4)
+        axes.set(xlim=(-0.6, len(now) - 0.4), ylim=(-0.6, len(now) - 0.4))
         axes.set_title(f"after pass {k}", loc="center", fontweight="normal")
         before = now
     for axes in panels:
@@ -265,8 +259,6 @@ def time_data(results: Results) -> dict[str, Any]:
 
 def time_picture(data: Mapping[str, Any]) -> Any:
     """A bar for each scene and method, cut into stages, and the paper's number beside it."""
-    import matplotlib.pyplot as plt
-
     rows = data["rows"]
     figure, axes = plt.subplots(figsize=(9.6, 0.9 + 0.55 * len(rows)))
     labels = []
@@ -313,8 +305,6 @@ def gpu_data(results: Results) -> dict[str, Any]:
 
 def gpu_picture(data: Mapping[str, Any]) -> Any:
     """A bar for each scene, cut into stages; the mean step, lists included, and the paper's number beside it."""
-    import matplotlib.pyplot as plt
-
     groups = [[row for row in data["rows"] if row["paper"]], [row for row in data["rows"] if not row["paper"]]]
     figure, panels = plt.subplots(2, 1, figsize=(9.6, 4.0), height_ratios=[len(rows) for rows in groups])
     for axes, rows in zip(panels, groups):
@@ -341,7 +331,7 @@ def gpu_picture(data: Mapping[str, Any]) -> Any:
 
 def speed_data(results: Results) -> dict[str, Any]:
     """The fastest particle of figure 5 over time, by how pairs of liquid push each other."""
-    from validation.checks import Bounds
+    from validation.checks import bars
 
     rows = []
     for key, words in (("figure_5", "one pressure a pair"), ("own_pressure", "each by its own pressure")):
@@ -350,20 +340,17 @@ def speed_data(results: Results) -> dict[str, Any]:
         later = np.diff(series["time"], prepend=-1.0) > 0  # the last entry may repeat the one before
         own = {name: np.asarray(series[name])[later].tolist() for name in ("time", "fastest", "solid")}
         rows.append({"words": words, "step": values["options"].get("step"), **own})
-    bar = Bounds("melting").entries["fastest"]["at_most"]
+    bar = bars("melting")["fastest"]["at_most"]
     return {"title": "Figure 5: the fastest particle in every ten steps", "bar": bar, "rows": rows}
 
 
 def speed_picture(data: Mapping[str, Any]) -> Any:
     """Greatest speed over time, and the bar."""
-    import matplotlib.pyplot as plt
-
     figure, axes = plt.subplots(figsize=(7.2, 3.4))
     for row, colour in zip(data["rows"], ("#4A90C2", "#D9653B")):
         axes.plot(row["time"], row["fastest"], color=colour, label=row["words"], linewidth=1.2)
     axes.axhline(data["bar"], color="black", linestyle="--", linewidth=1, label="bar")
-    axes.set_xlabel("time [s]")
-    axes.set_ylabel("greatest speed [m/s]")
+    axes.set(xlabel="time [s]", ylabel="greatest speed [m/s]")
     axes.set_ylim(bottom=0)
     axes.grid(True)
     axes.legend(loc="upper left")
@@ -391,8 +378,6 @@ def share_data(results: Results) -> dict[str, Any]:
 
 def share_picture(data: Mapping[str, Any]) -> Any:
     """A bar for each share, cut into stages."""
-    import matplotlib.pyplot as plt
-
     rows = data["rows"]
     figure, axes = plt.subplots(figsize=(9.6, 3.0))
     for k, row in enumerate(rows):
@@ -428,8 +413,6 @@ def savings_data(results: Results) -> dict[str, Any]:
 
 def savings_picture(data: Mapping[str, Any]) -> Any:
     """A bar for each scene, cut into stages, with its time, operations and bytes."""
-    import matplotlib.pyplot as plt
-
     rows = data["rows"]
     figure, axes = plt.subplots(figsize=(9.6, 3.4))
     for k, row in enumerate(rows):
@@ -464,8 +447,6 @@ def width_data(results: Results) -> dict[str, Any]:
 
 def width_picture(data: Mapping[str, Any]) -> Any:
     """Stiffness, distance from float64, and time of a step's four sums, over w."""
-    import matplotlib.pyplot as plt
-
     figure, panels = plt.subplots(1, 3, figsize=(11.0, 3.6))
     for summation, (words, colour, marker) in SUMS.items():
         own = [row for row in data["rows"] if row["summation"] == summation and row["dtype"] == "float32"]
@@ -481,8 +462,7 @@ def width_picture(data: Mapping[str, Any]) -> Any:
     )  # fmt: skip
     titles = ("stiffness: kick over bend [1/s]", "float32 from float64 [d]", "four sums [ns a node], CPU")
     for axes, title in zip(panels, titles):
-        axes.set_xticks([1, 2, 3, 4])
-        axes.set_xlabel("half-width w [cells]")
+        axes.set(xticks=[1, 2, 3, 4], xlabel="half-width w [cells]")
         axes.set_title(title, loc="left", fontsize=9.5)
         axes.grid(True)
     panels[0].set_ylim(bottom=0)

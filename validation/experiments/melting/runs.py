@@ -96,7 +96,7 @@ class Watch:
 
 
 def fragments(direct: np.ndarray) -> int:
-    """Pieces of solid that hang together over direct neighbours."""
+    """Pieces of solid that are connected over direct neighbours."""
     node, slot = np.nonzero(direct != NOBODY)
     if not len(node):
         return 0
@@ -238,7 +238,7 @@ def region_rounds(context: Context, half_width: int, rounds: int = 200, side: in
 def conserved(context: Context, backend: str, dtype: str, bookkeeping: str, steps: int) -> Result:
     """A warm block of water and an ice ball that flies into it, without gravity and walls: what is conserved.
 
-    Conductivity is a true one here (no M11), so that sum m c T is what the scheme promises to keep.
+    Conductivity is a true one here (no Shao & Song M11), so that sum m c T is what the scheme promises to keep.
     """
     ball = SolidBall(center=(1.0, 1.0, 1.9), radius=0.6, density=917.0, velocity=(0.0, 0.0, -2.0))
     diffusivity = 0.3

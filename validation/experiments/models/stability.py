@@ -452,7 +452,7 @@ def inertia_cell(context: Context, backend: str, model: str, side: int = 8) -> R
 
 
 def _each(name: str, hard: str, holds: str, function: Any, short: tuple[str, ...] = (), **parameters: Any) -> list:
-    """One case for every model."""
+    """One hard case for every model."""
     models = parameters.pop("models", MODELS)
     return [
         HardCase(

@@ -62,13 +62,7 @@ def square_picture(data: Mapping[str, Any]) -> Any:
         axes.set(title=f"{at:g} s", xticks=[], yticks=[])
         axes.grid(False)
     series, axes = data["series"], places["energy"]
-    parts = (
-        ("energy", "all", GREY),
-        ("surface", "surface", VERMILION),
-        ("kinetic", "motion", BLUE),
-        ("bulk", "bulk", GREEN),
-    )
-    for name, words, colour in parts:
+    for name, words, colour in LEDGER:
         axes.plot(series["time"], series[name], color=colour, label=words, linewidth=2.2 if name == "energy" else 1.4)
     axes.set(xlabel="time [s]", ylabel="energy [J/m]")
     axes.set_ylim(bottom=0)
@@ -423,11 +417,8 @@ def floor_data(results: Results) -> dict[str, Any]:
         for dim in (2, 3):
             if f"floor_{dim}d_{angle}" in results:
                 v = results[f"floor_{dim}d_{angle}"].values
-                made["curves"][f"{dim}d_{angle}"] = {
-                    "time": v["time"][::4],
-                    "angle": v["angles"][::4],
-                    "mean": v["angle"],
-                }
+                curve = {"time": v["time"][::4], "angle": v["angles"][::4], "mean": v["angle"]}
+                made["curves"][f"{dim}d_{angle}"] = curve
     return made
 
 
@@ -455,7 +446,7 @@ def floor_picture(data: Mapping[str, Any]) -> Any:
 
 def pressure_data(results: Results) -> dict[str, Any]:
     """Pressures at rest against resolution."""
-    from validation.experiments.mpm_droplet import orders, pressures
+    from validation.experiments.mpm_droplet.experiment import orders, pressures
 
     found = pressures(results)
     return {
@@ -492,21 +483,10 @@ def pressure_picture(data: Mapping[str, Any]) -> Any:
 
 def frequency_data(results: Results) -> dict[str, Any]:
     """Frequencies against resolution and amplitude, and what shifts them."""
-    names = (
-        "dim",
-        "radius_in_cells",
-        "amplitude",
-        "ratio",
-        "ratio_error",
-        "inertia",
-        "compressible",
-        "damping_of_period",
-    )
-    rows = {
-        key.removeprefix("swing_"): {name: results[key].values[name] for name in names}
-        for key in results
-        if key.startswith("swing_")
-    }
+    names = ("dim", "radius_in_cells", "amplitude", "ratio", "ratio_error", "inertia", "compressible",
+             "damping_of_period")  # fmt: skip
+    swings = {key: result.values for key, result in results.items() if key.startswith("swing_")}
+    rows = {key.removeprefix("swing_"): {name: values[name] for name in names} for key, values in swings.items()}
     ideal = {
         dim: {name: results[f"potential_flow_{dim}"].values[name] for name in ("amplitudes", "ratios")}
         for dim in ("2d", "3d")

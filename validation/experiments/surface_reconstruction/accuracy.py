@@ -94,7 +94,7 @@ PANELS = (
         checks=checks,
         omissions=lambda options: [
             *without_gpu("surface_normals", options),
-            "epsilon = 2 h: its second points leave the band of samples, normals flip (see the case's tables)",
+            "epsilon = 2 h: its second points leave the band of samples, normals flip (see the experiment's tables)",
         ],
         quick=False,
     ),

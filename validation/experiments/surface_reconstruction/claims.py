@@ -1,6 +1,6 @@
 """What the thesis claims of its reconstructed surface (chapter 3), measured on particle clouds cut by a sphere.
 
-Starts are jitters of the cloud's lattice. What is about time comes from the case's runs `solvers` and `normals_cost`.
+Starts are jitters of the cloud's lattice. Times come from the experiment's runs `solvers` and `normals_cost`.
 """
 
 from __future__ import annotations

@@ -30,7 +30,7 @@ def planned(options: Options) -> list[Run]:
     counts = [8_000, 64_000] if options.quick else [8_000, 64_000, 1_000_000]
     parameters = {"backend": backend, "counts": counts, "threads": options.threads}
     made.append(Run("stages", runs.stages, parameters, estimate=4.0 if options.quick else 30.0))
-    reason = "a bar for the GPU, asked for with --backend cuda" if backend != "cuda" else slow
+    reason = "a bar for the GPU, measured with --backend cuda" if backend != "cuda" else slow
     parameters = {"backend": backend, "cells": 50, "rounds": 3}
     made.append(Run("beside_transfers", runs.beside_transfers, parameters, estimate=30.0, skip=reason))
     parameters = {"backend": backend, "threads": options.threads}
@@ -40,7 +40,7 @@ def planned(options: Options) -> list[Run]:
     parameters = {"backend": options.backend, "threads": threads if options.backend == "cpu" else []}
     made.append(Run("fit_scaling", runs.fit_scaling, parameters, estimate=30.0, skip=slow))
     peer = {"count": 64_000 if options.quick else 524_288, "rounds": 3, "threads": options.threads or 2}
-    reason = "" if options.peers else "asked for with --peers"
+    reason = "" if options.peers else "measured with --peers"
     made.append(Run("peer_pysplashsurf", runs.against_pysplashsurf, peer, estimate=40.0, skip=reason))
     return made
 

@@ -7,7 +7,10 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.collections import PolyCollection
+from matplotlib.patches import FancyArrowPatch, FancyBboxPatch
 
 from validation.checks import number
 from validation.drawing import BLUE, GREEN, GREY, ORANGE, VERMILION, view_matrix
@@ -47,8 +50,6 @@ def error_data(results: Results) -> dict[str, Any]:
 
 def error_picture(data: Mapping[str, Any]) -> Any:
     """One panel a shape, one curve a setting."""
-    import matplotlib.pyplot as plt
-
     bins = floats(data["bins_degrees"])
     figure, panels = plt.subplots(1, len(data["shapes"]), figsize=(9.0, 3.4), sharey=True)
     for axes, (shape, curves) in zip(panels, data["shapes"].items()):
@@ -56,9 +57,8 @@ def error_picture(data: Mapping[str, Any]) -> Any:
             curve = curves[key]
             label = f"{words}\nmean {curve['mean']:.1f}, largest {curve['max']:.0f} degrees"
             axes.stairs(100 * floats(curve["share"]), bins, color=colour, linewidth=1.6, label=label)
-        axes.set_title(shape.capitalize())
-        axes.set_xlabel("angle to the true normal [degrees]; last bin: all beyond")
-        axes.set_xlim(0, 40)
+        axes.set(title=shape.capitalize(), xlabel="angle to the true normal [degrees]; last bin: all beyond")
+        axes.set(xlim=(0, 40))
         axes.grid(axis="y")
         axes.legend(loc="upper right", fontsize=7.5)
     panels[0].set_ylabel("share of samples [%]")
@@ -78,8 +78,6 @@ def mesh_data(results: Results) -> dict[str, Any]:
 
 def lit(axes: Any, vertices: np.ndarray, facets: np.ndarray, normal: np.ndarray, extent: float) -> None:
     """Triangles seen from VIEW, the farthest first, each in the shade that its normal gives it."""
-    from matplotlib.collections import PolyCollection
-
     seen = vertices @ VIEW.T
     corner = seen[facets]
     front = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])[:, 2] > 0
@@ -94,16 +92,12 @@ def lit(axes: Any, vertices: np.ndarray, facets: np.ndarray, normal: np.ndarray,
     shine = 0.5 * np.clip(turned @ half, 0, 1) ** 40
     colour = np.clip(WATER * shade[:, None] + shine[:, None], 0, 1)
     axes.add_collection(PolyCollection(corner[order][:, :, :2], facecolors=colour, edgecolors=colour, linewidths=0.25))
-    axes.set_xlim(-extent, extent)
-    axes.set_ylim(-extent, extent)
-    axes.set_aspect("equal")
+    axes.set(xlim=(-extent, extent), ylim=(-extent, extent), aspect="equal")
     axes.set_axis_off()
 
 
 def mesh_picture(data: Mapping[str, Any]) -> Any:
     """Three panels of one size: facet normals, fitted normals, and the surface pulled back to the liquid."""
-    import matplotlib.pyplot as plt
-
     facets = np.array(data["facets"])
     far, near = floats(data["vertices"]), floats(data["inset"])
     figure, panels = plt.subplots(1, 3, figsize=(9.6, 3.6))
@@ -131,8 +125,6 @@ def convergence_data(results: Results) -> dict[str, Any]:
 
 def convergence_picture(data: Mapping[str, Any]) -> Any:
     """Residuals, errors of normals, eigenvalues."""
-    import matplotlib.pyplot as plt
-
     curves = data["curves"]
     sweeps = floats(curves["sweeps"])
     figure, panels = plt.subplots(1, 3, figsize=(10.2, 3.3))
@@ -154,9 +146,7 @@ def convergence_picture(data: Mapping[str, Any]) -> Any:
     panels[0].legend(fontsize=7.5)
     values = np.maximum(floats(data["eigenvalues"]), 1e-12)
     panels[2].semilogy(np.arange(1, len(values) + 1) / len(values), values, color=GREEN)
-    panels[2].set_xlabel("share of the eigenvalues")
-    panels[2].set_ylabel(r"eigenvalue of $\Lambda B^T B$ (disc)")
-    panels[2].set_ylim(1e-9, 2)
+    panels[2].set(xlabel="share of the eigenvalues", ylabel=r"eigenvalue of $\Lambda B^T B$ (disc)", ylim=(1e-9, 2))
     panels[2].grid()
     for axes, words in zip(panels, ("Residual", "Normals", "Spectrum")):
         axes.set_title(words)
@@ -166,7 +156,7 @@ def convergence_picture(data: Mapping[str, Any]) -> Any:
 BOXES = (
     ("cells", "particles\nby cell"), ("level set and facets", "level set,\nmarching cubes"), ("samples", "samples"),
     ("offsets", "nearest particles,\noffsets"), ("fit", "spline fit\n(LSPIA)"), ("normals", "normals"),
-    ("inset", "inset, samples\nanew"), ("components", "components\nthat bear tension"),
+    ("inset", "inset, samples\nanew"), ("components", "components\nunder tension"),
     ("force", "force on\nthe nodes"),
 )  # fmt: skip
 
@@ -186,13 +176,9 @@ def pipeline_picture(data: Mapping[str, Any]) -> Any:
 
 def pipeline(data: Mapping[str, Any], boxes: Sequence[tuple[str, str]], columns: int = 5) -> Any:
     """A diagram of stages: `boxes` (name in data["stages"], words), row by row, to the right and back again."""
-    import matplotlib.pyplot as plt
-    from matplotlib.patches import FancyArrowPatch, FancyBboxPatch
-
     total, rows = sum(data["stages"].values()), math.ceil(len(boxes) / columns)
     figure, axes = plt.subplots(figsize=(10.0, 0.6 + 1.2 * rows))
-    axes.set_xlim(-0.1, columns + 0.1)
-    axes.set_ylim(0.2, 1.15 * rows - 0.15)
+    axes.set(xlim=(-0.1, columns + 0.1), ylim=(0.2, 1.15 * rows - 0.15))
     axes.set_axis_off()
     centres = []
     for k in range(len(boxes)):

@@ -330,7 +330,7 @@ def beside_transfers(context: Context, backend: str, cells: int, rounds: int, re
 
     cells  of the cube's edge, with eight particles each
     """
-    from validation.experiments.mpm_droplet.runs import BLOCK, plain_block  # that case takes pictures from this one
+    from validation.experiments.mpm_droplet.runs import BLOCK, plain_block  # it imports from here
 
     there = choose(backend)
     place = shapes.lattice_block(8 * cells**3)

@@ -49,7 +49,7 @@ def by_key(timings: Mapping[str, Any]) -> dict[str, float]:
 def promised(model: str, kernels: str, rows: Sequence[Mapping[str, Any]]) -> tuple[float, float]:
     """Tension over the nominal one that `calibrate` promises, and its relative uncertainty.
 
-    Where it refuses, the mean of the largest drop, of which nobody is sure.
+    Where it refuses, the mean of the largest drop, whose uncertainty is not known.
     """
     try:
         where = base(model) | {"kernels": kernels}
@@ -177,7 +177,7 @@ def machines(timings: Mapping[str, Any]) -> str:
 def tables(results: Results) -> list[Table]:
     """Every point, and which model to take for which accuracy."""
     if not {"map", "seconds"} <= results.keys():
-        return
+        return []
     made = of(results)
     rows: list[list[Any]] = []
     for p in made:

@@ -6,6 +6,8 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
+import matplotlib.pyplot as plt
+
 from validation.drawing import GREY
 from validation.experiments.laplace.pictures import COLOURS, STYLES
 from validation.measure.drops import MODELS, base
@@ -33,8 +35,6 @@ def words_of(point: Mapping[str, Any]) -> str:
 
 def picture(data: Mapping[str, Any]) -> Any:
     """One line a model through its resolutions; below, the cheapest for each accuracy in words."""
-    import matplotlib.pyplot as plt
-
     figure, panels = plt.subplots(1, 3, figsize=(12.0, 5.6), sharex=True)
     alive = [p for p in data["points"] if not p["stopped"] and real(p["seconds"]) > 0]
     names = ("model", "kernels", "dtype", "backend", "radius")
@@ -58,9 +58,7 @@ def picture(data: Mapping[str, Any]) -> Any:
                 )  # fmt: skip
                 if (*line, p["radius"]) in front:
                     axes.plot(p["seconds"], p[name], "o", ms=13, mfc="none", color=GREY, mew=0.9)
-        axes.set_xscale("log")
-        axes.set_yscale("log")
-        axes.set_xlabel("seconds of the whole run")
+        axes.set(xscale="log", yscale="log", xlabel="seconds of the whole run")
         axes.set_title(label, fontsize=9.5)
         axes.grid(True, which="major")
         if name != "roughness":

@@ -1,6 +1,6 @@
 """What the method costs: seconds to steady state (table 1), the stages of a step, and each effect's price.
 
-The paper's 30.3 s are on an unnamed machine with unstated parameters (E17), so absolute times are only shown.
+The paper's 30.3 s are on an unnamed machine with unstated parameters (Jiang & Zhu E17): absolute times are only shown.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ def planned(options: Options) -> list[Run]:
     for variant in VARIANTS:
         for detection in (False, True):
             if variant == "text" and not detection:
-                continue  # it cannot be without: its force asks for the surface set
+                continue  # it cannot be without: its force needs the surface set
             made.append(
                 Run(
                     f"steady_{variant}" + ("_detection" if detection and variant != "text" else ""),
@@ -47,7 +47,7 @@ def planned(options: Options) -> list[Run]:
             )
     parameters = {"steps": 200, "backend": backend, "threads": options.threads}
     made.append(Run("steps", runs.step_costs, parameters, estimate=16.0))
-    reason = "" if options.peers else "asked for with --peers"
+    reason = "" if options.peers else "measured with --peers"
     peer = {"side": 47, "steps": 30, "rounds": 3 if options.quick else 5, "threads": options.threads or 2}
     made.append(Run("peer_splishsplash", runs.against_splishsplash, peer, estimate=60.0, skip=reason))
     akinci = {**peer, "tension": PEER_TENSION}

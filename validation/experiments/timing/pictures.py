@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+import matplotlib.pyplot as plt
+
 from validation.drawing import BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION
 from validation.experiment import Results
 from validation.experiments.timing.runs import GROUPS, grouped
@@ -51,8 +53,6 @@ def steady_data(results: Results) -> dict[str, Any]:
 
 def steady_picture(data: Mapping[str, Any]) -> Any:
     """One bar a reading of the tension, split into stages; the paper's value as a line."""
-    import matplotlib.pyplot as plt
-
     bars = data["bars"]
     figure, axes = plt.subplots(figsize=(8.6, 0.55 * len(bars) + 1.9))
     place = list(range(len(bars)))[::-1]
@@ -82,10 +82,8 @@ def steady_picture(data: Mapping[str, Any]) -> Any:
         color=GREY,
     )
     axes.set_yticks(place, [bar["label"] for bar in bars])
-    axes.set_xlim(0, 1.35 * max(paper, *(bar["seconds"] for bar in bars)))
-    axes.set_ylim(-0.6, len(bars) - 0.3)
-    axes.set_xlabel("wall time [s]")
-    axes.set_title(f"Seconds to steady state, {data['particles']:,} particles")
+    axes.set(xlim=(0, 1.35 * max(paper, *(bar["seconds"] for bar in bars))), ylim=(-0.6, len(bars) - 0.3))
+    axes.set(xlabel="wall time [s]", title=f"Seconds to steady state, {data['particles']:,} particles")
     axes.grid(True, axis="x")
     figure.legend(loc="outside lower center", ncols=6)
     machine = data["machine"]

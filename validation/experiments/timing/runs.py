@@ -30,7 +30,7 @@ _GROUP_OF = {
 def grouped(stages: dict[str, float]) -> dict[str, float]:
     """Seconds by group: list, density, forces and integration, surface detection with its normals, tension.
 
-    Normals of the tension count as tension; those that only the detection asks for cannot be told apart from them.
+    Normals of the tension count as tension; those that only the detection needs cannot be separated from them.
     """
     detects = any(name.startswith("surface_detection.") for name in stages)
     tense = any(name.startswith("jiang_zhu_2023.") for name in stages)

@@ -40,8 +40,8 @@ def checks(results: Results, check: Checks) -> None:
             for form in runs.FORMS:
                 for number in row["ohnesorge"]:
                     name = f"{form}.{number:g}"
-                    told = f"{form}, {words}, Oh = {number:g}"
-                    check("seen", row[f"seen.{name}"], f"{key}.{name}", told)
+                    words_of_row = f"{form}, {words}, Oh = {number:g}"
+                    check("seen", row[f"seen.{name}"], f"{key}.{name}", words_of_row)
             continue
         check("kept", row["change.central"], key, words)
         check("braking", row["braking.laplacian"], key, words)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+import matplotlib.pyplot as plt
 import numpy as np
 
 from validation.drawing import BLUE, GREY, VERMILION
@@ -27,8 +28,6 @@ def data(results: Results) -> dict[str, Any]:
 
 def picture(data: Mapping[str, Any]) -> Any:
     """Left: angular momentum of the largest drops; right: rates over 5 nu/R^2 (4 nu/R^2 in 2D) by radius."""
-    import matplotlib.pyplot as plt
-
     figure, (spin, rates) = plt.subplots(1, 2, figsize=(10.0, 4.2))
     for dim, style in ((2, "--"), (3, "-")):
         own = sorted((d for d in data["drops"] if d["dim"] == dim), key=lambda d: d["radius"])
@@ -48,13 +47,9 @@ def picture(data: Mapping[str, Any]) -> Any:
     spin.plot(time, np.exp(-time), ":", color=GREY, label="exp(-t)")
     rates.axhline(1.0, color=GREY, lw=0.8, ls=":")
     rates.axhline(0.5, color=GREY, lw=0.8, ls=":")
-    spin.set_xlabel("time times 5 nu/R^2 (4 nu/R^2 in 2D)")
-    spin.set_ylabel("angular momentum over that at the start")
-    spin.set_ylim(0, 1.05)
-    rates.set_xscale("log")
-    rates.set_ylim(0, 1.2)
-    rates.set_xlabel("radius [d]")
-    rates.set_ylabel("rate over 5 nu/R^2 (4 nu/R^2 in 2D)")
+    spin.set(xlabel="time times 5 nu/R^2 (4 nu/R^2 in 2D)", ylabel="angular momentum over that at the start")
+    spin.set(ylim=(0, 1.05))
+    rates.set(xscale="log", ylim=(0, 1.2), xlabel="radius [d]", ylabel="rate over 5 nu/R^2 (4 nu/R^2 in 2D)")
     for axes in (spin, rates):
         axes.grid(True)
         axes.legend(fontsize=7)

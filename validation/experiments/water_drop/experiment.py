@@ -1,4 +1,4 @@
-"""A millimetre of water whose coefficients come from `calibrate`: has it the tension that was asked for, in N/m?"""
+"""A millimetre of water with coefficients from `calibrate`: measured against requested tension [N/m]."""
 
 from __future__ import annotations
 
@@ -33,12 +33,12 @@ def words_of(row: dict[str, Any]) -> str:
 
 
 def off(row: dict[str, Any]) -> dict[str, float]:
-    """How far both tensions are from the one asked for, as shares of it."""
+    """Relative difference of both tensions from the requested one."""
     return {name: row[name] / row["asked"] - 1 for name in ("laplace", "rayleigh")}
 
 
 def checks(results: Results, check: Checks) -> None:
-    """Both tensions against the one asked for, against each other, and against what `calibrate` is sure of."""
+    """Both tensions against the requested one, against each other, and against the uncertainty of `calibrate`."""
     for key, result in results.items():
         row = dict(result.values)
         if row["stopped"]:
@@ -75,9 +75,9 @@ def tables(results: Results) -> list[Table]:
                 "",
             ]
         )
-    heading = ["drop", "nominal", "jump, Pa", "Laplace", "off", "Rayleigh", "off", "Hz (asked for)", "+-", "stopped"]
+    heading = ["drop", "nominal", "jump, Pa", "Laplace", "off", "Rayleigh", "off", "Hz (requested)", "+-", "stopped"]
     note = (
-        f"Radius 1 mm, {1e3 * runs.TENSION:g} mN/m asked for; tensions in mN/m. +-: what `calibrate` states. Viscosity"
+        f"Radius 1 mm, {1e3 * runs.TENSION:g} mN/m requested; tensions in mN/m. +-: what `calibrate` states. Viscosity"
         f" {1e3 * runs.THIN:g} mPa s."
     )
     return [Table("A drop of water, coefficients from calibrate", heading, rows, note)] if rows else []
@@ -85,7 +85,7 @@ def tables(results: Results) -> list[Table]:
 
 EXPERIMENT = Experiment(
     name="water_drop",
-    title="a millimetre of water, coefficients from calibrate(0.0728 N/m): jump and frequency against what was asked",
+    title="a millimetre of water, coefficients from calibrate(0.0728 N/m): jump and frequency against the request",
     runs=planned,
     checks=checks,
     pictures=(Picture("water_drop", pictures.data, pictures.picture),),

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+import matplotlib.pyplot as plt
 import numpy as np
 
 from validation.drawing import BLUE, GREY, VERMILION
@@ -26,8 +27,6 @@ def data(results: Results) -> dict[str, Any]:
 
 def picture(data: Mapping[str, Any]) -> Any:
     """Left: the jump over the time; middle: the mode n = 2; right: both tensions in mN/m. Bands: 5 % about 72.8."""
-    import matplotlib.pyplot as plt
-
     figure, (jump, swing, both) = plt.subplots(1, 3, figsize=(12.0, 4.0), width_ratios=(1, 1.2, 1))
     if not data["drops"]:
         return figure
@@ -59,17 +58,14 @@ def picture(data: Mapping[str, Any]) -> Any:
     both.set_xlim(-0.5, 1.5)
     span = max(0.1, *(1.2 * abs(d[n] / d["asked"] - 1) for d in data["drops"] for n in ("laplace", "rayleigh")))
     both.set_ylim(1e3 * first["asked"] * (1 - span), 1e3 * first["asked"] * (1 + span))
-    jump.set_ylim(0, 1.4 * asked)
-    jump.set_xlabel("time [ms]")
-    jump.set_ylabel("pressure jump [Pa]")
+    jump.set(ylim=(0, 1.4 * asked), xlabel="time [ms]", ylabel="pressure jump [Pa]")
     jump.set_title(f"at rest; line: {first['dim'] - 1} sigma/R", fontsize=9.5)
-    swing.set_xlabel("time [ms]")
-    swing.set_ylabel("second moment of the mode n = 2")
+    swing.set(xlabel="time [ms]", ylabel="second moment of the mode n = 2")
     swing.set_title("kicked; dotted: extremes at Rayleigh's frequency", fontsize=9.5)
     both.set_ylabel("tension [mN/m]")
     both.set_title("Laplace full, Rayleigh open", fontsize=9.5)
     for axes in (jump, swing, both):
         axes.grid(True, axis="y")
     jump.legend(fontsize=8, loc="lower right")
-    figure.suptitle(f"{data['title']}; grey: 5 % about what was asked for; bars: calibrate's +-", fontsize=10.5)
+    figure.suptitle(f"{data['title']}; grey: 5 % about the requested tension; bars: calibrate's +-", fontsize=10.5)
     return figure
