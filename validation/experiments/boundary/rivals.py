@@ -109,7 +109,7 @@ class Rival:
         """The boundary particles near every particle, looked for where particles have left the skin, or `anew`."""
         place, sorted_at = self.simulation.fields["position"], self.simulation.search.log.rebuilds  # type: ignore
         stale = anew or self.built is None or sorted_at != self.sorted_at
-        if stale or ((place - self.built) ** 2).sum(1).max() > self.search.allowed_way**2:
+        if stale or ((place - self.built) ** 2).sum(1).max() > self.search.allowed_displacement**2:
             self.built, self.sorted_at = place.copy(), sorted_at
             self.rows = self.search.build_against(self.built, self.static)
             self.queries += 1

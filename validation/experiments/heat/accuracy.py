@@ -8,7 +8,7 @@ from typing import Any
 from validation.accuracy import Panel
 from validation.checks import Checks
 from validation.experiment import Options, Run
-from validation.experiments.heat import accuracy_runs
+from validation.experiments.heat.runs import SLAB, slabs
 from validation.work_precision import REPEATS
 
 NUMBERS = (0.5, 2.0, 8.0)
@@ -33,7 +33,7 @@ def settings(options: Options) -> dict[str, dict[str, Any]]:
         words += "" if cells == CELLS else f", {cells} spacings"
         words += "" if dtype == "float64" else f", {dtype}"
         words += "".join(f", {name} {value:g}" for name, value in more.items())
-        knobs = {"scheme": SCHEMES[scheme], "step": number, "spacing": accuracy_runs.LENGTH / cells, "dtype": dtype,
+        knobs = {"scheme": SCHEMES[scheme], "step": number, "spacing": SLAB / cells, "dtype": dtype,
                  "backend": "cpu", "tolerance": more.get("tolerance", 4e-3)}  # fmt: skip
         made[key] = {"words": words, "knobs": knobs, "scheme": scheme, "cells": cells, "number": number,
                      "options": more, "shown": shown}  # fmt: skip
@@ -56,7 +56,7 @@ def runs(options: Options) -> list[Run]:
     parameters = {
         "settings": settings(options), "backend": "cpu", "threads": options.threads, "repeats": REPEATS,
     }  # fmt: skip
-    return [Run("slabs", accuracy_runs.slabs, parameters, estimate=90.0)]
+    return [Run("slabs", slabs, parameters, estimate=90.0)]
 
 
 def checks(report: Mapping[str, Any], check: Checks) -> None:

@@ -15,7 +15,7 @@ from refsim.heat import kernels, pair_exchange, schemes
 from validation.claims import Measure
 from validation.experiment import Options, Results, Run
 from validation.experiments.heat import exact
-from validation.experiments.heat.conductor import Conductor, lattice
+from validation.experiments.heat.conductor import Conductor, cosine_slab
 from validation.results import Result, real
 from validation.running import Context
 
@@ -29,13 +29,8 @@ WEIGHING = (
 
 
 def column(scheme: str, seed: int | None = None) -> tuple[Conductor, np.ndarray]:
-    """Half a cosine in a slab, and the depth of its particles [m]; `seed` shuffles their numbers."""
-    position = lattice((CELLS, ACROSS, ACROSS), SPACING)
-    if seed is not None:
-        position = np.random.default_rng(seed).permutation(position)
-    start = exact.cosine(position[:, 0], CELLS * SPACING, 0.0)
-    period = (0.0, ACROSS * SPACING, ACROSS * SPACING)
-    return Conductor(scheme, position, SPACING, start, period=period), position[:, 0]
+    """The slab of all claims, and the depth of its particles [m]."""
+    return cosine_slab(scheme, CELLS, ACROSS, SPACING, seed)
 
 
 def swept(made: Conductor, order: Any, seconds: float, passes: int, reverse: bool) -> None:

@@ -16,6 +16,7 @@ from refsim.heat import HeatConduction, enthalpy_of
 from refsim.heat.shapes import lattice_sum, period_group
 from refsim.heat.stages import chebyshev_passes, first_legendre_stages, legendre_stages, stage_passes
 from refsim.neighbours.rows import NeighbourRows
+from validation.experiments.heat.exact import cosine
 
 SUPPORT = 2.5  # support radius over spacing
 
@@ -142,3 +143,17 @@ class Conductor:
         given = {**self.given, "timestep": np.array([0.0, seconds])}
         exchanges, inverse, _, _ = schemes.weighed(*(given[name] for name in names))
         return schemes.solve(exchanges, inverse, self.conduction, given["scratch"], self.temperature.copy())
+
+
+def cosine_slab(
+    scheme: str, cells: int, across: int, spacing: float, seed: int | None = None, **options: Any
+) -> tuple[Conductor, np.ndarray]:
+    """Half a cosine in an insulated slab of `cells` spacings [m], periodic across, and the depth of its particles [m].
+
+    across  period along y and z, in spacings; seed: of the particles' numbers, which follow the lattice without one
+    """
+    position = lattice((cells, across, across), spacing)
+    if seed is not None:
+        position = np.random.default_rng(seed).permutation(position)
+    x, period = position[:, 0], (0.0, across * spacing, across * spacing)
+    return Conductor(scheme, position, spacing, cosine(x, cells * spacing, 0.0), period=period, **options), x

@@ -7,18 +7,21 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
 from refsim import Box, HeatConduction, Scene, WeaklyCompressible
+from refsim.backends.arrays import choose, set_threads
 from refsim.core.effect import Discretisation
 from refsim.core.operation import REGISTRY
 from refsim.engine.driver import stock
 from refsim.heat import reference
 from refsim.heat.shapes import period_group
 from validation.experiments.heat import exact
-from validation.experiments.heat.conductor import SUPPORT, Conductor, lattice
+from validation.experiments.heat.conductor import SUPPORT, Conductor, cosine_slab, lattice
+from validation.reading import Reading, distribution, measured
 from validation.results import Result
 from validation.running import Context
 
@@ -35,15 +38,9 @@ def across(scheme: str) -> int:
 # A cosine in an insulated slab, periodic across
 
 
-def cosine_slab(
-    scheme: str, cells: int = LENGTH, spacing: float = SPACING, **options: Any
-) -> tuple[Conductor, np.ndarray]:
+def slab_of(scheme: str, cells: int = LENGTH, spacing: float = SPACING, **options: Any) -> tuple[Conductor, np.ndarray]:
     """The slab at its start, and the depth x of its particles [m]."""
-    wide = across(scheme)
-    position = lattice((cells, wide, wide), spacing)
-    period = (0.0, wide * spacing, wide * spacing)
-    start = exact.cosine(position[:, 0], cells * spacing, 0.0)
-    return Conductor(scheme, position, spacing, start, period=period, **options), position[:, 0]
+    return cosine_slab(scheme, cells, across(scheme), spacing, **options)
 
 
 def rms(values: np.ndarray) -> float:
@@ -56,7 +53,7 @@ def slab(context: Context, scheme: str) -> Result:
     """Errors, drifts, passes for each unit of k dt/(rho c d^2) and seconds of stepping, for each of NUMBERS."""
     rows, profiles = [], {}
     for share, number in enumerate(NUMBERS):
-        slab, x = cosine_slab(scheme)
+        slab, x = slab_of(scheme)
         steps = round(END / (number * SPACING**2))
         start, work = slab.heat(), slab.passes(END / steps) / number
         slab.run(END, steps)
@@ -110,7 +107,7 @@ def order_in_spacing(context: Context, cells: tuple[int, ...] = (10, 20, 40, 80)
     """Error of the slab's cosine over the spacing, RKL2 with steps so short that they cost no accuracy."""
     length, rows = 8.0, []
     for n in cells:
-        slab, x = cosine_slab("runge_kutta_legendre", n, length / n)
+        slab, x = slab_of("runge_kutta_legendre", n, length / n)
         steps = math.ceil(END / (2.0 * (length / n) ** 2))
         slab.run(END, steps)
         rows.append({"size": length / n, "error": rms(slab.temperature - exact.cosine(x, length, END))})
@@ -131,12 +128,12 @@ def order_in_step(context: Context, scheme: str) -> Result:
     What the step does is apart from what the spacing does; linear solves are taken to the end.
     """
     tight = {"tolerance": 1e-9, "residual": 1e-10}
-    best, _ = cosine_slab("runge_kutta_legendre", LENGTH // 2)
+    best, _ = slab_of("runge_kutta_legendre", LENGTH // 2)
     best.run(END / 4, 640)
     limit = best.temperature.reshape(LENGTH // 2, -1).mean(1)
     rows = []
     for number in STEPS[scheme]:
-        slab, _ = cosine_slab(scheme, LENGTH // 2, **tight)
+        slab, _ = slab_of(scheme, LENGTH // 2, **tight)
         slab.run(END / 4, round(END / 4 / (number * SPACING**2)))
         rows.append({"size": number, "error": rms(slab.temperature.reshape(LENGTH // 2, -1) - limit[:, None])})
     return Result({"scheme": scheme, "rows": rows})
@@ -376,8 +373,6 @@ def speed(context: Context, threads: int, number: float = 2.0, rounds: int = 7) 
 
     All of them take turns over the same neighbours; building the list is not counted.
     """
-    from refsim.backends.arrays import choose, set_threads
-
     position = lattice((40, 40, 38), 1.0)
     position += np.random.default_rng(1).uniform(-0.1, 0.1, position.shape)
     start = np.where(position[:, 0] > 20, 50.0, -10.0)
@@ -414,3 +409,65 @@ def speed(context: Context, threads: int, number: float = 2.0, rounds: int = 7) 
     ratio = {name: float(np.median(np.array(v[1:]) / np.array(spent["density"][1:]))) for name, v in spent.items()}
     passes = {name: conductor.passes(number) for name, conductor in made.items()}
     return Result({"particles": len(position), "threads": threads, "seconds": median, "ratio": ratio, "passes": passes})
+
+
+# What accuracy costs
+
+SLAB, SLAB_ACROSS = 4.0, 10  # [m] along x; spacings across, the same particles for every scheme
+SLAB_UNTIL = 1.6  # [s]: 40 units of k t/(rho c d^2) at 20 spacings
+
+
+def started(setting: Mapping[str, Any]) -> tuple[Conductor, np.ndarray, int]:
+    """A setting's slab, the depth of its particles [m], and its number of steps."""
+    cells, spacing = setting["cells"], SLAB / setting["cells"]
+    dtype, options = setting["knobs"]["dtype"], setting["options"]
+    made, x = cosine_slab(setting["scheme"], cells, SLAB_ACROSS, spacing, dtype=dtype, **options)
+    return made, x, max(1, round(SLAB_UNTIL / (setting["number"] * spacing**2)))
+
+
+def slabs(
+    context: Context, settings: Mapping[str, Mapping[str, Any]], backend: str, threads: int | None, repeats: int
+) -> Result:
+    """Every setting in turn: rms error of the cosine [% of the range] and seconds of stepping.
+
+    settings  key to {"words", "knobs" (with "dtype"), "scheme", "cells", "number", "options", "shown"}
+    """
+    there = choose("cpu")
+    set_threads(there, threads)
+    spent: dict[str, list[float]] = {key: [] for key in settings}
+    ended, compiling, passes = {}, {}, {}
+    try:
+        for key, setting in settings.items():
+            began = time.perf_counter()
+            made, _, steps = started(setting)
+            made.step(SLAB_UNTIL / steps)
+            compiling[key] = time.perf_counter() - began
+            passes[key] = started(setting)[0].passes(SLAB_UNTIL / steps)
+        order = np.random.default_rng(0)
+        for k in range(repeats):
+            for key in order.permutation(list(settings)).tolist():
+                if k and not settings[key]["shown"]:
+                    continue
+                made, x, steps = started(settings[key])
+                made.run(SLAB_UNTIL, steps)
+                spent[key].append(made.seconds)
+                ended[key] = made.temperature.astype(float) - exact.cosine(x, SLAB, SLAB_UNTIL)
+            context.progress((k + 1) / repeats)
+    finally:
+        set_threads(there, None)
+    readings = []
+    for key, setting in settings.items():
+        steps, error = started(setting)[2], float(np.sqrt((ended[key] ** 2).mean()))
+        lost = not error < 1e3
+        readings.append(
+            Reading(
+                key, setting["words"],
+                {**setting["knobs"], "passes": passes[key] * steps / (SLAB_UNTIL / 0.04)},
+                error=math.nan if lost else error, value=math.nan if lost else error, seconds=spent[key],
+                per_step=[seconds / steps for seconds in spent[key]], parts={"stepping": spent[key]},
+                compile=compiling[key], distribution={} if lost else {"|T - exact| [deg C]": distribution(ended[key])},
+                stopped="blown up: unstable beyond s = 1" if lost else "", expected=lost, particles=len(ended[key]),
+                steps=steps, shown=setting["shown"],
+            )
+        )  # fmt: skip
+    return measured(readings, threads, backend)

@@ -13,6 +13,7 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from numpy.typing import NDArray
 
+from validation.checks import bars
 from validation.drawing import GREY, Layer, ball_picture, layered_picture, view_matrix
 from validation.experiment import Results
 from validation.experiments.melting.scene import SPACING
@@ -331,8 +332,6 @@ def gpu_picture(data: Mapping[str, Any]) -> Any:
 
 def speed_data(results: Results) -> dict[str, Any]:
     """The fastest particle of figure 5 over time, by how pairs of liquid push each other."""
-    from validation.checks import bars
-
     rows = []
     for key, words in (("figure_5", "one pressure a pair"), ("own_pressure", "each by its own pressure")):
         values = results[key].values
