@@ -16,7 +16,7 @@ from refsim.scene.scene import Plan, Scene, make_plan
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a command hands back: data for --json, text for people, exit code (0, or 4 where a verdict failed)."""
+    """What a command hands back: data for --json, text for the terminal, exit code (0, or 4 where a verdict failed)."""
 
     data: Any = field(default_factory=dict)
     text: str = ""
@@ -75,7 +75,7 @@ def table(rows: Iterable[Sequence[Any]], head: Sequence[str] = (), right: Sequen
 
 
 def in_bytes(count: float) -> str:
-    """A number of bytes for people."""
+    """A number of bytes with its unit, for reading."""
     for unit in ("B", "KiB", "MiB", "GiB"):
         if count < 1024 or unit == "GiB":
             return f"{count:.0f} {unit}" if unit == "B" else f"{count:.1f} {unit}"
@@ -84,7 +84,7 @@ def in_bytes(count: float) -> str:
 
 
 def in_time(seconds: float) -> str:
-    """A time span for people."""
+    """A time span with its unit, for reading."""
     if seconds < 100:
         return f"{seconds:.3g} s"
     minutes, rest = divmod(round(seconds), 60)

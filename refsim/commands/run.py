@@ -101,7 +101,7 @@ def _advice(stop: RunStopped, folder: Path, options: argparse.Namespace) -> tupl
 
 
 class _Progress:
-    """A bar over simulated time with an estimate of what is left; compile time is told apart, before it."""
+    """A bar over simulated time with an estimate of what is left; compile time is shown apart, before it."""
 
     def __init__(self, until: float, folder: Path, quiet: bool) -> None:
         self.until, self.folder, self.quiet = until, folder, quiet

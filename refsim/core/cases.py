@@ -458,7 +458,7 @@ def _run_values(case: Case, grid: Discretisation) -> Mapping[str, Any]:
 
 @groups("bounds")
 def _bounds(case: Case, grid: Discretisation) -> Mapping[str, Any]:
-    """Planes that stop some of the particles, each in the widest gap of its neighbourhood: nobody moves as far."""
+    """Planes that stop some of the particles, each in the widest gap of its neighbourhood, away from roundings."""
     low, high = np.full(3, -np.inf), np.full(3, np.inf)
     for axis in range(case.dim if case.count > 3 else 0):
         places = np.sort(case.position[:, axis].astype(grid.dtype))

@@ -22,7 +22,7 @@ REASONS = {  # why a run stops: the only names that RunStopped takes
     "out_of_memory": "the machine has no memory left",
     "disk_full": "no space or quota is left; the run can be resumed from the last checkpoint",
     "write_failed": "the disk refused a write for another reason",
-    "interrupted": "somebody stopped the run; it can be resumed from the checkpoint written then",
+    "interrupted": "the user stopped the run; it can be resumed from the checkpoint written then",
 }
 
 
@@ -41,7 +41,7 @@ class InputError(RefsimError):
 class RunStopped(RefsimError):
     """The run cannot go on as it is (exit code 3).
 
-    reason  a name of REASONS, for programs; the message is a sentence for people
+    reason  a name of REASONS, for programs; the message is a sentence for the user
     report  of the run that stopped, where there was one (`refsim.engine.driver.RunReport`)
     advice  lines that say what can be done next, where the catcher knows
     """

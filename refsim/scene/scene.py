@@ -1,6 +1,6 @@
 """A scene: particles and a list of effects; and the plan that follows from it.
 
-The plan is the union of what the effects ask for: fields, passes in dependency order, one neighbour list.
+The plan is the union of what the effects need: fields, passes in dependency order, one neighbour list.
 """
 
 from __future__ import annotations
@@ -106,7 +106,7 @@ class Cloud(msgspec.Struct, tag="cloud", tag_field="shape", frozen=True, kw_only
         if self.file:
             try:
                 with open_regular(self.file) as file, warnings.catch_warnings():
-                    warnings.simplefilter("ignore")  # an empty file is told below
+                    warnings.simplefilter("ignore")  # an empty file is reported below
                     if self.file.endswith(".npy"):
                         values = np.lib.format.open_memmap(self.file, "r")  # which compares shape and size before
                     else:
@@ -168,7 +168,7 @@ class Scene(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
 
 @dataclass(frozen=True)
 class Plan:
-    """What a scene needs: nothing that no effect asks for stands here.
+    """Everything that a run of the scene allocates and launches, and nothing else.
 
     start   once, when a simulation is made or resumed
     begin   at the beginning of every step, in order
@@ -271,7 +271,7 @@ def _check_magnitudes(place: str, part: Any) -> None:
         if f.type is not Any:  # arrays of particles and cells are looked at where they are read
             several = isinstance(values, tuple)
             for axis, value in enumerate(values if several else (values,)):
-                if f.name != "velocity":  # told with the particle that has it
+                if f.name != "velocity":  # reported with the particle that has it
                     name = f"{f.name} along {'xyz'[axis]}" if several and len(values) == 3 else f.name
                     _check_magnitude(place, name, value, 0.0 if "temperature" in f.name else SMALLEST)
 
@@ -505,8 +505,8 @@ def _check_places(state: InitialState, bounds: Any, solids: Nodes | None) -> Non
         inside = np.flatnonzero(near < reach * (1 - 1e-6))
         if len(inside):
             raise InputError(
-                f"scene: {len(inside)} particles of the fluid are less than half a spacing from a solid's; leave room"
-                " for the solids in the fluid."
+                f"scene: {len(inside)} particles of the fluid are less than half a spacing from a solid's; cut the"
+                " solids out of the fluid."
             )
 
 
@@ -542,7 +542,7 @@ def _check_particles(position: np.ndarray, velocity: np.ndarray, mass: np.ndarra
     from refsim.neighbours import coincident_pairs
 
     for name, values in (("position", position), ("velocity", velocity), ("mass", mass)):
-        with np.errstate(over="ignore"):  # told below
+        with np.errstate(over="ignore"):  # reported below
             rounded = values.astype(scene.dtype)
             bad = np.flatnonzero(~(np.abs(rounded) <= GREATEST).reshape(len(values), -1).all(1))
         if len(bad):
@@ -577,7 +577,7 @@ def _initial_values(
                 raise ValueError(f"effect {effect.name!r} gives {name!r} a value, which is no state field of its own")
             if value.shape != fields[name].shape(grid.count):
                 raise ValueError(f"effect {effect.name!r} gives {name!r} the shape {value.shape}")
-            with np.errstate(over="ignore"):  # told here
+            with np.errstate(over="ignore"):  # reported here
                 rounded = value.astype(fields[name].numpy_dtype(grid.dtype))
             if rounded.dtype.kind == "f" and not np.isfinite(rounded).all():
                 raise InputError(
@@ -610,10 +610,10 @@ def _motion(
 def _merged(
     passes: Sequence[tuple[Effect, Pass]], parameters: Mapping[str, Mapping[str, Any]]
 ) -> list[tuple[Effect, Pass]]:
-    """One launch where two effects ask for the same; what one wants in each step is not left until it is looked at.
+    """One launch where two effects have the same pass; it runs in each step if one of them needs it in each step.
 
-    A pass over every row also serves an effect that wants it for its `candidates` only. Raises InputError where two
-    effects would write one field in different ways.
+    A pass over every row also serves an effect that needs it for its `candidates` only. Raises InputError if two
+    effects would compute one field differently.
     """
     kept: list[tuple[Effect, Pass]] = []
     for effect, p in passes:
@@ -660,7 +660,7 @@ def _ordered(passes: Sequence[tuple[Effect, Pass]], fields: Mapping[str, Field])
     """Passes so that every field is written, then updated, then read; otherwise in the effects' order."""
     for _, p in passes:
         if p.operation not in REGISTRY and p.operation not in PROCEDURES:
-            raise InputError(f"A pass asks for operation {p.operation!r}, which is not registered.")
+            raise InputError(f"A pass names operation {p.operation!r}, which is not registered.")
     writers: dict[str, list[int]] = {}
     updaters: dict[str, list[int]] = {}
     for k, (_, p) in enumerate(passes):
