@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from refsim.backends.arrays import host_memory, simulated, unavailable
-from refsim.commands import Command, Outcome, in_bytes, in_time, register, table
+from refsim.commands import Command, CommandResult, in_bytes, in_time, register, table
 from refsim.core.errors import RefsimError
 from refsim.core.operation import BACKENDS, REGISTRY
 from refsim.core.versions import versions
@@ -27,7 +27,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """No arguments of its own."""
 
 
-def execute(options: argparse.Namespace) -> Outcome:
+def execute(options: argparse.Namespace) -> CommandResult:
     """Look around, test each backend that can run, and end with one verdict."""
     backends = {name: unavailable(name) for name in BACKENDS}
     found: dict[str, Any] = {
@@ -50,7 +50,7 @@ def execute(options: argparse.Namespace) -> Outcome:
         found["verdict"] = f"pass: {', '.join(working)} {'work' if len(working) > 1 else 'works'}"
         if absent:
             found["verdict"] += f"; {' and '.join(absent)} cannot run here"
-    return Outcome(found, _text(found), 4 if failed else 0)
+    return CommandResult(found, _text(found), 4 if failed else 0)
 
 
 def _self_test_plan() -> Plan:
