@@ -10,7 +10,7 @@ import importlib.util
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from refsim.commands import Command, Outcome, register
+from refsim.commands import Command, CommandResult, register
 from refsim.core.errors import InputError
 from refsim.core.operation import REGISTRY, Operation, backend_of
 from refsim.scene.files import suggestion
@@ -125,7 +125,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def execute(options: argparse.Namespace) -> Outcome:
+def execute(options: argparse.Namespace) -> CommandResult:
     """Print the sources of one operation."""
     operation = REGISTRY.get(options.operation)
     if operation is None:
@@ -149,7 +149,7 @@ def execute(options: argparse.Namespace) -> Outcome:
         if found.get(key):
             lines += ["", f"## {heading}", *(f"\n{source}" for source in found[key])]
     data = {key: [asdict(source) for source in sources] for key, sources in found.items()}
-    return Outcome(
+    return CommandResult(
         {"operation": operation.name, "paper": operation.paper, "equation": operation.equation, **data},
         "\n".join(lines),
     )

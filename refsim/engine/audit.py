@@ -96,7 +96,7 @@ class Auditor:
         self.renew()
 
     def renew(self) -> None:
-        """Begin anew at the next step: somebody has set the state."""
+        """Begin anew at the next step: the state was set between two steps."""
         self.start: dict[str, float] | None = None
         self.now: dict[str, float] = {}
         self.lowest, self.turned_over, self.greatest_share = math.inf, 0.0, 0.0

@@ -42,7 +42,7 @@ FRAMES = 100  # of a whole run, where the caller does not say how often
 class RunReport:
     """What a run did. SI units; momenta and energies with the velocities half a step behind the positions.
 
-    reason, message   why it stopped (one of `refsim.core.errors.REASONS`) and the sentence for people; None at its end
+    reason, message   why it stopped (one of `refsim.core.errors.REASONS`), and in a sentence; None at its end
     time, steps       reached, counted from the scene's start (so are all counts below)
     step_limiters     how many steps each limit has set
     search            neighbour list: rebuilds, audited_rows, missed_neighbours (0), most_neighbours,

@@ -15,7 +15,7 @@ from refsim.neighbours import NeighbourSearch
 
 
 class NeighbourLists:
-    """Builds the lists of a run when `ListPolicy` asks for it, and shares them with all passes.
+    """Builds the lists of a run when `ListPolicy` decides so, and shares them with all passes.
 
     search          of the particles; None where no effect needs neighbours, and on backend "numpy", which sums over all
                     pairs

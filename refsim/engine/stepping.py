@@ -80,7 +80,7 @@ def too_small(simulation: Run, limiter: str, length: float) -> NoReturn:
     """Raise RunStopped for a step that has shrunk to nothing."""
     raise RunStopped(
         "step_too_small",
-        f"In step {simulation.steps} at {simulation.time:.6g} s the {limiter} limit asks for a step of {length:.3g} s,"
+        f"In step {simulation.steps} at {simulation.time:.6g} s the {limiter} limit allows a step of {length:.3g} s,"
         f" below {SMALLEST_STEP:g} of the first one: the run diverges.",
     )
 

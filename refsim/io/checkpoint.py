@@ -1,7 +1,7 @@
 """Checkpoints: named arrays and attributes in one HDF5 file that is either whole or not there.
 
 A checkpoint is written beside its final name and renamed into place, so a killed process or a full disk costs
-at most the interval since the last one. Values come back bit for bit; a digest tells a damaged file from a good
+at most the interval since the last one. Values come back bit for bit; a digest distinguishes a damaged file from a good
 one.
 
 Layout, version 2: the file begins with a block of 512 bytes that HDF5 passes over, lines of text padded with zero

@@ -331,7 +331,7 @@ def write_vtp(path: str | os.PathLike[str], position: np.ndarray, /, **fields: n
 # Frames stand one after another in Points and PointData/*; Steps/PointOffsets says where each begins. All
 # frames share the connectivity 0, 1, 2, ... of the largest one. They do not share the cell offsets, though
 # these are the same numbers: readers of VTK 9.3 take the place of the offsets from the number of steps, and
-# later ones from the number of different CellOffsets, so each frame has its own, and an empty one room for one
+# later ones from the number of different CellOffsets, so each frame has its own, and an empty one space for one
 # cell. Tables that are equal by construction are one dataset under several names.
 
 

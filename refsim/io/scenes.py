@@ -93,7 +93,7 @@ def check_same_scene(scene: Scene, stored: Plan, source: str) -> Plan:
         if place not in MAY_CHANGE and old.get(place) != new.get(place):
             raise InputError(
                 f"checkpoint {source} has {place} = {old.get(place)} and the scene has {new.get(place)}; only"
-                f" {' and '.join(MAY_CHANGE)} may change on the way."
+                f" {' and '.join(MAY_CHANGE)} may change when a run is resumed."
             )
     start = make_plan(scene).state
     for name in ("position", "velocity", "mass"):

@@ -106,7 +106,7 @@ class Cloud(msgspec.Struct, tag="cloud", tag_field="shape", frozen=True, kw_only
         if self.file:
             try:
                 with open_regular(self.file) as file, warnings.catch_warnings():
-                    warnings.simplefilter("ignore")  # an empty file is told below
+                    warnings.simplefilter("ignore")  # an empty file is reported below
                     if self.file.endswith(".npy"):
                         values = np.lib.format.open_memmap(self.file, "r")  # which compares shape and size before
                     else:
@@ -271,7 +271,7 @@ def _check_magnitudes(place: str, part: Any) -> None:
         if f.type is not Any:  # arrays of particles and cells are looked at where they are read
             several = isinstance(values, tuple)
             for axis, value in enumerate(values if several else (values,)):
-                if f.name != "velocity":  # told with the particle that has it
+                if f.name != "velocity":  # reported with the particle that has it
                     name = f"{f.name} along {'xyz'[axis]}" if several and len(values) == 3 else f.name
                     _check_magnitude(place, name, value, 0.0 if "temperature" in f.name else SMALLEST)
 
@@ -542,7 +542,7 @@ def _check_particles(position: np.ndarray, velocity: np.ndarray, mass: np.ndarra
     from refsim.neighbours import coincident_pairs
 
     for name, values in (("position", position), ("velocity", velocity), ("mass", mass)):
-        with np.errstate(over="ignore"):  # told below
+        with np.errstate(over="ignore"):  # reported below
             rounded = values.astype(scene.dtype)
             bad = np.flatnonzero(~(np.abs(rounded) <= GREATEST).reshape(len(values), -1).all(1))
         if len(bad):
@@ -577,7 +577,7 @@ def _initial_values(
                 raise ValueError(f"effect {effect.name!r} gives {name!r} a value, which is no state field of its own")
             if value.shape != fields[name].shape(grid.count):
                 raise ValueError(f"effect {effect.name!r} gives {name!r} the shape {value.shape}")
-            with np.errstate(over="ignore"):  # told here
+            with np.errstate(over="ignore"):  # reported here
                 rounded = value.astype(fields[name].numpy_dtype(grid.dtype))
             if rounded.dtype.kind == "f" and not np.isfinite(rounded).all():
                 raise InputError(
