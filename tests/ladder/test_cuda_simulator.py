@@ -382,7 +382,7 @@ def test_ways_are_compared_in_blocks_that_touch(cuda, dim):
     )
     anywhere = ((way.max(0) - way.min(0)) ** 2).sum()
     for _ in range(2):
-        found = search.programs.squared_relative_ways(cuda.asarray(ordered + way), there)
+        found = search.programs.squared_relative_displacements(cuda.asarray(ordered + way), there)
         assert found == pytest.approx((touching, anywhere), rel=1e-12)
 
 
