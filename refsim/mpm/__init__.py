@@ -66,10 +66,10 @@ class Liquid(NamedTuple):
     """Stress and volume update as the kernels take them; flags stand for printed readings."""
 
     rest_density: Any  # rho0 [kg/m^dim]
-    stress: Any  # share of the stress that acts, times lambda [Pa]: 2 with M27, 0 with M7
-    linear_stress: Any  # M4: without the factor J
-    unit_volume: Any  # M3: V0 = 1
-    timeless: Any  # M5: dt = 1 s in the update of J or F
+    stress: Any  # share of the stress that acts, times lambda [Pa]: 2 with thesis M27, 0 with thesis M7
+    linear_stress: Any  # thesis M4: without the factor J
+    unit_volume: Any  # thesis M3: V0 = 1
+    timeless: Any  # thesis M5: dt = 1 s in the update of J or F
     forgets_shear: Any  # F becomes J^(1/d) I after each step
 
 
@@ -99,7 +99,7 @@ class ViscousStress(NamedTuple):
 
 
 class KernelGradient(NamedTuple):
-    """M6: the liquid's force acts through grad B, not through the affine field."""
+    """Thesis M6 as printed: the liquid's force acts through grad B, not through the affine field."""
 
     on: Any
 
