@@ -419,7 +419,7 @@ def additivity(target: Target) -> Iterator[Outcome]:
 
 
 def bad_input(target: Target) -> Iterator[Outcome]:
-    """T9: a NaN in one particle's values stays visible in every answer that depends on them, and harms no other.
+    """T9: a NaN in one particle's values stays visible in every answer that depends on them, and changes no other.
 
     What depends on them is what the oracle changes where they change. Flags cannot show a NaN; a position that is
     not finite is the search's to report.
@@ -494,7 +494,7 @@ def parameters(target: Target) -> Iterator[Outcome]:
 def _takes(target: Target) -> Iterator[Outcome]:
     """Members that change an answer of the reference, and those that are said to."""
     operation = target.operation
-    if target.variant or target.dtype != "float64":  # asked once, of all variants
+    if target.variant or target.dtype != "float64":  # computed once for all variants
         return
     moved: dict[tuple[str, str], tuple[bool, bool]] = {}
     for case in (FEW, "cloud_2d", *operation.cases):

@@ -1,6 +1,6 @@
 """What an effect is: parameters with units, the fields it needs, its passes and its stable step.
 
-A scene is a list of effects. A field that no effect has is not allocated, a pass that none has is not launched.
+A scene is a list of effects. What no effect needs is neither allocated nor launched.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ class Pass:
 
     algorithm  of the program, where the backend has it; else the plain program runs
     stage  "start": once, when a simulation is made or resumed, for tables that follow from its state. "begin": at the
-           beginning of every step, in the effects' order; not when the state is evaluated for output. "forces": before
-           the step's length is known, ordered by what passes touch. "motion": once it is known, in the effects' order,
+           beginning of every step, in the effects' order; not when `evaluate` is called. "forces": before the
+           step's length is known, ordered by what passes touch. "motion": once it is known, in the effects' order,
            those that update the position last; one of these replaces the leap-frog. They may take `timestep` =
            [(dt_previous + dt)/2, dt] [s], which is zero where the run is about to stop, `build_position` and
            `displacement`, which an integrator writes as `sph.kick_drift` does.
@@ -37,7 +37,7 @@ class Pass:
     reads: tuple[str, ...] = ()
     writes: tuple[str, ...] = ()
     updates: tuple[str, ...] = ()  # changed in place: after every writer, before every reader
-    on_demand: bool = False  # run when the state is evaluated for output, not in every step
+    on_demand: bool = False  # run by `Simulation.evaluate`, not in every step
     names: Mapping[str, str | None] = field(default_factory=dict)
     algorithm: str = ""
     stage: Literal["start", "begin", "forces", "motion"] = "forces"
@@ -83,7 +83,7 @@ class InitialState:
 
 @dataclass(frozen=True)
 class Discretisation:
-    """Resolution of a scene, as effects see it when they prepare: lengths in metres, dtype as a NumPy name."""
+    """Properties of the scene that every effect may read: lengths in metres, dtype as a NumPy name."""
 
     dim: int
     dtype: str
@@ -155,7 +155,7 @@ EFFECTS: dict[str, type[Effect]] = {}
 class Effect(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Base of all effects. Parameters are the struct's fields, in SI units.
 
-    What only some effects do is a capability of its own, in `refsim.core.capabilities`.
+    Hooks of a few effects only are capabilities, in `refsim.core.capabilities`.
     """
 
     name: ClassVar[str] = ""
@@ -183,7 +183,7 @@ class Effect(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
         return ()
 
     def notes(self, grid: Discretisation, others: Mapping[str, Effect]) -> tuple[str, ...]:
-        """Sentences on these parameters in this scene, shown before it runs: limits, risks, what to change."""
+        """Limitations of these parameters in this scene, one sentence each; shown before the run."""
         return ()
 
     def list_radius(self, grid: Discretisation) -> float:
@@ -205,7 +205,7 @@ class Effect(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
         return {}
 
     def energy(self, grid: Discretisation, others: Mapping[str, Effect]) -> EnergyAccount | None:
-        """Energies of its forces, for the audit of the energy; None if they derive from no energy."""
+        """Energies of its forces, for the energy audit; None if no energy of them can be computed."""
         return None
 
     def step_limits(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, StepLimit]:
@@ -233,7 +233,7 @@ def require(owner: str, **bounds: tuple[float, str]) -> None:
 
 
 def literal_errata(owner: str, literal: tuple[str, ...], switchable: tuple[str, ...], source: str) -> frozenset[str]:
-    """Errata of `source` that are taken as printed: those in `literal`, where "all" means every one of `switchable`.
+    """Errata of `source` whose printed reading `literal` selects; "all" in it means every one of `switchable`.
 
     Raises InputError, naming the effect `owner` and the source, for anything else.
     """

@@ -43,7 +43,7 @@ class RunStopped(RefsimError):
 
     reason  a name of REASONS, for programs; the message is one sentence
     report  of the run that stopped, where there was one (`refsim.engine.driver.RunReport`)
-    advice  lines that say what can be done next, where the catcher knows
+    advice  lines that say what can be done next, added where the error is caught
     """
 
     exit_code = 3

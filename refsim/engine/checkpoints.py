@@ -58,8 +58,8 @@ class SavedRun:
     limiters        how many steps each limit has set
     versions        of the programs that wrote it
     search_log      counts of the neighbour search
-    audit           what the energy audit remembers, if the scene has one
-    remarks         notes that effects had made during the run, by effect
+    audit           state of the energy audit, where the scene has one
+    remarks         notes that effects had made until then, by effect
     notes           one sentence for each checkpoint that was passed over for it
     """
 

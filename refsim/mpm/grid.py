@@ -24,7 +24,7 @@ NODES = 64  # of a block
 SETS = ("particles", "carriers", "samples")
 SLACK = {"cuda": 1}  # blocks by which a new table reaches further, where making one costs more than passing over it
 UNSEEN = 8  # steps, of half a cell each at most, in which a particle crosses no more than one block
-OUT_OF_ORDER = 0.05  # share of particles that do not stand behind the one before in the lists: more are worth moving
+OUT_OF_ORDER = 0.05  # share of particles out of order in memory, above which they are sorted
 DEEP = 2  # a block around which all blocks are complete
 
 
@@ -142,10 +142,10 @@ class MpmGrid:
         return self._array("block_extremes", (self.nodes // NODES, 5))
 
     def attend(self, position: Any, moved: bool = False) -> bool:
-        """Before a step on a device that the host does not see: have the blocks that particles at `position` (n, 3) [m]
-        may reach in it. Returns whether any array is another one than before.
+        """Before a step that is one CUDA graph: make the blocks that particles at `position` (n, 3) [m] may reach in
+        it. Returns whether any array is another one than before.
 
-        moved  whether they were set since the latest step
+        moved  whether the positions were set other than by the latest step
 
         Raises RunStopped where a particle is not finite or too far away.
         """

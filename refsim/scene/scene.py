@@ -271,13 +271,13 @@ def _check_magnitudes(place: str, part: Any) -> None:
         if f.type is not Any:  # arrays of particles and cells are looked at where they are read
             several = isinstance(values, tuple)
             for axis, value in enumerate(values if several else (values,)):
-                if f.name != "velocity":  # reported with the particle that has it
+                if f.name != "velocity":  # reported with its particle
                     name = f"{f.name} along {'xyz'[axis]}" if several and len(values) == 3 else f.name
                     _check_magnitude(place, name, value, 0.0 if "temperature" in f.name else SMALLEST)
 
 
 def _check_magnitude(place: str, name: str, value: Any, least: float = 0.0) -> None:
-    """Raise InputError for a number that is not finite, or whose magnitude is beyond all that can be meant."""
+    """Raise InputError for a number that is not finite, or whose magnitude is outside the accepted range."""
     if not isinstance(value, int | float) or value == 0 or least <= abs(value) <= GREATEST:
         return
     words = f"{value:g}" if isinstance(value, float) else f"{str(value)[:12]}..."
@@ -511,7 +511,7 @@ def _check_places(state: InitialState, bounds: Any, solids: Nodes | None) -> Non
 
 
 def _lattice_mass(grid: Discretisation, effects: Mapping[str, Effect]) -> float:
-    """Mass of a lattice particle: the liquid's, else that of the first effect that knows one, else 1."""
+    """Mass of a lattice particle: the liquid's, else that of the first effect that gives one, else 1."""
     liquid_first = sorted(having(effects, KnowsParticleMass), key=lambda effect: not effect.of_liquid)
     return liquid_first[0].particle_mass(grid) if liquid_first else 1.0
 
@@ -574,7 +574,7 @@ def _initial_values(
         for name, value in effect.initial(grid, state, effects).items():
             value = np.asarray(value)
             if name not in fields or not fields[name].state:
-                raise ValueError(f"effect {effect.name!r} gives {name!r} a value, which is no state field of its own")
+                raise ValueError(f"effect {effect.name!r} sets {name!r}, which is none of its state fields")
             if value.shape != fields[name].shape(grid.count):
                 raise ValueError(f"effect {effect.name!r} gives {name!r} the shape {value.shape}")
             with np.errstate(over="ignore"):  # reported here

@@ -42,7 +42,7 @@ from refsim import (
     make_plan,
 )
 from refsim.commands.plan import describe_plan
-from refsim.core.capabilities import WantsCellOrder, having
+from refsim.core.capabilities import NeedsCellOrder, having
 from refsim.core.effect import EFFECTS
 from refsim.core.fields import BASE
 from refsim.core.operation import REGISTRY
@@ -188,7 +188,7 @@ class TestPlan:
         runner = {p.operation for effect, p in plan.motion if effect is None} | {p.operation for _, p in plan.start}
         runner |= {"sph.extremes"}
         runner |= {"neighbours"} if plan.list_radius > 0 else set()
-        runner |= {"sorting"} if having(plan.effects, WantsCellOrder) else set()
+        runner |= {"sorting"} if having(plan.effects, NeedsCellOrder) else set()
         assert set(simulation.timings.first_calls) == {*plan.launches(), *runner}
         simulation.evaluate()
         assert set(simulation.timings.first_calls) == {*plan.launches(True), *runner}
