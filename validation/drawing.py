@@ -7,7 +7,7 @@ import contextlib
 import gzip
 import io
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -328,3 +328,22 @@ def _front(layer: Layer, view: NDArray, extent: float, pixels: int) -> tuple[NDA
     chosen = nearest[covered]
     unit = blend[chosen] / np.linalg.norm(blend[chosen], axis=1, keepdims=True).clip(min=1e-300)
     return covered, near[chosen], unit
+
+
+def stacked_bars(
+    axes: Any, rows: Sequence[Mapping[str, float]], colours: Mapping[str, str], places: Sequence[float] = (),
+    height: float = 0.7, **look: Any,
+) -> list[float]:  # fmt: skip
+    """A horizontal bar for each row, of its parts in the order of `colours`; where the bars end.
+
+    places  of the bars along the vertical axis, 0, 1, ... by default
+    """
+    ends = []
+    for k, (place, row) in enumerate(zip(places or range(len(rows)), rows, strict=True)):
+        left = 0.0
+        for name, colour in colours.items():
+            width, label = row.get(name, 0.0), name if k == 0 else None
+            axes.barh(place, width, left=left, color=colour, label=label, height=height, **look)
+            left += width
+        ends.append(left)
+    return ends

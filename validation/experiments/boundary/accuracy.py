@@ -6,7 +6,7 @@ from typing import Any
 
 from validation.accuracy import Panel
 from validation.experiment import Options, Run
-from validation.experiments.boundary import sampling_accuracy_runs
+from validation.experiments.boundary import sampling_runs
 from validation.experiments.dam_break.accuracy import unavailable
 from validation.work_precision import REPEATS
 
@@ -15,7 +15,7 @@ SPACINGS = (0.16, 0.08, 0.04, 0.02)
 COUNT = 5000
 
 
-def sampling_runs(options: Options) -> list[Run]:
+def quality_runs(options: Options) -> list[Run]:
     """One run, in which all settings take turns."""
     settings: dict[str, dict[str, Any]] = {}
 
@@ -29,7 +29,7 @@ def sampling_runs(options: Options) -> list[Run]:
         add("k1000_float64", "until they rest", 1000, "float64")
         add("k1000_half", f"until they rest, {COUNT // 2:,} particles", 1000, count=COUNT // 2)
     parameters = {"settings": settings, "backend": options.backend, "threads": options.threads, "repeats": REPEATS}
-    return [Run("quality", sampling_accuracy_runs.quality, parameters, estimate=30.0)]
+    return [Run("quality", sampling_runs.quality, parameters, estimate=30.0)]
 
 
 def distance_runs(options: Options) -> list[Run]:
@@ -41,7 +41,7 @@ def distance_runs(options: Options) -> list[Run]:
     knobs = {"spacing": SPACINGS[1], "dtype": "float64", "backend": options.backend}
     settings[f"h{SPACINGS[1]:g}_float64"] = {"words": f"h = {SPACINGS[1]:g} m, float64", "knobs": knobs}
     parameters = {"settings": settings, "backend": options.backend, "threads": options.threads, "repeats": REPEATS}
-    return [Run("distance", sampling_accuracy_runs.distance, parameters, estimate=40.0)]
+    return [Run("distance", sampling_runs.distance, parameters, estimate=40.0)]
 
 
 PANELS = (
@@ -51,7 +51,7 @@ PANELS = (
         observable="variation of the distance to the nearest particle",
         reference="equal distances",
         stated=0.05,
-        runs=sampling_runs,
+        runs=quality_runs,
         space="more particles are no better spread",
         time="nothing is stepped",
         arithmetic=("k1000", "k1000_float64"),

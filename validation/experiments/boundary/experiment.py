@@ -2,39 +2,309 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
 from validation.checks import Checks
 from validation.claims import measures
-from validation.experiment import Experiment, Options, Results, Run
-from validation.experiments.boundary import accuracy, claims, flow, flow_stability, sampling, sampling_stability
+from validation.experiment import Experiment, Options, Picture, Results, Run
+from validation.experiments.boundary import accuracy, claims, flow_runs, pictures, sampling_runs, stability
+from validation.experiments.boundary.flow_runs import ARMS, POUR
+from validation.experiments.boundary.sampling_shapes import SHAPES
+from validation.results import real
 from validation.tables import Table
+from validation.work_precision import order_from_errors
 
-PARTS = (sampling, flow)  # each with planned, checks, tables and PICTURES
-
-
-def planned(options: Options) -> list[Run]:
-    """The runs under the options."""
-    return [run for part in PARTS for run in part.planned(options)]
-
-
-def checks(results: Results, check: Checks) -> None:
-    """The checks of both parts."""
-    for part in PARTS:
-        part.checks(results, check)
+SPACINGS = [0.2, 0.1, 0.05]
+SMOOTH = ("sphere", "torus")
+MEASURED = (*SMOOTH, "cube", "organic")
+EXACT = ("needle", "organic")
 
 
-def tables(results: Results) -> list[Table]:
-    """The tables of both parts."""
-    return [table for part in PARTS for table in part.tables(results)]
+def sampling_planned(options: Options) -> list[Run]:
+    """Sampling and signed distance."""
+    backend, threads = {"backend": options.backend}, {"threads": options.threads}
+    slow = "takes a minute with the others; run without --quick" if options.quick else ""
+    size = (
+        {"level": 5, "count": 20_000, "scale": 1.44}
+        if options.quick
+        else {"level": 6, "count": 1_000_000, "scale": 1.28}
+    )
+    peers = {**size, "rounds": 3, "threads": options.threads or 2}
+    iterations = 200 if options.quick else 400
+    return [
+        *(Run(f"sampling_{shape}", sampling_runs.scorecard, {"shape": shape, "count": 5000, **backend, **threads}, 6.0)
+          for shape in SHAPES),
+        Run("sampling_printed", sampling_runs.printed,
+            {"shape": "cube", "count": 2000, "iterations": iterations, **backend}, 5.0),
+        *(Run(f"distance_{shape}", sampling_runs.distance_errors,
+              {"shape": shape, "spacings": SPACINGS, "level": 6 if shape in SMOOTH else 4, **backend}, 6.0)
+          for shape in MEASURED),
+        *(Run(f"nodes_{shape}", sampling_runs.exact_nodes, {"shape": shape, "spacing": 0.04, "level": 4, **backend},
+              4.0) for shape in EXACT),
+        Run("marked_region", sampling_runs.marked_region, {"count": 100_000, "repeats": 5, **threads}, 6.0, slow),
+        Run("sampling_peers", sampling_runs.against_peers, peers, 900.0,
+            "" if options.peers else "measured with --peers"),
+    ]  # fmt: skip
+
+
+def sampling_checks(results: Results, check: Checks) -> None:
+    """Sampling and signed distance."""
+
+    for shape in SHAPES:
+        if f"sampling_{shape}" in results:
+            row = results[f"sampling_{shape}"].values
+            for name, key in (
+                ("count", "count_error"), ("least", "least"), ("variation", "variation"), ("off", "off"),
+                ("holes", "holes"), ("blue", "blue"), ("force", "force_noise"),
+                ("iterations", "iterations"), ("seconds", "seconds"),
+            ):  # fmt: skip
+                check(f"sampling_{name}", row[key], shape)
+    if "sampling_printed" in results:
+        rows = results["sampling_printed"].values["rows"]
+        check("printed_residual", rows["printed"]["residual"])
+        check("adopted_residual", rows["adopted"]["residual"])
+    for shape in MEASURED:
+        if f"distance_{shape}" in results:
+            rows = results[f"distance_{shape}"].values["rows"]
+            if shape in SMOOTH:
+                order = order_from_errors([r["spacing"] for r in rows], [r["rms"] for r in rows], 2.0)
+                check("distance_order", order.order, shape)
+                check("distance_smooth", rows[-1]["largest_in_spacings"], shape)
+            if shape == "cube":
+                check("distance_edges", max(r["largest_in_spacings"] for r in rows))
+            check("distance_signs", sum(r["wrong_signs"] for r in rows), shape)
+    for shape in EXACT:
+        if f"nodes_{shape}" in results:
+            check("node_error", results[f"nodes_{shape}"].values["error"], shape)
+            check(
+                "distance_signs", results[f"nodes_{shape}"].values["wrong_signs"], f"nodes_{shape}", f"{shape}, nodes"
+            )
+    if "marked_region" in results:
+        spent = results["marked_region"].values["nanoseconds"]
+        check("marked_region", spent["far"], "far", "all of them far from the boundary")
+        check("marked_region", spent["near"], "near", "all of them near it")
+        check("every_particle", spent["every"])
+    if "sampling_peers" in results:
+        values = results["sampling_peers"].values
+        if "sampling_ratio" in values:
+            check("peer_sampling_ratio", values["sampling_ratio"])
+            check("peer_sampling_quality", values["quality"]["variation"] / values["peer_quality"]["variation"])
+            check("peer_sampling_blue", values["quality"]["blue"] / values["peer_quality"]["blue"])
+            check("peer_sampling_count", abs(values["peer_particles"] / values["particles"] - 1))
+            check("peer_sampling_as_even", values["as_even_ratio"])
+        if "field_ratio" in values:
+            check("peer_field_ratio", values["field_ratio"])
+
+
+def sampling_tables(results: Results) -> list[Table]:
+    """Scorecard, errors of the distance, the printed rule, other programs."""
+    made = []
+    rows: list[list[Any]] = []
+    for shape in SHAPES:
+        if f"sampling_{shape}" in results:
+            v = results[f"sampling_{shape}"].values
+            rows.append(
+                [
+                    shape, v["particles"], v["expected"], v["mean_over_2r"], v["least"], v["variation"], v["off"],
+                    v["holes"], v["blue"], v["force_noise"], v["iterations"], v["seconds"],
+                ]
+            )  # fmt: skip
+    if rows:
+        head = [
+            "shape", "particles", "g A/(pi r^2)", "mean/2r", "least/mean", "variation", "|phi|/r", "holes", "blue",
+            "force noise", "iterations", "s",
+        ]  # fmt: skip
+        made.append(Table("Sampling scorecard", head, rows))
+    rows = []
+    for shape in MEASURED:
+        if f"distance_{shape}" in results:
+            for r in results[f"distance_{shape}"].values["rows"]:
+                rows.append([shape, r["spacing"], r["rms"], r["largest"], r["largest_in_spacings"], r["bytes"]])
+    if rows:
+        head = ["shape", "spacing m", "rms error m", "largest m", "largest/spacing", "bytes"]
+        words = "Closed forms for sphere, torus and cube; exact closest triangle for the organic shape."
+        made.append(Table("Trilinear distance within half a spacing of the surface", head, rows, words))
+    if "sampling_printed" in results:
+        rows = [
+            [name, r["iterations"], "yes" if r["converged"] else "no", r["residual"], r["least"], r["variation"]]
+            for name, r in results["sampling_printed"].values["rows"].items()
+        ]
+        head = ["step", "iterations", "threshold met", "displacements/(r N)", "least/mean", "variation"]
+        made.append(Table("Adopted and printed step (patent E24) on a cube", head, rows))
+    if "sampling_peers" in results:
+        v = results["sampling_peers"].values
+        rows = []
+        programs = [("refsim", "own", "sampling", "quality", v["particles"], v["iterations"])]
+        if "sampling_ratio" in v:
+            programs += [
+                ("refsim, stopped early", "own", "as_even", "as_even", v["particles"], v["as_even"]["iterations"]),
+                ("pySPlisHSPlasH, Poisson disks", "other", "sampling", "peer_quality", v["peer_particles"], None),
+            ]
+        for words, whose, what, quality, particles, iterations in programs:
+            spent = float(np.median(v[whose][what]))
+            rows.append([words, spent, particles, iterations, *(v[quality][k] for k in ("least", "variation", "blue"))])
+        if "sampling_ratio" not in v:
+            rows.append([f"pySPlisHSPlasH: {v['missing']['sampling']}", *6 * [None]])
+        made.append(
+            Table(
+                f"Other programs, {v['triangles']:,} triangles, {v['threads']} threads",
+                ["program", "s", "particles", "iterations", "least/mean", "variation", "blue"], rows,
+                f"A node of refsim's field takes {1e6 * float(np.median(v['own']['field'])):.3g} us"
+                + (f", a query of libigl's {1e6 * float(np.median(v['other']['field'])):.3g} us."
+                   if "field_ratio" in v else f"; libigl: {v['missing']['field']}."),
+            )
+        )  # fmt: skip
+    return made
+
+
+RAINED = ("sphere", "torus", "cube", "needle", "plate", "funnel", "pebble")
+CORRECTIONS = {"none": "no correction", "point": "where the step ends", "swept": "swept"}
+SHARES = (0.5, 1.0, 1.55)  # of the runner's step, which 1 stands for; it refuses fixed steps over 1.6
+GAMMAS = (0.02, 0.1, 0.4)
+QUICK_RAIN, QUICK_POUR = 640, 0.1  # particles; simulated seconds
+
+
+def flow_planned(options: Options) -> list[Run]:
+    """Liquid at meshes; the quick ones are one rain, one pour and a drop."""
+    reason = "takes minutes; run without --quick" if options.quick else ""
+    backend = {"backend": options.backend}
+    fewer = {"count": QUICK_RAIN} if options.quick else {}
+    shorter = {"seconds": QUICK_POUR} if options.quick else {}
+    rains = [
+        (shape, correction, share)
+        for shape in RAINED
+        for correction in CORRECTIONS
+        for share in (SHARES if correction != "point" else SHARES[1:])
+    ]
+    return [
+        *(Run(f"flow_rain_{s}_{c}_{share:g}", flow_runs.rain,
+              {"shape": s, "correction": c, "share": share, **backend, **fewer}, 5.0,
+              "" if (s, c, share) == ("sphere", "swept", 1) else reason) for s, c, share in rains),
+        *(Run(f"flow_pour_{shape}_{arm}", flow_runs.pour, {"shape": shape, "arm": arm, **backend, **shorter}, 8.0,
+              "" if (shape, arm) == ("sphere", "difference") else reason) for shape in POUR for arm in ARMS),
+        Run("flow_tank", flow_runs.resting_tank, {"steps": 10_000, **backend}, 100.0, reason),
+        *(Run(f"flow_marked_{int(every)}", flow_runs.marked_cost, {"everywhere": every, **backend}, 9.0, reason)
+          for every in (False, True)),
+        *(Run(f"flow_sigma_{gamma:g}", flow_runs.own_tension,
+              {"gamma": gamma, "count": 257 if options.quick else 515, **backend}, 6.0,
+              "" if gamma == GAMMAS[1] else reason) for gamma in GAMMAS),
+        Run("flow_bound", flow_runs.own_bound, {"gamma": 1.0, **backend}, 30.0, reason),
+    ]  # fmt: skip
+
+
+def flow_checks(results: Results, check: Checks) -> None:
+    """No leaks at the runner's own step, the tank at rest, and what is shown of the rest."""
+    for shape in RAINED:
+        key = f"flow_rain_{shape}_swept_1"
+        if key in results:
+            check("rain_leaks", results[key].values["ever_inside"], shape)
+        for correction in ("none", "swept"):
+            runs = {share: results.get(f"flow_rain_{shape}_{correction}_{share:g}") for share in SHARES}
+            if all(runs.values()):
+                largest = max([s for s, r in runs.items() if r and not r.values["ever_inside"]], default=0.0)
+                check(f"rain_step_{correction}", largest, shape)
+    if "flow_tank" in results:
+        values = results["flow_tank"].values
+        check("tank_lost", values["lost"] + values["inside"])
+        check("tank_pressure", abs(real(values["pressure_error"])))
+        check("tank_everywhere", abs(real(values["pressure_everywhere"])))
+        check("tank_gradient", values["gradient_error"])
+        check("tank_force", abs(real(values["force_error"])))
+        check("tank_noise", values["force_noise"])
+    for gamma in GAMMAS:
+        key = f"flow_sigma_{gamma:g}"
+        if key in results:
+            density = real(results[key].values["core_density"])
+            check("own_density", density, f"{gamma:g}", f"gamma = {gamma:g} m/s^2")
+            check("own_sigma", results[key].values["sigma"], f"{gamma:g}", f"gamma = {gamma:g} m/s^2")
+    if "flow_bound" in results:
+        values = results["flow_bound"].values
+        check("own_bound", real(values["largest_step"]) / real(values["predicted"]))
+    for shape in POUR:
+        for arm in ARMS:
+            if (key := f"flow_pour_{shape}_{arm}") in results:
+                check("pour_leaks", results[key].values["inside"], f"{shape}_{arm}")
+    if {"flow_marked_0", "flow_marked_1"} <= set(results):
+        ratio = real(results["flow_marked_1"].values["seconds"]) / real(results["flow_marked_0"].values["seconds"])
+        check("marked_cost", ratio)
+
+
+def flow_tables(results: Results) -> list[Table]:
+    """Penetrations over the step, and what becomes of the poured liquid."""
+    made = []
+    rows = []
+    for shape in RAINED:
+        for correction, words in CORRECTIONS.items():
+            own = {s: results.get(f"flow_rain_{shape}_{correction}_{s:g}") for s in SHARES}
+            if any(own.values()):
+                rows.append([shape, words, *(_rained(r.values) if r else "-" for r in own.values())])
+    if rows:
+        heading = ["shape", "correction", *("own step" if s == 1 else f"dt x {s:g}" for s in SHARES)]
+        note = "Of 2,560 particles: found inside after any step (inside at the end), greatest depth in spacings."
+        made.append(Table("Rain on solids: particles inside", heading, rows, note))
+    rows = []
+    for gamma in GAMMAS:
+        if f"flow_sigma_{gamma:g}" in results:
+            v = results[f"flow_sigma_{gamma:g}"].values
+            rows.append([gamma, v["particles"], v["core_density"], v["pressure"], v["sigma"], v["extent"]])
+    if rows:
+        heading = ["gamma m/s^2", "particles", "density in the middle", "pressure Pa", "p R/2 N/m", "extent/R"]
+        note = "Patent P7 alone, 0.2 s. A tension would hold the drop: density 1 or more, extent near 1."
+        made.append(Table("A drop under the normal difference alone", heading, rows, note))
+    rows = []
+    for shape in POUR:
+        for arm, words in ARMS.items():
+            result = results.get(f"flow_pour_{shape}_{arm}")
+            if result:
+                end, middle = result.values["frames"][-1], result.values["frames"][2]
+                parts = [middle["components"], middle["holes"], end["components"], end["lone"], end["holes"]]
+                rows.append([shape, words, *parts, f"{end['nearest_5']:.2f}"])
+    if rows:
+        heading = ["shape", "tension", "parts half-way", "holes", "parts at the end", "lone", "holes", "nearest, 5 %"]
+        made.append(
+            Table("Poured liquid", heading, rows, "Parts: particles within 1.5 spacings. Holes: tunnels on a raster.")
+        )
+    return made
+
+
+def _rained(values: Mapping[str, Any]) -> str:
+    words = f"{values['ever_inside']} ({values['inside_at_end']}), {real(values['deepest_spacings']):.2f}"
+    return words + (f", {values['reason']}" if values["reason"] else "")
 
 
 EXPERIMENT = Experiment(
     name="boundary",
     title="meshes as boundaries: distance, particles, penetration, a tank at rest, pouring by tension",
-    runs=planned,
-    checks=checks,
-    pictures=tuple(picture for part in PARTS for picture in part.PICTURES),
-    tables=tables,
+    runs=lambda options: [*sampling_planned(options), *flow_planned(options)],
+    checks=lambda results, check: (sampling_checks(results, check), flow_checks(results, check)),
+    pictures=(
+    Picture(
+        "boundary_sampling",
+        pictures.shape_data,
+        pictures.shape_picture,
+        tuple(f"sampling_{shape}" for shape in SHAPES),
+        shaded=True,
+    ),
+    Picture(
+        "boundary_convergence",
+        pictures.convergence_data,
+        pictures.convergence_picture,
+        ("sampling_printed", *(f"distance_{shape}" for shape in MEASURED)),
+    ),
+    Picture(
+        "boundary_pouring", pictures.pour_data, pictures.pour_picture,
+        tuple(f"flow_pour_{shape}_{arm}" for shape in POUR for arm in ARMS), shaded=True),
+    Picture(
+        "boundary_penetration", pictures.rain_data, pictures.rain_picture,
+        tuple(f"flow_rain_{s}_{c}_1" for s in RAINED for c in ("none", "swept")),
+    ),
+    Picture("boundary_tank", pictures.tank_data, pictures.tank_picture, ("flow_tank",)),
+    ),
+    tables=lambda results: [*sampling_tables(results), *flow_tables(results)],
     claims=measures(claims),
-    hard_cases=(*sampling_stability.hard_cases(), *flow_stability.hard_cases()),
+    hard_cases=stability.CASES,
     panels=accuracy.PANELS,
-)
+)  # fmt: skip

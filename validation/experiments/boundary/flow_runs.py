@@ -117,7 +117,7 @@ def _rained(context: Context, file: str, correction: str, share: float, backend:
 
 
 def _outside(simulation: Simulation) -> int:
-    """Particles that are not where numbers are."""
+    """Particles whose position is not finite."""
     return int((~np.isfinite(simulation.field("position")).all(1)).sum())
 
 
@@ -174,9 +174,9 @@ def resting_tank(context: Context, steps: int, backend: str) -> Result:
     place, p = np.mean(places, axis=0), np.mean(pressures, axis=0)
     z, low, high = place[:, 2], place.min(0), place.max(0)
     middle = ((place - low > 2.5 * SPACING) & (high - place > 2.5 * SPACING))[:, :2].all(1)
-    # Boundary particles stand for a layer a spacing thick, half of it outside: there the liquid's room begins.
-    room = np.prod([inner - SPACING for inner in inside_of(CELLS)[:2]])
-    level = float(0.5 * SPACING + mass.sum() / DENSITY / room)
+    # Boundary particles stand for a layer a spacing thick, half of it outside: the liquid begins there.
+    area = np.prod([inner - SPACING for inner in inside_of(CELLS)[:2]])
+    level = float(0.5 * SPACING + mass.sum() / DENSITY / area)
     deep = z < level - 3 * SPACING  # where densities lack nothing above
     known = DENSITY * GRAVITY * (level - z)
     slope, offset = np.polyfit(z[deep & middle], p[deep & middle], 1)

@@ -2,7 +2,7 @@
 
 Mueller, Schirm, Teschner, Heidelberger & Gross 2004 push (and hold) particles with a polynomial shaped as Lennard-Jones
 forces of the distance; here it only pushes, because its pull crowds liquid on the wall until it passes. Becker,
-Tessendorf & Teschner 2009 let a step end without the solid, ask for the boundary particles near the places reached, and
+Tessendorf & Teschner 2009 let a step end without the solid, search the boundary particles near the places reached, and
 correct velocities and places there (the correction of Ihmsen et al. 2010 for a solid at rest). Neither puts the solid
 into the liquid's density.
 """
@@ -59,7 +59,7 @@ def direct_forcing(position: Any, velocity: Any, wall: Any, normal: Any, rows: A
     """Where r < r0: w = (r0 - r)/r0, n = sum w n_b, x += (sum w (r0 - r)/sum w) n/|n|, v -= min(v.n, 0) n/|n|^2."""
     for i in prange(position.shape[0]):
         x, y, z = position[i, 0], position[i, 1], position[i, 2]
-        weight, way = 0.0, 0.0
+        weight, shift = 0.0, 0.0
         nx, ny, nz = 0.0, 0.0, 0.0
         for k in range(rows.start[i], rows.start[i] + rows.count[i]):
             b = rows.entries[k]
@@ -68,17 +68,17 @@ def direct_forcing(position: Any, velocity: Any, wall: Any, normal: Any, rows: A
             if r < rest:
                 w = (rest - r) / rest
                 weight += w
-                way += w * (rest - r)
+                shift += w * (rest - r)
                 nx += w * normal[b, 0]
                 ny += w * normal[b, 1]
                 nz += w * normal[b, 2]
         length = math.sqrt(nx * nx + ny * ny + nz * nz)
         if weight > 0 and length > 0:
             nx, ny, nz = nx / length, ny / length, nz / length
-            way /= weight
-            position[i, 0] += way * nx
-            position[i, 1] += way * ny
-            position[i, 2] += way * nz
+            shift /= weight
+            position[i, 0] += shift * nx
+            position[i, 1] += shift * ny
+            position[i, 2] += shift * nz
             inwards = min(velocity[i, 0] * nx + velocity[i, 1] * ny + velocity[i, 2] * nz, 0.0)
             velocity[i, 0] -= inwards * nx
             velocity[i, 1] -= inwards * ny
@@ -88,7 +88,7 @@ def direct_forcing(position: Any, velocity: Any, wall: Any, normal: Any, rows: A
 class Rival:
     """A simulation without a solid, and what is done beside its steps; float64 on the CPU.
 
-    queries  how often boundary particles were looked for
+    queries  number of searches for boundary particles
     """
 
     def __init__(self, simulation: Simulation, wall: NDArray, normal: NDArray) -> None:
@@ -106,7 +106,7 @@ class Rival:
         self.queries = 0
 
     def near(self, anew: bool) -> Any:
-        """The boundary particles near every particle, looked for where particles have left the skin, or `anew`."""
+        """The boundary particles near every particle, searched where particles have left the skin, or `anew`."""
         place, sorted_at = self.simulation.fields["position"], self.simulation.search.log.rebuilds  # type: ignore
         stale = anew or self.built is None or sorted_at != self.sorted_at
         if stale or ((place - self.built) ** 2).sum(1).max() > self.search.allowed_displacement**2:
@@ -231,7 +231,7 @@ def rest(context: Context, coupling: str, share: float, backend: str, seconds: f
 
 
 def cost(context: Context, cells: tuple[int, int, int], steps: int, backend: str) -> Result:
-    """Milliseconds a step without a solid and with it coupled in each way, in turn; what it adds, in thirds."""
+    """Milliseconds a step without a solid and with each coupling, in turn; what it adds, in thirds."""
     with mesh_file(resting_cup(cells)) as file:
         runs = {}
         for coupling in ("bare", *COUPLINGS):

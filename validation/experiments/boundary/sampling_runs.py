@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from refsim.backends.arrays import choose, set_threads
 from refsim.boundary.mesh import load_mesh
@@ -17,6 +19,7 @@ from refsim.boundary.sampling import HEXAGONAL, sample
 from refsim.boundary.signed_distance import signed_distance
 from validation.experiments.boundary.sampling_shapes import SHAPES, known_distance, mesh_of
 from validation.peers import libigl, splishsplash_sampling
+from validation.reading import Reading, distribution, measured
 from validation.results import Result
 from validation.running import Context
 
@@ -34,8 +37,6 @@ def radius_for(area: float, count: int) -> float:
 
 def evenness(position: np.ndarray) -> dict[str, float]:
     """Distances to the nearest other particle: mean [m], least over mean, coefficient of variation."""
-    from scipy.spatial import cKDTree
-
     nearest = cKDTree(position).query(position, k=2)[0][:, 1]
     mean = float(nearest.mean())
     return {"mean": mean, "least": float(nearest.min()) / mean, "variation": float(nearest.std()) / mean}
@@ -43,8 +44,6 @@ def evenness(position: np.ndarray) -> dict[str, float]:
 
 def holes(position: np.ndarray, darts: np.ndarray, size: float) -> int:
     """Places of `darts` (m, 3) further than `size` [m] from every particle, of two nearer than that one only."""
-    from scipy.spatial import cKDTree
-
     distance = cKDTree(position).query(darts)[0]
     left = darts[distance > size][np.argsort(-distance[distance > size])]
     count = 0
@@ -67,8 +66,6 @@ def wall_force_noise(
     2.7 spacings; it varies from its mean within 3 spacings. Places at edges do not count: the force is no normal one
     there. nan where there are no others.
     """
-    from scipy.spatial import cKDTree
-
     h = 2.7 * apart
     tree = cKDTree(position)
 
@@ -353,3 +350,87 @@ def as_even_as(wanted: dict[str, float], mesh: Any, radius: float) -> dict[str, 
     with suppress(_AsEven):
         sample(mesh, radius, watch=look)
     return reached
+
+
+# What accuracy costs
+
+PLACES = 4000
+
+
+def quality(
+    context: Context, settings: Mapping[str, Mapping[str, Any]], backend: str, threads: int | None, repeats: int
+) -> Result:
+    """Coefficient of variation of the spacing on the organic shape, and seconds, for each number of iterations."""
+    there = choose(backend)
+    set_threads(there, threads)
+    mesh = mesh_of(SHAPES["organic"](4), "organic")
+    readings = []
+    try:
+        for k, (key, setting) in enumerate(settings.items()):
+            radius = radius_for(mesh.area, setting["count"])
+            dtype = setting["knobs"]["dtype"]
+            began = time.perf_counter()
+            given = {"most_iterations": setting["iterations"], "backend": there, "dtype": dtype}
+            found = sample(mesh, radius, **given)
+            first = time.perf_counter() - began
+            spent = []
+            for _ in range(repeats):
+                began = time.perf_counter()
+                found = sample(mesh, radius, **given)
+                spent.append(time.perf_counter() - began)
+            nearest = cKDTree(found.position).query(found.position, k=2)[0][:, 1]
+            error = evenness(found.position)["variation"]
+            readings.append(
+                Reading(
+                    key, setting["words"], {**setting["knobs"], "iterations": found.iterations}, error=error,
+                    value=error, seconds=spent, per_step=[s / max(found.iterations, 1) for s in spent],
+                    parts={"sampling": spent}, compile=first,
+                    distribution={"distance to the nearest / mean - 1": distribution(nearest / nearest.mean() - 1)},
+                    particles=len(found.position), steps=found.iterations,
+                )
+            )  # fmt: skip
+            context.progress((k + 1) / len(settings))
+    finally:
+        set_threads(there, None)
+    return measured(readings, threads, backend)
+
+
+def distance(
+    context: Context, settings: Mapping[str, Mapping[str, Any]], backend: str, threads: int | None, repeats: int
+) -> Result:
+    """Root mean square error of the trilinear distance from a ball near its surface, seconds and bytes."""
+    there = choose(backend)
+    set_threads(there, threads)
+    made = SHAPES["sphere"](6)
+    mesh = mesh_of(made, "sphere")
+    place = near_surface(made, 0.04, PLACES, 0)
+    known = known_distance("sphere", place)
+    readings = []
+    try:
+        for k, (key, setting) in enumerate(settings.items()):
+            dtype, spacing = setting["knobs"]["dtype"], setting["knobs"]["spacing"]
+            points = there.asarray(place.astype(dtype))
+            began = time.perf_counter()
+            band = signed_distance(mesh, spacing, backend=there, dtype=dtype)
+            band.at(points)
+            first = time.perf_counter() - began
+            spent = []
+            for _ in range(repeats):
+                began = time.perf_counter()
+                band = signed_distance(mesh, spacing, backend=there, dtype=dtype)
+                there.synchronize()
+                spent.append(time.perf_counter() - began)
+            error = there.host(band.at(points)[0]).astype(float) - known
+            rms = float(np.sqrt((error**2).mean()))
+            knobs = {**setting["knobs"], "bytes": band.nbytes}
+            readings.append(
+                Reading(
+                    key, f"{setting['words']}, {band.nbytes / 2**20:.2f} MiB", knobs, error=rms, value=rms,
+                    seconds=spent, per_step=spent, parts={"field": spent}, compile=first,
+                    distribution={"error [m]": distribution(error)}, particles=PLACES, bytes=band.nbytes // PLACES,
+                )
+            )  # fmt: skip
+            context.progress((k + 1) / len(settings))
+    finally:
+        set_threads(there, None)
+    return measured(readings, threads, backend)

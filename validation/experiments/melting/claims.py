@@ -12,7 +12,6 @@ from validation.experiments.melting import device, runs
 SMALL = 0.4  # size of the scenes that are followed to the end
 FIGURES = ("figure_4", "figure_5", "figure_6")
 BOOKKEEPING = (("float64", "immiscible"), ("float64", "water"))
-SHARES = (0.0, 0.2, 0.4, 0.6)
 
 
 def scenes(options: Options) -> list[Run]:
@@ -44,7 +43,7 @@ def shares(options: Options) -> list[Run]:
     shared |= {"warm": 4, "rounds": 5, "steps": 3}
     return [
         Run(f"share_{round(100 * share)}", runs.step_cost, {**shared, "solid_share": share}, estimate=8.0)
-        for share in SHARES
+        for share in runs.SOLID_SHARES
     ]
 
 

@@ -14,8 +14,9 @@ from matplotlib.colors import Normalize
 from numpy.typing import NDArray
 
 from validation.checks import bars
-from validation.drawing import GREY, Layer, ball_picture, layered_picture, view_matrix
+from validation.drawing import GREY, Layer, ball_picture, layered_picture, stacked_bars, view_matrix
 from validation.experiment import Results
+from validation.experiments.melting.runs import ON_GPU, PAPER, SOLID_SHARES, WIDTHS, grouped
 from validation.experiments.melting.scene import SPACING
 from validation.results import real
 
@@ -238,9 +239,6 @@ COLOURS = {
 
 def time_data(results: Results) -> dict[str, Any]:
     """Table 2 and figure 7: milliseconds a step, stage by stage."""
-    from validation.experiments.melting import runs
-    from validation.experiments.melting.experiment import PAPER
-
     rows = []
     for figure, (words, paper) in PAPER.items():
         for kind in ("cost", "rival"):
@@ -252,7 +250,7 @@ def time_data(results: Results) -> dict[str, Any]:
                         "figure": figure, "words": words, "kind": kind, "paper": paper,
                         "liquid": values["liquid"], "solid": values["solid"],
                         "milliseconds": 1e3 * values["seconds"], "threads": values["threads"],
-                        "stages": {name: 1e3 * s for name, s in runs.grouped(values["stages"]).items()},
+                        "stages": {name: 1e3 * s for name, s in grouped(values["stages"]).items()},
                     }
                 )  # fmt: skip
     return {"title": "Table 2 and figure 7: a step of 5 ms", "rows": rows}
@@ -263,12 +261,8 @@ def time_picture(data: Mapping[str, Any]) -> Any:
     rows = data["rows"]
     figure, axes = plt.subplots(figsize=(9.6, 0.9 + 0.55 * len(rows)))
     labels = []
-    for k, row in enumerate(rows):
-        left = 0.0
-        for name, colour in COLOURS.items():
-            width = row["stages"].get(name, 0.0)
-            axes.barh(k, width, left=left, color=colour, label=name if k == 0 else None, height=0.7)
-            left += width
+    ends = stacked_bars(axes, [row["stages"] for row in rows], COLOURS)
+    for k, (row, left) in enumerate(zip(rows, ends)):
         axes.text(left, k, f"  {row['milliseconds']:.0f} ms", va="center", fontsize=8.5)
         if row["kind"] == "cost":
             axes.plot([row["paper"]] * 2, [k - 0.42, k + 0.42], color="black", linewidth=2)
@@ -286,8 +280,6 @@ def time_picture(data: Mapping[str, Any]) -> Any:
 
 def gpu_data(results: Results) -> dict[str, Any]:
     """Table 2 and a million particles on a GPU: milliseconds a step, stage by stage."""
-    from validation.experiments.melting.experiment import ON_GPU, PAPER
-
     rows = []
     for figure in ON_GPU:
         values = results[f"gpu_{figure}"].values
@@ -309,12 +301,8 @@ def gpu_picture(data: Mapping[str, Any]) -> Any:
     groups = [[row for row in data["rows"] if row["paper"]], [row for row in data["rows"] if not row["paper"]]]
     figure, panels = plt.subplots(2, 1, figsize=(9.6, 4.0), height_ratios=[len(rows) for rows in groups])
     for axes, rows in zip(panels, groups):
-        for k, row in enumerate(rows):
-            left = 0.0
-            for name, colour in COLOURS.items():
-                width = row["stages"].get(name, 0.0)
-                axes.barh(k, width, left=left, color=colour, label=name if k == 0 else None, height=0.7)
-                left += width
+        ends = stacked_bars(axes, [row["stages"] for row in rows], COLOURS)
+        for k, (row, left) in enumerate(zip(rows, ends)):
             axes.plot([row["seconds"]] * 2, [k - 0.42, k + 0.42], color="black", linewidth=2)
             words = f"  {row['seconds']:.2f} ms a step" + (f", paper {row['paper']:g}" if row["paper"] else "")
             axes.text(max(left, row["seconds"]), k, words, va="center", fontsize=8.5)
@@ -359,16 +347,14 @@ def speed_picture(data: Mapping[str, Any]) -> Any:
 
 def share_data(results: Results) -> dict[str, Any]:
     """Milliseconds of each stage of a step in one tank of which more and more is solid."""
-    from validation.experiments.melting import claims, runs
-
     rows = []
-    for share in claims.SHARES:
+    for share in SOLID_SHARES:
         values = results[f"share_{round(100 * share)}"].values
         rows.append(
             {
                 "liquid": values["liquid"], "solid": values["solid"], "milliseconds": 1e3 * values["seconds"],
                 "threads": values["threads"],
-                "stages": {name: 1e3 * s for name, s in runs.grouped(values["stages"]).items()},
+                "stages": {name: 1e3 * s for name, s in grouped(values["stages"]).items()},
             }
         )  # fmt: skip
     count = rows[0]["liquid"] + rows[0]["solid"]
@@ -379,12 +365,8 @@ def share_picture(data: Mapping[str, Any]) -> Any:
     """A bar for each share, cut into stages."""
     rows = data["rows"]
     figure, axes = plt.subplots(figsize=(9.6, 3.0))
-    for k, row in enumerate(rows):
-        left = 0.0
-        for name, colour in COLOURS.items():
-            width = row["stages"].get(name, 0.0)
-            axes.barh(k, width, left=left, color=colour, label=name if k == 0 else None, height=0.7)
-            left += width
+    ends = stacked_bars(axes, [row["stages"] for row in rows], COLOURS)
+    for k, (row, left) in enumerate(zip(rows, ends)):
         axes.text(left, k, f"  {row['milliseconds']:.0f} ms", va="center", fontsize=8.5)
     shares = [row["solid"] / (row["liquid"] + row["solid"]) for row in rows]
     axes.set_yticks(range(len(rows)), [f"{100 * share:.0f} % solid" for share in shares], fontsize=8)
@@ -414,12 +396,8 @@ def savings_picture(data: Mapping[str, Any]) -> Any:
     """A bar for each scene, cut into stages, with its time, operations and bytes."""
     rows = data["rows"]
     figure, axes = plt.subplots(figsize=(9.6, 3.4))
-    for k, row in enumerate(rows):
-        left = 0.0
-        for name, colour in COLOURS.items():
-            width = row["stages"].get(name, 0.0)
-            axes.barh(k, width, left=left, color=colour, label=name if k == 0 else None, height=0.7)
-            left += width
+    ends = stacked_bars(axes, [row["stages"] for row in rows], COLOURS)
+    for k, (row, left) in enumerate(zip(rows, ends)):
         words = f"  {row['milliseconds']:.0f} ms, {row['operations']} operations, {row['bytes']:.0f} bytes a particle"
         axes.text(left, k, words, va="center", fontsize=8.5)
     axes.set_yticks(range(len(rows)), [row["scene"] for row in rows], fontsize=8)
@@ -440,7 +418,7 @@ SUMS = {
 
 def width_data(results: Results) -> dict[str, Any]:
     """Stiffness, error and cost over half-width and way of summing."""
-    rows = [{"half_width": width, **row} for width in (1, 2, 3, 4) for row in results[f"width_{width}"].values["rows"]]
+    rows = [{"half_width": width, **row} for width in WIDTHS for row in results[f"width_{width}"].values["rows"]]
     return {"title": "A bent bar of 20 x 8 x 8 nodes: what half-width and way of summing do", "rows": rows}
 
 

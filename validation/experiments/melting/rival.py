@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from refsim import Simulation
 from refsim.backends.compile import cpu_kernel, formula, prange
 from refsim.shape_matching.phases import EMPTY
 
@@ -50,3 +51,15 @@ def all_regions(direct: Any, cell: Any, half_width: int, region: Any, region_cou
     """Every region, breadth first."""
     for s in prange(region_count.shape[0]):
         region_count[s] = _search(s, direct, cell, half_width, region)
+
+
+class RegionSearch:
+    """The rival's search on the tables of a simulation."""
+
+    def __init__(self, simulation: Simulation) -> None:
+        self.simulation, self.cell = simulation, simulation.plan.grid.solids.lattice.cell
+
+    def __call__(self) -> None:
+        field = self.simulation.fields
+        width = np.int32((round(field["region"].shape[1] ** (1 / 3)) - 1) // 2)
+        all_regions(field["direct"], self.cell, width, field["region"], field["region_count"])

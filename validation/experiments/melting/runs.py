@@ -30,6 +30,7 @@ from refsim.core.operation import REGISTRY
 from refsim.melting import MeltingRule
 from refsim.scene.solids import lattice_of
 from refsim.shape_matching.phases import EMPTY, FLUID, INTERIOR, SURFACE
+from validation.experiments.melting import rival as rival_search
 from validation.experiments.melting.scene import (
     FIGURES,
     HALF_WIDTH,
@@ -45,12 +46,16 @@ from validation.experiments.melting.scene import (
 from validation.results import Result
 from validation.running import Context, first_call_seconds, momenta, search_log, stage_seconds
 
+PAPER = {"figure_4": ("35k + 5k", 22.5), "figure_5": ("48.5k + 12k", 35.7), "figure_6": ("40.5k + 20k", 42.3)}  # ms
+ON_GPU = (*PAPER, "million")
+SOLID_SHARES = (0.0, 0.2, 0.4, 0.6)  # of the particles of one tank
+WIDTHS = (1, 2, 3, 4)  # half-widths w of a region
 EVERY = 10  # steps between two entries of a series
 LARGEST_TEMPERATURE = 250  # as a byte in steps of half a degree, from -25 deg C
 
 
 class Watch:
-    """What is seen of a melting scene from step to step."""
+    """Counts what melts, and the greatest speed, from step to step."""
 
     def __init__(self, simulation: Simulation) -> None:
         self.simulation = simulation
@@ -187,7 +192,7 @@ def free_lattice(context: Context, backend: str, steps: int, summation: str = "g
 def region_rounds(context: Context, half_width: int, rounds: int = 200, side: int = 6) -> Result:
     """Random particles of two bodies that touch melt, round by round: regions against a search over their graph.
 
-    The judge is SciPy's breadth of shortest ways on the graph of cells nearer than 1.8 cells of one body.
+    SciPy's shortest paths on the graph of one body's cells nearer than 1.8 cells are the reference.
     """
     random = np.random.default_rng(half_width)
     cells = np.stack(np.meshgrid(*[np.arange(side)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
@@ -238,7 +243,7 @@ def region_rounds(context: Context, half_width: int, rounds: int = 200, side: in
 def conserved(context: Context, backend: str, dtype: str, bookkeeping: str, steps: int) -> Result:
     """A warm block of water and an ice ball that flies into it, without gravity and walls: what is conserved.
 
-    Conductivity is a true one here (no Shao & Song M11), so that sum m c T is what the scheme promises to keep.
+    The conductivity is taken in W/(m K) (without Shao & Song M11), so that the scheme conserves sum m c T.
     """
     ball = SolidBall(center=(1.0, 1.0, 1.9), radius=0.6, density=917.0, velocity=(0.0, 0.0, -2.0))
     diffusivity = 0.3
@@ -314,7 +319,7 @@ def step_cost(
     for _ in range(max(warm, 2)):
         simulation.step()
     if rival:
-        search = Search(simulation)
+        search = rival_search.RegionSearch(simulation)
         search()  # compiles
     whole, searching = [], 0.0
     simulation.timings.stages.clear()
@@ -396,21 +401,6 @@ def _without(scene: Scene, *kinds: type) -> Scene:
     return msgspec.structs.replace(scene, effects=tuple(e for e in scene.effects if not isinstance(e, kinds)))
 
 
-class Search:
-    """The rival's search, on a simulation's own tables."""
-
-    def __init__(self, simulation: Simulation) -> None:
-        from validation.experiments.melting import rival
-
-        self.program, self.simulation = rival.all_regions, simulation
-        self.cell = simulation.plan.grid.solids.lattice.cell
-
-    def __call__(self) -> None:
-        field = self.simulation.fields
-        width = np.int32((round(field["region"].shape[1] ** (1 / 3)) - 1) // 2)
-        self.program(field["direct"], self.cell, width, field["region"], field["region_count"])
-
-
 GROUPS = {
     "neighbour list": ("neighbours",),
     "liquid and coupling": ("two_way_coupling.", "sph."),
@@ -431,13 +421,13 @@ def grouped(stages: dict[str, float]) -> dict[str, float]:
     return total
 
 
-# Half-width and ways of summing
+# Half-width and summation
 
 
 def stiffness(context: Context, backend: str, half_width: int, steps: int = 60) -> Result:
-    """A bar that is bent by opposite kicks at its ends and in its middle: how far it gives way, and what it costs.
+    """A bar that is bent by opposite kicks at its ends and in its middle: how far it bends, and what it costs.
 
-    Stiffness is the kick over the largest bend [1/s]; for each way of summing the time of the four sums of a step, and
+    Stiffness is the kick over the largest bend [1/s]; for each summation the time of the four sums of a step, and
     how far positions end from those of plain gather, in float32 and, for gather, in float64.
     """
     rows, ends = [], {}

@@ -43,7 +43,7 @@ RED, GREEN, BLUE, YELLOW = "red", "green", "blue", "yellow"
 class Setting:
     """A figure's scene before it is one: lengths in spacings.
 
-    tank    cells of the tank's room along x, y and z
+    tank    cells of the tank's inside along x, y and z
     waters  (lower corner, cells, velocity [m/s]) of each block of water
     bodies  (colour, density [kg/m^3], printed K, the solid)
     """
@@ -187,7 +187,7 @@ def made(
     summation: str = "fast",
     dtype: str = "float32",
     melting: bool = True,
-    largest_number: float = 0.2,  # reached: 0.0875; a GPU keeps room for the passes that it takes
+    largest_number: float = 0.2,  # reached: 0.0875; a GPU allocates the passes that it takes
     skin: float | None = None,
     weighted: bool = True,
     **more: Any,

@@ -105,7 +105,7 @@ def refused_bookkeeping(context: Context, backend: str) -> Result:
     return trial.result()
 
 
-MAPS = {
+DEFORMATIONS = {
     "inverted": (np.diag([1.0, 1.0, -1.0]), "every region is inverted"),
     "coplanar": (np.diag([1.0, 1.0, 0.0]), "every region is pressed flat"),
     "collinear": (np.diag([1.0, 0.0, 0.0]), "every region is pressed into a line"),
@@ -126,7 +126,7 @@ def mapped(context: Context, backend: str, kind: str, dtype: str = "float32") ->
         simulation = trial.start(scene)
         x = simulation.field("position").astype(float)
         rest = np.linalg.norm(x[:, None] - x[None], axis=2)
-        there = (x - x.mean(0)) @ MAPS[kind][0].T + x.mean(0)
+        there = (x - x.mean(0)) @ DEFORMATIONS[kind][0].T + x.mean(0)
         simulation.backend.assign(simulation.fields["position"], there.astype(dtype))
         trial.advance(simulation, steps=800)
         now = simulation.field("position").astype(float)
@@ -207,7 +207,7 @@ CASES = (
             f"region_{kind}", hard,
             "it comes back to its shape, slow in the end, without drift", mapped, {"kind": kind}, short=True,
         )
-        for kind, (_, hard) in MAPS.items()
+        for kind, (_, hard) in DEFORMATIONS.items()
     ),
     HardCase(
         "bodies_that_touch", "two bodies whose cells touch", "regions never mix", one_voxel_apart, {"gap": 0},

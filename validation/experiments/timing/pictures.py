@@ -9,7 +9,7 @@ import matplotlib.pyplot as plt
 
 from validation.drawing import BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION
 from validation.experiment import Results
-from validation.experiments.timing.runs import GROUPS, grouped
+from validation.experiments.timing.runs import grouped
 
 COLOURS = {
     "neighbours": GREY, "density": SKY, "forces": BLUE, "detection": GREEN, "tension": VERMILION, "other": PURPLE,
@@ -56,21 +56,14 @@ def steady_picture(data: Mapping[str, Any]) -> Any:
     bars = data["bars"]
     figure, axes = plt.subplots(figsize=(8.6, 0.55 * len(bars) + 1.9))
     place = list(range(len(bars)))[::-1]
-    for group in (*GROUPS, "other"):
-        left = [
-            sum(bar["stages"].get(g, 0.0) for g in (*GROUPS, "other")[: (*GROUPS, "other").index(group)])
-            for bar in bars
-        ]
-        width = [bar["stages"].get(group, 0.0) for bar in bars]
-        axes.barh(place, width, left=left, height=0.62, color=COLOURS[group], label=group, edgecolor="white", lw=0.6)
-    for bar, y in zip(bars, place):
+    ends = stacked_bars(axes, [bar["stages"] for bar in bars], COLOURS, place, 0.62, edgecolor="white", lw=0.6)
+    for bar, y, end in zip(bars, place, ends):
         note = f"{bar['seconds']:.1f} s"
         if bar["stopped"]:
             note += f", stopped: {bar['stopped']}"
         elif not bar["steady"]:
             note += ": not steady"
-        end = max(bar["seconds"], sum(bar["stages"].values()))
-        axes.text(end, y, f"  {note}", va="center", fontsize=8.5)
+        axes.text(max(bar["seconds"], end), y, f"  {note}", va="center", fontsize=8.5)
     paper = data["own_column_of_the_paper_s"]
     axes.axvline(paper, color=ORANGE, ls="--", lw=1.6)
     axes.text(
