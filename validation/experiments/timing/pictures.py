@@ -7,7 +7,7 @@ from typing import Any
 
 import matplotlib.pyplot as plt
 
-from validation.drawing import BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION
+from validation.drawing import BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION, stacked_bars
 from validation.experiment import Results
 from validation.experiments.timing.runs import grouped
 
