@@ -14,7 +14,7 @@ import sys
 from collections.abc import Sequence
 from typing import Any, NoReturn
 
-from refsim.commands import COMMANDS, Outcome, discover, plain
+from refsim.commands import COMMANDS, CommandResult, discover, plain
 from refsim.core.errors import InputError, RefsimError, RunStopped
 from refsim.scene.files import suggestion
 
@@ -63,7 +63,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return outcome.code
 
 
-def _execute(arguments: Sequence[str]) -> Outcome:
+def _execute(arguments: Sequence[str]) -> CommandResult:
     discover()
     parser = make_parser()
     word = next((a for a in arguments if not a.startswith("-")), None)
@@ -76,9 +76,9 @@ def _execute(arguments: Sequence[str]) -> Outcome:
     if options.version:
         import refsim
 
-        return Outcome({"version": refsim.__version__}, f"refsim {refsim.__version__}")
+        return CommandResult({"version": refsim.__version__}, f"refsim {refsim.__version__}")
     if options.command is None:
-        return Outcome({"commands": {name: c.summary for name, c in COMMANDS.items()}}, parser.format_help())
+        return CommandResult({"commands": {name: c.summary for name, c in COMMANDS.items()}}, parser.format_help())
     return COMMANDS[options.command].execute(options)
 
 

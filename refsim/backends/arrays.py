@@ -162,3 +162,22 @@ def host_memory() -> dict[str, int | None]:
     if limit.is_file() and (text := limit.read_text().strip()).isdigit():
         total = min(total, int(text))
     return {"total": total, "free": min(free, total)}
+
+
+def fill(array: Any, value: float) -> None:
+    """Set every element of an array of one or two dimensions, of either backend."""
+    if isinstance(array, np.ndarray):
+        array[...] = value
+    else:
+        from refsim.backends import device
+
+        device.fill(array, value)
+
+
+def largest(array: Any) -> int:
+    """Largest of the integers in an array of either backend, 0 if there are none; waits for a CUDA device."""
+    if isinstance(array, np.ndarray):
+        return int(array.max(initial=0))
+    from refsim.backends import device
+
+    return device.largest(array)

@@ -53,8 +53,8 @@ ANY_ORDER = {"reassoc", "contract", "arcp", "nsz"}
 def formula(function: Callable | None = None, *, inlined: bool = False) -> Any:
     """Mark a scalar formula: plain Python when called from Python, compiled where a kernel calls it.
 
-    `inlined` puts its code into every caller, however long it is. A call hands each array over as seven words and each
-    group as all of its members, which costs more than what a look-up in a table computes.
+    `inlined` puts its code into every caller, however long it is. A call passes each array as seven words and each
+    group as all of its members, which costs more than a look-up in a table.
     """
     if function is None:
         return functools.partial(formula, inlined=inlined)
@@ -180,9 +180,9 @@ def _compile_in_turn(dispatcher: Any, lock: pathlib.Path) -> None:
 def _compile_apart(dispatcher: Any) -> None:
     """Let a child process fill the cache, so that the code that runs always comes out of it.
 
-    A process that compiles a parallel loop holds its body twice, optimised differently, and runs the other one
-    than a process that loads the loop from the cache. Where sums may be taken in any order their last bits then
-    differ, and a run would not resume bit for bit after the process that compiled.
+    A process that compiles a parallel loop holds its body twice, optimised differently. It runs one of them; a
+    process that loads the loop from the cache runs the other. If the order of a sum is free, the last bits differ,
+    and a run resumed in another process would not be the same bit for bit.
     """
     compile_here = dispatcher.compile
 
@@ -243,8 +243,8 @@ class CudaKernel:
 
     A thread takes a row (with `lanes` so many threads: a number, or as many as share a column of the list of that name,
     True for `neighbours`), or, with `block_for_each_row`, a block, of `threads` threads where the kernel counts on
-    their number. A thread has at most so many `registers`, where more threads at a time are worth more than a few
-    numbers kept elsewhere.
+    their number. `registers` is the largest number for each thread: with fewer registers more threads run at a time,
+    and some values are kept in local memory.
     """
 
     def __init__(
@@ -469,7 +469,7 @@ def _load_cuda() -> Any:
     from numba import cuda as module
 
     if "NUMBA_CUDA_LOW_OCCUPANCY_WARNINGS" not in os.environ:
-        numba.config.CUDA_LOW_OCCUPANCY_WARNINGS = 0  # few particles are no mistake
+        numba.config.CUDA_LOW_OCCUPANCY_WARNINGS = 0  # small scenes are valid
     return module
 
 

@@ -1,4 +1,4 @@
-"""What CUDA kernels do together: sums and maxima over the threads of a block, and over threads that share a row."""
+"""Reductions in CUDA kernels: sums and maxima over the threads of a block, and over threads that share a row."""
 
 import numpy as np
 

@@ -7,8 +7,6 @@ import importlib
 import os
 from typing import Any
 
-import numpy as np
-
 
 def simulated() -> bool:
     """Whether CUDA kernels run in Numba's CUDA simulator."""
@@ -43,22 +41,3 @@ def stream() -> Any:
     from numba import cuda
 
     return cuda.external_stream(own_stream().ptr)
-
-
-def fill(array: Any, value: float) -> None:
-    """Set every element of an array of one or two dimensions, of either backend."""
-    if isinstance(array, np.ndarray):
-        array[...] = value
-    else:
-        from refsim.backends import device
-
-        device.fill(array, value)
-
-
-def largest(array: Any) -> int:
-    """Largest of the integers in an array of either backend, 0 if there are none; waits for a CUDA device."""
-    if isinstance(array, np.ndarray):
-        return int(array.max(initial=0))
-    from refsim.backends import device
-
-    return device.largest(array)

@@ -15,7 +15,7 @@ from refsim.scene.scene import Plan, Scene, make_plan
 
 
 @dataclass(frozen=True)
-class Outcome:
+class CommandResult:
     """Result of a command: data for --json, text for the terminal, exit code (0, or 4 if a verdict failed)."""
 
     data: Any = field(default_factory=dict)
@@ -30,7 +30,7 @@ class Command:
     name: str
     summary: str
     configure: Callable[[argparse.ArgumentParser], None]
-    execute: Callable[[argparse.Namespace], Outcome]
+    execute: Callable[[argparse.Namespace], CommandResult]
     description: str = ""
 
 

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from refsim.commands import Command, Outcome, in_time, register, table
+from refsim.commands import Command, CommandResult, in_time, register, table
 from refsim.core.errors import InputError
 from refsim.core.operation import BACKENDS, REGISTRY
 
@@ -37,7 +37,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--arguments", action="store_true", help="judge nothing; say what the operations take")
 
 
-def execute(options: argparse.Namespace) -> Outcome:
+def execute(options: argparse.Namespace) -> CommandResult:
     """Judge the programs and report."""
     from refsim.contract import apart
     from refsim.contract.programs import check_names
@@ -62,7 +62,7 @@ def execute(options: argparse.Namespace) -> Outcome:
             print(f"{outcome.operation} ...", file=sys.stderr)
         found[outcome.operation].append(outcome)
     data = _report(about, found, time.perf_counter() - began)
-    return Outcome(data, _text(data, found), 0 if data["holds"] else 4)
+    return CommandResult(data, _text(data, found), 0 if data["holds"] else 4)
 
 
 def _report(about: Any, found: Mapping[str, Sequence[Any]], seconds: float) -> dict[str, Any]:
@@ -154,7 +154,7 @@ def _told(outcome: Any) -> str:
 # What an operation takes
 
 
-def _arguments(names: Sequence[str], arrays: str) -> Outcome:
+def _arguments(names: Sequence[str], arrays: str) -> CommandResult:
     """Each argument with its type and meaning, as a program on `arrays` gets it."""
     from refsim import contract
     from refsim.core import cases
@@ -184,7 +184,7 @@ def _arguments(names: Sequence[str], arrays: str) -> Outcome:
         many = len(operation.variants)
         head = f"{name}: {operation.paper}, {operation.equation}; {many} variant{'s' if many > 1 else ''}"
         lines += [head, "", table(rows, ("argument", "", "type in a float32 run, n particles", "", "meaning")), ""]
-    return Outcome({"arrays": arrays, "operations": data}, "\n".join(lines).rstrip())
+    return CommandResult({"arrays": arrays, "operations": data}, "\n".join(lines).rstrip())
 
 
 def _kind(value: Any, count: int) -> str:

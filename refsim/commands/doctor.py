@@ -13,7 +13,7 @@ import numpy as np
 
 from refsim.backends.arrays import host_memory, simulated, unavailable
 from refsim.backends.launching import launch_note
-from refsim.commands import Command, Outcome, in_bytes, in_time, register, table
+from refsim.commands import Command, CommandResult, in_bytes, in_time, register, table
 from refsim.core.errors import RefsimError
 from refsim.core.operation import BACKENDS, REGISTRY
 from refsim.core.versions import versions
@@ -28,7 +28,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """No arguments of its own."""
 
 
-def execute(options: argparse.Namespace) -> Outcome:
+def execute(options: argparse.Namespace) -> CommandResult:
     """Collect versions and hardware, test each backend that can run, and give one verdict."""
     backends = {name: unavailable(name) for name in BACKENDS}
     found: dict[str, Any] = {
@@ -52,7 +52,7 @@ def execute(options: argparse.Namespace) -> Outcome:
         found["verdict"] = f"pass: {', '.join(working)} {'work' if len(working) > 1 else 'works'}"
         if absent:
             found["verdict"] += f"; {' and '.join(absent)} cannot run here"
-    return Outcome(found, _text(found), 4 if failed else 0)
+    return CommandResult(found, _text(found), 4 if failed else 0)
 
 
 def _self_test_plan() -> Plan:

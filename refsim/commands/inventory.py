@@ -12,7 +12,7 @@ from typing import Any
 
 import msgspec
 
-from refsim.commands import Command, Outcome, register, table
+from refsim.commands import Command, CommandResult, register, table
 from refsim.core.effect import EFFECTS, Effect
 from refsim.core.operation import REGISTRY, Operation
 from refsim.scene.files import describe
@@ -40,7 +40,7 @@ def programs_of(operation: Operation) -> list[str]:
     return [
         name
         for name, entry in entries.items()
-        if (entry.function or operation.function) in _functions(f"{operation.folder}.{entry.module}")
+        if (entry.function or operation.function) in _functions(f"{entry.folder or operation.folder}.{entry.module}")
     ]
 
 
@@ -61,7 +61,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """No arguments of its own."""
 
 
-def execute(options: argparse.Namespace) -> Outcome:
+def execute(options: argparse.Namespace) -> CommandResult:
     """List the registry and the effects."""
     operations = {
         o.name: {"paper": o.paper, "equation": o.equation, "programs": programs_of(o)} for o in REGISTRY.values()
@@ -85,7 +85,7 @@ def execute(options: argparse.Namespace) -> Outcome:
             for p in effect["parameters"]
         ]
         lines.append(table(rows))
-    return Outcome({"operations": operations, "effects": effects}, "\n".join(lines))
+    return CommandResult({"operations": operations, "effects": effects}, "\n".join(lines))
 
 
 def _shown(value: Any) -> str:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from refsim.commands import Command, Outcome, in_bytes, planned, register, table
+from refsim.commands import Command, CommandResult, in_bytes, planned, register, table
 from refsim.core.capabilities import BringsWalls, HoldsOtherMemory, having
 from refsim.core.effect import Extremes
 from refsim.core.errors import InputError
@@ -113,7 +113,7 @@ def kernel_name(operation: str, backend: str, algorithm: str = "") -> str:
         return f"{procedure.owner}.{procedure.method}: {len(procedure.operations)} operations"
     found = REGISTRY[operation]
     entry = found.entry(found.chosen(backend, algorithm))
-    return f"{found.folder}.{entry.module}.{entry.function or found.function}"
+    return f"{entry.folder or found.folder}.{entry.module}.{entry.function or found.function}"
 
 
 def _owner(plan: Plan, name: str) -> list[str]:
@@ -206,12 +206,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--backend", default="cpu", help=f"whose kernels are named: {', '.join(BACKENDS)} (cpu)")
 
 
-def execute(options: argparse.Namespace) -> Outcome:
+def execute(options: argparse.Namespace) -> CommandResult:
     """Plan a scene file."""
     if options.backend not in BACKENDS:
         raise InputError(f"there is no backend {options.backend!r}; choose one of {', '.join(BACKENDS)}.")
     found = describe_plan(planned(load_scene(options.scene), options.scene), options.backend)
-    return Outcome(found, _text(found))
+    return CommandResult(found, _text(found))
 
 
 def _text(found: dict[str, Any]) -> str:

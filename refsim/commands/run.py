@@ -14,7 +14,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from refsim.commands import Command, Outcome, in_time, planned, register, table
+from refsim.commands import Command, CommandResult, in_time, planned, register, table
 from refsim.core.errors import InputError, RunStopped
 from refsim.engine.driver import RunReport, simulate
 from refsim.engine.simulation import Simulation
@@ -44,7 +44,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add("--quiet", action="store_true", help="no progress")
 
 
-def execute(options: argparse.Namespace) -> Outcome:
+def execute(options: argparse.Namespace) -> CommandResult:
     """Run the scene, or go on from the checkpoint."""
     simulation, folder = _begin(options)
     until = simulation.plan.scene.end_time if options.until is None else options.until
@@ -70,7 +70,7 @@ def execute(options: argparse.Namespace) -> Outcome:
         raise
     finally:
         progress.close()
-    return Outcome(dataclasses.asdict(report), _text(report))
+    return CommandResult(dataclasses.asdict(report), _text(report))
 
 
 def _begin(options: argparse.Namespace) -> tuple[Simulation, Path]:

@@ -10,7 +10,7 @@ import numpy as np
 
 from refsim.boundary.mesh import load_mesh
 from refsim.boundary.sampling import LITERAL, MOST_ITERATIONS, sample
-from refsim.commands import Command, Outcome, in_bytes, in_time, register, table
+from refsim.commands import Command, CommandResult, in_bytes, in_time, register, table
 from refsim.core.errors import InputError
 from refsim.io.frames import write_vtp
 
@@ -39,7 +39,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--backend", default="cpu", choices=("cpu", "cuda"), help="where it runs (default cpu)")
 
 
-def execute(options: argparse.Namespace) -> Outcome:
+def execute(options: argparse.Namespace) -> CommandResult:
     """Read, sample, write, and say how even the particles are."""
     output = Path(options.output)
     if output.suffix != ".vtp":
@@ -79,7 +79,7 @@ def execute(options: argparse.Namespace) -> Outcome:
         ("written", f"{output} with fields normal and nearest, {in_time(seconds)}"),
     ]  # fmt: skip
     rows += [("repaired", note) for note in mesh.notes] + [("note", note) for note in made.notes]
-    return Outcome(data, table(rows))
+    return CommandResult(data, table(rows))
 
 
 def nearest_distances(position: np.ndarray) -> np.ndarray:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 
-from refsim.commands import Command, Outcome, register
+from refsim.commands import Command, CommandResult, register
 from refsim.scene.files import scene_schema
 
 
@@ -13,10 +13,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """No arguments of its own."""
 
 
-def execute(options: argparse.Namespace) -> Outcome:
+def execute(options: argparse.Namespace) -> CommandResult:
     """Print the schema."""
     schema = scene_schema()
-    return Outcome(schema, json.dumps(schema, indent=1))
+    return CommandResult(schema, json.dumps(schema, indent=1))
 
 
 register(Command("schema", "print the JSON schema of scene files", configure, execute))

@@ -10,7 +10,7 @@ import importlib.util
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from refsim.commands import Command, Outcome, register
+from refsim.commands import Command, CommandResult, register
 from refsim.core.errors import InputError
 from refsim.core.operation import REGISTRY, Operation, backend_of
 from refsim.scene.files import suggestion
@@ -98,7 +98,7 @@ def called_by(module: str, name: str) -> list[tuple[str, str]]:
 def describe(operation: Operation, program: str) -> dict[str, list[Source]]:
     """Formulas, reference, program and helpers of the operation as Source objects, by heading."""
     reference, entry = operation.entry("numpy"), operation.entry(program)
-    module, name = f"{operation.folder}.{entry.module}", entry.function or operation.function
+    module, name = f"{entry.folder or operation.folder}.{entry.module}", entry.function or operation.function
     called = called_by(module, name)
     found = {
         "formulas": [source_of(*place) for place in called if place[0].endswith(".formulas")],
@@ -125,7 +125,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def execute(options: argparse.Namespace) -> Outcome:
+def execute(options: argparse.Namespace) -> CommandResult:
     """Print the sources of one operation."""
     operation = REGISTRY.get(options.operation)
     if operation is None:
@@ -149,7 +149,7 @@ def execute(options: argparse.Namespace) -> Outcome:
         if found.get(key):
             lines += ["", f"## {heading}", *(f"\n{source}" for source in found[key])]
     data = {key: [asdict(source) for source in sources] for key, sources in found.items()}
-    return Outcome(
+    return CommandResult(
         {"operation": operation.name, "paper": operation.paper, "equation": operation.equation, **data},
         "\n".join(lines),
     )

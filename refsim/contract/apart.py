@@ -1,6 +1,6 @@
-"""The ladder in a process of its own: a program that crashes or does not return costs its operation, not the report.
+"""The ladder in a process of its own: if a program crashes or does not return, only its operation fails.
 
-Only that process imports the programs. It tells the parent what it does by messages, JSON lists through a pipe:
+Only that process imports the programs. It reports to the parent by messages, JSON lists through a pipe:
 `import`, `about`, `refused`, `begin`, `call`, `returned`, `outcome`, `done`, `fault`.
 """
 
@@ -223,7 +223,7 @@ def _work(pipe: Any, request: Request, judged: bool, path: list[str]) -> None:
     try:
         try:
             tell("import")
-            with np.errstate(), warnings.catch_warnings():  # a library may change both for everybody
+            with np.errstate(), warnings.catch_warnings():  # a library may change both for the whole process
                 found = library.load(request.source)
                 names = library.checked_request(found, request)
         except InputError as error:

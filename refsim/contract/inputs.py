@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import functools
+import importlib
+import sys
 from collections.abc import Mapping
 from typing import Any
 
@@ -11,7 +13,7 @@ import numpy as np
 from refsim.backends.arrays import Backend
 from refsim.backends.scratch import Scratch
 from refsim.core import cases
-from refsim.core.fields import BASE, Field
+from refsim.core.fields import Field
 from refsim.core.operation import REGISTRY, Operation, backend_of
 from refsim.core.walls import with_list
 from refsim.neighbours import NeighbourSearch
@@ -24,11 +26,10 @@ LISTS = ("search", "all_pairs")
 @functools.cache
 def fields() -> dict[str, Field]:
     """All fields that some method's package declares, by name."""
-    import importlib
-
-    found = {f.name: f for f in BASE}
-    for folder in sorted({operation.folder for operation in REGISTRY.values()}):
-        found |= {v.name: v for v in vars(importlib.import_module(folder)).values() if isinstance(v, Field)}
+    for folder in {operation.folder for operation in REGISTRY.values()}:
+        importlib.import_module(folder)
+    modules = [module for name, module in sorted(sys.modules.items()) if name.startswith("refsim.")]
+    found = {v.name: v for module in modules for v in vars(module).values() if isinstance(v, Field)}
     return found
 
 

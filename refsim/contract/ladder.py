@@ -159,7 +159,8 @@ def closed_forms(target: Target) -> Iterator[Outcome]:
     variant = target.operation.variants[target.variant]
     for maker in cases.CLOSED_FORMS.get(target.operation.name, ()):
         exact = maker()
-        dropped = {name for name, value in variant.items() if value is None and name in target.operation.outputs}
+        written = set(target.operation.outputs) - set(target.operation.arguments("numpy"))
+        dropped = {name for name, value in variant.items() if value is None and name in written}
         if any(not _same(exact.given[n], v) for n, v in variant.items() if n in exact.given and n not in dropped):
             continue
         given = {name: _cast(value, target.dtype) for name, value in exact.given.items() if name not in dropped}
@@ -418,7 +419,7 @@ def additivity(target: Target) -> Iterator[Outcome]:
 
 
 def bad_input(target: Target) -> Iterator[Outcome]:
-    """T9: a NaN in one particle's values stays visible in every answer that depends on them, and harms no other.
+    """T9: a NaN in one particle's values stays visible in every answer that depends on them, and changes no other.
 
     What depends on them is what the oracle changes where they change. Flags cannot show a NaN; a position that is
     not finite is the search's to report.
@@ -493,7 +494,7 @@ def parameters(target: Target) -> Iterator[Outcome]:
 def _takes(target: Target) -> Iterator[Outcome]:
     """Members that change an answer of the reference, and those that are said to."""
     operation = target.operation
-    if target.variant or target.dtype != "float64":  # asked once, of all variants
+    if target.variant or target.dtype != "float64":  # computed once for all variants
         return
     moved: dict[tuple[str, str], tuple[bool, bool]] = {}
     for case in (FEW, "cloud_2d", *operation.cases):

@@ -1,8 +1,8 @@
-"""Programs from elsewhere: found by file, module or entry point, bound by name, and held to what they hand back.
+"""External programs: found by file, module or entry point, bound by name; what they return is checked.
 
 A third party's backend is a mapping from operations' names to Python functions. A function names those of the
 operation's arguments that it wants, and either writes the outputs in place or returns them. refsim's own backends are
-there under their own names, so that one door leads to all programs.
+there under their own names, so that all programs are loaded by one function.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ GROUP = "refsim.contract"  # of entry points
 ATTRIBUTE = "PROGRAMS"  # what is taken from a module where nothing else is named
 DTYPES = ("float32", "float64")
 ARRAYS = ("cpu", "cuda")
-MOST_TOLD = 300  # characters of another's words
+MOST_TOLD = 300  # characters of a message from an external program
 
 Program = Callable[..., Any]
 
@@ -155,7 +155,7 @@ def _operation(name: str, owner: str) -> Operation:
     if name not in REGISTRY:
         from refsim.scene.files import suggestion
 
-        raise InputError(f"{owner} knows no operation {name!r}; {suggestion(name, REGISTRY)}")
+        raise InputError(f"{owner}: {name!r} is not an operation; {suggestion(name, REGISTRY)}")
     return REGISTRY[name]
 
 
@@ -172,7 +172,7 @@ def told(error: BaseException, how: str = "") -> str:
     except Exception:  # its own __str__ raises
         text = ""
     text = " ".join("".join(c if c.isprintable() else " " for c in text).split()).rstrip(".")
-    return f"{how} {type(error).__name__}: {text or 'no word of why'}".strip()
+    return f"{how} {type(error).__name__}: {text or 'no message'}".strip()
 
 
 def by_name(program: Program, operation: Operation, owner: Programs) -> Program:
@@ -205,11 +205,11 @@ def by_name(program: Program, operation: Operation, owner: Programs) -> Program:
 
 
 def _parameters(program: Program, names: Sequence[str], label: str) -> tuple[list[str], list[str]]:
-    """(positional, keyword) arguments that the program asks for."""
+    """(positional, keyword) arguments that the program takes."""
     try:
         parameters = inspect.signature(getattr(program, "py_func", program)).parameters.values()
     except (TypeError, ValueError):
-        raise InputError(f"{label} does not tell its parameters; wrap it in a Python function with names.") from None
+        raise InputError(f"{label} does not state its parameters; wrap it in a Python function with names.") from None
     ordered, named = [], []
     for p in parameters:
         if p.kind is p.VAR_KEYWORD:
@@ -218,7 +218,8 @@ def _parameters(program: Program, names: Sequence[str], label: str) -> tuple[lis
             (named if p.kind is p.KEYWORD_ONLY else ordered).append(p.name)
         elif p.kind is p.VAR_POSITIONAL or p.default is p.empty:
             star = "*" if p.kind is p.VAR_POSITIONAL else ""
-            raise InputError(f"{label} takes {star}{p.name}, which the operation has not; it has {', '.join(names)}.")
+            known = ", ".join(names)
+            raise InputError(f"{label} takes {star}{p.name}, which the operation does not have; it has {known}.")
         elif p.kind is not p.KEYWORD_ONLY:
             break  # what stands behind it keeps its default, too
     return ordered, named

@@ -46,7 +46,7 @@ class BringsWalls:
 
 
 class CorrectsPositions:
-    """Puts particles elsewhere than a step's displacement dt v does."""
+    """Moves particles by other displacements than dt v."""
 
     __slots__ = ()
 
@@ -66,7 +66,7 @@ class BalancesCohesion:
 
 
 class KnowsParticleMass:
-    """Knows the mass of a particle of the lattice."""
+    """Gives the mass of a particle of the lattice."""
 
     __slots__ = ()
 
@@ -101,8 +101,8 @@ class LimitsMassRatio:
         raise NotImplementedError
 
 
-class WantsCellOrder:
-    """Wants the particles sorted by cell from time to time, also where there is no neighbour list."""
+class NeedsCellOrder:
+    """Needs the particles sorted by cell at intervals, also without a neighbour list."""
 
     __slots__ = ()
 
@@ -132,7 +132,7 @@ class KeepsLedger:
 
 
 class Watches:
-    """Looks at small fields on the host after each step, and may stop the run or add a note to it."""
+    """Checks small fields on the host after each step; it may stop the run or add a note to it."""
 
     __slots__ = ()
 

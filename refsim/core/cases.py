@@ -1,6 +1,6 @@
-"""Hard inputs that every operation meets, and how to make whatever an operation names from one of them.
+"""Test inputs (cases) for every operation, and the functions that make an operation's arguments from a case.
 
-A case is a set of particles with everything that could trouble a kernel about it. Arguments are made by name:
+A case is a set of particles with a property that is difficult for a kernel. Arguments are made by name:
 arrays with one row for each particle by functions marked `@particles`, parameter groups by functions marked
 `@groups`. A method folder adds its own, and its own cases and closed forms, in its `cases.py`, which is imported
 when the contract is (`discover`).
@@ -62,7 +62,7 @@ class Case:
         return self.support_radius * (2 if self.literal else 1)
 
     def grid(self, dtype: str) -> Discretisation:
-        """What effects may know of the scene."""
+        """Properties of the scene that effects may read."""
         return Discretisation(self.dim, dtype, self.spacing, self.support_radius, self.count)
 
     @functools.cached_property
@@ -296,7 +296,7 @@ def on_cell_borders() -> Case:
 
 @common
 def no_particles() -> Case:
-    """Nothing at all."""
+    """No particles."""
     return Case("no_particles", 3, np.zeros((0, 3)))
 
 
@@ -328,7 +328,7 @@ def coincident_pair() -> Case:
 
 @common
 def nearly_coincident() -> Case:
-    """A pair 1e-12 spacings apart, where coordinates are fine enough to tell the two apart."""
+    """A pair 1e-12 spacings apart, where the precision of the coordinates distinguishes the two."""
     position = cloud("nearly_coincident", 40, 3)
     position[0] = 0
     position[1] = [0, 1e-13, 0]

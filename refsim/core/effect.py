@@ -1,6 +1,6 @@
 """What an effect is: parameters with units, the fields it needs, its passes and its stable step.
 
-A scene is a list of effects. What no effect asks for is neither allocated nor launched.
+A scene is a list of effects. What no effect needs is neither allocated nor launched.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ class Pass:
 
     algorithm  of the program, where the backend has it; else the plain program runs
     stage  "start": once, when a simulation is made or resumed, for tables that follow from its state. "begin": at the
-           beginning of every step, in the effects' order; not when somebody looks at the state. "forces": before the
+           beginning of every step, in the effects' order; not when `evaluate` is called. "forces": before the
            step's length is known, ordered by what passes touch. "motion": once it is known, in the effects' order,
-           those that update the position last; one of these stands in for the leap-frog. They may take `timestep` =
+           those that update the position last; one of these replaces the leap-frog. They may take `timestep` =
            [(dt_previous + dt)/2, dt] [s], which is zero where the run is about to stop, `build_position` and
            `displacement`, which an integrator writes as `sph.kick_drift` does.
     """
@@ -37,7 +37,7 @@ class Pass:
     reads: tuple[str, ...] = ()
     writes: tuple[str, ...] = ()
     updates: tuple[str, ...] = ()  # changed in place: after every writer, before every reader
-    on_demand: bool = False  # run when somebody looks at the state, not in every step
+    on_demand: bool = False  # run by `Simulation.evaluate`, not in every step
     names: Mapping[str, str | None] = field(default_factory=dict)
     algorithm: str = ""
     stage: Literal["start", "begin", "forces", "motion"] = "forces"
@@ -54,7 +54,7 @@ class Lattice(NamedTuple):
 
 @dataclass(frozen=True)
 class Nodes:
-    """The nodes of all bodies of a scene: their lattice and the bodies that they are of."""
+    """The nodes of all bodies of a scene: their lattice, and the bodies that they belong to."""
 
     lattice: Lattice
     bodies: tuple[Any, ...]
@@ -83,7 +83,7 @@ class InitialState:
 
 @dataclass(frozen=True)
 class Discretisation:
-    """What every effect may know of the scene when it prepares: lengths in metres, dtype as a NumPy name."""
+    """Properties of the scene that every effect may read: lengths in metres, dtype as a NumPy name."""
 
     dim: int
     dtype: str
@@ -123,7 +123,7 @@ class StepLimit(NamedTuple):
 
     @classmethod
     def constant(cls, seconds: float) -> StepLimit:
-        """The same step whatever the particles do."""
+        """The same step at all speeds and accelerations."""
         return cls(seconds, 1.0)
 
     @classmethod
@@ -155,7 +155,7 @@ EFFECTS: dict[str, type[Effect]] = {}
 class Effect(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Base of all effects. Parameters are the struct's fields, in SI units.
 
-    What only some effects do is a capability of its own, in `refsim.core.capabilities`.
+    Hooks of a few effects only are capabilities, in `refsim.core.capabilities`.
     """
 
     name: ClassVar[str] = ""
@@ -175,15 +175,15 @@ class Effect(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
         return ()
 
     def passes(self, others: Mapping[str, Effect]) -> tuple[Pass, ...]:
-        """Its passes in an order that suits it; the plan orders passes of all effects by what they touch."""
+        """Its passes; the plan orders the passes of all effects by the fields that they read and write."""
         return ()
 
     def replaces(self) -> tuple[str, ...]:
-        """Operations of other effects' passes that its own passes do in their place."""
+        """Operations of other effects whose passes its own passes replace."""
         return ()
 
     def notes(self, grid: Discretisation, others: Mapping[str, Effect]) -> tuple[str, ...]:
-        """What a user should know of these parameters in this scene before it runs."""
+        """Limitations of these parameters in this scene, one sentence each; shown before the run."""
         return ()
 
     def list_radius(self, grid: Discretisation) -> float:
@@ -205,7 +205,7 @@ class Effect(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
         return {}
 
     def energy(self, grid: Discretisation, others: Mapping[str, Effect]) -> EnergyAccount | None:
-        """What its forces are worth, for the audit of the energy; None where they follow from no energy."""
+        """Energies of its forces, for the energy audit; None if no energy of them can be computed."""
         return None
 
     def step_limits(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, StepLimit]:
@@ -233,7 +233,7 @@ def require(owner: str, **bounds: tuple[float, str]) -> None:
 
 
 def literal_errata(owner: str, literal: tuple[str, ...], switchable: tuple[str, ...], source: str) -> frozenset[str]:
-    """Errata of `source` whose printed reading `literal` asks for; "all" in it means every one of `switchable`.
+    """Errata of `source` whose printed reading `literal` selects; "all" in it means every one of `switchable`.
 
     Raises InputError, naming the effect `owner` and the source, for anything else.
     """

@@ -43,7 +43,7 @@ class Amount(NamedTuple):
 
 
 class EnergyAccount(NamedTuple):
-    """What an effect's forces are worth: energies by name, and in words what follows from no energy."""
+    """Energies of an effect's forces by name, and in words the forces that derive from no energy."""
 
     parts: Mapping[str, Callable[[EnergyState], Amount]] = {}
     uncounted: tuple[str, ...] = ()
@@ -62,7 +62,7 @@ class EnergyState(Protocol):
         """A field's values, in SI units."""
 
     def array(self, name: str) -> Any:
-        """A field as it lies on the backend; not to be changed."""
+        """A field's array on the backend; read only."""
 
     def flags(self, name: str) -> NDArray:
         """A field of whole numbers."""

@@ -22,7 +22,7 @@ REASONS = {  # why a run stops: the only names that RunStopped takes
     "out_of_memory": "the machine has no memory left",
     "disk_full": "no space or quota is left; the run can be resumed from the last checkpoint",
     "write_failed": "the disk refused a write for another reason",
-    "interrupted": "somebody stopped the run; it can be resumed from the checkpoint written then",
+    "interrupted": "the user stopped the run; it can be resumed from the checkpoint written then",
 }
 
 
@@ -43,7 +43,7 @@ class RunStopped(RefsimError):
 
     reason  a name of REASONS, for programs; the message is one sentence
     report  of the run that stopped, where there was one (`refsim.engine.driver.RunReport`)
-    advice  lines that say what can be done next, where the catcher knows
+    advice  lines that say what can be done next, added where the error is caught
     """
 
     exit_code = 3

@@ -1,4 +1,4 @@
-"""Particle fields: named arrays of one dtype, only those that the plan asks for."""
+"""Particle fields: named arrays of one dtype; only those of the plan are allocated."""
 
 from __future__ import annotations
 

@@ -5,8 +5,8 @@ one, by backend and algorithm ("cuda:fused"). One reference judges them all.
 
 Arguments are bound by name. A program names the arrays and parameter groups it takes; its outputs stand last.
 The reference takes the same names, less the neighbour structures and the outputs, and returns
-`{output: (value, scale)}`, where `scale` is the sum of the absolute terms behind each value; for a flag, of which
-nothing can be nearly right, it is the margin: the relative distance of the decision from flipping.
+`{output: (value, scale)}`, where `scale` is the sum of the absolute terms behind each value; for a flag it
+is the margin: the relative distance of the decision from flipping.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ class Operation:
     name        "folder.operation", unique
     folder      the package that holds reference.py and kernels.py
     paper       author and year, or "standard"
-    equation    the paper's number, with the spec's erratum where the adopted reading differs
+    equation    the paper's number, with the erratum and its source where the adopted reading differs
     function    name of the function in both files
     programs    programs that stand elsewhere, or beside the plain ones, by name: "cpu", "cuda" or "backend:algorithm"
     outputs     kernel arguments that are written
@@ -231,11 +231,11 @@ def add_program(operation: str, name: str, program: Program) -> None:
 
 @dataclass(frozen=True)
 class Procedure:
-    """Operations that an object of the run launches one after another, for a pass that bears its name.
+    """Sequence of operations that an object of the run launches for the pass of the same name.
 
     owner       what the object is called among the parameter groups
     method      of the object, which gets what `takes` names
-    operations  what it launches, for people
+    operations  names of the operations that it launches, for `refsim plan`
     """
 
     name: str
@@ -273,14 +273,5 @@ def backend_of(program: str) -> str:
 
 @functools.cache
 def _program(folder: str, module: str, function: str, backend: str) -> Callable:
-    if module == "kernels" and not _has(folder, function):
-        module = backend
     found = getattr(importlib.import_module(f"{folder}.{module}"), function)
     return found.on(backend) if hasattr(found, "on") else found  # of a body, the kernel that is made of it
-
-
-def _has(folder: str, function: str) -> bool:  # until every folder has its kernels.py
-    try:
-        return hasattr(importlib.import_module(f"{folder}.kernels"), function)
-    except ModuleNotFoundError:
-        return False

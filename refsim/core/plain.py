@@ -11,7 +11,7 @@ import numpy as np
 
 
 def plain(value: Any) -> Any:
-    """`value` with only what strict JSON knows: NaN and infinities become their names."""
+    """`value` with only what strict JSON has: NaN and infinities become their names."""
     if isinstance(value, Mapping):
         return {str(k): plain(v) for k, v in value.items()}
     if isinstance(value, list | tuple):

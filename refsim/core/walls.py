@@ -18,8 +18,8 @@ class WallParticles(NamedTuple):
 
 
 class Bounds(NamedTuple):
-    """Planes that no particle passes: a last guard behind the wall particles, for spray whose density is too
-    small to be pushed back. Open sides are infinite."""
+    """Planes behind the wall particles that no particle passes: the density of spray is too small for the pressure
+    to repel it. Open sides are infinite."""
 
     lower: Any  # (3,) [m]
     upper: Any  # (3,) [m]

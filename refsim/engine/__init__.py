@@ -1,1 +1,1 @@
-"""Engine: the time loop, step sizes, whole runs and what is said of one that failed."""
+"""Engine: the time loop, lengths of steps, neighbour lists, whole runs, energy audit, post-mortem."""

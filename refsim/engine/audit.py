@@ -1,6 +1,6 @@
 """The audit of a run's mechanical energy.
 
-It looks at the state between two steps, on the host in float64, and changes nothing of the run.
+It reads the state between two steps, on the host in float64, and changes nothing of the run.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from refsim.engine.run import Run
 from refsim.scene.accounts import accounts
 
 LEAP_FROGS = ("sph.kick_drift", "penetration.kick_drift")
-ROUNDINGS = 4.0  # of the run's dtype in each term, below which a change is none
+ROUNDINGS = 4.0  # eps of the run's dtype in each term; a smaller change is rounding
 ROWS = 16384  # particles whose pairs are summed at once
 
 
@@ -34,7 +34,7 @@ class StateOfRun:
         return self._simulation._host(name).astype(float)
 
     def array(self, name: str) -> Any:
-        """A field as it lies on the backend; not to be changed."""
+        """A field's array on the backend; read only."""
         return self._simulation.fields[name]
 
     def flags(self, name: str) -> NDArray:
@@ -71,7 +71,7 @@ class StateOfRun:
 
 
 class AuditState(msgspec.Struct, frozen=True):
-    """What an audit remembers between steps; energies in J (J/m in 2D)."""
+    """State of an audit between steps; energies in J (J/m in 2D)."""
 
     start: dict[str, float] | None
     now: dict[str, float]
@@ -96,7 +96,7 @@ class Auditor:
         self.renew()
 
     def renew(self) -> None:
-        """Begin anew at the next step: somebody has set the state."""
+        """Begin anew at the next step: the state was set between two steps."""
         self.start: dict[str, float] | None = None
         self.now: dict[str, float] = {}
         self.lowest, self.turned_over, self.greatest_share = math.inf, 0.0, 0.0
@@ -145,7 +145,7 @@ class Auditor:
             self.look()
 
     def look(self, note: bool = True) -> None:
-        """Audit now. Raises RunStopped where the energy has grown; without `note` nothing is remembered."""
+        """Audit now. Raises RunStopped where the energy has grown; without `note` the audit's state is not changed."""
         s = self.simulation
         if self.start is None and not note:
             return
@@ -184,7 +184,7 @@ class Auditor:
     # In checkpoints
 
     def saved(self) -> str:
-        """All that it remembers, as text that gives every number back."""
+        """Its state as text from which every number is restored bit for bit."""
         lowest = self.lowest if math.isfinite(self.lowest) else None
         state = AuditState(self.start, self.now, lowest, self.turned_over, self.greatest_share)
         return msgspec.json.encode(state).decode()

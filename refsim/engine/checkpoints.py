@@ -58,8 +58,8 @@ class SavedRun:
     limiters        how many steps each limit has set
     versions        of the programs that wrote it
     search_log      counts of the neighbour search
-    audit           what the energy audit remembers, where the scene asks for one
-    remarks         notes that effects had made on the way, by effect
+    audit           state of the energy audit, where the scene has one
+    remarks         notes that effects had made until then, by effect
     notes           one sentence for each checkpoint that was passed over for it
     """
 
@@ -121,7 +121,7 @@ def load_checkpoint(path: str | os.PathLike[str]) -> SavedRun:
         if values is None:
             raise wrong(f"it lacks {name!r}, so that it is not one of a run of this refsim")
         if values.shape != shape or values.dtype != dtype:
-            raise wrong(f"{name} is {values.dtype} {values.shape}, and the scene wants {dtype} {shape}")
+            raise wrong(f"{name} is {values.dtype} {values.shape}, and the scene has {dtype} {shape}")
         if dtype.kind == "f" and not (np.abs(values) <= GREATEST).all():
             raise wrong(f"{name} has values that are not finite, or beyond {GREATEST:g}")
     state = {name.removeprefix("field."): saved.arrays[name] for name in shapes if name != "build_position"}

@@ -42,7 +42,7 @@ FRAMES = 100  # of a whole run, where the caller does not say how often
 class RunReport:
     """What a run did. SI units; momenta and energies with the velocities half a step behind the positions.
 
-    reason, message   why it stopped (one of `refsim.core.errors.REASONS`) and the sentence for people; None at its end
+    reason, message   why it stopped (one of `refsim.core.errors.REASONS`) and one sentence; None if it reached its end
     time, steps       reached, counted from the scene's start (so are all counts below)
     step_limiters     how many steps each limit has set
     search            neighbour list: rebuilds, audited_rows, missed_neighbours (0), most_neighbours,
@@ -104,7 +104,7 @@ def simulate(
     overwrite         begin anew in a folder that holds an earlier run, unless that one is still running
     profile           time every pass to its end (see `Simulation`, which has the option where one is given)
     progress          called before the first step and after every step
-    asked_to_stop     asked after every step; the run then ends with reason "interrupted" and a checkpoint
+    asked_to_stop     called after every step; if it is true, the run ends with reason "interrupted" and a checkpoint
 
     A simulation that was resumed from a checkpoint in `output` goes on there, with frames at the times that they would
     have had without the interruption.

@@ -1,8 +1,8 @@
 """When the neighbour list is rebuilt.
 
 The list holds every pair nearer than radius + skin at the moment it is built. Until some particle has moved by half the
-skin it is used without a further look. From then on the displacements of particles relative to each other decide: while
-no pair can have come within the radius, the list is kept, and the margin that is left is used up step by step.
+skin it is used without a further check. From then on relative displacements decide: the list is kept while no pair can
+have come within the radius; each step reduces the margin that is left.
 """
 
 from __future__ import annotations
@@ -13,14 +13,14 @@ from typing import Any
 from refsim.neighbours import NeighbourSearch
 from refsim.scene.scene import Plan
 
-WORTH_KEEPING = 0.2  # share of the allowed displacement; with a smaller margin left, rebuilding beats looking each step
+WORTH_KEEPING = 0.2  # of the allowed displacement; with less left, rebuilding costs less than checks
 
 
 class ListPolicy:
     """Decides whether the neighbour list still holds every pair within the radius.
 
     squared_displacement  largest since the list was built [m^2]; infinite where it is not known
-    margin                relative displacement [m] that two particles have left, as of the latest look; 0 before one
+    margin                relative displacement [m] left to two particles at the latest check; 0 before the first
     by_forces             whether velocities change by accelerations alone, so that these bound a step's displacement
     """
 

@@ -15,11 +15,11 @@ from refsim.neighbours import NeighbourSearch
 
 
 class NeighbourLists:
-    """Builds the lists of a run when `ListPolicy` asks for it, and shares them with all passes.
+    """Builds the lists of a run when `ListPolicy` requires it, and shares them with all passes.
 
     search          of the particles; None where no effect needs neighbours, and on backend "numpy", which sums over all
                     pairs
-    auditable       whether a step moves every particle by dt v, so that the audit knows where it came from
+    auditable       whether a step moves every particle by dt v, so that the audit can compute its previous position
     velocities_set  whether velocities are others than those that led to the positions, which excludes an audit
     """
 

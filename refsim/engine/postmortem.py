@@ -36,7 +36,7 @@ GREATEST = {
     "missed_neighbours": "velocity",
     "diverged": "velocity",
     "energy_gained": "velocity",
-}  # the particle to look at
+}  # the particle that is reported
 SHOWN = 500  # particles at most in the neighbourhood
 
 
@@ -62,7 +62,7 @@ def write_postmortem(simulation: Run, stop: RunStopped, folder: Path, replay: st
 
 
 def examine(simulation: Run, stop: RunStopped) -> dict[str, Any]:
-    """What went wrong where, from the state that is left; `row` is the particle's place in the arrays."""
+    """What went wrong where, from the state at the stop; `row` is the particle's place in the arrays."""
     cause, row, count = _cause(simulation, stop)
     fields = {name: _host(simulation, name) for name in simulation.plan.particle_fields}
     result: dict[str, Any] = {

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from refsim.core.capabilities import WantsCellOrder, having
+from refsim.core.capabilities import NeedsCellOrder, having
 from refsim.engine.run import Run
 from refsim.neighbours import NeighbourSearch
 
@@ -18,11 +18,11 @@ class ParticleOrder:
     def __init__(self, run: Run) -> None:
         plan, grid = run.plan, run.plan.grid
         self.run = run
-        size = max((e.sorting_cell(grid) for e in having(plan.effects, WantsCellOrder)), default=0.0)
+        size = max((e.sorting_cell(grid) for e in having(plan.effects, NeedsCellOrder)), default=0.0)
         self._cells: NeighbourSearch | None = None
         if plan.list_radius == 0 and size > 0 and run.backend.name != "numpy":
             self._cells = NeighbourSearch(run.backend, grid.dim, grid.dtype, size, 0.0)
-        # Groups that look after arrays of their own before a step that the host does not see; they know an order, too.
+        # Groups that update their own arrays before a step that is one CUDA graph; they also give an order (`order`).
         self._attended: list[Any] = []
         if run.backend.name == "cuda" and not any(e.host_in_step for e in plan.effects.values()):
             groups = run._parameters.values()
@@ -40,7 +40,7 @@ class ParticleOrder:
         run.fields |= zip(names, moved)
 
     def sort_alone(self) -> None:
-        """Sort where it is due and no attended group knows the order."""
+        """Sort where it is due and no attended group gives the order."""
         if self.due() and not self._attended:
             self.run.timings.run("sorting", self._sort_alone)
 
@@ -51,14 +51,14 @@ class ParticleOrder:
         self.run.rebind()
 
     def attend(self) -> None:
-        """Have the attended groups look at the particles' positions; they make the arrays that the step needs."""
+        """Call `attend` of these groups with the positions: they make the arrays that the step needs."""
         moved = math.isinf(self.run.lists.policy.squared_displacement)  # set between two steps
         for each in self._attended:
             if each.attend(self.run.fields["position"], moved=moved):
                 self.run.stepper.rebind()
 
     def follow(self) -> None:
-        """Where sorting is due, put the particles into the order that an attended group knows."""
+        """Where sorting is due, put the particles into the order that an attended group gives."""
         for each in self._attended if self.due() else ():
             order = each.order(self.run.fields["position"])
             if order is not None:

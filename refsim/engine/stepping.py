@@ -77,10 +77,10 @@ def check_extremes(simulation: Run, broken: int, extremes: Extremes) -> None:
 
 
 def too_small(simulation: Run, limiter: str, length: float) -> NoReturn:
-    """Raise RunStopped for a step that has shrunk to nothing."""
+    """Raise RunStopped for a step below SMALLEST_STEP of the first one."""
     raise RunStopped(
         "step_too_small",
-        f"In step {simulation.steps} at {simulation.time:.6g} s the {limiter} limit asks for a step of {length:.3g} s,"
+        f"In step {simulation.steps} at {simulation.time:.6g} s the {limiter} limit allows a step of {length:.3g} s,"
         f" below {SMALLEST_STEP:g} of the first one: the run diverges.",
     )
 

@@ -14,18 +14,31 @@ from refsim.heat.stages import (
 )
 
 
-def of_backend(found, scratch):
-    """What `reductions` calls so, or, on a GPU, what `reductions_cuda` does."""
-    if scratch.backend.name != "cuda":
-        return found
-    from refsim.heat import reductions_cuda
-
-    return getattr(reductions_cuda, found.__name__)
-
-
 def weighed(*arguments):
     """As `reductions.weighed`, on the backend of the last argument, the scratch memory."""
-    return of_backend(reductions.weighed, arguments[-1])(*arguments)
+    if arguments[-1].backend.name == "cuda":
+        from refsim.heat import reductions_cuda
+
+        return reductions_cuda.weighed(*arguments)
+    return reductions.weighed(*arguments)
+
+
+def turn(*arguments):
+    """As `reductions.turn`, on the backend of the last argument, the scratch memory."""
+    if arguments[-1].backend.name == "cuda":
+        from refsim.heat import reductions_cuda
+
+        return reductions_cuda.turn(*arguments)
+    return reductions.turn(*arguments)
+
+
+def step(*arguments):
+    """As `reductions.step`, on the backend of the last argument, the scratch memory."""
+    if arguments[-1].backend.name == "cuda":
+        from refsim.heat import reductions_cuda
+
+        return reductions_cuda.step(*arguments)
+    return reductions.step(*arguments)
 
 
 # What the schemes share
@@ -197,7 +210,6 @@ def solve(exchanges, inverse, conduction, scratch, temperature):
     names = ("residual", "gradient", "direction", "turned", "image", "solution")
     residual, gradient, direction, turned, image, solution = (scratch.array(f"heat {k}", n, real) for k in names)
     dots = scratch.array("heat dots", 3, np.float64)
-    turn, step = of_backend(reductions.turn, scratch), of_backend(reductions.step, scratch)
     every = 8 if scratch.backend.name == "cuda" else 1  # passes between looks at the residual, which a GPU waits for
     flow(exchanges, temperature, residual)
     for array in (direction, image, solution, dots):

@@ -1,8 +1,8 @@
-"""Checkpoints: named arrays and attributes in one HDF5 file that is either whole or not there.
+"""Checkpoints: named arrays and attributes in one HDF5 file that is complete or absent.
 
 A checkpoint is written beside its final name and renamed into place, so a killed process or a full disk costs
-at most the interval since the last one. Values come back bit for bit; a digest tells a damaged file from a good
-one.
+at most the interval since the last one. Values are restored bit for bit; a digest detects a
+damaged file.
 
 Layout, version 2: the file begins with a block of 512 bytes that HDF5 passes over, lines of text padded with zero
 bytes: `refsim checkpoint`, `version`, `written_ns` (clock of the writer, nanoseconds), `bytes` (of the whole file) and
@@ -66,8 +66,8 @@ def write_checkpoint(
                       again later
       "write_failed"  the disk refused for another reason
     Raises InputError when the folder cannot be written to, TypeError or ValueError when a name, a dtype, an
-    attribute or `keep` is not of the kinds above. One writer per `path`: a write clears the leavings of
-    killed writers.
+    attribute or `keep` is not of the kinds above. One writer per `path`: a write removes the
+    temporary files of killed writers.
     """
     path = Path(path)
     if keep < 1:
@@ -319,7 +319,7 @@ class _Stream:
 
 
 def _put_in_place(temporary: Path, path: Path, keep: int) -> None:
-    """Rename `temporary` to `path` and the files before it one place down the row.
+    """Rename `temporary` to `path`, and each older checkpoint to the name of the next older one.
 
     The old file gets a second name first and takes its new place last: a kill between any two calls leaves a
     whole checkpoint at `path`. Where the file system has no hard links, the old one is moved to its new place
@@ -341,7 +341,7 @@ def _put_in_place(temporary: Path, path: Path, keep: int) -> None:
 
 
 def _copy_name(source: Path, target: Path) -> None:
-    """Let `target` name the file that `source` names, without an instant in which `target` names nothing."""
+    """Let `target` name the file that `source` names; `target` exists at every instant."""
     second = temporary_path(target)
     try:
         os.link(source, second)

@@ -157,7 +157,7 @@ class ParticleWriter:
         self._times.append(float(time))
 
     def close(self) -> None:
-        """Close the file; nothing is left to be written. Closing twice does no harm."""
+        """Close the file; nothing is left to be written. A second call does nothing."""
         if not self._journal.closed:
             finished = os.fstat(self._journal.fileno()).st_size == 0
             if finished:
@@ -331,8 +331,8 @@ def write_vtp(path: str | os.PathLike[str], position: np.ndarray, /, **fields: n
 # Frames stand one after another in Points and PointData/*; Steps/PointOffsets says where each begins. All
 # frames share the connectivity 0, 1, 2, ... of the largest one. They do not share the cell offsets, though
 # these are the same numbers: readers of VTK 9.3 take the place of the offsets from the number of steps, and
-# later ones from the number of different CellOffsets, so each frame has its own, and an empty one room for one
-# cell. Tables that are equal by construction are one dataset under several names.
+# later ones from the number of different CellOffsets, so each frame has its own, and an empty one has space for
+# one cell. Tables that are equal by construction are one dataset under several names.
 
 
 def _checked_field(name: str, components: int, dtype: DTypeLike) -> tuple[int, np.dtype]:
@@ -440,7 +440,7 @@ def _edit(staged: _Staged, mode: str, change: Callable[[h5py.Group], object]) ->
 
 
 def _read_hdf5(path: Path, read: Callable[[h5py.Group], None]) -> None:
-    """Let `read` look at the VTKHDF group of a file whose digest was compared."""
+    """Call `read` with the VTKHDF group of a file whose digest was compared."""
     import h5py
 
     try:

@@ -1,4 +1,4 @@
-"""Scenes in checkpoints: as TOML, and apart from it what need not lie on the disk any more."""
+"""Scenes in checkpoints: as TOML, and copies of the files that the scene names."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from refsim.scene.solids import Solid, SolidCells, SolidMesh
 
 
 def scene_to_checkpoint(plan: Plan) -> tuple[str, dict[str, np.ndarray]]:
-    """The scene as TOML, and apart from it what need not lie on the disk any more: clouds, and the cells of meshes."""
+    """The scene as TOML, and copies of the files that it names: clouds, and the cells of meshes."""
     scene, solids = plan.scene, plan.grid.solids
     parts = list(zip((*scene.solid, *scene.fluid), plan.state.sizes))
     cloud = np.repeat([isinstance(part, Cloud) for part, _ in parts], plan.state.sizes)
@@ -93,7 +93,7 @@ def check_same_scene(scene: Scene, stored: Plan, source: str) -> Plan:
         if place not in MAY_CHANGE and old.get(place) != new.get(place):
             raise InputError(
                 f"checkpoint {source} has {place} = {old.get(place)} and the scene has {new.get(place)}; only"
-                f" {' and '.join(MAY_CHANGE)} may change on the way."
+                f" {' and '.join(MAY_CHANGE)} may change when a run is resumed."
             )
     start = make_plan(scene).state
     for name in ("position", "velocity", "mass"):

@@ -7,7 +7,7 @@ from refsim.sparse_grid.formulas import block_bits, node_coordinates, step_node
 
 @kernel
 def classify(i, blocks, node_state, crossings, cell_case):
-    """Cut edges of node i and states of the corners of cell i, both as bits."""
+    """Cut edges of node i and states of the corners of cell i, both as bits; dimensionless."""
     bits, case = cell_states(i, blocks, node_state)
     crossings[i] = bits
     cell_case[i] = case
@@ -40,7 +40,7 @@ def cell_states(i, blocks, node_state):
 
 @kernel(rows_of="cell_case")
 def facets(i, blocks, crossings, cell_case, edge_first, facet_first, table, vertex_edge, facets):
-    """Numbers of the edges on which the vertices of node i stand, and of the vertices of the facets of cell i."""
+    """Numbers of the cut edges of node i, and of the vertices of the facets of cell i; dimensionless."""
     write_facets(i, blocks, crossings, cell_case, edge_first, facet_first, table, vertex_edge, facets)
 
 

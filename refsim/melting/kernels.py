@@ -4,7 +4,7 @@ from refsim.backends.compile import formula, kernel
 from refsim.backends.runtime import simulated
 from refsim.melting.formulas import melts
 from refsim.neighbours.rows import first_lane, lane_slots, over_lanes
-from refsim.shape_matching.phases import FLUID, NOBODY, SURFACE
+from refsim.shape_matching.phases import EMPTY, FLUID, SURFACE
 
 LANES = 1 if simulated() else 8  # CUDA threads that share a node; the simulator has no shuffles
 
@@ -37,17 +37,17 @@ def melted_now(
 
 @kernel(lanes=LANES)
 def detach(s, lane, melted, melted_count, region, direct, rebuild):
-    """Remove melted nodes from the direct neighbours of node s; rebuild = 1 if one was in its region, else 0."""
+    """Remove melted nodes from the direct neighbours of node s; rebuild is a flag, 1 if one was in its region."""
     start, step = lane_slots(lane)
     held = 0
     if melted_count[0] > 0:
         for slot in range(start, 27, step):
             other = direct[s, slot]
-            if other != NOBODY and (melted[s] or melted[other]):
-                direct[s, slot] = NOBODY
+            if other != EMPTY and (melted[s] or melted[other]):
+                direct[s, slot] = EMPTY
         for slot in range(start, region.shape[1], step):
             other = region[s, slot]
-            if other != NOBODY and melted[other]:
+            if other != EMPTY and melted[other]:
                 held = 1
     held = over_lanes(held, lane)
     if first_lane(lane):

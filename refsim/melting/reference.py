@@ -3,7 +3,7 @@
 import numpy as np
 
 FLUID, SURFACE = 0, 1
-NOBODY = -1
+EMPTY = -1
 
 
 def melt(
@@ -49,7 +49,7 @@ def detach(melted, melted_count, region, direct):
     rebuild: flag of the regions that held a melted node and are rebuilt (Shao & Song M17).
     """
     gone = np.append(np.asarray(melted), 0) != 0  # the last one stands for empty slots, -1
-    direct = np.where(gone[np.asarray(direct)], NOBODY, direct)
-    direct[gone[:-1]] = NOBODY
+    direct = np.where(gone[np.asarray(direct)], EMPTY, direct)
+    direct[gone[:-1]] = EMPTY
     rebuild = gone[np.asarray(region)].any(1).astype(int)
     return {"direct": (direct, np.full(direct.shape, np.inf)), "rebuild": (rebuild, np.full(rebuild.shape, np.inf))}

@@ -19,7 +19,7 @@ from refsim.core.capabilities import (
     HoldsOtherMemory,
     KnowsParticleMass,
     LimitsMassRatio,
-    WantsCellOrder,
+    NeedsCellOrder,
     Watches,
 )
 from refsim.core.effect import Discretisation, Effect, Pass, StepLimit, require
@@ -42,8 +42,8 @@ CELL = Field("cell", "-", "number of the background grid's node at the base of t
 CLUSTER_SHARE = Field("cluster_share", "-", "weight w = 1/(2 C + 1) of each point of the particle's cluster")
 INVERSE_SPREAD = Field("inverse_spread", "-", "(h^2/4) D^-1 of the cluster: xx, xy, xz, yy, yz, zz", 6)
 STEP_EXTREMES = Field(
-    "step_extremes", "-, -, 1/s, m^2", "least and largest J, largest |tr A|, largest squared way of a step", rows=4,
-    state=True,
+    "step_extremes", "-, -, 1/s, m^2", "least and largest J, largest |tr A|, largest squared displacement in a step",
+    rows=4, state=True,
 )  # fmt: skip
 BASE_NODE = Field("base_node", "-", "integer coordinates of the base node", 3, dtype="int32")
 SPLINE_WEIGHT = Field("spline_weight", "-", "quadratic B-spline at three nodes of each axis", 9)
@@ -55,10 +55,10 @@ OPEN = 1 << 30
 # Share of a particle's mass up to which a node stands still. Towards the edge of a spline mass falls with the square of
 # the distance and the surface's force with the distance itself, so that 1e-12 drops an impulse of 1e-10 of m v now and
 # then; in float32, whose products underflow, that is far below a rounding.
-NEXT_TO_NOTHING = {"float32": 1e-12, "float64": 1e-24}
+NEGLIGIBLE_MASS = {"float32": 1e-12, "float64": 1e-24}
 LEAST_VOLUME, LARGEST_VOLUME = 0.2, 3.0
-MASS_RATIO = 1000.0  # largest that was measured; the energy does not ask for the ratio (docs/stability.md)
-FARTHEST_WAY = 0.5  # cells that a particle may move in a step
+MASS_RATIO = 1000.0  # largest that was measured; the energy does not depend on the ratio (docs/stability.md)
+LARGEST_DISPLACEMENT = 0.5  # cells that a particle may move in a step
 LARGEST_DILATION = 0.5  # |dt tr A| of a step
 
 
@@ -66,10 +66,10 @@ class Liquid(NamedTuple):
     """Stress and volume update as the kernels take them; flags stand for printed readings."""
 
     rest_density: Any  # rho0 [kg/m^dim]
-    stress: Any  # share of the stress that acts, times lambda [Pa]: 2 with M27, 0 with M7
-    linear_stress: Any  # M4: without the factor J
-    unit_volume: Any  # M3: V0 = 1
-    timeless: Any  # M5: dt = 1 s in the update of J or F
+    stress: Any  # share of the stress that acts, times lambda [Pa]: 2 with thesis M27, 0 with thesis M7
+    linear_stress: Any  # thesis M4: without the factor J
+    unit_volume: Any  # thesis M3: V0 = 1
+    timeless: Any  # thesis M5: dt = 1 s in the update of J or F
     forgets_shear: Any  # F becomes J^(1/d) I after each step
 
 
@@ -99,7 +99,7 @@ class ViscousStress(NamedTuple):
 
 
 class KernelGradient(NamedTuple):
-    """M6: the liquid's force acts through grad B, not through the affine field."""
+    """Thesis M6 as printed: the liquid's force acts through grad B, not through the affine field."""
 
     on: Any
 
@@ -119,13 +119,13 @@ class Mirrors(NamedTuple):
 
 
 class Contact(NamedTuple):
-    """What a wall pulls at the edge of the wetted area."""
+    """Force of a wall at the edge of the wetted area."""
 
     pull: Any  # k cos(contact angle) [N/m; N in the plane]
 
 
 class MpmLiquid(
-    Effect, KnowsParticleMass, LimitsMassRatio, WantsCellOrder, HoldsOtherMemory, Watches, HasErrata,
+    Effect, KnowsParticleMass, LimitsMassRatio, NeedsCellOrder, HoldsOtherMemory, Watches, HasErrata,
     frozen=True, kw_only=True,
 ):  # fmt: skip
     """Weakly compressible liquid moved by the material point method (APIC, quadratic B-splines).
@@ -134,8 +134,8 @@ class MpmLiquid(
     bulk_modulus     lambda [Pa]; the sound speed is its root over rho0
     dynamic_viscosity  mu [Pa s; N s/m in 2D] of the stress mu (grad v + grad v^T); the thesis's liquid has none
     cell_size        h of the background grid [m]; 0 takes two spacings, 2^dim particles to a cell
-    initial_ratio    J of every particle at the start; below one for a drop that its surface presses together
-    volume           "ratio" follows J alone (default); "gradient" follows F and forgets its shear after each step,
+    initial_ratio    J of every particle at the start; below one for a drop that its surface tension compresses
+    volume           "ratio" follows J alone (default); "gradient" follows F and removes its shear after each step,
                      "full_gradient" keeps it, as printed
     acoustic_number  share a of h/(c + |v|) that the step may have; at most 0.5
     literal          printed readings to use: "M3" (force without the volume), "M4" (without the factor J), "M5" (F and
@@ -291,7 +291,7 @@ class MpmLiquid(
             real(4.0 / float(h) ** 2),
             np.int32(3 if deep else 1),
             np.int32(6 if deep else 10),
-            real(NEXT_TO_NOTHING[grid.dtype] * self.particle_mass(grid)),
+            real(NEGLIGIBLE_MASS[grid.dtype] * self.particle_mass(grid)),
         )
 
     def prepare(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, Any]:
@@ -366,11 +366,11 @@ class MpmLiquid(
                 f"a particle's volume changed by {length * rate:.3g} of itself at once, more than {LARGEST_DILATION}:"
                 " take a smaller step.",
             )
-        if squared > (FARTHEST_WAY * h) ** 2:
+        if squared > (LARGEST_DISPLACEMENT * h) ** 2:
             return (
                 "outrun",
-                f"a particle moved by {math.sqrt(squared) / h:.3g} cells at once, more than {FARTHEST_WAY}: take a"
-                " smaller step.",
+                f"a particle moved by {math.sqrt(squared) / h:.3g} cells at once, more than"
+                f" {LARGEST_DISPLACEMENT}: take a smaller step.",
             )
         return None
 
@@ -387,7 +387,7 @@ def mpm_liquid_of(others: Mapping[str, Effect]) -> MpmLiquid:
 class MpmWalls(Effect, frozen=True, kw_only=True):
     """Walls of a box, as conditions on the nodes of the background grid on and beyond its faces.
 
-    lower, upper      corners of the liquid's room [m]; in 2D the z parts are ignored
+    lower, upper      corners of the liquid's domain [m]; in 2D the z parts are ignored
     rule              on every face: "sticky" (v = 0), "slip" (n.v = 0), "separating" (no part into the wall)
     sticky_faces      faces that are sticky, whatever the rule, of "-x", "+x", "-y", "+y", "-z", "+z"
     slip_faces        faces that are slip
@@ -424,14 +424,14 @@ class MpmWalls(Effect, frozen=True, kw_only=True):
             require(self.name, lower=(low, "finite"), upper=(high, "finite"))
             if high - low < 3 * h:
                 raise InputError(
-                    f"{self.name}: along {'xyz'[axis]} the room from {low} to {high} m is narrower than three cells"
+                    f"{self.name}: along {'xyz'[axis]} the domain from {low} to {high} m is narrower than three cells"
                     f" ({3 * h:g} m); make it wider or the cells smaller."
                 )
 
     def initial(
         self, grid: Discretisation, state: InitialState, others: Mapping[str, Effect]
     ) -> Mapping[str, np.ndarray]:
-        lower, upper = self.room(grid)
+        lower, upper = self.domain(grid)
         inside = mpm_liquid_of(others).cell(grid) * 1e-6 if MpmLiquid.name in others else 0.0
         out = np.flatnonzero(((state.position < lower - inside) | (state.position > upper + inside)).any(1))
         if len(out):
@@ -442,8 +442,8 @@ class MpmWalls(Effect, frozen=True, kw_only=True):
             )
         return {}
 
-    def room(self, grid: Discretisation) -> tuple[np.ndarray, np.ndarray]:
-        """Corners (3,), (3,) of the liquid's room [m]; infinite where there is no wall."""
+    def domain(self, grid: Discretisation) -> tuple[np.ndarray, np.ndarray]:
+        """Corners (3,), (3,) of the liquid's domain [m]; infinite where there is no wall."""
         lower, upper = np.full(3, -np.inf), np.full(3, np.inf)
         for axis in range(grid.dim):
             if FACES[2 * axis] not in self.open_faces:
@@ -471,7 +471,7 @@ class MpmWalls(Effect, frozen=True, kw_only=True):
 
 
 class _Anything(NamedTuple):
-    """A discretisation for questions whose answer does not depend on it."""
+    """A discretisation for methods whose result does not depend on it."""
 
     dim: int = 3
     dtype: str = "float64"
@@ -501,7 +501,7 @@ _LONE = {
 
 
 def _wide_room(case: Any, grid: Any) -> WallNodes:
-    """Walls of every kind, eight cells apart or more, the lower ones a little way into the particles."""
+    """Walls of every kind, eight cells apart or more, the lower ones a little inside the particles."""
     lower, upper = np.full(3, -OPEN), np.full(3, OPEN)
     for axis in range(case.dim if case.count else 0):
         ends = np.quantile(case.position[:, axis] / (2 * case.spacing), (0.1, 0.9)).round()

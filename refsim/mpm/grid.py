@@ -24,7 +24,7 @@ NODES = 64  # of a block
 SETS = ("particles", "carriers", "samples")
 SLACK = {"cuda": 1}  # blocks by which a new table reaches further, where making one costs more than passing over it
 UNSEEN = 8  # steps, of half a cell each at most, in which a particle crosses no more than one block
-OUT_OF_ORDER = 0.05  # share of particles that do not stand behind the one before in the lists: more are worth moving
+OUT_OF_ORDER = 0.05  # share of particles out of order in memory, above which they are sorted
 DEEP = 2  # a block around which all blocks are complete
 
 
@@ -142,10 +142,10 @@ class MpmGrid:
         return self._array("block_extremes", (self.nodes // NODES, 5))
 
     def attend(self, position: Any, moved: bool = False) -> bool:
-        """Before a step on a device that the host does not see: have the blocks that particles at `position` (n, 3) [m]
-        may reach in it. Returns whether any array is another one than before.
+        """Before a step that is one CUDA graph: make the blocks that particles at `position` (n, 3) [m] may reach in
+        it. Returns whether any array is another one than before.
 
-        moved  whether somebody else than the latest step put them there
+        moved  whether the positions were set other than by the latest step
 
         Raises RunStopped where a particle is not finite or too far away.
         """
@@ -258,13 +258,13 @@ class MpmGrid:
         slack = SLACK.get(self.backend.name, 0)
         reach = xp.asarray(self._steps(range(-slack, slack + 2)))
         made = xp.unique((occupied[:, None] + reach[None, :]).ravel())
-        ways = xp.asarray(self._steps((-1, 0, 1)))
-        wanted = made[:, None] + ways[None, :]
+        around = xp.asarray(self._steps((-1, 0, 1)))
+        wanted = made[:, None] + around[None, :]
         neighbour = xp.full(wanted.shape, -1, np.int32)
         if len(made):
             place = xp.minimum(xp.searchsorted(made, wanted.ravel()).reshape(wanted.shape), len(made) - 1)
             neighbour = xp.where(made[place] == wanted, place, -1).astype(np.int32)
-        corners = [k for k, s in enumerate(itertools.product(*self._ways((-1, 0, 1)))) if min(s) >= 0]
+        corners = [k for k, s in enumerate(itertools.product(*self._along((-1, 0, 1)))) if min(s) >= 0]
         complete = (neighbour[:, xp.asarray(corners)] >= 0).all(1)
         deep = (neighbour >= 0).all(1) & complete[neighbour].all(1)
         complete = complete.astype(np.uint8) + (complete & deep)
@@ -273,13 +273,13 @@ class MpmGrid:
             arrays = [device.wrapped(a) for a in arrays]
         self.blocks, self.complete = Blocks(*arrays[:2]), arrays[2]
 
-    def _ways(self, axis: Any) -> tuple[Any, ...]:
+    def _along(self, axis: Any) -> tuple[Any, ...]:
         """Steps along z, y, x, so that x runs fastest."""
         return tuple(axis if c < self.dim else (0,) for c in (2, 1, 0))
 
     def _steps(self, axis: Any) -> np.ndarray:
         """Differences of the keys of blocks."""
-        steps = [(z << (2 * BITS)) + (y << BITS) + x for z, y, x in itertools.product(*self._ways(axis))]
+        steps = [(z << (2 * BITS)) + (y << BITS) + x for z, y, x in itertools.product(*self._along(axis))]
         return np.array(steps, np.int64)
 
     def _array(self, name: str, shape: tuple[int, ...], dtype: Any = None) -> Any:
@@ -288,8 +288,8 @@ class MpmGrid:
         if view is None or view.shape != shape:
             held = self._storage.get(name)
             if held is None or held.shape[0] < shape[0]:
-                room = (shape[0] + shape[0] // 4, *shape[1:])
-                held = self._storage[name] = self.backend.empty(room, dtype or self.dtype)
+                capacity = (shape[0] + shape[0] // 4, *shape[1:])
+                held = self._storage[name] = self.backend.empty(capacity, dtype or self.dtype)
             view = self._views[name] = held[: shape[0]]
         return view
 

@@ -179,7 +179,7 @@ def embed_samples(
 
 @kernel
 def recount(i, crowding, recounting, timestep, background, deformation, volume_ratio):
-    """J <- J (1 - min(1, dt/tau) (1 - q0/q)) where the crowding q of particle i is above q0, and F with it."""
+    """J <- J (1 - min(1, dt/tau) (1 - q0/q)) where the crowding q of particle i exceeds q0, F alike; dimensionless."""
     real = type(background.cell_size)
     if not crowding[i] <= recounting.limit:  # a NaN makes J NaN
         share = min(real(1), timestep[1] / recounting.time)

@@ -154,3 +154,11 @@ def cells(position, carrier_position, surface_sample, grid, cell):
         return
     sets = {"particles": position, "carriers": carrier_position, "samples": surface_sample}
     grid.locate(sets, cell, find_cells, block_keys, sorted_bins)
+
+
+def by_owner(sample_owner, count):
+    """(numbers of the samples by owner, place of the first of each owner and the total), int32, stable."""
+    xp, owner = device.library(), device.seen(sample_owner)
+    order = xp.argsort(owner, kind="stable").astype(np.int32) if len(owner) else xp.zeros(0, np.int32)
+    first = xp.searchsorted(owner[order], xp.arange(count + 1, dtype=np.int32)).astype(np.int32)
+    return device.wrapped(order), device.wrapped(first)

@@ -79,7 +79,7 @@ class Step:
     # Places: in which cell everything is
 
     def recount(self) -> Pass:
-        """J moves towards what the grid counted in the step before."""
+        """J relaxes towards the density that the grid counted in the step before."""
         return self._pass("mpm.recount", ("crowding",), updates=("volume_ratio", *self._deformation), begin=True)
 
     def embed(self) -> Pass:
@@ -107,7 +107,7 @@ class Step:
         return self._pass("mpm.carriers_to_grid", ("cell", *self._state), updates=("node_momentum",))
 
     def count_crowding(self) -> Pass:
-        """The density that the grid counts at the particles, over what J says."""
+        """The density that the grid counts at the particles, over the density that follows from J."""
         reads = ("position", "volume_ratio", "cell", "node_momentum")
         return self._pass("mpm.count", reads, ("greatest_crowding", "crowding"))
 
@@ -159,7 +159,7 @@ class Step:
         return (*STATE, *self._cluster, *(("acceleration",) if self.accelerated else ()))
 
     def _names(self) -> Mapping[str, str | None]:
-        """Where the programs find what is no field, and what this step lacks."""
+        """Names of the arguments that are no fields; None for those that this step does not have."""
         names: dict[str, str | None] = {n: f"grid.{n}" for n in ("node_mass", "node_momentum", "node_velocity")}
         names["node_pull"] = "grid.node_pull" if self.tension else None
         names["surface_sample"] = "surface.sample_position" if self.surface else None
@@ -182,7 +182,7 @@ class Step:
     def _force(
         self, operation: str, writes: tuple[str, ...] = (), updates: tuple[str, ...] = (), line: str | None = None
     ) -> Pass:
-        """A force of the surface's samples on the nodes; `line` is where those at the edge of a wetted area stand."""
+        """A force of the surface's samples on the nodes; `line` names those at the edge of a wetted area."""
         names: dict[str, str | None] = {f"sample_{part}": f"surface.sample_{part}" for part in SURFACE_PARTS}
         names |= {"surface_term": "surface.term", "spline_cells": "grid.sample_cells", "blocks": "grid.blocks"}
         names |= {"node_force": "grid.node_pull"} | ({} if line is None else {"sample_line": line})

@@ -57,7 +57,7 @@ def append_marked(words, candidates, names, index, at):
 def build_chunk(chunk, query, query_keys, source, cells, first, radius, dim, exclude_self, index, start, count):
     """One chunk of `build_list`: a function of its own, so that its buffers belong to one thread.
 
-    Returns the room it wanted.
+    Returns the capacity that it needs.
     """
     rows = query.shape[0]
     share = index.shape[0] // CHUNKS
@@ -65,7 +65,7 @@ def build_chunk(chunk, query, query_keys, source, cells, first, radius, dim, exc
     layers = 1 if dim == 2 else 3
     begin = chunk * rows // CHUNKS
     end = (chunk + 1) * rows // CHUNKS
-    room = share * (chunk + 1)
+    capacity = share * (chunk + 1)
     at = share * chunk
     near = np.empty((3, 512), query.dtype)  # positions of the sources in the cells around the query's
     names = np.empty(512, np.int32)
@@ -116,12 +116,12 @@ def build_chunk(chunk, query, query_keys, source, cells, first, radius, dim, exc
         if exclude_self:
             mark[own + i] = 0
         start[i] = at
-        if at + candidates <= room:
+        if at + candidates <= capacity:
             at = np.int64(append_marked(mark.view(np.uint64), candidates, names, index, np.uint64(at)))
         else:
             for m in range(candidates):
                 if mark[m]:
-                    if at < room:
+                    if at < capacity:
                         index[at] = names[m]
                     at += 1
         count[i] = at - start[i]
@@ -133,7 +133,7 @@ def build_list(query, query_keys, source, cells, first, radius, dim, exclude_sel
     """Write each query's sources within `radius` [m] into `index`; rows of a chunk follow each other.
 
     `cells` are the sorted keys of the occupied source cells, `first` (cells + 1) their first source.
-    `needed[chunk]` is the room the chunk wanted; where it exceeds the chunk's share nothing is written past it.
+    `needed[chunk]` is the capacity that the chunk needs; nothing is written beyond the chunk's share.
     """
     for chunk in prange(CHUNKS):
         needed[chunk] = build_chunk(

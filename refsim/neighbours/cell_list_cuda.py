@@ -21,8 +21,8 @@ from refsim.neighbours.formulas import (
 from refsim.neighbours.limits import MOST_NEIGHBOURS, PARTICLES_PER_CELL, with_margin
 from refsim.neighbours.rows import NeighbourColumns, cuda_lane
 
-# Threads that share a column where there are few: the device would otherwise wait for memory with most of its threads
-# asleep. The simulator knows no shuffles, so there it is one.
+# Threads that share a column if there are few particles: with one thread each the device would wait for memory. One in
+# the simulator, which has no ballots.
 LANES, FEW = 1 if simulated() else 4, 500_000
 FARTHEST = (1 << 63) - 1  # above every cell's key
 
@@ -53,24 +53,24 @@ def mark_cells(keys, begins):
 def occupied_cells(keys, cells, first, report, run):
     """Keys of the occupied cells and the first particle of each, behind which n and keys beyond all others stand.
 
-    `run` (n,) counts the cells up to each particle. report[0] says how many cells there are, also where the room
-    was too small.
+    `run` (n,) counts the cells up to each particle. report[0] is the number of cells, also if the
+    capacity is exceeded.
     """
     i = cuda.grid(1)
     n = run.shape[0]
     if i < n:
         found = run[n - 1]
-        room = cells.shape[0]
+        capacity = cells.shape[0]
         cell = run[i] - 1
-        if cell < room and (i == 0 or keys[i] != keys[i - 1]):
+        if cell < capacity and (i == 0 or keys[i] != keys[i - 1]):
             cells[cell] = keys[i]
             first[cell] = i
-        if found + i < room:
+        if found + i < capacity:
             cells[found + i] = FARTHEST
         if i == 0:
             report[0] = found
             report[3] += 1
-            if found <= room:
+            if found <= capacity:
                 first[found] = n
 
 
@@ -96,17 +96,17 @@ def cell_ranges(cells, first, query_cells, query_report, low, high):
 
 @cuda_kernel(rows_of="query", lanes="listed")
 def build_list(query, run, low, high, source, radius, exclude_self, report, listed):
-    """Write each query's sources within `radius` [m] into its column of the list, as many as there is room for.
+    """Write each query's sources within `radius` [m] into its column of the list, up to its capacity.
 
     run[i] - 1 is the row of `low` and `high` that holds query i's ranges. The list's `count` says how many there are,
-    also where the room was too small; report[1] is the largest count so far. Lanes look at neighbouring sources and
+    also if the capacity is exceeded; report[1] is the largest count so far. Lanes look at neighbouring sources and
     write them in the sources' order.
     """
     i, lane = cuda_lane(cuda.grid(1), listed)
     lanes = len(listed.lanes)
     n = query.shape[0]
     if i < n and run[i] <= low.shape[0]:
-        room = listed.entries.shape[0] // n
+        capacity = listed.entries.shape[0] // n
         limit = radius * radius
         c = run[i] - 1
         xi = query[i, 0]
@@ -114,7 +114,7 @@ def build_list(query, run, low, high, source, radius, exclude_self, report, list
         zi = query[i, 2]
         found = 0
         for k in range(low.shape[1]):
-            end = high[c, k]  # read once: what is written below might be it, for all the compiler knows
+            end = high[c, k]  # read once: for the compiler, `entries` might be the same memory
             for j in range(low[c, k] + lane, end + lane, lanes):
                 near = False
                 if j < end:
@@ -123,7 +123,7 @@ def build_list(query, run, low, high, source, radius, exclude_self, report, list
                     dz = zi - source[j, 2]
                     near = dx * dx + dy * dy + dz * dz < limit and (exclude_self == 0 or i != j)
                 before, together = counted_lanes(near, lane, lanes)
-                if near and found + before < room:
+                if near and found + before < capacity:
                     listed.entries[(found + before) * n + i] = j
                 found += together
         if lane == 0:
@@ -305,7 +305,7 @@ def place_in_box(key, report):
 def count_cells(keys, report, count, cell, slot):
     """The cell of each particle among those of the box, and which of its particles it is, in whatever order they come.
 
-    report[6] becomes 1 where `count` has no room for all cells, or a cell is too full to be ordered.
+    report[6] becomes 1 if the cells exceed the capacity of `count`, or a cell has too many particles to be ordered.
     """
     i = cuda.grid(1)
     if i < keys.shape[0]:
@@ -502,8 +502,8 @@ class CellBlocks:
 class CellOrder:
     """The particles' order by cell, and within a cell by number, as launches that can be recorded.
 
-    Counts the particles of each cell in the box of cells around all of them. Where the box has more cells than there is
-    room for, or a cell more particles than MOST_NEIGHBOURS, the order is that in which they stand and report[6] is 1.
+    Counts the particles of each cell in the box of cells around all of them. If the cells exceed the capacity, or a
+    cell has more particles than MOST_NEIGHBOURS, the particles keep their order and report[6] is 1.
     """
 
     def __init__(self, backend, keys, order):

@@ -106,7 +106,7 @@ class Cloud(msgspec.Struct, tag="cloud", tag_field="shape", frozen=True, kw_only
         if self.file:
             try:
                 with open_regular(self.file) as file, warnings.catch_warnings():
-                    warnings.simplefilter("ignore")  # an empty file is told below
+                    warnings.simplefilter("ignore")  # an empty file is reported below
                     if self.file.endswith(".npy"):
                         values = np.lib.format.open_memmap(self.file, "r")  # which compares shape and size before
                     else:
@@ -271,13 +271,13 @@ def _check_magnitudes(place: str, part: Any) -> None:
         if f.type is not Any:  # arrays of particles and cells are looked at where they are read
             several = isinstance(values, tuple)
             for axis, value in enumerate(values if several else (values,)):
-                if f.name != "velocity":  # told with the particle that has it
+                if f.name != "velocity":  # reported with its particle
                     name = f"{f.name} along {'xyz'[axis]}" if several and len(values) == 3 else f.name
                     _check_magnitude(place, name, value, 0.0 if "temperature" in f.name else SMALLEST)
 
 
 def _check_magnitude(place: str, name: str, value: Any, least: float = 0.0) -> None:
-    """Raise InputError for a number that is not finite, or whose magnitude is beyond all that can be meant."""
+    """Raise InputError for a number that is not finite, or whose magnitude is outside the accepted range."""
     if not isinstance(value, int | float) or value == 0 or least <= abs(value) <= GREATEST:
         return
     words = f"{value:g}" if isinstance(value, float) else f"{str(value)[:12]}..."
@@ -511,7 +511,7 @@ def _check_places(state: InitialState, bounds: Any, solids: Nodes | None) -> Non
 
 
 def _lattice_mass(grid: Discretisation, effects: Mapping[str, Effect]) -> float:
-    """Mass of a lattice particle: the liquid's, else that of the first effect that knows one, else 1."""
+    """Mass of a lattice particle: the liquid's, else that of the first effect that gives one, else 1."""
     liquid_first = sorted(having(effects, KnowsParticleMass), key=lambda effect: not effect.of_liquid)
     return liquid_first[0].particle_mass(grid) if liquid_first else 1.0
 
@@ -542,7 +542,7 @@ def _check_particles(position: np.ndarray, velocity: np.ndarray, mass: np.ndarra
     from refsim.neighbours import coincident_pairs
 
     for name, values in (("position", position), ("velocity", velocity), ("mass", mass)):
-        with np.errstate(over="ignore"):  # told below
+        with np.errstate(over="ignore"):  # reported below
             rounded = values.astype(scene.dtype)
             bad = np.flatnonzero(~(np.abs(rounded) <= GREATEST).reshape(len(values), -1).all(1))
         if len(bad):
@@ -574,10 +574,10 @@ def _initial_values(
         for name, value in effect.initial(grid, state, effects).items():
             value = np.asarray(value)
             if name not in fields or not fields[name].state:
-                raise ValueError(f"effect {effect.name!r} gives {name!r} a value, which is no state field of its own")
+                raise ValueError(f"effect {effect.name!r} sets {name!r}, which is none of its state fields")
             if value.shape != fields[name].shape(grid.count):
                 raise ValueError(f"effect {effect.name!r} gives {name!r} the shape {value.shape}")
-            with np.errstate(over="ignore"):  # told here
+            with np.errstate(over="ignore"):  # reported here
                 rounded = value.astype(fields[name].numpy_dtype(grid.dtype))
             if rounded.dtype.kind == "f" and not np.isfinite(rounded).all():
                 raise InputError(

@@ -24,7 +24,7 @@ from refsim.shape_matching.kernels import (
     motion_end,
     motion_sums,
 )
-from refsim.shape_matching.phases import NOBODY
+from refsim.shape_matching.phases import EMPTY
 
 
 def match(solid_position, region_share, region, region_count, boxes, matching, region_center, region_anchor, rotation):
@@ -123,7 +123,7 @@ def match_cell(cell, solid_position, region_share, boxes):
     row = boxes.first
     clear(cell, row, 17)
     s = boxes.node[cell]
-    if s != NOBODY and region_share[s] > 0:
+    if s != EMPTY and region_share[s] > 0:
         m = np.float64(region_share[s])
         g = from_middle(s, boxes)
         x = away(s, solid_position, boxes)
@@ -165,7 +165,7 @@ def goal_cell(cell, solid_position, region_count, region_anchor, rotation, boxes
     row = boxes.first
     clear(cell, row, 13)
     s = boxes.node[cell]
-    if s != NOBODY and region_count[s] > 0:
+    if s != EMPTY and region_count[s] > 0:
         a, b, e = from_middle(s, boxes)
         x = away(s, solid_position, boxes)
         d = np.float64(spacing)
@@ -200,7 +200,7 @@ def motion_cell(cell, solid_position, solid_velocity, region_share, boxes):
     row = boxes.first
     clear(cell, row, 17)
     s = boxes.node[cell]
-    if s != NOBODY and region_share[s] > 0:
+    if s != EMPTY and region_share[s] > 0:
         m = np.float64(region_share[s])
         x, v = away(s, solid_position, boxes), away(s, solid_velocity, boxes)
         row[0, cell], row[16, cell] = m, 1.0
@@ -256,7 +256,7 @@ def damp_cell(cell, solid_position, solid_velocity, region_count, region_center,
     row = boxes.first
     clear(cell, row, 7)
     s = boxes.node[cell]
-    if s != NOBODY and region_count[s] > 0:
+    if s != EMPTY and region_count[s] > 0:
         o = boxes.origin[s]
         x = away(s, solid_position, boxes)
         c = region_place(s, x, region_center)

@@ -1,7 +1,7 @@
 """What one node does in lattice shape matching.
 
 Tables have a row for each node in the particles' first order, in which the nodes of solids come first: row s belongs to
-the particle of identity s, whose present row in the particle arrays is place[s]. Empty slots are NOBODY.
+the particle of identity s, whose present row in the particle arrays is place[s]. Empty slots are EMPTY.
 """
 
 import numpy as np
@@ -20,7 +20,7 @@ from refsim.shape_matching.formulas import (
     slot_offset,
     turned,
 )
-from refsim.shape_matching.phases import FLUID, INTERIOR, NOBODY, SURFACE
+from refsim.shape_matching.phases import EMPTY, FLUID, INTERIOR, SURFACE
 from refsim.shape_matching.rotation import solved_rotation
 
 LANES = 1 if simulated() else 8  # CUDA threads that share a region; the simulator has no shuffles
@@ -30,7 +30,7 @@ EPSILON = 2.220446049250313e-16  # of float64
 
 @formula
 def find(key, wanted, first, end):
-    """Place of `wanted` among the sorted keys [first, end); NOBODY if it is absent."""
+    """Place of `wanted` among the sorted keys [first, end); EMPTY if it is absent."""
     low, high = first, end
     while low < high:
         middle = (low + high) >> 1
@@ -38,7 +38,7 @@ def find(key, wanted, first, end):
             low = middle + 1
         else:
             high = middle
-    found = NOBODY
+    found = EMPTY
     if low < end and key[low] == wanted:
         found = low
     return found
@@ -46,32 +46,32 @@ def find(key, wanted, first, end):
 
 @kernel(ordered=True)
 def direct_neighbours(s, phase, place, lattice, direct):
-    """27 direct neighbours of node s, itself in slot 13: solid, of the same body, at most one cell away."""
+    """27 direct neighbours of node s, itself in slot 13: solid, same body, at most one cell away; dimensionless."""
     solid = phase[place[s]] != FLUID
     body = lattice.body[s]
     first, end = lattice.first[body], lattice.first[body + 1]
     for slot in range(27):
         a, b, e = slot_offset(slot, 1)
-        other = NOBODY
+        other = EMPTY
         if solid:
             key = lattice.key[s] + (e << (2 * BITS)) + (b << BITS) + a
             other = find(lattice.key, key, first, end)
-            if other != NOBODY and phase[place[other]] == FLUID:
-                other = NOBODY
+            if other != EMPTY and phase[place[other]] == FLUID:
+                other = EMPTY
         direct[s, slot] = other
 
 
 @kernel(ordered=True)
 def classify(i, identity, direct, phase):
-    """Phase of particle i, if it is a node: at its body's surface if one of the 27 direct neighbours is missing."""
+    """Phase of particle i, if it is a node: at its body's surface if a direct neighbour is missing; a flag."""
     if identity[i] < direct.shape[0]:
         s = identity[i]
         found = INTERIOR
-        if direct[s, 13] == NOBODY:
+        if direct[s, 13] == EMPTY:
             found = FLUID
         else:
             for slot in range(27):
-                if direct[s, slot] == NOBODY:
+                if direct[s, slot] == EMPTY:
                     found = SURFACE
         phase[i] = found
 
@@ -121,7 +121,7 @@ def nothing_12(zero):
 def match_slot(s, slot, solid_position, region_share, region, half_width):
     """Terms of one slot in the sums of the region of node s; zeros if it is empty."""
     j = region[s, slot]
-    if j == NOBODY:
+    if j == EMPTY:
         return nothing_16(type(solid_position[s, 0])(0))
     return match_member(s, j, slot_offset(slot, half_width), solid_position, region_share)
 
@@ -155,7 +155,7 @@ def match_sums(s, solid_position, region_share, region, half_width):
     last = region.shape[1] - 1
     for k in range(region.shape[1]):  # a slot and then its opposite, so that sums stay small: k = 0, last, 1, ...
         slot = last - k // 2 if k % 2 else k // 2
-        if region[s, slot] != NOBODY:
+        if region[s, slot] != EMPTY:
             sums = added(sums, match_slot(s, slot, solid_position, region_share, region, half_width))
     return sums
 
@@ -169,7 +169,7 @@ def careful_sums(s, solid_position, region_share, region, half_width):
     for k in range(region.shape[1]):
         slot = last - k // 2 if k % 2 else k // 2
         j = region[s, slot]
-        if j != NOBODY:
+        if j != EMPTY:
             m, (a, b, e) = np.float64(region_share[j]), slot_offset(slot, half_width)
             x = np.float64(solid_position[j, 0]) - np.float64(solid_position[s, 0])
             y = np.float64(solid_position[j, 1]) - np.float64(solid_position[s, 1])
@@ -251,7 +251,7 @@ def goal_slot(s, slot, solid_position, region, region_anchor, rotation, matching
     """Displacement of node s to its goal in the region of one slot [m]; zeros if the slot is empty."""
     zero = type(matching.spacing)(0)
     r = region[s, slot]
-    if r == NOBODY:
+    if r == EMPTY:
         return zero, zero, zero
     offset = slot_offset(slot, matching.half_width)
     return goal_member(s, r, offset, solid_position, region_anchor, rotation, matching)
@@ -286,7 +286,7 @@ def goal_sums(s, solid_position, region, region_anchor, rotation, matching):
     zero = type(matching.spacing)(0)
     gx, gy, gz = zero, zero, zero
     for slot in range(region.shape[1]):
-        if region[s, slot] != NOBODY:
+        if region[s, slot] != EMPTY:
             x, y, z = goal_slot(s, slot, solid_position, region, region_anchor, rotation, matching)
             gx += x
             gy += y
@@ -309,7 +309,7 @@ def goal_end(s, sums, region_count, place, velocity, matching, timestep, acceler
 def motion_slot(s, slot, solid_position, solid_velocity, region_share, region, region_center):
     """Terms of one slot in the motion of the region of node s; zeros if it is empty. Velocities relative to node s."""
     j = region[s, slot]
-    if j == NOBODY:
+    if j == EMPTY:
         return nothing_12(type(region_center[s, 0])(0))
     return motion_term(
         region_share[j],
@@ -339,7 +339,7 @@ def motion_sums(s, solid_position, solid_velocity, region_share, region, region_
     sums = nothing_12(zero)
     for slot in range(region.shape[1]):
         j = region[s, slot]
-        if j != NOBODY:
+        if j != EMPTY:
             mass += region_share[j]
             sums = added_12(
                 sums, motion_slot(s, slot, solid_position, solid_velocity, region_share, region, region_center)
@@ -365,7 +365,7 @@ def damp_slot(s, slot, solid_position, solid_velocity, region, region_center, re
     zero = type(solid_position[s, 0])(0)
     u, v, w = zero, zero, zero
     r = region[s, slot]
-    if r != NOBODY:
+    if r != EMPTY:
         u, v, w = rigid_term(
             region_velocity[r],
             region_spin[r],
@@ -395,7 +395,7 @@ def damp_sums(s, solid_position, solid_velocity, region, region_center, region_v
     zero = type(solid_position[s, 0])(0)
     su, sv, sw = zero, zero, zero
     for slot in range(region.shape[1]):
-        if region[s, slot] != NOBODY:
+        if region[s, slot] != EMPTY:
             u, v, w = damp_slot(
                 s, slot, solid_position, solid_velocity, region, region_center, region_velocity, region_spin
             )

@@ -19,7 +19,7 @@ from refsim.shape_matching.kernels import (
     nothing_12,
     nothing_16,
 )  # fmt: skip
-from refsim.shape_matching.phases import NOBODY
+from refsim.shape_matching.phases import EMPTY
 
 
 @formula
@@ -80,10 +80,10 @@ def match(solid_position, region_share, region, matching, region_center, region_
         for pair in range(lane, middle + 1, LANES):
             slot, other, offset = _opposites(pair, matching.half_width)
             j = region[s, slot]
-            if j != NOBODY:
+            if j != EMPTY:
                 sums = added(sums, match_member(s, j, offset, solid_position, region_share))
             j = region[s, other]
-            if j != NOBODY and pair < middle:
+            if j != EMPTY and pair < middle:
                 terms = match_member(s, j, _opposite(offset), solid_position, region_share)
                 sums = added(sums, terms)
         sums = _summed_16(lane, sums)
@@ -105,11 +105,11 @@ def pull(
         for pair in range(lane, middle + 1, LANES):
             slot, other, offset = _opposites(pair, matching.half_width)
             r = region[s, slot]
-            if r != NOBODY:
+            if r != EMPTY:
                 a, b, e = goal_member(s, r, offset, solid_position, region_anchor, rotation, matching)
                 x, y, z = x + a, y + b, z + e
             r = region[s, other]
-            if r != NOBODY and pair < middle:
+            if r != EMPTY and pair < middle:
                 a, b, e = goal_member(s, r, _opposite(offset), solid_position, region_anchor, rotation, matching)
                 x, y, z = x + a, y + b, z + e
         sums = _summed_3(lane, (x, y, z))
@@ -129,13 +129,13 @@ def region_motion(
         sums = nothing_12(mass)
         for pair in range(lane, middle + 1, LANES):
             slot, other, _ = _opposites(pair, matching.half_width)
-            if region[s, slot] != NOBODY:
+            if region[s, slot] != EMPTY:
                 mass += region_share[region[s, slot]]
                 sums = added_12(
                     sums,
                     motion_slot(s, slot, solid_position, solid_velocity, region_share, region, region_center),
                 )
-            if region[s, other] != NOBODY and pair < middle:
+            if region[s, other] != EMPTY and pair < middle:
                 mass += region_share[region[s, other]]
                 sums = added_12(
                     sums,

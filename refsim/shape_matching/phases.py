@@ -1,4 +1,4 @@
 """Phases of a particle, as the integer field `phase` holds them."""
 
 FLUID, SURFACE, INTERIOR = range(3)  # liquid; solid with fewer than 27 direct neighbours; solid with all of them
-NOBODY = -1  # empty slot of a table of nodes
+EMPTY = -1  # empty slot of a table of nodes

@@ -7,7 +7,7 @@ of the particle arrays. region (S, n^3), n = 2 w + 1: numbers of the members, -1
 import numpy as np
 
 FLUID, SURFACE, INTERIOR = 0, 1, 2
-NOBODY = -1
+EMPTY = -1
 
 
 def _certain(value):
@@ -28,7 +28,7 @@ def direct_neighbours(phase, place, lattice):
     """
     cell, body = np.asarray(lattice.cell, dtype=int), np.asarray(lattice.body)
     solid = np.asarray(phase)[np.asarray(place)[: len(cell)]] != FLUID
-    direct = np.full((len(cell), 27), NOBODY)
+    direct = np.full((len(cell), 27), EMPTY)
     for s in np.flatnonzero(solid):
         offset = cell - cell[s]
         near = np.flatnonzero((abs(offset) <= 1).all(1) & (body == body[s]) & solid)
@@ -47,10 +47,10 @@ def regions(direct, rebuild, lattice, region, region_count):
     count = np.array(region_count)
     for s in range(len(direct)):
         if rebuild is None or rebuild[s]:
-            region[s] = NOBODY
-            members = {s} if (direct[s] != NOBODY).any() else set()
+            region[s] = EMPTY
+            members = {s} if (direct[s] != EMPTY).any() else set()
             for _ in range(width):
-                members |= {int(j) for m in members for j in direct[m] if j != NOBODY}
+                members |= {int(j) for m in members for j in direct[m] if j != EMPTY}
             found = np.array(sorted(members), int)
             region[s, (cell[found] - cell[s] + width) @ [(2 * width + 1) ** 2, 2 * width + 1, 1]] = found
             count[s] = len(found)
@@ -59,7 +59,7 @@ def regions(direct, rebuild, lattice, region, region_count):
 
 def classify(identity, direct, phase):
     """phase = 1 where a node has fewer than 27 direct neighbours, itself among them, 2 with all, else 0 (flag)."""
-    count = (np.asarray(direct) != NOBODY).sum(1)
+    count = (np.asarray(direct) != EMPTY).sum(1)
     identity, result = np.asarray(identity), np.array(phase)
     node = identity < len(count)
     own = count[identity[node]]
@@ -77,7 +77,7 @@ def gather(position, mass, place, region_count):
 
 
 def _members(region, s):
-    slots = np.flatnonzero(region[s] != NOBODY)
+    slots = np.flatnonzero(region[s] != EMPTY)
     return slots, region[s, slots]
 
 

@@ -2,7 +2,7 @@
 
 from refsim.backends.compile import cpu_kernel, formula, prange
 from refsim.shape_matching.formulas import slot_offset
-from refsim.shape_matching.phases import NOBODY
+from refsim.shape_matching.phases import EMPTY
 
 LEVEL = 28  # bits of a node's number; the bits above hold its level while a region is filled
 NUMBER = (1 << LEVEL) - 1
@@ -32,23 +32,23 @@ def fill_region(s, direct, region):
         side += 2
     middle = slots // 2
     for slot in range(slots):
-        region[s, slot] = NOBODY
+        region[s, slot] = EMPTY
     count = 0
-    if direct[s, 13] != NOBODY:
+    if direct[s, 13] != EMPTY:
         region[s, middle] = s
         count = 1
     for level in range(1, side // 2 + 1):
         for slot in range(slots):
             entry = region[s, slot]
-            if entry != NOBODY and entry >> LEVEL == level - 1:
+            if entry != EMPTY and entry >> LEVEL == level - 1:
                 node = entry & NUMBER
                 for near in range(27):
                     a, b, e = slot_offset(near, 1)
                     target = slot + (a * side + b) * side + e
-                    if region[s, target] == NOBODY and direct[node, near] != NOBODY:
+                    if region[s, target] == EMPTY and direct[node, near] != EMPTY:
                         region[s, target] = direct[node, near] | (level << LEVEL)
                         count += 1
     for slot in range(slots):
-        if region[s, slot] != NOBODY:
+        if region[s, slot] != EMPTY:
             region[s, slot] &= NUMBER
     return count

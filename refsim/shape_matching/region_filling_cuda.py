@@ -5,7 +5,7 @@ import numpy as np
 from refsim.backends.compile import cuda, cuda_kernel, formula
 from refsim.shape_matching import WIDEST
 from refsim.shape_matching.formulas import slot_offset
-from refsim.shape_matching.phases import NOBODY
+from refsim.shape_matching.phases import EMPTY
 from refsim.shape_matching.region_filling import LEVEL, NUMBER
 
 MOST_SLOTS = (2 * WIDEST + 1) ** 3
@@ -31,15 +31,15 @@ def regions(direct, rebuild, lattice, region, region_count):
         cuda.syncthreads()
         for level in range(2, side // 2 + 1):
             for slot in range(own, slots, step):
-                if entries[slot] == NOBODY:
+                if entries[slot] == EMPTY:
                     other = reached(slot, level, direct, entries, side)
-                    if other != NOBODY:
+                    if other != EMPTY:
                         entries[slot] = other | (level << LEVEL)
             cuda.syncthreads()
         count = 0
         for slot in range(own, slots, step):
             entry = entries[slot]
-            if entry != NOBODY:
+            if entry != EMPTY:
                 entry &= NUMBER
                 count += 1
             region[s, slot] = entry
@@ -51,10 +51,10 @@ def next_to(s, slot, direct, side):
     """What passes 0 and 1 write into a slot of the region of node s: the node itself, and its direct neighbours."""
     middle = side // 2
     a, b, e = slot // (side * side) - middle, slot // side % side - middle, slot % side - middle
-    found = NOBODY
+    found = EMPTY
     if -1 <= a <= 1 and -1 <= b <= 1 and -1 <= e <= 1:
         found = direct[s, (a + 1) * 9 + (b + 1) * 3 + e + 1]
-        if found != NOBODY and (a != 0 or b != 0 or e != 0):
+        if found != EMPTY and (a != 0 or b != 0 or e != 0):
             found |= 1 << LEVEL
     return found
 
@@ -66,14 +66,14 @@ def reached(slot, level, direct, entries, side):
     The same passes as in `fill_region`, seen from the slot that is written, so that threads can share a region, whose
     slots are `entries`.
     """
-    found = NOBODY
+    found = EMPTY
     near = 0
     x, y, z = slot // (side * side), slot // side % side, slot % side
-    while found == NOBODY and near < 27:
+    while found == EMPTY and near < 27:
         a, b, e = slot_offset(near, 1)
         if 0 <= x - a < side and 0 <= y - b < side and 0 <= z - e < side:
             entry = entries[((x - a) * side + y - b) * side + z - e]
-            if entry != NOBODY and entry >> LEVEL == level - 1:
+            if entry != EMPTY and entry >> LEVEL == level - 1:
                 found = direct[entry & NUMBER, near]
         near += 1
     return found

@@ -67,7 +67,7 @@ class SurfaceEnergy(Tension, HoldsOtherMemory, Watches, frozen=True, kw_only=Tru
                       along walls as it is
     capillary_number  share b of sqrt(rho h^3/(2 pi k)) that the step may have; the limit of stability is 0.75
     recount_time      time [s] in which J follows the density that the grid counts, where that is more than 1.05 times
-                      what J tells; 0 (default) never
+                      what J says; 0 (default) never
     """
 
     name: ClassVar[str] = "surface_energy"
@@ -132,7 +132,7 @@ class SurfaceEnergy(Tension, HoldsOtherMemory, Watches, frozen=True, kw_only=Tru
         least = self.least_component(grid.dim)
         if grid.count < least:
             raise InputError(
-                f"{self.name}: {grid.count} particles do not resolve a body whose surface bears tension, which takes"
+                f"{self.name}: {grid.count} particles do not resolve a body whose surface has tension, which takes"
                 f" {least}; take smaller cells and more particles, or set smallest."
             )
         cell = _liquid(others).cell(grid)
@@ -238,7 +238,7 @@ class SurfaceEnergy(Tension, HoldsOtherMemory, Watches, frozen=True, kw_only=Tru
         if crowding > OVERFULL:
             return (
                 "clumped",
-                f"the grid counts {crowding:.3g} times the liquid that a particle's volume ratio tells of, more than"
+                f"the grid counts {crowding:.3g} times the liquid that a particle's volume ratio implies, more than"
                 f" {OVERFULL:g}: {GATHERED}",
             )
         return None
@@ -247,7 +247,7 @@ class SurfaceEnergy(Tension, HoldsOtherMemory, Watches, frozen=True, kw_only=Tru
         crowding = float(seen["greatest_crowding"][0])
         if crowding > CROWDED:
             return (
-                f"the grid counts {crowding:.3g} times the liquid that a particle's volume ratio tells of, more than"
+                f"the grid counts {crowding:.3g} times the liquid that a particle's volume ratio implies, more than"
                 f" {CROWDED:g}: shape and pressure are no longer to be trusted, and the run may stop as clumped."
                 " dynamic_viscosity keeps particles apart, and so does recount_time, for ten steps, say."
             )

@@ -5,8 +5,8 @@ Loops over cells near a node go through `step_node`; the particles of a cell sta
 
 import math
 
+from refsim.backends import arrays
 from refsim.backends.compile import formula, kernel
-from refsim.backends.runtime import fill, largest
 from refsim.sparse_grid.formulas import node_coordinates, step_node
 from refsim.surface_energy import formulas
 
@@ -166,10 +166,10 @@ def candidates(k, vertex_position, facets, area_before, dice, candidate_facet, c
 
 def poisson_disk(candidate_position, candidate_cells, blocks, dice, surface_term, accepted):
     """Poisson-disk samples, a flag for each candidate: rounds of `throw_darts` until every candidate is decided."""
-    fill(accepted, UNDECIDED)
+    arrays.fill(accepted, UNDECIDED)
     while True:
         throw_darts(candidate_position, candidate_cells, blocks, dice, surface_term, accepted)
-        if largest(accepted) != UNDECIDED:
+        if arrays.largest(accepted) != UNDECIDED:
             return
 
 
@@ -338,8 +338,8 @@ def weights_of_nodes(i, fit_splines, fit_cells, blocks, surface_term, node_weigh
 
 def fit(fit_splines, fit_cells, blocks, surface_term, node_weight, active, residual, coefficients):
     """(3.6), Algorithm 2: `iterations` sweeps from C = 0; C [h] and residuals [h]."""
-    fill(coefficients, 0)
-    fill(residual, 0)
+    arrays.fill(coefficients, 0)
+    arrays.fill(residual, 0)
     for _ in range(surface_term.iterations):
         fit_residuals(fit_splines, fit_cells, blocks, surface_term, coefficients, residual)
         fit_correct(fit_splines, fit_cells, blocks, surface_term, node_weight, active, residual, coefficients)

@@ -34,7 +34,7 @@ class Face(NamedTuple):
 
 
 class SurfaceSamples:
-    """Samples on one backend, replaced in each step by whoever reconstructs the surface (`assign`).
+    """Samples on one backend, replaced in each step by those of the new surface (`assign`).
 
     sample_position (s, 3) [m], sample_normal (s, 3) outward, sample_area (s,) [m^(d-1)], sample_nearest (s,) int32,
     the particle nearest to each; sample_line (s, 3) [m^(d-2)], on the edge of a wetted area its outward normal in the
@@ -214,10 +214,10 @@ class SurfaceOfRun(SurfaceSamples):
         edge, line, normal = (xp.ascontiguousarray(xp.concatenate(p).astype(dtype)) for p in (places, lines, normals))
         nearest, _, _ = self.reconstruction.offsets(position, found.blocks, found.cells, wrapped(edge), False)
         beside = seen(nearest)
-        bears = (beside >= 0) & (
+        tense = (beside >= 0) & (
             seen(found.component_size)[xp.maximum(beside, 0)] >= self.tension.least_component(self.dim)
         )
-        edge, line, normal, beside = edge[bears], line[bears], normal[bears], beside[bears]
+        edge, line, normal, beside = edge[tense], line[tense], normal[tense], beside[tense]
         parts = (
             (seen(samples.position)[free], edge),
             (seen(samples.normal)[free], normal),

@@ -42,7 +42,7 @@ from refsim import (
     make_plan,
 )
 from refsim.commands.plan import describe_plan
-from refsim.core.capabilities import WantsCellOrder, having
+from refsim.core.capabilities import NeedsCellOrder, having
 from refsim.core.effect import EFFECTS
 from refsim.core.fields import BASE
 from refsim.core.operation import REGISTRY
@@ -188,7 +188,7 @@ class TestPlan:
         runner = {p.operation for effect, p in plan.motion if effect is None} | {p.operation for _, p in plan.start}
         runner |= {"sph.extremes"}
         runner |= {"neighbours"} if plan.list_radius > 0 else set()
-        runner |= {"sorting"} if having(plan.effects, WantsCellOrder) else set()
+        runner |= {"sorting"} if having(plan.effects, NeedsCellOrder) else set()
         assert set(simulation.timings.first_calls) == {*plan.launches(), *runner}
         simulation.evaluate()
         assert set(simulation.timings.first_calls) == {*plan.launches(True), *runner}
@@ -339,14 +339,12 @@ def printed(folder):
 
 
 def test_where_an_effect_does_not_exist_the_bits_are_the_same(tmp_path):
-    """A copy of the package from which the surface folders were torn out, kernels run as Python in both."""
+    """A copy of the package without the surface folders and MPM, which uses one; kernels run as Python in both."""
     source = pathlib.Path(refsim.__file__).parent
-    shutil.copytree(
-        source, tmp_path / "refsim", ignore=shutil.ignore_patterns("__pycache__", "surface_*", "surface.py")
-    )
+    shutil.copytree(source, tmp_path / "refsim", ignore=shutil.ignore_patterns("__pycache__", "surface_*", "mpm"))
     contents = tmp_path / "refsim" / "__init__.py"
     text = contents.read_text()
-    torn = re.sub(r".*(?:surface_|mpm\.surface|SurfaceDetection|SurfaceEnergy|JiangZhu).*\n", "", text)
+    torn = re.sub(r".*(?:surface_|refsim\.mpm|Mpm|SurfaceDetection|SurfaceEnergy|JiangZhu).*\n", "", text)
     assert torn != text
     contents.write_text(torn)
     bits, modules = printed(tmp_path)

@@ -182,9 +182,9 @@ class Unsigned:
 
 
 MISFIT = {
-    "parameter": (lambda gravity, acceleration: None, "takes gravity, which the operation has not; it has field,"),
-    "any number": (lambda *values: None, "takes *values, which the operation has not"),
-    "no signature": (Unsigned(), "does not tell its parameters"),
+    "parameter": (lambda gravity, acceleration: None, "takes gravity, which the operation does not have; it has"),
+    "any number": (lambda *values: None, "takes *values, which the operation does not have"),
+    "no signature": (Unsigned(), "does not state its parameters"),
 }
 
 
@@ -209,7 +209,7 @@ def test_a_misfit_is_told_before_anything_is_judged(folder, capsys):
     (folder / "own.py").write_text(f"{GRAVITY}PROGRAMS = {{'sph.gravity': gravity, 'sph.density': lambda weight: 1}}\n")
     code, out, err = refsim(capsys, "own.py", *QUICK)
     assert (code, out) == (2, "")
-    assert "takes weight, which the operation has not" in err
+    assert "takes weight, which the operation does not have" in err
     assert err.count("\n") == 1
 
 
@@ -372,7 +372,7 @@ AT_IMPORT = {
     "crash": ("import ctypes\nctypes.string_at(0)", "the program ended its process (signal SIGSEGV)."),
     "endless": ("while True: pass", "cannot be imported: its import did not end within 2 s (--time-limit)."),
     "interrupt": ("raise KeyboardInterrupt", "cannot be imported: KeyboardInterrupt"),
-    "words": ("class E(Exception):\n def __str__(self): return 1/0\nraise E", "cannot be imported: E: no word of why."),
+    "words": ("class E(Exception):\n def __str__(self): return 1/0\nraise E", "cannot be imported: E: no message."),
 }
 
 

@@ -381,7 +381,7 @@ REFUSED = {
 
 @pytest.mark.parametrize("name", REFUSED)
 def test_forces_without_an_energy_are_refused(name):
-    with pytest.raises(InputError, match=f"effect '{name}' follow from no energy"):
+    with pytest.raises(InputError, match=f"effect '{name}' have no energy that can be computed"):
         make_plan(scene(WeaklyCompressible(sound_speed=10.0), REFUSED[name]))
     make_plan(scene(WeaklyCompressible(sound_speed=10.0), REFUSED[name], audit=None))
 

@@ -243,7 +243,7 @@ def test_a_checkpoint_that_lacks_something_is_refused(tmp_path, lost):
         Simulation.resume(tmp_path / "c.h5")
     wrong = saved.arrays | {lost: saved.arrays[lost][:-1]}
     write_checkpoint(tmp_path / "c.h5", wrong, saved.attributes)
-    with pytest.raises(InputError, match="the scene wants"):
+    with pytest.raises(InputError, match="the scene has"):
         Simulation.resume(tmp_path / "c.h5")
 
 
@@ -290,12 +290,12 @@ def with_row(array, row, value):
     [
         ("field.mass", lambda a: with_row(a, 3, -1.0), "1 of its particles have no positive mass"),
         ("field.velocity", lambda a: with_row(a, 3, 1e38), "beyond 1e"),
-        ("field.mass", lambda a: a.astype("float64"), "the scene wants float32"),
+        ("field.mass", lambda a: a.astype("float64"), "the scene has float32"),
         ("field.identity", lambda a: with_row(a, 3, 4), "identity"),
         ("field.identity", lambda a: with_row(a, 3, 2**31 - 1), "identity"),
         ("field.position", lambda a: with_row(a, (0, 2), 0.5), "z than 0 in a 2D scene"),
-        ("field.velocity", lambda a: a.astype("complex64"), "the scene wants float32"),
-        ("build_position", lambda a: a[:, :2], "the scene wants float32"),
+        ("field.velocity", lambda a: a.astype("complex64"), "the scene has float32"),
+        ("build_position", lambda a: a[:, :2], "the scene has float32"),
     ],
 )
 def test_a_checkpoint_with_impossible_particles_is_refused(tmp_path, name, spoil, words):

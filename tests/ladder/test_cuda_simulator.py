@@ -43,21 +43,48 @@ RADIUS = 0.2
 SKIN = 0.25
 
 
+class SharedArrays(dict):
+    """Shared arrays of a block by their lines of code, one for all threads that ask for it at the same time."""
+
+    def __init__(self):
+        super().__init__()
+        self.making = threading.Lock()
+
+    def get(self, line):
+        self.making.acquire()  # until another thread has entered the array that it makes
+        found = super().get(line)
+        if found is not None:
+            self.making.release()
+        return found
+
+    def __setitem__(self, line, array):
+        super().__setitem__(line, array)
+        self.making.release()
+
+
 @pytest.fixture(scope="module", autouse=True)
 def waiting_simulator():
-    """The simulator that waits for its threads.
+    """The simulator that waits for its threads, and makes each shared array once.
 
-    Numba's own asks all of them without a pause whether they are alive, which takes most of the time from them.
+    Numba's own asks all threads without a pause whether they are alive, which takes most of the time from them. Two of
+    its threads that ask for a shared array at the same time may get one each.
     """
     kernel = importlib.import_module("numba.cuda.simulator.kernel")
+    shared = importlib.import_module("numba.cuda.simulator.kernelapi").FakeCUDAShared
+    begin = shared.__init__
 
     def is_alive(thread):
         if not thread.syncthreads_blocked:
             thread.join(1e-3)
         return threading.Thread.is_alive(thread)
 
+    def begin_with_lock(arrays, size):
+        begin(arrays, size)
+        arrays._allocations = SharedArrays()
+
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(kernel.BlockThread, "is_alive", is_alive)
+        patch.setattr(shared, "__init__", begin_with_lock)
         yield
 
 
@@ -355,7 +382,7 @@ def test_ways_are_compared_in_blocks_that_touch(cuda, dim):
     )
     anywhere = ((way.max(0) - way.min(0)) ** 2).sum()
     for _ in range(2):
-        found = search.programs.squared_relative_ways(cuda.asarray(ordered + way), there)
+        found = search.programs.squared_relative_displacements(cuda.asarray(ordered + way), there)
         assert found == pytest.approx((touching, anywhere), rel=1e-12)
 
 
@@ -445,27 +472,10 @@ def test_recorded_stage_gives_its_closed_forms(name):
     assert all(outcome.passed for outcome in outcomes), "\n".join(map(str, outcomes))
 
 
-def test_lanes_exchange_what_they_hold(cuda):
-    """Several threads share a row in the simulator, too: the stages of a recorded surface run with more than one."""
-    from refsim.backends.compile import cuda as numba_cuda
-    from refsim.backends.compile import cuda_kernel
-    from refsim.backends.primitives import largest_of_lanes, sum_of_lanes
+def test_recorded_stages_run_with_several_lanes():
     from refsim.surface_energy.recorded import fit_cuda, samples_cuda
 
     assert min(samples_cuda.LANES, fit_cuda.WIDTH) > 1
-
-    @cuda_kernel(lanes=4)
-    def rows(values, total, most):
-        i, lane = numba_cuda.grid(1) // 4, numba_cuda.grid(1) % 4
-        if i < most.shape[0]:
-            total[i, lane] = sum_of_lanes(values[i, lane], lane, 4)
-            most[i, lane] = largest_of_lanes(values[i, lane], lane, 4)
-
-    values = np.random.default_rng(9).integers(-50, 50, (5, 4))
-    total, most = (cuda.asarray(np.zeros_like(values)) for _ in range(2))
-    rows(cuda.asarray(values), total, most)
-    assert (cuda.host(total) == values.sum(1, keepdims=True)).all()
-    assert (cuda.host(most) == values.max(1, keepdims=True)).all()
 
 
 @pytest.mark.parametrize("name", ["sph.state", "sph.momentum", "dong_2016.momentum", "one_way_coupling.wall_pressure"])

@@ -197,7 +197,8 @@ def unequal_signatures(operations, root):
         for program, names in found.items():
             if program != "numpy" and tuple(names[-len(operation.outputs) :]) != operation.outputs:
                 yield f"{operation.name}: outputs {operation.outputs} do not stand last in {program}, {names}"
-            if not {*operation.entry(program).work, *operation.entry(program).names} <= known:
+            said = {*operation.entry(program).work, *operation.entry(program).names}
+            if not {name.partition(".")[0] for name in said} <= known:
                 yield f"{operation.name}: {program} names work space or arguments that no program takes"
 
 

@@ -83,7 +83,7 @@ def test_oracle_is_right_about_a_line():
 
 
 def test_order_is_a_stable_permutation():
-    """Particles of one cell stay as they stood, so that a rebuild moves nobody without need."""
+    """Particles of one cell keep their order, so that a rebuild moves no particle without need."""
     case = cases.CASES["large"]()
     search, position, _ = ordered(case, "float32")
     assert np.array_equal(search.order(position), np.arange(len(position)))
@@ -181,8 +181,8 @@ def test_coincident_particles_are_named():
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
-def test_positions_that_are_no_numbers_harm_nobody_else(value):
-    """The search neither hangs nor crashes; such a particle has no neighbours, the others keep theirs."""
+def test_positions_that_are_no_numbers_harm_no_other_particle(value):
+    """The search returns and raises nothing; such a particle has no neighbours, the others keep theirs."""
     position = cases.cloud("broken", 200, 3)
     position[17, 1] = value
     search = NeighbourSearch(CPU, 3, "float64", 0.2, 0.1)

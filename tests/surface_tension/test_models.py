@@ -505,7 +505,7 @@ def test_implicit_drop_rounds_off():
         (Akinci2013(gamma=1.0, area_acceleration=2.0, literal=("gamma",)), "literal 'gamma' sets"),
         (Akinci2013(gamma=1.0, literal=("E4",)), "literal has E4"),
         (Dong2016(surface_tension=1.0, stiffness=1.0), "both of surface_tension and stiffness"),
-        (Dong2016(stiffness=1.0, rest_distance=3.0), "nothing would attract"),
+        (Dong2016(stiffness=1.0, rest_distance=3.0), "no pair would attract"),
         (Dong2016(surface_tension=1.0, rest_distance=2.6), "no surface tension"),
         (BeckerTeschner2007(kappa=math.inf), "kappa = inf"),
         (TartakovskyMeakin2005(strength=-1.0), "strength = -1.0"),

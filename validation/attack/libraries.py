@@ -98,7 +98,7 @@ HARMLESS = {
 }
 TABLES = {
     "no mapping": ("PROGRAMS = 3\n", "give a mapping"),
-    "a mapping of numbers": ("PROGRAMS = {3: gravity}\n", "knows no operation|no usable programs"),
+    "a mapping of numbers": ("PROGRAMS = {3: gravity}\n", "is not an operation|no usable programs"),
     "no function": ("PROGRAMS = {'sph.gravity': 3}\n", "give a function"),
     "a parameter too many": ("PROGRAMS = {'sph.gravity': lambda field, weight: 1}\n", "takes weight"),
     "an endless mapping": (

@@ -33,7 +33,7 @@ def wall_viscosity(i, position, velocity, density, walls, smoothing, fluid, wall
 def extrapolated_wall_pressure(
     i, position, density, pressure, neighbours, walls, smoothing, fluid, wall_gravity, acceleration
 ):  # fmt: skip
-    """Patent P6 with the boundary particles' pressures p_b (E30); added to the acceleration [m/s^2]."""
+    """Patent P6 with the boundary particles' pressures p_b (patent E30); added to the acceleration [m/s^2]."""
     wall_first, wall_stride, wall_count = row_of(walls, i)
     if wall_count > 0:
         first, stride, count = row_of(neighbours, i)

@@ -20,13 +20,13 @@ from refsim.sparse_grid.formulas import BLOCK, cell_coordinate, find_node, node_
 
 @kernel
 def count_blocks(t, triangles, band_grid, block_count):
-    """Patent P1: number of blocks within the band of triangle t; integer."""
+    """Patent P1: number of blocks within the band of triangle t; dimensionless."""
     block_count[t] = blocks_of_triangle(t, triangles, band_grid, -1, block_count, block_count)
 
 
 @kernel(rows_of="block_first")
 def list_blocks(t, triangles, band_grid, block_first, pair_key, pair_triangle):
-    """Patent P1: the pairs (key of a block, triangle t) of the blocks within the band of triangle t; integers."""
+    """Patent P1: the pairs (key of a block, triangle t) of the blocks within the band of triangle t; dimensionless."""
     if t < block_first.shape[0] - 1:
         blocks_of_triangle(t, triangles, band_grid, block_first[t], pair_key, pair_triangle)
 
@@ -150,7 +150,7 @@ def fill(row, band_grid, row_first, closest, distance, inside_after):
 
 @kernel
 def crossings(b, triangles, triangle_lists, crossing):
-    """Number of pairs of triangles of block b that cross, and the first such pair, or -1 and -1; integers.
+    """Number of pairs of triangles of block b that cross, and the first such pair, or -1 and -1; dimensionless.
 
     Triangles with a common corner are no pair; they could cross only along a fold without thickness.
     """

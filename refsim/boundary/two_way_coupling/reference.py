@@ -20,7 +20,7 @@ def _rows(array, rows, kind=float):
 def contribution(position, phase, smoothing, coupling, rows=None):
     """Weights in Shao & Song (1): 1 in the liquid, 0 inside solids, phi_k = 1/(V_min sum_k' W_kk') at surfaces.
 
-    With M4 k' runs over all solid particles; as printed, over those at surfaces alone. Dimensionless.
+    With Shao & Song M4 k' runs over all solid particles; as printed, over those at surfaces alone. Dimensionless.
     """
     phase = np.asarray(phase)
     own = _rows(phase, rows, int)

@@ -179,10 +179,13 @@ def fit_weights(
 
 
 def fit(
-    fit_position: Any, fit_cells: Any, blocks: Any, surface_term: Any, residual: Any, coefficients: Any
+    fit_position: Any, fit_splines: Any, fit_cells: Any, blocks: Any, surface_term: Any, residual: Any,
+    coefficients: Any,
 ) -> None:  # fmt: skip
-    """(3.6), Algorithm 2; residuals stay in registers, so that there is no such output."""
+    """(3.6), Algorithm 2, from the given splines; residuals stay in registers, so that there is no such output."""
     a = _sorted_points(fit_position, fit_cells, blocks, surface_term) | {"coefficients": coefficients}
+    order = device.library().argsort(device.seen(fit_cells.cell), kind="stable")
+    device.gather(fit_splines, device.wrapped(order), a["fit_splines"])
     stages.sweep(a, blocks, surface_term)
 
 

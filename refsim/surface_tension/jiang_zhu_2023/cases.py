@@ -42,7 +42,7 @@ def _width_follows(group, inputs, kernel):
 
 VARIATIONS[Cohesion] = Variation(_cohesion_follows, {"inner_stretch": "the reference has the 0.8 of J(17)"})
 VARIATIONS[SoftThresholds] = Variation(_width_follows)
-takes("jiang_zhu_2023.tension:fused", fluid="rest_density gradient_share wall_share")
+takes("jiang_zhu_2023.tension:fused", "jiang_zhu_2023.cohesion:fused", fluid="rest_density gradient_share wall_share")
 takes("jiang_zhu_2023.cohesion", "jiang_zhu_2023.tension", smoothing="support_radius dim")
 takes("jiang_zhu_2023.area", smoothing="support_radius")
 
@@ -108,6 +108,13 @@ def cohering_pair_at_rest():
          "cohesion": COHESION, "area": AreaTerm(np.int32(0), 0.0), "area_normal": np.zeros((2, 3))},
         {"acceleration": _cohesion(1.0)},
     )  # fmt: skip
+
+
+@closed_form("jiang_zhu_2023.cohesion:fused")
+def cohering_pair_without_area_term():
+    """As the pair at rest, with neither area term nor walls."""
+    made = cohering_pair_at_rest()
+    return Exact(made.case, dict(made.given) | {"area": None, "area_normal": None}, made.expected)
 
 
 @closed_form("jiang_zhu_2023.cohesion")

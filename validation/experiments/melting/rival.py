@@ -11,7 +11,7 @@ import numpy as np
 
 from refsim import Simulation
 from refsim.backends.compile import cpu_kernel, formula, prange
-from refsim.shape_matching.phases import NOBODY
+from refsim.shape_matching.phases import EMPTY
 
 
 @formula
@@ -22,8 +22,8 @@ def _search(s: int, direct: Any, cell: Any, half_width: int, region: Any) -> int
     queue = np.empty(slots, np.int32)
     level = np.empty(slots, np.int32)
     for slot in range(slots):
-        region[s, slot] = NOBODY
-    if direct[s, 13] == NOBODY:
+        region[s, slot] = EMPTY
+    if direct[s, 13] == EMPTY:
         return 0
     queue[0], level[0] = s, 0
     region[s, slots // 2] = s
@@ -33,12 +33,12 @@ def _search(s: int, direct: Any, cell: Any, half_width: int, region: Any) -> int
         if level[head] < half_width:
             for near in range(27):
                 other = direct[node, near]
-                if other != NOBODY:
+                if other != EMPTY:
                     a = cell[other, 0] - cell[s, 0] + half_width
                     b = cell[other, 1] - cell[s, 1] + half_width
                     e = cell[other, 2] - cell[s, 2] + half_width
                     slot = (a * side + b) * side + e
-                    if region[s, slot] == NOBODY:
+                    if region[s, slot] == EMPTY:
                         region[s, slot] = other
                         queue[count], level[count] = other, level[head] + 1
                         count += 1

@@ -29,7 +29,7 @@ from refsim import (
 from refsim.core.operation import REGISTRY
 from refsim.melting import MeltingRule
 from refsim.scene.solids import lattice_of
-from refsim.shape_matching.phases import FLUID, INTERIOR, NOBODY, SURFACE
+from refsim.shape_matching.phases import EMPTY, FLUID, INTERIOR, SURFACE
 from validation.experiments.melting import rival as rival_search
 from validation.experiments.melting.scene import (
     FIGURES,
@@ -102,7 +102,7 @@ class Watch:
 
 def fragments(direct: np.ndarray) -> int:
     """Pieces of solid that are connected over direct neighbours."""
-    node, slot = np.nonzero(direct != NOBODY)
+    node, slot = np.nonzero(direct != EMPTY)
     if not len(node):
         return 0
     there = np.unique(node)
@@ -230,7 +230,7 @@ def region_rounds(context: Context, half_width: int, rounds: int = 200, side: in
         steps = dijkstra(graph.tocsr(), directed=False, unweighted=True, limit=half_width)
         wanted = np.isfinite(steps) & there[:, None] & there[None, :]
         found = np.zeros((nodes, nodes), bool)
-        row, slot = np.nonzero(region != NOBODY)
+        row, slot = np.nonzero(region != EMPTY)
         found[row, region[row, slot]] = True
         wrong += int((found != wanted).any(1).sum()) + int((count != wanted.sum(1)).sum())
         compared += int(there.sum())
@@ -491,12 +491,12 @@ def filling(context: Context, half_width: int = 2) -> Result:
         region, count = np.empty((nodes, side**3), np.int32), np.empty(nodes, np.int32)
         REGISTRY["shape_matching.regions"].program("cpu")(direct, None, lattice, region, count)
         plane = region[node].reshape(side, side, side)[:, :, side // 2]
-        wide = np.full((2 * half_width + 1,) * 2, NOBODY)
+        wide = np.full((2 * half_width + 1,) * 2, EMPTY)
         low = half_width - max(level, 1)
         wide[low : low + side, low : low + side] = plane
         if level == 0:
             own = wide[half_width, half_width]
-            wide[:] = NOBODY
+            wide[:] = EMPTY
             wide[half_width, half_width] = own
         passes.append(wide)
     return Result(
