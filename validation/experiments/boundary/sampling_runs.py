@@ -23,9 +23,9 @@ from validation.reading import Reading, distribution, measured
 from validation.results import Result
 from validation.running import Context
 
-DARTS = 30  # places for each particle at which holes are looked for
+DARTS = 30  # places for each particle at which holes are sought
 EXACT_QUERIES = 1000
-FORCES = 2000  # places at which the wall's force is looked at
+FORCES = 2000  # places at which the wall's force is evaluated
 SMOOTH_PART = 0.75  # cosine of the angle between normals near each other beyond which a place counts as at an edge
 HOLE = 1.0  # distance from every particle, in mean spacings, at which another one would fit
 

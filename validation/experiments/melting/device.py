@@ -51,7 +51,7 @@ def steps(simulation: Simulation, warm: int, count: int) -> dict[str, list[float
 
 
 def stages(simulation: Simulation, rebuilt: float, repeats: int = 20) -> dict[str, float]:
-    """Device seconds of every operation of a step, by itself; `rebuilt` is the share of steps with a new list.
+    """Device seconds of every operation of a step, each timed alone; `rebuilt` is the share of steps with a new list.
 
     Fields are put back after each, so that all see the same state.
     """

@@ -417,7 +417,7 @@ SUMS = {
 
 
 def width_data(results: Results) -> dict[str, Any]:
-    """Stiffness, error and cost over half-width and way of summing."""
+    """Stiffness, error and cost over half-width, by summation."""
     rows = [{"half_width": width, **row} for width in WIDTHS for row in results[f"width_{width}"].values["rows"]]
     return {"title": "A bent bar of 20 x 8 x 8 nodes: what half-width and way of summing do", "rows": rows}
 

@@ -51,7 +51,7 @@ def pool(
 
 
 def _watched(trial: Trial, simulation: Simulation, steps: int) -> list[int]:
-    """Step, and check that what melts lay at a surface and that nothing runs away; how many melted in each step."""
+    """Step, and check that what melts lay at a surface and that speeds stay bounded; how many melted in each step."""
     phase, gone, speed = simulation.field("phase"), [], 0.0
     for _ in range(steps):
         simulation.step()

@@ -197,8 +197,8 @@ def pipeline(data: Mapping[str, Any], boxes: Sequence[tuple[str, str]], columns:
         axes.text(x, y - 0.2, spent, ha="center", va="center", fontsize=8, color=GREY)
     for (x0, y0), (x1, y1) in itertools.pairwise(centres):
         if y0 == y1:
-            way = 1 if x1 > x0 else -1
-            ends = (x0 + 0.43 * way, y0), (x1 - 0.43 * way, y1)
+            sign = 1 if x1 > x0 else -1
+            ends = (x0 + 0.43 * sign, y0), (x1 - 0.43 * sign, y1)
         else:
             ends = (x0, y0 - 0.33), (x1, y1 + 0.33)
         axes.add_patch(FancyArrowPatch(*ends, arrowstyle="-|>", mutation_scale=11, color="#444444", linewidth=1.1))

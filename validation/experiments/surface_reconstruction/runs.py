@@ -502,7 +502,7 @@ def fit_scaling(
 
 def fit_bytes(made: Reconstruction, blocks: Any, points: Any) -> dict[str, float]:
     """Bytes that the fit allocates for each node of its grid, and for each point that it fits (the list of points by
-    cell comes on top, as wherever points are looked for in cells)."""
+    cell comes on top, as wherever points are searched in cells)."""
     taken: list[Any] = []
     empty, places = made._empty, made._places
 

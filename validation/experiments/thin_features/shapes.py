@@ -50,8 +50,8 @@ def relaxed(dim: int, side: int, random: np.random.Generator) -> NDArray[np.floa
         first, second = cKDTree(x, boxsize=side).query_pairs(1.3, output_type="ndarray").T
         apart = x[first] - x[second]
         apart -= side * np.round(apart / side)
-        way = np.linalg.norm(apart, axis=1)
-        push = (0.15 * (1.3 - way) / np.maximum(way, 1e-9))[:, None] * apart
+        distance = np.linalg.norm(apart, axis=1)
+        push = (0.15 * (1.3 - distance) / np.maximum(distance, 1e-9))[:, None] * apart
         np.add.at(x, first, push)
         np.add.at(x, second, -push)
         x %= side
@@ -60,8 +60,8 @@ def relaxed(dim: int, side: int, random: np.random.Generator) -> NDArray[np.floa
 
 def bent(position: NDArray[np.float64], radius: float = BEND) -> NDArray[np.float64]:
     """The cloud with its x axis laid on a circle in the plane of x and y."""
-    angle, way = position[:, 0] / radius, radius + position[:, 1]
-    return np.column_stack([way * np.sin(angle), way * np.cos(angle), position[:, 2]])
+    angle, out = position[:, 0] / radius, radius + position[:, 1]
+    return np.column_stack([out * np.sin(angle), out * np.cos(angle), position[:, 2]])
 
 
 def lattice_slab(dim: int, normal: tuple[int, ...], thickness: float) -> NDArray[np.float64]:

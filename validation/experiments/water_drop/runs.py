@@ -105,8 +105,8 @@ def drop(context: Context, model: str, kernels: str, dim: int, cells: float, see
         context.progress(0.8)
         radius, jump = float(np.mean(radii)), float(np.mean(jumps))
         row |= {"radius": radius, "jump": jump, "laplace": jump * radius / (dim - 1)}
-        moments, at, told = _swing(begin, thin, dim, radius)
-        row |= told
+        moments, at, fitted = _swing(begin, thin, dim, radius)
+        row |= fitted
     except RunStopped as stop:
         return Result(row | {"stopped": stop.reason})
     arrays = {"jump_time": times, "jump": jumps, "moment_time": at, "moment": moments}
@@ -147,11 +147,11 @@ def _swing(begin: Any, rest: Simulation, dim: int, radius: float) -> tuple[list[
     omega, damping, misfit, amplitude = fit_oscillation(np.array(at), np.array(moments), expected)
     lasting = math.sqrt(float(np.mean(np.exp(-2 * damping * np.array(at))))) * amplitude / 2
     small = omega / (1 - SOFTENING[dim] * min(lasting, 0.6) ** 2)
-    told = {
+    fitted = {
         "rayleigh": DENSITY * radius**3 * (small**2 + damping**2) / stiffness,
         "frequency": small / (2 * math.pi), "asked_frequency": expected / (2 * math.pi), "misfit": misfit,
     }  # fmt: skip
-    return moments, at, told
+    return moments, at, fitted
 
 
 def _moment(simulation: Simulation, dim: int) -> float:
