@@ -26,7 +26,7 @@ from validation.running import Context
 from validation.tables import Table
 from validation.work_precision import pareto
 
-BARS = (0.25, 0.1, 0.05, 0.025)  # errors that a user may ask for
+BARS = (0.25, 0.1, 0.05, 0.025)  # errors that a user may allow
 HOW = ("kernels", "dtype", "backend")
 
 
