@@ -1,4 +1,4 @@
-"""What must hold for any scene: random liquids, drawn from seeds, conserve, repeat and do not care how they are put.
+"""What must hold for any scene: random liquids, drawn from seeds, conserve, repeat and do not depend on where they are.
 
 Whole steps of whole scenes; the contract asks the same of single operations.
 """

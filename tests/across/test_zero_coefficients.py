@@ -256,7 +256,7 @@ def test_every_effect_stands_in_one_list():
 
 
 def test_every_number_that_may_be_zero_stands_in_one_list():
-    """A new parameter that zero does not refuse must be told: does its zero leave out what it belongs to?"""
+    """A new parameter that may be zero must be in a list: does its zero leave out what it belongs to?"""
     identities = {name: [case[0] for case in cases] for name, cases in IDENTITIES.items()}
     found = set()
     for effect, rest in SAMPLES:
