@@ -268,7 +268,7 @@ def _molten(heat):
 
 @closed_form("heat.explicit")
 def ice_forward():
-    """H += E/m; T(H) stands still between 0 and the latent heat."""
+    """H += E/m; T(H) is constant from 0 to the latent heat."""
     return Exact(PAIR, _given(**ICE), _molten(-WEIGHT * APART))
 
 

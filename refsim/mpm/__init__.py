@@ -500,7 +500,7 @@ _LONE = {
 }
 
 
-def _wide_room(case: Any, grid: Any) -> WallNodes:
+def _wide_domain(case: Any, grid: Any) -> WallNodes:
     """Walls of every kind, eight cells apart or more, the lower ones a little inside the particles."""
     lower, upper = np.full(3, -OPEN), np.full(3, OPEN)
     for axis in range(case.dim if case.count else 0):
@@ -663,7 +663,7 @@ register(
         variants=(
             {"node_pull": None, "field": None, "planes": None, "mirrors": None},
             {"mirrors": None},
-            {"planes": _wide_room},
+            {"planes": _wide_domain},
         ),
         tolerance_reason="one rounding in each of quotient, product and sum, the sum of a node and its images",
     )

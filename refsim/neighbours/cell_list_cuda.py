@@ -349,7 +349,7 @@ def order_buckets(cell, count, run, report, bucket, order):
 
 
 class CellTable:
-    """Occupied cells of particles in cell order; its room grows until they fit."""
+    """Occupied cells of particles in cell order; its capacity grows until they fit."""
 
     def __init__(self, backend, inverse_cell, position):
         n = position.shape[0]
@@ -358,13 +358,13 @@ class CellTable:
         self.begins, self.run = backend.empty(n, np.int32), backend.empty(n, np.int32)
         # Cells of this table; of the list built with it most neighbours, those that audits found missing, and builds.
         self.report = backend.zeros(4, np.int32)
-        self.make_room(n // PARTICLES_PER_CELL + 8)
+        self.set_capacity(n // PARTICLES_PER_CELL + 8)
         self.position, self.inverse_cell = position, inverse_cell
         self.add_up = device.RunningSum(self.begins, self.run)
 
-    def make_room(self, cells):
+    def set_capacity(self, cells):
         self.cells = self.backend.empty(cells, np.int64)
-        self.backend.assign(self.cells, FARTHEST)  # where there is more room than particles, nothing is written
+        self.backend.assign(self.cells, FARTHEST)  # entries beyond the occupied cells keep this value
         self.first = self.backend.zeros(cells + 1, np.int32)
 
     def fill(self):
@@ -431,7 +431,7 @@ class ListOf:
             self.recorded()
             cells, most, self.missed, _ = (int(x) for x in self.mirror.read())
             if cells > self.queries.cells.shape[0]:
-                self.queries.make_room(cells + cells // 8)
+                self.queries.set_capacity(cells + cells // 8)
                 self._make_ranges()
             elif most * n > self.listed.entries.shape[0] and most <= MOST_NEIGHBOURS:
                 self.listed = self.listed._replace(entries=self._grown(n, most))
@@ -467,9 +467,9 @@ class CellBlocks:
     def __init__(self, backend, table, dim, position, build_position):
         self.table, self.backend, self.dim = table, backend, dim
         self.position, self.build_position = position, build_position
-        room, real = table.cells.shape[0], position.dtype
-        self.low, self.high = backend.empty((room + 1, 3), real), backend.empty((room + 1, 3), real)
-        self.near = backend.empty(room * (9 if dim == 2 else 27), np.int32)
+        capacity, real = table.cells.shape[0], position.dtype
+        self.low, self.high = backend.empty((capacity + 1, 3), real), backend.empty((capacity + 1, 3), real)
+        self.near = backend.empty(capacity * (9 if dim == 2 else 27), np.int32)
         self.displacements = backend.zeros(2, real)
         self.mirror = device.Mirror(self.displacements)
         self.found = False  # whether `near` belongs to the present list
@@ -511,7 +511,9 @@ class CellOrder:
         self.keys, self.order = keys, order
         self.cell, self.slot, self.bucket = (backend.empty(n, np.int32) for _ in range(3))
         self.count, self.run = backend.empty(n + 64, np.int32), backend.empty(n + 64, np.int32)
-        self.report = backend.zeros(7, np.int32)  # greatest of -x, -y, -z, x, y, z of the cells; whether room is short
+        self.report = backend.zeros(
+            7, np.int32
+        )  # greatest of -x, -y, -z, x, y, z of the cells; whether a capacity is short
         self.add_up = device.RunningSum(self.count, self.run)
 
     def launch(self):
@@ -591,7 +593,7 @@ class CellSearch:
         table = CellTable(self.backend, 1.0 / self.reach, moved)
         table.fill()
         if not table.fits():
-            table.make_room(int(self.backend.host(table.report)[0]))
+            table.set_capacity(int(self.backend.host(table.report)[0]))
             table.fill()
         return (moved, table), self.backend.host(order), moved
 

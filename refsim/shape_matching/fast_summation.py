@@ -242,7 +242,7 @@ def motion_box(s, solid_position, solid_velocity, region_center, boxes):
 
 @formula
 def too_small(mass, sums, matching):
-    """Whether a region has shrunk so far that its box's sums, which hold the body's size, say nothing of its own.
+    """Whether a region has shrunk so far that the rounding of its box's sums, which grows with the body, exceeds them.
 
     Sums of boxes round about eps64 m L^2 away, L the distance from the body's middle; sum m r^2 of a region in its
     shape is d^2 m or more. Members that coincide have none.

@@ -19,7 +19,7 @@ COORDINATE = (1 << BITS) - 1
 def cell_coordinate(x, inverse_cell, shift):
     """Integer j = floor(x/h - shift) of the cell in which x [m] stands, clamped; NaN goes to the lowest.
 
-    `inverse_cell` 1/h [1/m] is float64 whatever x is, so that cells far from the origin are told apart.
+    `inverse_cell` 1/h [1/m] is float64 whatever x is, so that cells far from the origin are distinguished.
     """
     scaled = float(x) * inverse_cell - shift
     if not scaled > -FARTHEST:

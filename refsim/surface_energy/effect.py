@@ -32,8 +32,8 @@ GREATEST_CROWDING = Field("greatest_crowding", "-", "largest crowding of the par
 # volume, it is 1.01 with a deviation of 0.04 in the plane, 1.00 with 0.02 in space, and in none of 14,000 above 1.2; of
 # particles strewn without shares none is above 2 (`tests/mpm/test_mpm.py:test_crowding_of_particles_strewn_at_random`).
 UNEVEN = 1.05  # up to here it may be how particles happen to lie
-CROWDED = 1.25  # above, particles lie in others' shares
-OVERFULL = 2.0  # above, something has drawn them together
+CROWDED = 1.25  # above, particles are denser than by chance
+OVERFULL = 2.0  # above, a force has drawn them together
 # Step of a surface that stays at r, over min(h/c, sqrt(rho0 h^3/(2 pi k))): with nothing embedded, and of a liquid that
 # is soft against its surface, k > SOFT lambda h; two thirds of the least that was measured (docs/stability.md)
 AT_R_ALONE, AT_R_SOFT, SOFT = 0.08, 0.03, 0.1

@@ -16,7 +16,7 @@ from refsim.surface_energy import Tension
 from refsim.surface_energy.reconstruction import Reconstruction, Samples
 
 IMAGED = 5.0  # cells from a wall within which particles have an image: beyond that no sample at the wall is affected
-CLUMPED = 4.0  # times the particles of a full cell in one cell: J would have to be below a quarter to know of it
+CLUMPED = 4.0  # times the particles of a full cell in one cell: J would have to be below a quarter to represent it
 # Why J does not notice, and what helps
 GATHERED = (
     "J follows the velocity's divergence over a cell and more, not particles that draw nearer within one, as they do at"

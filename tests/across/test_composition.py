@@ -1,4 +1,4 @@
-"""A scene pays for what it uses: of an effect that is not there no field, no launch, no byte, no bit of difference."""
+"""A scene costs what its effects cost: an absent effect has no field, no launch, no byte, and changes no bit."""
 
 import os
 import pathlib

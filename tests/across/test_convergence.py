@@ -24,7 +24,7 @@ def order(sizes, errors):
 
 
 def patch(n):
-    """A unit square of n x n particles (in the plane), and a mask of those that feel no edge."""
+    """A unit square of n x n particles (in the plane), and a mask of those without an edge in reach."""
     spacing = 1.0 / n
     position = lattice((n, n, 1), spacing, 2) + [0.5 * spacing, 0.5 * spacing, 0]
     case = Case(f"patch_{n}", 2, position, spacing=spacing, support_radius=RATIO * spacing)

@@ -1,4 +1,4 @@
-"""The pages say what is there: links, code references, examples, and everything that is registered is explained."""
+"""The pages agree with the code: links, code references, examples, and everything that is registered is explained."""
 
 import ast
 import functools

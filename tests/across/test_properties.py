@@ -1,4 +1,4 @@
-"""What must hold for any scene: random liquids, drawn from seeds, conserve, repeat and do not care how they are put.
+"""What must hold for any scene: random liquids, drawn from seeds, conserve, repeat and do not depend on where they are.
 
 Whole steps of whole scenes; the contract asks the same of single operations.
 """
@@ -218,7 +218,7 @@ def test_walls_hold_random_spray():
 
 
 def test_outcomes_are_plain_records():
-    """What the contract reports can be written out by whoever runs it."""
+    """What the contract reports can be written out from outside the contract."""
     from refsim import contract
 
     outcome = contract.run("sph.state", "cpu", "float32", "cloud_3d")

@@ -1,4 +1,4 @@
-"""Every solver of the liquid with every kind of wall: the backends agree on whole scenes, and no push is lost."""
+"""Every solver of the liquid with every kind of wall: the backends agree on whole scenes, and no wall force is lost."""
 
 import numpy as np
 import pytest

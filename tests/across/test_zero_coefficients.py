@@ -115,7 +115,7 @@ WITHOUT = {
     "weakly_compressible": "the liquid itself: density and sound speed are positive",
     "mpm_liquid": "the liquid itself: density and bulk modulus are positive",
     "iisph": "stands in for the equation of state, whatever its numbers are",
-    "surface_detection": "marks particles and moves none; nothing is launched but where somebody looks or asks",
+    "surface_detection": "marks particles and moves none; nothing is launched unless the field is read",
     "two_way_coupling": "stands in for the liquid's density and forces, and has no number",
     "melting": "turns particles liquid by their temperature, and has no number",
     "mesh_boundary": "a solid that displaces liquid, whatever its friction and adhesion are",
@@ -256,7 +256,7 @@ def test_every_effect_stands_in_one_list():
 
 
 def test_every_number_that_may_be_zero_stands_in_one_list():
-    """A new parameter that zero does not refuse must be told: does its zero leave out what it belongs to?"""
+    """A new parameter that may be zero must be in a list: does its zero leave out what it belongs to?"""
     identities = {name: [case[0] for case in cases] for name, cases in IDENTITIES.items()}
     found = set()
     for effect, rest in SAMPLES:

@@ -154,7 +154,7 @@ def programs_with():
 
 
 def noticed(operation, deep):
-    """Whether a step of the ladder says no; an exception is a no, too. `deep` takes the steps that need more time."""
+    """Whether a step of the ladder fails or raises. `deep` takes the steps that need more time."""
     variants = [Target(operation, "cpu", "float64", number) for number in range(len(operation.variants))]
     try:
         if not shapes_agree():

@@ -44,7 +44,7 @@ SKIN = 0.25
 
 
 class SharedArrays(dict):
-    """Shared arrays of a block by their lines of code, one for all threads that ask for it at the same time."""
+    """Shared arrays of a block by their lines of code, one for all threads that request it at the same time."""
 
     def __init__(self):
         super().__init__()
@@ -67,7 +67,7 @@ def waiting_simulator():
     """The simulator that waits for its threads, and makes each shared array once.
 
     Numba's own asks all threads without a pause whether they are alive, which takes most of the time from them. Two of
-    its threads that ask for a shared array at the same time may get one each.
+    its threads that request a shared array at the same time may get one each.
     """
     kernel = importlib.import_module("numba.cuda.simulator.kernel")
     shared = importlib.import_module("numba.cuda.simulator.kernelapi").FakeCUDAShared
@@ -176,15 +176,15 @@ def test_particle_at_no_place_has_no_neighbours_and_hides_none(cuda):
     assert_all_pairs(cuda, ordered, listed)
 
 
-def test_room_grows_until_everything_fits(cuda):
+def test_capacity_grows_until_everything_fits(cuda):
     search, ordered, listed = built(cuda, cloud(40, 3, spacing=0.15), 3)
-    room = listed.entries.shape[0] // 40
+    capacity = listed.entries.shape[0] // 40
     for squeeze in (0.7, 0.2):
         position = squeeze * ordered
         listed = search.build(search.reorder(cuda.asarray(position), search.order(cuda.asarray(position))))
         order = cuda.host(search.order(cuda.asarray(position)))
         assert_all_pairs(cuda, position[order], listed)
-    assert listed.entries.shape[0] // 40 >= search.log.most_neighbours == 39 > room
+    assert listed.entries.shape[0] // 40 >= search.log.most_neighbours == 39 > capacity
 
 
 def test_collapsed_clump_stops_the_run_before_memory_does(cuda, monkeypatch):
@@ -254,7 +254,7 @@ def test_particles_of_mpm_are_sorted_without_the_host(cuda):
     assert changes[0]
     assert 1 <= sum(changes[1:]) <= 2
     assert np.array_equal(cuda.host(grid.order(seen)), cuda.host(expected[1]))
-    assert grid.attend(position, moved=True)  # somebody else may have put them anywhere
+    assert grid.attend(position, moved=True)  # positions may have been set anywhere
     lost = cuda.asarray(np.full_like(place, np.nan))
     for _ in range(7):
         grid.attend(lost)
@@ -386,18 +386,18 @@ def test_ways_are_compared_in_blocks_that_touch(cuda, dim):
         assert found == pytest.approx((touching, anywhere), rel=1e-12)
 
 
-@pytest.mark.parametrize("room", [2, 3, 6, 20])
-def test_occupied_cells_are_found_or_counted(cuda, room):
+@pytest.mark.parametrize("capacity", [2, 3, 6, 20])
+def test_occupied_cells_are_found_or_counted(cuda, capacity):
     from refsim.neighbours import cell_list_cuda as programs
 
     position = 1.1 * np.array([[0, 0, 0], [0, 0, 0], [1, 0, 0], [1, 0, 0], [1, 0, 0], [0, 3, 0]]) + 0.5
     table = programs.CellTable(cuda, 1.0, cuda.asarray(position))
-    table.make_room(room)
+    table.set_capacity(capacity)
     table.fill()
     assert list(cuda.host(table.run)) == [1, 1, 2, 2, 2, 3]
     assert cuda.host(table.report)[0] == 3
-    assert table.fits() == (room >= 3)
-    if room >= 3:
+    assert table.fits() == (capacity >= 3)
+    if capacity >= 3:
         keys, (cells, first) = cuda.host(table.keys), (cuda.host(a) for a in (table.cells, table.first))
         assert list(cells[:3]) == sorted(set(keys))
         assert list(first[:4]) == [0, 2, 5, 6]

@@ -99,7 +99,7 @@ pytestmark = pytest.mark.skipif(runtime.simulated(), reason="the CUDA simulator 
 
 
 def cuda_compiler():
-    """numba.cuda, if it can compile; else skip, or fail where $REFSIM_REQUIRE_CUDA_TOOLS asks for it."""
+    """numba.cuda, if it can compile; else skip, or fail where $REFSIM_REQUIRE_CUDA_TOOLS requires it."""
     try:
         importlib.import_module("numba_cuda")  # the target that the kernels are written for; Numba's own is deprecated
         cuda = importlib.import_module("numba.cuda")
@@ -112,7 +112,7 @@ def cuda_compiler():
 
 @pytest.fixture(scope="module")
 def compiler():
-    """numba.cuda with a stand-in for the device, whose compute capability is all that the compiler asks for."""
+    """numba.cuda with a stand-in for the device, whose compute capability is all that the compiler needs."""
     cuda = cuda_compiler()
     device = python_types.SimpleNamespace(compute_capability=CAPABILITY)
     with pytest.MonkeyPatch.context() as patch:
@@ -205,7 +205,7 @@ def support_launches(dtype):
         (search.touching_blocks, (keys, integers, 3, integers)),
         (search.clear_boxes, (vectors, vectors, integers, scalars)),
         (search.block_boxes, (vectors, vectors, keys, integers, integers, 3, vectors, vectors)),
-        (search.block_ways, (vectors, vectors, integers, 2, scalars, integers)),
+        (search.block_displacements, (vectors, vectors, integers, 2, scalars, integers)),
         (search.count_missed, (vectors, vectors, scalars, None, listed, 1, 8, one, integers)),
         (search.count_missed, (vectors, vectors, scalars, Bounds(scalars, scalars), listed, 1, 8, one, integers)),
         (sparse.block_keys, (vectors, 1.0, 3, keys)),

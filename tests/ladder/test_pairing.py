@@ -125,7 +125,7 @@ def test_a_forgotten_step_length_would_be_noticed(monkeypatch):
 
 
 def own_density(change):
-    """A third party's plain program for sph.density, with something the matter."""
+    """A third party's plain program for sph.density, with a defect."""
 
     def program(position, mass, neighbours, walls, smoothing, fluid, number_density, asymmetry, density):
         answer = REGISTRY["sph.density"].program("numpy")(position, mass, walls, smoothing, fluid)
@@ -176,7 +176,7 @@ def test_an_argument_that_nothing_makes_is_named():
 
 
 def with_walls_share_of_two(reference):
-    """A program that pushes with twice the pressure at walls, whatever `fluid.wall_share` says."""
+    """A program whose walls have twice the pressure for every value of `fluid.wall_share`."""
 
     def program(position, velocity, mass, density, pressure, walls, smoothing, fluid, viscosity, rows=None):
         fluid = fluid._replace(wall_share=2.0)

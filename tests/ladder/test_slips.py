@@ -1,4 +1,4 @@
-"""Would the contract notice? Every sign, factor, index and condition of every program is altered once.
+"""Whether the contract notices errors: every sign, factor, index and condition of every program is altered once.
 
 A slip that no trial notices is a gap in the contract, unless it changes nothing: those stand in HARMLESS, with reasons.
 """

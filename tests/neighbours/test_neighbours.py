@@ -405,7 +405,7 @@ def whirl(motion, position):
 @pytest.mark.parametrize("dim", [2, 3])
 def test_list_stays_complete_while_it_is_kept(dim, motion, share):
     """After every step the list in use holds every pair within the radius, of all pairs; `share` of the rebuilds that
-    half a skin of way would ask for are enough."""
+    displacements of half a skin would require are enough."""
     cells = (40, 20, 1) if dim == 2 else (14, 7, 7)
     scene = Scene(
         dim=dim, spacing=0.05, support_radius=0.1, fluid=(Box(cells=cells),), skin=0.15,

@@ -609,7 +609,7 @@ def plan_of(*effects, dim=2):
     return make_plan(scene)
 
 
-def test_detection_runs_only_when_somebody_looks():
+def test_detection_runs_only_when_its_field_is_read():
     own = [k for k in plan_of(SurfaceDetection()).launches(on_demand=True) if k.startswith("surface_")]
     assert own == [
         "surface_detection.candidates",

@@ -246,7 +246,7 @@ def test_time_to_an_error_is_read_off_the_curve():
     assert accuracy.time_to(point, 0.03) == {"seconds": 6.0, "mad": 3.0}
     assert accuracy.time_to(point, 0.01) is None
     late = {**point, "curves": [{"wall": list(range(9)), "error": [1.0] * 8 + [0.01]}]}
-    assert accuracy.time_to(late, 0.02) is None  # there at the end, but nobody saw it stay
+    assert accuracy.time_to(late, 0.02) is None  # there at the end, but not for long enough
 
 
 def test_advice_follows_the_data():

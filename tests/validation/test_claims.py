@@ -1,4 +1,4 @@
-"""The claims: what is written is complete, hangs together with its tests and its page, and is judged as it says."""
+"""The claims: what is written is complete, agrees with its tests and its page, and is judged as it says."""
 
 import json
 import math

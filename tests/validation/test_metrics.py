@@ -456,7 +456,7 @@ def test_datasets_are_the_published_series():
     assert dam_break.FRONT_DATA["martin_moyce_2.25in"].length_scale == pytest.approx(0.05715)
     assert dam_break.load_front_data("koshizuka_oka").front[4] == 1.892
     with pytest.raises(KeyError, match="koshizuka_oka"):
-        dam_break.load_front_data("nobody")
+        dam_break.load_front_data("unknown")
 
 
 def test_data_spread_is_that_of_the_files():

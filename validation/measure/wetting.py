@@ -211,7 +211,7 @@ def scene(point: Point, position: NDArray) -> Scene:
 
 
 def measure(point: Point) -> dict[str, Any]:
-    """Stir and calm the drop, then watch it. A run that stops is a row, too.
+    """Stir and relax the drop, then observe it. A run that stops is a row, too.
 
     angle    contact angle [degrees] of the spherical cap with the drop's volume and height of centre of mass
     circle   the same by the circle through the mean radii of slices; `residual` of that fit

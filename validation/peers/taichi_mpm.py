@@ -2,8 +2,8 @@
 
 Equal work to refsim's plain liquid: APIC with quadratic B-splines in space, float32, weakly compressible stress with
 the factor J, J <- J (1 + dt tr A), gravity, separating walls. Written as Taichi's own examples are: a dense grid and a
-parallel loop over particles with atomic additions. The state at the end goes back with the time, so that whoever asks
-can see that the same was computed.
+parallel loop over particles with atomic additions. The state at the end is returned with the time, so that it can be
+checked that both computed the same.
 """
 
 from __future__ import annotations

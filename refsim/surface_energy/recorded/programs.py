@@ -185,6 +185,7 @@ def fit(
     """(3.6), Algorithm 2, from the given splines; residuals stay in registers, so that there is no such output."""
     a = _sorted_points(fit_position, fit_cells, blocks, surface_term) | {"coefficients": coefficients}
     order = device.library().argsort(device.seen(fit_cells.cell), kind="stable")
+    a["fit_splines"] = device.empty(fit_splines.shape, fit_splines.dtype)
     device.gather(fit_splines, device.wrapped(order), a["fit_splines"])
     stages.sweep(a, blocks, surface_term)
 

@@ -206,13 +206,13 @@ def place_samples(
         own = node_at(x, y, z, 0.0, guess, blocks, surface_term)
         p, _, _, _ = nearest_of_lanes(lane, own, x, y, z, interior_position, placed, cells, blocks, surface_term)
         if lane == 0:
-            bears = False
+            has_tension = False
             if p < 0:
                 counts[UNFOUND] = 1
             else:
                 cuda.atomic.add(sample_count, p, 1)
                 label = node_label[cells.cell[p]]
-                bears = label >= 0 and members[label] >= least
+                has_tension = label >= 0 and members[label] >= least
             sample_position[s, 0], sample_position[s, 1], sample_position[s, 2] = x, y, z
-            sample_area[s] = area if bears else type(area)(0)
+            sample_area[s] = area if has_tension else type(area)(0)
             nearest[s] = p

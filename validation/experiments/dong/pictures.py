@@ -238,7 +238,7 @@ def merging_picture(data: Mapping[str, Any]) -> Any:
     return figure
 
 
-DARK = 8e-4  # excess of area from which on the map's colours ask for white letters
+DARK = 8e-4  # excess of area above which letters on the map's colours are white
 
 
 def sweep_data(results: Results) -> dict[str, Any]:

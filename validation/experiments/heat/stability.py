@@ -185,7 +185,7 @@ def layer_at_once(context: Context, backend: str) -> Result:
 
 
 def giant_step(context: Context, backend: str, number: float = 3e6) -> Result:
-    """One step of s_max = 1e7: whoever solves backward Euler ends at the mean temperature."""
+    """One step of s_max = 1e7: backward Euler ends at the mean temperature."""
     trial = Trial(context, backend)
     mean = 0.5 * (WARM + COLD)
     with trial.ending():

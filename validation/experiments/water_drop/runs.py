@@ -40,7 +40,7 @@ def coefficients(model: str, kernels: str, dim: int, cells: float) -> Calibratio
 def water(
     found: Calibration, kernels: str, dim: int, cells: float, position: NDArray, velocity: NDArray, viscosity: float
 ) -> Scene:
-    """The scene as anybody would write it with these coefficients."""
+    """The scene with these coefficients, as a user writes it."""
     liquid = WeaklyCompressible(
         rest_density=DENSITY,
         sound_speed=found.sound_speed,
