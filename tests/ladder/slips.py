@@ -23,7 +23,7 @@ from refsim.core import cases
 from refsim.core.operation import REGISTRY
 from refsim.smoothing import SHAPES, formulas, reference, smoothing
 
-MODULES = ("kernels", "reductions", "cpu", "particle", "node", "formulas")
+MODULES = ("kernels", "reductions", "components", "counts", "cpu", "particle", "node", "formulas")
 FIRST_CASES = ("three_particles", "cloud_2d", "cloud_3d", "printed_readings")
 NEGATED = {ast.Lt: ast.GtE, ast.LtE: ast.Gt, ast.Gt: ast.LtE, ast.GtE: ast.Lt, ast.Eq: ast.NotEq, ast.NotEq: ast.Eq}
 SWAPPED = {
@@ -47,6 +47,7 @@ def functions_behind(operation):
             for name in [node.func, *node.args] if isinstance(node, ast.Call) else []:  # some are handed over
                 with contextlib.suppress(Exception):
                     called = eval(ast.unparse(name), dict(function.__globals__))
+                    called = getattr(called, "body", called)  # of a kernel that is launched for either backend
                     if inspect.isfunction(called) and called.__module__.rpartition(".")[2] in MODULES:
                         waiting.append(called)
     return list(found.values())
