@@ -153,28 +153,29 @@ def _cached(dispatcher: Any, function: Callable, apart: bool = False) -> Any:
         numba.config.CACHE_DIR = before
     refuse_foreign(pathlib.Path(dispatcher._cache.cache_path))
     check_files(dispatcher._cache)
+    lock = pathlib.Path(folder, f"{function.__qualname__}.lock")
+    dispatcher.store = _in_turn(dispatcher.compile, lock)  # for a process that fills the cache and runs nothing
     if apart and hasattr(os, "fork"):
         _compile_apart(dispatcher)
-    if fcntl is not None:
-        _compile_in_turn(dispatcher, pathlib.Path(folder, f"{function.__qualname__}.lock"))
+    dispatcher.compile = _in_turn(dispatcher.compile, lock)
     return dispatcher
 
 
-def _compile_in_turn(dispatcher: Any, lock: pathlib.Path) -> None:
+def _in_turn(compile_here: Callable, lock: pathlib.Path) -> Callable:
     """Let one process after the other compile a kernel, or load it.
 
     Numba names what it saves by what stands in the cache already: two processes that save one kernel for two types at
     once take the same name, and one of them then loads what the other compiled.
     """
-    compile_here = dispatcher.compile
 
     def compile_in_turn(signature: Any) -> Any:
         with contextlib.ExitStack() as held:
-            with contextlib.suppress(OSError):  # a cache folder deleted meanwhile needs no lock
-                fcntl.flock(held.enter_context(lock.open("w")), fcntl.LOCK_EX)
+            if fcntl is not None:
+                with contextlib.suppress(OSError):  # where the cache vanished meanwhile, no other process uses it
+                    fcntl.flock(held.enter_context(lock.open("w")), fcntl.LOCK_EX)
             return compile_here(signature)
 
-    dispatcher.compile = compile_in_turn
+    return compile_in_turn
 
 
 def _compile_apart(dispatcher: Any) -> None:

@@ -9,7 +9,7 @@ import shlex
 import signal
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -17,7 +17,7 @@ from typing import Any
 from refsim.commands import Command, CommandResult, in_time, planned, register, table
 from refsim.core.errors import InputError, RunStopped
 from refsim.engine.driver import RunReport, simulate
-from refsim.engine.simulation import Simulation
+from refsim.engine.simulation import Compiling, Simulation
 from refsim.scene.files import load_scene
 
 DESCRIPTION = """Run a scene to its end. The folder of the run holds particles.vtkhdf (open it in ParaView),
@@ -76,13 +76,16 @@ def execute(options: argparse.Namespace) -> CommandResult:
 def _begin(options: argparse.Namespace) -> tuple[Simulation, Path]:
     scene = None if options.scene is None else load_scene(options.scene)
     if options.resume is not None:
-        simulation = Simulation.resume(options.resume, options.backend, options.threads, scene, options.profile)
+        simulation = Simulation.resume(
+            options.resume, options.backend, options.threads, scene, options.profile, _compiling(options)
+        )
         source = Path(options.resume)
         return simulation, Path(options.output or (source if os.path.isdir(source) else source.parent))
     if scene is None:
         raise InputError("there is nothing to run; give a scene file, or a checkpoint with --resume.")
     plan = planned(scene, options.scene)
-    simulation = Simulation(plan, options.backend or "cpu", options.threads, options.profile)
+    backend = options.backend or "cpu"
+    simulation = Simulation(plan, backend, options.threads, options.profile, _compiling(options))
     return simulation, Path(options.output or f"{Path(options.scene).stem}_run")
 
 
@@ -98,6 +101,32 @@ def _advice(stop: RunStopped, folder: Path, options: argparse.Namespace) -> tupl
     elif "checkpoint" in files:
         lines.append(f"last good state: {files['checkpoint']}")
     return tuple(lines)
+
+
+def _compiling(options: argparse.Namespace) -> Compiling | None:
+    """What shows the progress of compiling: a bar, unless the run is quiet."""
+    if options.quiet:
+        return None
+
+    def begun(kernels: int, processes: int) -> Callable[[], Any]:
+        from tqdm import tqdm
+
+        bar = tqdm(
+            total=kernels,
+            desc=f"compiling {kernels} kernels on {processes} cores",
+            file=sys.stderr,
+            mininterval=0.2 if sys.stderr.isatty() else 10,
+            bar_format="{desc}: {n_fmt} of {total_fmt}, {elapsed} gone",
+        )
+
+        def after_each() -> None:
+            bar.update()
+            if bar.n == kernels:
+                bar.close()
+
+        return after_each
+
+    return begun
 
 
 class _Progress:

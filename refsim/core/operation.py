@@ -152,7 +152,7 @@ class Operation:
         values = [lookup(name) for name in self.arguments(program)]
         if program != "numpy":
             if any(isinstance(value, Current) for value in values):
-                return lambda: function(*map(current, values))
+                return Late(function, values)
             return functools.partial(function, *values)
         targets = {name: lookup(name) for name in self.outputs}
 
@@ -208,6 +208,22 @@ class Current:
 def current(value: Any) -> Any:
     """What a Current stands for at present; any other value as it is."""
     return getattr(value.owner, value.name) if isinstance(value, Current) else value
+
+
+@dataclass(frozen=True)
+class Late:
+    """A call of which some values are taken anew at each launch; `func` and `args` as of functools.partial."""
+
+    func: Callable
+    values: list[Any]
+
+    @property
+    def args(self) -> tuple[Any, ...]:
+        """The values at present."""
+        return tuple(map(current, self.values))
+
+    def __call__(self) -> None:
+        self.func(*self.args)
 
 
 REGISTRY: dict[str, Operation] = {}

@@ -48,6 +48,26 @@ class NeighbourLists:
         volume = self.run.backend.asarray(walls.volume[self._static.order].astype(dtype))
         self._walls = (self._static.position, volume)
 
+    def calls(self) -> list[tuple[Any, tuple[Any, ...]]]:
+        """(kernel, arguments) of the first build, on a CPU; and lists without entries for the passes to be bound to."""
+        if self.search is None:
+            return []
+        from refsim.neighbours.rows import NeighbourRows  # loads Numba
+
+        run = self.run
+        empty = NeighbourRows(np.empty(0, np.int64), np.empty(0, np.int32), np.empty(0, np.uint32))
+        run._shared["neighbours"] = empty
+        if self._walls is not None:
+            run._shared["walls"] = with_list(*self._walls, empty)
+        return self.search.programs.calls(run.build_position, run.fields.values())
+
+    def forget(self) -> None:
+        """Take back the lists without entries of `calls`."""
+        run = self.run
+        run._shared["neighbours"] = None
+        if self._walls is not None:
+            del run._shared["walls"]
+
     @property
     def built(self) -> bool:
         """Whether there is a list."""

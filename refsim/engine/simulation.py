@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -33,6 +33,7 @@ from refsim.neighbours import NeighbourSearch
 from refsim.scene.files import suggestion
 from refsim.scene.scene import Plan, Scene, make_plan
 
+Compiling = Callable[[int, int], Callable[[], Any]]
 MANY_FOR_ALL_PAIRS = 2000  # particles above which the numpy backend is announced as slow
 
 
@@ -55,13 +56,16 @@ class Simulation:
     threads  CPU threads; all by default
     profile  time every pass to its end (`timings`); on "cuda" the host then launches the passes one by one and waits
              after each, instead of launching a step as one graph. The results are the same
+    compiling  is told (kernels, processes) where a CPU's kernels are compiled before the first step, and gives what is
+             called after each
 
     Raises InputError for bad input or a backend that is not there.
     """
 
     def __init__(
-        self, scene: Scene | Plan, backend: str = "cpu", threads: int | None = None, profile: bool = False
-    ) -> None:
+        self, scene: Scene | Plan, backend: str = "cpu", threads: int | None = None, profile: bool = False,
+        compiling: Compiling | None = None,
+    ) -> None:  # fmt: skip
         self.plan = scene if isinstance(scene, Plan) else make_plan(scene)
         self.backend = backends.choose(backend)
         backends.set_threads(self.backend, threads)
@@ -95,6 +99,8 @@ class Simulation:
         self.order = ParticleOrder(self)
         self.lists = NeighbourLists(self)
         self.auditor = Auditor(self) if self.plan.scene.energy_audit is not None else None
+        if self.backend.name == "cpu":
+            self._compile_ahead(compiling or (lambda kernels, processes: lambda: None))
         self._bind()
         self.stepper = (DeviceStepper if self.backend.name == "cuda" else HostStepper)(self)
         self.start()
@@ -291,6 +297,7 @@ class Simulation:
         threads: int | None = None,
         scene: Scene | None = None,
         profile: bool = False,
+        compiling: Compiling | None = None,
     ) -> Simulation:
         """The simulation as it was when the checkpoint was written.
 
@@ -299,13 +306,13 @@ class Simulation:
         backend  that of the checkpoint by default; on it the run goes on bit for bit. Another one is allowed,
                  and `notes` then says that the numbers differ by rounding
         scene    where given, it must be the checkpoint's but for end_time and name, which are taken from it
-        profile  as for a new simulation
+        profile, compiling  as for a new simulation
 
         Raises InputError where the checkpoint cannot be read or does not fit the scene.
         """
         saved = load_checkpoint(path)
         plan = saved.plan if scene is None else check_same_scene(scene, saved.plan, str(saved.file))
-        simulation = cls(plan, backend or saved.clock.backend, threads, profile)
+        simulation = cls(plan, backend or saved.clock.backend, threads, profile, compiling)
         simulation._restore(saved)
         return simulation
 
@@ -318,6 +325,19 @@ class Simulation:
         """Bind the passes again: arrays have changed."""
         self._bind()
         self.stepper.rebind()
+
+    def _compile_ahead(self, compiling: Compiling) -> None:
+        """Compile what the passes and the first list need, in processes side by side, into the cache."""
+        from refsim.backends.ahead import compile_ahead
+
+        search = self.lists.calls()
+        self._bind()
+        passes = [call for _, call in (*self.start_calls, *self.begin_calls, *self.motion_calls)]
+        passes += [call for _, on_demand, call in self.force_calls if not on_demand]
+        bound = [(call.func, call.args) for call in (*passes, self.extremes_call) if hasattr(call, "func")]
+        compile_ahead([*search, *bound], compiling)
+        if search:
+            self.lists.forget()
 
     def _bind(self) -> None:
         self.start_calls = [(p.operation, self._bound((effect,), p)) for effect, p in self.plan.start]

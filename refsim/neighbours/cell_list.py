@@ -273,6 +273,17 @@ class CellSearch:
         self.cells = self.blocks = None
         self.missed = 0  # neighbours that audits have found missing
 
+    def calls(self, position, arrays):
+        """(kernel, arguments of the types in a run) of what the first build of a list launches."""
+        real, keys = position.dtype.type, np.empty(0, np.int64)
+        rows = np.empty(0, np.uint32), keys, np.empty(0, np.int32), keys
+        moves = {(a.ndim, a.dtype): (reorder_scalars if a.ndim == 1 else reorder_vectors, (a, keys, a)) for a in arrays}
+        return [
+            (cell_keys, (position, 1.0, keys)),
+            (build_list, (position, keys, position, keys, keys, real(0), self.dim, True, *rows)),
+            *moves.values(),
+        ]
+
     def keys(self, position):
         keys = np.empty(len(position), np.int64)
         cell_keys(position, 1.0 / self.reach, keys)
