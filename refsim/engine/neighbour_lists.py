@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -48,25 +50,25 @@ class NeighbourLists:
         volume = self.run.backend.asarray(walls.volume[self._static.order].astype(dtype))
         self._walls = (self._static.position, volume)
 
-    def calls(self) -> list[tuple[Any, tuple[Any, ...]]]:
-        """(kernel, arguments) of the first build, on a CPU; and lists without entries for the passes to be bound to."""
-        if self.search is None:
-            return []
-        from refsim.neighbours.rows import NeighbourRows  # loads Numba
+    @contextmanager
+    def empty(self) -> Iterator[list[tuple[Any, tuple[Any, ...]]]]:
+        """Share lists without entries, so that passes can be bound to their types; gives what the first build launches.
 
-        run = self.run
-        empty = NeighbourRows(np.empty(0, np.int64), np.empty(0, np.int32), np.empty(0, np.uint32))
-        run._shared["neighbours"] = empty
-        if self._walls is not None:
-            run._shared["walls"] = with_list(*self._walls, empty)
-        return self.search.programs.calls(run.build_position, run.fields.values())
+        For backend "cpu": (kernel, arguments) each.
+        """
+        run, before = self.run, dict(self.run._shared)
+        launched = []
+        if self.search is not None:
+            from refsim.neighbours.rows import NeighbourRows  # loads Numba
 
-    def forget(self) -> None:
-        """Take back the lists without entries of `calls`."""
-        run = self.run
-        run._shared["neighbours"] = None
-        if self._walls is not None:
-            del run._shared["walls"]
+            near = NeighbourRows(np.empty(0, np.int64), np.empty(0, np.int32), np.empty(0, np.uint32))
+            run._shared["neighbours"] = near
+            if self._walls is not None:
+                run._shared["walls"] = with_list(*self._walls, near)
+            launched = self.search.programs.calls(run.build_position, run.fields.values())
+        yield launched
+        run._shared.clear()
+        run._shared.update(before)
 
     @property
     def built(self) -> bool:

@@ -6,6 +6,7 @@ What a step needs beside the loop stands in modules of their own: `list_policy` 
 
 from __future__ import annotations
 
+import contextlib
 import math
 import os
 from collections.abc import Callable, Iterator
@@ -330,14 +331,14 @@ class Simulation:
         """Compile what the passes and the first list need, in processes side by side, into the cache."""
         from refsim.backends.ahead import compile_ahead
 
-        search = self.lists.calls()
-        self._bind()
-        passes = [call for _, call in (*self.start_calls, *self.begin_calls, *self.motion_calls)]
-        passes += [call for _, on_demand, call in self.force_calls if not on_demand]
-        bound = [(call.func, call.args) for call in (*passes, self.extremes_call) if hasattr(call, "func")]
-        compile_ahead([*search, *bound], compiling)
-        if search:
-            self.lists.forget()
+        with self.lists.empty() as launched:
+            self._bind()
+            passes = [call for _, call in (*self.start_calls, *self.begin_calls, *self.motion_calls)]
+            passes += [call for _, on_demand, call in self.force_calls if not on_demand]
+            for call in (*passes, self.extremes_call):
+                with contextlib.suppress(AttributeError, KeyError):  # a procedure, or arrays that a pass before makes
+                    launched.append((call.func, call.args))
+            compile_ahead(launched, compiling)
 
     def _bind(self) -> None:
         self.start_calls = [(p.operation, self._bound((effect,), p)) for effect, p in self.plan.start]

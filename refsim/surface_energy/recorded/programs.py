@@ -184,7 +184,8 @@ def fit(
 ) -> None:  # fmt: skip
     """(3.6), Algorithm 2, from the given splines; residuals stay in registers, so that there is no such output."""
     a = _sorted_points(fit_position, fit_cells, blocks, surface_term) | {"coefficients": coefficients}
-    order = device.library().argsort(device.seen(fit_cells.cell), kind="stable")
+    xp, cell = device.library(), device.seen(fit_cells.cell)
+    order = xp.argsort(xp.where(cell < 0, blocks.neighbour.shape[0] * 64, cell), kind="stable")  # without a cell: last
     a["fit_splines"] = device.empty(fit_splines.shape, fit_splines.dtype)
     device.gather(fit_splines, device.wrapped(order), a["fit_splines"])
     stages.sweep(a, blocks, surface_term)
