@@ -42,7 +42,7 @@ class BringsWalls:
 
     def walls(self, grid: Discretisation, others: Mapping[str, Effect]) -> WallParticles | None:
         """Positions and volumes of the boundary particles; None if there are none."""
-        raise NotImplementedError
+        raise NotImplementedError  # an effect with this capability defines it
 
 
 class CorrectsPositions:
@@ -52,7 +52,7 @@ class CorrectsPositions:
 
     def corrects_positions(self) -> bool:
         """Whether it does so with these parameters; the neighbour list is then not audited."""
-        raise NotImplementedError
+        raise NotImplementedError  # an effect with this capability defines it
 
 
 class BalancesCohesion:
@@ -62,7 +62,7 @@ class BalancesCohesion:
 
     def balanced_pressure(self, grid: Discretisation, others: Mapping[str, Effect]) -> float:
         """Cohesive pressure [Pa] of the undisturbed bulk that the equation of state is to balance."""
-        raise NotImplementedError
+        raise NotImplementedError  # an effect with this capability defines it
 
 
 class KnowsParticleMass:
@@ -74,7 +74,7 @@ class KnowsParticleMass:
 
     def particle_mass(self, grid: Discretisation) -> float:
         """Mass of a particle of the lattice [kg; kg/m in 2D]."""
-        raise NotImplementedError
+        raise NotImplementedError  # an effect with this capability defines it
 
     def particle_volume(self, grid: Discretisation) -> float:
         """Volume of a particle in the bulk [m^dim]."""
@@ -88,7 +88,7 @@ class LimitsSpeed:
 
     def greatest_speed(self, grid: Discretisation) -> float:
         """Speed [m/s] above which its equations do not hold: a faster particle ends the run."""
-        raise NotImplementedError
+        raise NotImplementedError  # an effect with this capability defines it
 
 
 class LimitsMassRatio:
@@ -98,7 +98,7 @@ class LimitsMassRatio:
 
     def largest_mass_ratio(self, others: Mapping[str, Effect]) -> float:
         """That ratio of the largest to the smallest mass."""
-        raise NotImplementedError
+        raise NotImplementedError  # an effect with this capability defines it
 
 
 class NeedsCellOrder:
@@ -108,7 +108,7 @@ class NeedsCellOrder:
 
     def sorting_cell(self, grid: Discretisation) -> float:
         """Size of those cells [m]."""
-        raise NotImplementedError
+        raise NotImplementedError  # an effect with this capability defines it
 
 
 class FollowsSettings:
@@ -118,7 +118,7 @@ class FollowsSettings:
 
     def after_setting(self, name: str, field: Callable[[str], np.ndarray]) -> Mapping[str, np.ndarray]:
         """New values of its fields after `name` was set; `field` gives a field's values by name."""
-        raise NotImplementedError
+        raise NotImplementedError  # an effect with this capability defines it
 
 
 class KeepsLedger:
@@ -128,7 +128,7 @@ class KeepsLedger:
 
     def ledger(self, field: Callable[[str], np.ndarray]) -> dict[str, float]:
         """Quantities in SI units by name; `field` gives a field's values by name."""
-        raise NotImplementedError
+        raise NotImplementedError  # an effect with this capability defines it
 
 
 class Watches:
@@ -157,7 +157,7 @@ class HoldsOtherMemory:
 
     def other_memory(self) -> str:
         """Name of these arrays, for `refsim plan`; "" where there are none."""
-        raise NotImplementedError
+        raise NotImplementedError  # an effect with this capability defines it
 
 
 Capability = TypeVar("Capability")

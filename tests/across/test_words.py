@@ -10,7 +10,6 @@ NEVER = {
     r"\brestatement\b": "the equation or section of the paper itself",
     r"\bthe spec\b|\bspec's\b": "the paper",
     r"walls of section 9": "walls",
-    r"/work/": "a path inside the repository",
     r"\bhouses?\b": "package or module",
     r"\bways? \[m": "displacement [m]",
     r"\bnobody\b": "no particle, no thread, no program",
