@@ -16,6 +16,7 @@ from refsim.core.versions import VERSION as __version__
 from refsim.engine.driver import RunReport, simulate
 from refsim.engine.simulation import Simulation, StepResult
 from refsim.heat import HeatConduction
+from refsim.io.results import Run, RunFrame, open_run
 from refsim.melting import Melting
 from refsim.mpm import MpmLiquid, MpmWalls
 from refsim.scene.files import load_scene
@@ -24,6 +25,7 @@ from refsim.scene.solids import SolidBall, SolidBox, SolidCells, SolidMesh, Soli
 from refsim.shape_matching import ShapeMatching
 from refsim.sph import Gravity, WeaklyCompressible
 from refsim.sph.iisph import ImplicitPressure
+from refsim.study import study
 from refsim.surface_detection import SurfaceDetection
 from refsim.surface_energy.effect import SurfaceEnergy
 from refsim.surface_tension.akinci_2013 import Akinci2013
@@ -61,6 +63,8 @@ __all__ = [
     "MpmWalls",
     "NormalDifference2014",
     "Plan",
+    "Run",
+    "RunFrame",
     "RunReport",
     "RunStopped",
     "Scene",
@@ -84,8 +88,10 @@ __all__ = [
     "load_mesh",
     "load_scene",
     "make_plan",
+    "open_run",
     "sampling",
     "signed_distance",
     "simulate",
+    "study",
     "surface_energy",
 ]

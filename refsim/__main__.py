@@ -15,8 +15,8 @@ from collections.abc import Sequence
 from typing import Any, NoReturn
 
 from refsim.commands import COMMANDS, CommandResult, discover, plain
+from refsim.core.checked import suggestion
 from refsim.core.errors import InputError, RefsimError, RunStopped
-from refsim.scene.files import suggestion
 
 
 class _Parser(argparse.ArgumentParser):

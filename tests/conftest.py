@@ -1,8 +1,20 @@
-"""How many processes share the tests."""
+"""How many processes share the tests, and the wheel that several of them install."""
 
+import importlib.metadata
+import importlib.util
 import os
+import pathlib
+import shutil
+import subprocess
+import sys
+import zipfile
 
+import pytest
+
+ROOT = pathlib.Path(__file__).parents[1]
 MOST = 4
+SOURCES = ("setup.cfg", "pyproject.toml", "MANIFEST.in", "LICENSE", "docs/package.md")
+BUILD = "from setuptools import setup; setup(script_args=['-q', 'build', '--build-lib', 'unpacked', 'egg_info'])"
 
 
 def pytest_xdist_auto_num_workers(config):
@@ -10,3 +22,32 @@ def pytest_xdist_auto_num_workers(config):
     named = config.option.keyword or any("::" in path or path.endswith(".py") for path in config.args)
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     return 0 if named or cores == 1 else min(MOST, cores)
+
+
+def python(words, folder):
+    subprocess.run([sys.executable, *words], cwd=folder, check=True, stdout=subprocess.DEVNULL)
+
+
+def makes_wheels():
+    version = tuple(map(int, importlib.metadata.version("setuptools").split(".")[:2]))
+    return importlib.util.find_spec("wheel") is not None or version >= (70, 1)
+
+
+@pytest.fixture(scope="session")
+def unpacked(tmp_path_factory):
+    """The wheel of a copy of the sources, unpacked; setuptools before 70.1 only lays out what it would hold."""
+    copy = tmp_path_factory.mktemp("clone")
+    (copy / "docs").mkdir()
+    for name in SOURCES:
+        shutil.copy(ROOT / name, copy / name)
+    for folder in ("refsim", "validation", "tests", "scripts"):
+        shutil.copytree(ROOT / folder, copy / folder, ignore=shutil.ignore_patterns("__pycache__"))
+    if makes_wheels():
+        options = ("--no-deps", "--no-build-isolation", "--no-index", "--no-cache-dir", "--quiet")
+        python(("-m", "pip", "wheel", *options, "--wheel-dir", "dist", "."), copy)
+        (wheel,) = (copy / "dist").glob("refsim-*.whl")
+        zipfile.ZipFile(wheel).extractall(copy / "unpacked")
+    else:
+        python(("-c", BUILD), copy)
+        shutil.move(copy / "refsim.egg-info", copy / "unpacked")
+    return copy / "unpacked"

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from refsim.backends.runtime import simulated
+from refsim.backends.runtime import simulated as simulated
 from refsim.core.errors import InputError
 from refsim.core.operation import BACKENDS, Operation
 
@@ -96,6 +96,16 @@ class CudaBackend(Backend):
         self.cuda.synchronize()
 
 
+CUDA_PACKAGES = {"numba_cuda": "numba-cuda[cu13]>=0.30", "cupy": "cupy-cuda13x>=14"}  # module: what pip installs
+
+
+def _library(name: str) -> str | None:
+    """The shared library of this name, None where there is none."""
+    import ctypes.util  # here, because it brings processes along
+
+    return ctypes.util.find_library(name)
+
+
 @functools.cache
 def unavailable(name: str) -> str | None:
     """Why backend `name` cannot run here, or None if it can."""
@@ -103,8 +113,12 @@ def unavailable(name: str) -> str | None:
         return f"there is no such backend; choose one of {', '.join(BACKENDS)}"
     if name != "cuda" or simulated():
         return None
-    if importlib.util.find_spec("numba_cuda") is None:
-        return 'numba-cuda is not installed; run pip install "refsim[cuda]"'
+    missing = [package for module, package in CUDA_PACKAGES.items() if importlib.util.find_spec(module) is None]
+    if missing and _library("nvcuda" if os.name == "nt" else "cuda") is None:
+        return "no driver of an NVIDIA GPU was found"
+    if missing:
+        needed = " ".join(f'"{package}"' for package in missing)
+        return f"the packages of the CUDA backend are not all installed; run pip install {needed}"
     try:
         from refsim.backends.compile import cuda
 
@@ -112,8 +126,6 @@ def unavailable(name: str) -> str | None:
             return "no CUDA device or driver was found"
     except Exception as error:  # a broken driver installation may raise anything; its message is passed on
         return f"CUDA does not start ({type(error).__name__}: {error})"
-    if importlib.util.find_spec("cupy") is None:
-        return 'CuPy is not installed; run pip install "refsim[cuda]"'
     return None
 
 

@@ -48,14 +48,14 @@ def refuse_foreign(folder: Path) -> None:
 def check_files(cache: Any) -> None:
     """Let Numba's `cache` of one kernel check what it reads, and go on without what it cannot write."""
     files = cache._cache_file
-    files.__class__ = _checked_kind(type(files))
+    files.__class__ = _checked_kind(files.__class__)
     save = cache.save_overload
 
     def save_if_possible(signature: Any, compiled: Any) -> None:
         try:
             save(signature, compiled)
         except OSError as error:
-            _tell_once(
+            tell_once(
                 "unwritable",
                 f"the compile cache {cache.cache_path} cannot be written ({error.strerror or error}); the next run"
                 " compiles these kernels again.",
@@ -69,6 +69,25 @@ def is_stored(dispatcher: Any, signature: Any) -> bool:
     cache = dispatcher._cache
     name = cache._cache_file._load_index().get(cache._index_key(signature, dispatcher.targetctx.codegen()))
     return name is not None and _is_whole(cache._cache_file._data_path(name))
+
+
+@contextlib.contextmanager
+def in_turn(lock: Path) -> Iterator[None]:
+    """Let one process after the other in; all, where the folder of the lock's file has vanished or has no locks.
+
+    Numba names what it saves by what stands in the cache already: two processes that save one kernel for two types at
+    once take the same name, and one of them then loads what the other compiled.
+    """
+    from filelock import FileLock  # takes 20 ms
+
+    held = FileLock(lock)
+    # In a folder that cannot be written to, or on a file system without locks, the kernel is compiled without one.
+    with contextlib.suppress(OSError, NotImplementedError):
+        held.acquire()
+    try:
+        yield
+    finally:
+        held.release()
 
 
 class _Checked:
@@ -123,13 +142,14 @@ def _is_whole(path: str) -> bool:
         pass  # an unreadable file is treated as damaged
     with contextlib.suppress(OSError):
         os.unlink(path)
-    _tell_once(
+    tell_once(
         "damaged", f"the compile cache was damaged ({path}); damaged files are deleted, their kernels compiled again."
     )
     return False
 
 
-def _tell_once(kind: str, sentence: str) -> None:
+def tell_once(kind: str, sentence: str) -> None:
+    """Warn once in a process of what is of this kind."""
     if kind not in _told:
         _told.add(kind)
         warnings.warn(sentence, stacklevel=2)

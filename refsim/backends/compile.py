@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import contextlib
 import functools
-import gc
 import hashlib
 import inspect
 import linecache
@@ -21,8 +20,7 @@ import shutil
 import sys
 import tempfile
 import types
-import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numba
@@ -30,14 +28,11 @@ from numba import njit
 from numba import prange as prange
 from numba.extending import register_jitable
 
-from refsim.backends.cache_files import check_files, is_stored, refuse_foreign
-from refsim.backends.launching import Launch, direct_launch, kinds_of
+from refsim.backends.cache_files import check_files, in_turn, is_stored, refuse_foreign, tell_once
+from refsim.backends.launching import direct_launch, kinds_of
+from refsim.backends.rows import over_rows
 from refsim.backends.runtime import simulated, stream
-
-try:
-    import fcntl
-except ImportError:  # not on Windows
-    fcntl = None
+from refsim.backends.workers import Task, store_apart
 
 THREADS_PER_BLOCK = 128
 SIMULATED_THREADS = 8  # each is a Python thread
@@ -48,6 +43,7 @@ if "NUMBA_THREADING_LAYER" not in os.environ:
 _CACHES_KEPT = 200
 _CACHE_NAME = re.compile("[0-9a-f]{16}")  # of the folders that `cache_folder` makes: it deletes no other
 ANY_ORDER = {"reassoc", "contract", "arcp", "nsz"}
+FORMULA_OPTIONS: dict[str, Any] = {"error_model": "numpy", "no_cfunc_wrapper": True}  # C never calls a formula
 
 
 def formula(function: Callable | None = None, *, inlined: bool = False) -> Any:
@@ -58,8 +54,7 @@ def formula(function: Callable | None = None, *, inlined: bool = False) -> Any:
     """
     if function is None:
         return functools.partial(formula, inlined=inlined)
-    options = {"forceinline": True} if inlined else {}
-    return register_jitable(error_model="numpy", no_cfunc_wrapper=True, **options)(function)  # C never calls it
+    return register_jitable(**FORMULA_OPTIONS, **({"forceinline": True} if inlined else {}))(function)
 
 
 def cuda_formula(function: Callable) -> Any:
@@ -73,11 +68,17 @@ def cuda_formula(function: Callable) -> Any:
 _IMPORT = re.compile(r"^(?:from[ \t]+([\w.]+)[ \t]+import[ \t]+(\([^)]*\)|[^\n]*)|import[ \t]+([\w.]+))", re.MULTILINE)
 
 
-def sources_behind(path: pathlib.Path) -> list[pathlib.Path]:
-    """The file and every source of its own package that it imports, directly or through others."""
+def _package_of(path: pathlib.Path) -> pathlib.Path:
+    """Top folder of the package that a source belongs to; the source's own folder if that is no package."""
     package = path.parent
     while (package.parent / "__init__.py").exists():
         package = package.parent
+    return package
+
+
+def sources_behind(path: pathlib.Path) -> list[pathlib.Path]:
+    """The file and every source of its own package that it imports, directly or through others."""
+    package = _package_of(path)
     found, waiting = set(), [path]
     while waiting:
         file = waiting.pop()
@@ -95,10 +96,23 @@ def sources_behind(path: pathlib.Path) -> list[pathlib.Path]:
     return sorted(found)
 
 
+_GROUP = re.compile(r"^class \w+\(NamedTuple\):\n(?:[ \t].*\n|\n)+", re.MULTILINE)
+
+
+@functools.cache
+def _groups_of(package: pathlib.Path) -> str:
+    """Files and definitions of all parameter groups of a package.
+
+    A kernel takes groups that it does not import. Its compiled code names their classes and reads members by number.
+    """
+    files = sorted(package.rglob("*.py")) if (package / "__init__.py").exists() else ()
+    return "".join(f"{file.as_posix()} {group}" for file in files for group in _GROUP.findall(file.read_text()))
+
+
 @functools.cache
 def source_digest(path: pathlib.Path) -> str:
-    """Digest of a kernel file and of everything of its package behind it (names and contents)."""
-    digest = hashlib.sha256(f"{numba.__version__} {sys.version_info[:2]}".encode())
+    """Digest of a kernel file, of everything of its package behind it (names and contents), and of parameter groups."""
+    digest = hashlib.sha256(f"{numba.__version__} {sys.version_info[:2]} {_groups_of(_package_of(path))}".encode())
     for source in sources_behind(path):
         digest.update(source.as_posix().encode())
         digest.update(source.read_bytes())
@@ -110,8 +124,9 @@ def cache_root() -> pathlib.Path:
     chosen = os.environ.get("REFSIM_CACHE_DIR")
     if chosen:
         return pathlib.Path(chosen)
-    base = os.environ.get("XDG_CACHE_HOME") or pathlib.Path.home() / ".cache"
-    return pathlib.Path(base) / "refsim"
+    import platformdirs  # where it is needed: it takes 20 ms
+
+    return platformdirs.user_cache_path("refsim", appauthor=False)
 
 
 @functools.cache
@@ -137,7 +152,8 @@ def cache_folder(path: pathlib.Path) -> str:
     return str(folder)
 
 
-def _cached(dispatcher: Any, function: Callable, apart: bool = False) -> Any:
+def _cached(dispatcher: Any, function: Callable, origin: tuple[str, str] | None = None, apart: bool = False) -> Any:
+    """The dispatcher with refsim's cache; `origin` are module and name under which other processes find the kernel."""
     if not hasattr(dispatcher, "enable_caching"):  # plain Python under NUMBA_DISABLE_JIT and in the simulator
         return dispatcher
     path = pathlib.Path(function.__code__.co_filename)
@@ -153,56 +169,57 @@ def _cached(dispatcher: Any, function: Callable, apart: bool = False) -> Any:
         numba.config.CACHE_DIR = before
     refuse_foreign(pathlib.Path(dispatcher._cache.cache_path))
     check_files(dispatcher._cache)
-    lock = pathlib.Path(folder, f"{function.__qualname__}.lock")
-    dispatcher.store = _in_turn(dispatcher.compile, lock)  # for a process that fills the cache and runs nothing
-    if apart and hasattr(os, "fork"):
-        _compile_apart(dispatcher)
-    dispatcher.compile = _in_turn(dispatcher.compile, lock)
+    compile_here, lock = dispatcher.compile, pathlib.Path(folder, f"{function.__qualname__}.lock")
+    dispatcher.origin = origin
+
+    def store(signature: Any) -> Any:
+        """Compile in this process and store the code, unless another process has meanwhile."""
+        with in_turn(lock):
+            return compile_here(signature)
+
+    def compile_or_load(signature: Any) -> Any:
+        if is_stored(dispatcher, signature):
+            return compile_here(signature)  # loads
+        alone = apart and not store_apart(Task.of(dispatcher, signature))
+        compiled = store(signature)  # loads it, if another process has stored it
+        if alone:
+            tell_once(
+                "apart",
+                "no other process could compile kernels; this one does, and the last bits of its results can differ"
+                " from those of a process that loads the kernels from the cache.",
+            )
+        return compiled
+
+    dispatcher.store, dispatcher.compile = store, compile_or_load
+    dispatcher.__class__ = _recordable(dispatcher.__class__)
     return dispatcher
 
 
-def _in_turn(compile_here: Callable, lock: pathlib.Path) -> Callable:
-    """Let one process after the other compile a kernel, or load it.
-
-    Numba names what it saves by what stands in the cache already: two processes that save one kernel for two types at
-    once take the same name, and one of them then loads what the other compiled.
-    """
-
-    def compile_in_turn(signature: Any) -> Any:
-        with contextlib.ExitStack() as held:
-            if fcntl is not None:
-                with contextlib.suppress(OSError):  # where the cache vanished meanwhile, no other process uses it
-                    fcntl.flock(held.enter_context(lock.open("w")), fcntl.LOCK_EX)
-            return compile_here(signature)
-
-    return compile_in_turn
+_record: list[tuple[Any, tuple]] | None = None
 
 
-def _compile_apart(dispatcher: Any) -> None:
-    """Let a child process fill the cache, so that the code that runs always comes out of it.
+@contextlib.contextmanager
+def recorded() -> Iterator[list[tuple[Any, tuple]]]:
+    """Let kernels for the CPU enter themselves and their arguments in a list instead of running."""
+    global _record
+    before, _record = _record, []
+    try:
+        yield _record
+    finally:
+        _record = before
 
-    A process that compiles a parallel loop holds its body twice, optimised differently. It runs one of them; a
-    process that loads the loop from the cache runs the other. If the order of a sum is free, the last bits differ,
-    and a run resumed in another process would not be the same bit for bit.
-    """
-    compile_here = dispatcher.compile
 
-    def compile_apart(signature: Any) -> Any:
-        if not is_stored(dispatcher, signature):
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore")  # of forking beside threads: the child uses none of them
-                child = os.fork()
-            if child == 0:
-                warnings.simplefilter("ignore")  # the parent says what the cache refuses
-                try:
-                    gc.disable()  # arrays of a GPU can be freed by the parent only
-                    compile_here(signature)
-                finally:
-                    os._exit(0)  # without the parent's clean-up; what went wrong is found again below
-            os.waitpid(child, 0)
-        return compile_here(signature)
+@functools.cache
+def _recordable(kind: type) -> type:
+    """Numba's class of a compiled function, with calls that `recorded` can catch."""
 
-    dispatcher.compile = compile_apart
+    def call(self: Any, *arguments: Any) -> Any:
+        if _record is None:
+            return kind.__call__(self, *arguments)
+        _record.append((self, arguments))
+        return None
+
+    return type(f"Recordable{kind.__name__}", (kind,), {"__call__": call})
 
 
 def _compile_packed(dispatcher: Any) -> None:
@@ -223,7 +240,7 @@ def _compile_packed(dispatcher: Any) -> None:
 
 
 def cpu_kernel(function: Callable | None = None, *, ordered: bool = False, packed: bool = False) -> Any:
-    """Compile a kernel for the CPU; its loop over particles is a `prange`.
+    """Compile a kernel for the CPU that writes its own loop, a `prange`.
 
     Sums may be taken in another order and products fused, so that loops over neighbours vectorise. The
     contract's bound holds for any order of summation; NaN and infinity keep their meaning. `ordered` keeps the order
@@ -232,11 +249,22 @@ def cpu_kernel(function: Callable | None = None, *, ordered: bool = False, packe
     """
     if function is None:
         return functools.partial(cpu_kernel, ordered=ordered, packed=packed)
+    return _for_cpu(function, (function.__module__, function.__qualname__), ordered, packed, parallel=True)
+
+
+def _for_cpu(function: Callable, origin: tuple[str, str], ordered: bool, packed: bool, **options: bool) -> Any:
+    """The function compiled with `options` of Numba.
+
+    A process that compiles a `prange` loop (`parallel`) holds its body twice, optimised differently. It runs one of
+    them; a process that loads the loop from the cache runs the other. If the order of a sum is free, the last bits
+    differ, and a run resumed in another process would not be the same bit for bit. Therefore another process compiles
+    such a loop, and this one loads it.
+    """
     flags = ANY_ORDER - {"reassoc"} if ordered else ANY_ORDER
-    dispatcher = njit(parallel=True, error_model="numpy", fastmath=set(flags))(function)
+    dispatcher = njit(error_model="numpy", fastmath=set(flags), **options)(function)
     if packed and hasattr(dispatcher, "compile"):
         _compile_packed(dispatcher)
-    return _cached(dispatcher, function, apart=True)
+    return _cached(dispatcher, function, origin, apart=options.get("parallel", False))
 
 
 class CudaKernel:
@@ -276,7 +304,7 @@ class CudaKernel:
             if registers is not None:
                 options["max_registers"] = registers
         self.dispatcher = _cached(_load_cuda().jit(**options)(function), function)
-        self.launches: dict[tuple, Launch] | None = None if simulated() else {}
+        self.launches: Any = None if simulated() else {}
 
     def __call__(self, *arguments: Any) -> None:
         rows = arguments[self.rows_at].shape[0] * self.lanes
@@ -334,8 +362,7 @@ def cuda_kernel(
 _LOOPS = {
     "cpu": """\
 def {name}({arguments}):
-    for i in prange({rows}.shape[0]):
-        body(i, {arguments})
+    over_rows(body, {rows}.shape[0], ({arguments},))
 """,
     "cuda": """\
 def {name}({arguments}):
@@ -347,8 +374,7 @@ def {name}({arguments}):
 _LOOPS_WITH_LANES = {
     "cpu": """\
 def {name}({arguments}):
-    for i in prange({rows}.shape[0]):
-        body(i, None, {arguments})
+    over_rows(body, {rows}.shape[0], (None, {arguments}))
 """,
     "cuda": """\
 def {name}({arguments}):
@@ -361,12 +387,13 @@ def {name}({arguments}):
 
 
 class Kernel:
-    """What one row does, written once, and the kernels made of it: a `prange` loop and a CUDA kernel.
+    """What one row does, written once, and the kernels made of it: a loop (`over_rows`) and a CUDA kernel.
 
     The body takes the row's number `i`, with `lanes` also `lane`, and then the arguments, outputs last. Rows are those
     of the last argument, or of `rows_of`. With `lanes` (the name of a list, True for `neighbours`, or a number) so many
     neighbouring CUDA threads share a row: `lane` is (number of the thread, number of threads), and None on a CPU.
-    `ordered` and `packed` are options of `cpu_kernel`, `registers` and `fastmath` of `cuda_kernel`.
+    `ordered` and `packed` are options of `cpu_kernel`, `registers` and `fastmath` of `cuda_kernel`. Only with
+    `allocates` may the body, or a formula that it calls, make an array on the CPU.
 
     Called itself, it runs the program for the backend on which the array of rows lives.
     """
@@ -378,11 +405,13 @@ class Kernel:
         lanes: bool | str | int,
         ordered: bool,
         packed: bool,
+        allocates: bool,
         fastmath: bool,
         registers: int | None,
     ) -> None:
         names = list(inspect.signature(function).parameters)
-        self.body = formula(function, inlined=True)
+        # Counting references to arrays costs time in each row, and serves only bodies that make arrays.
+        self.body = register_jitable(**FORMULA_OPTIONS, forceinline=True, _nrt=allocates)(function)
         self.arguments = names[2 if lanes else 1 :]
         self.rows = rows_of or names[-1]
         self.lanes = "neighbours" if lanes is True else lanes
@@ -406,8 +435,12 @@ class Kernel:
         """The kernel for `backend`, "cpu" or "cuda"; made at first use."""
         if backend not in self._made:
             function = self._wrapper(backend)
-            make = {"cpu": cpu_kernel, "cuda": cuda_kernel}[backend]
-            self._made[backend] = make(function, **self.options[backend])
+            if backend == "cuda":
+                self._made[backend] = cuda_kernel(function, **self.options[backend])
+            else:
+                numba.get_num_threads()  # loads what `over_rows` calls
+                origin = (self.__module__, self.__wrapped__.__qualname__)
+                self._made[backend] = _for_cpu(function, origin, nogil=True, **self.options[backend])
         return self._made[backend]
 
     def __call__(self, *arguments: Any) -> None:
@@ -421,7 +454,7 @@ class Kernel:
         path = pathlib.Path(cache_folder(pathlib.Path(self.body.__code__.co_filename)), f"{self.__name__}_{backend}.py")
         _write_once(path, text)
         linecache.cache[str(path)] = (len(text), None, text.splitlines(keepends=True), str(path))
-        module.__dict__.update(body=self.body, prange=prange, __file__=str(path))
+        module.__dict__.update(body=self.body, over_rows=over_rows, __file__=str(path))
         if backend == "cuda":
             module.__dict__["cuda"] = _load_cuda()
         sys.modules[module.__name__] = module  # Numba's cache finds the globals of a kernel by its module's name
@@ -453,16 +486,17 @@ def kernel(
     lanes: bool | str | int = False,
     ordered: bool = False,
     packed: bool = False,
+    allocates: bool = False,
     fastmath: bool = False,
     registers: int | None = None,
 ) -> Any:
     """Mark what one row does; its kernels for the CPU and for CUDA are made of it, see `Kernel`."""
     if function is None:
         return functools.partial(
-            kernel, rows_of=rows_of, lanes=lanes, ordered=ordered, packed=packed, fastmath=fastmath,
-            registers=registers,
+            kernel, rows_of=rows_of, lanes=lanes, ordered=ordered, packed=packed, allocates=allocates,
+            fastmath=fastmath, registers=registers,
         )  # fmt: skip
-    return Kernel(function, rows_of, lanes, ordered, packed, fastmath, registers)
+    return Kernel(function, rows_of, lanes, ordered, packed, allocates, fastmath, registers)
 
 
 @functools.cache

@@ -141,7 +141,7 @@ def _without_slivers(vertices: np.ndarray, faces: np.ndarray, notes: list[str]) 
         for t in flat.tolist():
             k = int(sides[t].argmax())
             a, c, b = (int(faces[t, (k + s) % 3]) for s in range(3))  # b lies between a and c
-            others = [o for o in owner[tuple(sorted((a, c)))] if o != t]
+            others = [o for o in owner[min(a, c), max(a, c)] if o != t]
             if len(others) != 1 or {t, others[0]} & touched:
                 continue
             other = others[0]
@@ -222,7 +222,7 @@ def _oriented(vertices: np.ndarray, faces: np.ndarray, source: str, notes: list[
             raise InputError(
                 f"mesh: {source!r} has one side only, like a Moebius strip, so it has no interior; give a closed mesh."
             )
-        turned = np.count_nonzero((new != faces).any(1))
+        turned = int(np.count_nonzero((new != faces).any(1)))
         turned = min(turned, len(faces) - turned)
         notes.append(f"{_counted(turned, 'face')} wound as the neighbours are")
         faces = new
@@ -240,9 +240,9 @@ def _oriented(vertices: np.ndarray, faces: np.ndarray, source: str, notes: list[
                 )
         inverted = [b for b in inverted if hosts[b] % 2 == 0]  # the others are cavities
     if inverted:
-        turned = np.isin(body, inverted)
+        wrong = np.isin(body, inverted)
         faces = faces.copy()
-        faces[turned] = faces[turned][:, ::-1]
+        faces[wrong] = faces[wrong][:, ::-1]
         notes.append(f"{_counted(len(inverted), 'body', 'bodies')} turned inside out")
     return faces
 

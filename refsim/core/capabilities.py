@@ -126,8 +126,10 @@ class KeepsLedger:
 
     __slots__ = ()
 
+    ledger_units: ClassVar[Mapping[str, str]] = {}  # of the quantities, in 3D
+
     def ledger(self, field: Callable[[str], np.ndarray]) -> dict[str, float]:
-        """Quantities in SI units by name; `field` gives a field's values by name."""
+        """Quantities by name, in `ledger_units`; `field` gives a field's values by name."""
         raise NotImplementedError  # an effect with this capability defines it
 
 

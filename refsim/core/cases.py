@@ -169,6 +169,26 @@ def takes(*operations: str, **members: str) -> None:
         TAKES.update({(operation, group): tuple(names.split()) for group, names in members.items()})
 
 
+CODES: dict[tuple[type, str], Mapping[str, int]] = {}
+
+
+def codes(group: type, **members: Mapping[str, int]) -> None:
+    """Say what the integers of members of a parameter group stand for: `codes(Smoothing, shape=SHAPES)`."""
+    CODES.update({(group, member): names for member, names in members.items()})
+
+
+PLAIN_KEEPS: dict[str, Mapping[str, str]] = {}
+
+
+def plain_keeps(*operations: str, **reasons: str) -> None:
+    """Say which optional arguments the operations' plain variant, their first, has, and why.
+
+    The plain variant leaves out all optional arguments, unless the answer were zero for every input.
+    """
+    for operation in operations:
+        PLAIN_KEEPS[operation] = reasons
+
+
 @dataclass(frozen=True, eq=False)
 class Exact:
     """A case whose answer is known in closed form: arguments that matter, and outputs, by name."""

@@ -10,9 +10,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple
 
-import msgspec
 import numpy as np
 
+from refsim.core.checked import Checked
 from refsim.core.errors import InputError
 from refsim.core.fields import Field
 
@@ -152,7 +152,7 @@ class StepLimit(NamedTuple):
 EFFECTS: dict[str, type[Effect]] = {}
 
 
-class Effect(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class Effect(Checked, frozen=True, kw_only=True):
     """Base of all effects. Parameters are the struct's fields, in SI units.
 
     Hooks of a few effects only are capabilities, in `refsim.core.capabilities`.
@@ -160,6 +160,7 @@ class Effect(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
 
     name: ClassVar[str] = ""
     host_in_step: ClassVar[bool] = False  # its passes need the host, so that a step cannot be one CUDA graph
+    with_spacing: ClassVar[tuple[str, ...]] = ()  # its lengths [m] that follow the spacing if a scene is refined
 
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)

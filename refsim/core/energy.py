@@ -10,14 +10,14 @@ import math
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple, Protocol
 
-import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from refsim.core.checked import Checked
 from refsim.core.errors import InputError
 
 
-class EnergyAudit(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class EnergyAudit(Checked, frozen=True, kw_only=True):
     """Stops a run whose mechanical energy grows.
 
     every  steps between two audits

@@ -22,6 +22,7 @@ REASONS = {  # why a run stops: the only names that RunStopped takes
     "out_of_memory": "the machine has no memory left",
     "disk_full": "no space or quota is left; the run can be resumed from the last checkpoint",
     "write_failed": "the disk refused a write for another reason",
+    "scheduler_lost": "the scheduler of the workers has gone away; what was finished is kept",
     "interrupted": "the user stopped the run; it can be resumed from the checkpoint written then",
 }
 

@@ -28,8 +28,13 @@ class Field:
 
     def shape(self, count: int) -> tuple[int, ...]:
         """Array shape for `count` particles."""
-        rows = count if self.rows is None else self.rows
+        rows = self.rows if isinstance(self.rows, int) else count
         return (rows,) if self.components == 1 else (rows, self.components)
+
+    def unit_in(self, dim: int) -> str:
+        """The unit in `dim` dimensions, where `unit` has both: "kg (kg/m in 2D)"."""
+        in_space, _, in_plane = self.unit.removesuffix(" in 2D)").partition(" (")
+        return in_plane if in_plane and dim == 2 else in_space
 
     def numpy_dtype(self, real: str) -> np.dtype:
         """NumPy dtype in a run of dtype `real`."""

@@ -69,7 +69,8 @@ class Operation:
     entrywise   outputs of the whole set with a bound for each entry, whose scale counts the terms itself
     optional    arguments that are None where the scene has no such thing
     tolerance   c in the bound c * neighbours * eps * sum|terms|, with its reason in `tolerance_reason`
-    variants    argument overrides under which the operation is tested again (None drops an optional term)
+    variants    argument overrides under which the operation is tested (None drops an optional term); the first is the
+                plain one, without what is optional, or with what `refsim.core.cases.plain_keeps` names
     invariants  names of the contract's conservation and symmetry checks that hold
     broken      those that a variant does not keep, by the variant's number
     cases       names of hard inputs beside the common ones

@@ -6,7 +6,7 @@ import functools
 import platform
 
 VERSION = "0.2.0"
-PACKAGES = ("refsim", "numpy", "numba", "llvmlite", "numba-cuda", "cupy-cuda13x")
+PACKAGES = ("numpy", "numba", "llvmlite", "numba-cuda", "cupy-cuda13x")
 
 
 @functools.cache
@@ -20,4 +20,4 @@ def versions() -> dict[str, str]:
             found[name] = importlib.metadata.version(name)
         except importlib.metadata.PackageNotFoundError:
             continue
-    return {"refsim": VERSION} | found  # which is not installed where it is used from its source folder
+    return {"refsim": VERSION} | found

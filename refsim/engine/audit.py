@@ -170,7 +170,7 @@ class Auditor:
             raise RunStopped(
                 "energy_gained",
                 f"{where} the energy stands {total - lowest:.4g} J above its lowest value, {share:.3g} of the"
-                f" {turned:.4g} J turned over and more than energy_audit's bound of {self.rule.bound:g}:"
+                f" {turned:.4g} J turned over and more than the bound of energy_audit, {self.rule.bound:g}:"
                 f" {_words(values)}. Take more viscosity, a shorter step or masses that differ less.",
             )
 

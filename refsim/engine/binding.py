@@ -17,10 +17,12 @@ def fused(passes: Sequence[tuple[Effect, Pass]], backend: str) -> list[tuple[tup
 
     It stands where the last of them stood: what all of them read is there by then, and accelerations add in any order.
     """
-    result = [((effect,), p) for effect, p in passes]
+    result: list[tuple[tuple[Effect, ...], Pass]] = [((effect,), p) for effect, p in passes]
     for _, p in list(passes):
         operation = REGISTRY.get(p.operation)
-        for name in () if operation is None else operation.names():
+        if operation is None:
+            continue
+        for name in operation.names():
             parts = {p.operation, *operation.entry(name).also}
             places = [k for k, (_, q) in enumerate(result) if q.operation in parts]
             if backend_of(name) != backend or len(parts) == 1 or len(places) != len(parts):
@@ -43,14 +45,13 @@ def bound(p: Pass, backend: Backend, sources: Sequence[Mapping[str, Any]]) -> Ca
     A name "owner.attribute" is read from its owner at every launch. Raises KeyError where no source has a name that the
     program cannot do without.
     """
-    procedure = PROCEDURES.get(p.operation)
     operation = None
-    if procedure is None:
+    if p.operation not in PROCEDURES:
         found = REGISTRY[p.operation]
         operation = found.as_computed_by(found.chosen(backend.name, p.algorithm))
 
-    def lookup(name: str) -> Any:
-        name = p.names.get(name, name)
+    def lookup(argument: str) -> Any:
+        name = p.names.get(argument, argument)
         owner, _, attribute = (name or "").partition(".")
         for source in sources:
             if owner in source:
@@ -59,7 +60,9 @@ def bound(p: Pass, backend: Backend, sources: Sequence[Mapping[str, Any]]) -> Ca
             return None
         raise KeyError(f"{p.operation} takes {name!r}, which no effect of the scene provides")
 
-    return procedure.bind(lookup) if procedure is not None else backend.bind(operation, lookup, p.algorithm)
+    if operation is None:
+        return PROCEDURES[p.operation].bind(lookup)
+    return backend.bind(operation, lookup, p.algorithm)
 
 
 def on_backend(value: Any, backend: Backend) -> Any:

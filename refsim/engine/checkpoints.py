@@ -7,7 +7,7 @@ import json
 import os
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Literal, cast
 
 import msgspec
 import numpy as np
@@ -106,9 +106,9 @@ def load_checkpoint(path: str | os.PathLike[str]) -> SavedRun:
     for name, value in counts.items():
         if not 0 <= value < 2**63:
             raise wrong(f"{name} = {value} is no count")
-    for name, value in lengths.items():
-        if not 0 <= value <= GREATEST:
-            raise wrong(f"{name} = {value} is not possible")
+    for name, length in lengths.items():
+        if not 0 <= length <= GREATEST:
+            raise wrong(f"{name} = {length} is not possible")
     if not clock.squared_displacement >= 0:
         raise wrong(f"squared_way = {clock.squared_displacement} is not possible")
     if not log.keys() <= {f.name for f in dataclasses.fields(SearchLog)}:
@@ -142,7 +142,7 @@ def snapshot(run: Run) -> Checkpoint:
     arrays["build_position"] = np.array(run.backend.host(run.build_position))
     lists = run.lists
     clock = Clock(
-        backend=run.backend.name,
+        backend=cast(Literal["numpy", "cpu", "cuda"], run.backend.name),
         time=run.time,
         steps=run.steps,
         previous_length=run.previous_length,

@@ -19,18 +19,23 @@ from typing import Any
 
 import numpy as np
 
-from refsim.core.capabilities import KeepsLedger, having
+from refsim.core.capabilities import KeepsLedger
 from refsim.core.errors import InputError, RunStopped
+from refsim.core.log import log
 from refsim.core.plain import plain
+from refsim.core.tables import html_table, in_time, table
 from refsim.core.versions import versions
 from refsim.engine.postmortem import AFTER_THESE, POSTMORTEM, POSTMORTEM_FIELDS, write_postmortem
+from refsim.engine.progress import Progress, compiling_bar, wanted
 from refsim.engine.simulation import Simulation
 from refsim.io.checkpoint import cannot_write, previous_path, replace_file
 from refsim.io.frames import ParticleWriter
+from refsim.io.results import PARTICLES, REPORT
+from refsim.io.scenes import origin_of
 from refsim.scene.scene import Plan, Scene
 from refsim.sph import gravity_of
 
-PARTICLES, CHECKPOINT, REPORT = "particles.vtkhdf", "checkpoint.h5", "report.json"
+CHECKPOINT = "checkpoint.h5"
 ONE_BY_ONE = (
     "profiled on cuda: the passes were launched one by one with a wait after each, not as one CUDA graph; each launch"
     " took some 10 to 50 microseconds longer than in a run without a profile"
@@ -38,7 +43,7 @@ ONE_BY_ONE = (
 FRAMES = 100  # of a whole run, where the caller does not say how often
 
 
-@dataclass
+@dataclass(repr=False)
 class RunReport:
     """What a run did. SI units; momenta and energies with the velocities half a step behind the positions.
 
@@ -80,6 +85,24 @@ class RunReport:
     files: dict[str, str] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
 
+    def _facts(self) -> list[tuple[str, str]]:
+        ended = "its end" if self.reason is None else self.reason
+        return [
+            ("ended with", ended),
+            ("time", f"{self.time:.6g} s of {self.until:.6g} s in {self.steps:,} steps"),
+            ("particles", f"{self.particles:,}, {self.dtype}, backend {self.backend}"),
+            ("wall time", in_time(self.seconds["total"])),
+            ("frames", str(self.frames)),
+            ("files", ", ".join(self.files.values()) or "none"),
+            ("notes", "; ".join(self.notes) or "none"),
+        ]
+
+    def __repr__(self) -> str:
+        return f"RunReport of {self.scene!r}\n{table(self._facts())}"
+
+    def _repr_html_(self) -> str:
+        return html_table(f"RunReport of {self.scene!r}", self._facts())
+
 
 def simulate(
     scene: Scene | Plan | Simulation,
@@ -92,7 +115,7 @@ def simulate(
     checkpoint_every: float = 60.0,
     overwrite: bool = False,
     profile: bool = False,
-    progress: Callable[[Simulation], None] | None = None,
+    progress: bool | Callable[[Simulation], None] | None = None,
     asked_to_stop: Callable[[], bool] = lambda: False,
 ) -> RunReport:
     """Run a scene, or go on with a simulation, and return the report.
@@ -103,7 +126,8 @@ def simulate(
     checkpoint_every  wall time between checkpoints [s]; one more is written at the end
     overwrite         begin anew in a folder that holds an earlier run, unless that one is still running
     profile           time every pass to its end (see `Simulation`, which has the option where one is given)
-    progress          called before the first step and after every step
+    progress          True shows a bar, False none; None shows it on a terminal and in Jupyter. Or what is called before
+                      the first step and after every step
     asked_to_stop     called after every step; if it is true, the run ends with reason "interrupted" and a checkpoint
 
     A simulation that was resumed from a checkpoint in `output` goes on there, with frames at the times that they would
@@ -113,10 +137,15 @@ def simulate(
     then untouched, and the folder has a post-mortem.
     """
     began = time.perf_counter()
-    simulation = scene if isinstance(scene, Simulation) else Simulation(scene, backend, threads, profile)
+    shown = progress is True or (progress is None and wanted())
+    if isinstance(scene, Simulation):
+        simulation = scene
+    else:
+        simulation = Simulation(scene, backend, threads, profile, compiling_bar if shown else None)
     run = _Run(simulation, until, output, every, checkpoint_every, overwrite, began, threads)
+    bar = Progress(run.until, run.folder) if shown else None
     try:
-        run.go(progress, asked_to_stop)
+        run.go(bar or (progress if callable(progress) else None), asked_to_stop)
     except MemoryError:
         raise run.stopped(
             RunStopped(
@@ -128,8 +157,12 @@ def simulate(
     except RunStopped as stop:
         raise run.stopped(stop) from stop.__cause__
     finally:
+        if bar is not None:
+            bar.close()
         run.close()
-    return run.report()
+    report = run.report()
+    log().info("%s: reached %.6g s in %d steps", report.scene, report.time, report.steps)
+    return report
 
 
 def stock(simulation: Simulation | Plan) -> dict[str, Any]:
@@ -141,6 +174,9 @@ def stock(simulation: Simulation | Plan) -> dict[str, Any]:
     if isinstance(simulation, Plan):
         plan, state = simulation, simulation.state
         values = {"position": state.position, "velocity": state.velocity, "mass": state.mass, **state.values}
+        values.setdefault(
+            "volume", np.full(plan.grid.count, plan.grid.spacing**plan.grid.dim)
+        )  # of a lattice's particle
 
         def field(name: str) -> np.ndarray:
             return values[name].astype(plan.fields[name].numpy_dtype(plan.grid.dtype))
@@ -161,7 +197,8 @@ def stock(simulation: Simulation | Plan) -> dict[str, Any]:
     gravity = gravity_of(plan.effects)
     if gravity is not None:
         result["potential_energy"] = float(-(m * (x @ np.array(gravity.acceleration))).sum())
-    accounts = {effect.name: effect.ledger(field) for effect in having(plan.effects, KeepsLedger)}
+    keeping = ((name, effect) for name, effect in plan.effects.items() if isinstance(effect, KeepsLedger))
+    accounts = {name: effect.ledger(field) for name, effect in keeping}
     if any(accounts.values()):
         result["effects"] = {name: account for name, account in accounts.items() if account}
     return result
@@ -212,7 +249,7 @@ class _Run:
         self.every = every or self.until / FRAMES or math.inf
         self.checkpoint_every = checkpoint_every
         self.resumed_at = simulation.steps if simulation.steps or simulation.source is not None else None
-        self.frames = self.checkpoints = 0
+        self.frames = self.checkpoints = self.logged = 0
         self.last_checkpoint: Path | None = None
         self.stop: RunStopped | None = None
         self.loop_began, self.counted_before = time.perf_counter(), simulation.timings.counted
@@ -242,9 +279,9 @@ class _Run:
             if name != "position":
                 dtype = f.numpy_dtype(self.simulation.plan.grid.dtype)
                 fields[name] = (f.components, "uint8" if dtype.kind == "b" else dtype)
-        self.writer = ParticleWriter(
-            self.folder / PARTICLES, fields, append=goes_on, resume_time=self.simulation.time if goes_on else None
-        )
+        time = self.simulation.time if goes_on else None
+        origin = origin_of(self.simulation.plan)
+        self.writer = ParticleWriter(self.folder / PARTICLES, fields, append=goes_on, resume_time=time, origin=origin)
         self.files["particles"] = str(self.folder / PARTICLES)
         if goes_on:
             self.last_checkpoint = source
@@ -258,6 +295,7 @@ class _Run:
 
     def go(self, progress: Callable[[Simulation], None] | None, asked_to_stop: Callable[[], bool]) -> None:
         simulation = self.simulation
+        self._log_begin()
         if progress is not None:
             progress(simulation)
         clock = time.perf_counter()
@@ -269,6 +307,7 @@ class _Run:
         while simulation.time < self.until:
             next_frame = self._frame_after(simulation.time)
             simulation.step()
+            self._log_notes()
             if progress is not None:
                 progress(simulation)
             if self.folder is not None:
@@ -291,6 +330,20 @@ class _Run:
             if self.writer.last_time is None or simulation.time > self.writer.last_time:
                 self._frame()
             self._checkpoint()
+
+    def _log_begin(self) -> None:
+        simulation, grid = self.simulation, self.simulation.plan.grid
+        log().info(
+            "%s: %d particles in %dD, %s, backend %s, from %.6g to %.6g s",
+            simulation.plan.scene.name, simulation.count, grid.dim, grid.dtype, simulation.backend.name,
+            simulation.time, self.until,
+        )  # fmt: skip
+        self._log_notes()
+
+    def _log_notes(self) -> None:
+        for note in self.simulation.notes[self.logged :]:
+            log().warning("%s", note)
+        self.logged = len(self.simulation.notes)
 
     def _frame_after(self, time: float) -> float:
         """The first time of the frames' grid after `time` [s]; the step that reaches it ends with a frame."""
@@ -316,6 +369,7 @@ class _Run:
             values = {name: v.view(np.uint8) if v.dtype.kind == "b" else v for name, v in values.items()}
             self.writer.write(simulation.time, values.pop("position"), **values)
         self.frames += 1
+        log().debug("frame at %.6g s", simulation.time)
 
     def _checkpoint(self) -> None:
         assert self.folder is not None
@@ -324,6 +378,7 @@ class _Run:
         with self.simulation.timings.of_host("checkpoints"):
             self.simulation.checkpoint(path)
         self.checkpoints += 1
+        log().debug("checkpoint at %.6g s: %s", self.simulation.time, path)
         self.last_checkpoint = path
         self.files["checkpoint"] = str(path)
         self._write_report()
@@ -340,6 +395,7 @@ class _Run:
     def stopped(self, stop: RunStopped) -> RunStopped:
         """Note why the run stopped, in a post-mortem and in the report; the error to raise, with the report."""
         self.stop = stop
+        log().error("%s [%s]", stop, stop.reason)
         with suppress(InputError, RunStopped, OSError, MemoryError):  # a full disk must not hide the first reason
             if self.folder is not None:
                 if stop.reason in AFTER_THESE:
@@ -351,7 +407,7 @@ class _Run:
 
     def _replay(self) -> str:
         """The command that runs from the last checkpoint into the same stop, in a folder of its own."""
-        if self.last_checkpoint is None:
+        if self.last_checkpoint is None or self.folder is None:
             return "run the scene again: it stopped before its first checkpoint"
         threads = "" if self.threads is None else f" --threads {self.threads}"
         return (

@@ -52,7 +52,7 @@ class NeighbourLists:
 
     @contextmanager
     def empty(self) -> Iterator[list[tuple[Any, tuple[Any, ...]]]]:
-        """Share lists without entries, so that passes can be bound to their types; gives what the first build launches.
+        """Share lists without entries, so that passes can be bound to their types; gives what builds and audits launch.
 
         For backend "cpu": (kernel, arguments) each.
         """
@@ -65,7 +65,7 @@ class NeighbourLists:
             run._shared["neighbours"] = near
             if self._walls is not None:
                 run._shared["walls"] = with_list(*self._walls, near)
-            launched = self.search.programs.calls(run.build_position, run.fields.values())
+            launched = self.search.programs.calls(run.build_position, run.fields.values(), run._shared.get("bounds"))
         yield launched
         run._shared.clear()
         run._shared.update(before)

@@ -52,7 +52,7 @@ def write_postmortem(simulation: Run, stop: RunStopped, folder: Path, replay: st
         "neighbourhood": {"file": str(folder / POSTMORTEM_FIELDS), "particles": len(near.get("identity", ()))},
     }
     block = io.BytesIO()
-    np.savez(block, **near)
+    np.savez(block, **near)  # type: ignore[arg-type]
     try:
         replace_file(folder / POSTMORTEM_FIELDS, block.getvalue())
         replace_file(path, (json.dumps(plain(found), indent=1) + "\n").encode())

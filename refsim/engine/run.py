@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -62,7 +62,7 @@ class Run(Protocol):
 
     def launch(self, on_demand: bool) -> Iterator[tuple[str, tuple[str, ...]]]: ...
 
-    def replay_passes(self, on_demand: bool = False) -> Iterator[tuple[str, tuple[str, ...]]]: ...
+    def replay_passes(self, on_demand: bool = False) -> Generator[tuple[str, tuple[str, ...]], None, None]: ...
 
     def checked_extremes(self) -> Extremes: ...
 

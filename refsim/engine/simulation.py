@@ -9,7 +9,7 @@ from __future__ import annotations
 import contextlib
 import math
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,8 +19,10 @@ import numpy as np
 from refsim.backends import arrays as backends
 from refsim.backends.scratch import Scratch
 from refsim.core.capabilities import FollowsSettings, LimitsSpeed, Watches, having
+from refsim.core.checked import suggestion
 from refsim.core.effect import Effect, Extremes, Pass
 from refsim.core.errors import InputError, RunStopped
+from refsim.core.tables import html_table, table
 from refsim.engine.audit import Auditor
 from refsim.engine.binding import bound, fused, on_backend
 from refsim.engine.checkpoints import SavedRun, load_checkpoint, restore, snapshot
@@ -31,7 +33,6 @@ from refsim.engine.timings import Timings
 from refsim.io.checkpoint import Checkpoint, write_checkpoint
 from refsim.io.scenes import check_same_scene
 from refsim.neighbours import NeighbourSearch
-from refsim.scene.files import suggestion
 from refsim.scene.scene import Plan, Scene, make_plan
 
 Compiling = Callable[[int, int], Callable[[], Any]]
@@ -121,6 +122,23 @@ class Simulation:
         self.displacement = self.backend.zeros(2, grid.dtype)
         self.timestep = self.backend.zeros(2, grid.dtype)
         self.build_position = self.backend.asarray(self._host("position"))
+
+    def _facts(self) -> list[tuple[str, str]]:
+        grid = self.plan.grid
+        last = "none" if self.last is None else f"{self.last.length:.4g} s, set by {self.last.limiter}"
+        return [
+            ("particles", f"{self.count:,} in {grid.dim}D, {grid.dtype}, backend {self.backend.name}"),
+            ("time", f"{self.time:.6g} s after {self.steps:,} steps"),
+            ("last step", last),
+            ("effects", ", ".join(self.plan.effects) or "none"),
+            ("fields", ", ".join(self.plan.fields)),
+        ]
+
+    def __repr__(self) -> str:
+        return f"Simulation of {self.plan.scene.name!r}\n{table(self._facts())}"
+
+    def _repr_html_(self) -> str:
+        return html_table(f"Simulation of {self.plan.scene.name!r}", self._facts())
 
     # Reading and setting the state
 
@@ -233,7 +251,7 @@ class Simulation:
         for _ in self.replay_passes(on_demand):
             pass
 
-    def replay_passes(self, on_demand: bool = False) -> Iterator[tuple[str, tuple[str, ...]]]:
+    def replay_passes(self, on_demand: bool = False) -> Generator[tuple[str, tuple[str, ...]], None, None]:
         """Run the passes on the present state one by one; after each, its operation and the fields it wrote.
 
         What outlives the step (warm starts, say) is put back at the end, so that the run is not changed.
@@ -328,16 +346,16 @@ class Simulation:
         self.stepper.rebind()
 
     def _compile_ahead(self, compiling: Compiling) -> None:
-        """Compile what the passes and the first list need, in processes side by side, into the cache."""
-        from refsim.backends.ahead import compile_ahead
+        """Compile what the passes and the lists need, in processes side by side, into the cache."""
+        from refsim.backends.ahead import compile_ahead, launched_by
 
         with self.lists.empty() as launched:
             self._bind()
             passes = [call for _, call in (*self.start_calls, *self.begin_calls, *self.motion_calls)]
-            passes += [call for _, on_demand, call in self.force_calls if not on_demand]
+            passes += [call for _, _, call in self.force_calls]
             for call in (*passes, self.extremes_call):
                 with contextlib.suppress(AttributeError, KeyError):  # a procedure, or arrays that a pass before makes
-                    launched.append((call.func, call.args))
+                    launched += launched_by(call.func, call.args)
             compile_ahead(launched, compiling)
 
     def _bind(self) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from typing import Any
 
@@ -62,7 +63,7 @@ class ParticleOrder:
         for each in self._attended if self.due() else ():
             order = each.order(self.run.fields["position"])
             if order is not None:
-                self.run.timings.run("sorting", lambda order=order: self._follow(order))
+                self.run.timings.run("sorting", functools.partial(self._follow, order))
 
     def _follow(self, order: Any) -> None:
         arrays = [self.run.fields[name] for name in self._names()]

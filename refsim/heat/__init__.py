@@ -25,6 +25,7 @@ from refsim.core.effect import Discretisation, Effect, Pass, StepLimit, require
 from refsim.core.errors import InputError
 from refsim.core.fields import Field
 from refsim.core.operation import Operation, Program, register
+from refsim.core.scalars import int32
 from refsim.heat.shapes import (
     MOST_PASSES,
     MUELLER,
@@ -109,6 +110,7 @@ class HeatConduction(Effect, KnowsParticleMass, FollowsSettings, KeepsLedger, Ha
     """
 
     name: ClassVar[str] = "heat_conduction"
+    ledger_units: ClassVar[Mapping[str, str]] = {"heat": "J"}
     source: ClassVar[str] = "Shao & Song"
     errata: ClassVar[tuple[str, ...]] = ("M5", "M6", "M8", "M9", "M11")
 
@@ -133,7 +135,7 @@ class HeatConduction(Effect, KnowsParticleMass, FollowsSettings, KeepsLedger, Ha
     literal: tuple[str, ...] = ()
 
     @property
-    def host_in_step(self) -> bool:
+    def host_in_step(self) -> bool:  # type: ignore[override]
         """Whether the number of passes is found on the host, so that a GPU step cannot be one graph."""
         if not self.conducts:
             return False
@@ -229,7 +231,7 @@ class HeatConduction(Effect, KnowsParticleMass, FollowsSettings, KeepsLedger, Ha
         if not self.conducts:
             return ()
         reads = ["position", "mass", "volume", "heat_capacity", "conductivity"]
-        updates = ("temperature",)
+        updates: tuple[str, ...] = ("temperature",)
         if self.melts:
             reads += ["melting_point", "latent_heat"]
             updates = ("enthalpy", "temperature")
@@ -297,7 +299,7 @@ class HeatConduction(Effect, KnowsParticleMass, FollowsSettings, KeepsLedger, Ha
             share = BEYOND_LITERAL
         margin = share * (high - low) + ROUNDINGS * np.finfo(dtype).eps * max(abs(low), abs(high))
         if self.melts:
-            above = max(high - float(np.min(self.melting_point)), 0.0)
+            above = max(high - float(np.min(np.asarray(self.melting_point, dtype=float))), 0.0)
             high += above * (float(np.max(self.heat_capacity)) / float(np.ravel(self.heat_capacity)[-1]) - 1)
         return np.array([low - margin, high + margin])
 
@@ -362,7 +364,7 @@ class HeatConduction(Effect, KnowsParticleMass, FollowsSettings, KeepsLedger, Ha
         if not self.conducts:
             return {}
         conduction = self.conduction(grid)
-        passes = np.int32(self._planned_passes(grid, conduction))
+        passes = int32(self._planned_passes(grid, conduction))
         return {"conduction": conduction._replace(planned_passes=passes)}
 
     def step_limits(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, StepLimit]:
@@ -448,7 +450,8 @@ def _scheme(
     name: str, paper: str, equation: str, reach: int, melting: bool = False, module: str = "schemes", **options: Any
 ) -> None:
     outputs = ("enthalpy", "temperature") if melting else ("temperature",)
-    variants = ({"period": None, **_NO_ENTHALPY}, _PLAIN) if melting else ({"period": None}, _PLAIN)
+    plain = {**_PLAIN, **_NO_ENTHALPY}
+    variants = (plain, {"period": None, **_NO_ENTHALPY}, _PLAIN) if melting else (_PLAIN, {"period": None})
     register(
         Operation(
             name=f"heat.{name}",
@@ -480,12 +483,12 @@ _scheme("single_pass", _PAPER, "(4) for all neighbours at once (NPX)", 2, meltin
 
 def _planned(case: Any, grid: Discretisation) -> Conduction:
     """The number of passes is found on the GPU, not on the host."""
-    return HeatConduction().conduction(grid)._replace(planned_passes=np.int32(MOST_PASSES))
+    return HeatConduction().conduction(grid)._replace(planned_passes=int32(MOST_PASSES))
 
 
 _scheme(
     "chebyshev", "standard", "backward Euler, of which (4) is one pair (CHEB)", 0, melting=True,
-    variants=({"period": None, **_NO_ENTHALPY}, _PLAIN, {**_PLAIN, **_NO_ENTHALPY, "conduction": _planned}),
+    variants=({**_PLAIN, **_NO_ENTHALPY, "conduction": _planned}, {"period": None, **_NO_ENTHALPY}, _PLAIN),
 )  # fmt: skip
 _scheme(
     "conjugate_gradient", "standard", "backward Euler, of which (4) is one pair (PCG)", 0, melting=True,
@@ -506,7 +509,7 @@ register(
         tolerance_reason=_REASON,
         reach=0,
         cases=STEEP,
-        variants=({"period": None}, _PLAIN),
+        variants=(_PLAIN, {"period": None}),
         invariants=("translation", "rotation", "reordering"),
     )
 )
@@ -522,7 +525,7 @@ register(
         tolerance=8.0,
         tolerance_reason="a few roundings in each of distance, shape, mean conductivity, products and sum",
         cases=STEEP,
-        variants=({"period": None}, _PLAIN),
+        variants=(_PLAIN, {"period": None}),
         invariants=("translation", "rotation", "reordering"),
     )
 )

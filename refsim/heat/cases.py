@@ -12,13 +12,14 @@ from refsim.core.cases import (
     Variation,
     case,
     closed_form,
+    codes,
     groups,
     lattice,
     particles,
     takes,
 )
 from refsim.heat import HeatConduction
-from refsim.heat.shapes import Conduction, Period, conduction_group, period_group
+from refsim.heat.shapes import MUELLER, POLY6, SPIKY, Conduction, Period, conduction_group, period_group
 
 SLOW = 1.0  # k dt/(rho c d^2) of the common cases, on average
 STORED = REST_DENSITY * 1000.0  # rho c [J/(m^3 K)] of the common cases, about
@@ -134,6 +135,7 @@ VARIATIONS[Conduction] = Variation(
 )
 VARIATIONS[Period] = Variation(_period_follows, other=dict.fromkeys("xyz", lambda length: 0.9 * length or 1.2))
 PAIRS = "support_radius factor laplacian harmonic unit_capacity dim"
+codes(Conduction, laplacian={"spiky": SPIKY, "mueller": MUELLER, "poly6": POLY6})
 takes("heat.one_sided", conduction=f"{PAIRS} frozen")
 takes("heat.pair_exchange", conduction=f"{PAIRS} sweep_share")
 takes("heat.chebyshev", conduction=f"{PAIRS} tolerance most_passes")

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from refsim.core.effect import Discretisation
+from refsim.core.scalars import int32
 from refsim.smoothing import lattice
 
 SPIKY, MUELLER, POLY6 = range(3)
@@ -131,7 +132,7 @@ def conduction_group(
     """Parameters in the run's dtype, from those of a scene."""
     h, real = grid.support_radius, grid.real
     scale = factor * NORMALISATION[laplacian][grid.dim] / h ** (grid.dim + 2) * grid.spacing ** (2 * grid.dim)
-    return Conduction(
+    values: list[Any] = [
         real(h),
         real(1 / h),
         real(1 / grid.spacing**grid.dim),
@@ -140,6 +141,7 @@ def conduction_group(
         real(tolerance),
         real(residual),
         real(sweep_share),
-        *map(np.int32, (laplacian, harmonic, unit_capacity, frozen, most_passes, planned_passes, iterations)),
-        np.int32(grid.dim),
-    )
+        *map(int32, (laplacian, harmonic, unit_capacity, frozen, most_passes, planned_passes, iterations)),
+        int32(grid.dim),
+    ]
+    return Conduction(*values)

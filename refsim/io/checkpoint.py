@@ -86,7 +86,7 @@ def write_checkpoint(
             _write_hdf5(stream, checked, text)
             stream.finish(_next_written_ns(path))
         except Exception:
-            if stream.error is None:  # a refused write is the cause of whatever HDF5 made of it
+            if stream.error is None:  # HDF5 reads back what it wrote, and fails in many ways after a refused write
                 raise
         finally:
             stream.close()
@@ -416,7 +416,7 @@ def _head(file: BufferedReader) -> _Head:
         if block[: len(FORMAT)] == FORMAT.encode():
             raise _Unreadable("is cut short or damaged (its first lines are not those of a checkpoint)")
         raise _Unreadable("is not a checkpoint (it does not begin as one)")
-    head = _Head(*map(int, found.groups()[:3]), found[4].decode())
+    head = _Head(int(found[1]), int(found[2]), int(found[3]), found[4].decode())
     if head.version != VERSION:
         raise _Unreadable(f"has format version {head.version}, and this refsim reads version {VERSION}")
     if head.block() != block:

@@ -13,6 +13,9 @@ bytes that HDF5 and its readers pass over (a user block): lines of text padded w
 `version`, `bytes` (of the file; what lies behind them was left by a stopped append) and `digest`. The digest is the sum
 modulo 2^256 of BLAKE2b (32 bytes, little-endian, salted with the page's number) over all other pages of 4096 bytes, so
 that a frame hashes only what it changes. The head changes in the same transaction as the other pages.
+
+Beside the group `VTKHDF` the file has a group `refsim` with the scene that made it; the units and meanings of the
+fields are attributes of their datasets (`Origin`). Readers of VTKHDF pass over both.
 """
 
 from __future__ import annotations
@@ -22,16 +25,15 @@ import hashlib
 import math
 import os
 import re
-import stat
 import struct
 import sys
 import time as clock
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from io import BufferedReader, FileIO
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 from numpy.typing import DTypeLike
@@ -40,13 +42,11 @@ from refsim.core.errors import InputError
 from refsim.core.reading import open_regular
 from refsim.io.checkpoint import cannot_write, replace_file, write_all
 
-try:
-    import fcntl
-except ImportError:  # not a POSIX system: there, nothing stops a second writer
-    fcntl = None
-
 if TYPE_CHECKING:
     import h5py
+    from filelock import FileLock
+
+T = TypeVar("T")
 
 DTYPES = {
     np.dtype("float32"): "Float32",
@@ -71,6 +71,22 @@ class Frame:
     fields: dict[str, np.ndarray]
 
 
+@dataclass(frozen=True)
+class Origin:
+    """What made a particle file, as the file says it.
+
+    scene     as TOML; "" where it is not known
+    arrays    what the scene took from files, by name (`refsim.io.scenes.scene_to_checkpoint`)
+    units     of the fields by name, that of "position" among them
+    meanings  of the fields in words
+    """
+
+    scene: str = ""
+    arrays: Mapping[str, np.ndarray] = field(default_factory=dict)
+    units: Mapping[str, str] = field(default_factory=dict)
+    meanings: Mapping[str, str] = field(default_factory=dict)
+
+
 class ParticleWriter:
     """Writes a temporal VTKHDF file (PolyData, one vertex per particle) a frame at a time.
 
@@ -79,9 +95,10 @@ class ParticleWriter:
                  dtype is float32, float64, int32, int64 or uint8
     append       go on with the file at `path` if there is one, which must have the same fields
     resume_time  with `append`: frames later than this time (s) are dropped
+    origin       what made the file; with `append` it replaces what the file says
 
     The number of particles may change between frames. After `write` returns the frame is on the disk. While
-    the writer is open, `<path>.journal` lies beside the file.
+    the writer is open, `<path>.journal` and `<path>.journal.lock` lie beside the file.
 
     Raises InputError when the folder is not writable, another process writes the same file, or, with
     `append`, the file is damaged, has no digest or has other fields; ValueError when `fields` is not of the form
@@ -95,14 +112,16 @@ class ParticleWriter:
         *,
         append: bool = False,
         resume_time: float | None = None,
+        origin: Origin | None = None,
     ) -> None:
         self.path = Path(path)
+        self._origin, self._stated_origin = origin, Origin()  # to be written, and in the file
         self._fields = {name: _checked_field(name, *field) for name, field in fields.items()}
         self._times: list[float] = []
         self._precision: np.dtype | None = None  # of the positions in the file
         self._file: FileIO | None = None
         try:
-            self._journal = _locked_journal(_journal_path(self.path))
+            self._journal, self._lock = _locked_journal(_journal_path(self.path))
         except BlockingIOError:
             raise InputError(
                 f"particle file {self.path} is being written by another process; wait for it, or give another path"
@@ -145,7 +164,7 @@ class ParticleWriter:
         try:
             if self._file is None:
                 staged = _Staged(None)
-                _edit(staged, "w", lambda root: (_create(root, arrays), _append_frame(root, time, arrays)))
+                _edit(staged, "w", lambda root: self._begin(root, time, arrays))
                 staged.seal()
                 replace_file(self.path, staged.tail)
                 self._file = open(self.path, "r+b", buffering=0)  # noqa: SIM115
@@ -155,6 +174,12 @@ class ParticleWriter:
             raise cannot_write(f"frame at time {time} of", self.path, error, KEPT) from error
         self._precision = arrays["Points"].dtype
         self._times.append(float(time))
+
+    def _begin(self, root: h5py.Group, time: float, arrays: Mapping[str, np.ndarray]) -> None:
+        _create(root, arrays)
+        if self._origin is not None:
+            _write_origin(root, self._origin)
+        _append_frame(root, time, arrays)
 
     def close(self) -> None:
         """Close the file; nothing is left to be written. A second call does nothing."""
@@ -173,6 +198,7 @@ class ParticleWriter:
 
     def _close_files(self) -> None:
         self._journal.close()
+        _unlock(self._lock)
         if self._file is not None:
             self._file.close()
 
@@ -184,14 +210,22 @@ class ParticleWriter:
                 f"particle file {self.path} holds the fields {_field_list(found)}, but this run writes "
                 f"{_field_list(self._fields)}; give another path"
             )
-        if resume_time is not None:
-            kept = sum(time <= resume_time for time in self._times)
+        kept = len(self._times) if resume_time is None else sum(time <= resume_time for time in self._times)
+        origin = None if self._origin is None or _same_words(self._origin, self._stated_origin) else self._origin
+        if kept == len(self._times) and origin is None:
+            return
+
+        def change(root: h5py.Group) -> None:
             if kept < len(self._times):
-                try:
-                    self._transaction(lambda root: _drop_frames(root, kept))
-                except OSError as error:
-                    raise cannot_write("shortened particle file", self.path, error, KEPT) from error
-                del self._times[kept:]
+                _drop_frames(root, kept)
+            if origin is not None:
+                _write_origin(root, origin)
+
+        try:
+            self._transaction(change)
+        except OSError as error:
+            raise cannot_write("shortened particle file", self.path, error, KEPT) from error
+        del self._times[kept:]
 
     def _settle(self) -> dict[str, tuple[int, np.dtype]]:
         """Complete what was left half done, and read what the file then holds; returns its fields."""
@@ -206,8 +240,8 @@ class ParticleWriter:
         def look(root: h5py.Group) -> None:
             self._precision = root["Points"].dtype
             self._times = root["Steps/Values"][: root["Steps"].attrs["NSteps"]].tolist()
-            for name, data in root["PointData"].items():
-                found[name] = (1 if data.ndim == 1 else data.shape[1], data.dtype)
+            found.update(_fields_of(root))
+            self._stated_origin = read_origin(root)
 
         _read_hdf5(self.path, look)
         return found
@@ -236,36 +270,97 @@ class ParticleWriter:
         return arrays
 
 
-def read_particles(path: str | os.PathLike[str], frames: slice = slice(None)) -> list[Frame]:
-    """The frames of a file written by `ParticleWriter`, in order of time; `frames` picks some of them.
+def read_particles(
+    path: str | os.PathLike[str], frames: slice | Collection[int] = slice(None), fields: Collection[str] | None = None
+) -> list[Frame]:
+    """The frames of a file written by `ParticleWriter`, in order of time.
+
+    frames  which of them: a slice, or numbers from 0
+    fields  names of the fields that are read, of those that the file has; all by default
 
     Completes what a writer that was killed left half done, where the folder is writable.
     Raises InputError when the file is missing, damaged (it does not match its digest), or no particle file.
     """
-    path = Path(path)
-    result: list[Frame] = []
 
-    def read(root: h5py.Group) -> None:
-        result.clear()
-        steps = root["Steps"]
-        times = steps["Values"][: steps.attrs["NSteps"]]
-        counts = root["NumberOfPoints"][: len(times)]
-        starts = steps["PointOffsets"][: len(times)]
-        for step in range(len(times))[frames]:
-            rows = slice(starts[step], starts[step] + counts[step])
-            fields = {name: data[rows] for name, data in root["PointData"].items()}
-            result.append(Frame(float(times[step]), root["Points"][rows], fields))
+    def read(root: h5py.Group) -> list[Frame]:
+        index = read_index(root)
+        found = []
+        for k in range(len(index.times))[frames] if isinstance(frames, slice) else sorted(frames):
+            rows = index.rows(k)
+            data = {n: values[rows] for n, values in root["PointData"].items() if fields is None or n in fields}
+            found.append(Frame(float(index.times[k]), root["Points"][rows], data))
+        return found
 
-    for attempt in range(3):
+    return read_file(Path(path), read)
+
+
+def particle_table(path: str | os.PathLike[str]) -> tuple[list[float], dict[str, tuple[int, np.dtype]]]:
+    """Times [s] of the frames in a file written by `ParticleWriter`, and its fields: name -> (components, dtype).
+
+    Raises InputError as `read_particles` does.
+    """
+    return read_file(Path(path), lambda root: (read_index(root).times.tolist(), _fields_of(root)))
+
+
+def _fields_of(root: h5py.Group) -> dict[str, tuple[int, np.dtype]]:
+    return {name: (1 if data.ndim == 1 else data.shape[1], data.dtype) for name, data in root["PointData"].items()}
+
+
+@dataclass(frozen=True)
+class Index:
+    """Where the frames of a particle file are: `times` (k,) [s], and of each the first row and the number of rows."""
+
+    times: np.ndarray
+    starts: np.ndarray
+    counts: np.ndarray
+
+    def rows(self, number: int) -> slice:
+        """Rows of frame `number` in every dataset."""
+        return slice(int(self.starts[number]), int(self.starts[number] + self.counts[number]))
+
+
+def read_index(root: h5py.Group) -> Index:
+    """The frames of the VTKHDF group `root`."""
+    steps = root["Steps"]
+    times = steps["Values"][: steps.attrs["NSteps"]]
+    return Index(times, steps["PointOffsets"][: len(times)], root["NumberOfPoints"][: len(times)])
+
+
+def read_origin(root: h5py.Group) -> Origin:
+    """What the file of the VTKHDF group `root` says of the run that made it; empty where it says nothing."""
+    if "refsim" not in root.file:
+        return Origin()
+    group = root.file["refsim"]
+    data = {"position": root["Points"], **root["PointData"]}
+    return Origin(
+        group["scene"][()].decode(),
+        {name: values[()] for name, values in group["start"].items()},
+        *({name: d.attrs[word] for name, d in data.items() if word in d.attrs} for word in ("unit", "meaning")),
+    )
+
+
+def read_file(path: Path, read: Callable[[h5py.Group], T], check: bool = True) -> T:
+    """What `read` returns for the VTKHDF group of a particle file, whose digest is compared before.
+
+    check  False leaves the comparison out, for a file that was compared before: HDF5 can crash on a damaged one
+
+    Completes what a writer that was killed left half done. Reads again while a living writer is between two pages.
+    Raises InputError when the file is missing, damaged, or no particle file.
+    """
+    for _ in range(2):
         try:
-            _check_path(path)
-            _read_hdf5(path, read)
-            break
+            return _checked_and_read(path, read, check)
         except InputError:
-            if attempt == 2 or not _journal_path(path).exists():
+            if not _journal_path(path).exists():
                 raise
-            clock.sleep(0.01)  # a living writer was between two pages
-    return result
+            clock.sleep(0.01)
+    return _checked_and_read(path, read, check)
+
+
+def _checked_and_read(path: Path, read: Callable[[h5py.Group], T], check: bool) -> T:
+    if check:
+        _check_path(path)
+    return _read_hdf5(path, read)
 
 
 def write_vtp(path: str | os.PathLike[str], position: np.ndarray, /, **fields: np.ndarray) -> None:
@@ -408,6 +503,30 @@ def _append_frame(root: h5py.Group, time: float, arrays: Mapping[str, np.ndarray
     steps.attrs.modify("NSteps", step + 1)
 
 
+def _write_origin(root: h5py.Group, origin: Origin) -> None:
+    """Write what made the file, in place of what it said before."""
+    import h5py
+
+    file = root.file
+    if "refsim" in file:
+        del file["refsim"]
+    group = file.create_group("refsim")
+    text = origin.scene.encode()
+    group.create_dataset("scene", data=text or b"\n", dtype=h5py.string_dtype("utf-8", len(text) or 1))
+    start = group.create_group("start")
+    for name, values in origin.arrays.items():
+        start.create_dataset(name, data=values)
+    for name, data in {"position": root["Points"], **root["PointData"]}.items():
+        for word, words in (("unit", origin.units), ("meaning", origin.meanings)):
+            if name in words:
+                data.attrs[word] = words[name]
+
+
+def _same_words(first: Origin, second: Origin) -> bool:
+    """Whether two origins say the same but for their arrays, which no resumed run changes."""
+    return all(getattr(first, name) == getattr(second, name) for name in ("scene", "units", "meanings"))
+
+
 def _extend(data: h5py.Dataset, start: int, rows: np.ndarray | list) -> None:
     data.resize(start + len(rows), axis=0)
     data[start:] = rows
@@ -439,13 +558,13 @@ def _edit(staged: _Staged, mode: str, change: Callable[[h5py.Group], object]) ->
         return file.userblock_size + h5py.h5o.get_info(root["Steps"].id).addr
 
 
-def _read_hdf5(path: Path, read: Callable[[h5py.Group], None]) -> None:
-    """Call `read` with the VTKHDF group of a file whose digest was compared."""
+def _read_hdf5(path: Path, read: Callable[[h5py.Group], T]) -> T:
+    """What `read` returns for the VTKHDF group of a file whose digest was compared."""
     import h5py
 
     try:
         with h5py.File(path, "r") as file:
-            read(file["VTKHDF"])
+            return read(file["VTKHDF"])
     except (OSError, KeyError, RuntimeError) as error:
         raise InputError(f"particle file {path} was changed while it was read; read it again") from error
 
@@ -504,9 +623,12 @@ def _check_path(path: Path) -> None:
     try:
         with suppress(OSError), open(_journal_path(path), "r+b", buffering=0) as journal:
             pages = _journalled(journal)[1]  # which a living writer is putting in place
-            if _lock(journal):
+            lock = _lock(_journal_path(path))
+            try:
                 with open(path, "r+b", buffering=0) as file:
                     return _recover(file, journal)
+            finally:
+                _unlock(lock)
         with open_regular(path) as file:
             return _check(file, pages)
     except FileNotFoundError:
@@ -655,22 +777,42 @@ def _journal_path(path: Path) -> Path:
     return path.with_name(f"{path.name}.journal")
 
 
-def _locked_journal(path: Path) -> FileIO:
-    """The journal at `path`, locked. Raises OSError, BlockingIOError where another writer holds it."""
-    while True:
-        journal = open(path, "a+b", buffering=0)  # noqa: SIM115
-        try:
-            if not stat.S_ISREG(os.fstat(journal.fileno()).st_mode):
-                raise OSError(errno.EINVAL, "its journal is a pipe or a device, and not a file", str(path))
-            if not _lock(journal):
-                raise BlockingIOError(errno.EAGAIN, "locked", str(path))
-            with suppress(FileNotFoundError):
-                if os.path.samestat(os.fstat(journal.fileno()), os.stat(path)):
-                    return journal
-        except BaseException:
-            journal.close()
+def _locked_journal(path: Path) -> tuple[FileIO, FileLock]:
+    """The journal at `path` and its lock. Raises OSError, BlockingIOError where another writer holds it."""
+    if path.exists() and not path.is_file():
+        raise OSError(errno.EINVAL, "its journal is a pipe or a device, and not a file", str(path))
+    os.stat(f"{path.parent}{os.sep}")  # the lock would make the folder
+    lock = _lock(path)
+    try:
+        return open(path, "a+b", buffering=0), lock
+    except BaseException:
+        _unlock(lock)
+        raise
+
+
+def _lock(journal: Path) -> FileLock:
+    """The lock that a living writer holds for its journal, taken: a file beside it, of which the system keeps account.
+
+    Raises BlockingIOError where another process holds it, OSError where it cannot be written.
+    """
+    from filelock import FileLock, Timeout
+
+    lock = FileLock(f"{journal}.lock", blocking=False, thread_local=False)
+    try:
+        lock.acquire()
+    except Timeout:
+        raise BlockingIOError(errno.EAGAIN, "locked", str(journal)) from None
+    except OSError as error:
+        if error.errno not in (errno.ENOLCK, errno.ENOTSUP):  # a file system without locks
             raise
-        journal.close()  # a writer that ended in between has removed it
+    return lock
+
+
+def _unlock(lock: FileLock) -> None:
+    """Release the lock, and remove its file."""
+    with suppress(OSError):  # where a file in use cannot be removed, the next writer finds and takes it
+        os.unlink(lock.lock_file)
+    lock.release()
 
 
 def _journal_entry(size: int, pages: list[tuple[int, bytes]]) -> bytes:
@@ -707,16 +849,3 @@ def _recover(file: FileIO, journal: FileIO) -> None:
     if pages:
         _apply(file, size, list(pages.items()))
     journal.truncate(0)
-
-
-def _lock(file: FileIO) -> bool:
-    """Take the lock that a living writer holds on its journal; it goes with the file's closing."""
-    if fcntl is None:
-        return True
-    try:
-        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return False
-    except OSError:  # a file system without locks
-        return True
-    return True

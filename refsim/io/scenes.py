@@ -1,4 +1,4 @@
-"""Scenes in checkpoints: as TOML, and copies of the files that the scene names."""
+"""Scenes in checkpoints and particle files: as TOML, and copies of the files that the scene names."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import numpy as np
 
 from refsim.core.errors import InputError
 from refsim.io.checkpoint import Checkpoint
+from refsim.io.frames import Origin
 from refsim.scene.files import parse_scene, scene_to_dict, scene_to_toml
 from refsim.scene.scene import Cloud, Plan, Scene, make_plan
 from refsim.scene.solids import Solid, SolidCells, SolidMesh
@@ -29,11 +30,19 @@ def scene_to_checkpoint(plan: Plan) -> tuple[str, dict[str, np.ndarray]]:
     solid = []
     for number, part in enumerate(scene.solid):
         kept = isinstance(part, SolidMesh | SolidCells)
-        if kept:
+        if kept and solids is not None:
             own = slice(*solids.lattice.first[number : number + 2])
             arrays[f"start.cells.{number}"] = solids.lattice.cell[own]
         solid.append(SolidCells(**_substance(part)) if kept else part)
     return scene_to_toml(msgspec.structs.replace(scene, fluid=fluid, solid=tuple(solid))), arrays
+
+
+def origin_of(plan: Plan) -> Origin:
+    """What particle files of a run of this plan say of it: its scene, and units and meanings of the particle fields."""
+    scene, arrays = scene_to_checkpoint(plan)
+    fields = plan.particle_fields
+    units = {name: field.unit_in(plan.grid.dim) for name, field in fields.items()}
+    return Origin(scene, arrays, units, {name: field.meaning for name, field in fields.items()})
 
 
 def _substance(part: Solid) -> dict[str, Any]:
@@ -74,7 +83,9 @@ def scene_from_checkpoint(saved: Checkpoint, source: str) -> Scene:
     return msgspec.structs.replace(
         scene,
         fluid=tuple(
-            Cloud(**{name: next(piece) for name, piece in pieces.items()}) if isinstance(part, Cloud) else part
+            Cloud(position=next(pieces["position"]), velocity=next(pieces["velocity"]), mass=next(pieces["mass"]))
+            if isinstance(part, Cloud)
+            else part
             for part in scene.fluid
         ),
     )

@@ -81,7 +81,8 @@ def running_sum(values: np.ndarray) -> np.ndarray:
 
 def on_backend(table: CaseTable, backend: Backend) -> CaseTable:
     """The table with its arrays on the backend."""
-    return CaseTable(*(backend.asarray(part) for part in table[:3]), table.merged)
+    count, edge, corner = (backend.asarray(part) for part in table[:3])
+    return CaseTable(count, edge, corner, table.merged)
 
 
 _TABLES: dict[tuple[str, int, bool], tuple[CaseTable, Any]] = {}

@@ -22,7 +22,7 @@ Facet = tuple[int, ...]
 class CaseTable(NamedTuple):
     """Facets of a cell in each state of its corners, as kernels take them."""
 
-    count: np.ndarray  # (states,) uint8, number of facets
+    count: np.ndarray  # type: ignore[assignment]  # (states,) uint8, number of facets
     edge: np.ndarray  # (states, dim * most) int8, edges whose points are the facets' corners, -1 for none
     corner: np.ndarray  # (edges, 4) int8, lower corner (x, y, z) and axis of each edge
     merged: np.int32  # 1 for the classical table

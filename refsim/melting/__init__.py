@@ -16,6 +16,7 @@ from refsim.core.effect import Discretisation, Effect, Pass
 from refsim.core.errors import InputError
 from refsim.core.fields import Field
 from refsim.core.operation import Operation, Program, register
+from refsim.core.scalars import int32
 from refsim.heat import MELTING_POINT
 from refsim.shape_matching.phases import FLUID
 from refsim.sph import liquid_of
@@ -47,6 +48,8 @@ class Melting(Effect, KeepsLedger, frozen=True, kw_only=True):
     """
 
     name: ClassVar[str] = "melting"
+    says_why: ClassVar[tuple[str, ...]] = ("bookkeeping",)
+    ledger_units: ClassVar[Mapping[str, str]] = {"solid_particles": "-", "solid_mass": "kg", "rest_volume": "m^3"}
 
     bookkeeping: Literal["immiscible", "water"] = "immiscible"
 
@@ -115,7 +118,7 @@ class Melting(Effect, KeepsLedger, frozen=True, kw_only=True):
         last = [float(np.ravel(values)[-1]) for values in (heat.conductivity, heat.heat_capacity)]  # the last part's
         return {
             "melting": MeltingRule(
-                np.int32(self.bookkeeping == "water"),
+                int32(self.bookkeeping == "water"),
                 grid.real(liquid.rest_density),
                 grid.real(liquid.particle_mass(grid)),
                 *map(grid.real, last),
@@ -136,7 +139,7 @@ register(
         exact=("melted", "melted_count", "phase"),
         optional=("enthalpy", "latent_heat", "conductivity", "heat_capacity"),
         tolerance_reason="copies",
-        variants=({"enthalpy": None, "latent_heat": None}, {}),
+        variants=(dict.fromkeys(("enthalpy", "latent_heat", "conductivity", "heat_capacity")), {}),
     )
 )
 register(

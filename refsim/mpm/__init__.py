@@ -148,6 +148,7 @@ class MpmLiquid(
     source: ClassVar[str] = "thesis"
     errata: ClassVar[tuple[str, ...]] = ("M3", "M4", "M5", "M6", "M7", "M13", "M27")
     watched: ClassVar[tuple[str, ...]] = ("step_extremes",)
+    with_spacing: ClassVar[tuple[str, ...]] = ("cell_size",)
 
     rest_density: float = 1000.0
     bulk_modulus: float
@@ -205,7 +206,7 @@ class MpmLiquid(
         return math.sqrt(self.bulk_modulus / self.rest_density)
 
     def fields(self, others: Mapping[str, Effect]) -> tuple[Field, ...]:
-        own = (AFFINE, VOLUME_RATIO, CELL, STEP_EXTREMES)
+        own: tuple[Field, ...] = (AFFINE, VOLUME_RATIO, CELL, STEP_EXTREMES)
         own += (DEFORMATION,) if self.volume != "ratio" else ()
         return own + ((CLUSTER_SHARE, INVERSE_SPREAD) if self.step(others).embedded else ())
 
@@ -251,7 +252,7 @@ class MpmLiquid(
         return Step(
             reading=None if surface is None else surface.embedding,
             tension=tension,
-            contact=tension and surface.wets(others) and surface.contact_pull() != 0,
+            contact=tension and surface is not None and surface.wets(others) and surface.contact_pull() != 0,
             recounts=surface is not None and surface.recount_time > 0,
             viscous=self.dynamic_viscosity > 0 and not idle,
             deforms=self.volume != "ratio",
@@ -296,11 +297,13 @@ class MpmLiquid(
 
     def prepare(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, Any]:
         printed = self.printed()
-        gravity, walls, surface = gravity_of(others), others.get("mpm_walls"), surface_of(others)
+        gravity, surface = gravity_of(others), surface_of(others)
+        walls = next((effect for effect in others.values() if isinstance(effect, MpmWalls)), None)
         idle = "M7" in printed  # (4.12) to (4.14) with v^n: what makes v^(n+1) of it reaches no particle
         wet = surface is not None and surface.wets(others) and not idle
         share = 0.0 if idle else 1.0
-        pull = gravity is not None and any(gravity.acceleration) and not idle
+        acceleration = (0.0, 0.0, 0.0) if gravity is None else gravity.acceleration
+        pull = any(acceleration) and not idle
         recount = 0.0 if surface is None else surface.recount_time
         return {
             "grid": MpmGrid(grid.dim, grid.dtype, self.cell(grid)),
@@ -313,12 +316,12 @@ class MpmLiquid(
                 np.int32("M5" in printed),
                 np.int32(self.volume == "gradient"),
             ),
-            "field": np.array(gravity.acceleration, dtype=grid.dtype) if pull else None,
+            "field": np.array(acceleration, dtype=grid.dtype) if pull else None,
             "planes": walls.nodes(grid, self.cell(grid))
             if walls is not None and walls.stand(grid) and not idle
             else None,
             "mirrors": Mirrors(np.int32(1)) if wet else None,
-            "contact": Contact(grid.real(surface.contact_pull())) if wet else None,
+            "contact": None if surface is None or not wet else Contact(grid.real(surface.contact_pull())),
             "embedding": Embedding(np.int32(0 if surface is None else READINGS.index(surface.embedding))),
             "kernel_gradient": KernelGradient(np.int32(1)) if "M6" in printed else None,
             "viscous_stress": ViscousStress(grid.real(self._viscous_factor(grid))),
@@ -409,7 +412,7 @@ class MpmWalls(Effect, frozen=True, kw_only=True):
         return ("mpm_liquid",)
 
     def check(self, grid: Discretisation, others: Mapping[str, Effect]) -> None:
-        if self.rule not in RULES or self.rule == "none":
+        if self.rule not in set(RULES) - {"none"}:
             raise InputError(f"{self.name}: rule = {self.rule!r} is not possible; give sticky, slip or separating.")
         chosen = (*self.sticky_faces, *self.slip_faces, *self.separating_faces, *self.open_faces)
         for face in chosen:
@@ -477,7 +480,7 @@ class _Anything(NamedTuple):
     dtype: str = "float64"
     spacing: float = 1.0
     support_radius: float = 2.0
-    count: int = 0
+    count: int = 0  # type: ignore[assignment]
 
 
 _ANY: Any = _Anything()
@@ -572,7 +575,7 @@ register(
         outputs=("affine",),
         entrywise=("affine",),
         optional=("inverse_spread",),
-        variants=({}, {"inverse_spread": None}),
+        variants=({"inverse_spread": None}, {}),
         tolerance=16.0,
         tolerance_reason="a few roundings for each sum, product and the product of two matrices",
         invariants=("reordering",),
@@ -614,7 +617,7 @@ register(
         entrywise=("node_mass", "node_momentum"),
         adds=("node_mass", "node_momentum"),
         optional=("acceleration",),
-        variants=({}, {"acceleration": None, "embedding": _read_as(2)}),
+        variants=({"acceleration": None, "embedding": _read_as(2)}, {}),
         tolerance=32.0,
         tolerance_reason=_SUMS,
     )
@@ -644,7 +647,7 @@ register(
         outputs=("deformation", "volume_ratio"),
         entrywise=("deformation", "volume_ratio"),
         optional=("deformation",),
-        variants=({}, {"deformation": None}),
+        variants=({"deformation": None}, {}),
         tolerance=16.0,
         tolerance_reason="two quotients, two products, two differences, and a root",
         invariants=("reordering",),

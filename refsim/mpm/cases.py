@@ -14,6 +14,7 @@ from refsim.core.cases import (
     case,
     closed_form,
     cloud,
+    codes,
     derived,
     groups,
     lattice,
@@ -21,6 +22,8 @@ from refsim.core.cases import (
     takes,
 )
 from refsim.mpm import (
+    READINGS,
+    RULES,
     Contact,
     Counting,
     Embedding,
@@ -142,6 +145,8 @@ VARIATIONS[Background] = Variation(
 VARIATIONS[Embedding] = Variation(other={"reading": lambda reading: reading + 1})
 VARIATIONS[KernelGradient] = Variation(held={"on": "the group's presence is the reading"})
 VARIATIONS[Mirrors] = Variation(held={"on": "the group's presence is the reading"})
+codes(Embedding, reading={name: number for number, name in enumerate(READINGS)})
+codes(WallNodes, rules=RULES)
 takes("mpm.grid_update", background="least_mass")
 takes("mpm.particle_to_grid", "mpm.carriers_to_grid", liquid="rest_density stress linear_stress unit_volume")
 takes("mpm.grid_to_particle", liquid="timeless forgets_shear")
@@ -432,7 +437,7 @@ def walls_on_nodes():
 def mirrored_nodes():
     """Slip at x <= 1, nodes of 2 and 1 kg opposite each other, (2, -4, 1) m/s: the pair has (4 - 2)/3 m/s along x."""
     far = np.int32(1 << 30)
-    planes = WallNodes(np.array([1, -far, -far]), np.array([far, far, far]), np.array([2, 0, 0, 0, 0, 0], np.int32))
+    planes = WallNodes(*(np.array(row, np.int32) for row in ([1, -far, -far], [far, far, far], [2, 0, 0, 0, 0, 0])))
     made, given, table, heavy = _walls(None, planes)
     mass = np.where(heavy, np.where(table[:, 0] == 0, 1.0, 2.0), 0.0)
     given |= {"mirrors": Mirrors(np.int32(1)), "node_mass": mass}

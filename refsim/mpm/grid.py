@@ -88,8 +88,8 @@ class MpmGrid:
         if self._located:
             grid.blocks = Blocks(*map(backend.asarray, self.blocks))
             grid.complete = backend.asarray(self.complete)
-            sets = [self._located.get(name) for name in SETS]
-            sets = [None if values is None else backend.asarray(values) for values in sets]
+            held = [self._located.get(name) for name in SETS]
+            sets: list[Any] = [None if values is None else backend.asarray(values) for values in held]
             outputs = () if backend.name == "numpy" else (backend.empty(sets[0].shape[0], np.int32),)
             REGISTRY["mpm.cells"].program(backend.name)(*sets, grid, *outputs)
         return grid

@@ -476,13 +476,13 @@ def embed(position, surface_sample, sample_owner, background):
     }
 
 
-def contact(sample_position, sample_line, spline_cells, blocks, surface_term, contact, node_force):
-    """f_j <- f_j + k cos(theta) sum_s B_j(x_s) l_s [N], l_s [m^(d-2)] the outward normals of the edge of the wetted
-    area."""
+def contact(sample_position, sample_line, spline_cells, blocks, surface_term, contact):
+    """f_j = k cos(theta) sum_s B_j(x_s) l_s [N], added to the force on node j; l_s [m^(d-2)] are the outward normals of
+    the edge of the wetted area."""
     j, line = node_table(blocks), _f(sample_line)
     u = _f(sample_position) * float(surface_term.inverse_cell)
     dim = 3 if blocks.neighbour.shape[1] == 27 else 2
-    value, scale = _f(node_force).copy(), np.abs(_f(node_force))
+    value, scale = np.zeros((len(j), 3)), np.zeros((len(j), 3))
     # a difference in float64 has the rounding error of the position in float64
     far = np.abs(u).max(1, initial=0) * np.finfo(float).eps / np.finfo(np.asarray(sample_position).dtype).eps
     for s in np.flatnonzero((line != 0).any(1)):

@@ -176,8 +176,8 @@ class Step:
         self, operation: str, reads: tuple[str, ...], writes: tuple[str, ...] = (), updates: tuple[str, ...] = (),
         begin: bool = False,
     ) -> Pass:  # fmt: skip
-        stage = "begin" if begin else "motion"
-        return Pass(operation, reads, writes, updates, names=self._names(), stage=stage)
+        names = self._names()
+        return Pass(operation, reads, writes, updates, names=names, stage="begin" if begin else "motion")
 
     def _force(
         self, operation: str, writes: tuple[str, ...] = (), updates: tuple[str, ...] = (), line: str | None = None

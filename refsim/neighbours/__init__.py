@@ -62,8 +62,8 @@ class NeighbourSearch:
         if self.backend.name == "cuda":
             from refsim.neighbours import cell_list_cuda as programs
         else:
-            from refsim.neighbours import cell_list as programs
-        self.programs = programs.CellSearch(self.backend, self.dim, self.reach, self.log)
+            from refsim.neighbours import cell_list as programs  # type: ignore[no-redef]
+        self.programs: Any = programs.CellSearch(self.backend, self.dim, self.reach, self.log)
 
     def order(self, position: Any) -> Any:
         """Permutation that puts the particles into cell order (stable)."""

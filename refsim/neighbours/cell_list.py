@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from refsim.backends.compile import cpu_kernel, formula, prange
+from refsim.backends.compile import formula, kernel
 from refsim.neighbours.formulas import (
     BITS,
     at_bounds,
@@ -19,15 +19,14 @@ PLACE_OF_BYTE = np.uint64(0x0020406080A0C0E0)  # times a lone 1 in byte k: k in 
 CHUNKS = 64  # fixed, so that the list does not depend on the number of threads
 
 
-@cpu_kernel
-def cell_keys(position, inverse_cell, keys):
-    """Cell key of every position; `inverse_cell` [1/m] in float64."""
-    for i in prange(keys.shape[0]):
-        keys[i] = cell_key(
-            cell_coordinate(position[i, 0], inverse_cell),
-            cell_coordinate(position[i, 1], inverse_cell),
-            cell_coordinate(position[i, 2], inverse_cell),
-        )
+@kernel
+def cell_keys(i, position, inverse_cell, keys):
+    """Cell key of a position; `inverse_cell` [1/m] in float64."""
+    keys[i] = cell_key(
+        cell_coordinate(position[i, 0], inverse_cell),
+        cell_coordinate(position[i, 1], inverse_cell),
+        cell_coordinate(position[i, 2], inverse_cell),
+    )
 
 
 @formula
@@ -128,32 +127,29 @@ def build_chunk(chunk, query, query_keys, source, cells, first, radius, dim, exc
     return at - share * chunk
 
 
-@cpu_kernel
-def build_list(query, query_keys, source, cells, first, radius, dim, exclude_self, index, start, count, needed):
-    """Write each query's sources within `radius` [m] into `index`; rows of a chunk follow each other.
+@kernel(allocates=True)
+def build_list(chunk, query, query_keys, source, cells, first, radius, dim, exclude_self, index, start, count, needed):
+    """Write the sources within `radius` [m] of each query of a chunk into `index`, row after row.
 
     `cells` are the sorted keys of the occupied source cells, `first` (cells + 1) their first source.
     `needed[chunk]` is the capacity that the chunk needs; nothing is written beyond the chunk's share.
     """
-    for chunk in prange(CHUNKS):
-        needed[chunk] = build_chunk(
-            chunk, query, query_keys, source, cells, first, radius, dim, exclude_self, index, start, count
-        )
+    needed[chunk] = build_chunk(
+        chunk, query, query_keys, source, cells, first, radius, dim, exclude_self, index, start, count
+    )
 
 
-@cpu_kernel
-def reorder_scalars(values, order, moved):
+@kernel(rows_of="order")
+def reorder_scalars(i, values, order, moved):
     """moved[i] = values[order[i]]."""
-    for i in prange(order.shape[0]):
-        moved[i] = values[order[i]]
+    moved[i] = values[order[i]]
 
 
-@cpu_kernel
-def reorder_vectors(values, order, moved):
+@kernel(rows_of="order")
+def reorder_vectors(i, values, order, moved):
     """moved[i, :] = values[order[i], :]."""
-    for i in prange(order.shape[0]):
-        for c in range(values.shape[1]):
-            moved[i, c] = values[order[i], c]
+    for c in range(values.shape[1]):
+        moved[i, c] = values[order[i], c]
 
 
 @formula
@@ -180,60 +176,56 @@ def audited_row(i, start, count, index, position, velocity, drift, bounds, limit
     return missed
 
 
-@cpu_kernel
-def count_missed(position, velocity, drift, bounds, start, count, index, rows, radius, missed):
-    """Neighbours nearer than `radius` [m] that the list lacks, for each sampled row: all pairs against the list.
+@kernel(rows_of="rows")
+def count_missed(k, position, velocity, drift, bounds, start, count, index, rows, radius, missed):
+    """Neighbours nearer than `radius` [m] that the list lacks, for a sampled row: all pairs against the list.
 
     The list was last used at position - drift * velocity, before the latest step; where that is not known, because a
     plane of `bounds` stopped the particle, its pairs are left out.
     """
-    for k in prange(rows.shape[0]):
-        i = rows[k]
-        missed[k] = audited_row(i, start[i], count[i], index, position, velocity, drift, bounds, radius * radius)
+    i = rows[k]
+    missed[k] = audited_row(i, start[i], count[i], index, position, velocity, drift, bounds, radius * radius)
 
 
-@cpu_kernel
-def block_keys(cells, keys):
-    """Key of the block of each cell."""
-    for c in prange(keys.shape[0]):
-        keys[c] = block_key(cells[c])
+@kernel
+def block_keys(c, cells, keys):
+    """Key of the block of a cell."""
+    keys[c] = block_key(cells[c])
 
 
-@cpu_kernel
-def block_boxes(position, build_position, first, order, begin, low, high):
-    """Box [low, high] (blocks, 3) [m] of the displacements of each block's particles since the list was built.
+@kernel
+def block_boxes(b, position, build_position, first, order, begin, low, high):
+    """Box [low, high] (blocks, 3) [m] of the displacements of a block's particles since the list was built.
 
     The cells of block b are order[begin[b] : begin[b + 1]]; `first` is the first particle of each cell.
     """
-    for b in prange(high.shape[0]):
-        for c in range(3):
-            low[b, c] = np.inf
-            high[b, c] = -np.inf
-        for k in range(begin[b], begin[b + 1]):
-            for i in range(first[order[k]], first[order[k] + 1]):
-                for c in range(3):
-                    displacement = position[i, c] - build_position[i, c]
-                    low[b, c] = min(low[b, c], displacement)
-                    high[b, c] = max(high[b, c], displacement)
+    for c in range(3):
+        low[b, c] = np.inf
+        high[b, c] = -np.inf
+    for k in range(begin[b], begin[b + 1]):
+        for i in range(first[order[k]], first[order[k] + 1]):
+            for c in range(3):
+                displacement = position[i, c] - build_position[i, c]
+                low[b, c] = min(low[b, c], displacement)
+                high[b, c] = max(high[b, c], displacement)
 
 
-@cpu_kernel
-def block_displacements(blocks, low, high, layers, displacements):
-    """Largest squared relative displacement [m^2] of particles of each block and of itself or one that touches it.
+@kernel
+def block_displacements(b, blocks, low, high, layers, displacements):
+    """Largest squared relative displacement [m^2] of particles of a block and of itself or one that touches it.
 
     `blocks` are the blocks' keys.
     """
-    for b in prange(displacements.shape[0]):
-        largest = squared_between(low, high, b, b)
-        for k in range(3 * layers):  # rows of x; the half of them that lies before this one is seen from there
-            row = blocks[b] + (np.int64(k % 3 - 1) << BITS)
-            if layers == 3:
-                row += np.int64(k // 3 - 1) << (2 * BITS)
-            a = lower_bound(blocks, row - 1)
-            while a < b and blocks[a] <= row + 1:
-                largest = max(largest, squared_between(low, high, a, b))
-                a += 1
-        displacements[b] = largest
+    largest = squared_between(low, high, b, b)
+    for k in range(3 * layers):  # rows of x; the half of them that lies before this one is seen from there
+        row = blocks[b] + (np.int64(k % 3 - 1) << BITS)
+        if layers == 3:
+            row += np.int64(k // 3 - 1) << (2 * BITS)
+        a = lower_bound(blocks, row - 1)
+        while a < b and blocks[a] <= row + 1:
+            largest = max(largest, squared_between(low, high, a, b))
+            a += 1
+    displacements[b] = largest
 
 
 class CellBlocks:
@@ -273,15 +265,20 @@ class CellSearch:
         self.cells = self.blocks = None
         self.missed = 0  # neighbours that audits have found missing
 
-    def calls(self, position, arrays):
-        """(kernel, arguments of the types in a run) of what the first build of a list launches."""
-        real, keys = position.dtype.type, np.empty(0, np.int64)
-        rows = np.empty(0, np.uint32), keys, np.empty(0, np.int32), keys
+    def calls(self, position, arrays, bounds):
+        """(kernel, arguments of the types in a run) of what builds and audits of a list launch."""
+        real, keys, scalars = position.dtype.type, np.empty(0, np.int64), np.empty(0, position.dtype)
+        index, count = np.empty(0, np.uint32), np.empty(0, np.int32)
+        rows = index, keys, count, keys
         moves = {(a.ndim, a.dtype): (reorder_scalars if a.ndim == 1 else reorder_vectors, (a, keys, a)) for a in arrays}
         return [
             (cell_keys, (position, 1.0, keys)),
             (build_list, (position, keys, position, keys, keys, real(0), self.dim, True, *rows)),
             *moves.values(),
+            (count_missed, (position, position, real(0), bounds, keys, count, index, keys, real(0), keys)),
+            (block_keys, (keys, keys)),
+            (block_boxes, (position, position, keys, keys, keys, position, position)),
+            (block_displacements, (keys, position, position, 3, scalars)),
         ]
 
     def keys(self, position):

@@ -8,7 +8,7 @@ import numpy as np
 from numba import types
 from numba.extending import overload
 
-from refsim.backends.compile import formula
+from refsim.backends.compile import FORMULA_OPTIONS, formula
 
 
 class NeighbourRows(NamedTuple):
@@ -85,7 +85,7 @@ def _sum_of_lanes() -> Any:
 
 
 for _function, _chosen in ((row_of, _row_of), (first_lane, _first_lane), (over_lanes, _over_lanes)):
-    overload(_function, jit_options={"error_model": "numpy", "no_cfunc_wrapper": True})(_chosen)
+    overload(_function, jit_options=FORMULA_OPTIONS)(_chosen)
 
 
 @formula

@@ -6,22 +6,20 @@ lists of the command line and the error messages all take it from there.
 
 from __future__ import annotations
 
-import difflib
 import inspect
 import io
-import itertools
 import json
 import os
 import pathlib
 import re
 import tomllib
-import typing
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import msgspec
 import numpy as np
 
+from refsim.core.checked import suggestion, why, word_for
 from refsim.core.effect import EFFECTS, Effect
 from refsim.core.energy import EnergyAudit
 from refsim.core.errors import InputError
@@ -129,13 +127,6 @@ def scene_to_toml(scene: Scene) -> str:
     return "\n".join(lines) + "\n"
 
 
-def suggestion(word: str, known: Iterable[str]) -> str:
-    """ "did you mean X?", or all known words if none is similar."""
-    known = list(known)
-    near = difflib.get_close_matches(str(word).lower(), known, n=1, cutoff=0.55)
-    return f"did you mean {near[0]}?" if near else f"choose from {', '.join(known)}."
-
-
 def describe(owner: type) -> dict[str, str]:
     """What each field of a scene, shape or effect means, from the lines of its docstring."""
     names = {f.name for f in msgspec.structs.fields(owner)}
@@ -169,7 +160,7 @@ def scene_schema(effects: Mapping[str, type[Effect]] = EFFECTS) -> dict[str, Any
     _, definitions = msgspec.json.schema_components(owners, ref_template="#/$defs/{name}")
     for owner in owners:
         definition = definitions[owner.__name__]
-        definition["description"] = inspect.getdoc(owner).splitlines()[0]
+        definition["description"] = (inspect.getdoc(owner) or "").splitlines()[0]
         for name, text in describe(owner).items():
             entry = definition["properties"][name]
             entry["description"] = text
@@ -210,7 +201,7 @@ def _parts(
     for number, part in enumerate(parts, 1):
         place = f"[[{kind}]] number {number}"
         if not isinstance(part, dict):
-            raise InputError(f"{source}: {place} must be a table, not {_word_for(part)}; begin it with [[{kind}]].")
+            raise InputError(f"{source}: {place} must be a table, not {word_for(part)}; begin it with [[{kind}]].")
         values = dict(part)
         shape = values.pop("shape", None)
         if shape is None:
@@ -219,7 +210,7 @@ def _parts(
         if not isinstance(shape, str) or shape not in shapes:
             raise InputError(f"{source}: {place} has the unknown shape {shape!r}; {suggestion(shape, shapes)}")
         result = _struct(shapes[shape], values, source, place)
-        if folder is not None and getattr(result, "file", ""):
+        if folder is not None and getattr(result, "file", None):
             result = msgspec.structs.replace(result, file=str(folder / result.file))
         made.append(result)
     return tuple(made)
@@ -235,10 +226,10 @@ def _effects(tables: Any, source: str, folder: pathlib.Path | None) -> tuple[Eff
         place = f"[effects.{name}]"
         if not isinstance(values, dict):
             raise InputError(
-                f"{source}: {name} under [effects] must be a table, not {_word_for(values)}; write {place}."
+                f"{source}: {name} under [effects] must be a table, not {word_for(values)}; write {place}."
             )
         effect = _struct(EFFECTS[name], values, source, place)
-        if folder is not None and getattr(effect, "file", ""):
+        if folder is not None and getattr(effect, "file", None):
             effect = msgspec.structs.replace(effect, file=str(folder / effect.file))
         made.append(effect)
     return tuple(made)
@@ -247,7 +238,7 @@ def _effects(tables: Any, source: str, folder: pathlib.Path | None) -> tuple[Eff
 def _table(owner: type, values: Any, source: str, place: str) -> Any:
     """An instance of `owner` from what should be a table."""
     if not isinstance(values, dict):
-        raise InputError(f"{source}: {place[1:-1]} must be a table, not {_word_for(values)}; write {place}.")
+        raise InputError(f"{source}: {place[1:-1]} must be a table, not {word_for(values)}; write {place}.")
     return _struct(owner, values, source, place)
 
 
@@ -273,67 +264,8 @@ def _struct(owner: type, values: Mapping[str, Any], source: str, place: str, rea
 def _value(value: Any, kind: Any, source: str, place: str) -> Any:
     try:
         return msgspec.convert(value, kind)
-    except msgspec.ValidationError as error:
-        raise InputError(f"{source}: {place}{_why(str(error), value, kind)}") from None
-    except OverflowError:
-        raise InputError(f"{source}: {place} = {_short(value)} is too large for a number; check it.") from None
-
-
-def _why(words: str, value: Any, kind: Any) -> str:
-    """msgspec's words as the rest of a sentence that begins with the place."""
-    words, _, path = words.partition(" - at `$")
-    inside, found = path.rstrip("`"), value
-    for index in re.findall(r"\[(\d+)\]", inside):
-        found = found[int(index)]
-    if words.startswith("Invalid enum value"):
-        choices = _choices(kind)
-        if isinstance(found, str):
-            return f"{inside} = {found!r} is not possible; {suggestion(found, map(str, choices))}"
-        return f"{inside} = {found!r} is not possible; choose from {', '.join(map(repr, choices))}."
-    match = re.match(r"Expected `([^`]+)`(?: of length (?:at least )?(\d+))?", words)
-    if not match:
-        return f"{inside} = {found!r} is not possible ({words[:1].lower()}{words[1:]}); correct it."
-    if match[2]:
-        return f"{inside} has {len(found)} values; give {match[2]}."
-    expected = " or ".join(WORDS.get(kind_name, kind_name) for kind_name in match[1].split(" | "))
-    return f"{inside} = {_short(found)} is {_word_for(found)}; give {expected}."
-
-
-WORDS = {
-    "float": "a number",
-    "int": "a whole number",
-    "str": "text in quotes",
-    "bool": "true or false",
-    "array": "a list in square brackets",
-    "object": "a table",
-    "null": "nothing",
-}
-
-
-def _word_for(value: Any) -> str:
-    for kind, word in (
-        (bool, "true or false"),
-        (int, "a whole number"),
-        (float, "a number with decimals"),
-        (str, "text"),
-        (list, "a list"),
-        (dict, "a table"),
-    ):
-        if isinstance(value, kind):
-            return word
-    return f"a {type(value).__name__}"
-
-
-def _short(value: Any) -> str:
-    text = repr(value)
-    return text if len(text) <= 40 else f"{text[:37]}..."
-
-
-def _choices(kind: Any) -> list[Any]:
-    """All literal values inside a type."""
-    if typing.get_origin(kind) is typing.Literal:
-        return list(typing.get_args(kind))
-    return list(dict.fromkeys(itertools.chain.from_iterable(map(_choices, typing.get_args(kind)))))
+    except (msgspec.ValidationError, OverflowError) as error:
+        raise InputError(f"{source}: {place}{why(error, value, kind)}") from None
 
 
 # Writing

@@ -17,12 +17,14 @@ import msgspec
 import numpy as np
 
 from refsim.core.capabilities import BringsWalls, KnowsParticleMass, LimitsMassRatio, having
+from refsim.core.checked import Checked, suggestion
 from refsim.core.effect import EFFECTS, Discretisation, Effect, Extremes, InitialState, Nodes, Pass, require
 from refsim.core.energy import EnergyAudit
 from refsim.core.errors import InputError
 from refsim.core.fields import BASE, Field
 from refsim.core.operation import PROCEDURES, REGISTRY
 from refsim.core.reading import GREATEST, open_regular
+from refsim.core.tables import html_table, in_bytes, table
 from refsim.neighbours import MOST_NEIGHBOURS
 from refsim.scene.accounts import accounts
 from refsim.scene.solids import SolidBall, SolidBox, SolidCells, SolidMesh, SolidTorus, countable, voxelised
@@ -35,7 +37,7 @@ SMALLEST = 1e-100  # magnitude of any other number that is not zero
 LONGEST_FIXED = 1.6  # stable steps that a fixed step may span; longer ones gained energy without diverging in tests
 
 
-class Box(msgspec.Struct, tag="box", tag_field="shape", frozen=True, kw_only=True, forbid_unknown_fields=True):
+class Box(Checked, tag="box", tag_field="shape", frozen=True, kw_only=True):
     """Lattice block of `cells` particles per axis, each in the middle of its cell.
 
     lower     corner of the block [m]
@@ -61,7 +63,7 @@ class Box(msgspec.Struct, tag="box", tag_field="shape", frozen=True, kw_only=Tru
         return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
 
 
-class Ball(msgspec.Struct, tag="ball", tag_field="shape", frozen=True, kw_only=True, forbid_unknown_fields=True):
+class Ball(Checked, tag="ball", tag_field="shape", frozen=True, kw_only=True):
     """Ball (disc in 2D) cut out of the lattice.
 
     center    [m]
@@ -84,7 +86,7 @@ class Ball(msgspec.Struct, tag="ball", tag_field="shape", frozen=True, kw_only=T
         return points[(points**2).sum(1) <= self.radius**2] + np.array(self.center)
 
 
-class Cloud(msgspec.Struct, tag="cloud", tag_field="shape", frozen=True, kw_only=True, forbid_unknown_fields=True):
+class Cloud(Checked, tag="cloud", tag_field="shape", frozen=True, kw_only=True):
     """Particles given one by one.
 
     position  (n, 3) or (n, 2) coordinates [m]; from TOML a list of lists
@@ -133,7 +135,7 @@ class Cloud(msgspec.Struct, tag="cloud", tag_field="shape", frozen=True, kw_only
         return points
 
 
-class Scene(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class Scene(Checked, frozen=True, kw_only=True):
     """Everything a run needs, in SI units.
 
     spacing         initial particle distance d [m]
@@ -165,8 +167,52 @@ class Scene(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     energy_audit: EnergyAudit | None = None
     name: str = "scene"
 
+    def with_(self, **changes: Any) -> Scene:
+        """This scene with other values, which are checked like those of a new one.
 
-@dataclass(frozen=True)
+        changes  by name: a field of the scene, `spacing=0.01`; a parameter of an effect,
+                 `gravity__acceleration=(0.0, -1.6, 0.0)`; of a part, counted from 0, `fluid__0__radius=0.1`;
+                 `energy_audit__every=10`
+
+        Raises InputError where there is no such field, effect, part or parameter.
+        """
+        values: dict[str, Any] = {name: getattr(self, name) for name in ("fluid", "solid", "effects")}
+        for path, value in changes.items():
+            place, _, inner = path.partition("__")
+            if not inner:
+                values[_known(path, place, [*self.__struct_fields__, *(f"{e.name}__" for e in self.effects)])] = value
+            elif place == "energy_audit":
+                audit = values.get(place, self.energy_audit) or EnergyAudit()
+                values[place] = _changed(path, audit, inner, value)
+            elif place in ("fluid", "solid"):
+                number, _, name = inner.partition("__")
+                parts = list(values[place])
+                k = int(_known(path, number, [str(k) for k in range(len(parts))]))
+                parts[k] = _changed(path, parts[k], name, value)
+                values[place] = tuple(parts)
+            else:
+                effects = list(values["effects"])
+                names = [effect.name for effect in effects]
+                k = names.index(_known(path, place, names))
+                effects[k] = _changed(path, effects[k], inner, value)
+                values["effects"] = tuple(effects)
+        return msgspec.structs.replace(self, **values)
+
+
+def _known(path: str, name: str, names: Sequence[str]) -> str:
+    """`name` if it is one of `names`. Raises InputError otherwise."""
+    if name not in names:
+        hint = suggestion(name, names) if names else "there are none."
+        raise InputError(f"with_({path}=...): this scene has no {name!r} there; {hint}")
+    return name
+
+
+def _changed(path: str, part: Any, name: str, value: Any) -> Any:
+    """A part of a scene with another value of its field `name`."""
+    return msgspec.structs.replace(part, **{_known(path, name, part.__struct_fields__): value})
+
+
+@dataclass(frozen=True, repr=False)
 class Plan:
     """What a scene needs: the fields, passes and lists of its effects and no others.
 
@@ -190,6 +236,24 @@ class Plan:
     parameters: Mapping[str, Mapping[str, Any]]
     walls: Any = None
     notes: tuple[str, ...] = field(default_factory=tuple)
+
+    def _facts(self) -> list[tuple[str, str]]:
+        each = sum(self.field_bytes().values())
+        tables = sum(self.table_bytes().values())
+        return [
+            ("particles", f"{self.grid.count:,} in {self.grid.dim}D, {self.grid.dtype}"),
+            ("spacing", f"{self.grid.spacing:g} m, support radius {self.grid.support_radius:g} m"),
+            ("effects", ", ".join(self.effects) or "none"),
+            ("fields", f"{len(self.fields)}, {in_bytes(each * self.grid.count + tables)}"),
+            ("operations in a step", str(len(self.launches()))),
+            ("notes", "; ".join(self.notes) or "none"),
+        ]
+
+    def __repr__(self) -> str:
+        return f"Plan of {self.scene.name!r}\n{table(self._facts())}"
+
+    def _repr_html_(self) -> str:
+        return html_table(f"Plan of {self.scene.name!r}", self._facts())
 
     def launches(self, on_demand: bool = False) -> tuple[str, ...]:
         """Names of the operations that one step launches, in order."""
@@ -412,11 +476,13 @@ def _coarse_places(scene: Scene, state: InitialState) -> tuple[str, ...]:
 def _unequal_masses(state: InitialState, effects: Mapping[str, Effect]) -> Iterator[str]:
     """A note where the ratio of masses is above what the forces of an effect were measured with."""
     ratio = float(state.mass.max() / state.mass.min())
-    for effect in having(effects, LimitsMassRatio):
+    for name, effect in effects.items():
+        if not isinstance(effect, LimitsMassRatio):
+            continue
         largest = effect.largest_mass_ratio(effects)
         if ratio > largest * (1 + 1e-6):
             yield (
-                f"{effect.name}: the heaviest particle has {ratio:.4g} times the mass of the lightest; up to"
+                f"{name}: the heaviest particle has {ratio:.4g} times the mass of the lightest; up to"
                 f" {largest:g} times was measured to gain no energy: take masses that differ less, or watch the energy"
                 " by energy_audit"
             )
@@ -551,11 +617,11 @@ def _check_particles(position: np.ndarray, velocity: np.ndarray, mass: np.ndarra
                 f" {GREATEST:g} ({len(bad)} such particles); correct the input."
             )
     if (mass <= 0).any():
-        bad = int(np.flatnonzero(mass <= 0)[0])
-        raise InputError(f"scene: the mass of particle {bad} is {mass[bad]} kg; give a positive mass.")
+        first = int(np.flatnonzero(mass <= 0)[0])
+        raise InputError(f"scene: the mass of particle {first} is {mass[first]} kg; give a positive mass.")
     if scene.dim == 2 and position[:, 2].any():
-        bad = int(np.flatnonzero(position[:, 2])[0])
-        raise InputError(f"scene: particle {bad} has z = {position[bad, 2]} m in a 2D scene; set z to 0.")
+        first = int(np.flatnonzero(position[:, 2])[0])
+        raise InputError(f"scene: particle {first} has z = {position[first, 2]} m in a 2D scene; set z to 0.")
     same = coincident_pairs(position.astype(scene.dtype))
     if same:
         a, b = same[0]
@@ -645,7 +711,7 @@ def _same_but_candidates(
 
     if (p.operation, p.writes, p.updates, bound(p)) != (q.operation, q.writes, q.updates, bound(q)):
         return False
-    names = {p.names.get(name, name) for name in REGISTRY[p.operation].arguments("numpy")}
+    names = {p.names.get(name, name) or "" for name in REGISTRY[p.operation].arguments("numpy")}
     own, its = parameters[effect.name], parameters[other.name]
     return all(_same(own.get(name), its.get(name)) for name in names)
 

@@ -10,10 +10,10 @@ import math
 from collections.abc import Iterable
 from typing import Any
 
-import msgspec
 import numpy as np
 
 from refsim.backends.arrays import host_memory
+from refsim.core.checked import Checked
 from refsim.core.effect import Discretisation, Lattice, Nodes, require
 from refsim.core.errors import InputError
 
@@ -24,7 +24,7 @@ MOST_CELLS = 2**31 - 1  # particles are numbered in 32 bits
 LAID_OUT = 100  # bytes of a particle while a scene is built, in float64
 
 
-class Solid(msgspec.Struct, tag_field="shape", frozen=True, kw_only=True, forbid_unknown_fields=True):
+class Solid(Checked, tag_field="shape", frozen=True, kw_only=True):
     """What every solid body has.
 
     density   rest density of its substance [kg/m^3]
@@ -62,7 +62,7 @@ class SolidBox(Solid, tag="box", frozen=True, kw_only=True):
     upper: Vector
 
     def inside(self, points: np.ndarray) -> np.ndarray:
-        return ((points > np.array(self.lower)) & (points < np.array(self.upper))).all(1)
+        return np.all((points > np.array(self.lower)) & (points < np.array(self.upper)), axis=1)
 
     def extent(self) -> tuple[np.ndarray, np.ndarray]:
         return np.array(self.lower), np.array(self.upper)

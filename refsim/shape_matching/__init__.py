@@ -20,6 +20,7 @@ from refsim.core.energy import EnergyAccount
 from refsim.core.errors import InputError
 from refsim.core.fields import PLACE, Field
 from refsim.core.operation import Operation, Program, register
+from refsim.core.scalars import int32
 from refsim.shape_matching.boxes import boxes_of
 from refsim.shape_matching.phases import FLUID, SURFACE
 
@@ -181,9 +182,9 @@ class ShapeMatching(Effect, frozen=True, kw_only=True):
         self._solids(grid)
         real = grid.real
         matching = Matching(
-            np.int32(self.half_width), real(grid.spacing), real(self.stiffness), real(self.damping), *floors(grid.dtype)
+            int32(self.half_width), real(grid.spacing), real(self.stiffness), real(self.damping), *floors(grid.dtype)
         )
-        if self.summation != "fast" or not self.holds():
+        if grid.solids is None or self.summation != "fast" or not self.holds():
             return {"matching": matching}
         return {"matching": matching, "boxes": boxes_of(grid.solids.lattice, self.half_width)}
 
@@ -203,7 +204,7 @@ COLLAPSED = (
 
 def _sums(tolerance: float) -> dict[str, Program]:
     """Further algorithms for sums over regions: threads that share a region (Shao & Song 2017, 3.2), boxes of cells."""
-    fast = {
+    fast: dict[str, Any] = {
         "tolerance": 2 * tolerance,
         "reason": "as the sum over members; terms are relative to one point of the body",
         "work": ("boxes.first", "boxes.second"),

@@ -3,6 +3,7 @@
 import numpy as np
 from numba.extending import overload
 
+from refsim.backends.compile import FORMULA_OPTIONS
 from refsim.shape_matching.formulas import best_rotation
 
 PRECISION = 1e-17  # of the eigensolver in float64
@@ -24,5 +25,6 @@ def _on_cuda(moments, before, floor, lost):
     return rotation_cuda.solved_rotation
 
 
+# On a CPU the matrices are freed by the count of references to them, which the kernels' bodies leave out.
 for _target, _chosen in (("cpu", _on_cpu), ("cuda", _on_cuda)):
-    overload(solved_rotation, target=_target, jit_options={"error_model": "numpy", "no_cfunc_wrapper": True})(_chosen)
+    overload(solved_rotation, target=_target, jit_options=FORMULA_OPTIONS | {"_nrt": True})(_chosen)

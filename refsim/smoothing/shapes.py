@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from refsim.core.errors import InputError
+from refsim.core.scalars import int32
 
 POLY6, SPIKY, CUBIC_SPLINE, WENDLAND_C2 = range(4)
 SHAPES = {"poly6": POLY6, "spiky": SPIKY, "cubic_spline": CUBIC_SPLINE, "wendland_c2": WENDLAND_C2}
@@ -69,6 +70,6 @@ def smoothing(shape: str, support_radius: float, dim: int, dtype: str = "float64
         real(norm),
         real(norm / h),
         real(VISCOSITY_LAPLACIAN[dim] / h ** (dim + 2)),
-        np.int32(SHAPES[shape]),
-        np.int32(dim),
+        int32(SHAPES[shape]),
+        int32(dim),
     )

@@ -32,8 +32,8 @@ class SparseGrid:
         if self.backend.name == "cuda":
             from refsim.sparse_grid import block_search_cuda as programs
         else:
-            from refsim.sparse_grid import block_search as programs
-        self.programs = programs.BlockSearch(self.dim, inverse_cell(self.cell_size, self.dtype))
+            from refsim.sparse_grid import block_search as programs  # type: ignore[no-redef]
+        self.programs: Any = programs.BlockSearch(self.dim, inverse_cell(self.cell_size, self.dtype))
 
     def cover(self, position: Any, below: int, above: int) -> Blocks:
         """Blocks that hold every node from `below` under to `above` over the cell of each position (n, 3) [m]."""

@@ -43,12 +43,15 @@ def find_node(blocks, jx, jy, jz):
 
 @formula
 def find_node_near(blocks, jx, jy, jz, guess):
-    """Number i (dimensionless) of the node x = h j, -1 where no block holds it; block `guess`, or -1, comes first."""
+    """Number i (dimensionless) of the node x = h j, -1 where no block holds it; block `guess` is looked at first.
+
+    A guess may be of an earlier table with more blocks, or -1.
+    """
     bits = block_bits(blocks)
     bz = jz >> bits if bits == 2 else jz
     key = ((bz + OFFSET) << (2 * BITS)) | (((jy >> bits) + OFFSET) << BITS) | ((jx >> bits) + OFFSET)
     b = guess
-    if guess < 0 or blocks.keys[guess] != key:
+    if guess < 0 or guess >= blocks.keys.shape[0] or blocks.keys[guess] != key:
         b = lower_bound(blocks.keys, key)
         if b == blocks.keys.shape[0] or blocks.keys[b] != key:
             return -1

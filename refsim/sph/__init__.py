@@ -27,6 +27,7 @@ from refsim.core.energy import EnergyAccount, EnergyState, amount, compression_a
 from refsim.core.errors import InputError
 from refsim.core.fields import Field
 from refsim.core.operation import Operation, Program, register
+from refsim.core.scalars import int32
 from refsim.smoothing import lattice, smoothing
 
 LIQUID = "weakly_compressible"  # name of the effect that brings the liquid
@@ -262,8 +263,8 @@ class WeaklyCompressible(Effect, KnowsParticleMass, LimitsSpeed, LimitsMassRatio
             "fluid": Fluid(
                 grid.real(self.rest_density),
                 grid.real(self.rest_density * self.sound_speed**2 / exponent),
-                np.int32(exponent),
-                np.int32(self.clamp_pressure),
+                int32(exponent),
+                int32(self.clamp_pressure),
                 grid.real(cohesive_pressure(grid, others)),
                 grid.real(0.5 if "E24" in self.printed() else 1.0),
                 grid.real(least_wall_share(others)),
@@ -345,7 +346,7 @@ DENSITY_OPERATION = register(
         function="density",
         outputs=("number_density", "asymmetry", "density"),
         optional=("number_density", "asymmetry", "walls"),
-        variants=({}, {"walls": None, "asymmetry": None}, {"number_density": None, "asymmetry": None}),
+        variants=({"number_density": None, "asymmetry": None, "walls": None}, {}, {"asymmetry": None}),
         invariants=("translation", "rotation", "reordering"),
     )
 )
@@ -388,8 +389,9 @@ register(
         adds=("acceleration",),
         optional=("walls", "viscosity"),
         tolerance=8.0,
-        variants=({"walls": None}, {}),
+        variants=({"walls": None, "viscosity": None}, {}, {"walls": None}),
         invariants=("translation", "rotation", "reordering", "linear_momentum", "galilean", "dissipation"),
+        broken={0: ("dissipation",)},
     )
 )
 register(

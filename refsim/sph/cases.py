@@ -11,6 +11,7 @@ from refsim.core.cases import (
     Exact,
     Variation,
     closed_form,
+    codes,
     effect_of_cases,
     groups,
     particles,
@@ -92,6 +93,7 @@ def _smoothing_follows(group, inputs, kernel):
     return own | {name: made[name] for name in ("inverse_radius", "value_scale", "slope_scale", "laplacian_scale")}
 
 
+codes(Smoothing, shape=SHAPES)
 VARIATIONS[Smoothing] = Variation(_smoothing_follows, other={"dim": lambda dim: 5 - dim})
 VARIATIONS[Fluid] = Variation(
     other={"exponent": lambda g: g + 1, "internal_pressure": lambda p: 3e4}, usual=("rest_density",)
@@ -130,6 +132,17 @@ def two_particles_and_a_wall():
         {"mass": mass, "walls": WallParticles(wall.wall_position, np.array([volume])), "fluid": WATER},
         {"density": rho, "number_density": W0 + reach + filled / mass, "asymmetry": asymmetry},
     )
+
+
+@closed_form("sph.density")
+def two_particles_in_space():
+    """rho_1 = m_1 W(0) + m_2 W(h/2), without a wall."""
+    mass = np.array([2.0, 3.0])
+    return Exact(
+        PAIR, {"mass": mass},
+        {"density": W0 * (mass + 3 / 16 * mass[::-1]), "number_density": np.full(2, 19 / 16 * W0),
+         "asymmetry": np.full(2, 3 / 16 * W0)},
+    )  # fmt: skip
 
 
 @closed_form("sph.density")

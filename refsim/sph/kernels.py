@@ -103,6 +103,29 @@ def wall_moment(i, position, walls, smoothing):
     return mx, my, mz
 
 
+@formula
+def wall_gradient(i, position, walls, smoothing, weight):
+    """Sum of w V_b grad W_ib over the wall particles [1/m, times the unit of the weight w]."""
+    first, stride, count = row_of(walls, i)
+    h = smoothing.support_radius
+    real = type(h)
+    limit = h * h
+    tiny = real(1e-9) * h
+    gx, gy, gz = real(0), real(0), real(0)
+    x, y, z = position[i, 0], position[i, 1], position[i, 2]
+    for k in range(count):
+        b = walls.entries[first + k * stride]
+        dx, dy, dz = x - walls.position[b, 0], y - walls.position[b, 1], z - walls.position[b, 2]
+        r2 = dx * dx + dy * dy + dz * dz
+        if r2 < limit:
+            r = math.sqrt(r2)
+            f = weight * walls.volume[b] * kernel_slope(r, smoothing) / (r + tiny)
+            gx += f * dx
+            gy += f * dy
+            gz += f * dz
+    return gx, gy, gz
+
+
 @kernel
 def state(i, density, fluid, pressure):
     """J(9) or Tait's equation of state [Pa]."""

@@ -7,7 +7,7 @@ whole numbers (up to 2^24 in float32), so results repeat bit for bit.
 import numpy as np
 
 from refsim.backends import device
-from refsim.backends.compile import THREADS_PER_BLOCK, cuda, cuda_kernel
+from refsim.backends.compile import THREADS_PER_BLOCK, cuda, cuda_formula, cuda_kernel
 from refsim.backends.primitives import largest_of_block
 from refsim.sph.reductions import squares, stepped
 
@@ -70,6 +70,18 @@ def kick_drift(acceleration, build_position, bounds, timestep, displacement, vel
     step_and_reduce(acceleration, build_position, bounds, timestep, displacement, velocity, position)
 
 
+@cuda_formula
+def reduce_step(squared, stopped, displacement):
+    """Add one step of the block's threads to `displacement`: the largest square [m^2], and how many are stopped."""
+    shared = cuda.shared.array(THREADS_PER_BLOCK, displacement.dtype)
+    largest = largest_of_block(shared, squared)
+    stops = cuda.syncthreads_count(1 if stopped else 0)
+    if cuda.threadIdx.x == 0:
+        cuda.atomic.max(displacement, 0, largest)
+        if stops > 0:
+            cuda.atomic.add(displacement, 1, displacement.dtype.type(stops))
+
+
 @cuda_kernel
 def step_and_reduce(acceleration, build_position, bounds, timestep, displacement, velocity, position):
     """Leap-frog step; the largest displacement and the stops go into `displacement`, which is zero before."""
@@ -78,10 +90,4 @@ def step_and_reduce(acceleration, build_position, bounds, timestep, displacement
     squared, stopped = real(0), False
     if i < position.shape[0]:
         squared, stopped = stepped(i, position, velocity, acceleration, build_position, bounds, timestep)
-    shared = cuda.shared.array(THREADS_PER_BLOCK, displacement.dtype)
-    largest = largest_of_block(shared, squared)
-    stops = cuda.syncthreads_count(1 if stopped else 0)
-    if cuda.threadIdx.x == 0:
-        cuda.atomic.max(displacement, 0, largest)
-        if stops > 0:
-            cuda.atomic.add(displacement, 1, real(stops))
+    reduce_step(squared, stopped, displacement)

@@ -25,6 +25,7 @@ from refsim.core.energy import EnergyAccount
 from refsim.core.errors import InputError
 from refsim.core.fields import Field
 from refsim.core.operation import Operation, register
+from refsim.core.scalars import int32
 from refsim.smoothing import smoothing
 from refsim.sph import ASYMMETRY, LIQUID, NUMBER_DENSITY, PRESSURE, liquid_of
 from refsim.surface_normal import (
@@ -274,11 +275,11 @@ class SurfaceDetection(Effect, HasErrata, frozen=True, kw_only=True):
                 grid.real(h if self._full() else 0.5 * h),
                 grid.real(h),
                 grid.real(smallest),
-                np.int32("E5" in self.printed()),
+                int32("E5" in self.printed()),
             ),
         }
         if self.thin_features == "second_moment":
-            groups["thin_feature"] = ThinFeature(grid.real(THIN * two_layer_variance(grid) / h**2), np.int32(grid.dim))
+            groups["thin_feature"] = ThinFeature(grid.real(THIN * two_layer_variance(grid) / h**2), int32(grid.dim))
         return groups
 
     def _lopsided(self) -> bool:
@@ -299,12 +300,11 @@ def detection_in(others: Mapping[str, Effect]) -> SurfaceDetection:
 
 
 _HERE = "refsim.surface_detection"
-_FIRST_STEP = {
+_FIRST_STEP: dict[str, Any] = {
     "folder": _HERE,
     "function": "near_surface",
     "outputs": ("near_surface",),
     "exact": ("near_surface",),
-    "optional": ("asymmetry",),
     "invariants": ("reordering",),
 }
 register(
@@ -312,6 +312,7 @@ register(
         name="surface_detection.near_surface",
         paper="Jiang & Zhu 2023",
         equation="J(12)",
+        optional=("asymmetry",),
         variants=({"asymmetry": None},),
         **_FIRST_STEP,
     )
@@ -338,10 +339,10 @@ register(
         tolerance_reason="roundings of the distance, the unit normal and their product, relative to the distance; for"
         " each neighbour those of the second moment and its determinants, relative to the sum of squares",
         variants=(
+            {"walls": None, "candidates": None, "thin_feature": None},
             {},
             {"walls": None, "candidates": None},
             {"candidates": None, "thin_feature": None},
-            {"walls": None, "thin_feature": None},
         ),
         invariants=("translation", "reordering"),
         cases=SHAPES,

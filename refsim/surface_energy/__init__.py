@@ -19,6 +19,7 @@ from refsim.core.capabilities import HasErrata
 from refsim.core.effect import Effect, require
 from refsim.core.errors import InputError
 from refsim.core.operation import Operation, Program, add_program, register
+from refsim.core.scalars import int32
 from refsim.sparse_grid import inverse_cell
 
 NORMALS = ("mls", "gradient", "facets", "offsets")
@@ -127,9 +128,9 @@ class Tension(Effect, HasErrata, frozen=True, kw_only=True):
             ("relaxation", self.relaxation, 0.0, 2.0, "so that the fit converges"),
             ("inset", max(self.inset, 0.0), 0.0, self.radius(dim), "less than the level set's radius"),
         )
-        for name, value, low, high, why in limits:
-            if not low - 1e-12 <= value <= high or (name == "relaxation" and value >= high):
-                raise InputError(f"{owner}: {name} = {value} is not possible; give {low:.4g} to {high:.4g}, {why}.")
+        for name, number, low, high, why in limits:
+            if not low - 1e-12 <= number <= high or (name == "relaxation" and number >= high):
+                raise InputError(f"{owner}: {name} = {number} is not possible; give {low:.4g} to {high:.4g}, {why}.")
         if self.iterations < 0 or self.least_component(dim) < 1:
             raise InputError(
                 f"{owner}: iterations = {self.iterations} and smallest = {self.smallest} are not possible; give zero or"
@@ -150,7 +151,7 @@ def surface_term(tension: Tension, dim: int, dtype: str, cell_size: float) -> Su
         radius_squared=real(squared),
         offset=real(tension.offset),
         relaxation=real(tension.relaxation),
-        iterations=np.int32(0 if "M14" in printed else tension.iterations),
+        iterations=int32(0 if "M14" in printed else tension.iterations),
         inset=real(0.0 if inset is None else radius - inset),
         disk=real(tension.disk_radius),
         tension=real(-tension.surface_tension if "M1" in printed else tension.surface_tension),
@@ -219,7 +220,7 @@ _enter(
     "offsets", "section 4.3.1: p_s, n_s and the points of (3.4)", ("nearest", "offset_direction", "fit_position"),
     exact=("nearest",), optional=("fit_position",), tolerance=16.0, cases=SHAPES,
     tolerance_reason="two positions in float64, their difference, root, quotient, product and sum",
-    variants=({}, {"fit_position": None}), recorded={},
+    variants=({"fit_position": None}, {}), recorded={},
 )  # fmt: skip
 _enter(
     "sample_counts", "C_p of section 4.3.1", ("sample_count",), exact=("sample_count",), programs=_COUNTED, recorded={},
@@ -229,7 +230,9 @@ _enter(
     "fit_weights", "(3.7)", ("fit_splines", "node_weight"), tolerance=8.0,
     tolerance_reason="three splines of three roundings each, products, sum and quotient", recorded={},
 )  # fmt: skip
-_FITS = {}, {"surface_term": _changed(literal=("M14",))}, {"surface_term": _changed(relaxation=1.9, iterations=3)}
+_FITS: tuple[dict[str, Any], ...] = (
+    {}, {"surface_term": _changed(literal=("M14",))}, {"surface_term": _changed(relaxation=1.9, iterations=3)},
+)  # fmt: skip
 _enter(
     "fit", "(3.5), (3.6), Algorithm 2 with thesis M14", ("residual", "coefficients"), tolerance=16.0,
     tolerance_reason="splines, products and sums of two matrix products in each sweep", variants=_FITS,
@@ -244,7 +247,7 @@ for _name, _equation in (
         _name, _equation, ("surface_value", "surface_gradient", "sample_normal"),
         optional=("surface_value", "surface_gradient"), tolerance=16.0,
         tolerance_reason="splines, products, a sum of 27, and the quotient by the length",
-        variants=({}, _NORMAL_ALONE), recorded={"variants": (_NORMAL_ALONE,)},
+        variants=(_NORMAL_ALONE, {}), recorded={"variants": (_NORMAL_ALONE,)},
     )  # fmt: skip
 _enter(
     "inset", "thesis M31", ("inset_position",), tolerance=4.0, tolerance_reason="two products and a sum", recorded={},

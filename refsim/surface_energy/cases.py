@@ -69,7 +69,7 @@ def reconstruction(name: str, dtype: str) -> dict:
     normal = random.normal(size=before["vertex_position"].shape)
     found["vertex_normal"] = (normal / np.linalg.norm(normal, axis=1, keepdims=True)).astype(dtype)
     found["inset_position"] = 0 * before["vertex_position"]
-    found["node_force"] = np.zeros((nodes(blocks), 3), dtype)
+    found["node_force"] = np.full((nodes(blocks), 3), 0.01, dtype)  # so that adding differs from assigning
     found |= work_out("components", "blocks", "node_state")
     found["component_size"] = np.zeros(made.count, np.int32)
     found["extent"] = np.zeros(made.count, np.uint8)

@@ -78,12 +78,12 @@ class SurfaceEnergy(Tension, HoldsOtherMemory, Watches, frozen=True, kw_only=Tru
     recount_time: float = 0.0
 
     @property
-    def host_in_step(self) -> bool:
+    def host_in_step(self) -> bool:  # type: ignore[override]
         """Whether the surface is reconstructed, for which the host is needed."""
         return self.acts()
 
     @property
-    def watched(self) -> tuple[str, ...]:
+    def watched(self) -> tuple[str, ...]:  # type: ignore[override]
         """The largest crowding, where there is a surface."""
         return ("greatest_crowding",) if self.acts() else ()
 

@@ -49,7 +49,8 @@ class Reconstruction:
         reach = tension.radius(dim) + tension.offset + 0.5
         self.below, self.above = math.ceil(reach), math.floor(reach) + 2
         self._seconds: dict[str, float] = {}
-        self._reused, self._recorded = reused, None
+        self._reused = reused
+        self._recorded: Any = None
 
     def surface(self, position: Any, step: int = 0, volume: float | None = None) -> Surface:
         """The surface of particles at `position` (n, 3) [m]; each `step` draws other Poisson-disk samples.
@@ -73,8 +74,7 @@ class Reconstruction:
                 "inset", self._inset, position, blocks, cells, mesh, coefficients, place, area, normal, facet, volume
             )
         size, area = self._stage("components", self._components, blocks, cells, nearest, area)
-        count = self._empty(position.shape[0], np.int32)
-        self._run("sample_counts", nearest, count)
+        count = self.sample_counts(nearest, position.shape[0])
         return Surface(
             Samples(place, normal, area, nearest, count), mesh, inset_mesh, size, blocks, cells, coefficients,
             facet_normal, away, fit_position[: place.shape[0]], dict(self._seconds),
@@ -116,6 +116,12 @@ class Reconstruction:
         bases = self.grid.by_cell(samples.position, blocks, 0.5)
         self._run("surface_force", samples.position, samples.area, samples.normal, bases, blocks, self.term, force)
         return force
+
+    def sample_counts(self, nearest: Any, count: int) -> Any:
+        """Samples of which each of `count` particles is the nearest, int32."""
+        counts = self._empty(count, np.int32)
+        self._run("sample_counts", nearest, counts)
+        return counts
 
     def extents(self, position: Any) -> Any:
         """Along how many axes the liquid round each particle spreads (n,) uint8; below dim - 1 it is a filament."""
@@ -168,7 +174,7 @@ class Reconstruction:
             return place, area, normal, None
         before, units = self._area_before(area)
         count = math.ceil(CANDIDATES * DENSEST[self.dim] * units / self.tension.disk_radius ** (self.dim - 1))
-        dice = Dice(np.int64(self.tension.seed + 7919 * step), np.int64(count))
+        dice = Dice(*map(np.int64, (self.tension.seed + 7919 * step, count)))  # type: ignore[arg-type]
         facet, candidate = self._empty(count, np.int32), self._empty((count, 3))
         self._run("candidates", mesh.vertices, mesh.facets, before, dice, facet, candidate)
         accepted = self._empty(count, np.uint8)
@@ -255,6 +261,8 @@ class Reconstruction:
 
         The volume within facets whose corners move along straight lines is a polynomial of degree dim in the distance.
         """
+        xp: Any
+        seen: Any
         if self.backend.name == "cuda":
             from refsim.backends import device
 
@@ -290,6 +298,9 @@ class Reconstruction:
         self._run("components", blocks, self._state, label)
         self._run("component_sizes", cells, label, size)
         least = self.tension.least_component(self.dim)
+        xp: Any
+        seen: Any
+        wrapped: Any
         if self.backend.name == "cuda":
             from refsim.backends import device
 
@@ -337,6 +348,9 @@ class Reconstruction:
     def _area_before(self, area: Any) -> tuple[Any, float]:
         """(running sum of areas in whole units, their sum in units of h^(dim-1))."""
         per_unit = AREA_UNITS / float(self.term.cell_size) ** (self.dim - 1)
+        xp: Any
+        seen: Any
+        wrapped: Any
         if self.backend.name == "cuda":
             from refsim.backends import device
 
@@ -351,6 +365,9 @@ class Reconstruction:
         """Areas of Poisson-disk samples times the change of their facet's area."""
         _, old, _ = self._facet_samples(mesh)
         _, new, _ = self._facet_samples(inset_mesh)
+        xp: Any
+        seen: Any
+        wrapped: Any
         if self.backend.name == "cuda":
             from refsim.backends import device
 

@@ -258,11 +258,13 @@ def _matrix(place, blocks, surface_term):
 def fit_weights(fit_position, fit_cells, blocks, surface_term):
     """B(x_r/h - j - k) for k = 0, 1, 2 along each axis; (3.7): Lambda_j = 1/sum_r B_j(x_r); dimensionless.
 
-    Lambda is 0 where the sum is below 1e-12 (thesis M16).
+    j is the point's cell: of a point on the border of two, rounding decides which. Lambda is 0 where the sum is below
+    1e-12 (thesis M16).
     """
     dim = dimension(blocks)
+    find = Lookup(blocks)
     u = _in_cells(fit_position, surface_term)
-    base = np.floor(u - 0.5)
+    base = find.coordinates[np.asarray(fit_cells.cell, dtype=int)]
     splines = spline(u[:, :, None] - base[:, :, None] - np.arange(3))
     splines[:, dim:] = [1.0, 0.0, 0.0]
     _, node, weight = _matrix(fit_position, blocks, surface_term)
@@ -270,16 +272,13 @@ def fit_weights(fit_position, fit_cells, blocks, surface_term):
     total = np.bincount(node, weight, count)
     value = np.where(total > LEAST_SUM, 1 / np.where(total > 0, total, 1), 0)
     # at the edge of its support B is the square of a small difference: the difference is what is rounded
-    far = _far(Lookup(blocks).coordinates, fit_position)
+    far = _far(find.coordinates, fit_position)
     finest = np.finfo(np.asarray(fit_position).dtype).eps
     loose = np.bincount(node, np.sqrt(weight) + weight, count) * far + finest * far**2
     terms = np.bincount(node, weight > 0, count)
     undecided = np.abs(total - LEAST_SUM) < 0.9 * LEAST_SUM
-    # a point on the border of two bases has its splines at either
-    border = np.abs(u - 0.5 - np.round(u - 0.5))[:, :dim].min(axis=1, initial=1) < TIE
-    doubt = np.where(border, np.inf, _far(u, fit_position))
     return {
-        "fit_splines": (splines.reshape(len(u), 9), np.repeat(doubt[:, None], 9, axis=1)),
+        "fit_splines": (splines.reshape(len(u), 9), np.repeat(_far(u, fit_position)[:, None], 9, axis=1)),
         "node_weight": (value, np.where(undecided, np.inf, (terms + 4) * loose * value**2)),
     }
 

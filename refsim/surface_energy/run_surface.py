@@ -9,11 +9,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from refsim.backends.arrays import Backend
-from refsim.core.errors import InputError, RunStopped
-from refsim.core.operation import REGISTRY
+from refsim.core.errors import RunStopped
 from refsim.isosurface import Mesh
 from refsim.surface_energy import Tension
-from refsim.surface_energy.reconstruction import Reconstruction, Samples
+from refsim.surface_energy.reconstruction import Reconstruction
+from refsim.surface_energy.reference_reconstruction import ReferenceReconstruction
+from refsim.surface_energy.surface import Samples
 
 IMAGED = 5.0  # cells from a wall within which particles have an image: beyond that no sample at the wall is affected
 CLUMPED = 4.0  # times the particles of a full cell in one cell: J would have to be below a quarter to represent it
@@ -107,15 +108,13 @@ class SurfaceOfRun(SurfaceSamples):
 
     def on_backend(self, backend: Backend) -> SurfaceOfRun:
         """The same, ready to work, on another backend."""
-        if backend.name == "numpy":
-            raise InputError(
-                "surface_energy: backend 'numpy' has its operations one by one, but no whole reconstruction; take 'cpu'"
-                " or 'cuda'."
-            )
         made = SurfaceOfRun(
             self.tension, self.dim, self.dtype, self.cell_size, self.count, self.full, self.rest_density, self.faces,
             self.edges, backend,
         )  # fmt: skip
+        if backend.name == "numpy":
+            made.reconstruction = ReferenceReconstruction(self.dim, self.dtype, self.cell_size, self.tension)
+            return made
         # with images the number of particles is another one in each step
         made.reconstruction = Reconstruction(
             backend, self.dim, self.dtype, self.cell_size, self.tension, reused=not self.faces
@@ -227,11 +226,10 @@ class SurfaceOfRun(SurfaceSamples):
         )
         arrays = [wrapped(xp.ascontiguousarray(xp.concatenate(part).astype(part[0].dtype))) for part in parts]
         self.assign(*arrays)
-        count = self.backend.empty(self.count, np.int32)
-        REGISTRY["surface_energy.sample_counts"].program(self.backend.name)(self.sample_nearest, count)
+        count = self.reconstruction.sample_counts(self.sample_nearest, self.count)
         kept = wrapped(xp.ascontiguousarray(facets))
         self.latest = replace(
-            found, samples=Samples(*arrays[:4], count), mesh=Mesh(found.mesh.vertices, kept),
+            found, samples=Samples(*[*arrays[:4], count]), mesh=Mesh(found.mesh.vertices, kept),
             inset_mesh=Mesh(found.inset_mesh.vertices, kept), component_size=found.component_size[: self.count],
         )  # fmt: skip
 

@@ -13,11 +13,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-import numpy as np
-
 from refsim.core.effect import Discretisation, Pass
 from refsim.core.fields import Field
 from refsim.core.operation import Operation, register
+from refsim.core.scalars import int32
 
 if TYPE_CHECKING:
     from refsim.sph import WeaklyCompressible
@@ -35,7 +34,7 @@ class NormalTerm(NamedTuple):
 
 def normal_term(fluid: WeaklyCompressible, grid: Discretisation, own_density: bool = False) -> dict[str, NormalTerm]:
     """Parameter group of both normals, for `Effect.prepare`; own_density=True takes Jiang & Zhu E10 as printed."""
-    return {"normal_term": NormalTerm(grid.real(fluid.rest_number_density(grid)), np.int32(own_density))}
+    return {"normal_term": NormalTerm(grid.real(fluid.rest_number_density(grid)), int32(own_density))}
 
 
 def color_gradient_pass(candidates: str | None = None, on_demand: bool = False) -> Pass:
@@ -63,7 +62,7 @@ _HERE = "refsim.surface_normal"
 _INVARIANTS = ("translation", "rotation", "reordering")
 # Hard inputs of normals and of the fan scan, beside those of every operation.
 SHAPES = ("two_layers", "three_layers", "jittered_film", "bent_filament", "cavity", "tank_corner", "notch")
-_VARIANTS = ({}, {"walls": None, "candidates": None}, {"candidates": None}, {"walls": None})
+_VARIANTS: tuple[dict[str, Any], ...] = ({"walls": None, "candidates": None}, {}, {"candidates": None}, {"walls": None})
 register(
     Operation(
         name="surface_normal.color_gradient",

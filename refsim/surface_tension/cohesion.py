@@ -239,6 +239,12 @@ def capillary_limit(sigma: float, grid: Discretisation, others: Mapping[str, Eff
     return {"capillary": StepLimit.constant(seconds)}
 
 
+def given_one(value: float | None) -> float:
+    """A coefficient that `one_of` has found to be the given one."""
+    assert value is not None
+    return value
+
+
 def one_of(owner: str, **given: float | None) -> None:
     """Raise InputError unless exactly one of the coefficients is given."""
     names = list(given)

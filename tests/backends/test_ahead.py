@@ -1,5 +1,6 @@
 """Kernels are compiled before the first step, each once, and the run loads them from the cache."""
 
+import functools
 import json
 import os
 import pathlib
@@ -23,23 +24,27 @@ def begun(kernels, processes):
     return after
 simulation = Simulation(
     Scene(spacing=0.1, support_radius=0.2, dim=2, step=1e-3, fluid=(Box(cells=(5, 4, 1)),),
-          effects=(WeaklyCompressible(sound_speed=20.0, dynamic_viscosity=0.1), Gravity(acceleration=(0.0, -9.81, 0.0)),
-                   BoxWalls(lower=(0, 0, 0), upper=(1, 1, 1)))),
-    "cpu", compiling=begun)
+          effects=EFFECTS), "cpu", compiling=begun)
 for _ in range(2):
     simulation.step()
-programs = [REGISTRY[name].program("cpu") for name in ("sph.density", "sph.momentum", "sph.extremes", "sph.kick_drift")]
+programs = [REGISTRY[name].program("cpu") for name in NAMES]
 print(json.dumps([told, [[sum(p.stats.cache_hits.values()), sum(p.stats.cache_misses.values())] for p in programs]]))
 """
+FALL = "(Gravity(acceleration=(0.0, -9.81, 0.0)),)"
+LIQUID = f"""(WeaklyCompressible(sound_speed=20.0, dynamic_viscosity=0.1), *{FALL},
+              BoxWalls(lower=(0, 0, 0), upper=(1, 1, 1)))"""
+NAMES = {FALL: ("sph.gravity", "sph.extremes", "sph.kick_drift")}  # every kernel of the run
+NAMES[LIQUID] = ("sph.density", "sph.momentum", *NAMES[FALL])
 
 
 @pytest.fixture
 def run(tmp_path):
-    def with_cores(cores, cache):
+    def with_cores(cores, cache, effects=LIQUID):
         environment = dict(
             os.environ, REFSIM_CACHE_DIR=str(cache), PYTHONPATH=str(pathlib.Path(refsim.__file__).parents[1])
         )
-        program = PROGRAM.replace("CORES", str(cores))
+        given = {"CORES": cores, "EFFECTS": effects, "NAMES": NAMES[effects]}
+        program = functools.reduce(lambda text, name: text.replace(name, str(given[name])), given, PROGRAM)
         done = subprocess.run([sys.executable, "-c", program], env=environment, capture_output=True, text=True)
         assert done.returncode == 0, done.stderr
         return json.loads(done.stdout.splitlines()[-1])
@@ -57,12 +62,47 @@ def test_kernels_are_stored_before_the_first_step_and_once(run, tmp_path):
 
 
 def test_one_core_compiles_as_the_run_comes_to_each_kernel(run, tmp_path):
-    told, _ = run(1, tmp_path / "cache")
+    told, stats = run(1, tmp_path / "cache", FALL)
     assert told == []
+    assert all(hits + misses > 0 for hits, misses in stats), "the run has not come to each kernel"
 
 
 def test_without_a_cache_nothing_is_compiled_ahead(run, tmp_path):
     (tmp_path / "file").touch()
-    told, stats = run(2, tmp_path / "file")
+    told, stats = run(2, tmp_path / "file", FALL)
     assert told == []
+    assert len(stats) == 3
     assert all(hits == 0 for hits, _ in stats)
+
+
+@pytest.mark.parametrize(
+    ("effects", "kernels"),
+    [
+        (
+            (refsim.ImplicitPressure(),),
+            {"predict", "halve", "displace", "relax", "keep", "push", "count_missed", "block_boxes"},
+        ),
+        ((refsim.HeatConduction(),), {"weigh", "advance", "collect"}),
+        ((refsim.HeatConduction(scheme="conjugate_gradient"),), {"weigh", "flow", "turn_chunks", "step_chunks", "add"}),
+    ],
+)
+def test_kernels_inside_host_functions_are_among_those_compiled_ahead(monkeypatch, effects, kernels):
+    from refsim.backends import ahead
+
+    class Seen(Exception):
+        pass
+
+    def seen(calls, begun):
+        raise Seen({kernel.__name__ for kernel, _ in calls})
+
+    monkeypatch.setattr(ahead, "compile_ahead", seen)
+    scene = refsim.Scene(
+        spacing=0.1,
+        support_radius=0.2,
+        dim=3,
+        fluid=(refsim.Box(cells=(4, 4, 4)),),
+        effects=(refsim.WeaklyCompressible(sound_speed=20.0), *effects),
+    )
+    with pytest.raises(Seen) as names:
+        refsim.Simulation(scene, "cpu")
+    assert kernels <= names.value.args[0], kernels - names.value.args[0]

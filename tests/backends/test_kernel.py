@@ -59,7 +59,7 @@ def test_loops_are_files_of_the_cache_folder_and_found_again(run):
     cache, again = run
     place, hits, *error = again()
     assert pathlib.Path(place).parent.parent == cache
-    assert "for i in prange(out.shape[0]):" in pathlib.Path(place).read_text()
+    assert "over_rows(body, out.shape[0], (values, out,))" in pathlib.Path(place).read_text()
     assert error == ["True", "True"], "a typing error does not point at the body"
     stamp = pathlib.Path(place).stat().st_mtime_ns
     _, hits, *_ = again()
@@ -76,7 +76,7 @@ def test_a_cache_folder_that_cannot_be_written_costs_the_cache_only(run):
 
 def test_lanes_are_an_option():
     cpu, cuda = kernels.density.source("cpu"), kernels.density.source("cuda")
-    assert "body(i, None, position" in cpu
+    assert "over_rows(body, density.shape[0], (None, position" in cpu
     assert "lanes = len(neighbours.lanes)" in cuda
     assert "body(i, (lane, lanes), position" in cuda
     assert "lane" not in kernels.state.source("cuda")

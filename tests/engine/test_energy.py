@@ -248,7 +248,7 @@ def test_the_surface_is_worth_its_area():
 @pytest.mark.parametrize("dtype", ["float32", "float64"])
 def test_a_scene_that_gains_energy_stops(backend, dtype):
     simulation = Simulation(growing(dtype), backend)
-    with pytest.raises(RunStopped, match=r"energy_audit's bound of 0\.05") as stop:
+    with pytest.raises(RunStopped, match=r"the bound of energy_audit, 0\.05:") as stop:
         advance(simulation, 2000)
     assert stop.value.reason == "energy_gained"
     assert simulation.steps % AUDIT.every == 0

@@ -61,7 +61,7 @@ def tank(dtype="float32", step=0.0, literal=(), viscosity=0.05, velocity=(0.0, 0
 
 def droplet():
     """A cube of 216 particles with surface tension, from the docs' example."""
-    scene = load_scene(ROOT / "docs" / "examples" / "droplet.toml")
+    scene = load_scene(ROOT / "refsim" / "examples" / "droplet.toml")
     return msgspec.structs.replace(scene, fluid=(Box(cells=(6, 6, 6)),))
 
 

@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import time as clock
+from contextlib import suppress
 
 import h5py
 import numpy as np
@@ -384,6 +385,25 @@ def test_a_damaged_file_is_not_mended_from_a_journal(tmp_path, monkeypatch):
     assert "does not match its digest" in refused(path, monkeypatch)
     path.write_bytes(whole)
     assert len(read_particles(path)) == 3
+
+
+def test_a_reader_leaves_the_journal_of_a_living_writer_alone(tmp_path, monkeypatch):
+    path, journal = tmp_path / "run.vtkhdf", tmp_path / "run.vtkhdf.journal"
+    writer = ParticleWriter(path, FIELDS)
+    write_frames(writer, [frame(0), frame(1)])
+    with monkeypatch.context() as patch:
+        patch.setattr(output, "_apply", lambda *_: (_ for _ in ()).throw(Stop))
+        with pytest.raises(Stop):
+            write_frames(writer, [frame(2)])
+    held = journal.read_bytes()
+    assert held
+    with suppress(InputError):  # the file is between two states
+        read_particles(path)
+    assert journal.read_bytes() == held
+    writer.close()
+    assert len(read_particles(path)) == 3  # completed by the reader, now that the writer has ended
+    assert journal.read_bytes() == b""
+    assert not journal.with_name("run.vtkhdf.journal.lock").exists()
 
 
 def test_the_digest_is_that_of_the_file(tmp_path):

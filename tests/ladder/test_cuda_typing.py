@@ -234,11 +234,16 @@ def support_launches(dtype):
     ]
 
 
+CPU_ONLY = {"refsim.neighbours.cell_list"}  # its bodies; `cell_list_cuda` has the GPU's kernels
+
+
 def kernels_of(module_name):
     from refsim.backends.compile import CudaKernel, Kernel
 
     named = vars(importlib.import_module(module_name)).values()
     made = {v for v in named if isinstance(v, CudaKernel) and v.function.__module__ == module_name}
+    if module_name in CPU_ONLY:
+        return made
     return made | {v.on("cuda") for v in named if isinstance(v, Kernel) and v.__module__ == module_name}
 
 

@@ -1,14 +1,14 @@
 """Every operation on every backend, precision and hard input: this file only calls the contract.
 
-A kernel is compiled for every combination of optional terms and every precision. By default the CPU's run with the
-first two combinations (as a rule everything, and nothing that is optional) in single precision and with the first in
-double, the references in double; the rest is `slow`.
+A kernel is compiled for every combination of optional terms and every precision. By default the CPU's run with every
+combination in single precision and with the last in double, the references in double; the rest is `slow`.
 """
 
 import os
 import subprocess
 import sys
 
+import numba
 import numpy as np
 import pytest
 
@@ -25,6 +25,7 @@ from refsim import (
 )
 from refsim.backends.arrays import unavailable
 from refsim.contract import parameters
+from refsim.contract.ladder import typed
 from refsim.core import cases
 from refsim.core.operation import REGISTRY, backend_of
 from refsim.neighbours.rows import NeighbourRows
@@ -40,14 +41,14 @@ def trials():
             for variant in range(len(operation.as_computed_by(program).variants)):
                 for dtype in ("float32", "float64"):
                     single = dtype == "float32"
-                    every = len(operation.variants)
+                    last = variant == len(operation.as_computed_by(program).variants) - 1
                     by_default = {
-                        "numpy": 0 if single else every,
-                        "cpu": 2 if single else program == "cpu",
-                        "cuda": every,
+                        "numpy": not single,
+                        "cpu": single or (last and program == "cpu"),
+                        "cuda": True,
                     }
                     marks = [pytest.mark.gpu] if backend == "cuda" else []
-                    if variant >= by_default[backend]:
+                    if not by_default[backend]:
                         marks.append(pytest.mark.slow)
                     yield pytest.param(name, variant, program, dtype, marks=marks)
 
@@ -167,6 +168,22 @@ def test_bindings_are_what_the_program_takes():
     assert np.array_equal(again["acceleration"], values["acceleration"])
 
 
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+def test_every_step_hands_a_kernel_the_types_of_a_run(dtype):
+    """Lists over all pairs are typed as those of the search, and groups of closed forms as those of a scene."""
+    cases.discover()
+    found, pairs = (contract.inputs.prepared("cloud_3d", "cpu", dtype, lists)[1:] for lists in contract.inputs.LISTS)
+    assert list(map(numba.typeof, found)) == list(map(numba.typeof, pairs))
+    usual, compared = contract.Inputs(cases.CASES["few"](), dtype), set()
+    for maker in (maker for makers in cases.CLOSED_FORMS.values() for maker in makers):
+        for name, value in maker().given.items():
+            if hasattr(value, "_fields") and type(value) is type(usual[name]):
+                given = typed(name, value, dtype)
+                assert numba.typeof(given) == numba.typeof(usual[name]), (maker.__name__, name)
+                compared.add(name)
+    assert {"background", "boxes", "solid_field", "surface_term", "planes"} <= compared
+
+
 def test_an_argument_that_nothing_makes_is_named():
     with pytest.raises(KeyError, match="'unheard_of'"):
         contract.Inputs(cases.CASES["cloud_3d"](), "float32")["unheard_of"]
@@ -194,7 +211,7 @@ def test_a_constant_in_place_of_a_parameter_fails():
         acceleration += reference(*given)["acceleration"][0]
 
     programs = contract.Programs({"dong_2016.momentum": program})
-    outcomes = list(contract.trials(programs, "dong_2016.momentum", ("float64",), (0,), ("T1", "T2", "T10")))
+    outcomes = list(contract.trials(programs, "dong_2016.momentum", ("float64",), (1,), ("T1", "T2", "T10")))
     assert [o.trial for o in outcomes if not o.passed] == ["another fluid.wall_share"]
     assert {o.step for o in outcomes} == {"T1", "T2", "T10"}
 

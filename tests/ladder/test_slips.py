@@ -22,7 +22,17 @@ HARMLESS = {
     "unit": [("zero = type(length)(0)", "a normal without direction is not looked at")],
     "tension": [("nx, ny, nz = (real(0)", "set again where they are used")],
     "pair_sums": [("nx, ny, nz = (real(0)", "set again where they are used")],
-    "rigid_motion": [("spin = (real(0)", "set again where it is used")],
+    "rigid_motion": [
+        ("spin = (real(0)", "set again where it is used"),
+        ("trace = real(2) * (sums[6] + sums[7] + sums[8])  ->  trace = real(3)", "both sides are divided by it"),
+    ],
+    "solved": [
+        (
+            "xx, yy, zz = (a[0] + floor, a[1] + floor, a[2] + floor)"
+            "  ->  xx, yy, zz = (a[0] + floor, a[1] + floor, a[2] - floor)",
+            "cut off at the floor; the second solution takes back what it changes",
+        )
+    ],
     "adhesion_pair": [("q <= real(0.5) or q >= real(1)", "beyond the support no pair is looked at")],
     "squared_gradient": [(f"g{c} += f * d{c}", "only its square is taken") for c in "xyz"],
     "step_node": [("return -1", "any negative number says that there is no node")],
@@ -35,7 +45,7 @@ HARMLESS = {
     "damp_end": [("region_count[s] > 0 and timestep[0] > 0", "of the two lengths of a step both are positive or none")],
     "wall_gradient": [
         ("tiny = real(1e-09) * h", "far below the rounding of a distance"),
-        ("f = fluid.rest_density * walls.volume[b]", "what is added to the distance is far below its rounding"),
+        ("f = weight * walls.volume[b]", "what is added to the distance is far below its rounding"),
     ],
     "relaxed_pressure": [("value < real(0)", "a pascal is far below the bound")],
     "tait_pressure": [("pressure < real(0)", "a pascal is far below the bound")],
@@ -47,6 +57,12 @@ HARMLESS = {
         ("one = real(1)", "only whether a row is idle depends on it"),
         ("weight_i, surface_i = (zero, 0)", "belongs to the mode that is not taken"),
         ("base == zero and slope != zero", "looks for idle rows in vain, or not at all"),
+    ],
+    "components": [
+        (
+            "joined = np.flatnonzero(inside & (other >= 0))  ->  joined = np.flatnonzero(inside & (other >= 1))",
+            "blocks are in order: the first node is above no other",
+        )
     ],
     "pair_weight": [("return (real(1), real(0))", "without weights and marks nothing is multiplied with it")],
 }

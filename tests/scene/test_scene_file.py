@@ -21,7 +21,7 @@ from refsim.scene.files import (
 )
 
 ROOT = pathlib.Path(__file__).parents[2]
-EXAMPLES = sorted((ROOT / "docs" / "examples").glob("*.toml"))
+EXAMPLES = sorted((ROOT / "refsim" / "examples").glob("*.toml"))
 PUBLISHED = {name: effect for name, effect in EFFECTS.items() if effect.__module__.startswith("refsim.")}
 
 SCENE = """

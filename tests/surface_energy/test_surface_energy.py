@@ -6,14 +6,16 @@ import numpy as np
 import pytest
 from scipy.linalg import lstsq
 
+from refsim import Cloud, MpmLiquid, MpmWalls, Scene, Simulation, SurfaceEnergy
 from refsim.backends.arrays import Backend, set_threads
-from refsim.core.errors import InputError
+from refsim.core.errors import InputError, RunStopped
 from refsim.isosurface.reference import classify
 from refsim.sparse_grid import nodes
 from refsim.sparse_grid.reference import node_table
 from refsim.surface_energy import Tension, reference, surface_term
 from refsim.surface_energy.cases import cut_ball
 from refsim.surface_energy.reconstruction import Reconstruction
+from refsim.surface_energy.reference_reconstruction import ReferenceReconstruction
 
 CPU = Backend("cpu")
 H = 1 / 32
@@ -366,8 +368,8 @@ def test_printed_readings_do_what_they_say():
         ({"relaxation": 2.0}, "so that the fit converges"),
         ({"offset": 3.0}, "offset = 3.0"),
         ({"iterations": -1}, "iterations = -1"),
-        ({"normals": "best"}, "choose one of mls, gradient, facets, offsets"),
-        ({"quadrature": "gauss"}, "choose one of facets, poisson"),
+        ({"normals": "best"}, "normals = 'best' is not possible; choose from mls, gradient, facets, offsets"),
+        ({"quadrature": "gauss"}, "quadrature = 'gauss' is not possible; choose from facets, poisson"),
         ({"inset": 2.0}, "inset = 2.0"),
         ({"literal": ("E2",)}, "only M1, M14, M31, M32 or all"),
     ],
@@ -383,3 +385,75 @@ def test_terms_in_the_runs_dtype():
     assert term.inset == np.float32(2**0.5 - 0.25)
     assert {type(part) for part in term} == {np.float32, float, np.int32}
     assert len(cut_ball(0.3, 2)) > 10
+
+
+def shaken_block(dim, **parameters):
+    """64 shaken particles of an MPM liquid under tension, in float64; on a floor where there is a contact angle."""
+    cells = (8, 8) if dim == 2 else (4, 4, 4)
+    lattice = np.stack(np.meshgrid(*(np.arange(n) + 0.5 for n in cells), indexing="ij"), axis=-1).reshape(-1, dim)
+    place = 0.1 * lattice + np.random.default_rng(3).uniform(-0.01, 0.01, lattice.shape)
+    walls = (MpmWalls(lower=(-1.0, 0.0, -1.0), upper=(2.0, 2.0, 2.0)),) if "contact_angle" in parameters else ()
+    return Scene(
+        dim=dim, spacing=0.1, support_radius=0.21, dtype="float64", step=2e-4,
+        fluid=(Cloud(position=np.pad(place, ((0, 0), (0, 3 - dim)))),),
+        effects=(MpmLiquid(bulk_modulus=1e3), SurfaceEnergy(surface_tension=50.0, **parameters), *walls),
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    "dim, parameters",
+    [
+        (2, {}), (2, {"enclose_volume": True}), (2, {"quadrature": "poisson"}), (2, {"normals": "gradient"}),
+        (2, {"normals": "facets", "embedding": "none"}), (2, {"normals": "offsets"}), (2, {"inset": -1.0}),
+        (2, {"contact_angle": 60.0}), (2, {"recount_time": 0.01}), (3, {"enclose_volume": True}),
+        (3, {"contact_angle": 60.0}),
+    ],
+    ids=str,
+)  # fmt: skip
+def test_run_of_the_references_is_the_cpus(dim, parameters):
+    """The whole reconstruction by the references, step after step: surface, fit, samples, and what they move.
+
+    Rounding in float64 is 2e-16 of each term, sums have a hundred terms, and five steps repeat them: 1e-12 of the
+    largest. A particle, a sample or a facet more or less would be 1e-2.
+    """
+    runs = [Simulation(shaken_block(dim, **parameters), backend) for backend in ("numpy", "cpu")]
+    for simulation in runs:
+        for _ in range(5 if dim == 2 else 2):
+            simulation.step()
+    oracle, own = (simulation._shared["surface"].latest for simulation in runs)
+    assert len(oracle.samples.area) > 10
+    assert np.array_equal(oracle.mesh.facets, own.mesh.facets)
+    order = runs[1]._host("identity")  # the CPU sorts its particles
+    assert np.array_equal(oracle.samples.nearest, order[own.samples.nearest])
+    assert np.array_equal(oracle.samples.count[order], own.samples.count)
+    assert np.array_equal(oracle.component_size[order], own.component_size)
+    compared = [(oracle.mesh.vertices, own.mesh.vertices), (oracle.inset_mesh.vertices, own.inset_mesh.vertices)]
+    compared += list(zip(oracle.samples[:3], own.samples[:3], strict=True))
+    names = ("position", "velocity", "affine", "volume_ratio", "greatest_crowding")
+    compared += [tuple(simulation.field(name) for simulation in runs) for name in names]
+    for value, other in compared:
+        assert value.shape == other.shape
+        assert np.abs(value - other).max() < 1e-12 * np.abs(value).max()
+    assert np.abs(runs[0].field("velocity")).max() > 1e-4  # m/s: the tension moves it
+
+
+def test_references_find_filaments_and_force_as_the_cpu():
+    """Extents of particles, and the tension's force on the nodes of the surface's own blocks."""
+    place = H * ball(3, dim=2)
+    oracle = ReferenceReconstruction(2, "float64", H, Tension(surface_tension=2.0))
+    own = Reconstruction(CPU, 2, "float64", H, Tension(surface_tension=2.0))
+    assert np.array_equal(oracle.extents(place), own.extents(place))
+    found = [made.surface(place) for made in (oracle, own)]
+    forces = []
+    for made, surface in zip((oracle, own), found, strict=True):
+        force = made.force(surface.samples, surface.blocks)
+        held = np.abs(force).max(1) > 1e-12
+        forces.append((node_table(surface.blocks)[held], force[held]))
+    assert np.array_equal(forces[0][0], forces[1][0])
+    assert np.abs(forces[0][1] - forces[1][1]).max() < 1e-12 * np.abs(forces[1][1]).max()
+
+
+def test_references_stop_where_the_grid_ends():
+    made = ReferenceReconstruction(2, "float64", H, Tension(surface_tension=2.0))
+    with pytest.raises(RunStopped, match="left the background grid of the surface"):
+        made.surface(np.array([[0.0, 0.0, 0.0], [1e9, 0.0, 0.0]]))

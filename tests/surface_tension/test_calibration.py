@@ -20,7 +20,7 @@ from validation.measure import sigma_map as condensing
 from validation.measure.drops import device_points, fit_laplace, fit_oscillation, points
 from validation.results import Result, finite
 
-EXAMPLE = Path(__file__).parents[2] / "docs" / "examples" / "water_drop.toml"
+EXAMPLE = Path(__file__).parents[2] / "refsim" / "examples" / "water_drop.toml"
 WATER = {"spacing": 1e-3, "rest_density": 1000.0}
 
 

@@ -96,7 +96,7 @@ def test_akincis_area_term_jumps_by_no_more_than_its_bound(dim, kernels):
         inputs = Inputs(case, "float64").replaced(**given)
         normal = oracle(REGISTRY["surface_normal.color_gradient"], inputs)["surface_normal"][0]
         inputs = inputs.replaced(area_normal=normal)
-        target = Target(REGISTRY["akinci_2013.tension"], "cpu", "float64", 0)
+        target = Target(REGISTRY["akinci_2013.tension"], "cpu", "float64", 1)
         start = {"acceleration": np.zeros((len(position), 3))}
         found[side] = (target.launch(target.varied(inputs), before=start)[1]["acceleration"], normal)
     (inside, normal), (outside, _) = found[-1], found[1]

@@ -84,9 +84,11 @@ class MeshBoundary(
     """
 
     name: ClassVar[str] = "mesh_boundary"
+    ledger_units: ClassVar[Mapping[str, str]] = {"corrections": "-", "corrected_particles": "-"}
     source: ClassVar[str] = "patent"
     errata: ClassVar[tuple[str, ...]] = ("E27", "E30")
     wall_share: ClassVar[float] = 1.0  # the boundary particles' own pressure is a pass of its own
+    with_spacing: ClassVar[tuple[str, ...]] = ("radius", "field_spacing")
 
     file: str
     center: tuple[float, float, float] | None = None

@@ -13,6 +13,7 @@ import numpy as np
 from refsim.core.effect import Pass
 from refsim.core.fields import Field
 from refsim.core.operation import Operation, Program, register
+from refsim.core.scalars import int32
 
 CORRECTIONS = Field(
     "corrections", "-", "number of penetration corrections of the particle, patent P8", dtype="int32", state=True
@@ -51,9 +52,9 @@ def penetration_groups(
     group = Penetration(
         real(restitution),
         real(rebound),
-        np.int32(swept),
-        np.int32(printed),
-        np.int32(everywhere),
+        int32(swept),
+        int32(printed),
+        int32(everywhere),
         np.nextafter(lower.astype(dtype), real(-np.inf)),
         np.nextafter(upper.astype(dtype), real(np.inf)),
     )
@@ -85,8 +86,8 @@ register(
         cases=("towards_edges", "outside_the_grid"),
         tolerance_reason="one rounding in each product and sum; the scale counts those of distance and normal",
         variants=(
-            {},
             {"bounds": None, "timestep": lambda case, grid: _long(case, grid, 0.25)},
+            {},
             {"bounds": None, "penetration": lambda case, grid: _other(case, grid, swept=0, printed=1)},
             {
                 "bounds": None,

@@ -4,9 +4,9 @@ A maximum in shared memory, then one atomic for each block; the results do not d
 """
 
 from refsim.backends import device
-from refsim.backends.compile import THREADS_PER_BLOCK, cuda, cuda_kernel
-from refsim.backends.primitives import largest_of_block
+from refsim.backends.compile import cuda, cuda_kernel
 from refsim.boundary.penetration.kernels import corrected_step
+from refsim.sph.reductions_cuda import reduce_step
 
 
 def kick_drift(
@@ -36,10 +36,4 @@ def step_and_correct(
             i, position, velocity, acceleration, identity, corrections, build_position, bounds, timestep,
             solid_field, penetration,
         )  # fmt: skip
-    shared = cuda.shared.array(THREADS_PER_BLOCK, displacement.dtype)
-    largest = largest_of_block(shared, squared)
-    stops = cuda.syncthreads_count(1 if stopped else 0)
-    if cuda.threadIdx.x == 0:
-        cuda.atomic.max(displacement, 0, largest)
-        if stops > 0:
-            cuda.atomic.add(displacement, 1, real(stops))
+    reduce_step(squared, stopped, displacement)

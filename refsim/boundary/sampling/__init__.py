@@ -201,7 +201,8 @@ def _corners_cut_off(band: NarrowBand, corner: np.ndarray, radius: float) -> int
         return 0
     from scipy.spatial import cKDTree
 
-    return int((cKDTree(corner).query(sharp, distance_upper_bound=CUT_OFF * radius)[0] > CUT_OFF * radius).sum())
+    away, _ = cKDTree(corner).query(sharp, distance_upper_bound=CUT_OFF * radius)
+    return int(np.count_nonzero(np.asarray(away) > CUT_OFF * radius))
 
 
 def isosurface(band: NarrowBand, level: float = 0.0) -> tuple[Any, Any]:

@@ -254,6 +254,9 @@ def band_blocks(backend: Backend, triangles: Triangles, grid: BandGrid) -> tuple
         pairs = int(first[-1])
     key, triangle = backend.empty(pairs, np.int64), backend.empty(pairs, np.int32)
     REGISTRY["signed_distance.list_blocks"].program(backend.name)(triangles, grid, first, key, triangle)
+    xp: Any
+    see: Any
+    give: Any
     if backend.name == "cuda":
         xp, see, give = device.library(), device.seen, device.wrapped
     else:

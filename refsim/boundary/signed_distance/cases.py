@@ -235,6 +235,26 @@ def inside_of_a_thick_box():
     return Exact(CASES["thick_box"](), {}, {"distance": np.clip(known, -0.125, 0.125), "inside_after": after})
 
 
+@closed_form("signed_distance.fill")
+def sides_of_two_rows():
+    """Two blocks and one, band 2 m: beyond the one known node of each line the side is that node's, before it outside.
+
+    Lines 0, 3, 5 and 11 end inside; the next row begins outside all the same.
+    """
+    inside = np.isin(np.arange(16), (0, 3, 5, 11))
+    closest, start = np.full((3, 16, 4), -1, np.int32), np.full((3, 16, 4), 7.0)
+    closest[0, :, 1], start[0, :, 1] = 0, np.where(inside, -0.5, 0.5)
+    wanted = np.full((3, 16, 4), 2.0)
+    wanted[:2, inside] = -2.0
+    wanted[0, :, 0], wanted[0, :, 1] = 2.0, start[0, :, 1]
+    given = {
+        "band_grid": band_grid(1.0, 2.0, "float64"), "row_first": np.array([0, 2, 3], np.int32),
+        "closest": closest.ravel(), "distance": start.ravel(), "inside_after": np.zeros(3, np.uint8),
+    }  # fmt: skip
+    made = Case("two_rows_of_blocks", 3, np.zeros((1, 3)), spacing=1.0, support_radius=2.0)
+    return Exact(made, given, {"distance": wanted.ravel(), "inside_after": np.array([1, 1, 0])})
+
+
 def speck() -> tuple[Case, dict]:
     """A tetrahedron of 1/1024 m in the centre of block 0, h = 1 m, band 2 m.
 

@@ -202,8 +202,10 @@ def _cross(one, other):
     for near, far in ((one, other), (other, one)):
         for k in range(3):
             a, b = near[k], near[(k + 1) % 3]
-            sides = [np.linalg.det(np.stack([far[1] - far[0], far[2] - far[0], p - far[0]])) for p in (a, b)]
-            round_ = [np.linalg.det(np.stack([b - a, far[e] - a, far[(e + 1) % 3] - a])) for e in range(3)]
+            tetrahedra = [[far[1] - far[0], far[2] - far[0], p - far[0]] for p in (a, b)]
+            tetrahedra += [[b - a, far[e] - a, far[(e + 1) % 3] - a] for e in range(3)]
+            determinants = np.linalg.det(np.array(tetrahedra)).tolist()
+            sides, round_ = determinants[:2], determinants[2:]
             apart = sides[0] * sides[1] < 0
             inside = all(r > 0 for r in round_) or all(r < 0 for r in round_)
             found = found or (apart and inside)

@@ -19,6 +19,7 @@ from refsim.core.effect import Discretisation, Effect, Pass, StepLimit, require
 from refsim.core.energy import EnergyAccount
 from refsim.core.fields import Field
 from refsim.core.operation import Operation, Program, register
+from refsim.core.scalars import int32
 from refsim.smoothing import lattice, smoothing
 from refsim.smoothing.reference import kernel_slope
 from refsim.sph import LIQUID, SETS, liquid_of
@@ -119,8 +120,8 @@ class ImplicitPressure(Effect, frozen=True, kw_only=True):
             "implicit": Implicit(
                 real(self.relaxation),
                 real(self.tolerance),
-                np.int32(self.iterations[0]),
-                np.int32(self.iterations[1]),
+                int32(self.iterations[0]),
+                int32(self.iterations[1]),
                 real(1e-6 * diagonal),
             )
         }
@@ -153,7 +154,7 @@ def _step(name: str, equation: str, outputs: tuple[str, ...], tolerance: float, 
 _step(
     "predict", "d_ii, a_ii, rho_adv", ("own_displacement", "diagonal", "advected_density"), 12.0,
     "distance, slope, mass, two velocities and their kicks in each term, and a square",
-    optional=("walls",), variants=({}, {"walls": None}), invariants=_SYMMETRY,
+    optional=("walls",), variants=({"walls": None}, {}), invariants=_SYMMETRY,
 )  # fmt: skip
 _step(
     "displace", "sum_j d_ij p_j", ("pair_displacement",), 12.0,
@@ -162,11 +163,11 @@ _step(
 _step(
     "relax", "pressure update", ("density_error", "new_pressure"), 16.0,
     "four displacements, slope, direction and mass in each term, and the quotient by a_ii",
-    optional=("walls",), variants=({}, {"walls": None}), invariants=_SYMMETRY,
+    optional=("walls",), variants=({"walls": None}, {}), invariants=_SYMMETRY,
 )  # fmt: skip
 _step(
     "push", "pressure force", ("acceleration",), 12.0, "distance, slope, two ratios, direction, product, sum",
-    adds=("acceleration",), optional=("walls",), variants=({}, {"walls": None}),
+    adds=("acceleration",), optional=("walls",), variants=({"walls": None}, {}),
     invariants=(*_SYMMETRY, "linear_momentum", "angular_momentum"),
 )  # fmt: skip
 _step("halve", "p = 0.5 p(before)", ("pressure",), 0.0, "half of a number is exact", invariants=("reordering",))
@@ -175,5 +176,5 @@ _step(
     "solve", "all steps of one solution", (*(f.name for f in WORK), "pressure", "acceleration"), 32.0,
     "the roundings of every step, which the scale carries on", reach=8,
     programs={"cpu": Program("iteration"), "cuda": Program("iteration")},
-    adds=("acceleration",), optional=("walls",), variants=({}, {"walls": None}), invariants=_SYMMETRY,
+    adds=("acceleration",), optional=("walls",), variants=({"walls": None}, {}), invariants=_SYMMETRY,
 )  # fmt: skip

@@ -2,10 +2,11 @@
 
 import math
 
-from refsim.backends.compile import formula, kernel
+from refsim.backends.compile import kernel
 from refsim.neighbours.rows import row_of
 from refsim.smoothing.formulas import kernel_slope
 from refsim.sph.iisph import formulas
+from refsim.sph.kernels import wall_gradient
 
 
 @kernel
@@ -42,7 +43,7 @@ def predict(
             flow += f * dy * (v - velocity[j, 1] - kick * acceleration[j, 1])
             flow += f * dz * (w - velocity[j, 2] - kick * acceleration[j, 2])
     if walls is not None:
-        bx, by, bz = wall_gradient(i, position, walls, smoothing, fluid)
+        bx, by, bz = wall_gradient(i, position, walls, smoothing, fluid.rest_density)
         flow += bx * u
         flow += by * v
         flow += bz * w
@@ -56,29 +57,6 @@ def predict(
     own_displacement[i, 2] = share * gz
     diagonal[i] = formulas.diagonal(gx * gx + gy * gy + gz * gz, squares, rho, kick * drift)
     advected_density[i] = rho + drift * flow
-
-
-@formula
-def wall_gradient(i, position, walls, smoothing, fluid):
-    """sum_b rho0 V_b grad W_ib [kg/m^(dim + 1)]."""
-    first, stride, count = row_of(walls, i)
-    h = smoothing.support_radius
-    real = type(h)
-    limit = h * h
-    tiny = real(1e-9) * h
-    gx, gy, gz = real(0), real(0), real(0)
-    x, y, z = position[i, 0], position[i, 1], position[i, 2]
-    for k in range(count):
-        b = walls.entries[first + k * stride]
-        dx, dy, dz = x - walls.position[b, 0], y - walls.position[b, 1], z - walls.position[b, 2]
-        r2 = dx * dx + dy * dy + dz * dz
-        if r2 < limit:
-            r = math.sqrt(r2)
-            f = fluid.rest_density * walls.volume[b] * kernel_slope(r, smoothing) / (r + tiny)
-            gx += f * dx
-            gy += f * dy
-            gz += f * dz
-    return gx, gy, gz
 
 
 @kernel
@@ -137,7 +115,7 @@ def relax(
             away += (sz - own_displacement[j, 2] * q - pair_displacement[j, 2] + own * g * dz) * dz
             total += mass[j] * g * away
     if walls is not None:
-        bx, by, bz = wall_gradient(i, position, walls, smoothing, fluid)
+        bx, by, bz = wall_gradient(i, position, walls, smoothing, fluid.rest_density)
         total += bx * sx + by * sy + bz * sz
     missing = fluid.rest_density - advected_density[i]
     p, a = pressure[i], diagonal[i]
@@ -169,7 +147,7 @@ def push(i, position, mass, density, pressure, neighbours, walls, smoothing, flu
             ay += f * dy
             az += f * dz
     if walls is not None:
-        bx, by, bz = wall_gradient(i, position, walls, smoothing, fluid)
+        bx, by, bz = wall_gradient(i, position, walls, smoothing, fluid.rest_density)
         share = own / (rho * rho)
         ax -= share * bx
         ay -= share * by

@@ -109,7 +109,8 @@ class SurfaceGraph:
             return None
         a, view = self.arrays, self._view
         names = ("sample_position", "sample_normal", "sample_area", "nearest")
-        self.samples = Samples(*(view(name, facets) for name in names), a["sample_count"])
+        place, normal, area, nearest = (view(name, facets) for name in names)  # `position` belongs to the graphs
+        self.samples = Samples(place, normal, area, nearest, a["sample_count"])
         cells = stages.listed(a)
         later = {
             "mesh": lambda: Mesh(view("vertex_position", vertices), view("facets", facets)),

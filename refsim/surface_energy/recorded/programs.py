@@ -83,7 +83,8 @@ def _no_table() -> Any:
     from refsim.isosurface import CaseTable, case_table
 
     table = case_table(2)
-    return CaseTable(*(device.wrapped(device.library().asarray(part)) for part in table[:3]), table.merged)
+    count, edge, corner = (device.wrapped(device.library().asarray(part)) for part in table[:3])
+    return CaseTable(count, edge, corner, table.merged)
 
 
 def classify(blocks: Any, node_state: Any, table: Any, crossings: Any, cell_case: Any) -> None:

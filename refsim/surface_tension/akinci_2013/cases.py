@@ -4,9 +4,9 @@ import math
 
 import numpy as np
 
-from refsim.core.cases import VARIATIONS, Case, Exact, Variation, closed_form, groups, takes
+from refsim.core.cases import VARIATIONS, Case, Exact, Variation, closed_form, groups, plain_keeps, takes
 from refsim.core.walls import WallParticles
-from refsim.surface_tension.akinci_2013 import Adhesion, Akinci2013, AreaTerm, CohesionSpline
+from refsim.surface_tension.akinci_2013 import Adhesion, Akinci2013, AreaMinimisation, CohesionSpline
 
 
 @groups("spline", "area_term", "adhesion")
@@ -31,6 +31,7 @@ VARIATIONS[CohesionSpline] = Variation(_spline_follows)
 VARIATIONS[Adhesion] = Variation(_adhesion_follows)
 takes("akinci_2013.tension:fused", fluid="rest_density gradient_share wall_share")
 takes("akinci_2013.tension", "akinci_2013.adhesion", smoothing="support_radius dim")
+plain_keeps("akinci_2013.tension", spline="the equation sums cohesion and area term; cohesion needs no normals")
 
 
 # h = 2 m in 3D at r = h/2: C = 32/(pi h^3) (1/64) = 1/(16 pi), the spline's greatest attraction.
@@ -50,7 +51,7 @@ def attracted_pair():
             "mass": MASS,
             "density": DENSITY,
             "spline": SPLINE,
-            "area_term": AreaTerm(0.0),
+            "area_term": AreaMinimisation(0.0),
             "area_normal": np.zeros((2, 3)),
         },
         {"acceleration": np.array([[0.0, 3 * pull, 0.0], [0.0, -2 * pull, 0.0]])},
@@ -67,7 +68,7 @@ def repelled_pair():
             "mass": MASS,
             "density": DENSITY,
             "spline": SPLINE,
-            "area_term": AreaTerm(0.0),
+            "area_term": AreaMinimisation(0.0),
             "area_normal": np.zeros((2, 3)),
         },
         {"acceleration": np.array([[0.0, 0.0, -3 * push], [0.0, 0.0, 2 * push]])},
@@ -80,7 +81,7 @@ def pair_with_normals():
     difference = np.array([0.5, -1.0, 0.25])
     return Exact(
         PAIR,
-        {"mass": MASS, "density": DENSITY, "spline": CohesionSpline(0.0, 0.0), "area_term": AreaTerm(8.0),
+        {"mass": MASS, "density": DENSITY, "spline": CohesionSpline(0.0, 0.0), "area_term": AreaMinimisation(8.0),
          "area_normal": np.array([difference, [0.0, 0.0, 0.0]])},
         {"acceleration": 5 / 4 * 8.0 * np.array([-difference, difference])},
     )  # fmt: skip
@@ -94,7 +95,7 @@ def pair_at_rest():
         PAIR,
         {
             "mass": MASS, "density": DENSITY, "pressure": np.zeros(2), "velocity": np.ones((2, 3)), "spline": SPLINE,
-            "area_term": AreaTerm(0.0), "area_normal": np.zeros((2, 3)), "walls": None,
+            "area_term": AreaMinimisation(0.0), "area_normal": np.zeros((2, 3)), "walls": None,
         },
         {"acceleration": np.array([[0.0, 3 * pull, 0.0], [0.0, -2 * pull, 0.0]])},
     )  # fmt: skip

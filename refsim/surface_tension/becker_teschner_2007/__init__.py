@@ -18,7 +18,7 @@ from refsim.core.operation import Operation, register
 from refsim.smoothing.shapes import CUBIC_SPLINE, NORMALISATION
 from refsim.sph import liquid_of
 from refsim.surface_tension.becker_teschner_2007.reference import attraction_function
-from refsim.surface_tension.cohesion import PairCohesion, nominal_tension, one_of
+from refsim.surface_tension.cohesion import PairCohesion, given_one, nominal_tension, one_of
 
 
 class Attraction(NamedTuple):
@@ -59,7 +59,7 @@ class BeckerTeschner2007(PairCohesion, frozen=True, kw_only=True):
             return self.kappa
         rest_density = liquid_of(others).rest_density
         unit = nominal_tension(self._force_of(1.0, grid, others), rest_density, grid.support_radius, grid.dim)
-        return self.surface_tension / unit
+        return given_one(self.surface_tension) / unit
 
     def pair_force(self, r: NDArray, grid: Discretisation, others: Mapping[str, Effect]) -> NDArray:
         """-kappa W(max(r, d)) r/m [N/kg^2] for particles of the lattice's mass."""

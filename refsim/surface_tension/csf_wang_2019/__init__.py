@@ -19,6 +19,7 @@ from refsim.core.capabilities import HasErrata
 from refsim.core.effect import Discretisation, Effect, Pass, StepLimit, require
 from refsim.core.fields import Field
 from refsim.core.operation import Operation, register
+from refsim.core.scalars import int32
 from refsim.smoothing import lattice, smoothing
 from refsim.smoothing.reference import kernel_slope, kernel_value
 from refsim.sph import LIQUID, NUMBER_DENSITY, SETS, liquid_of
@@ -177,7 +178,7 @@ class CsfWang2019(Effect, HasErrata, frozen=True, kw_only=True):
                 real(self.threshold / h),
                 real(grid.dim if plain else grid.dim - 1),
                 real(share),
-                np.int32(plain),
+                int32(plain),
             ),
             "marangoni": gradient,
         }
@@ -203,7 +204,7 @@ register(
         optional=("walls",),
         tolerance=12.0,
         tolerance_reason="the roundings of one pair, and once more those of the denominator",
-        variants=({}, {"walls": None}),
+        variants=({"walls": None}, {}),
         invariants=_SYMMETRY,
     )
 )
@@ -232,8 +233,8 @@ register(
         optional=("marangoni",),
         tolerance=16.0,
         tolerance_reason="distance, slope, volume, rise and direction in a sum, its projection, and the product",
-        variants=({}, {"marangoni": None}),
+        variants=({"marangoni": None}, {}),
         invariants=_SYMMETRY,
-        broken={0: ("translation", "rotation")},  # a gradient of the tension is fixed in space
+        broken={1: ("translation", "rotation")},  # a gradient of the tension is fixed in space
     )
 )

@@ -2,10 +2,10 @@
 
 import math
 
-from refsim.backends.compile import formula, kernel
+from refsim.backends.compile import kernel
 from refsim.neighbours.rows import row_of
 from refsim.smoothing.formulas import kernel_slope, kernel_value
-from refsim.sph.kernels import wall_sum
+from refsim.sph.kernels import wall_gradient, wall_sum
 from refsim.surface_tension.csf_wang_2019 import formulas
 
 
@@ -33,7 +33,7 @@ def normal(i, position, mass, density, neighbours, walls, smoothing, gradient_sm
             ny += f * dy
             nz += f * dz
     if walls is not None:
-        bx, by, bz = wall_normal(i, position, walls, gradient_smoothing)
+        bx, by, bz = wall_gradient(i, position, walls, gradient_smoothing, real(1))
         nx += bx
         ny += by
         nz += bz
@@ -41,29 +41,6 @@ def normal(i, position, mass, density, neighbours, walls, smoothing, gradient_sm
     interface_normal[i, 0] = nx / filled
     interface_normal[i, 1] = ny / filled
     interface_normal[i, 2] = nz / filled
-
-
-@formula
-def wall_normal(i, position, walls, gradient_smoothing):
-    """sum_b V_b grad W_ib over the wall particles [1/m]."""
-    first, stride, count = row_of(walls, i)
-    h = gradient_smoothing.support_radius
-    real = type(h)
-    limit = h * h
-    tiny = real(1e-9) * h
-    nx, ny, nz = real(0), real(0), real(0)
-    x, y, z = position[i, 0], position[i, 1], position[i, 2]
-    for k in range(count):
-        b = walls.entries[first + k * stride]
-        dx, dy, dz = x - walls.position[b, 0], y - walls.position[b, 1], z - walls.position[b, 2]
-        r2 = dx * dx + dy * dy + dz * dz
-        if r2 < limit:
-            r = math.sqrt(r2)
-            f = formulas.normal_pair(walls.volume[b], kernel_slope(r, gradient_smoothing)) / (r + tiny)
-            nx += f * dx
-            ny += f * dy
-            nz += f * dz
-    return nx, ny, nz
 
 
 @kernel

@@ -12,7 +12,6 @@ import math
 from collections.abc import Iterator, Mapping
 from typing import Any, ClassVar, Literal, NamedTuple
 
-import numpy as np
 from numpy.typing import NDArray
 
 from refsim.core.capabilities import HasErrata
@@ -21,6 +20,7 @@ from refsim.core.energy import EnergyAccount
 from refsim.core.errors import InputError
 from refsim.core.fields import Field
 from refsim.core.operation import Operation, register
+from refsim.core.scalars import int32
 from refsim.sph import liquid_of
 from refsim.surface_normal import SURFACE_NORMAL, color_gradient_pass, normal_term
 from refsim.surface_tension.cohesion import PairCohesion, angular_momentum_note, lattice_tension, one_of
@@ -69,6 +69,7 @@ class Dong2016(PairCohesion, HasErrata, frozen=True, kw_only=True):
     source: ClassVar[str] = "Dong"
     errata: ClassVar[tuple[str, ...]] = ("E21",)
     lattice: ClassVar[bool] = True
+    with_spacing: ClassVar[tuple[str, ...]] = ("rest_distance",)
 
     surface_tension: float | None = None
     stiffness: float | None = None
@@ -86,7 +87,7 @@ class Dong2016(PairCohesion, HasErrata, frozen=True, kw_only=True):
             "rest_distance": (self.rest_distance, "positive"),
             "correction": (self.correction, "not negative"),
         }
-        require(self.name, **{key: rule for key, rule in own.items() if rule[0] is not None})
+        require(self.name, **{key: (value, rule) for key, (value, rule) in own.items() if value is not None})
         if self._rest_distance(grid) >= grid.support_radius:
             raise InputError(
                 f"{self.name}: rest_distance = {self._rest_distance(grid)} m is not below the support radius of"
@@ -191,7 +192,7 @@ class Dong2016(PairCohesion, HasErrata, frozen=True, kw_only=True):
             )
         if self._corrects():
             coefficient = self.correction_coefficient(grid, others) / grid.support_radius
-            correction = NormalCorrection(real(coefficient), np.int32("E21" not in self.printed()))
+            correction = NormalCorrection(real(coefficient), int32("E21" not in self.printed()))
         return groups | {"molecular_force": force, "normal_correction": correction}
 
     def notes(self, grid: Discretisation, others: Mapping[str, Effect]) -> tuple[str, ...]:
@@ -250,9 +251,9 @@ register(
         optional=("surface_normal", "molecular_force", "normal_correction"),
         tolerance=12.0,
         tolerance_reason="one rounding in each of distance, powers, kernel, quotients, product and sum",
-        variants=({}, {"normal_correction": None, "surface_normal": None}, {"molecular_force": None}),
+        variants=({"normal_correction": None, "surface_normal": None}, {}, {"molecular_force": None}),
         invariants=(*_SYMMETRY, "linear_momentum", "angular_momentum"),
-        broken={0: ("angular_momentum",), 2: ("angular_momentum",)},
+        broken={1: ("angular_momentum",), 2: ("angular_momentum",)},
     )
 )
 register(
@@ -264,7 +265,7 @@ register(
         function="density",
         outputs=("number_density", "density"),
         optional=("number_density", "walls"),
-        variants=({}, {"walls": None, "number_density": None}),
+        variants=({"walls": None, "number_density": None}, {}),
         invariants=_SYMMETRY,
     )
 )
@@ -280,9 +281,9 @@ register(
         optional=("walls", "viscosity"),
         tolerance=12.0,
         tolerance_reason="one rounding in each of distance, slope, two squared volumes, quotients, product and sum",
-        variants=({}, {"walls": None, "viscosity": None}),
+        variants=({"walls": None, "viscosity": None}, {}),
         invariants=(*_SYMMETRY, "linear_momentum", "angular_momentum", "galilean", "dissipation"),
-        broken={0: ("angular_momentum",), 1: ("dissipation",)},
+        broken={0: ("dissipation",), 1: ("angular_momentum",)},
     )
 )
 register(
@@ -296,7 +297,7 @@ register(
         optional=("walls", "near_surface"),
         tolerance=8.0,
         tolerance_reason="the roundings of one pair in each of two sums, and their quotient",
-        variants=({"near_surface": None}, {"near_surface": None, "walls": None}),
+        variants=({"near_surface": None, "walls": None}, {"near_surface": None}),
         invariants=_SYMMETRY,
     )
 )

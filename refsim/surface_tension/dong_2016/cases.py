@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from refsim.core.cases import VARIATIONS, Case, Exact, Variation, closed_form, groups, takes
+from refsim.core.cases import VARIATIONS, Case, Exact, Variation, closed_form, groups, plain_keeps, takes
 from refsim.sph import Fluid, ViscosityTerm
 from refsim.surface_tension.dong_2016 import Dong2016, MolecularForce, NormalCorrection
 
@@ -24,6 +24,10 @@ def _force_follows(group, inputs, kernel):
 
 VARIATIONS[MolecularForce] = Variation(_force_follows)
 takes("dong_2016.momentum", fluid="rest_density gradient_share wall_share")
+plain_keeps(
+    "dong_2016.tension",
+    molecular_force="the equation is the sum of molecular force and normal correction; the force needs no normals",
+)
 
 
 # h = 2 m, d0 = h/2: L(h/4)/k = (81/256 - 9/64)/(1/2 3/2) = 15/64, L(h/2) = 0, L(3 h/4)/k = (1/256 - 1/64)/(3/4) =

@@ -59,7 +59,7 @@ def flat_surface_tension(sums: str, gradients: str, support_radius: float, spaci
     slope = volume * kernel_slope(distance, smoothing(gradients, support_radius, dim))
     up = np.rint(steps[:, -1] / spacing).astype(int)  # x_ij of a neighbour below is positive
 
-    def below(depth: int) -> NDArray:
+    def below(depth: Any) -> NDArray:
         """Layer of each neighbour: negative above the surface, bulk below the last layer."""
         return depth + up
 
@@ -183,7 +183,7 @@ register(
         function="color",
         outputs=("color",),
         optional=("walls",),
-        variants=({}, {"walls": None}),
+        variants=({"walls": None}, {}),
         invariants=_SYMMETRY,
     )
 )
@@ -213,9 +213,9 @@ register(
         tolerance=12.0,
         tolerance_reason="one rounding in each of distance, slope, volume, two factors, direction, product and sum",
         variants=(
+            {"gradient_energy": None, "color_gradient_squared": None},
             {},
             {"air_pressure": None},
-            {"gradient_energy": None, "color_gradient_squared": None},
         ),
         invariants=(*_SYMMETRY, "linear_momentum", "angular_momentum"),
     )

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from refsim.core.cases import VARIATIONS, Case, Exact, Variation, closed_form, groups, particles
+from refsim.core.cases import VARIATIONS, Case, Exact, Variation, closed_form, groups, particles, plain_keeps
 from refsim.surface_tension.he_2014 import AirPressure, GradientEnergy, He2014
 
 
@@ -29,6 +29,10 @@ def _tension(case, grid):
 
 
 VARIATIONS[GradientEnergy] = Variation(lambda group, inputs, kernel: {"quarter": float(group.kappa) / 4})
+plain_keeps(
+    "he_2014.tension",
+    air_pressure="the equation is the sum of gradient energy and air pressure; the pressure needs no color",
+)
 
 
 # h = 2 m: in 3D Wendland W(0) = 21/(16 pi), W(h/2) = 3/16 W(0), W'(h/2) = -5/8 W(0) per metre.

@@ -25,6 +25,7 @@ from refsim.core.energy import EnergyAccount
 from refsim.core.errors import InputError
 from refsim.core.fields import Field
 from refsim.core.operation import Operation, Program, register
+from refsim.core.scalars import int32
 from refsim.smoothing.shapes import NORMALISATION, POLY6
 from refsim.sph import NUMBER_DENSITY, liquid_of
 from refsim.surface_detection import NEAR_SURFACE, SurfaceDetection, detection_in, near_surface_pass
@@ -40,6 +41,7 @@ from refsim.surface_tension.cohesion import (
     TENSION_POWER,
     PairCohesion,
     angular_momentum_note,
+    given_one,
     one_of,
     pressure_of_moment,
     tension_of_moment,
@@ -194,7 +196,7 @@ class JiangZhu2023(PairCohesion, HasErrata, frozen=True, kw_only=True):
             "soft_lower": (self.soft_lower, "not negative"),
             "soft_upper": (self.soft_upper, "positive"),
         }
-        require(self.name, **{key: rule for key, rule in own.items() if rule[0] is not None})
+        require(self.name, **{key: (value, rule) for key, (value, rule) in own.items() if value is not None})
         for key, allowed in (("pair_mode", PAIR_MODES), ("area_term", (*AREA_TERMS, "none"))):
             if getattr(self, key) not in allowed:
                 raise InputError(
@@ -215,7 +217,7 @@ class JiangZhu2023(PairCohesion, HasErrata, frozen=True, kw_only=True):
         if self.gamma is not None:
             return self.gamma
         rest_density = liquid_of(others).rest_density
-        return self.surface_tension / kirkwood_buff_sigma(
+        return given_one(self.surface_tension) / kirkwood_buff_sigma(
             1.0, rest_density, grid.support_radius, grid.dim, self._alpha(grid.dim)
         )
 
@@ -224,7 +226,9 @@ class JiangZhu2023(PairCohesion, HasErrata, frozen=True, kw_only=True):
         if self.surface_tension is not None:
             return self.surface_tension
         rest_density = liquid_of(others).rest_density
-        return kirkwood_buff_sigma(self.gamma, rest_density, grid.support_radius, grid.dim, self._alpha(grid.dim))
+        return kirkwood_buff_sigma(
+            given_one(self.gamma), rest_density, grid.support_radius, grid.dim, self._alpha(grid.dim)
+        )
 
     def signed_gamma(self, grid: Discretisation, others: Mapping[str, Effect]) -> float:
         """gamma [m^4/(kg s^2)], with the printed sign of J(16) if Jiang & Zhu E4 is taken literally."""
@@ -306,16 +310,15 @@ class JiangZhu2023(PairCohesion, HasErrata, frozen=True, kw_only=True):
         area = None
         if self._area() == "corrected":
             eps = self.area_ratio * abs(gamma) * fluid.rest_density**2 * h ** (1 - dim)
-            area = AreaTerm(np.int32(AREA_TERMS["corrected"]), real(eps))
+            area = AreaTerm(int32(AREA_TERMS["corrected"]), real(eps))
         elif self._area() == "color":
-            eps = self.area_acceleration
-            if eps is None:
-                eps = AKINCI_RATIO * abs(gamma) * fluid.rest_density
-            area = AreaTerm(np.int32(AREA_TERMS["color"]), real(eps))
+            given = self.area_acceleration
+            eps = AKINCI_RATIO * abs(gamma) * fluid.rest_density if given is None else given
+            area = AreaTerm(int32(AREA_TERMS["color"]), real(eps))
         groups = self._detection(others).prepare(grid, others)
         groups |= normal_term(fluid, grid, own_density="E10" in self.printed())
         return groups | {
-            "pairs": PairSelection(np.int32(PAIR_MODES[self.pair_mode])),
+            "pairs": PairSelection(int32(PAIR_MODES[self.pair_mode])),
             "soft": SoftThresholds(
                 real(self.soft_lower), real(self.soft_upper), real(1 / (self.soft_upper - self.soft_lower))
             ),
@@ -431,7 +434,7 @@ register(
         optional=("walls", "near_surface"),
         tolerance=8.0,
         tolerance_reason="the roundings of one pair in each of two sums, and their quotient",
-        variants=({}, {"walls": None}),
+        variants=({"walls": None, "near_surface": None}, {}),
         invariants=_SYMMETRY,
     )
 )
@@ -466,7 +469,7 @@ _EDGE = (
     " vanish at r = h, so that a pair which a rounding moves across r = h changes a by (eps/rho_i) V_j |n*_i - n*_j| in"
     " J(21) and eps' |n_i - n_j| in J(18), at most 3.2 s eps' (as akinci_2013.tension)"
 )
-_PAIR = {
+_PAIR: dict[str, Any] = {
     "folder": _HERE,
     "paper": _PAPER,
     "function": "tension",
@@ -475,7 +478,7 @@ _PAIR = {
     "optional": ("surface_weight", "surface", "area_normal", "cohesion", "area"),
     "tolerance": 12.0,
 }
-_MODES = {name: {"pairs": PairSelection(np.int32(number))} for name, number in PAIR_MODES.items()}
+_MODES = {name: {"pairs": PairSelection(int32(number))} for name, number in PAIR_MODES.items()}
 _SOFT = _MODES["soft"] | {"surface": None}
 _ALL = _MODES["all"] | {"surface_weight": None, "surface": None}
 _EITHER, _BOTH, _ONE_SIDED = (_MODES[m] | {"surface_weight": None} for m in ("either", "both", "one_sided"))
@@ -500,7 +503,7 @@ register(
         name="jiang_zhu_2023.cohesion",
         programs=_fused({"area": None, "area_normal": None, "walls": None}),
         equation="J(16) with Jiang & Zhu E4, J(17) with Jiang & Zhu E7",
-        variants=tuple(modes | {"area": None, "area_normal": None} for modes in (_SOFT, _ALL, _EITHER)),
+        variants=tuple(modes | {"area": None, "area_normal": None} for modes in (_ALL, _SOFT, _EITHER)),
         invariants=(*_SYMMETRY, "linear_momentum", "angular_momentum"),
         **_PAIR,
     )
@@ -510,7 +513,7 @@ register(
         name="jiang_zhu_2023.area",
         equation="J(21); J(18) with Jiang & Zhu E11",
         tolerance_reason=_EDGE,
-        variants=(_SOFT | {"cohesion": None},),
+        variants=(_ALL | {"cohesion": None}, _SOFT | {"cohesion": None}),
         invariants=(*_SYMMETRY, "linear_momentum"),
         **_PAIR,
     )
@@ -521,9 +524,9 @@ register(
         programs=_fused({}),
         equation="J(16), J(17), J(21); J(18)",
         tolerance_reason=_EDGE,
-        variants=(_SOFT, _ALL, _EITHER, _BOTH, _ONE_SIDED),
+        variants=(_ALL | {"area": None, "area_normal": None}, _SOFT, _ALL, _EITHER, _BOTH, _ONE_SIDED),
         invariants=(*_SYMMETRY, "linear_momentum"),
-        broken={4: ("linear_momentum",)},
+        broken={5: ("linear_momentum",)},
         **_PAIR,
     )
 )

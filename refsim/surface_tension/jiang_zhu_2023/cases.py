@@ -4,8 +4,20 @@ import math
 
 import numpy as np
 
-from refsim.core.cases import VARIATIONS, Case, Exact, Variation, closed_form, groups, particles, takes
+from refsim.core.cases import (
+    VARIATIONS,
+    Case,
+    Exact,
+    Variation,
+    closed_form,
+    codes,
+    groups,
+    particles,
+    plain_keeps,
+    takes,
+)
 from refsim.surface_tension.jiang_zhu_2023 import AreaTerm, Cohesion, JiangZhu2023, PairSelection, SoftThresholds
+from refsim.surface_tension.jiang_zhu_2023.modes import ALL, AREA_TERMS, PAIR_MODES, SOFT
 
 
 @particles("surface_weight")
@@ -45,6 +57,16 @@ VARIATIONS[SoftThresholds] = Variation(_width_follows)
 takes("jiang_zhu_2023.tension:fused", "jiang_zhu_2023.cohesion:fused", fluid="rest_density gradient_share wall_share")
 takes("jiang_zhu_2023.cohesion", "jiang_zhu_2023.tension", smoothing="support_radius dim")
 takes("jiang_zhu_2023.area", smoothing="support_radius")
+codes(PairSelection, mode=PAIR_MODES)
+codes(AreaTerm, kind=AREA_TERMS)
+plain_keeps(
+    "jiang_zhu_2023.cohesion",
+    "jiang_zhu_2023.tension",
+    cohesion="the equation is the sum of cohesion and area term; cohesion needs no normals",
+)
+plain_keeps(
+    "jiang_zhu_2023.area", area="the area term is the whole equation", area_normal="the area term compares normals"
+)
 
 
 # h = 2 m in 3D: poly6 W(0, h) = 315/(512 pi) and W(h/2, h) = 27/64 of it; W(h/2, 0.8 h) = (1 - 25/64)^3/0.512 of it.
@@ -128,15 +150,30 @@ def cohering_marked_pair():
     )  # fmt: skip
 
 
-@closed_form("jiang_zhu_2023.area", "jiang_zhu_2023.tension")
+@closed_form("jiang_zhu_2023.tension")
 def area_pair():
     """a_1 = -eps m_2/(rho_1 rho_2) (n_1 - n_2), halved by the weights; cohesion is zero."""
+    cohesion = COHESION._replace(amplitude=0.0, gamma=0.0)
+    return _area_pair(0.5, pairs=SOFT, surface_weight=np.array([1.0, 0.0]), cohesion=cohesion)
+
+
+@closed_form("jiang_zhu_2023.area")
+def weighted_area_pair():
+    """The same without cohesion."""
+    return _area_pair(0.5, pairs=SOFT, surface_weight=np.array([1.0, 0.0]), cohesion=None)
+
+
+@closed_form("jiang_zhu_2023.area")
+def whole_area_pair():
+    """The same between all pairs, without weights."""
+    return _area_pair(1.0, pairs=ALL, surface_weight=None, cohesion=None)
+
+
+def _area_pair(share, pairs, **given):
     difference = np.array([0.5, -1.0, 0.0])
-    factor = 0.5 * 8.0 / (1000.0 * 500.0)
-    return Exact(
-        PAIR,
-        {"mass": MASS, "density": DENSITY, "surface_weight": np.array([1.0, 0.0]), "surface": None,
-         "pairs": PairSelection(np.int32(0)), "cohesion": COHESION._replace(amplitude=0.0, gamma=0.0),
-         "area": AreaTerm(np.int32(0), 8.0), "area_normal": np.array([difference, [0.0, 0.0, 0.0]])},
-        {"acceleration": factor * np.array([-3 * difference, 2 * difference])},
-    )  # fmt: skip
+    factor = share * 8.0 / (1000.0 * 500.0)
+    given |= {
+        "mass": MASS, "density": DENSITY, "surface": None, "pairs": PairSelection(np.int32(pairs)),
+        "area": AreaTerm(np.int32(0), 8.0), "area_normal": np.array([difference, [0.0, 0.0, 0.0]]),
+    }  # fmt: skip
+    return Exact(PAIR, given, {"acceleration": factor * np.array([-3 * difference, 2 * difference])})

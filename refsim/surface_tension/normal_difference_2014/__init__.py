@@ -20,6 +20,7 @@ from refsim.core.capabilities import HasErrata
 from refsim.core.effect import Discretisation, Effect, Pass, StepLimit, require
 from refsim.core.fields import Field
 from refsim.core.operation import Operation, register
+from refsim.core.scalars import int32
 from refsim.smoothing import lattice, smoothing
 from refsim.sph import LIQUID, SETS, liquid_of
 from refsim.surface_normal import SURFACE_NORMAL, color_gradient_pass, normal_term
@@ -70,7 +71,7 @@ class NormalDifference2014(Effect, HasErrata, frozen=True, kw_only=True):
         return grid.support_radius if self.area_acceleration > 0 else 0.0
 
     def prepare(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, Any]:
-        term = NormalDifference(grid.real(self.area_acceleration), np.int32("P7" in self.printed()))
+        term = NormalDifference(grid.real(self.area_acceleration), int32("P7" in self.printed()))
         fluid = liquid_of(others)
         return {**normal_term(fluid, grid), "normal_tension": term}
 
@@ -128,7 +129,7 @@ register(
         tolerance_reason="one rounding in each of the difference, the mean mass, product and sum; not in the bound: the"
         " force does not vanish at r = h, so that a pair which a rounding moves across r = h changes a by"
         " 2 gamma m_j/(m_i + m_j) |n_i - n_j|, |n_i - n_j| at most 3.2 s (as akinci_2013.tension)",
-        variants=({}, {"normal_tension": lambda case, grid: NormalDifference(grid.real(5.0), np.int32(1))}),
+        variants=({}, {"normal_tension": lambda case, grid: NormalDifference(grid.real(5.0), int32(1))}),
         invariants=("translation", "rotation", "reordering", "linear_momentum"),
         broken={1: ("linear_momentum",)},
     )

@@ -18,7 +18,7 @@ from refsim.core.effect import Discretisation, Effect, Pass, require
 from refsim.core.energy import EnergyAccount
 from refsim.core.operation import Operation, register
 from refsim.sph import liquid_of
-from refsim.surface_tension.cohesion import PairCohesion, nominal_tension, one_of
+from refsim.surface_tension.cohesion import PairCohesion, given_one, nominal_tension, one_of
 from refsim.surface_tension.tartakovsky_meakin_2005.reference import force_function
 
 
@@ -57,7 +57,7 @@ class TartakovskyMeakin2005(PairCohesion, frozen=True, kw_only=True):
             return self.strength
         rest_density = liquid_of(others).rest_density
         unit = nominal_tension(self._force_of(1.0, grid, others), rest_density, grid.support_radius, grid.dim)
-        return self.surface_tension / unit
+        return given_one(self.surface_tension) / unit
 
     def pair_force(self, r: NDArray, grid: Discretisation, others: Mapping[str, Effect]) -> NDArray:
         """s cos(3 pi r/(2 h))/m^2 [N/kg^2] for particles of the lattice's mass."""

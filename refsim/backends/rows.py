@@ -1,0 +1,116 @@
+"""The loop over rows of a CPU kernel, shared by Numba's threads: `over_rows`.
+
+Numba's own parallel loops (`prange`) compile a body twice, as Python and as machine code, and rewrite it for arrays
+before; here the body is compiled once. A thread gets one part of the rows, and each row is computed by one call of the
+body, so that the result does not depend on the number of threads.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from llvmlite import ir
+from numba import types
+from numba.core import cgutils
+from numba.extending import lower_builtin, type_callable
+
+
+def over_rows(body: Any, rows: int, arguments: tuple) -> None:
+    """body(i, *arguments) for each i below `rows`, in parts that Numba's threads share; for compiled code.
+
+    The arrays among the arguments must not overlap, unless none of them is written.
+    """
+    for i in range(rows):
+        body(i, *arguments)
+
+
+@type_callable(over_rows)
+def _typed(context: Any) -> Any:
+    def result(body: types.Type, rows: types.Type, arguments: types.Type) -> types.Type:
+        context.resolve_function_type(body, (types.intp, *arguments.types), {})  # raises the body's own typing errors
+        return types.none
+
+    return result
+
+
+@lower_builtin(over_rows, types.Any, types.Any, types.BaseTuple)
+def _lowered(context: Any, builder: ir.IRBuilder, signature: Any, values: tuple) -> Any:
+    body, count_type, tuple_type = signature.args
+    rows = context.cast(builder, values[1], count_type, types.intp)
+    loop = _loop(context, builder.module, body, tuple_type.types)
+    part = _part(context, builder.module, loop, tuple_type)
+    byte, word = cgutils.voidptr_t, cgutils.intp_t
+    threads = builder.call(
+        cgutils.get_or_insert_function(builder.module, ir.FunctionType(word, []), "get_num_threads"), []
+    )
+    with builder.if_else(builder.icmp_signed("<=", threads, threads.type(1))) as (one, many):
+        with one:
+            _call(context, builder, loop, tuple_type, rows.type(0), rows, values[2])
+        with many:
+            # Numba's threading layers hand a thread some of the parts, one or several at a time, and an address that is
+            # larger by the step for each part before: from 0 with a step of 1 byte it is the number of the first part.
+            first, count, step = ir.Constant(byte, None), threads, word(1)
+            data = cgutils.pack_struct(builder, (rows, threads, values[2]))
+            places = [cgutils.alloca_once_value(builder, value) for value in (first, count, step, data)]
+            launch = cgutils.get_or_insert_function(
+                builder.module, ir.FunctionType(ir.VoidType(), [byte] * 5 + [word] * 3), "numba_parallel_for"
+            )
+            pointers = [builder.bitcast(pointer, byte) for pointer in (part, *places)]
+            builder.call(launch, [*pointers, word(0), word(1), threads])
+    return context.get_dummy_value()
+
+
+def _loop(context: Any, module: ir.Module, body: types.Type, kinds: tuple) -> ir.Function:
+    """loop(first, count, *arguments): the body's calls for `count` rows from `first` on."""
+    signature = context.typing_context.resolve_function_type(body, (types.intp, *kinds), {})
+    call, convention, taken = context.get_function(body, signature), context.call_conv, (types.intp, types.intp, *kinds)
+    kind = convention.get_function_type(types.none, taken)
+    loop = ir.Function(module, kind, name=module.get_unique_name("over_rows.loop"))
+    loop.linkage = "internal"
+    loop.attributes.add("noinline")  # one piece of machine code for one thread and for many
+    convention.decorate_function(loop, [str(k) for k in range(len(taken))], taken, noalias=True)
+    builder = ir.IRBuilder(loop.append_basic_block())
+    first, count, *values = convention.decode_arguments(builder, taken, loop)
+    borrowed = [_borrowed(context, builder, kind, value) for kind, value in zip(kinds, values)]
+    with cgutils.for_range(builder, count) as row:
+        call(builder, (builder.add(first, row.index), *borrowed))
+    convention.return_value(builder, context.get_dummy_value())
+    return loop
+
+
+def _part(context: Any, module: ir.Module, loop: ir.Function, kind: types.BaseTuple) -> ir.Function:
+    """What a thread calls, as a threading layer wants it: part(addresses, counts, steps, data), see `over_rows`."""
+    byte, word = cgutils.voidptr_t, cgutils.intp_t
+    shape = ir.FunctionType(ir.VoidType(), [byte.as_pointer(), word.as_pointer(), word.as_pointer(), byte])
+    part = ir.Function(module, shape, name=module.get_unique_name("over_rows.part"))
+    part.linkage = "internal"
+    builder = ir.IRBuilder(part.append_basic_block())
+    data = ir.LiteralStructType([word, word, context.get_value_type(kind)])
+    rows, threads, packed = cgutils.unpack_tuple(
+        builder, builder.load(builder.bitcast(part.args[3], data.as_pointer())), 3
+    )
+    number = builder.ptrtoint(builder.load(part.args[0]), word)
+    after = builder.add(number, builder.load(part.args[1]))
+    first, end = (builder.udiv(builder.mul(rows, k), threads) for k in (number, after))
+    _call(context, builder, loop, kind, first, builder.sub(end, first), packed)
+    builder.ret_void()
+    return part
+
+
+def _call(
+    context: Any, builder: ir.IRBuilder, loop: ir.Function, kind: types.BaseTuple, first: Any, count: Any, packed: Any
+) -> None:
+    values = (first, count, *cgutils.unpack_tuple(builder, packed))
+    context.call_conv.call_function(builder, loop, types.none, (types.intp, types.intp, *kind.types), values)
+
+
+def _borrowed(context: Any, builder: ir.IRBuilder, kind: types.Type, value: Any) -> Any:
+    """The value with arrays that count no references: the caller holds them, and counting is slow between threads."""
+    if isinstance(kind, types.Array):
+        array = context.make_array(kind)(context, builder, value)
+        array.meminfo = cgutils.get_null_value(array.meminfo.type)
+        return array._getvalue()
+    if isinstance(kind, types.BaseTuple):
+        members = zip(kind.types, cgutils.unpack_tuple(builder, value))
+        return context.make_tuple(builder, kind, [_borrowed(context, builder, *member) for member in members])
+    return value

@@ -1,0 +1,32 @@
+"""Packages that only some uses need: they are imported where they are used, and a missing one is named."""
+
+from __future__ import annotations
+
+import importlib
+from typing import Any
+
+from refsim.core.errors import InputError
+
+EXTRAS = {  # module: (package that brings it, the extra of refsim that has it)
+    "distributed": ("distributed", "cluster"),
+    "pandas": ("pandas", "results"),
+    "pyvista": ("pyvista", "view"),
+    "xarray": ("xarray", "results"),
+}
+
+
+def extra(module: str, use: str) -> Any:
+    """The module, imported. Raises InputError, which says how to install it, where it is not there.
+
+    use  what needs it, as the subject of the sentence
+    """
+    try:
+        return importlib.import_module(module)
+    except ModuleNotFoundError as error:
+        if error.name != module:
+            raise
+        package, name = EXTRAS[module]
+        raise InputError(
+            f"{use} needs the package {package}, which is not installed; run pip install {package} (it is one of"
+            f" refsim's extra {name!r})."
+        ) from None

@@ -1,0 +1,346 @@
+"""Results of a run in Python: frames, ledger, report and scene, from the folder that `refsim run` wrote."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, overload
+
+import numpy as np
+from numpy.typing import NDArray
+
+from refsim.core.capabilities import KeepsLedger
+from refsim.core.checked import suggestion
+from refsim.core.effect import EFFECTS
+from refsim.core.errors import InputError
+from refsim.core.extras import extra
+from refsim.core.fields import Field
+from refsim.core.reading import open_regular
+from refsim.core.tables import Table, html_table, table
+from refsim.io.checkpoint import Checkpoint
+from refsim.io.frames import read_file, read_index, read_origin
+from refsim.io.scenes import scene_from_checkpoint
+from refsim.scene.scene import Scene
+
+if TYPE_CHECKING:
+    import h5py
+    import pandas
+    import pyvista
+    import xarray
+
+PARTICLES, REPORT = "particles.vtkhdf", "report.json"
+UNITS = {  # of the ledger, in 3D
+    "particles": "-",
+    "outside_walls": "-",
+    "greatest_speed": "m/s",
+    "mass": "kg",
+    "momentum": "kg m/s",
+    "angular_momentum": "kg m^2/s",
+    "kinetic_energy": "J",
+    "potential_energy": "J",
+}
+INTENSIVE = ("-", "m/s")  # units of the ledger that are the same in 2D; the other quantities are per metre of depth
+SAME_TIME = 1e-9  # relative difference of two times that are meant to be equal
+
+
+class RunFrame:
+    """One frame of a run; a field is read from the file when it is first used.
+
+    number  of the frame in the run, from 0
+    time    [s]
+    fields  what can be read: `frame["density"]` is a NumPy array, (n,) or (n, components)
+
+    Rows are those of the file. `sorted()` is the frame with its rows in the order of `identity`, in which every row is
+    the same particle in all frames.
+    """
+
+    def __init__(self, run: Run, number: int, by_identity: bool = False) -> None:
+        self._run, self._by_identity = run, by_identity
+        self.number = number
+        self.time = float(run.times[number])
+        self._read: dict[str, NDArray[Any]] = {}
+
+    @property
+    def fields(self) -> Mapping[str, Field]:
+        """The fields by name, with unit and meaning."""
+        return self._run.fields
+
+    @property
+    def position(self) -> NDArray[Any]:
+        """Positions (n, 3) [m]."""
+        return self["position"]
+
+    def __len__(self) -> int:
+        return int(self._run._index.counts[self.number])
+
+    def __getitem__(self, name: str) -> NDArray[Any]:
+        if name not in self._read:
+            values = self._run._rows(name, self.number)
+            if self._by_identity:
+                values = values[np.argsort(self._run._rows("identity", self.number), kind="stable")]
+            self._read[name] = values
+        return self._read[name]
+
+    def sorted(self) -> RunFrame:
+        """This frame with its rows in the order of `identity`."""
+        return RunFrame(self._run, self.number, by_identity=True)
+
+    def to_pyvista(self) -> pyvista.PolyData:
+        """The frame as pyvista's point cloud, every field as point data (extra "results")."""
+        cloud = extra("pyvista", "to_pyvista").PolyData(np.ascontiguousarray(self.position))
+        for name in self.fields:
+            if name != "position":
+                cloud.point_data[name] = self[name]
+        cloud.field_data["TimeValue"] = [self.time]
+        return cloud
+
+    def __repr__(self) -> str:
+        return f"<frame {self.number} at {self.time:.6g} s: {len(self):,} particles>"
+
+
+class Run:
+    """A run that was written to a folder; made by `open_run`.
+
+    folder  where it is
+    times   of the frames (k,) [s]
+    fields  of the particles by name: unit, meaning, components, dtype
+
+    `run[3]` and `run[-1]` are frames by number, `run.at(0.1)` is the frame nearest to a time, `for frame in run` goes
+    through all of them. Nothing but the list of frames is read before it is used, and no file is kept open.
+    """
+
+    def __init__(self, path: Path, check: bool) -> None:
+        self._file = path / PARTICLES if os.path.isdir(path) else path
+        self.folder = self._file.parent
+
+        def read(root: h5py.Group) -> tuple[Any, Any, dict[str, Field]]:
+            origin = read_origin(root)
+            fields = {}
+            for name, data in {"position": root["Points"], **root["PointData"]}.items():
+                components = 1 if data.ndim == 1 else data.shape[1]
+                unit, meaning = origin.units.get(name, ""), origin.meanings.get(name, "")
+                fields[name] = Field(name, unit, meaning, components, data.dtype.name)
+            return read_index(root), origin, fields
+
+        self._index, self._origin, self.fields = read_file(self._file, read, check)
+        self.times: NDArray[np.float64] = self._index.times
+
+    # Frames
+
+    def __len__(self) -> int:
+        return len(self.times)
+
+    @overload
+    def __getitem__(self, number: int) -> RunFrame: ...
+    @overload
+    def __getitem__(self, number: slice) -> list[RunFrame]: ...
+    def __getitem__(self, number: int | slice) -> RunFrame | list[RunFrame]:
+        if isinstance(number, slice):
+            return [RunFrame(self, k) for k in range(len(self))[number]]
+        if not -len(self) <= number < len(self):
+            raise IndexError(
+                f"run {self.folder}: there is no frame {number}; it has {len(self)}, from 0 to {len(self) - 1}."
+            )
+        return RunFrame(self, range(len(self))[number])
+
+    def __iter__(self) -> Iterator[RunFrame]:
+        return (RunFrame(self, k) for k in range(len(self)))
+
+    def at(self, time: float) -> RunFrame:
+        """The frame nearest to `time` [s]. Raises InputError for a time before the first or after the last frame."""
+        first, last = self.times[0], self.times[-1]
+        slack = SAME_TIME * max(abs(first), abs(last))
+        if not first - slack <= time <= last + slack:
+            raise InputError(
+                f"run {self.folder}: there is no frame at {time:g} s; give a time from {first:.6g} to {last:.6g} s."
+            )
+        return RunFrame(self, int(np.abs(self.times - time).argmin()))
+
+    def _rows(self, name: str, number: int) -> NDArray[Any]:
+        if name not in self.fields:
+            raise InputError(f"run {self.folder}: there is no field {name!r}; {suggestion(name, self.fields)}")
+        rows = self._index.rows(number)
+        place = "Points" if name == "position" else f"PointData/{name}"
+        found: NDArray[Any] = read_file(self._file, lambda root: root[place][rows], check=False)
+        return found
+
+    # What was run, and what came of it
+
+    @property
+    def scene(self) -> Scene:
+        """The scene that was run. Raises InputError for a file that does not hold it (refsim 0.1 and 0.2.0)."""
+        if not self._origin.scene.strip():
+            raise InputError(
+                f"particle file {self._file} does not hold its scene, because another version of refsim wrote it; load"
+                " the scene file (refsim.load_scene)."
+            )
+        saved = Checkpoint(dict(self._origin.arrays), {"scene": self._origin.scene})
+        return scene_from_checkpoint(saved, str(self._file))
+
+    @property
+    def report(self) -> Table:
+        """What the run did: the entries of `report.json`, those of inner tables as "search.rebuilds" and the like."""
+        return Table("report", ("entry", "value"), _flat(self._report_json()))
+
+    @property
+    def ledger(self) -> Table:
+        """Particles, mass, momentum and energies at the start and at the end of the run; in 2D per metre of depth."""
+        ledger = self._report_json()["ledger"]
+        per_depth = self._origin.scene.strip() and self.scene.dim == 2
+        before, after = (dict(_flat(_with_effects(ledger[when]))) for when in ("start", "end"))
+        rows = []
+        for name, end in after.items():
+            unit, start = _unit_of(name), before.get(name)
+            change = end - start if isinstance(start, int | float) and isinstance(end, int | float) else None
+            rows.append((name, f"{unit} per m" if per_depth and unit not in INTENSIVE else unit, start, end, change))
+        return Table("ledger", ("quantity", "unit", "start", "end", "change"), rows)
+
+    def _report_json(self) -> dict[str, Any]:
+        path = self.folder / REPORT
+        try:
+            with open_regular(path) as file:
+                found = json.load(file)
+        except OSError as error:
+            raise InputError(
+                f"report {path} cannot be read ({error.strerror}); a run writes it with its first checkpoint."
+            ) from None
+        except ValueError as error:
+            raise InputError(f"report {path} is damaged ({error}); run the scene again.") from None
+        if not (isinstance(found, dict) and {"start", "end"} <= set(found.get("ledger", ()))):
+            raise InputError(f"report {path} is not that of a run; give the folder of a run.")
+        return found
+
+    # For other libraries
+
+    def to_xarray(self, fields: Sequence[str] | None = None, frames: slice = slice(None)) -> xarray.Dataset:
+        """Fields over time and particle as an xarray.Dataset with units, read whole (extra "results").
+
+        fields  names; all by default
+        frames  which of the frames; all by default
+
+        Rows are sorted by identity. Raises InputError where the frames do not hold the same particles (`to_pandas`).
+        """
+        library = extra("xarray", "Run.to_xarray")
+        chosen = [frame.sorted() for frame in self[frames]]
+        identity = [frame["identity"] for frame in chosen]
+        if any(not np.array_equal(identity[0], other) for other in identity):
+            raise InputError(
+                f"run {self.folder}: its frames do not hold the same particles, so that no array has them all; use"
+                " to_pandas."
+            )
+        variables = {}
+        for name in self._chosen(fields):
+            field = self.fields[name]
+            axis = () if field.components == 1 else (("axis",) if field.components == 3 else (f"{name}_component",))
+            values = np.stack([frame[name] for frame in chosen]) if chosen else np.empty((0, *field.shape(0)))
+            variables[name] = (("time", "particle", *axis), values, {"units": field.unit, "long_name": field.meaning})
+        coordinates: dict[str, Any] = {
+            "time": ("time", [frame.time for frame in chosen], {"units": "s"}),
+            "particle": ("particle", identity[0] if chosen else [], {"long_name": "identity"}),
+        }
+        if any("axis" in dims for dims, *_ in variables.values()):
+            coordinates["axis"] = ["x", "y", "z"]
+        return library.Dataset(variables, coordinates, {"scene": self._origin.scene})
+
+    def to_pandas(self, fields: Sequence[str] | None = None, frames: slice = slice(None)) -> pandas.DataFrame:
+        """Fields as a pandas.DataFrame with one row a particle and frame (extra "results"); numbers may change.
+
+        fields  names; all by default
+        frames  which of the frames; all by default
+
+        The index is (time, identity). A vector is three columns, `velocity_x` and so on; units are in `attrs["units"]`.
+        """
+        library = extra("pandas", "Run.to_pandas")
+        parts = []
+        for frame in (frame.sorted() for frame in self[frames]):
+            columns: dict[str, NDArray[Any]] = {}
+            for name in self._chosen(fields):
+                values = frame[name]
+                ends = "xyz" if values.ndim > 1 and values.shape[1] == 3 else map(str, range(values.shape[-1]))
+                columns |= {name: values} if values.ndim == 1 else {f"{name}_{e}": v for e, v in zip(ends, values.T)}
+            index = library.MultiIndex.from_arrays(
+                [np.full(len(frame), frame.time), frame["identity"]], names=["time", "identity"]
+            )
+            parts.append(library.DataFrame(columns, index=index))
+        if not parts:
+            raise InputError(f"run {self.folder}: no frame was chosen; it has {len(self)}.")
+        whole = library.concat(parts)
+        whole.attrs["units"] = {name: self.fields[name].unit for name in self._chosen(fields)}
+        return whole
+
+    def to_pyvista(self, time: float) -> pyvista.PolyData:
+        """The frame nearest to `time` [s] as pyvista's point cloud (extra "results").
+
+        pyvista's own reader shows only the first step of a VTKHDF file that has several.
+        """
+        return self.at(time).to_pyvista()
+
+    def _chosen(self, fields: Sequence[str] | None) -> list[str]:
+        names = [name for name in self.fields if name != "identity"] if fields is None else list(fields)
+        for name in names:
+            if name not in self.fields:
+                raise InputError(f"run {self.folder}: there is no field {name!r}; {suggestion(name, self.fields)}")
+        return names
+
+    # As text
+
+    def _facts(self) -> list[tuple[str, str]]:
+        span = f", from {self.times[0]:.6g} to {self.times[-1]:.6g} s" if len(self) else ""
+        counts = sorted({int(n) for n in self._index.counts})
+        particles = f"{counts[0]:,}" + (f" to {counts[-1]:,}" if len(counts) > 1 else "") if counts else "none"
+        units = (f"{name} [{field.unit}]" if field.unit else name for name, field in self.fields.items())
+        return [
+            ("folder", str(self.folder)),
+            ("frames", f"{len(self)}{span}"),
+            ("particles", particles),
+            ("fields", ", ".join(units)),
+        ]
+
+    def __repr__(self) -> str:
+        return f"Run\n{table(self._facts())}"
+
+    def _repr_html_(self) -> str:
+        return html_table("Run", self._facts())
+
+
+def open_run(folder: str | os.PathLike[str], *, check: bool = True) -> Run:
+    """Open the folder of a run, as `refsim run` and `simulate` write it, or its particle file.
+
+    check  compare the particle file's digest, which reads it once from end to end; False opens a large file at once,
+           but HDF5 can crash on a damaged one
+
+    A run that is still being written can be opened; it has the frames that were there then.
+    Raises InputError where there is no such file, or it is damaged.
+    """
+    return Run(Path(folder), check)
+
+
+def _flat(tables: Mapping[str, Any], place: str = "") -> list[tuple[str, Any]]:
+    """(name, value) of the innermost values, vectors by component."""
+    rows: list[tuple[str, Any]] = []
+    for name, value in tables.items():
+        if isinstance(value, Mapping):
+            rows += _flat(value, f"{place}{name}.")
+        elif isinstance(value, list) and len(value) == 3 and all(isinstance(v, int | float) for v in value):
+            rows += [(f"{place}{name}.{axis}", v) for axis, v in zip("xyz", value)]
+        elif isinstance(value, list):
+            rows += [(f"{place}{name}.{k}", v) for k, v in enumerate(value)]
+        else:
+            rows.append((f"{place}{name}", value))
+    return rows
+
+
+def _with_effects(stock: Mapping[str, Any]) -> dict[str, Any]:
+    """The stock of a moment with the effects' accounts beside the others."""
+    return {name: value for name, value in stock.items() if name != "effects"} | dict(stock.get("effects", {}))
+
+
+def _unit_of(quantity: str) -> str:
+    """The unit of a row of the ledger in 3D; "" where no effect states it."""
+    name, _, rest = quantity.partition(".")
+    effect = EFFECTS.get(name)
+    if effect is not None and issubclass(effect, KeepsLedger):
+        return effect.ledger_units.get(rest, "")
+    return UNITS.get(name, "")

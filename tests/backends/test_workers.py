@@ -1,0 +1,160 @@
+"""Kernels are compiled by processes that are started anew, which end with the process that started them."""
+
+import os
+import pathlib
+import signal
+import subprocess
+import sys
+import time
+
+import numba
+import numpy as np
+import pytest
+
+from refsim.backends import workers
+from refsim.backends.ahead import launched_by
+from refsim.backends.compile import kernel
+from refsim.backends.workers import Task, Worker
+
+TINY = """
+import os
+from refsim.backends.compile import cpu_kernel, kernel, prange
+open(os.environ["SEEN"], "a").write(f"{os.getpid()}\\n")  # the processes that import this module
+
+@cpu_kernel
+def doubled(values):
+    for i in prange(values.shape[0]):
+        values[i] *= 2
+
+@kernel
+def tripled(i, values):
+    values[i] *= 3
+"""
+PROGRAM = """
+import numpy as np
+from tiny import doubled, tripled
+values = np.ones(5)
+doubled(values)
+tripled(values)
+print(values[4], sum(doubled.stats.cache_hits.values()))
+"""
+SCRIPT = """
+import numpy as np, sys
+from refsim.backends.compile import cpu_kernel, prange
+@cpu_kernel
+def doubled(values):
+    for i in prange(values.shape[0]):
+        values[i] *= 2
+values = np.ones(5)
+doubled(values)
+print(values[4])
+"""
+
+
+@pytest.fixture
+def environment(tmp_path):
+    (tmp_path / "tiny.py").write_text(TINY)
+    root = str(pathlib.Path(workers.__file__).parents[2])
+    return dict(
+        os.environ, PYTHONPATH=os.pathsep.join([str(tmp_path), root]), SEEN=str(tmp_path / "seen"),
+        REFSIM_CACHE_DIR=str(tmp_path / "cache"),
+    )  # fmt: skip
+
+
+def alive(process):
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    return True
+
+
+def gone(process, seconds=20):
+    end = time.monotonic() + seconds
+    while alive(process) and time.monotonic() < end:
+        time.sleep(0.05)
+    return not alive(process)
+
+
+def test_another_process_compiles_a_loop_and_ends_with_this_one(environment):
+    done = subprocess.run([sys.executable, "-c", PROGRAM], env=environment, capture_output=True, text=True)
+    assert done.stdout.split() == ["6.0", "1"], done.stderr  # the prange loop came out of the cache
+    assert done.stderr == ""
+    own, other = map(int, pathlib.Path(environment["SEEN"]).read_text().split())
+    assert own != other
+    assert gone(other)
+    done = subprocess.run([sys.executable, "-c", PROGRAM], env=environment, capture_output=True, text=True)
+    assert done.stdout.split() == ["6.0", "1"]
+    assert len(pathlib.Path(environment["SEEN"]).read_text().split()) == 3, "a process was started for nothing"
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
+def test_no_process_outlives_the_one_that_started_it(environment, number):
+    waiting = PROGRAM + "print('ready', flush=True)\nimport time\ntime.sleep(600)\n"
+    process = subprocess.Popen(
+        [sys.executable, "-c", waiting], env=environment, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
+    )
+    with process:
+        assert any("ready" in line for line in process.stdout)
+        process.send_signal(number)
+        assert process.wait(20) != 0
+    assert all(map(gone, map(int, pathlib.Path(environment["SEEN"]).read_text().split())))
+
+
+def test_what_no_other_process_can_import_is_compiled_here_and_said(environment):
+    pathlib.Path(environment["SEEN"]).with_name("script.py").write_text(SCRIPT)
+    script = pathlib.Path(environment["SEEN"]).with_name("script.py")
+    done = subprocess.run([sys.executable, script], env=environment, capture_output=True, text=True)
+    assert done.stdout.split() == ["2.0"], done.stderr
+    assert done.stderr.count("UserWarning") == 1
+    assert "no other process could compile kernels; this one does, and the last bits" in done.stderr
+
+
+def test_a_process_that_is_lost_is_noticed_and_a_closed_one_waited_for():
+    worker = Worker()
+    worker.process.kill()
+    assert not worker.store(Task("refsim.sph.kernels", "state", b""))
+    worker.close()
+    assert worker.process.returncode is not None
+    assert not worker.store(Task("refsim.sph.kernels", "state", b""))
+
+
+def test_a_process_takes_no_longer_than_it_may(monkeypatch):
+    monkeypatch.setattr(workers, "LONGEST", 0.05)
+    worker = Worker()
+    try:
+        assert not worker.store(Task("refsim.sph.kernels", "state", b""))
+    finally:
+        worker.close()
+
+
+@pytest.mark.skipif(numba.config.DISABLE_JIT, reason="nothing is compiled")
+def test_a_host_function_tells_what_it_launches_and_changes_nothing():
+    @kernel
+    def doubled(i, values):
+        values[i] *= 2
+
+    @kernel
+    def added(i, values, total):
+        total[i] += values[i]
+
+    def driver(values, total, number):
+        doubled(values)
+        values[0] = 9
+        while total[0] > number:  # of arrays that no kernel has filled
+            added(values, total)
+            total[0] = 0
+        added(values, total)
+
+    values, total = np.ones(200, np.float32), np.ones(200)
+    calls = launched_by(driver, (values, total, 0.5))
+    assert [len(arguments) for _, arguments in calls] == [1, 2, 2]
+    assert calls[0][0] is doubled.on("cpu")
+    assert calls[1][0] is added.on("cpu")
+    assert all(a.dtype == b.dtype for a, b in zip(calls[1][1], (values, total)))
+    assert (values == 1).all()
+    assert (total == 1).all()
+    assert launched_by(driver, (values, total, object())) == []
+    driver(values, total, 0.5)
+    assert values[1] == 2

@@ -1,0 +1,106 @@
+"""The lessons: every one has what a lesson needs, is written in three forms, and lesson 1 runs with its answers."""
+
+import ast
+import importlib.util
+import json
+import pathlib
+import re
+import sys
+
+import pytest
+
+from refsim.__main__ import main
+from refsim.io.lessons import cells, lessons, notebook, script, title
+
+ROOT = pathlib.Path(__file__).parents[2]
+spec = importlib.util.spec_from_file_location("lessons", ROOT / "scripts" / "lessons.py")
+runner = sys.modules.setdefault(spec.name, importlib.util.module_from_spec(spec))
+spec.loader.exec_module(runner)
+
+LESSONS = lessons()
+FIRST = "1_surface_particles"
+TOY = (
+    "---\na: 1\n---\n# T\n\n```{code-cell} python\na = 1\n```\n\n<details>\n\n```python\nb = a + 1\n```\n\n</details>\n"
+)
+every = pytest.mark.parametrize("name", LESSONS)
+
+
+@every
+def test_a_lesson_has_question_picture_exercises_and_folded_answers(name):
+    text = LESSONS[name]
+    assert title(text).startswith(f"{name[0]}. ")
+    assert "**Question.**" in text
+    assert "plt.show()" in "".join(cell.text for cell in cells(text) if cell.kind == "code")
+    assert re.findall(r"^\*\*(\d)\. .*\*\*", text, re.MULTILINE) == ["1", "2", "3"]
+    assert text.count("<details><summary>Answer</summary>\n\n") == text.count("\n\n</details>\n") == 3
+    assert "$" in text
+
+
+@every
+def test_a_lesson_is_a_notebook_and_a_script(name):
+    made = json.loads(notebook(LESSONS[name]))
+    assert (made["nbformat"], made["nbformat_minor"]) == (4, 5)
+    assert len({cell["id"] for cell in made["cells"]}) == len(made["cells"])
+    kinds = {"markdown": {"cell_type", "id", "metadata", "source"}}
+    kinds["code"] = kinds["markdown"] | {"execution_count", "outputs"}
+    for cell in made["cells"]:
+        assert set(cell) == kinds[cell["cell_type"]]
+    code = [cell["source"] for cell in made["cells"] if cell["cell_type"] == "code"]
+    assert code == [cell.text.strip() for cell in cells(LESSONS[name]) if cell.kind == "code"]
+    assert ast.dump(ast.parse(script(LESSONS[name]))) == ast.dump(ast.parse("\n".join(code)))
+
+
+def test_pieces_of_a_lesson():
+    assert [cell.kind for cell in cells(TOY)] == ["markdown", "code", "markdown", "answer", "markdown"]
+    assert [cell["cell_type"] for cell in json.loads(notebook(TOY))["cells"]] == ["markdown", "code", "markdown"]
+    assert "b = a + 1" in notebook(TOY)
+    assert "# b = a + 1" in script(TOY)
+
+
+def test_the_code_of_answers_is_executed_too():
+    assert runner.run_lesson("toy", TOY)["b"] == 2
+    with pytest.raises(NameError):
+        runner.run_lesson("toy", TOY.replace("a + 1", "c"))
+
+
+def test_the_runner_says_which_lesson_failed(monkeypatch, capsys):
+    monkeypatch.setattr(runner, "lessons", lambda: {"toy": TOY, "bad": TOY.replace("a + 1", "c")})
+    assert runner.main(["toy"]) == 0
+    assert runner.main([]) == 4
+    said = capsys.readouterr()
+    assert "toy: ran" in said.out
+    assert "bad: failed" in said.out
+    assert "bad, cell 4 (answer)" in said.err
+    assert runner.main(["tow"]) == 2
+    assert "did you mean 'toy'?" in capsys.readouterr().err
+
+
+def test_lesson_1_runs_with_its_answers(tmp_path):
+    done = runner.run_lesson(FIRST, LESSONS[FIRST], tmp_path)
+    assert done["score"](done["two_step"])[1] > 0.9  # precisions
+    assert done["score"](done["few"])[1] < 0.6
+    shown = sum(cell.text.count("plt.show()") for cell in cells(LESSONS[FIRST]) if cell.kind == "code")
+    assert len(list(tmp_path.glob("*.png"))) == shown
+
+
+def test_example_writes_the_lessons(tmp_path, capsys):
+    given = ["example", "--lessons", str(tmp_path / "mine")]
+    assert main(given) == 0
+    said = capsys.readouterr().out
+    assert f"jupyter lab {tmp_path / 'mine' / FIRST}.ipynb" in said
+    written = {path.name for path in (tmp_path / "mine").iterdir()}
+    assert written == {name + ending for name in LESSONS for ending in (".md", ".ipynb", ".py")}
+    assert main(given) == 2
+    assert "give another folder (--lessons) or --overwrite" in capsys.readouterr().err
+    assert main([*given, "--overwrite"]) == 0
+    assert main(["example", "droplet", "--lessons", str(tmp_path)]) == 2
+    assert "leave out the names" in capsys.readouterr().err
+
+
+@every
+def test_a_lesson_has_its_page_and_pictures_on_the_site(name):
+    assert f"(lessons/{name}.md)" in (ROOT / "docs" / "lessons.md").read_text()
+    assert (ROOT / "docs" / "lessons" / f"{name}.md").exists()
+    shown = sum(cell.text.count("plt.show()") for cell in cells(LESSONS[name]) if cell.kind == "code")
+    pictures = {path.name for path in (ROOT / "figures" / "lessons").glob(f"{name}_*.png")}
+    assert pictures == {f"{name}_{number}.png" for number in range(1, shown + 1)}

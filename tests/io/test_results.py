@@ -1,0 +1,319 @@
+"""Results of a run in Python: frames, units, ledger, report and scene come back as they were."""
+
+import importlib.util
+import json
+import pathlib
+import shutil
+
+import h5py
+import numpy as np
+import pytest
+
+from refsim import (
+    Ball,
+    Cloud,
+    Gravity,
+    HeatConduction,
+    InputError,
+    Scene,
+    ShapeMatching,
+    SolidCells,
+    TwoWayCoupling,
+    WeaklyCompressible,
+    make_plan,
+    open_run,
+    simulate,
+)
+from refsim.core import extras
+from refsim.engine.driver import stock
+from refsim.io.frames import ParticleWriter, read_particles
+from refsim.scene.files import parse_scene, scene_to_dict
+
+GRID = np.stack(np.meshgrid(np.arange(4) * 0.01, np.arange(5) * 0.01), -1).reshape(-1, 2)
+
+
+def needs(package):
+    there = importlib.util.find_spec(package) is not None
+    return pytest.mark.skipif(not there, reason=f"{package} is not installed; it comes with the extra")
+
+
+def scene(**changes):
+    values = {
+        "name": "cloud",
+        "dim": 2,
+        "dtype": "float64",
+        "spacing": 0.01,
+        "support_radius": 0.025,
+        "end_time": 2e-3,
+        "step": 2e-4,
+        "fluid": (Cloud(position=GRID + 0.1, velocity=(0.1, 0.2, 0.0)), Ball(center=(0.3, 0.1, 0.0), radius=0.02)),
+        "effects": (WeaklyCompressible(sound_speed=10.0), Gravity(acceleration=(0.0, -9.81, 0.0))),
+    }
+    return Scene(**values | changes)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("runs") / "drop"
+    simulate(scene(), backend="numpy", output=folder, every=4e-4)
+    return folder
+
+
+def shuffled(path):
+    """A file whose two frames hold the particles in different orders, then one particle fewer."""
+    random = np.random.default_rng(3)
+    with ParticleWriter(path, {"identity": (1, "int32"), "mark": (2, "float64")}) as writer:
+        for k, n in enumerate((6, 6, 5)):
+            order = random.permutation(n).astype(np.int32)
+            position = np.stack([order, order + k, 0 * order], 1).astype(float)
+            writer.write(0.1 * k, position, identity=order, mark=np.stack([order, -order], 1).astype(float))
+    return open_run(path)
+
+
+def test_frames_by_number_and_time_are_those_of_the_file(folder):
+    run, frames = open_run(folder), read_particles(folder / "particles.vtkhdf")
+    assert len(run) == len(frames) == 6
+    assert run.times.tolist() == [frame.time for frame in frames]
+    for found, expected in zip(run, frames):
+        assert (found.time, len(found)) == (expected.time, len(expected.position))
+        assert found.fields.keys() == {"position", *expected.fields}
+        assert np.array_equal(found.position, expected.position)
+        for name, values in expected.fields.items():
+            assert np.array_equal(found[name], values), name
+            assert found[name].dtype == values.dtype == run.fields[name].dtype
+    assert run[-1].number == 5
+    assert [frame.number for frame in run[1:5:2]] == [1, 3]
+    assert [run.at(time).number for time in (0.0, 1.9e-4, 2.1e-4, 4e-4, run.times[-1])] == [0, 0, 1, 1, 5]
+
+
+def test_only_the_field_that_is_used_is_read(folder, tmp_path):
+    copy = shutil.copy(folder / "particles.vtkhdf", tmp_path)
+    run = open_run(copy)
+    frame = run[2]
+    density = frame["density"]
+    pathlib.Path(copy).unlink()
+    assert frame["density"] is density
+    with pytest.raises(InputError, match="changed while it was read"):
+        frame["velocity"]
+
+
+def test_units_and_meanings_stand_in_the_file(folder):
+    plan, run = make_plan(scene()), open_run(folder)
+    assert run.fields.keys() == plan.particle_fields.keys()
+    for name, field in run.fields.items():
+        expected = plan.particle_fields[name]
+        found = (field.unit, field.meaning, field.components)
+        assert found == (expected.unit_in(2), expected.meaning, expected.components)
+    with h5py.File(folder / "particles.vtkhdf") as file:
+        assert file["VTKHDF/PointData/density"].attrs["unit"] == "kg/m^2"
+        assert file["VTKHDF/Points"].attrs["unit"] == "m"
+        assert b"[effects.gravity]" in file["refsim/scene"][()]
+
+
+def same_start(first, second):
+    first, second = make_plan(first), make_plan(second)
+    assert all(
+        np.array_equal(getattr(first.state, n), getattr(second.state, n)) for n in ("position", "velocity", "mass")
+    )
+    one, other = scene_to_dict(first.scene), scene_to_dict(second.scene)
+    assert one.keys() == other.keys()
+    assert {**one, "fluid": 0, "solid": 0} == {**other, "fluid": 0, "solid": 0}
+
+
+def test_the_scene_of_a_run_is_the_one_it_was_made_of(folder):
+    same_start(open_run(folder).scene, scene())
+
+
+def test_the_scene_keeps_what_it_took_from_files(tmp_path):
+    """The positions of a cloud and the cells of a solid, though the files are gone."""
+    np.save(tmp_path / "cloud.npy", GRID + 0.1)
+    cells = np.argwhere(np.ones((3, 3, 3))) + 30
+    made = scene(
+        dim=3,
+        fluid=(Cloud(file=str(tmp_path / "cloud.npy")),),
+        solid=(SolidCells(cells=cells),),
+        effects=(*scene().effects, ShapeMatching(), TwoWayCoupling()),
+    )
+    simulate(made, 4e-4, backend="numpy", output=tmp_path / "run")
+    start = make_plan(made).state.position
+    (tmp_path / "cloud.npy").unlink()
+    found = open_run(tmp_path / "run").scene
+    assert np.array_equal(make_plan(found).state.position, start)
+
+
+def test_ledger_and_report_are_those_of_the_run(folder):
+    run, written = open_run(folder), json.loads((folder / "report.json").read_text())
+    mass = run.ledger["mass"]
+    assert (mass["unit"], mass["start"], mass["end"], mass["change"]) == (
+        "kg per m", written["ledger"]["start"]["mass"], written["ledger"]["end"]["mass"], 0.0,
+    )  # fmt: skip
+    assert run.ledger["momentum.y"]["end"] == written["ledger"]["end"]["momentum"][1]
+    assert run.ledger["particles"]["unit"] == "-"
+    assert all(unit for _, unit, *_ in run.ledger.rows)
+    assert run.report["steps"] == written["steps"] == 10
+    assert run.report["ledger.start.mass"] == written["ledger"]["start"]["mass"]
+    assert str(run.ledger).splitlines()[0].split() == ["quantity", "unit", "start", "end", "change"]
+    assert "<td>mass</td>" in run.ledger._repr_html_()
+
+
+def test_what_effects_keep_account_of_has_units(tmp_path):
+    heated = scene(
+        dim=3,
+        fluid=(Cloud(position=np.hstack([GRID, 0 * GRID[:, :1]])),),
+        effects=(HeatConduction(conductivity=1.0, heat_capacity=1000.0, temperature=20.0),),
+    )
+    simulate(heated, 4e-4, backend="numpy", output=tmp_path / "run")
+    assert open_run(tmp_path / "run").ledger["heat_conduction.heat"]["unit"] == "J"
+
+
+def test_the_start_of_the_ledger_needs_no_computed_volume():
+    """The heat of Shao & Song M11 is a sum over volumes, which particles have from the first step on."""
+    page = (pathlib.Path(__file__).parents[2] / "docs" / "melting.md").read_text()
+    text = page.partition("```toml\n")[2].partition("```")[0]
+    assert "M11" in text
+    start = stock(make_plan(parse_scene(text, "melting.md")))
+    solids = start["effects"]["melting"]["solid_particles"]
+    fluid = start["particles"] - solids
+    assert start["effects"]["heat_conduction"]["heat"] == pytest.approx(0.2**3 * (40.0 * fluid - 10.0 * solids))
+
+
+def test_sorted_rows_are_the_same_particle_in_every_frame(tmp_path):
+    run = shuffled(tmp_path / "mixed.vtkhdf")
+    assert run[0]["identity"].tolist() != sorted(run[0]["identity"])
+    for k, frame in enumerate(run):
+        by_identity = frame.sorted()
+        n = len(frame)
+        assert by_identity["identity"].tolist() == list(range(n))
+        assert by_identity["mark"].tolist() == [[i, -i] for i in range(n)]
+        assert by_identity.position.tolist() == [[i, i + k, 0] for i in range(n)]
+        assert by_identity.time == frame.time
+
+
+def test_a_run_that_is_being_written_can_be_opened(folder, tmp_path):
+    frames = read_particles(folder / "particles.vtkhdf")
+    fields = {name: (1 if v.ndim == 1 else v.shape[1], v.dtype) for name, v in frames[0].fields.items()}
+    with ParticleWriter(tmp_path / "live.vtkhdf", fields) as writer:
+        writer.write(0.0, frames[0].position, **frames[0].fields)
+        run = open_run(tmp_path / "live.vtkhdf")
+        for k in range(1, 6):
+            writer.write(0.1 * k, frames[k].position, **frames[k].fields)
+            assert np.array_equal(run[0]["velocity"], frames[0].fields["velocity"])
+            assert len(open_run(tmp_path / "live.vtkhdf")) == k + 1
+        assert len(run) == 1
+
+
+def test_a_resumed_run_states_its_own_end(folder, tmp_path):
+    from refsim import Simulation
+
+    copy = shutil.copytree(folder, tmp_path / "run")
+    assert open_run(copy).scene.end_time == 2e-3
+    longer = Simulation.resume(copy, scene=scene(end_time=3e-3, name="longer"))
+    simulate(longer, output=copy, every=4e-4)
+    run = open_run(copy)
+    assert (run.scene.end_time, run.scene.name) == (3e-3, "longer")
+    assert run.times[-1] == pytest.approx(3e-3)
+    same_start(run.scene, scene(end_time=3e-3, name="longer"))
+
+
+def test_errors_say_what_and_where(folder, tmp_path):
+    run = open_run(folder)
+    with pytest.raises(InputError, match="no field 'densty'; did you mean density"):
+        run[0]["densty"]
+    with pytest.raises(IndexError, match="no frame 6; it has 6, from 0 to 5"):
+        run[6]
+    with pytest.raises(InputError, match=r"no frame at 1 s; give a time from 0 to 0\.002 s"):
+        run.at(1.0)
+    with pytest.raises(InputError, match="does not exist"):
+        open_run(tmp_path)
+    alone = open_run(shutil.copy(folder / "particles.vtkhdf", tmp_path))
+    with pytest.raises(InputError, match=r"report .*report\.json cannot be read"):
+        alone.report["steps"]
+    with pytest.raises(InputError, match="does not hold its scene"):
+        shuffled(tmp_path / "mixed.vtkhdf").scene  # noqa: B018
+    (tmp_path / "report.json").write_text("{")
+    with pytest.raises(InputError, match="is damaged"):
+        len(alone.ledger)
+
+
+def test_a_damaged_file_is_found_when_it_is_opened(folder, tmp_path):
+    path = pathlib.Path(shutil.copy(folder / "particles.vtkhdf", tmp_path))
+    content = bytearray(path.read_bytes())
+    content[-100] ^= 1
+    path.write_bytes(content)
+    with pytest.raises(InputError, match="does not match its digest"):
+        open_run(path)
+    assert len(open_run(path, check=False)) == 6
+
+
+def test_a_run_is_shown_in_a_few_lines(folder):
+    run = open_run(folder)
+    assert len(repr(run)) < 1500
+    assert "6, from 0 to 0.002 s" in repr(run)
+    assert "density [kg/m^2], identity [-], mass [kg/m]" in run._repr_html_()
+    assert repr(run[1]) == f"<frame 1 at {run.times[1]:.6g} s: {len(run[1])} particles>"
+
+
+def test_a_missing_extra_is_named(folder, monkeypatch):
+    monkeypatch.setitem(__import__("sys").modules, "xarray", None)
+    with pytest.raises(InputError, match="needs the package xarray, which is not installed; run pip install xarray"):
+        open_run(folder).to_xarray()
+    listed = (pathlib.Path(__file__).parents[2] / "setup.cfg").read_text().partition("[options.extras_require]")[2]
+    for package, name in extras.EXTRAS.values():
+        section = listed.partition(f"\n{name} =\n")[2].partition(" =\n")[0]
+        assert f"    {package}>=" in section
+
+
+@needs("xarray")
+def test_to_xarray_has_fields_over_time_and_particle(folder, tmp_path):
+    run = open_run(folder)
+    data = run.to_xarray(["density", "position"], slice(1, 4))
+    assert dict(data.sizes) == {"time": 3, "particle": len(run[0]), "axis": 3}
+    assert np.array_equal(data["position"].values[2], run[3].position)
+    assert data["density"].attrs["units"] == "kg/m^2"
+    assert data["density"].sel(time=run.times[2]).values.tolist() == run[2]["density"].tolist()
+    mixed = shuffled(tmp_path / "mixed.vtkhdf")
+    assert mixed.to_xarray(frames=slice(2))["mark"].values[1].tolist() == [[i, -i] for i in range(6)]
+    with pytest.raises(InputError, match="use to_pandas"):
+        mixed.to_xarray()
+    with pytest.raises(InputError, match="did you mean density"):
+        run.to_xarray(["densty"])
+
+
+@needs("pandas")
+def test_to_pandas_takes_frames_of_any_number(folder, tmp_path):
+    run = shuffled(tmp_path / "mixed.vtkhdf")
+    data = run.to_pandas()
+    assert data.columns.tolist() == ["position_x", "position_y", "position_z", "mark_0", "mark_1"]
+    assert data.loc[0.2, "mark_1"].tolist() == [0, -1, -2, -3, -4]
+    assert len(data) == 17
+    ledger = open_run(folder).ledger.to_pandas()
+    assert ledger.loc["mass", "change"] == 0.0
+
+
+@needs("pyvista")
+def test_to_pyvista_takes_any_step_and_its_reader_only_the_first(folder):
+    import pyvista
+
+    run = open_run(folder)
+    cloud = run.to_pyvista(run.times[3])
+    assert np.array_equal(np.asarray(cloud.points), run[3].position)
+    assert np.array_equal(cloud.point_data["density"], run[3]["density"])
+    assert cloud.field_data["TimeValue"][0] == run.times[3]
+    read = pyvista.read(folder / "particles.vtkhdf")
+    assert np.array_equal(np.asarray(read.points), run[0].position)
+    assert np.array_equal(read.point_data["density"], run[0]["density"])
+
+
+@needs("meshio")
+def test_a_frame_is_a_mesh_of_vertices_for_meshio(folder, tmp_path):
+    """As the page says: meshio reads no VTKHDF."""
+    import meshio
+
+    with pytest.raises(meshio.ReadError):
+        meshio.read(folder / "particles.vtkhdf")
+    frame = open_run(folder)[2]
+    vertices = [("vertex", np.arange(len(frame))[:, None])]
+    meshio.Mesh(frame.position, vertices, point_data={"density": frame["density"]}).write(tmp_path / "frame.vtu")
+    read = meshio.read(tmp_path / "frame.vtu")
+    assert np.array_equal(read.points, frame.position)
+    assert np.array_equal(read.point_data["density"], frame["density"])
