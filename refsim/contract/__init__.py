@@ -6,9 +6,10 @@ T6 the same bits again, T7 additivity, T9 bad input, T10 other parameters; and f
 same with a loader; `run` makes one comparison; `bindings` gives the arguments of a program by name.
 """
 
+from refsim.contract.arrays import to_numpy
 from refsim.contract.inputs import Inputs, bindings
 from refsim.contract.ladder import STEPS, Outcome, Target, check, climb, run
-from refsim.contract.programs import Programs, load, own, trials
+from refsim.contract.programs import Programs, Step, ladder, load, own, trials
 from refsim.contract.resuming import resumes
 
 __all__ = [
@@ -16,13 +17,16 @@ __all__ = [
     "Inputs",
     "Outcome",
     "Programs",
+    "Step",
     "Target",
     "bindings",
     "check",
     "climb",
+    "ladder",
     "load",
     "own",
     "resumes",
     "run",
+    "to_numpy",
     "trials",
 ]

@@ -1,7 +1,8 @@
-"""The ladder in a process of its own: if a program crashes or does not return, only its operation fails.
+"""The ladder in a process of its own: if a program crashes or does not return, only that trial fails.
 
 Only that process imports the programs. It reports to the parent by messages, JSON lists through a pipe:
-`import`, `about`, `refused`, `begin`, `call`, `returned`, `outcome`, `done`, `fault`.
+`import`, `about`, `refused`, `begin`, `call`, `returned`, `outcome`, `done`, `fault`. Where it ended, another one
+goes on behind the trial that ended it.
 """
 
 from __future__ import annotations
@@ -29,11 +30,15 @@ from refsim.core.errors import InputError
 
 OWN_WORK = 600.0  # s without a message between two calls: oracles, neighbour lists, the start of Python
 MOST_BYTES = 1 << 20  # of a message
+MOST_ENDINGS = 5  # of processes for one operation; each new one imports the programs again
 
 
 @dataclass(frozen=True)
 class Request:
-    """What is judged: see `refsim.contract.programs.trials`; `seconds` limits the import and each call."""
+    """What is judged: see `refsim.contract.programs.ladder`; `seconds` limits the import and each call.
+
+    first  number of the first operation's first trial
+    """
 
     source: str
     operations: tuple[str, ...] = ()
@@ -41,6 +46,7 @@ class Request:
     variants: tuple[int, ...] = ()
     steps: tuple[str, ...] = ()
     seconds: float = 120.0
+    first: int = 0
 
 
 @dataclass(frozen=True)
@@ -65,8 +71,9 @@ def describe(request: Request) -> About:
 def judge(request: Request) -> tuple[About, Iterator[Outcome]]:
     """(what the library is, outcomes of the ladder as they come, operation by operation).
 
-    An operation whose program ends its process or does not return in time gets a failed outcome; the next operation
-    starts another process. Raises InputError if the library cannot be imported or the request does not fit it.
+    A trial whose program ends its process or does not return in time fails; another process goes on behind it, at most
+    `MOST_ENDINGS` times for one operation. Raises InputError if the library cannot be imported or the request does not
+    fit it.
     """
     child = _Child(request, request.operations, True)
     try:
@@ -90,11 +97,10 @@ def _about(child: _Child, request: Request) -> About:
 
 
 def _outcomes(child: _Child, about: About, request: Request) -> Iterator[Outcome]:
-    waiting = list(about.names)
+    waiting, endings = list(about.names), 0
     try:
         while waiting:
-            at: list[Any] = [waiting[0], "", 0, "the start"]
-            case = "the rest of the step"
+            at: list[Any] = [waiting[0], "", 0, "-", "the start", 0]
             fault = ""
             try:
                 while waiting and not fault:
@@ -102,26 +108,28 @@ def _outcomes(child: _Child, about: About, request: Request) -> Iterator[Outcome
                     if kind == "outcome":
                         yield Outcome(**value)
                     elif kind == "begin":
-                        at, case = value, "the rest of the step"
-                    elif kind == "call":
-                        case = value
-                    elif kind == "returned":
-                        case = "the rest of the step"
+                        at = value
                     elif kind == "done":
                         waiting.remove(value)
+                        endings = 0
                     elif kind in ("refused", "fault"):
                         fault = value
             except (_Gone, TypeError, ValueError) as gone:  # TypeError: no message of ours
                 fault = str(gone) if isinstance(gone, _Gone) else "it disturbed the process that judges it"
             if fault:
-                operation, dtype, variant, step = at
-                words = f"{fault}; what was left of the operation is not judged"
-                yield Outcome(operation, step, case, about.arrays, dtype, variant, False, np.inf, words)
-                if operation in waiting:
-                    waiting.remove(operation)
+                operation, dtype, variant, step, trial, number = at
+                endings += 1
+                left = not dtype or endings == MOST_ENDINGS
+                words = f"{fault}; the trials behind this one are not judged" if left else fault
+                yield Outcome(operation, step, trial, about.arrays, dtype, variant, False, np.inf, words)
+                if left:
+                    endings = 0
+                    if operation in waiting:
+                        waiting.remove(operation)
                 child.close()
                 if waiting:
-                    child = _Child(request, tuple(waiting), True)
+                    first = 0 if left else number + 1
+                    child = _Child(dataclasses.replace(request, first=first), tuple(waiting), True)
     finally:
         child.close()
 
@@ -235,18 +243,19 @@ def _work(pipe: Any, request: Request, judged: bool, path: list[str]) -> None:
         offered = None if found.programs is None else list(found.programs)
         tell("about", dataclasses.asdict(About(found.name, found.arrays, list(names), offered)))
         for operation in names if judged else ():
-            tell("begin", [operation, "", 0, "the start"])
-
-            def begin(dtype: str, variant: int, step: str, operation: str = operation) -> None:
-                tell("begin", [operation, dtype, variant, step])
+            tell("begin", [operation, "", 0, "-", "the start", 0])
 
             def calling(case: str | None) -> None:
                 tell("returned" if case is None else "call", case)
 
-            for outcome in library.trials(
-                found, operation, request.dtypes, request.variants, request.steps, begin, calling
-            ):
-                tell("outcome", dataclasses.asdict(outcome))
+            for step in library.ladder(found, operation, request.dtypes, request.variants, request.steps, calling):
+                if operation == names[0] and step.number < request.first:
+                    continue
+                trial, target = step.outcome(), step.target
+                tell("begin", [operation, target.dtype, target.variant, trial.step, trial.trial, step.number])
+                outcome = step.perform()
+                if outcome is not None:
+                    tell("outcome", dataclasses.asdict(outcome))
             tell("done", operation)
         code = 0
     except BaseException as error:

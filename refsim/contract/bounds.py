@@ -104,17 +104,55 @@ def errors(
         with np.errstate(invalid="ignore"):  # of infinity less infinity, which is no number and no agreement
             error = size(got - (start if name in operation.adds else 0) - value)
         factor = share * operation.tolerance * eps
-        terms = near + 1 if own else 1 if name in operation.entrywise else 1 + len(near)
-        bound = factor * terms * size(scale)
-        if name in operation.adds:
-            bound = bound + factor * size(start)
-        bound = bound + np.finfo(inputs.dtype).tiny
+        bound = share * _bound(operation, inputs, name, scale, start, near)
         ratio = _ratio(error, bound)
         if takes_neighbours(operation) and (ratio > 1).any():
             if conditioned is None:
                 conditioned = conditioning(operation, inputs, rows)
             ratio = _ratio(error, bound + factor * conditioned[name])
         found[name] = ratio
+    return found
+
+
+def _bound(
+    operation: Operation, inputs: Inputs, name: str, scale: np.ndarray, start: np.ndarray, near: np.ndarray
+) -> np.ndarray:
+    """c (neighbours + 1) eps sum|terms| of an output, and the rounding of the sum with what stood there."""
+    factor = operation.tolerance * float(np.finfo(inputs.dtype).eps)
+    terms = near + 1 if inputs.per_particle(name) else 1 if name in operation.entrywise else 1 + len(near)
+    bound = factor * terms * size(scale)
+    if name in operation.adds:
+        bound = bound + factor * size(start)
+    return bound + np.finfo(inputs.dtype).tiny
+
+
+def exact_bound(operation: Operation, value: np.ndarray, dtype: str) -> float:
+    """Largest error allowed against a closed form."""
+    largest = float(np.max(np.abs(value), initial=0))
+    return 8 * operation.tolerance * float(np.finfo(dtype).eps) * largest + float(np.finfo(dtype).tiny)
+
+
+def allowed(
+    operation: Operation, inputs: Inputs, before: Mapping[str, Any], answer: Mapping[str, tuple[Any, Any]]
+) -> dict[str, np.ndarray]:
+    """Largest error allowed in each row of each output, the conditioning included; 0 or infinite for exact outputs.
+
+    answer  in the oracle's form; (value, None) for a closed form
+    """
+    near = neighbour_counts(operation, inputs)
+    known = {name: part for name, part in answer.items() if name in before}
+    summed = takes_neighbours(operation) and all(scale is not None for _, scale in known.values())
+    conditioned = conditioning(operation, inputs) if summed else {}
+    factor = operation.tolerance * float(np.finfo(inputs.dtype).eps)
+    found = {}
+    for name, (value, scale) in known.items():
+        if name in operation.exact:
+            found[name] = np.zeros(np.shape(value)) if scale is None else np.where(scale <= factor, np.inf, 0.0)
+        elif scale is None:
+            found[name] = np.full(np.shape(value)[:1], exact_bound(operation, value, inputs.dtype))
+        else:
+            start = np.asarray(before[name], dtype=float)
+            found[name] = _bound(operation, inputs, name, scale, start, near) + factor * conditioned.get(name, 0.0)
     return found
 
 

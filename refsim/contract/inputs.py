@@ -12,6 +12,7 @@ import numpy as np
 
 from refsim.backends.arrays import Backend
 from refsim.backends.scratch import Scratch
+from refsim.contract.diagnosis import unset
 from refsim.core import cases
 from refsim.core.fields import Field
 from refsim.core.operation import REGISTRY, Operation, backend_of
@@ -82,8 +83,7 @@ class Inputs:
             return np.array(self[name])
         kind = fields()[name]
         dtype = kind.numpy_dtype(self.dtype)
-        unset = np.nan if dtype.kind == "f" else np.iinfo(dtype).max
-        return np.full(kind.shape(len(self["position"])), unset, dtype)
+        return np.full(kind.shape(len(self["position"])), unset(dtype), dtype)
 
     def _made(self, name: str) -> Any:
         if name == "walls":
@@ -160,11 +160,11 @@ def listed(query: np.ndarray, source: np.ndarray, radius: float, exclude_self: b
         rows += [np.flatnonzero(line) for line in near]
     count = np.array([len(r) for r in rows], np.int32)
     if backend.name == "cuda":
-        index = np.zeros((max(count.max(initial=0), 1), len(rows)), np.int32)
+        index = np.zeros((max(count.max(initial=0), 1), len(rows)), np.uint32)
         for i, row in enumerate(rows):
             index[: len(row), i] = row
         return NeighbourColumns(backend.asarray(count), backend.asarray(index.reshape(-1)))
-    index = np.concatenate([*rows, np.zeros(1, int)]).astype(np.int32)
+    index = np.concatenate([*rows, np.zeros(1, int)]).astype(np.uint32)
     return NeighbourRows(np.cumsum(count, dtype=np.int64) - count, count, index)
 
 

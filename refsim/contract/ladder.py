@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 
 from refsim.backends.arrays import Backend, set_threads
-from refsim.contract.bounds import errors, neighbour_counts, oracle, size, undecided
+from refsim.contract.bounds import errors, exact_bound, neighbour_counts, oracle, size, undecided
+from refsim.contract.diagnosis import diagnosis, unwritten
 from refsim.contract.guards import Guards
 from refsim.contract.inputs import Inputs, all_pairs, backend_for, on_backend, prepared, value_of, with_variant
 from refsim.contract.parameters import acts, varied
@@ -35,9 +36,16 @@ class ProgramFailed(Exception):
     """A program under test raised instead of answering; the message says what."""
 
 
+class NotJudged(Exception):
+    """The inputs hold something that the program is declared not to support; the message names it."""
+
+
 @dataclass(frozen=True)
 class Outcome:
-    """One trial of one step: whether it passed, and the largest error as a share of what is allowed."""
+    """One trial of one step: whether it passed, and the largest error as a share of what is allowed.
+
+    not_judged  what the trial needs that the program is declared not to support; then nothing ran, and it did not pass
+    """
 
     operation: str
     step: str
@@ -48,9 +56,12 @@ class Outcome:
     passed: bool
     error: float
     words: str = ""
+    not_judged: str = ""
 
     def __str__(self) -> str:
         verdict = "pass" if self.passed else "FAIL"
+        if self.not_judged:
+            return f"not judged: {self.operation} {self.step} {self.trial}, variant {self.variant}: {self.not_judged}"
         return (
             f"{verdict} {self.operation} {self.step} {self.trial} on {self.backend} {self.dtype}, variant"
             f" {self.variant}: {self.error:.3g} of the bound{'; ' + self.words if self.words else ''}"
@@ -66,6 +77,7 @@ class Target:
     loader   operation -> program taking the arguments of the backend's own program in their order
     calling  is told the name of the case before each call of the program, and None after it
     faults   what the program did since the last outcome beside a wrong answer; the next outcome fails by it
+    excludes (operation, inputs) -> what the program does not support of them, as a clause; "" if it supports all
     """
 
     operation: Operation
@@ -75,6 +87,7 @@ class Target:
     loader: Callable[[Operation], Callable[..., Any]] | None = None
     calling: Callable[[str | None], None] = lambda case: None
     faults: list[str] = field(default_factory=list, compare=False, repr=False)
+    excludes: Callable[[Operation, Inputs], str] = lambda operation, inputs: ""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "operation", self.operation.as_computed_by(self.backend))
@@ -99,14 +112,24 @@ class Target:
         return with_variant(inputs, self.operation.variants[self.variant])
 
     def launch(
-        self, inputs: Inputs, neighbours: Any = None, walls: Any = None, before: Mapping[str, Any] | None = None
+        self,
+        inputs: Inputs,
+        neighbours: Any = None,
+        walls: Any = None,
+        before: Mapping[str, Any] | None = None,
+        complete: bool = True,
     ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
         """(outputs before, outputs after) one launch, on the host.
 
         Without lists those of the oracle are taken, for the particles' order as it is; `before` sets outputs. A
-        program that raises, changes an input or writes beside its arrays adds to `faults`.
+        program that raises, changes an input, writes beside its arrays or (with `complete`) leaves an output unset
+        adds to `faults`.
+        Raises NotJudged for inputs that the program is declared not to support.
         """
         operation, place = self.operation, self.place
+        excluded = self.excludes(operation, inputs)
+        if excluded:
+            raise NotJudged(excluded)
         if self.backend == "numpy":
             walls = inputs["walls"]
         elif neighbours is None:
@@ -135,7 +158,23 @@ class Target:
         finally:
             self.calling(None)
         self.faults.extend(guards.faults())
-        return wanted, {n: np.array(place.host(values[n])) for n in wanted}
+        after = {n: np.array(place.host(values[n])) for n in wanted}
+        if complete and not self.faults:
+            left = ", ".join(unwritten(wanted, after, before or {}))
+            self.faults.extend([f"your program does not write {left}"] if left else ())
+        return wanted, after
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One trial of one step, by a name that is known before the program is called; None where it does not apply."""
+
+    step: str
+    name: str
+    run: Callable[[], Outcome | None]
+
+
+Answer = Callable[[], Mapping[str, tuple[Any, Any]]]
 
 
 def worst(found: Mapping[str, np.ndarray]) -> float:
@@ -153,32 +192,49 @@ def named_worst(found: Mapping[str, np.ndarray]) -> str:
 # T1
 
 
-def closed_forms(target: Target) -> Iterator[Outcome]:
+def closed_forms(target: Target) -> Iterator[Trial]:
     """T1: answers known in closed form, without the oracle."""
+    for name, exact in exact_forms(target.operation, target.operation.variants[target.variant]):
+        yield Trial("T1", name, functools.partial(_closed_form, target, name, exact))
+
+
+def exact_forms(operation: Operation, variant: Mapping[str, Any]) -> Iterator[tuple[str, cases.Exact]]:
+    """(name, closed form) of those that are worked out for the variant."""
     cases.discover()
-    variant = target.operation.variants[target.variant]
-    for maker in cases.CLOSED_FORMS.get(target.operation.name, ()):
+    dropped = _dropped_outputs(operation, variant)
+    for maker in cases.CLOSED_FORMS.get(operation.name, ()):
         exact = maker()
-        written = set(target.operation.outputs) - set(target.operation.arguments("numpy"))
-        dropped = {name for name, value in variant.items() if value is None and name in written}
-        if any(not _same(exact.given[n], v) for n, v in variant.items() if n in exact.given and n not in dropped):
+        if all(_same(exact.given[n], v) for n, v in variant.items() if n in exact.given and n not in dropped):
+            yield maker.__name__, exact
+
+
+def exact_inputs(operation: Operation, variant: Mapping[str, Any], exact: cases.Exact, dtype: str) -> Inputs:
+    """The inputs of a closed form."""
+    dropped = _dropped_outputs(operation, variant)
+    given = {name: typed(name, value, dtype) for name, value in exact.given.items() if name not in dropped}
+    return with_variant(Inputs(exact.case, dtype), variant).replaced(**given)
+
+
+def _dropped_outputs(operation: Operation, variant: Mapping[str, Any]) -> set[str]:
+    written = set(operation.outputs) - set(operation.arguments("numpy"))
+    return {name for name, value in variant.items() if value is None and name in written}
+
+
+def _closed_form(target: Target, trial: str, exact: cases.Exact) -> Outcome:
+    inputs = exact_inputs(target.operation, target.operation.variants[target.variant], exact, target.dtype)
+    start = {n: 0 * inputs.output(target.operation, n) for n in target.operation.adds}
+    before, after = target.launch(inputs, before=start)
+    found = {}
+    for name, value in exact.expected.items():
+        if name not in after:
             continue
-        given = {name: _cast(value, target.dtype) for name, value in exact.given.items() if name not in dropped}
-        inputs = target.varied(Inputs(exact.case, target.dtype)).replaced(**given)
-        start = {n: 0 * inputs.output(target.operation, n) for n in target.operation.adds}
-        _, after = target.launch(inputs, before=start)
-        eps = float(np.finfo(target.dtype).eps)
-        found = {}
-        for name, value in exact.expected.items():
-            if name not in after:
-                continue
-            if name in target.operation.exact:
-                found[name] = np.where(after[name] == value, 0.0, np.inf)
-                continue
-            error = size(np.asarray(after[name], dtype=float) - value)
-            bound = 8 * target.operation.tolerance * eps * np.max(np.abs(value), initial=0)
-            found[name] = np.where(np.isfinite(error), error / (bound + np.finfo(target.dtype).tiny), np.inf)
-        yield target.outcome("T1", maker.__name__, worst(found), named_worst(found))
+        if name in target.operation.exact:
+            found[name] = np.where(after[name] == value, 0.0, np.inf)
+            continue
+        error = size(np.asarray(after[name], dtype=float) - value)
+        found[name] = np.where(np.isfinite(error), error / exact_bound(target.operation, value, target.dtype), np.inf)
+    answer = {name: (np.asarray(value, dtype=float), 0) for name, value in exact.expected.items()}
+    return target.outcome("T1", trial, worst(found), diagnosis(target.operation, before, after, answer, found))
 
 
 def _same(given: Any, override: Any) -> bool:
@@ -187,13 +243,27 @@ def _same(given: Any, override: Any) -> bool:
     return not isinstance(override, tuple) or tuple(given) == tuple(override)
 
 
-def _cast(value: Any, dtype: str) -> Any:
-    """Closed forms are written in Python's numbers; kernels get the run's dtype."""
+def typed(name: str, value: Any, dtype: str) -> Any:
+    """The argument `name` of a closed form, written in Python's numbers, with the types that it has in a run."""
+    return _cast(value, _usual(name, dtype) if hasattr(value, "_fields") else None, dtype)
+
+
+@functools.cache
+def _usual(name: str, dtype: str) -> Any:
+    """The parameter group `name` as a run has it: some of its numbers are float64 whatever the run's dtype is."""
+    return Inputs(cases.CASES[FEW](), dtype)[name]
+
+
+def _cast(value: Any, usual: Any, dtype: str) -> Any:
+    """Floats in `value` as `dtype`, and in a group as float64 where the group `usual` has that."""
     if isinstance(value, tuple) and hasattr(value, "_fields"):
-        return type(value)(*(_cast(part, dtype) for part in value))
-    if isinstance(value, np.ndarray):
-        return value.astype(dtype) if value.dtype.kind == "f" else value
-    return np.dtype(dtype).type(value) if isinstance(value, float) else value
+        others = usual if type(usual) is type(value) else (None,) * len(value)
+        return type(value)(*(_cast(part, other, dtype) for part, other in zip(value, others)))
+    if isinstance(value, np.ndarray) and value.dtype.kind == "f":
+        return value.astype(usual.dtype if isinstance(usual, np.ndarray) else dtype)
+    if isinstance(value, float):
+        return float(value) if isinstance(usual, float) else np.dtype(dtype).type(value)
+    return value
 
 
 # T2, T3
@@ -206,7 +276,7 @@ def on_case(target: Target, name: str, step: str = "T2", lists: str = "search") 
     before, after = target.launch(inputs, neighbours, walls)
     answer = oracle(target.operation, inputs)
     found = errors(target.operation, inputs, before, after, answer=answer)
-    words = named_worst(found)
+    words = diagnosis(target.operation, before, after, answer, found)
     if inputs.case.count >= 20 and not inputs.case.ties:
         share = undecided(target.operation, inputs, answer)
         if share > MOST_UNDECIDED:
@@ -214,40 +284,45 @@ def on_case(target: Target, name: str, step: str = "T2", lists: str = "search") 
     return target.outcome(step, name if lists == "search" else f"{name} over all pairs", worst(found), words)
 
 
-def hard_inputs(target: Target) -> Iterator[Outcome]:
+def hard_inputs(target: Target) -> Iterator[Trial]:
     """T2: every common case and the operation's own, and one over the all-pairs list."""
     cases.discover()
     for name in (*cases.COMMON, *target.operation.cases):
-        yield on_case(target, name)
-    yield on_case(target, "cloud_3d", lists="all_pairs")
+        yield Trial("T2", name, functools.partial(on_case, target, name))
+    yield Trial("T2", "cloud_3d over all pairs", functools.partial(on_case, target, "cloud_3d", lists="all_pairs"))
 
 
-def large_case(target: Target) -> Iterator[Outcome]:
+def large_case(target: Target) -> Iterator[Trial]:
     """T3: a few thousand particles, sampled rows against the oracle."""
+    yield Trial("T3", LARGE, functools.partial(_large, target))
+
+
+def _large(target: Target) -> Outcome:
     made, neighbours, walls = prepared(LARGE, target.place.name, target.dtype)
     inputs = target.varied(made)
     before, after = target.launch(inputs, neighbours, walls)
     rows = np.sort(inputs.case.random("rows").choice(inputs.case.count, SAMPLED_ROWS, replace=False))
-    found = errors(target.operation, inputs, before, after, rows)
-    yield target.outcome("T3", LARGE, worst(found), named_worst(found))
+    answer = oracle(target.operation, inputs, rows)
+    found = errors(target.operation, inputs, before, after, rows, answer)
+    words = diagnosis(target.operation, before, after, answer, found, rows)
+    return target.outcome("T3", LARGE, worst(found), words)
 
 
 # T4: what holds whatever the numbers are
 
 
-def invariants(target: Target) -> Iterator[Outcome]:
+def invariants(target: Target) -> Iterator[Trial]:
     """T4: conservation and dissipation, as far as the operation claims them; no wall takes part."""
-    checks = {
-        "linear_momentum": _momentum,
-        "angular_momentum": _angular_momentum,
-        "galilean": _galilean,
-        "dissipation": _dissipation,
-    }
     for name in held(target):
-        if name in checks:
-            for trial in INVARIANT_CASES:
-                inputs = target.varied(_without_walls(_on_grid(trial, target.dtype)))
-                yield target.outcome("T4", f"{name} in {trial}", checks[name](target, inputs))
+        if name in CONSERVED:
+            for case in INVARIANT_CASES:
+                yield Trial("T4", f"{name} in {case}", functools.partial(_conserved, target, name, case))
+
+
+def _conserved(target: Target, name: str, case: str) -> Outcome:
+    check, words = CONSERVED[name]
+    error = check(target, target.varied(_without_walls(_on_grid(case, target.dtype))))
+    return target.outcome("T4", f"{name} in {case}", error, "" if error <= 1 else words)
 
 
 def held(target: Target) -> tuple[str, ...]:
@@ -316,55 +391,100 @@ def _dissipation(target: Target, inputs: Inputs) -> float:
     return 0.0
 
 
+CONSERVED = {
+    "linear_momentum": (_momentum, "the sum of m a over all particles is not zero"),
+    "angular_momentum": (_angular_momentum, "the sum of m x cross a over all particles is not zero"),
+    "galilean": (_galilean, "a velocity added to all particles changes the answer"),
+    "dissipation": (_dissipation, "without pressure the kinetic energy does not fall"),
+}
+
 # T5: the same particles, described otherwise
 
+Description = tuple[Inputs, Callable[[np.ndarray], np.ndarray]]  # inputs, and what brings an answer back
 
-def symmetries(target: Target) -> Iterator[Outcome]:
+
+def symmetries(target: Target) -> Iterator[Trial]:
     """T5: translation, rotation (by exact turns and reflections) and another order of the particles."""
-    for trial in INVARIANT_CASES:
-        inputs = target.varied(_on_grid(trial, target.dtype))
-        dim = inputs.case.dim
-        names = [n for n in target.operation.arguments("numpy") if inputs.per_particle(n) and not inputs.dropped(n)]
-        names += [n for n in target.operation.outputs if inputs.per_particle(n) and n in target.operation.adds]
-        before, after = target.launch(inputs)
-        answer = oracle(target.operation, inputs)
-
-        def compared(
-            name: str, other: Inputs, back: Callable[[Any], Any], inputs: Inputs = inputs,
-            before: dict = before, after: dict = after, answer: dict = answer, trial: str = trial,
-        ) -> Outcome:  # fmt: skip
-            """The other description's answer, brought back, against this one's; twice the bound, once for each."""
-            _, moved = target.launch(other)
-            scales = {n: (after[n] - (before[n] if n in target.operation.adds else 0), answer[n][1]) for n in after}
-            brought = {n: back(v) if inputs.per_particle(n) else v for n, v in moved.items()}
-            found = errors(target.operation, inputs, before, brought, answer=scales, share=2.0)
-            return target.outcome("T5", f"{name} of {trial}", worst(found), named_worst(found))
-
-        kept = held(target)
+    kept = held(target)
+    for case in INVARIANT_CASES:
+        usual = _Usual(target, case)
+        described: dict[str, Callable[[], Description]] = {}
         if "translation" in kept:
-            shift = np.array([4.0, -2.0, 1.0 if dim == 3 else 0.0], dtype=target.dtype)
-            walls = inputs["walls"]
-            if walls is not None:
-                walls = walls._replace(position=walls.position + shift)
-            yield compared("translation", inputs.replaced(position=inputs["position"] + shift, walls=walls), _as_is)
+            described["translation"] = functools.partial(_translated, usual)
         if "reordering" in kept:
-            order = inputs.case.random("order").permutation(inputs.case.count)
-            changed = {n: inputs[n][order] for n in names}
-            yield compared("reordering", inputs.replaced(**changed), lambda v, order=order: _unsorted(v, order))
+            described["reordering"] = functools.partial(_reordered, usual)
         if "rotation" in kept:
-            for number, turn in enumerate(np.array(TURNS[dim], dtype=target.dtype)):
-                changed = {n: inputs[n] @ turn.T for n in names if inputs[n].ndim == 2}
-                if inputs["walls"] is not None:
-                    changed["walls"] = inputs["walls"]._replace(position=inputs["walls"].position @ turn.T)
-                yield compared(
-                    f"rotation {number}",
-                    inputs.replaced(**changed),
-                    lambda v, turn=turn: v @ turn if v.ndim == 2 else v,
-                )
+            described |= {f"rotation {k}": functools.partial(_rotated, usual, k) for k in (0, 1)}
+        for name, other in described.items():
+            yield Trial("T5", f"{name} of {case}", functools.partial(_compared, usual, name, other))
 
 
-def _as_is(values: np.ndarray) -> np.ndarray:
-    return values
+class _Usual:
+    """A case as it stands, and the answer to it, computed when the first trial needs it."""
+
+    def __init__(self, target: Target, case: str) -> None:
+        self.target, self.case = target, case
+
+    @functools.cached_property
+    def inputs(self) -> Inputs:
+        return self.target.varied(_on_grid(self.case, self.target.dtype))
+
+    @functools.cached_property
+    def expected(self) -> dict[str, tuple[Any, Any]]:
+        """The oracle's answer."""
+        return oracle(self.target.operation, self.inputs)
+
+    @functools.cached_property
+    def answer(self) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray], dict[str, tuple[Any, Any]]]:
+        """(outputs before, outputs after, the oracle's answer)."""
+        return *self.target.launch(self.inputs), self.expected
+
+    @functools.cached_property
+    def names(self) -> list[str]:
+        """Arrays with one row for each particle that the operation reads or adds to."""
+        operation, inputs = self.target.operation, self.inputs
+        names = [n for n in operation.arguments("numpy") if inputs.per_particle(n) and not inputs.dropped(n)]
+        return names + [n for n in operation.outputs if inputs.per_particle(n) and n in operation.adds]
+
+
+def _compared(usual: _Usual, name: str, other: Callable[[], Description]) -> Outcome:
+    """The other description's answer, brought back, against this one's; twice the bound, once for each."""
+    target, inputs = usual.target, usual.inputs
+    before, after, answer = usual.answer
+    described, back = other()
+    _, moved = target.launch(described)
+    scales = {n: (after[n] - (before[n] if n in target.operation.adds else 0), answer[n][1]) for n in after}
+    brought = {n: back(v) if inputs.per_particle(n) else v for n, v in moved.items()}
+    found = errors(target.operation, inputs, before, brought, answer=scales, share=2.0)
+    words = named_worst(found)
+    if not worst(found) <= 1:
+        words = f"your program's answer does not follow a {name.split()[0]} of all particles: {words}"
+    return target.outcome("T5", f"{name} of {usual.case}", worst(found), words)
+
+
+def _translated(usual: _Usual) -> Description:
+    inputs = usual.inputs
+    shift = np.array([4.0, -2.0, 1.0 if inputs.case.dim == 3 else 0.0], dtype=usual.target.dtype)
+    walls = inputs["walls"]
+    if walls is not None:
+        walls = walls._replace(position=walls.position + shift)
+    return inputs.replaced(position=inputs["position"] + shift, walls=walls), lambda values: values
+
+
+def _reordered(usual: _Usual) -> Description:
+    inputs = usual.inputs
+    order = inputs.case.random("order").permutation(inputs.case.count)
+    changed = {n: inputs[n][order] for n in usual.names}
+    return inputs.replaced(**changed), lambda values: _unsorted(values, order)
+
+
+def _rotated(usual: _Usual, number: int) -> Description:
+    inputs = usual.inputs
+    turn = np.array(TURNS[inputs.case.dim], dtype=usual.target.dtype)[number]
+    changed = {n: inputs[n] @ turn.T for n in usual.names if inputs[n].ndim == 2}
+    if inputs["walls"] is not None:
+        changed["walls"] = inputs["walls"]._replace(position=inputs["walls"].position @ turn.T)
+    return inputs.replaced(**changed), lambda values: values @ turn if values.ndim == 2 else values
 
 
 def _unsorted(values: np.ndarray, order: np.ndarray) -> np.ndarray:
@@ -376,15 +496,20 @@ def _unsorted(values: np.ndarray, order: np.ndarray) -> np.ndarray:
 # T6, T7
 
 
-def repeats(target: Target) -> Iterator[Outcome]:
+def repeats(target: Target) -> Iterator[Trial]:
     """T6: the same bits again; on the CPU also on one, two and all threads."""
-    made, neighbours, walls = prepared("cloud_3d", target.place.name, target.dtype)
-    inputs = target.varied(made)
     counts: tuple[int | None, ...] = (None, None)
     if target.place.name == "cpu":
         import numba
 
         counts = tuple(sorted({1, min(2, numba.config.NUMBA_NUM_THREADS), numba.config.NUMBA_NUM_THREADS})) * 2
+    trial = "again" if target.place.name != "cpu" else f"on {', '.join(map(str, counts))} threads"
+    yield Trial("T6", trial, functools.partial(_repeated, target, trial, counts))
+
+
+def _repeated(target: Target, trial: str, counts: tuple[int | None, ...]) -> Outcome:
+    made, neighbours, walls = prepared("cloud_3d", target.place.name, target.dtype)
+    inputs = target.varied(made)
     answers = []
     try:
         for threads in counts:
@@ -393,17 +518,22 @@ def repeats(target: Target) -> Iterator[Outcome]:
     finally:
         set_threads(target.place, None)
     same = all(a[n].tobytes() == answers[0][n].tobytes() for a in answers for n in a)
-    trial = "again" if target.place.name != "cpu" else f"on {', '.join(map(str, counts))} threads"
-    yield target.outcome("T6", trial, 0.0 if same else np.inf)
+    words = "" if same else "your program gives other bits for the same inputs"
+    return target.outcome("T6", trial, 0.0 if same else np.inf, words)
 
 
-def additivity(target: Target) -> Iterator[Outcome]:
+def additivity(target: Target) -> Iterator[Trial]:
     """T7: outputs that are added to gain the same from any start; the others do not depend on what stood there."""
+    operation, variant = target.operation, target.operation.variants[target.variant]
+    left_out = {name for name, value in variant.items() if value is None}
+    free = [n for n in operation.outputs if n not in left_out and n not in operation.arguments("numpy")]
+    if free:
+        yield Trial("T7", "from another start", functools.partial(_from_another_start, target, free))
+
+
+def _from_another_start(target: Target, free: list[str]) -> Outcome:
     inputs = target.varied(_on_grid("cloud_3d", target.dtype))
     operation = target.operation
-    free = [n for n in operation.outputs if not inputs.dropped(n) and n not in operation.arguments("numpy")]
-    if not free:
-        return
     zero = {n: 0 * inputs.output(operation, n) for n in free if n in operation.adds}
     _, first = target.launch(inputs, before=zero)
     other = {n: np.full_like(first[n], 7) for n in free if n not in operation.adds}
@@ -412,58 +542,77 @@ def additivity(target: Target) -> Iterator[Outcome]:
     answer = {n: (first[n].astype(float), oracle(operation, inputs)[n][1]) for n in zero}
     found = errors(operation, inputs, begun, second, answer=answer, share=2.0) if zero else {}
     found |= {n: np.array([0.0 if first[n].tobytes() == second[n].tobytes() else np.inf]) for n in other}
-    yield target.outcome("T7", "from another start", worst(found), named_worst(found))
+    words = named_worst(found)
+    if not worst(found) <= 1:
+        peak = words.split()[0]
+        must = "add to it" if peak in operation.adds else "assign it"
+        words = f"your program's answer depends on what stood in {peak} before; it must {must}"
+        if peak in other and second[peak].tobytes() == np.asarray(other[peak], second[peak].dtype).tobytes():
+            words = f"your program does not write {peak}"
+    return target.outcome("T7", "from another start", worst(found), words)
 
 
 # T9
 
 
-def bad_input(target: Target) -> Iterator[Outcome]:
+def bad_input(target: Target) -> Iterator[Trial]:
     """T9: a NaN in one particle's values stays visible in every answer that depends on them, and changes no other.
 
     What depends on them is what the oracle changes where they change. Flags cannot show a NaN; a position that is
     not finite is the search's to report.
     """
-    inputs = target.varied(_on_grid("cloud_3d", target.dtype))
-    operation, broken = target.operation, 11
+    usual = _Usual(target, "cloud_3d")
+    operation, inputs = target.operation, usual.inputs
+    written = [n for n in operation.outputs if not inputs.dropped(n)]
+    if operation.exact and all(n in operation.exact and inputs.per_particle(n) for n in written):
+        return
+    for name in operation.arguments("numpy"):
+        if name == "position" or not inputs.per_particle(name):
+            continue
+        if inputs[name] is not None and inputs[name].dtype.kind == "f":
+            yield Trial("T9", f"NaN in {name}", functools.partial(_spoiled, usual, name))
+
+
+def _spoiled(usual: _Usual, name: str) -> Outcome:
+    target, inputs, broken = usual.target, usual.inputs, 11
+    operation = target.operation
+    changed, spoiled = np.array(inputs[name]), np.array(inputs[name])
+    changed[broken] = 1.5 * changed[broken] + 1
+    spoiled[broken] = np.nan
+    broken_inputs = inputs.replaced(**{name: spoiled})
+    before, after = target.launch(broken_inputs, complete=False)  # an iteration may end at the NaN
     distance = size(np.asarray(inputs["position"], dtype=float) - inputs["position"][broken])
     far = (distance > 1.1 * inputs.case.list_radius * operation.reach) & (operation.reach > 0)
-    answer = oracle(operation, inputs)
-    for name in operation.arguments("numpy"):
-        values = inputs[name]
-        if name == "position" or not inputs.per_particle(name) or values is None or values.dtype.kind != "f":
-            continue
-        changed, spoiled = np.array(values), np.array(values)
-        changed[broken] = 1.5 * changed[broken] + 1
-        spoiled[broken] = np.nan
-        other = oracle(operation, inputs.replaced(**{name: changed}))
-        broken_inputs = inputs.replaced(**{name: spoiled})
-        before, after = target.launch(broken_inputs)
-        whole = {n: v for n, v in oracle(operation, broken_inputs).items() if not inputs.per_particle(n)}
-        counted = errors(operation, broken_inputs, before, after, answer=whole)
-        found, visible = {}, False
-        for output, (value, scale) in answer.items():
-            depends = np.abs(other[output][0] - value) > 1e-9 * scale
-            got = ~np.isfinite(after[output])
-            if inputs.per_particle(output) and output not in operation.exact:
-                depends, got = (m.reshape(len(m), -1).any(1) for m in (depends, got))
-                found[output] = np.where((depends & ~got) | (far & got), np.inf, 0.0)
-                visible |= depends.any()
-            elif output in whole:  # what the oracle can still say of the whole set must be right
-                known = np.isfinite(whole[output][0])
-                known = known.reshape(len(known), -1).all(1) if known.ndim > counted[output].ndim else known
-                found[output] = np.where(known, counted[output], 0.0)
-                visible |= got.any() or (after[output] != before[output]).any()
-        used = any((np.abs(other[n][0] - v) > 1e-9 * s).any() for n, (v, s) in answer.items())
-        if found or not operation.exact:
-            error = worst(found) if visible or not used else np.inf
-            yield target.outcome("T9", f"NaN in {name}", error, named_worst(found))
+    answer = usual.expected
+    other = oracle(operation, inputs.replaced(**{name: changed}))
+    whole = {n: v for n, v in oracle(operation, broken_inputs).items() if not inputs.per_particle(n)}
+    counted = errors(operation, broken_inputs, before, after, answer=whole)
+    found, visible, words = {}, False, ""
+    for output, (value, scale) in answer.items():
+        depends = np.abs(other[output][0] - value) > 1e-9 * scale
+        got = ~np.isfinite(after[output])
+        if inputs.per_particle(output) and output not in operation.exact:
+            depends, got = (m.reshape(len(m), -1).any(1) for m in (depends, got))
+            found[output] = np.where((depends & ~got) | (far & got), np.inf, 0.0)
+            visible |= depends.any()
+            if (depends & ~got).any():
+                words = f"a NaN in {name} does not show in {output}, which depends on it"
+            elif (far & got).any():
+                words = f"a NaN in {name} of one particle spreads to {output} of particles far away"
+        elif output in whole:  # what the oracle can still say of the whole set must be right
+            known = np.isfinite(whole[output][0])
+            known = known.reshape(len(known), -1).all(1) if known.ndim > counted[output].ndim else known
+            found[output] = np.where(known, counted[output], 0.0)
+            visible |= got.any() or (after[output] != before[output]).any()
+    used = any((np.abs(other[n][0] - v) > 1e-9 * s).any() for n, (v, s) in answer.items())
+    error = worst(found) if visible or not used else np.inf
+    return target.outcome("T9", f"NaN in {name}", error, words or named_worst(found))
 
 
 # T10
 
 
-def parameters(target: Target) -> Iterator[Outcome]:
+def parameters(target: Target) -> Iterator[Trial]:
     """T10: another value of each member of each parameter group, one at a time; the answer follows as the oracle's.
 
     On the references: that there is an answer to follow, in one of the variants and cases, for all that the operation
@@ -476,22 +625,37 @@ def parameters(target: Target) -> Iterator[Outcome]:
     operation = target.operation
     made, neighbours, walls = prepared(FEW, target.place.name, target.dtype)
     start = target.varied(made)
-    usual = None
+    usual = functools.cache(lambda: oracle(operation, start))
     for name, member, inputs in varied(operation, start):
-        if name not in operation.arguments(target.backend):
-            continue  # fixed in a program that serves some of the operation's variants
-        if acts(operation, name, member, start):
-            answer = oracle(operation, inputs)
-        else:
-            usual = answer = oracle(operation, start) if usual is None else usual
-        if any(len(value) != len(inputs.output(operation, n)) for n, (value, _) in answer.items()):
-            continue  # a table with another number of rows than the case's
-        before, after = target.launch(inputs, neighbours, walls)
-        found = errors(operation, inputs, before, after, answer=answer)
-        yield target.outcome("T10", f"another {name}.{member}", worst(found), named_worst(found))
+        if name in operation.arguments(target.backend):  # else fixed in a program that serves some of the variants
+            acting = acts(operation, name, member, start)
+            answer = functools.partial(oracle, operation, inputs) if acting else usual
+            run = functools.partial(
+                _another, target, f"{name}.{member}", (inputs, neighbours, walls), answer, usual if acting else None
+            )
+            yield Trial("T10", f"another {name}.{member}", run)
 
 
-def _takes(target: Target) -> Iterator[Outcome]:
+def _another(
+    target: Target, member: str, given: tuple[Inputs, Any, Any], answer: Answer, usual: Answer | None
+) -> Outcome | None:
+    inputs, operation = given[0], target.operation
+    right = answer()
+    if any(len(value) != len(inputs.output(operation, n)) for n, (value, _) in right.items()):
+        return None  # a table with another number of rows than the case's
+    before, after = target.launch(*given)
+    found = errors(operation, inputs, before, after, answer=right)
+    words = diagnosis(operation, before, after, right, found)
+    if usual is not None and not worst(found) <= 1:
+        same = usual()
+        if all(value.shape == same[n][0].shape for n, (value, _) in right.items()) and (
+            worst(errors(operation, inputs, before, after, answer=same)) <= 1
+        ):
+            words = f"your program's answer does not follow {member}"
+    return target.outcome("T10", f"another {member}", worst(found), words)
+
+
+def _takes(target: Target) -> Iterator[Trial]:
     """Members that change an answer of the reference, and those that are said to."""
     operation = target.operation
     if target.variant or target.dtype != "float64":  # computed once for all variants
@@ -509,7 +673,9 @@ def _takes(target: Target) -> Iterator[Outcome]:
                     moved[name, member] = (found, acts(operation, name, member, inputs))
     for (name, member), (found, wanted) in moved.items():
         words = "" if found == wanted else "changes nothing" if wanted else "changes the answer, and is not in `takes`"
-        yield target.outcome("T10", f"{name}.{member} acts", 0.0 if found == wanted else np.inf, words)
+        error = 0.0 if found == wanted else np.inf
+        trial = f"{name}.{member} acts"
+        yield Trial("T10", trial, functools.partial(target.outcome, "T10", trial, error, words))
 
 
 def differs(one: Mapping[str, tuple[Any, Any]], other: Mapping[str, tuple[Any, Any]]) -> bool:
@@ -520,7 +686,7 @@ def differs(one: Mapping[str, tuple[Any, Any]], other: Mapping[str, tuple[Any, A
     )
 
 
-STEPS: dict[str, Callable[[Target], Iterator[Outcome]]] = {
+STEPS: dict[str, Callable[[Target], Iterator[Trial]]] = {
     "T1": closed_forms,
     "T2": hard_inputs,
     "T3": large_case,
@@ -540,24 +706,30 @@ def run(operation: Operation | str, backend: str, dtype: str, case: str, variant
     return on_case(Target(operation, backend, dtype, variant), case)
 
 
-def climbing(
-    target: Target,
-    steps: tuple[str, ...] | None = None,
-    begin: Callable[[str, int, str], None] = lambda dtype, variant, step: None,
-) -> Iterator[Outcome]:
-    """Outcomes of all steps, or of those named, as they come; for the references those that judge them.
-
-    begin  is told of (dtype, variant, step) before each step
-
-    A trial fails in which the program raises, changes an input or writes beside its arrays.
-    """
+def planned(target: Target, steps: tuple[str, ...] | None = None) -> Iterator[Trial]:
+    """Trials of all steps, or of those named; for the references those that judge them. No program is called."""
     for name in STEPS if steps is None else steps:
-        if target.backend == "numpy" and name in AGAINST_ORACLE:
-            continue
-        begin(target.dtype, target.variant, name)
-        yield from STEPS[name](target)
-        if target.faults:
-            yield target.outcome(name, "the rest of the step", np.inf)
+        if target.backend != "numpy" or name not in AGAINST_ORACLE:
+            yield from STEPS[name](target)
+
+
+def performed(target: Target, trial: Trial) -> Outcome | None:
+    """The outcome of one trial; None where it does not apply.
+
+    A trial fails in which the program raises, changes an input, writes beside its arrays or leaves an output unset.
+    """
+    try:
+        outcome = trial.run()
+    except NotJudged as reason:
+        target.faults.clear()
+        return dataclasses.replace(target.outcome(trial.step, trial.name, 0.0), passed=False, not_judged=str(reason))
+    return target.outcome(trial.step, trial.name, np.inf) if outcome is None and target.faults else outcome
+
+
+def climbing(target: Target, steps: tuple[str, ...] | None = None) -> Iterator[Outcome]:
+    """Outcomes of all steps, or of those named, as they come; for the references those that judge them."""
+    found = (performed(target, trial) for trial in planned(target, steps))
+    return (outcome for outcome in found if outcome is not None)
 
 
 def climb(target: Target, steps: tuple[str, ...] | None = None) -> list[Outcome]:

@@ -12,22 +12,24 @@ import importlib
 import importlib.metadata
 import importlib.util
 import inspect
+import itertools
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from refsim.contract.inputs import backend_for
-from refsim.contract.ladder import STEPS, Outcome, ProgramFailed, Target, climbing
+from refsim.contract.arrays import converted, to_numpy
+from refsim.contract.inputs import Inputs, backend_for
+from refsim.contract.ladder import STEPS, Outcome, ProgramFailed, Target, Trial, performed, planned
 from refsim.core.errors import InputError
 from refsim.core.operation import BACKENDS, REGISTRY, Operation, backend_of
+from refsim.smoothing import SHAPES, Smoothing
 
 GROUP = "refsim.contract"  # of entry points
 ATTRIBUTE = "PROGRAMS"  # what is taken from a module where nothing else is named
 DTYPES = ("float32", "float64")
 ARRAYS = ("cpu", "cuda")
+DIMS = (2, 3)
 MOST_TOLD = 300  # characters of a message from an external program
 
 Program = Callable[..., Any]
@@ -35,24 +37,45 @@ Program = Callable[..., Any]
 
 @dataclass(frozen=True)
 class Programs:
-    """A backend under test.
+    """A backend under test. What it is declared not to support is not judged, and reported as not judged.
 
     programs  {operation's name: function of arguments by name}; None stands for refsim's own
     arrays    whose arrays and lists the functions take: "cpu" (NumPy arrays, rows) or "cuda" (device arrays, columns)
     dtypes    in which they compute, "float32" and "float64"
     name      in messages and reports
+    kernels   smoothing kernels that they know, of refsim.smoothing.SHAPES
+    dims      dimensions in which they compute, 2 and 3
+    walls     whether they take wall particles
+    without   optional arguments that they do not take or write
+    convert   applied to each array before a function gets it: `cupy.asarray`, `torch.from_dlpack`, ...; it must share
+              the memory, or the functions return their outputs
     """
 
     programs: Mapping[str, Program] | None = field(default_factory=dict)
     arrays: str = "cpu"
     dtypes: tuple[str, ...] = DTYPES
     name: str = "the backend"
+    kernels: tuple[str, ...] = tuple(SHAPES)
+    dims: tuple[int, ...] = DIMS
+    walls: bool = True
+    without: tuple[str, ...] = ()
+    convert: Callable[[Any], Any] | None = None
 
     def checked(self) -> Programs:
         """The same; InputError for names that mean nothing."""
         if self.arrays not in (ARRAYS if self.programs is not None else BACKENDS):
             raise InputError(f"{self.name}: there are no arrays of {self.arrays!r}; take one of {', '.join(ARRAYS)}.")
+        for field_name in ("dtypes", "kernels", "dims", "without"):
+            value = getattr(self, field_name)
+            if isinstance(value, str) or not isinstance(value, Sequence):
+                raise InputError(f"{self.name}: {field_name} = {value!r} is no sequence; write ({value!r},).")
         _among(self.dtypes, DTYPES, f"{self.name}: there is no dtype")
+        _among(self.kernels, tuple(SHAPES), f"{self.name}: there is no smoothing kernel")
+        _among(self.dims, DIMS, f"{self.name}: there is no dimension")
+        optional = {name for operation in REGISTRY.values() for name in operation.optional}
+        _among(self.without, sorted(optional), f"{self.name}: there is no optional argument")
+        if self.convert is not None and not callable(self.convert):
+            raise InputError(f"{self.name}: convert = {self.convert!r} is no function; give one of an array.")
         for name, program in (self.programs or {}).items():
             _operation(name, self.name)
             if not callable(program):
@@ -71,11 +94,40 @@ class Programs:
             raise InputError(f"{self.name} has no program for any operation; `refsim list` names the operations.")
         return tuple(wanted) or offered
 
+    def unsupported(self, operation: Operation, variant: Mapping[str, Any]) -> str:
+        """What a variant has that the backend is declared not to support, as a clause; "" if there is no such thing."""
+        given = (*operation.arguments("numpy"), *operation.outputs)
+        for name in self.left_out:
+            if name in given and variant.get(name, name) is not None:
+                return f"with {name}"
+        return ""
+
+    @property
+    def left_out(self) -> tuple[str, ...]:
+        """Arguments that are not judged unless they are None."""
+        return (*self.without, *(() if self.walls else ("walls",)))
+
+    def excludes(self, operation: Operation, inputs: Inputs) -> str:
+        """What of the inputs the backend is declared not to support, as a clause; "" if it supports all."""
+        if inputs.case.dim not in self.dims:
+            return f"in {inputs.case.dim} dimensions"
+        names = {number: name for name, number in SHAPES.items()}
+        for name in operation.arguments("numpy"):
+            value = inputs[name] if name in ("smoothing", "gradient_smoothing") else None
+            if isinstance(value, Smoothing):
+                kernel = names[int(value.shape)]
+                if kernel not in self.kernels:
+                    return f"with the kernel {kernel}"
+                if int(value.dim) not in self.dims:
+                    return f"in {int(value.dim)} dimensions"
+        return ""
+
     def loader(self) -> Callable[[Operation], Program] | None:
         """What a Target takes: operation -> program on all its arguments in their order; None for refsim's own."""
         if self.programs is None:
             return None
-        return lambda operation: by_name(self.programs[operation.name], operation, self)
+        programs = self.programs
+        return lambda operation: by_name(programs[operation.name], operation, self)
 
 
 def own(backend: str) -> Programs:
@@ -121,6 +173,11 @@ def load(source: str) -> Programs:
         raise InputError(f"{source} offers no usable programs: {told(error)}.") from None
 
 
+def programs_of(module: Any) -> Programs:
+    """The programs of an imported module: its PROGRAMS. Raises InputError if there are none that can be used."""
+    return _programs(module, module.__name__, module.__name__, "")
+
+
 def _programs(found: Any, source: str, place: str, attribute: str) -> Programs:
     """The mapping behind an imported object."""
     if inspect.ismodule(found):
@@ -153,16 +210,16 @@ def _parents(module: str) -> set[str]:
 
 def _operation(name: str, owner: str) -> Operation:
     if name not in REGISTRY:
-        from refsim.scene.files import suggestion
+        from refsim.core.checked import suggestion
 
         raise InputError(f"{owner}: {name!r} is not an operation; {suggestion(name, REGISTRY)}")
     return REGISTRY[name]
 
 
-def _among(values: Sequence[str], known: Sequence[str], words: str) -> None:
+def _among(values: Sequence[Any], known: Sequence[Any], words: str) -> None:
     for value in values:
         if value not in known:
-            raise InputError(f"{words} {value!r}; choose from {', '.join(known)}.")
+            raise InputError(f"{words} {value!r}; choose from {', '.join(map(str, known))}.")
 
 
 def told(error: BaseException, how: str = "") -> str:
@@ -188,7 +245,11 @@ def by_name(program: Program, operation: Operation, owner: Programs) -> Program:
     def call(*values: Any) -> None:
         given = dict(zip(names, values))
         try:
-            returned = program(*[given[n] for n in ordered], **{n: given[n] for n in named})
+            if owner.convert is not None:
+                taken = converted(given, {*ordered, *named}, owner.convert)
+            else:
+                taken = given
+            returned = program(*[taken[n] for n in ordered], **{n: taken[n] for n in named})
         except KeyboardInterrupt:
             raise
         except BaseException as error:  # SystemExit is a failure of the program, and no end of the ladder
@@ -210,7 +271,8 @@ def _parameters(program: Program, names: Sequence[str], label: str) -> tuple[lis
         parameters = inspect.signature(getattr(program, "py_func", program)).parameters.values()
     except (TypeError, ValueError):
         raise InputError(f"{label} does not state its parameters; wrap it in a Python function with names.") from None
-    ordered, named = [], []
+    ordered: list[str] = []
+    named: list[str] = []
     for p in parameters:
         if p.kind is p.VAR_KEYWORD:
             named += [n for n in names if n not in ordered and n not in named]
@@ -227,8 +289,6 @@ def _parameters(program: Program, names: Sequence[str], label: str) -> tuple[lis
 
 def _hand_over(returned: Any, operation: Operation, given: Mapping[str, Any], arrays: str) -> None:
     """Write what a program returned into the outputs; ProgramFailed if it does not fit."""
-    if arrays == "cuda":
-        raise ProgramFailed("it returned something; on device arrays it must write the outputs and return None")
     wanted = {name: given[name] for name in operation.outputs if given[name] is not None}
     if not isinstance(returned, Mapping):
         if len(operation.outputs) > 1:
@@ -242,16 +302,21 @@ def _hand_over(returned: Any, operation: Operation, given: Mapping[str, Any], ar
     for name, target in wanted.items():
         if name not in returned:
             raise ProgramFailed(f"it did not return {name}; it must, or write all outputs in place")
-        values = returned[name]
-        if not isinstance(values, np.ndarray):
-            raise ProgramFailed(f"it returned {name} as {type(values).__name__}; wanted is a NumPy array")
-        values = np.array(values)
+        values = to_numpy(returned[name])
+        if values is None:
+            kind = type(returned[name]).__name__
+            raise ProgramFailed(
+                f"it returned {name} as {kind}; wanted is a NumPy array, or one with __dlpack__ or"
+                " __cuda_array_interface__"
+            )
         if values.shape != target.shape or values.dtype != target.dtype:
             raise ProgramFailed(
                 f"it returned {name} as {values.dtype} of shape {values.shape}; wanted is {target.dtype} of shape"
                 f" {target.shape}"
             )
-        if name in operation.adds:
+        if arrays == "cuda":
+            target.copy_to_device(target.copy_to_host() + values if name in operation.adds else values)
+        elif name in operation.adds:
             target += values
         else:
             target[...] = values
@@ -295,21 +360,56 @@ def checked_request(programs: Programs, request: Any) -> tuple[str, ...]:
     return names
 
 
-def trials(
+@dataclass(frozen=True)
+class Step:
+    """One trial of the ladder of one operation, in the order in which they are climbed.
+
+    number      of the trial in the operation's ladder
+    trial       None for what is not judged as a whole: a dtype, a variant
+    not_judged  why
+    """
+
+    number: int
+    target: Target
+    trial: Trial | None
+    not_judged: str = ""
+
+    @property
+    def name(self) -> str:
+        """Name of the trial."""
+        return self.trial.name if self.trial else "every trial"
+
+    @property
+    def step(self) -> str:
+        """Name of the step, "-" for all."""
+        return self.trial.step if self.trial else "-"
+
+    def outcome(self, error: float = 0.0, words: str = "") -> Outcome:
+        """An outcome of this trial that did not pass."""
+        target = self.target
+        return Outcome(
+            target.operation.name, self.step, self.name, target.backend, target.dtype, target.variant, False, error,
+            words, self.not_judged,
+        )  # fmt: skip
+
+    def perform(self) -> Outcome | None:
+        """Call the program and judge; None where the trial does not apply."""
+        return performed(self.target, self.trial) if self.trial else self.outcome()
+
+
+def ladder(
     programs: Programs,
     operation: str,
     dtypes: Sequence[str] = (),
     variants: Sequence[int] = (),
     steps: Sequence[str] = (),
-    begin: Callable[[str, int, str], None] = lambda dtype, variant, step: None,
     calling: Callable[[str | None], None] = lambda case: None,
-) -> Iterator[Outcome]:
-    """Outcomes of the ladder for one operation as they come; all dtypes of the backend, variants and steps by default.
+) -> Iterator[Step]:
+    """The trials of one operation, in order; no program is called before `perform`.
 
-    begin    is told of (dtype, variant, step) before each step
     calling  is told the case's name before each call of the program, and None after it
 
-    Raises InputError for what does not exist or cannot run here.
+    All dtypes, variants and steps by default. Raises InputError for what does not exist or cannot run here.
     """
     found = REGISTRY[programs.operations((operation,))[0]]
     _among(dtypes, programs.dtypes, f"{programs.name} does not compute in")
@@ -318,10 +418,34 @@ def trials(
     names = [programs.arrays]
     if programs.programs is None:
         names = [name for name in found.names() if backend_of(name) == programs.arrays]
-    loader = programs.loader()
+    target = Target(found, names[0], loader=programs.loader(), calling=calling, excludes=programs.excludes)
+    counter = itertools.count()
     for name in names:
-        for dtype in dtypes or programs.dtypes:
-            for variant in range(len(found.as_computed_by(name).variants)):
-                if not variants or variant in variants:
-                    target = Target(found, name, dtype, variant, loader, calling)
-                    yield from climbing(target, tuple(steps) or None, begin)
+        for dtype in dtypes or DTYPES:
+            for variant, overrides in enumerate(found.as_computed_by(name).variants):
+                if variants and variant not in variants:
+                    continue
+                at = replace(target, operation=found, backend=name, dtype=dtype, variant=variant, faults=[])
+                reason = dtype if dtype not in programs.dtypes else programs.unsupported(found, overrides)
+                if reason:
+                    yield Step(next(counter), at, None, reason)
+                    continue
+                for trial in planned(at, tuple(steps) or None):
+                    yield Step(next(counter), at, trial)
+
+
+def trials(
+    programs: Programs,
+    operation: str,
+    dtypes: Sequence[str] = (),
+    variants: Sequence[int] = (),
+    steps: Sequence[str] = (),
+) -> Iterator[Outcome]:
+    """Outcomes of the ladder for one operation as they come; all dtypes of the backend, variants and steps by default.
+
+    Raises InputError for what does not exist or cannot run here.
+    """
+    for step in ladder(programs, operation, dtypes or programs.dtypes, variants, steps):
+        outcome = step.perform()
+        if outcome is not None:
+            yield outcome

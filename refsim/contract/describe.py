@@ -1,0 +1,180 @@
+"""What an operation takes and gives, in words: arguments, parameter groups, variants; and a stub of its program."""
+
+from __future__ import annotations
+
+import inspect
+import re
+import textwrap
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from refsim.contract.inputs import Inputs, bindings, fields, with_variant
+from refsim.contract.meanings import ARGUMENTS, MEMBERS
+from refsim.core import cases
+from refsim.core.operation import REGISTRY, Operation
+
+SHOWN_IN = "cloud_3d"  # the case whose arguments are shown
+OF_LISTS = {
+    "start": "first entry of each particle's neighbours",
+    "count": "number of each particle's neighbours",
+    "entries": "numbers of the neighbours, or of the wall particles",
+    "index": "number of the k-th neighbour of particle i at k n + i",
+    "dim": "2 or 3",
+}
+MEMBER = re.compile(r"^    (\w+): [^#\n]+?(?:  # (.*))?$", re.MULTILINE)
+
+
+@dataclass(frozen=True)
+class Argument:
+    """An argument of an operation's program, or a member of a group ("smoothing.shape").
+
+    role      "in", "out" or "add to"; "" for a member
+    kind      type and shape in a float32 run of n particles
+    optional  None in some variants
+    """
+
+    name: str
+    role: str
+    kind: str
+    optional: bool
+    meaning: str
+
+    @property
+    def unit(self) -> str:
+        """The unit that the meaning names, "-" for none."""
+        found = re.findall(r"\[([^\]]+)\]", self.meaning)
+        return found[-1] if found else "-"
+
+
+def arguments(operation: Operation, arrays: str) -> list[Argument]:
+    """Everything that a program on `arrays` ("cpu", "cuda") is given, the members of groups behind their group."""
+    cases.discover()
+    count = cases.CASES[SHOWN_IN]().count
+    found = []
+    for name, value in bindings(operation.name, arrays, "float32", SHOWN_IN, {}).items():
+        role = "add to" if name in operation.adds else "out" if name in operation.outputs else "in"
+        found.append(Argument(name, role, _kind(value, count), name in operation.optional, _meaning(name, value)))
+        if hasattr(value, "_fields"):
+            said = member_meanings(type(value))
+            for member, part in zip(value._fields, value):
+                found.append(Argument(f"{name}.{member}", "", _kind(part, count), False, said[member]))
+    return found
+
+
+def member_meanings(group: type) -> dict[str, str]:
+    """{member of a parameter group: meaning, unit, and what its integers stand for}; from the comments beside them."""
+    said = {name: comment or "" for name, comment in MEMBER.findall(inspect.getsource(group))}
+    for member in group._fields:  # type: ignore[attr-defined]
+        stated = MEMBERS.get(f"{group.__name__}.{member}") or OF_LISTS.get(member, "")
+        meaning = said.get(member, "") or stated
+        codes = cases.CODES.get((group, member))
+        if codes:
+            numbers = ", ".join(f"{number} {name}" for name, number in codes.items())
+            meaning = f"{meaning}: {numbers}" if meaning and member != "shape" else numbers
+        said[member] = meaning
+    return said
+
+
+def variants(operation: Operation) -> list[str]:
+    """One line for each variant: what it leaves out, and what else differs from the first case's own arguments."""
+    cases.discover()
+    usual = Inputs(cases.CASES[SHOWN_IN](), "float32")
+    lines = []
+    for overrides in operation.variants:
+        left_out = [name for name in operation.optional if overrides.get(name, name) is None]
+        given = [name for name in operation.optional if name not in left_out]
+        changed = list(_changed(usual, with_variant(usual, overrides), overrides))
+        parts = [f"with {', '.join(given)}"] if given else []
+        parts += [f"without {', '.join(left_out)}"] if left_out else []
+        lines.append("; ".join([*parts, *changed]) or "as it is")
+    return lines
+
+
+def _changed(usual: Inputs, inputs: Inputs, overrides: Mapping[str, Any]) -> Iterator[str]:
+    """What the overrides that are not None change: members of groups with their values, else the name."""
+    for name, override in overrides.items():
+        if override is None:
+            continue
+        value, before = inputs[name], usual[name]
+        if not hasattr(value, "_fields"):
+            yield f"another {name}"
+            continue
+        for member, one, other in zip(value._fields, value, before):
+            if (np.ndim(one) == 0 and one != other) or callable(override) is False:
+                codes = {number: word for word, number in cases.CODES.get((type(value), member), {}).items()}
+                word = f" ({codes[int(one)]})" if codes else ""
+                yield f"{name}.{member} = {one:g}{word}"
+
+
+def _kind(value: Any, count: int) -> str:
+    if value is None:
+        return "None"
+    if hasattr(value, "_fields"):
+        return type(value).__name__
+    if hasattr(value, "shape") and hasattr(value, "dtype") and np.ndim(value):
+        shape = ", ".join("n" if size == count else str(size) for size in value.shape)
+        return f"{value.dtype} ({shape})"
+    return type(value).__name__
+
+
+def _meaning(name: str, value: Any) -> str:
+    if hasattr(value, "_fields"):
+        return f"{type(value).__module__}.{type(value).__name__}"
+    found = fields().get(name)
+    return f"{found.meaning} [{found.unit}]" if found else ARGUMENTS.get(name, "")
+
+
+# A stub
+
+
+def template(names: Sequence[str], arrays: str = "cpu") -> str:
+    """A Python file with a program for each of the operations, whose computation is missing."""
+    found = [REGISTRY[name] for name in names]
+    functions = "\n\n".join(_function(operation, arrays) for operation in found)
+    entries = "".join(f'        "{operation.name}": {_identifier(operation)},\n' for operation in found)
+    optional = sorted({name for operation in found for name in operation.optional} - {"walls"})
+    names_left_out = "".join(f'"{name}", ' for name in optional).strip()
+    without = f"    # without=({names_left_out}),  # optional arguments that are not done\n"
+    walls = any("walls" in operation.arguments("numpy") for operation in found)
+    return (
+        f'"""Programs for {", ".join(names)}; judged by `refsim contract` with the name of this file."""\n\n'
+        "from refsim.contract import Programs\n\n\n"
+        f"{functions}\n\n"
+        "# What is declared here is judged; what is left out is reported as not judged.\n"
+        f"PROGRAMS = Programs(\n    {{\n{entries}    }},\n"
+        '    # kernels=("wendland_c2",),  # smoothing kernels; all by default\n'
+        "    # dims=(3,),  # 2 and 3 by default\n"
+        '    # dtypes=("float32",),  # float32 and float64 by default\n'
+        + ("    # walls=False,  # wall particles are not done\n" if walls else "")
+        + (without if optional else "")
+        + ")\n"
+    )
+
+
+def _identifier(operation: Operation) -> str:
+    return operation.name.replace(".", "_")
+
+
+def _function(operation: Operation, arrays: str) -> str:
+    rows = arguments(operation, arrays)
+    widths = [max(len(text) for text in column) for column in zip(*((r.name, r.role, r.kind) for r in rows))]
+    told = []
+    for r in rows:
+        name = f"  .{r.name.partition('.')[2]}" if not r.role else r.name
+        none = "; None in some variants" if r.optional else ""
+        line = f"{name:{widths[0] + 2}}  {r.role:6}  {r.kind:{widths[2]}}  {r.meaning}{none}"
+        told.append(line.rstrip())
+    said = inspect.getdoc(operation.program("numpy")) or ""
+    outputs = ", ".join(operation.outputs)
+    words = "add to" if operation.adds else "assign"
+    taken = ", ".join(operation.arguments(arrays))
+    signature = f"def {_identifier(operation)}({taken}):"
+    if len(signature) > 110:
+        signature = f"def {_identifier(operation)}(\n" + textwrap.indent(textwrap.fill(taken, 100), "    ") + ",\n):"
+    body = f'"""{operation.name}: {operation.paper}, {operation.equation}.\n\n{said}\n\n' + "\n".join(told) + '\n"""'
+    body = body.replace("\\", "\\\\")
+    missing = f"# The computation is missing: {words} {outputs} in place."
+    return f"{signature}\n{textwrap.indent(body, '    ', lambda line: bool(line.strip()))}\n    {missing}\n"
