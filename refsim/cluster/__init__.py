@@ -1,0 +1,47 @@
+"""Independent tasks on the processes of one machine, or on the workers of a Dask scheduler, behind one call.
+
+Contents: perform; the modules tasks (Task, Outcome), pool (processes of this machine) and scheduler (Dask distributed).
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Sequence
+
+from refsim.cluster.tasks import Outcome, Task, Watch
+from refsim.core.errors import InputError
+
+
+def perform(
+    tasks: Sequence[Task],
+    *,
+    jobs: int | None = None,
+    scheduler: str | None = None,
+    watch: Watch = lambda shares, workers: None,
+) -> Iterator[Outcome]:
+    """Outcomes of the tasks in the order in which they end.
+
+    jobs       processes of this machine, of one thread each; as many as it has processors by default
+    scheduler  address of a Dask scheduler, whose workers do the tasks instead
+    watch      is called about twice a second with {key: share done} of the tasks under way and the number of workers
+
+    A task whose process is killed is begun anew in another one, `ATTEMPTS` times at most. Raises InputError for bad
+    input, such as an address where no scheduler answers, and RunStopped("scheduler_lost") where it goes away.
+    """
+    if not tasks:
+        return iter(())
+    if scheduler is not None:
+        from refsim.cluster.scheduler import by_scheduler
+
+        return by_scheduler(tasks, scheduler, watch)
+    count = processors() if jobs is None else jobs
+    if count < 1:
+        raise InputError(f"--jobs = {count} is not possible; give 1 or more processes.")
+    from refsim.cluster.pool import by_processes
+
+    return by_processes(tasks, count, watch)
+
+
+def processors() -> int:
+    """Processors that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

@@ -1,0 +1,138 @@
+"""Tasks in processes of this machine.
+
+Each process has an executor of its own, so that a killed one costs its own task alone. A task begins when its memory
+fits beside that of the tasks under way; where tasks need a GPU, each process has one of its own.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import time
+from collections.abc import Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from refsim.cluster.tasks import ATTEMPTS, ONE_THREAD, Outcome, Task, Watch, killed
+from refsim.core.errors import InputError
+from refsim.core.tables import in_bytes
+
+PAUSE = 0.5  # [s] between two calls of `watch`
+_shares: Any = None  # in a process: share done of every task, in memory that all processes see
+
+
+@dataclass
+class _Slot:
+    """A process, its task and since when it is under way."""
+
+    name: str
+    device: str | None
+    executor: Any = None
+    place: int = 0
+    began: float = 0.0
+
+
+def by_processes(tasks: Sequence[Task], jobs: int, watch: Watch) -> Iterator[Outcome]:
+    """Outcomes of tasks in `jobs` processes of one thread each, the heaviest task first."""
+    devices: list[str | None] = [None] * jobs
+    if any(task.gpu for task in tasks):
+        devices = list[str | None](visible_devices())[:jobs]
+        if not devices:
+            raise InputError("no GPU is visible here; take another backend, or a scheduler whose workers have GPUs.")
+    context = multiprocessing.get_context("spawn")  # a forked process would inherit the threads of Numba's pool
+    shares = context.Array("d", len(tasks), lock=False)
+    memory = available_memory()
+    waiting = sorted(range(len(tasks)), key=lambda k: -tasks[k].weight)
+    free = [_Slot(f"process {k}", device) for k, device in enumerate(devices[: len(tasks)])]
+    busy: dict[Future[Any], _Slot] = {}
+    attempts = [0] * len(tasks)
+    try:
+        while waiting or busy:
+            for place in list(waiting):
+                needed = tasks[place].bytes
+                if needed > memory:
+                    waiting.remove(place)
+                    yield Outcome(tasks[place], error=_too_large(tasks[place], memory))
+                elif free and needed + sum(tasks[slot.place].bytes for slot in busy.values()) <= memory:
+                    waiting.remove(place)
+                    slot = free.pop()
+                    if slot.executor is None:
+                        slot.executor = ProcessPoolExecutor(
+                            1, mp_context=context, initializer=_begin, initargs=(shares, slot.device)
+                        )
+                    slot.place, slot.began, shares[place] = place, time.perf_counter(), 0.0
+                    attempts[place] += 1
+                    busy[slot.executor.submit(_there, place, tasks[place])] = slot
+            done, _ = wait(busy, timeout=PAUSE, return_when=FIRST_COMPLETED)
+            watch({tasks[s.place].key: shares[s.place] for s in busy.values()}, len(busy))
+            for future in done:
+                slot = busy.pop(future)
+                free.append(slot)
+                task, error = tasks[slot.place], future.exception()
+                if isinstance(error, BrokenProcessPool):
+                    slot.executor.shutdown()
+                    slot.executor = None
+                    if attempts[slot.place] < ATTEMPTS:
+                        waiting.insert(0, slot.place)
+                        continue
+                    error = killed(task, ATTEMPTS)
+                seconds = time.perf_counter() - slot.began
+                yield Outcome(task, None if error else future.result(), error, seconds, slot.name)
+    finally:
+        for slot in (*free, *busy.values()):
+            if slot.executor is not None:
+                slot.executor.shutdown(cancel_futures=True)
+
+
+def _too_large(task: Task, memory: float) -> InputError:
+    return InputError(
+        f"{task.name}: it needs about {in_bytes(task.bytes)} of memory and {in_bytes(memory)} are available; take fewer"
+        " particles or a larger machine."
+    )
+
+
+def available_memory() -> float:
+    """Bytes that processes can still take on this machine; infinite where the system does not tell."""
+    try:
+        lines = Path("/proc/meminfo").read_text().splitlines()
+        return 1024.0 * next(int(line.split()[1]) for line in lines if line.startswith("MemAvailable"))
+    except (OSError, StopIteration, ValueError):
+        return float("inf")
+
+
+def visible_devices() -> list[str]:
+    """Names of the CUDA devices as CUDA_VISIBLE_DEVICES takes them."""
+    named = os.environ.get("CUDA_VISIBLE_DEVICES")
+    if named is not None:
+        return [word.strip() for word in named.split(",") if word.strip()]
+    from refsim.backends.arrays import unavailable
+
+    if unavailable("cuda") is not None:
+        return []
+    from numba import cuda
+
+    return [str(k) for k in range(len(cuda.gpus))]
+
+
+def _begin(shares: Any, device: str | None) -> None:
+    """Make a new process ready, before it loads Numba."""
+    global _shares
+    _shares = shares
+    signal.signal(signal.SIGINT, signal.SIG_DFL)  # Ctrl-C ends it without words; the parent says what is kept
+    for name in ONE_THREAD:
+        os.environ[name] = "1"
+    if device is not None:
+        os.environ["CUDA_VISIBLE_DEVICES"] = device
+
+
+def _there(place: int, task: Task) -> Any:
+    """Do a task in a process; its share done stands at `place`."""
+
+    def report(share: float) -> None:
+        _shares[place] = min(max(share, 0.0), 1.0)
+
+    return task.function(report, *task.arguments)

@@ -1,0 +1,154 @@
+"""Tasks on the workers of a Dask scheduler (extra `[cluster]`).
+
+A worker does one task at a time (`--nthreads 1`). A task that needs a GPU requires the resource GPU of its worker.
+Where workers declare the resource MEMORY [bytes], every task requires its share of it. The scheduler gives the task of
+a worker that is lost to another one.
+"""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from typing import Any
+
+from refsim.cluster.tasks import Outcome, Report, Task, Watch, killed
+from refsim.core.errors import InputError, RunStopped
+from refsim.core.extras import extra
+from refsim.core.tables import in_bytes
+
+TOPIC = "refsim"  # of the workers' reports
+PAUSE = 0.5  # [s] between two looks at the tasks
+PATIENCE = 30.0  # [s] in which scheduler and first worker must answer
+BETWEEN_REPORTS = 1.0  # [s]
+GPU, MEMORY = "GPU", "MEMORY"  # resources that workers declare
+
+
+def by_scheduler(tasks: Sequence[Task], address: str, watch: Watch) -> Iterator[Outcome]:
+    """Outcomes of tasks on the workers of the scheduler at `address`, in the order in which they end."""
+    client = connect(address)
+    lost = RunStopped(
+        "scheduler_lost",
+        f"The scheduler at {address} has gone away; what was finished is kept, and the same"
+        " command goes on from there.",
+    )
+    shares: dict[str, float] = {}
+    try:
+        asked = resources(tasks, _workers(client, address), address)
+        client.subscribe_topic(TOPIC, lambda event: shares.update([event[1]]))
+        waiting = {
+            client.submit(
+                _there, task.key, task.function, task.arguments,
+                key=f"refsim-{task.key}", pure=False, resources=wanted, priority=task.weight,
+            ): task
+            for task, wanted in zip(tasks, asked)
+        }  # fmt: skip
+        while waiting:
+            time.sleep(PAUSE)
+            for future in [future for future in waiting if future.status in ("finished", "error")]:
+                task = waiting.pop(future)
+                shares.pop(task.key, None)
+                yield _outcome(task, future)
+            if waiting and (client.status != "running" or any(f.status in ("lost", "cancelled") for f in waiting)):
+                raise lost
+            under_way = {task.key for task in waiting.values()}
+            watch({k: s for k, s in list(shares.items()) if k in under_way}, len(_known(client)))
+    except (OSError, TimeoutError) as error:
+        raise lost from error
+    finally:
+        with suppress(OSError, TimeoutError, RuntimeError):
+            client.close(timeout=2)
+
+
+def _outcome(task: Task, future: Any) -> Outcome:
+    from distributed import KilledWorker
+
+    if future.status == "error":
+        error = future.exception(timeout=PATIENCE)
+        if isinstance(error, KilledWorker):
+            error = killed(task, error.allowed_failures + 1)
+        return Outcome(task, error=error)
+    value, seconds, worker = future.result(timeout=PATIENCE)
+    return Outcome(task, value, None, seconds, worker)
+
+
+def connect(address: str) -> Any:
+    """A client of the scheduler. Raises InputError where Dask distributed is absent or nothing answers."""
+    distributed = extra("distributed", "a scheduler (--scheduler)")
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # its errors are told in one sentence
+    try:
+        return distributed.Client(address, timeout=PATIENCE, set_as_default=False)
+    except (OSError, TimeoutError, ValueError, TypeError) as error:
+        words = " ".join(str(error).split()) or type(error).__name__
+        raise InputError(
+            f"no scheduler answers at {address} ({words}); start one with `dask scheduler` and give the address that it"
+            " prints, such as tcp://10.0.0.1:8786."
+        ) from None
+
+
+def _workers(client: Any, address: str) -> dict[str, Any]:
+    """The workers that are there, once there is one."""
+    until = time.monotonic() + PATIENCE
+    while not (found := _known(client)):
+        if time.monotonic() > until:
+            raise InputError(
+                f"the scheduler at {address} has no workers; start some with `dask worker {address} --nthreads 1`."
+            )
+        time.sleep(PAUSE)
+    return found
+
+
+def _known(client: Any) -> dict[str, Any]:
+    return dict(client.scheduler_info(n_workers=-1)["workers"])
+
+
+def resources(tasks: Sequence[Task], workers: dict[str, Any], address: str) -> list[dict[str, float]]:
+    """What each task requires of its worker. Raises InputError where the workers cannot do the tasks."""
+    start = f"dask worker {address} --nthreads 1"
+    for name, about in workers.items():
+        if about["nthreads"] != 1:
+            raise InputError(
+                f"worker {name} does {about['nthreads']} tasks at once in one process, which Numba's threads do not"
+                f" allow; start it with `{start}`, several times with --nworkers."
+            )
+    declared = [about.get("resources") or {} for about in workers.values()]
+    if any(task.gpu for task in tasks) and not any(has.get(GPU) for has in declared):
+        raise InputError(
+            f"no worker of {address} declares a GPU; start one for each with"
+            f" `CUDA_VISIBLE_DEVICES=0 {start} --resources GPU=1`."
+        )
+    by_resource = any(MEMORY in has for has in declared)
+    if by_resource:
+        most = max(has.get(MEMORY, 0.0) for has in declared)
+    else:
+        most = min(about.get("memory_limit") or float("inf") for about in workers.values())
+    asked = []
+    for task in tasks:
+        if task.bytes > most and not task.gpu:
+            which = "the largest of the workers has" if by_resource else "the smallest of the workers has"
+            raise InputError(
+                f"{task.name}: it needs about {in_bytes(task.bytes)} of memory and {which} {in_bytes(most)}; start"
+                f" larger ones that declare theirs [bytes], as in `{start} --resources MEMORY=64e9`."
+            )
+        memory = {MEMORY: float(task.bytes)} if by_resource and task.bytes and not task.gpu else {}
+        asked.append(memory | ({GPU: 1.0} if task.gpu else {}))
+    return asked
+
+
+def _there(key: str, function: Any, arguments: tuple[Any, ...]) -> tuple[Any, float, str]:
+    """Do a task on a worker; returns its value, its wall seconds and the worker."""
+    from distributed import get_worker
+
+    worker, began = get_worker(), time.perf_counter()
+    told = 0.0
+
+    def tell(share: float) -> None:
+        nonlocal told
+        if time.monotonic() - told > BETWEEN_REPORTS:
+            told = time.monotonic()
+            worker.log_event(TOPIC, (key, min(max(share, 0.0), 1.0)))
+
+    report: Report = tell
+    report(0.0)
+    return function(report, *arguments), time.perf_counter() - began, str(worker.name)

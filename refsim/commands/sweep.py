@@ -1,0 +1,56 @@
+"""`refsim sweep`: a scene's observable at many parameters, on the processors of this machine or on a cluster."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from refsim.commands import Command, CommandResult, register
+from refsim.core.errors import InputError
+from refsim.engine.progress import say, wanted
+from refsim.sweep import TABLE, sweep
+
+DESCRIPTION = """Run a scene at every combination of parameters that a sweep file (TOML) gives, and print the observable
+of each run. What is in the results folder is not computed again, so that the same command goes on where it was
+stopped."""
+FAILED = 3
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Arguments of `refsim sweep`."""
+    add = parser.add_argument
+    add("sweep", metavar="SWEEP.toml", help="scene, observable, and a grid or a list of parameters, seeds")
+    where = parser.add_mutually_exclusive_group()
+    where.add_argument("--scheduler", metavar="ADDRESS", help="compute on the workers of a Dask scheduler")
+    where.add_argument("--jobs", type=int, metavar="N", help="processes of this machine (as many as processors)")
+    add("--output", metavar="DIR", help="folder of the results (NAME_sweep for NAME.toml)")
+    add(
+        "--checkpoint-every",
+        type=float,
+        default=60.0,
+        metavar="S",
+        help="wall time between a run's checkpoints [s] (60)",
+    )
+    add("--quiet", action="store_true", help="no progress")
+
+
+def execute(options: argparse.Namespace) -> CommandResult:
+    """Compute what is missing; print all runs."""
+    folder = Path(options.output or f"{Path(options.sweep).stem}_sweep")
+    if folder.exists() and not folder.is_dir():
+        raise InputError(f"{folder} is a file; give a folder for the output.")
+    found = sweep(
+        options.sweep,
+        folder=folder,
+        jobs=options.jobs,
+        scheduler=options.scheduler,
+        checkpoint_every=options.checkpoint_every,
+        say=(lambda text: None) if options.quiet else say,
+        bar=not options.quiet and wanted(),
+    )
+    worked = any(reading is not None and not reading.failed for reading in found.readings)
+    code = 0 if worked and not found.missing else FAILED
+    return CommandResult(found.data() | {"folder": str(folder)}, f"{found.text()}\n{folder / TABLE}", code)
+
+
+register(Command("sweep", "run a scene at many parameters", configure, execute, DESCRIPTION))

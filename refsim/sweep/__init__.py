@@ -1,0 +1,345 @@
+"""Sweeps: a scene's observable at a grid or a list of parameters, with seeds, on many processes or machines.
+
+Contents: Sweep, read_sweep, sweep, Swept; the module progress.
+"""
+
+from __future__ import annotations
+
+import copy
+import csv
+import io
+import itertools
+import math
+import os
+import time
+import tomllib
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from refsim.backends.arrays import unavailable
+from refsim.cluster import perform
+from refsim.core.errors import InputError
+from refsim.core.tables import in_time, table
+from refsim.io.checkpoint import replace_file
+from refsim.scene.files import load_scene, scene_from_dict, scene_to_dict, suggestion
+from refsim.scene.scene import Scene, make_plan
+from refsim.study.observables import Observable, observable_of
+from refsim.study.runs import Reading, Setting, keep, kept, key_of
+from refsim.study.tasks import task_of, whole_name
+from refsim.sweep.progress import Progress
+
+MOST_RUNS = 1_000_000
+TABLE = "sweep.csv"
+SEED = "seed"
+ANYWHERE = "anywhere"  # a value does not depend on where it was computed; its seconds are not compared
+
+
+class Sweep(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """What a sweep file says.
+
+    scene       path of a scene file, from the folder of the sweep file
+    observable  as for `refsim study`; its value at the scene's end_time
+    backend     "cpu", "cuda" or "numpy"
+    grid        {parameter: values}; every combination is a run
+    points      tables {parameter: value}; each is a run, with every combination of the grid
+    seeds       each run is repeated with every `seed` of the scene set to each of these
+    """
+
+    scene: str
+    observable: str
+    backend: str = "cpu"
+    grid: dict[str, list[Any]] = {}
+    points: list[dict[str, Any]] = []
+    seeds: list[int] = []
+
+
+@dataclass(frozen=True)
+class Point:
+    """One run of a sweep: what it sets, {parameter: value}, and the scene that follows."""
+
+    values: Mapping[str, Any]
+    scene: Scene
+
+    @property
+    def label(self) -> str:
+        """Its values in words."""
+        return ", ".join(f"{name} = {value}" for name, value in self.values.items()) or self.scene.name
+
+
+@dataclass(frozen=True)
+class Swept:
+    """What a sweep gave.
+
+    readings      of the points, in their order; None where a run was not computed, for the reason in `missing`
+    computed      runs that were computed now; the others were on file, or are missing
+    task_seconds  sum over the runs computed now; `wall` of the whole call [s]
+    workers       most of them at one time
+    """
+
+    points: tuple[Point, ...]
+    readings: tuple[Reading | None, ...]
+    observable: Observable
+    computed: int
+    missing: Mapping[int, str]
+    task_seconds: float
+    wall: float
+    workers: int
+
+    @property
+    def efficiency(self) -> float:
+        """Sum of task seconds over workers x wall; NaN if nothing was computed."""
+        return self.task_seconds / (self.workers * self.wall) if self.workers and self.wall else math.nan
+
+    def rows(self) -> list[dict[str, Any]]:
+        """A dictionary for each run: its parameters, value, seconds, steps and, without a value, the reason."""
+        rows = []
+        for k, (point, reading) in enumerate(zip(self.points, self.readings)):
+            row = dict(point.values)
+            if reading is None:
+                row |= {"value": None, "seconds": None, "particles": None, "steps": None, "reason": self.missing[k]}
+            else:
+                value = None if reading.failed else reading.value
+                row |= {"value": value, "seconds": reading.seconds, "particles": reading.particles}
+                row |= {"steps": reading.steps, "reason": reading.failed}
+            rows.append(row)
+        return rows
+
+    def csv(self) -> str:
+        """The rows as comma-separated values with a head."""
+        text, rows = io.StringIO(), self.rows()
+        writer = csv.DictWriter(text, list(dict.fromkeys(name for row in rows for name in row)), lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(rows)
+        return text.getvalue()
+
+    def text(self) -> str:
+        """The rows as a table, the reasons below it, and what it took."""
+        names = list(dict.fromkeys(name for point in self.points for name in point.values))
+        unit = f" [{self.observable.unit}]" if self.observable.unit else ""
+        rows, reasons = [], []
+        for row in self.rows():
+            value = "-" if row["value"] is None else f"{row['value']:.6g}"
+            seconds = "-" if row["seconds"] is None else f"{row['seconds']:.3g}"
+            rows.append([*(row.get(name, "") for name in names), value, seconds])
+            if row["reason"]:
+                reasons.append(f"{', '.join(f'{n} = {row[n]}' for n in names if n in row)}: {row['reason']}")
+        head = (*names, f"{self.observable.name}{unit}", "seconds")
+        failed = sum(1 for reading in self.readings if reading is not None and reading.failed)
+        parts = [f"{len(self.points)} runs, {self.computed} of them computed now"]
+        if failed:
+            parts.append(f"{failed} without a value")
+        if self.missing:
+            parts.append(f"{len(self.missing)} not computed")
+        lines = [table(rows, head, right=range(len(head))), "", *reasons, ", ".join(parts)]
+        if self.computed:
+            lines.append(
+                f"{in_time(self.task_seconds)} of {self.workers} workers in {in_time(self.wall)}: efficiency"
+                f" {100 * self.efficiency:.0f} %"
+            )
+        return "\n".join(lines)
+
+    def data(self) -> dict[str, Any]:
+        """The same as plain values, for JSON."""
+        return {
+            "observable": self.observable.name,
+            "unit": self.observable.unit,
+            "runs": self.rows(),
+            "computed": self.computed,
+            "task_seconds": self.task_seconds,
+            "wall_seconds": self.wall,
+            "workers": self.workers,
+            "efficiency": self.efficiency,
+        }
+
+
+def read_sweep(path: str | os.PathLike[str]) -> Sweep:
+    """The sweep in a TOML file. Raises InputError where it cannot be read or says something impossible."""
+    try:
+        tables = tomllib.loads(Path(path).read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(
+            f"sweep file {path} cannot be read ({error.strerror}); give the path of a TOML file."
+        ) from None
+    except ValueError as error:
+        words = str(error)
+        raise InputError(f"{path} is not TOML: {words[:1].lower()}{words[1:]}; correct that place.") from None
+    for name in tables:
+        if name not in Sweep.__struct_fields__:
+            raise InputError(f"{path}: a sweep has no {name!r}; {suggestion(name, Sweep.__struct_fields__)}")
+    try:
+        return msgspec.convert(tables, Sweep)
+    except msgspec.ValidationError as error:
+        words = str(error)
+        raise InputError(f"{path}: {words[:1].lower()}{words[1:]}; see docs/sweep.md for what a sweep has.") from None
+
+
+def points_of(given: Sweep, folder: Path, source: str) -> list[Point]:
+    """All runs of a sweep. Raises InputError for a parameter or a value that its scene does not have."""
+    path = folder / given.scene
+    base = scene_to_dict(load_scene(path.resolve()))
+    for name, values in given.grid.items():
+        if not values:
+            raise InputError(f"{source}: [grid] gives no value for {name!r}; give at least one.")
+    count = math.prod(len(values) for values in given.grid.values()) * max(len(given.points), 1)
+    if count * max(len(given.seeds), 1) > MOST_RUNS:
+        raise InputError(f"{source}: it has {count:,} runs; give at most {MOST_RUNS:,}.")
+    points = []
+    for chosen in _combinations(given):
+        tables = copy.deepcopy(base)
+        for name, value in chosen.items():
+            if name == SEED:
+                _seed(tables, value, source)
+            else:
+                _put(tables, name, value, source)
+        words = ", ".join(f"{name} = {value}" for name, value in chosen.items())
+        points.append(Point(chosen, scene_from_dict(tables, f"{source}: {given.scene} with {words}")))
+    return points
+
+
+def _combinations(given: Sweep) -> Iterator[dict[str, Any]]:
+    seeds = [{SEED: seed} for seed in given.seeds] or [{}]
+    for listed in given.points or [{}]:
+        for values in itertools.product(*given.grid.values()):
+            for seed in seeds:
+                yield listed | dict(zip(given.grid, values)) | seed
+
+
+def _put(tables: dict[str, Any], name: str, value: Any, source: str) -> None:
+    """Set a parameter such as effects.gravity.acceleration or fluid.1.cells; parts count from 1."""
+    *parents, last = name.split(".")
+    place: Any = tables
+    for word in parents:
+        if isinstance(place, list):
+            inner = place[int(word) - 1] if word.isdecimal() and 0 < int(word) <= len(place) else None
+            hint = f"it has numbers 1 to {len(place)}."
+        else:
+            inner = place.get(word)
+            hint = suggestion(word, [key for key, held in place.items() if isinstance(held, dict | list)])
+        if not isinstance(inner, dict | list):
+            raise InputError(f"{source}: the scene has no parameter {name!r}, for lack of {word!r}; {hint}")
+        place = inner
+    if not isinstance(place, dict):
+        raise InputError(
+            f"{source}: {name!r} is no parameter; write the part's number and then a name, as fluid.1.cells."
+        )
+    place[last] = value
+
+
+def _seed(tables: Any, seed: int, source: str) -> None:
+    """Set every `seed` of a scene."""
+
+    def parts(inside: Any) -> Iterator[dict[str, Any]]:
+        if isinstance(inside, dict) and SEED in inside:
+            yield inside
+        for value in inside.values() if isinstance(inside, dict) else inside:
+            if isinstance(value, dict | list):
+                yield from parts(value)
+
+    found = list(parts(tables))
+    if not found:
+        raise InputError(
+            f"{source}: no effect of the scene has a {SEED!r}, so that seeds change nothing; leave them out."
+        )
+    for part in found:
+        part[SEED] = seed
+
+
+def sweep(
+    path: str | os.PathLike[str],
+    *,
+    folder: str | os.PathLike[str],
+    jobs: int | None = None,
+    scheduler: str | None = None,
+    checkpoint_every: float = 60.0,
+    say: Callable[[str], None] = lambda text: None,
+    bar: bool = False,
+) -> Swept:
+    """Compute the runs of a sweep file that are not in the folder yet, and return them all.
+
+    folder            of results, one file for each run, named by the digest of all that its value follows from; the
+                      workers write there, so that it must be the same folder for all of them
+    jobs              processes of this machine, of one thread each; as many as it has processors by default
+    scheduler         address of a Dask scheduler, whose workers compute instead
+    checkpoint_every  seconds of wall time between two checkpoints of a run
+    say, bar          lines of progress, and whether to show a bar
+
+    A run that diverges is a result with its reason. Raises InputError for bad input, RunStopped("scheduler_lost")
+    where the scheduler goes away.
+    """
+    given, place, began = read_sweep(path), Path(folder), time.perf_counter()
+    if not checkpoint_every > 0:
+        raise InputError(
+            f"--checkpoint-every = {checkpoint_every:g} is not possible; give a positive number of seconds."
+        )
+    reason = unavailable(given.backend) if scheduler is None or given.backend != "cuda" else None
+    if reason is not None:
+        raise InputError(f"Backend {given.backend!r} cannot be used: {reason}.")
+    points = points_of(given, Path(path).parent, str(path))
+    name = _from_folder(given.observable, Path(path).parent)
+    observable = observable_of(name, _first_plan(points))
+    settings = [Setting("sweep", point.label, 1.0, point.scene, given.backend) for point in points]
+    keys = [key_of(setting, observable, None, 1, ANYWHERE) for setting in settings]
+    readings = {key: reading for key in keys if (reading := kept(place, key)) is not None}
+    on_file = len(readings)
+    tasks = {
+        key: task_of(key, setting, name, None, 1, place, False, checkpoint_every)
+        for key, setting in zip(keys, settings)
+        if key not in readings
+    }
+    say(f"{len(tasks)} runs to do" + (f", {on_file} are on file" if on_file else ""))
+    missing: dict[str, str] = {}
+    by_key = dict(zip(keys, settings))
+    if tasks:
+        _writable(place)
+    with Progress(list(tasks.values()), bar, say) as progress:
+        for outcome in perform(list(tasks.values()), jobs=jobs, scheduler=scheduler, watch=progress.watch):
+            key = outcome.task.key
+            if outcome.error is not None:
+                missing[key] = " ".join(str(outcome.error).split())
+            else:
+                readings[key] = outcome.value
+                if kept(place, key) is None:  # the worker's folder is another one
+                    keep(place, key, by_key[key], outcome.value)
+            progress.ended(outcome)
+    found = Swept(
+        points=tuple(points),
+        readings=tuple(readings.get(key) for key in keys),
+        observable=observable,
+        computed=len(readings) - on_file,
+        missing={k: missing[key] for k, key in enumerate(keys) if key not in readings},
+        task_seconds=progress.task_seconds,
+        wall=time.perf_counter() - began,
+        workers=progress.workers,
+    )
+    _writable(place)
+    replace_file(place / TABLE, found.csv().encode())
+    return found
+
+
+def _first_plan(points: list[Point]) -> Any:
+    """The plan of the first point that has one. Raises InputError where none has."""
+    for point in points:
+        try:
+            return make_plan(point.scene)
+        except InputError as error:
+            first = error
+    raise first
+
+
+def _from_folder(observable: str, folder: Path) -> str:
+    """The observable; the file of a function stands relative to the sweep file."""
+    path, _, function = observable.rpartition(":")
+    return whole_name(f"{folder / path}:{function}") if path.endswith(".py") else observable
+
+
+def _writable(folder: Path) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(
+            f"sweep: {folder} cannot be written ({error.strerror or error}); give another folder (--output)."
+        ) from error

@@ -1,0 +1,148 @@
+"""Tasks on a Dask scheduler with three worker processes of this machine."""
+
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+import refsim
+from refsim.__main__ import main
+from refsim.cluster import perform, scheduler
+from refsim.cluster.tasks import Task
+from refsim.core.errors import InputError, RunStopped
+from refsim.sweep import sweep
+from tests.cluster import cluster_tasks as there
+from tests.sweep.small_sweep import files, killed_task, same_bits
+
+WORKERS = 3
+
+
+def test_without_dask_a_sentence_says_what_to_do(monkeypatch):
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(InputError, match=r"--scheduler.* needs the package distributed.*extra 'cluster'"):
+        list(perform([Task("a", "a", there.square, (1,))], scheduler="tcp://127.0.0.1:1"))
+
+
+def asked(tasks, **about):
+    given = {"nthreads": 1, "resources": {}, "memory_limit": 1000} | about
+    return scheduler.resources(tasks, {"tcp://w": given}, "tcp://s")
+
+
+def test_a_task_asks_for_its_memory_and_its_gpu():
+    small, gpu = Task("a", "a", there.square, bytes=10), Task("b", "b", there.square, bytes=10, gpu=True)
+    assert asked([small]) == [{}]
+    assert asked([small, gpu], resources={"MEMORY": 50, "GPU": 1}) == [{"MEMORY": 10.0}, {"GPU": 1.0}]
+    with pytest.raises(InputError, match=r"no worker of tcp://s declares a GPU.*--resources GPU=1"):
+        asked([gpu])
+    with pytest.raises(InputError, match=r"a: it needs about 10 B of memory and the smallest of the workers has 5 B"):
+        asked([small], memory_limit=5)
+    with pytest.raises(InputError, match=r"the largest of the workers has 5 B"):
+        asked([small], resources={"MEMORY": 5})
+    with pytest.raises(InputError, match=r"worker tcp://w does 4 tasks at once in one process"):
+        asked([small], nthreads=4)
+
+
+class Cluster:
+    """A scheduler and its workers, in processes."""
+
+    def __init__(self, folder):
+        self.file, self.processes = folder / "scheduler.json", []
+        paths = [str(Path(refsim.__file__).parent.parent), os.environ.get("PYTHONPATH", "")]
+        self.environment = os.environ | {"PYTHONPATH": os.pathsep.join(paths), "NUMBA_NUM_THREADS": "1"}
+        self.log = (folder / "log").open("w")
+        self.scheduler = self.start("dask_scheduler", "--port", "0", "--host", "127.0.0.1", "--no-show")
+        for k in range(WORKERS):
+            options = ("--no-nanny", "--nthreads", "1", "--name", f"worker {k}", "--local-directory", str(folder))
+            self.start("dask_worker", *options)
+        import json
+
+        self.address = json.loads(self.file.read_text())["address"]
+
+    def start(self, program, *options):
+        words = ["-m", f"distributed.cli.{program}", "--scheduler-file", str(self.file), "--no-dashboard", *options]
+        process = subprocess.Popen([sys.executable, *words], env=self.environment, stdout=self.log, stderr=self.log)
+        self.processes.append(process)
+        until = time.monotonic() + 120
+        while not self.file.exists():
+            assert process.poll() is None
+            assert time.monotonic() < until
+            time.sleep(0.1)
+        return process
+
+    def end(self):
+        for process in self.processes:
+            process.kill()
+            process.wait()
+        self.log.close()
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    return files(tmp_path, monkeypatch)
+
+
+@pytest.fixture(scope="module")
+def cluster(tmp_path_factory):
+    pytest.importorskip("distributed", reason="Dask distributed is not installed (refsim[cluster])")
+    made = Cluster(tmp_path_factory.mktemp("cluster"))
+    yield made
+    made.end()
+
+
+def by(cluster, tasks, **more):
+    return {each.task.key: each for each in perform(tasks, scheduler=cluster.address, **more)}
+
+
+@pytest.mark.filterwarnings("default")  # of Dask itself
+def test_values_errors_and_a_killed_worker(cluster, tmp_path):
+    tasks = [Task(str(k), f"task {k}", there.square, (k,)) for k in range(6)]
+    tasks += [Task("wild", "wild", there.diverge), Task("killed", "killed", there.die_once, (str(tmp_path / "m"), 7))]
+    watched = []
+    found = by(cluster, tasks, watch=lambda shares, workers: watched.append(workers))
+    assert [found[str(k)].value for k in range(6)] == [k * k for k in range(6)]
+    assert found["wild"].error.reason == "diverged"
+    assert found["killed"].value == (7, "1"), "by another worker"
+    assert watched[-1] == WORKERS - 1
+    assert found["killed"].worker.startswith("worker ")
+
+
+@pytest.mark.filterwarnings("default")
+def test_a_run_whose_worker_is_killed_goes_on_elsewhere_with_the_same_bits(cluster, folder):
+    (outcome,) = perform([killed_task(folder)], scheduler=cluster.address)
+    same_bits(folder, outcome)
+
+
+@pytest.mark.filterwarnings("default")
+def test_a_sweep_and_a_study_by_the_workers(cluster, folder, capsys):
+    here = sweep("grid.toml", folder="here", jobs=1)
+    assert main(["sweep", "grid.toml", "--output", "there", "--scheduler", cluster.address]) == 0
+    said = capsys.readouterr()
+    assert "4 runs, 4 of them computed now" in said.out
+    again = sweep("grid.toml", folder="there", scheduler=cluster.address)
+    assert again.computed == 0
+    assert [r.value for r in again.readings] == [r.value for r in here.readings]
+    words = ["study", "tank.toml", "--observable", "kinetic_energy", "--knobs", "precision", "--backend", "numpy"]
+    assert main([*words, "--scheduler", cluster.address]) == 0
+    said = capsys.readouterr()
+    assert "2 runs to do" in said.err
+    assert "float64, worker " in said.err
+    assert main([*words, "--scheduler", cluster.address]) == 0
+    assert "0 runs to do, 2 are on file" in capsys.readouterr().err
+    alone = refsim.study("tank.toml", "kinetic_energy", knobs=("precision",), backend="numpy", threads=1)
+    assert f"{alone.base.value:.6g}" in said.out
+
+
+@pytest.mark.filterwarnings("default")
+def test_a_scheduler_that_goes_away_ends_with_a_sentence(cluster, monkeypatch):
+    found = perform([Task(f"w{k}", "wait", there.wait, (k,)) for k in (0, 600)], scheduler=cluster.address)
+    assert next(found).value == 0
+    cluster.scheduler.kill()
+    with pytest.raises(RunStopped, match="has gone away; what was finished is kept") as told:
+        next(found)
+    assert told.value.reason == "scheduler_lost"
+    monkeypatch.setattr(scheduler, "PATIENCE", 1.0)
+    with pytest.raises(InputError, match="no scheduler answers at"):
+        by(cluster, [Task("a", "a", there.square, (1,))])
