@@ -7,6 +7,7 @@ import dataclasses
 import os
 import platform
 import time
+import traceback
 from typing import Any
 
 import numpy as np
@@ -43,16 +44,21 @@ def execute(options: argparse.Namespace) -> CommandResult:
     }
     found["threads"] = _threads()
     found["launch_note"] = launch_note()  # known after the self-test has launched a kernel
-    failed = [name for name, test in found["self_test"].items() if test["verdict"] != "pass"]
-    working = [name for name in found["self_test"] if name not in failed]
+    tests = found["self_test"]
+    stopped = [name for name, test in tests.items() if "why" in test]
+    wrong = [name for name, test in tests.items() if test["verdict"] != "pass" and name not in stopped]
+    working = [name for name in tests if name not in (*stopped, *wrong)]
     absent = [name for name, reason in backends.items() if reason is not None]
-    if failed:
-        found["verdict"] = f"fail: backend {' and '.join(failed)} computes wrong numbers here; do not use it"
+    if stopped or wrong:
+        faults = [f"backend {name} stops with an error in the self-test: {tests[name]['why']}" for name in stopped]
+        if wrong:
+            faults.append(f"backend {' and '.join(wrong)} computes wrong numbers here; do not use it")
+        found["verdict"] = f"fail: {'; '.join(faults)}"
     else:
         found["verdict"] = f"pass: {', '.join(working)} {'work' if len(working) > 1 else 'works'}"
         if absent:
             found["verdict"] += f"; {' and '.join(absent)} cannot run here"
-    return CommandResult(found, _text(found), 4 if failed else 0)
+    return CommandResult(found, _text(found), 4 if stopped or wrong else 0)
 
 
 def _self_test_plan() -> Plan:
@@ -80,19 +86,21 @@ def _self_test(backend: str) -> dict[str, Any]:
             values.append(simulation.field("density").astype(float))
         neighbours = simulation.search.log.most_neighbours if simulation.search else 0
     except RefsimError as error:
-        return {"operation": TESTED, "verdict": "fail", "why": str(error)}
+        return {"operation": TESTED, "verdict": "fail", "why": str(error).rstrip(".")}
     except Exception as error:  # any error of a broken installation is reported
-        return {"operation": TESTED, "verdict": "fail", "why": f"{type(error).__name__}: {error}"}
+        last = traceback.extract_tb(error.__traceback__)[-1]
+        words = " ".join(f"{type(error).__name__}: {error}".split())
+        return {"operation": TESTED, "verdict": "fail", "why": f"{words} ({last.filename}, line {last.lineno})"}
     expected, computed = values
-    error = float(np.abs(computed / expected - 1).max())
+    largest = float(np.abs(computed / expected - 1).max())
     bound = REGISTRY[TESTED].tolerance * (neighbours + 1) * float(np.finfo(plan.grid.dtype).eps)
     return {
         "operation": TESTED,
         "particles": plan.grid.count,
         "dtype": plan.grid.dtype,
-        "largest_relative_error": error,
+        "largest_relative_error": largest,
         "bound": bound,
-        "verdict": "pass" if error <= bound else "fail",
+        "verdict": "pass" if largest <= bound else "fail",
         "seconds": time.perf_counter() - began,
     }
 
@@ -170,7 +178,7 @@ def _text(found: dict[str, Any]) -> str:
         if test is None:
             told.append((name, "not available", state["reason"]))
         elif "why" in test:
-            told.append((name, "FAILS", test["why"]))
+            told.append((name, "FAILS", "see the verdict"))
         else:
             told.append(
                 (

@@ -7,15 +7,20 @@ import ast
 import functools
 import importlib.util
 import inspect
+import textwrap
 from pathlib import Path
 from typing import Any
 
 import msgspec
 
 from refsim.commands import Command, CommandResult, register, table
+from refsim.core.checked import suggestion
 from refsim.core.effect import EFFECTS, Effect
+from refsim.core.errors import InputError
 from refsim.core.operation import REGISTRY, Operation
 from refsim.scene.files import describe
+
+WIDTH = 100  # columns of a screen
 
 
 @functools.cache
@@ -58,34 +63,82 @@ def _parameters(effect: type[Effect]) -> list[dict[str, Any]]:
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    """No arguments of its own."""
+    """Arguments of `refsim list`."""
+    parser.add_argument("words", nargs="*", metavar="WORD", help="what to show: part of a name or of a paper")
+    parser.add_argument("--all", action="store_true", help="show every operation and effect in full")
 
 
 def execute(options: argparse.Namespace) -> CommandResult:
-    """List the registry and the effects."""
-    operations = {
+    """List the registry and the effects: by method, or in full those that the words name."""
+    operations: dict[str, dict[str, Any]] = {
         o.name: {"paper": o.paper, "equation": o.equation, "programs": programs_of(o)} for o in REGISTRY.values()
     }
-    effects = {
+    effects: dict[str, dict[str, Any]] = {
         name: {"summary": (inspect.getdoc(effect) or "").split("\n")[0], "parameters": _parameters(effect)}
         for name, effect in sorted(EFFECTS.items())
     }
-    lines = [f"{len(operations)} operations", ""]
-    lines.append(
-        table(
-            [(n, o["paper"], o["equation"], " ".join(o["programs"])) for n, o in operations.items()],
-            ("operation", "paper", "equation", "programs"),
-        )
-    )
-    lines += ["", f"{len(effects)} effects, as tables [effects.NAME] of a scene file"]
-    for name, effect in effects.items():
-        lines += ["", f"{name}: {effect['summary']}"]
-        rows = [
-            ("", p["name"], "required" if p["required"] else f"= {_shown(p['default'])}", p["meaning"])
-            for p in effect["parameters"]
+    for word in options.words:
+        if not any(_has(word, name, o["paper"]) for name, o in operations.items()) and not any(
+            _has(word, name) for name in effects
+        ):
+            known = [*EFFECTS, *dict.fromkeys(name.partition(".")[0] for name in REGISTRY), *REGISTRY]
+            raise InputError(f"no operation or effect has {word!r} in its name or paper; {_near(word, known)}")
+    if options.words:
+        operations = {n: o for n, o in operations.items() if any(_has(word, n, o["paper"]) for word in options.words)}
+        effects = {name: effect for name, effect in effects.items() if any(_has(word, name) for word in options.words)}
+    data = {"operations": operations, "effects": effects}
+    if options.words or options.all:
+        return CommandResult(data, "\n".join([*map(_operation, operations.items()), *map(_effect, effects.items())]))
+    return CommandResult(data, _overview(operations, effects))
+
+
+def _has(word: str, *texts: str) -> bool:
+    return any(word.lower() in text.lower() for text in texts)
+
+
+def _near(word: str, known: list[str]) -> str:
+    """A similar name, or where to find all of them."""
+    hint = suggestion(word, known)
+    return hint if hint.startswith("did you mean") else "`refsim list` shows what there is."
+
+
+def _overview(operations: dict[str, dict[str, Any]], effects: dict[str, dict[str, Any]]) -> str:
+    """Methods with the number of their operations, and effects, a line each."""
+    methods: dict[str, list[str]] = {}
+    for name, operation in operations.items():
+        methods.setdefault(name.partition(".")[0], []).append(operation["paper"])
+    rows = [(m, len(papers), _cut(", ".join(dict.fromkeys(papers)), 64)) for m, papers in sorted(methods.items())]
+    told = [(name, _cut(effect["summary"], 72)) for name, effect in effects.items()]
+    return "\n".join(
+        [
+            f"{len(operations)} operations; refsim list METHOD shows those of a method",
+            table(rows, right=(1,)),
+            "",
+            f"{len(effects)} effects, tables [effects.NAME] of a scene file; refsim list NAME shows the parameters",
+            table(told),
         ]
-        lines.append(table(rows))
-    return CommandResult({"operations": operations, "effects": effects}, "\n".join(lines))
+    )
+
+
+def _cut(text: str, most: int) -> str:
+    return text if len(text) <= most else f"{text[: most - 3]}..."
+
+
+def _operation(entry: tuple[str, dict[str, Any]]) -> str:
+    name, operation = entry
+    source = textwrap.wrap(f"{operation['paper']}: {operation['equation']}", WIDTH - 2)
+    programs = textwrap.wrap(f"programs: {' '.join(operation['programs'])}", WIDTH - 2)
+    return "\n".join([name, *(f"  {line}" for line in (*source, *programs))])
+
+
+def _effect(entry: tuple[str, dict[str, Any]]) -> str:
+    name, effect = entry
+    lines = ["", *textwrap.wrap(f"[effects.{name}] {effect['summary']}", WIDTH)]
+    for p in effect["parameters"]:
+        value = "required" if p["required"] else f"= {_shown(p['default'])}"
+        lines += textwrap.wrap(f"{p['name']} {value}  {p['meaning']}", WIDTH, initial_indent="  ",
+                               subsequent_indent="      ")  # fmt: skip
+    return "\n".join(lines)
 
 
 def _shown(value: Any) -> str:

@@ -4,22 +4,24 @@ from __future__ import annotations
 
 import argparse
 import math
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
 
-from refsim.commands import Command, CommandResult, in_bytes, planned, register, table
+from refsim.commands import Command, CommandResult, in_bytes, in_time, planned, register, table
 from refsim.core.capabilities import BringsWalls, HoldsOtherMemory, having
 from refsim.core.effect import Extremes
 from refsim.core.errors import InputError
 from refsim.core.fields import BASE
 from refsim.core.operation import BACKENDS, PROCEDURES, REGISTRY
 from refsim.engine.stepping import stable_steps, step_limits
-from refsim.neighbours.limits import NEIGHBOUR_CAPACITY, PARTICLES_PER_CELL, WALL_CAPACITY, with_margin
 from refsim.scene.accounts import accounts
 from refsim.scene.files import load_scene
 from refsim.scene.scene import Plan
 from refsim.sph import gravity_of
+from refsim.study.cost import Prediction, every_backend
+from refsim.study.memory import bytes_of, neighbour_list
 
 
 def describe_plan(plan: Plan, backend: str) -> dict[str, Any]:
@@ -27,7 +29,7 @@ def describe_plan(plan: Plan, backend: str) -> dict[str, Any]:
     grid, scene = plan.grid, plan.scene
     n = grid.count
     per_particle = plan.field_bytes()
-    fields = {
+    fields: dict[str, dict[str, Any]] = {
         name: {
             "unit": f.unit,
             "meaning": f.meaning,
@@ -55,13 +57,8 @@ def describe_plan(plan: Plan, backend: str) -> dict[str, Any]:
     ]
     own = ["sph.extremes", *(p.operation for effect, p in plan.motion if effect is None)]
     runner = [{"operation": name, "kernel": kernel_name(name, backend), "when": "every step"} for name in own]
-    neighbours = _neighbour_list(plan, backend)
-    bytes_fields = sum(f["bytes"] for f in fields.values())
-    bytes_own = 3 * n * np.dtype(grid.dtype).itemsize  # positions at the latest list build
+    neighbours = neighbour_list(plan, backend)
     walls = 0 if plan.walls is None else len(plan.walls.position)
-    bytes_walls = walls * 4 * np.dtype(grid.dtype).itemsize
-    if walls and neighbours:
-        bytes_walls += n * (WALL_CAPACITY * 4 + 12)  # the list of walls near each particle
     steps = _first_step(plan)
     return {
         "scene": scene.name,
@@ -77,13 +74,7 @@ def describe_plan(plan: Plan, backend: str) -> dict[str, Any]:
         "runner": runner,
         "effects": {name: _brings(plan, name, steps) for name in plan.effects},
         "neighbour_list": neighbours,
-        "bytes": {
-            "fields": bytes_fields,
-            "positions_at_list_build": bytes_own,
-            "walls": bytes_walls,
-            "neighbour_list": neighbours["bytes"] if neighbours else 0,
-            "total": bytes_fields + bytes_own + bytes_walls + (neighbours["bytes"] if neighbours else 0),
-        },
+        "bytes": bytes_of(plan, backend),
         "not_counted": [held for effect in having(plan.effects, HoldsOtherMemory) if (held := effect.other_memory())],
         "step": steps,
         "end_time": scene.end_time,
@@ -137,39 +128,6 @@ def _brings(plan: Plan, name: str, steps: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def _neighbour_list(plan: Plan, backend: str) -> dict[str, Any] | None:
-    """Estimate from the undisturbed lattice; the list grows where particles are denser."""
-    if not plan.list_radius or backend == "numpy":
-        return None
-    grid = plan.grid
-    reach = plan.list_radius * (1 + plan.scene.skin)
-    k = math.ceil(reach / grid.spacing)
-    axis = np.arange(-k, k + 1) ** 2
-    squares = axis[:, None] + axis[None, :]
-    if grid.dim == 3:
-        squares = squares[:, :, None] + axis
-    each = int((squares * grid.spacing**2 < reach**2).sum()) - 1
-    return {
-        "radius": plan.list_radius,
-        "reach": reach,
-        "neighbours_on_a_lattice": each,
-        "bytes": _list_bytes(plan, backend, each),
-        "built_anew_after": 0.5 * plan.scene.skin * plan.list_radius,
-    }
-
-
-def _list_bytes(plan: Plan, backend: str, each: int) -> int:
-    """Bytes of the list of particles with `each` neighbours and of what builds it."""
-    n = plan.grid.count
-    if backend != "cuda":
-        return n * (4 * max(NEIGHBOUR_CAPACITY, each) + 12)  # entries; first entry and count of each row
-    rows = 3 if plan.grid.dim == 2 else 9  # of three cells around each
-    entries, cells = 4 * with_margin(each), (12 + 8 * rows) / PARTICLES_PER_CELL
-    state = [f for f in plan.particle_fields.values() if f.state]
-    moved = sum(f.components * f.numpy_dtype(plan.grid.dtype).itemsize for f in state)  # through spare arrays
-    return int(n * (entries + 4 + cells + 16 + 16 + moved))  # count; keys and runs; keys and order
-
-
 def _first_step(plan: Plan) -> dict[str, Any]:
     """Step limits at the start, from the initial speeds and gravity; other forces are not computed yet."""
     speed = float(np.sqrt((plan.state.velocity**2).sum(1).max(initial=0.0)))
@@ -204,14 +162,37 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """Arguments of `refsim plan`."""
     parser.add_argument("scene", help="scene file (TOML)")
     parser.add_argument("--backend", default="cpu", help=f"whose kernels are named: {', '.join(BACKENDS)} (cpu)")
+    parser.add_argument("--time", action="store_true", help="predict seconds and memory on this machine's backends")
+    parser.add_argument("--threads", type=int, metavar="N", help="CPU threads for --time (all)")
+    parser.add_argument("--fresh", action="store_true", help="measure the constants of --time anew")
 
 
 def execute(options: argparse.Namespace) -> CommandResult:
     """Plan a scene file."""
     if options.backend not in BACKENDS:
         raise InputError(f"there is no backend {options.backend!r}; choose one of {', '.join(BACKENDS)}.")
-    found = describe_plan(planned(load_scene(options.scene), options.scene), options.backend)
-    return CommandResult(found, _text(found))
+    plan = planned(load_scene(options.scene), options.scene)
+    found = describe_plan(plan, options.backend)
+    if not options.time:
+        return CommandResult(found, _text(found))
+    predicted = every_backend(plan, options.threads, fresh=options.fresh)
+    found["time"] = [asdict(each) for each in predicted]
+    return CommandResult(found, f"{_text(found)}\n\n{_time(predicted)}")
+
+
+def _time(predicted: list[Prediction]) -> str:
+    """What a run would take on each backend."""
+    rows, notes = [], []
+    for each in predicted:
+        if math.isfinite(each.seconds):
+            cells = (in_time(each.seconds), f"{each.steps:,}", f"{each.builds:,}", in_bytes(each.bytes))
+        else:
+            cells = ("-",) * 4
+        rows.append((each.backend, *cells))
+        notes += [f"{each.backend}: {each.note}"] if each.note else []
+    head = ("backend", "steps take", "steps", "list builds", "memory")
+    lines = ["Time on this machine, without compiling and frames", table(rows, head, right=(1, 2, 3, 4)), *notes]
+    return "\n".join(lines)
 
 
 def _text(found: dict[str, Any]) -> str:

@@ -7,9 +7,8 @@ import dataclasses
 import os
 import shlex
 import signal
-import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -17,8 +16,10 @@ from typing import Any
 from refsim.commands import Command, CommandResult, in_time, planned, register, table
 from refsim.core.errors import InputError, RunStopped
 from refsim.engine.driver import RunReport, simulate
-from refsim.engine.simulation import Compiling, Simulation
+from refsim.engine.progress import Progress, compiling_bar, say
+from refsim.engine.simulation import Simulation
 from refsim.scene.files import load_scene
+from refsim.study.cost import seconds_left
 
 DESCRIPTION = """Run a scene to its end. The folder of the run holds particles.vtkhdf (open it in ParaView),
 checkpoint.h5, report.json and, if the run stops, a post-mortem. Ctrl-C ends the run with a checkpoint."""
@@ -50,7 +51,7 @@ def execute(options: argparse.Namespace) -> CommandResult:
     until = simulation.plan.scene.end_time if options.until is None else options.until
     if simulation.source is not None and simulation.time >= until:
         simulation.notes.append(f"the checkpoint is already at {simulation.time:.6g} s: nothing was left to do")
-    progress = _Progress(until, folder, options.quiet)
+    progress = Progress(until, folder, options.quiet, lambda run: seconds_left(run, until, options.threads))
     try:
         with _asked_to_stop() as asked:
             report = simulate(
@@ -77,7 +78,12 @@ def _begin(options: argparse.Namespace) -> tuple[Simulation, Path]:
     scene = None if options.scene is None else load_scene(options.scene)
     if options.resume is not None:
         simulation = Simulation.resume(
-            options.resume, options.backend, options.threads, scene, options.profile, _compiling(options)
+            options.resume,
+            options.backend,
+            options.threads,
+            scene,
+            options.profile,
+            None if options.quiet else compiling_bar,
         )
         source = Path(options.resume)
         return simulation, Path(options.output or (source if os.path.isdir(source) else source.parent))
@@ -85,7 +91,7 @@ def _begin(options: argparse.Namespace) -> tuple[Simulation, Path]:
         raise InputError("there is nothing to run; give a scene file, or a checkpoint with --resume.")
     plan = planned(scene, options.scene)
     backend = options.backend or "cpu"
-    simulation = Simulation(plan, backend, options.threads, options.profile, _compiling(options))
+    simulation = Simulation(plan, backend, options.threads, options.profile, None if options.quiet else compiling_bar)
     return simulation, Path(options.output or f"{Path(options.scene).stem}_run")
 
 
@@ -103,87 +109,6 @@ def _advice(stop: RunStopped, folder: Path, options: argparse.Namespace) -> tupl
     return tuple(lines)
 
 
-def _compiling(options: argparse.Namespace) -> Compiling | None:
-    """What shows the progress of compiling: a bar, unless the run is quiet."""
-    if options.quiet:
-        return None
-
-    def begun(kernels: int, processes: int) -> Callable[[], Any]:
-        from tqdm import tqdm
-
-        bar = tqdm(
-            total=kernels,
-            desc=f"compiling {kernels} kernels on {processes} cores",
-            file=sys.stderr,
-            mininterval=0.2 if sys.stderr.isatty() else 10,
-            bar_format="{desc}: {n_fmt} of {total_fmt}, {elapsed} gone",
-        )
-
-        def after_each() -> None:
-            bar.update()
-            if bar.n == kernels:
-                bar.close()
-
-        return after_each
-
-    return begun
-
-
-class _Progress:
-    """A bar over simulated time with an estimate of what is left; compile time is reported separately before."""
-
-    def __init__(self, until: float, folder: Path, quiet: bool) -> None:
-        self.until, self.folder, self.quiet = until, folder, quiet
-        self.time, self.bar, self.told = None, None, 0
-
-    def __call__(self, simulation: Simulation) -> None:
-        for note in simulation.notes[self.told :]:
-            _say(f"note: {note}")
-        self.told = len(simulation.notes)
-        if self.time is None:
-            self._head(simulation)
-        if self.quiet or simulation.time == self.time:
-            return
-        if self.bar is None:
-            self._open(simulation)
-            return
-        limiter = simulation.last.limiter if simulation.last else ""
-        self.bar.set_postfix_str(f"step {simulation.steps:,}, {limiter} limit", refresh=False)
-        self.bar.update(min(simulation.time, self.until) - self.time)
-        self.time = min(simulation.time, self.until)
-
-    def _head(self, simulation: Simulation) -> None:
-        self.time = simulation.time
-        if self.quiet:
-            return
-        plan = simulation.plan
-        at = f", from step {simulation.steps:,} at {simulation.time:.6g} s" if simulation.steps else ""
-        _say(
-            f"{plan.scene.name}: {simulation.count:,} particles in {plan.grid.dim}D, {plan.grid.dtype}, backend"
-            f" {simulation.backend.name}{at}, to {self.until:g} s, into {self.folder}"
-        )
-
-    def _open(self, simulation: Simulation) -> None:
-        from tqdm import tqdm
-
-        seconds = sum(simulation.timings.first_calls.values())
-        if seconds > 1:
-            _say(f"compiled the kernels in {in_time(seconds)}; the next run finds them in the cache")
-        self.time = simulation.time
-        self.bar = tqdm(
-            total=self.until,
-            initial=min(self.time, self.until),
-            file=sys.stderr,
-            mininterval=0.2 if sys.stderr.isatty() else 10,
-            bar_format="{percentage:3.0f}%|{bar}| {n:.4g} of {total:.4g} s, {elapsed} gone, {remaining} left{postfix}",
-        )
-
-    def close(self) -> None:
-        if self.bar is not None:
-            self.bar.close()
-            self.bar = None
-
-
 @contextmanager
 def _asked_to_stop() -> Iterator[threading.Event]:
     """An event that Ctrl-C or SIGTERM sets, so that the run ends between two steps; the second one ends it at once."""
@@ -193,7 +118,7 @@ def _asked_to_stop() -> Iterator[threading.Event]:
         if asked.is_set():
             raise KeyboardInterrupt
         asked.set()
-        _say("\nstopping after this step, with a checkpoint; interrupt again to stop at once")
+        say("\nstopping after this step, with a checkpoint; interrupt again to stop at once")
 
     if threading.current_thread() is not threading.main_thread():
         yield asked
@@ -257,10 +182,6 @@ def _profile(profile: dict[str, Any]) -> str:
 
 def _vector(values: list[float]) -> str:
     return "(" + ", ".join(f"{v:.3g}" for v in values) + ")"
-
-
-def _say(text: str) -> None:
-    print(text, file=sys.stderr, flush=True)
 
 
 register(Command("run", "run a scene, or go on from a checkpoint", configure, execute, DESCRIPTION))

@@ -86,7 +86,8 @@ def nearest_distances(position: np.ndarray) -> np.ndarray:
     """(n,) distance [m] of each particle from the nearest other one, infinite for one alone."""
     from scipy.spatial import cKDTree
 
-    return cKDTree(position).query(position, k=2)[0][:, 1]
+    distance, _ = cKDTree(position).query(position, k=2)
+    return np.asarray(distance)[:, 1]
 
 
 def _lengths(extent: np.ndarray) -> str:

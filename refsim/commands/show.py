@@ -11,9 +11,9 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from refsim.commands import Command, CommandResult, register
+from refsim.core.checked import suggestion
 from refsim.core.errors import InputError
 from refsim.core.operation import REGISTRY, Operation, backend_of
-from refsim.scene.files import suggestion
 
 WRITTEN_ONCE = "kernels"  # the module whose bodies become the kernels of both backends
 
@@ -67,7 +67,7 @@ def source_of(module: str, name: str) -> Source:
 @functools.cache
 def _imported(module: str) -> dict[str, str]:
     """What the module imports of its own package, by the name that it uses."""
-    found = {}
+    found: dict[str, str] = {}
     for node in _parsed(module)[1].body:
         if isinstance(node, ast.ImportFrom) and (node.module or "").startswith(module.partition(".")[0]):
             found |= {alias.asname or alias.name: f"{node.module}.{alias.name}" for alias in node.names}
@@ -109,7 +109,7 @@ def describe(operation: Operation, program: str) -> dict[str, list[Source]]:
         ],
     }
     body = getattr(importlib.import_module(module), name) if entry.module == WRITTEN_ONCE else None
-    if hasattr(body, "source"):
+    if body is not None and hasattr(body, "source"):
         found["loop"] = [Source(module, name, 0, body.source(backend_of(program)).rstrip())]
     return found
 

@@ -3,6 +3,7 @@
 import json
 import os
 import pathlib
+import re
 import subprocess
 import sys
 
@@ -12,6 +13,7 @@ import pytest
 import refsim
 from refsim import Scene, Simulation, WeaklyCompressible, make_plan
 from refsim.__main__ import main
+from refsim.backends import arrays
 from refsim.backends.arrays import unavailable
 from refsim.commands import COMMANDS, discover, doctor, in_bytes, in_time, table
 from refsim.core.effect import EFFECTS
@@ -188,7 +190,7 @@ def test_bad_scenes_get_one_sentence(scene, capsys, name, command):
         (["run", "--resume", "."], "holds no whole checkpoint"),
         (["rnu", "tank.toml"], "no command 'rnu'; did you mean run?"),
         (["run", "tank.toml", "--outptu", "x"], "unrecognized arguments: --outptu x; see refsim run --help."),
-        (["contract"], "required: programs; see refsim contract --help."),
+        (["contract"], "name the programs to judge: a file folder/file.py or a module; see refsim contract --help."),
     ],
 )
 def test_bad_commands_get_one_sentence(scene, capsys, arguments, words):
@@ -543,3 +545,96 @@ def test_tables_and_units_as_text():
 def test_a_scene_made_in_python_is_checked_too():
     with pytest.raises(refsim.InputError, match="no particles"):
         Simulation(Scene(spacing=1.0, support_radius=2.0, fluid=(), effects=(WeaklyCompressible(sound_speed=1.0),)))
+
+
+# Examples, a filtered list, and what the doctor says of errors
+
+
+EXAMPLES = ["cohesion", "dam_break_2d", "droplet", "melting", "mesh_boundary", "mpm_droplet", "surface_detection"]
+
+
+def test_example_lists_a_scene_of_every_system(capsys):
+    assert main(["example", "--json"]) == 0
+    found = {e["name"]: e for e in json.loads(capsys.readouterr().out)["examples"]}
+    assert set(EXAMPLES) <= set(found)
+    effects = {effect for e in found.values() for effect in e["effects"]}
+    assert {"jiang_zhu_2023", "surface_detection", "dong_2016", "mpm_liquid", "surface_energy", "melting",
+            "heat_conduction", "mesh_boundary"} <= effects  # fmt: skip
+    assert main(["example"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert max(map(len, lines)) <= 120
+    assert any(line.startswith("melting ") for line in lines)
+
+
+def test_every_example_is_written_and_can_be_planned(tmp_path, capsys):
+    assert main(["example", *EXAMPLES, "water_drop", "--output", str(tmp_path)]) == 0
+    out = capsys.readouterr().out
+    for name in (*EXAMPLES, "water_drop"):
+        path = tmp_path / f"{name}.toml"
+        assert f"wrote {path}\n" in out
+        plan = make_plan(load_scene(path))
+        count = re.search(r"([\d,]+) particles", path.read_text())
+        assert plan.grid.count == int(count[1].replace(",", ""))
+    assert (tmp_path / "pebble.obj").exists()
+
+
+def test_example_replaces_no_file_unless_it_may(tmp_path, capsys):
+    given = ["example", "droplet", "--output", str(tmp_path)]
+    assert main(given) == 0
+    (tmp_path / "droplet.toml").write_text("mine")
+    assert main(given) == 2
+    assert "droplet.toml is there already" in capsys.readouterr().err
+    assert main([*given, "--overwrite"]) == 0
+    assert "surface_tension" in (tmp_path / "droplet.toml").read_text()
+    assert main(["example", "dropplet"]) == 2
+    assert "did you mean droplet?" in capsys.readouterr().err
+
+
+def test_list_fits_a_screen(capsys):
+    assert main(["list"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) <= 50
+    assert max(map(len, lines)) <= 100
+
+
+def test_list_takes_a_filter(capsys):
+    assert main(["list", "sph.density", "gravity"]) == 0
+    out = capsys.readouterr().out
+    assert out.startswith("sph.density\n")
+    assert "[effects.gravity]" in out
+    assert "acceleration" in out
+    assert max(map(len, out.splitlines())) <= 100
+    assert main(["list", "tait", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["operations"]
+    assert all("Tait" in operation["paper"] for operation in found["operations"].values())
+    assert main(["list", "melthing"]) == 2
+    assert "did you mean melting?" in capsys.readouterr().err
+    assert main(["list", "--all"]) == 0
+    assert len(capsys.readouterr().out.splitlines()) > 300
+
+
+def test_doctor_shows_an_exception_as_what_it_is(capsys, monkeypatch):
+    def broken(self, on_demand=True):
+        raise TypeError("no kernel of this\nkind")
+
+    monkeypatch.setattr(doctor.Simulation, "evaluate", broken)
+    assert main(["doctor"]) == 4
+    out = capsys.readouterr().out
+    assert "backend numpy stops with an error in the self-test: TypeError: no kernel of this kind (" in out
+    assert "test_cli.py, line " in out
+    assert "wrong numbers" not in out
+
+
+@pytest.mark.parametrize(
+    "library, said",
+    [
+        ("libcuda.so.1", 'not all installed; run pip install "numba-cuda[cu13]>=0.30" "cupy-cuda13x>=14"'),
+        (None, "no driver of an NVIDIA GPU was found"),
+    ],
+)
+def test_advice_for_cuda_names_packages_and_only_with_a_driver(monkeypatch, library, said):
+    monkeypatch.setattr(arrays.importlib.util, "find_spec", lambda name: None)
+    monkeypatch.setattr(arrays, "simulated", lambda: False)
+    monkeypatch.setattr(arrays, "_library", lambda name: library)
+    assert arrays.unavailable.__wrapped__("cuda").endswith(said)

@@ -34,7 +34,7 @@ def test_a_body_is_shown_with_the_loop_of_the_backend(capsys):
     assert shown.index("def pressure_pair(") < shown.index("## Reference") < shown.index("## The loop")
     assert main(["show", "sph.momentum", "--json"]) == 0
     (loop,) = json.loads(capsys.readouterr().out)["loop"]
-    assert "prange(acceleration.shape[0])" in loop["text"]
+    assert "over_rows(body, acceleration.shape[0], (None, position" in loop["text"]
 
 
 @pytest.mark.parametrize(

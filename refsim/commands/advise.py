@@ -1,0 +1,71 @@
+"""`refsim advise`: the cheapest setting for an error of an observable of the papers' scenes."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import os
+from pathlib import Path
+
+from refsim.commands import Command, CommandResult, register, table
+from refsim.core.errors import InputError
+from refsim.io.checkpoint import cannot_write, replace_file
+from refsim.study import advice
+
+DESCRIPTION = """The cheapest measured setting for a relative error of an observable, what it took, and what it would
+take on this machine; the setting's scene is written where it has one. Without an observable, list them. For another
+scene: refsim study."""
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Arguments of `refsim advise`."""
+    add = parser.add_argument
+    add("observable", nargs="?", help="one of the table; none lists them")
+    add("--error", type=float, default=0.01, metavar="E", help="relative error to reach (0.01)")
+    add("--gpu", action="store_true", help="what a GPU takes, too; the prediction is for this machine's GPU")
+    add("--measured", action="store_true", help="the table's seconds alone: nothing is measured on this machine")
+    add("--output", metavar="FILE", help="where the scene is written (OBSERVABLE.toml)")
+    add("--overwrite", action="store_true", help="replace a file that is there")
+
+
+def execute(options: argparse.Namespace) -> CommandResult:
+    """Advise on an observable, or list what there is."""
+    if options.observable is None:
+        known = advice.table()
+        rows = [(name, row["words"], "" if "answers" in row else "not measured") for name, row in known.items()]
+        listed = {name: row["words"] for name, row in known.items()}
+        return CommandResult({"observables": listed}, table(rows, ("observable", "", "")))
+    found = advice.find(options.observable, options.error)
+    path = Path(options.output or f"{options.observable}.toml")
+    if found.scene:
+        _check(path, found.scene, options.overwrite)
+    elif options.output:
+        raise InputError(f"advise: this row of {options.observable} has no scene; leave --output out.")
+    if not options.measured:
+        found = advice.scaled(found, "cuda" if options.gpu else "cpu")
+    text = advice.text_of(found, options.gpu)
+    data = {
+        "observable": options.observable,
+        "error": found.error,
+        "row": {key: value for key, value in found.observable.items() if key != "answers"},
+        "answer": {**found.cell},
+        "seconds_here": found.own if math.isfinite(found.own) else None,
+        "scene": None,
+    }
+    if found.scene:
+        try:
+            replace_file(path, found.scene.encode())
+        except OSError as error:
+            raise cannot_write("scene", path, error, "nothing was written") from error
+        data["scene"] = str(path)
+        text += f"\nwrote {path}\nrefsim run {path}"
+    return CommandResult(data, text)
+
+
+def _check(path: Path, scene: str, overwrite: bool) -> None:
+    """Raises InputError where another file would be replaced."""
+    if os.path.lexists(path) and not overwrite and not (path.is_file() and path.read_bytes() == scene.encode()):
+        raise InputError(f"advise: {path} is there already; give another file (--output) or --overwrite.")
+
+
+register(Command("advise", "the cheapest setting for an accuracy", configure, execute, DESCRIPTION))

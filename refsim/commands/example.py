@@ -1,0 +1,108 @@
+"""`refsim example`: list the example scenes, and write some of them or the lessons into a folder."""
+
+from __future__ import annotations
+
+import argparse
+import importlib.resources
+import os
+from pathlib import Path
+from typing import Any
+
+from refsim.commands import Command, CommandResult, register, table
+from refsim.core.checked import suggestion
+from refsim.core.errors import InputError
+from refsim.io.checkpoint import cannot_write, replace_file
+from refsim.io.lessons import lessons, notebook, script, title
+from refsim.scene.files import parse_scene
+
+DESCRIPTION = (
+    "Without a name, list the example scenes; with names, write their scene files and what these name. With --lessons,"
+    " write the lessons instead: each as text (.md), as Jupyter notebook (.ipynb) and as Python script (.py)."
+)
+
+
+def examples() -> dict[str, str]:
+    """The example scenes as TOML, by name."""
+    folder = importlib.resources.files("refsim") / "examples"
+    scenes = (path for path in folder.iterdir() if path.name.endswith(".toml"))
+    return {path.name.removesuffix(".toml"): path.read_text(encoding="utf-8") for path in sorted(scenes, key=str)}
+
+
+def files_of(name: str, text: str) -> dict[str, bytes]:
+    """The files of an example by name: the scene file first, then those that it names."""
+    folder = importlib.resources.files("refsim") / "examples"
+    scene = parse_scene(text, name)
+    named = (getattr(part, "file", None) for part in (*scene.fluid, *scene.solid, *scene.effects))
+    return {f"{name}.toml": text.encode()} | {file: (folder / file).read_bytes() for file in named if file}
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Arguments of `refsim example`."""
+    parser.add_argument("names", nargs="*", metavar="NAME", help="examples to write; none lists them")
+    parser.add_argument("--output", default=".", metavar="DIR", help="folder to write into (this one)")
+    parser.add_argument("--lessons", metavar="DIR", help="write the lessons into this folder")
+    parser.add_argument("--overwrite", action="store_true", help="replace files that are there")
+
+
+def execute(options: argparse.Namespace) -> CommandResult:
+    """List the examples, or write some of them or the lessons."""
+    known = examples()
+    if options.lessons is not None:
+        if options.names:
+            raise InputError("--lessons writes no example scenes; leave out the names, or give the command twice.")
+        return _with_lessons(Path(options.lessons), options.overwrite)
+    if not options.names:
+        return _listed(known)
+    wanted: dict[str, bytes] = {}
+    for name in options.names:
+        if name not in known:
+            raise InputError(f"there is no example {name!r}; {suggestion(name, known)}")
+        wanted |= files_of(name, known[name])
+    paths = _write(wanted, Path(options.output), "--output", options.overwrite)
+    scenes = [path for path in paths if path.endswith(".toml")]
+    lines = [f"wrote {path}" for path in paths] + [f"refsim run {path}" for path in scenes]
+    return CommandResult({"files": paths}, "\n".join(lines))
+
+
+def _with_lessons(folder: Path, overwrite: bool) -> CommandResult:
+    texts = lessons()
+    wanted: dict[str, bytes] = {}
+    for name, text in texts.items():
+        forms = {".md": text, ".ipynb": notebook(text), ".py": script(text)}
+        wanted |= {name + ending: form.encode() for ending, form in forms.items()}
+    paths = _write(wanted, folder, "--lessons", overwrite)
+    first = folder / next(iter(texts))
+    lines = table([(str(folder / name), title(text)) for name, text in texts.items()])
+    how = (
+        "Each is there three times: .ipynb opens in Jupyter or VS Code, .py runs with Python alone, .md is the text.\n"
+        f"jupyter lab {first}.ipynb\npython {first}.py"
+    )
+    return CommandResult({"files": paths}, f"{lines}\n\n{how}")
+
+
+def _write(wanted: dict[str, bytes], folder: Path, option: str, overwrite: bool) -> list[str]:
+    """Write files by name into a folder; their paths. Raises InputError where one is there and may not be replaced."""
+    there = [file for file in wanted if os.path.lexists(folder / file)]
+    if there and not overwrite:
+        raise InputError(f"{folder / there[0]} is there already; give another folder ({option}) or --overwrite.")
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        for file, content in wanted.items():
+            replace_file(folder / file, content)
+    except OSError as error:
+        raise cannot_write("example", folder, error, "files that were written before are whole") from error
+    return [str(folder / file) for file in wanted]
+
+
+def _listed(known: dict[str, str]) -> CommandResult:
+    found: list[dict[str, Any]] = []
+    for name, text in known.items():
+        effects = [effect.name for effect in parse_scene(text, name).effects]
+        found.append({"name": name, "summary": text.partition("\n")[0].lstrip("# "), "effects": effects})
+    rows = [(e["name"], e["summary"]) for e in found]
+    how = f"Write one with: refsim example {found[0]['name']}\nWrite the lessons with: refsim example --lessons lessons"
+    text = f"{table(rows)}\n\n{how}"
+    return CommandResult({"examples": found}, text)
+
+
+register(Command("example", "list example scenes, or write one, or the lessons", configure, execute, DESCRIPTION))

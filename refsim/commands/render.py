@@ -1,0 +1,74 @@
+"""`refsim render`: pictures and films of a run."""
+
+from __future__ import annotations
+
+import argparse
+import time
+from pathlib import Path
+from typing import Any
+
+from refsim.commands import Command, CommandResult, in_bytes, in_time, register, table
+from refsim.core.errors import InputError
+
+DESCRIPTION = (
+    "Draw a run: surfaces or particles in 3D by PyVista, without a window; runs in 2D by matplotlib. Pictures in 3D and"
+    ' films need `pip install "refsim[view]"`.'
+)
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Arguments of `refsim render`."""
+    add = parser.add_argument
+    add("run", metavar="RUN", help="folder that `refsim run` has written")
+    add("--frames", metavar="LIST", help="such as 0,5,-1 or 0:100:10, or all (the last one; of a film all)")
+    add("--film", metavar="FILE.mp4", help="write a film")
+    add("-o", "--output", metavar="FILE.png", help="picture to write, .png, .webp or .jpg (RUN.png)")
+    add("--style", default="paper", help="paper (opaque surfaces), water (clear ones) or particles (default paper)")
+    add("--color", metavar="FIELD", help="colour by a field of the run, such as pressure, velocity or velocity.x")
+    add(
+        "--limits",
+        metavar="LOW,HIGH",
+        help="of the colour bar (0.5 %% of a frame's particles may lie beyond either end)",
+    )
+    add("--camera", metavar="A,E[,Z]", help="azimuth, elevation [degrees] and zoom (default -60,20,1)")
+    add("--cut", metavar="x=0", help="leave away what lies before this plane [m]")
+    add("--surface", default="isosurface", help="isosurface (refsim's own) or pysplashsurf (default isosurface)")
+    add("--size", default="1280x960", metavar="WxH", help="pixels (default 1280x960)")
+    add("--per-second", type=float, default=25, metavar="N", help="frames of the run for a second of film (25)")
+
+
+def execute(options: argparse.Namespace) -> CommandResult:
+    """Draw, write, and say what was written."""
+    from refsim.render.pictures import Look, write_film, write_pictures
+
+    limits = None if options.limits is None else _numbers("limits", options.limits, ",", float)
+    look = Look(
+        options.style, options.color, limits, options.camera, options.cut,
+        options.surface, _numbers("size", options.size, "x", int),
+    )  # fmt: skip
+    began = time.perf_counter()
+    if options.film and options.output:
+        raise InputError("--film and --output name two files; give one of them.")
+    if options.film:
+        written = [write_film(options.run, look, options.frames, options.film, options.per_second)]
+    else:
+        output = options.output or f"{Path(options.run).resolve().name}.png"
+        written = write_pictures(options.run, look, options.frames, output)
+    seconds = time.perf_counter() - began
+    rows = [(path, in_bytes(path.stat().st_size)) for path in written]
+    data = {"files": [str(path) for path in written], "seconds": seconds}
+    return CommandResult(data, f"{table(rows, right=(1,))}\n{in_time(seconds)}")
+
+
+def _numbers(name: str, words: str, between: str, kind: type) -> tuple[Any, Any]:
+    """Two numbers of an option. Raises InputError for anything else."""
+    try:
+        first, second = map(kind, words.split(between))
+    except ValueError:
+        raise InputError(
+            f"--{name} {words!r} is not possible; give two numbers with {between!r} between them."
+        ) from None
+    return first, second
+
+
+register(Command("render", "draw pictures and films of a run", configure, execute, DESCRIPTION))

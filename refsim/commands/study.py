@@ -1,0 +1,88 @@
+"""`refsim study`: what accuracy costs in a scene, and what each of its effects costs."""
+
+from __future__ import annotations
+
+import argparse
+import shlex
+import sys
+from pathlib import Path
+
+from refsim import study
+from refsim.commands import Command, CommandResult, register
+from refsim.core.errors import InputError
+from refsim.study import KNOBS
+from refsim.study.refine import RATIO
+
+DESCRIPTION = """Run a scene at several spacings, and with every other setting changed alone, and say how accurate the
+observable is, where its error comes from, and which setting is the cheapest for an error. Each run's result is kept in
+the study's folder, so that the same command goes on where it was stopped."""
+FAILED = 3
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Arguments of `refsim study`."""
+    add = parser.add_argument
+    add("scene", help="scene file (TOML)")
+    add(
+        "--observable",
+        required=True,
+        metavar="WHAT",
+        help="front (front:-y), kinetic_energy, field:NAME@X,Y,Z (or @mean, @max, @min), or FILE.py:function",
+    )
+    add("--reaches", type=float, metavar="VALUE", help="study the time at which the observable has this value")
+    add("--levels", type=int, default=3, metavar="N", help="number of spacings (3)")
+    add("--finer", type=int, metavar="N", help="how many of them are finer than the scene's (half of them)")
+    add("--ratio", type=float, default=RATIO, help=f"of two spacings, about ({RATIO:g})")
+    add("--knobs", default=",".join(KNOBS), metavar="LIST", help=f"what to change ({','.join(KNOBS)})")
+    add("--error", type=float, default=0.01, metavar="E", help="relative error to reach (0.01)")
+    add("--backend", default="cpu", help="cpu, cuda or numpy (cpu)")
+    add("--threads", type=int, metavar="N", help="CPU threads (all)")
+    add("--scheduler", metavar="ADDRESS", help="do the runs on the workers of a Dask scheduler")
+    add("--output", metavar="DIR", help="folder of the study (NAME_study for NAME.toml)")
+    add("--quiet", action="store_true", help="no progress")
+
+
+def execute(options: argparse.Namespace) -> CommandResult:
+    """Study a scene file; table, picture and page are written into the study's folder."""
+    folder = Path(options.output or f"{Path(options.scene).stem}_study")
+    if folder.exists() and not folder.is_dir():
+        raise InputError(f"{folder} is a file; give a folder for the output.")
+    found = study(
+        options.scene,
+        options.observable,
+        levels=options.levels,
+        finer=options.finer,
+        ratio=options.ratio,
+        knobs=[word for word in options.knobs.split(",") if word],
+        error=options.error,
+        reaches=options.reaches,
+        backend=options.backend,
+        threads=options.threads,
+        folder=folder,
+        scheduler=options.scheduler,
+        say=(lambda text: None) if options.quiet else _say,
+        command=_command(options),
+    )
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        found.report(folder / "study.html")
+        found.plot().savefig(folder / "study.png", dpi=110)
+    except OSError as error:
+        raise InputError(f"study: {folder} cannot be written ({error.strerror or error}); give another one.") from error
+    text = f"{found.text()}\n{folder / 'study.html'}, {folder / 'study.png'}"
+    return CommandResult(found.data() | {"folder": str(folder)}, text, 0 if found.convergence else FAILED)
+
+
+def _command(options: argparse.Namespace) -> str:
+    words = ["refsim", "study", options.scene, "--observable", options.observable]
+    for name, usual in (("reaches", None), ("levels", 3), ("finer", None), ("ratio", RATIO), ("error", 0.01)):
+        value = getattr(options, name)
+        words += [] if value == usual else [f"--{name}", f"{value:g}"]
+    return shlex.join(words + ([] if options.knobs == ",".join(KNOBS) else ["--knobs", options.knobs]))
+
+
+def _say(text: str) -> None:
+    print(text, file=sys.stderr, flush=True)
+
+
+register(Command("study", "say what accuracy costs in a scene", configure, execute, DESCRIPTION))

@@ -1,0 +1,47 @@
+"""`refsim view`: a run in the browser."""
+
+from __future__ import annotations
+
+import argparse
+import tempfile
+import webbrowser
+from pathlib import Path
+
+from refsim.commands import Command, CommandResult, in_bytes, register
+from refsim.core.errors import InputError
+
+DESCRIPTION = (
+    "Show a run in the browser: turn, play, colour by any field, clip. With --html the page is written to a file, which"
+    " opens without a server and without a network."
+)
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Arguments of `refsim view`."""
+    add = parser.add_argument
+    add("run", metavar="RUN", help="folder that `refsim run` has written")
+    add("--html", metavar="FILE", help="write the page to this file, and open no browser")
+    add("--frames", metavar="LIST", help="such as 0:100:2 (all)")
+    add("--fields", metavar="LIST", help="to colour by, such as pressure,velocity.x (the eight that matter most)")
+
+
+def execute(options: argparse.Namespace) -> CommandResult:
+    """Write the page, and open it unless --html names a file."""
+    from refsim.render.view import view
+
+    fields = None if options.fields is None else [name.strip() for name in options.fields.split(",") if name.strip()]
+    if options.html is not None and not Path(options.html).resolve().parent.is_dir():
+        raise InputError(f"there is no folder {str(Path(options.html).parent)!r} for the page; make it.")
+    page = view(options.run, options.frames, fields)
+    path = Path(options.html) if options.html is not None else Path(tempfile.mkdtemp(prefix="refsim_")) / "view.html"
+    page.save(path)
+    size = path.stat().st_size
+    words = f"{path}  {in_bytes(size)}"
+    if page.left_out:
+        words += f"\nfields left out: {', '.join(page.left_out)}; --fields selects others"
+    if options.html is None and not webbrowser.open(path.resolve().as_uri()):
+        words += "\nno browser was found: open the file in one"
+    return CommandResult({"file": str(path), "bytes": size, "left_out": list(page.left_out)}, words)
+
+
+register(Command("view", "show a run in the browser", configure, execute, DESCRIPTION))

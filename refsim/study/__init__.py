@@ -1,0 +1,265 @@
+"""What accuracy costs in a scene: its value with an uncertainty, the sources of error, and the cheapest setting.
+
+Contents: study; the modules refine (other spacings), observables, convergence (orders and uncertainty), runs, tasks
+(runs in other processes), cost (seconds before a run), memory, result and picture.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from pathlib import Path
+
+import msgspec
+
+from refsim.backends.arrays import unavailable
+from refsim.cluster import perform
+from refsim.core.errors import InputError
+from refsim.core.tables import in_time
+from refsim.engine.simulation import Simulation
+from refsim.scene.files import load_scene, suggestion
+from refsim.scene.scene import Plan, Scene, make_plan
+from refsim.study import cost
+from refsim.study.convergence import Convergence, converge
+from refsim.study.observables import Observable, observable_of
+from refsim.study.refine import RATIO, notes, refined, spaced
+from refsim.study.result import Study
+from refsim.study.runs import Reading, Setting, keep, kept, key_of, machine, measure
+from refsim.study.tasks import task_of
+
+KNOBS = ("spacing", "step", "precision", "tolerance", "backend", "effects")
+TOLERANCES = ("tolerance", "residual")  # parameters of effects that end an iteration
+TIGHTER = 10.0
+WORKERS = "workers"  # in the keys of runs whose seconds are those of a scheduler's workers
+Say = Callable[[str], None]
+Watch = Callable[[Simulation], None]
+
+
+def study(
+    scene: Scene | str | os.PathLike[str],
+    observable: str | Callable[[Simulation], float],
+    *,
+    levels: int = 3,
+    finer: int | None = None,
+    ratio: float = RATIO,
+    knobs: Iterable[str] = KNOBS,
+    error: float = 0.01,
+    reaches: float | None = None,
+    backend: str = "cpu",
+    threads: int | None = None,
+    folder: str | os.PathLike[str] | None = None,
+    scheduler: str | None = None,
+    say: Say = lambda text: None,
+    progress: Watch | None = None,
+    command: str = "",
+) -> Study:
+    """Run a scene at several spacings, and with each other setting alone, and say what accuracy costs.
+
+    scene       a scene, or the path of a scene file
+    observable  "front", "kinetic_energy", "field:NAME@POINT", "FILE.py:function" (`refsim/study/observables.py`), or a
+                function of a simulation; its value at the scene's end_time
+    levels      number of spacings
+    finer       how many of them are finer than the scene's; half of them, rounded down, by default
+    ratio       of neighbouring spacings, about; the boxes' cells must fit
+    knobs       which of "spacing", "step", "precision", "tolerance", "backend" and "effects" to change
+    error       relative error for which the cheapest setting is given
+    reaches     the study is of the first time [s] at which the observable has this value
+    folder      where the runs' results are kept: a study that is called again goes on from there
+    scheduler   address of a Dask scheduler, whose workers do the runs, on one thread each unless `threads` says more;
+                the folder must be the same for them. Seconds are then those of the workers, with what ran beside
+    say         is given the lines of progress; `progress` is called after every step
+    command     how the study was called, for its report
+
+    A run that fails is reported with its reason, and the others are used. Raises InputError for bad input, such as an
+    observable that is not there or a scene without other spacings.
+    """
+    scene = scene if isinstance(scene, Scene) else load_scene(scene)
+    plan = make_plan(scene)
+    chosen = _chosen(knobs)
+    if not 0 < error < 1:
+        raise InputError(f"error = {error:g} is not possible; give a relative error between 0 and 1, such as 0.01.")
+    reason = unavailable(backend)
+    if reason is not None:
+        raise InputError(f"Backend {backend!r} cannot be used: {reason}.")
+    found = observable_of(observable, plan)
+    left_out: list[str] = []
+    factors = spaced(scene, levels, levels // 2 if finer is None else finer, ratio) if "spacing" in chosen else (1.0,)
+    settings = _settings(scene, plan, factors, chosen, backend, found, left_out)
+    place = None if folder is None else Path(folder)
+    if scheduler is None:
+        runs = _measured(settings, plan, found, reaches, threads, place, say, progress)
+    else:
+        if place is None or not isinstance(observable, str):
+            raise InputError(
+                "study: with a scheduler it needs a folder for the results and an observable that is a text, as workers"
+                " read them; give folder, and FILE.py:function for a function of your own."
+            )
+        runs = _elsewhere(settings, observable, found, reaches, threads or 1, place, scheduler, say)
+    return Study(
+        scene=scene,
+        observable=found.name if reaches is None else f"time({found.name} = {reaches:g})",
+        unit=found.unit if reaches is None else "s",
+        runs=tuple(runs),
+        convergence=_convergence(runs),
+        error=error,
+        notes=tuple(notes(scene, factors)),
+        machine=machine() if scheduler is None else f"workers of {scheduler}, {threads or 1} threads",
+        command=command,
+        left_out=tuple(left_out),
+    )
+
+
+def _chosen(knobs: Iterable[str]) -> tuple[str, ...]:
+    chosen = tuple(knobs)
+    for knob in chosen:
+        if knob not in KNOBS:
+            raise InputError(f"there is no knob {knob!r}; {suggestion(knob, KNOBS)}")
+    return chosen
+
+
+def _settings(
+    scene: Scene,
+    plan: Plan,
+    factors: Sequence[float],
+    knobs: Sequence[str],
+    backend: str,
+    observable: Observable,
+    left_out: list[str],
+) -> list[Setting]:
+    """All runs of a study; what cannot be changed in this scene is said in `left_out`."""
+    made = [
+        Setting("spacing", f"spacing {scene.spacing / f:.4g} m", f, refined(scene, f) if f != 1 else scene, backend)
+        for f in factors
+    ]
+    replace = msgspec.structs.replace
+    if "step" in knobs:
+        halved = replace(scene, step=scene.step / 2, step_factor=scene.step_factor / (1 if scene.step else 2))
+        made.append(Setting("step", "half the step", 1.0, halved, backend))
+    if "precision" in knobs:
+        other = "float64" if scene.dtype == "float32" else "float32"
+        made.append(Setting("precision", other, 1.0, replace(scene, dtype=other), backend))
+    if "tolerance" in knobs:
+        for k, name, value in _tolerances(scene):
+            tighter = replace(scene.effects[k], **{name: value / TIGHTER})
+            effects = (*scene.effects[:k], tighter, *scene.effects[k + 1 :])
+            label = f"{tighter.name}: {name} {value / TIGHTER:g}"
+            made.append(Setting("tolerance", label, 1.0, replace(scene, effects=effects), backend))
+    if "backend" in knobs:
+        others = [name for name in ("cpu", "cuda") if name != backend]
+        for name in others:
+            reason = unavailable(name)
+            if reason is None:
+                made.append(Setting("backend", name, 1.0, scene, name))
+            else:
+                left_out.append(f"backend {name} left out: {reason}")
+    if "effects" in knobs:
+        made += _without(scene, plan, backend, observable, left_out)
+    return made
+
+
+def _tolerances(scene: Scene) -> Iterator[tuple[int, str, float]]:
+    for k, effect in enumerate(scene.effects):
+        for name in TOLERANCES:
+            if isinstance(getattr(effect, name, None), float) and getattr(effect, name) > 0:
+                yield k, name, getattr(effect, name)
+
+
+def _without(scene: Scene, plan: Plan, backend: str, observable: Observable, left_out: list[str]) -> list[Setting]:
+    """The scene without each of its effects, where it can be planned without."""
+    made = []
+    for effect in scene.effects:
+        rest = tuple(e for e in scene.effects if e.name != effect.name)
+        less = msgspec.structs.replace(scene, effects=rest)
+        try:
+            make_plan(less)
+        except InputError as error:
+            left_out.append(f"without {effect.name} left out: {error}")
+            continue
+        made.append(Setting("effect", f"without {effect.name}", 1.0, less, backend))
+    return made
+
+
+def _convergence(runs: Sequence[tuple[Setting, Reading]]) -> Convergence | None:
+    worked = [(s.scene.spacing, r.value) for s, r in runs if s.kind == "spacing" and not r.failed]
+    return converge(*zip(*worked)) if worked else None
+
+
+def _measured(
+    settings: Sequence[Setting],
+    plan: Plan,
+    observable: Observable,
+    reaches: float | None,
+    threads: int | None,
+    folder: Path | None,
+    say: Say,
+    progress: Watch | None,
+) -> list[tuple[Setting, Reading]]:
+    """Readings of all settings, the cheapest run first; those that the folder has are not run again."""
+    keys = [key_of(setting, observable, reaches, threads) for setting in settings]
+    found = [kept(folder, key) for key in keys]
+    open_runs = [k for k, reading in enumerate(found) if reading is None]
+    if open_runs:
+        expected = _expected([settings[k] for k in open_runs], plan, threads)
+        total = sum(expected)
+        before = f", {len(settings) - len(open_runs)} are on file" if len(open_runs) < len(settings) else ""
+        about = "about" if reaches is None else "at most about"  # they end where the value is reached
+        say(f"{len(open_runs)} runs to do{before}; they take {about} {in_time(total)}, and compiling, the first time")
+        seconds = dict(zip(open_runs, expected))
+        for count, k in enumerate(sorted(open_runs, key=lambda k: seconds[k]), 1):
+            setting = settings[k]
+            say(f"{count} of {len(open_runs)}: {setting.label}, {about} {in_time(seconds[k])}")
+            found[k] = reading = measure(setting, observable, reaches, threads, progress)
+            keep(folder, keys[k], setting, reading)
+            say(f"  {reading.failed}" if reading.failed else f"  {reading.value:.6g} in {in_time(reading.seconds)}")
+    return [(setting, reading) for setting, reading in zip(settings, found) if reading is not None]
+
+
+def _elsewhere(
+    settings: Sequence[Setting],
+    observable: str,
+    found: Observable,
+    reaches: float | None,
+    threads: int,
+    folder: Path,
+    scheduler: str,
+    say: Say,
+) -> list[tuple[Setting, Reading]]:
+    """The same by the workers of a scheduler. Raises the error of a run that could not be computed."""
+    keys = [key_of(setting, found, reaches, threads, WORKERS) for setting in settings]
+    readings = {key: reading for key in keys if (reading := kept(folder, key)) is not None}
+    tasks = {
+        key: task_of(key, setting, observable, reaches, threads, folder, timed=True)
+        for key, setting in zip(keys, settings)
+        if key not in readings
+    }
+    say(f"{len(tasks)} runs to do" + (f", {len(readings)} are on file" if readings else ""))
+    failed: BaseException | None = None
+    by_key = dict(zip(keys, settings))
+    for outcome in perform(list(tasks.values()), scheduler=scheduler):
+        key = outcome.task.key
+        if outcome.error is not None:
+            failed = outcome.error
+            say(f"{outcome.task.name}: {outcome.error}")
+            continue
+        readings[key] = reading = outcome.value
+        if kept(folder, key) is None:  # the worker's folder is another one
+            keep(folder, key, by_key[key], reading)
+        words = reading.failed or f"{reading.value:.6g} in {in_time(reading.seconds)}"
+        say(f"{outcome.task.name}, {outcome.worker}: {words}")
+    if failed is not None:
+        raise failed
+    return [(setting, readings[key]) for setting, key in zip(settings, keys)]
+
+
+def _expected(settings: Sequence[Setting], plan: Plan, threads: int | None) -> list[float]:
+    """Seconds of each run, from the cost model of the scene as it is."""
+    expected = []
+    constants: dict[str, cost.Constants] = {}
+    for setting in settings:
+        if setting.backend not in constants:
+            constants[setting.backend] = cost.constants_of(plan.scene, setting.backend, threads)
+        try:
+            expected.append(cost.estimate(make_plan(setting.scene), constants[setting.backend]).seconds)
+        except InputError:
+            expected.append(0.0)  # its run will say why
+    return expected

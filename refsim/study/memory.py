@@ -1,0 +1,63 @@
+"""Memory of a scene on a backend, from its plan, before anything is allocated."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from refsim.neighbours.limits import NEIGHBOUR_CAPACITY, PARTICLES_PER_CELL, WALL_CAPACITY, with_margin
+from refsim.scene.scene import Plan
+
+
+def bytes_of(plan: Plan, backend: str) -> dict[str, int]:
+    """Bytes of fields, positions at the last list build, walls and neighbour list, and their "total".
+
+    The list is that of the undisturbed lattice; it grows where particles are denser.
+    """
+    grid, n = plan.grid, plan.grid.count
+    listed = neighbour_list(plan, backend)
+    walls = 0 if plan.walls is None else len(plan.walls.position)
+    found = {
+        "fields": sum(math.prod(f.shape(n)) * f.numpy_dtype(grid.dtype).itemsize for f in plan.fields.values()),
+        "positions_at_list_build": 3 * n * np.dtype(grid.dtype).itemsize,
+        "walls": walls * 4 * np.dtype(grid.dtype).itemsize,
+        "neighbour_list": listed["bytes"] if listed else 0,
+    }
+    if walls and listed:
+        found["walls"] += n * (WALL_CAPACITY * 4 + 12)  # the list of walls near each particle
+    return found | {"total": sum(found.values())}
+
+
+def neighbour_list(plan: Plan, backend: str) -> dict[str, Any] | None:
+    """Estimate from the undisturbed lattice; the list grows where particles are denser."""
+    if not plan.list_radius or backend == "numpy":
+        return None
+    grid = plan.grid
+    reach = plan.list_radius * (1 + plan.scene.skin)
+    k = math.ceil(reach / grid.spacing)
+    axis = np.arange(-k, k + 1) ** 2
+    squares = axis[:, None] + axis[None, :]
+    if grid.dim == 3:
+        squares = squares[:, :, None] + axis
+    each = int((squares * grid.spacing**2 < reach**2).sum()) - 1
+    return {
+        "radius": plan.list_radius,
+        "reach": reach,
+        "neighbours_on_a_lattice": each,
+        "bytes": _list_bytes(plan, backend, each),
+        "built_anew_after": 0.5 * plan.scene.skin * plan.list_radius,
+    }
+
+
+def _list_bytes(plan: Plan, backend: str, each: int) -> int:
+    """Bytes of the list of particles with `each` neighbours and of what builds it."""
+    n = plan.grid.count
+    if backend != "cuda":
+        return n * (4 * max(NEIGHBOUR_CAPACITY, each) + 12)  # entries; first entry and count of each row
+    rows = 3 if plan.grid.dim == 2 else 9  # of three cells around each
+    entries, cells = 4 * with_margin(each), (12 + 8 * rows) / PARTICLES_PER_CELL
+    state = [f for f in plan.particle_fields.values() if f.state]
+    moved = sum(f.components * f.numpy_dtype(plan.grid.dtype).itemsize for f in state)  # through spare arrays
+    return int(n * (entries + 4 + cells + 16 + 16 + moved))  # count; keys and runs; keys and order

@@ -1,0 +1,196 @@
+"""Observables of a scene: one number of a simulation, now.
+
+front, front:-y                   edge of the connected liquid along an axis [m]
+kinetic_energy                    of all particles [J; J/m in 2D], with velocities half a step behind the positions
+field:density@0.1,0.05,0          a field at a point [m], as an average weighted with a smoothing kernel
+field:velocity.x@mean             a component of a field over all particles: mean, max or min
+FILE.py:function                  function(simulation) -> float
+"""
+
+from __future__ import annotations
+
+import hashlib
+import re
+import runpy
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from refsim.core.errors import InputError
+from refsim.engine.simulation import Simulation
+from refsim.scene.files import suggestion
+from refsim.scene.scene import Plan
+
+OVER_ALL: dict[str, Callable[[np.ndarray], Any]] = {"mean": np.mean, "max": np.max, "min": np.min}
+LINK = 2.0  # spacings up to which two particles of the liquid count as connected
+Reader = Callable[[Simulation], float]
+
+
+@dataclass(frozen=True)
+class Observable:
+    """A number of a simulation: how it is called, its unit, how it is read, and a digest of what reads it."""
+
+    name: str
+    unit: str
+    read: Reader
+    digest: str
+
+    def __call__(self, simulation: Simulation) -> float:
+        """Its value now. Raises InputError where it cannot be read."""
+        try:
+            return float(self.read(simulation))
+        except InputError:
+            raise
+        except Exception as error:  # a user's own function may fail in any way
+            raise InputError(
+                f"observable {self.name}: it cannot be read ({type(error).__name__}: {error}); correct the function."
+            ) from error
+
+
+def observable_of(given: str | Callable[[Simulation], float] | Observable, plan: Plan) -> Observable:
+    """The observable that a text or a function names, for scenes like this plan's.
+
+    Raises InputError where there is no such observable or the scene lacks its field.
+    """
+    if isinstance(given, Observable):
+        return given
+    if callable(given):
+        return Observable(getattr(given, "__name__", "observable"), "", given, _digest(_source(given)))
+    word, _, rest = given.partition(":")
+    if word == "front":
+        return _front(given, rest or "+x", plan)
+    if given == "kinetic_energy":
+        return Observable(given, "J" if plan.grid.dim == 3 else "J/m", _kinetic_energy, _digest(given))
+    if word == "field":
+        return _field(given, rest, plan)
+    path, _, function = given.rpartition(":")
+    if path.endswith(".py"):
+        return _from_file(given, Path(path), function)
+    raise InputError(
+        f"there is no observable {given!r}; {suggestion(word, ('front', 'kinetic_energy'))} (Or write"
+        " field:NAME@POINT or FILE.py:function.)"
+    )
+
+
+def _front(name: str, direction: str, plan: Plan) -> Observable:
+    match = re.fullmatch(r"([+-]?)([xyz])", direction)
+    if not match or (plan.grid.dim == 2 and match[2] == "z"):
+        axes = "x, y" if plan.grid.dim == 2 else "x, y, z"
+        raise InputError(f"observable {name!r}: {direction!r} is no direction; write front:+AXIS or -AXIS of {axes}.")
+    axis, sign = "xyz".index(match[2]), -1.0 if match[1] == "-" else 1.0
+
+    def front(simulation: Simulation) -> float:
+        """Edge of the largest connected group of liquid, half a spacing beyond its outermost particle."""
+        from scipy.sparse import coo_array
+        from scipy.sparse.csgraph import connected_components
+        from scipy.spatial import cKDTree
+
+        grid = simulation.plan.grid
+        points = simulation.field("position")[_liquid(simulation)].astype(float)
+        if not len(points):
+            raise InputError(f"observable {name!r}: the scene has no liquid; choose another observable.")
+        pairs = cKDTree(points).query_pairs(LINK * grid.spacing, output_type="ndarray")
+        graph = coo_array((np.ones(len(pairs), bool), (pairs[:, 0], pairs[:, 1])), shape=(len(points),) * 2)
+        group = connected_components(graph, directed=False)[1]
+        reach = sign * points[group == np.argmax(np.bincount(group)), axis]
+        return sign * (float(reach.max()) + 0.5 * grid.spacing)
+
+    return Observable(name, "m", front, _digest(name))
+
+
+def _liquid(simulation: Simulation) -> np.ndarray:
+    """Which particles are not nodes of solids."""
+    liquid = np.ones(simulation.count, bool)
+    solids = simulation.plan.grid.solids
+    if solids is not None:
+        liquid[: len(solids.lattice.key)] = False
+    return liquid
+
+
+def _kinetic_energy(simulation: Simulation) -> float:
+    mass, velocity = simulation.field("mass").astype(float), simulation.field("velocity").astype(float)
+    return float(0.5 * (mass * (velocity**2).sum(1)).sum())
+
+
+def _field(name: str, rest: str, plan: Plan) -> Observable:
+    field, _, where = rest.partition("@")
+    field, _, part = field.partition(".")
+    if field not in plan.particle_fields:
+        raise InputError(
+            f"observable {name!r}: this scene has no field {field!r}; {suggestion(field, plan.particle_fields)}"
+        )
+    about = plan.particle_fields[field]
+    if (about.components > 1) != bool(part) or (part and part not in "xyz"[: about.components]):
+        parts = " or ".join(f"field:{field}.{axis}" for axis in "xyz"[: about.components])
+        wanted = parts if about.components > 1 else f"field:{field}"
+        raise InputError(f"observable {name!r}: {field} has {about.components} components; write {wanted}.")
+    point = None if where in OVER_ALL else _point(name, where, plan.grid.dim)
+
+    def value(simulation: Simulation) -> float:
+        simulation.evaluate()
+        values = simulation.field(field).astype(float)
+        if part:
+            values = values[:, "xyz".index(part)]
+        if point is None:
+            return float(OVER_ALL[where](values))
+        return _at(name, simulation, values, point)
+
+    return Observable(name, about.unit, value, _digest(name))
+
+
+def _point(name: str, text: str, dim: int) -> np.ndarray:
+    try:
+        point = np.array([float(word) for word in text.split(",")])
+    except ValueError:
+        point = np.empty(0)
+    if len(point) not in (dim, 3) or not np.isfinite(point).all():
+        raise InputError(
+            f"observable {name!r}: {text!r} is no point; write {dim} coordinates in metres with commas between, as in"
+            f" @{','.join(['0.1'] * dim)}, or one of @{', @'.join(OVER_ALL)}."
+        )
+    return np.concatenate([point, np.zeros(3 - len(point))])
+
+
+def _at(name: str, simulation: Simulation, values: np.ndarray, point: np.ndarray) -> float:
+    """Average at a point [m], weighted with (1 - r^2/h^2)^3 within the support radius h."""
+    h = simulation.plan.grid.support_radius
+    near = 1 - ((simulation.field("position").astype(float) - point) ** 2).sum(1) / h**2
+    weight = np.maximum(near, 0.0) ** 3
+    if not weight.any():
+        raise InputError(
+            f"observable {name!r}: no particle is within the support radius of {h:.3g} m of that point at"
+            f" {simulation.time:.4g} s; choose a point inside the material."
+        )
+    return float((weight * values).sum() / weight.sum())
+
+
+def _from_file(name: str, path: Path, function: str) -> Observable:
+    if not path.is_file():
+        raise InputError(f"observable {name!r}: there is no file {path}; write the path of a Python file.")
+    try:
+        found = runpy.run_path(str(path)).get(function)
+    except Exception as error:  # the file is the user's program
+        raise InputError(
+            f"observable {name!r}: {path} cannot be run ({type(error).__name__}: {error}); correct it."
+        ) from error
+    if not callable(found):
+        raise InputError(f"observable {name!r}: {path} has no function {function!r}; write FILE.py:function.")
+    unit = str(getattr(found, "unit", ""))
+    return Observable(f"{path.stem}.{function}", unit, found, _digest(path.read_text() + function))
+
+
+def _source(function: Callable[..., Any]) -> str:
+    """What a function computes, as text: its source where there is one."""
+    import inspect
+
+    try:
+        return inspect.getsource(function)
+    except (OSError, TypeError):
+        return repr(getattr(function, "__code__", function))
+
+
+def _digest(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()[:16]

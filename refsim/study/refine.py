@@ -1,0 +1,155 @@
+"""The same scene at another spacing: what changes with it, and which scenes have no other spacing."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+
+import msgspec
+
+from refsim.core.effect import Discretisation, Effect, Extremes
+from refsim.core.errors import InputError
+from refsim.scene.scene import Box, Cloud, Scene
+from refsim.scene.solids import SolidBox, SolidCells
+
+RATIO = 1.5  # of the spacings of two levels
+WIDEST = 1.15  # by which a level's ratio may differ from the one that was chosen, so that edges consist of whole cells
+LARGEST_MISFIT = 0.03  # share of an edge by which a box may differ from the scene's
+EXACT = 1e-9
+
+
+def refined(scene: Scene, factor: float) -> Scene:
+    """The scene with the spacing divided by `factor` and the same bodies, walls and times.
+
+    Divided by `factor`: spacing, support radius, and the lengths that an effect names in `with_spacing`. Multiplied by
+    it: the cells of boxes, rounded. A fixed step is divided by `factor`, or by more where the stable step of particles
+    at rest falls faster. What is counted in cells (half_width of shape_matching, radii of surface_energy) stays.
+
+    Raises InputError for particles or cells that are given one by one.
+    """
+    for kind, parts in (("fluid", scene.fluid), ("solid", scene.solid)):
+        for number, part in enumerate(parts, 1):
+            if isinstance(part, Cloud | SolidCells):
+                what = "particles" if isinstance(part, Cloud) else "cells"
+                raise InputError(
+                    f"{scene.name}: it has no other spacing, because [[{kind}]] number {number} gives its {what} one by"
+                    " one; describe it by boxes and balls."
+                )
+    if factor == 1:
+        return scene
+    spacing, support_radius = scene.spacing / factor, scene.support_radius / factor
+    step = scene.step / factor
+    if step > 0:
+        rest = resting_step(scene, scene.spacing, scene.support_radius)
+        finer = resting_step(scene, spacing, support_radius)
+        step = min(step, scene.step * finer / rest) if math.isfinite(rest) else step
+    return msgspec.structs.replace(
+        scene,
+        spacing=spacing,
+        support_radius=support_radius,
+        step=step,
+        fluid=tuple(_box(part, factor, scene.dim) if isinstance(part, Box) else part for part in scene.fluid),
+        effects=tuple(_effect(effect, factor) for effect in scene.effects),
+    )
+
+
+def _box(box: Box, factor: float, dim: int) -> Box:
+    cells = [max(1, round(n * factor)) for n in box.cells[:dim]]
+    return msgspec.structs.replace(box, cells=(*cells, 1)[:3])
+
+
+def _effect(effect: Effect, factor: float) -> Effect:
+    lengths = {name: getattr(effect, name) for name in effect.with_spacing}
+    return msgspec.structs.replace(effect, **{name: value / factor for name, value in lengths.items() if value})
+
+
+def resting_step(scene: Scene, spacing: float, support_radius: float) -> float:
+    """Largest stable step [s] of particles at rest; infinite where nothing limits it."""
+    factor = scene.spacing / spacing
+    effects = {effect.name: _effect(effect, factor) for effect in scene.effects}
+    grid = Discretisation(scene.dim, scene.dtype, spacing, support_radius, 0, 0.0)
+    limits = (limit for effect in effects.values() for limit in effect.step_limits(grid, effects).values())
+    return min((limit.at(Extremes(0.0, 0.0)) for limit in limits), default=math.inf)
+
+
+def spaced(scene: Scene, count: int, finer: int, ratio: float = RATIO) -> tuple[float, ...]:
+    """Factors of `refined`, from the coarsest to the finest: `finer` of them are above 1, and 1 is one of them.
+
+    Each is near a power of `ratio`, chosen so that the boxes keep their edges. Raises InputError where none does.
+    """
+    if count < 1 or not 0 <= finer < count:
+        raise InputError(f"levels = {count} with {finer} of them finer is not possible; give at least one, and fewer.")
+    if not 1.1 <= ratio <= 4:
+        raise InputError(f"ratio = {ratio:g} of two spacings is not possible; give 1.1 to 4.")
+    found: dict[int, float] = {0: 1.0}
+    for k in (*range(1, finer + 1), *range(-1, finer - count, -1)):
+        wanted = found[k - 1 if k > 0 else k + 1] * ratio ** math.copysign(1, k)
+        found[k] = _nearest(scene, wanted)
+    return tuple(found[k] for k in sorted(found))
+
+
+def fitting(scene: Scene, wanted: float) -> float:
+    """The factor near `wanted` at which the boxes keep their edges best. Raises InputError as `refined` does."""
+    edges = sorted({n for n, _ in _edges(scene, 1.0)})
+    least, most = wanted / WIDEST, wanted * WIDEST
+    candidates = {m / n for n in edges for m in range(math.ceil(least * n), math.floor(most * n) + 1)} or {wanted}
+    refined(scene, 1.0)
+    return min(candidates, key=lambda f: (_worth(misfit(scene, f)), abs(math.log(f / wanted))))
+
+
+def _nearest(scene: Scene, wanted: float) -> float:
+    """The factor near `wanted` of a level. Raises InputError where the boxes have none."""
+    best = fitting(scene, wanted)
+    if misfit(scene, best) > LARGEST_MISFIT:
+        raise InputError(
+            f"{scene.name}: its boxes have no spacing near {scene.spacing / wanted:.3g} m at which they keep their"
+            f" edges within {100 * LARGEST_MISFIT:g} % (the best, {scene.spacing / best:.3g} m, changes one by"
+            f" {100 * misfit(scene, best):.2g} %); give the boxes numbers of cells with a common divisor, or another"
+            " ratio of the spacings."
+        )
+    return best
+
+
+def _worth(misfit: float) -> float:
+    return 0.0 if misfit < EXACT else round(misfit, 3)
+
+
+def misfit(scene: Scene, factor: float) -> float:
+    """Largest relative change of a box's edge at this factor."""
+    return max((abs(now / (before * factor) - 1) for before, now in _edges(scene, factor)), default=0.0)
+
+
+def _edges(scene: Scene, factor: float) -> Iterator[tuple[int, int]]:
+    """Particles along each edge of each box: in the scene, and with the spacing divided by `factor`."""
+    for part in (*scene.fluid, *scene.solid):
+        if isinstance(part, Box):
+            yield from ((n, max(1, round(n * factor))) for n in part.cells[: scene.dim])
+        if isinstance(part, SolidBox):
+            for low, high in zip(part.lower[: scene.dim], part.upper):
+                yield _cells(low, high, scene.spacing), _cells(low, high, scene.spacing / factor)
+
+
+def _cells(low: float, high: float, spacing: float) -> int:
+    """Cells of the lattice whose centres lie between two planes [m]; at least one."""
+    return max(1, math.ceil(high / spacing - 0.5 - EXACT) - math.floor(low / spacing - 0.5 + EXACT) - 1)
+
+
+def notes(scene: Scene, factors: Sequence[float]) -> list[str]:
+    """What a reader of the levels should know, one sentence each."""
+    said = []
+    for factor in factors:
+        off = misfit(scene, factor)
+        if off >= EXACT:
+            said.append(
+                f"at a spacing of {scene.spacing / factor:.4g} m a box's edge differs by {100 * off:.2g} % from the"
+                " scene's, because it consists of whole cells"
+            )
+    for effect in scene.effects:
+        if getattr(effect, "surface_tension", 0.0) is None:
+            said.append(
+                f"{effect.name} has its own coefficients, whose tension may depend on the spacing; give surface_tension"
+                " [N/m], so that all levels have the same"
+            )
+        if effect.name == "shape_matching":
+            said.append("shape_matching's half_width is a number of cells and stays: finer bodies are softer")
+    return said

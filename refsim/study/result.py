@@ -1,0 +1,311 @@
+"""What a study found: its runs, the sources of error, what effects cost, and the cheapest setting for an error."""
+
+from __future__ import annotations
+
+import base64
+import html
+import io
+import math
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from refsim.core.tables import in_bytes, in_time, table
+from refsim.scene.scene import Scene
+from refsim.study.convergence import Convergence
+from refsim.study.runs import Reading, Setting
+
+FIRST_ORDER = 2.0  # |Q(dt) - Q(0)| over |Q(dt) - Q(dt/2)| of a method of first order in the step
+
+
+@dataclass(frozen=True)
+class Advice:
+    """The cheapest setting for an error.
+
+    measured  whether exactly this setting was run; seconds and bytes are else continued from the runs
+    """
+
+    error: float
+    spacing: float
+    dtype: str
+    backend: str
+    seconds: float
+    bytes: float
+    measured: bool
+
+    def words(self) -> str:
+        """One sentence."""
+        how = "measured" if self.measured else "estimated"
+        return (
+            f"an error of {percent(self.error)}: spacing {self.spacing:.4g} m, {self.dtype}, {self.backend}:"
+            f" {in_time(self.seconds)}, {in_bytes(self.bytes)} ({how})"
+        )
+
+
+@dataclass(frozen=True)
+class Study:
+    """Result of `refsim.study`.
+
+    runs         every setting that was run, with its reading
+    convergence  over the spacings; None where no spacing gave a value
+    error        relative error for which the cheapest setting is given
+    """
+
+    scene: Scene
+    observable: str
+    unit: str
+    runs: tuple[tuple[Setting, Reading], ...]
+    convergence: Convergence | None
+    error: float
+    notes: tuple[str, ...] = ()
+    machine: str = ""
+    command: str = ""
+    left_out: tuple[str, ...] = field(default_factory=tuple)
+
+    def of(self, kind: str) -> list[tuple[Setting, Reading]]:
+        """The runs of a kind that gave a value."""
+        return [(s, r) for s, r in self.runs if s.kind == kind and not r.failed]
+
+    @property
+    def base(self) -> Reading | None:
+        """The run of the scene as it is; None where it failed."""
+        return next((r for s, r in self.of("spacing") if s.factor == 1), None)
+
+    def rows(self) -> list[dict[str, Any]]:
+        """One row for each run, as plain values.
+
+        change  of a spacing: (Q - Q0)/|Q0|, its error; of anything else: (Q - Q_scene)/|Q_scene|
+        cost    seconds over those of the scene as it is
+        """
+        return [self._row(setting, reading) for setting, reading in self.runs]
+
+    def _row(self, setting: Setting, reading: Reading) -> dict[str, Any]:
+        base = self.base
+        reference = self.convergence.value if setting.kind == "spacing" and self.convergence else None
+        if setting.kind != "spacing":
+            reference = None if base is None else base.value
+        return {
+            "what": setting.kind,
+            "setting": setting.label,
+            "spacing": setting.scene.spacing,
+            "particles": reading.particles,
+            "steps": reading.steps,
+            "seconds": reading.seconds,
+            "bytes": reading.bytes,
+            "value": None if reading.failed else reading.value,
+            "change": None if reading.failed or not reference else (reading.value - reference) / abs(reference),
+            "cost": None if base is None or not base.seconds or reading.failed else reading.seconds / base.seconds,
+            "failed": reading.failed,
+        }
+
+    def sources(self) -> dict[str, float]:
+        """Relative error of the scene as it is, by what causes it.
+
+        spacing    its grid convergence index, or the range of the finest values where no order was observed
+        step       2 |Q(dt/2) - Q(dt)|, for a method of first order in the step
+        precision, tolerance, backend  |Q' - Q|, with the other precision, a tenth of the tolerance, the other backend
+        """
+        base, found = self.base, {}
+        if base is None:
+            return {}
+        if self.convergence is not None and math.isfinite(self.convergence.uncertainty):
+            found["spacing"] = self.convergence.bound(base.value)
+        for kind in ("step", "precision", "tolerance", "backend"):
+            changes = [abs(r.value - base.value) for _, r in self.of(kind)]
+            if changes and base.value:
+                found[kind] = (FIRST_ORDER if kind == "step" else 1.0) * max(changes) / abs(base.value)
+        return found
+
+    def cheapest(self, error: float | None = None) -> Advice | None:
+        """The cheapest setting whose error is bounded by `error` (the study's); None where that cannot be said.
+
+        Where no run reaches it, spacing, seconds and memory are continued with the observed orders.
+        """
+        error = self.error if error is None else error
+        limit, base = self.convergence, self.base
+        if limit is None or not math.isfinite(limit.uncertainty):
+            return None
+        found = []
+        for setting, reading in self.of("spacing"):
+            for other, ratio, share, change in self._alternatives(base):
+                if limit.bound(reading.value) + change <= error:
+                    known = other is None or setting.factor == 1
+                    scene = setting.scene if other is None else other.scene
+                    backend = setting.backend if other is None else other.backend
+                    found.append(
+                        Advice(error, setting.scene.spacing, scene.dtype, backend, reading.seconds * ratio,
+                               reading.bytes * share, known)
+                    )  # fmt: skip
+        if found:
+            return min(found, key=lambda advice: (advice.seconds, advice.spacing))
+        return self._finer(error)
+
+    def _alternatives(self, base: Reading | None) -> list[tuple[Setting | None, float, float, float]]:
+        """The scene's own precision and backend, and those tried: (setting, seconds, bytes, error) relative to it."""
+        limit = self.convergence
+        rounding = self.sources().get("precision", 0.0)
+        single = self.scene.dtype == "float32"
+        made: list[tuple[Setting | None, float, float, float]] = [(None, 1.0, 1.0, rounding if single else 0.0)]
+        if base is None or limit is None or not (base.seconds and base.bytes and base.value):
+            return made
+        for setting, r in (*self.of("precision"), *self.of("backend")):
+            change = abs(r.value - base.value) / abs(base.value)
+            if setting.scene.dtype == "float64" and single:
+                if rounding <= limit.relative:  # float32 serves as well
+                    continue
+                change = 0.0
+            made.append((setting, r.seconds / base.seconds, r.bytes / base.bytes, change))
+        return made
+
+    def _least(self) -> str:
+        """The smallest error that the runs show, as the end of a sentence."""
+        limit = self.convergence
+        levels = [] if limit is None else [(limit.bound(r.value), s.scene.spacing) for s, r in self.of("spacing")]
+        least = min(((bound, d) for bound, d in levels if math.isfinite(bound)), default=None)
+        if least is None:
+            return ""
+        return f": the smallest bound is {percent(least[0])}, at {least[1]:.4g} m; add finer levels"
+
+    def _finer(self, error: float) -> Advice | None:
+        limit, levels = self.convergence, sorted(self.of("spacing"), key=lambda pair: pair[0].factor)
+        if limit is None or not limit.asymptotic or not error > 0:
+            return None
+        setting, finest = levels[-1]
+        factor = (limit.bound(finest.value) / error) ** (1 / limit.order)
+        before, coarser = levels[-2]
+        dim = setting.scene.dim
+        power = math.log(finest.seconds / coarser.seconds) / math.log(setting.factor / before.factor)
+        power = min(max(power, dim), dim + 2)  # particles, and steps up to those of explicit diffusion
+        return Advice(
+            error, setting.scene.spacing / factor, setting.scene.dtype, setting.backend,
+            finest.seconds * factor**power, finest.bytes * factor**dim, False,
+        )  # fmt: skip
+
+    def answers(self) -> list[str]:
+        """The answers in words, a line each."""
+        lines = []
+        limit = self.convergence
+        if limit is None:
+            lines.append("no spacing gave a value")
+        else:
+            known = math.isfinite(limit.uncertainty)
+            band = f" ± {limit.uncertainty:.2g}" if known else ""
+            share = f" ({percent(limit.relative)})" if known else ", uncertainty unknown"
+            unit = f" {self.unit}" if self.unit else ""
+            lines.append(f"{self.observable} = {limit.value:.6g}{band}{unit}{share}; {limit.words}")
+        sources = self.sources()
+        if sources:
+            parts = ", ".join(f"{name} {percent(e)}" for name, e in sorted(sources.items(), key=lambda item: -item[1]))
+            lines.append(f"error of the scene as it is, by source: {parts}")
+        for error in (self.error, self.error / 2):
+            advice = self.cheapest(error)
+            if advice is not None:
+                lines.append(("cheapest for " if error == self.error else "half of it, ") + advice.words())
+            else:
+                lines.append(
+                    f"which setting has an error of {percent(error)} cannot be said from these runs{self._least()}"
+                )
+        return [*lines, *(f"note: {note}" for note in self.notes)]
+
+    HEAD = ("what", "setting", "value", "error or change", "seconds", "cost", "memory", "particles", "steps")
+
+    def cells(self) -> list[tuple[str, ...]]:
+        """The table as text, without its head (`HEAD`)."""
+        made = []
+        for row in self.rows():
+            if row["failed"]:
+                made.append((row["what"], row["setting"], row["failed"], *[""] * 6))
+                continue
+            made.append(
+                (
+                    row["what"], row["setting"], f"{row['value']:.6g}", percent(row["change"], signed=True),
+                    f"{row['seconds']:.3g}", "-" if row["cost"] is None else f"{row['cost']:.2f}",
+                    in_bytes(row["bytes"]), f"{row['particles']:,}", f"{row['steps']:,}",
+                )
+            )  # fmt: skip
+        return made
+
+    def text(self) -> str:
+        """Table and answers for a terminal."""
+        whole = [cells for cells in self.cells() if cells[-1]]
+        failed = [f"{what}, {setting}: {why}" for what, setting, why, *rest in self.cells() if not rest[-1]]
+        lines = [table(whole, self.HEAD, right=range(2, 9)), *failed, *self.left_out, ""]
+        return "\n".join([*lines, *self.answers()])
+
+    def data(self) -> dict[str, Any]:
+        """Everything as plain values."""
+        limit = self.convergence
+        advice = {name: self.cheapest(e) for name, e in (("error", self.error), ("half_of_it", self.error / 2))}
+        return {
+            "scene": self.scene.name,
+            "observable": self.observable,
+            "unit": self.unit,
+            "machine": self.machine,
+            "value": None if limit is None else limit.value,
+            "uncertainty": None if limit is None else limit.uncertainty,
+            "order": None if limit is None else limit.order,
+            "asymptotic": limit is not None and limit.asymptotic,
+            "words": "" if limit is None else limit.words,
+            "sources": self.sources(),
+            "cheapest": {name: None if found is None else vars(found) for name, found in advice.items()},
+            "runs": self.rows(),
+            "left_out": list(self.left_out),
+            "notes": list(self.notes),
+        }
+
+    def table(self) -> Any:
+        """The rows as a pandas DataFrame; without pandas, as a list of dictionaries."""
+        try:
+            import pandas
+        except ImportError:
+            return self.rows()
+        return pandas.DataFrame(self.rows())
+
+    def plot(self) -> Any:
+        """The picture, a Matplotlib figure: value against spacing, error against time, what each change costs."""
+        from refsim.study.picture import draw
+
+        return draw(self)
+
+    def report(self, path: str | os.PathLike[str]) -> Path:
+        """Write table, picture and answers as one self-contained HTML file; its path."""
+        drawn = io.BytesIO()
+        self.plot().savefig(drawn, format="png", dpi=110)
+        picture = base64.b64encode(drawn.getvalue()).decode()
+        rows = "".join(_html_row(cells) for cells in self.cells())
+        answers = "".join(f"<li>{html.escape(line)}</li>" for line in (*self.answers(), *self.left_out))
+        head = "".join(f"<th>{name}</th>" for name in self.HEAD)
+        title = html.escape(f"{self.observable} of {self.scene.name}")
+        how = html.escape(f"{self.command or 'refsim.study'}; {self.machine}")
+        text = (
+            f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"><title>{title}</title><style>{STYLE}</style>'
+            f"</head><body><h1>{title}</h1><ul>{answers}</ul>"
+            f'<img alt="value against spacing, error against time, cost and change of each setting"'
+            f' src="data:image/png;base64,{picture}"><table><tr>{head}</tr>{rows}</table><p>{how}</p></body></html>\n'
+        )
+        Path(path).write_text(text, encoding="utf-8")
+        return Path(path)
+
+
+STYLE = (
+    "body{font:15px/1.5 sans-serif;max-width:70em;margin:2em auto;padding:0 1em}img{max-width:100%}"
+    "table{border-collapse:collapse}th,td{padding:.2em .7em;text-align:right;border-bottom:1px solid #ccc}"
+    "th:nth-child(-n+2),td:nth-child(-n+2){text-align:left}"
+)
+
+
+def _html_row(cells: Sequence[str]) -> str:
+    what, setting, *rest = map(html.escape, cells)
+    if not rest[-1]:
+        return f'<tr><td>{what}</td><td>{setting}</td><td colspan="7">{rest[0]}</td></tr>'
+    return "<tr>" + "".join(f"<td>{cell}</td>" for cell in (what, setting, *rest)) + "</tr>"
+
+
+def percent(share: float | None, signed: bool = False) -> str:
+    """A share as text in percent."""
+    if share is None or not math.isfinite(share):
+        return "-"
+    digits = ".0f" if abs(share) >= 1 else ".2g"
+    return f"{100 * share:{'+' if signed else ''}{digits}} %"

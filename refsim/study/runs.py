@@ -1,0 +1,364 @@
+"""One run of a study: its value of the observable, what it took, and its place on disk."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import hashlib
+import json
+import math
+import os
+import platform
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+
+import refsim.core
+from refsim.core.errors import InputError, RunStopped
+from refsim.core.plain import plain
+from refsim.core.versions import versions
+from refsim.engine.driver import CHECKPOINT
+from refsim.engine.simulation import Simulation
+from refsim.io.checkpoint import latest_checkpoint, replace_file
+from refsim.scene.files import scene_to_toml
+from refsim.scene.scene import Scene, make_plan
+from refsim.study.observables import Observable
+
+NOT_READ = ("cluster", "commands", "contract", "render", "study", "sweep")  # packages that change no result of a run
+BUT_READ = ("study/observables.py", "study/runs.py")  # modules of theirs that do
+NOT_OF_THE_RUN = ("interrupted", "disk_full", "write_failed", "out_of_memory")  # reasons to stop that lie elsewhere
+CLOCK = "clock.json"  # beside a checkpoint: the seconds that its steps took
+SHORT = 1.0  # [s] of a run below which its seconds are read several times
+REPEATS = 4
+SAMPLES = 400  # of a run in which an observable is to reach a value
+
+
+@dataclasses.dataclass(frozen=True)
+class Setting:
+    """One run that a study needs.
+
+    kind    what differs from the user's scene: "spacing" (also for the scene itself), "step", "precision", "tolerance",
+            "backend" or "effect"
+    label   in tables
+    factor  of the spacing: the scene's spacing over this one
+    """
+
+    kind: str
+    label: str
+    factor: float
+    scene: Scene
+    backend: str
+
+
+@dataclasses.dataclass(frozen=True)
+class Reading:
+    """What a run gave.
+
+    value      of the observable; NaN where the run failed
+    seconds    of wall time that its steps took, without compiling; `processor_seconds` the same of the processor
+    bytes      of the arrays that it held at its end
+    failed     one sentence if there is no value; "" otherwise
+    """
+
+    value: float
+    seconds: float
+    processor_seconds: float
+    bytes: int
+    particles: int
+    steps: int
+    time: float
+    rebuilds: int = 0
+    failed: str = ""
+
+
+def measure(
+    setting: Setting,
+    observable: Observable,
+    reaches: float | None = None,
+    threads: int | None = None,
+    progress: Callable[[Simulation], None] | None = None,
+    repeats: int = REPEATS,
+    checkpoints: Path | None = None,
+    every: float = 60.0,
+) -> Reading:
+    """Run a setting to the scene's end, or until the observable reaches `reaches`, and read the observable.
+
+    repeats      most runs of a short setting
+    checkpoints  folder in which the run leaves a checkpoint after every `every` seconds of wall time and from which it
+                 goes on, bit for bit; a run with `reaches` begins anew
+
+    The value belongs to the end time itself: it is interpolated between the steps before and after. With `reaches` it
+    is the time at which the observable has that value, interpolated between its samples.
+
+    A run of less than `SHORT` seconds is repeated, up to `repeats` times in all, and the least of its seconds count.
+    A run that cannot be made or stops gives a Reading with the sentence why. Raises RunStopped for a reason of
+    `NOT_OF_THE_RUN`, which says nothing about the setting.
+    """
+    place = None if reaches is not None else checkpoints
+    best = _run(setting, observable, reaches, threads, progress, place, every)
+    for _ in range(repeats - 1):
+        if best.failed or best.seconds > SHORT:
+            break
+        again = _run(setting, observable, reaches, threads, progress, None, every)
+        best = min(best, again, key=lambda reading: reading.seconds)
+    return best
+
+
+def _run(
+    setting: Setting,
+    observable: Observable,
+    reaches: float | None,
+    threads: int | None,
+    progress: Callable[[Simulation], None] | None,
+    checkpoints: Path | None,
+    every: float,
+) -> Reading:
+    try:
+        simulation = None if checkpoints is None else _resumed(setting, checkpoints, threads)
+        if simulation is None:
+            simulation = Simulation(make_plan(setting.scene), setting.backend, threads)
+    except (InputError, RunStopped) as error:
+        if getattr(error, "reason", "") in NOT_OF_THE_RUN:
+            raise
+        return Reading(math.nan, 0.0, 0.0, 0, 0, 0, 0.0, failed=str(error))
+    clock = _Clock(simulation, progress, checkpoints, every)
+    try:
+        if reaches is None:
+            value = _at_end(simulation, observable, clock)
+        else:
+            value = _when(simulation, observable, reaches, clock)
+        failed = "" if math.isfinite(value) else f"observable {observable.name}: its value is not a finite number."
+    except (InputError, RunStopped) as error:
+        if getattr(error, "reason", "") in NOT_OF_THE_RUN:
+            raise
+        value, failed = math.nan, str(error)
+    search = simulation.search
+    return Reading(
+        value, clock.seconds, clock.processor_seconds, held_bytes(simulation), simulation.count, simulation.steps,
+        simulation.time, search.log.rebuilds if search else 0, failed,
+    )  # fmt: skip
+
+
+def _resumed(setting: Setting, folder: Path, threads: int | None) -> Simulation | None:
+    """The simulation at the newest whole checkpoint of this folder; None where there is none."""
+    try:
+        if not folder.is_dir() or latest_checkpoint(folder) is None:
+            return None
+        return Simulation.resume(folder, setting.backend, threads, setting.scene)
+    except InputError:  # no whole one is left: the run begins anew, with the same result
+        return None
+
+
+class _Clock:
+    """Counts the time of the steps alone; what their first calls took, which may compile, is not counted.
+
+    Writes checkpoints, where there is a folder for them.
+    """
+
+    def __init__(
+        self,
+        simulation: Simulation,
+        progress: Callable[[Simulation], None] | None,
+        checkpoints: Path | None,
+        every: float,
+    ) -> None:
+        self.simulation, self.progress, self.checkpoints, self.every = simulation, progress, checkpoints, every
+        self.seconds = self.processor_seconds = 0.0
+        self.kept_at = time.perf_counter()
+        if checkpoints is not None and simulation.steps:
+            with suppress(OSError, ValueError):
+                self.seconds, self.processor_seconds = map(float, json.loads((checkpoints / CLOCK).read_text()))
+
+    def step(self) -> None:
+        """One step of the simulation. Raises RunStopped where that is impossible."""
+        s = self.simulation
+        before, wall, used = sum(s.timings.first_calls.values()), time.perf_counter(), time.process_time()
+        try:
+            s.step()
+        finally:
+            compiled = sum(s.timings.first_calls.values()) - before
+            self.seconds += max(time.perf_counter() - wall - compiled, 0.0)
+            self.processor_seconds += max(time.process_time() - used - compiled, 0.0)
+        if self.progress is not None:
+            self.progress(s)
+        overdue = time.perf_counter() - self.kept_at >= self.every
+        if self.checkpoints is not None and overdue and s.time < s.plan.scene.end_time:
+            self.keep(self.checkpoints)
+
+    def keep(self, folder: Path) -> None:
+        """Write a checkpoint. Raises RunStopped("write_failed") or RunStopped("disk_full") where that is impossible."""
+        checkpoint = folder / CHECKPOINT
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            self.simulation.checkpoint(checkpoint)
+            replace_file(folder / CLOCK, json.dumps([self.seconds, self.processor_seconds]).encode())
+        except (OSError, InputError) as error:
+            why = getattr(error, "strerror", None) or error
+            raise RunStopped("write_failed", f"{checkpoint} cannot be written ({why}).") from error
+        self.kept_at = time.perf_counter()
+
+
+def _at_end(simulation: Simulation, observable: Observable, clock: _Clock) -> float:
+    end = simulation.plan.scene.end_time
+    before = None
+    while simulation.time < end:
+        near = simulation.last is None or simulation.time + 2 * simulation.last.length >= end
+        if near and simulation.steps:
+            before = simulation.time, observable(simulation)
+        clock.step()
+    after = simulation.time, observable(simulation)
+    if before is None or after[0] == before[0]:
+        return after[1]
+    return _between(before, after, end)
+
+
+def _between(before: tuple[float, float], after: tuple[float, float], at: float) -> float:
+    share = (at - before[0]) / (after[0] - before[0])
+    return before[1] + share * (after[1] - before[1])
+
+
+def _when(simulation: Simulation, observable: Observable, reaches: float, clock: _Clock) -> float:
+    end = simulation.plan.scene.end_time
+    seen = [(simulation.time, observable(simulation))]
+    rising = seen[0][1] < reaches
+    if seen[0][1] == reaches:
+        return 0.0
+    while simulation.time < end:
+        clock.step()
+        if simulation.time - seen[-1][0] < end / SAMPLES and simulation.time < end:
+            continue
+        seen.append((simulation.time, observable(simulation)))
+        if (seen[-1][1] >= reaches) if rising else (seen[-1][1] <= reaches):
+            (t0, q0), (t1, q1) = seen[-2:]
+            return t0 + (reaches - q0) / (q1 - q0) * (t1 - t0)
+    nearest = (max if rising else min)(value for _, value in seen)
+    raise InputError(
+        f"observable {observable.name}: it did not reach {reaches:g} by the end of {end:g} s, only {nearest:.4g};"
+        " choose another value or a later end_time."
+    )
+
+
+def held_bytes(simulation: Simulation) -> int:
+    """Bytes of the arrays that a simulation holds on its backend: fields, lists, walls, temporary arrays."""
+    seen: dict[int, int] = {}
+    _count(
+        (
+            simulation.fields, simulation._shared, simulation._parameters, simulation.extremes, simulation.displacement,
+            simulation.timestep, simulation.build_position, simulation.search, simulation.scratch,
+        ),
+        seen,
+    )  # fmt: skip
+    return sum(seen.values())
+
+
+def _count(value: Any, seen: dict[int, int], depth: int = 0) -> None:
+    """Add the bytes of every array inside plain containers and objects of refsim, each array once."""
+    if isinstance(value, np.ndarray):
+        owner = value if value.base is None or not isinstance(value.base, np.ndarray) else value.base
+        seen[id(owner)] = owner.nbytes
+    elif hasattr(value, "nbytes") and hasattr(value, "copy_to_host"):
+        seen[id(value)] = int(value.nbytes)
+    elif depth < 6:
+        if isinstance(value, dict):
+            inside = list(value.values())
+        elif isinstance(value, list | tuple):
+            inside = list(value)
+        elif type(value).__module__.startswith("refsim.") and hasattr(value, "__dict__"):
+            inside = [v for v in vars(value).values() if not callable(v)]
+        else:
+            return
+        for part in inside:
+            _count(part, seen, depth + 1)
+
+
+# Kept results
+
+
+@functools.cache
+def source_digest() -> str:
+    """Digest of every source of refsim that shapes a run's numbers."""
+    root = Path(refsim.core.__file__).parent.parent
+    digest = hashlib.sha256()
+    for path in sorted(root.rglob("*.py")):
+        name = path.relative_to(root)
+        if name.parts[0] not in NOT_READ or name.as_posix() in BUT_READ:
+            digest.update(path.relative_to(root).as_posix().encode() + b"\0" + path.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+@functools.cache
+def machine() -> str:
+    """The machine in words that tell it from another one, with the threads that a run takes by default."""
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    return f"{platform.node()}, {platform.machine()}, {os.environ.get('NUMBA_NUM_THREADS', cores)} threads"
+
+
+def key_of(
+    setting: Setting,
+    observable: Observable,
+    reaches: float | None,
+    threads: int | None,
+    where: str | None = None,
+) -> str:
+    """Digest of everything that a run's numbers follow from: scene, its files, observable, backend, versions, sources.
+
+    where  on what its seconds depend; this machine by default
+    """
+    digest = hashlib.sha256(scene_to_toml(without_title(setting.scene)).encode())
+    for file in files_of(setting.scene):
+        digest.update(file.read_bytes() if file.is_file() else b"")
+    words = (
+        setting.backend,
+        observable.digest,
+        reaches,
+        threads,
+        source_digest(),
+        versions(),
+        machine() if where is None else where,
+    )
+    digest.update(repr(words).encode())
+    return digest.hexdigest()[:20]
+
+
+def without_title(scene: Scene) -> Scene:
+    """The scene without its title, which changes no number."""
+    return msgspec.structs.replace(scene, name="")
+
+
+def files_of(scene: Scene) -> list[Path]:
+    """Files that the scene names: meshes and clouds."""
+    named = (getattr(part, "file", "") for part in (*scene.fluid, *scene.solid, *scene.effects))
+    return [Path(file) for file in named if file]
+
+
+def kept(folder: Path | None, key: str) -> Reading | None:
+    """The reading of an earlier study in this folder; None if there is none, or its file is damaged."""
+    if folder is None:
+        return None
+    try:
+        stored = json.loads((folder / f"{key}.json").read_text())["reading"]
+        values: dict[str, Any] = {name: math.nan if value == "nan" else value for name, value in stored.items()}
+        return Reading(**values)
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+
+
+def keep(folder: Path | None, key: str, setting: Setting, reading: Reading) -> None:
+    """Store a reading. Raises InputError where the folder cannot be written."""
+    if folder is None:
+        return
+    text = json.dumps(
+        {"label": setting.label, "machine": machine(), "reading": plain(dataclasses.asdict(reading))}, indent=1
+    )
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        replace_file(folder / f"{key}.json", text.encode())
+    except OSError as error:
+        raise InputError(
+            f"study: {folder} cannot be written ({error.strerror or error}); give another folder (--output)."
+        ) from error

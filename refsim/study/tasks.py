@@ -1,0 +1,107 @@
+"""Runs of studies and sweeps as tasks of `refsim.cluster`: what travels to another process, and what that one does."""
+
+from __future__ import annotations
+
+import functools
+import os
+import shutil
+from dataclasses import dataclass
+from pathlib import Path
+
+from refsim.cluster.tasks import Report, Task
+from refsim.core.errors import InputError
+from refsim.core.versions import versions
+from refsim.engine.simulation import Simulation
+from refsim.scene.scene import make_plan
+from refsim.study.memory import bytes_of
+from refsim.study.observables import observable_of
+from refsim.study.runs import REPEATS, Reading, Setting, keep, kept, measure, source_digest
+
+RUNNING = "running"  # folder of the checkpoints of runs under way, below that of the results
+
+
+@dataclass(frozen=True)
+class Work:
+    """A run for another process, which may be on another machine with the same folders.
+
+    observable  as a text, its file by the whole path
+    folder      in which the result is kept, the whole path; below it the run leaves its checkpoints
+    made_by     digest of the sources and versions that compute the result
+    timed       whether its seconds count: then a short run is repeated
+    every       seconds of wall time between two checkpoints
+    """
+
+    key: str
+    setting: Setting
+    observable: str
+    reaches: float | None
+    threads: int
+    folder: str
+    made_by: tuple[tuple[str, str], ...]
+    timed: bool
+    every: float
+
+
+def made_by() -> tuple[tuple[str, str], ...]:
+    """Digest of the sources, and the versions that compute."""
+    return ("sources", source_digest()), *sorted(versions().items())
+
+
+def task_of(
+    key: str, setting: Setting, observable: str, reaches: float | None, threads: int, folder: Path, timed: bool,
+    every: float = 60.0,
+) -> Task:  # fmt: skip
+    """The task that computes a run; its memory and its weight follow from the plan."""
+    work = Work(key, setting, whole_name(observable), reaches, threads, str(folder.resolve()), made_by(), timed, every)
+    scene = setting.scene
+    try:
+        plan = make_plan(scene)
+        memory, particles = bytes_of(plan, setting.backend)["total"], plan.grid.count
+    except InputError:  # the run's result says why
+        memory, particles = 0, 0
+    return Task(
+        key, setting.label, compute, (work,), particles * scene.end_time / scene.spacing, memory,
+        setting.backend == "cuda",
+    )  # fmt: skip
+
+
+def whole_name(observable: str) -> str:
+    """The observable with the whole path of its file, which another process finds from its own folder."""
+    path, _, function = observable.rpartition(":")
+    return f"{os.path.abspath(path)}:{function}" if path.endswith(".py") else observable
+
+
+def compute(report: Report, work: Work) -> Reading:
+    """Compute a run, keep its result in the folder of results, and return it; one that is there is not computed again.
+
+    Raises InputError where sources or versions are not those of the task, and RunStopped where the machine, and not the
+    run, is the reason.
+    """
+    here, there = dict(made_by()), dict(work.made_by)
+    if other := sorted(name for name in here.keys() | there if here.get(name) != there.get(name)):
+        said = ", ".join(f"{name}: {here.get(name, 'none')} for {there.get(name, 'none')}" for name in other)
+        raise InputError(
+            f"{work.setting.label}: the worker has another refsim, or other packages, than the caller ({said}); install"
+            " the same on both."
+        )
+    folder = Path(work.folder)
+    if (done := kept(folder, work.key)) is not None:
+        return done
+    end, place = work.setting.scene.end_time, folder / RUNNING / work.key
+
+    def progress(simulation: Simulation) -> None:
+        report(simulation.time / end if end else 1.0)
+
+    read = functools.partial(
+        measure, reaches=work.reaches, threads=work.threads, progress=progress,
+        repeats=REPEATS if work.timed else 1, checkpoints=place, every=work.every,
+    )  # fmt: skip
+    try:
+        observable = observable_of(work.observable, make_plan(work.setting.scene))
+    except InputError as error:
+        reading = Reading(float("nan"), 0.0, 0.0, 0, 0, 0, 0.0, failed=str(error))
+    else:
+        reading = read(work.setting, observable)
+    keep(folder, work.key, work.setting, reading)
+    shutil.rmtree(place, ignore_errors=True)
+    return reading

@@ -1,0 +1,110 @@
+"""`refsim advise`: rows as text and JSON, the scene it writes, sentences for what is not in the table."""
+
+import json
+
+import pytest
+
+from refsim.__main__ import main
+from refsim.scene.files import load_scene, parse_scene
+from refsim.scene.scene import make_plan
+from refsim.study import advice
+from refsim.study.cost import Prediction
+
+SCENES = [
+    (name, cell["error"])
+    for name, row in advice.table().items()
+    for cell in row.get("answers", ())
+    if cell.get("cpu", {}).get("scene")
+]
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["frnt"], "there is no observable 'frnt'; did you mean front?"),
+        (["nothing-like-it"], "choose from front, droplet"),
+        (["front", "--error", "2"], "an error of 2 is not possible; give a share between 0 and 1"),
+        (["front", "--error", "0"], "an error of 0 is not possible"),
+        (["front", "--error", "1e-5"], "the table ends at an error of 0.001"),
+        (["heat", "--output", "heat.toml"], "has no scene; leave --output out"),
+    ],
+)
+def test_bad_input_gets_a_sentence_and_code_2(folder, capsys, words, said):
+    assert main(["advise", *words, "--measured"]) == 2
+    assert said in capsys.readouterr().err
+    assert not list(folder.iterdir())
+
+
+def test_a_row_and_its_scene(folder, capsys):
+    assert main(["advise", "droplet", "--error", "0.007", "--measured", "--gpu"]) == 0
+    text = capsys.readouterr().out
+    found = advice.find("droplet", 0.007)
+    assert found.error == 0.005  # the largest of the table that is no larger
+    for word in ("an error of 0.5 %", found.cell["cpu"]["setting"], "GPU        not measured", "best peer", "wrote"):
+        assert word in text
+    assert (folder / "droplet.toml").read_text() == found.scene
+    assert load_scene("droplet.toml").dtype == "float32"
+    assert main(["advise", "droplet", "--error", "0.005", "--measured"]) == 0  # the same file
+    (folder / "droplet.toml").write_text("mine")
+    capsys.readouterr()
+    assert main(["advise", "droplet", "--error", "0.005", "--measured"]) == 2
+    assert "droplet.toml is there already" in capsys.readouterr().err
+    assert (folder / "droplet.toml").read_text() == "mine"
+    assert main(["advise", "droplet", "--error", "0.005", "--measured", "--overwrite"]) == 0
+    assert (folder / "droplet.toml").read_text() == found.scene
+
+
+@pytest.mark.parametrize(("name", "error"), SCENES)
+def test_scenes_are_those_of_the_settings(name, error):
+    found = advice.find(name, error)
+    plan = make_plan(parse_scene(found.scene, name))
+    cpu = found.cell["cpu"]
+    per_particle = sum(plan.field_bytes().values())
+    assert cpu["bytes"] == pytest.approx(per_particle * plan.grid.count)
+    assert f"{plan.scene.dtype}" in cpu["setting"]
+
+
+def test_seconds_here_are_the_prediction_s_share(monkeypatch):
+    given = []
+
+    def predict(scene, backend, *, threads):
+        given.append((scene.name, backend, threads))
+        return Prediction(backend, 10.0)
+
+    monkeypatch.setattr(advice, "predict", predict)
+    found = advice.find("droplet", 0.05)
+    cpu = found.cell["cpu"]
+    assert 0 < cpu["seconds"] < cpu["whole"]
+    here = advice.scaled(found)
+    assert here.own == pytest.approx(10.0 * cpu["seconds"] / cpu["whole"])
+    assert "2 CPU threads of this machine" in advice.text_of(here)
+    assert given == [("droplet", "cpu", 2)]
+    monkeypatch.setattr(advice, "unavailable", lambda backend: "no device was found")
+    assert "not predicted: no device was found" in advice.text_of(advice.scaled(found, "cuda"))
+
+
+def test_what_was_not_measured_and_what_has_no_meaning_is_said(folder, capsys):
+    assert main(["advise", "contact_angle"]) == 0
+    assert "not measured" in capsys.readouterr().out
+    assert main(["advise", "detection_2d", "--error", "0.001"]) == 0
+    assert "no meaning: which particles are surface" in capsys.readouterr().out
+    assert main(["advise", "heat", "--error", "0.01"]) == 0
+    assert "not advised" in capsys.readouterr().out
+    assert not list(folder.iterdir())
+
+
+def test_the_list_and_json(folder, capsys):
+    assert main(["advise"]) == 0
+    text = capsys.readouterr().out
+    assert "surge front of a 2D dam break" in text
+    assert main(["advise", "droplet", "--error", "0.05", "--measured", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["answer"]["error"] == 0.05
+    assert found["seconds_here"] is None
+    assert found["scene"] == "droplet.toml"

@@ -1,0 +1,104 @@
+"""Observables against other programs, and what is said of those that are not there."""
+
+import numpy as np
+import pytest
+
+from refsim import Box, Gravity, InputError, Scene, Simulation, WeaklyCompressible, make_plan
+from refsim.engine.driver import stock
+from refsim.study.observables import observable_of
+from validation.metrics.dam_break import front_position
+
+
+@pytest.fixture(scope="module")
+def simulation():
+    """A block that flies, and a piece apart from it."""
+    scene = Scene(
+        dim=2,
+        dtype="float64",
+        spacing=0.01,
+        support_radius=0.026,
+        fluid=(Box(cells=(8, 6, 1), velocity=(2.0, 1.0, 0.0)), Box(lower=(0.3, 0.0, 0.0), cells=(2, 2, 1))),
+        effects=(WeaklyCompressible(sound_speed=20.0), Gravity(acceleration=(0.0, -9.81, 0.0))),
+    )
+    made = Simulation(scene, "numpy")
+    made.step()
+    return made
+
+
+def value(simulation, name):
+    return observable_of(name, simulation.plan)(simulation)
+
+
+def test_front_is_that_of_the_connected_liquid(simulation):
+    position = simulation.field("position")
+    found = front_position(position, 0.01)
+    assert found.detached
+    assert value(simulation, "front") == pytest.approx(found.connected, rel=1e-12)
+    assert value(simulation, "front:+x") < found.farthest
+    assert value(simulation, "front:-y") == pytest.approx(-front_position(-position, 0.01, axis=1).connected, rel=1e-12)
+
+
+def test_kinetic_energy_is_that_of_the_report(simulation):
+    assert value(simulation, "kinetic_energy") == pytest.approx(stock(simulation)["kinetic_energy"], rel=1e-12)
+
+
+def test_fields_at_a_point(simulation):
+    """A field that is the same everywhere has that value; a linear one that of the point, within the lattice."""
+    block = simulation.field("position")[:48]
+    middle = ",".join(f"{x:.12g}" for x in block[:, :2].mean(0))
+    assert value(simulation, f"field:mass@{middle}") == pytest.approx(simulation.field("mass")[0], rel=1e-12)
+    assert value(simulation, f"field:position.x@{middle}") == pytest.approx(block[:, 0].mean(), rel=1e-9)
+    simulation.evaluate()
+    density = simulation.field("density")
+    for word, expected in (("mean", density.mean()), ("max", density.max()), ("min", density.min())):
+        assert value(simulation, f"field:density@{word}") == pytest.approx(expected, rel=1e-12)
+    speed = simulation.field("velocity")[:, 1]
+    assert value(simulation, "field:velocity.y@mean") == pytest.approx(speed.mean(), rel=1e-12)
+
+
+def test_own_functions(simulation, tmp_path):
+    assert observable_of(lambda s: s.count / 2, simulation.plan)(simulation) == 26
+    file = tmp_path / "own.py"
+    file.write_text("def pair(simulation):\n    return 2\ndef bad(simulation):\n    return 1 / 0\nnumber = 3\n")
+    found = observable_of(f"{file}:pair", simulation.plan)
+    assert (found.name, found(simulation)) == ("own.pair", 2.0)
+    with pytest.raises(InputError, match=r"own.bad: it cannot be read \(ZeroDivisionError"):
+        value(simulation, f"{file}:bad")
+    for wrong, words in ((f"{file}:no", "no function 'no'"), (f"{file}:number", "no function"), ("no.py:f", "no file")):
+        with pytest.raises(InputError, match=words):
+            observable_of(wrong, simulation.plan)
+    file.write_text("def pair(simulation:\n")
+    with pytest.raises(InputError, match="cannot be run"):
+        observable_of(f"{file}:pair", simulation.plan)
+
+
+@pytest.mark.parametrize(
+    "name, words",
+    [
+        ("fornt", "there is no observable 'fornt'; did you mean front"),
+        ("front:z", "is no direction"),
+        ("front:up", "is no direction"),
+        ("field:densty@0,0", "no field 'densty'; did you mean density"),
+        ("field:density", "is no point"),
+        ("field:density@1", "is no point"),
+        ("field:density@a,b", "is no point"),
+        ("field:density.x@0,0", "write field:density"),
+        ("field:velocity@0,0", "write field:velocity.x or"),
+        ("field:velocity.w@0,0", "write field:velocity.x or"),
+    ],
+)
+def test_what_is_not_there_gets_a_sentence(simulation, name, words):
+    with pytest.raises(InputError, match=words):
+        observable_of(name, make_plan(simulation.plan.scene))
+
+
+def test_a_point_without_particles(simulation):
+    with pytest.raises(InputError, match="no particle is within the support radius"):
+        value(simulation, "field:density@5,5")
+
+
+def test_reading_does_not_change_the_run(simulation):
+    before = {name: np.array(simulation.field(name)) for name in ("position", "velocity")}
+    value(simulation, "field:density@0.03,0.03")
+    value(simulation, "front")
+    assert all((simulation.field(name) == values).all() for name, values in before.items())

@@ -1,0 +1,128 @@
+"""Order, extrapolation and uncertainty against published values, another program, and problems with known answers."""
+
+import math
+
+import numpy as np
+import pytest
+
+from refsim.study.convergence import CAUTIOUS, SAFE, converge
+
+
+def celik(h, q):
+    """Order and extrapolated value by the fixed-point iteration of Celik et al. 2008, J. Fluids Eng. 130, 078001."""
+    r21, r32 = h[1] / h[0], h[2] / h[1]
+    e21, e32 = q[1] - q[0], q[2] - q[1]
+    s = math.copysign(1.0, e32 / e21)
+    p = 1.0
+    for _ in range(2000):
+        p = abs(math.log(abs(e32 / e21)) + math.log((r21**p - s) / (r32**p - s))) / math.log(r21)
+    return p, (r21**p * q[0] - q[1]) / (r21**p - 1)
+
+
+def test_the_published_example():
+    """Celik et al. 2008, table 1, first column: dimensionless reattachment length."""
+    found = converge([1.0, 1.5, 1.5 * 1.333], [6.063, 5.972, 5.863])
+    assert found.asymptotic
+    assert found.order == pytest.approx(1.53, abs=0.01)
+    assert found.value == pytest.approx(6.1685, abs=5e-4)
+    assert found.uncertainty / 6.063 == pytest.approx(0.022, abs=5e-4)  # GCI, 2.2 %
+    assert found.error(6.063) == pytest.approx(0.017, abs=5e-4)  # extrapolated relative error, 1.7 %
+
+
+@pytest.mark.parametrize("order", [0.55, 1.0, 1.4, 2.0, 2.9])
+@pytest.mark.parametrize("ratios", [(2.0, 2.0), (1.5, 1.5), (1.3, 1.7), (1.9, 1.2)])
+@pytest.mark.parametrize("limit, slope", [(1.0, 3.0), (-40.0, 0.2), (1e-6, -1e-6)])
+def test_power_laws_are_found(order, ratios, limit, slope):
+    h = np.array([0.1, 0.1 * ratios[0], 0.1 * ratios[0] * ratios[1]])
+    q = limit + slope * h**order
+    found = converge(h[[1, 2, 0]], q[[1, 2, 0]])
+    p, extrapolated = celik(h, q)
+    assert found.asymptotic
+    assert found.order == pytest.approx(order, rel=1e-6)
+    assert found.order == pytest.approx(p, rel=1e-6)
+    assert found.value == pytest.approx(extrapolated, rel=1e-6)
+    assert found.value == pytest.approx(limit, rel=1e-6)
+    inside = 0.9 <= order <= 2.2
+    assert found.safety == (SAFE if inside else CAUTIOUS)
+    if inside:
+        assert found.uncertainty == pytest.approx(1.25 * abs(q[0] - limit), rel=1e-6)
+        assert found.bound(q[2]) == pytest.approx(1.25 * abs(q[2] - limit) / abs(limit), rel=1e-6)
+    assert found.uncertainty >= (1 - 1e-6) * 1.25 * abs(q[0] - limit)
+
+
+def trapezoids(n):
+    x = np.linspace(0, 1, n + 1)
+    return float(np.sum((np.exp(x[1:]) + np.exp(x[:-1])) / 2) / n)
+
+
+def rectangles(n):
+    return float(np.sum(np.exp(np.arange(n) / n)) / n)
+
+
+def decay(n):
+    """Explicit Euler of y' = -y to t = 1."""
+    return (1 - 1 / n) ** n
+
+
+@pytest.mark.parametrize(
+    "computed, exact, order",
+    [(trapezoids, math.e - 1, 2), (rectangles, math.e - 1, 1), (decay, math.exp(-1), 1)],
+    ids=["trapezoids", "rectangles", "euler"],
+)
+@pytest.mark.parametrize("cells", [(8, 12, 18), (20, 30, 45, 67), (10, 20, 40)])
+def test_programs_of_known_order(computed, exact, order, cells):
+    """Their own higher terms are in the values: order, extrapolation and band still hold."""
+    found = converge([1 / n for n in cells], [computed(n) for n in cells])
+    assert found.asymptotic
+    assert found.order == pytest.approx(order, abs=0.1)
+    finest = abs(computed(cells[-1]) - exact)
+    assert abs(found.value - exact) < 0.2 * finest
+    assert abs(found.value - exact) < found.uncertainty
+    for n in cells:
+        assert found.bound(computed(n)) > abs(computed(n) - exact) / exact
+        assert found.bound(computed(n)) < 2 * abs(computed(n) - exact) / exact
+
+
+@pytest.mark.parametrize(
+    "values, words",
+    [
+        ([1.0, 1.1, 1.05], "alternate"),
+        ([1.0, 1.3, 1.4], "do not shrink"),
+        ([1.0, 1.0001, 1.5], "not between"),
+        ([1.0, 1.0 + 1.5**0.1 - 1, 1.0 + 2.25**0.1 - 1], "not between"),
+        ([1.01, 1.0225, 1.05, 1.02], "coarser three levels"),
+        ([1.01, 1.0225, 1.050625, 1.0928125], "order changes"),
+    ],
+)
+def test_what_cannot_be_extrapolated(values, words):
+    h = [1.5**k for k in range(len(values))]
+    found = converge(h, values)
+    assert not found.asymptotic
+    assert "not in the asymptotic range" in found.words
+    assert words in found.words
+    assert found.value == values[0]
+    assert found.uncertainty == pytest.approx(3 * (max(values[:3]) - min(values[:3])))
+    assert found.bound(values[1]) == pytest.approx((abs(values[1] - values[0]) + found.uncertainty) / values[0])
+
+
+def test_noise_is_not_taken_for_convergence():
+    """Of values without any trend a share is monotone by chance; the band holds the mean nearly always."""
+    random = np.random.default_rng(1)
+    inside = 0
+    for _ in range(500):
+        found = converge([1.0, 1.5, 2.25], random.normal(10.0, 0.1, 3))
+        inside += abs(found.value - 10.0) < found.uncertainty
+    assert inside > 0.85 * 500
+
+
+def test_few_and_equal_values():
+    assert math.isnan(converge([1.0], [2.0]).uncertainty)
+    two = converge([1.0, 2.0], [2.0, 2.1])
+    assert not two.asymptotic
+    assert two.uncertainty == pytest.approx(0.3)
+    same = converge([1.0, 2.0, 3.0], [5.0, 5.0, 5.0])
+    assert same.uncertainty == 0
+    assert same.bound(5.0) == 0
+    for spacing, value in (([], []), ([1.0, 1.0], [1.0, 2.0]), ([1.0], [1.0, 2.0])):
+        with pytest.raises(ValueError, match="different spacings"):
+            converge(spacing, value)

@@ -1,0 +1,129 @@
+"""The same scene at another spacing."""
+
+import itertools
+
+import msgspec
+import numpy as np
+import pytest
+
+from refsim import (
+    Ball,
+    Box,
+    Cloud,
+    Gravity,
+    HeatConduction,
+    InputError,
+    MpmLiquid,
+    Scene,
+    ShapeMatching,
+    SolidBox,
+    SolidCells,
+    WeaklyCompressible,
+    make_plan,
+)
+from refsim.study.refine import misfit, notes, refined, resting_step, spaced
+
+LIQUID = WeaklyCompressible(sound_speed=20.0, dynamic_viscosity=2.0)
+
+
+def scene_of(**more):
+    given = {
+        "spacing": 0.01,
+        "support_radius": 0.026,
+        "fluid": (Box(cells=(20, 40, 1)),),
+        "dim": 2,
+        "effects": (LIQUID,),
+    }
+    return Scene(**(given | more))
+
+
+@pytest.mark.parametrize("factor", [0.5, 1.5, 2.0])
+def test_bodies_stay_where_they_are(factor):
+    scene = scene_of(fluid=(Box(lower=(0.1, -0.2, 0.0), cells=(20, 40, 1), velocity=(1.0, 0.0, 0.0)),))
+    other = refined(scene, factor)
+    before, after = make_plan(scene).state, make_plan(other).state
+    assert len(after.mass) == len(before.mass) * factor**2
+    assert other.support_radius / other.spacing == pytest.approx(2.6)
+    for edge in (np.min, np.max):
+        off = 0.5 if edge is np.min else -0.5
+        here = edge(before.position[:, :2], axis=0) - off * scene.spacing
+        assert edge(after.position[:, :2], axis=0) - off * other.spacing == pytest.approx(here)
+    assert after.mass.sum() == pytest.approx(before.mass.sum(), rel=0.02)
+    assert (after.velocity[:, 0] == 1.0).all()
+
+
+def test_balls_and_solids_keep_their_size():
+    scene = Scene(
+        spacing=0.1, support_radius=0.25, fluid=(Ball(center=(0, 0, 5), radius=1.0),),
+        solid=(SolidBox(lower=(0.0, 0.0, 0.0), upper=(1.0, 1.0, 1.0)),), effects=(LIQUID, ShapeMatching()),
+    )  # fmt: skip
+    sizes = [make_plan(refined(scene, f)).state.sizes for f in (1.0, 1.5, 2.0)]
+    assert [solid for solid, _ in sizes] == [10**3, 15**3, 20**3]
+    assert sizes[2][1] == pytest.approx(8 * sizes[0][1], rel=0.03)
+    assert misfit(scene, 1.5) == 0
+    assert misfit(scene, 1.43) == pytest.approx(0.3 / 14.3, rel=1e-6)
+
+
+def test_a_fixed_step_follows_what_is_stable():
+    """Sound: as the spacing. Diffusion: as its square."""
+    sound = scene_of(step=1e-5)
+    assert refined(sound, 2.0).step == pytest.approx(5e-6)
+    thick = scene_of(step=1e-5, effects=(WeaklyCompressible(sound_speed=20.0, dynamic_viscosity=2e5),))
+    ratio = resting_step(thick, 0.005, 0.013) / resting_step(thick, 0.01, 0.026)
+    assert ratio == pytest.approx(0.25, rel=1e-6)
+    assert refined(thick, 2.0).step == pytest.approx(0.25e-5)
+
+
+def test_lengths_of_the_mesh_follow():
+    grid = refined(scene_of(effects=(MpmLiquid(bulk_modulus=1e4, cell_size=0.02),)), 2.0).effects[0]
+    assert grid.cell_size == 0.01
+    assert grid.bulk_modulus == 1e4
+    assert refined(scene_of(effects=(MpmLiquid(bulk_modulus=1e4),)), 2.0).effects[0].cell_size == 0  # two spacings
+
+
+def test_what_has_no_other_spacing():
+    cloud = scene_of(fluid=(Box(cells=(4, 4, 1)), Cloud(position=[[1.0, 1.0], [1.0, 1.01]])))
+    cells = scene_of(solid=(SolidCells(cells=[[0, 0, 0]]),))
+    for scene, words in ((cloud, r"\[\[fluid\]\] number 2 gives its particles"), (cells, r"\[\[solid\]\] number 1")):
+        with pytest.raises(InputError, match=words):
+            refined(scene, 2.0)
+        with pytest.raises(InputError, match=words):
+            spaced(scene, 3, 1)
+
+
+@pytest.mark.parametrize("cells", [(20, 40, 1), (9, 9, 1), (10, 10, 1), (36, 28, 1)])
+@pytest.mark.parametrize("count, finer", [(3, 1), (4, 2), (3, 0), (3, 2)])
+def test_levels_hold_the_scene_and_whole_cells(cells, count, finer):
+    scene = scene_of(fluid=(Box(cells=cells),))
+    found = spaced(scene, count, finer)
+    assert len(found) == count
+    assert found[count - 1 - finer] == 1.0
+    assert all(1.2 < b / a < 1.8 for a, b in itertools.pairwise(found))
+    assert max(misfit(scene, f) for f in found) <= 0.03
+
+
+def test_exact_levels_are_preferred():
+    assert all(misfit(scene_of(), f) < 1e-9 for f in spaced(scene_of(), 3, 1))
+    assert not notes(scene_of(), spaced(scene_of(), 3, 1))
+    rough = scene_of(fluid=(Box(cells=(30, 41, 1)),))
+    assert any("whole cells" in note for note in notes(rough, spaced(rough, 3, 1)))
+
+
+def test_boxes_without_a_common_divisor():
+    with pytest.raises(InputError, match="give the boxes numbers of cells with a common divisor"):
+        spaced(scene_of(fluid=(Box(cells=(7, 11, 1)), Box(lower=(1.0, 0.0, 0.0), cells=(3, 5, 1)))), 3, 0)
+
+
+@pytest.mark.parametrize("given", [(0, 0, 1.5), (3, 3, 1.5), (3, -1, 1.5), (3, 1, 1.0), (3, 1, 9.0)])
+def test_impossible_levels_get_a_sentence(given):
+    with pytest.raises(InputError, match="is not possible; give"):
+        spaced(scene_of(), *given)
+
+
+def test_a_reader_is_told_of_coefficients_of_one_spacing():
+    from refsim import Akinci2013
+
+    own = scene_of(effects=(LIQUID, Akinci2013(gamma=1.0)))
+    assert any("akinci_2013" in note for note in notes(own, (1.0,)))
+    body = msgspec.structs.replace(own, effects=(LIQUID, ShapeMatching(), HeatConduction(), Gravity()))
+    assert any("half_width" in note for note in notes(body, (1.0,)))

@@ -1,0 +1,352 @@
+"""Studies whose answer is known, studies that fail in part, and studies that go on."""
+
+import json
+import math
+import sys
+import types
+
+import msgspec
+import pytest
+
+import refsim
+from refsim import Box, BoxWalls, Gravity, InputError, RunStopped, Scene, Simulation, WeaklyCompressible
+from refsim.__main__ import main
+from refsim.study import runs
+from refsim.study.observables import observable_of
+from refsim.study.refine import refined
+
+SCENE = """
+spacing = 0.01
+support_radius = 0.02
+dim = 2
+end_time = 0.001
+
+[[fluid]]
+shape = "box"
+cells = [6, 12, 1]
+
+[effects.weakly_compressible]
+sound_speed = 20.0
+dynamic_viscosity = 2.0
+
+[effects.gravity]
+acceleration = [0.0, -9.81, 0.0]
+"""
+
+
+def block(**more):
+    given = {
+        "spacing": 0.01,
+        "support_radius": 0.02,
+        "dim": 2,
+        "end_time": 0.001,
+        "fluid": (Box(cells=(6, 12, 1)),),
+        "effects": (
+            WeaklyCompressible(sound_speed=20.0, dynamic_viscosity=2.0),
+            Gravity(acceleration=(0.0, -9.81, 0.0)),
+        ),
+    }
+    return Scene(**(given | more))
+
+
+def manufactured(order):
+    """An observable of known order, 5 + h^order with h in units of the scene's spacing, without rounding."""
+
+    def value(simulation):
+        return 5.0 + (simulation.plan.grid.spacing / 0.01) ** order
+
+    return value
+
+
+def studied(observable, **more):
+    given = {"backend": "numpy", "knobs": ("spacing",)}
+    return refsim.study(given.pop("scene", more.pop("scene", block())), observable, **(given | more))
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_a_known_order_gives_value_error_and_cheapest_setting(order):
+    found = studied(manufactured(order), error=0.25)
+    limit = found.convergence
+    assert limit.asymptotic
+    assert (limit.order, limit.value) == (pytest.approx(order), pytest.approx(5.0))
+    assert limit.uncertainty == pytest.approx(1.25 * 1.5**-order)
+    assert [row["change"] for row in found.rows()] == pytest.approx([1.5**order / 5, 1 / 5, 1.5**-order / 5])
+    assert found.sources() == {"spacing": pytest.approx(0.25)}
+    allowed = [s.scene.spacing for s, r in found.of("spacing") if 1.25 * (r.value - 5) / 5 <= 0.25 + 1e-9]
+    advice = found.cheapest(0.25 + 1e-9)
+    assert advice.measured
+    assert advice.spacing in allowed
+    assert advice.seconds == min(r.seconds for s, r in found.of("spacing") if s.scene.spacing in allowed)
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_an_error_beyond_the_runs_is_continued(order):
+    found = studied(manufactured(order), error=0.01)
+    advice = found.cheapest()
+    assert not advice.measured
+    assert 1.25 * (advice.spacing / 0.01) ** order / 5 == pytest.approx(0.01)
+    finest = max(found.of("spacing"), key=lambda pair: pair[0].factor)
+    factor = finest[0].scene.spacing / advice.spacing
+    assert advice.bytes == pytest.approx(finest[1].bytes * factor**2)
+    assert finest[1].seconds * factor**2 <= advice.seconds <= finest[1].seconds * factor**4 * (1 + 1e-9)
+    half = found.cheapest(0.005)
+    assert half.spacing == pytest.approx(advice.spacing / 2 ** (1 / order))
+    assert "estimated" in found.text()
+
+
+def test_float64_is_advised_only_where_rounding_is_seen():
+    """The same values but for the precision's: 1e-6 of it is below the uncertainty, 30 % above."""
+    for rounding, advised in ((1e-6, "float32"), (0.3, "float64")):
+
+        def value(simulation, rounding=rounding):
+            exact = 5.0 + 0.1 * (simulation.plan.grid.spacing / 0.01) ** 2
+            return exact * (1 + rounding * (simulation.plan.grid.dtype == "float32"))
+
+        found = studied(value, knobs=("spacing", "precision"), error=0.1)
+        assert found.cheapest().dtype == advised
+
+
+def test_what_does_not_converge_is_said():
+    found = studied(lambda simulation: math.sin(simulation.count), error=0.01)
+    assert not found.convergence.asymptotic
+    assert "not in the asymptotic range" in found.text()
+    assert found.cheapest() is None
+    assert "cannot be said from these runs: the smallest bound is" in found.text()
+
+
+def test_the_value_belongs_to_the_end_time():
+    """A free fall has its closed form whatever the steps are; read at the last step it would be some per cent off."""
+    ball = block(
+        fluid=(Box(cells=(2, 2, 1)),), end_time=0.0205, dtype="float64", support_radius=0.0101, step=0.0004,
+        effects=(WeaklyCompressible(sound_speed=2.0), Gravity(acceleration=(0.0, -9.81, 0.0))),
+    )  # fmt: skip
+    found = studied("field:position.y@mean", scene=ball, knobs=("step",))
+    start = 0.01
+    values = [r.value for _, r in found.runs]
+    assert values == pytest.approx([start - 9.81 * 0.0205**2 / 2] * 2, rel=3e-5)
+    assert len({r.steps for _, r in found.runs}) == 2
+
+
+def test_the_time_of_an_event():
+    """The time at which a free fall has gone 1 mm."""
+    ball = block(
+        fluid=(Box(cells=(2, 2, 1)),), end_time=0.1, dtype="float64", support_radius=0.0101, step=0.0004,
+        effects=(WeaklyCompressible(sound_speed=2.0), Gravity(acceleration=(0.0, -9.81, 0.0))),
+    )  # fmt: skip
+    found = studied("field:position.y@mean", scene=ball, knobs=(), reaches=0.009)
+    assert found.base.value == pytest.approx(math.sqrt(2 * 0.001 / 9.81), rel=1e-4)
+    assert found.base.time < 0.02
+    assert found.unit == "s"
+    never = studied("field:position.y@mean", scene=ball, knobs=(), reaches=3.0)
+    assert "did not reach 3 by the end" in never.text()
+    assert never.convergence is None
+
+
+def test_each_other_setting_is_changed_alone():
+    found = studied("kinetic_energy", knobs=("step", "precision", "effects"))
+    kinds = [(s.kind, s.label) for s, _ in found.runs]
+    assert kinds == [
+        ("spacing", "spacing 0.01 m"),
+        ("step", "half the step"),
+        ("precision", "float64"),
+        ("effect", "without weakly_compressible"),
+        ("effect", "without gravity"),
+    ]
+    by_label = {s.label: (s, r) for s, r in found.runs}
+    assert by_label["half the step"][1].steps > 1.8 * found.base.steps
+    assert by_label["float64"][0].scene.dtype == "float64"
+    assert by_label["without gravity"][1].value == pytest.approx(0.0, abs=1e-3 * found.base.value)
+    assert set(found.sources()) == {"step", "precision"}
+    step = by_label["half the step"][1].value
+    assert found.sources()["step"] == pytest.approx(2 * abs(step - found.base.value) / found.base.value)
+    row = next(row for row in found.rows() if row["setting"] == "without gravity")
+    assert row["change"] == pytest.approx(-1.0, abs=1e-3)
+    assert row["cost"] == pytest.approx(by_label["without gravity"][1].seconds / found.base.seconds)
+
+
+def test_effects_that_others_need_are_left_out_with_the_reason():
+    walls = BoxWalls(lower=(0, 0, 0), upper=(0.3, 0.3, 0), open_faces=("+y",))
+    found = studied("kinetic_energy", scene=block(effects=(*block().effects, walls)), knobs=("effects",))
+    assert [s.label for s, _ in found.runs if s.kind == "effect"] == ["without gravity", "without box_walls"]
+    assert any("without weakly_compressible left out: Effect 'box_walls' needs" in line for line in found.left_out)
+
+
+def test_levels_that_work_are_kept_and_shown():
+    def breaks(simulation):
+        if simulation.plan.grid.spacing < 0.008:
+            raise RunStopped("diverged", "In step 7 a particle moves with 1e9 m/s.")
+        return 1.0 + simulation.plan.grid.spacing
+
+    found = studied(breaks)
+    assert [bool(r.failed) for _, r in found.runs] == [False, False, True]
+    assert "a particle moves with 1e9 m/s" in found.text()
+    assert "fewer than three levels" in found.text()
+    assert found.convergence.value == 1.01
+    assert found.rows()[2]["value"] is None
+
+
+def test_a_scene_that_diverges_is_reported():
+    wild = block(fluid=(Box(cells=(6, 12, 1), velocity=(1e4, 0.0, 0.0)),))
+    found = studied("front", scene=wild)
+    assert found.convergence is None
+    assert found.text().count("moves with 1e+04 m/s") == 3
+    assert "no spacing gave a value" in found.text()
+    assert found.cheapest() is None
+    assert found.sources() == {}
+
+
+def test_a_study_goes_on_where_it_was_stopped(tmp_path, monkeypatch):
+    done = []
+    own = runs.measure
+
+    def counted(setting, *more):
+        if len(done) == 2 and "stop" not in vars(counted):
+            counted.stop = True
+            raise KeyboardInterrupt
+        done.append(setting.label)
+        return own(setting, *more)
+
+    monkeypatch.setattr(sys.modules["refsim.study"], "measure", counted)
+    with pytest.raises(KeyboardInterrupt):
+        studied("front", folder=tmp_path)
+    assert len(done) == 2
+    said = []
+    first = studied("front", folder=tmp_path, say=said.append)
+    assert len(done) == 3
+    assert "2 are on file" in said[0]
+    again = studied("front", folder=tmp_path, say=said.append)
+    assert len(done) == 3
+    assert again.rows() == first.rows()
+    other = block(end_time=0.0005)
+    studied("front", folder=tmp_path, scene=other, knobs=())
+    assert len(done) == 4
+
+
+def test_a_damaged_result_is_measured_anew(tmp_path):
+    studied("front", folder=tmp_path, knobs=())
+    (file,) = tmp_path.glob("*.json")
+    good = json.loads(file.read_text())["reading"]["value"]
+    file.write_text(file.read_text()[:40])
+    assert studied("front", folder=tmp_path, knobs=()).base.value == good
+
+
+def test_a_key_follows_what_changes_a_number():
+    plan = refsim.make_plan(block())
+    one, other = observable_of("front", plan), observable_of("front:-x", plan)
+    base = runs.Setting("spacing", "a", 1.0, block(), "numpy")
+    titled = runs.Setting("step", "b", 1.0, block(name="other title"), "numpy")
+    keys = [
+        runs.key_of(base, one, None, None),
+        runs.key_of(base, other, None, None),
+        runs.key_of(base, one, 0.5, None),
+        runs.key_of(base, one, None, 1),
+        runs.key_of(runs.Setting("spacing", "a", 1.0, block(), "cpu"), one, None, None),
+        runs.key_of(runs.Setting("spacing", "a", 1.0, refined(block(), 2), "numpy"), one, None, None),
+    ]
+    assert len(set(keys)) == len(keys)
+    assert runs.key_of(titled, one, None, None) == keys[0]
+
+
+def test_held_bytes_are_those_of_the_fields():
+    simulation = Simulation(block(), "numpy")
+    fields = sum(array.nbytes for array in simulation.fields.values())
+    assert fields <= runs.held_bytes(simulation) < 1.5 * fields + 2000
+
+
+@pytest.mark.parametrize(
+    "more, words",
+    [
+        ({"knobs": ("spacings",)}, "there is no knob 'spacings'; did you mean spacing"),
+        ({"error": 2.0}, "error = 2 is not possible"),
+        ({"levels": 0}, "levels = 0"),
+        ({"backend": "gpu"}, "Backend 'gpu' cannot be used"),
+        ({"scene": "none.toml"}, "none.toml does not exist"),
+    ],
+)
+def test_bad_input_gets_a_sentence(more, words):
+    with pytest.raises(InputError, match=words):
+        studied("front", **more)
+
+
+def test_table_is_a_data_frame_where_pandas_is(monkeypatch):
+    found = studied(manufactured(2))
+    monkeypatch.setitem(sys.modules, "pandas", None)
+    assert found.table() == found.rows()
+    monkeypatch.setitem(sys.modules, "pandas", types.SimpleNamespace(DataFrame=lambda rows: ("frame", rows)))
+    assert found.table() == ("frame", found.rows())
+
+
+def test_the_report_is_one_file(tmp_path):
+    found = studied(manufactured(2), knobs=("spacing", "precision", "effects"), command="refsim study x")
+    text = found.report(tmp_path / "study.html").read_text()
+    assert text.count("data:image/png;base64,") == 1
+    assert "http" not in text
+    assert "<script" not in text
+    assert text.count("<tr>") == 1 + len(found.runs)
+    assert "without gravity" in text
+    assert "order 2.00" in text
+    figure = found.plot()
+    assert len(figure.axes) == 3
+    assert [line.get_xdata()[0] for line in figure.axes[0].lines[:1]] == [found.runs[0][0].scene.spacing]
+
+
+# The command
+
+
+@pytest.fixture
+def file(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "tank.toml").write_text(SCENE)
+    (tmp_path / "own.py").write_text("def grid(s):\n    return 5 + (s.plan.grid.spacing / 0.01) ** 2\n")
+    return tmp_path
+
+
+def run(*arguments):
+    return main(["study", "tank.toml", "--backend", "numpy", *arguments])
+
+
+def test_the_command_writes_table_picture_and_page(file, capsys):
+    assert run("--observable", "own.py:grid", "--knobs", "spacing,precision", "--error", "0.1") == 0
+    said = capsys.readouterr()
+    assert "own.grid = 5 ± 0.56" in said.out
+    assert "runs to do; they take about" in said.err
+    assert "cheapest for an error of 10 %" in said.out
+    assert {"study.html", "study.png"} < {path.name for path in (file / "tank_study").iterdir()}
+    assert run("--observable", "own.py:grid", "--knobs", "spacing,precision", "--error", "0.1", "--json") == 0
+    again = capsys.readouterr()
+    assert "runs to do" not in again.err
+    found = json.loads(again.out)
+    assert found["order"] == pytest.approx(2.0)
+    assert [row["what"] for row in found["runs"]] == ["spacing"] * 3 + ["precision"]
+    assert found["cheapest"]["error"]["spacing"] > found["cheapest"]["half_of_it"]["spacing"]
+
+
+def test_bad_input_of_the_command(file, capsys):
+    assert run("--observable", "fornt") == 2
+    assert "did you mean front" in capsys.readouterr().err
+    cloud = SCENE.replace('shape = "box"\ncells = [6, 12, 1]', 'shape = "cloud"\nposition = [[0, 0], [0, 0.01]]')
+    (file / "tank.toml").write_text(cloud)
+    assert run("--observable", "front") == 2
+    assert "it has no other spacing" in capsys.readouterr().err
+    assert run("--observable", "front", "--knobs", "precision", "--quiet") == 0
+    assert capsys.readouterr().err == ""
+
+
+def test_a_run_that_fails_at_every_level_is_exit_code_3(file, capsys):
+    fast = SCENE.replace("cells = [6, 12, 1]", "cells = [6, 12, 1]\nvelocity = [1e4, 0.0, 0.0]")
+    (file / "tank.toml").write_text(fast)
+    assert run("--observable", "front", "--knobs", "spacing", "--quiet") == 3
+    assert "no spacing gave a value" in capsys.readouterr().out
+
+
+def test_the_scene_is_not_changed():
+    scene = block()
+    before = msgspec.structs.asdict(scene)
+    studied("front", scene=scene, knobs=())
+    assert msgspec.structs.asdict(scene) == before
+
+
+def test_a_study_by_a_scheduler_needs_a_folder_and_a_text():
+    for more in ({}, {"folder": "x"}):
+        with pytest.raises(InputError, match="with a scheduler it needs a folder for the results and an observable"):
+            studied(manufactured(2) if more else "front", scheduler="tcp://127.0.0.1:1", **more)
