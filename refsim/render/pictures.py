@@ -1,0 +1,380 @@
+"""Pictures and films of a run: what is shown of each frame, its labels, and the files."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from refsim.core.errors import InputError
+from refsim.io.frames import Frame
+from refsim.render.looks import (
+    MAP,
+    OBSTACLE,
+    STYLES,
+    camera_of,
+    cut_of,
+    liquid_colour,
+    melt_colour,
+    solid_colour,
+)
+from refsim.render.plane import add_area, add_discs
+from refsim.render.saved_run import SavedRun, chosen_frames, open_run
+from refsim.render.space import BOTTOM, SIDES, TOP, Body, Stage, bar_length, cut_closed, smoothed
+from refsim.render.surfaces import CELL, METHODS, SurfaceMesh, splash_surface, surface_around
+
+SIZE = (1280, 960)
+USUAL = 0.005, 0.995  # shares of a frame's particles with values below the ends of the colour bar
+PER_SECOND = 25  # pictures of a film
+INK = "#1f2933"
+BACKGROUNDS = {"paper": "white", "water": "#e9eef2", "particles": "white"}
+
+
+@dataclass(frozen=True)
+class Look:
+    """How a run is drawn.
+
+    style    "paper" (opaque surfaces), "water" (clear ones) or "particles"
+    colour   a quantity of the run that colours liquid and solids; the parts' own colours where it is None
+    limits   of the colour bar; where None, 0.5 % of a frame's particles may lie beyond either
+    camera   "azimuth,elevation[,zoom]" [degrees]
+    cut      "x=0" leaves away the viewer's side of that plane [m]
+    surface  "isosurface" (refsim's own) or "pysplashsurf"
+    size     of a picture in pixels, width and height
+    """
+
+    style: str = "paper"
+    colour: str | None = None
+    limits: tuple[float, float] | None = None
+    camera: str | None = None
+    cut: str | None = None
+    surface: str = "isosurface"
+    size: tuple[int, int] = SIZE
+
+    def check(self) -> None:
+        """Raise InputError for a look that does not exist."""
+        for name, value, known in (("style", self.style, STYLES), ("surface", self.surface, METHODS)):
+            if value not in known:
+                raise InputError(f"--{name} {value!r} is unknown; choose one of {', '.join(known)}.")
+        if min(self.size) < 64 or max(self.size) > 8192:
+            raise InputError(f"--size {self.size[0]}x{self.size[1]} is not possible; give 64 to 8192 pixels.")
+        if self.limits is not None and not (np.isfinite(self.limits).all() and self.limits[0] < self.limits[1]):
+            raise InputError(f"--limits {self.limits[0]},{self.limits[1]} is no range; give a smaller number first.")
+
+
+class Series:
+    """Pictures of some frames of a run: one camera, one ground, one range of colours.
+
+    Raises InputError for a look that does not exist or that the run cannot have.
+    """
+
+    def __init__(self, run: SavedRun, look: Look, chosen: Sequence[int]) -> None:
+        look.check()
+        self.run, self.look, self.chosen = run, look, list(chosen)
+        self.camera = camera_of(look.camera)
+        towards = self.camera.axes(run.up)[2]
+        self.cut = cut_of(look.cut, towards, run.dim)
+        self.low, self.high = run.bounds(self.chosen)
+        if run.box is not None:
+            self.low, self.high = self._with_tank(*run.box)
+        self.wall = run.wall_distance()
+        self.fields = () if look.colour in (None, "part") else (look.colour or "",)
+        self.limits = look.limits
+        if look.colour is not None and look.limits is None:
+            self.limits = self._limits(look.colour)
+
+    def _with_tank(self, low: NDArray, high: NDArray) -> tuple[NDArray, NDArray]:
+        """What is seen of a run in a tank: its floor and sides, and as much height as the particles reach."""
+        up = int(np.abs(self.run.up).argmax())
+        level = np.arange(3) != up
+        low, high = low.copy(), high.copy()
+        if self.run.dim == 2:
+            low[2] = high[2] = 0.0
+        end = high if self.run.up[up] > 0 else low
+        end[up] = self.high[up] if self.run.up[up] > 0 else self.low[up]
+        wide = np.where(level | (np.arange(3) == up), 1, 0) > 0
+        return np.where(wide, np.minimum(low, self.low), self.low), np.where(
+            wide, np.maximum(high, self.high), self.high
+        )
+
+    def _limits(self, colour: str) -> tuple[float, float]:
+        ends = []
+        for frame in self.run.frames(self.chosen, self.fields):
+            values = self.run.values(frame, colour)
+            values = values[np.isfinite(values)]
+            if len(values):
+                ends.append(np.quantile(values, USUAL))
+        if not ends:
+            raise InputError(f"{colour!r} has no finite value in these frames; colour by another quantity.")
+        low, high = float(np.min(ends)), float(np.max(ends))
+        return (low, high) if low < high else (low - 0.5 * (abs(low) or 1.0), high + 0.5 * (abs(high) or 1.0))
+
+    def __iter__(self) -> Iterator[tuple[int, NDArray[np.uint8]]]:
+        """(number of the frame, picture (height, width, 3)), one after another."""
+        for number, frame in zip(self.chosen, self.run.frames(self.chosen, self.fields)):
+            yield number, self.picture(frame)
+
+    def picture(self, frame: Frame) -> NDArray[np.uint8]:
+        """The picture (height, width, 3) of one frame."""
+        return self._in_plane(frame) if self.run.dim == 2 else self._in_space(frame)
+
+    # What is seen
+
+    def _colours(self, frame: Frame) -> NDArray[np.float64]:
+        """(n, 3) colours of the particles."""
+        if self.look.colour is not None:
+            import matplotlib
+
+            assert self.limits is not None
+            values = self.run.values(frame, self.look.colour)
+            share = (values - self.limits[0]) / (self.limits[1] - self.limits[0])
+            return matplotlib.colormaps[MAP](np.nan_to_num(share.clip(0, 1)))[:, :3]
+        part, solid = self.run.part(frame), self.run.solid_body(frame) >= 0
+        melting = self.run.plan.effects.get("melting")
+        as_water = getattr(melting, "bookkeeping", "") == "water"
+        result = np.zeros((len(part), 3))
+        for number in np.unique(part):
+            own = part == number
+            if number >= self.run.solids:
+                result[own] = liquid_colour(int(number) - self.run.solids)
+            else:
+                result[own & solid] = solid_colour(int(number))
+                result[own & ~solid] = liquid_colour(0) if as_water else melt_colour(int(number))
+        return result
+
+    def _surface(self, points: NDArray, liquid: bool) -> SurfaceMesh:
+        if self.look.surface == "pysplashsurf" and self.run.dim == 3:
+            return splash_surface(points, self.run.spacing)
+        cell, wall = (CELL if self.run.dim == 3 else 0.5 * CELL), self.wall if liquid else None
+        return surface_around(points, self.run.spacing, self.run.dim, cell, wall)
+
+    def _bodies(self, frame: Frame) -> Iterator[Body]:
+        x, colours, body = frame.position, self._colours(frame), self.run.solid_body(frame)
+        if self.look.style == "particles":
+            kept = np.ones(len(x), bool) if self.cut is None else self.cut(x) <= 0
+            yield Body(x[kept], None, colours[kept], radius=0.5 * self.run.spacing)
+        else:
+            for number in np.unique(body):
+                own = body == number
+                mesh = self._surface(x[own], number < 0)
+                if not len(mesh.facets):
+                    continue
+                points, facets = self._cut(smoothed(mesh.vertices, mesh.facets), mesh.facets)
+                clear = self.look.style == "water" and number < 0 and self.look.colour is None
+                shade = _from_particles(points, x[own], colours[own], self.run.spacing)
+                gloss = 0.45 if number < 0 else 0.15
+                yield Body(points, facets, shade, water=clear, gloss=gloss, edges=self.cut is not None)
+        solid = self.run.mesh
+        if solid is not None:
+            points, facets = self._cut(solid.mesh.vertices + solid.mesh.origin, solid.mesh.faces)
+            yield Body(points, facets, OBSTACLE, gloss=0.1, edges=True)
+
+    def _cut(self, points: NDArray, facets: NDArray) -> tuple[NDArray, NDArray]:
+        if self.cut is None or not (self.cut(points) > 0).any():
+            return points, facets
+        return cut_closed(points, facets, self.cut, self.run.spacing)
+
+    # Drawing
+
+    def _in_space(self, frame: Frame) -> NDArray[np.uint8]:
+        run = self.run
+        corners = np.array([np.where(pick, self.high, self.low) for pick in np.ndindex(2, 2, 2)])
+        box = run.box
+        tank = None if box is None else (np.maximum(box[0], self.low), np.minimum(box[1], self.high))
+        stage = Stage(
+            self.low, self.high, run.up, self.camera, self.look.size, ground=float((corners @ run.up).min()), box=tank,
+            softness=2.5 * run.spacing, background=BACKGROUNDS[self.look.style],
+        )  # fmt: skip
+        bodies = list(self._bodies(frame))
+        image = stage.draw(bodies, occlusion=self.look.style != "water")
+        return self._labelled(image, frame, stage.metres_a_pixel())
+
+    def _labelled(self, image: NDArray, frame: Frame, metres: float) -> NDArray[np.uint8]:
+        """The image with time, scale bar and colour bar on it."""
+        figure, axes = self._sheet()
+        axes.imshow(image, extent=(0, image.shape[1], 0, image.shape[0]), aspect="auto", interpolation="nearest")
+        self._labels(figure, axes, frame, metres)
+        return _drawn(figure)
+
+    def _in_plane(self, frame: Frame) -> NDArray[np.uint8]:
+        figure, axes = self._sheet()
+        width, height = self.look.size
+        size = self.high - self.low
+        inner = width * (1 - 2 * SIDES), height * (1 - BOTTOM - TOP)
+        metres = max(size[0] / inner[0], size[1] / inner[1]) / self.camera.zoom
+        middle = 0.5 * (self.low + self.high)
+        at = middle[:2] - 0.5 * metres * np.array([width, height * (1 + BOTTOM - TOP)])
+
+        def pixels(points: NDArray) -> NDArray[np.float64]:
+            result = np.zeros((len(points), 3))
+            result[:, :2] = (np.asarray(points, dtype=float)[:, :2] - at) / metres
+            return result
+
+        colours, body = self._colours(frame), self.run.solid_body(frame)
+        radius = 0.5 * self.run.spacing / metres
+        kept = np.ones(len(body), bool) if self.cut is None else self.cut(frame.position) <= 0
+        if self.look.style == "particles":
+            add_discs(axes, pixels(frame.position[kept]), radius, colours[kept])
+        else:
+            for number in np.unique(body):
+                own = body == number
+                mesh = self._surface(frame.position[own], number < 0)
+                add_area(axes, pixels(mesh.vertices), mesh.facets, colours[own], pixels(frame.position[own]), radius)
+            if self.cut is not None:
+                self._cover(axes, float(pixels(np.full((1, 3), self.cut.place))[0, self.cut.axis]))
+        if self.run.box is not None:
+            self._tank(axes, pixels(np.clip(self.run.box, self.low, self.high)))
+        axes.set(xlim=(0, width), ylim=(0, height))
+        self._labels(figure, axes, frame, metres)
+        return _drawn(figure)
+
+    def _cover(self, axes: Any, place: float) -> None:
+        """Hide what lies on the side of the cut, at `place` in pixels, that is left away."""
+        from matplotlib.patches import Rectangle
+
+        assert self.cut is not None
+        ends = [(0.0, float(n)) for n in self.look.size]
+        ends[self.cut.axis] = (place, ends[self.cut.axis][1]) if self.cut.side > 0 else (0.0, place)
+        (left, right), (low, high) = ends
+        axes.add_patch(
+            Rectangle((left, low), right - left, high - low, facecolor=axes.figure.get_facecolor(), zorder=2)
+        )
+
+    def _tank(self, axes: Any, corners: NDArray) -> None:
+        walls = self.run.plan.effects.get("box_walls") or self.run.plan.effects["mpm_walls"]
+        (x0, y0, _), (x1, y1, _) = corners
+        lines = {
+            "-x": ((x0, x0), (y0, y1)),
+            "+x": ((x1, x1), (y0, y1)),
+            "-y": ((x0, x1), (y0, y0)),
+            "+y": ((x0, x1), (y1, y1)),
+        }
+        for face, line in lines.items():
+            if face not in walls.open_faces:  # type: ignore[attr-defined]
+                axes.plot(*line, color="#6b7178", linewidth=2.0, solid_capstyle="projecting")
+
+    def _sheet(self) -> tuple[Any, Any]:
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.figure import Figure
+
+        width, height = self.look.size
+        dots = height / 6.4
+        figure = Figure(figsize=(width / dots, height / dots), dpi=dots, facecolor=BACKGROUNDS[self.look.style])
+        FigureCanvasAgg(figure)
+        axes = figure.add_axes((0, 0, 1, 1))
+        axes.set_axis_off()
+        return figure, axes
+
+    def _labels(self, figure: Any, axes: Any, frame: Frame, metres: float) -> None:
+        width, height = self.look.size
+        length = bar_length(metres * width)
+        x, y, long = 0.04 * width, 0.04 * height, length / metres
+        axes.plot([x, x + long], [y, y], color=INK, linewidth=3.0, solid_capstyle="butt")
+        axes.text(x + 0.5 * long, y + 0.012 * height, _metric(length), color=INK, ha="center", va="bottom", fontsize=11)
+        axes.text(x, 0.97 * height, f"t = {frame.time:.4g} s", color=INK, ha="left", va="top", fontsize=12)
+        axes.set(xlim=(0, width), ylim=(0, height))
+        if self.look.colour is None or self.limits is None:
+            return
+        from matplotlib.cm import ScalarMappable
+        from matplotlib.colors import Normalize
+
+        unit = self.run.unit(self.look.colour)
+        place = figure.add_axes((0.60, 0.055, 0.35, 0.022))
+        words = self.look.colour.replace("_", " ") + (f" [{unit}]" if unit else "")
+        bar = figure.colorbar(
+            ScalarMappable(Normalize(*self.limits), MAP), cax=place, orientation="horizontal", extend="both"
+        )
+        bar.outline.set_visible(False)
+        bar.ax.tick_params(labelsize=10, colors=INK)
+        bar.ax.set_title(words, fontsize=11, color=INK, pad=5)
+
+
+def _metric(length: float) -> str:
+    for unit, factor in (("km", 1e-3), ("m", 1.0), ("cm", 1e2), ("mm", 1e3)):
+        if length * factor >= 0.999:
+            return f"{length * factor:.4g} {unit}"
+    return f"{length * 1e6:.4g} µm"
+
+
+def _drawn(figure: Any) -> NDArray[np.uint8]:
+    figure.canvas.draw()
+    return np.array(figure.canvas.buffer_rgba())[..., :3].copy()
+
+
+def _from_particles(places: NDArray, position: NDArray, colours: NDArray, spacing: float) -> NDArray[np.float64]:
+    """(k, 3) colours at `places` (k, 3): the mean of the particles around each."""
+    from scipy.spatial import cKDTree
+
+    if not len(places) or (colours == colours[0]).all():
+        return np.broadcast_to(colours[0], (len(places), 3))
+    number = min(8, len(position))
+    distance, near = cKDTree(position).query(places, k=number)
+    distance, near = distance.reshape(-1, number), near.reshape(-1, number)
+    weight = np.exp(-(distance**2 - distance[:, :1] ** 2) / (0.5 * spacing**2))
+    return (weight[..., None] * colours[near]).sum(1) / weight.sum(1)[:, None]
+
+
+def write_pictures(
+    run: str | os.PathLike[str], look: Look, frames: str | None = None, output: str | os.PathLike[str] = "picture.png"
+) -> list[Path]:
+    """Write a picture for each chosen frame: `output`, or with several frames NAME_0012.png for frame 12.
+
+    Raises InputError for a run, look or path that is not possible.
+    """
+    path = Path(output)
+    if path.suffix not in (".png", ".webp", ".jpg"):
+        raise InputError(f"{os.fspath(output)!r} is no picture; give a name that ends in .png, .webp or .jpg.")
+    if not path.parent.is_dir():
+        raise InputError(f"there is no folder {str(path.parent)!r} for the picture; make it.")
+    from PIL import Image
+
+    found = open_run(run)
+    series = Series(found, look, chosen_frames(frames, len(found.times)))
+    written = []
+    for number, image in series:
+        each = path if len(series.chosen) == 1 else path.with_stem(f"{path.stem}_{number:04d}")
+        Image.fromarray(image).save(each)
+        written.append(each)
+    return written
+
+
+def write_film(
+    run: str | os.PathLike[str], look: Look, frames: str | None = None, output: str | os.PathLike[str] = "film.mp4",
+    per_second: float = PER_SECOND,
+) -> Path:  # fmt: skip
+    """Write a film (H.264) of the chosen frames, all by default, `per_second` of them a second.
+
+    Raises InputError where imageio-ffmpeg is not installed, and for a run, look or path that is not possible.
+    """
+    path = Path(output)
+    if path.suffix != ".mp4":
+        raise InputError(f"{os.fspath(output)!r} is no film; give a name that ends in .mp4.")
+    if not path.parent.is_dir():
+        raise InputError(f"there is no folder {str(path.parent)!r} for the film; make it.")
+    if not 0.1 <= per_second <= 240:
+        raise InputError(f"--per-second {per_second:g} is not possible; give 0.1 to 240 pictures a second.")
+    try:
+        import imageio_ffmpeg
+    except ImportError:
+        raise InputError(
+            'films need imageio-ffmpeg, which is not installed; run `pip install "refsim[view]"`.'
+        ) from None
+    found = open_run(run)
+    width, height = (n - n % 2 for n in look.size)
+    series = Series(found, look, chosen_frames(frames or "all", len(found.times)))
+    film = imageio_ffmpeg.write_frames(
+        str(path), (width, height), fps=per_second, codec="libx264", quality=None, macro_block_size=2,
+        output_params=["-crf", "20", "-preset", "slow", "-movflags", "+faststart"],
+    )  # fmt: skip
+    film.send(None)
+    try:
+        for _, image in series:
+            film.send(np.ascontiguousarray(image[:height, :width]))
+    finally:
+        film.close()
+    return path

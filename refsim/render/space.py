@@ -1,0 +1,300 @@
+"""Pictures in 3D by PyVista, off screen: surfaces or particles on a ground with a soft shadow."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from refsim.core.extras import extra
+from refsim.render.looks import Camera, Cut, level_axes
+
+SUPERSAMPLING = 2  # pixels along a pixel's edge that are drawn and averaged
+BOTTOM, TOP, SIDES = 0.13, 0.09, 0.04  # shares of a picture that are left to its labels
+SHADOW = 0.42  # darkness of the ground under a thick body
+LIGHT = (-0.45, 0.35, 0.82)  # towards the light: right of the viewer, away from him on the ground, up
+GROUND_CELLS = 768
+CLEAR = 0.13  # opacity of a thin film of water seen from the front
+
+
+def pyvista() -> Any:
+    """PyVista without a window. Raises InputError where it is not installed."""
+    found = extra("pyvista", "a picture in 3D")
+    import vtk
+
+    vtk.vtkObject.GlobalWarningDisplayOff()  # software drivers report what they lack
+    return found
+
+
+@dataclass
+class Body:
+    """Something to be seen: a closed surface, or balls.
+
+    points    (n, 3) [m], vertices or centres
+    facets    (f, 3) triangles, counter-clockwise as seen from outside; None for balls
+    colour    one for all, or (n, 3), each 0 to 1
+    radius    of balls [m]
+    water     seen through
+    gloss     0 for matt to 1
+    edges     whether sharp edges are kept; else shading is smooth everywhere
+    """
+
+    points: NDArray
+    facets: NDArray | None
+    colour: ArrayLike
+    radius: float = 0.0
+    water: bool = False
+    gloss: float = 0.3
+    edges: bool = False
+
+
+@dataclass
+class Stage:
+    """What all pictures of a series share.
+
+    low, high  corners (3,) [m] of what is seen
+    up         (3,) unit vector
+    camera     where the viewer stands
+    size       of a picture in pixels
+    ground     place of the ground along `up` [m]; None for none
+    box        corners of a tank whose edges are drawn
+    softness   of shadows [m]
+    half_height  half of what the picture shows from top to bottom [m]; if None, all that is seen, and space for labels
+    """
+
+    low: NDArray
+    high: NDArray
+    up: NDArray
+    camera: Camera
+    size: tuple[int, int] = (1280, 960)
+    ground: float | None = None
+    box: tuple[NDArray, NDArray] | None = None
+    softness: float = 0.0
+    background: str = "white"
+    half_height: float | None = None
+
+    def frame(self) -> tuple[NDArray[np.float64], float]:
+        """Middle of the picture [m] and half of its height [m]."""
+        if self.half_height is not None:
+            return 0.5 * (self.low + self.high), self.half_height
+        right, upward, _ = self.camera.axes(self.up)
+        corners = np.array([np.where(pick, self.high, self.low) for pick in np.ndindex(2, 2, 2)])
+        across, along = corners @ right, corners @ upward
+        width, height = self.size
+        tall, wide = float(np.ptp(along)) / (1 - BOTTOM - TOP), float(np.ptp(across)) / (1 - 2 * SIDES)
+        half = 0.5 * max(tall, wide * height / width) / self.camera.zoom
+        middle = 0.5 * (self.low + self.high)
+        middle = middle + (0.5 * (across.max() + across.min()) - middle @ right) * right
+        middle = middle + (0.5 * (along.max() + along.min()) - middle @ upward) * upward
+        return middle - (BOTTOM - TOP) * half * upward, half
+
+    def metres_a_pixel(self) -> float:
+        """Length [m] that one pixel of the picture shows."""
+        return 2.0 * self.frame()[1] / self.size[1]
+
+    def draw(self, bodies: Sequence[Body], occlusion: bool = True) -> NDArray[np.uint8]:
+        """The picture (height, width, 3) of the bodies."""
+        pv = pyvista()
+        width, height = (SUPERSAMPLING * n for n in self.size)
+        plotter = pv.Plotter(off_screen=True, window_size=(width, height), lighting="none")
+        try:
+            self._lights(pv, plotter)
+            plotter.set_background(self.background)
+            self._surroundings(pv, plotter, bodies)
+            for body in bodies:
+                self._add(pv, plotter, body)
+            middle, half = self.frame()
+            _, upward, towards = self.camera.axes(self.up)
+            away = 4.0 * float(np.linalg.norm(self.high - self.low)) + 4.0 * half
+            plotter.camera.position = middle + away * towards
+            plotter.camera.focal_point = middle
+            plotter.camera.up = upward
+            plotter.enable_parallel_projection()
+            plotter.camera.parallel_scale = half
+            plotter.renderer.ResetCameraClippingRange()
+            if occlusion:
+                reach = 0.08 * float(np.linalg.norm(self.high - self.low))
+                plotter.enable_ssao(radius=reach, bias=0.3 * reach, kernel_size=64, blur=True)
+            image = np.asarray(plotter.screenshot(return_img=True))[..., :3]
+        finally:
+            plotter.close()
+        return _averaged(image, SUPERSAMPLING)
+
+    def draw_clear(self, bodies: Sequence[Body]) -> NDArray[np.float64]:
+        """The picture (height, width, 4), 0 to 1, of the bodies without a background."""
+        on_black, on_white = (
+            replace(self, background=name).draw(bodies, occlusion=False).astype(float) / 255.0
+            for name in ("black", "white")
+        )
+        opacity = (1.0 - (on_white - on_black).mean(2, keepdims=True)).clip(0.0, 1.0)
+        colour = np.divide(on_black, opacity, out=np.zeros_like(on_black), where=opacity > 0)
+        return np.concatenate([colour.clip(0.0, 1.0), opacity], axis=2)
+
+    def _lights(self, pv: Any, plotter: Any) -> None:
+        right, _, towards = self.camera.axes(self.up)
+        for direction, strength in ((self._to_light(), 0.80), (towards, 0.30), (towards + 0.8 * right, 0.22)):
+            light = pv.Light(light_type="scene light", intensity=strength)
+            light.positional = False
+            light.position, light.focal_point = tuple(direction), (0.0, 0.0, 0.0)
+            plotter.add_light(light)
+
+    def _to_light(self) -> NDArray[np.float64]:
+        """Unit vector towards the light, from the left and above, somewhat before the viewer."""
+        right, _, towards = self.camera.axes(self.up)
+        level = towards - (towards @ self.up) * self.up
+        length = float(np.linalg.norm(level))
+        level = level / length if length > 1e-9 else level_axes(self.up)[0]
+        direction = LIGHT[0] * right + LIGHT[1] * level + LIGHT[2] * np.asarray(self.up)
+        return direction / np.linalg.norm(direction)
+
+    def _surroundings(self, pv: Any, plotter: Any, bodies: Sequence[Body]) -> None:
+        scale = float(np.linalg.norm(self.high - self.low))
+        if self.box is not None:
+            low, high = self.box
+            edges = pv.Box(bounds=np.stack([low, high], 1).ravel()).extract_all_edges()
+            plotter.add_mesh(edges, color="#8a8f94", line_width=1.2 * SUPERSAMPLING, lighting=False)
+        if self.ground is None or not any(len(body.points) for body in bodies):
+            return
+        east, north = level_axes(self.up)
+        middle = 0.5 * (self.low + self.high)
+        middle = middle + (self.ground - middle @ self.up) * self.up - 2e-4 * scale * self.up
+        reach = 1.2 * scale + 3.0 * self.frame()[1]
+        dark = self._shadow(bodies, middle, east, north, reach)
+        plane = pv.Plane(
+            center=middle, direction=self.up, i_size=2 * reach, j_size=2 * reach, i_resolution=1, j_resolution=1
+        )
+        corners = np.asarray(plane.points)
+        plane.active_texture_coordinates = np.stack(
+            [((corners - middle) @ axis / reach + 1.0) / 2.0 for axis in (east, north)], axis=1
+        ).astype(np.float32)
+        back = np.array(pv.Color(self.background).float_rgb)
+        pixels = back * (1.0 - dark[..., None]) + np.array([0.18, 0.2, 0.24]) * dark[..., None]
+        texture = pv.numpy_to_texture((255 * pixels[::-1]).round().astype(np.uint8))
+        texture.interpolate = True
+        plotter.add_mesh(plane, color="white", texture=texture, lighting=False)
+
+    def _shadow(
+        self, bodies: Sequence[Body], middle: NDArray, east: NDArray, north: NDArray, reach: float
+    ) -> NDArray[np.float64]:
+        """(GROUND_CELLS, GROUND_CELLS) darkness of the ground, 0 to 1, rows along `north`."""
+        from scipy.ndimage import gaussian_filter
+
+        light, cells = self._to_light(), GROUND_CELLS
+        total = np.zeros((cells, cells))
+        for body in bodies:
+            away = np.asarray(body.points, dtype=float) - middle
+            if body.facets is not None and len(body.facets):
+                away = away[body.facets].mean(1)
+            height = np.maximum(away @ self.up, 0.0)
+            on_ground = away - height[:, None] / (light @ self.up) * light
+            u, v = (((on_ground @ axis) / reach + 1.0) / 2.0 * cells for axis in (east, north))
+            counted, _, _ = np.histogram2d(v, u, bins=cells, range=((0, cells), (0, cells)))
+            covered = gaussian_filter((counted > 0).astype(float), 1.0)
+            total = np.maximum(total, np.clip(1.6 * covered, 0.0, 1.0) * (0.55 if body.water else 1.0))
+        return SHADOW * gaussian_filter(total, max(1.5, self.softness / (2 * reach) * cells))
+
+    def _add(self, pv: Any, plotter: Any, body: Body) -> None:
+        if not len(body.points):
+            return
+        colours = np.broadcast_to(np.asarray(body.colour, dtype=float), (len(body.points), 3))
+        if body.facets is None:
+            self._add_balls(pv, plotter, body, colours)
+            return
+        mesh = _polygons(pv, body.points, body.facets)
+        mesh.point_data["colour"] = (255 * colours).round().astype(np.uint8)
+        mesh = mesh.compute_normals(
+            point_normals=True, cell_normals=False, split_vertices=body.edges, consistent_normals=False,
+            auto_orient_normals=False,
+        )  # fmt: skip
+        if body.water:
+            normals, base = np.asarray(mesh.point_data["Normals"]), np.asarray(mesh.point_data["colour"]) / 255.0
+            mesh.point_data["colour"] = self._water(normals, base)
+            facets = mesh.regular_faces  # drawn from the farthest to the nearest: software drivers peel no depths
+            towards = self.camera.axes(self.up)[2]
+            order = np.argsort((np.asarray(mesh.points) @ towards)[facets].sum(1), kind="stable")
+            mesh.faces = np.insert(facets[order], 0, 3, axis=1).ravel()
+            plotter.add_mesh(mesh, scalars="colour", rgb=True, lighting=False, show_scalar_bar=False)
+            return
+        plotter.add_mesh(
+            mesh, scalars="colour", rgb=True, smooth_shading=True, ambient=0.24, diffuse=0.9,
+            specular=body.gloss, specular_power=35.0, show_scalar_bar=False,
+        )  # fmt: skip
+
+    def _water(self, normals: NDArray, base: NDArray) -> NDArray[np.uint8]:
+        """(n, 4) colours of a water surface: what it reflects of sky and light, over its own colour; clear in front."""
+        towards = self.camera.axes(self.up)[2]
+        facing = normals @ towards
+        front = facing > 0
+        cosine = np.abs(facing)
+        fresnel = 0.03 + 0.97 * (1.0 - cosine) ** 5
+        mirrored = 2.0 * facing[:, None] * normals - towards
+        height = mirrored @ self.up
+        sky = np.clip(0.5 + 0.5 * height, 0.0, 1.0)[:, None]
+        reflected = (1 - sky) * np.array([0.62, 0.68, 0.72]) + sky * np.array([0.93, 0.97, 1.0])
+        shine = np.clip(mirrored @ self._to_light(), 0.0, 1.0)
+        window = np.clip((shine - 0.955) / 0.02, 0.0, 1.0) + 0.35 * shine**12
+        lit = 0.55 + 0.45 * np.clip(normals @ self._to_light(), -1.0, 1.0)
+        own = base * (0.55 + 0.6 * lit[:, None])
+        share = np.clip(fresnel + 0.9 * window * front, 0.0, 1.0)[:, None]
+        colour = own * (1 - share) + np.maximum(reflected, window[:, None]) * share
+        opacity = np.clip(CLEAR + 0.55 * (1.0 - cosine) ** 1.5 + share[:, 0], 0.0, 1.0)
+        opacity = np.where(front, np.maximum(opacity, 0.34), 0.42)
+        return (255 * np.clip(np.column_stack([colour, opacity]), 0, 1)).round().astype(np.uint8)
+
+    def _add_balls(self, pv: Any, plotter: Any, body: Body, colours: NDArray) -> None:
+        import vtk
+
+        cloud = pv.PolyData(np.asarray(body.points, dtype=np.float32))
+        cloud.point_data["colour"] = (255 * colours).round().astype(np.uint8)
+        cloud.set_active_scalars("colour")
+        mapper = vtk.vtkOpenGLSphereMapper()
+        mapper.SetRadius(body.radius)
+        mapper.SetInputData(cloud)
+        mapper.SetScalarModeToUsePointData()
+        mapper.SetColorModeToDirectScalars()
+        actor = vtk.vtkActor()
+        actor.SetMapper(mapper)
+        look = actor.GetProperty()
+        look.SetAmbient(0.34)
+        look.SetDiffuse(0.8)
+        look.SetSpecular(body.gloss)
+        look.SetSpecularPower(35.0)
+        plotter.add_actor(actor)
+
+
+def _polygons(pv: Any, points: NDArray, facets: NDArray) -> Any:
+    return pv.PolyData(np.asarray(points, dtype=np.float32), np.insert(np.asarray(facets), 0, 3, axis=1).ravel())
+
+
+def smoothed(points: NDArray, facets: NDArray) -> NDArray[np.float32]:
+    """(v, 3) vertices of a smoother surface of the same volume (windowed sinc filter, Taubin 1995)."""
+    mesh = _polygons(pyvista(), points, facets)
+    return np.asarray(mesh.smooth_taubin(n_iter=30, pass_band=0.06, boundary_smoothing=False).points)
+
+
+def cut_closed(points: NDArray, facets: NDArray, cut: Cut, fineness: float) -> tuple[NDArray, NDArray]:
+    """(points, facets) of a closed surface cut by a plane and closed there, with triangles up to `fineness` [m]."""
+    normal, origin = np.zeros(3), np.zeros(3)
+    normal[cut.axis], origin[cut.axis] = -cut.side, cut.place
+    mesh = _polygons(pyvista(), points, facets).clip_closed_surface(normal=normal, origin=origin).triangulate()
+    if not mesh.n_cells:
+        return np.zeros((0, 3)), np.zeros((0, 3), int)
+    mesh = mesh.subdivide_adaptive(max_edge_len=fineness, max_n_passes=8)
+    return np.asarray(mesh.points), np.asarray(mesh.regular_faces)
+
+
+def _averaged(image: NDArray, by: int) -> NDArray[np.uint8]:
+    """The image with each square of `by` x `by` pixels averaged."""
+    height, width = (n // by for n in image.shape[:2])
+    blocks = image[: height * by, : width * by].reshape(height, by, width, by, -1)
+    return blocks.mean((1, 3)).round().astype(np.uint8)
+
+
+def bar_length(width: float) -> float:
+    """A length of 1, 2 or 5 times a power of ten [m] that takes at most a quarter of a picture `width` m wide."""
+    power = 10.0 ** math.floor(math.log10(0.25 * width))
+    return max(n * power for n in (1, 2, 5) if n * power <= 0.25 * width)

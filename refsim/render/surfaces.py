@@ -1,0 +1,161 @@
+"""From particles to the surface around them, as pictures need it: closed, smooth, the same grid for every frame.
+
+Zhu & Bridson 2005: phi(x) = |x - xbar(x)| - r with the weighted mean xbar of the particles around x; here with Gaussian
+weights, so that it is a few filters of a grid. `refsim.isosurface` extracts the surface phi = 0.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from refsim.backends.arrays import Backend
+from refsim.core.errors import InputError
+from refsim.isosurface import extract
+
+CELL = 0.5  # of the grid [spacings]
+WIDTH = 0.75  # standard deviation of the Gaussian weights [spacings]
+RADIUS = 0.62  # r [spacings]: the surface of a lattice lies half a spacing outside of its outermost particles
+THIN = 0.05, 0.12  # weights, of that inside a lattice, between which the surface fades; a particle alone has 0.16
+MARGIN = 4  # spacings of grid around the particles
+CONTACT = 0.6  # spacings by which the surface is moved outwards at a solid, less with the distance from it
+CONTACT_RANGE = 1.2  # spacings from the solid at which it is not moved
+SUNK = 0.08  # spacings by which it reaches into the solid, so that no gap is seen
+MOST_NODES = 300_000_000
+METHODS = ("isosurface", "pysplashsurf")
+
+
+class SurfaceMesh(NamedTuple):
+    """A closed surface: vertices (v, 3) [m]; facets (f, dim), triangles counter-clockwise as seen from outside, or
+    segments with the inside on their left."""
+
+    vertices: NDArray
+    facets: NDArray
+
+
+class Distance(Protocol):
+    """Signed distance of points from a solid."""
+
+    def __call__(self, points: NDArray[np.float64], /) -> NDArray[np.float64]:
+        """(k,) distances [m] of points (k, 3) [m]."""
+        ...
+
+
+def surface_around(
+    position: ArrayLike, spacing: float, dim: int = 3, cell: float = CELL, wall: Distance | None = None
+) -> SurfaceMesh:
+    """The surface around particles at `position` (n, 3) [m] that stand about `spacing` [m] apart.
+
+    cell  of the grid [spacings]
+    wall  distance from solids and walls, negative inside; the surface reaches to a solid next to it, although the
+          liquid's outermost particles stand up to a spacing off, and not beyond
+
+    Raises InputError where the particles are so far apart that the grid would have more than MOST_NODES nodes.
+    """
+    points = np.asarray(position, dtype=float)[:, :dim]
+    size = cell * spacing
+    if not len(points):
+        return SurfaceMesh(np.zeros((0, 3), np.float32), np.zeros((0, dim), np.int32))
+    first, phi, held = _distances(points, spacing, size)
+
+    def place(nodes: NDArray) -> NDArray[np.float64]:
+        found = np.zeros((len(nodes), 3))
+        found[:, :dim] = (nodes + first) * size
+        return found
+
+    if wall is not None:
+        near = np.argwhere(np.abs(phi) < 1.5 * spacing)
+        share = np.clip(1.0 - wall(place(near)) / (CONTACT_RANGE * spacing), 0.0, 1.0)
+        at = tuple(near.T)
+        phi[at] -= CONTACT * spacing * share * held[at]
+        inside = np.argwhere(phi < spacing)
+        at = tuple(inside.T)
+        phi[at] = np.maximum(phi[at], -wall(place(inside)) - SUNK * spacing)
+    nodes = _band(phi < 0)
+    coordinates = np.zeros((len(nodes), 3), np.int64)
+    coordinates[:, :dim] = nodes + first
+    mesh = extract(Backend("cpu"), coordinates, phi[tuple(nodes.T)].astype(np.float32), size, dim)
+    return SurfaceMesh(mesh.vertices, mesh.facets)
+
+
+def splash_surface(position: ArrayLike, spacing: float, cell: float = CELL) -> SurfaceMesh:
+    """The surface by pysplashsurf, of particles at `position` (n, 3) [m] that stand about `spacing` [m] apart.
+
+    cell  of the grid [spacings]
+
+    Raises InputError where pysplashsurf is not installed.
+    """
+    try:
+        import pysplashsurf
+    except ImportError:
+        raise InputError(
+            "pysplashsurf is not installed; run `pip install pysplashsurf`, or leave --surface out."
+        ) from None
+    points = np.ascontiguousarray(position, dtype=np.float64)
+    if not len(points):
+        return SurfaceMesh(np.zeros((0, 3)), np.zeros((0, 3), np.int32))
+    found = pysplashsurf.reconstruction_pipeline(
+        points, particle_radius=0.5 * spacing, smoothing_length=2.0, cube_size=2.0 * cell, iso_surface_threshold=0.6,
+        mesh_smoothing_weights=True, mesh_smoothing_iters=25, mesh_cleanup=True,
+    )  # fmt: skip
+    mesh = getattr(found[0], "mesh", found[0])
+    return SurfaceMesh(np.asarray(mesh.vertices), np.asarray(mesh.triangles, dtype=np.int64))
+
+
+def _distances(
+    points: NDArray, spacing: float, size: float
+) -> tuple[NDArray[np.int64], NDArray[np.float32], NDArray[np.float32]]:
+    """Integer coordinates of the grid's first node; at its nodes, `size` [m] apart, phi [m] and a factor from 0 to 1.
+
+    The factor multiplies r: without it, the mean of far particles would make shreds of surface between them.
+    """
+    from scipy.ndimage import gaussian_filter
+
+    dim = points.shape[1]
+    extent = np.ptp(points, axis=0) / size + 2 * MARGIN * spacing / size + 2
+    if not np.isfinite(extent).all() or extent.prod() > MOST_NODES:
+        raise InputError(
+            f"the surface's grid would have more than {MOST_NODES:,} nodes, because particles are far apart; draw"
+            " particles (--style particles), or choose frames before they fly away."
+        )
+    low = np.floor(points.min(0) / size).astype(np.int64) - round(MARGIN * spacing / size)
+    shape = tuple(np.floor(points.max(0) / size).astype(np.int64) - low + round(MARGIN * spacing / size) + 2)
+    # from here in cells, from the first node
+    place = points / size - low
+    base = np.floor(place).astype(np.int64)
+    share = place - base
+    weight = np.zeros(shape, np.float32).reshape(-1)
+    moment = np.zeros((dim, weight.size), np.float32)
+    strides = np.array([int(np.prod(shape[axis + 1 :])) for axis in range(dim)])
+    flat = base @ strides
+    for corner in np.ndindex(*(2,) * dim):
+        part = np.where(corner, share, 1.0 - share).prod(1)
+        node = flat + np.array(corner) @ strides
+        np.add.at(weight, node, part.astype(np.float32))
+        for axis in range(dim):  # of the particle's place relative to the node
+            np.add.at(moment[axis], node, (part * (share[:, axis] - corner[axis])).astype(np.float32))
+    sigma = WIDTH * spacing / size
+    grids = np.ogrid[tuple(slice(n) for n in shape)]
+    total = gaussian_filter(weight.reshape(shape), sigma, mode="constant")
+    total *= (spacing / size) ** dim
+    held = np.clip((total - THIN[0]) / (THIN[1] - THIN[0]), 0.0, 1.0)
+    there = held > 0
+    squared = np.zeros(shape, np.float32)
+    for axis in range(dim):
+        mean = moment[axis].reshape(shape) + weight.reshape(shape) * grids[axis].astype(np.float32)
+        summed = gaussian_filter(mean, sigma, mode="constant") * (spacing / size) ** dim
+        away = np.divide(summed, total, where=there, out=np.zeros_like(total))
+        squared += np.where(there, away - grids[axis], 0.0) ** 2
+    phi = np.sqrt(squared) * size - RADIUS * spacing * held
+    phi[~there] = spacing
+    return low, phi, held
+
+
+def _band(inside: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """(k, dim) nodes of all cells that the surface crosses, and those next to them."""
+    from scipy.ndimage import maximum_filter, minimum_filter
+
+    mixed = maximum_filter(inside, 3) & ~minimum_filter(inside, 3)
+    return np.argwhere(maximum_filter(mixed, 3))

@@ -1,0 +1,195 @@
+"""A run as one page for the browser: particles as lit balls, turned, played, coloured and clipped, without a server."""
+
+from __future__ import annotations
+
+import base64
+import gzip
+import html
+import json
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from refsim.core.errors import InputError
+from refsim.io.checkpoint import replace_file
+from refsim.io.frames import Frame
+from refsim.render.looks import MAP, OBSTACLE, level_axes, liquid_colour, solid_colour
+from refsim.render.saved_run import SavedRun, chosen_frames, open_run
+
+PAGE = Path(__file__).with_name("page.html")
+FIELDS = 8  # shown where the caller names none, so that 60,000 particles over 50 frames take less than 60 MB
+FIRST = ("part", "velocity", "pressure", "density", "temperature", "surface", "volume_ratio", "phase")
+STEPS = 65535  # of the grid on which places are stored
+LEVELS = 255  # of a field's values
+HEIGHT = 560  # of the page inside of a notebook [pixels]
+USUAL = 0.005, 0.995  # shares of a frame's particles with values below the ends of the colour bar
+
+
+@dataclass(frozen=True)
+class View:
+    """A page that shows a run. In a notebook, the last value of a cell shows it there.
+
+    html      the page
+    left_out  fields of the run that it does not hold
+    """
+
+    html: str
+    left_out: tuple[str, ...] = ()
+
+    def save(self, path: str | os.PathLike[str]) -> Path:
+        """Write the page to a file."""
+        replace_file(Path(path), self.html.encode())
+        return Path(path)
+
+    def _repr_html_(self) -> str:
+        page = html.escape(self.html)
+        return f'<iframe srcdoc="{page}" style="width: 100%; height: {HEIGHT}px; border: 0"></iframe>'
+
+
+def view(run: str | os.PathLike[str], frames: str | None = None, fields: Sequence[str] | None = None) -> View:
+    """The page of a run in the folder `run`.
+
+    frames  such as "0:100:2"; all by default
+    fields  quantities by which it can be coloured; the eight that matter most by default
+
+    Raises InputError where there is no such run, frame or field.
+    """
+    found = open_run(run)
+    return make_view(found, chosen_frames(frames or "all", len(found.times)), fields)
+
+
+def make_view(run: SavedRun, chosen: Sequence[int], fields: Sequence[str] | None = None) -> View:
+    """The page of chosen frames of a run that was read back. Raises InputError for a field that it does not have."""
+    names, left_out = _fields(run, fields)
+    loaded = [_in_order(frame) for frame in run.frames(chosen, [name for name in names if name != "part"])]
+    counts = {len(frame.position) for frame in loaded}
+    if len(counts) > 1 or counts == {0}:
+        raise InputError(f"{run.path} has frames of {sorted(counts)} particles; show frames of one number.")
+    low, high = run.bounds(chosen)
+    if run.dim == 2:
+        low[2], high[2] = -0.5 * run.spacing, 0.5 * run.spacing
+    blobs = {"places": _packed_places([frame.position for frame in loaded], low, high)}
+    shown: list[dict[str, Any]] = []
+    for name in names:
+        values = np.array([run.values(frame, name) for frame in loaded])
+        ends = _ends(values, name)
+        if ends is None and fields is None:
+            continue  # one value everywhere
+        ends = ends or (float(values.flat[0]), float(values.flat[0]))
+        blobs[f"field{len(shown)}"] = _packed_values(values, *ends)
+        shown.append({"name": name, "unit": run.unit(name), "low": ends[0], "high": ends[1]})
+    head = _head(run, chosen, len(loaded[0].position), low, high) | {"fields": shown}
+    if run.mesh is not None:
+        corners = (run.mesh.mesh.vertices + run.mesh.mesh.origin)[run.mesh.mesh.faces]
+        blobs["mesh"] = np.stack([corners, _corner_normals(run.mesh.mesh)]).astype("<f4").tobytes()
+    data = "\n".join(
+        f'<script id="{name}" type="text/plain">{base64.b64encode(gzip.compress(blob, 6, mtime=0)).decode()}</script>'
+        for name, blob in blobs.items()
+    )
+    title = html.escape(run.plan.scene.name)
+    words = json.dumps(head, allow_nan=False).replace("<", "\\u003c")
+    page = PAGE.read_text(encoding="utf-8")
+    return View(page.replace("@TITLE@", title, 1).replace("@HEAD@", words, 1).replace("@DATA@", data, 1), left_out)
+
+
+def _fields(run: SavedRun, wanted: Sequence[str] | None) -> tuple[list[str], tuple[str, ...]]:
+    """Names of the fields that are shown, and of those that are left out."""
+    known = run.quantities()
+    if wanted is not None:
+        unknown = [name for name in wanted if name.partition(".")[0] not in known]
+        if unknown or not wanted:
+            raise InputError(
+                f"{run.path} has no field {', '.join(map(repr, unknown)) or 'of no name'}; give some of"
+                f" {', '.join(known)}."
+            )
+        return list(wanted), ()
+    usual = [name for name in known if name == "part" or run.stored[name] in (1, 3)]
+    usual.sort(key=lambda name: (FIRST.index(name) if name in FIRST else len(FIRST), name))
+    return usual[:FIELDS], tuple(usual[FIELDS:])
+
+
+def _in_order(frame: Frame) -> Frame:
+    """The frame with its particles in the order of the start, so that each keeps its place from frame to frame."""
+    order = np.argsort(frame.fields["identity"], kind="stable")
+    return Frame(frame.time, frame.position[order], {name: values[order] for name, values in frame.fields.items()})
+
+
+def _packed_places(positions: Sequence[NDArray], low: NDArray, high: NDArray) -> bytes:
+    """16 bits for each coordinate: zigzag codes of the changes since the last frame, high bytes first, then low."""
+    shares = (np.array(positions, dtype=np.float64) - low) / np.where(high > low, high - low, 1.0)
+    grid = np.rint(shares.clip(0, 1) * STEPS).astype(np.uint16)
+    change = np.diff(grid, axis=0, prepend=np.zeros_like(grid[:1])).view(np.int16)  # modulo 2^16
+    code = ((change.astype(np.int32) << 1) ^ (change.astype(np.int32) >> 15)).astype(np.uint16).reshape(-1)
+    return (code >> 8).astype(np.uint8).tobytes() + (code & 255).astype(np.uint8).tobytes()
+
+
+def _packed_values(values: NDArray, low: float, high: float) -> bytes:
+    """8 bits for each value: the change since the last frame, modulo 256."""
+    share = np.nan_to_num((values - low) / (high - low if high > low else 1.0))
+    level = np.rint(share.clip(0, 1) * LEVELS).astype(np.uint8)
+    return np.diff(level, axis=0, prepend=np.zeros_like(level[:1])).tobytes()
+
+
+def _ends(values: NDArray, name: str) -> tuple[float, float] | None:
+    """Ends of the colour bar; None for one value everywhere."""
+    if name == "part":
+        return (0.0, float(LEVELS))
+    finite = [row[np.isfinite(row)] for row in values]
+    ends = [np.quantile(row, USUAL) for row in finite if len(row)]
+    low, high = (float(np.min(ends)), float(np.max(ends))) if ends else (0.0, 0.0)
+    return (low, high) if low < high else None
+
+
+def _head(run: SavedRun, chosen: Sequence[int], count: int, low: NDArray, high: NDArray) -> dict[str, Any]:
+    """What the page needs to know beside the arrays."""
+    import matplotlib
+
+    east, north = level_axes(run.up)
+    parts = [solid_colour(k) for k in range(run.solids)]
+    parts += [liquid_colour(k) for k in range(len(run.plan.state.sizes) - run.solids)]
+    palette = [[round(255 * c) for c in parts[min(k, len(parts) - 1)]] for k in range(LEVELS + 1)]
+    ramp = (255 * matplotlib.colormaps[MAP](np.linspace(0, 1, LEVELS + 1))[:, :3]).round().astype(int).tolist()
+    box = run.box
+    if box is not None:
+        if run.dim == 2:
+            box[0][2] = box[1][2] = 0.0
+        axis = int(np.abs(run.up).argmax())
+        if run.up[axis] > 0:
+            box[1][axis] = min(box[1][axis], high[axis])
+        else:
+            box[0][axis] = max(box[0][axis], low[axis])
+    seen = (low, high) if box is None else (np.minimum(low, box[0]), np.maximum(high, box[1]))
+    return {
+        "title": run.plan.scene.name,
+        "particles": count,
+        "times": [run.times[k] for k in chosen],
+        "low": low.tolist(),
+        "extent": (high - low).tolist(),
+        "seen": [corner.tolist() for corner in seen],
+        "spacing": run.spacing,
+        "flat": run.dim == 2,
+        "up": run.up.tolist(),
+        "east": east.tolist(),
+        "north": north.tolist(),
+        "box": None if box is None else [corner.tolist() for corner in box],
+        "mesh": run.mesh is not None,
+        "tint": list(OBSTACLE),
+        "ramp": ramp,
+        "parts": palette,
+    }
+
+
+def _corner_normals(mesh: Any) -> NDArray[np.float64]:
+    """(f, 3, 3) normals at the corners of the triangles: means over the triangles of each vertex."""
+    corners = mesh.vertices[mesh.faces]
+    facet = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals = np.zeros_like(mesh.vertices, dtype=float)
+    for k in range(3):
+        np.add.at(normals, mesh.faces[:, k], facet)
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True).clip(min=1e-300)
+    return normals[mesh.faces]

@@ -1,0 +1,96 @@
+"""Run the lessons of `refsim example --lessons`: every code cell, the folded answers' code too, each lesson by itself.
+
+    python scripts/lessons.py                          # all lessons
+    python scripts/lessons.py 1_surface_particles      # one of them
+    python scripts/lessons.py --pictures figures/lessons   # and write the pictures that the site shows
+
+A picture of a folded answer is drawn and not written. Exit code: 0 if every lesson ran to its end, 2 for a name that is
+no lesson, 4 if one failed.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+import traceback
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).resolve().parent.parent
+sys.path.insert(0, str(ROOT))
+
+from refsim.core.errors import InputError  # noqa: E402
+from refsim.io.lessons import cells, lessons  # noqa: E402
+from validation.experiment import chosen  # noqa: E402
+from validation.perform import EXIT_FAILED, EXIT_FINE  # noqa: E402
+
+DPI = 80
+
+
+def run_lesson(name: str, text: str, pictures: Path | None = None) -> dict[str, Any]:
+    """Execute the cells of a lesson in a fresh namespace and return it.
+
+    pictures  folder for NAME_1.png, NAME_2.png, ...: one for each `plt.show()` outside of the answers
+    """
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from matplotlib import pyplot
+
+    shown, drawn, inside = pyplot.show, 0, ""
+
+    def show() -> None:
+        nonlocal drawn
+        for number in pyplot.get_fignums():
+            figure = pyplot.figure(number)
+            figure.canvas.draw()
+            if inside == "code":
+                drawn += 1
+                if pictures is not None:
+                    figure.savefig(pictures / f"{name}_{drawn}.png", dpi=DPI, bbox_inches="tight")
+        pyplot.close("all")
+
+    namespace: dict[str, Any] = {"__name__": name}
+    pyplot.show = show
+    try:
+        for number, (kind, code) in enumerate(cells(text), 1):
+            if kind == "markdown":
+                continue
+            inside = kind
+            exec(compile(code, f"{name}, cell {number} ({kind})", "exec"), namespace)
+    finally:
+        pyplot.show = shown
+        pyplot.close("all")
+    return namespace
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command; returns its exit code."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("names", nargs="*", metavar="LESSON", help="these; all by default")
+    parser.add_argument("--pictures", type=Path, metavar="DIR", help="folder to write the pictures into")
+    given = parser.parse_args(arguments)
+    known = lessons()
+    try:
+        chosen(given.names, known, "lesson")
+    except InputError as error:
+        print(error, file=sys.stderr)
+        return error.exit_code
+    if given.pictures is not None:
+        given.pictures.mkdir(parents=True, exist_ok=True)
+    failed = []
+    for name in given.names or known:
+        began = time.monotonic()
+        try:
+            run_lesson(name, known[name], given.pictures)
+        except Exception:
+            traceback.print_exc()
+            failed.append(name)
+        print(f"{name}: {'failed' if name in failed else 'ran'}, {time.monotonic() - began:.1f} s", flush=True)
+    return EXIT_FAILED if failed else EXIT_FINE
+
+
+if __name__ == "__main__":
+    sys.exit(main())

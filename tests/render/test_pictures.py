@@ -1,0 +1,390 @@
+"""Pictures and films: surfaces around particles, cameras and cuts, what is seen in 2D and 3D, and the commands."""
+
+import importlib.util
+import itertools
+import re
+import sys
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from refsim import InputError
+from refsim.__main__ import main
+from refsim.render.looks import Camera, camera_of, cut_of, level_axes
+from refsim.render.pictures import Look, Series, write_film, write_pictures
+from refsim.render.plane import loops
+from refsim.render.saved_run import chosen_frames, open_run
+from refsim.render.space import bar_length
+from refsim.render.surfaces import surface_around
+
+SMALL = (320, 240)
+
+
+def missing(name):
+    return pytest.mark.skipif(importlib.util.find_spec(name) is None, reason=f"{name} (extra [view]) is not installed")
+
+
+needs_pyvista, needs_ffmpeg = missing("pyvista"), missing("imageio_ffmpeg")
+needs_splash = missing("pysplashsurf")
+
+
+def lattice(counts, spacing=1.0):
+    axes = [(np.arange(n) + 0.5) * spacing for n in counts]
+    return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(counts))
+
+
+def volume(mesh):
+    corners = np.asarray(mesh.vertices, dtype=float)[mesh.facets]
+    return np.einsum("tc,tc->", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) / 6
+
+
+def is_closed(facets):
+    edges = np.concatenate([facets[:, [0, 1]], facets[:, [1, 2]], facets[:, [2, 0]]])
+    return {tuple(e) for e in edges.tolist()} == {(b, a) for a, b in edges.tolist()}
+
+
+# Surfaces
+
+
+def test_the_surface_of_a_ball_encloses_its_volume():
+    x = lattice((24, 24, 24)) - 12
+    ball = x[(x**2).sum(1) < 100]
+    mesh = surface_around(1e-3 * ball, 1e-3)
+    radius = 1e3 * np.linalg.norm(mesh.vertices, axis=1)
+    assert is_closed(mesh.facets)
+    assert volume(mesh) == pytest.approx(1e-9 * len(ball), rel=0.04)
+    assert radius.std() < 0.2
+
+
+def test_the_surface_is_as_near_whatever_the_scale_and_the_place():
+    x = lattice((6, 6, 6))
+    first = surface_around(x, 1.0)
+    moved = surface_around(1e-4 * (x + 40.0), 1e-4)
+    assert np.abs(1e4 * moved.vertices.astype(float) - 40 - first.vertices).max() < 1e-2
+
+
+def test_particles_far_apart_have_surfaces_of_their_own():
+    x = np.array([[0.0, 0.0, 0.0], [3.0, 0.0, 0.0], [10.0, 10.0, 10.0]])
+    mesh = surface_around(x, 1.0)
+    nearest = np.linalg.norm(mesh.vertices[:, None] - x[None], axis=2).min(1)
+    assert nearest.max() < 0.7
+    assert is_closed(mesh.facets)
+
+
+def test_the_surface_reaches_to_a_solid_and_not_beyond():
+    x = lattice((10, 10, 6)) + [0.0, 0.0, 0.4]  # the lowest particles are 0.9 off the plane z = 0
+    mesh = surface_around(x, 1.0, wall=lambda points: points[:, 2])
+    low = mesh.vertices[(np.abs(mesh.vertices[:, :2] - 5) < 3).all(1) & (mesh.vertices[:, 2] < 3)]
+    assert np.abs(low[:, 2]).max() < 0.12
+    assert surface_around(x, 1.0).vertices[:, 2].min() > 0.2
+
+
+def test_no_particle_has_no_surface_and_too_large_a_grid_is_refused():
+    assert len(surface_around(np.zeros((0, 3)), 1.0).facets) == 0
+    with pytest.raises(InputError, match="draw particles"):
+        surface_around(np.array([[0.0, 0, 0], [1e4, 1e4, 1e4]]), 1.0)
+
+
+def test_lines_in_the_plane_close():
+    x = np.zeros((144, 3))
+    x[:, :2] = lattice((12, 12))
+    hole = x[((x[:, :2] - 6) ** 2).sum(1) > 6]
+    mesh = surface_around(hole, 1.0, dim=2)
+    found = loops(mesh.facets)
+    assert len(found) == 2
+    assert sorted(np.concatenate(found).tolist()) == sorted(mesh.facets[:, 0].tolist())
+
+
+@needs_splash
+def test_pysplashsurf_gives_nearly_the_same_surface():
+    from refsim.render.surfaces import splash_surface
+
+    x = 1e-2 * lattice((12, 12, 12))
+    assert volume(splash_surface(x, 1e-2)) == pytest.approx(volume(surface_around(x, 1e-2)), rel=0.15)
+
+
+# Cameras, cuts and lists of frames
+
+
+@pytest.mark.parametrize("up", [(0, 0, 1), (0, 1, 0), (1, 0, 0), (0.6, 0.0, 0.8)])
+def test_a_camera_looks_level_at_what_is_upright(up):
+    right, upward, towards = Camera(35.0, 20.0).axes(np.array(up, dtype=float))
+    assert np.allclose(np.stack([right, upward, towards]) @ np.stack([right, upward, towards]).T, np.eye(3))
+    assert right @ up == pytest.approx(0)
+    assert towards @ up == pytest.approx(np.sin(np.radians(20)))
+    assert np.cross(*level_axes(np.array(up, dtype=float))) == pytest.approx(np.array(up))
+
+
+def test_a_cut_leaves_away_the_viewers_side():
+    towards = camera_of("-60,20").axes(np.array([0.0, 0.0, 1.0]))[2]
+    assert cut_of("y=0.5", towards, 3)([[0, 0, 0]]) == [0.5]
+    assert cut_of("x=0.5", towards, 3)([[0, 0, 0]]) == [-0.5]
+    assert cut_of(None, towards, 3) is None
+
+
+@pytest.mark.parametrize(
+    "words, found",
+    [
+        (None, [9]),
+        ("all", list(range(10))),
+        (":", list(range(10))),
+        ("0,-1,4", [0, 4, 9]),
+        ("2:8:3", [2, 5]),
+        ("::4", [0, 4, 8]),
+        ("-2:", [8, 9]),
+    ],
+)
+def test_lists_of_frames(words, found):
+    assert chosen_frames(words, 10) == found
+
+
+@pytest.mark.parametrize("words", ["10", "-11", "1:2:0", "a", "", "1:2:3:4", "1.5", "5:5"])
+def test_other_lists_of_frames_are_refused_in_a_sentence(words):
+    with pytest.raises(InputError, match="--frames"):
+        chosen_frames(words, 10)
+
+
+@pytest.mark.parametrize("width, length", [(1.0, 0.2), (0.041, 0.01), (7.9, 1.0), (3e-6, 5e-7)])
+def test_the_scale_bar_is_a_round_length_of_at_most_a_quarter(width, length):
+    assert bar_length(width) == pytest.approx(length)
+
+
+# Runs read back
+
+
+def test_quantities_have_values_and_units(in_plane):
+    run = open_run(in_plane)
+    frame = next(run.frames([3]))
+    assert run.unit("mass") == "kg/m"
+    assert run.unit("velocity.y") == "m/s"
+    assert run.unit("part") == ""
+    v = frame.fields["velocity"]
+    assert np.allclose(run.values(frame, "velocity"), np.linalg.norm(v, axis=1))
+    assert (run.values(frame, "velocity.y") == v[:, 1]).all()
+    part = run.part(frame)
+    assert (np.bincount(part) == [128, 36]).all()
+    assert (frame.position[part == 1, 0] > 0.2).all()
+    assert (run.solid_body(frame) == -1).all()
+    assert np.array_equal(run.up, [0, 1, 0])
+    for wrong in ("colour", "identity", "velocity.w", "mass.x"):
+        with pytest.raises(InputError):
+            run.values(frame, wrong)
+
+
+def test_frames_come_whatever_the_memory(in_plane, monkeypatch):
+    run = open_run(in_plane)
+    whole = list(run.frames([0, 2, 3]))
+    monkeypatch.setattr("refsim.render.saved_run.READ_AT_ONCE", 1)
+    pieces = list(run.frames([0, 2, 3], ["pressure"]))
+    assert [frame.time for frame in pieces] == [run.times[k] for k in (0, 2, 3)]
+    assert all((a.position == b.position).all() for a, b in zip(whole, pieces))
+    assert set(pieces[0].fields) == {"identity", "pressure"}
+
+
+def test_the_distance_from_walls_is_that_of_the_tank(in_plane):
+    distance = open_run(in_plane).wall_distance()
+    found = distance(np.array([[0.1, 0.2, 0.0], [0.39, 0.2, 0.0], [0.2, -0.1, 0.0], [0.2, 9.0, 0.0]]))
+    assert np.allclose(found, [0.1, 0.01, -0.1, 0.2])
+
+
+def test_solids_and_their_melt_have_colours_of_their_own(tmp_path):
+    from refsim import Ball, SolidBox
+    from refsim.io.frames import Frame
+    from refsim.render.looks import liquid_colour, melt_colour, solid_colour
+    from refsim.render.saved_run import SavedRun
+
+    scene = scene_of_solids(SolidBox(lower=(0, 0, 0), upper=(0.04, 0.04, 0.04)), Ball(center=(0.2, 0, 0), radius=0.03))
+    run = SavedRun(tmp_path, scene, (0.0,), {})
+    count, solid = len(scene.state.position), scene.state.sizes[0]
+    identity, phase = np.arange(count)[::-1], np.zeros(count, int)
+    phase[-solid // 2 :] = 1
+    frame = Frame(0.0, scene.state.position[::-1], {"identity": identity, "phase": phase})
+    series = Series.__new__(Series)
+    series.run, series.look = run, Look()
+    colours = {tuple(c) for c in series._colours(frame)}
+    assert colours == {solid_colour(0), melt_colour(0), liquid_colour(0)}
+    assert (run.solid_body(frame) == 0).sum() == (phase > 0).sum()
+
+
+def scene_of_solids(solid, fluid):
+    from refsim import Scene, ShapeMatching, WeaklyCompressible, make_plan
+
+    effects = (WeaklyCompressible(sound_speed=20.0), ShapeMatching())
+    return make_plan(Scene(spacing=0.01, support_radius=0.026, solid=(solid,), fluid=(fluid,), effects=effects))
+
+
+@pytest.mark.parametrize("place", ["nowhere", "file.txt"])
+def test_what_is_no_run_is_refused(tmp_path, place):
+    (tmp_path / "file.txt").write_text("no run")
+    with pytest.raises(InputError, match="there is no run"):
+        open_run(tmp_path / place)
+
+
+# Pictures
+
+
+def picture(run, number=-1, **look):
+    found = open_run(run)
+    series = Series(found, Look(size=SMALL, **look), chosen_frames(str(number), len(found.times)))
+    return next(iter(series))[1].astype(int)
+
+
+def blue(image):
+    return (image[..., 2] - image[..., 0] > 60).sum()
+
+
+def differ(first, second):
+    return (np.abs(first - second).max(2) > 16).sum()
+
+
+def test_a_run_in_2d_is_drawn_in_every_style(in_plane):
+    paper, particles = picture(in_plane, 0), picture(in_plane, 0, style="particles")
+    assert paper.shape == (240, 320, 3)
+    assert blue(paper) > 3000
+    orange = (paper[..., 0] - paper[..., 2] > 100).sum()  # the second liquid
+    assert 0.15 < orange / blue(paper) < 0.45
+    assert 0.6 < blue(particles) / blue(paper) < 1.05
+    coloured = picture(in_plane, 3, colour="pressure")
+    assert differ(coloured, picture(in_plane, 3)) > 1000
+    assert blue(picture(in_plane, 0, cut="x=0.04")) < 0.7 * blue(paper)
+
+
+def test_a_colour_bar_spans_all_frames(in_plane):
+    found = open_run(in_plane)
+    series = Series(found, Look(colour="velocity"), range(4))
+    assert series.limits[0] == 0.0
+    speeds = [found.values(frame, "velocity").max() for frame in found.frames(range(4))]
+    assert 0.8 * max(speeds) < series.limits[1] <= max(speeds)
+
+
+@needs_pyvista
+def test_a_run_in_3d_is_drawn_in_every_style(in_space):
+    paper = picture(in_space, 0)
+    assert blue(paper) > 1500
+    ground = paper[5:40, 200:].min()
+    assert ground > 225
+    shadow = ((paper.max(2) - paper.min(2) < 12) & (paper.max(2) < ground - 20)).sum()
+    assert shadow > 300  # of the drop and of the cube, and the cube
+    water, particles = (picture(in_space, 0, style=style) for style in ("water", "particles"))
+    assert differ(paper, water) > 1500
+    assert differ(paper, particles) > 1000
+    assert differ(picture(in_space, 2), paper) > 500  # the drop has moved
+    coloured = picture(in_space, 2, colour="velocity.z", limits=(-2.0, 0.0))
+    assert differ(coloured, picture(in_space, 2)) > 1500
+    cut = picture(in_space, 0, cut="y=0")
+    assert differ(cut, paper) > 300
+    assert differ(picture(in_space, 0, camera="30,60,1.5"), paper) > 3000
+
+
+@needs_pyvista
+def test_the_camera_is_the_same_over_all_frames(in_space):
+    found = open_run(in_space)
+    pictures = [image.astype(int) for _, image in Series(found, Look(size=SMALL), range(3))]
+    for first, second in itertools.pairwise(pictures):
+        moved = np.abs(first - second).max(2) > 16
+        assert not moved[:, :60][30:].any()  # scale bar and ground
+        assert moved.any()
+
+
+@needs_pyvista
+def test_a_picture_is_the_same_again(in_space):
+    assert differ(picture(in_space, 1), picture(in_space, 1)) == 0
+
+
+@needs_pyvista
+@needs_splash
+def test_pysplashsurf_draws_the_liquid(in_space):
+    own, other = (blue(picture(in_space, 0, surface=name)) for name in ("isosurface", "pysplashsurf"))
+    assert other == pytest.approx(own, rel=0.25)
+
+
+# Files and commands
+
+
+def test_the_command_writes_pictures(in_plane, tmp_path, capsys):
+    words = ["render", str(in_plane), "--frames", "0,2", "--size", "320x240", "-o", str(tmp_path / "dam.webp")]
+    assert main(words) == 0
+    out = capsys.readouterr().out
+    for name in ("dam_0000.webp", "dam_0002.webp"):
+        assert name in out
+        with Image.open(tmp_path / name) as written:
+            assert written.size == SMALL
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["dam_0000.webp", "dam_0002.webp"]
+
+
+@needs_ffmpeg
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # imageio-ffmpeg leaves its pipes open
+def test_the_command_writes_a_film(in_plane, tmp_path, capsys):
+    import imageio_ffmpeg
+
+    film = tmp_path / "dam.mp4"
+    assert main(["render", str(in_plane), "--film", str(film), "--size", "321x240", "--per-second", "4"]) == 0
+    frames = imageio_ffmpeg.read_frames(str(film))
+    facts = next(frames)
+    pictures = list(frames)
+    assert facts["size"] == (320, 240)
+    assert facts["fps"] == 4
+    assert len(pictures) == len(open_run(in_plane).times)
+    assert pictures[0] != pictures[-1]
+
+
+@pytest.mark.parametrize(
+    "words, answer",
+    [
+        (["--style", "glass"], "--style 'glass' is unknown; choose one of paper, water, particles."),
+        (["--surface", "cubes"], "--surface 'cubes' is unknown; choose one of isosurface, pysplashsurf."),
+        (["--color", "colour"], "has no field 'colour'; give one of"),
+        (["--limits", "1"], "--limits '1' is not possible; give two numbers with ',' between them."),
+        (["--color", "mass", "--limits", "2,1"], "--limits 2.0,1.0 is no range"),
+        (["--camera", "left"], "--camera 'left' is no camera"),
+        (["--camera", "0,100"], "give an elevation from -90 to 90 degrees"),
+        (["--cut", "z=0"], "--cut 'z=0' is no plane; give for example x=0, in metres."),
+        (["--size", "10x10"], "--size 10x10 is not possible"),
+        (["--frames", "77"], "the run has 4 frames"),
+        (["-o", "picture.tiff"], "is no picture; give a name that ends in .png, .webp or .jpg."),
+        (["-o", "no/picture.png"], "there is no folder 'no' for the picture"),
+        (["--film", "film.avi"], "is no film; give a name that ends in .mp4."),
+        (["--film", "no/film.mp4"], "there is no folder 'no' for the film"),
+        (["--film", "film.mp4", "-o", "picture.png"], "--film and --output name two files"),
+        (["--film", "film.mp4", "--per-second", "0"], "--per-second 0 is not possible"),
+    ],
+)
+def test_wrong_words_are_answered_in_a_sentence(in_plane, tmp_path, monkeypatch, capsys, words, answer):
+    monkeypatch.chdir(tmp_path)
+    assert main(["render", str(in_plane), *words]) == 2
+    err = capsys.readouterr().err
+    assert answer in err
+    assert len(re.findall(r"\n", err)) == 1
+    assert not list(tmp_path.iterdir())
+
+
+def test_an_absent_extra_is_named_in_a_sentence(in_space, in_plane, tmp_path, monkeypatch, capsys):
+    for name in ("pyvista", "imageio_ffmpeg", "pysplashsurf"):
+        monkeypatch.setitem(sys.modules, name, None)
+    cases = [
+        (
+            in_space,
+            ["--style", "particles", "-o", str(tmp_path / "a.png")],
+            "needs the package pyvista, which is not installed",
+        ),
+        (in_plane, ["--film", str(tmp_path / "a.mp4")], "imageio-ffmpeg, which is not installed"),
+    ]
+    for run, words, answer in cases:
+        assert main(["render", str(run), *words]) == 2
+        err = capsys.readouterr().err
+        assert answer in err
+        assert "view" in err
+    with pytest.raises(InputError, match="pysplashsurf is not installed"):
+        write_pictures(in_space, Look(surface="pysplashsurf"), output=tmp_path / "a.png")
+    with pytest.raises(InputError, match="films need"):
+        write_film(in_space, Look(), output=tmp_path / "a.mp4")
+    assert not list(tmp_path.iterdir())
+
+
+def test_nothing_heavy_is_imported_before_it_is_used():
+    import subprocess
+
+    words = "import sys, refsim.render.view, refsim.render.pictures, refsim.__main__ as m; m.discover()"
+    words += "; print([n for n in ('pyvista', 'vtk', 'imageio_ffmpeg', 'matplotlib', 'numba') if n in sys.modules])"
+    assert subprocess.run([sys.executable, "-c", words], capture_output=True, text=True).stdout.strip() == "[]"

@@ -1,0 +1,177 @@
+"""The page of `refsim view`: what it holds, how large it is, and how it looks and plays in Chromium."""
+
+import base64
+import gzip
+import json
+import re
+
+import numpy as np
+import pytest
+
+from refsim import Box, Gravity, InputError, Scene, Simulation, WeaklyCompressible
+from refsim.__main__ import main
+from refsim.io.frames import ParticleWriter, read_particles
+from refsim.render.view import FIELDS, view
+from tests.render.browser import Browser, chromium
+
+needs_chromium = pytest.mark.skipif(chromium() is None, reason="Chromium is not installed")
+READY = "document.body && document.body.dataset.ready === 'yes'"
+LARGEST = 60e6  # bytes, of 60,000 particles over 50 frames
+
+
+def head(page):
+    return json.loads(re.search(r'<script id="head" type="application/json">(.*?)</script>', page).group(1))
+
+
+def blob(page, name):
+    return gzip.decompress(base64.b64decode(re.search(rf'<script id="{name}"[^>]*>([^<]*)<', page).group(1)))
+
+
+def places(page):
+    """(frames, n, 3) [m], decoded as the page does."""
+    found = head(page)
+    data = np.frombuffer(blob(page, "places"), np.uint8).astype(int)
+    code = data[: len(data) // 2] << 8 | data[len(data) // 2 :]
+    change = (code >> 1) ^ -(code & 1)
+    grid = np.cumsum(change.reshape(len(found["times"]), -1, 3), axis=0) % 65536
+    return np.array(found["low"]) + grid / 65535 * np.array(found["extent"])
+
+
+def test_the_page_holds_the_run_to_sixteen_bits(in_space):
+    page = view(in_space).html
+    frames = read_particles(in_space / "particles.vtkhdf")
+    found = head(page)
+    assert found["times"] == [frame.time for frame in frames]
+    assert {field["name"] for field in found["fields"]} >= {"velocity", "pressure", "density"}
+    order = [np.argsort(frame.fields["identity"]) for frame in frames]
+    exact = np.array([frame.position[o] for frame, o in zip(frames, order)])
+    assert np.abs(places(page) - exact).max() <= 0.51 * max(found["extent"]) / 65535
+    field = next(k for k, f in enumerate(found["fields"]) if f["name"] == "velocity")
+    levels = np.cumsum(np.frombuffer(blob(page, f"field{field}"), np.uint8).reshape(len(frames), -1), axis=0) % 256
+    low, high = found["fields"][field]["low"], found["fields"][field]["high"]
+    speed = np.array([np.linalg.norm(frame.fields["velocity"][o], axis=1) for frame, o in zip(frames, order)])
+    assert np.abs(low + levels / 255 * (high - low) - speed.clip(low, high)).max() <= 0.51 * (high - low) / 255
+
+
+def test_a_large_run_makes_a_file_of_at_most_60_megabytes(tmp_path):
+    """61,440 particles over 50 frames whose values are random, so that nothing compresses them."""
+    scene = Scene(
+        spacing=0.01, support_radius=0.02, fluid=(Box(cells=(48, 40, 32)),),
+        effects=(WeaklyCompressible(sound_speed=20.0), Gravity()),
+    )  # fmt: skip
+    simulation, random = Simulation(scene), np.random.default_rng(3)
+    simulation.checkpoint(tmp_path / "checkpoint.h5")
+    x = simulation.field("position")
+    names = [name for name in simulation.plan.particle_fields if name not in ("position", "identity")]
+    names += [f"more_{k}" for k in range(FIELDS + 1 - len(names))]
+    fields = dict.fromkeys(names, (1, "float32")) | {"identity": (1, "int32")}
+    with ParticleWriter(tmp_path / "particles.vtkhdf", fields) as writer:
+        for frame in range(50):
+            values = {name: random.normal(size=len(x)).astype("float32") for name in names}
+            place = (x + random.normal(size=x.shape)).astype("float32")
+            writer.write(float(frame), place, identity=np.arange(len(x), dtype="int32"), **values)
+    page = view(tmp_path)
+    assert len(head(page.html)["fields"]) == FIELDS
+    assert page.left_out
+    assert len(page.html.encode()) < LARGEST
+
+
+def test_a_notebook_shows_the_page_in_a_frame(in_plane):
+    shown = view(in_plane, frames="0", fields=["pressure"])._repr_html_()
+    assert shown.startswith("<iframe srcdoc=")
+    assert "<canvas" not in shown  # it is escaped
+    assert "&lt;canvas" in shown
+
+
+@pytest.mark.parametrize(
+    "wrong, words",
+    [
+        ({"fields": ["colour"]}, "has no field 'colour'; give some of"),
+        ({"fields": []}, "has no field"),
+        ({"frames": "9"}, "the run has 4 frames"),
+        ({"frames": "one"}, "is no list of frames"),
+    ],
+)
+def test_wrong_words_are_answered_in_a_sentence(in_plane, wrong, words):
+    with pytest.raises(InputError, match=re.escape(words)):
+        view(in_plane, **wrong)
+
+
+def test_the_command_writes_the_file(in_plane, tmp_path, capsys):
+    page = tmp_path / "run.html"
+    assert main(["view", str(in_plane), "--html", str(page), "--fields", "pressure,velocity.x"]) == 0
+    assert [field["name"] for field in head(page.read_text())["fields"]] == ["pressure", "velocity.x"]
+    assert str(page) in capsys.readouterr().out
+    assert main(["view", str(in_plane), "--html", str(tmp_path / "no" / "run.html")]) == 2
+    assert "there is no folder" in capsys.readouterr().err
+
+
+def test_the_command_opens_the_browser(in_plane, monkeypatch, capsys):
+    opened = []
+    monkeypatch.setattr("webbrowser.open", lambda url: bool(opened.append(url)))
+    assert main(["view", str(in_plane)]) == 0
+    assert opened[0].startswith("file://")
+    assert "no browser was found" in capsys.readouterr().out
+
+
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory):
+    found = Browser(tmp_path_factory.mktemp("chromium"))
+    yield found
+    found.close()
+
+
+def shown(browser, change=""):
+    """The picture of the run, without the controls, after a change of the controls."""
+    browser.value(f"(() => {{ {change}; return 1 }})()")
+    browser.value("new Promise(done => requestAnimationFrame(() => requestAnimationFrame(() => done(1))))")
+    return browser.picture()[60:640].astype(int)
+
+
+def setting(name, value, event):
+    return f"const e = document.getElementById('{name}'); e.value = {value!r}; e.dispatchEvent(new Event('{event}'))"
+
+
+def differ(first, second):
+    return (np.abs(first - second).max(2) > 16).sum()
+
+
+@needs_chromium
+@pytest.mark.parametrize("dim", [2, 3])
+def test_the_page_shows_plays_colours_and_clips(browser, in_plane, in_space, tmp_path, dim):
+    page = view(in_plane if dim == 2 else in_space).save(tmp_path / "run.html")
+    browser.errors.clear()
+    browser.open(page, READY)
+    browser.value("document.getElementById('panel').open = false")
+    first = shown(browser)
+    coloured = (first.max(2) - first.min(2) > 40).sum()
+    assert coloured > 2000  # not blank
+    last = shown(browser, setting("slider", 2, "input"))
+    assert differ(first, last) > 500
+    assert "(3/" in browser.value("document.getElementById('time').textContent")
+    by_speed = shown(browser, setting("field", 1, "change"))
+    assert differ(last, by_speed) > 500
+    clipped = shown(browser, setting("axis", 0, "change"))
+    assert (clipped.max(2) - clipped.min(2) > 40).sum() < 0.8 * (by_speed.max(2) - by_speed.min(2) > 40).sum()
+    shown(browser, setting("axis", -1, "change"))
+    assert differ(shown(browser), by_speed) < 50
+    for kind, x in (("Pressed", 300), ("moved", 380), ("Released", 380)):
+        kind = f"mouse{kind.capitalize()}"
+        browser.call("Input.dispatchMouseEvent", type=kind, x=x, y=330, button="left", buttons=1, clickCount=1)
+    assert differ(shown(browser), by_speed) > 500
+    browser.value("document.getElementById('play').click()")
+    before = browser.value("document.getElementById('slider').value")
+    browser.value(
+        "new Promise(done => { const look = () => document.getElementById('slider').value !== "
+        f"{before!r} ? done(1) : requestAnimationFrame(look); look() }})"
+    )
+    assert not browser.errors
+
+
+@needs_chromium
+def test_a_damaged_page_says_so(browser, in_plane, tmp_path):
+    page = tmp_path / "run.html"
+    page.write_text(view(in_plane).html.replace('<script id="places" type="text/plain">', '<script id="places">//'))
+    browser.open(page, "document.body && /cannot be shown/.test(document.body.innerText)")
+    assert browser.errors
+    browser.errors.clear()
