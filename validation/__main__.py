@@ -1,4 +1,4 @@
-"""The papers' experiments: `python -m validation list | run | claims | stability | accuracy | measure | attack`.
+"""The papers' experiments: `python -m validation COMMAND`.
 
 Every command prints its own help and touches nothing with `--help`. Exit codes: 0 well, 2 bad input, 3 a run stopped,
 4 a check failed.
@@ -18,7 +18,7 @@ if not __package__:
     sys.exit(2)
 
 from refsim.core.errors import InputError, RefsimError
-from validation import accuracy, claims, stability
+from validation import accuracy, answers, claims, published, stability, stability_page
 from validation.attack import campaign
 from validation.checks import ACCURACY, CLAIM, HARD_CASE, KINDS, VERDICT, bars
 from validation.experiment import Experiment, Options, Picture, chosen, discover
@@ -68,13 +68,21 @@ def parser() -> argparse.ArgumentParser:
     part.add_argument("names", nargs="*", metavar="EXPERIMENT | CASE | MAP", help="all by default")
     add_options(part, "--jobs")
     part.add_argument("--markdown", action="store_true", help="print the page's rows from the outcomes on file")
+    part.add_argument("--write", action="store_true", help="renew docs/stability.md from the outcomes on file")
     part.set_defaults(perform=hard_cases)
 
     part = add("accuracy", "measures error against wall time")
     part.add_argument("names", nargs="*", metavar="PANEL", help="all by default")
     add_options(part, "--only")
     part.add_argument("--compare", nargs=2, metavar=("OLD", "NEW"), help="judge two reports; measures nothing")
+    part.add_argument("--write", action="store_true", help="renew docs/accuracy_cost.md and what refsim advise knows")
     part.set_defaults(perform=panels)
+
+    part = add("stale", "lists published numbers whose code has changed since they were measured")
+    part.add_argument("names", nargs="*", metavar="NAME | KIND", help="all by default")
+    part.add_argument("--write", action="store_true", help="renew docs/published.md and the marks on the pages")
+    part.add_argument("--json", action="store_true", help="one JSON object on standard output")
+    part.set_defaults(perform=stale)
 
     command.add_commands(add("measure", "measures the drops behind packaged tables, and writes the tables"))
     campaign.add_options(add("attack", "attacks the command line for some minutes and counts how it ends"))
@@ -102,7 +110,9 @@ def add_options(made: argparse.ArgumentParser, *more: str) -> None:
             "--only", nargs="+", default=[], metavar="RUN", help="runs whose names start like one of these"
         )
     if "--jobs" in more:
-        made.add_argument("--jobs", type=int, default=1, metavar="N", help="processes for all runs that are not timed")
+        where = made.add_mutually_exclusive_group()
+        where.add_argument("--jobs", type=int, default=1, metavar="N", help="processes for all runs that are not timed")
+        where.add_argument("--scheduler", metavar="ADDRESS", help="the same on the workers of a Dask scheduler")
 
 
 def options_of(given: argparse.Namespace, root: Path = Path()) -> Options:
@@ -116,6 +126,7 @@ def options_of(given: argparse.Namespace, root: Path = Path()) -> Options:
         results=root / getattr(given, "results", "results"),
         figures=getattr(given, "figures", None) or root / ("figures/quick" if given.quick else "figures"),
         only=tuple(getattr(given, "only", ())),
+        scheduler=getattr(given, "scheduler", None),
     )
 
 
@@ -174,6 +185,9 @@ def hard_cases(given: argparse.Namespace) -> int:
         for experiment in discover().values():
             print("\n".join([f"\n{experiment.name}: {experiment.title}", *stability.markdown(experiment)]))
         return EXIT_FINE
+    if given.write:
+        print(*stability_page.write(discover()), sep="\n")
+        return EXIT_FINE
     return told(perform(stability.parts(given.names, discover(), options), options, given.jobs), given.json)
 
 
@@ -183,6 +197,9 @@ def panels(given: argparse.Namespace) -> int:
         comparison = accuracy.compare(*map(accuracy.read_report, given.compare))
         print("\n".join(comparison.lines))
         return EXIT_FAILED if comparison.worse else EXIT_FINE
+    if given.write:
+        print(*answers.write(), sep="\n")
+        return EXIT_FINE
     some = chosen(given.names, accuracy.panels(discover()), "panel")
     return told(accuracy.perform_panels(some, options_of(given)), given.json)
 
@@ -206,6 +223,16 @@ def measure_claims(given: argparse.Namespace) -> int:
     if given.json:
         print(claims.as_json(found))
     return EXIT_FINE if all(each.holds for each in found) else EXIT_FAILED
+
+
+def stale(given: argparse.Namespace) -> int:
+    """Say which published number is stale."""
+    found = published.standings(() if given.write else given.names, discover())
+    if given.write:
+        for page in published.write_pages(found):
+            print(page)
+    print(published.as_json(found) if given.json else published.table(found))
+    return EXIT_FINE
 
 
 def told(performed: Sequence[Performed], json: bool) -> int:

@@ -73,7 +73,6 @@ class Panel:
     lines         (words, keys): settings that differ in one knob, in its order, joined by a line in the picture
     checks        calls `check(name, value)` for what has a bar, from the report
     omissions     what the panel leaves out on purpose, with the reason
-    quick         whether its small size is part of `reproduce.py --quick`
     """
 
     name: str
@@ -96,7 +95,6 @@ class Panel:
     lines: Sequence[tuple[str, Sequence[str]]] = ()
     checks: Callable[[Mapping[str, Any], Checks], None] = lambda report, check: None
     omissions: Callable[[Options], Sequence[str]] = lambda options: ()
-    quick: bool = False
 
 
 def panels(experiments: Mapping[str, Experiment]) -> dict[str, tuple[str, Panel]]:
@@ -117,9 +115,9 @@ def part_of(experiment: str, panel: Panel, options: Options) -> Part:
         return make_report(panel, results, options)
 
     def draw(data: Mapping[str, Any]) -> Any:
-        from validation.accuracy_picture import panel_picture
+        from validation.accuracy_picture import answer_picture
 
-        return panel_picture(data)
+        return answer_picture(data)
 
     def checks(results: Results) -> list[Check]:
         check = Checks(experiment, ACCURACY)

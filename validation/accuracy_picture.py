@@ -1,4 +1,4 @@
-"""The figure of an accuracy panel, drawn from its report alone."""
+"""The figures of an accuracy panel, drawn from its report alone."""
 
 from __future__ import annotations
 
@@ -14,7 +14,6 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from validation.drawing import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION, YELLOW
 from validation.reading import first_kept
 from validation.results import floats, real
-from validation.work_precision import NORMAL
 
 GROUP_COLOURS = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY)
 MARKERS = ("o", "s", "^", "D", "v", "P", "X", "p", "*", "<", ">", "h")  # more than colours: no pair of both comes twice
@@ -23,21 +22,99 @@ PALE = "#c4c4c4"
 NARROW = 62  # characters of a short line
 
 
-def panel_picture(data: Mapping[str, Any]) -> Any:
-    """Error against time; how the error falls; where it comes from; where the time goes; what effects cost."""
-    figure = plt.figure(figsize=(14.5, 9.4))
-    grid = figure.add_gridspec(3, 3, width_ratios=(1.5, 1, 1), height_ratios=(1, 1, 0.62))
+def answer_picture(data: Mapping[str, Any]) -> Any:
+    """Error against time: one line a method, targets, the uncertainty of the reference, advised points by name."""
+    from validation import answers
+
+    observable = answers.OBSERVABLES.get(data["panel"]) or answers.Observable(
+        data["title"], "", method=data["headline"]["group"]
+    )
+    points = data["points"]
+    found = answers.candidates(points, observable)
+    spread = answers.uncertainty(points, observable, data["band"])
+    advised: dict[str, list[float]] = {}
+    for own in ("reported" not in c.point["knobs"] for c in found), ("reported" in c.point["knobs"] for c in found):
+        some = [c for c, is_own in zip(found, own) if is_own and not answers.is_peer(c.point)]
+        for error in sorted({*answers.TARGETS, *observable.more}, reverse=True) if some else ():
+            choice = answers.choose(some, error, spread)
+            if choice.advised is not None:
+                advised.setdefault(choice.advised.key, []).append(error)
+    figure, axes = plt.subplots(figsize=(7.6, 4.3))
+    methods: dict[str, list[Any]] = {}
+    for c in found:
+        name = str(c.point["knobs"].get(observable.method, "points"))
+        gpu = "" if c.point["knobs"].get("backend") != "cuda" or "GPU" in name or "cuda" in name else ", GPU"
+        methods.setdefault(name + gpu, []).append(c)
+    for k, (name, members) in enumerate(methods.items()):
+        colour, mark = GROUP_COLOURS[k % len(GROUP_COLOURS)], MARKERS[k % len(MARKERS)]
+        members.sort(key=lambda c: c.error)
+        best = [c for c in members if not any(o.error <= c.error and _wall(o) < _wall(c) for o in members)]
+        axes.plot([100 * c.error for c in best], [_wall(c) for c in best], color=colour, lw=1.2, alpha=0.8)
+        for c in members:
+            axes.plot(100 * c.error, _wall(c), mark, ms=6, color=colour, mfc=colour if c.settled else "white", mew=1.2)
+        axes.plot([], [], mark, color=colour, label=name)
+    axes.plot([], [], "o", color=GREY, mfc="white", mew=1.2, label="timing has not settled: never advised")
+    axes.set(xscale="log", yscale="log")
+    low, high = axes.get_xlim()
+    low, high = min(low, 0.08 if low < 0.5 else 0.8), max(high, 12.0)
+    failed = [p for p in points.values() if p["shown"] and p["stopped"]]
+    if failed:
+        edge = high * (high / low) ** 0.04
+        for place, p in spread_out(failed, 1.1 * axes.get_ylim()[0]):
+            label = textwrap.fill(f"failed: {short_reason(p)}", 34)
+            axes.plot(edge, place, "x", color=VERMILION, ms=7, mew=1.8, label=label)
+        high = edge * (high / low) ** 0.03
+    axes.set_xlim(low, high)
+    shaded = [(100 * spread, ORANGE, "uncertainty of the reference")] if spread else []
+    if data["band"] is not None and observable.converged:
+        shaded.append((100 * real(data["band"]["width"]), YELLOW, data["band"]["words"]))
+    for k, (width, colour, words) in enumerate(shaded):
+        axes.axvspan(low, width, color=colour, alpha=0.12, lw=0)
+        left = width < math.sqrt(low * high)
+        axes.text(width, 0.02 + 0.05 * k, f" {words}: {answers.percent(0.01 * width)} ", ha="left" if left else "right",
+                  transform=axes.get_xaxis_transform(), fontsize=7, color="#8a5a00")  # fmt: skip
+    for error in answers.TARGETS:
+        if low < 100 * error < high:
+            axes.axvline(100 * error, color=GREY, ls=":", lw=0.9)
+    for c in found:
+        if c.key in advised:
+            axes.plot(100 * c.error, _wall(c), "o", ms=12, mfc="none", mec=BLACK, mew=1.3, zorder=5)
+            errors = ", ".join(answers.percent(e) for e in advised[c.key])
+            right = 100 * c.error > math.sqrt(low * high)
+            said = f"for {errors}:\n{textwrap.fill(c.point['words'], 34)}"
+            axes.annotate(said, (100 * c.error, _wall(c)), (-9 if right else 9, 8), textcoords="offset points",
+                          ha="right" if right else "left", fontsize=7, zorder=6,
+                          bbox={"fc": "white", "ec": "none", "alpha": 0.5, "pad": 0.5})  # fmt: skip
+    _plain_ticks(axes.xaxis)
+    _plain_ticks(axes.yaxis, seconds)
+    axes.set(xlabel=f"error [% {observable.relative}]", ylabel="wall time")
+    if not observable.relative:
+        axes.set_xlabel(f"error [%]: {data['observable']}")
+    axes.grid(True, which="major")
+    axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), fontsize=7)
+    figure.suptitle(f"{observable.words[:1].upper()}{observable.words[1:]}", x=0.01, ha="left", fontweight="bold")
+    return figure
+
+
+def _wall(candidate: Any) -> float:
+    """Wall seconds to the error that a point keeps."""
+    return real(candidate.point["seconds"])
+
+
+def parts_picture(data: Mapping[str, Any]) -> Any:
+    """How the error falls; where it comes from; where the time goes; what effects cost; how it was measured."""
+    figure = plt.figure(figsize=(14.5, 7.4))
+    grid = figure.add_gridspec(3, 4, height_ratios=(1, 1, 0.62))
     points = {key: p for key, p in data["points"].items() if p["shown"]}
     colours = group_colours(data, points)
-    _front(figure.add_subplot(grid[:2, 0]), data, points, colours)
     if any(p["curve"] for p in points.values()):
-        _curves(figure.add_subplot(grid[0, 1]), data, points, colours)
+        _curves(figure.add_subplot(grid[0, :2]), data, points, colours)
     else:
-        _distributions(figure.add_subplot(grid[0, 1]), data, points, colours)
-    _parts(figure.add_subplot(grid[0, 2]), data, points)
-    _sources(figure.add_subplot(grid[1, 1]), data)
-    _effects(figure.add_subplot(grid[1, 2]), data)
-    _words(figure.add_subplot(grid[2, 0]), figure.add_subplot(grid[2, 1:]), data, points)
+        _distributions(figure.add_subplot(grid[0, :2]), data, points, colours)
+    _parts(figure.add_subplot(grid[0, 2:]), data, points)
+    _sources(figure.add_subplot(grid[1, :2]), data)
+    _effects(figure.add_subplot(grid[1, 2:]), data)
+    _words(figure.add_subplot(grid[2, :2]), figure.add_subplot(grid[2, 2:]), data, points)
     for axes in figure.axes:
         for text in axes.texts:
             text.set_in_layout(False)  # long lines must not squeeze the axes
@@ -53,89 +130,6 @@ def group_colours(data: Mapping[str, Any], points: Mapping[str, Any]) -> dict[st
 
 def _group(data: Mapping[str, Any], point: Mapping[str, Any]) -> str:
     return str(point["knobs"].get(data["headline"]["group"], ""))
-
-
-def _front(axes: Any, data: Mapping[str, Any], points: Mapping[str, Any], colours: Mapping[str, str]) -> None:
-    """The points: the front in colour and numbered, what it beats in grey, failures as crosses at the right."""
-    front = data["front"]
-    alive = {key: p for key, p in points.items() if not p["stopped"] and p["error"] is not None}
-    failed = [p for p in points.values() if p["stopped"]]
-    marks = {name: MARKERS[k % len(MARKERS)] for k, name in enumerate(colours)}
-    for key, p in alive.items():
-        group, on_front = _group(data, p), key in front or key in data.get("front_elsewhere", ())
-        low, high = np.quantile(p["all_seconds"], (0.1, 0.9))
-        colour = colours[group] if on_front else PALE
-        axes.plot([p["error"]] * 2, [low, high], color=colour, lw=1.0, zorder=2)
-        if p["error_mad"]:
-            noise = NORMAL * p["error_mad"]
-            axes.plot([max(p["error"] - noise, 0.2 * p["error"]), p["error"] + noise], [p["seconds"]] * 2, color=colour,
-                      lw=1.0, zorder=2)  # fmt: skip
-        axes.plot(
-            p["error"], p["seconds"], marks[group], ms=8 if on_front else 5.5, zorder=4 if on_front else 3,
-            color=colour, mec=BLACK if p["unstable"] else "white",
-            mew=1.3 if p["unstable"] else 0.6,
-        )  # fmt: skip
-    styles: dict[str, int] = {}
-    joined = []
-    for line in data.get("lines", ()):
-        keys = line["keys"]
-        if len(keys) > 1:
-            group = _group(data, alive[keys[0]])
-            dash = ("-", "--", ":")[styles.setdefault(group, 0) % 3]
-            styles[group] += 1
-            joined += axes.plot([alive[k]["error"] for k in keys], [alive[k]["seconds"] for k in keys], dash,
-                                color=colours[group], lw=1.2, alpha=0.7, zorder=1, label=line["words"])  # fmt: skip
-    lines = axes.legend(handles=joined, loc="best", fontsize=7) if joined else None
-    if len(front) > 1:
-        axes.plot([alive[k]["error"] for k in front], [alive[k]["seconds"] for k in front], "-", color=BLACK, lw=0.9)
-    for number, key in enumerate(front, 1):
-        axes.annotate(str(number), (alive[key]["error"], alive[key]["seconds"]), (6, 5), textcoords="offset points",
-                      fontsize=9.5, fontweight="bold", zorder=5)  # fmt: skip
-    axes.set(xscale="log", yscale="log")
-    left, right = axes.get_xlim()
-    if failed:
-        edge = right * (right / left) ** 0.12
-        axes.set_xlim(left, edge * (right / left) ** 0.12)
-        for place, p in spread_out(failed, 1.1 * axes.get_ylim()[0]):
-            axes.plot(edge, place, "x", color=VERMILION, ms=8, mew=2, zorder=4)
-            axes.annotate(short_reason(p), (edge, place), (-7, 0), textcoords="offset points", ha="right", va="center",
-                          fontsize=7.5, color=VERMILION)  # fmt: skip
-        axes.axvline(right * (right / left) ** 0.02, color=PALE, lw=0.8)
-        axes.text(
-            edge,
-            0.99,
-            "failed",
-            transform=axes.get_xaxis_transform(),
-            ha="center",
-            va="top",
-            color=VERMILION,
-            fontsize=8,
-        )
-    band = data["band"]
-    if band is not None:
-        low, high = axes.get_xlim()
-        low = min(low, 0.7 * band["width"])
-        axes.axvspan(low, band["width"], color=ORANGE, alpha=0.10, lw=0)
-        axes.set_xlim(low, high)
-        axes.text(low, 0.95, " " + textwrap.fill(f"below {band['width']:.2g}: {band['words']}", 36),
-                  transform=axes.get_xaxis_transform(), fontsize=7.5, color="#8a5a00", va="top")  # fmt: skip
-    axes.axvline(data["stated"], color=GREY, ls="--", lw=1.0)
-    axes.text(data["stated"], 0.995, f" stated: {data['stated']:.3g}", transform=axes.get_xaxis_transform(), va="top",
-              fontsize=8, color=GREY)  # fmt: skip
-    for name, colour in colours.items():
-        axes.plot([], [], marks[name], color=colour, label=name or "points")
-    axes.plot([], [], "o", color=PALE, label="beaten by others")
-    axes.plot([], [], "o", color="white", mec=BLACK, mew=1.3, label="unstable timing")
-    _plain_ticks(axes.xaxis)
-    _plain_ticks(axes.yaxis, seconds)
-    axes.set(xlabel=f"error: {data['observable']}", ylabel="wall time to it: median, and where 80 % of the repeats lie")
-    axes.set_title("a  Error against time; the front is numbered", pad=10 + 13 * math.ceil((len(colours) + 2) / 4))
-    axes.grid(True, which="major")
-    marked = [handle for handle in axes.get_legend_handles_labels()[0] if handle not in joined]
-    axes.legend(handles=marked, loc="lower left", bbox_to_anchor=(-0.02, 0.995), ncols=4, fontsize=8, columnspacing=1.0,
-                handletextpad=0.3)  # fmt: skip
-    if lines is not None:
-        axes.add_artist(lines)
 
 
 def _plain_ticks(axis: Any, words: Callable[[float], str] = "{:g}".format) -> None:
@@ -296,7 +290,7 @@ def _effects(axes: Any, data: Mapping[str, Any]) -> None:
 
 
 def _words(left: Any, right: Any, data: Mapping[str, Any], points: Mapping[str, Any]) -> None:
-    """The front in words at the left; advice, headline and omissions at the right."""
+    """The front in words at the left; reference, starts, omissions and machines at the right."""
     for axes in (left, right):
         axes.set_axis_off()
     lines = []
@@ -308,9 +302,8 @@ def _words(left: Any, right: Any, data: Mapping[str, Any], points: Mapping[str, 
             said += f" (unstable: {p['unstable']})"
         if p["elsewhere"]:
             said += f"; but {p['elsewhere']}"
-        lines += textwrap.wrap(said, 84, subsequent_indent="    ")
+        lines += textwrap.wrap(said, 112, subsequent_indent="    ")
     left.text(0, 1, "\n".join(lines[:14]), transform=left.transAxes, va="top", fontsize=7.6, linespacing=1.25)
-    text = [*textwrap.wrap(data["advice"], 94)]
     beside = [f"Reference: {data['reference']}."]
     for start in data["starts"]:
         beside.append(
@@ -327,11 +320,9 @@ def _words(left: Any, right: Any, data: Mapping[str, Any], points: Mapping[str, 
             said = f"GPU: {place['device'].get('name')} ({place.get('date', 'today')}); host {said}"
         beside.append(f"{said}{load}; source {commit}.")
     beside = list(dict.fromkeys(beside))
-    small = [line for part in beside for line in textwrap.wrap(part, 132)]
-    right.text(0, 1, "\n".join(text), transform=right.transAxes, va="top", fontsize=9.5, fontweight="bold")
-    below = 1 - 0.115 * len(text) - 0.03
+    small = [line for part in beside for line in textwrap.wrap(part, 116)]
     right.text(
-        0, below, "\n".join(small[:12]), transform=right.transAxes, va="top", fontsize=7.4, color="#444444",
+        0, 1, "\n".join(small[:12]), transform=right.transAxes, va="top", fontsize=7.4, color="#444444",
         linespacing=1.2,
     )  # fmt: skip
 

@@ -3,7 +3,7 @@
 The bars stand in `experiments/<experiment>/expected.toml`, one table a quantity, under its kind: `[verdict.NAME]`,
 `[claim.NAME]` (`validation.claims`), `[hard_case.NAME]` (`validation.stability`) and `[accuracy.NAME]`. A verdict and
 an accuracy point have `what` in words, `unit`, at most one rule (`at_most`, `at_least`, `equals`; without one the
-number is only shown), the `paper`'s value where it gives one, and the bar's `source`.
+number is only shown), the value in the `paper` where it gives one, and the bar's `source`.
 """
 
 from __future__ import annotations

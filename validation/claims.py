@@ -2,8 +2,10 @@
 
 A claim stands in the `expected.toml` of the experiment that measures it, as `[claim.NAME]`: the source's sentence in
 translation, where it stands, the bar, and what was measured. How it is measured is a `Measure` of that name, in
-capitals, in the experiment's module `claims`. A claim is confirmed if every start keeps the bar, and refuted otherwise;
-one that cannot be measured is not testable, with its reason.
+capitals, in the experiment's module `claims`. A claim is confirmed if every start keeps the bar, refuted if none does
+and mixed if they disagree. It is not testable with fewer than three starts that could differ, or with a reason why it
+cannot be measured. Claims that are measured alike
+are a `Family`: it says how they could have failed, and has a null model, on which every one of them must be refuted.
 """
 
 from __future__ import annotations
@@ -20,16 +22,17 @@ from types import ModuleType
 from typing import Any
 
 from refsim.core.errors import InputError
-from validation import checks
+from validation import checks, published
 from validation.checks import CLAIM, RULES, expected, number, read_expected
 from validation.experiment import Options, Part, Results, Run, discover
 from validation.perform import machine, perform
-from validation.results import finite
+from validation.results import Result, finite
 from validation.tables import Table
 
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "claims.md"
-CONFIRMED, REFUTED, NOT_TESTABLE = "confirmed", "refuted", "not testable"
-_WANTED = {"system", "says", "where", "verdict"}
+CONFIRMED, REFUTED, MIXED, NOT_TESTABLE = "confirmed", "refuted", "mixed", "not testable"
+STARTS = 3  # least number, unless the claim says why nothing can differ (`fixed`)
+_WANTED = {"system", "title", "says", "where", "reading", "verdict"}
 _MEASURED = {"what", "unit", "measured", "spread", "starts"}
 
 
@@ -39,18 +42,24 @@ class Claim:
 
     experiment  in whose folder it stands
     system      whose page it is on
+    title       the claim in one short sentence
     says        the source's sentence in translation, or what it amounts to; where: section, equation or figure
+    reading     how the source is read: the equations, coefficients and units in force
     what        the quantity in words, with its unit
     rule        at_most, at_least or equals; bound: its number
-    measured    median over the starts (seeds, sizes, states); spread: least and largest; starts: how many
+    measured    effect: median over the starts (seeds, sizes, states); spread: least and largest; starts: how many
+    null        the same quantity of the family's null model
+    fixed       why nothing can differ between starts, where there are fewer than three
     reason      why it cannot be tested; of the others, what a reader must know beside the number
     """
 
     name: str
     experiment: str
     system: str
+    title: str
     says: str
     where: str
+    reading: str
     verdict: str
     what: str = ""
     unit: str = "-"
@@ -59,6 +68,8 @@ class Claim:
     measured: float = math.nan
     spread: tuple[float, float] = (math.nan, math.nan)
     starts: int = 0
+    null: float = math.nan
+    fixed: str = ""
     reason: str = ""
 
     def keeps(self, value: float) -> bool:
@@ -70,22 +81,53 @@ class Claim:
         return f"{RULES[self.rule][1]} {number(self.bound)}" if self.rule else ""
 
     def judge(self, values: Sequence[float]) -> str:
-        """Confirmed if every start keeps the bar."""
-        return CONFIRMED if values and all(map(self.keeps, values)) else REFUTED
+        """Confirmed if every start keeps the bar, refuted if none does, mixed otherwise; by few starts not testable."""
+        if len(values) < (1 if self.fixed else STARTS):
+            return NOT_TESTABLE
+        kept = list(map(self.keeps, values))
+        return CONFIRMED if all(kept) else MIXED if any(kept) else REFUTED
 
 
 @dataclass(frozen=True)
 class Measure:
     """How a claim is measured: runs whose results are stored, and the values that follow, one for each start.
 
-    quick  whether the quick sizes can judge it
-    timed  its runs are timed: they run alone, on all threads, after the others
+    quick   whether the quick sizes can judge it
+    timed   its runs are timed: they run alone, on all threads, after the others
+    family  the claims that it is measured with, see `measures`
     """
 
     runs: Callable[[Options], Sequence[Run]]
     values: Callable[[Results], Sequence[float]]
     quick: bool = True
     timed: bool = False
+    family: Family | None = None
+
+    def of(self, results: Mapping[str, Any], full: bool = True) -> list[float]:
+        """The values that follow if the runs gave the numbers `results`, by key, or all the same ones under ""."""
+        keys = [run.key for run in self.runs(Options(quick=not full))]
+        return [float(v) for v in self.values({key: Result(results[key if key in results else ""]) for key in keys})]
+
+
+@dataclass(frozen=True)
+class Family:
+    """Claims that are measured alike.
+
+    claims  their names
+    fails   how they could have failed, in a sentence
+    null    what the null model is, in words
+    model   values of a claim's measure on the null model, which must refute the claim
+    """
+
+    claims: tuple[str, ...]
+    fails: str
+    null: str
+    model: Callable[[Measure], Sequence[float]]
+
+
+def alike(values: Mapping[str, Any]) -> Callable[[Measure], Sequence[float]]:
+    """Null model of a comparison: every run gives the same numbers."""
+    return lambda measure: measure.of({"": dict(values)})
 
 
 @dataclass
@@ -109,8 +151,15 @@ class Found:
 
 
 def measures(module: ModuleType) -> dict[str, Measure]:
-    """Every `Measure` of a module, by its name in small letters, which is that of its claim."""
-    return {name.lower(): value for name, value in vars(module).items() if isinstance(value, Measure)}
+    """Every `Measure` of a module with its family, by its name in small letters, which is that of its claim.
+
+    Families are the entries of the module's `FAMILIES`. Raises ValueError for one that names what is no measure.
+    """
+    found = {name.lower(): value for name, value in vars(module).items() if isinstance(value, Measure)}
+    families = {name: family for family in getattr(module, "FAMILIES", ()) for name in family.claims}
+    if unknown := set(families) - set(found):
+        raise ValueError(f"{module.__name__}: families name {sorted(unknown)}, which are no measures")
+    return {name: dataclasses.replace(value, family=families.get(name)) for name, value in found.items()}
 
 
 def read_claims(folder: Path | None = None) -> dict[str, Claim]:
@@ -124,13 +173,13 @@ def read_claims(folder: Path | None = None) -> dict[str, Claim]:
 
 def _claim(name: str, experiment: str, entry: Mapping[str, Any]) -> Claim:
     rules = [rule for rule in RULES if rule in entry]
-    testable = entry.get("verdict") != NOT_TESTABLE
+    testable = bool(rules) or entry.get("verdict") != NOT_TESTABLE
     lacking = (_WANTED | _MEASURED if testable else _WANTED) - set(entry)
-    unknown = set(entry) - _WANTED - _MEASURED - set(RULES) - {"reason"}
+    unknown = set(entry) - _WANTED - _MEASURED - set(RULES) - {"reason", "null", "fixed"}
     where = f"{experiment}: [claim.{name}]"
     if lacking or unknown:
         raise ValueError(f"{where} lacks {sorted(lacking)} or has unknown keys {sorted(unknown)}")
-    if entry["verdict"] not in (CONFIRMED, REFUTED, NOT_TESTABLE):
+    if entry["verdict"] not in (CONFIRMED, REFUTED, MIXED, NOT_TESTABLE):
         raise ValueError(f"{where} has the verdict {entry['verdict']!r}")
     if len(rules) != testable or not (testable or entry.get("reason")):
         raise ValueError(f"{where} needs one rule, or a reason why it cannot be tested")
@@ -146,7 +195,7 @@ def measure(claims: Sequence[Claim], options: Options, jobs: int = 1, compute: b
     experiments = discover()
     for found in made:
         claim = found.claim
-        if claim.verdict == NOT_TESTABLE:
+        if not claim.rule:
             found.missing = claim.reason
             continue
         how = experiments[claim.experiment].claims[claim.name]
@@ -171,6 +220,9 @@ def measure(claims: Sequence[Claim], options: Options, jobs: int = 1, compute: b
             found.values = [float(value) for value in how.values(each.results)]
             where = (result.about["machine"] for result in each.results.values() if "machine" in result.about)
             found.machine = next(where, found.machine)
+            if found.holds:
+                item = published.Item(CLAIM, found.claim.name, found.claim.experiment, "", each.part.runs)
+                published.record([(item, list(each.results.values()))], options)
     return made
 
 
@@ -186,10 +238,10 @@ def table(found: Sequence[Found]) -> Table:
         mark = "" if each.holds else f"  now {each.verdict}"
         what = claim.what or claim.says
         then = written(claim) if claim.starts else "-"
-        rows.append([claim.system if claim.system != last else "", claim.name, what, claim.bar(), then, now,
-                     claim.verdict + mark])  # fmt: skip
+        rows.append([claim.system if claim.system != last else "", claim.title, claim.verdict + mark, then, now, what,
+                     claim.bar(), claim.name])  # fmt: skip
         last = claim.system
-    heading = ["system", "claim", "quantity", "bar", "written", "measured now", "verdict"]
+    heading = ["system", "claim", "verdict", "written", "measured now", "quantity", "bar", "name"]
     return Table("Claims of the papers: median (least to largest)", heading, rows)
 
 
@@ -213,40 +265,72 @@ def _median(values: Sequence[float]) -> float:
 
 
 def page_table(claims: Mapping[str, Claim], system: str) -> str:
-    """The claims of a system as they stand on the page: a table, then each with its source's words."""
+    """The claims of a system as they stand on the page: a table, how they could have failed, and each in full."""
     own = [claim for claim in claims.values() if claim.system == system]
-    lines = ["| claim | where | measured | confirmed by | verdict |", "| --- | --- | --- | --- | --- |"]
+    lines = [
+        "| claim | verdict | effect | confirmed by | null model | name |", "| --- | --- | --- | --- | --- | --- |"
+    ]  # fmt: skip
     for claim in own:
-        values = written(claim) if claim.starts else ""
-        cells = [f"[`{claim.name}`](#{anchor(claim)})", claim.where, values, claim.bar(), claim.verdict]
+        effect = f"{written(claim)}; {counted(claim)}" if claim.starts else ""
+        null = short(claim.null) if claim.starts and not math.isnan(claim.null) else ""
+        cells = [f"[{claim.title}](#{anchor(claim)})", claim.verdict, effect, claim.bar(), null, f"`{claim.name}`"]
         lines.append(f"| {' | '.join(cells)} |")
+    known, families = discover(), dict[int, tuple[Family, list[Claim]]]()
     for claim in own:
-        lines += ["", f"### {heading(claim)}", "", f"> {claim.says} ({claim.where})", ""]
+        how = known[claim.experiment].claims.get(claim.name)
+        if how is not None and how.family is not None:
+            families.setdefault(id(how.family), (how.family, []))[1].append(claim)
+    if families:
+        lines += ["", "How they could have failed, and on which null model they do:", ""]
+    for family, members in families.values():
+        names = ", ".join(f"`{claim.name}`" for claim in members)
+        lines += [f"- {family.fails} Null model: {family.null}. ({names})"]
+    for claim in own:
+        lines += ["", f"### {heading(claim)}", ""]
         if claim.starts:
-            place = f"validation/experiments/{claim.experiment}/claims.py:{claim.name.upper()}"
+            null = "" if math.isnan(claim.null) else f"; the null model gives {short(claim.null)}"
             lines += [
-                f"{claim.what[0].upper()}{claim.what[1:]}: **{written(claim)}** over {claim.starts}"
-                f" start{'s' * (claim.starts > 1)}; confirmed by {claim.bar()}. Test: `{place}`.",
+                f"{claim.what[0].upper()}{claim.what[1:]}: **{written(claim)}**, {counted(claim)}; confirmed by"
+                f" {claim.bar()}{null}.",
+                "",
             ]
-        if claim.reason:
-            lines += [""] * bool(claim.starts) + [claim.reason]
+        lines += [f"> {claim.says} ({claim.where})", "", f"Reading: {claim.reading}."]
+        lines += ["", _sentence(claim.reason)] if claim.reason else []
+        lines += ["", _sentence(f"One start is enough: {claim.fixed}")] if claim.fixed else []
+        place = f"measure `validation/experiments/{claim.experiment}/claims.py:{claim.name.upper()}`"
+        lines += ["", f"Name: `{claim.name}`{f', {place}' if claim.starts else ''}."]
     return "\n".join(lines)
 
 
 def written(claim: Claim) -> str:
-    """Median and range as they are written, with their unit."""
+    """Effect and range as they are written, with their unit: "1.02 times (0.88 to 1.17)"."""
     unit = "" if claim.unit == "-" else f" {claim.unit}"
-    return spread_words([claim.spread[0], claim.measured, claim.spread[1]]) + unit
+    low, middle, high = map(short, (claim.spread[0], claim.measured, claim.spread[1]))
+    return f"{middle}{unit}" if low == middle == high else f"{middle}{unit} ({low} to {high})"
+
+
+def short(value: float) -> str:
+    """A number with three significant digits."""
+    return "infinite" if math.isinf(value) else number(float(f"{value:.3g}"))
+
+
+def counted(claim: Claim) -> str:
+    """How many starts."""
+    return f"{claim.starts} start{'s' * (claim.starts > 1)}"
+
+
+def _sentence(words: str) -> str:
+    return f"{words[0].upper()}{words[1:]}{'' if words.endswith('.') else '.'}"
 
 
 def heading(claim: Claim) -> str:
     """Heading of a claim on the page."""
-    return f"`{claim.name}`: {claim.verdict}"
+    return f"{claim.title}: {claim.verdict}"
 
 
 def anchor(claim: Claim) -> str:
     """What its heading is called in links."""
-    return f"{claim.name}-{claim.verdict.replace(' ', '-')}"
+    return re.sub(r"[^\w\- ]", "", heading(claim).lower()).replace(" ", "-")
 
 
 def write(found: Sequence[Found]) -> None:
@@ -259,6 +343,9 @@ def write(found: Sequence[Found]) -> None:
                 "starts": len(each.values),
                 "verdict": each.verdict,
             }
+            how = discover()[each.claim.experiment].claims[each.claim.name]
+            if how.family is not None:
+                values["null"] = _rounded(_median(how.family.model(how)))
             path = checks.FOLDER / each.claim.experiment / "expected.toml"
             text = path.read_text()
             begin = re.search(rf"^\[claim\.{each.claim.name}\]$", text, re.MULTILINE).start()  # type: ignore[union-attr]

@@ -1,20 +1,24 @@
-"""How pictures look and where they and their data are kept, and two small renderers: balls and a lit surface, both by
-depth buffer."""
+"""How pictures look, where they and their data are kept, and views of balls and surfaces in 3D by `refsim.render`."""
 
 from __future__ import annotations
 
 import contextlib
+import functools
 import gzip
+import importlib.util
 import io
 import json
+import sys
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from refsim.core.errors import InputError
+from refsim.render.looks import Camera
+from refsim.render.space import Body, Stage
 from validation.results import finite, read_json
 
 if TYPE_CHECKING:
@@ -27,6 +31,7 @@ BLACK, ORANGE, SKY, GREEN, YELLOW, BLUE, VERMILION, PURPLE = (
 SURFACE_RED, INTERIOR_BLUE = "#D62728", "#4A7FC1"
 WATER = (0.16, 0.50, 0.80)  # of lit balls and surfaces
 GREY = "#666666"
+UP = np.array([0.0, 0.0, 1.0])
 DOTS_PER_INCH = 160
 LARGEST_PICTURE = 300_000  # bytes
 LONG_DATA = 10_000  # bytes of a picture's data above which its file is compressed
@@ -129,10 +134,7 @@ def style() -> Iterator[None]:
 
 def view_matrix(azimuth: float, elevation: float) -> NDArray[np.float64]:
     """Rows: to the right, up, and towards the viewer, who stands at these angles [degrees]."""
-    a, e = np.radians([azimuth, elevation])
-    towards = np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
-    right = np.array([-np.sin(a), np.cos(a), 0.0])
-    return np.stack((right, np.cross(towards, right), towards))
+    return np.stack(Camera(azimuth, elevation).axes(UP))
 
 
 def _frontmost(
@@ -171,163 +173,91 @@ def visible_balls(
 def ball_picture(
     position: ArrayLike, radius: float, colour: ArrayLike, view: NDArray, extent: float, pixels: int = 640
 ) -> NDArray[np.float64]:
-    """Balls seen in parallel projection, lit from the upper left: an image (pixels, pixels, 4) with clear ground.
+    """Balls seen in parallel projection: an image (pixels, pixels, 4) with clear ground.
 
     position (n, 3), radius and half width `extent` in one unit; colour (n, 3) in 0..1.
     """
-    owner, centre = _frontmost(position, radius, view, extent, pixels)
-    size = radius * pixels / (2.0 * extent)
-    rows, columns = np.nonzero(owner >= 0)
-    who = owner[rows, columns]
-    normal = np.empty((len(who), 3))
-    normal[:, 0] = (columns - centre[who, 0]) / size
-    normal[:, 1] = -(rows - centre[who, 1]) / size
-    normal[:, 2] = np.sqrt(np.maximum(1.0 - normal[:, 0] ** 2 - normal[:, 1] ** 2, 0.0))
-    image = np.zeros((pixels, pixels, 4))
-    image[rows, columns, :3] = _lit(normal, np.asarray(colour, dtype=float)[who], gloss=0.25)
-    image[rows, columns, 3] = 1.0
-    return image
+    balls = Body(np.asarray(position, dtype=float), None, np.asarray(colour, dtype=float), radius=radius)
+    return body_picture([balls], view, extent, pixels)
 
 
 def surface_picture(
-    vertices: ArrayLike, faces: ArrayLike, colour: ArrayLike, view: NDArray, extent: float, pixels: int = 640
+    vertices: ArrayLike, facets: ArrayLike, colour: ArrayLike, view: NDArray, extent: float, pixels: int = 640
 ) -> NDArray[np.float64]:
-    """A closed mesh seen in parallel projection with smooth normals: an image (pixels, pixels, 4) with clear ground.
+    """A closed mesh seen in parallel projection: an image (pixels, pixels, 4) with clear ground.
 
-    vertices (v, 3), faces (f, 3) with outward normals, half width `extent` in the vertices' unit; colour (3,).
-    Lit by matplotlib's LightSource from the upper left.
+    vertices (v, 3), facets (f, 3) with outward normals, half width `extent` in the vertices' unit; colour (3,).
     """
-    points, corner = np.asarray(vertices, dtype=float), np.asarray(faces)
-    a, b, c = points[corner[:, 0]], points[corner[:, 1]], points[corner[:, 2]]
-    facet = np.cross(b - a, c - a)
-    normals = np.zeros_like(points)
-    for k in range(3):
-        np.add.at(normals, corner[:, k], facet)
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True).clip(min=1e-300)
-    seen, turned = points @ view.T, normals @ view.T
-    scale = pixels / (2.0 * extent)
-    flat = np.stack(((seen[:, 0] + extent) * scale, (extent - seen[:, 1]) * scale), axis=1)
-    depth = np.full((pixels, pixels), -np.inf)
-    image_normal = np.zeros((pixels, pixels, 3))
-    facing = (facet @ view[2]) > 0
-    for face in corner[facing]:
-        p = flat[face]
-        low = np.maximum(np.floor(p.min(0)).astype(int), 0)
-        high = np.minimum(np.ceil(p.max(0)).astype(int) + 1, pixels)
-        if (high <= low).any():
+    mesh = Body(np.asarray(vertices, dtype=float), np.asarray(facets), np.asarray(colour, dtype=float), gloss=0.5)
+    return body_picture([mesh], view, extent, pixels)
+
+
+def body_picture(bodies: Sequence[Body], view: NDArray, extent: float, pixels: int = 640) -> NDArray[np.float64]:
+    """Bodies seen together in parallel projection: an image (pixels, pixels, 4) with clear ground.
+
+    Without PyVista they are drawn plainly, and standard error says so once.
+    """
+    if importlib.util.find_spec("pyvista") is None:
+        _say_plain()
+        return _plain_picture(bodies, view, extent, pixels)
+    right, _, towards = view
+    azimuth, elevation = np.degrees([np.arctan2(-right[0], right[1]), np.arcsin(np.clip(towards[2], -1.0, 1.0))])
+    corner = np.full(3, extent)
+    stage = Stage(-corner, corner, UP, Camera(azimuth, elevation), (pixels, pixels), half_height=extent)
+    return stage.draw_clear(bodies)
+
+
+@functools.cache
+def _say_plain() -> None:
+    print(
+        "PyVista is not installed: pictures in 3D are drawn without smooth shading; pip install pyvista draws them with"
+        " it.",
+        file=sys.stderr,
+    )
+
+
+def _plain_picture(bodies: Sequence[Body], view: NDArray, extent: float, pixels: int) -> NDArray[np.float64]:
+    """The bodies as flat facets and discs, the farthest first."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.collections import PolyCollection
+    from matplotlib.figure import Figure
+
+    turn = np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False)
+    disc = np.stack((np.cos(turn), np.sin(turn)), axis=1)
+    outlines: list[NDArray] = []
+    depths, colours = [], []
+    for body in bodies:
+        seen = body.points @ view.T
+        colour = np.broadcast_to(np.asarray(body.colour, dtype=float), (len(seen), 3))
+        if body.facets is None:
+            outlines += list(seen[:, None, :2] + body.radius * disc)
+            depths.append(seen[:, 2])
+            colours.append(0.75 * colour + 0.25 * (seen[:, 2:] / extent).clip(-1, 1))  # nearer balls are lighter
             continue
-        x, y = np.meshgrid(np.arange(low[0], high[0]), np.arange(low[1], high[1]))
-        area = (p[1, 0] - p[0, 0]) * (p[2, 1] - p[0, 1]) - (p[2, 0] - p[0, 0]) * (p[1, 1] - p[0, 1])
-        if area == 0.0:
-            continue
-        u = ((x - p[0, 0]) * (p[2, 1] - p[0, 1]) - (p[2, 0] - p[0, 0]) * (y - p[0, 1])) / area
-        v = ((p[1, 0] - p[0, 0]) * (y - p[0, 1]) - (x - p[0, 0]) * (p[1, 1] - p[0, 1])) / area
-        inside = (u >= -1e-9) & (v >= -1e-9) & (u + v <= 1.0 + 1e-9)
-        z = seen[face[0], 2] * (1 - u - v) + seen[face[1], 2] * u + seen[face[2], 2] * v
-        window = slice(low[1], high[1]), slice(low[0], high[0])
-        nearer = inside & (z > depth[window])
-        depth[window] = np.where(nearer, z, depth[window])
-        n = turned[face]
-        blend = n[0] * (1 - u - v)[..., None] + n[1] * u[..., None] + n[2] * v[..., None]
-        image_normal[window] = np.where(nearer[..., None], blend, image_normal[window])
-    filled = np.isfinite(depth)
-    image = np.zeros((pixels, pixels, 4))
-    unit = image_normal[filled]
-    unit /= np.linalg.norm(unit, axis=1, keepdims=True)
-    image[filled, :3] = _lit(unit, np.broadcast_to(np.asarray(colour, dtype=float), unit.shape), gloss=0.55)
-    image[filled, 3] = 1.0
-    return image
-
-
-def _lit(normal: NDArray, colour: NDArray, gloss: float) -> NDArray[np.float64]:
-    """Colours (k, 3) of surface points with unit normals (k, 3) in (right, up, towards the viewer)."""
-    from matplotlib.colors import LightSource
-
-    light = LightSource(azdeg=315, altdeg=50)
-    diffuse = np.clip(normal @ light.direction, 0.0, 1.0)  # its x is right, its y up, its z towards the viewer
-    half = light.direction + np.array([0.0, 0.0, 1.0])
-    half /= np.linalg.norm(half)
-    shine = gloss * np.clip(normal @ half, 0.0, 1.0) ** 40
-    rim = 0.25 * (1.0 - np.clip(normal[:, 2], 0.0, 1.0)) ** 3
-    shade = (0.36 + 0.66 * diffuse - 0.3 * rim)[:, None]
-    return np.clip(colour * shade + shine[:, None], 0.0, 1.0)
+        corners = seen[body.facets]
+        normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        normal /= np.linalg.norm(normal, axis=1, keepdims=True).clip(min=1e-300)
+        light = 0.35 + 0.65 * (normal @ (-0.37, 0.46, 0.81)).clip(0, 1)
+        outlines += list(corners[..., :2])
+        depths.append(corners[..., 2].mean(axis=1))
+        colours.append(light[:, None] * colour[body.facets[:, 0]])
+    order = np.argsort(np.concatenate(depths))
+    faces = np.concatenate(colours)[order].clip(0, 1)
+    drawn = PolyCollection([outlines[k] for k in order], facecolors=faces, edgecolors=0.8 * faces, linewidths=0.2)
+    figure = Figure(figsize=(1, 1), dpi=pixels, layout="none")
+    figure.patch.set_alpha(0.0)
+    axes = figure.add_axes((0, 0, 1, 1), xlim=(-extent, extent), ylim=(-extent, extent))
+    axes.set_axis_off()
+    axes.add_collection(drawn)
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    return np.asarray(canvas.buffer_rgba(), dtype=float) / 255.0
 
 
 def show_image(axes: Any, image: NDArray, extent: float) -> None:
     """Put a rendered image on axes without frame."""
     axes.imshow(image, extent=(-extent, extent, -extent, extent), interpolation="antialiased")
     axes.set_axis_off()
-
-
-class Layer(NamedTuple):
-    """A mesh to be seen with others: vertices (v, 3), triangles (f, 3) with outward normals, colour, opacity."""
-
-    vertices: NDArray
-    triangles: NDArray
-    colour: tuple[float, float, float]
-    opacity: float = 1.0
-
-
-def layered_picture(layers: list[Layer], view: NDArray, extent: float, pixels: int = 640) -> NDArray[np.float64]:
-    """Lit meshes seen together in parallel projection: an image (pixels, pixels, 4) with clear ground.
-
-    Opaque layers hide each other; the others lie over them with their front, more opaque where it is seen edge-on.
-    """
-    depth = np.full(pixels * pixels, -np.inf)
-    image = np.zeros((pixels * pixels, 4))
-    for layer in sorted(layers, key=lambda layer: -layer.opacity):
-        where, height, normal = _front(layer, view, extent, pixels)
-        seen = height > depth[where]
-        where, height, normal = where[seen], height[seen], normal[seen]
-        solid = layer.opacity >= 1
-        colour = _lit(normal, np.broadcast_to(np.array(layer.colour), normal.shape), gloss=0.35 if solid else 0.55)
-        if solid:
-            depth[where] = height
-            image[where] = np.column_stack([colour, np.ones(len(where))])
-        else:
-            edge = (1 - np.clip(normal[:, 2], 0, 1)) ** 2
-            own = np.clip(layer.opacity + 0.45 * edge, 0, 1)[:, None]
-            under = image[where]
-            alpha = own + under[:, 3:] * (1 - own)
-            mixed = (colour * own + under[:, :3] * under[:, 3:] * (1 - own)) / alpha
-            image[where] = np.column_stack([mixed, alpha])
-    return image.reshape(pixels, pixels, 4)
-
-
-def _front(layer: Layer, view: NDArray, extent: float, pixels: int) -> tuple[NDArray, NDArray, NDArray]:
-    """Pixels (k,) that a mesh covers, how near its front is there (k,), and its unit normals there (k, 3)."""
-    if not len(layer.triangles):
-        return np.zeros(0, int), np.zeros(0), np.zeros((0, 3))
-    seen = np.asarray(layer.vertices, dtype=float) @ view.T
-    corner = seen[layer.triangles]
-    facet = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
-    normals = np.zeros_like(seen)
-    for k in range(3):
-        np.add.at(normals, layer.triangles[:, k], facet)
-    scale = pixels / (2.0 * extent)
-    front = facet[:, 2] > 0
-    corner, turned = corner[front], normals[layer.triangles[front]]
-    size = scale * np.ptp(corner[:, :, :2], axis=1).max(1, initial=0.0)
-    steps = max(2, int(np.ceil(2.0 * np.quantile(size, 0.999)))) if len(size) else 2
-    where, height, normal = [], [], []
-    for a in range(steps + 1):
-        for b in range(steps + 1 - a):
-            share = np.array([steps - a - b, a, b]) / steps
-            point = np.einsum("k,fkc->fc", share, corner)
-            column = np.floor((point[:, 0] + extent) * scale).astype(int)
-            row = np.floor((extent - point[:, 1]) * scale).astype(int)
-            held = (np.minimum(column, row) >= 0) & (np.maximum(column, row) < pixels)
-            where.append((row * pixels + column)[held])
-            height.append(point[held, 2])
-            normal.append(np.einsum("k,fkc->fc", share, turned)[held])
-    flat, near, blend = np.concatenate(where), np.concatenate(height), np.concatenate(normal)
-    order = np.argsort(near, kind="stable")
-    nearest = np.full(pixels * pixels, -1)
-    nearest[flat[order]] = order  # the last one written is the nearest
-    covered = np.flatnonzero(nearest >= 0)
-    chosen = nearest[covered]
-    unit = blend[chosen] / np.linalg.norm(blend[chosen], axis=1, keepdims=True).clip(min=1e-300)
-    return covered, near[chosen], unit
 
 
 def stacked_bars(

@@ -41,6 +41,7 @@ class Options:
     fresh    compute anew what is stored
     threads  of the CPU; all without
     only     runs whose keys start like one of these; all without
+    scheduler  address of a Dask scheduler, whose workers compute all runs that are not timed
     """
 
     quick: bool = False
@@ -51,6 +52,7 @@ class Options:
     results: Path = Path("results")
     figures: Path = Path("figures")
     only: tuple[str, ...] = ()
+    scheduler: str | None = None
 
 
 @dataclass(frozen=True)

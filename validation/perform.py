@@ -2,26 +2,28 @@
 
 from __future__ import annotations
 
+import contextlib
 import datetime
-import multiprocessing
+import math
 import os
 import platform
-import signal
 import sys
 import tempfile
 import time
-from collections.abc import Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TextIO
 
 from refsim.backends.arrays import device_name
+from refsim.cluster import perform as elsewhere
+from refsim.cluster.tasks import Task
 from refsim.core.errors import InputError, RunStopped
-from validation.checks import Check, failed
+from validation import published
+from validation.checks import FAIL, Check, failed
 from validation.drawing import redraw, write_data
-from validation.experiment import Options, Part, Run
-from validation.reading import processor
+from validation.experiment import Options, Part, Picture, Run
+from validation.reading import processor, source
 from validation.results import Result, load, result_folder, save
 from validation.running import Context
 from validation.tables import Table
@@ -37,7 +39,7 @@ class Performed:
     results: dict[str, Result] = field(default_factory=dict)  # by the runs' keys, in the order of the runs
     checks: list[Check] = field(default_factory=list)
     tables: list[Table] = field(default_factory=list)
-    drawn: list[Path] = field(default_factory=list)
+    drawn: dict[str, Path] = field(default_factory=dict)  # by the pictures' names
     skipped: dict[str, str] = field(default_factory=dict)  # why a run was left out
     stopped: dict[str, str] = field(default_factory=dict)
     reused: list[str] = field(default_factory=list)
@@ -47,13 +49,19 @@ Waiting = dict[Path, tuple[Part, Run]]
 
 
 def perform(
-    parts: Sequence[Part], options: Options, jobs: int = 1, compute: bool = True, stream: TextIO | None = None
+    parts: Sequence[Part],
+    options: Options,
+    jobs: int = 1,
+    compute: bool = True,
+    stream: TextIO | None = None,
+    shown: Callable[[Path], None] = lambda picture: None,
 ) -> list[Performed]:
-    """Compute what is not stored, in `jobs` processes of one thread each, then check and draw.
+    """Compute what is not stored, in `jobs` processes of one thread each or by the scheduler, check and draw.
 
-    Runs that are timed have nothing else beside them. Without `compute`, only what is stored counts. Progress goes to
-    `stream` (standard error). Raises InputError where `only` names no run or a folder cannot be written to,
-    RunStopped after Ctrl-C.
+    Runs that are timed have nothing else beside them. A picture is drawn as soon as the results that it needs are
+    there, and again at the end if more results have changed its data; `shown` is called with its file each time.
+    Without `compute`, only what is stored counts. Progress goes to `stream` (standard error). Raises InputError where
+    `only` names no run or a folder cannot be written to, RunStopped after Ctrl-C.
     """
     _refuse(parts, options, jobs)
     waiting: Waiting = {}
@@ -65,29 +73,55 @@ def perform(
             if options.only and not run.key.startswith(options.only):
                 continue
             folder = result_folder(options.results, part.folder, run.key, run.function, run.parameters)
-            stored = load(folder) if run.skip or not options.fresh else None  # perhaps from a machine that can
+            kept = run.skip or not options.fresh or not compute  # what is skipped, perhaps from a machine that can
+            stored = load(folder) if kept else None
             if run.skip and stored is None:
                 made[-1][0].skipped[run.key] = run.skip
                 continue
             folders[run.key] = folder
             if stored is not None:
+                made[-1][0].results[run.key] = stored
                 made[-1][0].reused.append(run.key)
             elif folder not in waiting or run.alone:
                 waiting[folder] = part, run
-    stopped = _compute(waiting, options, jobs, stream or sys.stderr) if compute else {}
+    contents: dict[Path, bytes] = {}  # of the data files from which pictures have been drawn
+
+    def draw(each: Performed, picture: Picture) -> None:
+        data = write_data(picture, each.results, options.figures)
+        content = data.read_bytes()
+        if contents.get(data) != content:
+            contents[data] = content
+            each.drawn[picture.name] = redraw(picture, options.figures)
+            shown(each.drawn[picture.name])
+
+    def arrived(folder: Path) -> None:
+        for each, folders in made:
+            new = {key: load(folder) for key, where in folders.items() if where == folder}
+            each.results |= {key: result for key, result in new.items() if result is not None}
+            for picture in each.part.pictures if new else ():
+                if picture.needs and set(picture.needs) <= set(each.results) and picture.name not in each.drawn:
+                    draw(each, picture)
+
+    stopped = _compute(waiting, options, jobs, stream or sys.stderr, arrived) if compute else {}
     for each, folders in made:
-        for key, folder in folders.items():
-            if folder in stopped:
-                each.stopped[key] = stopped[folder]
-            elif (stored := load(folder)) is not None:
-                each.results[key] = stored
+        each.stopped |= {key: stopped[folder] for key, folder in folders.items() if folder in stopped}
+        each.results = {key: each.results[key] for key in folders if key in each.results}
         each.checks = list(each.part.checks(each.results))
         each.tables = list(each.part.tables(each.results))
         for picture in each.part.pictures:
             if set(picture.needs) <= set(each.results):
-                write_data(picture, each.results, options.figures)
-                each.drawn.append(redraw(picture, options.figures))
+                draw(each, picture)
+    published.record((seen for each, _ in made for seen in _published(each)), options)
     return [each for each, _ in made]
+
+
+def _published(each: Performed) -> Iterator[tuple[published.Item, list[Result]]]:
+    """The pictures that were drawn and the hard cases that ended as on file, with the results behind them."""
+    drawn, failed_now = set(each.drawn), {c.name for c in each.checks if c.verdict == FAIL}
+    for item in published.items_of(each.part, ""):
+        behind = [each.results[run.key] for run in item.runs if run.key in each.results]
+        if item.name in drawn if item.kind == published.PICTURE else behind and item.name not in failed_now:
+            yield item, behind
 
 
 def _refuse(parts: Sequence[Part], options: Options, jobs: int) -> None:
@@ -112,8 +146,14 @@ def _refuse(parts: Sequence[Part], options: Options, jobs: int) -> None:
             ) from None
 
 
-def _compute(waiting: Waiting, options: Options, jobs: int, stream: TextIO) -> dict[Path, str]:
-    """Compute and store; returns why runs stopped. What fails in a process is computed again here, to say so."""
+def _compute(
+    waiting: Waiting, options: Options, jobs: int, stream: TextIO, arrived: Callable[[Path], None]
+) -> dict[Path, str]:
+    """Compute and store, and call `arrived` with the folder of each result; returns why runs stopped.
+
+    A run that fails in another process, but for one that stops with its reason, is computed again in this one, which
+    reports the failure.
+    """
     from tqdm import tqdm
 
     layout = "{desc} {percentage:3.0f}% |{bar}| {elapsed} gone, about {remaining} left"
@@ -121,29 +161,39 @@ def _compute(waiting: Waiting, options: Options, jobs: int, stream: TextIO) -> d
     pause = 0.5 if stream.isatty() else 5.0
     finished = 0
     with tqdm(total=total, file=stream, bar_format=layout, disable=not waiting, mininterval=pause) as bar:
+
+        def show(words: str, done: float) -> None:
+            bar.set_description_str(words, refresh=False)
+            bar.update(max(done - bar.n, 0.0))
+
         try:
-            together = {folder: item for folder, item in waiting.items() if jobs > 1 and not item[1].alone}
-            done = set()
-            for folder in _in_processes(together, jobs):
-                bar.update(waiting[folder][1].estimate)
+            apart = jobs > 1 or options.scheduler is not None
+            together = {folder: item for folder, item in waiting.items() if apart and not item[1].alone}
+            done, stopped = set(), {}
+            for folder, stop in _elsewhere(together, jobs, options.scheduler, show):
                 done.add(folder)
-                finished += 1
+                if stop is not None:
+                    stopped[folder] = f"{stop} (reason: {stop.reason})"
+                else:
+                    finished += 1
+                    arrived(folder)
             left = [(folder, item) for folder, item in waiting.items() if folder not in done]
-            stopped = {}
             for folder, (part, run) in sorted(left, key=lambda item: item[1][1].alone):
-                bar.set_description_str(f"{part.name} {run.key}")
-                before = bar.n
+                before = sum(waiting[folder][1].estimate for folder in done)
+                name = f"{part.name} {run.key}"
 
-                def progress(share: float, before: float = before, run: Run = run) -> None:
-                    at = before + min(max(share, 0.0), 1.0) * run.estimate
-                    bar.update(max(at - bar.n, 0.0))
+                def progress(share: float, before: float = before, run: Run = run, name: str = name) -> None:
+                    show(name, before + min(max(share, 0.0), 1.0) * run.estimate)
 
+                bar.set_description_str(name)
                 try:
                     compute(part.folder, run, folder, Context(progress, options.threads))
                     finished += 1
+                    arrived(folder)
                 except RunStopped as error:
                     stopped[folder] = f"{error} (reason: {error.reason})"
                 progress(1.0)
+                done.add(folder)
         except KeyboardInterrupt:
             kept = f"{finished} finished since the start are kept in {options.results}"
             kept = kept if finished else f"what {options.results} held before is kept"
@@ -151,51 +201,111 @@ def _compute(waiting: Waiting, options: Options, jobs: int, stream: TextIO) -> d
     return stopped
 
 
-def _in_processes(waiting: Waiting, jobs: int) -> Iterator[Path]:
-    """Compute in processes, the longest first; yields the folder of each result that is there."""
-    if not waiting:
-        return
-    spawn = multiprocessing.get_context("spawn")  # a forked process would inherit the threads of Numba's pool
-    with ProcessPoolExecutor(min(jobs, len(waiting)), mp_context=spawn, initializer=_one_thread) as pool:
-        order = sorted(waiting.items(), key=lambda item: -item[1][1].estimate)
-        futures = {pool.submit(compute, part.folder, _plain(run), folder): folder for folder, (part, run) in order}
-        try:
-            for done in as_completed(futures):
-                if (error := done.exception()) is None:
-                    yield futures[done]
-                else:
-                    print(f"{waiting[futures[done]][1].key}: {error}", file=sys.stderr)
-        except (KeyboardInterrupt, GeneratorExit):
-            pool.shutdown(wait=True, cancel_futures=True)
-            raise
+def _elsewhere(
+    waiting: Waiting, jobs: int, scheduler: str | None, show: Callable[[str, float], None]
+) -> Iterator[tuple[Path, RunStopped | None]]:
+    """Compute in processes or on the workers of a scheduler; yields the folder of each result that is there.
+
+    The first run begins first, and the others leave the processor to it, so that its picture is there soon.
+
+    With the folder of a run that stopped it yields why. Meanwhile `show` is called with the names of the runs that are
+    under way and with the estimated seconds done. Raises InputError if a worker has kept its result in another folder.
+    """
+    runs = {f"{part.folder}-{folder.name}": (folder, part, run) for folder, (part, run) in waiting.items()}
+    tasks = [
+        Task(
+            key, f"{part.name} {run.key}", _compute_there, (part.folder, _plain(run), folder.resolve(), place > 0),
+            run.estimate if place else math.inf, gpu=run.parameters.get("backend") == "cuda",
+        )
+        for place, (key, (folder, part, run)) in enumerate(runs.items())
+    ]  # fmt: skip
+    done = 0.0
+
+    def watch(shares: Mapping[str, float], workers: int) -> None:
+        seconds, names = done, []
+        for key, (_, part, run) in runs.items():
+            if key in shares:
+                seconds += shares[key] * run.estimate
+                names.append(f"{part.name} {run.key}" + (" (starts)" if shares[key] == 0.0 else ""))
+        show(", ".join(names), seconds)
+
+    for outcome in elsewhere(tasks, jobs=jobs, scheduler=scheduler, watch=watch):
+        folder, _, run = runs[outcome.task.key]
+        done += run.estimate
+        if isinstance(outcome.error, RunStopped):
+            yield folder, outcome.error
+        elif outcome.error is not None:
+            print(f"{run.key}: {outcome.error}", file=sys.stderr)
+        elif load(folder) is None:
+            raise InputError(
+                f"{outcome.task.name}: {outcome.worker} has kept its result elsewhere than in {folder}; give --results"
+                " a folder that the workers and this machine share."
+            )
+        else:
+            yield folder, None
 
 
 def _plain(run: Run) -> Run:
     return Run(run.key, run.function, dict(run.parameters))
 
 
-def _one_thread() -> None:
-    signal.signal(signal.SIGINT, signal.SIG_DFL)  # Ctrl-C ends it without words; the parent says what is kept
-    for name in ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
-        os.environ[name] = "1"  # before Numba is loaded
+YIELDING = 10  # niceness of what runs beside the first run
+
+
+def _compute_there(report: Callable[[float], None], experiment: str, run: Run, folder: Path, yielding: bool) -> None:
+    """Compute one run in another process. Raises InputError where that one has other sources."""
+    if yielding and hasattr(os, "nice") and os.nice(0) < YIELDING:
+        os.nice(YIELDING)
+    here = result_folder(folder.parent.parent, experiment, run.key, run.function, run.parameters)
+    if here.name != folder.name:
+        raise InputError(f"{run.key}: the worker has other sources than the caller; give it the same ones.")
+    compute(experiment, run, folder, Context(report, threads=1))
 
 
 def compute(experiment: str, run: Run, folder: Path, context: Context | None = None) -> None:
-    """Compute one run and store its result, with when, where and with what that was."""
+    """Compute one run and store its result, with when, where and with what that was, and how long it took.
+
+    Kernels are compiled in child processes, which do nothing else: their processor seconds are those of compiling.
+    """
     context, began = context or Context(threads=1), time.perf_counter()
+    own, compiling, kernels = time.process_time(), child_seconds(), stored_kernels()
     result = run.function(context, **run.parameters)
+    own, compiling = time.process_time() - own, max(child_seconds() - compiling, 0.0)
     about = {
         "experiment": experiment,
         "run": run.key,
         "parameters": dict(run.parameters),
         "seconds": round(time.perf_counter() - began, 3),
         "seconds_compiling": round(context.compile_seconds(), 3),
+        "processor_seconds": round(own + compiling, 3),
+        "processor_seconds_compiling": round(compiling, 3),
+        "kernels_compiled": stored_kernels() - kernels,
         "date": datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%d"),
+        "commit": source()["commit"],
         "machine": machine(context.gpu()),
     }
     save(folder, Result(result.values, result.arrays, about))
     if load(folder) is None:
         raise OSError(f"{folder} cannot be read back")
+
+
+def child_seconds() -> float:
+    """Processor seconds of this process's child processes: of all that have ended and, on Linux, of those that run."""
+    times = os.times()
+    seconds = times.children_user + times.children_system
+    for listed in Path("/proc/self/task").glob("*/children"):
+        with contextlib.suppress(OSError):  # the thread or the child has ended meanwhile
+            for child in listed.read_text().split():
+                fields = Path(f"/proc/{child}/stat").read_text().rpartition(")")[2].split()
+                seconds += sum(map(int, fields[11:15])) / os.sysconf("SC_CLK_TCK")  # user, system, both of its children
+    return seconds
+
+
+def stored_kernels() -> int:
+    """Number of compiled kernels in the cache."""
+    from refsim.backends.compile import cache_root  # loads Numba, which a process may do only once it is ready
+
+    return sum(1 for _ in cache_root().rglob("*.nbc"))
 
 
 def machine(gpu: bool = False) -> dict[str, Any]:

@@ -1,14 +1,35 @@
-"""The report on experiments that were performed: tables, what was left out or reused, and all checks at the end."""
+"""Reports on experiments that were performed: all tables as text, a short summary, and one page with everything.
+
+The page is one HTML file that needs no other: pictures are embedded, links stay inside of it.
+"""
 
 from __future__ import annotations
 
+import base64
+import dataclasses
+import datetime
 import json
-from collections.abc import Sequence
-from typing import TextIO
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from html import escape
+from pathlib import Path
+from typing import Any, TextIO
 
-from validation.checks import number
+from validation.checks import FAIL, PASS, SHOWN, Check, number
+from validation.claims import Found, spread_words, written
 from validation.perform import Performed
-from validation.tables import aligned
+from validation.tables import Table, aligned
+
+WIDTH, LINES = 100, 25  # characters of a line and lines of the summary, at most
+FIVE = (  # the summary shows the first five that were measured: (experiment, how the check's name begins, in words)
+    ("timing", "steady_seconds.default", "cube to rest, seconds of this machine"),
+    ("dam_break", "f1_gain.detection_2d", "detection: F1, two-step above number density"),
+    ("dam_break", "recall_gap.detection_2d", "detection: recall, two-step less fan scan"),
+    ("dam_break", "detection_ratio.", "detection: time, two-step over fan scan"),
+    ("droplet", "sphericity.cube_4913", "cube to sphere: sphericity at the end"),
+    ("droplet", "kinetic_share.cube_4913", "cube to sphere: kinetic energy, end over peak"),
+)
+MIME = {".png": "image/png", ".webp": "image/webp"}
 
 
 def report(performed: Sequence[Performed], stream: TextIO) -> None:
@@ -16,29 +37,40 @@ def report(performed: Sequence[Performed], stream: TextIO) -> None:
     for each in performed:
         for table in each.tables:
             print(f"\n{table}", file=stream)
-    notes: list[str] = []
-    now = [r.about for each in performed for key, r in each.results.items() if key not in each.reused]
+    lines = notes(performed)
+    now = computed(performed)
+    if now:
+        seconds, compiling = (sum(about.get(name, 0.0) for about in now) for name in ("seconds", "seconds_compiling"))
+        lines.append(
+            f"Computing took {seconds:.1f} s; of these, {compiling:.1f} s went into starting, and compiling or loading"
+            " kernels."
+        )
+    if lines:
+        print("\n" + "\n".join(lines), file=stream)
+    if table := check_table(performed):
+        print("\n" + table, file=stream)
+
+
+def computed(performed: Sequence[Performed]) -> list[Mapping[str, Any]]:
+    """What is noted about each result that was not stored before."""
+    return [r.about for each in performed for key, r in each.results.items() if key not in each.reused]
+
+
+def notes(performed: Sequence[Performed]) -> list[str]:
+    """What was left out, what stopped, and what was reused."""
+    made: list[str] = []
     for each in performed:
         name = each.part.name
         for why in dict.fromkeys(each.skipped.values()):
             keys = [key for key, reason in each.skipped.items() if reason == why]
-            notes.append(f"{name}: left out {', '.join(keys)} ({why})")
-        notes += [f"{name}: {key} stopped. {why}" for key, why in each.stopped.items()]
+            made.append(f"{name}: left out {', '.join(keys)} ({why})")
+        made += [f"{name}: {key} stopped. {why}" for key, why in each.stopped.items()]
         if each.reused:
             dates = sorted({str(each.results[key].about.get("date")) for key in each.reused if key in each.results})
-            notes.append(
+            made.append(
                 f"{name}: reused {', '.join(each.reused)}, computed on {' and '.join(dates)} (--fresh computes anew)"
             )
-    if now:
-        seconds, compiling = (sum(about.get(name, 0.0) for about in now) for name in ("seconds", "seconds_compiling"))
-        notes.append(
-            f"Computing took {seconds:.1f} s; of these, {compiling:.1f} s went into starting, and compiling or loading"
-            " kernels."
-        )
-    if notes:
-        print("\n" + "\n".join(notes), file=stream)
-    if lines := check_table(performed):
-        print("\n" + lines, file=stream)
+    return made
 
 
 def check_table(performed: Sequence[Performed]) -> str:
@@ -47,9 +79,13 @@ def check_table(performed: Sequence[Performed]) -> str:
     for each in performed:
         for c in each.checks:
             name = each.part.name if each.part.name != last else ""
-            rows.append([name, c.what, c.paper, number(c.value), c.unit, c.bar, c.verdict])
+            rows.append([name, *_cells(c)])
             last = each.part.name
     return "\n".join(aligned(rows, [False, False, False, True, False, False, False])) if len(rows) > 1 else ""
+
+
+def _cells(check: Check) -> list[str]:
+    return [check.what, check.paper, number(check.value), check.unit, check.bar, check.verdict]
 
 
 def as_json(performed: Sequence[Performed]) -> str:
@@ -57,3 +93,240 @@ def as_json(performed: Sequence[Performed]) -> str:
     several = len(performed) > 1
     named = {(f"{each.part.name}." if several else "") + c.name: c.plain() for each in performed for c in each.checks}
     return json.dumps(named, indent=1, allow_nan=False)
+
+
+@dataclass(frozen=True)
+class Whole:
+    """All that `scripts/reproduce.py` has done.
+
+    titles   of the experiments, by name
+    seconds  of wall time, of everything; kernels: how many were compiled
+    figures  folder of the pictures
+    """
+
+    title: str
+    performed: Sequence[Performed]
+    titles: Mapping[str, str]
+    claims: Sequence[Found]
+    seconds: float
+    kernels: int
+    machine: Mapping[str, Any]
+    figures: Path
+
+    @property
+    def checks(self) -> list[tuple[str, Check]]:
+        """(experiment, check) of every check."""
+        return [(each.part.name, check) for each in self.performed for check in each.checks]
+
+    def five(self) -> list[tuple[str, str, Check]]:
+        """(experiment, words, check) of the summary's five numbers; of several sizes the largest, which is the last."""
+        found = []
+        for experiment, begin, words in FIVE:
+            named = [c for name, c in self.checks if name == experiment and c.name.startswith(begin)]
+            exact = [c for c in named if c.name == begin]
+            found += [(experiment, words, c) for c in exact[:1] or named[-1:]]
+        return found[:5]
+
+    def spent(self) -> list[tuple[str, str, Mapping[str, Any]]]:
+        """(part, run, what is noted about its result) of what was computed now."""
+        return [
+            (each.part.name, key, result.about)
+            for each in self.performed
+            for key, result in each.results.items()
+            if key not in each.reused
+        ]
+
+
+def summary(whole: Whole, page: Path) -> str:
+    """The end of the main job, at most LINES lines of WIDTH characters: seconds, five numbers, what failed, places."""
+    lines = []
+    if spent := whole.spent():
+        lines += ["", *_plain(seconds_table([(part, about) for part, _, about in spent], 7))]
+    rows = [["", "measured", "paper", "bar", "verdict"]]
+    rows += [[words, number(c.value), c.paper, c.bar, c.verdict] for _, words, c in whole.five()]
+    lines += ["", *_plain(Table("", rows[0], rows[1:]))] if len(rows) > 1 else []
+    count = {verdict: sum(c.verdict == verdict for _, c in whole.checks) for verdict in (PASS, FAIL, SHOWN)}
+    said = f"{count[PASS]} checks passed, {count[FAIL]} failed, {count[SHOWN]} are shown without a bar."
+    measured = [found for found in whole.claims if found.values]
+    changed = [found for found in measured if not found.holds]
+    if measured:
+        said += f" Claims measured: {len(measured)}, {len(changed)} with a verdict other than written."
+    total, compiling = (
+        sum(about.get(name, 0.0) for _, _, about in spent)
+        for name in ("processor_seconds", "processor_seconds_compiling")
+    )
+    share = f"; {compiling:.0f} of {total:.0f} processor seconds went into compiling {whole.kernels} kernels"
+    last = [
+        said,
+        f"It took {whole.seconds:.0f} s{share if spent else ''}.",
+        f"Pictures: {whole.figures}",
+        f"Every table, picture and verdict: {page}",
+    ]
+    bad = [f"failed: {name} {c.name}: {number(c.value)}, bar {c.bar}" for name, c in whole.checks if c.verdict == FAIL]
+    bad += [f"stopped: {each.part.name} {key}: {why}" for each in whole.performed for key, why in each.stopped.items()]
+    bad += [f"claim {f.claim.name}: written {f.claim.verdict}, now {f.verdict}" for f in changed]
+    free = LINES - len(lines) - len(last) - 2
+    if len(bad) > free:
+        bad = [*bad[: free - 1], f"... and {len(bad) - free + 1} more, see the report"]
+    lines += ["", *bad] if bad else []
+    return "\n".join(_cut(line) for line in [*lines, "", *last])
+
+
+def _cut(line: str) -> str:
+    """The line, shortened to WIDTH characters in the middle of it, so that a path keeps its end."""
+    half = (WIDTH - 3) // 2
+    return line if len(line) <= WIDTH else f"{line[: WIDTH - 3 - half]}...{line[-half:]}"
+
+
+def _plain(table: Table) -> list[str]:
+    """The table's heading and rows alone."""
+    _, heading, _, *rows = str(dataclasses.replace(table, note="")).splitlines()
+    return [heading, *rows]
+
+
+def seconds_table(noted: Iterable[tuple[str, Mapping[str, Any]]], most: int = 0) -> Table:
+    """Seconds that were spent, summed over (name, what is noted about a result), the longest first.
+
+    most  rows, the last of them the sum of all that are left; 0 for all
+    """
+    names = ("seconds", "processor_seconds", "processor_seconds_compiling", "kernels_compiled")
+    sums: dict[str, list[float]] = {}
+    for name, about in noted:
+        before = sums.get(name, [0.0] * len(names))
+        sums[name] = [value + about.get(key, 0.0) for value, key in zip(before, names)]
+    rows = sorted(sums.items(), key=lambda item: -item[1][1])
+    if most and len(rows) > most:
+        rest = rows[most - 1 :]
+        rows = [*rows[: most - 1], (f"{len(rest)} others", [sum(values) for values in zip(*(row[1] for row in rest))])]
+    return Table(
+        "Seconds of what was computed now",
+        ["", "wall, s", "processor, s", "of it compiling, s", "kernels"],
+        [[name, *(round(value, 1) for value in values[:3]), round(values[3])] for name, values in rows],
+        "Runs side by side share the wall time. A kernel for which two runs wait is counted in both.",
+    )
+
+
+# The page
+
+STYLE = """
+body { font: 15px/1.45 system-ui, sans-serif; margin: 0 auto; max-width: 72rem; padding: 1rem 1.5rem; color: #222; }
+h1, h2, h3 { line-height: 1.2; } h2 { border-bottom: 1px solid #ccc; margin-top: 2.5rem; }
+table { border-collapse: collapse; font-size: 13px; margin: 0.5rem 0 1rem; }
+.wide { overflow-x: auto; } caption { text-align: left; font-weight: 600; padding: 0.3rem 0; }
+th, td { border-bottom: 1px solid #ddd; padding: 0.15rem 0.7rem 0.15rem 0; text-align: left; vertical-align: top; }
+td.number, th.number { text-align: right; font-variant-numeric: tabular-nums; }
+.pass { color: #00734f; } .fail { color: #fff; background: #b3261e; font-weight: 600; } .shown { color: #666; }
+figure { margin: 1rem 0; } img { max-width: 100%; height: auto; } figcaption, .note { color: #555; font-size: 13px; }
+nav a { margin-right: 0.9rem; }
+"""
+
+
+def write_page(whole: Whole, path: Path) -> Path:
+    """Write the page; returns its path."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(page(whole), encoding="utf-8")
+    return path
+
+
+def page(whole: Whole) -> str:
+    """Every verdict, table and picture as one HTML document that loads nothing from elsewhere."""
+    failed = [(name, c) for name, c in whole.checks if c.verdict == FAIL]
+    here = ", ".join(f"{name} {value}" for name, value in whole.machine.items())
+    day = datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%d %H:%M UTC")
+    head = ["experiment", "quantity", "paper", "measured", "unit", "bar", "verdict"]
+    parts = [
+        f"<h1>{escape(whole.title)}</h1>",
+        f"<p>{day}. {escape(here)}. It took {whole.seconds:.0f} s; {whole.kernels} kernels were compiled.</p>",
+        "<nav>" + " ".join(_link(name, name) for name in _names(whole)) + "</nav>",
+        '<h2 id="summary">The numbers that matter</h2>',
+        _html(head, [[_link(name, name), *_verdict_cells(c)] for name, _, c in whole.five()]),
+        f"<p>{len(whole.checks)} quantities: {_counted(c for _, c in whole.checks)}.</p>",
+    ]
+    if failed:
+        parts += [
+            '<h2 id="failed">What failed</h2>',
+            _html(head, [[_link(name, name), *_verdict_cells(c)] for name, c in failed]),
+        ]
+    if said := notes(whole.performed):
+        parts += ["<ul>", *(f"<li>{escape(line)}</li>" for line in said), "</ul>"]
+    for each in whole.performed:
+        parts += _section(each, whole.titles.get(each.part.name, ""), head[1:])
+    parts += ['<h2 id="claims">Claims of the papers</h2>', _claims(whole.claims)]
+    parts += [
+        '<h2 id="seconds">Seconds</h2>',
+        _table(seconds_table([(f"{part} {key}", about) for part, key, about in whole.spent()])),
+    ]
+    title = escape(whole.title)
+    return (
+        f'<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n<title>{title}</title>\n'
+        f'<link rel="icon" href="data:,">\n<style>{STYLE}</style>\n</head>\n<body>\n'
+        + "\n".join(parts)
+        + "\n</body>\n</html>\n"
+    )
+
+
+def _names(whole: Whole) -> list[str]:
+    return ["summary", *(each.part.name for each in whole.performed), "claims", "seconds"]
+
+
+def _link(name: str, words: str) -> str:
+    return f'<a href="#{escape(name)}">{escape(words)}</a>'
+
+
+def _counted(checks: Iterable[Check]) -> str:
+    verdicts = [c.verdict for c in checks]
+    return ", ".join(f"{verdicts.count(v)} {words}" for v, words in ((PASS, "pass"), (FAIL, "fail"), (SHOWN, "shown")))
+
+
+def _section(each: Performed, title: str, head: Sequence[str]) -> list[str]:
+    """One experiment or panel: its pictures, verdicts and tables."""
+    name = each.part.name
+    made = [f'<h2 id="{escape(name)}">{escape(name)}{escape(f": {title}" if title else "")}</h2>']
+    for picture, path in each.drawn.items():
+        data = base64.b64encode(path.read_bytes()).decode("ascii")
+        source = f"data:{MIME[path.suffix]};base64,{data}"
+        words = escape(picture.replace("_", " "))
+        made.append(f'<figure><img alt="{words}" src="{source}"><figcaption>{words}</figcaption></figure>')
+    if each.checks:
+        made.append(_html(head, [_verdict_cells(c) for c in each.checks]))
+    return made + [_table(table) for table in each.tables]
+
+
+def _verdict_cells(check: Check) -> list[str]:
+    *words, verdict = _cells(check)
+    return [*map(escape, words), f'<span class="{escape(verdict)}">{escape(verdict)}</span>']
+
+
+def _claims(claims: Sequence[Found]) -> str:
+    rows = []
+    for found in claims:
+        claim = found.claim
+        now = spread_words(found.values) if found.values else f"({found.missing or 'not measured here'})"
+        verdict = claim.verdict if found.holds else f"{claim.verdict}, now {found.verdict}"
+        mark = f'<span class="{PASS if found.holds else FAIL}">{escape(verdict)}</span>'
+        then = written(claim) if claim.starts else ""
+        rest = [then, now, claim.what or claim.says, claim.bar(), claim.name]
+        rows.append([escape(claim.system), escape(claim.title), mark, *map(escape, rest)])
+    return _html(["system", "claim", "verdict", "written", "measured now", "quantity", "bar", "name"], rows)
+
+
+def _table(table: Table) -> str:
+    """A table with its title, and its note below."""
+    cells = [["-" if c is None else c if isinstance(c, str) else number(c) for c in row] for row in table.rows]
+    note = f'<p class="note">{escape(table.note)}</p>' if table.note else ""
+    return _html(table.heading, [list(map(escape, row)) for row in cells], table.title) + note
+
+
+def _html(heading: Sequence[str], rows: Sequence[Sequence[str]], title: str = "") -> str:
+    """A table; cells are HTML, the heading and the title are plain. Columns of numbers stand to the right."""
+    right = [bool(rows) and all(_is_number(row[k]) for row in rows) for k in range(len(heading))]
+    mark = [' class="number"' if each else "" for each in right]
+    lines = ["".join(f"<th{m}>{escape(word)}</th>" for m, word in zip(mark, heading))]
+    lines += ["".join(f"<td{m}>{cell}</td>" for m, cell in zip(mark, row)) for row in rows]
+    caption = f"<caption>{escape(title)}</caption>" if title else ""
+    body = "\n".join(f"<tr>{line}</tr>" for line in lines)
+    return f'<div class="wide"><table>{caption}\n{body}\n</table></div>'
+
+
+def _is_number(cell: str) -> bool:
+    return cell[:1].isdigit() or cell[:1] in "+-" or cell == "none"

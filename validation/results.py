@@ -1,11 +1,12 @@
 """Results on disk: `results/<experiment>/<run>-<digest>/` with result.json and arrays.npz.
 
-The digest covers the run's parameters and every source that shapes its numbers, so that a stored result is reused
-exactly as long as it would come out the same.
+The digest covers the run's parameters and the code of every module that its function imports, directly or through
+others. Comments, docstrings and layout do not count, so that a result outlives their edits.
 """
 
 from __future__ import annotations
 
+import ast
 import functools
 import gzip
 import hashlib
@@ -38,14 +39,86 @@ class Result:
 
 @functools.cache
 def sources_digest(module_file: str) -> str:
-    """Digest of refsim, of the file in which a run's function stands, and of what this imports from here."""
-    from refsim.backends.compile import sources_behind
-
-    files = {*(_ROOT / "refsim").rglob("*.py"), *sources_behind(Path(module_file).resolve())}
+    """Digest of the code in which a run's function stands, and of what this imports of refsim and validation."""
     digest = hashlib.sha256()
-    for file in sorted(files):
-        digest.update(file.name.encode() + b"\0" + file.read_bytes())
+    for file in modules_behind(Path(module_file).resolve()):
+        place = file.relative_to(_ROOT) if file.is_relative_to(_ROOT) else Path(file.name)
+        digest.update(f"{place.as_posix()}\0{_code_digest(file)}\n".encode())
     return digest.hexdigest()[:16]
+
+
+def modules_behind(file: Path) -> list[Path]:
+    """A module's file and those of all modules of this repository that it imports, directly or through others.
+
+    A method's package counts with all of its modules but the contract's cases: its operations load their programs when
+    they are first used. A name that refsim exports counts with the module that defines it, and not with all of refsim.
+    """
+    found: set[Path] = set()
+    waiting = [file]
+    while waiting:
+        if (file := waiting.pop()) not in found:
+            found.add(file)
+            waiting += _imported_by(file)
+    return sorted(found)
+
+
+@functools.cache
+def _imported_by(file: Path) -> list[Path]:
+    tree, found = _tree(file), set()
+    types_only = (
+        node for node in ast.walk(tree) if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.dump(node.test)
+    )
+    left_out = {id(inside) for node in types_only for inside in ast.walk(node)}
+    for node in ast.walk(tree):
+        if id(node) in left_out:
+            continue
+        if isinstance(node, ast.ImportFrom) and node.module and not node.level:
+            for name in (alias.name for alias in node.names):
+                module = _defined_in(node.module, name)
+                found.add(_file_of(f"{module}.{name}") or _file_of(module))
+        elif isinstance(node, ast.Import):
+            found |= {_file_of(alias.name) for alias in node.names}
+    if file.name == "__init__.py" and (file.parent / "cases.py").exists():
+        found |= {other for other in file.parent.glob("*.py") if other.name != "cases.py"}
+    return [other for other in found if other is not None]
+
+
+def _file_of(module: str) -> Path | None:
+    """The file of a module of this repository; None for any other."""
+    names = module.split(".")
+    if names[0] not in ("refsim", "validation"):
+        return None
+    stem = _ROOT.joinpath(*names)
+    places = (stem / "__init__.py", stem.with_suffix(".py"))
+    return next((place for place in places if place.exists()), None)
+
+
+def _defined_in(module: str, name: str) -> str:
+    """The module behind a name that refsim exports; of other modules the module itself."""
+    if module != "refsim":
+        return module
+    nodes = (node for node in _tree(_ROOT / "refsim" / "__init__.py").body if isinstance(node, ast.ImportFrom))
+    exported = {alias.asname or alias.name: str(node.module) for node in nodes for alias in node.names}
+    return exported.get(name, module)
+
+
+@functools.cache
+def _tree(file: Path) -> ast.Module:
+    return ast.parse(file.read_text())
+
+
+@functools.cache
+def _code_digest(file: Path) -> str:
+    """Digest of a module's code without its comments, docstrings and layout."""
+    tree = ast.parse(file.read_text())
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
+            documented = (
+                node.body and isinstance(node.body[0], ast.Expr) and isinstance(node.body[0].value, ast.Constant)
+            )
+            if documented and isinstance(node.body[0].value.value, str):  # type: ignore[attr-defined]
+                node.body = node.body[1:] or [ast.Pass()]
+    return hashlib.sha256(ast.dump(tree).encode()).hexdigest()
 
 
 def result_folder(root: Path, experiment: str, key: str, function: Callable, parameters: Mapping[str, Any]) -> Path:

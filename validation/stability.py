@@ -14,12 +14,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import matplotlib.pyplot as plt
-from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+import numpy as np
 
 from validation.checks import FAIL, HARD_CASE, Check, expected, number
 from validation.checks import PASS as WELL
-from validation.drawing import BLACK, BLUE, GREY, VERMILION
+from validation.drawing import BLACK, GREY
 from validation.experiment import Experiment, Options, Part, Picture, Results, Run, chosen
 from validation.results import Result, real
 from validation.tables import Table
@@ -197,58 +196,69 @@ _CELL = ("largest", "failing", "why", "runner", "tried")
 
 
 def draw_map(data: Mapping[str, Any]) -> Any:
-    """One panel a column; in each row a bar over what was stable, a cross at what was not, the runner's limit."""
+    """A heat map: in each cell the largest stable value, two digits, and the runner's own limit; the colour is their
+    ratio."""
+    import matplotlib.pyplot as plt
+    from matplotlib.colors import LogNorm
+    from matplotlib.patches import Rectangle
 
     rows = list(dict.fromkeys(cell["row"] for cell in data["cells"]))
     columns = list(dict.fromkeys(cell["column"] for cell in data["cells"]))
-    positive = [value for cell in data["cells"] for value, _ in cell["tried"] if value > 0]
-    positive += [cell["runner"] for cell in data["cells"] if cell["runner"]]
-    left, right = 0.7 * min(positive), 1.3 * max(positive)
-    wide = any(len(number(real(cell["largest"]))) > 4 and cell["failing"] is None for cell in data["cells"])
-    right *= (right / left) ** (0.85 if wide else 0.35)  # room for the numbers
-    across = min(len(columns), 4)
-    down = math.ceil(len(columns) / across)
-    figure, panels = plt.subplots(
-        down, across, sharex=True, sharey=True, squeeze=False,
-        figsize=(2.2 + max(2.4 * across, 4.8), 0.9 + down * (0.75 + 0.4 * len(rows))),
-    )  # fmt: skip
-    for axes in panels.flat[len(columns) :]:
-        axes.set_axis_off()
-    for column, axes in zip(columns, panels.flat):
-        for cell in (c for c in data["cells"] if c["column"] == column):
-            y = rows.index(cell["row"])
-            largest, failing = real(cell["largest"]), real(cell["failing"])
-            open_end = not failing < float("inf")
-            if largest > 0:
-                axes.barh(y, largest - left, left=left, height=0.5, color=BLUE, alpha=0.3 if open_end else 0.55)
-            said = f"{number(largest)}{' or more' if open_end else ''}" if largest > 0 else "none"
-            axes.text(
-                0.985, y, said, transform=axes.get_yaxis_transform(), ha="right", va="center", fontsize=8,
-                color=BLACK if largest > 0 else VERMILION,
-            )  # fmt: skip
-            for value, said in cell["tried"]:
-                mark = {"marker": "x", "color": VERMILION, "s": 26} if said else {"marker": "o", "color": BLUE, "s": 9}
-                axes.scatter(value, y, zorder=3, linewidths=1.4, **mark)
-            runner = cell["runner"] or left
-            axes.plot([runner, runner], [y - 0.36, y + 0.36], color=BLACK, lw=2.2, zorder=4, solid_capstyle="butt")
-        axes.set(xscale="log", xlim=(left, right))
-        if right / left < 100:
-            axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-            axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: number(value)))
-        axes.xaxis.set_minor_formatter(NullFormatter())
-        axes.set_title(column, fontweight="normal", loc="center")
-        axes.grid(True, axis="x")
-        axes.tick_params(axis="y", length=0)
-    panels[0, 0].set_yticks(range(len(rows)), rows)
-    panels[0, 0].set_ylim(len(rows) - 0.5, -0.5)
-    width = int(14 * figure.get_figwidth())
+    heads = [textwrap.fill(column, 19) for column in columns]
+    lines = max(head.count("\n") for head in heads) + 1
+    figure, axes = plt.subplots(figsize=(2.6 + max(1.45 * len(columns), 4.4), 1.5 + 0.18 * lines + 0.52 * len(rows)))
+    margins = np.full((len(rows), len(columns)), np.nan)
+    norm = LogNorm(1 / WIDEST_MARGIN, WIDEST_MARGIN, clip=True)
+    for cell in data["cells"]:
+        largest, runner, failing = (real(cell[k]) for k in ("largest", "runner", "failing"))
+        there = rows.index(cell["row"]), columns.index(cell["column"])
+        if runner > 0:
+            margins[there] = min(max(largest / runner, 1 / WIDEST_MARGIN), WIDEST_MARGIN)
+        else:
+            axes.add_patch(
+                Rectangle((there[1] - 0.5, there[0] - 0.5), 1, 1, facecolor=NO_LIMIT, edgecolor="white", lw=2)
+            )
+        said = f"{'at least ' * (not failing < float('inf'))}{two_digits(largest)}" if largest > 0 else "none"
+        limit = f"runner: {two_digits(runner)}" if runner > 0 else "runner: none"
+        dark = runner > 0 and not 0.25 < margins[there] < 4.5
+        axes.text(there[1], there[0] - 0.14, said, ha="center", va="center", fontsize=9, fontweight="bold",
+                  color="white" if dark else BLACK)  # fmt: skip
+        axes.text(there[1], there[0] + 0.24, limit, ha="center", va="center", fontsize=7,
+                  color="white" if dark else BLACK)  # fmt: skip
+    axes.imshow(margins, cmap="RdYlBu", norm=norm, aspect="auto")
+    axes.set_xticks(range(len(columns)), heads, fontsize=8)
+    axes.set_yticks(range(len(rows)), [textwrap.fill(row, 30) for row in rows], fontsize=8)
+    axes.xaxis.tick_top()
+    axes.tick_params(length=0)
+    axes.set_xticks([k + 0.5 for k in range(len(columns) - 1)], minor=True)
+    axes.set_yticks([k + 0.5 for k in range(len(rows) - 1)], minor=True)
+    axes.grid(False)
+    axes.grid(True, which="minor", color="white", lw=2.0)
+    axes.tick_params(which="minor", length=0)
+    for spine in axes.spines.values():
+        spine.set_visible(False)
+    width = int(12 * figure.get_figwidth())
     figure.suptitle(textwrap.fill(data["title"], width), x=0.01, ha="left", fontweight="bold", fontsize=10.5)
     figure.supxlabel(
-        f"{data['quantity']}.\nBar: stable; cross: not; upright stroke: the runner's own limit",
-        fontsize=8.5,
-        color=GREY,
-    )
+        textwrap.fill(
+            f"Largest stable {data['quantity']}. Blue: beyond the runner's own limit; red: below it; grey:"
+            " the runner lets no value pass without a note", width,
+        ),
+        fontsize=8.5, color=GREY,
+    )  # fmt: skip
     return figure
+
+
+NO_LIMIT = "#d9d9d9"
+WIDEST_MARGIN = 8.0  # ratio of the largest stable value to the runner's limit at which the colour saturates
+
+
+def two_digits(value: float) -> str:
+    """A number with two significant digits, without an exponent between 0.001 and 10,000."""
+    if not math.isfinite(value):
+        return "none"
+    rounded = float(f"{value:.1e}")
+    return f"{rounded:,.{max(0, 1 - math.floor(math.log10(rounded)))}f}" if 1e-3 <= rounded < 1e5 else f"{rounded:.1e}"
 
 
 def markdown(experiment: Experiment) -> list[str]:

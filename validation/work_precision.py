@@ -11,8 +11,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy import stats
-from scipy.optimize import brentq
 
 REPEATS = 5  # fewer are no statistics
 SCATTER = 0.05  # robust standard deviation over the median, above which a time is called unstable
@@ -45,6 +43,16 @@ def instability(seconds: Sequence[float]) -> str:
     if slow > SPREAD * fast:
         return f"slow repeats take {slow / fast:.1f} times the fast ones"
     return ""
+
+
+def unsettled(seconds: Sequence[float]) -> str:
+    """Why a time is not advised: `instability`, or an interquartile range of SCATTER of the median or more; "" if
+    neither."""
+    why = instability(seconds)
+    if why:
+        return why
+    low, median, high = np.quantile(seconds, (0.25, 0.5, 0.75))
+    return "" if high - low < SCATTER * median else f"interquartile range {100 * (high - low) / median:.0f} %"
 
 
 def pareto(points: Sequence[Mapping[str, Any]]) -> list[int]:
@@ -92,6 +100,8 @@ def order_from_errors(size: Sequence[float], error: Sequence[float], theory: flo
     pairs = sorted((s, e) for s, e in zip(size, error) if math.isfinite(e) and e > 0)
     if len(pairs) < 3:
         return _no_order(f"order not known: {len(pairs)} of 3 sizes")
+    from scipy import stats  # takes a second to load
+
     s, e = np.array(pairs).T
     fit = stats.linregress(np.log(s), np.log(e))
     reach = float(stats.t.ppf(0.975, len(s) - 2) * fit.stderr)
@@ -158,6 +168,8 @@ def _triple(pairs: Sequence[tuple[float, float]]) -> float:
     low, high = ORDERS
     if excess(low) > 0.0 or excess(high) < 0.0:
         return float("nan")
+    from scipy.optimize import brentq
+
     return float(brentq(excess, low, high))
 
 

@@ -73,7 +73,7 @@ HEAT = HeatConduction(temperature=50.0)
 WARM = HeatConduction(temperature=50.0, melting_point=0.0)
 ICE = HeatConduction(temperature=-5.0, melting_point=0.0, latent_heat=3e5, held=(0,), scheme="single_pass")
 IMPLICIT = ImplicitPressure()
-PEBBLE = pathlib.Path(__file__).parents[2] / "docs" / "examples" / "pebble.obj"
+PEBBLE = pathlib.Path(__file__).parents[2] / "refsim" / "examples" / "pebble.obj"
 MESH = MeshBoundary(file=str(PEBBLE), center=(0.2, 0.2, -0.4), size=0.4, viscosity=0.1, adhesion=0.1)
 MESH_ALONE = MeshBoundary(file=str(PEBBLE), center=(0.2, 0.2, -0.4), size=0.4, correction="none")
 TENSIONS = (TENSION, AKINCI, DONG, BECKER, TARTAKOVSKY, HE, CSF)
@@ -385,7 +385,7 @@ def test_without_neighbours_there_is_no_search():
 
 @pytest.mark.parametrize("dim", [2, 3])
 def test_a_run_takes_the_memory_that_its_plan_says(dim):
-    """`refsim plan`'s bytes against what the process allocates and holds; while a list is built it takes more."""
+    """Bytes of `refsim plan` against what the process allocates and holds; while a list is built it takes more."""
     cells, radius = ((100, 100, 1), 0.13) if dim == 2 else ((20, 20, 20), 0.1)
     effects = (WeaklyCompressible(sound_speed=10.0, dynamic_viscosity=0.1), Gravity(acceleration=(0, -9.81, 0)))
     plan = make_plan(

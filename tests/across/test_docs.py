@@ -8,7 +8,9 @@ import pathlib
 import re
 import subprocess
 import sys
+import tomllib
 
+import msgspec
 import pytest
 
 import refsim
@@ -19,6 +21,7 @@ from refsim.core.errors import REASONS
 from refsim.core.operation import REGISTRY
 from refsim.scene.files import parse_scene
 from refsim.scene.scene import Scene, make_plan
+from refsim.sweep import Sweep
 from validation.__main__ import every_picture
 from validation.__main__ import parser as validation_parser
 from validation.drawing import LARGEST_PICTURE
@@ -27,8 +30,13 @@ from validation.experiment import discover
 ROOT = pathlib.Path(__file__).parents[2]
 DOCS = sorted((ROOT / "docs").rglob("*.md"))
 PAGES = [*DOCS, *(ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md"))]
-NO_EFFECT = ("index.md", "guarantees.md", "scene_files.md", "accuracy_cost.md", "contract.md")
-EFFECT_PAGES = [p for p in DOCS if p.name not in NO_EFFECT]
+NO_EFFECT = (
+    "index.md", "guarantees.md", "scene_files.md", "accuracy_cost.md", "contract.md", "results.md", "nightly.md",
+    "accuracy_cost_panels.md",
+    "published.md", "study.md", "render.md", "waiting_time.md", "api.md", "gallery.md", "changelog.md",
+    "contributing.md", "journeys.md", "solutions.md", "lessons.md", "sweep.md",
+)  # fmt: skip
+EFFECT_PAGES = [p for p in DOCS if p.name not in NO_EFFECT and p.parent.name != "lessons"]
 PUBLISHED = {name: effect for name, effect in EFFECTS.items() if effect.__module__.startswith("refsim.")}
 
 BLOCK = re.compile(r"^```(\w*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
@@ -210,6 +218,9 @@ SCENES = [(page, k) for page in DOCS for k in range(len(blocks(page, "toml")))]
 @pytest.mark.parametrize("page, number", SCENES, ids=lambda value: getattr(value, "name", str(value)))
 def test_scenes_on_the_pages_can_be_planned(page, number):
     text = blocks(page, "toml")[number]
+    if "observable" in tomllib.loads(text):
+        assert msgspec.convert(tomllib.loads(text), Sweep).grid
+        return
     if "spacing" not in text:  # effects alone
         text = 'spacing = 0.1\nsupport_radius = 0.26\n[[fluid]]\nshape = "box"\ncells = [4, 4, 4]\n' + text
     assert make_plan(parse_scene(text, page.name)).grid.count > 0
@@ -250,6 +261,7 @@ def understood(words):
         if len(words) > 1 and not words[1].startswith("-") and words[1] not in refsim.commands.COMMANDS:
             return False
         needed = {"run": ["--quiet"], "plan": ["scene"], "sample": ["mesh", "--radius", "1"], "contract": ["cpu"]}
+        needed["study"] = ["scene", "--observable", "front"]
         alone = needed.get(words[1], []) if len(words) == 2 else []
         parser, arguments = make_parser(), [*words[1:], *alone]
     else:

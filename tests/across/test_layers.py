@@ -10,7 +10,7 @@ ROOT = pathlib.Path(refsim.__file__).parent
 ORDER = (
     "core", "backends", "smoothing", "neighbours", "sparse_grid", "scene", "sph", "heat", "shape_matching",
     "isosurface", "surface_normal", "surface_detection", "surface_tension", "surface_energy", "melting", "mpm",
-    "boundary", "io", "engine", "contract", "commands",
+    "boundary", "io", "engine", "contract", "cluster", "study", "sweep", "render", "commands", "pytest_plugin",
 )  # fmt: skip
 
 

@@ -1,18 +1,17 @@
 """The wheel: which names it installs, that its data is in it, and that it works without the clone."""
 
 import importlib.metadata
-import importlib.util
 import os
 import pathlib
+import re
 import shutil
 import subprocess
 import sys
-import zipfile
+import tarfile
 
 import pytest
 
 ROOT = pathlib.Path(__file__).parents[2]
-SOURCES = ("setup.cfg", "pyproject.toml", "README.md", "LICENSE")
 SCENE = """
 spacing = 0.01
 support_radius = 0.02
@@ -26,7 +25,7 @@ cells = [4, 4, 1]
 [effects.weakly_compressible]
 sound_speed = 20.0
 """
-BUILD = "from setuptools import setup; setup(script_args=['-q', 'build', '--build-lib', 'unpacked', 'egg_info'])"
+IGNORED = (ROOT / ".gitignore").read_text().replace("/\n", "\n").split()  # names that git does not track
 
 
 def run(command, folder, **environment):
@@ -35,28 +34,35 @@ def run(command, folder, **environment):
     ).stdout
 
 
-def makes_wheels():
-    version = importlib.metadata.version("setuptools").split(".")
-    return importlib.util.find_spec("wheel") is not None or tuple(map(int, version[:2])) >= (70, 1)
+def setuptools_version():
+    return tuple(map(int, importlib.metadata.version("setuptools").split(".")[:2]))
 
 
 @pytest.fixture(scope="module")
-def unpacked(tmp_path_factory):
-    """The wheel of a copy of the sources, unpacked; setuptools before 70.1 only lays out what it would hold."""
-    copy = tmp_path_factory.mktemp("clone")
-    for name in SOURCES:
-        shutil.copy(ROOT / name, copy)
-    for folder in ("refsim", "validation", "tests", "scripts"):
-        shutil.copytree(ROOT / folder, copy / folder, ignore=shutil.ignore_patterns("__pycache__"))
-    if makes_wheels():
-        options = ("--no-deps", "--no-build-isolation", "--no-index", "--no-cache-dir", "--quiet")
-        run(("-m", "pip", "wheel", *options, "--wheel-dir", "dist", "."), copy)
-        (wheel,) = (copy / "dist").glob("refsim-*.whl")
-        zipfile.ZipFile(wheel).extractall(copy / "unpacked")
-    else:
-        run(("-c", BUILD), copy)
-        shutil.move(copy / "refsim.egg-info", copy / "unpacked")
-    return copy / "unpacked"
+def from_sdist(tmp_path_factory):
+    """The source distribution of the tree, unpacked."""
+    folder = tmp_path_factory.mktemp("sdist")
+    command = "from setuptools import setup; setup(script_args=['-q', 'sdist', '-d', 'dist', 'egg_info', '-e', '.'])"
+    copy = shutil.copytree(ROOT, folder / "tree", ignore=shutil.ignore_patterns("__pycache__", ".git", *IGNORED))
+    run(("-c", command), copy)
+    (archive,) = (copy / "dist").glob("refsim-*.tar.gz")
+    with tarfile.open(archive) as tar:
+        tar.extractall(folder, filter="data")
+    return next(folder.glob("refsim-*"))
+
+
+def test_the_sdist_holds_what_its_tests_need(from_sdist):
+    """Everything that git tracks, so that the tests are the same ones; they are collected from it alone."""
+    there = {p.relative_to(from_sdist).as_posix() for p in from_sdist.rglob("*") if p.is_file()}
+    for folder in ("refsim", "tests", "validation", "scripts", "docs", "figures", ".ci"):
+        for path in (ROOT / folder).rglob("*"):
+            name = path.relative_to(ROOT).as_posix()
+            if path.is_file() and "__pycache__" not in name and not name.startswith("figures/quick/"):
+                assert name in there, name
+    assert {"README.md", "CONTRIBUTING.md", "CHANGELOG.md", "CITATION.cff", "LICENSE", ".gitignore"} <= there
+    options = ("--collect-only", "-q", "-n", "0", "-p", "no:cacheprovider")
+    found = run(("-m", "pytest", *options, "tests/across", "tests/io"), from_sdist, PYTHONPATH="")
+    assert "tests/io/test_results.py::test_frames_by_number_and_time_are_those_of_the_file" in found
 
 
 def test_the_wheel_installs_no_other_name(unpacked):
@@ -64,7 +70,10 @@ def test_the_wheel_installs_no_other_name(unpacked):
     assert all(path.name.startswith("refsim") for path in unpacked.iterdir())
     (found,) = importlib.metadata.distributions(path=[str(unpacked)])
     assert found.read_text("top_level.txt").split() == ["refsim"]
-    assert [(e.name, e.value) for e in found.entry_points] == [("refsim", "refsim.__main__:main")]
+    assert {(e.group, e.name, e.value) for e in found.entry_points} == {
+        ("console_scripts", "refsim", "refsim.__main__:main"),
+        ("pytest11", "refsim", "refsim.pytest_plugin"),
+    }
 
 
 def test_the_wheel_holds_every_source_and_its_data(unpacked):
@@ -73,7 +82,39 @@ def test_the_wheel_holds_every_source_and_its_data(unpacked):
 
     assert files(unpacked / "refsim") == files(ROOT / "refsim")
     data = {p.name for p in files(unpacked / "refsim") if p.suffix != ".py"}
-    assert data >= {"scene.schema.json", "sigma_map.json", "wetting_map.json"}
+    assert data >= {"scene.schema.json", "sigma_map.json", "wetting_map.json", "py.typed", "melting.toml", "pebble.obj"}
+    assert any(p.name == "1_surface_particles.md" for p in files(unpacked / "refsim"))
+
+
+def test_the_metadata_says_whose_it_is_and_links_resolve(unpacked):
+    (found,) = importlib.metadata.distributions(path=[str(unpacked)])
+    about = found.metadata
+    citation = (ROOT / "CITATION.cff").read_text()
+    assert about["Author"] in citation
+    links = [url.partition(", ")[2] for url in about.get_all("Project-URL")]
+    for link in links:
+        assert link.removeprefix("https://doi.org/") in citation
+    description = about.get_payload() or about["Description"]
+    assert description.startswith("# refsim")
+    targets = re.findall(r"\]\(([^)]+)\)", description)
+    assert set(links) <= set(targets)
+    assert all(target.startswith("https://") for target in targets)
+    if setuptools_version() >= (77, 0):  # older ones write no licence expression
+        assert about["License-Expression"] == "MIT"
+
+
+def test_required_packages_and_extras(unpacked):
+    """What every run needs is required; the rest is named by the extra that brings it."""
+    (found,) = importlib.metadata.distributions(path=[str(unpacked)])
+    required, extras = set(), {}
+    for line in found.requires:
+        name, extra = re.match(r"[\w.-]+", line)[0].lower(), re.search(r"extra == ['\"](\w+)", line)
+        (extras.setdefault(extra[1], set()) if extra else required).add(name)
+    assert required - {"filelock", "platformdirs"} == {
+        "numba", "numpy", "scipy", "matplotlib", "h5py", "msgspec", "tqdm", "trimesh", "rtree",
+    }  # fmt: skip
+    assert extras["results"] == {"xarray", "pandas", "pyvista"}
+    assert extras["results"] | {"scikit-image", "mypy", "pytest", "meshio", "vtk"} <= extras["test"]
 
 
 def test_commands_work_with_the_wheel_alone(unpacked, tmp_path):
@@ -90,6 +131,14 @@ def test_commands_work_with_the_wheel_alone(unpacked, tmp_path):
     assert "16 particles" in refsim("plan", "drop.toml")
     assert "scene: reached" in refsim("run", "drop.toml", "--backend", "numpy", "--quiet")
     assert refsim("schema")[0] == "{"
+    assert "melting" in refsim("example")
+    assert "wrote pebble.obj" in refsim("example", "mesh_boundary", "surface_detection")
+    assert "800 particles" in refsim("plan", "surface_detection.toml")
+    assert "gravity" in refsim("list")
+    program = "import refsim; print(len(refsim.open_run('drop_run')), refsim.__file__)"
+    frames, file = run(("-c", program), tmp_path, PYTHONPATH=str(unpacked)).split()
+    assert int(frames) > 1
+    assert file.startswith(str(unpacked))
 
 
 @pytest.mark.parametrize("script", sorted((ROOT / "scripts").glob("*.py")), ids=lambda path: path.name)

@@ -44,7 +44,7 @@ from refsim import (
 from refsim.commands.plan import describe_plan
 from refsim.core.effect import EFFECTS, Extremes
 
-PEBBLE = pathlib.Path(__file__).parents[2] / "docs" / "examples" / "pebble.obj"
+PEBBLE = pathlib.Path(__file__).parents[2] / "refsim" / "examples" / "pebble.obj"
 FACES = ("-x", "+x", "-y", "+y", "-z", "+z")
 TANK = {"lower": (-0.2, -0.2, -0.2), "upper": (0.8, 0.8, 0.8)}
 LIQUID = WeaklyCompressible(sound_speed=12.0, clamp_pressure=False)  # its surface pulls it together: it moves
@@ -263,8 +263,8 @@ def test_every_number_that_may_be_zero_stands_in_one_list():
         for f in msgspec.structs.fields(effect):
             if not any(kind in str(f.type) for kind in ("float", "int")) or isinstance(getattr(effect, f.name), tuple):
                 continue
-            zero = msgspec.structs.replace(effect, **{f.name: 0})
             try:
+                zero = msgspec.structs.replace(effect, **{f.name: 0})
                 make_plan(scene(*rest, zero, solid=isinstance(effect, ShapeMatching) or SHAPE in rest))
             except (InputError, ZeroDivisionError):
                 continue

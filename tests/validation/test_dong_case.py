@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 
+from refsim import make_plan
 from validation.drawing import redraw, write_data
 from validation.experiment import Options
 from validation.experiments.dong import pictures, runs, scene
@@ -79,8 +80,24 @@ def test_printed_step_is_refused_for_a_stiff_liquid_and_taken_for_a_soft_one():
     assert refusal(scene.printed_block(1, 1.67)) == ""
 
 
+def test_dongs_own_solver_runs_beside_the_shared_liquid():
+    """D(3) to D(5) take the place of density, pressure and viscosity, with and without tension."""
+    for tension in (True, False):
+        shared, own = (make_plan(scene.block_scene(1, tension, solver=name)) for name in ("shared", "hu_adams"))
+        assert "dong_2016.momentum" in own.launches()
+        assert "sph.momentum" not in own.launches()
+        assert "sph.momentum" in shared.launches()
+        assert ("dong_2016.tension" in own.launches()) == tension
+    for quick in (False, True):
+        found = {run.key: run.parameters for run in EXPERIMENT.runs(Options(quick=quick))}
+        key = "fall" if quick else "rest"
+        for arm in ("with", "without"):
+            assert found[f"own_{key}_{arm}"] == found[f"{key}_{arm}"] | {"solver": "hu_adams"}
+        assert found["own_cube_1331"]["changes"] == {"solver": "hu_adams"}
+
+
 def test_every_picture_has_its_runs():
-    planned = {run.key for run in EXPERIMENT.runs(Options())}
+    planned = {run.key for quick in (False, True) for run in EXPERIMENT.runs(Options(quick=quick))}
     assert {name for picture in EXPERIMENT.pictures for name in picture.needs} <= planned
     frames = next(run for run in EXPERIMENT.runs(Options()) if run.key == "rest_with").parameters["frames"]
     assert {*scene.FRAMES, *scene.LATER, *pictures.MERGING, pictures.REST} <= set(frames)

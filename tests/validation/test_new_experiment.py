@@ -41,7 +41,7 @@ def test_the_experiment_of_the_page_is_found_and_holds(free_fall, tmp_path):
     options = Options(results=tmp_path / "results", figures=tmp_path / "figures", backend="numpy")
     (performed,) = perform([free_fall.part(options)], options, stream=io.StringIO())
     assert {check.name: check.verdict for check in performed.checks} == {"fallen.short": "pass", "fallen.long": "pass"}
-    assert [path.name for path in performed.drawn] == ["free_fall.png"]
+    assert [path.name for path in performed.drawn.values()] == ["free_fall.png"]
     assert set(json.loads((options.figures / "free_fall.json").read_text())) == {"short", "long"}
     claim = read_claims()["parabola"]
     assert claim.judge(free_fall.claims["parabola"].values(performed.results)) == claim.verdict == "confirmed"

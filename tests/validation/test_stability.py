@@ -10,7 +10,7 @@ import pytest
 
 from refsim import Box, Cloud, InputError, JiangZhu2023, RunStopped, Scene, WeaklyCompressible
 from refsim.scene.scene import make_plan
-from validation import perform, stability
+from validation import perform, stability, stability_page
 from validation.__main__ import main
 from validation.experiment import Experiment, Options, Part, Run, discover
 from validation.experiments.droplet.stability import pieces
@@ -63,12 +63,37 @@ def test_every_case_of_the_anchors_is_there():
         assert word in names, word
 
 
-def test_the_page_has_every_outcome():
-    page = (ROOT / "docs" / "stability.md").read_text()
-    squeezed = {" ".join(line.split()) for line in page.splitlines()}
-    for experiment in EXPERIMENTS.values():
-        for row in stability.markdown(experiment):
-            assert " ".join(row.split()) in squeezed, row
+def test_the_page_is_what_the_command_writes():
+    text = (ROOT / "docs" / "stability.md").read_text()
+    assert stability_page.page(text, EXPERIMENTS) == text, "python -m validation stability --write"
+
+
+def test_every_part_of_the_page_is_generated():
+    marks = "".join(f"<!-- {name} -->\n@old@\n<!-- end of {name} -->\n" for name in stability_page.PARTS)
+    text = stability_page.page(marks, EXPERIMENTS)
+    assert "@old@" not in text
+    for name, experiment in EXPERIMENTS.items():
+        for row, case in zip(stability.markdown(experiment), experiment.hard_cases, strict=True):
+            assert f"{row}\n" in text
+            failed = stability.outcomes(name)[case.name].outcome.startswith("fails")
+            assert (f"\n- `{case.name}`, " in text) == failed
+    with pytest.raises(ValueError, match="lacks the lines"):
+        stability_page.replaced("no marks", "totals", [])
+
+
+def test_the_matrix_counts_and_crosses_every_case():
+    found = stability_page.systems(EXPERIMENTS)
+    assert sum(map(len, found.values())) == sum(len(e.hard_cases) for e in EXPERIMENTS.values())
+    for system, cases in found.items():
+        rows, alone = stability_page.crossed(system, cases)
+        assert sum(map(len, rows.values())) + len(alone) == len(cases)
+    rows, alone = stability_page.crossed("models", {"spin_akinci": "pass", "spin_akinci_iisph": "fails", "x": "warned"})
+    assert rows == {"spin": {"akinci": "pass", "akinci_iisph": "fails"}}
+    assert alone == {"x": "warned"}
+    with pytest.raises(ValueError, match="none of pass"):
+        stability_page.kind("unknown")
+    tiles = [patch for axes in stability_page.matrix(EXPERIMENTS).axes for patch in axes.patches]
+    assert len(tiles) == sum(map(len, found.values()))
 
 
 # The outcomes
@@ -158,7 +183,12 @@ def test_a_map_is_drawn_from_its_file_where_nothing_failed_and_where_all_did(tmp
     data = json.loads(json.dumps(finite({"title": "t", "quantity": "q", "cells": cells})))
     figure = stability.draw_map(data)
     said = {text.get_text() for axes in figure.axes for text in axes.texts}
-    assert said == {"4 or more", "none"}
+    assert said == {"at least 4.0", "none", "runner: 1.0"}
+
+
+def test_numbers_of_a_map_have_two_digits():
+    said = [stability.two_digits(value) for value in (0.0371, 1.74, 25.2, 512.0, 15_870.0, 1.23e-5, math.inf)]
+    assert said == ["0.037", "1.7", "25", "510", "16,000", "1.2e-05", "none"]
 
 
 def test_the_command(tmp_path, capsys):

@@ -6,15 +6,19 @@ import dataclasses
 import importlib.util
 import io
 import json
+import subprocess
 import sys
+import threading
 import time
 import types
-from concurrent.futures import ThreadPoolExecutor, as_completed
+from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from refsim.cluster import pool
+from refsim.cluster.tasks import Outcome
 from refsim.core.errors import InputError, RunStopped
 from validation import __main__ as command
 from validation import checks, drawing, peers, results
@@ -26,6 +30,7 @@ from validation.experiments.dam_break.experiment import EXPERIMENT as DAM_BREAK
 from validation.experiments.droplet import experiment as droplet
 from validation.experiments.droplet import runs as droplet_runs
 from validation.experiments.timing import experiment as timing
+from validation.measure import command as measuring
 from validation.peers import splishsplash
 from validation.report import as_json, report
 from validation.results import Result
@@ -123,15 +128,101 @@ def test_an_interrupted_run_says_what_is_kept(options):
 
 
 def test_interrupted_processes_start_nothing_more(options, monkeypatch):
-    def first_only(futures):
-        yield next(as_completed(futures))
-        raise KeyboardInterrupt
+    interrupted, asked = threading.Event(), []
 
-    monkeypatch.setattr(performing, "ProcessPoolExecutor", lambda jobs, **given: ThreadPoolExecutor(1))
-    monkeypatch.setattr(performing, "as_completed", first_only)
+    def first_only(pending, **given):
+        asked.append(len(pending))
+        if len(asked) > 1:
+            interrupted.set()
+            raise KeyboardInterrupt
+        return wait(pending, return_when=FIRST_COMPLETED)
+
+    def under_way(context, value):
+        assert interrupted.wait(60)
+        return doubled(context, value)
+
+    runs = [
+        Run("one", doubled, {"value": 2}, estimate=4.0),
+        Run("two", under_way, {"value": 3}, estimate=3.0),
+        Run("three", under_way, {"value": 5}, estimate=2.0),
+        Run("more", doubled, {"value": 9}),
+    ]
+    case = dataclasses.replace(fake(), runs=lambda options: runs)
+    monkeypatch.setattr(pool, "ProcessPoolExecutor", lambda count, **given: ThreadPoolExecutor(1))
+    monkeypatch.setattr(pool, "_shares", [0.0] * 4)
+    monkeypatch.setattr(pool, "wait", first_only)
     with pytest.raises(RunStopped, match=r"1 finished since the start are kept"):
-        perform(fake(), options, jobs=2)
-    assert CALLS == [2]
+        perform(case, options, jobs=2)
+    assert (sorted(CALLS), asked) == ([2, 3, 5], [2, 2])
+
+
+def test_processes_tell_how_far_they_are(tmp_path, monkeypatch):
+    """The names of the runs under way, "starts" before the first share, and the estimated seconds done."""
+    seen, half, told = threading.Event(), threading.Event(), []
+
+    def slow(context, value):
+        assert seen.wait(60)
+        context.progress(value)
+        assert half.wait(60)
+        return Result({})
+
+    def show(words, seconds):
+        told.append((words, seconds))
+        if words == "fake a (starts), fake b (starts)":
+            seen.set()
+        if (words, seconds) == ("fake a, fake b", 5.0):
+            half.set()
+
+    def threads(count, initargs, **given):
+        monkeypatch.setattr(pool, "_shares", initargs[0])
+        return ThreadPoolExecutor(count)
+
+    monkeypatch.setattr(pool, "ProcessPoolExecutor", threads)
+    part = fake().part(Options())
+    runs = [Run("a", slow, {"value": 0.25}, estimate=12.0), Run("b", slow, {"value": 0.5}, estimate=4.0)]
+    names = [results.result_folder(tmp_path, "fake", run.key, run.function, run.parameters) for run in runs]
+    waiting = {folder: (part, run) for folder, run in zip(names, runs)}
+    assert set(performing._elsewhere(waiting, 2, None, show)) == {(folder, None) for folder in names}
+    assert half.is_set()
+    assert max(seconds for _, seconds in told) <= 16.0
+
+
+def test_a_picture_is_drawn_as_soon_as_it_can(options, monkeypatch, tmp_path):
+    """That of a run in a process is there before the timed run, which is computed alone and after the others."""
+    monkeypatch.setenv("REFSIM_CACHE_DIR", str(tmp_path / "cache"))  # other tests store kernels meanwhile
+    seen = []
+
+    def timed(context, value):
+        seen.append(sorted(path.name for path in options.figures.glob("line.*")))
+        return Result({"double": value})
+
+    small = {"columns": 4, "until": 0.01, "backend": "numpy", "samples": 1}
+    runs = [Run("last", timed, {"value": 1}, timed=True), *(Run(name, dam_runs.collapse, small) for name in "ab")]
+    picture = Picture("line", lambda found: {"line": found["a"].values["time"]}, draw_line, ("a",))
+    case = dataclasses.replace(
+        fake(), checks=lambda found, check: None, runs=lambda options: runs, pictures=(picture,), tables=lambda _: []
+    )
+    drawn = []
+    (outcome,) = perform(case, options, jobs=2, shown=drawn.append)
+    assert set(outcome.results) == {"last", "a", "b"}
+    assert seen == [["line.json", "line.png"]]
+    assert drawn == [options.figures / "line.png"], "drawn once, as nothing changed after"
+    about = outcome.results["a"].about
+    assert about["processor_seconds"] > about["processor_seconds_compiling"] == 0.0
+    assert about["kernels_compiled"] == 0
+
+
+def test_seconds_of_child_processes_count_while_they_run_and_after():
+    busy = "import time\nwhile time.process_time() < 0.5: pass\nprint(flush=True)\ninput()"
+    before = performing.child_seconds()
+    with subprocess.Popen([sys.executable, "-c", busy], stdin=subprocess.PIPE, stdout=subprocess.PIPE) as child:
+        child.stdout.readline()
+        running = performing.child_seconds() - before
+        child.communicate(b"\n", timeout=60)
+    ended = performing.child_seconds() - before
+    if sys.platform == "linux":
+        assert 0.45 <= running <= ended + 0.05
+    assert 0.45 <= ended < 2.0
 
 
 def test_what_cannot_be_done_is_said_before_computing(options, tmp_path):
@@ -144,14 +235,6 @@ def test_what_cannot_be_done_is_said_before_computing(options, tmp_path):
         ):
             perform(fake(), dataclasses.replace(options, **{what: tmp_path / "a_file" / "in"}))
     assert not CALLS
-
-
-def test_digest_covers_refsim_and_what_a_run_imports():
-    assert results.sources_digest(dam_runs.__file__) != results.sources_digest(droplet_runs.__file__)
-    from refsim.backends.compile import sources_behind
-
-    behind = {path.name for path in sources_behind(Path(droplet_runs.__file__))}
-    assert {"runs.py", "scene.py", "droplet.py", "shapes.py", "running.py"} <= behind
 
 
 def test_what_is_skipped_is_named_with_its_reason(options):
@@ -241,7 +324,7 @@ def test_a_stopped_run_is_reported_and_the_others_go_on(options):
     assert performing.exit_code(outcomes) == 3
     assert "It collapsed." in outcomes[0].stopped["one"]
     assert outcomes[1].checks
-    assert outcomes[0].drawn == []
+    assert outcomes[0].drawn == {}
     text = io.StringIO()
     report(outcomes, text)
     assert "one stopped. It collapsed." in text.getvalue()
@@ -320,18 +403,6 @@ def test_make_figures_draws_without_simulating(options, monkeypatch, capsys):
     assert CALLS == []
     assert script.main(["curve"]) == 2
     assert "choose from line" in capsys.readouterr().err
-
-
-def test_reproduce_runs_every_case_and_passes_on_the_code(options, monkeypatch, capsys):
-    script = load_script("reproduce")
-    monkeypatch.setattr(script, "ROOT", options.results.parent)
-    monkeypatch.setattr(script, "discover", lambda: {"fake": fake(judge=lambda f: [measurement(9.0, "fail")])})
-    monkeypatch.setattr(script, "perform_panels", lambda chosen, options: [])
-    assert script.main(["--quick"]) == 4
-    printed = capsys.readouterr().out
-    assert printed.rstrip().endswith("fail")
-    assert "compiling or loading" in printed
-    assert (options.results.parent / "figures" / "quick" / "line.png").exists()
 
 
 def test_experiments_are_found_by_their_folders(tmp_path, monkeypatch):
@@ -500,3 +571,72 @@ def test_compiling_is_not_charged_to_a_run():
     total = advance(Compiling(), [2.0, 5.0], lambda simulation, wall: walls.append(wall), Context())
     assert len(walls) == 2
     assert total == walls[1] < 0.15
+
+
+def test_runs_by_a_scheduler(options, monkeypatch):
+    """Its workers compute all runs but the timed one; a run that stops is not computed again."""
+    asked = []
+
+    def workers(tasks, *, jobs, scheduler, watch):
+        asked.append((scheduler, [task.name for task in tasks], [task.gpu for task in tasks]))
+        for task in tasks:
+            watch({task.key: 0.5}, 1)
+            try:
+                yield Outcome(task, task.function(lambda share: None, *task.arguments), worker="worker 0")
+            except RunStopped as error:
+                yield Outcome(task, error=error)
+
+    monkeypatch.setattr(performing, "elsewhere", workers)
+    runs = [
+        Run("one", doubled, {"value": 2}),
+        Run("wild", stopping),
+        Run("timed", doubled, {"value": 3}, timed=True),
+    ]
+    case = dataclasses.replace(fake(), runs=lambda options: runs)
+    (found,) = perform(case, dataclasses.replace(options, scheduler="tcp://s"))
+    assert asked == [("tcp://s", ["fake one", "fake wild"], [False, False])]
+    assert CALLS == [2, 3]
+    assert found.stopped == {"wild": "It collapsed. (reason: collapsed)"}
+    assert {key: result.values["double"] for key, result in found.results.items()} == {"one": 4, "timed": 6}
+    perform(case, dataclasses.replace(options, scheduler="tcp://s"))
+    assert CALLS == [2, 3]
+    given = command.parser().parse_args(["claims", "--scheduler", "tcp://s"])
+    assert command.options_of(given).scheduler == "tcp://s"
+
+
+def test_a_worker_with_other_sources_or_another_folder_is_named(options, monkeypatch, tmp_path):
+    run = Run("one", doubled, {"value": 2})
+    with pytest.raises(InputError, match="one: the worker has other sources"):
+        performing._compute_there(lambda share: None, "fake", run, tmp_path / "fake" / "one-0123", False)
+
+    def workers(tasks, **given):
+        yield Outcome(tasks[0], worker="worker 0")
+
+    monkeypatch.setattr(performing, "elsewhere", workers)
+    with pytest.raises(InputError, match="fake one: worker 0 has kept its result elsewhere than in"):
+        perform(fake(), dataclasses.replace(options, scheduler="tcp://s"))
+
+
+def test_drops_by_a_scheduler(monkeypatch, capsys):
+    @dataclasses.dataclass(frozen=True)
+    class Drop:
+        key: str
+
+        def cost(self):
+            return 1.0
+
+    def workers(tasks, *, scheduler, watch):
+        watch({}, 2)
+        for task in tasks:
+            yield Outcome(task, task.function(lambda share: None, *task.arguments), seconds=3.0)
+        watch({}, 2)
+
+    monkeypatch.setattr(measuring, "work", lambda point: {"key": point.key})
+    monkeypatch.setattr(measuring, "perform", workers)
+    rows = []
+    measuring.measured_elsewhere([Drop("a"), Drop("b")], "tcp://s", 1e9, rows.append)
+    assert rows == [{"key": "a"}, {"key": "b"}]
+    assert "6 s of 2 workers" in capsys.readouterr().out
+    measuring.measured_elsewhere([Drop("a")], "tcp://s", 0.0, rows.append)
+    assert "time is up" in capsys.readouterr().out
+    assert len(rows) == 2

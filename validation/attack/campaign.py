@@ -48,12 +48,15 @@ def mixed(only: Sequence[str], scale: float) -> Iterator[tuple[str, int]]:
             yield from tasks[i * len(tasks) // rounds : (i + 1) * len(tasks) // rounds]
 
 
-def commit() -> str:
-    """The commit of this checkout, with "+" after it if files were changed; "unknown" outside of one."""
+def commit(*beside: str) -> str:
+    """The commit of this checkout, with "+" if files but those `beside` were changed; "unknown" outside of one."""
     git = ["git", "-C", str(Path(__file__).parent)]
     try:
         name = subprocess.run([*git, "rev-parse", "HEAD"], capture_output=True, text=True, check=True).stdout.strip()
-        dirty = subprocess.run([*git, "status", "--porcelain", "-uno"], capture_output=True, text=True).stdout.strip()
+        others = [":/", *(f":(top,exclude){path}" for path in beside)]
+        dirty = subprocess.run(
+            [*git, "status", "--porcelain", "-uno", "--", *others], capture_output=True, text=True
+        ).stdout.strip()
     except (OSError, subprocess.CalledProcessError):
         return "unknown"
     return name + ("+" if dirty else "")

@@ -15,10 +15,12 @@ import multiprocessing
 import os
 import statistics
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
+from refsim.cluster import perform
+from refsim.cluster.tasks import Task
 from validation.results import finite
 
 DATA = Path(__file__).resolve().parent.parent / "data"
@@ -28,9 +30,9 @@ def add_commands(made: argparse.ArgumentParser) -> None:
     """The subcommands."""
     commands = made.add_subparsers(dest="what", metavar="WHAT", required=True, parser_class=type(made))
 
-    def add(name: str, words: str, perform: Callable[[argparse.Namespace], int]) -> argparse.ArgumentParser:
+    def add(name: str, words: str, execute: Callable[[argparse.Namespace], int]) -> argparse.ArgumentParser:
         part = commands.add_parser(name, help=words, description=f"{words[0].upper()}{words[1:]}.")
-        part.set_defaults(perform=perform)
+        part.set_defaults(perform=execute)
         return part
 
     for name, words, file in (
@@ -38,7 +40,9 @@ def add_commands(made: argparse.ArgumentParser) -> None:
         ("sessile", "measures the drops of the wetting map, which sit on a plane", "wetting.json"),
     ):
         part = add(name, words, measure_drops)
-        part.add_argument("--jobs", type=int, default=1, help="processes of one thread each")
+        where = part.add_mutually_exclusive_group()
+        where.add_argument("--jobs", type=int, default=1, help="processes of one thread each")
+        where.add_argument("--scheduler", metavar="ADDRESS", help="the workers of a Dask scheduler instead")
         part.add_argument("--output", type=Path, default=DATA / file, help=f"file of rows; validation/data/{file}")
         part.add_argument("--models", type=_words, help="some of them, with commas between; all by default")
         part.add_argument("--dims", type=_dims, default=(2, 3), help="2, 3 or 2,3 (the default)")
@@ -56,6 +60,15 @@ def add_commands(made: argparse.ArgumentParser) -> None:
     part.add_argument("--models", type=_words, help="some of them only; the rows of the others are removed")
     part.add_argument("--seconds", type=float, default=math.inf, help="begin no drop after 0.7 of this")
     part.add_argument("--output", type=Path, default=DATA / "drop_seconds.json", help="file of rows")
+    part = add("run_time", "holds refsim plan --time against runs of twelve scenes; wants a quiet machine", run_times)
+    part.add_argument("--backend", default="cpu", help="cpu (default), cuda or numpy")
+    part.add_argument("--threads", type=int, help="CPU threads; all by default")
+    part.add_argument("--largest", type=int, default=2_000_000, metavar="N", help="no scenes of more particles")
+    part.add_argument("--budget", type=float, default=10.0, help="seconds that a prediction may measure (10)")
+    part.add_argument("--only", nargs="+", default=[], metavar="WORD", help="scenes whose names contain one of these")
+    part.add_argument("--fresh", action="store_true", help="measure anew what is on file")
+    part.add_argument("--write", action="store_true", help="write the table into docs/study.md")
+    part.add_argument("--output", type=Path, default=DATA / "run_time.json", help="file of rows")
     part = add("mass_ratio", "prints by how much the energy rises, by ratio of particle masses and scene", mass_ratios)
     part.add_argument("kinds", nargs="*", help="scenes whose names contain one of these words; all by default")
     add("states", "computes the stored moments of the dam break anew (some minutes)", store_states)
@@ -107,6 +120,43 @@ def measured(points: list[Any], jobs: int, seconds: float, keep: Callable[[dict]
         print("time is up; unfinished: " + ", ".join(p.key for p in running.values()), flush=True)
 
 
+class TimeUp(Exception):
+    """The seconds of a call are over."""
+
+
+def work_there(report: Callable[[float], None], point: Any) -> dict:
+    """One drop, by a worker of a scheduler."""
+    return work(point)
+
+
+def measured_elsewhere(points: list[Any], scheduler: str, seconds: float, keep: Callable[[dict], None]) -> None:
+    """Measure the points by the workers of a scheduler until time is up; what is then unfinished is given up.
+
+    Prints the efficiency, the sum of task seconds over workers x wall.
+    """
+    began, spent, most = time.perf_counter(), 0.0, 0
+    tasks = [Task(p.key, p.key, work_there, (p,), p.cost()) for p in points]
+
+    def watch(shares: Mapping[str, float], workers: int) -> None:
+        nonlocal most
+        most = max(most, workers)
+        if time.perf_counter() - began > seconds:
+            raise TimeUp
+
+    try:
+        for outcome in perform(tasks, scheduler=scheduler, watch=watch):
+            if outcome.error is not None:
+                print(f"{outcome.task.key}: {outcome.error}", flush=True)
+                continue
+            spent += outcome.seconds
+            keep(outcome.value)
+    except TimeUp:
+        print("time is up", flush=True)
+    wall = time.perf_counter() - began
+    if most:
+        print(f"{spent:.0f} s of {most} workers in {wall:.0f} s: efficiency {100 * spent / (most * wall):.0f} %")
+
+
 def measure_drops(given: argparse.Namespace) -> int:
     """Measure what is missing, what the map needs most first; prints one line for each row."""
     sessile = given.what == "sessile"
@@ -131,7 +181,10 @@ def measure_drops(given: argparse.Namespace) -> int:
         words = f"{row['stopped'] or 'ok':<12} {first:7.3f} {second:7.3f} {row['seconds']:7.1f} s"
         print(f"{time.perf_counter() - began:5.0f}  {row['key']:<58} {words}", flush=True)
 
-    measured(missing, given.jobs, given.seconds, keep)
+    if given.scheduler is None:
+        measured(missing, given.jobs, given.seconds, keep)
+    else:
+        measured_elsewhere(missing, given.scheduler, given.seconds, keep)
     left = sum(p.key not in rows for p in wanted)
     print(f"{left} left; {time.perf_counter() - began:.0f} s")
     return 0
@@ -180,3 +233,10 @@ def store_states(given: argparse.Namespace) -> int:
 
     store()
     return 0
+
+
+def run_times(given: argparse.Namespace) -> int:
+    """Predicted and measured seconds of the scenes of `run_time`."""
+    from validation.measure import run_time
+
+    return run_time.perform(given.output, given.backend, given)

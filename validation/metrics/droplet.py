@@ -149,10 +149,8 @@ def surface_mesh(
     A feature thinner than about 1.3 d (a single particle, a filament) stays below the level: no surface.
     Raises ValueError for bad parameters, non-finite positions, no surface at this level, or a grid beyond
     ``max_nodes`` (a particle flung far away: leave it out).
-    Sources: Mueller et al. 2003 (colour field); marching cubes by scikit-image (Lewiner et al. 2003).
+    Source: Mueller et al. 2003 (colour field).
     """
-    from skimage.measure import marching_cubes  # here: the other measures need no scikit-image
-
     points = _points(position)
     if not (np.isfinite(spacing) and spacing > 0 and cell > 0 and 0 < level < 1):
         raise ValueError(f"need spacing > 0, cell > 0 and 0 < level < 1, got {spacing}, {cell}, {level}")
@@ -177,8 +175,29 @@ def surface_mesh(
     height = smoothing * np.sqrt(2.0) * erfinv(2.0 * level - 1.0)
     if not distance.max() > height:
         raise ValueError("no surface: nowhere does the smoothed volume fraction reach the level")
-    vertices, faces, _, _ = marching_cubes(distance - height, 0.0, gradient_direction="ascent")
-    return vertices.astype(np.float64) * edge + origin, faces.astype(np.int64)
+    vertices, faces = contour(height - distance)
+    return vertices * edge + origin, faces
+
+
+def contour(values: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Mesh of the surface on which values at the nodes (nx, ny, nz) of a grid are 0; values inside are below it.
+
+    vertices (v, 3) in grid cells, faces (f, 3) with outward normals. Without a zero there are none.
+    """
+    from refsim import isosurface
+    from refsim.backends.arrays import Backend
+
+    cut = np.zeros(values.shape, bool)  # corners of the cells that the surface crosses
+    inside = values < 0
+    corners = [inside[tuple(slice(k, k - 1 or None) for k in at)] for at in np.ndindex(2, 2, 2)]
+    crossed = np.logical_or.reduce(corners) & ~np.logical_and.reduce(corners)
+    for at in np.ndindex(2, 2, 2):
+        cut[tuple(slice(k, k - 1 or None) for k in at)] |= crossed
+    nodes = np.argwhere(cut)
+    if not len(nodes):
+        return np.zeros((0, 3)), np.zeros((0, 3), np.int64)
+    mesh = isosurface.extract(Backend("cpu"), nodes, values[cut], 1.0, 3)
+    return np.asarray(mesh.vertices), np.asarray(mesh.facets).astype(np.int64)
 
 
 def mesh_area(vertices: ArrayLike, faces: ArrayLike) -> float:

@@ -186,8 +186,8 @@ def flow_planned(options: Options) -> list[Run]:
         *(Run(f"flow_pour_{shape}_{arm}", flow_runs.pour, {"shape": shape, "arm": arm, **backend, **shorter}, 8.0,
               "" if (shape, arm) == ("sphere", "difference") else reason) for shape in POUR for arm in ARMS),
         Run("flow_tank", flow_runs.resting_tank, {"steps": 10_000, **backend}, 100.0, reason),
-        *(Run(f"flow_marked_{int(every)}", flow_runs.marked_cost, {"everywhere": every, **backend}, 9.0, reason)
-          for every in (False, True)),
+        *(Run(f"flow_marked_{int(every)}", flow_runs.marked_cost, {"everywhere": every, **backend}, 9.0, reason,
+              timed=True) for every in (False, True)),
         *(Run(f"flow_sigma_{gamma:g}", flow_runs.own_tension,
               {"gamma": gamma, "count": 257 if options.quick else 515, **backend}, 6.0,
               "" if gamma == GAMMAS[1] else reason) for gamma in GAMMAS),
@@ -296,7 +296,7 @@ EXPERIMENT = Experiment(
     ),
     Picture(
         "boundary_pouring", pictures.pour_data, pictures.pour_picture,
-        tuple(f"flow_pour_{shape}_{arm}" for shape in POUR for arm in ARMS), shaded=True),
+        ("flow_pour_sphere_difference",), shaded=True),
     Picture(
         "boundary_penetration", pictures.rain_data, pictures.rain_picture,
         tuple(f"flow_rain_{s}_{c}_1" for s in RAINED for c in ("none", "swept")),

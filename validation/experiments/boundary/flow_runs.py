@@ -420,4 +420,5 @@ def marked_cost(context: Context, everywhere: bool, backend: str, repeats: int =
             began = time.perf_counter()
             call()
             seconds.append(time.perf_counter() - began)
-    return Result({"seconds": float(np.median(seconds)), "particles": simulation.count})
+    thirds = [float(np.median(part)) for part in np.array_split(np.array(seconds), 3)]
+    return Result({"seconds": float(np.median(seconds)), "thirds": thirds, "particles": simulation.count})

@@ -31,13 +31,14 @@ COLOURS = {"sphere": BLUE, "torus": GREEN, "cube": VERMILION, "organic": ORANGE}
 
 
 def shape_data(results: Results) -> dict[str, Any]:
-    """Particles, normals and numbers of every shape."""
+    """Particles, whether each faces the viewer, and numbers of every shape."""
     made: dict[str, Any] = {"title": "Boundary particles", "shapes": {}}
     for shape in SHAPES:
         result = results[f"sampling_{shape}"]
         v = result.values
+        towards = np.round(result.arrays["normal"], 3) @ VIEW[2]
         made["shapes"][shape] = {
-            "position": np.round(result.arrays["position"], 4), "normal": np.round(result.arrays["normal"], 3),
+            "position": np.round(result.arrays["position"], 4), "facing": (towards > -0.05).astype(int),
             **{k: v[k] for k in ("radius", "particles", "least", "variation", "mean_over_2r", "iterations", "holes")},
         }  # fmt: skip
     return made
@@ -48,10 +49,10 @@ def shape_picture(data: Mapping[str, Any]) -> Any:
     figure, panels = plt.subplots(2, 3, figsize=(10.2, 7.0))
     last = None
     for axes, (shape, row) in zip(panels.flat, data["shapes"].items()):
-        position, normal = floats(row["position"]) @ VIEW.T, floats(row["normal"]) @ VIEW.T
+        position = floats(row["position"]) @ VIEW.T
         nearest = cKDTree(position).query(position, k=2)[0][:, 1] / (2 * row["radius"])
         order = np.argsort(position[:, 2])
-        order = order[normal[order, 2] > -0.05]
+        order = order[np.array(row["facing"], bool)[order]]
         size = np.full(len(order), 1.7 * row["radius"])
         last = EllipseCollection(
             size, size, np.zeros(len(order)), units="xy", offsets=position[order, :2], transOffset=axes.transData,
@@ -126,11 +127,13 @@ MILLI = 1e-4  # unit of stored coordinates [m]
 
 
 def pour_data(results: Results) -> dict[str, Any]:
-    """The particles that can be seen, half-way and at the end, of every shape and arm."""
+    """The particles that can be seen, half-way and at the end, of every shape and arm that was run."""
     rows = []
     for shape in POUR:
         for arm, words in ARMS.items():
-            result = results[f"flow_pour_{shape}_{arm}"]
+            result = results.get(f"flow_pour_{shape}_{arm}")
+            if result is None:
+                continue
             solid = result.arrays["solid"].astype(float)
             frames = []
             for k in (2, 5):
@@ -153,7 +156,8 @@ def pour_picture(data: Mapping[str, Any]) -> Any:
     """A shape a row; half-way and at the end of each arm."""
     shapes = list(dict.fromkeys(row["shape"] for row in data["rows"]))
     arms = list(dict.fromkeys(row["arm"] for row in data["rows"]))
-    figure, axes = plt.subplots(len(shapes), 2 * len(arms), figsize=(2.05 * 2 * len(arms), 2.25 * len(shapes)))
+    size = 2.05 * 2 * len(arms), 2.25 * len(shapes)
+    figure, axes = plt.subplots(len(shapes), 2 * len(arms), figsize=size, squeeze=False)
     for row in data["rows"]:
         for k, frame in enumerate(row["frames"]):
             place = axes[shapes.index(row["shape"])][2 * arms.index(row["arm"]) + k]

@@ -154,7 +154,7 @@ class DirectForcing(Rival):
 
 # What is measured of all three
 
-CELLS = (7, 7, 9)  # of the tank in which they are compared
+CELLS = (7, 7, 9)  # of the first tank in which they are compared
 SHARES = (0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 4.0)  # of the runner's step
 SECONDS = 0.6  # simulated
 CALM = 0.15  # [m/s], root mean square speed at the end, of a tank that holds
@@ -188,16 +188,19 @@ def coupled(coupling: str, simulation: Simulation, solid: Any, cells: tuple[int,
     return DirectForcing(simulation, solid.position, solid.normal) if coupling == "forcing" else simulation
 
 
-def rest(context: Context, coupling: str, share: float, backend: str, seconds: float = SECONDS) -> Result:
+def rest(
+    context: Context, coupling: str, share: float, backend: str, seconds: float = SECONDS,
+    cells: tuple[int, int, int] = CELLS,
+) -> Result:  # fmt: skip
     """A tank at rest for a while: does it hold, and how much does the wall's force vary?
 
     The wall's force is the rate of the liquid's momentum, plus its weight.
     """
-    with mesh_file(resting_cup(CELLS)) as file:
-        scene = tank(coupling, file, CELLS, share)
+    with mesh_file(resting_cup(cells)) as file:
+        scene = tank(coupling, file, cells, share)
         simulation = context.simulation(planned(scene), backend)
         solid = MeshBoundary(file=file).placed(simulation.plan.grid)
-        run = coupled(coupling, simulation, solid, CELLS)
+        run = coupled(coupling, simulation, solid, cells)
         mass = simulation.field("mass")
         weight = float(mass.sum() * GRAVITY)
         momentum, forces, speed, reason = 0.0, [], math.nan, ""
@@ -213,7 +216,7 @@ def rest(context: Context, coupling: str, share: float, backend: str, seconds: f
         except RunStopped as stop:
             reason = stop.reason
         position = simulation.field("position")
-        inner = inside_of(CELLS)
+        inner = inside_of(cells)
         outside = (position < 0) | (position > np.array(inner))
         lost = int((outside.any(1) | ~np.isfinite(position).all(1)).sum())
         speed = float(np.sqrt((simulation.field("velocity") ** 2).sum(1).mean()))
@@ -249,6 +252,6 @@ def cost(context: Context, cells: tuple[int, int, int], steps: int, backend: str
                 spent[coupling].append(time.perf_counter() - began)
             context.progress((k + 1) / steps)
     thirds = {c: [float(np.median(part)) for part in np.array_split(np.array(each), 3)] for c, each in spent.items()}
-    shares = {c: [max(t - b, 1e-6) / t for t, b in zip(thirds[c], thirds["bare"])] for c in COUPLINGS}
+    shares = {c: [(t - b) / t for t, b in zip(thirds[c], thirds["bare"])] for c in COUPLINGS}
     milliseconds = {c: 1e3 * float(np.median(each)) for c, each in spent.items()}
     return Result({"milliseconds": milliseconds, "shares": shares, "particles": simulation.count})

@@ -143,7 +143,6 @@ def _detection_panel(state: str, dim: str, stated: float, cover: str) -> Panel:
             "backend numpy: the references compare all pairs, which no detector's time is about",
             *(["3D, float64, s = h, J(20) and most thresholds: run without --quick"] if options.quick else []),
         ],
-        quick=dim == "2D",
     )
 
 

@@ -14,11 +14,11 @@ from scipy.spatial import cKDTree
 
 from refsim import JiangZhu2023, Simulation, SurfaceDetection
 from refsim.backends.arrays import unavailable
-from validation.claims import Measure
+from validation.claims import Family, Measure, alike
 from validation.experiment import Options, Results, Run
 from validation.experiments.dam_break import runs
 from validation.metrics.dam_break import front_position
-from validation.metrics.surface_truth import arc_cover_surface
+from validation.metrics.surface_truth import arc_cover_surface, detection_score
 from validation.results import Result, real
 from validation.running import Context, advance
 
@@ -70,10 +70,11 @@ def costs_planned(options: Options) -> list[Run]:
     """Figure 5, a run for each size; a GPU, where there is one, moves the column to the state that is timed."""
     made = []
     for k, columns in enumerate(COSTLY_QUICK if options.quick else COSTLY):
-        parameters = {"columns": columns, "repeats": 15, "backend": options.backend}
+        parameters = {"columns": columns, "repeats": 60, "backend": options.backend}
         if not options.quick and unavailable("cuda") is None:
             parameters["moved_on"] = "cuda"
-        made.append(Run(f"detection_cost_{k + 1}", runs.detection_cost, parameters, estimate=1 + 6e-5 * columns**3))
+        estimate = 1 + 6e-5 * columns**3
+        made.append(Run(f"detection_cost_{k + 1}", runs.detection_cost, parameters, estimate, timed=True))
     return made
 
 
@@ -196,3 +197,106 @@ def _spray(results: Results) -> list[float]:
 
 
 CORRECTION_STOPS_SPRAY = Measure(_splashes, _spray)
+
+# lambda of J(12), alone: inside and outside of the paper's range.
+
+INSIDE, OUTSIDE = (0.90, 0.95, 0.98, 0.99), (0.80, 0.85, 1.0, 1.05)
+
+
+def thresholds(context: Context, columns: int, until: float, seed: int, backend: str) -> Result:
+    """F1 of the number density over a collapse for every lambda, INSIDE and OUTSIDE, against the exact surface."""
+    mass = runs.jittered(columns, 1, seed)[1]
+    simulation = context.simulation(runs.column_scene(columns, 1, 4.0, (), runs.jittered(columns, 1, seed)), backend)
+    counts = {factor: np.zeros(3, int) for factor in (*INSIDE, *OUTSIDE)}  # hits, false surface, false interior
+
+    def sample(simulation: Simulation, wall: float) -> None:
+        position = simulation.field("position")
+        truth = arc_cover_surface(
+            position, runs.TRUTH_RADIUS * simulation.plan.grid.spacing, simulation.plan.walls.position
+        )
+        for factor in counts:
+            detection = SurfaceDetection(method="number_density", threshold=factor)
+            looked = context.simulation(
+                runs.column_scene(columns, 1, 4.0, (detection,), (position, mass)), backend
+            )  # fmt: skip
+            looked.evaluate()
+            flags = looked.field("surface").astype(bool)
+            score = detection_score(flags, truth)
+            counts[factor] += ((flags & truth).sum(), score.false_surface, score.false_interior)
+
+    advance(simulation, np.linspace(0.0, until, 7).tolist(), sample, context)
+    f1 = {f"{factor:g}": 2 * hit / (2 * hit + extra + missed) for factor, (hit, extra, missed) in counts.items()}
+    return Result({"f1": f1})
+
+
+def _thresholds(options: Options) -> list[Run]:
+    columns, until = (16, 0.6) if options.quick else (40, 1.8)
+    return [
+        Run(f"claim_lambda_{seed}", thresholds,
+            {"columns": columns, "until": until, "seed": seed, "backend": options.backend}, estimate=20.0)
+        for seed in SEEDS
+    ]  # fmt: skip
+
+
+def best(values: Any, factors: Sequence[float]) -> float:
+    """Best F1 among some lambdas."""
+    return max(real(values["f1"][f"{factor:g}"]) for factor in factors)
+
+
+LAMBDA_OUTSIDE = Measure(
+    _thresholds,
+    lambda found: [best(r.values, OUTSIDE) - best(r.values, INSIDE) for r in found.values()],
+)
+
+# Null models
+
+
+def _guessed(fan_scan: bool) -> Callable[[Measure], list[float]]:
+    """Scores of detectors that mark a tenth of the particles at random; the fan scan marks the truth if `fan_scan`."""
+    random = np.random.default_rng(1)
+    truth, guess = random.random((2, 10_000)) < 0.1
+    score = {name: detection_score(flags, truth) for name, flags in (("truth", truth), ("guess", guess))}
+    named = {name: {"precision": s.precision, "recall": s.recall} for name, s in score.items()}
+    all_ = dict.fromkeys(runs.DETECTORS, named["guess"]) | {"fan_scan": named["truth" if fan_scan else "guess"]}
+    return lambda measure: measure.of({"": {"score": all_}})
+
+
+def _exact(measure: Measure) -> list[float]:
+    """Scores of a detector that marks the truth."""
+    truth = np.arange(100) < 10
+    score = detection_score(truth, truth)
+    return measure.of({"": {"score": {"number_density": {"precision": score.precision}}}})
+
+
+FAMILIES = (
+    Family(
+        ("correction_stops_spray",), "As many particles could be torn off with the correction as without it.",
+        "both runs lose as many", alike({"detached": 5.0}),
+    ),
+    Family(
+        ("false_interior_clamped", "false_interior_free"),
+        "The pressure could be as even with the number density's set as with that of two steps.",
+        "both are as noisy", alike({"noise": 0.01}),
+    ),
+    Family(
+        ("density_marks_interior",), "The number density could mark the surface alone.",
+        "a detector that marks the truth", _exact,
+    ),
+    Family(
+        ("fan_scan_faultless", "two_step_more_precise"), "A detector could mark interior particles.",
+        "detectors that mark a tenth of the particles at random", _guessed(False),
+    ),
+    Family(
+        ("two_step_as_good", "two_step_as_good_printed"),
+        "Two steps could miss surface particles that the fan scan finds.",
+        "two steps mark a tenth at random, the fan scan the truth", _guessed(True),
+    ),
+    Family(
+        ("figure_5_lower", "figure_5_upper"), "A detector could take as long as the one that is said to be slower.",
+        "all take the same time", alike({"methods": {m: {"whole": 1.0} for m in runs.METHODS}}),
+    ),
+    Family(
+        ("lambda_outside",), "A lambda outside of the range could find the surface as well as the best inside it.",
+        "every lambda scores the same", alike({"f1": {f"{factor:g}": 0.7 for factor in (*INSIDE, *OUTSIDE)}}),
+    ),
+)  # fmt: skip

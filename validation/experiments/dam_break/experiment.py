@@ -28,9 +28,10 @@ MOMENTS = (0.3, 0.6, 1.0)  # s: at which the recall of two steps is held against
 def planned(options: Options) -> list[Run]:
     """The runs under the options."""
     quick, backend = options.quick, options.backend
+    columns, estimate = (28, 7.0) if quick else (40, 15.0)
     made = [
-        Run("detection_2d", runs.collapse, {"columns": 40, "until": 1.8, "backend": backend}, estimate=18.0),
-        Run("front_2d", runs.surge, {"columns": 28 if quick else 40, "backend": backend}, estimate=7 if quick else 12),
+        Run("detection_2d", runs.collapse, {"columns": columns, "until": 1.8, "backend": backend}, estimate),
+        Run("front_2d", runs.surge, {"columns": columns, "backend": backend}, estimate),
     ]
     made += costs_planned(options)
     reason = "in 3D it takes minutes; run without --quick" if quick else ""
@@ -163,7 +164,7 @@ def tables(results: Results) -> list[Table]:
             rows.append(row)
         made.append(
             Table(
-                "Detection time [ms] on one thread, medians",
+                "Detection time [ms] on one thread, lower quartiles of the readings",
                 [
                     "particles",
                     "scanned",

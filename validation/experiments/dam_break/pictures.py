@@ -135,7 +135,6 @@ def cost_data(results: Results) -> dict[str, Any]:
     return {
         "title": "Figure 5: detection time in a dam break",
         "moment_s": found[0].values["moment"],
-        "repeats": found[0].values["repeats"],
         "machine": found[-1].about["machine"],
         "date": found[-1].about["date"],
         "moved_on": found[-1].values["moved_on"],
@@ -156,7 +155,7 @@ def cost_picture(data: Mapping[str, Any]) -> Any:
     for method in ("fan_scan", "two_step", "number_density"):
         time = milliseconds(method, "whole")
         whole.plot(number, time, color=COLOURS[method], marker=marks[method], ms=5, label=WORDS[method])
-    whole.set(title="a  Whole detection", yscale="log", ylabel="median time [ms]")
+    whole.set(title="a  Whole detection", yscale="log", ylabel="time [ms]")
     low, high = whole.get_ylim()
     whole.set_ylim(min(low, 10.0 ** np.floor(np.log10(low * 1.01))), 2.5 * high)
     for part, look, words in (
@@ -196,7 +195,7 @@ def cost_picture(data: Mapping[str, Any]) -> Any:
         axes.legend(loc="upper left", ncols=2 if axes is parts else 1)
     machine = data["machine"]
     figure.supxlabel(
-        f"2D, t = {data['moment_s']:g} s, one thread, medians of {data['repeats']}; {machine['processor']},"
+        f"2D, t = {data['moment_s']:g} s, one thread; {machine['processor']},"
         f" {machine['cores']} cores",
         fontsize=8, color=GREY,
     )  # fmt: skip

@@ -1,4 +1,4 @@
-"""What Dong, Zhang & Chen 2016 claim, measured: density, area, momentum, seconds, shape, coefficients, droplets.
+"""What Dong, Zhang & Chen 2016 claim, measured: density, area, momentum, time, shape, coefficients, distances, drops.
 
 Starts are cubes of other sizes and lattices, other shapes, or other shakings of the falling block, as each test says.
 """
@@ -13,11 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from refsim import Cloud, CsfWang2019, Dong2016, Scene, WeaklyCompressible
-from validation.claims import Measure
+from validation.claims import Family, Measure, alike
 from validation.experiment import Options, Results, Run
 from validation.experiments.dong import runs
 from validation.experiments.dong import scene as scenes
 from validation.experiments.droplet.runs import relaxed
+from validation.metrics.shapes import lattice_ball, lattice_cube
 from validation.results import Result, real
 from validation.running import Context, advance
 
@@ -186,12 +187,17 @@ def forces(context: Context, seed: int, backend: str) -> Result:
     pressure, found = acceleration(()), {}
     for name, effect in terms.items():
         force = mass * (acceleration((effect,)) - pressure)
-        torque = np.cross(position, force)
-        found[name] = {
-            "linear": float(np.linalg.norm(force.sum(0)) / np.linalg.norm(force, axis=1).sum()),
-            "angular": float(np.linalg.norm(torque.sum(0)) / np.linalg.norm(torque, axis=1).sum()),
-        }
+        found[name] = left_over(position, force)
     return Result(found)
+
+
+def left_over(position: NDArray, force: NDArray) -> dict[str, float]:
+    """Sum of the forces and of their torques, each over the sum of the moduli; position, force (n, 3)."""
+    torque = np.cross(position, force)
+    return {
+        name: float(np.linalg.norm(each.sum(0)) / np.linalg.norm(each, axis=1).sum())
+        for name, each in (("linear", force), ("angular", torque))
+    }
 
 
 def momentum(term: str, part: str) -> Measure:
@@ -373,3 +379,172 @@ def splash(part: str, frame: int, over: Callable[[float, float], float]) -> Meas
 NET_WITHOUT = splash("holes", 90, lambda a, b: b / max(a, 1.0))
 FEWER_LONE = splash("lone", 120, lambda a, b: a / max(b, 1.0))
 GATHERS = splash("height", 160, lambda a, b: a / b)
+
+# Figure 6: after 8 s there is one drop.
+
+RESTED = 1600  # frames
+
+
+def _merge_runs(options: Options) -> list[Run]:
+    return [
+        Run(f"claim_merge_{seed}", runs.fall,
+            {"tension": True, "backend": options.backend, "seed": seed, "frames": [0, RESTED]}, 30.0)
+        for seed in SEEDS
+    ]  # fmt: skip
+
+
+def _outside_largest(values: dict) -> float:
+    """Share of the particles outside of the largest part at the end; 1 for a run that stopped."""
+    return 1.0 if values["stopped"] else 1 - real(values["rows"][-1]["largest"])
+
+
+MERGES_INTO_ONE = Measure(_merge_runs, values_of("claim_merge", _outside_largest), quick=False)
+
+# Section 2.1: L(0) = k, where the cosine of the plain pair force vanishes at r = 0.
+
+FEW = 512  # particles
+NEAR_STARTS = {"cube": ("cube", FEW, 1), "cut": ("cut", FEW, 1), "cut_2": ("cut", FEW, 2), "box": ("box", FEW, 1)}
+
+
+def near(model: str, rival: str = "") -> Measure:
+    """Nearest neighbour, 5th percentile [d], at the end of a run without the correction, or over that of a rival."""
+    models = [model, rival] if rival else [model]
+
+    def planned(options: Options) -> list[Run]:
+        made = []
+        for name, (shape, count, seed) in NEAR_STARTS.items():
+            for each in models:
+                parameters: dict[str, Any] = {
+                    "shape": shape, "count": count, "seed": seed, "model": each, "until": 2.0, "samples": 20,
+                    "viscosity": scenes.CALM, "backend": options.backend,
+                }  # fmt: skip
+                if each == "dong":
+                    parameters["changes"] = {"correction": 0.0}
+                made.append(Run(f"claim_near_{each}_{name}", runs.cube, parameters, 4.0))
+        return made
+
+    def values(found: Results) -> list[float]:
+        last = {key: real(result.values["series"]["nn_5"][-1]) for key, result in found.items()}
+        made = []
+        for name in NEAR_STARTS:
+            own = last[f"claim_near_{model}_{name}"]
+            made.append(own / last[f"claim_near_{rival}_{name}"] if rival else own)
+        return made
+
+    return Measure(planned, values)
+
+
+NO_CLUSTERS = near("dong")
+NO_CLUSTERS_BESIDE_COSINE = near("dong", "iif")
+
+# Null models
+
+
+def _shape(made: Callable[[int], NDArray], side: int) -> Callable[[Measure], list[float]]:
+    """Particles at rest on a lattice."""
+    return lambda measure: measure.of({"": {"area": runs.area(made(side).astype(float), 1.0)}})
+
+
+def _random_forces(measure: Measure) -> list[float]:
+    """Forces that no particle returns."""
+    position = lattice_ball(SMALL).astype(float)
+    found = left_over(position, np.random.default_rng(1).normal(size=position.shape))
+    return measure.of({"": dict.fromkeys(("cohesion", "correction", "printed"), found)})
+
+
+def _central_forces(measure: Measure) -> list[float]:
+    """A force between every two of some particles, along the line between them."""
+    position = np.random.default_rng(1).normal(size=(100, 3))
+    apart = position[:, None] - position[None]
+    found = left_over(position, (apart * np.exp(-(apart**2).sum(-1))[..., None]).sum(1))
+    return measure.of({"": {"csf": found}})
+
+
+def _two_histories(measure: Measure) -> list[float]:
+    """One cube that swings, and one that creeps."""
+    time = np.linspace(0.0, 2.2, 221)
+    swings, creeps = np.exp(-time) * np.cos(8 * time), np.exp(-time)
+    given = {"dong": swings, "csf": creeps}
+    return measure.of(
+        {
+            run.key: {"series": {"time": time.tolist(), "cubic_moment": given[run.parameters["model"]].tolist()}}
+            for run in measure.runs(Options())
+        }
+    )
+
+
+def _far_best(measure: Measure) -> list[float]:
+    """The roundest drop has lambda a thousand times k."""
+    row = {"stopped": "", "correction": 1.0, "stiffness": 1e-3, "kinetic_share": 0.0, "area": 1.0}
+    return measure.of({"": row})
+
+
+def _pairs(measure: Measure) -> list[float]:
+    """Particles that lie in pairs, two hundredths of a spacing apart, with every model."""
+    return measure.of({"": {"series": {"nn_5": [1.0, 0.02]}}})
+
+
+ROW = {"holes": 4, "lone": 9, "height": 1.5, "largest": 0.3}
+FAMILIES = (
+    Family(
+        tuple(f"density_{name}{raw}" for name in ("printed", "block", "cube") for raw in ("", "_raw")),
+        "The density could deviate by more than one part in a hundred.", "a density that swings by 2 %",
+        alike({"swing": 0.02, "compression": 0.02, "soft": 0.02}),
+    ),
+    Family(
+        ("cohesion_not_minimal", "cohesion_not_minimal_short"), "Cohesion alone could make a ball.",
+        "a ball cut from a lattice", _shape(lattice_ball, 4913),
+    ),
+    Family(
+        ("correction_minimal", "correction_minimal_short"), "The drop could keep edges.", "a cube",
+        _shape(lattice_cube, 11),
+    ),
+    Family(
+        tuple(f"{part}_{term}" for part in ("linear", "angular") for term in ("cohesion", "correction", "printed")),
+        "Forces or torques could be left over when they are summed.",
+        "random forces, to which no particle returns the opposite", _random_forces,
+    ),
+    Family(
+        ("linear_csf", "angular_csf"), "The continuum force could keep momentum after all.",
+        "a central force between every two particles", _central_forces,
+    ),
+    Family(
+        ("faster_than_csf_droplet", "faster_than_csf_oil", "faster_in_complex_scenes"),
+        "A frame could take as long as the rival's.", "all take the same time",
+        alike({"step": 0.01, "steps": 40, "frames": 40}),
+    ),
+    Family(
+        ("as_fast_as_iif_droplet", "as_fast_as_iif_oil"),
+        "A frame could take clearly longer than the plain pair force's.",
+        "a model that takes twice as long",
+        lambda measure: measure.of(
+            {
+                run.key: {"step": 0.02 if run.parameters["model"] == "dong" else 0.01, "steps": 40, "frames": 40}
+                for run in measure.runs(Options())
+            }
+        ),
+    ),
+    Family(
+        ("shape_like_csf",), "The two models could deform a cube differently.",
+        "a cube that swings beside one that creeps",
+        _two_histories,
+    ),
+    Family(
+        ("one_order",), "The roundest drop could have coefficients that differ by more than a factor of ten.",
+        "the roundest drop has lambda = 1000 k", _far_best,
+    ),
+    Family(
+        ("net_without", "fewer_lone", "gathers"), "The block could fall apart alike with and without tension.",
+        "both runs end alike",
+        alike({"rows": [{"frame": frame, **ROW} for frame in (*scenes.FRAMES, *scenes.LATER)]}),
+    ),
+    Family(
+        ("merges_into_one",), "Droplets could stay apart.", "drops of which the largest holds 30 %",
+        alike({"stopped": "", "rows": [ROW]}),
+    ),
+    Family(
+        ("no_clusters", "no_clusters_beside_cosine"),
+        "Particles could pile up with L(0) = k, too, or as much as with a cosine.",
+        "particles in pairs, 0.02 spacings apart, with either force", _pairs,
+    ),
+)  # fmt: skip

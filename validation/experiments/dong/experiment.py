@@ -20,6 +20,9 @@ from validation.tables import Table
 TERMS = {"both": (True, True), "cohesion": (True, False), "correction": (False, True), "neither": (False, False)}
 WORDS = {"both": "both terms", "cohesion": "cohesion alone", "correction": "correction alone", "neither": "no tension"}
 ARMS = {"with": True, "without": False}
+OWN = {"solver": "hu_adams"}  # D(3) to D(5) in place of the shared liquid
+SMALL = 1331  # particles of the cube that both solvers round, at any size of the experiment
+SOLVERS = {"shared": "shared liquid", "own": "D(3) to D(5)"}
 LATE = tuple(sorted({*scenes.LATER, *pictures.MERGING, *range(100, pictures.REST + 1, 20)}))
 
 
@@ -37,14 +40,24 @@ def planned(options: Options) -> list[Run]:
         parameters = {"tension": tension, "frames": frames, **backend}
         key, estimate = ("fall", 2.0) if options.quick else ("rest", 40.0)
         made.append(Run(f"{key}_{arm}", runs.fall, parameters, estimate))
+        made.append(Run(f"own_{key}_{arm}", runs.fall, {**parameters, **OWN}, 2 * estimate))
+    small = {"shape": "cube", "count": SMALL, **backend}
+    for name, changes in (("shared", {}), ("own", OWN)):
+        made.append(Run(f"{name}_cube_{SMALL}", runs.cube, {**small, "changes": changes}, 10.0))
+    made.append(
+        Run("own_cube_4913", runs.cube, {"shape": "cube", "count": 4913, "changes": OWN, **backend}, 60.0, reason)
+    )
     for key, pair in runs.sweep_pairs().items():
         made.append(Run(key, runs.sweep, {**pair, **backend}, 3.0, reason))
     return made
 
 
-def blocks(results: Results) -> dict[str, list[dict[str, Any]]]:
-    """What lies on the floor, frame by frame, of both arms: until they rest, or the quick runs; empty without them."""
-    for key in ("rest", "fall"):
+def blocks(results: Results, solver: str = "") -> dict[str, list[dict[str, Any]]]:
+    """What lies on the floor, frame by frame, of both arms: until they rest, or the quick runs; empty without them.
+
+    solver  "own_" for the runs with D(3) to D(5)
+    """
+    for key in (f"{solver}rest", f"{solver}fall"):
         if {f"{key}_{arm}" for arm in ARMS} <= set(results):
             return {arm: results[f"{key}_{arm}"].values["rows"] for arm in ARMS}
     return {}
@@ -77,6 +90,21 @@ def checks(results: Results, check: Checks) -> None:
         check("printed_step", values["step"] / values["limit"])
         check("printed_refused", float(bool(values["refused"])))
         check("printed_compression", values["soft"])
+    for key in (*(f"{name}_cube_{SMALL}" for name in SOLVERS), "own_cube_4913"):
+        if key in results:
+            values = results[key].values
+            words = f"cube of {values['particles']:,}, {SOLVERS[key.partition('_')[0]]}"
+            check("solver_octahedron", max(values["series"]["moment"]), key, words)
+            check("solver_roundness", values["series"]["radius_variation"][-1], key, words)
+            check("solver_swing", values["swing_late"], key, words)
+    for arm, rows in blocks(results, "own_").items():
+        for row in rows:
+            if row["frame"] in (*scenes.FRAMES, *scenes.LATER, pictures.REST):
+                words = f"frame {row['frame']}, {arm} tension, D(3) to D(5)"
+                for name in ("parts", "lone", "holes"):
+                    check(name, row[name], f"own_{row['frame']}_{arm}", words)
+                if row["frame"] == pictures.REST:
+                    check("solver_layers", row["layers"], f"own_{arm}", words)
     landed = blocks(results)
     if landed:
         at = {arm: {row["frame"]: row for row in rows} for arm, rows in landed.items()}
@@ -95,14 +123,15 @@ def checks(results: Results, check: Checks) -> None:
 def tables(results: Results) -> list[Table]:
     """What lies on the floor, and what the printed numbers do."""
     made = []
-    landed = blocks(results)
+    landed = {f"{arm} tension": found for arm, found in blocks(results).items()}
+    landed |= {f"{arm} tension, D(3) to D(5)": found for arm, found in blocks(results, "own_").items()}
     if landed:
         rows = []
-        for arm, found in landed.items():
+        for words, found in landed.items():
             for row in found:
                 if row["frame"] in (*scenes.FRAMES, *scenes.LATER, *pictures.MERGING):
                     cells = [row["parts"], row["lone"], row["holes"], f"{row['largest']:.2f}", f"{row['area']:.2f}"]
-                    rows.append([f"{arm} tension", row["frame"], *cells, f"{row['stretch']:.2f}", row["layers"]])
+                    rows.append([words, row["frame"], *cells, f"{row['stretch']:.2f}", row["layers"]])
         heading = ["", "frame", "parts", "lone", "holes", "largest part", "floor per particle", "stretch", "layers"]
         note = (
             "Parts have 5 particles or more, each within 1.5 spacings of another. Holes are seen from above and larger"
@@ -145,6 +174,14 @@ EXPERIMENT = Experiment(
         Picture("dong_figure_3", pictures.cube_data, pictures.cube_picture, ("cube_4913",), shaded=True),
         Picture(
             "dong_figure_4", pictures.splash_data, pictures.splash_picture, ("rest_with", "rest_without"), shaded=True
+        ),
+        Picture("dong_fall", pictures.splash_data, pictures.splash_picture, ("fall_with", "fall_without"), shaded=True),
+        Picture(
+            "dong_fall_own_solver",
+            pictures.own_splash_data,
+            pictures.splash_picture,
+            ("own_fall_with", "own_fall_without"),
+            shaded=True,
         ),
         Picture("dong_figure_5", pictures.rest_data, pictures.rest_picture, ("rest_with", "rest_without")),
         Picture("dong_sweep", pictures.sweep_data, pictures.sweep_picture, tuple(runs.sweep_pairs())),

@@ -146,16 +146,22 @@ def _counts(frame: Mapping[str, Any], *names: str) -> str:
     return ", ".join(f"{frame[name]} {name if frame[name] != 1 else name[:-1]}" for name in names)
 
 
-def splash_data(results: Results) -> dict[str, Any]:
-    """Figure 4: from above at frames 60 to 90, with and without tension."""
+def own_splash_data(results: Results) -> dict[str, Any]:
+    """Figure 4 with Dong's own solver, D(3) to D(5)."""
+    return splash_data(results, "own_", "; Dong's own solver, D(3) to D(5)")
+
+
+def splash_data(results: Results, solver: str = "", words: str = "") -> dict[str, Any]:
+    """Figure 4: from above at frames 60 to 90, with and without tension; of the quick runs where they are the ones."""
     arms = {"with": "with tension", "without": "without tension"}
+    runs = f"{solver}rest" if f"{solver}rest_with" in results else f"{solver}fall"
     return {
-        "title": "Dong, figure 4: the block after its impact, from above",
-        "spacing_m": results["rest_with"].values["spacing"],
+        "title": f"Dong, figure 4: the block after its impact, from above{words}",
+        "spacing_m": results[f"{runs}_with"].values["spacing"],
         "rows": [
             {
                 "words": words,
-                "frames": [_room(results[f"rest_{arm}"], frame, TOP) for frame in (*scenes.FRAMES, *scenes.LATER)],
+                "frames": [_room(results[f"{runs}_{arm}"], frame, TOP) for frame in (*scenes.FRAMES, *scenes.LATER)],
             }
             for arm, words in arms.items()
         ],

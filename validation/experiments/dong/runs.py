@@ -6,7 +6,7 @@ import math
 import statistics
 import time
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Literal
 
 import msgspec
 import numpy as np
@@ -191,10 +191,10 @@ def printed_limits(context: Context, backend: str, seed: int = 1, filtered: bool
 
 def fall(
     context: Context, tension: bool, backend: str, seed: int = 1, frames: tuple[int, ...] = scenes.FRAMES,
-    filtered: bool = True,
+    filtered: bool = True, solver: Literal["shared", "hu_adams"] = "shared",
 ) -> Result:  # fmt: skip
     """The block of 810 particles falls into the room: what lies on the floor at the given frames."""
-    return falling(context, scenes.block_scene(seed, tension, filtered), list(frames), backend)
+    return falling(context, scenes.block_scene(seed, tension, filtered, solver=solver), list(frames), backend)
 
 
 def falling(context: Context, scene: Scene, frames: list[int], backend: str) -> Result:

@@ -7,7 +7,7 @@ this project's. Units are SI.
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -126,11 +126,21 @@ def impact_speed() -> float:
     return math.sqrt(2 * 9.81 * HEIGHT)
 
 
-def block_scene(seed: int = 1, tension: bool = True, filtered: bool = True, dtype: str = "float32") -> Scene:
-    """The block over the floor of a closed room, calibrated."""
+def block_scene(
+    seed: int = 1, tension: bool = True, filtered: bool = True, dtype: str = "float32",
+    solver: Literal["shared", "hu_adams"] = "shared",
+) -> Scene:  # fmt: skip
+    """The block over the floor of a closed box, calibrated; with the shared liquid or with D(3) to D(5).
+
+    Without tension the solver of D(3) to D(5) keeps the density filter, which is part of it.
+    """
     position, spacing = block(seed)
     liquid = WeaklyCompressible(rest_density=DENSITY, sound_speed=FALL_SOUND, dynamic_viscosity=FALL_VISCOSITY)
-    effect = (Dong2016(surface_tension=FALL_NOMINAL, filter_density=filtered),) if tension else ()
+    effect: tuple[Dong2016, ...] = ()
+    if tension:
+        effect = (Dong2016(surface_tension=FALL_NOMINAL, filter_density=filtered, solver=solver),)
+    elif solver == "hu_adams":
+        effect = (Dong2016(stiffness=0.0, correction=0.0, filter_density=filtered, solver=solver),)
     return _falling(position, spacing, 2.7, (liquid, *effect), dtype)
 
 

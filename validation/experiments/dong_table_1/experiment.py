@@ -33,7 +33,7 @@ def planned(options: Options) -> list[Run]:
         for case in CASES:
             for model in scenes.MODELS:
                 parameters = {"model": model, "case": case, "backend": options.backend, "turn": turn}
-                made.append(Run(key_of(case, model, turn), runs.seconds_per_frame, parameters, 3.0, reason))
+                made.append(Run(key_of(case, model, turn), runs.seconds_per_frame, parameters, 3.0, reason, timed=True))
     return made
 
 

@@ -32,6 +32,10 @@ from validation.results import floats
 
 VIEW = view_matrix(azimuth=32.0, elevation=24.0)
 ROWS = {"cube_4913": "cube", "cut_5039": "cube cut from a turned lattice", "box_4862": "turned box, 1.3 : 1 : 0.8"}
+SURFACE_ONLY = {  # "tension acts on surface particles only", as the paper's text and as its words alone have it
+    "mode_text": "cube, the paper's text: pairs of its surface set",
+    "mode_one_sided": "cube, the paper's words: force on surface particles only",
+}
 EXTENT = 1.5  # half width of a frame, in R
 
 
@@ -53,7 +57,7 @@ def frame_data(results: Results) -> dict[str, Any]:
         "half_width_radii": EXTENT,
         "rows": [],
     }
-    for key, words in ROWS.items():
+    for key, words in (ROWS | SURFACE_ONLY).items():
         if key not in results or key == "cut_5039":
             continue
         values, position = results[key].values, results[key].arrays["position"]

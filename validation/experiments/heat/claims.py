@@ -1,6 +1,7 @@
 """What the paper on melting claims of its conduction of heat, equation (4), measured on a cosine in a slab.
 
-Read literally (R1: each particle by itself) and as it keeps the heat (R3: both particles of a pair).
+Read literally (R1: each particle by itself) and as it keeps the heat (R3: both particles of a pair). K of the figures
+is read in hundredths of a m^2/s, as in the scenes of melting (`validation.experiments.melting.scene.SCALE`).
 """
 
 from __future__ import annotations
@@ -12,15 +13,18 @@ from typing import Any
 import numpy as np
 
 from refsim.heat import kernels, pair_exchange, schemes
-from validation.claims import Measure
+from validation.claims import Family, Measure, alike
 from validation.experiment import Options, Results, Run
 from validation.experiments.heat import exact
 from validation.experiments.heat.conductor import Conductor, cosine_slab
+from validation.experiments.melting.scene import SCALE
+from validation.experiments.melting.scene import STEP as PAPER_STEP
 from validation.results import Result, real
 from validation.running import Context
 
 CELLS, ACROSS, SPACING, UNTIL = 20, 10, 0.2, 1.6  # [1], [1], [m], [s]
-NUMBERS = (2.0, 4.0, 8.75)  # k dt/(rho c d^2); 8.75 is the paper's largest, K = 70
+PRINTED = (10.0, 30.0, 70.0)  # K of figures 4 to 6
+NUMBERS = (2.0, 4.0, 8.75)  # k dt/(rho c d^2) of long steps; the paper's are 100 times smaller
 PASSES = (1, 2, 4, 8)
 WEIGHING = (
     "position", "mass", "volume", "heat_capacity", "conductivity", "reservoir", "neighbours", "timestep", "conduction",
@@ -94,16 +98,16 @@ def numbering(context: Context, scheme: str, seed: int, number: float = 2.0) -> 
     return Result({"difference": float(np.sqrt(((found[0] - found[1]) ** 2).mean()))})
 
 
-def delivered(context: Context, scheme: str) -> Result:
+def delivered(context: Context, scheme: str, seed: int | None = None) -> Result:
     """Diffusivity that the cosine's decay shows, over that of the particles, for K of figures 4 to 6.
 
     d = 0.2, h = 0.5, dt = 0.005 as in table 1; the printed form conducts with 2 K (Shao & Song M6), so that K stands
-    for a number of 2 K dt/d^2.
+    for a number of 2 K dt/d^2. With a `seed` the particles are numbered otherwise.
     """
     rows = []
-    for diffusivity in (10.0, 30.0, 50.0, 70.0):
-        number, steps = 2 * diffusivity * 0.005 / SPACING**2, 8
-        made, x = column(scheme)
+    for diffusivity in (SCALE * k for k in (10.0, 30.0, 50.0, 70.0)):
+        number, steps = 2 * diffusivity * PAPER_STEP / SPACING**2, 8
+        made, x = column(scheme, seed)
         seconds = number * SPACING**2
         made.run(steps * seconds, steps)
         mode = np.cos(math.pi * x / (CELLS * SPACING))
@@ -148,22 +152,65 @@ HEAT_LONG_STEPS_HOLD = Measure(
     _each(lambda result: real(result.values["beyond"])),
 )  # fmt: skip
 HEAT_EXPLICIT_BREAKS = Measure(
-    _runs("explicit", long_steps, [{"scheme": "explicit", "number": number} for number in (1.25, 3.75, 8.75)]),
+    _runs(
+        "explicit", long_steps, [{"scheme": "explicit", "number": SCALE * k * PAPER_STEP / SPACING**2} for k in PRINTED]
+    ),
     _each(lambda result: real(result.values["beyond"])),
 )
 HEAT_ORDER_MATTERS = Measure(
     _runs("order", numbering, [{"scheme": "one_sided", "seed": seed} for seed in (1, 2, 3)]),
     _each(lambda result: real(result.values["difference"])),
 )
-HEAT_MATERIAL_COUNTS_SINGLE = Measure(
-    _runs("material_one_sided", delivered, [{"scheme": "one_sided"}]),
-    _each(
-        lambda result: real(result.values["rows"][-1]["delivered"]) / real(result.values["rows"][0]["delivered"]) / 7
+
+
+def _material(scheme: str) -> Measure:
+    """Diffusivity that K = 70 delivers over that of K = 10, over seven, for three numberings."""
+    return Measure(
+        _runs(f"material_{scheme}", delivered, [{"scheme": scheme, "seed": seed} for seed in (1, 2, 3)]),
+        _each(lambda r: real(r.values["rows"][-1]["delivered"]) / real(r.values["rows"][0]["delivered"]) / 7),
+    )
+
+
+HEAT_MATERIAL_COUNTS_SINGLE = _material("one_sided")
+HEAT_MATERIAL_COUNTS_PAIRS = _material("pair_exchange")
+
+# Null models
+
+
+def _other_scheme(scheme: str, number: float) -> Callable[[Measure], list[float]]:
+    """What another scheme does with a long step on the same jump."""
+
+    def model(measure: Measure) -> list[float]:
+        return measure.of({"": dict(long_steps(Context(), scheme, number).values)})
+
+    return model
+
+
+def _same_numbering(measure: Measure) -> list[float]:
+    """Explicit conduction, which takes all temperatures of the step before."""
+    return measure.of({"": dict(numbering(Context(), "explicit", 1, 0.1).values)})
+
+
+FAMILIES = (
+    Family(
+        tuple(f"heat_reversed_{way}_{passes}" for way in ("single", "pairs") for passes in (2, 4, 8)),
+        "Passes backwards could leave the same error as passes forwards.", "both leave the same error",
+        alike({"forward": [0.5] * 4, "reversed": [0.5] * 4}),
     ),
-)
-HEAT_MATERIAL_COUNTS_PAIRS = Measure(
-    _runs("material_pair_exchange", delivered, [{"scheme": "pair_exchange"}]),
-    _each(
-        lambda result: real(result.values["rows"][-1]["delivered"]) / real(result.values["rows"][0]["delivered"]) / 7
+    Family(
+        ("heat_long_steps_hold",), "Temperatures could leave the range of the start.",
+        "the explicit scheme with k dt/(rho c d^2) = 8.75", _other_scheme("explicit", 8.75),
     ),
-)
+    Family(
+        ("heat_explicit_breaks",), "The explicit scheme could keep the range at the paper's steps.",
+        "the implicit scheme R3 with k dt/(rho c d^2) = 8.75", _other_scheme("pair_exchange", 8.75),
+    ),
+    Family(
+        ("heat_order_matters",), "The numbering of particles could be without effect.",
+        "explicit conduction, whose sums do not depend on it", _same_numbering,
+    ),
+    Family(
+        ("heat_material_counts_single", "heat_material_counts_pairs"), "All materials could conduct alike.",
+        "every K delivers the same", alike({"rows": [{"delivered": 1.0}] * 4}),
+    ),
+)  # fmt: skip

@@ -13,11 +13,13 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from numpy.typing import NDArray
 
+from refsim.render.space import Body
 from validation.checks import bars
-from validation.drawing import GREY, Layer, ball_picture, layered_picture, stacked_bars, view_matrix
+from validation.drawing import GREY, ball_picture, body_picture, stacked_bars, view_matrix
 from validation.experiment import Results
 from validation.experiments.melting.runs import ON_GPU, PAPER, SOLID_SHARES, WIDTHS, grouped
 from validation.experiments.melting.scene import SPACING
+from validation.metrics.droplet import contour
 from validation.results import real
 
 WATER = (0.30, 0.58, 0.86)
@@ -94,7 +96,6 @@ def distance_field(points: NDArray, low: NDArray, shape: tuple[int, ...]) -> NDA
 def surface(points: NDArray) -> tuple[NDArray, NDArray]:
     """(vertices, triangles) of the surface around particles [m]; none for no particles."""
     from scipy.ndimage import gaussian_filter
-    from skimage.measure import marching_cubes
 
     if not len(points):
         return np.zeros((0, 3)), np.zeros((0, 3), int)
@@ -104,8 +105,8 @@ def surface(points: NDArray) -> tuple[NDArray, NDArray]:
     value = gaussian_filter(distance_field(points, low, shape), 0.8)
     if not (value.min() < 0 < value.max()):
         return np.zeros((0, 3)), np.zeros((0, 3), int)
-    vertices, triangles, _, _ = marching_cubes(value, 0.0, spacing=(CELL,) * 3, gradient_direction="descent")
-    return vertices + low, triangles
+    vertices, triangles = contour(value)
+    return CELL * vertices + low, triangles
 
 
 def stage_picture(azimuth: float, elevation: float, melt_shown: bool) -> Any:
@@ -135,15 +136,15 @@ def stage_picture(azimuth: float, elevation: float, melt_shown: bool) -> Any:
             layers = []
             for body, colour in enumerate(data["colours"]):
                 shade = BODY[colour] if melt_shown else ICE
-                layers.append(Layer(*surface(x[(part == body) & solid]), shade, 1.0))
+                layers.append(Body(*surface(x[(part == body) & solid]), shade))
                 if melt_shown:
                     paler = tuple(0.45 + 0.55 * c for c in shade)
-                    layers.append(Layer(*surface(x[(part == body) & ~solid]), paler, 1.0))
+                    layers.append(Body(*surface(x[(part == body) & ~solid]), paler))
             water = (part < 0) if melt_shown else ~solid
-            layers.append(Layer(*surface(x[water]), WATER, 0.30))
+            layers.append(Body(*surface(x[water]), WATER, water=True))
             axes = panels[0, k]
             edges(axes, corners, False)
-            axes.imshow(layered_picture(layers, view, extent, PIXELS), extent=(-extent, extent) * 2, zorder=2)
+            axes.imshow(body_picture(layers, view, extent, PIXELS), extent=(-extent, extent) * 2, zorder=2)
             edges(axes, corners, True)
             axes.set_title(f"{f['time']:.2f} s, {100 * f['share']:.0f} % solid", loc="center", fontweight="normal")
             shown = x[:, 1] >= 0 if abs(azimuth + 90) < 45 else x[:, 1] >= -1e9

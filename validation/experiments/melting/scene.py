@@ -1,7 +1,7 @@
 """Scenes of Shao & Song 2017, figures 4 to 6, with the printed values; what the paper leaves open is chosen here.
 
 The print gives conductivities of 10 to 70 under the figures and of 0.1 to 0.8 in table 1. These agree if the numbers
-under the figures are hundredths: K = 30 is 0.30 m^2/s. That is the default, `scale = 0.01`; `scale = 1` takes the
+under the figures are hundredths: K = 30 is 0.30 m^2/s. That is the default, `SCALE`; `scale = 1` takes the
 figures' numbers as they stand. Tanks, heights, streams, sound speed and half-width w are not printed.
 """
 
@@ -33,6 +33,7 @@ from refsim.scene.solids import body_cells
 from validation.experiments.melting import shapes
 
 SPACING, SUPPORT, STEP = 0.2, 0.5, 0.005  # [m], [m], [s]: table 1
+SCALE = 0.01  # [m^2/s] of a printed K of 1; the claims on heat read K alike
 SOUND = 35.0  # [m/s]: 0.4 h/(c + v) = 5 ms up to v = 5 m/s
 VISCOSITY = 50.0  # [Pa s]
 HALF_WIDTH = 2
@@ -181,7 +182,7 @@ def scene_of(figure: str, size: float = 1.0, **options: Any) -> Scene:
 def made(
     setting: Setting,
     name: str = "melting",
-    scale: float = 0.01,
+    scale: float = SCALE,
     half_width: int = HALF_WIDTH,
     scheme: str = "implicit",
     summation: str = "fast",

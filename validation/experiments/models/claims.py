@@ -6,11 +6,15 @@ Starts are the lattice cube of 4,913 particles and cubes of 5,039 cut from turne
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 
-from validation.claims import Measure
+import numpy as np
+
+from validation.claims import Family, Measure, alike
 from validation.experiment import Options, Results, Run
 from validation.experiments.models import runs
+from validation.metrics.droplet import nearest_neighbour_distance
+from validation.metrics.shapes import lattice_ball, lattice_cube
 from validation.results import real
 
 STARTS = {"cube": ("cube", 4913, 1), "cut": ("cut", 5039, 1), "cut_2": ("cut", 5039, 2), "cut_3": ("cut", 5039, 3)}
@@ -28,7 +32,7 @@ def drop(options: Options, model: str, start: str) -> Run:
 def measured(value: Callable[[Mapping], float], *models: str, timed: bool = False) -> Measure:
     """The value of a model's drop, or of a first model's over that of a second's, start by start.
 
-    A start from which neither is finite (never at rest) is left out.
+    Infinite where the first is (never at rest), whether or not the second is.
     """
 
     def planned(options: Options) -> list[Run]:
@@ -38,8 +42,7 @@ def measured(value: Callable[[Mapping], float], *models: str, timed: bool = Fals
         found = []
         for start in STARTS:
             parts = [value(results[f"{start}_{model}"].values) for model in models]
-            if len(parts) == 1 or any(map(math.isfinite, parts)):
-                found.append(parts[0] if len(parts) == 1 else parts[0] / parts[1])
+            found.append(parts[0] if len(parts) == 1 or math.isinf(parts[0]) else parts[0] / parts[1])
         return found
 
     return Measure(planned, values, quick=False, timed=timed)
@@ -95,3 +98,48 @@ SOONER_THAN_CSF = measured(seconds, "jiang_zhu", "csf", timed=True)
 SOONER_THAN_BECKER = measured(seconds, "jiang_zhu", "becker_teschner", timed=True)
 SOONER_THAN_AKINCI = measured(seconds, "jiang_zhu", "akinci", timed=True)
 SOONER_THAN_IISPH = measured(seconds, "jiang_zhu", "akinci_iisph", timed=True)
+
+# Null models
+
+
+def _shape(made: Callable[..., np.ndarray], side: int) -> Callable[[Measure], Sequence[float]]:
+    """The measures of `runs.surface` and of nearest neighbours on particles at rest on a lattice, with spacing 1."""
+
+    def model(measure: Measure) -> list[float]:
+        place = made(side).astype(float)
+        radius = (3 * len(place) / (4 * math.pi)) ** (1 / 3)
+        near = float(np.quantile(nearest_neighbour_distance(place), 0.05))
+        return measure.of({"": {"surface": {"end": runs.surface(place, 1.0, radius)}, "end": {"nn_5": near}}})
+
+    return model
+
+
+FAMILIES = (
+    Family(
+        ("rival_csf_uneven", "rival_becker_clusters", "rival_becker_clusters_printed"),
+        "Particles could be as far apart as on a lattice.", "a ball cut from a lattice", _shape(lattice_ball, 4913),
+    ),
+    Family(
+        ("rival_csf_area", "rival_becker_area", "rival_akinci_area", "rival_iisph_area"),
+        "The rival's drop could be a ball.", "a ball cut from a lattice", _shape(lattice_ball, 4913),
+    ),
+    Family(("own_drop_round",), "The drop could keep edges.", "a cube", _shape(lattice_cube, 17)),
+    Family(
+        ("rival_csf_gaps",), "The surface could be as near to particles as that of the paper's drop.",
+        "both drops are alike", alike({"surface": {"end": {"gap": 1.2}}}),
+    ),
+    Family(
+        ("rival_csf_expands",), "The liquid could keep its extent.", "a drop that does not move",
+        alike({"series": {"extent": [1.0] * 30}}),
+    ),
+    Family(
+        ("rival_csf_rough", "rival_becker_rough", "rival_akinci_rough", "rival_iisph_rough"),
+        "The rival's drop could be as smooth as the paper's.", "both drops are alike",
+        alike({"end": {"radius_variation": 0.01}}),
+    ),
+    Family(
+        ("sooner_than_csf", "sooner_than_becker", "sooner_than_akinci", "sooner_than_iisph"),
+        "The paper's drop could come to rest as late as the rival's, or never.", "both take the same time",
+        alike({"rest": {"wall": 2.0}}),
+    ),
+)  # fmt: skip

@@ -21,7 +21,7 @@ def planned(options: Options) -> list[Run]:
     for shape, count in (("cube", 4913), ("cut", 5039)):
         for model in MODELS:
             parameters = {"model": model, "shape": shape, "count": count, "backend": options.backend}
-            made.append(Run(f"{shape}_{model}", runs.relax, parameters, estimate=20.0, skip=reason))
+            made.append(Run(f"{shape}_{model}", runs.relax, parameters, 20.0, reason, timed=True))
     return made
 
 

@@ -14,7 +14,7 @@ from refsim import Box, MpmLiquid, MpmWalls, Scene
 from refsim.core.operation import REGISTRY
 from refsim.mpm import READINGS
 from refsim.sparse_grid.reference import node_table
-from validation.claims import Measure
+from validation.claims import Family, Measure, alike
 from validation.experiment import Options, Results, Run
 from validation.experiments.mpm_droplet.stability import STEPS
 from validation.metrics.mpm import CELL, DENSITY, MODULUS, Transfers, round_trip
@@ -200,3 +200,30 @@ MPM_PIC_IS_VISCOUS = Measure(_vortices, _pairs("rate"))
 MPM_EXPLICIT_KEEPS_ENERGY = Measure(_blocks, _pairs("lost"))
 MPM_CLUSTER_STEADIES = Measure(_steps("cluster, no inset"), _pairs("largest"), quick=False)
 MPM_THESIS_STEADIES = Measure(_steps("thesis (4.14), no inset"), _pairs("largest"), quick=False)
+
+
+def _fails(measure: Measure) -> list[float]:
+    """The printed embedding, in the place of any other."""
+    found = momentum(Context(), SEEDS[0]).values["thesis"]
+    return measure.of({"": dict.fromkeys(READINGS, found)})
+
+
+FAMILIES = (
+    Family(
+        tuple(f"mpm_momentum_{name}" for name in ("none", "cluster", "thesis", "gradient_corrected")),
+        "Momentum could be lost between particles and grid.", "the embedding as printed, which loses it", _fails,
+    ),
+    Family(
+        ("mpm_pic_is_viscous",), "Vortices could last as long without affine matrices.", "both lose energy alike",
+        alike({"rate": 0.5}),
+    ),
+    Family(
+        ("mpm_explicit_keeps_energy",), "An implicit step could lose as little energy.", "both lose energy alike",
+        alike({"lost": 0.1}),
+    ),
+    Family(
+        ("mpm_cluster_steadies", "mpm_thesis_steadies"),
+        "Embedded points could leave the largest stable step as it is.",
+        "the same largest step", alike({"largest": 0.01}),
+    ),
+)  # fmt: skip

@@ -17,7 +17,7 @@ from validation.experiments.mpm_droplet.scene import CELLS, MODULUS, box, drop_s
 from validation.results import Result
 from validation.running import Context
 
-EXAMPLE = pathlib.Path(__file__).resolve().parents[3] / "docs" / "examples" / "mpm_droplet.toml"
+EXAMPLE = pathlib.Path(__file__).resolve().parents[3] / "refsim" / "examples" / "mpm_droplet.toml"
 THESIS = "M9, M10"  # the embedding as printed
 SPIN = 20.0  # rad/s, of the disc that turns
 SIDES = (1.3, 1.0, 0.8)  # of the box that becomes a sphere
@@ -375,7 +375,7 @@ def sheet(context: Context, backend: str, length: float, thick: float, tension: 
 
 
 def example(context: Context, backend: str, until: float, shown: Sequence[float]) -> Result:
-    """The scene file docs/examples/mpm_droplet.toml, as `refsim run` runs it, and its surface."""
+    """The scene file refsim/examples/mpm_droplet.toml, as `refsim run` runs it, and its surface."""
     plan = load_scene(EXAMPLE)
     run = context.simulation(plan, backend)
     ledger, kept, stopped = follow(context, run, until, 60, shown)

@@ -170,7 +170,8 @@ def planned(options: Options) -> list[Run]:
             "cells": 20,
             "until": 0.2 if options.quick else 0.6,
         }
-        made.append(Run(f"square_{name}", runs.square, parameters, 40.0, reason if name != "cluster" else ""))
+        estimate = 10.0 if options.quick else 40.0
+        made.append(Run(f"square_{name}", runs.square, parameters, estimate, reason if name != "cluster" else ""))
     made += bodies(options)
     peer: dict[str, Any] = {"cells": 24 if options.quick else 40, "steps": 10, "rounds": 3 if options.quick else 5}
     peer |= {"threads": options.threads or 2, "backend": options.backend}

@@ -585,7 +585,7 @@ def example_data(results: Results) -> dict[str, Any]:
     """Surfaces of the example scene."""
     result = results["example"]
     return {
-        "title": "docs/examples/mpm_droplet.toml", "times": result.values["shown"],
+        "title": "refsim/examples/mpm_droplet.toml", "times": result.values["shown"],
         "frames": frames_of(result, len(result.values["shown"])), "millimetres": result.values["millimetres"],
     }  # fmt: skip
 

@@ -95,6 +95,5 @@ PANELS = (
             *without_gpu("surface_normals", options),
             "epsilon = 2 h: its second points leave the band of samples, normals flip (see the experiment's tables)",
         ],
-        quick=False,
     ),
 )

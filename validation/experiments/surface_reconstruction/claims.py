@@ -10,7 +10,7 @@ from collections.abc import Callable
 import numpy as np
 
 from refsim.backends.arrays import unavailable
-from validation.claims import Measure
+from validation.claims import Family, Measure, alike
 from validation.experiment import Options, Results, Run
 from validation.experiments.surface_reconstruction import runs, shapes
 from validation.results import Result, real
@@ -89,9 +89,13 @@ def _gain(results: Results) -> list[float]:
     return [host / gpu]
 
 
-def _median_ratio(above: list[float], below: list[float]) -> float:
-    """The median turn's ratio: what else the machine does slows both programs of a turn."""
-    return float(np.median([real(a) / real(b) for a, b in zip(above, below, strict=True)]))
+THIRDS = 3  # into which the turns are cut: each gives a value
+
+
+def _ratios(above: list[float], below: list[float]) -> list[float]:
+    """The median turn's ratio in each third of the turns: what else the machine does slows both programs of a turn."""
+    turns = np.array([real(a) / real(b) for a, b in zip(above, below, strict=True)])
+    return [float(np.median(part)) for part in np.array_split(turns, THIRDS)]
 
 
 def _times(above: str, below: str) -> Callable[[Results], list[float]]:
@@ -101,7 +105,7 @@ def _times(above: str, below: str) -> Callable[[Results], list[float]]:
         found = results["solvers"].values
         seconds = {row["name"]: row["turns"] for row in found["rows"]}
         first, second = (name.replace("most", str(found["threads"])) for name in (above, below))
-        return [_median_ratio(seconds[first], seconds[second])]
+        return _ratios(seconds[first], seconds[second])
 
     return values
 
@@ -110,7 +114,8 @@ def _costs(results: Results) -> list[float]:
     """Nanoseconds of MLS normals over those of the gradient, in the dtype in which they compare worse."""
     (found,) = results.values()
     rows = {(row["dtype"], row["kind"]): row["turns"] for row in found.values["rows"]}
-    return [max(_median_ratio(rows[dtype, "mls"], rows[dtype, "gradient"]) for dtype in ("float32", "float64"))]
+    both = [_ratios(rows[dtype, "mls"], rows[dtype, "gradient"]) for dtype in ("float32", "float64")]
+    return max(both, key=np.median)
 
 
 SURFACE_FIT_SCALES = Measure(_solvers, _times("lspia_10_1", "lspia_10_most"), quick=False, timed=True)
@@ -133,3 +138,73 @@ SURFACE_FIT_KEEPS_LITTLE = Measure(_clouds, _each(lambda result: real(result.val
 SURFACE_FACETS_ARE_SLIVERS = Measure(_clouds, _each(lambda result: real(result.values["slivers"])))
 SURFACE_FIT_SMOOTHS_NORMALS = Measure(_clouds, _ratio("jump_mls", "jump_facets"))
 SURFACE_MLS_AS_GOOD_AS_GRADIENT = Measure(_clouds, _ratio("error_mls", "error_gradient"))
+
+# Null models
+
+
+def _unweighted(measure: Measure) -> list[float]:
+    """The iteration (3.6) with equal weights in the place of (3.7)."""
+    matrix, _, _, _ = runs.fit_system(2, runs.RADIUS, offset=0.5, seed=SEEDS[0])
+    dense = matrix.toarray()
+    return measure.of({"": {"beyond_one": float(abs(np.linalg.eigvalsh(dense.T @ dense)[-1] - 1))}})
+
+
+def _equilateral(measure: Measure) -> list[float]:
+    """Triangles with equal sides."""
+    corner = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.5, 0.75**0.5, 0.0]])
+    least = runs.smallest_angles(corner, np.array([[0, 1, 2]]))
+    return measure.of({"": {"slivers": float((least < 10).mean())}})
+
+
+def _random_normals(measure: Measure) -> list[float]:
+    """MLS normals in random directions, beside gradients that are off by 5 degrees."""
+    true, guess = np.random.default_rng(1).normal(size=(2, 1000, 3))
+    true, guess = (each / np.linalg.norm(each, axis=1)[:, None] for each in (true, guess))
+    found = {"error_mls": shapes.angles(guess, true).mean(), "error_gradient": 5.0}
+    return measure.of({"": {name: float(value) for name, value in found.items()}})
+
+
+def _same_time(measure: Measure) -> list[float]:
+    """All programs take the same time and the same registers."""
+    turns, solvers = [0.01] * 9, ("lspia_10_1", "lspia_10_2", "cg_10", "direct")
+    rows = [
+        {"name": name, "turns": turns, "seconds": 0.01, "dtype": "", "kind": name, "registers": 64} for name in solvers
+    ]
+    rows += [
+        {"dtype": dtype, "kind": kind, "turns": turns, "registers": 64, "name": "", "seconds": 0.01}
+        for dtype in ("float32", "float64") for kind in ("mls", "gradient")
+    ]  # fmt: skip
+    return measure.of({"": {"rows": rows, "threads": 2}})
+
+
+FAMILIES = (
+    Family(
+        ("surface_fit_converges",), "The largest eigenvalue could be another than one.",
+        "equal weights instead of (3.7)",
+        _unweighted,
+    ),
+    Family(
+        ("surface_fit_keeps_little",), "The fit could keep as much as the normal equations take.",
+        "a fit that keeps as much", alike({"kept_share": 1.0}),
+    ),
+    Family(
+        ("surface_facets_are_slivers",), "Marching cubes could make well-shaped triangles.", "equilateral triangles",
+        _equilateral,
+    ),
+    Family(
+        ("surface_fit_smooths_normals",), "Fitted normals could jump as much as those of facets.", "both jump alike",
+        alike({"jump_mls": 0.2, "jump_facets": 0.2}),
+    ),
+    Family(
+        ("surface_mls_as_good_as_gradient",), "MLS normals could be farther from the surface's than the gradient's.",
+        "normals in random directions", _random_normals,
+    ),
+    Family(
+        (
+            "surface_fit_scales", "surface_fit_beats_gradients", "surface_fit_beats_factors", "surface_mls_is_cheaper",
+            "surface_fit_scales_on_gpu", "surface_mls_is_cheaper_on_gpu", "surface_mls_takes_fewer_registers",
+        ),
+        "The program could take as long, or as many registers, as the one that it is compared with.",
+        "both take the same", _same_time,
+    ),
+)  # fmt: skip

@@ -18,8 +18,10 @@ PAPER_SECONDS, PAPER_COUNT = 30.3, 5039
 STEADY = {  # variant of the tension and whether the surface is detected, which the paper's text needs for its force
     "steady_default": ("default", False), "steady_default_detection": ("default", True),
     "steady_soft": ("soft", False), "steady_soft_detection": ("soft", True), "steady_text": ("text", True),
+    "steady_one_sided": ("one_sided", False),
 }  # fmt: skip
 PEER_TENSION = 0.05  # of Akinci et al. 2013 beside SPlisHSPlasH: present, and too weak to break the block up
+QUICK_SCENES = ("liquid", "gravity", "detection", "default", "default_detection")
 PEERS = {
     "peer_splishsplash": ("peer_ratio", "splishsplash", "with viscosity"),
     "peer_splishsplash_akinci": ("peer_ratio_akinci", "splishsplash_akinci", "with viscosity and Akinci 2013"),
@@ -31,12 +33,13 @@ def planned(options: Options) -> list[Run]:
     backend, threads = options.backend, options.threads
     slow = "takes a minute with the others; run without --quick" if options.quick else ""
     reason = "" if options.peers else "measured with --peers"
+    few = {"steps": 100, "named": QUICK_SCENES} if options.quick else {}
     steady = {"shape": "cut", "count": PAPER_COUNT, "backend": backend}
     peer = {"side": 47, "steps": 30, "rounds": 3 if options.quick else 5, "threads": threads or 2}
     return [
-        *(Run(key, droplet_runs.relax, {**steady, "variant": variant, "detection": detection}, 14.0, slow)
-          for key, (variant, detection) in STEADY.items()),
-        Run("steps", runs.step_costs, {"steps": 200, "backend": backend, "threads": threads}, 16.0),
+        *(Run(key, droplet_runs.relax, {**steady, "variant": variant, "detection": detection}, 14.0, slow,
+              timed=True) for key, (variant, detection) in STEADY.items()),
+        Run("steps", runs.step_costs, {"steps": 200, "backend": backend, "threads": threads, **few}, 16.0),
         Run("peer_splishsplash", runs.against_splishsplash, peer, 60.0, reason),
         Run("peer_splishsplash_akinci", runs.against_splishsplash, {**peer, "tension": PEER_TENSION}, 90.0, reason),
     ]  # fmt: skip
@@ -65,7 +68,10 @@ def checks(results: Results, check: Checks) -> None:
 
 def described(key: str) -> str:
     """A run to steady state in words."""
-    words = {"default": "all pairs", "soft": "soft pairs", "text": "the paper's text, detection on"}
+    words = {
+        "default": "all pairs", "soft": "soft pairs", "text": "the paper's text, detection on",
+        "one_sided": "the paper's words: force on surface particles only",
+    }  # fmt: skip
     variant = key.removeprefix("steady_")
     if variant.endswith("_detection"):
         return f"{words[variant.removesuffix('_detection')]}, detection on"

@@ -21,7 +21,8 @@ def steady_data(results: Results) -> dict[str, Any]:
     words = {
         "steady_default": "all pairs", "steady_default_detection": "all pairs, detection on",
         "steady_soft": "soft pairs", "steady_soft_detection": "soft pairs, detection on",
-        "steady_text": "the paper's text",
+        "steady_text": "the paper's text: its surface set",
+        "steady_one_sided": "the paper's words: force on\nsurface particles only",
     }  # fmt: skip
     bars = []
     for key, label in words.items():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -43,8 +44,10 @@ def grouped(stages: dict[str, float]) -> dict[str, float]:
     return sums
 
 
-def step_costs(context: Context, steps: int, backend: str, threads: int | None, count: int = 4913) -> Result:
-    """Seconds of a step of the droplet, scene by scene; and the difference that each effect makes."""
+def step_costs(
+    context: Context, steps: int, backend: str, threads: int | None, count: int = 4913, named: Sequence[str] = ()
+) -> Result:
+    """Seconds of a step of the droplet, scene by scene (all, or the named ones); and the price of each effect."""
     position, spacing, _ = particles("cube", count)
     gravity = Gravity(acceleration=(0.0, 0.0, -1.0))
 
@@ -61,6 +64,7 @@ def step_costs(context: Context, steps: int, backend: str, threads: int | None, 
         "soft": ("with soft tension", scene(**VARIANTS["soft"].changes)),
         "either": ("with tension of surface pairs", scene(**VARIANTS["either"].changes)),
     }
+    scenes = {name: scene for name, scene in scenes.items() if name in named or not named}
     clocks = {name: Clock(context, made, backend, threads) for name, (_, made) in scenes.items()}
     for k in range(ROUNDS):  # in turn, so that a disturbance of the machine does not fall on one scene alone
         for clock in clocks.values():
@@ -85,6 +89,7 @@ def step_costs(context: Context, steps: int, backend: str, threads: int | None, 
             "launches": found[with_it]["launches"] - found[without]["launches"],
         }
         for words, without, with_it in pairs
+        if {without, with_it} <= set(found)
     ]
     values = {"particles": len(position), "steps": steps, "scenes": found, "prices": prices}
     return Result(values)

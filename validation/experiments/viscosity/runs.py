@@ -72,7 +72,7 @@ def relaxed(context: Context, dim: int, radius: float, seed: int) -> tuple[NDArr
 
 
 def rate(dim: int, viscosity: float, radius: float) -> float:
-    """5 nu/R^2 in 3D, 4 nu/R^2 in 2D [1/s]: Lamb's damping of n = 2, and J(11)'s braking of a rigid rotation."""
+    """5 nu/R^2 in 3D, 4 nu/R^2 in 2D [1/s]: damping of n = 2 after Lamb, and of a rigid rotation by J(11)."""
     return (5 if dim == 3 else 4) * viscosity / radius**2
 
 

@@ -1,0 +1,1046 @@
+"""Host code against numbers computed here: reports, energies, step limits, initial values, ledgers, parameter groups.
+
+The name of a test begins with the group of tests/ladder/host_slips.py that it judges. Nothing is compiled.
+"""
+
+import itertools
+import math
+from contextlib import nullcontext
+from types import SimpleNamespace
+from unittest import mock
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+
+from refsim import (
+    Ball,
+    BeckerTeschner2007,
+    Box,
+    BoxWalls,
+    Cloud,
+    EnergyAudit,
+    Gravity,
+    HeatConduction,
+    ImplicitPressure,
+    InputError,
+    JiangZhu2023,
+    Melting,
+    MeshBoundary,
+    MpmLiquid,
+    MpmWalls,
+    NormalDifference2014,
+    RunStopped,
+    Scene,
+    ShapeMatching,
+    Simulation,
+    SolidBall,
+    SolidBox,
+    SolidTorus,
+    SurfaceEnergy,
+    TwoWayCoupling,
+    WeaklyCompressible,
+    make_plan,
+)
+from refsim.core.capabilities import BalancesCohesion
+from refsim.core.effect import Discretisation, Extremes, InitialState, StepLimit
+from refsim.core.energy import Amount, amount, compression_amount, compression_energy, pair_potential
+from refsim.engine.audit import Auditor, StateOfRun
+from refsim.engine.driver import stock
+from refsim.engine.stepping import check_extremes, stable_steps, step_limits
+from refsim.heat import enthalpy_of, temperature_at
+from refsim.heat.shapes import lattice_sum
+from refsim.mpm import LARGEST_VOLUME, LEAST_VOLUME, OPEN
+from refsim.mpm.formulas import determinant
+from refsim.scene.scene import _lattice_mass
+from refsim.sph import lattice_number_density
+from refsim.surface_energy.effect import CROWDED, OVERFULL
+from refsim.surface_tension.cohesion import capillary_limit, compression
+from refsim.surface_tension.normal_difference_2014 import stiffest_wave
+
+H, SPACING = 0.21, 0.1
+LIQUID = WeaklyCompressible(sound_speed=13.0, rest_density=900.0, dynamic_viscosity=0.7)
+GRAVITY = Gravity(acceleration=(1.0, -2.0, -9.0))
+
+
+def grid(dim=3, **options):
+    given = {"dim": dim, "dtype": "float64", "spacing": SPACING, "support_radius": H, "count": 3}
+    return Discretisation(**given | options)
+
+
+def named(*effects):
+    return {effect.name: effect for effect in effects}
+
+
+def near(value, relative=1e-12):
+    return pytest.approx(value, rel=relative, abs=1e-300)
+
+
+class Balanced(BalancesCohesion):
+    """An effect whose cohesion the equation of state balances by 700 Pa."""
+
+    name = "balanced"
+
+    def balanced_pressure(self, grid, others):
+        return 700.0
+
+    def replaces(self):
+        return ()
+
+
+class State:
+    """The state that an account of energy sees, from arrays."""
+
+    def __init__(self, **values):
+        self.values = {name: np.array(value) for name, value in values.items()}
+
+    def field(self, name):
+        return self.values[name].astype(float)
+
+    flags = field
+
+
+def fields(**values):
+    return lambda name: np.array(values[name])
+
+
+# Reports
+
+
+def test_reports_sum_mass_momenta_and_energies():
+    place = [[0.3, 0.1, -0.4], [1.2, 0.8, 0.9]]
+    velocity = [[1.0, -2.0, 0.5], [0.25, 3.0, -4.0]]
+    cloud = Cloud(position=place, velocity=velocity, mass=[2.0, 5.0])
+    walls = BoxWalls(lower=(0.0, 0.0, -1.0), upper=(2.0, 2.0, 2.0), open_faces=("-x",))
+    made = Scene(
+        spacing=SPACING, support_radius=H, fluid=(cloud,), effects=(LIQUID, GRAVITY, walls), dtype="float64"
+    )  # fmt: skip
+    plan = make_plan(made)
+    simulation = Simulation(plan, "numpy")
+    for found in (stock(plan), stock(simulation)):
+        assert found["particles"] == 2
+        assert found["mass"] == 7.0
+        assert found["momentum"] == near([3.25, 11.0, -19.0])
+        spins = [2 * (0.1 * 0.5 - 0.4 * 2), 2 * (-0.4 * 1 - 0.3 * 0.5), 2 * (-0.3 * 2 - 0.1)]
+        others = [5 * (-0.8 * 4 - 0.9 * 3), 5 * (0.9 * 0.25 + 1.2 * 4), 5 * (1.2 * 3 - 0.8 * 0.25)]
+        assert found["angular_momentum"] == near([a + b for a, b in zip(spins, others)])
+        assert found["kinetic_energy"] == near(5.25 + 2.5 * 25.0625)
+        assert found["greatest_speed"] == near(math.sqrt(25.0625))
+        heights = [2 * (9 * -0.4 + 2 * 0.1 - 0.3), 5 * (9 * 0.9 + 2 * 0.8 - 1.2)]  # m g z, up is plus
+        assert found["potential_energy"] == near(sum(heights))
+        assert found["outside_walls"] == 0
+        assert "effects" not in found
+    simulation.fields["position"][0, 1] = 2.5  # above the upper wall
+    assert stock(simulation)["outside_walls"] == 1
+    simulation.fields["position"][1, 2] = -1.5  # below the lower one
+    assert stock(simulation)["outside_walls"] == 2
+    simulation.fields["position"][...] = [[0.0, 2.0, -1.0], [2.0, 0.0, 2.0]]  # on the walls is not behind them
+    assert stock(simulation)["outside_walls"] == 0
+
+
+def test_reports_leave_out_what_a_scene_has_not():
+    found = stock(make_plan(Scene(spacing=SPACING, support_radius=H, fluid=(Box(cells=(2, 1, 1)),), effects=(LIQUID,))))
+    assert found["outside_walls"] == 0
+    assert found["greatest_speed"] == 0.0
+    assert not {"potential_energy", "effects"} & set(found)
+
+
+def test_reports_take_what_effects_keep_account_of():
+    heat = HeatConduction(temperature=3.0, heat_capacity=5.0)
+    cube = Scene(spacing=0.5, support_radius=1.1, fluid=(Box(cells=(2, 2, 1)),), effects=(heat,), dim=2)
+    found = stock(make_plan(cube))
+    assert found["effects"] == {"heat_conduction": {"heat": near(4 * 1000 * 0.25 * 15, 1e-6)}}
+    literal = HeatConduction(temperature=3.0, literal=("M11",), scheme="explicit")
+    cube = Scene(spacing=0.5, support_radius=1.1, fluid=(Box(cells=(2, 2, 1)),), effects=(literal,), dim=2)
+    assert stock(make_plan(cube))["effects"]["heat_conduction"]["heat"] == near(4 * 0.25 * 3.0, 1e-6)
+
+
+# Energies
+
+
+def test_energy_amounts_add_terms_and_their_sizes():
+    assert amount([3.0, -5.0]) == (-2.0, 8.0)
+    found = compression_amount(np.array([3.0, -5.0]), np.array([7.0, 9.0]), "float32")
+    assert found.value == -2.0
+    assert found.size == near(8.0 + 2.0**-23 * 16.0)
+
+
+def energy_of_compression(exponent, stiffness, cohesion, clamped):
+    """m int p/rho^2 drho, p as J(9) has it."""
+    mass, rest = 2.0, 900.0
+
+    def push(rho):
+        p = stiffness * ((rho / rest) ** exponent - 1) + cohesion * (rho / rest) ** 2
+        return (max(p, 0.0) if clamped else p) / rho**2
+
+    for density in (200.0, 870.0, 905.0, 1400.0):
+        kinks = np.linspace(min(density, rest), max(density, rest), 400)
+        work = sum(quad(push, a, b)[0] for a, b in itertools.pairwise(kinks)) * (1 if density > rest else -1)
+        found = compression_energy([mass], [density], rest, stiffness, exponent, cohesion, clamped)
+        assert float(found[0]) == pytest.approx(mass * work, rel=1e-6, abs=1e-12)
+
+
+def test_energy_of_compression_is_the_work_of_the_pressure():
+    for exponent, (stiffness, cohesion), clamped in itertools.product(
+        (1, 7), ((4000.0, 0.0), (4000.0, 700.0), (3.0, 0.5)), (True, False)
+    ):
+        energy_of_compression(exponent, stiffness, cohesion, clamped)
+
+
+def test_energy_of_a_known_pair_force():
+    phi = pair_potential(lambda r: np.cos(3 * r), 2.0, parts=64)
+    r = np.linspace(0.0, 2.0, 333)
+    assert np.abs(phi(r) - (np.sin(6.0) - np.sin(3 * r)) / 3).max() < 1e-7
+    assert np.abs(phi(np.array([2.0, 2.5]))).max() < 1e-15
+    short = pair_potential(lambda r: np.where(r < 0.7, 3 * r**2, np.nan), 0.7)  # not evaluated from its reach on
+    r = np.linspace(0.0, 0.7, 99)
+    assert np.abs(short(r) - (0.343 - r**3)).max() < 1e-14
+
+
+def test_energy_of_a_known_pair_force_is_precise():
+    r = np.linspace(0.0, 2.0, 333)
+    rough = pair_potential(lambda r: np.cos(3 * r), 2.0)
+    assert np.abs(rough(r) - (np.sin(6.0) - np.sin(3 * r)) / 3).max() < 1e-11
+
+
+def test_energy_counts_each_pair_once():
+    place = np.array([[0.0, 0, 0], [1.0, 0, 0], [1.0, 0.5, 0], [9.0, 0, 0]])
+    state = StateOfRun(None)
+    state.field = lambda name: place
+    for rows in (2, 3, 16384):  # at once
+        with mock.patch("refsim.engine.audit.ROWS", rows):
+            found = state.pair_sum(lambda r, i, j: (-1.0) ** i * (10 * i + j) * r, 8.5)
+        terms = [1.0, 2 * math.sqrt(1.25), -12 * 0.5, -13 * 8.0, 23 * math.sqrt(64.25)]
+        assert found == (near(sum(terms)), near(sum(map(abs, terms))))
+
+
+def test_energy_of_pairs_weighs_with_both_masses():
+    effect, others = BeckerTeschner2007(kappa=3.0), named(LIQUID)
+
+    class Pair(State):
+        def pair_sum(self, potential, reach):
+            assert reach == H
+            r = np.array([0.15])
+            return float(potential(r, np.array([0]), np.array([1]))[0])
+
+    found = effect.energy(grid(), others).parts["cohesion"](Pair(mass=[2.0, 7.0]))  # here with their mean
+    spline = quad(lambda r: 8 / (math.pi * H**3) * 2 * (1 - r / H) ** 3 * r, 0.15, H)[0]
+    assert found == near(-4.5 * 3.0 * spline, 1e-8)
+    plain = JiangZhu2023(surface_tension=1.0, area_term="none", density_correction=False)
+    one, two = (plain.energy(grid(), others).parts["cohesion"](Pair(mass=m)) for m in ([1.0, 1.0], [2.0, 7.0]))
+    assert two == near(14 * one)
+    assert one < 0
+    assert not BeckerTeschner2007(kappa=0.0).energy(grid(), others).parts
+
+
+def test_energy_of_effects_in_their_own_words():
+    state = State(mass=[2.0, 3.0], position=[[0.1, 0.2, 0.3], [1.0, 2.0, 3.0]])
+    lifted = GRAVITY.energy(grid(), {}).parts["gravity"](state)
+    assert lifted.value == near(2 * (-0.1 + 0.4 + 2.7) + 3 * (-1 + 4 + 27))
+    assert not Gravity(acceleration=(0.0, 0.0, 0.0)).energy(grid(), {}).parts
+    dense = State(mass=[2.0, 3.0], density=[950.0, 870.0])
+    for kind, exponent in (("linear", 1), ("tait", 7)):
+        for literal, share in (((), 1.0), (("E24",), 0.5)):
+            for clamp in (True, False):
+                liquid = WeaklyCompressible(
+                    sound_speed=13.0, rest_density=900.0, state=kind, literal=literal, clamp_pressure=clamp
+                )
+                others = named(liquid, Balanced())
+                found = liquid.energy(grid(dtype="float32"), others).parts["compression"](dense)
+                work = share * compression_energy(
+                    [2.0, 3.0], [950.0, 870.0], 900.0, 900.0 * 169 / exponent, exponent, 700.0, clamp
+                )
+                assert found.value == near(work.sum())
+                unsure = 2.0**-23 * 5.0 * (900 * 169 + 700.0) / 900
+                assert found.size - np.abs(work).sum() == near(unsure, 1e-8)
+    assert not LIQUID.energy(grid(), named(LIQUID, ImplicitPressure())).parts
+
+
+SUBSTANCES = {"rest_density": [900.0, 1000.0, 500.0], "phase": [0, 0, 1]}
+
+
+def test_energy_of_coupled_liquids_is_from_each_ones_density():
+    state = State(mass=[2.0, 3.0, 4.0], density=[950.0, 1100.0, 800.0], **SUBSTANCES)
+    for kind, exponent in (("linear", 1), ("tait", 7)):
+        liquid = WeaklyCompressible(sound_speed=13.0, rest_density=900.0, state=kind)
+        account = TwoWayCoupling().energy(grid(), named(liquid))
+        found = account.parts["compression"](state)
+        rest = np.array([900.0, 1000.0])
+        work = compression_energy([2.0, 3.0], [950.0, 1100.0], rest, rest * 169 / exponent, exponent)
+        assert found.value == near(work.sum())
+        assert found.size - work.sum() == near(2.0**-52 * 5.0 * 169, 1e-2)
+        assert account.uncounted == ()
+    words = TwoWayCoupling(density_weighted=True).energy(grid(), named(LIQUID)).uncounted
+    assert len(words) == 1
+    assert "density-weighted" in words[0]
+    words = TwoWayCoupling(literal=("M4",)).energy(grid(), named(LIQUID)).uncounted
+    assert len(words) == 1
+    assert "M4" in words[0]
+
+
+def test_energy_of_a_grid_liquid():
+    liquid = MpmLiquid(bulk_modulus=5000.0, rest_density=900.0, cell_size=0.3)
+    account = liquid.energy(grid(), {})
+    state = State(mass=[2.0, 3.0], volume_ratio=[0.9, 1.2], affine=[[1.0] * 9, [0.5] * 8 + [2.0]])
+    assert account.parts["compression"](state).value == near(2500 / 900 * (2 * 0.01 + 3 * 0.04))
+    assert account.parts["affine"](state).value == near(0.09 / 8 * (2 * 9 + 3 * 6))
+    assert account.uncounted == ()
+    printed = MpmLiquid(bulk_modulus=5000.0, literal=("M13",)).energy(grid(), {})
+    assert printed.uncounted == ()
+    assert "M27" in MpmLiquid(bulk_modulus=5000.0, literal=("M13", "M27")).energy(grid(), {}).uncounted[0]
+
+
+def test_energy_of_motion_is_that_of_the_positions_time():
+    """A leap-frog's velocity lags half a step; free fall from rest at (0, 0, 1)."""
+    one = Cloud(position=[[0.0, 0.0, 1.0]], mass=[3.0], velocity=(1.0, 0.0, 2.0))
+    fall = Scene(
+        spacing=SPACING, support_radius=H, fluid=(one,), effects=(Gravity(acceleration=(0.0, 0.0, -2.0)),),
+        energy_audit=EnergyAudit(every=1), dtype="float64", step=0.01,
+    )  # fmt: skip
+    simulation = Simulation(fall, "numpy")
+    assert simulation.auditor.energies()["kinetic"].value == near(7.5)
+    for _ in range(3):
+        simulation.step()
+    found = {name: part.value for name, part in simulation.auditor.energies().items()}
+    assert found["kinetic"] == near(1.5 * (1.0 + (2.0 - 2.0 * 0.03) ** 2))
+    assert found["gravity"] == near(6.0 * (1.0 + 2.0 * 0.03 - 0.03**2))
+
+
+def test_energy_of_motion_leaves_out_the_kick_of_solids():
+    """Half a kick of each particle of the liquid; what is unsure of solids adds to the size."""
+    state = State(mass=[2.0, 3.0], velocity=[[1.0, 0, 0], [0, 2.0, 0]], acceleration=[[4.0, 0, 8.0]] * 2, phase=[0, 1])
+    state.evaluate = lambda: None
+    auditor = SimpleNamespace(
+        simulation=SimpleNamespace(previous_length=0.5), accounts={}, staggered=True, solids=True,
+        _unsure=lambda state, mass: 7.0,
+    )  # fmt: skip
+    with mock.patch("refsim.engine.audit.StateOfRun", return_value=state):
+        for solids, own in ((True, 6.0), (False, 13.5)):
+            auditor.solids = solids
+            kinetic = 8.0 + own
+            assert Auditor.energies(auditor) == {"kinetic": (near(kinetic), near(kinetic + 7.0))}
+
+
+def test_energy_that_roundings_of_places_give_to_solids():
+    """eps sum m (x/dt)^2/2 of the particles of solids; none before the first step."""
+    state = State(position=[[1.0, 2.0, 2.0], [3.0, 0.0, 4.0], [1.0, 1.0, 1.0]], phase=[1, 2, 0])
+    plan = SimpleNamespace(effects={"shape_matching": None}, grid=grid(dtype="float32"))
+    auditor = SimpleNamespace(simulation=SimpleNamespace(plan=plan, previous_length=0.5))
+    mass = np.array([2.0, 3.0, 5.0])
+    assert Auditor._unsure(auditor, state, mass) == near(2.0**-23 * (36.0 + 150.0))
+    auditor.simulation.previous_length = 0.0
+    assert Auditor._unsure(auditor, state, mass) == 0.0
+    auditor.simulation.previous_length = 0.5
+    plan.effects = {}
+    assert Auditor._unsure(auditor, state, mass) == 0.0
+
+
+# Step limits
+
+
+def test_steps_by_what_particles_do():
+    seen = Extremes(speed=3.0, acceleration=8.0, rate=5.0)
+    assert StepLimit.constant(0.25).at(seen) == 0.25
+    assert StepLimit.crossing(2.0, 1.0).at(seen) == 0.5
+    assert StepLimit.falling(2.0).at(seen) == 0.5
+    assert StepLimit.exchanging(2.0).at(seen) == near(0.4)
+    assert StepLimit(2.0, 1.0, 2.0, 3.0, 4.0).at(seen) == near(2.0 / (1 + 6 + 12 + 20))
+    still = Extremes(speed=0.0, acceleration=0.0)
+    assert StepLimit.crossing(2.0).at(still) == math.inf
+    limits = {"a": StepLimit.constant(0.25), "b": StepLimit.falling(2.0)}
+    assert stable_steps(limits, still) == {"a": 0.25}
+
+
+def test_steps_of_a_plan_always_have_a_limit():
+    def plan(*effects, end_time=None):
+        scene = SimpleNamespace(end_time=end_time)
+        return SimpleNamespace(grid=grid(), effects=named(*effects), scene=scene)
+
+    assert step_limits(plan()) == {"force": StepLimit.falling(H / 32), "resting": StepLimit.constant(1.0)}
+    slow = MpmLiquid(bulk_modulus=1e-6)
+    assert set(step_limits(plan(slow))) == {"force", "acoustic", "advection"}
+    assert step_limits(plan(end_time=7.0))["resting"] == StepLimit.constant(7.0)
+    assert set(step_limits(plan(LIQUID))) == {"force", "acoustic", "viscous"}
+    fall = StepLimit.falling(H / 32).at(Extremes(speed=0.0, acceleration=9.81))
+    assert fall == near(0.25 * math.sqrt(H / 2 / 9.81))
+
+
+def test_steps_of_the_weakly_compressible_liquid():
+    """Acoustic: 0.4 h/(c + |v|); viscous: (h/2)^2 rho0/(8 mu), a third along the line of centres."""
+    found = LIQUID.step_limits(grid(), named(LIQUID))
+    assert set(found) == {"acoustic", "viscous"}
+    assert found["acoustic"].at(Extremes(speed=2.0, acceleration=0.0)) == near(0.4 * 0.21 / 15)
+    assert found["viscous"].at(Extremes(speed=2.0, acceleration=0.0)) == near(0.105**2 * 900 / 0.7 / 8)
+    central = WeaklyCompressible(sound_speed=13.0, rest_density=900.0, dynamic_viscosity=0.7, viscosity="central")
+    assert central.step_limits(grid(), named(central))["viscous"].length == near(0.105**2 * 900 / 0.7 / 24)
+    stiffened = LIQUID.step_limits(grid(), named(LIQUID, Balanced()))["acoustic"]
+    assert stiffened.speed == near(math.sqrt(169 + 1400 / 900))
+    assert set(LIQUID.step_limits(grid(), named(LIQUID, ImplicitPressure()))) == {"viscous"}
+    thin = WeaklyCompressible(sound_speed=13.0)
+    assert set(thin.step_limits(grid(), named(thin))) == {"acoustic"}
+    solver = ImplicitPressure(courant=0.3)
+    assert solver.step_limits(grid(), {}) == {"courant": (near(0.063), 0.0, 1.0, 0.0, 0.0)}
+
+
+def test_steps_beside_solids():
+    """As the liquid's, with the lightest substance."""
+    light = SimpleNamespace(bodies=(SimpleNamespace(density=500.0), SimpleNamespace(density=2000.0)))
+    found = TwoWayCoupling().step_limits(grid(solids=light), named(LIQUID))
+    assert found["acoustic"] == (near(0.4 * 0.21), 13.0, 1.0, 0.0, 0.0)
+    assert found["viscous"] == (near(0.105**2 * 500 / 0.7 / 8), 1.0, 0.0, 0.0, 0.0)
+    assert set(TwoWayCoupling().step_limits(grid(), named(LIQUID))) == {"acoustic"}
+    thin = WeaklyCompressible(sound_speed=13.0)
+    assert set(TwoWayCoupling().step_limits(grid(solids=light), named(thin))) == {"acoustic"}
+    mesh = MeshBoundary(file="none", viscosity=0.6)
+    assert mesh.step_limits(grid(), named(LIQUID)) == {"wall friction": (near(0.105**2 * 900 / 0.6 / 8), 1, 0, 0, 0)}
+    assert MeshBoundary(file="none").step_limits(grid(), named(LIQUID)) == {}
+
+
+def test_steps_with_tension():
+    """0.25 sqrt(rho0 (h/2)^3/(2 pi sigma)), whatever the sign of sigma."""
+    wanted = 0.25 * math.sqrt(900 * 0.105**3 / (2 * math.pi * 0.07))
+    assert capillary_limit(0.07, grid(), named(LIQUID)) == {"capillary": (near(wanted), 1.0, 0.0, 0.0, 0.0)}
+    assert capillary_limit(0.0, grid(), named(LIQUID)) == {}
+    for kappa in (2.0, -2.0):
+        effect = BeckerTeschner2007(kappa=kappa)
+        sigma = abs(effect.nominal_tension(grid(), named(LIQUID)))
+        found = effect.step_limits(grid(), named(LIQUID))
+        assert found == capillary_limit(sigma, grid(), named(LIQUID)) != {}
+    assert NormalDifference2014(area_acceleration=0.0).step_limits(grid(), named(LIQUID)) == {}
+    found = {}
+    for strength in (1.0, 4.0):
+        effect = NormalDifference2014(area_acceleration=strength)
+        found[strength] = effect.step_limits(grid(), named(LIQUID))["normal_tension"].length
+    assert found[1.0] == near(2 * found[4.0])
+    wave = stiffest_wave("wendland_c2", 2.1, 3)  # omega^2 d/gamma; half of the step 2/omega
+    assert found[4.0] == near(1 / math.sqrt(wave * 4.0 / 0.1))
+
+
+def test_steps_of_conduction():
+    """number d^2 rho c/k; the largest k, the smallest c and the lightest substance."""
+    heat = HeatConduction(conductivity=(0.6, 2.0), heat_capacity=(4000.0, 500.0), largest_number=7.0)
+    assert heat.greatest_diffusivity(grid(), named(LIQUID)) == near(2.0 / (900 * 500))
+    assert heat.greatest_diffusivity(grid(), {}) == near(2.0 / (1000 * 500))
+    ice = SimpleNamespace(of_bodies=lambda name: {"density": np.array([800.0, 950.0])}[name])
+    assert heat.greatest_diffusivity(grid(solids=ice), named(LIQUID)) == near(2.0 / (800 * 500))
+    found = heat.step_limits(grid(), named(LIQUID))
+    assert found == {"conduction": (near(7 * 0.01 * 900 * 500 / 2.0), 1, 0, 0, 0)}
+    printed = HeatConduction(conductivity=(0.6, 2.0), scheme="explicit", literal=("M11",))
+    assert printed.greatest_diffusivity(grid(), named(LIQUID)) == 2.0
+    assert HeatConduction(conductivity=0.0).step_limits(grid(), named(LIQUID)) == {}
+    explicit = HeatConduction(conductivity=2.0, heat_capacity=500.0, scheme="explicit", largest_number=7.0)
+    found = explicit.step_limits(grid(), named(LIQUID))
+    each = lattice_sum(explicit.conduction(grid()), grid())
+    assert found["exchange"].length == near(1.0)
+    assert found["exchange"].rate_share == 1.0
+    assert found["conduction"].length == near(0.01 * 900 * 500 / 2.0 / each)
+    for largest, number in ((7.0, 3.0), (2.0, 2.0)):
+        legendre = HeatConduction(
+            conductivity=2.0, heat_capacity=500.0, scheme="runge_kutta_legendre", largest_number=largest,
+            melting_point=0.0, latent_heat=1.0,
+        )  # fmt: skip
+        found = legendre.step_limits(grid(), named(LIQUID))
+        assert found["conduction"].length == near(number * 0.01 * 900 * 500 / 2.0)
+        assert found["exchange"].length == near(3.0 * lattice_sum(legendre.conduction(grid()), grid()))
+
+
+def test_steps_of_the_grid_liquid():
+    """a h/(c + |v|), 0.3 h/|v|, rho0 h^2/(16 mu), sqrt(0.3 h/|g|)."""
+    liquid = MpmLiquid(
+        bulk_modulus=3600.0, rest_density=900.0, cell_size=0.3, dynamic_viscosity=0.7, acoustic_number=0.4
+    )
+    assert liquid.sound_speed() == 2.0
+    found = liquid.step_limits(grid(), named(liquid, Gravity(acceleration=(0.1, -0.2, 0.2))))
+    assert found == {
+        "acoustic": (near(0.12), 2.0, 1.0, 0.0, 0.0),
+        "advection": (near(0.09), 0.0, 1.0, 0.0, 0.0),
+        "viscous": (near(900 * 0.09 / (16 * 0.7)), 1.0, 0.0, 0.0, 0.0),
+        "gravity": (near(math.sqrt(0.09 / 0.3)), 1.0, 0.0, 0.0, 0.0),
+    }
+    plain = MpmLiquid(bulk_modulus=3600.0)
+    assert set(plain.step_limits(grid(), named(plain))) == {"acoustic", "advection"}
+    weightless = Gravity(acceleration=(0.0, 0.0, 0.0))
+    assert set(plain.step_limits(grid(), named(plain, weightless))) == {"acoustic", "advection"}
+
+
+def test_steps_of_the_grid_liquids_surface():
+    """b sqrt(rho0 h^3/(2 pi k)); for a surface at r also 0.08 (soft: 0.03) min(h/c, sqrt(...))."""
+    others = named(MpmLiquid(bulk_modulus=3600.0, rest_density=900.0, cell_size=0.3))
+
+    def found(**options):
+        limits = SurfaceEnergy(**options).step_limits(grid(), others)
+        return {name: limit.length for name, limit in limits.items()}
+
+    def period(tension):
+        return math.sqrt(900 * 0.027 / (2 * math.pi * tension))
+
+    assert found(surface_tension=0.0) == {}
+    assert found(surface_tension=2.0, capillary_number=0.4) == {"capillary": near(0.4 * period(2.0))}
+    assert set(found(surface_tension=2.0, inset=-1.0)) == {"capillary"}
+    alone = found(surface_tension=2.0, inset=-1.0, embedding="none")
+    assert alone["surface_at_r"] == near(0.08 * 0.3 / 2.0)
+    assert set(found(surface_tension=107.0, inset=-1.0)) == {"capillary"}
+    for tension in (109.0, 900.0):  # beyond 0.1 lambda h = 108
+        soft = found(surface_tension=tension, inset=-1.0)
+        assert soft["surface_at_r"] == near(0.03 * min(0.15, period(tension)))
+    assert set(found(surface_tension=900.0)) == {"capillary"}
+
+
+# Initial values
+
+
+def test_start_of_a_solid_is_its_rigid_motion():
+    """v + omega x (x - x_c), the mass of its substance; about +z a point at +x moves to +y."""
+    boxes = (
+        SolidBox(lower=(0.0, 0.0, 0.0), upper=(0.4, 0.2, 0.2), spin=(0.0, 0.0, 3.0), density=500.0),
+        SolidBox(lower=(1.0, 0.0, 0.0), upper=(1.3, 0.2, 0.2), velocity=(1.0, 2.0, 3.0), spin=(2.0, 0.0, -1.0)),
+    )
+    made = Scene(
+        spacing=SPACING, support_radius=H, dtype="float64", fluid=(Box(lower=(2.0, 0.0, 0.0), cells=(1, 1, 1)),),
+        solid=boxes, effects=(LIQUID, ShapeMatching(), TwoWayCoupling()),
+    )  # fmt: skip
+    plan = make_plan(made)
+    state = plan.state
+    assert state.sizes == (16, 12, 1)
+    x, v = state.position, state.velocity
+    first, second = slice(0, 16), slice(16, 28)
+    assert sorted({round(c, 9) for c in x[first, 0]}) == [0.05, 0.15, 0.25, 0.35]
+    assert v[first, 0] == near(-3.0 * (x[first, 1] - 0.1))
+    assert v[first, 1] == near(3.0 * (x[first, 0] - 0.2))
+    assert not v[first, 2].any()
+    away = x[second] - [1.15, 0.1, 0.1]
+    assert v[second, 0] == near(1.0 + away[:, 1])
+    assert v[second, 1] == near(2.0 - away[:, 0] - 2 * away[:, 2])
+    assert v[second, 2] == near(3.0 + 2 * away[:, 1])
+    volume = 1 / LIQUID.rest_number_density(plan.grid)
+    assert state.mass[first] == near(500.0 * volume)
+    assert state.mass[second] == near(917.0 * volume)
+    assert state.values["rest_density"].tolist() == [500.0] * 16 + [917.0] * 12 + [900.0]
+    assert state.values["phase"].tolist() == [1] * 28 + [0]
+    assert (state.values["rotation"] == [1.0, 0.0, 0.0, 0.0]).all()
+    assert len(state.values["rotation"]) == 28
+    loose = ShapeMatching(stiffness=0.0, damping=0.0)
+    assert set(loose.initial(plan.grid, state, {})) == {"phase"}
+    pulled = ShapeMatching(stiffness=1.0, damping=0.0).initial(plan.grid, state, {})
+    assert set(pulled) == {"phase", "rotation"}
+    assert TwoWayCoupling().initial(grid(), state, named(LIQUID))["rest_density"].tolist() == [900.0] * 3
+
+
+def test_start_of_a_solid_without_a_liquid_fills_the_lattice():
+    body = SolidBox(lower=(0.0, 0.0, 0.0), upper=(0.2, 0.2, 0.2), density=500.0)
+    made = Scene(spacing=SPACING, support_radius=H, fluid=(), solid=(body,), effects=(ShapeMatching(),))
+    assert make_plan(made).state.mass == near(0.5)
+    with pytest.raises(InputError, match="nothing holds its solids together"):
+        make_plan(Scene(spacing=SPACING, support_radius=H, fluid=(), solid=(body,), effects=(LIQUID,)))
+
+
+def test_start_of_round_bodies():
+    """Points just inside and just outside of a ball and of a ring, along its axis and across."""
+    ball = SolidBall(center=(1.0, 2.0, 3.0), radius=0.5)
+    for away in np.eye(3):
+        points = np.array([[1.0, 2.0, 3.0] + s * away for s in (0.499, -0.499, 0.501, -0.501)])
+        assert ball.inside(points).tolist() == [True, True, False, False]
+    assert np.array(ball.extent()).tolist() == [[0.5, 1.5, 2.5], [1.5, 2.5, 3.5]]
+    ring = SolidTorus(center=(1.0, 2.0, 3.0), radius=0.5, tube_radius=0.125, axis=(0.0, 3.0, 0.0))
+    assert np.array(ring.extent()).tolist() == [[0.375, 1.375, 2.375], [1.625, 2.625, 3.625]]
+    for x, y, own in (
+        (0.0, 0.0, False), (0.374, 0.0, False), (0.376, 0.0, True), (0.624, 0.0, True), (0.626, 0.0, False),
+        (0.5, 0.124, True), (0.5, -0.124, True), (0.5, 0.126, False), (0.59, 0.08, True), (0.59, 0.09, False),
+    ):  # fmt: skip
+        for across in ([1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.6, 0.0, 0.8]):
+            point = np.array([1.0, 2.0, 3.0]) + x * np.array(across) + [0.0, y, 0.0]
+            assert ring.inside(point[None]).tolist() == [own]
+    for dim in (2, 3):
+        points = Ball(center=(1.0, 2.0, 0.0), radius=0.29).positions(grid(dim))
+        steps = [-0.25, -0.15, -0.05, 0.05, 0.15, 0.25]
+        wanted = {
+            (round(1 + x, 9), round(2 + y, 9), round(z, 9) + 0.0)
+            for x in steps for y in steps for z in (steps if dim == 3 else [0.0])
+            if x * x + y * y + z * z <= 0.0841
+        }  # fmt: skip
+        assert {tuple(np.round(p, 9) + 0.0) for p in points} == wanted
+        assert len(points) == len(wanted)
+    for dim, words in ((2, "4e\\+10"), (3, "8e\\+15")):
+        with pytest.raises(InputError, match=words):
+            Ball(radius=1e4).positions(grid(dim))
+    exact = Ball(radius=0.5).positions(grid(2, spacing=1.0))
+    assert len(exact) == 0
+    assert len(Ball(radius=5.0).positions(grid(2, spacing=2.0))) == 16
+
+
+def test_start_of_lattice_masses():
+    """rho0 over the lattice's number density; rho d^dim on a background grid and for heat alone."""
+    for dim in (2, 3):
+        steps = np.arange(-3, 4) * SPACING
+        axes = [steps, steps, steps if dim == 3 else [0.0]]
+        r = np.sqrt(sum(a**2 for a in np.meshgrid(*axes))).ravel() / H
+        r = r[r < 1]
+        norm = {2: 7 / math.pi, 3: 21 / (2 * math.pi)}[dim] / H**dim
+        number = norm * ((1 - r) ** 4 * (1 + 4 * r)).sum()
+        assert lattice_number_density("wendland_c2", H, SPACING, dim) == near(number)
+        assert LIQUID.particle_volume(grid(dim)) == near(1 / number)
+        assert LIQUID.particle_mass(grid(dim)) == near(900 / number)
+        assert MpmLiquid(bulk_modulus=1.0, rest_density=700.0).particle_mass(grid(dim)) == near(700 * 0.1**dim)
+        assert HeatConduction(density=600.0).particle_mass(grid(dim)) == near(600 * 0.1**dim)
+    assert _lattice_mass(grid(), {}) == 1.0
+    heat = HeatConduction()
+    assert _lattice_mass(grid(), named(heat)) == heat.particle_mass(grid())
+    assert _lattice_mass(grid(), named(heat, LIQUID)) == LIQUID.particle_mass(grid())
+    assert _lattice_mass(grid(), named(LIQUID, heat)) == LIQUID.particle_mass(grid())
+
+
+def test_start_of_the_grid_liquid():
+    three = InitialState(np.zeros((3, 3)), np.zeros((3, 3)), np.ones(3), (3,))
+    found = MpmLiquid(bulk_modulus=1.0, initial_ratio=0.9).initial(grid(), three, {})
+    assert set(found) == {"volume_ratio", "step_extremes"}
+    assert found["volume_ratio"].tolist() == [0.9] * 3
+    assert found["step_extremes"].tolist() == [0.9, 0.9, 0.0, 0.0]
+    for dim in (2, 3):
+        liquid = MpmLiquid(bulk_modulus=1.0, initial_ratio=0.9, volume="gradient", literal=("M13",))
+        found = liquid.initial(grid(dim), three, {})
+        side = 0.9 ** (1 / dim)
+        assert found["deformation"] == near(np.tile(np.diag([side, side, side if dim == 3 else 1.0]).ravel(), (3, 1)))
+        assert found["affine"].tolist() == np.tile(np.diag([1.0, 1.0, float(dim == 3)]).ravel(), (3, 1)).tolist()
+    edge = (2**20 - 18) * 0.2  # cells of two spacings
+    for reach, out in ((edge * (1 - 1e-9), False), (edge * (1 + 1e-9), True), (-edge * (1 + 1e-9), True)):
+        place = np.zeros((3, 3))
+        place[1, 2] = reach
+        state = InitialState(place, place, np.ones(3), (3,))
+        if out:
+            with pytest.raises(InputError, match="particle 1 is outside the background grid"):
+                MpmLiquid(bulk_modulus=1.0).initial(grid(), state, {})
+        else:
+            MpmLiquid(bulk_modulus=1.0).initial(grid(), state, {})
+
+
+def test_start_of_enthalpy_and_temperature():
+    """Solid up to and at the melting point, where H = 0; liquid from L on."""
+    t = np.array([-3.0, 5.0, 5.0 + 1e-12, 9.0])
+    h = enthalpy_of(t, np.full(4, 2.0), np.full(4, 5.0), np.full(4, 30.0))
+    assert h == near([-16.0, 0.0, 30.0 + 2 * (t[2] - 5.0), 38.0])
+    back = temperature_at(np.array([-16.0, 0.0, 15.0, 30.0, 38.0]), 2.0, 5.0, 30.0)
+    assert back.tolist() == [-3.0, 5.0, 5.0, 5.0, 9.0]
+
+
+def test_start_of_heat():
+    four = InitialState(np.zeros((4, 3)), np.zeros((4, 3)), np.ones(4), (1, 3))
+    heat = HeatConduction(temperature=(-10.0, 30.0), conductivity=0.5, heat_capacity=(2.0, 4.0), held=(1,))
+    found = heat.initial(grid(count=4), four, {})
+    assert found["temperature"].tolist() == [-10.0, 30.0, 30.0, 30.0]
+    assert found["heat_capacity"].tolist() == [2.0, 4.0, 4.0, 4.0]
+    assert found["conductivity"].tolist() == [0.5] * 4
+    assert found["reservoir"].tolist() == [0, 1, 1, 1]
+    assert found["volume"] == near([0.001] * 4)
+    spare = 0.1 * 40 + 4096 * 2.0**-52 * 30
+    assert found["temperature_range"] == near([-10 - spare, 30 + spare], 1e-15)
+    cold = HeatConduction(temperature=(-30.0, 10.0), conductivity=0.5, scheme="single_pass")
+    spare = 0.01 * 40 + 4096 * 2.0**-52 * 30
+    assert cold.initial(grid(count=4), four, {})["temperature_range"] == near([-30 - spare, 10 + spare], 1e-15)
+    assert "volume" not in cold.initial(grid(count=4), four, named(LIQUID))
+    assert set(HeatConduction(conductivity=0.0).initial(grid(count=4), four, {})) == {"temperature", "heat_capacity"}
+    printed = HeatConduction(temperature=(-30.0, 10.0), scheme="explicit", literal=("M9",))
+    spare = 40 + 4096 * 2.0**-52 * 30
+    assert printed.initial(grid(count=4), four, {})["temperature_range"] == near([-30 - spare, 10 + spare], 1e-15)
+    each = HeatConduction(temperature=(1.0, 2.0, 3.0, 4.0)).of_particles("temperature", four)
+    assert each.tolist() == [1.0, 2.0, 3.0, 4.0]
+    with pytest.raises(InputError, match="3 numbers for 2 parts and 4 particles"):
+        HeatConduction(temperature=(1.0, 2.0, 3.0)).of_particles("temperature", four)
+    for number in (-1, 2):
+        with pytest.raises(InputError, match="give numbers from 0 to 1"):
+            HeatConduction(held=(number,)).initial(grid(count=4), four, {})
+    first = HeatConduction(held=(0,)).initial(grid(count=4), four, {})
+    assert first["reservoir"].tolist() == [1, 0, 0, 0]
+
+
+def test_start_of_latent_heat():
+    """What melts may take the liquid's heat capacity and be warmer by the ratio of the two."""
+    four = InitialState(np.zeros((4, 3)), np.zeros((4, 3)), np.ones(4), (1, 3))
+    for capacity, ratio in (((2.0, 4.0), 1.0), ((6.0, 4.0), 1.5)):
+        heat = HeatConduction(
+            temperature=(-10.0, 30.0), heat_capacity=capacity, melting_point=(5.0, 7.0), latent_heat=50.0,
+        )  # fmt: skip
+        found = heat.initial(grid(count=4), four, {})
+        assert found["melting_point"].tolist() == [5.0, 7.0, 7.0, 7.0]
+        assert found["latent_heat"].tolist() == [50.0] * 4
+        assert found["enthalpy"] == near([-15.0 * capacity[0], *[50 + 23 * 4.0] * 3])
+        spare = 0.1 * 40 + 4096 * 2.0**-52 * 30
+        assert found["temperature_range"] == near([-10 - spare, 30 + spare + 25 * (ratio - 1)], 1e-15)
+    frozen = HeatConduction(temperature=-10.0, heat_capacity=(6.0, 4.0), melting_point=5.0, latent_heat=50.0)
+    spare = 4096 * 2.0**-52 * 10
+    assert frozen.initial(grid(count=4), four, {})["temperature_range"] == near([-10 - spare, -10 + spare], 1e-15)
+
+    three = HeatConduction(heat_capacity=(8.0, 2.0, 4.0), melting_point=5.0, latent_heat=50.0)
+    for cold, warm in (([-10.0, 30.0], [-20.0, 40.0]), ([-20.0, 40.0], [-10.0, 30.0])):  # of T and of H
+        enthalpy = enthalpy_of(np.array(warm), 4.0, np.full(2, 5.0), 50.0)
+        field = fields(
+            temperature=cold, enthalpy=enthalpy, heat_capacity=[4.0] * 2, melting_point=[5.0] * 2, latent_heat=50.0
+        )
+        spare = 0.1 * 60 + 4096 * 2.0**-52 * 40
+        assert three._range(field, "float64") == near([-20 - spare, 40 + spare + 35], 1e-15)
+
+    class Heater:
+        name = "heater"
+
+        def passes(self, others):
+            return (SimpleNamespace(writes=(), updates=("temperature",)),)
+
+        def fields(self, others):
+            return ()
+
+    found = frozen.initial(grid(count=4), four, {"heat_conduction": frozen, "heater": Heater()})
+    assert found["temperature_range"].tolist() == [-1e30, 1e30]
+
+
+# Ledgers
+
+
+def test_ledgers_of_melting():
+    """Number and mass of solid particles; the rest volume is the sum of m/rho."""
+    field = fields(mass=[2.0, 3.0, 5.0], rest_density=[500.0, 500.0, 1000.0], phase=[1, 0, 2])
+    found = Melting().ledger(field)
+    assert found == {"solid_particles": 2, "solid_mass": 7.0, "rest_volume": near(0.004 + 0.006 + 0.005)}
+
+
+def test_ledgers_of_heat():
+    """m c T, or m H with latent heat, V T as printed; without reservoirs."""
+    field = fields(
+        mass=[2.0, 3.0, 5.0], heat_capacity=[4.0, 6.0, 7.0], temperature=[10.0, -1.0, 2.0], reservoir=[0, 1, 0],
+        enthalpy=[8.0, 9.0, 11.0], volume=[0.5, 0.25, 2.0],
+    )  # fmt: skip
+    assert HeatConduction().ledger(field) == {"heat": 80.0 - 18.0 + 70.0}
+    assert HeatConduction(held=(1,)).ledger(field) == {"heat": 80.0 + 70.0}
+    assert HeatConduction(melting_point=0.0, latent_heat=3.0).ledger(field) == {"heat": 16.0 + 27.0 + 55.0}
+    printed = HeatConduction(literal=("M11",), scheme="explicit")
+    assert printed.ledger(field) == {"heat": 5.0 - 0.25 + 4.0}
+    still = HeatConduction(literal=("M11",), scheme="explicit", conductivity=0.0)
+    assert still.ledger(field) == {"heat": 80.0 - 18.0 + 70.0}
+
+
+def test_ledgers_of_corrected_positions():
+    found = MeshBoundary(file="none").ledger(fields(corrections=[0, 3, 1, 0, 0]))
+    assert found == {"corrections": 4.0, "corrected_particles": 2.0}
+    assert MeshBoundary(file="none", correction="none").ledger(fields(corrections=[1])) == {}
+
+
+# Parameter groups
+
+
+def test_groups_of_the_weakly_compressible_liquid():
+    for kind, exponent in (("linear", 1), ("tait", 7)):
+        for literal, share in (((), 1.0), (("E24",), 0.5)):
+            liquid = WeaklyCompressible(sound_speed=13.0, rest_density=900.0, state=kind, literal=literal)
+            found = liquid.shares(grid(), named(liquid, Balanced()))["fluid"]
+            assert tuple(found) == near((900.0, 900 * 169 / exponent, exponent, 1, 700.0, share, 2.0))
+    mueller = WeaklyCompressible(sound_speed=13.0, kernels="mueller", clamp_pressure=False).shares(grid(), {})
+    plain = WeaklyCompressible(sound_speed=13.0, kernels="mueller").shares(grid(), {})
+    assert (mueller["fluid"].clamp, plain["fluid"].clamp) == (0, 1)
+    assert mueller["smoothing"] != mueller["gradient_smoothing"]
+    one = LIQUID.shares(grid(), {})
+    assert one["smoothing"] == one["gradient_smoothing"]
+    assert mueller["smoothing"] != one["smoothing"]
+    assert LIQUID.greatest_speed(grid()) == 130.0
+
+
+def test_groups_of_viscosity():
+    """mu, with the printed sign -mu; along the line of centres (dim + 2) mu; none without viscosity."""
+    found = LIQUID.prepare(grid(), {})
+    assert found["viscosity"].coefficient == 0.7
+    assert found["central_viscosity"] is None
+    printed = WeaklyCompressible(sound_speed=13.0, dynamic_viscosity=0.7, literal=("E3",))
+    assert printed.prepare(grid(), {})["viscosity"].coefficient == -0.7
+    central = WeaklyCompressible(sound_speed=13.0, dynamic_viscosity=0.7, viscosity="central")
+    for dim in (2, 3):
+        found = central.prepare(grid(dim), {})
+        assert found["viscosity"] is None
+        assert found["central_viscosity"].coefficient == near((dim + 2) * 0.7)
+    assert WeaklyCompressible(sound_speed=13.0).prepare(grid(), {}) == {"viscosity": None, "central_viscosity": None}
+
+
+def test_groups_of_coupling():
+    for kind, exponent in (("linear", 1), ("tait", 7)):
+        liquid = WeaklyCompressible(sound_speed=13.0, rest_density=900.0, state=kind)
+        found = TwoWayCoupling().prepare(grid(), named(liquid))
+        volume = 1 / liquid.rest_number_density(grid())
+        assert tuple(found["coupling"]) == near((volume, 169 / exponent, exponent, 0, 0, 0, 0))
+        assert found["viscosity"] is None
+    for options, flags in (
+        ({"literal": ("M4",)}, (1, 0, 0, 0)),
+        ({"literal": ("M2",)}, (0, 1, 0, 0)),
+        ({"literal": ("M3",)}, (0, 0, 1, 0)),
+        ({"density_weighted": True}, (0, 0, 0, 1)),
+    ):  # fmt: skip
+        found = TwoWayCoupling(**options).prepare(grid(), named(LIQUID))
+        assert tuple(found["coupling"])[3:] == flags
+        assert found["viscosity"].coefficient == 0.7
+
+
+def test_groups_of_a_mesh():
+    """Gravity for the boundary particles' pressure, friction, and Akinci's adhesion 0.007/h^3."""
+    plain = MeshBoundary(file="none", correction="none")
+    assert plain.prepare(grid(), named(LIQUID)) == {"wall_gravity": (0.0, 0.0, 0.0)}
+    assert plain.prepare(grid(), named(LIQUID, GRAVITY)) == {"wall_gravity": (1.0, -2.0, -9.0)}
+    rough = MeshBoundary(file="none", correction="none", literal=("E30",), viscosity=0.6, adhesion=0.5)
+    found = rough.prepare(grid(), named(LIQUID))
+    assert found == {"wall_viscosity": (0.6,), "adhesion": (0.5, near(0.007 * 0.5 / H**3))}
+    smooth = MeshBoundary(file="none", correction="none", literal=("E30",))
+    assert smooth.prepare(grid(), named(LIQUID)) == {}
+    distances = SimpleNamespace(band=SimpleNamespace(field="distances"))
+    for options, flags in (
+        ({}, (True, False)),
+        ({"correction": "point"}, (False, False)),
+        ({"literal": ("E27",)}, (True, True)),
+    ):
+        mesh = MeshBoundary(file="none", **options)
+        with (
+            mock.patch.object(MeshBoundary, "placed", return_value=distances),
+            mock.patch("refsim.boundary.one_way_coupling.penetration_groups") as groups,
+        ):
+            groups.return_value = {"penetration": 1}
+            assert mesh.prepare(grid(), named(LIQUID)) == {"wall_gravity": (0.0, 0.0, 0.0), "penetration": 1}
+        groups.assert_called_once_with("distances", "float64", 0.0, 0.1, *flags, False)
+
+
+def test_groups_of_melting():
+    """The melt takes density and mass of the liquid, conductivity and capacity of the last part."""
+    heat = HeatConduction(conductivity=(2.0, 0.1, 0.6), heat_capacity=(2000.0, 1000.0, 4000.0), melting_point=0.0)
+    mass = LIQUID.particle_mass(grid())
+    for bookkeeping, flag in (("immiscible", 0), ("water", 1)):
+        found = Melting(bookkeeping=bookkeeping).prepare(grid(), named(LIQUID, heat))
+        assert tuple(found["melting"]) == near((flag, 900.0, mass, 0.6, 4000.0))
+
+
+def test_groups_of_the_background_grid():
+    for dim, layers, width in ((2, 1, 10), (3, 3, 6)):
+        liquid = MpmLiquid(bulk_modulus=3600.0, rest_density=900.0, cell_size=0.3)
+        mass = 900 * 0.1**dim
+        assert tuple(liquid.background(grid(dim))) == near((0.3, 1 / 0.3, 4 / 0.09, layers, width, 1e-24 * mass))
+    assert MpmLiquid(bulk_modulus=3600.0).background(grid()).cell_size == 0.2
+
+
+def test_groups_of_the_grid_liquid():
+    liquid = MpmLiquid(bulk_modulus=3600.0, rest_density=900.0, cell_size=0.3, dynamic_viscosity=0.7)
+    found = liquid.prepare(grid(), named(liquid))
+    assert tuple(found["liquid"]) == (900.0, 3600.0, 0, 0, 0, 0)
+    assert [found[name] for name in ("field", "planes", "mirrors", "contact", "kernel_gradient")] == [None] * 5
+    assert tuple(found["embedding"]) == (0,)
+    assert found["viscous_stress"].factor == near(4 * 0.7 / (900 * 0.09))
+    assert found["counting"].cell_mass == near(900 * 0.027)
+    assert tuple(found["recounting"]) == (1.05, 0.0)
+    assert liquid.prepare(grid(2), named(liquid))["counting"].cell_mass == near(900 * 0.09)
+    for literal, flags in ((("M4",), (1, 0, 0, 0)), (("M3",), (0, 1, 0, 0)), (("M5",), (0, 0, 1, 0))):
+        printed = MpmLiquid(bulk_modulus=3600.0, literal=literal)
+        assert tuple(printed.prepare(grid(), named(printed))["liquid"])[2:] == flags
+    for volume, flag in (("gradient", 1), ("full_gradient", 0)):
+        other = MpmLiquid(bulk_modulus=3600.0, volume=volume)
+        assert other.prepare(grid(), named(other))["liquid"].forgets_shear == flag
+    double = MpmLiquid(bulk_modulus=3600.0, literal=("M27", "M6"))
+    found = double.prepare(grid(), named(double))
+    assert found["liquid"].stress == 7200.0
+    assert tuple(found["kernel_gradient"]) == (1,)
+
+
+def test_groups_of_the_grid_liquid_between_walls():
+    """Contact angle 60 degrees pulls with k/2; as printed (M7) no force acts and no wall stands."""
+    walls = MpmWalls(lower=(0.0, 0.0, 0.0), upper=(3.0, 3.0, 3.0))
+    surface = SurfaceEnergy(surface_tension=0.4, contact_angle=60.0, recount_time=0.5)
+    liquid = MpmLiquid(bulk_modulus=3600.0, cell_size=0.3)
+    found = liquid.prepare(grid(), named(liquid, walls, surface, GRAVITY))
+    assert found["field"].tolist() == [1.0, -2.0, -9.0]
+    assert found["planes"].lower.tolist() == [0] * 3
+    assert found["planes"].upper.tolist() == [10] * 3
+    assert tuple(found["mirrors"]) == (1,)
+    assert found["contact"].pull == near(0.2)
+    assert tuple(found["embedding"]) == (1,)
+    assert tuple(found["recounting"]) == (1.05, 0.5)
+    dry = SurfaceEnergy(surface_tension=0.4)
+    found = liquid.prepare(grid(), named(liquid, walls, dry))
+    assert found["mirrors"] is None
+    assert found["contact"] is None
+    assert found["planes"] is not None
+    still = liquid.prepare(grid(), named(liquid, Gravity(acceleration=(0.0, 0.0, 0.0))))
+    assert still["field"] is None
+    idle = MpmLiquid(bulk_modulus=3600.0, cell_size=0.3, literal=("M7",))
+    found = idle.prepare(grid(), named(idle, walls, surface, GRAVITY))
+    assert [found[name] for name in ("field", "planes", "mirrors", "contact")] == [None] * 4
+    assert found["liquid"].stress == 0.0
+    every = ("-x", "+x", "-y", "+y", "-z", "+z")
+    none = MpmWalls(lower=(0.0, 0.0, 0.0), upper=(3.0, 3.0, 3.0), open_faces=every)
+    assert liquid.prepare(grid(), named(liquid, none))["planes"] is None
+    for angle, pull in ((0.0, 0.4), (90.0, 0.0), (120.0, -0.2), (180.0, -0.4)):
+        assert SurfaceEnergy(surface_tension=0.4, contact_angle=angle).contact_pull() == near(pull)
+
+
+def test_groups_of_walls_on_the_grid():
+    lower, upper = (1.0, 2.0, 3.0), (4.0, 5.0, 6.0)
+    everything = MpmWalls(lower=lower, upper=upper).domain(grid())
+    assert np.array(everything).tolist() == [list(lower), list(upper)]
+    opened = MpmWalls(lower=lower, upper=upper, open_faces=("+x", "-y")).domain(grid())
+    assert np.array(opened).tolist() == [[1.0, -math.inf, 3.0], [math.inf, 5.0, 6.0]]
+    flat = MpmWalls(lower=lower, upper=upper).domain(grid(2))
+    assert np.array(flat).tolist() == [[1.0, 2.0, -math.inf], [4.0, 5.0, math.inf]]
+
+
+def test_groups_of_nodes_in_walls():
+    """Nodes on and beyond a face, its rule by number; a face between two nodes takes the one farther out."""
+    rules = {"slip_faces": ("+x",), "sticky_faces": ("-y",), "open_faces": ("-z",)}
+    walls = MpmWalls(lower=(0.6, 0.5, -0.7), upper=(2.4, 2.5, 3.1), rule="separating", **rules)
+    found = walls.nodes(grid(), 0.3)
+    assert found.lower.tolist() == [2, 1, -3]
+    assert found.upper.tolist() == [8, 9, 11]
+    assert found.rules.tolist() == [3, 2, 1, 3, 0, 3]
+    far = MpmWalls(lower=(0.6, 0.5, 0.0), upper=(2.4, 2.5, 0.0)).nodes(grid(2), 0.3)
+    assert far.lower.tolist() == [2, 1, -OPEN]
+    assert far.upper.tolist() == [8, 9, OPEN]
+    assert far.rules.tolist() == [3, 3, 3, 3, 0, 0]
+    flat = ("-x", "+x", "-y", "+y")
+    for faces, dim, stands in ((flat, 2, False), (flat, 3, True), (flat[:3], 2, True), ((*flat, "-z", "+z"), 3, False)):
+        walls = MpmWalls(lower=(0.0, 0.0, 0.0), upper=(3.0, 3.0, 3.0), open_faces=faces)
+        assert walls.stand(grid(dim)) == stands
+
+
+def test_groups_of_deformation_have_the_determinant_of_linear_algebra():
+    """Every permutation's sign: a matrix of the six products alone, and any other."""
+    for order in itertools.permutations(range(3)):
+        sign = 1 if order in ((0, 1, 2), (1, 2, 0), (2, 0, 1)) else -1
+        matrix = np.zeros((3, 3))
+        matrix[range(3), order] = (2.0, 3.0, 5.0)
+        assert determinant(*matrix.ravel()) == 30.0 * sign
+    matrix = np.random.default_rng(4).standard_normal((3, 3))
+    assert determinant(*matrix.ravel()) == near(np.linalg.det(matrix))
+
+
+# Verdicts
+
+
+def test_verdicts_on_speeds_and_accelerations():
+    simulation = SimpleNamespace(
+        steps=3, time=0.5, fields={}, greatest_speed=10.0, _host=lambda name: np.array([-20.0, 30.0])
+    )
+
+    def reason(broken=0, **options):
+        try:
+            check_extremes(simulation, broken, Extremes(**{"speed": 10.0, "acceleration": 1e9} | options))
+        except RunStopped as stop:
+            return stop.reason
+
+    assert reason() is None
+    assert reason(speed=10.0 * (1 + 1e-9)) == "diverged"
+    assert reason(broken=1) == "non_finite"
+    assert reason(excess=1e-9) == "temperature_out_of_range"
+    for names, words in (((), "a velocity or an acceleration that"), (("temperature",), "or a temperature that")):
+        simulation.fields = dict.fromkeys(names)
+        with pytest.raises(RunStopped, match=words):
+            check_extremes(simulation, 1, Extremes(speed=1.0, acceleration=1.0))
+
+
+def test_verdicts_on_particles_of_a_grid_liquid():
+    """J from 0.2 to 3, half of itself and half a cell in a step; each bound is allowed."""
+    liquid = MpmLiquid(bulk_modulus=3600.0, cell_size=0.5)
+    assert (LEAST_VOLUME, LARGEST_VOLUME) == (0.2, 3.0)
+
+    def reason(*seen):
+        found = liquid.verdict(grid(), {"step_extremes": np.array(seen)}, 0.125)
+        return found and found[0]
+
+    assert reason(0.2, 3.0, 4.0, 0.0625) is None
+    assert reason(0.199, 3.0, 4.0, 0.0625) == "compressed"
+    assert reason(0.2, 3.001, 4.0, 0.0625) == "expanded"
+    assert reason(0.2, 3.0, 4.001, 0.0625) == "volume_jump"
+    assert reason(0.2, 3.0, 4.0, 0.0626) == "outrun"
+    assert "0.502 cells" in liquid.verdict(grid(), {"step_extremes": np.array([1, 1, 0, 0.063])}, 0.125)[1]
+    assert "0.75 of itself" in liquid.verdict(grid(), {"step_extremes": np.array([1, 1, 6, 0])}, 0.125)[1]
+
+
+def test_verdicts_on_crowding():
+    surface = SurfaceEnergy(surface_tension=0.4)
+    for crowding, remarked, stopped in (
+        (CROWDED, False, False), (CROWDED + 1e-9, True, False), (OVERFULL, True, False), (OVERFULL + 1e-9, True, True),
+    ):  # fmt: skip
+        seen = {"greatest_crowding": np.array([crowding])}
+        assert (surface.remark(grid(), seen) is not None) == remarked
+        assert (surface.verdict(grid(), seen, 1.0) is not None) == stopped
+
+
+def test_verdicts_on_cohesion_that_compresses():
+    """s = 1 + Pi s^2 at rho0 c^2 (s - 1) = P_int s^2; no solution beyond Pi = 1/4."""
+    for number in (0.0, 0.1, 0.24, 0.25):
+        s = compression(number)
+        assert s == near(1 + number * s * s)
+    assert compression(0.1) < 2
+    assert math.isnan(compression(0.2500001))
+    tait = WeaklyCompressible(sound_speed=13.0, rest_density=900.0, state="tait")
+    free = BeckerTeschner2007(kappa=1.0, balance_pressure=False)
+    held = BeckerTeschner2007(kappa=1.0)
+    push = free.internal_pressure(grid(), named(LIQUID))
+    assert push > 0
+    assert free.collapse_number(grid(), named(LIQUID)) == near(push / (900 * 169))
+    assert free.collapse_number(grid(), named(tait)) == 0.0
+    assert free.collapse_number(grid(), named(LIQUID, ImplicitPressure())) == 0.0
+    assert held.collapse_number(grid(), named(LIQUID)) == 0.0
+    assert (free.balanced_pressure(grid(), named(LIQUID)), held.balanced_pressure(grid(), named(LIQUID))) == (0.0, push)
+    repelling = BeckerTeschner2007(kappa=-1.0, balance_pressure=False)
+    assert repelling.collapse_number(grid(), named(LIQUID)) == 0.0
+    assert BeckerTeschner2007(kappa=-1.0).balanced_pressure(grid(), named(LIQUID)) == 0.0
+    for share, stops in ((0.249, False), (0.251, True)):
+        liquid = WeaklyCompressible(sound_speed=math.sqrt(push / (900 * share)), rest_density=900.0)
+        if stops:
+            words = f"{2 * math.sqrt(push / 900):.4g} m/s"
+            with pytest.raises(InputError, match=words):
+                free.check_collapse(grid(), named(liquid))
+        else:
+            free.check_collapse(grid(), named(liquid))
+
+
+def test_verdicts_on_masses():
+    """Whose density is summed allows 1.5; a solver in its place, any."""
+    assert LIQUID.largest_mass_ratio(named(LIQUID)) == 1.5
+    assert LIQUID.largest_mass_ratio(named(LIQUID, TwoWayCoupling())) == math.inf
+
+
+def test_verdicts_of_an_audit():
+    """The rise above the lowest total, less four roundings, over what was turned over; the bound itself passes."""
+
+    def auditor(*energies, bound=0.25):
+        simulation = SimpleNamespace(
+            steps=1,
+            time=0.5,
+            plan=SimpleNamespace(grid=grid()),
+            timings=SimpleNamespace(of_host=lambda name: nullcontext()),
+        )
+        looks = iter(energies)
+        made = SimpleNamespace(
+            simulation=simulation, rule=SimpleNamespace(bound=bound), start=None, now={}, lowest=math.inf,
+            turned_over=0.0, greatest_share=0.0, energies=lambda: {k: Amount(*v) for k, v in next(looks).items()},
+        )  # fmt: skip
+        for _ in energies:
+            Auditor.look(made)
+        return made
+
+    def both(kinetic, gravity, size=0.0):
+        return {"kinetic": (kinetic, size), "gravity": (gravity, 0.0)}
+
+    found = auditor(both(0.0, 10.0), both(3.0, 5.0), both(4.0, 6.0))
+    assert found.start == {"kinetic": 0.0, "gravity": 10.0}
+    assert found.now == {"kinetic": 4.0, "gravity": 6.0}
+    assert (found.lowest, found.turned_over, found.greatest_share) == (8.0, 8.0, 0.25)
+    with pytest.raises(RunStopped, match=r"stands 2 J above its lowest value, 0\.25 of the 8 J") as stop:
+        auditor(both(0.0, 10.0), both(3.0, 5.0), both(4.0, 6.0), bound=0.2499)
+    assert stop.value.reason == "energy_gained"
+    assert auditor(both(0.0, 10.0), both(0.0, 10.0)).greatest_share == 0.0
+    assert auditor(both(0.0, 10.0), both(3.0, 5.0), both(3.0, 5.0)).greatest_share == 0.0
+    tiny = auditor(both(0.0, 10 / 64), both(3 / 64, 5 / 64), both(4 / 64, 6 / 64))
+    assert (tiny.turned_over, tiny.greatest_share) == (8 / 64, 0.25)
+    moving = auditor(both(20.0, 10.0), both(16.0, 7.0))  # turned over: all that moves, and what else has changed
+    assert moving.turned_over == 20.0
+    assert auditor(both(20.0, 10.0), both(18.0, 7.0)).turned_over == 21.0
+    rounded = auditor(both(0.0, 10.0), both(3.0, 5.0), both(4.0, 6.0, 2.0**48))
+    assert rounded.greatest_share == near((2.0 - 4 * 2.0**-52 * 2.0**48) / 8.0)
+    with pytest.raises(RunStopped) as stop:
+        auditor(both(math.nan, 10.0))
+    assert stop.value.reason == "non_finite"
+    quiet = auditor(both(0.0, 10.0), both(3.0, 5.0))
+    quiet.energies = lambda: {k: Amount(*v) for k, v in both(4.0, 5.0).items()}
+    Auditor.look(quiet, note=False)
+    assert quiet.now == {"kinetic": 3.0, "gravity": 5.0}
+    unbegun = SimpleNamespace(simulation=None, start=None)
+    assert Auditor.look(unbegun, note=False) is None

@@ -1,0 +1,51 @@
+"""Every two effects in one small scene: the backends agree after five steps, and what goes together is on file.
+
+Kernels run as Python here: to compile each combination of optional arguments would take minutes.
+"""
+
+import itertools
+import json
+import os
+import subprocess
+import sys
+
+import pytest
+
+from refsim import InputError, make_plan
+from refsim.core.effect import EFFECTS
+from validation import pairs
+
+RUN = """
+import json
+from validation import pairs
+found = {" ".join(pair): [list(part) for part in pairs.compare(*pair, "cpu")] for pair in pairs.pairs()}
+print(json.dumps(found))
+"""
+
+
+def test_every_effect_is_paired():
+    assert set(pairs.EFFECTS) == set(EFFECTS)
+
+
+def test_backends_agree_on_every_pair():
+    """`validation.pairs.compare` states the bound and its reason."""
+    environment = os.environ | {"NUMBA_DISABLE_JIT": "1", "PYTHONPATH": os.pathsep.join(sys.path)}
+    done = subprocess.run(
+        [sys.executable, "-W", "ignore", "-c", RUN], capture_output=True, text=True, env=environment, check=True
+    )
+    found = json.loads(done.stdout.splitlines()[-1])
+    assert list(found) == [" ".join(pair) for pair in pairs.pairs()]
+    assert all(len(parts) >= 5 for parts in found.values())
+    bad = {pair: [part for part in parts if not part[1] <= part[2]] for pair, parts in found.items()}
+    assert {pair: parts for pair, parts in bad.items() if parts} == {}
+
+
+@pytest.mark.parametrize("pair", list(itertools.combinations(pairs.EFFECTS, 2)), ids=" ".join)
+def test_what_goes_together_is_on_file(pair):
+    """A pair that is refused by mistake would drop out of the comparison."""
+    words = pairs.refused(*pair)
+    if words:
+        with pytest.raises(InputError, match=words):
+            make_plan(pairs.scene(*pair))
+    elif "mesh_boundary" not in pair:  # whose particles take seconds; the comparison has them
+        make_plan(pairs.scene(*pair))

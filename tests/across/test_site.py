@@ -1,0 +1,103 @@
+"""The site: built without a network and without a warning; its links and pictures are there; formulas are typeset."""
+
+import html
+import importlib.util
+import os
+import pathlib
+import re
+import subprocess
+import sys
+import urllib.parse
+
+import pytest
+
+from tests.render.browser import Browser, chromium
+
+ROOT = pathlib.Path(__file__).parents[2]
+NEEDED = ("sphinx", "myst_parser", "furo", "sphinx-mathjax-offline")
+MISSING = [name for name in NEEDED if importlib.util.find_spec(name) is None]
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(bool(MISSING), reason=f"{', '.join(MISSING)} (extra [docs]) is not installed"),
+]
+NO_NETWORK = dict.fromkeys(("http_proxy", "https_proxy", "HTTP_PROXY", "HTTPS_PROXY"), "http://127.0.0.1:9")
+LOCAL = re.compile(r'(?:href|src)="([^"]+)"')
+WIDTHS = (1280, 420)
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory):
+    """The built site; a warning stops the building."""
+    folder = tmp_path_factory.mktemp("site")
+    words = [sys.executable, "-m", "sphinx", "-W", "-q", "-d", str(folder / "trees"), "-b", "html"]
+    done = subprocess.run(
+        [*words, "docs", str(folder / "html")], cwd=ROOT, env=os.environ | NO_NETWORK, capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr[-3000:]
+    return folder / "html"
+
+
+def identities(path, known={}):  # noqa: B006, a cache
+    if path not in known:
+        known[path] = set(re.findall(r'\bid="([^"]+)"', path.read_text(encoding="utf-8")))
+    return known[path]
+
+
+def broken(page):
+    """Links and sources of a page that lead nowhere inside of the site, and scripts and styles from elsewhere."""
+    for found in LOCAL.findall(page.read_text(encoding="utf-8")):
+        target = urllib.parse.urlsplit(html.unescape(found))
+        if target.scheme or target.netloc:
+            if re.search(rf'src="{re.escape(found)}"', page.read_text(encoding="utf-8")):
+                yield found
+            continue
+        path = (page.parent / urllib.parse.unquote(target.path)).resolve() if target.path else page
+        anchor = urllib.parse.unquote(target.fragment)
+        if not path.exists() or (anchor and path.suffix == ".html" and anchor not in identities(path)):
+            yield found
+
+
+def test_links_and_pictures_lead_somewhere(site):
+    pages = sorted(site.glob("*.html"))
+    assert {"index.html", "gallery.html", "api.html", "contributing.html", "render.html"} <= {p.name for p in pages}
+    assert {page.name: list(broken(page)) for page in pages if any(broken(page))} == {}
+
+
+def test_every_page_is_in_the_navigation(site):
+    text = (site / "index.html").read_text(encoding="utf-8")
+    for page in (ROOT / "docs").glob("*.md"):
+        assert page.stem == "index" or f'href="{page.stem}.html"' in text, f"{page.stem} is not in NAVIGATION"
+
+
+def test_the_gallery_shows_every_figure_with_its_command(site):
+    text = (site / "gallery.html").read_text(encoding="utf-8")
+    from validation.experiment import discover
+
+    for name, experiment in discover().items():
+        drawn = [picture for picture in experiment.pictures if (ROOT / "figures" / picture.file).exists()]
+        assert not drawn or f"python -m validation run {name}</span>" in re.sub(r"</span> *<span[^>]*>", " ", text)
+        assert all(picture.file in text for picture in drawn)
+
+
+def test_every_public_name_is_in_the_api(site):
+    import refsim
+
+    text = (site / "api.html").read_text(encoding="utf-8")
+    public = [name for name in refsim.__all__ if not name.startswith("_")]
+    assert [name for name in public if f'id="refsim.{name}"' not in text and f"refsim.{name}" not in text] == []
+
+
+@pytest.mark.skipif(chromium() is None, reason="Chromium is not installed")
+@pytest.mark.parametrize("width", WIDTHS)
+def test_pages_fit_the_width_and_formulas_are_typeset(site, tmp_path, width):
+    browser = Browser(tmp_path, width, 900)
+    try:
+        for page in ("index", "gallery", "render", "api"):
+            browser.open(site / f"{page}.html")
+            assert browser.value("document.documentElement.scrollWidth") <= width
+            assert browser.value("[...document.images].filter(i => i.complete && !i.naturalWidth).length") == 0
+        browser.open(site / "render.html", "document.querySelectorAll('mjx-container').length > 0")
+        assert browser.value("document.querySelectorAll('mjx-container merror, mjx-merror').length") == 0
+        assert not browser.errors
+    finally:
+        browser.close()

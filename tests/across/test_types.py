@@ -1,0 +1,74 @@
+"""Types: users' programs can be checked against the public names; what mypy leaves out is what ruff leaves out."""
+
+import importlib.util
+import os
+import pathlib
+import re
+import subprocess
+import sys
+import tomllib
+
+import pytest
+
+import refsim
+
+ROOT = pathlib.Path(__file__).parents[2]
+SCRIPT = pathlib.Path(__file__).with_name("users_script.py")
+CONFIGURATION = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]
+with_mypy = pytest.mark.skipif(importlib.util.find_spec("mypy") is None, reason="mypy is not installed (extra test)")
+
+
+def strict(path, folder):
+    command = [sys.executable, "-m", "mypy", "--strict", "--config-file=", f"--cache-dir={folder}"]
+    return subprocess.run(
+        [*command, "--follow-imports=silent", str(path)],
+        env=os.environ | {"MYPYPATH": str(ROOT)}, cwd=folder, capture_output=True, text=True,
+    )  # fmt: skip
+
+
+@with_mypy
+def test_a_users_script_is_typed(tmp_path):
+    done = strict(SCRIPT, tmp_path)
+    assert done.returncode == 0, done.stdout
+    wrong = tmp_path / "wrong.py"
+    wrong.write_text(
+        "import refsim\nrefsim.Scene(spacing='0.1', support_radius=1.0, fluid=())\nrefsim.open_run(3).at('x')\n"
+    )
+    found = strict(wrong, tmp_path).stdout
+    assert re.search(r'wrong\.py:2: error: Argument "spacing" to "Scene"', found)
+    assert found.count("wrong.py:3: error: Argument 1") == 2
+
+
+def test_a_users_script_runs(tmp_path):
+    done = subprocess.run(
+        [sys.executable, "-W", "error", str(SCRIPT)],
+        env=os.environ | {"PYTHONPATH": str(ROOT)}, cwd=tmp_path, capture_output=True, text=True,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert "none.toml does not exist" in done.stdout
+
+
+def test_public_names_are_listed_and_there():
+    assert (ROOT / "refsim" / "py.typed").exists()
+    assert sorted(refsim.__all__) == refsim.__all__
+    assert all(hasattr(refsim, name) for name in refsim.__all__)
+
+
+def test_what_is_not_checked_is_what_ruff_leaves_without_annotations():
+    """Arrays whose types Numba infers; three modules of compiled functions have names that ruff takes for private."""
+    left_out = set()
+    for pattern, rules in CONFIGURATION["ruff"]["lint"]["per-file-ignores"].items():
+        if "ANN" in rules and pattern.startswith("refsim"):
+            braced = re.search(r"\{(.*)\}", pattern)
+            for name in braced[1].split(",") if braced else [""]:
+                left_out |= set(ROOT.glob(pattern.replace(braced[0], name) if braced else pattern))
+    left_out |= {
+        ROOT / "refsim" / f"{name}.py" for name in ("backends/device", "backends/primitives", "neighbours/rows")
+    }
+    (unchecked,) = [o["module"] for o in CONFIGURATION["mypy"]["overrides"] if o.get("ignore_errors")]
+    found = set()
+    for module in unchecked:
+        paths = set(ROOT.glob(module.replace(".*.", "/**/").replace(".", "/") + ".py"))
+        assert paths, module
+        found |= paths
+    assert found == left_out

@@ -1,0 +1,263 @@
+"""The main job: what it runs, how it ends, and the page that it writes."""
+
+from __future__ import annotations
+
+import base64
+import dataclasses
+import importlib.util
+import io
+import json
+import os
+import re
+import shutil
+import subprocess
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from validation.checks import FAIL, PASS, SHOWN, Check
+from validation.claims import Found, read_claims
+from validation.experiment import Experiment, Options, Picture, Run, discover
+from validation.perform import Performed, perform
+from validation.report import LINES, WIDTH, Whole, page, seconds_table, summary, write_page
+from validation.results import Result
+from validation.tables import Table
+
+SCRIPT = Path(__file__).resolve().parents[2] / "scripts" / "reproduce.py"
+
+
+def load_script():
+    spec = importlib.util.spec_from_file_location("reproduce", SCRIPT)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def computed(context, value):
+    return Result({"value": value}, {"line": np.arange(value)})
+
+
+def drawn(data):
+    import matplotlib.pyplot as plt
+
+    figure, axes = plt.subplots(figsize=(2, 2))
+    axes.plot(data["line"])
+    return figure
+
+
+def made_up(name="fake", verdict=PASS, checks=1, runs=1):
+    """An experiment with two pictures (PNG and WebP), a table and checks, whose words need escaping."""
+    words = 'a <quantity> & "more"'
+    return Experiment(
+        name=name,
+        title="an experiment <for> tests",
+        runs=lambda options: [Run(f"run_{k}", computed, {"value": k + 2}) for k in range(runs)],
+        checks=lambda found, check: check.made.extend(
+            Check(f"quantity.{k}", words, 1.5, "m", "2 & 3", "at most <5>", verdict) for k in range(checks)
+        ),
+        pictures=tuple(
+            Picture(f"{name}_{kind}", lambda found: {"line": found["run_0"].arrays["line"]}, drawn, ("run_0",), shaded)
+            for kind, shaded in (("plot", False), ("shaded", True))
+        ),
+        tables=lambda found: [Table("A <table>", ["what", "value"], [["x<y", 12.5], ["none", None]], "A & B.")],
+    )
+
+
+def performed(experiments, folder):
+    options = Options(quick=True, results=folder / "results", figures=folder / "figures")
+    done = perform([each.part(options) for each in experiments], options, stream=io.StringIO())
+    claims = [Found(claim, missing="not measured here") for claim in read_claims().values()]
+    titles = {each.name: each.title for each in experiments}
+    return Whole("refsim: <a test>", done, titles, claims, 12.3, 7, {"processor": "A & B"}, options.figures)
+
+
+# What it runs
+
+
+def test_main_job_is_made_of_runs_that_are_there():
+    script, known = load_script(), discover()
+    for group in script.MAIN:
+        for name, keys in group.items():
+            runs = {run.key: run for run in known[name].runs(Options(quick=True))}
+            assert set(keys) <= set(runs)
+            assert not [key for key in keys if runs[key].skip]
+    first, second = script.planned(known, Options(quick=True))
+    assert [(part.name, [run.key for run in part.runs]) for part in first + second] == [
+        (name, list(keys)) for group in script.MAIN for name, keys in group.items()
+    ]
+    assert next(iter(script.MAIN[0].items()))[1][0] == "detection_2d"
+
+
+def test_full_leaves_no_run_out():
+    script, known, options = load_script(), discover(), Options()
+    groups = script.planned(known, options)
+    assert [part.name for part in groups[0]] == list(script.MAIN[0])
+    there = {part.name: [run.key for run in part.runs] for parts in groups for part in parts}
+    assert there == {name: [run.key for run in each.runs(options)] for name, each in known.items()}
+
+
+def test_what_is_timed_runs_alone():
+    known = discover()
+    for quick in (True, False):
+        runs = {(name, run.key): run for name, each in known.items() for run in each.runs(Options(quick=quick))}
+        timed = r"detection_cost_|steps$|steady_|flow_marked_|cost_figure|rival_figure|stages$|savings$"
+        found = [key for key in runs if re.match(timed, key[1])] + [key for key in runs if key[0] == "dong_table_1"]
+        assert len(found) > 10
+        assert [key for key in found if not runs[key].alone] == []
+
+
+# How it ends
+
+
+@pytest.mark.parametrize(("verdict", "code"), [(FAIL, 4), (PASS, 0), (SHOWN, 0)])
+def test_reproduce_ends_with_a_short_summary_and_writes_the_page(verdict, code, tmp_path, monkeypatch, capsys):
+    script = load_script()
+    monkeypatch.setattr(script, "ROOT", tmp_path)
+    monkeypatch.setattr(script, "MAIN", ({"fake": ("run_0",)},))
+    monkeypatch.setattr(script, "discover", lambda: {"fake": made_up(verdict=verdict, checks=60, runs=2)})
+    assert script.main(["--quick", "--threads", "1"]) == code
+    printed = capsys.readouterr().out
+    lines = printed.splitlines()
+    assert len(lines) <= LINES + 3, "the head, and the line about the first picture"
+    assert max(map(len, lines)) <= WIDTH + len(str(tmp_path))
+    assert re.search(r"^First picture after \d+ s: .*fake_plot.png$", printed, re.MULTILINE)
+    assert f"{60 * (verdict == PASS)} checks passed, {60 * (verdict == FAIL)} failed" in printed
+    assert (" more, see the report" in printed) == (verdict == FAIL)
+    assert re.search(r"It took \d+ s; \d+ of \d+ processor seconds went into compiling \d+ kernels\.", printed)
+    assert (tmp_path / "results" / "report.html").exists()
+    assert not (tmp_path / "results" / "fake" / "run_1").exists()
+    assert [folder.name[:5] for folder in (tmp_path / "results" / "fake").iterdir()] == ["run_0"]
+    assert script.main(["--quick", "--threads", "1", "--json"]) == code
+    again = capsys.readouterr()
+    assert json.loads(again.out)["quantity.0"]["verdict"] == verdict
+    assert "processor seconds" not in again.err, "everything was reused"
+
+
+def test_summary_fits_the_screen_whatever_happens(tmp_path):
+    experiments = [made_up(f"experiment_with_a_long_name_{k}", FAIL, checks=40, runs=4) for k in range(5)]
+    whole = performed(experiments, tmp_path)
+    for each in whole.performed:
+        each.stopped["run"] = "It collapsed, and the reason of it is a long sentence. " * 4
+    lines = summary(whole, tmp_path / ("x" * 90) / "report.html").splitlines()
+    assert len(lines) <= LINES
+    assert max(map(len, lines)) <= WIDTH
+    assert lines[-1].endswith("report.html")
+    assert re.search(
+        r"^failed: experiment_with_a_long_name_0 quantity.0: 1.5, bar at most <5>$", "\n".join(lines), re.M
+    )
+    assert "0 checks passed, 200 failed" in "\n".join(lines)
+
+
+def test_seconds_are_summed_by_name_and_the_rest_in_one_row():
+    noted = [
+        (name, {"seconds": k, "processor_seconds": 2 * k, "kernels_compiled": 3}) for k, name in enumerate("abcab")
+    ]
+    every, few = seconds_table(noted), seconds_table(noted, 2)
+    assert every.rows == [["b", 5, 10, 0, 6], ["a", 3, 6, 0, 6], ["c", 2, 4, 0, 3]]
+    assert few.rows == [["b", 5, 10, 0, 6], ["2 others", 5, 10, 0, 9]]
+
+
+def test_numbers_that_matter_take_the_largest_size(tmp_path):
+    whole = performed([], tmp_path)
+    named = [f"detection_ratio.{count}" for count in (800, 5000)]
+    part = made_up("dam_break").part(Options())
+    checks = [Check(name, name, 0.4, "-", "below 1", "", SHOWN) for name in named]
+    whole = dataclasses.replace(whole, performed=[Performed(part, checks=checks)])
+    assert [(name, c.name) for name, _, c in whole.five()] == [("dam_break", "detection_ratio.5000")]
+    assert re.search(r"two-step over fan scan +0.4 +below 1", summary(whole, tmp_path / "report.html"))
+
+
+# The page
+
+
+EMPTY = {"meta", "link", "img", "br"}  # tags that are not closed
+
+
+class Reader(HTMLParser):
+    """Counts tags, and notes what is linked, named and shown."""
+
+    def __init__(self):
+        super().__init__()
+        self.open, self.names, self.links, self.images, self.loads = [], [], [], [], []
+
+    def handle_starttag(self, tag, attributes):
+        given = dict(attributes)
+        if tag not in EMPTY:
+            self.open.append(tag)
+        if "id" in given:
+            self.names.append(given["id"])
+        if tag == "a":
+            self.links.append(given["href"])
+        if tag == "img":
+            self.images.append(given["src"])
+            assert given["alt"]
+        self.loads += [
+            given[name] for name in ("src", "href", "data", "action", "srcset") if name in given and tag != "a"
+        ]
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+
+def test_page_holds_every_picture_table_and_verdict_and_loads_nothing(tmp_path):
+    whole = performed([made_up(), made_up("other", FAIL)], tmp_path)
+    text = page(whole)
+    reader = Reader()
+    reader.feed(text)
+    assert reader.open == []
+    assert len(set(reader.names)) == len(reader.names)
+    assert {"summary", "failed", "fake", "other", "claims", "seconds"} <= set(reader.names)
+    assert all(link.startswith("#") and link[1:] in reader.names for link in reader.links)
+    assert {"#fake", "#other", "#claims", "#seconds"} <= set(reader.links)
+    files = [path for each in whole.performed for path in each.drawn.values()]
+    assert len(reader.images) == len(files) == 4
+    for source, file in zip(reader.images, files):
+        kind, coded = re.fullmatch(r"data:image/(png|webp);base64,([A-Za-z0-9+/=]+)", source).groups()
+        assert base64.b64decode(coded) == file.read_bytes()
+        with Image.open(file) as image:
+            assert image.format.lower() == kind
+    assert all(source.startswith("data:") for source in reader.loads)
+    assert "url(" not in text
+    assert "@import" not in text
+    assert "<script" not in text
+    assert text.count("a &lt;quantity&gt; &amp; &quot;more&quot;") == 3, "twice by experiment, once in what failed"
+    assert text.count("<caption>A &lt;table&gt;</caption>") == 2
+    assert all(claim.name in text for claim in read_claims().values())
+    assert "run_0" in text.partition('id="seconds"')[2]
+
+
+def browser():
+    """A Chromium that is installed, or None."""
+    names = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
+    return next(filter(None, map(shutil.which, names)), None)
+
+
+PROBE = """
+<script>
+window.addEventListener("load", () => {
+  const shown = [...document.images].filter((image) => image.complete && image.naturalWidth > 0).length;
+  const dead = [...document.links].filter((a) => !document.getElementById(decodeURIComponent(a.hash.slice(1)))).length;
+  document.title = `shown ${shown} of ${document.images.length}, dead ${dead} of ${document.links.length}`;
+});
+</script>
+"""
+
+
+@pytest.mark.skipif(browser() is None, reason="no Chromium is installed")
+def test_page_opens_in_a_browser(tmp_path):
+    """No console message, every image is decoded, every link leads to a place on the page."""
+    whole = performed([made_up(), made_up("other", FAIL)], tmp_path)
+    path = write_page(whole, tmp_path / "report.html")
+    path.write_text(path.read_text().replace("</head>", PROBE + "</head>"))
+    links = len(re.findall(r"<a ", path.read_text()))
+    command = [browser(), "--headless=new", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage",
+               f"--user-data-dir={tmp_path / 'profile'}", "--enable-logging=stderr", "--virtual-time-budget=5000",
+               "--dump-dom", path.as_uri()]  # fmt: skip
+    done = subprocess.run(
+        command, capture_output=True, text=True, timeout=120, check=True, env={**os.environ, "HOME": str(tmp_path)}
+    )
+    assert f"<title>shown 4 of 4, dead 0 of {links}</title>" in done.stdout
+    assert "CONSOLE" not in done.stderr, done.stderr

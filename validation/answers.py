@@ -1,0 +1,525 @@
+"""What an accuracy costs: for each observable and error, the cheapest setting that was measured, and what rules choose.
+
+`python -m validation accuracy --write` makes of the stored panels (`figures/accuracy_cost_*.json*`) the table and the
+pictures of docs/accuracy_cost.md, and the table that `refsim advise` reads, refsim/study/answers.json.
+
+The rules, for one observable, one error and one kind of machine:
+
+1. A setting is a candidate if it keeps the error, was not stopped, computes the scene with all its effects and no more,
+   and nothing speaks against it elsewhere (`validation.accuracy.elsewhere`).
+2. A step beyond the stable one is no candidate: the runner gives a note on it.
+3. float64 is no candidate where float32 with the same knobs has the same error within its noise, or 1 %.
+4. Of the candidates whose timing has settled (`validation.work_precision.unsettled`) the fastest is advised. Where none
+   has settled, none is advised. A reading below LEAST_READING never counts as settled.
+5. An error below the uncertainty of the reference is marked as such.
+"""
+
+from __future__ import annotations
+
+import functools
+import json
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from refsim.study.advice import percent as percent
+from validation.accuracy import duration, time_to
+from validation.results import real
+from validation.work_precision import SAME, error_verdict, unsettled
+
+ROOT = Path(__file__).resolve().parent.parent
+TABLE = ROOT / "refsim" / "study" / "answers.json"
+PAGE = ROOT / "docs" / "accuracy_cost.md"
+APPENDIX = ROOT / "docs" / "accuracy_cost_panels.md"
+FIGURES = ROOT / "figures"
+SCHEMA = "refsim answers, version 1"
+LEAST_READING = 1e-3  # [s] that a stopwatch resolves
+TARGETS = (0.1, 0.05, 0.01, 0.001)
+TWO_GRIDS = 3.0  # safety factor of the grid convergence index where the order is assumed, not observed (Roache 1994)
+Point = Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class Reference:
+    """A converged value in place of the panel's own reference: Richardson's limit of two spacings, order assumed."""
+
+    coarse: str
+    fine: str
+    order: float
+
+    def limit(self, points: Mapping[str, Point]) -> tuple[float, float]:
+        """(the limit, its uncertainty): v_f + (v_f - v_c)/(r^p - 1), and TWO_GRIDS times the last term."""
+        coarse, fine = points[self.coarse], points[self.fine]
+        ratio = coarse["knobs"]["spacing"] / fine["knobs"]["spacing"]
+        change = (real(fine["value"]) - real(coarse["value"])) / (ratio**self.order - 1.0)
+        return real(fine["value"]) + change, TWO_GRIDS * abs(change)
+
+
+@dataclass(frozen=True)
+class Observable:
+    """How a panel is answered.
+
+    words      the observable
+    relative   what an error of 1 is
+    scale      the panel's error that is a relative error of 1; the uncertainty of its band likewise
+    unit       of the panel's own error, beside the relative one
+    method     knob whose values are lines of the picture
+    converged  a converged value that errors are taken from, in place of the panel's own reference
+    more       errors in the table beside TARGETS
+    remark     what the reader must know, one sentence
+    meaning    why an error at most as large as this has no meaning: (error, why)
+    scene      knobs -> a Scene; None where there is none
+    page       of docs/ that explains it
+    other_scenes  how the keys of settings begin that compute another scene: with an effect more, or one less
+    """
+
+    words: str
+    relative: str
+    scale: float = 1.0
+    unit: str = ""
+    method: str = "backend"
+    converged: Reference | None = None
+    more: tuple[float, ...] = ()
+    remark: str = ""
+    meaning: tuple[float, str] | None = None
+    scene: Callable[[Mapping[str, Any]], Any] | None = None
+    page: str = ""
+    other_scenes: tuple[str, ...] = ()
+
+
+def _front_scene(knobs: Mapping[str, Any]) -> Any:
+    import msgspec
+
+    from validation.experiments.dam_break.runs import GRAVITY, HEIGHT, column_scene
+
+    scene = column_scene(round(0.5 * HEIGHT / knobs["spacing"]), 1, 15.0)
+    end = 4.6 / math.sqrt(2 * GRAVITY / (0.5 * HEIGHT))
+    return msgspec.structs.replace(scene, dtype=knobs["dtype"], step_factor=knobs["step"], end_time=end)
+
+
+def _drop_scene(knobs: Mapping[str, Any]) -> Any:
+    import msgspec
+
+    from refsim import Box
+    from validation.experiments.droplet.accuracy_runs import UNTIL, drop_scene
+
+    side = round(1 / knobs["spacing"])
+    scene = drop_scene(side, knobs["dtype"])
+    block = Box(lower=(-0.5, -0.5, -0.5), cells=(side, side, side))
+    return msgspec.structs.replace(scene, fluid=(block,), step_factor=knobs["step"], end_time=UNTIL)
+
+
+_PROBE = "which particles are surface depends on the radius of the probe (1.2 spacings, a convention)"
+OBSERVABLES: dict[str, Observable] = {
+    "front": Observable(
+        "surge front of a 2D dam break",
+        "of the mean front's position between t sqrt(2g/L) = 1 and 3",
+        unit="column widths",
+        converged=Reference("d28", "d40", 1.0),
+        remark="judged against refsim's own converged front; the experiments differ from each other by 10.8 %, and an"
+        " error below that is none of the flow",
+        scene=_front_scene,
+        other_scenes=("detection", "water"),
+        page="sph.md",
+    ),
+    "droplet": Observable(
+        "roundness of a drop that was a cube",
+        "of the drop's radius",
+        unit="radius variation",
+        method="program",
+        more=(0.005,),
+        scene=_drop_scene,
+        other_scenes=("effect_",),
+        page="jiang_zhu_2023.md",
+    ),
+    "detection_2d": Observable(
+        "surface detection, 2D splash of 7,200 particles",
+        "of the surface particles, missed or found wrongly",
+        unit="1 - F1",
+        method="method",
+        meaning=(0.01, _PROBE),
+        page="sph.md",
+    ),
+    "detection_3d": Observable(
+        "surface detection, 3D collapse of 8,192 particles",
+        "of the surface particles, missed or found wrongly",
+        unit="1 - F1",
+        method="method",
+        meaning=(0.01, _PROBE),
+        page="sph.md",
+    ),
+    "heat": Observable(
+        "temperature of a slab of 20 spacings",
+        "of the range of temperatures",
+        scale=100.0,
+        unit="% rms",
+        method="scheme",
+        page="heat.md",
+    ),
+    "mpm_pressure": Observable(
+        "pressure of an MPM disc at rest",
+        "of Laplace's pressure k/R",
+        unit="p/(k/R) - 1",
+        method="way",
+        page="mpm_droplet.md",
+    ),
+    "surface_normals": Observable(
+        "normals on a reconstructed sphere",
+        "of a radian",
+        scale=math.degrees(1.0),
+        unit="degrees",
+        method="normals",
+        page="surface_energy.md",
+    ),
+    "boundary_sampling": Observable(
+        "evenness of boundary particles on a mesh",
+        "of the mean distance to the nearest particle",
+        unit="variation",
+        method="dtype",
+        meaning=(0.001, "no even spread of particles exists on a closed curved surface"),
+        page="boundary_sampling.md",
+    ),
+    "signed_distance": Observable(
+        "signed distance from a ball of 82,000 triangles",
+        "of the ball's radius of 1 m",
+        unit="m rms",
+        method="dtype",
+        page="signed_distance.md",
+    ),
+}
+NOT_MEASURED = {  # observable: (words, where errors without times stand)
+    "surface_tension_jump": ("surface tension by the pressure jump", "sigma_map.md"),
+    "surface_tension_frequency": ("surface tension by the frequency of a drop", "jiang_zhu_2023.md"),
+    "contact_angle": ("contact angle of a drop on a wall", "contact_angle.md"),
+    "tank_pressure": ("pressure of a tank whose walls are a mesh", "boundary_akinci_2012.md"),
+    "melt_front": ("front of melting, Stefan's problem", "heat.md"),
+    "melting": ("time in which a block melts", "melting.md"),
+    "beam": ("deflection of a shape-matched beam", "shape_matching.md"),
+    "spinning_body": ("angular velocity of a shape-matched body", "shape_matching.md"),
+    "coupling": ("solids that float in a liquid", "two_way_coupling.md"),
+    "mpm_frequency": ("frequency of an MPM drop", "mpm_droplet.md"),
+    "implicit_pressure": ("implicit pressure against weakly compressible", "iisph.md"),
+}
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One point of a panel as the rules see it.
+
+    error    relative
+    own      the same in the observable's unit
+    seconds  to a relative error; None where that is not reached
+    """
+
+    key: str
+    point: Point
+    error: float
+    own: float
+    seconds: Callable[[float], float | None]
+
+    @property
+    def unsettled(self) -> str:
+        """Why the timing has not settled; "" where it has."""
+        if real(self.point["seconds"]) < LEAST_READING:
+            return "one reading lasts less than 1 ms"
+        return unsettled(self.point["all_seconds"])
+
+    @property
+    def settled(self) -> bool:
+        """Whether the timing has settled."""
+        return not self.unsettled
+
+
+@dataclass(frozen=True)
+class Choice:
+    """What the rules say for one error.
+
+    advised  the candidate, or None
+    seconds  to the error
+    why      why none is advised; "" for one
+    notes    what was passed over, and what limits the answer
+    """
+
+    advised: Candidate | None
+    seconds: float = math.nan
+    why: str = ""
+    notes: tuple[str, ...] = field(default=())
+
+
+def candidates(points: Mapping[str, Point], observable: Observable) -> list[Candidate]:
+    """Points that came to an end, with relative errors."""
+    made = []
+    limit = observable.converged.limit(points)[0] if observable.converged else math.nan
+    for key, p in points.items():
+        if not p["shown"] or p["stopped"] or p["error"] is None or key.startswith(observable.other_scenes):
+            continue
+        if observable.converged:
+            error = abs(real(p["value"]) - limit) / abs(limit)
+            wall = real(p["seconds"])
+            own = error * abs(limit)
+            made.append(Candidate(key, p, error, own, functools.partial(_whole, error, wall)))
+        else:
+            own = real(p["error"])
+            made.append(Candidate(key, p, own / observable.scale, own, functools.partial(_to, p, observable.scale)))
+    return made
+
+
+def _whole(own: float, wall: float, error: float) -> float | None:
+    """Seconds of a run that is judged at its end."""
+    return wall if own <= error else None
+
+
+def _to(point: Point, scale: float, error: float) -> float | None:
+    """Seconds until a point keeps a relative error."""
+    found = time_to(point, error * scale)
+    return None if found is None else real(found["seconds"])
+
+
+def uncertainty(points: Mapping[str, Point], observable: Observable, band: Mapping[str, Any] | None) -> float:
+    """Relative uncertainty of the reference; 0 for an exact one."""
+    if observable.converged:
+        limit, spread = observable.converged.limit(points)
+        return spread / abs(limit)
+    return 0.0 if band is None else real(band["width"]) / observable.scale
+
+
+def refused(candidate: Candidate, others: Sequence[Candidate]) -> str:
+    """Why a candidate may not be advised, whatever its time; "" if it may."""
+    p, knobs = candidate.point, candidate.point["knobs"]
+    if p["elsewhere"]:
+        return p["elsewhere"]
+    if knobs.get("step", 1.0) > 1.0 and "scheme" not in knobs:
+        return "the runner gives a note on a step beyond the stable one"
+    if knobs.get("dtype") == "float64":
+        same = {**knobs, "dtype": "float32"}
+        for other in others:
+            if other.point["knobs"] == same and error_verdict(other.point, p) == SAME:
+                return "float32 has the same error"
+    return ""
+
+
+def is_peer(point: Point) -> bool:
+    """Whether a point was measured with another program."""
+    return str(point["knobs"].get("program", "refsim")) != "refsim"
+
+
+def choose(found: Sequence[Candidate], error: float, spread: float = 0.0) -> Choice:
+    """The cheapest settled setting for a relative error; see the rules above."""
+    allowed = [c for c in found if not refused(c, found)]
+    if not found:
+        return Choice(None, why="not measured")
+    reach = [(seconds, c) for c in allowed if (seconds := c.seconds(error)) is not None]
+    notes = []
+    if error < spread:
+        notes.append(f"below the uncertainty of the reference ({percent(spread)})")
+    if not reach:
+        if not allowed:
+            return Choice(None, why="not reached: no setting may be advised", notes=tuple(notes))
+        best = min(allowed, key=lambda c: c.error)
+        took = duration(real(best.point["seconds"]))
+        why = f"not reached: {best.point['words']} keeps {percent(best.error)} after {took}"
+        return Choice(None, why=why, notes=tuple(notes))
+    settled = [(seconds, c) for seconds, c in reach if c.settled]
+    cheapest = min(reach, key=lambda pair: pair[0])
+    if not settled:
+        said = f"{len(reach)} settings reach it" if len(reach) > 1 else "one setting reaches it"
+        fastest = f"{cheapest[1].point['words']} was read at {duration(cheapest[0])}, but {cheapest[1].unsettled}"
+        return Choice(None, why=f"not advised: {said}, none in a settled time; {fastest}", notes=tuple(notes))
+    seconds, best = min(settled, key=lambda pair: pair[0])
+    if cheapest[0] < seconds:
+        said = f"{cheapest[1].point['words']} was read at {duration(cheapest[0])}, but {cheapest[1].unsettled}"
+        notes.append(f"passed over: {said}")
+    return Choice(best, seconds, notes=tuple(notes))
+
+
+# The table
+
+
+def report(panel: str, folder: Path = FIGURES) -> dict[str, Any]:
+    """A stored panel. Raises OSError or ValueError where there is none."""
+    from validation.drawing import read_data
+
+    return read_data(folder, f"accuracy_cost_{panel}")
+
+
+def answer(panel: str, data: Mapping[str, Any], observable: Observable) -> dict[str, Any]:
+    """One observable's row, as plain values."""
+    points = data["points"]
+    found = candidates(points, observable)
+    here = [c for c in found if "reported" not in c.point["knobs"] and not is_peer(c.point)]
+    gpu = [c for c in found if "reported" in c.point["knobs"]]
+    peers = [c for c in found if is_peer(c.point)]
+    spread = uncertainty(points, observable, data["band"])
+    cells = []
+    for error in sorted({*TARGETS, *observable.more}, reverse=True):
+        if observable.meaning and error <= observable.meaning[0]:
+            cells.append({"error": error, "no_meaning": observable.meaning[1]})
+            continue
+        cells.append(
+            {
+                "error": error,
+                "cpu": _cell(choose(here, error, spread), observable),
+                "gpu": _cell(choose(gpu, error, spread), observable) if gpu else None,
+                "peer": _peer(peers, error),
+            }
+        )
+    return {
+        "name": panel,
+        "words": observable.words,
+        "relative": observable.relative,
+        "unit": observable.unit,
+        "uncertainty": spread,
+        "remark": observable.remark,
+        "page": observable.page,
+        "machine": _machines(data, False),
+        "gpu": _machines(data, True),
+        "dates": data["dates"],
+        "answers": cells,
+    }
+
+
+def _machines(data: Mapping[str, Any], gpu: bool) -> str:
+    found = []
+    for place in data["where"]:
+        if bool(place["device"]) != gpu:
+            continue
+        if gpu:
+            found.append(f"{place['device'].get('name')}, {place.get('date')}")
+        else:
+            found.append(f"{place['processor']}, {place['threads']} threads")
+    return "; ".join(dict.fromkeys(found))
+
+
+def _cell(choice: Choice, observable: Observable) -> dict[str, Any]:
+    if choice.advised is None:
+        return {"why": choice.why, "notes": list(choice.notes)}
+    p = choice.advised.point
+    knobs = p["knobs"]
+    made: dict[str, Any] = {
+        "key": choice.advised.key,
+        "setting": p["words"],
+        "keeps": choice.advised.error,
+        "keeps_own": f"{choice.advised.own:.2g} {observable.unit}".strip(),
+        "seconds": choice.seconds,
+        "whole": real(p["per_step"]) * p["steps"] if p["curves"] else choice.seconds,
+        "bytes": None if p["bytes"] is None else p["bytes"] * p["particles"],
+        "notes": list(choice.notes),
+    }
+    if observable.scene and knobs.get("pair_mode", "all") == "all":
+        from refsim.scene.files import scene_to_toml
+
+        made["scene"] = scene_to_toml(observable.scene(knobs))
+    return made
+
+
+def _peer(peers: Sequence[Candidate], error: float) -> dict[str, Any] | None:
+    """The fastest of other programs for the error; unsettled times are no answer."""
+    if not peers:
+        return None
+    choice = choose(peers, error)
+    if choice.advised is None:
+        return {"why": choice.why}
+    return {"setting": choice.advised.point["words"], "seconds": choice.seconds}
+
+
+def table(folder: Path = FIGURES) -> dict[str, Any]:
+    """Everything that `refsim advise` knows."""
+    rows = [answer(name, report(name, folder), observable) for name, observable in OBSERVABLES.items()]
+    missing = [
+        {"name": name, "words": words, "page": page, "missing": "not measured: no error against time is on file"}
+        for name, (words, page) in NOT_MEASURED.items()
+    ]
+    return {"schema": SCHEMA, "observables": [*rows, *missing]}
+
+
+def as_json(found: Mapping[str, Any]) -> str:
+    """The packaged table."""
+    return json.dumps(found, indent=1, allow_nan=False) + "\n"
+
+
+# The page
+
+
+def markdown(found: Mapping[str, Any]) -> list[str]:
+    """The page's table: a line an observable and error."""
+    lines = ["| observable | error | cheapest settled setting | 2 CPU threads | GPU | memory | best peer |"]
+    lines.append("| --- | --: | --- | --: | --: | --: | --: |")
+    for row in found["observables"]:
+        if "missing" in row:
+            lines.append(f"| [{row['words']}]({row['page']}) (`{row['name']}`) | | {row['missing']} | | | | |")
+            continue
+        for k, cell in enumerate(row["answers"]):
+            name = f"[{row['words']}]({row['page']}) (`{row['name']}`), {row['relative']}" if k == 0 else ""
+            lines.append(f"| {name} | {percent(cell['error'])} | {' | '.join(_columns(cell, row))} |")
+    return lines
+
+
+def _columns(cell: Mapping[str, Any], row: Mapping[str, Any]) -> list[str]:
+    if "no_meaning" in cell:
+        return [f"no meaning: {cell['no_meaning']}", "", "", "", ""]
+    cpu, gpu, peer = cell["cpu"], cell["gpu"], cell["peer"]
+    said = cpu.get("why") or f"{cpu['setting']} (keeps {percent(cpu['keeps'])}: {cpu['keeps_own']})"
+    said += "".join(f"; {note}" for note in cpu["notes"])
+    if gpu is None:
+        on_gpu = "not measured"
+    elif "why" in gpu:
+        on_gpu = gpu["why"]
+    else:
+        on_gpu = f"{duration(gpu['seconds'])} ({gpu['setting']})"
+    beside = "" if peer is None else peer.get("why") or f"{duration(peer['seconds'])} ({peer['setting']})"
+    memory = in_bytes(cpu["bytes"]) if cpu.get("bytes") else ""
+    return [said, "" if "why" in cpu else duration(cpu["seconds"]), on_gpu, memory, beside]
+
+
+def in_bytes(value: float) -> str:
+    """Bytes of the fields, three digits."""
+    for unit, size in (("GB", 1e9), ("MB", 1e6), ("kB", 1e3)):
+        if value >= size:
+            return f"{value / size:.3g} {unit}"
+    return f"{value:g} B"
+
+
+def pictures(found: Mapping[str, Any]) -> list[str]:
+    """The page's pictures: one for each observable that was measured."""
+    lines = []
+    for row in found["observables"]:
+        if "missing" in row:
+            continue
+        lines += [f"### {row['words'][0].upper()}{row['words'][1:]}", ""]
+        lines += [f"![Error against time: {row['words']}](../figures/accuracy_cost_{row['name']}.png)", ""]
+        said = f"`refsim advise {row['name']} --error 0.05`"
+        where = f"Measured on {row['machine']} ({', '.join(row['dates'])})" + (
+            f"; GPU: {row['gpu']}" if row["gpu"] else ""
+        )
+        remark = f" {row['remark'][0].upper()}{row['remark'][1:]}." if row["remark"] else ""
+        lines += [f"{said}. {where}.{remark}", ""]
+    return lines[:-1]
+
+
+def page(text: str, found: Mapping[str, Any]) -> str:
+    """docs/accuracy_cost.md with its generated parts renewed."""
+    from validation.stability_page import replaced
+
+    text = replaced(text, "answers", markdown(found), PAGE)
+    return replaced(text, "pictures", pictures(found), PAGE)
+
+
+def write() -> list[Path]:
+    """Renew page, packaged table and pictures from the stored panels; returns their paths."""
+    from validation.accuracy_picture import answer_picture, parts_picture
+    from validation.drawing import save_picture, style
+
+    found = table()
+    TABLE.write_text(as_json(found))
+    PAGE.write_text(page(PAGE.read_text(), found))
+    made = [TABLE, PAGE]
+    for name in OBSERVABLES:
+        data = report(name)
+        for ending, draw in (("", answer_picture), ("_parts", parts_picture)):
+            path = FIGURES / f"accuracy_cost_{name}{ending}.png"
+            with style():
+                save_picture(draw(data), path)
+            made.append(path)
+    return made

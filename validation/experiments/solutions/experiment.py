@@ -1,0 +1,142 @@
+"""The base SPH liquid held against solutions of its equations, at three spacings each."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from validation.checks import Checks
+from validation.experiment import Experiment, Options, Picture, Results, Run
+from validation.experiments.solutions import pictures, runs, terms
+from validation.peers import splishsplash_terms
+from validation.results import Result
+from validation.tables import Table
+
+FORMS = ("laplacian", "central")
+CELLS = {
+    "tank": (20, 40, 80),
+    "wave": (10, 20, 40),
+    "ellipse": (10, 20, 40),
+    "disc": (10, 20, 40),
+    "vortex": (20, 40, 80),
+}
+WITH_FORMS = {"wave": FORMS, "disc": FORMS, "vortex": FORMS}
+JUDGED = {  # quantities by problem: those with a measured order, and those that are judged at the smallest spacing
+    "tank": ("error", "bulk"),
+    "wave": ("period_off", "decay_off"),
+    "ellipse": ("error", "period_off"),
+    "disc": ("rate_off",),
+    "vortex": ("rate_off", "error"),
+}
+ORDERED = {"tank": "error", "ellipse": "error"}  # whose order is judged: surfaces are of first order in the spacing
+VARIED: dict[str, tuple[Callable[..., Result], dict[str, Any], tuple[str, ...]]] = {  # run, parameters, quantities
+    "varied_crest_0.005": (runs.wave, {"cells": 20, "form": "central", "crest": 0.005}, ("period", "decay")),
+    "varied_crest_0.06": (runs.wave, {"cells": 20, "form": "central", "crest": 0.06}, ("period", "decay")),
+    "varied_mach_0.05": (runs.ellipse, {"cells": 20, "mach": 0.05}, ("error", "period")),
+}
+PEER = {"side": 12, "seed": 1, "threads": 1}
+SECONDS = 5e-6  # of a particle in a step, for the progress bar
+
+
+def planned(options: Options) -> list[Run]:
+    """Every problem at three spacings, with both viscosities where they differ; with --quick a tank of 50 particles."""
+    if options.quick:
+        return [_run("tank", 10, "", options.backend)]
+    varied = [
+        Run(key, function, {**parameters, "backend": options.backend}, estimate=10.0)
+        for key, (function, parameters, _) in VARIED.items()
+    ]
+    return [*_solved(options.backend), *varied, Run("terms", terms.compare, PEER, skip=_without_peer(options))]
+
+
+def _solved(backend: str) -> list[Run]:
+    return [
+        _run(problem, cells, form, backend)
+        for problem, sizes in CELLS.items()
+        for form in WITH_FORMS.get(problem, ("",))
+        for cells in sizes
+    ]
+
+
+def _without_peer(options: Options) -> str:
+    return splishsplash_terms.missing() if options.peers else "measured with --peers"
+
+
+def _run(problem: str, cells: int, form: str, backend: str) -> Run:
+    parameters = {"cells": cells, "backend": backend} | ({"form": form} if form else {})
+    key = "_".join(filter(None, (problem, form, str(cells))))
+    return Run(key, getattr(runs, problem), parameters, estimate=SECONDS * 200 * cells**3)
+
+
+def series(results: Results) -> dict[str, dict[str, list[float]]]:
+    """Spacings and quantities of every problem (with its viscosity), from the largest spacing to the smallest."""
+    found: dict[str, dict[str, list[float]]] = {}
+    for key, result in results.items():
+        if key == "terms" or key in VARIED:
+            continue
+        one = found.setdefault(key.rpartition("_")[0], {})
+        for name, value in result.values.items():
+            if isinstance(value, float):
+                one.setdefault(name, []).append(value)
+    return found
+
+
+def order(spacing: Sequence[float], error: Sequence[float]) -> float:
+    """Exponent p of error ~ spacing^p between the largest and the smallest spacing; NaN from one spacing alone."""
+    if len(spacing) < 2:
+        return math.nan
+    return math.log(error[0] / error[-1]) / math.log(spacing[0] / spacing[-1])
+
+
+def checks(results: Results, check: Checks) -> None:
+    """Errors at the smallest spacing, and orders between the largest and the smallest."""
+    for name, one in series(results).items():
+        problem, _, form = name.partition("_")
+        cells = len(one["spacing"])
+        for quantity in JUDGED[problem]:
+            if quantity not in one:
+                continue
+            if cells == len(CELLS[problem]):
+                check(f"{problem}_{quantity}", one[quantity][-1], form)
+                rule = "order" if ORDERED.get(problem) == quantity else "order_shown"
+                check(rule, order(one["spacing"], one[quantity]), f"{name}.{quantity}")
+        if name == "disc_central":
+            for value, size in zip(one["error"], one["spacing"]):
+                check("disc_kept", value, f"{1 / size:.0f}", f"R = {1 / size:.0f} d")
+        if problem == "tank":
+            for value, size in zip(one["error"], one["spacing"]):
+                check(
+                    "tank_any", value * runs.HEIGHT / (runs.SUPPORT * size), f"{1 / size:.0f}", f"H = {1 / size:.0f} d"
+                )
+
+    for key, (_, _, quantities) in VARIED.items():
+        for quantity in quantities if key in results else ():
+            check(f"varied_{quantity}", results[key].values[quantity], key.removeprefix("varied_"))
+    if "terms" in results:
+        values = results["terms"].values
+        for term in terms.TERMS:
+            check("peer", values[term], term)
+            check("peer_explained", values[f"{term}.explained"], term)
+
+
+def tables(results: Results) -> list[Table]:
+    """Every quantity with its order."""
+    rows: list[list[str | float | int | None]] = []
+    for name, one in series(results).items():
+        problem = name.partition("_")[0]
+        for quantity in (*JUDGED[problem], *(("inviscid",) if problem == "ellipse" else ())):
+            if quantity in one and len(one["spacing"]) == 3:
+                rows.append([name, quantity, *one[quantity], order(one["spacing"], one[quantity])])
+    heading = ["problem", "quantity", "at 4 d", "at 2 d", "at d", "order"]
+    return [Table("Errors against solutions", heading, rows)] if rows else []
+
+
+EXPERIMENT = Experiment(
+    name="solutions",
+    title="the base SPH liquid against solutions: tank, standing wave, ellipse, spin-down, Taylor-Green",
+    runs=planned,
+    checks=checks,
+    pictures=(Picture("solutions", pictures.collect, pictures.draw, tuple(run.key for run in _solved("cpu"))),),
+    tables=tables,
+)

@@ -1,0 +1,66 @@
+"""The picture of error against spacing, problem by problem."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from validation.drawing import BLUE, GREY, VERMILION
+from validation.experiment import Results
+
+TITLES = {
+    "tank": ("Tank: pressure", {"error": "all", "bulk": "h from the edges"}),
+    "wave": ("Standing wave", {"period_off": "period", "decay_off": "decay"}),
+    "ellipse": ("Ellipse in a central force", {"error": "semi-axis", "period_off": "period"}),
+    "disc": ("Spin-down of a disc", {"rate_off": "rate"}),
+    "vortex": ("Taylor-Green vortex", {"rate_off": "rate of decay", "error": "velocity"}),
+}
+STYLES, COLOURS = ("-", "--"), {"": BLUE, "laplacian": VERMILION, "central": BLUE}
+WORDS = {"": "", "laplacian": ", J(11)", "central": ", central"}
+
+
+def collect(results: Results) -> dict[str, Any]:
+    """The relative errors of every run by problem and viscosity."""
+    found: dict[str, dict[str, list[float]]] = {}
+    for key, result in results.items():
+        name = key.rpartition("_")[0]
+        if name.partition("_")[0] not in TITLES:
+            continue  # another program, and single runs with one parameter varied
+        one = found.setdefault(name, {"spacing": []})
+        one["spacing"].append(result.values["spacing"])
+        for quantity in TITLES[name.partition("_")[0]][1]:
+            if quantity in result.values:
+                one.setdefault(quantity, []).append(result.values[quantity])
+    return found
+
+
+def draw(data: Mapping[str, Any]) -> Any:
+    """A panel a problem, with the order between the largest and the smallest spacing."""
+    import matplotlib.pyplot as plt
+    import numpy as np
+
+    shown = [problem for problem in TITLES if any(name.partition("_")[0] == problem for name in data)]
+    figure, panels = plt.subplots(2, 3, figsize=(10.0, 7.4))
+    for axes in panels.flat[len(shown) :]:
+        axes.set_axis_off()
+    for axes, problem in zip(panels.flat, shown):
+        title, quantities = TITLES[problem]
+        largest, places = 0.0, np.array([1.0])
+        for name, one in data.items():
+            if name.partition("_")[0] != problem:
+                continue
+            form = name.partition("_")[2]
+            for (quantity, words), style in zip(quantities.items(), STYLES):
+                if quantity in one:
+                    places = np.array(one["spacing"])
+                    exponent = np.log(one[quantity][0] / one[quantity][-1]) / np.log(places[0] / places[-1])
+                    axes.loglog(places, one[quantity], style, marker="o", ms=4, color=COLOURS[form],
+                                label=f"{words}{WORDS[form]}: order {round(float(exponent), 1) + 0.0:g}")  # fmt: skip
+                    largest = max(largest, one[quantity][0])
+        axes.loglog(places, largest * places / places[0], ":", color=GREY, lw=1.0, label="first order")
+        axes.set(title=title, xlabel="spacing [m]", ylabel="relative error")
+        axes.set_xticks(places, [f"{place:g}" for place in places])
+        axes.xaxis.set_minor_locator(plt.NullLocator())
+        axes.grid(True)
+        axes.legend(fontsize=7, handlelength=3.5, loc="upper center", bbox_to_anchor=(0.5, -0.2))
+    return figure

@@ -1,0 +1,89 @@
+"""SPlisHSPlasH's density, pressure and viscous acceleration of a given cloud: the first step of its WCSPH.
+
+In a process of its own. Cubic spline throughout (its vector code sums with no other kernel), a support
+radius of two spacings, its standard viscosity.
+"""
+
+from __future__ import annotations
+
+import importlib.metadata
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from validation.peers import answer, launch
+from validation.peers.splishsplash import _simulator, graphics_libraries, missing
+
+__all__ = ["missing", "run"]
+
+STEP = 1e-6  # s: fields of the beginning of the first step are read, so that its length does not matter
+
+
+def run(position: NDArray, velocity: NDArray, threads: int, **settings: float) -> dict[str, Any]:
+    """{"density", "pressure", "viscous", "mass", "support", "version"} of the particles in their order, or {"missing"}.
+
+    position, velocity  (n, 3); n is a cube of a whole number
+    settings  "spacing", "density" at rest, "stiffness" rho0 c^2 (exponent 1), "viscosity" (kinematic); SI units
+    "pressure" and "viscous" are accelerations (n, 3) [m/s^2]; "mass" is its choice, "support" its support radius.
+    It raises densities below the rest density to that.
+    """
+    environment = {"OMP_NUM_THREADS": str(threads), **graphics_libraries()}
+    given = {"position": position, "velocity": velocity, **settings}
+    return launch("splishsplash_terms", "SPlisHSPlasH", given, environment, 120.0)
+
+
+def terms(
+    position: NDArray, velocity: NDArray, spacing: float, density: float, stiffness: float, viscosity: float
+) -> Mapping[str, Any]:
+    """Take the step in this process."""
+    import pysplishsplash as peer
+
+    side = round(len(position) ** (1 / 3))
+    scene = {
+        "Configuration": {
+            "particleRadius": 0.5 * spacing,
+            "simulationMethod": 0,  # WCSPH
+            "gravitation": [0.0, 0.0, 0.0],
+            "cflMethod": 0,
+            "timeStepSize": STEP,
+            "stopAt": 0.5 * STEP,
+            "enableZSort": False,
+        },
+        "Materials": [{"id": "Fluid", "density0": density, "viscosityMethod": 1}],
+        "FluidBlocks": [{"denseMode": 0, "start": [0.0] * 3, "end": [(side + 0.5) * spacing] * 3, "id": "Fluid"}],
+    }
+    base = _simulator(peer, scene)
+    base.initSimulation()
+    simulation = peer.Simulation.getCurrent()
+    fluid = simulation.getFluidModel(0)
+    fluid.getViscosityBase().setValueFloat(peer.Viscosity_Standard.VISCOSITY_COEFFICIENT, viscosity)
+    method = simulation.getTimeStep()
+    method.setValueFloat(peer.TimeStepWCSPH.STIFFNESS, stiffness)
+    method.setValueFloat(peer.TimeStepWCSPH.EXPONENT, 1.0)
+    count = int(fluid.numActiveParticles())
+    if count != len(position):
+        raise ValueError(f"it made {count} particles of {len(position)}")
+    for i in range(count):
+        fluid.setPosition(i, position[i].astype(np.float32))
+        fluid.setVelocity(i, velocity[i].astype(np.float32))
+    base.runSimulation()
+
+    def field(name: str) -> NDArray:
+        return np.array(fluid.getFieldBuffer(name))[:count].astype(float)
+
+    pressure = field("pressure acceleration")
+    both = np.array([fluid.getAcceleration(i) for i in range(count)], dtype=float)  # after the step: the sum of all
+    return {
+        "density": field("density"),
+        "pressure": pressure,
+        "viscous": both - pressure,
+        "support": float(simulation.getSupportRadius()),
+        "mass": density * float(fluid.getVolume(0)),
+        "version": importlib.metadata.version("pySPlisHSPlasH"),
+    }
+
+
+if __name__ == "__main__":
+    answer(terms)
