@@ -1,11 +1,12 @@
-"""Check the CUDA backend on a real GPU and write a dated report into validation/gpu_reports/.
+"""Check the CUDA backend on a real GPU and add what was found to the device's report in validation/gpu_reports/.
 
-    python scripts/gpu_check.py [--quick] [--only PREFIX] [--minutes 6] [--workers 6] [--devices 1]
+    python scripts/gpu_check.py [--quick] [--missing] [--only PREFIX] [--minutes 6] [--workers 6] [--devices 1]
 
 Every task runs in a process of its own, because one illegal memory access ends CUDA for the whole process: the
 pairing suite of the contract for each operation and dtype, the neighbour search against the CPU's and against all
-pairs, whole runs against the CPU, bitwise repetition, and times. A task that fails is reported and the others go
-on. Exit code 0 all well, 2 no GPU, 4 something failed or did not end in time.
+pairs, whole runs against the CPU, every two effects in one small scene against the references, bitwise repetition, and
+times. A task that fails is reported and the others go on. Exit code 0 all well, 2 no GPU, 4 something failed or did not
+end in time.
 
 In the CUDA simulator the script runs too, with tiny sizes, so that the script itself can be tried without a GPU.
 """
@@ -15,6 +16,7 @@ from __future__ import annotations
 import argparse
 import concurrent.futures
 import datetime
+import functools
 import importlib.metadata
 import json
 import math
@@ -60,6 +62,8 @@ from refsim.backends import arrays as backend  # noqa: E402
 from refsim.backends import runtime  # noqa: E402
 from refsim.commands.plan import describe_plan  # noqa: E402
 from refsim.core.operation import REGISTRY  # noqa: E402
+from validation import pairs  # noqa: E402
+from validation.results import sources_digest  # noqa: E402
 
 DTYPES = ("float32", "float64")
 WORKERS = 6
@@ -240,8 +244,8 @@ def drop_of(*effects: Any) -> Callable[[str, bool], Scene]:
 
 
 def pebble(dtype: str, quick: bool) -> Scene:
-    """The example docs/examples/mesh_boundary.toml from first contact on: before, pressures are rounding errors."""
-    scene = load_scene(ROOT / "docs" / "examples" / "mesh_boundary.toml")
+    """The example refsim/examples/mesh_boundary.toml from first contact on: before, pressures are rounding errors."""
+    scene = load_scene(ROOT / "refsim" / "examples" / "mesh_boundary.toml")
     column = msgspec.structs.replace(scene.fluid[0], lower=(-0.05, -0.05, 0.056), velocity=(0.0, 0.0, -1.0))
     return msgspec.structs.replace(scene, dtype=dtype, fluid=(column,))
 
@@ -324,6 +328,12 @@ def run_task(arguments: list[str]) -> list[Row]:
     if steps > compared:
         rows.append(row("time per step", float(f"{1e3 * took / (2 * (steps - compared)):.4g}"), "ms"))
     return rows
+
+
+def pair_task(arguments: list[str]) -> list[Row]:
+    """Two effects in one small scene against the references, after five steps in float64."""
+    found = pairs.compare(arguments[0], arguments[1], "cuda")
+    return [judged(f"{part.field} against the numpy run", part.error, part.allowed, "of largest") for part in found]
 
 
 def device_bytes() -> int:
@@ -512,6 +522,7 @@ TASKS: dict[str, Callable[[list[str]], list[Row]]] = {
     "pairing": pairing_task,
     "search": search_task,
     "run": run_task,
+    "pair": pair_task,
     "cache": cache_task,
     "timing": timing_task,
     "melting": melting_task,
@@ -526,6 +537,7 @@ def planned(quick: bool) -> tuple[list[str], list[str]]:
     together = [f"search {dim} {dtype}" for dim in (2, 3) for dtype in DTYPES]
     together += [f"run {name} {dtype} {100 if quick else 1000}" for name in SCENES for dtype in DTYPES]
     together += [f"pairing {name} {dtype}" for name in REGISTRY for dtype in (DTYPES[:1] if quick else DTYPES)]
+    together += [f"pair {first} {second}" for first, second in pairs.pairs()]
     alone = ["cache first", "cache second"]
     sizes = [size for size in SIZES if not (quick and size == "8M")]
     alone += [f"melting {size}" for size in MELTING]
@@ -596,20 +608,33 @@ def commit() -> str:
     return asked.stdout.strip() if asked.returncode == 0 else "unknown"
 
 
-def as_markdown(report: dict[str, Any]) -> str:
-    """The report as Markdown."""
-    lines = [f"# GPU report of {report['date']}", ""]
-    late = [a["task"] for a in report["tasks"] if unfinished(a)]
-    bad = [a["task"] for a in report["tasks"] if failed(a) and not unfinished(a)]
-    lines += [f"Commit {report['commit']}, {report['seconds']} s.", ""]
-    lines += [f"Failed: {', '.join(bad)}." if bad else "Nothing failed.", ""]
-    if late:
-        lines += [f"Not run to the end for lack of time, {len(late)} of {len(report['tasks'])}: {', '.join(late)}.", ""]
-    pairing = [a for a in report["tasks"] if a["task"].startswith("pairing")]
-    for answer in report["tasks"]:
-        if unfinished(answer) or (answer in pairing and not failed(answer)):
+@functools.cache
+def digest(task: str) -> str:
+    """Digest of the code that a task runs: an operation's for its pairing, else of all that this script imports."""
+    kind, *arguments = task.split()
+    if kind == "pairing":
+        module = sys.modules[REGISTRY[arguments[0]].folder].__file__ or ""
+        return sources_digest(module)
+    return sources_digest(__file__)
+
+
+def holds(answer: dict[str, Any]) -> bool:
+    """Whether a task's code is still what it was when the task ran."""
+    return bool(answer.get("digest") == digest(answer["task"]))
+
+
+def as_markdown(answers: list[dict[str, Any]]) -> str:
+    """The tasks of a device's report as Markdown."""
+    bad = [a["task"] for a in answers if failed(a)]
+    stale = [a["task"] for a in answers if not holds(a)]
+    lines = [f"{len(answers) - len(bad)} of {len(answers)} tasks pass.", ""]
+    lines += [f"Failed: {', '.join(bad)}.", ""] if bad else []
+    lines += [f"Run before the code behind them last changed, {len(stale)}: {', '.join(stale)}.", ""] if stale else []
+    pairing = [a for a in answers if a["task"].startswith("pairing")]
+    for answer in answers:
+        if answer in pairing and not failed(answer):
             continue
-        lines += [f"## {answer['task']}", ""]
+        lines += [f"### {answer['task']}", "", f"{answer['date']}, commit {answer['commit']}.", ""]
         if answer["error"]:
             lines += [f"**{answer['error']}**", ""]
         if answer["rows"]:
@@ -621,21 +646,50 @@ def as_markdown(report: dict[str, Any]) -> str:
             lines.append("")
     good = [a for a in pairing if not failed(a)]
     if good:
-        lines += ["## Pairing", "", "Largest error as a share of the contract's bound.", ""]
-        lines += ["| operation | dtype | trials | largest error |", "| --- | --- | --- | --- |"]
+        lines += ["### Pairing", "", "Largest error as a share of the contract's bound.", ""]
+        lines += ["| operation | dtype | trials | largest error | date | commit |"]
+        lines += ["| --- | --- | --- | --- | --- | --- |"]
         for answer in good:
             _, name, dtype = answer["task"].split()
-            lines.append(f"| {name} | {dtype} | {answer['rows'][0]['name']} | {answer['rows'][0]['value']} |")
+            cells = [name, dtype, answer["rows"][0]["name"], answer["rows"][0]["value"], answer["date"]]
+            lines.append("| " + " | ".join(map(str, [*cells, answer["commit"]])) + " |")
     return "\n".join(lines).rstrip() + "\n"
 
 
-def write(report: dict[str, Any], folder: pathlib.Path) -> None:
-    """Write the report as JSON and Markdown, named by its date."""
-    folder.mkdir(parents=True, exist_ok=True)
-    stem = folder / f"{report['date'][:10]}{'-simulator' if runtime.simulated() else ''}"
-    stem.with_suffix(".json").write_text(json.dumps(report, indent=1) + "\n")
-    stem.with_suffix(".md").write_text(as_markdown(report))
-    print(f"report: {stem.name}.json and .md in {folder.name}/")
+SECTION = "whole check"
+HEADING = "## Whole check\n"
+
+
+def report_of(device: str, folder: pathlib.Path) -> pathlib.Path:
+    """Where a device's report lies, without its ending."""
+    return folder / re.sub(r"[^a-z0-9]+", "_", device.lower()).strip("_")
+
+
+def stored(stem: pathlib.Path) -> dict[str, dict[str, Any]]:
+    """The tasks of a device's report by name; none without a report."""
+    path = stem.with_suffix(".json")
+    section = json.loads(path.read_text()).get(SECTION, {}) if path.exists() else {}
+    return {
+        a["task"]: {"date": section.get("date"), "commit": section.get("commit"), **a} for a in section.get("tasks", [])
+    }
+
+
+def write(answers: list[dict[str, Any]], stem: pathlib.Path, device: str) -> None:
+    """Put tasks that ran to their end in place of their like in a device's report, JSON and Markdown."""
+    stem.parent.mkdir(parents=True, exist_ok=True)
+    merged = stored(stem) | {a["task"]: a for a in answers if not unfinished(a)}
+    order = {task: number for number, task in enumerate(["device", *(t for tasks in planned(False) for t in tasks)])}
+    tasks = sorted((a for a in merged.values() if a["task"] in order), key=lambda a: order[a["task"]])
+    path = stem.with_suffix(".json")
+    whole = json.loads(path.read_text()) if path.exists() else {}
+    whole[SECTION] = {"tasks": tasks}
+    path.write_text(json.dumps(whole, separators=(",", ":")) + "\n")
+    page = stem.with_suffix(".md")
+    text = page.read_text() if page.exists() else f"# {device}\n\n{HEADING}"
+    before, _, rest = text.partition(HEADING)
+    _, mark, after = rest.partition("\n## ")
+    page.write_text(f"{before}{HEADING}\n{as_markdown(tasks)}{mark}{after}")
+    print(f"report: {path.name} and {page.name} in {stem.parent.name}/")
 
 
 def work(task: str) -> int:
@@ -658,6 +712,7 @@ def main() -> int:
     """Run everything and write the report."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--quick", action="store_true", help="float32 pairing, short runs, no 8M timing")
+    parser.add_argument("--missing", action="store_true", help="tasks without evidence that holds on this device")
     parser.add_argument("--only", default="", help="tasks whose name starts like this")
     parser.add_argument("--minutes", type=float, default=6.0, help="time for everything")
     parser.add_argument("--workers", type=int, default=WORKERS, help="processes that share a GPU (1 below 8 cores)")
@@ -676,6 +731,12 @@ def main() -> int:
     together, alone = ([task for task in tasks if task.startswith(options.only)] for tasks in planned(options.quick))
     answers = [executed("device", deadline)]
     tell(answers[0])
+    device = next((str(r["value"]) for r in answers[0]["rows"] if r["name"] == "device"), "unknown device")
+    stem = report_of(device, options.folder)
+    if options.missing:
+        fresh = {task for task, answer in stored(stem).items() if holds(answer) and not failed(answer)}
+        together, alone = ([task for task in tasks if task not in fresh] for tasks in (together, alone))
+        print(f"{len(together) + len(alone)} tasks have no evidence that holds", flush=True)
     # Time is reserved for the timing tasks, which run last and have the GPU to themselves.
     reserve = min(120, 20 * len(alone))
     places = (options.workers if (os.cpu_count() or 1) >= 8 else 1) * options.devices
@@ -691,15 +752,9 @@ def main() -> int:
     for task in alone:
         answers.append(executed(task, deadline))
         tell(answers[-1])
-    now = datetime.datetime.now(datetime.UTC)
-    report = {
-        "date": now.strftime("%Y-%m-%d %H:%M UTC"),
-        "commit": commit(),
-        "quick": options.quick,
-        "seconds": round(time.monotonic() - began),
-        "tasks": answers,
-    }
-    write(report, options.folder)
+    date = datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%d %H:%M UTC")
+    about = {"date": date, "commit": commit()}
+    write([answer | about | {"digest": digest(answer["task"])} for answer in answers], stem, device)
     bad = [a["task"] for a in answers if failed(a)]
     print(f"{len(answers) - len(bad)} of {len(answers)} tasks passed" + (f"; failed: {', '.join(bad)}" if bad else ""))
     return 4 if bad else 0

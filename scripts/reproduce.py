@@ -1,17 +1,20 @@
-"""Reproduce the papers' experiments: runs every experiment and every panel of what accuracy costs, draws the pictures,
-and ends with one table of checks.
+"""Reproduce the papers' experiments, judge them, draw their pictures and write one report.
 
-`--quick` takes some ten minutes on two cores, a good part of them compiling; `--full` (the default) runs the published
-sizes. Results are kept in results/ and reused, so that a run that was interrupted goes on where it stopped; pictures
-go to figures/, quick ones to figures/quick/. Exit code: 0 all well, 2 bad input, 3 a run stopped, 4 a check failed.
+`--quick`, the main job, runs the dam break with surface detection, the cube that becomes a sphere, the timing table,
+and one small scene of each other system. `--full` (the default) runs every experiment at its published size and every
+panel of what accuracy costs. Runs that are not timed run side by side, in as many processes as there are cores (or
+`--threads`); timed ones run alone. Results are kept in results/ and reused, so that an interrupted run continues where
+it stopped. Pictures are in figures/ (quick ones in figures/quick/), every table and verdict is in results/report.html.
+Exit code: 0 all well, 2 bad input, 3 a run stopped, 4 a check failed.
 """
 
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -20,10 +23,43 @@ sys.path.insert(0, str(ROOT))
 from refsim.core.errors import RefsimError  # noqa: E402
 from validation.__main__ import add_options, options_of  # noqa: E402
 from validation.accuracy import panels, perform_panels  # noqa: E402
-from validation.claims import measure, read_claims, table  # noqa: E402
-from validation.experiment import discover  # noqa: E402
-from validation.perform import EXIT_FAILED, exit_code, machine, perform  # noqa: E402
-from validation.report import as_json, report  # noqa: E402
+from validation.claims import measure, read_claims  # noqa: E402
+from validation.experiment import Experiment, Options, Part, discover  # noqa: E402
+from validation.perform import EXIT_FAILED, Performed, exit_code, machine, perform, stored_kernels  # noqa: E402
+from validation.report import WIDTH, Whole, as_json, summary, write_page  # noqa: E402
+
+# The main job: runs by experiment, in two groups that are performed one after the other. Other experiments follow with
+# --full, which runs all runs of each.
+MAIN: tuple[dict[str, tuple[str, ...]], ...] = (
+    {
+        "dam_break": ("detection_2d", "detection_cost_1", "detection_cost_2", "detection_cost_3"),
+        "droplet": ("cube_4913",),
+        "timing": ("steps",),
+    },
+    {
+        "dong": ("fall_with", "fall_without"),
+        "mpm_droplet": ("square_cluster",),
+        "melting": ("figure_4",),
+        "boundary": ("flow_pour_sphere_difference",),
+    },
+)
+
+
+def planned(experiments: Mapping[str, Experiment], options: Options) -> list[list[Part]]:
+    """The parts to perform, in groups: the main job, with --full all of each experiment and then all others."""
+    groups: list[list[Part]] = []
+    for group in MAIN:
+        parts = []
+        for name, keys in group.items():
+            if name in experiments:
+                part = experiments[name].part(options)
+                kept = [run for run in part.runs if run.key in keys or not options.quick]
+                parts.append(dataclasses.replace(part, runs=kept))
+        groups.append(parts)
+    if not options.quick:
+        main = {name for group in MAIN for name in group}
+        groups.append([each.part(options) for name, each in experiments.items() if name not in main])
+    return groups
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -34,22 +70,44 @@ def main(arguments: Sequence[str] | None = None) -> int:
     given = parser.parse_args(arguments)
     out = sys.stderr if given.json else sys.stdout
     options = options_of(given, ROOT)
-    size, here = "quick" if options.quick else "published", machine()
-    used = ", ".join(f"{name} {value}" for name, value in here.items() if name not in ("processor", "cores"))
-    where = f"{here['processor']}, {here['cores']} cores; {used}"
-    print(f"The {size} sizes on backend {options.backend}; {where}", file=out, flush=True)
+    here = machine()
+    jobs = 1 if options.backend == "cuda" else options.threads or here["cores"]
+    size = "main job" if options.quick else "published sizes"
+    print(
+        f"The {size} on backend {options.backend}, {jobs} at a time; {here['processor']}"[:WIDTH], file=out, flush=True
+    )
+    pictures: list[Path] = []
+
+    def shown(picture: Path) -> None:
+        pictures.append(picture)
+        if len(pictures) == 1:
+            sys.stderr.flush()
+            print(f"\nFirst picture after {time.perf_counter() - began:.0f} s: {picture}", file=out, flush=True)
+
+    kernels = stored_kernels()
+    performed: list[Performed] = []
     try:
         experiments = discover()
-        performed = perform([experiment.part(options) for experiment in experiments.values()], options)
-        chosen = [(name, panel) for name, panel in panels(experiments).values() if panel.quick or not options.quick]
-        performed += perform_panels(chosen, options)
+        for parts in planned(experiments, options):
+            performed += perform(parts, options, jobs, shown=shown)
+        if not options.quick:
+            performed += perform_panels(list(panels(experiments).values()), options)
     except RefsimError as error:
         print(error, file=sys.stderr)
         return error.exit_code
-    print(f"\nPictures: {options.figures}\nAll of it took {time.perf_counter() - began:.0f} s.", file=out)
     claims = measure(list(read_claims().values()), options, compute=False)
-    print(f"\n{table(claims)}\npython -m validation claims measures anew what is not measured here.", file=out)
-    report(performed, out)
+    whole = Whole(
+        title="refsim: the main job" if options.quick else "refsim: the published sizes",
+        performed=performed,
+        titles={name: each.title for name, each in experiments.items()},
+        claims=claims,
+        seconds=time.perf_counter() - began,
+        kernels=stored_kernels() - kernels,
+        machine=here,
+        figures=options.figures,
+    )
+    page = write_page(whole, options.results / "report.html")
+    print(summary(whole, page), file=out)
     if given.json:
         print(as_json(performed))
     return exit_code(performed) or (0 if all(found.holds for found in claims) else EXIT_FAILED)

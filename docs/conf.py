@@ -1,0 +1,45 @@
+"""Sphinx configuration of the site: `python -m sphinx -W -b html docs build/site`, from the folder of the clone.
+
+The pages are those that are read in the repository. What only the site has is made while it is built, in `site_pages`.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Any
+
+HERE = Path(__file__).resolve().parent
+sys.path[:0] = [str(HERE), str(HERE.parent)]
+
+from refsim.core.versions import VERSION  # noqa: E402
+
+project = "refsim"
+release = version = VERSION
+author = "the authors of refsim"
+copyright = author
+
+extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.mathjax", "sphinx-mathjax-offline"]
+myst_enable_extensions = ["dollarmath", "deflist"]
+myst_heading_anchors = 4
+suppress_warnings = ["myst.header"]  # pages whose first heading is followed by one of the third level
+exclude_patterns = ["_site"]
+templates_path: list[str] = []
+html_theme = "furo"
+html_title = f"refsim {VERSION}"
+html_extra_path = ["_site"]
+html_static_path = ["_static"]
+html_css_files = ["site.css"]
+html_show_sphinx = False
+html_copy_source = False
+autodoc_typehints = "none"
+autodoc_member_order = "bysource"
+nitpicky = False
+
+
+def setup(app: Any) -> None:
+    """Called by Sphinx."""
+    import site_pages
+
+    app.connect("source-read", site_pages.as_on_the_site)
+    app.connect("autodoc-process-docstring", site_pages.literal_tables)

@@ -1,0 +1,178 @@
+"""What the site has beside the pages of the repository: navigation, gallery, the pages above `docs/`, and the API."""
+
+from __future__ import annotations
+
+import functools
+import html
+import re
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).resolve().parent.parent
+PAPERS = {
+    "jiang_zhu_2023": "Jiang & Zhu 2023",
+    "dong_2016": "Dong, Zhang & Chen 2016",
+    "mpm": "a thesis on surface tension in MPM",
+    "surface_energy": "a thesis on surface tension in MPM",
+    "heat": "Shao & Song 2017",
+    "melting": "Shao & Song 2017",
+    "one_way_coupling": "patent CN104318598A",
+}
+ABOVE = {"CONTRIBUTING.md": "contributing.md", "CHANGELOG.md": "changelog.md", "README.md": "index.md"}
+LINK = re.compile(r"(?<!!)\[([^\]]*)\]\(([^)\s]+)\)")
+CODE = re.compile(r"^(```.*?^```[^\n]*$)", re.MULTILINE | re.DOTALL)
+NAVIGATION = {
+    "Begin": (
+        "journeys", "package", "waiting_time", "lessons", "scene_files", "results", "render", "study", "sweep",
+        "gallery", "contract",
+    ),
+    "What holds": (
+        "guarantees", "claims", "published", "nightly", "accuracy_cost", "accuracy_cost_panels", "stability",
+        "energy_audit",
+    ),
+    "Liquids and walls": (
+        "sph", "solutions", "iisph", "boundary_akinci_2012", "one_way_coupling", "signed_distance", "boundary_sampling",
+    ),
+    "Surface tension": (
+        "jiang_zhu_2023", "models", "akinci_2013", "dong_2016", "becker_teschner_2007", "tartakovsky_meakin_2005",
+        "he_2014", "csf_wang_2019", "normal_difference_2014", "sigma_map", "contact_angle",
+    ),
+    "Solids, heat, melting": ("shape_matching", "two_way_coupling", "heat", "melting"),
+    "Particles and a grid": ("mpm", "surface_energy", "isosurface", "mpm_droplet"),
+    "Programs": ("api", "contributing", "changelog"),
+}  # fmt: skip
+
+
+def as_on_the_site(app: Any, page: str, source: list[str]) -> None:
+    """Sphinx's event `source-read`: the text of a page as the site has it."""
+    text = source[0]
+    if page in ("contributing", "changelog"):
+        text = (ROOT / f"{page.upper()}.md").read_text(encoding="utf-8")
+        text = LINK.sub(lambda link: f"[{link[1]}]({_from_docs(link[2])})", text)
+        text = text.replace("](figures/", "](../figures/")
+    if page == "gallery":
+        text = text.replace("<!-- gallery -->", "\n".join(gallery()))
+    if page == "api":
+        text = text.replace("<!-- api -->", "\n".join(api()))
+    if page.startswith("lessons/"):
+        text = lesson(page.removeprefix("lessons/"))
+    pieces = CODE.split(text)
+    text = "".join(piece if piece.startswith("```") else _linked(piece) for piece in pieces)
+    if page == "index":
+        text += "\n".join(navigation())
+    if page == "lessons":
+        text += "\n```{toctree}\n:hidden:\n:glob:\n\nlessons/*\n```\n"
+    source[0] = text
+
+
+def _from_docs(target: str) -> str:
+    """A link of a page above `docs/`, as a page in it has it."""
+    if re.match(r"https?://|#", target):
+        return target
+    return target.removeprefix("docs/") if target.startswith("docs/") else f"../{target}"
+
+
+def _linked(text: str) -> str:
+    """The text with links to pages above `docs/` on their pages here; links to other files become words."""
+
+    def replaced(link: re.Match[str]) -> str:
+        words, target = link[1], link[2]
+        path, _, anchor = target.partition("#")
+        if path.startswith("../") and path[3:] in ABOVE:
+            return f"[{words}]({ABOVE[path[3:]]}{'#' + anchor if anchor else ''})"
+        if re.match(r"https?://", path) or (path.endswith(".md") and not path.startswith("../")) or not path:
+            return link[0]
+        return f"{words} (`{path.removeprefix('../') if path.startswith('../') else 'docs/' + path}`)"
+
+    return LINK.sub(replaced, text)
+
+
+def navigation() -> Iterator[str]:
+    """The tables of contents that make the sidebar."""
+    for title, pages in NAVIGATION.items():
+        yield f"\n```{{toctree}}\n:hidden:\n:caption: {title}\n"
+        yield from pages
+        yield "```"
+
+
+def lesson(name: str) -> str:
+    """A lesson as a page: its text, code and pictures; `scripts/lessons.py --pictures figures/lessons` draws these."""
+    from refsim.io.lessons import cells, lessons
+
+    parts, drawn = [], 0
+    for kind, words in cells(lessons()[name]):
+        parts.append(words if kind == "markdown" else f"```python\n{words}```\n")
+        for _ in range(words.count("plt.show()") if kind == "code" else 0):
+            drawn += 1
+            parts.append(f"\n![What the cell draws](../../figures/lessons/{name}_{drawn}.png)\n")
+    return "".join(parts)
+
+
+def gallery() -> Iterator[str]:
+    """A card for each figure: thumbnail, what it shows, paper, claims and their verdicts, command."""
+    from validation.claims import read_claims
+    from validation.experiment import discover
+
+    claims = list(read_claims().values())
+    yield '<div class="gallery">\n'
+    for name, experiment in discover().items():
+        own = [claim for claim in claims if claim.experiment == name]
+        counted = Counter(claim.verdict for claim in own)
+        papers = dict.fromkeys(PAPERS.get(claim.system, claim.system) for claim in own)
+        verdict = ", ".join(f"{number} {words}" for words, number in counted.most_common())
+        for picture in experiment.pictures:
+            if not (ROOT / "figures" / picture.file).exists():
+                continue
+            yield '<div class="card">\n'
+            yield f"[![{_caption(picture.name)}](../figures/{picture.file})](../figures/{picture.file})\n"
+            yield f"**{_caption(picture.name)}.** {experiment.title[:1].upper()}{experiment.title[1:]}.\n"
+            if papers:
+                yield f"{'; '.join(papers)}. [Claims](claims.md): {verdict}.\n"
+            yield f"`python -m validation run {name}`\n"
+            yield "</div>\n"
+    yield "</div>\n"
+
+
+def _caption(name: str) -> str:
+    words = name.replace("_", " ")
+    return html.escape(words[:1].upper() + words[1:])
+
+
+def api() -> Iterator[str]:
+    """Every public name of `refsim`, by kind."""
+    import refsim
+
+    public = [name for name in refsim.__all__ if not name.startswith("_")]
+    kinds = {"Functions": "autofunction", "Classes": "autoclass", "Errors": "autoexception", "Modules": "automodule"}
+    for title, directive in kinds.items():
+        names = [name for name in public if _kind(getattr(refsim, name)) == directive]
+        if names:
+            yield f"\n## {title}\n"
+        for name in names:
+            yield f"```{{eval-rst}}\n.. {directive}:: refsim.{name}\n```\n"
+
+
+@functools.singledispatch
+def _kind(found: Any) -> str:
+    import inspect
+
+    if inspect.ismodule(found):
+        return "automodule"
+    if inspect.isclass(found):
+        return "autoexception" if issubclass(found, Exception) else "autoclass"
+    return "autofunction" if callable(found) else ""
+
+
+def literal_tables(app: Any, what: str, name: str, found: Any, options: Any, lines: list[str]) -> None:
+    """Sphinx's event `autodoc-process-docstring`: tables of arguments keep their columns, formulas their signs."""
+    text = "\n".join(lines)
+    made: list[str] = []
+    for paragraph in re.split(r"\n\s*\n", text.strip()):
+        if re.search(r"\S  +\S|^ {2,}\S", paragraph, re.MULTILINE):
+            made += ["::", "", *("   " + line for line in paragraph.splitlines()), ""]
+        else:
+            made += [re.sub(r"([*|_])", r"\\\1", line) if "`" not in line else line for line in paragraph.splitlines()]
+            made += [""]
+    lines[:] = made
