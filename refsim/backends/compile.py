@@ -222,21 +222,38 @@ def _recordable(kind: type) -> type:
     return type(f"Recordable{kind.__name__}", (kind,), {"__call__": call})
 
 
-def _compile_packed(dispatcher: Any) -> None:
-    """Let the compiler pack the same operation on neighbouring numbers of straight code into one instruction.
+_compiling = 0  # compilations in progress: a kernel compiles the functions that it calls
 
-    Numba leaves that out by default, because it pays only where code is written for it.
+
+def _set_compiler(dispatcher: Any, packed: bool) -> None:
+    """Let the compiler sum every loop in one chain of vectors, and with `packed` pack neighbouring operations.
+
+    With AVX-512 the compiler vectorises loops over neighbours, and sums in two or four chains where registers are left:
+    another output of a kernel then changed the last bits of the first. One chain takes the same time. Packing is for
+    code that does the same with numbers that stand side by side; Numba leaves it out by default.
     """
+    from llvmlite import binding
+    from numba.core.compiler_lock import global_compiler_lock
+
     compile_here = dispatcher.compile
 
-    def compile_packed(signature: Any) -> Any:
-        before, numba.config.SLP_VECTORIZE = numba.config.SLP_VECTORIZE, 1
+    @global_compiler_lock
+    def compile_so(signature: Any) -> Any:
+        global _compiling
+        before = numba.config.SLP_VECTORIZE
+        _compiling += 1
         try:
+            if packed:
+                numba.config.SLP_VECTORIZE = 1
+            binding.set_option("refsim", "-force-vector-interleave=1")
             return compile_here(signature)
         finally:
             numba.config.SLP_VECTORIZE = before
+            _compiling -= 1
+            if not _compiling:
+                binding.set_option("refsim", "-force-vector-interleave=0")  # the compiler's own choice
 
-    dispatcher.compile = compile_packed
+    dispatcher.compile = compile_so
 
 
 def cpu_kernel(function: Callable | None = None, *, ordered: bool = False, packed: bool = False) -> Any:
@@ -245,7 +262,7 @@ def cpu_kernel(function: Callable | None = None, *, ordered: bool = False, packe
     Sums may be taken in another order and products fused, so that loops over neighbours vectorise. The
     contract's bound holds for any order of summation; NaN and infinity keep their meaning. `ordered` keeps the order
     as written, for sums of small differences of large numbers, which another order would take apart. `packed` is for
-    code that does the same with each of four numbers that stand side by side in memory (see `_compile_packed`).
+    code that does the same with each of four numbers that stand side by side in memory (see `_set_compiler`).
     """
     if function is None:
         return functools.partial(cpu_kernel, ordered=ordered, packed=packed)
@@ -262,8 +279,8 @@ def _for_cpu(function: Callable, origin: tuple[str, str], ordered: bool, packed:
     """
     flags = ANY_ORDER - {"reassoc"} if ordered else ANY_ORDER
     dispatcher = njit(error_model="numpy", fastmath=set(flags), **options)(function)
-    if packed and hasattr(dispatcher, "compile"):
-        _compile_packed(dispatcher)
+    if hasattr(dispatcher, "compile"):
+        _set_compiler(dispatcher, packed)
     return _cached(dispatcher, function, origin, apart=options.get("parallel", False))
 
 
