@@ -1,5 +1,6 @@
 """A scene costs what its effects cost: an absent effect has no field, no launch, no byte, and changes no bit."""
 
+import json
 import os
 import pathlib
 import re
@@ -178,28 +179,61 @@ class TestPlan:
         brought = [effect for effect, _ in (*plan.passes, *plan.motion) if effect is not None]
         assert {effect.name for effect in brought} <= {effect.name for effect in effects}
 
-    def test_a_run_holds_and_launches_what_the_plan_says(self, effects):
-        simulation = Simulation(scene(*effects))
-        plan = simulation.plan
-        simulation.step()
-        assert set(simulation.fields) == set(plan.fields)
-        held = sum(array.nbytes for array in simulation.fields.values())
-        assert held == simulation.count * sum(plan.field_bytes().values()) + sum(plan.table_bytes().values())
-        runner = {p.operation for effect, p in plan.motion if effect is None} | {p.operation for _, p in plan.start}
-        runner |= {"sph.extremes"}
-        runner |= {"neighbours"} if plan.list_radius > 0 else set()
-        runner |= {"sorting"} if having(plan.effects, NeedsCellOrder) else set()
-        assert set(simulation.timings.first_calls) == {*plan.launches(), *runner}
-        simulation.evaluate()
-        assert set(simulation.timings.first_calls) == {*plan.launches(True), *runner}
 
-    def test_limits_of_the_step_are_those_of_the_effects(self, effects):
-        found = Simulation(scene(*effects)).step().limits
-        assert ("capillary" in found) == bool({*TENSIONS, SURFACE, SURFACE_WET} & set(effects))
-        assert ("viscous" in found) == bool({VISCOUS, CENTRAL} & set(effects))
-        sound = any(isinstance(effect, (WeaklyCompressible, MpmLiquid)) for effect in effects)
-        assert ("acoustic" in found) == (sound and IMPLICIT not in effects)
-        assert all(value > 0 for value in found.values())
+def differences(effects):
+    """What a run of two launches of every pass holds, launches and is limited by, against its plan."""
+    simulation = Simulation(scene(*effects))
+    plan = simulation.plan
+    limits = simulation.step().limits
+    held = sum(array.nbytes for array in simulation.fields.values())
+    runner = {p.operation for effect, p in plan.motion if effect is None} | {p.operation for _, p in plan.start}
+    runner |= {"sph.extremes"}
+    runner |= {"neighbours"} if plan.list_radius > 0 else set()
+    runner |= {"sorting"} if having(plan.effects, NeedsCellOrder) else set()
+    stepped = set(simulation.timings.first_calls)
+    simulation.evaluate()
+    sound = any(isinstance(effect, (WeaklyCompressible, MpmLiquid)) for effect in effects)
+    pairs = {
+        "fields": (set(simulation.fields), set(plan.fields)),
+        "bytes": (held, simulation.count * sum(plan.field_bytes().values()) + sum(plan.table_bytes().values())),
+        "launches of a step": (stepped, {*plan.launches(), *runner}),
+        "all launches": (set(simulation.timings.first_calls), {*plan.launches(True), *runner}),
+        "capillary limit": ("capillary" in limits, bool({*TENSIONS, SURFACE, SURFACE_WET} & set(effects))),
+        "viscous limit": ("viscous" in limits, bool({VISCOUS, CENTRAL} & set(effects))),
+        "acoustic limit": ("acoustic" in limits, sound and IMPLICIT not in effects),
+        "limits that are not positive": ([name for name, value in limits.items() if not value > 0], []),
+    }
+    return [f"{names(effects)}: {what}: {a}, not {b}" for what, (a, b) in pairs.items() if a != b]
+
+
+LONG_AS_PYTHON = [effects for effects in SETS if {MESH, SURFACE_WET} & set(effects)]
+
+
+@pytest.mark.parametrize("effects", LONG_AS_PYTHON, ids=names)
+def test_a_compiled_run_holds_and_launches_what_the_plan_says(effects):
+    assert differences(effects) == []
+
+
+def test_runs_hold_and_launch_what_the_plan_says():
+    """Kernels run as Python in a process of its own: to compile each combination of optional terms takes minutes."""
+    program = (
+        "import json; from tests.across import test_composition as t;"
+        "sets = [effects for effects in t.SETS if effects not in t.LONG_AS_PYTHON];"
+        "print(json.dumps([len(sets), [line for effects in sets for line in t.differences(effects)]]))"
+    )
+    root = str(pathlib.Path(__file__).parents[2])
+    environment = os.environ | {"NUMBA_DISABLE_JIT": "1", "PYTHONPATH": root}
+    done = subprocess.run(
+        [sys.executable, "-W", "ignore", "-c", program], capture_output=True, text=True, env=environment, cwd=root
+    )
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout.splitlines()[-1]) == [len(SETS) - len(LONG_AS_PYTHON), []]
+
+
+def test_a_run_that_is_not_its_plan_is_told(monkeypatch):
+    plain = make_plan(scene(LIQUID))
+    monkeypatch.setattr(type(plain), "launches", lambda plan, on_demand=False: ())
+    assert [line.split(": ")[1] for line in differences((LIQUID,))] == ["launches of a step", "all launches"]
 
 
 FOOTPRINTS = {

@@ -1,7 +1,8 @@
 """Every operation on every backend, precision and hard input: this file only calls the contract.
 
 A kernel is compiled for every combination of optional terms and every precision. By default the CPU's run with every
-combination in single precision and with the last in double, the references in double; the rest is `slow`.
+combination in one precision: the last of several in double, the others in single; the references in double. The rest is
+`slow`.
 """
 
 import os
@@ -38,15 +39,12 @@ def trials():
     for name, operation in REGISTRY.items():
         for program in operation.names():
             backend = backend_of(program)
-            for variant in range(len(operation.as_computed_by(program).variants)):
+            variants = len(operation.as_computed_by(program).variants)
+            for variant in range(variants):
                 for dtype in ("float32", "float64"):
                     single = dtype == "float32"
-                    last = variant == len(operation.as_computed_by(program).variants) - 1
-                    by_default = {
-                        "numpy": not single,
-                        "cpu": single or (last and program == "cpu"),
-                        "cuda": True,
-                    }
+                    last_of_several = 0 < variant == variants - 1
+                    by_default = {"numpy": not single, "cpu": single != last_of_several, "cuda": True}
                     marks = [pytest.mark.gpu] if backend == "cuda" else []
                     if not by_default[backend]:
                         marks.append(pytest.mark.slow)

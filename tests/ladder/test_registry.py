@@ -55,6 +55,7 @@ def decorator(node, *names):
     return None
 
 
+@functools.cache
 def names_in(node):
     return {part.id for part in ast.walk(node) if isinstance(part, ast.Name)} | {
         part.attr for part in ast.walk(node) if isinstance(part, ast.Attribute)
@@ -100,8 +101,13 @@ def programs(operations, root):
 
 def imported(path, root):
     """What a module imports from refsim, by the names it uses: ({module}, (module, name)) for each."""
+    return imports_of(tree_of(path), root)
+
+
+@functools.cache
+def imports_of(tree, root):
     modules, members = {}, {}
-    for node in ast.walk(tree_of(path)):
+    for node in ast.walk(tree):
         if isinstance(node, ast.ImportFrom) and (node.module or "").split(".")[0] == "refsim":
             for alias in node.names:
                 own = alias.asname or alias.name

@@ -89,12 +89,12 @@ HARMLESS = {
     "prints": ("print('x' * 100000)", ""),
     "changes the error state": ("import numpy; numpy.seterr(all='raise')", ""),
     "changes warnings": ("import warnings; warnings.simplefilter('error')", ""),
-    "forks": ("import os\n    if os.fork() == 0: import time; time.sleep(60)", ""),
+    "forks": ("import os\n    if os.fork() == 0: import time; time.sleep(10)", ""),
     "copies the process": ("import os; os.fork()", ""),
-    "leaves threads": ("import threading, time; threading.Thread(target=time.sleep, args=(60,)).start()", ""),
+    "leaves threads": ("import threading, time; threading.Thread(target=time.sleep, args=(10,)).start()", ""),
     "changes the folder": ("import os; os.chdir('/')", ""),
     "closes standard output": ("import sys; sys.stdout.close()", ""),
-    "an exit handler": ("import atexit, time; atexit.register(time.sleep, 60)", ""),
+    "an exit handler": ("import atexit, time; atexit.register(time.sleep, 10)", ""),
 }
 TABLES = {
     "no mapping": ("PROGRAMS = 3\n", "give a mapping"),
