@@ -13,6 +13,7 @@ import pytest
 
 ROOT = pathlib.Path(__file__).parents[1]
 MOST = 4
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # the tests fill the cores already
 SOURCES = ("setup.cfg", "pyproject.toml", "MANIFEST.in", "LICENSE", "docs/package.md")
 BUILD = "from setuptools import setup; setup(script_args=['-q', 'build', '--build-lib', 'unpacked', 'egg_info'])"
 

@@ -152,20 +152,20 @@ def all_pairs(inputs: Inputs, backend: Backend) -> tuple[Any, Any]:
 
 def listed(query: np.ndarray, source: np.ndarray, radius: float, exclude_self: bool, backend: Backend) -> Any:
     """The sources nearer than `radius` [m] to each query, as the backend's kernels take them."""
-    rows: list[np.ndarray] = []
+    counts, found = [np.zeros(0, int)], [np.zeros(0, int)]
     for place, _, distance in pair_blocks(query, source):
         near = distance < radius
         if exclude_self:
             near &= np.arange(len(query))[place, None] != np.arange(len(source))[None, :]
-        rows += [np.flatnonzero(line) for line in near]
-    count = np.array([len(r) for r in rows], np.int32)
+        counts.append(near.sum(1))
+        found.append(near.nonzero()[1])
+    count, index = np.concatenate(counts).astype(np.int32), np.concatenate(found).astype(np.uint32)
+    start = np.cumsum(count, dtype=np.int64) - count
     if backend.name == "cuda":
-        index = np.zeros((max(count.max(initial=0), 1), len(rows)), np.uint32)
-        for i, row in enumerate(rows):
-            index[: len(row), i] = row
-        return NeighbourColumns(backend.asarray(count), backend.asarray(index.reshape(-1)))
-    index = np.concatenate([*rows, np.zeros(1, int)]).astype(np.uint32)
-    return NeighbourRows(np.cumsum(count, dtype=np.int64) - count, count, index)
+        columns = np.zeros((max(count.max(initial=0), 1), len(count)), np.uint32)
+        columns[np.arange(len(index)) - start.repeat(count), np.arange(len(count)).repeat(count)] = index
+        return NeighbourColumns(backend.asarray(count), backend.asarray(columns.reshape(-1)))
+    return NeighbourRows(start, count, np.append(index, np.uint32(0)))
 
 
 def value_of(operation: Operation, name: str, inputs: Inputs, neighbours: Any, walls: Any, backend: Backend) -> Any:
