@@ -53,6 +53,7 @@ def as_on_the_site(app: Any, page: str, source: list[str]) -> None:
         text = LINK.sub(lambda link: f"[{link[1]}]({_from_docs(link[2])})", text)
         text = text.replace("](figures/", "](../figures/")
     if page == "gallery":
+        text = text.replace("<!-- films -->", "\n".join(films()))
         text = text.replace("<!-- gallery -->", "\n".join(gallery()))
     if page == "api":
         text = text.replace("<!-- api -->", "\n".join(api()))
@@ -108,6 +109,21 @@ def lesson(name: str) -> str:
             drawn += 1
             parts.append(f"\n![What the cell draws](../../figures/lessons/{name}_{drawn}.png)\n")
     return "".join(parts)
+
+
+def films() -> Iterator[str]:
+    """A card for each film of `scripts/films.py`: what it shows, the method's source, the commands."""
+    from scripts.films import FILMS, FOLDER
+
+    yield '<div class="gallery">\n'
+    for name, film in FILMS.items():
+        if (FOLDER / f"{name}.mp4").exists():
+            yield '<div class="card">\n'
+            yield f'<video src="films/{name}.mp4" controls loop muted playsinline></video>\n'
+            yield f"**{film.shows}** {film.source[:1].upper()}{film.source[1:]}.\n"
+            yield "; ".join(f"`{command}`" for command in film.commands()) + "\n"
+            yield "</div>\n"
+    yield "</div>\n"
 
 
 def gallery() -> Iterator[str]:

@@ -291,6 +291,24 @@ def test_a_command_that_is_not_there_is_found():
     assert len(wrong) == len(list(commands(text))) == 6
 
 
+def missing_files(text):
+    """Files below a folder of the repository that a command line names and that are not there."""
+    folders = {path.name for path in ROOT.iterdir() if path.is_dir()}
+    named = {word.partition(":")[0] for words in commands(text) for word in words}
+    return sorted(name for name in named if name.split("/")[0] in folders and not (ROOT / name).exists())
+
+
+@pages
+def test_files_of_the_repository_in_commands_are_there(page):
+    assert missing_files(page.read_text()) == []
+
+
+def test_a_missing_file_is_found():
+    assert missing_files("`refsim run docs/nothing.toml` `refsim run refsim/examples/droplet.toml`") == [
+        "docs/nothing.toml"
+    ]
+
+
 def test_the_version_is_one():
     version = refsim.__version__
     assert f"version = {version}\n" in (ROOT / "setup.cfg").read_text()
