@@ -41,7 +41,7 @@ NAVIGATION = {
     ),
     "Solids, heat, melting": ("shape_matching", "two_way_coupling", "heat", "melting"),
     "Particles and a grid": ("mpm", "surface_energy", "isosurface", "mpm_droplet"),
-    "Programs": ("api", "contributing", "changelog"),
+    "Programs": ("public_names", "api", "contributing", "changelog"),
 }  # fmt: skip
 
 

@@ -34,7 +34,7 @@ NO_EFFECT = (
     "index.md", "guarantees.md", "scene_files.md", "accuracy_cost.md", "contract.md", "results.md", "nightly.md",
     "accuracy_cost_panels.md",
     "published.md", "study.md", "render.md", "waiting_time.md", "api.md", "gallery.md", "changelog.md",
-    "contributing.md", "journeys.md", "solutions.md", "lessons.md", "sweep.md",
+    "contributing.md", "journeys.md", "solutions.md", "lessons.md", "sweep.md", "public_names.md",
 )  # fmt: skip
 EFFECT_PAGES = [p for p in DOCS if p.name not in NO_EFFECT and p.parent.name != "lessons"]
 PUBLISHED = {name: effect for name, effect in EFFECTS.items() if effect.__module__.startswith("refsim.")}
