@@ -119,9 +119,10 @@ def tried(environment: Environment, wheel: Path, copy: Path, folder: Path, logs:
     """Outcome of one environment; the output of its commands is in `logs`."""
     place, log = folder / environment.name, logs / f"{environment.name}.log"
     python = place / ("Scripts" if os.name == "nt" else "bin") / "python"
-    limits, packages, tests = [], [str(wheel), *TOOLS], TESTS
+    limits: list[str] = []
+    packages, tests = [str(wheel), *TOOLS], [*TESTS]
     if environment.kind == EXTRAS:
-        packages, tests = [f"{wheel}[{extras()}]", *OF_EXTRAS], TESTS_OF_EXTRAS
+        packages, tests = [f"{wheel}[{extras()}]", *OF_EXTRAS], [*TESTS_OF_EXTRAS]
     if environment.kind == LOWEST:
         (folder / "constraints.txt").write_text("\n".join(constraints()) + "\n")
         limits = ["--constraint", str(folder / "constraints.txt")]
