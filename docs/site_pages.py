@@ -29,7 +29,7 @@ NAVIGATION = {
         "gallery", "contract",
     ),
     "What holds": (
-        "guarantees", "claims", "published", "nightly", "accuracy_cost", "accuracy_cost_panels", "stability",
+        "guarantees", "claims", "errata", "published", "nightly", "accuracy_cost", "accuracy_cost_panels", "stability",
         "energy_audit",
     ),
     "Liquids and walls": (
