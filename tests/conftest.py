@@ -25,6 +25,14 @@ def pytest_xdist_auto_num_workers(config):
     return 0 if named or cores == 1 else min(MOST, cores + 1)
 
 
+def pytest_configure():
+    """A test process compiles what it comes to, since the tests fill the cores, and keeps its process for loops."""
+    from refsim.backends import ahead, workers
+
+    ahead.cores = lambda: 1
+    workers.IDLE = 3600.0
+
+
 def python(words, folder):
     subprocess.run([sys.executable, *words], cwd=folder, check=True, stdout=subprocess.DEVNULL)
 
