@@ -36,8 +36,8 @@ NAVIGATION = {
         "sph", "solutions", "iisph", "boundary_akinci_2012", "one_way_coupling", "signed_distance", "boundary_sampling",
     ),
     "Surface tension": (
-        "jiang_zhu_2023", "models", "akinci_2013", "dong_2016", "becker_teschner_2007", "tartakovsky_meakin_2005",
-        "he_2014", "csf_wang_2019", "normal_difference_2014", "sigma_map", "contact_angle",
+        "surface_detection", "jiang_zhu_2023", "models", "akinci_2013", "dong_2016", "becker_teschner_2007",
+        "tartakovsky_meakin_2005", "he_2014", "csf_wang_2019", "normal_difference_2014", "sigma_map", "contact_angle",
     ),
     "Solids, heat, melting": ("shape_matching", "two_way_coupling", "heat", "melting"),
     "Particles and a grid": ("mpm", "surface_energy", "isosurface", "mpm_droplet"),
