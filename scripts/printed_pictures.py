@@ -43,7 +43,7 @@ from refsim.backends.arrays import Backend  # noqa: E402
 from refsim.core.errors import InputError  # noqa: E402
 from refsim.io.frames import Frame  # noqa: E402
 from refsim.isosurface import extract  # noqa: E402
-from refsim.render.looks import OBSTACLE, camera_of, cut_of, liquid_colour  # noqa: E402
+from refsim.render.looks import OBSTACLE, Cut, camera_of, cut_of, liquid_colour  # noqa: E402
 from refsim.render.saved_run import SavedRun, open_run  # noqa: E402
 from refsim.render.space import Body, Stage, bar_length, cut_closed, smoothed  # noqa: E402
 from refsim.render.surfaces import surface_around  # noqa: E402
@@ -212,14 +212,14 @@ POURS = {
     ),
     "pour_funnel": Pour(
         funnel, (4.0 * MM, 16.0 * MM), (0.0, 0.0, -3.4 * MM), -19 * MM, 18 * MM, 0.35, (0.02, 0.045),
-        ((-12, -6, -19), (12, 6, 4)), "-90,12", "y=0", 6.0
+        ((-14, -9, -19), (14, 9, 9)), "-90,12", "y=0", 6.0
     ),
     "pour_plate": Pour(
         plate, (3.2 * MM, 25.2 * MM), (0.0, 0.0, 0.8 * MM), -8 * MM, 24 * MM, 0.5, (0.02, 0.035),
         ((-13, -13, -8), (13, 13, 14)), "-60,18"
     ),
     "pour_statue": Pour(
-        statue, (3.2 * MM, 25.2 * MM), (0.0, 0.0, 9.4 * MM), -11 * MM, 24 * MM, 0.5, (0.022, 0.04),
+        statue, (3.2 * MM, 25.2 * MM), (0.0, 0.0, 9.4 * MM), -11 * MM, 24 * MM, 0.9, (0.0132, 0.022),
         ((-11, -11, -11), (11, 11, 18)), "-70,14"
     ),
 }  # fmt: skip
@@ -247,13 +247,29 @@ def at(run: SavedRun, time: float) -> Frame:
     return next(iter(run.frames([number])))
 
 
-def water(points: Array, run: SavedRun, cut: Any = None, colour: Any = None) -> Body:
-    """The smooth surface of liquid at points (n, 3) [m], which lies on the run's walls and solid."""
-    mesh = surface_around(points, run.spacing, wall=run.wall_distance())
-    vertices, facets = smoothed(mesh.vertices, mesh.facets), mesh.facets
+def water(
+    points: Array, run: SavedRun, cut: Cut | None = None, colour: Any = None, seen: tuple[Array, Array] | None = None
+) -> Body:
+    """The smooth surface of liquid at points (n, 3) [m], which lies on the run's walls and solid and ends at the cut.
+
+    seen  corners [m] of a box; liquid farther than a quarter of its edges outside of it is left away
+    """
+    wall, far = run.wall_distance(), 4 * run.spacing
+    if seen is not None:
+        margin = 0.25 * (seen[1] - seen[0])
+        points = points[((points > seen[0] - margin) & (points < seen[1] + margin)).all(1)]
     if cut is not None:
-        vertices, facets = cut_closed(vertices, facets, cut, run.spacing)
-    return Body(vertices, facets, liquid_colour(0) if colour is None else colour, water=True, edges=cut is not None)
+        points = points[cut(points) < far]
+
+    def distance(places: Array) -> Array:
+        found = np.full(len(places), np.inf) if wall is None else wall(places)
+        return found if cut is None else np.minimum(found, -cut(places))
+
+    mesh = surface_around(points, run.spacing, wall=distance)
+    vertices = smoothed(mesh.vertices, mesh.facets)
+    return Body(
+        vertices, mesh.facets, liquid_colour(0) if colour is None else colour, water=True, edges=cut is not None
+    )
 
 
 def staged(
@@ -321,7 +337,13 @@ def pour_picture(name: str, size: float, folder: Path, draw: bool) -> tuple[Any,
         for axes, time in zip(row, pour.times):
             frame = at(run, time)
             x = np.asarray(frame.position, dtype=float)
-            image = stage.draw([Body(vertices, facets, OBSTACLE, gloss=0.1, edges=True), water(x, run, cut)], False)
+            image = stage.draw(
+                [
+                    Body(vertices, facets, OBSTACLE, gloss=0.1, edges=True),
+                    water(x, run, cut, seen=(stage.low, stage.high)),
+                ],
+                False,
+            )
             numbers = counted(x, run)
             title = f"{words}, {1e3 * frame.time:.0f} ms: {numbers['lone']:,} lone particles"
             show(axes, image, stage, title, axes is panels[0, 0])
@@ -329,15 +351,16 @@ def pour_picture(name: str, size: float, folder: Path, draw: bool) -> tuple[Any,
         data["arms"][words] = rows
         data["particles"] = len(x)
     solid_name = name.removeprefix("pour_")
-    figure.suptitle(f"{data['particles']:,} particles poured on a {solid_name}", fontsize=11, fontweight="bold")
+    where = "into" if solid_name == "funnel" else "on"
+    figure.suptitle(f"{data['particles']:,} particles poured {where} a {solid_name}", fontsize=11, fontweight="bold")
     return figure, data
 
 
 # Ice in water
 
 ICE = {
-    "melting": ("melts, as in the paper's figure 4", {}, 2.4),
-    "frozen": ("does not melt", {"melting": False}, 10.0),
+    "melting": ("melts, as in figure 4:", {}, 2.4),
+    "frozen": ("does not melt:", {"melting": False}, 10.0),
 }  # title, options of the scene, end [s]
 ICE_TIMES = {"melting": (0.6, 1.3, 1.9), "frozen": (1.3, 4.0, 10.0)}  # s
 ICE_COLOUR = (0.90, 0.95, 0.99)
@@ -372,6 +395,7 @@ def ice_picture(name: str, size: float, folder: Path, draw: bool) -> tuple[Any, 
         assert run.box is not None
         seen = run.box[0], run.box[1] * np.array([1.0, 1.0, 0.84])
         stage = staged(seen, "-68,14", 0.0, SQUARE)
+        whole = int((run.solid_body(at(run, 0.0)) >= 0).sum())
         for k, time in enumerate(ICE_TIMES[arm]):
             frame = at(run, time)
             x, solid = np.asarray(frame.position, dtype=float), run.solid_body(frame) >= 0
@@ -380,7 +404,8 @@ def ice_picture(name: str, size: float, folder: Path, draw: bool) -> tuple[Any, 
                 mesh = surface_around(x[solid], run.spacing)
                 bodies.append(Body(smoothed(mesh.vertices, mesh.facets), mesh.facets, ICE_COLOUR, gloss=0.2))
             axes = figure.add_subplot(grid[line, 2 * k : 2 * k + 2])
-            title = f"{words}: {frame.time:.1f} s" if k == 0 else f"{frame.time:.1f} s"
+            share = 100 * solid.sum() / whole
+            title = f"{words if k == 0 else ''} {frame.time:.1f} s, {share:.0f} % ice".strip()
             show(axes, stage.draw(bodies, False), stage, title, line == k == 0)
         series = []
         for frame in run.frames(range(len(run.times))):
@@ -392,7 +417,12 @@ def ice_picture(name: str, size: float, folder: Path, draw: bool) -> tuple[Any, 
         axes = figure.add_subplot(grid[2, 3 * line : 3 * line + 3])
         axes.fill_between(values[:, 0], values[:, 1], values[:, 2], color="#b9cfe0", label="ice, bottom to top")
         axes.plot(values[:, 0], values[:, 3], color=BLUE, label="water level")
-        axes.set(xlabel="time [s]", ylabel="height [m]", title=f"ice that {words.partition(',')[0]}", ylim=(0, None))
+        axes.set(
+            xlabel="time [s]",
+            ylabel="height [m]",
+            title=f"ice that {words.partition(',')[0].strip(':')}",
+            ylim=(0, None),
+        )
         axes.grid(True)
         axes.legend(loc="upper right")
         kept = values[np.isfinite(values[:, 2])]
@@ -400,7 +430,8 @@ def ice_picture(name: str, size: float, folder: Path, draw: bool) -> tuple[Any, 
         data["arms"][arm] = {
             "particles": len(x), "last_ice_s": float(kept[-1, 0]),
             "deepest_top_m": round(float((after[:, 2] - after[:, 3]).min()), 4),
-            "last_top_m": round(float(kept[-1, 2] - kept[-1, 3]), 4), "ice_particles": int(values[0, 4]),
+            "last_top_m": round(float(kept[-1, 2] - kept[-1, 3]), 4),
+            "ice_particles": [int(values[0, 4]), int(kept[-1, 4])],
             "floating_top_m": round((1 - 917 / 1000) * float(values[0, 2] - values[0, 1]), 4),
             "time_bottom_top_level_m": [row[:4] for row in series[:: max(1, len(series) // 50)] if row[4]],
         }  # fmt: skip
