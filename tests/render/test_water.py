@@ -93,3 +93,18 @@ def test_refraction_moves_what_is_behind_against_the_slope():
     middle = 0.5 * (straight[5] + straight[75])
     assert (straight > middle).sum() == 40
     assert (bent > 0.5 * (bent[5] + bent[75])).sum() > 40
+
+
+def test_a_picture_without_background_is_exact_on_white():
+    pytest.importorskip("pyvista")
+    from refsim.render.looks import Camera
+    from refsim.render.space import Body, Stage
+
+    ball = trimesh.creation.icosphere(subdivisions=3, radius=0.8)
+    water = Body(np.asarray(ball.vertices), np.asarray(ball.faces), (0.16, 0.47, 0.78), water=True)
+    corner = np.ones(3)
+    stage = Stage(-corner, corner, np.array([0.0, 0.0, 1.0]), Camera(), (64, 64), half_height=1.0)
+    clear, on_white = stage.draw_clear([water]), stage.draw([water], occlusion=False) / 255.0
+    assert clear[..., :3] * clear[..., 3:] + 1.0 - clear[..., 3:] == pytest.approx(on_white, abs=0.01)
+    r, _, b = on_white[32, 32]
+    assert b > r + 0.1
