@@ -291,7 +291,7 @@ PANEL, SQUARE = (760, 640), (620, 620)  # pixels
 
 
 def show(axes: Any, image: NDArray, stage: Stage, title: str, bar: bool = False) -> None:
-    """A picture as a panel, with a scale bar where asked for."""
+    """A picture as a panel; bar: with a scale bar."""
     height, width = image.shape[:2]
     axes.imshow(image, extent=(0, width, 0, height), interpolation="antialiased")
     axes.set_axis_off()
@@ -448,8 +448,9 @@ def ice_picture(name: str, size: float, folder: Path, draw: bool) -> tuple[Any, 
 
 FINER = 2
 CUBE_END, CUBE_FRAMES = 4.0, 100
+ROOM_EVERY = 0.05  # s between stored frames
 ROOM_FRAMES = (70, 80, 90, 120)  # of figure 4
-MERGING_FRAMES = (120, 240, 480, 800)  # of figure 6
+MERGING_FRAMES = (120, 160, 240, 320)  # of figure 6
 
 
 def dong_cube(name: str, size: float, folder: Path, draw: bool) -> tuple[Any, dict[str, Any]]:
@@ -519,7 +520,9 @@ def dong_splash(name: str, size: float, folder: Path, draw: bool) -> tuple[Any, 
     data: dict[str, Any] = {"arms": {}}
     until = ROOM_FRAMES[-1] * dong.FRAME
     for line, (arm, words) in enumerate(reversed(ARMS.items())):
-        run = performed(dong_block(arm == "with", until, size), folder / f"{name}_{arm}", ROOM_FRAMES[-1] // 10, draw)
+        run = performed(
+            dong_block(arm == "with", until, size), folder / f"{name}_{arm}", round(until / ROOM_EVERY), draw
+        )
         data["arms"][words] = dong_room(panels[line], run, ROOM_FRAMES, f"{arm}, ")
         data["particles"], data["spacing_m"] = len(at(run, 0.0).position), run.spacing
     title = f"Dong, figure 4: with and without tension, from above, {data['particles']:,} particles"
@@ -528,11 +531,11 @@ def dong_splash(name: str, size: float, folder: Path, draw: bool) -> tuple[Any, 
 
 
 def dong_merging(name: str, size: float, folder: Path, draw: bool) -> tuple[Any, dict[str, Any]]:
-    """Figure 6: droplets on the floor become one, from above."""
+    """Figure 6: droplets on the floor merge, from above; the run of figure 4 with tension goes on."""
     import matplotlib.pyplot as plt
 
     until = MERGING_FRAMES[-1] * dong.FRAME
-    run = performed(dong_block(True, until, size), folder / name, MERGING_FRAMES[-1] // 40, draw)
+    run = performed(dong_block(True, until, size), folder / "dong_figure_4_fine_with", round(until / ROOM_EVERY), draw)
     figure, panels = plt.subplots(1, len(MERGING_FRAMES), figsize=(11.2, 3.4))
     rows = dong_room(panels, run, MERGING_FRAMES, "")
     data = {"particles": len(at(run, 0.0).position), "spacing_m": run.spacing, "frames": rows}
