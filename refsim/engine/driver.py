@@ -311,7 +311,7 @@ class _Run:
             if progress is not None:
                 progress(simulation)
             if self.folder is not None:
-                if simulation.time >= next_frame:
+                if self._frame_after(simulation.time) > next_frame:
                     self._frame()
                 if time.perf_counter() - clock >= self.checkpoint_every:
                     self._checkpoint()
@@ -357,7 +357,7 @@ class _Run:
             return True
         if last is not None and last >= simulation.time:
             return False
-        return self._frame_after(simulation.time - simulation.previous_length) <= simulation.time
+        return self._frame_after(simulation.time - simulation.previous_length) < self._frame_after(simulation.time)
 
     def _frame(self) -> None:
         assert self.writer is not None

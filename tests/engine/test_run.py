@@ -374,6 +374,17 @@ def test_frames_of_a_killed_run_have_the_times_of_the_uninterrupted_one(tmp_path
     assert_same_run(Simulation.resume(tmp_path / "whole"), Simulation.resume(out))
 
 
+def test_no_frame_is_lost_where_steps_divide_the_interval(tmp_path):
+    """The sum of steps is a rounding short of a frame's time."""
+    scene = Scene(
+        spacing=0.1, support_radius=0.2, step=5e-3, end_time=9.0, fluid=(Box(cells=(2, 2, 2)),),
+        effects=(Gravity(acceleration=(0.0, 0.0, -1e-3)),),
+    )  # fmt: skip
+    simulate(scene, backend="numpy", output=tmp_path, every=0.1)
+    times = [frame.time for frame in read_particles(tmp_path / "particles.vtkhdf")]
+    np.testing.assert_allclose(times, np.arange(91) * 0.1, atol=1e-9)
+
+
 def test_a_run_resumed_into_another_folder_has_frames_on_the_grid(tmp_path):
     scene = tank("float64")
     length = Simulation(scene, "numpy").step().length
