@@ -267,15 +267,15 @@ def _median(values: Sequence[float]) -> float:
 def page_table(claims: Mapping[str, Claim], system: str) -> str:
     """The claims of a system as they stand on the page.
 
-    A table with a sentence for each claim, its range drawn against its bar, and its name last; how they could have
+    A table with a sentence for each claim, its name last, and its range drawn against its bar; how they could have
     failed; and the sources, each sentence once, with how it is read and what a reader must know beside the number.
     """
     own = [claim for claim in claims.values() if claim.system == system]
-    lines = ["| claim, verdict, effect | against the bar | confirmed by | null model | name |",
-             "| --- | :---: | --- | --- | --- |"]  # fmt: skip
+    lines = ["| claim, verdict, effect, name | against the bar | confirmed by | null model |",
+             "| --- | :---: | --- | --- |"]  # fmt: skip
     for claim in own:
         null = short(claim.null) if claim.starts and not math.isnan(claim.null) else ""
-        cells = [_cell(in_words(claim)), drawn(claim), claim.bar(), null, f"`{claim.name}`"]
+        cells = [f"{_cell(in_words(claim))} (`{claim.name}`)", drawn(claim), claim.bar(), null]
         lines.append(f"| {' | '.join(cells)} |")
     known, families = discover(), dict[int, tuple[Family, list[Claim]]]()
     for claim in own:

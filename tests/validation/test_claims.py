@@ -310,10 +310,10 @@ def test_the_command_measures_stores_and_writes(own, capsys):
     assert page.startswith("# Page\n")
     assert page.endswith("more\n")
     assert written.null == 9.0
-    sentence = "It is small: **confirmed**. Its size: 0.5 m (0.25 to 0.75), 3 starts."
-    cells = [sentence, "`······│·────●`", "at most 1", "9", "`small`"]
+    sentence = "It is small: **confirmed**. Its size: 0.5 m (0.25 to 0.75), 3 starts. (`small`)"
+    cells = [sentence, "`······│·────●`", "at most 1", "9"]
     assert f"| {' | '.join(cells)} |" in page
-    assert "| It is nice: **not testable**. No measure. |  |  |  | `nice` |" in page
+    assert "| It is nice: **not testable**. No measure. (`nice`) |  |  |  |" in page
     assert "- It could be large. Null model: a large one. (`small`)" in page
     assert "> It is small indeed. ((1))\n\nReading: as printed. (`small`)" in page
     assert json.loads((folder / "figures" / "claims.json").read_text())["small"]["values"] == values
