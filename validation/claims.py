@@ -265,15 +265,17 @@ def _median(values: Sequence[float]) -> float:
 
 
 def page_table(claims: Mapping[str, Claim], system: str) -> str:
-    """The claims of a system as they stand on the page: a table, how they could have failed, and each in full."""
+    """The claims of a system as they stand on the page.
+
+    A table with a sentence for each claim, its name last, and its range drawn against its bar; how they could have
+    failed; and the sources, each sentence once, with how it is read and what a reader must know beside the number.
+    """
     own = [claim for claim in claims.values() if claim.system == system]
-    lines = [
-        "| claim | verdict | effect | confirmed by | null model | name |", "| --- | --- | --- | --- | --- | --- |"
-    ]  # fmt: skip
+    lines = ["| claim, verdict, effect, name | against the bar | confirmed by | null model |",
+             "| --- | :---: | --- | --- |"]  # fmt: skip
     for claim in own:
-        effect = f"{written(claim)}; {counted(claim)}" if claim.starts else ""
         null = short(claim.null) if claim.starts and not math.isnan(claim.null) else ""
-        cells = [f"[{claim.title}](#{anchor(claim)})", claim.verdict, effect, claim.bar(), null, f"`{claim.name}`"]
+        cells = [f"{_cell(in_words(claim))} (`{claim.name}`)", drawn(claim), claim.bar(), null]
         lines.append(f"| {' | '.join(cells)} |")
     known, families = discover(), dict[int, tuple[Family, list[Claim]]]()
     for claim in own:
@@ -283,23 +285,78 @@ def page_table(claims: Mapping[str, Claim], system: str) -> str:
     if families:
         lines += ["", "How they could have failed, and on which null model they do:", ""]
     for family, members in families.values():
-        names = ", ".join(f"`{claim.name}`" for claim in members)
-        lines += [f"- {family.fails} Null model: {family.null}. ({names})"]
+        lines += [f"- {family.fails} Null model: {family.null}. ({_names(members)})"]
+    lines += ["", "What the sources say, and how they are read:"]
+    sources: dict[tuple[str, str], list[Claim]] = {}
     for claim in own:
-        lines += ["", f"### {heading(claim)}", ""]
-        if claim.starts:
-            null = "" if math.isnan(claim.null) else f"; the null model gives {short(claim.null)}"
-            lines += [
-                f"{claim.what[0].upper()}{claim.what[1:]}: **{written(claim)}**, {counted(claim)}; confirmed by"
-                f" {claim.bar()}{null}.",
-                "",
-            ]
-        lines += [f"> {claim.says} ({claim.where})", "", f"Reading: {claim.reading}."]
-        lines += ["", _sentence(claim.reason)] if claim.reason else []
-        lines += ["", _sentence(f"One start is enough: {claim.fixed}")] if claim.fixed else []
-        place = f"measure `validation/experiments/{claim.experiment}/claims.py:{claim.name.upper()}`"
-        lines += ["", f"Name: `{claim.name}`{f', {place}' if claim.starts else ''}."]
+        sources.setdefault((claim.says, claim.where), []).append(claim)
+    for (says, where), members in sources.items():
+        lines += ["", f"> {says} ({where})", "", *_readings(members)]
     return "\n".join(lines)
+
+
+def in_words(claim: Claim) -> str:
+    """Claim, verdict, effect: "It is small: **confirmed**. Its size: 0.5 m, 3 starts."; why it is not testable."""
+    said = [f"{claim.what}: {written(claim)}, {counted(claim)}"] if claim.starts else []
+    said += [claim.reason] if claim.verdict == NOT_TESTABLE else []
+    return " ".join([f"{claim.title}: **{claim.verdict}**.", *map(_sentence, said)])
+
+
+HALF = 6  # places on each side of the bar
+FACTOR = 2.0  # that the outermost place stands for, where effect and bar are positive
+
+
+def drawn(claim: Claim) -> str:
+    """Range and median of a claim against its bar, as `··─●─│······`: what lies on the bar or right of it keeps it.
+
+    Places are logarithmic up to a `FACTOR` where value and bar are positive; otherwise they are linear up to the
+    value that is farthest from the bar. Values beyond stand in the outermost place. Empty without a measured value.
+    """
+    if not claim.starts:
+        return ""
+    values = (claim.spread[0], claim.measured, claim.spread[1])
+    low, middle, high = (_place(claim, value) for value in values)
+    low, high = min(low, high), max(low, high)
+    places = range(-HALF, HALF + 1)
+    marks = ("●" if k == middle else "│" if k == 0 else "─" if low <= k <= high else "·" for k in places)
+    return f"`{''.join(marks)}`"
+
+
+def _place(claim: Claim, value: float) -> int:
+    """Place of a value in `drawn`: 0 on the bar, positive where the bar is kept with a margin."""
+    if value == claim.bound:
+        return 0
+    if claim.bound > 0 and min(claim.spread) > 0:
+        share = math.log(value / claim.bound) / math.log(FACTOR)
+    else:
+        finite_ones = [abs(v - claim.bound) for v in (*claim.spread, claim.measured) if math.isfinite(v)]
+        share = (value - claim.bound) / max([v for v in finite_ones if v > 0], default=1.0)
+    size = HALF if not math.isfinite(share) else min(HALF, max(1, round(abs(share) * HALF)))
+    return size if claim.keeps(value) else -size
+
+
+def _readings(members: Sequence[Claim]) -> list[str]:
+    """How one sentence of a source is read, once for all claims made of it if they are read alike, and remarks."""
+    remarks = {}
+    for claim in members:
+        said = [claim.reason] if claim.reason and claim.verdict != NOT_TESTABLE else []
+        said += [f"one start is enough: {claim.fixed}"] if claim.fixed else []
+        remarks[claim.name] = "".join(f" {_sentence(each)}" for each in said)
+    if len({(claim.reading, remarks[claim.name]) for claim in members}) == 1:
+        return [f"Reading: {members[0].reading}.{remarks[members[0].name]} ({_names(members)})"]
+    if len({claim.reading for claim in members}) == 1:
+        noted = [claim for claim in members if remarks[claim.name]]
+        lines = [f"-{remarks[claim.name]} ({_names([claim])})" for claim in noted]
+        return [f"Reading: {members[0].reading}. ({_names(members)})", "", *lines]
+    return [f"- Reading: {claim.reading}.{remarks[claim.name]} ({_names([claim])})" for claim in members]
+
+
+def _names(members: Sequence[Claim]) -> str:
+    return ", ".join(f"`{claim.name}`" for claim in members)
+
+
+def _cell(words: str) -> str:
+    return words.replace("|", "\\|")
 
 
 def written(claim: Claim) -> str:
@@ -321,16 +378,6 @@ def counted(claim: Claim) -> str:
 
 def _sentence(words: str) -> str:
     return f"{words[0].upper()}{words[1:]}{'' if words.endswith('.') else '.'}"
-
-
-def heading(claim: Claim) -> str:
-    """Heading of a claim on the page."""
-    return f"{claim.title}: {claim.verdict}"
-
-
-def anchor(claim: Claim) -> str:
-    """What its heading is called in links."""
-    return re.sub(r"[^\w\- ]", "", heading(claim).lower()).replace(" ", "-")
 
 
 def write(found: Sequence[Found]) -> None:

@@ -1,5 +1,6 @@
 """The claims: what is written is complete, agrees with its tests and its page, and is judged as it says."""
 
+import dataclasses
 import json
 import math
 import pathlib
@@ -173,6 +174,44 @@ def test_one_start_judges_where_nothing_can_differ():
     assert claim(fixed="a closed form").judge([]) == NOT_TESTABLE
 
 
+@pytest.mark.parametrize(
+    ("changes", "line"),
+    [
+        ({"measured": 1.0, "spread": (1.0, 1.0)}, "······●······"),
+        ({"measured": 0.5, "spread": (0.25, 1.4)}, "···───│─────●"),
+        ({"rule": "at_least", "measured": 1.2, "spread": (0.9, 1.3)}, "·····─│─●····"),
+        ({"rule": "equals", "measured": 0.999, "spread": (0.999, 1.0)}, "·····●│······"),
+        ({"measured": math.inf, "spread": (math.inf, math.inf)}, "●·····│······"),
+        ({"bound": -0.5, "measured": -1.0, "spread": (-1.0, 0.5)}, "──────│──●···"),
+        ({"bound": 0.0, "rule": "equals", "measured": 0.0, "spread": (0.0, 0.0)}, "······●······"),
+    ],
+)
+def test_what_keeps_the_bar_is_drawn_right_of_it(changes, line):
+    assert claiming.drawn(claim(starts=3, **changes)) == f"`{line}`"
+
+
+@pytest.mark.parametrize("name", [name for name in MEASURED if CLAIMS[name].verdict != NOT_TESTABLE])
+def test_the_drawing_of_a_claim_says_what_its_verdict_says(name):
+    """A mark left of the bar where a start misses it, at the bar or right of it where one keeps it."""
+    left, middle, right = claiming.drawn(CLAIMS[name])[1:-1].partition("│")
+    if not middle:  # the median stands on the bar
+        assert CLAIMS[name].keeps(CLAIMS[name].measured)
+        return
+    assert bool(left.strip("·")) == (CLAIMS[name].verdict in (REFUTED, MIXED)), name
+    assert bool(right.strip("·")) <= (CLAIMS[name].verdict in (CONFIRMED, MIXED)), name
+
+
+def test_sentences_of_a_source_stand_once(own):
+    """Claims of one sentence share it, and their reading where they are read alike."""
+    both = {name: claim(name=name, starts=3, measured=0.5, spread=(0.5, 0.5)) for name in ("one", "two")}
+    both["two"] = dataclasses.replace(both["two"], reason="it is two")
+    page = claiming.page_table(both, "s")
+    assert page.count("> It is small. (here)") == 1
+    assert "Reading: as printed. (`one`, `two`)\n\n- It is two. (`two`)" in page
+    both["two"] = dataclasses.replace(both["two"], reading="as adopted")
+    assert "- Reading: as adopted. It is two. (`two`)" in claiming.page_table(both, "s")
+
+
 def test_a_null_model_of_a_comparison_gives_every_run_the_same():
     def runs(options):
         return [Run(key, number_of, {"value": 1.0}) for key in ("own", "rival")]
@@ -271,12 +310,12 @@ def test_the_command_measures_stores_and_writes(own, capsys):
     assert page.startswith("# Page\n")
     assert page.endswith("more\n")
     assert written.null == 9.0
-    assert "### It is small: confirmed" in page
-    assert "Its size: **0.5 m (0.25 to 0.75)**, 3 starts; confirmed by at most 1; the null model gives 9." in page
-    cells = ["[It is small](#it-is-small-confirmed)", "confirmed", "0.5 m (0.25 to 0.75); 3 starts", "at most 1", "9"]
-    assert f"| {' | '.join(cells)} | `small` |" in page
+    sentence = "It is small: **confirmed**. Its size: 0.5 m (0.25 to 0.75), 3 starts. (`small`)"
+    cells = [sentence, "`······│·────●`", "at most 1", "9"]
+    assert f"| {' | '.join(cells)} |" in page
+    assert "| It is nice: **not testable**. No measure. (`nice`) |  |  |  |" in page
     assert "- It could be large. Null model: a large one. (`small`)" in page
-    assert "Reading: as printed." in page
+    assert "> It is small indeed. ((1))\n\nReading: as printed. (`small`)" in page
     assert json.loads((folder / "figures" / "claims.json").read_text())["small"]["values"] == values
     assert len(list((folder / "results" / "e").iterdir())) == 3
 
@@ -289,7 +328,7 @@ def test_a_verdict_that_no_longer_holds_is_told_and_can_be_written(own, capsys):
     assert read_claims()["small"].verdict == CONFIRMED
     assert main(["claims", "--write", *folders]) == EXIT_FINE
     assert read_claims()["small"].verdict == MIXED
-    assert "### It is small: mixed" in (folder / "claims.md").read_text()
+    assert "It is small: **mixed**." in (folder / "claims.md").read_text()
 
 
 def test_without_computing_only_stored_results_count(own):
