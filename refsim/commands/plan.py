@@ -259,7 +259,9 @@ def _text(found: dict[str, Any]) -> str:
     lines.append(
         f"Memory: {in_bytes(b['total'])}, {b['total'] / found['particles']:.0f} B a particle (fields"
         f" {in_bytes(b['fields'])}, list {in_bytes(b['neighbour_list'])}, positions at its last build"
-        f" {in_bytes(b['positions_at_list_build'])}, walls {in_bytes(b['walls'])})"
+        f" {in_bytes(b['positions_at_list_build'])}, walls {in_bytes(b['walls'])}"
+        + (f", background grid {in_bytes(b['background_grid'])}" if "background_grid" in b else "")
+        + ")"
     )
     if found["not_counted"]:
         lines.append(f"Not counted, since it follows the run: {'; '.join(found['not_counted'])}")

@@ -161,6 +161,12 @@ class HoldsOtherMemory:
         """Name of these arrays, for `refsim plan`; "" where there are none."""
         raise NotImplementedError  # an effect with this capability defines it
 
+    def bytes_at_start(
+        self, grid: Discretisation, position: np.ndarray, others: Mapping[str, Effect], backend: str
+    ) -> dict[str, int]:
+        """Bytes by name of those whose size follows from the particles' first places, `position` (n, 3) [m]."""
+        return {}
+
 
 Capability = TypeVar("Capability")
 
