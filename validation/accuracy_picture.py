@@ -26,19 +26,20 @@ def answer_picture(data: Mapping[str, Any]) -> Any:
     """Error against time: one line a method, targets, the uncertainty of the reference, advised points by name."""
     from validation import answers
 
-    observable = answers.OBSERVABLES.get(data["panel"]) or answers.Observable(
-        data["title"], "", method=data["headline"]["group"]
-    )
+    observable = answers.observable_of(data["panel"], data["title"], data["headline"]["group"])
     points = data["points"]
     found = answers.candidates(points, observable)
     spread = answers.uncertainty(points, observable, data["band"])
     advised: dict[str, list[float]] = {}
+    read: dict[str, list[float]] = {}  # named where no timing has settled
     for own in ("reported" not in c.point["knobs"] for c in found), ("reported" in c.point["knobs"] for c in found):
         some = [c for c, is_own in zip(found, own) if is_own and not answers.is_peer(c.point)]
         for error in sorted({*answers.TARGETS, *observable.more}, reverse=True) if some else ():
             choice = answers.choose(some, error, spread)
             if choice.advised is not None:
                 advised.setdefault(choice.advised.key, []).append(error)
+            elif choice.read is not None and not (observable.meaning and error <= observable.meaning[0]):
+                read.setdefault(choice.read.key, []).append(error)
     figure, axes = plt.subplots(figsize=(7.6, 4.3))
     methods: dict[str, list[Any]] = {}
     for c in found:
@@ -65,6 +66,8 @@ def answer_picture(data: Mapping[str, Any]) -> Any:
             axes.plot(edge, place, "x", color=VERMILION, ms=7, mew=1.8, label=label)
         high = edge * (high / low) ** 0.03
     axes.set_xlim(low, high)
+    bottom, top = axes.get_ylim()
+    axes.set_ylim(bottom, top * (top / bottom) ** 0.12)  # room for the label of the topmost point
     shaded = [(100 * spread, ORANGE, "uncertainty of the reference")] if spread else []
     if data["band"] is not None and observable.converged:
         shaded.append((100 * real(data["band"]["width"]), YELLOW, data["band"]["words"]))
@@ -77,13 +80,18 @@ def answer_picture(data: Mapping[str, Any]) -> Any:
         if low < 100 * error < high:
             axes.axvline(100 * error, color=GREY, ls=":", lw=0.9)
     for c in found:
-        if c.key in advised:
-            axes.plot(100 * c.error, _wall(c), "o", ms=12, mfc="none", mec=BLACK, mew=1.3, zorder=5)
-            errors = ", ".join(answers.percent(e) for e in advised[c.key])
+        for named, more in ((advised, ""), (read, ", not settled")):
+            if c.key not in named:
+                continue
+            axes.plot(100 * c.error, _wall(c), "o", ms=12, mfc="none", mec=GREY if more else BLACK, mew=1.3,
+                      zorder=5)  # fmt: skip
+            errors = ", ".join(answers.percent(e) for e in named[c.key]) + more
             right = 100 * c.error > math.sqrt(low * high)
+            below = _wall(c) > axes.get_ylim()[0] ** 0.3 * axes.get_ylim()[1] ** 0.7
             said = f"for {errors}:\n{textwrap.fill(c.point['words'], 34)}"
-            axes.annotate(said, (100 * c.error, _wall(c)), (-9 if right else 9, 8), textcoords="offset points",
-                          ha="right" if right else "left", fontsize=7, zorder=6,
+            axes.annotate(said, (100 * c.error, _wall(c)), (-9 if right else 9, -8 if below else 8),
+                          textcoords="offset points", ha="right" if right else "left", va="top" if below else "bottom",
+                          fontsize=7, zorder=6,
                           bbox={"fc": "white", "ec": "none", "alpha": 0.5, "pad": 0.5})  # fmt: skip
     _plain_ticks(axes.xaxis)
     _plain_ticks(axes.yaxis, seconds)

@@ -11,7 +11,13 @@ The rules, for one observable, one error and one kind of machine:
 3. float64 is no candidate where float32 with the same knobs has the same error within its noise, or 1 %.
 4. Of the candidates whose timing has settled (`validation.work_precision.unsettled`) the fastest is advised. Where none
    has settled, none is advised. A reading below LEAST_READING never counts as settled.
-5. An error below the uncertainty of the reference is marked as such.
+5. A settled candidate is not advised either where an unsettled one is faster beyond its scatter: where the slowest
+   reading of that one is below the fastest reading of the settled one. The cheaper one is then named with its readings.
+6. A setting that keeps an error which a finer spacing with the same other knobs does not keep is no candidate for it:
+   errors of opposite sign cancel there.
+7. An error below the uncertainty of the reference is marked as such.
+
+Table, pictures, `refsim advise` and the sentence of a panel (`validation.accuracy.advice`) all ask `choose`.
 """
 
 from __future__ import annotations
@@ -73,6 +79,7 @@ class Observable:
     scene      knobs -> a Scene; None where there is none
     page       of docs/ that explains it
     other_scenes  how the keys of settings begin that compute another scene: with an effect more, or one less
+    stated     relative error that the panel's sentence is about; None for the panel's own
     """
 
     words: str
@@ -87,6 +94,7 @@ class Observable:
     scene: Callable[[Mapping[str, Any]], Any] | None = None
     page: str = ""
     other_scenes: tuple[str, ...] = ()
+    stated: float | None = None
 
 
 def _front_scene(knobs: Mapping[str, Any]) -> Any:
@@ -121,6 +129,7 @@ OBSERVABLES: dict[str, Observable] = {
         remark="judged against refsim's own converged front; the experiments differ from each other by 10.8 %, and an"
         " error below that is none of the flow",
         scene=_front_scene,
+        stated=0.05,
         other_scenes=("detection", "water"),
         page="sph.md",
     ),
@@ -158,6 +167,39 @@ OBSERVABLES: dict[str, Observable] = {
         method="scheme",
         page="heat.md",
     ),
+    "melt_front": Observable(
+        "front of melting beside a hot wall, Stefan's problem",
+        "of the melted depth, the largest of its last three quarters",
+        scale=100.0,
+        unit="%",
+        method="scheme",
+        page="heat.md",
+    ),
+    "melting": Observable(
+        "time in which a ball of ice melts in warm water",
+        "of the melt time",
+        scale=100.0,
+        unit="%",
+        method="scheme",
+        remark="particles stand still and conduct heat; for a block that melts, floats and flows see refsim study",
+        page="heat.md",
+    ),
+    "spinning_body": Observable(
+        "angular velocity of a shape-matched body, after two turns",
+        "of its first angular velocity",
+        method="half_width",
+        page="shape_matching.md",
+    ),
+    "contact_angle": Observable(
+        "contact angle of a 2D drop on a plane, 90 degrees requested",
+        "of a right angle",
+        scale=90.0,
+        unit="degrees",
+        method="model",
+        more=(1 / 30,),
+        meaning=(0.01, "the map of adhesion is known to 2.6 degrees"),
+        page="contact_angle.md",
+    ),
     "mpm_pressure": Observable(
         "pressure of an MPM disc at rest",
         "of Laplace's pressure k/R",
@@ -192,12 +234,8 @@ OBSERVABLES: dict[str, Observable] = {
 NOT_MEASURED = {  # observable: (words, where errors without times stand)
     "surface_tension_jump": ("surface tension by the pressure jump", "sigma_map.md"),
     "surface_tension_frequency": ("surface tension by the frequency of a drop", "jiang_zhu_2023.md"),
-    "contact_angle": ("contact angle of a drop on a wall", "contact_angle.md"),
     "tank_pressure": ("pressure of a tank whose walls are a mesh", "boundary_akinci_2012.md"),
-    "melt_front": ("front of melting, Stefan's problem", "heat.md"),
-    "melting": ("time in which a block melts", "melting.md"),
     "beam": ("deflection of a shape-matched beam", "shape_matching.md"),
-    "spinning_body": ("angular velocity of a shape-matched body", "shape_matching.md"),
     "coupling": ("solids that float in a liquid", "two_way_coupling.md"),
     "mpm_frequency": ("frequency of an MPM drop", "mpm_droplet.md"),
     "implicit_pressure": ("implicit pressure against weakly compressible", "iisph.md"),
@@ -231,6 +269,12 @@ class Candidate:
         """Whether the timing has settled."""
         return not self.unsettled
 
+    @property
+    def scatter(self) -> tuple[float, float]:
+        """Its fastest and slowest readings over the median."""
+        readings, median = self.point["all_seconds"], real(self.point["seconds"])
+        return (min(readings) / median, max(readings) / median) if readings and median > 0 else (1.0, 1.0)
+
 
 @dataclass(frozen=True)
 class Choice:
@@ -240,12 +284,14 @@ class Choice:
     seconds  to the error
     why      why none is advised; "" for one
     notes    what was passed over, and what limits the answer
+    read     where none is advised: the candidate that was read fastest; None where none reaches the error
     """
 
     advised: Candidate | None
     seconds: float = math.nan
     why: str = ""
     notes: tuple[str, ...] = field(default=())
+    read: Candidate | None = None
 
 
 def candidates(points: Mapping[str, Point], observable: Observable) -> list[Candidate]:
@@ -300,9 +346,25 @@ def refused(candidate: Candidate, others: Sequence[Candidate]) -> str:
     return ""
 
 
+def observable_of(panel: str, title: str, group: str) -> Observable:
+    """How a panel is answered; one without an entry in OBSERVABLES in its own unit."""
+    return OBSERVABLES.get(panel) or Observable(title, "", method=group)
+
+
 def is_peer(point: Point) -> bool:
     """Whether a point was measured with another program."""
     return str(point["knobs"].get("program", "refsim")) != "refsim"
+
+
+def by_chance(candidate: Candidate, error: float, others: Sequence[Candidate]) -> Candidate | None:
+    """The candidate of a finer spacing, other knobs equal, that does not keep the error; None where there is none."""
+    knobs = candidate.point["knobs"]
+    for other in others:
+        theirs = other.point["knobs"]
+        finer = theirs.get("spacing", 0.0) < knobs.get("spacing", 0.0)
+        if finer and {**theirs, "spacing": 0.0} == {**knobs, "spacing": 0.0} and other.error > error:
+            return other
+    return None
 
 
 def choose(found: Sequence[Candidate], error: float, spread: float = 0.0) -> Choice:
@@ -312,6 +374,12 @@ def choose(found: Sequence[Candidate], error: float, spread: float = 0.0) -> Cho
         return Choice(None, why="not measured")
     reach = [(seconds, c) for c in allowed if (seconds := c.seconds(error)) is not None]
     notes = []
+    for pair in list(reach):
+        finer = by_chance(pair[1], error, allowed)
+        if finer is not None:
+            reach.remove(pair)
+            said = f"{pair[1].point['words']} keeps {percent(pair[1].error)} by chance"
+            notes.append(f"passed over: {said}, {finer.point['words']} {percent(finer.error)}")
     if error < spread:
         notes.append(f"below the uncertainty of the reference ({percent(spread)})")
     if not reach:
@@ -322,15 +390,19 @@ def choose(found: Sequence[Candidate], error: float, spread: float = 0.0) -> Cho
         why = f"not reached: {best.point['words']} keeps {percent(best.error)} after {took}"
         return Choice(None, why=why, notes=tuple(notes))
     settled = [(seconds, c) for seconds, c in reach if c.settled]
-    cheapest = min(reach, key=lambda pair: pair[0])
+    least, nearest = min(reach, key=lambda pair: pair[0])
+    fast, slow = (duration(least * share) for share in nearest.scatter)
+    read = f"{nearest.point['words']} was read at {duration(least)} ({fast} to {slow}), but {nearest.unsettled}"
     if not settled:
         said = f"{len(reach)} settings reach it" if len(reach) > 1 else "one setting reaches it"
-        fastest = f"{cheapest[1].point['words']} was read at {duration(cheapest[0])}, but {cheapest[1].unsettled}"
-        return Choice(None, why=f"not advised: {said}, none in a settled time; {fastest}", notes=tuple(notes))
+        return Choice(None, least, f"not advised: {said}, none in a settled time; {read}", tuple(notes), nearest)
     seconds, best = min(settled, key=lambda pair: pair[0])
-    if cheapest[0] < seconds:
-        said = f"{cheapest[1].point['words']} was read at {duration(cheapest[0])}, but {cheapest[1].unsettled}"
-        notes.append(f"passed over: {said}")
+    surely = [s * c.scatter[1] < seconds * best.scatter[0] for s, c in reach if not c.settled]
+    if any(surely):
+        later = f"{best.point['words']} in a settled {duration(seconds)} costs more"
+        return Choice(None, least, f"not advised: {read}; {later}", tuple(notes), nearest)
+    if least < seconds:
+        notes.append(f"passed over: {read}")
     return Choice(best, seconds, notes=tuple(notes))
 
 
@@ -393,19 +465,28 @@ def _machines(data: Mapping[str, Any], gpu: bool) -> str:
 
 
 def _cell(choice: Choice, observable: Observable) -> dict[str, Any]:
-    if choice.advised is None:
-        return {"why": choice.why, "notes": list(choice.notes)}
-    p = choice.advised.point
+    if choice.advised is not None:
+        return {**_setting(choice.advised, choice.seconds, observable), "notes": list(choice.notes)}
+    made: dict[str, Any] = {"why": choice.why, "notes": list(choice.notes)}
+    if choice.read is not None:
+        fast, slow = (choice.seconds * share for share in choice.read.scatter)
+        named = _setting(choice.read, choice.seconds, observable)
+        made["read"] = {**named, "fastest": fast, "slowest": slow, "unsettled": choice.read.unsettled}
+    return made
+
+
+def _setting(chosen: Candidate, seconds: float, observable: Observable) -> dict[str, Any]:
+    """A setting as plain values, with its scene where it has one."""
+    p = chosen.point
     knobs = p["knobs"]
     made: dict[str, Any] = {
-        "key": choice.advised.key,
+        "key": chosen.key,
         "setting": p["words"],
-        "keeps": choice.advised.error,
-        "keeps_own": f"{choice.advised.own:.2g} {observable.unit}".strip(),
-        "seconds": choice.seconds,
-        "whole": real(p["per_step"]) * p["steps"] if p["curves"] else choice.seconds,
+        "keeps": chosen.error,
+        "keeps_own": f"{chosen.own:.2g} {observable.unit}".strip(),
+        "seconds": seconds,
+        "whole": real(p["per_step"]) * p["steps"] if p["curves"] else seconds,
         "bytes": None if p["bytes"] is None else p["bytes"] * p["particles"],
-        "notes": list(choice.notes),
     }
     if observable.scene and knobs.get("pair_mode", "all") == "all":
         from refsim.scene.files import scene_to_toml
@@ -452,25 +533,51 @@ def markdown(found: Mapping[str, Any]) -> list[str]:
             continue
         for k, cell in enumerate(row["answers"]):
             name = f"[{row['words']}]({row['page']}) (`{row['name']}`), {row['relative']}" if k == 0 else ""
-            lines.append(f"| {name} | {percent(cell['error'])} | {' | '.join(_columns(cell, row))} |")
+            lines.append(f"| {name} | {_error(cell['error'], row)} | {' | '.join(_columns(cell, row))} |")
     return lines
+
+
+def _error(error: float, row: Mapping[str, Any]) -> str:
+    """An error of the table, in the observable's own unit beside where that is another one."""
+    scale = OBSERVABLES[row["name"]].scale
+    own = "" if scale in (1.0, 100.0) else f" ({error * scale:.2g} {row['unit']})"
+    return percent(error) + own
 
 
 def _columns(cell: Mapping[str, Any], row: Mapping[str, Any]) -> list[str]:
     if "no_meaning" in cell:
         return [f"no meaning: {cell['no_meaning']}", "", "", "", ""]
     cpu, gpu, peer = cell["cpu"], cell["gpu"], cell["peer"]
-    said = cpu.get("why") or f"{cpu['setting']} (keeps {percent(cpu['keeps'])}: {cpu['keeps_own']})"
+    named = cpu.get("read") or cpu
+    said = ""
+    if "setting" in named:
+        own = "" if row["unit"] == "%" else f": {named['keeps_own']}"
+        said = f"{named['setting']} (keeps {percent(named['keeps'])}{own})"
+    if "read" in cpu:
+        said = f"{HOLLOW} {said}; not advised: {named['unsettled']}"
+    said = said or cpu["why"]
     said += "".join(f"; {note}" for note in cpu["notes"])
-    if gpu is None:
-        on_gpu = "not measured"
-    elif "why" in gpu:
-        on_gpu = gpu["why"]
-    else:
-        on_gpu = f"{duration(gpu['seconds'])} ({gpu['setting']})"
     beside = "" if peer is None else peer.get("why") or f"{duration(peer['seconds'])} ({peer['setting']})"
-    memory = in_bytes(cpu["bytes"]) if cpu.get("bytes") else ""
-    return [said, "" if "why" in cpu else duration(cpu["seconds"]), on_gpu, memory, beside]
+    memory = in_bytes(named["bytes"]) if named.get("bytes") else ""
+    return [said, _time(cpu), _on_gpu(gpu), memory, beside]
+
+
+HOLLOW = "\u25cb"  # before what has not settled, as it is drawn
+
+
+def _time(cell: Mapping[str, Any]) -> str:
+    """Seconds of an advised setting, or the range of the readings of one that has not settled."""
+    if "read" in cell:
+        return f"{HOLLOW} {duration(cell['read']['fastest'])} to {duration(cell['read']['slowest'])}"
+    return "" if "why" in cell else duration(cell["seconds"])
+
+
+def _on_gpu(cell: Mapping[str, Any] | None) -> str:
+    if cell is None:
+        return "not measured"
+    if "read" in cell:
+        return f"{_time(cell)} ({cell['read']['setting']}; not advised: {cell['read']['unsettled']})"
+    return cell.get("why") or f"{_time(cell)} ({cell['setting']})"
 
 
 def in_bytes(value: float) -> str:

@@ -81,7 +81,9 @@ def ladders(small: bool = False) -> dict[str, Ladder]:
     return {"sph": _sph(small), "melting": _melting(small), "mpm": _mpm(small), "mesh": _mesh(small)}
 
 
-def _climb(words: str, base: Mapping[str, Any], rungs: Sequence[tuple[str, tuple[Any, ...], Mapping[str, Any]]]) -> Ladder:
+def _climb(
+    words: str, base: Mapping[str, Any], rungs: Sequence[tuple[str, tuple[Any, ...], Mapping[str, Any]]]
+) -> Ladder:
     made = tuple(Rung(said, Scene(effects=effects, step=STEP, **base, **more)) for said, effects, more in rungs)
     return Ladder(words, made)
 
@@ -114,7 +116,12 @@ def _melting(small: bool) -> Ladder:
     wide, deep = (4, 2) if small else (16, 10)
     d = 0.01
     top = wide * d
-    base = {"spacing": d, "support_radius": 2.1 * d, "fluid": (Box(cells=(wide, wide, deep)),), "name": "effects_melting"}
+    base = {
+        "spacing": d,
+        "support_radius": 2.1 * d,
+        "fluid": (Box(cells=(wide, wide, deep)),),
+        "name": "effects_melting",
+    }
     low = (0.25 * top, 0.25 * top, deep * d)
     solid = {"solid": (SolidBox(lower=low, upper=(0.75 * top, 0.75 * top, deep * d + 0.5 * top)),)}
     liquid = WeaklyCompressible(sound_speed=10.0)
@@ -264,7 +271,9 @@ def in_simulator() -> dict[str, list[dict[str, Any]]]:
     environment = os.environ | {"NUMBA_ENABLE_CUDASIM": "1", "NUMBA_DISABLE_JIT": "1", "PYTHONPATH": str(ROOT)}
     running = {}
     for name in ladders(True):
-        program = f"import json; from validation import effects_cost as e; print(json.dumps(e.on_device({name!r}, True)))"
+        program = (
+            f"import json; from validation import effects_cost as e; print(json.dumps(e.on_device({name!r}, True)))"
+        )
         running[name] = subprocess.Popen(
             [sys.executable, "-W", "ignore", "-c", program], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
             env=environment, cwd=ROOT,
@@ -300,9 +309,7 @@ def on_cpu(ladder: Ladder, threads: int = THREADS) -> list[dict[str, Any]]:
             for _ in range(count):
                 simulation.step()
             own.append((time.perf_counter() - began) / count)
-    return [
-        {"words": rung.words, "seconds": own, "wrong": bad} for rung, own, bad in zip(ladder.rungs, seconds, wrong)
-    ]
+    return [{"words": rung.words, "seconds": own, "wrong": bad} for rung, own, bad in zip(ladder.rungs, seconds, wrong)]
 
 
 def measure() -> dict[str, Any]:
@@ -387,10 +394,10 @@ def markdown(found: Mapping[str, Any]) -> list[str]:
 
 
 def microseconds(seconds: Sequence[float]) -> str:
-    """Median of a step [us]; in brackets where it has not settled."""
-    text = f"{1e6 * float(np.median(seconds)):,.0f}"
-    why = unsettled(seconds)
-    return f"({text}: {why})" if why else text
+    """Median of a step [us]; the range of the readings behind a circle where it has not settled."""
+    if unsettled(seconds):
+        return f"\u25cb {1e6 * min(seconds):,.0f} to {1e6 * max(seconds):,.0f}"
+    return f"{1e6 * float(np.median(seconds)):,.0f}"
 
 
 def picture(found: Mapping[str, Any]) -> Any:
@@ -420,23 +427,34 @@ def picture(found: Mapping[str, Any]) -> Any:
             memory.barh(place + shift, each, 0.36, color=colour)
             for k, value in enumerate(each):
                 _said(memory, value, k + shift, f"{value:,.0f}")
+        times.set_xscale("log")
+        least = 1e6 * min([*(min(r["seconds"]) for r in rungs), *gpu.values()])
+        low = 10.0 ** math.floor(math.log10(0.7 * least))
         for k, r in enumerate(rungs):
-            value, settled = 1e6 * float(np.median(r["seconds"])), not unsettled(r["seconds"])
-            times.barh(k - 0.2, value, 0.36, color=BLUE if settled else "white", edgecolor=BLUE, lw=1.0)
-            _said(times, value, k - 0.2, f"{value:,.0f}")
+            fast, slow = 1e6 * min(r["seconds"]), 1e6 * max(r["seconds"])
+            value = 1e6 * float(np.median(r["seconds"]))
+            if unsettled(r["seconds"]):
+                times.barh(k - 0.2, slow - fast, 0.36, left=fast, color="white", edgecolor=BLUE, lw=1.0)
+                _said(times, slow, k - 0.2, f"{fast:,.0f} to {slow:,.0f}")
+            else:
+                times.barh(k - 0.2, value - low, 0.36, left=low, color=BLUE)
+                _said(times, value, k - 0.2, f"{value:,.0f}")
             own = gpu.get((name, r["words"]))
             if own is None:
-                times.text(0.0, k + 0.2, f" {NOT_YET}", va="center", fontsize=6.5, color=GREY)
+                times.text(low, k + 0.2, f" {NOT_YET}", va="center", fontsize=6.5, color=GREY)
             else:
-                times.barh(k + 0.2, 1e6 * own, 0.36, color=SKY)
+                times.barh(k + 0.2, 1e6 * own - low, 0.36, left=low, color=SKY)
                 _said(times, 1e6 * own, k + 0.2, f"{1e6 * own:,.0f}")
         launches.set_yticks(place, [r["words"] for r in rungs], fontsize=8)
         launches.invert_yaxis()
-        launches.set_title(f"{ladder['words']}, {rungs[0]['cpu']['particles']:,} particles of liquid", loc="left", fontsize=9)
+        launches.set_title(
+            f"{ladder['words']}, {rungs[0]['cpu']['particles']:,} particles of liquid", loc="left", fontsize=9
+        )
         for axes in line:
             axes.grid(True, axis="x")
             axes.grid(False, axis="y")
             axes.margins(x=0.14)
+        times.set_xlim(low, 30 * times.get_xlim()[1])
     names = ("launches a step", "bytes a particle", "microseconds a step")
     for axes, words in zip(grid[-1], names):
         axes.set_xlabel(words)
@@ -444,7 +462,7 @@ def picture(found: Mapping[str, Any]) -> Any:
         plt.Rectangle((0, 0), 1, 1, color=BLUE), plt.Rectangle((0, 0), 1, 1, color=SKY),
         plt.Rectangle((0, 0), 1, 1, facecolor="white", edgecolor=BLUE),
     ]  # fmt: skip
-    labels = ["CPU (launches: operations)", "CUDA (launches: kernels)", "CPU, timing has not settled"]
+    labels = ["CPU (launches: operations)", "CUDA (launches: kernels)", "CPU, not settled: range of the readings"]
     figure.legend(handles, labels, loc="outside upper right", ncols=3, fontsize=8, frameon=False)
     figure.suptitle("What each effect costs", x=0.01, ha="left", fontweight="bold")
     return figure

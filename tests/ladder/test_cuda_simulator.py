@@ -754,9 +754,7 @@ STEPPED = {
     "melting": composition.scene(
         composition.CLAMPED, composition.SHAPE, composition.COUPLING, composition.WARM, composition.MELTING
     ),
-    "material points": Scene(
-        fluid=(Box(cells=(3, 3, 1)),), effects=(composition.MPM_FULL,), step=5e-4, **PLANE
-    ),
+    "material points": Scene(fluid=(Box(cells=(3, 3, 1)),), effects=(composition.MPM_FULL,), step=5e-4, **PLANE),
     "their surface": Scene(
         fluid=(Box(cells=(3, 3, 1)),), effects=(composition.MPM, composition.SURFACE), step=5e-4, **PLANE
     ),

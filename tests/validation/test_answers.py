@@ -51,7 +51,7 @@ SKEWED = [1.0, 1.0, 1.0, 1.01, 1.09, 1.08, 1.06, 1.0]  # a small deviation from 
 
 @pytest.mark.parametrize("scatter", [SCATTERED, SKEWED, STEADY[:4]])
 def test_an_unsettled_timing_is_never_advised_and_never_passed_over_in_silence(scatter):
-    points = {"cheap": point(0.01, 1.0, scatter), "settled": point(0.01, 3.0)}
+    points = {"cheap": point(0.01, 1.0, scatter), "settled": point(0.01, 1.015)}
     choice = chosen(points, 0.05)
     assert choice.advised.key == "settled"
     assert choice.notes[0].startswith("passed over: keeps 0.01 was read at ")
@@ -59,6 +59,30 @@ def test_an_unsettled_timing_is_never_advised_and_never_passed_over_in_silence(s
     none = chosen(points, 0.05)
     assert none.advised is None
     assert none.why.startswith("not advised: one setting reaches it, none in a settled time; keeps 0.01 was read at ")
+
+
+def test_a_costlier_setting_is_not_advised_where_an_unsettled_one_is_faster_beyond_its_scatter():
+    points = {"cheap": point(0.01, 1.0, SCATTERED), "settled": point(0.01, 3.0)}
+    choice = chosen(points, 0.05)
+    assert choice.advised is None
+    assert choice.why == (
+        "not advised: keeps 0.01 was read at 1 s (700 ms to 1.3 s), but scatters by 30 %; keeps 0.01 in a settled 3 s"
+        " costs more"
+    )
+    points["settled"] = point(0.01, 1.2)
+    assert chosen(points, 0.05).advised.key == "settled"
+
+
+def test_an_error_that_a_finer_spacing_does_not_keep_is_kept_by_chance():
+    points = {
+        "coarse": point(0.002, 1.0, knobs={"spacing": 0.2}),
+        "middle": point(0.02, 2.0, knobs={"spacing": 0.1}),
+        "fine": point(0.004, 4.0, knobs={"spacing": 0.05}),
+    }
+    assert chosen(points, 0.05).advised.key == "coarse"
+    choice = chosen(points, 0.01)
+    assert choice.advised.key == "fine"
+    assert choice.notes == ("passed over: keeps 0.002 keeps 0.2 % by chance, keeps 0.02 2 %",)
 
 
 def test_a_reading_below_a_millisecond_is_not_settled():
