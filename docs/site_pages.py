@@ -29,19 +29,19 @@ NAVIGATION = {
         "gallery", "contract",
     ),
     "What holds": (
-        "guarantees", "claims", "published", "nightly", "accuracy_cost", "accuracy_cost_panels", "effects_cost",
+        "guarantees", "claims", "errata", "published", "nightly", "accuracy_cost", "accuracy_cost_panels", "effects_cost",
         "stability", "energy_audit",
     ),
     "Liquids and walls": (
         "sph", "solutions", "iisph", "boundary_akinci_2012", "one_way_coupling", "signed_distance", "boundary_sampling",
     ),
     "Surface tension": (
-        "jiang_zhu_2023", "models", "akinci_2013", "dong_2016", "becker_teschner_2007", "tartakovsky_meakin_2005",
-        "he_2014", "csf_wang_2019", "normal_difference_2014", "sigma_map", "contact_angle",
+        "surface_detection", "jiang_zhu_2023", "models", "akinci_2013", "dong_2016", "becker_teschner_2007",
+        "tartakovsky_meakin_2005", "he_2014", "csf_wang_2019", "normal_difference_2014", "sigma_map", "contact_angle",
     ),
     "Solids, heat, melting": ("shape_matching", "two_way_coupling", "heat", "melting"),
     "Particles and a grid": ("mpm", "surface_energy", "isosurface", "mpm_droplet"),
-    "Programs": ("api", "contributing", "changelog"),
+    "Programs": ("public_names", "api", "contributing", "changelog"),
 }  # fmt: skip
 
 
@@ -53,6 +53,7 @@ def as_on_the_site(app: Any, page: str, source: list[str]) -> None:
         text = LINK.sub(lambda link: f"[{link[1]}]({_from_docs(link[2])})", text)
         text = text.replace("](figures/", "](../figures/")
     if page == "gallery":
+        text = text.replace("<!-- films -->", "\n".join(films()))
         text = text.replace("<!-- gallery -->", "\n".join(gallery()))
     if page == "api":
         text = text.replace("<!-- api -->", "\n".join(api()))
@@ -108,6 +109,21 @@ def lesson(name: str) -> str:
             drawn += 1
             parts.append(f"\n![What the cell draws](../../figures/lessons/{name}_{drawn}.png)\n")
     return "".join(parts)
+
+
+def films() -> Iterator[str]:
+    """A card for each film of `scripts/films.py`: what it shows, the method's source, the commands."""
+    from scripts.films import FILMS, FOLDER
+
+    yield '<div class="gallery">\n'
+    for name, film in FILMS.items():
+        if (FOLDER / f"{name}.mp4").exists():
+            yield '<div class="card">\n'
+            yield f'<video src="films/{name}.mp4" controls loop muted playsinline></video>\n'
+            yield f"**{film.shows}** {film.source[:1].upper()}{film.source[1:]}.\n"
+            yield "; ".join(f"`{command}`" for command in film.commands()) + "\n"
+            yield "</div>\n"
+    yield "</div>\n"
 
 
 def gallery() -> Iterator[str]:

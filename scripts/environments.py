@@ -2,9 +2,10 @@
 
 Pythons are those on the path (python3.11 and newer) and those that pyenv has installed. With each, a new virtual
 environment gets the wheel and its newest dependencies; with the oldest Python that setup.cfg allows, a further one gets
-the lowest versions that it allows. In each, the paths of docs/journeys.md and a small part of the tests run against the
-installed package, from a copy of the repository without refsim/. Prints a table; the output of each is kept. Exit
-code: 0 if all passed, 2 for bad input, 4 if one failed.
+the lowest versions that it allows, and another one every extra, Warp and Taichi. In each, the paths of docs/journeys.md
+and a small part of the tests run against the installed package, from a copy of the repository without refsim/; with the
+extras, the tests that need them and the site. Prints a table; the output of each is kept. Exit code: 0 if all passed,
+2 for bad input, 4 if one failed.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ sys.path.insert(0, str(ROOT))
 
 from refsim.core.tables import table  # noqa: E402
 
-LOWEST = "lowest"
+LOWEST, EXTRAS = "lowest", "extras"
 TOOLS = ("pytest>=8", "pytest-xdist>=3.6", "pytest-benchmark>=4")  # configured in pyproject.toml
 TESTS = (
     "tests/journeys",
@@ -36,21 +37,35 @@ TESTS = (
     "tests/io/test_results.py",
     "tests/scene/test_checked.py",
 )
-COPIED = ("tests", "validation", "scripts", "docs", "figures", "pyproject.toml", "setup.cfg", ".gitignore")
+OF_EXTRAS = ("warp-lang", "taichi")  # beside the package's own extras but `cuda`
+TESTS_OF_EXTRAS = (
+    "-m",
+    "not gpu",
+    "tests/contract/test_examples.py",
+    "tests/contract/test_whole_runs.py",
+    "tests/cluster",
+    "tests/render",
+    "tests/io/test_results.py",
+    "tests/across/test_site.py",
+)
+COPIED = (
+    "tests", "validation", "scripts", "docs", "figures", "pyproject.toml", "setup.cfg", ".gitignore", "README.md",
+    "CONTRIBUTING.md", "CHANGELOG.md",
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
 class Environment:
-    """A Python, by its interpreter, and whether dependencies are the lowest that are allowed."""
+    """A Python, by its interpreter, and its dependencies: the newest, the lowest allowed, or with all extras."""
 
     version: tuple[int, ...]
     interpreter: Path
-    lowest: bool = False
+    kind: str = ""
 
     @property
     def name(self) -> str:
         """Such as 3.12 or 3.11-lowest."""
-        return ".".join(map(str, self.version[:2])) + (f"-{LOWEST}" if self.lowest else "")
+        return ".".join(map(str, self.version[:2])) + (f"-{self.kind}" if self.kind else "")
 
 
 def settings() -> configparser.ConfigParser:
@@ -66,13 +81,18 @@ def constraints() -> list[str]:
     return [line.replace(">=", "==") for line in lines if line]
 
 
+def extras() -> str:
+    """The names of all extras but `cuda`, as pip wants them."""
+    return ",".join(name for name in settings()["options.extras_require"] if name != "cuda")
+
+
 def oldest() -> tuple[int, ...]:
     """The oldest Python that setup.cfg allows."""
     return tuple(map(int, settings()["options"]["python_requires"].removeprefix(">=").split(".")))
 
 
 def environments() -> list[Environment]:
-    """One for each minor version of Python that is found, and one with the lowest versions for the oldest allowed."""
+    """One for each minor version of Python that is found, and for the oldest allowed one of each further kind."""
     folders = [Path(folder) for folder in os.environ.get("PATH", "").split(os.pathsep) if folder]
     pyenv = Path(os.environ.get("PYENV_ROOT", Path.home() / ".pyenv")) / "versions"
     candidates = [path for folder in folders for path in sorted(folder.glob("python3.*"))]
@@ -85,7 +105,8 @@ def environments() -> list[Environment]:
         if version >= oldest() and version not in found and _works(path):
             found[version] = Environment(version, path)
     each = [found[version] for version in sorted(found)]
-    return [*each, *(Environment(e.version, e.interpreter, lowest=True) for e in each if e.version == oldest())]
+    first = [e for e in each if e.version == oldest()]
+    return [*each, *(Environment(e.version, e.interpreter, kind) for e in first for kind in (LOWEST, EXTRAS))]
 
 
 def _works(interpreter: Path) -> bool:
@@ -99,14 +120,17 @@ def tried(environment: Environment, wheel: Path, copy: Path, folder: Path, logs:
     place, log = folder / environment.name, logs / f"{environment.name}.log"
     python = place / ("Scripts" if os.name == "nt" else "bin") / "python"
     limits: list[str] = []
-    if environment.lowest:
+    packages, tests = [str(wheel), *TOOLS], [*TESTS]
+    if environment.kind == EXTRAS:
+        packages, tests = [f"{wheel}[{extras()}]", *OF_EXTRAS], [*TESTS_OF_EXTRAS]
+    if environment.kind == LOWEST:
         (folder / "constraints.txt").write_text("\n".join(constraints()) + "\n")
         limits = ["--constraint", str(folder / "constraints.txt")]
     steps = {
         "making the environment": [str(environment.interpreter), "-m", "venv", str(place)],
-        "installing": [str(python), "-m", "pip", "install", "--quiet", *limits, str(wheel), *TOOLS],
+        "installing": [str(python), "-m", "pip", "install", "--quiet", *limits, *packages],
         "doctor": [str(python), "-m", "refsim", "doctor"],
-        "tests": [str(python), "-m", "pytest", "-q", "-p", "no:cacheprovider", *TESTS],
+        "tests": [str(python), "-m", "pytest", "-q", "-p", "no:cacheprovider", *tests],
     }
     around = {name: value for name, value in os.environ.items() if name not in ("PYTHONPATH", "VIRTUAL_ENV")}
     around |= {"REFSIM_CACHE_DIR": str(place / "cache"), "PIP_DISABLE_PIP_VERSION_CHECK": "1"}

@@ -511,7 +511,7 @@ def melting_task(arguments: list[str]) -> list[Row]:
 
 
 def effects_task(arguments: list[str]) -> list[Row]:
-    """Microseconds of a step of each scene of a ladder (docs/effects_cost.md); its launches and bytes against its plan."""
+    """Microseconds of a step of each scene of a ladder (docs/effects_cost.md); launches and bytes against the plan."""
     from refsim.study.memory import bytes_of
     from validation import effects_cost
 

@@ -19,10 +19,18 @@ BUILD = "from setuptools import setup; setup(script_args=['-q', 'build', '--buil
 
 
 def pytest_xdist_auto_num_workers(config):
-    """One for each core, at most four; what is named on the command line runs in this one, for the debugger."""
+    """One more than cores, since some tests wait, at most four; what is named on the command line runs in this one."""
     named = config.option.keyword or any("::" in path or path.endswith(".py") for path in config.args)
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    return 0 if named or cores == 1 else min(MOST, cores)
+    return 0 if named or cores == 1 else min(MOST, cores + 1)
+
+
+def pytest_configure():
+    """A test process compiles what it comes to, since the tests fill the cores, and keeps its process for loops."""
+    from refsim.backends import ahead, workers
+
+    ahead.cores = lambda: 1
+    workers.IDLE = 3600.0
 
 
 def python(words, folder):

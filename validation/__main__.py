@@ -18,7 +18,7 @@ if not __package__:
     sys.exit(2)
 
 from refsim.core.errors import InputError, RefsimError
-from validation import accuracy, answers, claims, effects_cost, published, stability, stability_page
+from validation import accuracy, answers, claims, effects_cost, published, stability, stability_page, verify
 from validation.attack import campaign
 from validation.checks import ACCURACY, CLAIM, HARD_CASE, KINDS, VERDICT, bars
 from validation.experiment import Experiment, Options, Picture, chosen, discover
@@ -87,6 +87,13 @@ def parser() -> argparse.ArgumentParser:
     part.add_argument("--write", action="store_true", help="renew docs/published.md and the marks on the pages")
     part.add_argument("--json", action="store_true", help="one JSON object on standard output")
     part.set_defaults(perform=stale)
+
+    part = add("verify", "computes some published numbers anew and compares them, in a minute")
+    part.add_argument("names", nargs="*", metavar="NUMBER", help="all of validation/verify.toml by default")
+    part.add_argument("--jobs", type=int, default=os.cpu_count() or 1, metavar="N", help="processes; one a core")
+    part.add_argument("--threads", type=int, help="CPU threads of a single process; all by default")
+    part.add_argument("--json", action="store_true", help="one JSON object on standard output")
+    part.set_defaults(perform=verified)
 
     command.add_commands(add("measure", "measures the drops behind packaged tables, and writes the tables"))
     campaign.add_options(add("attack", "attacks the command line for some minutes and counts how it ends"))
@@ -243,6 +250,14 @@ def stale(given: argparse.Namespace) -> int:
             print(page)
     print(published.as_json(found) if given.json else published.table(found))
     return EXIT_FINE
+
+
+def verified(given: argparse.Namespace) -> int:
+    """Compute published numbers anew."""
+    found = verify.verify(given.names, given.jobs, given.threads)
+    print(verify.as_json(found) if given.json else verify.table(found))
+    print(*verify.deviating(found), sep="\n", end="\n" if verify.deviating(found) else "", file=sys.stderr)
+    return EXIT_FAILED if verify.deviating(found) else EXIT_FINE
 
 
 def told(performed: Sequence[Performed], json: bool) -> int:

@@ -149,7 +149,7 @@ OBSERVABLES: dict[str, Observable] = {
         unit="1 - F1",
         method="method",
         meaning=(0.01, _PROBE),
-        page="sph.md",
+        page="surface_detection.md",
     ),
     "detection_3d": Observable(
         "surface detection, 3D collapse of 8,192 particles",
@@ -157,7 +157,7 @@ OBSERVABLES: dict[str, Observable] = {
         unit="1 - F1",
         method="method",
         meaning=(0.01, _PROBE),
-        page="sph.md",
+        page="surface_detection.md",
     ),
     "heat": Observable(
         "temperature of a slab of 20 spacings",

@@ -384,7 +384,8 @@ def markdown(found: Mapping[str, Any]) -> list[str]:
             own = gpu.get((name, rung["words"]))
             cells = [
                 rung["words"], str(len(cpu["operations"])), str(len(cuda["operations"])), str(rung["kernels"]),
-                str(cpu["fields"]), f"{cpu['bytes'] / cpu['particles']:.0f}", f"{cuda['bytes'] / cuda['particles']:.0f}",
+                str(cpu["fields"]),
+                *(f"{of['bytes'] / of['particles']:.0f}" for of in (cpu, cuda)),
                 microseconds(rung["seconds"]), NOT_YET if own is None else f"{1e6 * own:.0f}",
             ]  # fmt: skip
             lines.append(f"| {' | '.join(cells)} |")

@@ -3,7 +3,7 @@
 Contents: MpmLiquid (its step as passes: `refsim.mpm.step`), MpmWalls; operations mpm.weights, mpm.cells, mpm.embed,
 mpm.viscosity, mpm.particle_to_grid, mpm.carriers_to_grid, mpm.count, mpm.recount, mpm.contact, mpm.grid_update,
 mpm.grid_to_carriers, mpm.grid_to_particle. Its surface is the effect of `refsim.surface_energy`.
-Numbers in brackets are those of the thesis, and so are the errata M3 to M27 (docs/mpm.md).
+Numbers in brackets are those of the thesis, and so are the errata M3 to M27 (docs/errata.md).
 """
 
 from __future__ import annotations

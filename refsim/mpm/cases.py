@@ -3,7 +3,11 @@
 The background grid of a case has cells of two spacings; samples are 1.3 cells from its particles.
 """
 
+import functools
+import itertools
+
 import numpy as np
+from numpy.typing import NDArray
 
 from refsim.core.cases import (
     REST_DENSITY,
@@ -36,6 +40,7 @@ from refsim.mpm import (
     WallNodes,
     reference,
 )  # fmt: skip
+from refsim.mpm.formulas import IMAGED_ROWS
 from refsim.mpm.grid import Background, MpmGrid
 from refsim.sparse_grid import PointList
 from refsim.sparse_grid.reference import node_table
@@ -447,6 +452,66 @@ def mirrored_nodes():
     v[(table[:, 0] == 2) & heavy] = [2 / 3, -4.0, 1.0]
     v[(table[:, 0] == 0) & heavy] = [-2 / 3, -4.0, 1.0]
     return Exact(made, given, {"node_velocity": v})
+
+
+def _one_wall(face: int, rule: int) -> tuple[WallNodes, int, NDArray]:
+    """(a wall on one face of -x, +x, -y, +y, -z, +z, its axis, each node's distance before it in nodes).
+
+    Of nodes 0 to 7, a lower wall is at 5 and an upper one at 2; the other faces are at 0, 7 or where the wall is, and
+    have no rule.
+    """
+    axis = face // 2
+    rules = np.zeros(6, np.int32)
+    rules[face] = rule
+    along = node_table(alone(3)[1].blocks)[:, axis]
+    lower, upper = (0, 2) if face % 2 else (5, 7)
+    planes = WallNodes(np.full(3, lower, np.int32), np.full(3, upper, np.int32), rules)
+    return planes, axis, 2 - along if face % 2 else along - 5
+
+
+def one_wall_on_nodes(face: int, rule: int) -> Exact:
+    """v = (1, -2, 1/2) m/s on all nodes. Behind a sticky wall it is 0; of a slip wall its component along the axis is,
+    and of a separating one if it points into the wall."""
+    planes, axis, side = _one_wall(face, rule)
+    made, given, _, _ = _walls(None, planes)
+    given["node_mass"] = np.full(len(side), 2.0)
+    v = np.broadcast_to([1.0, -2.0, 0.5], (len(side), 3)).copy()
+    into = v[0, axis] * (1 if face % 2 else -1) > 0
+    if rule == RULES["sticky"]:
+        v[side <= 0] = 0
+    elif rule == RULES["slip"] or into:
+        v[side <= 0, axis] = 0
+    return Exact(made, given, {"node_velocity": v})
+
+
+def one_mirror_on_nodes(face: int, rule: int) -> Exact:
+    """Nodes of 2 kg on a mirror and before it and of 1 kg behind it, all with (2, -4, 1) m/s.
+
+    A pair has (2 - 1)/3 of the velocity across, and all of it along a slip wall, a third along a sticky one. The node
+    behind has the opposite across, and along a sticky wall as well. On the mirror it is 0 across; on a sticky one, all.
+    Farther behind it than images reach, nodes do not move.
+    """
+    planes, axis, side = _one_wall(face, rule)
+    made, given, _, _ = _walls(None, planes)
+    near, buried = np.abs(side) <= 1, side < -IMAGED_ROWS
+    mass = np.where(near, np.where(side < 0, 1.0, 2.0), np.where(buried, 1.0, 0.0))
+    flow = np.array([2.0, -4.0, 1.0])
+    given |= {"mirrors": Mirrors(np.int32(1)), "node_mass": mass, "node_momentum": mass[:, None] * flow}
+    along = 1 / 3 if rule == RULES["sticky"] else 1.0
+    share = np.full((len(side), 3), along)
+    share[:, axis] = 1 / 3
+    share[side < 0, axis] *= -1
+    if rule == RULES["sticky"]:
+        share[np.ix_(side < 0, np.arange(3) != axis)] *= -1
+        share[side == 0] = 0
+    share[side == 0, axis] = 0
+    return Exact(made, given, {"node_velocity": np.where(near[:, None], share * flow, 0.0)})
+
+
+for _face, _rule, _form in itertools.product(range(6), (1, 2, 3), (one_wall_on_nodes, one_mirror_on_nodes)):
+    _maker = functools.partial(_form, _face, _rule)
+    _maker.__name__ = f"{_form.__name__}_{_face}_{_rule}"  # type: ignore[attr-defined]
+    closed_form("mpm.grid_update")(_maker)
 
 
 def _moving(dim):

@@ -19,7 +19,8 @@ def pair_blocks(query, source, rows=None):
     for first in range(0, len(query), size):
         place = slice(first, min(first + size, len(query)))
         separation = query[place, None, :] - source[None, :, :]
-        yield place, separation, np.sqrt((separation**2).sum(-1))
+        x, y, z = np.moveaxis(separation, -1, 0)
+        yield place, separation, np.sqrt(x * x + y * y + z * z)  # quicker than a sum over an axis of three
 
 
 def other_particles(place, count, rows=None):

@@ -27,6 +27,7 @@ from refsim.core.reading import open_regular
 from refsim.scene.scene import Ball, Box, Cloud, Scene
 from refsim.scene.solids import SolidBall, SolidBox, SolidCells, SolidMesh, SolidTorus
 
+VERSION = 1  # of scene files; docs/public_names.md says when it grows
 LARGEST_FILE = 1 << 28  # bytes
 SHAPES: dict[str, type] = {"box": Box, "ball": Ball, "cloud": Cloud}
 SOLIDS: dict[str, type] = {
@@ -93,6 +94,11 @@ def scene_from_dict(tables: Mapping[str, Any], source: str, folder: pathlib.Path
         if key in EFFECTS:
             raise InputError(f"{source}: the table [{key}] is an effect; call it [effects.{key}].")
     values = dict(tables)
+    version = values.pop("version", VERSION)
+    if type(version) is not int or version != VERSION:
+        raise InputError(
+            f"{source}: version = {version!r} is not known; this refsim reads scene files of version {VERSION}."
+        )
     for name, shapes in PARTS.items():
         values[name] = _parts(name, shapes, values.get(name, []), source, folder)
     values["effects"] = _effects(values.get("effects", {}), source, folder)
@@ -167,6 +173,7 @@ def scene_schema(effects: Mapping[str, type[Effect]] = EFFECTS) -> dict[str, Any
             if unit_of(text):
                 entry["x-unit"] = unit_of(text)
     scene = definitions.pop("Scene")
+    scene["properties"]["version"] = {"description": f"version of scene files, {VERSION}", "const": VERSION}
     scene["properties"]["effects"] = {
         "description": scene["properties"]["effects"]["description"],
         "type": "object",

@@ -17,10 +17,17 @@ def _normalisation(name, h, dim):
     return (two if dim == 2 else three) / h**dim
 
 
+def _inside(r, h):
+    """(zeros of r's shape, mask of r < h, r/h there): most of all pairs are farther apart than the support."""
+    q = np.asarray(r, dtype=float) / h
+    near = q < 1
+    return np.zeros(q.shape), near, q[near]
+
+
 def kernel_value(r, smoothing):
     """W(r, h) [1/m^dim] at distances r [m], an array of any shape."""
     h, name = float(smoothing.support_radius), NAMES[smoothing.shape]
-    q = np.asarray(r, dtype=float) / h
+    values, near, q = _inside(r, h)
     if name == "poly6":
         w = (1 - q**2) ** 3
     elif name == "spiky":
@@ -29,13 +36,14 @@ def kernel_value(r, smoothing):
         w = np.where(q <= 0.5, 6 * (q**3 - q**2) + 1, 2 * (1 - q) ** 3)
     else:
         w = (1 - q) ** 4 * (1 + 4 * q)
-    return np.where(q < 1, w * _normalisation(name, h, smoothing.dim), 0.0)
+    values[near] = w * _normalisation(name, h, smoothing.dim)
+    return values
 
 
 def kernel_slope(r, smoothing):
     """dW/dr [1/m^(dim+1)] at distances r [m], an array of any shape."""
     h, name = float(smoothing.support_radius), NAMES[smoothing.shape]
-    q = np.asarray(r, dtype=float) / h
+    values, near, q = _inside(r, h)
     if name == "poly6":
         w = -6 * q * (1 - q**2) ** 2
     elif name == "spiky":
@@ -44,7 +52,8 @@ def kernel_slope(r, smoothing):
         w = np.where(q <= 0.5, 18 * q**2 - 12 * q, -6 * (1 - q) ** 2)
     else:
         w = -20 * q * (1 - q) ** 3
-    return np.where(q < 1, w * _normalisation(name, h, smoothing.dim) / h, 0.0)
+    values[near] = w * _normalisation(name, h, smoothing.dim) / h
+    return values
 
 
 def viscosity_laplacian(r, smoothing):

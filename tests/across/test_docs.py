@@ -34,7 +34,7 @@ NO_EFFECT = (
     "index.md", "guarantees.md", "scene_files.md", "accuracy_cost.md", "contract.md", "results.md", "nightly.md",
     "accuracy_cost_panels.md", "effects_cost.md",
     "published.md", "study.md", "render.md", "waiting_time.md", "api.md", "gallery.md", "changelog.md",
-    "contributing.md", "journeys.md", "solutions.md", "lessons.md", "sweep.md",
+    "contributing.md", "journeys.md", "solutions.md", "lessons.md", "sweep.md", "public_names.md",
 )  # fmt: skip
 EFFECT_PAGES = [p for p in DOCS if p.name not in NO_EFFECT and p.parent.name != "lessons"]
 PUBLISHED = {name: effect for name, effect in EFFECTS.items() if effect.__module__.startswith("refsim.")}
@@ -48,7 +48,8 @@ DOTTED = re.compile(r"\brefsim((?:\.\w+)+)")
 STEMS = (ROOT, ROOT / "refsim", ROOT / "tests")
 
 pages = pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
-SOURCE = r"(?:[A-Z][\w& ]* )?"  # of an erratum: "Patent E27", "Jiang & Zhu E4"
+ERRATA = ROOT / "docs" / "errata.md"
+SWITCH = re.compile(r'`"(\w+)"` on ((?:`\w+`(?:, )?)+)')
 
 
 def prose(page):
@@ -161,26 +162,35 @@ def switchable(effect):
     return getattr(effect, "errata", ())
 
 
+def entries():
+    """The rows of the errata, without their heads: number, place, printed, adopted, consequence, switch."""
+    rows = [line for line in ERRATA.read_text().splitlines() if re.match(r"\| [A-Z]\d+", line)]
+    return [[cell.strip() for cell in row.strip("|").split(" | ")] for row in rows]
+
+
 @pytest.mark.parametrize("name", [n for n, effect in PUBLISHED.items() if "literal" in effect.__struct_fields__])
 def test_printed_readings_are_explained(name):
-    """Each that an effect accepts stands in a table row of its page with the effect; numbered ones have a paragraph."""
+    """Each that an effect accepts stands in a table row of a page with the effect; numbered ones among the errata."""
     errata = switchable(PUBLISHED[name])
     assert errata
     text = words(EFFECT_PAGES)
     for erratum in errata:
         rows = [row for row in text.splitlines() if row.startswith("|") and f'`"{erratum}"` on' in row]
         assert any(f"`{name}`" in row for row in rows), f"no row says what {erratum} on {name} does"
-        if re.fullmatch(r"E\d+", erratum):
-            (paragraph,) = re.findall(rf"^\*\*{SOURCE}{erratum}, .*?(?=^\n|\Z)", text, re.MULTILINE | re.DOTALL)
-            head = paragraph.partition(".**")[0]
-            assert "switchable" in head
-            assert f"`{name}`" in head
+        if re.fullmatch(r"[EM]\d+", erratum):
+            here = [row for row in entries() if row[0] == erratum and f"`{name}`" in row[-1]]
+            assert len(here) == 1, f"{erratum} on {name} has {len(here)} entries in docs/errata.md"
+            assert len(here[0]) == 6
+            assert all(here[0])
 
 
-def test_what_a_page_calls_switchable_is():
-    errata = {erratum for effect in PUBLISHED.values() for erratum in switchable(effect)}
-    called = re.findall(rf"^\*\*{SOURCE}(E\d+)\b[^*]*switchable", words(EFFECT_PAGES), re.MULTILINE)
-    assert set(called) == {erratum for erratum in errata if erratum.startswith("E")}
+def test_what_the_errata_call_switchable_is():
+    told = {(erratum, name) for row in entries() for erratum, names in SWITCH.findall(row[-1])
+            for name in re.findall(r"\w+", names)}  # fmt: skip
+    numbered = re.compile(r"[EMP]\d+")
+    assert told == {
+        (e, name) for name, effect in PUBLISHED.items() for e in switchable(effect) if numbered.fullmatch(e)
+    }
 
 
 def section_of(name, heading):
@@ -289,6 +299,24 @@ def test_a_command_that_is_not_there_is_found():
     )
     wrong = [words for words in commands(text) if not understood(words)]
     assert len(wrong) == len(list(commands(text))) == 6
+
+
+def missing_files(text):
+    """Files below a folder of the repository that a command line names and that are not there."""
+    folders = {path.name for path in ROOT.iterdir() if path.is_dir()}
+    named = {word.partition(":")[0] for words in commands(text) for word in words}
+    return sorted(name for name in named if name.split("/")[0] in folders and not (ROOT / name).exists())
+
+
+@pages
+def test_files_of_the_repository_in_commands_are_there(page):
+    assert missing_files(page.read_text()) == []
+
+
+def test_a_missing_file_is_found():
+    assert missing_files("`refsim run docs/nothing.toml` `refsim run refsim/examples/droplet.toml`") == [
+        "docs/nothing.toml"
+    ]
 
 
 def test_the_version_is_one():

@@ -18,12 +18,16 @@ def test_the_lowest_versions_are_those_of_the_configuration():
     assert all(re.fullmatch(r"[\w-]+==[\d.]+", line) for line in found)
 
 
-def test_lowest_versions_go_with_the_oldest_python_only():
+def test_lowest_versions_and_extras_go_with_the_oldest_python_only():
     found = environments.environments()
-    assert [e.version for e in found if e.lowest] == [e.version for e in found if e.version == environments.oldest()][
-        :1
-    ]
+    first = [e.version for e in found if e.version == environments.oldest()][:1]
+    for kind in (environments.LOWEST, environments.EXTRAS):
+        assert [e.version for e in found if e.kind == kind] == first
     assert all(e.version >= environments.oldest() for e in found)
+
+
+def test_extras_are_all_but_that_of_a_gpu():
+    assert set(environments.extras().split(",")) == {"cluster", "docs", "results", "test", "view"}
 
 
 def test_an_unknown_environment_is_bad_input(capsys):

@@ -69,6 +69,16 @@ def test_every_page_is_in_the_navigation(site):
         assert page.stem == "index" or f'href="{page.stem}.html"' in text, f"{page.stem} is not in NAVIGATION"
 
 
+def test_the_gallery_shows_a_film_of_each_system(site):
+    from scripts.films import FILMS
+
+    text = (site / "gallery.html").read_text(encoding="utf-8")
+    assert len({film.source for film in FILMS.values()}) == 5
+    for name in FILMS:
+        assert f'<video src="films/{name}.mp4"' in text
+        assert (site / "films" / f"{name}.mp4").stat().st_size > 10_000
+
+
 def test_the_gallery_shows_every_figure_with_its_command(site):
     text = (site / "gallery.html").read_text(encoding="utf-8")
     from validation.experiment import discover

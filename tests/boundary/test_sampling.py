@@ -111,7 +111,7 @@ def test_a_thin_plate_gets_a_finer_grid():
         ({"radius": 0.0}, "positive"), ({"radius": float("nan")}, "positive"),
         ({"radius": 3.0}, "larger than the mesh"), ({"radius": 0.1, "density": -1.0}, "positive"),
         ({"radius": 0.1, "literal": ("E99",)}, "E99"),
-        ({"radius": 0.1, "spacing": -1.0}, "positive"),
+        ({"radius": 0.1, "spacing": -1.0}, "positive"), ({"radius": 0.1, "backend": "numpy"}, "choose cpu or cuda"),
     ],
 )  # fmt: skip
 def test_bad_input_is_refused(options, words):

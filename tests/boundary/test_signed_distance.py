@@ -37,6 +37,21 @@ def test_distance_is_that_of_trimesh(ball_band):
     assert trimesh.proximity.closest_point(BALL, place[beyond])[1].min() > ball_band.band * (1 - 1e-6)
 
 
+def test_the_references_give_the_same_field_as_the_kernels():
+    random = np.random.default_rng(4)
+    coarse = trimesh.creation.icosphere(1)
+    coarse.vertices += random.uniform(-0.05, 0.05, coarse.vertices.shape)  # no two triangles are equally near to a node
+    place = random.uniform(-1.2, 1.2, (40, 3))
+    known, other = (signed_distance(meshed(coarse), 0.4, backend=name, dtype="float64") for name in ("numpy", "cpu"))
+    for part in ("keys", "neighbour", "closest", "inside_after"):
+        assert np.array_equal(getattr(known.field, part), getattr(other.field, part)), part
+    assert np.allclose(known.field.distance, other.field.distance, rtol=0, atol=1e-14)
+    for mine, theirs in zip((*known.at(place), *known.project(place)), (*other.at(place), *other.project(place))):
+        assert np.allclose(mine, theirs, rtol=0, atol=1e-12)
+    with pytest.raises(InputError, match="crosses itself"):
+        signed_distance(crossed(), 0.2, backend="numpy")
+
+
 @pytest.mark.parametrize("shape, spacing", [(needle, 0.004), (plate, 0.02)], ids=["needle", "plate"])
 def test_signs_are_those_of_the_winding_number(shape, spacing):
     """At random nodes, also where two faces of a sharp tip are equally near."""

@@ -37,6 +37,7 @@ HARMLESS = {
     "squared_gradient": [(f"g{c} += f * d{c}", "only its square is taken") for c in "xyz"],
     "step_node": [("return -1", "any negative number says that there is no node")],
     "base_coordinate": [("return FARTHEST + 1", "any number beyond all nodes does")],
+    "mirrored_update": [("range(3)  ->  range(4)", "a node has no fourth image along an axis")],
     "melted_now": [("phase[i] = FLUID", "a zero has no sign")],
     "detach": [("held = 1", "any positive number means that a melted node is in the region")],
     **{name: [("zero = type(", "only the type is taken")] for name in ("damp_sums", "damp_slot", "motion_sums")},

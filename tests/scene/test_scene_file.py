@@ -64,6 +64,10 @@ def test_a_scene_file_is_the_scene_in_python():
     assert parse_scene(SCENE, "tank.toml") == expected
 
 
+def test_a_scene_file_may_name_its_version():
+    assert parse_scene(f"version = 1\n{SCENE}", "tank.toml") == parse_scene(SCENE, "tank.toml")
+
+
 def test_toml_gives_the_same_scene_back_bit_for_bit():
     scene = Scene(
         name='a "name" \\ with\nlines, é and \U0001f4a7 and \x7f',
@@ -146,6 +150,9 @@ def test_there_are_examples():
         ('"tait"', '"tiat"', "state = 'tiat' is not possible; did you mean tait?"),
         ('"+y"', '"y+"', "open_faces[0] = 'y+' is not possible"),
         ("spacing = 0.01", "spacing 0.01", "is not TOML: expected '='"),
+        ("dim = 2", "dim = 2\nversion = 2", "version = 2 is not known; this refsim reads scene files of version 1."),
+        ("dim = 2", "dim = 2\nversion = true", "version = True is not known"),
+        ("dim = 2", 'dim = 2\nversion = "1"', "version = '1' is not known"),
         ("dim = 2", "dim = 2\ndim = 3", "is not TOML: cannot overwrite a value (at line 6"),
     ],
 )

@@ -1,5 +1,6 @@
-"""The page on what effects cost: stored launches and bytes are today's plans', and the page is what the command makes."""
+"""The page on what effects cost: stored launches and bytes are those of the plans; the command makes the page."""
 
+import itertools
 import json
 
 import numpy as np
@@ -31,7 +32,7 @@ def test_stored_launches_and_bytes_are_those_of_the_plan(stored, name, k):
 def test_a_ladder_only_adds(name):
     """No rung launches less, or holds less, than the one before it."""
     rungs = [effects_cost.planned(rung.scene, "cuda") for rung in ladders()[name].rungs]
-    for before, after in zip(rungs, rungs[1:]):
+    for before, after in itertools.pairwise(rungs):
         assert len(after["operations"]) >= len(before["operations"])
         assert after["fields"] >= before["fields"]
     assert rungs[-1]["fields"] > rungs[0]["fields"]

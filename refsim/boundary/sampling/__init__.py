@@ -105,10 +105,12 @@ def sample(
     most_iterations  limit of the relaxation; a note says if it ends unconverged
     watch            called after each iteration with its number and the positions relative to the mesh's origin
 
-    Raises InputError for a radius that is not positive or larger than half the mesh, for a density that is not
-    positive, and where `signed_distance` does.
+    Raises InputError for backend "numpy", for a radius that is not positive or larger than half the mesh, for a density
+    that is not positive, and where `signed_distance` does.
     """
     backend = choose(backend) if isinstance(backend, str) else backend
+    if backend.name == "numpy":
+        raise InputError("sampling: backend 'numpy' has no neighbour list; choose cpu or cuda.")
     printed = literal_errata("sampling", literal, LITERAL, "patent")
     size = float(mesh.extent.max())
     for name, value in (("radius", radius), ("density", density)):

@@ -119,7 +119,10 @@ class NarrowBand:
         """
         dtype = self.field.distance.dtype
         value, slope = self.backend.empty(points.shape[0], dtype), self.backend.empty((points.shape[0], 3), dtype)
-        REGISTRY["signed_distance.interpolate"].program(self.backend.name)(points, self.field, value, slope)
+        _compute(
+            self.backend, "interpolate",
+            query=points, distance_field=self.field, query_distance=value, query_gradient=slope,
+        )  # fmt: skip
         return value, slope
 
     def project(self, points: Any) -> tuple[Any, Any]:
@@ -130,9 +133,16 @@ class NarrowBand:
         """
         dtype = self.field.distance.dtype
         place, normal = (self.backend.empty((points.shape[0], 3), dtype) for _ in range(2))
-        program = REGISTRY["signed_distance.project"].program(self.backend.name)
-        program(points, self.triangles, self.field, place, normal)
+        _compute(
+            self.backend, "project",
+            query=points, triangles=self.triangles, distance_field=self.field, projected=place, projected_normal=normal,
+        )  # fmt: skip
         return place, normal
+
+
+def _compute(backend: Backend, name: str, **given: Any) -> None:
+    """Run operation signed_distance.`name` on values by the names of its arguments and outputs."""
+    backend.bind(REGISTRY[f"signed_distance.{name}"], given.__getitem__)()
 
 
 def triangle_table(mesh: SurfaceMesh, dtype: str) -> Triangles:
@@ -221,17 +231,24 @@ def signed_distance(
     host = triangle_table(mesh, dtype)
     triangles = Triangles(*map(backend.asarray, host))
     grid = band_grid(spacing, band, dtype)
-    programs = {name: REGISTRY[f"signed_distance.{name}"].program(backend.name) for name in _OPERATIONS}
     if check_crossings:
         _refuse_crossings(mesh, backend, triangles, dtype)
     blocks, lists = band_blocks(backend, triangles, grid)
     count = nodes(blocks)
     unsigned, closest = backend.empty(count, dtype), backend.empty(count, np.int32)
-    programs["nearest"](triangles, grid, blocks, lists, unsigned, closest)
+    _compute(
+        backend, "nearest", triangles=triangles, band_grid=grid, band_blocks=blocks, triangle_lists=lists,
+        unsigned_distance=unsigned, closest=closest,
+    )  # fmt: skip
     distance, inside_after = backend.empty(count, dtype), backend.zeros(blocks.keys.shape[0], np.uint8)
-    programs["signs"](triangles, grid, blocks, closest, unsigned, distance)
+    _compute(
+        backend, "signs", triangles=triangles, band_grid=grid, band_blocks=blocks, closest=closest,
+        unsigned_distance=unsigned, distance=distance,
+    )  # fmt: skip
     rows = backend.asarray(block_rows(backend.host(blocks.keys)))
-    programs["fill"](grid, rows, closest, distance, inside_after)
+    _compute(
+        backend, "fill", band_grid=grid, row_first=rows, closest=closest, distance=distance, inside_after=inside_after
+    )
     field = DistanceField(
         blocks.keys, blocks.neighbour, distance, closest, inside_after, grid.spacing, grid.inverse_spacing, grid.band,
         *(np.float64(x) for x in mesh.origin),
@@ -242,7 +259,7 @@ def signed_distance(
 def band_blocks(backend: Backend, triangles: Triangles, grid: BandGrid) -> tuple[Blocks, TriangleLists]:
     """Blocks within the band of a triangle, and the triangles near each block."""
     count = backend.empty(triangles.corner.shape[0], np.int32)
-    REGISTRY["signed_distance.count_blocks"].program(backend.name)(triangles, grid, count)
+    _compute(backend, "count_blocks", triangles=triangles, band_grid=grid, block_count=count)
     if backend.name == "cuda":
         from refsim.backends import device
 
@@ -253,7 +270,10 @@ def band_blocks(backend: Backend, triangles: Triangles, grid: BandGrid) -> tuple
         np.cumsum(count, out=first[1:])
         pairs = int(first[-1])
     key, triangle = backend.empty(pairs, np.int64), backend.empty(pairs, np.int32)
-    REGISTRY["signed_distance.list_blocks"].program(backend.name)(triangles, grid, first, key, triangle)
+    _compute(
+        backend, "list_blocks", triangles=triangles, band_grid=grid, block_first=first, pair_key=key,
+        pair_triangle=triangle,
+    )  # fmt: skip
     xp: Any
     see: Any
     give: Any
@@ -297,7 +317,7 @@ def _refuse_crossings(mesh: SurfaceMesh, backend: Backend, triangles: Triangles,
     spacing = max(0.5 * float(sides.mean()), float(mesh.extent.max()) / FARTHEST)
     _, lists = band_blocks(backend, triangles, band_grid(spacing, spacing, dtype))  # blocks 2 sides wide
     crossing = backend.empty((lists.first.shape[0] - 1, 3), np.int32)
-    REGISTRY["signed_distance.crossings"].program(backend.name)(triangles, lists, crossing)
+    _compute(backend, "crossings", triangles=triangles, triangle_lists=lists, crossing=crossing)
     found = backend.host(crossing)
     found = found[found[:, 0] > 0]
     if len(found):
@@ -311,7 +331,6 @@ def _refuse_crossings(mesh: SurfaceMesh, backend: Backend, triangles: Triangles,
 _HERE = "refsim.boundary.signed_distance"
 _PAPER = "patent CN104318598A, 2014"
 _SHAPES = ("needle", "thin_plate", "thick_box")
-_OPERATIONS = ("nearest", "signs", "fill")
 _PLACE = "node positions are rounded products of coordinate and spacing; differences of them add a few roundings"
 register(
     Operation(

@@ -152,29 +152,49 @@ def pour_data(results: Results) -> dict[str, Any]:
     return {"title": "Liquid poured on solids, by tension", "rows": rows}
 
 
+POUR_SHOWN = "sphere"  # the solid that is drawn; of the others the picture has numbers
+
+
 def pour_picture(data: Mapping[str, Any]) -> Any:
-    """A shape a row; half-way and at the end of each arm."""
+    """One solid half-way in each arm; below parts and holes of the liquid at the end on all solids."""
     shapes = list(dict.fromkeys(row["shape"] for row in data["rows"]))
     arms = list(dict.fromkeys(row["arm"] for row in data["rows"]))
-    size = 2.05 * 2 * len(arms), 2.25 * len(shapes)
-    figure, axes = plt.subplots(len(shapes), 2 * len(arms), figsize=size, squeeze=False)
+    end = {(row["shape"], row["arm"]): row["frames"][-1] for row in data["rows"]}
+    shown = POUR_SHOWN if POUR_SHOWN in shapes else shapes[0]
+    figure = plt.figure(figsize=(3.1 * len(arms), 4.9))
+    halves: Any = figure.subfigures(2, 1, height_ratios=(1.15, 1))
+    above, below = halves
     for row in data["rows"]:
-        for k, frame in enumerate(row["frames"]):
-            place = axes[shapes.index(row["shape"])][2 * arms.index(row["arm"]) + k]
-            place.set_axis_off()
-            liquid = np.array(frame["liquid"], dtype=float).reshape(-1, 3) * MILLI
-            solid = np.array(frame["solid"], dtype=float).reshape(-1, 3) * MILLI
-            x = np.vstack([liquid, solid])
-            colour = np.vstack([np.broadcast_to(WATER, liquid.shape), np.broadcast_to(SOLID, solid.shape)])
-            show_image(place, ball_picture(x, 0.5 * SPACING, colour, POUR_VIEW, EXTENT, 260), EXTENT)
-            words = f"{frame['time_s']:.2f} s: {frame['components']} parts, {frame['holes']} holes"
-            place.text(0.5, 0.0, words, transform=place.transAxes, ha="center", va="top", fontsize=7, color="#444444")
-            if arms.index(row["arm"]) == 0 and k == 0:
-                side = {"rotation": 90, "ha": "right", "va": "center", "fontsize": 8.5, "fontweight": "bold"}
-                place.text(-0.02, 0.5, row["shape"], transform=place.transAxes, **side)
-            if shapes.index(row["shape"]) == 0 and k == 0:
-                place.set_title(row["arm"], fontsize=8.5, loc="left")
-    figure.suptitle(data["title"], fontsize=10.5, fontweight="bold")
+        if row["shape"] != shown:
+            continue
+        frame, place = row["frames"][0], above.add_subplot(1, len(arms), arms.index(row["arm"]) + 1)
+        place.set_axis_off()
+        liquid = np.array(frame["liquid"], dtype=float).reshape(-1, 3) * MILLI
+        solid = np.array(frame["solid"], dtype=float).reshape(-1, 3) * MILLI
+        x = np.vstack([liquid, solid])
+        colour = np.vstack([np.broadcast_to(WATER, liquid.shape), np.broadcast_to(SOLID, solid.shape)])
+        show_image(place, ball_picture(x, 0.5 * SPACING, colour, POUR_VIEW, EXTENT, 420), EXTENT)
+        place.set_ylim(-EXTENT, 0.5 * EXTENT)
+        place.set_title(f"{row['arm']}, {frame['time_s']:.2f} s", loc="center", weight="normal")
+    for k, (name, words) in enumerate((("components", "parts"), ("holes", "holes"))):
+        axes = below.add_subplot(1, 2, k + 1)
+        for n, (arm, shade) in enumerate(zip(arms, (GREY, BLUE, VERMILION))):
+            there = [(at, end[shape, arm][name]) for at, shape in enumerate(shapes) if (shape, arm) in end]
+            places, heights = [at + 0.27 * (n - 1) for at, _ in there], [height for _, height in there]
+            axes.bar(places, heights, 0.25, color=shade, label=arm)
+        axes.set_xticks(range(len(shapes)), shapes)
+        axes.set(title=f"{words} of the liquid at the end")
+        axes.grid(True, axis="y")
+        if k == 0:
+            handles, labels = axes.get_legend_handles_labels()
+    below.legend(handles, labels, loc="outside lower center", ncols=len(arms))
+    ranges = {
+        arm: (min(found), max(found))
+        for arm in arms
+        for found in [[end[shape, arm]["components"] for shape in shapes if (shape, arm) in end]]
+    }
+    counts = "; ".join(f"{arm}: {low} to {high}" for arm, (low, high) in ranges.items())
+    figure.suptitle(f"Parts of the poured liquid: {counts}", fontsize=10, fontweight="bold")
     return figure
 
 

@@ -168,21 +168,27 @@ def splash_data(results: Results, solver: str = "", words: str = "") -> dict[str
     }
 
 
+SPLASH_SHOWN = (70, 80, 90, 120)  # frames of the splash that its picture shows
+
+
 def splash_picture(data: Mapping[str, Any]) -> Any:
-    """Draw figure 4: an arm a row."""
-    rows = data["rows"]
-    figure, axes = plt.subplots(len(rows), len(rows[0]["frames"]), figsize=(12.6, 5.0), squeeze=False)
-    for line, row in enumerate(rows):
-        for column, frame in enumerate(row["frames"]):
+    """Draw figure 4: an arm a row, all liquid in one colour."""
+    rows = []
+    for row in data["rows"]:
+        rows.append((row["words"], [f for f in row["frames"] if f["frame"] in SPLASH_SHOWN] or row["frames"]))
+    figure, axes = plt.subplots(len(rows), len(rows[0][1]), figsize=(10.4, 5.9), squeeze=False)
+    for line, (words, frames) in enumerate(rows):
+        for column, frame in enumerate(frames):
             place = axes[line][column]
-            _draw_room(place, frame, data["spacing_m"], TOP)
-            words = (
-                f"frame {frame['frame']}: {_counts(frame, 'parts')}, {frame['lone']} lone,\n{_counts(frame, 'holes')}"
-            )
-            place.set_title(words, fontsize=8, loc="center", weight="normal")
-        axes[line][0].text(-0.04, 0.5, row["words"], transform=axes[line][0].transAxes, rotation=90, ha="right",
+            _draw_room(place, {**frame, "part": [0] * len(frame["part"])}, data["spacing_m"], TOP)
+            counts = f"frame {frame['frame']}: {_counts(frame, 'parts')}, {frame['lone']} lone particles"
+            place.set_title(counts, fontsize=8, loc="center", weight="normal")
+        axes[line][0].text(-0.04, 0.5, words, transform=axes[line][0].transAxes, rotation=90, ha="right",
                            va="center", fontsize=9.5)  # fmt: skip
-    figure.suptitle(data["title"] + " (colours: parts of 5 particles and more)", fontsize=10.5, fontweight="bold")
+    last = [frames[-1] for _, frames in rows]
+    message = " and ".join(f"{frame['lone']} {words}" for (words, _), frame in zip(rows, last))
+    figure.suptitle(f"{data['title']}; lone particles at frame {last[0]['frame']}: {message}", fontsize=10.5,
+                    fontweight="bold")  # fmt: skip
     return figure
 
 

@@ -35,56 +35,42 @@ def jump_data(results: Results) -> dict[str, Any]:
 
 
 def jump_picture(data: Mapping[str, Any]) -> Any:
-    """Above: the jump against the curvature with its fits; below: R jump/(dim - 1) against R, level for a tension."""
-    figure, grid = plt.subplots(2, 2, figsize=(9.6, 8.4))
-    for dim, (above, below) in zip((2, 3), grid.T):
-        least = FITTED_FROM * BASE["support"]  # smaller drops are not fitted: the surface reaches all of them
+    """R jump/(dim - 1) against R, which is level if drops have a surface tension."""
+    figure, panels = plt.subplots(1, 2, figsize=(9.6, 5.0))
+    for dim, axes in zip((2, 3), panels):
+        least = FITTED_FROM * BASE["support"]  # smaller drops are not judged: the surface reaches all of them
         for model, colour in COLOURS.items():
-            own = sorted(
-                (d for d in data["drops"] if d["model"] == model and d["dim"] == dim),
-                key=lambda d: d["effective_radius"],
-            )
-            if not own:
-                continue
-            radius = [d["effective_radius"] for d in own]
-            curvature, jump = [(dim - 1) / r for r in radius], [d["pressure"] for d in own]
-            above.plot(curvature, jump, "o", ms=4, color=colour, label=MODELS[model][0])
-            below.plot(
-                radius, [p / c for p, c in zip(jump, curvature)], STYLES[model], marker="o", ms=4, lw=1.2, color=colour
-            )
-            for fit in data["fits"]:
-                if fit["model"] == model and fit["dim"] == dim:
-                    fitted = [c for c, r in zip(curvature, radius) if r > 0.98 * least]
-                    ends = [min(fitted), max(fitted)]
-                    line = [fit["intercept"] + fit["laplace"] * c for c in ends]
-                    above.plot(ends, line, STYLES[model], lw=1.2, color=colour)
+            own = [d for d in data["drops"] if d["model"] == model and d["dim"] == dim and d["pressure"] > 0]
+            if own:
+                radius, tension = _by_radius(own, dim)
+                look = {"marker": "o", "ms": 4, "lw": 1.4, "color": colour, "label": MODELS[model][0]}
+                axes.plot(radius, tension, STYLES[model], **look)
         now = [d for d in data.get("now", ()) if d["dim"] == dim]
         if now:
-            radius = [d["effective_radius"] for d in now]
-            curvature, jump = [(dim - 1) / r for r in radius], [d["pressure"] for d in now]
             ring = {"marker": "o", "ms": 8, "mfc": "none", "mec": "black", "mew": 1.0, "ls": "none"}
-            above.plot(curvature, jump, label="Akinci 2013, measured now", **ring)
-            below.plot(radius, [p / c for p, c in zip(jump, curvature)], **ring)
-        steepest = (dim - 1) / least
-        above.axvspan(steepest, 1.0, color="#eeeeee", lw=0)
-        above.plot([0, steepest], [0, steepest], color=GREY, lw=0.8, ls=":")
-        above.set(xlim=(0, 1.15 * steepest), ylim=(0, 5.2 * steepest), title=f"{dim}D: jump against curvature")
-        above.set(xlabel=f"curvature {'2/R' if dim == 3 else '1/R'} [1/d]", ylabel="pressure jump [nominal sigma/d]")
-        below.axvspan(0, least, color="#eeeeee", lw=0)
-        below.axhline(1, color=GREY, lw=0.8, ls=":")
-        below.set(xlim=(4, 26 if dim == 2 else 15), ylim=(0, 8.5), title=f"{dim}D: the same as a tension")
-        below.set(xlabel="radius R [d]", ylabel="R jump/(dim - 1) over the nominal tension")
-        for axes in (above, below):
-            axes.grid(True)
-    below_note = (
-        "h = 2.6 d (IISPH 2 d), S = 0.01; lines above: fits; grey: R < 3 h, not fitted; dotted: the nominal tension"
-    )
-    figure.suptitle(below_note, fontsize=9.5)
+            axes.plot(*_by_radius(now, dim), label="Akinci 2013, measured now", **ring)
+        axes.axvspan(0, least, color="#eeeeee", lw=0)
+        axes.text(least - 0.1, 0.15, "R < 3 h", ha="right", color=GREY, fontsize=8)
+        axes.axhline(1, color=GREY, lw=0.8, ls=":")
+        axes.set(xlim=(4.5, 26 if dim == 2 else 15), ylim=(0, 6.2), title=f"{dim}D, h = 2.6 d (IISPH 2 d), S = 0.01")
+        axes.set(xlabel="radius R [d]", ylabel=f"{'R' if dim == 2 else 'R/2'} times jump, over the nominal tension")
+        axes.grid(True)
     handles: dict[str, Any] = {}
-    for axes in grid[0]:
+    for axes in panels:
         handles |= {label: handle for handle, label in zip(*axes.get_legend_handles_labels())}
     figure.legend(handles.values(), handles.keys(), loc="outside lower center", ncols=4, fontsize=8)
+    figure.suptitle("A drop's pressure jump is that of a surface tension where the line is level", fontweight="bold")
     return figure
+
+
+def _by_radius(drops: list[dict[str, Any]], dim: int) -> tuple[list[float], list[float]]:
+    """Radii, rounded to spacings, and the mean tension R jump/(dim - 1) of the drops of each."""
+    found: dict[int, list[tuple[float, float]]] = {}
+    for d in drops:
+        tension = d["effective_radius"] * d["pressure"] / (dim - 1)
+        found.setdefault(round(d["effective_radius"]), []).append((d["effective_radius"], tension))
+    means = [[sum(column) / len(rows) for column in zip(*rows)] for _, rows in sorted(found.items())]
+    return [m[0] for m in means], [m[1] for m in means]
 
 
 def map_data(results: Results) -> dict[str, Any]:
@@ -93,23 +79,20 @@ def map_data(results: Results) -> dict[str, Any]:
 
 
 def map_picture(data: Mapping[str, Any]) -> Any:
-    """Left: jump and frequency of each model's drops at the base; right: along the axes h/d and S."""
-    figure, grid = plt.subplots(2, 3, figsize=(11.5, 7.8), width_ratios=(1.6, 1, 1))
-    for line, dim in zip(grid, (2, 3)):
-        own = [e for e in data["settings"] if e["dim"] == dim]
-        _models(line[0], [e for e in own if at_base(e)])
-        line[0].set_title(f"{dim}D, R = {SEEDED[dim]:g} d, h = 2.6 d, S = 0.01")
-        for axes, axis, fixed, label in (
-            (line[1], "support", ("stiffness", 0.01), "support radius h/d"),
-            (line[2], "stiffness", ("support", 2.6), "stiffness S = sigma/(rho c^2 d)"),
-        ):
-            _along(axes, [e for e in own if e[fixed[0]] == fixed[1] and e["kernels"] == "mueller"], axis, dim)
-            axes.set(xlabel=label, title=f"{dim}D, R = {SEEDED[dim]:g} d")
-    handles: dict[str, Any] = {}
-    for axes in grid[:, 1:].flat:
-        handles |= {label: handle for handle, label in zip(*axes.get_legend_handles_labels())}
-    figure.legend(handles.values(), handles.keys(), loc="outside lower center", ncols=4, fontsize=8)
-    figure.suptitle("Surface tension over the nominal one: by the jump (full) and by the frequency (open)", fontsize=11)
+    """Jump and frequency of each model's drops at the base, joined by a line."""
+    figure, panels = plt.subplots(1, 2, figsize=(9.6, 4.6), sharey=True)
+    span: list[float] = []
+    for axes, dim in zip(panels, (2, 3)):
+        own = [e for e in data["settings"] if e["dim"] == dim and at_base(e)]
+        found = _models(axes, own)
+        span += found if dim == 3 else []
+        axes.set(title=f"{dim}D, R = {SEEDED[dim]:g} d, h = 2.6 d, S = 0.01", xlabel="measured over nominal tension")
+    panels[1].tick_params(labelleft=False)
+    handles, words = panels[1].get_legend_handles_labels()
+    figure.legend(handles, words, loc="outside lower center", ncols=2)
+    if span:
+        times = f"{min(span):.1f} to {max(span):.1f} times the nominal one"
+        figure.suptitle(f"3D: two measures of surface tension differ, and are {times}", fontweight="bold")
     return figure
 
 
@@ -119,48 +102,38 @@ def at_radius(entry: Mapping[str, Any]) -> Mapping[str, Any] | None:
     return found[0] if found else None
 
 
-def _models(axes: Any, entries: list[dict[str, Any]]) -> None:
+MEASURES = (
+    ("laplace", "by the pressure jump", "o", BLUE),
+    ("rayleigh", "by the frequency of its swing", "s", VERMILION),
+)
+LARGEST = 10.0  # times the nominal tension that a panel shows
+
+
+def _models(axes: Any, entries: list[dict[str, Any]]) -> list[float]:
+    """Draw both measures of each model; returns their values."""
     place = {name: -k for k, name in enumerate(MODELS)}
+    label = {name: words for name, words, *_ in MEASURES}
+    seen: list[float] = []
     for e in entries:
-        y, colour, drops = place[e["model"]], COLOURS[e["model"]], at_radius(e)
-        for name, marker, shift in (("laplace", "o", 0.14), ("rayleigh", "s", -0.14)):
-            if drops is None:
-                continue
-            bar = drops[f"{name}_spread"] or 0.0
-            face = colour if marker == "o" else "white"
-            axes.errorbar(drops[name], y + shift, xerr=bar, fmt=marker, ms=6, color=colour, mfc=face, capsize=2, lw=1.2)
+        y, drops = place[e["model"]], at_radius(e)
         if drops is None:
             reasons = ", ".join(e["stopped"]) or "no frequency"
-            axes.text(11.3, y, reasons, ha="right", va="center", fontsize=7.5, color=GREY)
+            axes.text(LARGEST - 0.2, y, reasons, ha="right", va="center", fontsize=7.5, color=GREY)
+            continue
+        ends = [drops[name] for name, *_ in MEASURES]
+        seen += ends
+        axes.plot([min(end, LARGEST) for end in ends], [y, y], color="#bbbbbb", lw=2.2, zorder=1)
+        for (name, _, marker, colour), value in zip(MEASURES, ends):
+            if value > LARGEST:
+                axes.text(LARGEST - 0.2, y + 0.12, f"{value:.0f} \u2192", ha="right", fontsize=7.5, color=colour)
+                continue
+            bar, words = drops[f"{name}_spread"] or 0.0, label.pop(name, None)
+            axes.errorbar(value, y, xerr=bar, fmt=marker, ms=6, color=colour, capsize=2, lw=1.2, label=words, zorder=2)
     axes.axvline(1, color=GREY, lw=0.8, ls=":")
     own = {
         name: "" if base(name)["support"] == BASE["support"] else f", h = {base(name)['support']:g} d" for name in place
     }
     axes.set_yticks(list(place.values()), [MODELS[name][0] + own[name] for name in place])
-    axes.set(xlim=(0, 11.5), ylim=(-len(place) + 0.4, 0.6))
+    axes.set(xlim=(0, LARGEST), ylim=(-len(place) + 0.4, 0.6))
     axes.grid(True, axis="x")
-
-
-def _along(axes: Any, entries: list[dict[str, Any]], axis: str, dim: int) -> None:
-    drawn: set[float] = set()
-    for model, colour in COLOURS.items():
-        own = sorted((e for e in entries if e["model"] == model and at_radius(e)), key=lambda e: e[axis])
-        if len(own) < 2:
-            continue
-        x = [e[axis] for e in own]
-        drawn |= set(x)
-        for name, face, style in (("laplace", colour, "-"), ("rayleigh", "white", "--")):
-            drops = [at_radius(e) for e in own]
-            values, bars = [d[name] for d in drops if d], [d[f"{name}_spread"] or 0.0 for d in drops if d]
-            axes.errorbar(
-                x, values, bars, fmt=style, marker="o", ms=5, lw=1.2, color=colour, mfc=face, capsize=2,
-                label=MODELS[model][0] if style == "-" else None,
-            )  # fmt: skip
-    axes.axhline(1, color=GREY, lw=0.8, ls=":")
-    axes.set_ylim(0, 9)
-    axes.grid(True)
-    if drawn:
-        axes.set_xticks(sorted(drawn), [f"{value:g}" for value in sorted(drawn)])
-    else:
-        axes.set_xticks([])
-        axes.text(0.5, 0.5, "not measured", transform=axes.transAxes, ha="center", color=GREY)
+    return seen

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Container, Sequence
 from typing import Any
 
 from validation.checks import Checks
 from validation.experiment import Experiment, Options, Picture, Results, Run
-from validation.experiments.solutions import pictures, runs, terms
+from validation.experiments.solutions import pictures, runs, tension, terms
 from validation.peers import splishsplash_terms
 from validation.results import Result
 from validation.tables import Table
@@ -20,14 +20,20 @@ CELLS = {
     "ellipse": (10, 20, 40),
     "disc": (10, 20, 40),
     "vortex": (20, 40, 80),
+    "capillary": (12, 24, 48),
+    "drop": (6, 12, 24),
+    "meniscus": (4, 8, 12),
 }
-WITH_FORMS = {"wave": FORMS, "disc": FORMS, "vortex": FORMS}
+WITH_FORMS = {"wave": FORMS, "disc": FORMS, "vortex": FORMS, "drop": FORMS, "meniscus": ("70", "110")}  # [degrees]
 JUDGED = {  # quantities by problem: those with a measured order, and those that are judged at the smallest spacing
     "tank": ("error", "bulk"),
     "wave": ("period_off", "decay_off"),
     "ellipse": ("error", "period_off"),
     "disc": ("rate_off",),
     "vortex": ("rate_off", "error"),
+    "capillary": ("crest_off", "error", "side"),
+    "drop": ("rate_off",),
+    "meniscus": ("lifted_off",),
 }
 ORDERED = {"tank": "error", "ellipse": "error"}  # whose order is judged: surfaces are of first order in the spacing
 VARIED: dict[str, tuple[Callable[..., Result], dict[str, Any], tuple[str, ...]]] = {  # run, parameters, quantities
@@ -64,9 +70,15 @@ def _without_peer(options: Options) -> str:
 
 
 def _run(problem: str, cells: int, form: str, backend: str) -> Run:
-    parameters = {"cells": cells, "backend": backend} | ({"form": form} if form else {})
+    parameters: dict[str, Any] = {"cells": cells, "backend": backend}
+    if form:
+        parameters |= {"angle": float(form)} if problem == "meniscus" else {"form": form}
     key = "_".join(filter(None, (problem, form, str(cells))))
-    return Run(key, getattr(runs, problem), parameters, estimate=SECONDS * 200 * cells**3)
+    tense = problem in pictures.WITH_TENSION
+    return Run(
+        key, getattr(tension if tense else runs, problem), parameters,
+        estimate=5.0 * (cells / 12) ** 3 if tense else SECONDS * 200 * cells**3,
+    )  # fmt: skip
 
 
 def series(results: Results) -> dict[str, dict[str, list[float]]]:
@@ -100,10 +112,11 @@ def checks(results: Results, check: Checks) -> None:
             if cells == len(CELLS[problem]):
                 check(f"{problem}_{quantity}", one[quantity][-1], form)
                 rule = "order" if ORDERED.get(problem) == quantity else "order_shown"
-                check(rule, order(one["spacing"], one[quantity]), f"{name}.{quantity}")
-        if name == "disc_central":
+                if quantity != "side":  # no error
+                    check(rule, order(one["spacing"], one[quantity]), f"{name}.{quantity}")
+        if name in ("disc_central", "drop_central"):
             for value, size in zip(one["error"], one["spacing"]):
-                check("disc_kept", value, f"{1 / size:.0f}", f"R = {1 / size:.0f} d")
+                check(f"{problem}_kept", value, f"{1 / size:.0f}", f"R = {1 / size:.0f} d")
         if problem == "tank":
             for value, size in zip(one["error"], one["spacing"]):
                 check(
@@ -132,11 +145,24 @@ def tables(results: Results) -> list[Table]:
     return [Table("Errors against solutions", heading, rows)] if rows else []
 
 
+def _behind(titles: Container[str]) -> tuple[str, ...]:
+    """Keys of the runs of some problems."""
+    return tuple(run.key for run in _solved("cpu") if run.key.partition("_")[0] in titles)
+
+
 EXPERIMENT = Experiment(
     name="solutions",
-    title="the base SPH liquid against solutions: tank, standing wave, ellipse, spin-down, Taylor-Green",
+    title="the base SPH liquid against solutions: tank, waves, ellipse, spin-down, Taylor-Green, meniscus",
     runs=planned,
     checks=checks,
-    pictures=(Picture("solutions", pictures.collect, pictures.draw, tuple(run.key for run in _solved("cpu"))),),
+    pictures=(
+        Picture("solutions", pictures.collect, pictures.draw, _behind(pictures.TITLES)),
+        Picture(
+            "solutions_tension",
+            pictures.collect_with_tension,
+            pictures.draw_with_tension,
+            _behind(pictures.WITH_TENSION),
+        ),
+    ),
     tables=tables,
 )

@@ -15,36 +15,63 @@ TITLES = {
     "disc": ("Spin-down of a disc", {"rate_off": "rate"}),
     "vortex": ("Taylor-Green vortex", {"rate_off": "rate of decay", "error": "velocity"}),
 }
-STYLES, COLOURS = ("-", "--"), {"": BLUE, "laplacian": VERMILION, "central": BLUE}
-WORDS = {"": "", "laplacian": ", J(11)", "central": ", central"}
+WITH_TENSION = {
+    "capillary": ("Capillary wave", {"error": "surface", "crest_off": "first crest"}),
+    "drop": ("Spin-down of a free drop", {"rate_off": "rate"}),
+    "meniscus": ("Liquid lifted by a wall", {"lifted_off": "area"}),
+}
+STYLES = ("-", "--")
+COLOURS = {"": BLUE, "laplacian": VERMILION, "central": BLUE, "70": BLUE, "110": VERMILION}
+WORDS = {"": "", "laplacian": ", J(11)", "central": ", central", "70": ", 70 degrees", "110": ", 110 degrees"}
 
 
 def collect(results: Results) -> dict[str, Any]:
-    """The relative errors of every run by problem and viscosity."""
+    """The relative errors of every run without a tension by problem and viscosity."""
+    return _collected(results, TITLES)
+
+
+def collect_with_tension(results: Results) -> dict[str, Any]:
+    """The same of every run with a tension."""
+    return _collected(results, WITH_TENSION)
+
+
+def draw(data: Mapping[str, Any]) -> Any:
+    """A panel a problem without a tension, with the order between the largest and the smallest spacing."""
+    return _drawn(data, TITLES, (2, 3))
+
+
+def draw_with_tension(data: Mapping[str, Any]) -> Any:
+    """The same of the problems with a tension."""
+    return _drawn(data, WITH_TENSION, (1, 3))
+
+
+Titles = Mapping[str, tuple[str, Mapping[str, str]]]
+
+
+def _collected(results: Results, titles: Titles) -> dict[str, Any]:
     found: dict[str, dict[str, list[float]]] = {}
     for key, result in results.items():
         name = key.rpartition("_")[0]
-        if name.partition("_")[0] not in TITLES:
+        if name.partition("_")[0] not in titles:
             continue  # another program, and single runs with one parameter varied
         one = found.setdefault(name, {"spacing": []})
         one["spacing"].append(result.values["spacing"])
-        for quantity in TITLES[name.partition("_")[0]][1]:
+        for quantity in titles[name.partition("_")[0]][1]:
             if quantity in result.values:
                 one.setdefault(quantity, []).append(result.values[quantity])
     return found
 
 
-def draw(data: Mapping[str, Any]) -> Any:
-    """A panel a problem, with the order between the largest and the smallest spacing."""
+def _drawn(data: Mapping[str, Any], titles: Titles, rows: tuple[int, int]) -> Any:
     import matplotlib.pyplot as plt
     import numpy as np
 
-    shown = [problem for problem in TITLES if any(name.partition("_")[0] == problem for name in data)]
-    figure, panels = plt.subplots(2, 3, figsize=(10.0, 7.4))
+    shown = [problem for problem in titles if any(name.partition("_")[0] == problem for name in data)]
+    figure, panels = plt.subplots(*rows, figsize=(10.0, 3.7 * rows[0]))
     for axes in panels.flat[len(shown) :]:
         axes.set_axis_off()
     for axes, problem in zip(panels.flat, shown):
-        title, quantities = TITLES[problem]
+        title, quantities = titles[problem]
         largest, places = 0.0, np.array([1.0])
         for name, one in data.items():
             if name.partition("_")[0] != problem:
@@ -58,8 +85,10 @@ def draw(data: Mapping[str, Any]) -> Any:
                                 label=f"{words}{WORDS[form]}: order {round(float(exponent), 1) + 0.0:g}")  # fmt: skip
                     largest = max(largest, one[quantity][0])
         axes.loglog(places, largest * places / places[0], ":", color=GREY, lw=1.0, label="first order")
-        axes.set(title=title, xlabel="spacing [m]", ylabel="relative error")
-        axes.set_xticks(places, [f"{place:g}" for place in places])
+        axes.set(
+            title=title, xlabel="spacing [m]" if titles is TITLES else "spacing over length", ylabel="relative error"
+        )
+        axes.set_xticks(places, [f"{place:.3g}" for place in places])
         axes.xaxis.set_minor_locator(plt.NullLocator())
         axes.grid(True)
         axes.legend(fontsize=7, handlelength=3.5, loc="upper center", bbox_to_anchor=(0.5, -0.2))
