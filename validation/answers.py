@@ -123,11 +123,11 @@ _PROBE = "which particles are surface depends on the radius of the probe (1.2 sp
 OBSERVABLES: dict[str, Observable] = {
     "front": Observable(
         "surge front of a 2D dam break",
-        "of the mean front's position between t sqrt(2g/L) = 1 and 3",
+        "of the front's position",
         unit="column widths",
         converged=Reference("d28", "d40", 1.0),
-        remark="judged against refsim's own converged front; the experiments differ from each other by 10.8 %, and an"
-        " error below that is none of the flow",
+        remark="the position is the mean between t sqrt(2g/L) = 1 and 3, judged against refsim's own converged front;"
+        " the experiments differ from each other by 10.8 %, and an error below that is none of the flow",
         scene=_front_scene,
         stated=0.05,
         other_scenes=("detection", "water"),
@@ -145,7 +145,7 @@ OBSERVABLES: dict[str, Observable] = {
     ),
     "detection_2d": Observable(
         "surface detection, 2D splash of 7,200 particles",
-        "of the surface particles, missed or found wrongly",
+        "of the surface particles (1 - F1)",
         unit="1 - F1",
         method="method",
         meaning=(0.01, _PROBE),
@@ -153,7 +153,7 @@ OBSERVABLES: dict[str, Observable] = {
     ),
     "detection_3d": Observable(
         "surface detection, 3D collapse of 8,192 particles",
-        "of the surface particles, missed or found wrongly",
+        "of the surface particles (1 - F1)",
         unit="1 - F1",
         method="method",
         meaning=(0.01, _PROBE),
@@ -169,10 +169,11 @@ OBSERVABLES: dict[str, Observable] = {
     ),
     "melt_front": Observable(
         "front of melting beside a hot wall, Stefan's problem",
-        "of the melted depth, the largest of its last three quarters",
+        "of the melted depth",
         scale=100.0,
         unit="%",
         method="scheme",
+        remark="the error is the largest of the last three quarters of the depth",
         page="heat.md",
     ),
     "melting": Observable(
@@ -187,7 +188,7 @@ OBSERVABLES: dict[str, Observable] = {
     "spinning_body": Observable(
         "angular velocity of a shape-matched body, after two turns",
         "of its first angular velocity",
-        method="half_width",
+        method="scheme",
         page="shape_matching.md",
     ),
     "contact_angle": Observable(
@@ -285,6 +286,7 @@ class Choice:
     why      why none is advised; "" for one
     notes    what was passed over, and what limits the answer
     read     where none is advised: the candidate that was read fastest; None where none reaches the error
+    nearest  where none reaches the error: the one of the least error that is not kept by chance
     """
 
     advised: Candidate | None
@@ -292,6 +294,7 @@ class Choice:
     why: str = ""
     notes: tuple[str, ...] = field(default=())
     read: Candidate | None = None
+    nearest: Candidate | None = None
 
 
 def candidates(points: Mapping[str, Point], observable: Observable) -> list[Candidate]:
@@ -385,10 +388,10 @@ def choose(found: Sequence[Candidate], error: float, spread: float = 0.0) -> Cho
     if not reach:
         if not allowed:
             return Choice(None, why="not reached: no setting may be advised", notes=tuple(notes))
-        best = min(allowed, key=lambda c: c.error)
+        best = min((c for c in allowed if by_chance(c, c.error, allowed) is None), key=lambda c: c.error)
         took = duration(real(best.point["seconds"]))
         why = f"not reached: {best.point['words']} keeps {percent(best.error)} after {took}"
-        return Choice(None, why=why, notes=tuple(notes))
+        return Choice(None, why=why, notes=tuple(notes), nearest=best)
     settled = [(seconds, c) for seconds, c in reach if c.settled]
     least, nearest = min(reach, key=lambda pair: pair[0])
     fast, slow = (duration(least * share) for share in nearest.scatter)
@@ -472,7 +475,18 @@ def _cell(choice: Choice, observable: Observable) -> dict[str, Any]:
         fast, slow = (choice.seconds * share for share in choice.read.scatter)
         named = _setting(choice.read, choice.seconds, observable)
         made["read"] = {**named, "fastest": fast, "slowest": slow, "unsettled": choice.read.unsettled}
+    if choice.nearest is not None:
+        made["nearest"] = _named(choice.nearest, observable)
     return made
+
+
+def _named(candidate: Candidate, observable: Observable) -> dict[str, Any]:
+    return {
+        "key": candidate.key,
+        "setting": candidate.point["words"],
+        "keeps": candidate.error,
+        "keeps_own": f"{candidate.own:.2g} {observable.unit}".strip(),
+    }
 
 
 def _setting(chosen: Candidate, seconds: float, observable: Observable) -> dict[str, Any]:
@@ -480,10 +494,7 @@ def _setting(chosen: Candidate, seconds: float, observable: Observable) -> dict[
     p = chosen.point
     knobs = p["knobs"]
     made: dict[str, Any] = {
-        "key": chosen.key,
-        "setting": p["words"],
-        "keeps": chosen.error,
-        "keeps_own": f"{chosen.own:.2g} {observable.unit}".strip(),
+        **_named(chosen, observable),
         "seconds": seconds,
         "whole": real(p["per_step"]) * p["steps"] if p["curves"] else seconds,
         "bytes": None if p["bytes"] is None else p["bytes"] * p["particles"],
@@ -500,9 +511,11 @@ def _peer(peers: Sequence[Candidate], error: float) -> dict[str, Any] | None:
     if not peers:
         return None
     choice = choose(peers, error)
+    named = choice.advised or choice.read or choice.nearest
+    program = {} if named is None else {"program": named.point["knobs"]["program"], "keeps": named.error}
     if choice.advised is None:
-        return {"why": choice.why}
-    return {"setting": choice.advised.point["words"], "seconds": choice.seconds}
+        return {"why": choice.why, **program}
+    return {"setting": choice.advised.point["words"], "seconds": choice.seconds, **program}
 
 
 def table(folder: Path = FIGURES) -> dict[str, Any]:
@@ -523,18 +536,29 @@ def as_json(found: Mapping[str, Any]) -> str:
 # The page
 
 
+HOLLOW = "\u25cb"  # before what has not settled, as it is drawn
+BELOW = "\u2020"  # beside an error below the uncertainty of the reference
+ABSENT = "\u2013"  # not measured
+
+
 def markdown(found: Mapping[str, Any]) -> list[str]:
-    """The page's table: a line an observable and error."""
-    lines = ["| observable | error | cheapest settled setting | 2 CPU threads | GPU | memory | best peer |"]
-    lines.append("| --- | --: | --- | --: | --: | --: | --: |")
+    """The page's table: a line for an observable and the errors of equal answers; then what was not measured."""
+    lines = ["| observable | error | cheapest setting | keeps | 2 CPU threads | GPU | memory | best peer |"]
+    lines.append("| --- | --: | --- | --: | --: | --: | --: | --: |")
+    missing = []
     for row in found["observables"]:
         if "missing" in row:
-            lines.append(f"| [{row['words']}]({row['page']}) (`{row['name']}`) | | {row['missing']} | | | | |")
+            missing.append(f"[{row['words']}]({row['page']}) (`{row['name']}`)")
             continue
-        for k, cell in enumerate(row["answers"]):
-            name = f"[{row['words']}]({row['page']}) (`{row['name']}`), {row['relative']}" if k == 0 else ""
-            lines.append(f"| {name} | {_error(cell['error'], row)} | {' | '.join(_columns(cell, row))} |")
-    return lines
+        name = f"[{row['words']}]({row['page']}), `{row['name']}`; {row['relative']}"
+        groups: dict[tuple[str, ...], list[str]] = {}
+        for cell in row["answers"]:
+            groups.setdefault(tuple(_columns(cell, row)), []).append(_error(cell["error"], row))
+        for columns, errors in groups.items():
+            lines.append(f"| {name} | {', '.join(errors)} | {' | '.join(columns)} |")
+            name = ""
+    said = f"No error against time has been measured for {'; '.join(missing)}."
+    return [*lines, *(["", said] if missing else [])]
 
 
 def _error(error: float, row: Mapping[str, Any]) -> str:
@@ -544,40 +568,71 @@ def _error(error: float, row: Mapping[str, Any]) -> str:
     return percent(error) + own
 
 
+def _keeps(named: Mapping[str, Any], cell: Mapping[str, Any], row: Mapping[str, Any]) -> str:
+    """An error that a setting keeps; in the observable's own unit, too, where its number is another one."""
+    observable = OBSERVABLES[row["name"]]
+    own = f" ({named['keeps_own']})" if observable.converged or observable.scale not in (1.0, 100.0) else ""
+    return percent(named["keeps"]) + own + (f" {BELOW}" if cell["error"] < row["uncertainty"] else "")
+
+
 def _columns(cell: Mapping[str, Any], row: Mapping[str, Any]) -> list[str]:
+    """Cells behind the error: setting, what it keeps, seconds, seconds on a GPU, memory, the best peer's seconds."""
     if "no_meaning" in cell:
-        return [f"no meaning: {cell['no_meaning']}", "", "", "", ""]
-    cpu, gpu, peer = cell["cpu"], cell["gpu"], cell["peer"]
+        return [f"no meaning: {cell['no_meaning']}", "", "", "", "", ""]
+    cpu = cell["cpu"]
+    peer = "" if cell["peer"] is None else _of_peer(cell["peer"])
+    if "nearest" in cpu:
+        said = f"not reached; nearest: {cpu['nearest']['setting']}"
+        return [said, _keeps(cpu["nearest"], cell, row), "", _on_gpu(cell["gpu"]), "", peer]
     named = cpu.get("read") or cpu
-    said = ""
-    if "setting" in named:
-        own = "" if row["unit"] == "%" else f": {named['keeps_own']}"
-        said = f"{named['setting']} (keeps {percent(named['keeps'])}{own})"
-    if "read" in cpu:
-        said = f"{HOLLOW} {said}; not advised: {named['unsettled']}"
-    said = said or cpu["why"]
-    said += "".join(f"; {note}" for note in cpu["notes"])
-    beside = "" if peer is None else peer.get("why") or f"{duration(peer['seconds'])} ({peer['setting']})"
+    if "setting" not in named:
+        return [cpu["why"], "", "", _on_gpu(cell["gpu"]), "", peer]
+    said = f"{HOLLOW} {named['setting']}" if "read" in cpu else named["setting"]
     memory = in_bytes(named["bytes"]) if named.get("bytes") else ""
-    return [said, _time(cpu), _on_gpu(gpu), memory, beside]
-
-
-HOLLOW = "\u25cb"  # before what has not settled, as it is drawn
+    return [said, _keeps(named, cell, row), _time(cpu), _on_gpu(cell["gpu"]), memory, peer]
 
 
 def _time(cell: Mapping[str, Any]) -> str:
     """Seconds of an advised setting, or the range of the readings of one that has not settled."""
     if "read" in cell:
         return f"{HOLLOW} {duration(cell['read']['fastest'])} to {duration(cell['read']['slowest'])}"
-    return "" if "why" in cell else duration(cell["seconds"])
+    return duration(cell["seconds"])
 
 
 def _on_gpu(cell: Mapping[str, Any] | None) -> str:
     if cell is None:
-        return "not measured"
-    if "read" in cell:
-        return f"{_time(cell)} ({cell['read']['setting']}; not advised: {cell['read']['unsettled']})"
-    return cell.get("why") or f"{_time(cell)} ({cell['setting']})"
+        return ABSENT
+    return f"not reached ({percent(cell['nearest']['keeps'])})" if "nearest" in cell else _time(cell)
+
+
+def _of_peer(peer: Mapping[str, Any]) -> str:
+    if "seconds" in peer:
+        return f"{duration(peer['seconds'])} ({peer['program']})"
+    return f"not reached ({peer['program']}: {percent(peer['keeps'])})" if "keeps" in peer else peer["why"]
+
+
+def notes(row: Mapping[str, Any]) -> list[str]:
+    """What the table leaves out of an observable's row: why a setting is not advised or was passed over, and peers."""
+    said: dict[str, list[str]] = {}
+
+    def add(words: str, error: float) -> None:
+        said.setdefault(words, []).append(percent(error))
+
+    for cell in row["answers"]:
+        if "no_meaning" in cell:
+            continue
+        for own in (cell["cpu"], cell["gpu"] or {"notes": ()}):
+            if "read" in own:
+                add(f"{HOLLOW} {own['read']['setting']}: {own['read']['unsettled']}", cell["error"])
+            elif own is cell["gpu"] and "setting" in own:
+                add(own["setting"], cell["error"])
+            for note in own["notes"]:
+                if not note.startswith("below the uncertainty"):
+                    add(note, cell["error"])
+        peer = cell["peer"] or {}
+        if peer:
+            add(peer.get("why") or f"best peer {peer['setting']}", cell["error"])
+    return [f"- {', '.join(errors)}: {words}." for words, errors in said.items()]
 
 
 def in_bytes(value: float) -> str:
@@ -589,19 +644,18 @@ def in_bytes(value: float) -> str:
 
 
 def pictures(found: Mapping[str, Any]) -> list[str]:
-    """The page's pictures: one for each observable that was measured."""
+    """The page's pictures: one for each observable that was measured, with the notes to its row."""
     lines = []
     for row in found["observables"]:
         if "missing" in row:
             continue
         lines += [f"### {row['words'][0].upper()}{row['words'][1:]}", ""]
         lines += [f"![Error against time: {row['words']}](../figures/accuracy_cost_{row['name']}.png)", ""]
-        said = f"`refsim advise {row['name']} --error 0.05`"
-        where = f"Measured on {row['machine']} ({', '.join(row['dates'])})" + (
-            f"; GPU: {row['gpu']}" if row["gpu"] else ""
-        )
+        gpu = f"; GPU: {row['gpu']}" if row["gpu"] else ""
         remark = f" {row['remark'][0].upper()}{row['remark'][1:]}." if row["remark"] else ""
-        lines += [f"{said}. {where}.{remark}", ""]
+        lines += [f"Measured on {row['machine']} ({', '.join(row['dates'])}){gpu}.{remark}", ""]
+        listed = notes(row)
+        lines += [*listed, ""] if listed else []
     return lines[:-1]
 
 
@@ -611,6 +665,11 @@ def page(text: str, found: Mapping[str, Any]) -> str:
 
     text = replaced(text, "answers", markdown(found), PAGE)
     return replaced(text, "pictures", pictures(found), PAGE)
+
+
+def has_parts(data: Mapping[str, Any]) -> bool:
+    """Whether a panel knows more of its points than their error and time: parts of the time, curves, distributions."""
+    return any(len(p["parts"]) > 1 or p["curve"] or p["distribution"] for p in data["points"].values())
 
 
 def write() -> list[Path]:
@@ -625,6 +684,8 @@ def write() -> list[Path]:
     for name in OBSERVABLES:
         data = report(name)
         for ending, draw in (("", answer_picture), ("_parts", parts_picture)):
+            if ending and not has_parts(data):
+                continue
             path = FIGURES / f"accuracy_cost_{name}{ending}.png"
             with style():
                 save_picture(draw(data), path)

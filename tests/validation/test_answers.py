@@ -85,6 +85,34 @@ def test_an_error_that_a_finer_spacing_does_not_keep_is_kept_by_chance():
     assert choice.notes == ("passed over: keeps 0.002 keeps 0.2 % by chance, keeps 0.02 2 %",)
 
 
+def test_the_nearest_is_none_that_keeps_its_error_by_chance():
+    points = {
+        "coarse": point(0.002, 1.0, knobs={"spacing": 0.2}),
+        "fine": point(0.004, 4.0, knobs={"spacing": 0.1}),
+    }
+    choice = chosen(points, 0.001)
+    assert choice.advised is None
+    assert choice.nearest.key == "fine"
+
+
+def test_cells_of_the_table_are_short_and_the_notes_say_the_rest():
+    found = answers.table()
+    lines = [line for line in answers.markdown(found) if line.startswith("|")]
+    for line in lines[2:]:
+        _, _, errors, *cells, _ = line.split("|")
+        assert "%" in errors
+        assert len(cells) == 6
+        assert max(map(len, cells[1:])) <= 50
+        assert len(cells[0]) <= 80 or "no meaning" in cells[0]
+    front = next(row for row in found["observables"] if row["name"] == "front")
+    noted = "\n".join(answers.notes(front))
+    for cell in front["answers"]:
+        for note in cell["cpu"]["notes"]:
+            assert note in noted or note.startswith("below the uncertainty")
+        if "read" in cell["cpu"]:
+            assert cell["cpu"]["read"]["unsettled"] in noted
+
+
 def test_a_reading_below_a_millisecond_is_not_settled():
     assert "less than 1 ms" in chosen({"quick": point(0.01, 5e-4)}, 0.05).why
 
@@ -159,7 +187,9 @@ def test_programs_stand_apart():
     row = answers.answer("a", data, Observable("a", "of b", meaning=(0.001, "why not")))
     cells = {cell["error"]: cell for cell in row["answers"]}
     assert cells[0.05]["cpu"]["seconds"] == 3.0
-    assert cells[0.05]["peer"] == {"setting": "keeps 0.01", "seconds": 1.0}
+    assert cells[0.05]["peer"] == {
+        "setting": "keeps 0.01", "seconds": 1.0, "program": "other", "keeps": 0.01,
+    }  # fmt: skip
     assert cells[0.001] == {"error": 0.001, "no_meaning": "why not"}
     assert cells[0.05]["gpu"] is None
 
