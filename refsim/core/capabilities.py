@@ -6,8 +6,9 @@ An effect names its capabilities among its bases, `class BoxWalls(Effect, Brings
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
-from typing import ClassVar, TypeVar
+import math
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from typing import ClassVar, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -98,6 +99,36 @@ class LimitsMassRatio:
 
     def largest_mass_ratio(self, others: Mapping[str, Effect]) -> float:
         """That ratio of the largest to the smallest mass."""
+        raise NotImplementedError  # an effect with this capability defines it
+
+
+class Margin(NamedTuple):
+    """A setting beside the limit up to which runs were measured to hold (docs/stability.md).
+
+    setting  its name with its unit
+    value    in the scene
+    limit    the largest value that held, or with `least` the smallest
+    """
+
+    setting: str
+    value: float
+    limit: float
+    least: bool = False
+
+    @property
+    def room(self) -> float:
+        """Factor by which the value may change until it meets the limit; below 1 beyond it."""
+        far, near = (self.value, self.limit) if self.least else (self.limit, self.value)
+        return far / near if near > 0 else math.inf
+
+
+class KnowsLimits:
+    """Has settings of which it was measured how far they can go; a note is given beyond."""
+
+    __slots__ = ()
+
+    def margins(self, grid: Discretisation, others: Mapping[str, Effect]) -> Iterator[Margin]:
+        """Those that act in this scene."""
         raise NotImplementedError  # an effect with this capability defines it
 
 
