@@ -55,6 +55,10 @@ class Reference:
     fine: str
     order: float
 
+    def among(self, points: Mapping[str, Point]) -> bool:
+        """Whether both spacings were measured; --quick leaves them out."""
+        return self.coarse in points and self.fine in points
+
     def limit(self, points: Mapping[str, Point]) -> tuple[float, float]:
         """(the limit, its uncertainty): v_f + (v_f - v_c)/(r^p - 1), and TWO_GRIDS times the last term."""
         coarse, fine = points[self.coarse], points[self.fine]
@@ -300,11 +304,12 @@ class Choice:
 def candidates(points: Mapping[str, Point], observable: Observable) -> list[Candidate]:
     """Points that came to an end, with relative errors."""
     made = []
-    limit = observable.converged.limit(points)[0] if observable.converged else math.nan
+    converged = observable.converged if observable.converged and observable.converged.among(points) else None
+    limit = converged.limit(points)[0] if converged else math.nan
     for key, p in points.items():
         if not p["shown"] or p["stopped"] or p["error"] is None or key.startswith(observable.other_scenes):
             continue
-        if observable.converged:
+        if converged:
             error = abs(real(p["value"]) - limit) / abs(limit)
             wall = real(p["seconds"])
             own = error * abs(limit)
@@ -328,7 +333,7 @@ def _to(point: Point, scale: float, error: float) -> float | None:
 
 def uncertainty(points: Mapping[str, Point], observable: Observable, band: Mapping[str, Any] | None) -> float:
     """Relative uncertainty of the reference; 0 for an exact one."""
-    if observable.converged:
+    if observable.converged and observable.converged.among(points):
         limit, spread = observable.converged.limit(points)
         return spread / abs(limit)
     return 0.0 if band is None else real(band["width"]) / observable.scale

@@ -172,6 +172,15 @@ def test_errors_are_taken_from_the_converged_value():
     assert chosen(points, 0.03, observable).notes
 
 
+def test_without_the_converged_spacings_errors_are_the_panel_s_own():
+    """As with --quick."""
+    observable = Observable("a", "of b", converged=Reference("d10", "d20", 1.0))
+    points = {"d10": point(0.01, 1.0, value=2.1, knobs={"spacing": 0.1})}
+    assert [c.error for c in candidates(points, observable)] == [0.01]
+    assert uncertainty(points, observable, {"width": 0.02}) == 0.02
+    assert chosen(points, 0.05, observable).advised.key == "d10"
+
+
 def test_seconds_are_read_off_the_curve_at_the_error():
     curve = {"wall": [0.0, 1.0, 2.0, 3.0, 4.0, 5.0], "error": [0.5, 0.2, 0.04, 0.02, 0.01, 0.01]}
     points = {"run": point(0.01, 4.0, curves=[curve])}
