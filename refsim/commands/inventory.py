@@ -71,8 +71,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def execute(options: argparse.Namespace) -> CommandResult:
     """List the registry and the effects: by method, or in full those that the words name."""
     operations: dict[str, dict[str, Any]] = {
-        o.name: {"paper": o.paper, "equation": o.equation, "programs": programs_of(o)} for o in REGISTRY.values()
-    }
+        o.name: {
+            "paper": o.paper, "equation": o.equation, "programs": programs_of(o),
+            "roundings": o.tolerance, "counts": o.tolerance_reason,
+        }
+        for o in REGISTRY.values()
+    }  # fmt: skip
     effects: dict[str, dict[str, Any]] = {
         name: {"summary": (inspect.getdoc(effect) or "").split("\n")[0], "parameters": _parameters(effect)}
         for name, effect in sorted(EFFECTS.items())
@@ -128,7 +132,8 @@ def _operation(entry: tuple[str, dict[str, Any]]) -> str:
     name, operation = entry
     source = textwrap.wrap(f"{operation['paper']}: {operation['equation']}", WIDTH - 2)
     programs = textwrap.wrap(f"programs: {' '.join(operation['programs'])}", WIDTH - 2)
-    return "\n".join([name, *(f"  {line}" for line in (*source, *programs))])
+    counted = textwrap.wrap(f"bound: c = {operation['roundings']:g}: {operation['counts']}", WIDTH - 2)
+    return "\n".join([name, *(f"  {line}" for line in (*source, *programs, *counted))])
 
 
 def _effect(entry: tuple[str, dict[str, Any]]) -> str:

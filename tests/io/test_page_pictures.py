@@ -1,0 +1,35 @@
+"""The pictures of pages about use: each stored one has its function and a page, and the quick ones are drawn."""
+
+import importlib.util
+import pathlib
+import sys
+
+import pytest
+from PIL import Image
+
+ROOT = pathlib.Path(__file__).parents[2]
+spec = importlib.util.spec_from_file_location("page_pictures", ROOT / "scripts" / "page_pictures.py")
+script = sys.modules.setdefault(spec.name, importlib.util.module_from_spec(spec))
+spec.loader.exec_module(script)
+
+
+def test_stored_pictures_have_a_function_and_a_page():
+    assert {path.name for path in (ROOT / "figures" / "pages").iterdir()} == set(script.PICTURES)
+    pages = "".join(path.read_text() for path in (ROOT / "docs").glob("*.md"))
+    assert all(f"(../figures/pages/{name})" in pages for name in script.PICTURES)
+
+
+@pytest.mark.parametrize("name", ["verdicts.png", "main_job.png"])
+def test_what_is_drawn_of_files_is_what_is_stored(name, tmp_path):
+    """Those whose numbers stand on file: a stored picture that differs is out of date."""
+    assert script.main([name, "--folder", str(tmp_path)]) == 0
+    with Image.open(tmp_path / name) as drawn, Image.open(ROOT / "figures" / "pages" / name) as stored:
+        assert drawn.size == stored.size
+        ours, theirs = (picture.convert("L").tobytes() for picture in (drawn, stored))
+    differing = sum(abs(a - b) > 60 for a, b in zip(ours, theirs))
+    assert differing < 0.01 * len(ours)
+
+
+def test_an_unknown_name_is_refused(capsys):
+    assert script.main(["style.webp"]) == 2
+    assert "did you mean 'styles.webp'?" in capsys.readouterr().err
