@@ -101,7 +101,8 @@ BALL_CELLS = (5, 8, 12)
 def front_runs(options: Options) -> list[Run]:
     """One run, in which all settings take turns."""
     parameters = {
-        "settings": melting_settings(FRONT_CELLS, options.quick), "threads": options.threads, "repeats": REPEATS,
+        "settings": melting_settings(FRONT_CELLS, options.quick), "threads": options.threads,
+        "repeats": 2 if options.quick else REPEATS,
     }  # fmt: skip
     return [Run("fronts", fronts, parameters, estimate=60.0)]
 
@@ -109,7 +110,8 @@ def front_runs(options: Options) -> list[Run]:
 def melt_runs(options: Options) -> list[Run]:
     """One run, in which all settings take turns."""
     parameters = {
-        "settings": melting_settings(BALL_CELLS, options.quick), "threads": options.threads, "repeats": REPEATS,
+        "settings": melting_settings(BALL_CELLS, options.quick), "threads": options.threads,
+        "repeats": 2 if options.quick else REPEATS,
     }  # fmt: skip
     return [Run("melt_times", melt_times, parameters, estimate=60.0)]
 

@@ -89,7 +89,7 @@ def runs(options: Options) -> list[Run]:
         for cells in () if options.quick else (CELLS[0], CELLS[2])[:width]:
             add(cells, width, STEPS[1])
     add(CELLS[1], 2, STEPS[1], "float64")
-    parameters = {"settings": settings, "threads": options.threads, "repeats": REPEATS}
+    parameters = {"settings": settings, "threads": options.threads, "repeats": 2 if options.quick else REPEATS}
     return [Run("bodies", bodies, parameters, estimate=60.0)]
 
 
