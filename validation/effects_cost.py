@@ -397,8 +397,13 @@ def markdown(found: Mapping[str, Any]) -> list[str]:
 def microseconds(seconds: Sequence[float]) -> str:
     """Median of a step [us]; the range of the readings behind a circle where it has not settled."""
     if unsettled(seconds):
-        return f"\u25cb {1e6 * min(seconds):,.0f} to {1e6 * max(seconds):,.0f}"
+        return f"\u25cb {span(seconds)}"
     return f"{1e6 * float(np.median(seconds)):,.0f}"
+
+
+def span(seconds: Sequence[float]) -> str:
+    """Range of readings [us], two digits: more would say that they repeat."""
+    return " to ".join(f"{float(f'{1e6 * value:.2g}'):,.0f}" for value in (min(seconds), max(seconds)))
 
 
 def picture(found: Mapping[str, Any]) -> Any:
@@ -436,7 +441,7 @@ def picture(found: Mapping[str, Any]) -> Any:
             value = 1e6 * float(np.median(r["seconds"]))
             if unsettled(r["seconds"]):
                 times.barh(k - 0.2, slow - fast, 0.36, left=fast, color="white", edgecolor=BLUE, lw=1.0)
-                _said(times, slow, k - 0.2, f"{fast:,.0f} to {slow:,.0f}")
+                _said(times, slow, k - 0.2, span(r["seconds"]))
             else:
                 times.barh(k - 0.2, value - low, 0.36, left=low, color=BLUE)
                 _said(times, value, k - 0.2, f"{value:,.0f}")
