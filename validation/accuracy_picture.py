@@ -75,6 +75,9 @@ def answer_picture(data: Mapping[str, Any]) -> Any:
     shaded = [(100 * spread, ORANGE, "uncertainty of the reference")] if spread else []
     if data["band"] is not None and observable.converged:
         shaded.append((100 * real(data["band"]["width"]), YELLOW, data["band"]["words"]))
+    if shaded:
+        bottom, top = axes.get_ylim()
+        axes.set_ylim(bottom * (bottom / top) ** (0.06 + 0.05 * len(shaded)), top)  # room for their words
     for k, (width, colour, words) in enumerate(shaded):
         axes.axvspan(low, width, color=colour, alpha=0.12, lw=0)
         left = width < math.sqrt(low * high)
