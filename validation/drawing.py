@@ -35,11 +35,12 @@ UP = np.array([0.0, 0.0, 1.0])
 DOTS_PER_INCH = 160
 LARGEST_PICTURE = 300_000  # bytes
 LONG_DATA = 10_000  # bytes of a picture's data above which its file is compressed
-WEBP = ((1.0, 78), (1.0, 65), (0.8, 75), (0.65, 75), (0.5, 75))  # share of the size, quality: the first that fits
+COLOURS = 128  # of a PNG
+WEBP = ((1.0, 62), (0.8, 70), (0.65, 75), (0.5, 75))  # share of the size, quality: the first that fits
 
 
 def save_picture(figure: Any, path: Path) -> None:
-    """Write a figure as a PNG with at most 256 colours, or as WebP, by the ending of `path`.
+    """Write a figure as a PNG with at most COLOURS colours, or as WebP, by the ending of `path`.
 
     Raises ValueError where no quality and size give a file of at most LARGEST_PICTURE bytes.
     """
@@ -54,7 +55,7 @@ def save_picture(figure: Any, path: Path) -> None:
             size = round(share * image.width), round(share * image.height)
             image.resize(size, Image.Resampling.LANCZOS).save(coded, "WEBP", quality=quality, method=6)
         else:
-            palette = image.quantize(256, method=Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE)
+            palette = image.quantize(COLOURS, method=Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE)
             palette.save(coded, "PNG", optimize=True)
         if coded.tell() <= LARGEST_PICTURE:
             path.write_bytes(coded.getvalue())

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from refsim.core.extras import extra
+from refsim.render import water
 from refsim.render.looks import Camera, Cut, level_axes
 
 SUPERSAMPLING = 2  # pixels along a pixel's edge that are drawn and averaged
@@ -18,7 +19,8 @@ BOTTOM, TOP, SIDES = 0.13, 0.09, 0.04  # shares of a picture that are left to it
 SHADOW = 0.42  # darkness of the ground under a thick body
 LIGHT = (-0.45, 0.35, 0.82)  # towards the light: right of the viewer, away from him on the ground, up
 GROUND_CELLS = 768
-CLEAR = 0.13  # opacity of a thin film of water seen from the front
+
+Array = NDArray[np.float64]
 
 
 def pyvista() -> Any:
@@ -106,7 +108,8 @@ class Stage:
             plotter.set_background(self.background)
             self._surroundings(pv, plotter, bodies)
             for body in bodies:
-                self._add(pv, plotter, body)
+                if not body.water:
+                    self._add(pv, plotter, body)
             middle, half = self.frame()
             _, upward, towards = self.camera.axes(self.up)
             away = 4.0 * float(np.linalg.norm(self.high - self.low)) + 4.0 * half
@@ -120,18 +123,61 @@ class Stage:
                 reach = 0.08 * float(np.linalg.norm(self.high - self.low))
                 plotter.enable_ssao(radius=reach, bias=0.3 * reach, kernel_size=64, blur=True)
             image = np.asarray(plotter.screenshot(return_img=True))[..., :3]
+            clear = [body for body in bodies if body.water and body.facets is not None and len(body.facets)]
+            if clear:
+                image = self._through_water(pv, image, _depths(plotter) - away, clear)
         finally:
             plotter.close()
         return _averaged(image, SUPERSAMPLING)
 
+    def _through_water(self, pv: Any, image: NDArray, behind: Array, bodies: Sequence[Body]) -> Array:
+        """The image (height, width, 3) of what is opaque, with water before and around it.
+
+        behind  (height, width) of what is opaque, distance beyond the middle of the picture [m]; infinite for none
+        """
+        shape = image.shape[:2]
+        right, upward, towards = axes = self.camera.axes(self.up)
+        middle, half = self.frame()
+        metres = 2.0 * half / shape[0]
+        points, normals, colours, facets, count = [], [], [], [], 0
+        for body in bodies:
+            mesh = _with_normals(pv, body)
+            points.append(np.asarray(mesh.points, dtype=float) - middle)
+            normals.append(np.asarray(mesh.point_data["Normals"], dtype=float))
+            colours.append(np.asarray(mesh.point_data["colour"]) / 255.0)
+            facets.append(np.asarray(mesh.regular_faces) + count)
+            count += mesh.n_points
+        x, corners = np.concatenate(points), np.concatenate(facets)
+        place = np.stack([0.5 * shape[1] + x @ right / metres, 0.5 * shape[0] - x @ upward / metres], axis=1)
+        found = water.crossings(place, -x @ towards, corners, shape)
+        thickness, first = water.in_water(found, behind.ravel())
+        wet = first >= 0
+        own, weight = corners[found.facet[first[wet]]], found.weight[first[wet]][..., None]
+        maps = np.zeros((2, len(wet), 3))
+        for values, target in zip((np.concatenate(normals), np.concatenate(colours)), maps):
+            target[wet] = (weight * values[own]).sum(1)
+        normal = maps[0] / np.linalg.norm(maps[0], axis=1, keepdims=True).clip(1e-12)
+        surface = np.where(wet, found.depth[first], np.inf)
+        movable = ~wet | (behind.ravel() > surface)
+        normal, colour = (values.reshape(*shape, 3) for values in (normal, maps[1]))
+        result = water.shaded(
+            np.asarray(image, dtype=float) / 255.0, thickness.reshape(shape), normal, colour, wet.reshape(shape), axes,
+            np.asarray(self.up), self._to_light(), metres, movable.reshape(shape),
+        )  # fmt: skip
+        return 255.0 * result
+
     def draw_clear(self, bodies: Sequence[Body]) -> NDArray[np.float64]:
-        """The picture (height, width, 4), 0 to 1, of the bodies without a background."""
+        """The picture (height, width, 4), 0 to 1, of the bodies without a background.
+
+        On white it is exact. On other grounds coloured water is somewhat too bright, since one opacity has no colour.
+        """
         on_black, on_white = (
             replace(self, background=name).draw(bodies, occlusion=False).astype(float) / 255.0
             for name in ("black", "white")
         )
-        opacity = (1.0 - (on_white - on_black).mean(2, keepdims=True)).clip(0.0, 1.0)
-        colour = np.divide(on_black, opacity, out=np.zeros_like(on_black), where=opacity > 0)
+        passed = (on_white - on_black).min(2, keepdims=True).clip(0.0, 1.0)
+        opacity = 1.0 - passed
+        colour = np.divide(on_white - passed, opacity, out=np.zeros_like(on_white), where=opacity > 0)
         return np.concatenate([colour.clip(0.0, 1.0), opacity], axis=2)
 
     def _lights(self, pv: Any, plotter: Any) -> None:
@@ -204,46 +250,11 @@ class Stage:
         if body.facets is None:
             self._add_balls(pv, plotter, body, colours)
             return
-        mesh = _polygons(pv, body.points, body.facets)
-        mesh.point_data["colour"] = (255 * colours).round().astype(np.uint8)
-        mesh = mesh.compute_normals(
-            point_normals=True, cell_normals=False, split_vertices=body.edges, consistent_normals=False,
-            auto_orient_normals=False,
-        )  # fmt: skip
-        if body.water:
-            normals, base = np.asarray(mesh.point_data["Normals"]), np.asarray(mesh.point_data["colour"]) / 255.0
-            mesh.point_data["colour"] = self._water(normals, base)
-            facets = mesh.regular_faces  # drawn from the farthest to the nearest: software drivers peel no depths
-            towards = self.camera.axes(self.up)[2]
-            order = np.argsort((np.asarray(mesh.points) @ towards)[facets].sum(1), kind="stable")
-            mesh.faces = np.insert(facets[order], 0, 3, axis=1).ravel()
-            plotter.add_mesh(mesh, scalars="colour", rgb=True, lighting=False, show_scalar_bar=False)
-            return
+        mesh = _with_normals(pv, body)
         plotter.add_mesh(
             mesh, scalars="colour", rgb=True, smooth_shading=True, ambient=0.24, diffuse=0.9,
             specular=body.gloss, specular_power=35.0, show_scalar_bar=False,
         )  # fmt: skip
-
-    def _water(self, normals: NDArray, base: NDArray) -> NDArray[np.uint8]:
-        """(n, 4) colours of a water surface: what it reflects of sky and light, over its own colour; clear in front."""
-        towards = self.camera.axes(self.up)[2]
-        facing = normals @ towards
-        front = facing > 0
-        cosine = np.abs(facing)
-        fresnel = 0.03 + 0.97 * (1.0 - cosine) ** 5
-        mirrored = 2.0 * facing[:, None] * normals - towards
-        height = mirrored @ self.up
-        sky = np.clip(0.5 + 0.5 * height, 0.0, 1.0)[:, None]
-        reflected = (1 - sky) * np.array([0.62, 0.68, 0.72]) + sky * np.array([0.93, 0.97, 1.0])
-        shine = np.clip(mirrored @ self._to_light(), 0.0, 1.0)
-        window = np.clip((shine - 0.955) / 0.02, 0.0, 1.0) + 0.35 * shine**12
-        lit = 0.55 + 0.45 * np.clip(normals @ self._to_light(), -1.0, 1.0)
-        own = base * (0.55 + 0.6 * lit[:, None])
-        share = np.clip(fresnel + 0.9 * window * front, 0.0, 1.0)[:, None]
-        colour = own * (1 - share) + np.maximum(reflected, window[:, None]) * share
-        opacity = np.clip(CLEAR + 0.55 * (1.0 - cosine) ** 1.5 + share[:, 0], 0.0, 1.0)
-        opacity = np.where(front, np.maximum(opacity, 0.34), 0.42)
-        return (255 * np.clip(np.column_stack([colour, opacity]), 0, 1)).round().astype(np.uint8)
 
     def _add_balls(self, pv: Any, plotter: Any, body: Body, colours: NDArray) -> None:
         import vtk
@@ -264,6 +275,35 @@ class Stage:
         look.SetSpecular(body.gloss)
         look.SetSpecularPower(35.0)
         plotter.add_actor(actor)
+
+
+def _with_normals(pv: Any, body: Body) -> Any:
+    """The surface of a body with colours and normals at its vertices."""
+    assert body.facets is not None
+    colours = np.broadcast_to(np.asarray(body.colour, dtype=float), (len(body.points), 3))
+    mesh = _polygons(pv, body.points, body.facets)
+    mesh.point_data["colour"] = (255 * colours).round().astype(np.uint8)
+    return mesh.compute_normals(
+        point_normals=True, cell_normals=False, split_vertices=body.edges, consistent_normals=False,
+        auto_orient_normals=False,
+    )  # fmt: skip
+
+
+def _depths(plotter: Any) -> Array:
+    """(height, width) distances [m] from the camera's plane to what is drawn, infinite where nothing is."""
+    import vtk
+    from vtk.util.numpy_support import vtk_to_numpy
+
+    copied = vtk.vtkWindowToImageFilter()
+    copied.SetInput(plotter.render_window)
+    copied.SetInputBufferTypeToZBuffer()
+    copied.ReadFrontBufferOff()
+    copied.ShouldRerenderOff()
+    copied.Update()
+    width, height, _ = copied.GetOutput().GetDimensions()
+    share = vtk_to_numpy(copied.GetOutput().GetPointData().GetScalars()).reshape(height, width)[::-1].astype(float)
+    near, far = plotter.camera.clipping_range
+    return np.where(share < 1.0, near + share * (far - near), np.inf)
 
 
 def _polygons(pv: Any, points: NDArray, facets: NDArray) -> Any:

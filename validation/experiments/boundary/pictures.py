@@ -16,13 +16,10 @@ from validation.drawing import (
     GREY,
     ORANGE,
     VERMILION,
-    ball_picture,
-    show_image,
     view_matrix,
-    visible_balls,
 )  # fmt: skip
 from validation.experiment import Results
-from validation.experiments.boundary.flow_runs import ARMS, DENSITY, GRAVITY, POUR, SPACING
+from validation.experiments.boundary.flow_runs import ARMS, DENSITY, GRAVITY, POUR
 from validation.experiments.boundary.sampling_shapes import SHAPES
 from validation.results import floats, real
 
@@ -120,64 +117,30 @@ def convergence_picture(data: Mapping[str, Any]) -> Any:
 
 # Liquid at meshes
 
-POUR_VIEW = view_matrix(azimuth=32.0, elevation=22.0)
-EXTENT = 0.17  # half width of a frame [m]
-WATER, SOLID = (0.16, 0.50, 0.80), (0.72, 0.66, 0.58)
-MILLI = 1e-4  # unit of stored coordinates [m]
-
 
 def pour_data(results: Results) -> dict[str, Any]:
-    """The particles that can be seen, half-way and at the end, of every shape and arm that was run."""
+    """Parts and holes of the liquid, half-way and at the end, of every shape and arm that was run."""
     rows = []
     for shape in POUR:
         for arm, words in ARMS.items():
             result = results.get(f"flow_pour_{shape}_{arm}")
             if result is None:
                 continue
-            solid = result.arrays["solid"].astype(float)
-            frames = []
-            for k in (2, 5):
-                liquid = result.arrays["position"][k].astype(float)
-                both = np.vstack([liquid, solid])
-                seen = visible_balls(both, 0.5 * SPACING, POUR_VIEW, EXTENT)
-                frame = result.values["frames"][k]
-                frames.append(
-                    {
-                        "time_s": frame["time"], "components": frame["components"], "holes": frame["holes"],
-                        "liquid": np.rint(both[seen[seen < len(liquid)]] / MILLI).astype(int),
-                        "solid": np.rint(both[seen[seen >= len(liquid)]] / MILLI).astype(int),
-                    }
-                )  # fmt: skip
+            frames = [
+                {"time_s": frame["time"], "components": frame["components"], "holes": frame["holes"]}
+                for frame in (result.values["frames"][k] for k in (2, 5))
+            ]
             rows.append({"shape": shape, "arm": words, "frames": frames})
     return {"title": "Liquid poured on solids, by tension", "rows": rows}
 
 
-POUR_SHOWN = "sphere"  # the solid that is drawn; of the others the picture has numbers
-
-
 def pour_picture(data: Mapping[str, Any]) -> Any:
-    """One solid half-way in each arm; below parts and holes of the liquid at the end on all solids."""
+    """Parts and holes of the liquid at the end on all solids, a bar for each arm."""
     shapes = list(dict.fromkeys(row["shape"] for row in data["rows"]))
     arms = list(dict.fromkeys(row["arm"] for row in data["rows"]))
     end = {(row["shape"], row["arm"]): row["frames"][-1] for row in data["rows"]}
-    shown = POUR_SHOWN if POUR_SHOWN in shapes else shapes[0]
-    figure = plt.figure(figsize=(3.1 * len(arms), 4.9))
-    halves: Any = figure.subfigures(2, 1, height_ratios=(1.15, 1))
-    above, below = halves
-    for row in data["rows"]:
-        if row["shape"] != shown:
-            continue
-        frame, place = row["frames"][0], above.add_subplot(1, len(arms), arms.index(row["arm"]) + 1)
-        place.set_axis_off()
-        liquid = np.array(frame["liquid"], dtype=float).reshape(-1, 3) * MILLI
-        solid = np.array(frame["solid"], dtype=float).reshape(-1, 3) * MILLI
-        x = np.vstack([liquid, solid])
-        colour = np.vstack([np.broadcast_to(WATER, liquid.shape), np.broadcast_to(SOLID, solid.shape)])
-        show_image(place, ball_picture(x, 0.5 * SPACING, colour, POUR_VIEW, EXTENT, 420), EXTENT)
-        place.set_ylim(-EXTENT, 0.5 * EXTENT)
-        place.set_title(f"{row['arm']}, {frame['time_s']:.2f} s", loc="center", weight="normal")
-    for k, (name, words) in enumerate((("components", "parts"), ("holes", "holes"))):
-        axes = below.add_subplot(1, 2, k + 1)
+    figure, panels = plt.subplots(1, 2, figsize=(9.3, 2.9))
+    for axes, (name, words) in zip(panels, (("components", "parts"), ("holes", "holes"))):
         for n, (arm, shade) in enumerate(zip(arms, (GREY, BLUE, VERMILION))):
             there = [(at, end[shape, arm][name]) for at, shape in enumerate(shapes) if (shape, arm) in end]
             places, heights = [at + 0.27 * (n - 1) for at, _ in there], [height for _, height in there]
@@ -185,9 +148,8 @@ def pour_picture(data: Mapping[str, Any]) -> Any:
         axes.set_xticks(range(len(shapes)), shapes)
         axes.set(title=f"{words} of the liquid at the end")
         axes.grid(True, axis="y")
-        if k == 0:
-            handles, labels = axes.get_legend_handles_labels()
-    below.legend(handles, labels, loc="outside lower center", ncols=len(arms))
+    handles, labels = panels[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=len(arms))
     ranges = {
         arm: (min(found), max(found))
         for arm in arms
