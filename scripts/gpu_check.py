@@ -510,6 +510,40 @@ def melting_task(arguments: list[str]) -> list[Row]:
     return rows
 
 
+def effects_task(arguments: list[str]) -> list[Row]:
+    """Microseconds of a step of each scene of a ladder (docs/effects_cost.md); launches and bytes against the plan."""
+    from refsim.study.memory import bytes_of
+    from validation import effects_cost
+
+    small, rows = runtime.simulated(), []
+    for rung in effects_cost.ladders(small)[arguments[0]].rungs:
+        simulation = Simulation(rung.scene, "cuda")
+        for _ in range(1 if small else 50):
+            simulation.step()
+        spans = []
+        for _ in range(1 if small else 5):
+            count = 1 if small else 100
+            began = time.perf_counter()
+            for _ in range(count):
+                simulation.step()  # waits for the device
+            spans.append((time.perf_counter() - began) / count)
+        middle = float(np.median(spans))
+        words = f"{simulation.count:,} particles, median of {len(spans)} readings, {min(spans) / middle:.2f} to"
+        rows.append(
+            row(f"step: {rung.words}", float(f"{1e6 * middle:.4g}"), "us", words=f"{words} {max(spans) / middle:.2f}")
+        )
+        with effects_cost.counted_kernels() as kernels:
+            operations = effects_cost.launched(simulation)
+        wrong = effects_cost.differences(simulation, operations)
+        rows.append(judged(f"launches and bytes off the plan: {rung.words}", len(wrong), 0, words="; ".join(wrong)))
+        rows.append(row(f"kernels a step: {rung.words}", len(kernels)))
+        said, liquid = bytes_of(simulation.plan, "cuda"), simulation._parameters.get("mpm_liquid")
+        if liquid is not None and "surface_energy" not in simulation.plan.effects:
+            off = abs(liquid["grid"].bytes() - said["background_grid"])
+            rows.append(judged(f"bytes of the background grid off the plan: {rung.words}", off, 0, "B"))
+    return rows
+
+
 def cache_task(_: list[str]) -> list[Row]:
     """Seconds until a kernel's first launch has run; the second process finds it on disk."""
     began = time.perf_counter()
@@ -526,6 +560,7 @@ TASKS: dict[str, Callable[[list[str]], list[Row]]] = {
     "cache": cache_task,
     "timing": timing_task,
     "melting": melting_task,
+    "effects": effects_task,
 }
 
 
@@ -541,6 +576,7 @@ def planned(quick: bool) -> tuple[list[str], list[str]]:
     alone = ["cache first", "cache second"]
     sizes = [size for size in SIZES if not (quick and size == "8M")]
     alone += [f"melting {size}" for size in MELTING]
+    alone += [f"effects {ladder}" for ladder in ("sph", "melting", "mpm", "mesh")]
     return together, alone + [f"timing {size} {model}" for model in TENSIONS for size in sizes]
 
 

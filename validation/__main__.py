@@ -18,7 +18,7 @@ if not __package__:
     sys.exit(2)
 
 from refsim.core.errors import InputError, RefsimError
-from validation import accuracy, answers, claims, published, stability, stability_page, verify
+from validation import accuracy, answers, claims, effects_cost, published, stability, stability_page, verify
 from validation.attack import campaign
 from validation.checks import ACCURACY, CLAIM, HARD_CASE, KINDS, VERDICT, bars
 from validation.experiment import Experiment, Options, Picture, chosen, discover
@@ -77,6 +77,10 @@ def parser() -> argparse.ArgumentParser:
     part.add_argument("--compare", nargs=2, metavar=("OLD", "NEW"), help="judge two reports; measures nothing")
     part.add_argument("--write", action="store_true", help="renew docs/accuracy_cost.md and what refsim advise knows")
     part.set_defaults(perform=panels)
+
+    part = add("effects", "measures launches, bytes and microseconds a step as effects are added one by one")
+    part.add_argument("--draw", action="store_true", help="page and picture from the stored numbers; measures nothing")
+    part.set_defaults(perform=effect_ladders)
 
     part = add("stale", "lists published numbers whose code has changed since they were measured")
     part.add_argument("names", nargs="*", metavar="NAME | KIND", help="all by default")
@@ -209,6 +213,12 @@ def panels(given: argparse.Namespace) -> int:
         return EXIT_FINE
     some = chosen(given.names, accuracy.panels(discover()), "panel")
     return told(accuracy.perform_panels(some, options_of(given)), given.json)
+
+
+def effect_ladders(given: argparse.Namespace) -> int:
+    """Measure what each effect costs, or draw what is stored."""
+    print(*effects_cost.perform(given.draw), sep="\n")
+    return EXIT_FINE
 
 
 def measure_claims(given: argparse.Namespace) -> int:

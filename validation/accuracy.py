@@ -178,7 +178,7 @@ def make_report(panel: Panel, results: Results, options: Options) -> dict[str, A
         "starts": [start for result in results.values() for start in result.values.get("starts", ())],
         "omissions": omissions(panel, points, options),
     }
-    made["advice"] = advice(panel, own, front, band)
+    made["advice"] = advice(panel, points, band)
     made["points"] = points  # last, because it is long
     return made
 
@@ -439,45 +439,47 @@ def omissions(panel: Panel, points: Points, options: Options) -> list[str]:
     return made
 
 
-def advice(panel: Panel, shown: Points, front: Sequence[str], band: Band | None) -> str:
-    """One sentence that says what to choose."""
-    alive = {key: p for key, p in shown.items() if not p["stopped"] and math.isfinite(p["error"])}
-    if not alive:
+def advice(panel: Panel, points: Points, band: Band | None) -> str:
+    """One sentence that says what to choose, by the rules of `validation.answers.choose`."""
+    from validation import answers  # which reads reports
+
+    observable = answers.observable_of(panel.name, panel.title, panel.group)
+    if not any(p["shown"] and not p["stopped"] and p["error"] is not None for p in points.values()):
         return "No setting came to an end, so that there is nothing to choose."
-    alive = {key: p for key, p in alive.items() if not p["elsewhere"]} or alive
-    there = {key: p for key, p in alive.items() if p["to_stated"] is not None}
-    if not there:
-        key = min(alive, key=lambda k: alive[k]["error"])
-        near = alive[key]
+    found = [c for c in answers.candidates(points, observable) if "reported" not in c.point["knobs"]]
+    spread = answers.uncertainty(points, observable, None if band is None else asdict(band))
+    own = [c for c in found if not answers.is_peer(c.point)] or found
+    error = panel.stated / observable.scale if observable.stated is None else observable.stated
+    named = f"{panel.observable} {panel.stated:.3g}"
+    if observable.stated is not None:
+        named = f"an error of {answers.percent(error)} {observable.relative}"
+    choice = answers.choose(own, error, spread)
+    if choice.advised is None:
         return (
-            f"No setting reaches {panel.observable} {panel.stated:.3g}: the nearest is {near['words']} with"
-            f" {near['error']:.2g} in {duration(near['seconds'])}."
+            "; ".join([f"For {named} nothing is advised: {choice.why.removeprefix('not advised: ')}", *choice.notes])
+            + "."
         )
-    key = min(there, key=lambda k: there[k]["to_stated"]["seconds"])
-    best, seconds = there[key], there[key]["to_stated"]["seconds"]
-    said = [f"For {panel.observable} {panel.stated:.3g} take {best['words']}: {duration(seconds)}"]
-    if best["unstable"]:
-        said[0] += f" (timing unstable: {best['unstable']})"
-    group = best["knobs"].get(panel.group)
-    rivals = {str(p["knobs"].get(panel.group)) for p in alive.values()} - {str(group)}
-    for rival in sorted(rivals):
-        members = {k: p for k, p in alive.items() if str(p["knobs"].get(panel.group)) == rival}
-        reach = [p for p in members.values() if p["to_stated"] is not None]
+    best = choice.advised
+    said = [f"For {named} take {best.point['words']}: {duration(choice.seconds)}", *choice.notes]
+    mine = str(best.point["knobs"].get(panel.group))
+    for rival in sorted({str(c.point["knobs"].get(panel.group)) for c in found} - {mine}):
+        members = [c for c in found if str(c.point["knobs"].get(panel.group)) == rival]
+        reach = [s for c in members if (s := c.seconds(error)) is not None and not c.point["elsewhere"]]
         if reach:
-            other = min(p["to_stated"]["seconds"] for p in reach)
-            said.append(f"{rival} takes {other / seconds:.1f} times as long")
+            said.append(f"{rival} takes {min(reach) / choice.seconds:.1f} times as long")
         else:
-            near = min(members.values(), key=lambda p: p["error"])
-            said.append(f"{rival} keeps {near['error']:.2g} after {duration(near['seconds'])}")
-    last = next((k for k in reversed(front) if k in alive), key)
-    if band is not None and panel.stated <= band.width:
-        said.append(f"finer settings buy nothing that the reference could tell ({band.width:.2g}: {band.words})")
-    elif last != key and alive[last]["error"] < 0.9 * min(best["error"], panel.stated):
-        finest = alive[last]
-        text = f"{finest['error']:.2g} costs {duration(finest['seconds'])} with {finest['words']}"
-        if band is not None and finest["error"] < band.width:
-            text += f", which is less than the reference can tell ({band.width:.2g})"
-        said.append(text)
+            near = min(members, key=lambda c: c.error)
+            said.append(f"{rival} keeps {near.own:.2g} after {duration(real(near.point['seconds']))}")
+    if spread < error:
+        better = [
+            c for c in own if c.settled and not answers.refused(c, own) and c.error < 0.9 * min(best.error, error)
+        ]
+        if better:
+            finest = min(better, key=lambda c: c.error)
+            text = f"{finest.own:.2g} costs {duration(real(finest.point['seconds']))} with {finest.point['words']}"
+            if finest.error < spread:
+                text += f", which is less than the reference can tell ({spread * observable.scale:.2g})"
+            said.append(text)
     return "; ".join(said) + "."
 
 

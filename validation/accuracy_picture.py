@@ -26,20 +26,23 @@ def answer_picture(data: Mapping[str, Any]) -> Any:
     """Error against time: one line a method, targets, the uncertainty of the reference, advised points by name."""
     from validation import answers
 
-    observable = answers.OBSERVABLES.get(data["panel"]) or answers.Observable(
-        data["title"], "", method=data["headline"]["group"]
-    )
+    observable = answers.observable_of(data["panel"], data["title"], data["headline"]["group"])
     points = data["points"]
     found = answers.candidates(points, observable)
     spread = answers.uncertainty(points, observable, data["band"])
     advised: dict[str, list[float]] = {}
-    for own in ("reported" not in c.point["knobs"] for c in found), ("reported" in c.point["knobs"] for c in found):
-        some = [c for c, is_own in zip(found, own) if is_own and not answers.is_peer(c.point)]
+    read: dict[str, list[float]] = {}  # named where no timing has settled
+    for reported in (False, True):
+        some = [c for c in found if ("reported" in c.point["knobs"]) == reported and not answers.is_peer(c.point)]
         for error in sorted({*answers.TARGETS, *observable.more}, reverse=True) if some else ():
             choice = answers.choose(some, error, spread)
             if choice.advised is not None:
                 advised.setdefault(choice.advised.key, []).append(error)
+            elif choice.read is not None and not (observable.meaning and error <= observable.meaning[0]):
+                read.setdefault(choice.read.key, []).append(error)
     figure, axes = plt.subplots(figsize=(7.6, 4.3))
+    own = [c for c in found if "reported" not in c.point["knobs"] and not answers.is_peer(c.point)]
+    passed = {c.key for c in own if answers.refused(c, own) or answers.by_chance(c, c.error, own)}
     methods: dict[str, list[Any]] = {}
     for c in found:
         name = str(c.point["knobs"].get(observable.method, "points"))
@@ -48,12 +51,16 @@ def answer_picture(data: Mapping[str, Any]) -> Any:
     for k, (name, members) in enumerate(methods.items()):
         colour, mark = GROUP_COLOURS[k % len(GROUP_COLOURS)], MARKERS[k % len(MARKERS)]
         members.sort(key=lambda c: c.error)
-        best = [c for c in members if not any(o.error <= c.error and _wall(o) < _wall(c) for o in members)]
+        sound = [c for c in members if c.key not in passed]
+        best = [c for c in sound if not any(o.error <= c.error and _wall(o) < _wall(c) for o in sound)]
         axes.plot([100 * c.error for c in best], [_wall(c) for c in best], color=colour, lw=1.2, alpha=0.8)
         for c in members:
-            axes.plot(100 * c.error, _wall(c), mark, ms=6, color=colour, mfc=colour if c.settled else "white", mew=1.2)
+            axes.plot(100 * c.error, _wall(c), mark, ms=6, color=colour, mfc=colour if c.settled else "white", mew=1.2,
+                      alpha=0.35 if c.key in passed else 1.0)  # fmt: skip
         axes.plot([], [], mark, color=colour, label=name)
-    axes.plot([], [], "o", color=GREY, mfc="white", mew=1.2, label="timing has not settled: never advised")
+    axes.plot([], [], "o", color=GREY, mfc="white", mew=1.2, label="hollow: timing has not settled")
+    if passed:
+        axes.plot([], [], "o", color=GREY, alpha=0.35, label="pale: passed over at its own error")
     axes.set(xscale="log", yscale="log")
     low, high = axes.get_xlim()
     low, high = min(low, 0.08 if low < 0.5 else 0.8), max(high, 12.0)
@@ -68,6 +75,9 @@ def answer_picture(data: Mapping[str, Any]) -> Any:
     shaded = [(100 * spread, ORANGE, "uncertainty of the reference")] if spread else []
     if data["band"] is not None and observable.converged:
         shaded.append((100 * real(data["band"]["width"]), YELLOW, data["band"]["words"]))
+    if shaded:
+        bottom, top = axes.get_ylim()
+        axes.set_ylim(bottom * (bottom / top) ** (0.06 + 0.05 * len(shaded)), top)  # room for their words
     for k, (width, colour, words) in enumerate(shaded):
         axes.axvspan(low, width, color=colour, alpha=0.12, lw=0)
         left = width < math.sqrt(low * high)
@@ -76,15 +86,17 @@ def answer_picture(data: Mapping[str, Any]) -> Any:
     for error in answers.TARGETS:
         if low < 100 * error < high:
             axes.axvline(100 * error, color=GREY, ls=":", lw=0.9)
-    for c in found:
-        if c.key in advised:
-            axes.plot(100 * c.error, _wall(c), "o", ms=12, mfc="none", mec=BLACK, mew=1.3, zorder=5)
-            errors = ", ".join(answers.percent(e) for e in advised[c.key])
-            right = 100 * c.error > math.sqrt(low * high)
-            said = f"for {errors}:\n{textwrap.fill(c.point['words'], 34)}"
-            axes.annotate(said, (100 * c.error, _wall(c)), (-9 if right else 9, 8), textcoords="offset points",
-                          ha="right" if right else "left", fontsize=7, zorder=6,
-                          bbox={"fc": "white", "ec": "none", "alpha": 0.5, "pad": 0.5})  # fmt: skip
+    listed = []
+    for c in sorted((c for c in found if c.key in advised or c.key in read), key=lambda c: -c.error):
+        letter = "abcdefgh"[len(listed)]
+        ring = BLACK if c.key in advised else GREY
+        axes.plot(100 * c.error, _wall(c), "o", ms=12, mfc="none", mec=ring, mew=1.3, zorder=5)
+        axes.annotate(letter, (100 * c.error, _wall(c)), (8, 6), textcoords="offset points", fontsize=8, zorder=6,
+                      fontweight="bold", bbox={"fc": "white", "ec": "none", "alpha": 0.6, "pad": 0.3})  # fmt: skip
+        errors = ", ".join(answers.percent(e) for e in advised.get(c.key, read.get(c.key, ())))
+        hollow = "" if c.key in advised else ", not settled"
+        listed.append(f"{letter}: for {errors}{hollow}\n{textwrap.indent(textwrap.fill(c.point['words'], 36), '    ')}")
+    axes.text(1.02, 0.0, "\n".join(listed), transform=axes.transAxes, va="bottom", fontsize=7)
     _plain_ticks(axes.xaxis)
     _plain_ticks(axes.yaxis, seconds)
     axes.set(xlabel=f"error [% {observable.relative}]", ylabel="wall time")

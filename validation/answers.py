@@ -11,7 +11,13 @@ The rules, for one observable, one error and one kind of machine:
 3. float64 is no candidate where float32 with the same knobs has the same error within its noise, or 1 %.
 4. Of the candidates whose timing has settled (`validation.work_precision.unsettled`) the fastest is advised. Where none
    has settled, none is advised. A reading below LEAST_READING never counts as settled.
-5. An error below the uncertainty of the reference is marked as such.
+5. A settled candidate is not advised either where an unsettled one is faster beyond its scatter: where the slowest
+   reading of that one is below the fastest reading of the settled one. The cheaper one is then named with its readings.
+6. A setting that keeps an error which a finer spacing with the same other knobs does not keep is no candidate for it:
+   errors of opposite sign cancel there.
+7. An error below the uncertainty of the reference is marked as such.
+
+Table, pictures, `refsim advise` and the sentence of a panel (`validation.accuracy.advice`) all ask `choose`.
 """
 
 from __future__ import annotations
@@ -49,6 +55,10 @@ class Reference:
     fine: str
     order: float
 
+    def among(self, points: Mapping[str, Point]) -> bool:
+        """Whether both spacings were measured; --quick leaves them out."""
+        return self.coarse in points and self.fine in points
+
     def limit(self, points: Mapping[str, Point]) -> tuple[float, float]:
         """(the limit, its uncertainty): v_f + (v_f - v_c)/(r^p - 1), and TWO_GRIDS times the last term."""
         coarse, fine = points[self.coarse], points[self.fine]
@@ -73,6 +83,7 @@ class Observable:
     scene      knobs -> a Scene; None where there is none
     page       of docs/ that explains it
     other_scenes  how the keys of settings begin that compute another scene: with an effect more, or one less
+    stated     relative error that the panel's sentence is about; None for the panel's own
     """
 
     words: str
@@ -87,6 +98,7 @@ class Observable:
     scene: Callable[[Mapping[str, Any]], Any] | None = None
     page: str = ""
     other_scenes: tuple[str, ...] = ()
+    stated: float | None = None
 
 
 def _front_scene(knobs: Mapping[str, Any]) -> Any:
@@ -115,12 +127,13 @@ _PROBE = "which particles are surface depends on the radius of the probe (1.2 sp
 OBSERVABLES: dict[str, Observable] = {
     "front": Observable(
         "surge front of a 2D dam break",
-        "of the mean front's position between t sqrt(2g/L) = 1 and 3",
+        "of the front's position",
         unit="column widths",
         converged=Reference("d28", "d40", 1.0),
-        remark="judged against refsim's own converged front; the experiments differ from each other by 10.8 %, and an"
-        " error below that is none of the flow",
+        remark="the position is the mean between t sqrt(2g/L) = 1 and 3, judged against refsim's own converged front;"
+        " the experiments differ from each other by 10.8 %, and an error below that is none of the flow",
         scene=_front_scene,
+        stated=0.05,
         other_scenes=("detection", "water"),
         page="sph.md",
     ),
@@ -136,7 +149,7 @@ OBSERVABLES: dict[str, Observable] = {
     ),
     "detection_2d": Observable(
         "surface detection, 2D splash of 7,200 particles",
-        "of the surface particles, missed or found wrongly",
+        "of the surface particles (1 - F1)",
         unit="1 - F1",
         method="method",
         meaning=(0.01, _PROBE),
@@ -144,7 +157,7 @@ OBSERVABLES: dict[str, Observable] = {
     ),
     "detection_3d": Observable(
         "surface detection, 3D collapse of 8,192 particles",
-        "of the surface particles, missed or found wrongly",
+        "of the surface particles (1 - F1)",
         unit="1 - F1",
         method="method",
         meaning=(0.01, _PROBE),
@@ -157,6 +170,40 @@ OBSERVABLES: dict[str, Observable] = {
         unit="% rms",
         method="scheme",
         page="heat.md",
+    ),
+    "melt_front": Observable(
+        "front of melting beside a hot wall, Stefan's problem",
+        "of the melted depth",
+        scale=100.0,
+        unit="%",
+        method="scheme",
+        remark="the error is the largest of the last three quarters of the depth",
+        page="heat.md",
+    ),
+    "melting": Observable(
+        "time in which a ball of ice melts in warm water",
+        "of the melt time",
+        scale=100.0,
+        unit="%",
+        method="scheme",
+        remark="particles stand still and conduct heat; for a block that melts, floats and flows see refsim study",
+        page="heat.md",
+    ),
+    "spinning_body": Observable(
+        "angular velocity of a shape-matched body, after two turns",
+        "of its first angular velocity",
+        method="scheme",
+        page="shape_matching.md",
+    ),
+    "contact_angle": Observable(
+        "contact angle of a 2D drop on a plane, 90 degrees requested",
+        "of a right angle",
+        scale=90.0,
+        unit="degrees",
+        method="model",
+        more=(1 / 30,),
+        meaning=(0.01, "the map of adhesion is known to 2.6 degrees"),
+        page="contact_angle.md",
     ),
     "mpm_pressure": Observable(
         "pressure of an MPM disc at rest",
@@ -192,12 +239,8 @@ OBSERVABLES: dict[str, Observable] = {
 NOT_MEASURED = {  # observable: (words, where errors without times stand)
     "surface_tension_jump": ("surface tension by the pressure jump", "sigma_map.md"),
     "surface_tension_frequency": ("surface tension by the frequency of a drop", "jiang_zhu_2023.md"),
-    "contact_angle": ("contact angle of a drop on a wall", "contact_angle.md"),
     "tank_pressure": ("pressure of a tank whose walls are a mesh", "boundary_akinci_2012.md"),
-    "melt_front": ("front of melting, Stefan's problem", "heat.md"),
-    "melting": ("time in which a block melts", "melting.md"),
     "beam": ("deflection of a shape-matched beam", "shape_matching.md"),
-    "spinning_body": ("angular velocity of a shape-matched body", "shape_matching.md"),
     "coupling": ("solids that float in a liquid", "two_way_coupling.md"),
     "mpm_frequency": ("frequency of an MPM drop", "mpm_droplet.md"),
     "implicit_pressure": ("implicit pressure against weakly compressible", "iisph.md"),
@@ -231,6 +274,12 @@ class Candidate:
         """Whether the timing has settled."""
         return not self.unsettled
 
+    @property
+    def scatter(self) -> tuple[float, float]:
+        """Its fastest and slowest readings over the median."""
+        readings, median = self.point["all_seconds"], real(self.point["seconds"])
+        return (min(readings) / median, max(readings) / median) if readings and median > 0 else (1.0, 1.0)
+
 
 @dataclass(frozen=True)
 class Choice:
@@ -240,22 +289,27 @@ class Choice:
     seconds  to the error
     why      why none is advised; "" for one
     notes    what was passed over, and what limits the answer
+    read     where none is advised: the candidate that was read fastest; None where none reaches the error
+    nearest  where none reaches the error: the one of the least error that is not kept by chance
     """
 
     advised: Candidate | None
     seconds: float = math.nan
     why: str = ""
     notes: tuple[str, ...] = field(default=())
+    read: Candidate | None = None
+    nearest: Candidate | None = None
 
 
 def candidates(points: Mapping[str, Point], observable: Observable) -> list[Candidate]:
     """Points that came to an end, with relative errors."""
     made = []
-    limit = observable.converged.limit(points)[0] if observable.converged else math.nan
+    converged = observable.converged if observable.converged and observable.converged.among(points) else None
+    limit = converged.limit(points)[0] if converged else math.nan
     for key, p in points.items():
         if not p["shown"] or p["stopped"] or p["error"] is None or key.startswith(observable.other_scenes):
             continue
-        if observable.converged:
+        if converged:
             error = abs(real(p["value"]) - limit) / abs(limit)
             wall = real(p["seconds"])
             own = error * abs(limit)
@@ -279,7 +333,7 @@ def _to(point: Point, scale: float, error: float) -> float | None:
 
 def uncertainty(points: Mapping[str, Point], observable: Observable, band: Mapping[str, Any] | None) -> float:
     """Relative uncertainty of the reference; 0 for an exact one."""
-    if observable.converged:
+    if observable.converged and observable.converged.among(points):
         limit, spread = observable.converged.limit(points)
         return spread / abs(limit)
     return 0.0 if band is None else real(band["width"]) / observable.scale
@@ -300,9 +354,25 @@ def refused(candidate: Candidate, others: Sequence[Candidate]) -> str:
     return ""
 
 
+def observable_of(panel: str, title: str, group: str) -> Observable:
+    """How a panel is answered; one without an entry in OBSERVABLES in its own unit."""
+    return OBSERVABLES.get(panel) or Observable(title, "", method=group)
+
+
 def is_peer(point: Point) -> bool:
     """Whether a point was measured with another program."""
     return str(point["knobs"].get("program", "refsim")) != "refsim"
+
+
+def by_chance(candidate: Candidate, error: float, others: Sequence[Candidate]) -> Candidate | None:
+    """The candidate of a finer spacing, other knobs equal, that does not keep the error; None where there is none."""
+    knobs = candidate.point["knobs"]
+    for other in others:
+        theirs = other.point["knobs"]
+        finer = theirs.get("spacing", 0.0) < knobs.get("spacing", 0.0)
+        if finer and {**theirs, "spacing": 0.0} == {**knobs, "spacing": 0.0} and other.error > error:
+            return other
+    return None
 
 
 def choose(found: Sequence[Candidate], error: float, spread: float = 0.0) -> Choice:
@@ -312,25 +382,35 @@ def choose(found: Sequence[Candidate], error: float, spread: float = 0.0) -> Cho
         return Choice(None, why="not measured")
     reach = [(seconds, c) for c in allowed if (seconds := c.seconds(error)) is not None]
     notes = []
+    for pair in list(reach):
+        finer = by_chance(pair[1], error, allowed)
+        if finer is not None:
+            reach.remove(pair)
+            said = f"{pair[1].point['words']} keeps {percent(pair[1].error)} by chance"
+            notes.append(f"passed over: {said}, {finer.point['words']} {percent(finer.error)}")
     if error < spread:
         notes.append(f"below the uncertainty of the reference ({percent(spread)})")
     if not reach:
         if not allowed:
             return Choice(None, why="not reached: no setting may be advised", notes=tuple(notes))
-        best = min(allowed, key=lambda c: c.error)
+        best = min((c for c in allowed if by_chance(c, c.error, allowed) is None), key=lambda c: c.error)
         took = duration(real(best.point["seconds"]))
         why = f"not reached: {best.point['words']} keeps {percent(best.error)} after {took}"
-        return Choice(None, why=why, notes=tuple(notes))
+        return Choice(None, why=why, notes=tuple(notes), nearest=best)
     settled = [(seconds, c) for seconds, c in reach if c.settled]
-    cheapest = min(reach, key=lambda pair: pair[0])
+    least, nearest = min(reach, key=lambda pair: pair[0])
+    fast, slow = (duration(least * share) for share in nearest.scatter)
+    read = f"{nearest.point['words']} was read at {duration(least)} ({fast} to {slow}), but {nearest.unsettled}"
     if not settled:
         said = f"{len(reach)} settings reach it" if len(reach) > 1 else "one setting reaches it"
-        fastest = f"{cheapest[1].point['words']} was read at {duration(cheapest[0])}, but {cheapest[1].unsettled}"
-        return Choice(None, why=f"not advised: {said}, none in a settled time; {fastest}", notes=tuple(notes))
+        return Choice(None, least, f"not advised: {said}, none in a settled time; {read}", tuple(notes), nearest)
     seconds, best = min(settled, key=lambda pair: pair[0])
-    if cheapest[0] < seconds:
-        said = f"{cheapest[1].point['words']} was read at {duration(cheapest[0])}, but {cheapest[1].unsettled}"
-        notes.append(f"passed over: {said}")
+    surely = [s * c.scatter[1] < seconds * best.scatter[0] for s, c in reach if not c.settled]
+    if any(surely):
+        later = f"{best.point['words']} in a settled {duration(seconds)} costs more"
+        return Choice(None, least, f"not advised: {read}; {later}", tuple(notes), nearest)
+    if least < seconds:
+        notes.append(f"passed over: {read}")
     return Choice(best, seconds, notes=tuple(notes))
 
 
@@ -393,19 +473,36 @@ def _machines(data: Mapping[str, Any], gpu: bool) -> str:
 
 
 def _cell(choice: Choice, observable: Observable) -> dict[str, Any]:
-    if choice.advised is None:
-        return {"why": choice.why, "notes": list(choice.notes)}
-    p = choice.advised.point
+    if choice.advised is not None:
+        return {**_setting(choice.advised, choice.seconds, observable), "notes": list(choice.notes)}
+    made: dict[str, Any] = {"why": choice.why, "notes": list(choice.notes)}
+    if choice.read is not None:
+        fast, slow = (choice.seconds * share for share in choice.read.scatter)
+        named = _setting(choice.read, choice.seconds, observable)
+        made["read"] = {**named, "fastest": fast, "slowest": slow, "unsettled": choice.read.unsettled}
+    if choice.nearest is not None:
+        made["nearest"] = _named(choice.nearest, observable)
+    return made
+
+
+def _named(candidate: Candidate, observable: Observable) -> dict[str, Any]:
+    return {
+        "key": candidate.key,
+        "setting": candidate.point["words"],
+        "keeps": candidate.error,
+        "keeps_own": f"{candidate.own:.2g} {observable.unit}".strip(),
+    }
+
+
+def _setting(chosen: Candidate, seconds: float, observable: Observable) -> dict[str, Any]:
+    """A setting as plain values, with its scene where it has one."""
+    p = chosen.point
     knobs = p["knobs"]
     made: dict[str, Any] = {
-        "key": choice.advised.key,
-        "setting": p["words"],
-        "keeps": choice.advised.error,
-        "keeps_own": f"{choice.advised.own:.2g} {observable.unit}".strip(),
-        "seconds": choice.seconds,
-        "whole": real(p["per_step"]) * p["steps"] if p["curves"] else choice.seconds,
+        **_named(chosen, observable),
+        "seconds": seconds,
+        "whole": real(p["per_step"]) * p["steps"] if p["curves"] else seconds,
         "bytes": None if p["bytes"] is None else p["bytes"] * p["particles"],
-        "notes": list(choice.notes),
     }
     if observable.scene and knobs.get("pair_mode", "all") == "all":
         from refsim.scene.files import scene_to_toml
@@ -419,9 +516,11 @@ def _peer(peers: Sequence[Candidate], error: float) -> dict[str, Any] | None:
     if not peers:
         return None
     choice = choose(peers, error)
+    named = choice.advised or choice.read or choice.nearest
+    program = {} if named is None else {"program": named.point["knobs"]["program"], "keeps": named.error}
     if choice.advised is None:
-        return {"why": choice.why}
-    return {"setting": choice.advised.point["words"], "seconds": choice.seconds}
+        return {"why": choice.why, **program}
+    return {"setting": choice.advised.point["words"], "seconds": choice.seconds, **program}
 
 
 def table(folder: Path = FIGURES) -> dict[str, Any]:
@@ -442,35 +541,103 @@ def as_json(found: Mapping[str, Any]) -> str:
 # The page
 
 
+HOLLOW = "\u25cb"  # before what has not settled, as it is drawn
+BELOW = "\u2020"  # beside an error below the uncertainty of the reference
+ABSENT = "\u2013"  # not measured
+
+
 def markdown(found: Mapping[str, Any]) -> list[str]:
-    """The page's table: a line an observable and error."""
-    lines = ["| observable | error | cheapest settled setting | 2 CPU threads | GPU | memory | best peer |"]
-    lines.append("| --- | --: | --- | --: | --: | --: | --: |")
+    """The page's table: a line for an observable and the errors of equal answers; then what was not measured."""
+    lines = ["| observable | error | cheapest setting | keeps | 2 CPU threads | GPU | memory | best peer |"]
+    lines.append("| --- | --: | --- | --: | --: | --: | --: | --: |")
+    missing = []
     for row in found["observables"]:
         if "missing" in row:
-            lines.append(f"| [{row['words']}]({row['page']}) (`{row['name']}`) | | {row['missing']} | | | | |")
+            missing.append(f"[{row['words']}]({row['page']}) (`{row['name']}`)")
             continue
-        for k, cell in enumerate(row["answers"]):
-            name = f"[{row['words']}]({row['page']}) (`{row['name']}`), {row['relative']}" if k == 0 else ""
-            lines.append(f"| {name} | {percent(cell['error'])} | {' | '.join(_columns(cell, row))} |")
-    return lines
+        name = f"[{row['words']}]({row['page']}), `{row['name']}`; {row['relative']}"
+        groups: dict[tuple[str, ...], list[str]] = {}
+        for cell in row["answers"]:
+            groups.setdefault(tuple(_columns(cell, row)), []).append(_error(cell["error"], row))
+        for columns, errors in groups.items():
+            lines.append(f"| {name} | {', '.join(errors)} | {' | '.join(columns)} |")
+            name = ""
+    said = f"No error against time has been measured for {'; '.join(missing)}."
+    return [*lines, *(["", said] if missing else [])]
+
+
+def _error(error: float, row: Mapping[str, Any]) -> str:
+    """An error of the table, in the observable's own unit beside where that is another one."""
+    scale = OBSERVABLES[row["name"]].scale
+    own = "" if scale in (1.0, 100.0) else f" ({error * scale:.2g} {row['unit']})"
+    return percent(error) + own
+
+
+def _keeps(named: Mapping[str, Any], cell: Mapping[str, Any], row: Mapping[str, Any]) -> str:
+    """An error that a setting keeps; in the observable's own unit, too, where its number is another one."""
+    observable = OBSERVABLES[row["name"]]
+    own = f" ({named['keeps_own']})" if observable.converged or observable.scale not in (1.0, 100.0) else ""
+    return percent(named["keeps"]) + own + (f" {BELOW}" if cell["error"] < row["uncertainty"] else "")
 
 
 def _columns(cell: Mapping[str, Any], row: Mapping[str, Any]) -> list[str]:
+    """Cells behind the error: setting, what it keeps, seconds, seconds on a GPU, memory, the best peer's seconds."""
     if "no_meaning" in cell:
-        return [f"no meaning: {cell['no_meaning']}", "", "", "", ""]
-    cpu, gpu, peer = cell["cpu"], cell["gpu"], cell["peer"]
-    said = cpu.get("why") or f"{cpu['setting']} (keeps {percent(cpu['keeps'])}: {cpu['keeps_own']})"
-    said += "".join(f"; {note}" for note in cpu["notes"])
-    if gpu is None:
-        on_gpu = "not measured"
-    elif "why" in gpu:
-        on_gpu = gpu["why"]
-    else:
-        on_gpu = f"{duration(gpu['seconds'])} ({gpu['setting']})"
-    beside = "" if peer is None else peer.get("why") or f"{duration(peer['seconds'])} ({peer['setting']})"
-    memory = in_bytes(cpu["bytes"]) if cpu.get("bytes") else ""
-    return [said, "" if "why" in cpu else duration(cpu["seconds"]), on_gpu, memory, beside]
+        return [f"no meaning: {cell['no_meaning']}", "", "", "", "", ""]
+    cpu = cell["cpu"]
+    peer = "" if cell["peer"] is None else _of_peer(cell["peer"])
+    if "nearest" in cpu:
+        said = f"not reached; nearest: {cpu['nearest']['setting']}"
+        return [said, _keeps(cpu["nearest"], cell, row), "", _on_gpu(cell["gpu"]), "", peer]
+    named = cpu.get("read") or cpu
+    if "setting" not in named:
+        return [cpu["why"], "", "", _on_gpu(cell["gpu"]), "", peer]
+    said = f"{HOLLOW} {named['setting']}" if "read" in cpu else named["setting"]
+    memory = in_bytes(named["bytes"]) if named.get("bytes") else ""
+    return [said, _keeps(named, cell, row), _time(cpu), _on_gpu(cell["gpu"]), memory, peer]
+
+
+def _time(cell: Mapping[str, Any]) -> str:
+    """Seconds of an advised setting, or the range of the readings of one that has not settled."""
+    if "read" in cell:
+        return f"{HOLLOW} {duration(cell['read']['fastest'])} to {duration(cell['read']['slowest'])}"
+    return duration(cell["seconds"])
+
+
+def _on_gpu(cell: Mapping[str, Any] | None) -> str:
+    if cell is None:
+        return ABSENT
+    return f"not reached ({percent(cell['nearest']['keeps'])})" if "nearest" in cell else _time(cell)
+
+
+def _of_peer(peer: Mapping[str, Any]) -> str:
+    if "seconds" in peer:
+        return f"{duration(peer['seconds'])} ({peer['program']})"
+    return f"not reached ({peer['program']}: {percent(peer['keeps'])})" if "keeps" in peer else peer["why"]
+
+
+def notes(row: Mapping[str, Any]) -> list[str]:
+    """What the table leaves out of an observable's row: why a setting is not advised or was passed over, and peers."""
+    said: dict[str, list[str]] = {}
+
+    def add(words: str, error: float) -> None:
+        said.setdefault(words, []).append(percent(error))
+
+    for cell in row["answers"]:
+        if "no_meaning" in cell:
+            continue
+        for own in (cell["cpu"], cell["gpu"] or {"notes": ()}):
+            if "read" in own:
+                add(f"{HOLLOW} {own['read']['setting']}: {own['read']['unsettled']}", cell["error"])
+            elif own is cell["gpu"] and "setting" in own:
+                add(own["setting"], cell["error"])
+            for note in own["notes"]:
+                if not note.startswith("below the uncertainty"):
+                    add(note, cell["error"])
+        peer = cell["peer"] or {}
+        if peer:
+            add(peer.get("why") or f"best peer {peer['setting']}", cell["error"])
+    return [f"- {', '.join(errors)}: {words}." for words, errors in said.items()]
 
 
 def in_bytes(value: float) -> str:
@@ -482,19 +649,18 @@ def in_bytes(value: float) -> str:
 
 
 def pictures(found: Mapping[str, Any]) -> list[str]:
-    """The page's pictures: one for each observable that was measured."""
+    """The page's pictures: one for each observable that was measured, with the notes to its row."""
     lines = []
     for row in found["observables"]:
         if "missing" in row:
             continue
         lines += [f"### {row['words'][0].upper()}{row['words'][1:]}", ""]
         lines += [f"![Error against time: {row['words']}](../figures/accuracy_cost_{row['name']}.png)", ""]
-        said = f"`refsim advise {row['name']} --error 0.05`"
-        where = f"Measured on {row['machine']} ({', '.join(row['dates'])})" + (
-            f"; GPU: {row['gpu']}" if row["gpu"] else ""
-        )
+        gpu = f"; GPU: {row['gpu']}" if row["gpu"] else ""
         remark = f" {row['remark'][0].upper()}{row['remark'][1:]}." if row["remark"] else ""
-        lines += [f"{said}. {where}.{remark}", ""]
+        lines += [f"Measured on {row['machine']} ({', '.join(row['dates'])}){gpu}.{remark}", ""]
+        listed = notes(row)
+        lines += [*listed, ""] if listed else []
     return lines[:-1]
 
 
@@ -504,6 +670,11 @@ def page(text: str, found: Mapping[str, Any]) -> str:
 
     text = replaced(text, "answers", markdown(found), PAGE)
     return replaced(text, "pictures", pictures(found), PAGE)
+
+
+def has_parts(data: Mapping[str, Any]) -> bool:
+    """Whether a panel knows more of its points than their error and time: parts of the time, curves, distributions."""
+    return any(len(p["parts"]) > 1 or p["curve"] or p["distribution"] for p in data["points"].values())
 
 
 def write() -> list[Path]:
@@ -518,6 +689,8 @@ def write() -> list[Path]:
     for name in OBSERVABLES:
         data = report(name)
         for ending, draw in (("", answer_picture), ("_parts", parts_picture)):
+            if ending and not has_parts(data):
+                continue
             path = FIGURES / f"accuracy_cost_{name}{ending}.png"
             with style():
                 save_picture(draw(data), path)

@@ -4,13 +4,21 @@ from __future__ import annotations
 
 import argparse
 import math
+from collections.abc import Iterator
 from dataclasses import asdict
 from typing import Any
 
 import numpy as np
 
 from refsim.commands import Command, CommandResult, in_bytes, in_time, planned, register, table
-from refsim.core.capabilities import BringsWalls, HoldsOtherMemory, having
+from refsim.core.capabilities import (
+    BringsWalls,
+    HoldsOtherMemory,
+    KnowsLimits,
+    LimitsMassRatio,
+    Margin,
+    having,
+)
 from refsim.core.effect import Extremes
 from refsim.core.errors import InputError
 from refsim.core.fields import BASE
@@ -78,6 +86,10 @@ def describe_plan(plan: Plan, backend: str) -> dict[str, Any]:
         "not_counted": [held for effect in having(plan.effects, HoldsOtherMemory) if (held := effect.other_memory())],
         "step": steps,
         "end_time": scene.end_time,
+        "margins": [
+            {"of": of, **m._asdict(), "room": m.room if math.isfinite(m.room) else None}
+            for of, m in _margins(plan, steps)
+        ],
         "energy_audit": _energy_audit(plan),
         "notes": list(plan.notes) + _notes(plan, steps),
     }
@@ -146,6 +158,21 @@ def _first_step(plan: Plan) -> dict[str, Any]:
         "acceleration": force,
         "steps_to_end_at_least": math.ceil(plan.scene.end_time / length),
     }
+
+
+def _margins(plan: Plan, steps: dict[str, Any]) -> Iterator[tuple[str, Margin]]:
+    """Settings beside the limits that were measured for them, by effect."""
+    for name, effect in plan.effects.items():
+        if isinstance(effect, KnowsLimits):
+            yield from ((name, margin) for margin in effect.margins(plan.grid, plan.effects))
+    ratio = float(plan.state.mass.max() / plan.state.mass.min())
+    for name, effect in plan.effects.items():
+        if ratio > 1 + 1e-6 and isinstance(effect, LimitsMassRatio):
+            largest = effect.largest_mass_ratio(plan.effects)
+            if math.isfinite(largest):
+                yield name, Margin("heaviest particle over the lightest", ratio, largest)
+    if plan.scene.step > 0:
+        yield "every scene", Margin("step [s]", plan.scene.step, min(steps["limits"].values()))
 
 
 def _notes(plan: Plan, steps: dict[str, Any]) -> list[str]:
@@ -259,7 +286,9 @@ def _text(found: dict[str, Any]) -> str:
     lines.append(
         f"Memory: {in_bytes(b['total'])}, {b['total'] / found['particles']:.0f} B a particle (fields"
         f" {in_bytes(b['fields'])}, list {in_bytes(b['neighbour_list'])}, positions at its last build"
-        f" {in_bytes(b['positions_at_list_build'])}, walls {in_bytes(b['walls'])})"
+        f" {in_bytes(b['positions_at_list_build'])}, walls {in_bytes(b['walls'])}"
+        + (f", background grid {in_bytes(b['background_grid'])}" if "background_grid" in b else "")
+        + ")"
     )
     if found["not_counted"]:
         lines.append(f"Not counted, since it follows the run: {'; '.join(found['not_counted'])}")
@@ -270,6 +299,19 @@ def _text(found: dict[str, Any]) -> str:
         f" (limits, before any force but gravity: {limits})",
         f"To {found['end_time']:g} s: at least {step['steps_to_end_at_least']:,} steps",
     ]
+    if found["margins"]:
+        rows = [
+            (
+                m["setting"],
+                m["of"],
+                f"{m['value']:.3g}",
+                f"{'at least' if m['least'] else 'at most'} {m['limit']:.3g}",
+                _room(m["room"]),
+            )
+            for m in found["margins"]
+        ]
+        head = ("setting", "of", "here", "measured to hold", "room")
+        lines += ["", "Measured limits (docs/stability.md)", table(rows, head, right=(2, 3, 4)), ""]
     audit = found["energy_audit"]
     if audit:
         lacking = "; not counted: " + ", ".join(audit["uncounted"]) if audit["uncounted"] else ""
@@ -279,6 +321,15 @@ def _text(found: dict[str, Any]) -> str:
         )
     lines += [f"Note: {note}" for note in found["notes"]]
     return "\n".join(lines)
+
+
+def _room(room: float | None) -> str:
+    """How far a setting is from its limit, as a factor."""
+    if room is None:
+        return "any"
+    if room >= 1:
+        return f"{room:.2g} times"
+    return f"beyond, {1 / room:.2g} times" if room > 0 else "beyond"
 
 
 register(Command("plan", "show what a scene would allocate and launch", configure, execute))

@@ -6,8 +6,9 @@ An effect names its capabilities among its bases, `class BoxWalls(Effect, Brings
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
-from typing import ClassVar, TypeVar
+import math
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from typing import ClassVar, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -101,6 +102,36 @@ class LimitsMassRatio:
         raise NotImplementedError  # an effect with this capability defines it
 
 
+class Margin(NamedTuple):
+    """A setting beside the limit up to which runs were measured to hold (docs/stability.md).
+
+    setting  its name with its unit
+    value    in the scene
+    limit    the largest value that held, or with `least` the smallest
+    """
+
+    setting: str
+    value: float
+    limit: float
+    least: bool = False
+
+    @property
+    def room(self) -> float:
+        """Factor by which the value may change until it meets the limit; below 1 beyond it."""
+        far, near = (self.value, self.limit) if self.least else (self.limit, self.value)
+        return far / near if near > 0 else math.inf
+
+
+class KnowsLimits:
+    """Has settings of which it was measured how far they can go; a note is given beyond."""
+
+    __slots__ = ()
+
+    def margins(self, grid: Discretisation, others: Mapping[str, Effect]) -> Iterator[Margin]:
+        """Those that act in this scene."""
+        raise NotImplementedError  # an effect with this capability defines it
+
+
 class NeedsCellOrder:
     """Needs the particles sorted by cell at intervals, also without a neighbour list."""
 
@@ -160,6 +191,12 @@ class HoldsOtherMemory:
     def other_memory(self) -> str:
         """Name of these arrays, for `refsim plan`; "" where there are none."""
         raise NotImplementedError  # an effect with this capability defines it
+
+    def bytes_at_start(
+        self, grid: Discretisation, position: np.ndarray, others: Mapping[str, Effect], backend: str
+    ) -> dict[str, int]:
+        """Bytes by name of those whose size follows from the particles' first places, `position` (n, 3) [m]."""
+        return {}
 
 
 Capability = TypeVar("Capability")

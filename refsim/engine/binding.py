@@ -10,6 +10,7 @@ import numpy as np
 from refsim.backends.arrays import Backend
 from refsim.core.effect import Effect, Pass
 from refsim.core.operation import PROCEDURES, REGISTRY, Current, backend_of
+from refsim.scene.scene import Plan
 
 
 def fused(passes: Sequence[tuple[Effect, Pass]], backend: str) -> list[tuple[tuple[Effect, ...], Pass]]:
@@ -37,6 +38,17 @@ def fused(passes: Sequence[tuple[Effect, Pass]], backend: str) -> list[tuple[tup
                 for k in reversed(places[:-1]):
                     del result[k]
     return result
+
+
+def step_launches(plan: Plan, backend: str) -> tuple[str, ...]:
+    """Operations that one step of a plan launches on a backend, in order: its passes, and what the runner adds.
+
+    "choose_step" and "send_clock" are the runner's own on backend "cuda", where a step is one graph.
+    """
+    forces = [p.operation for _, p in fused(plan.passes, backend) if not p.on_demand]
+    choice, clock = (("choose_step",), ("send_clock",)) if backend == "cuda" else ((), ())
+    motion = [p.operation for _, p in plan.motion]
+    return (*(p.operation for _, p in plan.begin), *forces, "sph.extremes", *choice, *motion, *clock)
 
 
 def bound(p: Pass, backend: Backend, sources: Sequence[Mapping[str, Any]]) -> Callable[[], None]:

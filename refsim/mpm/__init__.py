@@ -242,7 +242,16 @@ class MpmLiquid(
         return self.cell(grid)
 
     def other_memory(self) -> str:
-        return "blocks of the background grid"
+        return "blocks that the background grid gains after the start"
+
+    def bytes_at_start(
+        self, grid: Discretisation, position: np.ndarray, others: Mapping[str, Effect], backend: str
+    ) -> dict[str, int]:
+        from refsim.mpm.memory import blocks_at, grid_bytes  # after this module
+
+        blocks = blocks_at(position, grid.dim, grid.dtype, self.cell(grid), backend)
+        tension = self.step(others).tension
+        return {"background_grid": grid_bytes(blocks, grid.count, grid.dim, grid.dtype, backend, tension)}
 
     def step(self, others: Mapping[str, Effect]) -> Step:
         """What a step consists of in this scene."""

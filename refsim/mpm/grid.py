@@ -203,9 +203,18 @@ class MpmGrid:
             )
 
     def bytes(self) -> int:
-        """Memory of all arrays."""
+        """Memory of all arrays but the particles' cells, which are a field."""
         kept = [*self._storage.values(), *(self.blocks or ()), *itertools.chain(*self.bins.values())]
+        kept += [] if self.complete is None else [self.complete]
+        kept += [cell for name, cell in self.cells.items() if name != SETS[0]]
+        if self.sorting is not None:
+            kept += [self.sorting.held, self.sorting.place, self.sorting.unsorted]
         return sum(int(np.prod(a.shape)) * a.dtype.itemsize for a in kept)
+
+    def count_blocks(self, keys: np.ndarray, backend: str) -> int:
+        """Number of blocks that a grid like this one makes on a backend for points with these `keys`, -1 for none."""
+        occupied = np.unique(keys[keys >= 0])
+        return len(self._reached(np, occupied, SLACK.get(backend, 0)))
 
     def locate(
         self, positions: Mapping[str, Any], cell: Any, find_cells: Any, block_keys: Any, sorted_bins: Any
@@ -255,9 +264,7 @@ class MpmGrid:
             xp, keys = device.library(), [device.seen(k) for k in keys]
         occupied = xp.unique(xp.concatenate([_runs(xp, k) for k in keys]))
         occupied = occupied[occupied >= 0]
-        slack = SLACK.get(self.backend.name, 0)
-        reach = xp.asarray(self._steps(range(-slack, slack + 2)))
-        made = xp.unique((occupied[:, None] + reach[None, :]).ravel())
+        made = self._reached(xp, occupied, SLACK.get(self.backend.name, 0))
         around = xp.asarray(self._steps((-1, 0, 1)))
         wanted = made[:, None] + around[None, :]
         neighbour = xp.full(wanted.shape, -1, np.int32)
@@ -272,6 +279,11 @@ class MpmGrid:
         if self.on_device:
             arrays = [device.wrapped(a) for a in arrays]
         self.blocks, self.complete = Blocks(*arrays[:2]), arrays[2]
+
+    def _reached(self, xp: Any, occupied: Any, slack: int) -> Any:
+        """Keys of the blocks that points in the `occupied` ones reach, ascending."""
+        reach = xp.asarray(self._steps(range(-slack, slack + 2)))
+        return xp.unique((occupied[:, None] + reach[None, :]).ravel())
 
     def _along(self, axis: Any) -> tuple[Any, ...]:
         """Steps along z, y, x, so that x runs fastest."""

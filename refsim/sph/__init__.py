@@ -17,9 +17,11 @@ from refsim.core.capabilities import (
     BalancesCohesion,
     BringsWalls,
     HasErrata,
+    KnowsLimits,
     KnowsParticleMass,
     LimitsMassRatio,
     LimitsSpeed,
+    Margin,
     having,
 )
 from refsim.core.effect import Discretisation, Effect, Pass, StepLimit, require
@@ -109,7 +111,9 @@ def pressure_is_replaced(others: Mapping[str, Effect]) -> bool:
     return any("sph.state" in effect.replaces() for effect in others.values())
 
 
-class WeaklyCompressible(Effect, KnowsParticleMass, LimitsSpeed, LimitsMassRatio, HasErrata, frozen=True, kw_only=True):
+class WeaklyCompressible(
+    Effect, KnowsParticleMass, LimitsSpeed, LimitsMassRatio, KnowsLimits, HasErrata, frozen=True, kw_only=True
+):
     """Liquid whose pressure follows from its summed density.
 
     rest_density       rho0 [kg/m^3; kg/m^2 in 2D]
@@ -200,14 +204,18 @@ class WeaklyCompressible(Effect, KnowsParticleMass, LimitsSpeed, LimitsMassRatio
 
     def _thin(self, grid: Discretisation, others: Mapping[str, Effect]) -> tuple[str, ...]:
         """Note on a viscosity with which kinetic energy may grow."""
-        most = LEAST_VISCOUS[self.kernels]
-        least = self.rest_density * self.sound_speed * grid.support_radius / most
-        if self.dynamic_viscosity >= least or pressure_is_replaced(others):
-            return ()
-        return (
-            f"{self.name}: with a viscosity of {self.dynamic_viscosity:g} Pa s, below rho0 c h/{most:g} = {least:.3g}"
-            " Pa s, kinetic energy may grow at walls and in drops: increase the viscosity, or monitor the energy",
+        return tuple(
+            f"{self.name}: with a viscosity of {found.value:g} Pa s, below rho0 c h/{LEAST_VISCOUS[self.kernels]:g} ="
+            f" {found.limit:.3g} Pa s, kinetic energy may grow at walls and in drops: increase the viscosity, or"
+            " monitor the energy"
+            for found in self.margins(grid, others)
+            if found.value < found.limit
         )
+
+    def margins(self, grid: Discretisation, others: Mapping[str, Effect]) -> Iterator[Margin]:
+        if not pressure_is_replaced(others):
+            least = self.rest_density * self.sound_speed * grid.support_radius / LEAST_VISCOUS[self.kernels]
+            yield Margin("dynamic_viscosity [Pa s]", self.dynamic_viscosity, least, least=True)
 
     def energy(self, grid: Discretisation, others: Mapping[str, Effect]) -> EnergyAccount:
         """Work of compression of J(9) or Tait, unless another effect computes the pressure."""

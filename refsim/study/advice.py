@@ -72,14 +72,20 @@ def find(observable: str, error: float) -> Advice:
             f"advise: the table ends at an error of {least:g}; give that or more, or measure with refsim study."
         )
     cell = max(fits, key=lambda cell: cell["error"])
-    return Advice(row, cell["error"], cell, scene=cell.get("cpu", {}).get("scene", ""))
+    return Advice(row, cell["error"], cell, scene=named(cell).get("scene", ""))
+
+
+def named(cell: Mapping[str, Any]) -> Mapping[str, Any]:
+    """The setting that a row names: the advised one, or the one read fastest where no timing has settled."""
+    cpu: Mapping[str, Any] = cell.get("cpu", {})
+    return cpu.get("read", cpu)
 
 
 def scaled(advice: Advice, backend: str = "cpu") -> Advice:
     """The advice with seconds on this machine, predicted with constants that are measured here (some seconds)."""
     if not advice.scene:
         return advice
-    cpu = advice.cell["cpu"]
+    cpu = named(advice.cell)
     reason = unavailable(backend)
     if reason is not None:
         return _with(advice, math.nan, f"not predicted: {reason}")
@@ -109,7 +115,12 @@ def text_of(advice: Advice, gpu: bool = False) -> str:
     lines = [head]
     if "why" in cpu:
         lines.append(f"  {cpu['why']}")
-    else:
+    if "read" in cpu:
+        read = cpu["read"]
+        lines.append(f"  read       {read['setting']}; keeps {percent(read['keeps'])} ({read['keeps_own']})")
+        span = f"{in_time(read['fastest'])} to {in_time(read['slowest'])}"
+        lines.append(f"  measured   {span} on {row['machine']} ({', '.join(row['dates'])}), not settled")
+    if "why" not in cpu:
         lines.append(f"  setting    {cpu['setting']}; keeps {percent(cpu['keeps'])} ({cpu['keeps_own']})")
         lines.append(f"  measured   {in_time(cpu['seconds'])} on {row['machine']} ({', '.join(row['dates'])})")
         if cpu["bytes"]:

@@ -7,14 +7,16 @@ from typing import Any
 
 import numpy as np
 
+from refsim.core.capabilities import HoldsOtherMemory, having
 from refsim.neighbours.limits import NEIGHBOUR_CAPACITY, PARTICLES_PER_CELL, WALL_CAPACITY, with_margin
 from refsim.scene.scene import Plan
 
 
 def bytes_of(plan: Plan, backend: str) -> dict[str, int]:
-    """Bytes of fields, positions at the last list build, walls and neighbour list, and their "total".
+    """Bytes of fields, positions at the last list build, walls, neighbour list, background grid, and their "total".
 
-    The list is that of the undisturbed lattice; it grows where particles are denser.
+    The list is that of the undisturbed lattice; it grows where particles are denser. The grid is that of the first
+    step, without points of a surface.
     """
     grid, n = plan.grid, plan.grid.count
     listed = neighbour_list(plan, backend)
@@ -27,6 +29,8 @@ def bytes_of(plan: Plan, backend: str) -> dict[str, int]:
     }
     if walls and listed:
         found["walls"] += n * (WALL_CAPACITY * 4 + 12)  # the list of walls near each particle
+    for effect in having(plan.effects, HoldsOtherMemory):
+        found |= effect.bytes_at_start(grid, plan.state.position, plan.effects, backend)
     return found | {"total": sum(found.values())}
 
 

@@ -11,13 +11,13 @@ Pi = P_int/(rho0 c^2), which has no solution for Pi > 1/4: the liquid collapses.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from refsim.core.capabilities import BalancesCohesion
+from refsim.core.capabilities import BalancesCohesion, KnowsLimits, Margin
 from refsim.core.effect import Discretisation, Effect, StepLimit
 from refsim.core.energy import EnergyAccount, EnergyState, pair_potential
 from refsim.core.errors import InputError
@@ -109,7 +109,7 @@ def compression(number: float) -> float:
     return 2 / (1 + math.sqrt(1 - 4 * number))
 
 
-class PairCohesion(Effect, BalancesCohesion, frozen=True, kw_only=True):
+class PairCohesion(Effect, BalancesCohesion, KnowsLimits, frozen=True, kw_only=True):
     """Base of the models with pair cohesion: nominal tension, internal pressure, its balance, capillary step limit.
 
     balance_pressure  the equation of state balances the cohesion of the bulk by P_int (rho/rho0)^2; without it
@@ -179,6 +179,11 @@ class PairCohesion(Effect, BalancesCohesion, frozen=True, kw_only=True):
             " balance_pressure = true",
         )
 
+    def margins(self, grid: Discretisation, others: Mapping[str, Effect]) -> Iterator[Margin]:
+        number = self.collapse_number(grid, others)
+        if number > 0:
+            yield Margin("P_int/(rho0 c^2)", number, STRAINED)
+
     def pair_mass(self, mass_i: NDArray, mass_j: NDArray, grid: Discretisation, others: Mapping[str, Effect]) -> Any:
         """Factor [kg^2] of C(r) in the force of a pair."""
         return mass_i * mass_j
@@ -202,10 +207,16 @@ class PairCohesion(Effect, BalancesCohesion, frozen=True, kw_only=True):
         return lambda r: self.pair_force(r, grid, others)
 
 
-def stiffness_note(name: str, sigma: float, largest: float, grid: Discretisation, others: Mapping[str, Effect]) -> str:
-    """Note if S = sigma/(rho0 c^2 d) exceeds the `largest` with which drops were found to stay whole; else ""."""
+def stiffness_margin(sigma: float, largest: float, grid: Discretisation, others: Mapping[str, Effect]) -> Margin:
+    """S = sigma/(rho0 c^2 d) beside the `largest` with which drops were found to stay whole."""
     fluid = liquid_of(others)
-    value = sigma / (fluid.rest_density * fluid.sound_speed**2 * grid.spacing)
+    return Margin("sigma/(rho0 c^2 d)", sigma / (fluid.rest_density * fluid.sound_speed**2 * grid.spacing), largest)
+
+
+def stiffness_note(name: str, sigma: float, largest: float, grid: Discretisation, others: Mapping[str, Effect]) -> str:
+    """Note if S of `stiffness_margin` is above the limit; else ""."""
+    fluid = liquid_of(others)
+    value = stiffness_margin(sigma, largest, grid, others).value
     if value <= largest * (1 + 1e-9):
         return ""
     return (

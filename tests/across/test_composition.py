@@ -47,6 +47,8 @@ from refsim.core.capabilities import NeedsCellOrder, having
 from refsim.core.effect import EFFECTS
 from refsim.core.fields import BASE
 from refsim.core.operation import REGISTRY
+from refsim.mpm.memory import grid_bytes, surface_bytes, with_room
+from refsim.study.memory import bytes_of
 
 LIQUID = WeaklyCompressible(sound_speed=12.0, clamp_pressure=False)  # its surface pulls it together: it moves
 VISCOUS = WeaklyCompressible(sound_speed=12.0, clamp_pressure=False, dynamic_viscosity=0.3)
@@ -229,6 +231,49 @@ class TestPlan:
         assert {effect.name for effect in brought} <= {effect.name for effect in effects}
 
 
+def held_by_grid_and_surface(simulation):
+    """{what: (bytes held, bytes by the plan or by the numbers of nodes, facets and samples)} of MPM; {} without it."""
+    plan, backend = simulation.plan, simulation.backend.name
+    if "mpm_liquid" not in plan.effects:
+        return {}
+    real = plan.grid
+    grid = simulation._parameters["mpm_liquid"]["grid"]
+    surface = simulation._shared.get("surface")
+    tension = plan.effects["mpm_liquid"].step(plan.effects).tension
+    blocks = grid.nodes // 64
+    if surface is None:
+        return {"background grid": (grid.bytes(), bytes_of(plan, backend)["background_grid"])}
+    samples = len(surface.sample_position)
+    sets = [len(cell) for name, cell in grid.cells.items() if name != "particles"]
+    expected = grid_bytes(blocks, plan.grid.count, real.dim, real.dtype, backend, tension, sets)
+    found = {"background grid": (grid.bytes(), expected)}
+    if backend == "cpu" and not surface.faces:  # with walls parts of the mesh are shared
+        latest = surface.latest
+        expected = surface_bytes(
+            plan.grid.count, len(latest.blocks.keys), len(latest.mesh.vertices), len(latest.mesh.facets), samples,
+            real.dim, real.dtype, latest.coefficients.nbytes,
+        )  # fmt: skip
+        found["surface"] = (bytes_in(latest), expected)
+        carried = sum(array.nbytes for array in surface._storage.values())
+        first, rows = with_room(plan.grid.count + 1), with_room(2 * samples)  # a sample and its image
+        found["embedded points"] = (carried, 4 * first + rows * (4 + 15 * np.dtype(real.dtype).itemsize))
+    return found
+
+
+def bytes_in(held):
+    """Bytes of the arrays in dataclasses and tuples, each array once."""
+    arrays, waiting = {}, [held]
+    while waiting:
+        part = waiting.pop()
+        if isinstance(part, np.ndarray):
+            arrays[id(part)] = part.nbytes
+        elif isinstance(part, tuple):
+            waiting += part
+        elif hasattr(part, "__dict__"):
+            waiting += vars(part).values()
+    return sum(arrays.values())
+
+
 def differences(effects):
     """What a run of two launches of every pass holds, launches and is limited by, against its plan."""
     simulation = Simulation(scene(*effects))
@@ -252,6 +297,7 @@ def differences(effects):
         "acoustic limit": ("acoustic" in limits, sound and IMPLICIT not in effects),
         "limits that are not positive": ([name for name, value in limits.items() if not value > 0], []),
     }
+    pairs |= held_by_grid_and_surface(simulation)
     return [f"{names(effects)}: {what}: {a}, not {b}" for what, (a, b) in pairs.items() if a != b]
 
 

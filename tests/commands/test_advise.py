@@ -14,7 +14,7 @@ SCENES = [
     (name, cell["error"])
     for name, row in advice.table().items()
     for cell in row.get("answers", ())
-    if cell.get("cpu", {}).get("scene")
+    if advice.named(cell).get("scene")
 ]
 
 
@@ -46,7 +46,13 @@ def test_a_row_and_its_scene(folder, capsys):
     text = capsys.readouterr().out
     found = advice.find("droplet", 0.007)
     assert found.error == 0.005  # the largest of the table that is no larger
-    for word in ("an error of 0.5 %", found.cell["cpu"]["setting"], "GPU        not measured", "best peer", "wrote"):
+    for word in (
+        "an error of 0.5 %",
+        advice.named(found.cell)["setting"],
+        "GPU        not measured",
+        "best peer",
+        "wrote",
+    ):
         assert word in text
     assert (folder / "droplet.toml").read_text() == found.scene
     assert load_scene("droplet.toml").dtype == "float32"
@@ -64,7 +70,7 @@ def test_a_row_and_its_scene(folder, capsys):
 def test_scenes_are_those_of_the_settings(name, error):
     found = advice.find(name, error)
     plan = make_plan(parse_scene(found.scene, name))
-    cpu = found.cell["cpu"]
+    cpu = advice.named(found.cell)
     per_particle = sum(plan.field_bytes().values())
     assert cpu["bytes"] == pytest.approx(per_particle * plan.grid.count)
     assert f"{plan.scene.dtype}" in cpu["setting"]
@@ -79,7 +85,7 @@ def test_seconds_here_are_the_prediction_s_share(monkeypatch):
 
     monkeypatch.setattr(advice, "predict", predict)
     found = advice.find("droplet", 0.05)
-    cpu = found.cell["cpu"]
+    cpu = advice.named(found.cell)
     assert 0 < cpu["seconds"] < cpu["whole"]
     here = advice.scaled(found)
     assert here.own == pytest.approx(10.0 * cpu["seconds"] / cpu["whole"])
@@ -90,7 +96,7 @@ def test_seconds_here_are_the_prediction_s_share(monkeypatch):
 
 
 def test_what_was_not_measured_and_what_has_no_meaning_is_said(folder, capsys):
-    assert main(["advise", "contact_angle"]) == 0
+    assert main(["advise", "coupling"]) == 0
     assert "not measured" in capsys.readouterr().out
     assert main(["advise", "detection_2d", "--error", "0.001"]) == 0
     assert "no meaning: which particles are surface" in capsys.readouterr().out

@@ -34,7 +34,10 @@ from refsim import (
 from refsim.backends import arrays as backend
 from refsim.backends import runtime
 from refsim.core.operation import REGISTRY, backend_of
+from refsim.engine.binding import step_launches
 from refsim.neighbours.reference import neighbour_list, pair_blocks
+from refsim.study.memory import bytes_of
+from tests.across import test_composition as composition
 from validation import pairs
 
 pytestmark = pytest.mark.skipif(
@@ -738,6 +741,47 @@ def test_a_profiled_run_is_the_same_run_and_names_every_pass():
     assert {*profiled.plan.launches(), *own} <= profiled.timings.launches.keys()
     assert "step" not in profiled.timings.launches
     assert {profiled.timings.launches[name] for name in own} == {3}
+
+
+PLANE = {"dim": 2, "spacing": 0.1, "support_radius": 0.3}
+STEPPED = {
+    "liquid": composition.scene(composition.LIQUID),
+    "liquid between walls": composition.scene(composition.VISCOUS, composition.GRAVITY, composition.WALLS),
+    "tension and detection": composition.scene(
+        composition.VISCOUS, composition.TENSION, composition.DETECTION_EACH_STEP
+    ),
+    "implicit pressure": composition.scene(composition.VISCOUS, composition.IMPLICIT),
+    "melting": composition.scene(
+        composition.CLAMPED, composition.SHAPE, composition.COUPLING, composition.WARM, composition.MELTING
+    ),
+    "material points": Scene(fluid=(Box(cells=(3, 3, 1)),), effects=(composition.MPM_FULL,), step=5e-4, **PLANE),
+    "their surface": Scene(
+        fluid=(Box(cells=(3, 3, 1)),), effects=(composition.MPM, composition.SURFACE), step=5e-4, **PLANE
+    ),
+}
+
+
+@pytest.mark.parametrize("name", STEPPED)
+def test_a_recorded_step_launches_and_holds_what_the_plan_says(name):
+    """The calls of the step that a GPU records, in order, and the bytes of the arrays that they work on."""
+    run = Simulation(STEPPED[name], "cuda")
+    run.step()
+    plan, planned = run.plan, bytes_of(run.plan, "cuda")
+    run.timings.launches.clear()
+    run.stepper.profiled = True  # so that calls bear their names; what is called is the same
+    run.stepper.recorded.call()
+    assert run.timings.launches == dict.fromkeys(step_launches(plan, "cuda"), 1)
+    assert list(run.timings.launches) == list(step_launches(plan, "cuda"))
+    assert {f: (a.shape, a.dtype) for f, a in run.fields.items()} == {
+        f: (kind.shape(run.count), kind.numpy_dtype(plan.grid.dtype)) for f, kind in plan.fields.items()
+    }
+    held = {
+        "fields": sum(a.nbytes for a in run.fields.values()),
+        "positions_at_list_build": run.build_position.nbytes,
+    }
+    assert held == {part: planned[part] for part in held}
+    for what, (found, expected) in composition.held_by_grid_and_surface(run).items():
+        assert found == expected, what
 
 
 def test_what_stands_in_is_reported():

@@ -259,12 +259,15 @@ def test_advice_follows_the_data():
     assert "take setting quick: 500 ms" in made_report(swapped)["advice"]
     rival = [*READINGS[:4], reading("theirs", 0.01, 10.0, "theirs")]
     assert "theirs takes 2.5 times as long" in made_report(rival)["advice"]
-    assert "No setting reaches deviation 0.001: the nearest is setting fine" in made_report(stated=0.001)["advice"]
+    assert "nothing is advised: not reached: setting fine keeps 0.5 % after 16 s" in made_report(stated=0.001)["advice"]
     assert "nothing to choose" in made_report(READINGS[-1:])["advice"]
     shaky = [reading("middle", 0.02, [4.0, 6.0, 2.0, 5.0, 3.0])]
-    assert "timing unstable: scatters" in made_report(shaky)["advice"]
+    assert "nothing is advised: one setting reaches it, none in a settled time" in made_report(shaky)["advice"]
+    cheaper = [*READINGS, reading("shaky", 0.02, [1.0, 1.5, 0.7, 1.2, 0.8])]
+    assert "nothing is advised: setting shaky was read at 1 s" in made_report(cheaper)["advice"]
     wide = made_report(band=lambda points: Band(0.04, "data disagree"))["advice"]
-    assert "buy nothing that the reference could tell (0.04: data disagree)" in wide
+    assert "below the uncertainty of the reference (4 %)" in wide
+    assert "costs 16 s" not in wide
     narrow = made_report(band=lambda points: Band(0.01, "data disagree"))["advice"]
     assert "less than the reference can tell (0.01)" in narrow
 

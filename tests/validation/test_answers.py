@@ -51,7 +51,7 @@ SKEWED = [1.0, 1.0, 1.0, 1.01, 1.09, 1.08, 1.06, 1.0]  # a small deviation from 
 
 @pytest.mark.parametrize("scatter", [SCATTERED, SKEWED, STEADY[:4]])
 def test_an_unsettled_timing_is_never_advised_and_never_passed_over_in_silence(scatter):
-    points = {"cheap": point(0.01, 1.0, scatter), "settled": point(0.01, 3.0)}
+    points = {"cheap": point(0.01, 1.0, scatter), "settled": point(0.01, 1.015)}
     choice = chosen(points, 0.05)
     assert choice.advised.key == "settled"
     assert choice.notes[0].startswith("passed over: keeps 0.01 was read at ")
@@ -59,6 +59,58 @@ def test_an_unsettled_timing_is_never_advised_and_never_passed_over_in_silence(s
     none = chosen(points, 0.05)
     assert none.advised is None
     assert none.why.startswith("not advised: one setting reaches it, none in a settled time; keeps 0.01 was read at ")
+
+
+def test_a_costlier_setting_is_not_advised_where_an_unsettled_one_is_faster_beyond_its_scatter():
+    points = {"cheap": point(0.01, 1.0, SCATTERED), "settled": point(0.01, 3.0)}
+    choice = chosen(points, 0.05)
+    assert choice.advised is None
+    assert choice.why == (
+        "not advised: keeps 0.01 was read at 1 s (700 ms to 1.3 s), but scatters by 30 %; keeps 0.01 in a settled 3 s"
+        " costs more"
+    )
+    points["settled"] = point(0.01, 1.2)
+    assert chosen(points, 0.05).advised.key == "settled"
+
+
+def test_an_error_that_a_finer_spacing_does_not_keep_is_kept_by_chance():
+    points = {
+        "coarse": point(0.002, 1.0, knobs={"spacing": 0.2}),
+        "middle": point(0.02, 2.0, knobs={"spacing": 0.1}),
+        "fine": point(0.004, 4.0, knobs={"spacing": 0.05}),
+    }
+    assert chosen(points, 0.05).advised.key == "coarse"
+    choice = chosen(points, 0.01)
+    assert choice.advised.key == "fine"
+    assert choice.notes == ("passed over: keeps 0.002 keeps 0.2 % by chance, keeps 0.02 2 %",)
+
+
+def test_the_nearest_is_none_that_keeps_its_error_by_chance():
+    points = {
+        "coarse": point(0.002, 1.0, knobs={"spacing": 0.2}),
+        "fine": point(0.004, 4.0, knobs={"spacing": 0.1}),
+    }
+    choice = chosen(points, 0.001)
+    assert choice.advised is None
+    assert choice.nearest.key == "fine"
+
+
+def test_cells_of_the_table_are_short_and_the_notes_say_the_rest():
+    found = answers.table()
+    lines = [line for line in answers.markdown(found) if line.startswith("|")]
+    for line in lines[2:]:
+        _, _, errors, *cells, _ = line.split("|")
+        assert "%" in errors
+        assert len(cells) == 6
+        assert max(map(len, cells[1:])) <= 50
+        assert len(cells[0]) <= 80 or "no meaning" in cells[0]
+    front = next(row for row in found["observables"] if row["name"] == "front")
+    noted = "\n".join(answers.notes(front))
+    for cell in front["answers"]:
+        for note in cell["cpu"]["notes"]:
+            assert note in noted or note.startswith("below the uncertainty")
+        if "read" in cell["cpu"]:
+            assert cell["cpu"]["read"]["unsettled"] in noted
 
 
 def test_a_reading_below_a_millisecond_is_not_settled():
@@ -120,6 +172,15 @@ def test_errors_are_taken_from_the_converged_value():
     assert chosen(points, 0.03, observable).notes
 
 
+def test_without_the_converged_spacings_errors_are_the_panel_s_own():
+    """As with --quick."""
+    observable = Observable("a", "of b", converged=Reference("d10", "d20", 1.0))
+    points = {"d10": point(0.01, 1.0, value=2.1, knobs={"spacing": 0.1})}
+    assert [c.error for c in candidates(points, observable)] == [0.01]
+    assert uncertainty(points, observable, {"width": 0.02}) == 0.02
+    assert chosen(points, 0.05, observable).advised.key == "d10"
+
+
 def test_seconds_are_read_off_the_curve_at_the_error():
     curve = {"wall": [0.0, 1.0, 2.0, 3.0, 4.0, 5.0], "error": [0.5, 0.2, 0.04, 0.02, 0.01, 0.01]}
     points = {"run": point(0.01, 4.0, curves=[curve])}
@@ -135,7 +196,9 @@ def test_programs_stand_apart():
     row = answers.answer("a", data, Observable("a", "of b", meaning=(0.001, "why not")))
     cells = {cell["error"]: cell for cell in row["answers"]}
     assert cells[0.05]["cpu"]["seconds"] == 3.0
-    assert cells[0.05]["peer"] == {"setting": "keeps 0.01", "seconds": 1.0}
+    assert cells[0.05]["peer"] == {
+        "setting": "keeps 0.01", "seconds": 1.0, "program": "other", "keeps": 0.01,
+    }  # fmt: skip
     assert cells[0.001] == {"error": 0.001, "no_meaning": "why not"}
     assert cells[0.05]["gpu"] is None
 

@@ -14,7 +14,7 @@ from typing import Any, ClassVar, NamedTuple
 
 from numpy.typing import NDArray
 
-from refsim.core.capabilities import BringsWalls, HasErrata, having
+from refsim.core.capabilities import BringsWalls, HasErrata, Margin, having
 from refsim.core.effect import Discretisation, Effect, Pass, require
 from refsim.core.errors import InputError
 from refsim.core.fields import Field
@@ -159,6 +159,17 @@ class Akinci2013(PairCohesion, HasErrata, frozen=True, kw_only=True):
     def notes(self, grid: Discretisation, others: Mapping[str, Effect]) -> tuple[str, ...]:
         return (*super().notes(grid, others), *self._unstable(grid, others))
 
+    def margins(self, grid: Discretisation, others: Mapping[str, Effect]) -> Iterator[Margin]:
+        yield from super().margins(grid, others)
+        if self._has_area() and self._coheres():
+            near = neighbours_in_support(grid)
+            yield Margin("area_acceleration/(gamma rho0)", self._area_share(grid, others) / near, LARGEST_AREA / near)
+
+    def _area_share(self, grid: Discretisation, others: Mapping[str, Effect]) -> float:
+        """area_acceleration/(gamma rho0) times the neighbours in the support."""
+        unit = self.coefficient(grid, others) * liquid_of(others).rest_density
+        return self.area_coefficient(grid, others) / unit * neighbours_in_support(grid)
+
     def _unstable(self, grid: Discretisation, others: Mapping[str, Effect]) -> Iterator[str]:
         """Notes on angular momentum, and on area terms with which drops were found to boil or to fly apart."""
         if not self._has_area():
@@ -173,9 +184,7 @@ class Akinci2013(PairCohesion, HasErrata, frozen=True, kw_only=True):
                 " particles were found to tremble at rest, with up to 40 % of their initial kinetic energy at any step;"
                 " with area_acceleration = 0 they come to rest"
             )
-        unit = self.coefficient(grid, others) * liquid_of(others).rest_density
-        near = neighbours_in_support(grid)
-        value = self.area_coefficient(grid, others) / unit * near
+        near, value = neighbours_in_support(grid), self._area_share(grid, others)
         if value > LARGEST_AREA * (1 + 1e-9):
             fate = "fly apart" if value >= SHATTERING_AREA else "boil"
             yield (

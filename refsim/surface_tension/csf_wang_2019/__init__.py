@@ -10,12 +10,12 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from refsim.core.capabilities import HasErrata
+from refsim.core.capabilities import HasErrata, KnowsLimits, Margin
 from refsim.core.effect import Discretisation, Effect, Pass, StepLimit, require
 from refsim.core.fields import Field
 from refsim.core.operation import Operation, register
@@ -24,7 +24,7 @@ from refsim.smoothing import lattice, smoothing
 from refsim.smoothing.reference import kernel_slope, kernel_value
 from refsim.sph import LIQUID, NUMBER_DENSITY, SETS, liquid_of
 from refsim.surface_detection import NEAR_SURFACE, detection_in, near_surface_pass
-from refsim.surface_tension.cohesion import capillary_limit, stiffness_note
+from refsim.surface_tension.cohesion import capillary_limit, stiffness_margin, stiffness_note
 from refsim.surface_tension.jiang_zhu_2023 import CORRECTED_DENSITY
 
 INTERFACE_NORMAL = Field("interface_normal", "1/m", "normal n by the corrected kernel, inward", 3)
@@ -74,7 +74,7 @@ LARGEST_STIFFNESS = 0.015
 LEAST_VISCOSITY = 0.45
 
 
-class CsfWang2019(Effect, HasErrata, frozen=True, kw_only=True):
+class CsfWang2019(Effect, KnowsLimits, HasErrata, frozen=True, kw_only=True):
     """Surface tension of a free liquid surface as a force along its normal, by its curvature.
 
     surface_tension      sigma [N/m]
@@ -121,13 +121,23 @@ class CsfWang2019(Effect, HasErrata, frozen=True, kw_only=True):
             " few layers were found to gain energy until particles gather in pairs or leave the drop",
             stiffness_note(self.name, self.surface_tension, LARGEST_STIFFNESS, grid, others),
         ]
-        least = LEAST_VISCOSITY * math.sqrt(fluid.rest_density * self.surface_tension * grid.spacing)
+        least = self._least_viscosity(grid, others)
         if fluid.dynamic_viscosity < least * (1 - 1e-9):
             notes.append(
                 f"{self.name}: dynamic_viscosity {fluid.dynamic_viscosity:.3g} Pa s is below {least:.3g} Pa s ="
                 f" {LEAST_VISCOSITY:g} sqrt(rho0 sigma d), the least with which cubes became drops in one piece"
             )
         return tuple(filter(None, notes))
+
+    def margins(self, grid: Discretisation, others: Mapping[str, Effect]) -> Iterator[Margin]:
+        if self._acts():
+            yield stiffness_margin(self.surface_tension, LARGEST_STIFFNESS, grid, others)
+            least, own = self._least_viscosity(grid, others), liquid_of(others).dynamic_viscosity
+            yield Margin("dynamic_viscosity [Pa s]", own, least, least=True)
+
+    def _least_viscosity(self, grid: Discretisation, others: Mapping[str, Effect]) -> float:
+        """The least with which cubes became drops in one piece [Pa s]."""
+        return LEAST_VISCOSITY * math.sqrt(liquid_of(others).rest_density * self.surface_tension * grid.spacing)
 
     def nominal_tension(self, grid: Discretisation, others: Mapping[str, Effect]) -> float:
         """sigma [N/m]."""

@@ -14,7 +14,7 @@ from typing import Any, ClassVar, Literal, NamedTuple
 
 from numpy.typing import NDArray
 
-from refsim.core.capabilities import HasErrata
+from refsim.core.capabilities import HasErrata, Margin
 from refsim.core.effect import Discretisation, Effect, Pass, require
 from refsim.core.energy import EnergyAccount
 from refsim.core.errors import InputError
@@ -198,6 +198,20 @@ class Dong2016(PairCohesion, HasErrata, frozen=True, kw_only=True):
     def notes(self, grid: Discretisation, others: Mapping[str, Effect]) -> tuple[str, ...]:
         return (*super().notes(grid, others), *self._unstable(grid, others))
 
+    def margins(self, grid: Discretisation, others: Mapping[str, Effect]) -> Iterator[Margin]:
+        yield from super().margins(grid, others)
+        if self._coheres():
+            yield Margin("support_radius/spacing", grid.support_radius / grid.spacing, math.sqrt(3), least=True)
+        if value := self._correction_share(grid, others):
+            yield Margin("correction rho0 d/sigma", value, LARGEST_CORRECTION)
+
+    def _correction_share(self, grid: Discretisation, others: Mapping[str, Effect]) -> float:
+        """The correction in sigma/(rho0 d); 0 where it or the tension does not act."""
+        sigma = self.nominal_tension(grid, others) if self._corrects() and self._coheres() else 0.0
+        if sigma <= 0:
+            return 0.0
+        return self.correction_coefficient(grid, others) * liquid_of(others).rest_density * grid.spacing / sigma
+
     def _unstable(self, grid: Discretisation, others: Mapping[str, Effect]) -> Iterator[str]:
         """Notes on a short support radius and on corrections with which drops were found to swell or to fly apart."""
         share = grid.support_radius / grid.spacing
@@ -209,10 +223,7 @@ class Dong2016(PairCohesion, HasErrata, frozen=True, kw_only=True):
             )
         if self._corrects() and (note := angular_momentum_note(self.name, "correction", others)):
             yield note
-        sigma = self.nominal_tension(grid, others) if self._corrects() and self._coheres() else 0.0
-        if sigma <= 0:
-            return
-        value = self.correction_coefficient(grid, others) * liquid_of(others).rest_density * grid.spacing / sigma
+        value = self._correction_share(grid, others)
         if value > LARGEST_CORRECTION * (1 + 1e-9):
             fate = "fly apart" if value >= SHATTERING_CORRECTION else "swell"
             yield (

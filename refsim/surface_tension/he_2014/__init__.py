@@ -9,12 +9,13 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from refsim.core.capabilities import Margin
 from refsim.core.effect import Discretisation, Effect, Pass, require
 from refsim.core.errors import InputError
 from refsim.core.fields import Field
@@ -22,7 +23,7 @@ from refsim.core.operation import Operation, register
 from refsim.smoothing import lattice, smoothing
 from refsim.smoothing.reference import kernel_slope, kernel_value
 from refsim.sph import SETS, liquid_of
-from refsim.surface_tension.cohesion import PairCohesion, stiffness_note
+from refsim.surface_tension.cohesion import PairCohesion, stiffness_margin, stiffness_note
 
 COLOR = Field("color", "-", "smoothed color c, 1 inside the liquid")
 COLOR_GRADIENT_SQUARED = Field("color_gradient_squared", "1/m^2", "|grad c|^2")
@@ -111,7 +112,7 @@ class He2014(PairCohesion, frozen=True, kw_only=True):
         self.check_collapse(grid, others)
 
     def notes(self, grid: Discretisation, others: Mapping[str, Effect]) -> tuple[str, ...]:
-        own = self.coefficient(grid, others) * self._unit_tension(grid, others)
+        own = self._own_tension(grid, others)
         notes = [stiffness_note(self.name, own, LARGEST_STIFFNESS, grid, others)]
         if own > 0:
             notes.append(
@@ -119,6 +120,16 @@ class He2014(PairCohesion, frozen=True, kw_only=True):
                 " rest in the shape they have, with particles that gather in pairs"
             )
         return (*super().notes(grid, others), *filter(None, notes))
+
+    def margins(self, grid: Discretisation, others: Mapping[str, Effect]) -> Iterator[Margin]:
+        yield from super().margins(grid, others)
+        own = self._own_tension(grid, others)
+        if own > 0:
+            yield stiffness_margin(own, LARGEST_STIFFNESS, grid, others)
+
+    def _own_tension(self, grid: Discretisation, others: Mapping[str, Effect]) -> float:
+        """sigma [N/m] of the gradient energy."""
+        return self.coefficient(grid, others) * self._unit_tension(grid, others)
 
     def coefficient(self, grid: Discretisation, others: Mapping[str, Effect]) -> float:
         """kappa [N], given or from sigma."""
@@ -134,8 +145,7 @@ class He2014(PairCohesion, frozen=True, kw_only=True):
 
     def nominal_tension(self, grid: Discretisation, others: Mapping[str, Effect]) -> float:
         """sigma [N/m] of both terms."""
-        own = self.coefficient(grid, others) * self._unit_tension(grid, others)
-        return own + super().nominal_tension(grid, others)
+        return self._own_tension(grid, others) + super().nominal_tension(grid, others)
 
     def fields(self, others: Mapping[str, Effect]) -> tuple[Field, ...]:
         return (COLOR, COLOR_GRADIENT_SQUARED) if self._has_energy() else ()

@@ -19,7 +19,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from refsim.core.capabilities import HasErrata
+from refsim.core.capabilities import HasErrata, Margin
 from refsim.core.effect import Discretisation, Effect, Pass, require
 from refsim.core.energy import EnergyAccount
 from refsim.core.errors import InputError
@@ -337,6 +337,37 @@ class JiangZhu2023(PairCohesion, HasErrata, frozen=True, kw_only=True):
     def notes(self, grid: Discretisation, others: Mapping[str, Effect]) -> tuple[str, ...]:
         return (*super().notes(grid, others), *self._unstable(grid, others))
 
+    def margins(self, grid: Discretisation, others: Mapping[str, Effect]) -> Iterator[Margin]:
+        yield from super().margins(grid, others)
+        if not self._acts():
+            return
+        if self.pair_mode == "soft":
+            yield Margin("pull of the soft pair force/(rho0 c^2)", self._soft_pull(grid, others), LARGEST_SOFT)
+        if not (self.balance_pressure and self.acts_on_all_pairs()):
+            least, own = self._least_viscosity(grid, others), liquid_of(others).dynamic_viscosity
+            yield Margin("dynamic_viscosity [Pa s]", own, least, least=True)
+        if self._area() != "none":
+            yield self._area_margin(grid, others)
+
+    def _soft_pull(self, grid: Discretisation, others: Mapping[str, Effect]) -> float:
+        """Internal pressure of the pair force over rho0 c^2, as if all pairs acted."""
+        fluid, gamma = liquid_of(others), abs(self.signed_gamma(grid, others))
+        pull = kirkwood_buff_pressure(gamma, fluid.rest_density, grid.support_radius, grid.dim, self._alpha(grid.dim))
+        return pull / (fluid.rest_density * fluid.sound_speed**2)
+
+    def _least_viscosity(self, grid: Discretisation, others: Mapping[str, Effect]) -> float:
+        """The least with which drops of unbalanced cohesion gain no energy [Pa s]."""
+        fluid = liquid_of(others)
+        return fluid.rest_density * fluid.sound_speed * grid.support_radius / LEAST_VISCOUS
+
+    def _area_margin(self, grid: Discretisation, others: Mapping[str, Effect]) -> Margin:
+        fluid, value, name = liquid_of(others), self.area_ratio, "area_ratio"
+        if self._area() == "color":
+            unit = abs(self.signed_gamma(grid, others)) * fluid.rest_density
+            value = AKINCI_RATIO if self.area_acceleration is None else self.area_acceleration / unit
+            name = "area_acceleration/(gamma rho0)"
+        return Margin(name, value, LARGEST_AREA[self._area()][fluid.kernels])
+
     def _unstable(self, grid: Discretisation, others: Mapping[str, Effect]) -> Iterator[str]:
         """Notes on settings with which drops were found to boil or to lose particles at any step."""
         if not self._acts():
@@ -348,18 +379,14 @@ class JiangZhu2023(PairCohesion, HasErrata, frozen=True, kw_only=True):
             )
         fluid = liquid_of(others)
         if self.pair_mode == "soft":
-            gamma = abs(self.signed_gamma(grid, others))
-            pull = kirkwood_buff_pressure(
-                gamma, fluid.rest_density, grid.support_radius, grid.dim, self._alpha(grid.dim)
-            )
-            number = pull / (fluid.rest_density * fluid.sound_speed**2)
+            number = self._soft_pull(grid, others)
             if number > LARGEST_SOFT:
                 yield (
                     f"{self.name}: with pair_mode 'soft' the pair force of {number:.2g} rho0 c^2 is above"
                     f" {LARGEST_SOFT:g}, up to which drops come to rest: take a larger sound_speed"
                 )
         if not (self.balance_pressure and self.acts_on_all_pairs()):
-            least = fluid.rest_density * fluid.sound_speed * grid.support_radius / LEAST_VISCOUS
+            least = self._least_viscosity(grid, others)
             if fluid.dynamic_viscosity < least:
                 yield (
                     f"{self.name}: with unbalanced cohesion and a viscosity of {fluid.dynamic_viscosity:g}"
@@ -369,16 +396,11 @@ class JiangZhu2023(PairCohesion, HasErrata, frozen=True, kw_only=True):
             return
         if note := angular_momentum_note(self.name, "area term", others):
             yield note
-        kernels, value, name = fluid.kernels, self.area_ratio, "area_ratio"
-        if self._area() == "color":
-            unit = abs(self.signed_gamma(grid, others)) * fluid.rest_density
-            value = AKINCI_RATIO if self.area_acceleration is None else self.area_acceleration / unit
-            name = "area_acceleration/(gamma rho0)"
-        most = LARGEST_AREA[self._area()][kernels]
-        if value > most:
+        area, kernels = self._area_margin(grid, others), fluid.kernels
+        if area.value > area.limit:
             yield (
-                f"{self.name}: {name} = {value:.3g} is above {most:g}, up to which drops with {kernels} kernels come to"
-                " rest in one piece; a shorter step does not help"
+                f"{self.name}: {area.setting} = {area.value:.3g} is above {area.limit:g}, up to which drops with"
+                f" {kernels} kernels come to rest in one piece; a shorter step does not help"
             )
 
     def pair_force(self, r: NDArray, grid: Discretisation, others: Mapping[str, Effect]) -> NDArray:

@@ -8,6 +8,7 @@ from typing import Any
 from validation.accuracy import Panel
 from validation.checks import Checks
 from validation.experiment import Options, Run
+from validation.experiments.heat.accuracy_runs import fronts, melt_times
 from validation.experiments.heat.runs import SLAB, slabs
 from validation.work_precision import REPEATS
 
@@ -70,7 +71,84 @@ def checks(report: Mapping[str, Any], check: Checks) -> None:
             check("passes", point["knobs"]["passes"], key, point["words"])
 
 
+MELTING_SCHEMES = ("implicit", "conjugate_gradient", "runge_kutta_legendre", "single_pass")
+MELT_STEP = {"implicit": 2.0, "conjugate_gradient": 2.0, "runge_kutta_legendre": 2.0, "single_pass": 0.5}
+
+
+def melting_settings(cells: tuple[int, ...], quick: bool) -> dict[str, dict[str, Any]]:
+    """Spacings by scheme, each at the step that MELT_STEP names, and one scheme at longer and shorter steps."""
+    made: dict[str, dict[str, Any]] = {}
+
+    def add(scheme: str, number: float, n: int) -> None:
+        knobs = {"scheme": SCHEMES[scheme], "spacing": 1.0 / n, "step": number, "dtype": "float64", "backend": "cpu"}
+        words = f"{SCHEMES[scheme]}, {n} spacings, steps of {number:g}"
+        made[f"{scheme}_{n}_{number:g}"] = {
+            "words": words, "knobs": knobs, "scheme": scheme, "cells": n, "number": number,
+        }  # fmt: skip
+
+    for scheme in MELTING_SCHEMES[:1] if quick else MELTING_SCHEMES:
+        for n in cells[:2] if quick else cells:
+            add(scheme, MELT_STEP[scheme], n)
+    for number in (0.5, 8.0):
+        add("implicit", number, cells[1])
+    return made
+
+
+FRONT_CELLS = (10, 20, 40)
+BALL_CELLS = (5, 8, 12)
+
+
+def front_runs(options: Options) -> list[Run]:
+    """One run, in which all settings take turns."""
+    parameters = {
+        "settings": melting_settings(FRONT_CELLS, options.quick), "threads": options.threads,
+        "repeats": 2 if options.quick else REPEATS,
+    }  # fmt: skip
+    return [Run("fronts", fronts, parameters, estimate=60.0)]
+
+
+def melt_runs(options: Options) -> list[Run]:
+    """One run, in which all settings take turns."""
+    parameters = {
+        "settings": melting_settings(BALL_CELLS, options.quick), "threads": options.threads,
+        "repeats": 2 if options.quick else REPEATS,
+    }  # fmt: skip
+    return [Run("melt_times", melt_times, parameters, estimate=60.0)]
+
+
+def of_melting(cells: tuple[int, ...]) -> dict[str, Any]:
+    """What both panels of melting have in common."""
+    return {
+        "space": tuple(f"implicit_{n}_2" for n in cells),
+        "space_theory": 1.0,
+        "time": tuple(f"implicit_{cells[1]}_{number:g}" for number in (8.0, 2.0, 0.5)),
+        "time_theory": 1.0,
+        "arithmetic": "conduction is stepped in float64 here",
+        "tolerance": "measured in panel heat",
+        "group": "scheme",
+        "omissions": lambda options: ["backend cuda: one launch for each pass; it was not timed here"],
+    }
+
+
 PANELS = (
+    Panel(
+        name="melt_front",
+        title="Depth of melting beside a hot wall, Stefan's problem; steps in k dt/(rho c d^2)",
+        observable="largest error of the melted depth [%]",
+        reference="2 lambda sqrt(t) of Stefan and Neumann, from the first held layer on",
+        stated=5.0,
+        runs=front_runs,
+        **of_melting(FRONT_CELLS),
+    ),
+    Panel(
+        name="melting",
+        title="Time in which a ball of ice melts in warm water; steps in k dt/(rho c d^2)",
+        observable="error of the melt time [%]",
+        reference="a one-dimensional program, with the surface half a spacing beyond the particles",
+        stated=1.0,
+        runs=melt_runs,
+        **of_melting(BALL_CELLS),
+    ),
     Panel(
         name="heat",
         title="A cosine in a slab of 20 spacings; steps in k dt/(rho c d^2)",

@@ -1,0 +1,65 @@
+"""Memory of the background grid and of the surface on it, from the numbers of what they hold."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from refsim.backends.arrays import Backend
+from refsim.mpm import reference
+from refsim.mpm.grid import NODES, MpmGrid
+
+EACH_TABLE = {2: 9, 3: 27}  # neighbours of a block
+
+
+def with_room(rows: int) -> int:
+    """Rows of an array that grows with the blocks: a quarter more than are needed when it is made."""
+    return rows + rows // 4
+
+
+def blocks_at(position: np.ndarray, dim: int, dtype: str, cell_size: float, backend: str) -> int:
+    """Blocks that a grid of `cell_size` [m] makes for particles at `position` (n, 3) [m]."""
+    grid = MpmGrid(dim, dtype, cell_size, Backend("numpy"))
+    place = np.asarray(position, dtype=dtype)
+    return grid.count_blocks(reference.block_keys(place, grid.inverse_cell, dim), backend)
+
+
+def grid_bytes(
+    blocks: int, particles: int, dim: int, dtype: str, backend: str, tension: bool = False, sets: Iterable[int] = ()
+) -> int:
+    """Bytes of the background grid after a step, with so many `blocks` since its first one.
+
+    tension  whether a surface pulls at the nodes
+    sets     points in each set beside the particles: embedded points, samples
+    """
+    real, nodes = np.dtype(dtype).itemsize, NODES * blocks
+    reach = {2: 10**2, 3: 6**3}[dim]  # nodes that the particles of a block reach
+    on_device = backend == "cuda"
+    tables = blocks * (8 + 4 * EACH_TABLE[dim] + 1)  # keys, neighbours, whether complete
+    if backend == "numpy":
+        return tables + with_room(nodes) * (7 + 3 * tension) * real + sum(4 * s for s in sets)
+    arrays = with_room(nodes) * (7 + 3 * tension) * real + with_room(blocks) * 4 * reach * real
+    bins = nodes + 1 if on_device else blocks + 1
+    lists = sum(4 * (bins + count) for count in (particles, *sets)) + sum(4 * count for count in sets)
+    if not on_device:
+        return tables + arrays + lists
+    if tension:  # the host looks at the surface, and sorts
+        return tables + arrays + lists + with_room(blocks) * 5 * real
+    sorting = 4 * (nodes + 3) + 8 * particles + 4 * with_room(particles)  # counts, places, any order, cells in order
+    return tables + arrays + lists + sorting + with_room(blocks) * 5 * real
+
+
+def surface_bytes(
+    particles: int, blocks: int, vertices: int, facets: int, samples: int, dim: int, dtype: str, coefficients: int
+) -> int:
+    """Bytes of the latest surface on a CPU, without the embedded points: mesh, inset mesh, samples, blocks, cells.
+
+    blocks        of the surface's own grid
+    coefficients  bytes of the fitted values
+    """
+    real, nodes = np.dtype(dtype).itemsize, NODES * blocks
+    mesh = 2 * vertices * 3 * real + facets * (4 * dim + 3 * real)  # both meshes, corners, normals of facets
+    each = samples * (13 * real + 4)  # place, inset place, direction, normal; area; nearest particle
+    table = blocks * (8 + 4 * EACH_TABLE[dim])
+    return mesh + each + table + 4 * (nodes + 1) + 16 * particles + coefficients  # cells, samples, component of each

@@ -1,0 +1,99 @@
+"""`refsim plan` says how far a scene's settings are from the measured limits; beyond them stand notes."""
+
+import math
+
+import msgspec
+import pytest
+
+from refsim import Akinci2013, Box, CsfWang2019, Dong2016, He2014, JiangZhu2023, Scene, WeaklyCompressible
+from refsim.commands.plan import _text, describe_plan
+from refsim.core.capabilities import KnowsLimits, Margin
+from refsim.scene.scene import make_plan
+from refsim.surface_tension.jiang_zhu_2023 import LARGEST_AREA
+
+D = 0.01
+LIQUID = WeaklyCompressible(sound_speed=10.0, dynamic_viscosity=2.0, viscosity="central")
+AREA = LARGEST_AREA["corrected"][LIQUID.kernels]
+
+
+def scene(*effects, support=2.6, **more):
+    return Scene(
+        spacing=D, support_radius=support * D, fluid=(Box(cells=(4, 4, 4)),), effects=effects, end_time=0.1, **more
+    )  # fmt: skip
+
+
+def found(*effects, **more):
+    """(margins by setting, notes) of a scene."""
+    told = describe_plan(make_plan(scene(*effects, **more)), "cpu")
+    return {m["setting"]: m for m in told["margins"]}, told["notes"]
+
+
+def test_room_is_the_factor_to_the_limit():
+    assert Margin("a", 2.0, 6.0).room == pytest.approx(3.0)
+    assert Margin("a", 6.0, 2.0).room == pytest.approx(1 / 3)
+    assert Margin("a", 6.0, 2.0, least=True).room == pytest.approx(3.0)
+    assert Margin("a", 0.0, 2.0, least=True).room == 0.0
+    assert Margin("a", 0.0, 2.0).room == math.inf
+
+
+CASES = {  # setting: (effects of a scene by the value's factor, support [d], words of the note)
+    "dynamic_viscosity [Pa s]": (
+        lambda x: (msgspec.structs.replace(LIQUID, dynamic_viscosity=x * 1000 * 10 * 2.6 * D / 250),),
+        "kinetic energy may grow",
+    ),
+    "area_ratio": (
+        lambda x: (LIQUID, JiangZhu2023(surface_tension=0.07, area_term="corrected", area_ratio=x * AREA)),
+        "area_ratio =",
+    ),
+    "sigma/(rho0 c^2 d)": (
+        lambda x: (LIQUID, CsfWang2019(surface_tension=0.015 * x * 1000 * 100 * D)),
+        "sigma/(rho0 c^2 d) =",
+    ),
+}
+# of the values at twice the limit for a largest, half of it for a least
+LEAST = {"dynamic_viscosity [Pa s]"}
+
+
+@pytest.mark.parametrize("setting", list(CASES))
+def test_a_note_is_given_beyond_a_limit_and_only_there(setting):
+    make, words = CASES[setting]
+    within, beyond = (2.0, 0.5) if setting in LEAST else (0.5, 2.0)
+    for factor in (within, beyond):
+        margins, notes = found(*make(factor))
+        room = margins[setting]["room"]
+        assert (room < 1) == any(words in note for note in notes), (factor, notes)
+        assert room == pytest.approx(2.0 if factor == within else 0.5)
+
+
+@pytest.mark.parametrize(
+    "tension",
+    [
+        Akinci2013(surface_tension=0.07),
+        Dong2016(surface_tension=0.07, correction=1e-6),
+        He2014(surface_tension=0.07),
+        JiangZhu2023(surface_tension=0.07, pair_mode="soft"),
+        JiangZhu2023(surface_tension=0.07, balance_pressure=False),
+    ],
+)
+def test_every_model_of_tension_says_its_limits(tension):
+    plan = make_plan(scene(LIQUID, tension))
+    effect = plan.effects[tension.name]
+    assert isinstance(effect, KnowsLimits)
+    margins = list(effect.margins(plan.grid, plan.effects))
+    assert margins
+    for margin in margins:
+        assert margin.limit > 0
+        assert margin.value >= 0
+
+
+def test_a_fixed_step_and_the_table():
+    margins, _ = found(LIQUID)
+    assert "step [s]" not in margins
+    told = describe_plan(make_plan(scene(LIQUID)), "cpu")
+    stable = min(told["step"]["limits"].values())
+    told = describe_plan(make_plan(scene(LIQUID, step=1.25 * stable)), "cpu")
+    (margin,) = [m for m in told["margins"] if m["setting"] == "step [s]"]
+    assert margin["room"] == pytest.approx(0.8)
+    text = _text(told)
+    assert "beyond, 1.2 times" in text
+    assert "Measured limits (docs/stability.md)" in text
