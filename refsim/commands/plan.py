@@ -87,7 +87,7 @@ def describe_plan(plan: Plan, backend: str) -> dict[str, Any]:
         "step": steps,
         "end_time": scene.end_time,
         "margins": [
-            {"of": of, **m._asdict(), "room": m.room if math.isfinite(m.room) else None}
+            {"of": of, **m._asdict(), "factor": m.factor if math.isfinite(m.factor) else None}
             for of, m in _margins(plan, steps)
         ],
         "energy_audit": _energy_audit(plan),
@@ -256,20 +256,18 @@ def _text(found: dict[str, Any]) -> str:
             right=(0,),
         ),
         "",
-        "Effects bring",
+        "Effects",
         table(
             [
                 (
                     name,
-                    ", ".join(e["fields"]) or "-",
-                    ", ".join(e["passes"]) or "-",
                     f"{e['list_radius']:g} m" if e["list_radius"] else "-",
                     f"{e['wall_particles']:,}" if e["wall_particles"] else "-",
                     ", ".join(e["step_limits"]) or "-",
                 )
                 for name, e in found["effects"].items()
             ],
-            ("effect", "fields", "passes", "neighbours to", "wall particles", "step limits"),
+            ("effect", "neighbours to", "wall particles", "step limits"),
         ),
         "",
     ]
@@ -306,11 +304,11 @@ def _text(found: dict[str, Any]) -> str:
                 m["of"],
                 f"{m['value']:.3g}",
                 f"{'at least' if m['least'] else 'at most'} {m['limit']:.3g}",
-                _room(m["room"]),
+                _margin(m["factor"]),
             )
             for m in found["margins"]
         ]
-        head = ("setting", "of", "here", "measured to hold", "room")
+        head = ("setting", "of", "here", "measured to hold", "margin")
         lines += ["", "Measured limits (docs/stability.md)", table(rows, head, right=(2, 3, 4)), ""]
     audit = found["energy_audit"]
     if audit:
@@ -323,13 +321,13 @@ def _text(found: dict[str, Any]) -> str:
     return "\n".join(lines)
 
 
-def _room(room: float | None) -> str:
+def _margin(factor: float | None) -> str:
     """How far a setting is from its limit, as a factor."""
-    if room is None:
+    if factor is None:
         return "any"
-    if room >= 1:
-        return f"{room:.2g} times"
-    return f"beyond, {1 / room:.2g} times" if room > 0 else "beyond"
+    if factor >= 1:
+        return f"{factor:.2g} times"
+    return f"beyond, {1 / factor:.2g} times" if factor > 0 else "beyond"
 
 
 register(Command("plan", "show what a scene would allocate and launch", configure, execute))

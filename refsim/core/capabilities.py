@@ -116,7 +116,7 @@ class Margin(NamedTuple):
     least: bool = False
 
     @property
-    def room(self) -> float:
+    def factor(self) -> float:
         """Factor by which the value may change until it meets the limit; below 1 beyond it."""
         far, near = (self.value, self.limit) if self.least else (self.limit, self.value)
         return far / near if near > 0 else math.inf

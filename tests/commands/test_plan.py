@@ -28,12 +28,12 @@ def found(*effects, **more):
     return {m["setting"]: m for m in told["margins"]}, told["notes"]
 
 
-def test_room_is_the_factor_to_the_limit():
-    assert Margin("a", 2.0, 6.0).room == pytest.approx(3.0)
-    assert Margin("a", 6.0, 2.0).room == pytest.approx(1 / 3)
-    assert Margin("a", 6.0, 2.0, least=True).room == pytest.approx(3.0)
-    assert Margin("a", 0.0, 2.0, least=True).room == 0.0
-    assert Margin("a", 0.0, 2.0).room == math.inf
+def test_the_margin_is_the_factor_to_the_limit():
+    assert Margin("a", 2.0, 6.0).factor == pytest.approx(3.0)
+    assert Margin("a", 6.0, 2.0).factor == pytest.approx(1 / 3)
+    assert Margin("a", 6.0, 2.0, least=True).factor == pytest.approx(3.0)
+    assert Margin("a", 0.0, 2.0, least=True).factor == 0.0
+    assert Margin("a", 0.0, 2.0).factor == math.inf
 
 
 CASES = {  # setting: (effects of a scene by the value's factor, support [d], words of the note)
@@ -60,9 +60,9 @@ def test_a_note_is_given_beyond_a_limit_and_only_there(setting):
     within, beyond = (2.0, 0.5) if setting in LEAST else (0.5, 2.0)
     for factor in (within, beyond):
         margins, notes = found(*make(factor))
-        room = margins[setting]["room"]
-        assert (room < 1) == any(words in note for note in notes), (factor, notes)
-        assert room == pytest.approx(2.0 if factor == within else 0.5)
+        margin = margins[setting]["factor"]
+        assert (margin < 1) == any(words in note for note in notes), (factor, notes)
+        assert margin == pytest.approx(2.0 if factor == within else 0.5)
 
 
 @pytest.mark.parametrize(
@@ -93,7 +93,7 @@ def test_a_fixed_step_and_the_table():
     stable = min(told["step"]["limits"].values())
     told = describe_plan(make_plan(scene(LIQUID, step=1.25 * stable)), "cpu")
     (margin,) = [m for m in told["margins"] if m["setting"] == "step [s]"]
-    assert margin["room"] == pytest.approx(0.8)
+    assert margin["factor"] == pytest.approx(0.8)
     text = _text(told)
     assert "beyond, 1.2 times" in text
     assert "Measured limits (docs/stability.md)" in text
