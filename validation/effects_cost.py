@@ -209,7 +209,7 @@ def launched(simulation: Simulation) -> list[str]:
     simulation.timings.launches.clear()
     if simulation.backend.name == "cuda":
         stepper = simulation.stepper
-        named, stepper.profiled = stepper.profiled, True  # what is called bears its name, and is the same
+        named, stepper.profiled = stepper.profiled, True  # what is called has its name, and is the same
         try:
             stepper.recorded.call()
         finally:

@@ -768,7 +768,7 @@ def test_a_recorded_step_launches_and_holds_what_the_plan_says(name):
     run.step()
     plan, planned = run.plan, bytes_of(run.plan, "cuda")
     run.timings.launches.clear()
-    run.stepper.profiled = True  # so that calls bear their names; what is called is the same
+    run.stepper.profiled = True  # so that calls have their names; what is called is the same
     run.stepper.recorded.call()
     assert run.timings.launches == dict.fromkeys(step_launches(plan, "cuda"), 1)
     assert list(run.timings.launches) == list(step_launches(plan, "cuda"))
