@@ -115,7 +115,7 @@ def test_examples_load_and_plan(path, capsys):
     assert main(["plan", str(path)]) == 0
     told = capsys.readouterr().out
     assert load_scene(path).name in told
-    beside = {"mpm_droplet": "blocks of the background grid; nodes,", "mesh_boundary": "distances in a band"}
+    beside = {"mpm_droplet": "blocks that the background grid gains", "mesh_boundary": "distances in a band"}
     words = "Not counted, since it follows the run: " + beside.get(path.stem, "")
     assert (words in told) == (path.stem in beside)
 

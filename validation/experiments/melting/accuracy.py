@@ -11,6 +11,7 @@ import numpy as np
 
 from refsim import Scene, ShapeMatching, SolidBox
 from validation.accuracy import Panel
+from validation.checks import Checks
 from validation.experiment import Options, Run
 from validation.results import Result
 from validation.running import Context, first_call_seconds
@@ -93,6 +94,15 @@ def runs(options: Options) -> list[Run]:
     return [Run("bodies", bodies, parameters, estimate=60.0)]
 
 
+def checks(report: Mapping[str, Any], check: Checks) -> None:
+    """A setting keeps the stated error, and shorter steps keep more of the spin."""
+    points = report["points"]
+    middle, short = (points.get(f"n{CELLS[1]}_w2_s{steps}") for steps in STEPS[1:])
+    if middle is not None and short is not None:
+        check("spin_lost", short["error"])
+        check("spin_lost_shorter_step", short["error"] / middle["error"])
+
+
 PANELS = (
     Panel(
         name="spinning_body",
@@ -108,6 +118,7 @@ PANELS = (
         arithmetic=(f"n{CELLS[1]}_w2_s{STEPS[1]}", f"n{CELLS[1]}_w2_s{STEPS[1]}_float64"),
         tolerance="no solver iterates",
         group="half_width",
+        checks=checks,
         effects=(("w = 2 for w = 1", f"n{CELLS[1]}_w1_s{STEPS[1]}", f"n{CELLS[1]}_w2_s{STEPS[1]}"),),
         omissions=lambda options: ["backend cuda: not timed here"],
     ),

@@ -8,6 +8,7 @@ from typing import Any
 
 from refsim import calibrate_contact_angle
 from validation.accuracy import Band, Panel
+from validation.checks import Checks
 from validation.experiment import Options, Run
 from validation.measure.wetting import Point, measure
 from validation.results import Result
@@ -50,6 +51,13 @@ def runs(options: Options) -> list[Run]:
     return [Run("drops", drops, parameters, estimate=15.0 if options.quick else 150.0)]
 
 
+def checks(report: Mapping[str, Any], check: Checks) -> None:
+    """Every drop keeps the stated error: the map of adhesion is read at one size and used at others."""
+    for key, point in report["points"].items():
+        if point["shown"] and not point["stopped"]:
+            check("angle_error", point["error"], key, point["words"])
+
+
 PANELS = (
     Panel(
         name="contact_angle",
@@ -68,6 +76,7 @@ PANELS = (
             "uncertainty of the map",
         ),
         group="model",
+        checks=checks,
         omissions=lambda options: ["3D drops: minutes each", "backend cuda: drops are observed on the host"],
     ),
 )
