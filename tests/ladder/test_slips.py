@@ -65,6 +65,12 @@ HARMLESS = {
             "blocks are in order: the first node is above no other",
         )
     ],
+    "component_sizes": [
+        (
+            "held = np.bincount(label + 1, minlength=1)  ->  held = np.bincount(label + 1, minlength=2)",
+            "never looked at",
+        )
+    ],
     "pair_weight": [("return (real(1), real(0))", "without weights and marks nothing is multiplied with it")],
 }
 
