@@ -487,11 +487,12 @@ def two_separate_particles_3d():
 @closed_form("surface_energy.component_sizes")
 def particles_outside_of_components():
     """Three particles in the component of node 0, one in that of node 9, one in none, one outside of all blocks."""
-    made, _, given = lone(3)
+    made, grid, given = lone(3)
+    blocks = given["blocks"]
     label = np.full(len(given["node_state"]), -1, np.int32)
     label[[0, 1, 9]] = 0, 0, 9
-    cell = np.array([0, 0, 1, 9, 20, -1], np.int32)
-    given |= {"interior_position": np.zeros((6, 3)), "cells": given["cells"]._replace(cell=cell)}
+    place = H * np.concatenate([node_table(blocks)[[0, 0, 1, 9, 20]] + 0.5, [[99.0, 0.0, 0.0]]])
+    given |= {"interior_position": place, "cells": grid.by_cell(place, blocks)}
     given |= {"node_label": label, "component_size": np.zeros(6, np.int32)}
     return Exact(made, given, {"component_size": np.array([3, 3, 3, 1, 0, 0])})
 
