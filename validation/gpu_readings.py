@@ -49,8 +49,8 @@ def reported(context: Context, file: str, digest: str, folder: Path = REPORTS) -
     readings = []
     for run in runs:
         for reading in run["values"].get("readings", ()):
-            if reading["knobs"].get("backend") == "cuda":
-                knobs = {**reading["knobs"], "reported": dates[-1]}
+            if reading["knobs"].get("backend", "cuda") == "cuda":
+                knobs = {**reading["knobs"], "backend": "cuda", "reported": dates[-1]}
                 named = {"key": f"cuda_{reading['key']}", "words": _words(reading["words"]), "knobs": knobs}
                 readings.append({**reading, **named})
     where: Mapping[str, Any] = next(r["values"]["where"] for r in runs if r["values"].get("readings"))

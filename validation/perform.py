@@ -120,6 +120,8 @@ def _published(each: Performed) -> Iterator[tuple[published.Item, list[Result]]]
     drawn, failed_now = set(each.drawn), {c.name for c in each.checks if c.verdict == FAIL}
     for item in published.items_of(each.part, ""):
         behind = [each.results[run.key] for run in item.runs if run.key in each.results]
+        if len(behind) < sum(not run.skip for run in item.runs):
+            continue  # a picture of a part of its runs is none that can be regenerated
         if item.name in drawn if item.kind == published.PICTURE else behind and item.name not in failed_now:
             yield item, behind
 

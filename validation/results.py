@@ -25,7 +25,13 @@ from typing import Any
 import numpy as np
 
 FORMAT = 1
-_ROOT = Path(__file__).resolve().parent.parent
+# Modules of this package that name, judge, keep, draw and tell what runs give: no result depends on them.
+PRESENTING = frozenset(
+    "accuracy accuracy_picture answers checks claims drawing experiment gpu_readings perform published report results"
+    " stability stability_page tables verify".split()
+)
+_HERE = Path(__file__).resolve().parent
+_ROOT = _HERE.parent
 
 
 @dataclass(frozen=True)
@@ -52,11 +58,12 @@ def modules_behind(file: Path) -> list[Path]:
 
     A method's package counts with all of its modules but the contract's cases: its operations load their programs when
     they are first used. A name that refsim exports counts with the module that defines it, and not with all of refsim.
+    Modules of PRESENTING do not count.
     """
     found: set[Path] = set()
     waiting = [file]
     while waiting:
-        if (file := waiting.pop()) not in found:
+        if (file := waiting.pop()) not in found and not (file.parent == _HERE and file.stem in PRESENTING):
             found.add(file)
             waiting += _imported_by(file)
     return sorted(found)

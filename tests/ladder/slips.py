@@ -169,7 +169,7 @@ def sites(tree, flags=False):
         elif isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub):
             yield "sign", number, lambda n: setattr(n, "op", ast.UAdd())
         elif isinstance(node, ast.Compare) and type(node.ops[0]) in NEGATED:
-            yield "condition", number, lambda n: setattr(n, "ops", [NEGATED[type(n.ops[0])]()])
+            yield "condition", number, lambda n: n.ops.__setitem__(0, NEGATED[type(n.ops[0])]())
             if isinstance(parents[node], ast.Return):
                 yield "factor", number, lambda n: setattr(n, "comparators", [scaled(n.comparators[0])])
         elif isinstance(node, ast.Constant) and type(node.value) in (int, float):

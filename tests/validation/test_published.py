@@ -9,6 +9,7 @@ import pytest
 
 from validation import published, results
 from validation.experiment import Options, Picture, Run, discover
+from validation.experiments.dam_break import claims as dam_claims
 from validation.experiments.dam_break import runs as dam_runs
 from validation.experiments.droplet import runs as droplet_runs
 from validation.experiments.heat import runs as heat_runs
@@ -57,9 +58,17 @@ async def later(): await None
 
 def test_another_method_does_not_count():
     behind = {file.relative_to(ROOT).as_posix() for file in results.modules_behind(Path(heat_runs.__file__))}
-    assert {"refsim/heat/kernels.py", "refsim/heat/reference.py", "validation/results.py"} <= behind
+    assert {"refsim/heat/kernels.py", "refsim/heat/reference.py", "validation/running.py"} <= behind
     assert not any(place.startswith(("refsim/mpm/", "refsim/surface_tension/", "refsim/contract/")) for place in behind)
     assert results.sources_digest(dam_runs.__file__) != results.sources_digest(droplet_runs.__file__)
+
+
+def test_what_draws_and_tells_does_not_count():
+    """A claim's runs stand beside its verdicts; a picture that looks otherwise leaves all numbers as they are."""
+    behind = {file.name for file in results.modules_behind(Path(dam_claims.__file__)) if file.parent.name == "validation"}
+    assert "running.py" in behind
+    assert not behind & {f"{name}.py" for name in results.PRESENTING}
+    assert {f"{name}.py" for name in results.PRESENTING} <= {file.name for file in (ROOT / "validation").glob("*.py")}
 
 
 PROGRAM = """
