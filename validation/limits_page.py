@@ -122,7 +122,7 @@ def markdown(device: str, tasks: Tasks) -> list[str]:
                 line.words, NOT_YET if value is None else f"{value:.3g} {line.unit}",
                 "" if line.bar is None else f"{line.bar:g}", line.reached(tasks),
                 "" if line.aim is None else f"{line.aim:g}", warp_words(tasks, line.size) if line.size else "",
-                "" if not line.size else NOT_YET if share is None else f"{100 * share[0]:.0f} %",
+                "" if not line.size else NOT_YET if share is None else f"{100 * share[0]:.2g} %",
             ]
         )  # fmt: skip
     speed, said = tasks.get("limits speeds"), NOT_YET
@@ -141,9 +141,9 @@ def markdown(device: str, tasks: Tasks) -> list[str]:
         given = float(own["particles"]), float(own["neighbours"]), float(own["entries"])
         for name in (*STEP_KERNELS, "list"):
             work, share = least(name, *given), shares(tasks, size, name)
-            percent = [NOT_YET] * 2 if share is None else [f"{100 * part:.0f} %" for part in share]
+            percent = [NOT_YET] * 2 if share is None else [f"{100 * part:.2g} %" for part in share]
             numbers = (float(own[name]), 1e-6 * work.bytes, 1e-9 * work.operations)
-            rows.append([name, f"{int(given[0]):,}", *(f"{value:.3g}" for value in numbers), *percent])
+            rows.append([name, f"{int(given[0]):,}", *(f"{float(f'{value:.3g}'):,g}" for value in numbers), *percent])
     heading = ["kernel", "particles", "time [ms]", "least bytes [MB]", "least operations [GFLOP]"]
     heading += ["share of the copy speed", "share of the arithmetic speed"]
     return [*lines, *table(heading, rows)] if rows else [*lines, f"Kernels: {NOT_YET}."]
@@ -168,9 +168,7 @@ def picture(tasks: Tasks) -> Any:
         edge = counted / copied
         left.loglog([reach[0], edge], [reach[0] * copied, counted], color=GREY)
         left.loglog([edge, reach[1]], [counted, counted], color=GREY)
-        left.text(
-            reach[0] * 1.1, 1.7 * reach[0] * copied, f"copy speed {copied / 1e3:.2f} TB/s", color=GREY, fontsize=8
-        )
+        left.text(1.3, 0.6 * 1.3 * copied, f"copy speed {copied / 1e3:.2f} TB/s", color=GREY, va="top", fontsize=8)
         left.text(
             reach[1], 1.15 * counted, f"arithmetic {counted / 1e3:.1f} TFLOP/s", color=GREY, ha="right", fontsize=8
         )
