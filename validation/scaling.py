@@ -70,7 +70,8 @@ def scenes(edge: int = EDGE) -> dict[str, Callable[[], Scene]]:
 
     def mesh() -> Scene:
         file = str(ROOT / "refsim" / "examples" / "pebble.obj")
-        pebble = MeshBoundary(file=file, center=(0.5, 0.5, -0.6), size=1.25, viscosity=0.1, adhesion=0.1)
+        top = 0.623  # of the pebble above its centre [m]
+        pebble = MeshBoundary(file=file, center=(0.5, 0.5, -top - d), size=1.25, viscosity=0.1, adhesion=0.1)
         return Scene(effects=(WeaklyCompressible(sound_speed=8.0), Gravity(), pebble), **cube)
 
     tension, found = JiangZhu2023(surface_tension=0.5), SurfaceDetection(each_step=True)

@@ -224,6 +224,9 @@ def test_scenes_of_all_systems_have_about_as_many_particles():
         plan = make_plan(scene())
         assert 0.7 * 20**3 < plan.grid.count < 1.3 * 20**3, name
         assert plan.grid.dtype == "float32", name
+        if name == "mesh coupling":
+            gap = plan.state.position[:, 2].min() - plan.walls.position[:, 2].max()
+            assert 0 < gap < plan.grid.support_radius, "the liquid touches the mesh"
 
 
 def test_threads_are_timed_in_turns(monkeypatch):
