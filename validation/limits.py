@@ -163,7 +163,8 @@ def kernels(size: str) -> list[Reading]:
     counts = simulation.backend.host(listed.count)
     rows = np.random.default_rng(0).choice(n, min(n, 2000), replace=False)
     position = simulation.backend.host(simulation.fields["position"]).astype(float)
-    entries = np.asarray(_on_host(device.seen(listed.entries).reshape(-1, n)[:, rows]))
+    columns = device.library().asarray(rows)
+    entries = np.asarray(_on_host(device.seen(listed.entries).reshape(-1, n)[:, columns]))
     within = 0
     for column, i in enumerate(rows):
         away = position[entries[: counts[i], column]] - position[i]
