@@ -37,7 +37,8 @@ COHESION = JiangZhu2023(surface_tension=0.5, pair_mode="all", area_ratio=0.0, de
 SOUND, SPIN = 20.0, 1.0  # [m/s], [rad/s]
 TURNS = 3  # of refsim and Warp
 SIZES = {"60k": 39, "1M": 100, "8M": 200}  # particles along the edge of a cube
-WARP_STEPS = {"60k": (300, 100), "1M": (200, 50), "8M": (100, 30)}  # of refsim and of Warp in a turn
+WARP_STEPS = {"60k": 300, "1M": 120, "8M": 40}  # of refsim and of Warp in a turn, after WARM others
+BUSY = 0.3  # [s] that the device works before a reading
 WARM = 60
 DIFFERENCE = "accelerations, largest difference"
 LARGEST_DIFFERENCE = 1e-5  # of the largest: about 30 terms of either sign, float32, in two orders
@@ -209,43 +210,54 @@ def _on_host(array: Any) -> Any:
 
 
 def beside_warp(size: str) -> list[Reading]:
-    """Milliseconds of a step of refsim and of Warp in turns, list and grid included.
+    """Milliseconds of a step of refsim and of Warp in turns, list and grid included; both start anew in each turn.
 
     Raises RuntimeError where Warp is not there.
     """
     small = runtime.simulated()
     edge, device = (3, "cpu") if small else (SIZES[size], "cuda:0")
-    own_steps, their_steps = (2, 2) if small else WARP_STEPS[size]
-    simulation = started(edge, warm=2 if small else WARM)
-    plan = make_plan(spinning_cube(edge, step=fixed_step(edge)))
-    plan.state.velocity[:] = spinning(plan.state.position)
-    assert simulation.search is not None
+    warm, steps = (2, 2) if small else (WARM, WARP_STEPS[size])
+    busy = 0.0 if small else BUSY
     own: list[float] = []
+    speeds: list[float] = []
     theirs: dict[str, list[float]] = {}
-    built, every, peer = simulation.search.log.rebuilds, 1, dict[str, Any]()
-    for turn in range(1 if small else TURNS):
-        began = time.perf_counter()
-        for _ in range(own_steps):
+    builds, every, particles, peer = 0, 1, 0, dict[str, Any]()
+    for _ in range(1 if small else TURNS):
+        simulation = started(edge, warm=1 + warm)
+        search = simulation.search
+        assert search is not None
+        until = time.perf_counter() + busy
+        while time.perf_counter() < until:  # the device's clock rises; the fields are computed anew in the next step
+            for _, _, call in simulation.force_calls:
+                call()
+            simulation.backend.synchronize()
+        built, began = search.log.rebuilds, time.perf_counter()
+        for _ in range(steps):
             simulation.step()  # waits for the device
-        own.append((time.perf_counter() - began) / own_steps)
-        if turn == 0:
-            every = max(1, round(own_steps / max(simulation.search.log.rebuilds - built, 1)))
-        peer = warp_sph.run(plan, fixed_step(edge), min(10, their_steps), their_steps, every, device)
+        own.append((time.perf_counter() - began) / steps)
+        builds += search.log.rebuilds - built
+        every = max(1, round(len(own) * steps / max(builds, 1)))
+        speeds.append(float(np.sqrt((simulation.field("velocity").astype(float) ** 2).sum(1).mean())))
+        plan, particles = simulation.plan, simulation.count
+        del simulation, search
+        peer = warp_sph.run(plan, fixed_step(edge), warm, steps, every, device, busy=busy)
         if "missing" in peer:
             raise RuntimeError(peer["missing"])
         for name, seconds in peer["seconds"].items():
             theirs.setdefault(name, []).append(seconds)
-    builds = simulation.search.log.rebuilds - built
     made: list[Reading] = [
-        ("particles", simulation.count, "", ""),
+        ("particles", particles, "", ""),
         ("refsim", milliseconds(float(np.median(own))), "ms", _span(own)),
-        ("steps a list serves", float(f"{len(own) * own_steps / max(builds, 1):.3g}"), "", f"Warp's grid: {every}"),
+        ("steps a list serves", float(f"{len(own) * steps / max(builds, 1):.3g}"), "", f"Warp's grid: {every}"),
     ]
     made += [(f"Warp, {name}", milliseconds(float(np.median(s))), "ms", _span(s)) for name, s in theirs.items()]
     best = min(theirs, key=lambda name: float(np.median(theirs[name])))
     ratios = [a / b for a, b in zip(theirs[best], own, strict=True)]
+    words = f"{best}; {min(ratios):.3g} to {max(ratios):.3g}"
+    made.append(("Warp over refsim", float(f"{np.median(ratios):.4g}"), "", words))
+    off = abs(peer["speed"] / speeds[-1] - 1)
     made.append(
-        ("Warp over refsim", float(f"{np.median(ratios):.4g}"), "", f"{best}; {min(ratios):.3g} to {max(ratios):.3g}")
+        ("mean speeds at the end, difference", float(f"{off:.2g}"), "of refsim's", f"after {1 + warm + steps} steps")
     )
     if size == "60k":
         made.append((DIFFERENCE, disturbed_difference(edge, device), "of largest", "of a disturbed cube"))

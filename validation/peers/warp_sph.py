@@ -61,12 +61,14 @@ def coefficients(plan: Any) -> dict[str, float]:
 
 
 def run(
-    plan: Any, step: float, warm: int, steps: int, every: int, device: str = "cpu", accelerations: bool = False
-) -> dict[str, Any]:
+    plan: Any, step: float, warm: int, steps: int, every: int, device: str = "cpu", accelerations: bool = False,
+    busy: float = 0.0,
+) -> dict[str, Any]:  # fmt: skip
     """Time steps of a plan's particles in a process of its own.
 
     step   length [s]; warm: steps that are not counted. every: steps that a grid serves "with skin"
     accelerations  whether those of the start (n, 3) [m/s^2] are returned
+    busy   seconds in which the device computes forces before the steps, so that its clock rises
 
     {"particles", "seconds" (mean step by way of working), "speed" (root of the mean square at the end [m/s]),
     "centre" [m], "graph" (why no CUDA graph was recorded; "" if it was), "version", "device"} or {"missing"}.
@@ -78,7 +80,7 @@ def run(
         "position": state.position.astype(np.float32), "velocity": state.velocity.astype(np.float32),
         "mass": state.mass.astype(np.float32), "coefficients": coefficients(plan), "spacing": plan.grid.spacing,
         "step": step, "skin": skin, "warm": warm, "steps": steps, "every": every, "device": device,
-        "accelerations": accelerations,
+        "accelerations": accelerations, "busy": busy,
     }  # fmt: skip
     return launch("warp_sph", "Warp", given, {}, TIME_LIMIT)
 
@@ -175,6 +177,7 @@ def programs() -> tuple[Any, ...]:
 def work(
     position: np.ndarray, velocity: np.ndarray, mass: np.ndarray, coefficients: Mapping[str, float], spacing: float,
     step: float, skin: float, warm: int, steps: int, every: int, device: str, accelerations: bool,
+    busy: float,
 ) -> dict[str, Any]:  # fmt: skip
     """Time the steps in this process."""
     import warp as wp
@@ -214,6 +217,10 @@ def work(
     def timed(renew: Callable[[], None], keep: Callable[[], None], serves: int) -> float:
         """Mean seconds of a step; the state is that of the start before."""
         start()
+        until = time.perf_counter() + busy
+        while time.perf_counter() < until:
+            forces(h)
+            wp.synchronize()
         one(True, h, 0.5 * step)
         for k in range(warm + steps):
             if k == warm:
