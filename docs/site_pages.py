@@ -30,7 +30,7 @@ NAVIGATION = {
     ),
     "What holds": (
         "guarantees", "claims", "errata", "published", "nightly", "accuracy_cost", "accuracy_cost_panels",
-        "effects_cost", "stability", "energy_audit",
+        "effects_cost", "device_limits", "stability", "energy_audit",
     ),
     "Liquids and walls": (
         "sph", "solutions", "iisph", "boundary_akinci_2012", "one_way_coupling", "signed_distance", "boundary_sampling",

@@ -1,6 +1,6 @@
 """Check the CUDA backend on a real GPU and add what was found to the device's report in validation/gpu_reports/.
 
-    python scripts/gpu_check.py [--quick] [--missing] [--only PREFIX] [--minutes 6] [--workers 6] [--devices 1]
+    python scripts/gpu_check.py [--quick] [--missing] [--only PREFIX ...] [--minutes 6] [--workers 6] [--devices 1]
 
 Every task runs in a process of its own, because one illegal memory access ends CUDA for the whole process: the
 pairing suite of the contract for each operation and dtype, the neighbour search against the CPU's and against all
@@ -62,14 +62,14 @@ from refsim.backends import arrays as backend  # noqa: E402
 from refsim.backends import runtime  # noqa: E402
 from refsim.commands.plan import describe_plan  # noqa: E402
 from refsim.core.operation import REGISTRY  # noqa: E402
-from validation import pairs  # noqa: E402
+from validation import limits, pairs  # noqa: E402
 from validation.results import sources_digest  # noqa: E402
 
 DTYPES = ("float32", "float64")
 WORKERS = 6
 MARK = "gpu_check result: "
 PACKAGES = ("numpy", "numba", "numba-cuda", "cupy-cuda13x", "cuda-bindings", "cuda-core")
-SIZES = {"60k": 39, "1M": 100, "8M": 200}  # particles along the edge of a cube
+SIZES = limits.SIZES
 COMPARED = {"float32": 5, "float64": 20}  # steps before two backends are compared: rounding grows with each
 # Share of the largest value. On the CPU, float32 and float64 already differ by 2 % in the pressure of the dam break
 # after five steps, because a liquid at rest has almost none. The pairing tests accuracy; this tests whole runs.
@@ -346,7 +346,7 @@ def device_bytes() -> int:
 
 
 TENSIONS = {
-    "jiang_zhu": JiangZhu2023(surface_tension=0.5, pair_mode="all", area_ratio=0.0, density_correction=False),
+    "jiang_zhu": limits.COHESION,
     "akinci": Akinci2013(surface_tension=0.5),  # cohesion and area term
 }
 BARS = {  # milliseconds a step, nanoseconds a step and particle
@@ -359,23 +359,12 @@ BARS = {  # milliseconds a step, nanoseconds a step and particle
 def timing_task(arguments: list[str]) -> list[Row]:
     """Milliseconds of a step and of its parts on a spinning cube of viscous liquid with cohesion, float32, h = 2 d."""
     size, model = arguments
-    edge = 4 if runtime.simulated() else SIZES[size]
-    spacing = 1.0 / edge
-    scene = Scene(
-        dtype="float32",
-        spacing=spacing,
-        support_radius=2 * spacing,
-        fluid=(Box(cells=(edge,) * 3),),
-        effects=(
-            WeaklyCompressible(sound_speed=20.0, dynamic_viscosity=1.0),
-            TENSIONS[model],
-        ),
-    )
+    scene = limits.spinning_cube(4 if runtime.simulated() else SIZES[size], TENSIONS[model])
     began = time.perf_counter()
     plan, before = make_plan(scene), device_bytes()
     simulation = Simulation(plan, "cuda")
     rows = [row("particles", simulation.count), row("set-up", float(f"{time.perf_counter() - began:.3g}"), "s")]
-    simulation._set("velocity", np.cross([0.0, 0.0, 1.0], plan.state.position - 0.5))
+    simulation._set("velocity", limits.spinning(plan.state.position))
     if not runtime.simulated():
         simulation.step()  # the list then holds the lattice that the plan counts
         said = describe_plan(plan, "cuda")["bytes"]["total"]
@@ -544,6 +533,17 @@ def effects_task(arguments: list[str]) -> list[Row]:
     return rows
 
 
+def limits_task(arguments: list[str]) -> list[Row]:
+    """What docs/device_limits.md is made of: the device's speeds, kernels alone, Warp, MPM's surface and table."""
+    kind, *size = arguments
+    return [
+        row(name, value, unit, words=words)
+        if name != limits.DIFFERENCE
+        else judged(name, value, limits.LARGEST_DIFFERENCE, unit, words)
+        for name, value, unit, words in limits.MEASURES[kind](*size)
+    ]
+
+
 def cache_task(_: list[str]) -> list[Row]:
     """Seconds until a kernel's first launch has run; the second process finds it on disk."""
     began = time.perf_counter()
@@ -561,6 +561,7 @@ TASKS: dict[str, Callable[[list[str]], list[Row]]] = {
     "timing": timing_task,
     "melting": melting_task,
     "effects": effects_task,
+    "limits": limits_task,
 }
 
 
@@ -577,7 +578,8 @@ def planned(quick: bool) -> tuple[list[str], list[str]]:
     sizes = [size for size in SIZES if not (quick and size == "8M")]
     alone += [f"melting {size}" for size in MELTING]
     alone += [f"effects {ladder}" for ladder in ("sph", "melting", "mpm", "mesh")]
-    return together, alone + [f"timing {size} {model}" for model in TENSIONS for size in sizes]
+    alone += [f"timing {size} {model}" for model in TENSIONS for size in sizes]
+    return together, alone + [task for task in limits.tasks() if task.split()[-1] in sizes or " " not in task[7:]]
 
 
 def executed(task: str, deadline: float, devices: queue.SimpleQueue[str] | None = None) -> dict[str, Any]:
@@ -625,6 +627,11 @@ def failed(answer: dict[str, Any]) -> bool:
 def unfinished(answer: dict[str, Any]) -> bool:
     """Whether a task had too little time."""
     return (answer["error"] or "").startswith(("not run", "not ended"))
+
+
+def broken_reading(answer: dict[str, Any]) -> bool:
+    """Whether a task that only measures broke off: earlier readings are then still the best there are."""
+    return bool(answer["error"]) and answer["task"].startswith("limits ")
 
 
 def tell(answer: dict[str, Any]) -> None:
@@ -713,7 +720,8 @@ def stored(stem: pathlib.Path) -> dict[str, dict[str, Any]]:
 def write(answers: list[dict[str, Any]], stem: pathlib.Path, device: str) -> None:
     """Put tasks that ran to their end in place of their like in a device's report, JSON and Markdown."""
     stem.parent.mkdir(parents=True, exist_ok=True)
-    merged = stored(stem) | {a["task"]: a for a in answers if not unfinished(a)}
+    kept = stored(stem)
+    merged = kept | {a["task"]: a for a in answers if not (unfinished(a) or (broken_reading(a) and a["task"] in kept))}
     order = {task: number for number, task in enumerate(["device", *(t for tasks in planned(False) for t in tasks)])}
     tasks = sorted((a for a in merged.values() if a["task"] in order), key=lambda a: order[a["task"]])
     path = stem.with_suffix(".json")
@@ -749,7 +757,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--quick", action="store_true", help="float32 pairing, short runs, no 8M timing")
     parser.add_argument("--missing", action="store_true", help="tasks without evidence that holds on this device")
-    parser.add_argument("--only", default="", help="tasks whose name starts like this")
+    parser.add_argument("--only", nargs="+", default=[""], metavar="PREFIX", help="tasks whose names start like these")
     parser.add_argument("--minutes", type=float, default=6.0, help="time for everything")
     parser.add_argument("--workers", type=int, default=WORKERS, help="processes that share a GPU (1 below 8 cores)")
     parser.add_argument("--devices", type=int, default=1, help="GPUs of this machine that share what is not timed")
@@ -764,7 +772,11 @@ def main() -> int:
     if reason:
         print(f"The GPU cannot be checked: {reason}.", file=sys.stderr)
         return 2
-    together, alone = ([task for task in tasks if task.startswith(options.only)] for tasks in planned(options.quick))
+    wanted = tuple(options.only)
+    together, alone = ([task for task in tasks if task.startswith(wanted)] for tasks in planned(options.quick))
+    for task in [task for task in alone if limits.left_out(task)]:
+        alone.remove(task)
+        print(f"left out {task}: {limits.left_out(task)}", flush=True)
     answers = [executed("device", deadline)]
     tell(answers[0])
     device = next((str(r["value"]) for r in answers[0]["rows"] if r["name"] == "device"), "unknown device")

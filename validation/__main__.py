@@ -18,7 +18,18 @@ if not __package__:
     sys.exit(2)
 
 from refsim.core.errors import InputError, RefsimError
-from validation import accuracy, answers, claims, effects_cost, published, stability, stability_page, verify
+from validation import (
+    accuracy,
+    answers,
+    claims,
+    effects_cost,
+    limits_page,
+    published,
+    scaling,
+    stability,
+    stability_page,
+    verify,
+)
 from validation.attack import campaign
 from validation.checks import ACCURACY, CLAIM, HARD_CASE, KINDS, VERDICT, bars
 from validation.experiment import Experiment, Options, Picture, chosen, discover
@@ -81,6 +92,14 @@ def parser() -> argparse.ArgumentParser:
     part = add("effects", "measures launches, bytes and microseconds a step as effects are added one by one")
     part.add_argument("--draw", action="store_true", help="page and picture from the stored numbers; measures nothing")
     part.set_defaults(perform=effect_ladders)
+
+    part = add("limits", "makes the page of the device's limits from the newest GPU report; measures nothing")
+    part.set_defaults(perform=device_limits)
+
+    part = add("scaling", "measures how a step of each system scales with CPU threads")
+    part.add_argument("--draw", action="store_true", help="page and pictures from the stored numbers; measures nothing")
+    part.add_argument("--quick", action="store_true", help="tens of particles, two threads; writes nothing")
+    part.set_defaults(perform=cpu_scaling)
 
     part = add("stale", "lists published numbers whose code has changed since they were measured")
     part.add_argument("names", nargs="*", metavar="NAME | KIND", help="all by default")
@@ -218,6 +237,18 @@ def panels(given: argparse.Namespace) -> int:
 def effect_ladders(given: argparse.Namespace) -> int:
     """Measure what each effect costs, or draw what is stored."""
     print(*effects_cost.perform(given.draw), sep="\n")
+    return EXIT_FINE
+
+
+def device_limits(given: argparse.Namespace) -> int:
+    """Make the page of the device's limits."""
+    print(*limits_page.write(), sep="\n")
+    return EXIT_FINE
+
+
+def cpu_scaling(given: argparse.Namespace) -> int:
+    """Measure scaling with threads, or draw what is stored."""
+    print(*scaling.perform(given.draw, given.quick), sep="\n")
     return EXIT_FINE
 
 

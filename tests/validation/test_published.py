@@ -143,7 +143,7 @@ def test_every_picture_claim_and_hard_case_is_listed():
         path.stem for path in (ROOT / "figures").glob("*.webp")
     }
     # Studies are of scripts/study_examples.py; the others are drawn from the data of other pictures and checks.
-    drawn = ("stability_matrix", "effects_cost")
+    drawn = ("stability_matrix", "effects_cost", "device_limits", "cpu_scaling")
     pictures = {name for name in pictures if not name.startswith("study_") and not name.endswith("_parts")} - {*drawn}
     assert pictures <= {item.name for item in items.values() if item.kind == "picture"}
     assert {"claim mpm_momentum_none", "hard_case lost_particle"} & set(items)
