@@ -25,8 +25,8 @@ LINK = re.compile(r"(?<!!)\[([^\]]*)\]\(([^)\s]+)\)")
 CODE = re.compile(r"^(```.*?^```[^\n]*$)", re.MULTILINE | re.DOTALL)
 NAVIGATION = {
     "Begin": (
-        "journeys", "package", "waiting_time", "lessons", "scene_files", "results", "render", "study", "sweep",
-        "gallery", "contract",
+        "journeys", "The installed package <package>", "waiting_time", "lessons", "scene_files", "results",
+        "render", "study", "sweep", "gallery", "contract",
     ),
     "What holds": (
         "guarantees", "claims", "errata", "published", "nightly", "accuracy_cost", "accuracy_cost_panels",
