@@ -18,6 +18,7 @@ from typing import Any, TextIO
 from refsim.core.errors import InputError
 from validation.checks import ACCURACY, Check, Checks
 from validation.experiment import Experiment, Options, Part, Picture, Results, Run
+from validation.gpu_readings import gpu_runs, keep, without_gpu
 from validation.perform import Performed, perform
 from validation.reading import first_kept, kept_error
 from validation.results import read_json, real
@@ -126,15 +127,20 @@ def part_of(experiment: str, panel: Panel, options: Options) -> Part:
 
     name = f"accuracy_cost_{panel.name}"
     picture = Picture(name, collect, draw)
-    return Part(ACCURACY, name, name, panel.runs(options), checks, (picture,), lambda results: tables(collect(results)))
+    runs = [*panel.runs(options), *gpu_runs(panel.name, options)]
+    return Part(ACCURACY, name, name, runs, checks, (picture,), lambda results: tables(collect(results)))
 
 
 def perform_panels(
     chosen: Sequence[tuple[str, Panel]], options: Options, jobs: int = 1, stream: TextIO | None = None
 ) -> list[Performed]:
-    """Compute, check and draw the (experiment, panel) pairs; a setting that fails unasked stops its run."""
+    """Compute, check and draw the (experiment, panel) pairs; a setting that fails unasked stops its run.
+
+    What a GPU gave at the published sizes is kept for machines without one (`validation.gpu_readings`).
+    """
     performed = perform([part_of(name, panel, options) for name, panel in chosen], options, jobs, stream=stream)
-    for each in performed:
+    for each, (_, panel) in zip(performed, chosen):
+        keep(panel.name, each.results, options)
         for key, result in each.results.items():
             for reading in result.values.get("readings", ()):
                 if reading["stopped"] and not reading["expected"]:
@@ -428,7 +434,7 @@ def effects(panel: Panel, points: Points) -> list[dict[str, Any]]:
 
 def omissions(panel: Panel, points: Points, options: Options) -> list[str]:
     """What is not in the panel, and why."""
-    made = list(panel.omissions(options))
+    made = [*without_gpu(panel.name, options), *panel.omissions(options)]
     waiting: dict[str, list[str]] = {}
     for run in panel.runs(options):
         if run.skip:

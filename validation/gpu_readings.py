@@ -1,24 +1,36 @@
 """Readings of a panel that a GPU gave, for machines without one.
 
-On a machine with a GPU `python -m validation accuracy PANEL --backend cuda` stores
-`results/accuracy_cost_PANEL/<run>-<digest>/result.json`. A copy of that file, `gpu_reports/accuracy_cost_PANEL.json`,
-brings its points into the panel of every other machine, with the device and the date. They stand beside that machine's
-own points: its front and its advice are without them.
+On a machine with a GPU `python -m validation accuracy PANEL --backend cuda` writes
+`gpu_reports/accuracy_cost_PANEL.json`, the results of all of the panel's runs. It brings their points into the panel of
+every other machine, with the device and the date. They stand beside that machine's own points: its front and its advice
+are without them.
 """
 
 from __future__ import annotations
 
 import hashlib
 import json
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from refsim.backends.arrays import unavailable
-from validation.experiment import Options, Run
-from validation.results import Result
+from refsim.backends.runtime import simulated
+from validation.experiment import Options, Results, Run
+from validation.results import Result, finite
 from validation.running import Context
 
 REPORTS = Path(__file__).resolve().parent / "gpu_reports"
+
+
+def keep(panel: str, results: Results, options: Options, folder: Path = REPORTS) -> Path | None:
+    """Write the panel's report: of a GPU, at the published sizes, and of all runs; otherwise nothing."""
+    if options.quick or options.backend != "cuda" or options.only or simulated() or not results:
+        return None
+    file = folder / f"accuracy_cost_{panel}.json"
+    runs = {key: {"about": result.about, "values": finite(result.values)} for key, result in results.items()}
+    file.write_text(json.dumps({"runs": runs}, allow_nan=False) + "\n")
+    return file
 
 
 def gpu_runs(panel: str, options: Options, folder: Path = REPORTS) -> list[Run]:
@@ -31,15 +43,23 @@ def gpu_runs(panel: str, options: Options, folder: Path = REPORTS) -> list[Run]:
 
 
 def reported(context: Context, file: str, digest: str, folder: Path = REPORTS) -> Result:
-    """The report's readings, named as those of a GPU."""
-    document = json.loads((folder / file).read_text())
-    where: dict[str, Any] = {**document["values"]["where"], "date": document["about"]["date"]}
+    """The report's readings on backend cuda, named as those of a GPU."""
+    runs = json.loads((folder / file).read_text())["runs"].values()
+    dates = sorted({run["about"]["date"] for run in runs})
     readings = []
-    for reading in document["values"]["readings"]:
-        knobs = {**reading["knobs"], "reported": where["date"]}
-        named = {"key": f"cuda_{reading['key']}", "words": f"{reading['words']}, on a GPU", "knobs": knobs}
-        readings.append({**reading, **named})
-    return Result({"readings": readings, "where": where})
+    for run in runs:
+        for reading in run["values"].get("readings", ()):
+            if reading["knobs"].get("backend") == "cuda":
+                knobs = {**reading["knobs"], "reported": dates[-1]}
+                named = {"key": f"cuda_{reading['key']}", "words": _words(reading["words"]), "knobs": knobs}
+                readings.append({**reading, **named})
+    where: Mapping[str, Any] = next(r["values"]["where"] for r in runs if r["values"].get("readings"))
+    return Result({"readings": readings, "where": {**where, "date": dates[-1]}})
+
+
+def _words(words: str) -> str:
+    """A setting that names its backend already is as it is."""
+    return words if "cuda" in words else f"{words}, on a GPU"
 
 
 def without_gpu(panel: str, options: Options, folder: Path = REPORTS) -> list[str]:

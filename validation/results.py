@@ -118,7 +118,20 @@ def _code_digest(file: Path) -> str:
             )
             if documented and isinstance(node.body[0].value.value, str):  # type: ignore[attr-defined]
                 node.body = node.body[1:] or [ast.Pass()]
-    return hashlib.sha256(ast.dump(tree).encode()).hexdigest()
+    return hashlib.sha256(_dumped(tree).encode()).hexdigest()
+
+
+def _dumped(node: Any) -> str:
+    """A syntax tree in words that are the same for every version of Python.
+
+    `ast.dump` writes fields that other versions have not, and Python 3.12 has empty texts in the formats of f-strings.
+    """
+    if isinstance(node, ast.JoinedStr):
+        node.values = [part for part in node.values if not (isinstance(part, ast.Constant) and part.value == "")]
+    if isinstance(node, ast.AST):
+        fields = [(name, value) for name, value in ast.iter_fields(node) if value is not None and value != []]
+        return f"{type(node).__name__}({', '.join(f'{name}={_dumped(value)}' for name, value in fields)})"
+    return f"[{', '.join(map(_dumped, node))}]" if isinstance(node, list) else repr(node)
 
 
 def result_folder(root: Path, experiment: str, key: str, function: Callable, parameters: Mapping[str, Any]) -> Path:

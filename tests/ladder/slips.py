@@ -2,17 +2,32 @@
 
 Run as `NUMBA_DISABLE_JIT=1 python slips.py OPERATION...`: kernels are then Python functions, and a slip is put in by
 giving a function the code of its altered source. The operations must share one program. Prints one JSON object, see
-`inject`. Kinds: sign, factor, index, condition.
+`inject`; with `--part K/N` of every Nth slip only. Kinds: sign, factor, index, condition.
+
+`python slips.py --publish [--jobs N] [--minutes M]` judges in N processes what has not been judged since its code
+changed, and writes the numbers to validation/kernel_slips.json and into docs/nightly.md. Exit code 4 if a slip survived
+that is not among HARMLESS, or if the time did not suffice.
 """
 
+import argparse
 import ast
+import concurrent.futures
 import contextlib
 import copy
+import datetime
 import functools
+import hashlib
 import inspect
+import itertools
 import json
+import math
+import os
+import pathlib
+import signal
+import subprocess
 import sys
 import textwrap
+import time
 import warnings
 
 import numpy as np
@@ -23,8 +38,74 @@ from refsim.core import cases
 from refsim.core.operation import REGISTRY
 from refsim.smoothing import SHAPES, formulas, reference, smoothing
 
+ROOT = pathlib.Path(__file__).resolve().parents[2]
+RECORD = ROOT / "validation" / "kernel_slips.json"
+PAGE = ROOT / "docs" / "nightly.md"
+BEGIN, END = "<!-- kernel slips -->\n", "<!-- end of kernel slips -->"
+EXIT_FAILED = 4
+IN_A_PART = 100  # slips that one process judges
+SECONDS = {False: 60, True: 600}  # after which a slip has made a shallow or a deep trial endless, which is noticed
 SHARED = ("refsim.backends.", "refsim.neighbours.rows")  # what every kernel stands on has tests of its own
 FIRST_CASES = ("three_particles", "cloud_2d", "cloud_3d", "printed_readings")
+# function -> (start of the altered line, why it changes no answer)
+HARMLESS = {
+    "kick_drift": [("squared = type(timestep[0])(0)", "only the type is taken")],
+    "corrected": [("nx, ny, nz, filled = (real(0)", "zero over anything")],
+    "unit": [("zero = type(length)(0)", "a normal without direction is not looked at")],
+    "tension": [("nx, ny, nz = (real(0)", "set again where they are used")],
+    "pair_sums": [("nx, ny, nz = (real(0)", "set again where they are used")],
+    "rigid_motion": [
+        ("spin = (real(0)", "set again where it is used"),
+        ("trace = real(2) * (sums[6] + sums[7] + sums[8])  ->  trace = real(3)", "both sides are divided by it"),
+    ],
+    "solved": [
+        (
+            "xx, yy, zz = (a[0] + floor, a[1] + floor, a[2] + floor)"
+            "  ->  xx, yy, zz = (a[0] + floor, a[1] + floor, a[2] - floor)",
+            "cut off at the floor; the second solution takes back what it changes",
+        )
+    ],
+    "adhesion_pair": [("q <= real(0.5) or q >= real(1)", "beyond the support no pair is looked at")],
+    "squared_gradient": [(f"g{c} += f * d{c}", "only its square is taken") for c in "xyz"],
+    "step_node": [("return -1", "any negative number says that there is no node")],
+    "base_coordinate": [("return FARTHEST + 1", "any number beyond all nodes does")],
+    "mirrored_update": [("range(3)  ->  range(4)", "a node has no fourth image along an axis")],
+    "melted_now": [("phase[i] = FLUID", "a zero has no sign")],
+    "detach": [("held = 1", "any positive number means that a melted node is in the region")],
+    **{name: [("zero = type(", "only the type is taken")] for name in ("damp_sums", "damp_slot", "motion_sums")},
+    "goal_sums": [("real = type(", "only the type is taken")],
+    "motion_slot": [("return nothing_12(type(", "only the type is taken")],
+    "damp_end": [("region_count[s] > 0 and timestep[0] > 0", "of the two lengths of a step both are positive or none")],
+    "wall_gradient": [
+        ("tiny = real(1e-09) * h", "far below the rounding of a distance"),
+        ("f = weight * walls.volume[b]", "what is added to the distance is far below its rounding"),
+    ],
+    "relaxed_pressure": [("value < real(0)", "a pascal is far below the bound")],
+    "tait_pressure": [("pressure < real(0)", "a pascal is far below the bound")],
+    "boundary_pressure": [
+        ("fluid.clamp and pressure < type(pressure)(0)", "a pascal is far below the bound"),
+        ("return type(pressure)(0)", "a pascal is far below the bound"),
+    ],
+    "row_weights": [
+        ("one = real(1)", "only whether a row is idle depends on it"),
+        ("weight_i, surface_i = (zero, 0)", "belongs to the mode that is not taken"),
+        ("base == zero and slope != zero", "looks for idle rows in vain, or not at all"),
+    ],
+    "components": [
+        (
+            "joined = np.flatnonzero(inside & (other >= 0))  ->  joined = np.flatnonzero(inside & (other >= 1))",
+            "blocks are in order: the first node is above no other",
+        )
+    ],
+    "component_sizes": [
+        (
+            "held = np.bincount(label + 1, minlength=1)  ->  held = np.bincount(label + 1, minlength=2)",
+            "never looked at",
+        )
+    ],
+    "pair_weight": [("return (real(1), real(0))", "without weights and marks nothing is multiplied with it")],
+}
+
 NEGATED = {ast.Lt: ast.GtE, ast.LtE: ast.Gt, ast.Gt: ast.LtE, ast.GtE: ast.Lt, ast.Eq: ast.NotEq, ast.NotEq: ast.Eq}
 SWAPPED = {
     ast.Add: ("sign", ast.Sub),
@@ -156,6 +237,7 @@ def programs_with():
 def noticed(operation, deep):
     """Whether a step of the ladder fails or raises. `deep` takes the steps that need more time."""
     variants = [Target(operation, "cpu", "float64", number) for number in range(len(operation.variants))]
+    signal.alarm(SECONDS[deep])
     try:
         if not shapes_agree():
             return True
@@ -170,23 +252,38 @@ def noticed(operation, deep):
                 return True
     except Exception:
         return True
+    finally:
+        signal.alarm(0)
     return False
 
 
-def inject(operations):
-    """Every slip that can be made in the program that the operations share.
+def too_long(number, frame):
+    raise TimeoutError("this trial does not end")
 
-    {"noticed": {operation: {kind: number}}, "survived": [slips that no operation with the same function notices]}
+
+def planted(operation):
+    """(function, kind, number, change) for every slip of an operation's program."""
+    for function in functions_behind(operation):
+        for site in sites(parsed(function), bool(operation.exact)):
+            yield function, *site
+
+
+def inject(operations, part=0, parts=1):
+    """Every slip that can be made in the program that the operations share; of `parts` parts, one.
+
+    {"planted": {kind: number}, "noticed": {operation: {kind: number}}, "survived": [slips that no operation with the
+    same function notices]}
     """
     for operation in operations:
         assert not noticed(operation, False), f"{operation.name} fails before any slip"
-        assert not noticed(operation, True), f"{operation.name} fails before any slip"
+        assert part or not noticed(operation, True), f"{operation.name} fails before any slip"
     users = programs_with()  # while every function's source can still be read
-    caught = {operation.name: {} for operation in operations}
+    made, caught = {}, {operation.name: {} for operation in operations}
     survived = []
-    for function in functions_behind(operations[0]):
+    for function, group in itertools.groupby(list(planted(operations[0]))[part::parts], key=lambda slip: slip[0]):
         right = function.__code__
-        for kind, number, change in sites(parsed(function), bool(operations[0].exact)):
+        for _, kind, number, change in group:
+            made[kind] = made.get(kind, 0) + 1
             code, words = altered(function, number, change)
             function.__code__ = code
             try:
@@ -202,10 +299,118 @@ def inject(operations):
                     survived.append(f"{function.__name__}: {words}")
             finally:
                 function.__code__ = right
-    return {"noticed": caught, "survived": survived}
+    return {"planted": made, "noticed": caught, "survived": survived}
+
+
+def harmless(slip):
+    """Whether a slip is known to change no answer."""
+    return any(slip.startswith(f"{function}: {line}") for function, lines in HARMLESS.items() for line, _ in lines)
+
+
+def programs():
+    """Names of the operations that share a program, by program."""
+    found = {}
+    for name, operation in REGISTRY.items():
+        found.setdefault((operation.folder, operation.function), []).append(name)
+    return list(found.values())
+
+
+def code_digest(operation):
+    """Digest of what a program's slips are made in and judged by: its functions, its reference and its cases."""
+    folder = pathlib.Path(inspect.getfile(functions_behind(operation)[0])).parent
+    files = [file for name in ("reference.py", "cases.py") for file in [folder / name] if file.exists()]
+    texts = [*map(inspect.getsource, functions_behind(operation)), *(file.read_text() for file in files)]
+    return hashlib.sha256("\0".join(texts).encode()).hexdigest()[:12]
+
+
+def judged(names, part=0, parts=1, seconds=None):
+    """`inject` in a process of its own; None where it does not end in time. Raises RuntimeError if it fails."""
+    path = os.pathsep.join(filter(None, (str(ROOT), os.environ.get("PYTHONPATH"))))
+    command = [sys.executable, __file__, *names, "--part", f"{part}/{parts}"]
+    environment = dict(os.environ, NUMBA_DISABLE_JIT="1", PYTHONPATH=path)
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, env=environment, timeout=seconds)
+    except subprocess.TimeoutExpired:
+        return None
+    if done.returncode:
+        raise RuntimeError(f"{'+'.join(names)}: {done.stderr}")
+    return json.loads(done.stdout)
+
+
+def publish(jobs, minutes):
+    """Judge what the record does not hold; returns whether every program is judged and every slip noticed."""
+    from validation.attack.campaign import commit
+
+    end, before = time.monotonic() + 60 * minutes, json.loads(RECORD.read_text()) if RECORD.exists() else {}
+    found, waiting = {}, []
+    for names in programs():
+        digest, name = code_digest(REGISTRY[names[0]]), "+".join(names)
+        if before.get(name, {}).get("digest") == digest:
+            found[name] = before[name]
+            continue
+        parts = math.ceil(len(list(planted(REGISTRY[names[0]]))) / IN_A_PART)
+        waiting += [(parts, name, names, digest, part) for part in range(parts)]
+    waiting.sort(key=lambda item: -item[0])
+    about = {"date": f"{datetime.datetime.now(datetime.UTC):%Y-%m-%d}", "commit": commit(RECORD.name, PAGE.name)}
+
+    def one(item):
+        parts, name, names, _, part = item
+        left = end - time.monotonic()
+        answer = judged(names, part, parts, left) if left > 0 else None
+        print(f"{name} {part + 1}/{parts}: {'did not end' if answer is None else answer['survived']}", file=sys.stderr)
+        return answer
+
+    parts_of = {}
+    with concurrent.futures.ThreadPoolExecutor(jobs) as pool:
+        for item, answer in zip(waiting, pool.map(one, waiting)):
+            parts_of.setdefault((item[1], item[3], item[0]), []).append(answer)
+    for (name, digest, _), answers in parts_of.items():
+        if None not in answers:
+            kinds = {kind for answer in answers for kind in answer["planted"]}
+            made = {kind: sum(answer["planted"].get(kind, 0) for answer in answers) for kind in sorted(kinds)}
+            survived = [slip for answer in answers for slip in answer["survived"]]
+            found[name] = {**about, "digest": digest, "planted": made, "survived": survived}
+    record = {name: found[name] for name in map("+".join, programs()) if name in found}
+    RECORD.write_text(json.dumps(record, indent=1) + "\n")
+    before, _, rest = PAGE.read_text().partition(BEGIN)
+    PAGE.write_text(f"{before}{BEGIN}\n{table(record)}\n{END}{rest.partition(END)[2]}")
+    gaps = [slip for entry in record.values() for slip in entry["survived"] if not harmless(slip)]
+    return len(record) == len(programs()) and not gaps
+
+
+def table(record):
+    """The record as the page shows it, a row for the programs of each package."""
+    groups = {}
+    for name, entry in record.items():
+        groups.setdefault(name.partition(".")[0], []).append(entry)
+    lines = ["| package | programs | slips planted | noticed | change no answer | not noticed |", "| --- " * 6 + "|"]
+    for group, entries in (*sorted(groups.items()), ("all", list(record.values()))):
+        made = sum(sum(entry["planted"].values()) for entry in entries)
+        same = sum(harmless(slip) for entry in entries for slip in entry["survived"])
+        left = sum(len(entry["survived"]) for entry in entries) - same
+        lines.append(f"| {group} | {len(entries)} | {made} | {made - same - left} | {same} | {left} |")
+    days = sorted({f"on {entry['date']} at commit {entry['commit'][:10]}" for entry in record.values()})
+    missing = len(programs()) - len(record)
+    said = f" {missing} of {len(programs())} programs have not been judged." if missing else ""
+    return f"Judged {', '.join(days)}.{said}\n\n" + "\n".join(lines) + "\n"
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("operations", nargs="*", metavar="OPERATION", help="operations that share one program")
+    parser.add_argument("--part", default="0/1", metavar="K/N", help="slips K, K + N, K + 2 N, ...")
+    parser.add_argument("--publish", action="store_true", help="judge every program; write the record and the page")
+    parser.add_argument("--jobs", type=int, default=os.cpu_count(), help="processes")
+    parser.add_argument("--minutes", type=float, default=math.inf, help="time for everything")
+    given = parser.parse_args()
+    warnings.simplefilter("ignore")
+    cases.discover()
+    if given.publish:
+        return 0 if publish(given.jobs, given.minutes) else EXIT_FAILED
+    signal.signal(signal.SIGALRM, too_long)
+    print(json.dumps(inject([REGISTRY[name] for name in given.operations], *map(int, given.part.split("/")))))
+    return 0
 
 
 if __name__ == "__main__":
-    warnings.simplefilter("ignore")
-    cases.discover()
-    print(json.dumps(inject([REGISTRY[name] for name in sys.argv[1:]])))
+    sys.exit(main())

@@ -470,7 +470,9 @@ def test_a_gpus_report_brings_its_points(tmp_path):
     assert len(without_gpu("made_up", Options(), tmp_path)) == 1
     found = measured([reading("middle", 0.02, 0.1)], 1, "cpu")
     where = {**found.values["where"], "backend": "cuda", "device": {"name": "a GPU"}}
-    document = {"about": {"date": "2026-01-02"}, "values": results.finite({**found.values, "where": where})}
+    values = results.finite({**found.values, "where": where})
+    values["readings"][0]["knobs"]["backend"] = "cuda"
+    document = {"runs": {"all": {"about": {"date": "2026-01-02"}, "values": values}}}
     (tmp_path / "accuracy_cost_made_up.json").write_text(json.dumps(document))
     assert gpu_runs("made_up", Options(quick=True), tmp_path) == gpu_runs("made_up", Options(backend="cuda"), tmp_path)
     assert without_gpu("made_up", Options(), tmp_path) == []

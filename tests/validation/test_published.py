@@ -41,6 +41,20 @@ def test_comments_docstrings_and_layout_do_not_count(module):
     assert module('def f(x):\n    return x + 1\n\n\nTEXT = """Words."""\n') != plain
 
 
+def test_every_version_of_python_gives_the_same_digest(module):
+    """The digest of a fixed text with f-strings, keyword arguments, classes and coroutines."""
+    assert (
+        module('''"""Words."""
+def scaled(x, *, by=2.0):
+    return [f"{a!r:>{by}}" for a in x if a is not None] and {"k": by * -1, **{}}
+class Kept(dict):
+    x: int = 0x10
+async def later(): await None
+''')
+        == "43540ae886e92752"
+    )
+
+
 def test_another_method_does_not_count():
     behind = {file.relative_to(ROOT).as_posix() for file in results.modules_behind(Path(heat_runs.__file__))}
     assert {"refsim/heat/kernels.py", "refsim/heat/reference.py", "validation/results.py"} <= behind

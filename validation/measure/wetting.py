@@ -210,7 +210,7 @@ def scene(point: Point, position: NDArray) -> Scene:
     )
 
 
-def measure(point: Point) -> dict[str, Any]:
+def measure(point: Point, backend: str = "cpu") -> dict[str, Any]:
     """Stir and relax the drop, then observe it. A run that stops is a row, too.
 
     angle    contact angle [degrees] of the spherical cap with the drop's volume and height of centre of mass
@@ -222,7 +222,7 @@ def measure(point: Point) -> dict[str, Any]:
     began = time.perf_counter()
     row: dict[str, Any] = {**asdict(point), "key": point.key, "stopped": ""}
     try:
-        _measure(point, row)
+        _measure(point, row, backend)
     except RunStopped as stop:
         row["stopped"] = stop.reason
     except InputError:  # of the drop as it stands: two particles at one place
@@ -231,11 +231,11 @@ def measure(point: Point) -> dict[str, Any]:
     return row
 
 
-def _measure(point: Point, row: dict[str, Any]) -> None:
+def _measure(point: Point, row: dict[str, Any], backend: str) -> None:
     capillary_time, up = math.sqrt(point.radius**3), point.dim - 1
     position = start(point)
     row["particles"] = len(position)
-    simulation = Simulation(scene(point, position), "cpu")
+    simulation = Simulation(scene(point, position), backend)
     random = np.random.default_rng(1000 + point.seed)
     for k in range(STIRS):
         velocity = simulation.field("velocity").astype(float)

@@ -7,8 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from refsim.backends import arrays as backends
-from refsim.core.errors import InputError
 from validation.accuracy import Band, Panel, Points
 from validation.checks import Checks
 from validation.experiment import Options, Run
@@ -175,12 +173,6 @@ def omissions(options: Options) -> list[str]:
     """What is not in the panel."""
     made = ["pair mode 'text' and 'printed': they do not come to rest, see the droplet's own table"]
     made.append("backend numpy above 9^3 particles: the references compare all pairs")
-    try:
-        backends.choose("cuda")
-        if options.backend != "cuda":
-            made.append("backend cuda: measured with --backend cuda")
-    except InputError as error:
-        made.append(f"backend cuda: {error}")
     return made
 
 

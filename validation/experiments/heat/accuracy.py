@@ -35,7 +35,7 @@ def settings(options: Options) -> dict[str, dict[str, Any]]:
         words += "" if dtype == "float64" else f", {dtype}"
         words += "".join(f", {name} {value:g}" for name, value in more.items())
         knobs = {"scheme": SCHEMES[scheme], "step": number, "spacing": SLAB / cells, "dtype": dtype,
-                 "backend": "cpu", "tolerance": more.get("tolerance", 4e-3)}  # fmt: skip
+                 "backend": options.backend, "tolerance": more.get("tolerance", 4e-3)}  # fmt: skip
         made[key] = {"words": words, "knobs": knobs, "scheme": scheme, "cells": cells, "number": number,
                      "options": more, "shown": shown}  # fmt: skip
 
@@ -55,7 +55,7 @@ def settings(options: Options) -> dict[str, dict[str, Any]]:
 def runs(options: Options) -> list[Run]:
     """One run, in which all settings take turns."""
     parameters = {
-        "settings": settings(options), "backend": "cpu", "threads": options.threads, "repeats": REPEATS,
+        "settings": settings(options), "backend": options.backend, "threads": options.threads, "repeats": REPEATS,
     }  # fmt: skip
     return [Run("slabs", slabs, parameters, estimate=90.0)]
 
@@ -75,19 +75,20 @@ MELTING_SCHEMES = ("implicit", "conjugate_gradient", "runge_kutta_legendre", "si
 MELT_STEP = {"implicit": 2.0, "conjugate_gradient": 2.0, "runge_kutta_legendre": 2.0, "single_pass": 0.5}
 
 
-def melting_settings(cells: tuple[int, ...], quick: bool) -> dict[str, dict[str, Any]]:
+def melting_settings(cells: tuple[int, ...], options: Options) -> dict[str, dict[str, Any]]:
     """Spacings by scheme, each at the step that MELT_STEP names, and one scheme at longer and shorter steps."""
     made: dict[str, dict[str, Any]] = {}
 
     def add(scheme: str, number: float, n: int) -> None:
-        knobs = {"scheme": SCHEMES[scheme], "spacing": 1.0 / n, "step": number, "dtype": "float64", "backend": "cpu"}
+        knobs = {"scheme": SCHEMES[scheme], "spacing": 1.0 / n, "step": number, "dtype": "float64",
+                 "backend": options.backend}  # fmt: skip
         words = f"{SCHEMES[scheme]}, {n} spacings, steps of {number:g}"
         made[f"{scheme}_{n}_{number:g}"] = {
             "words": words, "knobs": knobs, "scheme": scheme, "cells": n, "number": number,
         }  # fmt: skip
 
-    for scheme in MELTING_SCHEMES[:1] if quick else MELTING_SCHEMES:
-        for n in cells[:2] if quick else cells:
+    for scheme in MELTING_SCHEMES[:1] if options.quick else MELTING_SCHEMES:
+        for n in cells[:2] if options.quick else cells:
             add(scheme, MELT_STEP[scheme], n)
     for number in (0.5, 8.0):
         add("implicit", number, cells[1])
@@ -101,7 +102,7 @@ BALL_CELLS = (5, 8, 12)
 def front_runs(options: Options) -> list[Run]:
     """One run, in which all settings take turns."""
     parameters = {
-        "settings": melting_settings(FRONT_CELLS, options.quick), "threads": options.threads,
+        "settings": melting_settings(FRONT_CELLS, options), "backend": options.backend, "threads": options.threads,
         "repeats": 2 if options.quick else REPEATS,
     }  # fmt: skip
     return [Run("fronts", fronts, parameters, estimate=60.0)]
@@ -110,7 +111,7 @@ def front_runs(options: Options) -> list[Run]:
 def melt_runs(options: Options) -> list[Run]:
     """One run, in which all settings take turns."""
     parameters = {
-        "settings": melting_settings(BALL_CELLS, options.quick), "threads": options.threads,
+        "settings": melting_settings(BALL_CELLS, options), "backend": options.backend, "threads": options.threads,
         "repeats": 2 if options.quick else REPEATS,
     }  # fmt: skip
     return [Run("melt_times", melt_times, parameters, estimate=60.0)]
@@ -126,7 +127,6 @@ def of_melting(cells: tuple[int, ...]) -> dict[str, Any]:
         "arithmetic": "conduction is stepped in float64 here",
         "tolerance": "measured in panel heat",
         "group": "scheme",
-        "omissions": lambda options: ["backend cuda: one launch for each pass; it was not timed here"],
     }
 
 
@@ -165,7 +165,6 @@ PANELS = (
         effects=(("float64 for float32", "runge_kutta_legendre_8_float32", "runge_kutta_legendre_8"),),
         checks=checks,
         omissions=lambda options: [
-            "backend cuda: one launch for each pass; it was not timed here",
             "nonlinear Jacobi: for latent heat only (see the table of fronts)",
         ],
     ),

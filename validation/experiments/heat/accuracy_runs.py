@@ -14,7 +14,8 @@ from validation.turns import Once, Outcome, in_turns
 
 def front(context: Context, setting: Mapping[str, Any], repeat: int) -> Outcome:
     """The melted depth's largest error [%], from the first held layer on."""
-    found = stefan(Context(), setting["scheme"], setting["cells"], (setting["number"],))
+    backend = setting["knobs"]["backend"]
+    found = stefan(Context(), setting["scheme"], setting["cells"], (setting["number"],), backend)
     (row,) = found.values["rows"]
     particles = len(found.arrays["x"]) * 36
     steps = round(found.values["until"] / (row["number"] * row["size"] ** 2))
@@ -23,7 +24,8 @@ def front(context: Context, setting: Mapping[str, Any], repeat: int) -> Outcome:
 
 def melt_time(context: Context, setting: Mapping[str, Any], repeat: int) -> Outcome:
     """Time in which the ball melts, over that of the one-dimensional program, and its error [%]."""
-    found = melting_sphere(Context(), setting["scheme"], setting["cells"], setting["number"]).values
+    backend = setting["knobs"]["backend"]
+    found = melting_sphere(Context(), setting["scheme"], setting["cells"], setting["number"], backend=backend).values
     wider = 1 + 0.5 / setting["cells"]  # lengths grow by this, times by its square
     share = found["melted"] / (found["melted_exactly"] * wider**2)
     steps = round(found["melted"] * setting["cells"] ** 2 / setting["number"])
@@ -31,25 +33,28 @@ def melt_time(context: Context, setting: Mapping[str, Any], repeat: int) -> Outc
 
 
 def _panel(
-    once: Once, context: Context, settings: Mapping[str, Mapping[str, Any]], threads: int | None, repeats: int
-) -> Result:
-    there = choose("cpu")
+    once: Once, context: Context, settings: Mapping[str, Mapping[str, Any]], backend: str, threads: int | None,
+    repeats: int,
+) -> Result:  # fmt: skip
+    there = choose(backend)
     set_threads(there, threads)
     try:
         for setting in {s["scheme"]: s for s in settings.values()}.values():
             once(context, {**setting, "cells": 4}, 0)  # compiles
-        return in_turns(context, settings, once, threads, repeats)
+        return in_turns(context, settings, once, threads, repeats, backend)
     finally:
         set_threads(there, None)
 
 
-def fronts(context: Context, settings: Mapping[str, Mapping[str, Any]], threads: int | None, repeats: int) -> Result:
+def fronts(
+    context: Context, settings: Mapping[str, Mapping[str, Any]], backend: str, threads: int | None, repeats: int
+) -> Result:
     """Every setting in turn: `front`."""
-    return _panel(front, context, settings, threads, repeats)
+    return _panel(front, context, settings, backend, threads, repeats)
 
 
 def melt_times(
-    context: Context, settings: Mapping[str, Mapping[str, Any]], threads: int | None, repeats: int
+    context: Context, settings: Mapping[str, Mapping[str, Any]], backend: str, threads: int | None, repeats: int
 ) -> Result:
     """Every setting in turn: `melt_time`."""
-    return _panel(melt_time, context, settings, threads, repeats)
+    return _panel(melt_time, context, settings, backend, threads, repeats)

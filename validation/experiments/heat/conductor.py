@@ -8,14 +8,14 @@ from typing import Any
 
 import numpy as np
 
-from refsim.backends.arrays import Backend
+from refsim.backends.arrays import choose
 from refsim.backends.scratch import Scratch
 from refsim.core.effect import Discretisation
 from refsim.core.operation import REGISTRY
 from refsim.heat import HeatConduction, enthalpy_of
 from refsim.heat.shapes import lattice_sum, period_group
 from refsim.heat.stages import chebyshev_passes, first_legendre_stages, legendre_stages, stage_passes
-from refsim.neighbours.rows import NeighbourRows
+from refsim.neighbours.rows import NeighbourColumns, NeighbourRows
 from validation.experiments.heat.exact import cosine
 
 SUPPORT = 2.5  # support radius over spacing
@@ -43,7 +43,7 @@ def neighbour_rows(position: np.ndarray, reach: float, period: tuple[float, floa
 
 
 class Conductor:
-    """Particles at rest with a scheme that steps their temperatures on the CPU.
+    """Particles at rest with a scheme that steps their temperatures.
 
     k = rho = c = 1 (SI units), unless `conductivity` [W/(m K)] or `volume` [m^3] say otherwise for each particle, so
     that the diffusivity is 1 m^2/s. With `ice` = (melting point [deg C], latent heat [J/kg]) the enthalpy is the state.
@@ -63,6 +63,7 @@ class Conductor:
         volume: np.ndarray | None = None,
         ice: tuple[float, float] | None = None,
         dtype: str = "float64",
+        backend: str = "cpu",
         **options: Any,
     ) -> None:
         n, real = len(position), np.dtype(dtype)
@@ -73,29 +74,53 @@ class Conductor:
         self.conduction = effect.conduction(self.grid)
         one = np.ones(n, real)
         self.volume = np.full(n, spacing**3, real) if volume is None else volume.astype(real)
-        self.temperature = np.array(temperature, real)
-        self.enthalpy = point = latent = None
+        first = np.array(temperature, real)
+        enthalpy = point = latent = None
         if ice is not None:
             point, latent = (np.full(n, v, real) for v in ice)
-            self.enthalpy = enthalpy_of(self.temperature, one, point, latent)
+            enthalpy = enthalpy_of(first, one, point, latent)
         self.held = held
-        self.given = {
+        self.there = choose(backend)
+        given = {
             "position": position.astype(real), "mass": self.volume, "volume": self.volume, "heat_capacity": one,
             "conductivity": one if conductivity is None else conductivity.astype(real),
             "reservoir": None if held is None else held.astype(np.uint8),
             "melting_point": point, "latent_heat": latent, "conduction": self.conduction,
-            "enthalpy": self.enthalpy, "temperature": self.temperature, "scratch": Scratch(Backend("cpu")),
-            "neighbours": neighbour_rows(position, SUPPORT * spacing, period),
+            "enthalpy": enthalpy, "temperature": first, "scratch": Scratch(self.there),
             "period": period_group(period, dtype) if any(period) else None,
         }  # fmt: skip
+        put = self.there.asarray
+        self.given = {name: put(value) if isinstance(value, np.ndarray) else value for name, value in given.items()}
+        self.given["neighbours"] = self._listed(neighbour_rows(position, SUPPORT * spacing, period))
         operation = REGISTRY[effect.operation()]
-        self.program, self.names = operation.program("cpu"), operation.arguments("cpu")
+        self.program, self.names = operation.program(backend), operation.arguments(backend)
+
+    def _listed(self, rows: NeighbourRows) -> NeighbourRows | NeighbourColumns:
+        """The rows as the backend takes them."""
+        if self.there.name != "cuda":
+            return rows
+        columns = np.zeros((int(rows.count.max()), len(rows.count)), np.uint32)
+        i = np.repeat(np.arange(len(rows.count)), rows.count)
+        columns[np.arange(len(i)) - rows.start[i], i] = rows.entries
+        return NeighbourColumns(self.there.asarray(rows.count), self.there.asarray(columns.reshape(-1)))
+
+    @property
+    def temperature(self) -> np.ndarray:
+        """Temperatures (n,) [deg C]."""
+        return self.there.host(self.given["temperature"])
+
+    @property
+    def enthalpy(self) -> np.ndarray | None:
+        """Enthalpies (n,) [J/kg] of what melts."""
+        return None if self.given["enthalpy"] is None else self.there.host(self.given["enthalpy"])
 
     def step(self, seconds: float) -> None:
         """One step of so many seconds."""
-        self.given["timestep"] = np.array([0.0, seconds])
+        self.given["timestep"] = self.there.asarray(np.array([0.0, seconds]))
+        self.there.synchronize()
         began = time.perf_counter()
         self.program(*(self.given[name] for name in self.names))
+        self.there.synchronize()
         self.seconds += time.perf_counter() - began
 
     def run(self, until: float, steps: int) -> Conductor:
@@ -114,10 +139,11 @@ class Conductor:
 
     def molten(self) -> np.ndarray:
         """Share of each particle's latent heat that it has taken up, 0 to 1."""
-        return np.clip(self.enthalpy.astype(float) / float(self.given["latent_heat"][0]), 0.0, 1.0)
+        latent = float(self.there.host(self.given["latent_heat"])[0])
+        return np.clip(self.enthalpy.astype(float) / latent, 0.0, 1.0)
 
     def passes(self, seconds: float) -> int:
-        """Passes over the neighbours that one step of so many seconds takes from here."""
+        """Passes over the neighbours that a step of so many seconds takes from here, by a conductor on the CPU."""
         largest = seconds / self.spacing**2 * lattice_sum(self.conduction, self.grid)
         melts = self.enthalpy is not None
         fixed = {"explicit": 1, "single_pass": 1, "one_sided": 2, "pair_exchange": 2}

@@ -187,7 +187,7 @@ def sphere(context: Context, scheme: str, cells: int, numbers: tuple[float, ...]
 # Stefan's problem with two phases
 
 
-def stefan(context: Context, scheme: str, cells: int, numbers: tuple[float, ...]) -> Result:
+def stefan(context: Context, scheme: str, cells: int, numbers: tuple[float, ...], backend: str = "cpu") -> Result:
     """Ice of 1 m at -10 deg C beside a wall of particles held at 50: fronts [m] at 40 times to t = 0.1 s.
 
     The error is that of the melted depth, largest over the last three quarters of the time, over the depth: as it is,
@@ -201,7 +201,7 @@ def stefan(context: Context, scheme: str, cells: int, numbers: tuple[float, ...]
     start = np.where(held, WALL, START)
     rows, arrays = [], {"x": position[:: wide * wide, 0]}
     for share, number in enumerate(numbers):
-        made = Conductor(scheme, position, spacing, start, period=period, held=held, ice=(0.0, LATENT))
+        made = Conductor(scheme, position, spacing, start, period=period, held=held, ice=(0.0, LATENT), backend=backend)
         steps = max(4, round(until / (number * spacing**2)))
         times, depth = until * np.arange(1, steps + 1) / steps, np.empty(steps)
         began, drift = made.heat(), math.nan
@@ -246,7 +246,9 @@ def oracle(context: Context, cells: int = 400) -> Result:
     )
 
 
-def melting_sphere(context: Context, scheme: str, cells: int, number: float, jitter: float = 0.0) -> Result:
+def melting_sphere(
+    context: Context, scheme: str, cells: int, number: float, jitter: float = 0.0, backend: str = "cpu"
+) -> Result:
     """A ball of ice of 1 m at -10 deg C, all beyond held at 50: radius of the ice [m] until a fifth is left.
 
     Against the one-dimensional program: with the surface where the particles end, and half a spacing further out. The
@@ -256,7 +258,7 @@ def melting_sphere(context: Context, scheme: str, cells: int, number: float, jit
     spacing = 1.0 / cells
     made = Conductor(
         scheme, position * spacing, spacing, np.where(held, WALL, START), held=held, ice=(0.0, LATENT),
-        largest_number=1e9,
+        largest_number=1e9, backend=backend,
     )  # fmt: skip
     truth = exact.melting_shell(0.0, 1.0, 200, WALL, START, LATENT, 0.6)
     step = number * spacing**2
@@ -417,11 +419,11 @@ SLAB, SLAB_ACROSS = 4.0, 10  # [m] along x; spacings across, the same particles 
 SLAB_UNTIL = 1.6  # [s]: 40 units of k t/(rho c d^2) at 20 spacings
 
 
-def started(setting: Mapping[str, Any]) -> tuple[Conductor, np.ndarray, int]:
+def started(setting: Mapping[str, Any], backend: str = "cpu") -> tuple[Conductor, np.ndarray, int]:
     """A setting's slab, the depth of its particles [m], and its number of steps."""
     cells, spacing = setting["cells"], SLAB / setting["cells"]
     dtype, options = setting["knobs"]["dtype"], setting["options"]
-    made, x = cosine_slab(setting["scheme"], cells, SLAB_ACROSS, spacing, dtype=dtype, **options)
+    made, x = cosine_slab(setting["scheme"], cells, SLAB_ACROSS, spacing, dtype=dtype, backend=backend, **options)
     return made, x, max(1, round(SLAB_UNTIL / (setting["number"] * spacing**2)))
 
 
@@ -432,14 +434,14 @@ def slabs(
 
     settings  key to {"words", "knobs" (with "dtype"), "scheme", "cells", "number", "options", "shown"}
     """
-    there = choose("cpu")
+    there = choose(backend)
     set_threads(there, threads)
     spent: dict[str, list[float]] = {key: [] for key in settings}
     ended, compiling, passes = {}, {}, {}
     try:
         for key, setting in settings.items():
             began = time.perf_counter()
-            made, _, steps = started(setting)
+            made, _, steps = started(setting, backend)
             made.step(SLAB_UNTIL / steps)
             compiling[key] = time.perf_counter() - began
             passes[key] = started(setting)[0].passes(SLAB_UNTIL / steps)
@@ -448,7 +450,7 @@ def slabs(
             for key in order.permutation(list(settings)).tolist():
                 if k and not settings[key]["shown"]:
                     continue
-                made, x, steps = started(settings[key])
+                made, x, steps = started(settings[key], backend)
                 made.run(SLAB_UNTIL, steps)
                 spent[key].append(made.seconds)
                 ended[key] = made.temperature.astype(float) - exact.cosine(x, SLAB, SLAB_UNTIL)

@@ -10,7 +10,6 @@ from validation.accuracy import Panel
 from validation.checks import Checks
 from validation.experiment import Options, Run
 from validation.experiments.mpm_droplet import accuracy_runs
-from validation.gpu_readings import gpu_runs, without_gpu
 from validation.work_precision import REPEATS
 
 BASE = 11.0
@@ -56,13 +55,12 @@ def settings(options: Options) -> dict[str, dict[str, Any]]:
 
 
 def runs(options: Options) -> list[Run]:
-    """One run, in which all settings take turns; what a GPU gave stands beside."""
+    """One run, in which all settings take turns."""
     parameters = {
         "settings": settings(options), "backend": options.backend, "threads": options.threads,
         "repeats": 2 if options.quick else REPEATS,
     }  # fmt: skip
-    made = Run("pressures", accuracy_runs.pressures, parameters, estimate=10.0 if options.quick else 240.0)
-    return [made, *gpu_runs("mpm_pressure", options)]
+    return [Run("pressures", accuracy_runs.pressures, parameters, estimate=10.0 if options.quick else 240.0)]
 
 
 def checks(report: Mapping[str, Any], check: Checks) -> None:
@@ -102,7 +100,6 @@ PANELS = (
         ),
         checks=checks,
         omissions=lambda options: [
-            *without_gpu("mpm_pressure", options),
             "backend numpy: the references compare all pairs and are for small runs",
         ],
     ),

@@ -9,7 +9,6 @@ from validation.accuracy import Panel
 from validation.checks import Checks
 from validation.experiment import Options, Run
 from validation.experiments.surface_reconstruction.runs import WORDS, normals, words_of
-from validation.gpu_readings import gpu_runs, without_gpu
 from validation.work_precision import REPEATS
 
 OFFSETS = (0.25, 0.5, 1.0)
@@ -47,12 +46,11 @@ def settings(options: Options) -> dict[str, dict[str, Any]]:
 
 
 def runs(options: Options) -> list[Run]:
-    """One run, in which all settings take turns; what a GPU gave stands beside."""
+    """One run, in which all settings take turns."""
     parameters = {
         "settings": settings(options), "backend": options.backend, "threads": options.threads, "repeats": REPEATS,
     }  # fmt: skip
-    made = Run("normals", normals, parameters, estimate=8.0 if options.quick else 90.0)
-    return [made, *gpu_runs("surface_normals", options)]
+    return [Run("normals", normals, parameters, estimate=8.0 if options.quick else 90.0)]
 
 
 def checks(report: Mapping[str, Any], check: Checks) -> None:
@@ -92,7 +90,6 @@ PANELS = (
         ),
         checks=checks,
         omissions=lambda options: [
-            *without_gpu("surface_normals", options),
             "epsilon = 2 h: its second points leave the band of samples, normals flip (see the experiment's tables)",
         ],
     ),
