@@ -25,8 +25,8 @@ LINK = re.compile(r"(?<!!)\[([^\]]*)\]\(([^)\s]+)\)")
 CODE = re.compile(r"^(```.*?^```[^\n]*$)", re.MULTILINE | re.DOTALL)
 NAVIGATION = {
     "Begin": (
-        "journeys", "package", "waiting_time", "lessons", "scene_files", "results", "render", "study", "sweep",
-        "gallery", "contract",
+        "journeys", "The installed package <package>", "waiting_time", "lessons", "scene_files", "results",
+        "render", "study", "sweep", "gallery", "contract",
     ),
     "What holds": (
         "guarantees", "claims", "errata", "published", "nightly", "accuracy_cost", "accuracy_cost_panels",
@@ -52,6 +52,8 @@ def as_on_the_site(app: Any, page: str, source: list[str]) -> None:
         text = (ROOT / f"{page.upper()}.md").read_text(encoding="utf-8")
         text = LINK.sub(lambda link: f"[{link[1]}]({_from_docs(link[2])})", text)
         text = text.replace("](figures/", "](../figures/")
+    if page == "package":  # the package index shows this page, too, and has no pictures of the repository
+        text = re.sub(r"<!-- (!\[.*\)) -->", r"\1", text)
     if page == "gallery":
         text = text.replace("<!-- films -->", "\n".join(films()))
         text = text.replace("<!-- gallery -->", "\n".join(gallery()))

@@ -1,8 +1,8 @@
 """What takes too long to run for every change: further precisions, slips, attacks, other programs, published sizes.
 
 Runs the tasks one after another, each with a time limit, and prints a table. The outcome of each task is kept in
-validation/nightly.json and shown on docs/nightly.md; the output of each task goes to results/nightly/. Exit code: 0 if
-every task passed, 2 for bad input, 4 if a task failed or exceeded its time limit.
+validation/nightly.json and shown on docs/nightly.md and in figures/pages/nightly.png; the output of each task goes to
+results/nightly/. Exit code: 0 if every task passed, 2 for bad input, 4 if a task failed or exceeded its time limit.
 """
 
 from __future__ import annotations
@@ -26,6 +26,7 @@ sys.path.insert(0, str(ROOT))
 
 from refsim.core.errors import InputError  # noqa: E402
 from validation.attack.campaign import commit  # noqa: E402
+from validation.drawing import GREEN, VERMILION, save_picture, style  # noqa: E402
 from validation.experiment import chosen  # noqa: E402
 from validation.perform import EXIT_FAILED, EXIT_FINE, machine  # noqa: E402
 from validation.tables import aligned  # noqa: E402
@@ -53,11 +54,12 @@ class Task:
 
 @dataclass(frozen=True)
 class Place:
-    """Where the outcomes are kept: the record, the page that shows it, and the folder of the tasks' output."""
+    """Where the outcomes are kept: the record, page and picture that show it, and the folder of the tasks' output."""
 
     record: Path = ROOT / "validation" / "nightly.json"
     page: Path = ROOT / "docs" / "nightly.md"
     logs: Path = ROOT / "results" / "nightly"
+    picture: Path = ROOT / "figures" / "pages" / "nightly.png"
 
 
 TASKS = {
@@ -106,7 +108,7 @@ def main(
     except InputError as error:
         print(error, file=sys.stderr)
         return error.exit_code
-    here, state = machine(), commit("validation/nightly.json", "docs/nightly.md")
+    here, state = machine(), commit("validation/nightly.json", "docs/nightly.md", "figures/pages/nightly.png")
     done: dict[str, dict[str, Any]] = {}
     for name in given.only or tasks:
         print(f"{name}: {written(tasks[name])}", flush=True)
@@ -144,12 +146,38 @@ def perform(name: str, task: Task, logs: Path) -> dict[str, Any]:
 
 
 def keep(place: Place, found: Mapping[str, Mapping[str, Any]]) -> None:
-    """Put entries into the record, and the record onto the page."""
+    """Put entries into the record, and the record onto the page and into its picture."""
     stored = json.loads(place.record.read_text()) if place.record.exists() else {}
     stored |= found
     place.record.write_text(json.dumps(stored, indent=1) + "\n")
     before, _, rest = place.page.read_text().partition(BEGIN)
     place.page.write_text(f"{before}{BEGIN}\n{page_table(stored)}\n{END}{rest.partition(END)[2]}")
+    with style():
+        save_picture(drawing(stored), place.picture)
+
+
+def drawing(entries: Mapping[str, Mapping[str, Any]]) -> Any:
+    """Figure of the record: what each task took, coloured by its outcome, against its time limit [min]."""
+    from matplotlib.figure import Figure
+
+    names = list(dict.fromkeys([*TASKS, *entries]))[::-1]
+    with style():
+        figure = Figure(figsize=(7.6, 0.9 + 0.3 * len(names)))
+        axes = figure.subplots()
+        for k, name in enumerate(names):
+            limit, minutes, words = TASKS[name].minutes if name in TASKS else 0.0, 0.0, "not run yet"
+            axes.barh(k, limit, color="#e4e4e4")
+            if name in entries:
+                minutes, words = entries[name]["seconds"] / 60, entries[name]["outcome"]
+                axes.barh(k, minutes, color=GREEN if words == PASSED else VERMILION, height=0.5)
+                words += "" if "limit" in words else f", {minutes:.0f} min"
+            axes.text(1.05 * max(limit, minutes, 1.0), k, words, va="center", size=8.5)
+        ticks = (1, 10, 60, 480)
+        axes.set(xscale="log", xlim=(1, 5000), xticks=ticks, xticklabels=[str(tick) for tick in ticks])
+        axes.set(xlabel="wall time [min]; grey: time limit", yticks=range(len(names)), yticklabels=names)
+        axes.tick_params(axis="y", length=0)
+        axes.minorticks_off()
+    return figure
 
 
 def table(entries: Mapping[str, Mapping[str, Any]]) -> str:

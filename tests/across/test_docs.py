@@ -21,6 +21,7 @@ from refsim.commands import inventory
 from refsim.core.effect import EFFECTS
 from refsim.core.errors import REASONS
 from refsim.core.operation import REGISTRY
+from refsim.engine.postmortem import AFTER_THESE
 from refsim.scene.files import parse_scene
 from refsim.scene.scene import Scene, make_plan
 from refsim.sweep import Sweep
@@ -200,8 +201,10 @@ def section_of(name, heading):
 
 
 def test_stop_reasons_are_told():
-    rows = re.findall(r"^\| .* \| `(\w+)` \|$", section_of("guarantees.md", "Why a run stops"), re.MULTILINE)
-    assert rows == list(REASONS)
+    section = section_of("guarantees.md", "Why a run stops")
+    assert re.findall(r"^\| .* \| `(\w+)` \|$", section, re.MULTILINE) == list(REASONS)
+    examined = re.search(r"^(`non_finite`[^.]*) leave a\s+post-mortem\.", section, re.MULTILINE)[1]
+    assert re.findall(r"`(\w+)`", examined) == list(AFTER_THESE)
 
 
 def test_tolerances_are_told():

@@ -32,7 +32,7 @@ def task(program, minutes=1.0):
 @pytest.fixture
 def place(tmp_path):
     (tmp_path / "page.md").write_text(f"before\n{nightly.BEGIN}{nightly.END}\nafter\n")
-    return nightly.Place(tmp_path / "record.json", tmp_path / "page.md", tmp_path / "logs")
+    return nightly.Place(tmp_path / "record.json", tmp_path / "page.md", tmp_path / "logs", tmp_path / "picture.png")
 
 
 def outcomes(place):
@@ -99,6 +99,9 @@ def test_the_page_shows_the_record(place):
     stored = json.loads(place.record.read_text())
     page = place.page.read_text()
     assert page == f"before\n{nightly.BEGIN}\n{nightly.page_table(stored)}\n{nightly.END}\nafter\n"
+    words = [text.get_text() for axes in nightly.drawing(stored).axes for text in axes.texts]
+    assert words == ["passed, 0 min", *["not run yet"] * len(nightly.TASKS)]
+    assert place.picture.stat().st_size > 1000
     assert f"| good | a program | passed | {stored['good']['date'][:10]} | {stored['good']['commit'][:10]}" in page
     published = nightly.Place()
     _, _, rest = published.page.read_text().partition(nightly.BEGIN)

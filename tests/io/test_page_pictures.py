@@ -7,6 +7,8 @@ import sys
 import pytest
 from PIL import Image
 
+from refsim.commands import COMMANDS, discover
+
 ROOT = pathlib.Path(__file__).parents[2]
 spec = importlib.util.spec_from_file_location("page_pictures", ROOT / "scripts" / "page_pictures.py")
 script = sys.modules.setdefault(spec.name, importlib.util.module_from_spec(spec))
@@ -19,15 +21,24 @@ def test_stored_pictures_have_a_function_and_a_page():
     assert all(f"(../figures/pages/{name})" in pages for name in script.PICTURES)
 
 
-@pytest.mark.parametrize("name", ["verdicts.png", "main_job.png"])
+OF_FILES = ("verdicts.png", "main_job.png", "commands.png", "records.png", "public.png", "nightly.png")
+
+
+@pytest.mark.parametrize("name", OF_FILES)
 def test_what_is_drawn_of_files_is_what_is_stored(name, tmp_path):
-    """Those whose numbers stand on file: a stored picture that differs is out of date."""
+    """Those without a run, of words or of numbers on file: a stored picture that differs is out of date."""
     assert script.main([name, "--folder", str(tmp_path)]) == 0
     with Image.open(tmp_path / name) as drawn, Image.open(ROOT / "figures" / "pages" / name) as stored:
         assert drawn.size == stored.size
         ours, theirs = (picture.convert("L").tobytes() for picture in (drawn, stored))
     differing = sum(abs(a - b) > 60 for a, b in zip(ours, theirs))
     assert differing < 0.01 * len(ours)
+
+
+def test_the_commands_that_are_drawn_are_there():
+    discover()
+    named = [words.split() for words in (*script.OF_A_SCENE, *script.OF_A_RUN)]
+    assert {words[1] for words in named if words[0] == "refsim"} <= set(COMMANDS)
 
 
 def test_an_unknown_name_is_refused(capsys):
