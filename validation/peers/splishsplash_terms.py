@@ -1,7 +1,7 @@
-"""SPlisHSPlasH's density, pressure and viscous acceleration of a given cloud: the first step of its WCSPH.
+"""SPlisHSPlasH's density and accelerations of a given cloud: the first step of its WCSPH.
 
 In a process of its own. Cubic spline throughout (its vector code sums with no other kernel), a support
-radius of two spacings, its standard viscosity.
+radius of two spacings, its standard viscosity, its surface tension of Akinci et al. 2013.
 """
 
 from __future__ import annotations
@@ -22,12 +22,15 @@ STEP = 1e-6  # s: fields of the beginning of the first step are read, so that it
 
 
 def run(position: NDArray, velocity: NDArray, threads: int, **settings: float) -> dict[str, Any]:
-    """{"density", "pressure", "viscous", "mass", "support", "version"} of the particles in their order, or {"missing"}.
+    """Fields in the particles' order, "mass", "support" and "version"; or {"missing"}.
 
     position, velocity  (n, 3); n is a cube of a whole number
-    settings  "spacing", "density" at rest, "stiffness" rho0 c^2 (exponent 1), "viscosity" (kinematic); SI units
-    "pressure" and "viscous" are accelerations (n, 3) [m/s^2]; "mass" is its choice, "support" its support radius.
-    It raises densities below the rest density to that.
+    settings  "spacing", "density" at rest, "stiffness" rho0 c^2 (exponent 1), "viscosity" (kinematic), "tension" (its
+              one coefficient of cohesion and area term; 0 for none); SI units
+
+    Accelerations (n, 3) [m/s^2] are "pressure", and "other": viscosity and tension. "normal" (n, 3) is that of the area
+    term, zero without tension. "mass" and "support" radius are its choice. After viscosity and tension it raises
+    densities below the rest density to that; "density" (n,) is what it has then.
     """
     environment = {"OMP_NUM_THREADS": str(threads), **graphics_libraries()}
     given = {"position": position, "velocity": velocity, **settings}
@@ -35,7 +38,13 @@ def run(position: NDArray, velocity: NDArray, threads: int, **settings: float) -
 
 
 def terms(
-    position: NDArray, velocity: NDArray, spacing: float, density: float, stiffness: float, viscosity: float
+    position: NDArray,
+    velocity: NDArray,
+    spacing: float,
+    density: float,
+    stiffness: float,
+    viscosity: float,
+    tension: float,
 ) -> Mapping[str, Any]:
     """Take the step in this process."""
     import pysplishsplash as peer
@@ -51,14 +60,23 @@ def terms(
             "stopAt": 0.5 * STEP,
             "enableZSort": False,
         },
-        "Materials": [{"id": "Fluid", "density0": density, "viscosityMethod": 1}],
-        "FluidBlocks": [{"denseMode": 0, "start": [0.0] * 3, "end": [(side + 0.5) * spacing] * 3, "id": "Fluid"}],
+        "Materials": [
+            {
+                "id": "Fluid",
+                "density0": density,
+                "viscosityMethod": 1,  # standard
+                "surfaceTensionMethod": 2 if tension else 0,  # Akinci et al. 2013
+            }
+        ],
+        "FluidBlocks": [{"denseMode": 0, "start": [0.0] * 3, "end": [(side + 1) * spacing] * 3, "id": "Fluid"}],
     }
     base = _simulator(peer, scene)
     base.initSimulation()
     simulation = peer.Simulation.getCurrent()
     fluid = simulation.getFluidModel(0)
     fluid.getViscosityBase().setValueFloat(peer.Viscosity_Standard.VISCOSITY_COEFFICIENT, viscosity)
+    if tension:
+        fluid.getSurfaceTensionBase().setValueFloat(peer.SurfaceTension_Akinci2013.SURFACE_TENSION, tension)
     method = simulation.getTimeStep()
     method.setValueFloat(peer.TimeStepWCSPH.STIFFNESS, stiffness)
     method.setValueFloat(peer.TimeStepWCSPH.EXPONENT, 1.0)
@@ -74,11 +92,15 @@ def terms(
         return np.array(fluid.getFieldBuffer(name))[:count].astype(float)
 
     pressure = field("pressure acceleration")
+    normal = np.zeros_like(pressure)
+    if tension:
+        normal[:] = [fluid.getSurfaceTensionBase().getNormal(i) for i in range(count)]
     both = np.array([fluid.getAcceleration(i) for i in range(count)], dtype=float)  # after the step: the sum of all
     return {
         "density": field("density"),
         "pressure": pressure,
-        "viscous": both - pressure,
+        "other": both - pressure,
+        "normal": normal,
         "support": float(simulation.getSupportRadius()),
         "mass": density * float(fluid.getVolume(0)),
         "version": importlib.metadata.version("pySPlisHSPlasH"),

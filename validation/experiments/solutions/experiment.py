@@ -9,7 +9,6 @@ from typing import Any
 from validation.checks import Checks
 from validation.experiment import Experiment, Options, Picture, Results, Run
 from validation.experiments.solutions import pictures, runs, tension, terms
-from validation.peers import splishsplash_terms
 from validation.results import Result
 from validation.tables import Table
 
@@ -41,7 +40,7 @@ VARIED: dict[str, tuple[Callable[..., Result], dict[str, Any], tuple[str, ...]]]
     "varied_crest_0.06": (runs.wave, {"cells": 20, "form": "central", "crest": 0.06}, ("period", "decay")),
     "varied_mach_0.05": (runs.ellipse, {"cells": 20, "mach": 0.05}, ("error", "period")),
 }
-PEER = {"side": 12, "seed": 1, "threads": 1}
+PEER = {"side": 12, "seed": 1}  # of every comparison of terms
 SECONDS = 5e-6  # of a particle in a step, for the progress bar
 
 
@@ -53,7 +52,7 @@ def planned(options: Options) -> list[Run]:
         Run(key, function, {**parameters, "backend": options.backend}, estimate=10.0)
         for key, (function, parameters, _) in VARIED.items()
     ]
-    return [*_solved(options.backend), *varied, Run("terms", terms.compare, PEER, skip=_without_peer(options))]
+    return [*_solved(options.backend), *varied, *_compared(options)]
 
 
 def _solved(backend: str) -> list[Run]:
@@ -65,8 +64,13 @@ def _solved(backend: str) -> list[Run]:
     ]
 
 
-def _without_peer(options: Options) -> str:
-    return splishsplash_terms.missing() if options.peers else "measured with --peers"
+def _compared(options: Options) -> list[Run]:
+    """Terms beside those of every other program, where it is installed."""
+    without = "" if options.peers else "measured with --peers"
+    return [
+        Run(f"terms_{program}", compare, PEER, skip=without or terms.PEERS[program].missing())
+        for program, compare in terms.COMPARED.items()
+    ]
 
 
 def _run(problem: str, cells: int, form: str, backend: str) -> Run:
@@ -85,7 +89,7 @@ def series(results: Results) -> dict[str, dict[str, list[float]]]:
     """Spacings and quantities of every problem (with its viscosity), from the largest spacing to the smallest."""
     found: dict[str, dict[str, list[float]]] = {}
     for key, result in results.items():
-        if key == "terms" or key in VARIED:
+        if key.startswith("terms_") or key in VARIED:
             continue
         one = found.setdefault(key.rpartition("_")[0], {})
         for name, value in result.values.items():
@@ -126,15 +130,19 @@ def checks(results: Results, check: Checks) -> None:
     for key, (_, _, quantities) in VARIED.items():
         for quantity in quantities if key in results else ():
             check(f"varied_{quantity}", results[key].values[quantity], key.removeprefix("varied_"))
-    if "terms" in results:
-        values = results["terms"].values
-        for term in terms.TERMS:
-            check("peer", values[term], term)
-            check("peer_explained", values[f"{term}.explained"], term)
+    for program, names in terms.TERMS.items():
+        if f"terms_{program}" not in results:
+            continue
+        values = results[f"terms_{program}"].values
+        precise = "_double" if program in terms.DOUBLE else ""
+        for term in names:
+            equal = term in terms.EQUAL[program]
+            check(f"peer_equal{precise}" if equal else "peer", values[term], f"{program}.{term}")
+            check(f"peer_explained{precise}", values[f"{term}.explained"], f"{program}.{term}")
 
 
 def tables(results: Results) -> list[Table]:
-    """Every quantity with its order."""
+    """Every quantity with its order, and every term beside those of other programs."""
     rows: list[list[str | float | int | None]] = []
     for name, one in series(results).items():
         problem = name.partition("_")[0]
@@ -142,7 +150,20 @@ def tables(results: Results) -> list[Table]:
             if quantity in one and len(one["spacing"]) == 3:
                 rows.append([name, quantity, *one[quantity], order(one["spacing"], one[quantity])])
     heading = ["problem", "quantity", "at 4 d", "at 2 d", "at d", "order"]
-    return [Table("Errors against solutions", heading, rows)] if rows else []
+    made = [Table("Errors against solutions", heading, rows)] if rows else []
+    beside: list[list[str | float | int | None]] = [
+        [
+            f"{program} {results[key].values['version']}",
+            term,
+            *(results[key].values[name] for name in (term, f"{term}.explained")),
+        ]
+        for program, names in terms.TERMS.items()
+        if (key := f"terms_{program}") in results
+        for term in names
+    ]
+    if beside:
+        made.append(Table("Terms beside other programs", ["program", "term", "difference", "explained"], beside))
+    return made
 
 
 def _behind(titles: Container[str]) -> tuple[str, ...]:

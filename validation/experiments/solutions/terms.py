@@ -1,96 +1,299 @@
-"""Density, pressure and viscous acceleration beside those of SPlisHSPlasH, on the same cloud in 3D.
+"""Density and accelerations beside those of other programs, term by term on the same cloud in 3D.
 
-Both take the cubic spline, a support radius of two spacings, and p = c^2 max(rho - rho0, 0).
+Support radius of two spacings. With SPlisHSPlasH and PySPH the cubic spline and p = c^2 max(rho - rho0, 0); with the
+SPH example of NVIDIA Warp the kernels of Mueller et al. 2003 and p = c^2 (rho - rho0).
 """
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from refsim import Cloud, Scene, WeaklyCompressible
+from refsim import Akinci2013, Cloud, Scene, WeaklyCompressible
 from refsim.neighbours.reference import pair_blocks
 from refsim.smoothing import smoothing
 from refsim.smoothing.reference import kernel_slope
-from validation.peers import splishsplash_terms
+from validation.peers import pysph_terms, splishsplash_terms, warp_terms
 from validation.results import Result
 from validation.running import Context
 
 DENSITY, SOUND, VISCOSITY, SPACING = 1000.0, 10.0, 0.01, 0.1  # kg/m^3, m/s, m^2/s, m
+TENSION = 1.0  # gamma [m^4/(kg s^2)] of the cohesion, and eps [m/s^2] of the area term
+LIGHT = 1.0  # second rest density [kg/m^3], at which the area term outweighs the cohesion
+SUPPORT, MASS = 2 * SPACING, DENSITY * SPACING**3  # m, kg; SPlisHSPlasH chooses its own mass
 DENSE, SHAKEN = 0.85, 0.1  # distances over the lattice's; displacement over the spacing
-TERMS = ("density", "pressure", "viscous")
+WIDE = 1.25  # distances over the lattice's, for a cloud without a pair closer than h/2
+THREADS = 1
+TERMS = {  # by program
+    "splishsplash": ("density", "pressure", "viscous", "normal", "cohesion", "far_cohesion", "area"),
+    "pysph": ("density", "pressure", "momentum", "central", "morris", "normal"),
+    "warp": ("density", "pressure", "viscous"),
+}
+EQUAL = {  # terms for which the program has refsim's formula
+    "splishsplash": ("density", "normal", "far_cohesion", "area"),
+    "pysph": ("density", "pressure", "normal"),
+    "warp": ("density", "viscous"),
+}
+DOUBLE = ("pysph",)  # programs in double precision
+PEERS = {"splishsplash": splishsplash_terms, "pysph": pysph_terms, "warp": warp_terms}
+Fields = dict[str, NDArray]
 
 
-def compare(context: Context, side: int, seed: int, threads: int) -> Result:
-    """side^3 particles of a compressed, shaken lattice with random velocities.
+def splishsplash(context: Context, side: int, seed: int) -> Result:
+    """SPlisHSPlasH, single precision: values as in `_compared`."""
+    position, velocity = cloud(side, seed)
+    flow = _step(position, velocity, stiffness=DENSITY * SOUND**2, viscosity=VISCOSITY)
+    theirs = _tension(position, velocity) | {
+        "density": flow["density"],
+        "pressure": flow["pressure"],
+        "viscous": flow["other"],
+    }
+    liquid = Liquid(context, position, velocity, float(flow["mass"]), float(flow["support"]))
+    plain, area = liquid.evaluate(), liquid.evaluate(area=TENSION)
+    ours = {
+        "density": np.maximum(plain["density"], DENSITY),
+        "pressure": plain["acceleration"],
+        "viscous": liquid.evaluate(viscosity="central")["acceleration"] - plain["acceleration"],
+        "normal": area["surface_normal"],
+        "cohesion": liquid.evaluate(gamma=TENSION)["acceleration"] - plain["acceleration"],
+        "area": area["acceleration"] - plain["acceleration"],
+    }
+    sums = Sums(position, velocity, plain["density"], liquid.mass, liquid.support)
+    own = ours | {
+        "pressure": sums.pressure(),
+        "viscous": sums.central(np.ones(len(position)), 0.01 * sums.support**2),
+        "cohesion": sums.cohesion(),
+    }
 
-    <term>            root mean square difference between the programs over the root mean square of refsim's
-    <term>.explained  the same after that program's own formulas have been put in place of refsim's, on refsim's density
-    Raises RuntimeError where the other program does not run.
+    position, velocity = cloud(side, seed, WIDE)
+    theirs["far_cohesion"] = _tension(position, velocity)["cohesion"]
+    wide = Liquid(context, position, velocity, liquid.mass, liquid.support)
+    far = wide.evaluate(gamma=TENSION)["acceleration"] - wide.evaluate()["acceleration"]
+    ours["far_cohesion"] = own["far_cohesion"] = far
+    return _compared("splishsplash", ours, own, theirs, flow["version"])
+
+
+def _step(position: NDArray, velocity: NDArray, **changed: float) -> dict[str, Any]:
+    """Fields of SPlisHSPlasH without pressure, viscosity and tension, but for what is `changed`."""
+    rest = {"spacing": SPACING, "density": DENSITY, "stiffness": 0.0, "viscosity": 0.0, "tension": 0.0}
+    return _present(splishsplash_terms.run(position, velocity, THREADS, **(rest | changed)))
+
+
+def _tension(position: NDArray, velocity: NDArray) -> Fields:
+    """Normal, cohesion and area term of SPlisHSPlasH.
+
+    Its one coefficient k of the tension makes a = k (rho0 C + N), cohesion and area term, with C and N independent of
+    the rest density rho0: two runs at different rho0 give both.
     """
+    heavy = _step(position, velocity, tension=TENSION)
+    light = _step(position, velocity, tension=TENSION, density=LIGHT)
+    cohesion = (heavy["other"] - light["other"]) / (1 - LIGHT / DENSITY)
+    return {"normal": heavy["normal"], "cohesion": cohesion, "area": heavy["other"] - cohesion}
+
+
+def pysph(context: Context, side: int, seed: int) -> Result:
+    """PySPH, double precision: values as in `_compared`."""
+    position, velocity = cloud(side, seed)
+    theirs = _present(
+        pysph_terms.run(
+            position, velocity, THREADS,
+            support=SUPPORT, mass=MASS, density=DENSITY, sound=SOUND, viscosity=VISCOSITY,
+        )
+    )  # fmt: skip
+    theirs["normal"] = SUPPORT * theirs["normal"]  # it leaves out the factor h
+    liquid = Liquid(context, position, velocity, MASS, SUPPORT)
+    plain = liquid.evaluate()
+    ours = {
+        "density": plain["density"],
+        "pressure": plain["acceleration"],
+        "momentum": plain["acceleration"],
+        "central": liquid.evaluate(viscosity="central")["acceleration"] - plain["acceleration"],
+        "morris": liquid.evaluate(viscosity="laplacian")["acceleration"] - plain["acceleration"],
+        "normal": liquid.evaluate(area=TENSION)["surface_normal"],
+    }
+    sums = Sums(position, velocity, plain["density"], MASS, SUPPORT)
+    softening = 0.01 * (0.5 * SUPPORT) ** 2
+    own = ours | {
+        "pressure": sums.mixed_pressure(),
+        "momentum": sums.pressure(),
+        "normal": sums.normal(),
+        "central": sums.central(DENSITY / plain["density"], softening),
+        "morris": sums.morris(softening),
+    }
+    return _compared("pysph", ours, own, theirs, theirs["version"])
+
+
+def warp(context: Context, side: int, seed: int) -> Result:
+    """The SPH example of NVIDIA Warp, single precision: values as in `_compared`."""
+    position, velocity = cloud(side, seed)
+    theirs = _present(
+        warp_terms.run(
+            position, velocity,
+            support=SUPPORT, mass=MASS, density=DENSITY, sound=SOUND, viscosity=DENSITY * VISCOSITY,
+        )
+    )  # fmt: skip
+    liquid = Liquid(context, position, velocity, MASS, SUPPORT, kernels="mueller")
+    plain = liquid.evaluate()
+    ours = {
+        "density": plain["density"],
+        "pressure": plain["acceleration"],
+        "viscous": liquid.evaluate(viscosity="laplacian")["acceleration"] - plain["acceleration"],
+    }
+    return _compared("warp", ours, ours | {"pressure": -0.5 * ours["pressure"]}, theirs, theirs["version"])
+
+
+def cloud(side: int, seed: int, distances: float = DENSE) -> tuple[NDArray, NDArray]:
+    """Positions [m] and velocities [m/s] (side^3, 3): a strained, shaken lattice; exact in single precision."""
     random = np.random.default_rng(seed)
     lattice = (np.indices((side,) * 3).reshape(3, -1).T + 0.5) * SPACING
-    position = DENSE * lattice + SHAKEN * SPACING * random.uniform(-1, 1, lattice.shape)
+    position = distances * lattice + SHAKEN * SPACING * random.uniform(-1, 1, lattice.shape)
     velocity = random.normal(size=lattice.shape)
-    position, velocity = (a.astype(np.float32).astype(float) for a in (position, velocity))
-    theirs = splishsplash_terms.run(
-        position, velocity, threads,
-        spacing=SPACING, density=DENSITY, stiffness=DENSITY * SOUND**2, viscosity=VISCOSITY,
-    )  # fmt: skip
-    if "missing" in theirs:
-        raise RuntimeError(theirs["missing"])
-    mass, support = float(theirs["mass"]), float(theirs["support"])
-    made = {nu: _fields(context, position, velocity, mass, support, nu) for nu in (0.0, VISCOSITY)}
-    density = made[0.0]["density"]
-    ours = {
-        "density": np.maximum(density, DENSITY),
-        "pressure": made[0.0]["acceleration"],
-        "viscous": made[VISCOSITY]["acceleration"] - made[0.0]["acceleration"],
-    }
-    own = {"density": ours["density"], **_formulas(position, velocity, density, mass, support)}
-    values: dict[str, Any] = {"particles": len(position), "version": theirs["version"]}
+    return position.astype(np.float32).astype(float), velocity.astype(np.float32).astype(float)
+
+
+def _present(answer: dict[str, Any]) -> dict[str, Any]:
+    """The answer of a program; raises RuntimeError where it did not run."""
+    if "missing" in answer:
+        raise RuntimeError(answer["missing"])
+    return answer
+
+
+def _compared(program: str, ours: Fields, own: Fields, theirs: Mapping[str, Any], version: str) -> Result:
+    """Differences to another program.
+
+    <term>            root mean square difference between the programs over the root mean square of refsim's
+    <term>.explained  the same after that program's formulas have been put in place of refsim's, on refsim's density
+    """
+    density = ours["density"]
+    values: dict[str, Any] = {"particles": len(density), "version": version}
     values["compressed"] = float((density > DENSITY).mean())
-    for name in TERMS:
+    for name in TERMS[program]:
         scale = np.linalg.norm(ours[name])
         values[name] = float(np.linalg.norm(theirs[name] - ours[name]) / scale)
         values[f"{name}.explained"] = float(np.linalg.norm(theirs[name] - own[name]) / scale)
     return Result(values)
 
 
-def _fields(
-    context: Context, position: NDArray, velocity: NDArray, mass: float, support: float, viscosity: float
-) -> dict[str, NDArray]:
-    """Density and acceleration in refsim, with the viscosity along the line of centres."""
-    liquid = WeaklyCompressible(
-        rest_density=DENSITY,
-        sound_speed=SOUND,
-        dynamic_viscosity=DENSITY * viscosity,
-        viscosity="central",
-        kernels="cubic_spline",
-    )
-    cloud = Cloud(position=position, velocity=velocity, mass=np.full(len(position), mass))
-    scene = Scene(spacing=SPACING, support_radius=support, dtype="float64", fluid=(cloud,), effects=(liquid,))
-    simulation = context.simulation(scene, "cpu")
-    simulation.evaluate()
-    return {name: simulation.field(name) for name in ("density", "acceleration")}
+@dataclass(frozen=True)
+class Liquid:
+    """The cloud in refsim, in double precision; SI units."""
+
+    context: Context
+    position: NDArray
+    velocity: NDArray
+    mass: float
+    support: float
+    kernels: Literal["cubic_spline", "mueller"] = "cubic_spline"
+
+    def evaluate(
+        self, viscosity: Literal["", "laplacian", "central"] = "", gamma: float = 0.0, area: float = 0.0
+    ) -> Fields:
+        """Fields "density", "acceleration", and "surface_normal" with the area term."""
+        liquid = WeaklyCompressible(
+            rest_density=DENSITY,
+            sound_speed=SOUND,
+            dynamic_viscosity=DENSITY * VISCOSITY if viscosity else 0.0,
+            viscosity=viscosity or "laplacian",
+            kernels=self.kernels,
+            clamp_pressure=self.kernels == "cubic_spline",
+        )
+        tension = Akinci2013(gamma=gamma, area_acceleration=area, balance_pressure=False)
+        given = Cloud(position=self.position, velocity=self.velocity, mass=np.full(len(self.position), self.mass))
+        scene = Scene(
+            spacing=SPACING,
+            support_radius=self.support,
+            dtype="float64",
+            fluid=(given,),
+            effects=(liquid, tension) if gamma or area else (liquid,),
+        )
+        simulation = self.context.simulation(scene, "cpu")
+        simulation.evaluate()
+        names = ("density", "acceleration", "surface_normal")
+        return {name: simulation.field(name) for name in names[: 3 if area else 2]}
 
 
-def _formulas(
-    position: NDArray, velocity: NDArray, density: NDArray, mass: float, support: float
-) -> dict[str, NDArray]:
-    """The other program's sums, all pairs: m (p_i/rho_i^2 + p_j/rho_j^2) grad W, and Monaghan's viscosity with the
-    kernel of the density: 2 (dim + 2) nu m_j/rho_j v_ij.x_ij/(r^2 + 0.01 h^2) grad W."""
-    kernel = smoothing("cubic_spline", support, 3)
-    raised = np.maximum(density, DENSITY)
-    share = SOUND**2 * (raised - DENSITY) / raised**2
-    found = {name: np.zeros_like(position) for name in ("pressure", "viscous")}
-    for i, apart, distance in pair_blocks(position, position):
-        slope = np.where(distance > 0, kernel_slope(distance, kernel) / np.where(distance > 0, distance, 1.0), 0.0)
-        pushed = (share[i, None] + share[None, :]) * mass * slope
-        found["pressure"][i] -= (pushed[..., None] * apart).sum(1)
-        along = ((velocity[i, None, :] - velocity[None, :, :]) * apart).sum(-1)
-        factor = 10 * VISCOSITY * mass / density[None, :] * along / (distance**2 + 0.01 * support**2) * slope
-        found["viscous"][i] += (factor[..., None] * apart).sum(1)
-    return found
+@dataclass(frozen=True)
+class Sums:
+    """Sums of the other programs over all pairs, cubic spline; SI units. `support` is the radius h of the kernel."""
+
+    position: NDArray
+    velocity: NDArray
+    density: NDArray
+    mass: float
+    support: float
+
+    def pressure(self) -> NDArray:
+        """-sum_j m (p_i/rho_i^2 + p_j/rho_j^2) grad W."""
+        share = self._pressure() / self.density**2
+        return self._sum(lambda i, apart, square, slope: -self.mass * _along(share[i, None] + share, slope, apart))
+
+    def mixed_pressure(self) -> NDArray:
+        """-sum_j m (p_i + p_j)/(rho_i rho_j) grad W."""
+        p, rho = self._pressure(), self.density
+
+        def term(i: NDArray, apart: NDArray, square: NDArray, slope: NDArray) -> NDArray:
+            return -self.mass * _along((p[i, None] + p) / (rho[i, None] * rho), slope, apart)
+
+        return self._sum(term)
+
+    def normal(self) -> NDArray:
+        """h sum_j m/rho_j grad W."""
+        volume = self.mass / self.density
+        return self.support * self._sum(lambda i, apart, square, slope: _along(volume, slope, apart))
+
+    def cohesion(self) -> NDArray:
+        """-gamma sum_j m K_ij C(r) x_ij/r, where the factor 32/(pi h^9) of C(r) is missing at h^6/64 for r <= h/2."""
+        h, rho = self.support, self.density
+
+        def term(i: NDArray, apart: NDArray, square: NDArray, slope: NDArray) -> NDArray:
+            r = np.sqrt(square)
+            shape = 32 / (np.pi * h**9) * np.maximum(h - r, 0.0) ** 3 * r**3
+            spline = np.where(r > 0.5 * h, shape, 2 * shape - h**6 / 64)
+            factor = -TENSION * self.mass * 2 * DENSITY / (rho[i, None] + rho) * spline
+            return _along(factor, np.divide(1.0, r, out=np.zeros_like(r), where=r > 0), apart)
+
+        return self._sum(term)
+
+    def central(self, own: NDArray, softening: float) -> NDArray:
+        """2 (dim + 2) nu f_i sum_j m/rho_j v_ij.x_ij/(r^2 + softening) grad W; `own` is f_i."""
+
+        def term(i: NDArray, apart: NDArray, square: NDArray, slope: NDArray) -> NDArray:
+            speed = ((self.velocity[i, None, :] - self.velocity) * apart).sum(-1)
+            share = 10 * VISCOSITY * self.mass * own[i, None] / self.density
+            return _along(share * speed / (square + softening), slope, apart)
+
+        return self._sum(term)
+
+    def morris(self, softening: float) -> NDArray:
+        """4 nu sum_j m/(rho_i + rho_j) x_ij.grad W/(r^2 + softening) v_ij."""
+
+        def term(i: NDArray, apart: NDArray, square: NDArray, slope: NDArray) -> NDArray:
+            share = 4 * VISCOSITY * self.mass / (self.density[i, None] + self.density)
+            return _along(share * square / (square + softening), slope, self.velocity[i, None, :] - self.velocity)
+
+        return self._sum(term)
+
+    def _pressure(self) -> NDArray:
+        return SOUND**2 * np.maximum(self.density - DENSITY, 0.0)
+
+    def _sum(self, term: Callable[[NDArray, NDArray, NDArray, NDArray], NDArray]) -> NDArray:
+        """Sum over j of term(i, x_i - x_j, r^2, W'/r), for blocks of particles i."""
+        kernel = smoothing("cubic_spline", self.support, 3)
+        found = np.zeros_like(self.position)
+        for i, apart, distance in pair_blocks(self.position, self.position):
+            met = distance > 0
+            slope = np.where(met, kernel_slope(distance, kernel) / np.where(met, distance, 1.0), 0.0)
+            found[i] = term(i, apart, distance**2, slope).sum(1)
+        return found
+
+
+def _along(factor: NDArray, slope: NDArray, direction: NDArray) -> NDArray:
+    """Vectors (block, n, 3)."""
+    return (factor * slope)[..., None] * direction
+
+
+COMPARED: dict[str, Callable[..., Result]] = {"splishsplash": splishsplash, "pysph": pysph, "warp": warp}
