@@ -168,7 +168,7 @@ def picture(tasks: Tasks) -> Any:
         edge = counted / copied
         left.loglog([reach[0], edge], [reach[0] * copied, counted], color=GREY)
         left.loglog([edge, reach[1]], [counted, counted], color=GREY)
-        left.text(1.3, 0.6 * 1.3 * copied, f"copy speed {copied / 1e3:.2f} TB/s", color=GREY, va="top", fontsize=8)
+        left.text(0.9, 1.6 * 0.9 * copied, f"copy speed {copied / 1e3:.2f} TB/s", color=GREY, ha="right", fontsize=8)
         left.text(
             reach[1], 1.15 * counted, f"arithmetic {counted / 1e3:.1f} TFLOP/s", color=GREY, ha="right", fontsize=8
         )

@@ -189,7 +189,7 @@ def markdown(found: Mapping[str, Any] | None) -> list[str]:
     for name, system in found["systems"].items():
         times = medians(system)
         speeds = [f"{times[counts[0]] / times[count]:.2f}" for count in counts[1:]]
-        rows.append([name, f"{system['particles']:,}", f"{1e3 * times[counts[0]]:.3g}", *speeds])
+        rows.append([name, f"{system['particles']:,}", f"{1e3 * times[counts[0]]:,.0f}", *speeds])
     return [*table(heading, rows), "", f"CPU: {found['machine']} ({found['date']})."]
 
 
