@@ -1,5 +1,6 @@
 """How many processes share the tests, and the wheel that several of them install."""
 
+import gc
 import importlib.metadata
 import importlib.util
 import os
@@ -26,9 +27,13 @@ def pytest_xdist_auto_num_workers(config):
 
 
 def pytest_configure():
-    """A test process compiles what it comes to, since the tests fill the cores, and keeps its process for loops."""
+    """A test process compiles what it comes to, since the tests fill the cores, and keeps its process for loops.
+
+    Numba makes many objects while it compiles, and pytest holds many: Python looks for cycles among them more rarely.
+    """
     from refsim.backends import ahead, workers
 
+    gc.set_threshold(100_000, 50, 100)
     ahead.cores = lambda: 1
     workers.IDLE = 3600.0
 
