@@ -1,5 +1,6 @@
 """How many processes share the tests, and the wheel that several of them install."""
 
+import gc
 import importlib.metadata
 import importlib.util
 import os
@@ -13,6 +14,7 @@ import pytest
 
 ROOT = pathlib.Path(__file__).parents[1]
 MOST = 4
+CYCLES = (100_000, 50, 100)  # thresholds of `gc`
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # the tests fill the cores already
 SOURCES = ("setup.cfg", "pyproject.toml", "MANIFEST.in", "LICENSE", "docs/package.md")
 BUILD = "from setuptools import setup; setup(script_args=['-q', 'build', '--build-lib', 'unpacked', 'egg_info'])"
@@ -26,9 +28,15 @@ def pytest_xdist_auto_num_workers(config):
 
 
 def pytest_configure():
-    """A test process compiles what it comes to, since the tests fill the cores, and keeps its process for loops."""
+    """A test process compiles what it comes to, since the tests fill the cores, and keeps its process for loops.
+
+    Numba makes many objects while it compiles, and pytest holds many: Python looks for cycles among them more rarely,
+    here and in the process for loops.
+    """
     from refsim.backends import ahead, workers
 
+    gc.set_threshold(*CYCLES)
+    workers.START = f"import gc; gc.set_threshold(*{CYCLES}); {workers.START}"
     ahead.cores = lambda: 1
     workers.IDLE = 3600.0
 

@@ -11,6 +11,7 @@ from refsim.backends import compile as compiling
 from refsim.backends.cache_files import refuse_foreign
 from refsim.backends.compile import sources_behind
 from refsim.core.errors import InputError
+from tests.backends.launched import Launch
 
 FILES = {
     "__init__.py": "",
@@ -107,16 +108,21 @@ def tiny(tmp_path):
 
 def started(package, kind="float32", late="0 0"):
     """A process of its own that runs the kernel on numbers of a kind, and is late by some seconds in saving it."""
-    environment = dict(os.environ, REFSIM_CACHE_DIR=str(package.parent / "cache"), KIND=kind, LATE=late)
+    return launched(package, PROGRAM, KIND=kind, LATE=late)
+
+
+def launched(package, program, **variables):
+    environment = dict(os.environ, REFSIM_CACHE_DIR=str(package.parent / "cache"), PYTHONDONTWRITEBYTECODE="1")
+    environment |= variables
     here = [str(package.parent), str(pathlib.Path(__file__).parents[2]), environment.get("PYTHONPATH", "")]
     environment["PYTHONPATH"] = os.pathsep.join(here)
-    return subprocess.Popen([sys.executable, "-c", PROGRAM], stdout=subprocess.PIPE, text=True, env=environment)
+    return Launch(program, environment, package.parent)
 
 
 def ended(process):
     """(result, kernels compiled, cache hits) of the kernel in a process."""
-    words, _ = process.communicate()
-    assert process.returncode == 0
+    code, words, err = process.ended()
+    assert code == 0, err
     value, compiled, hits = words.split()
     return float(value), int(compiled), int(hits)
 
@@ -216,11 +222,7 @@ def test_the_process_that_compiles_computes_the_same_bits(tmp_path):
 
 def told(package, program=PROGRAM, kind="float32", **variables):
     """(exit code, standard output, standard error) of a process of its own that runs the kernel."""
-    environment = dict(os.environ, REFSIM_CACHE_DIR=str(package.parent / "cache"), KIND=kind, LATE="0 0", **variables)
-    here = [str(package.parent), str(pathlib.Path(__file__).parents[2]), environment.get("PYTHONPATH", "")]
-    environment["PYTHONPATH"] = os.pathsep.join(here)
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, env=environment)
-    return done.returncode, done.stdout, done.stderr
+    return launched(package, program, KIND=kind, LATE="0 0", **variables).ended()
 
 
 def cached(package, kind):
@@ -276,8 +278,7 @@ def test_a_kill_between_code_and_index_leaves_no_index_of_other_code(tiny):
 def test_a_full_disk_costs_the_cache_and_not_the_run(tiny):
     resource = pytest.importorskip("resource")
     limited = f"import resource\nresource.setrlimit(resource.RLIMIT_FSIZE, (1000, {resource.RLIM_INFINITY}))\n"
-    # Python itself leaves truncated bytecode behind on a full disk, which would fail later imports
-    code, out, err = told(tiny, limited + PROGRAM, PYTHONDONTWRITEBYTECODE="1")
+    code, out, err = told(tiny, limited + PROGRAM)
     assert (code, out) == (0, "4.0 0 0\n")
     assert err.count("UserWarning") == 1
     assert "cannot be written (File too large); the next run compiles these kernels again." in err

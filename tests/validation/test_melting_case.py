@@ -89,11 +89,12 @@ def test_a_run_keeps_frames_and_what_it_watched(cube):
     assert not [m for m in made_of if m.verdict == FAIL], made_of
 
 
-def test_stages_are_drawn_from_their_data(cube, tmp_path):
+def test_stages_are_drawn_from_their_data(cube, tmp_path, monkeypatch):
     """Packed positions come back, and the picture needs nothing else."""
     data = json.loads(json.dumps(finite(pictures.stage_data("figure_4", "a cube")({"figure_4": cube}))))
     back = pictures.unpacked(data["frames"][1]["position_cm"], "int16", 3)
     assert (back == cube.arrays["position_1"]).all()
+    monkeypatch.setattr(pictures, "PIXELS", pictures.PIXELS // 4)  # of a side: shading takes most of the time
     figure = pictures.stage_picture(-68.0, 16.0, False)(data)
     figure.savefig(tmp_path / "stages.png")
     assert (tmp_path / "stages.png").stat().st_size > 20_000

@@ -439,10 +439,18 @@ def judged(case, found):
 
 
 def draw_all(case, found, folder):
-    for picture in case.pictures:
-        if set(picture.needs) <= set(found):
-            drawing.write_data(picture, found, folder)
-            assert drawing.redraw(picture, folder).stat().st_size > 4000
+    """Every picture that can be made of what was found; bodies in it have a quarter of the pixels of a side."""
+    whole = drawing.body_picture
+
+    def small(bodies, view, extent, pixels=640):
+        return whole(bodies, view, extent, pixels // 4)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(drawing, "body_picture", small)
+        for picture in case.pictures:
+            if set(picture.needs) <= set(found):
+                drawing.write_data(picture, found, folder)
+                assert drawing.redraw(picture, folder).stat().st_size > 4000
 
 
 def as_stored(folder, result):
