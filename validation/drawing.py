@@ -34,6 +34,7 @@ GREY = "#666666"
 UP = np.array([0.0, 0.0, 1.0])
 DOTS_PER_INCH = 160
 LARGEST_PICTURE = 300_000  # bytes
+DIGITS = 9
 LONG_DATA = 10_000  # bytes of a picture's data above which its file is compressed
 COLOURS = 128  # of a PNG
 WEBP = ((1.0, 62), (0.8, 70), (0.65, 75), (0.5, 75))  # share of the size, quality: the first that fits
@@ -66,9 +67,9 @@ def save_picture(figure: Any, path: Path) -> None:
 
 
 def write_data(picture: Picture, results: Mapping[str, Any], folder: Path) -> Path:
-    """Write the data of a picture, one key a line, in place of the file that is there; compressed (.json.gz) above
-    LONG_DATA bytes."""
-    name, data = picture.name, finite(picture.collect(results))
+    """Write the data of a picture, one key a line, in place of the file that is there; numbers with DIGITS digits,
+    compressed (.json.gz) above LONG_DATA bytes."""
+    name, data = picture.name, shortened(finite(picture.collect(results)))
     lines = [f"{json.dumps(key)}: {json.dumps(value, allow_nan=False)}" for key, value in data.items()]
     text = "{\n" + ",\n".join(lines) + "\n}\n"
     folder.mkdir(parents=True, exist_ok=True)
@@ -78,6 +79,15 @@ def write_data(picture: Picture, results: Mapping[str, Any], folder: Path) -> Pa
     path.write_bytes(gzip.compress(text.encode(), 9, mtime=0) if compressed else text.encode())
     other.unlink(missing_ok=True)
     return path
+
+
+def shortened(value: Any) -> Any:
+    """Plain values with DIGITS significant digits: more are not seen, and do not compress."""
+    if isinstance(value, dict):
+        return {key: shortened(each) for key, each in value.items()}
+    if isinstance(value, list):
+        return [shortened(each) for each in value]
+    return float(f"{value:.{DIGITS}g}") if isinstance(value, float) else value
 
 
 def read_data(folder: Path, name: str) -> Any:

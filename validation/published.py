@@ -58,6 +58,8 @@ def items_of(part: Part, command: str) -> list[Item]:
     by_key = {run.key: run for run in part.runs}
     made = []
     for picture in part.pictures:
+        if picture.needs and not set(picture.needs) & set(by_key):
+            continue  # of the quick size alone
         runs = [by_key[key] for key in picture.needs if key in by_key] or list(part.runs)
         made.append(Item(PICTURE, picture.name, part.folder, command, runs))
     if part.kind == HARD_CASE:

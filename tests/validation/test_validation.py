@@ -426,6 +426,12 @@ def test_experiments_are_found_by_their_folders(tmp_path, monkeypatch):
     assert {"dam_break", "droplet", "timing"} <= set(discover())
 
 
+def test_data_of_pictures_keep_nine_digits():
+    assert drawing.shortened({"a": [1 / 3, 2, None, "x", {"b": 1e-20 / 7}]}) == {
+        "a": [0.333333333, 2, None, "x", {"b": 1.42857143e-21}]
+    }
+
+
 def test_tables_align_words_left_and_numbers_right():
     lines = str(Table("T", ["what", "value"], [["a", 12.0], ["long", 0.123456]], "note")).splitlines()
     assert lines == ["T", "what   value", "----  ------", "a         12", "long  0.1235", "note"]
