@@ -65,7 +65,8 @@ def test_another_method_does_not_count():
 
 def test_what_draws_and_tells_does_not_count():
     """A claim's runs stand beside its verdicts; a picture that looks otherwise leaves all numbers as they are."""
-    behind = {file.name for file in results.modules_behind(Path(dam_claims.__file__)) if file.parent.name == "validation"}
+    files = results.modules_behind(Path(dam_claims.__file__))
+    behind = {file.name for file in files if file.parent.name == "validation"}
     assert "running.py" in behind
     assert not behind & {f"{name}.py" for name in results.PRESENTING}
     assert {f"{name}.py" for name in results.PRESENTING} <= {file.name for file in (ROOT / "validation").glob("*.py")}
