@@ -43,21 +43,24 @@ def answer_picture(data: Mapping[str, Any]) -> Any:
     figure, axes = plt.subplots(figsize=(7.6, 4.3))
     own = [c for c in found if "reported" not in c.point["knobs"] and not answers.is_peer(c.point)]
     passed = {c.key for c in own if answers.refused(c, own) or answers.by_chance(c, c.error, own)}
-    methods: dict[str, list[Any]] = {}
+    methods: dict[str, tuple[list[Any], list[Any]]] = {}  # of a CPU, of a GPU
     for c in found:
         name = str(c.point["knobs"].get(observable.method, "points"))
-        gpu = "" if c.point["knobs"].get("backend") != "cuda" or "GPU" in name or "cuda" in name else ", GPU"
-        methods.setdefault(name + gpu, []).append(c)
-    for k, (name, members) in enumerate(methods.items()):
+        gpu = c.point["knobs"].get("backend") == "cuda" and "cuda" not in name
+        methods.setdefault(name.replace(", GPU", ""), ([], []))[gpu].append(c)
+    for k, (name, both) in enumerate(methods.items()):
         colour, mark = GROUP_COLOURS[k % len(GROUP_COLOURS)], MARKERS[k % len(MARKERS)]
-        members.sort(key=lambda c: c.error)
-        sound = [c for c in members if c.key not in passed]
-        best = [c for c in sound if not any(o.error <= c.error and _wall(o) < _wall(c) for o in sound)]
-        axes.plot([100 * c.error for c in best], [_wall(c) for c in best], color=colour, lw=1.2, alpha=0.8)
-        for c in members:
-            axes.plot(100 * c.error, _wall(c), mark, ms=6, color=colour, mfc=colour if c.settled else "white", mew=1.2,
-                      alpha=0.35 if c.key in passed else 1.0)  # fmt: skip
+        for members, line, size in zip(both, ("-", "--"), (6, 4.5)):
+            members.sort(key=lambda c: c.error)
+            sound = [c for c in members if c.key not in passed]
+            best = [c for c in sound if not any(o.error <= c.error and _wall(o) < _wall(c) for o in sound)]
+            axes.plot([100 * c.error for c in best], [_wall(c) for c in best], line, color=colour, lw=1.2, alpha=0.8)
+            for c in members:
+                axes.plot(100 * c.error, _wall(c), mark, ms=size, color=colour, mfc=colour if c.settled else "white",
+                          mew=1.2, alpha=0.35 if c.key in passed else 1.0)  # fmt: skip
         axes.plot([], [], mark, color=colour, label=name)
+    if any(gpu for _, gpu in methods.values()):
+        axes.plot([], [], "--", color=GREY, label="dashed, small: on a GPU")
     axes.plot([], [], "o", color=GREY, mfc="white", mew=1.2, label="hollow: timing has not settled")
     if passed:
         axes.plot([], [], "o", color=GREY, alpha=0.35, label="pale: passed over at its own error")
@@ -67,9 +70,10 @@ def answer_picture(data: Mapping[str, Any]) -> Any:
     failed = [p for p in points.values() if p["shown"] and p["stopped"]]
     if failed:
         edge = high * (high / low) ** 0.04
-        for place, p in spread_out(failed, 1.1 * axes.get_ylim()[0]):
-            label = textwrap.fill(f"failed: {short_reason(p)}", 34)
-            axes.plot(edge, place, "x", color=VERMILION, ms=7, mew=1.8, label=label)
+        label = f"failed: {short_reason(failed[0])}" + (f"; and {len(failed) - 1} more" if len(failed) > 1 else "")
+        for place, _ in spread_out(failed, 1.1 * axes.get_ylim()[0]):
+            axes.plot(edge, place, "x", color=VERMILION, ms=7, mew=1.8)
+        axes.plot([], [], "x", color=VERMILION, ms=7, mew=1.8, label=textwrap.fill(label, 34))
         high = edge * (high / low) ** 0.03
     axes.set_xlim(low, high)
     shaded = [(100 * spread, ORANGE, "uncertainty of the reference")] if spread else []

@@ -156,7 +156,7 @@ def pour_picture(data: Mapping[str, Any]) -> Any:
         for found in [[end[shape, arm]["components"] for shape in shapes if (shape, arm) in end]]
     }
     counts = "; ".join(f"{arm}: {low} to {high}" for arm, (low, high) in ranges.items())
-    figure.suptitle(f"Parts of the poured liquid: {counts}", fontsize=10, fontweight="bold")
+    figure.suptitle(f"Parts of the poured liquid: {counts}", fontsize=8.5, fontweight="bold")
     return figure
 
 
