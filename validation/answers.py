@@ -512,14 +512,17 @@ def _setting(chosen: Candidate, seconds: float, observable: Observable) -> dict[
 
 
 def _peer(peers: Sequence[Candidate], error: float) -> dict[str, Any] | None:
-    """The fastest of other programs for the error; unsettled times are no answer."""
+    """The fastest of other programs for the error; of times that have not settled, the range."""
     if not peers:
         return None
     choice = choose(peers, error)
     named = choice.advised or choice.read or choice.nearest
     program = {} if named is None else {"program": named.point["knobs"]["program"], "keeps": named.error}
-    if choice.advised is None:
+    if choice.advised is None and choice.read is None:
         return {"why": choice.why, **program}
+    if choice.advised is None:
+        fast, slow = (choice.seconds * share for share in choice.read.scatter)
+        return {"why": choice.why, "fastest": fast, "slowest": slow, **program}
     return {"setting": choice.advised.point["words"], "seconds": choice.seconds, **program}
 
 
@@ -613,6 +616,8 @@ def _on_gpu(cell: Mapping[str, Any] | None) -> str:
 def _of_peer(peer: Mapping[str, Any]) -> str:
     if "seconds" in peer:
         return f"{duration(peer['seconds'])} ({peer['program']})"
+    if "fastest" in peer:
+        return f"○ {duration(peer['fastest'])} to {duration(peer['slowest'])} ({peer['program']})"
     return f"not reached ({peer['program']}: {percent(peer['keeps'])})" if "keeps" in peer else peer["why"]
 
 
