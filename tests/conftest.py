@@ -38,6 +38,10 @@ def pytest_configure():
     gc.set_threshold(*CYCLES)
     workers.START = f"import gc; gc.set_threshold(*{CYCLES}); {workers.START}"
     ahead.cores = lambda: 1
+    if os.environ.get("NUMBA_ENABLE_CUDASIM", "0") not in ("", "0"):
+        import simulator_threads
+
+        simulator_threads.install()
     workers.IDLE = 3600.0
 
 

@@ -71,9 +71,9 @@ def answer_picture(data: Mapping[str, Any]) -> Any:
     if failed:
         edge = high * (high / low) ** 0.04
         label = f"failed: {short_reason(failed[0])}" + (f"; and {len(failed) - 1} more" if len(failed) > 1 else "")
-        for place, _ in spread_out(failed, 1.1 * axes.get_ylim()[0]):
-            axes.plot(edge, place, "x", color=VERMILION, ms=7, mew=1.8)
-        axes.plot([], [], "x", color=VERMILION, ms=7, mew=1.8, label=textwrap.fill(label, 34))
+        for k, (place, _) in enumerate(spread_out(failed, 1.1 * axes.get_ylim()[0])):
+            words = "" if k else textwrap.fill(label, 34)
+            axes.plot(edge, place, "x", color=VERMILION, ms=7, mew=1.8, label=words)
         high = edge * (high / low) ** 0.03
     axes.set_xlim(low, high)
     shaded = [(100 * spread, ORANGE, "uncertainty of the reference")] if spread else []

@@ -110,6 +110,8 @@ def test_least_bytes_are_those_of_the_fields():
 
 SIMULATED = """
 import json
+from simulator_threads import install
+install()
 from validation import limits
 print(json.dumps({name: limits.MEASURES[name](*size) for name, size in
                   (("speeds", ()), ("kernels", ("60k",)), ("table", ()))}))
@@ -120,7 +122,7 @@ def test_the_measurements_run_in_the_simulator():
     environment = os.environ | {
         "NUMBA_ENABLE_CUDASIM": "1",
         "NUMBA_DISABLE_JIT": "1",
-        "PYTHONPATH": str(limits_page.ROOT),
+        "PYTHONPATH": f"{limits_page.ROOT}{os.pathsep}{limits_page.ROOT / 'tests'}",
     }
     done = subprocess.run(
         [sys.executable, "-W", "ignore", "-c", SIMULATED], capture_output=True, text=True, env=environment, check=False
