@@ -140,7 +140,7 @@ def perform_panels(
     """
     performed = perform([part_of(name, panel, options) for name, panel in chosen], options, jobs, stream=stream)
     for each, (_, panel) in zip(performed, chosen):
-        keep(panel.name, each.results, options)
+        keep(panel.name, each.part.runs, each.results, options)
         for key, result in each.results.items():
             for reading in result.values.get("readings", ()):
                 if reading["stopped"] and not reading["expected"]:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -23,13 +23,15 @@ from validation.running import Context
 REPORTS = Path(__file__).resolve().parent / "gpu_reports"
 
 
-def keep(panel: str, results: Results, options: Options, folder: Path = REPORTS) -> Path | None:
-    """Write the panel's report: of a GPU, at the published sizes, and of all runs; otherwise nothing."""
-    if options.quick or options.backend != "cuda" or options.only or simulated() or not results:
+def keep(panel: str, runs: Sequence[Run], results: Results, options: Options, folder: Path = REPORTS) -> Path | None:
+    """Write the panel's report: of a GPU, at the published sizes, and of all runs that are not skipped."""
+    if options.quick or options.backend != "cuda" or simulated():
+        return None
+    if not results or any(run.key not in results for run in runs if not run.skip):
         return None
     file = folder / f"accuracy_cost_{panel}.json"
-    runs = {key: {"about": result.about, "values": finite(result.values)} for key, result in results.items()}
-    file.write_text(json.dumps({"runs": runs}, allow_nan=False) + "\n")
+    found = {key: {"about": result.about, "values": finite(result.values)} for key, result in results.items()}
+    file.write_text(json.dumps({"runs": found}, allow_nan=False) + "\n")
     return file
 
 

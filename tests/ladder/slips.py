@@ -356,7 +356,11 @@ def publish(jobs, minutes):
     def one(item):
         parts, name, names, _, part = item
         left = end - time.monotonic()
-        answer = judged(names, part, parts, left) if left > 0 else None
+        try:
+            answer = judged(names, part, parts, left) if left > 0 else None
+        except RuntimeError as error:  # the program counts as not judged, and the others are kept
+            print(error, file=sys.stderr)
+            answer = None
         print(f"{name} {part + 1}/{parts}: {'did not end' if answer is None else answer['survived']}", file=sys.stderr)
         return answer
 

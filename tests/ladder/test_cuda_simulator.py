@@ -39,6 +39,7 @@ from refsim.neighbours.reference import neighbour_list, pair_blocks
 from refsim.study.memory import bytes_of
 from tests.across import test_composition as composition
 from validation import pairs
+from validation.experiments.heat.conductor import cosine_slab
 
 pytestmark = pytest.mark.skipif(
     not runtime.simulated(), reason="runs in the CUDA simulator only: set NUMBA_ENABLE_CUDASIM=1 NUMBA_DISABLE_JIT=1"
@@ -463,6 +464,19 @@ def test_operation_agrees_with_its_reference(name, program, variant):
     """One hard input of the contract; all of them run on a GPU (`scripts/gpu_check.py`)."""
     outcome = contract.run(name, program, "float32", "cloud_2d", variant)
     assert outcome.passed, str(outcome)
+
+
+STEPPED = ("one_sided", "single_pass", "implicit", "conjugate_gradient", "runge_kutta_legendre", "explicit")
+
+
+@pytest.mark.parametrize("scheme", STEPPED)
+def test_a_conductor_of_the_accuracy_panels_conducts_as_on_the_cpu(scheme):
+    """Its list and arrays are built by hand; the sums have the same order in float64."""
+    found = [
+        cosine_slab(scheme, 3, 3, 1 / 3, backend=backend)[0].run(0.002, 2).temperature for backend in ("cpu", "cuda")
+    ]
+    assert np.ptp(found[0]) > 10
+    np.testing.assert_allclose(found[1], found[0], rtol=1e-12)
 
 
 RECORDED = [name for name, operation in REGISTRY.items() if "cuda:recorded" in operation.programs]

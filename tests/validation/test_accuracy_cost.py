@@ -20,7 +20,7 @@ from validation.experiments.droplet import accuracy as drop_panels
 from validation.experiments.droplet import accuracy_runs as drop_runs
 from validation.experiments.mpm_droplet import accuracy as mpm_panels
 from validation.experiments.surface_reconstruction import accuracy as surface_panels
-from validation.gpu_readings import gpu_runs, reported, without_gpu
+from validation.gpu_readings import gpu_runs, keep, reported, without_gpu
 from validation.metrics import shapes
 from validation.metrics.droplet import radius_variation_scale
 from validation.perform import EXIT_FAILED, EXIT_STOPPED, exit_code
@@ -485,6 +485,22 @@ def test_a_gpus_report_brings_its_points(tmp_path):
     assert "GPU" not in made["advice"]
     assert made["lines"] == [{"words": "ours", "keys": ["rough", "middle"]}]
     assert [(p["device"], p.get("date")) for p in made["where"]] == [(None, None), ({"name": "a GPU"}, "2026-01-02")]
+
+
+def test_a_gpus_report_is_kept_whole_or_not_at_all(tmp_path):
+    """Of backend cuda at the published sizes, with every run that is not skipped; what is kept is read again."""
+    found = measured([reading("middle", 0.02, 0.1)], 1, "cpu")
+    found.values["readings"][0]["knobs"]["backend"] = "cuda"
+    given = {"one": Result(found.values, {}, {"date": "2026-01-02"})}
+    runs, cuda = [Run("one", print), Run("other", print, skip="absent")], Options(backend="cuda")
+    for options in (Options(), Options(backend="cuda", quick=True)):
+        assert keep("made_up", runs, given, options, tmp_path) is None
+    assert keep("made_up", [*runs, Run("stopped", print)], given, cuda, tmp_path) is None
+    assert not list(tmp_path.iterdir())
+    assert keep("made_up", runs, given, cuda, tmp_path) == tmp_path / "accuracy_cost_made_up.json"
+    (run,) = gpu_runs("made_up", Options(), tmp_path)
+    (read,) = reported(Context(), **run.parameters, folder=tmp_path).values["readings"]
+    assert (read["key"], read["error"], read["knobs"]["reported"]) == ("cuda_middle", 0.02, "2026-01-02")
 
 
 def test_unknown_panels_get_a_sentence(tmp_path, capsys):

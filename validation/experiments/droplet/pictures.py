@@ -106,7 +106,7 @@ def frame_picture(data: Mapping[str, Any]) -> Any:
                 transform=axes.transAxes, ha="center", va="top", fontsize=8, color=GREY,
             )  # fmt: skip
         words = f"{row['start'].capitalize()}, {row['particles']:,} particles"
-        line[0].set_title(" \n ", loc="left")  # room for the words, whose width must not push the next frame away
+        line[0].set_title(" \n ", loc="left")  # space for the words, whose width must not push the next frame away
         line[0].text(0, 1.2, words, transform=line[0].transAxes, fontweight="bold").set_in_layout(False)
     bar = figure.colorbar(
         ScalarMappable(norm, colours), ax=panels, orientation="horizontal", shrink=0.4, aspect=40, pad=0.02
