@@ -568,6 +568,28 @@ def deformed():
     return _taken(3, np.array([[1.0, 0.25, 0.0, 0.0, 1.0, 0.0, 0.5, 0.0, 2.0]]))
 
 
+def _shear_forgotten(dim):
+    """F = J^(1/d) 1, in the plane with F_33 = 1, of J = det (1 + dt G) F."""
+    f = np.array([1.0, 0.25, 0.0, 0.5, 1.5, 0.0, 0.0, 0.0, 1.0 + (dim == 3)])
+    made = _taken(dim, f[None])
+    size = made.expected["volume_ratio"][0] ** (1 / dim)
+    after = np.diag([size, size, size if dim == 3 else 1.0])
+    given = {**made.given, "liquid": WATER._replace(forgets_shear=np.int32(1))}
+    return Exact(made.case, given, {**made.expected, "deformation": after.reshape(1, 9)})
+
+
+@closed_form("mpm.grid_to_particle")
+def shear_forgotten_in_space():
+    """Only the ratio of volumes is left of F, in three equal stretches."""
+    return _shear_forgotten(3)
+
+
+@closed_form("mpm.grid_to_particle")
+def shear_forgotten_in_the_plane():
+    """The same in two."""
+    return _shear_forgotten(2)
+
+
 @closed_form("mpm.grid_to_carriers")
 def affine_field_about_a_carrier():
     """sum B v = c + G x_q, sum B v (x_j - x_q)^T = (h^2/4) G = G, h = 2 m."""

@@ -296,32 +296,78 @@ def quarter_turn():
     return Exact(CUBE, given, {"rotation": turned, "region_center": none, "region_anchor": none})
 
 
-def _crowd():
-    """(arguments, members, node): a body of 7 x 7 x 7 nodes whose outermost 3 x 3 x 3 stand in one place.
+def _cross(u):
+    """Matrix of u x."""
+    return np.array([[0.0, -u[2], u[1]], [u[2], 0.0, -u[0]], [-u[1], u[0], 0.0]])
 
-    The body's middle is 3 cells away along each axis; only the node in the middle of those members has a region.
+
+def _about(axis, angle):
+    """Quaternion of a turn [rad] about an axis."""
+    return np.concatenate([[np.cos(angle / 2)], np.sin(angle / 2) * np.array(axis) / np.linalg.norm(axis)])
+
+
+NEAR = (  # axis and angle [rad] of the turn since the rotation before
+    ([1, 2, 3], 0.3), ([-2, 1, 1], 0.45), ([3, -1, 2], -0.2), ([-1, -3, 2], 0.4), ([1, 1, -2], 0.1), ([2, -3, 1], 0.02),
+    ([1, 0, 0], 1e-9), ([-1, 2, 2], 1e-3),
+)  # fmt: skip
+STRETCH = np.array([[1.3, 0.2, -0.1], [0.2, 0.9, 0.15], [-0.1, 0.15, 1.1]])
+
+
+def near_the_last_turn(number: int) -> Exact:
+    """x = R S x0 of a cube has the rotation R for a positive S; the one before is a small turn off."""
+    made, region = _whole_region()
+    turn = _about([2, -1, 4], 1.1)
+    axis, angle = NEAR[number]
+    w, u = turn[0], turn[1:]
+    v, more = _about(axis, angle)[0], _about(axis, angle)[1:]
+    before = np.concatenate([[w * v - u @ more], w * more + v * u + np.cross(u, more)])
+    matrix = np.eye(3) + 2 * w * _cross(u) + 2 * _cross(u) @ _cross(u)
+    rest = made.cell.astype(float) - 1
+    position = rest @ (matrix @ (STRETCH if number % 2 else np.eye(3))).T + [3.0, -2.0, 5.0]
+    rotation, one = np.tile(before, (27, 1)), np.ones((27, 3))
+    turned = rotation.copy()
+    turned[13] = turn * np.sign(turn @ before)
+    given = {
+        "solid_position": position, "region_share": np.full(27, 0.5), "region": region,
+        "region_count": _counted(region), "matching": _matched(), "rotation": rotation, "region_center": one,
+        "region_anchor": one, "boxes": boxes_of(made, 1),
+    }  # fmt: skip
+    return Exact(CUBE, given, {"rotation": turned})
+
+
+for _number in range(len(NEAR)):
+    _maker = functools.partial(near_the_last_turn, _number)
+    _maker.__name__ = f"near_the_last_turn_{_number}"  # type: ignore[attr-defined]
+    closed_form("shape_matching.match")(_maker)
+
+
+def _crowd(half_width=1, place=(0.123, 0.456, 0.789), away=0.0):
+    """(arguments, members, node): a body of 7 x 7 x 7 nodes whose outermost members of one region stand in one place.
+
+    Only the node in the middle of those members has a region; they stand `away` [m] from it on their side.
     """
     made = lattice_of([np.stack(np.meshgrid(*[np.arange(7)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)])
-    crowd = (made.cell <= 2).all(1)
-    (middle,) = np.flatnonzero((made.cell == 1).all(1))
-    region = np.full((343, 27), -1, np.int32)
-    region[middle, made.cell[crowd] @ [9, 3, 1]] = np.flatnonzero(crowd)
+    side = 2 * half_width + 1
+    crowd = (made.cell < side).all(1)
+    (middle,) = np.flatnonzero((made.cell == half_width).all(1))
+    region = np.full((343, side**3), -1, np.int32)
+    region[middle, made.cell[crowd] @ [side * side, side, 1]] = np.flatnonzero(crowd)
     position = made.cell + 0.1 * np.sin(np.arange(343.0))[:, None] * [1.0, -2.0, 3.0]
-    position[crowd] = [0.123, 0.456, 0.789]
+    position[crowd] = place + away * np.sign(made.cell[crowd] - half_width)
     given = {
         "solid_position": position, "region_share": 0.5 + np.arange(343) % 5, "region": region,
-        "region_count": _counted(region), "matching": _matched(), "boxes": boxes_of(made, 1),
+        "region_count": _counted(region), "matching": _matched(half_width=np.int32(half_width)),
+        "boxes": boxes_of(made, half_width),
     }  # fmt: skip
     return given, crowd, middle
 
 
-@closed_form("shape_matching.match")
-def members_in_one_place():
-    """Members in one place, away from their body's middle, do not turn their region, however it was turned before."""
-    given, crowd, middle = _crowd()
-    rotation = np.tile([0.48, 0.6, 0.0, 0.64], (343, 1))
+def _kept(given, crowd, middle, half_width, before=(0.48, 0.6, 0.0, 0.64)):
+    """The crowd's region keeps its rotation, however it was turned before."""
+    rotation = np.tile(before, (343, 1))
     share, none = given["region_share"][crowd], np.zeros((343, 3))
-    offset = np.stack(np.meshgrid(*[np.arange(-1, 2)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
+    reach = np.arange(-half_width, half_width + 1)
+    offset = np.stack(np.meshgrid(*[reach] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
     order = given["region"][middle]
     rest = (given["region_share"][order][:, None] * offset).sum(0) / share.sum()
     w, u = rotation[0, 0], rotation[0, 1:]
@@ -330,6 +376,55 @@ def members_in_one_place():
     given |= {"rotation": rotation, "region_center": none + 1, "region_anchor": none + 1}
     whole = Case("body_of_343", 3, given["solid_position"], spacing=1.0, support_radius=2.0)
     return Exact(whole, given, {"rotation": rotation, "region_center": none, "region_anchor": anchor})
+
+
+@closed_form("shape_matching.match")
+def members_in_one_place():
+    """Members in one place, away from their body's middle, do not turn their region."""
+    return _kept(*_crowd(), 1)
+
+
+def rounded_off(axis: int) -> Exact:
+    """The same 1,025 m from the origin along an axis, with the last digit of each member away from the node.
+
+    What turns them is 3/5 of what rounding of the positions may do.
+    """
+    place, away = np.full(3, 33.0), np.zeros(3)
+    place[axis], away[axis] = 1025.0, np.spacing(1025.0)
+    return _kept(*_crowd(2, place, away), 2)
+
+
+@closed_form("shape_matching.match")
+def rounded_off_everywhere():
+    """The same along all axes at 2^40 m, where the rotation before is near the one that the last digits would give."""
+    far = 2.0**40 + 1
+    return _kept(*_crowd(2, np.full(3, far), np.spacing(far)), 2, _about([1, 2, 3], 0.1))
+
+
+def beside_their_node(axis: int) -> Exact:
+    """Members in one place do not turn the region of a melted node at the origin, 30 m from them along an axis.
+
+    Nothing is lost by rounding of the node's position, and the sums cancel only up to their own rounding.
+    """
+    place = np.array([0.1, 0.1, 0.1])
+    place[axis] = 30.1
+    given, crowd, middle = _crowd(2, place)
+    given["solid_position"][middle] = 0.0
+    given["region"][middle, 62] = -1
+    given["region_count"] = _counted(given["region"])
+    return Exact(*_replaced(_kept(given, crowd, middle, 2)))
+
+
+def _replaced(made):
+    """(case, arguments, the rotations alone) of a closed form."""
+    return made.case, made.given, {"rotation": made.expected["rotation"]}
+
+
+for _axis in range(3):
+    for _form in (rounded_off, beside_their_node):
+        _maker = functools.partial(_form, _axis)
+        _maker.__name__ = f"{_form.__name__}_{_axis}"  # type: ignore[attr-defined]
+        closed_form("shape_matching.match")(_maker)
 
 
 @closed_form("shape_matching.match")

@@ -47,6 +47,32 @@ IN_A_PART = 100  # slips that one process judges
 SECONDS = {False: 60, True: 600}  # after which a slip has made a shallow or a deep trial endless, which is noticed
 SHARED = ("refsim.backends.", "refsim.neighbours.rows")  # what every kernel stands on has tests of its own
 FIRST_CASES = ("three_particles", "cloud_2d", "cloud_3d", "printed_readings")
+TWO_OF = "return (u * a[0] + v * b[0], u * a[1] + v * b[1], u * a[2] + v * b[2], "
+THREE_OF = "return (u * a[0] + v * b[0] + w * c[0], u * a[1] + v * b[1] + w * c[1], u * a[2] + v * b[2] + w * c[2], "
+GRADIENT = {
+    "x": "x = t[0] * dx + t[1] * dy + t[2] * dz",
+    "y": "y = t[1] * dx + t[3] * dy + t[4] * dz",
+    "z": "z = t[2] * dx + t[4] * dy + t[5] * dz",
+}
+
+
+NEWTON = (
+    "least = real(0.05)", "range(8)", "q = (before[0]", "pivot = yy + zz", "over = real(1) / pivot",
+    "second_pivot, beside = ", "not second_pivot > least", "below = real(1)", "third_pivot = ", "a, b, c = ", "g2 -= ",
+    "g3 -= ", "w3 = ", "w2 = ", "w1 = ", "size = w1", "not size < real(0.25)", "shrink = ", "q = (shrink",
+    "q = (q[0] / size", "size < real(2)", "real = type(",
+)  # fmt: skip
+LOST = "EPSILON * size + exact[0] * np.float64(position_doubt(s, solid_position, matching))"
+NARROWED = f"return ({', '.join(f'real(v[{k}])' for k in range(16))})  ->  return ("
+SLOPES = "f0 + w * (f1 - f0), gx / h, gy / h, (f1 - f0) / h"
+SEVEN = "".join(f"real(v[{k}]), " for k in range(7))
+
+
+def row(k):
+    """Left side of the first three sums of row k."""
+    return f"sums[{k}, 0], sums[{k}, 1], sums[{k}, 2]"
+
+
 # function -> (start of the altered line, why it changes no answer)
 HARMLESS = {
     "kick_drift": [("squared = type(timestep[0])(0)", "only the type is taken")],
@@ -73,13 +99,94 @@ HARMLESS = {
     "melted_now": [("phase[i] = FLUID", "a zero has no sign")],
     "detach": [("held = 1", "any positive number means that a melted node is in the region")],
     **{name: [("zero = type(", "only the type is taken")] for name in ("damp_sums", "damp_slot", "motion_sums")},
-    "goal_sums": [("real = type(", "only the type is taken")],
+    **{name: [("real = type(", "only the type is taken")] for name in ("goal_sums", "match_member")},
+    # Newton's steps: a rotation counts as found where g = 0, whatever led there; where they end without one the careful
+    # sums answer. The lines of g and of B are left out.
+    "nearby_rotation": [
+        *((line, "changes the steps, not the rotation at which they end") for line in NEWTON),
+        *(
+            (f"{name} = turned(q, {old})  ->  {name} = turned(q, {new})", "the steps do not end then")
+            for name, old, new in (
+                ("one", "real(1), real(0), real(0)", "real(2), real(0), real(0)"),
+                ("one", "real(1), real(0), real(0)", "real(1), real(0), real(1)"),
+                ("two", "real(0), real(1), real(0)", "real(1), real(1), real(0)"),
+                ("two", "real(0), real(1), real(0)", "real(0), real(2), real(0)"),
+                ("two", "real(0), real(1), real(0)", "real(0), real(1), real(1)"),
+            )
+        ),
+    ],
+    "quick_rotation": [
+        ("most > least", "the careful sums answer the same"),
+        ("near, best = (True, (before", "the rotation of an empty region is not written"),
+        ("moments[0] > type(moments[0])(0)", "only the type is taken"),
+    ],
+    "match_quick": [
+        (
+            "least = real(SMALL) * matching.spacing + real(16) * position_doubt(s, solid_position, matching)"
+            "  ->  least = real(SMALL) * matching.spacing + real(17)",
+            "the careful sums answer the same",
+        ),
+        (
+            "least = real(SMALL) * matching.spacing + real(16) * position_doubt(s, solid_position, matching)"
+            "  ->  least = real(SMALL) * matching.spacing + real(16) /",
+            "the careful sums answer the same",
+        ),
+        (
+            "least = real(SMALL) * matching.spacing + real(16) * position_doubt(s, solid_position, matching)"
+            "  ->  least = real(SMALL) /",
+            "the careful sums answer the same",
+        ),
+        ("return quick_rotation(", "the careful sums answer the same"),
+    ],
+    "match_end": [
+        ("real = type(sums[0])", "only the type is taken"),
+        *(
+            (f"lost = 2 * w * n * {LOST}  ->  lost = {part}", "a bound with reserve: sums in opposite pairs lose less")
+            for part in ("3 * w * n", "2 / w * n", "2 * w / n")
+        ),
+    ],
+    **{
+        name: [(f"{line}type(solid_position[s, 0])(0))", "of no members")]
+        for name, line in (("match_slot", "return nothing_16("), ("match_sums", "sums = nothing_16("))
+    },
+    "narrowed": [(f"{NARROWED}{SEVEN}", "only the first seven are read")],
+    "solved_rotation": [("matrix, basis = (np.empty((4, 4)", "a larger work space")],
+    "best_rotation": [
+        ("real = type(moments[0])", "only the type is taken"),
+        ("basis[p, q] = real(p == q)  ->  basis[p, q] = -real(p == q)", "an eigenvector has no sign"),
+        ("best = (w / size, i / size, j / size, k / size)", "the size is one up to rounding"),
+        ("weight = max(floor, real(16) * lost / most)  ->  weight = max(floor, real(17)", "a bound with reserve"),
+    ],
+    "diagonalised": [
+        ("range(8)", "fewer sweeps are enough"),
+        ("range(3)  ->  range(4)", "the last row has nothing beyond its diagonal"),
+        ("beside, whole = (real(0), real(0))  ->  beside, whole = (real(0), real(1))", "the matrix has entries of one"),
+        ("not beside > precision * precision * whole", "the sweeps end where nothing changes"),
+        *(
+            (f"matrix[{at}] = real(0)  ->  matrix[{at}] = {zero}", "a zero has no sign and no size")
+            for at in ("p, q", "q, p")
+            for zero in ("-real(0)", "real(0) * 1.01")
+        ),
+    ],
+    "centred": [
+        ("real = type(moments[0])", "only the type is taken"),
+        ("return ((xx, xy, xz, yx, yy, yz, zx, zy, zz), real(0))", "a zero matrix keeps the rotation before"),
+    ],
+    "match_write": [
+        *(
+            (f"{name}[s, c] = zero  ->  {name}[s, c] = {zero}", "a zero has no sign and no size")
+            for name in ("region_center", "region_anchor")
+            for zero in ("-zero", "zero * 1.01")
+        ),
+        ("zero = type(sums[0])(0)", "only the type is taken"),
+    ],
     "motion_slot": [("return nothing_12(type(", "only the type is taken")],
     "damp_end": [("region_count[s] > 0 and timestep[0] > 0", "of the two lengths of a step both are positive or none")],
     "wall_gradient": [
         ("tiny = real(1e-09) * h", "far below the rounding of a distance"),
         ("f = weight * walls.volume[b]", "what is added to the distance is far below its rounding"),
     ],
+    "_mean": [("return float(here.mean()) if len(here)", "without particles an iteration does nothing")],
     "relaxed_pressure": [("value < real(0)", "a pascal is far below the bound")],
     "tait_pressure": [("pressure < real(0)", "a pascal is far below the bound")],
     "boundary_pressure": [
@@ -102,6 +209,114 @@ HARMLESS = {
             "held = np.bincount(label + 1, minlength=1)  ->  held = np.bincount(label + 1, minlength=2)",
             "never looked at",
         )
+    ],
+    # the fourth number of a node in `grid_to_particle` is padding; in the plane the third one is zero
+    "four": [
+        (
+            "return (values[n, 0], values[n, 1], values[n, 2], values[n, 3])"
+            "  ->  return (values[n, 0], values[n, 1], values[n, 2], values[n, ",
+            "padding",
+        )
+    ],
+    "two_of": [(f"{TWO_OF}u * a[3] + v * b[3])  ->  {TWO_OF}", "padding")],
+    "three_of": [(f"{THREE_OF}u * a[3] + v * b[3] + w * c[3])  ->  {THREE_OF}", "padding")],
+    "moments": [
+        *(
+            (f"{row(k)}, sums[{k}, 3] = {right}  ->  {row(k)}, sums[{(k + 1) % 3}, 3] = {right}", "padding")
+            for k, right in enumerate(
+                (
+                    "three_of(z0, a, z1, b, z2, c)",
+                    "three_of(z0, s, z1, t, z2, u)",
+                    "three_of(z0, r, z1, q, z2, p)",
+                    "two_of(z1, b, z2 + z2, c)",
+                )
+            )
+        ),
+        *(
+            (f"{row(k)}, sums[{k}, 3] = {name}  ->  sums[{k}, 0], sums[{k}, 1], sums[{at}]", "padding, or zero")
+            for k, name in enumerate("asr")
+            for at in (f"{k}, 2], sums[{(k + 1) % 3}, 3", f"{(k + 1) % 3}, 2")
+        ),
+    ],
+    "load_block": [("values = np.zeros((deep * width * width, 4), ", "wider rows hold the same")],
+    "gather_block": [("work = np.zeros((4, 4), ", "a larger work space")],
+    "gather_carriers_of": [
+        ("work = np.zeros((4, 4), ", "a larger work space"),
+        ("range(bins.first[b], bins.first[b + 1])", "the next block writes its own points again"),
+    ],
+    "gather": [("displacement[1] = real(0)", "a zero has no sign and no size")],
+    "deform": [
+        (f"deformation[i, c] = real(0)  ->  deformation[i, c] = {zero}", "a zero has no sign and no size")
+        for zero in ("-real(0)", "real(0) * 1.01")
+    ],
+    "clear": [("scratch[b, n, c] = type(scratch[b, n, c])(0)", "a zero has no sign and no size")],
+    "collect_block": [("zero = type(scratch[0, 0, 0])(0)", "only the type is taken")],
+    "plus": [("return (a[0] + b[0], a[1]", "the second mass is zero")],
+    "layer_weights": [("return (real(1), real(0), real(0))", "in the plane only the first is read")],
+    "layer_slopes": [
+        (f"return (real(0), real(0), real(0))  ->  return (real(0), {rest})", "in the plane only the first is read")
+        for rest in ("real(1), real(0)", "real(0), real(1)")
+    ],
+    # T is isotropic
+    "add_gradient": [
+        ("range(3)  ->  range(4)", "only layers of the grid are visited"),
+        *(
+            (f"{GRADIENT[line]}  ->  {changed}", "what stands beside the diagonal of T is zero")
+            for line, changed in (
+                ("x", "x = t[0] * dx - t[1]"),
+                ("x", "x = t[0] * dx + t[1] * dy - t[2]"),
+                ("x", "x = t[0] * dx + t[2] * dy"),
+                ("y", "y = t[2] * dx"),
+                ("y", "y = t[1] * dx + t[3] * dy - t[4]"),
+                ("y", "y = t[1] * dx + t[3] * dy + t[2]"),
+                ("z", "z = t[2] * dx - t[4]"),
+                ("z", "z = t[2] * dx + t[2] * dy"),
+                ("z", "z = t[2] * dx + t[4] * dy + t[0]"),
+            )
+        ),
+    ],
+    # of sparse grids
+    "cell_coordinate": [
+        ("scaled = float(x) * inverse_cell - shift", "no program of a CPU shifts the cells"),
+        ("return -FARTHEST", "no block is at either end"),
+    ],
+    "find_node": [("return find_node_near(blocks, jx, jy, jz, -1)", "where the search begins")],
+    "find_node_near": [
+        ("return -1  ->  return -2", "any negative number says that there is no node"),
+        ("guess < 0 or guess >= blocks.keys.shape[0]", "whether the guess is looked at first"),
+    ],
+    "step_in_block": [
+        ("return -1  ->  return -2", "any negative number says that there is no node"),
+        ("b < 0  ->  b < 1", "nodes of the first block are found by their coordinates as well"),
+    ],
+    "trilinear": [("phi, gx, gy, gz, _ = trilinear_near(x, y, z, field, ", "where the search begins")],
+    "trilinear_near": [
+        ("node >= 0  ->  node >= 1", "the first node is found by its coordinates as well"),
+        ("least >= 0  ->  least >= 1", "the first node is found by its coordinates as well"),
+        (
+            f"return ({SLOPES}, node >> 6)  ->  return ({SLOPES}, node >> 7)",
+            "where the next search begins",
+        ),
+    ],
+    "relax": [
+        ("block = -1", "where the search begins"),
+        (
+            "range(part * PART, min((part + 1) * PART, count))  ->  range(part * PART, min((part + 2) * PART",
+            "the next part writes its own rows again",
+        ),
+        ("prange((count + PART - 1) // PART)  ->  prange((count + PART + 1)", "a part without rows"),
+    ],
+    "count_blocks": [("block_count[t] = blocks_of_triangle(t, triangles, band_grid, -1", "any negative number counts")],
+    "triangle_offset": [("ox, oy, oz = (real(0), real(0), real(0))", "set again where they are used")],
+    "entry": [("never = real(2)", "any number above one says that there is none")],
+    "clipped": [
+        ("last = real(-1)", "outside of the box no distance is negative"),
+        ("first, last = (real(0), real(1))  ->  first, last = (real(0), real(2))", "cut off at one by its caller"),
+    ],
+    "corrected_step": [
+        ("begun = real(1)", "only the sign is looked at"),
+        ("t < real(1)  ->  t < real(2)", "two says that there is none"),
+        ("real = type(timestep[0])", "only the type is taken"),
     ],
     "pair_weight": [("return (real(1), real(0))", "without weights and marks nothing is multiplied with it")],
 }

@@ -1,6 +1,7 @@
 """Inputs, hard cases and closed forms of the penetration correction."""
 
 import functools
+import math
 
 import numpy as np
 
@@ -164,4 +165,97 @@ def pushed_until_out():
         made, given,
         {"position": np.array([[0.25, 0.5, -depth]]), "velocity": np.array([[0.0, 0.0, 0.25]]),
          "corrections": np.array([1]), "displacement": np.array([(0.5 - depth) ** 2, 0.0])},
+    )  # fmt: skip
+
+
+@closed_form("penetration.kick_drift")
+def pushed_once():
+    """Without the sweep one push of 2|phi| is all: 3/5 of z is left."""
+    made, given = _fall((0.25, 0.5, -0.5), (0.0, 0.0, -0.5), swept=np.int32(0))
+    given["solid_field"] = given["solid_field"]._replace(distance=0.2 * given["solid_field"].distance)
+    return Exact(
+        made, given,
+        {"position": np.array([[0.25, 0.5, -0.6]]), "velocity": np.array([[0.0, 0.0, 0.25]]),
+         "corrections": np.array([1]), "displacement": np.array([0.01, 0.0])},
+    )  # fmt: skip
+
+
+@closed_form("penetration.kick_drift")
+def from_outside_the_box():
+    """From 9 m at 11 m/s, above and beside the box of the blocks, which ends at 4 m: phi is 5 m there and z below it.
+
+    Samples along the path are phi - 1/4 m apart, at least 1/4 m; the first one below z = 0 is put back.
+    """
+    speed = np.array([1.0, 0.0, -11.0])
+    made, given = _fall((-4.25, 0.5, 9.0), speed)
+    t, phi = 5 / 11, 5.0
+    while phi >= 0:
+        t += max(phi - 0.25, 0.25) / math.sqrt(122.0)
+        phi = 9 - 11 * t
+    place = np.array([t - 4.25, 0.5, 0.0])
+    moved = place - [-4.25, 0.5, 9.0]
+    return Exact(
+        made, given,
+        {"position": place[None], "velocity": np.array([[1.0, 0.0, 5.5]]), "corrections": np.array([1]),
+         "displacement": np.array([moved @ moved, 0.0])},
+    )  # fmt: skip
+
+
+@closed_form("penetration.kick_drift")
+def first_cell():
+    """From the first cell of the blocks, 3.5 m deep, 1/4 m further down: to z = 0."""
+    begin = (-3.75, -3.75, -3.5)
+    made, given = _fall(begin, (0.0, 0.0, -0.25))
+    return Exact(
+        made, given,
+        {"position": np.array([[-3.75, -3.75, 0.0]]), "velocity": np.array([[0.0, 0.0, 0.125]]),
+         "corrections": np.array([1]), "displacement": np.array([12.25, 0.0])},
+    )  # fmt: skip
+
+
+def _wall():
+    """phi = -x: the solid fills x > 0, also beyond the last block."""
+    field = _slab()
+    block = np.array([(x, y, z) for z in (-1, 0) for y in (-1, 0) for x in (-1, 0)])
+    depth = np.concatenate([np.tile(-4.0 * b[0] - np.arange(4), 16) for b in block])
+    return field._replace(distance=depth, inside_after=(block[:, 0] == 0).astype(np.uint8))
+
+
+def _beyond(begin, speed, position, corrections):
+    """A particle that begins deep inside the wall, beyond the band."""
+    made, given = _fall(begin, speed)
+    field = _wall()
+    far = np.full(3, 99.0)
+    given["solid_field"] = field
+    given["penetration"] = given["penetration"]._replace(lower=-far, upper=far)
+    moved = np.array(position) - begin
+    return Exact(
+        made, given,
+        {"position": np.array([position]), "velocity": np.array([speed]), "corrections": np.array([corrections]),
+         "displacement": np.array([moved @ moved, 0.0])},
+    )  # fmt: skip
+
+
+@closed_form("penetration.kick_drift")
+def deep_inside():
+    """Beyond the band no distance has a slope: the particle moves on."""
+    return _beyond((9.0, 0.5, 0.5), (-2.0, 1.0, 0.25), (7.0, 1.5, 0.75), 0)
+
+
+@closed_form("penetration.kick_drift")
+def out_of_the_depth():
+    """It begins inside, so that only the end of its step counts, not where it meets the band: from x = 2 m to 0."""
+    return _beyond((8.5, 0.5, 0.5), (-6.5, 1.0, 0.25), (0.0, 1.5, 0.75), 1)
+
+
+@closed_form("penetration.kick_drift")
+def higher_than_wide():
+    """The box ends at x = 2 m; at z = 2.5 m a particle moves into the wall: samples x = -3/8, -1/8, 1/8, put to 0."""
+    made, given = _fall((-0.375, 0.5, 2.5), (2.0, 0.0, 0.0))
+    given["solid_field"] = _wall()
+    given["penetration"] = given["penetration"]._replace(lower=np.full(3, -99.0), upper=np.array([2.0, 99.0, 99.0]))
+    return Exact(
+        made, given,
+        {"position": np.array([[0.0, 0.5, 2.5]]), "velocity": np.array([[-1.0, 0.0, 0.0]]),
+         "corrections": np.array([1]), "displacement": np.array([0.140625, 0.0])},
     )  # fmt: skip

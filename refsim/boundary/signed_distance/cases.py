@@ -292,6 +292,52 @@ def _apart(count: int) -> tuple[np.ndarray, ...]:
     return np.repeat(itself, 7, 1), np.arange(3 * count, dtype=np.int32).reshape(-1, 3), np.repeat(itself, 3, 1)
 
 
+def _obtuse(order: list[int]) -> Exact:
+    """Nodes of block 0 and a triangle with a corner of 166 degrees in the plane of two axes.
+
+    Below the corner nodes are beyond two edges, of which one has the corner nearest to them and the other an inner
+    point. From all other nodes the nearest point is on one of the same edges, too.
+    """
+    corner = np.array([[1.5, 1.5, 1.5], [1.5, 5.5, 1.5], [1.5, -2.5, 2.5]])
+    blocks = Blocks(np.array([2**62 + 2**41 + 2**20]), np.where(np.arange(27) == 13, 0, -1)[None].astype(np.int32))
+    node = reference.node_table(blocks).astype(float)
+    distance = np.full(64, np.inf)
+    for k in range(3):
+        edge, away = corner[(k + 1) % 3] - corner[k], node - corner[k]
+        along = np.clip(away @ edge / (edge @ edge), 0, 1)
+        distance = np.minimum(distance, np.linalg.norm(away - along[:, None] * edge, axis=1))
+    inner = np.cross(corner[1] - corner[0], node - corner[0])[:, 0] > 0
+    for k in (1, 2):
+        inner &= np.cross(corner[(k + 1) % 3] - corner[k], node - corner[k])[:, 0] > 0
+    distance[inner] = np.abs(node[inner, 0] - 1.5)
+    turned = corner[:, order]
+    side = np.cross(turned[1] - turned[0], turned[2] - turned[0])
+    normal = np.zeros((1, 21))
+    normal[0, :3] = side / np.linalg.norm(side)
+    given = {
+        "triangles": Triangles(turned.reshape(1, 9), normal, *_apart(1)), "band_grid": band_grid(1.0, 9.0, "float64"),
+        "band_blocks": blocks,
+        "triangle_lists": TriangleLists(np.array([0, 1], np.int32), np.zeros(1, np.int32)),
+        "unsigned_distance": np.zeros(64), "closest": np.zeros(64, np.int32),
+    }  # fmt: skip
+    wanted = distance.reshape(4, 4, 4)  # by z, y, x
+    wanted = wanted.transpose([2 - order.index(2 - axis) for axis in range(3)]).ravel()
+    made = Case("obtuse", 3, np.zeros((1, 3)), spacing=1.0, support_radius=2.0)
+    return Exact(made, given, {"unsigned_distance": wanted, "closest": np.zeros(64)})
+
+
+@closed_form("signed_distance.nearest")
+def beyond_two_edges():
+    """The plane of y and z."""
+    return _obtuse([0, 1, 2])
+
+
+@closed_form("signed_distance.nearest")
+def beyond_two_edges_upright():
+    """The plane of z and y."""
+    return _obtuse([0, 2, 1])
+
+
 @closed_form("signed_distance.crossings")
 def one_crossing():
     """A vertical triangle pierces a horizontal one; a third lies 2 m above."""
@@ -316,6 +362,33 @@ def above_a_cube():
     slope = np.array([[0, 0, 1], [0, 0, 1], [-1, 0, 0], [0, 0, 0]], float)
     answer = {"query_distance": np.array([0.3, -0.2, 0.7, 1.25]), "query_gradient": slope}
     return Exact(CASES["unit_cube"](), given, answer)
+
+
+@closed_form("signed_distance.interpolate")
+def sides_of_missing_blocks():
+    """Blocks (0, 0, 0), (0, 1, 1) and (1, 1, 1) of nodes with phi = 3 m, h = 1 m, band 5 m; the liquid's side follows
+    the last block before a node in its row: inside after the first and the third, outside elsewhere.
+
+    Seven corners of the cell before node 0 have no block.
+    """
+    block = np.array([[0, 0, 0], [0, 1, 1], [1, 1, 1]], np.int64)
+    keys = ((block[:, 2] + 2**20) * 2**21 + block[:, 1] + 2**20) * 2**21 + block[:, 0] + 2**20
+    field = DistanceField(
+        keys, _neighbours(np, keys), np.full(192, 3.0), np.zeros(192, np.int32), np.array([1, 0, 1], np.uint8),
+        np.float64(1), np.float64(1), np.float64(5), *3 * (np.float64(0),),
+    )  # fmt: skip
+    answers = {
+        (-0.5, -0.5, -0.5): (0.125 * (7 * 5 + 3), -0.5), (6.5, 1.5, 1.5): (-5.0, 0.0), (-6.5, 1.5, 1.5): (5.0, 0.0),
+        (9.5, 5.5, 5.5): (-5.0, 0.0), (-2.5, 5.5, 5.5): (5.0, 0.0), (9.5, 1.5, 5.5): (5.0, 0.0),
+        (1.5, 1.5, 1.5): (3.0, 0.0), (2.5, 9.5, 1.5): (5.0, 0.0), (2.5, 1.5, 9.5): (5.0, 0.0),
+    }  # fmt: skip
+    points, (value, slope) = np.array(list(answers)), np.array(list(answers.values())).T
+    given = {
+        "query": points, "distance_field": field, "query_distance": np.zeros(len(points)),
+        "query_gradient": np.zeros((len(points), 3)),
+    }  # fmt: skip
+    made = Case("missing_blocks", 3, np.zeros((1, 3)), spacing=1.0, support_radius=2.0)
+    return Exact(made, given, {"query_distance": value, "query_gradient": np.repeat(slope[:, None], 3, 1)})
 
 
 @closed_form("signed_distance.project")

@@ -147,3 +147,28 @@ def pair_at_rest():
         },
         {"pressure": np.zeros(2), "acceleration": np.zeros((2, 3)), "advected_density": np.full(2, 500.0)},
     )  # fmt: skip
+
+
+@closed_form("iisph.solve")
+def squeezed_pair():
+    """A pair at 1.1 and 1.2 rho0, as two numbers: after five iterations its compression is the tolerance.
+
+    Each is displaced along y by its own pressure and by the other's; what remains are sums of the two.
+    """
+    rho, pressure, wanted = np.array([1100.0, 1200.0]), np.array([2e8, 1e8]), 5
+    share = 0.125 / rho**2 * SLOPE**2
+    diagonal = -share * (MASS[::-1] ** 2 + MASS.prod())
+    errors, p = [], 0.5 * pressure
+    for _ in range(wanted):
+        rest = -MASS[::-1] * (share * MASS.sum() * p)[::-1]
+        errors.append(np.maximum(rho + diagonal * p + rest - 1000, 0).mean())
+        p = np.maximum(0.5 * p + 0.5 * (1000 - rho - rest) / diagonal, 0)
+    assert errors[-1] < min(errors[:-1])
+    tolerance = math.sqrt(errors[-1] * errors[-2]) / 1000
+    push = (p / rho**2).sum() * SLOPE
+    given = GIVEN | {
+        "density": rho, "velocity": np.zeros((2, 3)), "acceleration": np.zeros((2, 3)), "pressure": pressure,
+        "implicit": Implicit(0.5, tolerance, np.int32(2), np.int32(100), 1e-15),
+    }  # fmt: skip
+    push = push * MASS[::-1, None] * np.array([-UP, UP])
+    return Exact(PAIR, given, {"pressure": p, "acceleration": push})
