@@ -88,20 +88,31 @@ def liquid_beside_solid():
     return Exact(PAIR, given, {"density": np.array([2 * W0 * (1 + 4 * 3 / 16), 900.0])})
 
 
-@closed_form("two_way_coupling.density")
-def tait_of_two_substances():
-    """(2^7 - 1) 100 rho0 at twice the rest density, none in the solid, none below the rest density; V = m/rho."""
+def _substances(stiffness):
+    """(2^7 - 1) c^2/g rho0 at twice the rest density, none in the solid, none below the rest density; V = m/rho."""
     apart = Case("substances", 3, np.array([[0.0, 0.0, 0.0], [0.0, 9.0, 0.0], [0.0, 18.0, 0.0]]), 1.0, 2.0)
     given = {
         "mass": np.array([400.0, 100.0, 150.0]) / W0, "rest_density": np.full(3, 200.0),
         "phase": np.array([FLUID, SURFACE, FLUID], np.int32), "relative_contribution": np.array([1.0, 4.0, 1.0]),
-        "walls": None, "coupling": _coupled(),
+        "walls": None, "coupling": _coupled(stiffness=stiffness),
     }  # fmt: skip
     return Exact(
         apart, given,
-        {"density": np.array([400.0, 200.0, 150.0]), "pressure": np.array([127 * 2e4, 0.0, 0.0]),
+        {"density": np.array([400.0, 200.0, 150.0]), "pressure": np.array([127 * 200 * stiffness, 0.0, 0.0]),
          "volume": np.array([1.0, 0.5, 1.0]) / W0},
     )  # fmt: skip
+
+
+@closed_form("two_way_coupling.density")
+def tait_of_two_substances():
+    """2.54 MPa."""
+    return _substances(100.0)
+
+
+@closed_form("two_way_coupling.density")
+def tait_of_soft_substances():
+    """A quarter of a pascal."""
+    return _substances(1e-5)
 
 
 def _pushed(coupling, viscosity, force):

@@ -109,6 +109,12 @@ def compressed_and_thin():
 
 
 @closed_form("iisph.relax")
+def compressed_at_low_pressure():
+    """The same below one pascal."""
+    return _relaxed(np.array([-2e4, -5e5]), np.array([4e-3, 1e-5]), None)
+
+
+@closed_form("iisph.relax")
 def hardly_coupled():
     """A particle whose -a_ii is below the limit gets no pressure."""
     diagonal = np.array([-1e-11, -1e-11])
