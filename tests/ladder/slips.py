@@ -188,10 +188,6 @@ HARMLESS = {
         ("f = weight * walls.volume[b]", "what is added to the distance is far below its rounding"),
     ],
     "_mean": [("return float(here.mean()) if len(here)", "without particles an iteration does nothing")],
-    "boundary_pressure": [
-        ("fluid.clamp and pressure < type(pressure)(0)", "a pascal is far below the bound"),
-        ("return type(pressure)(0)", "a pascal is far below the bound"),
-    ],
     "row_weights": [
         ("one = real(1)", "only whether a row is idle depends on it"),
         ("weight_i, surface_i = (zero, 0)", "belongs to the mode that is not taken"),

@@ -7,6 +7,7 @@ import numpy as np
 from refsim.boundary.one_way_coupling import WallGravity, WallViscosity
 from refsim.core.cases import Case, Exact, closed_form, groups, takes
 from refsim.core.walls import WallParticles
+from refsim.sph import Fluid
 
 
 @groups("wall_viscosity")
@@ -43,25 +44,42 @@ takes("one_way_coupling.wall_pressure", fluid="rest_density clamp gradient_share
 takes("one_way_coupling.wall_viscosity", smoothing="support_radius dim")
 
 
-@closed_form("one_way_coupling.wall_pressure")
-def pushed_by_one_particle():
-    """h = 2 m, r = 1 m, alone: p_b = p_i + rho0 g.(x_b - x_i); a = Psi_b p_b/rho^2 W'(r) e_b,
+def _pushing(pressure, gravity, expected, clamp):
+    """h = 2 m, r = 1 m, alone: a = Psi_b p_b/rho^2 W'(r) e_b, with p_b as `expected` [Pa].
 
     Wendland C2: W = 21/(2 pi h^3) (1 - q)^4 (4 q + 1), W' = -210 q (1 - q)^3/(pi h^4); q = 1/2.
     """
     case = Case(
         "pushing", 3, np.zeros((1, 3)), spacing=1.0, support_radius=2.0, wall_position=np.array([[0.0, 0.6, 0.8]])
     )
-    pressure = 2000.0 + 1000 * (0.6 * -1.0 + 0.8 * 3.0)
     slope = 210 * 0.5 * 0.5**3 / (math.pi * 16)
-    push = 1000 * 0.25 * pressure / 500.0**2 * slope / (1 + 2e-9)  # e_b = x/(r + 1e-9 h)
+    push = 1000 * 0.25 * expected / 500.0**2 * slope / (1 + 2e-9)  # e_b = x/(r + 1e-9 h)
     return Exact(
         case,
         {
             "walls": WallParticles(case.wall_position, np.array([0.25])),
             "density": np.array([500.0]),
-            "pressure": np.array([2000.0]),
-            "wall_gravity": WallGravity(2.0, -1.0, 3.0),
+            "pressure": np.array([pressure]),
+            "wall_gravity": WallGravity(*gravity),
+            "fluid": Fluid(1000.0, 4e5, np.int32(1), np.int32(clamp)),
         },
         {"acceleration": -push * case.wall_position},
     )
+
+
+@closed_form("one_way_coupling.wall_pressure")
+def pushed_by_one_particle():
+    """p_b = p_i + rho0 g.(x_b - x_i)."""
+    return _pushing(2000.0, (2.0, -1.0, 3.0), 2000.0 + 1000 * (0.6 * -1.0 + 0.8 * 3.0), False)
+
+
+@closed_form("one_way_coupling.wall_pressure")
+def pushed_below_a_pascal():
+    """p_b = 0.5 - 0.25 Pa, clamped."""
+    return _pushing(0.5, (0.0, -1 / 2400, 0.0), 0.25, True)
+
+
+@closed_form("one_way_coupling.wall_pressure")
+def clamped_below_zero():
+    """p_b = 0.25 - 0.5 Pa, clamped."""
+    return _pushing(0.25, (0.0, 0.0, -1 / 1600), 0.0, True)
