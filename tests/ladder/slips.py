@@ -94,8 +94,8 @@ HARMLESS = {
     ],
     "adhesion_pair": [("q <= real(0.5) or q >= real(1)", "beyond the support no pair is looked at")],
     "squared_gradient": [(f"g{c} += f * d{c}", "only its square is taken") for c in "xyz"],
-    "step_node": [("return -1", "any negative number says that there is no node")],
-    "base_coordinate": [("return FARTHEST + 1", "any number beyond all nodes does")],
+    "step_node": [("return -1  ->  return -2", "any negative number says that there is no node")],
+    "base_coordinate": [("return FARTHEST + 1  ->  return FARTHEST + 2", "any number beyond all nodes does")],
     "mirrored_update": [("range(3)  ->  range(4)", "a node has no fourth image along an axis")],
     "melted_now": [("phase[i] = FLUID", "a zero has no sign")],
     "detach": [("held = 1", "any positive number means that a melted node is in the region")],
@@ -183,10 +183,6 @@ HARMLESS = {
     ],
     "motion_slot": [("return nothing_12(type(", "only the type is taken")],
     "damp_end": [("region_count[s] > 0 and timestep[0] > 0", "of the two lengths of a step both are positive or none")],
-    "wall_gradient": [
-        ("tiny = real(1e-09) * h", "far below the rounding of a distance"),
-        ("f = weight * walls.volume[b]", "what is added to the distance is far below its rounding"),
-    ],
     "_mean": [("return float(here.mean()) if len(here)", "without particles an iteration does nothing")],
     "row_weights": [
         ("one = real(1)", "only whether a row is idle depends on it"),
