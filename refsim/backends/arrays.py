@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from refsim.backends.runtime import simulated as simulated
+from refsim.backends.threads import choose_layer, threads_for
 from refsim.core.errors import InputError
 from refsim.core.operation import BACKENDS, Operation
 
@@ -146,10 +147,11 @@ def choose(name: str) -> Backend:
     return CudaBackend() if name == "cuda" else Backend(name)
 
 
-def set_threads(backend: Backend, threads: int | None) -> None:
-    """Use `threads` CPU threads from now on (all by default); only the CPU backend has any.
+def set_threads(backend: Backend, threads: int | None, rows: int | None = None) -> None:
+    """Use `threads` CPU threads from now on; only the CPU backend has any.
 
-    Raises InputError for fewer than one, and on the CPU backend for more than there are.
+    By default as many as loops over `rows` gain from, or all where their number is not known. Raises InputError for
+    fewer than one, and on the CPU backend for more than there are.
     """
     if threads is not None and threads < 1:
         raise InputError(f"threads = {threads} is not possible; give 1 or more.")
@@ -157,10 +159,11 @@ def set_threads(backend: Backend, threads: int | None) -> None:
         return
     import numba
 
+    choose_layer()
     most = numba.config.NUMBA_NUM_THREADS
     if threads is not None and not 1 <= threads <= most:
         raise InputError(f"threads = {threads} is not possible here; give 1 to {most}.")
-    numba.set_num_threads(threads or most)
+    numba.set_num_threads(threads or (most if rows is None else threads_for(rows)))
 
 
 def host_memory() -> dict[str, int | None]:

@@ -32,14 +32,12 @@ from refsim.backends.cache_files import check_files, in_turn, is_stored, refuse_
 from refsim.backends.launching import direct_launch, kinds_of
 from refsim.backends.rows import over_rows
 from refsim.backends.runtime import simulated, stream
+from refsim.backends.threads import choose_layer
 from refsim.backends.workers import Task, store_apart
 
 THREADS_PER_BLOCK = 128
 SIMULATED_THREADS = 8  # each is a Python thread
-if "NUMBA_THREADING_LAYER" not in os.environ:
-    # Starting a parallel loop costs about 20 microseconds in this layer; OpenMP's barrier takes a millisecond
-    # where virtual cores are shared.
-    numba.config.THREADING_LAYER = "workqueue"
+choose_layer()
 _CACHES_KEPT = 200
 _CACHE_NAME = re.compile("[0-9a-f]{16}")  # of the folders that `cache_folder` makes: it deletes no other
 ANY_ORDER = {"reassoc", "contract", "arcp", "nsz"}

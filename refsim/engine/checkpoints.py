@@ -130,8 +130,8 @@ def load_checkpoint(path: str | os.PathLike[str]) -> SavedRun:
     if not np.array_equal(np.sort(state["identity"]), np.arange(plan.grid.count)):
         raise wrong("its particles' numbers (identity) are not each of 0, 1, 2, ... once")
     build_position = saved.arrays["build_position"]
-    if plan.grid.dim == 2 and any(values[:, 2].any() for values in (state["position"], build_position)):
-        raise wrong("it has particles with another z than 0 in a 2D scene")
+    if plan.grid.dim == 2 and any(v[:, 2].any() for v in (state["position"], state["velocity"], build_position)):
+        raise wrong("it has particles with another z or v_z than 0 in a 2D scene")
     return SavedRun(file, plan, clock, state, build_position, limiters, then, log, audit, remarks, notes)
 
 

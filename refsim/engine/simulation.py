@@ -55,7 +55,7 @@ class Simulation:
 
     scene    the scene, or a plan made from it
     backend  "numpy" (the references, all pairs), "cpu" or "cuda"; never swapped for another
-    threads  CPU threads; all by default
+    threads  CPU threads; by default one for 1,024 particles, at most all
     profile  time every pass to its end (`timings`); on "cuda" the host then launches the passes one by one and waits
              after each, instead of launching a step as one graph. The results are the same
     compiling  is told (kernels, processes) where a CPU's kernels are compiled before the first step, and gives what is
@@ -70,9 +70,9 @@ class Simulation:
     ) -> None:  # fmt: skip
         self.plan = scene if isinstance(scene, Plan) else make_plan(scene)
         self.backend = backends.choose(backend)
-        backends.set_threads(self.backend, threads)
-        self.force_passes = fused(self.plan.passes, self.backend.name)
         grid = self.plan.grid
+        backends.set_threads(self.backend, threads, grid.count)
+        self.force_passes = fused(self.plan.passes, self.backend.name)
         self.source: Path | None = None
         self.time, self.steps, self.previous_length = 0.0, 0, 0.0
         self.first_length: float | None = None

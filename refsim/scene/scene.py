@@ -619,9 +619,12 @@ def _check_particles(position: np.ndarray, velocity: np.ndarray, mass: np.ndarra
     if (mass <= 0).any():
         first = int(np.flatnonzero(mass <= 0)[0])
         raise InputError(f"scene: the mass of particle {first} is {mass[first]} kg; give a positive mass.")
-    if scene.dim == 2 and position[:, 2].any():
-        first = int(np.flatnonzero(position[:, 2])[0])
-        raise InputError(f"scene: particle {first} has z = {position[first, 2]} m in a 2D scene; set z to 0.")
+    for values, name, unit in ((position, "z", "m"), (velocity, "v_z", "m/s")) if scene.dim == 2 else ():
+        if values[:, 2].any():
+            first = int(np.flatnonzero(values[:, 2])[0])
+            raise InputError(
+                f"scene: particle {first} has {name} = {values[first, 2]} {unit} in a 2D scene; set {name} to 0."
+            )
     same = coincident_pairs(position.astype(scene.dtype))
     if same:
         a, b = same[0]

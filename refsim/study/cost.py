@@ -29,6 +29,7 @@ import msgspec
 import numpy as np
 
 from refsim.backends.arrays import unavailable
+from refsim.backends.threads import threads_for
 from refsim.core.effect import Extremes
 from refsim.core.errors import InputError, RunStopped
 from refsim.core.operation import BACKENDS
@@ -199,14 +200,15 @@ def calibrate(scene: Scene, backend: str, threads: int | None = None, budget: fl
     """
     began = time.perf_counter()
     particles = make_plan(scene).grid.count
-    _warm_up(scene, backend, threads, particles)
-    course = _course(scene, backend, threads, particles, SHARES["course"] * budget)
+    used = threads or threads_for(particles) if backend == "cpu" else threads  # those of the scene, at all sizes
+    _warm_up(scene, backend, used, particles)
+    course = _course(scene, backend, used, particles, SHARES["course"] * budget)
     sizes: list[tuple[int, dict[str, float]]] = []
     left = SHARES["sizes"] * budget
     wanted = float(course.particles)
     while True:
         clock = time.perf_counter()
-        count, seconds = _first_steps(_sized(scene, particles, wanted), backend, threads)
+        count, seconds = _first_steps(_sized(scene, particles, wanted), backend, used)
         if sizes and count <= sizes[-1][0]:
             break
         sizes.append((count, seconds))

@@ -113,6 +113,7 @@ BAD = {
     "empty cloud": (BOX, CLOUD.format("[]"), "position"),
     "not TOML": ("dim = 2", "dim: 2", "is not TOML"),
     "depth in 2D": (BOX, CLOUD.format("[[0.1, 0.2, 0.3], [0.2, 0.2, 0.0]]"), "particle 0 has z = 0.3"),
+    "out of the plane in 2D": (BOX, BOX + "\nvelocity = [0.0, 0.0, 0.5]", "particle 0 has v_z = 0.5 m/s"),
     "more than can be numbered": ("cells = [6, 10, 1]", "cells = [9223372036854775808, 10, 1]", "can be numbered"),
     "a ball beyond numbers": (BOX, 'shape = "ball"\nradius = 1e9', "can be numbered"),
     "walls beyond numbers": (

@@ -1,0 +1,60 @@
+"""The layer that starts CPU threads, and how many there are by default."""
+
+import os
+import subprocess
+import sys
+
+import numba
+import numpy as np
+import pytest
+
+from refsim import Cloud, Scene, Simulation, WeaklyCompressible
+from refsim.backends import threads
+from refsim.backends.arrays import Backend, set_threads
+
+STARTS = {
+    "threads first": "from refsim.backends.arrays import Backend, set_threads; set_threads(Backend('cpu'), 1)",
+    "kernels first": "import refsim.backends.compile",
+}
+
+
+@pytest.mark.parametrize("first", STARTS)
+@pytest.mark.parametrize("named", [None, "omp"])
+def test_the_layer_does_not_depend_on_what_is_loaded_first(first, named):
+    """The work queue, unless the environment names another: OpenMP waits in a busy loop where cores are shared."""
+    program = f"{STARTS[first]}; import numba; numba.set_num_threads(1); print(numba.config.THREADING_LAYER)"
+    environment = {key: value for key, value in os.environ.items() if key != "NUMBA_THREADING_LAYER"}
+    environment |= {"NUMBA_THREADING_LAYER": named} if named else {}
+    found = subprocess.run([sys.executable, "-c", program], env=environment, capture_output=True, text=True, check=True)
+    assert found.stdout.split() == [named or "workqueue"]
+
+
+@pytest.mark.parametrize(("rows", "cores", "expected"), [(0, 8, 1), (2047, 8, 1), (2048, 8, 2), (10**6, 8, 8)])
+def test_as_many_threads_as_a_loop_gains_from(rows, cores, expected, monkeypatch):
+    """One for 1,024 rows, at least one, at most all."""
+    monkeypatch.setattr(numba.config, "NUMBA_NUM_THREADS", cores)
+    assert threads.threads_for(rows) == expected
+
+
+@pytest.mark.skipif(numba.config.NUMBA_NUM_THREADS < 2, reason="one core")
+def test_a_small_scene_takes_one_thread_and_gives_the_same_bits():
+    """By default; a number that is given is taken as it is."""
+    random = np.random.default_rng(3)
+    axis = 0.01 * np.arange(9)
+    place = np.stack([*np.meshgrid(axis, axis), np.zeros((9, 9))], axis=-1).reshape(-1, 3)
+    velocity = np.pad(0.1 * random.normal(size=(81, 2)), ((0, 0), (0, 1)))
+    scene = Scene(
+        dim=2, spacing=0.01, support_radius=0.026, fluid=(Cloud(position=place, velocity=velocity),),
+        effects=(WeaklyCompressible(sound_speed=20.0),),
+    )  # fmt: skip
+    found = []
+    try:
+        for asked, used in ((None, 1), (2, 2)):
+            run = Simulation(scene, backend="cpu", threads=asked)
+            assert numba.get_num_threads() == used
+            for _ in range(5):
+                run.step()
+            found.append(run.field("position").tobytes())
+    finally:
+        set_threads(Backend("cpu"), None)
+    assert found[0] == found[1]
