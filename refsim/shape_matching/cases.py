@@ -306,24 +306,33 @@ def _about(axis, angle):
     return np.concatenate([[np.cos(angle / 2)], np.sin(angle / 2) * np.array(axis) / np.linalg.norm(axis)])
 
 
-NEAR = (  # axis and angle [rad] of the turn since the rotation before
-    ([1, 2, 3], 0.3), ([-2, 1, 1], 0.45), ([3, -1, 2], -0.2), ([-1, -3, 2], 0.4), ([1, 1, -2], 0.1), ([2, -3, 1], 0.02),
-    ([1, 0, 0], 1e-9), ([-1, 2, 2], 1e-3),
+GENERAL = np.array([[1.3, 0.2, -0.1], [0.2, 0.9, 0.15], [-0.1, 0.15, 1.1]])
+SKEWED = np.array([[1.2, 0.3, -0.2], [0.3, 0.7, 0.1], [-0.2, 0.1, 0.4]])
+TURN = ([2, -1, 4], 1.1)
+# axis and angle [rad] of the turn, those of the small turn since the rotation before, and the stretch
+NEAR = (
+    (*TURN, [1, 2, 3], 0.3, np.eye(3)), (*TURN, [-2, 1, 1], 0.45, GENERAL), (*TURN, [3, -1, 2], -0.2, np.eye(3)),
+    (*TURN, [-1, -3, 2], 0.4, GENERAL), (*TURN, [1, 1, -2], 0.1, np.eye(3)), (*TURN, [2, -3, 1], 0.02, GENERAL),
+    (*TURN, [1, 0, 0], 1e-9, np.eye(3)), (*TURN, [-1, 2, 2], 1e-3, GENERAL), ([2, 0, 1], 1.5, [1, -3, 3], 1e-9, SKEWED),
+    ([0, 0, 1], 0.0, [-1, 3, 3], 1e-7, np.eye(3)), ([1, 3, 1], 2.2, [-3, -2, -2], 1e-7, np.diag([0.5, 1.5, 0.5])),
+    ([0, 0, 1], 0.0, [1, 3, -1], 1e-3, np.diag([0.5, 0.5, 1.5])),
+    ([2, 3, 2], 1.9, [1, 0, 0], 3.04, np.diag([1.5, 0.5, 0.5])),
+    ([2, 3, 2], 1.9, [0, 1, 0], 3.04, np.diag([0.5, 1.5, 0.5])),
+    ([1, 1, 0], 1.6, [0, 0, 1], 3.04, np.diag([0.5, 0.5, 1.5])),
 )  # fmt: skip
-STRETCH = np.array([[1.3, 0.2, -0.1], [0.2, 0.9, 0.15], [-0.1, 0.15, 1.1]])
 
 
 def near_the_last_turn(number: int) -> Exact:
-    """x = R S x0 of a cube has the rotation R for a positive S; the one before is a small turn off."""
+    """x = R S x0 of a cube has the rotation R for a positive S; the one before is another turn off, small or large."""
     made, region = _whole_region()
-    turn = _about([2, -1, 4], 1.1)
-    axis, angle = NEAR[number]
+    axis, angle, off, by, stretch = NEAR[number]
+    turn, small = _about(axis, angle), _about(off, by)
     w, u = turn[0], turn[1:]
-    v, more = _about(axis, angle)[0], _about(axis, angle)[1:]
+    v, more = small[0], small[1:]
     before = np.concatenate([[w * v - u @ more], w * more + v * u + np.cross(u, more)])
     matrix = np.eye(3) + 2 * w * _cross(u) + 2 * _cross(u) @ _cross(u)
     rest = made.cell.astype(float) - 1
-    position = rest @ (matrix @ (STRETCH if number % 2 else np.eye(3))).T + [3.0, -2.0, 5.0]
+    position = rest @ (matrix @ stretch).T + [3.0, -2.0, 5.0]
     rotation, one = np.tile(before, (27, 1)), np.ones((27, 3))
     turned = rotation.copy()
     turned[13] = turn * np.sign(turn @ before)
@@ -413,6 +422,42 @@ def beside_their_node(axis: int) -> Exact:
     given["region"][middle, 62] = -1
     given["region_count"] = _counted(given["region"])
     return Exact(*_replaced(_kept(given, crowd, middle, 2)))
+
+
+def _at_the_bound(share):
+    """Equal members 32 m from a melted node at the origin, `share` 2^-38 m to their side of it along x and z.
+
+    A = diag(a, 0, a), a = 150 share 2^-38 kg m; the rounding of the sums may make b = 2 w n eps 124 32 kg m. Above it
+    the turn by 2 alpha about x that was there before becomes the one of the largest eigenvector of diag(2, 0) + f p
+    p^T, f = 16 b/a, p = (cos alpha, sin alpha), twice: tan 2 phi = f sin 2 alpha/(2 + f cos 2 alpha).
+    """
+    away, alpha = share * 2.0**-38, 0.35
+    given, crowd, middle = _crowd(2, np.array([0.0, 32.0, 0.0]), away * np.array([1.0, 0.0, 1.0]))
+    given["region_share"] = np.ones(343)
+    given["solid_position"][middle] = 0.0
+    given["region"][middle, 62] = -1
+    given["region_count"] = _counted(given["region"])
+    made = _kept(given, crowd, middle, 2, _about([1, 0, 0], 2 * alpha))
+    bound = 2 * 2 * 125 * 2.0**-52 * (124 * 32 + 200 * away)
+    if 150 * away > bound:
+        f = 16 * bound / (150 * away)
+        for _ in range(2):
+            alpha = 0.5 * np.arctan2(f * np.sin(2 * alpha), 2 + f * np.cos(2 * alpha))
+    wanted = made.expected["rotation"].copy()
+    wanted[middle] = [np.cos(alpha), np.sin(alpha), 0.0, 0.0]
+    return Exact(made.case, made.given, {"rotation": wanted})
+
+
+@closed_form("shape_matching.match")
+def turned_by_more_than_rounding():
+    """A tenth above the bound: the region turns back a little."""
+    return _at_the_bound(0.9)
+
+
+@closed_form("shape_matching.match")
+def turned_by_rounding():
+    """At three quarters of the bound: the region keeps its rotation."""
+    return _at_the_bound(0.6)
 
 
 def _replaced(made):

@@ -56,13 +56,7 @@ GRADIENT = {
 }
 
 
-NEWTON = (
-    "least = real(0.05)", "range(8)", "q = (before[0]", "pivot = yy + zz", "over = real(1) / pivot",
-    "second_pivot, beside = ", "not second_pivot > least", "below = real(1)", "third_pivot = ", "a, b, c = ", "g2 -= ",
-    "g3 -= ", "w3 = ", "w2 = ", "w1 = ", "size = w1", "not size < real(0.25)", "shrink = ", "q = (shrink",
-    "q = (q[0] / size", "size < real(2)", "real = type(",
-)  # fmt: skip
-LOST = "EPSILON * size + exact[0] * np.float64(position_doubt(s, solid_position, matching))"
+SIZE = "size = w1 * w1 + w2 * w2 + w3 * w3"
 NARROWED = f"return ({', '.join(f'real(v[{k}])' for k in range(16))})  ->  return ("
 CLEARED = "scratch[b, n, c] = type(scratch[b, n, c])(0)"
 SLOPES = "f0 + w * (f1 - f0), gx / h, gy / h, (f1 - f0) / h"
@@ -101,20 +95,19 @@ HARMLESS = {
     "detach": [("held = 1", "any positive number means that a melted node is in the region")],
     **{name: [("zero = type(", "only the type is taken")] for name in ("damp_sums", "damp_slot", "motion_sums")},
     **{name: [("real = type(", "only the type is taken")] for name in ("goal_sums", "match_member")},
-    # Newton's steps: a rotation counts as found where g = 0, whatever led there; where they end without one the careful
-    # sums answer. The lines of g and of B are left out.
     "nearby_rotation": [
-        *((line, "changes the steps, not the rotation at which they end") for line in NEWTON),
+        ("real = type(first[0])", "only the type is taken"),
+        ("least = real(0.05)  ->  least = real(0.0505)", "the careful sums answer the same"),
+        ("range(8)  ->  range(9)", "the careful sums answer the same"),
+        ("w2 = below * (g2 - beside * w3)  ->  w2 = below /", "endless at the end: the careful sums answer"),
+        ("w1 = over * (g1 - a * w2 - b * w3)  ->  w1 = over /", "endless at the end: the careful sums answer"),
         *(
-            (f"{name} = turned(q, {old})  ->  {name} = turned(q, {new})", "the steps do not end then")
-            for name, old, new in (
-                ("one", "real(1), real(0), real(0)", "real(2), real(0), real(0)"),
-                ("one", "real(1), real(0), real(0)", "real(1), real(0), real(1)"),
-                ("two", "real(0), real(1), real(0)", "real(1), real(1), real(0)"),
-                ("two", "real(0), real(1), real(0)", "real(0), real(2), real(0)"),
-                ("two", "real(0), real(1), real(0)", "real(0), real(1), real(1)"),
-            )
+            (f"{SIZE}  ->  {SIZE.replace(f'{w} * {w}', f'{w} / {w}')}", "too large: the careful sums answer")
+            for w in ("w1", "w2", "w3")
         ),
+        ("not size < real(0.25)", "the careful sums answer the same"),
+        ("q = (q[0] / size, q[1] / size, q[2] / size, q[3] / size)", "the size is one up to rounding"),
+        ("size < real(2) * precision  ->  size < real(3)", "both are far below a step that changes a digit"),
     ],
     "quick_rotation": [
         ("most > least", "the careful sums answer the same"),
@@ -139,13 +132,7 @@ HARMLESS = {
         ),
         ("return quick_rotation(", "the careful sums answer the same"),
     ],
-    "match_end": [
-        ("real = type(sums[0])", "only the type is taken"),
-        *(
-            (f"lost = 2 * w * n * {LOST}  ->  lost = {part}", "a bound with reserve: sums in opposite pairs lose less")
-            for part in ("3 * w * n", "2 / w * n", "2 * w / n")
-        ),
-    ],
+    "match_end": [("real = type(sums[0])", "only the type is taken")],
     **{
         name: [(f"{line}type(solid_position[s, 0])(0))", "of no members")]
         for name, line in (("match_slot", "return nothing_16("), ("match_sums", "sums = nothing_16("))
@@ -156,7 +143,6 @@ HARMLESS = {
         ("real = type(moments[0])", "only the type is taken"),
         ("basis[p, q] = real(p == q)  ->  basis[p, q] = -real(p == q)", "an eigenvector has no sign"),
         ("best = (w / size, i / size, j / size, k / size)", "the size is one up to rounding"),
-        ("weight = max(floor, real(16) * lost / most)  ->  weight = max(floor, real(17)", "a bound with reserve"),
     ],
     "diagonalised": [
         ("range(8)", "fewer sweeps are enough"),
@@ -283,7 +269,6 @@ HARMLESS = {
     # of sparse grids
     "cell_coordinate": [
         ("scaled = float(x) * inverse_cell - shift", "no program of a CPU shifts the cells"),
-        ("return -FARTHEST", "no block is at either end"),
     ],
     "find_node": [("return find_node_near(blocks, jx, jy, jz, -1)", "where the search begins")],
     "find_node_near": [
@@ -296,7 +281,6 @@ HARMLESS = {
     ],
     "trilinear": [("phi, gx, gy, gz, _ = trilinear_near(x, y, z, field, ", "where the search begins")],
     "trilinear_near": [
-        ("node >= 0  ->  node >= 1", "the first node is found by its coordinates as well"),
         ("least >= 0  ->  least >= 1", "the first node is found by its coordinates as well"),
         (
             f"return ({SLOPES}, node >> 6)  ->  return ({SLOPES}, node >> 7)",
@@ -305,17 +289,13 @@ HARMLESS = {
     ],
     "relax": [
         ("block = -1", "where the search begins"),
-        (
-            "range(part * PART, min((part + 1) * PART, count))  ->  range(part * PART, min((part + 2) * PART",
-            "the next part writes its own rows again",
-        ),
         ("prange((count + PART - 1) // PART)  ->  prange((count + PART + 1)", "a part without rows"),
     ],
     "count_blocks": [("block_count[t] = blocks_of_triangle(t, triangles, band_grid, -1", "any negative number counts")],
     "triangle_offset": [("ox, oy, oz = (real(0), real(0), real(0))", "set again where they are used")],
     "entry": [("never = real(2)", "any number above one says that there is none")],
     "clipped": [
-        ("last = real(-1)", "outside of the box no distance is negative"),
+        ("last = real(-1)  ->  last = real(-2)", "any negative number says so"),
         ("first, last = (real(0), real(1))  ->  first, last = (real(0), real(2))", "cut off at one by its caller"),
     ],
     "corrected_step": [

@@ -259,3 +259,16 @@ def higher_than_wide():
         {"position": np.array([[0.0, 0.5, 2.5]]), "velocity": np.array([[-1.0, 0.0, 0.0]]),
          "corrections": np.array([1]), "displacement": np.array([0.140625, 0.0])},
     )  # fmt: skip
+
+
+@closed_form("penetration.kick_drift")
+def along_the_box():
+    """Beside the box, which ends at y = 0, no distance is looked at: deep inside the wall a particle moves on."""
+    made, given = _fall((6.0, 0.5, 0.5), (2.0, 0.0, 0.0))
+    given["solid_field"] = _wall()
+    given["penetration"] = given["penetration"]._replace(lower=np.full(3, -99.0), upper=np.array([99.0, 0.0, 99.0]))
+    return Exact(
+        made, given,
+        {"position": np.array([[8.0, 0.5, 0.5]]), "velocity": np.array([[2.0, 0.0, 0.0]]),
+         "corrections": np.array([0]), "displacement": np.array([4.0, 0.0])},
+    )  # fmt: skip
