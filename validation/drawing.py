@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import contextlib
 import functools
 import gzip
@@ -9,6 +10,7 @@ import importlib.util
 import io
 import json
 import sys
+import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -88,6 +90,19 @@ def shortened(value: Any) -> Any:
     if isinstance(value, list):
         return [shortened(each) for each in value]
     return float(f"{value:.{DIGITS}g}") if isinstance(value, float) else value
+
+
+def packed(values: NDArray) -> str:
+    """Whole numbers (n,) or (n, c) as text: differences from row to row, compressed."""
+    rows = np.diff(values, axis=0, prepend=np.zeros_like(values[:1]))
+    return base64.b64encode(zlib.compress(np.ascontiguousarray(rows.T).tobytes(), 9)).decode()
+
+
+def unpacked(text: str, dtype: str, columns: int = 1) -> NDArray:
+    """What was packed: (n,), or (n, columns)."""
+    rows = np.frombuffer(zlib.decompress(base64.b64decode(text)), dtype).reshape(columns, -1).T
+    values = np.cumsum(rows, axis=0, dtype=dtype)
+    return values if columns > 1 else values[:, 0]
 
 
 def read_data(folder: Path, name: str) -> Any:

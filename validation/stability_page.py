@@ -62,7 +62,15 @@ GRIDS = {  # systems whose cases cross with models: suffix of the case's name, w
         "second_moment": "second moment",
     },
 }
-PICTURES = {"splash_two_step": ("figure_4", "the detectors in the splash at 1.0 s")}  # of what failures look like
+PICTURES = {  # of what failures look like
+    **dict.fromkeys(
+        ("impact_wall", "edge_wedge", "edge_level_plate", "beside_walls_3d_number_density", "sheet_1_fan_scan",
+         "sheet_1_two_step", "filament", "heat_s_max_1e7"),
+        ("known_failures", "a panel each"),
+    ),
+    **{f"splash_{name}": ("figure_4", "the detectors in the splash at 1.0 s")
+       for name in ("number_density", "fan_scan", "two_step", "two_step_printed", "second_moment")},
+}  # fmt: skip
 
 
 def kind(outcome: str) -> str:

@@ -190,7 +190,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("scene", help="scene file (TOML)")
     parser.add_argument("--backend", default="cpu", help=f"whose kernels are named: {', '.join(BACKENDS)} (cpu)")
     parser.add_argument("--time", action="store_true", help="predict seconds and memory on this machine's backends")
-    parser.add_argument("--threads", type=int, metavar="N", help="CPU threads for --time (all)")
+    parser.add_argument("--threads", type=int, metavar="N", help="CPU threads for --time (one for 1,024 particles)")
     parser.add_argument("--fresh", action="store_true", help="measure the constants of --time anew")
 
 

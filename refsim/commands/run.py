@@ -40,7 +40,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add("--checkpoint-every", type=float, default=60.0, metavar="S", help="wall time between checkpoints [s] (60)")
     add("--resume", metavar="FILE|DIR", help="go on from a checkpoint, or from the newest one in a folder")
     add("--overwrite", action="store_true", help="begin anew in a folder that holds an earlier run")
-    add("--threads", type=int, metavar="N", help="CPU threads (all)")
+    add("--threads", type=int, metavar="N", help="CPU threads (one for 1,024 particles, at most all)")
     add("--profile", action="store_true", help="time every pass to its end, and print the seconds by pass")
     add("--quiet", action="store_true", help="no progress")
 

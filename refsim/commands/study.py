@@ -36,7 +36,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add("--knobs", default=",".join(KNOBS), metavar="LIST", help=f"what to change ({','.join(KNOBS)})")
     add("--error", type=float, default=0.01, metavar="E", help="relative error to reach (0.01)")
     add("--backend", default="cpu", help="cpu, cuda or numpy (cpu)")
-    add("--threads", type=int, metavar="N", help="CPU threads (all)")
+    add("--threads", type=int, metavar="N", help="CPU threads (one for 1,024 particles, at most all)")
     add("--scheduler", metavar="ADDRESS", help="do the runs on the workers of a Dask scheduler")
     add("--output", metavar="DIR", help="folder of the study (NAME_study for NAME.toml)")
     add("--quiet", action="store_true", help="no progress")

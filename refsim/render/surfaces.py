@@ -58,7 +58,7 @@ def surface_around(
     size = cell * spacing
     if not len(points):
         return SurfaceMesh(np.zeros((0, 3), np.float32), np.zeros((0, dim), np.int32))
-    first, phi, held = _distances(points, spacing, size)
+    first, phi, held = distances(points, spacing, size)
 
     def place(nodes: NDArray) -> NDArray[np.float64]:
         found = np.zeros((len(nodes), 3))
@@ -104,7 +104,7 @@ def splash_surface(position: ArrayLike, spacing: float, cell: float = CELL) -> S
     return SurfaceMesh(np.asarray(mesh.vertices), np.asarray(mesh.triangles, dtype=np.int64))
 
 
-def _distances(
+def distances(
     points: NDArray, spacing: float, size: float
 ) -> tuple[NDArray[np.int64], NDArray[np.float32], NDArray[np.float32]]:
     """Integer coordinates of the grid's first node; at its nodes, `size` [m] apart, phi [m] and a factor from 0 to 1.

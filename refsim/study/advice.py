@@ -11,7 +11,7 @@ import importlib.resources
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 from refsim.backends.arrays import unavailable
@@ -39,7 +39,7 @@ class Advice:
 
     observable: Mapping[str, Any]
     error: float
-    cell: Mapping[str, Any] = field(default_factory=dict)
+    cell: Mapping[str, Any]
     own: float = math.nan
     own_note: str = ""
     scene: str = ""
@@ -63,8 +63,6 @@ def find(observable: str, error: float) -> Advice:
     row = known[observable]
     if not 0 < error < 1:
         raise InputError(f"advise: an error of {error:g} is not possible; give a share between 0 and 1, 0.01 for 1 %.")
-    if "missing" in row:
-        return Advice(row, error)
     fits = [cell for cell in row["answers"] if cell["error"] <= error * (1 + 1e-9)]
     if not fits:
         least = min(cell["error"] for cell in row["answers"])
@@ -106,8 +104,6 @@ def _with(advice: Advice, seconds: float, note: str) -> Advice:
 def text_of(advice: Advice, gpu: bool = False) -> str:
     """The row as text."""
     row, cell = advice.observable, advice.cell
-    if "missing" in row:
-        return f"{row['words']}: {row['missing']}. A scene of your own: refsim study."
     head = f"{row['words']}: an error of {percent(advice.error)} {row['relative']}"
     if "no_meaning" in cell:
         return f"{head}\n  no meaning: {cell['no_meaning']}"

@@ -12,6 +12,7 @@ from refsim.core.operation import REGISTRY
 from refsim.scene.scene import make_plan
 from refsim.scene.solids import body_cells
 from validation.checks import FAIL
+from validation.drawing import unpacked
 from validation.experiment import Options
 from validation.experiments.melting import experiment as melting
 from validation.experiments.melting import pictures, rival, runs, shapes
@@ -92,7 +93,7 @@ def test_a_run_keeps_frames_and_what_it_watched(cube):
 def test_stages_are_drawn_from_their_data(cube, tmp_path, monkeypatch):
     """Packed positions come back, and the picture needs nothing else."""
     data = json.loads(json.dumps(finite(pictures.stage_data("figure_4", "a cube")({"figure_4": cube}))))
-    back = pictures.unpacked(data["frames"][1]["position_cm"], "int16", 3)
+    back = unpacked(data["frames"][1]["position_cm"], "int16", 3)
     assert (back == cube.arrays["position_1"]).all()
     monkeypatch.setattr(pictures, "PIXELS", pictures.PIXELS // 4)  # of a side: shading takes most of the time
     figure = pictures.stage_picture(-68.0, 16.0, False)(data)

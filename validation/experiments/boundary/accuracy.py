@@ -6,12 +6,13 @@ from typing import Any
 
 from validation.accuracy import Panel
 from validation.experiment import Options, Run
-from validation.experiments.boundary import sampling_runs
+from validation.experiments.boundary import sampling_runs, tank_runs
 from validation.work_precision import REPEATS
 
 ITERATIONS = (1, 3, 10, 20, 30, 1000)
 SPACINGS = (0.16, 0.08, 0.04, 0.02)
 COUNT = 5000
+TANKS = (6, 10, 14, 20)  # particles along an edge
 
 
 def quality_runs(options: Options) -> list[Run]:
@@ -43,6 +44,21 @@ def distance_runs(options: Options) -> list[Run]:
     return [Run("distance", sampling_runs.distance, parameters, estimate=40.0)]
 
 
+def tank_runs_of(options: Options) -> list[Run]:
+    """One run, in which all settings take turns; with --quick the coarsest, once."""
+    settings: dict[str, dict[str, Any]] = {}
+    for cells in TANKS[:1] if options.quick else TANKS:
+        for dtype in ("float32", "float64") if cells == TANKS[1] else ("float32",):
+            knobs = {"spacing": tank_runs.HEIGHT / cells, "dtype": dtype, "backend": options.backend}
+            key = f"n{cells}" + ("_float64" if dtype == "float64" else "")
+            settings[key] = {"words": f"d = H/{cells}, {dtype}", "knobs": knobs, "cells": cells}
+    parameters = {
+        "settings": settings, "backend": options.backend, "threads": options.threads,
+        "repeats": 1 if options.quick else REPEATS,
+    }  # fmt: skip
+    return [Run("tanks", tank_runs.tanks, parameters, estimate=3.0 if options.quick else 120.0)]
+
+
 PANELS = (
     Panel(
         name="boundary_sampling",
@@ -71,5 +87,18 @@ PANELS = (
         arithmetic=(f"h{SPACINGS[1]:g}", f"h{SPACINGS[1]:g}_float64"),
         tolerance="nothing is iterated",
         omissions=lambda options: ["spacings below the mesh's own edges, 0.017 m"],
+    ),
+    Panel(
+        name="tank_pressure",
+        title="Pressure of a tank whose walls are a mesh",
+        observable="rms error of the pressure over rho g H",
+        reference="hydrostatic pressure of the compressible liquid",
+        stated=0.05,
+        runs=tank_runs_of,
+        space=tuple(f"n{cells}" for cells in TANKS),
+        space_theory=1.0,
+        time="the stable step alone",
+        arithmetic=(f"n{TANKS[1]}", f"n{TANKS[1]}_float64"),
+        tolerance="no solver iterates",
     ),
 )

@@ -16,6 +16,8 @@ from validation.drawing import (
     GREY,
     ORANGE,
     VERMILION,
+    packed,
+    unpacked,
     view_matrix,
 )  # fmt: skip
 from validation.experiment import Results
@@ -35,7 +37,8 @@ def shape_data(results: Results) -> dict[str, Any]:
         v = result.values
         towards = np.round(result.arrays["normal"], 3) @ VIEW[2]
         made["shapes"][shape] = {
-            "position": np.round(result.arrays["position"], 4), "facing": (towards > -0.05).astype(int),
+            "position_tenth_millimetres": packed(np.round(1e4 * result.arrays["position"]).astype(np.int16)),
+            "facing": packed((towards > -0.05).astype(np.uint8)),
             **{k: v[k] for k in ("radius", "particles", "least", "variation", "mean_over_2r", "iterations", "holes")},
         }  # fmt: skip
     return made
@@ -46,10 +49,10 @@ def shape_picture(data: Mapping[str, Any]) -> Any:
     figure, panels = plt.subplots(2, 3, figsize=(10.2, 7.0))
     last = None
     for axes, (shape, row) in zip(panels.flat, data["shapes"].items()):
-        position = floats(row["position"]) @ VIEW.T
+        position = 1e-4 * unpacked(row["position_tenth_millimetres"], "int16", 3) @ VIEW.T
         nearest = cKDTree(position).query(position, k=2)[0][:, 1] / (2 * row["radius"])
         order = np.argsort(position[:, 2])
-        order = order[np.array(row["facing"], bool)[order]]
+        order = order[unpacked(row["facing"], "uint8")[order] > 0]
         size = np.full(len(order), 1.7 * row["radius"])
         last = EllipseCollection(
             size, size, np.zeros(len(order)), units="xy", offsets=position[order, :2], transOffset=axes.transData,

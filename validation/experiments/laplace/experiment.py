@@ -10,7 +10,7 @@ import numpy as np
 
 from validation.checks import Checks
 from validation.experiment import Experiment, Options, Picture, Results, Run
-from validation.experiments.laplace import pictures
+from validation.experiments.laplace import accuracy, pictures
 from validation.measure.drops import MODELS, SEEDED, fit_laplace
 from validation.measure.sigma_map import at_base, drop_run, map_run, words_of
 from validation.results import real
@@ -187,4 +187,5 @@ EXPERIMENT = Experiment(
         Picture("sigma_map", pictures.map_data, pictures.map_picture, ("map",)),
     ),
     tables=tables,
+    panels=accuracy.PANELS,
 )

@@ -6,7 +6,7 @@ from refsim.backends.arrays import unavailable
 from validation.checks import Checks
 from validation.claims import measures
 from validation.experiment import Experiment, Options, Picture, Results, Run
-from validation.experiments.melting import accuracy, claims, device, pictures, runs, stability
+from validation.experiments.melting import accuracy, claims, device, floating, pictures, runs, stability
 from validation.experiments.melting.runs import ON_GPU, PAPER, SOLID_SHARES, WIDTHS
 from validation.results import real
 from validation.tables import Table
@@ -197,5 +197,5 @@ EXPERIMENT = Experiment(
     tables=tables,
     claims=measures(claims),
     hard_cases=stability.CASES,
-    panels=accuracy.PANELS,
+    panels=(*accuracy.PANELS, *floating.PANELS),
 )  # fmt: skip

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import base64
-import zlib
 from collections.abc import Mapping
 from typing import Any
 
@@ -15,7 +13,7 @@ from numpy.typing import NDArray
 
 from refsim.render.space import Body
 from validation.checks import bars
-from validation.drawing import GREY, ball_picture, body_picture, stacked_bars, view_matrix
+from validation.drawing import GREY, ball_picture, body_picture, packed, stacked_bars, unpacked, view_matrix
 from validation.experiment import Results
 from validation.experiments.melting.runs import ON_GPU, PAPER, SOLID_SHARES, WIDTHS, grouped
 from validation.experiments.melting.scene import SPACING
@@ -32,19 +30,6 @@ BODY = {
 ICE = (0.86, 0.93, 0.98)
 CELL = 0.5 * SPACING  # of the grid on which surfaces are extracted
 PIXELS = 720
-
-
-def packed(values: NDArray) -> str:
-    """Whole numbers (n,) or (n, c) as text: differences from row to row, compressed."""
-    rows = np.diff(values, axis=0, prepend=np.zeros_like(values[:1]))
-    return base64.b64encode(zlib.compress(np.ascontiguousarray(rows.T).tobytes(), 9)).decode()
-
-
-def unpacked(text: str, dtype: str, columns: int = 1) -> NDArray:
-    """What was packed: (n,), or (n, columns)."""
-    rows = np.frombuffer(zlib.decompress(base64.b64decode(text)), dtype).reshape(columns, -1).T
-    values = np.cumsum(rows, axis=0, dtype=dtype)
-    return values if columns > 1 else values[:, 0]
 
 
 def stage_data(key: str, title: str) -> Any:

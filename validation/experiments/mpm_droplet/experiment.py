@@ -12,7 +12,7 @@ from refsim.mpm import READINGS
 from validation.checks import Checks
 from validation.claims import measures
 from validation.experiment import Experiment, Options, Picture, Results, Run
-from validation.experiments.mpm_droplet import accuracy, claims, drops, pictures, runs, stability
+from validation.experiments.mpm_droplet import accuracy, claims, drops, fine_runs, pictures, runs, stability
 from validation.experiments.mpm_droplet.scene import CELLS
 from validation.results import real
 from validation.tables import Table
@@ -139,6 +139,8 @@ def bodies(options: Options) -> list[Run]:
         add(f"floor_3d_{angle}", drops.on_floor, 60.0, dim=3, radius=6.0, angle=angle, until=0.5,
             shown=[0.0, 0.1, 0.2, 0.5],
             liquid=DAMPED)  # fmt: skip
+    for key, parameters in fine_runs.RUNS.items():
+        add(f"fine_{key}", fine_runs.smooth, 200.0, **parameters)
     add("sheet", drops.sheet, 10.0, length=40.0, thick=1.0, tension=0.1, until=0.07, shown=[0.0, 0.02, 0.04, 0.06])
     for printed in ERRATA:
         for dim, size, until in ((2, 12.0, 0.15), (3, 6.0, 0.06)):
@@ -494,8 +496,14 @@ EXPERIMENT = Experiment(
             pictures.settling_picture,
             ("box", "box_thin"),
         ),
+        Picture("mpm_drops", pictures.drops_data, pictures.drops_picture, pictures.DROPS, shaded=True),
         Picture("mpm_collision", pictures.collision_data, pictures.collision_picture, ("collision_2d", "collision_3d")),
-        Picture("mpm_floor", pictures.floor_data, pictures.floor_picture, tuple(f"floor_3d_{a}" for a in ANGLES)),
+        Picture(
+            "mpm_floor",
+            pictures.floor_data,
+            pictures.floor_picture,
+            tuple(f"{size}_{a}" for size in ("floor_2d", "floor_3d") for a in ANGLES),
+        ),
         Picture("mpm_pressure", pictures.pressure_data, pictures.pressure_picture, ("rest_2d_22_enclosing_0",)),
         Picture(
             "mpm_frequency",

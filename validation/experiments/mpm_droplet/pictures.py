@@ -19,12 +19,16 @@ from validation.drawing import (
     ORANGE,
     VERMILION,
     WATER,
+    packed,
     show_image,
     surface_picture,
+    unpacked,
     view_matrix,
 )
 from validation.experiment import Results
+from validation.experiments.mpm_droplet import fine_runs
 from validation.experiments.surface_reconstruction.pictures import pipeline
+from validation.metrics.droplet import contour
 from validation.results import floats, real
 
 COLOURS = {"none": GREY, "cluster": BLUE, "thesis": VERMILION, "gradient_corrected": ORANGE}
@@ -107,11 +111,23 @@ LEDGER = (
 
 
 def frames_of(result: Any, count: int) -> list[dict[str, Any]]:
-    """Surfaces of a run, in cells."""
-    names = [str(k) for k in range(count) if f"vertices_{k}" in result.arrays]
-    return [
-        {"vertices": np.round(result.arrays[f"vertices_{k}"], 2), "facets": result.arrays[f"facets_{k}"]} for k in names
-    ]
+    """Surfaces of a run, in hundredths of a cell."""
+    made = []
+    for k in (k for k in range(count) if f"vertices_{k}" in result.arrays):
+        vertices = np.round(100 * result.arrays[f"vertices_{k}"]).astype(np.int16)
+        facets = result.arrays[f"facets_{k}"].astype(np.int32)
+        made.append({"vertices": packed(vertices), "facets": packed(facets), "corners": facets.shape[1]})
+    return made
+
+
+def vertices_of(frame: Mapping[str, Any]) -> np.ndarray:
+    """Vertices (v, 3) of a frame's surface, in cells."""
+    return 0.01 * unpacked(frame["vertices"], "int16", 3)
+
+
+def facets_of(frame: Mapping[str, Any]) -> np.ndarray:
+    """Facets (f, 2) or (f, 3) of a frame's surface."""
+    return unpacked(frame["facets"], "int32", frame["corners"])
 
 
 def upright(vertices: Any) -> np.ndarray:
@@ -122,9 +138,13 @@ def upright(vertices: Any) -> np.ndarray:
 
 def shaded(axes: Any, frame: Mapping[str, Any], extent: float, turn: bool = False, middle: Any = None) -> None:
     """A lit surface, its middle (or the given one) in the middle of the panel."""
-    v = upright(frame["vertices"]) if turn else floats(frame["vertices"])
-    v = v - (v.mean(0) if middle is None else middle)
-    show_image(axes, surface_picture(v, np.array(frame["facets"]), WATER, VIEW, extent, 420), extent)
+    lit(axes, upright(vertices_of(frame)) if turn else vertices_of(frame), facets_of(frame), extent, middle)
+
+
+def lit(axes: Any, vertices: np.ndarray, facets: np.ndarray, extent: float, middle: Any = None) -> None:
+    """A lit surface, its middle (or the given one) in the middle of the panel."""
+    v = vertices - (vertices.mean(0) if middle is None else middle)
+    show_image(axes, surface_picture(v, facets, WATER, VIEW, extent, 420), extent)
 
 
 def ledger_lines(axes: Any, series: Mapping[str, Any], names: Any = LEDGER) -> None:
@@ -150,7 +170,6 @@ SURFACES = {
     "square_cluster": "square, 20 h", "swing_2d_16": "ellipse, R = 16 h", "rest_2d_11_default_0": "disc, R = 11 h",
     "collision_2d": "two discs, R = 8 h", "floor_2d_60": "floor, 60 degrees", "floor_2d_120": "floor, 120 degrees",
     "cube": "cube, 10 h", "swing_3d_6": "spheroid, R = 6.2 h", "rest_3d_6_default_0": "ball, R = 6 h",
-    "floor_3d_60": "floor, 60 degrees", "floor_3d_90": "floor, 90 degrees", "floor_3d_120": "floor, 120 degrees",
 }  # fmt: skip
 LEDGERS = {
     "square_cluster": "square to disc", "swing_2d_16": "ellipse", "rest_2d_11_default_0": "disc at rest",
@@ -163,7 +182,7 @@ LEDGERS = {
 
 def outline(axes: Any, frame: Mapping[str, Any], colour: str, unit: float = 1.0) -> None:
     """A reconstructed outline in the plane; vertices in `unit` of the axes."""
-    corner = unit * floats(frame["vertices"])[np.array(frame["facets"])][:, :, :2]
+    corner = unit * vertices_of(frame)[facets_of(frame)][:, :, :2]
     axes.add_collection(LineCollection(corner, colors=colour, linewidths=1.2, capstyle="round"))
 
 
@@ -190,7 +209,7 @@ def surfaces_picture(data: Mapping[str, Any]) -> Any:
         axes.set_axis_off()
     for side, half in enumerate(halves):
         for line, row in zip(panels[:, side * count : (side + 1) * count], half):
-            places = [upright(f["vertices"]) if row["floor"] else floats(f["vertices"]) for f in row["frames"]]
+            places = [upright(vertices_of(f)) if row["floor"] else vertices_of(f) for f in row["frames"]]
             if row["space"]:  # seen from any side
                 extent = 1.02 * max(np.linalg.norm(p - middle_of(p), axis=1).max() for p in places)
             else:
@@ -201,7 +220,7 @@ def surfaces_picture(data: Mapping[str, Any]) -> Any:
                     shaded(axes, frame, extent, turn=row["floor"], middle=middle)
                 else:
                     outline(axes, frame, BLUE)
-                    middle = middle_of(floats(frame["vertices"]))
+                    middle = middle_of(vertices_of(frame))
                     axes.set(xlim=(middle[0] - extent, middle[0] + extent))
                     axes.set(ylim=(middle[1] - extent, middle[1] + extent), aspect="equal")
                     if row["floor"]:
@@ -285,7 +304,7 @@ def box_picture(data: Mapping[str, Any]) -> Any:
     count = len(data["frames"])
     figure = plt.figure(figsize=(10.4, 5.2))
     above, below = figure.subfigures(2, 1, height_ratios=(1, 1.9))
-    extent = 1.04 * max(np.abs(floats(f["vertices"]) - floats(f["vertices"]).mean(0)).max() for f in data["frames"])
+    extent = 1.04 * max(np.abs(vertices_of(f) - vertices_of(f).mean(0)).max() for f in data["frames"])
     for axes, at, frame in zip(above.subplots(1, count), data["times"], data["frames"]):
         shaded(axes, frame, extent)
         axes.set_title(f"{at:g} s", loc="center", fontweight="normal")
@@ -374,28 +393,72 @@ def settling_picture(data: Mapping[str, Any]) -> Any:
     return figure
 
 
+DROPS = tuple(f"fine_{key}" for key in fine_runs.RUNS)  # runs at twice the resolution
+LEVEL, BAND = (
+    0.02,
+    0.76,
+)  # cells: rounding of the distances, and beyond which they are cut off: more than between two nodes
+BODIES = {"collision": "collision", "merging": "merging", "floor": "on a floor, {angle} degrees"}
+
+
+def drops_data(results: Results) -> dict[str, Any]:
+    """Distances from the smooth surfaces of drops in space."""
+    rows = []
+    for key in DROPS:
+        result, asked = results[key], fine_runs.RUNS[key.removeprefix("fine_")]
+        frames = []
+        for k in range(len(asked["shown"])):
+            distance = np.clip(fine_runs.UNIT * result.arrays[f"distance_{k}"].astype(float), -BAND, BAND) / LEVEL
+            packed_distance = packed(distance.round().astype(np.int8).reshape(-1))
+            first = result.arrays[f"first_{k}"].tolist()
+            frames.append({"first": first, "shape": list(distance.shape), "distance": packed_distance})
+        words = BODIES[asked["body"]].format(**asked)
+        rows.append({"words": words, "floor": asked["body"] == "floor", "times": asked["shown"], "frames": frames,
+                     "particles": result.values["particles"]})  # fmt: skip
+    return {"title": "Drops that meet, merge and stand on floors", "rows": rows}
+
+
+def smooth_surface(frame: Mapping[str, Any]) -> tuple[np.ndarray, np.ndarray]:
+    """(vertices [cells], triangles) of the surface of a frame."""
+    values = LEVEL * unpacked(frame["distance"], "int8").astype(float).reshape(frame["shape"])
+    vertices, facets = contour(values)
+    return fine_runs.NODE * (vertices + np.array(frame["first"])), facets
+
+
+def drops_picture(data: Mapping[str, Any]) -> Any:
+    """A row for each body, time from left to right."""
+    count = max(len(row["frames"]) for row in data["rows"])
+    figure, panels = plt.subplots(len(data["rows"]), count, figsize=(10.8, 1.8 * len(data["rows"])), squeeze=False)
+    for line, row in zip(panels, data["rows"]):
+        bodies = [smooth_surface(frame) for frame in row["frames"]]
+        extent = 1.02 * max(np.abs(vertices - middle_of(vertices)).max() for vertices, _ in bodies)
+        for axes in line:
+            axes.set_axis_off()
+        for axes, at, (vertices, facets) in zip(line, row["times"], bodies):
+            middle = middle_of(vertices)
+            if row["floor"]:  # the floor stands still
+                middle[1] = 0.4 * extent
+            lit(axes, upright(vertices), facets, extent, upright(middle[None])[0])
+            axes.set_title(f"{at:g} s", loc="center", fontweight="normal", fontsize=8)
+        line[0].text(0.0, 1.2, row["words"], transform=line[0].transAxes, fontsize=9, fontweight="bold")
+    return figure
+
+
 def collision_data(results: Results) -> dict[str, Any]:
-    """Surfaces of two drops that meet in space, and the ledgers in space and in the plane."""
+    """Ledgers of two drops that meet, in space and in the plane."""
     space, plane = results["collision_3d"], results["collision_2d"]
     return {
-        "title": "Two drops meet off their axis", "times": space.values["shown"],
-        "frames": frames_of(space, len(space.values["shown"])),
+        "title": "Two drops meet off their axis",
         "space": chosen(space.values["series"], *ENERGIES), "plane": chosen(plane.values["series"], *ENERGIES),
         "kept": {name: [r.values[name] for r in (space, plane)] for name in ("momentum", "angular", "centre")},
     }  # fmt: skip
 
 
 def collision_picture(data: Mapping[str, Any]) -> Any:
-    """Lit surfaces above, energies below."""
-    count = len(data["frames"])
-    figure = plt.figure(figsize=(10.4, 5.0))
-    above, below = figure.subfigures(2, 1, height_ratios=(1, 1.6))
-    extent = 1.02 * max(np.abs(floats(f["vertices"]) - floats(f["vertices"]).mean(0)).max() for f in data["frames"])
-    for axes, at, frame in zip(above.subplots(1, count), data["times"], data["frames"]):
-        shaded(axes, frame, extent, turn=True)
-        axes.set_title(f"{at:g} s", loc="center", fontweight="normal")
+    """Energies over time in space and in the plane."""
+    figure, panels = plt.subplots(1, 2, figsize=(10.4, 3.0))
     parts = (("space", "In space", "J"), ("plane", "In the plane", "J/m"))
-    for k, (axes, (name, words, unit)) in enumerate(zip(below.subplots(1, 2), parts)):
+    for k, (axes, (name, words, unit)) in enumerate(zip(panels, parts)):
         ledger_lines(axes, data[name])
         axes.set_ylabel(f"energy [{unit}]")
         axes.set_ylim(bottom=0)
@@ -408,37 +471,25 @@ def collision_picture(data: Mapping[str, Any]) -> Any:
 
 
 def floor_data(results: Results) -> dict[str, Any]:
-    """Drops on a floor at the end, and their angles over time in the plane and in space."""
+    """Angles of drops on a floor over time, in the plane and in space."""
     angles = sorted(int(key.removeprefix("floor_3d_")) for key in results if key.startswith("floor_3d_"))
-    made: dict[str, Any] = {"title": "Drops on a slipping floor", "angles": angles, "frames": [], "curves": {}}
+    curves = {}
     for angle in angles:
-        result = results[f"floor_3d_{angle}"]
-        made["frames"].append(frames_of(result, len(result.values["shown"]))[-1])
         for dim in (2, 3):
-            if f"floor_{dim}d_{angle}" in results:
-                v = results[f"floor_{dim}d_{angle}"].values
-                curve = {"time": v["time"][::4], "angle": v["angles"][::4], "mean": v["angle"]}
-                made["curves"][f"{dim}d_{angle}"] = curve
-    return made
+            v = results[f"floor_{dim}d_{angle}"].values
+            curves[f"{dim}d_{angle}"] = {"time": v["time"][::4], "angle": v["angles"][::4], "mean": v["angle"]}
+    return {"title": "Drops on a slipping floor", "angles": angles, "curves": curves}
 
 
 def floor_picture(data: Mapping[str, Any]) -> Any:
-    """Three lit drops, and angles over time."""
-    figure, panels = plt.subplots(1, 4, figsize=(10.8, 3.1), width_ratios=(1, 1, 1, 1.5))
-    extent = 1.05 * max(np.abs(upright(f["vertices"])[:, :2]).max() for f in data["frames"])
-    for axes, angle, frame in zip(panels, data["angles"], data["frames"]):
-        v = upright(frame["vertices"])
-        shaded(axes, frame, extent, turn=True, middle=np.array([v[:, 0].mean(), v[:, 1].mean(), 0.35 * extent]))
-        axes.set_title(f"requested {angle}°, measured {data['curves'][f'3d_{angle}']['mean']:.0f}°", loc="center",
-                       fontweight="normal")  # fmt: skip
-    axes = panels[-1]
+    """Contact angles over time, beside the angles asked for."""
+    figure, axes = plt.subplots(figsize=(6.4, 2.8))
     for angle, colour in zip(data["angles"], (BLUE, GREEN, VERMILION)):
         axes.axhline(angle, color=GREY, linewidth=0.8)
         for dim, line in ((2, "--"), (3, "-")):
-            curve = data["curves"].get(f"{dim}d_{angle}")
-            if curve is not None:
-                label = ("in space" if dim == 3 else "in the plane") if angle == 90 else None
-                axes.plot(curve["time"], floats(curve["angle"]), line, color=colour, label=label, linewidth=1.3)
+            curve = data["curves"][f"{dim}d_{angle}"]
+            label = ("in space" if dim == 3 else "in the plane") if angle == 90 else None
+            axes.plot(curve["time"], floats(curve["angle"]), line, color=colour, label=label, linewidth=1.3)
     axes.set(ylim=(20, 160), xlabel="time [s]", ylabel="contact angle [degrees]")
     axes.legend(loc="upper right")
     return figure
@@ -562,7 +613,7 @@ def sheet_picture(data: Mapping[str, Any]) -> Any:
     figure, (left, right) = plt.subplots(1, 2, figsize=(9.6, 3.2), width_ratios=(1.5, 1))
     gap = 7.0
     for k, (at, frame) in enumerate(zip(data["times"], data["frames"])):
-        corner = floats(frame["vertices"])[np.array(frame["facets"])][:, :, :2] - [0.0, k * gap]
+        corner = vertices_of(frame)[facets_of(frame)][:, :, :2] - [0.0, k * gap]
         left.add_collection(LineCollection(corner, colors=BLUE, linewidths=1.2))
         left.text(22.5, -k * gap, f"{at:g} s", va="center", fontsize=8.5)
     left.set(xlim=(-22, 28), ylim=(-gap * (len(data["frames"]) - 0.3), 0.7 * gap), aspect="equal", xlabel="cells")
@@ -593,7 +644,7 @@ def example_data(results: Results) -> dict[str, Any]:
 def example_picture(data: Mapping[str, Any]) -> Any:
     """A row of lit surfaces."""
     figure, panels = plt.subplots(1, len(data["frames"]), figsize=(10.4, 2.1))
-    extent = 1.04 * max(np.abs(floats(f["vertices"]) - floats(f["vertices"]).mean(0)).max() for f in data["frames"])
+    extent = 1.04 * max(np.abs(vertices_of(f) - vertices_of(f).mean(0)).max() for f in data["frames"])
     for axes, at, frame in zip(panels, data["times"], data["frames"]):
         shaded(axes, frame, extent)
         axes.set_title(f"{1e3 * at:g} ms", loc="center", fontweight="normal")

@@ -11,6 +11,7 @@ import numpy as np
 from refsim import calibrate
 from validation.checks import Checks
 from validation.experiment import Experiment, Options, Picture, Results, Run
+from validation.experiments.laplace import accuracy
 from validation.experiments.oscillation import pictures
 from validation.measure.drops import MODELS
 from validation.measure.sigma_map import WORST_MISFIT, drop_run, map_run
@@ -94,4 +95,5 @@ EXPERIMENT = Experiment(
     checks=checks,
     pictures=(Picture("oscillation", pictures.data, pictures.picture, ("map",)),),
     tables=tables,
+    panels=accuracy.OSCILLATION_PANELS,
 )
