@@ -251,7 +251,7 @@ OBSERVABLES: dict[str, Observable] = {
         "a box of half the water's density that floats",
         "of the box's edge",
         unit="height over the water's level in edges",
-        method="half_width",
+        method="scheme",
         meaning=(0.01, "the water's level is known to a fraction of a spacing"),
         scene=_floating_scene,
         page="two_way_coupling.md",

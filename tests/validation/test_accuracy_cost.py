@@ -14,11 +14,16 @@ from validation.__main__ import main
 from validation.accuracy import Band, Panel
 from validation.checks import ACCURACY, Check, Checks
 from validation.experiment import Experiment, Options, Picture, Run, discover
+from validation.experiments.boundary import tank_runs
 from validation.experiments.dam_break import accuracy as dam_panels
 from validation.experiments.dam_break import accuracy_runs as dam_runs
 from validation.experiments.droplet import accuracy as drop_panels
 from validation.experiments.droplet import accuracy_runs as drop_runs
+from validation.experiments.laplace import accuracy as tension_panels
+from validation.experiments.melting import float_runs
 from validation.experiments.mpm_droplet import accuracy as mpm_panels
+from validation.experiments.mpm_droplet import frequency_runs
+from validation.experiments.solutions import pressure_runs
 from validation.experiments.surface_reconstruction import accuracy as surface_panels
 from validation.gpu_readings import gpu_runs, keep, reported, without_gpu
 from validation.metrics import shapes
@@ -453,7 +458,7 @@ def test_settings_of_the_panels_are_all_there():
 
 def test_lines_and_sources_join_settings_that_are_measured():
     for (made,), given in (
-        (mpm_panels.PANELS, mpm_panels.settings(Options())),
+        (mpm_panels.PANELS[:1], mpm_panels.settings(Options())),
         (surface_panels.PANELS, surface_panels.settings(Options())),
     ):
         on_gpu = {f"cuda_{key}" for key in sys.modules[made.runs.__module__].settings(Options(backend="cuda"))}
@@ -461,6 +466,48 @@ def test_lines_and_sources_join_settings_that_are_measured():
             if not isinstance(wanted, str):
                 assert set(wanted) <= set(given) | on_gpu
         assert {key for _, *pair in made.effects for key in pair} <= set(given)
+
+
+LIQUIDS = {  # panel: (the run's function of one setting, what it keeps at the coarsest, arguments that shorten it)
+    "tank_pressure": (tank_runs.rested, 0.4, {}),
+    "implicit_pressure": (pressure_runs.rested, 0.1, {}),
+    "coupling": (float_runs.floated, 0.3, {}),
+    "surface_tension_jump": (tension_panels.drop, 0.3, {}),
+    "mpm_frequency": (frequency_runs.swung, 0.1, {"periods": 0.6}),
+}
+
+
+@pytest.mark.parametrize("name", LIQUIDS)
+def test_the_coarsest_point_of_a_liquid_is_measured(name):
+    """Its error is finite and no larger than what the method keeps there; steps and seconds are counted."""
+    once, bar, shorter = LIQUIDS[name]
+    made = accuracy.panels(discover())[name][1]
+    (run,) = made.runs(Options(quick=True))
+    full = {key for each in made.runs(Options()) for key in each.parameters["settings"]}
+    for wanted in (made.space, made.time, made.arithmetic, made.tolerance, *(keys for _, keys in made.lines)):
+        if not isinstance(wanted, str):
+            assert {key for key in wanted if not key.startswith("cuda_")} <= full
+    settings = run.parameters["settings"]
+    assert set(settings) <= full
+    found = once(Context(threads=1), next(iter(settings.values())), 0, **shorter)
+    assert not found.stopped
+    assert 0 < found.error < bar
+    assert found.steps > 10
+    assert found.seconds > 0
+    assert found.particles > 50
+
+
+def test_a_stop_and_a_known_tension(monkeypatch):
+    """A drop that does not last is a failure with its reason; a frequency is the root of the tension."""
+    setting = {"by": "rayleigh", "model": "akinci", "radius": 8.0, "knobs": {"backend": "cpu", "dtype": "float32"}}
+    flat, error = tension_panels.flat_tension("akinci")
+    assert 0 < error < 0.1 * flat
+    row = {"stopped": "", "rayleigh": 1.21 * flat, "steps": 5, "particles": 9}
+    monkeypatch.setattr(tension_panels, "measure", lambda point: row)
+    found = tension_panels.drop(Context(threads=1), setting, 0)
+    assert (found.value, found.error) == (pytest.approx(1.1), pytest.approx(0.1))
+    monkeypatch.setattr(tension_panels, "measure", lambda point: {"stopped": "clumped"})
+    assert tension_panels.drop(Context(threads=1), setting, 0).stopped == "clumped"
 
 
 def test_a_gpus_report_brings_its_points(tmp_path):

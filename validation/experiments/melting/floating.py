@@ -19,7 +19,7 @@ def floating_runs(options: Options) -> list[Run]:
     def add(key: str, words: str, cells: int, step: float = 1.0, half_width: int = 2, dtype: str = "float32") -> None:
         knobs = {
             "spacing": float_runs.EDGE / cells, "step": step, "half_width": half_width, "dtype": dtype,
-            "backend": options.backend,
+            "backend": options.backend, "scheme": f"w = {half_width}",
         }  # fmt: skip
         words = f"{cells} cells{words}, {dtype}"
         settings[key] = {"words": words, "knobs": knobs, "cells": cells, "half_width": half_width}
