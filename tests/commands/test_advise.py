@@ -96,9 +96,7 @@ def test_seconds_here_are_the_prediction_s_share(monkeypatch):
     assert "not predicted: no device was found" in advice.text_of(advice.scaled(found, "cuda"))
 
 
-def test_what_was_not_measured_and_what_has_no_meaning_is_said(folder, capsys):
-    assert main(["advise", "coupling"]) == 0
-    assert "not measured" in capsys.readouterr().out
+def test_what_has_no_meaning_and_what_is_not_advised_is_said(folder, capsys):
     assert main(["advise", "detection_2d", "--error", "0.001"]) == 0
     assert "no meaning: which particles are surface" in capsys.readouterr().out
     assert main(["advise", "heat", "--error", "0.01"]) == 0

@@ -18,7 +18,7 @@ def planned(options: Options) -> list[Run]:
         Run("upright_edges", runs.upright_edges, backend, 3.0),
         Run("sheet", runs.sheet, backend, 2.0),
         Run("thread", runs.thread, backend, 40.0, reason),
-        Run("stages", runs.stages, backend, 20.0, reason),
+        Run("rounding", runs.stages, backend, 20.0, reason),
     ]
 
 

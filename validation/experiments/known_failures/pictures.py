@@ -19,7 +19,7 @@ TITLES = {
     "upright_edges": "beside_walls_3d_number_density,\nseen from above",
     "sheet": "sheet_1_*:\ninner particles are missed",
     "thread": "filament:\nends draw in, no drops",
-    "stages": "heat_s_max_1e7:\nrounding of 19,000 stages",
+    "rounding": "heat_s_max_1e7:\nrounding of 19,000 stages",
 }
 SEEN = {"impact": (0, 2), "edge_wedge": (0, 1), "edge_level_plate": (0, 1), "upright_edges": (0, 2), "sheet": (0, 2),
         "thread": (2, 0)}  # axes to the right and upwards  # fmt: skip
@@ -37,8 +37,10 @@ def data(results: Results) -> dict[str, Any]:
         if "walls" in arrays:
             entry["walls"] = (arrays["walls"][:, axes] / d).round(2).tolist()
         made[key] = entry
-    checks = results["stages"].values["checks"]
-    made["stages"] = {name: [found["value"], found["bound"]] for name, found in checks.items() if name.endswith("heat")}
+    checks = results["rounding"].values["checks"]
+    made["rounding"] = {
+        name: [found["value"], found["bound"]] for name, found in checks.items() if name.endswith("heat")
+    }
     return made
 
 
@@ -47,7 +49,7 @@ def picture(found: Mapping[str, Any]) -> Any:
     figure, panels = plt.subplots(2, 4, figsize=(12.0, 5.2), layout="constrained")
     for axes, (key, title) in zip(panels.flat, TITLES.items()):
         axes.set_title(title, fontsize=8)
-        if key == "stages":
+        if key == "rounding":
             _bars(axes, found[key])
             continue
         place, wrong = floats(found[key]["place"]), np.array(found[key]["wrong"], int)

@@ -482,7 +482,7 @@ def floor_data(results: Results) -> dict[str, Any]:
 
 
 def floor_picture(data: Mapping[str, Any]) -> Any:
-    """Contact angles over time, beside the angles asked for."""
+    """Contact angles over time, beside the required angles."""
     figure, axes = plt.subplots(figsize=(6.4, 2.8))
     for angle, colour in zip(data["angles"], (BLUE, GREEN, VERMILION)):
         axes.axhline(angle, color=GREY, linewidth=0.8)

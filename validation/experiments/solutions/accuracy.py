@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 from validation.accuracy import Panel
+from validation.checks import Checks
 from validation.experiment import Options, Run
 from validation.experiments.solutions import pressure_runs
 from validation.work_precision import REPEATS
@@ -44,6 +46,14 @@ def runs(options: Options) -> list[Run]:
     return [Run("tanks", pressure_runs.tanks, parameters, estimate=3.0 if options.quick else 120.0)]
 
 
+def checks(report: Mapping[str, Any], check: Checks) -> None:
+    """The default of either pressure at d = H/20 is judged."""
+    for key in ("state_20", "implicit_20"):
+        point = report["points"].get(key)
+        if point is not None and not point["stopped"]:
+            check("pressure_error", point["error"], key, point["words"])
+
+
 PANELS = (
     Panel(
         name="implicit_pressure",
@@ -59,6 +69,7 @@ PANELS = (
         arithmetic=("implicit_20", "implicit_20_float64"),
         tolerance=("implicit_20_loose", "implicit_20", "implicit_20_tight"),
         group="pressure",
+        checks=checks,
         lines=(
             (STATE, [*(f"state_{cells}" for cells in CELLS), "state_80"]),
             (IMPLICIT, [f"implicit_{cells}" for cells in CELLS]),
