@@ -63,11 +63,12 @@ GRIDS = {  # systems whose cases cross with models: suffix of the case's name, w
     },
 }
 PICTURES = {  # of what failures look like
-    **dict.fromkeys(
-        ("impact_wall", "edge_wedge", "edge_level_plate", "beside_walls_3d_number_density", "sheet_1_fan_scan",
-         "sheet_1_two_step", "filament", "heat_s_max_1e7"),
-        ("known_failures", "a panel each"),
-    ),
+    **{name: ("known_failures", words) for name, words in (
+        ("impact_wall", "red: nearer than 0.1 d"), ("edge_wedge", "red: inside the wall"),
+        ("edge_level_plate", "red: below the plate"), ("beside_walls_3d_number_density", "red: taken for surface"),
+        ("sheet_1_fan_scan", "red: missed"), ("sheet_1_two_step", "red: missed by the fan scan"),
+        ("filament", "the thread after 1.2 s"), ("heat_s_max_1e7", "change of heat by scheme"),
+    )},
     **{f"splash_{name}": ("figure_4", "the detectors in the splash at 1.0 s")
        for name in ("number_density", "fan_scan", "two_step", "two_step_printed", "second_moment")},
 }  # fmt: skip

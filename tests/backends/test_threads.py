@@ -36,7 +36,7 @@ def test_as_many_threads_as_a_loop_gains_from(rows, cores, expected, monkeypatch
     assert threads.threads_for(rows) == expected
 
 
-@pytest.mark.skipif(numba.config.NUMBA_NUM_THREADS < 2, reason="one core")
+@pytest.mark.skipif(numba.config.NUMBA_NUM_THREADS < 2, reason="one core: nothing to compare one thread with")
 def test_a_small_scene_takes_one_thread_and_gives_the_same_bits():
     """By default; a number that is given is taken as it is."""
     random = np.random.default_rng(3)

@@ -294,6 +294,7 @@ def with_row(array, row, value):
         ("field.identity", lambda a: with_row(a, 3, 4), "identity"),
         ("field.identity", lambda a: with_row(a, 3, 2**31 - 1), "identity"),
         ("field.position", lambda a: with_row(a, (0, 2), 0.5), "z than 0 in a 2D scene"),
+        ("field.velocity", lambda a: with_row(a, (0, 2), 0.5), "v_z than 0 in a 2D scene"),
         ("field.velocity", lambda a: a.astype("complex64"), "the scene has float32"),
         ("build_position", lambda a: a[:, :2], "the scene has float32"),
     ],

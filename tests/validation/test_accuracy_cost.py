@@ -497,6 +497,20 @@ def test_the_coarsest_point_of_a_liquid_is_measured(name):
     assert found.particles > 50
 
 
+def test_implicit_pressure_is_larger_at_walls():
+    """The particles at the floor, away from the sides, have two to three times the pressure of the water above them."""
+    run = Context(threads=1).simulation(pressure_runs.tank(20, "float64", 1e-3, 1.0), "cpu")
+    reach, found = 0.15 * pressure_runs.WIDTH, []
+    while run.time < 1.5:
+        run.step()
+        if run.time > 1.0:
+            place, pressure = run.field("position"), run.field("pressure")
+            first = (place[:, 1] < 0.5 / 20) & (np.abs(place[:, 0] - 0.5 * pressure_runs.WIDTH) < reach)
+            known = pressure_runs.DENSITY * pressure_runs.GRAVITY * (pressure_runs.HEIGHT - place[first, 1])
+            found.append(float((pressure[first] / known).mean()))
+    assert 2 < np.mean(found) < 3
+
+
 def test_a_stop_and_a_known_tension(monkeypatch):
     """A drop that does not last is a failure with its reason; a frequency is the root of the tension."""
     setting = {"by": "rayleigh", "model": "akinci", "radius": 8.0, "knobs": {"backend": "cpu", "dtype": "float32"}}

@@ -17,8 +17,8 @@ def planned(options: Options) -> list[Run]:
         Run("edge_level_plate", runs.edge, {**backend, "what": "level plate"}, 3.0),
         Run("upright_edges", runs.upright_edges, backend, 3.0),
         Run("sheet", runs.sheet, backend, 2.0),
-        Run("thread", runs.thread, backend, 40.0, reason),
-        Run("rounding", runs.stages, backend, 20.0, reason),
+        Run("filament", runs.drawn_in, backend, 40.0, reason),
+        Run("rounding", runs.rounding, backend, 20.0, reason),
     ]
 
 

@@ -18,11 +18,11 @@ TITLES = {
     "edge_level_plate": "edge_level_plate:\nspray through the plate",
     "upright_edges": "beside_walls_3d_number_density,\nseen from above",
     "sheet": "sheet_1_*:\ninner particles are missed",
-    "thread": "filament:\nends draw in, no drops",
+    "filament": "filament:\nends draw in, no drops",
     "rounding": "heat_s_max_1e7:\nrounding of 19,000 stages",
 }
 SEEN = {"impact": (0, 2), "edge_wedge": (0, 1), "edge_level_plate": (0, 1), "upright_edges": (0, 2), "sheet": (0, 2),
-        "thread": (2, 0)}  # axes to the right and upwards  # fmt: skip
+        "filament": (2, 0)}  # axes to the right and upwards  # fmt: skip
 
 
 def data(results: Results) -> dict[str, Any]:
@@ -60,7 +60,7 @@ def picture(found: Mapping[str, Any]) -> Any:
         if "walls" in found[key]:
             axes.plot(*floats(found[key]["walls"]).T, ".", color=BLACK, markersize=1.5)
         axes.set_aspect("equal", adjustable="datalim")
-        axes.set_xlabel(f"[d]; wrong: {len(wrong)} of {len(place):,}" if key != "thread" else "[d]")
+        axes.set_xlabel(f"[d]; wrong: {len(wrong)} of {len(place):,}" if key != "filament" else "[d]")
     panels.flat[-1].set_axis_off()
     return figure
 

@@ -4,26 +4,20 @@ from __future__ import annotations
 
 import msgspec
 import numpy as np
-from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from refsim import Box, BoxWalls, Simulation, SurfaceDetection
 from validation.experiments.dam_break.runs import DENSITY, HEIGHT, SETTINGS, column_scene, detect
-from validation.experiments.droplet.stability import SPACING as THREAD_SPACING
+from validation.experiments.droplet.stability import SPACING as FILAMENT_SPACING
 from validation.experiments.droplet.stability import filament
 from validation.experiments.foundation.stability import SOUND, SPACING, _edge_plan, liquid
 from validation.experiments.heat.stability import each_scheme
+from validation.metrics.droplet import nearest_neighbour_distance
 from validation.results import Result
 from validation.running import Context
 
 MACH, SIDE = 0.3, 10  # of the impact; particles along the cube
 WITHIN = 0.25  # s until the drop's fate at an edge is clear
 COLUMNS = 20  # of the tank
-
-
-def _nearest(position: NDArray) -> NDArray[np.float64]:
-    """Distance of each particle's nearest neighbour [m]."""
-    return cKDTree(position).query(position, k=2)[0][:, 1]
 
 
 def impact(context: Context, backend: str) -> Result:
@@ -37,7 +31,7 @@ def impact(context: Context, backend: str) -> Result:
     while run.time < until:
         run.step()
         place = run.field("position").astype(float)
-        if (near := float(_nearest(place).min())) < least:
+        if (near := float(nearest_neighbour_distance(place).min())) < least:
             least, kept, at = near, place, run.time
         context.progress(run.time / until)
     return Result(
@@ -45,9 +39,9 @@ def impact(context: Context, backend: str) -> Result:
             "time": at,
             "least": least / SPACING,
             "spacing": SPACING,
-            "wrong": int((_nearest(kept) < 0.1 * SPACING).sum()),
+            "wrong": int((nearest_neighbour_distance(kept) < 0.1 * SPACING).sum()),
         },
-        {"position": kept, "nearest": _nearest(kept) / SPACING},
+        {"position": kept, "nearest": nearest_neighbour_distance(kept) / SPACING},
     )
 
 
@@ -93,14 +87,14 @@ def sheet(context: Context, backend: str, side: int = 11) -> Result:
     return Result({"spacing": d, "wrong": int(wrong.sum())}, {"position": place, "flags": wrong})
 
 
-def thread(context: Context, backend: str) -> Result:
+def drawn_in(context: Context, backend: str) -> Result:
     """A thread that should break into drops, after 1.2 s."""
     found = filament(context, backend)
-    values = {"pieces": found.values["shown"]["pieces"], "spacing": THREAD_SPACING}
+    values = {"pieces": found.values["shown"]["pieces"], "spacing": FILAMENT_SPACING}
     return Result(values, {"position": found.arrays["position"]})
 
 
-def stages(context: Context, backend: str) -> Result:
+def rounding(context: Context, backend: str) -> Result:
     """Change of heat over the heat in three steps of s_max = 1e7, by scheme, and its bar."""
     found = each_scheme(context, backend, what="", number=3e6, steps=3)
     return Result({"checks": found.values["checks"]})
