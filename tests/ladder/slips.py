@@ -44,7 +44,7 @@ PAGE = ROOT / "docs" / "nightly.md"
 BEGIN, END = "<!-- kernel slips -->\n", "<!-- end of kernel slips -->"
 EXIT_FAILED = 4
 IN_A_PART = 100  # slips that one process judges
-SECONDS = {False: 60, True: 600}  # after which a slip has made a shallow or a deep trial endless, which is noticed
+SECONDS = {False: 60, True: 600}  # of processor time, after which a slip has made a trial (shallow, deep) endless
 SHARED = ("refsim.backends.", "refsim.neighbours.rows")  # what every kernel stands on has tests of its own
 FIRST_CASES = ("three_particles", "cloud_2d", "cloud_3d", "printed_readings")
 TWO_OF = "return (u * a[0] + v * b[0], u * a[1] + v * b[1], u * a[2] + v * b[2], "
@@ -453,7 +453,7 @@ def backwards():
 def noticed(operation, deep):
     """Whether a step of the ladder fails or raises. `deep` takes the steps that need more time."""
     variants = [Target(operation, "cpu", "float64", number) for number in range(len(operation.variants))]
-    signal.alarm(SECONDS[deep])
+    signal.setitimer(signal.ITIMER_PROF, SECONDS[deep])
     try:
         if not shapes_agree():
             return True
@@ -472,7 +472,7 @@ def noticed(operation, deep):
     except Exception:
         return True
     finally:
-        signal.alarm(0)
+        signal.setitimer(signal.ITIMER_PROF, 0)
     return False
 
 
@@ -534,11 +534,13 @@ def programs():
     return list(found.values())
 
 
-def code_digest(operation):
-    """Digest of what a program's slips are made in and judged by: its functions, its reference and its cases."""
-    folder = pathlib.Path(inspect.getfile(functions_behind(operation)[0])).parent
-    files = [file for name in ("reference.py", "cases.py") for file in [folder / name] if file.exists()]
-    texts = [*map(inspect.getsource, functions_behind(operation)), *(file.read_text() for file in files)]
+def code_digest(names):
+    """Digest of what a program's slips are made in and judged by: its functions, references and cases."""
+    behind = {function: None for name in names for function in functions_behind(REGISTRY[name])}
+    folders = {pathlib.Path(inspect.getfile(function)).parent for function in behind}
+    folders |= {ROOT / REGISTRY[name].folder.replace(".", "/") for name in names}
+    files = [folder / name for folder in sorted(folders) for name in ("reference.py", "cases.py")]
+    texts = [*map(inspect.getsource, behind), *(file.read_text() for file in files if file.exists())]
     return hashlib.sha256("\0".join(texts).encode()).hexdigest()[:12]
 
 
@@ -563,7 +565,7 @@ def publish(jobs, minutes):
     end, before = time.monotonic() + 60 * minutes, json.loads(RECORD.read_text()) if RECORD.exists() else {}
     found, waiting = {}, []
     for names in programs():
-        digest, name = code_digest(REGISTRY[names[0]]), "+".join(names)
+        digest, name = code_digest(names), "+".join(names)
         if before.get(name, {}).get("digest") == digest:
             found[name] = before[name]
             continue
@@ -585,20 +587,27 @@ def publish(jobs, minutes):
 
     parts_of = {}
     with concurrent.futures.ThreadPoolExecutor(jobs) as pool:
-        for item, answer in zip(waiting, pool.map(one, waiting)):
-            parts_of.setdefault((item[1], item[3], item[0]), []).append(answer)
-    for (name, digest, _), answers in parts_of.items():
-        if None not in answers:
+        for (parts, name, _, digest, _), answer in zip(waiting, pool.map(one, waiting)):
+            answers = parts_of.setdefault(name, [])
+            answers.append(answer)
+            if len(answers) < parts or None in answers:
+                continue
             kinds = {kind for answer in answers for kind in answer["planted"]}
             made = {kind: sum(answer["planted"].get(kind, 0) for answer in answers) for kind in sorted(kinds)}
             survived = [slip for answer in answers for slip in answer["survived"]]
             found[name] = {**about, "digest": digest, "planted": made, "survived": survived}
-    record = {name: found[name] for name in map("+".join, programs()) if name in found}
+            RECORD.write_text(json.dumps(in_order(found), indent=1) + "\n")
+    record = in_order(found)
     RECORD.write_text(json.dumps(record, indent=1) + "\n")
     before, _, rest = PAGE.read_text().partition(BEGIN)
     PAGE.write_text(f"{before}{BEGIN}\n{table(record)}\n{END}{rest.partition(END)[2]}")
     gaps = [slip for entry in record.values() for slip in entry["survived"] if not harmless(slip)]
     return len(record) == len(programs()) and not gaps
+
+
+def in_order(found):
+    """The record of all programs that have been judged."""
+    return {name: found[name] for name in map("+".join, programs()) if name in found}
 
 
 def table(record):
@@ -630,7 +639,7 @@ def main():
     cases.discover()
     if given.publish:
         return 0 if publish(given.jobs, given.minutes) else EXIT_FAILED
-    signal.signal(signal.SIGALRM, too_long)
+    signal.signal(signal.SIGPROF, too_long)
     print(json.dumps(inject([REGISTRY[name] for name in given.operations], *map(int, given.part.split("/")))))
     return 0
 

@@ -28,7 +28,8 @@ def quality_runs(options: Options) -> list[Run]:
     if not options.quick:
         add("k1000_float64", "until they rest", 1000, "float64")
         add("k1000_half", f"until they rest, {COUNT // 2:,} particles", 1000, count=COUNT // 2)
-    parameters = {"settings": settings, "backend": options.backend, "threads": options.threads, "repeats": REPEATS}
+    parameters = {"settings": settings, "backend": options.backend, "threads": options.threads,
+                  "repeats": 2 if options.quick else REPEATS}  # fmt: skip
     return [Run("quality", sampling_runs.quality, parameters, estimate=30.0)]
 
 
@@ -40,7 +41,8 @@ def distance_runs(options: Options) -> list[Run]:
         settings[f"h{spacing:g}"] = {"words": f"h = {spacing:g} m, float32", "knobs": knobs}
     knobs = {"spacing": SPACINGS[1], "dtype": "float64", "backend": options.backend}
     settings[f"h{SPACINGS[1]:g}_float64"] = {"words": f"h = {SPACINGS[1]:g} m, float64", "knobs": knobs}
-    parameters = {"settings": settings, "backend": options.backend, "threads": options.threads, "repeats": REPEATS}
+    parameters = {"settings": settings, "backend": options.backend, "threads": options.threads,
+                  "repeats": 2 if options.quick else REPEATS}  # fmt: skip
     return [Run("distance", sampling_runs.distance, parameters, estimate=40.0)]
 
 

@@ -22,6 +22,7 @@ from validation.peers import libigl, splishsplash_sampling
 from validation.reading import Reading, distribution, measured
 from validation.results import Result
 from validation.running import Context
+from validation.turns import mean, rounds
 
 DARTS = 30  # places for each particle at which holes are sought
 EXACT_QUERIES = 1000
@@ -364,32 +365,34 @@ def quality(
     there = choose(backend)
     set_threads(there, threads)
     mesh = mesh_of(SHAPES["organic"](4), "organic")
+    radius = {key: radius_for(mesh.area, setting["count"]) for key, setting in settings.items()}
+    made: dict[str, Any] = {}
+
+    def sampled(key: str, k: int) -> float:
+        setting = settings[key]
+        began = time.perf_counter()
+        made[key] = sample(
+            mesh, radius[key], most_iterations=setting["iterations"], backend=there, dtype=setting["knobs"]["dtype"]
+        )
+        return time.perf_counter() - began
+
     readings = []
     try:
-        for k, (key, setting) in enumerate(settings.items()):
-            radius = radius_for(mesh.area, setting["count"])
-            dtype = setting["knobs"]["dtype"]
-            began = time.perf_counter()
-            given = {"most_iterations": setting["iterations"], "backend": there, "dtype": dtype}
-            found = sample(mesh, radius, **given)
-            first = time.perf_counter() - began
-            spent = []
-            for _ in range(repeats):
-                began = time.perf_counter()
-                found = sample(mesh, radius, **given)
-                spent.append(time.perf_counter() - began)
+        first = {key: sampled(key, 0) for key in settings}
+        spent = rounds(context, settings, sampled, float, repeats)
+        for key, setting in settings.items():
+            found, seconds = made[key], [mean(reading) for reading in spent[key]]
             nearest = cKDTree(found.position).query(found.position, k=2)[0][:, 1]
             error = evenness(found.position)["variation"]
             readings.append(
                 Reading(
                     key, setting["words"], {**setting["knobs"], "iterations": found.iterations}, error=error,
-                    value=error, seconds=spent, per_step=[s / max(found.iterations, 1) for s in spent],
-                    parts={"sampling": spent}, compile=first,
+                    value=error, seconds=seconds, per_step=[s / max(found.iterations, 1) for s in seconds],
+                    parts={"sampling": seconds}, compile=first[key],
                     distribution={"distance to the nearest / mean - 1": distribution(nearest / nearest.mean() - 1)},
                     particles=len(found.position), steps=found.iterations,
                 )
             )  # fmt: skip
-            context.progress((k + 1) / len(settings))
     finally:
         set_threads(there, None)
     return measured(readings, threads, backend)
@@ -405,32 +408,32 @@ def distance(
     mesh = mesh_of(made, "sphere")
     place = near_surface(made, 0.04, PLACES, 0)
     known = known_distance("sphere", place)
+    bands: dict[str, Any] = {}
+
+    def banded(key: str, k: int) -> float:
+        knobs = settings[key]["knobs"]
+        began = time.perf_counter()
+        bands[key] = signed_distance(mesh, knobs["spacing"], backend=there, dtype=knobs["dtype"])
+        there.synchronize()
+        return time.perf_counter() - began
+
     readings = []
     try:
-        for k, (key, setting) in enumerate(settings.items()):
-            dtype, spacing = setting["knobs"]["dtype"], setting["knobs"]["spacing"]
-            points = there.asarray(place.astype(dtype))
-            began = time.perf_counter()
-            band = signed_distance(mesh, spacing, backend=there, dtype=dtype)
-            band.at(points)
-            first = time.perf_counter() - began
-            spent = []
-            for _ in range(repeats):
-                began = time.perf_counter()
-                band = signed_distance(mesh, spacing, backend=there, dtype=dtype)
-                there.synchronize()
-                spent.append(time.perf_counter() - began)
+        first = {key: banded(key, 0) for key in settings}
+        spent = rounds(context, settings, banded, float, repeats)
+        for key, setting in settings.items():
+            band, seconds = bands[key], [mean(reading) for reading in spent[key]]
+            points = there.asarray(place.astype(setting["knobs"]["dtype"]))
             error = there.host(band.at(points)[0]).astype(float) - known
             rms = float(np.sqrt((error**2).mean()))
             knobs = {**setting["knobs"], "bytes": band.nbytes}
             readings.append(
                 Reading(
                     key, f"{setting['words']}, {band.nbytes / 2**20:.2f} MiB", knobs, error=rms, value=rms,
-                    seconds=spent, per_step=spent, parts={"field": spent}, compile=first,
+                    seconds=seconds, per_step=seconds, parts={"field": seconds}, compile=first[key],
                     distribution={"error [m]": distribution(error)}, particles=PLACES, bytes=band.nbytes // PLACES,
                 )
             )  # fmt: skip
-            context.progress((k + 1) / len(settings))
     finally:
         set_threads(there, None)
     return measured(readings, threads, backend)

@@ -73,7 +73,7 @@ def detection_runs(options: Options, state: str) -> list[Run]:
             if not chosen:
                 continue
             parameters = {"state": state, "settings": chosen, "dtype": dtype, "backend": options.backend,
-                          "threads": options.threads, "repeats": 11 if state.endswith("2d") else REPEATS}  # fmt: skip
+                          "threads": options.threads, "repeats": 2 if options.quick else REPEATS}  # fmt: skip
             made.append(
                 Run(f"{dtype}_{radius}", accuracy_runs.detectors, parameters, estimate=3.0 if options.quick else 12.0)
             )

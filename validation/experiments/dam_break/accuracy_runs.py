@@ -28,6 +28,7 @@ from validation.metrics.surface_truth import arc_cover_surface, cap_cover_surfac
 from validation.reading import Reading, distribution, joules, measured, scene_digest
 from validation.results import Result
 from validation.running import Context, first_call_seconds, refusal, stage_seconds, with_step
+from validation.turns import mean_parts, rounds
 
 WALLED = 15.0  # column widths: the tank of the front, as in `runs.surge`
 MEAN = (1.0, 3.0)  # t sqrt(2 g/L) between which the mean front is the observable that settings are compared by
@@ -65,15 +66,18 @@ def detectors(
     spacing, walls = first.plan.grid.spacing, first.plan.walls.position
     cover = arc_cover_surface if cloud.depth == 1 else cap_cover_surface
     truth = cover(cloud.position, TRUTH_RADIUS * spacing, walls)
-    spent: dict[str, list[dict[str, float]]] = {key: [] for key in made}
-    order = np.random.default_rng(0)  # so that no detector keeps the same moment of a busy machine
-    for k in range(repeats):
-        for key in order.permutation(list(made)).tolist():
-            before = stage_seconds(made[key])
-            made[key].evaluate()
-            made[key].backend.synchronize()
-            spent[key].append({n: s - before.get(n, 0.0) for n, s in stage_seconds(made[key]).items()})
-        context.progress((k + 1) / repeats)
+
+    def evaluated(key: str, k: int) -> dict[str, float]:
+        before = stage_seconds(made[key])
+        made[key].evaluate()
+        made[key].backend.synchronize()
+        return {n: s - before.get(n, 0.0) for n, s in stage_seconds(made[key]).items()}
+
+    def counted(stages: Mapping[str, float]) -> float:
+        return sum(s for name, s in stages.items() if name.startswith(("surface_detection.", "surface_normal.")))
+
+    found = rounds(context, made, evaluated, counted, repeats)
+    spent = {key: [mean_parts(reading) for reading in readings] for key, readings in found.items()}
     readings = []
     for key, setting in settings.items():
         flags = made[key].field("surface").astype(bool)
@@ -104,19 +108,19 @@ def _detector_reading(
     position: np.ndarray,
     spacing: float,
 ) -> Reading:
-    rounds = spent[key]
+    readings = spent[key]
     parts: dict[str, list[float]] = {
         "threshold": [
             sum(s for n, s in r.items() if n in ("surface_detection.near_surface", "surface_detection.candidates"))
-            for r in rounds
+            for r in readings
         ],
-        "normals": [sum(s for n, s in r.items() if n.startswith("surface_normal.")) for r in rounds],
-        "scan": [r.get("surface_detection.fan_scan", 0.0) for r in rounds],
+        "normals": [sum(s for n, s in r.items() if n.startswith("surface_normal.")) for r in readings],
+        "scan": [r.get("surface_detection.fan_scan", 0.0) for r in readings],
     }
     like = setting["like"]
     if like:
         plain = float(np.median([r["sph.density"] for r in spent[like]]))
-        parts["asymmetry"] = [max(r["sph.density"] - plain, 0.0) for r in rounds]
+        parts["asymmetry"] = [max(r["sph.density"] - plain, 0.0) for r in readings]
     seconds = np.sum(list(parts.values()), axis=0)
     score = detection_score(flags, truth)
     return Reading(
@@ -127,7 +131,7 @@ def _detector_reading(
         value=1.0 - score.f1,
         seconds=seconds.tolist(),
         parts={name: values for name, values in parts.items() if any(values)},
-        beside={"density and number density": [r["sph.density"] for r in rounds]},
+        beside={"density and number density": [r["sph.density"] for r in readings]},
         per_step=seconds.tolist(),
         compile=compiling,
         distribution={

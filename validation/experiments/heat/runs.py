@@ -24,6 +24,7 @@ from validation.experiments.heat.conductor import SUPPORT, Conductor, cosine_sla
 from validation.reading import Reading, distribution, measured
 from validation.results import Result
 from validation.running import Context
+from validation.turns import mean, rounds
 
 NUMBERS = (0.5, 2.0, 8.0, 32.0)
 SPACING, LENGTH, END = 0.2, 40, 6.4  # of the slab: [m], spacings along x, [s]
@@ -436,8 +437,14 @@ def slabs(
     """
     there = choose(backend)
     set_threads(there, threads)
-    spent: dict[str, list[float]] = {key: [] for key in settings}
     ended, compiling, passes = {}, {}, {}
+
+    def stepped(key: str, k: int) -> float:
+        made, x, steps = started(settings[key], backend)
+        made.run(SLAB_UNTIL, steps)
+        ended[key] = made.temperature.astype(float) - exact.cosine(x, SLAB, SLAB_UNTIL)
+        return float(made.seconds)
+
     try:
         for key, setting in settings.items():
             began = time.perf_counter()
@@ -445,16 +452,10 @@ def slabs(
             made.step(SLAB_UNTIL / steps)
             compiling[key] = time.perf_counter() - began
             passes[key] = started(setting)[0].passes(SLAB_UNTIL / steps)
-        order = np.random.default_rng(0)
-        for k in range(repeats):
-            for key in order.permutation(list(settings)).tolist():
-                if k and not settings[key]["shown"]:
-                    continue
-                made, x, steps = started(settings[key], backend)
-                made.run(SLAB_UNTIL, steps)
-                spent[key].append(made.seconds)
-                ended[key] = made.temperature.astype(float) - exact.cosine(x, SLAB, SLAB_UNTIL)
-            context.progress((k + 1) / repeats)
+        spent = {key: [stepped(key, 0)] for key, setting in settings.items() if not setting["shown"]}
+        shown = [key for key, setting in settings.items() if setting["shown"]]
+        found = rounds(context, shown, stepped, float, repeats)
+        spent |= {key: [mean(reading) for reading in readings] for key, readings in found.items()}
     finally:
         set_threads(there, None)
     readings = []

@@ -14,6 +14,7 @@ from validation.experiments.mpm_droplet.scene import CELLS, MODULUS, drop_scene,
 from validation.reading import Reading, distribution, measured
 from validation.results import Result
 from validation.running import Context, first_call_seconds, with_step
+from validation.turns import rounds
 
 RADIUS = 11.0 * CELLS[2]  # of every disc [m]
 UNTIL = 0.12  # s
@@ -67,15 +68,10 @@ def pressures(
     "probes": whether it may end in a stop}
     """
     first = {key: held(context, setting, 0, until=0.02 * UNTIL) for key, setting in settings.items()}
-    found: dict[str, list[dict[str, Any]]] = {key: [] for key in settings}
-    order = np.random.default_rng(0)
-    for k in range(repeats):
-        for key in order.permutation(list(settings)).tolist():
-            found[key].append(held(context, settings[key], k))
-        context.progress((k + 1) / repeats)
+    found = rounds(context, settings, lambda key, k: held(context, settings[key], k), lambda run: run["wall"], repeats)
     readings = []
     for key, setting in settings.items():
-        runs = found[key]
+        runs = [run for reading in found[key] for run in reading]
         values = [run["value"] for run in runs]
         stopped = next((run["stopped"] for run in runs if run["stopped"]), "")
         value = float(np.median(values))

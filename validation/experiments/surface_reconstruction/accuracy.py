@@ -48,7 +48,8 @@ def settings(options: Options) -> dict[str, dict[str, Any]]:
 def runs(options: Options) -> list[Run]:
     """One run, in which all settings take turns."""
     parameters = {
-        "settings": settings(options), "backend": options.backend, "threads": options.threads, "repeats": REPEATS,
+        "settings": settings(options), "backend": options.backend, "threads": options.threads,
+        "repeats": 2 if options.quick else REPEATS,
     }  # fmt: skip
     return [Run("normals", normals, parameters, estimate=8.0 if options.quick else 90.0)]
 

@@ -20,6 +20,7 @@ from validation.peers import pysplashsurf
 from validation.reading import Reading, distribution, measured
 from validation.results import Result
 from validation.running import Context
+from validation.turns import mean_parts, rounds
 
 CELL = 1 / 32  # m
 RADIUS = 9.0  # of the sphere, in cells
@@ -590,10 +591,11 @@ def normals(
     """
     there = choose(backend)
     set_threads(there, threads)
-    made, positions, compiling = {}, {}, {}
+    made, positions, compiling, own = {}, {}, {}, {}
     try:
         for key, setting in settings.items():
             dtype = setting["knobs"]["dtype"]
+            own[key] = ("samples",) if setting["tension"]["normals"] == "facets" else ("offsets", "fit", "normals")
             began = time.perf_counter()
             tension = Tension(surface_tension=1.0, inset=-1.0, **setting["tension"])
             made[key] = Reconstruction(there, 3, dtype, CELL, tension, timed=True)
@@ -601,12 +603,15 @@ def normals(
             positions[key] = there.asarray(place.astype(dtype))
             made[key].surface(positions[key])
             compiling[key] = time.perf_counter() - began
-        spent: dict[str, list[dict[str, float]]] = {key: [] for key in made}
-        order = np.random.default_rng(0)
-        for k in range(repeats):
-            for key in order.permutation(list(made)).tolist():
-                spent[key].append(dict(made[key].surface(positions[key]).seconds))
-            context.progress((k + 1) / repeats)
+
+        def reconstructed(key: str, k: int) -> dict[str, float]:
+            return dict(made[key].surface(positions[key]).seconds)
+
+        def counted(stages: Mapping[str, float]) -> float:
+            return math.fsum(stages[name] for name in own[key])
+
+        found = rounds(context, made, reconstructed, counted, repeats)
+        spent = {key: [mean_parts(reading) for reading in readings] for key, readings in found.items()}
         readings = []
         for key, setting in settings.items():
             surface = made[key].surface(positions[key])
@@ -614,8 +619,7 @@ def normals(
             normal = there.host(surface.samples.normal).astype(float)
             radius = setting.get("radius", RADIUS)
             angle = shapes.angles(normal, shapes.true_normals(sample, "sphere", radius))
-            own = ("samples",) if setting["tension"]["normals"] == "facets" else ("offsets", "fit", "normals")
-            parts = {name: [row[name] for row in spent[key]] for name in own}
+            parts = {name: [row[name] for row in spent[key]] for name in own[key]}
             beside = {"mesh": [row["cells"] + row["level set and facets"] for row in spent[key]]}
             seconds = np.sum(list(parts.values()), axis=0).tolist()
             readings.append(
