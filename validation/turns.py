@@ -15,9 +15,10 @@ from validation.results import Result
 from validation.running import Context
 from validation.work_precision import REPEATS, unsettled
 
-LASTS = 0.05  # s of a reading, at least: it repeats what takes less
-WAITS = 1.0  # s after which a reading ends all the same, for what surrounds the timed part
-MOST = 4  # times as many rounds as there are repeats, after which a time that has not settled is left
+LASTS = 0.05  # s of a run, at least: what takes less is repeated within it
+WAITS = 1.0  # s after which a run ends all the same, for what surrounds the timed part
+MOST = 4  # times as many rounds as there are readings, after which a time that has not settled is left
+PATIENCE = 20.0  # s that a setting has run in all, after which it is left, too
 
 T = TypeVar("T")
 
@@ -49,30 +50,31 @@ Once = Callable[[Context, Mapping[str, Any], int], Outcome]
 def rounds(
     context: Context, keys: Iterable[str], once: Callable[[str, int], T], seconds: Callable[[T], float], repeats: int
 ) -> dict[str, list[list[T]]]:
-    """Readings of each key, in a random order within each round: what `once(key, round)` gave, until its `seconds` add
-    up to LASTS.
+    """`repeats` readings of each key: lists of what `once(key, reading)` gave, in an order that each round draws anew.
 
-    After `repeats` rounds those keys go on whose time has not settled, up to MOST times as many rounds. Fewer than
-    REPEATS are no statistics: then a reading is one call, and there are no more rounds.
+    Within a round a key is run until its `seconds` add up to LASTS. As many rounds again follow for the keys whose times
+    have not settled, up to MOST times; a run adds to the reading of its number, so that each reading spreads over the
+    whole session. Fewer than REPEATS readings are no statistics: then each is one run.
     """
-    found: dict[str, list[list[T]]] = {key: [] for key in keys}
-    enough = repeats >= REPEATS
-    order = np.random.default_rng(0)
-    for k in range(MOST * repeats if enough else repeats):
-        left = [key for key, readings in found.items() if k < repeats or _open(readings, seconds)]
-        for key in order.permutation(left).tolist():
-            began, reading = time.perf_counter(), [once(key, k)]
-            while enough and sum(map(seconds, reading)) < LASTS and time.perf_counter() - began < WAITS:
-                reading.append(once(key, k))
-            found[key].append(reading)
-        context.progress(min((k + 1) / repeats, 1.0))
+    found: dict[str, list[list[T]]] = {key: [[] for _ in range(repeats)] for key in keys}
+    order, left, enough = np.random.default_rng(0), list(found), repeats >= REPEATS
+    for again in range(MOST if enough else 1):
+        for k in range(repeats):
+            for key in order.permutation(left).tolist():
+                began, runs = time.perf_counter(), [once(key, k)]
+                while enough and 0 < sum(map(seconds, runs)) < LASTS and time.perf_counter() - began < WAITS:
+                    runs.append(once(key, k))
+                found[key][k] += runs
+            context.progress((again + (k + 1) / repeats) / (MOST if enough else 1))
+        left = [key for key in left if _open(found[key], seconds)]
     return found
 
 
 def _open(readings: Sequence[Sequence[T]], seconds: Callable[[T], float]) -> bool:
-    """Whether more readings may settle a time: none was taken where a run stopped at once."""
+    """Whether more runs are taken: not of what stopped at once, what has settled, or what took long."""
     spent = [mean(map(seconds, reading)) for reading in readings]
-    return all(spent) and bool(unsettled(spent))
+    whole = sum(sum(map(seconds, reading)) for reading in readings)
+    return all(spent) and bool(unsettled(spent)) and whole < PATIENCE
 
 
 def mean(values: Iterable[float]) -> float:
@@ -99,13 +101,14 @@ def in_turns(
     for key, setting in settings.items():
         runs = [reading[0] for reading in found[key]]
         stopped = next((run.stopped for run in runs if run.stopped), "")
-        spent = [mean(run.seconds for run in reading) for reading in found[key]]
+        length = float(np.median([run.steps for run in runs]))  # where repeats differ in it
+        spent = [length * mean(run.seconds / max(run.steps, 1) for run in reading) for reading in found[key]]
         readings.append(
             Reading(
                 key, setting["words"], setting["knobs"],
                 error=math.nan if stopped else float(np.median([run.error for run in runs])),
                 value=math.nan if stopped else float(np.median([run.value for run in runs])),
-                seconds=spent, per_step=[seconds / max(run.steps, 1) for seconds, run in zip(spent, runs)],
+                seconds=spent, per_step=[seconds / max(length, 1.0) for seconds in spent],
                 parts={"stepping": spent}, stopped=stopped, particles=runs[0].particles, steps=runs[0].steps,
                 launches=runs[0].launches, bytes=runs[0].bytes, shown=setting.get("shown", True),
             )

@@ -5,7 +5,7 @@ import itertools
 import pytest
 
 from validation.running import Context
-from validation.turns import LASTS, MOST, mean_parts, rounds
+from validation.turns import LASTS, MOST, PATIENCE, mean_parts, rounds
 
 
 def read(seconds, repeats=5):
@@ -19,20 +19,26 @@ def read(seconds, repeats=5):
     return rounds(Context(), seconds, once, float, repeats), called
 
 
-def test_short_runs_are_repeated_within_a_reading():
+def test_a_short_run_is_repeated_within_its_round():
     found, _ = read({"short": itertools.repeat(LASTS / 4), "long": itertools.repeat(3 * LASTS)})
     assert [len(reading) for reading in found["short"]] == [4] * 5
     assert [len(reading) for reading in found["long"]] == [1] * 5
 
 
-def test_a_time_is_read_until_it_settles():
-    calm, wild = itertools.repeat(1.0), itertools.cycle((1.0, 2.0))
-    late = itertools.chain((1.0, 1.2, 1.1, 1.3, 1.15), itertools.repeat(1.0))
-    found, called = read({"calm": calm, "wild": wild, "late": late})
-    assert len(found["calm"]) == 5
-    assert len(found["wild"]) == MOST * 5
-    assert 5 < len(found["late"]) < MOST * 5
-    assert {key for k, key in called if k == MOST * 5 - 1} == {"wild"}
+def test_rounds_go_on_until_a_time_settles():
+    late = itertools.chain((1.0, 1.3, 1.6, 1.0, 1.3), itertools.cycle((1.6, 1.3, 1.0, 1.6, 1.3)))
+    found, _ = read({"calm": itertools.repeat(0.1), "late": late})
+    assert [len(reading) for reading in found["calm"]] == [1] * 5
+    assert [len(reading) for reading in found["late"]] == [2] * 5
+    assert [sum(reading) for reading in found["late"]] == pytest.approx([2.6] * 5)
+
+
+def test_a_setting_is_left_after_the_limits():
+    found, _ = read(
+        {"short": itertools.cycle((0.1, 0.2, 0.3, 0.4, 0.5)), "long": itertools.cycle((PATIENCE, 2 * PATIENCE))}
+    )
+    assert [len(reading) for reading in found["short"]] == [MOST] * 5
+    assert [len(reading) for reading in found["long"]] == [1] * 5
 
 
 def test_settings_take_turns_in_an_order_that_changes():
@@ -50,7 +56,7 @@ def test_fewer_repeats_are_no_statistics(repeats):
 
 def test_a_run_that_stopped_at_once_is_not_repeated_for_its_time():
     found, _ = read({"stopped": itertools.repeat(0.0)})
-    assert len(found["stopped"]) == 5
+    assert [len(reading) for reading in found["stopped"]] == [1] * 5
 
 
 def test_parts_of_a_reading_are_means():

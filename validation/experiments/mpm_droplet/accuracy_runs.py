@@ -14,7 +14,7 @@ from validation.experiments.mpm_droplet.scene import CELLS, MODULUS, drop_scene,
 from validation.reading import Reading, distribution, measured
 from validation.results import Result
 from validation.running import Context, first_call_seconds, with_step
-from validation.turns import rounds
+from validation.turns import mean, rounds
 
 RADIUS = 11.0 * CELLS[2]  # of every disc [m]
 UNTIL = 0.12  # s
@@ -71,17 +71,18 @@ def pressures(
     found = rounds(context, settings, lambda key, k: held(context, settings[key], k), lambda run: run["wall"], repeats)
     readings = []
     for key, setting in settings.items():
-        runs = [run for reading in found[key] for run in reading]
+        runs = [reading[0] for reading in found[key]]
         values = [run["value"] for run in runs]
         stopped = next((run["stopped"] for run in runs if run["stopped"]), "")
         value = float(np.median(values))
-        walls = [run["wall"] for run in runs]
+        walls, surfaces = (
+            [mean(run[name] for run in reading) for reading in found[key]] for name in ("wall", "surface")
+        )
         readings.append(
             Reading(
                 key, setting["words"], setting["knobs"], error=abs(value - 1), value=value, seconds=walls,
-                per_step=[run["wall"] / run["steps"] for run in runs],
-                parts={"surface": [run["surface"] for run in runs],
-                       "transfers": [run["wall"] - run["surface"] for run in runs]},
+                per_step=[wall / run["steps"] for wall, run in zip(walls, runs)],
+                parts={"surface": surfaces, "transfers": [w - s for w, s in zip(walls, surfaces)]},
                 compile=first[key]["compile"], stopped=stopped, particles=runs[0]["particles"],
                 steps=runs[0]["steps"], launches=runs[0]["launches"], bytes=runs[0]["bytes"],
                 distribution={"J against its mean": runs[0]["ratio"]},
