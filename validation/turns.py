@@ -52,7 +52,7 @@ def rounds(
 ) -> dict[str, list[list[T]]]:
     """`repeats` readings of each key: lists of what `once(key, reading)` gave, in an order that each round draws anew.
 
-    Within a round a key is run until its `seconds` add up to LASTS. As many rounds again follow for the keys whose times
+    Within a round a key is run until its `seconds` add up to LASTS. As many rounds again follow for keys whose times
     have not settled, up to MOST times; a run adds to the reading of its number, so that each reading spreads over the
     whole session. Fewer than REPEATS readings are no statistics: then each is one run.
     """
