@@ -290,6 +290,10 @@ HARMLESS = {
     "relax": [
         ("block = -1", "where the search begins"),
         ("prange((count + PART - 1) // PART)  ->  prange((count + PART + 1)", "a part without rows"),
+        (
+            "range(part * PART, min((part + 1) * PART, count))  ->  range(part * PART, min((part + 2)",
+            "a row computed twice is the same",
+        ),
     ],
     "count_blocks": [("block_count[t] = blocks_of_triangle(t, triangles, band_grid, -1", "any negative number counts")],
     "triangle_offset": [("ox, oy, oz = (real(0), real(0), real(0))", "set again where they are used")],
