@@ -166,10 +166,11 @@ ENERGIES = ("energy", "surface", "kinetic", "bulk")
 
 
 # Runs whose surfaces are shown over time, and those whose ledgers are
-SURFACES = {
-    "square_cluster": "square, 20 h", "swing_2d_16": "ellipse, R = 16 h", "rest_2d_11_default_0": "disc, R = 11 h",
-    "collision_2d": "two discs, R = 8 h", "floor_2d_60": "floor, 60 degrees", "floor_2d_120": "floor, 120 degrees",
-    "cube": "cube, 10 h", "swing_3d_6": "spheroid, R = 6.2 h", "rest_3d_6_default_0": "ball, R = 6 h",
+SURFACES = {  # the left half of the picture, then the right one
+    "square_cluster": "square, 20 h", "swing_2d_16": "ellipse, R = 16 h",
+    "rest_2d_11_default_0": "disc at rest, R = 11 h", "collision_2d": "two discs, R = 8 h",
+    "cube": "cube, 10 h", "swing_3d_6": "spheroid, R = 6.2 h", "floor_2d_60": "floor, 60 degrees",
+    "floor_2d_120": "floor, 120 degrees",
 }  # fmt: skip
 LEDGERS = {
     "square_cluster": "square to disc", "swing_2d_16": "ellipse", "rest_2d_11_default_0": "disc at rest",
@@ -199,12 +200,11 @@ def surfaces_data(results: Results) -> dict[str, Any]:
 
 
 def surfaces_picture(data: Mapping[str, Any]) -> Any:
-    """Scenes of the plane on the left, of space on the right; time goes from left to right."""
-    halves = [[row for row in data["rows"] if row["space"] == space] for space in (False, True)]
+    """Scenes in two halves; time goes from left to right."""
+    lines = (len(data["rows"]) + 1) // 2
+    halves = [data["rows"][:lines], data["rows"][lines:]]
     count = max(len(row["frames"]) for row in data["rows"])
-    figure, panels = plt.subplots(
-        max(len(half) for half in halves), 2 * count, figsize=(13.2, 1.75 * max(len(half) for half in halves))
-    )
+    figure, panels = plt.subplots(lines, 2 * count, figsize=(13.2, 1.75 * lines))
     for axes in panels.flat:
         axes.set_axis_off()
     for side, half in enumerate(halves):
