@@ -11,10 +11,11 @@ import json
 import math
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, TextIO
 
+from refsim.backends.ahead import cores
 from refsim.core.errors import InputError
 from validation.checks import ACCURACY, Check, Checks
 from validation.experiment import Experiment, Options, Part, Picture, Results, Run
@@ -127,17 +128,20 @@ def part_of(experiment: str, panel: Panel, options: Options) -> Part:
 
     name = f"accuracy_cost_{panel.name}"
     picture = Picture(name, collect, draw)
-    runs = [*panel.runs(options), *gpu_runs(panel.name, options)]
+    runs = [replace(run, rough=options.quick) for run in (*panel.runs(options), *gpu_runs(panel.name, options))]
     return Part(ACCURACY, name, name, runs, checks, (picture,), lambda results: tables(collect(results)))
 
 
 def perform_panels(
-    chosen: Sequence[tuple[str, Panel]], options: Options, jobs: int = 1, stream: TextIO | None = None
+    chosen: Sequence[tuple[str, Panel]], options: Options, stream: TextIO | None = None
 ) -> list[Performed]:
     """Compute, check and draw the (experiment, panel) pairs; a setting that fails unasked stops its run.
 
+    The quick size runs on all cores side by side, since its times have no statistics.
+
     What a GPU gave at the published sizes is kept for machines without one (`validation.gpu_readings`).
     """
+    jobs = cores() if options.quick and options.backend == "cpu" else 1
     performed = perform([part_of(name, panel, options) for name, panel in chosen], options, jobs, stream=stream)
     for each, (_, panel) in zip(performed, chosen):
         keep(panel.name, each.part.runs, each.results, options)
@@ -435,6 +439,8 @@ def effects(panel: Panel, points: Points) -> list[dict[str, Any]]:
 def omissions(panel: Panel, points: Points, options: Options) -> list[str]:
     """What is not in the panel, and why."""
     made = [*without_gpu(panel.name, options), *panel.omissions(options)]
+    if options.quick:
+        made.append("runs stood side by side: times are rough")
     waiting: dict[str, list[str]] = {}
     for run in panel.runs(options):
         if run.skip:

@@ -62,6 +62,7 @@ class Run:
     estimate  seconds it may take, for the progress bar
     skip      why it is left out, if it is
     timed     its time is what it measures: it runs alone, on all threads; so does one with a parameter `threads`
+    rough     its time is a rough one: it may run beside others all the same
     """
 
     key: str
@@ -70,11 +71,12 @@ class Run:
     estimate: float = 1.0
     skip: str = ""
     timed: bool = False
+    rough: bool = False
 
     @property
     def alone(self) -> bool:
         """Whether nothing may run beside it."""
-        return self.timed or "threads" in self.parameters
+        return not self.rough and (self.timed or "threads" in self.parameters)
 
 
 @dataclass(frozen=True)
