@@ -23,6 +23,7 @@ pytestmark = [
 NO_NETWORK = dict.fromkeys(("http_proxy", "https_proxy", "HTTP_PROXY", "HTTPS_PROXY"), "http://127.0.0.1:9")
 LOCAL = re.compile(r'(?:href|src)="([^"]+)"')
 WIDTHS = (1280, 420)
+METHOD = re.compile(r"^## Equations?$.*^## Scene$", re.DOTALL | re.MULTILINE)
 
 
 @pytest.fixture(scope="module")
@@ -109,5 +110,20 @@ def test_pages_fit_the_width_and_formulas_are_typeset(site, tmp_path, width):
         browser.open(site / "render.html", "document.querySelectorAll('mjx-container').length > 0")
         assert browser.value("document.querySelectorAll('mjx-container merror, mjx-merror').length") == 0
         assert not browser.errors
+    finally:
+        browser.close()
+
+
+@pytest.mark.skipif(chromium() is None, reason="Chromium is not installed")
+def test_a_method_has_two_screens(site, tmp_path):
+    """Of 1,080 pixels, at a width of 1,280, with everything folded that begins so."""
+    pages = [page.stem for page in (ROOT / "docs").glob("*.md") if METHOD.search(page.read_text())]
+    assert len(pages) == 24
+    browser = Browser(tmp_path, 1280, 1080)
+    try:
+        height = "document.querySelector('article').getBoundingClientRect().height"
+        for page in pages:
+            browser.open(site / f"{page}.html", "document.querySelectorAll('mjx-container').length > 0")
+            assert browser.value(height) <= 2 * 1080, page
     finally:
         browser.close()

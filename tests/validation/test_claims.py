@@ -128,6 +128,42 @@ def test_the_page_shows_the_claims(system):
     assert between[1].strip() == claiming.page_table(CLAIMS, system).strip()
 
 
+NUMBER = r"-?\d+(?:\.\d+)?(?:e-?\d+)?"
+FINDING = re.compile(rf"({NUMBER})[^\d()|]*\(({NUMBER}) to ({NUMBER})\)")  # median (least to largest)
+
+
+def rounds_to(value, text):
+    """A page may give fewer digits, percent, and a quantity that is always negative without its sign."""
+    digits, _, power = text.partition("e")
+    half = 0.51 * 10.0 ** (int(power or 0) - len(digits.partition(".")[2]))
+    return any(abs(abs(value * factor) - abs(float(text))) <= half for factor in (1, 100))
+
+
+def rows_on_pages():
+    """(page, what is found, names of the claims) of each row of a table that ends with names of claims."""
+    for page in sorted((ROOT / "docs").glob("*.md")):
+        for line in page.read_text().splitlines():
+            *cells, last = line.strip().strip("|").split(" | ")
+            names = [name for name in re.findall(r"`(\w+)`", last) if name in CLAIMS]
+            if line.startswith("|") and names and page.name != "claims.md":
+                yield page.name, " ".join(cells), names
+
+
+def test_findings_on_the_pages_of_methods_are_those_of_the_ledger():
+    rows, ranges, wrong = list(rows_on_pages()), 0, []
+    for page, found, names in rows:
+        claims = [CLAIMS[name] for name in names]
+        if set(re.findall("confirmed|refuted|mixed|not testable", found)) != {claim.verdict for claim in claims}:
+            wrong.append((page, found, [claim.verdict for claim in claims]))
+        for texts in FINDING.findall(found):
+            ranges += 1
+            numbers = [(claim.measured, *claim.spread) for claim in claims if claim.starts]
+            if not any(all(map(rounds_to, each, texts)) for each in numbers):
+                wrong.append((page, texts, numbers))
+    assert not wrong, wrong
+    assert len(rows) > 60 and ranges > 20
+
+
 def test_the_issue_of_each_claim_is_there():
     """Both outcomes and reasons occur: a page on which every claim holds would have measured nothing."""
     assert {claim.verdict for claim in CLAIMS.values()} == {CONFIRMED, REFUTED, MIXED, NOT_TESTABLE}
