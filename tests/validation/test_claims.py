@@ -161,7 +161,8 @@ def test_findings_on_the_pages_of_methods_are_those_of_the_ledger():
             if not any(all(map(rounds_to, each, texts)) for each in numbers):
                 wrong.append((page, texts, numbers))
     assert not wrong, wrong
-    assert len(rows) > 60 and ranges > 20
+    assert len(rows) > 60
+    assert ranges > 20
 
 
 def test_the_issue_of_each_claim_is_there():
