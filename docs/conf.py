@@ -43,3 +43,4 @@ def setup(app: Any) -> None:
 
     app.connect("source-read", site_pages.as_on_the_site)
     app.connect("autodoc-process-docstring", site_pages.literal_tables)
+    app.connect("html-page-context", site_pages.whole_tables)

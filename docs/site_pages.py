@@ -194,3 +194,14 @@ def literal_tables(app: Any, what: str, name: str, found: Any, options: Any, lin
             made += [re.sub(r"([*|_])", r"\\\1", line) if "`" not in line else line for line in paragraph.splitlines()]
             made += [""]
     lines[:] = made
+
+
+def whole_tables(app: Any, page: str, template: str, context: dict[str, Any], tree: Any) -> None:
+    """Sphinx's event `html-page-context`: no column of a scene ends within a table of TOML."""
+
+    def marked(found: re.Match[str]) -> str:
+        parts = found[2].rstrip("\n").split("\n\n")
+        return found[1] + "\n".join(f'<span class="part">{part}</span>' for part in parts) + found[3]
+
+    pattern = r'(<div class="highlight-toml[^>]*><div class="highlight"><pre>)(.*?)(</pre>)'
+    context["body"] = re.sub(pattern, marked, context.get("body", ""), flags=re.DOTALL)
