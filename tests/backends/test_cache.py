@@ -87,7 +87,7 @@ values = {
     "smoothing": smoothing("wendland_c2", 0.2, 2, "float32"),
     "fluid": Fluid(real(1), real(1), np.int32(7), np.int32(1)),
     "neighbours": NeighbourRows(
-        np.arange(n) * n, np.full(n, n, np.int32), np.tile(np.arange(n, dtype=np.int32), n)
+        np.arange(n) * n, np.full(n, n, np.int32), np.tile(np.arange(n, dtype=np.uint32), n)
     ),
     "acceleration": np.zeros((n, 3), real),
 }

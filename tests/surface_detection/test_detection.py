@@ -503,7 +503,7 @@ def numbers(position, walls, dim, dtype, masses=None):
         walls = WallParticles(walls.astype(dtype), np.full(len(walls), 0.5, dtype))
     mass = np.full(len(position), rest, dtype) if masses is None else masses.astype(dtype)
     sums, gradients = smoothing("poly6", h, dim, dtype), smoothing("spiky", h, dim, dtype)
-    fluid = Fluid(real(rest), real(1), np.int32(1), np.int32(1))
+    fluid = Fluid(real(rest), real(1), np.int32(1), np.int32(1), real(0), real(1), real(2))
     state = reference_density(position, mass, walls, sums, fluid)
     values = {
         "position": position,
@@ -532,7 +532,7 @@ def oracle(operation, values):
 def rows(found):
     count = np.array([len(f) for f in found], np.int32)
     start = (np.cumsum(count) - count).astype(np.int64)
-    return start, count, np.concatenate([*found, [0]]).astype(np.int32)
+    return start, count, np.concatenate([*found, [0]]).astype(np.uint32)
 
 
 def cpu(operation, values, like):

@@ -234,7 +234,7 @@ def rows_of(position, radius):
     found = neighbour_list(position, radius)
     count = np.array([len(f) for f in found], dtype=np.int32)
     start = np.concatenate(([0], np.cumsum(count[:-1]))).astype(np.int64)
-    return NeighbourRows(start, count, np.concatenate([*found, np.zeros(1)]).astype(np.int32))
+    return NeighbourRows(start, count, np.concatenate([*found, np.zeros(1)]).astype(np.uint32))
 
 
 def wall_rows(position, wall, radius):
@@ -242,7 +242,7 @@ def wall_rows(position, wall, radius):
     found = [np.flatnonzero(line < radius) for line in distance]
     count = np.array([len(f) for f in found], dtype=np.int32)
     start = np.concatenate(([0], np.cumsum(count[:-1]))).astype(np.int64)
-    return NeighbourRows(start, count, np.concatenate([*found, np.zeros(1)]).astype(np.int32))
+    return NeighbourRows(start, count, np.concatenate([*found, np.zeros(1)]).astype(np.uint32))
 
 
 def compare(name, values, counts):
@@ -290,7 +290,7 @@ def test_density_correction_and_soft_weight_pair_with_their_oracles(dtype):
         "neighbours": rows_of(values["position"], 1.1),
         "walls": with_list(*walls, wall_rows(values["position"], wall, 1.1)),
         "smoothing": smoothing("wendland_c2", 1.0, 3, dtype),
-        "fluid": Fluid(*np.array([1.0, 100.0], dtype), np.int32(1), np.int32(1)),
+        "fluid": Fluid(*np.array([1.0, 100.0], dtype), np.int32(1), np.int32(1), *np.array([0.0, 1.0, 2.0], dtype)),
         "corrected_density": np.zeros(len(c.mass), dtype),
         "surface_normal": (0.5 * c.surface_normal).astype(dtype),
         "surface_weight": np.zeros(len(c.mass), dtype),
