@@ -1,5 +1,6 @@
 """Inputs, hard cases and closed forms of heat conduction."""
 
+import dataclasses
 import math
 
 import numpy as np
@@ -250,6 +251,107 @@ def a_pair_by_legendre():
     x = 1 - 2 * z / 5
     left = 7 / 12 + 5 / 12 * (5 * x**3 - 3 * x) / 2
     return Exact(PAIR, _given(), {"temperature": _moved(APART * (1 - left) / INVERSE.sum())})
+
+
+# The same answers from particles whose nearest images stand 1 m apart
+
+
+def _images(exact, apart=1.5, length=2.5):
+    """The pair at `apart` [m], in a period of `length` [m]."""
+    case = dataclasses.replace(PAIR, name="heat_images", position=np.array([[0.0, 0.0, 0.0], [0.0, apart, 0.0]]))
+    return Exact(case, exact.given | {"period": period_group((0.0, length, 0.0), "float64")}, exact.expected)
+
+
+@closed_form("heat.exchange_rate")
+def rates_of_two_images():
+    return _images(rates_of_a_pair())
+
+
+@closed_form("heat.explicit")
+def two_images_forward():
+    return _images(a_pair_forward())
+
+
+@closed_form("heat.single_pass", "heat.conjugate_gradient")
+def two_images_backward():
+    return _images(a_pair_backward())
+
+
+@closed_form("heat.chebyshev")
+def two_images_by_chebyshev():
+    return _images(a_pair_by_chebyshev())
+
+
+@closed_form("heat.runge_kutta_legendre")
+def two_images_by_legendre():
+    return _images(a_pair_by_legendre())
+
+
+@closed_form("heat.one_sided")
+def two_images_each_by_itself():
+    return _images(a_pair_each_by_itself())
+
+
+@closed_form("heat.pair_exchange")
+def two_images_in_two_sweeps():
+    """In a period of four support radii, the shortest that is taken."""
+    return _images(a_pair_in_two_sweeps(), apart=-7.0, length=8.0)
+
+
+# The Laplacian of poly6 (Shao & Song M5): at q = 1/2 it is 315/(64 pi h^5) (24/4 3/4 - 18 9/16), below 0.
+
+POLY6_WEIGHT = 0.5 * VOLUME[0] * VOLUME[1] * (2 * 1.5) * 315 / (64 * 32 * math.pi) * (4.5 - 10.125)
+
+
+def _by_poly6():
+    return _given(conduction=conduction_group(PAIR.grid("float64"), laplacian=POLY6, sweep_share=0.5))
+
+
+@closed_form("heat.exchange_rate")
+def rates_by_poly6():
+    """The moduli: |G|/C_i."""
+    return Exact(PAIR, _by_poly6(), {"exchange_rate": np.abs(POLY6_WEIGHT) / 0.5 * INVERSE})
+
+
+@closed_form("heat.explicit")
+def a_pair_forward_by_poly6():
+    """Heat goes from cold to warm."""
+    return Exact(PAIR, _by_poly6(), {"temperature": _moved(POLY6_WEIGHT * APART)})
+
+
+@closed_form("heat.pair_exchange")
+def a_pair_in_two_sweeps_by_poly6():
+    once = _alone(POLY6_WEIGHT / 2)
+    heat = once * APART * (1 + (1 - once * INVERSE.sum()))
+    return Exact(PAIR, _by_poly6(), {"temperature": _moved(heat)})
+
+
+# Conductivities below 1 W/(m K), a tenth of the pair's: the harmonic mean of 0.3 and 0.1 is 0.15.
+
+
+@closed_form("heat.explicit")
+def a_poor_conductor_forward():
+    return Exact(PAIR, _given(conductivity=0.1 * CONDUCTIVITY), {"temperature": _moved(0.1 * WEIGHT * APART)})
+
+
+@closed_form("heat.single_pass", "heat.conjugate_gradient")
+def a_poor_conductor_backward():
+    return Exact(PAIR, _given(conductivity=0.1 * CONDUCTIVITY), {"temperature": _moved(_alone(0.1 * WEIGHT) * APART)})
+
+
+@closed_form("heat.chebyshev")
+def a_poor_conductor_by_chebyshev():
+    """Solved to 1e-14: backward Euler."""
+    conduction = conduction_group(PAIR.grid("float64"), tolerance=1e-14)
+    given = _given(conductivity=0.1 * CONDUCTIVITY, conduction=conduction)
+    return Exact(PAIR, given, {"temperature": _moved(_alone(0.1 * WEIGHT) * APART)})
+
+
+@closed_form("heat.pair_exchange")
+def a_poor_conductor_in_two_sweeps():
+    once = _alone(0.05 * WEIGHT)
+    heat = once * APART * (1 + (1 - once * INVERSE.sum()))
+    return Exact(PAIR, _given(conductivity=0.1 * CONDUCTIVITY), {"temperature": _moved(heat)})
 
 
 # With latent heat: the first particle at 80 melts nothing, the second stands 60 J/kg below its melting point of 0.
