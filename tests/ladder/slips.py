@@ -60,6 +60,9 @@ SIZE = "size = w1 * w1 + w2 * w2 + w3 * w3"
 NARROWED = f"return ({', '.join(f'real(v[{k}])' for k in range(16))})  ->  return ("
 CLEARED = "scratch[b, n, c] = type(scratch[b, n, c])(0)"
 SLOPES = "f0 + w * (f1 - f0), gx / h, gy / h, (f1 - f0) / h"
+SIGNS = "return (xn * yt * zt, xt * yn * zt, xt * yt * zn)"
+SIDES = ", ".join(f"0 if a{a} == j{a} else 1 if j{a} < low[{k}] else 2" for k, a in enumerate("xyz"))
+MIRRORED = f"sx, sy, sz = signs({SIDES}, r)"
 SEVEN = "".join(f"real(v[{k}]), " for k in range(7))
 
 
@@ -90,7 +93,21 @@ HARMLESS = {
     "squared_gradient": [(f"g{c} += f * d{c}", "only its square is taken") for c in "xyz"],
     "step_node": [("return -1  ->  return -2", "any negative number says that there is no node")],
     "base_coordinate": [("return FARTHEST + 1  ->  return FARTHEST + 2", "any number beyond all nodes does")],
-    "mirrored_update": [("range(3)  ->  range(4)", "a node has no fourth image along an axis")],
+    "mirrored_update": [
+        ("range(3)  ->  range(4)", "a node has no fourth image along an axis"),
+        *(
+            (
+                f"{MIRRORED}  ->  {MIRRORED.replace(upper, upper[:-1] + '3')}",
+                "any number but 0 and 1 is the upper mirror",
+            )
+            for upper in ("jx < low[0] else 2", "jy < low[1] else 2", "jz < low[2] else 2")
+        ),
+    ],
+    "signs": [
+        (f"{SIGNS}  ->  {SIGNS[:k]}/{SIGNS[k + 1 :]}", "a sign divides as it multiplies")
+        for k, letter in enumerate(SIGNS)
+        if letter == "*"
+    ],
     "melted_now": [("phase[i] = FLUID", "a zero has no sign")],
     "detach": [("held = 1", "any positive number means that a melted node is in the region")],
     **{name: [("zero = type(", "only the type is taken")] for name in ("damp_sums", "damp_slot", "motion_sums")},
