@@ -9,6 +9,8 @@ import pytest
 
 from refsim import Box, Cloud, HeatConduction, InputError, RunStopped, Scene, Simulation, make_plan
 from refsim.__main__ import main
+from refsim.contract.ladder import Target, _closed_form, exact_forms
+from refsim.core import cases
 from refsim.core.operation import REGISTRY
 from refsim.engine.driver import stock
 from refsim.heat import reference
@@ -388,3 +390,20 @@ def test_every_bound_of_the_case_is_held_against_something():
 def test_every_scheme_has_an_operation():
     names = {name for name in REGISTRY if name.startswith("heat.")}
     assert len(names) == 10
+
+
+@pytest.mark.parametrize("program", ["numpy", "cpu"])
+@pytest.mark.parametrize("name", sorted(name for name in REGISTRY if name.startswith("heat.")))
+def test_a_pair_across_a_period_is_a_pair(name, program):
+    """No scene has a period, and so no variant of the contract: here every variant gets one."""
+    cases.discover()
+    variants = tuple({k: v for k, v in variant.items() if k != "period"} for variant in REGISTRY[name].variants)
+    periodic = dataclasses.replace(REGISTRY[name], variants=variants)
+    outcomes = [
+        _closed_form(Target(periodic, program, "float64", number), trial, form)
+        for number, variant in enumerate(variants)
+        for trial, form in exact_forms(periodic, variant)
+        if "images" in trial
+    ]
+    assert all(outcome.passed for outcome in outcomes), outcomes
+    assert outcomes or name in ("heat.enthalpy_jacobi", "heat.particle_volume")
