@@ -1,6 +1,5 @@
 """Inputs, hard cases and closed forms of heat conduction."""
 
-import dataclasses
 import math
 
 import numpy as np
@@ -185,6 +184,12 @@ def _alone(weight=WEIGHT):
     return weight / (1 + weight * INVERSE.sum())
 
 
+def _swept_twice(weight):
+    """Twice M(4) over half the step; the second time the difference has shrunk."""
+    once = _alone(weight / 2)
+    return _moved(once * APART * (1 + (1 - once * INVERSE.sum())))
+
+
 @closed_form("heat.exchange_rate")
 def rates_of_a_pair():
     """G/C_i, G = WEIGHT/dt; a reservoir has none."""
@@ -216,10 +221,7 @@ def a_pair_with_a_reservoir():
 
 @closed_form("heat.pair_exchange")
 def a_pair_in_two_sweeps():
-    """Twice M(4) over half the step; the second time the difference has shrunk."""
-    once = _alone(WEIGHT / 2)
-    heat = once * APART * (1 + (1 - once * INVERSE.sum()))
-    return Exact(PAIR, _given(), {"temperature": _moved(heat)})
+    return Exact(PAIR, _given(), {"temperature": _swept_twice(WEIGHT)})
 
 
 @closed_form("heat.one_sided")
@@ -253,51 +255,6 @@ def a_pair_by_legendre():
     return Exact(PAIR, _given(), {"temperature": _moved(APART * (1 - left) / INVERSE.sum())})
 
 
-# The same answers from particles whose nearest images stand 1 m apart
-
-
-def _images(exact, apart=1.5, length=2.5):
-    """The pair at `apart` [m], in a period of `length` [m]."""
-    case = dataclasses.replace(PAIR, name="heat_images", position=np.array([[0.0, 0.0, 0.0], [0.0, apart, 0.0]]))
-    return Exact(case, exact.given | {"period": period_group((0.0, length, 0.0), "float64")}, exact.expected)
-
-
-@closed_form("heat.exchange_rate")
-def rates_of_two_images():
-    return _images(rates_of_a_pair())
-
-
-@closed_form("heat.explicit")
-def two_images_forward():
-    return _images(a_pair_forward())
-
-
-@closed_form("heat.single_pass", "heat.conjugate_gradient")
-def two_images_backward():
-    return _images(a_pair_backward())
-
-
-@closed_form("heat.chebyshev")
-def two_images_by_chebyshev():
-    return _images(a_pair_by_chebyshev())
-
-
-@closed_form("heat.runge_kutta_legendre")
-def two_images_by_legendre():
-    return _images(a_pair_by_legendre())
-
-
-@closed_form("heat.one_sided")
-def two_images_each_by_itself():
-    return _images(a_pair_each_by_itself())
-
-
-@closed_form("heat.pair_exchange")
-def two_images_in_two_sweeps():
-    """In a period of four support radii, the shortest that is taken."""
-    return _images(a_pair_in_two_sweeps(), apart=-7.0, length=8.0)
-
-
 # The Laplacian of poly6 (Shao & Song M5): at q = 1/2 it is 315/(64 pi h^5) (24/4 3/4 - 18 9/16), below 0.
 
 POLY6_WEIGHT = 0.5 * VOLUME[0] * VOLUME[1] * (2 * 1.5) * 315 / (64 * 32 * math.pi) * (4.5 - 10.125)
@@ -321,9 +278,7 @@ def a_pair_forward_by_poly6():
 
 @closed_form("heat.pair_exchange")
 def a_pair_in_two_sweeps_by_poly6():
-    once = _alone(POLY6_WEIGHT / 2)
-    heat = once * APART * (1 + (1 - once * INVERSE.sum()))
-    return Exact(PAIR, _by_poly6(), {"temperature": _moved(heat)})
+    return Exact(PAIR, _by_poly6(), {"temperature": _swept_twice(POLY6_WEIGHT)})
 
 
 # Conductivities below 1 W/(m K), a tenth of the pair's: the harmonic mean of 0.3 and 0.1 is 0.15.
@@ -349,9 +304,7 @@ def a_poor_conductor_by_chebyshev():
 
 @closed_form("heat.pair_exchange")
 def a_poor_conductor_in_two_sweeps():
-    once = _alone(0.05 * WEIGHT)
-    heat = once * APART * (1 + (1 - once * INVERSE.sum()))
-    return Exact(PAIR, _given(conductivity=0.1 * CONDUCTIVITY), {"temperature": _moved(heat)})
+    return Exact(PAIR, _given(conductivity=0.1 * CONDUCTIVITY), {"temperature": _swept_twice(0.1 * WEIGHT)})
 
 
 # With latent heat: the first particle at 80 melts nothing, the second stands 60 J/kg below its melting point of 0.
