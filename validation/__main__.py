@@ -28,6 +28,7 @@ from validation import (
     scaling,
     stability,
     stability_page,
+    unchanged,
     verify,
 )
 from validation.attack import campaign
@@ -35,6 +36,7 @@ from validation.checks import ACCURACY, CLAIM, HARD_CASE, KINDS, VERDICT, bars
 from validation.experiment import Experiment, Options, Picture, chosen, discover
 from validation.measure import command
 from validation.perform import EXIT_FAILED, EXIT_FINE, Performed, exit_code, perform
+from validation.reading import source
 from validation.report import as_json, report
 
 
@@ -106,6 +108,14 @@ def parser() -> argparse.ArgumentParser:
     part.add_argument("--write", action="store_true", help="renew docs/published.md and the marks on the pages")
     part.add_argument("--json", action="store_true", help="one JSON object on standard output")
     part.set_defaults(perform=stale)
+
+    part = add(
+        "unchanged", "compares stale numbers with those of older sources, bit by bit, and renews what is the same"
+    )
+    part.add_argument("old", type=Path, metavar="OLD", help="folder with the older sources")
+    part.add_argument("--jobs", type=int, default=os.cpu_count() or 1, metavar="N", help="processes; one a core")
+    part.add_argument("--write", action="store_true", help="renew the records with the same bits")
+    part.set_defaults(perform=same_bits)
 
     part = add("verify", "computes some published numbers anew and compares them, in a minute")
     part.add_argument("names", nargs="*", metavar="NUMBER", help="all of validation/verify.toml by default")
@@ -280,6 +290,15 @@ def stale(given: argparse.Namespace) -> int:
         for page in published.write_pages(found):
             print(page)
     print(published.as_json(found) if given.json else published.table(found))
+    return EXIT_FINE
+
+
+def same_bits(given: argparse.Namespace) -> int:
+    """Compare stale numbers with those of older sources."""
+    found = unchanged.compare(given.old, discover(), given.jobs)
+    print(unchanged.table(found))
+    if given.write:
+        print(f"{unchanged.renew(found, source()['commit'])} records renewed")
     return EXIT_FINE
 
 

@@ -166,9 +166,11 @@ def table(found: Sequence[Standing]) -> Table:
 
 
 def words_of(standing: Standing) -> str:
-    """Date and commit of a record."""
-    date, commit = standing.record.get("date"), standing.record.get("commit")
-    return f"{date}{f', {commit[:7]}' if commit else ''}" if date else "no record"
+    """Date and commit of a record, and the commit at which its bits were last compared."""
+    date, commit, same = (standing.record.get(name) for name in ("date", "commit", "same_bits_at"))
+    if not date:
+        return "no record"
+    return f"{date}{f', {commit[:7]}' if commit else ''}{f'; same bits at {same[:7]}' if same else ''}"
 
 
 def duration(seconds: float) -> str:

@@ -28,7 +28,7 @@ FORMAT = 1
 # Modules of this package that name, judge, keep, draw and tell what runs give: no result depends on them.
 PRESENTING = (
     "accuracy", "accuracy_picture", "answers", "checks", "claims", "drawing", "experiment", "gpu_readings", "perform",
-    "published", "report", "results", "stability", "stability_page", "tables", "verify",
+    "published", "report", "results", "stability", "stability_page", "tables", "unchanged", "verify",
 )  # fmt: skip
 _HERE = Path(__file__).resolve().parent
 _ROOT = _HERE.parent
