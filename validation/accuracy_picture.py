@@ -45,7 +45,7 @@ def answer_picture(data: Mapping[str, Any]) -> Any:
     passed = {c.key for c in own if answers.refused(c, own) or answers.by_chance(c, c.error, own)}
     methods: dict[str, tuple[list[Any], list[Any]]] = {}  # of a CPU, of a GPU
     for c in found:
-        name = str(c.point["knobs"].get(observable.method, "points"))
+        name = str(c.point["knobs"].get("program" if answers.is_peer(c.point) else observable.method, "points"))
         gpu = c.point["knobs"].get("backend") == "cuda" and "cuda" not in name
         methods.setdefault(name.replace(", GPU", ""), ([], []))[gpu].append(c)
     for k, (name, both) in enumerate(methods.items()):

@@ -7,6 +7,7 @@ from typing import Any
 from validation.accuracy import Panel
 from validation.experiment import Options, Run
 from validation.experiments.boundary import sampling_runs, tank_runs
+from validation.peers import libigl
 from validation.work_precision import REPEATS
 
 ITERATIONS = (1, 3, 10, 20, 30, 1000)
@@ -43,7 +44,18 @@ def distance_runs(options: Options) -> list[Run]:
     settings[f"h{SPACINGS[1]:g}_float64"] = {"words": f"h = {SPACINGS[1]:g} m, float64", "knobs": knobs}
     parameters = {"settings": settings, "backend": options.backend, "threads": options.threads,
                   "repeats": 2 if options.quick else REPEATS}  # fmt: skip
-    return [Run("distance", sampling_runs.distance, parameters, estimate=40.0)]
+    made = [Run("distance", sampling_runs.distance, parameters, estimate=40.0)]
+    if options.backend != "cpu" or options.quick:
+        return made
+    others = {
+        f"libigl_h{spacing:g}": {
+            "words": f"libigl, the nodes of h = {spacing:g} m",
+            "knobs": {"program": "libigl", "spacing": spacing, "dtype": "float64", "backend": "cpu"},
+        }
+        for spacing in SPACINGS
+    }
+    parameters = {"settings": others, "threads": options.threads or 2, "repeats": REPEATS}
+    return [*made, Run("libigl", sampling_runs.distance_by_libigl, parameters, 60.0, libigl.missing())]
 
 
 def tank_runs_of(options: Options) -> list[Run]:

@@ -6,6 +6,7 @@ import math
 import time
 from collections.abc import Mapping
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -17,6 +18,7 @@ from refsim.backends.arrays import choose, set_threads
 from refsim.boundary.mesh import load_mesh
 from refsim.boundary.sampling import HEXAGONAL, sample
 from refsim.boundary.signed_distance import signed_distance
+from refsim.sparse_grid.reference import node_table
 from validation.experiments.boundary.sampling_shapes import SHAPES, known_distance, mesh_of
 from validation.peers import libigl, splishsplash_sampling
 from validation.reading import Reading, distribution, measured
@@ -437,3 +439,43 @@ def distance(
     finally:
         set_threads(there, None)
     return measured(readings, threads, backend)
+
+
+def distance_by_libigl(
+    context: Context, settings: Mapping[str, Mapping[str, Any]], threads: int, repeats: int
+) -> Result:
+    """The field with libigl's distances at its nodes, trilinear between them; seconds of libigl's tree and queries."""
+    there = choose("cpu")
+    made = SHAPES["sphere"](6)
+    mesh = mesh_of(made, "sphere")
+    place = near_surface(made, 0.04, PLACES, 0)
+    known = known_distance("sphere", place)
+    bands = {key: signed_distance(mesh, s["knobs"]["spacing"], dtype="float64") for key, s in settings.items()}
+    nodes = {key: band.spacing * node_table(band.blocks) + mesh.origin for key, band in bands.items()}
+    found: dict[str, dict[str, Any]] = {}
+
+    def queried(key: str, k: int) -> float:
+        found[key] = libigl.run(made.vertices, made.faces, nodes[key], threads)
+        missing = found[key].get("missing", "")
+        return 0.0 if missing else found[key]["tree"] + found[key]["seconds_per_query"] * len(nodes[key])
+
+    spent = rounds(context, settings, queried, float, repeats)
+    readings = []
+    for key, setting in settings.items():
+        common = {"key": key, "words": setting["words"], "knobs": setting["knobs"], "expected": True}
+        if "missing" in found[key]:
+            readings.append(Reading(**common, stopped=f"missing: {found[key]['missing']}"))
+            continue
+        seconds = [mean(reading) for reading in spent[key]]
+        own = bands[key]
+        distance = np.clip(found[key]["distance"], -own.band, own.band)
+        other = replace(own, field=own.field._replace(distance=distance))
+        error = there.host(other.at(place)[0]) - known
+        rms = float(np.sqrt((error**2).mean()))
+        readings.append(
+            Reading(
+                **common, error=rms, value=rms, seconds=seconds, per_step=seconds, parts={"field": seconds},
+                distribution={"error [m]": distribution(error)}, particles=PLACES, bytes=distance.nbytes // PLACES,
+            )
+        )  # fmt: skip
+    return measured(readings, threads, "peer")

@@ -633,3 +633,36 @@ def normals(
     finally:
         set_threads(there, None)
     return measured(readings, threads, backend)
+
+
+def peer_normals(context: Context, settings: Mapping[str, Mapping[str, Any]], threads: int, repeats: int) -> Result:
+    """pysplashsurf's normals on the same sphere of particles, as readings like the others, its mesh included.
+
+    settings  key to {"words", "knobs", "share", "smoothing" (see `validation.peers.pysplashsurf.run_normals`)}
+    """
+    position = CELL * shapes.cloud("sphere", RADIUS)
+    last: dict[str, dict[str, Any]] = {}
+
+    def computed(key: str, k: int) -> dict[str, Any]:
+        setting = settings[key]
+        last[key] = pysplashsurf.run_normals(position, CELL, setting["share"], setting["smoothing"], threads)
+        return last[key]
+
+    found = rounds(context, settings, computed, lambda made: made.get("seconds", 0.0), repeats)
+    readings = []
+    for key, setting in settings.items():
+        common = {"key": key, "words": setting["words"], "knobs": setting["knobs"], "expected": True}
+        if "missing" in last[key]:
+            readings.append(Reading(**common, stopped=f"missing: {last[key]['missing']}"))
+            continue
+        place, normal = (np.asarray(last[key][name], dtype=float) for name in ("place", "normal"))
+        angle = shapes.angles(normal, shapes.true_normals(place / CELL, "sphere", RADIUS))
+        seconds = [math.fsum(made["seconds"] for made in reading) / len(reading) for reading in found[key]]
+        readings.append(
+            Reading(
+                **common, error=float(angle.mean()), value=float(angle.mean()), seconds=seconds, per_step=seconds,
+                parts={"mesh and normals": seconds}, particles=len(position),
+                distribution={"angle [degrees]": distribution(angle)},
+            )
+        )  # fmt: skip
+    return measured(readings, threads, "peer")
