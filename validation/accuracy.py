@@ -351,6 +351,16 @@ def _order(panel: Panel, name: str, knob: str, theory: float | None, there: Sequ
     return order_from_values(size, [p["value"] for p in there], theory)
 
 
+def is_peer(point: Mapping[str, Any]) -> bool:
+    """Whether a point was measured with another program."""
+    return str(point["knobs"].get("program", "refsim")) != "refsim"
+
+
+def group_of(point: Mapping[str, Any], knob: str) -> str:
+    """The name of another program, or the value of a knob."""
+    return str(point["knobs"].get("program" if is_peer(point) else knob, ""))
+
+
 def headline(panel: Panel, shown: Points) -> dict[str, Any]:
     """Time to the stated error: the fastest setting of each group, and what the others cost more; then equal numbers.
 
@@ -359,7 +369,7 @@ def headline(panel: Panel, shown: Points) -> dict[str, Any]:
     groups: dict[str, list[tuple[str, Mapping[str, Any]]]] = {}
     for key, p in shown.items():
         if not p["stopped"]:
-            groups.setdefault(str(p["knobs"].get(panel.group, "")), []).append((key, p))
+            groups.setdefault(group_of(p, panel.group), []).append((key, p))
     rows = []
     for group, members in groups.items():
         there = [(key, p) for key, p in members if p["to_stated"] is not None and not p["elsewhere"]]
@@ -397,7 +407,7 @@ def _equal_numbers(panel: Panel, shown: Points) -> list[dict[str, Any]]:
         return []
     fastest: dict[tuple[str, int], tuple[str, Mapping[str, Any]]] = {}
     for key, p in alive.items():
-        place = str(p["knobs"].get(panel.group)), p["particles"]
+        place = group_of(p, panel.group), p["particles"]
         if place not in fastest or p["seconds"] < fastest[place][1]["seconds"]:
             fastest[place] = key, p
     rows = []
@@ -460,7 +470,7 @@ def advice(panel: Panel, points: Points, band: Band | None) -> str:
         return "No setting came to an end, so that there is nothing to choose."
     found = [c for c in answers.candidates(points, observable) if "reported" not in c.point["knobs"]]
     spread = answers.uncertainty(points, observable, None if band is None else asdict(band))
-    own = [c for c in found if not answers.is_peer(c.point)] or found
+    own = [c for c in found if not is_peer(c.point)] or found
     error = panel.stated / observable.scale if observable.stated is None else observable.stated
     named = f"{panel.observable} {panel.stated:.3g}"
     if observable.stated is not None:
@@ -473,9 +483,9 @@ def advice(panel: Panel, points: Points, band: Band | None) -> str:
         )
     best = choice.advised
     said = [f"For {named} take {best.point['words']}: {duration(choice.seconds)}", *choice.notes]
-    mine = str(best.point["knobs"].get(panel.group))
-    for rival in sorted({str(c.point["knobs"].get(panel.group)) for c in found} - {mine}):
-        members = [c for c in found if str(c.point["knobs"].get(panel.group)) == rival]
+    mine = group_of(best.point, panel.group)
+    for rival in sorted({group_of(c.point, panel.group) for c in found} - {mine}):
+        members = [c for c in found if group_of(c.point, panel.group) == rival]
         reach = [s for c in members if (s := c.seconds(error)) is not None and not c.point["elsewhere"]]
         if reach:
             said.append(f"{rival} takes {min(reach) / choice.seconds:.1f} times as long")

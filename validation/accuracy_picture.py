@@ -11,6 +11,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
+from validation.accuracy import group_of, is_peer
 from validation.drawing import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION, YELLOW
 from validation.reading import first_kept
 from validation.results import floats, real
@@ -33,7 +34,7 @@ def answer_picture(data: Mapping[str, Any]) -> Any:
     advised: dict[str, list[float]] = {}
     read: dict[str, list[float]] = {}  # named where no timing has settled
     for reported in (False, True):
-        some = [c for c in found if ("reported" in c.point["knobs"]) == reported and not answers.is_peer(c.point)]
+        some = [c for c in found if ("reported" in c.point["knobs"]) == reported and not is_peer(c.point)]
         for error in sorted({*answers.TARGETS, *observable.more}, reverse=True) if some else ():
             choice = answers.choose(some, error, spread)
             if choice.advised is not None:
@@ -41,11 +42,11 @@ def answer_picture(data: Mapping[str, Any]) -> Any:
             elif choice.read is not None and not (observable.meaning and error <= observable.meaning[0]):
                 read.setdefault(choice.read.key, []).append(error)
     figure, axes = plt.subplots(figsize=(7.6, 4.3))
-    own = [c for c in found if "reported" not in c.point["knobs"] and not answers.is_peer(c.point)]
+    own = [c for c in found if "reported" not in c.point["knobs"] and not is_peer(c.point)]
     passed = {c.key for c in own if answers.refused(c, own) or answers.by_chance(c, c.error, own)}
     methods: dict[str, tuple[list[Any], list[Any]]] = {}  # of a CPU, of a GPU
     for c in found:
-        name = str(c.point["knobs"].get("program" if answers.is_peer(c.point) else observable.method, "points"))
+        name = group_of(c.point, observable.method) or "points"
         gpu = c.point["knobs"].get("backend") == "cuda" and "cuda" not in name
         methods.setdefault(name.replace(", GPU", ""), ([], []))[gpu].append(c)
     for k, (name, both) in enumerate(methods.items()):
@@ -140,12 +141,12 @@ def parts_picture(data: Mapping[str, Any]) -> Any:
 
 def group_colours(data: Mapping[str, Any], points: Mapping[str, Any]) -> dict[str, str]:
     """A colour for each value of the knob that the headline compares."""
-    names = dict.fromkeys(str(p["knobs"].get(data["headline"]["group"], "")) for p in points.values())
+    names = dict.fromkeys(group_of(p, data["headline"]["group"]) for p in points.values())
     return {name: GROUP_COLOURS[k % len(GROUP_COLOURS)] for k, name in enumerate(names)}
 
 
 def _group(data: Mapping[str, Any], point: Mapping[str, Any]) -> str:
-    return str(point["knobs"].get(data["headline"]["group"], ""))
+    return group_of(point, data["headline"]["group"])
 
 
 def _plain_ticks(axis: Any, words: Callable[[float], str] = "{:g}".format) -> None:

@@ -32,7 +32,7 @@ from pathlib import Path
 from typing import Any
 
 from refsim.study.advice import percent as percent
-from validation.accuracy import duration, time_to
+from validation.accuracy import duration, is_peer, time_to
 from validation.results import real
 from validation.work_precision import SAME, error_verdict, unsettled
 
@@ -408,11 +408,6 @@ def refused(candidate: Candidate, others: Sequence[Candidate]) -> str:
 def observable_of(panel: str, title: str, group: str) -> Observable:
     """How a panel is answered; one without an entry in OBSERVABLES in its own unit."""
     return OBSERVABLES.get(panel) or Observable(title, "", method=group)
-
-
-def is_peer(point: Point) -> bool:
-    """Whether a point was measured with another program."""
-    return str(point["knobs"].get("program", "refsim")) != "refsim"
 
 
 def by_chance(candidate: Candidate, error: float, others: Sequence[Candidate]) -> Candidate | None:

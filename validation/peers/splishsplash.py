@@ -4,6 +4,7 @@ block  its WCSPH on a block of liquid that spins. Equation of state, viscosity, 
        those of `timing.runs.spinning_block`. The neighbour search runs in every step, as that program does it. With
        the surface tension of Akinci et al. 2013, where a coefficient is given.
 drop   its DFSPH with the surface tension of Akinci et al. 2013, on a cube of liquid that becomes a drop.
+column its DFSPH on a column of liquid that collapses in a tank, in 2D; walls are its sampled boundary particles.
 
 Coefficients are set through its own interface: what a scene file says of them it does not read in every version.
 """
@@ -28,6 +29,7 @@ STEP = 5e-4  # s
 DENSITY = 1000.0  # kg/m^3
 STIFFNESS = 9e5  # rho0 c^2 [Pa], exponent 1
 VISCOSITY = 0.01  # kinematic [m^2/s]
+GAP = 0.25  # spacings more than one from the tank's particles: without it the corner is too dense and is shot off
 WARM = 3  # steps that are not counted
 TIME_LIMIT = 300.0  # s
 
@@ -56,6 +58,19 @@ def run_drop(settings: Mapping[str, Any], threads: int) -> dict[str, Any]:
     Wall seconds count stepping alone, from the first step on.
     """
     return _launch({"work": "drop", **settings}, threads)
+
+
+def run_column(settings: Mapping[str, Any], threads: int) -> dict[str, Any]:
+    """A column of width a and height 2 a collapses in 2D: {"time", "wall", "front" (lists), "particles", "steps",
+    "version"} or {"missing"}; the front is that of the connected liquid from the column's wall [m].
+
+    settings  "columns" (particles along a), "width" (a [m]), "length", "height" (of the tank [m]), "viscosity"
+              (kinematic [m^2/s]), "step" (largest step [s]), "times" (of the samples [s]) and "shake" (seed of the
+              small displacements at the start); rest density 1000 kg/m^3
+
+    Wall seconds count stepping alone, from the first step on.
+    """
+    return _launch({"work": "column", **settings}, threads)
 
 
 def graphics_libraries() -> dict[str, str]:
@@ -189,6 +204,95 @@ def drop(
     }
 
 
+def column(
+    columns: int,
+    width: float,
+    length: float,
+    height: float,
+    viscosity: float,
+    step: float,
+    times: list[float],
+    shake: int,
+) -> dict[str, Any]:
+    """Run the column in this process; the front counts from half a spacing before its first particles."""
+    import numpy as np
+    import pysplishsplash as peer
+    import trimesh
+
+    from validation.metrics.dam_break import front_position
+    from validation.metrics.shapes import shaken
+
+    spacing = width / columns
+    trimesh.creation.box((1.0, 1.0, 1.0)).export("box.obj")
+    scene = {
+        "Configuration": {
+            "particleRadius": 0.5 * spacing,
+            "sim2D": True,
+            "simulationMethod": 4,  # DFSPH
+            "gravitation": [0.0, -9.81, 0.0],
+            "boundaryHandlingMethod": 0,  # Akinci et al. 2012
+            "cflMethod": 1,
+            "cflFactor": 0.5,
+            "cflMaxTimeStepSize": step,
+            "timeStepSize": step,
+            "stopAt": times[-1],
+        },
+        "Materials": [{"id": "Fluid", "density0": DENSITY, "viscosityMethod": 1, "surfaceTensionMethod": 0}],
+        "RigidBodies": [
+            {
+                "geometryFile": "box.obj",
+                "translation": [0.5 * length, 0.5 * height, 0.0],
+                "scale": [length, height, 4.0 * width],
+                "isDynamic": False,
+                "isWall": True,
+                "mapInvert": True,
+                "samplingMode": 1,
+            }
+        ],
+        "FluidBlocks": [
+            {
+                "denseMode": 0,
+                "start": [GAP * spacing, GAP * spacing, -width],
+                "end": [width + (1.0 + GAP) * spacing, 2.0 * width + (1.0 + GAP) * spacing, width],
+                "id": "Fluid",
+            }
+        ],
+    }
+    base = _simulator(peer, scene)
+    found: dict[str, list[float]] = {"time": [], "wall": [], "front": []}
+    clock = {"last": 0.0, "spent": 0.0, "steps": 0}
+
+    def after_step() -> None:
+        clock["spent"] += time.perf_counter() - clock["last"]
+        clock["steps"] += 1
+        now = peer.TimeManager.getCurrent().getTime()
+        if len(found["time"]) < len(times) and now >= times[len(found["time"])]:
+            model = peer.Simulation.getCurrent().getFluidModel(0)
+            position = np.array(model.getFieldBuffer("position"))[: model.numActiveParticles(), :2]
+            found["time"].append(float(now))
+            found["wall"].append(float(clock["spent"]))
+            found["front"].append(front_position(position.astype(float), spacing).connected - (0.5 + GAP) * spacing)
+        clock["last"] = time.perf_counter()
+
+    base.setTimeStepCB(after_step)
+    base.initSimulation()
+    fluid = peer.Simulation.getCurrent().getFluidModel(0)
+    fluid.getViscosityBase().setValueFloat(peer.Viscosity_Standard.VISCOSITY_COEFFICIENT, viscosity)
+    lattice = np.array(fluid.getFieldBuffer("position"))[: fluid.numActiveParticles()].astype(float)
+    for i, place in enumerate(shaken(lattice, spacing, shake)):
+        fluid.setPosition(i, np.array([place[0], place[1], 0.0], dtype=np.float32))
+    clock["last"] = time.perf_counter()
+    base.runSimulation()
+    return {
+        **found,
+        "particles": int(fluid.numActiveParticles()),
+        "lowest": lattice.min(0).tolist(),
+        "highest": lattice.max(0).tolist(),
+        "steps": clock["steps"],
+        "version": importlib.metadata.version("pySPlisHSPlasH"),
+    }
+
+
 def _simulator(peer: Any, scene: Mapping[str, Any]) -> Any:
     """Its simulator with a scene file in the working folder."""
     Path("scene.json").write_text(json.dumps(scene))
@@ -200,8 +304,8 @@ def _simulator(peer: Any, scene: Mapping[str, Any]) -> Any:
 
 
 def work(work: str, **given: Any) -> dict[str, Any]:
-    """Either of both."""
-    return {"block": block, "drop": drop}[work](**given)
+    """One of the three."""
+    return {"block": block, "drop": drop, "column": column}[work](**given)
 
 
 if __name__ == "__main__":

@@ -12,9 +12,11 @@ from validation.experiment import Options, Run
 from validation.experiments.dam_break import accuracy_runs
 from validation.experiments.dam_break.runs import TRUTH_RADIUS
 from validation.metrics.dam_break import data_tolerance
+from validation.peers import splishsplash
 from validation.start_up import start_up
 from validation.work_precision import REPEATS
 
+PEER = "SPlisHSPlasH"
 LAMBDAS = (0.90, 0.92, 0.95, 0.98, 0.99)
 DTYPES = ("float32", "float64")
 METHODS = {  # words, fields of the effect
@@ -186,6 +188,14 @@ def front_runs(options: Options) -> list[Run]:
             seconds *= 1.5 if setting["knobs"]["dtype"] == "float64" else 1.0
             seconds = 4.0 if setting["backend"] == "numpy" else seconds
             made.append(Run(f"{setting['key']}_{repeat}", accuracy_runs.front, parameters, estimate=seconds))
+        for columns in () if options.quick or options.backend != "cpu" else SPACINGS[:4]:
+            knobs = {"program": PEER, "spacing": 0.5 / columns, "step": 1.0, "dtype": "float32", "backend": "cpu"}
+            words = f"{PEER}, DFSPH, d = L/{columns}"
+            parameters = {"key": f"peer_d{columns}", "words": words, "knobs": knobs, "columns": columns,
+                          "threads": options.threads or 2, "repeat": repeat}  # fmt: skip
+            made.append(
+                Run(f"peer_d{columns}_{repeat}", accuracy_runs.peer_front, parameters, 4.0, splishsplash.missing())
+            )
     return made
 
 

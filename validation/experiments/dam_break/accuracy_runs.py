@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 
 from refsim import Scene, Simulation, SurfaceDetection
 from refsim.core.errors import RunStopped
-from validation.experiments.dam_break.runs import GRAVITY, HEIGHT, TRUTH_RADIUS, column_scene
+from validation.experiments.dam_break.runs import DENSITY, GRAVITY, HEIGHT, LID, TRUTH_RADIUS, column_scene, viscosity
 from validation.experiments.dam_break.state import TANK, load_state
 from validation.metrics.dam_break import (
     FRONT_DATA,
@@ -25,12 +25,14 @@ from validation.metrics.dam_break import (
 )
 from validation.metrics.shapes import shaken
 from validation.metrics.surface_truth import arc_cover_surface, cap_cover_surface, detection_score
+from validation.peers import splishsplash
 from validation.reading import Reading, distribution, joules, measured, scene_digest
 from validation.results import Result
 from validation.running import Context, first_call_seconds, refusal, stage_seconds, with_step
 from validation.turns import mean_parts, rounds
 
 WALLED = 15.0  # column widths: the tank of the front, as in `runs.surge`
+PEER_STEP = 2e-3  # s, the longest of SPlisHSPlasH, which shortens it by the speed (CFL number 0.5)
 MEAN = (1.0, 3.0)  # t sqrt(2 g/L) between which the mean front is the observable that settings are compared by
 _warm: dict[str, float] = {}  # seconds of starting and first calls, by kind of scene, of this process
 
@@ -236,6 +238,41 @@ def front(
                               fit_time_offset(times, reach, load_front_data(name)).offset).largest)
         for name in FRONT_DATA
     })  # fmt: skip
+
+
+def peer_front(
+    context: Context, key: str, words: str, knobs: Mapping[str, Any], columns: int, threads: int, repeat: int,
+    until: float = 4.6,
+) -> Result:  # fmt: skip
+    """The same column in SPlisHSPlasH (DFSPH), with refsim's kinematic viscosity, as a reading like the others."""
+    width = 0.5 * HEIGHT
+    scale = math.sqrt(width / (2.0 * GRAVITY))
+    spacing = width / columns
+    settings = {
+        "columns": columns, "width": width, "length": WALLED * width, "height": LID, "step": PEER_STEP,
+        "viscosity": viscosity(spacing) / DENSITY, "shake": repeat,
+        "times": [float(at) for at in np.arange(0.0, until + 0.025, 0.05) * scale],
+    }  # fmt: skip
+    found = splishsplash.run_column(settings, threads)
+    common = {"key": key, "words": words, "knobs": knobs, "expected": True}
+    if "missing" in found:
+        return measured([Reading(**common, stopped=f"missing: {found['missing']}")], threads, "peer")
+    times = dimensionless_time(np.array(found["time"]), width, GRAVITY)
+    reach = np.array(found["front"]) / width
+    series = load_front_data("martin_moyce_2.25in")
+    error = front_error(times, reach, series, fit_time_offset(times, reach, series).offset)
+    seconds = found["wall"][-1]
+    reading = Reading(
+        **common,
+        error=abs(error.largest),
+        value=float(np.interp(np.linspace(*MEAN, 41), times, reach).mean()),
+        seconds=[seconds],
+        parts={"step": [seconds]},
+        per_step=[seconds / found["steps"]],
+        particles=found["particles"],
+        steps=found["steps"],
+    )
+    return measured([reading], threads, "peer", version=found["version"])
 
 
 def front_scene(columns: int, dtype: str, effects: Mapping[str, Mapping[str, Any]], shake: int = 0) -> Scene:

@@ -45,10 +45,15 @@ WORDS = {
 }
 
 
+def viscosity(spacing: float) -> float:
+    """Dynamic viscosity [Pa s] of the column: 4 Pa s at 80 spacings to a metre, in proportion to the spacing [m]."""
+    return 4.0 * 80.0 * spacing
+
+
 def column_scene(columns: int, depth: int = 1, tank: float = 4.0, effects: tuple = (), cloud: Any = None) -> Scene:
     """A column of columns x 2 columns (x depth) particles at one end of a closed tank of length `tank` L.
 
-    The viscosity of 4 Pa s, in proportion to the spacing, is numerical: it stands for the artificial viscosity that
+    The viscosity is numerical: it stands for the artificial viscosity that
     weakly compressible liquid needs, and the flow does not follow from it (Reynolds number above 500).
     depth  particles across; 1 is 2D. cloud  (position, mass) of a later moment, instead of the column
     """
@@ -68,7 +73,7 @@ def column_scene(columns: int, depth: int = 1, tank: float = 4.0, effects: tuple
             WeaklyCompressible(
                 rest_density=DENSITY,
                 sound_speed=10.0 * math.sqrt(GRAVITY * HEIGHT),
-                dynamic_viscosity=4.0 * 80.0 * spacing,
+                dynamic_viscosity=viscosity(spacing),
                 state="tait",
             ),
             Gravity(acceleration=(0.0, -GRAVITY, 0.0)),
