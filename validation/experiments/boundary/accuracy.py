@@ -7,7 +7,7 @@ from typing import Any
 from validation.accuracy import Panel
 from validation.experiment import Options, Run
 from validation.experiments.boundary import sampling_runs, tank_runs
-from validation.peers import libigl
+from validation.peers import libigl, splishsplash_sampling
 from validation.work_precision import REPEATS
 
 ITERATIONS = (1, 3, 10, 20, 30, 1000)
@@ -31,7 +31,13 @@ def quality_runs(options: Options) -> list[Run]:
         add("k1000_half", f"until they rest, {COUNT // 2:,} particles", 1000, count=COUNT // 2)
     parameters = {"settings": settings, "backend": options.backend, "threads": options.threads,
                   "repeats": 2 if options.quick else REPEATS}  # fmt: skip
-    return [Run("quality", sampling_runs.quality, parameters, estimate=30.0)]
+    made = [Run("quality", sampling_runs.quality, parameters, estimate=30.0)]
+    if options.backend != "cpu" or options.quick:
+        return made
+    knobs = {"program": "SPlisHSPlasH", "dtype": "float32", "backend": "cpu"}
+    other = {"key": "splishsplash", "words": "SPlisHSPlasH's surface sampling", "knobs": knobs, "count": COUNT,
+             "threads": options.threads or 2, "repeats": REPEATS}  # fmt: skip
+    return [*made, Run("peer", sampling_runs.quality_by_splishsplash, other, 20.0, splishsplash_sampling.missing())]
 
 
 def distance_runs(options: Options) -> list[Run]:

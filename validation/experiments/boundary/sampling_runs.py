@@ -400,6 +400,30 @@ def quality(
     return measured(readings, threads, backend)
 
 
+def quality_by_splishsplash(
+    context: Context, key: str, words: str, knobs: Mapping[str, Any], count: int, threads: int, repeats: int
+) -> Result:
+    """The same shape sampled by SPlisHSPlasH, with as many particles, as a reading like the others."""
+    made = SHAPES["organic"](4)
+    radius = radius_for(mesh_of(made, "organic").area, count)
+    last: dict[str, Any] = {}
+
+    def sampled(key: str, k: int) -> float:
+        last.update(splishsplash_sampling.run(made.vertices, made.faces, radius, threads))
+        return float(last.get("seconds", 0.0))
+
+    seconds = [mean(reading) for reading in rounds(context, [key], sampled, float, repeats)[key]]
+    common = {"key": key, "words": words, "knobs": knobs, "expected": True}
+    if "missing" in last:
+        return measured([Reading(**common, stopped=f"missing: {last['missing']}")], threads, "peer")
+    error = evenness(last["position"])["variation"]
+    reading = Reading(
+        **common, error=error, value=error, seconds=seconds, per_step=seconds, parts={"sampling": seconds},
+        particles=last["particles"],
+    )  # fmt: skip
+    return measured([reading], threads, "peer", version=last["version"])
+
+
 def distance(
     context: Context, settings: Mapping[str, Mapping[str, Any]], backend: str, threads: int | None, repeats: int
 ) -> Result:
