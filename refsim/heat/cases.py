@@ -19,7 +19,7 @@ from refsim.core.cases import (
     takes,
 )
 from refsim.heat import HeatConduction
-from refsim.heat.shapes import MUELLER, POLY6, SPIKY, Conduction, Period, conduction_group, period_group
+from refsim.heat.shapes import MUELLER, POLY6, SPIKY, Conduction, conduction_group
 
 SLOW = 1.0  # k dt/(rho c d^2) of the common cases, on average
 STORED = REST_DENSITY * 1000.0  # rho c [J/(m^3 K)] of the common cases, about
@@ -96,11 +96,6 @@ def _conduction(case, grid):
     return {"conduction": effect.conduction(grid)}
 
 
-@groups("period")
-def _period(case, grid):
-    return {"period": period_group((5 * case.support_radius, 0.0, 0.0), grid.dtype)}
-
-
 def _conduction_follows(group, inputs, kernel):
     """What is made of the support radius and of the spacing d of the case.
 
@@ -119,11 +114,6 @@ def _conduction_follows(group, inputs, kernel):
     return own | {name: made[name] for name in ("inverse_radius", "inverse_volume", "scale")}
 
 
-def _period_follows(group, inputs, kernel):
-    made = period_group((float(group.x), float(group.y), float(group.z)), "float64")._asdict()
-    return {name: made[name] for name in ("inverse_x", "inverse_y", "inverse_z")}
-
-
 VARIATIONS[Conduction] = Variation(
     _conduction_follows,
     {
@@ -133,7 +123,6 @@ VARIATIONS[Conduction] = Variation(
     {"dim": lambda dim: 5 - dim, "most_passes": lambda most: 2},
     ("support_radius", "factor", "laplacian", "harmonic", "unit_capacity", "dim"),
 )
-VARIATIONS[Period] = Variation(_period_follows, other=dict.fromkeys("xyz", lambda length: 0.9 * length or 1.2))
 PAIRS = "support_radius factor laplacian harmonic unit_capacity dim"
 codes(Conduction, laplacian={"spiky": SPIKY, "mueller": MUELLER, "poly6": POLY6})
 takes("heat.one_sided", conduction=f"{PAIRS} frozen")
@@ -168,7 +157,7 @@ def _given(**more):
     grid = PAIR.grid("float64")
     return {
         "mass": MASS, "volume": VOLUME, "heat_capacity": CAPACITY, "conductivity": CONDUCTIVITY,
-        "temperature": TEMPERATURE, "timestep": np.array([0.7, 0.5]), "period": None, "reservoir": None,
+        "temperature": TEMPERATURE, "timestep": np.array([0.7, 0.5]), "reservoir": None,
         "enthalpy": None, "melting_point": None, "latent_heat": None,
         "conduction": conduction_group(grid, residual=1e-14, sweep_share=0.5),
     } | more  # fmt: skip

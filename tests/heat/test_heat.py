@@ -12,10 +12,11 @@ from refsim.__main__ import main
 from refsim.contract.ladder import Target, _closed_form, exact_forms
 from refsim.core import cases
 from refsim.core.operation import REGISTRY
+from refsim.core.period import period_group
 from refsim.engine.driver import stock
 from refsim.heat import reference
 from refsim.heat.cases import PAIR
-from refsim.heat.shapes import lattice_moment, period_group
+from refsim.heat.shapes import lattice_moment
 from validation.checks import bars
 from validation.experiments.heat import exact, runs
 from validation.experiments.heat import experiment as case

@@ -34,6 +34,7 @@ from refsim import (
 from refsim.backends import arrays as backend
 from refsim.backends import runtime
 from refsim.core.operation import REGISTRY, backend_of
+from refsim.core.period import period_group
 from refsim.engine.binding import step_launches
 from refsim.neighbours.reference import neighbour_list, pair_blocks
 from refsim.study.memory import bytes_of
@@ -164,6 +165,23 @@ def test_particles_are_sorted_stably_by_cell(cuda, name):
     sorter = search.programs.sorter
     flung = name in ("flung particle", "beyond the cells")
     assert sorter.by_count is None or bool(sorter.mirror.read()[6]) == flung
+
+
+@pytest.mark.parametrize("lengths, dim", [((0.9, 0.0, 0.0), 2), ((0.46, 0.7, 0.0), 2), ((0.7, 0.0, 0.9), 3)])
+def test_list_in_a_periodic_box(cuda, lengths, dim):
+    """Two, three and four cells along an axis; a third of the particles several periods away."""
+    position = cloud(60, dim)
+    position[::3] += np.array([3.0, -2.0, 1.0]) * lengths
+    search = neighbours.NeighbourSearch(cuda, dim, "float64", RADIUS, SKIN, period_group(lengths, "float64"))
+    there = cuda.asarray(position)
+    there = search.reorder(there, search.order(there))
+    listed = search.build(there)
+    expected = neighbour_list(cuda.host(there), RADIUS * (1 + SKIN), period=lengths)
+    for own, true in zip(columns(cuda, listed), expected, strict=True):
+        assert sorted(own) == list(true)
+    search.audit(there, cuda.asarray(0 * position), cuda.asarray(np.zeros(2)), listed)
+    search.build(there)
+    assert search.log.missed_neighbours == 0
 
 
 def test_list_in_float32(cuda):
