@@ -35,14 +35,14 @@ def cell_key(cx, cy, cz):
 
 @formula
 def nearest_image(separation, length, inverse):
-    """d = x - L floor(x/L + 1/2) [m], a component x of a separation to the nearest image in a period L; both 0: none."""
+    """d = x - L floor(x/L + 1/2) [m], a component of a separation to the nearest image in a period L; both 0: none."""
     real = type(separation)
     return separation - length * real(math.floor(separation * inverse + real(0.5)))
 
 
 @formula
 def to_nearest_image(dx, dy, dz, period):
-    """Separation (dx, dy, dz) [m] to the nearest image, d = x - L floor(x/L + 1/2) each; as it is without a `period`."""
+    """Separation (dx, dy, dz) [m] to the nearest image, d = x - L floor(x/L + 1/2); as it is without a `period`."""
     if period is not None:
         dx = nearest_image(dx, period.x, period.inverse_x)
         dy = nearest_image(dy, period.y, period.inverse_y)
@@ -115,7 +115,7 @@ def beside(cell, step, number):
 
 @formula
 def periodic_row(key, row, piece, layers, cells):
-    """(first, last) key = 2^42 c_z + 2^21 c_y + c_x of a row of cells along x around one, dimensionless; last < first: none.
+    """(first, last) key = 2^42 c_z + 2^21 c_y + c_x of a row of cells along x around one; last < first: none.
 
     There are 3 `layers` rows. One at the border has a second piece on the other side of the box.
     """

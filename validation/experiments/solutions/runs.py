@@ -212,21 +212,32 @@ def vortex(context: Context, cells: int, form: str, backend: str) -> Result:
     return _turning(context, cells, form, backend, math.pi, (walls,), (0.0, 0.0, 0.0))
 
 
-def vortices(context: Context, cells: int, form: str, backend: str) -> Result:
-    """Four vortices of Taylor & Green, U = 1 m/s, in a periodic box of 1 m with `cells` particles a side."""
-    return _turning(context, cells, form, backend, 2 * math.pi, (), (1.0, 1.0, 0.0))
+def vortices(context: Context, cells: int, form: str, backend: str, reynolds: float = REYNOLDS) -> Result:
+    """Four vortices of Taylor & Green, U = 1 m/s, in a periodic box of 1 m with `cells` particles a side.
+
+    reynolds  U/nu times the side of a vortex
+    """
+    return _turning(context, cells, form, backend, 2 * math.pi, (), (1.0, 1.0, 0.0), reynolds)
 
 
 def _turning(
-    context: Context, cells: int, form: str, backend: str, k: float, walls: tuple, period: tuple[float, float, float]
+    context: Context,
+    cells: int,
+    form: str,
+    backend: str,
+    k: float,
+    walls: tuple,
+    period: tuple[float, float, float],
+    reynolds: float = REYNOLDS,
 ) -> Result:
-    """A flow of Taylor & Green with wave number k [1/m] in a square of 1 m, until a vortex has turned as in `vortex`.
+    """A flow of Taylor & Green with wave number k [1/m] in a square of 1 m, until it has decayed as in `vortex`.
 
     The background pressure comes of `cells`^2 particles that are heavier than the box takes at rest density.
     rate   of decay of the part of the velocity in the initial flow over 2 nu k^2
     error  root mean square of v - v_exact at the end over that of v_exact
     """
-    sound, viscosity, until = 10.0, math.pi / k / REYNOLDS, MIXED * math.pi / k
+    sound, viscosity = 10.0, math.pi / k / reynolds
+    until = MIXED * math.pi / k * reynolds / REYNOLDS
     width = 1.0 / cells
     spacing = width * math.sqrt(1 + BACKGROUND / sound**2)  # which sets the particles' mass
     position = Box(cells=(cells, cells, 1)).positions(Discretisation(2, "float64", width, SUPPORT * width, 0))
