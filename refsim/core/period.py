@@ -6,12 +6,9 @@ checkpoints are those of its path. Every separation is taken to the nearest imag
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-
-if TYPE_CHECKING:
-    from refsim.core.effect import Discretisation
 
 Lengths = tuple[float, float, float]
 
@@ -33,10 +30,10 @@ def period_group(lengths: Lengths, dtype: str) -> Period:
     return Period(*(real(v) for v in lengths), *(real(1 / v if v else 0.0) for v in lengths))
 
 
-def wrapped(position: np.ndarray, grid: Discretisation) -> np.ndarray:
-    """Positions (n, 3) [m] of the images inside the periodic box of a scene; as they are along other axes."""
+def wrapped(position: np.ndarray, lengths: Lengths, lower: Lengths) -> np.ndarray:
+    """Positions (n, 3) [m] of the images inside a periodic box; as they are along axes of length 0."""
     inside = np.array(position)
-    for axis, (length, low) in enumerate(zip(grid.period, grid.period_lower)):
+    for axis, (length, low) in enumerate(zip(lengths, lower)):
         if length > 0:
             x = inside[:, axis].astype(float)
             inside[:, axis] = x - length * np.floor((x - low) / length)

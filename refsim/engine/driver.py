@@ -368,8 +368,9 @@ class _Run:
             simulation.evaluate()
             values = {name: simulation.field(name) for name in simulation.plan.particle_fields}
             values = {name: v.view(np.uint8) if v.dtype.kind == "b" else v for name, v in values.items()}
-            grid = simulation.plan.grid
-            self.writer.write(simulation.time, wrapped(values.pop("position"), grid), **values)
+            scene = simulation.plan.scene
+            position = wrapped(values.pop("position"), scene.period, scene.period_lower)
+            self.writer.write(simulation.time, position, **values)
         self.frames += 1
         log().debug("frame at %.6g s", simulation.time)
 

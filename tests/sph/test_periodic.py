@@ -98,7 +98,7 @@ def test_images_of_particles_are_the_particles(backend):
     assert moved[0, 0] > 0.8
     assert np.allclose(moved, [[3.0 * simulation.time, -simulation.time, 0.0]], atol=1e-12)
     assert np.allclose(simulation.field("density"), 1000.0, rtol=1e-12)
-    inside = wrapped(simulation.field("position"), simulation.plan.grid)
+    inside = wrapped(simulation.field("position"), scene.period, scene.period_lower)
     assert (inside >= 0).all()
     assert (inside[:, :2] < [0.8, 0.9]).all()
 
