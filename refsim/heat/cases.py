@@ -10,6 +10,7 @@ from refsim.core.cases import (
     Case,
     Exact,
     Variation,
+    across_a_border,
     case,
     closed_form,
     codes,
@@ -354,6 +355,51 @@ def ice_on_a_reservoir():
     )  # fmt: skip
     temperature = np.column_stack((np.full(3, 80.0), warmth)).reshape(-1)
     return Exact(trio, given, {"enthalpy": ended, "temperature": temperature})
+
+
+# The same pairs with the second particle on the other side of a periodic box.
+
+
+@closed_form("heat.exchange_rate")
+def rates_across_a_border():
+    """As by poly6."""
+    return across_a_border(rates_by_poly6(), 5.0)
+
+
+@closed_form("heat.explicit")
+def forward_across_a_border():
+    """As the pair's."""
+    return across_a_border(a_pair_forward(), 5.0)
+
+
+@closed_form("heat.single_pass", "heat.conjugate_gradient")
+def backward_across_a_border():
+    """As the pair's."""
+    return across_a_border(a_pair_backward(), 5.0)
+
+
+@closed_form("heat.chebyshev")
+def chebyshev_across_a_border():
+    """As the pair's."""
+    return across_a_border(a_pair_by_chebyshev(), 5.0)
+
+
+@closed_form("heat.pair_exchange")
+def two_sweeps_across_a_border():
+    """As the pair's, in a box of four support radii."""
+    return across_a_border(a_pair_in_two_sweeps(), 8.0)
+
+
+@closed_form("heat.one_sided")
+def each_by_itself_across_a_border():
+    """As the pair's."""
+    return across_a_border(a_pair_each_by_itself(), 5.0)
+
+
+@closed_form("heat.runge_kutta_legendre")
+def legendre_across_a_border():
+    """As the pair's."""
+    return across_a_border(a_pair_by_legendre(), 5.0)
 
 
 @closed_form("heat.particle_volume")

@@ -9,13 +9,9 @@ import pytest
 
 from refsim import Box, Cloud, HeatConduction, InputError, RunStopped, Scene, Simulation, make_plan
 from refsim.__main__ import main
-from refsim.contract.ladder import Target, _closed_form, exact_forms
-from refsim.core import cases
 from refsim.core.operation import REGISTRY
-from refsim.core.period import period_group
 from refsim.engine.driver import stock
 from refsim.heat import reference
-from refsim.heat.cases import PAIR
 from refsim.heat.shapes import lattice_moment
 from validation.checks import bars
 from validation.experiments.heat import exact, runs
@@ -392,30 +388,3 @@ def test_every_bound_of_the_case_is_held_against_something():
 def test_every_scheme_has_an_operation():
     names = {name for name in REGISTRY if name.startswith("heat.")}
     assert len(names) == 10
-
-
-PERIODIC = sorted(name for name, operation in REGISTRY.items() if "period" in operation.arguments("numpy"))
-
-
-@pytest.mark.parametrize("program", ["numpy", "cpu"])
-@pytest.mark.parametrize("name", PERIODIC)
-def test_a_pair_across_a_period_is_a_pair(name, program):
-    """No scene has a period, and so no variant of the contract: here the closed forms of a pair 1 m apart are asked of
-    its nearest images. A list finds them 1.5 m apart in 2.5 m; pair exchange takes four support radii at least."""
-    cases.discover()
-    apart, length = (-7.0, 8.0) if name == "heat.pair_exchange" else (1.5, 2.5)
-    case = dataclasses.replace(PAIR, name="heat_images", position=np.array([[0.0, 0.0, 0.0], [0.0, apart, 0.0]]))
-    period = period_group((0.0, length, 0.0), "float64")
-    operation = REGISTRY[name]
-    variants = tuple({key: value for key, value in each.items() if key != "period"} for each in operation.variants)
-    targets = [
-        Target(dataclasses.replace(operation, variants=variants), program, "float64", k) for k in range(len(variants))
-    ]
-    outcomes = [
-        _closed_form(target, trial, dataclasses.replace(form, case=case, given=form.given | {"period": period}))
-        for target, variant in zip(targets, operation.variants)
-        for trial, form in exact_forms(operation, variant)
-        if form.case is PAIR
-    ]
-    assert all(outcome.passed for outcome in outcomes), outcomes
-    assert outcomes or name == "heat.enthalpy_jacobi"  # whose pairs stand beside each other

@@ -122,7 +122,7 @@ def test_plates_begin_at_rest_and_end_in_the_steady_flow():
         (lambda time: exact.couette(height, time, 2.0, 3.0, 0.5), 1.5 * height, 0.0, 3.0),
         (lambda time: exact.poiseuille(height, time, 2.0, 0.7, 0.5), 0.7 * height * (2 - height), 0.7, 0.0),
     ):
-        assert np.abs(flow(1e-5)[:-2]).max() < 1e-3
+        assert np.abs(flow(1e-3)[height < 1.8]).max() < 1e-3
         np.testing.assert_allclose(flow(100.0), steady, atol=1e-12)
         assert flow(0.3)[[0, -1]] == pytest.approx([0.0, wall], abs=1e-9)
         change = (flow(0.3001) - flow(0.2999)) / 2e-4
@@ -197,7 +197,7 @@ def test_the_runs_at_small_size(monkeypatch):
             Context(),
             **{
                 **run.parameters,
-                "cells": min(run.parameters["cells"], LARGEST.get(run.key.partition("_")[0], 5)),
+                "cells": min(run.parameters["cells"], LARGEST.get(run.function.__name__, 5)),
             },
         )
         for run in planned
