@@ -90,7 +90,7 @@ def build_chunk(
                         middle += np.int64(k // 3 - 1) << (2 * BITS)
                     least, most = middle - 1, middle + 1
                 else:
-                    least, most = periodic_row(current, k % (3 * layers), k // (3 * layers), layers, periodic)
+                    least, most = periodic_row(current, k, layers, periodic)
                     backward = True  # rows come from both sides of the box
                 a = lower_bound(cells, least) if backward else low_cell[k]
                 while a < cells.shape[0] and cells[a] < least:
@@ -110,8 +110,8 @@ def build_chunk(
                         for c in range(3):
                             wider[c, m] = near[c, m]
                     near, names, mark = wider, longer, np.zeros(8 * ((grown + 7) // 8), np.uint8)
-                if exclude_self and k == layers + layers // 3:
-                    own = candidates - low  # the middle row of cells holds the query itself
+                if exclude_self and least <= current and current <= most:
+                    own = candidates - low  # this row of cells holds the query itself
                 for m in range(size):
                     names[candidates + m] = low + m
                     near[0, candidates + m] = source[low + m, 0]

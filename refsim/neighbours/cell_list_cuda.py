@@ -85,14 +85,14 @@ def cell_ranges(cells, first, query_cells, query_report, periodic, low, high):
     if periodic is not None:
         rows = low.shape[1] // 2
         if i < high.shape[0] and i < query_report[0] and k < rows:
-            for piece in range(2):
-                least, most = periodic_row(query_cells[i], k, piece, rows // 3, periodic)
+            for piece in range(2 * k, 2 * k + 2):
+                least, most = periodic_row(query_cells[i], piece, rows // 3, periodic)
                 a = lower_bound(cells, least)
                 b = a
                 while b < cells.shape[0] and cells[b] <= most:
                     b += 1
-                low[i, k + piece * rows] = first[a]
-                high[i, k + piece * rows] = first[b]
+                low[i, piece] = first[a]
+                high[i, piece] = first[b]
     elif i < high.shape[0] and i < query_report[0] and k < low.shape[1]:
         middle = query_cells[i] + ((k % 3 - 1) << BITS)
         if low.shape[1] == 9:

@@ -101,41 +101,43 @@ def key_of_place(x, y, z, inverse_cell, cells):
 
 
 @formula
-def beside(cell, step, number):
-    """Coordinate = 1 + (cell - 1 + step) mod number, dimensionless, of a cell beside one; -1 for the same cell twice.
+def beside(cell, k, number):
+    """The k-th smallest, k = 0 to 2, of the coordinates of a cell and of those on either side, dimensionless; -1: none.
 
     number  of cells along the axis; 0 without a period
     """
-    if number == 0:
-        return cell + step
-    if number == 2 and step == 1:  # the same as step -1
-        return -1
-    return 1 + (cell - 1 + step + number) % number
+    if number == 2:  # both sides are one cell
+        return k + 1 if k < 2 else -1
+    if number > 0 and cell == 1:
+        return k + 1 if k < 2 else number
+    if number > 0 and cell == number:
+        return 1 if k == 0 else number - 2 + k
+    return cell + k - 1
 
 
 @formula
-def periodic_row(key, row, piece, layers, cells):
-    """(first, last) key = 2^42 c_z + 2^21 c_y + c_x of a row of cells along x around one; last < first: none.
+def periodic_row(key, k, layers, cells):
+    """(first, last) key = 2^42 c_z + 2^21 c_y + c_x of a piece of a row along x around a cell; last < first: none.
 
-    There are 3 `layers` rows. One at the border has a second piece on the other side of the box.
+    There are 3 `layers` rows, each of two pieces, since one at the border goes on at the other side of the box; k
+    counts the pieces in the order of their keys.
     """
     mask = (1 << BITS) - 1
     cx, cy, cz = key & mask, (key >> BITS) & mask, key >> (2 * BITS)
-    cy = beside(cy, row % 3 - 1, cells.y)
+    cy = beside(cy, k // 2 % 3, cells.y)
     if layers == 3:
-        cz = beside(cz, row // 3 - 1, cells.z)
+        cz = beside(cz, k // 6, cells.z)
+    second = k % 2 == 1
     low, high = cx - 1, cx + 1
     if cells.x > 0:
         low, high = max(low, 1), min(high, cells.x)
-    if piece == 1:
+    torn = cells.x > 2 and (cx == 1 or cx == cells.x)
+    if torn and second == (cx == 1):
+        low, high = cells.x + 1 - cx, cells.x + 1 - cx
+    elif second and not torn:
         low, high = 1, 0
-        if cells.x > 2 and cx == 1:
-            low, high = cells.x, cells.x
-        elif cells.x > 2 and cx == cells.x:
-            low, high = 1, 1
     if cy < 0 or cz < 0:
-        low, high = 1, 0
-        cy, cz = max(cy, 0), max(cz, 0)
+        low, high, cy, cz = 1, 0, 0, 0
     return cell_key(low, cy, cz), cell_key(high, cy, cz)
 
 

@@ -101,6 +101,7 @@ def test_list_of_a_periodic_box_holds_all_pairs(lengths, dtype):
         table = np.zeros(distance.shape, dtype=np.int64)
         for i, row in enumerate(rows(found)):
             np.add.at(table[i], row, 1)
+            assert (row == found.entries[found.start[i] : found.start[i] + found.count[i]]).all()  # in their order
         other = (own[:, None] != own[None, :]) if others else np.ones_like(table, bool)
         assert (table <= ((distance < search.reach + eps) & other)).all()
         assert (table >= ((distance < search.reach - eps) & other)).all()
