@@ -515,6 +515,7 @@ def _wall_particles(case: Case, grid: Discretisation) -> Mapping[str, Any]:
     return {"wall_particles": WallParticles(case.wall_position.astype(grid.dtype), volume.astype(grid.dtype))}
 
 
+RESOLVED = 1e4  # spacings; a rounding is a thousandth of a spacing there
 BOX_GRID = 2.0**-12  # of the spacing's power of two: images on such a grid are shifted without rounding
 
 
@@ -524,14 +525,16 @@ def _period(case: Case, grid: Discretisation) -> Mapping[str, Any]:
 
 
 def period_around(case: Case, grid: Discretisation, least: float) -> Period:
-    """A periodic box half a spacing wider than most particles, not below `least` [m]; none along z in the plane."""
+    """A periodic box half a spacing wider than the particles stand, not below `least` [m]; none along z in the plane.
+
+    There is none along an axis where single precision resolves no spacing at the other end of the box.
+    """
     step = BOX_GRID * 2.0 ** math.floor(math.log2(case.spacing))
     lengths = [0.0, 0.0, 0.0]
     for axis in range(case.dim):
-        x = np.sort(case.position[:, axis])
-        few = len(x) // 20  # which may be far away
-        width = x[-1 - few] - x[few] if len(x) else 0.0
-        lengths[axis] = math.ceil(max(width + 0.5 * case.spacing, least) / step) * step
+        width = float(np.ptp(case.position[:, axis])) if case.count else 0.0
+        if width < RESOLVED * case.spacing:
+            lengths[axis] = math.ceil(max(width + 0.5 * case.spacing, least) / step) * step
     return period_group((lengths[0], lengths[1], lengths[2]), grid.dtype)
 
 

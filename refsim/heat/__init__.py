@@ -496,7 +496,7 @@ def _wide(case: Any, grid: Discretisation) -> Period:
     """A periodic box as long as the colours of the pairs need it."""
     from refsim.core.cases import period_around  # for tests alone
 
-    return period_around(case, grid, 4.05 * case.support_radius)
+    return period_around(case, grid, 4.5 * case.support_radius)
 
 
 _scheme(

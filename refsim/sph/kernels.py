@@ -68,7 +68,7 @@ def own_share(smoothing):
 
 
 @formula
-def wall_sum(i, position, walls, smoothing, lane=None, period=None):
+def wall_sum(i, position, walls, smoothing, lane, period):
     """Sum of V_b W_ib over the wall particles, or over the lane's share of them; dimensionless."""
     first, stride, count = row_of(walls, i, lane)
     h = smoothing.support_radius
@@ -108,7 +108,7 @@ def wall_moment(i, position, walls, smoothing, period):
 
 
 @formula
-def wall_gradient(i, position, walls, smoothing, weight, period=None):
+def wall_gradient(i, position, walls, smoothing, weight, period):
     """Sum of w V_b grad W_ib over the wall particles [1/m, times the unit of the weight w]."""
     first, stride, count = row_of(walls, i)
     h = smoothing.support_radius
@@ -184,7 +184,7 @@ def momentum(
 
 
 @formula
-def wall_pressure(i, position, density, pressure, walls, smoothing, fluid, lane=None, period=None):
+def wall_pressure(i, position, density, pressure, walls, smoothing, fluid, lane, period):
     """Akinci 2012: acceleration of particle i by the walls' mirrored pressure, or the lane's share of it [m/s^2]."""
     first, stride, count = row_of(walls, i, lane)
     h = smoothing.support_radius
