@@ -117,10 +117,10 @@ def beside(cell, k, number):
 
 @formula
 def periodic_row(key, k, layers, cells):
-    """(first, last) key = 2^42 c_z + 2^21 c_y + c_x of a piece of a row along x around a cell; last < first: none.
+    """(first, last) key = 2^42 c_z + 2^21 c_y + c_x (dimensionless) of a piece of a row around a cell.
 
-    There are 3 `layers` rows, each of two pieces, since one at the border goes on at the other side of the box; k
-    counts the pieces in the order of their keys.
+    Rows go along x; without a cell last < first. There are 3 `layers` rows, each of two pieces, since one at the border
+    goes on at the other side of the box; k counts the pieces in the order of their keys.
     """
     mask = (1 << BITS) - 1
     cx, cy, cz = key & mask, (key >> BITS) & mask, key >> (2 * BITS)

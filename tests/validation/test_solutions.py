@@ -184,7 +184,8 @@ def test_the_runs_at_small_size(monkeypatch):
     monkeypatch.setattr(
         case, "CELLS",
         {"tank": (6, 8), "wave": (4, 5), "ellipse": (3, 4), "disc": (3, 4), "vortex": (6, 8), "vortices": (7, 8),
-         "couette": (12, 14), "poiseuille": (12, 14), "capillary": (9, 10), "drop": (3, 4), "meniscus": (2, 3)},
+         "couette": (12, 14), "poiseuille": (12, 14), "capillary": (9, 10), "drop": (3, 4), "meniscus": (2, 3),
+         "jurin": (4, 5)},
     )  # fmt: skip
     (quick,) = case.planned(Options(quick=True))
     assert quick.parameters == {"cells": 10, "backend": "cpu"}
@@ -223,6 +224,7 @@ def test_the_runs_at_small_size(monkeypatch):
         "capillary_crest_off",
         "drop_rate_off.laplacian",
         "meniscus_lifted_off.110",
+        "jurin_risen_off",
     } <= set(verdicts)
     without, periodic, tense = case.EXPERIMENT.pictures
     assert (len(without.needs), len(periodic.needs), len(tense.needs)) == (24, 18, 15)

@@ -25,6 +25,7 @@ CELLS = {
     "capillary": (12, 24, 48),
     "drop": (6, 12, 24),
     "meniscus": (4, 8, 12),
+    "jurin": (8, 12, 16),
 }
 WITH_FORMS = dict.fromkeys(("wave", "disc", "vortex", "vortices", "couette", "poiseuille", "drop"), FORMS)
 WITH_FORMS["meniscus"] = ("70", "110")  # [degrees]
@@ -40,6 +41,7 @@ JUDGED = {  # quantities by problem: those with a measured order, and those that
     "capillary": ("crest_off", "error", "side"),
     "drop": ("rate_off",),
     "meniscus": ("lifted_off",),
+    "jurin": ("risen_off",),
 }
 ORDERED = {
     "tank": "error",
@@ -92,7 +94,7 @@ def _run(problem: str, cells: int, form: str, backend: str) -> Run:
     if form:
         parameters |= {"angle": float(form)} if problem == "meniscus" else {"form": form}
     key = "_".join(filter(None, (problem, form, str(cells))))
-    tense = problem in pictures.WITH_TENSION
+    tense = problem == "jurin" or problem in pictures.WITH_TENSION
     return Run(
         key, getattr(tension if tense else runs, problem), parameters,
         estimate=5.0 * (cells / 12) ** 3 if tense else SECONDS * 200 * cells**3,
