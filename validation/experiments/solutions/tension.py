@@ -216,7 +216,7 @@ def jurin(context: Context, cells: int, backend: str, angle: float = 70.0, seed:
     plan = simulation.plan
     x = plan.walls.position[:, 0]
     plates = WallParticles(*(part[(x < 0) | (x > width)] for part in plan.walls))
-    groups = plan.shared | plan.parameters[found.effect.name]
+    groups = {**plan.shared, **plan.parameters[found.effect.name]}
     lifted: list[float] = []
 
     def sample(simulation: Simulation, wall: float) -> None:
