@@ -19,6 +19,7 @@ from refsim import (
     Cloud,
     EnergyAudit,
     Gravity,
+    HeatConduction,
     JiangZhu2023,
     MpmLiquid,
     RunStopped,
@@ -182,6 +183,30 @@ def test_list_in_a_periodic_box(cuda, lengths, dim):
     search.audit(there, cuda.asarray(0 * position), cuda.asarray(np.zeros(2)), listed)
     search.build(there)
     assert search.log.missed_neighbours == 0
+
+
+def test_a_periodic_channel_runs_as_the_references_do(cuda):
+    """Particles leave the box and stay neighbours; a thin skin has the lists built and audited anew."""
+    walls = BoxWalls(
+        lower=(0, 0, 0), upper=(9, 0.4, 0), open_faces=("-x", "+x"), viscosity=20.0, moving_faces=("+y",),
+        velocity=(1.0, 0.0, 0.0),
+    )  # fmt: skip
+    scene = Scene(
+        dim=2, dtype="float64", spacing=0.1, support_radius=0.21, skin=0.02, period=(0.6, 0.0, 0.0),
+        fluid=(Box(cells=(6, 4, 1), velocity=(8.0, 0.0, 0.0)),),
+        effects=(
+            WeaklyCompressible(sound_speed=10.0, dynamic_viscosity=20.0, clamp_pressure=False),
+            Gravity(acceleration=(1.0, 0.0, 0.0)), HeatConduction(temperature=20.0, scheme="single_pass"), walls,
+        ),
+    )  # fmt: skip
+    oracle, run = Simulation(scene, "numpy"), Simulation(scene, "cuda")
+    for _ in range(12):
+        oracle.step()
+        run.step()
+    assert run.search.log.rebuilds > 3
+    assert run.field("position")[:, 0].max() > 0.6
+    for name in ("position", "velocity"):
+        np.testing.assert_allclose(run.field(name), oracle.field(name), rtol=1e-10, atol=1e-10)
 
 
 def test_list_in_float32(cuda):
