@@ -62,5 +62,5 @@ PROGRAMS = Programs(
     {"sph.density": density, "sph.momentum": momentum, "becker_teschner_2007.cohesion": cohesion},
     kernels=("wendland_c2",),
     walls=False,
-    without=("number_density", "asymmetry"),
+    without=("number_density", "asymmetry", "period"),
 )

@@ -120,5 +120,5 @@ PROGRAMS = Programs(
     kernels=("wendland_c2",),
     dtypes=("float32",),
     walls=False,
-    without=("number_density", "asymmetry"),
+    without=("number_density", "asymmetry", "period"),
 )

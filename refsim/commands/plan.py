@@ -77,6 +77,7 @@ def describe_plan(plan: Plan, backend: str) -> dict[str, Any]:
         "wall_particles": walls,
         "spacing": grid.spacing,
         "support_radius": grid.support_radius,
+        "period": list(grid.period),
         "fields": fields,
         "passes": passes,
         "runner": runner,
@@ -224,10 +225,11 @@ def _time(predicted: list[Prediction]) -> str:
 
 def _text(found: dict[str, Any]) -> str:
     walls = f" and {found['wall_particles']:,} of walls" if found["wall_particles"] else ""
+    around = "".join(f", periodic along {axis} over {m:g} m" for axis, m in zip("xyz", found["period"]) if m)
     lines = [
         f"{found['scene']}: {found['particles']:,} particles{walls} in {found['dim']}D, {found['dtype']},"
         f" backend {found['backend']}",
-        f"spacing {found['spacing']:g} m, support radius {found['support_radius']:g} m",
+        f"spacing {found['spacing']:g} m, support radius {found['support_radius']:g} m{around}",
         "",
         "Fields",
         table(

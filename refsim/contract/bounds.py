@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from refsim.contract.inputs import Inputs
+from refsim.contract.inputs import Inputs, period_of
 from refsim.core.operation import Operation
 from refsim.neighbours.reference import pair_blocks
 
@@ -54,7 +54,7 @@ def neighbour_counts(operation: Operation, inputs: Inputs, rows: np.ndarray | No
     if "walls" in operation.arguments("numpy") and inputs["walls"] is not None:
         sources.append(inputs["walls"].position)
     for source in sources:
-        for place, _, distance in pair_blocks(inputs["position"], source, rows):
+        for place, _, distance in pair_blocks(inputs["position"], source, rows, period_of(operation, inputs)):
             count[place] += (distance < inputs.case.list_radius).sum(1)
     return count
 
@@ -161,7 +161,15 @@ def _ratio(error: np.ndarray, bound: np.ndarray) -> np.ndarray:
 
 
 def conditioning(operation: Operation, inputs: Inputs, rows: np.ndarray | None = None) -> dict[str, np.ndarray]:
-    """Sum of |r dT/dr| over the terms T, from the oracle's sum of |T| where all positions are stretched."""
+    """Sum of |r dT/dr| over the terms T, from the oracle's sum of |T| where all positions are stretched.
+
+    In a periodic box, whose lengths stay, r is the separation before the nearest image is taken. The stretch moves no
+    particle by more than that of a neighbour.
+    """
+    stretch = STRETCH
+    if period_of(operation, inputs) is not None:
+        farthest = float(np.abs(inputs["position"]).max(initial=0.0))
+        stretch *= min(1.0, inputs.case.support_radius / farthest) if farthest > 0 else 1.0
 
     def stretched(factor: float) -> dict[str, np.ndarray]:
         changed: dict[str, Any] = {"position": factor * np.asarray(inputs["position"], dtype=float)}
@@ -171,8 +179,8 @@ def conditioning(operation: Operation, inputs: Inputs, rows: np.ndarray | None =
         answer = oracle(operation, inputs.replaced(**changed), rows)
         return {name: scale for name, (_, scale) in answer.items()}
 
-    more, less = stretched(1 + STRETCH), stretched(1 - STRETCH)
-    return {name: size(more[name] - less[name]) / (2 * STRETCH) for name in more}
+    more, less = stretched(1 + stretch), stretched(1 - stretch)
+    return {name: size(more[name] - less[name]) / (2 * stretch) for name in more}
 
 
 def undecided(operation: Operation, inputs: Inputs, answer: Mapping[str, tuple[Any, Any]]) -> float:

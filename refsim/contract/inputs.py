@@ -16,6 +16,7 @@ from refsim.contract.diagnosis import unset
 from refsim.core import cases
 from refsim.core.fields import Field
 from refsim.core.operation import REGISTRY, Operation, backend_of
+from refsim.core.period import Period
 from refsim.core.walls import with_list
 from refsim.neighbours import NeighbourSearch
 from refsim.neighbours.reference import pair_blocks
@@ -107,10 +108,17 @@ class Inputs:
 
 
 @functools.cache
-def prepared(case_name: str, backend_name: str, dtype: str, lists: str = "search") -> tuple[Inputs, Any, Any]:
+def prepared(
+    case_name: str, backend_name: str, dtype: str, lists: str = "search", period: Period | None = None
+) -> tuple[Inputs, Any, Any]:
     """(inputs in cell order, neighbours, walls with their list) of a case by name; both lists on the backend."""
     cases.discover()
-    return prepare(cases.CASES[case_name](), backend_for(backend_name), dtype, lists)
+    return prepare(cases.CASES[case_name](), backend_for(backend_name), dtype, lists, period)
+
+
+def period_of(operation: Operation, inputs: Inputs) -> Period | None:
+    """The periodic box of these inputs; None without one, and for an operation that takes none."""
+    return inputs["period"] if "period" in operation.arguments("numpy") else None
 
 
 @functools.cache
@@ -121,14 +129,16 @@ def backend_for(name: str) -> Backend:
     return choose(name)
 
 
-def prepare(case: cases.Case, backend: Backend, dtype: str, lists: str = "search") -> tuple[Inputs, Any, Any]:
+def prepare(
+    case: cases.Case, backend: Backend, dtype: str, lists: str = "search", period: Period | None = None
+) -> tuple[Inputs, Any, Any]:
     """(inputs, neighbours, walls with their list) of a case; `lists` by the backend's "search" or "all_pairs"."""
     inputs = Inputs(case, dtype)
     if backend.name == "numpy":
         return inputs, None, inputs["walls"]
     if lists == "all_pairs":
-        return inputs, *all_pairs(inputs, backend)
-    search = NeighbourSearch(backend, case.dim, dtype, case.list_radius, case.skin)
+        return inputs, *all_pairs(inputs, backend, period)
+    search = NeighbourSearch(backend, case.dim, dtype, case.list_radius, case.skin, period)
     order = search.order(backend.asarray(inputs["position"]))
     inputs = Inputs(case, dtype, backend.host(order))
     position = backend.asarray(inputs["position"])
@@ -139,21 +149,24 @@ def prepare(case: cases.Case, backend: Backend, dtype: str, lists: str = "search
     return inputs, neighbours, with_list(static.position, volume, search.build_against(position, static))
 
 
-def all_pairs(inputs: Inputs, backend: Backend) -> tuple[Any, Any]:
+def all_pairs(inputs: Inputs, backend: Backend, period: Period | None = None) -> tuple[Any, Any]:
     """(neighbours, walls with their list) from the oracle's pairs, for particles in any order."""
     radius = inputs.case.list_radius * (1 + inputs.case.skin)
     position, walls = inputs["position"], inputs["walls"]
-    own = listed(position, position, radius, True, backend)
+    own = listed(position, position, radius, True, backend, period)
     if walls is None:
         return own, None
-    near = listed(position, walls.position, radius, False, backend)
+    near = listed(position, walls.position, radius, False, backend, period)
     return own, with_list(backend.asarray(walls.position), backend.asarray(walls.volume), near)
 
 
-def listed(query: np.ndarray, source: np.ndarray, radius: float, exclude_self: bool, backend: Backend) -> Any:
+def listed(
+    query: np.ndarray, source: np.ndarray, radius: float, exclude_self: bool, backend: Backend,
+    period: Period | None = None,
+) -> Any:  # fmt: skip
     """The sources nearer than `radius` [m] to each query, as the backend's kernels take them."""
     counts, found = [np.zeros(0, int)], [np.zeros(0, int)]
-    for place, _, distance in pair_blocks(query, source):
+    for place, _, distance in pair_blocks(query, source, period=period):
         near = distance < radius
         if exclude_self:
             near &= np.arange(len(query))[place, None] != np.arange(len(source))[None, :]
@@ -215,6 +228,8 @@ def bindings(
     """
     operation = (REGISTRY[operation] if isinstance(operation, str) else operation).as_computed_by(backend)
     chosen = operation.variants[variant] if isinstance(variant, int) else variant
-    made, neighbours, walls = prepared(case, backend_of(backend), dtype, lists)
+    cases.discover()
+    period = period_of(operation, with_variant(Inputs(cases.CASES[case](), dtype), chosen))
+    made, neighbours, walls = prepared(case, backend_of(backend), dtype, lists, period)
     inputs, place = with_variant(made, chosen), backend_for(backend_of(backend))
     return {name: value_of(operation, name, inputs, neighbours, walls, place) for name in operation.arguments(backend)}

@@ -14,11 +14,21 @@ from refsim.backends.arrays import Backend, set_threads
 from refsim.contract.bounds import errors, exact_bound, neighbour_counts, oracle, size, undecided
 from refsim.contract.diagnosis import diagnosis, unwritten
 from refsim.contract.guards import Guards
-from refsim.contract.inputs import Inputs, all_pairs, backend_for, on_backend, prepared, value_of, with_variant
+from refsim.contract.inputs import (
+    Inputs,
+    all_pairs,
+    backend_for,
+    on_backend,
+    period_of,
+    prepared,
+    value_of,
+    with_variant,
+)
 from refsim.contract.parameters import acts, varied
 from refsim.core import cases
 from refsim.core.operation import REGISTRY, Operation, backend_of
 from refsim.core.walls import WallParticles
+from refsim.neighbours.reference import nearest_image
 
 SAMPLED_ROWS = 40
 MOST_UNDECIDED = 0.1
@@ -111,6 +121,12 @@ class Target:
         """Inputs with this variant's overrides."""
         return with_variant(inputs, self.operation.variants[self.variant])
 
+    def prepared(self, case: str, lists: str = "search") -> tuple[Inputs, Any, Any]:
+        """(inputs with this variant's overrides, neighbours, walls with their list) of a case by name."""
+        period = period_of(self.operation, self.varied(Inputs(cases.CASES[case](), self.dtype)))
+        made, neighbours, walls = prepared(case, self.place.name, self.dtype, lists, period)
+        return self.varied(made), neighbours, walls
+
     def launch(
         self,
         inputs: Inputs,
@@ -133,7 +149,7 @@ class Target:
         if self.backend == "numpy":
             walls = inputs["walls"]
         elif neighbours is None:
-            neighbours, walls = all_pairs(inputs, place)
+            neighbours, walls = all_pairs(inputs, place, period_of(operation, inputs))
         wanted = {n: inputs.output(operation, n) for n in operation.outputs if not inputs.dropped(n)}
         wanted |= {n: np.asarray(v, wanted[n].dtype) for n, v in (before or {}).items() if n in wanted}
         guards = Guards(place, operation.work)
@@ -271,8 +287,7 @@ def _cast(value: Any, usual: Any, dtype: str) -> Any:
 
 def on_case(target: Target, name: str, step: str = "T2", lists: str = "search") -> Outcome:
     """T2: one hard input against the oracle, over the neighbour search's lists or the oracle's."""
-    made, neighbours, walls = prepared(name, target.place.name, target.dtype, lists)
-    inputs = target.varied(made)
+    inputs, neighbours, walls = target.prepared(name, lists)
     before, after = target.launch(inputs, neighbours, walls)
     answer = oracle(target.operation, inputs)
     found = errors(target.operation, inputs, before, after, answer=answer)
@@ -298,8 +313,7 @@ def large_case(target: Target) -> Iterator[Trial]:
 
 
 def _large(target: Target) -> Outcome:
-    made, neighbours, walls = prepared(LARGE, target.place.name, target.dtype)
-    inputs = target.varied(made)
+    inputs, neighbours, walls = target.prepared(LARGE)
     before, after = target.launch(inputs, neighbours, walls)
     rows = np.sort(inputs.case.random("rows").choice(inputs.case.count, SAMPLED_ROWS, replace=False))
     answer = oracle(target.operation, inputs, rows)
@@ -404,7 +418,10 @@ Description = tuple[Inputs, Callable[[np.ndarray], np.ndarray]]  # inputs, and w
 
 
 def symmetries(target: Target) -> Iterator[Trial]:
-    """T5: translation, rotation (by exact turns and reflections) and another order of the particles."""
+    """T5: translation, rotation (by exact turns and reflections) and another order of the particles.
+
+    In a periodic box also other images of some particles.
+    """
     kept = held(target)
     for case in INVARIANT_CASES:
         usual = _Usual(target, case)
@@ -415,6 +432,8 @@ def symmetries(target: Target) -> Iterator[Trial]:
             described["reordering"] = functools.partial(_reordered, usual)
         if "rotation" in kept:
             described |= {f"rotation {k}": functools.partial(_rotated, usual, k) for k in (0, 1)}
+        if period_of(target.operation, usual.inputs) is not None:
+            described["images"] = functools.partial(_other_images, usual)
         for name, other in described.items():
             yield Trial("T5", f"{name} of {case}", functools.partial(_compared, usual, name, other))
 
@@ -471,6 +490,15 @@ def _translated(usual: _Usual) -> Description:
     return inputs.replaced(position=inputs["position"] + shift, walls=walls), lambda values: values
 
 
+def _other_images(usual: _Usual) -> Description:
+    """Every third particle one period further on, and the next back by one."""
+    inputs = usual.inputs
+    position, lengths = np.array(inputs["position"]), np.array(inputs["period"][:3], dtype=usual.target.dtype)
+    position[::3] += lengths
+    position[1::3] -= lengths
+    return inputs.replaced(position=position), lambda values: values
+
+
 def _reordered(usual: _Usual) -> Description:
     inputs = usual.inputs
     order = inputs.case.random("order").permutation(inputs.case.count)
@@ -508,8 +536,7 @@ def repeats(target: Target) -> Iterator[Trial]:
 
 
 def _repeated(target: Target, trial: str, counts: tuple[int | None, ...]) -> Outcome:
-    made, neighbours, walls = prepared("cloud_3d", target.place.name, target.dtype)
-    inputs = target.varied(made)
+    inputs, neighbours, walls = target.prepared("cloud_3d")
     answers = []
     try:
         for threads in counts:
@@ -581,7 +608,9 @@ def _spoiled(usual: _Usual, name: str) -> Outcome:
     spoiled[broken] = np.nan
     broken_inputs = inputs.replaced(**{name: spoiled})
     before, after = target.launch(broken_inputs, complete=False)  # an iteration may end at the NaN
-    distance = size(np.asarray(inputs["position"], dtype=float) - inputs["position"][broken])
+    apart = np.asarray(inputs["position"], dtype=float) - inputs["position"][broken]
+    period = period_of(operation, inputs)
+    distance = size(apart if period is None else nearest_image(apart, period))
     far = (distance > 1.1 * inputs.case.list_radius * operation.reach) & (operation.reach > 0)
     answer = usual.expected
     other = oracle(operation, inputs.replaced(**{name: changed}))
@@ -623,16 +652,14 @@ def parameters(target: Target) -> Iterator[Trial]:
         yield from _takes(target)
         return
     operation = target.operation
-    made, neighbours, walls = prepared(FEW, target.place.name, target.dtype)
-    start = target.varied(made)
+    start, neighbours, walls = target.prepared(FEW)
     usual = functools.cache(lambda: oracle(operation, start))
     for name, member, inputs in varied(operation, start):
         if name in operation.arguments(target.backend):  # else fixed in a program that serves some of the variants
             acting = acts(operation, name, member, start)
             answer = functools.partial(oracle, operation, inputs) if acting else usual
-            run = functools.partial(
-                _another, target, f"{name}.{member}", (inputs, neighbours, walls), answer, usual if acting else None
-            )
+            given = (inputs, None, None) if name == "period" else (inputs, neighbours, walls)  # which has other lists
+            run = functools.partial(_another, target, f"{name}.{member}", given, answer, usual if acting else None)
             yield Trial("T10", f"another {name}.{member}", run)
 
 

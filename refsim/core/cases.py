@@ -11,15 +11,17 @@ from __future__ import annotations
 import functools
 import importlib
 import importlib.util
+import math
 import zlib
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
 from refsim.core.effect import Discretisation, Effect
 from refsim.core.operation import REGISTRY
+from refsim.core.period import Period, period_group
 from refsim.core.walls import Bounds, WallParticles
 
 REST_DENSITY = 1000.0
@@ -196,6 +198,18 @@ class Exact:
     case: Case
     given: Mapping[str, Any]
     expected: Mapping[str, np.ndarray]
+
+
+def across_a_border(exact: Exact, length: float, **given: Any) -> Exact:
+    """The same pair along y, the second particle `length` [m] further back in a periodic box of that length.
+
+    given  more arguments
+    """
+    position = exact.case.position - [[0.0, 0.0, 0.0], [0.0, length, 0.0]]
+    case = replace(exact.case, name=f"{exact.case.name}_across", position=position)
+    return replace(
+        exact, case=case, given={**exact.given, "period": period_group((0.0, length, 0.0), "float64"), **given}
+    )
 
 
 CLOSED_FORMS: dict[str, list[Callable[[], Exact]]] = {}
@@ -499,3 +513,34 @@ def _wall_particles(case: Case, grid: Discretisation) -> Mapping[str, Any]:
     count = len(case.wall_position)
     volume = 0.6 * case.spacing**case.dim * case.random("walls").uniform(0.8, 1.2, count)
     return {"wall_particles": WallParticles(case.wall_position.astype(grid.dtype), volume.astype(grid.dtype))}
+
+
+RESOLVED = 1e4  # spacings; a rounding is a thousandth of a spacing there
+BOX_GRID = 2.0**-12  # of the spacing's power of two: images on such a grid are shifted without rounding
+
+
+@groups("period")
+def _period(case: Case, grid: Discretisation) -> Mapping[str, Any]:
+    return {"period": period_around(case, grid, 2.3 * case.list_radius * (1 + case.skin))}
+
+
+def period_around(case: Case, grid: Discretisation, least: float) -> Period:
+    """A periodic box half a spacing wider than the particles stand, not below `least` [m]; none along z in the plane.
+
+    There is none along an axis where single precision resolves no spacing at the other end of the box.
+    """
+    step = BOX_GRID * 2.0 ** math.floor(math.log2(case.spacing))
+    lengths = [0.0, 0.0, 0.0]
+    for axis in range(case.dim):
+        width = float(np.ptp(case.position[:, axis])) if case.count else 0.0
+        if width < RESOLVED * case.spacing:
+            lengths[axis] = math.ceil(max(width + 0.5 * case.spacing, least) / step) * step
+    return period_group((lengths[0], lengths[1], lengths[2]), grid.dtype)
+
+
+def _period_follows(group: Any, inputs: Any, kernel: Any) -> Members:
+    made = period_group((float(group.x), float(group.y), float(group.z)), "float64")._asdict()
+    return {name: made[name] for name in ("inverse_x", "inverse_y", "inverse_z")}
+
+
+VARIATIONS[Period] = Variation(_period_follows, other=dict.fromkeys("xyz", lambda length: 0.9 * length or 1.2))

@@ -15,6 +15,7 @@ import numpy as np
 from refsim.core.checked import Checked
 from refsim.core.errors import InputError
 from refsim.core.fields import Field
+from refsim.core.period import Lengths
 
 if TYPE_CHECKING:
     from refsim.core.energy import EnergyAccount
@@ -92,6 +93,8 @@ class Discretisation:
     count: int
     step: float = 0.0  # fixed step [s]; 0 where the stable step decides
     solids: Nodes | None = field(default=None, compare=False)  # the first particles, where the scene has solid bodies
+    period: Lengths = (0.0, 0.0, 0.0)  # lengths of the periodic box [m]; 0 along axes without a period
+    period_lower: Lengths = (0.0, 0.0, 0.0)  # its lower corner [m]
 
     def real(self, value: float) -> Any:
         """`value` in the run's dtype."""
@@ -127,6 +130,12 @@ class StepLimit(NamedTuple):
         return cls(seconds, 1.0)
 
     @classmethod
+    def friction(cls, grid: Discretisation, viscosity: float, density: float) -> StepLimit:
+        """0.125 (h/2)^2 rho/mu, that of a dynamic viscosity [Pa s] in a liquid of this density [kg/m^dim]."""
+        half = 0.5 * grid.support_radius
+        return cls.constant(0.125 * half**2 * density / viscosity)
+
+    @classmethod
     def crossing(cls, length: float, speed: float = 0.0) -> StepLimit:
         """The time in which the fastest particle, with `speed` [m/s] added, crosses `length` [m]."""
         return cls(length, speed, 1.0)
@@ -160,6 +169,7 @@ class Effect(Checked, frozen=True, kw_only=True):
 
     name: ClassVar[str] = ""
     host_in_step: ClassVar[bool] = False  # its passes need the host, so that a step cannot be one CUDA graph
+    periodic: ClassVar[bool] = False  # whether its passes take separations to the nearest image in a periodic box
     with_spacing: ClassVar[tuple[str, ...]] = ()  # its lengths [m] that follow the spacing if a scene is refined
 
     def __init_subclass__(cls, **options: Any) -> None:

@@ -25,6 +25,20 @@ class Bounds(NamedTuple):
     upper: Any  # (3,) [m]
 
 
+class WallViscosity(NamedTuple):
+    """Friction at wall particles as the kernels take it."""
+
+    coefficient: float  # mu_b [Pa s]
+
+
+class WallMotion(NamedTuple):
+    """Planes beyond which wall particles move, infinite for none, and their velocity."""
+
+    lower: Any  # (3,) [m]
+    upper: Any  # (3,) [m]
+    velocity: Any  # (3,) [m/s]
+
+
 class WallRows(NamedTuple):
     """Wall particles and, row by row, those near each fluid particle (CPU)."""
 

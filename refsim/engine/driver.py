@@ -22,6 +22,7 @@ import numpy as np
 from refsim.core.capabilities import KeepsLedger
 from refsim.core.errors import InputError, RunStopped
 from refsim.core.log import log
+from refsim.core.period import wrapped
 from refsim.core.plain import plain
 from refsim.core.tables import html_table, in_time, table
 from refsim.core.versions import versions
@@ -367,7 +368,9 @@ class _Run:
             simulation.evaluate()
             values = {name: simulation.field(name) for name in simulation.plan.particle_fields}
             values = {name: v.view(np.uint8) if v.dtype.kind == "b" else v for name, v in values.items()}
-            self.writer.write(simulation.time, values.pop("position"), **values)
+            scene = simulation.plan.scene
+            position = wrapped(values.pop("position"), scene.period, scene.period_lower)
+            self.writer.write(simulation.time, position, **values)
         self.frames += 1
         log().debug("frame at %.6g s", simulation.time)
 

@@ -30,7 +30,9 @@ class NeighbourLists:
         self.run = run
         self.search: NeighbourSearch | None = None
         if plan.list_radius > 0 and run.backend.name != "numpy":
-            self.search = NeighbourSearch(run.backend, grid.dim, grid.dtype, plan.list_radius, plan.scene.skin)
+            self.search = NeighbourSearch(
+                run.backend, grid.dim, grid.dtype, plan.list_radius, plan.scene.skin, plan.shared["period"]
+            )
         self.policy = ListPolicy(plan, self.search)
         correctors = having(plan.effects, CorrectsPositions)
         self.auditable = not any(effect.corrects_positions() for effect in correctors)

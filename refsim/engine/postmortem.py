@@ -20,6 +20,7 @@ from refsim.core.errors import RunStopped
 from refsim.core.plain import plain
 from refsim.engine.run import Run
 from refsim.io.checkpoint import cannot_write, replace_file
+from refsim.neighbours.reference import nearest_image
 
 POSTMORTEM, POSTMORTEM_FIELDS = "postmortem.json", "postmortem.npz"
 AFTER_THESE = (
@@ -154,7 +155,8 @@ def _neighbourhood(simulation: Run, row: int | None) -> dict[str, np.ndarray]:
     if not np.isfinite(place).all():
         place = _build_position(simulation)[row].astype(float)
     with np.errstate(all="ignore"):
-        distance = np.linalg.norm(fields["position"].astype(float) - place, axis=1)
+        apart = nearest_image(fields["position"].astype(float) - place, simulation.plan.grid.period)
+        distance = np.linalg.norm(apart, axis=1)
     distance[row] = 0.0
     near = np.flatnonzero(distance <= 2 * simulation.plan.grid.support_radius)
     near = near[np.argsort(distance[near], kind="stable")][:SHOWN]

@@ -10,6 +10,7 @@ from refsim.core.cases import (
     Case,
     Exact,
     Variation,
+    across_a_border,
     case,
     closed_form,
     codes,
@@ -19,7 +20,7 @@ from refsim.core.cases import (
     takes,
 )
 from refsim.heat import HeatConduction
-from refsim.heat.shapes import MUELLER, POLY6, SPIKY, Conduction, Period, conduction_group, period_group
+from refsim.heat.shapes import MUELLER, POLY6, SPIKY, Conduction, conduction_group
 
 SLOW = 1.0  # k dt/(rho c d^2) of the common cases, on average
 STORED = REST_DENSITY * 1000.0  # rho c [J/(m^3 K)] of the common cases, about
@@ -96,11 +97,6 @@ def _conduction(case, grid):
     return {"conduction": effect.conduction(grid)}
 
 
-@groups("period")
-def _period(case, grid):
-    return {"period": period_group((5 * case.support_radius, 0.0, 0.0), grid.dtype)}
-
-
 def _conduction_follows(group, inputs, kernel):
     """What is made of the support radius and of the spacing d of the case.
 
@@ -119,11 +115,6 @@ def _conduction_follows(group, inputs, kernel):
     return own | {name: made[name] for name in ("inverse_radius", "inverse_volume", "scale")}
 
 
-def _period_follows(group, inputs, kernel):
-    made = period_group((float(group.x), float(group.y), float(group.z)), "float64")._asdict()
-    return {name: made[name] for name in ("inverse_x", "inverse_y", "inverse_z")}
-
-
 VARIATIONS[Conduction] = Variation(
     _conduction_follows,
     {
@@ -133,7 +124,6 @@ VARIATIONS[Conduction] = Variation(
     {"dim": lambda dim: 5 - dim, "most_passes": lambda most: 2},
     ("support_radius", "factor", "laplacian", "harmonic", "unit_capacity", "dim"),
 )
-VARIATIONS[Period] = Variation(_period_follows, other=dict.fromkeys("xyz", lambda length: 0.9 * length or 1.2))
 PAIRS = "support_radius factor laplacian harmonic unit_capacity dim"
 codes(Conduction, laplacian={"spiky": SPIKY, "mueller": MUELLER, "poly6": POLY6})
 takes("heat.one_sided", conduction=f"{PAIRS} frozen")
@@ -168,7 +158,7 @@ def _given(**more):
     grid = PAIR.grid("float64")
     return {
         "mass": MASS, "volume": VOLUME, "heat_capacity": CAPACITY, "conductivity": CONDUCTIVITY,
-        "temperature": TEMPERATURE, "timestep": np.array([0.7, 0.5]), "period": None, "reservoir": None,
+        "temperature": TEMPERATURE, "timestep": np.array([0.7, 0.5]), "reservoir": None,
         "enthalpy": None, "melting_point": None, "latent_heat": None,
         "conduction": conduction_group(grid, residual=1e-14, sweep_share=0.5),
     } | more  # fmt: skip
@@ -365,6 +355,51 @@ def ice_on_a_reservoir():
     )  # fmt: skip
     temperature = np.column_stack((np.full(3, 80.0), warmth)).reshape(-1)
     return Exact(trio, given, {"enthalpy": ended, "temperature": temperature})
+
+
+# The same pairs with the second particle on the other side of a periodic box.
+
+
+@closed_form("heat.exchange_rate")
+def rates_across_a_border():
+    """As by poly6."""
+    return across_a_border(rates_by_poly6(), 5.0)
+
+
+@closed_form("heat.explicit")
+def forward_across_a_border():
+    """As the pair's."""
+    return across_a_border(a_pair_forward(), 5.0)
+
+
+@closed_form("heat.single_pass", "heat.conjugate_gradient")
+def backward_across_a_border():
+    """As the pair's."""
+    return across_a_border(a_pair_backward(), 5.0)
+
+
+@closed_form("heat.chebyshev")
+def chebyshev_across_a_border():
+    """As the pair's."""
+    return across_a_border(a_pair_by_chebyshev(), 5.0)
+
+
+@closed_form("heat.pair_exchange")
+def two_sweeps_across_a_border():
+    """As the pair's, in a box of four support radii."""
+    return across_a_border(a_pair_in_two_sweeps(), 8.0)
+
+
+@closed_form("heat.one_sided")
+def each_by_itself_across_a_border():
+    """As the pair's."""
+    return across_a_border(a_pair_each_by_itself(), 5.0)
+
+
+@closed_form("heat.runge_kutta_legendre")
+def legendre_across_a_border():
+    """As the pair's."""
+    return across_a_border(a_pair_by_legendre(), 5.0)
 
 
 @closed_form("heat.particle_volume")

@@ -11,24 +11,15 @@ import numpy as np
 from refsim.backends.compile import formula, kernel
 from refsim.heat.formulas import melted, pair_share, pair_weight, single_pass_share, temperature_of
 from refsim.heat.stages import chebyshev_omega, chebyshev_passes
+from refsim.neighbours.formulas import to_nearest_image
 from refsim.neighbours.rows import first_lane, over_lanes, row_of
-
-
-@formula
-def nearest_image(separation, length, inverse):
-    """A component of a separation [m] to the nearest image in a period of `length` [m]; both 0 for none."""
-    real = type(separation)
-    return separation - length * real(math.floor(separation * inverse + real(0.5)))
 
 
 @formula
 def scaled_distance(i, j, position, period, conduction):
     """q = |x_i - x_j|/h; with a period to the nearest image."""
     dx, dy, dz = position[i, 0] - position[j, 0], position[i, 1] - position[j, 1], position[i, 2] - position[j, 2]
-    if period is not None:
-        dx = nearest_image(dx, period.x, period.inverse_x)
-        dy = nearest_image(dy, period.y, period.inverse_y)
-        dz = nearest_image(dz, period.z, period.inverse_z)
+    dx, dy, dz = to_nearest_image(dx, dy, dz, period)
     return math.sqrt(dx * dx + dy * dy + dz * dz) * conduction.inverse_radius
 
 

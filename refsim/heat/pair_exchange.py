@@ -16,9 +16,10 @@ import numpy as np
 
 from refsim.backends.compile import cpu_kernel, formula, kernel, prange
 from refsim.core.errors import InputError
+from refsim.core.period import Period
 from refsim.heat.formulas import pair_share
 from refsim.heat.kernels import inverse_capacity, weight
-from refsim.heat.shapes import Conduction, Period
+from refsim.heat.shapes import Conduction
 
 BITS = 21
 OFFSET = 1 << 20

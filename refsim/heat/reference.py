@@ -45,9 +45,7 @@ def pairs(position, volume, conductivity, timestep, conduction, period):
     v, k = np.asarray(volume, dtype=float), np.asarray(conductivity, dtype=float)
     h = float(conduction.support_radius)
     found = []
-    for place, separation, distance in pair_blocks(position, position):
-        if period is not None:
-            distance = np.sqrt((nearest_image(separation, period) ** 2).sum(-1))
+    for place, _, distance in pair_blocks(position, position, period=period):
         row, j = np.nonzero((distance < h) & (distance > 1e-9 * h))
         i = row + place.start
         if conduction.harmonic:
@@ -59,12 +57,6 @@ def pairs(position, volume, conductivity, timestep, conduction, period):
         weight = float(conduction.factor) * v[i] * v[j] * 2 * mean * laplacian(distance[row, j], conduction)
         found.append((i, j, float(timestep[1]) * weight))
     return tuple(np.concatenate(parts) for parts in zip(*found)) if found else (np.zeros(0, int),) * 2 + (np.zeros(0),)
-
-
-def nearest_image(separation, period):
-    """Separations (..., 3) [m] to the nearest image: x - L round(x/L), L the period's lengths, 0 for none."""
-    length = np.array(period[:3], dtype=float)
-    return separation - length * np.round(separation / np.where(length > 0, length, np.inf))
 
 
 def capacities(mass, volume, heat_capacity, reservoir, conduction):

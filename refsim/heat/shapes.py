@@ -46,23 +46,6 @@ class Conduction(NamedTuple):
     dim: int
 
 
-class Period(NamedTuple):
-    """Lengths [m] of a periodic box and their inverses; both 0 along axes without a period."""
-
-    x: float
-    y: float
-    z: float
-    inverse_x: float
-    inverse_y: float
-    inverse_z: float
-
-
-def period_group(lengths: tuple[float, float, float], dtype: str) -> Period:
-    """A periodic box of `lengths` [m], 0 where there is no period."""
-    real = np.dtype(dtype).type
-    return Period(*(real(v) for v in lengths), *(real(1 / v if v else 0.0) for v in lengths))
-
-
 class ExchangeRows(NamedTuple):
     """The pairs within h on the CPU: of i those from start[i], count[i] of them."""
 

@@ -1,4 +1,4 @@
-"""Neighbour search: cell sort and one shared list with a skin, on an unbounded domain.
+"""Neighbour search: cell sort and one shared list with a skin, in unbounded space or a periodic box.
 
 The list holds every pair nearer than `radius + skin` at the moment it is built and stays valid until some
 particle has moved half the skin. Rows follow the particles' cell order, so the answer repeats bit for bit.
@@ -15,6 +15,7 @@ import numpy as np
 
 from refsim.backends.arrays import Backend
 from refsim.core.errors import InputError, RunStopped
+from refsim.core.period import Period
 from refsim.neighbours.limits import MOST_NEIGHBOURS as MOST_NEIGHBOURS
 
 AUDITED_ROWS = 8
@@ -45,6 +46,7 @@ class NeighbourSearch:
 
     radius  distance [m] up to which neighbours are wanted
     skin    share of the radius by which the list reaches further
+    period  lengths of a periodic box, longer than twice what the list reaches; None for none
     """
 
     backend: Backend
@@ -52,6 +54,7 @@ class NeighbourSearch:
     dtype: str
     radius: float
     skin: float = 0.1
+    period: Period | None = None
     log: SearchLog = field(default_factory=SearchLog)
 
     def __post_init__(self) -> None:
@@ -63,7 +66,7 @@ class NeighbourSearch:
             from refsim.neighbours import cell_list_cuda as programs
         else:
             from refsim.neighbours import cell_list as programs  # type: ignore[no-redef]
-        self.programs: Any = programs.CellSearch(self.backend, self.dim, self.reach, self.log)
+        self.programs: Any = programs.CellSearch(self.backend, self.dim, self.reach, self.log, self.period)
 
     def order(self, position: Any) -> Any:
         """Permutation that puts the particles into cell order (stable)."""
@@ -102,8 +105,10 @@ class NeighbourSearch:
         Particles that move together need no new list: displacements relative to each other count, of particles that
         could come near. Blocks of cells that touch are compared by the boxes of their particles' displacements;
         particles of other blocks were two cells apart. Walls stand still: with `walls`, `largest_displacement` [m], the
-        largest since the list was built, counts too.
+        largest since the list was built, counts too. Zero in a periodic box, whose blocks touch across its borders.
         """
+        if self.period is not None:
+            return 0.0
         touching, anywhere = map(math.sqrt, self.programs.squared_relative_displacements(position, build_position))
         allowed = 2 * self.allowed_displacement * (1 - AUDIT_MARGIN)
         left = min(allowed - touching, 2 * self.reach - self.radius - anywhere)

@@ -7,10 +7,12 @@ from refsim.neighbours.formulas import (
     BITS,
     at_bounds,
     block_key,
-    cell_coordinate,
-    cell_key,
+    key_of_place,
     lower_bound,
+    periodic_cells,
+    periodic_row,
     squared_between,
+    to_nearest_image,
 )
 from refsim.neighbours.limits import NEIGHBOUR_CAPACITY, WALL_CAPACITY
 from refsim.neighbours.rows import NeighbourRows
@@ -20,22 +22,19 @@ CHUNKS = 64  # fixed, so that the list does not depend on the number of threads
 
 
 @kernel
-def cell_keys(i, position, inverse_cell, keys):
-    """Cell key of a position; `inverse_cell` [1/m] in float64."""
-    keys[i] = cell_key(
-        cell_coordinate(position[i, 0], inverse_cell),
-        cell_coordinate(position[i, 1], inverse_cell),
-        cell_coordinate(position[i, 2], inverse_cell),
-    )
+def cell_keys(i, position, inverse_cell, periodic, keys):
+    """Cell key of a position; `inverse_cell` [1/m] in float64, `periodic` the cells of a periodic box or None."""
+    keys[i] = key_of_place(position[i, 0], position[i, 1], position[i, 2], inverse_cell, periodic)
 
 
 @formula
-def mark_near(x, y, z, limit, candidates, near, mark):
+def mark_near(x, y, z, limit, candidates, period, near, mark):
     """mark[m] = whether column m of `near` lies within the root of `limit` [m^2] of (x, y, z); vectorised."""
     for m in range(candidates):
         dx = x - near[0, m]
         dy = y - near[1, m]
         dz = z - near[2, m]
+        dx, dy, dz = to_nearest_image(dx, dy, dz, period)
         mark[m] = dx * dx + dy * dy + dz * dz < limit
 
 
@@ -53,7 +52,9 @@ def append_marked(words, candidates, names, index, at):
 
 
 @formula
-def build_chunk(chunk, query, query_keys, source, cells, first, radius, dim, exclude_self, index, start, count):
+def build_chunk(
+    chunk, query, query_keys, source, cells, first, radius, dim, exclude_self, period, periodic, index, start, count
+):
     """One chunk of `build_list`: a function of its own, so that its buffers belong to one thread.
 
     Returns the capacity that it needs.
@@ -69,7 +70,10 @@ def build_chunk(chunk, query, query_keys, source, cells, first, radius, dim, exc
     near = np.empty((3, 512), query.dtype)  # positions of the sources in the cells around the query's
     names = np.empty(512, np.int32)
     mark = np.zeros(512, np.uint8)
-    low_cell = np.zeros(9, np.int64)
+    rows_around = 3 * layers
+    if periodic is not None:
+        rows_around = 6 * layers
+    low_cell = np.zeros(18, np.int64)
     current = np.int64(-1)
     candidates = 0
     own = np.int64(0)
@@ -79,16 +83,21 @@ def build_chunk(chunk, query, query_keys, source, cells, first, radius, dim, exc
             backward = query_keys[i] < current or current < 0
             current = query_keys[i]
             candidates = 0
-            for k in range(3 * layers):
-                middle = current + (np.int64(k % 3 - 1) << BITS)
-                if layers == 3:
-                    middle += np.int64(k // 3 - 1) << (2 * BITS)
-                a = lower_bound(cells, middle - 1) if backward else low_cell[k]
-                while a < cells.shape[0] and cells[a] < middle - 1:
+            for k in range(rows_around):
+                if periodic is None:
+                    middle = current + (np.int64(k % 3 - 1) << BITS)
+                    if layers == 3:
+                        middle += np.int64(k // 3 - 1) << (2 * BITS)
+                    least, most = middle - 1, middle + 1
+                else:
+                    least, most = periodic_row(current, k, layers, periodic)
+                    backward = True  # rows come from both sides of the box
+                a = lower_bound(cells, least) if backward else low_cell[k]
+                while a < cells.shape[0] and cells[a] < least:
                     a += 1
                 low_cell[k] = a
                 b = a
-                while b < cells.shape[0] and cells[b] <= middle + 1:
+                while b < cells.shape[0] and cells[b] <= most:
                     b += 1
                 low = first[a]
                 size = first[b] - low
@@ -101,15 +110,15 @@ def build_chunk(chunk, query, query_keys, source, cells, first, radius, dim, exc
                         for c in range(3):
                             wider[c, m] = near[c, m]
                     near, names, mark = wider, longer, np.zeros(8 * ((grown + 7) // 8), np.uint8)
-                if exclude_self and k == layers + layers // 3:
-                    own = candidates - low  # the middle row of cells holds the query itself
+                if exclude_self and least <= current and current <= most:
+                    own = candidates - low  # this row of cells holds the query itself
                 for m in range(size):
                     names[candidates + m] = low + m
                     near[0, candidates + m] = source[low + m, 0]
                     near[1, candidates + m] = source[low + m, 1]
                     near[2, candidates + m] = source[low + m, 2]
                 candidates += size
-        mark_near(query[i, 0], query[i, 1], query[i, 2], limit, candidates, near, mark)
+        mark_near(query[i, 0], query[i, 1], query[i, 2], limit, candidates, period, near, mark)
         for m in range(candidates, 8 * ((candidates + 7) // 8)):
             mark[m] = 0
         if exclude_self:
@@ -128,14 +137,18 @@ def build_chunk(chunk, query, query_keys, source, cells, first, radius, dim, exc
 
 
 @kernel(allocates=True)
-def build_list(chunk, query, query_keys, source, cells, first, radius, dim, exclude_self, index, start, count, needed):
+def build_list(
+    chunk, query, query_keys, source, cells, first, radius, dim, exclude_self, period, periodic, index, start, count,
+    needed,
+):  # fmt: skip
     """Write the sources within `radius` [m] of each query of a chunk into `index`, row after row.
 
     `cells` are the sorted keys of the occupied source cells, `first` (cells + 1) their first source.
+    With a `period` distances are those to the nearest image, and `periodic` are the cells of its box.
     `needed[chunk]` is the capacity that the chunk needs; nothing is written beyond the chunk's share.
     """
     needed[chunk] = build_chunk(
-        chunk, query, query_keys, source, cells, first, radius, dim, exclude_self, index, start, count
+        chunk, query, query_keys, source, cells, first, radius, dim, exclude_self, period, periodic, index, start, count
     )
 
 
@@ -153,11 +166,12 @@ def reorder_vectors(i, values, order, moved):
 
 
 @formula
-def near_before(i, j, position, velocity, drift, bounds, limit):
+def near_before(i, j, position, velocity, drift, bounds, period, limit):
     """Whether j lay within the root of `limit` [m^2] of i before the latest step, if that is known of both."""
     dx = (position[i, 0] - drift * velocity[i, 0]) - (position[j, 0] - drift * velocity[j, 0])
     dy = (position[i, 1] - drift * velocity[i, 1]) - (position[j, 1] - drift * velocity[j, 1])
     dz = (position[i, 2] - drift * velocity[i, 2]) - (position[j, 2] - drift * velocity[j, 2])
+    dx, dy, dz = to_nearest_image(dx, dy, dz, period)
     near = (dx * dx + dy * dy + dz * dz < limit) & (i != j)
     if bounds is not None:  # noqa: SIM102  (a test of its own is what Numba prunes)
         if near:
@@ -166,25 +180,25 @@ def near_before(i, j, position, velocity, drift, bounds, limit):
 
 
 @formula
-def audited_row(i, start, count, index, position, velocity, drift, bounds, limit):
+def audited_row(i, start, count, index, position, velocity, drift, bounds, period, limit):
     """Neighbours of i within the root of `limit` [m^2] that its row lacks."""
     missed = 0
     for j in range(position.shape[0]):
-        missed += near_before(i, j, position, velocity, drift, bounds, limit)
+        missed += near_before(i, j, position, velocity, drift, bounds, period, limit)
     for k in range(start, start + count):
-        missed -= near_before(i, index[k], position, velocity, drift, bounds, limit)
+        missed -= near_before(i, index[k], position, velocity, drift, bounds, period, limit)
     return missed
 
 
 @kernel(rows_of="rows")
-def count_missed(k, position, velocity, drift, bounds, start, count, index, rows, radius, missed):
+def count_missed(k, position, velocity, drift, bounds, period, start, count, index, rows, radius, missed):
     """Neighbours nearer than `radius` [m] that the list lacks, for a sampled row: all pairs against the list.
 
     The list was last used at position - drift * velocity, before the latest step; where that is not known, because a
     plane of `bounds` stopped the particle, its pairs are left out.
     """
     i = rows[k]
-    missed[k] = audited_row(i, start[i], count[i], index, position, velocity, drift, bounds, radius * radius)
+    missed[k] = audited_row(i, start[i], count[i], index, position, velocity, drift, bounds, period, radius * radius)
 
 
 @kernel
@@ -259,8 +273,9 @@ def _occupied(keys):
 class CellSearch:
     """Host side of the CPU search; lists grow until everything fits."""
 
-    def __init__(self, backend, dim, reach, log):
+    def __init__(self, backend, dim, reach, log, period=None):
         self.backend, self.dim, self.reach, self.log = backend, dim, reach, log
+        self.period, self.periodic = period, periodic_cells(period, reach)
         self.storage = {}
         self.cells = self.blocks = None
         self.missed = 0  # neighbours that audits have found missing
@@ -269,13 +284,13 @@ class CellSearch:
         """(kernel, arguments of the types in a run) of what builds and audits of a list launch."""
         real, keys, scalars = position.dtype.type, np.empty(0, np.int64), np.empty(0, position.dtype)
         index, count = np.empty(0, np.uint32), np.empty(0, np.int32)
-        rows = index, keys, count, keys
+        rows, box = (index, keys, count, keys), (self.period, self.periodic)
         moves = {(a.ndim, a.dtype): (reorder_scalars if a.ndim == 1 else reorder_vectors, (a, keys, a)) for a in arrays}
         return [
-            (cell_keys, (position, 1.0, keys)),
-            (build_list, (position, keys, position, keys, keys, real(0), self.dim, True, *rows)),
+            (cell_keys, (position, 1.0, self.periodic, keys)),
+            (build_list, (position, keys, position, keys, keys, real(0), self.dim, True, *box, *rows)),
             *moves.values(),
-            (count_missed, (position, position, real(0), bounds, keys, count, index, keys, real(0), keys)),
+            (count_missed, (position, position, real(0), bounds, self.period, keys, count, index, keys, real(0), keys)),
             (block_keys, (keys, keys)),
             (block_boxes, (position, position, keys, keys, keys, position, position)),
             (block_displacements, (keys, position, position, 3, scalars)),
@@ -283,7 +298,7 @@ class CellSearch:
 
     def keys(self, position):
         keys = np.empty(len(position), np.int64)
-        cell_keys(position, 1.0 / self.reach, keys)
+        cell_keys(position, 1.0 / self.reach, self.periodic, keys)
         return keys
 
     def order(self, position):
@@ -325,7 +340,7 @@ class CellSearch:
         radius = position.dtype.type(self.reach)
         while True:
             build_list(
-                position, keys, source, cells, first, radius, self.dim, exclude_self,
+                position, keys, source, cells, first, radius, self.dim, exclude_self, self.period, self.periodic,
                 index, start, count, needed,
             )  # fmt: skip
             if needed.max(initial=0) <= len(index) // CHUNKS:
@@ -339,7 +354,8 @@ class CellSearch:
         rows = self.log.rebuilds * 7919 % audited.share + audited.share * np.arange(audited.number)
         missed = np.zeros(len(rows), np.int64)
         real = position.dtype.type
-        count_missed(position, velocity, real(timestep[1]), bounds, *neighbours, rows, real(radius), missed)
+        drift = real(timestep[1])
+        count_missed(position, velocity, drift, bounds, self.period, *neighbours, rows, real(radius), missed)
         self.missed += int(missed.sum())
 
     def reorder(self, array, order):

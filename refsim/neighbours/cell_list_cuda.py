@@ -13,10 +13,13 @@ from refsim.neighbours.formulas import (
     BITS,
     at_bounds,
     block_key,
-    cell_coordinate,
     cell_key,
+    key_of_place,
     lower_bound,
+    periodic_cells,
+    periodic_row,
     squared_between,
+    to_nearest_image,
 )
 from refsim.neighbours.limits import MOST_NEIGHBOURS, PARTICLES_PER_CELL, with_margin
 from refsim.neighbours.rows import NeighbourColumns, cuda_lane
@@ -28,15 +31,11 @@ FARTHEST = (1 << 63) - 1  # above every cell's key
 
 
 @cuda_kernel
-def cell_keys(position, inverse_cell, keys):
-    """Cell key of every position; `inverse_cell` [1/m] in float64."""
+def cell_keys(position, inverse_cell, periodic, keys):
+    """Cell key of every position; `inverse_cell` [1/m] in float64, `periodic` the cells of a periodic box or None."""
     i = cuda.grid(1)
     if i < keys.shape[0]:
-        keys[i] = cell_key(
-            cell_coordinate(position[i, 0], inverse_cell),
-            cell_coordinate(position[i, 1], inverse_cell),
-            cell_coordinate(position[i, 2], inverse_cell),
-        )
+        keys[i] = key_of_place(position[i, 0], position[i, 1], position[i, 2], inverse_cell, periodic)
 
 
 @cuda_kernel
@@ -75,14 +74,26 @@ def occupied_cells(keys, cells, first, report, run):
 
 
 @cuda_kernel(lanes=9)
-def cell_ranges(cells, first, query_cells, query_report, low, high):
+def cell_ranges(cells, first, query_cells, query_report, periodic, low, high):
     """Sources in the cells around each query cell: three cells in a row of x are one range [low, high).
 
     `cells` are the sorted keys of the occupied source cells, `first` their first source; `low` and `high` have a
-    column for each row of cells around a cell (3 in 2D, 9 in 3D), and each a thread.
+    column for each row of cells around a cell (3 in 2D, 9 in 3D), and each a thread. With the cells of a `periodic` box
+    they have twice as many columns, for pieces of rows on the other side of the box.
     """
     i, k = cuda.grid(1) // 9, cuda.grid(1) % 9
-    if i < high.shape[0] and i < query_report[0] and k < low.shape[1]:
+    if periodic is not None:
+        rows = low.shape[1] // 2
+        if i < high.shape[0] and i < query_report[0] and k < rows:
+            for piece in range(2 * k, 2 * k + 2):
+                least, most = periodic_row(query_cells[i], piece, rows // 3, periodic)
+                a = lower_bound(cells, least)
+                b = a
+                while b < cells.shape[0] and cells[b] <= most:
+                    b += 1
+                low[i, piece] = first[a]
+                high[i, piece] = first[b]
+    elif i < high.shape[0] and i < query_report[0] and k < low.shape[1]:
         middle = query_cells[i] + ((k % 3 - 1) << BITS)
         if low.shape[1] == 9:
             middle += (k // 3 - 1) << (2 * BITS)
@@ -95,7 +106,7 @@ def cell_ranges(cells, first, query_cells, query_report, low, high):
 
 
 @cuda_kernel(rows_of="query", lanes="listed")
-def build_list(query, run, low, high, source, radius, exclude_self, report, listed):
+def build_list(query, run, low, high, source, radius, exclude_self, period, report, listed):
     """Write each query's sources within `radius` [m] into its column of the list, up to its capacity.
 
     run[i] - 1 is the row of `low` and `high` that holds query i's ranges. The list's `count` says how many there are,
@@ -121,6 +132,7 @@ def build_list(query, run, low, high, source, radius, exclude_self, report, list
                     dx = xi - source[j, 0]
                     dy = yi - source[j, 1]
                     dz = zi - source[j, 2]
+                    dx, dy, dz = to_nearest_image(dx, dy, dz, period)
                     near = dx * dx + dy * dy + dz * dz < limit and (exclude_self == 0 or i != j)
                 before, together = counted_lanes(near, lane, lanes)
                 if near and found + before < capacity:
@@ -219,13 +231,13 @@ def block_displacements(low, high, report, dim, displacements, near):
 
 
 @formula
-def squared_distance_before(i, j, position, velocity, drift):
+def squared_distance_before(i, j, position, velocity, drift, period):
     """|x_i - x_j|^2 [m^2] a time `drift` [s] ago."""
-    squared = type(drift)(0)
-    for c in range(3):
-        apart = (position[i, c] - drift * velocity[i, c]) - (position[j, c] - drift * velocity[j, c])
-        squared += apart * apart
-    return squared
+    dx = (position[i, 0] - drift * velocity[i, 0]) - (position[j, 0] - drift * velocity[j, 0])
+    dy = (position[i, 1] - drift * velocity[i, 1]) - (position[j, 1] - drift * velocity[j, 1])
+    dz = (position[i, 2] - drift * velocity[i, 2]) - (position[j, 2] - drift * velocity[j, 2])
+    dx, dy, dz = to_nearest_image(dx, dy, dz, period)
+    return dx * dx + dy * dy + dz * dz
 
 
 @formula
@@ -237,7 +249,7 @@ def known_before(i, j, position, bounds):
 
 
 @cuda_kernel(rows_of="position")
-def count_missed(position, velocity, timestep, bounds, neighbours, share, number, radius, report):
+def count_missed(position, velocity, timestep, bounds, period, neighbours, share, number, radius, report):
     """Add to report[2] the neighbours nearer than `radius` [m] that sampled rows of the list lack.
 
     The rows are `number`, one out of each `share`; which one follows from the number of lists built, report[3]. The
@@ -254,11 +266,11 @@ def count_missed(position, velocity, timestep, bounds, neighbours, share, number
             if j < neighbours.count[i]:  # thread j also looks at the row's j-th entry
                 other = neighbours.entries[j * position.shape[0] + i]
                 if known_before(i, other, position, bounds):  # noqa: SIM102
-                    if squared_distance_before(i, other, position, velocity, drift) < limit:
+                    if squared_distance_before(i, other, position, velocity, drift, period) < limit:
                         cuda.atomic.add(report, 2, -1)
             if i == j or not known_before(i, j, position, bounds):
                 continue
-            if squared_distance_before(i, j, position, velocity, drift) < limit:
+            if squared_distance_before(i, j, position, velocity, drift, period) < limit:
                 cuda.atomic.add(report, 2, 1)
 
 
@@ -351,9 +363,9 @@ def order_buckets(cell, count, run, report, bucket, order):
 class CellTable:
     """Occupied cells of particles in cell order; its capacity grows until they fit."""
 
-    def __init__(self, backend, inverse_cell, position):
+    def __init__(self, backend, inverse_cell, position, periodic=None):
         n = position.shape[0]
-        self.backend = backend
+        self.backend, self.periodic = backend, periodic
         self.keys = backend.empty(n, np.int64)
         self.begins, self.run = backend.empty(n, np.int32), backend.empty(n, np.int32)
         # Cells of this table; of the list built with it most neighbours, those that audits found missing, and builds.
@@ -369,7 +381,7 @@ class CellTable:
 
     def fill(self):
         """Number the cells and list them; launches only, which can be recorded."""
-        cell_keys(self.position, self.inverse_cell, self.keys)
+        cell_keys(self.position, self.inverse_cell, self.periodic, self.keys)
         mark_cells(self.keys, self.begins)
         self.add_up()
         occupied_cells(self.keys, self.cells, self.first, self.report, self.run)
@@ -393,7 +405,7 @@ class ListOf:
         n = position.shape[0]
         self.search, self.backend = search, search.backend
         self.position, self.source, self.table, self.known = position, source, table, known
-        self.queries = known or CellTable(search.backend, 1.0 / search.reach, position)
+        self.queries = known or CellTable(search.backend, 1.0 / search.reach, position, search.periodic)
         if table is None:
             self.table = self.queries
         self.report = self.queries.report if known is None else self.backend.zeros(4, np.int32)
@@ -404,7 +416,8 @@ class ListOf:
         self._make_ranges()
 
     def _make_ranges(self):
-        shape = (self.queries.cells.shape[0], 3 if self.search.dim == 2 else 9)
+        rows = (3 if self.search.dim == 2 else 9) * (1 if self.search.period is None else 2)
+        shape = (self.queries.cells.shape[0], rows)
         self.low, self.high = self.backend.empty(shape, np.int32), self.backend.empty(shape, np.int32)
         self.recorded = device.Recorded(self._launch)
 
@@ -412,11 +425,13 @@ class ListOf:
         queries, table = self.queries, self.table
         if self.known is None:
             queries.fill()
-        cell_ranges(table.cells, table.first, queries.cells, queries.report, self.low, self.high)
-        radius = self.position.dtype.type(self.search.reach)
+        search = self.search
+        cell_ranges(table.cells, table.first, queries.cells, queries.report, search.periodic, self.low, self.high)
+        radius = self.position.dtype.type(search.reach)
         exclude_self = int(self.table is self.queries)
         build_list(
-            self.position, queries.run, self.low, self.high, self.source, radius, exclude_self, self.report, self.listed
+            self.position, queries.run, self.low, self.high, self.source, radius, exclude_self, search.period,
+            self.report, self.listed,
         )  # fmt: skip
         self.mirror.send()
 
@@ -538,11 +553,11 @@ class Sorter:
         self.rows = device.Rows(arrays, self.order)
         self.by_count = CellOrder(backend, self.keys, self.order) if 0 < n < FEW else None
         self.mirror = None if self.by_count is None else device.Mirror(self.by_count.report)
-        self.find_order = device.Recorded(lambda: self._find_order(position, 1.0 / search.reach))
+        self.find_order = device.Recorded(lambda: self._find_order(position, 1.0 / search.reach, search.periodic))
         self.move = device.Recorded(lambda: self._move(position, sorted_position))
 
-    def _find_order(self, position, inverse_cell):
-        cell_keys(position, inverse_cell, self.keys)
+    def _find_order(self, position, inverse_cell, periodic):
+        cell_keys(position, inverse_cell, periodic, self.keys)
         if self.by_count is not None:
             self.by_count.launch()
             self.mirror.send()
@@ -570,14 +585,15 @@ class CellSearch:
     """Host side of the GPU search. Buffers belong to the arrays that they were made for, so that launches on them are
     recorded once and replayed."""
 
-    def __init__(self, backend, dim, reach, log):
+    def __init__(self, backend, dim, reach, log, period=None):
         self.backend, self.dim, self.reach, self.log = backend, dim, reach, log
+        self.period, self.periodic = period, periodic_cells(period, reach)
         self.lists = {}
         self.sorter = self.blocks = self.auditor = None
 
     def order(self, position):
         keys = self.backend.empty(position.shape[0], np.int64)
-        cell_keys(position, 1.0 / self.reach, keys)
+        cell_keys(position, 1.0 / self.reach, self.periodic, keys)
         return device.stable_order(keys)
 
     def sort(self, position, arrays, sorted_position):
@@ -590,7 +606,7 @@ class CellSearch:
         position = self.backend.asarray(position)
         order = self.order(position)
         moved = self.reorder(position, order)
-        table = CellTable(self.backend, 1.0 / self.reach, moved)
+        table = CellTable(self.backend, 1.0 / self.reach, moved, self.periodic)
         table.fill()
         if not table.fits():
             table.set_capacity(int(self.backend.host(table.report)[0]))
@@ -621,8 +637,8 @@ class CellSearch:
         return moved
 
     def audit(self, position, velocity, timestep, neighbours, audited, radius, bounds=None):
-        given = (position, velocity, timestep, bounds, neighbours, *audited, position.dtype.type(radius))
-        if self.auditor is None or any(a is not b for a, b in zip(self.auditor[0][:5], given)):
+        given = (position, velocity, timestep, bounds, self.period, neighbours, *audited, position.dtype.type(radius))
+        if self.auditor is None or any(a is not b for a, b in zip(self.auditor[0][:6], given)):
             report = self.lists["own"].queries.report
             self.auditor = given, device.Recorded(lambda: count_missed(*given, report))
         self.auditor[1]()

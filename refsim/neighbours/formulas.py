@@ -6,8 +6,10 @@ it only makes the far cells fuller.
 """
 
 import math
+from typing import Any, NamedTuple
 
 from refsim.backends.compile import formula
+from refsim.core.scalars import int32
 
 BITS = 21
 OFFSET = 1 << 20
@@ -29,6 +31,114 @@ def cell_coordinate(x, inverse_cell):
 def cell_key(cx, cy, cz):
     """Sortable key k = 2^42 c_z + 2^21 c_y + c_x of a cell, dimensionless; neighbours along x have consecutive keys."""
     return (cz << (2 * BITS)) | (cy << BITS) | cx
+
+
+@formula
+def nearest_image(separation, length, inverse):
+    """d = x - L floor(x/L + 1/2) [m], a component of a separation to the nearest image in a period L; both 0: none."""
+    real = type(separation)
+    return separation - length * real(math.floor(separation * inverse + real(0.5)))
+
+
+@formula
+def to_nearest_image(dx, dy, dz, period):
+    """Separation (dx, dy, dz) [m] to the nearest image, d = x - L floor(x/L + 1/2); as it is without a `period`."""
+    if period is not None:
+        dx = nearest_image(dx, period.x, period.inverse_x)
+        dy = nearest_image(dy, period.y, period.inverse_y)
+        dz = nearest_image(dz, period.z, period.inverse_z)
+    return dx, dy, dz
+
+
+class PeriodicCells(NamedTuple):
+    """Cells of a periodic box: their number along each axis and 1 over their width; 0 along axes without a period."""
+
+    x: int
+    y: int
+    z: int
+    inverse_x: float  # [1/m]
+    inverse_y: float
+    inverse_z: float
+
+
+def periodic_cells(period: Any, reach: float) -> PeriodicCells | None:
+    """Cells that fit a period's lengths and are no narrower than `reach` [m]; None without a period."""
+    if period is None:
+        return None
+    lengths = [float(length) for length in period[:3]]
+    numbers = [int(length / reach * (1 - 1e-6)) for length in lengths]
+    widths = (number / length if length > 0 else 0.0 for number, length in zip(numbers, lengths))
+    return PeriodicCells(*map(int32, numbers), *widths)
+
+
+@formula
+def periodic_coordinate(x, inverse_cell, number, inverse_width):
+    """Coordinate of a cell = 1 + floor(x/width) mod number of x [m]; without a period that of unbounded space."""
+    if number == 0:
+        return cell_coordinate(x, inverse_cell)
+    scaled = float(x) * inverse_width
+    if not abs(scaled) < 1e15:  # of NaN and infinity, whose cell does not matter
+        return 1
+    cell = math.floor(scaled)
+    return int(cell - number * math.floor(cell / number)) + 1
+
+
+@formula
+def key_of_place(x, y, z, inverse_cell, cells):
+    """Sortable key = 2^42 c_z + 2^21 c_y + c_x, dimensionless, of the cell around (x, y, z) [m].
+
+    cells  those of a periodic box, or None
+    """
+    if cells is None:
+        return cell_key(
+            cell_coordinate(x, inverse_cell), cell_coordinate(y, inverse_cell), cell_coordinate(z, inverse_cell)
+        )
+    return cell_key(
+        periodic_coordinate(x, inverse_cell, cells.x, cells.inverse_x),
+        periodic_coordinate(y, inverse_cell, cells.y, cells.inverse_y),
+        periodic_coordinate(z, inverse_cell, cells.z, cells.inverse_z),
+    )
+
+
+@formula
+def beside(cell, k, number):
+    """The k-th smallest, k = 0 to 2, of the coordinates of a cell and of those on either side, dimensionless; -1: none.
+
+    number  of cells along the axis; 0 without a period
+    """
+    if number == 2:  # both sides are one cell
+        return k + 1 if k < 2 else -1
+    if number > 0 and cell == 1:
+        return k + 1 if k < 2 else number
+    if number > 0 and cell == number:
+        return 1 if k == 0 else number - 2 + k
+    return cell + k - 1
+
+
+@formula
+def periodic_row(key, k, layers, cells):
+    """(first, last) key = 2^42 c_z + 2^21 c_y + c_x (dimensionless) of a piece of a row around a cell.
+
+    Rows go along x; without a cell last < first. There are 3 `layers` rows, each of two pieces, since one at the border
+    goes on at the other side of the box; k counts the pieces in the order of their keys.
+    """
+    mask = (1 << BITS) - 1
+    cx, cy, cz = key & mask, (key >> BITS) & mask, key >> (2 * BITS)
+    cy = beside(cy, k // 2 % 3, cells.y)
+    if layers == 3:
+        cz = beside(cz, k // 6, cells.z)
+    second = k % 2 == 1
+    low, high = cx - 1, cx + 1
+    if cells.x > 0:
+        low, high = max(low, 1), min(high, cells.x)
+    torn = cells.x > 2 and (cx == 1 or cx == cells.x)
+    if torn and second == (cx == 1):
+        low, high = cells.x + 1 - cx, cells.x + 1 - cx
+    elif second and not torn:
+        low, high = 1, 0
+    if cy < 0 or cz < 0:
+        low, high, cy, cz = 1, 0, 0, 0
+    return cell_key(low, cy, cz), cell_key(high, cy, cz)
 
 
 @formula

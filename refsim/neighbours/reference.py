@@ -5,11 +5,18 @@ import numpy as np
 BLOCK_BYTES = 64 * 2**20
 
 
-def pair_blocks(query, source, rows=None):
+def nearest_image(separation, period):
+    """Separations (..., 3) [m] to the nearest image: x - L round(x/L), L the period's lengths, 0 for none."""
+    length = np.array(period[:3], dtype=float)
+    return separation - length * np.round(separation / np.where(length > 0, length, np.inf))
+
+
+def pair_blocks(query, source, rows=None, period=None):
     """Yield (place, separation, distance) for blocks of queries against all sources, in float64.
 
-    query (n, 3), source (m, 3) [m]; rows: indices of the wanted queries, all by default. `place` is the block's
-    slice of the result, separation (b, m, 3) = x_query - x_source, distance (b, m).
+    query (n, 3), source (m, 3) [m]; rows: indices of the wanted queries, all by default; period: lengths [m] of a
+    periodic box first, or None. `place` is the block's slice of the result, separation (b, m, 3) = x_query - x_source
+    to the nearest image, distance (b, m).
     """
     query = np.asarray(query, dtype=float)
     source = np.asarray(source, dtype=float)
@@ -19,6 +26,8 @@ def pair_blocks(query, source, rows=None):
     for first in range(0, len(query), size):
         place = slice(first, min(first + size, len(query)))
         separation = query[place, None, :] - source[None, :, :]
+        if period is not None:
+            separation = nearest_image(separation, period)
         x, y, z = np.moveaxis(separation, -1, 0)
         yield place, separation, np.sqrt(x * x + y * y + z * z)  # quicker than a sum over an axis of three
 
@@ -29,10 +38,10 @@ def other_particles(place, count, rows=None):
     return own[:, None] != np.arange(count)[None, :]
 
 
-def neighbour_list(position, radius, rows=None):
+def neighbour_list(position, radius, rows=None, period=None):
     """For each query the sorted array of the other particles nearer than `radius` [m]."""
     found = []
-    for place, _, distance in pair_blocks(position, position, rows):
+    for place, _, distance in pair_blocks(position, position, rows, period):
         near = (distance < radius) & other_particles(place, len(position), rows)
         found.extend(np.flatnonzero(line) for line in near)
     return found

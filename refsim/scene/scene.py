@@ -23,6 +23,7 @@ from refsim.core.energy import EnergyAudit
 from refsim.core.errors import InputError
 from refsim.core.fields import BASE, Field
 from refsim.core.operation import PROCEDURES, REGISTRY
+from refsim.core.period import period_group
 from refsim.core.reading import GREATEST, open_regular
 from refsim.core.tables import html_table, in_bytes, table
 from refsim.neighbours import MOST_NEIGHBOURS
@@ -149,6 +150,8 @@ class Scene(Checked, frozen=True, kw_only=True):
     step            fixed step [s]; 0 lets the stable step decide
     step_factor     share of the stable step that is taken
     skin            share of the support radius by which the neighbour list reaches further
+    period          lengths of a periodic box along x, y and z [m]; 0 along axes without a period
+    period_lower    lower corner of that box [m]
     energy_audit    how often the energy is audited, and by how much it may grow; none by default
     name            title in reports
     """
@@ -164,6 +167,8 @@ class Scene(Checked, frozen=True, kw_only=True):
     step: float = 0.0
     step_factor: float = 1.0
     skin: float = 0.1
+    period: Vector = (0.0, 0.0, 0.0)
+    period_lower: Vector = (0.0, 0.0, 0.0)
     energy_audit: EnergyAudit | None = None
     name: str = "scene"
 
@@ -321,6 +326,13 @@ def _check_numbers(scene: Scene) -> None:
         scene.energy_audit.check()
     for name in ("spacing", "support_radius", "end_time", "step", "step_factor", "skin"):
         _check_magnitude("scene", name, getattr(scene, name), LEAST)
+    for name in ("period", "period_lower"):
+        for axis, value in zip("xyz", getattr(scene, name)):
+            rule = "not negative" if name == "period" else "finite"
+            require("scene", **{f"{name} along {axis}": (value, rule)})
+            _check_magnitude("scene", f"{name} along {axis}", value, LEAST)
+    if scene.dim == 2 and scene.period[2] != 0:
+        raise InputError("scene: period has a z part in a 2D scene; set it to 0.")
     _check_neighbours(scene, "support_radius", scene.support_radius)
     for kind, parts in (("fluid", scene.fluid), ("solid", scene.solid)):
         for number, part in enumerate(parts, 1):
@@ -365,7 +377,11 @@ def _check_neighbours(scene: Scene, what: str, radius: float) -> None:
 
 def _planned(scene: Scene) -> Plan:
     effects = _effects(scene)
-    empty = Discretisation(scene.dim, scene.dtype, scene.spacing, scene.support_radius, 0, scene.step)
+    _check_periodic(scene, effects)
+    empty = Discretisation(
+        scene.dim, scene.dtype, scene.spacing, scene.support_radius, 0, scene.step, None, scene.period,
+        scene.period_lower,
+    )  # fmt: skip
     postponed = []
     for effect in effects.values():  # before the particles, whose masses follow from the effects
         try:
@@ -380,7 +396,9 @@ def _planned(scene: Scene) -> Plan:
     state = _initial_state(scene, empty, effects, solids)
     grid = dataclasses.replace(empty, count=len(state.position), solids=solids)
     fields = {f.name: f for f in BASE}
-    shared: dict[str, Any] = {"walls": None}
+    shared: dict[str, Any] = {"walls": None, "period": None}
+    if any(scene.period):
+        shared["period"] = period_group(scene.period, scene.dtype)
     parameters = {}
     walls = []
     for name, effect in effects.items():
@@ -403,6 +421,13 @@ def _planned(scene: Scene) -> Plan:
     list_radius = max((e.list_radius(grid) for e in effects.values()), default=0.0)
     if list_radius > scene.support_radius:
         _check_neighbours(scene, "the radius of the neighbour list", list_radius)
+    for axis, length in zip("xyz", scene.period):
+        if 0 < length <= 2 * list_radius * (1 + scene.skin):
+            raise InputError(
+                f"scene: period = {length:g} m along {axis} is at most twice the {list_radius * (1 + scene.skin):.3g} m"
+                " up to which the neighbour list reaches, so that two images of one particle would be neighbours; give"
+                " a longer one."
+            )
     merged = None
     if walls:
         merged = type(walls[0])(*(np.concatenate(parts) for parts in zip(*walls)))
@@ -459,6 +484,17 @@ def _check_fixed_step(scene: Scene, grid: Discretisation, effects: Mapping[str, 
             f"scene: step = {scene.step:g} s is {scene.step / at_rest[name]:.3g} times the stable one at rest"
             f" ({at_rest[name]:.3g} s, {name}); give at most {LONGEST_FIXED:g} times that, or 0."
         )
+
+
+def _check_periodic(scene: Scene, effects: Mapping[str, Effect]) -> None:
+    """Raise InputError for an effect that knows no nearest images in a scene with a period."""
+    for name, effect in effects.items() if any(scene.period) else ():
+        if not effect.periodic:
+            able = ", ".join(sorted(other for other, kind in EFFECTS.items() if kind.periodic))
+            raise InputError(
+                f"{name}: this effect does not act across the border of a periodic box; leave out the scene's period or"
+                f" the effect (with a period a scene can have {able})."
+            )
 
 
 def _coarse_places(scene: Scene, state: InitialState) -> tuple[str, ...]:
@@ -624,6 +660,15 @@ def _check_particles(position: np.ndarray, velocity: np.ndarray, mass: np.ndarra
             first = int(np.flatnonzero(values[:, 2])[0])
             raise InputError(
                 f"scene: particle {first} has {name} = {values[first, 2]} {unit} in a 2D scene; set {name} to 0."
+            )
+    for axis, length in enumerate(scene.period):
+        x, low = position[:, axis], scene.period_lower[axis]
+        outside = np.flatnonzero((length > 0) & ((x < low) | (x >= low + length)))
+        if len(outside):
+            raise InputError(
+                f"scene: particle {outside[0]} starts at {'xyz'[axis]} = {x[outside[0]]:.6g} m, outside the periodic"
+                f" box from {low:g} to {low + length:g} m ({len(outside)} such particles); move it in, or change period"
+                " or period_lower."
             )
     same = coincident_pairs(position.astype(scene.dtype))
     if same:

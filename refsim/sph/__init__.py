@@ -134,6 +134,7 @@ class WeaklyCompressible(
     source: ClassVar[str] = "Jiang & Zhu"
     errata: ClassVar[tuple[str, ...]] = ("E3", "E24")
     of_liquid: ClassVar[bool] = True
+    periodic: ClassVar[bool] = True
 
     rest_density: float = 1000.0
     sound_speed: float
@@ -315,6 +316,7 @@ class Gravity(Effect, frozen=True, kw_only=True):
     """
 
     name: ClassVar[str] = "gravity"
+    periodic: ClassVar[bool] = True
 
     acceleration: tuple[float, float, float] = (0.0, 0.0, -9.81)
 
@@ -353,9 +355,15 @@ DENSITY_OPERATION = register(
         equation="J(7), J(8) and its first moment",
         function="density",
         outputs=("number_density", "asymmetry", "density"),
-        optional=("number_density", "asymmetry", "walls"),
-        variants=({"number_density": None, "asymmetry": None, "walls": None}, {}, {"asymmetry": None}),
+        optional=("number_density", "asymmetry", "walls", "period"),
+        variants=(
+            {"number_density": None, "asymmetry": None, "walls": None, "period": None},
+            {"period": None},
+            {"number_density": None, "asymmetry": None},
+            {"asymmetry": None, "period": None},
+        ),
         invariants=("translation", "rotation", "reordering"),
+        broken={2: ("rotation",)},
     )
 )
 register(
@@ -380,10 +388,15 @@ register(
         function="momentum",
         outputs=("acceleration",),
         adds=("acceleration",),
-        optional=("walls", "viscosity"),
+        optional=("walls", "viscosity", "period"),
         tolerance=8.0,
-        variants=({"viscosity": None, "walls": None}, {"viscosity": None}),
+        variants=(
+            {"viscosity": None, "walls": None, "period": None},
+            {"viscosity": None},
+            {"viscosity": None, "period": None},
+        ),
         invariants=("translation", "rotation", "reordering", "linear_momentum", "angular_momentum"),
+        broken={1: ("rotation", "angular_momentum")},
     )
 )
 register(
@@ -395,11 +408,16 @@ register(
         function="momentum",
         outputs=("acceleration",),
         adds=("acceleration",),
-        optional=("walls", "viscosity"),
+        optional=("walls", "viscosity", "period"),
         tolerance=8.0,
-        variants=({"walls": None, "viscosity": None}, {}, {"walls": None}),
+        variants=(
+            {"walls": None, "viscosity": None, "period": None},
+            {"period": None},
+            {},
+            {"walls": None, "period": None},
+        ),
         invariants=("translation", "rotation", "reordering", "linear_momentum", "galilean", "dissipation"),
-        broken={0: ("dissipation",)},
+        broken={0: ("dissipation",), 2: ("rotation",)},
     )
 )
 register(
@@ -411,8 +429,11 @@ register(
         function="viscous",
         outputs=("acceleration",),
         adds=("acceleration",),
+        optional=("period",),
         tolerance=8.0,
+        variants=({"period": None}, {}),
         invariants=("translation", "rotation", "reordering", "linear_momentum", "galilean", "dissipation"),
+        broken={1: ("rotation",)},
     )
 )
 register(
@@ -424,6 +445,8 @@ register(
         function="central_viscous",
         outputs=("acceleration",),
         adds=("acceleration",),
+        optional=("period",),
+        variants=({"period": None}, {}),
         tolerance=12.0,
         tolerance_reason="one rounding in each of squared distance (twice), Laplacian, volume, velocity difference,"
         " projection, quotient, product and sum",
@@ -436,6 +459,7 @@ register(
             "galilean",
             "dissipation",
         ),
+        broken={1: ("rotation", "angular_momentum")},
     )
 )
 register(

@@ -10,6 +10,7 @@ from refsim.core.cases import (
     Case,
     Exact,
     Variation,
+    across_a_border,
     closed_form,
     codes,
     effect_of_cases,
@@ -276,6 +277,30 @@ def rigid_rotation():
         },
         {"acceleration": np.zeros((3, 3))},
     )  # fmt: skip
+
+
+@closed_form("sph.density")
+def two_particles_across_a_border():
+    """As in space, 5 m apart in a periodic box of 6 m."""
+    return across_a_border(two_particles_in_space(), 6.0, walls=None)
+
+
+@closed_form("sph.pressure", "sph.momentum")
+def pressed_across_a_border():
+    """As the pressed pair."""
+    return across_a_border(pressed_pair(), 6.0)
+
+
+@closed_form("sph.momentum", "sph.viscosity")
+def sheared_across_a_border():
+    """As the sheared pair."""
+    return across_a_border(sheared_pair(), 6.0)
+
+
+@closed_form("sph.central_viscosity")
+def braked_across_a_border():
+    """As the pair that is braked along its line of centres."""
+    return across_a_border(braked_along_the_line(), 6.0)
 
 
 @closed_form("sph.gravity")

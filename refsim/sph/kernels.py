@@ -3,6 +3,7 @@
 import math
 
 from refsim.backends.compile import formula, kernel
+from refsim.neighbours.formulas import to_nearest_image
 from refsim.neighbours.rows import first_lane, over_lanes, row_of
 from refsim.smoothing.formulas import kernel_slope, kernel_value, viscosity_laplacian
 from refsim.sph import formulas
@@ -10,7 +11,7 @@ from refsim.sph.formulas import central_viscosity_pair, pressure_pair, viscosity
 
 
 @kernel(lanes=True)
-def density(i, lane, position, mass, neighbours, walls, smoothing, fluid, number_density, asymmetry, density):
+def density(i, lane, position, mass, neighbours, walls, smoothing, fluid, period, number_density, asymmetry, density):
     """J(7) [kg/m^dim]; J(8) where `number_density` is requested, |sum W_ij x_ij| where `asymmetry` is."""
     first, stride, count = row_of(neighbours, i, lane)
     h = smoothing.support_radius
@@ -22,6 +23,7 @@ def density(i, lane, position, mass, neighbours, walls, smoothing, fluid, number
     for k in range(count):
         j = neighbours.entries[first + k * stride]
         dx, dy, dz = x - position[j, 0], y - position[j, 1], z - position[j, 2]
+        dx, dy, dz = to_nearest_image(dx, dy, dz, period)
         r2 = dx * dx + dy * dy + dz * dz
         if r2 < limit:
             w = kernel_value(math.sqrt(r2), smoothing)
@@ -43,11 +45,11 @@ def density(i, lane, position, mass, neighbours, walls, smoothing, fluid, number
         rho += mass[i] * own
         number += own
         if walls is not None:
-            filled = fluid.rest_density * wall_sum(i, position, walls, smoothing)
+            filled = fluid.rest_density * wall_sum(i, position, walls, smoothing, None, period)
             rho += filled
             number += filled / mass[i]
             if asymmetry is not None:
-                bx, by, bz = wall_moment(i, position, walls, smoothing)
+                bx, by, bz = wall_moment(i, position, walls, smoothing, period)
                 weight = fluid.rest_density / mass[i]
                 mx += weight * bx
                 my += weight * by
@@ -66,7 +68,7 @@ def own_share(smoothing):
 
 
 @formula
-def wall_sum(i, position, walls, smoothing, lane=None):
+def wall_sum(i, position, walls, smoothing, lane, period):
     """Sum of V_b W_ib over the wall particles, or over the lane's share of them; dimensionless."""
     first, stride, count = row_of(walls, i, lane)
     h = smoothing.support_radius
@@ -76,6 +78,7 @@ def wall_sum(i, position, walls, smoothing, lane=None):
     for k in range(count):
         b = walls.entries[first + k * stride]
         dx, dy, dz = x - walls.position[b, 0], y - walls.position[b, 1], z - walls.position[b, 2]
+        dx, dy, dz = to_nearest_image(dx, dy, dz, period)
         r2 = dx * dx + dy * dy + dz * dz
         if r2 < limit:
             total += walls.volume[b] * kernel_value(math.sqrt(r2), smoothing)
@@ -83,7 +86,7 @@ def wall_sum(i, position, walls, smoothing, lane=None):
 
 
 @formula
-def wall_moment(i, position, walls, smoothing):
+def wall_moment(i, position, walls, smoothing, period):
     """Sum of V_b W_ib x_ib over the wall particles [m]."""
     first, stride, count = row_of(walls, i)
     h = smoothing.support_radius
@@ -94,6 +97,7 @@ def wall_moment(i, position, walls, smoothing):
     for k in range(count):
         b = walls.entries[first + k * stride]
         dx, dy, dz = x - walls.position[b, 0], y - walls.position[b, 1], z - walls.position[b, 2]
+        dx, dy, dz = to_nearest_image(dx, dy, dz, period)
         r2 = dx * dx + dy * dy + dz * dz
         if r2 < limit:
             w = walls.volume[b] * kernel_value(math.sqrt(r2), smoothing)
@@ -104,7 +108,7 @@ def wall_moment(i, position, walls, smoothing):
 
 
 @formula
-def wall_gradient(i, position, walls, smoothing, weight):
+def wall_gradient(i, position, walls, smoothing, weight, period):
     """Sum of w V_b grad W_ib over the wall particles [1/m, times the unit of the weight w]."""
     first, stride, count = row_of(walls, i)
     h = smoothing.support_radius
@@ -116,6 +120,7 @@ def wall_gradient(i, position, walls, smoothing, weight):
     for k in range(count):
         b = walls.entries[first + k * stride]
         dx, dy, dz = x - walls.position[b, 0], y - walls.position[b, 1], z - walls.position[b, 2]
+        dx, dy, dz = to_nearest_image(dx, dy, dz, period)
         r2 = dx * dx + dy * dy + dz * dz
         if r2 < limit:
             r = math.sqrt(r2)
@@ -134,7 +139,8 @@ def state(i, density, fluid, pressure):
 
 @kernel(lanes=True)
 def momentum(
-    i, lane, position, velocity, mass, density, pressure, neighbours, walls, smoothing, fluid, viscosity, acceleration
+    i, lane, position, velocity, mass, density, pressure, neighbours, walls, smoothing, fluid, viscosity, period,
+    acceleration,
 ):  # fmt: skip
     """J(10) and, unless `viscosity` is None, J(11), walls after Akinci 2012; added to the acceleration [m/s^2]."""
     first, stride, count = row_of(neighbours, i, lane)
@@ -149,6 +155,7 @@ def momentum(
     for k in range(count):
         j = neighbours.entries[first + k * stride]
         dx, dy, dz = x - position[j, 0], y - position[j, 1], z - position[j, 2]
+        dx, dy, dz = to_nearest_image(dx, dy, dz, period)
         r2 = dx * dx + dy * dy + dz * dz
         if r2 < limit:
             r = math.sqrt(r2)
@@ -167,7 +174,7 @@ def momentum(
     ax, ay, az = over_lanes(ax / rho, lane), over_lanes(ay / rho, lane), over_lanes(az / rho, lane)
     if first_lane(lane):
         if walls is not None:
-            bx, by, bz = wall_pressure(i, position, density, pressure, walls, smoothing, fluid)
+            bx, by, bz = wall_pressure(i, position, density, pressure, walls, smoothing, fluid, None, period)
             ax += bx
             ay += by
             az += bz
@@ -177,7 +184,7 @@ def momentum(
 
 
 @formula
-def wall_pressure(i, position, density, pressure, walls, smoothing, fluid, lane=None):
+def wall_pressure(i, position, density, pressure, walls, smoothing, fluid, lane, period):
     """Akinci 2012: acceleration of particle i by the walls' mirrored pressure, or the lane's share of it [m/s^2]."""
     first, stride, count = row_of(walls, i, lane)
     h = smoothing.support_radius
@@ -189,6 +196,7 @@ def wall_pressure(i, position, density, pressure, walls, smoothing, fluid, lane=
     for k in range(count):
         b = walls.entries[first + k * stride]
         dx, dy, dz = x - walls.position[b, 0], y - walls.position[b, 1], z - walls.position[b, 2]
+        dx, dy, dz = to_nearest_image(dx, dy, dz, period)
         r2 = dx * dx + dy * dy + dz * dz
         if r2 < limit:
             r = math.sqrt(r2)
@@ -201,7 +209,7 @@ def wall_pressure(i, position, density, pressure, walls, smoothing, fluid, lane=
 
 
 @kernel
-def viscous(i, position, velocity, mass, density, neighbours, smoothing, viscosity, acceleration):
+def viscous(i, position, velocity, mass, density, neighbours, smoothing, viscosity, period, acceleration):
     """J(11) alone; added to the acceleration [m/s^2]."""
     first, stride, count = row_of(neighbours, i)
     h = smoothing.support_radius
@@ -213,6 +221,7 @@ def viscous(i, position, velocity, mass, density, neighbours, smoothing, viscosi
     for k in range(count):
         j = neighbours.entries[first + k * stride]
         dx, dy, dz = x - position[j, 0], y - position[j, 1], z - position[j, 2]
+        dx, dy, dz = to_nearest_image(dx, dy, dz, period)
         r2 = dx * dx + dy * dy + dz * dz
         if r2 < limit:
             f = viscosity_pair(mass[j] / density[j], viscosity, viscosity_laplacian(math.sqrt(r2), smoothing))
@@ -227,7 +236,7 @@ def viscous(i, position, velocity, mass, density, neighbours, smoothing, viscosi
 
 @kernel(lanes=True)
 def central_viscous(
-    i, lane, position, velocity, mass, density, neighbours, smoothing, central_viscosity, acceleration
+    i, lane, position, velocity, mass, density, neighbours, smoothing, central_viscosity, period, acceleration
 ):  # fmt: skip
     """Viscosity along the line of centres; added to the acceleration [m/s^2]."""
     first, stride, count = row_of(neighbours, i, lane)
@@ -241,6 +250,7 @@ def central_viscous(
     for k in range(count):
         j = neighbours.entries[first + k * stride]
         dx, dy, dz = x - position[j, 0], y - position[j, 1], z - position[j, 2]
+        dx, dy, dz = to_nearest_image(dx, dy, dz, period)
         r2 = dx * dx + dy * dy + dz * dz
         if r2 < limit:
             laplacian = viscosity_laplacian(math.sqrt(r2), smoothing)

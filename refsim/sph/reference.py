@@ -1,7 +1,8 @@
 """NumPy oracle of weakly compressible SPH: all pairs, float64.
 
 Each function returns {output: (value, scale)}; scale is the sum of the absolute terms behind the value.
-Arrays: position, velocity (n, 3); mass, density, pressure (n,); SI units. `rows` picks particles.
+Arrays: position, velocity (n, 3); mass, density, pressure (n,); SI units. With a `period` separations x_ij are those to
+the nearest image. `rows` picks particles.
 """
 
 import numpy as np
@@ -15,7 +16,7 @@ def _rows(array, rows):
     return array if rows is None else array[rows]
 
 
-def density(position, mass, walls, smoothing, fluid, rows=None):
+def density(position, mass, walls, smoothing, fluid, period=None, rows=None):
     """Densities [kg/m^dim], number densities [1/m^dim] and asymmetries [m^(1 - dim)], self included.
 
     J(7) rho_i = sum_j m_j W_ij + sum_b rho0 V_b W_ib;  J(8) delta_i = sum_j W_ij + sum_b (rho0 V_b/m_i) W_ib;
@@ -25,14 +26,14 @@ def density(position, mass, walls, smoothing, fluid, rows=None):
     wanted = _rows(mass, rows)
     rho, delta, reach = np.zeros(len(wanted)), np.zeros(len(wanted)), np.zeros(len(wanted))
     moment = np.zeros((len(wanted), 3))
-    for place, separation, distance in pair_blocks(position, position, rows):
+    for place, separation, distance in pair_blocks(position, position, rows, period):
         w = kernel_value(distance, smoothing)
         rho[place] += w @ mass
         delta[place] += w.sum(1)
         moment[place] += (w[..., None] * separation).sum(1)
         reach[place] += (w * distance).sum(1)
     if walls is not None:
-        for place, separation, distance in pair_blocks(position, walls.position, rows):
+        for place, separation, distance in pair_blocks(position, walls.position, rows, period):
             filled = float(fluid.rest_density) * kernel_value(distance, smoothing) * np.asarray(walls.volume, float)
             rho[place] += filled.sum(1)
             share = filled / wanted[place, None]
@@ -57,7 +58,7 @@ def state(density, fluid, rows=None):
     return {"pressure": (pressure, float(fluid.stiffness) * int(fluid.exponent) * (power + 1) + cohesion)}
 
 
-def momentum(position, velocity, mass, density, pressure, walls, smoothing, fluid, viscosity, rows=None):
+def momentum(position, velocity, mass, density, pressure, walls, smoothing, fluid, viscosity, period=None, rows=None):
     """Acceleration [m/s^2] by pressure and viscosity.
 
     J(10) a_i = -(s/rho_i) sum_j m_j (p_i + p_j)/rho_j grad W_ij, s = 1 (Jiang & Zhu E24) or as printed 1/2;
@@ -75,7 +76,7 @@ def momentum(position, velocity, mass, density, pressure, walls, smoothing, flui
         value[place] += terms.sum(1)
         scale[place] += np.abs(terms).sum(1)
 
-    for place, separation, distance in pair_blocks(position, position, rows):
+    for place, separation, distance in pair_blocks(position, position, rows, period):
         apart = distance + 1e-9 * float(smoothing.support_radius)
         gradient = (kernel_slope(distance, smoothing) / apart)[..., None] * separation
         both = share * (p_i[place, None] + p[None, :])
@@ -86,7 +87,7 @@ def momentum(position, velocity, mass, density, pressure, walls, smoothing, flui
             add(place, factor[..., None] * (velocity[None, :, :] - v_i[place, None, :]))
     if walls is not None:
         wall_mass = float(fluid.rest_density) * np.asarray(walls.volume, dtype=float)
-        for place, separation, distance in pair_blocks(position, walls.position, rows):
+        for place, separation, distance in pair_blocks(position, walls.position, rows, period):
             apart = distance + 1e-9 * float(smoothing.support_radius)
             gradient = (kernel_slope(distance, smoothing) / apart)[..., None] * separation
             factor = float(fluid.wall_share) * share * wall_mass[None, :] * (p_i / rho_i**2)[place, None]
@@ -94,13 +95,13 @@ def momentum(position, velocity, mass, density, pressure, walls, smoothing, flui
     return {"acceleration": (value, scale)}
 
 
-def viscous(position, velocity, mass, density, smoothing, viscosity, rows=None):
+def viscous(position, velocity, mass, density, smoothing, viscosity, period=None, rows=None):
     """Acceleration [m/s^2] a_i = (mu/rho_i) sum_j (m_j/rho_j) (v_j - v_i) lap W_ij, J(11) with Jiang & Zhu E3."""
     v = np.asarray(velocity, dtype=float)
     volume = np.asarray(mass, dtype=float) / np.asarray(density, dtype=float)
     rho_i, v_i = _rows(density, rows), _rows(velocity, rows)
     value, scale = np.zeros((len(rho_i), 3)), np.zeros((len(rho_i), 3))
-    for place, _, distance in pair_blocks(position, position, rows):
+    for place, _, distance in pair_blocks(position, position, rows, period):
         factor = volume[None, :] * viscosity_laplacian(distance, smoothing) / rho_i[place, None]
         factor = factor * other_particles(place, len(v), rows) * float(viscosity.coefficient)
         terms = factor[..., None] * (v[None, :, :] - v_i[place, None, :])
@@ -109,7 +110,7 @@ def viscous(position, velocity, mass, density, smoothing, viscosity, rows=None):
     return {"acceleration": (value, scale)}
 
 
-def central_viscous(position, velocity, mass, density, smoothing, central_viscosity, rows=None):
+def central_viscous(position, velocity, mass, density, smoothing, central_viscosity, period=None, rows=None):
     """Acceleration [m/s^2] a_i = (2 k/rho_i) sum_j (m_j/rho_j) F_ij e_ij e_ij.(v_j - v_i), k = (dim + 2) mu.
 
     Espanol & Revenga 2003 with zeta = 5 eta/3 in 3D, where only the part along e_ij is left. F = -W'/r =
@@ -122,7 +123,7 @@ def central_viscous(position, velocity, mass, density, smoothing, central_viscos
     volume = np.asarray(mass, dtype=float) / np.asarray(density, dtype=float)
     rho_i, v_i = _rows(density, rows), _rows(velocity, rows)
     value, scale = np.zeros((len(rho_i), 3)), np.zeros((len(rho_i), 3))
-    for place, separation, distance in pair_blocks(position, position, rows):
+    for place, separation, distance in pair_blocks(position, position, rows, period):
         steepness = np.where(distance < h, 6 * amplitude * (1 - distance / h) / h**2, 0.0)
         factor = 2 * float(central_viscosity.coefficient) * volume[None, :] * steepness / rho_i[place, None]
         factor = factor * other_particles(place, len(v), rows)

@@ -21,6 +21,7 @@ import numpy as np
 
 from refsim.core.errors import InputError
 from refsim.engine.simulation import Simulation
+from refsim.neighbours.reference import nearest_image
 from refsim.scene.files import suggestion
 from refsim.scene.scene import Plan
 
@@ -157,7 +158,8 @@ def _point(name: str, text: str, dim: int) -> np.ndarray:
 def _at(name: str, simulation: Simulation, values: np.ndarray, point: np.ndarray) -> float:
     """Average at a point [m], weighted with (1 - r^2/h^2)^3 within the support radius h."""
     h = simulation.plan.grid.support_radius
-    near = 1 - ((simulation.field("position").astype(float) - point) ** 2).sum(1) / h**2
+    apart = nearest_image(simulation.field("position").astype(float) - point, simulation.plan.grid.period)
+    near = 1 - (apart**2).sum(1) / h**2
     weight = np.maximum(near, 0.0) ** 3
     if not weight.any():
         raise InputError(

@@ -189,12 +189,12 @@ def test_programs_may_return_or_write_and_name_what_they_want():
 
 
 def test_several_outputs_are_returned_by_name_in_every_variant():
-    def density(position, mass, walls, smoothing, fluid):
-        answer = REGISTRY["sph.density"].program("numpy")(position, mass, walls, smoothing, fluid)
+    def density(position, mass, walls, smoothing, fluid, period):
+        answer = REGISTRY["sph.density"].program("numpy")(position, mass, walls, smoothing, fluid, period)
         return {name: value for name, (value, _) in answer.items()}
 
     found = judged(density, "sph.density", ("T1",))
-    assert {o.variant for o in found} == {0, 1, 2}
+    assert {o.variant for o in found} == {0, 1, 2, 3}
     assert all(o.passed for o in found)
     (first, *_) = judged(lambda mass: mass, "sph.density", ("T1",), variants=(1,))
     assert "it returned ndarray; wanted is {name: array} for number_density, asymmetry" in first.words

@@ -9,13 +9,10 @@ import pytest
 
 from refsim import Box, Cloud, HeatConduction, InputError, RunStopped, Scene, Simulation, make_plan
 from refsim.__main__ import main
-from refsim.contract.ladder import Target, _closed_form, exact_forms
-from refsim.core import cases
 from refsim.core.operation import REGISTRY
 from refsim.engine.driver import stock
 from refsim.heat import reference
-from refsim.heat.cases import PAIR
-from refsim.heat.shapes import lattice_moment, period_group
+from refsim.heat.shapes import lattice_moment
 from validation.checks import bars
 from validation.experiments.heat import exact, runs
 from validation.experiments.heat import experiment as case
@@ -393,28 +390,30 @@ def test_every_scheme_has_an_operation():
     assert len(names) == 10
 
 
-PERIODIC = sorted(name for name, operation in REGISTRY.items() if "period" in operation.arguments("numpy"))
+def decay_around_a_box(cells, backend):
+    """Rate of decay of a sine of temperature around a periodic box of 1 m over (2 pi)^2 k/(rho c); the heat gained."""
+    spacing = 1 / cells
+    place = (np.arange(cells) + 0.5) * spacing
+    x, y = (part.ravel() for part in np.meshgrid(place, place, indexing="ij"))
+    wave = np.sin(2 * np.pi * x)
+    heat = HeatConduction(
+        temperature=tuple(20 + 10 * wave), conductivity=1.0, heat_capacity=1.0, density=1.0,
+        scheme="runge_kutta_legendre",
+    )  # fmt: skip
+    scene = Scene(
+        dim=2, dtype="float64", spacing=spacing, support_radius=2.6 * spacing, period=(1.0, 1.0, 0.0), step=2e-4,
+        fluid=(Cloud(position=np.stack([x, y, 0 * x], axis=1)),), effects=(heat,),
+    )  # fmt: skip
+    simulation = Simulation(scene, backend)
+    for _ in range(20):
+        simulation.step()
+    above = simulation.field("temperature") - 20
+    return -np.log((above * wave).mean() / 5) / simulation.time / (4 * np.pi**2), above.mean()
 
 
-@pytest.mark.parametrize("program", ["numpy", "cpu"])
-@pytest.mark.parametrize("name", PERIODIC)
-def test_a_pair_across_a_period_is_a_pair(name, program):
-    """No scene has a period, and so no variant of the contract: here the closed forms of a pair 1 m apart are asked of
-    its nearest images. A list finds them 1.5 m apart in 2.5 m; pair exchange takes four support radii at least."""
-    cases.discover()
-    apart, length = (-7.0, 8.0) if name == "heat.pair_exchange" else (1.5, 2.5)
-    case = dataclasses.replace(PAIR, name="heat_images", position=np.array([[0.0, 0.0, 0.0], [0.0, apart, 0.0]]))
-    period = period_group((0.0, length, 0.0), "float64")
-    operation = REGISTRY[name]
-    variants = tuple({key: value for key, value in each.items() if key != "period"} for each in operation.variants)
-    targets = [
-        Target(dataclasses.replace(operation, variants=variants), program, "float64", k) for k in range(len(variants))
-    ]
-    outcomes = [
-        _closed_form(target, trial, dataclasses.replace(form, case=case, given=form.given | {"period": period}))
-        for target, variant in zip(targets, operation.variants)
-        for trial, form in exact_forms(operation, variant)
-        if form.case is PAIR
-    ]
-    assert all(outcome.passed for outcome in outcomes), outcomes
-    assert outcomes or name == "heat.enthalpy_jacobi"  # whose pairs stand beside each other
+def test_a_wave_around_a_periodic_box_decays_at_second_order():
+    (coarse, _), (fine, gained) = (decay_around_a_box(cells, "cpu") for cells in (10, 20))
+    assert abs(gained) < 1e-12
+    assert abs(fine - 1) < 0.015
+    assert 3.5 < (coarse - 1) / (fine - 1) < 4.5
+    assert decay_around_a_box(10, "numpy")[0] == pytest.approx(coarse, rel=1e-12)

@@ -19,6 +19,7 @@ from refsim import (
     Cloud,
     EnergyAudit,
     Gravity,
+    HeatConduction,
     JiangZhu2023,
     MpmLiquid,
     RunStopped,
@@ -34,6 +35,7 @@ from refsim import (
 from refsim.backends import arrays as backend
 from refsim.backends import runtime
 from refsim.core.operation import REGISTRY, backend_of
+from refsim.core.period import period_group
 from refsim.engine.binding import step_launches
 from refsim.neighbours.reference import neighbour_list, pair_blocks
 from refsim.study.memory import bytes_of
@@ -164,6 +166,47 @@ def test_particles_are_sorted_stably_by_cell(cuda, name):
     sorter = search.programs.sorter
     flung = name in ("flung particle", "beyond the cells")
     assert sorter.by_count is None or bool(sorter.mirror.read()[6]) == flung
+
+
+@pytest.mark.parametrize("lengths, dim", [((0.9, 0.0, 0.0), 2), ((0.46, 0.7, 0.0), 2), ((0.7, 0.0, 0.9), 3)])
+def test_list_in_a_periodic_box(cuda, lengths, dim):
+    """Two, three and four cells along an axis; a third of the particles several periods away."""
+    position = cloud(60, dim)
+    position[::3] += np.array([3.0, -2.0, 1.0]) * lengths
+    search = neighbours.NeighbourSearch(cuda, dim, "float64", RADIUS, SKIN, period_group(lengths, "float64"))
+    there = cuda.asarray(position)
+    there = search.reorder(there, search.order(there))
+    listed = search.build(there)
+    expected = neighbour_list(cuda.host(there), RADIUS * (1 + SKIN), period=lengths)
+    for own, true in zip(columns(cuda, listed), expected, strict=True):
+        assert list(own) == list(true)  # in the order of the particles, so that sums repeat
+    search.audit(there, cuda.asarray(0 * position), cuda.asarray(np.zeros(2)), listed)
+    search.build(there)
+    assert search.log.missed_neighbours == 0
+
+
+def test_a_periodic_channel_runs_as_the_references_do(cuda):
+    """Particles leave the box and stay neighbours; a thin skin has the lists built and audited anew."""
+    walls = BoxWalls(
+        lower=(0, 0, 0), upper=(9, 0.4, 0), open_faces=("-x", "+x"), viscosity=20.0, moving_faces=("+y",),
+        velocity=(1.0, 0.0, 0.0),
+    )  # fmt: skip
+    scene = Scene(
+        dim=2, dtype="float64", spacing=0.1, support_radius=0.21, skin=0.02, period=(0.6, 0.0, 0.0),
+        fluid=(Box(cells=(6, 4, 1), velocity=(8.0, 0.0, 0.0)),),
+        effects=(
+            WeaklyCompressible(sound_speed=10.0, dynamic_viscosity=20.0, clamp_pressure=False),
+            Gravity(acceleration=(1.0, 0.0, 0.0)), HeatConduction(temperature=20.0, scheme="single_pass"), walls,
+        ),
+    )  # fmt: skip
+    oracle, run = Simulation(scene, "numpy"), Simulation(scene, "cuda")
+    for _ in range(12):
+        oracle.step()
+        run.step()
+    assert run.search.log.rebuilds > 3
+    assert run.field("position")[:, 0].max() > 0.6
+    for name in ("position", "velocity"):
+        np.testing.assert_allclose(run.field(name), oracle.field(name), rtol=1e-10, atol=1e-10)
 
 
 def test_list_in_float32(cuda):

@@ -171,10 +171,12 @@ def launches(monkeypatch, program, arguments):
 def support_launches(dtype):
     """Launches of the kernels of searches and array moves, with the types that the searches hand them."""
     from refsim.backends import device
+    from refsim.core.period import period_group
     from refsim.core.walls import Bounds
     from refsim.mpm import kernels as mpm
     from refsim.mpm import sorting_cuda as mpm_sorting
     from refsim.neighbours import cell_list_cuda as search
+    from refsim.neighbours.formulas import periodic_cells
     from refsim.sparse_grid import Blocks
     from refsim.sparse_grid import block_search_cuda as sparse
 
@@ -183,13 +185,18 @@ def support_launches(dtype):
     keys, ranges, one = np.zeros(n, np.int64), np.zeros((n, 9), np.int32), real(1)
     listed, shared = (NeighbourColumns(integers, integers, (np.int32(0),) * lanes) for lanes in (1, 4))
     blocks = Blocks(keys, np.zeros((n, 27), np.int32))
+    period = period_group((1.0, 0.0, 2.0), dtype)
+    cells = periodic_cells(period, 0.2)
     return [
-        (search.cell_keys, (vectors, 1.0, keys)),
+        (search.cell_keys, (vectors, 1.0, None, keys)),
+        (search.cell_keys, (vectors, 1.0, cells, keys)),
         (search.mark_cells, (keys, integers)),
         (search.occupied_cells, (keys, keys, integers, integers, integers)),
-        (search.cell_ranges, (keys, integers, keys, integers, ranges, ranges)),
-        (search.build_list, (vectors, integers, ranges, ranges, vectors, one, 1, integers, listed)),
-        (search.build_list, (vectors, integers, ranges, ranges, vectors, one, 1, integers, shared)),
+        (search.cell_ranges, (keys, integers, keys, integers, None, ranges, ranges)),
+        (search.cell_ranges, (keys, integers, keys, integers, cells, ranges, ranges)),
+        (search.build_list, (vectors, integers, ranges, ranges, vectors, one, 1, None, integers, listed)),
+        (search.build_list, (vectors, integers, ranges, ranges, vectors, one, 1, None, integers, shared)),
+        (search.build_list, (vectors, integers, ranges, ranges, vectors, one, 1, period, integers, listed)),
         (device.gather_all_scalars, ((scalars, scalars), keys, (scalars, scalars))),
         (device.gather_all_vectors, ((vectors, vectors), keys, (vectors, vectors))),
         (device.copy_all_scalars, ((scalars, scalars), (scalars, scalars), scalars)),
@@ -206,8 +213,9 @@ def support_launches(dtype):
         (search.clear_boxes, (vectors, vectors, integers, scalars)),
         (search.block_boxes, (vectors, vectors, keys, integers, integers, 3, vectors, vectors)),
         (search.block_displacements, (vectors, vectors, integers, 2, scalars, integers)),
-        (search.count_missed, (vectors, vectors, scalars, None, listed, 1, 8, one, integers)),
-        (search.count_missed, (vectors, vectors, scalars, Bounds(scalars, scalars), listed, 1, 8, one, integers)),
+        (search.count_missed, (vectors, vectors, scalars, None, None, listed, 1, 8, one, integers)),
+        (search.count_missed, (vectors, vectors, scalars, None, period, listed, 1, 8, one, integers)),
+        (search.count_missed, (vectors, vectors, scalars, Bounds(scalars, scalars), None, listed, 1, 8, one, integers)),
         (sparse.block_keys, (vectors, 1.0, 3, keys)),
         (sparse.point_nodes, (vectors, 1.0, 0.5, blocks, integers)),
         (sparse.count_uncovered, (keys, keys, np.zeros(n, np.uint8), integers)),

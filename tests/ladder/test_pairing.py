@@ -126,8 +126,8 @@ def test_a_forgotten_step_length_would_be_noticed(monkeypatch):
 def own_density(change):
     """A third party's plain program for sph.density, with a defect."""
 
-    def program(position, mass, neighbours, walls, smoothing, fluid, number_density, asymmetry, density):
-        answer = REGISTRY["sph.density"].program("numpy")(position, mass, walls, smoothing, fluid)
+    def program(position, mass, neighbours, walls, smoothing, fluid, period, number_density, asymmetry, density):
+        answer = REGISTRY["sph.density"].program("numpy")(position, mass, walls, smoothing, fluid, period)
         density[...] = change(answer["density"][0])
         for name, wanted in (("number_density", number_density), ("asymmetry", asymmetry)):
             if wanted is not None:

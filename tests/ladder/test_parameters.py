@@ -41,7 +41,7 @@ from refsim.boundary.sampling import relaxation_step
 from refsim.boundary.signed_distance import band_grid
 from refsim.core import cases
 from refsim.core.effect import EFFECTS, Discretisation, Effect
-from refsim.heat.shapes import period_group
+from refsim.core.period import period_group
 from refsim.scene.solids import voxelised
 from refsim.surface_energy import Tension, surface_term
 

@@ -9,6 +9,7 @@ import pytest
 from refsim import Box, Cloud, Gravity, InputError, RunStopped, Scene, Simulation, WeaklyCompressible
 from refsim.backends.arrays import choose, set_threads
 from refsim.core import cases
+from refsim.core.period import period_group
 from refsim.core.walls import Bounds
 from refsim.neighbours import AUDITED_ROWS, MOST_NEIGHBOURS, AuditedRows, NeighbourSearch, coincident_pairs
 from refsim.neighbours.reference import neighbour_list, pair_blocks
@@ -74,6 +75,45 @@ def test_wall_list_holds_all_pairs(name, dtype):
     for place, needed, allowed in certain(position, static.position, search.reach):
         assert (table[place] <= allowed).all()
         assert (table[place] >= needed).all()
+
+
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+@pytest.mark.parametrize(
+    "lengths",
+    [(1.0, 0.0, 0.0), (0.0, 0.45, 0.0), (0.45, 0.7, 0.0), (0.95, 0.67, 0.5), (0.0, 0.0, 0.45)],
+    ids=lambda lengths: "-".join(map(str, lengths)),
+)
+def test_list_of_a_periodic_box_holds_all_pairs(lengths, dtype):
+    """Two, three and more cells along each axis; particles of the box, and some several periods away from it."""
+    dim = 3 if lengths[2] else 2
+    random = np.random.default_rng(5)
+    position = random.uniform(-0.4, 0.6, (400 if dim == 3 else 150, 3)) * ([1, 1, 1] if dim == 3 else [1, 1, 0])
+    position[::3] += random.integers(-3, 4, (len(position[::3]), 3)) * lengths
+    search = NeighbourSearch(CPU, dim, dtype, 0.2, 0.1, period_group(lengths, dtype))
+    position = position.astype(dtype)
+    position = position[search.order(position)]
+    listed, own = search.build(position), np.arange(len(position))
+    static = search.static_set(position[::2])
+    near = search.build_against(position, static)
+    eps = 64 * np.finfo(dtype).eps
+    for source, found, others in ((position, listed, True), (static.position, near, False)):
+        (_, _, distance), *_ = pair_blocks(position, source, period=lengths)
+        table = np.zeros(distance.shape, dtype=np.int64)
+        for i, row in enumerate(rows(found)):
+            np.add.at(table[i], row, 1)
+            assert (row == found.entries[found.start[i] : found.start[i] + found.count[i]]).all()  # in their order
+        other = (own[:, None] != own[None, :]) if others else np.ones_like(table, bool)
+        assert (table <= ((distance < search.reach + eps) & other)).all()
+        assert (table >= ((distance < search.reach - eps) & other)).all()
+    assert search.margin(position, position, 0.0, False) == 0.0
+    still = np.zeros_like(position)
+    search.audit(position, still, np.zeros(2, dtype), listed)
+    assert search.programs.missed == 0
+    across = np.abs(position[:, None] - position[None, :]).max(2) > 0.25
+    torn = NeighbourRows(listed.start, np.array([0 if across[i][row].any() else len(row) for i, row in
+                         enumerate(rows(listed))], np.int32), listed.entries)  # fmt: skip
+    search.programs.audit(position, still, np.zeros(2, dtype), torn, AuditedRows(1, len(position)), 0.2)
+    assert search.programs.missed > 20
 
 
 def test_oracle_is_right_about_a_line():

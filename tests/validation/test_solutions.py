@@ -3,8 +3,10 @@
 import numpy as np
 import pytest
 
+from refsim.boundary.akinci_2012 import calibrated_factor
 from refsim.smoothing import lattice, smoothing
-from refsim.smoothing.reference import kernel_slope, viscosity_laplacian
+from refsim.smoothing.reference import kernel_slope, kernel_value, viscosity_laplacian
+from refsim.sph import lattice_number_density
 from validation.experiment import Options
 from validation.experiments.solutions import exact, pictures, runs, tension, tension_exact
 from validation.experiments.solutions import experiment as case
@@ -113,6 +115,38 @@ def test_what_sums_on_the_lattice_deliver():
     assert (xx - yy) / (4 * strain) == pytest.approx(0.109, abs=1e-3)
 
 
+def test_plates_begin_at_rest_and_end_in_the_steady_flow():
+    """Both series solve u_t = nu u_yy + F between the plates, with the plates' velocities at the ends."""
+    height = np.linspace(0.0, 2.0, 81)
+    for flow, steady, push, wall in (
+        (lambda time: exact.couette(height, time, 2.0, 3.0, 0.5), 1.5 * height, 0.0, 3.0),
+        (lambda time: exact.poiseuille(height, time, 2.0, 0.7, 0.5), 0.7 * height * (2 - height), 0.7, 0.0),
+    ):
+        assert np.abs(flow(1e-3)[height < 1.8]).max() < 1e-3
+        np.testing.assert_allclose(flow(100.0), steady, atol=1e-12)
+        assert flow(0.3)[[0, -1]] == pytest.approx([0.0, wall], abs=1e-9)
+        change = (flow(0.3001) - flow(0.2999)) / 2e-4
+        bent = np.diff(flow(0.3), 2) / (height[1] - height[0]) ** 2
+        np.testing.assert_allclose(change[1:-1], 0.5 * bent + push, atol=2e-3)
+
+
+@pytest.mark.parametrize("friction, slip", [(1.0, 0.90), (2.0, 0.09)])
+def test_how_far_liquid_slips_at_a_plate(friction, slip):
+    """Number of docs/solutions.md, in spacings d: J(11) on the lattice in a shear G pulls one half of the liquid along
+    the other as the wall pulls its first two layers, whose velocities are G (d/2 + slip) and G (3 d/2 + slip)."""
+    across, kernel = np.arange(-3, 4), smoothing("wendland_c2", runs.SUPPORT, 2)
+
+    def of_layer(away):
+        r = np.hypot(across, away)
+        return viscosity_laplacian(r[r > 0], kernel).sum()
+
+    wall = calibrated_factor("wendland_c2", runs.SUPPORT, 1.0, 2) / kernel_value(abs(across), kernel).sum()
+    bulk = 1 / lattice_number_density("wendland_c2", runs.SUPPORT, 1.0, 2)
+    pull = friction * wall * np.array([of_layer(1), of_layer(2)])
+    needed = bulk * (of_layer(1) + 4 * of_layer(2))
+    assert (needed - pull @ [0.5, 1.5]) / pull.sum() == pytest.approx(slip, abs=0.01)
+
+
 def test_what_the_programs_deliver_in_shear():
     """mu of both forms and of the sums of SPlisHSPlasH and PySPH on a lattice in 3D, h = 2 d, cubic spline."""
     (x, r), kernel = _around(3, 2.0), smoothing("cubic_spline", 2.0, 3)
@@ -129,20 +163,29 @@ def test_orders():
     assert np.isnan(case.order([0.1], [0.2]))
 
 
-LARGEST = {"tank": 8, "vortex": 8, "capillary": 10}  # in cells; a layer of the support fits in
+LARGEST = {
+    "tank": 8,
+    "vortex": 8,
+    "vortices": 8,
+    "couette": 14,
+    "poiseuille": 14,
+    "capillary": 10,
+}  # in cells; a layer of the support fits in
 
 
 def test_the_runs_at_small_size(monkeypatch):
     """A few steps of every problem: judged, tabulated, drawn; the central form keeps angular momentum at any size."""
     for name, value in {"SETTLED": 0.05, "MEANS": 3, "PERIODS": 0.5, "SWINGS": 0.6, "SPUN": 0.3, "MIXED": 0.1}.items():
         monkeypatch.setattr(runs, name, value)
+    monkeypatch.setattr(runs, "SAMPLES", (0.002, 0.004))
     short = {"STIRRED": 0.1, "RESTED": 0.1, "PERIODS": 0.2, "WIDE": 5.0, "CLIMBED": 2.05, "MEANS": 1}
     for name, value in short.items():
         monkeypatch.setattr(tension, name, value)
     monkeypatch.setattr(
         case, "CELLS",
-        {"tank": (6, 8), "wave": (4, 5), "ellipse": (3, 4), "disc": (3, 4), "vortex": (6, 8), "capillary": (9, 10),
-         "drop": (3, 4), "meniscus": (2, 3)},
+        {"tank": (6, 8), "wave": (4, 5), "ellipse": (3, 4), "disc": (3, 4), "vortex": (6, 8), "vortices": (7, 8),
+         "couette": (12, 14), "poiseuille": (12, 14), "capillary": (9, 10), "drop": (3, 4), "meniscus": (2, 3),
+         "jurin": (4, 5)},
     )  # fmt: skip
     (quick,) = case.planned(Options(quick=True))
     assert quick.parameters == {"cells": 10, "backend": "cpu"}
@@ -155,7 +198,7 @@ def test_the_runs_at_small_size(monkeypatch):
             Context(),
             **{
                 **run.parameters,
-                "cells": min(run.parameters["cells"], LARGEST.get(run.key.partition("_")[0], 5)),
+                "cells": min(run.parameters["cells"], LARGEST.get(run.function.__name__, 5)),
             },
         )
         for run in planned
@@ -171,15 +214,22 @@ def test_the_runs_at_small_size(monkeypatch):
         "wave_period_off.central",
         "ellipse_error",
         "vortex_rate_off.laplacian",
+        "vortices_rate_off.central",
+        "couette_steady.laplacian",
+        "order.couette_central.steady",
+        "poiseuille_error.central",
+        "varied_rate.creeping_laplacian",
         "order.tank.error",
         "varied_period.crest_0.06",
         "capillary_crest_off",
         "drop_rate_off.laplacian",
         "meniscus_lifted_off.110",
+        "jurin_risen_off",
     } <= set(verdicts)
-    without, tense = case.EXPERIMENT.pictures
-    assert (len(without.needs), len(tense.needs)) == (24, 15)
-    for picture, titles in ((without, pictures.TITLES), (tense, pictures.WITH_TENSION)):
+    without, periodic, tense = case.EXPERIMENT.pictures
+    assert (len(without.needs), len(periodic.needs), len(tense.needs)) == (24, 18, 15)
+    drawn = ((without, pictures.TITLES), (periodic, pictures.PERIODIC), (tense, pictures.WITH_TENSION))
+    for picture, titles in drawn:
         panels = picture.draw(picture.collect(results)).axes
         assert [axes.get_title(loc="left") or axes.get_title() for axes in panels][: len(titles)] == [
             title for title, _ in titles.values()

@@ -14,10 +14,11 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 import numpy as np
 
 from refsim.core.capabilities import BringsWalls, HasErrata
-from refsim.core.effect import Discretisation, Effect, require
+from refsim.core.effect import Discretisation, Effect, Pass, StepLimit, require
 from refsim.core.energy import EnergyAccount
 from refsim.core.errors import InputError
-from refsim.core.walls import Bounds, WallParticles
+from refsim.core.period import Lengths
+from refsim.core.walls import Bounds, WallMotion, WallParticles, WallViscosity
 from refsim.scene.solids import countable
 from refsim.smoothing import lattice, smoothing
 from refsim.sph import LIQUID, least_wall_share, liquid_of, pressure_is_replaced
@@ -29,27 +30,44 @@ FACES = ("-x", "+x", "-y", "+y", "-z", "+z")
 
 
 class BoxWalls(Effect, BringsWalls, HasErrata, frozen=True, kw_only=True):
-    """Walls around the box from `lower` to `upper` [m]; free slip.
+    """Walls around the box from `lower` to `upper` [m].
 
-    lower, upper  corners of the box [m]; in 2D the z components are ignored
+    lower, upper  corners of the box [m]; in 2D the z components are ignored, and those along a period of the scene
     open_faces    faces without wall, of "-x", "+x", "-y", "+y", "-z", "+z"
+    viscosity     mu_b of the friction between liquid and wall particles [Pa s]; 0 for free slip
+    moving_faces  faces that move in their own plane and drag the liquid by their friction
+    velocity      of the moving faces [m/s]
     literal       readings taken as printed: "g" (Akinci's V_b, g = 1, instead of the calibrated one); or "all"
     """
 
     name: ClassVar[str] = "box_walls"
+    periodic: ClassVar[bool] = True
     source: ClassVar[str] = "Akinci et al."
     errata: ClassVar[tuple[str, ...]] = ("g",)
 
     lower: tuple[float, float, float]
     upper: tuple[float, float, float]
     open_faces: tuple[Literal["-x", "+x", "-y", "+y", "-z", "+z"], ...] = ()
+    viscosity: float = 0.0
+    moving_faces: tuple[Literal["-x", "+x", "-y", "+y", "-z", "+z"], ...] = ()
+    velocity: tuple[float, float, float] = (0.0, 0.0, 0.0)
     literal: tuple[str, ...] = ()
 
     def needs(self) -> tuple[str, ...]:
         return (LIQUID,)
 
     def check(self, grid: Discretisation, others: Mapping[str, Effect]) -> None:
+        require(self.name, viscosity=(self.viscosity, "not negative"))
+        for face in FACES:
+            across = grid.period["xyz".index(face[1])] > 0
+            if across and face not in self.open_faces:
+                raise InputError(
+                    f"{self.name}: the face {face} would stand across the scene's period; add it to open_faces."
+                )
+        self._check_motion(grid, others)
         for axis in range(grid.dim):
+            if grid.period[axis] > 0:
+                continue
             low, high = self.lower[axis], self.upper[axis]
             require(self.name, lower=(low, "finite"), upper=(high, "finite"))
             if high - low < grid.spacing:
@@ -57,24 +75,89 @@ class BoxWalls(Effect, BringsWalls, HasErrata, frozen=True, kw_only=True):
                     f"box_walls: along {'xyz'[axis]} the box from {low} to {high} m is thinner than one particle"
                     f" spacing ({grid.spacing} m); make it larger."
                 )
-        cells = [(high - low) / grid.spacing for low, high in zip(self.lower, self.upper)][: grid.dim]
+        cells = [(high - low) / grid.spacing for low, high in zip(*self._corners(grid))][: grid.dim]
         countable(f"box_walls: its box at a spacing of {grid.spacing} m", cells, each=1)
         self.printed()
 
-    def energy(self, grid: Discretisation, others: Mapping[str, Effect]) -> EnergyAccount:
-        """None of its own: walls at rest do no work. The liquid's compression includes their part of the density."""
+    def _corners(self, grid: Discretisation) -> tuple[tuple[float, ...], tuple[float, ...]]:
+        """Lower and upper corner [m]; along a period those of the periodic box."""
+        start, length = grid.period_lower, grid.period
+        lower = tuple(a if size > 0 else b for a, size, b in zip(start, length, self.lower))
+        upper = tuple(a + size if size > 0 else b for a, size, b in zip(start, length, self.upper))
+        return lower, upper
+
+    def _check_motion(self, grid: Discretisation, others: Mapping[str, Effect]) -> None:
+        """Raise InputError for faces that cannot move as they are said to, and for friction at others' particles."""
+        require(self.name, **{f"velocity along {c}": (v, "finite") for c, v in zip("xyz", self.velocity)})
+        for face in self.moving_faces:
+            axis = "xyz".index(face[1])
+            if face in self.open_faces or axis >= grid.dim:
+                raise InputError(f"{self.name}: the face {face} has no wall that could move; take it off moving_faces.")
+            if self.velocity[axis] != 0:
+                raise InputError(
+                    f"{self.name}: the velocity {list(self.velocity)} m/s has a part across the face {face}, and faces"
+                    " move in their own plane only; set that part to 0."
+                )
+        if grid.dim == 2 and self.velocity[2] != 0:
+            raise InputError(f"{self.name}: velocity has a z part in a 2D scene; set it to 0.")
+        if self.moving_faces and self.viscosity == 0:
+            raise InputError(
+                f"{self.name}: moving_faces drag the liquid by friction only; give a viscosity above 0, that of the"
+                " liquid say."
+            )
+        if any(self.velocity) and not self.moving_faces:
+            raise InputError(f"{self.name}: a velocity is given and no face moves; name it in moving_faces.")
+        rivals = [e.name for e in others.values() if isinstance(e, BringsWalls) and e.name != self.name]
+        if self.viscosity > 0 and rivals:
+            raise InputError(
+                f"{self.name}: its viscosity would act at the particles of {rivals[0]} as well; give viscosity to"
+                f" {rivals[0]}, whose friction acts at all walls, or leave it out."
+            )
+
+    def passes(self, others: Mapping[str, Effect]) -> tuple[Pass, ...]:
+        if self.viscosity == 0:
+            return ()
+        reads, names = ("position", "velocity", "density"), {"smoothing": "gradient_smoothing"}
+        return (Pass("one_way_coupling.wall_viscosity", reads, updates=("acceleration",), names=names),)
+
+    def prepare(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, Any]:
+        if self.viscosity == 0:
+            return {}
+        groups: dict[str, Any] = {"wall_viscosity": WallViscosity(grid.real(self.viscosity)), "wall_motion": None}
+        if self.moving_faces:
+            planes = np.full((2, 3), [[-np.inf], [np.inf]])
+            for face in self.moving_faces:
+                side, axis = "-+".index(face[0]), "xyz".index(face[1])
+                planes[side, axis] = (self.lower, self.upper)[side][axis]
+            groups["wall_motion"] = WallMotion(*(np.array(v, grid.dtype) for v in (*planes, self.velocity)))
+        return groups
+
+    def step_limits(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, StepLimit]:
+        if self.viscosity == 0:
+            return {}
+        return {"wall friction": StepLimit.friction(grid, self.viscosity, liquid_of(others).rest_density)}
+
+    def energy(self, grid: Discretisation, others: Mapping[str, Effect]) -> EnergyAccount | None:
+        """None of its own: walls at rest do no work. The liquid's compression includes their part of the density.
+
+        No account of walls that move, whose work is not summed.
+        """
+        if self.moving_faces:
+            return None
         if pressure_is_replaced(others) or least_wall_share(others) == 1:
             return EnergyAccount()
         return EnergyAccount(uncounted=("half of the walls' pressure force, which mirrors the liquid's pressure",))
 
     def walls(self, grid: Discretisation, others: Mapping[str, Effect]) -> WallParticles | None:
         """Positions (m, 3) [m] half a spacing outside the box and volumes (m,) [m^dim]; None with all faces open."""
-        position = box_layer(self.lower, self.upper, grid.spacing, grid.dim, self.open_faces)
+        lower, upper = self._corners(grid)
+        position = box_layer(lower, upper, grid.spacing, grid.dim, self.open_faces, grid.period)
         if not len(position):
             return None
         shape = liquid_of(others).sum_kernel()
         factor = 1.0 if "g" in self.printed() else calibrated_factor(shape, grid.support_radius, grid.spacing, grid.dim)
-        return WallParticles(position, factor / wall_kernel_sums(position, shape, grid.support_radius, grid.dim))
+        sums = wall_kernel_sums(position, shape, grid.support_radius, grid.dim, grid.period)
+        return WallParticles(position, factor / sums)
 
     def shares(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, Any]:
         lower, upper = np.full(3, -np.inf), np.full(3, np.inf)
@@ -107,12 +190,21 @@ class BoxWalls(Effect, BringsWalls, HasErrata, frozen=True, kw_only=True):
         return {}
 
 
-def box_layer(lower: tuple, upper: tuple, spacing: float, dim: int, open_faces: tuple[str, ...] = ()) -> np.ndarray:
-    """One layer of points (m, 3) [m] half a spacing outside the box, edges and corners included."""
+def box_layer(
+    lower: tuple, upper: tuple, spacing: float, dim: int, open_faces: tuple[str, ...] = (), period: Lengths = (0, 0, 0)
+) -> np.ndarray:
+    """One layer of points (m, 3) [m] half a spacing outside the box, edges and corners included.
+
+    Along a `period` [m] they begin half a spacing inside and go once around.
+    """
     axes, faces = [], []
     for axis in range(3):
         if axis >= dim:
             axes.append(np.zeros(1))
+            continue
+        if period[axis] > 0:
+            around = max(1, round(period[axis] / spacing))
+            axes.append(lower[axis] + (np.arange(around) + 0.5) * period[axis] / around)
             continue
         low, high = lower[axis] - 0.5 * spacing, upper[axis] + 0.5 * spacing
         axes.append(np.linspace(low, high, max(2, round((high - low) / spacing) + 1)))
@@ -128,16 +220,23 @@ def box_layer(lower: tuple, upper: tuple, spacing: float, dim: int, open_faces: 
     return np.stack([axes[c][index[:, c]] for c in range(3)], axis=1)
 
 
-def wall_kernel_sums(position: np.ndarray, shape: str, support_radius: float, dim: int) -> np.ndarray:
-    """sum_k W_bk over the wall particles, self included (m,) [1/m^dim]."""
+def wall_kernel_sums(
+    position: np.ndarray, shape: str, support_radius: float, dim: int, period: Lengths = (0, 0, 0)
+) -> np.ndarray:
+    """sum_k W_bk over the wall particles, in a periodic box over nearest images, self included (m,) [1/m^dim]."""
     from scipy.spatial import cKDTree
 
+    from refsim.neighbours.reference import nearest_image
     from refsim.smoothing.reference import kernel_value
 
     kernel = smoothing(shape, support_radius, dim)
     sums = np.full(len(position), kernel_value(0.0, kernel))
-    pairs = cKDTree(position).query_pairs(support_radius, output_type="ndarray")
-    w = kernel_value(np.linalg.norm(position[pairs[:, 0]] - position[pairs[:, 1]], axis=1), kernel)
+    tree = cKDTree(position - position.min(0), boxsize=period)  # 0 for no period; the layer goes once around each
+    pairs = tree.query_pairs(support_radius, output_type="ndarray")
+    apart = position[pairs[:, 0]] - position[pairs[:, 1]]
+    if any(period):
+        apart = nearest_image(apart, period)
+    w = kernel_value(np.linalg.norm(apart, axis=1), kernel)
     np.add.at(sums, pairs[:, 0], w)
     np.add.at(sums, pairs[:, 1], w)
     return sums

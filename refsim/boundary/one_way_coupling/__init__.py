@@ -1,6 +1,6 @@
 """One-way coupling of a liquid with a solid given as a triangle mesh (patent CN104318598A: patent P5 to P8).
 
-Contents: MeshBoundary; WallGravity, WallViscosity, layer_factors; operations one_way_coupling.wall_pressure,
+Contents: MeshBoundary; WallGravity, layer_factors; operations one_way_coupling.wall_pressure,
 one_way_coupling.wall_viscosity.
 
 Boundary particles are placed on the solid's surface and in layers below it, as deep as the liquid's kernel reaches. All
@@ -26,7 +26,7 @@ from refsim.core.energy import EnergyAccount
 from refsim.core.errors import InputError
 from refsim.core.fields import Field
 from refsim.core.operation import Operation, register
-from refsim.core.walls import WallParticles
+from refsim.core.walls import WallParticles, WallViscosity
 from refsim.smoothing import lattice, smoothing
 from refsim.sph import LIQUID, gravity_of, liquid_of, pressure_is_replaced
 
@@ -40,12 +40,6 @@ if TYPE_CHECKING:
 
     from refsim.boundary.one_way_coupling.placing import PlacedSolid
     from refsim.core.effect import InitialState
-
-
-class WallViscosity(NamedTuple):
-    """Friction at boundary particles as the kernels take it."""
-
-    coefficient: float  # mu_b [Pa s]
 
 
 class WallGravity(NamedTuple):
@@ -238,9 +232,7 @@ class MeshBoundary(
     def step_limits(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, StepLimit]:
         if self.viscosity == 0:
             return {}
-        half, liquid = 0.5 * grid.support_radius, liquid_of(others)
-        seconds = 0.125 * half**2 * liquid.rest_density / self.viscosity
-        return {"wall friction": StepLimit.constant(seconds)}
+        return {"wall friction": StepLimit.friction(grid, self.viscosity, liquid_of(others).rest_density)}
 
     def other_memory(self) -> str:
         return "distances in a band around the mesh"
@@ -321,7 +313,10 @@ register(
         outputs=("acceleration",),
         adds=("acceleration",),
         tolerance=8.0,
+        optional=("wall_motion", "period"),
         tolerance_reason="one rounding in each of distance, Laplacian, mass, product and sum, and the squared density",
+        variants=({"wall_motion": None, "period": None}, {}, {"wall_motion": None}),
         invariants=("translation", "rotation", "reordering"),
+        broken={1: ("translation", "rotation"), 2: ("rotation",)},
     )
 )

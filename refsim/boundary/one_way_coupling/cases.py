@@ -4,9 +4,9 @@ import math
 
 import numpy as np
 
-from refsim.boundary.one_way_coupling import WallGravity, WallViscosity
+from refsim.boundary.one_way_coupling import WallGravity
 from refsim.core.cases import Case, Exact, closed_form, groups, takes
-from refsim.core.walls import WallParticles
+from refsim.core.walls import WallMotion, WallParticles, WallViscosity
 from refsim.sph import Fluid
 
 
@@ -30,9 +30,37 @@ def rubbing_on_one_particle():
             "velocity": velocity,
             "density": np.array([500.0]),
             "wall_viscosity": WallViscosity(3.0),
+            "wall_motion": None,
         },
         {"acceleration": -drag * velocity},
     )
+
+
+@closed_form("one_way_coupling.wall_viscosity")
+def dragged_by_one_particle():
+    """The same with a wall particle beyond the plane z = 0.5, and one before it at the same distance: twice the drag
+    towards half the wall's velocity."""
+    resting = rubbing_on_one_particle()
+    place = np.array([[0.0, 0.6, 0.8], [0.0, 0.6, -0.8]])
+    case = Case("dragged", 3, np.zeros((1, 3)), spacing=1.0, support_radius=2.0, wall_position=place)
+    far = np.full(3, np.inf)
+    wall = np.array([3.0, 0.0, -1.0])
+    given = dict(resting.given) | {
+        "walls": WallParticles(place, np.full(2, 0.25)),
+        "wall_motion": WallMotion(-far, np.array([np.inf, np.inf, 0.5]), wall),
+    }
+    velocity = resting.given["velocity"]
+    drag = -resting.expected["acceleration"] / velocity
+    return Exact(case, given, {"acceleration": drag * (wall - 2 * velocity)})
+
+
+@groups("wall_motion")
+def _wall_motion(case, grid):
+    """Beyond a plane that parts the wall particles; moving across it would be no shear, so along x and y."""
+    plane = np.full(3, np.inf)
+    plane[0] = np.median(case.wall_position[:, 0]) + 0.01 * case.spacing if len(case.wall_position) else 0.0
+    velocity = np.array([1.5, -0.5, 0.25 if case.dim == 3 else 0.0])
+    return {"wall_motion": WallMotion(*(v.astype(grid.dtype) for v in (-np.full(3, np.inf), plane, velocity)))}
 
 
 @groups("wall_gravity")

@@ -2,31 +2,51 @@
 
 import math
 
-from refsim.backends.compile import kernel
+from refsim.backends.compile import formula, kernel
 from refsim.boundary.one_way_coupling.formulas import boundary_pressure, boundary_pressure_pair, boundary_viscosity_pair
+from refsim.neighbours.formulas import to_nearest_image
 from refsim.neighbours.rows import row_of
 from refsim.smoothing.formulas import kernel_slope, kernel_value, viscosity_laplacian
 
 
 @kernel
-def wall_viscosity(i, position, velocity, density, walls, smoothing, fluid, wall_viscosity, acceleration):
-    """Patent P6, viscous part, by boundary particles at rest; added to the acceleration [m/s^2]."""
+def wall_viscosity(
+    i, position, velocity, density, walls, smoothing, fluid, wall_viscosity, wall_motion, period, acceleration
+):  # fmt: skip
+    """Patent P6, viscous part; boundary particles are at rest, or move beyond the planes of `wall_motion` [m/s^2]."""
     first, stride, count = row_of(walls, i)
     h = smoothing.support_radius
     limit = h * h
-    total = type(h)(0)
+    total, moving = type(h)(0), type(h)(0)
     x, y, z = position[i, 0], position[i, 1], position[i, 2]
     rho = density[i]
     for k in range(count):
         b = walls.entries[first + k * stride]
         dx, dy, dz = x - walls.position[b, 0], y - walls.position[b, 1], z - walls.position[b, 2]
+        dx, dy, dz = to_nearest_image(dx, dy, dz, period)
         r2 = dx * dx + dy * dy + dz * dz
         if r2 < limit:
             wall_mass = fluid.rest_density * walls.volume[b]
             laplacian = viscosity_laplacian(math.sqrt(r2), smoothing)
-            total += boundary_viscosity_pair(wall_mass, rho, wall_viscosity, laplacian)
+            g = boundary_viscosity_pair(wall_mass, rho, wall_viscosity, laplacian)
+            total += g
+            if wall_motion is not None:  # noqa: SIM102  (a test of its own is what Numba prunes)
+                if wall_moves(b, walls, wall_motion):
+                    moving += g
     for c in range(3):
-        acceleration[i, c] += -total * velocity[i, c]
+        change = -total * velocity[i, c]
+        if wall_motion is not None:
+            change += moving * wall_motion.velocity[c]
+        acceleration[i, c] += change
+
+
+@formula
+def wall_moves(b, walls, wall_motion):
+    """Whether boundary particle b stands beyond one of the planes of `wall_motion`."""
+    for c in range(3):
+        if walls.position[b, c] < wall_motion.lower[c] or walls.position[b, c] > wall_motion.upper[c]:
+            return True
+    return False
 
 
 @kernel

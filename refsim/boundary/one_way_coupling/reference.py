@@ -6,19 +6,29 @@ from refsim.neighbours.reference import pair_blocks
 from refsim.smoothing.reference import kernel_slope, kernel_value, viscosity_laplacian
 
 
-def wall_viscosity(position, velocity, density, walls, smoothing, fluid, wall_viscosity, rows=None):
-    """Patent P6 with E30, viscous part: a_i = sum_b mu Psi_b/rho_i^2 (v_b - v_i) lap W_ib [m/s^2], v_b = 0.
+def wall_viscosity(
+    position, velocity, density, walls, smoothing, fluid, wall_viscosity, wall_motion=None, period=None, rows=None
+):
+    """Patent P6 with E30, viscous part: a_i = sum_b mu Psi_b/rho_i^2 (v_b - v_i) lap W_ib [m/s^2].
 
-    Psi_b = rho0 V_b; position, velocity (n, 3) [m], [m/s]; density (n,) [kg/m^3]. Returns (value, scale).
+    Psi_b = rho0 V_b; position, velocity (n, 3) [m], [m/s]; density (n,) [kg/m^3]; v_b = 0, or the velocity of
+    `wall_motion` beyond its planes. Returns (value, scale).
     """
     pick = slice(None) if rows is None else np.asarray(rows)
     v, rho = np.asarray(velocity, dtype=float)[pick], np.asarray(density, dtype=float)[pick]
     psi = float(fluid.rest_density) * np.asarray(walls.volume, dtype=float)
-    drag = np.zeros(len(rho))
-    for place, _, distance in pair_blocks(position, walls.position, rows):
-        drag[place] = viscosity_laplacian(distance, smoothing) @ psi
-    value = -(float(wall_viscosity.coefficient) * drag / rho**2)[:, None] * v
-    return {"acceleration": (value, np.abs(value))}
+    wall_velocity = np.zeros((len(psi), 3))
+    if wall_motion is not None:
+        lower, upper, moving = (np.asarray(part, dtype=float) for part in wall_motion)
+        x = np.asarray(walls.position, dtype=float)
+        wall_velocity[((x < lower) | (x > upper)).any(1)] = moving
+    value, scale = np.zeros((len(rho), 3)), np.zeros((len(rho), 3))
+    for place, _, distance in pair_blocks(position, walls.position, rows, period):
+        factor = float(wall_viscosity.coefficient) * psi * viscosity_laplacian(distance, smoothing)
+        factor = factor / rho[place, None] ** 2
+        value[place] = factor @ wall_velocity - factor.sum(1)[:, None] * v[place]
+        scale[place] = factor @ np.abs(wall_velocity) + factor.sum(1)[:, None] * np.abs(v[place])
+    return {"acceleration": (value, scale)}
 
 
 def extrapolated_wall_pressure(position, density, pressure, walls, smoothing, fluid, wall_gravity, rows=None):

@@ -223,7 +223,7 @@ register(
                 "tension_and_momentum",
                 also=("sph.momentum",),
                 names={"smoothing": "gradient_smoothing"},
-                variants=({}, {"area_term": None, "area_normal": None, "walls": None}),
+                variants=({"period": None}, {"area_term": None, "area_normal": None, "walls": None, "period": None}),
             )
         },
         outputs=("acceleration",),

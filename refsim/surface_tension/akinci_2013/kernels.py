@@ -100,7 +100,7 @@ def tension_and_momentum(
                 bz -= g * (nz - area_normal[j, 2])
     ax, ay, az = ax / rho + bx, ay / rho + by, az / rho + bz
     if walls is not None:
-        bx, by, bz = wall_pressure(i, position, density, pressure, walls, gradient_smoothing, fluid, lane)
+        bx, by, bz = wall_pressure(i, position, density, pressure, walls, gradient_smoothing, fluid, lane, None)
         ax += bx
         ay += by
         az += bz

@@ -509,7 +509,7 @@ _EITHER, _BOTH, _ONE_SIDED = (_MODES[m] | {"surface_weight": None} for m in ("ei
 
 def _fused(*variants: dict[str, Any]) -> dict[str, Program]:
     """The program that sums the pair forces between all pairs in one loop with pressure and viscosity."""
-    every = tuple(variant | _ALL for variant in variants)
+    every = tuple(variant | _ALL | {"period": None} for variant in variants)
     return {
         "cuda:fused": Program(
             "kernels",

@@ -18,7 +18,7 @@ def corrected_density(i, position, mass, density, near_surface, neighbours, wall
         # A function of its own keeps the order of the sums: inlined, the compiler would add the walls' share earlier.
         mass_sum, volume_sum = density_sums(i, position, mass, density, neighbours, smoothing)
         if walls is not None:
-            filled = fluid.rest_density * wall_sum(i, position, walls, smoothing)
+            filled = fluid.rest_density * wall_sum(i, position, walls, smoothing, None, None)
             mass_sum += filled
             volume_sum += filled / rho
         rho = formulas.normalised_density(mass_sum, volume_sum)
@@ -210,7 +210,7 @@ def tension_and_momentum(
         cz -= strength * bz
     ax, ay, az = ax / rho + cx, ay / rho + cy, az / rho + cz
     if walls is not None:
-        bx, by, bz = wall_pressure(i, position, density, pressure, walls, gradient_smoothing, fluid, lane)
+        bx, by, bz = wall_pressure(i, position, density, pressure, walls, gradient_smoothing, fluid, lane, None)
         ax += bx
         ay += by
         az += bz

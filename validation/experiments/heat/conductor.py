@@ -12,8 +12,9 @@ from refsim.backends.arrays import choose
 from refsim.backends.scratch import Scratch
 from refsim.core.effect import Discretisation
 from refsim.core.operation import REGISTRY
+from refsim.core.period import period_group
 from refsim.heat import HeatConduction, enthalpy_of
-from refsim.heat.shapes import lattice_sum, period_group
+from refsim.heat.shapes import lattice_sum
 from refsim.heat.stages import chebyshev_passes, first_legendre_stages, legendre_stages, stage_passes
 from refsim.neighbours.rows import NeighbourColumns, NeighbourRows
 from validation.experiments.heat.exact import cosine

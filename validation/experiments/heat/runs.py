@@ -16,9 +16,9 @@ from refsim import Box, HeatConduction, Scene, WeaklyCompressible
 from refsim.backends.arrays import choose, set_threads
 from refsim.core.effect import Discretisation
 from refsim.core.operation import REGISTRY
+from refsim.core.period import period_group
 from refsim.engine.driver import stock
 from refsim.heat import reference
-from refsim.heat.shapes import period_group
 from validation.experiments.heat import exact
 from validation.experiments.heat.conductor import SUPPORT, Conductor, cosine_slab, lattice
 from validation.reading import Reading, distribution, measured

@@ -73,6 +73,22 @@ def ellipse(time: NDArray, radius: float, pull: float, strain: float, friction: 
     return found.y[0], found.y[1]
 
 
+def couette(height: NDArray, time: float, gap: float, speed: float, viscosity: float, terms: int = 400) -> NDArray:
+    """Velocity [m/s] at `height` [m] between a plate at rest and one that moves from time 0 on (Morris et al. 1997)."""
+    n = np.arange(1, terms + 1) * np.pi
+    decay = np.exp(-(n**2) * viscosity * time / gap**2)
+    part = 2 * np.cos(n) / n * decay * np.sin(np.outer(height / gap, n))
+    return speed * (height / gap + part.sum(1))
+
+
+def poiseuille(height: NDArray, time: float, gap: float, push: float, viscosity: float, terms: int = 400) -> NDArray:
+    """Velocity [m/s] at `height` [m] between plates at rest, pushed by `push` [m/s^2] from time 0 on (as above)."""
+    n = np.arange(1, 2 * terms, 2) * np.pi
+    decay = np.exp(-(n**2) * viscosity * time / gap**2)
+    part = 4 / n**3 * decay * np.sin(np.outer(height / gap, n))
+    return push * gap**2 / viscosity * (0.5 * height / gap * (1 - height / gap) - part.sum(1))
+
+
 def peak(time: NDArray, values: NDArray) -> float:
     """Time of the largest of values at equal distances, by the parabola through it and its neighbours."""
     k = int(np.clip(np.argmax(values), 1, len(values) - 2))

@@ -19,25 +19,41 @@ CELLS = {
     "ellipse": (10, 20, 40),
     "disc": (10, 20, 40),
     "vortex": (20, 40, 80),
+    "vortices": (20, 40, 80),
+    "couette": (12, 24, 48),
+    "poiseuille": (12, 24, 48),
     "capillary": (12, 24, 48),
     "drop": (6, 12, 24),
     "meniscus": (4, 8, 12),
+    "jurin": (8, 12, 16),
 }
-WITH_FORMS = {"wave": FORMS, "disc": FORMS, "vortex": FORMS, "drop": FORMS, "meniscus": ("70", "110")}  # [degrees]
+WITH_FORMS = dict.fromkeys(("wave", "disc", "vortex", "vortices", "couette", "poiseuille", "drop"), FORMS)
+WITH_FORMS["meniscus"] = ("70", "110")  # [degrees]
 JUDGED = {  # quantities by problem: those with a measured order, and those that are judged at the smallest spacing
     "tank": ("error", "bulk"),
     "wave": ("period_off", "decay_off"),
     "ellipse": ("error", "period_off"),
     "disc": ("rate_off",),
     "vortex": ("rate_off", "error"),
+    "vortices": ("rate_off", "error"),
+    "couette": ("error", "steady"),
+    "poiseuille": ("error", "steady"),
     "capillary": ("crest_off", "error", "side"),
     "drop": ("rate_off",),
     "meniscus": ("lifted_off",),
+    "jurin": ("risen_off",),
 }
-ORDERED = {"tank": "error", "ellipse": "error"}  # whose order is judged: surfaces are of first order in the spacing
+ORDERED = {
+    "tank": "error",
+    "ellipse": "error",
+    "couette": "steady",
+}  # whose order is judged: surfaces are of first order in the spacing
 VARIED: dict[str, tuple[Callable[..., Result], dict[str, Any], tuple[str, ...]]] = {  # run, parameters, quantities
     "varied_crest_0.005": (runs.wave, {"cells": 20, "form": "central", "crest": 0.005}, ("period", "decay")),
     "varied_crest_0.06": (runs.wave, {"cells": 20, "form": "central", "crest": 0.06}, ("period", "decay")),
+    "varied_creeping_laplacian": (runs.vortices, {"cells": 40, "form": "laplacian", "reynolds": 0.5}, ("rate",)),
+    "varied_creeping_central": (runs.vortices, {"cells": 40, "form": "central", "reynolds": 0.5}, ("rate",)),
+    "varied_mu_laplacian": (runs.couette, {"cells": 24, "form": "laplacian", "friction": 1.0}, ("steady",)),
     "varied_mach_0.05": (runs.ellipse, {"cells": 20, "mach": 0.05}, ("error", "period")),
 }
 PEER = {"side": 12, "seed": 1}  # of every comparison of terms
@@ -78,7 +94,7 @@ def _run(problem: str, cells: int, form: str, backend: str) -> Run:
     if form:
         parameters |= {"angle": float(form)} if problem == "meniscus" else {"form": form}
     key = "_".join(filter(None, (problem, form, str(cells))))
-    tense = problem in pictures.WITH_TENSION
+    tense = problem == "jurin" or problem in pictures.WITH_TENSION
     return Run(
         key, getattr(tension if tense else runs, problem), parameters,
         estimate=5.0 * (cells / 12) ** 3 if tense else SECONDS * 200 * cells**3,
@@ -173,11 +189,17 @@ def _behind(titles: Container[str]) -> tuple[str, ...]:
 
 EXPERIMENT = Experiment(
     name="solutions",
-    title="the base SPH liquid against solutions: tank, waves, ellipse, spin-down, Taylor-Green, meniscus",
+    title="the base SPH liquid against solutions: tank, waves, ellipse, spin-down, Taylor-Green, plates, meniscus",
     runs=planned,
     checks=checks,
     pictures=(
         Picture("solutions", pictures.collect, pictures.draw, _behind(pictures.TITLES)),
+        Picture(
+            "solutions_periodic",
+            pictures.collect_periodic,
+            pictures.draw_periodic,
+            _behind(pictures.PERIODIC),
+        ),
         Picture(
             "solutions_tension",
             pictures.collect_with_tension,

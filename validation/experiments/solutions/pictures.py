@@ -15,6 +15,11 @@ TITLES = {
     "disc": ("Spin-down of a disc", {"rate_off": "rate"}),
     "vortex": ("Taylor-Green vortex", {"rate_off": "rate of decay", "error": "velocity"}),
 }
+PERIODIC = {
+    "vortices": ("Taylor-Green vortices", {"rate_off": "rate of decay", "error": "velocity"}),
+    "couette": ("Couette start-up", {"error": "velocity", "steady": "steady"}),
+    "poiseuille": ("Poiseuille start-up", {"error": "velocity", "steady": "steady"}),
+}
 WITH_TENSION = {
     "capillary": ("Capillary wave", {"error": "surface", "crest_off": "first crest"}),
     "drop": ("Spin-down of a free drop", {"rate_off": "rate"}),
@@ -30,6 +35,11 @@ def collect(results: Results) -> dict[str, Any]:
     return _collected(results, TITLES)
 
 
+def collect_periodic(results: Results) -> dict[str, Any]:
+    """The same of every run in a periodic box."""
+    return _collected(results, PERIODIC)
+
+
 def collect_with_tension(results: Results) -> dict[str, Any]:
     """The same of every run with a tension."""
     return _collected(results, WITH_TENSION)
@@ -38,6 +48,11 @@ def collect_with_tension(results: Results) -> dict[str, Any]:
 def draw(data: Mapping[str, Any]) -> Any:
     """A panel a problem without a tension, with the order between the largest and the smallest spacing."""
     return _drawn(data, TITLES, (2, 3))
+
+
+def draw_periodic(data: Mapping[str, Any]) -> Any:
+    """The same of the problems in a periodic box."""
+    return _drawn(data, PERIODIC, (1, 3))
 
 
 def draw_with_tension(data: Mapping[str, Any]) -> Any:

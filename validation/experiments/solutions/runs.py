@@ -29,7 +29,13 @@ LENGTH, DEPTH, CREST, WAVE_VISCOSITY, PERIODS = 1.0, 0.5, 0.02, 0.012, 4  # wave
 MACH = 0.1  # Omega R/c of the discs
 PULL, STRAIN, SWINGS = 1.0, 0.5, 2.0  # ellipse: Omega [1/s], sigma at the start [1/s], periods 2 pi/(sqrt(2) Omega)
 SPIN, SPIN_VISCOSITY, SPUN = 0.2, 0.05, 6.0  # disc: omega [1/s], m^2/s, s
-REYNOLDS, MIXED, BACKGROUND = 50.0, 2.0, 1.0  # Taylor-Green: U L/nu, s, pressure over rho0 U^2
+REYNOLDS, MIXED, BACKGROUND = 50.0, 2.0, 1.0  # Taylor-Green: pi U/(nu k), U k t/pi at the end, pressure over rho0 U^2
+
+
+# Plates (Morris, Fox & Zhu, J. Comput. Phys. 136 (1997) 214): m, m^2/s, m/s, m/s, samples over H^2/nu
+GAP, PLATE_VISCOSITY, PLATE_SPEED, PLATE_SOUND = 1e-3, 1e-6, 1.25e-5, 2.5e-4
+SAMPLES = (0.02, 0.05, 0.1, 0.2, 0.5, 1.0)
+STICKING = 2.0  # wall friction over the liquid's viscosity: the velocity is odd about the wall
 
 
 def _scene(
@@ -42,6 +48,7 @@ def _scene(
     form: str,
     step: float = 0.0,
     clamp: bool = True,
+    period: tuple[float, float, float] = (0.0, 0.0, 0.0),
 ) -> Scene:
     """A scene in 2D of the base liquid with kinematic viscosity `viscosity` [m^2/s]."""
     liquid = WeaklyCompressible(
@@ -58,6 +65,7 @@ def _scene(
         spacing=spacing,
         support_radius=SUPPORT * spacing,
         step=step,
+        period=period,
         fluid=fluid,
         effects=(liquid, *effects),
     )
@@ -199,13 +207,37 @@ def disc(context: Context, cells: int, form: str, backend: str) -> Result:
 
 
 def vortex(context: Context, cells: int, form: str, backend: str) -> Result:
-    """One vortex of Taylor & Green, U = 1 m/s, in a closed box of 1 m with `cells` particles a side; its walls slip.
+    """One vortex of Taylor & Green, U = 1 m/s, in a closed box of 1 m with `cells` particles a side; its walls slip."""
+    walls = BoxWalls(lower=(0.0, 0.0, 0.0), upper=(1.0, 1.0, 0.0))
+    return _turning(context, cells, form, backend, math.pi, (walls,), (0.0, 0.0, 0.0))
+
+
+def vortices(context: Context, cells: int, form: str, backend: str, reynolds: float = REYNOLDS) -> Result:
+    """Four vortices of Taylor & Green, U = 1 m/s, in a periodic box of 1 m with `cells` particles a side.
+
+    reynolds  U/nu times the side of a vortex
+    """
+    return _turning(context, cells, form, backend, 2 * math.pi, (), (1.0, 1.0, 0.0), reynolds)
+
+
+def _turning(
+    context: Context,
+    cells: int,
+    form: str,
+    backend: str,
+    k: float,
+    walls: tuple,
+    period: tuple[float, float, float],
+    reynolds: float = REYNOLDS,
+) -> Result:
+    """A flow of Taylor & Green with wave number k [1/m] in a square of 1 m, until it has decayed as in `vortex`.
 
     The background pressure comes of `cells`^2 particles that are heavier than the box takes at rest density.
     rate   of decay of the part of the velocity in the initial flow over 2 nu k^2
     error  root mean square of v - v_exact at the end over that of v_exact
     """
-    sound, viscosity, k = 10.0, 1 / REYNOLDS, math.pi
+    sound, viscosity = 10.0, math.pi / k / reynolds
+    until = MIXED * math.pi / k * reynolds / REYNOLDS
     width = 1.0 / cells
     spacing = width * math.sqrt(1 + BACKGROUND / sound**2)  # which sets the particles' mass
     position = Box(cells=(cells, cells, 1)).positions(Discretisation(2, "float64", width, SUPPORT * width, 0))
@@ -217,10 +249,9 @@ def vortex(context: Context, cells: int, form: str, backend: str) -> Result:
         return made
 
     cloud = Cloud(position=position, velocity=flow(position))
-    walls = BoxWalls(lower=(0.0, 0.0, 0.0), upper=(1.0, 1.0, 0.0))
-    made = _scene("vortex", spacing, (cloud,), (walls,), sound, viscosity, form, clamp=False)
+    made = _scene("vortex", spacing, (cloud,), walls, sound, viscosity, form, clamp=False, period=period)
     simulation = context.simulation(made, backend)
-    time, part = _projected(context, simulation, flow, np.linspace(0, MIXED, 41))
+    time, part = _projected(context, simulation, flow, np.linspace(0, until, 41))
     x, v = simulation.field("position"), simulation.field("velocity")
     decay = 2 * viscosity * k**2
     solution = flow(x) * math.exp(-decay * time[-1])
@@ -229,6 +260,77 @@ def vortex(context: Context, cells: int, form: str, backend: str) -> Result:
     values["rate_off"] = abs(values["rate"] - 1)
     values["error"] = float(np.linalg.norm(v - solution) / np.linalg.norm(solution))
     return Result(values, {"time": time, "part": part, "theory": np.exp(-decay * time)})
+
+
+def couette(context: Context, cells: int, form: str, backend: str, friction: float = STICKING) -> Result:
+    """Liquid between a plate at rest and one that begins to move, `cells` particles apart; measured as `_between`."""
+
+    def solution(height: NDArray, time: float) -> NDArray:
+        return exact.couette(height, time, GAP, PLATE_SPEED, PLATE_VISCOSITY)
+
+    return _between(context, cells, form, backend, friction, solution, moving=True)
+
+
+def poiseuille(context: Context, cells: int, form: str, backend: str, friction: float = STICKING) -> Result:
+    """Liquid between two plates at rest that begins to be pushed along them; measured as `_between`."""
+    push = 8 * PLATE_VISCOSITY * PLATE_SPEED / GAP**2
+
+    def solution(height: NDArray, time: float) -> NDArray:
+        return exact.poiseuille(height, time, GAP, push, PLATE_VISCOSITY)
+
+    return _between(context, cells, form, backend, friction, solution, push=push)
+
+
+def _between(
+    context: Context,
+    cells: int,
+    form: str,
+    backend: str,
+    friction: float,
+    solution: Callable[[NDArray, float], NDArray],
+    moving: bool = False,
+    push: float = 0.0,
+) -> Result:
+    """A channel that is periodic along x over half its height; its friction is that of the liquid times `friction`.
+
+    error   root mean square of u - u_exact over all particles and samples, over the largest velocity
+    steady  the same in the last sample
+    """
+    spacing = GAP / cells
+    half = cells // 2 * spacing
+    walls = BoxWalls(
+        lower=(0.0, 0.0, 0.0),
+        upper=(half, GAP, 0.0),
+        open_faces=("-x", "+x"),
+        viscosity=friction * DENSITY * PLATE_VISCOSITY,
+        moving_faces=("+y",) if moving else (),
+        velocity=(PLATE_SPEED if moving else 0.0, 0.0, 0.0),
+    )
+    effects: tuple = (walls, Gravity(acceleration=(push, 0.0, 0.0))) if push else (walls,)
+    block = Box(cells=(cells // 2, cells, 1))
+    made = _scene(
+        "channel", spacing, (block,), effects, PLATE_SOUND, PLATE_VISCOSITY, form, clamp=False, period=(half, 0.0, 0.0)
+    )
+    simulation = context.simulation(made, backend)
+    height, speed, wanted = [], [], []
+
+    def sample(simulation: Simulation, wall: float) -> None:
+        height.append(simulation.field("position")[:, 1])
+        speed.append(simulation.field("velocity")[:, 0] / PLATE_SPEED)
+        wanted.append(solution(height[-1], simulation.time - 0.5 * simulation.previous_length) / PLATE_SPEED)
+
+    times = [share * GAP**2 / PLATE_VISCOSITY for share in SAMPLES]
+    advance(simulation, times, sample, context)
+    off = np.array(speed) - np.array(wanted)
+    values = {
+        "cells": cells,
+        "spacing": spacing / GAP,
+        "form": form,
+        "particles": len(height[0]),
+        "error": _rms(off),
+        "steady": _rms(off[-1]),
+    }
+    return Result(values, {"height": np.array(height) / GAP, "speed": np.array(speed)})
 
 
 def _disc(spacing: float, pull: float, sound: float) -> tuple[NDArray, float]:

@@ -11,6 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from refsim import BoxWalls, Cloud, Gravity, Scene, Simulation, WeaklyCompressible, calibrate_contact_angle
+from refsim.core.walls import WallParticles
+from refsim.sph import reference as sph
+from refsim.surface_tension.akinci_2013 import reference as akinci
 from refsim.surface_tension.contact_angle import ContactAngle
 from validation.experiments.solutions import exact, tension_exact
 from validation.experiments.viscosity import runs as spinning
@@ -192,3 +195,49 @@ def meniscus(context: Context, cells: int, angle: float, backend: str, seed: int
     values = {"cells": cells, "spacing": 1.0 / cells, "angle": angle, "particles": len(start), "lifted": lifted}
     values |= {"wanted": wanted, "lifted_off": abs(lifted - wanted), "level": level / length}
     return Result(values, {"place": place / length, "height": height / length})
+
+
+def jurin(context: Context, cells: int, backend: str, angle: float = 70.0, seed: int = 1) -> Result:
+    """A column three widths high between two plates `cells` apart on a floor, met at a contact angle [degrees].
+
+    The plates carry a part of the weight. In a reservoir the column would rise until they carried all of it above the
+    level: h = F/(rho g w), F their vertical force on the upper half, where the floor is far. Gravity is such that
+    Jurin's h is one width.
+    risen  F over 2 sigma cos(angle), in the mean of `MEANS` samples; risen_off  from 1
+    """
+    found = calibrate_contact_angle(angle, 1.0, spacing=1.0, rest_density=1.0, dim=2)
+    width, wanted = float(cells), 2 * math.cos(math.radians(angle))
+    gravity = wanted / width**2
+    unit = math.sqrt(width / gravity)
+    start = _block(cells, 3 * cells, seed)
+    viscosity = OHNESORGE * math.sqrt(width)
+    made = _scene("jurin", found, start, np.zeros_like(start), viscosity, width, gravity)
+    simulation = _stirred(context, made, (2 * unit, CLIMBED * unit), seed, backend)
+    plan = simulation.plan
+    x = plan.walls.position[:, 0]
+    plates = WallParticles(*(part[(x < 0) | (x > width)] for part in plan.walls))
+    groups = {**plan.shared, **plan.parameters[found.effect.name]}
+    lifted: list[float] = []
+
+    def sample(simulation: Simulation, wall: float) -> None:
+        simulation.evaluate()
+        position, velocity, mass, density, pressure = (
+            simulation.field(name) for name in ("position", "velocity", "mass", "density", "pressure")
+        )
+        state, kernel, fluid = (
+            (position, velocity, mass, density, pressure),
+            groups["gradient_smoothing"],
+            groups["fluid"],
+        )
+        near, without = (
+            sph.momentum(*state, walls, kernel, fluid, None)["acceleration"][0] for walls in (plates, None)
+        )
+        pull, _ = akinci.adhesion(position, plates, groups["smoothing"], fluid, groups["adhesion"])["acceleration"]
+        upper = position[:, 1] > 1.5 * width
+        lifted.append(float((mass * (near - without + pull)[:, 1])[upper].sum()))
+
+    advance(simulation, (CLIMBED * unit + unit * np.arange(1, MEANS + 1) / 4).tolist(), sample, context)
+    values = {"cells": cells, "spacing": 1.0 / cells, "angle": angle, "particles": len(start)}
+    values |= {"risen": float(np.mean(lifted) / wanted), "scatter": float(np.std(lifted) / wanted)}
+    values["risen_off"] = abs(values["risen"] - 1)
+    return Result(values, {"lifted": np.array(lifted) / wanted})

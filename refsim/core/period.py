@@ -1,0 +1,40 @@
+"""A periodic box as every pass and the neighbour search see it.
+
+Positions are never wrapped: a particle that leaves the box goes on beside it, so that displacements, energies and
+checkpoints are those of its path. Every separation is taken to the nearest image.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+Lengths = tuple[float, float, float]
+
+
+class Period(NamedTuple):
+    """Lengths [m] of a periodic box and their inverses; both 0 along axes without a period."""
+
+    x: float
+    y: float
+    z: float
+    inverse_x: float
+    inverse_y: float
+    inverse_z: float
+
+
+def period_group(lengths: Lengths, dtype: str) -> Period:
+    """A periodic box of `lengths` [m], 0 where there is no period."""
+    real = np.dtype(dtype).type
+    return Period(*(real(v) for v in lengths), *(real(1 / v if v else 0.0) for v in lengths))
+
+
+def wrapped(position: np.ndarray, lengths: Lengths, lower: Lengths) -> np.ndarray:
+    """Positions (n, 3) [m] of the images inside a periodic box; as they are along axes of length 0."""
+    inside = np.array(position)
+    for axis, (length, low) in enumerate(zip(lengths, lower)):
+        if length > 0:
+            x = inside[:, axis].astype(float)
+            inside[:, axis] = x - length * np.floor((x - low) / length)
+    return inside

@@ -1,0 +1,141 @@
+"""Scenes in a periodic box: what they refuse, and that images of particles are the particles."""
+
+import re
+
+import numpy as np
+import pytest
+
+from refsim import (
+    Akinci2013,
+    Box,
+    BoxWalls,
+    Cloud,
+    Gravity,
+    HeatConduction,
+    InputError,
+    Scene,
+    Simulation,
+    WeaklyCompressible,
+    contract,
+    make_plan,
+)
+from refsim.core.period import wrapped
+from refsim.engine.driver import simulate
+from refsim.io.results import open_run
+
+LIQUID = WeaklyCompressible(sound_speed=10.0, dynamic_viscosity=20.0, clamp_pressure=False)
+
+
+def channel(**options):
+    """Liquid between two plates, one of which moves, in a box that is periodic along x and pushed along it."""
+    given = {
+        "dim": 2, "dtype": "float64", "spacing": 0.1, "support_radius": 0.26, "name": "channel",
+        "period": (0.8, 0.0, 0.0), "period_lower": (-0.4, 0.0, 0.0),
+        "fluid": (Box(lower=(-0.4, 0.0, 0.0), cells=(8, 6, 1), velocity=(2.0, 0.0, 0.0)),),
+        "effects": (
+            LIQUID,
+            Gravity(acceleration=(1.0, 0.0, 0.0)),
+            BoxWalls(lower=(0, 0, 0), upper=(9, 0.6, 0), open_faces=("-x", "+x"), viscosity=20.0, moving_faces=("+y",),
+                     velocity=(1.0, 0.0, 0.0)),
+        ),
+    }  # fmt: skip
+    return Scene(**(given | options))
+
+
+def run(scene, steps, backend="cpu"):
+    simulation = Simulation(scene, backend)
+    for _ in range(steps):
+        simulation.step()
+    simulation.evaluate()
+    return simulation
+
+
+@pytest.mark.parametrize(
+    "changes, words",
+    [
+        ({"support_radius": 0.4}, "scene: period = 0.8 m along x is at most twice the 0.44 m"),
+        ({"period": (-1.0, 0.0, 0.0)}, "scene: period along x = -1.0 is not possible"),
+        ({"period": (0.8, 0.0, 1.0)}, "scene: period has a z part in a 2D scene"),
+        ({"period_lower": (0.0, 0.0, 0.0)}, "scene: particle 0 starts at x = -0.35 m, outside the periodic box"),
+        ({"effects": (LIQUID, Akinci2013(surface_tension=1.0))}, "akinci_2013: this effect does not act across"),
+        ({"effects": (LIQUID, BoxWalls(lower=(0, 0, 0), upper=(9, 1, 0), open_faces=("-x",)))},
+         "box_walls: the face +x would stand across the scene's period; add it to open_faces"),
+        ({"box_walls__velocity": (1.0, 0.5, 0.0)}, "has a part across the face +y"),
+        ({"box_walls__moving_faces": ("+x",)}, "the face +x has no wall that could move"),
+        ({"box_walls__viscosity": 0.0}, "moving_faces drag the liquid by friction only"),
+        ({"box_walls__moving_faces": ()}, "a velocity is given and no face moves"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_is_refused_in_one_sentence(changes, words):
+    with pytest.raises(InputError, match=re.escape(words)):
+        make_plan(channel().with_(**changes))
+
+
+def test_a_short_period_is_refused_by_pair_exchange():
+    heat = HeatConduction(scheme="pair_exchange")
+    scene = channel(effects=(LIQUID, heat))
+    with pytest.raises(InputError, match="below four support radii"):
+        make_plan(scene)
+    make_plan(scene.with_(heat_conduction__scheme="single_pass"))
+
+
+def test_the_walls_of_a_channel_go_once_around():
+    plan = make_plan(channel())
+    for side in (-0.05, 0.65):
+        x = np.sort(plan.walls.position[np.isclose(plan.walls.position[:, 1], side), 0])
+        assert np.allclose(x, -0.35 + 0.1 * np.arange(8))
+    assert np.ptp(plan.walls.volume) < 1e-12
+    assert np.isinf(plan.shared["bounds"].lower[0])
+
+
+@pytest.mark.parametrize("backend", ["numpy", "cpu"])
+def test_images_of_particles_are_the_particles(backend):
+    """Liquid at rest density everywhere flies through the box for ever; nothing acts on it."""
+    block = Box(cells=(8, 9, 1), velocity=(3.0, -1.0, 0.0))
+    scene = channel(period=(0.8, 0.9, 0.0), period_lower=(0.0, 0.0, 0.0), fluid=(block,), effects=(LIQUID,))
+    simulation = run(scene, 60, backend)
+    moved = simulation.field("position") - make_plan(scene).state.position
+    assert moved[0, 0] > 0.8
+    assert np.allclose(moved, [[3.0 * simulation.time, -simulation.time, 0.0]], atol=1e-12)
+    assert np.allclose(simulation.field("density"), 1000.0, rtol=1e-12)
+    inside = wrapped(simulation.field("position"), scene.period, scene.period_lower)
+    assert (inside >= 0).all()
+    assert (inside[:, :2] < [0.8, 0.9]).all()
+
+
+def test_backends_agree_and_the_moving_plate_drags():
+    scene = channel(effects=(*channel().effects[:1], *channel().effects[2:]))
+    still = scene.with_(fluid__0__velocity=(0.0, 0.0, 0.0))
+    numpy, cpu = (run(still, 40, backend) for backend in ("numpy", "cpu"))
+    assert np.allclose(numpy.field("velocity"), cpu.field("velocity"), atol=1e-12)
+    u, y = cpu.field("velocity")[:, 0], cpu.field("position")[:, 1]
+    assert 0 < u[y < 0.1].mean() < u[y > 0.5].mean() < 1.0
+
+
+def test_where_the_border_lies_changes_nothing():
+    """The flow moved on by half a period, each particle to its image in the box."""
+    scene = channel(period=(1.0, 0.0, 0.0), period_lower=(0.0, 0.0, 0.0))
+    position = Box(cells=(10, 6, 1)).positions(make_plan(channel()).grid)
+    velocity = np.zeros_like(position)
+    velocity[:, 0] = np.sin(2 * np.pi * position[:, 0])
+    first = run(scene.with_(fluid=(Cloud(position=position, velocity=velocity),)), 30)
+    moved = position.copy()
+    moved[:, 0] = (position[:, 0] + 0.5) % 1.0
+    second = run(scene.with_(fluid=(Cloud(position=moved, velocity=velocity),)), 30)
+    for name in ("velocity", "density", "acceleration"):
+        assert np.allclose(first.field(name), second.field(name), rtol=1e-9, atol=1e-9)
+
+
+def test_frames_hold_the_images_in_the_box(tmp_path):
+    scene = channel(fluid=(Box(lower=(-0.4, 0.0, 0.0), cells=(8, 6, 1), velocity=(40.0, 0.0, 0.0)),), end_time=0.02)
+    simulate(scene, backend="numpy", output=tmp_path / "run")
+    found = open_run(tmp_path / "run")[-1]["position"]
+    assert (np.abs(found[:, 0]) <= 0.4).all()
+    assert np.ptp(found[:, 0]) > 0.6  # the box is full
+
+
+@pytest.mark.parametrize("backend", ["numpy", "cpu"])
+def test_a_resumed_run_is_the_same_run(backend):
+    outcomes = list(contract.resumes(channel(dtype="float32"), backend))
+    assert len(outcomes) == 4
+    assert all(outcome.passed for outcome in outcomes), "\n".join(map(str, outcomes))
