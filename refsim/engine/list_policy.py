@@ -21,6 +21,7 @@ class ListPolicy:
 
     squared_displacement  largest since the list was built [m^2]; infinite where it is not known
     margin                relative displacement [m] left to two particles at the latest check; 0 before the first
+    step_displacement     bound on that of the latest step [m]
     by_forces             whether velocities change by accelerations alone, so that these bound a step's displacement
     """
 
@@ -31,7 +32,7 @@ class ListPolicy:
             effect is not None and {"velocity", "position"} & {*p.updates, *p.writes} for effect, p in plan.motion
         )
         self.squared_displacement = math.inf
-        self.margin = 0.0
+        self.margin = self.step_displacement = 0.0
 
     def needs_no_look(self) -> bool:
         """Whether the bounds of the steps alone show that the list is complete; true where there is no list."""
@@ -44,15 +45,25 @@ class ListPolicy:
 
         position, build_position  (n, 3) [m], now and when the list was built
         """
-        if self.search is None or not (self.by_forces and math.isfinite(self.squared_displacement)):
+        search = self.search
+        if search is None or not math.isfinite(self.squared_displacement):
             return False
-        largest = math.sqrt(self.squared_displacement)
-        self.margin = self.search.margin(position, build_position, largest, self.walls)
-        return self.margin > WORTH_KEEPING * self.search.allowed_displacement
+        if not (self.by_forces or search.looks_ahead):
+            return False
+        margin = search.margin(position, build_position, math.sqrt(self.squared_displacement), self.walls)
+        self.margin = margin if self.by_forces else 0.0  # without a bound on the step, every step is followed by a look
+        return margin > (0.0 if search.looks_ahead else WORTH_KEEPING) * search.allowed_displacement
+
+    def expects_look(self) -> bool:
+        """Whether displacements will probably have to be compared after a step like the latest one."""
+        if self.search is None or not math.isfinite(self.squared_displacement):
+            return False
+        largest = math.sqrt(self.squared_displacement) + self.step_displacement
+        return largest > self.search.allowed_displacement and self.margin <= 2 * self.step_displacement
 
     def after_step(self, squared_displacement: float, step_displacement: float) -> None:
         """Note a step: the largest squared displacement since the build [m^2], and a bound on that of the step [m]."""
-        self.squared_displacement = squared_displacement
+        self.squared_displacement, self.step_displacement = squared_displacement, step_displacement
         self.margin = max(self.margin - 2 * step_displacement, 0.0)
 
     def after_build(self) -> None:

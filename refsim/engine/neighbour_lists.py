@@ -84,6 +84,12 @@ class NeighbourLists:
             return
         self.run.timings.run("neighbours", self._look)
 
+    def look_ahead(self) -> None:
+        """Launch the comparison of displacements behind a step, if it will probably be needed; for a GPU."""
+        if self.search is not None and self.built:
+            run = self.run
+            self.search.look_ahead(run.fields["position"], run.build_position, self.policy.expects_look())
+
     def _look(self) -> None:
         run, search = self.run, self.search
         assert search is not None

@@ -170,6 +170,7 @@ class DeviceStepper:
             self.recorded.called = True
         else:
             self.recorded()
+        s.lists.look_ahead()
         clock = self.mirror.read()
         if not self.profiled:
             s.timings.add("step", time.perf_counter() - began)

@@ -7,7 +7,6 @@ Reference: all pairs (`refsim.neighbours.reference`).
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
@@ -100,14 +99,24 @@ class NeighbourSearch:
         """How much further [m] any two particles may move relative to each other before the list could lack a pair.
 
         Particles that move together need no new list: displacements relative to each other count, of particles that
-        could come near. Blocks of cells that touch are compared by the boxes of their particles' displacements;
-        particles of other blocks were two cells apart. Walls stand still: with `walls`, `largest_displacement` [m], the
-        largest since the list was built, counts too.
+        could come near. On the CPU blocks of cells that touch are compared by the boxes of their particles'
+        displacements, on a GPU cells up to two apart; other particles were two cells apart. Walls stand still: with
+        `walls`, `largest_displacement` [m], the largest since the list was built, counts too. A GPU counts it as a
+        relative one in cells near walls.
         """
-        touching, anywhere = map(math.sqrt, self.programs.squared_relative_displacements(position, build_position))
-        allowed = 2 * self.allowed_displacement * (1 - AUDIT_MARGIN)
-        left = min(allowed - touching, 2 * self.reach - self.radius - anywhere)
-        return min(left, allowed - largest_displacement) if walls else left
+        near, anywhere = self.programs.relative_displacements(position, build_position)
+        allowed, far = 2 * self.allowed_displacement * (1 - AUDIT_MARGIN), 2 * self.reach - self.radius
+        left = min(allowed - near, far - anywhere)
+        return min(left, (far if self.looks_ahead else allowed) - largest_displacement) if walls else left
+
+    @property
+    def looks_ahead(self) -> bool:
+        """Whether displacements can be compared behind a step, while the host waits for the step: on a GPU."""
+        return bool(self.programs.looks_ahead)
+
+    def look_ahead(self, position: Any, build_position: Any, wanted: bool) -> None:
+        """Forget what was compared before the particles moved; with `wanted`, compare what `margin` will ask for."""
+        self.programs.look_ahead(position, build_position, wanted)
 
     def audit(self, position: Any, velocity: Any, timestep: Any, neighbours: Any, bounds: Any = None) -> None:
         """Compare sampled rows of the list with all pairs, where it was last used: at position - dt * velocity.

@@ -12,7 +12,6 @@ from refsim.core.errors import RunStopped
 from refsim.neighbours.formulas import (
     BITS,
     at_bounds,
-    block_key,
     cell_coordinate,
     cell_key,
     lower_bound,
@@ -132,90 +131,108 @@ def build_list(query, run, low, high, source, radius, exclude_self, report, list
                 cuda.atomic.max(report, 1, found)
 
 
+@cuda_kernel(rows_of="near", lanes=25)
+def near_cells(cells, report, static_cells, near):
+    """near[c, k] = a: the occupied cells up to two from c along x, in row k of the rows up to two from it, begin at a.
+
+    -1 - a where static particles are in a cell of that row. In 2D there are 5 rows, in 3D 25, a thread each.
+    """
+    c, k = cuda.grid(1) // 25, cuda.grid(1) % 25
+    if c < near.shape[0] and c < report[0] and k < near.shape[1]:
+        middle = cells[c] + row_offset(k, near.shape[1])
+        a = lower_bound(cells, middle - 2)
+        if static_cells is not None:
+            w = lower_bound(static_cells, middle - 2)
+            if w < static_cells.shape[0] and static_cells[w] <= middle + 2:
+                a = -1 - a
+        near[c, k] = a
+
+
 @formula
-def block_leader(cells, dim, block):
-    """First occupied cell of the block with this key, which stands for it; -1 where it has none."""
-    mask = (1 << BITS) - 1
-    corner = cell_key((block & mask) << 1, ((block >> BITS) & mask) << 1, (block >> (2 * BITS)) << 1)
-    for row in range(2 if dim == 2 else 4):
-        key = corner + ((row % 2) << BITS) + ((row // 2) << (2 * BITS))
-        c = lower_bound(cells, key)
-        if c < cells.shape[0] and cells[c] <= key + 1:
-            return c
-    return -1
+def row_offset(k, rows):
+    """Key (dimensionless) of the cell in the middle of row k, less that of the cell around which the rows lie."""
+    offset = (k % 5 - 2) << BITS
+    if rows == 25:
+        offset += (k // 5 - 2) << (2 * BITS)
+    return offset
 
 
 @cuda_kernel
-def touching_blocks(cells, report, dim, near):
-    """Leaders of the blocks that touch the block of each leading cell, and its own in the middle; -1 for no block.
-
-    Rows are (cell, place among 9 or 27); cells that lead no block have -1 in all places. In 2D z is one layer: the
-    block's z is that of its cells halved, like the others.
-    """
-    k = cuda.grid(1)
-    places = 9 if dim == 2 else 27
-    c = k // places
-    if k < near.shape[0] and c < report[0]:
-        near[k] = -1
-        own = block_key(cells[c])
-        if block_leader(cells, dim, own) == c:
-            place = k % places
-            z = place // 9 - 1 if places == 27 else 0
-            other = own + (place % 3 - 1) + ((place // 3 % 3 - 1) << BITS) + (z << (2 * BITS))
-            near[k] = block_leader(cells, dim, other)
+def clear_displacements(low, high, displacements):
+    """No displacement yet; the last row of the boxes is that of all."""
+    if cuda.grid(1) == 0:
+        whole = high.shape[0] - 1
+        for c in range(3):
+            low[whole, c] = math.inf
+            high[whole, c] = -math.inf
+        displacements[0] = 0
 
 
 @cuda_kernel(rows_of="low")
-def clear_boxes(low, high, report, displacements):
-    """Empty boxes, and no displacement yet; the last row is the box of all."""
-    k = cuda.grid(1)
-    if k == 0:
-        displacements[0] = 0
-    if k < report[0] or k == high.shape[0] - 1:
-        for c in range(3):
-            low[k, c] = math.inf
-            high[k, c] = -math.inf
-
-
-@cuda_kernel
-def block_boxes(position, build_position, cells, first, report, dim, low, high):
-    """Box [low, high] [m] of the displacements of each block's particles since the list was built, in its leader's row.
+def cell_boxes(position, build_position, first, report, low, high):
+    """Box [low, high] [m] of the displacements of each cell's particles since the list was built.
 
     Least and largest values do not depend on the order in which the cells come. The last row is the box of all.
     """
     k = cuda.grid(1)
     whole = high.shape[0] - 1
     if k < whole and k < report[0]:
-        leader = block_leader(cells, dim, block_key(cells[k]))
+        begin, end = first[k], first[k + 1]
         for c in range(3):
-            i = first[k]
-            least = position[i, c] - build_position[i, c]
+            least = position[begin, c] - build_position[begin, c]
             most = least
-            while i < first[k + 1]:
+            for i in range(begin + 1, end):
                 displacement = position[i, c] - build_position[i, c]
                 least = min(least, displacement)
                 most = max(most, displacement)
-                i += 1
-            cuda.atomic.min(low, (leader, c), least)
-            cuda.atomic.max(high, (leader, c), most)
+            low[k, c] = least
+            high[k, c] = most
             if least < low[whole, c]:
                 cuda.atomic.min(low, (whole, c), least)
             if most > high[whole, c]:
                 cuda.atomic.max(high, (whole, c), most)
 
 
-@cuda_kernel
-def block_displacements(low, high, report, dim, displacements, near):
-    """displacements: bounds of the squared relative one [m^2] of two particles, in touching blocks and anywhere."""
-    k = cuda.grid(1)
-    places = 9 if dim == 2 else 27
-    c = k // places
-    if k == 0:
-        displacements[1] = squared_between(low, high, high.shape[0] - 1, high.shape[0] - 1)
-    if k < near.shape[0] and c < report[0] and near[k] >= 0:
-        apart = squared_between(low, high, c, near[k])
-        if apart > displacements[0]:
-            cuda.atomic.max(displacements, 0, apart)
+@cuda_kernel(rows_of="near", lanes=25)
+def compare_boxes(low, high, cells, report, reach, displacements, near):
+    """displacements: bounds of the relative one [m] of two particles, in cells up to two apart and anywhere.
+
+    Of the first that is taken off by which the cells are further apart than `reach` [m], the edge of a cell. Static
+    particles are not displaced.
+    """
+    c, k = cuda.grid(1) // 25, cuda.grid(1) % 25
+    if c == 0 and k == 0:
+        whole = high.shape[0] - 1
+        displacements[1] = math.sqrt(squared_between(low, high, whole, whole))
+    if c < near.shape[0] and c < report[0] and k < near.shape[1]:
+        own = cells[c]
+        middle = own + row_offset(k, near.shape[1])
+        b = near[c, k]
+        largest = reach - reach
+        if b < 0:
+            b = -1 - b
+            squared = largest
+            for axis in range(3):
+                far = max(high[c, axis], -low[c, axis])
+                squared += far * far
+            largest = math.sqrt(squared)
+        while middle + 2 >= own and b < cells.shape[0] and cells[b] <= middle + 2:  # each pair of cells once
+            moved = math.sqrt(squared_between(low, high, c, b))
+            between = empty_cells(cells[b] - middle) + empty_cells(k % 5 - 2)
+            if near.shape[1] == 25:
+                between += empty_cells(k // 5 - 2)
+            if between > 1:
+                moved -= (math.sqrt(type(reach)(between)) - type(reach)(1)) * reach
+            largest = max(largest, moved)
+            b += 1
+        if largest > displacements[0]:
+            cuda.atomic.max(displacements, 0, largest)
+
+
+@formula
+def empty_cells(apart):
+    """How many cells (dimensionless) lie between two that are up to two apart along an axis."""
+    return 1 if abs(apart) == 2 else 0
 
 
 @formula
@@ -461,38 +478,44 @@ class ListOf:
         return (self.queries.nbytes if self.known is None else 0) + sum(a.nbytes for a in own)
 
 
-class CellBlocks:
-    """Blocks of two cells along each axis: particles of blocks that do not touch are two cells apart at least."""
+class CellBoxes:
+    """Boxes of the displacements of each cell's particles, to see whether two can have come within the radius."""
 
-    def __init__(self, backend, table, dim, position, build_position):
-        self.table, self.backend, self.dim = table, backend, dim
-        self.position, self.build_position = position, build_position
+    def __init__(self, search, position, build_position):
+        backend, table, static = search.backend, search.lists["own"].queries, search.lists.get("static")
+        self.table, self.position, self.build_position = table, position, build_position
         capacity, real = table.cells.shape[0], position.dtype
         self.low, self.high = backend.empty((capacity + 1, 3), real), backend.empty((capacity + 1, 3), real)
-        self.near = backend.empty(capacity * (9 if dim == 2 else 27), np.int32)
-        self.displacements = backend.zeros(2, real)
+        self.near = backend.empty((capacity, 5 if search.dim == 2 else 25), np.int32)
+        self.displacements, self.reach = backend.zeros(2, real), real.type(search.reach)
         self.mirror = device.Mirror(self.displacements)
-        self.found = False  # whether `near` belongs to the present list
-        self.find = device.Recorded(lambda: touching_blocks(table.cells, table.report, dim, self.near))
+        self.found = self.launched = False  # whether `near` belongs to the list, and `displacements` to the positions
+        static_cells = None if static is None else static.table.cells
+        self.find = device.Recorded(lambda: near_cells(table.cells, table.report, static_cells, self.near))
         self.measure = device.Recorded(self._measure)
 
     def _measure(self):
         table = self.table
-        clear_boxes(self.low, self.high, table.report, self.displacements)
-        block_boxes(
-            self.position, self.build_position, table.cells, table.first, table.report, self.dim, self.low, self.high
-        )
-        block_displacements(self.low, self.high, table.report, self.dim, self.displacements, self.near)
+        clear_displacements(self.low, self.high, self.displacements)
+        cell_boxes(self.position, self.build_position, table.first, table.report, self.low, self.high)
+        compare_boxes(self.low, self.high, table.cells, table.report, self.reach, self.displacements, self.near)
         self.mirror.send()
 
-    def squared_displacements(self):
-        """Bounds of the squared relative displacement [m^2] of two particles: in touching blocks, and anywhere."""
+    def launch(self):
+        """Compare the present positions; the host does not wait."""
         if not self.found:
             self.find()
             self.found = True
         self.measure()
-        touching, anywhere = self.mirror.read()
-        return float(touching), float(anywhere)
+        self.launched = True
+
+    def relative_displacements(self):
+        """Bounds [m]: of two particles' relative displacement less the gap between their cells, and of any two."""
+        if not self.launched:
+            self.launch()
+        self.launched = False
+        near, anywhere = self.mirror.read()
+        return float(near), float(anywhere)
 
     @property
     def nbytes(self):
@@ -570,10 +593,12 @@ class CellSearch:
     """Host side of the GPU search. Buffers belong to the arrays that they were made for, so that launches on them are
     recorded once and replayed."""
 
+    looks_ahead = True  # whether displacements can be compared behind a step, while the host waits for it
+
     def __init__(self, backend, dim, reach, log):
         self.backend, self.dim, self.reach, self.log = backend, dim, reach, log
         self.lists = {}
-        self.sorter = self.blocks = self.auditor = None
+        self.sorter = self.boxes = self.auditor = None
 
     def order(self, position):
         keys = self.backend.empty(position.shape[0], np.int64)
@@ -600,17 +625,25 @@ class CellSearch:
     def build(self, position):
         result = self._build("own", position, position, None)
         table = self.lists["own"].queries
-        if self.blocks is not None:
-            self.blocks.found = False
-            if self.blocks.low.shape[0] != table.cells.shape[0] + 1:
-                self.blocks = None
+        if self.boxes is not None:
+            self.boxes.found = self.boxes.launched = False
+            if self.boxes.near.shape[0] != table.cells.shape[0]:
+                self.boxes = None
         return result
 
-    def squared_relative_displacements(self, position, build_position):
-        if self.blocks is None or self.blocks.position is not position:  # only where particles move far enough to ask
-            table = self.lists["own"].queries
-            self.blocks = CellBlocks(self.backend, table, self.dim, position, build_position)
-        return self.blocks.squared_displacements()
+    def look_ahead(self, position, build_position, wanted):
+        if self.boxes is not None:
+            self.boxes.launched = False
+        if wanted:
+            self._boxes(position, build_position).launch()
+
+    def relative_displacements(self, position, build_position):
+        return self._boxes(position, build_position).relative_displacements()
+
+    def _boxes(self, position, build_position):
+        if self.boxes is None or self.boxes.position is not position:  # only where particles move far enough to ask
+            self.boxes = CellBoxes(self, position, build_position)
+        return self.boxes
 
     def build_against(self, position, prepared):
         return self._build("static", position, *prepared)
@@ -639,6 +672,6 @@ class CellSearch:
             known = own.queries if table is not None and own is not None and own.position is position else None
             held = self.lists[name] = ListOf(self, position, source, table, known)
         result = held.build()
-        others = [part for part in (self.sorter, self.blocks) if part is not None]
+        others = [part for part in (self.sorter, self.boxes) if part is not None]
         self.log.list_bytes = sum(part.nbytes for part in (*self.lists.values(), *others))
         return result
