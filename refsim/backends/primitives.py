@@ -74,6 +74,35 @@ else:
         return cuda.shfl_xor_sync(lanes_mask(lane, lanes), value, step)
 
 
+if simulated():
+
+    @cuda_formula
+    def four_of(array, i):  # noqa: ANN001, ANN201
+        """The numbers of row i of an (n, 4) array."""
+        return array[i, 0], array[i, 1], array[i, 2], array[i, 3]
+
+else:
+    from llvmlite import ir
+    from numba.core import types
+    from numba.cuda.extending import intrinsic
+
+    @intrinsic
+    def four_of(typing_context, array, i):  # noqa: ANN001, ANN201
+        """The numbers of row i of an (n, 4) array, in one read of 16 bytes (float64: in two)."""
+        signature = types.UniTuple(array.dtype, 4)(array, i)
+
+        def generate(context, builder, signature, values):  # noqa: ANN001, ANN202
+            kind, index = signature.args
+            four = ir.VectorType(context.get_data_type(kind.dtype), 4)
+            rows = builder.bitcast(context.make_array(kind)(context, builder, values[0]).data, four.as_pointer())
+            row = builder.gep(rows, [context.cast(builder, values[1], index, types.intp)])
+            read = builder.load(row, align=16)
+            parts = [builder.extract_element(read, ir.Constant(ir.IntType(32), k)) for k in range(4)]
+            return context.make_tuple(builder, signature.return_type, parts)
+
+        return signature, generate
+
+
 @cuda_formula
 def lanes_mask(lane, lanes):  # noqa: ANN001, ANN201
     """Bits of a warp's threads that share a row with this one."""

@@ -5,8 +5,8 @@ import math
 import numpy as np
 
 from refsim.backends import device
-from refsim.backends.compile import cuda, cuda_kernel, formula
-from refsim.backends.primitives import counted_lanes
+from refsim.backends.compile import cuda, cuda_formula, cuda_kernel, formula
+from refsim.backends.primitives import counted_lanes, four_of
 from refsim.backends.runtime import simulated
 from refsim.core.errors import RunStopped
 from refsim.neighbours.formulas import (
@@ -23,6 +23,7 @@ from refsim.neighbours.rows import NeighbourColumns, cuda_lane
 # Threads that share a column if there are few particles: with one thread each the device would wait for memory. One in
 # the simulator, which has no ballots.
 LANES, FEW = 1 if simulated() else 4, 500_000
+STAGED, STAGING_THREADS = 64, 128  # entries of a column that wait in shared memory, and threads of a block then
 FARTHEST = (1 << 63) - 1  # above every cell's key
 
 
@@ -93,8 +94,26 @@ def cell_ranges(cells, first, query_cells, query_report, low, high):
         high[i, k] = first[b]
 
 
+@cuda_kernel(rows_of="source")
+def pack_places(source, placed):
+    """placed[i] = (x, y, z, 0) of the source [m], which a thread reads at once."""
+    i = cuda.grid(1)
+    if i < source.shape[0]:
+        for c in range(3):
+            placed[i, c] = source[i, c]
+        placed[i, 3] = 0
+
+
+@cuda_formula
+def is_near(i, j, x, y, z, placed, limit, exclude_self):
+    """Whether source j is within the root of `limit` [m^2] of query i at x, y, z."""
+    xj, yj, zj, _ = four_of(placed, j)
+    dx, dy, dz = x - xj, y - yj, z - zj
+    return dx * dx + dy * dy + dz * dz < limit and (exclude_self == 0 or i != j)
+
+
 @cuda_kernel(rows_of="query", lanes="listed")
-def build_list(query, run, low, high, source, radius, exclude_self, report, listed):
+def build_list(query, run, low, high, placed, radius, exclude_self, report, listed):
     """Write each query's sources within `radius` [m] into its column of the list, up to its capacity.
 
     run[i] - 1 is the row of `low` and `high` that holds query i's ranges. The list's `count` says how many there are,
@@ -108,19 +127,12 @@ def build_list(query, run, low, high, source, radius, exclude_self, report, list
         capacity = listed.entries.shape[0] // n
         limit = radius * radius
         c = run[i] - 1
-        xi = query[i, 0]
-        yi = query[i, 1]
-        zi = query[i, 2]
+        x, y, z = query[i, 0], query[i, 1], query[i, 2]
         found = 0
         for k in range(low.shape[1]):
             end = high[c, k]  # read once: for the compiler, `entries` might be the same memory
             for j in range(low[c, k] + lane, end + lane, lanes):
-                near = False
-                if j < end:
-                    dx = xi - source[j, 0]
-                    dy = yi - source[j, 1]
-                    dz = zi - source[j, 2]
-                    near = dx * dx + dy * dy + dz * dz < limit and (exclude_self == 0 or i != j)
+                near = j < end and is_near(i, j, x, y, z, placed, limit, exclude_self)
                 before, together = counted_lanes(near, lane, lanes)
                 if near and found + before < capacity:
                     listed.entries[(found + before) * n + i] = j
@@ -131,30 +143,62 @@ def build_list(query, run, low, high, source, radius, exclude_self, report, list
                 cuda.atomic.max(report, 1, found)
 
 
-@cuda_kernel(rows_of="near", lanes=25)
-def near_cells(cells, report, static_cells, near):
-    """near[c, k] = a: the occupied cells up to two from c along x, in row k of the rows up to two from it, begin at a.
+@cuda_kernel(rows_of="query", threads=STAGING_THREADS)
+def build_staged_list(query, run, low, high, placed, radius, exclude_self, report, listed):
+    """As `build_list` with one lane; first entries wait in shared memory, so that a warp writes neighbouring words."""
+    i, t = cuda.grid(1), cuda.threadIdx.x
+    staged = cuda.shared.array((STAGED, STAGING_THREADS), np.int32)
+    n = query.shape[0]
+    if i < n and run[i] <= low.shape[0]:
+        capacity = listed.entries.shape[0] // n
+        limit = radius * radius
+        c = run[i] - 1
+        x, y, z = query[i, 0], query[i, 1], query[i, 2]
+        found = 0
+        for k in range(low.shape[1]):
+            for j in range(low[c, k], high[c, k]):
+                if is_near(i, j, x, y, z, placed, limit, exclude_self):
+                    if found < STAGED:
+                        staged[found, t] = j
+                    elif found < capacity:
+                        listed.entries[found * n + i] = j
+                    found += 1
+        for k in range(min(found, STAGED, capacity)):
+            listed.entries[k * n + i] = staged[k, t]
+        listed.count[i] = found
+        if found > report[1]:
+            cuda.atomic.max(report, 1, found)
 
-    -1 - a where static particles are in a cell of that row. In 2D there are 5 rows, in 3D 25, a thread each.
+
+@cuda_kernel
+def near_cells(cells, report, static_cells, capacity, near):
+    """near[k * capacity + c] = b: in row k of the rows up to two from cell c, the cells up to two along x begin at b.
+
+    -1 - b where static particles are in a cell of that row, or of the one opposite. Rows are those behind c in the
+    order of the cells, and its own: 3 in 2D, 13 in 3D.
     """
-    c, k = cuda.grid(1) // 25, cuda.grid(1) % 25
-    if c < near.shape[0] and c < report[0] and k < near.shape[1]:
-        middle = cells[c] + row_offset(k, near.shape[1])
-        a = lower_bound(cells, middle - 2)
+    place = cuda.grid(1)
+    k, c = place // capacity, place % capacity
+    if place < near.shape[0] and c < report[0]:
+        across, along = row_offset(k)
+        offset = (across << BITS) + (along << (2 * BITS))
+        own = cells[c]
+        b = c
+        if k > 0:
+            b = lower_bound(cells, own + offset - 2)
         if static_cells is not None:
-            w = lower_bound(static_cells, middle - 2)
-            if w < static_cells.shape[0] and static_cells[w] <= middle + 2:
-                a = -1 - a
-        near[c, k] = a
+            one, other = own + offset, own - offset
+            a, z = lower_bound(static_cells, one - 2), lower_bound(static_cells, other - 2)
+            last = static_cells.shape[0]
+            if (a < last and static_cells[a] <= one + 2) or (z < last and static_cells[z] <= other + 2):
+                b = -1 - b
+        near[place] = b
 
 
 @formula
-def row_offset(k, rows):
-    """Key (dimensionless) of the cell in the middle of row k, less that of the cell around which the rows lie."""
-    offset = (k % 5 - 2) << BITS
-    if rows == 25:
-        offset += (k // 5 - 2) << (2 * BITS)
-    return offset
+def row_offset(k):
+    """Cells (dimensionless) along y and z from a cell to row k of those behind it."""
+    return (k + 12) % 5 - 2, (k + 12) // 5 - 2
 
 
 @cuda_kernel
@@ -193,21 +237,22 @@ def cell_boxes(position, build_position, first, report, low, high):
                 cuda.atomic.max(high, (whole, c), most)
 
 
-@cuda_kernel(rows_of="near", lanes=25)
+@cuda_kernel
 def compare_boxes(low, high, cells, report, reach, displacements, near):
     """displacements: bounds of the relative one [m] of two particles, in cells up to two apart and anywhere.
 
     Of the first that is taken off by which the cells are further apart than `reach` [m], the edge of a cell. Static
     particles are not displaced.
     """
-    c, k = cuda.grid(1) // 25, cuda.grid(1) % 25
-    if c == 0 and k == 0:
-        whole = high.shape[0] - 1
+    place = cuda.grid(1)
+    whole = high.shape[0] - 1
+    k, c = place // whole, place % whole
+    if place == 0:
         displacements[1] = math.sqrt(squared_between(low, high, whole, whole))
-    if c < near.shape[0] and c < report[0] and k < near.shape[1]:
-        own = cells[c]
-        middle = own + row_offset(k, near.shape[1])
-        b = near[c, k]
+    if place < near.shape[0] and c < report[0]:
+        across, along = row_offset(k)
+        middle = cells[c] + (across << BITS) + (along << (2 * BITS))
+        b = near[place]
         largest = reach - reach
         if b < 0:
             b = -1 - b
@@ -216,11 +261,9 @@ def compare_boxes(low, high, cells, report, reach, displacements, near):
                 far = max(high[c, axis], -low[c, axis])
                 squared += far * far
             largest = math.sqrt(squared)
-        while middle + 2 >= own and b < cells.shape[0] and cells[b] <= middle + 2:  # each pair of cells once
+        while b < report[0] and cells[b] <= middle + 2:
             moved = math.sqrt(squared_between(low, high, c, b))
-            between = empty_cells(cells[b] - middle) + empty_cells(k % 5 - 2)
-            if near.shape[1] == 25:
-                between += empty_cells(k // 5 - 2)
+            between = empty_cells(cells[b] - middle) + empty_cells(across) + empty_cells(along)
             if between > 1:
                 moved -= (math.sqrt(type(reach)(between)) - type(reach)(1)) * reach
             largest = max(largest, moved)
@@ -418,6 +461,8 @@ class ListOf:
         self.missed = 0
         lanes = (np.int32(0),) * (LANES if n < FEW else 1)
         self.listed = NeighbourColumns(self.backend.zeros(n, np.int32), self.backend.empty(1, np.uint32), lanes)
+        self.placed = self.backend.empty((source.shape[0], 4), position.dtype)
+        self.write = build_list if n < FEW else build_staged_list
         self._make_ranges()
 
     def _make_ranges(self):
@@ -432,8 +477,9 @@ class ListOf:
         cell_ranges(table.cells, table.first, queries.cells, queries.report, self.low, self.high)
         radius = self.position.dtype.type(self.search.reach)
         exclude_self = int(self.table is self.queries)
-        build_list(
-            self.position, queries.run, self.low, self.high, self.source, radius, exclude_self, self.report, self.listed
+        pack_places(self.source, self.placed)
+        self.write(
+            self.position, queries.run, self.low, self.high, self.placed, radius, exclude_self, self.report, self.listed
         )  # fmt: skip
         self.mirror.send()
 
@@ -474,7 +520,7 @@ class ListOf:
 
     @property
     def nbytes(self):
-        own = (self.low, self.high, self.listed.count, self.listed.entries)
+        own = (self.low, self.high, self.listed.count, self.listed.entries, self.placed)
         return (self.queries.nbytes if self.known is None else 0) + sum(a.nbytes for a in own)
 
 
@@ -486,12 +532,14 @@ class CellBoxes:
         self.table, self.position, self.build_position = table, position, build_position
         capacity, real = table.cells.shape[0], position.dtype
         self.low, self.high = backend.empty((capacity + 1, 3), real), backend.empty((capacity + 1, 3), real)
-        self.near = backend.empty((capacity, 5 if search.dim == 2 else 25), np.int32)
+        self.near = backend.empty(capacity * (3 if search.dim == 2 else 13), np.int32)
         self.displacements, self.reach = backend.zeros(2, real), real.type(search.reach)
         self.mirror = device.Mirror(self.displacements)
         self.found = self.launched = False  # whether `near` belongs to the list, and `displacements` to the positions
         static_cells = None if static is None else static.table.cells
-        self.find = device.Recorded(lambda: near_cells(table.cells, table.report, static_cells, self.near))
+        self.find = device.Recorded(
+            lambda: near_cells(table.cells, table.report, static_cells, capacity, self.near)
+        )
         self.measure = device.Recorded(self._measure)
 
     def _measure(self):
@@ -559,7 +607,7 @@ class Sorter:
         backend, n = search.backend, position.shape[0]
         self.keys, self.order = backend.empty(n, np.int64), backend.empty(n, np.int64)
         self.rows = device.Rows(arrays, self.order)
-        self.by_count = CellOrder(backend, self.keys, self.order) if 0 < n < FEW else None
+        self.by_count = CellOrder(backend, self.keys, self.order) if n else None
         self.mirror = None if self.by_count is None else device.Mirror(self.by_count.report)
         self.find_order = device.Recorded(lambda: self._find_order(position, 1.0 / search.reach))
         self.move = device.Recorded(lambda: self._move(position, sorted_position))
@@ -627,7 +675,7 @@ class CellSearch:
         table = self.lists["own"].queries
         if self.boxes is not None:
             self.boxes.found = self.boxes.launched = False
-            if self.boxes.near.shape[0] != table.cells.shape[0]:
+            if self.boxes.low.shape[0] != table.cells.shape[0] + 1:
                 self.boxes = None
         return result
 
