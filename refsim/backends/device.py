@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from refsim.backends.compile import THREADS_PER_BLOCK, cuda, cuda_kernel
-from refsim.backends.primitives import sum_before
+from refsim.backends.primitives import set_four, sum_before
 from refsim.backends.runtime import library, own_stream, simulated
 
 
@@ -324,9 +324,7 @@ def pack_all(vectors, scalars, out, first):  # noqa: ANN001, ANN201
     i = cuda.grid(1)
     if i < first.shape[0]:
         for k in range(len(out)):
-            for c in range(3):
-                out[k][i, c] = vectors[k][i, c]
-            out[k][i, 3] = scalars[k][i]
+            set_four(out[k], i, vectors[k][i, 0], vectors[k][i, 1], vectors[k][i, 2], scalars[k][i])
 
 
 # Rows of the clock, float64. REASON is 0 while the run can go on.

@@ -6,7 +6,7 @@ import numpy as np
 
 from refsim.backends import device
 from refsim.backends.compile import cuda, cuda_formula, cuda_kernel, formula
-from refsim.backends.primitives import counted_lanes, four_of
+from refsim.backends.primitives import counted_lanes, four_of, set_four
 from refsim.backends.runtime import simulated
 from refsim.core.errors import RunStopped
 from refsim.neighbours.formulas import (
@@ -23,7 +23,6 @@ from refsim.neighbours.rows import NeighbourColumns, cuda_lane
 # Threads that share a column if there are few particles: with one thread each the device would wait for memory. One in
 # the simulator, which has no ballots.
 LANES, FEW = 1 if simulated() else 4, 500_000
-STAGED, STAGING_THREADS = 64, 128  # entries of a column that wait in shared memory, and threads of a block then
 FARTHEST = (1 << 63) - 1  # above every cell's key
 
 
@@ -99,17 +98,15 @@ def pack_places(source, placed):
     """placed[i] = (x, y, z, 0) of the source [m], which a thread reads at once."""
     i = cuda.grid(1)
     if i < source.shape[0]:
-        for c in range(3):
-            placed[i, c] = source[i, c]
-        placed[i, 3] = 0
+        set_four(placed, i, source[i, 0], source[i, 1], source[i, 2], placed.dtype.type(0))
 
 
 @cuda_formula
-def is_near(i, j, x, y, z, placed, limit, exclude_self):
-    """Whether source j is within the root of `limit` [m^2] of query i at x, y, z."""
-    xj, yj, zj, _ = four_of(placed, j)
+def squared_distance_to(placed, j, end, x, y, z):
+    """Squared distance [m^2] of x, y, z from source j; from the last one before `end` if j is beyond."""
+    xj, yj, zj, _ = four_of(placed, min(j, end - 1))
     dx, dy, dz = x - xj, y - yj, z - zj
-    return dx * dx + dy * dy + dz * dz < limit and (exclude_self == 0 or i != j)
+    return dx * dx + dy * dy + dz * dz
 
 
 @cuda_kernel(rows_of="query", lanes="listed")
@@ -118,7 +115,7 @@ def build_list(query, run, low, high, placed, radius, exclude_self, report, list
 
     run[i] - 1 is the row of `low` and `high` that holds query i's ranges. The list's `count` says how many there are,
     also if the capacity is exceeded; report[1] is the largest count so far. Lanes look at neighbouring sources and
-    write them in the sources' order.
+    write them in the sources' order, each at four before it writes: what it reads is then on its way together.
     """
     i, lane = cuda_lane(cuda.grid(1), listed)
     lanes = len(listed.lanes)
@@ -131,43 +128,34 @@ def build_list(query, run, low, high, placed, radius, exclude_self, report, list
         found = 0
         for k in range(low.shape[1]):
             end = high[c, k]  # read once: for the compiler, `entries` might be the same memory
-            for j in range(low[c, k] + lane, end + lane, lanes):
-                near = j < end and is_near(i, j, x, y, z, placed, limit, exclude_self)
-                before, together = counted_lanes(near, lane, lanes)
-                if near and found + before < capacity:
-                    listed.entries[(found + before) * n + i] = j
-                found += together
+            for j in range(low[c, k] + lane, end + lane, 4 * lanes):
+                second, third, fourth = j + lanes, j + 2 * lanes, j + 3 * lanes
+                apart_1 = squared_distance_to(placed, j, end, x, y, z)
+                apart_2 = squared_distance_to(placed, second, end, x, y, z)
+                apart_3 = squared_distance_to(placed, third, end, x, y, z)
+                apart_4 = squared_distance_to(placed, fourth, end, x, y, z)
+                own = i if exclude_self != 0 else -1
+                near = j < end and apart_1 < limit and j != own
+                found = write_found(i, n, j, near, found, capacity, lane, lanes, listed)
+                near = second < end and apart_2 < limit and second != own
+                found = write_found(i, n, second, near, found, capacity, lane, lanes, listed)
+                near = third < end and apart_3 < limit and third != own
+                found = write_found(i, n, third, near, found, capacity, lane, lanes, listed)
+                near = fourth < end and apart_4 < limit and fourth != own
+                found = write_found(i, n, fourth, near, found, capacity, lane, lanes, listed)
         if lane == 0:
             listed.count[i] = found
             if found > report[1]:
                 cuda.atomic.max(report, 1, found)
 
 
-@cuda_kernel(rows_of="query", threads=STAGING_THREADS)
-def build_staged_list(query, run, low, high, placed, radius, exclude_self, report, listed):
-    """As `build_list` with one lane; first entries wait in shared memory, so that a warp writes neighbouring words."""
-    i, t = cuda.grid(1), cuda.threadIdx.x
-    staged = cuda.shared.array((STAGED, STAGING_THREADS), np.int32)
-    n = query.shape[0]
-    if i < n and run[i] <= low.shape[0]:
-        capacity = listed.entries.shape[0] // n
-        limit = radius * radius
-        c = run[i] - 1
-        x, y, z = query[i, 0], query[i, 1], query[i, 2]
-        found = 0
-        for k in range(low.shape[1]):
-            for j in range(low[c, k], high[c, k]):
-                if is_near(i, j, x, y, z, placed, limit, exclude_self):
-                    if found < STAGED:
-                        staged[found, t] = j
-                    elif found < capacity:
-                        listed.entries[found * n + i] = j
-                    found += 1
-        for k in range(min(found, STAGED, capacity)):
-            listed.entries[k * n + i] = staged[k, t]
-        listed.count[i] = found
-        if found > report[1]:
-            cuda.atomic.max(report, 1, found)
+@cuda_formula
+def write_found(i, n, j, near, found, capacity, lane, lanes, listed):
+    """Write source j, if it is near, behind the `found` of column i and those of the lanes before; the new `found`."""
+    before, together = counted_lanes(near, lane, lanes)
+    if near and found + before < capacity:
+        listed.entries[(found + before) * n + i] = j
+    return found + together
 
 
 @cuda_kernel
@@ -462,7 +450,6 @@ class ListOf:
         lanes = (np.int32(0),) * (LANES if n < FEW else 1)
         self.listed = NeighbourColumns(self.backend.zeros(n, np.int32), self.backend.empty(1, np.uint32), lanes)
         self.placed = self.backend.empty((source.shape[0], 4), position.dtype)
-        self.write = build_list if n < FEW else build_staged_list
         self._make_ranges()
 
     def _make_ranges(self):
@@ -478,7 +465,7 @@ class ListOf:
         radius = self.position.dtype.type(self.search.reach)
         exclude_self = int(self.table is self.queries)
         pack_places(self.source, self.placed)
-        self.write(
+        build_list(
             self.position, queries.run, self.low, self.high, self.placed, radius, exclude_self, self.report, self.listed
         )  # fmt: skip
         self.mirror.send()

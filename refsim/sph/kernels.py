@@ -7,15 +7,11 @@ from refsim.neighbours.rows import first_lane, over_lanes, row_of
 from refsim.smoothing.formulas import kernel_slope, kernel_value, viscosity_laplacian
 from refsim.sph import formulas
 from refsim.sph.formulas import central_viscosity_pair, pressure_pair, viscosity_pair, wall_pressure_pair
-from refsim.sph.reading import mass_of, own_mass, place_of
 
 
 @kernel(lanes=True)
 def density(i, lane, position, mass, neighbours, walls, smoothing, fluid, number_density, asymmetry, density):
-    """J(7) [kg/m^dim]; J(8) where `number_density` is requested, |sum W_ij x_ij| where `asymmetry` is.
-
-    With `mass` None `position` is (n, 4), the masses last (`reading`).
-    """
+    """J(7) [kg/m^dim]; J(8) where `number_density` is requested, |sum W_ij x_ij| where `asymmetry` is."""
     first, stride, count = row_of(neighbours, i, lane)
     h = smoothing.support_radius
     limit = h * h
@@ -25,12 +21,11 @@ def density(i, lane, position, mass, neighbours, walls, smoothing, fluid, number
     x, y, z = position[i, 0], position[i, 1], position[i, 2]
     for k in range(count):
         j = neighbours.entries[first + k * stride]
-        xj, yj, zj, held = place_of(position, mass, j)
-        dx, dy, dz = x - xj, y - yj, z - zj
+        dx, dy, dz = x - position[j, 0], y - position[j, 1], z - position[j, 2]
         r2 = dx * dx + dy * dy + dz * dz
         if r2 < limit:
             w = kernel_value(math.sqrt(r2), smoothing)
-            rho += mass_of(held, mass) * w
+            rho += mass[j] * w
             number += w
             if asymmetry is not None:
                 mx += w * dx
@@ -45,16 +40,15 @@ def density(i, lane, position, mass, neighbours, walls, smoothing, fluid, number
         mx, my, mz = over_lanes(mx, lane), over_lanes(my, lane), over_lanes(mz, lane)
     if first_lane(lane):
         own = own_share(smoothing)
-        m = own_mass(i, position, mass)
-        rho += m * own
+        rho += mass[i] * own
         number += own
         if walls is not None:
             filled = fluid.rest_density * wall_sum(i, position, walls, smoothing)
             rho += filled
-            number += filled / m
+            number += filled / mass[i]
             if asymmetry is not None:
                 bx, by, bz = wall_moment(i, position, walls, smoothing)
-                weight = fluid.rest_density / m
+                weight = fluid.rest_density / mass[i]
                 mx += weight * bx
                 my += weight * by
                 mz += weight * bz

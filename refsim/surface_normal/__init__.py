@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from refsim.core.effect import Discretisation, Pass
 from refsim.core.fields import Field
-from refsim.core.operation import Operation, Program, register
+from refsim.core.operation import Operation, register
 from refsim.core.scalars import int32
 
 if TYPE_CHECKING:
@@ -70,7 +70,6 @@ register(
         paper="Jiang & Zhu 2023",
         equation="J(19) with Jiang & Zhu E10",
         function="color_gradient",
-        programs={"cuda": Program("color_gradient_cuda")},
         outputs=("surface_normal",),
         optional=("walls", "candidates"),
         tolerance=8.0,

@@ -6,7 +6,6 @@ from refsim.backends.compile import formula, kernel
 from refsim.neighbours.rows import first_lane, over_lanes, row_of
 from refsim.smoothing.formulas import kernel_slope, kernel_value
 from refsim.sph.kernels import wall_sum
-from refsim.sph.reading import mass_of, place_of
 from refsim.surface_normal.formulas import color_gradient_pair, corrected_pair, neighbour_volume
 
 
@@ -14,10 +13,7 @@ from refsim.surface_normal.formulas import color_gradient_pair, corrected_pair, 
 def color_gradient(
     i, lane, position, mass, density, candidates, neighbours, walls, gradient_smoothing, normal_term, surface_normal
 ):  # fmt: skip
-    """J(19) n_i = h sum_j V_j grad W_ij, walls included; dimensionless. Zero for a particle that is no candidate.
-
-    With `mass` None `position` is (n, 4), the masses last (`refsim.sph.reading`).
-    """
+    """J(19) n_i = h sum_j V_j grad W_ij, walls included; dimensionless. Zero for a particle that is no candidate."""
     h = gradient_smoothing.support_radius
     real = type(h)
     nx, ny, nz = real(0), real(0), real(0)
@@ -29,12 +25,11 @@ def color_gradient(
         own = density[i]
         for k in range(count):
             j = neighbours.entries[first + k * stride]
-            xj, yj, zj, held = place_of(position, mass, j)
-            dx, dy, dz = x - xj, y - yj, z - zj
+            dx, dy, dz = x - position[j, 0], y - position[j, 1], z - position[j, 2]
             r2 = dx * dx + dy * dy + dz * dz
             if r2 < limit:
                 r = math.sqrt(r2)
-                volume = neighbour_volume(mass_of(held, mass), own, density[j], normal_term.own_density)
+                volume = neighbour_volume(mass[j], own, density[j], normal_term.own_density)
                 f = color_gradient_pair(volume, kernel_slope(r, gradient_smoothing), h) / (r + tiny)
                 nx += f * dx
                 ny += f * dy

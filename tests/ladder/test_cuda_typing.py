@@ -192,7 +192,6 @@ def support_launches(dtype):
         (search.pack_places, (vectors, fours)),
         (search.build_list, (vectors, integers, ranges, ranges, fours, one, 1, integers, listed)),
         (search.build_list, (vectors, integers, ranges, ranges, fours, one, 1, integers, shared)),
-        (search.build_staged_list, (vectors, integers, ranges, ranges, fours, one, 1, integers, listed)),
         (device.pack_all, ((vectors, vectors), (scalars, scalars), (fours, fours), fours)),
         (device.gather_all_scalars, ((scalars, scalars), keys, (scalars, scalars))),
         (device.gather_all_vectors, ((vectors, vectors), keys, (vectors, vectors))),

@@ -1,10 +1,8 @@
-"""Jiang & Zhu 2023 on CUDA: tension, pressure and viscosity in one loop over packed fields.
-
-A thread reads four numbers of a neighbour at once. Eight or nine reads of one number each, scattered in memory, take
-twice as long.
-"""
+"""Jiang & Zhu 2023 on CUDA: tension, pressure and viscosity in one loop over packed fields, read ahead of their use."""
 
 import math
+
+import numpy as np
 
 from refsim.backends.compile import kernel
 from refsim.backends.primitives import four_of
@@ -12,7 +10,7 @@ from refsim.neighbours.rows import first_lane, over_lanes, row_of
 from refsim.smoothing.formulas import kernel_slope, viscosity_laplacian
 from refsim.sph.formulas import pressure_pair, viscosity_pair
 from refsim.sph.kernels import wall_pressure
-from refsim.sph.packed_cuda import packed_fields
+from refsim.sph.packed_cuda import entry, packed_fields
 from refsim.surface_tension.jiang_zhu_2023 import formulas
 
 
@@ -52,42 +50,56 @@ def packed_sums(
     nx, ny, nz = real(0), real(0), real(0)
     if area is not None:
         nx, ny, nz = directed[i, 0], directed[i, 1], directed[i, 2]
-    x, y, z, m = four_of(placed, i)
+    x, y, z, _ = four_of(placed, i)
     u, v, w, own = four_of(moving, i)
     rho = density[i]
-    for k in range(count):
-        j = neighbours.entries[first + k * stride]
+    if count > 0:
+        j = entry(neighbours, first, stride, count, 0)
+        following = entry(neighbours, first, stride, count, 1)
+        after = entry(neighbours, first, stride, count, 2)
         xj, yj, zj, m = four_of(placed, j)
-        dx, dy, dz = x - xj, y - yj, z - zj
-        r2 = dx * dx + dy * dy + dz * dz
-        if r2 < limit:
-            r = math.sqrt(r2)
-            apart = r + tiny
-            uj, vj, wj, pressure_j = four_of(moving, j)
-            if area is not None:
-                nxj, nyj, nzj, rho_j = four_of(directed, j)
+        uj, vj, wj, pressure_j = four_of(moving, j)
+        if area is None:
+            rho_j = density[j]
+        else:
+            nxj, nyj, nzj, rho_j = four_of(directed, j)
+        for k in range(count):
+            xn, yn, zn, m_next = four_of(placed, following)
+            un, vn, wn, pressure_next = four_of(moving, following)
+            if area is None:
+                rho_next = density[following]
             else:
-                rho_j = density[j]
-            volume = m / (rho_j * apart)  # V_j/r
-            f = pressure_pair(volume, own, pressure_j, kernel_slope(r, gradient_smoothing), fluid)
-            ax += f * dx
-            ay += f * dy
-            az += f * dz
-            if viscosity is not None:
-                g = viscosity_pair(volume * apart, viscosity, viscosity_laplacian(r, gradient_smoothing))
-                ax += g * (uj - u)
-                ay += g * (vj - v)
-                az += g * (wj - w)
-            if cohesion is not None:
-                f = formulas.cohesion_pair(m, r * gradient_smoothing.inverse_radius, cohesion) / apart
-                cx += f * dx
-                cy += f * dy
-                cz += f * dz
+                nxn, nyn, nzn, rho_next = four_of(directed, following)
+            following, after = after, entry(neighbours, first, stride, count, k + np.uint64(3))
+            dx, dy, dz = x - xj, y - yj, z - zj
+            r2 = dx * dx + dy * dy + dz * dz
+            if r2 < limit:
+                r = math.sqrt(r2)
+                apart = r + tiny
+                volume = m / (rho_j * apart)  # V_j/r
+                f = pressure_pair(volume, own, pressure_j, kernel_slope(r, gradient_smoothing), fluid)
+                ax += f * dx
+                ay += f * dy
+                az += f * dz
+                if viscosity is not None:
+                    g = viscosity_pair(volume * apart, viscosity, viscosity_laplacian(r, gradient_smoothing))
+                    ax += g * (uj - u)
+                    ay += g * (vj - v)
+                    az += g * (wj - w)
+                if cohesion is not None:
+                    f = formulas.cohesion_pair(m, r * gradient_smoothing.inverse_radius, cohesion) / apart
+                    cx += f * dx
+                    cy += f * dy
+                    cz += f * dz
+                if area is not None:
+                    g = formulas.area_pair(m, rho_j, area)
+                    bx += g * (nx - nxj)
+                    by += g * (ny - nyj)
+                    bz += g * (nz - nzj)
+            xj, yj, zj, m = xn, yn, zn, m_next
+            uj, vj, wj, pressure_j, rho_j = un, vn, wn, pressure_next, rho_next
             if area is not None:
-                g = formulas.area_pair(m, rho_j, area)
-                bx += g * (nx - nxj)
-                by += g * (ny - nyj)
-                bz += g * (nz - nzj)
+                nxj, nyj, nzj = nxn, nyn, nzn
     if area is not None:
         strength = formulas.area_strength(rho, area)
         cx -= strength * bx
