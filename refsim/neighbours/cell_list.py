@@ -261,7 +261,7 @@ def _occupied(keys):
 class CellSearch:
     """Host side of the CPU search; lists grow until everything fits."""
 
-    looks_ahead = False
+    looks_ahead, steps_ahead = False, 0
 
     def __init__(self, backend, dim, reach, log):
         self.backend, self.dim, self.reach, self.log = backend, dim, reach, log
@@ -310,10 +310,10 @@ class CellSearch:
         self.cells, self.blocks = _occupied(keys), None
         return self._build("own", position, keys, position, *self.cells, exclude_self=True)
 
-    def relative_displacements(self, position, build_position):
+    def relative_displacements(self, position, build_position, velocity, timestep):
         if self.blocks is None:  # only where the particles move far enough to ask
             self.blocks = CellBlocks(*self.cells, self.dim)
-        return tuple(map(math.sqrt, self.blocks.squared_displacements(position, build_position)))
+        return (tuple(map(math.sqrt, self.blocks.squared_displacements(position, build_position))),)
 
     def build_against(self, position, prepared):
         return self._build("static", position, self.keys(position), *prepared, exclude_self=False)

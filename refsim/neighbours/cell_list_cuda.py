@@ -15,7 +15,6 @@ from refsim.neighbours.formulas import (
     cell_coordinate,
     cell_key,
     lower_bound,
-    squared_between,
 )
 from refsim.neighbours.limits import MOST_NEIGHBOURS, PARTICLES_PER_CELL, with_margin
 from refsim.neighbours.rows import NeighbourColumns, cuda_lane
@@ -23,6 +22,7 @@ from refsim.neighbours.rows import NeighbourColumns, cuda_lane
 # Threads that share a column if there are few particles: with one thread each the device would wait for memory. One in
 # the simulator, which has no ballots.
 LANES, FEW = 1 if simulated() else 4, 500_000
+LOOK_AHEAD = 16  # steps for which displacements are compared ahead
 FARTHEST = (1 << 63) - 1  # above every cell's key
 
 
@@ -194,76 +194,109 @@ def clear_displacements(low, high, displacements):
     """No displacement yet; the last row of the boxes is that of all."""
     if cuda.grid(1) == 0:
         whole = high.shape[0] - 1
-        for c in range(3):
+        for c in range(low.shape[1]):
             low[whole, c] = math.inf
             high[whole, c] = -math.inf
-        displacements[0] = 0
+        displacements[0], displacements[1] = 0, 0
 
 
 @cuda_kernel(rows_of="low")
-def cell_boxes(position, build_position, first, report, low, high):
+def cell_boxes(position, build_position, velocity, timestep, first, report, low, high):
     """Box [low, high] [m] of the displacements of each cell's particles since the list was built.
 
-    Least and largest values do not depend on the order in which the cells come. The last row is the box of all.
+    Columns 0 to 2 are those of now; 3 to 5 are those after LOOK_AHEAD steps of timestep[1] [s] with the velocities of
+    now. Least and largest values do not depend on the order in which the cells come. The last row is the box of all.
     """
     k = cuda.grid(1)
     whole = high.shape[0] - 1
     if k < whole and k < report[0]:
         begin, end = first[k], first[k + 1]
+        ahead = type(timestep[1])(LOOK_AHEAD) * timestep[1]
         for c in range(3):
             least = position[begin, c] - build_position[begin, c]
-            most = least
+            least_ahead = least + ahead * velocity[begin, c]
+            most, most_ahead = least, least_ahead
             for i in range(begin + 1, end):
                 displacement = position[i, c] - build_position[i, c]
                 least = min(least, displacement)
                 most = max(most, displacement)
-            low[k, c] = least
-            high[k, c] = most
-            if least < low[whole, c]:
-                cuda.atomic.min(low, (whole, c), least)
-            if most > high[whole, c]:
-                cuda.atomic.max(high, (whole, c), most)
+                displacement += ahead * velocity[i, c]
+                least_ahead = min(least_ahead, displacement)
+                most_ahead = max(most_ahead, displacement)
+            widen(low, high, k, c, whole, least, most)
+            widen(low, high, k, c + 3, whole, least_ahead, most_ahead)
+
+
+@cuda_formula
+def widen(low, high, k, c, whole, least, most):
+    """Note the least and the largest displacement [m] of cell k, and widen the box of all by them."""
+    low[k, c] = least
+    high[k, c] = most
+    if least < low[whole, c]:
+        cuda.atomic.min(low, (whole, c), least)
+    if most > high[whole, c]:
+        cuda.atomic.max(high, (whole, c), most)
 
 
 @cuda_kernel
 def compare_boxes(low, high, cells, report, reach, displacements, near):
-    """displacements: bounds of the relative one [m] of two particles, in cells up to two apart and anywhere.
+    """displacements: bounds of the relative one [m] of two particles, now and ahead.
 
-    Of the first that is taken off by which the cells are further apart than `reach` [m], the edge of a cell. Static
-    particles are not displaced.
+    The first two are of cells up to two apart, less that by which the cells are further apart than `reach` [m], the
+    edge of a cell; the other two are of any two cells. Static particles are not displaced.
     """
     place = cuda.grid(1)
     whole = high.shape[0] - 1
     k, c = place // whole, place % whole
     if place == 0:
-        displacements[1] = math.sqrt(squared_between(low, high, whole, whole))
+        displacements[2] = apart(low, high, whole, whole, 0)
+        displacements[3] = apart(low, high, whole, whole, 3)
     if place < near.shape[0] and c < report[0]:
         across, along = row_offset(k)
         middle = cells[c] + (across << BITS) + (along << (2 * BITS))
         b = near[place]
-        largest = reach - reach
+        now, ahead = reach - reach, reach - reach
         if b < 0:
             b = -1 - b
-            squared = largest
-            for axis in range(3):
-                far = max(high[c, axis], -low[c, axis])
-                squared += far * far
-            largest = math.sqrt(squared)
+            now, ahead = farthest(low, high, c, 0), farthest(low, high, c, 3)
         while b < report[0] and cells[b] <= middle + 2:
-            moved = math.sqrt(squared_between(low, high, c, b))
+            gap = reach - reach
             between = empty_cells(cells[b] - middle) + empty_cells(across) + empty_cells(along)
             if between > 1:
-                moved -= (math.sqrt(type(reach)(between)) - type(reach)(1)) * reach
-            largest = max(largest, moved)
+                gap = (math.sqrt(type(reach)(between)) - type(reach)(1)) * reach
+            now = max(now, apart(low, high, c, b, 0) - gap)
+            ahead = max(ahead, apart(low, high, c, b, 3) - gap)
             b += 1
-        if largest > displacements[0]:
-            cuda.atomic.max(displacements, 0, largest)
+        if now > displacements[0]:
+            cuda.atomic.max(displacements, 0, now)
+        if ahead > displacements[1]:
+            cuda.atomic.max(displacements, 1, ahead)
 
 
 @formula
-def empty_cells(apart):
-    """How many cells (dimensionless) lie between two that are up to two apart along an axis."""
-    return 1 if abs(apart) == 2 else 0
+def empty_cells(cells):
+    """How many cells (dimensionless) lie between two that are up to two cells from each other along an axis."""
+    return 1 if abs(cells) == 2 else 0
+
+
+@formula
+def apart(low, high, a, b, first):
+    """Largest |u - v| [m] of u in the box of row a and v in that of row b, columns `first` and the two behind."""
+    squared = low[a, first] - low[a, first]
+    for c in range(first, first + 3):
+        difference = max(high[a, c] - low[b, c], high[b, c] - low[a, c])
+        squared += difference * difference
+    return math.sqrt(squared)
+
+
+@formula
+def farthest(low, high, a, first):
+    """Largest |u| [m] of u in the box of row a, columns `first` and the two behind."""
+    squared = low[a, first] - low[a, first]
+    for c in range(first, first + 3):
+        far = max(high[a, c], -low[a, c])
+        squared += far * far
+    return math.sqrt(squared)
 
 
 @formula
@@ -514,25 +547,23 @@ class ListOf:
 class CellBoxes:
     """Boxes of the displacements of each cell's particles, to see whether two can have come within the radius."""
 
-    def __init__(self, search, position, build_position):
+    def __init__(self, search, position, build_position, velocity, timestep):
         backend, table, static = search.backend, search.lists["own"].queries, search.lists.get("static")
-        self.table, self.position, self.build_position = table, position, build_position
+        self.table, self.particles = table, (position, build_position, velocity, timestep)
         capacity, real = table.cells.shape[0], position.dtype
-        self.low, self.high = backend.empty((capacity + 1, 3), real), backend.empty((capacity + 1, 3), real)
+        self.low, self.high = backend.empty((capacity + 1, 6), real), backend.empty((capacity + 1, 6), real)
         self.near = backend.empty(capacity * (3 if search.dim == 2 else 13), np.int32)
-        self.displacements, self.reach = backend.zeros(2, real), real.type(search.reach)
+        self.displacements, self.reach = backend.zeros(4, real), real.type(search.reach)
         self.mirror = device.Mirror(self.displacements)
         self.found = self.launched = False  # whether `near` belongs to the list, and `displacements` to the positions
         static_cells = None if static is None else static.table.cells
-        self.find = device.Recorded(
-            lambda: near_cells(table.cells, table.report, static_cells, capacity, self.near)
-        )
+        self.find = device.Recorded(lambda: near_cells(table.cells, table.report, static_cells, capacity, self.near))
         self.measure = device.Recorded(self._measure)
 
     def _measure(self):
         table = self.table
         clear_displacements(self.low, self.high, self.displacements)
-        cell_boxes(self.position, self.build_position, table.first, table.report, self.low, self.high)
+        cell_boxes(*self.particles, table.first, table.report, self.low, self.high)
         compare_boxes(self.low, self.high, table.cells, table.report, self.reach, self.displacements, self.near)
         self.mirror.send()
 
@@ -545,12 +576,12 @@ class CellBoxes:
         self.launched = True
 
     def relative_displacements(self):
-        """Bounds [m]: of two particles' relative displacement less the gap between their cells, and of any two."""
+        """Bounds [m] now and ahead: of two particles' displacement less the gap between their cells, and of any two."""
         if not self.launched:
             self.launch()
         self.launched = False
-        near, anywhere = self.mirror.read()
-        return float(near), float(anywhere)
+        near, near_ahead, anywhere, anywhere_ahead = (float(x) for x in self.mirror.read())
+        return (near, anywhere), (near_ahead, anywhere_ahead)
 
     @property
     def nbytes(self):
@@ -628,7 +659,7 @@ class CellSearch:
     """Host side of the GPU search. Buffers belong to the arrays that they were made for, so that launches on them are
     recorded once and replayed."""
 
-    looks_ahead = True  # whether displacements can be compared behind a step, while the host waits for it
+    looks_ahead, steps_ahead = True, LOOK_AHEAD
 
     def __init__(self, backend, dim, reach, log):
         self.backend, self.dim, self.reach, self.log = backend, dim, reach, log
@@ -666,18 +697,19 @@ class CellSearch:
                 self.boxes = None
         return result
 
-    def look_ahead(self, position, build_position, wanted):
+    def look_ahead(self, particles, wanted):
         if self.boxes is not None:
             self.boxes.launched = False
         if wanted:
-            self._boxes(position, build_position).launch()
+            self._boxes(particles).launch()
 
-    def relative_displacements(self, position, build_position):
-        return self._boxes(position, build_position).relative_displacements()
+    def relative_displacements(self, *particles):
+        return self._boxes(particles).relative_displacements()
 
-    def _boxes(self, position, build_position):
-        if self.boxes is None or self.boxes.position is not position:  # only where particles move far enough to ask
-            self.boxes = CellBoxes(self, position, build_position)
+    def _boxes(self, particles):
+        held = self.boxes
+        if held is None or any(a is not b for a, b in zip(held.particles, particles)):
+            self.boxes = CellBoxes(self, *particles)  # only where particles move far enough to ask
         return self.boxes
 
     def build_against(self, position, prepared):

@@ -208,7 +208,7 @@ def support_launches(dtype):
         (search.near_cells, (keys, integers, None, n, integers)),
         (search.near_cells, (keys, integers, keys, n, integers)),
         (search.clear_displacements, (vectors, vectors, scalars)),
-        (search.cell_boxes, (vectors, vectors, integers, integers, vectors, vectors)),
+        (search.cell_boxes, (vectors, vectors, vectors, scalars, integers, integers, vectors, vectors)),
         (search.compare_boxes, (vectors, vectors, keys, integers, one, scalars, integers)),
         (search.count_missed, (vectors, vectors, scalars, None, listed, 1, 8, one, integers)),
         (search.count_missed, (vectors, vectors, scalars, Bounds(scalars, scalars), listed, 1, 8, one, integers)),

@@ -1,4 +1,4 @@
-"""Jiang & Zhu 2023 on CUDA: tension, pressure and viscosity in one loop over packed fields, read ahead of their use."""
+"""Jiang & Zhu 2023 on CUDA: tension, pressure and viscosity in one loop over packed fields, read ahead."""
 
 import math
 
@@ -25,8 +25,8 @@ def tension_and_momentum(
     normal = None if area is None else area_normal
     placed, moving, directed = packed_fields(position, velocity, mass, density, pressure, normal, scratch)
     packed_sums(
-        placed, moving, directed, density, pressure, neighbours, walls, gradient_smoothing, fluid, viscosity, cohesion, area,
-        acceleration,
+        placed, moving, directed, density, pressure, neighbours, walls, gradient_smoothing, fluid, viscosity,
+        cohesion, area, acceleration,
     )  # fmt: skip
 
 
