@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from refsim.backends.compile import THREADS_PER_BLOCK, cuda, cuda_kernel
-from refsim.backends.primitives import sum_before
+from refsim.backends.primitives import set_four, sum_before
 from refsim.backends.runtime import library, own_stream, simulated
 
 
@@ -318,6 +318,15 @@ def copy_all_vectors(arrays, out, first):  # noqa: ANN001, ANN201
                 out[k][i, c] = arrays[k][i, c]
 
 
+@cuda_kernel(rows_of="first")
+def pack_all(vectors, scalars, out, first):  # noqa: ANN001, ANN201
+    """out[k][i] = (vectors[k][i], scalars[k][i]); `first` is the first of `out`."""
+    i = cuda.grid(1)
+    if i < first.shape[0]:
+        for k in range(len(out)):
+            set_four(out[k], i, vectors[k][i, 0], vectors[k][i, 1], vectors[k][i, 2], scalars[k][i])
+
+
 # Rows of the clock, float64. REASON is 0 while the run can go on.
 TIME, PREVIOUS, FIRST, LENGTH, LIMITER, REASON, SPEED, ACCELERATION, RATE, EXCESS, WAY, STOPPED = range(12)
 CLOCK_ROWS = 12
@@ -405,6 +414,11 @@ def gather_all(arrays: tuple, order: Any, out: tuple) -> None:
 def copy_all(arrays: tuple, out: tuple) -> None:
     """out[k] <- arrays[k] for device arrays of one kind, in one launch."""
     (copy_all_scalars if len(out[0].shape) == 1 else copy_all_vectors)(arrays, out, arrays[0])
+
+
+def packed(vectors: tuple, scalars: tuple, out: tuple) -> None:
+    """out[k] (n, 4) <- vectors[k] (n, 3) with scalars[k] (n,) behind: a thread reads a row at once (`four_of`)."""
+    pack_all(vectors, scalars, out, out[0])
 
 
 class Rows:

@@ -74,6 +74,59 @@ else:
         return cuda.shfl_xor_sync(lanes_mask(lane, lanes), value, step)
 
 
+if simulated():
+
+    @cuda_formula
+    def four_of(array, i):  # noqa: ANN001, ANN201
+        """The numbers of row i of an (n, 4) array."""
+        return array[i, 0], array[i, 1], array[i, 2], array[i, 3]
+
+    @cuda_formula
+    def set_four(array, i, x, y, z, w):  # noqa: ANN001, ANN201
+        """Row i of an (n, 4) array becomes these numbers."""
+        array[i, 0], array[i, 1], array[i, 2], array[i, 3] = x, y, z, w
+
+else:
+    from llvmlite import ir
+    from numba.core import types
+    from numba.cuda.extending import intrinsic
+
+    @intrinsic
+    def four_of(typing_context, array, i):  # noqa: ANN001, ANN201
+        """The numbers of row i of an (n, 4) array, in one read of 16 bytes (float64: in two)."""
+        signature = types.UniTuple(array.dtype, 4)(array, i)
+
+        def generate(context, builder, signature, values):  # noqa: ANN001, ANN202
+            read = builder.load(_row(context, builder, signature, values), align=16)
+            parts = [builder.extract_element(read, ir.Constant(ir.IntType(32), k)) for k in range(4)]
+            return context.make_tuple(builder, signature.return_type, parts)
+
+        return signature, generate
+
+    @intrinsic
+    def set_four(typing_context, array, i, x, y, z, w):  # noqa: ANN001, ANN201
+        """Row i of an (n, 4) array becomes these numbers, in one write of 16 bytes (float64: in two)."""
+        real = array.dtype
+        signature = types.void(array, i, real, real, real, real)
+
+        def generate(context, builder, signature, values):  # noqa: ANN001, ANN202
+            row = _row(context, builder, signature, values)
+            written = ir.Constant(row.type.pointee, ir.Undefined)
+            for k, value in enumerate(values[2:]):
+                written = builder.insert_element(written, value, ir.Constant(ir.IntType(32), k))
+            builder.store(written, row, align=16)
+            return context.get_dummy_value()
+
+        return signature, generate
+
+    def _row(context, builder, signature, values):  # noqa: ANN001, ANN202
+        """Address of row values[1] of the array values[0], as a vector of four."""
+        kind, index = signature.args[:2]
+        four = ir.VectorType(context.get_data_type(kind.dtype), 4)
+        rows = builder.bitcast(context.make_array(kind)(context, builder, values[0]).data, four.as_pointer())
+        return builder.gep(rows, [context.cast(builder, values[1], index, types.intp)])
+
+
 @cuda_formula
 def lanes_mask(lane, lanes):  # noqa: ANN001, ANN201
     """Bits of a warp's threads that share a row with this one."""

@@ -13,7 +13,7 @@ from refsim.core.errors import RunStopped
 from refsim.core.walls import WallParticles, with_list
 from refsim.engine.list_policy import ListPolicy
 from refsim.engine.run import Run
-from refsim.neighbours import NeighbourSearch
+from refsim.neighbours import NeighbourSearch, Particles
 
 
 class NeighbourLists:
@@ -86,10 +86,19 @@ class NeighbourLists:
             return
         self.run.timings.run("neighbours", self._look)
 
+    def look_ahead(self) -> None:
+        """Launch the comparison of displacements behind a step, if it will probably be needed; for a GPU."""
+        if self.search is not None and self.built:
+            self.search.look_ahead(self._particles(), self.policy.expects_look())
+
+    def _particles(self) -> Particles:
+        run = self.run
+        return Particles(run.fields["position"], run.build_position, run.fields["velocity"], run.timestep)
+
     def _look(self) -> None:
         run, search = self.run, self.search
         assert search is not None
-        if self.built and self.policy.keeps(run.fields["position"], run.build_position):
+        if self.built and self.policy.keeps(self._particles()):
             return
         # The audit steps positions back by the velocities, which must be those that led to them.
         if self.built and self.auditable and not self.velocities_set:

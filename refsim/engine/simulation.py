@@ -188,6 +188,7 @@ class Simulation:
             raise InputError(f"set_field: {name} has values that are not finite; give finite ones.")
         self._set(name, values[self._host("identity")])
         self.lists.velocities_set = True
+        self.lists.policy.velocities_set()
         for effect in having(self.plan.effects, FollowsSettings):
             for own, following in effect.after_setting(name, self._host).items():
                 self._set(own, following)
@@ -208,7 +209,7 @@ class Simulation:
         self.order.follow()
         done = self.stepper.advance()
         self.lists.velocities_set = False
-        self.lists.policy.after_step(done.squared_displacement, done.step_displacement)
+        self.lists.policy.after_step(done)
         self.stopped_at_walls += done.stopped
         self.time += done.length
         self.steps += 1

@@ -24,6 +24,7 @@ class Advance:
 
     limits                all largest stable steps [s]
     step_displacement     [m] that no particle exceeds in this step
+    velocity_change       [m/s] by accelerations, which no particle exceeds in this step
     squared_displacement  largest since the neighbour list was built [m^2]
     stopped               number of particles that a wall's plane stopped
     """
@@ -32,6 +33,7 @@ class Advance:
     limiter: str
     limits: dict[str, float]
     step_displacement: float
+    velocity_change: float
     squared_displacement: float
     stopped: int
 
@@ -120,8 +122,8 @@ class HostStepper:
         for name, call in s.motion_calls:
             s.timings.run(name, call)
         squared, stopped = (float(x) for x in s.backend.host(s.displacement))
-        moved = (extremes.speed + kick * extremes.acceleration) * length
-        return Advance(length, limiter, limits, moved, squared, int(stopped))
+        gained = kick * extremes.acceleration
+        return Advance(length, limiter, limits, (extremes.speed + gained) * length, gained, squared, int(stopped))
 
 
 class DeviceStepper:
@@ -170,6 +172,7 @@ class DeviceStepper:
             self.recorded.called = True
         else:
             self.recorded()
+        s.lists.look_ahead()
         clock = self.mirror.read()
         if not self.profiled:
             s.timings.add("step", time.perf_counter() - began)
@@ -185,8 +188,9 @@ class DeviceStepper:
         s.first_length = float(clock[device.FIRST])
         self.in_step_with = s.steps + 1
         limits = stable_steps(s.limits, extremes)
-        moved = (extremes.speed + 0.5 * (s.previous_length + length) * extremes.acceleration) * length
-        return Advance(length, name, limits, moved, float(clock[device.WAY]), int(clock[device.STOPPED]))
+        gained = 0.5 * (s.previous_length + length) * extremes.acceleration
+        moved, squared = (extremes.speed + gained) * length, float(clock[device.WAY])
+        return Advance(length, name, limits, moved, gained, squared, int(clock[device.STOPPED]))
 
     def _set_clock(self) -> None:
         """Give the device the host's clock: at the start, and after resuming."""

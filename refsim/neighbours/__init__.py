@@ -8,6 +8,7 @@ Reference: all pairs (`refsim.neighbours.reference`).
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
@@ -20,6 +21,7 @@ from refsim.neighbours.limits import MOST_NEIGHBOURS as MOST_NEIGHBOURS
 
 AUDITED_ROWS = 8
 AUDIT_MARGIN = 1e-5  # share of the radius left out of the audit: positions are stepped back with rounding
+ROUNDING = 0.01  # share of the allowed displacement held back where displacements are found ahead
 
 
 @dataclass
@@ -31,6 +33,15 @@ class SearchLog:
     missed_neighbours: int = 0
     most_neighbours: int = 0
     list_bytes: int = 0
+
+
+class Particles(NamedTuple):
+    """What moves the particles: positions now and when the list was built [m], velocities [m/s], (kick, step) [s]."""
+
+    position: Any
+    build_position: Any
+    velocity: Any
+    timestep: Any
 
 
 class AuditedRows(NamedTuple):
@@ -99,20 +110,40 @@ class NeighbourSearch:
         """array[order], as a new array."""
         return self.programs.reorder(array, order)
 
-    def margin(self, position: Any, build_position: Any, largest_displacement: float, walls: bool) -> float:
+    def margins(self, particles: Particles, largest: Sequence[float], walls: bool) -> list[float]:
         """How much further [m] any two particles may move relative to each other before the list could lack a pair.
 
+        On a GPU a second number says how much is left after `ahead` [s] with the velocities of now. `largest` [m] are
+        the largest displacements since the list was built, now and then.
+
         Particles that move together need no new list: displacements relative to each other count, of particles that
-        could come near. Blocks of cells that touch are compared by the boxes of their particles' displacements;
-        particles of other blocks were two cells apart. Walls stand still: with `walls`, `largest_displacement` [m], the
-        largest since the list was built, counts too. Zero in a periodic box, whose blocks touch across its borders.
+        could come near. On the CPU blocks of cells that touch are compared by the boxes of their particles'
+        displacements, on a GPU cells up to two apart; other particles were two cells apart. Walls stand still: with
+        `walls` the largest displacement counts, too, on a GPU in cells near walls. Zero in a periodic box, whose cells
+        touch across its borders.
         """
         if self.period is not None:
-            return 0.0
-        touching, anywhere = map(math.sqrt, self.programs.squared_relative_displacements(position, build_position))
-        allowed = 2 * self.allowed_displacement * (1 - AUDIT_MARGIN)
-        left = min(allowed - touching, 2 * self.reach - self.radius - anywhere)
-        return min(left, allowed - largest_displacement) if walls else left
+            return [0.0]
+        held_back = ROUNDING if self.looks_ahead else AUDIT_MARGIN
+        allowed, far = 2 * self.allowed_displacement * (1 - held_back), 2 * self.reach - self.radius
+        at_walls = far if self.looks_ahead else allowed
+        return [
+            min(allowed - near, far - anywhere, at_walls - way if walls else math.inf)
+            for (near, anywhere), way in zip(self.programs.relative_displacements(*particles), largest)
+        ]
+
+    @property
+    def looks_ahead(self) -> bool:
+        """Whether displacements are compared ahead of the present, behind a step for which the host waits: on a GPU."""
+        return bool(self.programs.looks_ahead)
+
+    def ahead(self, length: float) -> float:
+        """How far [s] displacements are compared ahead after a step of this length [s]."""
+        return float(self.programs.steps_ahead * length)
+
+    def look_ahead(self, particles: Particles, wanted: bool) -> None:
+        """Forget what was compared before the particles moved; with `wanted`, compare what `margins` will ask for."""
+        self.programs.look_ahead(particles, wanted and self.period is None)
 
     def audit(self, position: Any, velocity: Any, timestep: Any, neighbours: Any, bounds: Any = None) -> None:
         """Compare sampled rows of the list with all pairs, where it was last used: at position - dt * velocity.

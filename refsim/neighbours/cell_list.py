@@ -1,5 +1,7 @@
 """Cell sort and neighbour list on the CPU: rows of a compressed list, one pass over the candidates."""
 
+import math
+
 import numpy as np
 
 from refsim.backends.compile import formula, kernel
@@ -273,6 +275,8 @@ def _occupied(keys):
 class CellSearch:
     """Host side of the CPU search; lists grow until everything fits."""
 
+    looks_ahead, steps_ahead = False, 0
+
     def __init__(self, backend, dim, reach, log, period=None):
         self.backend, self.dim, self.reach, self.log = backend, dim, reach, log
         self.period, self.periodic = period, periodic_cells(period, reach)
@@ -321,10 +325,10 @@ class CellSearch:
         self.cells, self.blocks = _occupied(keys), None
         return self._build("own", position, keys, position, *self.cells, exclude_self=True)
 
-    def squared_relative_displacements(self, position, build_position):
+    def relative_displacements(self, position, build_position, velocity, timestep):
         if self.blocks is None:  # only where the particles move far enough to ask
             self.blocks = CellBlocks(*self.cells, self.dim)
-        return self.blocks.squared_displacements(position, build_position)
+        return (tuple(map(math.sqrt, self.blocks.squared_displacements(position, build_position))),)
 
     def build_against(self, position, prepared):
         return self._build("static", position, self.keys(position), *prepared, exclude_self=False)

@@ -5,20 +5,17 @@ import math
 import numpy as np
 
 from refsim.backends import device
-from refsim.backends.compile import cuda, cuda_kernel, formula
-from refsim.backends.primitives import counted_lanes
+from refsim.backends.compile import cuda, cuda_formula, cuda_kernel, formula
+from refsim.backends.primitives import counted_lanes, four_of, set_four
 from refsim.backends.runtime import simulated
 from refsim.core.errors import RunStopped
 from refsim.neighbours.formulas import (
     BITS,
     at_bounds,
-    block_key,
-    cell_key,
     key_of_place,
     lower_bound,
     periodic_cells,
     periodic_row,
-    squared_between,
     to_nearest_image,
 )
 from refsim.neighbours.limits import MOST_NEIGHBOURS, PARTICLES_PER_CELL, with_margin
@@ -27,6 +24,7 @@ from refsim.neighbours.rows import NeighbourColumns, cuda_lane
 # Threads that share a column if there are few particles: with one thread each the device would wait for memory. One in
 # the simulator, which has no ballots.
 LANES, FEW = 1 if simulated() else 4, 500_000
+LOOK_AHEAD = 16  # steps for which displacements are compared ahead
 FARTHEST = (1 << 63) - 1  # above every cell's key
 
 
@@ -105,13 +103,29 @@ def cell_ranges(cells, first, query_cells, query_report, periodic, low, high):
         high[i, k] = first[b]
 
 
+@cuda_kernel(rows_of="source")
+def pack_places(source, placed):
+    """placed[i] = (x, y, z, 0) of the source [m], which a thread reads at once."""
+    i = cuda.grid(1)
+    if i < source.shape[0]:
+        set_four(placed, i, source[i, 0], source[i, 1], source[i, 2], placed.dtype.type(0))
+
+
+@cuda_formula
+def squared_distance_to(placed, j, end, x, y, z, period):
+    """Squared distance [m^2] of x, y, z from source j; from the last one before `end` if j is beyond."""
+    xj, yj, zj, _ = four_of(placed, min(j, end - 1))
+    dx, dy, dz = to_nearest_image(x - xj, y - yj, z - zj, period)
+    return dx * dx + dy * dy + dz * dz
+
+
 @cuda_kernel(rows_of="query", lanes="listed")
-def build_list(query, run, low, high, source, radius, exclude_self, period, report, listed):
+def build_list(query, run, low, high, placed, radius, exclude_self, period, report, listed):
     """Write each query's sources within `radius` [m] into its column of the list, up to its capacity.
 
     run[i] - 1 is the row of `low` and `high` that holds query i's ranges. The list's `count` says how many there are,
     also if the capacity is exceeded; report[1] is the largest count so far. Lanes look at neighbouring sources and
-    write them in the sources' order.
+    write them in the sources' order, each at four before it writes: what it reads is then on its way together.
     """
     i, lane = cuda_lane(cuda.grid(1), listed)
     lanes = len(listed.lanes)
@@ -120,114 +134,179 @@ def build_list(query, run, low, high, source, radius, exclude_self, period, repo
         capacity = listed.entries.shape[0] // n
         limit = radius * radius
         c = run[i] - 1
-        xi = query[i, 0]
-        yi = query[i, 1]
-        zi = query[i, 2]
+        x, y, z = query[i, 0], query[i, 1], query[i, 2]
         found = 0
         for k in range(low.shape[1]):
             end = high[c, k]  # read once: for the compiler, `entries` might be the same memory
-            for j in range(low[c, k] + lane, end + lane, lanes):
-                near = False
-                if j < end:
-                    dx = xi - source[j, 0]
-                    dy = yi - source[j, 1]
-                    dz = zi - source[j, 2]
-                    dx, dy, dz = to_nearest_image(dx, dy, dz, period)
-                    near = dx * dx + dy * dy + dz * dz < limit and (exclude_self == 0 or i != j)
-                before, together = counted_lanes(near, lane, lanes)
-                if near and found + before < capacity:
-                    listed.entries[(found + before) * n + i] = j
-                found += together
+            for j in range(low[c, k] + lane, end + lane, 4 * lanes):
+                second, third, fourth = j + lanes, j + 2 * lanes, j + 3 * lanes
+                apart_1 = squared_distance_to(placed, j, end, x, y, z, period)
+                apart_2 = squared_distance_to(placed, second, end, x, y, z, period)
+                apart_3 = squared_distance_to(placed, third, end, x, y, z, period)
+                apart_4 = squared_distance_to(placed, fourth, end, x, y, z, period)
+                own = i if exclude_self != 0 else -1
+                near = j < end and apart_1 < limit and j != own
+                found = write_found(i, n, j, near, found, capacity, lane, lanes, listed)
+                near = second < end and apart_2 < limit and second != own
+                found = write_found(i, n, second, near, found, capacity, lane, lanes, listed)
+                near = third < end and apart_3 < limit and third != own
+                found = write_found(i, n, third, near, found, capacity, lane, lanes, listed)
+                near = fourth < end and apart_4 < limit and fourth != own
+                found = write_found(i, n, fourth, near, found, capacity, lane, lanes, listed)
         if lane == 0:
             listed.count[i] = found
             if found > report[1]:
                 cuda.atomic.max(report, 1, found)
 
 
-@formula
-def block_leader(cells, dim, block):
-    """First occupied cell of the block with this key, which stands for it; -1 where it has none."""
-    mask = (1 << BITS) - 1
-    corner = cell_key((block & mask) << 1, ((block >> BITS) & mask) << 1, (block >> (2 * BITS)) << 1)
-    for row in range(2 if dim == 2 else 4):
-        key = corner + ((row % 2) << BITS) + ((row // 2) << (2 * BITS))
-        c = lower_bound(cells, key)
-        if c < cells.shape[0] and cells[c] <= key + 1:
-            return c
-    return -1
+@cuda_formula
+def write_found(i, n, j, near, found, capacity, lane, lanes, listed):
+    """Write source j, if it is near, behind the `found` of column i and those of the lanes before; the new `found`."""
+    before, together = counted_lanes(near, lane, lanes)
+    if near and found + before < capacity:
+        listed.entries[(found + before) * n + i] = j
+    return found + together
 
 
 @cuda_kernel
-def touching_blocks(cells, report, dim, near):
-    """Leaders of the blocks that touch the block of each leading cell, and its own in the middle; -1 for no block.
+def near_cells(cells, report, static_cells, capacity, near):
+    """near[k * capacity + c] = b: in row k of the rows up to two from cell c, the cells up to two along x begin at b.
 
-    Rows are (cell, place among 9 or 27); cells that lead no block have -1 in all places. In 2D z is one layer: the
-    block's z is that of its cells halved, like the others.
+    -1 - b where static particles are in a cell of that row, or of the one opposite. Rows are those behind c in the
+    order of the cells, and its own: 3 in 2D, 13 in 3D.
     """
-    k = cuda.grid(1)
-    places = 9 if dim == 2 else 27
-    c = k // places
-    if k < near.shape[0] and c < report[0]:
-        near[k] = -1
-        own = block_key(cells[c])
-        if block_leader(cells, dim, own) == c:
-            place = k % places
-            z = place // 9 - 1 if places == 27 else 0
-            other = own + (place % 3 - 1) + ((place // 3 % 3 - 1) << BITS) + (z << (2 * BITS))
-            near[k] = block_leader(cells, dim, other)
+    place = cuda.grid(1)
+    k, c = place // capacity, place % capacity
+    if place < near.shape[0] and c < report[0]:
+        across, along = row_offset(k)
+        offset = (across << BITS) + (along << (2 * BITS))
+        own = cells[c]
+        b = c
+        if k > 0:
+            b = lower_bound(cells, own + offset - 2)
+        if static_cells is not None:
+            one, other = own + offset, own - offset
+            a, z = lower_bound(static_cells, one - 2), lower_bound(static_cells, other - 2)
+            last = static_cells.shape[0]
+            if (a < last and static_cells[a] <= one + 2) or (z < last and static_cells[z] <= other + 2):
+                b = -1 - b
+        near[place] = b
+
+
+@formula
+def row_offset(k):
+    """Cells (dimensionless) along y and z from a cell to row k of those behind it."""
+    return (k + 12) % 5 - 2, (k + 12) // 5 - 2
+
+
+@cuda_kernel
+def clear_displacements(low, high, displacements):
+    """No displacement yet; the last row of the boxes is that of all."""
+    if cuda.grid(1) == 0:
+        whole = high.shape[0] - 1
+        for c in range(low.shape[1]):
+            low[whole, c] = math.inf
+            high[whole, c] = -math.inf
+        displacements[0], displacements[1] = 0, 0
 
 
 @cuda_kernel(rows_of="low")
-def clear_boxes(low, high, report, displacements):
-    """Empty boxes, and no displacement yet; the last row is the box of all."""
-    k = cuda.grid(1)
-    if k == 0:
-        displacements[0] = 0
-    if k < report[0] or k == high.shape[0] - 1:
-        for c in range(3):
-            low[k, c] = math.inf
-            high[k, c] = -math.inf
+def cell_boxes(position, build_position, velocity, timestep, first, report, low, high):
+    """Box [low, high] [m] of the displacements of each cell's particles since the list was built.
 
-
-@cuda_kernel
-def block_boxes(position, build_position, cells, first, report, dim, low, high):
-    """Box [low, high] [m] of the displacements of each block's particles since the list was built, in its leader's row.
-
-    Least and largest values do not depend on the order in which the cells come. The last row is the box of all.
+    Columns 0 to 2 are those of now; 3 to 5 are those after LOOK_AHEAD steps of timestep[1] [s] with the velocities of
+    now. Least and largest values do not depend on the order in which the cells come. The last row is the box of all.
     """
     k = cuda.grid(1)
     whole = high.shape[0] - 1
     if k < whole and k < report[0]:
-        leader = block_leader(cells, dim, block_key(cells[k]))
+        begin, end = first[k], first[k + 1]
+        ahead = type(timestep[1])(LOOK_AHEAD) * timestep[1]
         for c in range(3):
-            i = first[k]
-            least = position[i, c] - build_position[i, c]
-            most = least
-            while i < first[k + 1]:
+            least = position[begin, c] - build_position[begin, c]
+            least_ahead = least + ahead * velocity[begin, c]
+            most, most_ahead = least, least_ahead
+            for i in range(begin + 1, end):
                 displacement = position[i, c] - build_position[i, c]
                 least = min(least, displacement)
                 most = max(most, displacement)
-                i += 1
-            cuda.atomic.min(low, (leader, c), least)
-            cuda.atomic.max(high, (leader, c), most)
-            if least < low[whole, c]:
-                cuda.atomic.min(low, (whole, c), least)
-            if most > high[whole, c]:
-                cuda.atomic.max(high, (whole, c), most)
+                displacement += ahead * velocity[i, c]
+                least_ahead = min(least_ahead, displacement)
+                most_ahead = max(most_ahead, displacement)
+            widen(low, high, k, c, whole, least, most)
+            widen(low, high, k, c + 3, whole, least_ahead, most_ahead)
+
+
+@cuda_formula
+def widen(low, high, k, c, whole, least, most):
+    """Note the least and the largest displacement [m] of cell k, and widen the box of all by them."""
+    low[k, c] = least
+    high[k, c] = most
+    if least < low[whole, c]:
+        cuda.atomic.min(low, (whole, c), least)
+    if most > high[whole, c]:
+        cuda.atomic.max(high, (whole, c), most)
 
 
 @cuda_kernel
-def block_displacements(low, high, report, dim, displacements, near):
-    """displacements: bounds of the squared relative one [m^2] of two particles, in touching blocks and anywhere."""
-    k = cuda.grid(1)
-    places = 9 if dim == 2 else 27
-    c = k // places
-    if k == 0:
-        displacements[1] = squared_between(low, high, high.shape[0] - 1, high.shape[0] - 1)
-    if k < near.shape[0] and c < report[0] and near[k] >= 0:
-        apart = squared_between(low, high, c, near[k])
-        if apart > displacements[0]:
-            cuda.atomic.max(displacements, 0, apart)
+def compare_boxes(low, high, cells, report, reach, displacements, near):
+    """displacements: bounds of the relative one [m] of two particles, now and ahead.
+
+    The first two are of cells up to two apart, less that by which the cells are further apart than `reach` [m], the
+    edge of a cell; the other two are of any two cells. Static particles are not displaced.
+    """
+    place = cuda.grid(1)
+    whole = high.shape[0] - 1
+    k, c = place // whole, place % whole
+    if place == 0:
+        displacements[2] = apart(low, high, whole, whole, 0)
+        displacements[3] = apart(low, high, whole, whole, 3)
+    if place < near.shape[0] and c < report[0]:
+        across, along = row_offset(k)
+        middle = cells[c] + (across << BITS) + (along << (2 * BITS))
+        b = near[place]
+        now, ahead = reach - reach, reach - reach
+        if b < 0:
+            b = -1 - b
+            now, ahead = farthest(low, high, c, 0), farthest(low, high, c, 3)
+        while b < report[0] and cells[b] <= middle + 2:
+            gap = reach - reach
+            between = empty_cells(cells[b] - middle) + empty_cells(across) + empty_cells(along)
+            if between > 1:
+                gap = (math.sqrt(type(reach)(between)) - type(reach)(1)) * reach
+            now = max(now, apart(low, high, c, b, 0) - gap)
+            ahead = max(ahead, apart(low, high, c, b, 3) - gap)
+            b += 1
+        if now > displacements[0]:
+            cuda.atomic.max(displacements, 0, now)
+        if ahead > displacements[1]:
+            cuda.atomic.max(displacements, 1, ahead)
+
+
+@formula
+def empty_cells(cells):
+    """How many cells (dimensionless) lie between two that are up to two cells from each other along an axis."""
+    return 1 if abs(cells) == 2 else 0
+
+
+@formula
+def apart(low, high, a, b, first):
+    """Largest |u - v| [m] of u in the box of row a and v in that of row b, columns `first` and the two behind."""
+    squared = low[a, first] - low[a, first]
+    for c in range(first, first + 3):
+        difference = max(high[a, c] - low[b, c], high[b, c] - low[a, c])
+        squared += difference * difference
+    return math.sqrt(squared)
+
+
+@formula
+def farthest(low, high, a, first):
+    """Largest |u| [m] of u in the box of row a, columns `first` and the two behind."""
+    squared = low[a, first] - low[a, first]
+    for c in range(first, first + 3):
+        far = max(high[a, c], -low[a, c])
+        squared += far * far
+    return math.sqrt(squared)
 
 
 @formula
@@ -413,6 +492,7 @@ class ListOf:
         self.missed = 0
         lanes = (np.int32(0),) * (LANES if n < FEW else 1)
         self.listed = NeighbourColumns(self.backend.zeros(n, np.int32), self.backend.empty(1, np.uint32), lanes)
+        self.placed = self.backend.empty((source.shape[0], 4), position.dtype)
         self._make_ranges()
 
     def _make_ranges(self):
@@ -429,8 +509,9 @@ class ListOf:
         cell_ranges(table.cells, table.first, queries.cells, queries.report, search.periodic, self.low, self.high)
         radius = self.position.dtype.type(search.reach)
         exclude_self = int(self.table is self.queries)
+        pack_places(self.source, self.placed)
         build_list(
-            self.position, queries.run, self.low, self.high, self.source, radius, exclude_self, search.period,
+            self.position, queries.run, self.low, self.high, self.placed, radius, exclude_self, search.period,
             self.report, self.listed,
         )  # fmt: skip
         self.mirror.send()
@@ -472,42 +553,48 @@ class ListOf:
 
     @property
     def nbytes(self):
-        own = (self.low, self.high, self.listed.count, self.listed.entries)
+        own = (self.low, self.high, self.listed.count, self.listed.entries, self.placed)
         return (self.queries.nbytes if self.known is None else 0) + sum(a.nbytes for a in own)
 
 
-class CellBlocks:
-    """Blocks of two cells along each axis: particles of blocks that do not touch are two cells apart at least."""
+class CellBoxes:
+    """Boxes of the displacements of each cell's particles, to see whether two can have come within the radius."""
 
-    def __init__(self, backend, table, dim, position, build_position):
-        self.table, self.backend, self.dim = table, backend, dim
-        self.position, self.build_position = position, build_position
+    def __init__(self, search, position, build_position, velocity, timestep):
+        backend, table, static = search.backend, search.lists["own"].queries, search.lists.get("static")
+        self.table, self.particles = table, (position, build_position, velocity, timestep)
         capacity, real = table.cells.shape[0], position.dtype
-        self.low, self.high = backend.empty((capacity + 1, 3), real), backend.empty((capacity + 1, 3), real)
-        self.near = backend.empty(capacity * (9 if dim == 2 else 27), np.int32)
-        self.displacements = backend.zeros(2, real)
+        self.low, self.high = backend.empty((capacity + 1, 6), real), backend.empty((capacity + 1, 6), real)
+        self.near = backend.empty(capacity * (3 if search.dim == 2 else 13), np.int32)
+        self.displacements, self.reach = backend.zeros(4, real), real.type(search.reach)
         self.mirror = device.Mirror(self.displacements)
-        self.found = False  # whether `near` belongs to the present list
-        self.find = device.Recorded(lambda: touching_blocks(table.cells, table.report, dim, self.near))
+        self.found = self.launched = False  # whether `near` belongs to the list, and `displacements` to the positions
+        static_cells = None if static is None else static.table.cells
+        self.find = device.Recorded(lambda: near_cells(table.cells, table.report, static_cells, capacity, self.near))
         self.measure = device.Recorded(self._measure)
 
     def _measure(self):
         table = self.table
-        clear_boxes(self.low, self.high, table.report, self.displacements)
-        block_boxes(
-            self.position, self.build_position, table.cells, table.first, table.report, self.dim, self.low, self.high
-        )
-        block_displacements(self.low, self.high, table.report, self.dim, self.displacements, self.near)
+        clear_displacements(self.low, self.high, self.displacements)
+        cell_boxes(*self.particles, table.first, table.report, self.low, self.high)
+        compare_boxes(self.low, self.high, table.cells, table.report, self.reach, self.displacements, self.near)
         self.mirror.send()
 
-    def squared_displacements(self):
-        """Bounds of the squared relative displacement [m^2] of two particles: in touching blocks, and anywhere."""
+    def launch(self):
+        """Compare the present positions; the host does not wait."""
         if not self.found:
             self.find()
             self.found = True
         self.measure()
-        touching, anywhere = self.mirror.read()
-        return float(touching), float(anywhere)
+        self.launched = True
+
+    def relative_displacements(self):
+        """Bounds [m] now and ahead: of two particles' displacement less the gap between their cells, and of any two."""
+        if not self.launched:
+            self.launch()
+        self.launched = False
+        near, near_ahead, anywhere, anywhere_ahead = (float(x) for x in self.mirror.read())
+        return (near, anywhere), (near_ahead, anywhere_ahead)
 
     @property
     def nbytes(self):
@@ -551,7 +638,7 @@ class Sorter:
         backend, n = search.backend, position.shape[0]
         self.keys, self.order = backend.empty(n, np.int64), backend.empty(n, np.int64)
         self.rows = device.Rows(arrays, self.order)
-        self.by_count = CellOrder(backend, self.keys, self.order) if 0 < n < FEW else None
+        self.by_count = CellOrder(backend, self.keys, self.order) if n else None
         self.mirror = None if self.by_count is None else device.Mirror(self.by_count.report)
         self.find_order = device.Recorded(lambda: self._find_order(position, 1.0 / search.reach, search.periodic))
         self.move = device.Recorded(lambda: self._move(position, sorted_position))
@@ -585,11 +672,13 @@ class CellSearch:
     """Host side of the GPU search. Buffers belong to the arrays that they were made for, so that launches on them are
     recorded once and replayed."""
 
+    looks_ahead, steps_ahead = True, LOOK_AHEAD
+
     def __init__(self, backend, dim, reach, log, period=None):
         self.backend, self.dim, self.reach, self.log = backend, dim, reach, log
         self.period, self.periodic = period, periodic_cells(period, reach)
         self.lists = {}
-        self.sorter = self.blocks = self.auditor = None
+        self.sorter = self.boxes = self.auditor = None
 
     def order(self, position):
         keys = self.backend.empty(position.shape[0], np.int64)
@@ -616,17 +705,26 @@ class CellSearch:
     def build(self, position):
         result = self._build("own", position, position, None)
         table = self.lists["own"].queries
-        if self.blocks is not None:
-            self.blocks.found = False
-            if self.blocks.low.shape[0] != table.cells.shape[0] + 1:
-                self.blocks = None
+        if self.boxes is not None:
+            self.boxes.found = self.boxes.launched = False
+            if self.boxes.low.shape[0] != table.cells.shape[0] + 1:
+                self.boxes = None
         return result
 
-    def squared_relative_displacements(self, position, build_position):
-        if self.blocks is None or self.blocks.position is not position:  # only where particles move far enough to ask
-            table = self.lists["own"].queries
-            self.blocks = CellBlocks(self.backend, table, self.dim, position, build_position)
-        return self.blocks.squared_displacements()
+    def look_ahead(self, particles, wanted):
+        if self.boxes is not None:
+            self.boxes.launched = False
+        if wanted:
+            self._boxes(particles).launch()
+
+    def relative_displacements(self, *particles):
+        return self._boxes(particles).relative_displacements()
+
+    def _boxes(self, particles):
+        held = self.boxes
+        if held is None or any(a is not b for a, b in zip(held.particles, particles)):
+            self.boxes = CellBoxes(self, *particles)  # only where particles move far enough to ask
+        return self.boxes
 
     def build_against(self, position, prepared):
         return self._build("static", position, *prepared)
@@ -655,6 +753,6 @@ class CellSearch:
             known = own.queries if table is not None and own is not None and own.position is position else None
             held = self.lists[name] = ListOf(self, position, source, table, known)
         result = held.build()
-        others = [part for part in (self.sorter, self.blocks) if part is not None]
+        others = [part for part in (self.sorter, self.boxes) if part is not None]
         self.log.list_bytes = sum(part.nbytes for part in (*self.lists.values(), *others))
         return result

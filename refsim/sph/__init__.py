@@ -354,6 +354,7 @@ DENSITY_OPERATION = register(
         paper="Jiang & Zhu 2023",
         equation="J(7), J(8) and its first moment",
         function="density",
+        programs={"cuda": Program("density_cuda")},
         outputs=("number_density", "asymmetry", "density"),
         optional=("number_density", "asymmetry", "walls", "period"),
         variants=(

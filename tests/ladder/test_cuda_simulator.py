@@ -5,6 +5,7 @@ everything here is skipped, because compiled kernels would need a GPU (`scripts/
 """
 
 import importlib
+import math
 import threading
 
 import msgspec
@@ -412,26 +413,46 @@ def test_equal_keys_keep_their_order(cuda):
     assert list(order) == [1, 3, 6, 0, 2, 5, 4]
 
 
+@pytest.mark.parametrize("walls", [False, True])
 @pytest.mark.parametrize("dim", [2, 3])
-def test_ways_are_compared_in_blocks_that_touch(cuda, dim):
+def test_ways_are_compared_in_cells_up_to_two_apart(cuda, dim, walls):
     position = cloud(60, dim, seed=7)
     search, ordered, _ = built(cuda, position, dim)
     way = 0.1 * np.random.default_rng(8).normal(size=ordered.shape)
     way[:, dim:] = 0
     there = cuda.asarray(ordered)
     search.build(there)
-    block = np.floor(ordered / search.reach).astype(int) // 2
-    low, high = ([end(way[(block == b).all(1)], axis=0) for b in block] for end in (np.min, np.max))
-    touching = max(
-        (np.maximum(high[a] - low[b], high[b] - low[a]) ** 2).sum()
-        for a in range(60)
-        for b in range(60)
-        if np.abs(block[a] - block[b]).max() <= 1
-    )
-    anywhere = ((way.max(0) - way.min(0)) ** 2).sum()
-    for _ in range(2):
-        found = search.programs.squared_relative_displacements(cuda.asarray(ordered + way), there)
-        assert found == pytest.approx((touching, anywhere), rel=1e-12)
+    cell = np.floor(ordered / search.reach).astype(int)
+    at_wall = np.zeros(60, bool)
+    if walls:
+        wall = np.array([[ordered[:, 0].max() + 2.0 * search.reach, *ordered[0, 1:]], ordered[0] + 40.0])
+        wall[:, dim:] = 0
+        search.build_against(there, search.static_set(wall))
+        at_wall = np.abs(np.floor(wall[0] / search.reach).astype(int) - cell).max(1) <= 2
+        assert 0 < sum(at_wall) < 60
+
+    def bounds(moved):
+        low, high = ([end(moved[(cell == c).all(1)], axis=0) for c in cell] for end in (np.min, np.max))
+        near = [np.linalg.norm(np.maximum(high[a], -low[a])) for a in np.flatnonzero(at_wall)]
+        for a in range(60):
+            for b in range(60):
+                apart = np.abs(cell[a] - cell[b])
+                if apart.max() <= 2:
+                    gap = max(math.sqrt((np.maximum(apart - 1, 0) ** 2).sum()), 1.0) - 1.0
+                    far = np.linalg.norm(np.maximum(high[a] - low[b], high[b] - low[a]))
+                    near.append(far - gap * search.reach)
+        return max(near), math.sqrt(((moved.max(0) - moved.min(0)) ** 2).sum())
+
+    velocity = np.random.default_rng(9).normal(size=ordered.shape)
+    velocity[:, dim:] = 0
+    moved, steps = cuda.asarray(ordered + way), cuda.asarray(np.array([9.0, 0.01]))
+    particles = neighbours.Particles(moved, there, cuda.asarray(velocity), steps)
+    for wanted in (False, True, False):
+        search.look_ahead(particles, wanted)
+        found = search.programs.relative_displacements(*particles)
+        assert np.array(found) == pytest.approx(
+            np.array([bounds(way), bounds(way + search.ahead(0.01) * velocity)]), rel=1e-12
+        )
 
 
 @pytest.mark.parametrize("capacity", [2, 3, 6, 20])

@@ -182,6 +182,7 @@ def support_launches(dtype):
 
     n, real = 5, np.dtype(dtype).type
     vectors, scalars, integers = np.zeros((n, 3), dtype), np.zeros(n, dtype), np.zeros(n, np.int32)
+    fours = np.zeros((n, 4), dtype)
     keys, ranges, one = np.zeros(n, np.int64), np.zeros((n, 9), np.int32), real(1)
     listed, shared = (NeighbourColumns(integers, integers, (np.int32(0),) * lanes) for lanes in (1, 4))
     blocks = Blocks(keys, np.zeros((n, 27), np.int32))
@@ -194,9 +195,11 @@ def support_launches(dtype):
         (search.occupied_cells, (keys, keys, integers, integers, integers)),
         (search.cell_ranges, (keys, integers, keys, integers, None, ranges, ranges)),
         (search.cell_ranges, (keys, integers, keys, integers, cells, ranges, ranges)),
-        (search.build_list, (vectors, integers, ranges, ranges, vectors, one, 1, None, integers, listed)),
-        (search.build_list, (vectors, integers, ranges, ranges, vectors, one, 1, None, integers, shared)),
-        (search.build_list, (vectors, integers, ranges, ranges, vectors, one, 1, period, integers, listed)),
+        (search.pack_places, (vectors, fours)),
+        (search.build_list, (vectors, integers, ranges, ranges, fours, one, 1, None, integers, listed)),
+        (search.build_list, (vectors, integers, ranges, ranges, fours, one, 1, None, integers, shared)),
+        (search.build_list, (vectors, integers, ranges, ranges, fours, one, 1, period, integers, listed)),
+        (device.pack_all, ((vectors, vectors), (scalars, scalars), (fours, fours), fours)),
         (device.gather_all_scalars, ((scalars, scalars), keys, (scalars, scalars))),
         (device.gather_all_vectors, ((vectors, vectors), keys, (vectors, vectors))),
         (device.copy_all_scalars, ((scalars, scalars), (scalars, scalars), scalars)),
@@ -209,10 +212,11 @@ def support_launches(dtype):
         (device.add_up_tiles, (integers, integers)),
         (device.add_up_before, (integers, integers)),
         (device.add_up_within, (integers, integers, integers)),
-        (search.touching_blocks, (keys, integers, 3, integers)),
-        (search.clear_boxes, (vectors, vectors, integers, scalars)),
-        (search.block_boxes, (vectors, vectors, keys, integers, integers, 3, vectors, vectors)),
-        (search.block_displacements, (vectors, vectors, integers, 2, scalars, integers)),
+        (search.near_cells, (keys, integers, None, n, integers)),
+        (search.near_cells, (keys, integers, keys, n, integers)),
+        (search.clear_displacements, (vectors, vectors, scalars)),
+        (search.cell_boxes, (vectors, vectors, vectors, scalars, integers, integers, vectors, vectors)),
+        (search.compare_boxes, (vectors, vectors, keys, integers, one, scalars, integers)),
         (search.count_missed, (vectors, vectors, scalars, None, None, listed, 1, 8, one, integers)),
         (search.count_missed, (vectors, vectors, scalars, None, period, listed, 1, 8, one, integers)),
         (search.count_missed, (vectors, vectors, scalars, Bounds(scalars, scalars), None, listed, 1, 8, one, integers)),

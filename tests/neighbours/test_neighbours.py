@@ -425,7 +425,8 @@ def test_blocks_compare_all_pairs_that_could_meet(dim):
     search.build(position)
     way = 0.1 * np.random.default_rng(dim).normal(size=position.shape)
     way[:, dim:] = 0
-    touching, anywhere = search.programs.squared_relative_displacements(position + way, position)
+    (found,) = search.programs.relative_displacements(position + way, position, None, None)
+    touching, anywhere = (a**2 for a in found)
     difference = ((way[:, None] - way[None]) ** 2).sum(2)
     near = np.linalg.norm(position[:, None] - position[None], axis=2) < 2 * search.reach
     assert difference[near].max() <= touching * (1 + 1e-12) <= anywhere * (1 + 1e-12)

@@ -219,7 +219,7 @@ register(
         function="tension",
         programs={
             "cuda:fused": Program(
-                "kernels",
+                "fused_cuda",
                 "tension_and_momentum",
                 also=("sph.momentum",),
                 names={"smoothing": "gradient_smoothing"},

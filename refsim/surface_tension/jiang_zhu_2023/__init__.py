@@ -512,7 +512,7 @@ def _fused(*variants: dict[str, Any]) -> dict[str, Program]:
     every = tuple(variant | _ALL | {"period": None} for variant in variants)
     return {
         "cuda:fused": Program(
-            "kernels",
+            "fused_cuda",
             "tension_and_momentum",
             also=("sph.momentum",),
             names={"smoothing": "gradient_smoothing"},

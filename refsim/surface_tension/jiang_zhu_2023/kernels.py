@@ -4,9 +4,8 @@ import math
 
 from refsim.backends.compile import formula, kernel
 from refsim.neighbours.rows import first_lane, over_lanes, row_of
-from refsim.smoothing.formulas import kernel_slope, kernel_value, viscosity_laplacian
-from refsim.sph.formulas import pressure_pair, viscosity_pair
-from refsim.sph.kernels import wall_pressure, wall_sum
+from refsim.smoothing.formulas import kernel_value
+from refsim.sph.kernels import wall_sum
 from refsim.surface_tension.jiang_zhu_2023 import formulas
 
 
@@ -150,72 +149,3 @@ def row_weights(i, lane, zero, surface_weight, surface, neighbours, pairs):
         if largest == zero:
             slope = zero
     return base, slope
-
-
-@kernel(lanes=True)
-def tension_and_momentum(
-    i, lane, position, velocity, mass, density, pressure, area_normal, neighbours, walls, gradient_smoothing, fluid,
-    viscosity, cohesion, area, acceleration,
-):  # fmt: skip
-    """J(16) between all pairs and J(21) or J(18), each unless None, with J(10) and J(11), walls after Akinci 2012.
-
-    Added to the acceleration [m/s^2].
-    """
-    first, stride, count = row_of(neighbours, i, lane)
-    h = gradient_smoothing.support_radius
-    real = type(h)
-    limit = h * h
-    tiny = real(1e-9) * h
-    ax, ay, az = real(0), real(0), real(0)
-    cx, cy, cz = real(0), real(0), real(0)
-    bx, by, bz = real(0), real(0), real(0)
-    nx, ny, nz = real(0), real(0), real(0)
-    if area is not None:
-        nx, ny, nz = area_normal[i, 0], area_normal[i, 1], area_normal[i, 2]
-    x, y, z = position[i, 0], position[i, 1], position[i, 2]
-    u, v, w = velocity[i, 0], velocity[i, 1], velocity[i, 2]
-    rho, own = density[i], pressure[i]
-    for k in range(count):
-        j = neighbours.entries[first + k * stride]
-        dx, dy, dz = x - position[j, 0], y - position[j, 1], z - position[j, 2]
-        r2 = dx * dx + dy * dy + dz * dz
-        if r2 < limit:
-            r = math.sqrt(r2)
-            apart = r + tiny
-            m, rho_j = mass[j], density[j]
-            volume = m / (rho_j * apart)  # V_j/r
-            f = pressure_pair(volume, own, pressure[j], kernel_slope(r, gradient_smoothing), fluid)
-            ax += f * dx
-            ay += f * dy
-            az += f * dz
-            if viscosity is not None:
-                g = viscosity_pair(volume * apart, viscosity, viscosity_laplacian(r, gradient_smoothing))
-                ax += g * (velocity[j, 0] - u)
-                ay += g * (velocity[j, 1] - v)
-                az += g * (velocity[j, 2] - w)
-            if cohesion is not None:
-                f = formulas.cohesion_pair(m, r * gradient_smoothing.inverse_radius, cohesion) / apart
-                cx += f * dx
-                cy += f * dy
-                cz += f * dz
-            if area is not None:
-                g = formulas.area_pair(m, rho_j, area)
-                bx += g * (nx - area_normal[j, 0])
-                by += g * (ny - area_normal[j, 1])
-                bz += g * (nz - area_normal[j, 2])
-    if area is not None:
-        strength = formulas.area_strength(rho, area)
-        cx -= strength * bx
-        cy -= strength * by
-        cz -= strength * bz
-    ax, ay, az = ax / rho + cx, ay / rho + cy, az / rho + cz
-    if walls is not None:
-        bx, by, bz = wall_pressure(i, position, density, pressure, walls, gradient_smoothing, fluid, lane, None)
-        ax += bx
-        ay += by
-        az += bz
-    ax, ay, az = over_lanes(ax, lane), over_lanes(ay, lane), over_lanes(az, lane)
-    if first_lane(lane):
-        acceleration[i, 0] += ax
-        acceleration[i, 1] += ay
-        acceleration[i, 2] += az
