@@ -35,6 +35,7 @@ IN_DOUBLE = {
             "contact",
             "write_keys",
             "write_cells",
+            "place_particles",
             "count_cells",
             "weights",
             "scatter_particles",
@@ -72,7 +73,7 @@ IN_DOUBLE = {
     ),
     **dict.fromkeys(
         (
-            "count_particles", "states_of_blocks", "place_vertices", "place_points", "sort_points", "find_normals",
+            "count_particles", "place_vertices", "place_points", "sort_points", "find_normals",
             "place_samples", "locate_samples", "sum_pulls",
         ),
         "positions on the grid and between nodes, as in the plain programs of the same operations",
@@ -179,6 +180,7 @@ def support_launches(dtype):
     from refsim.neighbours.formulas import periodic_cells
     from refsim.sparse_grid import Blocks
     from refsim.sparse_grid import block_search_cuda as sparse
+    from refsim.sparse_grid import block_table_cuda as table
 
     n, real = 5, np.dtype(dtype).type
     vectors, scalars, integers = np.zeros((n, 3), dtype), np.zeros(n, dtype), np.zeros(n, np.int32)
@@ -224,6 +226,12 @@ def support_launches(dtype):
         (sparse.point_nodes, (vectors, 1.0, 0.5, blocks, integers)),
         (sparse.count_uncovered, (keys, keys, np.zeros(n, np.uint8), integers)),
         (sparse.count_points, 3 * (integers,)),
+        (table.clear_table, (keys,)),
+        (table.enter_keys, (keys, keys, integers, keys)),
+        (table.enter_reached, (keys, -1, 4, 4, integers, keys, keys)),
+        (table.find_neighbours, (keys, blocks.neighbour)),
+        (mpm_sorting.mark_complete, (blocks.neighbour, np.zeros(n, np.uint8))),
+        (mpm_sorting.mark_deep, (blocks.neighbour, np.zeros(n, np.uint8))),
         (mpm.write_keys.on("cuda"), (vectors, 1.0, 2, keys)),
         (mpm_sorting.count_cells, (vectors, 1.0, blocks, np.zeros(n, np.uint8), *3 * (integers,))),
         (mpm_sorting.count_gaps, (integers, integers)),
@@ -246,7 +254,10 @@ def support_launches(dtype):
     ]
 
 
-CPU_ONLY = {"refsim.neighbours.cell_list"}  # its bodies; `cell_list_cuda` has the GPU's kernels
+CPU_ONLY = {  # their bodies; others have the GPU's kernels
+    "refsim.mpm.sorting", "refsim.neighbours.cell_list", "refsim.sparse_grid.block_search",
+    "refsim.surface_energy.components", "refsim.surface_energy.counts",
+}  # fmt: skip
 
 
 def kernels_of(module_name):
