@@ -376,7 +376,9 @@ def volume_of_two():
 
 # Three particles in a row, C = 1 J/K each, g = 1 J/K between neighbours: 1, 0 and 0 degrees before the step.
 
-ROW = Case("heat_row", 3, np.array([[0.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 2.0, 0.0]]), spacing=1.0, support_radius=2.0)
+ROW = Case(
+    "heat_row", 3, np.array([[0.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 2.0, 0.0]]), spacing=1.0, support_radius=2.0
+)
 
 
 def _row(residual):
@@ -390,7 +392,7 @@ def _row(residual):
 
 @closed_form("heat.conjugate_gradient")
 def a_row_after_one_pass():
-    """r = (-1, 1, 0) and A r = (-3, 4, -1): alpha = 2/7 leaves (-1, -1, 2)/7, sqrt(3)/7 = 0.247 of the residual < 0.3."""
+    """r = (-1, 1, 0), A r = (-3, 4, -1): alpha = 2/7 leaves (-1, -1, 2)/7, which is sqrt(3)/7 = 0.247 < 0.3 of r."""
     return Exact(ROW, _row(0.3), {"temperature": np.array([5.0, 2.0, 0.0]) / 7})
 
 

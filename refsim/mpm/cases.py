@@ -643,17 +643,28 @@ def recounted():
     return Exact(made, given, {"volume_ratio": np.array([1.5 * change, 0.8]), "deformation": f})
 
 
-@closed_form("mpm.contact")
-def edge_on_a_node():
-    """A line of 2 m along -x at the node (2, 2, 2) m, k cos(theta) = 1/2: 1/8, 3/4, 1/8 of -1 N along each axis."""
+def _edges_on_a_node(lines: np.ndarray):
+    """Edges of the wetted area with these lines [m] at the node (2, 2, 2) m, k cos(theta) = 1/2 N/m."""
     made, grid, _ = alone(3)
-    place, inverse = made.position, 0.5
+    place, inverse = np.repeat(made.position, len(lines), axis=0), 0.5
     cell = reference.cells(place, np.zeros((0, 3)), np.zeros((0, 3)), grid)["cell"][0].astype(np.int32)
     first = np.searchsorted(cell, np.arange(grid.nodes + 1)).astype(np.int32)
     given = {
-        "sample_position": place, "sample_line": np.array([[-2.0, 0.0, 0.0]]), "blocks": grid.blocks,
-        "spline_cells": PointList(first, np.zeros(1, np.int32), cell),
+        "sample_position": place, "sample_line": lines, "blocks": grid.blocks,
+        "spline_cells": PointList(first, np.arange(len(lines), dtype=np.int32), cell),
         "surface_term": surface_term(Tension(surface_tension=1.0), 3, "float64", 1 / inverse),
         "contact": Contact(0.5), "node_force": np.zeros((grid.nodes, 3)),
     }  # fmt: skip
-    return Exact(made, given, {"node_force": -weight_of(grid)[:, None] * np.array([1.0, 0.0, 0.0])})
+    return Exact(made, given, {"node_force": 0.5 * weight_of(grid)[:, None] * lines.sum(0)})
+
+
+@closed_form("mpm.contact")
+def edge_on_a_node():
+    """A line of 2 m along -x: 1/8, 3/4, 1/8 of -1 N along each axis."""
+    return _edges_on_a_node(np.array([[-2.0, 0.0, 0.0]]))
+
+
+@closed_form("mpm.contact")
+def edges_along_the_axes():
+    """Lines of 1 m along x, y and z: the same of 1/2 N along each."""
+    return _edges_on_a_node(np.eye(3))

@@ -338,20 +338,32 @@ def beyond_two_edges_upright():
     return _obtuse([0, 2, 1])
 
 
+def _pierced(corner: np.ndarray, lists: TriangleLists, crossing: list[list[int]]) -> Exact:
+    """Triangles without common corners, those of each block, and the number of pairs that cross with the first pair."""
+    count = len(corner)
+    normal = np.zeros((count, 21))
+    side = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+    normal[:, :3] = side / np.linalg.norm(side, axis=1, keepdims=True)
+    triangles = Triangles(corner.reshape(count, 9), normal, *_apart(count))
+    answer = np.array(crossing)
+    given = {"triangles": triangles, "triangle_lists": lists, "crossing": np.zeros(answer.shape, np.int32)}
+    return Exact(Case("one_crossing", 3, np.zeros((1, 3))), given, {"crossing": answer})
+
+
 @closed_form("signed_distance.crossings")
 def one_crossing():
     """A vertical triangle pierces a horizontal one; a third lies 2 m above."""
     flat = np.array([[0, 0, 0], [2, 0, 0], [0, 2, 0]], float)
     upright = np.array([[0.5, 0.25, -1], [0.5, 0.25, 1], [3, 2, 0]])
-    corner = np.stack([flat, upright, flat + [0, 0, 2]])
-    normal = np.zeros((3, 21))
-    side = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
-    normal[:, :3] = side / np.linalg.norm(side, axis=1, keepdims=True)
-    triangles = Triangles(corner.reshape(3, 9), normal, *_apart(3))
     lists = TriangleLists(np.array([0, 3, 5], np.int32), np.array([0, 1, 2, 0, 2], np.int32))
-    given = {"triangles": triangles, "triangle_lists": lists, "crossing": np.zeros((2, 3), np.int32)}
-    made = Case("one_crossing", 3, np.zeros((1, 3)))
-    return Exact(made, given, {"crossing": np.array([[1, 0, 1], [0, -1, -1]])})
+    return _pierced(np.stack([flat, upright, flat + [0, 0, 2]]), lists, [[1, 0, 1], [0, -1, -1]])
+
+
+@closed_form("signed_distance.crossings")
+def crossing_near_the_third_corner():
+    """A vertical triangle at x = 1 m pierces a horizontal one with two corners at x = 4 m and the third at 0."""
+    corner = np.array([[[4, 3, 0], [4, 7, 0], [0, 5, 0]], [[1, 5, -1], [1, 5, 1], [1, 8, 0]]], float)
+    return _pierced(corner, TriangleLists(np.array([0, 2], np.int32), np.arange(2, dtype=np.int32)), [[1, 0, 1]])
 
 
 @closed_form("signed_distance.interpolate")
@@ -421,7 +433,7 @@ def _strip() -> Triangles:
 
 @closed_form("signed_distance.project")
 def onto_a_strip():
-    """One block of nodes, h = 1 m, of which few know a closest triangle, so that each query has one triangle to begin with.
+    """One block of nodes, h = 1 m, of which few know a closest triangle, so that each query has few to begin with.
 
     From the first query the nearest triangle is six steps away. The second is halfway between triangles 0 and 8: the
     lower number wins. Triangle 8 is nearer to the third, but no corner of its cell knows it. The cells of the others
