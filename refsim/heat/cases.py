@@ -374,38 +374,30 @@ def volume_of_two():
     return Exact(PAIR, given, {"volume": np.array([0.002, 0.006])})
 
 
-# Three particles in a row, C = 1 J/K each, g = 1 J/K between neighbours: 1, 0 and 0 degrees before the step.
-
-ROW = Case(
-    "heat_row", 3, np.array([[0.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 2.0, 0.0]]), spacing=1.0, support_radius=2.0
-)
-
-
-def _row(residual):
-    ones = np.ones(3)
-    conduction = conduction_group(ROW.grid("float64"), factor=32 * math.pi / 45, residual=residual)
-    return _given(
-        mass=ones, volume=ones, heat_capacity=ones, conductivity=ones, temperature=np.array([1.0, 0.0, 0.0]),
-        timestep=np.array([2.0, 1.0]), conduction=conduction,
-    )  # fmt: skip
-
-
-@closed_form("heat.conjugate_gradient")
-def a_row_after_one_pass():
-    """r = (-1, 1, 0), A r = (-3, 4, -1): alpha = 2/7 leaves (-1, -1, 2)/7, which is sqrt(3)/7 = 0.247 < 0.3 of r."""
-    return Exact(ROW, _row(0.3), {"temperature": np.array([5.0, 2.0, 0.0]) / 7})
+UNIT = 32 * math.pi / 45  # factor with which g = V_1 V_2 2 k dt/2 for particles 1 m apart
 
 
 @closed_form("heat.conjugate_gradient")
 def a_row_after_two_passes():
-    """Two passes solve for two modes, those of the eigenvalues 2 and 4: backward Euler."""
-    return Exact(ROW, _row(0.1), {"temperature": np.array([5.0, 2.0, 1.0]) / 8})
+    """Three particles with C = 1 J/K, g = 1 J/K between neighbours: 1, 0 and 0 degrees become 5/8, 1/4 and 1/8.
+
+    Two passes solve for the two modes of a difference. After the first the residual is sqrt(3)/7 = 0.247, above 0.1.
+    """
+    row = Case("heat_row", 3, np.eye(3)[[1]] * np.arange(3)[:, None], spacing=1.0, support_radius=2.0)
+    given = _given(
+        **dict.fromkeys(("mass", "volume", "heat_capacity", "conductivity"), np.ones(3)),
+        timestep=np.array([2.0, 1.0]),
+        temperature=np.array([1.0, 0.0, 0.0]),
+        conduction=conduction_group(row.grid("float64"), factor=UNIT, residual=0.1),
+    )
+    return Exact(row, given, {"temperature": np.array([5.0, 2.0, 1.0]) / 8})
 
 
 @closed_form("heat.explicit")
 def a_pair_of_unit_weight():
-    """g = V_1 V_2 2 k L dt = 1 J/K exactly, with L = 1/2 at q = 1/2."""
-    conduction = conduction_group(PAIR.grid("float64"))._replace(scale=1.0)
+    """g = 1 J/K, exactly: all its factors are powers of 2."""
+    conduction = conduction_group(PAIR.grid("float64"), factor=UNIT)
+    assert conduction.scale == 1.0
     given = _given(conductivity=np.ones(2), timestep=np.array([0.7, 1.0]), conduction=conduction)
     return Exact(PAIR, given, {"temperature": _moved(APART)})
 

@@ -587,14 +587,14 @@ def samples_near_and_far(dim):
 
 
 def end_fit(dim: int):
-    """As `middle_fit` in one block: a sample half a cell beyond node (1, ..), its second point on it, a sample outside.
+    """Points of the fit in one block: x half a cell beyond node (1, ..), one outside, and twice q on that node.
 
-    The lowest node of the second point's splines is node 0.
+    The lowest node of the splines of q is node 0.
     """
     made, grid, given = lone(dim, blocks=one_block(dim))
     point = np.zeros((4, 3))
     point[:, :dim] = 1.0
-    point[0, 0], point[[1, 3], 0] = 1.5, 99.0
+    point[:2, 0] = 1.5, 99.0
     given |= {"fit_position": H * point, "fit_cells": grid.by_cell(H * point, given["blocks"], 0.5)}
     j = node_table(given["blocks"])[:, :dim] - 1
     across = np.where(j[:, 1:] == 0, 0.75, np.where(np.abs(j[:, 1:]) == 1, 0.125, 0.0)).prod(1)
@@ -603,31 +603,32 @@ def end_fit(dim: int):
     splines = np.array([[0.125, 0.75, 0.125] * 3] * 4)
     splines[0, :3] = [0.5, 0.5, 0.0]
     splines[:, 3 * dim :] = [1.0, 0.0, 0.0] * (3 - dim)
-    splines[[1, 3]] = 0.0
+    splines[1] = 0.0
     given["fit_splines"] = splines
-    given["node_weight"] = np.where(first + second > 0, 1 / np.where(first + second > 0, first + second, 1), 0)
+    total = first + 2 * second
+    given["node_weight"] = np.where(total > 0, 1 / np.where(total > 0, total, 1), 0)
     given["active"] = np.flatnonzero(given["node_weight"]).astype(np.int32)
     return made, given, first, second
 
 
-@in_both_dimensions("surface_energy.fit_weights")
-def weights_at_the_first_node(dim):
-    """Lambda_j = 1/(B_j(x) + B_j(q)); all splines of points outside are 0."""
-    made, given, _, _ = end_fit(dim)
+@closed_form("surface_energy.fit_weights")
+def weights_at_the_first_node():
+    """Lambda_j = 1/(B_j(x) + 2 B_j(q)); the splines of the point outside are 0."""
+    made, given, _, _ = end_fit(3)
     return Exact(made, given, {"fit_splines": given["fit_splines"], "node_weight": given["node_weight"]})
 
 
 @in_both_dimensions("surface_energy.fit")
 def two_sweeps_at_the_first_node(dim):
-    """C = epsilon Lambda B(q), and then with the residuals of C: C += Lambda (B(x) r_x + B(q) r_q); outside r = 0."""
+    """C = 2 epsilon Lambda B(q), and then with its residuals r: C += Lambda (B(x) r_x + 2 B(q) r_q); outside r = 0."""
     made, given, first, second = end_fit(dim)
     given["surface_term"] = surface_term(Tension(surface_tension=3.0, iterations=2), dim, "float64", H)
     given |= {"residual": np.zeros(4), "coefficients": np.zeros(64)}
     weight = given["node_weight"]
-    once = 0.5 * second * weight
-    at_sample, beyond = -(first @ once), 0.5 - second @ once
-    twice = once + weight * (first * at_sample + second * beyond)
-    return Exact(made, given, {"residual": np.array([at_sample, 0.0, beyond, 0.0]), "coefficients": twice})
+    once = 0.5 * 2 * second * weight
+    x, q = -(first @ once), 0.5 - second @ once
+    twice = once + weight * (first * x + 2 * second * q)
+    return Exact(made, given, {"residual": np.array([x, 0.0, q, q]), "coefficients": twice})
 
 
 @closed_form("surface_energy.mls_normals", "surface_energy.spline_normals")
@@ -654,15 +655,15 @@ def one_sample_pulls_at_the_first_node():
 
 @closed_form("surface_energy.poisson_disk")
 def darts_at_both_ends():
-    """Two in cell 0, 0.8 m apart, of which the one drawn first is taken; one in the last cell; one outside."""
+    """Two in cell 0, 0.8 m apart, of which the one drawn first is taken, and one in the last cell."""
     made, grid, given = lone(2, blocks=one_block(2))
-    place = np.array([[0.5, 1, 0], [1.3, 1, 0], [15, 15, 0], [99, 1, 0]])
+    place = np.array([[0.5, 1, 0], [1.3, 1, 0], [15, 15, 0]])
     turn = [reference._mixed(4, k, 3) for k in range(2)]
     given |= {
         "candidate_position": place, "candidate_cells": grid.by_cell(place, given["blocks"]),
-        "dice": Dice(np.int64(4), np.int64(4)), "accepted": np.zeros(4, np.uint8),
+        "dice": Dice(np.int64(4), np.int64(3)), "accepted": np.zeros(3, np.uint8),
     }  # fmt: skip
-    return Exact(made, given, {"accepted": np.array([turn[0] < turn[1], turn[1] < turn[0], 1, 0], int)})
+    return Exact(made, given, {"accepted": np.array([turn[0] < turn[1], turn[1] < turn[0], 1], int)})
 
 
 @closed_form("surface_energy.candidates")

@@ -63,6 +63,25 @@ SLOPES = "f0 + w * (f1 - f0), gx / h, gy / h, (f1 - f0) / h"
 SIGNS = "return (xn * yt * zt, xt * yn * zt, xt * yt * zn)"
 SIDES = ", ".join(f"0 if a{a} == j{a} else 1 if j{a} < low[{k}] else 2" for k, a in enumerate("xyz"))
 MIRRORED = f"sx, sy, sz = signs({SIDES}, r)"
+CORNER = (
+    "there = step_in_block(distance_field, node, c & 1, c >> 1 & 1, c >> 2) if node >= 0 else "
+    "find_node(distance_field, jx + (c & 1), jy + (c >> 1 & 1), jz + (c >> 2))"
+)
+BOX = "x * x + y * y + z * z"
+NEAR = "reach == 2 and max(abs(dx), max(abs(dy), abs(dz)))"
+
+
+def wider(reach, end):
+    """Slips that look at one layer of cells more, on either side of the cells from -reach to end - 1."""
+    ends = ((f"-{reach}", f"{end}"), (f"-{reach} if space else 0", f"{end} if space else 1"))
+    more = ((f"-{reach + 1}", f"{end}"), (f"-{reach}", f"{end + 1}"))
+    return [
+        (f"range({low}, {high})  ->  range({low.replace(f'-{reach}', a)}, {high.replace(f'{end}', b, 1)})", "too far")
+        for low, high in ends
+        for a, b in more
+    ]
+
+
 SEVEN = "".join(f"real(v[{k}]), " for k in range(7))
 
 
@@ -325,6 +344,136 @@ HARMLESS = {
         ("real = type(timestep[0])", "only the type is taken"),
     ],
     "pair_weight": [("return (real(1), real(0))", "without weights and marks nothing is multiplied with it")],
+    "project": [
+        ("closest, feature = (-1, 0)  ->  closest, feature = (-1, 1)", "set again where it is used"),
+        ("closest, feature = (-1, 0)  ->  closest, feature = (-2, 0)", "any negative number says that there is none"),
+        (f"{CORNER}  ->  {CORNER.replace('node >= 0', 'node >= 1')}", "node 0 is found by its coordinates as well"),
+        (
+            "t = distance_field.closest[there] if there >= 0 else -1"
+            "  ->  t = distance_field.closest[there] if there >= 0 else -2",
+            "any negative number says that there is none",
+        ),
+    ],
+    "nearest": [
+        (f"{BOX} <= best  ->  {BOX.replace('+', '-', 1)} <= best", "a box that is not skipped has no nearer point"),
+        (f"{BOX} <= best  ->  {BOX[::-1].replace('+', '-', 1)[::-1]} <= best", "likewise"),
+    ],
+    "edge_pierces": [
+        (f"b = 3 * ((k + 1) % 3)  ->  b = 3 * ((k {other}) % 3)", "the same three edges from their other ends")
+        for other in ("- 1", "+ 2")
+    ],
+    "place": [("one = type(facet_corner[a, 0])(1)", "only the type is taken")],
+    "goal_slot": [("zero = type(matching.spacing)(0)", "only filled slots are asked for")],
+    "curvature": [
+        (f"curvature[i] = real(0)  ->  curvature[i] = {zero}", "a zero has no sign and no size")
+        for zero in ("-real(0)", "real(0) * 1.01")
+    ],
+    "particle_crowding": [
+        (f"wz = (real(1), real(0), real(0))  ->  wz = (real(1), {rest})", "in the plane only the first is read")
+        for rest in ("real(1), real(0)", "real(0), real(1)")
+    ],
+    # of isosurfaces
+    "state_at": [
+        ("there < 0  ->  there < 1", "the first node is no step above a node of a block, as blocks are in order")
+    ],
+    "write_facets": [("range(3)  ->  range(4)", "there are three bits")],
+    # of the reconstruction of surfaces
+    "node_states": [
+        ("node_state[i] = 0  ->  node_state[i] = -0", "a zero has no sign"),
+        ("range(2)  ->  range(3)", "cells visited twice"),
+        ("touches", "the order in which cells are visited"),
+        *wider(2, 2),
+    ],
+    "exit_points": [
+        *wider(2, 2),
+        ("length = real(towards) * min(farthest, real(1))", "the end outside is in no sphere: cuts off rounding only"),
+    ],
+    "candidates": [("s, t, c = (u, one - one, a)", "multiplied with a difference that is zero")],
+    "throw_darts": [
+        ("accepted[k] = REJECTED  ->  accepted[k] = -REJECTED", "a zero has no sign"),
+        (
+            "theirs < turn or (theirs == turn and other < k)  ->  theirs < turn or (theirs == turn and other >= k)",
+            "the mixing is one to one: no two candidates draw the same number",
+        ),
+        *wider(1, 2),
+    ],
+    "offsets": [
+        ("range(1, 3)  ->  range(1, 4)", "no particle beyond 2 h is taken"),
+        *(
+            (f"{NEAR} < 2  ->  {NEAR.replace('reach == 2', after)} < 2", "the second round visits all cells")
+            for after in ("reach != 2", "reach == 3")
+        ),
+        *(
+            (f"range({low}, {high})  ->  range({low}, {high.replace('+ 1', '+ 2')})", "particles there are too far")
+            for low, high in (("-reach", "reach + 1"), ("-reach if space else 0", "reach + 1 if space else 1"))
+        ),
+    ],
+    "splines_of_points": [
+        (f"fit_splines[r, k] = real(0)  ->  fit_splines[r, k] = {zero}", "a zero has no sign and no size")
+        for zero in ("-real(0)", "real(0) * 1.01")
+    ],
+    "fit_residuals": [
+        (f"residual[r] = real(0)  ->  residual[r] = {zero}", "a zero has no sign and no size")
+        for zero in ("-real(0)", "real(0) * 1.01")
+    ],
+    "extents": [("extent[p] = 0  ->  extent[p] = -0", "a zero has no sign"), *wider(1, 2)],
+    "positive_roots": [
+        ("changes, last = (0, 1)  ->  changes, last = (0, 2)", "only its sign is looked at"),
+        ("last = 1  ->  last = 2", "only its sign is looked at"),
+        ("last = -1  ->  last = -2", "only its sign is looked at"),
+        ("changes += last < 0  ->  changes += last < 1", "it is 1 or -1"),
+        ("range(3)  ->  range(4)", "the last coefficient twice is no change of sign"),
+    ],
+    # of sorting: what is found to be missing is found again once there are blocks, what is lost stops the run
+    "find_chunk": [
+        ("missing += 1", "any number but zero"),
+        ("lost += 1", "any number but zero"),
+        ("cell[i] = -1", "found again, or the run stops"),
+        ("last, block = (np.int64(-1), np.int64(0))", "no key is so small"),
+        ("block = np.int64(-1)  ->  block = np.int64(-2)", "any negative number says that there is none"),
+    ],
+    # of heat conduction
+    "advance": [
+        ("change = table[k, 0] * (before[i] - y) - table[k, 1] * y", "with latent heat no stage takes of the start"),
+    ],
+    "sweep": [("temperature[i] = running  ->  temperature[i] = -running", "both sweeps turn the sign")],
+    "one_sided": [("(0, 1)  ->  (0, 2)", "any number but zero is backwards")],
+    "weigh_and_pack": [("exchanges.count[i] = found  ->  exchanges.count[i] = found * 1.01", "cut off to an integer")],
+    "stepped": [
+        ("squared = type(timestep[0])(0)", "only the type is taken"),
+        (
+            "gradient[i] = inverse[i] * residual[i]  ->  gradient[i] = inverse[i] * residual[i] * 1.01",
+            "a common factor of all scaled residuals cancels",
+        ),
+    ],
+    "weighed": [("largest = scratch.array('heat largest', 1, ", "a larger work space")],
+    "written": [("number = scratch.array('heat number', 1, ", "a larger work space")],
+    "run_stages": [("warm = ", "the fourth is not looked at")],
+    "planned": [("number = ", "no program of a CPU plans"), ("table = ", "no program of a CPU plans")],
+    "plan_chebyshev": [("", "no program of a CPU plans")],
+    "chebyshev": [
+        ("conduction.planned_passes and scratch.backend.name == 'cuda'", "the planned passes are the same"),
+    ],
+    "chebyshev_passes": [
+        ("return 0  ->  return 1", "one pass is the least"),
+        ("not largest_sum < 1000000000000.0", "below, the number of passes is beyond every bound as well"),
+        ("return 1 << 30", "beyond every bound"),
+    ],
+    "chebyshev_stages": [("omega = 1.0", "set in the first pass")],
+    "step_ratio": [
+        (
+            "return real(above / below) if below > 0 else real(0)"
+            "  ->  return real(above / below) if below > 0 else real(1)",
+            "what it multiplies is zero then",
+        )
+    ],
+    "turned": [("through = real(0)  ->  through = real(1)", "what it multiplies is zero in a reservoir")],
+    "solve": [
+        ("passes += 1  ->  passes ", "every system ends long before the bound on the passes"),
+        ("first, passes = (None, 1)", "every system ends long before the bound on the passes"),
+        ("every = ", "further passes are nearer to the solution than asked for"),
+        ("enough = float(conduction.residual) ** 2 * first  ->  enough = float(conduction.residual) ** 3", "likewise"),
+    ],
 }
 
 NEGATED = {ast.Lt: ast.GtE, ast.LtE: ast.Gt, ast.Gt: ast.LtE, ast.GtE: ast.Lt, ast.Eq: ast.NotEq, ast.NotEq: ast.Eq}
