@@ -596,12 +596,18 @@ def shapes_agree():
 
 @functools.cache
 def programs_with():
-    """The operations whose programs call a function, by its module and name."""
+    """The operations whose programs call a function, by its name. Those that take the grid have it sort its points."""
     found = {}
     for operation in REGISTRY.values():
-        for function in functions_behind(operation):
-            found.setdefault((function.__module__, function.__qualname__), []).append(operation)
+        sorting = [REGISTRY["mpm.cells"]] if "grid" in operation.arguments("cpu") else []
+        for name in {key(f) for user in (operation, *sorting) for f in functions_behind(user)}:
+            found.setdefault(name, []).append(operation)
     return found
+
+
+def key(function):
+    """Name of a function, with its module."""
+    return f"{function.__module__}.{function.__qualname__}"
 
 
 @contextlib.contextmanager
@@ -650,45 +656,54 @@ def too_long(number, frame):
     raise TimeoutError("this trial does not end")
 
 
-def planted(operation):
-    """(function, kind, number, change) for every slip of an operation's program."""
+def planted(operation, names=None):
+    """(function, kind, number, change) for every slip of an operation's program, or of its functions called `names`."""
     for function in functions_behind(operation):
-        for site in sites(parsed(function), bool(operation.exact)):
-            yield function, *site
+        if names is None or key(function) in names:
+            for site in sites(parsed(function), bool(operation.exact)):
+                yield function, *site
 
 
-def inject(operations, part=0, parts=1):
-    """Every slip that can be made in the program that the operations share; of `parts` parts, one.
+def inject(operations, part=0, parts=1, names=None):
+    """Every slip of `planted` in the program that the operations share; of `parts` parts, one.
 
-    {"planted": {kind: number}, "noticed": {operation: {kind: number}}, "survived": [slips that no operation with the
-    same function notices]}
+    {"noticed": {operation: {kind: number}}, "functions": {name: {"planted": {kind: number}, "survived": [slips that no
+    operation with the same function notices]}}}. Slips that change no answer are looked for in few cases only.
     """
     for operation in operations:
         assert not noticed(operation, False), f"{operation.name} fails before any slip"
         assert part or not noticed(operation, True), f"{operation.name} fails before any slip"
     users = programs_with()  # while every function's source can still be read
-    made, caught = {}, {operation.name: {} for operation in operations}
-    survived = []
-    for function, group in itertools.groupby(list(planted(operations[0]))[part::parts], key=lambda slip: slip[0]):
-        right = function.__code__
+    caught, found = {operation.name: {} for operation in operations}, {}
+    for function, group in itertools.groupby(
+        list(planted(operations[0], names))[part::parts], key=lambda slip: slip[0]
+    ):
+        right, of = function.__code__, found.setdefault(key(function), {"planted": {}, "survived": []})
+        others = [operation for operation in users[key(function)] if operation not in operations]
         for _, kind, number, change in group:
-            made[kind] = made.get(kind, 0) + 1
+            of["planted"][kind] = of["planted"].get(kind, 0) + 1
             code, words = altered(function, number, change)
+            slip = f"{function.__name__}: {words}"
+            steps = ((others, False),) if harmless(slip) else ((others, False), (operations, True), (others, True))
             function.__code__ = code
             try:
                 by = [operation for operation in operations if noticed(operation, False)]
                 for operation in by:
                     caught[operation.name][kind] = caught[operation.name].get(kind, 0) + 1
-                others = [o for o in users[function.__module__, function.__qualname__] if o not in operations]
-                if not by and not any(
-                    noticed(operation, deep)
-                    for among, deep in ((operations, True), (others, False), (others, True))
-                    for operation in among
-                ):
-                    survived.append(f"{function.__name__}: {words}")
+                if not by and not any(noticed(operation, deep) for among, deep in steps for operation in among):
+                    of["survived"].append(slip)
             finally:
                 function.__code__ = right
-    return {"planted": made, "noticed": caught, "survived": survived}
+    return {"noticed": caught, "functions": found}
+
+
+def together(answers):
+    """(number planted by kind, slips that survived) of what `inject` says about several functions or parts."""
+    made = {}
+    for answer in answers:
+        for kind, number in answer["planted"].items():
+            made[kind] = made.get(kind, 0) + number
+    return dict(sorted(made.items())), [slip for answer in answers for slip in answer["survived"]]
 
 
 def harmless(slip):
@@ -714,10 +729,10 @@ def code_digest(names):
     return hashlib.sha256("\0".join(texts).encode()).hexdigest()[:12]
 
 
-def judged(names, part=0, parts=1, seconds=None):
+def judged(names, part=0, parts=1, seconds=None, functions=()):
     """`inject` in a process of its own; None where it does not end in time. Raises RuntimeError if it fails."""
     path = os.pathsep.join(filter(None, (str(ROOT), os.environ.get("PYTHONPATH"))))
-    command = [sys.executable, __file__, *names, "--part", f"{part}/{parts}"]
+    command = [sys.executable, __file__, *names, "--part", f"{part}/{parts}", "--functions", *functions]
     environment = dict(os.environ, NUMBA_DISABLE_JIT="1", PYTHONPATH=path)
     try:
         done = subprocess.run(command, capture_output=True, text=True, env=environment, timeout=seconds)
@@ -729,43 +744,50 @@ def judged(names, part=0, parts=1, seconds=None):
 
 
 def publish(jobs, minutes):
-    """Judge what the record does not hold; returns whether every program is judged and every slip noticed."""
+    """Judge what the record does not hold; returns whether every program is judged and every slip noticed.
+
+    A function that several programs call is judged once. Programs with few slips come first.
+    """
     from validation.attack.campaign import commit
 
     end, before = time.monotonic() + 60 * minutes, json.loads(RECORD.read_text()) if RECORD.exists() else {}
-    found, waiting = {}, []
+    found, stale, waiting, answers = {}, [], [], {}
     for names in programs():
         digest, name = code_digest(names), "+".join(names)
         if before.get(name, {}).get("digest") == digest:
             found[name] = before[name]
-            continue
-        parts = math.ceil(len(list(planted(REGISTRY[names[0]]))) / IN_A_PART)
-        waiting += [(parts, name, names, digest, part) for part in range(parts)]
-    waiting.sort(key=lambda item: -item[0])
+        else:
+            stale.append((names, digest, needed(REGISTRY[names[0]])))
+    for names, _, functions in sorted(stale, key=lambda item: len(list(planted(REGISTRY[item[0][0]])))):
+        own = [name for name, flags in functions if (name, flags) not in answers]
+        slips = len(list(planted(REGISTRY[names[0]], own)))
+        parts = math.ceil(slips / IN_A_PART)
+        answers |= {function: [None] * parts for function in functions if function not in answers}
+        waiting += [(names, own, part, parts) for part in range(parts)]
     about = {"date": f"{datetime.datetime.now(datetime.UTC):%Y-%m-%d}", "commit": commit(RECORD.name, PAGE.name)}
 
     def one(item):
-        parts, name, names, _, part = item
+        names, own, part, parts = item
         left = end - time.monotonic()
         try:
-            answer = judged(names, part, parts, left) if left > 0 else None
-        except RuntimeError as error:  # the program counts as not judged, and the others are kept
+            answer = judged(names, part, parts, left, own) if left > 0 else None
+        except RuntimeError as error:  # its functions count as not judged, and the others are kept
             print(error, file=sys.stderr)
             answer = None
-        print(f"{name} {part + 1}/{parts}: {'did not end' if answer is None else answer['survived']}", file=sys.stderr)
+        said = "did not end" if answer is None else together(answer["functions"].values())[1]
+        print(f"{'+'.join(names)} {part + 1}/{parts}: {said}", file=sys.stderr)
         return answer
 
-    parts_of = {}
     with concurrent.futures.ThreadPoolExecutor(jobs) as pool:
-        for (parts, name, _, digest, _), answer in zip(waiting, pool.map(one, waiting)):
-            answers = parts_of.setdefault(name, [])
-            answers.append(answer)
-            if len(answers) < parts or None in answers:
-                continue
-            kinds = {kind for answer in answers for kind in answer["planted"]}
-            made = {kind: sum(answer["planted"].get(kind, 0) for answer in answers) for kind in sorted(kinds)}
-            survived = [slip for answer in answers for slip in answer["survived"]]
-            found[name] = {**about, "digest": digest, "planted": made, "survived": survived}
+        for (names, own, part, _), answer in zip(waiting, pool.map(one, waiting)):
+            for name in own if answer is not None else ():
+                slips = answer["functions"].get(name, {"planted": {}, "survived": []})
+                answers[name, bool(REGISTRY[names[0]].exact)][part] = slips
+            for names, digest, functions in stale:
+                parts = [part for function in functions for part in answers[function]]
+                if None not in parts:
+                    made, survived = together(parts)
+                    found["+".join(names)] = {**about, "digest": digest, "planted": made, "survived": survived}
             RECORD.write_text(json.dumps(in_order(found), indent=1) + "\n")
     record = in_order(found)
     RECORD.write_text(json.dumps(record, indent=1) + "\n")
@@ -773,6 +795,11 @@ def publish(jobs, minutes):
     PAGE.write_text(f"{before}{BEGIN}\n{table(record)}\n{END}{rest.partition(END)[2]}")
     gaps = [slip for entry in record.values() for slip in entry["survived"] if not harmless(slip)]
     return len(record) == len(programs()) and not gaps
+
+
+def needed(operation):
+    """(name, whether flags are planted in) of every function behind an operation."""
+    return [(key(function), bool(operation.exact)) for function in functions_behind(operation)]
 
 
 def in_order(found):
@@ -801,6 +828,7 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("operations", nargs="*", metavar="OPERATION", help="operations that share one program")
     parser.add_argument("--part", default="0/1", metavar="K/N", help="slips K, K + N, K + 2 N, ...")
+    parser.add_argument("--functions", nargs="*", metavar="NAME", help="slips of these functions only")
     parser.add_argument("--publish", action="store_true", help="judge every program; write the record and the page")
     parser.add_argument("--jobs", type=int, default=os.cpu_count(), help="processes")
     parser.add_argument("--minutes", type=float, default=math.inf, help="time for everything")
@@ -810,7 +838,8 @@ def main():
     if given.publish:
         return 0 if publish(given.jobs, given.minutes) else EXIT_FAILED
     signal.signal(signal.SIGPROF, too_long)
-    print(json.dumps(inject([REGISTRY[name] for name in given.operations], *map(int, given.part.split("/")))))
+    operations, part = [REGISTRY[name] for name in given.operations], map(int, given.part.split("/"))
+    print(json.dumps(inject(operations, *part, given.functions or None)))
     return 0
 
 
