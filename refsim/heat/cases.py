@@ -407,3 +407,51 @@ def volume_of_two():
     """V = m/rho."""
     given = {"mass": np.array([2.0, 3.0]), "density": np.array([1000.0, 500.0])}
     return Exact(PAIR, given, {"volume": np.array([0.002, 0.006])})
+
+
+UNIT = 32 * math.pi / 45  # factor with which g = V_1 V_2 2 k dt/2 for particles 1 m apart
+
+
+@closed_form("heat.conjugate_gradient")
+def a_row_after_two_passes():
+    """Three particles with C = 1 J/K, g = 1 J/K between neighbours: 1, 0 and 0 degrees become 5/8, 1/4 and 1/8.
+
+    Two passes solve for the two modes of a difference. After the first the residual is sqrt(3)/7 = 0.247, above 0.1.
+    """
+    row = Case("heat_row", 3, np.eye(3)[[1]] * np.arange(3)[:, None], spacing=1.0, support_radius=2.0)
+    given = _given(
+        **dict.fromkeys(("mass", "volume", "heat_capacity", "conductivity"), np.ones(3)),
+        timestep=np.array([2.0, 1.0]),
+        temperature=np.array([1.0, 0.0, 0.0]),
+        conduction=conduction_group(row.grid("float64"), factor=UNIT, residual=0.1),
+    )
+    return Exact(row, given, {"temperature": np.array([5.0, 2.0, 1.0]) / 8})
+
+
+@closed_form("heat.explicit")
+def a_pair_of_unit_weight():
+    """g = 1 J/K, exactly: all its factors are powers of 2."""
+    conduction = conduction_group(PAIR.grid("float64"), factor=UNIT)
+    assert conduction.scale == 1.0
+    given = _given(conductivity=np.ones(2), timestep=np.array([0.7, 1.0]), conduction=conduction)
+    return Exact(PAIR, given, {"temperature": _moved(APART)})
+
+
+@closed_form("heat.enthalpy_jacobi")
+def ice_of_unit_capacity_on_a_reservoir():
+    """C = 1 J/K, beside a reservoir at 80: still ice at the end, H = (-load - 10 + load)/(1 + s)."""
+    s = WEIGHT
+    given = _given(
+        mass=np.array([4.0, 1.0]), heat_capacity=np.array([0.5, 1.0]), enthalpy=np.array([7.0, -80.0 * s - 10.0]),
+        melting_point=np.array([70.0, 0.0]), latent_heat=np.array([2.0, 50.0]), temperature=np.array([80.0, 0.0]),
+        reservoir=np.array([1, 0], np.uint8), conduction=conduction_group(PAIR.grid("float64")),
+    )  # fmt: skip
+    ended = -10.0 / (1 + s)
+    return Exact(PAIR, given, {"enthalpy": np.array([7.0, ended]), "temperature": np.array([80.0, ended])})
+
+
+@closed_form("heat.exchange_rate")
+def rates_of_a_pair_in_nearly_one_place():
+    """q = 1.005e-9 is above 1e-9, so that the pair exchanges: L is (1 - q)^2/(1/10), twenty times that at q = 1/2."""
+    near = Case("heat_near", 3, np.array([[0.0, 0.0, 0.0], [0.0, 2.01e-9, 0.0]]), spacing=1.0, support_radius=2.0)
+    return Exact(near, _given(), {"exchange_rate": 20 * (1 - 1.005e-9) ** 2 * WEIGHT / 0.5 * INVERSE})

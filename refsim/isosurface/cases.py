@@ -163,6 +163,28 @@ def _closed(given, dim):
     return {"vertex_edge": given["vertex_edge"], "facets": np.array([row for _, row in sorted(rows)])}
 
 
+def _unknown(dim):
+    """The octahedron with an unknown state at the one node from which the origin is a step along every axis: its cell
+    counts as outside.
+    """
+    made, given = octahedron(dim)
+    crossings, cell_case = octahedron_counts(given["blocks"], dim)
+    before = (node_table(given["blocks"])[:, :dim] == -1).all(1)
+    answer = {"crossings": crossings, "cell_case": np.where(before, 0, cell_case)}
+    given |= {"node_state": np.where(before, 2, given["node_state"]).astype(np.uint8)}
+    return Exact(made, given | {name: np.zeros_like(crossings) for name in answer}, answer)
+
+
+@closed_form("isosurface.classify")
+def unknown_corner_2d():
+    return _unknown(2)
+
+
+@closed_form("isosurface.classify")
+def unknown_corner_3d():
+    return _unknown(3)
+
+
 for _dim, (_name, _expected) in itertools.product(
     (2, 3),
     (("isosurface.classify", _counted), ("isosurface.edge_points", _quarters), ("isosurface.facets", _closed)),

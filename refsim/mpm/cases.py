@@ -394,8 +394,8 @@ def two_carriers():
     return Exact(made, given, {"node_mass": 2 / 3 * weight, "node_momentum": weight[:, None] * field})
 
 
-def _walls(field, planes):
-    made, grid, background = alone(3)
+def _walls(field, planes, samples=None):
+    made, grid, background = alone(3, samples=samples)
     table = node_table(grid.blocks)
     mass = np.where(table[:, 2] == 1, 2.0, 0.0)
     momentum = np.broadcast_to([2.0, -4.0, 1.0], (grid.nodes, 3)).copy()
@@ -451,6 +451,31 @@ def mirrored_nodes():
     v[(table[:, 0] == 1) & heavy] = [0.0, -4.0, 1.0]
     v[(table[:, 0] == 2) & heavy] = [2 / 3, -4.0, 1.0]
     v[(table[:, 0] == 0) & heavy] = [-2 / 3, -4.0, 1.0]
+    return Exact(made, given, {"node_velocity": v})
+
+
+@closed_form("mpm.grid_update")
+def a_corner_of_mirrors():
+    """Slip at x <= 5, sticky at y <= 2, nodes of 2 x 2 kg, half of it behind each wall, all with (2, -4, 1) m/s.
+
+    A node and its image in x have a third of the velocity along x; a node and its image in y a third of it all, and on
+    that wall none. Nodes behind move as their images do, nodes farther behind x than three rows do not move. The other
+    planes have no rule and no meaning.
+    """
+    planes = WallNodes(
+        np.array([5, 2, 0], np.int32), np.array([7, 0, 2], np.int32), np.array([2, 0, 1, 0, 0, 0], np.int32)
+    )
+    made, given, table, _ = _walls(None, planes, np.array([[18.0, 2.0, 2.0]]))  # nodes 0 to 15 along x
+    x, y = table[:, 0], table[:, 1]
+    mass, flow = np.where(x < 5, 1.0, 2.0) * np.where(y < 2, 1.0, 2.0), np.array([2.0, -4.0, 1.0])
+    given |= {"mirrors": Mirrors(np.int32(1)), "node_mass": mass, "node_momentum": mass[:, None] * flow}
+    from_x, from_y = np.abs(x - 5), np.abs(y - 2)
+    v = flow * np.where(from_y <= 2, 1 / 3, 1.0)[:, None]  # three rows behind y there are no nodes
+    v[from_x <= 3, 0] /= 3
+    v[x < 5, 0] *= -1
+    v[y < 2] *= -1
+    v[x == 5, 0] = 0
+    v[(y == 2) | (x < 2)] = 0
     return Exact(made, given, {"node_velocity": v})
 
 
@@ -643,17 +668,28 @@ def recounted():
     return Exact(made, given, {"volume_ratio": np.array([1.5 * change, 0.8]), "deformation": f})
 
 
-@closed_form("mpm.contact")
-def edge_on_a_node():
-    """A line of 2 m along -x at the node (2, 2, 2) m, k cos(theta) = 1/2: 1/8, 3/4, 1/8 of -1 N along each axis."""
+def _edges_on_a_node(lines: np.ndarray):
+    """Edges of the wetted area with these lines [m] at the node (2, 2, 2) m, k cos(theta) = 1/2 N/m."""
     made, grid, _ = alone(3)
-    place, inverse = made.position, 0.5
+    place, inverse = np.repeat(made.position, len(lines), axis=0), 0.5
     cell = reference.cells(place, np.zeros((0, 3)), np.zeros((0, 3)), grid)["cell"][0].astype(np.int32)
     first = np.searchsorted(cell, np.arange(grid.nodes + 1)).astype(np.int32)
     given = {
-        "sample_position": place, "sample_line": np.array([[-2.0, 0.0, 0.0]]), "blocks": grid.blocks,
-        "spline_cells": PointList(first, np.zeros(1, np.int32), cell),
+        "sample_position": place, "sample_line": lines, "blocks": grid.blocks,
+        "spline_cells": PointList(first, np.arange(len(lines), dtype=np.int32), cell),
         "surface_term": surface_term(Tension(surface_tension=1.0), 3, "float64", 1 / inverse),
         "contact": Contact(0.5), "node_force": np.zeros((grid.nodes, 3)),
     }  # fmt: skip
-    return Exact(made, given, {"node_force": -weight_of(grid)[:, None] * np.array([1.0, 0.0, 0.0])})
+    return Exact(made, given, {"node_force": 0.5 * weight_of(grid)[:, None] * lines.sum(0)})
+
+
+@closed_form("mpm.contact")
+def edge_on_a_node():
+    """A line of 2 m along -x: 1/8, 3/4, 1/8 of -1 N along each axis."""
+    return _edges_on_a_node(np.array([[-2.0, 0.0, 0.0]]))
+
+
+@closed_form("mpm.contact")
+def edges_along_the_axes():
+    """Lines of 1 m along x, y and z: the same of 1/2 N along each."""
+    return _edges_on_a_node(np.eye(3))

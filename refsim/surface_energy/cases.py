@@ -8,7 +8,7 @@ import numpy as np
 from refsim.backends.arrays import Backend
 from refsim.core.cases import CASES, VARIATIONS, Case, Exact, Variation, case, closed_form, groups, lattice, takes
 from refsim.isosurface.cases import cell_size, extraction
-from refsim.sparse_grid import SparseGrid, nodes
+from refsim.sparse_grid import Blocks, SparseGrid, nodes
 from refsim.sparse_grid.reference import node_table
 from refsim.surface_energy import Dice, SurfaceTerm, Tension, reference, surface_term, tension_of
 
@@ -175,13 +175,19 @@ def spray() -> Case:
 H = 2.0
 
 
-def lone(dim: int, where: float = 0.5, **parameters):
+def one_block(dim: int) -> Blocks:
+    """Block 0 alone: 4 x 4 x 4 nodes, 8 x 8 in the plane, with cell 0 in one corner and the last cell in the other."""
+    neighbour = np.where(np.arange(3**dim) == 3**dim // 2, 0, -1)
+    return Blocks(np.array([2**62 + 2**41 + 2**20]), neighbour[None].astype(np.int32))
+
+
+def lone(dim: int, where: float = 0.5, blocks: Blocks | None = None, **parameters):
     """(case, given) of one particle in the middle of cell 0 (or elsewhere in it)."""
     place = np.zeros((1, 3))
     place[0, :dim] = where * H
     made = Case(f"lone_{dim}d", dim, place, spacing=H / 2, support_radius=H)
     grid = SparseGrid(Backend("cpu"), dim, "float64", H)
-    blocks = grid.cover(place, 4, 5)
+    blocks = blocks or grid.cover(place, 4, 5)
     given = {"interior_position": place, "blocks": blocks, "cells": grid.by_cell(place, blocks)}
     given["surface_term"] = surface_term(Tension(surface_tension=3.0, **parameters), dim, "float64", H)
     given["node_state"] = np.zeros(nodes(blocks), np.uint8)
@@ -426,16 +432,16 @@ def vertex_pulled_back():
     return Exact(made, given, {"inset_position": np.array([[1.0, 2 - 0.6 * back, 3 - 0.8 * back]])})
 
 
-def one_sample_pulls(dim: int):
+def one_sample_pulls(dim: int, node: int = 2, blocks: Blocks | None = None):
     """A sample on node (2, 2, ..), normal along y: it pulls across y only, -k A B'(u_x) B(u_y) .. on the nodes."""
-    made, grid, given = lone(dim)
+    made, grid, given = lone(dim, blocks=blocks)
     place = np.zeros((1, 3))
-    place[:, :dim] = 2 * H
+    place[:, :dim] = node * H
     given |= {
         "sample_position": place, "sample_area": np.array([0.5]), "sample_normal": np.array([[0.0, 1.0, 0.0]]),
         "spline_cells": grid.by_cell(place, given["blocks"], 0.5), "node_force": np.zeros((nodes(given["blocks"]), 3)),
     }  # fmt: skip
-    j = node_table(given["blocks"])[:, :dim] - 2
+    j = node_table(given["blocks"])[:, :dim] - node
     # dB/dx_sample of the node to the right is +1/2 /h
     slope = np.where(np.abs(j) == 1, 0.5 * j, 0.0) / H
     value = np.where(j == 0, 0.75, np.where(np.abs(j) == 1, 0.125, 0.0))
@@ -505,3 +511,186 @@ def a_row_and_a_lone_particle():
     blocks = grid.cover(place, 4, 5)
     given |= {"interior_position": place, "blocks": blocks, "cells": grid.by_cell(place, blocks)}
     return Exact(made, given | {"extent": np.zeros(4, np.uint8)}, {"extent": np.array([1, 1, 1, 0])})
+
+
+# One block alone: points in its first and last cells, and what lies outside
+
+
+def both_ends(dim: int):
+    """(case, grid, given, middles [h]) of two particles, in the middle of the first and of the last cell of a block."""
+    made, grid, given = lone(dim, blocks=one_block(dim))
+    middle = np.zeros((2, 3))
+    middle[:, :dim] = [[0.5], [3.5 if dim == 3 else 7.5]]
+    given["interior_position"] = H * middle
+    given["cells"] = grid.by_cell(H * middle, given["blocks"])
+    away = node_table(given["blocks"])[None, :, :dim] - middle[:, None, :dim]
+    given["node_state"] = ((away**2).sum(2) < dim).any(0).astype(np.uint8)
+    return made, grid, given, middle
+
+
+def in_both_dimensions(*operations):
+    """Enter a closed form of `dim` twice: in the plane and in space."""
+
+    def mark(maker):
+        for dim in (2, 3):
+
+            def exact(dim=dim):
+                return maker(dim)
+
+            exact.__name__, exact.__doc__ = f"{maker.__name__}_{dim}d", maker.__doc__
+            closed_form(*operations)(exact)
+        return maker
+
+    return mark
+
+
+@in_both_dimensions("surface_energy.node_states")
+def spheres_at_both_ends(dim):
+    """Nodes nearer than sqrt(dim) h to one of the two particles."""
+    made, _, given, _ = both_ends(dim)
+    return Exact(made, given | {"node_state": np.zeros(64, np.uint8)}, {"node_state": given["node_state"]})
+
+
+@in_both_dimensions("surface_energy.exit_points")
+def exits_at_both_ends(dim):
+    """Along x out of each sphere: l = -1/2 + sqrt(2 - 1/4) from a corner of the cell, in space -3/2 + sqrt(3 - 1/2)."""
+    made, _, given, _ = both_ends(dim)
+    node = {tuple(j): i for i, j in enumerate(node_table(given["blocks"]).tolist())}
+    edges = [3 * node[1, 1, 0], 3 * node[6, 7, 0]] if dim == 2 else [3 * node[2, 1, 1], 3 * node[1, 3, 3]]
+    given |= {"vertex_edge": np.array(edges, np.int32), "vertex_position": np.zeros((2, 3))}
+    a, b = -0.5 + math.sqrt(1.75), -1.5 + math.sqrt(2.5)
+    ends = [[1 + a, 1, 0], [7 - a, 7, 0]] if dim == 2 else [[2 + b, 1, 1], [2 - b, 3, 3]]
+    return Exact(made, given, {"vertex_position": H * np.array(ends)})
+
+
+@in_both_dimensions("surface_energy.offsets")
+def samples_near_and_far(dim):
+    """Four samples: on a particle, 2.1 h from any, near the last, and between two 1.1 h and 1.25 h away.
+
+    The first two have no direction. Of the two particles the nearer one is two cells away, the other one cell.
+    """
+    made, grid, given, middle = both_ends(dim)
+    z = 1.5 if dim == 3 else 0.0
+    y = 3.5 if dim == 3 else 4.5
+    place = np.vstack([middle, [[0.95, y, z], [3.3, y, z]]])
+    far = middle[0] + np.eye(3)[2 if dim == 3 else 0] * 2.1
+    sample = np.array([middle[0], far, middle[1] - [0.3, 0.0, 0.0], [2.05, y, z]])
+    direction = np.array([[0.0, 0, 0], [0, 0, 0], [-1, 0, 0], [1, 0, 0]])
+    given |= {
+        "interior_position": H * place, "cells": grid.by_cell(H * place, given["blocks"]),
+        "sample_position": H * sample, "sample_cells": grid.by_cell(H * sample, given["blocks"]),
+        "nearest": np.zeros(4, np.int32), "offset_direction": np.zeros((4, 3)), "fit_position": np.zeros((8, 3)),
+    }  # fmt: skip
+    fitted = H * np.vstack([sample, sample + 0.5 * direction])
+    answer = {"nearest": np.array([0, -1, 1, 2]), "offset_direction": direction, "fit_position": fitted}
+    return Exact(made, given, answer)
+
+
+def end_fit(dim: int):
+    """Points of the fit in one block: x half a cell beyond node (1, ..), one outside, and twice q on that node.
+
+    The lowest node of the splines of q is node 0.
+    """
+    made, grid, given = lone(dim, blocks=one_block(dim))
+    point = np.zeros((4, 3))
+    point[:, :dim] = 1.0
+    point[:2, 0] = 1.5, 99.0
+    given |= {"fit_position": H * point, "fit_cells": grid.by_cell(H * point, given["blocks"], 0.5)}
+    j = node_table(given["blocks"])[:, :dim] - 1
+    across = np.where(j[:, 1:] == 0, 0.75, np.where(np.abs(j[:, 1:]) == 1, 0.125, 0.0)).prod(1)
+    first = across * np.where((j[:, 0] == 0) | (j[:, 0] == 1), 0.5, 0.0)
+    second = across * np.where(j[:, 0] == 0, 0.75, np.where(np.abs(j[:, 0]) == 1, 0.125, 0.0))
+    splines = np.array([[0.125, 0.75, 0.125] * 3] * 4)
+    splines[0, :3] = [0.5, 0.5, 0.0]
+    splines[:, 3 * dim :] = [1.0, 0.0, 0.0] * (3 - dim)
+    splines[1] = 0.0
+    given["fit_splines"] = splines
+    total = first + 2 * second
+    given["node_weight"] = np.where(total > 0, 1 / np.where(total > 0, total, 1), 0)
+    given["active"] = np.flatnonzero(given["node_weight"]).astype(np.int32)
+    return made, given, first, second
+
+
+@closed_form("surface_energy.fit_weights")
+def weights_at_the_first_node():
+    """Lambda_j = 1/(B_j(x) + 2 B_j(q)); the splines of the point outside are 0."""
+    made, given, _, _ = end_fit(3)
+    return Exact(made, given, {"fit_splines": given["fit_splines"], "node_weight": given["node_weight"]})
+
+
+@in_both_dimensions("surface_energy.fit")
+def two_sweeps_at_the_first_node(dim):
+    """C = 2 epsilon Lambda B(q), and then with its residuals r: C += Lambda (B(x) r_x + 2 B(q) r_q); outside r = 0."""
+    made, given, first, second = end_fit(dim)
+    given["surface_term"] = surface_term(Tension(surface_tension=3.0, iterations=2), dim, "float64", H)
+    given |= {"residual": np.zeros(4), "coefficients": np.zeros(64)}
+    weight = given["node_weight"]
+    once = 0.5 * 2 * second * weight
+    x, q = -(first @ once), 0.5 - second @ once
+    twice = once + weight * (first * x + 2 * second * q)
+    return Exact(made, given, {"residual": np.array([x, 0.0, q, q]), "coefficients": twice})
+
+
+@closed_form("surface_energy.mls_normals", "surface_energy.spline_normals")
+def plane_at_the_first_node():
+    """f = 0.6 x + 0.8 y - 0.3 h where splines begin at node 0; outside all blocks 0 and the given normal."""
+    made, grid, given = lone(3, blocks=one_block(3))
+    place = np.array([[1.1, 2.3, 1.7], [1.2, 1.1, 2.9], [99.0, 1.0, 1.0]])
+    j = node_table(given["blocks"])
+    given |= {
+        "query_position": place, "spline_cells": grid.by_cell(place, given["blocks"], 0.5),
+        "coefficients": 0.6 * j[:, 0] + 0.8 * j[:, 1] - 0.3, "outward": np.array([[1.0, 0, 0]] * 3),
+        "surface_value": np.zeros(3), "surface_gradient": np.zeros((3, 3)), "sample_normal": np.zeros((3, 3)),
+    }  # fmt: skip
+    slope = np.array([[0.6, 0.8, 0.0], [0.6, 0.8, 0.0], [0.0, 0.0, 0.0]])
+    value = np.append(place[:2] @ slope[0] / H - 0.3, 0.0)
+    normal = np.array([slope[0], slope[1], [1.0, 0.0, 0.0]])
+    return Exact(made, given, {"surface_value": value, "surface_gradient": slope, "sample_normal": normal})
+
+
+@closed_form("surface_energy.surface_force")
+def one_sample_pulls_at_the_first_node():
+    return one_sample_pulls(3, 1, one_block(3))
+
+
+@closed_form("surface_energy.poisson_disk")
+def darts_at_both_ends():
+    """Two in cell 0, 0.8 m apart, of which the one drawn first is taken, and one in the last cell."""
+    made, grid, given = lone(2, blocks=one_block(2))
+    place = np.array([[0.5, 1, 0], [1.3, 1, 0], [15, 15, 0]])
+    turn = [reference._mixed(4, k, 3) for k in range(2)]
+    given |= {
+        "candidate_position": place, "candidate_cells": grid.by_cell(place, given["blocks"]),
+        "dice": Dice(np.int64(4), np.int64(3)), "accepted": np.zeros(3, np.uint8),
+    }  # fmt: skip
+    return Exact(made, given, {"accepted": np.array([turn[0] < turn[1], turn[1] < turn[0], 1], int)})
+
+
+@closed_form("surface_energy.candidates")
+def candidates_without_area():
+    """Facets without area: all candidates on the last of them."""
+    made, _, given = lone(2)
+    given |= {
+        "vertex_position": np.array([[3.0, 7, 0]] * 2), "facets": np.array([[0, 1], [1, 0]], np.int32),
+        "area_before": np.zeros(3, np.int64), "dice": Dice(np.int64(1), np.int64(2)),
+        "candidate_facet": np.zeros(2, np.int32), "candidate_position": np.zeros((2, 3)),
+    }  # fmt: skip
+    return Exact(made, given, {"candidate_facet": np.array([1, 1]), "candidate_position": np.array([[3.0, 7, 0]] * 2)})
+
+
+@in_both_dimensions("surface_energy.extents")
+def an_oblique_row_and_a_close_pair(dim):
+    """In the first cells three particles 0.53 h apart along a diagonal, whose ends see the middle one only; in the last
+    cell a pair 0.249 h apart, less than h/4, whose second moment is below (h/8)^2; and one particle outside.
+    """
+    made, grid, given = lone(dim, blocks=one_block(dim))
+    row = np.array([0.4, 0.775, 1.15])
+    place = np.zeros((6, 3))
+    place[:3, dim - 2 : dim] = row[:, None]
+    if dim == 3:
+        place[:3, 0] = 0.5
+    place[3:5, :dim] = 3.3 if dim == 3 else 7.3
+    place[4, 0] += 0.249
+    place[5, 0] = 99.0
+    given |= {"interior_position": H * place, "cells": grid.by_cell(H * place, given["blocks"])}
+    return Exact(made, given | {"extent": np.zeros(6, np.uint8)}, {"extent": np.array([1, 1, 1, 0, 0, 0])})

@@ -63,6 +63,25 @@ SLOPES = "f0 + w * (f1 - f0), gx / h, gy / h, (f1 - f0) / h"
 SIGNS = "return (xn * yt * zt, xt * yn * zt, xt * yt * zn)"
 SIDES = ", ".join(f"0 if a{a} == j{a} else 1 if j{a} < low[{k}] else 2" for k, a in enumerate("xyz"))
 MIRRORED = f"sx, sy, sz = signs({SIDES}, r)"
+CORNER = (
+    "there = step_in_block(distance_field, node, c & 1, c >> 1 & 1, c >> 2) if node >= 0 else "
+    "find_node(distance_field, jx + (c & 1), jy + (c >> 1 & 1), jz + (c >> 2))"
+)
+BOX = "x * x + y * y + z * z"
+NEAR = "reach == 2 and max(abs(dx), max(abs(dy), abs(dz)))"
+
+
+def wider(reach, end):
+    """Slips that look at one layer of cells more, on either side of the cells from -reach to end - 1."""
+    ends = ((f"-{reach}", f"{end}"), (f"-{reach} if space else 0", f"{end} if space else 1"))
+    more = ((f"-{reach + 1}", f"{end}"), (f"-{reach}", f"{end + 1}"))
+    return [
+        (f"range({low}, {high})  ->  range({low.replace(f'-{reach}', a)}, {high.replace(f'{end}', b, 1)})", "too far")
+        for low, high in ends
+        for a, b in more
+    ]
+
+
 SEVEN = "".join(f"real(v[{k}]), " for k in range(7))
 
 
@@ -325,6 +344,136 @@ HARMLESS = {
         ("real = type(timestep[0])", "only the type is taken"),
     ],
     "pair_weight": [("return (real(1), real(0))", "without weights and marks nothing is multiplied with it")],
+    "project": [
+        ("closest, feature = (-1, 0)  ->  closest, feature = (-1, 1)", "set again where it is used"),
+        ("closest, feature = (-1, 0)  ->  closest, feature = (-2, 0)", "any negative number says that there is none"),
+        (f"{CORNER}  ->  {CORNER.replace('node >= 0', 'node >= 1')}", "node 0 is found by its coordinates as well"),
+        (
+            "t = distance_field.closest[there] if there >= 0 else -1"
+            "  ->  t = distance_field.closest[there] if there >= 0 else -2",
+            "any negative number says that there is none",
+        ),
+    ],
+    "nearest": [
+        (f"{BOX} <= best  ->  {BOX.replace('+', '-', 1)} <= best", "a box that is not skipped has no nearer point"),
+        (f"{BOX} <= best  ->  {BOX[::-1].replace('+', '-', 1)[::-1]} <= best", "likewise"),
+    ],
+    "edge_pierces": [
+        (f"b = 3 * ((k + 1) % 3)  ->  b = 3 * ((k {other}) % 3)", "the same three edges from their other ends")
+        for other in ("- 1", "+ 2")
+    ],
+    "place": [("one = type(facet_corner[a, 0])(1)", "only the type is taken")],
+    "goal_slot": [("zero = type(matching.spacing)(0)", "only filled slots are asked for")],
+    "curvature": [
+        (f"curvature[i] = real(0)  ->  curvature[i] = {zero}", "a zero has no sign and no size")
+        for zero in ("-real(0)", "real(0) * 1.01")
+    ],
+    "particle_crowding": [
+        (f"wz = (real(1), real(0), real(0))  ->  wz = (real(1), {rest})", "in the plane only the first is read")
+        for rest in ("real(1), real(0)", "real(0), real(1)")
+    ],
+    # of isosurfaces
+    "state_at": [
+        ("there < 0  ->  there < 1", "the first node is no step above a node of a block, as blocks are in order")
+    ],
+    "write_facets": [("range(3)  ->  range(4)", "there are three bits")],
+    # of the reconstruction of surfaces
+    "node_states": [
+        ("node_state[i] = 0  ->  node_state[i] = -0", "a zero has no sign"),
+        ("range(2)  ->  range(3)", "cells visited twice"),
+        ("touches", "the order in which cells are visited"),
+        *wider(2, 2),
+    ],
+    "exit_points": [
+        *wider(2, 2),
+        ("length = real(towards) * min(farthest, real(1))", "the end outside is in no sphere: cuts off rounding only"),
+    ],
+    "candidates": [("s, t, c = (u, one - one, a)", "multiplied with a difference that is zero")],
+    "throw_darts": [
+        ("accepted[k] = REJECTED  ->  accepted[k] = -REJECTED", "a zero has no sign"),
+        (
+            "theirs < turn or (theirs == turn and other < k)  ->  theirs < turn or (theirs == turn and other >= k)",
+            "the mixing is one to one: no two candidates draw the same number",
+        ),
+        *wider(1, 2),
+    ],
+    "offsets": [
+        ("range(1, 3)  ->  range(1, 4)", "no particle beyond 2 h is taken"),
+        *(
+            (f"{NEAR} < 2  ->  {NEAR.replace('reach == 2', after)} < 2", "the second round visits all cells")
+            for after in ("reach != 2", "reach == 3")
+        ),
+        *(
+            (f"range({low}, {high})  ->  range({low}, {high.replace('+ 1', '+ 2')})", "particles there are too far")
+            for low, high in (("-reach", "reach + 1"), ("-reach if space else 0", "reach + 1 if space else 1"))
+        ),
+    ],
+    "splines_of_points": [
+        (f"fit_splines[r, k] = real(0)  ->  fit_splines[r, k] = {zero}", "a zero has no sign and no size")
+        for zero in ("-real(0)", "real(0) * 1.01")
+    ],
+    "fit_residuals": [
+        (f"residual[r] = real(0)  ->  residual[r] = {zero}", "a zero has no sign and no size")
+        for zero in ("-real(0)", "real(0) * 1.01")
+    ],
+    "extents": [("extent[p] = 0  ->  extent[p] = -0", "a zero has no sign"), *wider(1, 2)],
+    "positive_roots": [
+        ("changes, last = (0, 1)  ->  changes, last = (0, 2)", "only its sign is looked at"),
+        ("last = 1  ->  last = 2", "only its sign is looked at"),
+        ("last = -1  ->  last = -2", "only its sign is looked at"),
+        ("changes += last < 0  ->  changes += last < 1", "it is 1 or -1"),
+        ("range(3)  ->  range(4)", "the last coefficient twice is no change of sign"),
+    ],
+    # of sorting: what is found to be missing is found again once there are blocks, what is lost stops the run
+    "find_chunk": [
+        ("missing += 1", "any number but zero"),
+        ("lost += 1", "any number but zero"),
+        ("cell[i] = -1", "found again, or the run stops"),
+        ("last, block = (np.int64(-1), np.int64(0))", "no key is so small"),
+        ("block = np.int64(-1)  ->  block = np.int64(-2)", "any negative number says that there is none"),
+    ],
+    # of heat conduction
+    "advance": [
+        ("change = table[k, 0] * (before[i] - y) - table[k, 1] * y", "with latent heat no stage takes of the start"),
+    ],
+    "sweep": [("temperature[i] = running  ->  temperature[i] = -running", "both sweeps turn the sign")],
+    "one_sided": [("(0, 1)  ->  (0, 2)", "any number but zero is backwards")],
+    "weigh_and_pack": [("exchanges.count[i] = found  ->  exchanges.count[i] = found * 1.01", "cut off to an integer")],
+    "stepped": [
+        ("squared = type(timestep[0])(0)", "only the type is taken"),
+        (
+            "gradient[i] = inverse[i] * residual[i]  ->  gradient[i] = inverse[i] * residual[i] * 1.01",
+            "a common factor of all scaled residuals cancels",
+        ),
+    ],
+    "weighed": [("largest = scratch.array('heat largest', 1, ", "a larger work space")],
+    "written": [("number = scratch.array('heat number', 1, ", "a larger work space")],
+    "run_stages": [("warm = ", "the fourth is not looked at")],
+    "planned": [("number = ", "no program of a CPU plans"), ("table = ", "no program of a CPU plans")],
+    "plan_chebyshev": [("", "no program of a CPU plans")],
+    "chebyshev": [
+        ("conduction.planned_passes and scratch.backend.name == 'cuda'", "the planned passes are the same"),
+    ],
+    "chebyshev_passes": [
+        ("return 0  ->  return 1", "one pass is the least"),
+        ("not largest_sum < 1000000000000.0", "below, the number of passes is beyond every bound as well"),
+        ("return 1 << 30", "beyond every bound"),
+    ],
+    "chebyshev_stages": [("omega = 1.0", "set in the first pass")],
+    "step_ratio": [
+        (
+            "return real(above / below) if below > 0 else real(0)"
+            "  ->  return real(above / below) if below > 0 else real(1)",
+            "what it multiplies is zero then",
+        )
+    ],
+    "turned": [("through = real(0)  ->  through = real(1)", "what it multiplies is zero in a reservoir")],
+    "solve": [
+        ("passes += 1  ->  passes ", "every system ends long before the bound on the passes"),
+        ("first, passes = (None, 1)", "every system ends long before the bound on the passes"),
+        ("every = ", "further passes are nearer to the solution than asked for"),
+        ("enough = float(conduction.residual) ** 2 * first  ->  enough = float(conduction.residual) ** 3", "likewise"),
+    ],
 }
 
 NEGATED = {ast.Lt: ast.GtE, ast.LtE: ast.Gt, ast.Gt: ast.LtE, ast.GtE: ast.Lt, ast.Eq: ast.NotEq, ast.NotEq: ast.Eq}
@@ -447,12 +596,18 @@ def shapes_agree():
 
 @functools.cache
 def programs_with():
-    """The operations whose programs call a function, by its module and name."""
+    """The operations whose programs call a function, by its name. Those that take the grid have it sort its points."""
     found = {}
     for operation in REGISTRY.values():
-        for function in functions_behind(operation):
-            found.setdefault((function.__module__, function.__qualname__), []).append(operation)
+        sorting = [REGISTRY["mpm.cells"]] if "grid" in operation.arguments("cpu") else []
+        for name in {key(f) for user in (operation, *sorting) for f in functions_behind(user)}:
+            found.setdefault(name, []).append(operation)
     return found
+
+
+def key(function):
+    """Name of a function, with its module."""
+    return f"{function.__module__}.{function.__qualname__}"
 
 
 @contextlib.contextmanager
@@ -501,45 +656,54 @@ def too_long(number, frame):
     raise TimeoutError("this trial does not end")
 
 
-def planted(operation):
-    """(function, kind, number, change) for every slip of an operation's program."""
+def planted(operation, names=None):
+    """(function, kind, number, change) for every slip of an operation's program, or of its functions called `names`."""
     for function in functions_behind(operation):
-        for site in sites(parsed(function), bool(operation.exact)):
-            yield function, *site
+        if names is None or key(function) in names:
+            for site in sites(parsed(function), bool(operation.exact)):
+                yield function, *site
 
 
-def inject(operations, part=0, parts=1):
-    """Every slip that can be made in the program that the operations share; of `parts` parts, one.
+def inject(operations, part=0, parts=1, names=None):
+    """Every slip of `planted` in the program that the operations share; of `parts` parts, one.
 
-    {"planted": {kind: number}, "noticed": {operation: {kind: number}}, "survived": [slips that no operation with the
-    same function notices]}
+    {"noticed": {operation: {kind: number}}, "functions": {name: {"planted": {kind: number}, "survived": [slips that no
+    operation with the same function notices]}}}. Slips that change no answer are looked for in few cases only.
     """
     for operation in operations:
         assert not noticed(operation, False), f"{operation.name} fails before any slip"
         assert part or not noticed(operation, True), f"{operation.name} fails before any slip"
     users = programs_with()  # while every function's source can still be read
-    made, caught = {}, {operation.name: {} for operation in operations}
-    survived = []
-    for function, group in itertools.groupby(list(planted(operations[0]))[part::parts], key=lambda slip: slip[0]):
-        right = function.__code__
+    caught, found = {operation.name: {} for operation in operations}, {}
+    for function, group in itertools.groupby(
+        list(planted(operations[0], names))[part::parts], key=lambda slip: slip[0]
+    ):
+        right, of = function.__code__, found.setdefault(key(function), {"planted": {}, "survived": []})
+        others = [operation for operation in users[key(function)] if operation not in operations]
         for _, kind, number, change in group:
-            made[kind] = made.get(kind, 0) + 1
+            of["planted"][kind] = of["planted"].get(kind, 0) + 1
             code, words = altered(function, number, change)
+            slip = f"{function.__name__}: {words}"
+            steps = ((others, False),) if harmless(slip) else ((others, False), (operations, True), (others, True))
             function.__code__ = code
             try:
                 by = [operation for operation in operations if noticed(operation, False)]
                 for operation in by:
                     caught[operation.name][kind] = caught[operation.name].get(kind, 0) + 1
-                others = [o for o in users[function.__module__, function.__qualname__] if o not in operations]
-                if not by and not any(
-                    noticed(operation, deep)
-                    for among, deep in ((operations, True), (others, False), (others, True))
-                    for operation in among
-                ):
-                    survived.append(f"{function.__name__}: {words}")
+                if not by and not any(noticed(operation, deep) for among, deep in steps for operation in among):
+                    of["survived"].append(slip)
             finally:
                 function.__code__ = right
-    return {"planted": made, "noticed": caught, "survived": survived}
+    return {"noticed": caught, "functions": found}
+
+
+def together(answers):
+    """(number planted by kind, slips that survived) of what `inject` says about several functions or parts."""
+    made = {}
+    for answer in answers:
+        for kind, number in answer["planted"].items():
+            made[kind] = made.get(kind, 0) + number
+    return dict(sorted(made.items())), [slip for answer in answers for slip in answer["survived"]]
 
 
 def harmless(slip):
@@ -565,10 +729,10 @@ def code_digest(names):
     return hashlib.sha256("\0".join(texts).encode()).hexdigest()[:12]
 
 
-def judged(names, part=0, parts=1, seconds=None):
+def judged(names, part=0, parts=1, seconds=None, functions=()):
     """`inject` in a process of its own; None where it does not end in time. Raises RuntimeError if it fails."""
     path = os.pathsep.join(filter(None, (str(ROOT), os.environ.get("PYTHONPATH"))))
-    command = [sys.executable, __file__, *names, "--part", f"{part}/{parts}"]
+    command = [sys.executable, __file__, *names, "--part", f"{part}/{parts}", "--functions", *functions]
     environment = dict(os.environ, NUMBA_DISABLE_JIT="1", PYTHONPATH=path)
     try:
         done = subprocess.run(command, capture_output=True, text=True, env=environment, timeout=seconds)
@@ -580,43 +744,50 @@ def judged(names, part=0, parts=1, seconds=None):
 
 
 def publish(jobs, minutes):
-    """Judge what the record does not hold; returns whether every program is judged and every slip noticed."""
+    """Judge what the record does not hold; returns whether every program is judged and every slip noticed.
+
+    A function that several programs call is judged once. Programs with few slips come first.
+    """
     from validation.attack.campaign import commit
 
     end, before = time.monotonic() + 60 * minutes, json.loads(RECORD.read_text()) if RECORD.exists() else {}
-    found, waiting = {}, []
+    found, stale, waiting, answers = {}, [], [], {}
     for names in programs():
         digest, name = code_digest(names), "+".join(names)
         if before.get(name, {}).get("digest") == digest:
             found[name] = before[name]
-            continue
-        parts = math.ceil(len(list(planted(REGISTRY[names[0]]))) / IN_A_PART)
-        waiting += [(parts, name, names, digest, part) for part in range(parts)]
-    waiting.sort(key=lambda item: -item[0])
+        else:
+            stale.append((names, digest, needed(REGISTRY[names[0]])))
+    for names, _, functions in sorted(stale, key=lambda item: len(list(planted(REGISTRY[item[0][0]])))):
+        own = [name for name, flags in functions if (name, flags) not in answers]
+        slips = len(list(planted(REGISTRY[names[0]], own)))
+        parts = math.ceil(slips / IN_A_PART)
+        answers |= {function: [None] * parts for function in functions if function not in answers}
+        waiting += [(names, own, part, parts) for part in range(parts)]
     about = {"date": f"{datetime.datetime.now(datetime.UTC):%Y-%m-%d}", "commit": commit(RECORD.name, PAGE.name)}
 
     def one(item):
-        parts, name, names, _, part = item
+        names, own, part, parts = item
         left = end - time.monotonic()
         try:
-            answer = judged(names, part, parts, left) if left > 0 else None
-        except RuntimeError as error:  # the program counts as not judged, and the others are kept
+            answer = judged(names, part, parts, left, own) if left > 0 else None
+        except RuntimeError as error:  # its functions count as not judged, and the others are kept
             print(error, file=sys.stderr)
             answer = None
-        print(f"{name} {part + 1}/{parts}: {'did not end' if answer is None else answer['survived']}", file=sys.stderr)
+        said = "did not end" if answer is None else together(answer["functions"].values())[1]
+        print(f"{'+'.join(names)} {part + 1}/{parts}: {said}", file=sys.stderr)
         return answer
 
-    parts_of = {}
     with concurrent.futures.ThreadPoolExecutor(jobs) as pool:
-        for (parts, name, _, digest, _), answer in zip(waiting, pool.map(one, waiting)):
-            answers = parts_of.setdefault(name, [])
-            answers.append(answer)
-            if len(answers) < parts or None in answers:
-                continue
-            kinds = {kind for answer in answers for kind in answer["planted"]}
-            made = {kind: sum(answer["planted"].get(kind, 0) for answer in answers) for kind in sorted(kinds)}
-            survived = [slip for answer in answers for slip in answer["survived"]]
-            found[name] = {**about, "digest": digest, "planted": made, "survived": survived}
+        for (names, own, part, _), answer in zip(waiting, pool.map(one, waiting)):
+            for name in own if answer is not None else ():
+                slips = answer["functions"].get(name, {"planted": {}, "survived": []})
+                answers[name, bool(REGISTRY[names[0]].exact)][part] = slips
+            for names, digest, functions in stale:
+                parts = [part for function in functions for part in answers[function]]
+                if None not in parts:
+                    made, survived = together(parts)
+                    found["+".join(names)] = {**about, "digest": digest, "planted": made, "survived": survived}
             RECORD.write_text(json.dumps(in_order(found), indent=1) + "\n")
     record = in_order(found)
     RECORD.write_text(json.dumps(record, indent=1) + "\n")
@@ -624,6 +795,11 @@ def publish(jobs, minutes):
     PAGE.write_text(f"{before}{BEGIN}\n{table(record)}\n{END}{rest.partition(END)[2]}")
     gaps = [slip for entry in record.values() for slip in entry["survived"] if not harmless(slip)]
     return len(record) == len(programs()) and not gaps
+
+
+def needed(operation):
+    """(name, whether flags are planted in) of every function behind an operation."""
+    return [(key(function), bool(operation.exact)) for function in functions_behind(operation)]
 
 
 def in_order(found):
@@ -652,6 +828,7 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("operations", nargs="*", metavar="OPERATION", help="operations that share one program")
     parser.add_argument("--part", default="0/1", metavar="K/N", help="slips K, K + N, K + 2 N, ...")
+    parser.add_argument("--functions", nargs="*", metavar="NAME", help="slips of these functions only")
     parser.add_argument("--publish", action="store_true", help="judge every program; write the record and the page")
     parser.add_argument("--jobs", type=int, default=os.cpu_count(), help="processes")
     parser.add_argument("--minutes", type=float, default=math.inf, help="time for everything")
@@ -661,7 +838,8 @@ def main():
     if given.publish:
         return 0 if publish(given.jobs, given.minutes) else EXIT_FAILED
     signal.signal(signal.SIGPROF, too_long)
-    print(json.dumps(inject([REGISTRY[name] for name in given.operations], *map(int, given.part.split("/")))))
+    operations, part = [REGISTRY[name] for name in given.operations], map(int, given.part.split("/"))
+    print(json.dumps(inject(operations, *part, given.functions or None)))
     return 0
 
 

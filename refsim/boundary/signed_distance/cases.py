@@ -338,20 +338,32 @@ def beyond_two_edges_upright():
     return _obtuse([0, 2, 1])
 
 
+def _pierced(corner: np.ndarray, lists: TriangleLists, crossing: list[list[int]]) -> Exact:
+    """Triangles without common corners, those of each block, and the number of pairs that cross with the first pair."""
+    count = len(corner)
+    normal = np.zeros((count, 21))
+    side = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+    normal[:, :3] = side / np.linalg.norm(side, axis=1, keepdims=True)
+    triangles = Triangles(corner.reshape(count, 9), normal, *_apart(count))
+    answer = np.array(crossing)
+    given = {"triangles": triangles, "triangle_lists": lists, "crossing": np.zeros(answer.shape, np.int32)}
+    return Exact(Case("one_crossing", 3, np.zeros((1, 3))), given, {"crossing": answer})
+
+
 @closed_form("signed_distance.crossings")
 def one_crossing():
     """A vertical triangle pierces a horizontal one; a third lies 2 m above."""
     flat = np.array([[0, 0, 0], [2, 0, 0], [0, 2, 0]], float)
     upright = np.array([[0.5, 0.25, -1], [0.5, 0.25, 1], [3, 2, 0]])
-    corner = np.stack([flat, upright, flat + [0, 0, 2]])
-    normal = np.zeros((3, 21))
-    side = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
-    normal[:, :3] = side / np.linalg.norm(side, axis=1, keepdims=True)
-    triangles = Triangles(corner.reshape(3, 9), normal, *_apart(3))
     lists = TriangleLists(np.array([0, 3, 5], np.int32), np.array([0, 1, 2, 0, 2], np.int32))
-    given = {"triangles": triangles, "triangle_lists": lists, "crossing": np.zeros((2, 3), np.int32)}
-    made = Case("one_crossing", 3, np.zeros((1, 3)))
-    return Exact(made, given, {"crossing": np.array([[1, 0, 1], [0, -1, -1]])})
+    return _pierced(np.stack([flat, upright, flat + [0, 0, 2]]), lists, [[1, 0, 1], [0, -1, -1]])
+
+
+@closed_form("signed_distance.crossings")
+def crossing_near_the_third_corner():
+    """A vertical triangle at x = 1 m pierces a horizontal one with two corners at x = 4 m and the third at 0."""
+    corner = np.array([[[4, 3, 0], [4, 7, 0], [0, 5, 0]], [[1, 5, -1], [1, 5, 1], [1, 8, 0]]], float)
+    return _pierced(corner, TriangleLists(np.array([0, 2], np.int32), np.arange(2, dtype=np.int32)), [[1, 0, 1]])
 
 
 @closed_form("signed_distance.interpolate")
@@ -400,3 +412,53 @@ def onto_a_cube():
     normal = np.array([[0, 0, 1], [math.sqrt(0.5), -math.sqrt(0.5), 0], [-1, 1, 1] / np.sqrt(3), [0, 0, 0]])
     given = {"query": points, "projected": np.zeros((4, 3)), "projected_normal": np.zeros((4, 3))}
     return Exact(CASES["unit_cube"](), given, {"projected": onto, "projected_normal": normal})
+
+
+def _strip() -> Triangles:
+    """Triangles 0 to 7: four unit squares along x at z = 0, each cut along a diagonal; triangle 8 is alone at z = 3 m.
+
+    Triangles 2 k and 2 k + 1 make square k. The strip looks upwards, triangle 8 downwards.
+    """
+    cut = np.array([[[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[1, 0, 0], [1, 1, 0], [0, 1, 0]]], float)
+    corner = np.concatenate([*(cut + [k, 0, 0] for k in range(4)), cut[:1, ::-1] + [0, 0, 3]])
+    normal = np.tile([0.0, 0.0, 1.0], (9, 7))
+    normal[8] *= -1
+    owner, vertex, across = _apart(9)
+    for k in range(0, 8, 2):
+        across[k, 1], across[k + 1, 2] = k + 1, k
+    for k in range(1, 7, 2):
+        across[k, 0], across[k + 1, 2] = k + 1, k
+    return Triangles(corner.reshape(9, 9), normal, owner, vertex, across)
+
+
+@closed_form("signed_distance.project")
+def onto_a_strip():
+    """One block of nodes, h = 1 m, of which few know a closest triangle, so that each query has few to begin with.
+
+    From the first query the nearest triangle is six steps away. The second is halfway between triangles 0 and 8: the
+    lower number wins. Triangle 8 is nearer to the third, but no corner of its cell knows it. The cells of the others
+    begin outside the block and share one node with it that knows a triangle.
+    """
+    known = {
+        (3, 0, 1): 0, (0, 0, 1): 8, (1, 0, 1): 0, (0, 1, 3): 8, (0, 0, 0): 0, (0, 2, 2): 0, (2, 0, 2): 4, (2, 2, 0): 5,
+    }  # fmt: skip
+    closest = np.full((4, 4, 4), -1, np.int32)
+    for (x, y, z), triangle in known.items():
+        closest[z, y, x] = triangle
+    blocks = Blocks(np.array([2**62 + 2**41 + 2**20]), np.where(np.arange(27) == 13, 0, -1)[None].astype(np.int32))
+    field = DistanceField(
+        blocks.keys, blocks.neighbour, np.zeros(64), closest.ravel(), np.zeros(1, np.uint8), np.float64(1),
+        np.float64(1), np.float64(5), *3 * (np.float64(0),),
+    )  # fmt: skip
+    answers = {
+        (3.25, 0.25, 1.5): (3.25, 0.25, 0), (0.25, 0.25, 1.5): (0.25, 0.25, 0), (0.25, 1.25, 1.75): (0.25, 1, 0),
+        (-0.5, -0.5, -0.5): (0, 0, 0), (-0.5, 2.5, 2.5): (0, 1, 0), (2.5, -0.5, 2.5): (2.5, 0, 0),
+        (2.5, 2.5, -0.5): (2.5, 1, 0),
+    }  # fmt: skip
+    points, onto = np.array(list(answers)), np.array(list(answers.values()), float)
+    given = {
+        "query": points, "triangles": _strip(), "distance_field": field, "projected": np.zeros(points.shape),
+        "projected_normal": np.zeros(points.shape),
+    }  # fmt: skip
+    made = Case("strip", 3, np.zeros((1, 3)), spacing=1.0, support_radius=2.0)
+    return Exact(made, given, {"projected": onto, "projected_normal": np.tile([0.0, 0.0, 1.0], (len(points), 1))})
