@@ -11,13 +11,18 @@ import sys
 import zipfile
 
 import pytest
+from filelock import FileLock
 
 ROOT = pathlib.Path(__file__).parents[1]
 MOST = 4
 CYCLES = (100_000, 50, 100)  # thresholds of `gc`
+QUICKLY = (
+    f"import gc, sys; gc.set_threshold(*{CYCLES}); sys.path[:] = [{str(ROOT / 'tests')!r}, *sys.argv[1:]];"
+    " import refsim.backends.compile, quick_numba; quick_numba.install(); "
+)
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # the tests fill the cores already
 SOURCES = ("setup.cfg", "pyproject.toml", "MANIFEST.in", "LICENSE", "docs/package.md")
-BUILD = "from setuptools import setup; setup(script_args=['-q', 'build', '--build-lib', 'unpacked', 'egg_info'])"
+BUILD = "from setuptools import setup; setup(script_args=['-q', 'build', '--build-lib', 'unpacking', 'egg_info'])"
 
 
 def pytest_xdist_auto_num_workers(config):
@@ -31,12 +36,15 @@ def pytest_configure():
     """A test process compiles what it comes to, since the tests fill the cores, and keeps its process for loops.
 
     Numba makes many objects while it compiles, and pytest holds many: Python looks for cycles among them more rarely,
-    here and in the process for loops.
+    here and in the process for loops, and both compile with `quick_numba`.
     """
+    import quick_numba
+
     from refsim.backends import ahead, workers
 
     gc.set_threshold(*CYCLES)
-    workers.START = f"import gc; gc.set_threshold(*{CYCLES}); {workers.START}"
+    quick_numba.install()
+    workers.START = QUICKLY + workers.START
     ahead.cores = lambda: 1
     if os.environ.get("NUMBA_ENABLE_CUDASIM", "0") not in ("", "0"):
         import simulator_threads
@@ -56,9 +64,20 @@ def makes_wheels():
 
 @pytest.fixture(scope="session")
 def unpacked(tmp_path_factory):
-    """The wheel of a copy of the sources, unpacked; setuptools before 70.1 only lays out what it would hold."""
-    copy = tmp_path_factory.mktemp("clone")
-    (copy / "docs").mkdir()
+    """The wheel of a copy of the sources, unpacked, one for all test processes; see `unpack`."""
+    folder = tmp_path_factory.getbasetemp()
+    shared = folder.parent if "PYTEST_XDIST_WORKER" in os.environ else folder
+    with FileLock(shared / "clone.lock"):
+        copy = shared / "clone"
+        if not (copy / "unpacked").exists():
+            shutil.rmtree(copy, ignore_errors=True)  # of a process that failed
+            unpack(copy)
+    return copy / "unpacked"
+
+
+def unpack(copy):
+    """Copy the sources and unpack their wheel there; setuptools before 70.1 only lays out what it would hold."""
+    (copy / "docs").mkdir(parents=True)
     for name in SOURCES:
         shutil.copy(ROOT / name, copy / name)
     for folder in ("refsim", "validation", "tests", "scripts"):
@@ -67,8 +86,8 @@ def unpacked(tmp_path_factory):
         options = ("--no-deps", "--no-build-isolation", "--no-index", "--no-cache-dir", "--quiet")
         python(("-m", "pip", "wheel", *options, "--wheel-dir", "dist", "."), copy)
         (wheel,) = (copy / "dist").glob("refsim-*.whl")
-        zipfile.ZipFile(wheel).extractall(copy / "unpacked")
+        zipfile.ZipFile(wheel).extractall(copy / "unpacking")
     else:
         python(("-c", BUILD), copy)
-        shutil.move(copy / "refsim.egg-info", copy / "unpacked")
-    return copy / "unpacked"
+        shutil.move(copy / "refsim.egg-info", copy / "unpacking")
+    (copy / "unpacking").rename(copy / "unpacked")

@@ -84,7 +84,8 @@ print("slowed down")
 """
 
 SIMULATED = """
-import numpy as np
+from tests.simulator_threads import install
+install()
 outcome = contract.run(operation, "cuda", "float32", "cloud_2d")
 assert outcome.passed, str(outcome)
 print("simulated")

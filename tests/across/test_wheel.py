@@ -60,7 +60,7 @@ def test_the_sdist_holds_what_its_tests_need(from_sdist):
             if path.is_file() and "__pycache__" not in name and not name.startswith("figures/quick/"):
                 assert name in there, name
     assert {"README.md", "CONTRIBUTING.md", "CHANGELOG.md", "CITATION.cff", "LICENSE", ".gitignore"} <= there
-    options = ("--collect-only", "-q", "-n", "0", "-p", "no:cacheprovider")
+    options = ("--collect-only", "-q", "-n", "0", "-p", "no:cacheprovider", "--assert=plain")
     found = run(("-m", "pytest", *options, "tests/across", "tests/io"), from_sdist, PYTHONPATH="")
     assert "tests/io/test_results.py::test_frames_by_number_and_time_are_those_of_the_file" in found
 
