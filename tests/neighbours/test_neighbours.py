@@ -11,7 +11,7 @@ from refsim.backends.arrays import choose, set_threads
 from refsim.core import cases
 from refsim.core.period import period_group
 from refsim.core.walls import Bounds
-from refsim.neighbours import AUDITED_ROWS, MOST_NEIGHBOURS, AuditedRows, NeighbourSearch, coincident_pairs
+from refsim.neighbours import AUDITED_ROWS, MOST_NEIGHBOURS, AuditedRows, NeighbourSearch, Particles, coincident_pairs
 from refsim.neighbours.reference import neighbour_list, pair_blocks
 from refsim.neighbours.rows import NeighbourRows
 
@@ -105,8 +105,8 @@ def test_list_of_a_periodic_box_holds_all_pairs(lengths, dtype):
         other = (own[:, None] != own[None, :]) if others else np.ones_like(table, bool)
         assert (table <= ((distance < search.reach + eps) & other)).all()
         assert (table >= ((distance < search.reach - eps) & other)).all()
-    assert search.margin(position, position, 0.0, False) == 0.0
     still = np.zeros_like(position)
+    assert search.margins(Particles(position, position, still, None), [0.0], False) == [0.0]
     search.audit(position, still, np.zeros(2, dtype), listed)
     assert search.programs.missed == 0
     across = np.abs(position[:, None] - position[None, :]).max(2) > 0.25
