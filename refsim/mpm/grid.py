@@ -127,9 +127,12 @@ class MpmGrid:
         cell = self.cells["samples"]
         if self.on_device:
             return PointList(*self.bins["samples"], cell)
-        order = np.argsort(cell, kind="stable").astype(np.int32)
-        first = np.searchsorted(cell[order], np.arange(self.nodes + 1)).astype(np.int32)
-        return PointList(first, order, cell)
+        if self.backend.name == "numpy":
+            order = np.argsort(cell, kind="stable").astype(np.int32)
+            return PointList(np.searchsorted(cell[order], np.arange(self.nodes + 1)).astype(np.int32), order, cell)
+        from refsim.sparse_grid.block_search import points_by_cell  # loads Numba
+
+        return points_by_cell(cell, self.nodes // NODES)
 
     @property
     def scratch(self) -> Any:

@@ -5,11 +5,12 @@ Points are taken in chunks; within a chunk the block of the point before is trie
 
 import numpy as np
 
-from refsim.backends.compile import cpu_kernel, formula, prange
+from refsim.backends.compile import cpu_kernel, formula, kernel, prange
 from refsim.mpm.formulas import base_coordinate
 from refsim.mpm.grid import FARTHEST
 from refsim.mpm.kernels import key_of, write_keys
 from refsim.neighbours.formulas import lower_bound
+from refsim.sparse_grid.block_search import points_by_block
 from refsim.sparse_grid.formulas import block_bits
 
 CHUNKS = 64
@@ -56,14 +57,13 @@ def write_cells(position, inverse_cell, keys, complete, bits, counts, cell):
         )
 
 
-@cpu_kernel
-def expand_runs(first, run_first, begin, at, point):
-    """point <- numbers of the points of each block, from its runs of consecutive ones."""
-    for b in prange(first.shape[0] - 1):
-        for r in range(run_first[b], run_first[b + 1]):
-            size = (at[r + 1] if r + 1 < at.shape[0] else point.shape[0]) - at[r]
-            for k in range(size):
-                point[at[r] + k] = begin[r] + k
+@kernel(rows_of="ends")
+def write_first(k, owner, ends, first):
+    """first[p] <- k for the particles p after the owner of sorted sample k - 1 up to that of sample k."""
+    low = owner[k - 1] if k > 0 else -1
+    high = owner[k] if k < owner.shape[0] else first.shape[0] - 1
+    for p in range(low + 1, high + 1):
+        first[p] = k
 
 
 def block_keys(position, inverse_cell, dim):
@@ -82,21 +82,8 @@ def find_cells(position, inverse_cell, blocks, complete, cell):
 
 
 def sorted_bins(cell, blocks):
-    """Points by block: sorts runs of consecutive points in the same block, few if particles are in order in memory."""
-    block = cell >> 6
-    n = len(block)
-    begin = np.concatenate(([0], np.flatnonzero(block[1:] != block[:-1]) + 1))[: n or 0].astype(np.int32)
-    owner = block[begin]
-    size = np.diff(np.append(begin, n))
-    order = np.argsort(owner, kind="stable")
-    first = np.zeros(blocks + 1, np.int32)
-    run_first = np.zeros(blocks + 1, np.int32)
-    first[1:] = np.cumsum(np.bincount(owner, weights=size, minlength=blocks))
-    run_first[1:] = np.cumsum(np.bincount(owner, minlength=blocks))
-    begin, size = begin[order], size[order]
-    point = np.empty(n, np.int32)
-    expand_runs(first, run_first, begin, (np.cumsum(size) - size).astype(np.int32), point)
-    return first, point
+    """Points by block."""
+    return points_by_block(cell, blocks)
 
 
 def cells(position, carrier_position, surface_sample, grid, cell):
@@ -107,6 +94,7 @@ def cells(position, carrier_position, surface_sample, grid, cell):
 
 def by_owner(sample_owner, count):
     """(numbers of the samples by owner, place of the first of each owner and the total), int32, stable."""
-    first = np.zeros(count + 1, np.int32)
-    first[1:] = np.cumsum(np.bincount(sample_owner, minlength=count))
-    return np.argsort(sample_owner, kind="stable").astype(np.int32), first
+    order = np.argsort(sample_owner, kind="stable").astype(np.int32)
+    first = np.empty(count + 1, np.int32)
+    write_first(sample_owner[order], np.empty(len(order) + 1, np.uint8), first)
+    return order, first

@@ -1,12 +1,146 @@
-"""Blocks and lists of points on the CPU: sorting and searching by NumPy."""
+"""Blocks and lists of points on the CPU: keys and cells in chunks of points, points sorted by counting."""
 
 import itertools
+import math
 
 import numpy as np
 
+from refsim.backends.compile import formula, kernel
 from refsim.neighbours.formulas import BITS, OFFSET
-from refsim.sparse_grid.formulas import BLOCK, FARTHEST
+from refsim.sparse_grid.formulas import BLOCK, FARTHEST, find_node_near
 from refsim.sparse_grid.tables import Blocks, PointList
+
+CHUNKS, LEAST_CHUNK = 64, 2048  # of points that one thread takes in their order
+
+
+@formula
+def cell_of_product(x, inverse_cell, shift):
+    """`formulas.cell_coordinate`: j = floor(x/h - shift), clamped, whether or not products and sums may be fused.
+
+    The product is bounded before the difference, so that it is rounded first.
+    """
+    scaled = min(max(float(x) * inverse_cell, -4.0 * FARTHEST), 4.0 * FARTHEST) - shift
+    if not scaled > -FARTHEST:
+        return -FARTHEST
+    return int(math.floor(scaled)) if scaled < FARTHEST else FARTHEST  # noqa: RUF046
+
+
+@formula
+def chunk_of(c, count, chunks):
+    """(begin, end) of chunk c (dimensionless) of `count` points."""
+    return c * count // chunks, (c + 1) * count // chunks
+
+
+@kernel(rows_of="held")
+def write_runs(c, position, inverse_cell, dim, keys, held):
+    """Keys of the blocks of chunk c's points [m], without repetition of the one before; held[c] of them."""
+    bits = 2 if dim == 3 else 3
+    begin, end = chunk_of(c, position.shape[0], held.shape[0])
+    at, last = begin, -1
+    for i in range(begin, end):
+        bx = cell_of_product(position[i, 0], inverse_cell, 0.0) >> bits
+        by = cell_of_product(position[i, 1], inverse_cell, 0.0) >> bits
+        bz = cell_of_product(position[i, 2], inverse_cell, 0.0) >> 2 if dim == 3 else 0
+        key = ((bz + OFFSET) << (2 * BITS)) | ((by + OFFSET) << BITS) | (bx + OFFSET)
+        if key != last:
+            keys[at] = key
+            at, last = at + 1, key
+    held[c] = at - begin
+
+
+@kernel(rows_of="chunks")
+def write_nodes(c, position, inverse_cell, shift, blocks, chunks, node):
+    """Node of the cell in which each point [m] of chunk c stands, -1 where no block holds it."""
+    guess = -1
+    begin, end = chunk_of(c, position.shape[0], chunks.shape[0])
+    for i in range(begin, end):
+        jx = cell_of_product(position[i, 0], inverse_cell, shift)
+        jy = cell_of_product(position[i, 1], inverse_cell, shift)
+        jz = cell_of_product(position[i, 2], inverse_cell, shift) if blocks.neighbour.shape[1] == 27 else 0
+        found = find_node_near(blocks, jx, jy, jz, guess)
+        node[i] = found
+        guess = found >> 6
+
+
+@kernel(rows_of="held")
+def count_by_block(c, node, held):
+    """held[c, b] <- points of chunk c in block b."""
+    for b in range(held.shape[1]):
+        held[c, b] = 0
+    begin, end = chunk_of(c, node.shape[0], held.shape[0])
+    for i in range(begin, end):
+        if node[i] >= 0:
+            held[c, node[i] >> 6] += 1
+
+
+@kernel(rows_of="total")
+def sum_chunks(b, held, total):
+    """held[c, b] <- points of block b in the chunks before c; the points of all."""
+    before = 0
+    for c in range(held.shape[0]):
+        own = held[c, b]
+        held[c, b] = before
+        before += own
+    total[b] = before
+
+
+@kernel(rows_of="held")
+def fill_blocks(c, node, first, held, point):
+    """The points of each block by their numbers; `held` says how many stand before those of chunk c."""
+    begin, end = chunk_of(c, node.shape[0], held.shape[0])
+    for i in range(begin, end):
+        if node[i] >= 0:
+            b = node[i] >> 6
+            point[first[b] + held[c, b]] = i
+            held[c, b] += 1
+
+
+@kernel(rows_of="total")
+def sort_block(b, node, block_first, by_block, total, first, point):
+    """The points of each cell of block b by their numbers."""
+    low, begin, end = 64 * b, block_first[b], block_first[b + 1]
+    for c in range(low, low + 64):
+        first[c] = 0
+    for k in range(begin, end):
+        first[node[by_block[k]]] += 1
+    before = begin
+    for c in range(low, low + 64):
+        own = first[c]
+        first[c] = before
+        before += own
+    for k in range(begin, end):
+        i = by_block[k]
+        point[first[node[i]]] = i
+        first[node[i]] += 1  # is in the end the first of the next cell
+    for c in range(low + 63, low, -1):
+        first[c] = first[c - 1]
+    first[low] = begin
+
+
+def chunks_for(points):
+    """Number of chunks of so many points."""
+    return min(max(points // LEAST_CHUNK, 1), CHUNKS)
+
+
+def points_by_block(node, blocks):
+    """(first of each of so many blocks, points) by block, int32; those of a block by their numbers."""
+    held, total = np.empty((chunks_for(len(node)), blocks), np.int32), np.empty(blocks, np.int32)
+    count_by_block(node, held)
+    sum_chunks(held, total)
+    first = np.zeros(blocks + 1, np.int32)
+    np.cumsum(total, out=first[1:])
+    point = np.empty(first[-1], np.int32)
+    fill_blocks(node, first, held, point)
+    return first, point
+
+
+def points_by_cell(node, blocks):
+    """The points of each cell of so many blocks; `node` (n,) int32 is the cell of each, -1 for none."""
+    block_first, by_block = points_by_block(node, blocks)
+    first, point = np.empty(BLOCK * blocks + 1, np.int32), np.empty(len(by_block), np.int32)
+    sort_block(node, block_first, by_block, block_first[1:], first, point)
+    first[-1] = len(point)
+    return PointList(first, point, node)
 
 
 class BlockSearch:
@@ -16,16 +150,6 @@ class BlockSearch:
         self.dim, self.inverse_cell = dim, inverse_cell
         self.bits = 2 if dim == 3 else 3
         self.width = 1 << self.bits
-
-    def cell_coordinates(self, position, shift=0.0):
-        """(n, 3) int64; 0 along z in the plane."""
-        with np.errstate(invalid="ignore", over="ignore"):
-            scaled = position[:, : self.dim].astype(float) * self.inverse_cell - shift
-        scaled = np.where(scaled > -FARTHEST, np.minimum(scaled, FARTHEST), -FARTHEST)
-        coordinates = np.zeros((len(position), 3), np.int64)
-        np.floor(scaled, out=scaled)
-        coordinates[:, : self.dim] = scaled
-        return coordinates
 
     def keys(self, block):
         """Sortable keys of block coordinates (..., 3)."""
@@ -38,14 +162,17 @@ class BlockSearch:
         return block
 
     def cover(self, position, below, above):
-        return self._blocks(self.cell_coordinates(position), below, above)
+        count = len(position)
+        keys, held = np.empty(count, np.int64), np.empty(chunks_for(count), np.int64)
+        write_runs(position, self.inverse_cell, self.dim, keys, held)
+        begin = np.arange(len(held)) * count // len(held)
+        runs = [keys[b : b + h] for b, h in zip(begin, held, strict=True)]
+        return self._blocks(np.unique(np.concatenate(runs)), below, above)
 
     def holding(self, coordinates):
-        return self._blocks(np.asarray(coordinates, np.int64), 1, 1)
+        return self._blocks(np.unique(self.keys(self.block_of(np.asarray(coordinates, np.int64)))), 1, 1)
 
-    def _blocks(self, coordinates, below, above):
-        occupied = self.keys(self.block_of(coordinates))
-        occupied = np.unique(occupied[np.append(True, occupied[1:] != occupied[:-1])[: len(occupied)]])
+    def _blocks(self, occupied, below, above):
         axis = range((-below) >> self.bits, ((self.width - 1 + above) >> self.bits) + 1)
         steps = self.keys(np.array(list(itertools.product(*(axis if c < self.dim else (0,) for c in range(3))))))
         keys = np.unique((occupied[:, None] + (steps - self.keys(np.zeros(3, np.int64)))[None, :]).ravel())
@@ -71,26 +198,9 @@ class BlockSearch:
         return np.where(blocks.keys[place] == key, place * BLOCK + local, -1)
 
     def cell_of(self, position, blocks, shift):
-        return self.node_of(self.cell_coordinates(position, shift), blocks).astype(np.int32)
+        node, chunks = np.empty(len(position), np.int32), np.empty(chunks_for(len(position)), np.uint8)
+        write_nodes(position, self.inverse_cell, float(shift), blocks, chunks, node)
+        return node
 
     def by_cell(self, position, blocks, shift):
-        count = BLOCK * len(blocks.keys)
-        node = self.node_of(self.cell_coordinates(position, shift), blocks)
-        order = np.argsort(node, kind="stable")
-        outside = np.count_nonzero(node < 0)
-        first = np.zeros(count + 1, np.int32)
-        np.cumsum(np.bincount(node[node >= 0], minlength=count), out=first[1:])
-        return PointList(first, order[outside:].astype(np.int32), node.astype(np.int32))
-
-
-def neighbours_along(blocks, axis):
-    """Number of the next node along an axis of every node (nodes,) int64, -1 where there is none."""
-    bits = 2 if blocks.neighbour.shape[1] == 27 else 3
-    local = np.arange(BLOCK)
-    place = [local & ((1 << bits) - 1), (local >> bits) & ((1 << bits) - 1), local >> (2 * bits)]
-    place[axis] = place[axis] + 1
-    beyond = place[axis] >> bits
-    place[axis] = place[axis] & ((1 << bits) - 1)
-    block = blocks.neighbour[:, blocks.neighbour.shape[1] // 2 + beyond * 3**axis].astype(np.int64)
-    node = block * BLOCK + ((place[2] << (2 * bits)) | (place[1] << bits) | place[0])[None, :]
-    return np.where(block >= 0, node, -1).ravel()
+        return points_by_cell(self.cell_of(position, blocks, shift), len(blocks.keys))

@@ -1,26 +1,90 @@
-"""Components of inside nodes by SciPy; `components_cuda` labels them on a CUDA device."""
+"""Components of inside nodes on a CPU: within blocks, then across their faces; `components_cuda` does it on a GPU."""
 
 import numpy as np
+
+from refsim.backends.compile import formula, kernel
+from refsim.sparse_grid.formulas import block_bits
+
+NONE, SOME, ALL = 0, 1, 2  # nodes of a block that are inside
 
 
 def components(blocks, node_state, node_label):
     """The lowest node (dimensionless) of each inside node's component, -1 outside."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
+    inside, one = np.empty(len(blocks.keys), np.uint8), np.empty(1, np.uint8)
+    label_block(blocks, node_state, node_label, inside)
+    join_blocks(blocks, inside, node_label, one)
+    shorten_labels(inside, node_label)
 
-    from refsim.sparse_grid.block_search import neighbours_along
 
-    inside = node_state == 1
-    node_label[:] = -1
-    pairs = []
-    for axis in range(3 if blocks.neighbour.shape[1] == 27 else 2):
-        other = neighbours_along(blocks, axis)
-        joined = np.flatnonzero(inside & (other >= 0))
-        joined = joined[inside[other[joined]]]
-        pairs.append((joined, other[joined]))
-    first, second = (np.concatenate(part) for part in zip(*pairs, strict=True))
-    graph = coo_array((np.ones(len(first), np.int8), (first, second)), shape=(len(inside),) * 2)
-    count, label = connected_components(graph, directed=False)
-    lowest = np.full(count, len(inside), np.int64)
-    np.minimum.at(lowest, label, np.arange(len(inside)))
-    node_label[inside] = lowest[label[inside]]
+@formula
+def lowest(node_label, i):
+    """Number (dimensionless) of the node at the end of i's chain of labels, i <- label[i]."""
+    while node_label[i] != i:
+        i = node_label[i]
+    return i
+
+
+@formula
+def join(node_label, i, other):
+    """Join the components of two nodes: the label of the higher lowest node becomes the lower one."""
+    own, met = lowest(node_label, i), lowest(node_label, other)
+    if own != met:
+        node_label[max(own, met)] = min(own, met)
+
+
+@kernel(rows_of="inside")
+def label_block(b, blocks, node_state, node_label, inside):
+    """The lowest node of each inside node's component within block b, and how many of its nodes are inside."""
+    bits = block_bits(blocks)
+    low, found = 64 * b, 0
+    for i in range(low, low + 64):
+        node_label[i] = -1
+        if node_state[i] == 1:
+            found += 1
+            node_label[i] = i
+    inside[b] = NONE if found == 0 else (ALL if found == 64 else SOME)
+    if found == 64:
+        for i in range(low, low + 64):
+            node_label[i] = low
+    elif found > 0:
+        for axis in range(3 if bits == 2 else 2):
+            step = 1 << (axis * bits)
+            for i in range(low, low + 64):
+                if (i // step) % (1 << bits) > 0 and node_label[i] >= 0 and node_label[i - step] >= 0:
+                    join(node_label, i, i - step)
+        for i in range(low, low + 64):
+            if node_label[i] >= 0:
+                node_label[i] = lowest(node_label, i)
+
+
+@kernel(rows_of="one")
+def join_blocks(_, blocks, inside, node_label, one):
+    """Joins the components that touch across the faces of blocks, by one thread."""
+    bits = block_bits(blocks)
+    width, middle = 1 << bits, blocks.neighbour.shape[1] // 2
+    for b in range(inside.shape[0]):
+        if inside[b] != NONE:
+            for axis in range(3 if bits == 2 else 2):
+                other = blocks.neighbour[b, middle + (1 if axis == 0 else (3 if axis == 1 else 9))]
+                if other >= 0 and inside[other] != NONE:
+                    if inside[b] == ALL and inside[other] == ALL:
+                        join(node_label, 64 * b, 64 * other)
+                    else:
+                        step = 1 << (axis * bits)
+                        for local in range(64):
+                            if (local // step) % width == width - 1:
+                                i, j = 64 * b + local, 64 * other + local - (width - 1) * step
+                                if node_label[i] >= 0 and node_label[j] >= 0:
+                                    join(node_label, i, j)
+
+
+@kernel(rows_of="inside")
+def shorten_labels(b, inside, node_label):
+    """Each node of block b takes the last label of its chain.
+
+    A chain may lead through nodes whose labels other threads shorten meanwhile: it ends at the same node.
+    """
+    if inside[b] != NONE:
+        for i in range(64 * b, 64 * b + 64):
+            if node_label[i] >= 0:
+                node_label[i] = lowest(node_label, i)

@@ -234,7 +234,10 @@ def support_launches(dtype):
     ]
 
 
-CPU_ONLY = {"refsim.neighbours.cell_list"}  # its bodies; `cell_list_cuda` has the GPU's kernels
+CPU_ONLY = {  # their bodies; others have the GPU's kernels
+    "refsim.mpm.sorting", "refsim.neighbours.cell_list", "refsim.sparse_grid.block_search",
+    "refsim.surface_energy.components", "refsim.surface_energy.counts",
+}  # fmt: skip
 
 
 def kernels_of(module_name):
