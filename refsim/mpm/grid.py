@@ -165,15 +165,16 @@ class MpmGrid:
             self._check_lost(SETS[0], lost)
             if not shallow:
                 return False
-        self._rebuild([programs.block_keys(position, self.inverse_cell, self.dim)])
-        place = empty(n, np.int32)
-        _, lost = programs.find_cells(position, self.inverse_cell, self.blocks, self.complete, place)
-        self._check_lost(SETS[0], lost)
-        bins = Bins(empty(self.nodes + 1, np.int32), empty(n, np.int32))
+        keys = programs.block_keys(position, self.inverse_cell, self.dim)
+        self._check_lost(SETS[0], self._rebuild([keys], programs.make_table))
+        kept = self.sorting if self.sorting is not None and self.sorting.place.shape[0] == n else None
+        spare = (kept.place, kept.unsorted, kept.bins.point) if kept else tuple(empty(n, np.int32) for _ in range(3))
+        place, unsorted, point = spare
+        bins = Bins(empty(self.nodes + 1, np.int32), point)
         held = empty(self.nodes + 3, np.int32)
         self.backend.assign(bins.first, 0)
         sums, noted = device.RunningSum(held[: self.nodes], bins.first[1:]), device.Mirror(held[self.nodes :])
-        self.sorting = Sorting(bins, held, sums, place, empty(n, np.int32), noted)
+        self.sorting = Sorting(bins, held, sums, place, unsorted, noted)
         self.bins = {SETS[0]: bins}
         for name in ("node_mass", "node_momentum", "node_velocity", "scratch", "block_extremes"):
             getattr(self, name)  # nothing may be allocated while a step is recorded
@@ -217,18 +218,20 @@ class MpmGrid:
     def count_blocks(self, keys: np.ndarray, backend: str) -> int:
         """Number of blocks that a grid like this one makes on a backend for points with these `keys`, -1 for none."""
         occupied = np.unique(keys[keys >= 0])
-        return len(self._reached(np, occupied, SLACK.get(backend, 0)))
+        return len(self._reached(occupied, SLACK.get(backend, 0)))
 
     def locate(
-        self, positions: Mapping[str, Any], cell: Any, find_cells: Any, block_keys: Any, sorted_bins: Any
-    ) -> None:
+        self, positions: Mapping[str, Any], cell: Any, find_cells: Any, block_keys: Any, sorted_bins: Any,
+        make_table: Any = None,
+    ) -> None:  # fmt: skip
         """Find the cell of every point of every set (n, 3) [m], make blocks where some are missing, and sort.
 
         positions  by the names in SETS; those that are None are no sets
         cell       (n,) where the particles' cells are written; other sets' are kept in `cells`
         The programs of a backend do the work: find_cells(position, inverse_cell, blocks, complete, cell) gives
         (points in no block, points at no possible place), block_keys(position, inverse_cell, dim) keys, with -1 for
-        points at no possible place, sorted_bins(cell, blocks) what makes the Bins.
+        points at no possible place, sorted_bins(cell, blocks) what makes the Bins. make_table(keys, dim, low, high)
+        gives blocks, `complete` and the number of points without a block; without it NumPy does.
 
         Raises RunStopped where a point is not finite or too far away.
         """
@@ -250,7 +253,7 @@ class MpmGrid:
 
         counts = found() if self.blocks is not None else [(1, 0)]
         if any(missing for missing, _ in counts):
-            self._rebuild([block_keys(values, self.inverse_cell, self.dim) for values in sets.values()])
+            self._rebuild([block_keys(values, self.inverse_cell, self.dim) for values in sets.values()], make_table)
             counts = found()
         for name, (_, lost) in zip(sets, counts, strict=True):
             self._check_lost(name, lost)
@@ -258,35 +261,30 @@ class MpmGrid:
 
     # Inside
 
-    def _rebuild(self, keys: list[Any]) -> None:
+    def _rebuild(self, keys: list[Any], make_table: Any = None) -> int:
+        """Make the blocks in reach of points with these `keys`; how many have none, -1."""
         self.rebuilds += 1
-        xp: Any = np
-        if self.on_device:
-            from refsim.backends import device
-
-            xp, keys = device.library(), [device.seen(k) for k in keys]
-        occupied = xp.unique(xp.concatenate([_runs(xp, k) for k in keys]))
-        occupied = occupied[occupied >= 0]
-        made = self._reached(xp, occupied, SLACK.get(self.backend.name, 0))
-        around = xp.asarray(self._steps((-1, 0, 1)))
-        wanted = made[:, None] + around[None, :]
-        neighbour = xp.full(wanted.shape, -1, np.int32)
+        slack = SLACK.get(self.backend.name, 0)
+        if make_table is not None:
+            self.blocks, self.complete, lost = make_table(keys, self.dim, -slack, slack + 1)
+            return int(lost)
+        every = np.concatenate([_runs(k) for k in keys])
+        occupied = np.unique(every[every >= 0])
+        made = self._reached(occupied, slack)
+        wanted = made[:, None] + self._steps((-1, 0, 1))[None, :]
+        neighbour = np.full(wanted.shape, -1, np.int32)
         if len(made):
-            place = xp.minimum(xp.searchsorted(made, wanted.ravel()).reshape(wanted.shape), len(made) - 1)
-            neighbour = xp.where(made[place] == wanted, place, -1).astype(np.int32)
+            place = np.minimum(np.searchsorted(made, wanted.ravel()).reshape(wanted.shape), len(made) - 1)
+            neighbour = np.where(made[place] == wanted, place, -1).astype(np.int32)
         corners = [k for k, s in enumerate(itertools.product(*self._along((-1, 0, 1)))) if min(s) >= 0]
-        complete = (neighbour[:, xp.asarray(corners)] >= 0).all(1)
+        complete: Any = (neighbour[:, corners] >= 0).all(1)
         deep = (neighbour >= 0).all(1) & complete[neighbour].all(1)
-        complete = complete.astype(np.uint8) + (complete & deep)
-        arrays = [xp.ascontiguousarray(a) for a in (made, neighbour, complete)]
-        if self.on_device:
-            arrays = [device.wrapped(a) for a in arrays]
-        self.blocks, self.complete = Blocks(*arrays[:2]), arrays[2]
+        self.blocks, self.complete = Blocks(made, neighbour), complete.astype(np.uint8) + (complete & deep)
+        return sum(int((k < 0).sum()) for k in keys)
 
-    def _reached(self, xp: Any, occupied: Any, slack: int) -> Any:
+    def _reached(self, occupied: np.ndarray, slack: int) -> np.ndarray:
         """Keys of the blocks that points in the `occupied` ones reach, ascending."""
-        reach = xp.asarray(self._steps(range(-slack, slack + 2)))
-        return xp.unique((occupied[:, None] + reach[None, :]).ravel())
+        return np.unique((occupied[:, None] + self._steps(range(-slack, slack + 2))[None, :]).ravel())
 
     def _along(self, axis: Any) -> tuple[Any, ...]:
         """Steps along z, y, x, so that x runs fastest."""
@@ -309,8 +307,8 @@ class MpmGrid:
         return view
 
 
-def _runs(xp: Any, keys: Any) -> Any:
+def _runs(keys: np.ndarray) -> np.ndarray:
     """`keys` without those that repeat the one before: few where points are in order."""
-    begins = xp.ones(len(keys), dtype=bool)
+    begins = np.ones(len(keys), dtype=bool)
     begins[1:] = keys[1:] != keys[:-1]
     return keys[begins]

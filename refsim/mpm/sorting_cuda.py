@@ -8,6 +8,7 @@ from refsim.mpm.formulas import base_coordinate
 from refsim.mpm.grid import DEEP, FARTHEST
 from refsim.mpm.kernels import key_of, write_keys
 from refsim.neighbours.formulas import BITS, OFFSET, lower_bound
+from refsim.sparse_grid import block_table_cuda
 from refsim.sparse_grid.block_search_cuda import fill_cells, number, sort_cells, sorted_points
 from refsim.sparse_grid.formulas import COORDINATE, block_bits
 
@@ -50,6 +51,42 @@ def find_cells(position, inverse_cell, blocks, complete, cell):
     write_cells(position, inverse_cell, blocks.keys, complete, block_bits(blocks), counts, cell)
     missing, lost = device.seen(counts).tolist()
     return missing, lost
+
+
+@cuda_kernel
+def mark_complete(neighbour, complete):
+    """1 where all blocks that a block's particles reach exist, else 0."""
+    b = cuda.grid(1)
+    if b < complete.shape[0]:
+        ways = neighbour.shape[1]
+        found = 1
+        for way in range(ways // 2, ways):
+            if way % 3 > 0 and way // 3 % 3 > 0 and neighbour[b, way] < 0:
+                found = 0
+        complete[b] = found
+
+
+@cuda_kernel
+def mark_deep(neighbour, complete):
+    """DEEP where all blocks around a complete one exist and are complete."""
+    b = cuda.grid(1)
+    if b < complete.shape[0] and complete[b] != 0:
+        deep = True
+        for way in range(neighbour.shape[1]):
+            other = neighbour[b, way]
+            if other < 0 or complete[other] == 0:
+                deep = False
+        if deep:
+            complete[b] = DEEP
+
+
+def make_table(keys, dim, low, high):
+    """(blocks in reach of points with such `keys`, whether each is complete, points without a key)."""
+    blocks, lost = block_table_cuda.make_table(keys, dim, low, high)
+    complete = device.empty(blocks.keys.shape[0], np.uint8)
+    mark_complete(blocks.neighbour, complete)
+    mark_deep(blocks.neighbour, complete)
+    return blocks, complete, lost
 
 
 def sorted_bins(cell, blocks):
@@ -153,7 +190,7 @@ def cells(position, carrier_position, surface_sample, grid, cell):
         sort_particles(position, grid, cell)
         return
     sets = {"particles": position, "carriers": carrier_position, "samples": surface_sample}
-    grid.locate(sets, cell, find_cells, block_keys, sorted_bins)
+    grid.locate(sets, cell, find_cells, block_keys, sorted_bins, make_table)
 
 
 def by_owner(sample_owner, count):

@@ -1,4 +1,4 @@
-"""Blocks and lists of points on a CUDA device; CuPy finds the blocks, a counting sort makes the lists."""
+"""Blocks and lists of points on a CUDA device; a counting sort makes the lists."""
 
 import itertools
 
@@ -9,8 +9,9 @@ from refsim.backends.compile import SIMULATED_THREADS, cuda, cuda_kernel, formul
 from refsim.backends.primitives import sum_before
 from refsim.backends.runtime import simulated
 from refsim.neighbours.formulas import BITS, OFFSET, lower_bound
+from refsim.sparse_grid.block_table_cuda import make_table
 from refsim.sparse_grid.formulas import BLOCK, cell_coordinate, find_node
-from refsim.sparse_grid.tables import Blocks, PointList
+from refsim.sparse_grid.tables import PointList
 
 SUMMING = SIMULATED_THREADS if simulated() else 1024
 
@@ -172,7 +173,7 @@ class BlockSearch:
             count_uncovered(keys, blocks.keys, sure, missing)
             if not device.largest(missing):
                 return blocks
-        blocks = self._blocks(device.seen(keys), below, above)
+        blocks = self._blocks(keys, below, above)
         if not blocks.keys.shape[0]:
             self._covered = None
             return blocks
@@ -186,7 +187,7 @@ class BlockSearch:
         """
         keys = device.empty(position.shape[0], np.int64)
         block_keys(position, self.inverse_cell, self.dim, keys)
-        blocks = self._blocks(device.seen(keys), below + self.width, above + self.width)
+        blocks = self._blocks(keys, below + self.width, above + self.width)
         return blocks, self._sure(blocks, below, above)
 
     def _sure(self, blocks, below, above):
@@ -206,25 +207,15 @@ class BlockSearch:
         block = xp.asarray(device.seen(coordinates)).astype(np.int64)
         block = xp.stack([block[:, c] >> self.bits if c < self.dim else 0 * block[:, c] for c in range(3)])
         keys = ((block[2] + OFFSET) << (2 * BITS)) | ((block[1] + OFFSET) << BITS) | (block[0] + OFFSET)
-        return self._blocks(keys, 1, 1)
+        return self._blocks(device.wrapped(keys), 1, 1)
 
     def _steps(self, axis):
         steps = itertools.product(*(axis if c < self.dim else (0,) for c in (2, 1, 0)))
         return np.array([(z << (2 * BITS)) + (y << BITS) + x for z, y, x in steps], np.int64)
 
-    def _blocks(self, occupied, below, above):
-        xp = device.library()
-        begins = xp.ones(len(occupied), dtype=bool)
-        begins[1:] = occupied[1:] != occupied[:-1]
-        occupied = xp.unique(occupied[begins])
-        steps = xp.asarray(self._steps(self._axis(below, above)))
-        keys = xp.unique((occupied[:, None] + steps[None, :]).ravel())
-        wanted = keys[:, None] + xp.asarray(self._steps((-1, 0, 1)))[None, :]
-        if not len(keys):
-            return Blocks(device.wrapped(keys), device.empty(wanted.shape, np.int32))
-        place = xp.minimum(xp.searchsorted(keys, wanted.ravel()).reshape(wanted.shape), len(keys) - 1)
-        neighbour = xp.where(keys[place] == wanted, place, -1).astype(np.int32)
-        return Blocks(device.wrapped(keys), device.wrapped(xp.ascontiguousarray(neighbour)))
+    def _blocks(self, keys, below, above):
+        axis = self._axis(below, above)
+        return make_table([keys], self.dim, axis[0], axis[-1])[0]
 
     def by_cell(self, position, blocks, shift):
         cell = self.cell_of(position, blocks, shift)

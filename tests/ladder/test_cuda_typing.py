@@ -177,6 +177,7 @@ def support_launches(dtype):
     from refsim.neighbours import cell_list_cuda as search
     from refsim.sparse_grid import Blocks
     from refsim.sparse_grid import block_search_cuda as sparse
+    from refsim.sparse_grid import block_table_cuda as table
 
     n, real = 5, np.dtype(dtype).type
     vectors, scalars, integers = np.zeros((n, 3), dtype), np.zeros(n, dtype), np.zeros(n, np.int32)
@@ -212,6 +213,12 @@ def support_launches(dtype):
         (sparse.point_nodes, (vectors, 1.0, 0.5, blocks, integers)),
         (sparse.count_uncovered, (keys, keys, np.zeros(n, np.uint8), integers)),
         (sparse.count_points, 3 * (integers,)),
+        (table.clear_table, (keys,)),
+        (table.enter_keys, (keys, keys, integers, keys)),
+        (table.enter_reached, (keys, -1, 4, 4, integers, keys, keys)),
+        (table.find_neighbours, (keys, blocks.neighbour)),
+        (mpm_sorting.mark_complete, (blocks.neighbour, np.zeros(n, np.uint8))),
+        (mpm_sorting.mark_deep, (blocks.neighbour, np.zeros(n, np.uint8))),
         (mpm.write_keys.on("cuda"), (vectors, 1.0, 2, keys)),
         (mpm_sorting.count_cells, (vectors, 1.0, blocks, np.zeros(n, np.uint8), *3 * (integers,))),
         (mpm_sorting.count_gaps, (integers, integers)),
