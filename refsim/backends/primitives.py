@@ -6,22 +6,7 @@ from refsim.backends.compile import cuda, cuda_formula
 from refsim.backends.runtime import simulated
 
 MOST_THREADS = 1024  # of a block
-
-
-@cuda_formula
-def sum_before(values, mine):  # noqa: ANN001, ANN201  (types are Numba's)
-    """Sum of `mine` over the threads of the block before this one; `values` is shared, one entry for each thread."""
-    thread = cuda.threadIdx.x
-    values[thread] = mine
-    cuda.syncthreads()
-    step = 1
-    while step < cuda.blockDim.x:
-        add = values[thread - step] if thread >= step else 0
-        cuda.syncthreads()
-        values[thread] += add
-        cuda.syncthreads()
-        step *= 2
-    return values[thread] - mine
+WARP, WHOLE_WARP = 32, 0xFFFFFFFF
 
 
 @cuda_formula
@@ -57,6 +42,21 @@ def sum_of_block(values, mine):  # noqa: ANN001, ANN201
 if simulated():
 
     @cuda_formula
+    def sum_before(values, mine):  # noqa: ANN001, ANN201  (types are Numba's)
+        """Sum of `mine` over the block's threads before this one; `values` is shared, one entry for each thread."""
+        thread = cuda.threadIdx.x
+        values[thread] = mine
+        cuda.syncthreads()
+        step = 1
+        while step < cuda.blockDim.x:
+            add = values[thread - step] if thread >= step else 0
+            cuda.syncthreads()
+            values[thread] += add
+            cuda.syncthreads()
+            step *= 2
+        return values[thread] - mine
+
+    @cuda_formula
     def across_lanes(value, lane, lanes, step):  # noqa: ANN001, ANN201
         """What the thread holds whose lane differs by the bit `step`; all lanes of a row call it together."""
         held = cuda.shared.array(MOST_THREADS, object)  # values keep their types
@@ -67,6 +67,30 @@ if simulated():
         return found
 
 else:
+
+    @cuda_formula
+    def sum_before(values, mine):  # noqa: ANN001, ANN201
+        """Sum of `mine` over the block's threads before this one; `values` is shared, one entry for each thread.
+
+        The block consists of whole warps.
+        """
+        lane, warp = cuda.laneid, cuda.threadIdx.x // WARP
+        number = values.dtype.type
+        total = number(mine)
+        step = 1
+        while step < WARP:
+            other = cuda.shfl_up_sync(WHOLE_WARP, total, step)
+            if lane >= step:
+                total = number(total + other)
+            step *= 2
+        cuda.syncthreads()  # an earlier sum may still be read
+        if lane == WARP - 1:
+            values[warp] = total
+        cuda.syncthreads()
+        total = number(total - mine)
+        for w in range(warp):
+            total = number(total + values[w])
+        return total
 
     @cuda_formula
     def across_lanes(value, lane, lanes, step):  # noqa: ANN001, ANN201
@@ -86,16 +110,6 @@ def sum_of_lanes(value, lane, lanes):  # noqa: ANN001, ANN201
     step = 1
     while step < lanes:
         value += across_lanes(value, lane, lanes, step)
-        step *= 2
-    return value
-
-
-@cuda_formula
-def largest_of_lanes(value, lane, lanes):  # noqa: ANN001, ANN201
-    """Largest of what so many neighbouring threads hold, a power of two; the same in all."""
-    step = 1
-    while step < lanes:
-        value = max(value, across_lanes(value, lane, lanes, step))
         step *= 2
     return value
 

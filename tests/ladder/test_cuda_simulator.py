@@ -498,9 +498,9 @@ def test_recorded_fit_finds_the_weights_that_it_is_not_given(variant):
 
 
 def test_recorded_stages_run_with_several_lanes():
-    from refsim.surface_energy.recorded import fit_cuda, samples_cuda
+    from refsim.surface_energy.recorded import level_set_cuda, samples_cuda
 
-    assert min(samples_cuda.LANES, fit_cuda.WIDTH) > 1
+    assert min(samples_cuda.LANES, level_set_cuda.SHARING) > 1
 
 
 @pytest.mark.parametrize("name", ["sph.state", "sph.momentum", "dong_2016.momentum", "one_way_coupling.wall_pressure"])

@@ -35,6 +35,7 @@ IN_DOUBLE = {
             "contact",
             "write_keys",
             "write_cells",
+            "place_particles",
             "count_cells",
             "weights",
             "scatter_particles",
@@ -72,7 +73,7 @@ IN_DOUBLE = {
     ),
     **dict.fromkeys(
         (
-            "count_particles", "states_of_blocks", "place_vertices", "place_points", "sort_points", "find_normals",
+            "count_particles", "place_vertices", "place_points", "sort_points", "find_normals",
             "place_samples", "locate_samples", "sum_pulls",
         ),
         "positions on the grid and between nodes, as in the plain programs of the same operations",

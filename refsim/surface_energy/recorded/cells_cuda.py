@@ -8,8 +8,9 @@ import numpy as np
 
 from refsim.backends.compile import cuda, cuda_formula, cuda_kernel, formula
 from refsim.backends.primitives import sum_before
-from refsim.sparse_grid.block_search_cuda import SUMMING
-from refsim.sparse_grid.formulas import cell_coordinate, find_node_near, step_node
+from refsim.sparse_grid.block_search_cuda import SUMMING, number
+from refsim.sparse_grid.formulas import block_bits, cell_coordinate, find_node_near, node_coordinates
+from refsim.surface_energy import formulas
 
 CELLS = 64  # of a block, a thread to each
 # What `counts` holds: whether a particle is not covered, most particles in a cell, cut edges and facets as found and
@@ -58,15 +59,19 @@ def count_particles(interior_position, surface_term, blocks, sure, held, place, 
             place[i] = cuda.atomic.add(held, found, 1)
 
 
-@cuda_kernel(rows_of="cell")
-def fill_particles(interior_position, cell, place, first, point, placed):
-    """The particles of each cell, in any order, and their positions [m] side by side."""
-    i = cuda.grid(1)
-    if i < cell.shape[0] and cell[i] >= 0:
-        at = first[cell[i]] + place[i]
-        point[at] = i
-        for c in range(3):
-            placed[at, c] = interior_position[i, c]
+@cuda_kernel
+def place_particles(interior_position, surface_term, blocks, first, point, cell, placed):
+    """Offsets [h] of the particles from the lowest node of their block, cell by cell as in `point`.
+
+    These need no double precision: a search that stays within a few blocks takes their differences.
+    """
+    at = cuda.grid(1)
+    if at < first[first.shape[0] - 1]:
+        i = number(point[at])
+        jx, jy, jz = node_coordinates(blocks, cell[i] & ~(CELLS - 1))
+        placed[at, 0] = formulas.grid_offset(interior_position[i, 0], jx, surface_term)
+        placed[at, 1] = formulas.grid_offset(interior_position[i, 1], jy, surface_term)
+        placed[at, 2] = formulas.grid_offset(interior_position[i, 2], jz, surface_term)
 
 
 @cuda_kernel(block_for_each_row=True, threads=CELLS, rows_of="total")
@@ -95,20 +100,43 @@ def occupied_near(first, blocks, b, lowest_direction, directions):
 
 
 @formula
-def row_part(i, direction, low, high, dy, dz, blocks, first):
-    """(begin, end) of the particles of cells i + (dx, dy, dz), dx from low to high, in the block `direction` along x.
+def local_place(i, bits):
+    """(x, y, z) of node or cell i in its block, int32, dimensionless; z = 0 in the plane."""
+    rest = (1 << bits) - 1
+    return np.int32(i & rest), np.int32((i >> bits) & rest), np.int32((i & (CELLS - 1)) >> (2 * bits))
 
-    Cells in a row along x of one block are numbered consecutively, and so are their particles.
+
+@formula
+def block_start(c, bits):
+    """The lowest cell along an axis of the block of cell c, both counted from one block's lowest, dimensionless."""
+    return (c >> bits) << bits
+
+
+@formula
+def row_part(b, x0, x1, y, z, part, blocks, first):
+    """(begin, end, start) of the particles of cells (x, y, z), x from x0 to x1, in the first or second block (`part`).
+
+    Cells are counted from the lowest of block b; the row spans at most two blocks. `start` is the lowest cell along x
+    of the part's block. Cells in a row along x of one block are numbered consecutively, and so are their particles.
     """
-    width = 4 if blocks.neighbour.shape[1] == 27 else 8
-    x = i & (width - 1)
-    begin, end = max(x + low, width * direction), min(x + high, width * direction + width - 1)
-    if begin > end:
-        return 0, 0
-    cell = step_node(blocks, i, begin - x, dy, dz)
-    if cell < 0:
-        return 0, 0
-    return first[cell], first[cell + end - begin + 1]
+    bits = block_bits(blocks)
+    rest = (1 << bits) - 1
+    start = block_start(x0, bits)
+    if part == 0:
+        x1 = min(x1, start + rest)
+    else:
+        start += 1 << bits
+        x0 = start
+    begin, end = np.int32(0), np.int32(0)
+    if x0 <= x1:
+        way = (start >> bits) + 3 * (y >> bits) + (9 * (z >> bits) if bits == 2 else 0)
+        other = blocks.neighbour[b, blocks.neighbour.shape[1] // 2 + way]
+        if other >= 0:
+            cell = CELLS * other + (((y & rest) << bits) | (x0 & rest))
+            if bits == 2:
+                cell += (z & rest) << 4
+            begin, end = np.int32(first[number(cell)]), np.int32(first[number(cell + x1 - x0 + 1)])
+    return begin, end, start
 
 
 @cuda_formula

@@ -1,23 +1,22 @@
 """The fit: points by cell, and sweeps of Algorithm 2.
 
-Sums over points on nodes are taken first over the points of each cell, for the nodes that these reach, a thread for
-each node, and then over the cells that reach a node. Cells with points are numbered, so that no others are looked at.
+Sums over points on nodes are taken first over the points of each cell, for all nodes that these reach, and then over
+the cells that reach a node. Cells with points are numbered, so that no others are looked at; sums for the k-th node of
+cell n are column n of row k, so that neighbouring threads read and write contiguous memory.
 """
 
 import numpy as np
 
 from refsim.backends.compile import cuda, cuda_formula, cuda_kernel, formula
-from refsim.backends.primitives import sum_before, sum_of_lanes
-from refsim.backends.runtime import simulated
-from refsim.sparse_grid.block_search_cuda import SUMMING
+from refsim.backends.primitives import sum_before
+from refsim.sparse_grid.block_search_cuda import SUMMING, number
 from refsim.sparse_grid.formulas import step_node
 from refsim.surface_energy import formulas, kernels
 from refsim.surface_energy.recorded.cells_cuda import CELLS, FILLED, MADE, occupied_near, sum_pairs
 
 REACHING = 216  # cells that reach a block's nodes: 6 x 6 x 6, or 10 x 10 in the plane
 CELL_BIT = 1 << 24  # counts a cell beside its points: the points of 64 cells are fewer than 2^24
-WIDTH = 4 if simulated() else 32  # threads that share a cell, one for each of the 27 nodes that its points reach
-OWN = 27 // WIDTH + (27 % WIDTH > 0)  # nodes of each thread
+REACHED = 27  # nodes that the points of a cell reach; 9 in the plane
 
 
 @cuda_kernel(rows_of="cell")
@@ -100,54 +99,62 @@ def first_points(held, first, rank, filled, pair_total):
         first[i + 1] = (before & 0xFFFFFFFF) + mine
 
 
-@cuda_kernel(lanes=WIDTH, rows_of="warps")
-def sum_fit(fit_first, fit_splines, fit_target, filled, blocks, coefficients, counts, reached, change, warps):
+@cuda_kernel(threads=CELLS)
+def sum_fit(fit_first, fit_splines, fit_target, blocks, coefficients, counts, reached, change, filled):
     """Of each cell's points, for each node k that they reach: sum of B_k, and of (b - B C) B_k in units of h.
 
     Without `coefficients` C is 0; the first of the sums is left out where `reached` is.
     """
-    warp, lane = cuda.grid(1) // WIDTH, cuda.grid(1) % WIDTH
-    zero = fit_target.dtype.type(0)
-    terms = 27 if blocks.neighbour.shape[1] == 27 else 9
-    c = cuda.local.array(OWN, fit_target.dtype)
-    share = cuda.local.array(OWN, fit_target.dtype)
-    total = cuda.local.array(OWN, fit_target.dtype)
-    changed = cuda.local.array(OWN, fit_target.dtype)
-    for n in range(warp, counts[FILLED], warps.shape[0]):
+    n = cuda.grid(1)
+    if n < counts[FILLED]:
         cell = filled[n]
-        for m in range(OWN):
-            k = lane + m * WIDTH
-            c[m], share[m], total[m], changed[m] = zero, zero, zero, zero
-            if coefficients is not None and k < terms:
-                j = step_node(blocks, cell, k % 3, k // 3 % 3, k // 9)
-                if j >= 0:
-                    c[m] = coefficients[j]
-        for r in range(fit_first[cell], fit_first[cell + 1]):
-            fitted = zero
-            for m in range(OWN):
-                k = lane + m * WIDTH
-                if k < terms:
-                    share[m] = fit_splines[r, k % 3] * fit_splines[r, 3 + k // 3 % 3] * fit_splines[r, 6 + k // 9]
-                    fitted += c[m] * share[m]
+        zero = fit_target.dtype.type(0)
+        space = blocks.neighbour.shape[1] == 27
+        c = cuda.local.array(REACHED, fit_target.dtype)
+        total = cuda.local.array(REACHED, fit_target.dtype)
+        changed = cuda.local.array(REACHED, fit_target.dtype)
+        for k in range(REACHED):
+            c[k], total[k], changed[k] = zero, zero, zero
+            if coefficients is not None:
+                j = step_node(blocks, cell, k % 3, k // 3 % 3, k // 9 if space else 0)
+                held = coefficients[number(max(j, 0))]  # read in any case: such reads do not wait for each other
+                c[k] = held if j >= 0 else zero
+        for point in range(fit_first[cell], fit_first[cell + 1]):
+            r = number(point)
+            x0, x1, x2 = fit_splines[r, 0], fit_splines[r, 1], fit_splines[r, 2]
             residual = fit_target[r]
             if coefficients is not None:
-                residual -= sum_of_lanes(fitted, lane, WIDTH)
-            for m in range(OWN):
-                total[m] += share[m]
-                changed[m] += residual * share[m]
-        for m in range(OWN):
-            k = lane + m * WIDTH
-            if k < terms:
-                change[n, k] = changed[m]
+                for k in range(0, REACHED, 3):
+                    across = fit_splines[r, 3 + k // 3 % 3] * fit_splines[r, 6 + k // 9]
+                    residual -= (c[k] * x0 + c[k + 1] * x1 + c[k + 2] * x2) * across
+            for k in range(0, REACHED, 3):
+                across = fit_splines[r, 3 + k // 3 % 3] * fit_splines[r, 6 + k // 9]
                 if reached is not None:
-                    reached[n, k] = total[m]
+                    total[k] += across * x0
+                    total[k + 1] += across * x1
+                    total[k + 2] += across * x2
+                across *= residual
+                changed[k] += across * x0
+                changed[k + 1] += across * x1
+                changed[k + 2] += across * x2
+        for k in range(REACHED):
+            change[k, number(n)] = changed[k]
+            if reached is not None:
+                reached[k, number(n)] = total[k]
 
 
 @cuda_formula
-def load_ranks(b, rank, blocks, near):
-    """near[c]: numbers of the cells that reach the nodes of block b: of its own and of those up to two below."""
+def load_columns(b, rank, blocks, sums, near):
+    """near[c]: columns of `sums` of the cells that reach the nodes of block b: of its own and of those up to two below.
+
+    The last column for cells without points. All of it is read without a condition, so that reads do not wait for each
+    other.
+    """
     space = blocks.neighbour.shape[1] == 27
-    for c in range(cuda.threadIdx.x, 216 if space else 100, CELLS):
+    none = np.int32(sums.shape[1] - 1)
+    last = 215 if space else 99
+    for turn in range(4):
+        c = min(cuda.threadIdx.x + CELLS * turn, last)
         at = np.uint32(c)
         if space:
             z = at // np.uint32(36)
@@ -157,13 +164,17 @@ def load_ranks(b, rank, blocks, near):
             z, y = np.uint32(2), at // np.uint32(10)
             x = at - np.uint32(10) * y
         cell = step_node(blocks, CELLS * b, np.int32(x) - 2, np.int32(y) - 2, np.int32(z) - 2)
-        near[c] = rank[cell] if cell >= 0 else -1
+        found = rank[number(max(cell, 0))]
+        near[c] = found if cell >= 0 and found >= 0 else none
     cuda.syncthreads()
 
 
 @cuda_formula
-def sum_around(near, blocks, first_column, columns, sums):
-    """Sum of `sums`[cell, k] over the cells that reach a thread's node, which is the k-th node in reach of the cell."""
+def sum_around(near, blocks, first_row, rows, sums):
+    """Sum of `sums`[k, cell] over the cells that reach a thread's node, which is the k-th node in reach of the cell.
+
+    With `rows` of them for each k the one after `first_row`. The last column holds zeros.
+    """
     space = blocks.neighbour.shape[1] == 27
     bits, width = (2, 6) if space else (3, 10)
     rest = (1 << bits) - 1
@@ -172,13 +183,16 @@ def sum_around(near, blocks, first_column, columns, sums):
     if space:
         own += 36 * ((thread >> 4) + 2)
     total = sums.dtype.type(0)
-    for kz in range(3):
-        if kz == 0 or space:
+    for ky in range(3):
+        for kx in range(3):
+            n = near[number(own - kx - width * ky)]
+            total += sums[rows * (kx + 3 * ky) + first_row, number(n)]
+    if space:
+        for kz in range(1, 3):
             for ky in range(3):
                 for kx in range(3):
-                    n = near[own - kx - width * ky - 36 * kz]
-                    if n >= 0:
-                        total += sums[n, columns * (kx + 3 * ky + 9 * kz) + first_column]
+                    n = near[number(own - kx - width * ky - 36 * kz)]
+                    total += sums[rows * (kx + 3 * ky + 9 * kz) + first_row, number(n)]
     return total
 
 
@@ -192,7 +206,7 @@ def begin_fit(fit_first, rank, blocks, reached, change, surface_term, node_weigh
     weight, value = real(0), real(0)
     # a block's nodes are reached from itself and the blocks below, directions 0 to the middle
     if occupied_near(fit_first, blocks, b, 0, blocks.neighbour.shape[1] // 2 + 1):
-        load_ranks(b, rank, blocks, near)
+        load_columns(b, rank, blocks, change, near)
         whole = sum_around(near, blocks, 0, 1, reached)
         if whole > real(formulas.LEAST_SUM):
             weight = real(1) / whole
@@ -210,6 +224,6 @@ def correct(rank, blocks, change, surface_term, node_weight, coefficients, total
     near = cuda.shared.array(REACHING, np.int32)
     weight = node_weight[i]
     if cuda.syncthreads_or(1 if weight > type(weight)(0) else 0) != 0:
-        load_ranks(b, rank, blocks, near)
+        load_columns(b, rank, blocks, change, near)
         if weight > type(weight)(0):
             coefficients[i] += surface_term.relaxation * weight * sum_around(near, blocks, 0, 1, change)

@@ -6,7 +6,9 @@ from refsim.backends.compile import cuda, cuda_kernel
 from refsim.sparse_grid.formulas import node_coordinates
 from refsim.surface_energy import formulas
 from refsim.surface_energy.recorded.cells_cuda import CELLS, FILLED, MADE, node_at, occupied_near
-from refsim.surface_energy.recorded.fit_cuda import REACHING, WIDTH, load_ranks, place_in_row, sum_around
+from refsim.surface_energy.recorded.fit_cuda import REACHING, load_columns, place_in_row, sum_around
+
+PLANES = 3  # of nodes along z that the samples of a cell reach, a thread to each; 1 in the plane
 
 
 @cuda_kernel(rows_of="held")
@@ -40,38 +42,41 @@ def sort_samples(sample_cell, first, unsorted, counts, point):
         point[place_in_row(s, sample_cell[s], first, unsorted)] = s
 
 
-@cuda_kernel(lanes=WIDTH, rows_of="warps")
+@cuda_kernel(threads=CELLS, rows_of="planes")
 def sum_pulls(
-    sample_position, sample_area, sample_normal, first, point, filled, counts, blocks, surface_term, pulls, warps
+    sample_position, sample_area, sample_normal, first, point, filled, counts, blocks, surface_term, pulls, planes
 ):  # fmt: skip
     """(4.18*): sum of A_s (I - n n^T) h grad B_k(x_s) of each cell's samples, for each node k that they reach."""
-    warp, lane = cuda.grid(1) // WIDTH, cuda.grid(1) % WIDTH
-    real = type(surface_term.cell_size)
+    most = pulls.shape[1] - 1
+    plane, n = cuda.grid(1) // most, cuda.grid(1) % most
     space = blocks.neighbour.shape[1] == 27
-    for n in range(warp, counts[FILLED], warps.shape[0]):
+    if plane < (PLANES if space else 1) and n < counts[FILLED]:
+        real = type(surface_term.cell_size)
         cell = filled[n]
         jx, jy, jz = node_coordinates(blocks, cell)
-        for k in range(lane, 27 if space else 9, WIDTH):
-            kx, ky, kz = k % 3, k // 3 % 3, k // 9
-            tx, ty, tz = real(0), real(0), real(0)
-            for at in range(first[cell], first[cell + 1]):
-                s = point[at]
-                fx = formulas.grid_offset(sample_position[s, 0], jx, surface_term)
-                fy = formulas.grid_offset(sample_position[s, 1], jy, surface_term)
-                wx, wy, wz = formulas.spline_weight(fx, kx), formulas.spline_weight(fy, ky), real(1)
-                sx, sy, sz = formulas.spline_slope(fx, kx), formulas.spline_slope(fy, ky), real(0)
-                if space:
-                    fz = formulas.grid_offset(sample_position[s, 2], jz, surface_term)
-                    wz, sz = formulas.spline_weight(fz, kz), formulas.spline_slope(fz, kz)
-                ux, uy, uz = formulas.tangential(
-                    sample_normal[s, 0], sample_normal[s, 1], sample_normal[s, 2],
-                    sx * wy * wz, wx * sy * wz, wx * wy * sz,
-                )  # fmt: skip
-                area = sample_area[s]
-                tx += area * ux
-                ty += area * uy
-                tz += area * uz
-            pulls[n, 3 * k], pulls[n, 3 * k + 1], pulls[n, 3 * k + 2] = tx, ty, tz
+        total = cuda.local.array(27, sample_area.dtype)
+        for k in range(27):
+            total[k] = real(0)
+        for at in range(first[cell], first[cell + 1]):
+            s = point[at]
+            fx = formulas.grid_offset(sample_position[s, 0], jx, surface_term)
+            fy = formulas.grid_offset(sample_position[s, 1], jy, surface_term)
+            wz, sz = real(1), real(0)
+            if space:
+                fz = formulas.grid_offset(sample_position[s, 2], jz, surface_term)
+                wz, sz = formulas.spline_weight(fz, plane), formulas.spline_slope(fz, plane)
+            nx, ny, nz, area = sample_normal[s, 0], sample_normal[s, 1], sample_normal[s, 2], sample_area[s]
+            for ky in range(3):
+                wy, sy = formulas.spline_weight(fy, ky), formulas.spline_slope(fy, ky)
+                for kx in range(3):
+                    wx, sx = formulas.spline_weight(fx, kx), formulas.spline_slope(fx, kx)
+                    ux, uy, uz = formulas.tangential(nx, ny, nz, sx * wy * wz, wx * sy * wz, wx * wy * sz)
+                    k = 9 * ky + 3 * kx
+                    total[k] += area * ux
+                    total[k + 1] += area * uy
+                    total[k + 2] += area * uz
+        for k in range(27):
+            pulls[27 * plane + k, n] = total[k]
 
 
 @cuda_kernel(block_for_each_row=True, threads=CELLS, rows_of="total")
@@ -83,7 +88,7 @@ def pull_nodes(first, rank, blocks, pulls, surface_term, node_force, total):
     near = cuda.shared.array(REACHING, np.int32)
     tx, ty, tz = real(0), real(0), real(0)
     if occupied_near(first, blocks, b, 0, blocks.neighbour.shape[1] // 2 + 1):
-        load_ranks(b, rank, blocks, near)
+        load_columns(b, rank, blocks, pulls, near)
         tx = sum_around(near, blocks, 0, 3, pulls)
         ty = sum_around(near, blocks, 1, 3, pulls)
         tz = sum_around(near, blocks, 2, 3, pulls)

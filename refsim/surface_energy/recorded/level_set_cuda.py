@@ -5,9 +5,8 @@ import numpy as np
 from refsim.backends.compile import cuda, cuda_formula, cuda_kernel, formula
 from refsim.backends.primitives import sum_before
 from refsim.isosurface import kernels as isosurface_kernels
-from refsim.sparse_grid.block_search_cuda import SUMMING
-from refsim.sparse_grid.formulas import node_coordinates, step_node
-from refsim.surface_energy import formulas
+from refsim.sparse_grid.block_search_cuda import SUMMING, number
+from refsim.sparse_grid.formulas import block_bits, step_node
 from refsim.surface_energy.components_cuda import join, lowest
 from refsim.surface_energy.recorded.cells_cuda import (
     CELLS,
@@ -16,29 +15,91 @@ from refsim.surface_energy.recorded.cells_cuda import (
     MADE,
     MISSING,
     VERTICES,
+    block_start,
+    local_place,
     occupied_near,
-    row_part,
     sum_pairs,
 )
 
+SHARING = 4  # threads that share a node
+AROUND = 343  # cells within two of a block's nodes: 7 x 7 x 7, or 11 x 11 in the plane
+
+
+@cuda_formula
+def load_cells(b, blocks, first, begin, end):
+    """begin, end (dimensionless) of the particles of all cells within two of the nodes of block b, x fastest."""
+    space = blocks.neighbour.shape[1] == 27
+    width = 7 if space else 11
+    for c in range(cuda.threadIdx.x, width**3 if space else width**2, CELLS):
+        at = np.uint32(c)
+        row = at // np.uint32(7) if space else at // np.uint32(11)
+        z = row // np.uint32(7) if space else np.uint32(2)
+        x, y = np.int32(at - np.uint32(width) * row), np.int32(row - np.uint32(7) * z if space else row)
+        cell = step_node(blocks, CELLS * b, x - 2, y - 2, np.int32(z) - 2)
+        held = number(max(cell, 0))
+        low, high = first[held], first[held + 1]  # read in any case: such reads do not wait for each other
+        begin[c], end[c] = low, high if cell >= 0 else low
+    cuda.syncthreads()
+
 
 @formula
-def is_inside(i, placed, cells, blocks, surface_term):
-    """Algorithm 1, lines 5 to 9, a flag: 1 where a particle stands nearer than r to node i; touching cells first."""
-    jx, jy, jz = node_coordinates(blocks, i)
-    space = blocks.neighbour.shape[1] == 27
-    for reach in range(1, 3):
-        for dz in range(-reach if space else 0, reach if space else 1):
-            for dy in range(-reach, reach):
-                for direction in range(-1, 2):
-                    begin, end = row_part(i, direction, -reach, reach - 1, dy, dz, blocks, cells.first)
-                    for k in range(begin, end):
-                        ux = formulas.grid_offset(placed[k, 0], jx, surface_term)
-                        uy = formulas.grid_offset(placed[k, 1], jy, surface_term)
-                        uz = formulas.grid_offset(placed[k, 2], jz, surface_term)
-                        if ux * ux + uy * uy + uz * uz < surface_term.radius_squared:
-                            return 1
+def inside_spheres(local, dx, dy, dz, begin, end, placed, blocks, surface_term):
+    """Algorithm 1, line 7, 1 or 0: whether a particle of a cell (dx, dy, dz) from a block's node is nearer than r."""
+    bits = block_bits(blocks)
+    width = 7 if bits == 2 else 11
+    x, y, z = local_place(local, bits)
+    cx, cy, cz = x + dx, y + dy, z + dz
+    c = number(cx + 2 + width * (cy + 2) + (width * width * (cz + 2) if bits == 2 else 0))
+    if begin[c] < end[c]:
+        real = type(surface_term.cell_size)
+        # from the node to the lowest node of the cell's block
+        px, py = real(block_start(cx, bits) - x), real(block_start(cy, bits) - y)
+        pz = real(block_start(cz, bits) - z) if bits == 2 else real(0)
+        for at in range(begin[c], end[c]):
+            k = number(at)
+            ux, uy, uz = px + placed[k, 0], py + placed[k, 1], pz + placed[k, 2]
+            if ux * ux + uy * uy + uz * uz < surface_term.radius_squared:
+                return 1
     return 0
+
+
+@cuda_formula
+def mark_nodes(state, placed, first, blocks, surface_term):
+    """Algorithm 1, lines 5 to 9, of the nodes of a thread block's block: state <- 1 or 0.
+
+    Cells that touch a node come first, a thread to each node; then several threads share an undecided node and take the
+    cells around it by turns.
+    """
+    begin = cuda.shared.array(AROUND, np.int32)
+    end = cuda.shared.array(AROUND, np.int32)
+    waiting = cuda.shared.array(CELLS, np.int32)
+    many = cuda.shared.array(1, np.int32)
+    b, thread = cuda.blockIdx.x, cuda.threadIdx.x
+    if thread == 0:
+        many[0] = 0
+    load_cells(b, blocks, first, begin, end)
+    space = blocks.neighbour.shape[1] == 27
+    x, y, z = local_place(thread, 2 if space else 3)
+    c = x + 2 + 7 * (y + 2) + 49 * (z + 2) if space else x + 2 + 11 * (y + 2)
+    own = 0
+    if begin[c] < end[c] and surface_term.radius_squared >= type(surface_term.cell_size)(3 if space else 2):
+        own = 1  # every particle in the node's own cell is nearer than sqrt(dim) h
+    for c in range(7 if space else 3):
+        if own == 0:
+            dx, dy, dz = (c & 1) - 1, ((c >> 1) & 1) - 1, (c >> 2) - 1 if space else 0
+            own = inside_spheres(thread, dx, dy, dz, begin, end, placed, blocks, surface_term)
+    state[thread] = own
+    if own == 0:
+        waiting[cuda.atomic.add(many, 0, 1)] = thread  # their order changes no result
+    cuda.syncthreads()
+    for n in range(thread // SHARING, many[0], CELLS // SHARING):
+        node = waiting[n]
+        for c in range(thread % SHARING, 64 if space else 16, SHARING):
+            if state[node] == 0:
+                dx, dy, dz = (c & 3) - 2, ((c >> 2) & 3) - 2, (c >> 4) - 2 if space else 0
+                if inside_spheres(node, dx, dy, dz, begin, end, placed, blocks, surface_term) != 0:
+                    state[node] = 1
+    cuda.syncthreads()
 
 
 @cuda_kernel(block_for_each_row=True, threads=CELLS, rows_of="total")
@@ -53,7 +114,9 @@ def states_of_blocks(placed, cells, blocks, surface_term, node_state, node_label
     state = 0
     if placed is not None:
         if occupied_near(cells.first, blocks, b, 0, blocks.neighbour.shape[1]):
-            state = is_inside(i, placed, cells, blocks, surface_term)
+            mark_nodes(label, placed, cells.first, blocks, surface_term)
+            state = label[thread]
+            cuda.syncthreads()
         node_state[i] = state
     else:
         state = 1 if node_state[i] == 1 else 0

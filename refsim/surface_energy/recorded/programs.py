@@ -32,6 +32,8 @@ def arrays(blocks: Any, real: Any, particles: int = 0, vertices: int = 0, facets
     a["counts"] = device.wrapped(device.library().asarray(made))
     for name in ("held_points", "members", "node_label", "first", "sample_count", "vertex_edge", "facets"):
         device.fill(a[name], 0)
+    for name in ("vertex_nearest", "nearest"):  # where a search begins
+        device.fill(a[name], -1)
     return a
 
 

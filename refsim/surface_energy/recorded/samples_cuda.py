@@ -1,80 +1,117 @@
 """Vertices, samples and their nearest particles, normals, and the surface after the inset.
 
-A vertex or a facet is shared by LANES threads, which take the rows of cells by turns. What they look for, the farthest
-exit or the nearest particle, does not depend on the order.
+A vertex or a facet is shared by LANES threads. What they look for, the farthest exit or the nearest particle, does not
+depend on the order. A search begins with the nearest particle of a vertex or a sample close by.
 """
+
+import math
 
 import numpy as np
 
 from refsim.backends.compile import cuda, cuda_formula, cuda_kernel, formula
-from refsim.backends.primitives import across_lanes, largest_of_lanes
+from refsim.backends.primitives import across_lanes
 from refsim.backends.runtime import simulated
-from refsim.sparse_grid.formulas import node_coordinates, step_node
+from refsim.sparse_grid.block_search_cuda import number
+from refsim.sparse_grid.formulas import block_bits, node_coordinates, step_node
 from refsim.surface_energy import formulas, kernels
-from refsim.surface_energy.recorded.cells_cuda import MADE, UNFOUND, VERTICES, node_at, row_part
+from refsim.surface_energy.recorded.cells_cuda import (
+    CELLS,
+    MADE,
+    UNFOUND,
+    VERTICES,
+    block_start,
+    local_place,
+    node_at,
+    row_part,
+)
 
-LANES = 2 if simulated() else 8
-FAR_ENOUGH = 1.0001  # a row of cells farther than a particle by this factor has no nearer one, whatever the rounding
+LANES = 2 if simulated() else 4
+MARGIN = 1e-4  # [h] by which a row of cells must be farther than a particle to have no nearer one: rounding is less
 
 
 @cuda_formula
-def nearest_of_lanes(lane, i, x, y, z, interior_position, placed, cells, blocks, surface_term):
-    """(nearest particle, unit vector away from it) of a position [m] in cell i, as `kernels.offsets` finds them."""
-    jx, jy, jz = node_coordinates(blocks, i)
+def nearest_of_lanes(lane, i, x, y, z, seed, interior_position, placed, cells, blocks, surface_term):
+    """(nearest particle, unit vector away from it) of a position [m] in cell i, as `kernels.offsets` finds them.
+
+    `seed` is a particle that may be the nearest, or -1; each lane may have another one. The lanes take the rows of
+    cells by turns, and look at those that reach nearer than the nearest particle so far.
+    """
+    bits, b = block_bits(blocks), i >> 6
+    space = bits == 2
+    real = type(surface_term.cell_size)
+    jx, jy, jz = node_coordinates(blocks, CELLS * b)
     ox = formulas.grid_offset(x, jx, surface_term)
     oy = formulas.grid_offset(y, jy, surface_term)
     oz = formulas.grid_offset(z, jz, surface_term)
-    space = blocks.neighbour.shape[1] == 27
-    real = type(surface_term.cell_size)
-    best = real(4)
-    found = -1
-    for reach in range(1, 3):
-        if best < real(1):
-            break
-        for m in range(lane, parts_of_rows(2 * reach + 1, space), LANES):
-            direction, dy, dz = part_of_row(m, 2 * reach + 1)
-            dy, dz = dy - reach, dz - reach if space else 0
-            across, beyond = gap(oy, dy), gap(oz, dz) if space else real(0)
-            if across * across + beyond * beyond <= FAR_ENOUGH * float(best):
-                begin, end = row_part(i, direction, -reach, reach, dy, dz, blocks, cells.first)
-                for k in range(begin, end):
-                    ux = ox - formulas.grid_offset(placed[k, 0], jx, surface_term)
-                    uy = oy - formulas.grid_offset(placed[k, 1], jy, surface_term)
-                    uz = oz - formulas.grid_offset(placed[k, 2], jz, surface_term)
+    best, found = real(4), np.int32(-1)
+    if seed >= 0:
+        ux = ox - formulas.grid_offset(interior_position[seed, 0], jx, surface_term)
+        uy = oy - formulas.grid_offset(interior_position[seed, 1], jy, surface_term)
+        uz = oz - formulas.grid_offset(interior_position[seed, 2], jz, surface_term)
+        squared = ux * ux + uy * uy + uz * uz
+        if squared < best:
+            best, found = squared, np.int32(seed)
+    best, found = nearest_lane(lane, best, found)
+    ix, iy, iz = local_place(i, bits)
+    limit = farthest_row(best)
+    reach = math.sqrt(limit)
+    y0, y1 = cells_within(oy, reach, iy)
+    z0, z1 = np.int32(0), np.int32(0)
+    if space:
+        z0, z1 = cells_within(oz, reach, iz)
+    rows = y1 - y0 + 1
+    for row in range(lane, rows * (z1 - z0 + 1), LANES):
+        cz = np.int32(np.uint32(row) // np.uint32(rows))
+        cy, cz = y0 + row - rows * cz, z0 + cz
+        across, beyond = gap(oy, cy), gap(oz, cz) if space else real(0)
+        left = farthest_row(best) - across * across - beyond * beyond
+        if left >= real(0):
+            x0, x1 = cells_within(ox, math.sqrt(left), ix)
+            py, pz = oy - real(block_start(cy, bits)), oz - real(block_start(cz, bits)) if space else oz
+            for part in range(2):
+                begin, end, start = row_part(b, x0, x1, cy, cz, part, blocks, cells.first)
+                px = ox - real(start)
+                for at in range(begin, end):
+                    k = number(at)
+                    ux, uy, uz = px - placed[k, 0], py - placed[k, 1], pz - placed[k, 2]
                     squared = ux * ux + uy * uy + uz * uz
                     if squared < best or (squared == best and cells.point[k] < found):
-                        best, found = squared, cells.point[k]
-        best, found = nearest_lane(lane, best, found)
+                        best, found = squared, np.int32(cells.point[k])
+    best, found = nearest_lane(lane, best, found)
+    if found >= 0:
+        ux = ox - formulas.grid_offset(interior_position[found, 0], jx, surface_term)
+        uy = oy - formulas.grid_offset(interior_position[found, 1], jy, surface_term)
+        uz = oz - formulas.grid_offset(interior_position[found, 2], jz, surface_term)
+        best = ux * ux + uy * uy + uz * uz
     nx, ny, nz = kernels.away_from(found, best, ox, oy, oz, jx, jy, jz, interior_position, surface_term)
     return found, nx, ny, nz
 
 
 @formula
-def parts_of_rows(width, space):
-    """Number of rows along x in a cube of so many cells, or in a square in the plane, each in three blocks."""
-    return 3 * width * width if space else 3 * width
+def farthest_row(best):
+    """Squared distance [h^2] = (sqrt(best) + MARGIN)^2 up to which a row of cells may have a nearer particle."""
+    real = type(best)
+    reach = math.sqrt(best) + real(MARGIN)
+    return reach * reach
 
 
 @formula
-def part_of_row(m, width):
-    """(block along x, cell along y, cell along z) of the m-th part; divisions by constants are fast."""
-    row = np.uint32(m) // np.uint32(3)
-    direction = np.int32(np.uint32(m) - np.uint32(3) * row) - 1
-    z = row // np.uint32(3)
-    if width == 4:
-        z = row // np.uint32(4)
-    elif width == 5:
-        z = row // np.uint32(5)
-    return direction, np.int32(row - np.uint32(width) * z), np.int32(z)
+def cells_within(o, reach, i):
+    """(first, last) cell along an axis, at most two from cell i, that are nearer than `reach` [h] to a coordinate o."""
+    real = type(o)
+    low, high = np.int32(i - 2), np.int32(i + 2)
+    if o - reach > real(low):
+        low = np.int32(math.floor(o - reach))
+    if o + reach < real(high):
+        high = np.int32(math.floor(o + reach))
+    return low, high
 
 
 @formula
 def gap(o, d):
-    """Distance [h] of a coordinate o, from 0 to 1, from the row of cells d away."""
+    """Distance [h] of a coordinate o from the cells d, from d to d + 1."""
     real = type(o)
-    if d > 0:
-        return real(d) - o
-    return o - real(d + 1) if d < 0 else real(0)
+    return max(max(real(d) - o, o - real(d + 1)), real(0))
 
 
 @cuda_formula
@@ -89,10 +126,44 @@ def nearest_lane(lane, best, found):
     return best, found
 
 
+@cuda_formula
+def farthest_of_lanes(lane, i, ax, ay, az, towards, placed, cells, blocks, surface_term):
+    """(farthest exit [h] from the spheres around node i along an axis, the particle in the sphere's centre or -1)."""
+    bits, b = block_bits(blocks), i >> 6
+    space = bits == 2
+    real = type(surface_term.cell_size)
+    ix, iy, iz = local_place(i, bits)
+    farthest, found = real(0), np.int32(-1)
+    for row in range(lane, 16 if space else 4, LANES):
+        cy, cz = iy - 2 + (row & 3), iz - 2 + (row >> 2) if space else 0
+        py = real(block_start(cy, bits) - iy)
+        pz = real(block_start(cz, bits) - iz) if space else real(0)
+        for part in range(2):
+            begin, end, start = row_part(b, ix - 2, ix + 1, cy, cz, part, blocks, cells.first)
+            px = real(start - ix)
+            for at in range(begin, end):
+                k = number(at)
+                ux, uy, uz = px + placed[k, 0], py + placed[k, 1], pz + placed[k, 2]
+                along = ux * real(ax) + uy * real(ay) + uz * real(az)
+                across = ux * ux * real(1 - ax) + uy * uy * real(1 - ay) + uz * uz * real(1 - az)
+                if along * along + across < surface_term.radius_squared:
+                    length = formulas.exit_length(real(towards) * along, across, surface_term)
+                    if length > farthest or (length == farthest and cells.point[k] < found):
+                        farthest, found = length, np.int32(cells.point[k])
+    step = 1
+    while step < LANES:
+        length, other = across_lanes(farthest, lane, LANES, step), across_lanes(found, lane, LANES, step)
+        if length > farthest or (length == farthest and other < found):
+            farthest, found = length, other
+        step *= 2
+    return farthest, found
+
+
 @cuda_kernel(lanes=LANES, rows_of="vertex_edge")
 def place_vertices(
-    interior_position, placed, cells, blocks, node_state, surface_term, vertex_edge, counts, vertex_position, outward
-):
+    interior_position, placed, cells, blocks, node_state, surface_term, vertex_edge, counts, vertex_position,
+    vertex_nearest, outward,
+):  # fmt: skip
     """Algorithm 1, lines 10 to 17: vertices on the union of spheres [m], and directions away from the liquid."""
     v, lane = cuda.grid(1) // LANES, cuda.grid(1) % LANES
     if v < counts[VERTICES]:
@@ -106,31 +177,25 @@ def place_vertices(
             i = step_node(blocks, i, ax, ay, az)
             towards = -1
         jx, jy, jz = node_coordinates(blocks, i)
-        space = blocks.neighbour.shape[1] == 27
-        farthest = real(0)
-        for m in range(lane, parts_of_rows(4, space), LANES):
-            part, dy, dz = part_of_row(m, 4)
-            begin, end = row_part(i, part, -2, 1, dy - 2, dz - 2 if space else 0, blocks, cells.first)
-            for k in range(begin, end):
-                ux = formulas.grid_offset(placed[k, 0], jx, surface_term)
-                uy = formulas.grid_offset(placed[k, 1], jy, surface_term)
-                uz = formulas.grid_offset(placed[k, 2], jz, surface_term)
-                farthest = kernels.farther_exit(farthest, ux, uy, uz, ax, ay, az, towards, surface_term)
-        length = real(towards) * min(largest_of_lanes(farthest, lane, LANES), real(1))
+        farthest, seed = farthest_of_lanes(lane, i, ax, ay, az, towards, placed, cells, blocks, surface_term)
+        length = real(towards) * min(farthest, real(1))
         x = h * (real(jx) + real(ax) * length)
         y = h * (real(jy) + real(ay) * length)
         z = h * (real(jz) + real(az) * length)
         own = node_at(x, y, z, 0.0, i >> 6, blocks, surface_term)
-        _, nx, ny, nz = nearest_of_lanes(lane, own, x, y, z, interior_position, placed, cells, blocks, surface_term)
+        p, nx, ny, nz = nearest_of_lanes(
+            lane, own, x, y, z, seed, interior_position, placed, cells, blocks, surface_term
+        )
         if lane == 0:
             vertex_position[v, 0], vertex_position[v, 1], vertex_position[v, 2] = x, y, z
             outward[v, 0], outward[v, 1], outward[v, 2] = nx, ny, nz
+            vertex_nearest[v] = p
 
 
 @cuda_kernel(lanes=LANES, rows_of="facets")
 def place_points(
-    interior_position, placed, cells, blocks, surface_term, vertex_edge, vertex_position, facets, counts, sample_place,
-    facet_normal, outward, fit_position, fit_cell, fit_place, held_points,
+    interior_position, placed, cells, blocks, surface_term, vertex_edge, vertex_position, vertex_nearest, facets,
+    counts, sample_place, nearest, facet_normal, outward, fit_position, fit_cell, fit_place, held_points,
 ):  # fmt: skip
     """One sample to a facet, its nearest particle, the points of the fit [m] and their cells."""
     s, lane = cuda.grid(1) // LANES, cuda.grid(1) % LANES
@@ -139,13 +204,17 @@ def place_points(
         x, y, z, _, fx, fy, fz = kernels.facet_sample(s, vertex_position, facets)
         guess = (vertex_edge[facets[s, 0]] // 3) >> 6
         own = node_at(x, y, z, 0.0, guess, blocks, surface_term)
-        _, nx, ny, nz = nearest_of_lanes(lane, own, x, y, z, interior_position, placed, cells, blocks, surface_term)
+        seed = vertex_nearest[facets[s, lane % facets.shape[1]]]
+        p, nx, ny, nz = nearest_of_lanes(
+            lane, own, x, y, z, seed, interior_position, placed, cells, blocks, surface_term
+        )
         for k in range(lane, 2, LANES):
             r = s
             if k == 0:
                 sample_place[s, 0], sample_place[s, 1], sample_place[s, 2] = x, y, z
                 facet_normal[s, 0], facet_normal[s, 1], facet_normal[s, 2] = fx, fy, fz
                 outward[s, 0], outward[s, 1], outward[s, 2] = nx, ny, nz
+                nearest[s] = p
             else:
                 r = samples + s
                 distance = surface_term.offset * surface_term.cell_size
@@ -204,7 +273,9 @@ def place_samples(
         x, y, z, area, _, _, _ = kernels.facet_sample(s, inset_position, facets)
         guess = (vertex_edge[facets[s, 0]] // 3) >> 6
         own = node_at(x, y, z, 0.0, guess, blocks, surface_term)
-        p, _, _, _ = nearest_of_lanes(lane, own, x, y, z, interior_position, placed, cells, blocks, surface_term)
+        p, _, _, _ = nearest_of_lanes(
+            lane, own, x, y, z, nearest[s], interior_position, placed, cells, blocks, surface_term
+        )
         if lane == 0:
             has_tension = False
             if p < 0:

@@ -11,8 +11,9 @@ from typing import Any
 
 import numpy as np
 
+from refsim.backends import device
 from refsim.sparse_grid import PointList
-from refsim.sparse_grid.block_search_cuda import sum_blocks, write_first
+from refsim.sparse_grid.block_search_cuda import fill_cells, sum_blocks, write_first
 from refsim.surface_energy.recorded import cells_cuda, fit_cuda, force_cuda, level_set_cuda, samples_cuda
 
 Arrays = Mapping[str, Any]
@@ -29,13 +30,15 @@ def work_arrays(
         "crossings": (count, np.uint8), "cell_case": (count, np.uint8),
         "cut_total": (b, np.int64), "edge_first": count, "facet_first": count, "vertex_edge": v,
         "facets": ((f, dim), np.int32), "vertex_position": ((v, 3), real), "vertex_outward": ((v, 3), real),
+        "vertex_nearest": v,
         "sample_place": ((f, 3), real), "facet_normal": ((f, 3), real), "outward": ((f, 3), real),
         "fit_position": ((2 * f, 3), real), "fit_cell": 2 * f, "fit_place": 2 * f, "held_points": count,
         "fit_first": count + 1, "fit_unsorted": 2 * f, "fit_splines": ((2 * f, 9), real),
         "fit_target": (2 * f, real), "node_weight": (count, real),
         "coefficients": (count, real), "rank": count,
-        "filled": 2 * f, "pair_total": (b, np.int64), "reached": ((2 * f, 27), real), "change": ((2 * f, 27), real),
-        "pulls": ((f, 81), real), "warps": (f // 2 + 1, np.uint8), "sample_normal": ((f, 3), real),
+        "filled": 2 * f, "pair_total": (b, np.int64),
+        "reached": ((27, 2 * f + 1), real), "change": ((27, 2 * f + 1), real),
+        "pulls": ((81, f + 1), real), "planes": (3 * f, np.uint8), "sample_normal": ((f, 3), real),
         "vertex_normal": ((v, 3), real),
         "inset_position": ((v, 3), real), "sample_position": ((f, 3), real), "sample_area": (f, real),
         "nearest": f, "sample_count": n, "either": (f + v, np.uint8), "total": b, "one": 1,
@@ -43,7 +46,10 @@ def work_arrays(
         "held_samples": count, "samples_first": count + 1, "sample_point": f, "node_force": ((count, 3), real),
     }  # fmt: skip
     kinds = {name: shape if isinstance(shape, tuple) else (shape, np.int32) for name, shape in shapes.items()}
-    return {name: empty(shape, dtype) for name, (shape, dtype) in kinds.items()}
+    arrays = {name: empty(shape, dtype) for name, (shape, dtype) in kinds.items()}
+    for name in ("reached", "change", "pulls"):
+        device.fill(arrays[name], 0)  # the last column stays so, for cells without points
+    return arrays
 
 
 def listed(a: Arrays) -> PointList:
@@ -59,7 +65,8 @@ def sort_particles(a: Arrays, position: Any, blocks: Any, term: Any, sure: Any) 
     cells_cuda.total_blocks(a["held"], counts, total)
     sum_blocks(a["one"], total)
     write_first(a["held"], total, a["first"])
-    cells_cuda.fill_particles(position, a["cell"], a["place"], a["first"], a["unsorted"], a["placed"])
+    fill_cells(a["cell"], a["place"], a["first"], a["unsorted"])
+    cells_cuda.place_particles(position, term, blocks, a["first"], a["unsorted"], a["cell"], a["placed"])
 
 
 def mark_nodes(a: Arrays, blocks: Any, term: Any, given: bool = False) -> None:
@@ -90,16 +97,16 @@ def place_vertices(a: Arrays, position: Any, blocks: Any, term: Any) -> None:
     """Vertices on the union of spheres [m] and unit vectors away from their nearest particles."""
     samples_cuda.place_vertices(
         position, a["placed"], listed(a), blocks, a["node_state"], term, a["vertex_edge"], a["counts"],
-        a["vertex_position"], a["vertex_outward"],
+        a["vertex_position"], a["vertex_nearest"], a["vertex_outward"],
     )  # fmt: skip
 
 
 def place_points(a: Arrays, position: Any, blocks: Any, term: Any) -> None:
     """Samples of facets, unit vectors away from their nearest particles, and the points of the fit [m]."""
     samples_cuda.place_points(
-        position, a["placed"], listed(a), blocks, term, a["vertex_edge"], a["vertex_position"], a["facets"],
-        a["counts"], a["sample_place"], a["facet_normal"], a["outward"], a["fit_position"], a["fit_cell"],
-        a["fit_place"], a["held_points"],
+        position, a["placed"], listed(a), blocks, term, a["vertex_edge"], a["vertex_position"], a["vertex_nearest"],
+        a["facets"], a["counts"], a["sample_place"], a["nearest"], a["facet_normal"], a["outward"], a["fit_position"],
+        a["fit_cell"], a["fit_place"], a["held_points"],
     )  # fmt: skip
 
 
@@ -116,11 +123,11 @@ def sort_points(a: Arrays, blocks: Any, term: Any) -> None:
 def sweep(a: Arrays, blocks: Any, term: Any) -> None:
     """(3.7), and Algorithm 2 from C = 0."""
     weight, coefficients, rank, change = a["node_weight"], a["coefficients"], a["rank"], a["change"]
-    points = a["fit_first"], a["fit_splines"], a["fit_target"], a["filled"], blocks
-    fit_cuda.sum_fit(*points, None, a["counts"], a["reached"], change, a["warps"])
+    points = a["fit_first"], a["fit_splines"], a["fit_target"], blocks
+    fit_cuda.sum_fit(*points, None, a["counts"], a["reached"], change, a["filled"])
     fit_cuda.begin_fit(a["fit_first"], rank, blocks, a["reached"], change, term, weight, coefficients, a["total"])
     for _ in range(int(term.iterations) - 1):
-        fit_cuda.sum_fit(*points, coefficients, a["counts"], None, change, a["warps"])
+        fit_cuda.sum_fit(*points, coefficients, a["counts"], None, change, a["filled"])
         fit_cuda.correct(rank, blocks, change, term, weight, coefficients, a["total"])
 
 
@@ -154,7 +161,7 @@ def pull(a: Arrays, blocks: Any, term: Any) -> None:
     force_cuda.sort_samples(a["fit_cell"], first, a["fit_unsorted"], counts, a["sample_point"])
     force_cuda.sum_pulls(
         a["sample_position"], a["sample_area"], a["sample_normal"], first, a["sample_point"], a["filled"], counts,
-        blocks, term, a["pulls"], a["warps"],
+        blocks, term, a["pulls"], a["planes"],
     )  # fmt: skip
     force_cuda.pull_nodes(first, a["rank"], blocks, a["pulls"], term, a["node_force"], a["total"])
 
