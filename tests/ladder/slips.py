@@ -193,6 +193,7 @@ HARMLESS = {
         ("base == zero and slope != zero", "looks for idle rows in vain, or not at all"),
     ],
     "sample_counts": [("sample_count[:] = 0", "a zero has no sign")],
+    "shorten_labels": [("range(64 * b, 64 * b + 64)  ->  range(64 * b, 64 * b + 65)", "the next block does it, too")],
     # the fourth number of a node in `grid_to_particle` is padding; in the plane the third one is zero
     "four": [
         (
