@@ -34,7 +34,7 @@ def join(node_label, i, other):
 
 @kernel(rows_of="inside")
 def label_block(b, blocks, node_state, node_label, inside):
-    """The lowest node of each inside node's component within block b, and how many of its nodes are inside."""
+    """Chains of labels to the lowest node of each component within block b, and how many of its nodes are inside."""
     bits = block_bits(blocks)
     low, found = 64 * b, 0
     for i in range(low, low + 64):
@@ -52,9 +52,6 @@ def label_block(b, blocks, node_state, node_label, inside):
             for i in range(low, low + 64):
                 if (i // step) % (1 << bits) > 0 and node_label[i] >= 0 and node_label[i - step] >= 0:
                     join(node_label, i, i - step)
-        for i in range(low, low + 64):
-            if node_label[i] >= 0:
-                node_label[i] = lowest(node_label, i)
 
 
 @kernel(rows_of="one")

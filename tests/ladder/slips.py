@@ -211,18 +211,8 @@ HARMLESS = {
         ("weight_i, surface_i = (zero, 0)", "belongs to the mode that is not taken"),
         ("base == zero and slope != zero", "looks for idle rows in vain, or not at all"),
     ],
-    "components": [
-        (
-            "joined = np.flatnonzero(inside & (other >= 0))  ->  joined = np.flatnonzero(inside & (other >= 1))",
-            "blocks are in order: the first node is above no other",
-        )
-    ],
-    "component_sizes": [
-        (
-            "held = np.bincount(label + 1, minlength=1)  ->  held = np.bincount(label + 1, minlength=2)",
-            "never looked at",
-        )
-    ],
+    "sample_counts": [("sample_count[:] = 0", "a zero has no sign")],
+    "shorten_labels": [("range(64 * b, 64 * b + 64)  ->  range(64 * b, 64 * b + 65)", "the next block does it, too")],
     # the fourth number of a node in `grid_to_particle` is padding; in the plane the third one is zero
     "four": [
         (
