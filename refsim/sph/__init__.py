@@ -172,7 +172,9 @@ class WeaklyCompressible(
         reads = ("position", "velocity", "mass", "density")
         friction = Pass("sph.central_viscosity", reads, updates=("acceleration",), names=names)
         return (
-            Pass("sph.density", ("position", "mass"), ("density", "number_density", "asymmetry")),
+            Pass(
+                "sph.density", ("position", "mass"), ("density", "number_density", "asymmetry"), algorithm="packed"
+            ),  # where a backend has it
             Pass("sph.state", ("density",), ("pressure",)),
             Pass(
                 "sph.momentum" if viscous and not self.central() else "sph.pressure",
@@ -354,7 +356,7 @@ DENSITY_OPERATION = register(
         paper="Jiang & Zhu 2023",
         equation="J(7), J(8) and its first moment",
         function="density",
-        programs={"cuda": Program("density_cuda")},
+        programs={"cuda:packed": Program("density_cuda")},
         outputs=("number_density", "asymmetry", "density"),
         optional=("number_density", "asymmetry", "walls", "period"),
         variants=(

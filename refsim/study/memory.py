@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from refsim.core.capabilities import HoldsOtherMemory, having
+from refsim.engine.binding import fused
 from refsim.neighbours.limits import NEIGHBOUR_CAPACITY, PARTICLES_PER_CELL, WALL_CAPACITY, with_margin
 from refsim.scene.scene import Plan
 
@@ -56,7 +57,11 @@ def neighbour_list(plan: Plan, backend: str) -> dict[str, Any] | None:
 
 
 def _list_bytes(plan: Plan, backend: str, each: int) -> int:
-    """Bytes of the list of particles with `each` neighbours and of what builds it."""
+    """Bytes of the list of particles with `each` neighbours, of what builds it and, on a GPU, of the packed fields.
+
+    Sums over a GPU's list read packed rows of four numbers: places and masses for the density, two or three rows for
+    forces in one loop.
+    """
     n = plan.grid.count
     if backend != "cuda":
         return n * (4 * max(NEIGHBOUR_CAPACITY, each) + 12)  # entries; first entry and count of each row
@@ -64,4 +69,9 @@ def _list_bytes(plan: Plan, backend: str, each: int) -> int:
     entries, cells = 4 * with_margin(each), (12 + 8 * rows) / PARTICLES_PER_CELL
     state = [f for f in plan.particle_fields.values() if f.state]
     moved = sum(f.components * f.numpy_dtype(plan.grid.dtype).itemsize for f in state)  # through spare arrays
-    return int(n * (entries + 4 + cells + 16 + 16 + moved))  # count; keys and runs; keys and order
+    forces = [p for _, p in fused(plan.passes, backend) if p.algorithm == "fused"]
+    summed = any(p.operation == "sph.density" for _, p in plan.passes) or bool(forces)
+    packed = 1 + summed + bool(forces) + any(p.names.get("area_normal") is not None for p in forces)  # 1: of the list
+    packed *= 4 * np.dtype(plan.grid.dtype).itemsize
+    counted = 20  # cells, buckets and sums that order the particles
+    return int(n * (entries + 4 + cells + 16 + 16 + moved + counted + packed))  # count; keys and runs; keys and order
