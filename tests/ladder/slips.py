@@ -39,6 +39,7 @@ from refsim.core.operation import REGISTRY
 from refsim.smoothing import SHAPES, formulas, reference, smoothing
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
+sys.path.insert(0, str(ROOT))
 RECORD = ROOT / "validation" / "kernel_slips.json"
 PAGE = ROOT / "docs" / "nightly.md"
 BEGIN, END = "<!-- kernel slips -->\n", "<!-- end of kernel slips -->"
