@@ -16,10 +16,6 @@ from filelock import FileLock
 ROOT = pathlib.Path(__file__).parents[1]
 MOST = 4
 CYCLES = (100_000, 50, 100)  # thresholds of `gc`
-QUICKLY = (
-    f"import gc, sys; gc.set_threshold(*{CYCLES}); sys.path[:] = [{str(ROOT / 'tests')!r}, *sys.argv[1:]];"
-    " import refsim.backends.compile, quick_numba; quick_numba.install(); "
-)
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # the tests fill the cores already
 SOURCES = ("setup.cfg", "pyproject.toml", "MANIFEST.in", "LICENSE", "docs/package.md")
 BUILD = "from setuptools import setup; setup(script_args=['-q', 'build', '--build-lib', 'unpacking', 'egg_info'])"
@@ -36,15 +32,12 @@ def pytest_configure():
     """A test process compiles what it comes to, since the tests fill the cores, and keeps its process for loops.
 
     Numba makes many objects while it compiles, and pytest holds many: Python looks for cycles among them more rarely,
-    here and in the process for loops, and both compile with `quick_numba`.
+    here and in the process for loops.
     """
-    import quick_numba
-
     from refsim.backends import ahead, workers
 
     gc.set_threshold(*CYCLES)
-    quick_numba.install()
-    workers.START = QUICKLY + workers.START
+    workers.START = f"import gc; gc.set_threshold(*{CYCLES}); {workers.START}"
     ahead.cores = lambda: 1
     if os.environ.get("NUMBA_ENABLE_CUDASIM", "0") not in ("", "0"):
         import simulator_threads
