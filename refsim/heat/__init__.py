@@ -461,7 +461,7 @@ def _scheme(
 ) -> None:
     outputs = ("enthalpy", "temperature") if melting else ("temperature",)
     plain = {**_PLAIN, **_NO_ENTHALPY}
-    variants = (plain, _PERIODIC, {"period": None, **_NO_ENTHALPY}, _PLAIN)
+    variants: tuple[dict[str, None], ...] = (plain, _PERIODIC, {"period": None, **_NO_ENTHALPY}, _PLAIN)
     if not melting:
         variants = (_PLAIN, {"reservoir": None}, {"period": None})
     register(

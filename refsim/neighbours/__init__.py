@@ -142,7 +142,7 @@ class NeighbourSearch:
         return float(self.programs.steps_ahead * length)
 
     def look_ahead(self, particles: Particles, wanted: bool) -> None:
-        """Forget what was compared before the particles moved; with `wanted`, compare what `margins` will ask for."""
+        """Forget what was compared before the particles moved; with `wanted`, compare what `margins` needs."""
         self.programs.look_ahead(particles, wanted and self.period is None)
 
     def audit(self, position: Any, velocity: Any, timestep: Any, neighbours: Any, bounds: Any = None) -> None:

@@ -354,7 +354,7 @@ HARMLESS = {
         for other in ("- 1", "+ 2")
     ],
     "place": [("one = type(facet_corner[a, 0])(1)", "only the type is taken")],
-    "goal_slot": [("zero = type(matching.spacing)(0)", "only filled slots are asked for")],
+    "goal_slot": [("zero = type(matching.spacing)(0)", "only filled slots are required")],
     "curvature": [
         (f"curvature[i] = real(0)  ->  curvature[i] = {zero}", "a zero has no sign and no size")
         for zero in ("-real(0)", "real(0) * 1.01")
@@ -462,7 +462,7 @@ HARMLESS = {
     "solve": [
         ("passes += 1  ->  passes ", "every system ends long before the bound on the passes"),
         ("first, passes = (None, 1)", "every system ends long before the bound on the passes"),
-        ("every = ", "further passes are nearer to the solution than asked for"),
+        ("every = ", "further passes are nearer to the solution than required"),
         ("enough = float(conduction.residual) ** 2 * first  ->  enough = float(conduction.residual) ** 3", "likewise"),
     ],
 }

@@ -90,7 +90,7 @@ def test_akincis_area_term_jumps_by_no_more_than_its_bound(dim, kernels):
     for side in (-1, 1):
         case = Case(f"edge_{side}", dim, position * (1 + side * NEAR), spacing=1.0, support_radius=share)
         given = {"mass": np.full(len(position), fluid.particle_mass(grid)), **prepared}
-        given |= {"candidates": None, "walls": None}
+        given |= {"candidates": None, "walls": None, "period": None}
         density = oracle(REGISTRY["sph.density"], Inputs(case, "float64").replaced(**given))["density"][0]
         given |= {"density": density, "smoothing": prepared["gradient_smoothing"]}
         inputs = Inputs(case, "float64").replaced(**given)

@@ -1,8 +1,8 @@
 """pysplashsurf on the same particles: in a process of its own.
 
 surface  the time of a reconstruction
-normals  normals at the vertices of its surface, and the time of its whole pipeline: marching cubes, and where rounds of
-         smoothing are asked for, its weighted smoothing of the mesh and ten rounds for the normals
+normals  normals at the vertices of its surface, and the time of its whole pipeline: marching cubes, and with rounds of
+         smoothing its weighted smoothing of the mesh and ten rounds for the normals
 
 Its marching cubes run on a colour field of SPH: particle radius a quarter of a cell of refsim, which has 2^3 particles,
 smoothing length twice that radius and the threshold as its own guide recommends, all threads that it is given. For
