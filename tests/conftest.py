@@ -40,7 +40,7 @@ def pytest_configure():
     workers.START = f"import gc; gc.set_threshold(*{CYCLES}); {workers.START}"
     ahead.cores = lambda: 1
     if os.environ.get("NUMBA_ENABLE_CUDASIM", "0") not in ("", "0"):
-        import simulator_threads
+        from validation import simulator_threads
 
         simulator_threads.install()
     workers.IDLE = 3600.0

@@ -7,6 +7,7 @@ Every command prints its own help and touches nothing with `--help`. Exit codes:
 from __future__ import annotations
 
 import argparse
+import math
 import os
 import sys
 from collections.abc import Sequence
@@ -114,6 +115,7 @@ def parser() -> argparse.ArgumentParser:
     )
     part.add_argument("old", type=Path, metavar="OLD", help="folder with the older sources")
     part.add_argument("--jobs", type=int, default=os.cpu_count() or 1, metavar="N", help="processes; one a core")
+    part.add_argument("--longest", type=float, default=math.inf, metavar="S", help="no runs that take longer [s]")
     part.add_argument("--write", action="store_true", help="renew the records with the same bits")
     part.set_defaults(perform=same_bits)
 
@@ -295,7 +297,7 @@ def stale(given: argparse.Namespace) -> int:
 
 def same_bits(given: argparse.Namespace) -> int:
     """Compare stale numbers with those of older sources."""
-    found = unchanged.compare(given.old, discover(), given.jobs)
+    found = unchanged.compare(given.old, discover(), given.jobs, given.longest)
     print(unchanged.table(found))
     if given.write:
         print(f"{unchanged.renew(found, source()['commit'])} records renewed")

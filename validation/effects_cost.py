@@ -272,7 +272,8 @@ def in_simulator() -> dict[str, list[dict[str, Any]]]:
     running = {}
     for name in ladders(True):
         program = (
-            f"import json; from validation import effects_cost as e; print(json.dumps(e.on_device({name!r}, True)))"
+            "import json; from validation import effects_cost, simulator_threads; simulator_threads.install();"
+            f" print(json.dumps(effects_cost.on_device({name!r}, True)))"
         )
         running[name] = subprocess.Popen(
             [sys.executable, "-W", "ignore", "-c", program], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,

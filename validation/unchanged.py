@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import concurrent.futures
 import json
+import math
 import os
 import subprocess
 import sys
@@ -78,8 +79,10 @@ def _shared(run: Run, other: Run) -> int:
     return sum(name in run.parameters and run.parameters[name] == value for name, value in other.parameters.items())
 
 
-def compare(old: Path, known: Mapping[str, Experiment], jobs: int) -> list[Compared]:
+def compare(old: Path, known: Mapping[str, Experiment], jobs: int, longest: float = math.inf) -> list[Compared]:
     """Compute a run of each number under both sources, in `jobs` processes of one thread.
+
+    longest  seconds that a run may take, by its estimate; numbers without such a run are left out
 
     Raises InputError for a folder that holds no sources, or whose `validation stale` fails.
     """
@@ -93,7 +96,8 @@ def compare(old: Path, known: Mapping[str, Experiment], jobs: int) -> list[Compa
     )  # fmt: skip
     if told.returncode:
         raise InputError(f"{old}: `python -m validation stale --json` fails there: {told.stderr.strip()[-300:]}")
-    chosen = comparable(known, json.loads(told.stdout))
+    chosen = {key: (item, run) for key, (item, run) in comparable(known, json.loads(told.stdout)).items()
+              if run.estimate <= longest}  # fmt: skip
     runs = {_name(run): run for _, run in chosen.values()}
     before = values(old, runs, jobs)
     after = values(published.ROOT, runs, jobs)

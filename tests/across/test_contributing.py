@@ -84,7 +84,7 @@ print("slowed down")
 """
 
 SIMULATED = """
-from tests.simulator_threads import install
+from validation.simulator_threads import install
 install()
 outcome = contract.run(operation, "cuda", "float32", "cloud_2d")
 assert outcome.passed, str(outcome)

@@ -110,7 +110,7 @@ def test_least_bytes_are_those_of_the_fields():
 
 SIMULATED = """
 import json
-from simulator_threads import install
+from validation.simulator_threads import install
 install()
 from validation import limits
 print(json.dumps({name: limits.MEASURES[name](*size) for name, size in
