@@ -13,11 +13,13 @@ import contextvars
 import functools
 import threading
 import types
+from collections.abc import Iterator, Sequence
+from typing import Any
 
 import numpy as np
 
 
-def install():
+def install() -> None:
     """Replace the simulator's exchange of the module and its loop over the threads of a block."""
     from numba.cuda.simulator import kernel, kernelapi
 
@@ -25,7 +27,7 @@ def install():
     kernelapi.threading = Threads()
     together = kernel.BlockManager.run
 
-    def run(manager, block, *arguments):
+    def run(manager: Any, block: Any, *arguments: Any) -> None:
         if waits(manager._f):
             together(manager, block, *arguments)
         else:  # in a context of its own, as a thread has one
@@ -37,24 +39,24 @@ def install():
 class Threads:
     """The module `threading` with the simulated thread as the current one, while there is one."""
 
-    current = None
+    current: Any = None
 
-    def current_thread(self):
+    def current_thread(self) -> Any:
         return Threads.current or threading.current_thread()
 
-    def __getattr__(self, name):
+    def __getattr__(self, name: str) -> Any:
         return getattr(threading, name)
 
 
 class Turn:
     """A simulated thread that runs while the others of its block do not."""
 
-    def __init__(self, block, place, size):
+    def __init__(self, block: Any, place: Any, size: Sequence[int]) -> None:
         self.blockIdx, self.threadIdx = block, place
         self.thread_id = place.x + size[0] * (place.y + size[1] * place.z)
 
 
-def in_turn(manager, block, arguments):
+def in_turn(manager: Any, block: Any, arguments: Sequence[Any]) -> None:
     """Run the threads of a block one after another."""
     size = (*manager._block_dim, 1, 1)[:3]
     try:
@@ -66,9 +68,10 @@ def in_turn(manager, block, arguments):
 
 
 @functools.cache
-def waits(function):
+def waits(function: Any) -> bool:
     """Whether the function, or one that it names, synchronises threads, shares memory or passes values among them."""
-    seen, waiting = set(), [function]
+    seen: set[Any] = set()
+    waiting = [function]
     while waiting:
         found = waiting.pop()
         found = getattr(found, "fn", found)  # of a simulated kernel or device function
@@ -85,7 +88,7 @@ def waits(function):
     return False
 
 
-def named(code):
+def named(code: types.CodeType) -> set[str]:
     """Names of globals and attributes in a function's code, and in that of the functions inside."""
     inside = [part for part in code.co_consts if isinstance(part, types.CodeType)]
     return set(code.co_names).union(*map(named, inside))
@@ -96,7 +99,7 @@ INSIDE: dict[int, tuple[int, dict]] = {}  # by the identity of a module's global
 
 
 @contextlib.contextmanager
-def exchanged(function, stand_in):
+def exchanged(function: Any, stand_in: Any) -> Iterator[None]:
     """The stand-in among the function's globals until the last call has left."""
     from numba import cuda
 
