@@ -173,12 +173,15 @@ def _sorted_points(fit_position: Any, fit_cells: Any, blocks: Any, term: Any) ->
 def fit_weights(
     fit_position: Any, fit_cells: Any, blocks: Any, surface_term: Any, fit_splines: Any, node_weight: Any
 ) -> None:  # fmt: skip
-    """(3.7), and the splines, which the stage keeps cell by cell; every point stands in a block."""
+    """(3.7), and the splines, which the stage keeps cell by cell; 0 for points outside all blocks."""
     a = _sorted_points(fit_position, fit_cells, blocks, surface_term) | {"node_weight": node_weight}
     stages.sweep(a, blocks, surface_term)
     xp = device.library()
-    place = xp.argsort(xp.argsort(device.seen(fit_cells.cell), kind="stable"), kind="stable")
-    device.gather(a["fit_splines"], device.wrapped(place), fit_splines)
+    cell, kept = device.seen(fit_cells.cell), device.seen(a["fit_splines"])
+    by_cell = xp.argsort(xp.where(cell < 0, xp.iinfo(cell.dtype).max, cell), kind="stable")
+    place = xp.where(cell < 0, len(kept), xp.argsort(by_cell, kind="stable"))
+    kept = xp.concatenate([kept, xp.zeros((1, kept.shape[1]), kept.dtype)])
+    device.gather(device.wrapped(kept), device.wrapped(place), fit_splines)
 
 
 def fit(
