@@ -6,6 +6,7 @@ fits beside that of the tasks under way; where tasks need a GPU, each process ha
 
 from __future__ import annotations
 
+import contextlib
 import multiprocessing
 import os
 import signal
@@ -62,11 +63,12 @@ def by_processes(tasks: Sequence[Task], jobs: int, watch: Watch) -> Iterator[Out
                     slot = free.pop()
                     if slot.executor is None:
                         slot.executor = ProcessPoolExecutor(
-                            1, mp_context=context, initializer=_begin, initargs=(shares, slot.device)
+                            1, mp_context=context, initializer=_begin, initargs=(shares,)
                         )
                     slot.place, slot.began, shares[place] = place, time.perf_counter(), 0.0
                     attempts[place] += 1
-                    busy[slot.executor.submit(_there, place, tasks[place])] = slot
+                    with _environment_of(slot.device):  # the first task starts the process
+                        busy[slot.executor.submit(_there, place, tasks[place])] = slot
             done, _ = wait(busy, timeout=PAUSE, return_when=FIRST_COMPLETED)
             watch({tasks[s.place].key: shares[s.place] for s in busy.values()}, len(busy))
             for future in done:
@@ -118,15 +120,28 @@ def visible_devices() -> list[str]:
     return [str(k) for k in range(len(cuda.gpus))]
 
 
-def _begin(shares: Any, device: str | None) -> None:
-    """Make a new process ready, before it loads Numba."""
+@contextlib.contextmanager
+def _environment_of(device: str | None) -> Iterator[None]:
+    """The environment of a process that starts meanwhile: its main module may load Numba before `_begin` is called."""
+    before = dict(os.environ)
+    os.environ.update(dict.fromkeys(ONE_THREAD, "1"))
+    if device is not None:
+        os.environ["CUDA_VISIBLE_DEVICES"] = device
+    try:
+        yield
+    finally:
+        for name in (*ONE_THREAD, "CUDA_VISIBLE_DEVICES"):
+            if name in before:
+                os.environ[name] = before[name]
+            else:
+                os.environ.pop(name, None)
+
+
+def _begin(shares: Any) -> None:
+    """Make a new process ready."""
     global _shares
     _shares = shares
     signal.signal(signal.SIGINT, signal.SIG_DFL)  # Ctrl-C ends it without words; the parent says what is kept
-    for name in ONE_THREAD:
-        os.environ[name] = "1"
-    if device is not None:
-        os.environ["CUDA_VISIBLE_DEVICES"] = device
 
 
 def _there(place: int, task: Task) -> Any:

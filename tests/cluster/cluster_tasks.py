@@ -28,6 +28,20 @@ def die_once(report, marker, value):
     return value, os.environ["NUMBA_NUM_THREADS"]
 
 
+def numba_threads(report):
+    """Threads of Numba when they have been launched and a kernel is compiled after that."""
+    import numba
+    from numba.np.ufunc.parallel import _launch_threads
+
+    _launch_threads()
+
+    @numba.njit
+    def one():
+        return 1
+
+    return one() * numba.get_num_threads()
+
+
 def device(report):
     return os.environ["CUDA_VISIBLE_DEVICES"]
 

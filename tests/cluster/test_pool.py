@@ -1,11 +1,18 @@
 """Tasks in processes of this machine: values, errors, killed processes, memory, devices."""
 
+import os
+import subprocess
+import sys
+from pathlib import Path
+
 import pytest
 
 from refsim.cluster import perform, pool
 from refsim.cluster.tasks import ATTEMPTS, Task
 from refsim.core.errors import InputError, RunStopped
 from tests.cluster import cluster_tasks as there
+
+ROOT = Path(__file__).resolve().parents[2]
 
 
 def outcomes(tasks, **more):
@@ -60,6 +67,25 @@ def test_each_process_has_a_gpu_of_its_own(monkeypatch):
     monkeypatch.setenv("CUDA_VISIBLE_DEVICES", "")
     with pytest.raises(InputError, match="no GPU is visible here"):
         outcomes(tasks)
+
+
+MAIN_WITH_NUMBA = """
+import numba
+from refsim.cluster import perform
+from refsim.cluster.tasks import Task
+from tests.cluster.cluster_tasks import numba_threads
+if __name__ == "__main__":
+    for each in perform([Task("a", "a", numba_threads)], jobs=1):
+        print("threads", each.value, each.error)
+"""
+
+
+def test_a_process_has_one_thread_where_the_main_module_has_loaded_numba(tmp_path):
+    script = tmp_path / "main.py"
+    script.write_text(MAIN_WITH_NUMBA)
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), "NUMBA_NUM_THREADS": "2"}
+    done = subprocess.run([sys.executable, script], capture_output=True, text=True, env=environment)
+    assert done.stdout.strip() == "threads 1 None", done.stderr
 
 
 def test_jobs_are_at_least_one():
