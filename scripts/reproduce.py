@@ -88,8 +88,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     performed: list[Performed] = []
     try:
         experiments = discover()
-        for parts in planned(experiments, options):
-            performed += perform(parts, options, jobs, shown=shown)
+        first, *then = planned(experiments, options)
+        performed += perform(first, options, jobs, shown=shown, then=then)
         if not options.quick:
             performed += perform_panels(list(panels(experiments).values()), options)
     except RefsimError as error:

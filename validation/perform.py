@@ -55,18 +55,21 @@ def perform(
     compute: bool = True,
     stream: TextIO | None = None,
     shown: Callable[[Path], None] = lambda picture: None,
+    then: Sequence[Sequence[Part]] = (),
 ) -> list[Performed]:
     """Compute what is not stored, in `jobs` processes of one thread each or by the scheduler, check and draw.
 
-    Runs that are timed have nothing else beside them. A picture is drawn as soon as the results that it needs are
-    there, and again at the end if more results have changed its data; `shown` is called with its file each time.
+    Runs that are timed have nothing else beside them. Runs of `then` begin when those of the parts before have ended.
+    The first picture is drawn as soon as the results that it needs are there; others while processes compute or at the
+    end, and again if more results have changed their data. `shown` is called with a picture's file each time.
     Without `compute`, only what is stored counts. Progress goes to `stream` (standard error). Raises InputError where
     `only` names no run or a folder cannot be written to, RunStopped after Ctrl-C.
     """
-    _refuse(parts, options, jobs)
-    waiting: Waiting = {}
+    groups = (parts, *then)
+    _refuse([part for group in groups for part in group], options, jobs)
+    waiting: list[Waiting] = [{} for _ in groups]
     made = []
-    for part in parts:
+    for number, part in ((number, part) for number, group in enumerate(groups) for part in group):
         folders: dict[str, Path] = {}
         made.append((Performed(part), folders))
         for run in part.runs:
@@ -82,8 +85,9 @@ def perform(
             if stored is not None:
                 made[-1][0].results[run.key] = stored
                 made[-1][0].reused.append(run.key)
-            elif folder not in waiting or run.alone:
-                waiting[folder] = part, run
+            elif run.alone or not any(folder in group for group in waiting):
+                waiting[number][folder] = part, run
+    ready: dict[tuple[str, str], tuple[Performed, Picture]] = {}  # to be drawn, by names of part and picture
     contents: dict[Path, bytes] = {}  # of the data files from which pictures have been drawn
 
     def draw(each: Performed, picture: Picture) -> None:
@@ -100,9 +104,17 @@ def perform(
             each.results |= {key: result for key, result in new.items() if result is not None}
             for picture in each.part.pictures if new else ():
                 if picture.needs and set(picture.needs) <= set(each.results) and picture.name not in each.drawn:
-                    draw(each, picture)
+                    ready[each.part.name, picture.name] = each, picture
+        if not contents:
+            draw_next()
 
-    stopped = _compute(waiting, options, jobs, stream or sys.stderr, arrived) if compute else {}
+    def draw_next() -> None:
+        if ready:
+            draw(*ready.pop(next(iter(ready))))
+
+    stopped: dict[Path, str] = {}
+    for group in waiting if compute else ():
+        stopped |= _compute(group, options, jobs, stream or sys.stderr, arrived, draw_next)
     for each, folders in made:
         each.stopped |= {key: stopped[folder] for key, folder in folders.items() if folder in stopped}
         each.results = {key: each.results[key] for key in folders if key in each.results}
@@ -149,9 +161,12 @@ def _refuse(parts: Sequence[Part], options: Options, jobs: int) -> None:
 
 
 def _compute(
-    waiting: Waiting, options: Options, jobs: int, stream: TextIO, arrived: Callable[[Path], None]
-) -> dict[Path, str]:
+    waiting: Waiting, options: Options, jobs: int, stream: TextIO, arrived: Callable[[Path], None],
+    idle: Callable[[], None],
+) -> dict[Path, str]:  # fmt: skip
     """Compute and store, and call `arrived` with the folder of each result; returns why runs stopped.
+
+    `idle` is called when this process has time: while others compute or, where there are none, after each run.
 
     A run that fails in another process, but for one that stops with its reason, is computed again in this one, which
     reports the failure.
@@ -172,7 +187,7 @@ def _compute(
             apart = jobs > 1 or options.scheduler is not None
             together = {folder: item for folder, item in waiting.items() if apart and not item[1].alone}
             done, stopped = set(), {}
-            for folder, stop in _elsewhere(together, jobs, options.scheduler, show):
+            for folder, stop in _elsewhere(together, jobs, options.scheduler, show, idle):
                 done.add(folder)
                 if stop is not None:
                     stopped[folder] = f"{stop} (reason: {stop.reason})"
@@ -192,6 +207,8 @@ def _compute(
                     compute(part.folder, run, folder, Context(progress, options.threads))
                     finished += 1
                     arrived(folder)
+                    if not apart:
+                        idle()
                 except RunStopped as error:
                     stopped[folder] = f"{error} (reason: {error.reason})"
                 progress(1.0)
@@ -204,14 +221,15 @@ def _compute(
 
 
 def _elsewhere(
-    waiting: Waiting, jobs: int, scheduler: str | None, show: Callable[[str, float], None]
+    waiting: Waiting, jobs: int, scheduler: str | None, show: Callable[[str, float], None], idle: Callable[[], None]
 ) -> Iterator[tuple[Path, RunStopped | None]]:
     """Compute in processes or on the workers of a scheduler; yields the folder of each result that is there.
 
     The first run begins first, and the others leave the processor to it, so that its picture is there soon.
 
-    With the folder of a run that stopped it yields why. Meanwhile `show` is called with the names of the runs that are
-    under way and with the estimated seconds done. Raises InputError if a worker has kept its result in another folder.
+    With the folder of a run that stopped it yields why. Meanwhile `idle` is called, and `show` with the names of the
+    runs that are under way and with the estimated seconds done. Raises InputError if a worker has kept its result in
+    another folder.
     """
     runs = {f"{part.folder}-{folder.name}": (folder, part, run) for folder, (part, run) in waiting.items()}
     tasks = [
@@ -230,6 +248,7 @@ def _elsewhere(
                 seconds += shares[key] * run.estimate
                 names.append(f"{part.name} {run.key}" + (" (starts)" if shares[key] == 0.0 else ""))
         show(", ".join(names), seconds)
+        idle()
 
     for outcome in elsewhere(tasks, jobs=jobs, scheduler=scheduler, watch=watch):
         folder, _, run = runs[outcome.task.key]

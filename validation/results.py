@@ -30,6 +30,7 @@ PRESENTING = (
     "accuracy", "accuracy_picture", "answers", "checks", "claims", "drawing", "experiment", "gpu_readings", "perform",
     "published", "report", "results", "stability", "stability_page", "tables", "unchanged", "verify",
 )  # fmt: skip
+DOCUMENTED = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
 _HERE = Path(__file__).resolve().parent
 _ROOT = _HERE.parent
 
@@ -71,20 +72,21 @@ def modules_behind(file: Path) -> list[Path]:
 
 @functools.cache
 def _imported_by(file: Path) -> list[Path]:
-    tree, found = _tree(file), set()
-    types_only = (
-        node for node in ast.walk(tree) if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.dump(node.test)
-    )
-    left_out = {id(inside) for node in types_only for inside in ast.walk(node)}
-    for node in ast.walk(tree):
-        if id(node) in left_out:
-            continue
-        if isinstance(node, ast.ImportFrom) and node.module and not node.level:
-            for name in (alias.name for alias in node.names):
-                module = _defined_in(node.module, name)
-                found.add(_file_of(f"{module}.{name}") or _file_of(module))
+    found: set[Path | None] = set()
+    waiting: list[ast.AST] = list(_tree(file).body)
+    while waiting:
+        node = waiting.pop()
+        if isinstance(node, ast.ImportFrom):
+            if node.module and not node.level:
+                for name in (alias.name for alias in node.names):
+                    module = _defined_in(node.module, name)
+                    found.add(_file_of(f"{module}.{name}") or _file_of(module))
         elif isinstance(node, ast.Import):
             found |= {_file_of(alias.name) for alias in node.names}
+        elif not isinstance(node, ast.If) or "TYPE_CHECKING" not in ast.dump(node.test):
+            for part in ("body", "orelse", "handlers", "finalbody", "cases"):
+                inside = getattr(node, part, [])
+                waiting += inside if isinstance(inside, list) else []
     if file.name == "__init__.py" and (file.parent / "cases.py").exists():
         found |= {other for other in file.parent.glob("*.py") if other.name != "cases.py"}
     return [other for other in found if other is not None]
@@ -117,27 +119,25 @@ def _tree(file: Path) -> ast.Module:
 @functools.cache
 def _code_digest(file: Path) -> str:
     """Digest of a module's code without its comments, docstrings and layout."""
-    tree = ast.parse(file.read_text())
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
-            documented = (
-                node.body and isinstance(node.body[0], ast.Expr) and isinstance(node.body[0].value, ast.Constant)
-            )
-            if documented and isinstance(node.body[0].value.value, str):  # type: ignore[attr-defined]
-                node.body = node.body[1:] or [ast.Pass()]
-    return hashlib.sha256(_dumped(tree).encode()).hexdigest()
+    return hashlib.sha256(_dumped(_tree(file)).encode()).hexdigest()
 
 
 def _dumped(node: Any) -> str:
-    """A syntax tree in words that are the same for every version of Python.
+    """A syntax tree without docstrings, in words that are the same for every version of Python.
 
     `ast.dump` writes fields that other versions have not, and Python 3.12 has empty texts in the formats of f-strings.
     """
-    if isinstance(node, ast.JoinedStr):
-        node.values = [part for part in node.values if not (isinstance(part, ast.Constant) and part.value == "")]
     if isinstance(node, ast.AST):
-        fields = [(name, value) for name, value in ast.iter_fields(node) if value is not None and value != []]
-        return f"{type(node).__name__}({', '.join(f'{name}={_dumped(value)}' for name, value in fields)})"
+        fields = []
+        for name in node._fields:
+            value = getattr(node, name, None)
+            if name == "values" and isinstance(node, ast.JoinedStr):
+                value = [part for part in value if not (isinstance(part, ast.Constant) and part.value == "")]
+            elif name == "body" and isinstance(node, DOCUMENTED) and ast.get_docstring(node, clean=False) is not None:
+                value = node.body[1:] or [ast.Pass()]
+            if value is not None and value != []:
+                fields.append(f"{name}={_dumped(value)}")
+        return f"{type(node).__name__}({', '.join(fields)})"
     return f"[{', '.join(map(_dumped, node))}]" if isinstance(node, list) else repr(node)
 
 

@@ -100,6 +100,31 @@ class Stage:
 
     def draw(self, bodies: Sequence[Body], occlusion: bool = True) -> NDArray[np.uint8]:
         """The picture (height, width, 3) of the bodies."""
+        image, behind = self._opaque(bodies, occlusion)
+        return _averaged(self._through_water([image[..., :3]], behind, bodies)[0], SUPERSAMPLING)
+
+    def draw_clear(self, bodies: Sequence[Body]) -> NDArray[np.float64]:
+        """The picture (height, width, 4), 0 to 1, of the bodies without a background.
+
+        On white it is what `draw` gives, but for single pixels at outlines. On other grounds coloured water is somewhat
+        too bright, since one opacity has no colour.
+        """
+        image, behind = replace(self, background="black")._opaque(bodies, occlusion=False)
+        grounds = [image[..., :3], image[..., :3] + (255 - image[..., 3:])]  # black and white
+        on_black, on_white = (
+            _averaged(seen, SUPERSAMPLING).astype(float) / 255.0
+            for seen in self._through_water(grounds, behind, bodies)
+        )
+        passed = (on_white - on_black).min(2, keepdims=True).clip(0.0, 1.0)
+        opacity = 1.0 - passed
+        colour = np.divide(on_white - passed, opacity, out=np.zeros_like(on_white), where=opacity > 0)
+        return np.concatenate([colour.clip(0.0, 1.0), opacity], axis=2)
+
+    def _opaque(self, bodies: Sequence[Body], occlusion: bool) -> tuple[NDArray[np.uint8], Array]:
+        """The image (height, width, 4) of what is opaque, and how far beyond the picture's middle that is [m].
+
+        The distances (height, width) are infinite where nothing is. The last channel is opacity.
+        """
         pv = pyvista()
         width, height = (SUPERSAMPLING * n for n in self.size)
         plotter = pv.Plotter(off_screen=True, window_size=(width, height), lighting="none")
@@ -122,20 +147,22 @@ class Stage:
             if occlusion:
                 reach = 0.08 * float(np.linalg.norm(self.high - self.low))
                 plotter.enable_ssao(radius=reach, bias=0.3 * reach, kernel_size=64, blur=True)
-            image = np.asarray(plotter.screenshot(return_img=True))[..., :3]
-            clear = [body for body in bodies if body.water and body.facets is not None and len(body.facets)]
-            if clear:
-                image = self._through_water(pv, image, _depths(plotter) - away, clear)
+            image = np.asarray(plotter.screenshot(return_img=True, transparent_background=True))
+            return image, _depths(plotter) - away
         finally:
             plotter.close()
-        return _averaged(image, SUPERSAMPLING)
 
-    def _through_water(self, pv: Any, image: NDArray, behind: Array, bodies: Sequence[Body]) -> Array:
-        """The image (height, width, 3) of what is opaque, with water before and around it.
+    def _through_water(
+        self, images: Sequence[NDArray[np.uint8]], behind: Array, bodies: Sequence[Body]
+    ) -> list[NDArray[Any]]:
+        """Images (height, width, 3) of what is opaque, with water before and around it.
 
         behind  (height, width) of what is opaque, distance beyond the middle of the picture [m]; infinite for none
         """
-        shape = image.shape[:2]
+        bodies = [body for body in bodies if body.water and body.facets is not None and len(body.facets)]
+        if not bodies:
+            return list(images)
+        pv, shape = pyvista(), behind.shape
         right, upward, towards = axes = self.camera.axes(self.up)
         middle, half = self.frame()
         metres = 2.0 * half / shape[0]
@@ -160,25 +187,13 @@ class Stage:
         surface = np.where(wet, found.depth[first], np.inf)
         movable = ~wet | (behind.ravel() > surface)
         normal, colour = (values.reshape(*shape, 3) for values in (normal, maps[1]))
-        result = water.shaded(
-            np.asarray(image, dtype=float) / 255.0, thickness.reshape(shape), normal, colour, wet.reshape(shape), axes,
-            np.asarray(self.up), self._to_light(), metres, movable.reshape(shape),
-        )  # fmt: skip
-        return 255.0 * result
-
-    def draw_clear(self, bodies: Sequence[Body]) -> NDArray[np.float64]:
-        """The picture (height, width, 4), 0 to 1, of the bodies without a background.
-
-        On white it is exact. On other grounds coloured water is somewhat too bright, since one opacity has no colour.
-        """
-        on_black, on_white = (
-            replace(self, background=name).draw(bodies, occlusion=False).astype(float) / 255.0
-            for name in ("black", "white")
-        )
-        passed = (on_white - on_black).min(2, keepdims=True).clip(0.0, 1.0)
-        opacity = 1.0 - passed
-        colour = np.divide(on_white - passed, opacity, out=np.zeros_like(on_white), where=opacity > 0)
-        return np.concatenate([colour.clip(0.0, 1.0), opacity], axis=2)
+        return [
+            255.0 * water.shaded(
+                np.asarray(image, dtype=float) / 255.0, thickness.reshape(shape), normal, colour, wet.reshape(shape),
+                axes, np.asarray(self.up), self._to_light(), metres, movable.reshape(shape),
+            )
+            for image in images
+        ]  # fmt: skip
 
     def _lights(self, pv: Any, plotter: Any) -> None:
         right, _, towards = self.camera.axes(self.up)

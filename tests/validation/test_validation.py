@@ -182,7 +182,7 @@ def test_processes_tell_how_far_they_are(tmp_path, monkeypatch):
     runs = [Run("a", slow, {"value": 0.25}, estimate=12.0), Run("b", slow, {"value": 0.5}, estimate=4.0)]
     names = [results.result_folder(tmp_path, "fake", run.key, run.function, run.parameters) for run in runs]
     waiting = {folder: (part, run) for folder, run in zip(names, runs)}
-    assert set(performing._elsewhere(waiting, 2, None, show)) == {(folder, None) for folder in names}
+    assert set(performing._elsewhere(waiting, 2, None, show, lambda: None)) == {(folder, None) for folder in names}
     assert half.is_set()
     assert max(seconds for _, seconds in told) <= 16.0
 
@@ -210,6 +210,23 @@ def test_a_picture_is_drawn_as_soon_as_it_can(options, monkeypatch, tmp_path):
     about = outcome.results["a"].about
     assert about["processor_seconds"] > about["processor_seconds_compiling"] == 0.0
     assert about["kernels_compiled"] == 0
+
+
+def test_runs_of_the_second_group_begin_when_the_first_has_ended(options):
+    """The first picture is drawn at once, the next one no later than at the end."""
+    seen = []
+
+    def noted(context, value):
+        seen.append(value)
+        return Result({"double": 2 * value}, {"line": np.arange(2)})
+
+    parts = [fake(value, function=noted, parameters={"value": value}).part(options) for value in (1, 2)]
+    parts[0] = dataclasses.replace(parts[0], runs=[dataclasses.replace(parts[0].runs[0], timed=True)])
+    drawn = []
+    made = performing.perform(parts[:1], options, stream=io.StringIO(), shown=drawn.append, then=[parts[1:]])
+    assert seen == [1, 2]
+    assert [each.results["one"].values["double"] for each in made] == [2, 4]
+    assert drawn == [options.figures / "line.png"]
 
 
 def test_seconds_of_child_processes_count_while_they_run_and_after():
