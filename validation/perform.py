@@ -28,6 +28,7 @@ from validation.results import Result, load, result_folder, save
 from validation.running import Context
 from validation.tables import Table
 
+PICTURE = 10.0  # [s] at most, to draw one
 EXIT_FINE, EXIT_INPUT, EXIT_STOPPED, EXIT_FAILED = 0, 2, 3, 4
 
 
@@ -227,9 +228,9 @@ def _elsewhere(
 
     The first run begins first, and the others leave the processor to it, so that its picture is there soon.
 
-    With the folder of a run that stopped it yields why. Meanwhile `idle` is called, and `show` with the names of the
-    runs that are under way and with the estimated seconds done. Raises InputError if a worker has kept its result in
-    another folder.
+    With the folder of a run that stopped it yields why. Meanwhile `show` is called with the names of the runs that are
+    under way and with the estimated seconds done, and `idle` while no run waits to begin. Raises InputError if a worker
+    has kept its result in another folder.
     """
     runs = {f"{part.folder}-{folder.name}": (folder, part, run) for folder, (part, run) in waiting.items()}
     tasks = [
@@ -239,7 +240,7 @@ def _elsewhere(
         )
         for place, (key, (folder, part, run)) in enumerate(runs.items())
     ]  # fmt: skip
-    done = 0.0
+    done, finished = 0.0, 0
 
     def watch(shares: Mapping[str, float], workers: int) -> None:
         seconds, names = done, []
@@ -248,11 +249,13 @@ def _elsewhere(
                 seconds += shares[key] * run.estimate
                 names.append(f"{part.name} {run.key}" + (" (starts)" if shares[key] == 0.0 else ""))
         show(", ".join(names), seconds)
-        idle()
+        begun = finished + len(shares) == len(runs)
+        if begun or min((runs[key][2].estimate for key in shares), default=0.0) > PICTURE:
+            idle()
 
     for outcome in elsewhere(tasks, jobs=jobs, scheduler=scheduler, watch=watch):
         folder, _, run = runs[outcome.task.key]
-        done += run.estimate
+        done, finished = done + run.estimate, finished + 1
         if isinstance(outcome.error, RunStopped):
             yield folder, outcome.error
         elif outcome.error is not None:
