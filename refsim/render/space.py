@@ -26,9 +26,9 @@ Array = NDArray[np.float64]
 def pyvista() -> Any:
     """PyVista without a window. Raises InputError where it is not installed."""
     found = extra("pyvista", "a picture in 3D")
-    import vtk
+    from vtkmodules.vtkCommonCore import vtkObject
 
-    vtk.vtkObject.GlobalWarningDisplayOff()  # software drivers report what they lack
+    vtkObject.GlobalWarningDisplayOff()  # software drivers report what they lack
     return found
 
 
@@ -187,13 +187,11 @@ class Stage:
         surface = np.where(wet, found.depth[first], np.inf)
         movable = ~wet | (behind.ravel() > surface)
         normal, colour = (values.reshape(*shape, 3) for values in (normal, maps[1]))
-        return [
-            255.0 * water.shaded(
-                np.asarray(image, dtype=float) / 255.0, thickness.reshape(shape), normal, colour, wet.reshape(shape),
-                axes, np.asarray(self.up), self._to_light(), metres, movable.reshape(shape),
-            )
-            for image in images
-        ]  # fmt: skip
+        seen = water.shaded(
+            [np.asarray(image, dtype=float) / 255.0 for image in images], thickness.reshape(shape), normal, colour,
+            wet.reshape(shape), axes, np.asarray(self.up), self._to_light(), metres, movable.reshape(shape),
+        )  # fmt: skip
+        return [255.0 * image for image in seen]
 
     def _lights(self, pv: Any, plotter: Any) -> None:
         right, _, towards = self.camera.axes(self.up)
@@ -272,17 +270,18 @@ class Stage:
         )  # fmt: skip
 
     def _add_balls(self, pv: Any, plotter: Any, body: Body, colours: NDArray) -> None:
-        import vtk
+        from vtkmodules.vtkRenderingCore import vtkActor
+        from vtkmodules.vtkRenderingOpenGL2 import vtkOpenGLSphereMapper
 
         cloud = pv.PolyData(np.asarray(body.points, dtype=np.float32))
         cloud.point_data["colour"] = (255 * colours).round().astype(np.uint8)
         cloud.set_active_scalars("colour")
-        mapper = vtk.vtkOpenGLSphereMapper()
+        mapper = vtkOpenGLSphereMapper()
         mapper.SetRadius(body.radius)
         mapper.SetInputData(cloud)
         mapper.SetScalarModeToUsePointData()
         mapper.SetColorModeToDirectScalars()
-        actor = vtk.vtkActor()
+        actor = vtkActor()
         actor.SetMapper(mapper)
         look = actor.GetProperty()
         look.SetAmbient(0.34)
@@ -306,10 +305,10 @@ def _with_normals(pv: Any, body: Body) -> Any:
 
 def _depths(plotter: Any) -> Array:
     """(height, width) distances [m] from the camera's plane to what is drawn, infinite where nothing is."""
-    import vtk
-    from vtk.util.numpy_support import vtk_to_numpy
+    from vtkmodules.util.numpy_support import vtk_to_numpy
+    from vtkmodules.vtkRenderingCore import vtkWindowToImageFilter
 
-    copied = vtk.vtkWindowToImageFilter()
+    copied = vtkWindowToImageFilter()
     copied.SetInput(plotter.render_window)
     copied.SetInputBufferTypeToZBuffer()
     copied.ReadFrontBufferOff()
@@ -345,8 +344,9 @@ def cut_closed(points: NDArray, facets: NDArray, cut: Cut, fineness: float) -> t
 def _averaged(image: NDArray, by: int) -> NDArray[np.uint8]:
     """The image with each square of `by` x `by` pixels averaged."""
     height, width = (n // by for n in image.shape[:2])
-    blocks = image[: height * by, : width * by].reshape(height, by, width, by, -1)
-    return blocks.mean((1, 3)).round().astype(np.uint8)
+    whole = image[: height * by, : width * by].astype(float)
+    total = np.sum([whole[row::by, column::by] for row in range(by) for column in range(by)], axis=0)
+    return (total / by**2).round().astype(np.uint8)
 
 
 def bar_length(width: float) -> float:

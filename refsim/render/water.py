@@ -6,6 +6,7 @@ distances with their signs gives the length of the ray in water, up to the first
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -109,10 +110,10 @@ def in_water(found: Crossings, behind: Array) -> tuple[Array, NDArray[np.int64]]
 
 
 def shaded(
-    image: Array, thickness: Array, normal: Array, colour: Array, wet: NDArray[np.bool_],
+    images: Sequence[Array], thickness: Array, normal: Array, colour: Array, wet: NDArray[np.bool_],
     axes: tuple[Array, Array, Array], up: Array, light: Array, metres: float, movable: NDArray[np.bool_],
-) -> Array:  # fmt: skip
-    """The image (height, width, 3), 0 to 1, of what is opaque, seen through the water before it.
+) -> list[Array]:  # fmt: skip
+    """Each image (height, width, 3), 0 to 1, of what is opaque, seen through the water before it.
 
     thickness  (height, width) of the water at each pixel [m]
     normal     (height, width, 3) of its first surface, outward; colour: of the liquid
@@ -143,14 +144,12 @@ def shaded(
     c = columns + reach * (aside @ right) / inner
     allowed = map_coordinates(movable.astype(float), (r, c), order=1, mode="nearest") > 0.999
     r, c = np.where(allowed, r, rows), np.where(allowed, c, columns)
-    seen = np.stack([map_coordinates(image[..., k], (r, c), order=1, mode="nearest") for k in range(3)], axis=1)
-
     usual = np.array(liquid_colour(0))
     absorbed = ABSORPTION * (LACKS - base / base.max(1, keepdims=True).clip(1e-9)) / (LACKS - usual / usual.max())
     passed = np.exp(-absorbed * (tau / (height * metres))[:, None])
     lit = 0.62 + 0.38 * np.clip(n @ light, -1.0, 1.0)
-    seen *= (1.0 - EDGE * (1.0 - cosine) ** 2)[:, None]
-    body = passed * seen + SCATTER * (1.0 - passed) * base * lit[:, None]
+    passed_edge = passed * (1.0 - EDGE * (1.0 - cosine) ** 2)[:, None]
+    scattered = SCATTER * (1.0 - passed) * base * lit[:, None]
 
     mirrored = 2.0 * cosine[:, None] * n - towards
     climb = mirrored @ up
@@ -158,6 +157,11 @@ def shaded(
     around = np.where((climb < -0.1)[:, None], FLOOR, LOW_SKY + (HIGH_SKY - LOW_SKY) * sky**0.8)
     shine = np.clip(mirrored @ light, 0.0, 1.0)
     window = np.clip((shine - 0.955) / 0.015, 0.0, 1.0) + 0.25 * shine**24
-    result = image.copy()
-    result[wet] = body * (1.0 - fresnel[:, None]) + fresnel[:, None] * around + (0.75 * window)[:, None]
-    return result.clip(0.0, 1.0)
+    added = fresnel[:, None] * around + (0.75 * window)[:, None]
+    results = []
+    for image in images:
+        seen = np.stack([map_coordinates(image[..., k], (r, c), order=1, mode="nearest") for k in range(3)], axis=1)
+        result = image.copy()
+        result[wet] = (passed_edge * seen + scattered) * (1.0 - fresnel[:, None]) + added
+        results.append(result.clip(0.0, 1.0))
+    return results

@@ -70,7 +70,8 @@ def image_through(thickness, colour=(0.16, 0.47, 0.78), normal=(0.0, -1.0, 0.0),
     maps = [np.broadcast_to(np.asarray(v, dtype=float), (*SHAPE, 3)) for v in (normal, colour)]
     everywhere = np.ones(SHAPE, bool)
     light = np.array([0.0, 0.0, 1.0])
-    return shaded(behind, np.full(SHAPE, thickness), *maps, everywhere, tuple(AXES), AXES[1], light, METRES, everywhere)
+    lit = ([behind], np.full(SHAPE, thickness), *maps, everywhere, tuple(AXES), AXES[1], light, METRES, everywhere)
+    return shaded(*lit)[0]
 
 
 def test_a_film_is_clear_and_deep_water_has_its_own_colour():
