@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -100,37 +100,36 @@ class Stage:
 
     def draw(self, bodies: Sequence[Body], occlusion: bool = True) -> NDArray[np.uint8]:
         """The picture (height, width, 3) of the bodies."""
-        image, behind = self._opaque(bodies, occlusion)
-        return _averaged(self._through_water([image[..., :3]], behind, bodies)[0], SUPERSAMPLING)
+        images, behind = self._opaque(bodies, (self.background,), occlusion)
+        return _averaged(self._through_water(images, behind, bodies)[0], SUPERSAMPLING)
 
     def draw_clear(self, bodies: Sequence[Body]) -> NDArray[np.float64]:
         """The picture (height, width, 4), 0 to 1, of the bodies without a background.
 
-        On white it is what `draw` gives, but for single pixels at outlines. On other grounds coloured water is somewhat
-        too bright, since one opacity has no colour.
+        On white it is exact. On other grounds coloured water is somewhat too bright, since one opacity has no colour.
         """
-        image, behind = replace(self, background="black")._opaque(bodies, occlusion=False)
-        grounds = [image[..., :3], image[..., :3] + (255 - image[..., 3:])]  # black and white
+        images, behind = self._opaque(bodies, ("black", "white"), occlusion=False)
         on_black, on_white = (
-            _averaged(seen, SUPERSAMPLING).astype(float) / 255.0
-            for seen in self._through_water(grounds, behind, bodies)
+            _averaged(image, SUPERSAMPLING).astype(float) / 255.0
+            for image in self._through_water(images, behind, bodies)
         )
         passed = (on_white - on_black).min(2, keepdims=True).clip(0.0, 1.0)
         opacity = 1.0 - passed
         colour = np.divide(on_white - passed, opacity, out=np.zeros_like(on_white), where=opacity > 0)
         return np.concatenate([colour.clip(0.0, 1.0), opacity], axis=2)
 
-    def _opaque(self, bodies: Sequence[Body], occlusion: bool) -> tuple[NDArray[np.uint8], Array]:
-        """The image (height, width, 4) of what is opaque, and how far beyond the picture's middle that is [m].
+    def _opaque(
+        self, bodies: Sequence[Body], backgrounds: Sequence[str], occlusion: bool
+    ) -> tuple[list[NDArray[np.uint8]], Array]:
+        """Images (height, width, 3) of what is opaque, and how far beyond the picture's middle that is [m].
 
-        The distances (height, width) are infinite where nothing is. The last channel is opacity.
+        The distances (height, width) are infinite where nothing is.
         """
         pv = pyvista()
         width, height = (SUPERSAMPLING * n for n in self.size)
         plotter = pv.Plotter(off_screen=True, window_size=(width, height), lighting="none")
         try:
             self._lights(pv, plotter)
-            plotter.set_background(self.background)
             self._surroundings(pv, plotter, bodies)
             for body in bodies:
                 if not body.water:
@@ -147,8 +146,12 @@ class Stage:
             if occlusion:
                 reach = 0.08 * float(np.linalg.norm(self.high - self.low))
                 plotter.enable_ssao(radius=reach, bias=0.3 * reach, kernel_size=64, blur=True)
-            image = np.asarray(plotter.screenshot(return_img=True, transparent_background=True))
-            return image, _depths(plotter) - away
+            images = []
+            for background in backgrounds:
+                plotter.set_background(background)
+                plotter.render()
+                images.append(np.asarray(plotter.screenshot(return_img=True))[..., :3])
+            return images, _depths(plotter) - away
         finally:
             plotter.close()
 

@@ -99,7 +99,7 @@ def frame_picture(data: Mapping[str, Any]) -> Any:
         for frame, axes in zip(row["frames"], line):
             x = np.array(frame["position_milliradii"]) / 1000
             colour = colours(norm(np.linalg.norm(x, axis=1)))[:, :3]
-            show_image(axes, ball_picture(x, 0.5 * row["spacing_radii"], colour, VIEW, extent), extent)
+            show_image(axes, ball_picture(x, 0.5 * row["spacing_radii"], colour, VIEW, extent, pixels=320), extent)
             axes.set_title(f"t = {frame['time_s'] / row['capillary_time_s']:.2f}", loc="center", fontweight="normal")
             axes.text(
                 0.5, -0.02, f"$q_4$ = {frame['cubic_moment']:+.3f}\nroughness {frame['radius_variation']:.4f}",
@@ -141,7 +141,7 @@ def surface_picture_of(data: Mapping[str, Any]) -> Any:
         x = np.array(frame["position_milliradii"]) / 1000
         x = x[np.linalg.norm(x, axis=1) < 3.0]
         mesh = surface_mesh(x, data["spacing_radii"], smoothing=1.0, cell=0.3)
-        show_image(axes, surface_picture(*mesh, WATER, VIEW, extent, pixels=900), extent)
+        show_image(axes, surface_picture(*mesh, WATER, VIEW, extent, pixels=480), extent)
         time = frame["time_s"] / data["capillary_time_s"]
         axes.set_title(f"t = {time:.2f}", loc="center", fontweight="normal", y=0.95)
     figure.supxlabel(r"times in $\sqrt{\rho R^3/\sigma}$; surface where half the volume is liquid", fontsize=8.5)

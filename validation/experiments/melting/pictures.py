@@ -29,7 +29,7 @@ BODY = {
 }
 ICE = (0.86, 0.93, 0.98)
 CELL = 0.5 * SPACING  # of the grid on which surfaces are extracted
-PIXELS = 720
+PIXELS = 480
 
 
 def stage_data(key: str, title: str) -> Any:
