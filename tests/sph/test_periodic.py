@@ -96,6 +96,7 @@ def test_images_of_particles_are_the_particles(backend):
     simulation = run(scene, 60, backend)
     moved = simulation.field("position") - make_plan(scene).state.position
     assert moved[0, 0] > 0.8
+    # 60 sums of displacements, each rounded to 1e-16 of a metre; density is one sum of some 30 equal terms
     assert np.allclose(moved, [[3.0 * simulation.time, -simulation.time, 0.0]], atol=1e-12)
     assert np.allclose(simulation.field("density"), 1000.0, rtol=1e-12)
     inside = wrapped(simulation.field("position"), scene.period, scene.period_lower)
@@ -107,6 +108,7 @@ def test_backends_agree_and_the_moving_plate_drags():
     scene = channel(effects=(*channel().effects[:1], *channel().effects[2:]))
     still = scene.with_(fluid__0__velocity=(0.0, 0.0, 0.0))
     numpy, cpu = (run(still, 40, backend) for backend in ("numpy", "cpu"))
+    # roundings of 40 steps, each 1e-16 of 1 m/s, that viscosity damps
     assert np.allclose(numpy.field("velocity"), cpu.field("velocity"), atol=1e-12)
     u, y = cpu.field("velocity")[:, 0], cpu.field("position")[:, 1]
     assert 0 < u[y < 0.1].mean() < u[y > 0.5].mean() < 1.0
@@ -122,6 +124,7 @@ def test_where_the_border_lies_changes_nothing():
     moved = position.copy()
     moved[:, 0] = (position[:, 0] + 0.5) % 1.0
     second = run(scene.with_(fluid=(Cloud(position=moved, velocity=velocity),)), 30)
+    # positions are rounded by 1e-16 m, accelerations by c^2 / d^2 = 1e4 times as much; 30 steps and 1e3 for what grows
     for name in ("velocity", "density", "acceleration"):
         assert np.allclose(first.field(name), second.field(name), rtol=1e-9, atol=1e-9)
 
