@@ -336,7 +336,7 @@ def estimate(plan: Plan, constants: Constants, kept: bool = True) -> Prediction:
             share = _share(course.seconds.get(stage), first.get(stage))
             each = _launch(constants, stage, n)
         else:
-            share, each = 1.0, course.seconds[stage] * n / course.particles
+            share, each = 1.0, course.seconds[stage] * _growth(constants, n)
         stages[stage] = launches * share * each
     note = ""
     if course.stopped:
@@ -392,6 +392,19 @@ def _launch(constants: Constants, stage: str, particles: int) -> float:
         measured = (seconds[-1] - seconds[-2]) / (counts[-1] - counts[-2])
         slope = min(max(measured, 0.0), slope)
     return float(seconds[-1] + slope * (particles - counts[-1]))
+
+
+def _growth(constants: Constants, particles: int) -> float:
+    """Seconds of a step of so many particles over those of the coarse run's.
+
+    They grow as the particles, but on a GPU as the sizes say: it takes the same time for a thousand and for a hundred.
+    """
+    few = constants.course.particles
+    sums = [(count, {"step": sum(seconds.values())}) for count, seconds in constants.sizes]
+    if constants.backend != "cuda" or not sums[0][1]["step"]:
+        return particles / few
+    steps = dataclasses.replace(constants, sizes=sums)
+    return _launch(steps, "step", particles) / _launch(steps, "step", max(few, sums[0][0]))
 
 
 def _finer(plan: Plan, constants: Constants) -> float:

@@ -72,6 +72,18 @@ def test_an_iteration_whose_first_steps_differ_follows_the_course():
         assert found.stages["iisph.solve"] / found.steps == pytest.approx(each, rel=1e-2)
 
 
+def test_on_a_gpu_a_stage_that_only_the_course_has_grows_as_the_steps():
+    """Steps of 50 and 200 particles take 3.0 and 3.2 ms: 800 take 4.0 ms."""
+    plan = make_plan(tank(20))
+    course = dataclasses.replace(made().course, seconds={"recorded step": 0.1e-3}, builds=0)
+    sizes = [(50, {"a": 3.0e-3}), (200, {"a": 3.2e-3})]
+    for backend, growth in (("cuda", 4.0 / 3.0), ("cpu", 16.0)):
+        course.seconds["a"] = 1e-6  # far from that of the first steps
+        found = cost.estimate(plan, made(backend, sizes=sizes, course=course))
+        assert found.stages["recorded step"] / found.steps == pytest.approx(0.1e-3 * growth, rel=1e-2)
+        assert found.stages["a"] / found.steps == pytest.approx(1e-6 * growth, rel=1e-2)
+
+
 def test_all_pairs_are_quadratic():
     plan = make_plan(tank(20))
     sizes = [(50, {"a": 1e-3}), (200, {"a": 16e-3})]
