@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 import functools
 from collections.abc import Callable, Iterator, Mapping
@@ -271,7 +272,7 @@ def _usual(name: str, dtype: str) -> Any:
 
 
 def _cast(value: Any, usual: Any, dtype: str) -> Any:
-    """Floats in `value` as `dtype`, and in a group as float64 where the group `usual` has that."""
+    """Floats in `value`, a grid's too, as `dtype`, and in a group as float64 where the group `usual` has that."""
     if isinstance(value, tuple) and hasattr(value, "_fields"):
         others = usual if type(usual) is type(value) else (None,) * len(value)
         return type(value)(*(_cast(part, other, dtype) for part, other in zip(value, others)))
@@ -279,6 +280,9 @@ def _cast(value: Any, usual: Any, dtype: str) -> Any:
         return value.astype(usual.dtype if isinstance(usual, np.ndarray) else dtype)
     if isinstance(value, float):
         return float(value) if isinstance(usual, float) else np.dtype(dtype).type(value)
+    if hasattr(value, "on_backend"):  # a grid, whose copy on a backend has node arrays of its dtype
+        value = copy.copy(value)
+        value.dtype = dtype
     return value
 
 
