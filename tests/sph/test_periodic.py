@@ -139,6 +139,6 @@ def test_frames_hold_the_images_in_the_box(tmp_path):
 
 @pytest.mark.parametrize("backend", ["numpy", "cpu"])
 def test_a_resumed_run_is_the_same_run(backend):
-    outcomes = list(contract.resumes(channel(dtype="float32"), backend))
+    outcomes = list(contract.resumes(channel(), backend))
     assert len(outcomes) == 4
     assert all(outcome.passed for outcome in outcomes), "\n".join(map(str, outcomes))
