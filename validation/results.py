@@ -45,26 +45,31 @@ class Result:
 
 
 @functools.cache
-def sources_digest(module_file: str) -> str:
-    """Digest of the code in which a run's function stands, and of what this imports of refsim and validation."""
+def sources_digest(module_file: str, without: tuple[str, ...] = ()) -> str:
+    """Digest of the code in which a run's function stands, and of what this imports of refsim and validation.
+
+    without  paths of modules and packages that the run imports and does not compute with
+    """
     digest = hashlib.sha256()
-    for file in modules_behind(Path(module_file).resolve()):
+    for file in modules_behind(Path(module_file).resolve(), tuple(_ROOT / path for path in without)):
         place = file.relative_to(_ROOT) if file.is_relative_to(_ROOT) else Path(file.name)
         digest.update(f"{place.as_posix()}\0{_code_digest(file)}\n".encode())
     return digest.hexdigest()[:16]
 
 
-def modules_behind(file: Path) -> list[Path]:
+def modules_behind(file: Path, without: tuple[Path, ...] = ()) -> list[Path]:
     """A module's file and those of all modules of this repository that it imports, directly or through others.
 
     A method's package counts with all of its modules but the contract's cases: its operations load their programs when
     they are first used. A name that refsim exports counts with the module that defines it, and not with all of refsim.
-    Modules of PRESENTING do not count.
+    Modules of PRESENTING and below `without` do not count.
     """
     found: set[Path] = set()
     waiting = [file]
     while waiting:
-        if (file := waiting.pop()) not in found and not (file.parent == _HERE and file.stem in PRESENTING):
+        file = waiting.pop()
+        left_out = (file.parent == _HERE and file.stem in PRESENTING) or any(map(file.is_relative_to, without))
+        if file not in found and not left_out:
             found.add(file)
             waiting += _imported_by(file)
     return sorted(found)
