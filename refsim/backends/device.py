@@ -7,14 +7,15 @@ one is used.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from refsim.backends.compile import THREADS_PER_BLOCK, cuda, cuda_kernel
 from refsim.backends.primitives import set_four, sum_before
-from refsim.backends.runtime import library, own_stream, simulated
+from refsim.backends.runtime import branch, library, on_branch, own_stream, simulated
 
 
 def seen(array: Any) -> Any:
@@ -139,6 +140,50 @@ def _put(values: Any, out: Any) -> None:
         seen(out)[...] = values
 
 
+_recording = False  # whether launches are being recorded as a graph
+
+
+def launch_after(calls: Sequence[Callable[[], None]], after: Sequence[Sequence[int]]) -> None:
+    """Launch calls one after the other; in a graph call k waits for the calls after[k] only, which stand before it.
+
+    A call stands behind one that it waits for, or begins a branch of the graph.
+    """
+    if not _recording:
+        for call in calls:
+            call()
+        return
+    first, here = branch(), _event()
+    ends: list[Any] = []
+    tails: list[int] = []  # last call of each branch
+    for k, call in enumerate(calls):
+        own = next((b for b, last in enumerate(tails) if last in after[k]), len(tails))
+        with on_branch(first + own):
+            if own == len(tails):
+                tails.append(-1)
+                if own and not after[k]:
+                    own_stream().wait_event(here)
+            for before in after[k]:
+                if before != tails[own]:
+                    own_stream().wait_event(ends[before])
+            call()
+            tails[own] = k
+            ends.append(_event())
+    for last in tails[1:]:
+        own_stream().wait_event(ends[last])
+
+
+def side_by_side(*calls: Callable[[], None]) -> None:
+    """Launch calls that need nothing of each other: in a graph as branches."""
+    launch_after(calls, [()] * len(calls))
+
+
+def _event() -> Any:
+    """An event behind all launches so far on the present branch."""
+    event = library().cuda.Event(disable_timing=True)
+    event.record(own_stream())
+    return event
+
+
 class Recorded:
     """A call that launches kernels only, as one CUDA graph: launched one by one at first, then recorded, then replayed.
 
@@ -156,12 +201,15 @@ class Recorded:
             self.call()  # the first time also compiles and loads, which cannot be recorded
             self.called = True
             return
+        global _recording
         stream = own_stream()
         if self.graph is None:
             stream.begin_capture()
+            _recording = True
             try:
                 self.call()
             finally:
+                _recording = False
                 self.graph = stream.end_capture()
         self.graph.launch(stream)
 
@@ -439,9 +487,11 @@ class Rows:
 
     def launch(self) -> None:
         """arrays[k] <- arrays[k][order]; it can be recorded."""
-        for arrays, spare in self.kinds:
-            gather_all(arrays, self.order, spare)
-            copy_all(spare, arrays)
+        side_by_side(*(partial(self._move, *kind) for kind in self.kinds))
+
+    def _move(self, arrays: tuple, spare: tuple) -> None:
+        gather_all(arrays, self.order, spare)
+        copy_all(spare, arrays)
 
     @property
     def nbytes(self) -> int:

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from refsim.backends.runtime import stream
+from refsim.backends.runtime import branch, stream
 
 SCALARS = {
     bool: bool, int: ctypes.c_int64, float: ctypes.c_double, np.uint8: ctypes.c_uint8, np.int32: ctypes.c_int32,
@@ -23,7 +23,7 @@ _notes: list[str] = []  # why launches are not direct; empty while they are
 
 
 def private_kernel(dispatcher: Any, arguments: tuple) -> tuple[Any, Any]:
-    """The kernel that a dispatcher has compiled for these arguments and the stream, both as `cuda.core` takes them.
+    """The kernel that a dispatcher has compiled for these arguments, and what makes a stream one of `cuda.core`'s.
 
     The only function that uses private names of numba-cuda (`_codelibrary`, `_to_core_stream`).
     """
@@ -31,7 +31,7 @@ def private_kernel(dispatcher: Any, arguments: tuple) -> tuple[Any, Any]:
     from numba.cuda.typing.typeof import Purpose, typeof
 
     types = tuple(typeof(argument, Purpose.argument) for argument in arguments)
-    return dispatcher.overloads[types]._codelibrary.get_cufunc().kernel, driver._to_core_stream(stream())
+    return dispatcher.overloads[types]._codelibrary.get_cufunc().kernel, driver._to_core_stream
 
 
 class Launch:
@@ -40,13 +40,17 @@ class Launch:
     def __init__(self, dispatcher: Any, arguments: tuple) -> None:
         from cuda.core import LaunchConfig, launch
 
-        self.kernel, self.stream = private_kernel(dispatcher, arguments)
+        self.kernel, self.converted = private_kernel(dispatcher, arguments)
         self.launch, self.config = launch, LaunchConfig
+        self.streams = {branch(): self.converted(stream())}
 
     def __call__(self, blocks: int, threads: int, arguments: tuple) -> None:
         values: list[Any] = []
         unfold(arguments, values)
-        self.launch(self.stream, self.config(grid=(blocks, 1, 1), block=(threads, 1, 1)), self.kernel, *values)
+        number = branch()
+        if number not in self.streams:
+            self.streams[number] = self.converted(stream())
+        self.launch(self.streams[number], self.config(grid=(blocks, 1, 1), block=(threads, 1, 1)), self.kernel, *values)
 
 
 def direct_launch(dispatcher: Any, arguments: tuple) -> Launch | None:

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import importlib
 import os
+from collections.abc import Iterator
 from typing import Any
+
+_branch = 0  # of the graph that is being recorded, on which kernels are launched
 
 
 def simulated() -> bool:
@@ -25,19 +29,41 @@ def library() -> Any:
 
 
 @functools.cache
+def _stream_of(branch: int) -> Any:
+    return None if simulated() else library().cuda.Stream(non_blocking=False)
+
+
 def own_stream() -> Any:
     """CuPy's stream on which everything is launched, so that it can be recorded; None in the simulator.
 
     It synchronises with the default stream in both directions, so that copies need no explicit synchronisation.
     """
-    return None if simulated() else library().cuda.Stream(non_blocking=False)
+    return _stream_of(_branch)
+
+
+@contextlib.contextmanager
+def on_branch(branch: int) -> Iterator[None]:
+    """Launch on the stream of a branch of the graph that is being recorded; 0 is the stream of all other launches."""
+    global _branch
+    before, _branch = _branch, branch
+    try:
+        yield
+    finally:
+        _branch = before
+
+
+def branch() -> int:
+    """The branch on which kernels are launched."""
+    return _branch
 
 
 @functools.cache
-def stream() -> Any:
-    """The stream on which CUDA kernels are launched, as numba-cuda takes it."""
-    if simulated():
-        return 0
+def _numba_stream_of(branch: int) -> Any:
     from numba import cuda
 
-    return cuda.external_stream(own_stream().ptr)
+    return cuda.external_stream(_stream_of(branch).ptr)
+
+
+def stream() -> Any:
+    """The stream on which CUDA kernels are launched, as numba-cuda takes it."""
+    return 0 if simulated() else _numba_stream_of(_branch)

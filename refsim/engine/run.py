@@ -9,7 +9,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from refsim.backends.arrays import Backend
-from refsim.core.effect import Extremes, StepLimit
+from refsim.core.effect import Effect, Extremes, Pass, StepLimit
 from refsim.engine.timings import Timings
 from refsim.scene.scene import Plan
 
@@ -43,6 +43,7 @@ class Run(Protocol):
     force_calls: list[tuple[str, bool, Callable[[], None]]]  # the second says whether it runs on demand only
     motion_calls: Calls
     extremes_call: Callable[[], None]
+    force_passes: list[tuple[tuple[Effect, ...], Pass]]  # of the force calls, with their effects
     lists: Any  # NeighbourLists
     order: Any  # ParticleOrder
     stepper: Any  # HostStepper or DeviceStepper

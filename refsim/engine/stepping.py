@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import NoReturn
 
 import numpy as np
 
 from refsim.core.capabilities import Watches, having
-from refsim.core.effect import Extremes, StepLimit
+from refsim.core.effect import Extremes, Pass, StepLimit
 from refsim.core.errors import RunStopped
+from refsim.engine.branches import Touched, needed_before, touched
 from refsim.engine.run import Calls, Run
 from refsim.scene.scene import Plan
 
@@ -129,6 +131,8 @@ class HostStepper:
 class DeviceStepper:
     """Chooses the step on the device: passes, choice and motion are one CUDA graph, which sends the clock back.
 
+    Passes that need nothing of each other are branches of the graph.
+
     In a run that is profiled they are launched one by one, each with a wait behind it; the programs are the same.
     """
 
@@ -148,6 +152,7 @@ class DeviceStepper:
         whole = not (self.profiled or any(effect.host_in_step for effect in s.plan.effects.values()))
         passes = (*s.plan.passes, *s.plan.motion)
         self.pushed = any("acceleration" in (*p.writes, *p.updates) for _, p in passes)  # else it stays zero
+        self.after = needed_before(list(self._touched()))
         self.recorded = device.Recorded(self._launch, whole)
 
     def rebind(self) -> None:
@@ -168,7 +173,7 @@ class DeviceStepper:
             self._launch_each(s.begin_calls)
             for _ in s.launch(on_demand=False):  # each program's first call is timed, because it compiles
                 pass
-            self._choose_and_move()
+            self._launch_each(self._motion())
             self.recorded.called = True
         else:
             self.recorded()
@@ -200,29 +205,47 @@ class DeviceStepper:
         s.backend.assign(self.clock, values)
 
     def _launch(self) -> None:
-        s, device = self.simulation, self.device
-        self._launch_each(s.begin_calls)
-        if self.pushed:
-            device.fill(s.fields["acceleration"], 0)
-        self._launch_each([(name, call) for name, rare, call in s.force_calls if not rare])
-        self._choose_and_move()
+        s = self.simulation
+        forces = [(name, call) for name, rare, call in s.force_calls if not rare]
+        calls = [*s.begin_calls, ("", self._clear), *forces, *self._motion()]
+        if self.profiled:
+            self._launch_each(calls)
+        else:
+            self.device.launch_after([call for _, call in calls], self.after)
+
+    def _touched(self) -> Iterator[Touched | None]:
+        """What the calls of `_launch` touch."""
+        plan, backend = self.simulation.plan, self.simulation.backend.name
+        for _, p in plan.begin:
+            yield touched(p, backend)
+        yield Touched(frozenset({"acceleration"}), frozenset({"acceleration"}))
+        for _, p in self.simulation.force_passes:
+            if not p.on_demand:
+                yield touched(p, backend)
+        yield touched(Pass("sph.extremes"), backend)
+        yield Touched(frozenset({"extremes", "timestep"}), frozenset({"timestep"}))
+        for _, p in plan.motion:
+            yield touched(p, backend)
+        yield None
 
     def _launch_each(self, calls: Calls) -> None:
         for name, call in calls:
-            if self.profiled:
+            if self.profiled and name:
                 self.simulation.timings.run(name, call)
             else:
                 call()
 
-    def _choose_and_move(self) -> None:
-        self._launch_each(
-            [
-                ("sph.extremes", self.simulation.extremes_call),
-                ("choose_step", self._choose),
-                *self.simulation.motion_calls,
-                ("send_clock", self._send),
-            ]
-        )
+    def _clear(self) -> None:
+        if self.pushed:
+            self.device.fill(self.simulation.fields["acceleration"], 0)
+
+    def _motion(self) -> Calls:
+        return [
+            ("sph.extremes", self.simulation.extremes_call),
+            ("choose_step", self._choose),
+            *self.simulation.motion_calls,
+            ("send_clock", self._send),
+        ]
 
     def _choose(self) -> None:
         s, scene = self.simulation, self.simulation.plan.scene

@@ -862,6 +862,34 @@ def test_a_recorded_step_launches_and_holds_what_the_plan_says(name):
         assert found == expected, what
 
 
+@pytest.mark.parametrize("name", ["tension and detection", "melting", "material points"])
+def test_passes_that_need_nothing_of_each_other_may_come_in_any_order(monkeypatch, name):
+    """Branches of a step's graph: of the calls that may come next, the last one comes first."""
+    from refsim.backends import device
+
+    turned = []
+
+    def last_first(calls, after):
+        waiting, done = list(range(len(calls))), set()
+        while waiting:
+            k = max(k for k in waiting if done.issuperset(after[k]))
+            turned.append(k != waiting[0])
+            waiting.remove(k)
+            done.add(k)
+            calls[k]()
+
+    runs = []
+    for order in (device.launch_after, last_first):
+        monkeypatch.setattr(device, "launch_after", order)
+        run = Simulation(STEPPED[name], "cuda")
+        for _ in range(3):  # in the first one calls are launched one by one
+            run.step()
+        runs.append(run)
+    assert any(turned)
+    for field in runs[0].plan.fields:
+        np.testing.assert_array_equal(runs[1].field(field), runs[0].field(field), err_msg=field)
+
+
 def test_what_stands_in_is_reported():
     assert "in place of CuPy" in runtime.array_library()
 
