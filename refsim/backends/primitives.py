@@ -168,13 +168,14 @@ def sum_of_lanes(value, lane, lanes):  # noqa: ANN001, ANN201
 
 
 @cuda_formula
-def counted_lanes(flag, lane, lanes):  # noqa: ANN001, ANN201
-    """(how many lanes before this one raise their flag, how many of all)."""
-    before, together = 0, 1 if flag else 0
-    if lanes > 1:
-        mask = lanes_mask(lane, lanes)
-        raised = np.uint32(cuda.ballot_sync(mask, flag)) >> np.uint32(cuda.laneid - lane)
-        raised &= np.uint32((1 << lanes) - 1)
-        before = np.int64(cuda.popc(raised & np.uint32((1 << lane) - 1)))
-        together = np.int64(cuda.popc(raised))
+def sum_before_lane(value, lane, lanes):  # noqa: ANN001, ANN201
+    """(sum of the int32 `value` over the lanes before this one, sum over all), int32."""
+    before, together = np.int32(0), np.int32(value)
+    step = 1
+    while step < lanes:  # `together` is the sum over a group of `step` lanes
+        other = np.int32(across_lanes(together, lane, lanes, step))
+        if lane & step != 0:
+            before = np.int32(before + other)
+        together = np.int32(together + other)
+        step *= 2
     return before, together

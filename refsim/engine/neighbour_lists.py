@@ -103,8 +103,9 @@ class NeighbourLists:
         # The audit steps positions back by the velocities, which must be those that led to them.
         if self.built and self.auditable and not self.velocities_set:
             position, velocity = run.fields["position"], run.fields["velocity"]
-            search.audit(position, velocity, run.timestep, run._shared["neighbours"], run._shared.get("bounds"))
-        run.order.sort(search)
+            neighbours, bounds = run._shared["neighbours"], run._shared.get("bounds")
+            search.audit(position, velocity, run.timestep, neighbours, bounds, before_sort=True)
+        run.order.sort(search, before_build=True)
         self.rebuild()
         missed = search.log.missed_neighbours
         if missed:
@@ -121,7 +122,6 @@ class NeighbourLists:
         near = self.search.build(run.build_position)
         at_walls = None if self._walls is None else self.search.build_against(run.build_position, self._static)
         self.policy.after_build()
-        run.order.renumber()
         if known is None or near is not known[0] or at_walls is not known[1]:
             self._lists = (near, at_walls)
             run._shared["neighbours"] = near

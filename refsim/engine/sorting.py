@@ -34,11 +34,14 @@ class ParticleOrder:
         """Whether particles that no neighbour list sorts are to be sorted before this step."""
         return self._cells is not None and self.run.steps % SORT_EVERY == 0
 
-    def sort(self, search: NeighbourSearch) -> None:
+    def sort(self, search: NeighbourSearch, before_build: bool = False) -> None:
         """Put the particles into the cell order of `search` and note their positions in `build_position`."""
         run, names = self.run, self._names()
-        moved = search.sort(run.fields["position"], [run.fields[name] for name in names], run.build_position)
+        arrays = [run.fields[name] for name in names]
+        moved = search.sort(run.fields["position"], arrays, run.build_position, before_build, self.renumber)
         run.fields |= zip(names, moved)
+        if not search.looks_ahead:
+            self.renumber()
 
     def sort_alone(self) -> None:
         """Sort where it is due and no attended group gives the order."""
@@ -48,7 +51,6 @@ class ParticleOrder:
     def _sort_alone(self) -> None:
         assert self._cells is not None
         self.sort(self._cells)
-        self.renumber()
         self.run.rebind()
 
     def attend(self) -> None:

@@ -8,7 +8,7 @@ Reference: all pairs (`refsim.neighbours.reference`).
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
@@ -83,12 +83,21 @@ class NeighbourSearch:
         """Permutation that puts the particles into cell order (stable)."""
         return self.programs.order(position)
 
-    def sort(self, position: Any, arrays: list[Any], sorted_position: Any) -> list[Any]:
+    def sort(
+        self, position: Any, arrays: list[Any], sorted_position: Any, before_build: bool = False,
+        behind: Callable[[], None] | None = None,
+    ) -> list[Any]:  # fmt: skip
         """The arrays in the cell order of `position`, which is among them; its values also go to `sorted_position`.
 
-        On the GPU they are the same arrays with their rows moved.
+        On the GPU they are the same arrays with their rows moved, and the host waits for them, unless a build follows
+        (`before_build`), which waits itself. What `behind` launches stands behind the moves there, in the same graph.
         """
-        return self.programs.sort(position, arrays, sorted_position)
+        if not self.looks_ahead:
+            return self.programs.sort(position, arrays, sorted_position)
+        moved = self.programs.sort(position, arrays, sorted_position, behind)
+        if not before_build:
+            self.programs.finish_sort()
+        return moved
 
     def build(self, position: Any) -> Any:
         """List of the particles, which stand in cell order; raises RunStopped where a clump has collapsed.
@@ -145,18 +154,23 @@ class NeighbourSearch:
         """Forget what was compared before the particles moved; with `wanted`, compare what `margins` needs."""
         self.programs.look_ahead(particles, wanted and self.period is None)
 
-    def audit(self, position: Any, velocity: Any, timestep: Any, neighbours: Any, bounds: Any = None) -> None:
+    def audit(
+        self, position: Any, velocity: Any, timestep: Any, neighbours: Any, bounds: Any = None,
+        before_sort: bool = False,
+    ) -> None:  # fmt: skip
         """Compare sampled rows of the list with all pairs, where it was last used: at position - dt * velocity.
 
         position (n, 3) [m], velocity (n, 3) [m/s], timestep (2,) with dt [s] second; misses stand in the log after the
         next build.
         Pairs with a particle that stands on a plane of `bounds` [m], which may just have stopped it, do not count.
+        With `before_sort` a GPU takes it along with the sorting that follows.
         """
         n = position.shape[0]
         rows = AuditedRows(max(n // AUDITED_ROWS, 1), min(AUDITED_ROWS, n))
         self.log.audited_rows += rows.number
         radius = self.radius * (1 - AUDIT_MARGIN)
-        self.programs.audit(position, velocity, timestep, neighbours, rows, radius, bounds)
+        audit = self.programs.audit_before_sort if before_sort and self.looks_ahead else self.programs.audit
+        audit(position, velocity, timestep, neighbours, rows, radius, bounds)
 
     def _checked(self, result: tuple[Any, int]) -> Any:
         neighbours, most = result

@@ -1,12 +1,13 @@
 """Cell sort and neighbour list on the GPU: columns, so that neighbouring threads read neighbouring words."""
 
 import math
+from functools import partial
 
 import numpy as np
 
 from refsim.backends import device
 from refsim.backends.compile import cuda, cuda_formula, cuda_kernel, formula
-from refsim.backends.primitives import counted_lanes, four_of, set_four
+from refsim.backends.primitives import across_lanes, four_of, largest_of_block, set_four, sum_before_lane
 from refsim.backends.runtime import simulated
 from refsim.core.errors import RunStopped
 from refsim.neighbours.formulas import (
@@ -24,26 +25,28 @@ from refsim.neighbours.rows import NeighbourColumns, cuda_lane
 # Threads that share a column if there are few particles: with one thread each the device would wait for memory. One in
 # the simulator, which has no ballots.
 LANES, FEW = 1 if simulated() else 4, 500_000
+ROWS_TOGETHER = 1 if simulated() else 8  # threads that audit a particle
+CELL_LANES = 1 if simulated() else 8  # threads that share a cell
+# Boxes of cells that are joined at a time, and threads of a block that joins them
+BOXES_JOINED, WIDE = (16, 8) if simulated() else (4096, 512)
 LOOK_AHEAD = 16  # steps for which displacements are compared ahead
 FARTHEST = (1 << 63) - 1  # above every cell's key
 
 
-@cuda_kernel
-def cell_keys(position, inverse_cell, periodic, keys):
-    """Cell key of every position; `inverse_cell` [1/m] in float64, `periodic` the cells of a periodic box or None."""
+@cuda_kernel(rows_of="keys")
+def cell_keys(position, inverse_cell, periodic, keys, begins):
+    """Cell key of every position; `inverse_cell` [1/m] in float64, `periodic` the cells of a periodic box or None.
+
+    begins[i] = 1 where particle i is the first of its cell, for particles that stand in cell order; None otherwise.
+    """
     i = cuda.grid(1)
     if i < keys.shape[0]:
-        keys[i] = key_of_place(position[i, 0], position[i, 1], position[i, 2], inverse_cell, periodic)
-
-
-@cuda_kernel
-def mark_cells(keys, begins):
-    """begins[i] = 1 where particle i is the first of its cell; the particles stand in cell order."""
-    i = cuda.grid(1)
-    if i < begins.shape[0]:
-        begins[i] = 1
-        if i > 0:
-            begins[i] = keys[i] != keys[i - 1]
+        key = key_of_place(position[i, 0], position[i, 1], position[i, 2], inverse_cell, periodic)
+        keys[i] = key
+        if begins is not None:
+            j = max(i - 1, 0)
+            before = key_of_place(position[j, 0], position[j, 1], position[j, 2], inverse_cell, periodic)
+            begins[i] = i == 0 or key != before
 
 
 @cuda_kernel
@@ -111,21 +114,13 @@ def pack_places(source, placed):
         set_four(placed, i, source[i, 0], source[i, 1], source[i, 2], placed.dtype.type(0))
 
 
-@cuda_formula
-def squared_distance_to(placed, j, end, x, y, z, period):
-    """Squared distance [m^2] of x, y, z from source j; from the last one before `end` if j is beyond."""
-    xj, yj, zj, _ = four_of(placed, min(j, end - 1))
-    dx, dy, dz = to_nearest_image(x - xj, y - yj, z - zj, period)
-    return dx * dx + dy * dy + dz * dz
-
-
 @cuda_kernel(rows_of="query", lanes="listed")
 def build_list(query, run, low, high, placed, radius, exclude_self, period, report, listed):
     """Write each query's sources within `radius` [m] into its column of the list, up to its capacity.
 
     run[i] - 1 is the row of `low` and `high` that holds query i's ranges. The list's `count` says how many there are,
-    also if the capacity is exceeded; report[1] is the largest count so far. Lanes look at neighbouring sources and
-    write them in the sources' order, each at four before it writes: what it reads is then on its way together.
+    also if the capacity is exceeded; report[1] is the largest count so far. Each lane looks at four sources in a row
+    before it writes: what it reads is then on its way together, and the lanes count what they found once for four.
     """
     i, lane = cuda_lane(cuda.grid(1), listed)
     lanes = len(listed.lanes)
@@ -135,24 +130,26 @@ def build_list(query, run, low, high, placed, radius, exclude_self, period, repo
         limit = radius * radius
         c = run[i] - 1
         x, y, z = query[i, 0], query[i, 1], query[i, 2]
+        own = i if exclude_self != 0 else -1
         found = 0
         for k in range(low.shape[1]):
             end = high[c, k]  # read once: for the compiler, `entries` might be the same memory
-            for j in range(low[c, k] + lane, end + lane, 4 * lanes):
-                second, third, fourth = j + lanes, j + 2 * lanes, j + 3 * lanes
-                apart_1 = squared_distance_to(placed, j, end, x, y, z, period)
-                apart_2 = squared_distance_to(placed, second, end, x, y, z, period)
-                apart_3 = squared_distance_to(placed, third, end, x, y, z, period)
-                apart_4 = squared_distance_to(placed, fourth, end, x, y, z, period)
-                own = i if exclude_self != 0 else -1
-                near = j < end and apart_1 < limit and j != own
-                found = write_found(i, n, j, near, found, capacity, lane, lanes, listed)
-                near = second < end and apart_2 < limit and second != own
-                found = write_found(i, n, second, near, found, capacity, lane, lanes, listed)
-                near = third < end and apart_3 < limit and third != own
-                found = write_found(i, n, third, near, found, capacity, lane, lanes, listed)
-                near = fourth < end and apart_4 < limit and fourth != own
-                found = write_found(i, n, fourth, near, found, capacity, lane, lanes, listed)
+            for begin in range(low[c, k], end, 4 * lanes):
+                j = begin + 4 * lane
+                first = near_source(placed, j, end, own, x, y, z, limit, period)
+                second = near_source(placed, j + 1, end, own, x, y, z, limit, period)
+                third = near_source(placed, j + 2, end, own, x, y, z, limit, period)
+                fourth = near_source(placed, j + 3, end, own, x, y, z, limit, period)
+                before, together = sum_before_lane(first + second + third + fourth, lane, lanes)
+                at = found + before
+                write_found(i, n, j, first, at, capacity, listed)
+                at += first
+                write_found(i, n, j + 1, second, at, capacity, listed)
+                at += second
+                write_found(i, n, j + 2, third, at, capacity, listed)
+                at += third
+                write_found(i, n, j + 3, fourth, at, capacity, listed)
+                found += together
         if lane == 0:
             listed.count[i] = found
             if found > report[1]:
@@ -160,12 +157,18 @@ def build_list(query, run, low, high, placed, radius, exclude_self, period, repo
 
 
 @cuda_formula
-def write_found(i, n, j, near, found, capacity, lane, lanes, listed):
-    """Write source j, if it is near, behind the `found` of column i and those of the lanes before; the new `found`."""
-    before, together = counted_lanes(near, lane, lanes)
-    if near and found + before < capacity:
-        listed.entries[(found + before) * n + i] = j
-    return found + together
+def near_source(placed, j, end, own, x, y, z, limit, period):
+    """1 if source j, before `end` and not `own`, is nearer to x, y, z than the root of `limit` [m^2], else 0."""
+    xj, yj, zj, _ = four_of(placed, min(j, end - 1))
+    dx, dy, dz = to_nearest_image(x - xj, y - yj, z - zj, period)
+    return np.int32(1 if dx * dx + dy * dy + dz * dz < limit and j < end and j != own else 0)
+
+
+@formula
+def write_found(i, n, j, near, at, capacity, listed):
+    """Source j becomes entry `at` of column i, if it is near and the column has so many."""
+    if near != 0 and at < capacity:
+        listed.entries[at * n + i] = j
 
 
 @cuda_kernel
@@ -199,68 +202,89 @@ def row_offset(k):
     return (k + 12) % 5 - 2, (k + 12) // 5 - 2
 
 
-@cuda_kernel
-def clear_displacements(low, high, displacements):
-    """No displacement yet; the last row of the boxes is that of all."""
-    if cuda.grid(1) == 0:
-        whole = high.shape[0] - 1
-        for c in range(low.shape[1]):
-            low[whole, c] = math.inf
-            high[whole, c] = -math.inf
-        displacements[0], displacements[1] = 0, 0
-
-
-@cuda_kernel(rows_of="low")
-def cell_boxes(position, build_position, velocity, timestep, first, report, low, high):
+@cuda_kernel(rows_of="low", lanes=CELL_LANES)
+def cell_boxes(position, build_position, velocity, timestep, first, report, displacements, low, high):
     """Box [low, high] [m] of the displacements of each cell's particles since the list was built.
 
     Columns 0 to 2 are those of now; 3 to 5 are those after LOOK_AHEAD steps of timestep[1] [s] with the velocities of
-    now. Least and largest values do not depend on the order in which the cells come. The last row is the box of all.
+    now. Lanes take a cell's particles by turns. The first thread sets the first two displacements to 0.
     """
-    k = cuda.grid(1)
-    whole = high.shape[0] - 1
-    if k < whole and k < report[0]:
+    k, lane = cuda.grid(1) // CELL_LANES, cuda.grid(1) % CELL_LANES
+    if cuda.grid(1) == 0:
+        displacements[0], displacements[1] = 0, 0
+    if k < high.shape[0] and k < report[0]:
         begin, end = first[k], first[k + 1]
         ahead = type(timestep[1])(LOOK_AHEAD) * timestep[1]
         for c in range(3):
             least = position[begin, c] - build_position[begin, c]
             least_ahead = least + ahead * velocity[begin, c]
             most, most_ahead = least, least_ahead
-            for i in range(begin + 1, end):
+            for i in range(begin + lane, end, CELL_LANES):
                 displacement = position[i, c] - build_position[i, c]
                 least = min(least, displacement)
                 most = max(most, displacement)
                 displacement += ahead * velocity[i, c]
                 least_ahead = min(least_ahead, displacement)
                 most_ahead = max(most_ahead, displacement)
-            widen(low, high, k, c, whole, least, most)
-            widen(low, high, k, c + 3, whole, least_ahead, most_ahead)
+            least, most = box_of_lanes(lane, least, most)
+            least_ahead, most_ahead = box_of_lanes(lane, least_ahead, most_ahead)
+            if lane == 0:
+                low[k, c], high[k, c] = least, most
+                low[k, c + 3], high[k, c + 3] = least_ahead, most_ahead
 
 
 @cuda_formula
-def widen(low, high, k, c, whole, least, most):
-    """Note the least and the largest displacement [m] of cell k, and widen the box of all by them."""
-    low[k, c] = least
-    high[k, c] = most
-    if least < low[whole, c]:
-        cuda.atomic.min(low, (whole, c), least)
-    if most > high[whole, c]:
-        cuda.atomic.max(high, (whole, c), most)
+def box_of_lanes(lane, least, most):
+    """The least and the largest of what the lanes hold [m]."""
+    step = 1
+    while step < CELL_LANES:
+        least = min(least, across_lanes(least, lane, CELL_LANES, step))
+        most = max(most, across_lanes(most, lane, CELL_LANES, step))
+        step *= 2
+    return least, most
+
+
+@cuda_kernel(block_for_each_row=True, threads=WIDE, lanes=6)
+def join_boxes(report, low, high, part_low, part_high):
+    """The box [m] of each BOXES_JOINED boxes; a block to each of the six columns.
+
+    There are report[0] boxes, or with None as many as `low` has rows.
+    """
+    part, c, thread = cuda.blockIdx.x // 6, cuda.blockIdx.x % 6, cuda.threadIdx.x
+    count = low.shape[0]
+    if report is not None:
+        count = min(count, report[0])
+    shared = cuda.shared.array(WIDE, low.dtype)
+    least = type(low[0, 0])(math.inf)
+    most = -least
+    for k in range(part * BOXES_JOINED + thread, min(count, (part + 1) * BOXES_JOINED), WIDE):
+        least = min(least, low[k, c])
+        most = max(most, high[k, c])
+    least = -largest_of_block(shared, -least)
+    cuda.syncthreads()
+    most = largest_of_block(shared, most)
+    if thread == 0:
+        part_low[part, c], part_high[part, c] = least, most
+
+
+@cuda_kernel
+def compare_all(low, high, displacements):
+    """displacements[2] and [3]: bounds of the relative one [m] of any two particles of a box, now and ahead."""
+    k = cuda.grid(1)
+    if k < 2:
+        displacements[2 + k] = apart(low, high, 0, 0, 3 * k)
 
 
 @cuda_kernel
 def compare_boxes(low, high, cells, report, reach, displacements, near):
-    """displacements: bounds of the relative one [m] of two particles, now and ahead.
+    """displacements[0] and [1]: bounds of the relative one [m] of particles in cells up to two apart, now and ahead.
 
-    The first two are of cells up to two apart, less that by which the cells are further apart than `reach` [m], the
-    edge of a cell; the other two are of any two cells. Static particles are not displaced.
+    They are less by what the cells are further apart than `reach` [m], the edge of a cell. Static particles are not
+    displaced.
     """
     place = cuda.grid(1)
-    whole = high.shape[0] - 1
-    k, c = place // whole, place % whole
-    if place == 0:
-        displacements[2] = apart(low, high, whole, whole, 0)
-        displacements[3] = apart(low, high, whole, whole, 3)
+    capacity = high.shape[0]
+    k, c = place // capacity, place % capacity
     if place < near.shape[0] and c < report[0]:
         across, along = row_offset(k)
         middle = cells[c] + (across << BITS) + (along << (2 * BITS))
@@ -327,20 +351,21 @@ def known_before(i, j, position, bounds):
     return True
 
 
-@cuda_kernel(rows_of="position")
+@cuda_kernel(rows_of="position", lanes=ROWS_TOGETHER)
 def count_missed(position, velocity, timestep, bounds, period, neighbours, share, number, radius, report):
     """Add to report[2] the neighbours nearer than `radius` [m] that sampled rows of the list lack.
 
-    The rows are `number`, one out of each `share`; which one follows from the number of lists built, report[3]. The
+    The rows are `number`, one out of each `share`, taken by the lanes by turns; which one follows from the number of
+    lists built, report[3]. The
     list was last used at position - timestep[1] * velocity, before the latest step; where that is not known, because
     a plane of `bounds` stopped the particle, its pairs are left out.
     """
-    j = cuda.grid(1)
+    j, lane = cuda.grid(1) // ROWS_TOGETHER, cuda.grid(1) % ROWS_TOGETHER
     if j < position.shape[0]:
         limit = radius * radius
         first_row = report[3] * 7919 % share
         drift = timestep[1]
-        for k in range(number):
+        for k in range(lane, number, ROWS_TOGETHER):
             i = first_row + k * share
             if j < neighbours.count[i]:  # thread j also looks at the row's j-th entry
                 other = neighbours.entries[j * position.shape[0] + i]
@@ -460,8 +485,7 @@ class CellTable:
 
     def fill(self):
         """Number the cells and list them; launches only, which can be recorded."""
-        cell_keys(self.position, self.inverse_cell, self.periodic, self.keys)
-        mark_cells(self.keys, self.begins)
+        cell_keys(self.position, self.inverse_cell, self.periodic, self.keys, self.begins)
         self.add_up()
         occupied_cells(self.keys, self.cells, self.first, self.report, self.run)
 
@@ -489,51 +513,57 @@ class ListOf:
             self.table = self.queries
         self.report = self.queries.report if known is None else self.backend.zeros(4, np.int32)
         self.mirror = device.Mirror(self.report)
-        self.missed = 0
+        self.most = self.missed = 0
+        self.ready = False  # whether it was built with another list
         lanes = (np.int32(0),) * (LANES if n < FEW else 1)
         self.listed = NeighbourColumns(self.backend.zeros(n, np.int32), self.backend.empty(1, np.uint32), lanes)
         self.placed = self.backend.empty((source.shape[0], 4), position.dtype)
+        if known is not None or table is not None:  # sources that do not move
+            pack_places(self.source, self.placed)
         self._make_ranges()
 
     def _make_ranges(self):
         rows = (3 if self.search.dim == 2 else 9) * (1 if self.search.period is None else 2)
         shape = (self.queries.cells.shape[0], rows)
         self.low, self.high = self.backend.empty(shape, np.int32), self.backend.empty(shape, np.int32)
-        self.recorded = device.Recorded(self._launch)
 
-    def _launch(self):
-        queries, table = self.queries, self.table
-        if self.known is None:
-            queries.fill()
-        search = self.search
+    def find_cells(self):
+        """Find the occupied cells of the queries, where no other list does; launches only."""
+        if self.table is self.queries:
+            device.side_by_side(self.queries.fill, lambda: pack_places(self.source, self.placed))
+        elif self.known is None:
+            self.queries.fill()
+
+    def launch(self):
+        """Build the list behind `find_cells`; launches only."""
+        queries, table, search = self.queries, self.table, self.search
         cell_ranges(table.cells, table.first, queries.cells, queries.report, search.periodic, self.low, self.high)
         radius = self.position.dtype.type(search.reach)
         exclude_self = int(self.table is self.queries)
-        pack_places(self.source, self.placed)
         build_list(
             self.position, queries.run, self.low, self.high, self.placed, radius, exclude_self, search.period,
             self.report, self.listed,
         )  # fmt: skip
         self.mirror.send()
 
-    def build(self):
-        """(list, most neighbours of any list so far); the same list object while its arrays stay."""
+    def fits(self):
+        """Whether the capacities sufficed for the list just built, which the host has waited for; else enlarge them."""
         n = self.position.shape[0]
-        if not n:
-            return self.listed, 0
+        cells, self.most, self.missed, _ = (int(x) for x in self.mirror.values)
+        if self.known is None and cells > self.queries.cells.shape[0]:
+            self.queries.set_capacity(cells + cells // 8)
         if self.low.shape[0] != self.queries.cells.shape[0]:
             self._make_ranges()
-        while True:
-            self.recorded()
-            cells, most, self.missed, _ = (int(x) for x in self.mirror.read())
-            if cells > self.queries.cells.shape[0]:
-                self.queries.set_capacity(cells + cells // 8)
-                self._make_ranges()
-            elif most * n > self.listed.entries.shape[0] and most <= MOST_NEIGHBOURS:
-                self.listed = self.listed._replace(entries=self._grown(n, most))
-                self.recorded = self.recorded.renewed()
-            else:
-                return self.listed, most
+            return False
+        if self.most * n > self.listed.entries.shape[0] and self.most <= MOST_NEIGHBOURS:
+            self.listed = self.listed._replace(entries=self._grown(n, self.most))
+            return False
+        return True
+
+    @property
+    def result(self):
+        """(list, most neighbours of any list so far); the same list object while its arrays stay."""
+        return self.listed, self.most
 
     def _grown(self, n, most):
         """Allocate a list of capacity `most`, with a margin, for each of `n` particles.
@@ -564,29 +594,38 @@ class CellBoxes:
         backend, table, static = search.backend, search.lists["own"].queries, search.lists.get("static")
         self.table, self.particles = table, (position, build_position, velocity, timestep)
         capacity, real = table.cells.shape[0], position.dtype
-        self.low, self.high = backend.empty((capacity + 1, 6), real), backend.empty((capacity + 1, 6), real)
+        parts = (capacity + BOXES_JOINED - 1) // BOXES_JOINED
+        # of each cell, of as many of them as are joined at a time, of all
+        self.boxes = [(backend.empty((n, 6), real), backend.empty((n, 6), real)) for n in (capacity, parts, 1)]
         self.near = backend.empty(capacity * (3 if search.dim == 2 else 13), np.int32)
         self.displacements, self.reach = backend.zeros(4, real), real.type(search.reach)
         self.mirror = device.Mirror(self.displacements)
         self.found = self.launched = False  # whether `near` belongs to the list, and `displacements` to the positions
         static_cells = None if static is None else static.table.cells
-        self.find = device.Recorded(lambda: near_cells(table.cells, table.report, static_cells, capacity, self.near))
-        self.measure = device.Recorded(self._measure)
+        self.find = lambda: near_cells(table.cells, table.report, static_cells, capacity, self.near)
+        self.first, self.again = (device.Recorded(lambda found=found: self._measure(found)) for found in (False, True))
 
-    def _measure(self):
+    def _measure(self, found):
         table = self.table
-        clear_displacements(self.low, self.high, self.displacements)
-        cell_boxes(*self.particles, table.first, table.report, self.low, self.high)
-        compare_boxes(self.low, self.high, table.cells, table.report, self.reach, self.displacements, self.near)
+        (low, high), displacements = self.boxes[0], self.displacements
+        boxes = partial(cell_boxes, *self.particles, table.first, table.report, displacements, low, high)
+        device.side_by_side(boxes, *(() if found else (self.find,)))
+        device.side_by_side(
+            partial(compare_boxes, low, high, table.cells, table.report, self.reach, displacements, self.near),
+            self._compare_all,
+        )
         self.mirror.send()
+
+    def _compare_all(self):
+        cells, parts, all_of_them = self.boxes
+        join_boxes(self.table.report, *cells, *parts)
+        join_boxes(None, *parts, *all_of_them)
+        compare_all(*all_of_them, self.displacements)
 
     def launch(self):
         """Compare the present positions; the host does not wait."""
-        if not self.found:
-            self.find()
-            self.found = True
-        self.measure()
-        self.launched = True
+        (self.again if self.found else self.first)()
+        self.found = self.launched = True
 
     def relative_displacements(self):
         """Bounds [m] now and ahead: of two particles' displacement less the gap between their cells, and of any two."""
@@ -598,7 +637,7 @@ class CellBoxes:
 
     @property
     def nbytes(self):
-        return self.low.nbytes + self.high.nbytes + self.near.nbytes
+        return self.near.nbytes + sum(low.nbytes + high.nbytes for low, high in self.boxes)
 
 
 class CellOrder:
@@ -634,33 +673,54 @@ class CellOrder:
 class Sorter:
     """Puts arrays into cell order, in place."""
 
-    def __init__(self, search, position, arrays, sorted_position):
+    def __init__(self, search, position, arrays, sorted_position, behind):
         backend, n = search.backend, position.shape[0]
         self.keys, self.order = backend.empty(n, np.int64), backend.empty(n, np.int64)
         self.rows = device.Rows(arrays, self.order)
         self.by_count = CellOrder(backend, self.keys, self.order) if n else None
         self.mirror = None if self.by_count is None else device.Mirror(self.by_count.report)
-        self.find_order = device.Recorded(lambda: self._find_order(position, 1.0 / search.reach, search.periodic))
+        self.all = device.Recorded(lambda: self._sort(position, 1.0 / search.reach, search.periodic, sorted_position))
         self.move = device.Recorded(lambda: self._move(position, sorted_position))
+        # Whether the host has yet to see whether counting gave an order, and whether it did the last time
+        self.open, self.suffices = False, True
+        self.beside, self.behind = None, behind
 
-    def _find_order(self, position, inverse_cell, periodic):
-        cell_keys(position, inverse_cell, periodic, self.keys)
-        if self.by_count is not None:
+    def _sort(self, position, inverse_cell, periodic, sorted_position):
+        def find_order():
+            cell_keys(position, inverse_cell, periodic, self.keys, None)
             self.by_count.launch()
             self.mirror.send()
+
+        device.side_by_side(find_order, *(() if self.beside is None else (self.beside,)))
+        self._move(position, sorted_position)
 
     def _move(self, position, sorted_position):
         self.rows.launch()
         device.copy(position, sorted_position)
+        if self.behind is not None:
+            self.behind()
 
-    def __call__(self):
-        self.find_order()
+    def __call__(self, beside):
+        """Sort; `beside` is launched before the particles are moved, unless None."""
         if self.by_count is not None:
-            self.move()
-            if not self.mirror.read()[6]:
-                return
+            if beside is not self.beside:
+                self.beside, self.all = beside, self.all.renewed()
+            self.all()
+            self.open = True
+            if not self.suffices:
+                self.mirror.read()
+                self.ended()
+
+    def ended(self):
+        """Whether the particles are in order, once the host has waited for the sorting; else they are put into it."""
+        if not self.open:
+            return True
+        self.open, self.suffices = False, not self.mirror.values[6]
+        if self.suffices:
+            return True
         device.stable_order(self.keys, self.order)
         self.move()
+        return False
 
     @property
     def nbytes(self):
@@ -679,17 +739,26 @@ class CellSearch:
         self.period, self.periodic = period, periodic_cells(period, reach)
         self.lists = {}
         self.sorter = self.boxes = self.auditor = None
+        self.together = (), None  # lists that are built in one graph, and the graph
+        self.counted = ()  # whose bytes the log has
+        self.wanted = False  # whether an audit is to be launched with the next sorting
 
     def order(self, position):
         keys = self.backend.empty(position.shape[0], np.int64)
-        cell_keys(position, 1.0 / self.reach, self.periodic, keys)
+        cell_keys(position, 1.0 / self.reach, self.periodic, keys, None)
         return device.stable_order(keys)
 
-    def sort(self, position, arrays, sorted_position):
+    def sort(self, position, arrays, sorted_position, behind):
         if self.sorter is None or not self.sorter.rows.belongs_to(arrays):
-            self.sorter = Sorter(self, position, arrays, sorted_position)
-        self.sorter()
+            self.sorter = Sorter(self, position, arrays, sorted_position, behind)
+        self.sorter(self._taken_audit())
         return arrays
+
+    def finish_sort(self):
+        """Wait for the sorting; `build` does so itself."""
+        if self.sorter.open:
+            self.sorter.mirror.read()
+            self.sorter.ended()
 
     def static_set(self, position):
         position = self.backend.asarray(position)
@@ -703,11 +772,17 @@ class CellSearch:
         return (moved, table), self.backend.host(order), moved
 
     def build(self, position):
-        result = self._build("own", position, position, None)
-        table = self.lists["own"].queries
+        own = self._held("own", position, position, None)
+        static = self.lists.get("static")
+        if static is not None and static.known is own.queries:  # built with it: it is wanted next
+            self._build(own, static)
+            static.ready = True
+        else:
+            self._build(own)
+        result, table = own.result, own.queries
         if self.boxes is not None:
             self.boxes.found = self.boxes.launched = False
-            if self.boxes.low.shape[0] != table.cells.shape[0] + 1:
+            if self.boxes.boxes[0][0].shape[0] != table.cells.shape[0]:
                 self.boxes = None
         return result
 
@@ -727,32 +802,67 @@ class CellSearch:
         return self.boxes
 
     def build_against(self, position, prepared):
-        return self._build("static", position, *prepared)
+        static = self._held("static", position, *prepared)
+        if not static.ready:
+            self._build(static)
+        static.ready = False
+        return static.result
 
     def reorder(self, array, order):
         moved = self.backend.empty(array.shape, array.dtype)
         device.gather(array, order, moved)
         return moved
 
-    def audit(self, position, velocity, timestep, neighbours, audited, radius, bounds=None):
+    def audit(self, *given):
+        self.audit_before_sort(*given)
+        self._taken_audit()()
+
+    def audit_before_sort(self, position, velocity, timestep, neighbours, audited, radius, bounds=None):
+        """As `audit`, launched beside the first part of the sorting that follows."""
         given = (position, velocity, timestep, bounds, self.period, neighbours, *audited, position.dtype.type(radius))
         if self.auditor is None or any(a is not b for a, b in zip(self.auditor[0][:6], given)):
-            report = self.lists["own"].queries.report
-            self.auditor = given, device.Recorded(lambda: count_missed(*given, report))
-        self.auditor[1]()
+            self.auditor = given, partial(count_missed, *given, self.lists["own"].queries.report)
+        self.wanted = True
+
+    def _taken_audit(self):
+        """The launch of the audit that is wanted, None if none is."""
+        wanted, self.wanted = self.wanted, False
+        return self.auditor[1] if wanted else None
 
     @property
     def missed(self):
         """Neighbours that audits had found missing when the list was built last."""
         return self.lists["own"].missed
 
-    def _build(self, name, position, source, table):
+    def _held(self, name, position, source, table):
+        """The list of this name, a new one where its arrays are others."""
         held = self.lists.get(name)
         if held is None or held.position is not position or held.source is not source:
             own = self.lists.get("own")  # built before the one against static particles
             known = own.queries if table is not None and own is not None and own.position is position else None
             held = self.lists[name] = ListOf(self, position, source, table, known)
-        result = held.build()
-        others = [part for part in (self.sorter, self.boxes) if part is not None]
-        self.log.list_bytes = sum(part.nbytes for part in (*self.lists.values(), *others))
-        return result
+        return held
+
+    def _build(self, *lists):
+        """Build lists in one graph, the first of which finds the cells; the host waits once."""
+        if not lists[0].position.shape[0]:
+            return
+        while True:
+            if self.together[0] != lists:
+                self.together = lists, device.Recorded(lambda: self._launch(lists))
+                self.counted = ()
+            self.together[1]()
+            lists[-1].mirror.read()
+            if self.sorter is not None and not self.sorter.ended():
+                continue
+            fitting = [held.fits() for held in lists]
+            if all(fitting):
+                break
+            self.together = (), None
+        parts = (*self.lists.values(), *(part for part in (self.sorter, self.boxes) if part is not None))
+        if parts != self.counted:
+            self.counted, self.log.list_bytes = parts, sum(part.nbytes for part in parts)
+
+    def _launch(self, lists):
+        lists[0].find_cells()
+        device.side_by_side(*(held.launch for held in lists))

@@ -191,9 +191,9 @@ def support_launches(dtype):
     period = period_group((1.0, 0.0, 2.0), dtype)
     cells = periodic_cells(period, 0.2)
     return [
-        (search.cell_keys, (vectors, 1.0, None, keys)),
-        (search.cell_keys, (vectors, 1.0, cells, keys)),
-        (search.mark_cells, (keys, integers)),
+        (search.cell_keys, (vectors, 1.0, None, keys, None)),
+        (search.cell_keys, (vectors, 1.0, None, keys, integers)),
+        (search.cell_keys, (vectors, 1.0, cells, keys, integers)),
         (search.occupied_cells, (keys, keys, integers, integers, integers)),
         (search.cell_ranges, (keys, integers, keys, integers, None, ranges, ranges)),
         (search.cell_ranges, (keys, integers, keys, integers, cells, ranges, ranges)),
@@ -216,8 +216,10 @@ def support_launches(dtype):
         (device.add_up_within, (integers, integers, integers)),
         (search.near_cells, (keys, integers, None, n, integers)),
         (search.near_cells, (keys, integers, keys, n, integers)),
-        (search.clear_displacements, (vectors, vectors, scalars)),
-        (search.cell_boxes, (vectors, vectors, vectors, scalars, integers, integers, vectors, vectors)),
+        (search.cell_boxes, (vectors, vectors, vectors, scalars, integers, integers, scalars, vectors, vectors)),
+        (search.join_boxes, (integers, vectors, vectors, vectors, vectors)),
+        (search.join_boxes, (None, vectors, vectors, vectors, vectors)),
+        (search.compare_all, (vectors, vectors, scalars)),
         (search.compare_boxes, (vectors, vectors, keys, integers, one, scalars, integers)),
         (search.count_missed, (vectors, vectors, scalars, None, None, listed, 1, 8, one, integers)),
         (search.count_missed, (vectors, vectors, scalars, None, period, listed, 1, 8, one, integers)),
