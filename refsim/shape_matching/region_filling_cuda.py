@@ -2,48 +2,62 @@
 
 import numpy as np
 
-from refsim.backends.compile import cuda, cuda_kernel, formula
+from refsim.backends.compile import cuda, cuda_formula, cuda_kernel, formula
+from refsim.backends.runtime import simulated
 from refsim.shape_matching import WIDEST
 from refsim.shape_matching.formulas import slot_offset
 from refsim.shape_matching.phases import EMPTY
 from refsim.shape_matching.region_filling import LEVEL, NUMBER
 
 MOST_SLOTS = (2 * WIDEST + 1) ** 3
+SHARE = 1 if simulated() else 16  # threads of a block to each of its regions
 
 
-@cuda_kernel(block_for_each_row=True)
+@cuda_kernel(lanes=SHARE)
 def regions(direct, rebuild, lattice, region, region_count):
-    """Regions by filling level by level; all of them, or those marked in `rebuild`. A block shares a region."""
-    s = cuda.blockIdx.x
+    """Regions by filling level by level; all of them, or those marked in `rebuild`.
+
+    A block takes its regions one after the other, each with all of its threads: most of them are not marked.
+    """
+    each = cuda.blockDim.x // SHARE
+    first = each * cuda.blockIdx.x
     entries = cuda.shared.array(MOST_SLOTS, np.int32)
-    wanted = True
-    if rebuild is not None:
-        wanted = rebuild[s] != 0
-    if wanted:
-        slots, own, step = region.shape[1], cuda.threadIdx.x, cuda.blockDim.x
-        side = 1
-        while side * side * side < slots:
-            side += 2
-        for slot in range(own, slots, step):
-            entries[slot] = next_to(s, slot, direct, side)
-        if own == 0:
-            region_count[s] = 0
-        cuda.syncthreads()
-        for level in range(2, side // 2 + 1):
-            for slot in range(own, slots, step):
-                if entries[slot] == EMPTY:
-                    other = reached(slot, level, direct, entries, side)
-                    if other != EMPTY:
-                        entries[slot] = other | (level << LEVEL)
+    for s in range(first, min(first + each, region_count.shape[0])):
+        wanted = True
+        if rebuild is not None:
+            wanted = rebuild[s] != 0
+        if wanted:
+            fill_shared(s, direct, entries, region, region_count)
             cuda.syncthreads()
-        count = 0
+
+
+@cuda_formula
+def fill_shared(s, direct, entries, region, region_count):
+    """The region of node s, filled by the threads of a block in `entries`, which they share."""
+    slots, own, step = region.shape[1], cuda.threadIdx.x, cuda.blockDim.x
+    side = 1
+    while side * side * side < slots:
+        side += 2
+    for slot in range(own, slots, step):
+        entries[slot] = next_to(s, slot, direct, side)
+    if own == 0:
+        region_count[s] = 0
+    cuda.syncthreads()
+    for level in range(2, side // 2 + 1):
         for slot in range(own, slots, step):
-            entry = entries[slot]
-            if entry != EMPTY:
-                entry &= NUMBER
-                count += 1
-            region[s, slot] = entry
-        cuda.atomic.add(region_count, s, count)
+            if entries[slot] == EMPTY:
+                other = reached(slot, level, direct, entries, side)
+                if other != EMPTY:
+                    entries[slot] = other | (level << LEVEL)
+        cuda.syncthreads()
+    count = 0
+    for slot in range(own, slots, step):
+        entry = entries[slot]
+        if entry != EMPTY:
+            entry &= NUMBER
+            count += 1
+        region[s, slot] = entry
+    cuda.atomic.add(region_count, s, count)
 
 
 @formula
