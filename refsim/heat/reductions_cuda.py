@@ -3,14 +3,19 @@
 Sums are taken in float64, in an order that does not change, so that results repeat bit for bit.
 """
 
+import math
+
 import numpy as np
 
 from refsim.backends.compile import THREADS_PER_BLOCK, cuda, cuda_kernel
-from refsim.backends.primitives import largest_of_block, sum_of_block
-from refsim.heat.kernels import inverse_capacity, weight
+from refsim.backends.primitives import four_of, largest_of_block, set_four, sum_of_block
+from refsim.heat.formulas import pair_weight
+from refsim.heat.kernels import inverse_capacity
 from refsim.heat.reductions import flow_along, step_ratio, stepped, turned
 from refsim.heat.shapes import ExchangeColumns
+from refsim.neighbours.formulas import to_nearest_image
 from refsim.neighbours.rows import over_lanes, row_of
+from refsim.sph.packed_cuda import entry
 
 
 def weighed(
@@ -22,17 +27,28 @@ def weighed(
     exchanges = ExchangeColumns(neighbours.count, neighbours.entries, weights, neighbours.lanes)
     inverse, sums = scratch.array("heat inverse", n, real), scratch.array("heat sums", n, real)
     largest = scratch.array("heat largest", 1, real)
-    scratch.backend.assign(largest, 0)
+    placed = scratch.array("placed", (n, 4), real)
+    begin(position, volume, placed, largest)
     weigh(
-        position, mass, volume, heat_capacity, conductivity, reservoir, timestep, conduction, period, exchanges,
-        inverse, sums, largest,
+        placed, mass, volume, heat_capacity, conductivity, reservoir, timestep, conduction, period, exchanges, inverse,
+        sums, largest,
     )  # fmt: skip
     return exchanges, inverse, sums, largest
 
 
+@cuda_kernel(rows_of="placed")
+def begin(position, volume, placed, largest):
+    """Rows (x, V), which a thread reads at once; the largest s_i is 0 so far."""
+    i = cuda.grid(1)
+    if i < placed.shape[0]:
+        set_four(placed, i, position[i, 0], position[i, 1], position[i, 2], volume[i])
+    if i == 0:
+        largest[0] = 0
+
+
 @cuda_kernel(rows_of="exchange_sum", lanes="exchanges")
 def weigh(
-    position, mass, volume, heat_capacity, conductivity, reservoir, timestep, conduction, period, exchanges, inverse,
+    placed, mass, volume, heat_capacity, conductivity, reservoir, timestep, conduction, period, exchanges, inverse,
     exchange_sum, largest,
 ):  # fmt: skip
     """The weights of every particle's neighbours [J/K], 0 beyond h, 1/C_i [K/J], s_i, and the largest s_i."""
@@ -43,11 +59,26 @@ def weigh(
     if i < exchange_sum.shape[0]:
         first, stride, count = row_of(exchanges, i, (lane, lanes))
         total = type(conduction.support_radius)(0)
-        for k in range(count):
-            at = first + k * stride
-            g = weight(i, exchanges.entries[at], position, volume, conductivity, timestep[1], conduction, period)
-            exchanges.weight[at] = g
-            total += g
+        x, y, z, own_volume = four_of(placed, i)
+        own_conductivity = conductivity[i]
+        if count > 0:
+            j = entry(exchanges, first, stride, count, 0)
+            following = entry(exchanges, first, stride, count, 1)
+            after = entry(exchanges, first, stride, count, 2)
+            xj, yj, zj, volume_j = four_of(placed, j)
+            conductivity_j = conductivity[j]
+            for k in range(count):
+                xn, yn, zn, next_volume = four_of(placed, following)
+                next_conductivity = conductivity[following]
+                following, after = after, entry(exchanges, first, stride, count, k + np.uint64(3))
+                dx, dy, dz = to_nearest_image(x - xj, y - yj, z - zj, period)
+                q = math.sqrt(dx * dx + dy * dy + dz * dz) * conduction.inverse_radius
+                g = type(q)(0)
+                if not (q >= type(q)(1) or q <= type(q)(1e-9)):
+                    g = pair_weight(q, own_volume, volume_j, own_conductivity, conductivity_j, timestep[1], conduction)
+                exchanges.weight[first + k * stride] = g
+                total += g
+                xj, yj, zj, volume_j, conductivity_j = xn, yn, zn, next_volume, next_conductivity
         total = over_lanes(total, (lane, lanes))
         if lane == 0:
             inverse[i] = inverse_capacity(i, mass, volume, heat_capacity, reservoir, conduction)

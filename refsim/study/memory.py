@@ -59,8 +59,8 @@ def neighbour_list(plan: Plan, backend: str) -> dict[str, Any] | None:
 def _list_bytes(plan: Plan, backend: str, each: int) -> int:
     """Bytes of the list of particles with `each` neighbours, of what builds it and, on a GPU, of the packed fields.
 
-    Sums over a GPU's list read packed rows of four numbers: places and masses for the density, two or three rows for
-    forces in one loop.
+    Sums over a GPU's list read packed rows of four numbers: places and masses for the density, places and volumes for
+    heat, two or three rows for forces in one loop, three for the coupling with solids.
     """
     n = plan.grid.count
     if backend != "cuda":
@@ -70,8 +70,11 @@ def _list_bytes(plan: Plan, backend: str, each: int) -> int:
     state = [f for f in plan.particle_fields.values() if f.state]
     moved = sum(f.components * f.numpy_dtype(plan.grid.dtype).itemsize for f in state)  # through spare arrays
     forces = [p for _, p in fused(plan.passes, backend) if p.algorithm == "fused"]
-    summed = any(p.operation == "sph.density" for _, p in plan.passes) or bool(forces)
-    packed = 1 + summed + bool(forces) + any(p.names.get("area_normal") is not None for p in forces)  # 1: of the list
+    launched = {p.operation for _, p in (*plan.passes, *plan.motion)}
+    coupled = not launched.isdisjoint({"two_way_coupling.forces", "two_way_coupling.pressure"})
+    placed = coupled or bool(forces) or any(name == "sph.density" or name.startswith("heat.") for name in launched)
+    packed = 1 + placed + bool(forces) + any(p.names.get("area_normal") is not None for p in forces)  # 1: of the list
+    packed += 2 * coupled
     packed *= 4 * np.dtype(plan.grid.dtype).itemsize
     counted = 20  # cells, buckets and sums that order the particles
     return int(n * (entries + 4 + cells + 16 + 16 + moved + counted + packed))  # count; keys and runs; keys and order

@@ -16,7 +16,7 @@ from refsim.core.effect import Discretisation, Effect, Pass, StepLimit
 from refsim.core.energy import EnergyAccount, EnergyState, compression_amount, compression_energy
 from refsim.core.errors import InputError
 from refsim.core.fields import Field
-from refsim.core.operation import Operation, register
+from refsim.core.operation import Operation, Program, register
 from refsim.core.scalars import int32
 from refsim.shape_matching import PHASE
 from refsim.shape_matching.phases import FLUID
@@ -104,13 +104,16 @@ class TwoWayCoupling(Effect, LimitsMassRatio, HasErrata, frozen=True, kw_only=Tr
         viscous = liquid_of(others).dynamic_viscosity > 0
         state = ("position", "mass", "rest_density", "phase", "relative_contribution")
         return (
-            Pass("two_way_coupling.contribution", ("position", "phase"), ("relative_contribution",)),
-            Pass("two_way_coupling.density", state, ("density", "pressure", "volume")),
+            Pass(
+                "two_way_coupling.contribution", ("position", "phase"), ("relative_contribution",), algorithm="packed"
+            ),
+            Pass("two_way_coupling.density", state, ("density", "pressure", "volume"), algorithm="packed"),
             Pass(
                 "two_way_coupling.forces" if viscous else "two_way_coupling.pressure",
                 (*state, "velocity", "density", "pressure", "volume"),
                 updates=("acceleration",),
                 names={"smoothing": "gradient_smoothing"},
+                algorithm="packed",
             ),
         )
 
@@ -168,6 +171,7 @@ class TwoWayCoupling(Effect, LimitsMassRatio, HasErrata, frozen=True, kw_only=Tr
 
 _HERE = "refsim.boundary.two_way_coupling"
 _PAPER = "Shao & Song 2017"
+PACKED = {"cuda:packed": Program("packed_cuda")}
 register(
     Operation(
         name="two_way_coupling.contribution",
@@ -175,6 +179,7 @@ register(
         paper=_PAPER,
         equation="Shao & Song (1), phi, with M4",
         function="contribution",
+        programs=PACKED,
         outputs=("relative_contribution",),
         tolerance_reason="one rounding in each of distance, kernel, sum and quotient",
         invariants=("translation", "rotation", "reordering"),
@@ -187,6 +192,7 @@ register(
         paper=_PAPER,
         equation="Shao & Song (1), p = B ((rho/rho0)^7 - 1), V = m/rho",
         function="density",
+        programs=PACKED,
         outputs=("density", "pressure", "volume"),
         optional=("walls",),
         tolerance=8.0,
@@ -202,6 +208,7 @@ register(
         paper=_PAPER,
         equation="Shao & Song (2) with M1, M2",
         function="forces",
+        programs=PACKED,
         outputs=("acceleration",),
         adds=("acceleration",),
         optional=("walls", "viscosity"),
@@ -217,6 +224,7 @@ register(
         paper=_PAPER,
         equation="Shao & Song (2), (3) with M1 to M3",
         function="forces",
+        programs=PACKED,
         outputs=("acceleration",),
         adds=("acceleration",),
         optional=("walls", "viscosity"),
