@@ -360,20 +360,23 @@ class HeatConduction(Effect, KnowsParticleMass, FollowsSettings, KeepsLedger, Ha
             iterations=self.iterations,
         )
 
-    def _planned_passes(self, grid: Discretisation, conduction: Conduction) -> int:
-        """Passes that suffice for the longest step up to s_i of `CROWDED` times the lattice's."""
+    def _planned_passes(self, grid: Discretisation, others: Mapping[str, Effect], conduction: Conduction) -> int:
+        """Passes that suffice for the longest step, or the fixed one, up to s_i of `CROWDED` times the lattice's."""
         if self.scheme != "implicit" or self.host_in_step:
             return 0
         from refsim.heat.stages import chebyshev_passes  # imports Numba, which planning does not need
 
-        most = CROWDED * self.largest_number * lattice_sum(conduction, grid)
+        number = self.largest_number
+        if grid.step > 0:
+            number = grid.step * self.greatest_diffusivity(grid, others) / grid.spacing**2
+        most = CROWDED * number * lattice_sum(conduction, grid)
         return min(MOST_PASSES, chebyshev_passes(most, self.tolerance))
 
     def prepare(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, Any]:
         if not self.conducts:
             return {}
         conduction = self.conduction(grid)
-        passes = int32(self._planned_passes(grid, conduction))
+        passes = int32(self._planned_passes(grid, others, conduction))
         return {"conduction": conduction._replace(planned_passes=passes)}
 
     def step_limits(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, StepLimit]:
