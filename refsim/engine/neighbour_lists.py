@@ -86,6 +86,11 @@ class NeighbourLists:
             return
         self.run.timings.run("neighbours", self._look)
 
+    def compare(self) -> None:
+        """Compare displacements, whether or not it is due."""
+        if self.search is not None and self.built:
+            self.policy.keeps(self._particles())
+
     def look_ahead(self) -> None:
         """Launch the comparison of displacements behind a step, if it will probably be needed; for a GPU."""
         if self.search is not None and self.built:

@@ -54,6 +54,7 @@ HISTORY = 200  # entries of the coarse run's history
 USUAL_SHARE = (0.5, 2.0)  # r_p of a pass whose first steps do what later ones do
 LARGEST_GROWTH = 2.0  # of its seconds a particle, from the smallest to the largest size
 LISTS = "neighbours"  # stage of the list builds
+RECORDED = 3  # steps of a run after which a GPU replays what it has recorded
 
 
 @dataclass
@@ -219,6 +220,9 @@ def calibrate(scene: Scene, backend: str, threads: int | None = None, budget: fl
             wanted = float(particles)
         if count >= min(particles, MOST[backend]) or took * wanted / count > left:
             break
+    if backend == "cuda" and course.seconds:
+        of_lists = sizes[0][1].get(LISTS, 0.0) * max(course.builds - 1, 0) / max(course.steps - 1, 1)
+        course.seconds["step"] = max(course.seconds["step"] - of_lists, 0.5 * sizes[0][1]["step"])
     return Constants(backend, threads, course, sizes, time.perf_counter() - began)
 
 
@@ -243,9 +247,10 @@ def _coarse(scene: Scene, particles: int, wanted: float) -> Plan:
 
 
 def _warm_up(scene: Scene, backend: str, threads: int | None, particles: int) -> None:
-    """Two steps of the smallest size: compiles what later steps launch."""
+    """Two steps of the smallest size and a look at the list: compiles what later steps launch."""
     simulation = Simulation(_coarse(scene, particles, min(COARSE, MOST[backend])), backend, threads)
-    _try_steps(simulation, 2, math.inf)
+    if _try_steps(simulation, 2, math.inf) == 2:
+        simulation.lists.compare()
 
 
 def _try_steps(simulation: Simulation, steps: int, seconds: float) -> int:
@@ -263,9 +268,11 @@ def _try_steps(simulation: Simulation, steps: int, seconds: float) -> int:
 
 
 def _first_steps(scene: Scene, backend: str, threads: int | None) -> tuple[int, dict[str, float]]:
-    """Particles, and seconds of each stage in a step, from the least of some steps from the start."""
+    """Particles, and seconds of each stage in a step, medians of some steps from the start."""
     simulation = Simulation(scene, backend, threads)
     _try_steps(simulation, 1, math.inf)  # first calls are counted apart
+    if backend == "cuda":
+        return simulation.count, _whole_steps(simulation)
     each: list[dict[str, float]] = []
     for _ in range(FIRST):
         before, clock = dict(simulation.timings.stages), time.perf_counter()
@@ -280,6 +287,27 @@ def _first_steps(scene: Scene, backend: str, threads: int | None) -> tuple[int, 
     return simulation.count, {s: float(np.median([seconds.get(s, 0.0) for seconds in each])) for s in stages}
 
 
+def _whole_steps(simulation: Simulation) -> dict[str, float]:
+    """Seconds of a step that builds no list, and what a build adds to it, medians.
+
+    A GPU works on while the host launches the next stage: stages of a step cannot be told apart by the host's clock.
+    """
+    plain: list[float] = []
+    built: list[float] = []
+    for k in range(2 * FIRST):
+        spans = plain if k % 2 or simulation.search is None else built
+        if spans is built:
+            simulation.lists.policy.invalidate()
+        clock = time.perf_counter()
+        try:
+            simulation.step()
+        except RunStopped:
+            break
+        spans.append(time.perf_counter() - clock)
+    step = float(np.median(plain or built or [0.0]))
+    return {"step": step} | ({LISTS: max(float(np.median(built)) - step, 0.0)} if built else {})
+
+
 def _course(scene: Scene, backend: str, threads: int | None, particles: int, budget: float) -> Course:
     """A coarse run to the scene's end, or as far as the budget [s] goes."""
     plan = _coarse(scene, particles, min(COARSE, MOST[backend]))
@@ -287,7 +315,7 @@ def _course(scene: Scene, backend: str, threads: int | None, particles: int, bud
     end = scene.end_time
     course = Course(plan.grid.spacing, plan.grid.count, 0.0)
     began, rows = time.perf_counter(), []
-    whole = 0.0
+    spans: list[float] = []
     while simulation.time < end and time.perf_counter() - began < budget:
         clock = time.perf_counter()
         try:
@@ -295,8 +323,7 @@ def _course(scene: Scene, backend: str, threads: int | None, particles: int, bud
         except RunStopped as stop:
             course.stopped = str(stop)
             break
-        if simulation.steps > 1:
-            whole += time.perf_counter() - clock
+        spans.append(time.perf_counter() - clock)
         speed2, force2, _, rate, _ = (float(x) for x in simulation.backend.host(simulation.extremes))
         rows.append((simulation.time, math.sqrt(speed2), math.sqrt(force2), rate))
     course.reached, course.steps = simulation.time, simulation.steps
@@ -308,7 +335,10 @@ def _course(scene: Scene, backend: str, threads: int | None, particles: int, bud
         course.speed.append(float(part[:, 1].mean()))
         course.acceleration.append(float(part[:, 2].mean()))
         course.rate.append(float(part[:, 3].mean()))
-    steps = max(simulation.steps - 1, 1)
+    if backend == "cuda":
+        course.seconds = {"step": float(np.mean(spans[RECORDED:] or spans or [0.0]))}
+        return course
+    steps, whole = max(simulation.steps - 1, 1), sum(spans[1:])
     stages = simulation.timings.stages
     course.seconds = {stage: seconds / steps for stage, seconds in stages.items() if stage != LISTS}
     if LISTS in stages and course.builds > 1:
@@ -399,12 +429,10 @@ def _growth(constants: Constants, particles: int) -> float:
 
     They grow as the particles, but on a GPU as the sizes say: it takes the same time for a thousand and for a hundred.
     """
-    few = constants.course.particles
-    sums = [(count, {"step": sum(seconds.values())}) for count, seconds in constants.sizes]
-    if constants.backend != "cuda" or not sums[0][1]["step"]:
+    few, (least, first) = constants.course.particles, constants.sizes[0]
+    if constants.backend != "cuda" or not first["step"]:
         return particles / few
-    steps = dataclasses.replace(constants, sizes=sums)
-    return _launch(steps, "step", particles) / _launch(steps, "step", max(few, sums[0][0]))
+    return _launch(constants, "step", particles) / _launch(constants, "step", max(few, least))
 
 
 def _finer(plan: Plan, constants: Constants) -> float:

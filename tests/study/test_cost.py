@@ -3,6 +3,7 @@
 import dataclasses
 import json
 import math
+import types
 
 import msgspec
 import pytest
@@ -72,16 +73,34 @@ def test_an_iteration_whose_first_steps_differ_follows_the_course():
         assert found.stages["iisph.solve"] / found.steps == pytest.approx(each, rel=1e-2)
 
 
-def test_on_a_gpu_a_stage_that_only_the_course_has_grows_as_the_steps():
-    """Steps of 50 and 200 particles take 3.0 and 3.2 ms: 800 take 4.0 ms."""
+def test_on_a_gpu_a_step_that_the_first_ones_do_not_tell_grows_as_they_do():
+    """Steps of 50 and 200 particles take 3.0 and 3.2 ms: 800 take 4.0 ms, so that 30 ms of the course become 40 ms."""
     plan = make_plan(tank(20))
-    course = dataclasses.replace(made().course, seconds={"recorded step": 0.1e-3}, builds=0)
-    sizes = [(50, {"a": 3.0e-3}), (200, {"a": 3.2e-3})]
+    course = dataclasses.replace(made().course, seconds={"step": 30e-3}, builds=0)
+    sizes = [(50, {"step": 3.0e-3}), (200, {"step": 3.2e-3})]
     for backend, growth in (("cuda", 4.0 / 3.0), ("cpu", 16.0)):
-        course.seconds["a"] = 1e-6  # far from that of the first steps
         found = cost.estimate(plan, made(backend, sizes=sizes, course=course))
-        assert found.stages["recorded step"] / found.steps == pytest.approx(0.1e-3 * growth, rel=1e-2)
-        assert found.stages["a"] / found.steps == pytest.approx(1e-6 * growth, rel=1e-2)
+        assert found.stages["step"] / found.steps == pytest.approx(30e-3 * growth, rel=1e-2)
+
+
+class Clocked:
+    """A run on a GPU whose steps take 1 ms, 5 ms more with a list build, by a clock of its own."""
+
+    def __init__(self, listed):
+        self.search, self.now, self.new = (object() if listed else None), 0.0, False
+        self.lists = types.SimpleNamespace(policy=types.SimpleNamespace(invalidate=lambda: setattr(self, "new", True)))
+
+    def step(self):
+        self.now += 6e-3 if self.new else 1e-3
+        self.new = False
+
+
+@pytest.mark.parametrize("listed", (True, False))
+def test_on_a_gpu_whole_steps_are_timed_with_and_without_a_list_build(monkeypatch, listed):
+    run = Clocked(listed)
+    monkeypatch.setattr(cost.time, "perf_counter", lambda: run.now)
+    expected = {"step": 1e-3} | ({"neighbours": 5e-3} if listed else {})
+    assert cost._whole_steps(run) == pytest.approx(expected)
 
 
 def test_all_pairs_are_quadratic():
