@@ -54,7 +54,7 @@ HISTORY = 200  # entries of the coarse run's history
 USUAL_SHARE = (0.5, 2.0)  # r_p of a pass whose first steps do what later ones do
 LARGEST_GROWTH = 2.0  # of its seconds a particle, from the smallest to the largest size
 LISTS = "neighbours"  # stage of the list builds
-RECORDED = 3  # steps of a run after which a GPU replays what it has recorded
+SLOW = 10.0  # times the median step on a GPU, beyond which a step has compiled or recorded kernels
 
 
 @dataclass
@@ -336,7 +336,8 @@ def _course(scene: Scene, backend: str, threads: int | None, particles: int, bud
         course.acceleration.append(float(part[:, 2].mean()))
         course.rate.append(float(part[:, 3].mean()))
     if backend == "cuda":
-        course.seconds = {"step": float(np.mean(spans[RECORDED:] or spans or [0.0]))}
+        usual = SLOW * float(np.median(spans or [0.0]))
+        course.seconds = {"step": float(np.mean([s for s in spans if s <= usual] or [0.0]))}
         return course
     steps, whole = max(simulation.steps - 1, 1), sum(spans[1:])
     stages = simulation.timings.stages
