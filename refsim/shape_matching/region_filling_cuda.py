@@ -17,12 +17,11 @@ SHARE = 1 if simulated() else 16  # threads of a block to each of its regions
 def regions(direct, rebuild, lattice, region, region_count):
     """Regions by filling level by level; all of them, or those marked in `rebuild`.
 
-    A block takes its regions one after the other, each with all of its threads: most of them are not marked.
+    A block takes its regions one after the other, each with all of its threads. Few are marked, and those stand side by
+    side: the regions of a block are far apart, so that no block has many to fill.
     """
-    each = cuda.blockDim.x // SHARE
-    first = each * cuda.blockIdx.x
     entries = cuda.shared.array(MOST_SLOTS, np.int32)
-    for s in range(first, min(first + each, region_count.shape[0])):
+    for s in range(cuda.blockIdx.x, region_count.shape[0], cuda.gridDim.x):
         wanted = True
         if rebuild is not None:
             wanted = rebuild[s] != 0
