@@ -1,5 +1,6 @@
 """Inputs, hard cases and closed forms of heat conduction."""
 
+import dataclasses
 import math
 
 import numpy as np
@@ -390,6 +391,14 @@ def two_sweeps_across_a_border():
     return across_a_border(a_pair_in_two_sweeps(), 8.0)
 
 
+@closed_form("heat.pair_exchange")
+def two_sweeps_across_a_far_border():
+    """As the pair's, in a box of 104 cells: the pair stands in the last one and in the first."""
+    pair = a_pair_in_two_sweeps()
+    moved = dataclasses.replace(pair.case, position=pair.case.position + [0.0, 103.5, 0.0])
+    return across_a_border(dataclasses.replace(pair, case=moved), 104.0)
+
+
 @closed_form("heat.one_sided")
 def each_by_itself_across_a_border():
     """As the pair's."""
@@ -435,6 +444,14 @@ def a_pair_of_unit_weight():
     assert conduction.scale == 1.0
     given = _given(conductivity=np.ones(2), timestep=np.array([0.7, 1.0]), conduction=conduction)
     return Exact(PAIR, given, {"temperature": _moved(APART)})
+
+
+@closed_form("heat.pair_exchange")
+def two_sweeps_of_unit_weight():
+    """The same in each of two sweeps over half of 2 s."""
+    conduction = conduction_group(PAIR.grid("float64"), factor=UNIT, sweep_share=0.5)
+    given = _given(conductivity=np.ones(2), timestep=np.array([0.7, 2.0]), conduction=conduction)
+    return Exact(PAIR, given, {"temperature": _swept_twice(2.0)})
 
 
 @closed_form("heat.enthalpy_jacobi")

@@ -4,9 +4,10 @@ Run as `NUMBA_DISABLE_JIT=1 python slips.py OPERATION...`: kernels are then Pyth
 giving a function the code of its altered source. The operations must share one program. Prints one JSON object, see
 `inject`; with `--part K/N` of every Nth slip only. Kinds: sign, factor, index, condition.
 
-`python slips.py --publish [--jobs N] [--minutes M]` judges in N processes what has not been judged since its code
-changed, and writes the numbers to validation/kernel_slips.json and into docs/nightly.md. Exit code 4 if a slip survived
-that is not among HARMLESS, or if the time did not suffice.
+`python slips.py --publish [--jobs N] [--minutes M] [PACKAGE...]` judges in N processes what has not been judged since
+its code changed, of all programs or of those packages, and writes the numbers to validation/kernel_slips.json and into
+docs/nightly.md. What the time does not suffice for keeps its older numbers. Exit code 4 if a slip survived that is not
+among HARMLESS, or if the time did not suffice.
 """
 
 import argparse
@@ -46,6 +47,7 @@ BEGIN, END = "<!-- kernel slips -->\n", "<!-- end of kernel slips -->"
 EXIT_FAILED = 4
 IN_A_PART = 100  # slips that one process judges
 SECONDS = {False: 60, True: 600}  # of processor time, after which a slip has made a trial (shallow, deep) endless
+PATIENCE = 20.0  # times the processor time without a slip, plus a second: likewise
 SHARED = ("refsim.backends.", "refsim.neighbours.rows")  # what every kernel stands on has tests of its own
 FIRST_CASES = ("three_particles", "cloud_2d", "cloud_3d", "printed_readings")
 TWO_OF = "return (u * a[0] + v * b[0], u * a[1] + v * b[1], u * a[2] + v * b[2], "
@@ -617,10 +619,10 @@ def backwards():
             module.prange = loop
 
 
-def noticed(operation, deep):
-    """Whether a step of the ladder fails or raises. `deep` takes the steps that need more time."""
+def noticed(operation, deep, seconds=math.inf):
+    """Whether a step of the ladder fails, raises or takes `seconds`. `deep` takes the steps that need more time."""
     variants = [Target(operation, "cpu", "float64", number) for number in range(len(operation.variants))]
-    signal.setitimer(signal.ITIMER_PROF, SECONDS[deep])
+    signal.setitimer(signal.ITIMER_PROF, min(seconds, SECONDS[deep]))
     try:
         if not shapes_agree():
             return True
@@ -635,7 +637,11 @@ def noticed(operation, deep):
                 return True
         if deep and any("prange" in function.__code__.co_names for function in functions_behind(operation)):
             with backwards():
-                return not all(on_case(target, name).passed for target in variants for name in ("cloud_2d", "cloud_3d"))
+                return not all(
+                    on_case(target, name, lists="all_pairs").passed
+                    for target in variants
+                    for name in ("cloud_2d", "cloud_3d")
+                )
     except Exception:
         return True
     finally:
@@ -661,9 +667,11 @@ def inject(operations, part=0, parts=1, names=None):
     {"noticed": {operation: {kind: number}}, "functions": {name: {"planted": {kind: number}, "survived": [slips that no
     operation with the same function notices]}}}. Slips that change no answer are looked for in few cases only.
     """
-    for operation in operations:
-        assert not noticed(operation, False), f"{operation.name} fails before any slip"
-        assert part or not noticed(operation, True), f"{operation.name} fails before any slip"
+    limits = {}
+    for operation, deep in itertools.product(operations, (False,) if part else (False, True)):
+        begun = time.process_time()
+        assert not noticed(operation, deep), f"{operation.name} fails before any slip"
+        limits[operation.name, deep] = 1 + PATIENCE * (time.process_time() - begun)
     users = programs_with()  # while every function's source can still be read
     caught, found = {operation.name: {} for operation in operations}, {}
     for function, group in itertools.groupby(
@@ -678,10 +686,14 @@ def inject(operations, part=0, parts=1, names=None):
             steps = ((others, False),) if harmless(slip) else ((others, False), (operations, True), (others, True))
             function.__code__ = code
             try:
-                by = [operation for operation in operations if noticed(operation, False)]
+                by = [operation for operation in operations if noticed(operation, False, limits[operation.name, False])]
                 for operation in by:
                     caught[operation.name][kind] = caught[operation.name].get(kind, 0) + 1
-                if not by and not any(noticed(operation, deep) for among, deep in steps for operation in among):
+                if not by and not any(
+                    noticed(operation, deep, limits.get((operation.name, deep), math.inf))
+                    for among, deep in steps
+                    for operation in among
+                ):
                     of["survived"].append(slip)
             finally:
                 function.__code__ = right
@@ -734,19 +746,22 @@ def judged(names, part=0, parts=1, seconds=None, functions=()):
     return json.loads(done.stdout)
 
 
-def publish(jobs, minutes):
+def publish(jobs, minutes, packages=()):
     """Judge what the record does not hold; returns whether every program is judged and every slip noticed.
 
-    A function that several programs call is judged once. Programs with few slips come first.
+    A function that several programs call is judged once. Programs with few slips come first. With `packages`, programs
+    of others are left as they are.
     """
     from validation.attack.campaign import commit
 
     end, before = time.monotonic() + 60 * minutes, json.loads(RECORD.read_text()) if RECORD.exists() else {}
-    found, stale, waiting, answers = {}, [], [], {}
+    found, stale, waiting, answers, whole = dict(before), [], [], {}, True
     for names in programs():
-        digest, name = code_digest(names), "+".join(names)
-        if before.get(name, {}).get("digest") == digest:
-            found[name] = before[name]
+        digest = code_digest(names)
+        if before.get("+".join(names), {}).get("digest") == digest:
+            continue
+        if packages and names[0].partition(".")[0] not in packages:
+            whole = False
         else:
             stale.append((names, digest, needed(REGISTRY[names[0]])))
     for names, _, functions in sorted(stale, key=lambda item: len(list(planted(REGISTRY[item[0][0]])))):
@@ -785,7 +800,8 @@ def publish(jobs, minutes):
     before, _, rest = PAGE.read_text().partition(BEGIN)
     PAGE.write_text(f"{before}{BEGIN}\n{table(record)}\n{END}{rest.partition(END)[2]}")
     gaps = [slip for entry in record.values() for slip in entry["survived"] if not harmless(slip)]
-    return len(record) == len(programs()) and not gaps
+    left = [names for names, digest, _ in stale if record.get("+".join(names), {}).get("digest") != digest]
+    return whole and not left and not gaps
 
 
 def needed(operation):
@@ -817,7 +833,9 @@ def table(record):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("operations", nargs="*", metavar="OPERATION", help="operations that share one program")
+    parser.add_argument(
+        "operations", nargs="*", metavar="OPERATION", help="operations that share one program; packages with --publish"
+    )
     parser.add_argument("--part", default="0/1", metavar="K/N", help="slips K, K + N, K + 2 N, ...")
     parser.add_argument("--functions", nargs="*", metavar="NAME", help="slips of these functions only")
     parser.add_argument("--publish", action="store_true", help="judge every program; write the record and the page")
@@ -827,7 +845,7 @@ def main():
     warnings.simplefilter("ignore")
     cases.discover()
     if given.publish:
-        return 0 if publish(given.jobs, given.minutes) else EXIT_FAILED
+        return 0 if publish(given.jobs, given.minutes, given.operations) else EXIT_FAILED
     signal.signal(signal.SIGPROF, too_long)
     operations, part = [REGISTRY[name] for name in given.operations], map(int, given.part.split("/"))
     print(json.dumps(inject(operations, *part, given.functions or None)))
