@@ -723,13 +723,35 @@ def programs():
 
 
 def code_digest(names):
-    """Digest of what a program's slips are made in and judged by: its functions, references and cases."""
+    """Digest of what a program's slips are made in and judged by: its functions, references, cases and closed forms."""
     behind = {function: None for name in names for function in functions_behind(REGISTRY[name])}
     folders = {pathlib.Path(inspect.getfile(function)).parent for function in behind}
     folders |= {ROOT / REGISTRY[name].folder.replace(".", "/") for name in names}
-    files = [folder / name for folder in sorted(folders) for name in ("reference.py", "cases.py")]
-    texts = [*map(inspect.getsource, behind), *(file.read_text() for file in files if file.exists())]
+    texts = [*map(inspect.getsource, behind)]
+    for folder in sorted(folders):
+        texts += [file.read_text() for file in [folder / "reference.py"] if file.exists()]
+        texts += [part for file in [folder / "cases.py"] if file.exists() for part in cases_of(file, names)]
     return hashlib.sha256("\0".join(texts).encode()).hexdigest()[:12]
+
+
+@functools.cache
+def statements(file):
+    """(source, operations whose closed form it is) of every statement of a file of cases."""
+    found = []
+    for part in ast.parse(file.read_text()).body:
+        of = [
+            argument.value
+            for mark in getattr(part, "decorator_list", ())
+            if isinstance(mark, ast.Call) and ast.unparse(mark.func) == "closed_form"
+            for argument in mark.args
+        ]
+        found.append((ast.unparse(part), of))
+    return found
+
+
+def cases_of(file, names):
+    """What a file of cases holds for the operations: everything but the closed forms of others."""
+    return [source for source, of in statements(file) if not of or set(of) & set(names)]
 
 
 def judged(names, part=0, parts=1, seconds=None, functions=()):
