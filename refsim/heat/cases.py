@@ -20,6 +20,7 @@ from refsim.core.cases import (
     particles,
     takes,
 )
+from refsim.core.period import period_group
 from refsim.heat import HeatConduction
 from refsim.heat.shapes import MUELLER, POLY6, SPIKY, Conduction, conduction_group
 
@@ -367,6 +368,14 @@ def rates_across_a_border():
     return across_a_border(rates_by_poly6(), 5.0)
 
 
+@closed_form("heat.exchange_rate")
+def rates_at_nearly_half_a_period():
+    """The next image is beyond h: q = 127/128 in a box of 2 h, and L = (1 - q)^2/q is 1/(64 127) of that at q = 1/2."""
+    case = dataclasses.replace(PAIR, position=PAIR.position * (127 / 64))
+    given = _given(period=period_group((0.0, 4.0, 0.0), "float64"))
+    return Exact(case, given, {"exchange_rate": WEIGHT / (64 * 127) / 0.5 * INVERSE})
+
+
 @closed_form("heat.explicit")
 def forward_across_a_border():
     """As the pair's."""
@@ -397,6 +406,14 @@ def two_sweeps_across_a_far_border():
     pair = a_pair_in_two_sweeps()
     moved = dataclasses.replace(pair.case, position=pair.case.position + [0.0, 103.5, 0.0])
     return across_a_border(dataclasses.replace(pair, case=moved), 104.0)
+
+
+@closed_form("heat.pair_exchange")
+def two_sweeps_beyond_all_cells():
+    """As the pair's, 2^21 cells from the origin; cells are numbered up to 2^20."""
+    pair = a_pair_in_two_sweeps()
+    far = dataclasses.replace(pair.case, position=pair.case.position + [0.0, 0.0, 2.0**21])
+    return dataclasses.replace(pair, case=far)
 
 
 @closed_form("heat.one_sided")

@@ -85,6 +85,10 @@ def wider(reach, end):
     ]
 
 
+LAST = "least, most = (REACH - OFFSET, OFFSET - 1 - REACH)"
+NUMBERS, WRAPPED = "numbers = [int(float(length) / side * ", "// even * even for length in period[:3]]"
+KEYS = " | cell[:, 1] + OFFSET << BITS | cell[:, 2] + OFFSET"
+BEFORE = "i // step % (1 << bits) > 0 and "
 SEVEN = "".join(f"real(v[{k}]), " for k in range(7))
 
 
@@ -215,7 +219,27 @@ HARMLESS = {
         ("base == zero and slope != zero", "looks for idle rows in vain, or not at all"),
     ],
     "sample_counts": [("sample_count[:] = 0", "a zero has no sign")],
-    "shorten_labels": [("range(64 * b, 64 * b + 64)  ->  range(64 * b, 64 * b + 65)", "the next block does it, too")],
+    "shorten_labels": [("node_label[i] >= 0  ->  node_label[i] >= 1", "a chain with label 0 has ended")],
+    "components": [("inside, one = (np.empty(len(blocks.keys), np.uint8), np.empty(1, ", "joined twice is joined")],
+    "join_blocks": [
+        ("range(3 if bits == 2 else 2)  ->  range(4", "no node is at an end of a fourth axis"),
+        ("other >= 0 and inside[other] != NONE  ->  other >= 1", "block 0 is above no other"),
+        ("range(64)  ->  range(65)", "number 64 is at the end of no axis"),
+    ],
+    "label_block": [
+        ("found == 64  ->  found == 65", "a full block may be joined node by node"),
+        ("found > 0  ->  found > 1", "a lone node of a block has none to be joined to"),
+        (
+            "inside[b] = NONE if found == 0 else ALL if found == 64 else SOME"
+            "  ->  inside[b] = NONE if found == 0 else ALL if found == 65",
+            "full blocks may be joined node by node",
+        ),
+        ("range(low, low + 64)  ->  range(low, low + 65)", "number 64 has none before it along any axis"),
+        (
+            f"{BEFORE}node_label[i] >= 0 and (node_label[i - step] >= 0)  ->  {BEFORE}node_label[i] >= 1",
+            "a node that has label 0 before it is joined along an axis has none before it there",
+        ),
+    ],
     # the fourth number of a node in `grid_to_particle` is padding; in the plane the third one is zero
     "four": [
         (
@@ -431,6 +455,56 @@ HARMLESS = {
     ],
     "sweep": [("temperature[i] = running  ->  temperature[i] = -running", "both sweeps turn the sign")],
     "one_sided": [("(0, 1)  ->  (0, 2)", "any number but zero is backwards")],
+    "pair_exchange": [
+        ("scratch.backend.name == 'cuda'", "the colours one after another or in one launch"),
+        ("(0, 1)  ->  (0, 2)", "any number but zero is backwards"),
+        ("((0, found), (1, found[::-1]))", "no program of a CPU launches a colour"),
+    ],
+    "exchange_cells": [("", "no program of a CPU launches a colour")],
+    "partner": [
+        ("other = (turn - place + rounds) % rounds  ->  other = (turn - place - rounds)", "the remainder is the same"),
+        (
+            "return other if place < other else rounds  ->  return other if place >= other",
+            "a pair from its other end; a particle with itself exchanges nothing",
+        ),
+    ],
+    "joined": [
+        (
+            f"cells = np.concatenate(found) if found else {old}  ->  cells = np.concatenate(found) if found else {new}",
+            "no colour",
+        )
+        for old, new in (
+            ("np.zeros((0, 2), np.int32)", "np.zeros((1, 2)"),
+            ("np.zeros((0, 2), np.int32)", "np.zeros((0, 3)"),
+        )
+    ],
+    "colours": [
+        (
+            "begins[1:] = key[1:] != key[:-1]  ->  begins[1:] = (key[1:] != key[:-1]) * 1.01",
+            "a flag is any number but zero",
+        ),
+        ("nothing = xp.zeros(0, dtype=xp.int32)", "of no colour"),
+        ("return (nothing, xp.zeros(1, ", "of no colour"),
+        *(
+            (f"{LAST}  ->  {LAST.replace('- 1', other)}", "keys of cells beyond belong to no other cell")
+            for other in ("+ 1", "- 2")
+        ),
+        ("ends = xp.concatenate((first, xp.full(1, len(members), dtype=first.dtype)))", "one end more is not read"),
+        ("axis = next((a for a in range(3) if step[a]))", "every direction has a step along one of three axes"),
+    ],
+    "_key": [
+        (
+            f"return cell[:, 0] + OFFSET << 2 * BITS{KEYS}  ->  return cell[:, 0] - OFFSET << 2 * BITS{KEYS}",
+            "other numbers in the same order",
+        )
+    ],
+    "cell_numbers": [
+        ("length and number < 2 * even  ->  length and number < 2 / even", "the effect refuses such a box first"),
+        (
+            f"{NUMBERS}(1 + 1e-06)) {WRAPPED}  ->  {NUMBERS}(1 + 1.0099999999999999e-06)) {WRAPPED}",
+            "any share above rounding and far below one",
+        ),
+    ],
     "weigh_and_pack": [("exchanges.count[i] = found  ->  exchanges.count[i] = found * 1.01", "cut off to an integer")],
     "stepped": [
         ("squared = type(timestep[0])(0)", "only the type is taken"),
@@ -736,22 +810,28 @@ def code_digest(names):
 
 @functools.cache
 def statements(file):
-    """(source, operations whose closed form it is) of every statement of a file of cases."""
+    """(statement, name of a function without a mark, operations whose closed form it is) of a file of cases."""
     found = []
     for part in ast.parse(file.read_text()).body:
+        marks = getattr(part, "decorator_list", ())
         of = [
             argument.value
-            for mark in getattr(part, "decorator_list", ())
+            for mark in marks
             if isinstance(mark, ast.Call) and ast.unparse(mark.func) == "closed_form"
             for argument in mark.args
         ]
-        found.append((ast.unparse(part), of))
+        found.append((part, part.name if isinstance(part, ast.FunctionDef) and not marks else None, of))
     return found
 
 
 def cases_of(file, names):
-    """What a file of cases holds for the operations: everything but the closed forms of others."""
-    return [source for source, of in statements(file) if not of or set(of) & set(names)]
+    """Source of what a file of cases holds for the operations: without closed forms of others and their helpers."""
+    helpers = {name: part for part, name, _ in statements(file) if name}
+    taken = [part for part, name, of in statements(file) if not name and (not of or set(of) & set(names))]
+    for part in taken:
+        called = {node.id for node in ast.walk(part) if isinstance(node, ast.Name)} & set(helpers)
+        taken += [helpers.pop(name) for name in sorted(called)]
+    return [ast.unparse(part) for part in taken]
 
 
 def judged(names, part=0, parts=1, seconds=None, functions=()):
