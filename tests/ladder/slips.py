@@ -36,7 +36,9 @@ import numpy as np
 from refsim.contract import Target
 from refsim.contract.ladder import climbing, on_case
 from refsim.core import cases
+from refsim.core.errors import RunStopped
 from refsim.core.operation import REGISTRY
+from refsim.mpm.grid import MpmGrid
 from refsim.smoothing import SHAPES, formulas, reference, smoothing
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
@@ -442,7 +444,18 @@ HARMLESS = {
         ("range(3)  ->  range(4)", "the last coefficient twice is no change of sign"),
     ],
     # of sorting: what is found to be missing is found again once there are blocks, what is lost stops the run
+    "write_keys": [
+        (f"keys[i] = -1 if lost else key_of(jx, jy, jz, bits)  ->  keys[i] = {key} if lost", "the run stops")
+        for key in ("+1", "-2")
+    ],
+    "chunks_for": [
+        (
+            "return min(max(points // LEAST_CHUNK, 1), CHUNKS)  ->  return min(max(points // LEAST_CHUNK, 2)",
+            "the order of points in a block is the same for any number of chunks",
+        )
+    ],
     "find_chunk": [
+        ("missing, lost = (0, 0)  ->  missing, lost = (1, 0)", "blocks made anew are the same"),
         ("missing += 1", "any number but zero"),
         ("lost += 1", "any number but zero"),
         ("cell[i] = -1", "found again, or the run stops"),
@@ -661,6 +674,18 @@ def shapes_agree():
     return True
 
 
+def far_points_stop():
+    """Points beyond all blocks and at no place stop a run, as in test_mpm; a trial of the contract has an answer."""
+    for far in (1e9, -1e9, np.nan):
+        grid = MpmGrid(3, "float64", 2.0)
+        try:
+            REGISTRY["mpm.cells"].program("cpu")(np.array([[1.0, far, 1.0]]), None, None, grid, np.empty(1, np.int32))
+        except RunStopped:
+            continue
+        return False
+    return True
+
+
 @functools.cache
 def programs_with():
     """The operations whose programs call a function, by its name. Those that take the grid have it sort its points."""
@@ -698,7 +723,7 @@ def noticed(operation, deep, seconds=math.inf):
     variants = [Target(operation, "cpu", "float64", number) for number in range(len(operation.variants))]
     signal.setitimer(signal.ITIMER_PROF, min(seconds, SECONDS[deep]))
     try:
-        if not shapes_agree():
+        if not shapes_agree() or (operation.name == "mpm.cells" and not far_points_stop()):
             return True
         for target in variants:
             if not deep and not all(outcome.passed for outcome in climbing(target, ("T1",))):
