@@ -4,10 +4,10 @@ Run as `NUMBA_DISABLE_JIT=1 python slips.py OPERATION...`: kernels are then Pyth
 giving a function the code of its altered source. The operations must share one program. Prints one JSON object, see
 `inject`; with `--part K/N` of every Nth slip only. Kinds: sign, factor, index, condition.
 
-`python slips.py --publish [--jobs N] [--minutes M] [PACKAGE...]` judges in N processes what has not been judged since
-its code changed, of all programs or of those packages, and writes the numbers to validation/kernel_slips.json and into
-docs/nightly.md. What the time does not suffice for keeps its older numbers. Exit code 4 if a slip survived that is not
-among HARMLESS, or if the time did not suffice.
+`python slips.py --publish [--jobs N] [--minutes M] [NAME...]` judges in N processes what has not been judged since its
+code changed, of all programs or of those operations and packages. It writes the numbers to validation/kernel_slips.json
+and into docs/nightly.md. What the time does not suffice for keeps its older numbers. Exit code 4 if a slip survived
+that is not among HARMLESS, or if the time did not suffice.
 """
 
 import argparse
@@ -835,24 +835,34 @@ def code_digest(names):
 
 @functools.cache
 def statements(file):
-    """(statement, name of a function without a mark, operations whose closed form it is) of a file of cases."""
+    """(statement, names that it only defines, operations whose closed form it is) of a file of cases."""
     found = []
     for part in ast.parse(file.read_text()).body:
-        marks = getattr(part, "decorator_list", ())
+        marks, own = getattr(part, "decorator_list", ()), []
         of = [
             argument.value
             for mark in marks
             if isinstance(mark, ast.Call) and ast.unparse(mark.func) == "closed_form"
             for argument in mark.args
         ]
-        found.append((part, part.name if isinstance(part, ast.FunctionDef) and not marks else None, of))
+        if isinstance(part, (ast.FunctionDef, ast.ClassDef)) and not marks:
+            own = [part.name]
+        elif isinstance(part, (ast.Import, ast.ImportFrom)):
+            for alias in part.names:
+                one = copy.copy(part)
+                one.names = [alias]
+                found.append((one, [alias.asname or alias.name], []))
+            continue
+        elif isinstance(part, ast.Assign) and all(isinstance(target, ast.Name) for target in part.targets):
+            own = [target.id for target in part.targets]
+        found.append((part, own, of))
     return found
 
 
 def cases_of(file, names):
-    """Source of what a file of cases holds for the operations: without closed forms of others and their helpers."""
-    helpers = {name: part for part, name, _ in statements(file) if name}
-    taken = [part for part, name, of in statements(file) if not name and (not of or set(of) & set(names))]
+    """Source of what a file of cases holds for the operations: no closed form of others, nor what only those use."""
+    helpers = {name: part for part, own, _ in statements(file) for name in own}
+    taken = [part for part, own, of in statements(file) if not own and (not of or set(of) & set(names))]
     for part in taken:
         called = {node.id for node in ast.walk(part) if isinstance(node, ast.Name)} & set(helpers)
         taken += [helpers.pop(name) for name in sorted(called)]
@@ -873,11 +883,11 @@ def judged(names, part=0, parts=1, seconds=None, functions=()):
     return json.loads(done.stdout)
 
 
-def publish(jobs, minutes, packages=()):
+def publish(jobs, minutes, wanted=()):
     """Judge what the record does not hold; returns whether every program is judged and every slip noticed.
 
-    A function that several programs call is judged once. Programs with few slips come first. With `packages`, programs
-    of others are left as they are.
+    A function that several programs call is judged once. Programs with few slips come first. With `wanted`, programs of
+    other operations and packages are left as they are.
     """
     from validation.attack.campaign import commit
 
@@ -887,7 +897,7 @@ def publish(jobs, minutes, packages=()):
         digest = code_digest(names)
         if before.get("+".join(names), {}).get("digest") == digest:
             continue
-        if packages and names[0].partition(".")[0] not in packages:
+        if wanted and not {names[0].partition(".")[0], *names} & set(wanted):
             whole = False
         else:
             stale.append((names, digest, needed(REGISTRY[names[0]])))
@@ -961,7 +971,10 @@ def table(record):
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument(
-        "operations", nargs="*", metavar="OPERATION", help="operations that share one program; packages with --publish"
+        "operations",
+        nargs="*",
+        metavar="OPERATION",
+        help="operations that share one program; with --publish also packages",
     )
     parser.add_argument("--part", default="0/1", metavar="K/N", help="slips K, K + N, K + 2 N, ...")
     parser.add_argument("--functions", nargs="*", metavar="NAME", help="slips of these functions only")
