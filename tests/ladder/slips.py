@@ -40,6 +40,7 @@ from refsim.core.errors import RunStopped
 from refsim.core.operation import REGISTRY
 from refsim.mpm.grid import MpmGrid
 from refsim.smoothing import SHAPES, formulas, reference, smoothing
+from refsim.sparse_grid import block_search
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT))
@@ -221,6 +222,7 @@ HARMLESS = {
         ("base == zero and slope != zero", "looks for idle rows in vain, or not at all"),
     ],
     "sample_counts": [("sample_count[:] = 0", "a zero has no sign")],
+    "count_by_block": [("held[c, b] = 0  ->  held[c, b] = -0", "a zero has no sign")],
     "shorten_labels": [("node_label[i] >= 0  ->  node_label[i] >= 1", "a chain with label 0 has ended")],
     "components": [("inside, one = (np.empty(len(blocks.keys), np.uint8), np.empty(1, ", "joined twice is joined")],
     "join_blocks": [
@@ -704,16 +706,18 @@ def key(function):
 
 @contextlib.contextmanager
 def backwards():
-    """Loops of threads run from their last part to the first: the order of the parts must not change an answer."""
+    """Loops of threads run from their last part to the first, points are sorted in chunks of one: no answer changes."""
     modules = [
         module for name, module in sys.modules.items() if name.startswith("refsim.") and hasattr(module, "prange")
     ]
-    right = [module.prange for module in modules]
+    right, least = [module.prange for module in modules], block_search.LEAST_CHUNK
     try:
+        block_search.LEAST_CHUNK = 1
         for module in modules:
             module.prange = lambda *ends: reversed(range(*ends))
         yield
     finally:
+        block_search.LEAST_CHUNK = least
         for module, loop in zip(modules, right):
             module.prange = loop
 
@@ -734,7 +738,8 @@ def noticed(operation, deep, seconds=math.inf):
                     return True
             if deep and not all(outcome.passed for outcome in climbing(target, ("T4", "T5", "T7", "T9"))):
                 return True
-        if deep and any("prange" in function.__code__.co_names for function in functions_behind(operation)):
+        in_parts = any("prange" in function.__code__.co_names for function in functions_behind(operation))
+        if deep and (in_parts or "grid" in operation.arguments("cpu")):
             with backwards():
                 return not all(
                     on_case(target, name, lists="all_pairs").passed
