@@ -30,9 +30,11 @@ import sys
 import textwrap
 import time
 import warnings
+from unittest import mock
 
 import numpy as np
 
+from refsim.backends import rows
 from refsim.contract import Target
 from refsim.contract.ladder import climbing, on_case
 from refsim.core import cases
@@ -450,6 +452,7 @@ HARMLESS = {
         (f"keys[i] = -1 if lost else key_of(jx, jy, jz, bits)  ->  keys[i] = {key} if lost", "the run stops")
         for key in ("+1", "-2")
     ],
+    "by_owner": [("first = np.empty(count + 1, np.int32)  ->  first = np.empty(count + 2", "one end more is not read")],
     "chunks_for": [
         (
             "return min(max(points // LEAST_CHUNK, 1), CHUNKS)  ->  return min(max(points // LEAST_CHUNK, 2)",
@@ -707,19 +710,18 @@ def key(function):
 @contextlib.contextmanager
 def backwards():
     """Loops of threads run from their last part to the first, points are sorted in chunks of one: no answer changes."""
-    modules = [
-        module for name, module in sys.modules.items() if name.startswith("refsim.") and hasattr(module, "prange")
-    ]
-    right, least = [module.prange for module in modules], block_search.LEAST_CHUNK
-    try:
-        block_search.LEAST_CHUNK = 1
+
+    def reverse(*ends):
+        return reversed(range(*ends))
+
+    modules = [module for name, module in sys.modules.items() if name.startswith("refsim.")]
+    with contextlib.ExitStack() as stack:
         for module in modules:
-            module.prange = lambda *ends: reversed(range(*ends))
+            if hasattr(module, "prange"):
+                stack.enter_context(mock.patch.object(module, "prange", reverse))
+        stack.enter_context(mock.patch.object(rows, "range", reverse, create=True))
+        stack.enter_context(mock.patch.object(block_search, "LEAST_CHUNK", 1))
         yield
-    finally:
-        block_search.LEAST_CHUNK = least
-        for module, loop in zip(modules, right):
-            module.prange = loop
 
 
 def noticed(operation, deep, seconds=math.inf):
@@ -738,8 +740,7 @@ def noticed(operation, deep, seconds=math.inf):
                     return True
             if deep and not all(outcome.passed for outcome in climbing(target, ("T4", "T5", "T7", "T9"))):
                 return True
-        in_parts = any("prange" in function.__code__.co_names for function in functions_behind(operation))
-        if deep and (in_parts or "grid" in operation.arguments("cpu")):
+        if deep:
             with backwards():
                 return not all(
                     on_case(target, name, lists="all_pairs").passed
