@@ -1,5 +1,6 @@
 """Inputs, hard cases and closed forms of heat conduction."""
 
+import dataclasses
 import math
 
 import numpy as np
@@ -19,6 +20,7 @@ from refsim.core.cases import (
     particles,
     takes,
 )
+from refsim.core.period import period_group
 from refsim.heat import HeatConduction
 from refsim.heat.shapes import MUELLER, POLY6, SPIKY, Conduction, conduction_group
 
@@ -366,6 +368,14 @@ def rates_across_a_border():
     return across_a_border(rates_by_poly6(), 5.0)
 
 
+@closed_form("heat.exchange_rate")
+def rates_at_nearly_half_a_period():
+    """The next image is beyond h: q = 127/128 in a box of 2 h, and L = (1 - q)^2/q is 1/(64 127) of that at q = 1/2."""
+    case = dataclasses.replace(PAIR, position=PAIR.position * (127 / 64))
+    given = _given(period=period_group((0.0, 4.0, 0.0), "float64"))
+    return Exact(case, given, {"exchange_rate": WEIGHT / (64 * 127) / 0.5 * INVERSE})
+
+
 @closed_form("heat.explicit")
 def forward_across_a_border():
     """As the pair's."""
@@ -388,6 +398,22 @@ def chebyshev_across_a_border():
 def two_sweeps_across_a_border():
     """As the pair's, in a box of four support radii."""
     return across_a_border(a_pair_in_two_sweeps(), 8.0)
+
+
+@closed_form("heat.pair_exchange")
+def two_sweeps_across_a_far_border():
+    """As the pair's, in a box of 104 cells: the pair stands in the last one and in the first."""
+    pair = a_pair_in_two_sweeps()
+    moved = dataclasses.replace(pair.case, position=pair.case.position + [0.0, 103.5, 0.0])
+    return across_a_border(dataclasses.replace(pair, case=moved), 104.0)
+
+
+@closed_form("heat.pair_exchange")
+def two_sweeps_beyond_all_cells():
+    """As the pair's, 2^21 cells from the origin; cells are numbered up to 2^20."""
+    pair = a_pair_in_two_sweeps()
+    far = dataclasses.replace(pair.case, position=pair.case.position + [0.0, 0.0, 2.0**21])
+    return dataclasses.replace(pair, case=far)
 
 
 @closed_form("heat.one_sided")
@@ -435,6 +461,14 @@ def a_pair_of_unit_weight():
     assert conduction.scale == 1.0
     given = _given(conductivity=np.ones(2), timestep=np.array([0.7, 1.0]), conduction=conduction)
     return Exact(PAIR, given, {"temperature": _moved(APART)})
+
+
+@closed_form("heat.pair_exchange")
+def two_sweeps_of_unit_weight():
+    """The same in each of two sweeps over half of 2 s."""
+    conduction = conduction_group(PAIR.grid("float64"), factor=UNIT, sweep_share=0.5)
+    given = _given(conductivity=np.ones(2), timestep=np.array([0.7, 2.0]), conduction=conduction)
+    return Exact(PAIR, given, {"temperature": _swept_twice(2.0)})
 
 
 @closed_form("heat.enthalpy_jacobi")

@@ -41,7 +41,7 @@ from refsim.mpm import (
     reference,
 )  # fmt: skip
 from refsim.mpm.formulas import IMAGED_ROWS
-from refsim.mpm.grid import Background, MpmGrid
+from refsim.mpm.grid import SLACK, Background, MpmGrid
 from refsim.sparse_grid import PointList
 from refsim.sparse_grid.reference import node_table
 from refsim.surface_energy import Tension, surface_term
@@ -305,6 +305,40 @@ def first_cells():
     given = {"grid": MpmGrid(3, "float64", 2.0), "carrier_position": None, "surface_sample": None}
     reference.cells(position, None, None, given["grid"])
     return Exact(made, given, {"cell": np.array([0, 1, 4, 48])})
+
+
+class Outgrown(MpmGrid):
+    """A grid that on a CPU has the blocks of its first point alone; a GPU, which makes more of them, has them all."""
+
+    def on_backend(self, backend):
+        grid = super().on_backend(backend)
+        if backend.name not in SLACK:
+            first = MpmGrid(self.dim, self.dtype, self.cell_size)
+            reference.cells(self._located["particles"][:1], None, None, first)
+            grid.blocks, grid.complete = first.blocks, first.complete
+        return grid
+
+
+def first_blocks(dim: int, node: list, cell: list) -> Exact:
+    """Points over the middle of the stencil of each base node."""
+    position = 2.0 * (np.array(node) + 1.0) * (np.arange(3) < dim)
+    made = Case(f"first_blocks_{dim}d", dim, position, spacing=1.0, support_radius=2.0)
+    given = {"grid": Outgrown(dim, "float64", 2.0), "carrier_position": None, "surface_sample": None}
+    reference.cells(position, None, None, given["grid"])
+    return Exact(made, given, {"cell": np.array(cell)})
+
+
+@closed_form("mpm.cells")
+def first_blocks_in_space():
+    """Points in blocks (0, 0, 0), (1, 0, 0), (0, 1, 0) and (0, 0, 1), of numbers 0, 1, 3 and 8 among all in reach."""
+    node = [[0, 0, 0], [4, 0, 0], [1, 6, 3], [0, 1, 5], [3, 0, 0]]
+    return first_blocks(3, node, [0, 64, 3 * 64 + 57, 8 * 64 + 20, 3])
+
+
+@closed_form("mpm.cells")
+def first_blocks_in_the_plane():
+    """Points in blocks (0, 0), (1, 0) and (0, 2), of numbers 0, 1 and 6 among all in reach."""
+    return first_blocks(2, [[0, 0, 0], [9, 0, 0], [2, 17, 0], [7, 7, 0]], [0, 65, 6 * 64 + 10, 63])
 
 
 def _stencil(dim):

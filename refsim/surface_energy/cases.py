@@ -490,6 +490,47 @@ def two_separate_particles_3d():
     return two_separate_particles(3)
 
 
+def blocks_at(places: np.ndarray, dim: int) -> Blocks:
+    """Blocks at integer coordinates (b, 3), in the order of z, y, x."""
+    number = {tuple(place): b for b, place in enumerate(places.tolist())}
+    steps = [(x, y, z) for z in ((-1, 0, 1) if dim == 3 else (0,)) for y in (-1, 0, 1) for x in (-1, 0, 1)]
+    neighbour = [[number.get(tuple(place + step), -1) for step in np.array(steps)] for place in places]
+    keys = ((places + 2**20) * np.array([1, 2**21, 2**42])).sum(1)
+    return Blocks(keys, np.array(neighbour, np.int32))
+
+
+def full_and_half_blocks(dim: int):
+    """A path from node 0 over three blocks, a lone node, and a component of three full blocks and a half of a fourth.
+
+    The path reaches the corner of block (1, 1) from (1, 0), and two nodes of block (0, 1) reach it from there. Beside
+    it block (2, 1) is full, so are (3, 1) and (3, 2), the last; half of (2, 2) stands on (2, 1). 64 blocks are empty.
+    """
+    made, _, given = lone(dim)
+    rows = ((0, 0), (1, 0), *((k, 0) for k in range(3, 67)), *((k, 1) for k in range(4)), (2, 2), (3, 2))
+    blocks, w = blocks_at(np.array([(*row, 0) for row in rows]), dim), 4 if dim == 3 else 8
+    j = node_table(blocks)
+    x, y, _ = j.T
+    number = {tuple(place): i for i, place in enumerate(j.tolist())}
+    path = [(k, 0, 0) for k in range(w + 1)] + [(w, k, 0) for k in range(w + 1)] + [(w - 1, w, 0), (w - 2, w, 0)]
+    half = (x >= 2.25 * w) & (x < 2.75 * w)
+    label = np.full(len(j), -1)
+    label[[number[place] for place in path]] = 0
+    label[number[0, w + 1, 0]] = number[0, w + 1, 0]
+    label[(y >= w) & (x >= 2 * w) & ((y < 2 * w) | (x >= 3 * w) | half)] = number[2 * w, w, 0]
+    given |= {"blocks": blocks, "node_state": (label >= 0).astype(np.uint8), "node_label": label.astype(np.int32)}
+    return Exact(made, given, {"node_label": label})
+
+
+@closed_form("surface_energy.components")
+def full_and_half_blocks_2d():
+    return full_and_half_blocks(2)
+
+
+@closed_form("surface_energy.components")
+def full_and_half_blocks_3d():
+    return full_and_half_blocks(3)
+
+
 @closed_form("surface_energy.component_sizes")
 def particles_outside_of_components():
     """Three particles in the component of node 0, one in that of node 9, one in none, one outside of all blocks."""

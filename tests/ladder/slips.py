@@ -4,8 +4,9 @@ Run as `NUMBA_DISABLE_JIT=1 python slips.py OPERATION...`: kernels are then Pyth
 giving a function the code of its altered source. The operations must share one program. Prints one JSON object, see
 `inject`; with `--part K/N` of every Nth slip only. Kinds: sign, factor, index, condition.
 
-`python slips.py --publish [--jobs N] [--minutes M]` judges in N processes what has not been judged since its code
-changed, and writes the numbers to validation/kernel_slips.json and into docs/nightly.md. Exit code 4 if a slip survived
+`python slips.py --publish [--jobs N] [--minutes M] [NAME...]` judges in N processes what has not been judged since its
+code changed, of all programs or of those operations and packages. It writes the numbers to validation/kernel_slips.json
+and into docs/nightly.md. What the time does not suffice for keeps its older numbers. Exit code 4 if a slip survived
 that is not among HARMLESS, or if the time did not suffice.
 """
 
@@ -29,14 +30,19 @@ import sys
 import textwrap
 import time
 import warnings
+from unittest import mock
 
 import numpy as np
 
+from refsim.backends import rows
 from refsim.contract import Target
 from refsim.contract.ladder import climbing, on_case
 from refsim.core import cases
+from refsim.core.errors import RunStopped
 from refsim.core.operation import REGISTRY
+from refsim.mpm.grid import MpmGrid
 from refsim.smoothing import SHAPES, formulas, reference, smoothing
+from refsim.sparse_grid import block_search
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT))
@@ -46,6 +52,7 @@ BEGIN, END = "<!-- kernel slips -->\n", "<!-- end of kernel slips -->"
 EXIT_FAILED = 4
 IN_A_PART = 100  # slips that one process judges
 SECONDS = {False: 60, True: 600}  # of processor time, after which a slip has made a trial (shallow, deep) endless
+PATIENCE = 10.0  # times the processor time without a slip, plus a second: likewise
 SHARED = ("refsim.backends.", "refsim.neighbours.rows")  # what every kernel stands on has tests of its own
 FIRST_CASES = ("three_particles", "cloud_2d", "cloud_3d", "printed_readings")
 TWO_OF = "return (u * a[0] + v * b[0], u * a[1] + v * b[1], u * a[2] + v * b[2], "
@@ -83,6 +90,10 @@ def wider(reach, end):
     ]
 
 
+LAST = "least, most = (REACH - OFFSET, OFFSET - 1 - REACH)"
+NUMBERS, WRAPPED = "numbers = [int(float(length) / side * ", "// even * even for length in period[:3]]"
+KEYS = " | cell[:, 1] + OFFSET << BITS | cell[:, 2] + OFFSET"
+BEFORE = "i // step % (1 << bits) > 0 and "
 SEVEN = "".join(f"real(v[{k}]), " for k in range(7))
 
 
@@ -213,7 +224,28 @@ HARMLESS = {
         ("base == zero and slope != zero", "looks for idle rows in vain, or not at all"),
     ],
     "sample_counts": [("sample_count[:] = 0", "a zero has no sign")],
-    "shorten_labels": [("range(64 * b, 64 * b + 64)  ->  range(64 * b, 64 * b + 65)", "the next block does it, too")],
+    "count_by_block": [("held[c, b] = 0  ->  held[c, b] = -0", "a zero has no sign")],
+    "shorten_labels": [("node_label[i] >= 0  ->  node_label[i] >= 1", "a chain with label 0 has ended")],
+    "components": [("inside, one = (np.empty(len(blocks.keys), np.uint8), np.empty(1, ", "joined twice is joined")],
+    "join_blocks": [
+        ("range(3 if bits == 2 else 2)  ->  range(4", "no node is at an end of a fourth axis"),
+        ("other >= 0 and inside[other] != NONE  ->  other >= 1", "block 0 is above no other"),
+        ("range(64)  ->  range(65)", "number 64 is at the end of no axis"),
+    ],
+    "label_block": [
+        ("found == 64  ->  found == 65", "a full block may be joined node by node"),
+        ("found > 0  ->  found > 1", "a lone node of a block has none to be joined to"),
+        (
+            "inside[b] = NONE if found == 0 else ALL if found == 64 else SOME"
+            "  ->  inside[b] = NONE if found == 0 else ALL if found == 65",
+            "full blocks may be joined node by node",
+        ),
+        ("range(low, low + 64)  ->  range(low, low + 65)", "number 64 has none before it along any axis"),
+        (
+            f"{BEFORE}node_label[i] >= 0 and (node_label[i - step] >= 0)  ->  {BEFORE}node_label[i] >= 1",
+            "a node that has label 0 before it is joined along an axis has none before it there",
+        ),
+    ],
     # the fourth number of a node in `grid_to_particle` is padding; in the plane the third one is zero
     "four": [
         (
@@ -416,7 +448,19 @@ HARMLESS = {
         ("range(3)  ->  range(4)", "the last coefficient twice is no change of sign"),
     ],
     # of sorting: what is found to be missing is found again once there are blocks, what is lost stops the run
+    "write_keys": [
+        (f"keys[i] = -1 if lost else key_of(jx, jy, jz, bits)  ->  keys[i] = {key} if lost", "the run stops")
+        for key in ("+1", "-2")
+    ],
+    "by_owner": [("first = np.empty(count + 1, np.int32)  ->  first = np.empty(count + 2", "one end more is not read")],
+    "chunks_for": [
+        (
+            "return min(max(points // LEAST_CHUNK, 1), CHUNKS)  ->  return min(max(points // LEAST_CHUNK, 2)",
+            "the order of points in a block is the same for any number of chunks",
+        )
+    ],
     "find_chunk": [
+        ("missing, lost = (0, 0)  ->  missing, lost = (1, 0)", "blocks made anew are the same"),
         ("missing += 1", "any number but zero"),
         ("lost += 1", "any number but zero"),
         ("cell[i] = -1", "found again, or the run stops"),
@@ -429,6 +473,56 @@ HARMLESS = {
     ],
     "sweep": [("temperature[i] = running  ->  temperature[i] = -running", "both sweeps turn the sign")],
     "one_sided": [("(0, 1)  ->  (0, 2)", "any number but zero is backwards")],
+    "pair_exchange": [
+        ("scratch.backend.name == 'cuda'", "the colours one after another or in one launch"),
+        ("(0, 1)  ->  (0, 2)", "any number but zero is backwards"),
+        ("((0, found), (1, found[::-1]))", "no program of a CPU launches a colour"),
+    ],
+    "exchange_cells": [("", "no program of a CPU launches a colour")],
+    "partner": [
+        ("other = (turn - place + rounds) % rounds  ->  other = (turn - place - rounds)", "the remainder is the same"),
+        (
+            "return other if place < other else rounds  ->  return other if place >= other",
+            "a pair from its other end; a particle with itself exchanges nothing",
+        ),
+    ],
+    "joined": [
+        (
+            f"cells = np.concatenate(found) if found else {old}  ->  cells = np.concatenate(found) if found else {new}",
+            "no colour",
+        )
+        for old, new in (
+            ("np.zeros((0, 2), np.int32)", "np.zeros((1, 2)"),
+            ("np.zeros((0, 2), np.int32)", "np.zeros((0, 3)"),
+        )
+    ],
+    "colours": [
+        (
+            "begins[1:] = key[1:] != key[:-1]  ->  begins[1:] = (key[1:] != key[:-1]) * 1.01",
+            "a flag is any number but zero",
+        ),
+        ("nothing = xp.zeros(0, dtype=xp.int32)", "of no colour"),
+        ("return (nothing, xp.zeros(1, ", "of no colour"),
+        *(
+            (f"{LAST}  ->  {LAST.replace('- 1', other)}", "keys of cells beyond belong to no other cell")
+            for other in ("+ 1", "- 2")
+        ),
+        ("ends = xp.concatenate((first, xp.full(1, len(members), dtype=first.dtype)))", "one end more is not read"),
+        ("axis = next((a for a in range(3) if step[a]))", "every direction has a step along one of three axes"),
+    ],
+    "_key": [
+        (
+            f"return cell[:, 0] + OFFSET << 2 * BITS{KEYS}  ->  return cell[:, 0] - OFFSET << 2 * BITS{KEYS}",
+            "other numbers in the same order",
+        )
+    ],
+    "cell_numbers": [
+        ("length and number < 2 * even  ->  length and number < 2 / even", "the effect refuses such a box first"),
+        (
+            f"{NUMBERS}(1 + 1e-06)) {WRAPPED}  ->  {NUMBERS}(1 + 1.0099999999999999e-06)) {WRAPPED}",
+            "any share above rounding and far below one",
+        ),
+    ],
     "weigh_and_pack": [("exchanges.count[i] = found  ->  exchanges.count[i] = found * 1.01", "cut off to an integer")],
     "stepped": [
         ("squared = type(timestep[0])(0)", "only the type is taken"),
@@ -585,6 +679,18 @@ def shapes_agree():
     return True
 
 
+def far_points_stop():
+    """Points beyond all blocks and at no place stop a run, as in test_mpm; a trial of the contract has an answer."""
+    for far in (1e9, -1e9, np.nan):
+        grid = MpmGrid(3, "float64", 2.0)
+        try:
+            REGISTRY["mpm.cells"].program("cpu")(np.array([[1.0, far, 1.0]]), None, None, grid, np.empty(1, np.int32))
+        except RunStopped:
+            continue
+        return False
+    return True
+
+
 @functools.cache
 def programs_with():
     """The operations whose programs call a function, by its name. Those that take the grid have it sort its points."""
@@ -603,26 +709,27 @@ def key(function):
 
 @contextlib.contextmanager
 def backwards():
-    """Loops of threads run from their last part to the first: the order of the parts must not change an answer."""
-    modules = [
-        module for name, module in sys.modules.items() if name.startswith("refsim.") and hasattr(module, "prange")
-    ]
-    right = [module.prange for module in modules]
-    try:
+    """Loops of threads run from their last part to the first, points are sorted in chunks of one: no answer changes."""
+
+    def reverse(*ends):
+        return reversed(range(*ends))
+
+    modules = [module for name, module in sys.modules.items() if name.startswith("refsim.")]
+    with contextlib.ExitStack() as stack:
         for module in modules:
-            module.prange = lambda *ends: reversed(range(*ends))
+            if hasattr(module, "prange"):
+                stack.enter_context(mock.patch.object(module, "prange", reverse))
+        stack.enter_context(mock.patch.object(rows, "range", reverse, create=True))
+        stack.enter_context(mock.patch.object(block_search, "LEAST_CHUNK", 1))
         yield
-    finally:
-        for module, loop in zip(modules, right):
-            module.prange = loop
 
 
-def noticed(operation, deep):
-    """Whether a step of the ladder fails or raises. `deep` takes the steps that need more time."""
+def noticed(operation, deep, seconds=math.inf):
+    """Whether a step of the ladder fails, raises or takes `seconds`. `deep` takes the steps that need more time."""
     variants = [Target(operation, "cpu", "float64", number) for number in range(len(operation.variants))]
-    signal.setitimer(signal.ITIMER_PROF, SECONDS[deep])
+    signal.setitimer(signal.ITIMER_PROF, min(seconds, SECONDS[deep]))
     try:
-        if not shapes_agree():
+        if not shapes_agree() or (operation.name == "mpm.cells" and not far_points_stop()):
             return True
         for target in variants:
             if not deep and not all(outcome.passed for outcome in climbing(target, ("T1",))):
@@ -633,9 +740,13 @@ def noticed(operation, deep):
                     return True
             if deep and not all(outcome.passed for outcome in climbing(target, ("T4", "T5", "T7", "T9"))):
                 return True
-        if deep and any("prange" in function.__code__.co_names for function in functions_behind(operation)):
+        if deep:
             with backwards():
-                return not all(on_case(target, name).passed for target in variants for name in ("cloud_2d", "cloud_3d"))
+                return not all(
+                    on_case(target, name, lists="all_pairs").passed
+                    for target in variants
+                    for name in ("cloud_2d", "cloud_3d")
+                )
     except Exception:
         return True
     finally:
@@ -661,9 +772,11 @@ def inject(operations, part=0, parts=1, names=None):
     {"noticed": {operation: {kind: number}}, "functions": {name: {"planted": {kind: number}, "survived": [slips that no
     operation with the same function notices]}}}. Slips that change no answer are looked for in few cases only.
     """
-    for operation in operations:
-        assert not noticed(operation, False), f"{operation.name} fails before any slip"
-        assert part or not noticed(operation, True), f"{operation.name} fails before any slip"
+    limits = {}
+    for operation, deep in itertools.product(operations, (False,) if part else (False, True)):
+        begun = time.process_time()
+        assert not noticed(operation, deep), f"{operation.name} fails before any slip"
+        limits[operation.name, deep] = 1 + PATIENCE * (time.process_time() - begun)
     users = programs_with()  # while every function's source can still be read
     caught, found = {operation.name: {} for operation in operations}, {}
     for function, group in itertools.groupby(
@@ -678,10 +791,14 @@ def inject(operations, part=0, parts=1, names=None):
             steps = ((others, False),) if harmless(slip) else ((others, False), (operations, True), (others, True))
             function.__code__ = code
             try:
-                by = [operation for operation in operations if noticed(operation, False)]
+                by = [operation for operation in operations if noticed(operation, False, limits[operation.name, False])]
                 for operation in by:
                     caught[operation.name][kind] = caught[operation.name].get(kind, 0) + 1
-                if not by and not any(noticed(operation, deep) for among, deep in steps for operation in among):
+                if not by and not any(
+                    noticed(operation, deep, limits.get((operation.name, deep), math.inf))
+                    for among, deep in steps
+                    for operation in among
+                ):
                     of["survived"].append(slip)
             finally:
                 function.__code__ = right
@@ -711,13 +828,51 @@ def programs():
 
 
 def code_digest(names):
-    """Digest of what a program's slips are made in and judged by: its functions, references and cases."""
+    """Digest of what a program's slips are made in and judged by: its functions, references, cases and closed forms."""
     behind = {function: None for name in names for function in functions_behind(REGISTRY[name])}
     folders = {pathlib.Path(inspect.getfile(function)).parent for function in behind}
     folders |= {ROOT / REGISTRY[name].folder.replace(".", "/") for name in names}
-    files = [folder / name for folder in sorted(folders) for name in ("reference.py", "cases.py")]
-    texts = [*map(inspect.getsource, behind), *(file.read_text() for file in files if file.exists())]
+    texts = [*map(inspect.getsource, behind)]
+    for folder in sorted(folders):
+        texts += [file.read_text() for file in [folder / "reference.py"] if file.exists()]
+        texts += [part for file in [folder / "cases.py"] if file.exists() for part in cases_of(file, names)]
     return hashlib.sha256("\0".join(texts).encode()).hexdigest()[:12]
+
+
+@functools.cache
+def statements(file):
+    """(statement, names that it only defines, operations whose closed form it is) of a file of cases."""
+    found = []
+    for part in ast.parse(file.read_text()).body:
+        marks, own = getattr(part, "decorator_list", ()), []
+        of = [
+            argument.value
+            for mark in marks
+            if isinstance(mark, ast.Call) and ast.unparse(mark.func) == "closed_form"
+            for argument in mark.args
+        ]
+        if isinstance(part, (ast.FunctionDef, ast.ClassDef)) and not marks:
+            own = [part.name]
+        elif isinstance(part, (ast.Import, ast.ImportFrom)):
+            for alias in part.names:
+                one = copy.copy(part)
+                one.names = [alias]
+                found.append((one, [alias.asname or alias.name], []))
+            continue
+        elif isinstance(part, ast.Assign) and all(isinstance(target, ast.Name) for target in part.targets):
+            own = [target.id for target in part.targets]
+        found.append((part, own, of))
+    return found
+
+
+def cases_of(file, names):
+    """Source of what a file of cases holds for the operations: no closed form of others, nor what only those use."""
+    helpers = {name: part for part, own, _ in statements(file) for name in own}
+    taken = [part for part, own, of in statements(file) if not own and (not of or set(of) & set(names))]
+    for part in taken:
+        called = {node.id for node in ast.walk(part) if isinstance(node, ast.Name)} & set(helpers)
+        taken += [helpers.pop(name) for name in sorted(called)]
+    return [ast.unparse(part) for part in taken]
 
 
 def judged(names, part=0, parts=1, seconds=None, functions=()):
@@ -734,19 +889,22 @@ def judged(names, part=0, parts=1, seconds=None, functions=()):
     return json.loads(done.stdout)
 
 
-def publish(jobs, minutes):
+def publish(jobs, minutes, wanted=()):
     """Judge what the record does not hold; returns whether every program is judged and every slip noticed.
 
-    A function that several programs call is judged once. Programs with few slips come first.
+    A function that several programs call is judged once. Programs with few slips come first. With `wanted`, programs of
+    other operations and packages are left as they are.
     """
     from validation.attack.campaign import commit
 
     end, before = time.monotonic() + 60 * minutes, json.loads(RECORD.read_text()) if RECORD.exists() else {}
-    found, stale, waiting, answers = {}, [], [], {}
+    found, stale, waiting, answers, whole = dict(before), [], [], {}, True
     for names in programs():
-        digest, name = code_digest(names), "+".join(names)
-        if before.get(name, {}).get("digest") == digest:
-            found[name] = before[name]
+        digest = code_digest(names)
+        if before.get("+".join(names), {}).get("digest") == digest:
+            continue
+        if wanted and not {names[0].partition(".")[0], *names} & set(wanted):
+            whole = False
         else:
             stale.append((names, digest, needed(REGISTRY[names[0]])))
     for names, _, functions in sorted(stale, key=lambda item: len(list(planted(REGISTRY[item[0][0]])))):
@@ -785,7 +943,8 @@ def publish(jobs, minutes):
     before, _, rest = PAGE.read_text().partition(BEGIN)
     PAGE.write_text(f"{before}{BEGIN}\n{table(record)}\n{END}{rest.partition(END)[2]}")
     gaps = [slip for entry in record.values() for slip in entry["survived"] if not harmless(slip)]
-    return len(record) == len(programs()) and not gaps
+    left = [names for names, digest, _ in stale if record.get("+".join(names), {}).get("digest") != digest]
+    return whole and not left and not gaps
 
 
 def needed(operation):
@@ -817,7 +976,12 @@ def table(record):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("operations", nargs="*", metavar="OPERATION", help="operations that share one program")
+    parser.add_argument(
+        "operations",
+        nargs="*",
+        metavar="OPERATION",
+        help="operations that share one program; with --publish also packages",
+    )
     parser.add_argument("--part", default="0/1", metavar="K/N", help="slips K, K + N, K + 2 N, ...")
     parser.add_argument("--functions", nargs="*", metavar="NAME", help="slips of these functions only")
     parser.add_argument("--publish", action="store_true", help="judge every program; write the record and the page")
@@ -827,7 +991,7 @@ def main():
     warnings.simplefilter("ignore")
     cases.discover()
     if given.publish:
-        return 0 if publish(given.jobs, given.minutes) else EXIT_FAILED
+        return 0 if publish(given.jobs, given.minutes, given.operations) else EXIT_FAILED
     signal.signal(signal.SIGPROF, too_long)
     operations, part = [REGISTRY[name] for name in given.operations], map(int, given.part.split("/"))
     print(json.dumps(inject(operations, *part, given.functions or None)))

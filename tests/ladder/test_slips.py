@@ -65,6 +65,13 @@ def test_parts_are_the_whole():
     assert sum(planted.values()) == len(whole) > 1
 
 
+def test_a_digest_holds_what_an_operation_uses():
+    """Its own closed forms and their helpers, and none of those of others."""
+    held = "\n".join(slips.cases_of(slips.ROOT / "refsim/heat/cases.py", ["heat.explicit"]))
+    names = ("a_pair_forward", "_moved", "steep_volumes", "a_pair_by_legendre", "_swept_twice")
+    assert [name for name in names if f"def {name}(" in held] == ["a_pair_forward", "_moved", "steep_volumes"]
+
+
 def test_the_page_shows_the_record():
     record = json.loads(slips.RECORD.read_text())
     assert slips.table(record) in slips.PAGE.read_text()
