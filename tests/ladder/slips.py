@@ -244,7 +244,7 @@ HARMLESS = {
     ],
     "load_block": [("values = np.zeros((deep * width * width, 4), ", "wider rows hold the same")],
     "gather_block": [("work = np.zeros((4, 4), ", "a larger work space")],
-    "gather_carriers_of": [("work = np.zeros((4, 4), ", "a larger work space")],
+    "gather_carriers": [("work = np.zeros((4, 4), ", "a larger work space")],
     "gather": [
         (f"displacement[1] = real(0)  ->  displacement[1] = {zero}", "a zero has no sign and no size")
         for zero in ("-real(0)", "real(0) * 1.01")
@@ -257,7 +257,7 @@ HARMLESS = {
         (f"{CLEARED}  ->  scratch[b, n, c] = {zero}", "a zero has no sign and no size")
         for zero in ("-type(", "type(scratch[b, n, c])(0) * 1.01")
     ],
-    "collect_block": [
+    "collect": [
         (f"zero = type(scratch[0, 0, 0])(0)  ->  zero = type(scratch[{at}])(0)", "only the type is taken")
         for at in ("1, 0, 0", "0, 1, 0", "0, 0, 1")
     ],
@@ -314,9 +314,9 @@ HARMLESS = {
             "where the next search begins",
         ),
     ],
-    "relax": [
+    "relax": [("parts = (count + PART - 1) // PART  ->  parts = (count + PART + 1)", "a part without rows")],
+    "relax_part": [
         ("block = -1", "where the search begins"),
-        ("prange((count + PART - 1) // PART)  ->  prange((count + PART + 1)", "a part without rows"),
         (
             "range(part * PART, min((part + 1) * PART, count))  ->  range(part * PART, min((part + 2)",
             "a row computed twice is the same",
@@ -603,18 +603,26 @@ def key(function):
 
 @contextlib.contextmanager
 def backwards():
-    """Loops of threads run from their last part to the first: the order of the parts must not change an answer."""
-    modules = [
-        module for name, module in sys.modules.items() if name.startswith("refsim.") and hasattr(module, "prange")
+    """Loops of threads run from their last row to the first: the order of the rows must not change an answer."""
+
+    def last_first(body, rows, arguments):
+        for i in reversed(range(rows)):
+            body(i, *arguments)
+
+    changed = {"over_rows": last_first, "prange": lambda *ends: reversed(range(*ends))}
+    right = [
+        (module, loop, getattr(module, loop))
+        for name, module in sys.modules.items()
+        for loop in changed
+        if name.startswith("refsim.") and hasattr(module, loop)
     ]
-    right = [module.prange for module in modules]
     try:
-        for module in modules:
-            module.prange = lambda *ends: reversed(range(*ends))
+        for module, loop, _ in right:
+            setattr(module, loop, changed[loop])
         yield
     finally:
-        for module, loop in zip(modules, right):
-            module.prange = loop
+        for module, loop, before in right:
+            setattr(module, loop, before)
 
 
 def noticed(operation, deep):
@@ -633,7 +641,7 @@ def noticed(operation, deep):
                     return True
             if deep and not all(outcome.passed for outcome in climbing(target, ("T4", "T5", "T7", "T9"))):
                 return True
-        if deep and any("prange" in function.__code__.co_names for function in functions_behind(operation)):
+        if deep:
             with backwards():
                 return not all(on_case(target, name).passed for target in variants for name in ("cloud_2d", "cloud_3d"))
     except Exception:
