@@ -239,18 +239,17 @@ def interpolate(query, distance_field):
         u = point / h - j
         jumps[i] = (np.minimum(u, 1 - u) < 1e-9 * (1 + np.abs(j))).any()
         for c in range(8):
-            step = np.array([c & 1, c >> 1 & 1, c >> 2])
+            step = c & 1, c >> 1 & 1, c >> 2
             there = tuple((j + step).tolist())
             if there in places:
                 phi = float(field.distance[places[there]])
             else:
                 before = [inside for x, inside in rows.get((there[1] // 4, there[2] // 4), []) if x < there[0] // 4]
                 phi = -band if before and before[-1] else band
-            weight = np.where(step == 1, u, 1 - u)
-            value[i] += weight.prod() * phi
-            for axis in range(3):
-                others = [a for a in range(3) if a != axis]
-                slope[i, axis] += (1 if step[axis] else -1) * weight[others].prod() * phi / h
+            x, y, z = (t if s else 1 - t for s, t in zip(step, u.tolist()))
+            value[i] += x * y * z * phi
+            for axis, others in enumerate((y * z, x * z, x * y)):
+                slope[i, axis] += (1 if step[axis] else -1) * others * phi / h
     size = 1 + np.abs(np.asarray(query, dtype=float)).max(1, initial=0.0) / h * 1e-6
     return {
         "query_distance": (value, band * size),
