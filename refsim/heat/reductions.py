@@ -52,7 +52,7 @@ def weigh_and_pack(i, position, volume, conductivity, neighbours, timestep, cond
     return total
 
 
-@kernel(rows_of="partial")
+@kernel
 def weigh(
     chunk, position, mass, volume, heat_capacity, conductivity, reservoir, neighbours, timestep, conduction, period,
     exchanges, inverse, exchange_sum, partial,

@@ -20,7 +20,7 @@ def melt(
     melted_count[0] = partial.sum()
 
 
-@kernel(rows_of="partial")
+@kernel
 def melt_chunk(
     chunk, identity, temperature, enthalpy, melting_point, latent_heat, melting, melted, mass, rest_density,
     conductivity, heat_capacity, phase, partial,

@@ -29,7 +29,7 @@ def particle_crowding(i, position, volume_ratio, node_mass, cell, background, co
     return volume_ratio[i] * total
 
 
-@kernel(rows_of="partial")
+@kernel
 def count_chunk(chunk, position, volume_ratio, node_mass, cell, background, counting, blocks, crowding, partial):
     """Counted density over that of J for the particles of a chunk, and the largest; a NaN counts as infinite."""
     real = type(background.cell_size)

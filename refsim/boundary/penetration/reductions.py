@@ -24,7 +24,7 @@ def kick_drift(
     displacement[:] = partial[:, 0].max(), partial[:, 1].sum()
 
 
-@kernel(rows_of="partial")
+@kernel
 def step_chunk(
     chunk, acceleration, identity, build_position, bounds, timestep, solid_field, penetration, corrections, velocity,
     position, partial,
