@@ -238,6 +238,7 @@ def _set_compiler(dispatcher: Any, packed: bool) -> None:
     @global_compiler_lock
     def compile_so(signature: Any) -> Any:
         global _compiling
+        numba.get_num_threads()  # loads what `over_rows` calls
         before = numba.config.SLP_VECTORIZE
         _compiling += 1
         try:
@@ -254,8 +255,10 @@ def _set_compiler(dispatcher: Any, packed: bool) -> None:
     dispatcher.compile = compile_so
 
 
-def cpu_kernel(function: Callable | None = None, *, ordered: bool = False, packed: bool = False) -> Any:
-    """Compile a kernel for the CPU that writes its own loop, a `prange`.
+def cpu_kernel(
+    function: Callable | None = None, *, ordered: bool = False, packed: bool = False, parallel: bool = False
+) -> Any:
+    """Compile a kernel for the CPU that gives its loops to `over_rows`, or with `parallel` to Numba's `prange`.
 
     Sums may be taken in another order and products fused, so that loops over neighbours vectorise. The
     contract's bound holds for any order of summation; NaN and infinity keep their meaning. `ordered` keeps the order
@@ -263,12 +266,12 @@ def cpu_kernel(function: Callable | None = None, *, ordered: bool = False, packe
     code that does the same with each of four numbers that stand side by side in memory (see `_set_compiler`).
     """
     if function is None:
-        return functools.partial(cpu_kernel, ordered=ordered, packed=packed)
-    return _for_cpu(function, (function.__module__, function.__qualname__), ordered, packed, parallel=True)
+        return functools.partial(cpu_kernel, ordered=ordered, packed=packed, parallel=parallel)
+    return _for_cpu(function, (function.__module__, function.__qualname__), ordered, packed, parallel)
 
 
-def _for_cpu(function: Callable, origin: tuple[str, str], ordered: bool, packed: bool, **options: bool) -> Any:
-    """The function compiled with `options` of Numba.
+def _for_cpu(function: Callable, origin: tuple[str, str], ordered: bool, packed: bool, parallel: bool = False) -> Any:
+    """The function compiled; its loops are `prange` if it is `parallel`.
 
     A process that compiles a `prange` loop (`parallel`) holds its body twice, optimised differently. It runs one of
     them; a process that loads the loop from the cache runs the other. If the order of a sum is free, the last bits
@@ -276,10 +279,11 @@ def _for_cpu(function: Callable, origin: tuple[str, str], ordered: bool, packed:
     such a loop, and this one loads it.
     """
     flags = ANY_ORDER - {"reassoc"} if ordered else ANY_ORDER
+    options = {"parallel": True} if parallel else {"nogil": True}
     dispatcher = njit(error_model="numpy", fastmath=set(flags), **options)(function)
     if hasattr(dispatcher, "compile"):
         _set_compiler(dispatcher, packed)
-    return _cached(dispatcher, function, origin, apart=options.get("parallel", False))
+    return _cached(dispatcher, function, origin, apart=parallel)
 
 
 class CudaKernel:
@@ -453,9 +457,8 @@ class Kernel:
             if backend == "cuda":
                 self._made[backend] = cuda_kernel(function, **self.options[backend])
             else:
-                numba.get_num_threads()  # loads what `over_rows` calls
                 origin = (self.__module__, self.__wrapped__.__qualname__)
-                self._made[backend] = _for_cpu(function, origin, nogil=True, **self.options[backend])
+                self._made[backend] = _for_cpu(function, origin, **self.options[backend])
         return self._made[backend]
 
     def __call__(self, *arguments: Any) -> None:

@@ -570,7 +570,8 @@ def _from_another_start(target: Target, free: list[str]) -> Outcome:
     other = {n: np.full_like(first[n], 7) for n in free if n not in operation.adds}
     start = {n: 3 * first[n] for n in zero}
     begun, second = target.launch(inputs, before=other | start)
-    answer = {n: (first[n].astype(float), oracle(operation, inputs)[n][1]) for n in zero}
+    usual = oracle(operation, inputs) if zero else {}
+    answer = {n: (first[n].astype(float), usual[n][1]) for n in zero}
     found = errors(operation, inputs, begun, second, answer=answer, share=2.0) if zero else {}
     found |= {n: np.array([0.0 if first[n].tobytes() == second[n].tobytes() else np.inf]) for n in other}
     words = named_worst(found)
@@ -618,7 +619,8 @@ def _spoiled(usual: _Usual, name: str) -> Outcome:
     far = (distance > 1.1 * inputs.case.list_radius * operation.reach) & (operation.reach > 0)
     answer = usual.expected
     other = oracle(operation, inputs.replaced(**{name: changed}))
-    whole = {n: v for n, v in oracle(operation, broken_inputs).items() if not inputs.per_particle(n)}
+    of_all = [n for n in answer if not inputs.per_particle(n)]
+    whole = {n: v for n, v in (oracle(operation, broken_inputs) if of_all else {}).items() if n in of_all}
     counted = errors(operation, broken_inputs, before, after, answer=whole)
     found, visible, words = {}, False, ""
     for output, (value, scale) in answer.items():

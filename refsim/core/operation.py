@@ -143,9 +143,7 @@ class Operation:
 
     def arguments(self, name: str) -> tuple[str, ...]:
         """Names that the program called `name` takes, in order."""
-        function = self.program(name)
-        names = inspect.signature(getattr(function, "py_func", function)).parameters
-        return tuple(name for name in names if name != "rows")
+        return _arguments(self.program(name))
 
     def bind(self, program: str, lookup: Callable[[str], Any]) -> Callable[[], None]:
         """A call without arguments: the program of that name on the values that `lookup` gives for its arguments."""
@@ -286,6 +284,13 @@ def enter(procedure: Procedure) -> Procedure:
 def backend_of(program: str) -> str:
     """The backend on which the program of this name runs."""
     return program.partition(":")[0]
+
+
+@functools.cache
+def _arguments(function: Callable) -> tuple[str, ...]:
+    """Names that a program takes, but for `rows`."""
+    names = inspect.signature(getattr(function, "py_func", function)).parameters
+    return tuple(name for name in names if name != "rows")
 
 
 @functools.cache

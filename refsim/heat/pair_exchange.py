@@ -14,7 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from refsim.backends.compile import cpu_kernel, formula, kernel, prange
+from refsim.backends.compile import cpu_kernel, formula, kernel
+from refsim.backends.rows import over_rows
 from refsim.core.errors import InputError
 from refsim.core.period import Period
 from refsim.heat.formulas import pair_share
@@ -69,6 +70,9 @@ def exchange_cells(
     )  # fmt: skip
 
 
+exchange_cells_of = exchange_cells.body
+
+
 @cpu_kernel
 def exchange_colours(
     cells, ends, members, first, backwards, position, volume, conductivity, inverse, timestep, conduction, period,
@@ -77,11 +81,13 @@ def exchange_colours(
     """M(4) for all pairs of the cells of one colour after the other: one launch on a CPU [degrees C]."""
     for n in range(ends.shape[0] - 1):
         colour = ends.shape[0] - 2 - n if backwards else n
-        for c in prange(ends[colour], ends[colour + 1]):
-            exchange_two_cells(
-                cells[c, 0], cells[c, 1], members, first, backwards, position, volume, conductivity, inverse, timestep,
-                conduction, period, temperature,
-            )  # fmt: skip
+        over_rows(
+            exchange_cells_of, ends[colour + 1] - ends[colour],
+            (
+                cells[ends[colour] : ends[colour + 1]], members, first, backwards, position, volume, conductivity,
+                inverse, timestep, conduction, period, temperature,
+            ),
+        )  # fmt: skip
 
 
 @formula

@@ -5,12 +5,11 @@ The neighbour list reaches further than the support radius: a CPU keeps a list o
 
 import numpy as np
 
-from refsim.backends.compile import cpu_kernel, formula, prange
+from refsim.backends.chunks import CHUNKS, limits
+from refsim.backends.compile import cpu_kernel, formula, kernel, prange
 from refsim.heat.kernels import inverse_capacity, weight
 from refsim.heat.shapes import ExchangeRows
 from refsim.neighbours.rows import row_of
-
-CHUNKS = 64  # of a sum, fixed, so that it does not depend on the number of threads
 
 
 def weighed(
@@ -26,10 +25,12 @@ def weighed(
     )
     inverse, sums = scratch.array("heat inverse", n, real), scratch.array("heat sums", n, real)
     largest = scratch.array("heat largest", 1, real)
+    partial = scratch.array("heat largest of chunks", CHUNKS, real)
     weigh(
         position, mass, volume, heat_capacity, conductivity, reservoir, neighbours, timestep, conduction, period,
-        exchanges, inverse, sums, largest,
+        exchanges, inverse, sums, partial,
     )  # fmt: skip
+    largest[0] = partial.max()
     return exchanges, inverse, sums, largest
 
 
@@ -47,19 +48,20 @@ def weigh_and_pack(i, position, volume, conductivity, neighbours, timestep, cond
             exchanges.weight[first + found * stride] = g
             total += g
             found += np.uint64(1)
-    exchanges.count[i] = found  # here: in a loop of Numba's own a store into a tuple's array is lost
+    exchanges.count[i] = found
     return total
 
 
-@cpu_kernel
+@kernel
 def weigh(
-    position, mass, volume, heat_capacity, conductivity, reservoir, neighbours, timestep, conduction, period,
-    exchanges, inverse, exchange_sum, largest,
+    chunk, position, mass, volume, heat_capacity, conductivity, reservoir, neighbours, timestep, conduction, period,
+    exchanges, inverse, exchange_sum, partial,
 ):  # fmt: skip
-    """The exchanges of every particle with their weights [J/K], 1/C_i [K/J], s_i, and the largest s_i."""
-    real = largest.dtype.type
+    """The exchanges of the particles of a chunk with weights [J/K], their 1/C_i [K/J] and s_i, and its largest s_i."""
+    real = partial.dtype.type
+    begin, end = limits(chunk, exchange_sum.shape[0])
     most = real(0)
-    for i in prange(exchange_sum.shape[0]):
+    for i in range(begin, end):
         total = weigh_and_pack(i, position, volume, conductivity, neighbours, timestep, conduction, period, exchanges)
         inverse[i] = inverse_capacity(i, mass, volume, heat_capacity, reservoir, conduction)
         own = inverse[i] * total
@@ -67,7 +69,7 @@ def weigh(
         if not own < real(np.inf):
             own = real(np.inf)
         most = max(most, own)
-    largest[0] = most
+    partial[chunk] = most
 
 
 # Conjugate gradients; dots (3,): r z of this pass, p A p, r z of the pass before; all in float64
@@ -126,7 +128,7 @@ def step(inverse, direction, image, dots, solution, residual, gradient, scratch)
     dots[2], dots[0] = dots[0], partial.sum()
 
 
-@cpu_kernel
+@cpu_kernel(parallel=True)
 def turn_chunks(exchanges, inverse, gradient, dots, old, direction, image, partial):
     """p = z + beta p_before [K], A p [J], and p A p of each chunk."""
     share = step_ratio(dots[0], dots[2], direction.dtype.type)
@@ -140,7 +142,7 @@ def turn_chunks(exchanges, inverse, gradient, dots, old, direction, image, parti
         partial[chunk] = total
 
 
-@cpu_kernel
+@cpu_kernel(parallel=True)
 def step_chunks(inverse, direction, image, dots, solution, residual, gradient, partial):
     """x += alpha p, r -= alpha A p, z = r/C [K; J; K], and r z of each chunk."""
     length = step_ratio(dots[0], dots[1], direction.dtype.type)

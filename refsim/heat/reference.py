@@ -219,40 +219,32 @@ def rounds(position, side, dim, period):
             cell[:, axis] %= n
 
     def beside(key, direction):
-        moved = [k + d for k, d in zip(key, direction)]
-        return tuple(m % n if n else m for m, n in zip(moved, wraps))
+        moved = key[0] + direction[0], key[1] + direction[1], key[2] + direction[2]
+        return moved if period is None else tuple(m % n if n else m for m, n in zip(moved, wraps))
 
     members = {}
     for i, key in enumerate(map(tuple, cell.tolist())):
         members.setdefault(key, []).append(i)
-    largest = max(map(len, members.values()), default=0)
-    for k in range(largest):
-        done = []
-        for own in members.values():
-            p = len(own)
-            if k < p:
-                done += [(own[a], own[(k - a) % p]) for a in range(p) if a < (k - a) % p]
-        if done:
-            yield done
+    turns = {}
+    for own in members.values():
+        for b, j in enumerate(own):
+            for a, i in enumerate(own[:b]):
+                turns.setdefault((a + b) % len(own), []).append((i, j))
+    yield from (turns[k] for k in sorted(turns))
     steps = [(a - 2, b - 2, c - 2) for a, b, c in np.ndindex(5, 5, 5)]
     for x, y, z in sorted(steps[63:], key=lambda d: -(d[0] ** 2 + d[1] ** 2 + d[2] ** 2)):
         if dim == 2 and z != 0:
             continue
         axis, stride = (0, x) if x else (1, y) if y else (2, z)
-        for parity in (0, 1):
-            met = [
-                (own, members[beside(key, (x, y, z))])
-                for key, own in members.items()
-                if key[axis] // stride % 2 == parity and beside(key, (x, y, z)) in members
-            ]
-            for k in range(max((max(len(own), len(other)) for own, other in met), default=0)):
-                done = []
-                for own, other in met:
-                    m = max(len(own), len(other))
-                    if k < m:
-                        done += [(own[a], other[(a + k) % m]) for a in range(len(own)) if (a + k) % m < len(other)]
-                if done:
-                    yield done
+        parities = {}, {}
+        for key, own in members.items():
+            other = members.get(beside(key, (x, y, z)), [])
+            turns, m = parities[key[axis] // stride % 2], max(len(own), len(other))
+            for a, i in enumerate(own):
+                for b, j in enumerate(other):
+                    turns.setdefault((b - a) % m, []).append((i, j))
+        for turns in parities:
+            yield from (turns[k] for k in sorted(turns))
 
 
 def single_pass(

@@ -2,7 +2,10 @@
 
 import math
 
-from refsim.backends.compile import cpu_kernel, formula, prange
+import numpy as np
+
+from refsim.backends.chunks import CHUNKS, limits
+from refsim.backends.compile import formula, kernel
 from refsim.mpm.formulas import fraction, spline_weights
 from refsim.sparse_grid.formulas import node_coordinates, step_node
 
@@ -26,21 +29,23 @@ def particle_crowding(i, position, volume_ratio, node_mass, cell, background, co
     return volume_ratio[i] * total
 
 
-@cpu_kernel
-def count_all(position, volume_ratio, node_mass, cell, background, counting, blocks, greatest_crowding, crowding):
-    """Counted density over that of J for every particle, and the largest; a NaN counts as infinite."""
+@kernel
+def count_chunk(chunk, position, volume_ratio, node_mass, cell, background, counting, blocks, crowding, partial):
+    """Counted density over that of J for the particles of a chunk, and the largest; a NaN counts as infinite."""
     real = type(background.cell_size)
     greatest = real(0)
-    for i in prange(crowding.shape[0]):
+    begin, end = limits(chunk, crowding.shape[0])
+    for i in range(begin, end):
         own = particle_crowding(i, position, volume_ratio, node_mass, cell, background, counting, blocks)
         crowding[i] = own
         greatest = max(greatest, own if own < real(math.inf) else real(math.inf))
-    greatest_crowding[0] = greatest
+    partial[chunk] = greatest
 
 
 def count(position, volume_ratio, node_mass, background, counting, grid, greatest_crowding, crowding):
     """Counted density over that of J for every particle, and the largest; dimensionless."""
-    count_all(
-        position, volume_ratio, node_mass, grid.cells["particles"], background, counting, grid.blocks,
-        greatest_crowding, crowding,
-    )  # fmt: skip
+    partial = np.zeros(CHUNKS, crowding.dtype)
+    count_chunk(
+        position, volume_ratio, node_mass, grid.cells["particles"], background, counting, grid.blocks, crowding, partial
+    )
+    greatest_crowding[0] = partial.max()

@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 
-from refsim.backends.compile import cpu_kernel, formula, prange
+from refsim.backends.compile import cpu_kernel, formula, kernel, prange
 from refsim.mpm.formulas import CLUSTER, CORRECTED, determinant, dilation, spline_weights
 from refsim.mpm.kernels import layer_weights, place, spread_of
 from refsim.sparse_grid.formulas import node_coordinates
@@ -282,7 +282,7 @@ def gather_block(
     return far, least, most, fast, jump
 
 
-@cpu_kernel(ordered=True, packed=True)
+@cpu_kernel(ordered=True, packed=True, parallel=True)
 def gather(
     bins, node_velocity, cell, liquid, background, timestep, blocks, cluster_share, inverse_spread, embedding,
     carrier_first, carrier_position, carrier_moment, build_position, displacement, step_extremes, velocity, affine,
@@ -327,9 +327,13 @@ def grid_to_particle(
     )  # fmt: skip
 
 
-@formula
-def gather_carriers_of(b, bins, node_velocity, carrier_position, carrier_cell, background, blocks, carrier_moment):
-    """One block of `gather_carriers`."""
+@kernel(rows_of="keys", ordered=True, packed=True, allocates=True)
+def gather_carriers(
+    b, bins, node_velocity, carrier_position, carrier_cell, background, blocks, keys, carrier_moment
+):  # fmt: skip
+    """Moments of the nodes' velocities about the embedded points of block b."""
+    if bins.first[b] == bins.first[b + 1]:
+        return
     width = background.width
     origin = node_coordinates(blocks, b * 64)
     values = load_block(b, blocks, background, node_velocity)
@@ -347,19 +351,10 @@ def gather_carriers_of(b, bins, node_velocity, carrier_position, carrier_cell, b
             carrier_moment[i, 3 + c] = m[c]
 
 
-@cpu_kernel(ordered=True, packed=True)
-def gather_carriers(bins, node_velocity, carrier_position, carrier_cell, background, blocks, carrier_moment):
-    """Moments of the nodes' velocities about every embedded point."""
-    for b in prange(blocks.keys.shape[0]):
-        if bins.first[b + 1] > bins.first[b]:
-            gather_carriers_of(
-                b, bins, node_velocity, carrier_position, carrier_cell, background, blocks, carrier_moment
-            )
-
-
 def grid_to_carriers(node_velocity, carrier_position, background, grid, carrier_moment):
     """Sums of B v and B v (x_j - x_q)^T about every embedded point."""
     cell = grid.cells["carriers"]
     gather_carriers(
-        grid.bins["carriers"], node_velocity, carrier_position, cell, background, grid.blocks, carrier_moment
-    )
+        grid.bins["carriers"], node_velocity, carrier_position, cell, background, grid.blocks, grid.blocks.keys,
+        carrier_moment,
+    )  # fmt: skip

@@ -9,7 +9,7 @@ A point gives node j the momentum B_j(x) (q + g (j - base)): an affine field wit
 stencil and gradient g, both times mass; g is a tuple, row by row, in units of momentum per node.
 """
 
-from refsim.backends.compile import cpu_kernel, formula, prange
+from refsim.backends.compile import cpu_kernel, formula, kernel, prange
 from refsim.mpm.formulas import CLUSTER, spline_slopes, spline_weights, stress_moment
 from refsim.mpm.kernels import layer_slopes, layer_weights, place, round_spread, spread_of
 from refsim.sparse_grid.formulas import node_coordinates
@@ -185,12 +185,14 @@ def clear(scratch, b):
             scratch[b, n, c] = type(scratch[b, n, c])(0)
 
 
-@formula
-def scatter_particles_of(
+@kernel(ordered=True, packed=True)
+def scatter_particles(
     b, bins, position, velocity, mass, affine, volume_ratio, acceleration, cell, liquid, background, timestep,
     cluster_share, inverse_spread, embedding, kernel_gradient, blocks, scratch,
 ):  # fmt: skip
-    """One block of `scatter_particles`."""
+    """Sums of the particles of block b on the nodes in their reach."""
+    if bins.first[b] == bins.first[b + 1]:
+        return
     width = background.width
     origin = node_coordinates(blocks, b * 64)
     clear(scratch, b)
@@ -213,23 +215,12 @@ def scatter_particles_of(
             add_gradient(nodes, at, width, background, wx, wy, wz, spline_slopes(fx), spline_slopes(fy), slopes, t)
 
 
-@cpu_kernel(ordered=True, packed=True)
-def scatter_particles(
-    bins, position, velocity, mass, affine, volume_ratio, acceleration, cell, liquid, background, timestep,
-    cluster_share, inverse_spread, embedding, kernel_gradient, blocks, scratch,
-):  # fmt: skip
-    """Sums of each block's particles on the nodes in their reach."""
-    for b in prange(scratch.shape[0]):
-        if bins.first[b + 1] > bins.first[b]:
-            scatter_particles_of(
-                b, bins, position, velocity, mass, affine, volume_ratio, acceleration, cell, liquid, background,
-                timestep, cluster_share, inverse_spread, embedding, kernel_gradient, blocks, scratch,
-            )  # fmt: skip
+@kernel(rows_of="scratch")
+def collect(b, bins, blocks, add, scratch, node_mass, node_momentum):
+    """m_j [kg] and (mv)_j [kg m/s] of the nodes of block b; added to the present values if `add`.
 
-
-@formula
-def collect_block(b, bins, blocks, add, scratch, node_mass, node_momentum):
-    """One block of `collect`: each node sums the copies of its own block and of those below it."""
+    Each node sums the copies of its own block and of those below it.
+    """
     bits, width = (2, 6) if blocks.neighbour.shape[1] == 27 else (3, 10)
     rest = (1 << bits) - 1
     middle = blocks.neighbour.shape[1] // 2
@@ -257,13 +248,6 @@ def collect_block(b, bins, blocks, add, scratch, node_mass, node_momentum):
         node_momentum[n, 0] = px
         node_momentum[n, 1] = py
         node_momentum[n, 2] = pz
-
-
-@cpu_kernel
-def collect(bins, blocks, add, scratch, node_mass, node_momentum):
-    """m_j [kg] and (mv)_j [kg m/s] from the blocks' sums; added to the present values if `add`."""
-    for b in prange(scratch.shape[0]):
-        collect_block(b, bins, blocks, add, scratch, node_mass, node_momentum)
 
 
 def particle_to_grid(
@@ -300,7 +284,7 @@ def scatter_carriers_of(
         add_affine(nodes, (z * width + y) * width + x, width, background, wx, wy, wz, own, qx, qy, qz, g)
 
 
-@cpu_kernel(ordered=True, packed=True)
+@cpu_kernel(ordered=True, packed=True, parallel=True)
 def scatter_carriers(
     bins, carrier_position, carrier_owner, carrier_cell, position, velocity, mass, affine, volume_ratio, acceleration,
     liquid, background, timestep, cluster_share, inverse_spread, embedding, blocks, scratch,

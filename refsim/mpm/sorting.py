@@ -5,15 +5,14 @@ Points are taken in chunks; within a chunk the block of the point before is trie
 
 import numpy as np
 
-from refsim.backends.compile import cpu_kernel, formula, kernel, prange
+from refsim.backends.chunks import CHUNKS, limits
+from refsim.backends.compile import formula, kernel
 from refsim.mpm.formulas import base_coordinate
 from refsim.mpm.grid import FARTHEST
 from refsim.mpm.kernels import key_of, write_keys
 from refsim.neighbours.formulas import lower_bound
 from refsim.sparse_grid.block_search import points_by_block
 from refsim.sparse_grid.formulas import block_bits
-
-CHUNKS = 64
 
 
 @formula
@@ -47,14 +46,11 @@ def find_chunk(begin, end, position, inverse_cell, keys, complete, bits, cell):
     return missing, lost
 
 
-@cpu_kernel
-def write_cells(position, inverse_cell, keys, complete, bits, counts, cell):
+@kernel(rows_of="counts")
+def write_cells(chunk, position, inverse_cell, keys, complete, bits, counts, cell):
     """Cell of each point: number of its base node; -1 outside all blocks. counts[chunk] = (missing, lost)."""
-    n = cell.shape[0]
-    for chunk in prange(CHUNKS):
-        counts[chunk, 0], counts[chunk, 1] = find_chunk(
-            chunk * n // CHUNKS, (chunk + 1) * n // CHUNKS, position, inverse_cell, keys, complete, bits, cell
-        )
+    begin, end = limits(chunk, cell.shape[0])
+    counts[chunk, 0], counts[chunk, 1] = find_chunk(begin, end, position, inverse_cell, keys, complete, bits, cell)
 
 
 @kernel(rows_of="ends")

@@ -12,7 +12,7 @@ On a CPU a thread sums one number over all boxes; `fast_summation_cuda` has the 
 
 import numpy as np
 
-from refsim.backends.compile import cpu_kernel, formula, kernel, prange
+from refsim.backends.compile import formula, kernel
 from refsim.shape_matching.formulas import turned
 from refsim.shape_matching.kernels import (
     damp_end,
@@ -30,7 +30,7 @@ from refsim.shape_matching.phases import EMPTY
 def match(solid_position, region_share, region, region_count, boxes, matching, region_center, region_anchor, rotation):
     """Center, rotation and anchor of every region."""
     match_cells(solid_position, region_share, boxes)
-    sum_boxes(matching.half_width, 17, boxes)
+    sum_boxes(matching.half_width, boxes, boxes.first[:17])
     match_nodes(
         solid_position, region_share, region, region_count, boxes, matching, region_center, region_anchor, rotation
     )
@@ -42,7 +42,7 @@ def pull(
 ):  # fmt: skip
     """Pull of every node towards its goal; added to the acceleration."""
     goal_cells(solid_position, region_count, region_anchor, rotation, boxes, matching)
-    sum_boxes(matching.half_width, 13, boxes)
+    sum_boxes(matching.half_width, boxes, boxes.first[:13])
     goal_nodes(
         velocity, solid_position, region, region_count, region_anchor, rotation, place, boxes, matching, timestep,
         acceleration, solid_velocity,
@@ -55,7 +55,7 @@ def region_motion(
 ):  # fmt: skip
     """Velocity and spin of every region."""
     motion_cells(solid_position, solid_velocity, region_share, boxes)
-    sum_boxes(matching.half_width, 17, boxes)
+    sum_boxes(matching.half_width, boxes, boxes.first[:17])
     motion_nodes(
         solid_position, solid_velocity, region_share, region, region_count, region_center, boxes, matching,
         region_velocity, region_spin,
@@ -68,7 +68,7 @@ def damp(
 ):  # fmt: skip
     """Damping of every node towards the rigid motion of its regions; added to the acceleration."""
     damp_cells(solid_position, solid_velocity, region_count, region_center, region_velocity, region_spin, boxes)
-    sum_boxes(matching.half_width, 7, boxes)
+    sum_boxes(matching.half_width, boxes, boxes.first[:7])
     damp_nodes(
         solid_position, solid_velocity, region, region_count, region_center, region_velocity, region_spin, place, boxes,
         matching, timestep, acceleration,
@@ -337,37 +337,30 @@ def damp_nodes(
 # Terms and sums on a CPU
 
 
-@cpu_kernel(ordered=True)
-def match_cells(solid_position, region_share, boxes):
-    """Terms of every node's cell."""
-    for s in prange(boxes.cell.shape[0]):
-        match_cell(boxes.cell[s], solid_position, region_share, boxes)
+@kernel(rows_of="region_share", ordered=True)
+def match_cells(s, solid_position, region_share, boxes):
+    """Terms of the cell of node s."""
+    match_cell(boxes.cell[s], solid_position, region_share, boxes)
 
 
-@cpu_kernel(ordered=True)
-def goal_cells(solid_position, region_count, region_anchor, rotation, boxes, matching):
-    """Terms of every node's cell."""
-    for s in prange(boxes.cell.shape[0]):
-        goal_cell(boxes.cell[s], solid_position, region_count, region_anchor, rotation, boxes, matching.spacing)
+@kernel(rows_of="region_count", ordered=True)
+def goal_cells(s, solid_position, region_count, region_anchor, rotation, boxes, matching):
+    """Terms of the cell of node s."""
+    goal_cell(boxes.cell[s], solid_position, region_count, region_anchor, rotation, boxes, matching.spacing)
 
 
-@cpu_kernel(ordered=True)
-def motion_cells(solid_position, solid_velocity, region_share, boxes):
-    """Terms of every node's cell."""
-    for s in prange(boxes.cell.shape[0]):
-        motion_cell(boxes.cell[s], solid_position, solid_velocity, region_share, boxes)
+@kernel(rows_of="region_share", ordered=True)
+def motion_cells(s, solid_position, solid_velocity, region_share, boxes):
+    """Terms of the cell of node s."""
+    motion_cell(boxes.cell[s], solid_position, solid_velocity, region_share, boxes)
 
 
-@cpu_kernel(ordered=True)
-def damp_cells(
-    solid_position, solid_velocity, region_count, region_center, region_velocity, region_spin, boxes
-):  # fmt: skip
-    """Terms of every node's cell."""
-    for s in prange(boxes.cell.shape[0]):
-        damp_cell(
-            boxes.cell[s], solid_position, solid_velocity, region_count, region_center, region_velocity, region_spin,
-            boxes,
-        )  # fmt: skip
+@kernel(rows_of="region_count", ordered=True)
+def damp_cells(s, solid_position, solid_velocity, region_count, region_center, region_velocity, region_spin, boxes):
+    """Terms of the cell of node s."""
+    damp_cell(
+        boxes.cell[s], solid_position, solid_velocity, region_count, region_center, region_velocity, region_spin, boxes
+    )
 
 
 @formula
@@ -407,8 +400,10 @@ def box_sums(source, target, half_width, boxes):
                 target[boxes.cell[s]] = total
 
 
-@cpu_kernel(ordered=True)
-def sum_boxes(half_width, count, boxes):
-    """Sums of the first `count` numbers over the box around every node, into boxes.second."""
-    for c in prange(count):
-        box_sums(boxes.first[c], boxes.second[c], half_width, boxes)
+@kernel(rows_of="terms", ordered=True, allocates=True)
+def sum_boxes(c, half_width, boxes, terms):
+    """Sums of number c over the box around every node, into boxes.second.
+
+    terms  (count, cells) the first rows of boxes.first
+    """
+    box_sums(terms[c], boxes.second[c], half_width, boxes)

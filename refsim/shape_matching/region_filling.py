@@ -1,6 +1,6 @@
 """Filling of regions on a CPU, where a thread fills a region; `region_filling_cuda` has the CUDA kernel."""
 
-from refsim.backends.compile import cpu_kernel, formula, prange
+from refsim.backends.compile import formula, kernel
 from refsim.shape_matching.formulas import slot_offset
 from refsim.shape_matching.phases import EMPTY
 
@@ -8,15 +8,14 @@ LEVEL = 28  # bits of a node's number; the bits above hold its level while a reg
 NUMBER = (1 << LEVEL) - 1
 
 
-@cpu_kernel(ordered=True)
-def regions(direct, rebuild, lattice, region, region_count):
-    """Regions by filling level by level; all of them, or those marked in `rebuild`."""
-    for s in prange(region_count.shape[0]):
-        wanted = True
-        if rebuild is not None:
-            wanted = rebuild[s] != 0
-        if wanted:
-            region_count[s] = fill_region(s, direct, region)
+@kernel(ordered=True)
+def regions(s, direct, rebuild, lattice, region, region_count):
+    """Region of node s by filling level by level; of every node, or of those marked in `rebuild`."""
+    wanted = True
+    if rebuild is not None:
+        wanted = rebuild[s] != 0
+    if wanted:
+        region_count[s] = fill_region(s, direct, region)
 
 
 @formula

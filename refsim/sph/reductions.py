@@ -1,11 +1,14 @@
 """Maxima over all particles, and the leap-frog step that yields the largest displacement.
 
-One parallel loop each; `reductions_cuda` has the CUDA kernels.
+On a CPU each chunk of the particles has its own; `reductions_cuda` has the CUDA kernels.
 """
 
 import math
 
-from refsim.backends.compile import cpu_kernel, formula, prange
+import numpy as np
+
+from refsim.backends.chunks import CHUNKS, limits
+from refsim.backends.compile import formula, kernel
 
 
 @formula
@@ -30,26 +33,30 @@ def squares(i, velocity, acceleration, temperature, temperature_range, exchange_
     return speed, force, rate, excess, broken
 
 
-@cpu_kernel
 def extremes(velocity, acceleration, temperature, temperature_range, exchange_rate, extremes):
     """Largest |v|^2 and |a|^2, number of particles with a value that is not finite, largest rate and excess."""
-    speed = extremes.dtype.type(0)
-    force = extremes.dtype.type(0)
-    rate = extremes.dtype.type(0)
-    excess = extremes.dtype.type(0)
+    partial = np.zeros((CHUNKS, len(extremes)), extremes.dtype)
+    extremes_chunk(velocity, acceleration, temperature, temperature_range, exchange_rate, partial)
+    extremes[:] = partial.max(0)
+    extremes[2] = partial[:, 2].sum()
+
+
+@kernel
+def extremes_chunk(chunk, velocity, acceleration, temperature, temperature_range, exchange_rate, partial):
+    """`extremes` of a chunk of the particles."""
+    zero = partial.dtype.type(0)
+    speed, force, rate, excess = zero, zero, zero, zero
+    begin, end = limits(chunk, velocity.shape[0])
     broken = 0
-    for i in prange(velocity.shape[0]):
+    for i in range(begin, end):
         s, f, r, e, bad = squares(i, velocity, acceleration, temperature, temperature_range, exchange_rate)
         speed = max(speed, s)
         force = max(force, f)
         rate = max(rate, r)
         excess = max(excess, e)
         broken += bad
-    extremes[0] = speed
-    extremes[1] = force
-    extremes[2] = broken
-    extremes[3] = rate
-    extremes[4] = excess
+    partial[chunk, 0], partial[chunk, 1], partial[chunk, 2] = speed, force, broken
+    partial[chunk, 3], partial[chunk, 4] = rate, excess
 
 
 @formula
@@ -77,15 +84,22 @@ def stepped(i, position, velocity, acceleration, build_position, bounds, timeste
     return squared, stopped
 
 
-@cpu_kernel
 def kick_drift(acceleration, build_position, bounds, timestep, displacement, velocity, position):
     """Leap-frog step; `displacement` is the largest squared displacement since the list was built [m^2] and the number
     of particles that a wall's plane stopped."""
-    largest = displacement.dtype.type(0)
+    partial = np.zeros((CHUNKS, len(displacement)), displacement.dtype)
+    step_chunk(acceleration, build_position, bounds, timestep, velocity, position, partial)
+    displacement[:] = partial[:, 0].max(), partial[:, 1].sum()
+
+
+@kernel
+def step_chunk(chunk, acceleration, build_position, bounds, timestep, velocity, position, partial):
+    """`kick_drift` of a chunk of the particles: its largest squared displacement [m^2] and number of stops."""
+    largest = partial.dtype.type(0)
+    begin, end = limits(chunk, position.shape[0])
     stopped = 0
-    for i in prange(position.shape[0]):
+    for i in range(begin, end):
         squared, hit = stepped(i, position, velocity, acceleration, build_position, bounds, timestep)
         largest = max(largest, squared)
         stopped += hit
-    displacement[0] = largest
-    displacement[1] = stopped
+    partial[chunk, 0], partial[chunk, 1] = largest, stopped

@@ -21,7 +21,7 @@ import os
 from refsim.backends.compile import cpu_kernel, kernel, prange
 open(os.environ["SEEN"], "a").write(f"{os.getpid()}\\n")  # the processes that import this module
 
-@cpu_kernel
+@cpu_kernel(parallel=True)
 def doubled(values):
     for i in prange(values.shape[0]):
         values[i] *= 2
@@ -41,7 +41,7 @@ print(values[4], sum(doubled.stats.cache_hits.values()))
 SCRIPT = """
 import numpy as np, sys
 from refsim.backends.compile import cpu_kernel, prange
-@cpu_kernel
+@cpu_kernel(parallel=True)
 def doubled(values):
     for i in prange(values.shape[0]):
         values[i] *= 2

@@ -4,6 +4,7 @@ In float32 no kernel may contain a float64 instruction unless it is declared her
 make a GPU several times slower without changing a digit that any other test sees.
 """
 
+import contextlib
 import importlib
 import os
 import re
@@ -256,20 +257,18 @@ def support_launches(dtype):
     ]
 
 
-CPU_ONLY = {  # their bodies; others have the GPU's kernels
-    "refsim.mpm.sorting", "refsim.neighbours.cell_list", "refsim.sparse_grid.block_search",
-    "refsim.surface_energy.components", "refsim.surface_energy.counts",
-}  # fmt: skip
-
-
 def kernels_of(module_name):
+    """A GPU's kernels of a module; of a module with another one for GPUs beside it, of the bodies that this imports."""
     from refsim.backends.compile import CudaKernel, Kernel
 
-    named = vars(importlib.import_module(module_name)).values()
-    made = {v for v in named if isinstance(v, CudaKernel) and v.function.__module__ == module_name}
-    if module_name in CPU_ONLY:
-        return made
-    return made | {v.on("cuda") for v in named if isinstance(v, Kernel) and v.__module__ == module_name}
+    def values(name):
+        return vars(importlib.import_module(name)).values()
+
+    made = {v for v in values(module_name) if isinstance(v, CudaKernel) and v.function.__module__ == module_name}
+    bodies = {v for v in values(module_name) if isinstance(v, Kernel) and v.__module__ == module_name}
+    with contextlib.suppress(ModuleNotFoundError):
+        bodies &= {v for v in values(f"{module_name}_cuda") if isinstance(v, Kernel)}
+    return made | {v.on("cuda") for v in bodies}
 
 
 def slots(kind):
