@@ -34,7 +34,7 @@ from refsim.core.effect import Extremes
 from refsim.core.errors import InputError, RunStopped
 from refsim.core.operation import BACKENDS
 from refsim.engine.simulation import Simulation
-from refsim.engine.stepping import stable_steps, step_limits
+from refsim.engine.stepping import DeviceStepper, stable_steps, step_limits
 from refsim.io.checkpoint import replace_file
 from refsim.scene.files import scene_to_toml
 from refsim.scene.scene import Plan, Scene, make_plan
@@ -336,7 +336,8 @@ def _course(scene: Scene, backend: str, threads: int | None, particles: int, bud
         course.acceleration.append(float(part[:, 2].mean()))
         course.rate.append(float(part[:, 3].mean()))
     if backend == "cuda":
-        if not simulation.stepper.recorded.whole:  # a step that is one graph does the same work each time
+        stepper = simulation.stepper
+        if not (isinstance(stepper, DeviceStepper) and stepper.recorded.whole):  # one graph does the same work each time
             usual = SLOW * float(np.median(spans or [0.0]))
             course.seconds = {"step": float(np.mean([s for s in spans if s <= usual] or [0.0]))}
         return course
