@@ -337,7 +337,8 @@ def _course(scene: Scene, backend: str, threads: int | None, particles: int, bud
         course.rate.append(float(part[:, 3].mean()))
     if backend == "cuda":
         stepper = simulation.stepper
-        if not (isinstance(stepper, DeviceStepper) and stepper.recorded.whole):  # one graph does the same work each time
+        one_graph = isinstance(stepper, DeviceStepper) and stepper.recorded.whole
+        if not one_graph:  # which does the same work each time
             usual = SLOW * float(np.median(spans or [0.0]))
             course.seconds = {"step": float(np.mean([s for s in spans if s <= usual] or [0.0]))}
         return course
