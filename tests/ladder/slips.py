@@ -560,14 +560,6 @@ HARMLESS = {
         ("enough = float(conduction.residual) ** 2 * first  ->  enough = float(conduction.residual) ** 3", "likewise"),
     ],
 }
-HARMLESS |= {  # by the names that the record has until it is judged anew
-    "collect_block": HARMLESS["collect"],
-    "gather_carriers_of": HARMLESS["gather_carriers"],
-}
-HARMLESS["relax"] += [
-    ("prange((count + PART - 1) // PART)  ->  prange((count + PART + 1)", "a part without rows"),
-    *HARMLESS["relax_part"],
-]
 
 NEGATED = {ast.Lt: ast.GtE, ast.LtE: ast.Gt, ast.Gt: ast.LtE, ast.GtE: ast.Lt, ast.Eq: ast.NotEq, ast.NotEq: ast.Eq}
 SWAPPED = {
