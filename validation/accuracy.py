@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import json
 import math
-import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -211,6 +210,10 @@ def _point(readings: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     stopped = next((r["stopped"] for r in readings if r["stopped"]), "")
     seconds = [s for r in readings for s in r["seconds"]]
     median, deviation = middle(seconds)
+    pace = [s for r in readings for s in r["per_step"]]
+    per_step, per_step_mad = middle(pace)
+    # Where a run counts until it keeps its error, its steps differ with the start: no noise of the machine.
+    even = [median * s / per_step for s in pace] if first["curve"] else seconds
     error, error_mad = middle([real(r["error"]) for r in readings])
     value, value_mad = middle([real(r["value"]) for r in readings])
     typical = min(readings, key=lambda r: abs(middle(r["seconds"])[0] - median) if r["seconds"] else math.inf)
@@ -222,7 +225,6 @@ def _point(readings: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
                 found.setdefault(part, []).extend(values)
         return {part: dict(zip(("median", "mad"), middle(values))) for part, values in found.items()}
 
-    per_step, per_step_mad = middle([s for r in readings for s in r["per_step"]])
     joules = [j for r in readings for j in r["joules"]]
     return {
         "words": first["words"],
@@ -234,8 +236,8 @@ def _point(readings: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         "value_mad": value_mad,
         "seconds": float("nan") if stopped else median,
         "mad": deviation,
-        "all_seconds": seconds,
-        "unstable": "" if stopped or not first["shown"] else instability(seconds),
+        "all_seconds": even,
+        "unstable": "" if stopped or not first["shown"] else instability(even),
         "parts": split("parts"),
         "beside": split("beside"),
         "per_step": per_step,
@@ -454,7 +456,7 @@ def omissions(panel: Panel, points: Points, options: Options) -> list[str]:
     waiting: dict[str, list[str]] = {}
     for run in panel.runs(options):
         if run.skip:
-            waiting.setdefault(run.skip, []).append(re.sub(r"_\d+$", "", run.key))  # without the repeat's number
+            waiting.setdefault(run.skip, []).append(run.key)
     made += [f"{', '.join(dict.fromkeys(keys))}: {why}" for why, keys in waiting.items()]
     if points and all(p["joules"] is None for p in points.values()):
         made.append("energy: this machine counts none that could be read")

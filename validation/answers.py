@@ -10,8 +10,7 @@ The rules, for one observable, one error and one kind of machine:
 2. A step beyond the stable one is no candidate: the runner gives a note on it.
 3. float64 is no candidate where float32 with the same knobs has the same error within its noise, or 1 %.
 4. Of the candidates whose timing has settled (`validation.work_precision.unsettled`) the fastest is advised. Where none
-   has settled, none is advised. A time of a GPU below LEAST_READING never counts as settled: its readings are single
-   runs, where those of the CPU last 50 ms (`validation.turns.rounds`).
+   has settled, none is advised.
 5. A settled candidate is not advised either where an unsettled one is faster beyond its scatter: where the slowest
    reading of that one is below the fastest reading of the settled one. The cheaper one is then named with its readings.
 6. A setting that keeps an error which a finer spacing with the same other knobs does not keep is no candidate for it:
@@ -42,7 +41,6 @@ PAGE = ROOT / "docs" / "accuracy_cost.md"
 APPENDIX = ROOT / "docs" / "accuracy_cost_panels.md"
 FIGURES = ROOT / "figures"
 SCHEMA = "refsim answers, version 1"
-LEAST_READING = 1e-3  # [s] that a stopwatch resolves
 TARGETS = (0.1, 0.05, 0.01, 0.001)
 TWO_GRIDS = 3.0  # safety factor of the grid convergence index where the order is assumed, not observed (Roache 1994)
 Point = Mapping[str, Any]
@@ -316,8 +314,6 @@ class Candidate:
     @property
     def unsettled(self) -> str:
         """Why the timing has not settled; "" where it has."""
-        if self.point["knobs"].get("backend") == "cuda" and real(self.point["seconds"]) < LEAST_READING:
-            return "one reading lasts less than 1 ms"
         return unsettled(self.point["all_seconds"])
 
     @property

@@ -10,14 +10,14 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from validation.reading import Reading, measured
+from validation.reading import Reading, environment, measured
 from validation.results import Result
 from validation.running import Context
 from validation.work_precision import REPEATS, unsettled
 
 LASTS = 0.05  # s of a run, at least: what takes less is repeated within it
 WAITS = 1.0  # s after which a run ends all the same, for what surrounds the timed part
-MOST = 4  # times as many rounds as there are readings, after which a time that has not settled is left
+MOST = 8  # times as many rounds as there are readings, after which a time that has not settled is left
 PATIENCE = 20.0  # s that a setting has run in all, after which it is left, too
 
 T = TypeVar("T")
@@ -50,11 +50,12 @@ Once = Callable[[Context, Mapping[str, Any], int], Outcome]
 def rounds(
     context: Context, keys: Iterable[str], once: Callable[[str, int], T], seconds: Callable[[T], float], repeats: int
 ) -> dict[str, list[list[T]]]:
-    """`repeats` readings of each key: lists of what `once(key, reading)` gave, in an order that each round draws anew.
+    """`repeats` readings of each key: the runs that count for each, of what `once(key, reading)` gave.
 
-    Within a round a key is run until its `seconds` add up to LASTS. As many rounds again follow for keys whose times
-    have not settled, up to MOST times; a run adds to the reading of its number, so that each reading spreads over the
-    whole session. Fewer than REPEATS readings are no statistics: then each is one run.
+    The order is drawn anew in each round. Within a round a key is run until its `seconds` add up to LASTS. As many
+    rounds again follow for keys whose times have not settled, up to MOST times; a run adds to the reading of its
+    number, so that each reading spreads over the whole session. The middle third of its runs counts: what disturbs the
+    machine makes some of them slower. Fewer than REPEATS readings are no statistics: then each is one run.
     """
     found: dict[str, list[list[T]]] = {key: [[] for _ in range(repeats)] for key in keys}
     order, left, enough = np.random.default_rng(0), list(found), repeats >= REPEATS
@@ -67,14 +68,21 @@ def rounds(
                 found[key][k] += runs
             context.progress((again + (k + 1) / repeats) / (MOST if enough else 1))
         left = [key for key in left if _open(found[key], seconds)]
-    return found
+    return {key: [middle_third(runs, seconds) for runs in readings] for key, readings in found.items()}
 
 
 def _open(readings: Sequence[Sequence[T]], seconds: Callable[[T], float]) -> bool:
     """Whether more runs are taken: not of what stopped at once, what has settled, or what took long."""
-    spent = [mean(map(seconds, reading)) for reading in readings]
+    spent = [mean(map(seconds, middle_third(reading, seconds))) for reading in readings]
     whole = sum(sum(map(seconds, reading)) for reading in readings)
     return all(spent) and bool(unsettled(spent)) and whole < PATIENCE
+
+
+def middle_third(runs: Iterable[T], seconds: Callable[[T], float]) -> list[T]:
+    """The runs of a reading without its fastest third and its slowest one; one or two runs as they are."""
+    ordered = sorted(runs, key=seconds)
+    cut = len(ordered) // 3
+    return ordered[cut : len(ordered) - cut]
 
 
 def mean(values: Iterable[float]) -> float:
@@ -86,6 +94,30 @@ def mean_parts(parts: Sequence[Mapping[str, float]]) -> dict[str, float]:
     """Mean of each name's values; 0 where one has no such name."""
     names = dict.fromkeys(name for each in parts for name in each)
     return {name: mean(each.get(name, 0.0) for each in parts) for name in names}
+
+
+def repeated(
+    context: Context, settings: Mapping[str, Mapping[str, Any]], once: Callable[[Mapping[str, Any], int], Result],
+    threads: int | None, repeats: int, backend: str = "cpu",
+) -> Result:  # fmt: skip
+    """Readings of settings whose every run is a result with one reading: of a number's runs the one in the middle.
+
+    once  takes the setting and the repeat, which may be the seed of its start
+    """
+
+    compiling: dict[str, float | None] = {}
+
+    def run(key: str, k: int) -> dict[str, Any]:
+        (reading,) = once(settings[key], k).values["readings"]
+        compiling.setdefault(key, reading["compile"])
+        return reading
+
+    def whole(reading: Mapping[str, Any]) -> float:
+        return sum(reading["per_step"]) * reading["steps"]
+
+    found = rounds(context, settings, run, whole, repeats)
+    readings = [{**runs[0], "compile": compiling[key]} for key, numbers in found.items() for runs in numbers]
+    return Result({"readings": readings, "where": environment(threads, backend)})
 
 
 def in_turns(

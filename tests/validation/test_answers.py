@@ -113,12 +113,6 @@ def test_cells_of_the_table_are_short_and_the_notes_say_the_rest():
             assert cell["cpu"]["read"]["unsettled"] in noted
 
 
-def test_a_single_run_below_a_millisecond_is_not_settled():
-    single = {"dtype": "float32", "backend": "cuda"}
-    assert "less than 1 ms" in chosen({"quick": point(0.01, 5e-4, knobs=single)}, 0.05).why
-    assert chosen({"quick": point(0.01, 5e-4)}, 0.05).advised.key == "quick"
-
-
 def test_float64_is_advised_only_where_it_changes_the_error():
     pair = {"single": {"dtype": "float32"}, "double": {"dtype": "float64"}}
 

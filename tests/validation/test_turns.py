@@ -1,11 +1,13 @@
 """Readings that take turns: how long one lasts, and when there are enough."""
 
+import collections
 import itertools
 
 import pytest
 
+from validation.reading import Reading, measured
 from validation.running import Context
-from validation.turns import LASTS, MOST, PATIENCE, mean_parts, rounds
+from validation.turns import LASTS, MOST, PATIENCE, mean_parts, middle_third, repeated, rounds
 
 
 def read(seconds, repeats=5):
@@ -20,8 +22,9 @@ def read(seconds, repeats=5):
 
 
 def test_a_short_run_is_repeated_within_its_round():
-    found, _ = read({"short": itertools.repeat(LASTS / 4), "long": itertools.repeat(3 * LASTS)})
-    assert [len(reading) for reading in found["short"]] == [4] * 5
+    found, called = read({"short": itertools.repeat(LASTS / 4), "long": itertools.repeat(3 * LASTS)})
+    assert [len(reading) for reading in found["short"]] == [2] * 5  # of four runs
+    assert len([key for _, key in called if key == "short"]) == 20
     assert [len(reading) for reading in found["long"]] == [1] * 5
 
 
@@ -34,11 +37,38 @@ def test_rounds_go_on_until_a_time_settles():
 
 
 def test_a_setting_is_left_after_the_limits():
-    found, _ = read(
+    _, called = read(
         {"short": itertools.cycle((0.1, 0.2, 0.3, 0.4, 0.5)), "long": itertools.cycle((PATIENCE, 2 * PATIENCE))}
     )
-    assert [len(reading) for reading in found["short"]] == [MOST] * 5
-    assert [len(reading) for reading in found["long"]] == [1] * 5
+    count = collections.Counter(key for _, key in called)
+    assert count == {"short": 5 * MOST, "long": 5}
+
+
+def test_the_middle_third_of_a_readings_runs_counts():
+    disturbed = itertools.cycle((0.010, 0.009, 0.010, 0.011, 0.050))
+    found, _ = read({"short": disturbed})
+    assert {run for reading in found["short"] for run in reading} == {0.010, 0.011}
+    assert middle_third([3.0], float) == [3.0]
+    assert middle_third([3.0, 1.0], float) == [1.0, 3.0]
+    assert middle_third([5.0, 1.0, 3.0], float) == [3.0]
+
+
+def test_of_the_runs_of_one_start_that_in_the_middle_is_the_reading():
+    """Each number is a start of its own; the first run of a setting says what compiling took."""
+    speed, first = itertools.cycle((0.03, 0.01, 0.02)), iter([7.0])
+
+    def once(setting, repeat):
+        seconds = next(speed)
+        made = Reading(
+            setting["key"], "words", {}, error=0.1 * repeat, seconds=[seconds], per_step=[seconds / 10], steps=10,
+            compile=next(first, None),
+        )  # fmt: skip
+        return measured([made], 1, "cpu")
+
+    found = repeated(Context(), {"one": {"key": "one"}}, once, 1, 5).values["readings"]
+    assert [r["error"] for r in found] == pytest.approx([0.0, 0.1, 0.2, 0.3, 0.4])
+    assert {r["compile"] for r in found} == {7.0}
+    assert all(r["seconds"] == [0.02] for r in found)
 
 
 def test_settings_take_turns_in_an_order_that_changes():

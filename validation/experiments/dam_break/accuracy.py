@@ -79,7 +79,7 @@ def detection_runs(options: Options, state: str) -> list[Run]:
             made.append(
                 Run(f"{dtype}_{radius}", accuracy_runs.detectors, parameters, estimate=3.0 if options.quick else 12.0)
             )
-    if not options.quick and state.endswith("2d"):
+    if not options.quick and options.backend == "cpu" and state.endswith("2d"):
         scenes = {
             f"detection, {dtype}": {
                 "module": "validation.experiments.dam_break.accuracy_runs",
@@ -171,31 +171,44 @@ def front_settings(options: Options) -> list[dict[str, Any]]:
             )
     for columns in (MIDDLE, 28):
         add(f"d{columns}_float64", "", columns, dtype="float64")
-    for backend in ("numpy", "cpu"):
+    for backend in ("numpy", "cpu") if options.backend == "cpu" else ():
         add(f"d6_{backend}", "", 6, dtype="float64", backend=backend)
     add("detection", "surface detection in every step", MIDDLE, effects=DETECTION)
     add("water", "surface tension of water", MIDDLE, effects=WATER)
     return made
 
 
+def front_peers() -> dict[str, dict[str, Any]]:
+    """SPlisHSPlasH's columns."""
+    made = {}
+    for columns in SPACINGS[:4]:
+        key = f"peer_d{columns}"
+        knobs = {"program": PEER, "spacing": 0.5 / columns, "step": 1.0, "dtype": "float32", "backend": "cpu"}
+        made[key] = {"key": key, "words": f"{PEER}, DFSPH, d = L/{columns}", "knobs": knobs, "columns": columns}
+    return made
+
+
+def front_estimate(setting: Mapping[str, Any]) -> float:
+    """Seconds that a setting may take."""
+    if setting["backend"] == "numpy":
+        return 4.0
+    seconds = 0.02 + 8.0 * (setting["columns"] / 40) ** 3 / setting["knobs"]["step"]
+    return seconds * (1.5 if setting["knobs"]["dtype"] == "float64" else 1.0)
+
+
 def front_runs(options: Options) -> list[Run]:
-    """Every setting as often as statistics need; the repeats take turns."""
-    made = []
-    for repeat in range(REPEATS):
-        for setting in front_settings(options):
-            parameters = {**setting, "threads": options.threads, "repeat": repeat}
-            seconds = 0.02 + 8.0 * (setting["columns"] / 40) ** 3 / setting["knobs"]["step"]
-            seconds *= 1.5 if setting["knobs"]["dtype"] == "float64" else 1.0
-            seconds = 4.0 if setting["backend"] == "numpy" else seconds
-            made.append(Run(f"{setting['key']}_{repeat}", accuracy_runs.front, parameters, estimate=seconds))
-        for columns in () if options.quick or options.backend != "cpu" else SPACINGS[:4]:
-            knobs = {"program": PEER, "spacing": 0.5 / columns, "step": 1.0, "dtype": "float32", "backend": "cpu"}
-            words = f"{PEER}, DFSPH, d = L/{columns}"
-            parameters = {"key": f"peer_d{columns}", "words": words, "knobs": knobs, "columns": columns,
-                          "threads": options.threads or 2, "repeat": repeat}  # fmt: skip
-            made.append(
-                Run(f"peer_d{columns}_{repeat}", accuracy_runs.peer_front, parameters, 4.0, splishsplash.missing())
-            )
+    """Every setting in turn, the peer among them."""
+    own = front_settings(options)
+    wanted = options.backend == "cpu" and not options.quick
+    lacking = splishsplash.missing() if wanted else ""
+    parameters: dict[str, Any] = {
+        "settings": {setting["key"]: setting for setting in own},
+        "peers": front_peers() if wanted and not lacking else {}, "backend": options.backend,
+        "threads": options.threads, "repeats": 2 if options.quick else REPEATS,
+    }  # fmt: skip
+    made = [Run("fronts", accuracy_runs.fronts, parameters, parameters["repeats"] * sum(map(front_estimate, own)))]
+    if lacking:
+        made.append(Run("peers", accuracy_runs.fronts, {}, 0.0, lacking))
     return made
 
 

@@ -6,6 +6,7 @@ import json
 import math
 import time
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -29,7 +30,7 @@ from validation.peers import splishsplash
 from validation.reading import Reading, distribution, joules, measured, scene_digest
 from validation.results import Result
 from validation.running import Context, first_call_seconds, refusal, stage_seconds, with_step
-from validation.turns import mean_parts, rounds
+from validation.turns import mean_parts, repeated, rounds
 
 WALLED = 15.0  # column widths: the tank of the front, as in `runs.surge`
 PEER_STEP = 2e-3  # s, the longest of SPlisHSPlasH, which shortens it by the speed (CFL number 0.5)
@@ -156,6 +157,21 @@ def misplaced(position: np.ndarray, flags: np.ndarray, truth: np.ndarray) -> np.
     return np.concatenate([np.zeros(int((flags & truth).sum())), missed, extra])
 
 
+def fronts(
+    context: Context, settings: Mapping[str, Mapping[str, Any]], peers: Mapping[str, Mapping[str, Any]], backend: str,
+    threads: int | None, repeats: int,
+) -> Result:  # fmt: skip
+    """`front` of every setting, and `peer_front` of every peer, in turn."""
+    quiet = replace(context, progress=lambda done: None)
+
+    def once(setting: Mapping[str, Any], repeat: int) -> Result:
+        if setting["key"] in peers:
+            return peer_front(quiet, **setting, threads=threads or 2, repeat=repeat)
+        return front(quiet, **setting, threads=threads, repeat=repeat)
+
+    return repeated(context, {**settings, **peers}, once, threads, repeats, backend)
+
+
 def front(
     context: Context,
     key: str,
@@ -173,8 +189,7 @@ def front(
 
     One time offset is fitted, as the gate's moment is uncertain. The observable itself is the mean front over MEAN.
     knobs  "dtype" and "step" (share of the stable step, see `with_step`), and what else the setting differs in
-    repeat  number of the repeat, and seed of the small displacements at its start: a result of its own, so that repeats
-            of all settings take turns, and errors have a noise
+    repeat  seed of the small displacements at the start, so that errors have a noise
     """
     scene = front_scene(columns, knobs["dtype"], effects, repeat)
     scene = with_step(context, scene, float(knobs["step"]), backend, threads)

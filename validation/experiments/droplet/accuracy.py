@@ -36,12 +36,12 @@ def settings(options: Options) -> list[dict[str, Any]]:
     made: list[dict[str, Any]] = []
     main = options.backend
 
-    def add(key: str, said: str, side: int, dtype: str = "float32", step: float = 1.0, backend: str = main,
+    def add(key: str, said: str, side: int, dtype: str = "float32", step: float = 1.0,
             mode: str = "all", knobs: Mapping[str, Any] | None = None, **more: Any) -> None:  # fmt: skip
-        words = f"d = L/{side}, {dtype}, {backend}, {mode} pairs" + (f", {said}" if said else "")
-        own = {"program": REFSIM, "spacing": 1.0 / side, "step": step, "dtype": dtype, "backend": backend,
+        words = f"d = L/{side}, {dtype}, {main}, {mode} pairs" + (f", {said}" if said else "")
+        own = {"program": REFSIM, "spacing": 1.0 / side, "step": step, "dtype": dtype, "backend": main,
                "pair_mode": mode, **(knobs or {})}  # fmt: skip
-        made.append({"key": key, "words": words, "knobs": own, "side": side, "backend": backend, **more})
+        made.append({"key": key, "words": words, "knobs": own, "side": side, "backend": main, **more})
 
     if options.quick:
         add("d9", "", 9)
@@ -55,8 +55,6 @@ def settings(options: Options) -> list[dict[str, Any]]:
         add(f"d{side}_float64", "", side, dtype="float64")
     for side in (15, PAPERS):
         add(f"d{side}_step1.4", step_words(1.4), side, step=1.4)
-    if main != "cpu":
-        add(f"d{PAPERS}_cpu", "", PAPERS, backend="cpu")
     for mode in MODES:
         add(f"mode_{mode}", "", SMALL, mode=mode, variant=mode, expected=True)
     for name, said in (("area", "no area term"), ("correction", "no density correction"),
@@ -79,26 +77,33 @@ def estimate(setting: Mapping[str, Any]) -> float:
     return seconds * (1.4 if setting["knobs"]["dtype"] == "float64" else 1.0)
 
 
+def peers() -> dict[str, dict[str, Any]]:
+    """SPlisHSPlasH at the paper's number of particles, two of its settings."""
+    made = {}
+    for key, values in PEER_SETTINGS.items():
+        said = f"nu = {values['viscosity']:g} m^2/s, step {1e3 * values['step']:g} ms"
+        knobs = {"program": PEER, "dtype": "float32", "backend": "cpu", "spacing": 1.0 / PAPERS, "pair_mode": "all"}
+        words = f"{PEER}, DFSPH + Akinci 2013, d = L/{PAPERS}, {said}"
+        made[key] = {
+            "key": key, "words": words, "knobs": knobs, "settings": {"side": PAPERS, "samples": 120, **values},
+        }  # fmt: skip
+    return made
+
+
 def runs(options: Options) -> list[Run]:
-    """Every setting as often as statistics need, the repeats in turn; the peer among them; starts last."""
-    made = []
+    """Every setting in turn, the peer among them; starts last."""
     lacking = splishsplash.missing()
     if options.quick and not options.peers:
         lacking = "takes a minute; run without --quick, or with --peers"
-    for repeat in range(REPEATS):
-        for setting in settings(options):
-            parameters = {**setting, "threads": options.threads, "repeat": repeat}
-            made.append(Run(f"{setting['key']}_{repeat}", accuracy_runs.roughness, parameters, estimate(setting)))
-        for key, values in PEER_SETTINGS.items():
-            said = f"nu = {values['viscosity']:g} m^2/s, step {1e3 * values['step']:g} ms"
-            knobs = {"program": PEER, "dtype": "float32", "backend": "cpu", "spacing": 1.0 / PAPERS,
-                     "pair_mode": "all"}  # fmt: skip
-            parameters = {
-                "key": key, "words": f"{PEER}, DFSPH + Akinci 2013, d = L/{PAPERS}, {said}", "knobs": knobs,
-                "settings": {"side": PAPERS, "samples": 120, **values}, "threads": options.threads or 2,
-                "repeat": repeat,
-            }  # fmt: skip
-            made.append(Run(f"{key}_{repeat}", accuracy_runs.peer_roughness, parameters, 12.0, lacking))
+    own = settings(options)
+    beside = {} if lacking or options.backend != "cpu" else peers()
+    parameters: dict[str, Any] = {
+        "settings": {setting["key"]: setting for setting in own}, "peers": beside, "backend": options.backend,
+        "threads": options.threads, "repeats": 2 if options.quick else REPEATS,
+    }  # fmt: skip
+    made = [Run("drops", accuracy_runs.drops, parameters, parameters["repeats"] * sum(map(estimate, own)))]
+    if lacking and options.backend == "cpu":
+        made.append(Run("peers", accuracy_runs.drops, {}, 0.0, lacking))
     if options.quick:
         return made
     for mode in ("all", *MODES):
@@ -112,26 +117,27 @@ def runs(options: Options) -> list[Run]:
                 "repeat": 0,
             }  # fmt: skip
             made.append(Run(key, accuracy_runs.roughness, parameters, 3.0))
-    knobs = {"program": REFSIM, "spacing": 1.0 / 9, "step": 1.0, "dtype": "float64", "backend": "numpy",
-             "pair_mode": "all"}  # fmt: skip
-    words = "d = L/9, float64, numpy, all pairs (its steps, timed one by one)"
-    parameters = {"key": "numpy", "words": words, "knobs": knobs, "side": 9, "threads": options.threads,
-                  "repeats": REPEATS}  # fmt: skip
-    made.append(Run("numpy", accuracy_runs.reference_cost, parameters, 8.0))
     knobs = {"program": REFSIM, "source": "arithmetic"}
     rounding = {"key": "rounding", "words": "one evaluation in both precisions", "knobs": knobs, "side": MIDDLE,
                 "backend": options.backend, "threads": options.threads}  # fmt: skip
     made.append(Run("rounding", accuracy_runs.force_rounding, rounding, 2.0))
-    scenes = {
-        f"the drop, {dtype}": {
-            "module": "validation.experiments.droplet.accuracy_runs",
-            "function": "drop_scene",
-            "parameters": {"side": 9, "dtype": dtype},
+    if options.backend == "cpu":
+        knobs = {"program": REFSIM, "spacing": 1.0 / 9, "step": 1.0, "dtype": "float64", "backend": "numpy",
+                 "pair_mode": "all"}  # fmt: skip
+        words = "d = L/9, float64, numpy, all pairs (its steps, timed one by one)"
+        parameters = {"key": "numpy", "words": words, "knobs": knobs, "side": 9, "threads": options.threads,
+                      "repeats": REPEATS}  # fmt: skip
+        made.append(Run("numpy", accuracy_runs.reference_cost, parameters, 8.0))
+        scenes = {
+            f"the drop, {dtype}": {
+                "module": "validation.experiments.droplet.accuracy_runs",
+                "function": "drop_scene",
+                "parameters": {"side": 9, "dtype": dtype},
+            }
+            for dtype in ("float32", "float64")
         }
-        for dtype in ("float32", "float64")
-    }
-    parameters = {"scenes": scenes, "backend": options.backend, "threads": options.threads}
-    made.append(Run("start", start_up, parameters, 60.0))
+        parameters = {"scenes": scenes, "backend": options.backend, "threads": options.threads}
+        made.append(Run("start", start_up, parameters, 60.0))
     return made
 
 

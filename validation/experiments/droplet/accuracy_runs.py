@@ -6,6 +6,7 @@ import json
 import math
 import time
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,7 @@ from validation.peers import splishsplash
 from validation.reading import Reading, distribution, first_kept, joules, kept_error, measured, scene_digest
 from validation.results import Result
 from validation.running import Context, first_call_seconds, refusal, stage_seconds, with_step
+from validation.turns import repeated
 
 UNTIL = 0.9  # s: 1.84 capillary times
 SAMPLES = 45
@@ -47,6 +49,21 @@ def drop_scene(
     return droplet_scene(position, spacing, **{"dtype": dtype, **merged})
 
 
+def drops(
+    context: Context, settings: Mapping[str, Mapping[str, Any]], peers: Mapping[str, Mapping[str, Any]], backend: str,
+    threads: int | None, repeats: int,
+) -> Result:  # fmt: skip
+    """`roughness` of every setting, and `peer_roughness` of every peer, in turn."""
+    quiet = replace(context, progress=lambda done: None)
+
+    def once(setting: Mapping[str, Any], repeat: int) -> Result:
+        if setting["key"] in peers:
+            return peer_roughness(quiet, **setting, threads=threads or 2, repeat=repeat)
+        return roughness(quiet, **setting, threads=threads, repeat=repeat)
+
+    return repeated(context, {**settings, **peers}, once, threads, repeats, backend)
+
+
 def roughness(
     context: Context,
     key: str,
@@ -66,8 +83,7 @@ def roughness(
     """A cube becomes a drop: radius variation against wall time; its point is the error that it keeps.
 
     knobs   "dtype" and "step" (share of the stable step, see `with_step`), and what else the setting differs in
-    repeat  number of the repeat, and seed of the small displacements at its start: a result of its own, so that repeats
-            of all settings take turns, and errors have a noise
+    repeat  seed of the small displacements at the start, so that errors have a noise
     """
     scene = drop_scene(side, knobs["dtype"], variant, changes, shape, seed, repeat)
     scene = with_step(context, scene, float(knobs["step"]), backend, threads)
