@@ -18,7 +18,9 @@ from validation.work_precision import REPEATS, unsettled
 LASTS = 0.05  # s of a run, at least: what takes less is repeated within it
 WAITS = 1.0  # s after which a run ends all the same, for what surrounds the timed part
 MOST = 8  # times as many rounds as there are readings, after which a time that has not settled is left
-PATIENCE = 20.0  # s that a setting has run in all, after which it is left, too
+PATIENCE = (
+    10.0  # s that a setting has taken in all, what surrounds the timed part included, after which it is left, too
+)
 
 T = TypeVar("T")
 
@@ -59,6 +61,7 @@ def rounds(
     """
     found: dict[str, list[list[T]]] = {key: [[] for _ in range(repeats)] for key in keys}
     order, left, enough = np.random.default_rng(0), list(found), repeats >= REPEATS
+    taken = dict.fromkeys(found, 0.0)
     for again in range(MOST if enough else 1):
         for k in range(repeats):
             for key in order.permutation(left).tolist():
@@ -66,16 +69,16 @@ def rounds(
                 while enough and 0 < sum(map(seconds, runs)) < LASTS and time.perf_counter() - began < WAITS:
                     runs.append(once(key, k))
                 found[key][k] += runs
+                taken[key] += time.perf_counter() - began
             context.progress((again + (k + 1) / repeats) / (MOST if enough else 1))
-        left = [key for key in left if _open(found[key], seconds)]
+        left = [key for key in left if taken[key] < PATIENCE and _open(found[key], seconds)]
     return {key: [middle_third(runs, seconds) for runs in readings] for key, readings in found.items()}
 
 
 def _open(readings: Sequence[Sequence[T]], seconds: Callable[[T], float]) -> bool:
-    """Whether more runs are taken: not of what stopped at once, what has settled, or what took long."""
+    """Whether a time has not settled; what stopped at once has none."""
     spent = [mean(map(seconds, middle_third(reading, seconds))) for reading in readings]
-    whole = sum(sum(map(seconds, reading)) for reading in readings)
-    return all(spent) and bool(unsettled(spent)) and whole < PATIENCE
+    return all(spent) and bool(unsettled(spent))
 
 
 def middle_third(runs: Iterable[T], seconds: Callable[[T], float]) -> list[T]:

@@ -36,12 +36,20 @@ def test_rounds_go_on_until_a_time_settles():
     assert [sum(reading) for reading in found["late"]] == pytest.approx([2.6] * 5)
 
 
-def test_a_setting_is_left_after_the_limits():
-    _, called = read(
-        {"short": itertools.cycle((0.1, 0.2, 0.3, 0.4, 0.5)), "long": itertools.cycle((PATIENCE, 2 * PATIENCE))}
-    )
-    count = collections.Counter(key for _, key in called)
-    assert count == {"short": 5 * MOST, "long": 5}
+def test_a_setting_is_left_after_the_limits(monkeypatch):
+    """What surrounds the timed part counts for the longest time that a setting may take."""
+    now = [0.0]
+    monkeypatch.setattr("validation.turns.time.perf_counter", lambda: now[0])
+    seconds = {key: itertools.cycle((0.1, 0.2, 0.3, 0.4, 0.5)) for key in ("short", "slow")}
+    called = collections.Counter()
+
+    def once(key, k):
+        called[key] += 1
+        now[0] += PATIENCE / 10 if key == "slow" else PATIENCE / (5 * MOST + 1)
+        return next(seconds[key])
+
+    rounds(Context(), seconds, once, float, 5)
+    assert called == {"short": 5 * MOST, "slow": 10}
 
 
 def test_the_middle_third_of_a_readings_runs_counts():
