@@ -354,7 +354,8 @@ def candidates(points: Mapping[str, Point], observable: Observable) -> list[Cand
     converged = observable.converged if observable.converged and observable.converged.among(points) else None
     limit = converged.limit(points)[0] if converged else math.nan
     for key, p in points.items():
-        if not p["shown"] or p["stopped"] or p["error"] is None or key.startswith(observable.other_scenes):
+        another = key.removeprefix("cuda_").startswith(observable.other_scenes)
+        if another or not p["shown"] or p["stopped"] or p["error"] is None:
             continue
         if converged:
             error = abs(real(p["value"]) - limit) / abs(limit)
@@ -717,6 +718,8 @@ def has_parts(data: Mapping[str, Any]) -> bool:
 
 def write() -> list[Path]:
     """Renew page, packaged table and pictures from the stored panels; returns their paths."""
+    import matplotlib.pyplot as plt
+
     from validation.accuracy_picture import answer_picture, parts_picture
     from validation.drawing import save_picture, style
 
@@ -731,6 +734,8 @@ def write() -> list[Path]:
                 continue
             path = FIGURES / f"accuracy_cost_{name}{ending}.png"
             with style():
-                save_picture(draw(data), path)
+                figure = draw(data)
+                save_picture(figure, path)
+            plt.close(figure)
             made.append(path)
     return made

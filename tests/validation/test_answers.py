@@ -137,6 +137,7 @@ def test_what_the_runner_warns_of_and_what_fails_elsewhere_is_no_candidate():
         "stopped": point(0.01, 0.5, stopped="diverged"),
         "hidden": point(0.01, 0.5, shown=False),
         "extra_effect": point(0.01, 0.5),
+        "cuda_extra_effect": point(0.01, 0.5),
         "good": point(0.01, 3.0, knobs={"dtype": "float32", "step": 1.0}),
     }
     observable = Observable("a", "of b", other_scenes=("extra_",))

@@ -59,7 +59,9 @@ def scenes(monkeypatch, tmp_path):
 
 def test_rows_are_kept_and_the_table_is_written(scenes, tmp_path, monkeypatch, capsys):
     path, page = tmp_path / "run_time.json", tmp_path / "page.md"
-    page.write_text(f"before\n{run_time.BEGIN}former{run_time.END}\nafter\n")
+    marks = {name: [mark.format(name) for mark in (run_time.BEGIN, run_time.END)] for name in ("numpy", "cuda")}
+    parts = [f"{begin}former {name}{end}" for name, (begin, end) in marks.items()]
+    page.write_text("\n".join(["before", *parts, "after\n"]))
     monkeypatch.setattr(run_time, "PAGE", page)
     assert run_time.perform(path, "numpy", given(tmp_path, largest=100)) == 0
     rows = json.loads(path.read_text())["numpy"]["rows"]
@@ -75,7 +77,8 @@ def test_rows_are_kept_and_the_table_is_written(scenes, tmp_path, monkeypatch, c
     text = page.read_text()
     assert text.startswith("before\n")
     assert text.endswith("after\n")
-    assert "former" not in text
+    assert "former numpy" not in text
+    assert "former cuda" in text  # which is not on file
     assert f"| block | 72 | {row['predicted']:.3g} | {row['measured']:.3g} |" in text
     assert "stopped: " in text
 

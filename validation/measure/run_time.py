@@ -229,22 +229,19 @@ HEAD = (
     "| scene | particles | predicted [s] | measured [s] | ratio | steps, predicted / taken | list builds, the same |\n"
     "| --- | --- | --- | --- | --- | --- | --- |"
 )
-BEGIN, END = "<!-- run_time -->\n", "\n<!-- end of run_time -->"
+BEGIN, END = "<!-- run_time {} -->\n", "\n<!-- end of run_time {} -->"
 
 
 def write_page(path: Path, page: Path = PAGE) -> None:
-    """Put the table of every backend on file onto the page."""
-    kept = json.loads(path.read_text())
-    parts = []
-    for backend, group in kept.items():
+    """Put the table of every backend on file between its marks on the page."""
+    for backend, group in json.loads(path.read_text()).items():
         rows = list(group["rows"].values())
-        where = (group["device"] or {}).get("name") or group["processor"]
+        where = (group["device"] or {}).get("name") or f"{group['processor']}, {group['threads']} threads"
         lines = "\n".join(line(row) for row in rows)
-        threads = f", {group['threads']} threads"
-        parts.append(f"{HEAD}\n{lines}\n\nBackend {backend}, {where}{threads}, {group['date']}: {summary(rows)}.")
-    head, _, rest = page.read_text().partition(BEGIN)
-    _, _, tail = rest.partition(END)
-    page.write_text(head + BEGIN + "\n" + "\n\n".join(parts) + "\n" + END + tail)
+        told = f"Backend {backend}, {where}, {group['date']}: {summary(rows)}."
+        begin, end = BEGIN.format(backend), END.format(backend)
+        head, _, rest = page.read_text().partition(begin)
+        page.write_text(f"{head}{begin}\n{HEAD}\n{lines}\n\n{told}\n{end}{rest.partition(end)[2]}")
 
 
 def perform(path: Path, backend: str, given: Any) -> int:
