@@ -22,7 +22,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("observable", nargs="?", help="one of the table; none lists them")
     add("--error", type=float, default=0.01, metavar="E", help="relative error to reach (0.01)")
-    add("--gpu", action="store_true", help="what a GPU takes, too; the prediction is for this machine's GPU")
+    add("--gpu", action="store_true", help="the setting for a GPU; the prediction is for this machine's")
     add("--measured", action="store_true", help="the table's seconds alone: nothing is measured on this machine")
     add("--output", metavar="FILE", help="where the scene is written (OBSERVABLE.toml)")
     add("--overwrite", action="store_true", help="replace a file that is there")
@@ -35,15 +35,15 @@ def execute(options: argparse.Namespace) -> CommandResult:
         rows = [(name, row["words"], "" if "answers" in row else "not measured") for name, row in known.items()]
         listed = {name: row["words"] for name, row in known.items()}
         return CommandResult({"observables": listed}, table(rows, ("observable", "", "")))
-    found = advice.find(options.observable, options.error)
+    found = advice.find(options.observable, options.error, "gpu" if options.gpu else "cpu")
     path = Path(options.output or f"{options.observable}.toml")
     if found.scene:
         _check(path, found.scene, options.overwrite)
     elif options.output:
         raise InputError(f"advise: this row of {options.observable} has no scene; leave --output out.")
     if not options.measured:
-        found = advice.scaled(found, "cuda" if options.gpu else "cpu")
-    text = advice.text_of(found, options.gpu)
+        found = advice.scaled(found)
+    text = advice.text_of(found)
     data = {
         "observable": options.observable,
         "error": found.error,
@@ -58,7 +58,7 @@ def execute(options: argparse.Namespace) -> CommandResult:
         except OSError as error:
             raise cannot_write("scene", path, error, "nothing was written") from error
         data["scene"] = str(path)
-        text += f"\nwrote {path}\nrefsim run {path}"
+        text += f"\nwrote {path}\nrefsim run {path}" + (" --backend cuda" if options.gpu else "")
     return CommandResult(data, text)
 
 

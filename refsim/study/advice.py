@@ -11,7 +11,7 @@ import importlib.resources
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from refsim.backends.arrays import unavailable
@@ -30,8 +30,9 @@ class Advice:
     """One row of the table.
 
     observable  its entry in the table
-    error       relative error of the row [-], at most the one that was given
+    error       relative error [-]: that of the row, or the one that was given where the row's setting keeps it
     cell        the row: keys "cpu", "gpu", "peer", or "no_meaning"
+    kind        "cpu" or "gpu": which of the row's settings is meant
     own         seconds on this machine; NaN where there is no scene to predict them from
     own_note    what they are, or why there are none
     scene       TOML text of the scene; "" where there is none
@@ -40,6 +41,7 @@ class Advice:
     observable: Mapping[str, Any]
     error: float
     cell: Mapping[str, Any]
+    kind: str = "cpu"
     own: float = math.nan
     own_note: str = ""
     scene: str = ""
@@ -52,8 +54,10 @@ def table() -> dict[str, dict[str, Any]]:
     return {row["name"]: row for row in json.loads(text)["observables"]}
 
 
-def find(observable: str, error: float) -> Advice:
+def find(observable: str, error: float, kind: str = "cpu") -> Advice:
     """The row for an observable and a relative error: that of the largest error in the table that is no larger.
+
+    Where that row has no meaning, the row above it counts if its setting keeps the error.
 
     Raises InputError for an unknown observable and for an error that no row has.
     """
@@ -63,83 +67,76 @@ def find(observable: str, error: float) -> Advice:
     row = known[observable]
     if not 0 < error < 1:
         raise InputError(f"advise: an error of {error:g} is not possible; give a share between 0 and 1, 0.01 for 1 %.")
-    fits = [cell for cell in row["answers"] if cell["error"] <= error * (1 + 1e-9)]
-    if not fits:
-        least = min(cell["error"] for cell in row["answers"])
+    cells = sorted(row["answers"], key=lambda cell: -cell["error"])
+    first = next((k for k, cell in enumerate(cells) if cell["error"] <= error * (1 + 1e-9)), None)
+    if first is None:
         raise InputError(
-            f"advise: the table ends at an error of {least:g}; give that or more, or measure with refsim study."
+            f"advise: the table ends at an error of {cells[-1]['error']:g}; give that or more, or measure with refsim"
+            " study."
         )
-    cell = max(fits, key=lambda cell: cell["error"])
-    return Advice(row, cell["error"], cell, scene=named(cell).get("scene", ""))
+    cell, kept = cells[first], cells[first]["error"]
+    if "no_meaning" in cell and first and kept < error and named(cells[first - 1], kind).get("keeps", 1.0) <= error:
+        cell, kept = cells[first - 1], error
+    return Advice(row, kept, cell, kind, scene=named(cell, kind).get("scene", ""))
 
 
-def named(cell: Mapping[str, Any]) -> Mapping[str, Any]:
+def named(cell: Mapping[str, Any], kind: str = "cpu") -> Mapping[str, Any]:
     """The setting that a row names: the advised one, or the one read fastest where no timing has settled."""
-    cpu: Mapping[str, Any] = cell.get("cpu", {})
-    return cpu.get("read", cpu)
+    found: Mapping[str, Any] = cell.get(kind) or {}
+    return found.get("read", found)
 
 
-def scaled(advice: Advice, backend: str = "cpu") -> Advice:
+def scaled(advice: Advice) -> Advice:
     """The advice with seconds on this machine, predicted with constants that are measured here (some seconds)."""
     if not advice.scene:
         return advice
-    cpu = named(advice.cell)
+    backend = "cuda" if advice.kind == "gpu" else "cpu"
+    setting = named(advice.cell, advice.kind)
     reason = unavailable(backend)
     if reason is not None:
-        return _with(advice, math.nan, f"not predicted: {reason}")
+        return replace(advice, own_note=f"not predicted: {reason}")
     scene: Scene = parse_scene(advice.scene, advice.observable["name"])
     found: Prediction | None = predict(scene, backend, threads=THREADS if backend == "cpu" else None)
     assert found is not None
     # the setting may reach the error before its run ends
-    share = min(cpu["seconds"] / cpu["whole"], 1.0) if cpu["whole"] else 1.0
+    share = min(setting["seconds"] / setting["whole"], 1.0) if setting["whole"] else 1.0
     where = f"{THREADS} CPU threads" if backend == "cpu" else "the GPU"
     note = f"predicted for {where} of this machine"
-    return _with(advice, found.seconds * share, f"{note}; {found.note}" if found.note else note)
+    return replace(advice, own=found.seconds * share, own_note=f"{note}; {found.note}" if found.note else note)
 
 
-def _with(advice: Advice, seconds: float, note: str) -> Advice:
-    return Advice(advice.observable, advice.error, advice.cell, seconds, note, advice.scene)
-
-
-def text_of(advice: Advice, gpu: bool = False) -> str:
+def text_of(advice: Advice) -> str:
     """The row as text."""
     row, cell = advice.observable, advice.cell
     head = f"{row['words']}: an error of {percent(advice.error)} {row['relative']}"
     if "no_meaning" in cell:
         return f"{head}\n  no meaning: {cell['no_meaning']}"
-    cpu = cell["cpu"]
-    lines = [head]
-    if "why" in cpu:
-        lines.append(f"  {cpu['why']}")
-    if "read" in cpu:
-        read = cpu["read"]
-        lines.append(f"  read       {read['setting']}; keeps {percent(read['keeps'])} ({read['keeps_own']})")
-        span = f"{in_time(read['fastest'])} to {in_time(read['slowest'])}"
-        lines.append(f"  measured   {span} on {row['machine']} ({', '.join(row['dates'])}), not settled")
-    if "why" not in cpu:
-        lines.append(f"  setting    {cpu['setting']}; keeps {percent(cpu['keeps'])} ({cpu['keeps_own']})")
-        lines.append(f"  measured   {in_time(cpu['seconds'])} on {row['machine']} ({', '.join(row['dates'])})")
-        if cpu["bytes"]:
-            lines.append(f"  memory     {in_bytes(cpu['bytes'])} in fields")
+    found, gpu = cell[advice.kind], advice.kind == "gpu"
+    if found is None:
+        return f"{head}\n  not measured on a GPU; leave --gpu out."
+    lines, setting = [head], named(cell, advice.kind)
+    where = row["gpu"] if gpu else f"{row['machine']} ({', '.join(row['dates'])})"
+    if "why" in found:
+        lines.append(f"  {found['why']}")
+    if "setting" in setting:
+        took = in_time(setting["seconds"])
+        if setting is not found:
+            took = f"{in_time(setting['fastest'])} to {in_time(setting['slowest'])}, not settled,"
+        lines.append(f"  setting    {setting['setting']}; keeps {percent(setting['keeps'])} ({setting['keeps_own']})")
+        lines.append(f"  measured   {took} on {where}")
+        if setting["bytes"]:
+            lines.append(f"  memory     {in_bytes(setting['bytes'])} in fields")
     if math.isfinite(advice.own):
         lines.append(f"  here       {in_time(advice.own)}, {advice.own_note}")
     elif advice.own_note:
         lines.append(f"  here       {advice.own_note}")
-    if gpu:
-        lines.append(f"  GPU        {_gpu(cell['gpu'], row)}")
-    if cell["peer"]:
+    if cell["peer"] and not gpu:
         peer = cell["peer"]
         lines.append(f"  best peer  {peer.get('why') or in_time(peer['seconds']) + ', ' + peer['setting']}")
-    lines += [f"  note       {note}" for note in cpu["notes"]]
+    lines += [f"  note       {note}" for note in found["notes"]]
     if row["remark"]:
         lines.append(f"  note       {row['remark']}")
     return "\n".join(lines)
-
-
-def _gpu(found: Mapping[str, Any] | None, row: Mapping[str, Any]) -> str:
-    if found is None:
-        return "not measured"
-    return found.get("why") or f"{in_time(found['seconds'])} on {row['gpu']}, {found['setting']}"
 
 
 def percent(value: float) -> str:

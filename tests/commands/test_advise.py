@@ -42,19 +42,17 @@ def test_bad_input_gets_a_sentence_and_code_2(folder, capsys, words, said):
 
 
 def test_a_row_and_its_scene(folder, capsys):
-    assert main(["advise", "droplet", "--error", "0.007", "--measured", "--gpu"]) == 0
+    assert main(["advise", "droplet", "--error", "0.007", "--measured"]) == 0
     text = capsys.readouterr().out
     found = advice.find("droplet", 0.007)
     assert found.error == 0.005  # the largest of the table that is no larger
     for word in (
         "an error of 0.5 %",
         advice.named(found.cell)["setting"],
-        "GPU        ",
         "best peer",
         "wrote",
     ):
         assert word in text
-    assert "not measured" not in text
     assert (folder / "droplet.toml").read_text() == found.scene
     assert load_scene("droplet.toml").dtype == "float32"
     assert main(["advise", "droplet", "--error", "0.005", "--measured"]) == 0  # the same file
@@ -65,6 +63,28 @@ def test_a_row_and_its_scene(folder, capsys):
     assert (folder / "droplet.toml").read_text() == "mine"
     assert main(["advise", "droplet", "--error", "0.005", "--measured", "--overwrite"]) == 0
     assert (folder / "droplet.toml").read_text() == found.scene
+
+
+def test_with_gpu_the_answer_is_that_of_a_gpu(folder, capsys):
+    assert main(["advise", "droplet", "--error", "0.005", "--measured", "--gpu"]) == 0
+    text = capsys.readouterr().out
+    found = advice.find("droplet", 0.005, "gpu")
+    assert f"setting    {advice.named(found.cell, 'gpu')['setting']}; keeps" in text
+    assert f"on {found.observable['gpu']}" in text
+    assert text.endswith("refsim run droplet.toml --backend cuda\n")
+    assert "best peer" not in text  # which is measured on a CPU
+    assert (folder / "droplet.toml").read_text() == found.scene
+    lacking = advice.Advice(found.observable, 0.005, {**found.cell, "gpu": None}, "gpu")
+    assert "not measured on a GPU" in advice.text_of(lacking)
+
+
+def test_between_two_rows_the_setting_above_counts_where_the_one_below_has_no_meaning():
+    """An angle within 3 degrees, asked for as 0.033 of a right angle."""
+    found = advice.find("contact_angle", 0.033)
+    assert found.error == 0.033
+    assert advice.named(found.cell)["keeps"] < 0.033
+    assert "no_meaning" in advice.find("contact_angle", 0.01).cell
+    assert "no_meaning" in advice.find("contact_angle", 0.012).cell  # which no setting keeps
 
 
 @pytest.mark.parametrize(("name", "error"), SCENES)
@@ -93,7 +113,7 @@ def test_seconds_here_are_the_prediction_s_share(monkeypatch):
     assert "2 CPU threads of this machine" in advice.text_of(here)
     assert given == [("droplet", "cpu", 2)]
     monkeypatch.setattr(advice, "unavailable", lambda backend: "no device was found")
-    assert "not predicted: no device was found" in advice.text_of(advice.scaled(found, "cuda"))
+    assert "not predicted: no device was found" in advice.text_of(advice.scaled(advice.find("droplet", 0.05, "gpu")))
 
 
 def test_what_has_no_meaning_and_what_is_not_advised_is_said(folder, capsys):
