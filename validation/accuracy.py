@@ -40,6 +40,7 @@ from validation.work_precision import (
 )
 
 SCHEMA = "refsim accuracy and cost, version 1"
+MISSING = "missing: "  # how the reason begins why a program that is not installed gave no reading
 Points = Mapping[str, Mapping[str, Any]]
 
 
@@ -156,7 +157,8 @@ def perform_panels(
 
 def make_report(panel: Panel, results: Results, options: Options) -> dict[str, Any]:
     """Everything that the figure, the tables and a comparison need."""
-    points = pooled(results)
+    pool = pooled(results)
+    points = {key: p for key, p in pool.items() if not p["stopped"].startswith(MISSING)}
     shown = {key: p for key, p in points.items() if p["shown"]}
     for p in shown.values():
         p["to_stated"] = time_to(p, panel.stated)
@@ -185,7 +187,7 @@ def make_report(panel: Panel, results: Results, options: Options) -> dict[str, A
         "effects": effects(panel, points),
         "compile": math.fsum(p["compile"] or 0.0 for p in points.values()),
         "starts": [start for result in results.values() for start in result.values.get("starts", ())],
-        "omissions": omissions(panel, points, options),
+        "omissions": omissions(panel, pool, options),
     }
     made["advice"] = advice(panel, points, band)
     made["points"] = points  # last, because it is long
@@ -457,7 +459,10 @@ def omissions(panel: Panel, points: Points, options: Options) -> list[str]:
     for run in panel.runs(options):
         if run.skip:
             waiting.setdefault(run.skip, []).append(run.key)
-    made += [f"{', '.join(dict.fromkeys(keys))}: {why}" for why, keys in waiting.items()]
+    for key, p in points.items():
+        if p["stopped"].startswith(MISSING):
+            waiting.setdefault(f"{p['stopped'].removeprefix(MISSING)} (then --fresh)", []).append(key)
+    made += [f"{', '.join(keys)}: {why}" for why, keys in waiting.items()]
     if points and all(p["joules"] is None for p in points.values()):
         made.append("energy: this machine counts none that could be read")
     return made

@@ -681,6 +681,15 @@ def test_a_missing_peer_is_a_failure_with_its_reason(monkeypatch):
     assert r["expected"]
 
 
+def test_a_missing_peer_is_no_point_and_is_told_under_what_is_left_out():
+    absent = Reading(
+        "peer", "their drop", {"program": "theirs"}, stopped="missing: theirs is not installed", expected=True
+    )
+    made = accuracy.make_report(panel(), {"one": measured([*READINGS, absent], 1, "cpu")}, Options())
+    assert "peer" not in made["points"]
+    assert "peer: theirs is not installed (then --fresh)" in made["omissions"]
+
+
 def test_the_bar_of_the_checks_is_a_ball_cut_from_the_lattice():
     assert pytest.approx(radius_variation_scale(drop_panels.MIDDLE**3).ball, rel=0.01) == drop_panels.LATTICE_BALL
 

@@ -12,7 +12,6 @@ from validation.experiment import Options, Run
 from validation.experiments.dam_break import accuracy_runs
 from validation.experiments.dam_break.runs import TRUTH_RADIUS
 from validation.metrics.dam_break import data_tolerance
-from validation.peers import splishsplash
 from validation.start_up import start_up
 from validation.work_precision import REPEATS
 
@@ -198,18 +197,13 @@ def front_estimate(setting: Mapping[str, Any]) -> float:
 
 def front_runs(options: Options) -> list[Run]:
     """Every setting in turn, the peer among them."""
-    own = front_settings(options)
-    wanted = options.backend == "cpu" and not options.quick
-    lacking = splishsplash.missing() if wanted else ""
-    parameters: dict[str, Any] = {
-        "settings": {setting["key"]: setting for setting in own},
-        "peers": front_peers() if wanted and not lacking else {}, "backend": options.backend,
-        "threads": options.threads, "repeats": 2 if options.quick else REPEATS,
+    own, repeats = front_settings(options), 2 if options.quick else REPEATS
+    parameters = {
+        "settings": {setting["key"]: setting for setting in own}, "backend": options.backend,
+        "peers": front_peers() if options.backend == "cpu" and not options.quick else {},
+        "threads": options.threads, "repeats": repeats,
     }  # fmt: skip
-    made = [Run("fronts", accuracy_runs.fronts, parameters, parameters["repeats"] * sum(map(front_estimate, own)))]
-    if lacking:
-        made.append(Run("peers", accuracy_runs.fronts, {}, 0.0, lacking))
-    return made
+    return [Run("fronts", accuracy_runs.fronts, parameters, repeats * sum(map(front_estimate, own)))]
 
 
 def front_band(points: Points) -> Band:

@@ -91,19 +91,14 @@ def peers() -> dict[str, dict[str, Any]]:
 
 
 def runs(options: Options) -> list[Run]:
-    """Every setting in turn, the peer among them; starts last."""
-    lacking = splishsplash.missing()
-    if options.quick and not options.peers:
-        lacking = "takes a minute; run without --quick, or with --peers"
-    own = settings(options)
-    beside = {} if lacking or options.backend != "cpu" else peers()
-    parameters: dict[str, Any] = {
-        "settings": {setting["key"]: setting for setting in own}, "peers": beside, "backend": options.backend,
-        "threads": options.threads, "repeats": 2 if options.quick else REPEATS,
+    """Every setting in turn, the peer among them (with --quick if asked for: it takes a minute); starts last."""
+    own, repeats = settings(options), 2 if options.quick else REPEATS
+    parameters = {
+        "settings": {setting["key"]: setting for setting in own}, "backend": options.backend,
+        "peers": peers() if options.backend == "cpu" and (options.peers or not options.quick) else {},
+        "threads": options.threads, "repeats": repeats,
     }  # fmt: skip
-    made = [Run("drops", accuracy_runs.drops, parameters, parameters["repeats"] * sum(map(estimate, own)))]
-    if lacking and options.backend == "cpu":
-        made.append(Run("peers", accuracy_runs.drops, {}, 0.0, lacking))
+    made = [Run("drops", accuracy_runs.drops, parameters, repeats * sum(map(estimate, own)))]
     if options.quick:
         return made
     for mode in ("all", *MODES):
@@ -179,6 +174,8 @@ def omissions(options: Options) -> list[str]:
     """What is not in the panel."""
     made = ["pair mode 'text' and 'printed': they do not come to rest, see the droplet's own table"]
     made.append("backend numpy above 9^3 particles: the references compare all pairs")
+    if options.quick and not options.peers:
+        made.append(f"{PEER}: takes a minute; run without --quick, or with --peers")
     return made
 
 
