@@ -41,7 +41,7 @@ choose_layer()
 _CACHES_KEPT = 200
 _CACHE_NAME = re.compile("[0-9a-f]{16}")  # of the folders that `cache_folder` makes: it deletes no other
 ANY_ORDER = {"reassoc", "contract", "arcp", "nsz"}
-FORMULA_OPTIONS: dict[str, Any] = {"error_model": "numpy", "no_cfunc_wrapper": True}  # C never calls a formula
+FORMULA_OPTIONS: dict[str, Any] = {"error_model": "numpy", "no_cfunc_wrapper": True}  # C never calls them
 
 
 def formula(function: Callable | None = None, *, inlined: bool = False) -> Any:
@@ -280,7 +280,7 @@ def _for_cpu(function: Callable, origin: tuple[str, str], ordered: bool, packed:
     """
     flags = ANY_ORDER - {"reassoc"} if ordered else ANY_ORDER
     options = {"parallel": True} if parallel else {"nogil": True}
-    dispatcher = njit(error_model="numpy", fastmath=set(flags), **options)(function)
+    dispatcher = njit(**FORMULA_OPTIONS, fastmath=set(flags), **options)(function)
     if hasattr(dispatcher, "compile"):
         _set_compiler(dispatcher, packed)
     return _cached(dispatcher, function, origin, apart=parallel)
