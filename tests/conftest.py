@@ -50,6 +50,12 @@ def pytest_configure():
     workers.IDLE = 3600.0
 
 
+def pytest_sessionfinish():
+    """Look for cycles once; pytest then looks ten times more, which takes long with all that Numba and pytest hold."""
+    gc.collect()
+    gc.freeze()
+
+
 def python(words, folder):
     subprocess.run([sys.executable, *words], cwd=folder, check=True, stdout=subprocess.DEVNULL)
 
