@@ -8,8 +8,10 @@ numbers after an edit in another.
 
 from __future__ import annotations
 
+import atexit
 import contextlib
 import functools
+import gc
 import hashlib
 import inspect
 import linecache
@@ -38,6 +40,7 @@ from refsim.backends.workers import Task, store_apart
 THREADS_PER_BLOCK = 128
 SIMULATED_THREADS = 8  # each is a Python thread
 choose_layer()
+atexit.register(gc.freeze)  # or Python looks for cycles among all that Numba holds, for 0.2 s, only to end
 _CACHES_KEPT = 200
 _CACHE_NAME = re.compile("[0-9a-f]{16}")  # of the folders that `cache_folder` makes: it deletes no other
 ANY_ORDER = {"reassoc", "contract", "arcp", "nsz"}
