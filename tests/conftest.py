@@ -16,7 +16,11 @@ from filelock import FileLock
 ROOT = pathlib.Path(__file__).parents[1]
 MOST = 4
 CYCLES = (100_000, 50, 100)  # thresholds of `gc`
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # the tests fill the cores already
+ENVIRONMENT = {  # of all test processes, and of those that they start
+    "OPENBLAS_NUM_THREADS": "1",  # the tests fill the cores already
+    "MALLOC_MMAP_THRESHOLD_": str(2**25), "MALLOC_TRIM_THRESHOLD_": str(2**28),  # keep freed pages for the next array
+}  # fmt: skip
+os.environ.update({name: value for name, value in ENVIRONMENT.items() if name not in os.environ})
 SOURCES = ("setup.cfg", "pyproject.toml", "MANIFEST.in", "LICENSE", "docs/package.md")
 BUILD = "from setuptools import setup; setup(script_args=['-q', 'build', '--build-lib', 'unpacking', 'egg_info'])"
 
@@ -44,6 +48,12 @@ def pytest_configure():
 
         simulator_threads.install()
     workers.IDLE = 3600.0
+
+
+def pytest_sessionfinish():
+    """Look for cycles once; pytest then looks ten times more, which takes long with all that Numba and pytest hold."""
+    gc.collect()
+    gc.freeze()
 
 
 def python(words, folder):

@@ -8,8 +8,10 @@ numbers after an edit in another.
 
 from __future__ import annotations
 
+import atexit
 import contextlib
 import functools
+import gc
 import hashlib
 import inspect
 import linecache
@@ -38,10 +40,12 @@ from refsim.backends.workers import Task, store_apart
 THREADS_PER_BLOCK = 128
 SIMULATED_THREADS = 8  # each is a Python thread
 choose_layer()
+atexit.register(gc.freeze)  # or Python looks for cycles among all that Numba holds, for 0.2 s, only to end
+_REFSIM = pathlib.Path(__file__).parents[1]
 _CACHES_KEPT = 200
 _CACHE_NAME = re.compile("[0-9a-f]{16}")  # of the folders that `cache_folder` makes: it deletes no other
 ANY_ORDER = {"reassoc", "contract", "arcp", "nsz"}
-FORMULA_OPTIONS: dict[str, Any] = {"error_model": "numpy", "no_cfunc_wrapper": True}  # C never calls a formula
+FORMULA_OPTIONS: dict[str, Any] = {"error_model": "numpy", "no_cfunc_wrapper": True}  # C never calls them
 
 
 def formula(function: Callable | None = None, *, inlined: bool = False) -> Any:
@@ -104,7 +108,15 @@ def _groups_of(package: pathlib.Path) -> str:
     A kernel takes groups that it does not import. Its compiled code names their classes and reads members by number.
     """
     files = sorted(package.rglob("*.py")) if (package / "__init__.py").exists() else ()
-    return "".join(f"{file.as_posix()} {group}" for file in files for group in _GROUP.findall(file.read_text()))
+    return "".join(f"{_place(file)} {group}" for file in files for group in _GROUP.findall(file.read_text()))
+
+
+def _place(source: pathlib.Path) -> str:
+    """Name of a source for the digest: within refsim, whose copies, in several environments say, share their kernels.
+
+    Another package's folder counts, since it stands for what else the package imports.
+    """
+    return (source.relative_to(_REFSIM.parent) if source.is_relative_to(_REFSIM) else source).as_posix()
 
 
 @functools.cache
@@ -112,7 +124,7 @@ def source_digest(path: pathlib.Path) -> str:
     """Digest of a kernel file, of everything of its package behind it (names and contents), and of parameter groups."""
     digest = hashlib.sha256(f"{numba.__version__} {sys.version_info[:2]} {_groups_of(_package_of(path))}".encode())
     for source in sources_behind(path):
-        digest.update(source.as_posix().encode())
+        digest.update(_place(source).encode())
         digest.update(source.read_bytes())
     return digest.hexdigest()[:16]
 
@@ -280,7 +292,7 @@ def _for_cpu(function: Callable, origin: tuple[str, str], ordered: bool, packed:
     """
     flags = ANY_ORDER - {"reassoc"} if ordered else ANY_ORDER
     options = {"parallel": True} if parallel else {"nogil": True}
-    dispatcher = njit(error_model="numpy", fastmath=set(flags), **options)(function)
+    dispatcher = njit(**FORMULA_OPTIONS, fastmath=set(flags), **options)(function)
     if hasattr(dispatcher, "compile"):
         _set_compiler(dispatcher, packed)
     return _cached(dispatcher, function, origin, apart=parallel)

@@ -25,11 +25,14 @@ def pair_blocks(query, source, rows=None, period=None):
     size = max(1, BLOCK_BYTES // (8 * 8 * max(1, len(source))))
     for first in range(0, len(query), size):
         place = slice(first, min(first + size, len(query)))
-        separation = query[place, None, :] - source[None, :, :]
+        block = query[place]
+        separation = np.empty((len(block), len(source), 3))
+        for k in range(3):  # quicker than an axis of three
+            np.subtract.outer(block[:, k], source[:, k], out=separation[..., k])
         if period is not None:
             separation = nearest_image(separation, period)
         x, y, z = np.moveaxis(separation, -1, 0)
-        yield place, separation, np.sqrt(x * x + y * y + z * z)  # quicker than a sum over an axis of three
+        yield place, separation, np.sqrt(x * x + y * y + z * z)
 
 
 def other_particles(place, count, rows=None):

@@ -92,22 +92,19 @@ def _matrix(q):
     )
 
 
-def _quadratic_form(a):
-    """K of tr(R(q)^T A) = q^T K q, by polarisation of the nine entries of R(q)."""
-    form = np.zeros((4, 4))
-    unit = np.eye(4)
-    for p in range(4):
-        for q in range(4):
-            mixed = (_homogeneous(unit[p] + unit[q]) - _homogeneous(unit[p] - unit[q])) / 4
-            form[p, q] = (mixed * a).sum()
-    return form
-
-
 def _homogeneous(q):
     """R(q) as a form of second degree: |q|^2 times the rotation."""
     w, u = q[0], q[1:]
     cross = np.array([[0, -u[2], u[1]], [u[2], 0, -u[0]], [-u[1], u[0], 0]])
     return (w * w - u @ u) * np.eye(3) + 2 * np.outer(u, u) + 2 * w * cross
+
+
+MIXED = [[(_homogeneous(p + q) - _homogeneous(p - q)) / 4 for q in np.eye(4)] for p in np.eye(4)]
+
+
+def _quadratic_form(a):
+    """K of tr(R(q)^T A) = q^T K q, by polarisation of the nine entries of R(q)."""
+    return np.array([[(mixed * a).sum() for mixed in row] for row in MIXED])
 
 
 def match(solid_position, region_share, region, matching, rotation):

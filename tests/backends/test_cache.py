@@ -2,6 +2,7 @@
 
 import os
 import pathlib
+import shutil
 import subprocess
 import sys
 
@@ -195,6 +196,17 @@ def test_sources_behind_a_kernel(tiny):
     found = {path.name for path in sources_behind(tiny / "cpu.py")}
     assert found >= {"cpu.py", "particle.py", "formulas.py", "numbers.py"}
     assert "other.py" not in found
+
+
+def test_copies_of_refsim_share_their_kernels(tmp_path, monkeypatch):
+    """Copies of another package do not, since what else they import may differ."""
+    own, copy = compiling._REFSIM, tmp_path / "refsim"
+    shutil.copytree(own, copy, ignore=shutil.ignore_patterns("__pycache__"))
+    here, there = own / "sph" / "kernels.py", copy / "sph" / "kernels.py"
+    assert compiling.source_digest.__wrapped__(there) != compiling.source_digest(here)
+    monkeypatch.setattr(compiling, "_REFSIM", copy)
+    compiling._groups_of.cache_clear()
+    assert compiling.source_digest.__wrapped__(there) == compiling.source_digest(here)
 
 
 def test_a_cache_that_cannot_be_written_does_no_harm(tiny):
