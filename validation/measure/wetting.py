@@ -254,6 +254,7 @@ def _measure(point: Point, row: dict[str, Any], backend: str) -> None:
         densities.append(float(np.median(simulation.field("density"))))
         lowest.append(float(z.min()))
         angles.append(angle_by_lift(float(z.mean()) / (len(z) / densities[-1]) ** (1 / point.dim), point.dim))
+    row["steps"] = simulation.steps
     height, density = np.concatenate(heights), float(np.mean(densities))
     circle, residual = angle_by_circle(height, density, len(heights), point.dim)
     angle, third = float(np.mean(angles)), SNAPSHOTS // 3

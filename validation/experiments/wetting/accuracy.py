@@ -28,7 +28,7 @@ def drop(context: Context, setting: Mapping[str, Any], repeat: int) -> Outcome:
     spent = time.perf_counter() - began
     if row["stopped"] or row["fate"] != "cap":
         return Outcome(0.0, 0.0, spent, 1, row.get("particles", 0), stopped=row["stopped"] or f"{row['fate']}: no cap")
-    return Outcome(row["angle"], abs(row["angle"] - ANGLE), spent, 1, row["particles"])
+    return Outcome(row["angle"], abs(row["angle"] - ANGLE), spent, row["steps"], row["particles"])
 
 
 def drops(
