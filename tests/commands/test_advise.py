@@ -79,7 +79,7 @@ def test_with_gpu_the_answer_is_that_of_a_gpu(folder, capsys):
 
 
 def test_between_two_rows_the_setting_above_counts_where_the_one_below_has_no_meaning():
-    """An angle within 3 degrees, asked for as 0.033 of a right angle."""
+    """An angle within 3 degrees, given as 0.033 of a right angle."""
     found = advice.find("contact_angle", 0.033)
     assert found.error == 0.033
     assert advice.named(found.cell)["keeps"] < 0.033
