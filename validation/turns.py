@@ -18,9 +18,7 @@ from validation.work_precision import REPEATS, unsettled
 LASTS = 0.05  # s of a run, at least: what takes less is repeated within it
 WAITS = 1.0  # s after which a run ends all the same, for what surrounds the timed part
 MOST = 8  # times as many rounds as there are readings, after which a time that has not settled is left
-PATIENCE = (
-    10.0  # s that a setting has taken in all, what surrounds the timed part included, after which it is left, too
-)
+PATIENCE = 10.0  # s that a setting has taken in all, preparation included, after which it is left, too
 
 T = TypeVar("T")
 
@@ -107,7 +105,6 @@ def repeated(
 
     once  takes the setting and the repeat, which may be the seed of its start
     """
-
     compiling: dict[str, float | None] = {}
 
     def run(key: str, k: int) -> dict[str, Any]:

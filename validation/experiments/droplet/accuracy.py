@@ -91,7 +91,7 @@ def peers() -> dict[str, dict[str, Any]]:
 
 
 def runs(options: Options) -> list[Run]:
-    """Every setting in turn, the peer among them (with --quick only with --peers: it takes a minute); starts last."""
+    """Every setting in turn, the peer among them (it takes a minute: --quick needs --peers for it); starts last."""
     own, repeats = settings(options), 2 if options.quick else REPEATS
     parameters = {
         "settings": {setting["key"]: setting for setting in own}, "backend": options.backend,
