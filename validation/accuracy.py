@@ -214,8 +214,7 @@ def _point(readings: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     median, deviation = middle(seconds)
     pace = [s for r in readings for s in r["per_step"]]
     per_step, per_step_mad = middle(pace)
-    # Where a run counts until it keeps its error, its steps differ with the start: no noise of the machine.
-    even = [median * s / per_step for s in pace] if first["curve"] else seconds
+    noise = [median * share for r in readings for share in r.get("noise", ())]
     error, error_mad = middle([real(r["error"]) for r in readings])
     value, value_mad = middle([real(r["value"]) for r in readings])
     typical = min(readings, key=lambda r: abs(middle(r["seconds"])[0] - median) if r["seconds"] else math.inf)
@@ -238,8 +237,9 @@ def _point(readings: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         "value_mad": value_mad,
         "seconds": float("nan") if stopped else median,
         "mad": deviation,
-        "all_seconds": even,
-        "unstable": "" if stopped or not first["shown"] else instability(even),
+        "all_seconds": noise or seconds,
+        "starts": seconds,
+        "unstable": "" if stopped or not first["shown"] else instability(noise or seconds),
         "parts": split("parts"),
         "beside": split("beside"),
         "per_step": per_step,

@@ -11,6 +11,7 @@ The rules, for one observable, one error and one kind of machine:
 3. float64 is no candidate where float32 with the same knobs has the same error within its noise, or 1 %.
 4. Of the candidates whose timing has settled (`validation.work_precision.unsettled`) the fastest is advised. Where none
    has settled, none is advised.
+   Timings are those of equal runs: where starts differ in what they cost, the range of the starts stands beside.
 5. A settled candidate is not advised either where an unsettled one is faster beyond its scatter: where the slowest
    reading of that one is below the fastest reading of the settled one. The cheaper one is then named with its readings.
 6. A setting that keeps an error which a finer spacing with the same other knobs does not keep is no candidate for it:
@@ -324,8 +325,17 @@ class Candidate:
     @property
     def scatter(self) -> tuple[float, float]:
         """Its fastest and slowest readings over the median."""
-        readings, median = self.point["all_seconds"], real(self.point["seconds"])
-        return (min(readings) / median, max(readings) / median) if readings and median > 0 else (1.0, 1.0)
+        return self._range(self.point["all_seconds"])
+
+    @property
+    def starts(self) -> tuple[float, float] | None:
+        """The cheapest and the dearest start over the median, where starts differ by more than the timing."""
+        seconds = self.point.get("starts")
+        return self._range(seconds) if seconds and self.settled and unsettled(seconds) else None
+
+    def _range(self, seconds: Sequence[float]) -> tuple[float, float]:
+        median = real(self.point["seconds"])
+        return (min(seconds) / median, max(seconds) / median) if seconds and median > 0 else (1.0, 1.0)
 
 
 @dataclass(frozen=True)
@@ -546,6 +556,7 @@ def _setting(chosen: Candidate, seconds: float, observable: Observable) -> dict[
         "seconds": seconds,
         "whole": real(p["per_step"]) * p["steps"] if p["curves"] else seconds,
         "bytes": None if p["bytes"] is None else p["bytes"] * p["particles"],
+        "starts": [seconds * share for share in chosen.starts or ()],
     }
     if observable.scene and knobs.get("pair_mode", "all") == "all":
         from refsim.scene.files import scene_to_toml
@@ -635,10 +646,11 @@ def _columns(cell: Mapping[str, Any], row: Mapping[str, Any]) -> list[str]:
 
 
 def _time(cell: Mapping[str, Any]) -> str:
-    """Seconds of an advised setting, or the range of the readings of one that has not settled."""
+    """Seconds of an advised setting, with those of its starts where they differ; of an unsettled one the range."""
     if "read" in cell:
         return f"{HOLLOW} {duration(cell['read']['fastest'])} to {duration(cell['read']['slowest'])}"
-    return duration(cell["seconds"])
+    starts = " to ".join(map(duration, cell["starts"]))
+    return f"{duration(cell['seconds'])} (starts: {starts})" if starts else duration(cell["seconds"])
 
 
 def _on_gpu(cell: Mapping[str, Any] | None) -> str:

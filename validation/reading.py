@@ -46,6 +46,8 @@ class Reading:
     scene         digest of the scene
     expected      whether a failure is what the setting was to probe
     shown         whether it is a point of the panel; if not, its error alone is wanted
+    noise         of its times, or of all readings of its key, see `validation.turns.Readings`; without, the times over
+                  their median
     """
 
     key: str
@@ -70,6 +72,7 @@ class Reading:
     scene: str = ""
     expected: bool = False
     shown: bool = True
+    noise: Sequence[float] = ()
 
     def plain(self) -> dict[str, Any]:
         """What JSON takes."""

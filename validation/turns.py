@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any, TypeVar
+from dataclasses import dataclass, replace
+from itertools import chain
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 
@@ -47,17 +48,34 @@ class Outcome:
 Once = Callable[[Context, Mapping[str, Any], int], Outcome]
 
 
+@dataclass(frozen=True)
+class Readings(Generic[T]):
+    """What one setting gave.
+
+    runs   for each reading, which may be a start of its own, the runs that count
+    noise  seconds over what they should equal: of each reading over their mean; from two rounds on of alternate rounds
+           of a reading over the mean of both, since starts may differ in what they cost
+    """
+
+    runs: list[list[T]]
+    noise: list[float]
+
+    def means(self, seconds: Callable[[T], float]) -> list[float]:
+        """Mean seconds of each reading."""
+        return [mean(map(seconds, runs)) for runs in self.runs]
+
+
 def rounds(
     context: Context, keys: Iterable[str], once: Callable[[str, int], T], seconds: Callable[[T], float], repeats: int
-) -> dict[str, list[list[T]]]:
-    """`repeats` readings of each key: the runs that count for each, of what `once(key, reading)` gave.
+) -> dict[str, Readings[T]]:
+    """`repeats` readings of each key, of what `once(key, reading)` gave.
 
     The order is drawn anew in each round. Within a round a key is run until its `seconds` add up to LASTS. As many
     rounds again follow for keys whose times have not settled, up to MOST times; a run adds to the reading of its
     number, so that each reading spreads over the whole session. The middle third of its runs counts: what disturbs the
     machine makes some of them slower. Fewer than REPEATS readings are no statistics: then each is one run.
     """
-    found: dict[str, list[list[T]]] = {key: [[] for _ in range(repeats)] for key in keys}
+    found: dict[str, list[list[list[T]]]] = {key: [[] for _ in range(repeats)] for key in keys}
     order, left, enough = np.random.default_rng(0), list(found), repeats >= REPEATS
     taken = dict.fromkeys(found, 0.0)
     for again in range(MOST if enough else 1):
@@ -66,17 +84,36 @@ def rounds(
                 began, runs = time.perf_counter(), [once(key, k)]
                 while enough and 0 < sum(map(seconds, runs)) < LASTS and time.perf_counter() - began < WAITS:
                     runs.append(once(key, k))
-                found[key][k] += runs
+                found[key][k].append(runs)
                 taken[key] += time.perf_counter() - began
             context.progress((again + (k + 1) / repeats) / (MOST if enough else 1))
-        left = [key for key in left if taken[key] < PATIENCE and _open(found[key], seconds)]
-    return {key: [middle_third(runs, seconds) for runs in readings] for key, readings in found.items()}
+        left = [key for key in left if taken[key] < PATIENCE and _open(_noise(found[key], seconds))]
+    return {
+        key: Readings([_counted(turns, seconds) for turns in numbers], _noise(numbers, seconds))
+        for key, numbers in found.items()
+    }
 
 
-def _open(readings: Sequence[Sequence[T]], seconds: Callable[[T], float]) -> bool:
+def _counted(turns: Iterable[Iterable[T]], seconds: Callable[[T], float]) -> list[T]:
+    """The runs of several rounds that count."""
+    return middle_third(chain.from_iterable(turns), seconds)
+
+
+def _noise(numbers: Sequence[Sequence[Sequence[T]]], seconds: Callable[[T], float]) -> list[float]:
+    """See `Readings`; 0 where no time passed."""
+
+    def relative(groups: Iterable[Iterable[Iterable[T]]]) -> list[float]:
+        spent = [mean(map(seconds, _counted(turns, seconds))) for turns in groups]
+        return [each / (mean(spent) or 1.0) for each in spent]
+
+    if len(numbers[0]) == 1:
+        return relative(numbers)
+    return [share for turns in numbers for share in relative((turns[::2], turns[1::2]))]
+
+
+def _open(noise: Sequence[float]) -> bool:
     """Whether a time has not settled; what stopped at once has none."""
-    spent = [mean(map(seconds, middle_third(reading, seconds))) for reading in readings]
-    return all(spent) and bool(unsettled(spent))
+    return all(noise) and bool(unsettled(noise))
 
 
 def middle_third(runs: Iterable[T], seconds: Callable[[T], float]) -> list[T]:
@@ -98,25 +135,34 @@ def mean_parts(parts: Sequence[Mapping[str, float]]) -> dict[str, float]:
 
 
 def repeated(
-    context: Context, settings: Mapping[str, Mapping[str, Any]], once: Callable[[Mapping[str, Any], int], Result],
-    threads: int | None, repeats: int, backend: str = "cpu",
+    context: Context, own: Callable[..., Result], settings: Mapping[str, Mapping[str, Any]],
+    other: Callable[..., Result], peers: Mapping[str, Mapping[str, Any]], backend: str, threads: int | None,
+    repeats: int,
 ) -> Result:  # fmt: skip
-    """Readings of settings whose every run is a result with one reading: of a number's runs the one in the middle.
+    """Readings of settings and peers whose every run is a result with one reading: of each number that in the middle.
 
-    once  takes the setting and the repeat, which may be the seed of its start
+    own, other  take the setting (the peer) by name, threads, and the repeat, which may be the seed of its start
     """
+    quiet = replace(context, progress=lambda done: None)
     compiling: dict[str, float | None] = {}
 
     def run(key: str, k: int) -> dict[str, Any]:
-        (reading,) = once(settings[key], k).values["readings"]
+        if key in peers:
+            made = other(quiet, **peers[key], threads=threads or 2, repeat=k)
+        else:
+            made = own(quiet, **settings[key], threads=threads, repeat=k)
+        (reading,) = made.values["readings"]
         compiling.setdefault(key, reading["compile"])
         return reading
 
     def whole(reading: Mapping[str, Any]) -> float:
         return sum(reading["per_step"]) * reading["steps"]
 
-    found = rounds(context, settings, run, whole, repeats)
-    readings = [{**runs[0], "compile": compiling[key]} for key, numbers in found.items() for runs in numbers]
+    found = rounds(context, [*settings, *peers], run, whole, repeats)
+    readings = [
+        {**runs[0], "compile": compiling[key], "noise": [] if k else read.noise}
+        for key, read in found.items() for k, runs in enumerate(read.runs)
+    ]  # fmt: skip
     return Result({"readings": readings, "where": environment(threads, backend)})
 
 
@@ -131,10 +177,10 @@ def in_turns(
     found = rounds(context, settings, lambda key, k: once(context, settings[key], k), lambda run: run.seconds, repeats)
     readings = []
     for key, setting in settings.items():
-        runs = [reading[0] for reading in found[key]]
+        runs = [reading[0] for reading in found[key].runs]
         stopped = next((run.stopped for run in runs if run.stopped), "")
         length = float(np.median([run.steps for run in runs]))  # where repeats differ in it
-        spent = [length * mean(run.seconds / max(run.steps, 1) for run in reading) for reading in found[key]]
+        spent = [length * mean(run.seconds / max(run.steps, 1) for run in reading) for reading in found[key].runs]
         readings.append(
             Reading(
                 key, setting["words"], setting["knobs"],
@@ -143,6 +189,7 @@ def in_turns(
                 seconds=spent, per_step=[seconds / max(length, 1.0) for seconds in spent],
                 parts={"stepping": spent}, stopped=stopped, particles=runs[0].particles, steps=runs[0].steps,
                 launches=runs[0].launches, bytes=runs[0].bytes, shown=setting.get("shown", True),
+                noise=found[key].noise,
             )
         )  # fmt: skip
     return measured(readings, threads, backend)

@@ -122,6 +122,8 @@ def text_of(advice: Advice) -> str:
         took = in_time(setting["seconds"])
         if setting is not found:
             took = f"{in_time(setting['fastest'])} to {in_time(setting['slowest'])}, not settled,"
+        elif setting["starts"]:
+            took += f" ({' to '.join(map(in_time, setting['starts']))} over the starts)"
         lines.append(f"  setting    {setting['setting']}; keeps {percent(setting['keeps'])} ({setting['keeps_own']})")
         lines.append(f"  measured   {took} on {where}")
         if setting["bytes"]:

@@ -590,14 +590,14 @@ def test_stored_states_are_those_that_are_named():
         assert state.time == pytest.approx(moment, abs=0.01)
 
 
-def test_starts_that_need_more_steps_are_no_noise_of_the_machine():
-    curve = {"wall": [1.0], "error": [0.01]}
-    seconds = [1.0, 2.0, 4.0, 2.0, 3.0]
-    drops = [reading("drop", 0.01, [s], curve=curve, per_step=[0.1]) for s in seconds]
-    noisy = [reading("noisy", 0.01, [2.0], curve=curve, per_step=[0.1 * s]) for s in seconds]
+def test_starts_that_cost_more_are_no_noise_of_the_machine():
+    seconds, steady, unsteady = [1.0, 2.0, 4.0, 2.0, 3.0], [1.0] * 10, [0.8, 1.2] * 5
+    drops = [reading("drop", 0.01, [s], noise=[] if k else steady) for k, s in enumerate(seconds)]
+    noisy = [reading("noisy", 0.01, [s], noise=[] if k else unsteady) for k, s in enumerate(seconds)]
     points = accuracy.pooled({"one": measured([*drops, *noisy], 1, "cpu")})
     assert points["drop"]["seconds"] == pytest.approx(2.0)
-    assert points["drop"]["all_seconds"] == pytest.approx([2.0] * 5)
+    assert points["drop"]["all_seconds"] == pytest.approx([2.0] * 10)
+    assert points["drop"]["starts"] == seconds
     assert points["drop"]["unstable"] == ""
     assert points["noisy"]["unstable"]
 

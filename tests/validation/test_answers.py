@@ -18,6 +18,7 @@ def point(error, seconds, scatter=STEADY, value=None, **more):
         "words": f"keeps {error}", "knobs": knobs, "shown": True, "stopped": "", "error": error, "error_mad": 0.0,
         "value": error if value is None else value, "seconds": seconds, "mad": 0.0,
         "all_seconds": [seconds * s for s in scatter],
+        "starts": [seconds * s for s in scatter],
         "unstable": "", "elsewhere": "", "curves": [], "curve": {}, "bytes": 8, "particles": 100, "steps": 10,
         "per_step": seconds / 10,
     }  # fmt: skip

@@ -3,11 +3,12 @@
 import collections
 import itertools
 
+import numpy as np
 import pytest
 
 from validation.reading import Reading, measured
 from validation.running import Context
-from validation.turns import LASTS, MOST, PATIENCE, mean_parts, middle_third, repeated, rounds
+from validation.turns import LASTS, MOST, PATIENCE, _noise, mean_parts, middle_third, repeated, rounds
 
 
 def read(seconds, repeats=5):
@@ -23,24 +24,43 @@ def read(seconds, repeats=5):
 
 def test_a_short_run_is_repeated_within_its_round():
     found, called = read({"short": itertools.repeat(LASTS / 4), "long": itertools.repeat(3 * LASTS)})
-    assert [len(reading) for reading in found["short"]] == [2] * 5  # of four runs
+    assert [len(runs) for runs in found["short"].runs] == [2] * 5  # of four runs
     assert len([key for _, key in called if key == "short"]) == 20
-    assert [len(reading) for reading in found["long"]] == [1] * 5
+    assert [len(runs) for runs in found["long"].runs] == [1] * 5
 
 
 def test_rounds_go_on_until_a_time_settles():
-    late = itertools.chain((1.0, 1.3, 1.6, 1.0, 1.3), itertools.cycle((1.6, 1.3, 1.0, 1.6, 1.3)))
+    first, then = (1.0, 1.3, 1.6, 1.0, 1.3), (1.6, 1.3, 1.0, 1.6, 1.3)
+    late = itertools.chain(first, then, then, first, itertools.cycle(then))
     found, _ = read({"calm": itertools.repeat(0.1), "late": late})
-    assert [len(reading) for reading in found["calm"]] == [1] * 5
-    assert [len(reading) for reading in found["late"]] == [2] * 5
-    assert [sum(reading) for reading in found["late"]] == pytest.approx([2.6] * 5)
+    assert [len(runs) for runs in found["calm"].runs] == [1] * 5
+    assert [len(runs) for runs in found["late"].runs] == [2] * 5  # of four
+    assert found["late"].noise == pytest.approx([1.0] * 10)
+
+
+def test_starts_of_unequal_cost_settle_where_each_repeats():
+    """The second round tells what differs between starts from what disturbs the machine."""
+    starts = (1.0, 1.3, 1.6, 1.1, 2.0)
+    found, called = read({"start": itertools.cycle(starts)})
+    assert len(called) == 10
+    assert found["start"].means(float) == pytest.approx(starts)
+    assert found["start"].noise == pytest.approx([1.0] * 10)
+
+
+def test_noise_is_that_of_the_readings_whatever_it_is_read_from():
+    """Half the difference of two halves scatters as their mean does, so that one bar judges both."""
+    random = np.random.default_rng(1)
+    halves = 1.0 + 0.1 * random.standard_normal((20_000, 2))
+    noise = _noise([[[a], [b]] for a, b in halves.tolist()], float)
+    assert np.std(noise) == pytest.approx(np.std(halves.mean(1)), rel=0.02)
 
 
 def test_a_setting_is_left_after_the_limits(monkeypatch):
     """What surrounds the timed part counts for the longest time that a setting may take."""
     now = [0.0]
     monkeypatch.setattr("validation.turns.time.perf_counter", lambda: now[0])
-    seconds = {key: itertools.cycle((0.1, 0.2, 0.3, 0.4, 0.5)) for key in ("short", "slow")}
+    first, second = (0.1, 0.2, 0.3, 0.1, 0.2), (0.5, 1.0, 1.5, 0.5, 1.0)  # every second round is slower
+    seconds = {key: itertools.cycle(first + second) for key in ("short", "slow")}
     called = collections.Counter()
 
     def once(key, k):
@@ -55,7 +75,7 @@ def test_a_setting_is_left_after_the_limits(monkeypatch):
 def test_the_middle_third_of_a_readings_runs_counts():
     disturbed = itertools.cycle((0.010, 0.009, 0.010, 0.011, 0.050))
     found, _ = read({"short": disturbed})
-    assert {run for reading in found["short"] for run in reading} == {0.010, 0.011}
+    assert {run for runs in found["short"].runs for run in runs} == {0.010, 0.011}
     assert middle_third([3.0], float) == [3.0]
     assert middle_third([3.0, 1.0], float) == [1.0, 3.0]
     assert middle_third([5.0, 1.0, 3.0], float) == [3.0]
@@ -65,15 +85,15 @@ def test_of_the_runs_of_one_start_that_in_the_middle_is_the_reading():
     """Each number is a start of its own; the first run of a setting says what compiling took."""
     speed, first = itertools.cycle((0.03, 0.01, 0.02)), iter([7.0])
 
-    def once(setting, repeat):
+    def once(context, key, threads, repeat):
         seconds = next(speed)
         made = Reading(
-            setting["key"], "words", {}, error=0.1 * repeat, seconds=[seconds], per_step=[seconds / 10], steps=10,
+            key, "words", {}, error=0.1 * repeat, seconds=[seconds], per_step=[seconds / 10], steps=10,
             compile=next(first, None),
         )  # fmt: skip
         return measured([made], 1, "cpu")
 
-    found = repeated(Context(), {"one": {"key": "one"}}, once, 1, 5).values["readings"]
+    found = repeated(Context(), once, {"one": {"key": "one"}}, once, {}, "cpu", 1, 5).values["readings"]
     assert [r["error"] for r in found] == pytest.approx([0.0, 0.1, 0.2, 0.3, 0.4])
     assert {r["compile"] for r in found} == {7.0}
     assert all(r["seconds"] == [0.02] for r in found)
@@ -89,12 +109,12 @@ def test_settings_take_turns_in_an_order_that_changes():
 @pytest.mark.parametrize("repeats", [1, 2])
 def test_fewer_repeats_are_no_statistics(repeats):
     found, _ = read({"short": itertools.repeat(1e-3)}, repeats)
-    assert [len(reading) for reading in found["short"]] == [1] * repeats
+    assert [len(runs) for runs in found["short"].runs] == [1] * repeats
 
 
 def test_a_run_that_stopped_at_once_is_not_repeated_for_its_time():
     found, _ = read({"stopped": itertools.repeat(0.0)})
-    assert [len(reading) for reading in found["stopped"]] == [1] * 5
+    assert [len(runs) for runs in found["stopped"].runs] == [1] * 5
 
 
 def test_parts_of_a_reading_are_means():

@@ -24,7 +24,7 @@ from validation.peers import libigl, splishsplash_sampling
 from validation.reading import Reading, distribution, measured
 from validation.results import Result
 from validation.running import Context
-from validation.turns import mean, rounds
+from validation.turns import rounds
 
 DARTS = 30  # places for each particle at which holes are sought
 EXACT_QUERIES = 1000
@@ -383,7 +383,7 @@ def quality(
         first = {key: sampled(key, 0) for key in settings}
         spent = rounds(context, settings, sampled, float, repeats)
         for key, setting in settings.items():
-            found, seconds = made[key], [mean(reading) for reading in spent[key]]
+            found, seconds = made[key], spent[key].means(float)
             nearest = cKDTree(found.position).query(found.position, k=2)[0][:, 1]
             error = evenness(found.position)["variation"]
             readings.append(
@@ -392,7 +392,7 @@ def quality(
                     value=error, seconds=seconds, per_step=[s / max(found.iterations, 1) for s in seconds],
                     parts={"sampling": seconds}, compile=first[key],
                     distribution={"distance to the nearest / mean - 1": distribution(nearest / nearest.mean() - 1)},
-                    particles=len(found.position), steps=found.iterations,
+                    particles=len(found.position), steps=found.iterations, noise=spent[key].noise,
                 )
             )  # fmt: skip
     finally:
@@ -412,14 +412,15 @@ def quality_by_splishsplash(
         last.update(splishsplash_sampling.run(made.vertices, made.faces, radius, threads))
         return float(last.get("seconds", 0.0))
 
-    seconds = [mean(reading) for reading in rounds(context, [key], sampled, float, repeats)[key]]
+    spent = rounds(context, [key], sampled, float, repeats)[key]
+    seconds = spent.means(float)
     common = {"key": key, "words": words, "knobs": knobs, "expected": True}
     if "missing" in last:
         return measured([Reading(**common, stopped=f"missing: {last['missing']}")], threads, "peer")
     error = evenness(last["position"])["variation"]
     reading = Reading(
         **common, error=error, value=error, seconds=seconds, per_step=seconds, parts={"sampling": seconds},
-        particles=last["particles"],
+        particles=last["particles"], noise=spent.noise,
     )  # fmt: skip
     return measured([reading], threads, "peer", version=last["version"])
 
@@ -448,7 +449,7 @@ def distance(
         first = {key: banded(key, 0) for key in settings}
         spent = rounds(context, settings, banded, float, repeats)
         for key, setting in settings.items():
-            band, seconds = bands[key], [mean(reading) for reading in spent[key]]
+            band, seconds = bands[key], spent[key].means(float)
             points = there.asarray(place.astype(setting["knobs"]["dtype"]))
             error = there.host(band.at(points)[0]).astype(float) - known
             rms = float(np.sqrt((error**2).mean()))
@@ -458,6 +459,7 @@ def distance(
                     key, f"{setting['words']}, {band.nbytes / 2**20:.2f} MiB", knobs, error=rms, value=rms,
                     seconds=seconds, per_step=seconds, parts={"field": seconds}, compile=first[key],
                     distribution={"error [m]": distribution(error)}, particles=PLACES, bytes=band.nbytes // PLACES,
+                    noise=spent[key].noise,
                 )
             )  # fmt: skip
     finally:
@@ -490,7 +492,7 @@ def distance_by_libigl(
         if "missing" in found[key]:
             readings.append(Reading(**common, stopped=f"missing: {found[key]['missing']}"))
             continue
-        seconds = [mean(reading) for reading in spent[key]]
+        seconds = spent[key].means(float)
         own = bands[key]
         distance = np.clip(found[key]["distance"], -own.band, own.band)
         other = replace(own, field=own.field._replace(distance=distance))
@@ -500,6 +502,7 @@ def distance_by_libigl(
             Reading(
                 **common, error=rms, value=rms, seconds=seconds, per_step=seconds, parts={"field": seconds},
                 distribution={"error [m]": distribution(error)}, particles=PLACES, bytes=distance.nbytes // PLACES,
+                noise=spent[key].noise,
             )
         )  # fmt: skip
     return measured(readings, threads, "peer")

@@ -80,13 +80,12 @@ def detectors(
         return sum(s for name, s in stages.items() if name.startswith(("surface_detection.", "surface_normal.")))
 
     found = rounds(context, made, evaluated, counted, repeats)
-    spent = {key: [mean_parts(reading) for reading in readings] for key, readings in found.items()}
+    spent = {key: [mean_parts(runs) for runs in read.runs] for key, read in found.items()}
     readings = []
     for key, setting in settings.items():
         flags = made[key].field("surface").astype(bool)
-        readings.append(
-            _detector_reading(key, setting, made[key], flags, truth, spent, compiling[key], cloud.position, spacing)
-        )
+        read = _detector_reading(key, setting, made[key], flags, truth, spent, compiling[key], cloud.position, spacing)
+        readings.append(replace(read, noise=found[key].noise))
     return measured(readings, threads, backend)
 
 
@@ -162,14 +161,7 @@ def fronts(
     threads: int | None, repeats: int,
 ) -> Result:  # fmt: skip
     """`front` of every setting, and `peer_front` of every peer, in turn."""
-    quiet = replace(context, progress=lambda done: None)
-
-    def once(setting: Mapping[str, Any], repeat: int) -> Result:
-        if setting["key"] in peers:
-            return peer_front(quiet, **setting, threads=threads or 2, repeat=repeat)
-        return front(quiet, **setting, threads=threads, repeat=repeat)
-
-    return repeated(context, {**settings, **peers}, once, threads, repeats, backend)
+    return repeated(context, front, settings, peer_front, peers, backend, threads, repeats)
 
 
 def front(

@@ -6,7 +6,6 @@ import json
 import math
 import time
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -54,14 +53,7 @@ def drops(
     threads: int | None, repeats: int,
 ) -> Result:  # fmt: skip
     """`roughness` of every setting, and `peer_roughness` of every peer, in turn."""
-    quiet = replace(context, progress=lambda done: None)
-
-    def once(setting: Mapping[str, Any], repeat: int) -> Result:
-        if setting["key"] in peers:
-            return peer_roughness(quiet, **setting, threads=threads or 2, repeat=repeat)
-        return roughness(quiet, **setting, threads=threads, repeat=repeat)
-
-    return repeated(context, {**settings, **peers}, once, threads, repeats, backend)
+    return repeated(context, roughness, settings, peer_roughness, peers, backend, threads, repeats)
 
 
 def roughness(

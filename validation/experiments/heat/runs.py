@@ -24,7 +24,7 @@ from validation.experiments.heat.conductor import SUPPORT, Conductor, cosine_sla
 from validation.reading import Reading, distribution, measured
 from validation.results import Result
 from validation.running import Context
-from validation.turns import mean, rounds
+from validation.turns import rounds
 
 NUMBERS = (0.5, 2.0, 8.0, 32.0)
 SPACING, LENGTH, END = 0.2, 40, 6.4  # of the slab: [m], spacings along x, [s]
@@ -455,7 +455,7 @@ def slabs(
         spent = {key: [stepped(key, 0)] for key, setting in settings.items() if not setting["shown"]}
         shown = [key for key, setting in settings.items() if setting["shown"]]
         found = rounds(context, shown, stepped, float, repeats)
-        spent |= {key: [mean(reading) for reading in readings] for key, readings in found.items()}
+        spent |= {key: read.means(float) for key, read in found.items()}
     finally:
         set_threads(there, None)
     readings = []
@@ -470,7 +470,7 @@ def slabs(
                 per_step=[seconds / steps for seconds in spent[key]], parts={"stepping": spent[key]},
                 compile=compiling[key], distribution={} if lost else {"|T - exact| [deg C]": distribution(ended[key])},
                 stopped="blown up: unstable beyond s = 1" if lost else "", expected=lost, particles=len(ended[key]),
-                steps=steps, shown=setting["shown"],
+                steps=steps, shown=setting["shown"], noise=found[key].noise if key in found else (),
             )
         )  # fmt: skip
     return measured(readings, threads, backend)

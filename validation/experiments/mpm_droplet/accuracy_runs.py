@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping
+from operator import itemgetter
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ from validation.experiments.mpm_droplet.scene import CELLS, MODULUS, drop_scene,
 from validation.reading import Reading, distribution, measured
 from validation.results import Result
 from validation.running import Context, first_call_seconds, with_step
-from validation.turns import mean, rounds
+from validation.turns import rounds
 
 RADIUS = 11.0 * CELLS[2]  # of every disc [m]
 UNTIL = 0.12  # s
@@ -68,16 +69,14 @@ def pressures(
     "probes": whether it may end in a stop}
     """
     first = {key: held(context, setting, 0, until=0.02 * UNTIL) for key, setting in settings.items()}
-    found = rounds(context, settings, lambda key, k: held(context, settings[key], k), lambda run: run["wall"], repeats)
+    found = rounds(context, settings, lambda key, k: held(context, settings[key], k), itemgetter("wall"), repeats)
     readings = []
     for key, setting in settings.items():
-        runs = [reading[0] for reading in found[key]]
+        runs = [reading[0] for reading in found[key].runs]
         values = [run["value"] for run in runs]
         stopped = next((run["stopped"] for run in runs if run["stopped"]), "")
         value = float(np.median(values))
-        walls, surfaces = (
-            [mean(run[name] for run in reading) for reading in found[key]] for name in ("wall", "surface")
-        )
+        walls, surfaces = (found[key].means(itemgetter(name)) for name in ("wall", "surface"))
         readings.append(
             Reading(
                 key, setting["words"], setting["knobs"], error=abs(value - 1), value=value, seconds=walls,
@@ -86,7 +85,7 @@ def pressures(
                 compile=first[key]["compile"], stopped=stopped, particles=runs[0]["particles"],
                 steps=runs[0]["steps"], launches=runs[0]["launches"], bytes=runs[0]["bytes"],
                 distribution={"J against its mean": runs[0]["ratio"]},
-                shown=setting["shown"], expected=setting["probes"],
+                shown=setting["shown"], expected=setting["probes"], noise=found[key].noise,
             )
         )  # fmt: skip
     return measured(readings, threads, backend)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Mapping
+from operator import itemgetter
 from typing import Any
 
 import numpy as np
@@ -611,7 +612,7 @@ def normals(
             return math.fsum(stages[name] for name in own[key])
 
         found = rounds(context, made, reconstructed, counted, repeats)
-        spent = {key: [mean_parts(reading) for reading in readings] for key, readings in found.items()}
+        spent = {key: [mean_parts(runs) for runs in read.runs] for key, read in found.items()}
         readings = []
         for key, setting in settings.items():
             surface = made[key].surface(positions[key])
@@ -627,7 +628,7 @@ def normals(
                     key, setting["words"], setting["knobs"], error=float(angle.mean()), value=float(angle.mean()),
                     seconds=seconds, per_step=seconds, parts=parts, beside=beside, compile=compiling[key],
                     distribution={"angle [degrees]": distribution(angle)}, particles=int(positions[key].shape[0]),
-                    shown="radius" not in setting,
+                    shown="radius" not in setting, noise=found[key].noise,
                 )
             )  # fmt: skip
     finally:
@@ -657,12 +658,12 @@ def peer_normals(context: Context, settings: Mapping[str, Mapping[str, Any]], th
             continue
         place, normal = (np.asarray(last[key][name], dtype=float) for name in ("place", "normal"))
         angle = shapes.angles(normal, shapes.true_normals(place / CELL, "sphere", RADIUS))
-        seconds = [math.fsum(made["seconds"] for made in reading) / len(reading) for reading in found[key]]
+        seconds = found[key].means(itemgetter("seconds"))
         readings.append(
             Reading(
                 **common, error=float(angle.mean()), value=float(angle.mean()), seconds=seconds, per_step=seconds,
                 parts={"mesh and normals": seconds}, particles=len(position),
-                distribution={"angle [degrees]": distribution(angle)},
+                distribution={"angle [degrees]": distribution(angle)}, noise=found[key].noise,
             )
         )  # fmt: skip
     return measured(readings, threads, "peer")
