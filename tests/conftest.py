@@ -33,21 +33,18 @@ def pytest_xdist_auto_num_workers(config):
 
 
 def pytest_configure():
-    """A test process compiles what it comes to, since the tests fill the cores, and keeps its process for loops.
+    """A test process compiles what it comes to, since the tests fill the cores.
 
-    Numba makes many objects while it compiles, and pytest holds many: Python looks for cycles among them more rarely,
-    here and in the process for loops.
+    Numba makes many objects while it compiles, and pytest holds many: Python looks for cycles among them more rarely.
     """
-    from refsim.backends import ahead, workers
+    from refsim.backends import ahead
 
     gc.set_threshold(*CYCLES)
-    workers.START = f"import gc; gc.set_threshold(*{CYCLES}); {workers.START}"
     ahead.cores = lambda: 1
     if os.environ.get("NUMBA_ENABLE_CUDASIM", "0") not in ("", "0"):
         from validation import simulator_threads
 
         simulator_threads.install()
-    workers.IDLE = 3600.0
 
 
 def pytest_sessionfinish():

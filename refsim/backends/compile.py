@@ -27,15 +27,13 @@ from typing import Any
 
 import numba
 from numba import njit
-from numba import prange as prange
-from numba.extending import register_jitable
 
-from refsim.backends.cache_files import check_files, in_turn, is_stored, refuse_foreign, tell_once
+from refsim.backends.cache_files import check_files, in_turn, is_stored, refuse_foreign
 from refsim.backends.launching import direct_launch, kinds_of
+from refsim.backends.linking import linked
 from refsim.backends.rows import over_rows
 from refsim.backends.runtime import simulated, stream
 from refsim.backends.threads import choose_layer
-from refsim.backends.workers import Task, store_apart
 
 THREADS_PER_BLOCK = 128
 SIMULATED_THREADS = 8  # each is a Python thread
@@ -45,7 +43,7 @@ _REFSIM = pathlib.Path(__file__).parents[1]
 _CACHES_KEPT = 200
 _CACHE_NAME = re.compile("[0-9a-f]{16}")  # of the folders that `cache_folder` makes: it deletes no other
 ANY_ORDER = {"reassoc", "contract", "arcp", "nsz"}
-FORMULA_OPTIONS: dict[str, Any] = {"error_model": "numpy", "no_cfunc_wrapper": True}  # C never calls them
+COMPILE_OPTIONS: dict[str, Any] = {"error_model": "numpy", "no_cfunc_wrapper": True}  # C never calls them
 
 
 def formula(function: Callable | None = None, *, inlined: bool = False) -> Any:
@@ -56,7 +54,15 @@ def formula(function: Callable | None = None, *, inlined: bool = False) -> Any:
     """
     if function is None:
         return functools.partial(formula, inlined=inlined)
-    return register_jitable(**FORMULA_OPTIONS, **({"forceinline": True} if inlined else {}))(function)
+    return overloaded(function, lambda *types: function, **({"forceinline": True} if inlined else {}))
+
+
+def overloaded(
+    function: Callable, chosen: Callable, targets: tuple[str, ...] = ("cpu", "cuda"), **options: Any
+) -> Callable:
+    """Let kernels for the targets call what `chosen` gives for the types of the arguments; the function itself."""
+    linked(function, chosen, targets, **COMPILE_OPTIONS, **options)
+    return function
 
 
 def cuda_formula(function: Callable) -> Any:
@@ -162,7 +168,7 @@ def cache_folder(path: pathlib.Path) -> str:
     return str(folder)
 
 
-def _cached(dispatcher: Any, function: Callable, origin: tuple[str, str] | None = None, apart: bool = False) -> Any:
+def _cached(dispatcher: Any, function: Callable, origin: tuple[str, str] | None = None) -> Any:
     """The dispatcher with refsim's cache; `origin` are module and name under which other processes find the kernel."""
     if not hasattr(dispatcher, "enable_caching"):  # plain Python under NUMBA_DISABLE_JIT and in the simulator
         return dispatcher
@@ -190,15 +196,7 @@ def _cached(dispatcher: Any, function: Callable, origin: tuple[str, str] | None 
     def compile_or_load(signature: Any) -> Any:
         if is_stored(dispatcher, signature):
             return compile_here(signature)  # loads
-        alone = apart and not store_apart(Task.of(dispatcher, signature))
-        compiled = store(signature)  # loads it, if another process has stored it
-        if alone:
-            tell_once(
-                "apart",
-                "no other process could compile kernels; this one does, and the last bits of its results can differ"
-                " from those of a process that loads the kernels from the cache.",
-            )
-        return compiled
+        return store(signature)  # loads it, if another process has stored it
 
     dispatcher.store, dispatcher.compile = store, compile_or_load
     dispatcher.__class__ = _recordable(dispatcher.__class__)
@@ -267,10 +265,8 @@ def _set_compiler(dispatcher: Any, packed: bool) -> None:
     dispatcher.compile = compile_so
 
 
-def cpu_kernel(
-    function: Callable | None = None, *, ordered: bool = False, packed: bool = False, parallel: bool = False
-) -> Any:
-    """Compile a kernel for the CPU that gives its loops to `over_rows`, or with `parallel` to Numba's `prange`.
+def cpu_kernel(function: Callable | None = None, *, ordered: bool = False, packed: bool = False) -> Any:
+    """Compile a kernel for the CPU.
 
     Sums may be taken in another order and products fused, so that loops over neighbours vectorise. The
     contract's bound holds for any order of summation; NaN and infinity keep their meaning. `ordered` keeps the order
@@ -278,24 +274,16 @@ def cpu_kernel(
     code that does the same with each of four numbers that stand side by side in memory (see `_set_compiler`).
     """
     if function is None:
-        return functools.partial(cpu_kernel, ordered=ordered, packed=packed, parallel=parallel)
-    return _for_cpu(function, (function.__module__, function.__qualname__), ordered, packed, parallel)
+        return functools.partial(cpu_kernel, ordered=ordered, packed=packed)
+    return _for_cpu(function, (function.__module__, function.__qualname__), ordered, packed)
 
 
-def _for_cpu(function: Callable, origin: tuple[str, str], ordered: bool, packed: bool, parallel: bool = False) -> Any:
-    """The function compiled; its loops are `prange` if it is `parallel`.
-
-    A process that compiles a `prange` loop (`parallel`) holds its body twice, optimised differently. It runs one of
-    them; a process that loads the loop from the cache runs the other. If the order of a sum is free, the last bits
-    differ, and a run resumed in another process would not be the same bit for bit. Therefore another process compiles
-    such a loop, and this one loads it.
-    """
+def _for_cpu(function: Callable, origin: tuple[str, str], ordered: bool, packed: bool) -> Any:
     flags = ANY_ORDER - {"reassoc"} if ordered else ANY_ORDER
-    options = {"parallel": True} if parallel else {"nogil": True}
-    dispatcher = njit(**FORMULA_OPTIONS, fastmath=set(flags), **options)(function)
+    dispatcher = njit(**COMPILE_OPTIONS, fastmath=set(flags), nogil=True)(function)
     if hasattr(dispatcher, "compile"):
         _set_compiler(dispatcher, packed)
-    return _cached(dispatcher, function, origin, apart=parallel)
+    return _cached(dispatcher, function, origin)
 
 
 class CudaKernel:
@@ -442,7 +430,7 @@ class Kernel:
     ) -> None:
         names = list(inspect.signature(function).parameters)
         # Counting references to arrays costs time in each row, and serves only bodies that make arrays.
-        self.body = register_jitable(**FORMULA_OPTIONS, forceinline=True, _nrt=allocates)(function)
+        self.body = overloaded(function, lambda *types: function, forceinline=True, _nrt=allocates)
         self.arguments = names[2 if lanes else 1 :]
         self.rows = rows_of or names[-1]
         self.lanes = "neighbours" if lanes is True else lanes

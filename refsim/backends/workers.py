@@ -7,7 +7,6 @@ process that started it does.
 
 from __future__ import annotations
 
-import atexit
 import contextlib
 import importlib
 import os
@@ -22,7 +21,6 @@ from operator import attrgetter
 from typing import Any
 
 LONGEST = 300.0  # seconds for one kernel, after which the process is ended; the run then compiles the kernel itself
-IDLE = 20.0  # seconds after which the kept process is ended
 STORED, FAILED = b".", b"!"
 START = "import sys; sys.path[:] = sys.argv[1:]; from refsim.backends.workers import serve; serve()"
 
@@ -90,65 +88,6 @@ class Worker:
         for pipe in (self.tasks, self.answers):
             with contextlib.suppress(OSError):  # of what was not yet sent
                 pipe.close()
-
-
-class _Kept:
-    """The process for kernels that are compiled one by one: started for the first, ended a while after the last."""
-
-    def __init__(self) -> None:
-        self.turn, self.owner = threading.Lock(), os.getpid()
-        self.worker: Worker | None = None
-        self.idle: threading.Timer | None = None
-        self.places: tuple | None = None  # where it finds modules and the cache
-
-    def store(self, task: Task) -> bool:
-        """Whether the process has stored the kernel."""
-        with self.turn:
-            if self.idle is not None:
-                self.idle.cancel()
-            places = (*sys.path, os.environ.get("REFSIM_CACHE_DIR"))
-            if places != self.places:
-                self._end()
-            try:
-                self.worker, self.places = self.worker or Worker(), places
-            except OSError:
-                return False
-            answer = b""
-            try:
-                answer = self.worker.store(task)
-            finally:
-                if not answer:  # it has ended, or was interrupted and would answer late
-                    self._end()
-            if not answer:
-                return False
-            self.idle = threading.Timer(IDLE, self.close)
-            self.idle.daemon = True
-            self.idle.start()
-            return answer == STORED
-
-    def close(self) -> None:
-        """End the process."""
-        with self.turn:
-            self._end()
-
-    def _end(self) -> None:
-        if self.worker is not None and self.owner == os.getpid():
-            self.worker.close()
-        self.worker = None
-
-
-_kept = _Kept()
-atexit.register(lambda: _kept.close())
-
-
-def store_apart(task: Task | None) -> bool:
-    """Whether another process has compiled the kernel and stored its code."""
-    global _kept
-    if task is None:
-        return False
-    if _kept.owner != os.getpid():  # a copy of the process that owns it
-        _kept = _Kept()
-    return _kept.store(task)
 
 
 def serve() -> None:

@@ -6,7 +6,7 @@ The neighbour list reaches further than the support radius: a CPU keeps a list o
 import numpy as np
 
 from refsim.backends.chunks import CHUNKS, limits
-from refsim.backends.compile import cpu_kernel, formula, kernel, prange
+from refsim.backends.compile import formula, kernel
 from refsim.heat.kernels import inverse_capacity, weight
 from refsim.heat.shapes import ExchangeRows
 from refsim.neighbours.rows import row_of
@@ -117,38 +117,36 @@ def stepped(i, length, inverse, direction, image, solution, residual, gradient):
 def turn(exchanges, inverse, gradient, dots, old, direction, image, scratch):
     """p = z + beta p_before, A p and p A p."""
     partial = scratch.array("heat partial", CHUNKS, np.float64)
-    turn_chunks(exchanges, inverse, gradient, dots, old, direction, image, partial)
+    turn_chunk(exchanges, inverse, gradient, dots, old, direction, image, partial)
     dots[1] = partial.sum()
 
 
 def step(inverse, direction, image, dots, solution, residual, gradient, scratch):
     """x += alpha p, r -= alpha A p, z = r/C and r z."""
     partial = scratch.array("heat partial", CHUNKS, np.float64)
-    step_chunks(inverse, direction, image, dots, solution, residual, gradient, partial)
+    step_chunk(inverse, direction, image, dots, solution, residual, gradient, partial)
     dots[2], dots[0] = dots[0], partial.sum()
 
 
-@cpu_kernel(parallel=True)
-def turn_chunks(exchanges, inverse, gradient, dots, old, direction, image, partial):
-    """p = z + beta p_before [K], A p [J], and p A p of each chunk."""
+@kernel
+def turn_chunk(chunk, exchanges, inverse, gradient, dots, old, direction, image, partial):
+    """p = z + beta p_before [K], A p [J], and p A p, of a chunk."""
     share = step_ratio(dots[0], dots[2], direction.dtype.type)
-    n = direction.shape[0]
-    for chunk in prange(partial.shape[0]):
-        total = 0.0
-        for i in range(chunk * n // partial.shape[0], (chunk + 1) * n // partial.shape[0]):
-            own = gradient[i] + share * old[i]
-            flow = flow_along(i, None, gradient, old, share, exchanges)
-            total += turned(i, own, flow, inverse, direction, image)
-        partial[chunk] = total
+    begin, end = limits(chunk, direction.shape[0])
+    total = 0.0
+    for i in range(begin, end):
+        own = gradient[i] + share * old[i]
+        flow = flow_along(i, None, gradient, old, share, exchanges)
+        total += turned(i, own, flow, inverse, direction, image)
+    partial[chunk] = total
 
 
-@cpu_kernel(parallel=True)
-def step_chunks(inverse, direction, image, dots, solution, residual, gradient, partial):
-    """x += alpha p, r -= alpha A p, z = r/C [K; J; K], and r z of each chunk."""
+@kernel
+def step_chunk(chunk, inverse, direction, image, dots, solution, residual, gradient, partial):
+    """x += alpha p, r -= alpha A p, z = r/C [K; J; K], and r z, of a chunk."""
     length = step_ratio(dots[0], dots[1], direction.dtype.type)
-    n = direction.shape[0]
-    for chunk in prange(partial.shape[0]):
-        total = 0.0
-        for i in range(chunk * n // partial.shape[0], (chunk + 1) * n // partial.shape[0]):
-            total += stepped(i, length, inverse, direction, image, solution, residual, gradient)
-        partial[chunk] = total
+    begin, end = limits(chunk, direction.shape[0])
+    total = 0.0
+    for i in range(begin, end):
+        total += stepped(i, length, inverse, direction, image, solution, residual, gradient)
+    partial[chunk] = total

@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 
-from refsim.backends.compile import cpu_kernel, formula, kernel, prange
+from refsim.backends.compile import formula, kernel
 from refsim.mpm.formulas import CLUSTER, CORRECTED, determinant, dilation, spline_weights
 from refsim.mpm.kernels import layer_weights, place, spread_of
 from refsim.sparse_grid.formulas import node_coordinates
@@ -251,66 +251,39 @@ def moments(at, width, background, wx, wy, wz, values, sums):
     )  # fmt: skip
 
 
-@formula
-def gather_block(
+@kernel(ordered=True, packed=True, allocates=True)
+def gather(
     b, bins, node_velocity, cell, liquid, background, timestep, blocks, cluster_share, inverse_spread, embedding,
     carrier_first, carrier_position, carrier_moment, build_position, velocity, affine, volume_ratio, deformation,
-    position,
+    position, extremes,
 ):  # fmt: skip
-    """One block of `gather`; (largest squared displacement, least J, largest J, largest |tr A|, largest squared
-    displacement of the step)."""
-    real = type(background.cell_size)
-    width = background.width
-    origin = node_coordinates(blocks, b * 64)
-    values = load_block(b, blocks, background, node_velocity)
-    work = np.zeros((4, 4), node_velocity.dtype)
-    far, least, most, fast, jump = real(0), real(math.inf), real(-math.inf), real(0), real(0)
-    for k in range(bins.first[b], bins.first[b + 1]):
-        i = bins.point[k]
-        fx, fy, fz, x, y, z = place(i, position, cell, origin, background)
-        sums = moments(
-            (z * width + y) * width + x, width, background, spline_weights(fx), spline_weights(fy),
-            layer_weights(fz, background), values, work,
-        )  # fmt: skip
-        squared, ratio, rate, leap = move_particle(
-            i, i, sums, fx, fy, fz, background, liquid, timestep, cluster_share, inverse_spread, embedding,
-            carrier_first, carrier_position, carrier_moment, build_position, position, volume_ratio,
-            deformation, velocity, affine, position,
-        )  # fmt: skip
-        far, least, most, fast = max(far, squared), min(least, ratio), max(most, ratio), max(fast, rate)
-        jump = max(jump, leap)
-    return far, least, most, fast, jump
+    """Velocity, gradient, volume ratio and position of the particles of block b from the nodes.
 
-
-@cpu_kernel(ordered=True, packed=True, parallel=True)
-def gather(
-    bins, node_velocity, cell, liquid, background, timestep, blocks, cluster_share, inverse_spread, embedding,
-    carrier_first, carrier_position, carrier_moment, build_position, displacement, step_extremes, velocity, affine,
-    volume_ratio, deformation, position,
-):  # fmt: skip
-    """Velocity, gradient, volume ratio and position of every particle from the nodes."""
+    extremes (blocks, 5): largest squared displacement, least J, largest J, largest |tr A|, largest squared displacement
+    of the step
+    """
     real = type(background.cell_size)
     far, least, most, fast, jump = real(0), real(math.inf), real(-math.inf), real(0), real(0)
-    for b in prange(blocks.keys.shape[0]):
-        if bins.first[b + 1] > bins.first[b]:
-            f, low, high, rate, leap = gather_block(
-                b, bins, node_velocity, cell, liquid, background, timestep, blocks, cluster_share, inverse_spread,
-                embedding, carrier_first, carrier_position, carrier_moment, build_position, velocity, affine,
-                volume_ratio, deformation, position,
+    if bins.first[b + 1] > bins.first[b]:
+        width = background.width
+        origin = node_coordinates(blocks, b * 64)
+        values = load_block(b, blocks, background, node_velocity)
+        work = np.zeros((4, 4), node_velocity.dtype)
+        for k in range(bins.first[b], bins.first[b + 1]):
+            i = bins.point[k]
+            fx, fy, fz, x, y, z = place(i, position, cell, origin, background)
+            sums = moments(
+                (z * width + y) * width + x, width, background, spline_weights(fx), spline_weights(fy),
+                layer_weights(fz, background), values, work,
             )  # fmt: skip
-            far = max(far, f)
-            least = min(least, low)
-            most = max(most, high)
-            fast = max(fast, rate)
+            squared, ratio, rate, leap = move_particle(
+                i, i, sums, fx, fy, fz, background, liquid, timestep, cluster_share, inverse_spread, embedding,
+                carrier_first, carrier_position, carrier_moment, build_position, position, volume_ratio,
+                deformation, velocity, affine, position,
+            )  # fmt: skip
+            far, least, most, fast = max(far, squared), min(least, ratio), max(most, ratio), max(fast, rate)
             jump = max(jump, leap)
-    if least > most:  # there is no particle
-        least, most = real(1), real(1)
-    displacement[0] = far
-    displacement[1] = real(0)
-    step_extremes[0] = least
-    step_extremes[1] = most
-    step_extremes[2] = fast
-    step_extremes[3] = jump
+    extremes[b, 0], extremes[b, 1], extremes[b, 2], extremes[b, 3], extremes[b, 4] = far, least, most, fast, jump
 
 
 def grid_to_particle(
@@ -319,12 +292,16 @@ def grid_to_particle(
     volume_ratio, deformation, position,
 ):  # fmt: skip
     """(4.12), (4.13) or A of the cluster, (4.16), (4.8): velocity, affine matrix, volume ratio and position."""
+    extremes = np.empty((len(grid.blocks.keys), 5), step_extremes.dtype)
     gather(
         grid.bins["particles"], node_velocity, grid.cells["particles"], liquid, background, timestep, grid.blocks,
         cluster_share, inverse_spread, embedding, carrier_first, carrier_position, carrier_moment, build_position,
-        displacement,
-        step_extremes, velocity, affine, volume_ratio, deformation, position,
+        velocity, affine, volume_ratio, deformation, position, extremes,
     )  # fmt: skip
+    largest = extremes.max(0, initial=-math.inf)
+    displacement[:] = max(largest[0], 0.0), 0.0
+    any_particle = largest[2] > -math.inf
+    step_extremes[:] = (extremes[:, 1].min(), *largest[2:]) if any_particle else (1.0, 1.0, 0.0, 0.0)
 
 
 @kernel(rows_of="keys", ordered=True, packed=True, allocates=True)

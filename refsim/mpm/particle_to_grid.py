@@ -9,7 +9,7 @@ A point gives node j the momentum B_j(x) (q + g (j - base)): an affine field wit
 stencil and gradient g, both times mass; g is a tuple, row by row, in units of momentum per node.
 """
 
-from refsim.backends.compile import cpu_kernel, formula, kernel, prange
+from refsim.backends.compile import formula, kernel
 from refsim.mpm.formulas import CLUSTER, spline_slopes, spline_weights, stress_moment
 from refsim.mpm.kernels import layer_slopes, layer_weights, place, round_spread, spread_of
 from refsim.sparse_grid.formulas import node_coordinates
@@ -263,12 +263,14 @@ def particle_to_grid(
     collect(bins, grid.blocks, False, scratch, node_mass, node_momentum)
 
 
-@formula
-def scatter_carriers_of(
+@kernel(rows_of="scratch", ordered=True, packed=True)
+def scatter_carriers(
     b, bins, carrier_position, carrier_owner, carrier_cell, position, velocity, mass, affine, volume_ratio,
     acceleration, liquid, background, timestep, cluster_share, inverse_spread, embedding, blocks, scratch,
 ):  # fmt: skip
-    """One block of `scatter_carriers`."""
+    """Sums of the embedded points of block b on the nodes in their reach."""
+    if bins.first[b] == bins.first[b + 1]:
+        return
     width = background.width
     origin = node_coordinates(blocks, b * 64)
     clear(scratch, b)
@@ -282,21 +284,6 @@ def scatter_carriers_of(
         )  # fmt: skip
         wx, wy, wz = spline_weights(fx), spline_weights(fy), layer_weights(fz, background)
         add_affine(nodes, (z * width + y) * width + x, width, background, wx, wy, wz, own, qx, qy, qz, g)
-
-
-@cpu_kernel(ordered=True, packed=True, parallel=True)
-def scatter_carriers(
-    bins, carrier_position, carrier_owner, carrier_cell, position, velocity, mass, affine, volume_ratio, acceleration,
-    liquid, background, timestep, cluster_share, inverse_spread, embedding, blocks, scratch,
-):  # fmt: skip
-    """Sums of each block's embedded points on the nodes in their reach."""
-    for b in prange(scratch.shape[0]):
-        if bins.first[b + 1] > bins.first[b]:
-            scatter_carriers_of(
-                b, bins, carrier_position, carrier_owner, carrier_cell, position, velocity, mass, affine,
-                volume_ratio, acceleration, liquid, background, timestep, cluster_share, inverse_spread, embedding,
-                blocks, scratch,
-            )  # fmt: skip
 
 
 def carriers_to_grid(

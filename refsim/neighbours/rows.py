@@ -6,9 +6,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numba import types
-from numba.extending import overload
 
-from refsim.backends.compile import FORMULA_OPTIONS, formula
+from refsim.backends.compile import formula, overloaded
 
 
 class NeighbourRows(NamedTuple):
@@ -85,7 +84,7 @@ def _sum_of_lanes() -> Any:
 
 
 for _function, _chosen in ((row_of, _row_of), (first_lane, _first_lane), (over_lanes, _over_lanes)):
-    overload(_function, jit_options=FORMULA_OPTIONS)(_chosen)
+    overloaded(_function, _chosen)
 
 
 @formula

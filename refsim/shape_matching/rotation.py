@@ -1,9 +1,8 @@
 """The best rotation of a region, with matrices that lie on the heap on a CPU and in local memory on a GPU."""
 
 import numpy as np
-from numba.extending import overload
 
-from refsim.backends.compile import FORMULA_OPTIONS
+from refsim.backends.compile import overloaded
 from refsim.shape_matching.formulas import best_rotation
 
 PRECISION = 1e-17  # of the eigensolver in float64
@@ -27,4 +26,4 @@ def _on_cuda(moments, before, floor, lost):
 
 # On a CPU the matrices are freed by the count of references to them, which the kernels' bodies leave out.
 for _target, _chosen in (("cpu", _on_cpu), ("cuda", _on_cuda)):
-    overload(solved_rotation, target=_target, jit_options=FORMULA_OPTIONS | {"_nrt": True})(_chosen)
+    overloaded(solved_rotation, _chosen, (_target,), _nrt=True)

@@ -84,7 +84,7 @@ def test_without_a_cache_nothing_is_compiled_ahead(run, tmp_path):
             {"predict", "halve", "displace", "relax", "keep", "push", "count_missed", "block_boxes"},
         ),
         ((refsim.HeatConduction(),), {"weigh", "advance", "collect"}),
-        ((refsim.HeatConduction(scheme="conjugate_gradient"),), {"weigh", "flow", "turn_chunks", "step_chunks", "add"}),
+        ((refsim.HeatConduction(scheme="conjugate_gradient"),), {"weigh", "flow", "turn_chunk", "step_chunk", "add"}),
     ],
 )
 def test_kernels_inside_host_functions_are_among_those_compiled_ahead(monkeypatch, effects, kernels):

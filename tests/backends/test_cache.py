@@ -268,19 +268,6 @@ def test_a_damaged_cache_is_dropped_and_compiled_anew(tiny, kind):
         assert told(tiny) == (0, "4.0 0 1\n", "")
 
 
-def test_a_damaged_loop_of_numba_comes_out_of_the_renewed_cache(tiny):
-    """Another process compiles it, so that its bits are those of every other run."""
-    (tiny / "cpu.py").write_text(
-        FILES["cpu.py"].replace("kernel\n", "kernel, prange\n", 1).replace(" range", " prange")
-    )
-    edit(tiny, "cpu.py", "@cpu_kernel", "@cpu_kernel(parallel=True)")
-    assert run(tiny) == (4, 1, 1)
-    path = cached(tiny, "nbc")
-    path.write_bytes(flipped(path.read_bytes()))
-    code, out, err = told(tiny)
-    assert (code, out.split()[0], out.split()[2]) == (0, "4.0", "1"), err
-
-
 def test_code_of_another_kernel_in_a_file_of_the_cache_is_not_run(tiny):
     assert run(tiny) == (4, 1, 0)
     path = cached(tiny, "nbc")

@@ -18,36 +18,31 @@ from refsim.backends.workers import Task, Worker
 
 TINY = """
 import os
-from refsim.backends.compile import cpu_kernel, kernel, prange
+from refsim.backends.compile import kernel
 open(os.environ["SEEN"], "a").write(f"{os.getpid()}\\n")  # the processes that import this module
-
-@cpu_kernel(parallel=True)
-def doubled(values):
-    for i in prange(values.shape[0]):
-        values[i] *= 2
 
 @kernel
 def tripled(i, values):
     values[i] *= 3
 """
 PROGRAM = """
-import numpy as np
-from tiny import doubled, tripled
-values = np.ones(5)
-doubled(values)
+import numba, numpy as np
+from refsim.backends.workers import STORED, Task, Worker
+from tiny import tripled
+values, program = np.ones(5), tripled.on("cpu")
+worker = Worker()
+assert worker.store(Task.of(program, (numba.typeof(values),))) == STORED
 tripled(values)
-print(values[4], sum(doubled.stats.cache_hits.values()))
+print(values[4], sum(program.stats.cache_hits.values()))
 """
 SCRIPT = """
-import numpy as np, sys
-from refsim.backends.compile import cpu_kernel, prange
-@cpu_kernel(parallel=True)
-def doubled(values):
-    for i in prange(values.shape[0]):
-        values[i] *= 2
-values = np.ones(5)
-doubled(values)
-print(values[4])
+import numba, numpy as np
+from refsim.backends.compile import kernel
+from refsim.backends.workers import Task
+@kernel
+def doubled(i, values):
+    values[i] *= 2
+print(Task.of(doubled.on("cpu"), (numba.typeof(np.ones(5)),)))
 """
 
 
@@ -76,16 +71,13 @@ def gone(process, seconds=20):
     return not alive(process)
 
 
-def test_another_process_compiles_a_loop_and_ends_with_this_one(environment):
+def test_another_process_compiles_a_kernel_and_ends_with_this_one(environment):
     done = subprocess.run([sys.executable, "-c", PROGRAM], env=environment, capture_output=True, text=True)
-    assert done.stdout.split() == ["6.0", "1"], done.stderr  # the prange loop came out of the cache
+    assert done.stdout.split() == ["3.0", "1"], done.stderr  # the kernel came out of the cache
     assert done.stderr == ""
     own, other = map(int, pathlib.Path(environment["SEEN"]).read_text().split())
     assert own != other
     assert gone(other)
-    done = subprocess.run([sys.executable, "-c", PROGRAM], env=environment, capture_output=True, text=True)
-    assert done.stdout.split() == ["6.0", "1"]
-    assert len(pathlib.Path(environment["SEEN"]).read_text().split()) == 3, "a process was started for nothing"
 
 
 @pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
@@ -103,13 +95,11 @@ def test_no_process_outlives_the_one_that_started_it(environment, number):
     assert all(map(gone, map(int, pathlib.Path(environment["SEEN"]).read_text().split())))
 
 
-def test_what_no_other_process_can_import_is_compiled_here_and_said(environment):
-    pathlib.Path(environment["SEEN"]).with_name("script.py").write_text(SCRIPT)
+def test_what_no_other_process_can_import_is_no_task(environment):
     script = pathlib.Path(environment["SEEN"]).with_name("script.py")
+    script.write_text(SCRIPT)
     done = subprocess.run([sys.executable, script], env=environment, capture_output=True, text=True)
-    assert done.stdout.split() == ["2.0"], done.stderr
-    assert done.stderr.count("UserWarning") == 1
-    assert "no other process could compile kernels; this one does, and the last bits" in done.stderr
+    assert done.stdout.split() == ["None"], done.stderr
 
 
 def test_a_process_that_is_lost_is_noticed_and_a_closed_one_waited_for():

@@ -171,7 +171,7 @@ def mixed_files(operations, root):
         if path.stem in ("cpu", "cuda", "particle", "node"):
             yield f"{path.relative_to(root)} is not named by what it does"
         if path.stem == "kernels":
-            for name in sorted(names_in(tree_of(path)) & {"cuda", "over_rows", "prange"}):
+            for name in sorted(names_in(tree_of(path)) & {"cuda", "over_rows"}):
                 yield f"{path.relative_to(root)} names {name}, which only one backend has"
 
 

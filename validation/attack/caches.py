@@ -19,12 +19,12 @@ from typing import Any
 from validation.attack.checkpoints import damage
 
 HOW = ("bit", "bit", "byte", "zeros", "noise", "cut", "longer", "empty", "gone", "folder", "doubled", "swapped")
-KERNEL = """from refsim.backends.compile import cpu_kernel, prange
+KERNEL = """from refsim.backends.compile import cpu_kernel
 
 
 @cpu_kernel
 def kernel(values):
-    for i in prange(values.shape[0]):
+    for i in range(values.shape[0]):
         values[i] = values[i] * 3 + 1
 """
 

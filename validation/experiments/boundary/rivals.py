@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from refsim import MeshBoundary, Scene, Simulation
 from refsim.backends.arrays import Backend
-from refsim.backends.compile import cpu_kernel, prange
+from refsim.backends.compile import cpu_kernel
 from refsim.core.errors import RunStopped
 from refsim.neighbours import NeighbourSearch
 from refsim.scene.scene import Plan, make_plan
@@ -38,7 +38,7 @@ def distance_forces(
 ) -> None:
     """a_i = k sum_b ((h - r)^4 - (h - r0)^2 (h - r)^2)/(h^2 r0 (2 h - r0)) e_ib [m/s^2], r < r0: k at 0, none at r0."""
     scale = stiffness / (reach**2 * rest * (2 * reach - rest))
-    for i in prange(acceleration.shape[0]):
+    for i in range(acceleration.shape[0]):
         x, y, z = position[i, 0], position[i, 1], position[i, 2]
         ax, ay, az = 0.0, 0.0, 0.0
         for k in range(rows.start[i], rows.start[i] + rows.count[i]):
@@ -57,7 +57,7 @@ def distance_forces(
 @cpu_kernel
 def direct_forcing(position: Any, velocity: Any, wall: Any, normal: Any, rows: Any, rest: float) -> None:
     """Where r < r0: w = (r0 - r)/r0, n = sum w n_b, x += (sum w (r0 - r)/sum w) n/|n|, v -= min(v.n, 0) n/|n|^2."""
-    for i in prange(position.shape[0]):
+    for i in range(position.shape[0]):
         x, y, z = position[i, 0], position[i, 1], position[i, 2]
         weight, shift = 0.0, 0.0
         nx, ny, nz = 0.0, 0.0, 0.0

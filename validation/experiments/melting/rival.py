@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from refsim import Simulation
-from refsim.backends.compile import cpu_kernel, formula, prange
+from refsim.backends.compile import cpu_kernel, formula
 from refsim.shape_matching.phases import EMPTY
 
 
@@ -49,7 +49,7 @@ def _search(s: int, direct: Any, cell: Any, half_width: int, region: Any) -> int
 @cpu_kernel(ordered=True)
 def all_regions(direct: Any, cell: Any, half_width: int, region: Any, region_count: Any) -> None:
     """Every region, breadth first."""
-    for s in prange(region_count.shape[0]):
+    for s in range(region_count.shape[0]):
         region_count[s] = _search(s, direct, cell, half_width, region)
 
 

@@ -1,0 +1,81 @@
+"""Functions that only other compiled functions call: they are linked in, and no machine code of their own is made.
+
+Numba optimises each function with all that it calls, and makes machine code of it, in case Python calls it. A formula
+and the body of a loop are called by kernels alone, which the compiler optimises together with what they call.
+"""
+
+from __future__ import annotations
+
+import weakref
+from collections.abc import Callable
+from typing import Any
+
+from numba.core.codegen import JITCodeLibrary
+from numba.core.compiler import CompilerBase, DefaultPassBuilder
+from numba.core.compiler_machinery import LoweringPass, register_pass
+from numba.core.typed_passes import AnnotateTypes, NativeLowering
+from numba.extending import overload
+
+
+class _Linked(JITCodeLibrary):
+    """Code to be linked into other code: simplified, so that it is small wherever it is put, but not optimised."""
+
+    def finalize(self) -> None:
+        for library in dict.fromkeys(self._linking_libraries):
+            self._reload_init.update(library._reload_init)
+            self._final_module.link_in(library._get_module_for_linking(), preserve=True)
+        passes, builder = self._codegen._module_pass_manager(
+            loop_vectorize=False, slp_vectorize=False, opt=0, cost="cheap"
+        )
+        passes.run(self._final_module, builder)
+        self._finalize_dynamic_globals()
+        self._final_module.__library = weakref.proxy(self)
+        self._finalized = True
+
+
+@register_pass(mutates_CFG=False, analysis_only=True)
+class _WithoutMachineCode(LoweringPass):
+    _name = "refsim_without_machine_code"
+
+    def __init__(self) -> None:
+        LoweringPass.__init__(self)
+
+    def run_pass(self, state: Any) -> bool:
+        """Let the next pass write its code into a library that is only linked."""
+        state.library = _Linked(state.targetctx.codegen(), state.func_id.func_qualname)
+        state.flags.no_compile = True
+        return False
+
+
+@register_pass(mutates_CFG=False, analysis_only=True)
+class _Named(LoweringPass):
+    _name = "refsim_named"
+
+    def __init__(self) -> None:
+        LoweringPass.__init__(self)
+
+    def run_pass(self, state: Any) -> bool:
+        """Give the function what stands for it where it is called: an object, in place of its machine code."""
+        name = object().__reduce__  # of the type that Numba wants here
+        state.cr = state.cr._replace(cfunc=name)
+        state.targetctx.insert_user_function(name, state.cr.fndesc, [state.library])
+        return False
+
+
+class _Compiler(CompilerBase):
+    def define_pipelines(self) -> list[Any]:
+        passes = DefaultPassBuilder.define_nopython_pipeline(self.state)
+        passes.add_pass_after(_WithoutMachineCode, AnnotateTypes)
+        passes.add_pass_after(_Named, NativeLowering)
+        passes.finalize()
+        return [passes]
+
+
+def linked(function: Callable, chosen: Callable, targets: tuple[str, ...] = ("cpu", "cuda"), **options: Any) -> None:
+    """Let kernels for the targets call `chosen(*types of the arguments)` where they call the function.
+
+    `options` are those of `numba.jit`.
+    """
+    for target in targets:
+        more = {"pipeline_class": _Compiler} if target == "cpu" else {}
+        overload(function, target=target, jit_options=options | more, strict=False)(chosen)
