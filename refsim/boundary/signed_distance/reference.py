@@ -8,44 +8,51 @@ BLOCK_BYTES = 2e6  # stays in the cache
 OFFSET = 2**20
 
 
+def _dot(a, b):
+    """Scalar products of vectors (3, ...)."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
 def segment_offset(p, a, b):
-    """(p - c (..., 3) [m], t) for the closest point c = a + t (b - a), t in [0, 1], of segments."""
-    along = b - a
-    length = np.vecdot(along, along)
+    """(p - c (3, ...) [m], t) for the closest point c = a + t (b - a), t in [0, 1], of segments."""
+    along, w = b - a, p - a
+    length = _dot(along, along)
     with np.errstate(invalid="ignore", divide="ignore"):
-        t = np.where(length > 0, np.vecdot(p - a, along) / length, 0.0)
+        t = np.where(length > 0, _dot(w, along) / length, 0.0)
     t = np.clip(t, 0.0, 1.0)
-    return p - a - t[..., None] * along, t
+    return w - t * along, t
 
 
 def triangle_offset(p, corner):
     """(p - c (..., 3) [m], feature) for the closest point c of triangles (..., 3, 3), by barycentric coordinates.
 
-    Features: 0 face, 1 to 3 edges ab, bc, ca, 4 to 6 corners a, b, c.
+    Points and triangles, of equally many axes, are broadcast against each other. Features: 0 face, 1 to 3 edges ab, bc,
+    ca, 4 to 6 corners a, b, c.
     """
-    a, b, c = corner[..., 0, :], corner[..., 1, :], corner[..., 2, :]
+    a, b, c = np.moveaxis(corner, (-2, -1), (0, 1))
+    p = np.moveaxis(p, -1, 0)
     u, v, w = b - a, c - a, p - a
-    uu, uv, vv = np.vecdot(u, u), np.vecdot(u, v), np.vecdot(v, v)
-    wu, wv = np.vecdot(w, u), np.vecdot(w, v)
+    uu, uv, vv = _dot(u, u), _dot(u, v), _dot(v, v)
+    wu, wv = _dot(w, u), _dot(w, v)
     det = uu * vv - uv * uv
     with np.errstate(invalid="ignore", divide="ignore"):
         s, t = (vv * wu - uv * wv) / det, (uu * wv - uv * wu) / det
-        offset = w - s[..., None] * u - t[..., None] * v
-        ou, ov = np.vecdot(offset, u), np.vecdot(offset, v)  # 0 but for the rounding of a slender triangle's det
-        offset -= ((vv * ou - uv * ov) / det)[..., None] * u + ((uu * ov - uv * ou) / det)[..., None] * v
+        offset = w - s * u - t * v
+        ou, ov = _dot(offset, u), _dot(offset, v)  # 0 but for the rounding of a slender triangle's det
+        offset -= (vv * ou - uv * ov) / det * u + (uu * ov - uv * ou) / det * v
     over = (det > 0) & (s > 0) & (t > 0) & (s + t < 1)
-    offset = np.where(over[..., None], offset, np.inf)
+    offset = np.where(over, offset, np.inf)
     feature = np.zeros(over.shape, int)
-    best = np.vecdot(offset, offset)
+    best = _dot(offset, offset)
     for k, (start, end) in enumerate(((a, b), (b, c), (c, a))):
         to_edge, place = segment_offset(p, start, end)
-        squared = np.vecdot(to_edge, to_edge)
+        squared = _dot(to_edge, to_edge)
         nearer = ~over & (squared < best)
         best = np.where(nearer, squared, best)
-        offset = np.where(nearer[..., None], to_edge, offset)
+        offset = np.where(nearer, to_edge, offset)
         own = np.where(place <= 0, 4 + k, np.where(place >= 1, 4 + (k + 1) % 3, 1 + k))
         feature = np.where(nearer, own, feature)
-    return offset, feature
+    return np.moveaxis(offset, 0, -1), feature
 
 
 def _corners(triangles):
@@ -68,7 +75,7 @@ def _pairs(triangles, band_grid):
         z, y, x = np.meshgrid(axes[2], axes[1], axes[0], indexing="ij")
         block = np.stack([x.ravel(), y.ravel(), z.ravel()], axis=1)
         middle = h * (4 * block + 1.5)
-        distance = np.linalg.norm(triangle_offset(middle, np.broadcast_to(corner, (len(block), 3, 3)))[0], axis=1)
+        distance = np.linalg.norm(triangle_offset(middle, corner[None])[0], axis=1)
         margin = np.abs(distance - reach) / (reach + np.abs(corner).max())
         edges = np.concatenate([(corner.min(0) - band) / h, (corner.max(0) + band) / h]) / 4
         size = 1 + np.abs(corner).max() / h
@@ -102,12 +109,8 @@ def _nearest(place, triangles):
     least, which, other = np.full(n, np.inf), np.full(n, -1), np.full(n, np.inf)
     rows = max(1, int(BLOCK_BYTES / (max(t, 1) * 3 * 8 * 8)))
     for begin in range(0, n if t else 0, rows):
-        part = place[begin : begin + rows, None, :]
-        shape = (part.shape[0], t, 3)
-        offset, feature = triangle_offset(
-            np.broadcast_to(part, shape), np.broadcast_to(corners[None], (*shape[:2], 3, 3))
-        )
-        distance = np.sqrt(np.vecdot(offset, offset))
+        offset, feature = triangle_offset(place[begin : begin + rows, None], corners[None])
+        distance = np.sqrt((offset**2).sum(-1))
         owners = owner[np.arange(t)[None, :], feature]
         first = distance.argmin(1)
         here = np.arange(len(first))
@@ -261,7 +264,7 @@ def _walked(point, own, corners, across):
     """(distance, point - c, triangle, feature) of the nearest of `own`, then of neighbours as long as one is nearer."""
 
     def nearest_of(some):
-        offset, feature = triangle_offset(np.broadcast_to(point, (len(some), 3)), corners[some])
+        offset, feature = triangle_offset(point[None], corners[some])
         distance = np.linalg.norm(offset, axis=1)
         k = int(distance.argmin())
         return float(distance[k]), offset[k], int(some[k]), int(feature[k])
