@@ -60,7 +60,7 @@ def formula(function: Callable | None = None, *, inlined: bool = False) -> Any:
 def overloaded(
     function: Callable, chosen: Callable, targets: tuple[str, ...] = ("cpu", "cuda"), **options: Any
 ) -> Callable:
-    """Let kernels for the targets call what `chosen` gives for the types of the arguments; the function itself."""
+    """`linked` with the options of all kernels; returns the function."""
     linked(function, chosen, targets, **COMPILE_OPTIONS, **options)
     return function
 

@@ -6,7 +6,6 @@ and the body of a loop are called by kernels alone, which the compiler optimises
 
 from __future__ import annotations
 
-import weakref
 from collections.abc import Callable
 from typing import Any
 
@@ -18,18 +17,13 @@ from numba.extending import overload
 
 
 class _Linked(JITCodeLibrary):
-    """Code to be linked into other code: simplified, so that it is small wherever it is put, but not optimised."""
+    """Code to be linked into other code, with which it is optimised."""
 
-    def finalize(self) -> None:
-        for library in dict.fromkeys(self._linking_libraries):
-            self._reload_init.update(library._reload_init)
-            self._final_module.link_in(library._get_module_for_linking(), preserve=True)
-        passes, builder = self._codegen._module_pass_manager(
-            loop_vectorize=False, slp_vectorize=False, opt=0, cost="cheap"
-        )
-        passes.run(self._final_module, builder)
+    def _optimize_final_module(self) -> None:
+        pass
+
+    def _finalize_final_module(self) -> None:
         self._finalize_dynamic_globals()
-        self._final_module.__library = weakref.proxy(self)
         self._finalized = True
 
 
@@ -37,8 +31,8 @@ class _Linked(JITCodeLibrary):
 class _WithoutMachineCode(LoweringPass):
     _name = "refsim_without_machine_code"
 
-    def __init__(self) -> None:
-        LoweringPass.__init__(self)
+    def __init__(self) -> None:  # abstract in Numba
+        super().__init__()
 
     def run_pass(self, state: Any) -> bool:
         """Let the next pass write its code into a library that is only linked."""
@@ -52,7 +46,7 @@ class _Named(LoweringPass):
     _name = "refsim_named"
 
     def __init__(self) -> None:
-        LoweringPass.__init__(self)
+        super().__init__()
 
     def run_pass(self, state: Any) -> bool:
         """Give the function what stands for it where it is called: an object, in place of its machine code."""
@@ -71,8 +65,8 @@ class _Compiler(CompilerBase):
         return [passes]
 
 
-def linked(function: Callable, chosen: Callable, targets: tuple[str, ...] = ("cpu", "cuda"), **options: Any) -> None:
-    """Let kernels for the targets call `chosen(*types of the arguments)` where they call the function.
+def linked(function: Callable, chosen: Callable, targets: tuple[str, ...], **options: Any) -> None:
+    """Let kernels for the targets call what `chosen` gives for the types of the arguments, where they call `function`.
 
     `options` are those of `numba.jit`.
     """
