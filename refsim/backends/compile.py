@@ -54,7 +54,7 @@ def formula(function: Callable | None = None, *, inlined: bool = False) -> Any:
     """
     if function is None:
         return functools.partial(formula, inlined=inlined)
-    return overloaded(function, lambda *types: function, **({"forceinline": True} if inlined else {}))
+    return overloaded(function, lambda *types: function, forceinline=inlined)
 
 
 def overloaded(
