@@ -45,7 +45,9 @@ from refsim.study.runs import files_of, machine, source_digest
 FORMAT = 1  # of kept constants
 COARSE = 1000  # particles of the coarse run, about
 SIZES = 4.0  # ratio of the particles of two sizes at which launches are timed
-FIRST = 4  # timed steps of each size, each with a list build
+FIRST = 4  # timed steps of each size, each with a list build; on a GPU also as many without
+MOST_STEPS = 200  # of each kind on a GPU, where so many
+SHORT = 0.2  # [s] take no longer than this
 SHARES = {"course": 0.5, "sizes": 0.5}  # of the seconds that measuring may take
 MOST = {"numpy": 250, "cpu": 300_000, "cuda": 4_000_000}  # particles of the largest size
 LONG = 60.0  # [s] of a run for which constants are measured before it begins
@@ -294,7 +296,10 @@ def _whole_steps(simulation: Simulation) -> dict[str, float]:
     """
     plain: list[float] = []
     built: list[float] = []
-    for k in range(2 * FIRST):
+    began = time.perf_counter()
+    for k in range(2 * MOST_STEPS):
+        if k >= 2 * FIRST and time.perf_counter() - began > SHORT:
+            break
         spans = plain if k % 2 or simulation.search is None else built
         if spans is built:
             simulation.lists.policy.invalidate()
