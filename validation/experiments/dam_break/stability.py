@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Sequence
 from typing import Any
 
 import msgspec
@@ -27,6 +29,7 @@ from validation.running import Context
 from validation.trials import HardCase, Trial
 
 COLUMNS = 40
+SPLASH = (0.8, 0.9, 1.0, 1.1, 1.2)  # s
 WIDEST = 1.0  # spacings: a disc that fits into a void between the particles' centres; a lattice has none above 0.71
 STARTS: dict[str, dict[str, Any]] = {
     "cold": {},
@@ -121,29 +124,40 @@ def beside_walls(context: Context, backend: str, method: str, depth: int = 1, co
     return trial.result()
 
 
-def in_motion(context: Context, backend: str, method: str, until: float = 1.0, columns: int = COLUMNS) -> Result:
-    """The splash at 1.0 s: isolated particles are never missed, and walls do not raise the share of false alarms."""
+def in_motion(context: Context, backend: str, method: str, times: Sequence[float] = SPLASH, starts: int = 4) -> Result:
+    """The splash: isolated particles are never missed, and walls do not raise the share of false alarms.
+
+    Rounding decides where single particles are: several splashes, from starts that differ by 1e-6 d, are looked at
+    several times.
+    """
     trial = Trial(context, backend)
+    away = at = few = 0
+    excess: list[float] = []
+    recall: list[float] = []
+    lattice = make_plan(column_scene(COLUMNS))
+    grid, start, walls = lattice.grid, lattice.state, lattice.walls.position
     with trial.ending():
-        simulation = trial.start(column_scene(columns))
-        trial.advance(simulation, until=until)
-        x, mass = simulation.field("position"), simulation.field("mass")
-        spacing, walls = simulation.plan.grid.spacing, simulation.plan.walls.position
-        support = simulation.plan.grid.support_radius
-        truth = arc_cover_surface(x, TRUTH_RADIUS * spacing, walls)
-        near = np.array([len(found) - 1 for found in cKDTree(x).query_ball_point(x, support)])
-        at_wall = cKDTree(walls).query(x)[0] < support
-        trial.show("particles with fewer than 3 neighbours", int((near < 3).sum()))
-        trial.show("particles beside walls", int(at_wall.sum()))
-        seen = detect(context, method, columns, 1, 4.0, (x, mass), backend)
-        flags = seen.field("surface").astype(bool)
-        away = int((~flags & (near < 3) & ~at_wall).sum())
+        for seed, time in itertools.product(range(starts), times):
+            if time == times[0]:
+                shift = np.random.default_rng(seed).uniform(0, 1e-6 * grid.spacing, start.position.shape) * [1, 1, 0]
+                simulation = trial.start(column_scene(COLUMNS, cloud=(start.position + shift, start.mass)))
+            trial.advance(simulation, until=time)
+            x, mass = simulation.field("position"), simulation.field("mass")
+            truth = arc_cover_surface(x, TRUTH_RADIUS * grid.spacing, walls)
+            near = np.array([len(found) - 1 for found in cKDTree(x).query_ball_point(x, grid.support_radius)])
+            at_wall = cKDTree(walls).query(x)[0] < grid.support_radius
+            flags = detect(context, method, COLUMNS, 1, 4.0, (x, mass), backend).field("surface").astype(bool)
+            few += int((near < 3).sum())
+            away += int((~flags & (near < 3) & ~at_wall).sum())
+            at += int((~flags & (near < 3) & at_wall).sum())
+            shares = [float((flags & ~truth & part).sum() / (~truth & part).sum()) for part in (at_wall, ~at_wall)]
+            excess.append(shares[0] - shares[1])
+            recall.append(float((flags & truth).sum() / truth.sum()))
+        trial.show("particles with fewer than 3 neighbours", few)
         trial.check("missed of those with fewer than 3 neighbours, away from walls", away, equals=0)
-        at = int((~flags & (near < 3) & at_wall).sum())
         trial.check("missed of those with fewer than 3 liquid neighbours, beside walls", at, equals=0)
-        shares = [float((flags & ~truth & part).sum() / (~truth & part).sum()) for part in (at_wall, ~at_wall)]
-        trial.check("false alarms beside walls less those away", shares[0] - shares[1], at_most=0.02)
-        trial.show("recall", float((flags & truth).sum() / truth.sum()))
+        trial.check("false alarms beside walls less those away", max(excess), at_most=0.02)
+        trial.show("least recall", min(recall))
     return trial.result()
 
 
@@ -201,9 +215,9 @@ CASES = (
     ),
     *(
         HardCase(
-            f"splash_{method}", f"sprays, and liquid along walls, in the splash at 1.0 s: {WORDS[method]}",
+            f"splash_{method}", f"sprays, and liquid along walls, in four splashes from 0.8 to 1.2 s: {WORDS[method]}",
             "no particle with fewer than 3 neighbours missed; false alarms beside walls within 2 points of those away",
-            in_motion, {"method": method}, seconds=12.0,
+            in_motion, {"method": method}, seconds=30.0,
         )
         for method in SETTINGS
     ),
