@@ -195,8 +195,7 @@ def matrix(experiments: Mapping[str, Experiment]) -> Any:
     found = systems(experiments)
     left = [name for name in found if name in LEFT]
     right = [name for name in found if name not in LEFT]
-    figure, columns = plt.subplots(1, 2, figsize=(15.0, 7.4), gridspec_kw={"width_ratios": (1.0, 1.15)})
-    figure.set_layout_engine("none")
+    figure, columns = plt.subplots(1, 2, figsize=(15.0, 7.4), layout="none", gridspec_kw={"width_ratios": (1.0, 1.15)})
     figure.subplots_adjust(left=0.01, right=0.995, top=0.95, bottom=0.005, wspace=0.03)
     bottoms = []
     for axes, names in zip(columns, (left, right)):
