@@ -72,7 +72,7 @@ EFFECTS: dict[str, Effect] = {
         Melting(),
         MpmLiquid(bulk_modulus=1e4),
         MpmWalls(lower=(-0.2, 0.0, -0.2), upper=(0.8, 0.8, 0.8)),
-        SurfaceEnergy(surface_tension=5.0, enclose_volume=True),
+        SurfaceEnergy(surface_tension=5.0, enclose_volume=True, iterations=2, smallest=8),
     )
 }
 
@@ -108,7 +108,7 @@ def scene(first: str, second: str, dtype: str = "float64") -> Scene:
             names.append(name)
             waiting += EFFECTS[name].needs()
     space = "mesh_boundary" in names or "shape_matching" in names
-    cells = (3, 3, 3) if space else (6, 4, 1)
+    cells = (6, 4, 1) if not space else (2, 2, 2) if "surface_energy" in names else (3, 3, 3)
     lattice = np.stack(np.meshgrid(*(np.arange(n) + 0.5 for n in cells), indexing="ij"), axis=-1).reshape(-1, 3)
     place = SPACING * (lattice + np.random.default_rng(17).uniform(-0.1, 0.1, lattice.shape))
     solid: tuple[SolidBox, ...] = ()
