@@ -54,7 +54,7 @@ def test_the_page_holds_the_run_to_sixteen_bits(in_space):
 
 
 def test_a_large_run_makes_a_file_of_at_most_60_megabytes(tmp_path):
-    """61,440 particles over 50 frames whose values are random, so that nothing compresses them."""
+    """61,440 particles over 5 frames of 50 take a tenth; values are random, so that nothing compresses them."""
     scene = Scene(
         spacing=0.01, support_radius=0.02, fluid=(Box(cells=(48, 40, 32)),),
         effects=(WeaklyCompressible(sound_speed=20.0), Gravity()),
@@ -66,14 +66,14 @@ def test_a_large_run_makes_a_file_of_at_most_60_megabytes(tmp_path):
     names += [f"more_{k}" for k in range(FIELDS + 1 - len(names))]
     fields = dict.fromkeys(names, (1, "float32")) | {"identity": (1, "int32")}
     with ParticleWriter(tmp_path / "particles.vtkhdf", fields) as writer:
-        for frame in range(50):
+        for frame in range(5):
             values = {name: random.normal(size=len(x)).astype("float32") for name in names}
             place = (x + random.normal(size=x.shape)).astype("float32")
             writer.write(float(frame), place, identity=np.arange(len(x), dtype="int32"), **values)
     page = view(tmp_path)
     assert len(head(page.html)["fields"]) == FIELDS
     assert page.left_out
-    assert len(page.html.encode()) < LARGEST
+    assert len(page.html.encode()) < LARGEST / 10
 
 
 def test_a_notebook_shows_the_page_in_a_frame(in_plane):
