@@ -53,6 +53,14 @@ def pytest_sessionfinish():
     gc.freeze()
 
 
+@pytest.fixture
+def coarse_pictures(monkeypatch):
+    """Experiments draw few dots, for tests that look at the data and the names of their pictures."""
+    from validation import drawing
+
+    monkeypatch.setattr(drawing, "DOTS_PER_INCH", 40)
+
+
 def python(words, folder):
     subprocess.run([sys.executable, *words], cwd=folder, check=True, stdout=subprocess.DEVNULL)
 

@@ -11,6 +11,7 @@ import time
 
 import pytest
 
+pytestmark = pytest.mark.usefixtures("coarse_pictures")
 ROOT = pathlib.Path(__file__).parents[2]
 spec = importlib.util.spec_from_file_location("nightly", ROOT / "scripts" / "nightly.py")
 nightly = sys.modules.setdefault(spec.name, importlib.util.module_from_spec(spec))

@@ -26,6 +26,7 @@ from validation.report import LINES, WIDTH, Whole, page, seconds_table, summary,
 from validation.results import Result
 from validation.tables import Table
 
+pytestmark = pytest.mark.usefixtures("coarse_pictures")
 SCRIPT = Path(__file__).resolve().parents[2] / "scripts" / "reproduce.py"
 
 

@@ -37,6 +37,7 @@ from validation.results import Result
 from validation.running import Context, advance
 from validation.tables import Table
 
+pytestmark = pytest.mark.usefixtures("coarse_pictures")
 SCRIPTS = Path(__file__).resolve().parents[2] / "scripts"
 CALLS = []
 
