@@ -203,35 +203,44 @@ def test_bad_commands_get_one_sentence(scene, capsys, arguments, words):
     assert words in one_sentence(told.err)
 
 
+ENDLESS = (
+    (["plan", "it"], ""),
+    (["run", "--resume", "it"], ""),
+    (["sample", "it", "--radius", "0.1"], ""),
+    (["plan", "tank.toml"], '[[fluid]]\nshape = "cloud"\nfile = "it"'),
+    (["plan", "tank.toml"], '[[fluid]]\nshape = "cloud"\nfile = "it.npy"'),
+    (["plan", "tank.toml"], MESH.format("it.obj")),
+    (["plan", "tank.toml"], '[effects.mesh_boundary]\nfile = "it.obj"'),
+)
+READER = """
+import contextlib, io, json, pathlib, sys
+from refsim.__main__ import main
+for arguments, scene in json.load(sys.stdin):
+    pathlib.Path("tank.toml").write_text(scene)
+    with contextlib.redirect_stderr(io.StringIO()) as told:
+        code = main(arguments)
+    print(json.dumps([arguments, code, told.getvalue()]), flush=True)
+"""
+
+
 @pytest.mark.skipif(os.name != "posix", reason="pipes and devices of POSIX")
 @pytest.mark.parametrize("make", [os.mkfifo, lambda path: pathlib.Path(path).symlink_to("/dev/zero")])
-@pytest.mark.parametrize(
-    "arguments, part",
-    [
-        (["plan", "it"], ""),
-        (["run", "--resume", "it"], ""),
-        (["sample", "it", "--radius", "0.1"], ""),
-        (["plan", "tank.toml"], '[[fluid]]\nshape = "cloud"\nfile = "it"'),
-        (["plan", "tank.toml"], '[[fluid]]\nshape = "cloud"\nfile = "it.npy"'),
-        (["plan", "tank.toml"], MESH.format("it.obj")),
-        (["plan", "tank.toml"], '[effects.mesh_boundary]\nfile = "it.obj"'),
-    ],
-)
-def test_what_never_ends_is_not_read(scene, capsys, make, arguments, part):
+def test_what_never_ends_is_not_read(tmp_path, make):
     """In a process of its own, which is ended where it waits."""
     for name in ("it", "it.npy", "it.obj"):
-        make(name)
-    if part:
-        head, liquid = "spacing = 0.1\nsupport_radius = 0.2\n", "\n[effects.weakly_compressible]\nsound_speed = 1.0\n"
-        if "[[fluid]]" not in part:
-            head += '[[fluid]]\nshape = "box"\ncells = [2, 2, 2]\n'
-        scene.write_text(head + part + liquid)
-    command = [sys.executable, "-m", "refsim", *arguments]
+        make(tmp_path / name)
+    head, liquid = "spacing = 0.1\nsupport_radius = 0.2\n", "\n[effects.weakly_compressible]\nsound_speed = 1.0\n"
+    box = '[[fluid]]\nshape = "box"\ncells = [2, 2, 2]\n'
+    given = [[words, head + ("" if "[[fluid]]" in part else box) + part + liquid] for words, part in ENDLESS]
     done = subprocess.run(
-        command, capture_output=True, text=True, timeout=60, env=os.environ | {"PYTHONPATH": str(ROOT)}
-    )
-    assert done.returncode == 2
-    assert "it is a pipe or a device, and not a file" in one_sentence(done.stderr)
+        [sys.executable, "-c", READER], input=json.dumps(given), capture_output=True, text=True, timeout=60,
+        cwd=tmp_path, env=os.environ | {"PYTHONPATH": str(ROOT)},
+    )  # fmt: skip
+    told = list(map(json.loads, done.stdout.splitlines()))
+    assert [words for words, _, _ in told] == [words for words, _ in ENDLESS], done.stderr
+    for _, code, err in told:
+        assert code == 2
+        assert "it is a pipe or a device, and not a file" in one_sentence(err)
 
 
 @pytest.mark.skipif(os.name != "posix", reason="pipes of POSIX")
