@@ -83,7 +83,7 @@ MESH_ALONE = MeshBoundary(file=str(PEBBLE), center=(0.2, 0.2, -0.4), size=0.4, c
 TENSIONS = (TENSION, AKINCI, DONG, BECKER, TARTAKOVSKY, HE, CSF)
 MPM = MpmLiquid(bulk_modulus=144e3)
 MPM_FULL = MpmLiquid(bulk_modulus=144e3, volume="gradient")
-SURFACE = SurfaceEnergy(surface_tension=0.5)
+SURFACE = SurfaceEnergy(surface_tension=0.5, iterations=2)
 SURFACE_WET = SurfaceEnergy(surface_tension=0.5, contact_angle=60.0, embedding="none", iterations=2)
 MPM_WALLS = MpmWalls(lower=(-5.0, -5.0, -0.2), upper=(5.0, 5.0, 5.0))  # images in one wall alone
 TENSE = {2: (), 3: (JiangZhu2023(surface_tension=0.05),)}
