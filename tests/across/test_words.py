@@ -26,6 +26,8 @@ NEVER = {
     r"\bleavings\b": "temporary files",
     r"\bYou want\b": "the reader's aim as a noun",
 }
+# Without limits of words, and in small letters: what a text is searched for first, which is twenty times as fast
+ROUGH = {re.compile(pattern.replace(r"\b", "").lower()): pattern for pattern in NEVER}
 PLACES = ["refsim", "validation", "docs", "scripts", "tests", "README.md", "CONTRIBUTING.md"]
 KINDS = {".py", ".md", ".toml", ".json"}
 
@@ -39,10 +41,12 @@ def written(place):
 
 def found(texts):
     for name, text in texts.items():
-        for number, line in enumerate(text.splitlines(), 1):
-            for pattern, better in NEVER.items():
+        small = text.lower()
+        near = [pattern for rough, pattern in ROUGH.items() if rough.search(small)]
+        for number, line in enumerate(text.splitlines() if near else (), 1):
+            for pattern in near:
                 if re.search(pattern, line, re.IGNORECASE):
-                    yield f"{name}:{number}: {pattern!r}; write: {better}"
+                    yield f"{name}:{number}: {pattern!r}; write: {NEVER[pattern]}"
 
 
 @pytest.mark.parametrize("place", PLACES)
