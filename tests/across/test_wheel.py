@@ -25,6 +25,13 @@ cells = [4, 4, 1]
 [effects.weakly_compressible]
 sound_speed = 20.0
 """
+COMMANDS = """
+import sys
+from refsim.__main__ import main
+for words in sys.argv[1:]:
+    assert main(words.split()) == 0, words
+    print(end="\\0", flush=True)
+"""
 IGNORED = (ROOT / ".gitignore").read_text().replace("/\n", "\n").split()  # names that git does not track
 
 
@@ -121,21 +128,23 @@ def test_required_packages_and_extras(unpacked):
 def test_commands_work_with_the_wheel_alone(unpacked, tmp_path):
     """In a folder that holds a scene and nothing else; the path of modules begins with the unpacked wheel."""
     (tmp_path / "drop.toml").write_text(SCENE)
-
-    def refsim(*arguments):
-        return run(("-m", "refsim", *arguments), tmp_path, PYTHONPATH=str(unpacked))
-
     program = "from refsim.surface_tension import calibration as c; print(c.__file__, len(c.sigma_map()))"
     found = run(("-c", program), tmp_path, PYTHONPATH=str(unpacked))
     assert found.startswith(str(unpacked))
-    assert refsim("--version").startswith("refsim ")
-    assert "16 particles" in refsim("plan", "drop.toml")
-    assert "scene: reached" in refsim("run", "drop.toml", "--backend", "numpy", "--quiet")
-    assert refsim("schema")[0] == "{"
-    assert "melting" in refsim("example")
-    assert "wrote pebble.obj" in refsim("example", "mesh_boundary", "surface_detection")
-    assert "800 particles" in refsim("plan", "surface_detection.toml")
-    assert "gravity" in refsim("list")
+    assert run(("-m", "refsim", "--version"), tmp_path, PYTHONPATH=str(unpacked)).startswith("refsim ")
+    said = {
+        "plan drop.toml": "16 particles",
+        "run drop.toml --backend numpy --quiet": "scene: reached",
+        "schema": "{",
+        "example": "melting",
+        "example mesh_boundary surface_detection": "wrote pebble.obj",
+        "plan surface_detection.toml": "800 particles",
+        "list": "gravity",
+    }
+    outputs = run(("-c", COMMANDS, *said), tmp_path, PYTHONPATH=str(unpacked)).split("\0")[:-1]
+    told = dict(zip(said, outputs, strict=True))
+    assert [command for command, words in said.items() if words not in told[command]] == []
+    assert told["schema"].startswith("{")
     program = "import refsim; print(len(refsim.open_run('drop_run')), refsim.__file__)"
     frames, file = run(("-c", program), tmp_path, PYTHONPATH=str(unpacked)).split()
     assert int(frames) > 1
