@@ -134,14 +134,14 @@ def brute_force_3d(point, radius):
             side = np.cross(y, np.eye(3)[np.argmin(np.abs(y))])
             trial.append(y / 2 + side / np.linalg.norm(side) * np.sqrt(radius**2 - y @ y / 4))
         for y, z in combinations(near, 2):  # u.y = |y|^2 / 2, u.z = |z|^2 / 2, |u| = R
-            base = np.linalg.lstsq(np.array([y, z]), [y @ y / 2, z @ z / 2], rcond=None)[0]
+            base = np.linalg.solve([[y @ y, y @ z], [y @ z, z @ z]], [y @ y / 2, z @ z / 2]) @ (y, z)
             normal = np.cross(y, z)
             rest = radius**2 - base @ base
             if rest > 0:
                 out = normal / np.linalg.norm(normal) * np.sqrt(rest)
                 trial += [base + out, base - out]
-        bare = [np.linalg.norm(near - u, axis=1).min() >= radius - 1e-9 for u in trial]
-        answer.append(len(near) == 0 or any(bare))
+        gaps = np.linalg.norm(near - np.array(trial).reshape(-1, 1, 3), axis=2).min(axis=1, initial=np.inf)
+        answer.append(len(near) == 0 or bool((gaps >= radius - 1e-9).any()))
     return np.array(answer)
 
 
