@@ -1,5 +1,6 @@
 """The printed pictures: the script runs and draws at tiny size, stored pictures and solids are its own."""
 
+import dataclasses
 import importlib.util
 import json
 import pathlib
@@ -9,6 +10,7 @@ from types import SimpleNamespace
 import msgspec
 import numpy as np
 import pytest
+import trimesh
 from PIL import Image
 
 from refsim import make_plan
@@ -42,12 +44,12 @@ def test_poured_water_has_at_least_100_000_particles_and_none_in_the_solid():
 
 @pytest.fixture
 def small(monkeypatch):
-    """Small panels and short runs."""
+    """Small panels, short runs, and a sphere of few triangles."""
     monkeypatch.setattr(script, "PANEL", (150, 120))
     monkeypatch.setattr(script, "SQUARE", (120, 120))
     pour = script.POURS["pour_sphere"]
-    values = {name: getattr(pour, name) for name in pour.__dataclass_fields__}
-    monkeypatch.setitem(script.POURS, "pour_sphere", script.Pour(**{**values, "times": (0.001, 0.002)}))
+    changes = {"solid": lambda: trimesh.creation.icosphere(2, 5 * script.MM), "times": (0.001, 0.002)}
+    monkeypatch.setitem(script.POURS, "pour_sphere", dataclasses.replace(pour, **changes))
 
 
 def test_a_run_is_made_once_and_drawn_again(small, tmp_path, capsys):
