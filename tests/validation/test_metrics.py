@@ -133,14 +133,14 @@ def brute_force_3d(point, radius):
         for y in near:  # one point of every circle
             side = np.cross(y, np.eye(3)[np.argmin(np.abs(y))])
             trial.append(y / 2 + side / np.linalg.norm(side) * np.sqrt(radius**2 - y @ y / 4))
-        for y, z in combinations(near, 2):  # u.y = |y|^2 / 2, u.z = |z|^2 / 2, |u| = R
-            base = np.linalg.solve([[y @ y, y @ z], [y @ z, z @ z]], [y @ y / 2, z @ z / 2]) @ (y, z)
-            normal = np.cross(y, z)
-            rest = radius**2 - base @ base
-            if rest > 0:
-                out = normal / np.linalg.norm(normal) * np.sqrt(rest)
-                trial += [base + out, base - out]
-        gaps = np.linalg.norm(near - np.array(trial).reshape(-1, 1, 3), axis=2).min(axis=1, initial=np.inf)
+        pair = np.array(list(combinations(near, 2))).reshape(-1, 2, 3)  # u.y = |y|^2 / 2, u.z = |z|^2 / 2, |u| = R
+        base = (np.linalg.solve(pair @ pair.swapaxes(1, 2), (pair**2).sum(2)[..., None] / 2) * pair).sum(1)
+        rest = radius**2 - (base**2).sum(1)
+        normal = np.cross(pair[:, 0], pair[:, 1])[rest > 0]
+        base, rest = base[rest > 0], rest[rest > 0]
+        out = normal * (np.sqrt(rest) / np.linalg.norm(normal, axis=1))[:, None]
+        trial = np.concatenate([np.reshape(trial, (-1, 3)), base + out, base - out])
+        gaps = np.linalg.norm(near - trial[:, None], axis=2).min(axis=1, initial=np.inf)
         answer.append(len(near) == 0 or bool((gaps >= radius - 1e-9).any()))
     return np.array(answer)
 
