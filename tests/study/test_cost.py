@@ -84,7 +84,7 @@ def test_on_a_gpu_a_step_that_the_first_ones_do_not_tell_grows_as_they_do():
 
 
 class Clocked:
-    """A run on a GPU whose steps take 1 ms, 5 ms more with a list build, by a clock of its own; the first ones longer."""
+    """A run on a GPU by its own clock: steps of 1 ms, 5 ms more with a list build; the first ones take longer."""
 
     def __init__(self, listed):
         self.search, self.now, self.new = (object() if listed else None), 0.0, False
