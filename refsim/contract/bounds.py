@@ -15,9 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from refsim.contract.inputs import Inputs, period_of
+from refsim.contract.inputs import Inputs, distances, period_of
 from refsim.core.operation import Operation
-from refsim.neighbours.reference import pair_blocks
 
 STRETCH = 1e-6
 
@@ -54,7 +53,7 @@ def neighbour_counts(operation: Operation, inputs: Inputs, rows: np.ndarray | No
     if "walls" in operation.arguments("numpy") and inputs["walls"] is not None:
         sources.append(inputs["walls"].position)
     for source in sources:
-        for place, _, distance in pair_blocks(inputs["position"], source, rows, period_of(operation, inputs)):
+        for place, distance in distances(inputs["position"], source, rows, period_of(operation, inputs)):
             count[place] += (distance < inputs.case.list_radius).sum(1)
     return count
 

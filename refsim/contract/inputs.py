@@ -5,10 +5,11 @@ from __future__ import annotations
 import functools
 import importlib
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
+from scipy.spatial.distance import cdist
 
 from refsim.backends.arrays import Backend
 from refsim.backends.scratch import Scratch
@@ -160,13 +161,24 @@ def all_pairs(inputs: Inputs, backend: Backend, period: Period | None = None) ->
     return own, with_list(backend.asarray(walls.position), backend.asarray(walls.volume), near)
 
 
+def distances(
+    query: np.ndarray, source: np.ndarray, rows: np.ndarray | None = None, period: Period | None = None
+) -> Iterator[tuple[slice, np.ndarray]]:
+    """Blocks of queries, of all or of `rows`, and their distances (b, m) [m] to all sources' nearest images."""
+    if period is not None:
+        yield from ((place, distance) for place, _, distance in pair_blocks(query, source, rows, period))
+    else:
+        query = np.asarray(query if rows is None else query[rows], dtype=float)
+        yield slice(len(query)), cdist(query, np.asarray(source, dtype=float))
+
+
 def listed(
     query: np.ndarray, source: np.ndarray, radius: float, exclude_self: bool, backend: Backend,
     period: Period | None = None,
 ) -> Any:  # fmt: skip
     """The sources nearer than `radius` [m] to each query, as the backend's kernels take them."""
     counts, found = [np.zeros(0, int)], [np.zeros(0, int)]
-    for place, _, distance in pair_blocks(query, source, period=period):
+    for place, distance in distances(query, source, period=period):
         near = distance < radius
         if exclude_self:
             near &= np.arange(len(query))[place, None] != np.arange(len(source))[None, :]
