@@ -36,10 +36,12 @@ def answer_picture(data: Mapping[str, Any]) -> Any:
     for reported in (False, True):
         some = [c for c in found if ("reported" in c.point["knobs"]) == reported and not is_peer(c.point)]
         for error in sorted({*answers.TARGETS, *observable.more}, reverse=True) if some else ():
+            if observable.meaning and error <= observable.meaning[0]:
+                continue
             choice = answers.choose(some, error, spread)
             if choice.advised is not None:
                 advised.setdefault(choice.advised.key, []).append(error)
-            elif choice.read is not None and not (observable.meaning and error <= observable.meaning[0]):
+            elif choice.read is not None:
                 read.setdefault(choice.read.key, []).append(error)
     figure, axes = plt.subplots(figsize=(7.6, 4.3))
     own = [c for c in found if "reported" not in c.point["knobs"] and not is_peer(c.point)]
