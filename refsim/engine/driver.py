@@ -19,7 +19,6 @@ from typing import Any
 
 import numpy as np
 
-from refsim.core.capabilities import KeepsLedger
 from refsim.core.errors import InputError, RunStopped
 from refsim.core.log import log
 from refsim.core.period import wrapped
@@ -29,12 +28,11 @@ from refsim.core.versions import versions
 from refsim.engine.postmortem import AFTER_THESE, POSTMORTEM, POSTMORTEM_FIELDS, write_postmortem
 from refsim.engine.progress import Progress, compiling_bar, wanted
 from refsim.engine.simulation import Simulation
+from refsim.engine.stock import check_particles, stock
 from refsim.io.checkpoint import cannot_write, previous_path, replace_file
-from refsim.io.frames import ParticleWriter
+from refsim.io.frames import Frame, ParticleWriter, origin_of
 from refsim.io.results import PARTICLES, REPORT
-from refsim.io.scenes import origin_of
 from refsim.scene.scene import Plan, Scene
-from refsim.sph import gravity_of
 
 CHECKPOINT = "checkpoint.h5"
 ONE_BY_ONE = (
@@ -42,6 +40,7 @@ ONE_BY_ONE = (
     " took some 10 to 50 microseconds longer than in a run without a profile"
 )
 FRAMES = 100  # of a whole run, where the caller does not say how often
+HELD_FOR, HELD_BYTES = 0.5, 2**26  # s and bytes until which frames are held, to be written in one go
 
 
 @dataclass(repr=False)
@@ -166,61 +165,6 @@ def simulate(
     return report
 
 
-def stock(simulation: Simulation | Plan) -> dict[str, Any]:
-    """The particles' number, mass [kg], momenta and energies, now (a simulation) or at the start (a plan).
-
-    Sums in float64, in 2D per metre of depth. `outside_walls` counts those behind a wall; `effects` is what the effects
-    keep account of, by their names.
-    """
-    if isinstance(simulation, Plan):
-        plan, state = simulation, simulation.state
-        values = {"position": state.position, "velocity": state.velocity, "mass": state.mass, **state.values}
-        values.setdefault(
-            "volume", np.full(plan.grid.count, plan.grid.spacing**plan.grid.dim)
-        )  # of a lattice's particle
-
-        def field(name: str) -> np.ndarray:
-            return values[name].astype(plan.fields[name].numpy_dtype(plan.grid.dtype))
-    else:
-        plan, field = simulation.plan, simulation.field
-    x, v, m = (field(name).astype(float) for name in ("position", "velocity", "mass"))
-    bounds = plan.shared.get("bounds")
-    outside = 0 if bounds is None else int(((x < bounds.lower) | (x > bounds.upper)).any(1).sum())
-    result = {
-        "particles": len(x),
-        "mass": math.fsum(m),
-        "momentum": (m[:, None] * v).sum(0).tolist(),
-        "angular_momentum": (m[:, None] * np.cross(x, v)).sum(0).tolist(),
-        "kinetic_energy": float(0.5 * (m * (v**2).sum(1)).sum()),
-        "greatest_speed": float(np.sqrt((v**2).sum(1).max(initial=0.0))),
-        "outside_walls": outside,
-    }
-    gravity = gravity_of(plan.effects)
-    if gravity is not None:
-        result["potential_energy"] = float(-(m * (x @ np.array(gravity.acceleration))).sum())
-    keeping = ((name, effect) for name, effect in plan.effects.items() if isinstance(effect, KeepsLedger))
-    accounts = {name: effect.ledger(field) for name, effect in keeping}
-    if any(accounts.values()):
-        result["effects"] = {name: account for name, account in accounts.items() if account}
-    return result
-
-
-def check_particles(simulation: Simulation) -> None:
-    """Raise RunStopped("particles_lost") where not every particle of the start is there with its own mass."""
-    n, start = simulation.count, simulation.plan.state
-    identity = np.array(simulation.backend.host(simulation.fields["identity"]))
-    lost = n - len(np.unique(identity[(identity >= 0) & (identity < n)]))
-    changed = 0
-    if not lost and not any("mass" in p.updates for _, p in simulation.plan.all_passes()):
-        changed = int((simulation.field("mass") != start.mass.astype(simulation.plan.grid.dtype)).sum())
-    if lost or changed:
-        raise RunStopped(
-            "particles_lost",
-            f"At step {simulation.steps} and {simulation.time:.6g} s {lost} of {n} particles are missing and"
-            f" {changed} have another mass than at the start; this is an error in an effect.",
-        )
-
-
 def _same_folder(first: Path, second: Path) -> bool:
     try:
         return os.path.samefile(first, second)
@@ -256,6 +200,8 @@ class _Run:
         self.loop_began, self.counted_before = time.perf_counter(), simulation.timings.counted
         self.files: dict[str, str] = {}
         self.writer: ParticleWriter | None = None
+        self.held: list[Frame] = []  # not yet written
+        self.flushed = -math.inf  # clock when frames were last written
         self.folder = None if output is None else Path(output)
         if self.folder is not None:
             self._open_folder(overwrite)
@@ -314,6 +260,7 @@ class _Run:
             if self.folder is not None:
                 if self._frame_after(simulation.time) > next_frame:
                     self._frame()
+                self._flush(HELD_FOR)
                 if time.perf_counter() - clock >= self.checkpoint_every:
                     self._checkpoint()
                     clock = time.perf_counter()
@@ -328,6 +275,7 @@ class _Run:
             simulation.auditor.look(note=False)
         if self.folder is not None:
             assert self.writer is not None
+            self._flush()
             if self.writer.last_time is None or simulation.time > self.writer.last_time:
                 self._frame()
             self._checkpoint()
@@ -361,7 +309,6 @@ class _Run:
         return self._frame_after(simulation.time - simulation.previous_length) < self._frame_after(simulation.time)
 
     def _frame(self) -> None:
-        assert self.writer is not None
         simulation = self.simulation
         check_particles(simulation)
         with simulation.timings.of_host("frames"):
@@ -370,13 +317,27 @@ class _Run:
             values = {name: v.view(np.uint8) if v.dtype.kind == "b" else v for name, v in values.items()}
             scene = simulation.plan.scene
             position = wrapped(values.pop("position"), scene.period, scene.period_lower)
-            self.writer.write(simulation.time, position, **values)
-        self.frames += 1
+            self.held.append(Frame(simulation.time, position, values))
         log().debug("frame at %.6g s", simulation.time)
+
+    def _flush(self, held_for: float = 0.0) -> None:
+        """Write the frames that are held, unless others were written less than `held_for` seconds ago."""
+        if not self.held or (time.perf_counter() < self.flushed + held_for and self._held_bytes() < HELD_BYTES):
+            return
+        assert self.writer is not None
+        with self.simulation.timings.of_host("writing"):
+            self.writer.append(self.held)
+        self.frames += len(self.held)
+        self.held.clear()
+        self.flushed = time.perf_counter()
+
+    def _held_bytes(self) -> int:
+        return sum(values.nbytes for frame in self.held for values in (frame.position, *frame.fields.values()))
 
     def _checkpoint(self) -> None:
         assert self.folder is not None
         path = self.folder / CHECKPOINT
+        self._flush()
         check_particles(self.simulation)
         with self.simulation.timings.of_host("checkpoints"):
             self.simulation.checkpoint(path)
@@ -400,6 +361,7 @@ class _Run:
         self.stop = stop
         log().error("%s [%s]", stop, stop.reason)
         with suppress(InputError, RunStopped, OSError, MemoryError):  # a full disk must not hide the first reason
+            self._flush()
             if self.folder is not None:
                 if stop.reason in AFTER_THESE:
                     path = write_postmortem(self.simulation, stop, self.folder, self._replay(), self.last_checkpoint)
@@ -462,4 +424,6 @@ class _Run:
 
     def close(self) -> None:
         if self.writer is not None:
+            with suppress(InputError, RunStopped, OSError, MemoryError):
+                self._flush()
             self.writer.close()

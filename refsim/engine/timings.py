@@ -1,6 +1,7 @@
 """Wall seconds of a run by stage.
 
-A stage is a pass, or a part of the loop: "neighbours", "sorting", "frames", "checkpoints", "energy_audit".
+A stage is a pass, or a part of the loop: "neighbours", "sorting", "frames" (their fields), "writing" (of frames),
+"checkpoints", "energy_audit".
 """
 
 from __future__ import annotations

@@ -11,7 +11,6 @@ import numpy as np
 
 from refsim.core.errors import InputError
 from refsim.io.checkpoint import Checkpoint
-from refsim.io.frames import Origin
 from refsim.scene.files import parse_scene, scene_to_dict, scene_to_toml
 from refsim.scene.scene import Cloud, Plan, Scene, make_plan
 from refsim.scene.solids import Solid, SolidCells, SolidMesh
@@ -35,14 +34,6 @@ def scene_to_checkpoint(plan: Plan) -> tuple[str, dict[str, np.ndarray]]:
             arrays[f"start.cells.{number}"] = solids.lattice.cell[own]
         solid.append(SolidCells(**_substance(part)) if kept else part)
     return scene_to_toml(msgspec.structs.replace(scene, fluid=fluid, solid=tuple(solid))), arrays
-
-
-def origin_of(plan: Plan) -> Origin:
-    """What particle files of a run of this plan say of it: its scene, and units and meanings of the particle fields."""
-    scene, arrays = scene_to_checkpoint(plan)
-    fields = plan.particle_fields
-    units = {name: field.unit_in(plan.grid.dim) for name, field in fields.items()}
-    return Origin(scene, arrays, units, {name: field.meaning for name, field in fields.items()})
 
 
 def _substance(part: Solid) -> dict[str, Any]:

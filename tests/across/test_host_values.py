@@ -46,8 +46,8 @@ from refsim.core.capabilities import BalancesCohesion
 from refsim.core.effect import Discretisation, Extremes, InitialState, StepLimit
 from refsim.core.energy import Amount, amount, compression_amount, compression_energy, pair_potential
 from refsim.engine.audit import Auditor, StateOfRun
-from refsim.engine.driver import stock
 from refsim.engine.stepping import check_extremes, stable_steps, step_limits
+from refsim.engine.stock import stock
 from refsim.heat import enthalpy_of, temperature_at
 from refsim.heat.shapes import lattice_sum
 from refsim.mpm import LARGEST_VOLUME, LEAST_VOLUME, OPEN

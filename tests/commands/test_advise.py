@@ -5,6 +5,7 @@ import json
 import pytest
 
 from refsim.__main__ import main
+from refsim.core.tables import in_time
 from refsim.scene.files import load_scene, parse_scene
 from refsim.scene.scene import make_plan
 from refsim.study import advice
@@ -116,21 +117,20 @@ def test_seconds_here_are_the_prediction_s_share(monkeypatch):
     assert "not predicted: no device was found" in advice.text_of(advice.scaled(advice.find("droplet", 0.05, "gpu")))
 
 
-def test_what_has_no_meaning_and_what_is_not_advised_is_said(folder, capsys):
+def test_what_has_no_meaning_and_what_is_not_advised_is_said(folder, capsys, monkeypatch):
     assert main(["advise", "detection_2d", "--error", "0.001"]) == 0
     assert "no meaning: which particles are surface" in capsys.readouterr().out
-    name, cell = next(
-        (name, cell)
-        for name, row in advice.table().items()
-        for cell in row.get("answers", ())
-        if "read" in cell.get("cpu", {})
-    )
-    assert main(["advise", name, "--error", str(cell["error"]), "--measured"]) == 0
+    row = advice.table()["droplet"]
+    (cell,) = (cell for cell in row["answers"] if cell["error"] == 0.05)
+    why = "not advised: the first setting has not settled"
+    open_cell = cell | {"cpu": {"why": why, "notes": [], "read": cell["cpu"] | {"fastest": 0.125, "slowest": 0.25}}}
+    monkeypatch.setattr(advice, "table", lambda: {"droplet": row | {"answers": [open_cell]}})
+    assert main(["advise", "droplet", "--error", "0.05", "--measured"]) == 0
     said = capsys.readouterr().out
-    assert "not advised" in said
-    assert "not settled" in said
-    assert cell["cpu"]["why"] in said
-    assert [path.suffix for path in folder.iterdir()] in ([], [".toml"])
+    assert why in said
+    assert f"setting    {cell['cpu']['setting']}" in said
+    assert f"{in_time(0.125)} to {in_time(0.25)}, not settled" in said
+    assert [path.name for path in folder.iterdir()] == ["droplet.toml"]
 
 
 def test_the_list_and_json(folder, capsys):

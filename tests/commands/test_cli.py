@@ -507,7 +507,7 @@ def test_a_profile_lists_the_seconds_by_pass_and_changes_nothing(scene, capsys, 
     assert seconds == sorted(seconds, reverse=True)
     assert sum(cost["share"] for cost in stages.values()) == pytest.approx(1.0)
     shown = {*make_plan(load_scene(scene)).launches(on_demand=True), "sph.extremes", "sph.kick_drift"}
-    shown |= {"frames", "checkpoints", "other"}
+    shown |= {"frames", "writing", "checkpoints", "other"}
     assert shown | ({"neighbours"} if backend == "cpu" else set()) == set(stages)
     assert stages["sph.kick_drift"]["launches"] == report["steps"]
     assert stages["frames"]["launches"] == report["frames"]

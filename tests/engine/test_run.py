@@ -1,6 +1,7 @@
 """Whole runs: resumed bit for bit, stopped with a named reason, nothing lost on the way."""
 
 import json
+import math
 import os
 import pathlib
 import signal
@@ -26,10 +27,10 @@ from refsim import (
 )
 from refsim.__main__ import main
 from refsim.core.errors import REASONS
+from refsim.engine import driver, stepping
 from refsim.engine import simulation as run_module
-from refsim.engine import stepping
 from refsim.engine.checkpoints import load_checkpoint
-from refsim.engine.driver import check_particles, stock
+from refsim.engine.stock import check_particles, stock
 from refsim.io.checkpoint import latest_checkpoint, read_checkpoint, write_checkpoint
 from refsim.io.frames import read_particles
 from refsim.scene.files import load_scene, scene_to_toml
@@ -335,6 +336,42 @@ def test_a_checkpoint_with_impossible_clouds_is_refused(tmp_path, change):
 
 class Killed(BaseException):
     """What nothing in refsim catches, as a kill is."""
+
+
+@pytest.mark.parametrize("stop", [RunStopped("diverged", "It diverged."), MemoryError(), KeyboardInterrupt()])
+def test_frames_that_are_held_are_written_when_a_run_stops(tmp_path, monkeypatch, stop):
+    monkeypatch.setattr(driver, "HELD_FOR", math.inf)
+    written = []
+    append = driver.ParticleWriter.append
+    monkeypatch.setattr(
+        driver.ParticleWriter, "append", lambda writer, frames: (written.append(len(frames)), append(writer, frames))
+    )
+
+    def progress(simulation):
+        if simulation.steps == 5:
+            raise stop
+
+    with pytest.raises((RunStopped, KeyboardInterrupt)):
+        simulate(tank(), backend="numpy", output=tmp_path, every=1e-9, progress=progress)
+    assert written == [1, 4]  # the first one with the first checkpoint; no frame of the step that stopped
+    assert len(read_particles(tmp_path / "particles.vtkhdf")) == 5
+
+
+@pytest.mark.parametrize(("name", "least"), [("HELD_FOR", 0.0), ("HELD_BYTES", 0)])
+def test_frames_are_held_no_longer_than_stated(tmp_path, monkeypatch, name, least):
+    monkeypatch.setattr(driver, "HELD_FOR", math.inf)
+    monkeypatch.setattr(driver, name, least)
+    seen = []
+
+    def progress(simulation):
+        if simulation.steps:
+            seen.append(len(read_particles(tmp_path / "particles.vtkhdf")))
+        if simulation.steps == 4:
+            raise Killed
+
+    with pytest.raises(Killed):
+        simulate(tank(), backend="numpy", output=tmp_path, every=1e-9, progress=progress)
+    assert seen == [1, 2, 3, 4]
 
 
 def killed_after(steps, scene, out, **options):

@@ -10,7 +10,7 @@ import pytest
 from refsim import Box, Cloud, HeatConduction, InputError, RunStopped, Scene, Simulation, make_plan
 from refsim.__main__ import main
 from refsim.core.operation import REGISTRY
-from refsim.engine.driver import stock
+from refsim.engine.stock import stock
 from refsim.heat import reference
 from refsim.heat.shapes import lattice_moment
 from validation.checks import bars

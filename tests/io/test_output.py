@@ -1,7 +1,9 @@
 """Particle files come back bit for bit, ParaView's own readers open them, and kills and full disks cost no frame."""
 
+import dataclasses
 import errno
 import hashlib
+import itertools
 import os
 import random
 import signal
@@ -18,7 +20,7 @@ from vtk.util.numpy_support import vtk_to_numpy
 
 from refsim.core.errors import InputError, RunStopped
 from refsim.io import frames as output
-from refsim.io.frames import ParticleWriter, read_particles, write_vtp
+from refsim.io.frames import Frame, ParticleWriter, read_particles, write_vtp
 
 posix = pytest.mark.skipif(os.name != "posix", reason="signals and file size limits of POSIX")
 
@@ -134,6 +136,35 @@ def test_every_frame_comes_back_bit_for_bit(tmp_path, counts):
     for found, expected in zip(read_particles(path), frames, strict=True):
         assert_frame(found, expected)
     assert_frame(read_particles(path, slice(-1, None))[0], frames[-1])
+
+
+@pytest.mark.parametrize("counts", [[50] * 6, [0, 1, 60, 30, 0, 45]])
+def test_frames_that_are_appended_at_once_come_back_as_those_written_one_by_one(tmp_path, counts):
+    frames = [frame(step, n) for step, n in enumerate(counts)]
+    for name, groups in {"single": range(7), "several": (0, 3, 4, 6), "all": (0, 6)}.items():
+        path = tmp_path / f"{name}.vtkhdf"
+        with ParticleWriter(path, FIELDS) as writer:
+            for first, end in itertools.pairwise(groups):
+                writer.append([Frame(*one) for one in frames[first:end]])
+                assert writer.last_time == frames[end - 1][0]
+                assert len(read_particles(path)) == end
+            writer.append([])
+        for found, expected in zip(read_particles(path), frames, strict=True):
+            assert_frame(found, expected)
+        assert_vtk(path, frames)
+
+
+def test_frames_that_do_not_fit_are_refused_whole(tmp_path):
+    path = tmp_path / "run.vtkhdf"
+    first, second = (Frame(*frame(step)) for step in range(2))
+    with ParticleWriter(path, FIELDS) as writer:
+        for bad in ([first, first], [second, first], [first, dataclasses.replace(second, fields={})],
+                    [first, dataclasses.replace(second, position=second.position.astype("float64"))]):  # fmt: skip
+            with pytest.raises(ValueError, match=r"time|fields|position"):
+                writer.append(bad)
+        assert not path.exists()
+        writer.append([first, second])
+    assert len(read_particles(path)) == 2
 
 
 def test_double_positions_no_fields_and_many_frames(tmp_path):

@@ -25,7 +25,7 @@ from refsim import (
     simulate,
 )
 from refsim.core import extras
-from refsim.engine.driver import stock
+from refsim.engine.stock import stock
 from refsim.io.frames import ParticleWriter, read_particles
 from refsim.scene.files import parse_scene, scene_to_dict
 

@@ -42,7 +42,7 @@ KINDS = ("sign", "factor", "condition", "operands", "index")
 
 # group -> functions, each "module:qualified name"; the group's tests are those of test_host_values.py with its name
 GROUPS = {
-    "reports": ("refsim.engine.driver:stock",),
+    "reports": ("refsim.engine.stock:stock",),
     "energy": (
         "refsim.core.energy:amount",
         "refsim.core.energy:compression_energy",

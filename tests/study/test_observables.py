@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from refsim import Box, Gravity, InputError, Scene, Simulation, WeaklyCompressible, make_plan
-from refsim.engine.driver import stock
+from refsim.engine.stock import stock
 from refsim.study.observables import observable_of
 from validation.metrics.dam_break import front_position
 

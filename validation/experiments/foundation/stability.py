@@ -609,7 +609,7 @@ def _speed(simulation: Simulation) -> float:
 
 
 def _outside(simulation: Simulation) -> int:
-    from refsim.engine.driver import stock
+    from refsim.engine.stock import stock
 
     return stock(simulation)["outside_walls"]
 

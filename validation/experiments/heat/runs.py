@@ -17,7 +17,7 @@ from refsim.backends.arrays import choose, set_threads
 from refsim.core.effect import Discretisation
 from refsim.core.operation import REGISTRY
 from refsim.core.period import period_group
-from refsim.engine.driver import stock
+from refsim.engine.stock import stock
 from refsim.heat import reference
 from validation.experiments.heat import exact
 from validation.experiments.heat.conductor import SUPPORT, Conductor, cosine_slab, lattice

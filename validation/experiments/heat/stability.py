@@ -10,7 +10,7 @@ import numpy as np
 
 from refsim import Box, HeatConduction, Scene, Simulation
 from refsim.core.errors import InputError, RunStopped
-from refsim.engine.driver import stock
+from refsim.engine.stock import stock
 from refsim.scene.scene import make_plan
 from validation.results import Result
 from validation.running import Context
