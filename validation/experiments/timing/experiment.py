@@ -161,10 +161,6 @@ EXPERIMENT = Experiment(
     title="seconds to steady state (table 1), the stages of a step, what each effect costs, other programs",
     runs=planned,
     checks=checks,
-    pictures=(
-        Picture(
-            "table_1", pictures.steady_data, pictures.steady_picture, ("steady_default", "steady_soft", "steady_text")
-        ),
-    ),
+    pictures=(Picture("table_1", pictures.steady_data, pictures.steady_picture, tuple(STEADY)),),
     tables=tables,
 )
