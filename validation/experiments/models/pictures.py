@@ -235,7 +235,7 @@ def rest_picture(data: Mapping[str, Any]) -> Any:
             place.barh(at + shift, [unit * real(row[shape].get(key)) for row in rows], 0.25, color=colour)
         place.set(xlabel=words, title=title)
         if key == "radius_variation":
-            place.set(xscale="log", xlim=(1e-3, 1.0))
+            place.set(xscale="log", xlim=(1e-3, 10.0))
     for place in axes:
         place.grid(True, axis="x")
     return figure
