@@ -13,6 +13,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from refsim.backends.loading import load_without_rules
 from refsim.commands import Command, CommandResult, in_time, planned, register, table
 from refsim.core.errors import InputError, RunStopped
 from refsim.engine.driver import RunReport, simulate
@@ -47,6 +48,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def execute(options: argparse.Namespace) -> CommandResult:
     """Run the scene, or go on from the checkpoint."""
+    load_without_rules()
     simulation, folder = _begin(options)
     until = simulation.plan.scene.end_time if options.until is None else options.until
     if simulation.source is not None and simulation.time >= until:

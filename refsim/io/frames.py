@@ -626,7 +626,7 @@ def _head(size: int, digest: int) -> bytes:
     return f"refsim particles\nversion 1\nbytes {size}\ndigest {digest:064x}\n".encode().ljust(PAGE, b"\0")
 
 
-def _page_digest(number: int, page: bytes) -> int:
+def _page_digest(number: int, page: bytes | memoryview) -> int:
     """What a page adds to the digest; the head and pages that are not there add nothing."""
     if number == 0 or not page:
         return 0
@@ -772,11 +772,16 @@ class _Staged:
 
     def seal(self) -> None:
         """Write the head, with the digest of what the file now holds."""
-        digest, sizes = self._digest, sorted((self._base, self._size))
-        for number in {*self._pages, *range(sizes[0] // PAGE, -(-sizes[1] // PAGE))}:
+        whole = -(-self._base // PAGE)  # pages from there on are in the tail alone
+        digest = self._digest
+        for number in {*self._pages, *range(min(self._base, self._size) // PAGE, whole)}:
             self.seek(number * PAGE)
             now = self.read(max(min(PAGE, self._size - number * PAGE), 0))
             digest += _page_digest(number, now) - _page_digest(number, self._page_below(number) if self._file else b"")
+        with memoryview(self.tail) as tail:
+            for number in range(whole, -(-self._size // PAGE)):
+                start = number * PAGE - self._base
+                digest += _page_digest(number, tail[start : start + PAGE])
         self.seek(0)
         self.write(memoryview(_head(self._size, digest % 2**256)))
 
