@@ -601,7 +601,7 @@ ABSENT = "\u2013"  # not measured
 
 def markdown(found: Mapping[str, Any]) -> list[str]:
     """The page's table: a line for an observable and the errors of equal answers."""
-    lines = ["| observable | error | cheapest setting | keeps | 2 CPU threads | GPU | memory | best peer |"]
+    lines = ["| observable | error | cheapest setting | keeps | CPU, at most 2 threads | GPU | memory | best peer |"]
     lines.append("| --- | --: | --- | --: | --: | --: | --: | --: |")
     for row in found["observables"]:
         name = f"[{row['words']}]({row['page']}), `{row['name']}`; {row['relative']}"

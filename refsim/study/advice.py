@@ -15,14 +15,15 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from refsim.backends.arrays import unavailable
+from refsim.backends.threads import threads_for
 from refsim.core.checked import suggestion
 from refsim.core.errors import InputError
 from refsim.core.tables import in_bytes, in_time
 from refsim.scene.files import parse_scene
-from refsim.scene.scene import Scene
+from refsim.scene.scene import Scene, make_plan
 from refsim.study.cost import Prediction, predict
 
-THREADS = 2  # CPU threads of the table's timings
+MOST_THREADS = 2  # for the CPU, as in the table's timings
 
 
 @dataclass(frozen=True)
@@ -96,11 +97,12 @@ def scaled(advice: Advice) -> Advice:
     if reason is not None:
         return replace(advice, own_note=f"not predicted: {reason}")
     scene: Scene = parse_scene(advice.scene, advice.observable["name"])
-    found: Prediction | None = predict(scene, backend, threads=THREADS if backend == "cpu" else None)
+    threads = min(MOST_THREADS, threads_for(make_plan(scene).grid.count)) if backend == "cpu" else None
+    found: Prediction | None = predict(scene, backend, threads=threads)
     assert found is not None
     # the setting may reach the error before its run ends
     share = min(setting["seconds"] / setting["whole"], 1.0) if setting["whole"] else 1.0
-    where = f"{THREADS} CPU threads" if backend == "cpu" else "the GPU"
+    where = "the GPU" if threads is None else "one CPU thread" if threads == 1 else f"{threads} CPU threads"
     note = f"predicted for {where} of this machine"
     return replace(advice, own=found.seconds * share, own_note=f"{note}; {found.note}" if found.note else note)
 

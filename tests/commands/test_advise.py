@@ -98,7 +98,9 @@ def test_scenes_are_those_of_the_settings(name, error):
     assert f"{plan.scene.dtype}" in cpu["setting"]
 
 
-def test_seconds_here_are_the_prediction_s_share(monkeypatch):
+@pytest.mark.parametrize(("gains", "taken", "words"), [(1, 1, "one CPU thread of"), (8, 2, "2 CPU threads of")])
+def test_seconds_here_are_the_prediction_s_share(monkeypatch, gains, taken, words):
+    """With the threads that a run takes, at most the table's two."""
     given = []
 
     def predict(scene, backend, *, threads):
@@ -106,13 +108,14 @@ def test_seconds_here_are_the_prediction_s_share(monkeypatch):
         return Prediction(backend, 10.0)
 
     monkeypatch.setattr(advice, "predict", predict)
+    monkeypatch.setattr(advice, "threads_for", lambda rows: gains)
     found = advice.find("droplet", 0.05)
     cpu = advice.named(found.cell)
     assert 0 < cpu["seconds"] < cpu["whole"]
     here = advice.scaled(found)
     assert here.own == pytest.approx(10.0 * cpu["seconds"] / cpu["whole"])
-    assert "2 CPU threads of this machine" in advice.text_of(here)
-    assert given == [("droplet", "cpu", 2)]
+    assert f"{words} this machine" in advice.text_of(here)
+    assert given == [("droplet", "cpu", taken)]
     monkeypatch.setattr(advice, "unavailable", lambda backend: "no device was found")
     assert "not predicted: no device was found" in advice.text_of(advice.scaled(advice.find("droplet", 0.05, "gpu")))
 
