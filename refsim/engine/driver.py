@@ -362,6 +362,7 @@ class _Run:
         log().error("%s [%s]", stop, stop.reason)
         with suppress(InputError, RunStopped, OSError, MemoryError):  # a full disk must not hide the first reason
             self._flush()
+        with suppress(InputError, RunStopped, OSError, MemoryError):
             if self.folder is not None:
                 if stop.reason in AFTER_THESE:
                     path = write_postmortem(self.simulation, stop, self.folder, self._replay(), self.last_checkpoint)
