@@ -27,9 +27,10 @@ from refsim.study.result import Study
 from refsim.study.runs import Reading, Setting, keep, kept, key_of, machine, measure
 from refsim.study.tasks import task_of
 
-KNOBS = ("spacing", "step", "precision", "tolerance", "backend", "effects")
+KNOBS = ("spacing", "support", "step", "precision", "tolerance", "backend", "effects")
 TOLERANCES = ("tolerance", "residual")  # parameters of effects that end an iteration
 TIGHTER = 10.0
+WIDER = 1.25  # of the support radius, at the same spacing
 WORKERS = "workers"  # in the keys of runs whose seconds are those of a scheduler's workers
 Say = Callable[[str], None]
 Watch = Callable[[Simulation], None]
@@ -61,7 +62,7 @@ def study(
     levels      number of spacings
     finer       how many of them are finer than the scene's; half of them, rounded down, by default
     ratio       of neighbouring spacings, about; the boxes' cells must fit
-    knobs       which of "spacing", "step", "precision", "tolerance", "backend" and "effects" to change
+    knobs       which of "spacing", "support", "step", "precision", "tolerance", "backend" and "effects" to change
     error       relative error for which the cheapest setting is given
     reaches     the study is of the first time [s] at which the observable has this value
     folder      where the runs' results are kept: a study that is called again goes on from there
@@ -132,6 +133,12 @@ def _settings(
         for f in factors
     ]
     replace = msgspec.structs.replace
+    if "support" in knobs and plan.list_radius == 0:
+        left_out.append("another support radius left out: no effect of this scene sums over neighbours")
+    elif "support" in knobs:
+        wider = WIDER * scene.support_radius
+        label = f"support radius {wider:.4g} m"
+        made.append(Setting("support", label, 1.0, replace(scene, support_radius=wider), backend))
     if "step" in knobs:
         halved = replace(scene, step=scene.step / 2, step_factor=scene.step_factor / (1 if scene.step else 2))
         made.append(Setting("step", "half the step", 1.0, halved, backend))

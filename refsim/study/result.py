@@ -17,7 +17,7 @@ from refsim.scene.scene import Scene
 from refsim.study.convergence import Convergence
 from refsim.study.runs import Reading, Setting
 
-FIRST_ORDER = 2.0  # |Q(dt) - Q(0)| over |Q(dt) - Q(dt/2)| of a method of first order in the step
+TWICE = {"support": 2.0, "step": 2.0}  # error over change where half the step, or 1.25 support radii, leave half of it
 
 
 @dataclass(frozen=True)
@@ -104,6 +104,7 @@ class Study:
         """Relative error of the scene as it is, by what causes it.
 
         spacing    its grid convergence index, or the range of the finest values where no order was observed
+        support    2 |Q(1.25 h) - Q(h)|, for sums whose error falls with the third power of d/h
         step       2 |Q(dt/2) - Q(dt)|, for a method of first order in the step
         precision, tolerance, backend  |Q' - Q|, with the other precision, a tenth of the tolerance, the other backend
         """
@@ -112,10 +113,10 @@ class Study:
             return {}
         if self.convergence is not None and math.isfinite(self.convergence.uncertainty):
             found["spacing"] = self.convergence.bound(base.value)
-        for kind in ("step", "precision", "tolerance", "backend"):
+        for kind in ("support", "step", "precision", "tolerance", "backend"):
             changes = [abs(r.value - base.value) for _, r in self.of(kind)]
             if changes and base.value:
-                found[kind] = (FIRST_ORDER if kind == "step" else 1.0) * max(changes) / abs(base.value)
+                found[kind] = TWICE.get(kind, 1.0) * max(changes) / abs(base.value)
         return found
 
     def cheapest(self, error: float | None = None) -> Advice | None:
@@ -207,6 +208,13 @@ class Study:
                 lines.append(
                     f"which setting has an error of {percent(error)} cannot be said from these runs{self._least()}"
                 )
+        support = sources.get("support", 0.0)
+        if support > self.error:
+            ratio = self.scene.support_radius / self.scene.spacing
+            lines.append(
+                f"note: sums over a support of {ratio:.3g} spacings make an error of up to {percent(support)}, which a"
+                " finer spacing at the same ratio may not remove; the bounds above leave it out"
+            )
         return [*lines, *(f"note: {note}" for note in self.notes)]
 
     HEAD = ("what", "setting", "value", "error or change", "seconds", "cost", "memory", "particles", "steps")

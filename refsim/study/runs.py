@@ -42,8 +42,8 @@ SAMPLES = 400  # of a run in which an observable is to reach a value
 class Setting:
     """One run that a study needs.
 
-    kind    what differs from the user's scene: "spacing" (also for the scene itself), "step", "precision", "tolerance",
-            "backend" or "effect"
+    kind    what differs from the user's scene: "spacing" (also for the scene itself), "support", "step", "precision",
+            "tolerance", "backend" or "effect"
     label   in tables
     factor  of the spacing: the scene's spacing over this one
     """

@@ -9,7 +9,7 @@ import msgspec
 import pytest
 
 import refsim
-from refsim import Box, BoxWalls, Gravity, InputError, RunStopped, Scene, Simulation, WeaklyCompressible
+from refsim import Box, BoxWalls, Gravity, InputError, MpmLiquid, RunStopped, Scene, Simulation, WeaklyCompressible
 from refsim.__main__ import main
 from refsim.study import runs
 from refsim.study.observables import observable_of
@@ -162,6 +162,28 @@ def test_each_other_setting_is_changed_alone():
     row = next(row for row in found.rows() if row["setting"] == "without gravity")
     assert row["change"] == pytest.approx(-1.0, abs=1e-3)
     assert row["cost"] == pytest.approx(by_label["without gravity"][1].seconds / found.base.seconds)
+
+
+def test_a_wider_support_is_a_source_of_error():
+    """An observable that depends on h/d alone, with a known change."""
+
+    def value(simulation):
+        grid = simulation.plan.grid
+        return 5.0 + 0.8 * (grid.spacing / grid.support_radius) ** 3
+
+    found = studied(value, knobs=("support",), error=0.01)
+    wider = next(s.scene for s, _ in found.of("support"))
+    assert (wider.support_radius, wider.spacing) == (pytest.approx(0.025), 0.01)
+    change = 0.1 * (1 - 1.25**-3) / 5.1
+    assert found.sources() == {"support": pytest.approx(2 * change)}
+    assert "note: sums over a support of 2 spacings make an error of up to 1.9 %" in found.text()
+    assert "note" not in studied(value, knobs=("support",), error=0.05).text()
+    tank = Scene(
+        dim=2, spacing=0.1, support_radius=0.2, end_time=1e-3, fluid=(Box(cells=(4, 4, 1)),),
+        effects=(MpmLiquid(bulk_modulus=1e4),),
+    )  # fmt: skip
+    alone = studied("kinetic_energy", scene=tank, knobs=("support",))
+    assert alone.left_out == ("another support radius left out: no effect of this scene sums over neighbours",)
 
 
 def test_effects_that_others_need_are_left_out_with_the_reason():

@@ -69,6 +69,9 @@ def add_commands(made: argparse.ArgumentParser) -> None:
     part.add_argument("--fresh", action="store_true", help="measure anew what is on file")
     part.add_argument("--write", action="store_true", help="write the table into docs/study.md")
     part.add_argument("--output", type=Path, default=DATA / "run_time.json", help="file of rows")
+    part = add("studies", "holds refsim study against five scenes with exact answers", solved_studies)
+    part.add_argument("--threads", type=int, help="CPU threads; one for 1,024 particles by default")
+    part.add_argument("--write", action="store_true", help="write the table into docs/study.md")
     part = add("mass_ratio", "prints by how much the energy rises, by ratio of particle masses and scene", mass_ratios)
     part.add_argument("kinds", nargs="*", help="scenes whose names contain one of these words; all by default")
     add("states", "computes the stored moments of the dam break anew (some minutes)", store_states)
@@ -240,3 +243,10 @@ def run_times(given: argparse.Namespace) -> int:
     from validation.measure import run_time
 
     return run_time.perform(given.output, given.backend, given)
+
+
+def solved_studies(given: argparse.Namespace) -> int:
+    """Studies against exact answers."""
+    from validation.measure import studies
+
+    return studies.perform(given.threads, given.write)

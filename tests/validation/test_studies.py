@@ -1,0 +1,86 @@
+"""Exact answers of the solved scenes against other programs, and studies that find them."""
+
+import numpy as np
+import pytest
+
+from refsim.core.errors import InputError
+from validation.measure import studies
+from validation.measure.studies import SOLVED
+
+
+def conducted(start, held, seconds, cell, conductivity, density, heat_of, temperature_of):
+    """Temperatures [degrees C] of cells in a row after `seconds`, explicitly; the first `held` stay as they were."""
+    heat = heat_of(start)
+    capacity = np.diff(heat_of(np.array([-2.0, -1.0])))[0]
+    count = int(np.ceil(seconds / (0.4 * density * capacity * cell**2 / conductivity)))
+    for _ in range(count):
+        flux = conductivity * -np.diff(temperature_of(heat)) / cell  # W/m^2
+        change = np.concatenate([[0.0], flux]) - np.concatenate([flux, [0.0]])
+        change[:held] = 0.0
+        heat = heat + seconds / count * change / (density * cell)
+    return heat
+
+
+def test_slab_and_melting_wall_by_finite_volumes():
+    cells = 200
+    start = np.where(np.arange(cells) < cells // 2, 100.0, 0.0)
+    heat = conducted(start, 0, 20.0, 0.1 / cells, 400.0, 8960.0, lambda t: 385.0 * t, lambda h: h / 385.0)
+    at = 385.0 * SOLVED["slab"].answer()
+    assert heat[cells // 4 - 1 : cells // 4 + 1].mean() == pytest.approx(at, rel=1e-4)
+
+    def heat_of(t):
+        return np.where(t > 0, 333e3 + 4186.0 * t, 4186.0 * t)
+
+    def temperature_of(h):
+        return np.where(h > 333e3, (h - 333e3) / 4186.0, np.minimum(h, 0.0) / 4186.0)
+
+    means = []
+    for cells in (125, 250):  # the wall's temperature stands half a cell from the face: an error of first order
+        wall = cells // 5
+        start = np.where(np.arange(cells) < wall, 50.0, 0.0)
+        heat = conducted(start, wall, 3000.0, 0.1 / cells, 0.6, 1000.0, heat_of, temperature_of)
+        means.append(heat.mean())
+    assert 2 * means[1] - means[0] == pytest.approx(SOLVED["melting_wall"].answer(), rel=2e-4)
+
+
+def test_the_rod_is_that_of_its_modes():
+    """Kinetic energy of a rod on a foot, summed over its modes."""
+    n = np.arange(1, 4001, 2)
+    height, pull, sound, time = 1.0, 9.81, 10.0, 0.05
+    speed = 8 * pull * height / (np.pi**2 * n**2 * sound) * np.sin(n * np.pi * sound * time / (2 * height))
+    energy = 0.5 * 1000.0 * 0.4 * height / 2 * (speed**2).sum()
+    assert SOLVED["column"].answer() == pytest.approx(energy, rel=1e-6)
+
+
+def test_a_study_finds_the_exact_answer_and_foresees_a_finer_run():
+    """At coarser levels than the page's, so that NumPy is fast enough."""
+    slab = SOLVED["slab"]
+    found = slab.study("slab", levels=3, finer=1, backend="numpy", knobs=("spacing",))
+    limit, answer = found.convergence, slab.answer()
+    assert limit.asymptotic
+    assert 1.5 < limit.order < 2.2
+    assert abs(limit.value - answer) < limit.uncertainty
+    finer = studies.further(found, slab.observable, None, "numpy")
+    finest = found.of("spacing")[-1][1]
+    assert finer.run.particles > finest.particles
+    assert abs(finer.run.value - finer.value) < 0.2 * abs(finer.run.value - finest.value)
+    assert abs(finer.run.value - answer) < abs(finest.value - answer)
+
+
+def test_a_study_without_an_order_cannot_be_continued():
+    found = SOLVED["slab"].study("slab", levels=1, finer=0, backend="numpy", knobs=("spacing",))
+    with pytest.raises(InputError, match="two halves of a copper slab: its study cannot be continued"):
+        studies.further(found, SOLVED["slab"].observable, None, "numpy")
+
+
+def test_the_table_is_written(monkeypatch, tmp_path, capsys):
+    page = tmp_path / "page.md"
+    page.write_text(f"before\n{studies.BEGIN}old{studies.END}\nafter\n")
+    monkeypatch.setattr(studies, "PAGE", page)
+    monkeypatch.setattr(studies, "row", lambda name, threads: f"| `{name}` | {threads} |")
+    assert studies.perform(1, write=True) == 0
+    text = page.read_text()
+    assert "old" not in text
+    assert text.startswith("before\n")
+    assert text.endswith("\nafter\n")
+    assert [line in text for line in capsys.readouterr().out.splitlines()] == [True] * len(SOLVED)

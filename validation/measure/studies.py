@@ -1,0 +1,151 @@
+"""Studies of scenes with exact answers: what `refsim study` says against the answer and against a finer run.
+
+`python -m validation measure studies` studies each scene of docs/examples/study/solved at four spacings, holds its
+extrapolated value against the exact one, continues it to a finer spacing, and runs that one, too; --write puts the
+table on docs/study.md. Results are kept in results/study.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from scipy.special import erf
+
+import refsim
+from refsim import InputError, make_plan
+from refsim.study.observables import observable_of
+from refsim.study.refine import fitting, refined
+from refsim.study.result import Study, percent
+from refsim.study.runs import Reading, Setting, measure
+from validation.experiments.heat.exact import stefan_root
+from validation.experiments.solutions import exact
+
+ROOT = Path(__file__).resolve().parents[2]
+SCENES = ROOT / "docs" / "examples" / "study" / "solved"
+PAGE = ROOT / "docs" / "study.md"
+FURTHER = 1.5  # the bound of the finest level over that for which the study is continued
+
+
+def slab(x: float, time: float, length: float, hot: float, diffusivity: float, terms: int = 400) -> float:
+    """Temperature [degrees C] at x [m] of an insulated slab whose first half had `hot`, its other half 0."""
+    n = np.arange(1, terms + 1) * np.pi
+    decay = np.exp(-diffusivity * (n / length) ** 2 * time)
+    return float(hot * (0.5 + (2 / n * np.sin(n / 2) * np.cos(n * x / length) * decay).sum()))
+
+
+def melted(time: float, wall: float, conductivity: float, heat_capacity: float, density: float, latent: float) -> float:
+    """Heat [J/m^2] that ice at 0 degrees C has taken up from a wall at `wall` [degrees C], by Neumann's solution."""
+    reach = 2 * math.sqrt(conductivity / (density * heat_capacity) * time)
+    root = stefan_root(wall * heat_capacity / latent, 0.0, 1.0)
+    sensible = heat_capacity * wall * (1 - math.exp(-(root**2))) / (math.sqrt(math.pi) * float(erf(root)))
+    return density * reach * (latent * root + sensible)
+
+
+def falling_rod(time: float, height: float, width: float, density: float, sound: float, pull: float) -> float:
+    """Kinetic energy [J/m] of a rod suddenly under its weight, until a wave from its foot has come to its top.
+
+    Above the wave it falls freely, below it has the velocity with which the wave passed.
+    """
+    reached = sound * time
+    return 0.5 * density * width * (pull * time) ** 2 * (height - reached + reached / 3)
+
+
+@dataclass(frozen=True)
+class Solved:
+    """A scene with an exact answer, and how it is studied."""
+
+    observable: str
+    answer: Callable[[], float]
+    ratio: float = 1.5
+
+    def study(self, name: str, **more: object) -> Study:
+        """What `refsim study` finds."""
+        given = {"levels": 4, "finer": 2, "ratio": self.ratio, "knobs": ("spacing", "support", "step")}
+        return refsim.study(SCENES / f"{name}.toml", self.observable, **(given | more))  # type: ignore[arg-type]
+
+
+MIDDLE = np.array([5e-4])  # m, half the distance of the plates
+SOLVED = {
+    "couette": Solved(
+        "field:velocity.x@2.5e-4,5e-4", lambda: float(exact.couette(MIDDLE, 0.1, 1e-3, 1.25e-5, 1e-6)[0])
+    ),
+    "poiseuille": Solved(
+        "field:velocity.x@2.5e-4,5e-4", lambda: float(exact.poiseuille(MIDDLE, 0.225, 1e-3, 1e-4, 1e-6)[0])
+    ),
+    "slab": Solved("field:temperature@0.025,0.025", lambda: slab(0.025, 20.0, 0.1, 100.0, 400.0 / (8960.0 * 385.0))),
+    "melting_wall": Solved(  # the wall is a fifth of the particles; the ice is 0.08 m deep
+        "field:enthalpy@mean",
+        lambda: (
+            0.2 * (333e3 + 50.0 * 4186.0) + 0.8 * melted(3000.0, 50.0, 0.6, 4186.0, 1000.0, 333e3) / (1000.0 * 0.08)
+        ),
+    ),
+    "column": Solved("kinetic_energy", lambda: falling_rod(0.05, 1.0, 0.4, 1000.0, 10.0, 9.81), ratio=2.0),
+}
+
+
+@dataclass(frozen=True)
+class Further:
+    """A spacing [m] finer than those of a study: what the study foresees for it, and its run."""
+
+    spacing: float
+    value: float
+    seconds: float
+    run: Reading
+
+
+def further(found: Study, observable: str, threads: int | None, backend: str = "cpu") -> Further:
+    """The spacing that the study advises for two thirds of the error of its finest level, with whole cells."""
+    setting, finest = max(found.of("spacing"), key=lambda pair: pair[0].factor)
+    limit = found.convergence
+    advice = None if limit is None else found.cheapest(limit.bound(finest.value) / FURTHER)
+    if limit is None or advice is None or advice.measured:
+        raise InputError(f"{found.scene.name}: its study cannot be continued ({'; '.join(found.answers()[:1])}).")
+    factor = fitting(found.scene, found.scene.spacing / advice.spacing)
+    scene = refined(found.scene, factor)
+    one = Setting("spacing", f"spacing {scene.spacing:.4g} m", factor, scene, backend)
+    run = measure(one, observable_of(observable, make_plan(found.scene)), None, threads)
+    finer = setting.scene.spacing / scene.spacing
+    value = limit.value + (finest.value - limit.value) * finer**-limit.order
+    power = math.log(advice.seconds / finest.seconds, setting.scene.spacing / advice.spacing)
+    return Further(scene.spacing, value, finest.seconds * finer**power, run)
+
+
+HEAD = (
+    "| scene | exact | study | order | off by | sources: spacing, support, step | finer spacing [m] | value: foreseen,"
+    " found | seconds: foreseen, taken |\n| --- | --- | --- | --- | --- | --- | --- | --- | --- |"
+)
+
+
+def row(name: str, threads: int | None) -> str:
+    """One row of the table."""
+    solved = SOLVED[name]
+    found = solved.study(name, threads=threads, folder=ROOT / "results" / "study" / name)
+    finer = further(found, solved.observable, threads)
+    limit, answer, sources = found.convergence, solved.answer(), found.sources()
+    assert limit is not None
+    shares = ", ".join(percent(sources[kind]) if kind in sources else "-" for kind in ("spacing", "support", "step"))
+    return (
+        f"| `{name}` | {answer:.5g} {found.unit} | {limit.value:.5g} ± {limit.uncertainty:.2g} | {limit.order:.2f}"
+        f" | {percent(limit.value / answer - 1, signed=True)} | {shares} | {finer.spacing:.3g}"
+        f" | {finer.value:.5g}, {finer.run.value:.5g} | {finer.seconds:.3g}, {finer.run.seconds:.3g} |"
+    )
+
+
+BEGIN, END = "<!-- solved -->\n", "\n<!-- end of solved -->"
+
+
+def perform(threads: int | None, write: bool) -> int:
+    """The command."""
+    lines = [HEAD]
+    for name in SOLVED:
+        lines.append(row(name, threads))
+        print(lines[-1], flush=True)
+    if write:
+        page, text = PAGE.read_text(), "\n".join(lines)
+        begin, end = page.index(BEGIN) + len(BEGIN), page.index(END)
+        PAGE.write_text(f"{page[:begin]}\n{text}\n{page[end:]}")
+    return 0
