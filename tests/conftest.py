@@ -41,10 +41,29 @@ def pytest_configure():
 
     gc.set_threshold(*CYCLES)
     ahead.cores = lambda: 1
+    compare_flags_quickly()
     if os.environ.get("NUMBA_ENABLE_CUDASIM", "0") not in ("", "0"):
         from validation import simulator_threads
 
         simulator_threads.install()
+
+
+def compare_flags_quickly():
+    """Numba looks up a kernel's flags among those of each function that it has typed, by dictionaries of all flags.
+
+    All flags have one hash there, and comparing takes a tenth of the time of compiling. What was set tells them apart.
+    """
+    from numba.core.targetconfig import TargetConfig
+
+    of_all = TargetConfig.__eq__
+
+    def equal(self, other):
+        return (type(self) is type(other) and self._values == other._values) or of_all(self, other)
+
+    def hashed(self):
+        return hash(frozenset(name for name, value in self._values.items() if value != self.options[name].default))
+
+    TargetConfig.__eq__, TargetConfig.__hash__ = equal, hashed
 
 
 def pytest_sessionfinish():

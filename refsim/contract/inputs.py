@@ -9,7 +9,6 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
-from scipy.spatial.distance import cdist
 
 from refsim.backends.arrays import Backend
 from refsim.backends.scratch import Scratch
@@ -168,6 +167,8 @@ def distances(
     if period is not None:
         yield from ((place, distance) for place, _, distance in pair_blocks(query, source, rows, period))
     else:
+        from scipy.spatial.distance import cdist  # loads for as long as all of refsim
+
         query = np.asarray(query if rows is None else query[rows], dtype=float)
         yield slice(len(query)), cdist(query, np.asarray(source, dtype=float))
 
