@@ -20,7 +20,6 @@ from refsim.core.period import Period
 from refsim.core.walls import with_list
 from refsim.neighbours import NeighbourSearch
 from refsim.neighbours.reference import pair_blocks
-from refsim.neighbours.rows import NeighbourColumns, NeighbourRows
 
 LISTS = ("search", "all_pairs")
 
@@ -178,6 +177,8 @@ def listed(
     period: Period | None = None,
 ) -> Any:  # fmt: skip
     """The sources nearer than `radius` [m] to each query, as the backend's kernels take them."""
+    from refsim.neighbours.rows import NeighbourColumns, NeighbourRows  # which load Numba
+
     counts, found = [np.zeros(0, int)], [np.zeros(0, int)]
     for place, distance in distances(query, source, period=period):
         near = distance < radius

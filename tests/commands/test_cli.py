@@ -522,7 +522,7 @@ def test_a_profile_lists_the_seconds_by_pass_and_changes_nothing(scene, capsys, 
 
 def test_import_is_light():
     heavy = ("numba", "h5py", "scipy", "tqdm")
-    code = f"import sys, refsim, refsim.__main__; print([m for m in {heavy} if m in sys.modules])"
+    code = f"import sys, refsim, refsim.__main__, refsim.contract; print([m for m in {heavy} if m in sys.modules])"
     command = [sys.executable, "-c", code]
     environment = os.environ | {"PYTHONPATH": str(ROOT)}
     done = subprocess.run(command, capture_output=True, text=True, env=environment, check=True)
