@@ -646,6 +646,25 @@ def test_a_full_disk_keeps_the_last_checkpoint(tmp_path, monkeypatch):
     assert not (tmp_path / "postmortem.json").exists()
 
 
+def test_a_disk_that_refuses_the_held_frames_leaves_the_reason_and_the_post_mortem(tmp_path, monkeypatch):
+    simulation = Simulation(tank(), "numpy")
+
+    def full(writer, frames):
+        raise RunStopped("disk_full", "frames were not written because the disk is full")
+
+    def progress(simulation):
+        if simulation.steps == 3:
+            monkeypatch.setattr(driver.ParticleWriter, "append", full)
+            spoiled(simulation, "sph.state", "pressure", np.nan)
+
+    with pytest.raises(RunStopped) as caught, np.errstate(invalid="ignore"):
+        simulate(simulation, 1.0, output=tmp_path, progress=progress, every=1e-9)
+    assert caught.value.reason == "non_finite"
+    assert json.loads((tmp_path / "postmortem.json").read_text())["cause"] == "sph.state wrote pressure"
+    assert json.loads((tmp_path / "report.json").read_text())["reason"] == "non_finite"
+    assert latest_checkpoint(tmp_path) == tmp_path / "checkpoint.h5"
+
+
 def test_reasons_are_those_of_the_list():
     with pytest.raises(ValueError, match="not one of the reasons"):
         RunStopped("bored", "x")
