@@ -275,7 +275,7 @@ def _sources(axes: Any, data: Mapping[str, Any]) -> None:
             axes.text(s["size"], place - 0.09, f" {s['size']:.2g}", va="center", fontsize=8)
         elif s["size"] == 0:
             axes.text(low, place - 0.09, " 0", va="center", fontsize=8)
-        text = "\n".join(textwrap.wrap(s["words"], 66)[:3])
+        text = "\n".join(textwrap.wrap(s["words"], 112, max_lines=2, placeholder=" ..."))
         axes.text(low, place + 0.14, text, va="top", fontsize=6.3, color=GREY, linespacing=1.0)
     axes.set(xscale="log", xlim=(low, high))
     if not sizes:
