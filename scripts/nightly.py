@@ -86,6 +86,7 @@ TASKS = {
     "lessons": Task("every lesson, with the code of its answers", ("scripts/lessons.py",), 30),
     "experiments": Task("every experiment at its published size", ("-m", "validation", "run", "--jobs", CORES), 480),
     "claims": Task("every claim of the papers", ("-m", "validation", "claims", "--jobs", CORES), 480),
+    "verify": Task("claims drawn at random, with the date as seed", ("-m", "validation", "verify", "--draw", "20"), 40),
     "stability": Task("every hard case and map", ("-m", "validation", "stability", "--jobs", CORES), 480),
     "environments": Task("the supported versions of Python and libraries", ("scripts/environments.py",), 120),
 }

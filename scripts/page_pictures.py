@@ -1,6 +1,6 @@
 """Draw the pictures of pages about use: `python scripts/page_pictures.py [NAME ...]` writes figures/pages/NAME.
 
-They are made of the packaged examples, of the contract's outcomes, and of verdicts, tables and records on file. Needs
+They are made of the packaged examples, of the contract's outcomes, and of verdicts and tables on file. Needs
 `pip install "refsim[view]"`; takes two minutes on two cores. Exit code: 0, 2 for a name that is no picture.
 """
 
@@ -274,32 +274,6 @@ def commands() -> Any:
     return figure
 
 
-def records() -> Any:
-    """How a published number holds, becomes stale and is renewed."""
-    figure, axes = _canvas(98, 29)
-    _box(axes, (0, 20), (26, 7), ("measured", "python -m validation run", "published size, on the CPU"), PALE)
-    _box(
-        axes,
-        (35, 19),
-        (26, 9),
-        ("record", "command, date, commit,", "machine, digest of the", "code and parameters"),
-        PALE,
-    )
-    _box(axes, (72, 23), (26, 5), ("holds", "the digests are equal"), FINE)
-    _box(axes, (72, 13), (26, 7), ("stale", "they differ; the page's", "last line says so"), WARM)
-    _box(
-        axes, (35, 4), (26, 7), ("the code as it is", "its digest, without com-", "ments, docstrings, layout"), "white"
-    )
-    _arrow(axes, (26, 23.5), (35, 23.5))
-    _arrow(axes, (61, 25.5), (72, 25.5))
-    _arrow(axes, (61, 21.5), (66.5, 21.5), (66.5, 16.5), (72, 16.5))
-    _arrow(axes, (48, 11), (48, 19))
-    axes.text(49, 15, "compared", size=8.5, va="center", color=GREY)
-    _arrow(axes, (85, 13), (85, 1), (13, 1), (13, 20))
-    axes.text(14, 11, "measured again", size=8.5, va="center", color=GREY)
-    return figure
-
-
 PUBLIC = {
     "Python": "names, arguments, attributes, units",
     "scene files": "keys, units, defaults",
@@ -345,7 +319,6 @@ PICTURES: dict[str, Callable[[], Any]] = {
     "verdicts.png": verdicts,
     "main_job.png": main_job,
     "commands.png": commands,
-    "records.png": records,
     "public.png": public,
     "nightly.png": nights,
 }

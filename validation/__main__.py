@@ -7,7 +7,7 @@ Every command prints its own help and touches nothing with `--help`. Exit codes:
 from __future__ import annotations
 
 import argparse
-import math
+import datetime
 import os
 import sys
 from collections.abc import Sequence
@@ -25,11 +25,9 @@ from validation import (
     claims,
     effects_cost,
     limits_page,
-    published,
     scaling,
     stability,
     stability_page,
-    unchanged,
     verify,
 )
 from validation.attack import campaign
@@ -37,7 +35,6 @@ from validation.checks import ACCURACY, CLAIM, HARD_CASE, KINDS, VERDICT, bars
 from validation.experiment import Experiment, Options, Picture, chosen, discover
 from validation.measure import command
 from validation.perform import EXIT_FAILED, EXIT_FINE, Performed, exit_code, perform
-from validation.reading import source
 from validation.report import as_json, report
 
 
@@ -104,26 +101,15 @@ def parser() -> argparse.ArgumentParser:
     part.add_argument("--quick", action="store_true", help="tens of particles, two threads; writes nothing")
     part.set_defaults(perform=cpu_scaling)
 
-    part = add("stale", "lists published numbers whose code has changed since they were measured")
-    part.add_argument("names", nargs="*", metavar="NAME | KIND", help="all by default")
-    part.add_argument("--write", action="store_true", help="renew docs/published.md and the marks on the pages")
-    part.add_argument("--json", action="store_true", help="one JSON object on standard output")
-    part.set_defaults(perform=stale)
-
-    part = add(
-        "unchanged", "compares stale numbers with those of older sources, bit by bit, and renews what is the same"
-    )
-    part.add_argument("old", type=Path, metavar="OLD", help="folder with the older sources")
-    part.add_argument("--jobs", type=int, default=os.cpu_count() or 1, metavar="N", help="processes; one a core")
-    part.add_argument("--longest", type=float, default=math.inf, metavar="S", help="no runs that take longer [s]")
-    part.add_argument("--write", action="store_true", help="renew the records with the same bits")
-    part.set_defaults(perform=same_bits)
-
     part = add("verify", "computes some published numbers anew and compares them, in a minute")
     part.add_argument("names", nargs="*", metavar="NUMBER", help="all of validation/verify.toml by default")
     part.add_argument("--jobs", type=int, default=os.cpu_count() or 1, metavar="N", help="processes; one a core")
     part.add_argument("--threads", type=int, help="CPU threads of a single process; all by default")
     part.add_argument("--json", action="store_true", help="one JSON object on standard output")
+    part.add_argument(
+        "--draw", type=int, metavar="N", help="N other claims, drawn at random, instead of those of the file"
+    )
+    part.add_argument("--seed", type=int, help="of the draw; by default today's date")
     part.set_defaults(perform=verified)
 
     command.add_commands(add("measure", "measures the drops behind packaged tables, and writes the tables"))
@@ -285,28 +271,16 @@ def measure_claims(given: argparse.Namespace) -> int:
     return EXIT_FINE if all(each.holds for each in found) else EXIT_FAILED
 
 
-def stale(given: argparse.Namespace) -> int:
-    """Say which published number is stale."""
-    found = published.standings(() if given.write else given.names, discover())
-    if given.write:
-        for page in published.write_pages(found):
-            print(page)
-    print(published.as_json(found) if given.json else published.table(found))
-    return EXIT_FINE
-
-
-def same_bits(given: argparse.Namespace) -> int:
-    """Compare stale numbers with those of older sources."""
-    found = unchanged.compare(given.old, discover(), given.jobs, given.longest)
-    print(unchanged.table(found))
-    if given.write:
-        print(f"{unchanged.renew(found, source()['commit'])} records renewed")
-    return EXIT_FINE
-
-
 def verified(given: argparse.Namespace) -> int:
     """Compute published numbers anew."""
-    found = verify.verify(given.names, given.jobs, given.threads)
+    names, selection = given.names, None
+    if given.draw is not None:
+        if names:
+            raise InputError("verify: --draw takes no names; leave them out.")
+        seed = int(datetime.date.today().strftime("%Y%m%d")) if given.seed is None else given.seed
+        selection = verify.drawn(given.draw, seed)
+        print(f"seed {seed}: {', '.join(selection.claims)}", file=sys.stderr)
+    found = verify.verify(names, given.jobs, given.threads, selection)
     print(verify.as_json(found) if given.json else verify.table(found))
     print(*verify.deviating(found), sep="\n", end="\n" if verify.deviating(found) else "", file=sys.stderr)
     return EXIT_FAILED if verify.deviating(found) else EXIT_FINE

@@ -22,11 +22,11 @@ from types import ModuleType
 from typing import Any
 
 from refsim.core.errors import InputError
-from validation import checks, published
+from validation import checks
 from validation.checks import CLAIM, RULES, expected, number, read_expected
 from validation.experiment import Options, Part, Results, Run, discover
-from validation.perform import machine, perform
-from validation.results import Result, finite
+from validation.perform import perform
+from validation.results import Result, finite, origin
 from validation.tables import Table
 
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "claims.md"
@@ -137,7 +137,7 @@ class Found:
     claim: Claim
     values: list[float] = field(default_factory=list)
     missing: str = ""
-    machine: Mapping[str, Any] = field(default_factory=machine)
+    measured: Mapping[str, Any] = field(default_factory=dict)  # date, commit, machine, seconds
 
     @property
     def verdict(self) -> str:
@@ -218,11 +218,7 @@ def measure(claims: Sequence[Claim], options: Options, jobs: int = 1, compute: b
                 print(f"{found.claim.name}: {key} stopped. {why}", file=sys.stderr)
             how = experiments[found.claim.experiment].claims[found.claim.name]
             found.values = [float(value) for value in how.values(each.results)]
-            where = (result.about["machine"] for result in each.results.values() if "machine" in result.about)
-            found.machine = next(where, found.machine)
-            if found.holds:
-                item = published.Item(CLAIM, found.claim.name, found.claim.experiment, "", each.part.runs)
-                published.record([(item, list(each.results.values()))], options)
+            found.measured = origin(each.results.values())
     return made
 
 
@@ -439,7 +435,7 @@ def write_figures(found: Sequence[Found], folder: Path) -> None:
         if each.values:
             stored[each.claim.name] = finite(
                 {"values": each.values, "unit": each.claim.unit, "bar": each.claim.bar(), "verdict": each.verdict,
-                 "machine": each.machine}
+                 **each.measured}
             )  # fmt: skip
     lines = [f"{json.dumps(key)}: {json.dumps(value, allow_nan=False)}" for key, value in stored.items()]
     path.write_text("{\n" + ",\n".join(lines) + "\n}\n")

@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 from refsim.core.errors import InputError
 from refsim.render.looks import Camera
 from refsim.render.space import Body, Stage
-from validation.results import finite, read_json
+from validation.results import finite, origin, read_json
 
 if TYPE_CHECKING:
     from validation.experiment import Picture
@@ -37,6 +37,7 @@ UP = np.array([0.0, 0.0, 1.0])
 DOTS_PER_INCH = 160
 LARGEST_PICTURE = 300_000  # bytes
 DIGITS = 9
+MEASURED = "measured"
 LONG_DATA = 10_000  # bytes of a picture's data above which its file is compressed
 COLOURS = 128  # of a PNG
 WEBP = ((1.0, 62), (0.8, 70), (0.65, 75), (0.5, 75))  # share of the size, quality: the first that fits
@@ -70,8 +71,10 @@ def save_picture(figure: Any, path: Path) -> None:
 
 def write_data(picture: Picture, results: Mapping[str, Any], folder: Path) -> Path:
     """Write the data of a picture, one key a line, in place of the file that is there; numbers with DIGITS digits,
-    compressed (.json.gz) above LONG_DATA bytes."""
+    compressed (.json.gz) above LONG_DATA bytes. MEASURED says when, at which commit and where they were computed."""
     name, data = picture.name, shortened(finite(picture.collect(results)))
+    behind = [results[key] for key in picture.needs or results]
+    data |= {MEASURED: origin(behind)}
     lines = [f"{json.dumps(key)}: {json.dumps(value, allow_nan=False)}" for key, value in data.items()]
     text = "{\n" + ",\n".join(lines) + "\n}\n"
     folder.mkdir(parents=True, exist_ok=True)
@@ -107,6 +110,17 @@ def unpacked(text: str, dtype: str, columns: int = 1) -> NDArray:
 
 def read_data(folder: Path, name: str) -> Any:
     """Data of a picture. Raises OSError or ValueError where there is no such file, or another."""
+    data = _read(folder, name)
+    data.pop(MEASURED, None)
+    return data
+
+
+def read_origin(folder: Path, name: str) -> Mapping[str, Any]:
+    """Date, commit, machine and command of a picture's data. Raises OSError or ValueError as `read_data`."""
+    return _read(folder, name).get(MEASURED, {})
+
+
+def _read(folder: Path, name: str) -> Any:
     long = folder / f"{name}.json.gz"
     return read_json(long if long.exists() else folder / f"{name}.json")
 

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from refsim.core.errors import InputError
 from validation import experiments as folder_of_experiments
-from validation.checks import VERDICT, Check, Checks
+from validation.checks import ACCURACY, CLAIM, HARD_CASE, VERDICT, Check, Checks
 from validation.results import Result
 from validation.tables import Table
 
@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from validation.trials import HardCase, StabilityMap
 
 Results = Mapping[str, Result]
+COMMANDS = {VERDICT: "run", CLAIM: "claims", HARD_CASE: "stability", ACCURACY: "accuracy"}
 T = TypeVar("T")
 
 
@@ -115,6 +116,11 @@ class Part:
     checks: Callable[[Results], Sequence[Check]]
     pictures: Sequence[Picture] = ()
     tables: Callable[[Results], Sequence[Table]] = lambda results: ()
+
+    @property
+    def command(self) -> str:
+        """The command that measures it."""
+        return f"python -m validation {COMMANDS[self.kind]} {self.name}"
 
 
 @dataclass(frozen=True)

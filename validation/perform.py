@@ -19,8 +19,7 @@ from refsim.backends.arrays import device_name
 from refsim.cluster import perform as elsewhere
 from refsim.cluster.tasks import Task
 from refsim.core.errors import InputError, RunStopped
-from validation import published
-from validation.checks import FAIL, Check, failed
+from validation.checks import Check, failed
 from validation.drawing import redraw, write_data
 from validation.experiment import Options, Part, Picture, Run
 from validation.reading import processor, source
@@ -124,19 +123,7 @@ def perform(
         for picture in each.part.pictures:
             if set(picture.needs) <= set(each.results):
                 draw(each, picture)
-    published.record((seen for each, _ in made for seen in _published(each)), options)
     return [each for each, _ in made]
-
-
-def _published(each: Performed) -> Iterator[tuple[published.Item, list[Result]]]:
-    """The pictures that were drawn and the hard cases that ended as on file, with the results behind them."""
-    drawn, failed_now = set(each.drawn), {c.name for c in each.checks if c.verdict == FAIL}
-    for item in published.items_of(each.part, ""):
-        behind = [each.results[run.key] for run in item.runs if run.key in each.results]
-        if len(behind) < sum(not run.skip for run in item.runs):
-            continue  # a picture of a part of its runs is none that can be regenerated
-        if item.name in drawn if item.kind == published.PICTURE else behind and item.name not in failed_now:
-            yield item, behind
 
 
 def _refuse(parts: Sequence[Part], options: Options, jobs: int) -> None:
@@ -205,7 +192,7 @@ def _compute(
 
                 bar.set_description_str(name)
                 try:
-                    compute(part.folder, run, folder, Context(progress, options.threads))
+                    compute(part.folder, run, folder, Context(progress, options.threads), part.command)
                     finished += 1
                     arrived(folder)
                     if not apart:
@@ -235,7 +222,8 @@ def _elsewhere(
     runs = {f"{part.folder}-{folder.name}": (folder, part, run) for folder, (part, run) in waiting.items()}
     tasks = [
         Task(
-            key, f"{part.name} {run.key}", _compute_there, (part.folder, _plain(run), folder.resolve(), place > 0),
+            key, f"{part.name} {run.key}", _compute_there,
+            (part.folder, part.command, _plain(run), folder.resolve(), place > 0),
             run.estimate if place else math.inf, gpu=run.parameters.get("backend") == "cuda",
         )
         for place, (key, (folder, part, run)) in enumerate(runs.items())
@@ -276,17 +264,19 @@ def _plain(run: Run) -> Run:
 YIELDING = 10  # niceness of what runs beside the first run
 
 
-def _compute_there(report: Callable[[float], None], experiment: str, run: Run, folder: Path, yielding: bool) -> None:
+def _compute_there(
+    report: Callable[[float], None], experiment: str, command: str, run: Run, folder: Path, yielding: bool
+) -> None:
     """Compute one run in another process. Raises InputError where that one has other sources."""
     if yielding and hasattr(os, "nice") and os.nice(0) < YIELDING:
         os.nice(YIELDING)
     here = result_folder(folder.parent.parent, experiment, run.key, run.function, run.parameters)
     if here.name != folder.name:
         raise InputError(f"{run.key}: the worker has other sources than the caller; give it the same ones.")
-    compute(experiment, run, folder, Context(report, threads=1))
+    compute(experiment, run, folder, Context(report, threads=1), command)
 
 
-def compute(experiment: str, run: Run, folder: Path, context: Context | None = None) -> None:
+def compute(experiment: str, run: Run, folder: Path, context: Context | None = None, command: str = "") -> None:
     """Compute one run and store its result, with when, where and with what that was, and how long it took.
 
     Kernels are compiled in child processes, which do nothing else: their processor seconds are those of compiling.
@@ -304,6 +294,7 @@ def compute(experiment: str, run: Run, folder: Path, context: Context | None = N
         "processor_seconds": round(own + compiling, 3),
         "processor_seconds_compiling": round(compiling, 3),
         "kernels_compiled": stored_kernels() - kernels,
+        "command": command,
         "date": datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%d"),
         "commit": source()["commit"],
         "machine": machine(context.gpu()),

@@ -17,7 +17,7 @@ import os
 import shutil
 import tempfile
 import zlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -28,7 +28,7 @@ FORMAT = 1
 # Modules of this package that name, judge, keep, draw and tell what runs give: no result depends on them.
 PRESENTING = (
     "accuracy", "accuracy_picture", "answers", "checks", "claims", "drawing", "experiment", "gpu_readings", "perform",
-    "published", "report", "results", "stability", "stability_page", "tables", "unchanged", "verify",
+    "report", "results", "stability", "stability_page", "tables", "verify",
 )  # fmt: skip
 DOCUMENTED = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
 _HERE = Path(__file__).resolve().parent
@@ -178,6 +178,16 @@ def load(folder: Path) -> Result | None:
     except (OSError, ValueError):
         return None
     return Result(document["values"], arrays, document["about"])
+
+
+def origin(results: Iterable[Result]) -> dict[str, Any]:
+    """Date, commit, machine and command of the latest of some results, and the seconds of all; empty where unknown."""
+    about = [result.about for result in results if result.about]
+    if not about:
+        return {}
+    latest = max(about, key=lambda each: str(each.get("date")))
+    seconds = round(sum(each.get("seconds", 0.0) for each in about), 1)
+    return {**{name: latest.get(name) for name in ("date", "commit", "machine", "command")}, "seconds": seconds}
 
 
 def finite(value: Any) -> Any:

@@ -1,14 +1,16 @@
 """Whether the published numbers still come out: `python -m validation verify`.
 
 `verify.toml` names claims, measured anew at their published sizes, and values of single runs with a spread beside each.
-They take seconds, and every system has some of them. A claim deviates if its verdict is another one, or if its median
-is outside of the published spread; a value, if it is outside of its spread. Numbers are published with four digits, so
-that the ends of a spread are widened by `DIGITS`. Nothing stored is reused.
+They take seconds, and every system has some of them; `--draw` takes other claims, drawn at random. A claim deviates if
+its verdict is another one, or if its median is outside of the published spread; a value, if it is outside of its
+spread. Numbers are published with four digits, so that the ends of a spread are widened by `DIGITS`. Nothing stored is
+reused.
 """
 
 from __future__ import annotations
 
 import json
+import random
 import statistics
 import tempfile
 import tomllib
@@ -16,6 +18,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from refsim.core.errors import InputError
 from validation import claims as claiming
 from validation.checks import VERDICT, number
 from validation.experiment import Experiment, Options, Part, Run, chosen, discover
@@ -24,6 +27,7 @@ from validation.results import finite
 from validation.tables import Table
 
 CHOSEN = Path(__file__).with_name("verify.toml")
+LONGEST = 120.0  # [s] that a drawn claim may take
 DIGITS = 1e-3  # relative; twice the rounding of a number with four digits
 WANTED = {"experiment", "run", "quantity", "what", "unit", "measured", "spread", "varied"}
 
@@ -93,6 +97,24 @@ def read(path: Path | None = None) -> Selection:
             raise ValueError(f"[value.{name}] needs {', '.join(sorted(WANTED))}, and measured within spread")
         values[name] = Value(name=name, **{**entry, "spread": tuple(entry["spread"])})
     return Selection(tuple(entries["claims"]), frozenset(entries["rounding"]), values)
+
+
+def drawn(count: int, seed: int, longest: float = LONGEST) -> Selection:
+    """Claims drawn at random from those whose runs are not timed and take at most `longest` seconds each claim.
+
+    Raises InputError for a count below 1.
+    """
+    if count < 1:
+        raise InputError(f"verify: --draw {count} is not possible; give 1 or more claims.")
+    fixed, known, some = read(), discover(), []
+    for name, claim in claiming.read_claims().items():
+        how = known[claim.experiment].claims.get(name)
+        if how is None or how.timed or not claim.starts or name in fixed.claims:
+            continue
+        runs = how.runs(Options())
+        if not any(run.skip or run.alone for run in runs) and sum(run.estimate for run in runs) <= longest:
+            some.append(name)
+    return Selection(tuple(sorted(random.Random(seed).sample(some, min(count, len(some))))), frozenset(), {})
 
 
 def verify(

@@ -2,15 +2,16 @@
 
 import importlib.util
 import json
+from pathlib import Path
 
 import pytest
 
-from validation import published
+ROOT = Path(__file__).parents[2]
 
 
 @pytest.fixture(scope="module")
 def gpu_check():
-    spec = importlib.util.spec_from_file_location("gpu_check", published.ROOT / "scripts" / "gpu_check.py")
+    spec = importlib.util.spec_from_file_location("gpu_check", ROOT / "scripts" / "gpu_check.py")
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module

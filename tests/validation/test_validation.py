@@ -390,7 +390,9 @@ def test_pictures_are_drawn_from_their_files_alone(options, monkeypatch):
     perform(case, options)
     picture = options.figures / "line.png"
     before = picture.read_bytes()
-    assert json.loads((options.figures / "line.json").read_text()) == {"line": [0, 1]}
+    stored = json.loads((options.figures / "line.json").read_text())
+    assert stored.pop("measured")["command"] == "python -m validation run fake"
+    assert stored == {"line": [0, 1]}
     picture.unlink()
     monkeypatch.setattr(results, "load", None)
     CALLS.clear()
@@ -640,7 +642,7 @@ def test_runs_by_a_scheduler(options, monkeypatch):
 def test_a_worker_with_other_sources_or_another_folder_is_named(options, monkeypatch, tmp_path):
     run = Run("one", doubled, {"value": 2})
     with pytest.raises(InputError, match="one: the worker has other sources"):
-        performing._compute_there(lambda share: None, "fake", run, tmp_path / "fake" / "one-0123", False)
+        performing._compute_there(lambda share: None, "fake", "", run, tmp_path / "fake" / "one-0123", False)
 
     def workers(tasks, **given):
         yield Outcome(tasks[0], worker="worker 0")

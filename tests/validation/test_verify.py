@@ -112,6 +112,19 @@ def test_the_command_compares_with_what_is_written(monkeypatch, capsys):
     assert "run `python -m validation claims repulsion_3d --write`" in told.err
 
 
+def test_a_draw_is_repeated_by_its_seed(capsys):
+    first = verify.drawn(5, seed=3)
+    assert first == verify.drawn(5, seed=3) != verify.drawn(5, seed=4)
+    assert not set(first.claims) & set(SELECTION.claims)
+    everything = verify.drawn(10_000, seed=1).claims
+    assert len(everything) > 30
+    assert not any(discover()[CLAIMS[name].experiment].claims[name].timed for name in everything)
+    assert main(["verify", "--draw", "0"]) == EXIT_INPUT
+    assert main(["verify", "repulsion_3d", "--draw", "1"]) == EXIT_INPUT
+    assert main(["verify", "--draw", "1", "--seed", "5", "--jobs", "1"]) == EXIT_FINE
+    assert "seed 5: " in capsys.readouterr().err
+
+
 def test_only_what_is_chosen_can_be_named(capsys):
     assert main(["verify", "repulsion_3"]) == EXIT_INPUT
     assert "There is no verified number 'repulsion_3'; did you mean 'repulsion_3d'?" in capsys.readouterr().err

@@ -1,20 +1,19 @@
-"""What a stored result depends on, and which published number is stale."""
+"""What a stored result depends on, and where it says it comes from."""
 
-import dataclasses
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
-from validation import published, results
-from validation.experiment import Options, Picture, Run, discover
+from validation import results
+from validation.drawing import read_origin
+from validation.experiment import discover
 from validation.experiments.dam_break import claims as dam_claims
 from validation.experiments.dam_break import runs as dam_runs
 from validation.experiments.droplet import runs as droplet_runs
 from validation.experiments.heat import runs as heat_runs
-from validation.published import Item, Standing
-from validation.results import Result
+from validation.results import Result, origin
 
 ROOT = Path(results.__file__).resolve().parent.parent
 
@@ -97,71 +96,17 @@ def test_what_a_run_loads_counts(tmp_path):
     assert loaded <= set(results.modules_behind(file))
 
 
-def run(context, value):
-    return Result({"value": value})
+def test_the_origin_is_that_of_the_latest_and_the_seconds_are_those_of_all():
+    about = {"date": "2026-11-22", "commit": "abcdef1234", "seconds": 3.0, "command": "c", "machine": {"cores": 2}}
+    later = {**about, "date": "2026-11-23", "commit": "1234567890"}
+    assert origin([Result({}), Result({}, {}, about), Result({}, {}, later), Result({}, {}, about)]) == {
+        "date": "2026-11-23", "commit": "1234567890", "machine": {"cores": 2}, "command": "c", "seconds": 9.0
+    }  # fmt: skip
+    assert origin([Result({})]) == {}
 
 
-ITEM = Item("picture", "one", "fake", "run fake", [Run("first", run, {"value": 1}, estimate=7.0)])
-
-
-def test_a_record_holds_until_the_code_or_the_parameters_change(tmp_path, monkeypatch):
-    path = tmp_path / "published.json"
-    about = {"date": "2026-11-22", "commit": "abcdef1234", "seconds": 3.0, "machine": {"processor": "P", "cores": 2}}
-    options = Options(figures=published.ROOT / "figures", results=published.ROOT / "results")
-    published.record([(ITEM, [Result({}, {}, about), Result({}, {}, about)])], options, path)
-    kept = published.read_records(path)["picture one"]
-    assert (kept["seconds"], kept["commit"]) == (6.0, "abcdef1234")
-    assert Standing(ITEM, kept).state == "holds"
-    other = dataclasses.replace(ITEM, runs=[Run("first", run, {"value": 2}, estimate=7.0)])
-    assert Standing(other, kept).state == "stale"
-    assert (Standing(ITEM, {}).state, Standing(ITEM, {}).seconds) == ("stale", 7.0)
-    monkeypatch.setattr(results, "sources_digest", lambda file: "another")
-    assert Standing(ITEM, kept).state == "stale"
-
-
-@pytest.mark.parametrize(
-    "change", [{"quick": True}, {"backend": "cuda"}, {"figures": Path("elsewhere")}, {"results": Path("elsewhere")}]
-)
-def test_only_published_sizes_are_recorded(tmp_path, change):
-    options = dataclasses.replace(
-        Options(figures=published.ROOT / "figures", results=published.ROOT / "results"), **change
-    )
-    published.record([(ITEM, [Result({}, {}, {"seconds": 1.0})])], options, tmp_path / "published.json")
-    assert not (tmp_path / "published.json").exists()
-
-
-def test_pages_name_their_stale_pictures():
-    page = "# A page\n\n![one](../figures/one.png) and ![two](../figures/two.webp)\n"
-    once = published.marked(page, {"one", "three"})
-    assert "last changed ([table](published.md)): `one`." in once
-    assert published.marked(once, {"one", "three"}) == once
-    assert published.marked(once, set()) == page
-
-
-def test_every_picture_claim_and_hard_case_is_listed():
-    items = published.everything(discover())
-    pictures = {path.stem for path in (ROOT / "figures").glob("*.png")} | {
-        path.stem for path in (ROOT / "figures").glob("*.webp")
-    }
-    # Studies are of scripts/study_examples.py; the others are drawn from the data of other pictures and checks.
-    drawn = ("stability_matrix", "effects_cost", "device_limits", "cpu_scaling")
-    pictures = {name for name in pictures if not name.startswith("study_") and not name.endswith("_parts")} - {*drawn}
-    assert pictures <= {item.name for item in items.values() if item.kind == "picture"}
-    assert {"claim mpm_momentum_none", "hard_case lost_particle"} & set(items)
-    assert not set(published.read_records()) - set(items), "a record of what is no longer published"
-    table = str(published.table([Standing(ITEM, {})]))
-    assert "Stale: 1 of 1; renewing takes 7 s" in table
-    assert "python -m validation run fake" in table
-
-
-def test_a_part_gives_its_pictures():
-    from validation.experiment import Part
-
-    runs = [Run("a", run), Run("b", run)]
-    pictures = (Picture("some", dict, dict, ("b",)), Picture("whole", dict, dict))
-    made = published.items_of(Part("hard_case", "fake", "fake", runs, lambda results: (), pictures), "run fake")
-    assert [(item.kind, item.name, [r.key for r in item.runs]) for item in made] == [
-        ("picture", "some", ["b"]),
-        ("picture", "whole", ["a", "b"]),
-        ("hard_case", "a", ["a"]),
-    ]
+def test_every_picture_says_where_its_data_come_from():
+    pictures = [picture for experiment in discover().values() for picture in experiment.pictures]
+    drawn = [p.name for p in pictures if (ROOT / "figures" / p.file).exists()]
+    assert len(drawn) > 50
+    assert [name for name in drawn if not read_origin(ROOT / "figures", name).get("commit")] == []
