@@ -36,7 +36,7 @@ def describe_plan(plan: Plan, backend: str) -> dict[str, Any]:
     """Everything that `refsim plan` shows, as plain values: bytes, seconds, metres."""
     grid, scene = plan.grid, plan.scene
     n = grid.count
-    per_particle = plan.field_bytes()
+    per_particle, whole = plan.field_bytes(), plan.bytes_of_fields()
     fields: dict[str, dict[str, Any]] = {
         name: {
             "unit": f.unit,
@@ -45,7 +45,7 @@ def describe_plan(plan: Plan, backend: str) -> dict[str, Any]:
             "components": f.components,
             "state": f.state,
             "bytes_per_particle": per_particle.get(name, 0),
-            "bytes": math.prod(f.shape(n)) * f.numpy_dtype(grid.dtype).itemsize,
+            "bytes": whole[name],
             "brought_by": _owner(plan, name),
         }
         for name, f in plan.fields.items()

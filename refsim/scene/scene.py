@@ -243,13 +243,11 @@ class Plan:
     notes: tuple[str, ...] = field(default_factory=tuple)
 
     def _facts(self) -> list[tuple[str, str]]:
-        each = sum(self.field_bytes().values())
-        tables = sum(self.table_bytes().values())
         return [
             ("particles", f"{self.grid.count:,} in {self.grid.dim}D, {self.grid.dtype}"),
             ("spacing", f"{self.grid.spacing:g} m, support radius {self.grid.support_radius:g} m"),
             ("effects", ", ".join(self.effects) or "none"),
-            ("fields", f"{len(self.fields)}, {in_bytes(each * self.grid.count + tables)}"),
+            ("fields", f"{len(self.fields)}, {in_bytes(sum(self.bytes_of_fields().values()))}"),
             ("operations in a step", str(len(self.launches()))),
             ("notes", "; ".join(self.notes) or "none"),
         ]
@@ -275,15 +273,14 @@ class Plan:
         """Fields with a row for each particle."""
         return {name: f for name, f in self.fields.items() if f.rows is None}
 
-    def field_bytes(self) -> dict[str, int]:
-        """Bytes per particle of each field."""
-        real = self.grid.dtype
-        return {name: f.components * f.numpy_dtype(real).itemsize for name, f in self.particle_fields.items()}
+    def bytes_of_fields(self) -> dict[str, int]:
+        """Bytes of each field."""
+        n, real = self.grid.count, self.grid.dtype
+        return {name: math.prod(f.shape(n)) * f.numpy_dtype(real).itemsize for name, f in self.fields.items()}
 
-    def table_bytes(self) -> dict[str, int]:
-        """Bytes of each table that has another number of rows than there are particles."""
-        tables = {name: f for name, f in self.fields.items() if f.rows is not None}
-        return {name: math.prod(f.shape(0)) * f.numpy_dtype(self.grid.dtype).itemsize for name, f in tables.items()}
+    def field_bytes(self) -> dict[str, int]:
+        """Bytes per particle of each field with a row for each."""
+        return {n: b // self.grid.count for n, b in self.bytes_of_fields().items() if n in self.particle_fields}
 
 
 def make_plan(scene: Scene) -> Plan:

@@ -18,7 +18,6 @@ The coarse run is the scene with a larger spacing; see `refsim.study.refine`.
 from __future__ import annotations
 
 import dataclasses
-import hashlib
 import json
 import math
 import time
@@ -36,11 +35,10 @@ from refsim.core.operation import BACKENDS
 from refsim.engine.simulation import Simulation
 from refsim.engine.stepping import DeviceStepper, stable_steps, step_limits
 from refsim.io.checkpoint import replace_file
-from refsim.scene.files import scene_to_toml
 from refsim.scene.scene import Plan, Scene, make_plan
 from refsim.study.memory import bytes_of
 from refsim.study.refine import fitting, refined
-from refsim.study.runs import files_of, machine, source_digest
+from refsim.study.runs import machine, scene_digest, source_digest
 
 FORMAT = 1  # of kept constants
 COARSE = 1000  # particles of the coarse run, about
@@ -478,10 +476,7 @@ def steps_of(plan: Plan, constants: Constants) -> float:
 def _file(scene: Scene, backend: str, threads: int | None) -> Path:
     from refsim.backends.compile import cache_root
 
-    text = scene_to_toml(msgspec.structs.replace(scene, name=""))
-    digest = hashlib.sha256(text.encode())
-    for file in files_of(scene):
-        digest.update(file.read_bytes() if file.is_file() else b"")
+    digest = scene_digest(scene)
     digest.update(repr((FORMAT, backend, threads, source_digest(), machine())).encode())
     return cache_root() / "cost" / f"{digest.hexdigest()[:20]}.json"
 

@@ -23,7 +23,7 @@ def bytes_of(plan: Plan, backend: str) -> dict[str, int]:
     listed = neighbour_list(plan, backend)
     walls = 0 if plan.walls is None else len(plan.walls.position)
     found = {
-        "fields": sum(math.prod(f.shape(n)) * f.numpy_dtype(grid.dtype).itemsize for f in plan.fields.values()),
+        "fields": sum(plan.bytes_of_fields().values()),
         "positions_at_list_build": 3 * n * np.dtype(grid.dtype).itemsize,
         "walls": walls * 4 * np.dtype(grid.dtype).itemsize,
         "neighbour_list": listed["bytes"] if listed else 0,

@@ -280,9 +280,8 @@ def _count(value: Any, seen: dict[int, int], depth: int = 0) -> None:
 
 
 @functools.cache
-def source_digest() -> str:
-    """Digest of every source of refsim that shapes a run's numbers."""
-    root = Path(refsim.core.__file__).parent.parent
+def source_digest(root: Path = Path(refsim.core.__file__).parent.parent) -> str:
+    """Digest of every source below `root`, refsim, that shapes a run's numbers."""
     digest = hashlib.sha256()
     for path in sorted(root.rglob("*.py")):
         name = path.relative_to(root)
@@ -309,9 +308,7 @@ def key_of(
 
     where  on what its seconds depend; this machine by default
     """
-    digest = hashlib.sha256(scene_to_toml(without_title(setting.scene)).encode())
-    for file in files_of(setting.scene):
-        digest.update(file.read_bytes() if file.is_file() else b"")
+    digest = scene_digest(setting.scene)
     words = (
         setting.backend,
         observable.digest,
@@ -325,15 +322,13 @@ def key_of(
     return digest.hexdigest()[:20]
 
 
-def without_title(scene: Scene) -> Scene:
-    """The scene without its title, which changes no number."""
-    return msgspec.structs.replace(scene, name="")
-
-
-def files_of(scene: Scene) -> list[Path]:
-    """Files that the scene names: meshes and clouds."""
-    named = (getattr(part, "file", "") for part in (*scene.fluid, *scene.solid, *scene.effects))
-    return [Path(file) for file in named if file]
+def scene_digest(scene: Scene) -> Any:
+    """A hash that has taken in a scene without its title, which changes no number, and the files that it names."""
+    digest = hashlib.sha256(scene_to_toml(msgspec.structs.replace(scene, name="")).encode())
+    for part in (*scene.fluid, *scene.solid, *scene.effects):
+        file = Path(getattr(part, "file", "") or "")
+        digest.update(file.read_bytes() if file.is_file() else b"")
+    return digest
 
 
 def kept(folder: Path | None, key: str) -> Reading | None:

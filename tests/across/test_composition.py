@@ -290,7 +290,7 @@ def differences(effects):
     sound = any(isinstance(effect, (WeaklyCompressible, MpmLiquid)) for effect in effects)
     pairs = {
         "fields": (set(simulation.fields), set(plan.fields)),
-        "bytes": (held, simulation.count * sum(plan.field_bytes().values()) + sum(plan.table_bytes().values())),
+        "bytes": (held, sum(plan.bytes_of_fields().values())),
         "launches of a step": (stepped, {*plan.launches(), *runner}),
         "all launches": (set(simulation.timings.first_calls), {*plan.launches(True), *runner}),
         "capillary limit": ("capillary" in limits, bool({*TENSIONS, SURFACE, SURFACE_WET} & set(effects))),
@@ -396,7 +396,7 @@ def test_solids_and_melting_bring_their_own_and_nothing_else():
     """Without solids no table of nodes, without melting no refilling of regions and no flags for it."""
     liquid, held = make_plan(scene(CLAMPED)), make_plan(scene(CLAMPED, SHAPE, COUPLING))
     warm, melting = (make_plan(scene(CLAMPED, SHAPE, COUPLING, WARM, *more)) for more in ((), (MELTING,)))
-    assert not liquid.table_bytes()
+    assert set(liquid.bytes_of_fields()) == set(liquid.field_bytes())
     assert "phase" not in liquid.fields
     assert set(melting.fields) - set(warm.fields) == {"melted", "melted_count", "rebuild", "melting_point"}
     new = {"melting.melt", "melting.detach", "shape_matching.regions", "shape_matching.classify"}
@@ -407,8 +407,8 @@ def test_solids_and_melting_bring_their_own_and_nothing_else():
     assert not replaced & set(held.launches())
     rigid = make_plan(scene(STIFF))
     assert not {"region_velocity", "region_spin"} & set(rigid.fields)
-    assert rigid.table_bytes()["region"] == 4 * 27 * 18
-    assert held.table_bytes()["region"] == 4 * 125 * 18
+    assert rigid.bytes_of_fields()["region"] == 4 * 27 * 18
+    assert held.bytes_of_fields()["region"] == 4 * 125 * 18
 
 
 def state(simulation):

@@ -53,6 +53,22 @@ def test_the_page_holds_the_run_to_sixteen_bits(in_space):
     assert np.abs(low + levels / 255 * (high - low) - speed.clip(low, high)).max() <= 0.51 * (high - low) / 255
 
 
+def test_a_particle_keeps_its_place_and_its_colour_when_the_run_sorts_its_particles(tmp_path):
+    """Frames whose particles stand in another order, each with its number as its value."""
+    scene = Scene(spacing=0.1, support_radius=0.2, fluid=(Box(cells=(4, 3, 2)),), effects=(Gravity(),))
+    simulation, random = Simulation(scene), np.random.default_rng(5)
+    simulation.checkpoint(tmp_path / "checkpoint.h5")
+    x = simulation.field("position")
+    with ParticleWriter(tmp_path / "particles.vtkhdf", {"number": (1, "float32"), "identity": (1, "int32")}) as writer:
+        for frame in range(4):
+            order = random.permutation(len(x)).astype("int32")
+            writer.write(float(frame), x[order].astype("float32"), identity=order, number=order.astype("float32"))
+    page = view(tmp_path, fields=["number"]).html
+    assert np.abs(places(page) - x).max() < 1e-4
+    levels = np.cumsum(np.frombuffer(blob(page, "field0"), np.uint8).reshape(4, -1), axis=0) % 256
+    np.testing.assert_allclose(levels * (len(x) - 1) / 255, np.broadcast_to(np.arange(len(x)), levels.shape), atol=0.15)
+
+
 def test_a_large_run_makes_a_file_of_at_most_60_megabytes(tmp_path):
     """61,440 particles over 5 frames of 50 take a tenth; values are random, so that nothing compresses them."""
     scene = Scene(

@@ -1,0 +1,220 @@
+"""Slips of host code: what a key covers, what is read, which end a prediction is for, what is counted."""
+
+import shutil
+import time
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+
+import refsim
+from refsim import Box, Gravity, HeatConduction, Scene, Simulation, SolidBox, WeaklyCompressible, make_plan
+from refsim.commands.plan import describe_plan
+from refsim.study import cost, runs
+from refsim.study.memory import bytes_of
+from refsim.study.observables import observable_of
+from tests.study.test_cost import made, tank
+
+FLIGHT = {
+    "spacing": 0.01, "support_radius": 0.026, "end_time": 0.002,
+    "effects": (WeaklyCompressible(sound_speed=20.0), Gravity()),
+}  # fmt: skip
+
+
+def block(**more):
+    return Scene(**{**FLIGHT, "fluid": (Box(cells=(4, 4, 4)),), **more})
+
+
+def key(scene, observable):
+    return runs.key_of(runs.Setting("spacing", "a", 1.0, scene, "numpy"), observable, None, None)
+
+
+# What a key covers
+
+
+def test_a_key_follows_the_body_of_an_observable_and_not_only_its_name(tmp_path):
+    plan, file = make_plan(block()), tmp_path / "own.py"
+    keys = []
+    for body in ("return 1.0", "return 2.0"):
+        file.write_text(f"def value(simulation):\n    {body}\n")
+        keys.append(key(block(), observable_of(f"{file}:value", plan)))
+
+    def value(simulation):
+        return 1.0
+
+    one = observable_of(value, plan)
+
+    def value(simulation):
+        return 2.0
+
+    keys += [key(block(), each) for each in (one, observable_of(value, plan))]
+    assert len(set(keys)) == 4
+
+
+@pytest.mark.parametrize("kind", ["cloud", "mesh"])
+def test_a_key_follows_the_content_of_a_file_and_not_its_path(kind, tmp_path):
+    import trimesh
+
+    if kind == "cloud":
+        file = tmp_path / "cloud.npz"
+        scene = block(fluid=(refsim.Cloud(file=str(file)),))
+    else:
+        file = tmp_path / "mesh.obj"
+        scene = block(effects=(*FLIGHT["effects"], refsim.MeshBoundary(file=str(file))))
+    observable, keys, constants = observable_of("kinetic_energy", make_plan(block())), [], []
+    for size in (1.0, 2.0):
+        if kind == "cloud":
+            np.savez(file, position=size * np.ones((3, 3)))
+        else:
+            trimesh.creation.box((size, size, size)).export(file)
+        keys.append(key(scene, observable))
+        constants.append(cost._file(scene, "cpu", None))
+    assert keys[0] != keys[1]
+    assert constants[0] != constants[1]
+
+
+def test_the_digest_of_the_sources_covers_a_line_of_each_package(tmp_path):
+    """Every package counts but those that are said not to, and of these the modules that are said to."""
+    root = Path(refsim.__file__).parent
+    copy = tmp_path / "refsim"
+    shutil.copytree(root, copy, ignore=shutil.ignore_patterns("__pycache__", "*.toml", "*.md", "*.html"))
+    digest = runs.source_digest.__wrapped__
+    whole = digest(copy)
+    assert whole == runs.source_digest(root)
+    packages = sorted(path.name for path in copy.iterdir() if (path / "__init__.py").exists())
+    assert {"heat", "sph", "mpm", "boundary", "engine", "neighbours"} <= set(packages)
+    for package in packages:
+        module = max((copy / package).rglob("*.py"), key=lambda path: (path.name == "kernels.py", str(path)))
+        before = module.read_text()
+        module.write_text(before + "\nCHANGED = 1\n")
+        counts = package not in runs.NOT_READ or module.relative_to(copy).as_posix() in runs.BUT_READ
+        assert (digest(copy) != whole) == counts, module
+        module.write_text(before)
+    (copy / "study" / "observables.py").write_text("")
+    assert digest(copy) != whole
+
+
+# What is read
+
+
+def test_the_front_is_that_of_the_liquid_beside_a_solid():
+    solid = SolidBox(lower=(0.1, 0.0, 0.0), upper=(0.13, 0.03, 0.03))
+    scene = block(
+        solid=(solid,), effects=(*FLIGHT["effects"], refsim.ShapeMatching(half_width=1), refsim.TwoWayCoupling())
+    )
+    simulation = Simulation(scene, "numpy")
+    assert observable_of("front", simulation.plan)(simulation) == pytest.approx(0.04, abs=1e-6)
+    assert observable_of("front:-x", simulation.plan)(simulation) == pytest.approx(0.0, abs=1e-6)
+
+
+# What a prediction is for
+
+
+def test_seconds_left_are_those_up_to_the_time_that_is_asked_for(monkeypatch):
+    """`refsim run --until` ends before the scene does."""
+    scene = tank(20)
+    monkeypatch.setattr(cost, "load", lambda *of: made())
+    simulation = Simulation(scene, "cpu", 1)
+    whole = cost.seconds_left(simulation, scene.end_time)
+    assert whole == pytest.approx(cost.estimate(make_plan(scene), made()).seconds)
+    early = make_plan(msgspec.structs.replace(scene, end_time=0.025))
+    assert cost.seconds_left(simulation, 0.025) == pytest.approx(cost.estimate(early, made()).seconds)
+    assert cost.seconds_left(simulation, 0.025) < 0.4 * whole
+    simulation.time = 0.05
+    assert cost.seconds_left(simulation, 0.1) == pytest.approx(whole / 2)
+
+
+def test_steps_follow_the_step_factor():
+    half = tank(20, step_factor=0.5)
+    rest = made(course=cost.Course(spacing=0.02, particles=50, reached=0.0))
+    for constants in (made(), rest):
+        one, two = (cost.steps_of(make_plan(scene), constants) for scene in (tank(20), half))
+        assert two == pytest.approx(2 * one)
+    assert cost.steps_of(make_plan(tank(20, step=1e-4)), made()) == 1000
+
+
+def test_a_resumed_run_counts_the_seconds_before_its_restart(tmp_path, monkeypatch):
+    """A run that is stopped after each step and resumed takes what one without a stop takes."""
+    setting = runs.Setting("spacing", "a", 1.0, block(end_time=0.01), "numpy")
+    observable = observable_of("kinetic_energy", make_plan(block()))
+    now = [0.0]
+    monkeypatch.setattr(runs.time, "perf_counter", lambda: now[0])
+    monkeypatch.setattr(runs.time, "process_time", lambda: now[0])
+    own = Simulation.step
+
+    def step(self):
+        done = own(self)
+        self.timings.first_calls.clear()
+        now[0] += 3.0
+        return done
+
+    monkeypatch.setattr(Simulation, "step", step)
+    once = runs.measure(setting, observable, repeats=1)
+    assert once.seconds == 3.0 * once.steps
+
+    def stop(simulation):
+        if simulation.steps % 2 == 0:
+            raise KeyboardInterrupt
+
+    again = None
+    for _ in range(once.steps + 1):
+        try:
+            again = runs.measure(setting, observable, repeats=1, progress=stop, checkpoints=tmp_path, every=1.0)
+        except KeyboardInterrupt:
+            continue
+        break
+    if again is None:
+        again = runs.measure(setting, observable, repeats=1, checkpoints=tmp_path, every=1.0)
+    assert again.value == once.value
+    assert again.seconds >= 3.0 * once.steps
+    assert again.processor_seconds == again.seconds
+
+
+# What is counted
+
+
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+def test_bytes_are_counted_once_and_are_those_that_a_run_allocates(dtype):
+    plan = make_plan(tank(10, dtype=dtype))
+    fields = {name: array.nbytes for name, array in Simulation(plan, "numpy").fields.items()}
+    assert plan.bytes_of_fields() == fields
+    assert bytes_of(plan, "cpu")["fields"] == sum(fields.values())
+    assert {name: f["bytes"] for name, f in describe_plan(plan, "cpu")["fields"].items()} == fields
+
+
+def test_a_particle_of_a_plane_scene_has_the_mass_of_its_area():
+    """Heat alone, in 2D and 3D: rho d^dim, of solids too."""
+    for dim, cells in ((2, (3, 3, 1)), (3, (3, 3, 3))):
+        scene = Scene(
+            dim=dim, spacing=0.1, support_radius=0.25, fluid=(Box(cells=cells),),
+            effects=(HeatConduction(density=800.0),),
+        )  # fmt: skip
+        assert make_plan(scene).state.mass == pytest.approx(800.0 * 0.1**dim)
+
+
+@pytest.mark.parametrize(("dtype", "noticed"), [("float32", False), ("float64", True)])
+def test_rounding_is_that_of_the_precision_of_the_scene(dtype, noticed, monkeypatch):
+    """An audit forgives a rise of 1e-7 of the energies' sizes in float32, and notices it in float64."""
+    simulation = Simulation(block(dtype=dtype, energy_audit=refsim.EnergyAudit(every=1, bound=1e9)), "numpy")
+    simulation.step()
+    auditor = simulation.auditor
+    parts = auditor.energies()
+    total, size = (sum(part[k] for part in parts.values()) for k in (0, 1))
+    rise = auditor.lowest - total + 1e-7 * size
+    kinetic = parts["kinetic"]._replace(value=parts["kinetic"].value + rise)
+    monkeypatch.setattr(auditor, "energies", lambda: parts | {"kinetic": kinetic})
+    auditor.greatest_share = 0.0
+    auditor.look()
+    assert (auditor.greatest_share > 0) == noticed
+
+
+def test_the_total_of_a_report_holds_the_set_up(monkeypatch):
+    own = Simulation.__init__
+
+    def slowly(self, *arguments, **options):
+        time.sleep(0.3)
+        own(self, *arguments, **options)
+
+    monkeypatch.setattr(Simulation, "__init__", slowly)
+    assert refsim.simulate(block(), backend="numpy").seconds["total"] >= 0.3
