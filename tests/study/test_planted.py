@@ -88,7 +88,7 @@ def test_the_digest_of_the_sources_covers_a_line_of_each_package(tmp_path):
         module = max((copy / package).rglob("*.py"), key=lambda path: (path.name == "kernels.py", str(path)))
         before = module.read_text()
         module.write_text(before + "\nCHANGED = 1\n")
-        counts = package not in runs.NOT_READ or module.relative_to(copy).as_posix() in runs.BUT_READ
+        counts = package not in ("cluster", "commands", "contract", "render", "sweep") and module.name != "tasks.py"
         assert (digest(copy) != whole) == counts, module
         module.write_text(before)
     (copy / "study" / "observables.py").write_text("")
@@ -176,7 +176,9 @@ def test_a_resumed_run_counts_the_seconds_before_its_restart(tmp_path, monkeypat
 
 @pytest.mark.parametrize("dtype", ["float32", "float64"])
 def test_bytes_are_counted_once_and_are_those_that_a_run_allocates(dtype):
-    plan = make_plan(tank(10, dtype=dtype))
+    conduction = HeatConduction(temperature=10.0)  # has a table of two rows
+    plan = make_plan(tank(10, dtype=dtype, effects=(*tank().effects, conduction)))
+    assert len(plan.particle_fields) < len(plan.fields)
     fields = {name: array.nbytes for name, array in Simulation(plan, "numpy").fields.items()}
     assert plan.bytes_of_fields() == fields
     assert bytes_of(plan, "cpu")["fields"] == sum(fields.values())
