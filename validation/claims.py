@@ -3,13 +3,14 @@
 A claim stands in the `expected.toml` of the experiment that measures it, as `[claim.NAME]`: the source's sentence in
 translation, where it stands, the bar, and what was measured. How it is measured is a `Measure` of that name, in
 capitals, in the experiment's module `claims`. A claim is confirmed if every start keeps the bar, refuted if none does
-and mixed if they disagree. It is not testable with fewer than three starts that could differ, or with a reason why it
-cannot be measured. Claims that are measured alike
-are a `Family`: it says how they could have failed, and has a null model, on which every one of them must be refuted.
+and mixed if they disagree. It is not testable with fewer starts than STARTS, or with a reason why it cannot be
+measured. Numbers in a reason are templates (`validation.filling`). Claims that are measured alike are a `Family`: it
+says how they could have failed, and has a null model, on which every one of them must be refuted.
 """
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import json
 import math
@@ -25,15 +26,17 @@ from refsim.core.errors import InputError
 from validation import checks
 from validation.checks import CLAIM, RULES, expected, number, read_expected
 from validation.experiment import Options, Part, Results, Run, discover
+from validation.filling import Recorded, filled, filled_page, stored_values
 from validation.perform import perform
 from validation.results import Result, finite, origin
 from validation.tables import Table
 
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "claims.md"
 CONFIRMED, REFUTED, MIXED, NOT_TESTABLE = "confirmed", "refuted", "mixed", "not testable"
-STARTS = 3  # least number, unless the claim says why nothing can differ (`fixed`)
+STARTS = 5  # least number, unless the claim says why nothing can differ (`fixed`) or that these are all (`complete`)
+FEW = 3  # least number where they are all that there are
 _WANTED = {"system", "title", "says", "where", "reading", "verdict"}
-_MEASURED = {"what", "unit", "measured", "spread", "starts"}
+_MEASURED = {"what", "unit", "measured", "spread", "starts", "over"}
 
 
 @dataclass(frozen=True)
@@ -49,7 +52,8 @@ class Claim:
     rule        at_most, at_least or equals; bound: its number
     measured    effect: median over the starts (seeds, sizes, states); spread: least and largest; starts: how many
     null        the same quantity of the family's null model
-    fixed       why nothing can differ between starts, where there are fewer than three
+    over        what the starts are, in the plural; complete: whether these are all that there are
+    fixed       why nothing can differ between starts, where there is one
     reason      why it cannot be tested; of the others, what a reader must know beside the number
     """
 
@@ -68,6 +72,8 @@ class Claim:
     measured: float = math.nan
     spread: tuple[float, float] = (math.nan, math.nan)
     starts: int = 0
+    over: str = ""
+    complete: bool = False
     null: float = math.nan
     fixed: str = ""
     reason: str = ""
@@ -82,7 +88,7 @@ class Claim:
 
     def judge(self, values: Sequence[float]) -> str:
         """Confirmed if every start keeps the bar, refuted if none does, mixed otherwise; by few starts not testable."""
-        if len(values) < (1 if self.fixed else STARTS):
+        if len(values) < (1 if self.fixed else FEW if self.complete else STARTS):
             return NOT_TESTABLE
         kept = list(map(self.keeps, values))
         return CONFIRMED if all(kept) else MIXED if any(kept) else REFUTED
@@ -168,14 +174,33 @@ def read_claims(folder: Path | None = None) -> dict[str, Claim]:
     for path in sorted(folder.glob("*/expected.toml")):
         for name, entry in expected(path.parent.name, CLAIM, folder).items():
             found[name] = _claim(name, path.parent.name, entry)
-    return found
+    return _with_reasons(found)
+
+
+def _with_reasons(claims: Mapping[str, Claim]) -> dict[str, Claim]:
+    """The claims with the numbers in their reasons, where they have been measured."""
+    known, made = records(claims), {}
+    for name, claim in claims.items():
+        with contextlib.suppress(ValueError):  # a start has been added, and is not measured yet
+            claim = dataclasses.replace(claim, reason=filled(claim.reason, known, known[name]))
+        made[name] = claim
+    return made
+
+
+def records(claims: Mapping[str, Claim]) -> dict[str, Recorded]:
+    """What templates may name of the claims."""
+    stored = stored_values()
+    return {
+        name: Recorded(claim.measured, claim.spread, claim.starts, stored.get(name, []), claim.keeps)
+        for name, claim in claims.items()
+    }
 
 
 def _claim(name: str, experiment: str, entry: Mapping[str, Any]) -> Claim:
     rules = [rule for rule in RULES if rule in entry]
     testable = bool(rules) or entry.get("verdict") != NOT_TESTABLE
     lacking = (_WANTED | _MEASURED if testable else _WANTED) - set(entry)
-    unknown = set(entry) - _WANTED - _MEASURED - set(RULES) - {"reason", "null", "fixed"}
+    unknown = set(entry) - _WANTED - _MEASURED - set(RULES) - {"reason", "null", "fixed", "complete"}
     where = f"{experiment}: [claim.{name}]"
     if lacking or unknown:
         raise ValueError(f"{where} lacks {sorted(lacking)} or has unknown keys {sorted(unknown)}")
@@ -368,8 +393,8 @@ def short(value: float) -> str:
 
 
 def counted(claim: Claim) -> str:
-    """How many starts."""
-    return f"{claim.starts} start{'s' * (claim.starts > 1)}"
+    """How many starts, and of what."""
+    return f"{claim.starts} {claim.over}"
 
 
 def _sentence(words: str) -> str:
@@ -400,7 +425,7 @@ def write(found: Sequence[Found]) -> None:
                     raise ValueError(f"[claim.{each.claim.name}] has {count} lines {key} = ...")
             path.write_text(text[:begin] + entry + (text[stop:] if stop > 0 else ""))
     read_expected.cache_clear()
-    write_page()
+    write_pages()
 
 
 def _rounded(value: float) -> float:
@@ -415,8 +440,14 @@ def _toml(value: Any) -> str:
     return json.dumps(value)
 
 
-def write_page() -> None:
-    """Renew the tables of `docs/claims.md`, each between its two marks."""
+def finding(claim: Claim) -> str:
+    """Verdict and effect of a claim in a table of the page of its method."""
+    said = f"{claim.what}: {written(claim)}" if claim.starts else claim.reason
+    return _cell(f"{claim.verdict}. {_sentence(said)}")
+
+
+def write_pages() -> None:
+    """Renew the tables of `docs/claims.md`, each between its two marks, and the numbers of all pages."""
     claims, text = read_claims(), PAGE.read_text()
     for system in dict.fromkeys(claim.system for claim in claims.values()):
         begin, end = f"<!-- claims of {system} -->\n", f"<!-- end of {system} -->"
@@ -424,6 +455,12 @@ def write_page() -> None:
         _, _, after = rest.partition(end)
         text = f"{before}{begin}\n{page_table(claims, system)}\n{end}{after}"
     PAGE.write_text(text)
+    known = records(claims)
+    for page in PAGE.parent.glob("*.md"):
+        text = page.read_text()
+        new = filled_page(text, known, lambda name: finding(claims[name]))
+        if new != text:
+            page.write_text(new)
 
 
 def write_figures(found: Sequence[Found], folder: Path) -> None:

@@ -15,8 +15,10 @@ from validation.experiments.boundary.sampling_shapes import SHAPES, mesh_of
 from validation.results import Result, real
 from validation.running import Context
 
-TANKS = {"": rivals.CELLS, "_small": (6, 6, 8), "_wide": (8, 8, 6)}  # particles, in which largest steps are sought
-STARTS = (0.8, 1.0, 1.2)  # shares of the runner's step at which noise is compared
+TANKS = {
+    "": rivals.CELLS, "_small": (6, 6, 8), "_wide": (8, 8, 6), "_flat": (9, 7, 5), "_narrow": (5, 6, 10),
+}  # fmt: skip  # particles, in which largest steps are sought
+STARTS = (0.8, 0.9, 1.0, 1.1, 1.2)  # shares of the runner's step at which noise is compared
 CALMED = 2.0  # [s], by when the tanks rest
 BLOCK = (20, 20, 16)  # particles of the tank that is timed
 
@@ -128,14 +130,14 @@ def _marked(options: Options) -> list[Run]:
 
 
 def _marked_ratio(results: Results) -> list[float]:
-    """Seconds of the marked pass over those of the other, in each third of the repeats."""
-    marked, every = (results[f"flow_marked_{k}"].values["thirds"] for k in (0, 1))
+    """Seconds of the marked pass over those of the other, in each fifth of the repeats."""
+    marked, every = (results[f"flow_marked_{k}"].values["fifths"] for k in (0, 1))
     return [real(a) / real(b) for a, b in zip(marked, every)]
 
 
 # P3 and P4: the velocity along the normal keeps particles on the surface, that along the tangent spreads them.
 
-SOLIDS = ("sphere", "torus", "cube")
+SOLIDS = ("sphere", "torus", "cube", "funnel", "pebble")
 PARTICLES = 1000
 
 
@@ -216,7 +218,7 @@ FAMILIES = (
     Family(
         ("coupling_marked_region",),
         "Looking cells up could take as long as the test that it saves.", "both passes take the same time",
-        alike({"thirds": [0.01] * 3}),
+        alike({"fifths": [0.01] * 5}),
     ),
     Family(
         ("sampling_stays_on_surface", "sampling_spreads"),

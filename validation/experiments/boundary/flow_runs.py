@@ -420,5 +420,5 @@ def marked_cost(context: Context, everywhere: bool, backend: str, repeats: int =
             began = time.perf_counter()
             call()
             seconds.append(time.perf_counter() - began)
-    thirds = [float(np.median(part)) for part in np.array_split(np.array(seconds), 3)]
-    return Result({"seconds": float(np.median(seconds)), "thirds": thirds, "particles": simulation.count})
+    fifths = [float(np.median(part)) for part in np.array_split(np.array(seconds), 5)]
+    return Result({"seconds": float(np.median(seconds)), "fifths": fifths, "particles": simulation.count})

@@ -234,7 +234,7 @@ def rest(
 
 
 def cost(context: Context, cells: tuple[int, int, int], steps: int, backend: str) -> Result:
-    """Milliseconds a step without a solid and with each coupling, in turn; what it adds, in thirds."""
+    """Milliseconds a step without a solid and with each coupling, in turn; what it adds, in fifths."""
     with mesh_file(resting_cup(cells)) as file:
         runs = {}
         for coupling in ("bare", *COUPLINGS):
@@ -251,7 +251,7 @@ def cost(context: Context, cells: tuple[int, int, int], steps: int, backend: str
                 run.step()
                 spent[coupling].append(time.perf_counter() - began)
             context.progress((k + 1) / steps)
-    thirds = {c: [float(np.median(part)) for part in np.array_split(np.array(each), 3)] for c, each in spent.items()}
-    shares = {c: [(t - b) / t for t, b in zip(thirds[c], thirds["bare"])] for c in COUPLINGS}
+    fifths = {c: [float(np.median(part)) for part in np.array_split(np.array(each), 5)] for c, each in spent.items()}
+    shares = {c: [(t - b) / t for t, b in zip(fifths[c], fifths["bare"])] for c in COUPLINGS}
     milliseconds = {c: 1e3 * float(np.median(each)) for c, each in spent.items()}
     return Result({"milliseconds": milliseconds, "shares": shares, "particles": simulation.count})

@@ -32,7 +32,7 @@ TOP, SIDE_VIEW = view_matrix(azimuth=-90.0, elevation=90.0), view_matrix(azimuth
 COLOURS = [(0.16, 0.50, 0.80), (0.90, 0.45, 0.13), (0.20, 0.62, 0.40), (0.65, 0.35, 0.65), (0.80, 0.65, 0.15)]
 GLASS = (0.55, 0.72, 0.86)  # of what belongs to no larger part
 CUBE_EXTENT, ROOM_EXTENT = 1.3, 0.54  # half widths: in R, in m
-MERGING = (120, 160, 240, 320, 480, 640, 800, 1600)  # frames
+MERGING = (60, 120, 160, 240, 320, 480, 800, 1600)  # frames
 REST = 1600
 MILLI = 1e-3
 
@@ -168,7 +168,7 @@ def splash_data(results: Results, solver: str = "", words: str = "") -> dict[str
     }
 
 
-SPLASH_SHOWN = (70, 80, 90, 120)  # frames of the splash that its picture shows
+SPLASH_SHOWN = (60, 70, 80, 90, 120)  # frames of the splash that its picture shows
 
 
 def splash_picture(data: Mapping[str, Any]) -> Any:

@@ -12,7 +12,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from refsim import Cloud, Dong2016, Scene, Simulation, WeaklyCompressible
+from refsim import Cloud, Dong2016, Scene, Simulation
 from refsim.core.effect import Extremes
 from refsim.core.errors import RunStopped
 from refsim.scene.scene import make_plan
@@ -157,28 +157,31 @@ def _reach(away: NDArray, axes: int) -> float:
     return float(np.where(across < width, near, -np.inf).max(0).mean())
 
 
-def printed(context: Context, side: int, cohesion: bool, correction: bool, steps: int, backend: str) -> Result:
+def printed(
+    context: Context, side: int, cohesion: bool, correction: bool, steps: int, backend: str, filtered: bool = True,
+    samples: int = 4,
+) -> Result:  # fmt: skip
     """The 0.5 m cube with every printed number: how far its particles move in `steps` steps of 0.005 s."""
-    scene = scenes.printed_cube(side, cohesion, correction)
-    result = drop(context, scene, np.linspace(0.0, steps * scenes.PRINTED_STEP, 5), backend)
+    scene = scenes.printed_cube(side, cohesion, correction, filtered)
+    result = drop(context, scene, np.linspace(0.0, steps * scenes.PRINTED_STEP, samples + 1), backend)
     simulation = context.simulation(scene, backend)
     simulation.evaluate()
     greatest = float(np.linalg.norm(simulation.field("acceleration"), axis=1).max())
     return Result({**result.values, "greatest_acceleration": greatest})
 
 
-def printed_limits(context: Context, backend: str, seed: int = 1, filtered: bool = True) -> Result:
+def printed_limits(context: Context, backend: str) -> Result:
     """What the printed step is for the block that falls: refused at ten times the impact's speed, soft below.
 
     limit        stable step at rest for c = 10 U [s]; refused: the sentence that the scene is answered with
     soft         compression of the block for the sound speed that the step does allow, 0.2 h/dt
     """
     speed = scenes.impact_speed()
-    stiff = scenes.printed_block(seed, 10 * speed, filtered)
+    stiff = scenes.printed_block(1, 10 * speed)
     soft_sound = 0.2 * stiff.support_radius / scenes.PRINTED_STEP
-    plan = make_plan(scenes.printed_block(seed, 10 * speed, filtered, step=0.0))
+    plan = make_plan(scenes.printed_block(1, 10 * speed, step=0.0))
     limits = [limit for e in plan.effects.values() for limit in e.step_limits(plan.grid, plan.effects).values()]
-    found = falling(context, scenes.printed_block(seed, soft_sound, filtered), list(range(0, 101, 2)), backend)
+    found = falling(context, scenes.printed_block(1, soft_sound), list(range(0, 101, 2)), backend)
     return Result(
         {
             "impact_speed": speed, "sound_speed": 10 * speed, "step": scenes.PRINTED_STEP,
@@ -239,13 +242,13 @@ def per_frame(values: Mapping[str, Any]) -> float:
 
 def seconds_per_frame(
     context: Context, model: str, case: str, backend: str, frames: int = 40, timed: int = 20, side: int = 17,
-    drops: int = 12, turn: int = 1,
+    drops: int = 12, turn: int = 1, threads: int | None = None,
 ) -> Result:  # fmt: skip
     """Seconds a frame of 0.005 s for one model: the median step of the last `timed` frames, times steps per frame.
 
     A frame is one or two steps, so that the median of frames would jump.
 
-    turn  tells repetitions apart
+    turn  tells repetitions apart; threads: of the CPU, all without
     case  "droplet" (the cube) or "oil" (drops of 900 kg/m^3 that run into each other). All models have one sound speed,
           support, viscosity and nominal tension.
     """
@@ -259,13 +262,11 @@ def seconds_per_frame(
     scene = Scene(
         name=f"dong_{case}", spacing=spacing, support_radius=2.6 * spacing, fluid=(Cloud(position=position),),
         effects=(
-            WeaklyCompressible(
-                rest_density=density, sound_speed=sound, dynamic_viscosity=scenes.CUBE_VISCOSITY, kernels="wendland"
-            ),
+            scenes.liquid(density, sound_speed=sound, dynamic_viscosity=scenes.CUBE_VISCOSITY, kernels="wendland"),
             scenes.tension_of(model, scenes.TENSION),
         ),
     )  # fmt: skip
-    simulation = context.simulation(scene, backend)
+    simulation = context.simulation(scene, backend, threads)
     spent, steps, stopped = [], [], ""
     try:
         for frame in range(frames):
@@ -286,7 +287,7 @@ def seconds_per_frame(
             "model": model, "case": case, "particles": simulation.count, "frames": len(spent), "steps": sum(steps),
             "stopped": stopped,
             "step": statistics.median(each) if each else math.nan,
-            "spread": [min(late), max(late)] if late else [], "threads": context.threads, "turn": turn,
+            "spread": [min(late), max(late)] if late else [], "threads": threads or context.threads, "turn": turn,
         }
     )  # fmt: skip
 

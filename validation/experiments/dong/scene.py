@@ -23,7 +23,9 @@ FRAME = 0.005  # s; the paper's step, taken for the time from one frame to the n
 FRAMES = (60, 70, 80, 90)  # figure 4
 LATER = (120, 160)  # when the film of the run with tension has broken up
 PUDDLE = 3 * BLOCK / CELLS[0]  # m, three layers
-TENSION = DENSITY * 9.81 * PUDDLE**2 / 4  # 17 N/m: a puddle at rest that does not wet is 2 sqrt(sigma/(rho0 g)) thick
+# 17 N/m, no number of the paper: with it a puddle at rest that does not wet, 2 sqrt(sigma/(rho0 g)) thick, has the
+# three layers of figure 5.
+TENSION = DENSITY * 9.81 * PUDDLE**2 / 4
 RATIO = {
     "mueller": 3.20247,
     "wendland": 2.4392,
@@ -38,6 +40,11 @@ MODELS = {
     "iif": "plain pair force (Tartakovsky & Meakin 2005)",
     "csf": "continuum surface force",
 }
+
+
+def liquid(density: float = DENSITY, **options: Any) -> WeaklyCompressible:
+    """The paper's liquid: pressure after its reference 9, Becker & Teschner's p = rho0 c^2/7 ((rho/rho0)^7 - 1)."""
+    return WeaklyCompressible(rest_density=density, state="tait", **options)
 
 
 def tension_of(model: str, nominal: float, **changes: Any) -> Any:
@@ -83,9 +90,7 @@ def cube_scene(
         name="dong_cube", spacing=spacing, support_radius=2.6 * spacing, dtype=dtype,  # type: ignore[arg-type]
         fluid=(Cloud(position=position),),
         effects=(
-            WeaklyCompressible(
-                rest_density=DENSITY, sound_speed=sound_speed, dynamic_viscosity=viscosity, kernels="mueller"
-            ),
+            liquid(sound_speed=sound_speed, dynamic_viscosity=viscosity, kernels="mueller"),
             effect,
         ),
     )  # fmt: skip
@@ -102,13 +107,12 @@ def printed_cube(side: int, cohesion: bool, correction: bool, filtered: bool = T
         stiffness=PRINTED["stiffness"] if cohesion else 0.0, correction=PRINTED["correction"] if correction else 0.0,
         filter_density=filtered,
     )  # fmt: skip
-    liquid = WeaklyCompressible(
-        rest_density=DENSITY, sound_speed=0.2 * support / PRINTED_STEP, dynamic_viscosity=PRINTED_VISCOSITY,
-        kernels="mueller",
+    water = liquid(
+        sound_speed=0.2 * support / PRINTED_STEP, dynamic_viscosity=PRINTED_VISCOSITY, kernels="mueller"
     )  # fmt: skip
     return Scene(
         name="dong_cube_printed", spacing=spacing, support_radius=support, dtype="float64", step=PRINTED_STEP,
-        fluid=(Cloud(position=lattice_cube(side, spacing)),), effects=(liquid, effect),
+        fluid=(Cloud(position=lattice_cube(side, spacing)),), effects=(water, effect),
     )  # fmt: skip
 
 
@@ -135,23 +139,21 @@ def block_scene(
     Without tension the solver of D(3) to D(5) keeps the density filter, which is part of it.
     """
     position, spacing = block(seed)
-    liquid = WeaklyCompressible(rest_density=DENSITY, sound_speed=FALL_SOUND, dynamic_viscosity=FALL_VISCOSITY)
+    water = liquid(sound_speed=FALL_SOUND, dynamic_viscosity=FALL_VISCOSITY)
     effect: tuple[Dong2016, ...] = ()
     if tension:
         effect = (Dong2016(surface_tension=FALL_NOMINAL, filter_density=filtered, solver=solver),)
     elif solver == "hu_adams":
         effect = (Dong2016(stiffness=0.0, correction=0.0, filter_density=filtered, solver=solver),)
-    return _falling(position, spacing, 2.7, (liquid, *effect), dtype)
+    return _falling(position, spacing, 2.7, (water, *effect), dtype)
 
 
 def printed_block(seed: int, sound_speed: float, filtered: bool = True, step: float = PRINTED_STEP) -> Scene:
     """The block with every printed number but the sound speed, which the paper does not give."""
     position, spacing = block(seed)
-    liquid = WeaklyCompressible(
-        rest_density=DENSITY, sound_speed=sound_speed, dynamic_viscosity=PRINTED_VISCOSITY, kernels="mueller"
-    )
+    water = liquid(sound_speed=sound_speed, dynamic_viscosity=PRINTED_VISCOSITY, kernels="mueller")
     tension = Dong2016(**PRINTED, filter_density=filtered)
-    return _falling(position, spacing, PRINTED_SUPPORT, (liquid, tension), step=step)
+    return _falling(position, spacing, PRINTED_SUPPORT, (water, tension), step=step)
 
 
 def _falling(

@@ -115,7 +115,7 @@ def momentum(mode: str, force: str, part: str) -> Measure:
 
     def planned(options: Options) -> list[Run]:
         made = []
-        for seed in SEEDS[:3]:
+        for seed in SEEDS:
             parameters = {"count": SMALL, "seed": seed, "mode": mode, "backend": options.backend}
             made.append(Run(f"claim_area_force_{mode}_{seed}", area_force, parameters, estimate=2.0))
         return made
@@ -225,19 +225,24 @@ CORRECTION_STEADIES = Measure(
 
 # Time to steady state: pairs confined to the surface over all pairs.
 
-FROM = {"cube_4913": ("cube", 4913), "cube_5832": ("cube", 5832), "cut_5039": ("cut", 5039), "box_4862": ("box", 4913)}
+FROM = {
+    "cube_4913": ("cube", 4913, 1), "cube_5832": ("cube", 5832, 1), "cut_5039": ("cut", 5039, 1),
+    "box_4862": ("box", 4913, 1), "seed_cut_2": ("cut", 5039, 2),
+}  # fmt: skip
 
 
 def steady_ratio(variant: str) -> Measure:
-    """Wall seconds until steady over those of all pairs, from two lattice cubes, a cut one and a turned box.
+    """Wall seconds until steady over those of all pairs, from two lattice cubes, two cut ones and a turned box.
 
     Infinite where the drop is never steady, zero where only that of all pairs is not.
     """
 
     def planned(options: Options) -> list[Run]:
         made = []
-        for key, (shape, count) in FROM.items():
-            parameters = {"shape": shape, "count": count, "backend": options.backend}
+        for key, (shape, count, seed) in FROM.items():
+            parameters: dict[str, Any] = {"shape": shape, "count": count, "backend": options.backend}
+            if seed != 1:
+                parameters["seed"] = seed
             made.append(Run(key, runs.relax, parameters, estimate=15.0))  # the experiment's own, but for one
             changed = {**parameters, "variant": variant}
             made.append(Run(f"claim_steady_{variant}_{key}", runs.relax, changed, estimate=18.0))

@@ -30,7 +30,7 @@ from validation.running import Context
 
 SMALL = 0.4  # size of the scenes that are followed to the end
 FIGURES = ("figure_4", "figure_5", "figure_6")
-RADII = (0.5, 0.6, 0.7)  # of the ice balls whose volume is measured [m]
+RADII = (0.5, 0.55, 0.6, 0.65, 0.7)  # of the ice balls whose volume is measured [m]
 
 
 def scenes(options: Options) -> list[Run]:
@@ -96,7 +96,7 @@ def melted(context: Context, radius: float, bookkeeping: str, backend: str, seco
 
 
 def pools(bookkeeping: str) -> Callable[[Options], list[Run]]:
-    """Balls of three sizes."""
+    """Balls of five sizes."""
     return lambda options: [
         Run(f"claim_volume_{bookkeeping}_{radius:g}", melted,
             {"radius": radius, "bookkeeping": bookkeeping, "backend": options.backend}, estimate=10.0)

@@ -21,10 +21,10 @@ from validation.metrics.mpm import CELL, DENSITY, MODULUS, Transfers, round_trip
 from validation.results import Result, real
 from validation.running import Context
 
-SEEDS = (1, 2, 3)
-SIZES = (6, 8, 10)  # cells along the edge of a block
+SEEDS = (1, 2, 3, 4, 5)
+SIZES = (6, 7, 8, 9, 10)  # cells along the edge of a block
 LIQUIDS_COMPARED = ("square, lambda 1000, k 1", "square, lambda 10,000, k 1", "cube, lambda 1000, k 1")
-ROOMS = (12, 16, 24)  # cells along the edge of a box full of liquid
+ROOMS = (12, 14, 16, 20, 24)  # cells along the edge of a box full of liquid
 STRIDE = 0.3 * CELL / math.sqrt(MODULUS / DENSITY)  # s: the runner's own step for a liquid at rest
 
 
