@@ -16,7 +16,7 @@ from typing import Any, Literal
 import msgspec
 import numpy as np
 
-from refsim.core.capabilities import BringsWalls, KnowsParticleMass, LimitsMassRatio, having
+from refsim.core.capabilities import BringsWalls, JudgesStart, KnowsParticleMass, LimitsMassRatio, having
 from refsim.core.checked import Checked, suggestion
 from refsim.core.effect import EFFECTS, Discretisation, Effect, Extremes, InitialState, Nodes, Pass, require
 from refsim.core.energy import EnergyAudit
@@ -448,6 +448,7 @@ def _planned(scene: Scene) -> Plan:
         notes=(
             *_coarse_places(scene, state),
             *_unequal_masses(state, effects),
+            *(note for e in having(effects, JudgesStart) for note in e.notes_on_start(grid, state, merged, effects)),
             *(note for e in effects.values() for note in e.notes(grid, effects)),
         ),
     )
