@@ -6,24 +6,34 @@ import numpy as np
 import pytest
 
 from refsim import (
+    Akinci2013,
+    BeckerTeschner2007,
     Box,
     BoxWalls,
     Cloud,
+    Dong2016,
     Gravity,
+    He2014,
     ImplicitPressure,
     InputError,
+    JiangZhu2023,
     MpmLiquid,
     MpmWalls,
+    NormalDifference2014,
     RunStopped,
     Scene,
     ShapeMatching,
     Simulation,
     SolidBox,
+    TartakovskyMeakin2005,
     TwoWayCoupling,
     WeaklyCompressible,
     make_plan,
     simulate,
 )
+from refsim.surface_tension.calibration import BESIDE, SETTINGS
+from refsim.surface_tension.cohesion import KEEPS_DENSITY
+from validation.measure import drop_density
 
 DOWN = Gravity(acceleration=(0.0, -9.81, 0.0))
 COLUMN = Box(cells=(5, 40, 1))  # 2 m high at a spacing of 0.05 m
@@ -107,6 +117,65 @@ def test_a_grid_liquid_is_told_its_bulk_modulus():
     advised = float(note.split("bulk_modulus of at least ")[1].split()[0])
     assert wanted <= advised <= 1.01 * wanted
     assert not flow_notes(made(advised))
+
+
+# Tension
+
+COEFFICIENTS = {  # models by a coefficient of their own instead of a tension
+    "jiang_zhu": lambda k: JiangZhu2023(gamma=k),
+    "akinci": lambda k: Akinci2013(gamma=k),
+    "becker_teschner": lambda k: BeckerTeschner2007(kappa=k),
+    "tartakovsky_meakin": lambda k: TartakovskyMeakin2005(strength=k),
+    "dong": lambda k: Dong2016(stiffness=k),
+    "he": lambda k: He2014(kappa=k),
+}
+
+
+def drop(*effects, sound=1.0, dim=3):
+    liquid = WeaklyCompressible(rest_density=1.0, sound_speed=sound, dynamic_viscosity=1.0)
+    cells = (6, 6, 6 if dim == 3 else 1)
+    return Scene(dim=dim, spacing=1.0, support_radius=2.6, fluid=(Box(cells=cells),), effects=(liquid, *effects))
+
+
+def stiff_notes(made):
+    return [note for note in make_plan(made).notes if "sigma/(rho0 c^2 d)" in note]
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+@pytest.mark.parametrize("model", [name for name in SETTINGS if name not in BESIDE])
+def test_a_tension_too_large_for_its_sound_speed_is_noted(model, dim):
+    limit = {"csf": 0.015, "he": 0.004}.get(model, KEEPS_DENSITY)
+    effect = SETTINGS[model][1]
+    (note,) = stiff_notes(drop(effect(1.01 * limit), dim=dim))
+    assert f"= {1.01 * limit:.2g} is above {limit:g}" in note
+    advised = float(note.split("sound_speed of at least ")[1].split()[0])
+    assert 1.0 < advised < 1.02
+    assert not stiff_notes(drop(effect(1.01 * limit), sound=advised, dim=dim))
+    assert not stiff_notes(drop(effect(limit), dim=dim))
+    assert not stiff_notes(drop(effect(100 * limit), ImplicitPressure(), dim=dim))
+
+
+@pytest.mark.parametrize("model", COEFFICIENTS)
+def test_other_coefficients_count_by_their_nominal_tension(model):
+    made = COEFFICIENTS[model]
+    plan = make_plan(drop(made(1.0)))
+    (effect,) = (e for name, e in plan.effects.items() if name != "weakly_compressible")
+    share = (0.004 if model == "he" else KEEPS_DENSITY) / effect.nominal_tension(plan.grid, plan.effects)
+    assert not stiff_notes(drop(made(0.99 * share)))
+    assert len(stiff_notes(drop(made(1.01 * share)))) == 1
+
+
+def test_terms_that_hold_no_drop_together_say_so():
+    for effect in (NormalDifference2014(area_acceleration=1e-6), Akinci2013(gamma=0.0, area_acceleration=1e-6)):
+        assert any("alone holds no drop together" in note for note in make_plan(drop(effect)).notes)
+    assert not make_plan(drop(NormalDifference2014(area_acceleration=0.0))).notes[1:]  # the viscosity's
+
+
+def test_the_bound_of_the_tension_is_where_it_was_measured():
+    """A cube of 6^3 cells: below a tenth at the bound, and above or stopped at thirty times as much."""
+    start = drop_density.Drop("box", 6)
+    off = [drop_density.measure(start, s, drop_density.TENSIONS["akinci"](start))[0] for s in (KEEPS_DENSITY, 0.3)]
+    assert abs(off[0]) < 0.1 < off[1]
 
 
 # In the run
