@@ -719,6 +719,23 @@ def test_an_audit_of_the_energy_is_the_cpus():
     assert stopping.steps % 2 == 0
 
 
+def test_run_of_a_crushed_liquid_is_noted_and_stops_as_on_the_host():
+    scene = Scene(
+        dim=2, spacing=0.1, support_radius=0.26, dtype="float64",
+        fluid=(Box(cells=(3, 3, 1)), Box(lower=(0.4, 0.0, 0.0), cells=(3, 3, 1), velocity=(-8.0, 0.0, 0.0))),
+        effects=(WeaklyCompressible(sound_speed=2.0, dynamic_viscosity=1.0),),
+    )  # fmt: skip
+    oracle, run = Simulation(scene, "numpy"), Simulation(scene, "cuda")
+    for each in (oracle, run):
+        with pytest.raises(RunStopped) as stopped:
+            advance(each, 30)
+        assert stopped.value.reason == "compressed"
+    assert 1 < run.steps == oracle.steps
+    assert run.notes == oracle.notes
+    assert any("denser than 1.1 times" in note for note in run.notes)
+    assert np.abs(run.field("position") - oracle.field("position")).max() < 1e-12
+
+
 def test_run_of_mpm_sorts_its_particles_and_finds_those_that_were_moved(monkeypatch):
     monkeypatch.setattr("refsim.engine.sorting.SORT_EVERY", 2)
     effects = MpmLiquid(bulk_modulus=100.0, initial_ratio=0.9), Gravity(acceleration=(0.0, -9.81, 0.0))
