@@ -1,4 +1,4 @@
-"""`refsim example`: list the example scenes, and write some of them or the lessons into a folder."""
+"""`refsim example`: list the examples, and write some of them or the lessons into a folder."""
 
 from __future__ import annotations
 
@@ -16,8 +16,9 @@ from refsim.io.lessons import lessons, notebook, script, title
 from refsim.scene.files import parse_scene
 
 DESCRIPTION = (
-    "Without a name, list the example scenes; with names, write their scene files and what these name. With --lessons,"
-    " write the lessons instead: each as text (.md), as Jupyter notebook (.ipynb) and as Python script (.py)."
+    "Without a name, list the examples; with names, write their scene files and what these name, or their programs."
+    " With --lessons, write the lessons instead: each as text (.md), as Jupyter notebook (.ipynb) and as Python script"
+    " (.py)."
 )
 
 
@@ -26,6 +27,13 @@ def examples() -> dict[str, str]:
     folder = importlib.resources.files("refsim") / "examples"
     scenes = (path for path in folder.iterdir() if path.name.endswith(".toml"))
     return {path.name.removesuffix(".toml"): path.read_text(encoding="utf-8") for path in sorted(scenes, key=str)}
+
+
+def programs() -> dict[str, str]:
+    """Whole methods in a file of about a hundred lines, with NumPy alone, by name."""
+    folder = importlib.resources.files("refsim") / "examples"
+    files = (path for path in folder.iterdir() if path.name.endswith(".py"))
+    return {path.name.removesuffix(".py"): path.read_text(encoding="utf-8") for path in sorted(files, key=str)}
 
 
 def files_of(name: str, text: str) -> dict[str, bytes]:
@@ -46,21 +54,22 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def execute(options: argparse.Namespace) -> CommandResult:
     """List the examples, or write some of them or the lessons."""
-    known = examples()
+    known, alone = examples(), programs()
     if options.lessons is not None:
         if options.names:
             raise InputError("--lessons writes no example scenes; leave out the names, or give the command twice.")
         return _with_lessons(Path(options.lessons), options.overwrite)
     if not options.names:
-        return _listed(known)
+        return _listed(known, alone)
     wanted: dict[str, bytes] = {}
     for name in options.names:
-        if name not in known:
-            raise InputError(f"there is no example {name!r}; {suggestion(name, known)}")
-        wanted |= files_of(name, known[name])
+        if name not in known | alone:
+            raise InputError(f"there is no example {name!r}; {suggestion(name, known | alone)}")
+        wanted |= files_of(name, known[name]) if name in known else {f"{name}.py": alone[name].encode()}
     paths = _write(wanted, Path(options.output), "--output", options.overwrite)
-    scenes = [path for path in paths if path.endswith(".toml")]
-    lines = [f"wrote {path}" for path in paths] + [f"refsim run {path}" for path in scenes]
+    commands = {".toml": "refsim run", ".py": "python"}
+    lines = [f"wrote {path}" for path in paths]
+    lines += [f"{commands[end]} {path}" for path in paths if (end := os.path.splitext(path)[1]) in commands]
     return CommandResult({"files": paths}, "\n".join(lines))
 
 
@@ -94,11 +103,14 @@ def _write(wanted: dict[str, bytes], folder: Path, option: str, overwrite: bool)
     return [str(folder / file) for file in wanted]
 
 
-def _listed(known: dict[str, str]) -> CommandResult:
+def _listed(known: dict[str, str], alone: dict[str, str]) -> CommandResult:
     found: list[dict[str, Any]] = []
     for name, text in known.items():
         effects = [effect.name for effect in parse_scene(text, name).effects]
         found.append({"name": name, "summary": text.partition("\n")[0].lstrip("# "), "effects": effects})
+    found += [
+        {"name": name, "summary": text.partition("\n")[0].strip('"'), "effects": []} for name, text in alone.items()
+    ]
     rows = [(e["name"], e["summary"]) for e in found]
     how = f"Write one with: refsim example {found[0]['name']}\nWrite the lessons with: refsim example --lessons lessons"
     text = f"{table(rows)}\n\n{how}"
