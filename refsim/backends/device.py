@@ -379,13 +379,14 @@ def pack_all(vectors, scalars, out, first):  # noqa: ANN001, ANN201
 
 
 # Rows of the clock, float64. REASON is 0 while the run can go on.
-TIME, PREVIOUS, FIRST, LENGTH, LIMITER, REASON, SPEED, ACCELERATION, RATE, EXCESS, WAY, STOPPED = range(12)
-CLOCK_ROWS = 12
-NON_FINITE, DIVERGED, STEP_TOO_SMALL, OUT_OF_RANGE = 1, 2, 3, 4
+CLOCK_ROWS = 14
+TIME, PREVIOUS, FIRST, LENGTH, LIMITER, REASON, SPEED, ACCELERATION, RATE, EXCESS, *_REST = range(CLOCK_ROWS)
+DENSE, CRUSHED, WAY, STOPPED = _REST
+NON_FINITE, DIVERGED, STEP_TOO_SMALL, OUT_OF_RANGE, COMPRESSED = 1, 2, 3, 4, 5
 
 
 @cuda_kernel
-def choose_step(extremes, limits, factor, fixed, smallest, greatest_speed, timestep, clock):  # noqa: ANN001, ANN201
+def choose_step(extremes, limits, factor, fixed, smallest, greatest_speed, most_crushed, timestep, clock):  # noqa: ANN001, ANN201
     """The next step's length from the particles' extremes, as `refsim.engine.stepping.HostStepper` does on the host.
 
     `limits` (k, 5) are StepLimits. If the run cannot go on, the clock holds the reason and the step is zero, so that
@@ -412,11 +413,14 @@ def choose_step(extremes, limits, factor, fixed, smallest, greatest_speed, times
             reason = DIVERGED
         elif extremes[4] > 0:
             reason = OUT_OF_RANGE
+        elif extremes[6] > most_crushed:
+            reason = COMPRESSED
         elif not length > smallest * clock[FIRST]:
             reason = STEP_TOO_SMALL
         clock[LENGTH], clock[LIMITER], clock[REASON] = length, limiter, reason
         clock[SPEED], clock[ACCELERATION] = speed, acceleration
         clock[RATE], clock[EXCESS] = float(extremes[3]), float(extremes[4])
+        clock[DENSE], clock[CRUSHED] = float(extremes[5]), float(extremes[6])
         if reason:
             length = 0.0
         timestep[0] = 0.5 * (clock[PREVIOUS] + length) if length > 0.0 else 0.0

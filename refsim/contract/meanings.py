@@ -27,7 +27,8 @@ ARGUMENTS = {
     "displacement": "largest squared displacement since the list was built [m^2], number of stopped particles",
     "distance": "signed distance at each node, negative inside [m]",
     "edge_first": "number of cut edges before each cell, and of all [-]",
-    "extremes": "max |v|^2 [m^2/s^2], max |a|^2 [m^2/s^4], particles that are not finite, max rate [1/s], excess [K]",
+    "extremes": "max |v|^2 [m^2/s^2], max |a|^2 [m^2/s^4], particles that are not finite, max rate [1/s], excess [K],"
+    " particles above each of the density_bounds",
     "facet_area": "area of each facet [m^2]",
     "facet_corner": "corners of the mesh [m]",
     "facet_first": "number of facets before each cell, and of all [-]",

@@ -12,7 +12,7 @@ from typing import ClassVar, NamedTuple, TypeVar
 
 import numpy as np
 
-from refsim.core.effect import Discretisation, Effect, literal_errata
+from refsim.core.effect import Discretisation, Effect, InitialState, literal_errata
 from refsim.core.walls import WallParticles
 
 
@@ -43,6 +43,32 @@ class BringsWalls:
 
     def walls(self, grid: Discretisation, others: Mapping[str, Effect]) -> WallParticles | None:
         """Positions and volumes of the boundary particles; None if there are none."""
+        raise NotImplementedError  # an effect with this capability defines it
+
+
+class HasPlanes:
+    """Holds the particles in a box by planes."""
+
+    __slots__ = ()
+
+    def domain(self, grid: Discretisation) -> tuple[np.ndarray, np.ndarray]:
+        """Lower and upper corner (3,) of the box [m]; infinite where it is open."""
+        raise NotImplementedError  # an effect with this capability defines it
+
+    def wall_speed(self) -> float:
+        """Speed of its fastest wall [m/s]."""
+        return 0.0
+
+
+class JudgesStart:
+    """Has notes that follow from the particles at the start."""
+
+    __slots__ = ()
+
+    def notes_on_start(
+        self, grid: Discretisation, state: InitialState, walls: WallParticles | None, others: Mapping[str, Effect]
+    ) -> Iterator[str]:
+        """Limitations of its parameters with these particles, one sentence each; shown before the run."""
         raise NotImplementedError  # an effect with this capability defines it
 
 

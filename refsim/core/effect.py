@@ -103,12 +103,14 @@ class Discretisation:
 
 @dataclass(frozen=True)
 class Extremes:
-    """Largest values over the particles in the present step."""
+    """Largest values over the particles in the present step, and how many are too dense."""
 
     speed: float  # [m/s]
     acceleration: float  # [m/s^2]
     rate: float = 0.0  # of exchange [1/s]
     excess: float = 0.0  # of a temperature over the range that it must keep [K]
+    dense: float = 0.0  # number of the liquid's particles above the first bound of the density
+    crushed: float = 0.0  # and above the second one
 
 
 class StepLimit(NamedTuple):

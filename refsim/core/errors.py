@@ -14,7 +14,8 @@ REASONS = {  # why a run stops: the only names that RunStopped takes
     "missed_neighbours": "an audit found a neighbour that the list lacks",
     "out_of_grid": "a particle is beyond the last cell of the background grid, or at no finite place",
     "outrun": "a particle moved by more than half a cell of the background grid in one step",
-    "compressed": "a particle has less than a fifth of its volume",
+    "compressed": "a particle has less than a fifth of its volume (MPM), or more than 0.1 % of the particles of SPH are"
+    " denser than the scene's density_bound, 1.5 times the rest density",
     "expanded": "a particle has more than three times its volume",
     "volume_jump": "a particle's volume changed by more than half in one step",
     "clumped": "surface tension has drawn particles together where their volume ratio does not see it",

@@ -28,6 +28,7 @@ AFTER_THESE = (
     "diverged",
     "step_too_small",
     "collapsed",
+    "compressed",
     "missed_neighbours",
     "energy_gained",
     "particles_lost",
@@ -104,6 +105,10 @@ def _cause(simulation: Run, stop: RunStopped) -> tuple[str, int | None, int]:
         t, (low, high) = _host(simulation, "temperature"), _host(simulation, "temperature_range")
         beyond = np.maximum(t - high, low - t)
         return "temperature farthest out of its range", int(beyond.argmax()), int((beyond > 0).sum())
+    if stop.reason == "compressed":
+        if "density" in simulation.fields:
+            return "greatest density", int(_host(simulation, "density").argmax()), 1
+        return "least volume_ratio", int(_host(simulation, "volume_ratio").argmin()), 1
     if stop.reason in GREATEST:
         name = GREATEST[stop.reason]
         sizes = np.nan_to_num(np.linalg.norm(_host(simulation, name).astype(float), axis=1), nan=np.inf)

@@ -36,7 +36,7 @@ class Run(Protocol):
     timings: Timings
     fields: dict[str, Any]  # arrays of the backend by name
     build_position: Any  # (n, 3) [m] at the last build of the neighbour list
-    extremes: Any  # (5,), see operation sph.extremes
+    extremes: Any  # (7,), see operation sph.extremes
     displacement: Any  # (2,), see operation sph.kick_drift
     timestep: Any  # (2,) [s]
     begin_calls: Calls

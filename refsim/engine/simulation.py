@@ -29,12 +29,20 @@ from refsim.engine.binding import bound, fused, on_backend
 from refsim.engine.checkpoints import SavedRun, load_checkpoint, restore, snapshot
 from refsim.engine.neighbour_lists import NeighbourLists
 from refsim.engine.sorting import ParticleOrder
-from refsim.engine.stepping import DeviceStepper, HostStepper, check_extremes, stable_steps, step_limits
+from refsim.engine.stepping import (
+    DeviceStepper,
+    HostStepper,
+    check_extremes,
+    most_dense,
+    stable_steps,
+    step_limits,
+)
 from refsim.engine.timings import Timings
 from refsim.io.checkpoint import Checkpoint, write_checkpoint
 from refsim.io.scenes import check_same_scene
 from refsim.neighbours import NeighbourSearch
 from refsim.scene.scene import Plan, Scene, make_plan
+from refsim.sph import CROWD, DENSE, LIQUID
 
 Compiling = Callable[[int, int], Callable[[], Any]]
 MANY_FOR_ALL_PAIRS = 2000  # particles above which the numpy backend is announced as slow
@@ -120,7 +128,7 @@ class Simulation:
         numbers = {name: np.arange(self.count) for name in ("identity", "place") if name in self.fields}
         for name, values in (given | numbers | dict(state.values)).items():
             self._set(name, values)
-        self.extremes = self.backend.zeros(5, grid.dtype)
+        self.extremes = self.backend.zeros(7, grid.dtype)
         self.displacement = self.backend.zeros(2, grid.dtype)
         self.timestep = self.backend.zeros(2, grid.dtype)
         self.build_position = self.backend.asarray(self._host("position"))
@@ -222,6 +230,7 @@ class Simulation:
                 "non_finite",
                 f"Step {self.steps} to {self.time:.6g} s moved a particle to a place that is not finite.",
             )
+        self._note_density(done.dense)
         self._watch(done.length)
         self.limiters[done.limiter] = self.limiters.get(done.limiter, 0) + 1
         self.last = StepResult(self.steps, self.time, done.length, done.limiter, done.limits)
@@ -229,6 +238,13 @@ class Simulation:
             self.auditor.after_step()
         self.balances.after_step()
         return self.last
+
+    def _note_density(self, dense: int) -> None:
+        """Add a note to the run where more particles than may be are above the first bound of the liquid's density."""
+        if dense > most_dense(self) and LIQUID not in self.remarks:
+            words = f"{LIQUID}: from step {self.steps} on, at {self.time:.6g} s, {dense} of {self.count} particles"
+            bound = f"more than {100 * CROWD:g} %, are denser than {DENSE:g} times the rest density"
+            self.remark(LIQUID, f"{words}, {bound}: take a larger sound_speed, or a shorter step with iisph")
 
     def _watch(self, length: float) -> None:
         """Show the effects what they watch: they may stop the run, or add a note to it."""
@@ -287,8 +303,8 @@ class Simulation:
     def checked_extremes(self) -> Extremes:
         """Largest speed and acceleration. Raises RunStopped where one is not finite or the run has diverged."""
         self.timings.run("sph.extremes", self.extremes_call)
-        speed2, force2, broken, rate, excess = (float(x) for x in self.backend.host(self.extremes))
-        extremes = Extremes(math.sqrt(speed2), math.sqrt(force2), rate, excess)
+        speed2, force2, broken, *others = (float(x) for x in self.backend.host(self.extremes))
+        extremes = Extremes(math.sqrt(speed2), math.sqrt(force2), *others)
         check_extremes(self, int(broken), extremes)
         return extremes
 

@@ -16,6 +16,7 @@ from refsim.core.errors import RunStopped
 from refsim.engine.branches import Touched, needed_before, touched
 from refsim.engine.run import Calls, Run
 from refsim.scene.scene import Plan
+from refsim.sph import CROWD
 
 SMALLEST_STEP = 1e-6  # share of the first step below which the run is taken to have diverged
 
@@ -29,6 +30,7 @@ class Advance:
     velocity_change       [m/s] by accelerations, which no particle exceeds in this step
     squared_displacement  largest since the neighbour list was built [m^2]
     stopped               number of particles that a wall's plane stopped
+    dense                 number of particles above the first bound of the liquid's density, before the step
     """
 
     length: float
@@ -38,6 +40,7 @@ class Advance:
     velocity_change: float
     squared_displacement: float
     stopped: int
+    dense: int
 
 
 def step_limits(plan: Plan) -> dict[str, StepLimit]:
@@ -78,6 +81,19 @@ def check_extremes(simulation: Run, broken: int, extremes: Extremes) -> None:
             f"{where} a temperature is {extremes.excess:.3g} K beyond the {low:.6g} to {high:.6g} deg C that conduction"
             " from the start's temperatures can reach: take a shorter step or another scheme of heat_conduction.",
         )
+    if extremes.crushed > most_dense(simulation):
+        bound = simulation.plan.shared["density_bounds"].crushed
+        raise RunStopped(
+            "compressed",
+            f"{where} {extremes.crushed:.0f} of {simulation.plan.grid.count} particles are denser than {bound:g} times"
+            " the rest density, where the equation of state does not hold: take a larger sound_speed, a shorter step"
+            " or weaker forces, or raise density_bound of weakly_compressible.",
+        )
+
+
+def most_dense(simulation: Run) -> float:
+    """Number of particles that may exceed a bound of the density."""
+    return CROWD * simulation.plan.grid.count
 
 
 def too_small(simulation: Run, limiter: str, length: float) -> NoReturn:
@@ -125,7 +141,8 @@ class HostStepper:
             s.timings.run(name, call)
         squared, stopped = (float(x) for x in s.backend.host(s.displacement))
         gained = kick * extremes.acceleration
-        return Advance(length, limiter, limits, (extremes.speed + gained) * length, gained, squared, int(stopped))
+        moved = (extremes.speed + gained) * length
+        return Advance(length, limiter, limits, moved, gained, squared, int(stopped), int(extremes.dense))
 
 
 class DeviceStepper:
@@ -181,7 +198,7 @@ class DeviceStepper:
         clock = self.mirror.read()
         if not self.profiled:
             s.timings.add("step", time.perf_counter() - began)
-        seen = (device.SPEED, device.ACCELERATION, device.RATE, device.EXCESS)
+        seen = (device.SPEED, device.ACCELERATION, device.RATE, device.EXCESS, device.DENSE, device.CRUSHED)
         extremes = Extremes(*(float(clock[row]) for row in seen))
         length, limiter = float(clock[device.LENGTH]), int(clock[device.LIMITER])
         name = "fixed" if limiter < 0 else self.names[limiter]
@@ -195,7 +212,8 @@ class DeviceStepper:
         limits = stable_steps(s.limits, extremes)
         gained = 0.5 * (s.previous_length + length) * extremes.acceleration
         moved, squared = (extremes.speed + gained) * length, float(clock[device.WAY])
-        return Advance(length, name, limits, moved, gained, squared, int(clock[device.STOPPED]))
+        stopped, dense = int(clock[device.STOPPED]), int(extremes.dense)
+        return Advance(length, name, limits, moved, gained, squared, stopped, dense)
 
     def _set_clock(self) -> None:
         """Give the device the host's clock: at the start, and after resuming."""
@@ -250,8 +268,8 @@ class DeviceStepper:
     def _choose(self) -> None:
         s, scene = self.simulation, self.simulation.plan.scene
         self.device.choose_step(
-            s.extremes, self.limits, scene.step_factor, scene.step, SMALLEST_STEP, s.greatest_speed, s.timestep,
-            self.clock,
+            s.extremes, self.limits, scene.step_factor, scene.step, SMALLEST_STEP, s.greatest_speed,
+            most_dense(s), s.timestep, self.clock,
         )  # fmt: skip
 
     def _send(self) -> None:

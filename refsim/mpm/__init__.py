@@ -9,14 +9,16 @@ Numbers in brackets are those of the thesis, and so are the errata M3 to M27 (do
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 
 from refsim.core.capabilities import (
     HasErrata,
+    HasPlanes,
     HoldsOtherMemory,
+    JudgesStart,
     KnowsParticleMass,
     LimitsMassRatio,
     NeedsCellOrder,
@@ -29,11 +31,13 @@ from refsim.core.fields import Field
 from refsim.core.operation import Operation, Program, register
 from refsim.mpm.grid import FARTHEST, Background, MpmGrid
 from refsim.mpm.step import Step
-from refsim.sph import LIQUID, gravity_of
+from refsim.sph import LIQUID, acceleration_of
+from refsim.sph.flow import at_least, fast_flow
 from refsim.surface_energy.effect import UNEVEN, surface_of
 
 if TYPE_CHECKING:
     from refsim.core.effect import InitialState
+    from refsim.core.walls import WallParticles
 
 AFFINE = Field("affine", "1/s", "affine velocity matrix A, row by row: A_ab is dv_a/dx_b", 9, state=True)
 VOLUME_RATIO = Field("volume_ratio", "-", "present over initial volume J", state=True)
@@ -125,7 +129,7 @@ class Contact(NamedTuple):
 
 
 class MpmLiquid(
-    Effect, KnowsParticleMass, LimitsMassRatio, NeedsCellOrder, HoldsOtherMemory, Watches, HasErrata,
+    Effect, KnowsParticleMass, LimitsMassRatio, NeedsCellOrder, HoldsOtherMemory, Watches, HasErrata, JudgesStart,
     frozen=True, kw_only=True,
 ):  # fmt: skip
     """Weakly compressible liquid moved by the material point method (APIC, quadratic B-splines).
@@ -304,14 +308,22 @@ class MpmLiquid(
             real(NEGLIGIBLE_MASS[grid.dtype] * self.particle_mass(grid)),
         )
 
+    def notes_on_start(
+        self, grid: Discretisation, state: InitialState, walls: WallParticles | None, others: Mapping[str, Effect]
+    ) -> Iterator[str]:
+        def advice(sound: float) -> str:
+            return at_least("bulk_modulus", self.rest_density * sound**2, "Pa")
+
+        pull = acceleration_of(others)
+        return fast_flow(self.name, self.sound_speed(), advice, grid, state, walls, others, pull)
+
     def prepare(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, Any]:
         printed = self.printed()
-        gravity, surface = gravity_of(others), surface_of(others)
+        acceleration, surface = acceleration_of(others), surface_of(others)
         walls = next((effect for effect in others.values() if isinstance(effect, MpmWalls)), None)
         idle = "M7" in printed  # (4.12) to (4.14) with v^n: what makes v^(n+1) of it reaches no particle
         wet = surface is not None and surface.wets(others) and not idle
         share = 0.0 if idle else 1.0
-        acceleration = (0.0, 0.0, 0.0) if gravity is None else gravity.acceleration
         pull = any(acceleration) and not idle
         recount = 0.0 if surface is None else surface.recount_time
         return {
@@ -350,11 +362,9 @@ class MpmLiquid(
         }
         if self.dynamic_viscosity > 0:  # half of the step in which a strain would vanish at once
             limits["viscous"] = StepLimit.constant(0.25 / self._viscous_factor(grid))
-        gravity = gravity_of(others)
-        if gravity is not None:
-            pull = math.hypot(*gravity.acceleration)
-            if pull > 0:
-                limits["gravity"] = StepLimit.constant(math.sqrt(0.3 * h / pull))
+        pull = math.hypot(*acceleration_of(others))
+        if pull > 0:
+            limits["gravity"] = StepLimit.constant(math.sqrt(0.3 * h / pull))
         return limits
 
     def verdict(self, grid: Discretisation, seen: Mapping[str, np.ndarray], length: float) -> tuple[str, str] | None:
@@ -396,7 +406,7 @@ def mpm_liquid_of(others: Mapping[str, Effect]) -> MpmLiquid:
     return others[MpmLiquid.name]  # type: ignore[return-value]
 
 
-class MpmWalls(Effect, frozen=True, kw_only=True):
+class MpmWalls(Effect, HasPlanes, frozen=True, kw_only=True):
     """Walls of a box, as conditions on the nodes of the background grid on and beyond its faces.
 
     lower, upper      corners of the liquid's domain [m]; in 2D the z parts are ignored
@@ -455,7 +465,6 @@ class MpmWalls(Effect, frozen=True, kw_only=True):
         return {}
 
     def domain(self, grid: Discretisation) -> tuple[np.ndarray, np.ndarray]:
-        """Corners (3,), (3,) of the liquid's domain [m]; infinite where there is no wall."""
         lower, upper = np.full(3, -np.inf), np.full(3, np.inf)
         for axis in range(grid.dim):
             if FACES[2 * axis] not in self.open_faces:

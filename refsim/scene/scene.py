@@ -16,7 +16,7 @@ from typing import Any, Literal
 import msgspec
 import numpy as np
 
-from refsim.core.capabilities import BringsWalls, KnowsParticleMass, LimitsMassRatio, having
+from refsim.core.capabilities import BringsWalls, JudgesStart, KnowsParticleMass, LimitsMassRatio, having
 from refsim.core.checked import Checked, suggestion
 from refsim.core.effect import EFFECTS, Discretisation, Effect, Extremes, InitialState, Nodes, Pass, require
 from refsim.core.energy import EnergyAudit
@@ -35,6 +35,7 @@ Vector = tuple[float, float, float]
 COARSE = 1e-3  # [spacings] a coarser resolution of positions gives a note
 LEAST = 1e-30  # smallest length [m] and time [s] that a scene may have
 SMALLEST = 1e-100  # magnitude of any other number that is not zero
+WIDEST_SHARE = 3.0  # factor by which a part's mass may differ from that of its lattice: bodies of a few cells
 LONGEST_FIXED = 1.6  # stable steps that a fixed step may span; longer ones gained energy without diverging in tests
 
 
@@ -70,11 +71,14 @@ class Ball(Checked, tag="ball", tag_field="shape", frozen=True, kw_only=True):
     center    [m]
     radius    [m]
     velocity  of every particle [m/s]
+    mass      of the whole ball [kg; kg/m in 2D]; the distances of its particles follow, so that its density stays. Left
+              out, each particle has the mass of the fluid's lattice
     """
 
     center: Vector = (0.0, 0.0, 0.0)
     radius: float
     velocity: Vector = (0.0, 0.0, 0.0)
+    mass: float | None = None
 
     def positions(self, grid: Discretisation) -> np.ndarray:
         """Positions (n, 3) [m]."""
@@ -445,6 +449,7 @@ def _planned(scene: Scene) -> Plan:
         notes=(
             *_coarse_places(scene, state),
             *_unequal_masses(state, effects),
+            *(note for e in having(effects, JudgesStart) for note in e.notes_on_start(grid, state, merged, effects)),
             *(note for e in effects.values() for note in e.notes(grid, effects)),
         ),
     )
@@ -552,7 +557,11 @@ def _initial_state(
         points = part.positions(grid)
         mass = getattr(part, "mass", None)
         if mass is None:
-            mass = _lattice_mass(grid, effects)
+            mass = lattice_mass(grid, effects)
+        elif isinstance(part, Ball):
+            share = fitting_share("fluid ball", mass, len(points) * lattice_mass(grid, effects))
+            points = np.array(part.center) + share ** (1 / grid.dim) * (points - np.array(part.center))
+            mass = mass / max(1, len(points))
         positions.append(points)
         velocities.append(_per_particle("velocity", part.velocity, points.shape))
         masses.append(_per_particle("mass", mass, (len(points),)))
@@ -572,13 +581,13 @@ def _solid_particles(
     """Position, velocity and mass of the nodes of solids; each has the volume of a particle of the liquid in bulk."""
     if "shape_matching" not in effects:
         raise InputError("scene: nothing holds its solids together; add effect 'shape_matching'.")
-    liquid = next((e for e in having(effects, KnowsParticleMass) if e.of_liquid), None)
-    volume = grid.spacing**grid.dim if liquid is None else liquid.particle_volume(grid)
     position = (solids.lattice.cell + 0.5) * grid.spacing
-    mass = solids.of_bodies("density") * volume
+    mass = solids.of_bodies("density") * solid_volume(grid, effects)
     velocity = solids.of_bodies("velocity")
     for k, body in enumerate(solids.bodies):
         own = slice(*solids.lattice.first[k : k + 2])
+        if body.mass is not None:
+            mass[own] *= fitting_share(f"[[solid]] number {k + 1}", body.mass, mass[own].sum())
         velocity[own] += np.cross(body.spin, position[own] - position[own].mean(0))
     return position, velocity, mass
 
@@ -609,7 +618,25 @@ def _check_places(state: InitialState, bounds: Any, solids: Nodes | None) -> Non
             )
 
 
-def _lattice_mass(grid: Discretisation, effects: Mapping[str, Effect]) -> float:
+def fitting_share(place: str, mass: float, lattice: float) -> float:
+    """A part's mass over that of its lattice particles [kg]. Raises InputError where the two do not fit."""
+    require(place, mass=(mass, "positive"))
+    share = mass / lattice if lattice > 0 else 1.0
+    if not 1 / WIDEST_SHARE <= share <= WIDEST_SHARE:
+        raise InputError(
+            f"{place}: mass = {mass:g} kg is {share:.3g} times that of its particles at its density ({lattice:.4g} kg);"
+            " correct its mass, size or density, or leave the mass out."
+        )
+    return share
+
+
+def solid_volume(grid: Discretisation, effects: Mapping[str, Effect]) -> float:
+    """Volume of a particle of a solid [m^dim]: that of a particle of the liquid in bulk."""
+    liquid = next((e for e in having(effects, KnowsParticleMass) if e.of_liquid), None)
+    return grid.spacing**grid.dim if liquid is None else liquid.particle_volume(grid)
+
+
+def lattice_mass(grid: Discretisation, effects: Mapping[str, Effect]) -> float:
     """Mass of a lattice particle: the liquid's, else that of the first effect that gives one, else 1."""
     liquid_first = sorted(having(effects, KnowsParticleMass), key=lambda effect: not effect.of_liquid)
     return liquid_first[0].particle_mass(grid) if liquid_first else 1.0

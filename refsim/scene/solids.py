@@ -30,11 +30,14 @@ class Solid(Checked, tag_field="shape", frozen=True, kw_only=True):
     density   rest density of its substance [kg/m^3]
     velocity  at the start [m/s]
     spin      angular velocity at the start, about its center of mass [1/s]
+    mass      of the whole body [kg], shared by its particles, which keep the density; left out, it is the density times
+              the volume of its cells
     """
 
     density: float = 917.0
     velocity: Vector = (0.0, 0.0, 0.0)
     spin: Vector = (0.0, 0.0, 0.0)
+    mass: float | None = None
 
     def inside(self, points: np.ndarray) -> np.ndarray:
         """Which of the points (n, 3) [m] lie in the body."""

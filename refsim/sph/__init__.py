@@ -17,6 +17,7 @@ from refsim.core.capabilities import (
     BalancesCohesion,
     BringsWalls,
     HasErrata,
+    JudgesStart,
     KnowsLimits,
     KnowsParticleMass,
     LimitsMassRatio,
@@ -24,13 +25,15 @@ from refsim.core.capabilities import (
     Margin,
     having,
 )
-from refsim.core.effect import Discretisation, Effect, Pass, StepLimit, require
+from refsim.core.effect import Discretisation, Effect, InitialState, Pass, StepLimit, require
 from refsim.core.energy import EnergyAccount, EnergyState, amount, compression_amount, compression_energy
 from refsim.core.errors import InputError
 from refsim.core.fields import Field
 from refsim.core.operation import Operation, Program, register
 from refsim.core.scalars import int32
+from refsim.core.walls import WallParticles
 from refsim.smoothing import lattice, smoothing
+from refsim.sph.flow import at_least, fast_flow
 
 LIQUID = "weakly_compressible"  # name of the effect that brings the liquid
 DENSITY = Field("density", "kg/m^3 (kg/m^2 in 2D)", "density rho, J(7)")
@@ -44,6 +47,7 @@ LEAST_VISCOUS = {"wendland": 250.0, "mueller": 80.0, "cubic_spline": 80.0}
 # exchanged (docs/stability.md). Beyond it J(7) makes its neighbours too dense, and J(10) is not the gradient of their
 # energy.
 MASS_RATIO = 1.5
+DENSE, CROWD = 1.1, 1e-3  # share of the particles that may be denser than DENSE rho0 without a note (docs/sph.md)
 SETS = {
     "wendland": ("wendland_c2", "wendland_c2"),
     "mueller": ("poly6", "spiky"),
@@ -61,6 +65,14 @@ class Fluid(NamedTuple):
     internal_pressure: float = 0.0  # P_int [Pa] of the effects' cohesion, balanced in the bulk
     gradient_share: float = 1.0  # factor of the pressure gradient in J(10); 1/2 as printed (Jiang & Zhu E24)
     wall_share: float = 2.0  # wall pressure over the particle's, summed: 2 for p_b = p_i, 1 for patent P6
+
+
+class DensityBounds(NamedTuple):
+    """Densities of a compressed liquid, in times the rest density, as the kernels take them."""
+
+    rest_density: float  # [kg/m^dim], where a particle has none of its own
+    dense: float  # above which a particle counts for a note
+    crushed: float  # above which it counts for a stop
 
 
 class ViscosityTerm(NamedTuple):
@@ -112,8 +124,9 @@ def pressure_is_replaced(others: Mapping[str, Effect]) -> bool:
 
 
 class WeaklyCompressible(
-    Effect, KnowsParticleMass, LimitsSpeed, LimitsMassRatio, KnowsLimits, HasErrata, frozen=True, kw_only=True
-):
+    Effect, KnowsParticleMass, LimitsSpeed, LimitsMassRatio, KnowsLimits, JudgesStart, HasErrata, frozen=True,
+    kw_only=True,
+):  # fmt: skip
     """Liquid whose pressure follows from its summed density.
 
     rest_density       rho0 [kg/m^3; kg/m^2 in 2D]
@@ -126,6 +139,7 @@ class WeaklyCompressible(
     clamp_pressure     negative pressures become zero
     kernels            "wendland" (Wendland C2 throughout), "mueller" (poly6 for sums, spiky for gradients) or
                        "cubic_spline" (throughout)
+    density_bound      the run stops where more than 0.1 % of the particles are denser than this times rho0
     literal            printed readings to use: "E3" (sign of J(11), unstable), "E24" (half of the pressure
                        gradient in J(10)); or "all"
     """
@@ -143,6 +157,7 @@ class WeaklyCompressible(
     state: Literal["linear", "tait"] = "linear"
     clamp_pressure: bool = True
     kernels: Literal["wendland", "mueller", "cubic_spline"] = "wendland"
+    density_bound: float = 1.5
     literal: tuple[str, ...] = ()
 
     def check(self, grid: Discretisation, others: Mapping[str, Effect]) -> None:
@@ -152,6 +167,11 @@ class WeaklyCompressible(
             sound_speed=(self.sound_speed, "positive"),
             dynamic_viscosity=(self.dynamic_viscosity, "not negative"),
         )
+        if not self.density_bound > DENSE:
+            raise InputError(
+                f"{self.name}: density_bound = {self.density_bound:g} is not above {DENSE:g}, from which on a run has a"
+                " note; give 1.5 or more."
+            )
         self.printed()
         if self.central() and "E3" in self.literal:
             raise InputError(
@@ -187,6 +207,16 @@ class WeaklyCompressible(
 
     def notes(self, grid: Discretisation, others: Mapping[str, Effect]) -> tuple[str, ...]:
         return (*self._braked(grid, others), *self._thin(grid, others))
+
+    def notes_on_start(
+        self, grid: Discretisation, state: InitialState, walls: WallParticles | None, others: Mapping[str, Effect]
+    ) -> Iterator[str]:
+        def advice(sound: float) -> str:
+            return at_least("sound_speed", sound, "m/s")
+
+        if "iisph" not in others:  # whose pressure follows from no sound speed
+            pull = acceleration_of(others)
+            yield from fast_flow(self.name, self.sound_speed, advice, grid, state, walls, others, pull)
 
     def _braked(self, grid: Discretisation, others: Mapping[str, Effect]) -> Iterator[str]:
         """Note on the loss of angular momentum by J(11) in a liquid without walls."""
@@ -280,6 +310,7 @@ class WeaklyCompressible(
                 grid.real(0.5 if "E24" in self.printed() else 1.0),
                 grid.real(least_wall_share(others)),
             ),
+            "density_bounds": DensityBounds(*map(grid.real, (self.rest_density, DENSE, self.density_bound))),
         }
 
     def prepare(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, Any]:
@@ -347,7 +378,15 @@ def gravity_of(others: Mapping[str, Effect]) -> Gravity | None:
     return others.get(Gravity.name)  # type: ignore[return-value]
 
 
+def acceleration_of(others: Mapping[str, Effect]) -> tuple[float, float, float]:
+    """The scene's acceleration of gravity [m/s^2]; zero without one."""
+    gravity = gravity_of(others)
+    return (0.0, 0.0, 0.0) if gravity is None else gravity.acceleration
+
+
 _HERE = "refsim.sph"
+_WARMTH = ("temperature", "temperature_range", "exchange_rate")
+_CROWDING = ("density", "rest_density", "density_bounds")
 REDUCTIONS = {"cpu": Program("reductions"), "cuda": Program("reductions_cuda")}
 DENSITY_OPERATION = register(
     Operation(
@@ -482,14 +521,15 @@ register(
         name="sph.extremes",
         folder=_HERE,
         paper="standard",
-        equation="max |v|^2, max |a|^2, max s/dt, max (T - range)",
+        equation="max |v|^2, max |a|^2, max s/dt, max (T - range), number of rho > b rho0",
         function="extremes",
         programs=REDUCTIONS,
         outputs=("extremes",),
-        optional=("temperature", "temperature_range", "exchange_rate"),
+        optional=(*_WARMTH, *_CROWDING),
         variants=(
-            {"temperature": None, "temperature_range": None, "exchange_rate": None},
-            {"temperature_range": None, "exchange_rate": None},
+            dict.fromkeys((*_WARMTH, *_CROWDING)),
+            dict.fromkeys(("temperature_range", "exchange_rate", *_CROWDING)),
+            dict.fromkeys((*_WARMTH, "rest_density")),
             {"exchange_rate": None},
             {},
         ),

@@ -20,7 +20,7 @@ from refsim.core.cases import (
 )
 from refsim.core.walls import Bounds, WallParticles
 from refsim.smoothing import SHAPES, Smoothing, smoothing
-from refsim.sph import LIQUID, CentralViscosity, Fluid, ViscosityTerm, WeaklyCompressible
+from refsim.sph import LIQUID, CentralViscosity, DensityBounds, Fluid, ViscosityTerm, WeaklyCompressible
 
 FLUID = LIQUID
 
@@ -67,6 +67,12 @@ def _pressure(case, random):
 @groups("smoothing", "gradient_smoothing", "fluid")
 def _shared(case, grid):
     return case.effects[FLUID].shares(grid, case.effects)
+
+
+@groups("density_bounds")
+def _density_bounds(case, grid):
+    """Within the cases' densities, so that some particles are above them."""
+    return {"density_bounds": DensityBounds(*map(grid.real, (REST_DENSITY, 1.0, 1.05)))}
 
 
 @groups("viscosity")
@@ -320,9 +326,27 @@ def largest_squares():
             "temperature": np.array([12.0, -10.0]),
             "temperature_range": np.array([-5.0, 9.0]),
             "exchange_rate": np.array([0.25, 0.5]),
+            "density": np.array([1101.0, 1502.0]),
+            "rest_density": None,
+            "density_bounds": DensityBounds(1000.0, 1.1, 1.5),
         },
-        {"extremes": np.array([25.0, 169.0, 0.0, 0.5, 5.0])},
+        {"extremes": np.array([25.0, 169.0, 0.0, 0.5, 5.0, 2.0, 1.0])},
     )
+
+
+@closed_form("sph.extremes")
+def densities_of_two_substances():
+    """1.2 and 1.08 times the own rest density: the second particle is denser than the first bound of the liquid."""
+    nothing = {"temperature": None, "temperature_range": None, "exchange_rate": None}
+    return Exact(
+        PAIR,
+        nothing
+        | {
+            "velocity": np.zeros((2, 3)), "acceleration": np.zeros((2, 3)), "density": np.array([600.0, 1620.0]),
+            "rest_density": np.array([500.0, 1500.0]), "density_bounds": DensityBounds(1000.0, 1.1, 1.5),
+        },
+        {"extremes": np.array([0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0])},
+    )  # fmt: skip
 
 
 @closed_form("sph.kick_drift")

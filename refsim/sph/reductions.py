@@ -12,10 +12,13 @@ from refsim.backends.compile import formula, kernel
 
 
 @formula
-def squares(i, velocity, acceleration, temperature, temperature_range, exchange_rate):
-    """(|v|^2, |a|^2, exchange rate [1/s], excess over the temperature range [K], whether a value is not finite) of i.
+def squares(
+    i, velocity, acceleration, temperature, temperature_range, exchange_rate, density, rest_density, density_bounds,
+):  # fmt: skip
+    """(|v|^2, |a|^2, exchange rate [1/s], excess over the temperature range [K], whether a value is not finite, whether
+    the density is above the first, and above the second of the bounds) of i.
 
-    Rate and excess are 0 where their arrays are None.
+    Rate, excess and the last two are 0 where their arrays are None.
     """
     speed = velocity[i, 0] ** 2 + velocity[i, 1] ** 2 + velocity[i, 2] ** 2
     force = acceleration[i, 0] ** 2 + acceleration[i, 1] ** 2 + acceleration[i, 2] ** 2
@@ -30,33 +33,54 @@ def squares(i, velocity, acceleration, temperature, temperature_range, exchange_
     if exchange_rate is not None:
         rate = exchange_rate[i]
         broken = broken or not rate < beyond
-    return speed, force, rate, excess, broken
+    dense, crushed = False, False
+    if density_bounds is not None:
+        rest = density_bounds.rest_density
+        if rest_density is not None:
+            rest = rest_density[i]
+        dense, crushed = density[i] > density_bounds.dense * rest, density[i] > density_bounds.crushed * rest
+    return speed, force, rate, excess, broken, dense, crushed
 
 
-def extremes(velocity, acceleration, temperature, temperature_range, exchange_rate, extremes):
-    """Largest |v|^2 and |a|^2, number of particles with a value that is not finite, largest rate and excess."""
+def extremes(
+    velocity, acceleration, temperature, temperature_range, exchange_rate, density, rest_density, density_bounds,
+    extremes,
+):  # fmt: skip
+    """Largest |v|^2 and |a|^2, number of particles with a value that is not finite, largest rate and excess, numbers of
+    particles above the two bounds of the density."""
     partial = np.zeros((CHUNKS, len(extremes)), extremes.dtype)
-    extremes_chunk(velocity, acceleration, temperature, temperature_range, exchange_rate, partial)
+    extremes_chunk(
+        velocity, acceleration, temperature, temperature_range, exchange_rate, density, rest_density, density_bounds,
+        partial,
+    )  # fmt: skip
     extremes[:] = partial.max(0)
-    extremes[2] = partial[:, 2].sum()
+    extremes[[2, 5, 6]] = partial[:, [2, 5, 6]].sum(0)
 
 
 @kernel
-def extremes_chunk(chunk, velocity, acceleration, temperature, temperature_range, exchange_rate, partial):
+def extremes_chunk(
+    chunk, velocity, acceleration, temperature, temperature_range, exchange_rate, density, rest_density, density_bounds,
+    partial,
+):  # fmt: skip
     """`extremes` of a chunk of the particles."""
     zero = partial.dtype.type(0)
     speed, force, rate, excess = zero, zero, zero, zero
     begin, end = limits(chunk, velocity.shape[0])
-    broken = 0
+    broken, dense, crushed = 0, 0, 0
     for i in range(begin, end):
-        s, f, r, e, bad = squares(i, velocity, acceleration, temperature, temperature_range, exchange_rate)
+        s, f, r, e, bad, above, far_above = squares(
+            i, velocity, acceleration, temperature, temperature_range, exchange_rate, density, rest_density,
+            density_bounds,
+        )  # fmt: skip
         speed = max(speed, s)
         force = max(force, f)
         rate = max(rate, r)
         excess = max(excess, e)
         broken += bad
+        dense += above
+        crushed += far_above
     partial[chunk, 0], partial[chunk, 1], partial[chunk, 2] = speed, force, broken
-    partial[chunk, 3], partial[chunk, 4] = rate, excess
+    partial[chunk, 3], partial[chunk, 4], partial[chunk, 5], partial[chunk, 6] = rate, excess, dense, crushed
 
 
 @formula

@@ -12,23 +12,34 @@ from refsim.backends.primitives import largest_of_block
 from refsim.sph.reductions import squares, stepped
 
 
-def extremes(velocity, acceleration, temperature, temperature_range, exchange_rate, extremes):
-    """Largest |v|^2 and |a|^2, number of particles with a value that is not finite, largest rate and excess."""
+def extremes(
+    velocity, acceleration, temperature, temperature_range, exchange_rate, density, rest_density, density_bounds,
+    extremes,
+):  # fmt: skip
+    """Largest |v|^2 and |a|^2, number of particles with a value that is not finite, largest rate and excess, numbers of
+    particles above the two bounds of the density."""
     device.fill(extremes, 0)
-    reduce_extremes(velocity, acceleration, temperature, temperature_range, exchange_rate, extremes)
+    reduce_extremes(
+        velocity, acceleration, temperature, temperature_range, exchange_rate, density, rest_density, density_bounds,
+        extremes,
+    )  # fmt: skip
 
 
 @cuda_kernel(rows_of="velocity")
-def reduce_extremes(velocity, acceleration, temperature, temperature_range, exchange_rate, extremes):
+def reduce_extremes(
+    velocity, acceleration, temperature, temperature_range, exchange_rate, density, rest_density, density_bounds,
+    extremes,
+):  # fmt: skip
     """The extremes of all particles into `extremes`, which is zero before."""
     i = cuda.grid(1)
     real = extremes.dtype.type
     zero = real(0)
-    speed, force, rate, excess, broken = zero, zero, zero, zero, False
+    speed, force, rate, excess, broken, dense, crushed = zero, zero, zero, zero, False, False, False
     if i < velocity.shape[0]:
-        speed, force, rate, excess, broken = squares(
-            i, velocity, acceleration, temperature, temperature_range, exchange_rate
-        )
+        speed, force, rate, excess, broken, dense, crushed = squares(
+            i, velocity, acceleration, temperature, temperature_range, exchange_rate, density, rest_density,
+            density_bounds,
+        )  # fmt: skip
         if not speed >= zero:  # a NaN is counted, but must not hide the largest of the other particles
             speed = zero
         if not force >= zero:
@@ -39,13 +50,18 @@ def reduce_extremes(velocity, acceleration, temperature, temperature_range, exch
             excess = zero
     # The extremes only grow: a value read too early costs a reduction of this block and nothing else.
     larger = speed > extremes[0] or force > extremes[1] or rate > extremes[3] or excess > extremes[4]
-    if cuda.syncthreads_or(np.int32(broken or larger)) == 0:
+    if cuda.syncthreads_or(np.int32(broken or larger or dense)) == 0:
         return
     speeds = cuda.shared.array(THREADS_PER_BLOCK, extremes.dtype)
     forces = cuda.shared.array(THREADS_PER_BLOCK, extremes.dtype)
     largest_speed = largest_of_block(speeds, speed)
     largest_force = largest_of_block(forces, force)
     count = cuda.syncthreads_count(1 if broken else 0)
+    if density_bounds is not None:
+        above, far_above = cuda.syncthreads_count(1 if dense else 0), cuda.syncthreads_count(1 if crushed else 0)
+        if cuda.threadIdx.x == 0 and above > 0:
+            cuda.atomic.add(extremes, 5, real(above))
+            cuda.atomic.add(extremes, 6, real(far_above))
     if exchange_rate is not None:
         largest_rate = largest_of_block(cuda.shared.array(THREADS_PER_BLOCK, extremes.dtype), rate)
         if cuda.threadIdx.x == 0:

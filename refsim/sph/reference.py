@@ -140,9 +140,12 @@ def gravity(field, rows=None):
     return {"acceleration": (field, np.abs(field))}
 
 
-def extremes(velocity, acceleration, temperature, temperature_range, exchange_rate):
+def extremes(
+    velocity, acceleration, temperature, temperature_range, exchange_rate, density, rest_density, density_bounds
+):
     """E = (max |v|^2 [m^2/s^2], max |a|^2 [m^2/s^4], number of particles with a value that is not finite,
-    max rate [1/s], largest excess of a temperature over its range [K]).
+    max rate [1/s], largest excess of a temperature over its range [K], number of particles with rho > a rho0, with
+    rho > b rho0), a and b of `density_bounds`, rho0 of the particle or else of the liquid.
     """
     speed = (np.asarray(velocity, dtype=float) ** 2).sum(1)
     force = (np.asarray(acceleration, dtype=float) ** 2).sum(1)
@@ -159,8 +162,13 @@ def extremes(velocity, acceleration, temperature, temperature_range, exchange_ra
         low, high = (float(v) for v in temperature_range)
         excess = np.nanmax(np.where(t > high, t - high, np.where(t < low, low - t, 0.0)), initial=0)
         size = excess + abs(low) + abs(high)
-    value = np.array([speed.max(initial=0), force.max(initial=0), broken.sum(), rate, excess], dtype=float)
-    return {"extremes": (value, np.array([*value[:4], size]))}
+    counts = [0, 0]
+    if density_bounds is not None:
+        rest = density_bounds.rest_density if rest_density is None else rest_density
+        bounds = (np.asarray(rest) * times for times in (density_bounds.dense, density_bounds.crushed))  # in the dtype
+        counts = [int((np.asarray(density) > bound).sum()) for bound in bounds]
+    value = np.array([speed.max(initial=0), force.max(initial=0), broken.sum(), rate, excess, *counts], dtype=float)
+    return {"extremes": (value, np.array([*value[:4], size, *counts]))}
 
 
 def kick_drift(acceleration, build_position, bounds, timestep, velocity, position):

@@ -327,7 +327,7 @@ def _course(scene: Scene, backend: str, threads: int | None, particles: int, bud
             course.stopped = str(stop)
             break
         spans.append(time.perf_counter() - clock)
-        speed2, force2, _, rate, _ = (float(x) for x in simulation.backend.host(simulation.extremes))
+        speed2, force2, _, rate, *_ = (float(x) for x in simulation.backend.host(simulation.extremes))
         rows.append((simulation.time, math.sqrt(speed2), math.sqrt(force2), rate))
     course.reached, course.steps = simulation.time, simulation.steps
     course.builds = simulation.search.log.rebuilds if simulation.search else 0

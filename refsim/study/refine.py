@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from typing import Any
 
 import msgspec
 
 from refsim.core.effect import Discretisation, Effect, Extremes
 from refsim.core.errors import InputError
-from refsim.scene.scene import Box, Cloud, Scene
-from refsim.scene.solids import SolidBox, SolidCells
+from refsim.scene.scene import Ball, Box, Cloud, Scene, lattice_mass, solid_volume
+from refsim.scene.solids import Solid, SolidBox, SolidCells, body_cells
 
 RATIO = 1.5  # of the spacings of two levels
 WIDEST = 1.15  # by which a level's ratio may differ from the one that was chosen, so that edges consist of whole cells
@@ -22,8 +23,9 @@ def refined(scene: Scene, factor: float) -> Scene:
     """The scene with the spacing divided by `factor` and the same bodies, walls and times.
 
     Divided by `factor`: spacing, support radius, and the lengths that an effect names in `with_spacing`. Multiplied by
-    it: the cells of boxes, rounded. A fixed step is divided by `factor`, or by more where the stable step of particles
-    at rest falls faster. What is counted in cells (half_width of shape_matching, radii of surface_energy) stays.
+    it: the cells of boxes, rounded. Balls and solids keep the mass that they have in the scene. A fixed step is divided
+    by `factor`, or by more where the stable step of particles at rest falls faster. What is counted in cells
+    (half_width of shape_matching, radii of surface_energy) stays.
 
     Raises InputError for particles or cells that are given one by one.
     """
@@ -43,14 +45,36 @@ def refined(scene: Scene, factor: float) -> Scene:
         rest = resting_step(scene, scene.spacing, scene.support_radius)
         finer = resting_step(scene, spacing, support_radius)
         step = min(step, scene.step * finer / rest) if math.isfinite(rest) else step
+    fluid, solid = _with_masses(scene)
     return msgspec.structs.replace(
         scene,
         spacing=spacing,
         support_radius=support_radius,
         step=step,
-        fluid=tuple(_box(part, factor, scene.dim) if isinstance(part, Box) else part for part in scene.fluid),
+        fluid=tuple(_box(part, factor, scene.dim) if isinstance(part, Box) else part for part in fluid),
+        solid=solid,
         effects=tuple(_effect(effect, factor) for effect in scene.effects),
     )
+
+
+def _with_masses(scene: Scene) -> tuple[tuple, tuple]:
+    """The scene's parts of fluid, and its solids; those cut from the lattice with the mass that they have there."""
+    grid = Discretisation(scene.dim, scene.dtype, scene.spacing, scene.support_radius, 0)
+    effects = {effect.name: effect for effect in scene.effects}
+
+    def of_fluid(part: Any) -> Any:
+        if not isinstance(part, Ball) or part.mass is not None:
+            return part
+        mass = len(part.positions(grid)) * lattice_mass(grid, effects)
+        return msgspec.structs.replace(part, mass=mass or None)
+
+    def of_solid(number: int, body: Solid) -> Any:
+        if body.mass is not None:
+            return body
+        cells = len(body_cells(body, f"[[solid]] number {number}", scene.spacing))
+        return msgspec.structs.replace(body, mass=cells * body.density * solid_volume(grid, effects))
+
+    return tuple(map(of_fluid, scene.fluid)), tuple(of_solid(k, body) for k, body in enumerate(scene.solid, 1))
 
 
 def _box(box: Box, factor: float, dim: int) -> Box:
@@ -134,16 +158,29 @@ def _cells(low: float, high: float, spacing: float) -> int:
     return max(1, math.ceil(high / spacing - 0.5 - EXACT) - math.floor(low / spacing - 0.5 + EXACT) - 1)
 
 
+def _mass_ratio(part: Any, factor: float, dim: int) -> float:
+    """Mass of a part with the spacing divided by `factor`, over that in the scene."""
+    if not isinstance(part, Box):
+        return 1.0
+    return math.prod(_box(part, factor, dim).cells) / math.prod(part.cells) / factor**dim
+
+
 def notes(scene: Scene, factors: Sequence[float]) -> list[str]:
     """What a reader of the levels should know, one sentence each."""
     said = []
     for factor in factors:
         off = misfit(scene, factor)
         if off >= EXACT:
+            mass = max((abs(_mass_ratio(box, factor, scene.dim) - 1) for box in scene.fluid), default=0.0)
             said.append(
                 f"at a spacing of {scene.spacing / factor:.4g} m a box's edge differs by {100 * off:.2g} % from the"
-                " scene's, because it consists of whole cells"
+                f" scene's, because it consists of whole cells, and the mass of a box of liquid by {100 * mass:.2g} %"
             )
+    if any(isinstance(part, Ball) for part in scene.fluid) or scene.solid:
+        said.append(
+            "balls and solids keep the mass that they have in the scene, cut from its lattice: a ball's particles stand"
+            " closer or farther apart for that, a solid's are lighter or heavier"
+        )
     for effect in scene.effects:
         if getattr(effect, "surface_tension", 0.0) is None:
             said.append(

@@ -76,6 +76,7 @@ class Study:
     def rows(self) -> list[dict[str, Any]]:
         """One row for each run, as plain values.
 
+        mass    of all particles at the start [kg; kg/m in 2D]
         change  of a spacing: (Q - Q0)/|Q0|, its error; of anything else: (Q - Q_scene)/|Q_scene|
         cost    seconds over those of the scene as it is
         """
@@ -91,6 +92,7 @@ class Study:
             "setting": setting.label,
             "spacing": setting.scene.spacing,
             "particles": reading.particles,
+            "mass": reading.mass,
             "steps": reading.steps,
             "seconds": reading.seconds,
             "bytes": reading.bytes,
@@ -217,20 +219,21 @@ class Study:
             )
         return [*lines, *(f"note: {note}" for note in self.notes)]
 
-    HEAD = ("what", "setting", "value", "error or change", "seconds", "cost", "memory", "particles", "steps")
+    HEAD = ("what", "setting", "value", "error or change", "seconds", "cost", "memory", "particles", "mass", "steps")
 
     def cells(self) -> list[tuple[str, ...]]:
         """The table as text, without its head (`HEAD`)."""
         made = []
         for row in self.rows():
             if row["failed"]:
-                made.append((row["what"], row["setting"], row["failed"], *[""] * 6))
+                made.append((row["what"], row["setting"], row["failed"], *[""] * 7))
                 continue
             made.append(
                 (
                     row["what"], row["setting"], f"{row['value']:.6g}", percent(row["change"], signed=True),
                     f"{row['seconds']:.3g}", "-" if row["cost"] is None else f"{row['cost']:.2f}",
-                    in_bytes(row["bytes"]), f"{row['particles']:,}", f"{row['steps']:,}",
+                    in_bytes(row["bytes"]), f"{row['particles']:,}", f"{row['mass']:.4g}",
+                    f"{row['steps']:,}",
                 )
             )  # fmt: skip
         return made
@@ -239,7 +242,7 @@ class Study:
         """Table and answers for a terminal."""
         whole = [cells for cells in self.cells() if cells[-1]]
         failed = [f"{what}, {setting}: {why}" for what, setting, why, *rest in self.cells() if not rest[-1]]
-        lines = [table(whole, self.HEAD, right=range(2, 9)), *failed, *self.left_out, ""]
+        lines = [table(whole, self.HEAD, right=range(2, len(self.HEAD))), *failed, *self.left_out, ""]
         return "\n".join([*lines, *self.answers()])
 
     def data(self) -> dict[str, Any]:
@@ -307,7 +310,7 @@ STYLE = (
 def _html_row(cells: Sequence[str]) -> str:
     what, setting, *rest = map(html.escape, cells)
     if not rest[-1]:
-        return f'<tr><td>{what}</td><td>{setting}</td><td colspan="7">{rest[0]}</td></tr>'
+        return f'<tr><td>{what}</td><td>{setting}</td><td colspan="8">{rest[0]}</td></tr>'
     return "<tr>" + "".join(f"<td>{cell}</td>" for cell in (what, setting, *rest)) + "</tr>"
 
 

@@ -62,6 +62,7 @@ class Reading:
     value      of the observable; NaN where the run failed
     seconds    of wall time that its steps took, without compiling; `processor_seconds` the same of the processor
     bytes      of the arrays that it held at its end
+    mass       of all particles at its start [kg; kg/m in 2D]
     failed     one sentence if there is no value; "" otherwise
     """
 
@@ -74,6 +75,7 @@ class Reading:
     time: float
     rebuilds: int = 0
     failed: str = ""
+    mass: float = 0.0
 
 
 def measure(
@@ -140,7 +142,7 @@ def _run(
     search = simulation.search
     return Reading(
         value, clock.seconds, clock.processor_seconds, held_bytes(simulation), simulation.count, simulation.steps,
-        simulation.time, search.log.rebuilds if search else 0, failed,
+        simulation.time, search.log.rebuilds if search else 0, failed, float(simulation.plan.state.mass.sum()),
     )  # fmt: skip
 
 

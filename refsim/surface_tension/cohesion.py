@@ -23,9 +23,14 @@ from refsim.core.energy import EnergyAccount, EnergyState, pair_potential
 from refsim.core.errors import InputError
 from refsim.smoothing import lattice
 from refsim.sph import LIQUID, liquid_of, pressure_is_replaced
+from refsim.sph.flow import at_least
 
 COLLAPSE = 0.25  # Pi beyond which no density balances the cohesion
+# S = sigma/(rho0 c^2 d) up to which the middle of small drops keeps the rest density to 10 % (docs/sigma_map.md)
+KEEPS_DENSITY = 0.01
 STRAINED = 0.045  # Pi at which the bulk is compressed by 5 %, from which on a note warns
+DENSITY_KEPT = "small drops keep their density to 10 %"
+BECAME_DROPS = "cubes became drops (beyond it they fly apart, and a shorter step does not help)"
 TENSION_POWER, PRESSURE_POWER = {2: 3, 3: 4}, {2: 2, 3: 3}  # of r in the moments of C
 PairForce = Callable[[NDArray], NDArray]  # C(r) [N/kg^2] of distances r [m]
 
@@ -171,18 +176,28 @@ class PairCohesion(Effect, BalancesCohesion, KnowsLimits, frozen=True, kw_only=T
 
     def notes(self, grid: Discretisation, others: Mapping[str, Effect]) -> tuple[str, ...]:
         number = self.collapse_number(grid, others)
-        if number < STRAINED:
-            return ()
-        return (
-            f"{self.name}: its cohesion compresses the bulk by about {100 * (compression(number) - 1):.0f} % (P_int ="
-            f" {number:.2g} rho0 c^2; beyond {COLLAPSE} the liquid collapses): take a larger sound_speed, or set"
-            " balance_pressure = true",
-        )
+        notes = [stiffness_note(self.name, *limit, grid, others) for limit in self.stiffness_limits(grid, others)]
+        if number >= STRAINED:
+            notes.append(
+                f"{self.name}: its cohesion compresses the bulk by about {100 * (compression(number) - 1):.0f} % (P_int"
+                f" = {number:.2g} rho0 c^2; beyond {COLLAPSE} the liquid collapses): take a larger sound_speed, or set"
+                " balance_pressure = true"
+            )
+        return tuple(filter(None, notes))
 
     def margins(self, grid: Discretisation, others: Mapping[str, Effect]) -> Iterator[Margin]:
         number = self.collapse_number(grid, others)
         if number > 0:
             yield Margin("P_int/(rho0 c^2)", number, STRAINED)
+        for sigma, largest, _ in self.stiffness_limits(grid, others):
+            yield from stiffness_margin(sigma, largest, grid, others)
+
+    def stiffness_limits(
+        self, grid: Discretisation, others: Mapping[str, Effect]
+    ) -> Iterator[tuple[float, float, str]]:
+        """(tension [N/m], its largest S = sigma/(rho0 c^2 d), what holds up to it), where there is tension."""
+        if sigma := abs(self.nominal_tension(grid, others)):
+            yield sigma, KEEPS_DENSITY, DENSITY_KEPT
 
     def pair_mass(self, mass_i: NDArray, mass_j: NDArray, grid: Discretisation, others: Mapping[str, Effect]) -> Any:
         """Factor [kg^2] of C(r) in the force of a pair."""
@@ -207,22 +222,34 @@ class PairCohesion(Effect, BalancesCohesion, KnowsLimits, frozen=True, kw_only=T
         return lambda r: self.pair_force(r, grid, others)
 
 
-def stiffness_margin(sigma: float, largest: float, grid: Discretisation, others: Mapping[str, Effect]) -> Margin:
-    """S = sigma/(rho0 c^2 d) beside the `largest` with which drops were found to stay whole."""
+def stiffness_margin(
+    sigma: float, largest: float, grid: Discretisation, others: Mapping[str, Effect]
+) -> Iterator[Margin]:
+    """S = sigma/(rho0 c^2 d) beside the `largest` that held; nothing where no sound speed acts."""
     fluid = liquid_of(others)
-    return Margin("sigma/(rho0 c^2 d)", sigma / (fluid.rest_density * fluid.sound_speed**2 * grid.spacing), largest)
+    if not pressure_is_replaced(others):
+        value = sigma / (fluid.rest_density * fluid.sound_speed**2 * grid.spacing)
+        yield Margin("sigma/(rho0 c^2 d)", value, largest)
 
 
-def stiffness_note(name: str, sigma: float, largest: float, grid: Discretisation, others: Mapping[str, Effect]) -> str:
-    """Note if S of `stiffness_margin` is above the limit; else ""."""
-    fluid = liquid_of(others)
-    value = stiffness_margin(sigma, largest, grid, others).value
-    if value <= largest * (1 + 1e-9):
-        return ""
+def stiffness_note(
+    name: str, sigma: float, largest: float, fate: str, grid: Discretisation, others: Mapping[str, Effect]
+) -> str:
+    """Note if S of `stiffness_margin` is above the limit, up to which what `fate` says was found; else ""."""
+    sound = liquid_of(others).sound_speed
+    for margin in stiffness_margin(sigma, largest, grid, others):
+        if margin.value > largest * (1 + 1e-9):
+            needed = at_least("sound_speed", sound * math.sqrt(margin.value / largest), "m/s")
+            value = f"sigma/(rho0 c^2 d) = {margin.value:.2g}"
+            return f"{name}: {value} is above {largest:g}, up to which {fate}: take {needed}"
+    return ""
+
+
+def spreading_note(name: str, term: str) -> str:
+    """Note on a term along differences of normals without cohesion."""
     return (
-        f"{name}: sigma/(rho0 c^2 d) = {value:.2g} is above {largest:g}, up to which cubes became drops: they fly"
-        " apart, and a shorter step does not help; take a sound_speed of at least"
-        f" {fluid.sound_speed * math.sqrt(value / largest):.3g} m/s"
+        f"{name}: the {term} alone holds no drop together: small drops were found to spread until no particle has a"
+        " neighbour, at every coefficient and sound speed; add cohesion, or take another model"
     )
 
 

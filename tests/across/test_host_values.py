@@ -52,8 +52,8 @@ from refsim.heat import enthalpy_of, temperature_at
 from refsim.heat.shapes import lattice_sum
 from refsim.mpm import LARGEST_VOLUME, LEAST_VOLUME, OPEN
 from refsim.mpm.formulas import determinant
-from refsim.scene.scene import _lattice_mass
-from refsim.sph import lattice_number_density
+from refsim.scene.scene import lattice_mass
+from refsim.sph import DensityBounds, lattice_number_density
 from refsim.surface_energy.effect import CROWDED, OVERFULL
 from refsim.surface_tension.cohesion import capillary_limit, compression
 from refsim.surface_tension.normal_difference_2014 import stiffest_wave
@@ -582,11 +582,11 @@ def test_start_of_lattice_masses():
         assert LIQUID.particle_mass(grid(dim)) == near(900 / number)
         assert MpmLiquid(bulk_modulus=1.0, rest_density=700.0).particle_mass(grid(dim)) == near(700 * 0.1**dim)
         assert HeatConduction(density=600.0).particle_mass(grid(dim)) == near(600 * 0.1**dim)
-    assert _lattice_mass(grid(), {}) == 1.0
+    assert lattice_mass(grid(), {}) == 1.0
     heat = HeatConduction()
-    assert _lattice_mass(grid(), named(heat)) == heat.particle_mass(grid())
-    assert _lattice_mass(grid(), named(heat, LIQUID)) == LIQUID.particle_mass(grid())
-    assert _lattice_mass(grid(), named(LIQUID, heat)) == LIQUID.particle_mass(grid())
+    assert lattice_mass(grid(), named(heat)) == heat.particle_mass(grid())
+    assert lattice_mass(grid(), named(heat, LIQUID)) == LIQUID.particle_mass(grid())
+    assert lattice_mass(grid(), named(LIQUID, heat)) == LIQUID.particle_mass(grid())
 
 
 def test_start_of_the_grid_liquid():
@@ -914,8 +914,9 @@ def test_groups_of_deformation_have_the_determinant_of_linear_algebra():
 
 def test_verdicts_on_speeds_and_accelerations():
     simulation = SimpleNamespace(
-        steps=3, time=0.5, fields={}, greatest_speed=10.0, _host=lambda name: np.array([-20.0, 30.0])
-    )
+        steps=3, time=0.5, fields={}, greatest_speed=10.0, _host=lambda name: np.array([-20.0, 30.0]),
+        plan=SimpleNamespace(grid=grid(count=4000), shared={"density_bounds": DensityBounds(1000.0, 1.1, 1.5)}),
+    )  # fmt: skip
 
     def reason(broken=0, **options):
         try:
@@ -927,6 +928,8 @@ def test_verdicts_on_speeds_and_accelerations():
     assert reason(speed=10.0 * (1 + 1e-9)) == "diverged"
     assert reason(broken=1) == "non_finite"
     assert reason(excess=1e-9) == "temperature_out_of_range"
+    assert reason(dense=4000, crushed=4) is None  # a thousandth
+    assert reason(dense=4000, crushed=5) == "compressed"
     for names, words in (((), "a velocity or an acceleration that"), (("temperature",), "or a temperature that")):
         simulation.fields = dict.fromkeys(names)
         with pytest.raises(RunStopped, match=words):

@@ -47,7 +47,9 @@ from refsim.core.effect import EFFECTS, Extremes
 PEBBLE = pathlib.Path(__file__).parents[2] / "refsim" / "examples" / "pebble.obj"
 FACES = ("-x", "+x", "-y", "+y", "-z", "+z")
 TANK = {"lower": (-0.2, -0.2, -0.2), "upper": (0.8, 0.8, 0.8)}
-LIQUID = WeaklyCompressible(sound_speed=12.0, clamp_pressure=False)  # its surface pulls it together: it moves
+LIQUID = WeaklyCompressible(  # its surface pulls it together: it moves
+    sound_speed=12.0, clamp_pressure=False, density_bound=10.0
+)
 CLAMPED = WeaklyCompressible(sound_speed=12.0)
 MPM = MpmLiquid(bulk_modulus=144e3, initial_ratio=0.98)
 PULL = Gravity()

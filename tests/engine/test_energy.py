@@ -265,7 +265,7 @@ def test_a_heavy_particle_gains_energy_and_is_announced():
     middle = place.mean(0)
     mass = np.full(len(place), 1.0)
     mass[np.argmin(((place - middle) ** 2).sum(1))] = 4.0
-    fluid = WeaklyCompressible(sound_speed=10.0, dynamic_viscosity=8.4, state="tait")
+    fluid = WeaklyCompressible(sound_speed=10.0, dynamic_viscosity=8.4, state="tait", density_bound=10.0)
     heavy = Cloud(position=place, velocity=-1.25 * (place - middle), mass=mass)
     with_it = scene(fluid, fluid=heavy, audit=EnergyAudit(every=2))
     assert any("4 times the mass of the lightest; up to 1.5" in note for note in make_plan(with_it).notes)

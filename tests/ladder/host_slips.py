@@ -83,7 +83,7 @@ GROUPS = {
     ),
     "start": (
         "refsim.scene.scene:_solid_particles",
-        "refsim.scene.scene:_lattice_mass",
+        "refsim.scene.scene:lattice_mass",
         "refsim.scene.scene:Ball.positions",
         "refsim.scene.solids:SolidBall.inside",
         "refsim.scene.solids:SolidBall.extent",

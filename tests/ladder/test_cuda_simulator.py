@@ -491,21 +491,24 @@ def test_arrays_are_filled_assigned_and_reordered(cuda, shape):
 
 
 def test_largest_values_do_not_outlive_their_call(cuda):
+    from refsim.sph import DensityBounds
     from refsim.sph import reductions_cuda as kernels
 
-    out = cuda.asarray(np.array([1e9, 1e9, 7.0, 1e9, 1e9]))
+    out = cuda.asarray(np.array([1e9, 1e9, 7.0, 1e9, 1e9, 7.0, 7.0]))
     velocity = np.random.default_rng(6).normal(size=(21, 3))
     velocity[3] = np.nan
     velocity[20] = [3.0, 4.0, 12.0]
-    kernels.extremes(cuda.asarray(velocity), cuda.asarray(0.5 * velocity), None, None, None, out)
-    assert np.allclose(cuda.host(out), [169.0, 42.25, 1.0, 0.0, 0.0])
+    kernels.extremes(cuda.asarray(velocity), cuda.asarray(0.5 * velocity), *[None] * 6, out)
+    assert np.allclose(cuda.host(out), [169.0, 42.25, 1.0, 0.0, 0.0, 0.0, 0.0])
     warmth, rates = np.linspace(-3.0, 7.0, 21), np.linspace(1.0, 2.0, 21)
     warmth[4] = rates[5] = np.nan
     bounds = cuda.asarray(np.array([-2.5, 5.0]))
+    crowding = cuda.asarray(np.linspace(1.0, 1.6, 21)), None, DensityBounds(1.0, 1.1, 1.5)
     kernels.extremes(
-        cuda.asarray(velocity), cuda.asarray(0.5 * velocity), cuda.asarray(warmth), bounds, cuda.asarray(rates), out
-    )
-    assert np.allclose(cuda.host(out), [169.0, 42.25, 3.0, 2.0, 2.0])
+        cuda.asarray(velocity), cuda.asarray(0.5 * velocity), cuda.asarray(warmth), bounds, cuda.asarray(rates),
+        *crowding, out,
+    )  # fmt: skip
+    assert np.allclose(cuda.host(out), [169.0, 42.25, 3.0, 2.0, 2.0, 17.0, 4.0])
     place = cuda.asarray(np.zeros((21, 3)))
     way = cuda.asarray(np.array([1e9, 5.0]))
     steps = cuda.asarray(np.array([0.0, 0.1]))
@@ -716,6 +719,23 @@ def test_an_audit_of_the_energy_is_the_cpus():
     assert stopping.steps % 2 == 0
 
 
+def test_run_of_a_crushed_liquid_is_noted_and_stops_as_on_the_host():
+    scene = Scene(
+        dim=2, spacing=0.1, support_radius=0.26, dtype="float64",
+        fluid=(Box(cells=(3, 3, 1)), Box(lower=(0.4, 0.0, 0.0), cells=(3, 3, 1), velocity=(-8.0, 0.0, 0.0))),
+        effects=(WeaklyCompressible(sound_speed=2.0, dynamic_viscosity=1.0),),
+    )  # fmt: skip
+    oracle, run = Simulation(scene, "numpy"), Simulation(scene, "cuda")
+    for each in (oracle, run):
+        with pytest.raises(RunStopped) as stopped:
+            advance(each, 30)
+        assert stopped.value.reason == "compressed"
+    assert 1 < run.steps == oracle.steps
+    assert run.notes == oracle.notes
+    assert any("denser than 1.1 times" in note for note in run.notes)
+    assert np.abs(run.field("position") - oracle.field("position")).max() < 1e-12
+
+
 def test_run_of_mpm_sorts_its_particles_and_finds_those_that_were_moved(monkeypatch):
     monkeypatch.setattr("refsim.engine.sorting.SORT_EVERY", 2)
     effects = MpmLiquid(bulk_modulus=100.0, initial_ratio=0.9), Gravity(acceleration=(0.0, -9.81, 0.0))
@@ -766,12 +786,12 @@ def test_device_chooses_the_step_as_the_host_does(cuda):
     }  # fmt: skip
     table = cuda.asarray(np.array(list(limits.values())))
 
-    def chosen(speed, acceleration, rate=0.0, excess=0.0, broken=0, fixed=0.0, previous=0.25, first=0.0):
+    def chosen(speed, acceleration, rate=0.0, excess=0.0, broken=0, fixed=0.0, previous=0.25, first=0.0, crushed=0):
         values = np.zeros(device.CLOCK_ROWS)
         values[[device.TIME, device.PREVIOUS, device.FIRST]] = 7.0, previous, first
         clock, steps = cuda.asarray(values), cuda.zeros(2, np.float64)
-        extremes = cuda.asarray(np.array([speed**2, acceleration**2, broken, rate, excess]))
-        device.choose_step(extremes, table, 0.5, fixed, 1e-6, 100.0, steps, clock)
+        extremes = cuda.asarray(np.array([speed**2, acceleration**2, broken, rate, excess, 9.0, crushed]))
+        device.choose_step(extremes, table, 0.5, fixed, 1e-6, 100.0, 2.0, steps, clock)
         return cuda.host(clock), list(cuda.host(steps))
 
     for now in ((0.0, 0.0), (5.0, 0.0), (1.0, 100.0), (1.0, 100.0, 40.0)):
@@ -786,9 +806,12 @@ def test_device_chooses_the_step_as_the_host_does(cuda):
         assert clock[device.FIRST] == clock[device.LENGTH]
     clock, steps = chosen(1.0, 1.0, fixed=0.125)
     assert (clock[device.LIMITER], steps[1]) == (-1, 0.125)
+    clock, steps = chosen(1.0, 1.0, crushed=2)
+    assert (clock[device.REASON], *clock[[device.DENSE, device.CRUSHED]]) == (0, 9, 2)
     for reason, given in (
         (device.NON_FINITE, {"broken": 2}), (device.DIVERGED, {"speed": 101.0}),
         (device.STEP_TOO_SMALL, {"first": 1e9}), (device.OUT_OF_RANGE, {"excess": 0.5}),
+        (device.COMPRESSED, {"crushed": 3}),
     ):  # fmt: skip
         clock, steps = chosen(**({"speed": 1.0, "acceleration": 1.0} | given))
         assert clock[device.REASON] == reason

@@ -184,6 +184,7 @@ def liquid(
         "smoothing": smoothing_group(sums, dim),
         "gradient_smoothing": smoothing_group(gradients, dim),
         "fluid": fluid,
+        "density_bounds": {"rest_density": RHO, "dense": 1.1, "crushed": 1.5},
     }
     viscous = {"viscosity": viscosity, "central_viscosity": central}
     return groups | {name: {"coefficient": value} if value else None for name, value in viscous.items()}

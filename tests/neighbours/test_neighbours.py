@@ -302,7 +302,7 @@ def test_between_rebuilds_no_neighbour_is_missed():
             spacing=0.1,
             support_radius=0.2,
             fluid=(Cloud(position=position, velocity=velocity),),
-            effects=(WeaklyCompressible(sound_speed=10.0, rest_density=1000.0),),
+            effects=(WeaklyCompressible(sound_speed=10.0, rest_density=1000.0, density_bound=100.0),),
             step=5e-4,
             dtype="float64",
             skin=0.25,

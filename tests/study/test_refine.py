@@ -16,8 +16,12 @@ from refsim import (
     MpmLiquid,
     Scene,
     ShapeMatching,
+    Simulation,
+    SolidBall,
     SolidBox,
     SolidCells,
+    SolidMesh,
+    SolidTorus,
     WeaklyCompressible,
     make_plan,
 )
@@ -62,6 +66,96 @@ def test_balls_and_solids_keep_their_size():
     assert sizes[2][1] == pytest.approx(8 * sizes[0][1], rel=0.03)
     assert misfit(scene, 1.5) == 0
     assert misfit(scene, 1.43) == pytest.approx(0.3 / 14.3, rel=1e-6)
+
+
+def box_mesh(folder):
+    """A box of 0.43 x 0.31 x 0.22 m as a file."""
+    import trimesh
+
+    trimesh.creation.box((0.43, 0.31, 0.22)).export(folder / "box.stl")
+    return str(folder / "box.stl")
+
+
+PARTS = {
+    "ball": lambda folder: {"fluid": (Ball(radius=0.33),)},
+    "disc": lambda folder: {"fluid": (Ball(radius=0.52),), "dim": 2},
+    "solid ball": lambda folder: {"solid": (SolidBall(center=(0.03, 0.0, 0.0), radius=0.27),), "fluid": ()},
+    "torus": lambda folder: {
+        "solid": (SolidTorus(center=(0.0,) * 3, radius=0.4, tube_radius=0.13, axis=(1.0, 2.0, 0.5)),), "fluid": (),
+    },
+    "tilted box": lambda folder: {
+        "solid": (SolidMesh(file=box_mesh(folder), center=(0.0,) * 3, rotation=(20.0, 35.0, 10.0), density=1300.0),),
+        "fluid": (),
+    },
+    "box between cells": lambda folder: {
+        "solid": (SolidBox(lower=(0.0,) * 3, upper=(0.42, 0.33, 0.27)),),
+        "fluid": (Ball(center=(2.0,) * 3, radius=0.3),),
+    },
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", PARTS)
+def test_levels_keep_the_mass(name, tmp_path):
+    given = {"spacing": 0.05, "support_radius": 0.13, "dim": 3, "effects": (LIQUID,)} | PARTS[name](tmp_path)
+    if "solid" in given:
+        given["effects"] = (LIQUID, ShapeMatching())
+    scene = scene_of(**given)
+    start = make_plan(scene).state
+    sizes, masses, speeds = set(), [], []
+    for factor in (0.7, 1.0, 1.4, 1.83):
+        plan = make_plan(refined(scene, factor))
+        state, first = plan.state, 0
+        sizes.add(state.sizes)
+        masses.append([])
+        for size in state.sizes:
+            own = slice(first, first + size)
+            masses[-1].append(state.mass[own].sum())
+            assert np.ptp(state.mass[own]) <= 1e-12 * state.mass[0]
+            first += size
+        middle = np.average(state.position, axis=0, weights=state.mass)
+        speeds.append(np.abs(middle - np.average(start.position, axis=0, weights=start.mass)).max())
+    assert len(sizes) == 4
+    assert np.array(masses) == pytest.approx(np.array([masses[1]] * 4), rel=1e-12)
+    assert max(speeds) < 0.04
+    again = refined(refined(scene, 1.4), 1.3)
+    assert make_plan(again).state.mass.sum() == pytest.approx(start.mass.sum(), rel=1e-12)
+
+
+def test_a_ball_with_a_mass_keeps_its_density_and_its_volume():
+    """Liquid of 2 % more mass takes 2 % more space, at the rest density in its middle."""
+    density = []
+    for mass in (None, 1.02):
+        scene = scene_of(fluid=(Ball(center=(0.3, 0.1, 0.0), radius=0.12),), dtype="float64")
+        base = make_plan(scene).state
+        if mass:
+            scene = scene.with_(fluid__0__mass=mass * base.mass.sum())
+        simulation = Simulation(scene, "cpu", threads=1)
+        simulation.evaluate()
+        x = simulation.field("position")
+        assert x.mean(0) == pytest.approx([0.3, 0.1, 0.0], abs=1e-12)
+        density.append(simulation.field("density")[np.linalg.norm(x - x.mean(0), axis=1) < 0.05].mean())
+        if mass:
+            assert np.ptp(x, axis=0)[:2] == pytest.approx(np.ptp(base.position, axis=0)[:2] * mass**0.5)
+    assert density[0] == pytest.approx(1000.0, rel=1e-9)
+    assert density[1] == pytest.approx(1000.0, rel=0.002)
+
+
+def test_a_solid_with_a_mass_keeps_its_cells():
+    body = SolidBox(lower=(0.0,) * 3, upper=(0.3,) * 3, density=500.0)
+    made = [
+        make_plan(Scene(spacing=0.1, support_radius=0.25, fluid=(), solid=(each,), effects=(LIQUID, ShapeMatching())))
+        for each in (body, msgspec.structs.replace(body, mass=15.0))
+    ]
+    assert np.array_equal(made[0].state.position, made[1].state.position)
+    assert made[1].state.mass.sum() == pytest.approx(15.0, rel=1e-12)
+
+
+@pytest.mark.parametrize("mass", [0.0, -1.0, 1e9, 1e-3, float("nan")])
+def test_a_mass_that_does_not_fit_is_refused(mass):
+    solid = {"solid": (SolidBox(lower=(0.0,) * 3, upper=(0.3,) * 3, mass=mass),), "effects": (LIQUID, ShapeMatching())}
+    for more in ({"fluid": (Ball(radius=0.1, mass=mass),)}, {"fluid": (), "dim": 3} | solid):
+        with pytest.raises(InputError, match="mass = "):
+            make_plan(scene_of(spacing=0.05, support_radius=0.13, **more))
 
 
 def test_a_fixed_step_follows_what_is_stable():

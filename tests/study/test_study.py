@@ -9,7 +9,18 @@ import msgspec
 import pytest
 
 import refsim
-from refsim import Box, BoxWalls, Gravity, InputError, MpmLiquid, RunStopped, Scene, Simulation, WeaklyCompressible
+from refsim import (
+    Ball,
+    Box,
+    BoxWalls,
+    Gravity,
+    InputError,
+    MpmLiquid,
+    RunStopped,
+    Scene,
+    Simulation,
+    WeaklyCompressible,
+)
 from refsim.__main__ import main
 from refsim.study import runs
 from refsim.study.observables import observable_of
@@ -242,6 +253,20 @@ def test_a_study_goes_on_where_it_was_stopped(tmp_path, monkeypatch):
     other = block(end_time=0.0005)
     studied("front", folder=tmp_path, scene=other, knobs=())
     assert len(done) == 4
+
+
+def test_levels_of_a_ball_have_one_mass():
+    scene = Scene(
+        spacing=0.1, support_radius=0.26, dim=2, end_time=1e-4, fluid=(Ball(radius=0.4, velocity=(1.0, 0.0, 0.0)),),
+        effects=(WeaklyCompressible(sound_speed=20.0),),
+    )  # fmt: skip
+    found = refsim.study(scene, "kinetic_energy", backend="numpy", knobs=("spacing",))
+    rows = found.rows()
+    assert len({row["particles"] for row in rows}) == 3
+    assert [row["mass"] for row in rows] == pytest.approx([rows[0]["mass"]] * 3, rel=1e-12)
+    assert found.text().count(f" {rows[0]['mass']:.4g} ") == 3
+    assert any("keep the mass" in note for note in found.notes)
+    assert [row["value"] for row in rows] == pytest.approx([0.5 * rows[0]["mass"]] * 3, rel=1e-3)
 
 
 def test_a_damaged_result_is_measured_anew(tmp_path):

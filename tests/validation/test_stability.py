@@ -281,11 +281,11 @@ def braked_alone(notes):
 
 
 def test_nothing_is_said_of_what_holds():
-    quiet = JiangZhu2023(surface_tension=1.0, area_ratio=0.005)
+    quiet = JiangZhu2023(surface_tension=0.05, area_ratio=0.005)
     assert braked_alone(make_plan(scene(effects=(quiet,))).notes)
     off = JiangZhu2023(surface_tension=0.0, area_ratio=0.5, pair_mode="either")
     assert braked_alone(make_plan(scene(effects=(off,))).notes)
-    made = silent_up_to(lambda x: scene(effects=(JiangZhu2023(surface_tension=1.0, area_ratio=x),)), 1e-3, 1.0)
+    made = silent_up_to(lambda x: scene(effects=(JiangZhu2023(surface_tension=0.05, area_ratio=x),)), 1e-3, 1.0)
     assert 0.0055 < made <= 0.006
 
 

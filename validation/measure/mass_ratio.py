@@ -61,7 +61,9 @@ def liquid(
 
     def made(ratio: float) -> Scene:
         place, velocity = block()
-        fluid = WeaklyCompressible(sound_speed=SOUND, dynamic_viscosity=viscosity, state=state, kernels=kernels)  # type: ignore[arg-type]
+        fluid = WeaklyCompressible(
+            sound_speed=SOUND, dynamic_viscosity=viscosity, state=state, kernels=kernels, density_bound=1e6  # type: ignore[arg-type]
+        )  # fmt: skip
         cloud = Cloud(position=place, velocity=velocity, mass=masses(ratio, how, DENSITY * SPACING**3, place))
         return Scene(spacing=SPACING, support_radius=SUPPORT, fluid=(cloud,), effects=(fluid,), dtype="float64")
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
 
-from refsim.core.capabilities import BringsWalls, HasErrata
+from refsim.core.capabilities import BringsWalls, HasErrata, HasPlanes
 from refsim.core.effect import Discretisation, Effect, Pass, StepLimit, require
 from refsim.core.energy import EnergyAccount
 from refsim.core.errors import InputError
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 FACES = ("-x", "+x", "-y", "+y", "-z", "+z")
 
 
-class BoxWalls(Effect, BringsWalls, HasErrata, frozen=True, kw_only=True):
+class BoxWalls(Effect, BringsWalls, HasPlanes, HasErrata, frozen=True, kw_only=True):
     """Walls around the box from `lower` to `upper` [m].
 
     lower, upper  corners of the box [m]; in 2D the z components are ignored, and those along a period of the scene
@@ -159,13 +159,20 @@ class BoxWalls(Effect, BringsWalls, HasErrata, frozen=True, kw_only=True):
         sums = wall_kernel_sums(position, shape, grid.support_radius, grid.dim, grid.period)
         return WallParticles(position, factor / sums)
 
-    def shares(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, Any]:
+    def domain(self, grid: Discretisation) -> tuple[np.ndarray, np.ndarray]:
         lower, upper = np.full(3, -np.inf), np.full(3, np.inf)
         for axis in range(grid.dim):
             if "-" + "xyz"[axis] not in self.open_faces:
                 lower[axis] = self.lower[axis]
             if "+" + "xyz"[axis] not in self.open_faces:
                 upper[axis] = self.upper[axis]
+        return lower, upper
+
+    def wall_speed(self) -> float:
+        return math.hypot(*self.velocity) if self.moving_faces else 0.0
+
+    def shares(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, Any]:
+        lower, upper = self.domain(grid)
         if not np.isfinite([*lower, *upper]).any():
             return {}
         return {"bounds": Bounds(lower.astype(grid.dtype), upper.astype(grid.dtype))}

@@ -28,7 +28,7 @@ from refsim.core.fields import Field
 from refsim.core.operation import Operation, register
 from refsim.core.walls import WallParticles, WallViscosity
 from refsim.smoothing import lattice, smoothing
-from refsim.sph import LIQUID, gravity_of, liquid_of, pressure_is_replaced
+from refsim.sph import LIQUID, acceleration_of, liquid_of, pressure_is_replaced
 
 MOST_LAYERS = 100  # of boundary particles
 FINEST = (
@@ -212,9 +212,7 @@ class MeshBoundary(
     def prepare(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, Any]:
         groups: dict[str, Any] = {}
         if self._extrapolates(others):
-            gravity = gravity_of(others)
-            pull = (0.0, 0.0, 0.0) if gravity is None else gravity.acceleration
-            groups["wall_gravity"] = WallGravity(*map(grid.real, pull))
+            groups["wall_gravity"] = WallGravity(*map(grid.real, acceleration_of(others)))
         if self.viscosity > 0:
             groups["wall_viscosity"] = WallViscosity(grid.real(self.viscosity))
         if self.adhesion > 0:

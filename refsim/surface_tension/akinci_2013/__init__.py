@@ -29,6 +29,7 @@ from refsim.surface_tension.cohesion import (
     neighbours_in_support,
     nominal_tension,
     one_of,
+    spreading_note,
 )
 
 WATER_RATIO = 1e-3  # eps/(gamma rho0) of the one printed coefficient, for water in SI units
@@ -177,6 +178,7 @@ class Akinci2013(PairCohesion, HasErrata, frozen=True, kw_only=True):
         if note := angular_momentum_note(self.name, "area term", others):
             yield note
         if not self._coheres():
+            yield spreading_note(self.name, "area term")
             return
         if "iisph" in others:
             yield (

@@ -24,7 +24,7 @@ from refsim.smoothing import lattice, smoothing
 from refsim.smoothing.reference import kernel_slope, kernel_value
 from refsim.sph import LIQUID, NUMBER_DENSITY, SETS, liquid_of
 from refsim.surface_detection import NEAR_SURFACE, detection_in, near_surface_pass
-from refsim.surface_tension.cohesion import capillary_limit, stiffness_margin, stiffness_note
+from refsim.surface_tension.cohesion import BECAME_DROPS, capillary_limit, stiffness_margin, stiffness_note
 from refsim.surface_tension.jiang_zhu_2023 import CORRECTED_DENSITY
 
 INTERFACE_NORMAL = Field("interface_normal", "1/m", "normal n by the corrected kernel, inward", 3)
@@ -119,7 +119,7 @@ class CsfWang2019(Effect, KnowsLimits, HasErrata, frozen=True, kw_only=True):
         notes = [
             f"{self.name}: the forces of a pair are not opposite and equal: momentum is not conserved, and drops of"
             " few layers were found to gain energy until particles gather in pairs or leave the drop",
-            stiffness_note(self.name, self.surface_tension, LARGEST_STIFFNESS, grid, others),
+            stiffness_note(self.name, self.surface_tension, LARGEST_STIFFNESS, BECAME_DROPS, grid, others),
         ]
         least = self._least_viscosity(grid, others)
         if fluid.dynamic_viscosity < least * (1 - 1e-9):
@@ -131,7 +131,7 @@ class CsfWang2019(Effect, KnowsLimits, HasErrata, frozen=True, kw_only=True):
 
     def margins(self, grid: Discretisation, others: Mapping[str, Effect]) -> Iterator[Margin]:
         if self._acts():
-            yield stiffness_margin(self.surface_tension, LARGEST_STIFFNESS, grid, others)
+            yield from stiffness_margin(self.surface_tension, LARGEST_STIFFNESS, grid, others)
             least, own = self._least_viscosity(grid, others), liquid_of(others).dynamic_viscosity
             yield Margin("dynamic_viscosity [Pa s]", own, least, least=True)
 

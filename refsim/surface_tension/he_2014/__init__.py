@@ -15,7 +15,6 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from refsim.core.capabilities import Margin
 from refsim.core.effect import Discretisation, Effect, Pass, require
 from refsim.core.errors import InputError
 from refsim.core.fields import Field
@@ -23,7 +22,7 @@ from refsim.core.operation import Operation, register
 from refsim.smoothing import lattice, smoothing
 from refsim.smoothing.reference import kernel_slope, kernel_value
 from refsim.sph import SETS, liquid_of
-from refsim.surface_tension.cohesion import PairCohesion, stiffness_margin, stiffness_note
+from refsim.surface_tension.cohesion import BECAME_DROPS, DENSITY_KEPT, KEEPS_DENSITY, PairCohesion
 
 COLOR = Field("color", "-", "smoothed color c, 1 inside the liquid")
 COLOR_GRADIENT_SQUARED = Field("color_gradient_squared", "1/m^2", "|grad c|^2")
@@ -113,19 +112,19 @@ class He2014(PairCohesion, frozen=True, kw_only=True):
 
     def notes(self, grid: Discretisation, others: Mapping[str, Effect]) -> tuple[str, ...]:
         own = self._own_tension(grid, others)
-        notes = [stiffness_note(self.name, own, LARGEST_STIFFNESS, grid, others)]
-        if own > 0:
-            notes.append(
-                f"{self.name}: the gradient energy does not act in the bulk: drops were found to spread, or to come to"
-                " rest in the shape they have, with particles that gather in pairs"
-            )
-        return (*super().notes(grid, others), *filter(None, notes))
+        words = (
+            f"{self.name}: the gradient energy does not act in the bulk: drops were found to spread, or to come to rest"
+            " in the shape they have, with particles that gather in pairs"
+        )
+        return (*super().notes(grid, others), *([words] if own > 0 else []))
 
-    def margins(self, grid: Discretisation, others: Mapping[str, Effect]) -> Iterator[Margin]:
-        yield from super().margins(grid, others)
-        own = self._own_tension(grid, others)
-        if own > 0:
-            yield stiffness_margin(own, LARGEST_STIFFNESS, grid, others)
+    def stiffness_limits(
+        self, grid: Discretisation, others: Mapping[str, Effect]
+    ) -> Iterator[tuple[float, float, str]]:
+        if own := self._own_tension(grid, others):
+            yield own, LARGEST_STIFFNESS, BECAME_DROPS
+        if air := super().nominal_tension(grid, others):
+            yield air, KEEPS_DENSITY, DENSITY_KEPT
 
     def _own_tension(self, grid: Discretisation, others: Mapping[str, Effect]) -> float:
         """sigma [N/m] of the gradient energy."""

@@ -24,6 +24,7 @@ from refsim.core.scalars import int32
 from refsim.smoothing import lattice, smoothing
 from refsim.sph import LIQUID, SETS, liquid_of
 from refsim.surface_normal import SURFACE_NORMAL, color_gradient_pass, normal_term
+from refsim.surface_tension.cohesion import spreading_note
 
 SAFETY = 0.5  # share of the step 2/omega beyond which the stiffest wave on the lattice grows
 
@@ -57,6 +58,9 @@ class NormalDifference2014(Effect, HasErrata, frozen=True, kw_only=True):
     def check(self, grid: Discretisation, others: Mapping[str, Effect]) -> None:
         require(self.name, area_acceleration=(self.area_acceleration, "not negative"))
         self.printed()
+
+    def notes(self, grid: Discretisation, others: Mapping[str, Effect]) -> tuple[str, ...]:
+        return (spreading_note(self.name, "term"),) if self.area_acceleration > 0 else ()
 
     def fields(self, others: Mapping[str, Effect]) -> tuple[Field, ...]:
         return (SURFACE_NORMAL,) if self.area_acceleration > 0 else ()

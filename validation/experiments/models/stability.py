@@ -31,6 +31,7 @@ from validation.trials import Cell, HardCase, StabilityMap, Trial, largest_stabl
 MODELS = ("jiang_zhu", "akinci", "akinci_iisph", "dong", "becker_teschner", "tartakovsky_meakin", "he", "csf")
 COHESIVE = ("jiang_zhu", "akinci", "dong", "becker_teschner", "tartakovsky_meakin")
 STIFFNESS = 0.01
+UNBOUND = 1e6  # of the density: the maps ask which tensions end in a drop, however dense it was on the way
 CALM = 0.3  # Ohnesorge number
 TOGETHER = "the drop stays together"
 # What the models' own notes say of drops, at some settings or at all.
@@ -73,6 +74,7 @@ def drop_scene(
         sound_speed=1 / math.sqrt(stiffness),
         dynamic_viscosity=viscosity,
         kernels=kernels or OTHER_BASE.get(model, {}).get("kernels", "mueller"),  # type: ignore[arg-type]
+        density_bound=UNBOUND,
     )
     return Scene(
         name=model,

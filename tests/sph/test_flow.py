@@ -1,0 +1,257 @@
+"""Flow beyond the sound speed: noted before a run, noted and stopped in it; tension too large for its sound speed."""
+
+import math
+
+import numpy as np
+import pytest
+
+from refsim import (
+    Akinci2013,
+    BeckerTeschner2007,
+    Box,
+    BoxWalls,
+    Cloud,
+    Dong2016,
+    Gravity,
+    He2014,
+    ImplicitPressure,
+    InputError,
+    JiangZhu2023,
+    MpmLiquid,
+    MpmWalls,
+    NormalDifference2014,
+    RunStopped,
+    Scene,
+    ShapeMatching,
+    Simulation,
+    SolidBox,
+    TartakovskyMeakin2005,
+    TwoWayCoupling,
+    WeaklyCompressible,
+    make_plan,
+    simulate,
+)
+from refsim.surface_tension.calibration import BESIDE, SETTINGS
+from refsim.surface_tension.cohesion import KEEPS_DENSITY
+from validation.measure import drop_density
+
+DOWN = Gravity(acceleration=(0.0, -9.81, 0.0))
+COLUMN = Box(cells=(5, 40, 1))  # 2 m high at a spacing of 0.05 m
+TANK = BoxWalls(lower=(0.0, -1.0, 0.0), upper=(0.5, 6.0, 0.0))  # H = 3 m
+
+
+def scene(*effects, sound=2.0, fluid=(COLUMN,), **settings):
+    """Liquid in the plane with a sound speed [m/s]."""
+    liquid = WeaklyCompressible(sound_speed=sound, dynamic_viscosity=1.1)
+    settings = {"dim": 2, "spacing": 0.05, "support_radius": 0.13, "end_time": 1.0} | settings
+    return Scene(fluid=fluid, effects=(liquid, *effects), **settings)
+
+
+def flow_notes(made):
+    """Notes on a flow near the sound speed, of a scene."""
+    return [note for note in make_plan(made).notes if "a tenth of the sound speed" in note]
+
+
+HEIGHTS = {  # scenes and H [m]: in a tank, tilted to a corner, without a floor (the liquid's extent), in free space
+    "tank": (lambda c: scene(DOWN, TANK, sound=c), 3.0),
+    "corner": (lambda c: scene(Gravity(acceleration=(3.0, -4.0, 0.0)), TANK, sound=c), 0.8 * 3.0 + 0.6 * 0.5),
+    "no floor": (
+        lambda c: scene(DOWN, BoxWalls(lower=(0, -1, 0), upper=(0.5, 6, 0), open_faces=("-y",)), sound=c),
+        3.0 + 0.025,  # to the lowest particle of the side walls
+    ),
+    "free": (lambda c: scene(DOWN, sound=c), 2.0),
+    "space": (
+        lambda c: scene(
+            Gravity(), BoxWalls(lower=(0.0,) * 3, upper=(1.0,) * 3), sound=c, dim=3, fluid=(Box(cells=(4, 4, 8)),)
+        ),
+        0.4,
+    ),
+}
+
+
+@pytest.mark.parametrize("name", HEIGHTS)
+def test_flow_of_a_fall_is_noted_and_the_advice_suffices(name):
+    made, height = HEIGHTS[name]
+    pull = 5.0 if name == "corner" else 9.81
+    speed = math.sqrt(2 * pull * height)
+    (note,) = flow_notes(made(9.9 * speed))
+    assert f"a flow of {speed:.3g} m/s (sqrt(2 g H)" in note
+    assert f"H = {height:.3g} m" in note
+    advised = float(note.split("sound_speed of at least ")[1].split()[0])
+    assert 10 * speed <= advised <= 10.1 * speed
+    assert not flow_notes(made(advised))
+
+
+def test_speeds_at_the_start_are_noted():
+    still = scene(sound=20.0)
+    assert not flow_notes(still)
+    moving = scene(sound=20.0, fluid=(COLUMN, Box(cells=(2, 2, 1), lower=(3.0, 0.0, 0.0), velocity=(0.0, 3.0, 0.0))))
+    assert "a flow of 3 m/s (the fastest particle" in flow_notes(moving)[0]
+    lid = BoxWalls(
+        lower=(0.0, 0.0, 0.0), upper=(0.5, 2.5, 0.0), viscosity=1.0, moving_faces=("+y",), velocity=(2.5, 0.0, 0.0)
+    )
+    assert "a flow of 2.5 m/s" in flow_notes(scene(lid, sound=20.0))[0]
+    body = SolidBox(lower=(2.0, 0.0, 0.0), upper=(2.3, 0.3, 0.3), velocity=(0.0, 0.0, -7.0))
+    solid = scene(ShapeMatching(), TwoWayCoupling(), sound=20.0, dim=3, fluid=(Box(cells=(3, 3, 3)),), solid=(body,))
+    assert "at least 70 m/s" in flow_notes(solid)[0]
+
+
+def test_nothing_is_noted_where_no_liquid_falls_or_no_sound_speed_acts():
+    driven = {"period": (0.5, 0.0, 0.0), "fluid": (Box(cells=(10, 10, 1)),)}
+    assert not flow_notes(scene(Gravity(acceleration=(9.81, 0.0, 0.0)), **driven))
+    assert flow_notes(scene(DOWN, **driven))
+    assert not flow_notes(scene(DOWN, TANK, ImplicitPressure()))
+    assert not flow_notes(scene(Gravity(acceleration=(0.0, 0.0, 0.0)), TANK))
+
+
+def test_a_grid_liquid_is_told_its_bulk_modulus():
+    def made(modulus):
+        effects = (
+            MpmLiquid(bulk_modulus=modulus), DOWN,
+            MpmWalls(lower=(0.0, -1.0, 0.0), upper=(0.5, 6.0, 0.0)),
+        )  # fmt: skip
+        return Scene(dim=2, spacing=0.05, support_radius=0.13, fluid=(COLUMN,), effects=effects)
+
+    wanted = 1000.0 * 100 * 2 * 9.81 * 3.0
+    (note,) = flow_notes(made(0.9 * wanted))
+    advised = float(note.split("bulk_modulus of at least ")[1].split()[0])
+    assert wanted <= advised <= 1.01 * wanted
+    assert not flow_notes(made(advised))
+
+
+# Tension
+
+COEFFICIENTS = {  # models by a coefficient of their own instead of a tension
+    "jiang_zhu": lambda k: JiangZhu2023(gamma=k),
+    "akinci": lambda k: Akinci2013(gamma=k),
+    "becker_teschner": lambda k: BeckerTeschner2007(kappa=k),
+    "tartakovsky_meakin": lambda k: TartakovskyMeakin2005(strength=k),
+    "dong": lambda k: Dong2016(stiffness=k),
+    "he": lambda k: He2014(kappa=k),
+}
+
+
+def drop(*effects, sound=1.0, dim=3):
+    liquid = WeaklyCompressible(rest_density=1.0, sound_speed=sound, dynamic_viscosity=1.0)
+    cells = (6, 6, 6 if dim == 3 else 1)
+    return Scene(dim=dim, spacing=1.0, support_radius=2.6, fluid=(Box(cells=cells),), effects=(liquid, *effects))
+
+
+def stiff_notes(made):
+    return [note for note in make_plan(made).notes if "sigma/(rho0 c^2 d)" in note]
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+@pytest.mark.parametrize("model", [name for name in SETTINGS if name not in BESIDE])
+def test_a_tension_too_large_for_its_sound_speed_is_noted(model, dim):
+    limit = {"csf": 0.015, "he": 0.004}.get(model, KEEPS_DENSITY)
+    effect = SETTINGS[model][1]
+    (note,) = stiff_notes(drop(effect(1.01 * limit), dim=dim))
+    assert f"= {1.01 * limit:.2g} is above {limit:g}" in note
+    advised = float(note.split("sound_speed of at least ")[1].split()[0])
+    assert 1.0 < advised < 1.02
+    assert not stiff_notes(drop(effect(1.01 * limit), sound=advised, dim=dim))
+    assert not stiff_notes(drop(effect(limit), dim=dim))
+    assert not stiff_notes(drop(effect(100 * limit), ImplicitPressure(), dim=dim))
+
+
+@pytest.mark.parametrize("model", COEFFICIENTS)
+def test_other_coefficients_count_by_their_nominal_tension(model):
+    made = COEFFICIENTS[model]
+    plan = make_plan(drop(made(1.0)))
+    (effect,) = (e for name, e in plan.effects.items() if name != "weakly_compressible")
+    share = (0.004 if model == "he" else KEEPS_DENSITY) / effect.nominal_tension(plan.grid, plan.effects)
+    assert not stiff_notes(drop(made(0.99 * share)))
+    assert len(stiff_notes(drop(made(1.01 * share)))) == 1
+
+
+def test_terms_that_hold_no_drop_together_say_so():
+    for effect in (NormalDifference2014(area_acceleration=1e-6), Akinci2013(gamma=0.0, area_acceleration=1e-6)):
+        assert any("alone holds no drop together" in note for note in make_plan(drop(effect)).notes)
+    assert not make_plan(drop(NormalDifference2014(area_acceleration=0.0))).notes[1:]  # the viscosity's
+
+
+def test_the_bound_of_the_tension_is_where_it_was_measured():
+    """A cube of 6^3 cells: below a tenth at the bound, and above or stopped at thirty times as much."""
+    start = drop_density.Drop("box", 6)
+    off = [drop_density.measure(start, s, drop_density.TENSIONS["akinci"](start))[0] for s in (KEEPS_DENSITY, 0.3)]
+    assert abs(off[0]) < 0.1 < off[1]
+
+
+# In the run
+
+CRUSHED = {"sound": 2.0, "fluid": (Box(cells=(5, 20, 1)),)}
+
+
+def run_until_stop(made, backend="numpy", steps=400):
+    simulation = Simulation(made, backend, threads=1 if backend == "cpu" else None)
+    for _ in range(steps):
+        simulation.step()
+    return simulation
+
+
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+@pytest.mark.parametrize("backend", ["numpy", "cpu"])
+def test_a_crushed_liquid_is_noted_and_stops_by_name(backend, dtype):
+    made = scene(DOWN, BoxWalls(lower=(0.0, 0.0, 0.0), upper=(0.25, 3.0, 0.0)), dtype=dtype, **CRUSHED)
+    simulation = Simulation(made, backend, threads=1 if backend == "cpu" else None)
+    densest = []
+
+    def advance():
+        for _ in range(400):
+            simulation.step()
+            densest.append(simulation.field("density").max())  # of the state before the step
+
+    with pytest.raises(RunStopped, match=r"denser than 1\.5 times the rest density") as stopped:
+        advance()
+    assert stopped.value.reason == "compressed"
+    assert max(densest) <= 1500
+    first = next(step for step, density in enumerate(densest, 1) if density > 1100)
+    assert simulation.field("density").max() > 1500  # of the present state, which was not moved
+    (note,) = [n for n in simulation.notes if "denser than 1.1 times" in n]
+    assert note.startswith(f"weakly_compressible: from step {first} on")
+
+
+def test_another_bound_of_the_density_lets_the_run_go_on_unchanged(tmp_path):
+    walls = BoxWalls(lower=(0.0, 0.0, 0.0), upper=(0.25, 3.0, 0.0))
+    made = scene(DOWN, walls, dtype="float64", **CRUSHED)
+    far = made.with_(weakly_compressible__density_bound=100.0)
+    assert run_until_stop(far, steps=60).field("density").max() > 1500
+    with pytest.raises(RunStopped) as stopped:
+        simulate(made, backend="numpy", output=tmp_path, progress=False)
+    report = stopped.value.report
+    assert report.reason == "compressed"
+    assert "greatest density" in (tmp_path / "postmortem.json").read_text()
+    free = Simulation(far, "numpy")
+    for _ in range(report.steps):
+        free.step()
+    there = Simulation.resume(tmp_path / "checkpoint.h5")
+    while there.steps < report.steps:
+        there.step()
+    assert np.array_equal(free.field("position"), there.field("position"))
+    for bound in (1.1, 0.0):
+        with pytest.raises(InputError, match="density_bound"):
+            make_plan(made.with_(weakly_compressible__density_bound=bound))
+
+
+def test_few_dense_particles_among_many_neither_note_nor_stop():
+    """A pair at 1.2 rho0: 2 of 2,502 particles are less, 2 of 1,602 are more than 0.1 %."""
+    for side, noted in ((50, False), (40, True)):
+        place = np.stack(np.meshgrid(*[np.arange(side) * 0.1] * 2, indexing="ij"), -1).reshape(-1, 2)
+        position = np.concatenate([place, [[100.0, 0.0], [100.001, 0.0]]])
+        at_zero = 7 / (math.pi * 0.26**2)  # Wendland C2 in the plane
+        mass = np.append(np.full(side**2, 2.5), [0.6 * 1000 / at_zero] * 2)
+        fluid = (Cloud(position=position, mass=mass),)
+        made = scene(sound=20.0, fluid=fluid, spacing=0.1, support_radius=0.26, dtype="float64")
+        simulation = Simulation(made, "cpu", threads=1)
+        simulation.step()
+        assert any("denser than 1.1" in note for note in simulation.notes) == noted, side
+
+
+def test_densities_count_against_the_own_rest_density():
+    """Steel in water is as dense as it should be."""
+    body = SolidBox(lower=(2.0, 0.0, 0.0), upper=(2.3, 0.3, 0.3), density=7800.0)
+    made = scene(ShapeMatching(), TwoWayCoupling(), sound=20.0, dim=3, fluid=(Box(cells=(3, 3, 3)),), solid=(body,))
+    simulation = run_until_stop(made, steps=3)
+    assert simulation.field("density").max() == 7800
+    assert not any("denser" in note for note in simulation.notes)
