@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 import numpy as np
 
 from refsim.core.capabilities import FollowsSettings, HasErrata, KeepsLedger, KnowsParticleMass
+from refsim.core.checked import Printed
 from refsim.core.effect import Discretisation, Effect, Pass, StepLimit, require
 from refsim.core.errors import InputError
 from refsim.core.fields import Field
@@ -104,10 +105,11 @@ class HeatConduction(Effect, KnowsParticleMass, FollowsSettings, KeepsLedger, Ha
     tolerance      share of its error that Chebyshev's iteration leaves
     residual       share of the first residual at which conjugate gradients stop
     iterations     of nonlinear Jacobi
-    literal        errata of Shao & Song to read as printed: "M5" (Laplacian of poly6, negative for near pairs), "M6"
-                   (Mueller's not halved, twice the diffusivity), "M8" (both sweeps of M(4) over the whole step), "M9"
-                   (temperature differences before the sweep), "M11" (conductivity is a diffusivity [m^2/s], no heat
-                   capacity); or "all"
+    literal        readings of Shao & Song: misprints "M5" (Laplacian of poly6, negative for near pairs), "M9"
+                   (temperature differences before the sweep); their own choices "M6" (Mueller's Laplacian not halved,
+                   twice the diffusivity), "M8" (both sweeps of M(4) over the whole step), "M11" (conductivity is a
+                   diffusivity [m^2/s], no heat capacity); "paper" for their own choices, with scheme "one_sided",
+                   laplacian "mueller", the arithmetic mean and nothing calibrated; "all" for every printed text
     """
 
     name: ClassVar[str] = "heat_conduction"
@@ -115,6 +117,10 @@ class HeatConduction(Effect, KnowsParticleMass, FollowsSettings, KeepsLedger, Ha
     ledger_units: ClassVar[Mapping[str, str]] = {"heat": "J"}
     source: ClassVar[str] = "Shao & Song"
     errata: ClassVar[tuple[str, ...]] = ("M5", "M6", "M8", "M9", "M11")
+    improvements: ClassVar[tuple[str, ...]] = ("M6", "M8", "M11")
+    paper: ClassVar[Mapping[str, Any]] = {
+        "scheme": "one_sided", "laplacian": "mueller", "mean": "arithmetic", "calibrated": False,
+    }  # fmt: skip
 
     temperature: PerPart = 20.0
     conductivity: PerPart = 0.6
@@ -134,7 +140,7 @@ class HeatConduction(Effect, KnowsParticleMass, FollowsSettings, KeepsLedger, Ha
     tolerance: float = 4e-3
     residual: float = 1e-3
     iterations: int = 16
-    literal: tuple[str, ...] = ()
+    literal: Printed = ()
 
     @property
     def host_in_step(self) -> bool:  # type: ignore[override]
