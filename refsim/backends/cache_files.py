@@ -19,6 +19,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from refsim.backends.private import names
 from refsim.core.errors import InputError
 
 DIGEST_BYTES = 32
@@ -66,6 +67,8 @@ def check_files(cache: Any) -> None:
 
 def is_stored(dispatcher: Any, signature: Any) -> bool:
     """Whether the cache holds whole code of a kernel for a signature and this processor."""
+    if names("cache") is None:
+        return False
     cache = dispatcher._cache
     name = cache._cache_file._load_index().get(cache._index_key(signature, dispatcher.targetctx.codegen()))
     return name is not None and _is_whole(cache._cache_file._data_path(name))

@@ -31,6 +31,7 @@ from numba import njit
 from refsim.backends.cache_files import check_files, in_turn, is_stored, refuse_foreign
 from refsim.backends.launching import direct_launch, kinds_of
 from refsim.backends.linking import linked
+from refsim.backends.private import names, supported
 from refsim.backends.rows import over_rows
 from refsim.backends.runtime import simulated, stream
 from refsim.backends.threads import choose_layer
@@ -46,15 +47,17 @@ ANY_ORDER = {"reassoc", "contract", "arcp", "nsz"}
 COMPILE_OPTIONS: dict[str, Any] = {"error_model": "numpy", "no_cfunc_wrapper": True}  # C never calls them
 
 
-def formula(function: Callable | None = None, *, inlined: bool = False) -> Any:
+def formula(function: Callable | None = None, *, inlined: bool = False, ordered: bool = False) -> Any:
     """Mark a scalar formula: plain Python when called from Python, compiled where a kernel calls it.
 
     `inlined` puts its code into every caller, however long it is. A call passes each array as seven words and each
-    group as all of its members, which costs more than a look-up in a table.
+    group as all of its members, which costs more than a look-up in a table. `ordered` keeps the order as written in
+    kernels that do not (see `cpu_kernel`).
     """
     if function is None:
-        return functools.partial(formula, inlined=inlined)
-    return overloaded(function, lambda *types: function, forceinline=inlined)
+        return functools.partial(formula, inlined=inlined, ordered=ordered)
+    order: dict[str, Any] = {"fastmath": ANY_ORDER - {"reassoc"}} if ordered else {}
+    return overloaded(function, lambda *types: function, forceinline=inlined, **order)
 
 
 def overloaded(
@@ -93,12 +96,12 @@ def sources_behind(path: pathlib.Path) -> list[pathlib.Path]:
         if file in found or not file.exists():
             continue
         found.add(file)
-        for module, names, plain in _IMPORT.findall(file.read_text()):
+        for module, listed, plain in _IMPORT.findall(file.read_text()):
             target = (module or plain).split(".")
             if target[0] != package.name:
                 continue
             stem = package.parent.joinpath(*target)
-            inside = [stem / f"{name}.py" for name in re.findall(r"\w+", names)]
+            inside = [stem / f"{name}.py" for name in re.findall(r"\w+", listed)]
             only_modules = bool(inside) and all(p.exists() for p in inside)
             waiting += inside if only_modules else [*inside, stem.with_suffix(".py"), stem / "__init__.py"]
     return sorted(found)
@@ -172,6 +175,9 @@ def _cached(dispatcher: Any, function: Callable, origin: tuple[str, str] | None 
     """The dispatcher with refsim's cache; `origin` are module and name under which other processes find the kernel."""
     if not hasattr(dispatcher, "enable_caching"):  # plain Python under NUMBA_DISABLE_JIT and in the simulator
         return dispatcher
+    dispatcher.__class__ = _recordable(dispatcher.__class__)
+    if names("cache") is None:
+        return dispatcher
     path = pathlib.Path(function.__code__.co_filename)
     folder = str(path.parent) if path.parent.parent == cache_root() else cache_folder(path)  # a wrapper, or a source
     if not os.access(folder, os.W_OK):
@@ -199,7 +205,6 @@ def _cached(dispatcher: Any, function: Callable, origin: tuple[str, str] | None 
         return store(signature)  # loads it, if another process has stored it
 
     dispatcher.store, dispatcher.compile = store, compile_or_load
-    dispatcher.__class__ = _recordable(dispatcher.__class__)
     return dispatcher
 
 
@@ -241,11 +246,13 @@ def _set_compiler(dispatcher: Any, packed: bool) -> None:
     code that does the same with numbers that stand side by side; Numba leaves it out by default.
     """
     from llvmlite import binding
-    from numba.core.compiler_lock import global_compiler_lock
 
+    private = names("order")
+    if private is None:
+        return
     compile_here = dispatcher.compile
 
-    @global_compiler_lock
+    @private.global_compiler_lock
     def compile_so(signature: Any) -> Any:
         global _compiling
         numba.get_num_threads()  # loads what `over_rows` calls
@@ -280,7 +287,7 @@ def cpu_kernel(function: Callable | None = None, *, ordered: bool = False, packe
 
 def _for_cpu(function: Callable, origin: tuple[str, str], ordered: bool, packed: bool) -> Any:
     flags = ANY_ORDER - {"reassoc"} if ordered else ANY_ORDER
-    dispatcher = njit(**COMPILE_OPTIONS, fastmath=set(flags), nogil=True)(function)
+    dispatcher = njit(**supported(COMPILE_OPTIONS), fastmath=set(flags), nogil=True)(function)
     if hasattr(dispatcher, "compile"):
         _set_compiler(dispatcher, packed)
     return _cached(dispatcher, function, origin)

@@ -1,8 +1,8 @@
 """Direct launches of compiled CUDA kernels, without Numba's search for the types of the arguments.
 
 That search takes about 0.1 ms a launch, more than most kernels of a surface reconstruction run. A direct launch needs
-private names of numba-cuda, which only `private_kernel` uses; if they are missing, kernels are launched through the
-public call `dispatcher[blocks, threads, stream](*arguments)`.
+private names of numba-cuda; if they are missing, kernels are launched through the public call
+`dispatcher[blocks, threads, stream](*arguments)`.
 """
 
 from __future__ import annotations
@@ -13,25 +13,26 @@ from typing import Any
 
 import numpy as np
 
+from refsim.backends.private import lose, lost, names
 from refsim.backends.runtime import branch, stream
 
 SCALARS = {
     bool: bool, int: ctypes.c_int64, float: ctypes.c_double, np.uint8: ctypes.c_uint8, np.int32: ctypes.c_int32,
     np.int64: ctypes.c_int64, np.float32: ctypes.c_float, np.float64: ctypes.c_double,
 }  # fmt: skip
-_notes: list[str] = []  # why launches are not direct; empty while they are
+_warned: list[str] = []
 
 
 def private_kernel(dispatcher: Any, arguments: tuple) -> tuple[Any, Any]:
     """The kernel that a dispatcher has compiled for these arguments, and what makes a stream one of `cuda.core`'s.
 
-    The only function that uses private names of numba-cuda (`_codelibrary`, `_to_core_stream`).
+    Raises AttributeError where numba-cuda lacks a private name.
     """
-    from numba.cuda.cudadrv import driver
-    from numba.cuda.typing.typeof import Purpose, typeof
-
-    types = tuple(typeof(argument, Purpose.argument) for argument in arguments)
-    return dispatcher.overloads[types]._codelibrary.get_cufunc().kernel, driver._to_core_stream
+    numba = names("launch")
+    if numba is None:
+        raise AttributeError
+    types = tuple(numba.typeof(argument, numba.Purpose.argument) for argument in arguments)
+    return dispatcher.overloads[types]._codelibrary.get_cufunc().kernel, numba._to_core_stream
 
 
 class Launch:
@@ -58,18 +59,11 @@ def direct_launch(dispatcher: Any, arguments: tuple) -> Launch | None:
     try:
         return Launch(dispatcher, arguments)
     except (AttributeError, ImportError, KeyError, TypeError) as error:
-        if not _notes:
-            _notes.append(
-                "CUDA kernels are launched through Numba's public call, about 0.1 ms slower each, because this version"
-                f" of numba-cuda lacks what a direct launch needs ({type(error).__name__}: {error})."
-            )
-            warnings.warn(_notes[0], stacklevel=3)
+        lose("launch", str(error) or type(error).__name__)
+        if not _warned:
+            _warned.append(lost()["launch"])
+            warnings.warn(_warned[0], stacklevel=3)
         return None
-
-
-def launch_note() -> str | None:
-    """Why kernels were not launched directly in this process; None if they were, or if none has been launched."""
-    return _notes[0] if _notes else None
 
 
 def kinds_of(values: tuple) -> tuple | None:

@@ -6,63 +6,68 @@ and the body of a loop are called by kernels alone, which the compiler optimises
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from typing import Any
 
-from numba.core.codegen import JITCodeLibrary
-from numba.core.compiler import CompilerBase, DefaultPassBuilder
-from numba.core.compiler_machinery import LoweringPass, register_pass
-from numba.core.typed_passes import AnnotateTypes, NativeLowering
 from numba.extending import overload
 
-
-class _Linked(JITCodeLibrary):
-    """Code to be linked into other code, with which it is optimised."""
-
-    def _optimize_final_module(self) -> None:
-        pass
-
-    def _finalize_final_module(self) -> None:
-        self._finalize_dynamic_globals()
-        self._finalized = True
+from refsim.backends.private import names, supported
 
 
-@register_pass(mutates_CFG=False, analysis_only=True)
-class _WithoutMachineCode(LoweringPass):
-    _name = "refsim_without_machine_code"
+@functools.cache
+def _compiler() -> dict[str, Any]:
+    """The option of `numba.jit` that leaves machine code out; none where it cannot be left out."""
+    numba: Any = names("linking")
+    if numba is None:
+        return {}
 
-    def __init__(self) -> None:  # abstract in Numba
-        super().__init__()
+    class Linked(numba.JITCodeLibrary):
+        """Code to be linked into other code, with which it is optimised."""
 
-    def run_pass(self, state: Any) -> bool:
-        """Let the next pass write its code into a library that is only linked."""
-        state.library = _Linked(state.targetctx.codegen(), state.func_id.func_qualname)
-        state.flags.no_compile = True
-        return False
+        def _optimize_final_module(self) -> None:
+            pass
 
+        def _finalize_final_module(self) -> None:
+            self._finalize_dynamic_globals()
+            self._finalized = True
 
-@register_pass(mutates_CFG=False, analysis_only=True)
-class _Named(LoweringPass):
-    _name = "refsim_named"
+    @numba.register_pass(mutates_CFG=False, analysis_only=True)
+    class WithoutMachineCode(numba.LoweringPass):
+        _name = "refsim_without_machine_code"
 
-    def __init__(self) -> None:
-        super().__init__()
+        def __init__(self) -> None:  # abstract in Numba
+            super().__init__()
 
-    def run_pass(self, state: Any) -> bool:
-        """Give the function what stands for it where it is called: an object, in place of its machine code."""
-        name = object().__reduce__  # of the type that Numba wants here
-        state.cr = state.cr._replace(cfunc=name)
-        state.targetctx.insert_user_function(name, state.cr.fndesc, [state.library])
-        return False
+        def run_pass(self, state: Any) -> bool:
+            """Let the next pass write its code into a library that is only linked."""
+            state.library = Linked(state.targetctx.codegen(), state.func_id.func_qualname)
+            state.flags.no_compile = True
+            return False
 
+    @numba.register_pass(mutates_CFG=False, analysis_only=True)
+    class Named(numba.LoweringPass):
+        _name = "refsim_named"
 
-class _Compiler(CompilerBase):
-    def define_pipelines(self) -> list[Any]:
-        passes = DefaultPassBuilder.define_nopython_pipeline(self.state)
-        passes.add_pass_after(_WithoutMachineCode, AnnotateTypes)
-        passes.add_pass_after(_Named, NativeLowering)
-        passes.finalize()
-        return [passes]
+        def __init__(self) -> None:
+            super().__init__()
+
+        def run_pass(self, state: Any) -> bool:
+            """Give the function what stands for it where it is called: an object, in place of its machine code."""
+            name = object().__reduce__  # of the type that Numba wants here
+            state.cr = state.cr._replace(cfunc=name)
+            state.targetctx.insert_user_function(name, state.cr.fndesc, [state.library])
+            return False
+
+    class Compiler(numba.CompilerBase):
+        def define_pipelines(self) -> list[Any]:
+            passes = numba.DefaultPassBuilder.define_nopython_pipeline(self.state)
+            passes.add_pass_after(WithoutMachineCode, numba.AnnotateTypes)
+            passes.add_pass_after(Named, numba.NativeLowering)
+            passes.finalize()
+            return [passes]
+
+    return {"pipeline_class": Compiler}
 
 
 def linked(function: Callable, chosen: Callable, targets: tuple[str, ...], **options: Any) -> None:
@@ -71,5 +76,7 @@ def linked(function: Callable, chosen: Callable, targets: tuple[str, ...], **opt
     `options` are those of `numba.jit`.
     """
     for target in targets:
-        more = {"pipeline_class": _Compiler} if target == "cpu" else {}
-        overload(function, target=target, jit_options=options | more, strict=False)(chosen)
+        more = supported(options) | (_compiler() if target == "cpu" else {})
+        if target == "cuda":  # has no orders to choose from
+            more.pop("fastmath", None)
+        overload(function, target=target, jit_options=more, strict=False)(chosen)

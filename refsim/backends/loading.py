@@ -5,6 +5,8 @@ from __future__ import annotations
 import functools
 from typing import Any
 
+from refsim.backends.private import names
+
 
 @functools.cache
 def load_without_rules() -> None:
@@ -13,18 +15,17 @@ def load_without_rules() -> None:
     Numba imports the rules, and SciPy for them, before it loads the first kernel: 0.3 s. What it loads needs its memory
     system alone, and the compiler imports the rules itself.
     """
-    from numba.core.caching import Cache
-    from numba.core.cpu import CPUContext
-    from numba.core.runtime import rtsys
-
-    with_rules = Cache.load_overload
+    numba = names("start")
+    if numba is None:
+        return
+    with_rules = numba.Cache.load_overload
 
     def load(cache: Any, signature: Any, context: Any) -> Any:
-        if not isinstance(context, CPUContext):
+        if not isinstance(context, numba.CPUContext):
             return with_rules(cache, signature, context)
-        rtsys.initialize(context)
+        numba.rtsys.initialize(context)
         with cache._guard_against_spurious_io_errors():
             return cache._load_overload(signature, context)
         return None
 
-    Cache.load_overload = load
+    numba.Cache.load_overload = load

@@ -11,8 +11,12 @@ from typing import Any
 
 from llvmlite import ir
 from numba import types
-from numba.core import cgutils
-from numba.extending import lower_builtin, type_callable
+from numba.extending import lower_builtin, overload, type_callable
+
+from refsim.backends.private import names
+
+_private = names("rows")
+cgutils: Any = _private and _private.cgutils
 
 
 def over_rows(body: Any, rows: int, arguments: tuple) -> None:
@@ -24,7 +28,14 @@ def over_rows(body: Any, rows: int, arguments: tuple) -> None:
         body(i, *arguments)
 
 
-@type_callable(over_rows)
+def _looped(body: Any, rows: int, arguments: tuple) -> Any:
+    def loop(body: Any, rows: int, arguments: tuple) -> None:
+        for i in range(rows):
+            body(i, *arguments)
+
+    return loop
+
+
 def _typed(context: Any) -> Any:
     def result(body: types.Type, rows: types.Type, arguments: types.Type) -> types.Type:
         context.resolve_function_type(body, (types.intp, *arguments.types), {})  # raises the body's own typing errors
@@ -33,7 +44,6 @@ def _typed(context: Any) -> Any:
     return result
 
 
-@lower_builtin(over_rows, types.Any, types.Any, types.BaseTuple)
 def _lowered(context: Any, builder: ir.IRBuilder, signature: Any, values: tuple) -> Any:
     body, count_type, tuple_type = signature.args
     rows = context.cast(builder, values[1], count_type, types.intp)
@@ -114,3 +124,10 @@ def _borrowed(context: Any, builder: ir.IRBuilder, kind: types.Type, value: Any)
         members = zip(kind.types, cgutils.unpack_tuple(builder, value))
         return context.make_tuple(builder, kind, [_borrowed(context, builder, *member) for member in members])
     return value
+
+
+if cgutils is None:
+    overload(over_rows, jit_options={"error_model": "numpy"}, strict=False)(_looped)
+else:
+    type_callable(over_rows)(_typed)
+    lower_builtin(over_rows, types.Any, types.Any, types.BaseTuple)(_lowered)

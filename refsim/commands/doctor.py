@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from refsim.backends.arrays import host_memory, simulated, unavailable
-from refsim.backends.launching import launch_note
+from refsim.backends.private import lost
 from refsim.commands import Command, CommandResult, in_bytes, in_time, register, table
 from refsim.core.errors import RefsimError
 from refsim.core.operation import BACKENDS, REGISTRY
@@ -43,7 +43,8 @@ def execute(options: argparse.Namespace) -> CommandResult:
         "self_test": {name: _self_test(name) for name, reason in backends.items() if reason is None},
     }
     found["threads"] = _threads()
-    found["launch_note"] = launch_note()  # known after the self-test has launched a kernel
+    found["private_names"] = lost()  # known after the self-test has launched kernels
+    found["launch_note"] = found["private_names"].get("launch")
     tests = found["self_test"]
     stopped = [name for name, test in tests.items() if "why" in test]
     wrong = [name for name, test in tests.items() if test["verdict"] != "pass" and name not in stopped]
@@ -190,8 +191,7 @@ def _text(found: dict[str, Any]) -> str:
                     f" {test['largest_relative_error']:.2g}, allowed {test['bound']:.2g}, {in_time(test['seconds'])}",
                 )
             )
-    if found["launch_note"]:
-        told.append(("note", "", found["launch_note"]))
+    told += [("note", "", sentence) for sentence in found["private_names"].values()]
     return "\n".join([*lines, table(told), "", f"Verdict: {found['verdict']}."])
 
 

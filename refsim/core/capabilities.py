@@ -194,6 +194,36 @@ class KeepsLedger:
         raise NotImplementedError  # an effect with this capability defines it
 
 
+class Balance(NamedTuple):
+    """A total that is kept, in J (J/m in 2D).
+
+    size          sum of the moduli of its parts, to which rounding is proportional
+    exchangeable  what can change places: half of the sum of |part - its share of the total|
+    """
+
+    total: float
+    size: float
+    exchangeable: float
+
+
+class KeepsBalance:
+    """Keeps a total while nothing enters or leaves; the run looks whether it does."""
+
+    __slots__ = ()
+
+    balanced: ClassVar[str] = ""  # the total, in a word
+    remedy: ClassVar[str] = ""  # what a user does about a drift
+    largest_drift: float  # share of what can be exchanged above which the run stops
+
+    def is_closed(self, grid: Discretisation, others: Mapping[str, Effect]) -> bool:
+        """Whether nothing enters or leaves in this scene."""
+        raise NotImplementedError  # an effect with this capability defines it
+
+    def balance(self, field: Callable[[str], np.ndarray]) -> Balance:
+        """The total of the present state; `field` gives a field's values by name."""
+        raise NotImplementedError
+
+
 class Watches:
     """Checks small fields on the host after each step; it may stop the run or add a note to it."""
 

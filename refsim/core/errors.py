@@ -7,6 +7,7 @@ from typing import Any
 REASONS = {  # why a run stops: the only names that RunStopped takes
     "non_finite": "a position, a velocity, an acceleration or a saved value is NaN or infinite",
     "diverged": "a particle is faster than the effects' equations allow (ten times the sound speed)",
+    "heat_lost": "heat has changed by more than 1 % of what can be exchanged, and nothing enters or leaves",
     "temperature_out_of_range": "a temperature has left the range that conduction from the start's can reach",
     "step_too_small": "the stable step has shrunk to a millionth of the first one",
     "collapsed": "particles have clumped until one has thousands of neighbours",

@@ -181,6 +181,7 @@ def restore(run: Run, saved: SavedRun) -> None:
     lists.velocities_set = clock.velocities_set
     if run.auditor is not None and saved.audit is not None:
         run.auditor.restore(saved.audit)
+    run.balances.renew()
     for effect, note in saved.remarks.items():
         run.remark(effect, note)
     if lists.search is not None and clock.list_built:

@@ -48,6 +48,7 @@ class Run(Protocol):
     order: Any  # ParticleOrder
     stepper: Any  # HostStepper or DeviceStepper
     auditor: Any  # Auditor, or None
+    balances: Any  # Balances
     _shared: dict[str, Any]
     _parameters: dict[str, dict[str, Any]]
 

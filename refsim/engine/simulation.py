@@ -24,6 +24,7 @@ from refsim.core.effect import Effect, Extremes, Pass
 from refsim.core.errors import InputError, RunStopped
 from refsim.core.tables import html_table, table
 from refsim.engine.audit import Auditor
+from refsim.engine.balance import Balances
 from refsim.engine.binding import bound, fused, on_backend
 from refsim.engine.checkpoints import SavedRun, load_checkpoint, restore, snapshot
 from refsim.engine.neighbour_lists import NeighbourLists
@@ -101,6 +102,7 @@ class Simulation:
         self.order = ParticleOrder(self)
         self.lists = NeighbourLists(self)
         self.auditor = Auditor(self) if self.plan.scene.energy_audit is not None else None
+        self.balances = Balances(self)
         if self.backend.name == "cpu":
             self._compile_ahead(compiling or (lambda kernels, processes: lambda: None))
         self._bind()
@@ -194,6 +196,7 @@ class Simulation:
                 self._set(own, following)
         if self.auditor is not None:
             self.auditor.renew()
+        self.balances.renew()
         if name == "position":
             self.lists.policy.invalidate()
 
@@ -224,6 +227,7 @@ class Simulation:
         self.last = StepResult(self.steps, self.time, done.length, done.limiter, done.limits)
         if self.auditor is not None:
             self.auditor.after_step()
+        self.balances.after_step()
         return self.last
 
     def _watch(self, length: float) -> None:
@@ -302,6 +306,7 @@ class Simulation:
         self.checked_extremes()
         if self.auditor is not None:
             self.auditor.look(note=False)
+        self.balances.look()
         saved = self.snapshot()
         write_checkpoint(path, saved.arrays, saved.attributes, keep)
 

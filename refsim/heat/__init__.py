@@ -20,7 +20,14 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
 
-from refsim.core.capabilities import FollowsSettings, HasErrata, KeepsLedger, KnowsParticleMass
+from refsim.core.capabilities import (
+    Balance,
+    FollowsSettings,
+    HasErrata,
+    KeepsBalance,
+    KeepsLedger,
+    KnowsParticleMass,
+)
 from refsim.core.checked import Printed
 from refsim.core.effect import Discretisation, Effect, Pass, StepLimit, require
 from refsim.core.errors import InputError
@@ -80,7 +87,9 @@ SCHEMES = {
 }
 
 
-class HeatConduction(Effect, KnowsParticleMass, FollowsSettings, KeepsLedger, HasErrata, frozen=True, kw_only=True):
+class HeatConduction(
+    Effect, KnowsParticleMass, FollowsSettings, KeepsLedger, KeepsBalance, HasErrata, frozen=True, kw_only=True
+):
     """Conducts heat between all particles within the support radius, liquid or solid.
 
     "Each part": one number for all, one for each solid and then each part of the fluid, or one for each particle.
@@ -105,21 +114,26 @@ class HeatConduction(Effect, KnowsParticleMass, FollowsSettings, KeepsLedger, Ha
     tolerance      share of its error that Chebyshev's iteration leaves
     residual       share of the first residual at which conjugate gradients stop
     iterations     of nonlinear Jacobi
+    largest_drift  share of the heat that can be exchanged by which the total may change before the run stops as
+                   `heat_lost`, if nothing enters or leaves; 0 for any ("one_sided" loses heat by design)
     literal        readings of Shao & Song: misprints "M5" (Laplacian of poly6, negative for near pairs), "M9"
                    (temperature differences before the sweep); their own choices "M6" (Mueller's Laplacian not halved,
                    twice the diffusivity), "M8" (both sweeps of M(4) over the whole step), "M11" (conductivity is a
                    diffusivity [m^2/s], no heat capacity); "paper" for their own choices, with scheme "one_sided",
-                   laplacian "mueller", the arithmetic mean and nothing calibrated; "all" for every printed text
+                   laplacian "mueller", the arithmetic mean, nothing calibrated and any drift of the heat; "all" for
+                   every printed text
     """
 
     name: ClassVar[str] = "heat_conduction"
     periodic: ClassVar[bool] = True
     ledger_units: ClassVar[Mapping[str, str]] = {"heat": "J"}
+    balanced: ClassVar[str] = "heat"
+    remedy: ClassVar[str] = "take another scheme, a shorter step or float64, or raise largest_drift"
     source: ClassVar[str] = "Shao & Song"
     errata: ClassVar[tuple[str, ...]] = ("M5", "M6", "M8", "M9", "M11")
     improvements: ClassVar[tuple[str, ...]] = ("M6", "M8", "M11")
     paper: ClassVar[Mapping[str, Any]] = {
-        "scheme": "one_sided", "laplacian": "mueller", "mean": "arithmetic", "calibrated": False,
+        "scheme": "one_sided", "laplacian": "mueller", "mean": "arithmetic", "calibrated": False, "largest_drift": 0.0,
     }  # fmt: skip
 
     temperature: PerPart = 20.0
@@ -140,6 +154,7 @@ class HeatConduction(Effect, KnowsParticleMass, FollowsSettings, KeepsLedger, Ha
     tolerance: float = 4e-3
     residual: float = 1e-3
     iterations: int = 16
+    largest_drift: float = 0.01
     literal: Printed = ()
 
     @property
@@ -194,6 +209,7 @@ class HeatConduction(Effect, KnowsParticleMass, FollowsSettings, KeepsLedger, Ha
             tolerance=(self.tolerance, "positive"),
             residual=(self.residual, "positive"),
             iterations=(self.iterations, "positive"),
+            largest_drift=(self.largest_drift, "not negative"),
         )
         if self.tolerance >= 1 or self.residual >= 1:
             raise InputError(f"{self.name}: tolerance and residual are shares of an error; give numbers below 1.")
@@ -430,13 +446,37 @@ class HeatConduction(Effect, KnowsParticleMass, FollowsSettings, KeepsLedger, Ha
 
     def ledger(self, field: Callable[[str], np.ndarray]) -> dict[str, float]:
         """Heat [J], from 0 deg C or, with latent heat, from solid at the melting point; reservoirs left out."""
+        capacity, level = self._stored(field)
+        return {"heat": math.fsum(capacity * level)}
+
+    def _stored(self, field: Callable[[str], np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+        """What each particle stores, as capacity times level: m c [J/K] and T, or m [kg] and the enthalpy [J/kg]."""
         names = ("mass", "enthalpy") if self.melts else ("mass", "heat_capacity", "temperature")
         if "M11" in self.printed() and self.conducts:
             names = ("volume", "temperature")
-        one = functools.reduce(np.multiply, (np.asarray(field(name), dtype=float) for name in names))
+        *factors, level = (np.asarray(field(name), dtype=float) for name in names)
+        capacity = functools.reduce(np.multiply, factors)
         if self.held:
-            one = one[field("reservoir") == 0]
-        return {"heat": math.fsum(one)}
+            own = field("reservoir") == 0
+            capacity, level = capacity[own], level[own]
+        return capacity, level
+
+    def is_closed(self, grid: Discretisation, others: Mapping[str, Effect]) -> bool:
+        """No reservoir, and no other effect changes temperatures or what particles store."""
+        if not self.conducts or self.held:
+            return False
+        stored = {"temperature", "enthalpy", "heat_capacity", "mass", *(("volume",) * ("M11" in self.printed()))}
+        passes = [p for effect in others.values() if effect.name != self.name for p in effect.passes(others)]
+        own = [p for p in self.passes(others) if p.stage != "motion"]
+        return not any(stored & {*p.writes, *p.updates} for p in (*passes, *own))
+
+    def balance(self, field: Callable[[str], np.ndarray]) -> Balance:
+        """Heat [J]; that which can be exchanged is half of sum C |T - mean T|, or of sum m |H - mean H|."""
+        capacity, level = self._stored(field)
+        heat = capacity * level
+        mean = float(heat.sum() / capacity.sum())
+        spread = 0.5 * float((capacity * np.abs(level - mean)).sum())
+        return Balance(float(heat.sum()), float(np.abs(heat).sum()), spread)
 
 
 def enthalpy_of(

@@ -81,30 +81,40 @@ def flow(i, lane, exchanges, temperature, flow):
         flow[i] = total
 
 
+@formula(ordered=True)
+def staged(y, start, change, flow, flow_start, rate, coefficients):
+    """y' - y of a stage. In another order its differences become those of products, and the mean drifts."""
+    before, back, share, share_start = coefficients
+    return back * (start - y) - before * change + rate * (share * flow + share_start * flow_start)
+
+
 @kernel(lanes="exchanges")
 def advance(
-    i, lane, exchanges, start, now, before, temperature, flow_start, inverse, heat_capacity, melting_point, latent_heat,
-    table, number, k, new_temperature, new,
+    i, lane, exchanges, start, now, temperature, flow_start, inverse, heat_capacity, melting_point, latent_heat, table,
+    number, k, change, new_temperature, new,
 ):  # fmt: skip
     """Stage k of a scheme, if it has so many: the new temperature [degrees C], or the new gain of enthalpy [J/kg].
 
     y' = y + before (y_before - y) + start (y_start - y) + (flow Q(y) + flow_start Q(y_start)) dt/C, the coefficients
-    in row k of `table`. With a melting point y are enthalpies. They are large beside what a stage adds: `now` and
-    `before` are gains since the start, which lose less to rounding. The first stage stores its flow in `flow_start`.
+    in row k of `table`. The `change` y - y_before is stored in place of y_before: from the difference of two values
+    the rounding of each is fed back, and the mean, which no flow pulls back, drifts with the square of the number of
+    stages. With a melting point y are enthalpies, `now` their gain since the start. The first stage stores its flow in
+    `flow_start`.
     """
     if k < number[0]:
         total = over_lanes(flow_to(i, lane, temperature[i], temperature, exchanges), lane)
         if first_lane(lane):
             if k == 0:
                 flow_start[i] = total
-            rate = inverse[i]
-            y = now[i]
+                change[i] = 0
+            y, rate, origin = now[i], inverse[i], start[i]
             if heat_capacity is not None:
                 rate *= heat_capacity[i]
-                change = table[k, 0] * (before[i] - y) - table[k, 1] * y
-            else:
-                change = table[k, 0] * (before[i] - y) + table[k, 1] * (start[i] - y)
-            value = y + change + rate * (table[k, 2] * total + table[k, 3] * flow_start[i])
+                origin = type(y)(0)
+            coefficients = table[k, 0], table[k, 1], table[k, 2], table[k, 3]
+            own = staged(y, origin, change[i], total, flow_start[i], rate, coefficients)
+            change[i] = own
+            value = y + own
             new[i] = value
             if melting_point is not None:
                 enthalpy = start[i] + value
@@ -112,14 +122,11 @@ def advance(
 
 
 @kernel
-def collect(i, first, second, third, number, start, target):
+def collect(i, first, second, number, start, target):
     """target = the buffer that the last of `number` stages has written, added to `start` where there is one."""
-    last = (number[0] - 1) % 3
-    value = third[i]
-    if last == 0:
+    value = second[i]
+    if number[0] % 2 == 1:
         value = first[i]
-    elif last == 1:
-        value = second[i]
     if start is not None:
         value += start[i]
     target[i] = value

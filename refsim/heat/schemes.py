@@ -76,20 +76,20 @@ def run_stages(plan, exchanges, inverse, heat_capacity, melting_point, latent_he
     heat_capacity = heat_capacity if melts else None
     n, real = state.shape[0], state.dtype
     flow_start = scratch.array("heat flow", n, real)
-    values = [scratch.array(f"heat buffer {k}", n, real) for k in range(3)]
-    warm = [scratch.array(f"heat warm {k}", n, real) for k in range(3)] if melts else [None] * 3
-    now = before = state
+    values = [scratch.array(f"heat buffer {k}", n, real) for k in range(2)]
+    warm = [scratch.array(f"heat warm {k}", n, real) for k in range(2)] if melts else [None] * 2
+    change, now = scratch.array("heat change", n, real), state
     if melts:  # values are gains of enthalpy
-        now = before = scratch.array("heat nothing", n, real)
+        now = scratch.array("heat nothing", n, real)
         scratch.backend.assign(now, 0)
     source = temperature
     for k in range(table.shape[0]):
-        new, target = values[k % 3], warm[k % 3]
+        new, target = values[k % 2], warm[k % 2]
         advance(
-            exchanges, state, now, before, source, flow_start, inverse, heat_capacity, melting_point, latent_heat,
-            table, number, np.int32(k), target, new,
+            exchanges, state, now, source, flow_start, inverse, heat_capacity, melting_point, latent_heat, table,
+            number, np.int32(k), change, target, new,
         )  # fmt: skip
-        before, now = now, new
+        now = new
         source = target if melts else new
     collect(*values, number, state if melts else None, state)
     if melts:

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from refsim.backends import compile as compiler
-from refsim.backends import launching
+from refsim.backends import launching, private
 from refsim.backends.runtime import simulated
 from refsim.commands import doctor
 
@@ -64,7 +64,9 @@ def kernel(monkeypatch):
     monkeypatch.setattr(driver, "_to_core_stream", lambda stream: f"core {stream}", raising=False)
     monkeypatch.setattr(launching, "stream", lambda: "stream")
     monkeypatch.setattr(compiler, "stream", lambda: "stream")
-    monkeypatch.setattr(launching, "_notes", [])
+    monkeypatch.setattr(launching, "_warned", [])
+    monkeypatch.setattr(private, "_lost", {})
+    private.names.cache_clear()
     made = compiler.cuda_kernel(scale)
     made.dispatcher, made.launches, made.calls = FakeDispatcher(calls), {}, calls
     return made
@@ -82,7 +84,7 @@ def test_a_compiled_kernel_is_launched_directly(kernel):
     assert first == ("public", (1, kernel.threads, "stream"), (np.float32(2.5), array))
     assert second[:3] == ("compiled", "core stream", ((1, 1, 1), (kernel.threads, 1, 1)))
     assert numbers(second[3]) == [2.5, 0, 0, 4, 4, 4096, 4, 4]
-    assert launching.launch_note() is None
+    assert not private.lost()
 
 
 def remove_stream(monkeypatch, kernel):
@@ -115,11 +117,12 @@ def test_without_the_private_names_the_public_launch_is_taken_and_said_once(kern
         assert launching.direct_launch(kernel.dispatcher, (np.float32(1), array)) is None  # another kernel
     where = (1, kernel.threads, "stream")
     assert kernel.calls == [("public", where, (np.float32(x), array)) for x in (2.5, 3.5)]
-    assert "lacks what a direct launch needs" in launching.launch_note()
+    assert private.lost()["launch"].startswith("This version of Numba lacks ")
+    private.names.cache_clear()
 
 
 def test_doctor_says_why_launches_are_slower(monkeypatch):
-    monkeypatch.setattr(doctor, "launch_note", lambda: "Kernels are launched slowly.")
+    monkeypatch.setattr(doctor, "lost", lambda: {"launch": "Kernels are launched slowly."})
     found = doctor.execute(None)
     assert found.data["launch_note"] == "Kernels are launched slowly."
     assert "Kernels are launched slowly." in found.text

@@ -76,7 +76,8 @@ def test_what_each_system_takes():
     assert own["surface_energy"] == ({"M31", "M32"}, {"embedding": "thesis"})
     assert own["heat_conduction"][0] == {"M6", "M8", "M11"}
     assert own["heat_conduction"][1] == {
-        "scheme": "one_sided", "laplacian": "mueller", "mean": "arithmetic", "calibrated": False
+        "scheme": "one_sided", "laplacian": "mueller", "mean": "arithmetic", "calibrated": False,
+        "largest_drift": 0.0,
     }  # fmt: skip
     assert own["shape_matching"] == (set(), {"damping": 0.0})
     assert own["mesh_boundary"] == ({"E27", "E30"}, {"correction": "point"})

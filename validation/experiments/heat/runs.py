@@ -296,7 +296,7 @@ def melting_scene(scheme: str, dtype: str, **options: Any) -> Scene:
     latent = {} if scheme in ("pair_exchange", "one_sided") else {"melting_point": 0.0, "latent_heat": 3.34e5}
     effect = HeatConduction(
         temperature=(60.0, -10.0), conductivity=(0.6, 2.2), heat_capacity=(4186.0, 2100.0), scheme=scheme,
-        largest_number=100.0, **latent, **options,
+        largest_number=100.0, largest_drift=0.0, **latent, **options,
     )  # fmt: skip
     step = 2.0 * spacing**2 * 1000.0 * 2100.0 / 2.2
     return Scene(

@@ -31,7 +31,8 @@ KEPT = 1e-12
 def halves(number: float, scheme: str, cells: tuple[int, int, int] = (8, 4, 4), **options: Any) -> Scene:
     """A warm half beside a cold one, in steps of k dt/(rho c d^2) = `number`."""
     given = {
-        "temperature": (WARM, COLD), "conductivity": 1.0, "heat_capacity": CAPACITY, "largest_number": 1e9, **options,
+        "temperature": (WARM, COLD), "conductivity": 1.0, "heat_capacity": CAPACITY, "largest_number": 1e9,
+        "largest_drift": 0.0, **options,  # each scheme's own promise is checked
     }  # fmt: skip
     fluid = (Box(cells=cells), Box(lower=(cells[0] * SPACING, 0.0, 0.0), cells=cells))
     return Scene(

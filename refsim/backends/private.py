@@ -1,0 +1,114 @@
+"""Private names of Numba and numba-cuda. They stand in this module alone; each is looked up once.
+
+A feature that needs such names asks for them by `names`. Where one of them is gone it does without: kernels then are
+compiled, kept and launched in the public way. `lost` says what that costs, and `refsim doctor` prints it.
+"""
+
+from __future__ import annotations
+
+import functools
+import importlib
+from dataclasses import dataclass
+from types import SimpleNamespace
+from typing import Any
+
+
+@dataclass(frozen=True)
+class Feature:
+    """What private names serve for.
+
+    names  "module:name", under whose last part `names` gives them; "module:name.member" is only looked up
+    costs  what is lost without one of them, in a clause
+    """
+
+    names: tuple[str, ...]
+    costs: str
+
+
+FEATURES = {
+    "start": Feature(
+        (
+            "numba.core.caching:Cache", "numba.core.caching:Cache.load_overload",
+            "numba.core.caching:Cache._load_overload", "numba.core.caching:Cache._guard_against_spurious_io_errors",
+            "numba.core.cpu:CPUContext", "numba.core.runtime:rtsys", "numba.core.runtime:rtsys.initialize",
+        ),
+        "a run whose kernels are compiled starts about 0.3 s later",
+    ),
+    "linking": Feature(
+        (
+            "numba.core.codegen:JITCodeLibrary", "numba.core.codegen:JITCodeLibrary._optimize_final_module",
+            "numba.core.codegen:JITCodeLibrary._finalize_final_module",
+            "numba.core.codegen:JITCodeLibrary._finalize_dynamic_globals", "numba.core.compiler:CompilerBase",
+            "numba.core.compiler:DefaultPassBuilder", "numba.core.compiler:DefaultPassBuilder.define_nopython_pipeline",
+            "numba.core.compiler_machinery:LoweringPass", "numba.core.compiler_machinery:register_pass",
+            "numba.core.typed_passes:AnnotateTypes", "numba.core.typed_passes:NativeLowering",
+        ),
+        "compiling takes about a quarter longer",
+    ),
+    "rows": Feature(
+        (
+            "numba.core:cgutils", "numba.core.cgutils:voidptr_t", "numba.core.cgutils:intp_t",
+            "numba.core.cgutils:get_or_insert_function", "numba.core.cgutils:pack_struct",
+            "numba.core.cgutils:alloca_once_value", "numba.core.cgutils:for_range",
+            "numba.core.cgutils:unpack_tuple", "numba.core.cgutils:get_null_value",
+        ),
+        "loops over particles run on one thread",
+    ),
+    "cache": Feature(
+        (
+            "numba.core.caching:Cache._index_key", "numba.core.caching:IndexDataCacheFile._load_index",
+            "numba.core.caching:IndexDataCacheFile._save_index", "numba.core.caching:IndexDataCacheFile._load_data",
+            "numba.core.caching:IndexDataCacheFile._save_data", "numba.core.caching:IndexDataCacheFile._data_name",
+            "numba.core.caching:IndexDataCacheFile._data_path",
+            "numba.core.caching:IndexDataCacheFile._open_for_write",
+        ),
+        "compiled kernels are not kept, and every process compiles them anew",
+    ),
+    "order": Feature(
+        ("numba.core.compiler_lock:global_compiler_lock",),
+        "sums over neighbours may differ in their last bits from those of another kernel",
+    ),
+    "launch": Feature(
+        ("numba.cuda.cudadrv.driver:_to_core_stream", "numba.cuda.typing.typeof:Purpose",
+         "numba.cuda.typing.typeof:typeof"),
+        "CUDA kernels are launched through Numba's public call, about 0.1 ms slower each",
+    ),
+}  # fmt: skip
+_lost: dict[str, str] = {}
+
+
+@functools.cache
+def names(feature: str) -> SimpleNamespace | None:
+    """The names of a feature; None, noted in `lost`, where Numba lacks one of them."""
+    found = SimpleNamespace()
+    for name in FEATURES[feature].names:
+        module, _, path = name.partition(":")
+        try:
+            value: Any = importlib.import_module(module)
+            for part in path.split("."):
+                value = getattr(value, part)
+        except (ImportError, AttributeError):
+            lose(feature, name)
+            return None
+        if "." not in path:
+            setattr(found, path, value)
+    return found
+
+
+def lose(feature: str, name: str) -> None:
+    """Note that a feature is done without, because of a name that is gone."""
+    _lost.setdefault(feature, f"This version of Numba lacks {name}: {FEATURES[feature].costs}.")
+
+
+def lost() -> dict[str, str]:
+    """What this process does without, a sentence for each feature."""
+    return dict(_lost)
+
+
+def supported(options: dict[str, Any]) -> dict[str, Any]:
+    """Those of some compile options that are private and that this Numba knows, and all others."""
+    flags = {"no_cfunc_wrapper": "no_cfunc_wrapper", "_nrt": "nrt", "forceinline": "forceinline"}
+    from numba.core import compiler
+
+    known = getattr(compiler, "Flags", None)
+    return {name: value for name, value in options.items() if name not in flags or hasattr(known, flags[name])}

@@ -1,0 +1,61 @@
+"""Totals that a run keeps, such as its heat: a drift beyond rounding is a note, a large one stops the run."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from refsim.core.capabilities import KeepsBalance, having
+from refsim.core.errors import RunStopped
+from refsim.engine.run import Run
+
+EVERY = 256  # steps between two looks, and at 1, 2, 4, ... steps
+ROUNDINGS = 8.0  # roundings of a step that add up as a random walk; a smaller drift is rounding
+
+
+class Balances:
+    """Compares the totals of the effects that keep one with those at the start of the run.
+
+    The start is the present state after resuming, and after a field was set.
+    """
+
+    def __init__(self, simulation: Run) -> None:
+        self.simulation = simulation
+        effects = simulation.plan.effects
+        self.keeping: list[Any] = [
+            e for e in having(effects, KeepsBalance) if e.is_closed(simulation.plan.grid, effects)
+        ]
+        self.renew()
+
+    def renew(self) -> None:
+        """Count from the present state on."""
+        self.begun = self.simulation.steps
+        self.start = [effect.balance(self.simulation._host) for effect in self.keeping]
+
+    def after_step(self) -> None:
+        """Look from time to time. Raises RunStopped where a total has drifted by more than the effect allows."""
+        taken = self.simulation.steps - self.begun
+        if self.keeping and (taken % EVERY == 0 or taken & (taken - 1) == 0):
+            self.look()
+
+    def look(self) -> None:
+        """Compare the totals now. Raises RunStopped as `after_step`."""
+        s = self.simulation
+        for effect, start in zip(self.keeping, self.start):
+            now = effect.balance(s._host)
+            drift = now.total - start.total
+            eps = float(np.finfo(s.plan.grid.dtype).eps)
+            rounding = ROUNDINGS * eps * math.sqrt(max(s.steps - self.begun, 1)) * max(start.size, now.size)
+            if not abs(drift) > rounding:
+                continue
+            share = abs(drift) / start.exchangeable if start.exchangeable > 0 else math.inf
+            words = (
+                f"{effect.name}: in step {s.steps} at {s.time:.6g} s the {effect.balanced} has changed by"
+                f" {drift:.3g} J, {100 * share:.2g} % of what can be exchanged, although nothing enters or leaves"
+            )
+            if 0 < effect.largest_drift < share:
+                raise RunStopped(f"{effect.balanced}_lost", f"{words}: {effect.remedy}.")
+            if f"{effect.name} balance" not in s.remarks:
+                s.remark(f"{effect.name} balance", f"{words}; rounding explains {rounding:.2g} J: {effect.remedy}.")

@@ -1,0 +1,98 @@
+"""A release of Numba that has renamed a private name: kernels are compiled, kept and launched in the public way."""
+
+import json
+import os
+import subprocess
+import sys
+
+import pytest
+
+from refsim.backends import private
+from refsim.backends.private import FEATURES
+
+# A renaming that Numba follows itself, then the self-test of `refsim doctor` and the bits of a small run.
+PROGRAM = """
+import dataclasses, hashlib, importlib, json, sys
+from refsim.backends import loading, private
+feature, renamed = sys.argv[1:]
+if renamed:
+    from numba.core.caching import Cache
+    Cache._fetch = Cache._load_overload
+    del Cache._load_overload
+    def load_overload(self, signature, context):
+        context.refresh()
+        with self._guard_against_spurious_io_errors():
+            return self._fetch(signature, context)
+    Cache.load_overload = load_overload
+elif feature:
+    each = private.FEATURES[feature]
+    private.FEATURES[feature] = dataclasses.replace(each, names=(*each.names[:-1], each.names[-1] + "_gone"))
+loading.load_without_rules()
+from refsim import Box, Scene, Simulation, WeaklyCompressible
+from refsim.commands import doctor
+found = doctor.execute(None).data
+box = Box(cells=(6, 6, 6))
+liquid = WeaklyCompressible(sound_speed=10.0, dynamic_viscosity=1.0)
+run = Simulation(Scene(spacing=0.1, support_radius=0.26, fluid=(box,), effects=(liquid,)), "cpu", threads=2)
+for _ in range(3):
+    run.step()
+bits = hashlib.sha256(run.field("position").tobytes()).hexdigest()
+said = found["private_names"]
+print(json.dumps({"said": said, "test": found["self_test"]["cpu"]["verdict"], "bits": bits}))
+"""
+
+
+@pytest.fixture(scope="module")
+def told(tmp_path_factory):
+    """(feature, renamed): what a process says that has lost a feature."""
+    cache = tmp_path_factory.mktemp("cache")
+
+    def tell(feature, renamed=""):
+        answer = subprocess.run(
+            [sys.executable, "-W", "error", "-c", PROGRAM, feature, renamed], capture_output=True, text=True,
+            env={**os.environ, "REFSIM_CACHE_DIR": str(cache / feature), "PYTHONPATH": ":".join(sys.path)},
+        )  # fmt: skip
+        assert answer.returncode == 0, answer.stderr[-2000:]
+        return json.loads(answer.stdout.splitlines()[-1])
+
+    return tell
+
+
+@pytest.fixture(scope="module")
+def whole(told):
+    return told("")
+
+
+@pytest.mark.parametrize("feature", [name for name in FEATURES if name != "launch"])  # "launch": test_launching.py
+def test_without_a_feature_kernels_give_the_same_and_doctor_says_it(feature, told, whole):
+    found = told(feature)
+    assert found["test"] == "pass"
+    assert found["bits"] == whole["bits"] or feature == "order"
+    (sentence,) = found["said"].values()
+    assert sentence == f"This version of Numba lacks {FEATURES[feature].names[-1]}_gone: {FEATURES[feature].costs}."
+    assert not whole["said"]
+
+
+def test_a_method_that_numba_has_renamed_ends_no_run(told, whole):
+    found = told("start", "renamed")
+    assert found["bits"] == whole["bits"]
+    assert "lacks numba.core.caching:Cache._load_overload: " in found["said"]["start"]
+
+
+@pytest.mark.parametrize(("feature", "name"), [(f, n) for f, each in FEATURES.items() for n in each.names])
+def test_each_name_is_there_or_said(feature, name, monkeypatch):
+    monkeypatch.setattr(private, "_lost", {})
+    monkeypatch.setitem(FEATURES, feature, private.Feature((name, f"{name}_gone"), "much"))
+    private.names.cache_clear()
+    assert private.names(feature) is None
+    assert private.lost() == {feature: f"This version of Numba lacks {name}_gone: much."}
+    private.names.cache_clear()
+
+
+def test_flags_that_numba_does_not_know_are_left_out(monkeypatch):
+    options = {"no_cfunc_wrapper": True, "_nrt": False, "forceinline": True, "fastmath": True}
+    assert private.supported(options) == options
+    from numba.core import compiler
+
+    monkeypatch.delattr(compiler, "Flags")
+    assert private.supported(options) == {"fastmath": True}
