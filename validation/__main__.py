@@ -25,6 +25,7 @@ from validation import (
     claims,
     effects_cost,
     limits_page,
+    own_choices,
     scaling,
     stability,
     stability_page,
@@ -88,6 +89,9 @@ def parser() -> argparse.ArgumentParser:
     part.add_argument("--compare", nargs=2, metavar=("OLD", "NEW"), help="judge two reports; measures nothing")
     part.add_argument("--write", action="store_true", help="renew docs/accuracy_cost.md and what refsim advise knows")
     part.set_defaults(perform=panels)
+
+    part = add("own", "measures what each paper's own choices give beside refsim's, in a minute, and writes the table")
+    part.set_defaults(perform=own)
 
     part = add("effects", "measures launches, bytes and microseconds a step as effects are added one by one")
     part.add_argument("--draw", action="store_true", help="page and picture from the stored numbers; measures nothing")
@@ -204,6 +208,12 @@ def run(given: argparse.Namespace) -> int:
     options = options_of(given)
     some = chosen(given.names, discover(), "experiment")
     return told(perform([experiment.part(options) for experiment in some], options, given.jobs), given.json)
+
+
+def own(given: argparse.Namespace) -> int:
+    """Measure `literal = "paper"` of every system."""
+    print(*own_choices.write(), sep="\n")
+    return EXIT_FINE
 
 
 def hard_cases(given: argparse.Namespace) -> int:

@@ -14,6 +14,7 @@ from typing import Any
 import msgspec
 
 from refsim.commands import Command, CommandResult, register, table
+from refsim.core.capabilities import HasErrata
 from refsim.core.checked import suggestion
 from refsim.core.effect import EFFECTS, Effect
 from refsim.core.errors import InputError
@@ -62,6 +63,13 @@ def _parameters(effect: type[Effect]) -> list[dict[str, Any]]:
     return found
 
 
+def _paper(effect: type[Effect]) -> dict[str, Any] | None:
+    """What literal = "paper" takes: deviations as in the source, and parameters; None without `literal`."""
+    if not issubclass(effect, HasErrata):
+        return None
+    return {"source": effect.source, "errata": list(effect.improvements), "parameters": dict(effect.paper)}
+
+
 def configure(parser: argparse.ArgumentParser) -> None:
     """Arguments of `refsim list`."""
     parser.add_argument("words", nargs="*", metavar="WORD", help="what to show: part of a name or of a paper")
@@ -78,9 +86,12 @@ def execute(options: argparse.Namespace) -> CommandResult:
         for o in REGISTRY.values()
     }  # fmt: skip
     effects: dict[str, dict[str, Any]] = {
-        name: {"summary": (inspect.getdoc(effect) or "").split("\n")[0], "parameters": _parameters(effect)}
+        name: {
+            "summary": (inspect.getdoc(effect) or "").split("\n")[0], "parameters": _parameters(effect),
+            "paper": _paper(effect),
+        }
         for name, effect in sorted(EFFECTS.items())
-    }
+    }  # fmt: skip
     for word in options.words:
         if not any(_has(word, name, o["paper"]) for name, o in operations.items()) and not any(
             _has(word, name) for name in effects
@@ -143,6 +154,10 @@ def _effect(entry: tuple[str, dict[str, Any]]) -> str:
         value = "required" if p["required"] else f"= {_shown(p['default'])}"
         lines += textwrap.wrap(f"{p['name']} {value}  {p['meaning']}", WIDTH, initial_indent="  ",
                                subsequent_indent="      ")  # fmt: skip
+    if own := effect["paper"]:
+        taken = [*own["errata"], *(f"{key} = {_shown(value)}" for key, value in own["parameters"].items())]
+        words = f'literal = "paper" takes of {own["source"]}: {", ".join(taken) or "nothing, no choice differs"}'
+        lines += textwrap.wrap(words, WIDTH, initial_indent="  ", subsequent_indent="      ")
     return "\n".join(lines)
 
 

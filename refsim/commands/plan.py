@@ -13,13 +13,14 @@ import numpy as np
 from refsim.commands import Command, CommandResult, in_bytes, in_time, planned, register, table
 from refsim.core.capabilities import (
     BringsWalls,
+    HasErrata,
     HoldsOtherMemory,
     KnowsLimits,
     LimitsMassRatio,
     Margin,
     having,
 )
-from refsim.core.effect import Extremes
+from refsim.core.effect import Effect, Extremes
 from refsim.core.errors import InputError
 from refsim.core.fields import BASE
 from refsim.core.operation import BACKENDS, PROCEDURES, REGISTRY
@@ -138,7 +139,17 @@ def _brings(plan: Plan, name: str, steps: dict[str, Any]) -> dict[str, Any]:
         "list_radius": effect.list_radius(plan.grid),
         "wall_particles": 0 if walls is None else len(walls.position),
         "step_limits": limits,
+        "literal": _literal(effect),
     }
+
+
+def _literal(effect: Effect) -> dict[str, Any]:
+    """What `literal` of an effect takes from its source: errata as printed, and by "paper" parameters."""
+    if not (isinstance(effect, HasErrata) and effect.literal):
+        return {}
+    printed = [erratum for erratum in effect.errata if erratum in effect.printed()]
+    by_paper = dict(effect.paper) if "paper" in effect.literal else {}
+    return {"source": effect.source, "printed": printed, "parameters": by_paper}
 
 
 def _first_step(plan: Plan) -> dict[str, Any]:
@@ -271,8 +282,10 @@ def _text(found: dict[str, Any]) -> str:
             ],
             ("effect", "neighbours to", "wall particles", "step limits"),
         ),
+        *(f"As in {e['literal']['source']}: {name} with {_taken(e['literal'])}"
+          for name, e in found["effects"].items() if e["literal"]),
         "",
-    ]
+    ]  # fmt: skip
     listed = found["neighbour_list"]
     if listed:
         lines.append(
@@ -321,6 +334,12 @@ def _text(found: dict[str, Any]) -> str:
         )
     lines += [f"Note: {note}" for note in found["notes"]]
     return "\n".join(lines)
+
+
+def _taken(literal: dict[str, Any]) -> str:
+    """Errata and parameters that `literal` takes, in words."""
+    values = [f"{name} = {value!r}" for name, value in literal["parameters"].items()]
+    return ", ".join([*literal["printed"], *values]) or "nothing else"
 
 
 def _margin(factor: float | None) -> str:

@@ -35,7 +35,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--density", type=float, help="g in g A/(pi r^2) (default pi/(2 sqrt 3) = 0.9069, hexagonal)")
     parser.add_argument("--iterations", type=int, default=MOST_ITERATIONS, help="most iterations of the relaxation")
-    parser.add_argument("--literal", default="", help=f"errata taken as printed: {', '.join(LITERAL)}, or all")
+    parser.add_argument("--literal", default="", help=f"readings of the patent: {', '.join(LITERAL)}, paper or all")
     parser.add_argument("--backend", default="cpu", choices=("cpu", "cuda"), help="where it runs (default cpu)")
 
 

@@ -8,26 +8,56 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from typing import ClassVar, NamedTuple, TypeVar
+from typing import Any, ClassVar, NamedTuple, TypeVar
 
+import msgspec
 import numpy as np
 
+from refsim.core.checked import Printed
 from refsim.core.effect import Discretisation, Effect, InitialState, literal_errata
+from refsim.core.errors import InputError
 from refsim.core.walls import WallParticles
 
 
 class HasErrata:
-    """Has errata of its source whose printed reading the parameter `literal` can switch on."""
+    """Has numbered deviations from its source, whose printed reading the parameter `literal` can switch on.
+
+    A deviation is the correction of a misprint, which the source contradicts elsewhere, or an improvement on the
+    source's own choice (docs/errata.md). `literal = "paper"` takes the source's own choices and keeps the corrections;
+    "all" takes every printed text.
+    """
 
     __slots__ = ()
 
+    name: ClassVar[str]
     source: ClassVar[str] = ""  # as an erratum is cited: "Jiang & Zhu"
     errata: ClassVar[tuple[str, ...]] = ()  # those that can be switched
-    literal: tuple[str, ...]
+    improvements: ClassVar[tuple[str, ...]] = ()  # those of them that are the source's own choice
+    paper: ClassVar[Mapping[str, Any]] = {}  # the source's own choice of other parameters that refsim chooses otherwise
+    literal: Printed
+
+    def settle_literal(self) -> None:
+        """Called when the effect is made: with "paper" in `literal` the parameters of `paper` take its values.
+
+        Raises InputError where a parameter is given that is neither refsim's default nor the paper's.
+        """
+        given = (self.literal,) if isinstance(self.literal, str) else tuple(self.literal)
+        msgspec.structs.force_setattr(self, "literal", given)  # type: ignore[arg-type]
+        if "paper" not in self.literal:
+            return
+        defaults = {f.name: f.default for f in msgspec.structs.fields(self)}  # type: ignore[arg-type]
+        for name, own in self.paper.items():
+            value = getattr(self, name)
+            if value not in (own, defaults[name]):
+                raise InputError(
+                    f"{self.name}: literal 'paper' sets {name} = {own!r}, but {name} = {value!r} is given; leave one of"
+                    " them out."
+                )
+            msgspec.structs.force_setattr(self, name, own)  # type: ignore[arg-type]
 
     def printed(self) -> frozenset[str]:
         """Errata that are taken as printed. Raises InputError for one that is not among `errata`."""
-        return literal_errata(self.name, self.literal, self.errata, self.source)  # type: ignore[attr-defined]
+        return literal_errata(self.name, self.literal, self.errata, self.improvements, self.source)
 
     def cited(self, errata: Iterable[str]) -> str:
         """Errata with their source, for messages: "Shao & Song M2, M4"."""

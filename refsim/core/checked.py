@@ -28,6 +28,9 @@ IN_TOML = {
 IN_PYTHON = IN_TOML | {"str": "text", "bool": "True or False", "array": "a tuple or a list", "null": "None"}
 
 
+Printed = tuple[str, ...] | str  # type of `literal`: readings of a source, or one of them, "paper" or "all"
+
+
 class Checked(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Base of what a scene is made of: a value of the wrong kind is refused when the object is made.
 
@@ -40,8 +43,6 @@ class Checked(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
         for name, kind in _kinds(type(self)):
             value = getattr(self, name)
             if name in self.says_why and isinstance(value, str):
-                continue
-            if name == "literal" and isinstance(value, str):  # "all" stands for every erratum
                 continue
             try:
                 msgspec.convert(as_plain(value), kind)

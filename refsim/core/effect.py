@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 
-from refsim.core.checked import Checked
+from refsim.core.checked import Checked, Printed
 from refsim.core.errors import InputError
 from refsim.core.fields import Field
 from refsim.core.period import Lengths
@@ -179,6 +179,11 @@ class Effect(Checked, frozen=True, kw_only=True):
         if cls.name:
             EFFECTS[cls.name] = cls
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if settle := getattr(self, "settle_literal", None):  # of the capability HasErrata
+            settle()
+
     def needs(self) -> tuple[str, ...]:
         """Names of effects without which this one cannot work."""
         return ()
@@ -245,16 +250,21 @@ def require(owner: str, **bounds: tuple[float, str]) -> None:
             raise InputError(f"{owner}: {name} = {value} is not possible; give {words}.")
 
 
-def literal_errata(owner: str, literal: tuple[str, ...], switchable: tuple[str, ...], source: str) -> frozenset[str]:
-    """Errata of `source` whose printed reading `literal` selects; "all" in it means every one of `switchable`.
+def literal_errata(
+    owner: str, literal: Printed, switchable: tuple[str, ...], improvements: tuple[str, ...], source: str
+) -> frozenset[str]:
+    """Errata of `source` whose printed reading `literal` selects.
 
+    "all" in it means every one of `switchable`, "paper" those that are `improvements` on the source's own choice.
     Raises InputError, naming the effect `owner` and the source, for anything else.
     """
     chosen = {literal} if isinstance(literal, str) else set(literal)
-    unknown = chosen - set(switchable) - {"all"}
+    unknown = chosen - set(switchable) - {"all", "paper"}
     if unknown:
         raise InputError(
-            f"{owner}: literal has {', '.join(sorted(unknown))}; only {', '.join(switchable)} or all can be given here"
-            f" (printed readings of {source})."
+            f"{owner}: literal has {', '.join(sorted(unknown))}; only {', '.join((*switchable, 'paper'))} or all can be"
+            f" given here (printed readings of {source})."
         )
-    return frozenset(switchable if "all" in chosen else chosen)
+    if "all" in chosen:
+        return frozenset(switchable)
+    return frozenset(chosen - {"paper"} | (set(improvements) if "paper" in chosen else set()))

@@ -28,6 +28,7 @@ from refsim.core.capabilities import (
     KeepsLedger,
     KnowsParticleMass,
 )
+from refsim.core.checked import Printed
 from refsim.core.effect import Discretisation, Effect, Pass, StepLimit, require
 from refsim.core.errors import InputError
 from refsim.core.fields import Field
@@ -115,10 +116,12 @@ class HeatConduction(
     iterations     of nonlinear Jacobi
     largest_drift  share of the heat that can be exchanged by which the total may change before the run stops as
                    `heat_lost`, if nothing enters or leaves; 0 for any ("one_sided" loses heat by design)
-    literal        errata of Shao & Song to read as printed: "M5" (Laplacian of poly6, negative for near pairs), "M6"
-                   (Mueller's not halved, twice the diffusivity), "M8" (both sweeps of M(4) over the whole step), "M9"
-                   (temperature differences before the sweep), "M11" (conductivity is a diffusivity [m^2/s], no heat
-                   capacity); or "all"
+    literal        readings of Shao & Song: misprints "M5" (Laplacian of poly6, negative for near pairs), "M9"
+                   (temperature differences before the sweep); their own choices "M6" (Mueller's Laplacian not halved,
+                   twice the diffusivity), "M8" (both sweeps of M(4) over the whole step), "M11" (conductivity is a
+                   diffusivity [m^2/s], no heat capacity); "paper" for their own choices, with scheme "one_sided",
+                   laplacian "mueller", the arithmetic mean, nothing calibrated and any drift of the heat; "all" for
+                   every printed text
     """
 
     name: ClassVar[str] = "heat_conduction"
@@ -128,6 +131,10 @@ class HeatConduction(
     remedy: ClassVar[str] = "take another scheme, a shorter step or float64, or raise largest_drift"
     source: ClassVar[str] = "Shao & Song"
     errata: ClassVar[tuple[str, ...]] = ("M5", "M6", "M8", "M9", "M11")
+    improvements: ClassVar[tuple[str, ...]] = ("M6", "M8", "M11")
+    paper: ClassVar[Mapping[str, Any]] = {
+        "scheme": "one_sided", "laplacian": "mueller", "mean": "arithmetic", "calibrated": False, "largest_drift": 0.0,
+    }  # fmt: skip
 
     temperature: PerPart = 20.0
     conductivity: PerPart = 0.6
@@ -148,7 +155,7 @@ class HeatConduction(
     residual: float = 1e-3
     iterations: int = 16
     largest_drift: float = 0.01
-    literal: tuple[str, ...] = ()
+    literal: Printed = ()
 
     @property
     def host_in_step(self) -> bool:  # type: ignore[override]

@@ -24,6 +24,7 @@ from refsim.core.capabilities import (
     NeedsCellOrder,
     Watches,
 )
+from refsim.core.checked import Printed
 from refsim.core.effect import Discretisation, Effect, Pass, StepLimit, require
 from refsim.core.energy import EnergyAccount, EnergyState, amount
 from refsim.core.errors import InputError
@@ -142,15 +143,18 @@ class MpmLiquid(
     volume           "ratio" follows J alone (default); "gradient" follows F and removes its shear after each step,
                      "full_gradient" keeps it, as printed
     acoustic_number  share a of h/(c + |v|) that the step may have; at most 0.5
-    literal          printed readings to use: "M3" (force without the volume), "M4" (without the factor J), "M5" (F and
-                     J move without dt), "M6" (force through grad B), "M7" (particles take the nodal velocity of
-                     before the update, so that no force acts and no wall), "M13" (A starts as the unit matrix), "M27"
-                     (twice the stress); or "all"
+    literal          readings of the thesis: misprints "M3" (force without the volume), "M5" (F and J move without dt),
+                     "M7" (particles take the nodal velocity of before the update, so that no force acts and no wall),
+                     "M13" (A starts as the unit matrix), "M27" (twice the stress); its own choices "M4" (without the
+                     factor J), "M6" (force through grad B); "paper" for its own choices, with volume "full_gradient",
+                     "all" for every printed text
     """
 
     name: ClassVar[str] = "mpm_liquid"
     source: ClassVar[str] = "thesis"
     errata: ClassVar[tuple[str, ...]] = ("M3", "M4", "M5", "M6", "M7", "M13", "M27")
+    improvements: ClassVar[tuple[str, ...]] = ("M4", "M6")
+    paper: ClassVar[Mapping[str, Any]] = {"volume": "full_gradient"}
     watched: ClassVar[tuple[str, ...]] = ("step_extremes",)
     with_spacing: ClassVar[tuple[str, ...]] = ("cell_size",)
 
@@ -161,7 +165,7 @@ class MpmLiquid(
     initial_ratio: float = 1.0
     volume: Literal["ratio", "gradient", "full_gradient"] = "ratio"
     acoustic_number: float = 0.3
-    literal: tuple[str, ...] = ()
+    literal: Printed = ()
 
     def check(self, grid: Discretisation, others: Mapping[str, Effect]) -> None:
         require(

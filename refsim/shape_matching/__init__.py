@@ -15,6 +15,8 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 
+from refsim.core.capabilities import HasErrata
+from refsim.core.checked import Printed
 from refsim.core.effect import Discretisation, Effect, Pass, require
 from refsim.core.energy import EnergyAccount
 from refsim.core.errors import InputError
@@ -72,7 +74,7 @@ def region_field(half_width: int) -> Field:
     return _table("region", "-", "arrayR: members of a node's region", (2 * half_width + 1) ** 3, "int32")
 
 
-class ShapeMatching(Effect, frozen=True, kw_only=True):
+class ShapeMatching(Effect, HasErrata, frozen=True, kw_only=True):
     """Holds the scene's solids together: every region of a lattice is drawn to its best rigid motion.
 
     half_width  w of the regions [cells], 1 to 4: stiffness and cost grow with it
@@ -81,14 +83,18 @@ class ShapeMatching(Effect, frozen=True, kw_only=True):
     summation   how regions are summed: "gather" (member by member), "reduction" (threads of a GPU share a region, as in
                 the paper; on a CPU as "gather") or "fast" (boxes of cells, one axis after the other; on a GPU by
                 reduction up to w = 2)
+    literal     "paper" for the choice of Shao & Song: no damping (M25)
     """
 
     name: ClassVar[str] = "shape_matching"
+    source: ClassVar[str] = "Shao & Song"
+    paper: ClassVar[Mapping[str, Any]] = {"damping": 0.0}
 
     half_width: int = 2
     stiffness: float = 1.0
     damping: float = 0.1
     summation: Literal["gather", "reduction", "fast"] = "fast"
+    literal: Printed = ()
 
     def check(self, grid: Discretisation, others: Mapping[str, Effect]) -> None:
         if not (isinstance(self.half_width, int) and 1 <= self.half_width <= WIDEST):
@@ -97,6 +103,7 @@ class ShapeMatching(Effect, frozen=True, kw_only=True):
             require(self.name, **{name: (getattr(self, name), "not negative")})
             if getattr(self, name) > 1:
                 raise InputError(f"{self.name}: {name} = {getattr(self, name)} is not possible; give 0 to 1.")
+        self.printed()
         if self.summation not in SUMMATIONS:
             raise InputError(
                 f"{self.name}: summation = {self.summation!r} is unknown; choose one of {', '.join(SUMMATIONS)}."

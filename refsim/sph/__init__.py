@@ -25,6 +25,7 @@ from refsim.core.capabilities import (
     Margin,
     having,
 )
+from refsim.core.checked import Printed
 from refsim.core.effect import Discretisation, Effect, InitialState, Pass, StepLimit, require
 from refsim.core.energy import EnergyAccount, EnergyState, amount, compression_amount, compression_energy
 from refsim.core.errors import InputError
@@ -140,13 +141,14 @@ class WeaklyCompressible(
     kernels            "wendland" (Wendland C2 throughout), "mueller" (poly6 for sums, spiky for gradients) or
                        "cubic_spline" (throughout)
     density_bound      the run stops where more than 0.1 % of the particles are denser than this times rho0
-    literal            printed readings to use: "E3" (sign of J(11), unstable), "E24" (half of the pressure
-                       gradient in J(10)); or "all"
+    literal            readings of Jiang & Zhu: misprint "E3" (sign of J(11), unstable); their own choice "E24" (half
+                       of the pressure gradient in J(10)); "paper" for their own choices, "all" for both
     """
 
     name: ClassVar[str] = LIQUID
     source: ClassVar[str] = "Jiang & Zhu"
     errata: ClassVar[tuple[str, ...]] = ("E3", "E24")
+    improvements: ClassVar[tuple[str, ...]] = ("E24",)
     of_liquid: ClassVar[bool] = True
     periodic: ClassVar[bool] = True
 
@@ -158,7 +160,7 @@ class WeaklyCompressible(
     clamp_pressure: bool = True
     kernels: Literal["wendland", "mueller", "cubic_spline"] = "wendland"
     density_bound: float = 1.5
-    literal: tuple[str, ...] = ()
+    literal: Printed = ()
 
     def check(self, grid: Discretisation, others: Mapping[str, Effect]) -> None:
         require(

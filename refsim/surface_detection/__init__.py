@@ -6,7 +6,8 @@ surface_detection.candidates, surface_detection.fan_scan, surface_detection.rele
 
 Motion compresses the surface of a liquid: the number density there reaches that of the bulk, and no threshold on it
 distinguishes the two (Jiang & Zhu E23). The neighbours of a surface particle stand on one side. The first of the two
-steps therefore also uses the first moment of the neighbourhood, which the density pass sums in the same loop.
+steps therefore also uses the first moment of the neighbourhood, which the density pass sums in the same loop: an
+improvement on the paper's threshold alone.
 
 Another effect that needs the detected sets takes the scene's settings, or the default ones, from
 `detection_in(others)` and lists their passes, fields and parameter groups; a pass that both effects list runs once.
@@ -20,6 +21,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple
 import numpy as np
 
 from refsim.core.capabilities import HasErrata
+from refsim.core.checked import Printed
 from refsim.core.effect import Discretisation, Effect, Pass, require
 from refsim.core.energy import EnergyAccount
 from refsim.core.errors import InputError
@@ -153,8 +155,9 @@ class SurfaceDetection(Effect, HasErrata, frozen=True, kw_only=True):
     each_step    detect in every step; by default only when the state is read
     release_pressure  the pressure of surface particles is zero, the condition on a free surface of particle methods for
                  incompressible liquids; every step then depends on the detected set
-    literal      printed readings to use: "E5" (the "<" of J(13)), "E6" (s = h), "E10" (V_j = m_j/rho_i), "E23" (J(12)
-                 alone is the first step, so that only N is scanned); or "all"
+    literal      readings of Jiang & Zhu: misprints "E5" (the "<" of J(13)), "E10" (V_j = m_j/rho_i); their own choices
+                 "E6" (s = h), "E23" (J(12) alone is the first step, so that only N is scanned); "paper" for their own
+                 choices, "all" for both
 
     A particle with fewer than 3 neighbours within the support radius is surface whatever its normal; one with more
     whose normal has no direction is not (Jiang & Zhu E20), unless `thin_features` marks it. Wall particles count as
@@ -164,6 +167,7 @@ class SurfaceDetection(Effect, HasErrata, frozen=True, kw_only=True):
     name: ClassVar[str] = "surface_detection"
     source: ClassVar[str] = "Jiang & Zhu"
     errata: ClassVar[tuple[str, ...]] = ("E5", "E6", "E10", "E23")
+    improvements: ClassVar[tuple[str, ...]] = ("E6", "E23")
 
     method: Literal["number_density", "fan_scan", "two_step"] = "two_step"
     threshold: float | None = None
@@ -173,7 +177,7 @@ class SurfaceDetection(Effect, HasErrata, frozen=True, kw_only=True):
     thin_features: Literal["fan_scan", "second_moment"] = "fan_scan"
     each_step: bool = False
     release_pressure: bool = False
-    literal: tuple[str, ...] = ()
+    literal: Printed = ()
 
     def needs(self) -> tuple[str, ...]:
         return (LIQUID,)
@@ -321,7 +325,7 @@ register(
     Operation(
         name="surface_detection.candidates",
         paper="Jiang & Zhu 2023, with the first moment beside it",
-        equation="J(12) with Jiang & Zhu E23",
+        equation="J(12), improved by Jiang & Zhu E23",
         **_FIRST_STEP,
     )
 )

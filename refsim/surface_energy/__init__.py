@@ -16,6 +16,7 @@ import msgspec
 import numpy as np
 
 from refsim.core.capabilities import HasErrata
+from refsim.core.checked import Printed
 from refsim.core.effect import Effect, require
 from refsim.core.errors import InputError
 from refsim.core.operation import Operation, Program, add_program, register
@@ -65,11 +66,13 @@ class Tension(Effect, HasErrata, frozen=True, kw_only=True):
     enclose_volume    the inset is the distance at which the surface encloses the liquid's present volume, at most 0.75
                       cells; `inset` is used where the volume is not known
     smallest          particles of the smallest component that has tension; 0 takes 3^dim
-    literal           errata of the thesis taken as printed: M1, M14, M31, M32, or "all"
+    literal           readings of the thesis: misprints "M1" (sign), "M14" (no fit); its own choices "M31" (surface at
+                      r), "M32" (15 cases of a cell); "paper" for its own choices, with its embedding; "all" for both
     """
 
     source: ClassVar[str] = "thesis"
     errata: ClassVar[tuple[str, ...]] = ("M1", "M14", "M31", "M32")
+    improvements: ClassVar[tuple[str, ...]] = ("M31", "M32")
 
     surface_tension: float
     level_set_radius: float | None = None
@@ -83,7 +86,7 @@ class Tension(Effect, HasErrata, frozen=True, kw_only=True):
     inset: float = 0.25
     enclose_volume: bool = False
     smallest: int = 0
-    literal: tuple[str, ...] = ()
+    literal: Printed = ()
 
     def radius(self, dim: int) -> float:
         """r/h."""

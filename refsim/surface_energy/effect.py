@@ -71,6 +71,7 @@ class SurfaceEnergy(Tension, HoldsOtherMemory, Watches, frozen=True, kw_only=Tru
     """
 
     name: ClassVar[str] = "surface_energy"
+    paper: ClassVar[Mapping[str, Any]] = {"embedding": "thesis"}
 
     embedding: Literal["none", "cluster", "thesis", "gradient_corrected"] = "cluster"
     contact_angle: float = 180.0

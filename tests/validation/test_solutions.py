@@ -1,8 +1,11 @@
 """The experiment `solutions`: its solutions against limits that are known, and its runs at small size."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
+from refsim import Cloud, Scene, Simulation, WeaklyCompressible
 from refsim.boundary.akinci_2012 import calibrated_factor
 from refsim.smoothing import lattice, smoothing
 from refsim.smoothing.reference import kernel_slope, kernel_value, viscosity_laplacian
@@ -11,6 +14,8 @@ from validation.experiment import Options
 from validation.experiments.solutions import exact, pictures, runs, tension, tension_exact
 from validation.experiments.solutions import experiment as case
 from validation.running import Context
+
+ROOT = Path(__file__).resolve().parents[2]
 
 
 def test_compressed_heights_are_in_balance():
@@ -103,11 +108,66 @@ def _around(dim, reach):
     return x[near], r[near]
 
 
-def test_what_sums_on_the_lattice_deliver():
-    """Numbers of docs/solutions.md at h = 2.6 d in 2D: gradient of J(10), mu of J(11), shear modulus of J(10)."""
-    (x, r), kernel = _around(2, runs.SUPPORT), smoothing("wendland_c2", runs.SUPPORT, 2)
-    assert -(kernel_slope(r, kernel) / r * x[:, 0] ** 2).sum() == pytest.approx(0.974, abs=5e-4)
-    assert 0.5 * (viscosity_laplacian(r, kernel) * x[:, 1] ** 2).sum() == pytest.approx(1.073, abs=5e-4)
+def delivered(dim, share):
+    """Parts of grad p by J(10), and of mu in shear by J(11) and the central form, from sums on the lattice at rest
+    density, V = m/rho and h = `share` d."""
+    x = lattice(4, dim)
+    r, kernel = np.linalg.norm(x, axis=1), smoothing("wendland_c2", share, dim)
+    volume = 1 / kernel_value(r, kernel).sum()  # m/rho, rho = m sum W
+    x, r = x[r > 0], r[r > 0]
+    gradient = -(kernel_slope(r, kernel) / r * x[:, 1] ** 2).sum()
+    laplacian = 0.5 * viscosity_laplacian(r, kernel)
+    shears = (laplacian * x[:, 0] ** 2).sum(), (dim + 2) * (laplacian * (x[:, 0] * x[:, 1] / r) ** 2).sum()
+    return volume * np.array([gradient, *shears])
+
+
+def from_the_liquid(pressed):
+    """The first two in 2D at h = 2.6 d, from accelerations of the liquid itself: J(10) under a linear pressure where
+    it is `pressed` along y by that share, J(11) in a parabolic flow at rest density."""
+    place = np.pad(lattice(11, 2).astype(float), ((0, 0), (0, 1)))
+    inside = np.abs(place).max(1) < 4
+
+    def evaluated(position, velocity, viscosity):
+        liquid = WeaklyCompressible(
+            rest_density=1.0, sound_speed=10.0, dynamic_viscosity=viscosity, clamp_pressure=False
+        )
+        scene = Scene(dim=2, spacing=1.0, support_radius=runs.SUPPORT, dtype="float64",
+                      fluid=(Cloud(position=position, velocity=velocity),), effects=(liquid,))  # fmt: skip
+        simulation = Simulation(scene, backend="numpy")
+        simulation.evaluate()
+        return [simulation.field(name)[inside] for name in ("acceleration", "pressure", "density")]
+
+    still, bent, strained = np.zeros_like(place), np.zeros_like(place), place.copy()
+    strained[:, 1] += 1e-5 * place[:, 1] ** 2 / 2 - pressed * place[:, 1]
+    acceleration, pressure, density = evaluated(strained, still, 0.0)
+    slope = np.polyfit(strained[inside, 1], pressure, 1)[0]
+    bent[:, 0] = 1e-3 * place[:, 1] ** 2 / 2
+    pushed = evaluated(place, bent, 1.0)[0] - evaluated(place, still, 1.0)[0]
+    return -(acceleration[:, 1] * density).mean() / slope, pushed[:, 0].mean() / 1e-3
+
+
+def test_what_the_lattice_delivers_stands_on_the_pages():
+    """Computed twice, from sums and from the liquid itself; read on docs/solutions.md and docs/sph.md."""
+    gradient, viscous, _ = delivered(2, runs.SUPPORT)
+    assert from_the_liquid(0.0) == pytest.approx([gradient, viscous], abs=1e-4)
+    little, more = from_the_liquid(0.002)[0], from_the_liquid(0.005)[0]
+    page = " ".join((ROOT / "docs" / "solutions.md").read_text().split())
+    assert (
+        f"J(10) delivers {little:.3f} of the gradient of a linear pressure where the liquid is pressed by 0.2 %"
+        f" ($V = m/\\rho$; {gradient:.3f} at $\\rho_0$, {more:.3f} at 0.5 %), so that a pressure {1 / little:.3f} times"
+        f" as steep balances gravity: the floor of the tank's error is {100 * (1 / little - 1):.1f} %" in page
+    )
+    assert page.count(f"J(11) delivers {viscous:.3f} of $\\mu$ in shear") == 1
+    assert page.count(f"**J(11)** delivers {viscous:.3f} of $\\mu$ in shear") == 1
+    shear = np.array([delivered(dim, share)[1:] for dim in (2, 3) for share in np.linspace(2, 3, 41)])
+    (j11, central), (most_j11, most_central) = shear.min(0), shear.max(0)
+    words = f"{central:.2f} to {most_central:.2f} of $\\mu$ with it and {j11:.2f} to {most_j11:.2f} with (11)"
+    assert words in " ".join((ROOT / "docs" / "sph.md").read_text().split())
+
+
+def test_the_shear_modulus_of_a_lattice_under_pressure():
+    """Number of docs/solutions.md over p, at h = 2.6 d in 2D: the stress of J(10) in a strained lattice."""
+    (x, _), kernel = _around(2, runs.SUPPORT), smoothing("wendland_c2", runs.SUPPORT, 2)
     strain = 1e-3
     strained = x[:, :2] * [1 + strain, 1 / (1 + strain)]
     length = np.linalg.norm(strained, axis=1)

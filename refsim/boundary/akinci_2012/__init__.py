@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 import numpy as np
 
 from refsim.core.capabilities import BringsWalls, HasErrata, HasPlanes
+from refsim.core.checked import Printed
 from refsim.core.effect import Discretisation, Effect, Pass, StepLimit, require
 from refsim.core.energy import EnergyAccount
 from refsim.core.errors import InputError
@@ -37,13 +38,15 @@ class BoxWalls(Effect, BringsWalls, HasPlanes, HasErrata, frozen=True, kw_only=T
     viscosity     mu_b of the friction between liquid and wall particles [Pa s]; 0 for free slip
     moving_faces  faces that move in their own plane and drag the liquid by their friction
     velocity      of the moving faces [m/s]
-    literal       readings taken as printed: "g" (Akinci's V_b, g = 1, instead of the calibrated one); or "all"
+    literal       readings of Akinci et al.: their own choice "g" (g = 1 in V_b, not calibrated); or "paper" or "all",
+                  which are the same
     """
 
     name: ClassVar[str] = "box_walls"
     periodic: ClassVar[bool] = True
     source: ClassVar[str] = "Akinci et al."
     errata: ClassVar[tuple[str, ...]] = ("g",)
+    improvements: ClassVar[tuple[str, ...]] = errata
 
     lower: tuple[float, float, float]
     upper: tuple[float, float, float]
@@ -51,7 +54,7 @@ class BoxWalls(Effect, BringsWalls, HasPlanes, HasErrata, frozen=True, kw_only=T
     viscosity: float = 0.0
     moving_faces: tuple[Literal["-x", "+x", "-y", "+y", "-z", "+z"], ...] = ()
     velocity: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    literal: tuple[str, ...] = ()
+    literal: Printed = ()
 
     def needs(self) -> tuple[str, ...]:
         return (LIQUID,)

@@ -21,6 +21,7 @@ import numpy as np
 from refsim.boundary.akinci_2012 import wall_kernel_sums
 from refsim.boundary.penetration import CORRECTIONS, correction_pass, penetration_groups
 from refsim.core.capabilities import BringsWalls, CorrectsPositions, HasErrata, HoldsOtherMemory, KeepsLedger
+from refsim.core.checked import Printed
 from refsim.core.effect import Discretisation, Effect, Pass, StepLimit, require
 from refsim.core.energy import EnergyAccount
 from refsim.core.errors import InputError
@@ -73,14 +74,17 @@ class MeshBoundary(
     volume_factor   g of the boundary particles' volumes V_b = g/sum_k W_bk; 0 calibrates it so that liquid on a
                     lattice, one spacing from a flat wall, has the rest density
     seed            of the positions of boundary particles
-    literal         errata of the patent taken as printed: "E27" (velocities that point out of the solid are reflected,
-                    too), "E30" (one layer with g = 1, which mirrors the particle's own pressure); or "all"
+    literal         readings of the patent: its own choices "E27" (velocities that point out of the solid are reflected,
+                    too), "E30" (one layer with g = 1, which mirrors the particle's own pressure), also as "all";
+                    "paper" takes the correction "point", too
     """
 
     name: ClassVar[str] = "mesh_boundary"
     ledger_units: ClassVar[Mapping[str, str]] = {"corrections": "-", "corrected_particles": "-"}
     source: ClassVar[str] = "patent"
     errata: ClassVar[tuple[str, ...]] = ("E27", "E30")
+    improvements: ClassVar[tuple[str, ...]] = errata
+    paper: ClassVar[Mapping[str, Any]] = {"correction": "point"}
     wall_share: ClassVar[float] = 1.0  # the boundary particles' own pressure is a pass of its own
     with_spacing: ClassVar[tuple[str, ...]] = ("radius", "field_spacing")
 
@@ -99,7 +103,7 @@ class MeshBoundary(
     every_particle: bool = False
     volume_factor: float = 0.0
     seed: int = 0
-    literal: tuple[str, ...] = ()
+    literal: Printed = ()
 
     def needs(self) -> tuple[str, ...]:
         return (LIQUID,)

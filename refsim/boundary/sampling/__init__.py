@@ -18,6 +18,7 @@ import numpy as np
 from refsim.backends.arrays import Backend, choose
 from refsim.boundary.mesh import SurfaceMesh
 from refsim.boundary.signed_distance import LEAST_BAND, DistanceField, NarrowBand, signed_distance
+from refsim.core.checked import Printed
 from refsim.core.effect import literal_errata
 from refsim.core.errors import InputError
 from refsim.core.fields import Field
@@ -90,7 +91,7 @@ class BoundarySample:
 
 def sample(
     mesh: SurfaceMesh, radius: float, *, seed: int = 0, density: float = HEXAGONAL, spacing: float | None = None,
-    backend: str | Backend = "cpu", dtype: str = "float32", literal: tuple[str, ...] = (),
+    backend: str | Backend = "cpu", dtype: str = "float32", literal: Printed = (),
     most_iterations: int = MOST_ITERATIONS, check_crossings: bool = True,
     watch: Callable[[int, Any], None] | None = None,
 ) -> BoundarySample:  # fmt: skip
@@ -100,8 +101,8 @@ def sample(
     density          g; pi/(2 sqrt 3) is a hexagonal packing, 2 r apart
     spacing          of the signed distance's grid [m]; by default 1.5 r, or finer if parts of the mesh are too thin or
                      too sharp for it
-    literal          errata of the patent taken as printed: E24 (repulsion not projected, constant step), E25
-                     (particles counted for each triangle separately), or "all"
+    literal          readings of the patent, its own choices: E24 (repulsion not projected, constant step), E25
+                     (particles counted for each triangle separately); or "paper" or "all", which are the same
     most_iterations  limit of the relaxation; a note says if it ends unconverged
     watch            called after each iteration with its number and the positions relative to the mesh's origin
 
@@ -111,7 +112,7 @@ def sample(
     backend = choose(backend) if isinstance(backend, str) else backend
     if backend.name == "numpy":
         raise InputError("sampling: backend 'numpy' has no neighbour list; choose cpu or cuda.")
-    printed = literal_errata("sampling", literal, LITERAL, "patent")
+    printed = literal_errata("sampling", literal, LITERAL, LITERAL, "patent")
     size = float(mesh.extent.max())
     for name, value in (("radius", radius), ("density", density)):
         if not (np.isfinite(value) and value > 0):

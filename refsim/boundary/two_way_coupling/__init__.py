@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 import numpy as np
 
 from refsim.core.capabilities import HasErrata, LimitsMassRatio
+from refsim.core.checked import Printed
 from refsim.core.effect import Discretisation, Effect, Pass, StepLimit
 from refsim.core.energy import EnergyAccount, EnergyState, compression_amount, compression_energy
 from refsim.core.errors import InputError
@@ -57,7 +58,8 @@ class TwoWayCoupling(Effect, LimitsMassRatio, HasErrata, frozen=True, kw_only=Tr
     density_weighted  a pair of liquid particles has the common pressure (rho_j p_i + rho_i p_j)/(rho_i + rho_j), not
                       two (Hu & Adams 2007): for substances of very different density
     literal           errata of Shao & Song taken as printed: "M2" ((2) without one m_i), "M3" ((3) without one V_i),
-                      "M4" (V_k from the particles at surfaces alone); or "all"
+                      "M4" (V_k from the particles at surfaces alone); or "all". They are misprints and a gap, so that
+                      "paper" changes nothing
     """
 
     name: ClassVar[str] = "two_way_coupling"
@@ -65,7 +67,7 @@ class TwoWayCoupling(Effect, LimitsMassRatio, HasErrata, frozen=True, kw_only=Tr
     errata: ClassVar[tuple[str, ...]] = ("M2", "M3", "M4")
 
     density_weighted: bool = False
-    literal: tuple[str, ...] = ()
+    literal: Printed = ()
 
     def needs(self) -> tuple[str, ...]:
         return (LIQUID, "shape_matching")

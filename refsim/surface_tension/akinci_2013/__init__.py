@@ -15,6 +15,7 @@ from typing import Any, ClassVar, NamedTuple
 from numpy.typing import NDArray
 
 from refsim.core.capabilities import BringsWalls, HasErrata, Margin, having
+from refsim.core.checked import Printed
 from refsim.core.effect import Discretisation, Effect, Pass, require
 from refsim.core.errors import InputError
 from refsim.core.fields import Field
@@ -69,8 +70,8 @@ class Akinci2013(PairCohesion, HasErrata, frozen=True, kw_only=True):
     adhesion           beta [m^4/(kg s^2)], coefficient of the attraction by wall particles
     balance_pressure   the equation of state balances the cohesion of the bulk by P_int (rho/rho0)^2 (not in the
                        paper); without it cohesion compresses the liquid
-    literal            printed readings to use: "gamma" (one coefficient for both terms: eps = gamma in SI units at
-                       any rho0); or "all"
+    literal            readings of the paper: its own choice "gamma" (one coefficient for both terms: eps = gamma in SI
+                       units at any rho0), also as "all"; "paper" balances nothing, too
 
     Cohesion conserves linear and angular momentum. The area term conserves linear momentum for equal masses, but not
     angular momentum, because n_i - n_j is not parallel to e_ij. The area term does not vanish at r = h: where a pair
@@ -81,12 +82,14 @@ class Akinci2013(PairCohesion, HasErrata, frozen=True, kw_only=True):
     name: ClassVar[str] = "akinci_2013"
     source: ClassVar[str] = "Akinci et al."
     errata: ClassVar[tuple[str, ...]] = ("gamma",)
+    improvements: ClassVar[tuple[str, ...]] = errata
+    paper: ClassVar[Mapping[str, Any]] = {"balance_pressure": False}
 
     surface_tension: float | None = None
     gamma: float | None = None
     area_acceleration: float | None = None
     adhesion: float = 0.0
-    literal: tuple[str, ...] = ()
+    literal: Printed = ()
 
     def check(self, grid: Discretisation, others: Mapping[str, Effect]) -> None:
         one_of(self.name, surface_tension=self.surface_tension, gamma=self.gamma)

@@ -16,6 +16,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from refsim.core.capabilities import HasErrata, KnowsLimits, Margin
+from refsim.core.checked import Printed
 from refsim.core.effect import Discretisation, Effect, Pass, StepLimit, require
 from refsim.core.fields import Field
 from refsim.core.operation import Operation, register
@@ -85,7 +86,8 @@ class CsfWang2019(Effect, KnowsLimits, HasErrata, frozen=True, kw_only=True):
                          force is about half to two thirds of that of sigma
     density_correction   correct the density near the surface as in Jiang & Zhu, J(14) and J(15)
     literal              plain readings to use: "shell" (the curvature's factor dim with the whole distance in the
-                         denominator, up to 1.5 times too large on a thin surface layer); or "all"
+                         denominator, up to 1.5 times too large on a thin surface layer); or "all". The paper is not at
+                         hand, so that "paper" changes nothing
     """
 
     name: ClassVar[str] = "csf_wang_2019"
@@ -97,7 +99,7 @@ class CsfWang2019(Effect, KnowsLimits, HasErrata, frozen=True, kw_only=True):
     threshold: float = 0.5
     normalise: bool = True
     density_correction: bool = True
-    literal: tuple[str, ...] = ()
+    literal: Printed = ()
 
     def needs(self) -> tuple[str, ...]:
         return (LIQUID,)

@@ -15,6 +15,7 @@ from typing import Any, ClassVar, Literal, NamedTuple
 from numpy.typing import NDArray
 
 from refsim.core.capabilities import HasErrata, Margin
+from refsim.core.checked import Printed
 from refsim.core.effect import Discretisation, Effect, Pass, require
 from refsim.core.energy import EnergyAccount
 from refsim.core.errors import InputError
@@ -60,7 +61,8 @@ class Dong2016(PairCohesion, HasErrata, frozen=True, kw_only=True):
                       their tension alone) or "hu_adams" (D(3) to D(5))
     balance_pressure  the equation of state balances the cohesion of the bulk by P_int (rho/rho0)^2 (not in the paper);
                       without it cohesion compresses the liquid
-    literal           printed readings to use: "E21" (V_j = m_j/rho_j in D(9), which loses momentum); or "all"
+    literal           readings of the paper: its own choice "E21" (V_j = m_j/rho_j in D(9), which loses momentum), also
+                      as "all"; "paper" takes D(3) to D(5), too, and balances nothing
 
     Pair force and correction conserve linear momentum; the correction does not conserve angular momentum.
     """
@@ -68,6 +70,8 @@ class Dong2016(PairCohesion, HasErrata, frozen=True, kw_only=True):
     name: ClassVar[str] = "dong_2016"
     source: ClassVar[str] = "Dong"
     errata: ClassVar[tuple[str, ...]] = ("E21",)
+    improvements: ClassVar[tuple[str, ...]] = errata
+    paper: ClassVar[Mapping[str, Any]] = {"solver": "hu_adams", "balance_pressure": False}
     lattice: ClassVar[bool] = True
     with_spacing: ClassVar[tuple[str, ...]] = ("rest_distance",)
 
@@ -77,7 +81,7 @@ class Dong2016(PairCohesion, HasErrata, frozen=True, kw_only=True):
     correction: float | None = None
     filter_density: bool = True
     solver: Literal["shared", "hu_adams"] = "shared"
-    literal: tuple[str, ...] = ()
+    literal: Printed = ()
 
     def check(self, grid: Discretisation, others: Mapping[str, Effect]) -> None:
         one_of(self.name, surface_tension=self.surface_tension, stiffness=self.stiffness)

@@ -3,11 +3,11 @@
 Contents: JiangZhu2023; kirkwood_buff_sigma, kirkwood_buff_pressure; operations jiang_zhu_2023.corrected_density,
 .replace_density, .soft_weight, .cohesion, .area, .tension.
 
-"Tension acts on surface particles only" does not say which pairs act (Jiang & Zhu E9). By default all pairs act and the
-equation of state balances their cohesion in the bulk; the tension at the surface remains. Other pair modes confine the
-force to the surface. "soft" weights a pair by (w_i + w_j)/2, where w rises with |h grad c| from 0 in the bulk to 1 at
-the surface: a drop that is symmetric at the start becomes round, in any other drop the surface layer becomes a rigid
-crust. With the modes by the surface set S drops do not come to rest.
+In the paper tension acts on surface particles only. By default all pairs act here and the equation of state balances
+their cohesion in the bulk; the tension at the surface remains: an improvement (Jiang & Zhu E9). Other pair modes
+confine the force to the surface. "soft" weights a pair by (w_i + w_j)/2, where w rises with |h grad c| from 0 in the
+bulk to 1 at the surface: a drop that is symmetric at the start becomes round, in any other drop the surface layer
+becomes a rigid crust. With the modes by the surface set S drops do not come to rest.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from refsim.core.capabilities import HasErrata, Margin
+from refsim.core.checked import Printed
 from refsim.core.effect import Discretisation, Effect, Pass, require
 from refsim.core.energy import EnergyAccount
 from refsim.core.errors import InputError
@@ -161,8 +162,10 @@ class JiangZhu2023(PairCohesion, HasErrata, frozen=True, kw_only=True):
                         out, that of the scene's surface detection, else the paper's 0.98
     soft_lower          |h grad c| up to which the soft surface weight is 0
     soft_upper          |h grad c| from which it is 1
-    literal             printed readings to use: "E4" (sign of J(16)), "E7" (alpha = 0.6 in 2D), "E10" (V_j =
-                        m_j/rho_i in the normals), "E5", "E6" and "E23" (in the surface detection); or "all"
+    literal             readings of the paper: misprints "E4" (sign of J(16)), "E10" (V_j = m_j/rho_i in the normals),
+                        "E5" (in the surface detection); its own choices "E7" (alpha = 0.6 in 2D), "E6" and "E23" (in
+                        the surface detection); "paper" for its own choices, among them pairs by the surface set
+                        (pair_mode "either", nothing balanced), "all" for every printed text
 
     Pair modes by S detect the surface in every step, by the scene's surface detection or in two steps. Pair force and
     area term conserve linear momentum except for "one_sided" (J(18): for equal masses); the area term does not conserve
@@ -173,6 +176,8 @@ class JiangZhu2023(PairCohesion, HasErrata, frozen=True, kw_only=True):
     name: ClassVar[str] = "jiang_zhu_2023"
     source: ClassVar[str] = "Jiang & Zhu"
     errata: ClassVar[tuple[str, ...]] = ("E4", "E5", "E6", "E7", "E10", "E23")
+    improvements: ClassVar[tuple[str, ...]] = ("E6", "E7", "E23")
+    paper: ClassVar[Mapping[str, Any]] = {"pair_mode": "either", "balance_pressure": False}  # Jiang & Zhu E9
 
     surface_tension: float | None = None
     gamma: float | None = None
@@ -184,7 +189,7 @@ class JiangZhu2023(PairCohesion, HasErrata, frozen=True, kw_only=True):
     threshold: float | None = None
     soft_lower: float = 0.3
     soft_upper: float = 1.0
-    literal: tuple[str, ...] = ()
+    literal: Printed = ()
 
     def check(self, grid: Discretisation, others: Mapping[str, Effect]) -> None:
         one_of(self.name, surface_tension=self.surface_tension, gamma=self.gamma)

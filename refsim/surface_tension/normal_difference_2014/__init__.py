@@ -17,6 +17,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from refsim.core.capabilities import HasErrata
+from refsim.core.checked import Printed
 from refsim.core.effect import Discretisation, Effect, Pass, StepLimit, require
 from refsim.core.fields import Field
 from refsim.core.operation import Operation, register
@@ -41,16 +42,17 @@ class NormalDifference2014(Effect, HasErrata, frozen=True, kw_only=True):
 
     area_acceleration  gamma [m/s^2], coefficient of the force, which does not vanish at r = h: where a pair
                        crosses r = h, the acceleration jumps by gamma |n_i - n_j| (equal masses)
-    literal            printed readings to use: "P7" (m_i instead of the harmonic mean of the pair's masses, which
-                       conserves momentum for equal masses only); or "all"
+    literal            readings of the patent: its own choice "P7" (m_i, not the harmonic mean of the pair's masses:
+                       momentum is conserved for equal masses only); or "paper" or "all", which are the same
     """
 
     name: ClassVar[str] = "normal_difference_2014"
     source: ClassVar[str] = "patent"
     errata: ClassVar[tuple[str, ...]] = ("P7",)
+    improvements: ClassVar[tuple[str, ...]] = errata
 
     area_acceleration: float
-    literal: tuple[str, ...] = ()
+    literal: Printed = ()
 
     def needs(self) -> tuple[str, ...]:
         return (LIQUID,)

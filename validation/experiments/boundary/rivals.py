@@ -5,6 +5,9 @@ forces of the distance; here it only pushes, because its pull crowds liquid on t
 Tessendorf & Teschner 2009 let a step end without the solid, search the boundary particles near the places reached, and
 correct velocities and places there (the correction of Ihmsen et al. 2010 for a solid at rest). Neither puts the solid
 into the liquid's density.
+
+The patent's third rival, impulses at the boundary (Oh, Kim & Roh 2009), is not here: what its description lacks stands
+on docs/one_way_coupling.md.
 """
 
 from __future__ import annotations

@@ -25,7 +25,7 @@ SHARE = 0.02  # kinematic viscosity over c h: calms the start within SETTLED
 SETTLED, SAMPLES = 2.5, 40  # fall times sqrt(H/g) until the mean, and samples in a half of one
 
 
-def scene(file: str, cells: int, dtype: str) -> tuple[Scene, float]:
+def scene(file: str, cells: int, dtype: str, literal: tuple[str, ...] = ()) -> tuple[Scene, float]:
     """(liquid in hydrostatic balance in a cup, `cells` particles along an edge; its level [m])."""
     d = HEIGHT / cells
     axis = (np.arange(cells) + 0.5) * d
@@ -35,7 +35,7 @@ def scene(file: str, cells: int, dtype: str) -> tuple[Scene, float]:
     liquid = WeaklyCompressible(
         rest_density=DENSITY, sound_speed=SOUND, dynamic_viscosity=DENSITY * SHARE * SOUND * SUPPORT * d
     )
-    effects = (liquid, Gravity(), MeshBoundary(file=file))
+    effects = (liquid, Gravity(), MeshBoundary(file=file, literal=literal))
     return Scene(
         spacing=d, support_radius=SUPPORT * d, dtype=dtype, effects=effects,  # type: ignore[arg-type]
         fluid=(Cloud(position=place + 0.5 * d),),
@@ -47,7 +47,7 @@ def rested(context: Context, setting: Mapping[str, Any], repeat: int, share: flo
     cells, knobs = setting["cells"], setting["knobs"]
     inner = (HEIGHT + HEIGHT / cells,) * 2
     with mesh_file(cup((*inner, 1.5 * HEIGHT), 0.5 * HEIGHT)) as file:
-        made, top = scene(file, cells, knobs["dtype"])
+        made, top = scene(file, cells, knobs["dtype"], setting.get("literal", ()))
         simulation = context.simulation(made, knobs["backend"])
     heights, pressures = [], []
 

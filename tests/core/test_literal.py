@@ -1,0 +1,201 @@
+"""`literal`: readings of a source by number, its own choices by "paper", every printed text by "all"."""
+
+import json
+
+import msgspec
+import numpy as np
+import pytest
+
+from refsim import (
+    Akinci2013,
+    Box,
+    BoxWalls,
+    CsfWang2019,
+    Dong2016,
+    Gravity,
+    HeatConduction,
+    InputError,
+    JiangZhu2023,
+    MeshBoundary,
+    MpmLiquid,
+    NormalDifference2014,
+    Scene,
+    ShapeMatching,
+    Simulation,
+    SurfaceDetection,
+    SurfaceEnergy,
+    TwoWayCoupling,
+    WeaklyCompressible,
+)
+from refsim.__main__ import main
+from refsim.boundary.mesh import surface_mesh
+from refsim.boundary.sampling import sample
+from refsim.core.capabilities import HasErrata
+from refsim.core.effect import EFFECTS
+from refsim.scene.files import load_scene
+
+REQUIRED = {
+    WeaklyCompressible: {"sound_speed": 10.0}, JiangZhu2023: {"surface_tension": 1.0}, MpmLiquid: {"bulk_modulus": 1e4},
+    Dong2016: {"surface_tension": 1.0}, Akinci2013: {"surface_tension": 1.0}, CsfWang2019: {"surface_tension": 1.0},
+    NormalDifference2014: {"area_acceleration": 1.0}, MeshBoundary: {"file": "a.obj"},
+    SurfaceEnergy: {"surface_tension": 1.0}, BoxWalls: {"lower": (0.0,) * 3, "upper": (0.4,) * 3},
+    SurfaceDetection: {}, HeatConduction: {}, ShapeMatching: {}, TwoWayCoupling: {},
+}  # fmt: skip
+with_errata = pytest.mark.parametrize("effect", REQUIRED, ids=lambda effect: effect.name)
+
+
+def test_every_effect_with_errata_is_tried_here():
+    assert {e for e in EFFECTS.values() if issubclass(e, HasErrata) and e.__module__.startswith("refsim.")} == set(
+        REQUIRED
+    )
+
+
+@with_errata
+def test_paper_takes_improvements_and_parameters_and_leaves_misprints_corrected(effect):
+    made = effect(**REQUIRED[effect], literal="paper")
+    assert made == effect(**REQUIRED[effect], literal=("paper",))
+    assert made.printed() == set(effect.improvements) <= set(effect.errata)
+    plain = effect(**REQUIRED[effect])
+    changed = {name for name in effect.__struct_fields__ if getattr(made, name) != getattr(plain, name)}
+    assert changed == {"literal", *effect.paper}
+    assert all(getattr(made, name) == value for name, value in effect.paper.items())
+    assert plain.printed() == frozenset()
+    assert effect(**REQUIRED[effect], literal="all").printed() == set(effect.errata)
+    again = effect(**REQUIRED[effect], **effect.paper, literal=["paper"])  # what a stored scene says
+    assert again == msgspec.structs.replace(made, literal="paper") == made
+
+
+def test_what_each_system_takes():
+    """Misprints that no author can have run are not among the papers' own choices; E23 and the pairs of E9 are."""
+    own = {e.name: (set(e.improvements), dict(e.paper)) for e in REQUIRED}
+    assert own["weakly_compressible"] == ({"E24"}, {})
+    assert own["surface_detection"] == ({"E6", "E23"}, {})
+    assert own["jiang_zhu_2023"] == ({"E6", "E7", "E23"}, {"pair_mode": "either", "balance_pressure": False})
+    assert own["dong_2016"] == ({"E21"}, {"solver": "hu_adams", "balance_pressure": False})
+    assert own["mpm_liquid"] == ({"M4", "M6"}, {"volume": "full_gradient"})
+    assert own["surface_energy"] == ({"M31", "M32"}, {"embedding": "thesis"})
+    assert own["heat_conduction"][0] == {"M6", "M8", "M11"}
+    assert own["heat_conduction"][1] == {
+        "scheme": "one_sided", "laplacian": "mueller", "mean": "arithmetic", "calibrated": False,
+        "largest_drift": 0.0,
+    }  # fmt: skip
+    assert own["shape_matching"] == (set(), {"damping": 0.0})
+    assert own["mesh_boundary"] == ({"E27", "E30"}, {"correction": "point"})
+
+
+@pytest.mark.parametrize(
+    "make, words",
+    [
+        (lambda: SurfaceDetection(literal="Paper").printed(), "literal has Paper; only E5, E6, E10, E23, paper or all"),
+        (lambda: ShapeMatching(literal=("M25",)).printed(), "shape_matching: literal has M25; only paper or all can"),
+        (lambda: SurfaceDetection(literal=3), "literal = 3 is a whole number; give text or a tuple or a list"),
+        (lambda: SurfaceDetection(literal=("paper", 3)), r"literal\[1\] = 3 is a whole number; give text"),
+        (
+            lambda: JiangZhu2023(gamma=1.0, literal="paper", pair_mode="both"),
+            "jiang_zhu_2023: literal 'paper' sets pair_mode = 'either', but pair_mode = 'both' is given; leave one of",
+        ),
+        (lambda: HeatConduction(literal=("M5", "paper"), scheme="explicit"), "sets scheme = 'one_sided', but scheme ="),
+        (
+            lambda: sample(TETRAHEDRON, 0.1, literal=("papers",)),
+            "sampling: literal has papers; only E24, E25, paper or all",
+        ),
+    ],
+)
+def test_wrong_words_get_one_sentence(make, words):
+    with pytest.raises(InputError, match=words):
+        make()
+
+
+TETRAHEDRON = surface_mesh(
+    np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1.0]]), np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
+)
+
+
+def moved(*effects, **scene):
+    """Velocities after three steps of a block of 4^3 particles, in float64."""
+    given = {"spacing": 0.05, "support_radius": 0.13, "dtype": "float64", "fluid": (Box(cells=(4, 4, 4)),)} | scene
+    simulation = Simulation(Scene(**given, effects=effects), backend="numpy")
+    for _ in range(3):
+        simulation.step()
+    return simulation.field("velocity")
+
+
+def liquid(**given):
+    return WeaklyCompressible(sound_speed=10.0, dynamic_viscosity=20.0, **given)
+
+
+@pytest.mark.parametrize(
+    "own, spelled, usual",
+    [
+        (
+            (liquid(literal="paper"), JiangZhu2023(surface_tension=1.0, literal="paper")),
+            (
+                liquid(literal=("E24",)),
+                JiangZhu2023(
+                    surface_tension=1.0, pair_mode="either", balance_pressure=False, literal=("E6", "E7", "E23")
+                ),
+            ),
+            (liquid(), JiangZhu2023(surface_tension=1.0)),
+        ),
+        (
+            (liquid(), Dong2016(surface_tension=0.1, literal="paper")),
+            (liquid(), Dong2016(surface_tension=0.1, solver="hu_adams", balance_pressure=False, literal=("E21",))),
+            (liquid(), Dong2016(surface_tension=0.1)),
+        ),
+        (
+            (liquid(), Gravity(), BoxWalls(**REQUIRED[BoxWalls], literal="paper")),
+            (liquid(), Gravity(), BoxWalls(**REQUIRED[BoxWalls], literal="g")),
+            (liquid(), Gravity(), BoxWalls(**REQUIRED[BoxWalls])),
+        ),
+    ],
+    ids=["jiang_zhu", "dong", "walls"],
+)
+def test_a_run_as_in_the_paper_is_that_with_everything_spelled_out(own, spelled, usual):
+    found = moved(*own)
+    assert np.array_equal(found, moved(*spelled))
+    assert not np.array_equal(found, moved(*usual))
+
+
+def test_the_thesis_needs_a_step_of_its_own():
+    drop = (MpmLiquid(bulk_modulus=1e4, literal="paper"), SurfaceEnergy(surface_tension=1.0, literal="paper"))
+    with pytest.raises(InputError, match="stable with no step; give the scene a step of its own"):
+        moved(*drop)
+    assert np.isfinite(moved(*drop, step=1e-4)).all()
+
+
+SCENE = """
+spacing = 0.05
+support_radius = 0.13
+end_time = 0.01
+[[fluid]]
+shape = "box"
+cells = [4, 4, 4]
+[effects.weakly_compressible]
+sound_speed = 10.0
+literal = "paper"
+[effects.surface_detection]
+literal = "paper"
+[effects.jiang_zhu_2023]
+surface_tension = 1.0
+literal = {literal}
+"""
+
+
+def test_a_scene_file_takes_a_word_or_a_list_and_plan_and_list_show_it(tmp_path, capsys):
+    file = tmp_path / "scene.toml"
+    file.write_text(SCENE.format(literal='["paper", "E4"]'))
+    assert load_scene(file).effects[2].literal == ("paper", "E4")
+    assert main(["plan", str(file), "--json"]) == 0
+    effects = json.loads(capsys.readouterr().out)["effects"]
+    assert effects["weakly_compressible"]["literal"] == {"source": "Jiang & Zhu", "printed": ["E24"], "parameters": {}}
+    assert effects["jiang_zhu_2023"]["literal"]["printed"] == ["E4", "E6", "E7", "E23"]
+    assert effects["jiang_zhu_2023"]["literal"]["parameters"] == {"pair_mode": "either", "balance_pressure": False}
+    assert main(["plan", str(file)]) == 0
+    words = "As in Jiang & Zhu: jiang_zhu_2023 with E4, E6, E7, E23, pair_mode = 'either', balance_pressure = False"
+    assert words in capsys.readouterr().out
+    assert main(["list", "jiang_zhu_2023"]) == 0
+    told = " ".join(capsys.readouterr().out.split())
+    assert 'literal = "paper" takes of Jiang & Zhu: E6, E7, E23, pair_mode = "either", balance_pressure = false' in told
+    file.write_text(SCENE.format(literal='"papers"'))
+    assert main(["plan", str(file)]) == 2
+    assert "jiang_zhu_2023: literal has papers; only E4, E5, E6, E7, E10, E23, paper or all" in capsys.readouterr().err

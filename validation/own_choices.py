@@ -1,0 +1,164 @@
+"""What the papers' own choices give: `python -m validation own`, `literal = "paper"` beside refsim's defaults.
+
+One scene of each system, which the rest of validation takes, too; nothing differs but the preset. The numbers stand in
+figures/own_choices.json and, from there, on docs/accuracy_cost.md.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from refsim import Cloud, Dong2016, HeatConduction, RunStopped, Scene, Simulation
+from validation.running import Context
+
+ROOT = Path(__file__).resolve().parent.parent
+STORED = ROOT / "figures" / "own_choices.json"
+PAGE = ROOT / "docs" / "accuracy_cost.md"
+Measured = dict[str, Any]  # "value", and "remark" on how the run ended
+
+
+def _drop(changes: Mapping[str, Any]) -> Measured:
+    """Radius variation of the drop that a cube of 13^3 particles has become after 2.2 s."""
+    from validation.experiments.droplet.experiment import outcome
+    from validation.experiments.droplet.runs import relaxed
+
+    result = relaxed(Context(), "", changes, "cube", 13**3, "cpu", samples=24)
+    return {"value": result.values["end"]["radius_variation"], "remark": outcome(result)}
+
+
+def jiang_zhu(literal: tuple[str, ...]) -> Measured:
+    """The drop of the panel `droplet`."""
+    return _drop({"literal": literal, "tension": {"literal": literal}})
+
+
+def detection(literal: tuple[str, ...]) -> Measured:
+    """1 - F1 of the panel `detection_2d`, against the exact cover."""
+    from validation.experiments.dam_break.accuracy_runs import TRUTH_RADIUS, detection_scene, load_state
+    from validation.metrics.surface_truth import arc_cover_surface, detection_score
+
+    simulation = Simulation(detection_scene("dam_break_2d", {"literal": literal}, "float64"))
+    simulation.evaluate()
+    grid, walls = simulation.plan.grid, simulation.plan.walls
+    truth = arc_cover_surface(load_state("dam_break_2d").position, TRUTH_RADIUS * grid.spacing, walls.position)
+    score = detection_score(simulation.field("surface").astype(bool), truth)
+    return {"value": 1 - score.f1, "remark": f"precision {score.precision:.3f}, recall {score.recall:.3f}"}
+
+
+def dong(literal: tuple[str, ...]) -> Measured:
+    """The same drop under Dong's tension, with the kernels and the support of docs/models.md."""
+    effects = (Dong2016(surface_tension=1.0, literal=literal),)
+    return _drop({"effects": effects, "support": 2.7, "kernels": "wendland"})
+
+
+def thesis(literal: tuple[str, ...]) -> Measured:
+    """Off 1: pressure over Laplace's of the square of 12 cells of docs/errata.md, at the step of that table."""
+    from validation.experiments.mpm_droplet.drops import follow
+    from validation.experiments.mpm_droplet.scene import box, drop_scene
+
+    scene = drop_scene(box([12.0] * 2), 2, tension={"literal": literal}, liquid={"literal": literal})
+    run = Simulation(scene)
+    try:
+        ledger, _, stopped = follow(Context(), run, 0.15, 60)
+    except RunStopped as stop:
+        return {"value": None, "remark": f"stops: {stop.reason} in step {run.steps}"}
+    off = None if stopped else abs(ledger.summary()["pressure"] - 1)
+    return {"value": off, "remark": f"stops: {stopped}" if stopped else ""}
+
+
+def shao_song(literal: tuple[str, ...]) -> Measured:
+    """Error of half a cosine in an insulated slab of 40 spacings, k dt/(rho c d^2) = 2, over its range."""
+    from validation.experiments.heat import exact
+
+    d, cells, until, steps = 0.2, 40, 6.4, 80
+    axes = [(np.arange(n) + 0.5) * d for n in (cells, 6, 6)]
+    place = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    stored = 1.0 if literal else 4.0e6  # rho c [J/(m^3 K)]: the paper's K is a diffusivity (M11)
+    heat = HeatConduction(
+        temperature=tuple(exact.cosine(place[:, 0], cells * d, 0.0)), conductivity=stored, heat_capacity=4000.0,
+        density=1000.0, literal=literal,
+    )  # fmt: skip
+    scene = Scene(spacing=d, support_radius=2.5 * d, dtype="float64", step=until / steps, period=(0.0, 6 * d, 6 * d),
+                  fluid=(Cloud(position=place),), effects=(heat,))  # fmt: skip
+    run = Simulation(scene)
+    first = run.field("temperature").astype(float)
+    for _ in range(steps):
+        run.step()
+    last = run.field("temperature").astype(float)
+    error = np.sqrt(((last - exact.cosine(place[:, 0], cells * d, until)) ** 2).mean()) / np.ptp(first)
+    lost = float(first.mean() - last.mean())
+    return {"value": float(error), "remark": f"mean temperature {-lost:+.2g} K" if abs(lost) > 1e-9 else "heat kept"}
+
+
+def patent(literal: tuple[str, ...]) -> Measured:
+    """Pressure of the tank of the panel `tank_pressure`, root mean square over that at the bottom."""
+    from validation.experiments.boundary.tank_runs import rested
+
+    setting = {"cells": 10, "knobs": {"dtype": "float32", "backend": "cpu"}, "literal": literal}
+    found = rested(Context(), setting, 0)
+    return {"value": None if found.stopped else found.error, "remark": f"stops: {found.stopped}" * bool(found.stopped)}
+
+
+# paper, effects with the preset, scene and measure
+ROWS: dict[str, tuple[str, str, str, Callable[[tuple[str, ...]], Measured]]] = {
+    "jiang_zhu": (
+        "Jiang & Zhu (E9, E23, E6, E24)", "`weakly_compressible`, `jiang_zhu_2023`",
+        "radius variation of a drop that was a cube of 13^3, 2.2 s (a settled drop: 0.005)", jiang_zhu,
+    ),
+    "detection": (
+        "Jiang & Zhu (E23, E6)", "`surface_detection`", "wrong surface particles, 1 - F1, splash in 2D", detection
+    ),
+    "dong": ("Dong (E21, E31)", "`dong_2016`", "radius variation of the same drop, h = 2.7 d", dong),
+    "thesis": (
+        "thesis (M4, M6, M9, M10, M31, M32, M37)", "`mpm_liquid`, `surface_energy`",
+        "pressure off Laplace's, square of 12 cells, 0.15 s", thesis,
+    ),
+    "shao_song": (
+        "Shao & Song (M6, M7, M8, M11)", "`heat_conduction`",
+        "temperature, insulated slab of 40 spacings, k dt/(rho c d^2) = 2, of the range", shao_song,
+    ),
+    "patent": ("patent (E27, E30, P8)", "`mesh_boundary`", "pressure of a tank at rest, of rho g H", patent),
+}  # fmt: skip
+
+
+def measure() -> dict[str, Any]:
+    """Every row by refsim's default and by the paper's own choices."""
+    return {name: {"refsim": row[-1](()), "paper": row[-1](("paper",))} for name, row in ROWS.items()}
+
+
+def _shown(found: Measured) -> str:
+    if found["value"] is None:
+        return found["remark"]
+    value = f"{found['value']:.2g}" if found["value"] < 0.1 else f"{found['value']:.3g}"
+    return f"{value} ({found['remark']})" if found["remark"] else value
+
+
+def markdown(stored: Mapping[str, Any]) -> list[str]:
+    """The table of docs/accuracy_cost.md."""
+    head = [
+        '| paper | effects | measured | refsim\'s default | `literal = "paper"` |',
+        "| --- | --- | --- | --- | --- |",
+    ]
+    return head + [
+        f"| {' | '.join(ROWS[name][:3])} | {_shown(row['refsim'])} | {_shown(row['paper'])} |"
+        for name, row in stored.items()
+    ]
+
+
+def page(text: str, stored: Mapping[str, Any]) -> str:
+    """docs/accuracy_cost.md with this table renewed."""
+    from validation.stability_page import replaced
+
+    return replaced(text, "own choices", markdown(stored), PAGE)
+
+
+def write() -> list[Path]:
+    """Measure, store, and renew the page; returns the paths."""
+    found = measure()
+    STORED.write_text(json.dumps(found, indent=1) + "\n")
+    PAGE.write_text(page(PAGE.read_text(), found))
+    return [STORED, PAGE]
