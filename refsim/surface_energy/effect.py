@@ -190,11 +190,11 @@ class SurfaceEnergy(Tension, HoldsOtherMemory, Watches, frozen=True, kw_only=Tru
         dim, pull, wets = grid.dim, self.contact_pull(), self.wets(others)
 
         def surface(state: EnergyState) -> Amount:
-            made, place = state.shared("surface"), (state.array("position"), state.array("identity"))
+            made, points = state.shared("surface"), (state.array("position"), state.array("identity"))
             if self.enclose_volume:
-                made.reconstruct_enclosing(*place, state.array("mass"), state.array("volume_ratio"))
+                made.reconstruct_enclosing(*points, state.array("mass"), state.array("volume_ratio"))
             else:
-                made.reconstruct(*place)
+                made.reconstruct(*points)
             found = amount(self.surface_tension * state.host(made.sample_area))
             if not (wets and pull):
                 return found
