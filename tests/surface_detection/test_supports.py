@@ -171,17 +171,17 @@ def test_limits_are_those_of_the_lattice(dim, kernels):
             assert (wanted, least) == (0.98, 0.25 * plane)  # the paper's, with which its figures are computed
 
 
-@pytest.mark.parametrize("dim, radius, share", [(2, 1.3, 0.87), (2, 1.8, 0.95), (3, 1.3, 0.62)])
+@pytest.mark.parametrize("dim, radius, share", [(2, 1.3, 0.87), (2, 1.8, 0.95), (3, 1.5, 0.88)])
 def test_bubbles_are_found_to_the_share_that_the_page_tells(dim, radius, share):
-    """Its mean over 24 and 60 places; over five it is within 0.1."""
+    """Its mean over 24 and 60 places; over eight it is within 0.1."""
     found = truth = 0
-    for seed in range(5):
+    for seed in range(8):
         random = np.random.default_rng(seed)
         axes = [np.arange(9) - 4.0] * dim + [np.zeros(1)] * (3 - dim)
         place = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 3)
         place[:, :dim] += random.uniform(-0.1, 0.1, (len(place), dim))
         away = np.linalg.norm(place[:, :dim] - random.uniform(-0.5, 0.5, dim), axis=1)
-        place, near = place[away >= radius], away[away >= radius] < radius + 2.2
+        place, near = place[away >= radius], away[away >= radius] < radius + 1.5
         if dim == 2:
             true = arc_cover_surface(place[:, :2], 1.2)[near]
         else:
