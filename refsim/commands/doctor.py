@@ -83,7 +83,6 @@ def _self_test(backend: str) -> dict[str, Any]:
         values = []
         for name in ("numpy", backend):
             simulation = Simulation(plan, name)
-            simulation.evaluate()
             values.append(simulation.field("density").astype(float))
         neighbours = simulation.search.log.most_neighbours if simulation.search else 0
     except RefsimError as error:

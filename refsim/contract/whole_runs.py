@@ -20,6 +20,7 @@ import numpy as np
 from refsim.core.errors import InputError
 from refsim.engine.simulation import Simulation
 from refsim.io.frames import read_particles
+from refsim.io.results import SAME_TIME
 from refsim.scene.scene import Scene
 
 SHAKEN = 1e-6  # of the particle spacing; of the coordinates' precision where that is coarser
@@ -199,8 +200,8 @@ def compare(
     snapshot = min(frames, key=lambda frame: abs(frame.time - wanted))
     time = snapshot.time
     gaps = [later.time - earlier.time for earlier, later in itertools.pairwise(frames)]
-    if abs(time - wanted) > 0.5 * max(gaps, default=0.0) + 1e-9 * abs(wanted):
-        raise InputError(f"{folder} has no frame at {wanted:g} s; the nearest is at {time:g} s.")
+    if abs(time - wanted) > 0.5 * max(gaps, default=0.0) + SAME_TIME * abs(wanted):
+        raise InputError(f"{folder} has no frame at {wanted:.9g} s; the nearest is at {time:.9g} s.")
     if time <= 0:
         raise InputError(f"{folder}: the frame at {time:g} s is the start; give a later time with --at.")
     runs = [_run(scene, seed, time, backend) for seed in (None, *SEEDS)]

@@ -43,6 +43,11 @@ class Pass:
     algorithm: str = ""
     stage: Literal["start", "begin", "forces", "motion"] = "forces"
 
+    @property
+    def written(self) -> frozenset[str]:
+        """What it writes or updates."""
+        return frozenset((*self.writes, *self.updates))
+
 
 class Lattice(NamedTuple):
     """Cells of the nodes; nodes of one body stand together, sorted by key."""

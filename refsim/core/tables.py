@@ -5,7 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
+from refsim.core.checked import suggestion
+from refsim.core.errors import InputError
 from refsim.core.extras import extra
+
+
+class UnknownRow(InputError, KeyError):
+    """A table has no row of that name; a KeyError, too, so that `in` and `get` work as in every mapping."""
+
+    __str__ = Exception.__str__
 
 
 def table(rows: Iterable[Sequence[Any]], head: Sequence[str] = (), right: Sequence[int] = ()) -> str:
@@ -59,7 +67,9 @@ class Table(Mapping[str, Any]):
     columns  their names
     rows     one tuple a row
 
-    `table["mass"]` is the value of the row named mass, or, with several columns of values, the values by column.
+    `table["mass"]` is the value of the row named mass, or, with several columns of values, the values by column;
+    `table["search"]` is the table of the rows named "search.rebuilds" and the like. Raises UnknownRow (an InputError
+    and a KeyError) for another name.
     """
 
     def __init__(self, title: str, columns: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:
@@ -69,6 +79,11 @@ class Table(Mapping[str, Any]):
         self._places = {str(row[0]): k for k, row in enumerate(self.rows)}
 
     def __getitem__(self, name: str) -> Any:
+        if name not in self._places:
+            inner = [(row[0].removeprefix(f"{name}."), *row[1:]) for row in self.rows if row[0].startswith(f"{name}.")]
+            if not inner:
+                raise UnknownRow(f"{self.title}: there is no row {name!r}; {suggestion(name, self._places)}")
+            return Table(f"{self.title}, {name}", self.columns, inner)
         values = dict(zip(self.columns, self.rows[self._places[name]]))
         del values[self.columns[0]]
         return values if len(values) > 1 else values[self.columns[1]]

@@ -51,7 +51,7 @@ class StateOfRun:
 
     def evaluate(self) -> None:
         """Bring every field up to the present positions."""
-        self._simulation.evaluate(on_demand=False)
+        self._simulation.refresh()
 
     def pair_sum(self, potential: Callable[[NDArray, NDArray, NDArray], NDArray], reach: float) -> Amount:
         """Sum of potential(r, i, j) [J] over all pairs nearer than `reach` [m], each counted once."""

@@ -312,8 +312,8 @@ class _Run:
         simulation = self.simulation
         check_particles(simulation)
         with simulation.timings.of_host("frames"):
-            simulation.evaluate()
-            values = {name: simulation.field(name) for name in simulation.plan.particle_fields}
+            simulation.refresh(on_demand=True)
+            values = {name: simulation.stored(name) for name in simulation.plan.particle_fields}
             values = {name: v.view(np.uint8) if v.dtype.kind == "b" else v for name, v in values.items()}
             scene = simulation.plan.scene
             position = wrapped(values.pop("position"), scene.period, scene.period_lower)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import contextlib
 import math
 import os
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Callable, Collection, Generator, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -82,6 +82,8 @@ class Simulation:
         grid = self.plan.grid
         backends.set_threads(self.backend, threads, grid.count)
         self.force_passes = fused(self.plan.passes, self.backend.name)
+        self._current: set[str] = set()  # fields that follow from the state and belong to the present one
+        self._needs: dict[str, frozenset[int]] = {}
         self.source: Path | None = None
         self.time, self.steps, self.previous_length = 0.0, 0, 0.0
         self.first_length: float | None = None
@@ -167,11 +169,26 @@ class Simulation:
 
         name  of a field, with its shape and unit in `refsim plan`: "position" (n, 3) [m], "density" (n,) [kg/m^3], ...
 
-        Forces and densities are those of the last pass over them; `evaluate` brings them up to the present state.
-        Raises InputError where the scene has no such field.
+        Every field belongs to the present state, at `time`, before the first step and after each: where densities,
+        forces, surfaces and the like do not yet, the passes that the field needs are run, and no others; the run is
+        not changed by it. Velocities are half a step behind. What follows from a step's length, such as the pressure
+        of `iisph` and the forces on solids, is of the last step and no part of "acceleration".
+
+        Raises InputError where the scene has no such field, and where only a step computes it and there was none;
+        RunStopped where the state does not allow to compute it.
         """
         if name not in self.plan.fields:
             raise InputError(f"field: this scene has no field {name!r}; {suggestion(name, self.plan.fields)}")
+        needed = self._needed(name)
+        if needed and name not in self._current:
+            for _ in self.replay_passes(only=needed):
+                pass
+        if not needed and self.last is None and self._is_of_steps(name):
+            raise InputError(f"field: {name!r} is computed in a step, and there was none yet; call step() before.")
+        return self.stored(name)
+
+    def stored(self, name: str) -> np.ndarray:
+        """A field's values as they are on the backend, in the order of `field`."""
         values = self._host(name)
         if self.plan.fields[name].rows is not None:
             return values
@@ -197,6 +214,7 @@ class Simulation:
         if not np.isfinite(values).all():
             raise InputError(f"set_field: {name} has values that are not finite; give finite ones.")
         self._set(name, values[self._host("identity")])
+        self.outdate()
         self.lists.velocities_set = True
         self.lists.policy.velocities_set()
         for effect in having(self.plan.effects, FollowsSettings):
@@ -214,11 +232,13 @@ class Simulation:
         """Advance by one stable step. Raises RunStopped, with the state as it was, where that is impossible."""
         if self.auditor is not None:
             self.auditor.begin()
+        self.outdate()
         self.order.sort_alone()
         self.lists.update()
         self.order.attend()
         self.order.follow()
         done = self.stepper.advance()
+        self.outdate()
         self.lists.velocities_set = False
         self.lists.policy.after_step(done)
         self.stopped_at_walls += done.stopped
@@ -268,30 +288,67 @@ class Simulation:
         return stable_steps(self.limits, extremes)
 
     def evaluate(self, on_demand: bool = True) -> None:
-        """Run the passes on the present state, so that every field belongs to it; the run is not changed by it."""
+        """Run the passes on the present state, whether or not fields belong to it; the run is not changed by it.
+
+        `field` does this by itself. on_demand: also those that no step needs
+        """
         for _ in self.replay_passes(on_demand):
             pass
 
-    def replay_passes(self, on_demand: bool = False) -> Generator[tuple[str, tuple[str, ...]], None, None]:
+    def refresh(self, on_demand: bool = False) -> None:
+        """Run the passes on the present state unless all of their fields belong to it."""
+        if not all(p.written <= self._current for _, p in self.force_passes if on_demand or not p.on_demand):
+            self.evaluate(on_demand)
+
+    def _needed(self, name: str) -> frozenset[int]:
+        """Numbers of the passes on which a field depends that follows from the state; none for other fields."""
+        if name not in self._needs:
+            wanted, taken, more = {name}, set[int](), {-1}
+            while more and not self.plan.fields[name].state:
+                more = {k for k, (_, p) in enumerate(self.force_passes) if p.written & wanted} - taken
+                taken |= more
+                wanted.update(*((*p.written, *p.reads) for k, (_, p) in enumerate(self.force_passes) if k in more))
+            self._needs[name] = frozenset(taken)
+        return self._needs[name]
+
+    def outdate(self) -> None:
+        """Note that the state is another one, or sorted anew: no field that follows from it belongs to it any more."""
+        self._current.clear()
+
+    def _is_of_steps(self, name: str) -> bool:
+        """Whether only a step writes a field, which does not outlive it."""
+        first = any(name in p.written for _, p in self.plan.start)
+        in_step = any(name in p.written for _, p in (*self.plan.begin, *self.plan.motion))
+        return in_step and not first and not self.plan.fields[name].state
+
+    def replay_passes(
+        self, on_demand: bool = False, only: Collection[int] | None = None
+    ) -> Generator[tuple[str, tuple[str, ...]], None, None]:
         """Run the passes on the present state one by one; after each, its operation and the fields it wrote.
 
-        What outlives the step (warm starts, say) is put back at the end, so that the run is not changed.
+        What outlives the step (warm starts, say) is put back at the end, so that the run is not changed. only: numbers
+        of the passes to run, in place of all
         """
         self.lists.update()
         self.order.attend()
-        written = {name for _, p in self.plan.passes for name in (*p.writes, *p.updates)}
-        kept = {name: self._host(name) for name, f in self.plan.fields.items() if f.state and name in written}
+        if only is None:
+            only = [k for k, (_, p) in enumerate(self.force_passes) if on_demand or not p.on_demand]
+        touched = set().union(*(self.force_passes[k][1].written for k in only))
+        kept = {name: self._host(name) for name, f in self.plan.fields.items() if f.state and name in touched}
+        self._current -= touched
         try:
-            yield from self.launch(on_demand)
+            yield from self.launch(only)
+            self._current |= touched
         finally:
             for name, values in kept.items():
                 self.backend.assign(self.fields[name], values)
 
-    def launch(self, on_demand: bool) -> Iterator[tuple[str, tuple[str, ...]]]:
-        """Launch the passes, in order; after each, its operation and the fields it wrote."""
-        self.backend.assign(self.fields["acceleration"], 0.0)
-        for (name, rare, call), (_, p) in zip(self.force_calls, self.force_passes):
-            if on_demand or not rare:
+    def launch(self, only: Collection[int] | None = None) -> Iterator[tuple[str, tuple[str, ...]]]:
+        """Launch the passes of a step, or those of these numbers; after each, its operation and the fields it wrote."""
+        if only is None or any("acceleration" in self.force_passes[k][1].written for k in only):
+            self.backend.assign(self.fields["acceleration"], 0.0)
+        for k, ((name, rare, call), (_, p)) in enumerate(zip(self.force_calls, self.force_passes)):
+            if (not rare) if only is None else k in only:
                 self.timings.run(name, call)
                 yield name, (*p.writes, *p.updates)
 
@@ -318,7 +375,7 @@ class Simulation:
         Raises RunStopped, before the last good checkpoint is touched, where the state or the forces on it are
         not finite, or the energy has grown beyond the bound of the scene's audit.
         """
-        self.evaluate(on_demand=False)
+        self.refresh()
         self.checked_extremes()
         if self.auditor is not None:
             self.auditor.look(note=False)

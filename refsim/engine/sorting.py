@@ -79,6 +79,7 @@ class ParticleOrder:
     def renumber(self) -> None:
         """Bring the table of each particle's row up to the present order, where the scene has one."""
         fields = self.run.fields
+        self.run.outdate()
         if "place" in fields:
             self.run.backend.invert(fields["identity"], fields["place"])
 

@@ -123,7 +123,7 @@ class HostStepper:
         s = self.simulation
         for name, call in s.begin_calls:
             s.timings.run(name, call)
-        for _ in s.launch(on_demand=False):
+        for _ in s.launch():
             pass
         extremes = s.checked_extremes()
         limits = stable_steps(s.limits, extremes)
@@ -188,7 +188,7 @@ class DeviceStepper:
         began = time.perf_counter()
         if not self.recorded.called:
             self._launch_each(s.begin_calls)
-            for _ in s.launch(on_demand=False):  # each program's first call is timed, because it compiles
+            for _ in s.launch():  # each program's first call is timed, because it compiles
                 pass
             self._launch_each(self._motion())
             self.recorded.called = True

@@ -42,7 +42,7 @@ UNITS = {  # of the ledger, in 3D
     "potential_energy": "J",
 }
 INTENSIVE = ("-", "m/s")  # units of the ledger that are the same in 2D; the other quantities are per metre of depth
-SAME_TIME = 1e-9  # relative difference of two times that are meant to be equal
+SAME_TIME = 5e-6  # relative difference of two times that are the same to the six digits in which times are printed
 
 
 class RunFrame:
@@ -154,7 +154,7 @@ class Run:
         slack = SAME_TIME * max(abs(first), abs(last))
         if not first - slack <= time <= last + slack:
             raise InputError(
-                f"run {self.folder}: there is no frame at {time:g} s; give a time from {first:.6g} to {last:.6g} s."
+                f"run {self.folder}: there is no frame at {time:.9g} s; give a time from {first:.6g} to {last:.6g} s."
             )
         return RunFrame(self, int(np.abs(self.times - time).argmin()))
 
@@ -181,7 +181,10 @@ class Run:
 
     @property
     def report(self) -> Table:
-        """What the run did: the entries of `report.json`, those of inner tables as "search.rebuilds" and the like."""
+        """What the run did: the entries of `report.json`, those of inner tables as "search.rebuilds" and the like.
+
+        `report["search"]` is the inner table of its entries.
+        """
         return Table("report", ("entry", "value"), _flat(self._report_json()))
 
     @property
@@ -318,14 +321,14 @@ def open_run(folder: str | os.PathLike[str], *, check: bool = True) -> Run:
 
 
 def _flat(tables: Mapping[str, Any], place: str = "") -> list[tuple[str, Any]]:
-    """(name, value) of the innermost values, vectors by component."""
+    """(name, value) of the innermost values, vectors by component; an empty table or list is a value."""
     rows: list[tuple[str, Any]] = []
     for name, value in tables.items():
-        if isinstance(value, Mapping):
+        if isinstance(value, Mapping) and value:
             rows += _flat(value, f"{place}{name}.")
         elif isinstance(value, list) and len(value) == 3 and all(isinstance(v, int | float) for v in value):
             rows += [(f"{place}{name}.{axis}", v) for axis, v in zip("xyz", value)]
-        elif isinstance(value, list):
+        elif isinstance(value, list) and value:
             rows += [(f"{place}{name}.{k}", v) for k, v in enumerate(value)]
         else:
             rows.append((f"{place}{name}", value))

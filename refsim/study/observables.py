@@ -131,7 +131,6 @@ def _field(name: str, rest: str, plan: Plan) -> Observable:
     point = None if where in OVER_ALL else _point(name, where, plan.grid.dim)
 
     def value(simulation: Simulation) -> float:
-        simulation.evaluate()
         values = simulation.field(field).astype(float)
         if part:
             values = values[:, "xyz".index(part)]

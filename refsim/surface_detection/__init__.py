@@ -1,8 +1,9 @@
 """Free-surface detection in one or two steps (Jiang & Zhu 2023, (12) and (13)).
 
 Contents: SurfaceDetection; fields NEAR_SURFACE, SCAN_CANDIDATES and SURFACE; NearSurfaceLimit, FanScan, ThinFeature;
-passes near_surface_pass, candidates_pass, fan_scan_pass; operations surface_detection.near_surface,
-surface_detection.candidates, surface_detection.fan_scan, surface_detection.release_pressure.
+LatticeFace, to which limits are held where the paper's fail on a lattice; passes near_surface_pass, candidates_pass,
+fan_scan_pass; operations surface_detection.near_surface, surface_detection.candidates, surface_detection.fan_scan,
+surface_detection.release_pressure.
 
 Motion compresses the surface of a liquid: the number density there reaches that of the bulk, and no threshold on it
 distinguishes the two (Jiang & Zhu E23). The neighbours of a surface particle stand on one side. The first of the two
@@ -15,6 +16,7 @@ Another effect that needs the detected sets takes the scene's settings, or the d
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple
 
@@ -28,7 +30,7 @@ from refsim.core.errors import InputError
 from refsim.core.fields import Field
 from refsim.core.operation import Operation, register
 from refsim.core.scalars import int32
-from refsim.smoothing import smoothing
+from refsim.smoothing import lattice, smoothing
 from refsim.sph import ASYMMETRY, LIQUID, NUMBER_DENSITY, PRESSURE, liquid_of
 from refsim.surface_normal import (
     CORRECTED_NORMAL,
@@ -51,6 +53,15 @@ THIN_FEATURES = ("fan_scan", "second_moment")
 THRESHOLD = 0.98  # the paper's lambda of J(12)
 SPARSE = 0.9  # lambda of the first step where asymmetry stands beside it; the lower end of the paper's range
 NORMALS = {"color": SURFACE_NORMAL, "corrected": CORRECTED_NORMAL}
+NEAREST = 1.05  # spacings; a smaller support radius hardly reaches the nearest neighbours
+# Support radii [spacings] at which at least 97 % of the surface of liquid is found whose particles stand a tenth of a
+# spacing off a lattice, in 2D and 3D (`tests/surface_detection/test_supports.py`)
+RIGHT = 2.0, 6.0
+TOLD = 1.1  # of the outermost layer's number density, the least of an inner corner's at which J(12) tells the two
+TOWARDS_SECOND = 0.75  # of the way from the outermost layer's number density to an inner corner's
+FACE_MOMENTS = (
+    2.0  # first moments of a particle on a lattice's face; more than M from 1.5 to 1.85 spacings on, by kernel
+)
 THIN = 1.3  # of the variance across two lattice layers: allows displacements of a fifth of the spacing
 THIN_FROM = 2.0  # spacings; a smaller support radius barely exceeds a film of three layers
 
@@ -108,6 +119,32 @@ def half_space_moment(fluid: WeaklyCompressible, grid: Discretisation) -> float:
     return float(fluid.rest_number_density(grid) * integral)
 
 
+class LatticeFace(NamedTuple):
+    """What J(8) gives at a plane face of the undisturbed lattice."""
+
+    outer: float  # number density of a particle of the outermost layer, over delta0
+    second: float  # that of a particle of the second layer
+    corner: float  # that of a particle of the second layer below three faces, two in 2D
+    moment: float  # first moment of a particle of the outermost layer [m^(1 - dim)]
+
+
+def lattice_face(fluid: WeaklyCompressible, grid: Discretisation) -> LatticeFace:
+    """The sums of J(8) over a cubic (square) lattice that ends at a plane face, or at one across each axis."""
+    from refsim.smoothing.reference import kernel_value
+
+    h, d = grid.support_radius, grid.spacing
+    steps = lattice(int(h / d) + 1, grid.dim)
+    weight = kernel_value(d * np.sqrt((steps**2).sum(1)), smoothing(fluid.sum_kernel(), h, grid.dim))
+    x, inside = steps[:, 0], (steps <= 1).all(1)
+    outer, second, corner = (float(weight[part].sum() / weight.sum()) for part in (x <= 0, x <= 1, inside))
+    return LatticeFace(outer, second, corner, float(d * weight[x > 0] @ x[x > 0]))
+
+
+def plane_moment(fluid: WeaklyCompressible, grid: Discretisation) -> float:
+    """First moment [m^(1 - dim)] of a particle on a plane surface, of which `asymmetry` is a share."""
+    return min(half_space_moment(fluid, grid), FACE_MOMENTS * lattice_face(fluid, grid).moment)
+
+
 def two_layer_variance(grid: Discretisation) -> float:
     """Variance [m^2] across a square (cubic) lattice film of two layers as its particles see it, weight 1 - (r/h)^2.
 
@@ -144,9 +181,13 @@ class SurfaceDetection(Effect, HasErrata, frozen=True, kw_only=True):
 
     method       "number_density" (S = N, J(12)), "fan_scan" (J(13) for every particle) or "two_step" (J(13) where the
                  neighbourhood is sparse or lopsided)
-    threshold    lambda of J(12); the paper's range is 0.90 to 0.99, its choice 0.98, which is the default where J(12)
-                 is used alone. In two steps 0.90: denser surface particles are found by their asymmetry
-    asymmetry    least first moment of a lopsided neighbourhood, as a share of that of a particle on a plane surface
+    threshold    lambda of J(12); the paper's range is 0.90 to 0.99, its choice 0.98. By default, where J(12) is used
+                 alone, 0.98, or at support radii where 0.98 does not tell the outermost layer of a lattice from the
+                 next (below 1.4 and, for S = N, from 2.7 to 3 spacings on), three quarters of the way from the density
+                 of the one to that of the other. In two steps 0.90: denser surface particles are found by their
+                 asymmetry
+    asymmetry    least first moment of a lopsided neighbourhood, as a share of that of a particle on a plane surface: of
+                 the continuum's, or, below about 1.8 spacings, twice that of a particle on the face of a lattice
     scan_radius  s of J(13): "half" of the support radius, or the "full" one, which doubles the list radius
     scan_normal  "color" (J(19)) or "corrected" (J(20))
     thin_features  what decides on films and filaments up to two layers thick: "fan_scan", as in the paper, or
@@ -190,6 +231,11 @@ class SurfaceDetection(Effect, HasErrata, frozen=True, kw_only=True):
             raise InputError(
                 f"{self.name}: threshold = {self.threshold} would mark every particle as near the surface; give a"
                 " number up to 1.2 (the paper uses 0.90 to 0.99)."
+            )
+        if grid.support_radius < NEAREST * grid.spacing * (1 - 1e-9):
+            raise InputError(
+                f"{self.name}: a support radius of {grid.support_radius / grid.spacing:.3g} spacings reaches too few"
+                f" neighbours to tell the surface from the bulk; give {NEAREST:g} or more, better 2."
             )
         choices = {
             "method": METHODS,
@@ -254,6 +300,41 @@ class SurfaceDetection(Effect, HasErrata, frozen=True, kw_only=True):
             return None
         return "scan_candidates" if self._lopsided() else "near_surface"
 
+    def notes(self, grid: Discretisation, others: Mapping[str, Effect]) -> tuple[str, ...]:
+        """Where the detector is not right: supports beyond those measured, and limits that fail on the lattice."""
+        fluid, ratio, said = liquid_of(others), grid.support_radius / grid.spacing, []
+        low, high = self.supports(fluid, grid)
+        if not low * (1 - 1e-9) <= ratio <= high * (1 + 1e-9):
+            said.append(
+                f"{self.name}: method = {self.method!r} finds the surface at support radii of {low:g} to {high:g}"
+                f" spacings; at {ratio:.3g} it finds that of a lattice, but once particles have moved it misses some of"
+                " them, or marks others inside (docs/surface_detection.md#how-it-fails)."
+            )
+        face = lattice_face(fluid, grid)
+        share = self._lambda(SPARSE) if self._lopsided() else self._near(face)
+        lopsided = self._lopsided() and face.moment >= self.asymmetry * plane_moment(fluid, grid)
+        if self.method != "fan_scan" and face.outer > share and not lopsided:
+            said.append(
+                f"{self.name}: threshold = {share:g} is below the {face.outer:.3g} of a lattice's outermost layer with"
+                " this support radius, which is not found then; give a larger one, or leave it out."
+            )
+        if self.method == "number_density" and self.threshold is not None and share >= face.second:
+            said.append(
+                f"{self.name}: threshold = {share:g} also marks the second layer of a lattice, which has"
+                f" {face.second:.3g} with this support radius; give {face.outer:.3g} to {face.second:.3g}, or leave it"
+                " out."
+            )
+        return tuple(said)
+
+    def supports(self, fluid: WeaklyCompressible, grid: Discretisation) -> tuple[float, float]:
+        """Least and largest support radius [spacings] at which the method finds the surface of liquid in motion."""
+        low, high = RIGHT
+        if self.method != "number_density":
+            return low, high
+        radii = [0.1 * k for k in range(round(10 * low), round(10 * high) + 1)]
+        faces = {r: lattice_face(fluid, dataclasses.replace(grid, support_radius=r * grid.spacing)) for r in radii}
+        return low, max(r for r, face in faces.items() if face.corner >= TOLD * face.outer)
+
     def energy(self, grid: Discretisation, others: Mapping[str, Effect]) -> EnergyAccount:
         """Detection has no forces; a released pressure follows from no energy."""
         return EnergyAccount(uncounted=("the pressure taken from surface particles",) if self.release_pressure else ())
@@ -265,15 +346,17 @@ class SurfaceDetection(Effect, HasErrata, frozen=True, kw_only=True):
     def prepare(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, Any]:
         fluid = liquid_of(others)
         h, delta0 = grid.support_radius, fluid.rest_number_density(grid)
+        face = lattice_face(fluid, grid)
         # Up to rounding, a normal without direction is zero; normals are dimensionless or, J(20), in 1/m.
         smallest = max(1e-12, 64.0 * float(np.finfo(grid.dtype).eps))
         if self.scan_normal == "corrected":
             smallest /= h
         groups = {
             **normal_term(fluid, grid, own_density="E10" in self.printed()),
-            "near_surface_limit": NearSurfaceLimit(grid.real(self._lambda(THRESHOLD) * delta0), grid.real(np.inf)),
+            "near_surface_limit": NearSurfaceLimit(grid.real(self._near(face) * delta0), grid.real(np.inf)),
             "candidate_limit": NearSurfaceLimit(
-                grid.real(self._lambda(SPARSE) * delta0), grid.real(self.asymmetry * half_space_moment(fluid, grid))
+                grid.real(self._lambda(SPARSE) * delta0),
+                grid.real(self.asymmetry * plane_moment(fluid, grid)),
             ),
             "fan_scan": FanScan(
                 grid.real(h if self._full() else 0.5 * h),
@@ -292,6 +375,17 @@ class SurfaceDetection(Effect, HasErrata, frozen=True, kw_only=True):
 
     def _lambda(self, usual: float) -> float:
         return usual if self.threshold is None else self.threshold
+
+    def _near(self, face: LatticeFace) -> float:
+        """lambda of J(12): the paper's where it tells the outermost layer of a lattice from the next, else one between.
+
+        As a first step it need not exclude the second layer, which is scanned.
+        """
+        bulk = 1.0
+        if self.method == "number_density":
+            bulk = face.corner if face.corner > face.outer else face.second
+        fits = face.outer < THRESHOLD < bulk
+        return self._lambda(THRESHOLD if fits else face.outer + TOWARDS_SECOND * (bulk - face.outer))
 
     def _full(self) -> bool:
         return self.scan_radius == "full" or "E6" in self.printed()

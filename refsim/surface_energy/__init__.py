@@ -194,7 +194,10 @@ def _changed(**parameters: Any) -> Any:
     return made
 
 
-SHAPES = ("drop", "disc", "filament_row", "two_rows", "on_nodes", "close_drops", "narrow_cavity", "spray")
+SHAPES = (
+    "drop", "disc", "filament_row", "two_rows", "on_nodes", "block_of_lattice", "sheet_of_lattice", "close_drops",
+    "narrow_cavity", "spray",
+)  # fmt: skip
 _COUNTED = {"cpu": Program("counts"), "cuda": Program("counts_cuda")}
 _INTEGERS = {"tolerance": 0.0, "tolerance_reason": "integers"}
 _enter(

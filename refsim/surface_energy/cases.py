@@ -36,6 +36,7 @@ def reconstruction(name: str, dtype: str) -> dict:
     h, dim, blocks = cell_size(made), made.dim, before["blocks"]
     found = {
         "interior_position": position,
+        "interior_number": made.random("interior_number").permutation(made.count).astype(np.int32),
         "cells": listed(made, position, dtype),
         "surface_term": surface_term(tension_of(made), dim, dtype, h),
     }
@@ -53,8 +54,9 @@ def reconstruction(name: str, dtype: str) -> dict:
     found["accepted"] = np.zeros(len(found["candidate_position"]), np.uint8)
     found["sample_cells"] = listed(made, found["sample_position"], dtype)
     found |= work_out(
-        "offsets", "interior_position", "cells", "blocks", "surface_term", "sample_position", "sample_cells"
-    )
+        "offsets", "interior_position", "interior_number", "cells", "blocks", "surface_term", "sample_position",
+        "sample_cells",
+    )  # fmt: skip
     found["sample_count"] = np.zeros(made.count, np.int32)
     found["fit_cells"] = listed(made, found["fit_position"], dtype, 0.5)
     found |= work_out("fit_weights", "fit_position", "fit_cells", "blocks", "surface_term")
@@ -77,8 +79,8 @@ def reconstruction(name: str, dtype: str) -> dict:
 
 
 @groups(
-    "interior_position", "cells", "surface_term", "sample_position", "sample_area", "facet_normal", "area_before",
-    "dice",
+    "interior_position", "interior_number", "cells", "surface_term", "sample_position", "sample_area", "facet_normal",
+    "area_before", "dice",
     "candidate_facet", "candidate_position", "candidate_cells", "accepted", "sample_cells", "nearest",
     "offset_direction", "fit_position", "sample_count", "fit_cells", "fit_splines", "node_weight", "active", "residual",
     "coefficients", "query_position", "outward", "spline_cells", "surface_value", "surface_gradient", "sample_normal",
@@ -149,6 +151,20 @@ def on_nodes() -> Case:
 
 
 @case
+def block_of_lattice() -> Case:
+    """A lattice two particles to a cell, in a random order: most samples are equally near to two or more of them."""
+    place = lattice((5, 4, 4), 0.1) + 0.05
+    return shape("block_of_lattice", 3, place[np.random.default_rng(8).permutation(len(place))])
+
+
+@case
+def sheet_of_lattice() -> Case:
+    """The same in the plane."""
+    place = lattice((8, 6, 1), 0.1, 2) + [0.05, 0.05, 0.0]
+    return shape("sheet_of_lattice", 2, place[np.random.default_rng(8).permutation(len(place))])
+
+
+@case
 def close_drops() -> Case:
     """Two discs 2.5 cells apart: nearer than twice the level set's radius: they share one surface."""
     ball = cut_ball(0.45, 2)
@@ -189,6 +205,7 @@ def lone(dim: int, where: float = 0.5, blocks: Blocks | None = None, **parameter
     grid = SparseGrid(Backend("cpu"), dim, "float64", H)
     blocks = blocks or grid.cover(place, 4, 5)
     given = {"interior_position": place, "blocks": blocks, "cells": grid.by_cell(place, blocks)}
+    given["interior_number"] = np.zeros(1, np.int32)
     given["surface_term"] = surface_term(Tension(surface_tension=3.0, **parameters), dim, "float64", H)
     given["node_state"] = np.zeros(nodes(blocks), np.uint8)
     return made, grid, given
@@ -314,16 +331,23 @@ def sample_beside_a_particle():
 
 @closed_form("surface_energy.offsets")
 def sample_between_two_particles():
-    """Equally far from both: the particle with the lower number."""
+    """Equally far from both: the particle with the lower number, of equal numbers the first; h = 2 m.
+
+    A particle 1e-4 m farther than the nearest is equally near, one 4e-4 m farther is not.
+    """
     made, grid, given = lone(2)
-    place = np.array([[1.0, 1.0, 0.0], [2.0, 1.0, 0.0], [1.0, 1.0, 0.0]])
-    sample = np.array([[1.5, 1.0, 0.0]])
+    number = [[7, 4, 4, 0, 9], [5, 4, 3, 0, 9], [3, 4, 3, 0, 9], [3, 4, 3, 0, 1]]
+    apart = np.array([[-0.5, 0.0, 0.0], [0.5, 0.0, 0.0], [-0.5, 0.0, 0.0], [0.0, 0.5004, 0.0], [0.0, -0.5001, 0.0]])
+    sample = np.array([[1.5, 1.0 + 6 * k, 0.0] for k in range(4)])
+    place = (sample[:, None] + apart).reshape(-1, 3)
+    blocks = grid.cover(place, 4, 5)
     given |= {
-        "interior_position": place, "cells": grid.by_cell(place, given["blocks"]), "sample_position": sample,
-        "sample_cells": grid.by_cell(sample, given["blocks"]), "nearest": np.zeros(1, np.int32),
-        "offset_direction": np.zeros((1, 3)), "fit_position": None,
+        "interior_position": place, "interior_number": np.ravel(number).astype(np.int32), "blocks": blocks,
+        "cells": grid.by_cell(place, blocks), "sample_position": sample, "sample_cells": grid.by_cell(sample, blocks),
+        "nearest": np.zeros(4, np.int32), "offset_direction": np.zeros((4, 3)), "fit_position": None,
     }  # fmt: skip
-    return Exact(made, given, {"nearest": np.zeros(1, int), "offset_direction": np.array([[1.0, 0.0, 0.0]])})
+    direction = np.array([[-1.0, 0, 0], [1, 0, 0], [1, 0, 0], [0, 1, 0]])
+    return Exact(made, given, {"nearest": np.array([1, 7, 10, 19]), "offset_direction": direction})
 
 
 @closed_form("surface_energy.sample_counts")
@@ -618,8 +642,9 @@ def samples_near_and_far(dim):
     sample = np.array([middle[0], far, middle[1] - [0.3, 0.0, 0.0], [2.05, y, z]])
     direction = np.array([[0.0, 0, 0], [0, 0, 0], [-1, 0, 0], [1, 0, 0]])
     given |= {
-        "interior_position": H * place, "cells": grid.by_cell(H * place, given["blocks"]),
-        "sample_position": H * sample, "sample_cells": grid.by_cell(H * sample, given["blocks"]),
+        "interior_position": H * place, "interior_number": np.arange(4, dtype=np.int32),
+        "cells": grid.by_cell(H * place, given["blocks"]), "sample_position": H * sample,
+        "sample_cells": grid.by_cell(H * sample, given["blocks"]),
         "nearest": np.zeros(4, np.int32), "offset_direction": np.zeros((4, 3)), "fit_position": np.zeros((8, 3)),
     }  # fmt: skip
     fitted = H * np.vstack([sample, sample + 0.5 * direction])

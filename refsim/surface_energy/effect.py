@@ -154,9 +154,9 @@ class SurfaceEnergy(Tension, HoldsOtherMemory, Watches, frozen=True, kw_only=Tru
     def passes(self, others: Mapping[str, Effect]) -> tuple[Pass, ...]:
         if not self.acts():
             return ()
-        found = [Pass("surface_energy.reconstruct", ("position",), ("samples",), stage="motion")]
+        found = [Pass("surface_energy.reconstruct", ("position", "identity"), ("samples",), stage="motion")]
         if self.enclose_volume:
-            reads = ("position", "mass", "volume_ratio")
+            reads = ("position", "identity", "mass", "volume_ratio")
             found = [Pass("surface_energy.reconstruct_enclosing", reads, ("samples",), stage="motion")]
         found.append(Pass("surface_energy.find_filaments", ("position",), ("extent",), on_demand=True))
         return tuple(found)
@@ -191,11 +191,11 @@ class SurfaceEnergy(Tension, HoldsOtherMemory, Watches, frozen=True, kw_only=Tru
         dim, pull, wets = grid.dim, self.contact_pull(), self.wets(others)
 
         def surface(state: EnergyState) -> Amount:
-            made, mass = state.shared("surface"), state.array("mass")
+            made, points = state.shared("surface"), (state.array("position"), state.array("identity"))
             if self.enclose_volume:
-                made.reconstruct_enclosing(state.array("position"), mass, state.array("volume_ratio"))
+                made.reconstruct_enclosing(*points, state.array("mass"), state.array("volume_ratio"))
             else:
-                made.reconstruct(state.array("position"))
+                made.reconstruct(*points)
             found = amount(self.surface_tension * state.host(made.sample_area))
             if not (wets and pull):
                 return found
@@ -275,13 +275,13 @@ def surface_of(others: Mapping[str, Effect]) -> SurfaceEnergy | None:
 
 
 _STAGES = tuple(name for name in REGISTRY if name.startswith("surface_energy."))
-enter(Procedure("surface_energy.reconstruct", "surface", "reconstruct", ("position",), _STAGES))
+enter(Procedure("surface_energy.reconstruct", "surface", "reconstruct", ("position", "identity"), _STAGES))
 enter(
     Procedure(
         "surface_energy.reconstruct_enclosing",
         "surface",
         "reconstruct_enclosing",
-        ("position", "mass", "volume_ratio"),
+        ("position", "identity", "mass", "volume_ratio"),
         _STAGES,
     )
 )

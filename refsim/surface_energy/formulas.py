@@ -5,12 +5,28 @@ import math
 from refsim.backends.compile import formula
 
 LEAST_SUM = 1e-12  # of a node's splines; a node with a smaller sum is not active
+REACH = 2  # [h] up to which the nearest particle is looked for
+EQUALLY_NEAR = 1e-4  # [h] by which particles farther than the nearest count as equally near; float32 rounds less
 
 
 @formula
 def grid_offset(x, j, surface_term):
     """u = x/h - j of a position x [m] from node j, dimensionless; the difference is taken in float64."""
     return type(surface_term.cell_size)(float(x) * surface_term.inverse_cell - float(j))
+
+
+@formula
+def equally_near(squared):
+    """Squared distance [h^2] below which particles are as near as the nearest, whose own is `squared`."""
+    far = math.sqrt(squared) + type(squared)(EQUALLY_NEAR)
+    return min(far * far, type(squared)(REACH * REACH))
+
+
+@formula
+def comes_before(p, other, interior_number):
+    """Whether particle p, of two equally near ones, has the lower number; of the images of one, the first."""
+    own, its = interior_number[p], interior_number[other]
+    return own < its or (own == its and p < other)
 
 
 @formula

@@ -219,12 +219,13 @@ def throw_darts(k, candidate_position, candidate_cells, blocks, dice, surface_te
 
 @kernel(rows_of="nearest")
 def offsets(
-    s, interior_position, cells, blocks, surface_term, sample_position, sample_cells, nearest, offset_direction,
-    fit_position,
+    s, interior_position, interior_number, cells, blocks, surface_term, sample_position, sample_cells, nearest,
+    offset_direction, fit_position,
 ):  # fmt: skip
     """Section 4.3.1: nearest particle of sample s, unit vector away from it, and the two points of the fit [m].
 
-    Particles are looked for up to 2 h away; without any -1 and no direction. Of equally near ones the lowest number.
+    Particles are looked for up to 2 h away; without any -1 and no direction. Of equally near ones the lowest number:
+    where there are any, a second round looks for it.
     """
     h = surface_term.cell_size
     real = type(h)
@@ -234,28 +235,37 @@ def offsets(
     oy = formulas.grid_offset(sample_position[s, 1], jy, surface_term)
     oz = formulas.grid_offset(sample_position[s, 2], jz, surface_term)
     space = blocks.neighbour.shape[1] == 27
-    best = real(4)
-    found = -1
-    for reach in range(1, 3):
-        if best < real(1):
+    limit = real(formulas.REACH * formulas.REACH)
+    best, second, found = limit, limit, -1
+    for turn in range(2):
+        for reach in range(1, 3):
+            if reach == 2 and formulas.equally_near(best) < real(1):
+                break
+            for dz in range(-reach if space else 0, reach + 1 if space else 1):
+                for dy in range(-reach, reach + 1):
+                    for dx in range(-reach, reach + 1):
+                        if reach == 2 and max(abs(dx), max(abs(dy), abs(dz))) < 2:
+                            continue
+                        cell = step_node(blocks, i, dx, dy, dz)
+                        if cell < 0:
+                            continue
+                        for k in range(cells.first[cell], cells.first[cell + 1]):
+                            p = cells.point[k]
+                            ux = ox - formulas.grid_offset(interior_position[p, 0], jx, surface_term)
+                            uy = oy - formulas.grid_offset(interior_position[p, 1], jy, surface_term)
+                            uz = oz - formulas.grid_offset(interior_position[p, 2], jz, surface_term)
+                            squared = ux * ux + uy * uy + uz * uz
+                            if turn == 1:
+                                if squared < limit and formulas.comes_before(p, found, interior_number):
+                                    found = p
+                            elif squared < best:
+                                best, second, found = squared, best, p
+                            elif squared < second:
+                                second = squared
+        limit = formulas.equally_near(best)
+        if not second < limit:
             break
-        for dz in range(-reach if space else 0, reach + 1 if space else 1):
-            for dy in range(-reach, reach + 1):
-                for dx in range(-reach, reach + 1):
-                    if reach == 2 and max(abs(dx), max(abs(dy), abs(dz))) < 2:
-                        continue
-                    cell = step_node(blocks, i, dx, dy, dz)
-                    if cell < 0:
-                        continue
-                    for k in range(cells.first[cell], cells.first[cell + 1]):
-                        p = cells.point[k]
-                        ux = ox - formulas.grid_offset(interior_position[p, 0], jx, surface_term)
-                        uy = oy - formulas.grid_offset(interior_position[p, 1], jy, surface_term)
-                        uz = oz - formulas.grid_offset(interior_position[p, 2], jz, surface_term)
-                        squared = ux * ux + uy * uy + uz * uz
-                        if squared < best or (squared == best and p < found):
-                            best, found = squared, p
-    nx, ny, nz = away_from(found, best, ox, oy, oz, jx, jy, jz, interior_position, surface_term)
+    nx, ny, nz = away_from(found, ox, oy, oz, jx, jy, jz, interior_position, surface_term)
     nearest[s] = found
     offset_direction[s, 0] = nx
     offset_direction[s, 1] = ny
@@ -268,18 +278,21 @@ def offsets(
 
 
 @formula
-def away_from(found, best, ox, oy, oz, jx, jy, jz, interior_position, surface_term):
-    """Section 4.3.1: n = (o - x_p)/|o - x_p|, dimensionless, of a position o over node j; `best` is |o - x_p|^2 [h^2].
+def away_from(found, ox, oy, oz, jx, jy, jz, interior_position, surface_term):
+    """Section 4.3.1: n = (o - x_p)/|o - x_p|, dimensionless, of a position o over node j.
 
     0 without a particle `found`, and where the position is the particle's.
     """
     real = type(surface_term.cell_size)
-    if found < 0 or not best > real(0):
+    if found < 0:
         return real(0), real(0), real(0)
-    length = math.sqrt(best)
     ux = ox - formulas.grid_offset(interior_position[found, 0], jx, surface_term)
     uy = oy - formulas.grid_offset(interior_position[found, 1], jy, surface_term)
     uz = oz - formulas.grid_offset(interior_position[found, 2], jz, surface_term)
+    squared = ux * ux + uy * uy + uz * uz
+    if not squared > real(0):
+        return real(0), real(0), real(0)
+    length = math.sqrt(squared)
     return ux / length, uy / length, uz / length
 
 

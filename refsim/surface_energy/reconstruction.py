@@ -51,28 +51,35 @@ class Reconstruction:
         self._seconds: dict[str, float] = {}
         self._reused = reused
         self._recorded: Any = None
+        self._rows: Any = None  # numbers of the rows
 
-    def surface(self, position: Any, step: int = 0, volume: float | None = None) -> Surface:
+    def surface(self, position: Any, step: int = 0, volume: float | None = None, number: Any = None) -> Surface:
         """The surface of particles at `position` (n, 3) [m]; each `step` draws other Poisson-disk samples.
 
         volume  enclosed by the surface after the inset [m^dim]; with None the inset's distance is given
+        number  (n,) int32 of each particle, by which equally near ones are told apart; by default that of its row
         """
+        if number is None:
+            if self._rows is None or self._rows.shape[0] != position.shape[0]:
+                self._rows = self.backend.asarray(np.arange(position.shape[0], dtype=np.int32))
+            number = self._rows
         if volume is None and self._reused and not self.timed and self.backend.name == "cuda":
-            found = self._recorded_surface(position)
+            found = self._recorded_surface(position, number)
             if found is not None:
                 return found
         self._seconds = {}
         blocks, cells = self._stage("cells", self._cells, position)
         mesh = self._stage("level set and facets", self._mesh, position, blocks, cells)
         place, area, facet_normal, facet = self._stage("samples", self._samples, mesh, blocks, step)
-        nearest, away, fit_position = self._stage("offsets", self.offsets, position, blocks, cells, place, True)
+        nearest, away, fit_position = self._stage("offsets", self.offsets, position, number, blocks, cells, place, True)
         coefficients = self._stage("fit", self._fit, blocks, fit_position)
         normal = self._stage("normals", self._normals, blocks, coefficients, place, away, facet_normal, facet)
         inset_mesh = mesh
         if self.tension.inset_distance() is not None:
             inset_mesh, place, area, nearest = self._stage(
-                "inset", self._inset, position, blocks, cells, mesh, coefficients, place, area, normal, facet, volume
-            )
+                "inset", self._inset, position, number, blocks, cells, mesh, coefficients, place, area, normal, facet,
+                volume,
+            )  # fmt: skip
         size, area = self._stage("components", self._components, blocks, cells, nearest, area)
         count = self.sample_counts(nearest, position.shape[0])
         return Surface(
@@ -85,7 +92,7 @@ class Reconstruction:
         blocks, cells = self._cells(position)
         return self._mesh(position, blocks, cells)
 
-    def _recorded_surface(self, position: Any) -> Surface | None:
+    def _recorded_surface(self, position: Any, number: Any) -> Surface | None:
         """The surface by a recorded graph; None if there is no particle, no facet, or the parameters do not suit."""
         from refsim.surface_energy import recorded
 
@@ -96,7 +103,7 @@ class Reconstruction:
         for _ in range(3):  # blocks for particles that have left theirs, then capacity for vertices and facets
             graph = self._recorded
             if graph is not None and graph.particles == position.shape[0]:
-                found = graph.surface(position)
+                found = graph.surface(position, number)
                 if found is not None or graph.sufficed:
                     return found
             if graph is None:
@@ -106,7 +113,7 @@ class Reconstruction:
                 capacity = graph.capacity()
             blocks, sure = self.grid.programs.with_margin(position, self.below, self.above)
             self._recorded = recorded.SurfaceGraph(self, blocks, sure, position.shape[0], *capacity, graph is not None)
-        return self._recorded.surface(position)
+        return self._recorded.surface(position, number)
 
     def force(self, samples: Samples, blocks: Blocks) -> Any:
         """Force of the surface's tension on the nodes of `blocks` (nodes, 3) [N], (4.18*)."""
@@ -193,13 +200,15 @@ class Reconstruction:
         self._run("facet_samples", mesh.vertices, mesh.facets, place, area, normal)
         return place, area, normal
 
-    def offsets(self, position: Any, blocks: Blocks, cells: PointList, place: Any, fitted: bool) -> tuple[Any, ...]:
+    def offsets(
+        self, position: Any, number: Any, blocks: Blocks, cells: PointList, place: Any, fitted: bool
+    ) -> tuple[Any, ...]:
         """(nearest particle, direction away from it, points of the fit if `fitted`) of places (s, 3) [m]."""
         count = place.shape[0]
         nearest, away = self._empty(count, np.int32), self._empty((count, 3))
         points = self._empty((2 * count, 3)) if fitted else None
         own = self.grid.cells_alone(place, blocks)
-        self._run("offsets", position, cells, blocks, self.term, place, own, nearest, away, points)
+        self._run("offsets", position, number, cells, blocks, self.term, place, own, nearest, away, points)
         return nearest, away, points
 
     def _fit(self, blocks: Blocks, points: Any) -> Any:
@@ -231,11 +240,11 @@ class Reconstruction:
         return normal
 
     def _inset(
-        self, position: Any, blocks: Blocks, cells: PointList, mesh: Mesh, coefficients: Any,
-        place: Any, area: Any, normal: Any, facet: Any, volume: float | None,
+        self, position: Any, number: Any, blocks: Blocks, cells: PointList, mesh: Mesh, coefficients: Any, place: Any,
+        area: Any, normal: Any, facet: Any, volume: float | None,
     ) -> tuple[Mesh, Any, Any, Any]:  # fmt: skip
         """The surface pulled back by r - delta along the normals at its vertices; samples and areas go with it."""
-        _, outward, _ = self.offsets(position, blocks, cells, mesh.vertices, False)
+        _, outward, _ = self.offsets(position, number, blocks, cells, mesh.vertices, False)
         if self.tension.normals in ("facets", "offsets"):
             vertex_normal = outward
         else:
@@ -253,7 +262,7 @@ class Reconstruction:
             moved = self._empty(place.shape)
             self._run("inset", place, normal, term, moved)
             place = moved
-        nearest, _, _ = self.offsets(position, blocks, cells, place, False)
+        nearest, _, _ = self.offsets(position, number, blocks, cells, place, False)
         return inset_mesh, place, area, nearest
 
     def _enclosing(self, mesh: Mesh, vertex_normal: Any, volume: float) -> float:

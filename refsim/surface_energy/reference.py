@@ -12,6 +12,7 @@ from refsim.neighbours.reference import pair_blocks
 from refsim.sparse_grid.reference import Lookup, dimension
 
 LEAST_SUM = 1e-12  # of a node's splines; a node with a smaller sum is not active
+EQUALLY_NEAR = 1e-4  # [h] by which particles farther than the nearest count as equally near
 TIE = 1e-5  # relative; a sphere whose surface passes nearer than this to a node is not compared
 
 
@@ -177,13 +178,14 @@ def poisson_disk(candidate_position, candidate_cells, blocks, dice, surface_term
     return {"accepted": (taken, np.full(len(u), margin))}
 
 
-def offsets(interior_position, cells, blocks, surface_term, sample_position, sample_cells):
+def offsets(interior_position, interior_number, cells, blocks, surface_term, sample_position, sample_cells):
     """Section 4.3.1: p_s = argmin_v |x_s - x_v| < 2 h, else -1; n_s = (x_s - x_p)/|x_s - x_p|; q_s = x_s + epsilon n_s.
 
-    Points in [m], directions are dimensionless.
+    Of particles less than 1e-4 h farther than the nearest the one with the lowest number, of equal numbers that of the
+    lowest row. Points in [m], directions are dimensionless.
     """
     u, s = _in_cells(interior_position, surface_term), _in_cells(sample_position, surface_term)
-    count = len(s)
+    count, order = len(s), np.lexsort([np.arange(len(u)), np.asarray(interior_number)])
     nearest, margin = np.full(count, -1), np.full(count, np.inf)
     direction, doubt = np.zeros((count, 3)), np.zeros((count, 3))
     far = _far(s, sample_position)
@@ -191,17 +193,20 @@ def offsets(interior_position, cells, blocks, surface_term, sample_position, sam
         if not distance.shape[1]:
             continue
         rows = np.arange(distance.shape[0])
-        best = distance.argmin(axis=1)
-        least = distance[rows, best]
-        second = np.partition(distance, 1, axis=1)[:, 1] if distance.shape[1] > 1 else np.full(len(rows), np.inf)
+        limit = np.minimum(distance.min(axis=1) + EQUALLY_NEAR, 2.0)[:, None]
+        ranked = distance[:, order]
+        first = (ranked < limit).argmax(axis=1)
+        best, least = order[first], ranked[rows, first]
         away = apart[rows, best]
         nearest[place] = best
+        # another one is taken if the one taken leaves, or one that is ranked before it comes within the limit
+        crossing = np.where(np.arange(len(u)) <= first[:, None], np.abs(ranked - limit) / (ranked + 1), np.inf)
+        margin[place] = crossing.min(axis=1) / far[place]
         with np.errstate(invalid="ignore", divide="ignore"):
-            margin[place] = np.where(second > 0, (second - least) / (second + 1), 0) / far[place]
             direction[place] = np.where(least[:, None] > 0, away / least[:, None], 0)
-        # of equally near particles the directions differ
-        tie = margin[place] < TIE
+        tie = margin[place] < TIE  # the directions of the two differ
         doubt[place] = np.where(tie, np.inf, (1 + 1 / np.maximum(least, 1e-12)) * far[place])[:, None]
+        least = distance.min(axis=1)
         lost, edge = least >= 2, np.abs(least - 2) < TIE
         nearest[place][lost], direction[place][lost] = -1, 0
         margin[place][edge], doubt[place][edge] = 0, np.inf

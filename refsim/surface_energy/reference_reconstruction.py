@@ -39,11 +39,13 @@ class ReferenceReconstruction:
         self.term: SurfaceTerm = surface_term(tension, dim, dtype, cell_size)
         self.merged = "M32" in tension.printed()
 
-    def surface(self, position: Any, step: int = 0, volume: float | None = None) -> Surface:
+    def surface(self, position: Any, step: int = 0, volume: float | None = None, number: Any = None) -> Surface:
         """The surface of particles at `position` (n, 3) [m]; each `step` draws other Poisson-disk samples.
 
         volume  enclosed by the surface after the inset [m^dim]; with None the inset's distance is given
+        number  (n,) of each particle, by which equally near ones are told apart; by default that of its row
         """
+        number = np.arange(len(position)) if number is None else number
         term, kind = self.term, self.tension.normals
         blocks, cells = self._cells(position)
 
@@ -57,7 +59,7 @@ class ReferenceReconstruction:
             place, area, facet = facet_place, facet_area, np.arange(len(mesh.facets))
         else:
             place, area, facet = self._poisson_samples(mesh, facet_area, blocks, step)
-        nearest, away, points = self.offsets(position, blocks, cells, place, True)
+        nearest, away, points = self.offsets(position, number, blocks, cells, place, True)
 
         # fit and normals
         coefficients = np.zeros(64 * len(blocks.keys), self.dtype)
@@ -70,7 +72,7 @@ class ReferenceReconstruction:
         # inset: vertices move back along their normals, and with them the samples and their areas
         inset_mesh, fitted_place = mesh, place
         if self.tension.inset_distance() is not None:
-            _, outward, _ = self.offsets(position, blocks, cells, mesh.vertices, False)
+            _, outward, _ = self.offsets(position, number, blocks, cells, mesh.vertices, False)
             if kind in ("mls", "gradient"):
                 outward = self._fitted_normals(mesh.vertices, blocks, coefficients, outward)
             if volume is not None:
@@ -83,7 +85,7 @@ class ReferenceReconstruction:
                 place = self._of(reference.inset(place, normal, term), "inset_position")
                 change = np.divide(after, facet_area, out=np.ones_like(after), where=facet_area > 0)
                 area = area * change[facet]
-            nearest, _, _ = self.offsets(position, blocks, cells, place, False)
+            nearest, _, _ = self.offsets(position, number, blocks, cells, place, False)
 
         # components of few particles have no tension
         label = self._of(reference.components(blocks, state), "node_label")
@@ -120,9 +122,11 @@ class ReferenceReconstruction:
         """Whether every sample has a particle."""
         return not surface.unfound
 
-    def offsets(self, position: Any, blocks: Blocks, cells: PointList, place: Any, fitted: bool) -> tuple[Any, ...]:
+    def offsets(
+        self, position: Any, number: Any, blocks: Blocks, cells: PointList, place: Any, fitted: bool
+    ) -> tuple[Any, ...]:
         """(nearest particle, direction away from it, points of the fit if `fitted`) of places (s, 3) [m]."""
-        found = reference.offsets(position, cells, blocks, self.term, place, None)
+        found = reference.offsets(position, number, cells, blocks, self.term, place, None)
         nearest, away = self._of(found, "nearest"), self._of(found, "offset_direction")
         return nearest, away, self._of(found, "fit_position") if fitted else None
 

@@ -126,13 +126,15 @@ class SurfaceOfRun(SurfaceSamples):
         """Parameter group of the surface's kernels."""
         return self.reconstruction.term
 
-    def reconstruct_enclosing(self, position: Any, mass: Any, volume_ratio: Any) -> None:
+    def reconstruct_enclosing(self, position: Any, identity: Any, mass: Any, volume_ratio: Any) -> None:
         """The surface of particles at `position` (n, 3) [m] that encloses their volume, sum m J/rho0."""
         xp, seen, _ = self._library()
-        self.reconstruct(position, seen(mass).astype(xp.float64) * seen(volume_ratio))
+        self.reconstruct(position, identity, seen(mass).astype(xp.float64) * seen(volume_ratio))
 
-    def reconstruct(self, position: Any, held: Any = None) -> None:
+    def reconstruct(self, position: Any, identity: Any, held: Any = None) -> None:
         """The surface of particles at `position` (n, 3) [m], with m J [kg] of each to enclose their volume.
+
+        Of equally near particles the one with the lowest `identity` (n,) is taken, however they are sorted.
 
         Raises RunStopped where a cell holds more particles than any volume ratio that a run survives could explain: J
         follows the divergence of the velocity and does not see particles that gather on a line or in a point.
@@ -140,9 +142,11 @@ class SurfaceOfRun(SurfaceSamples):
         owner = None
         if self.faces:
             position, owner = self._with_images(position)
+            _, seen, wrapped = self._library()
+            identity = wrapped(seen(identity)[owner])
             held = None if held is None else held[owner]
         volume = None if held is None else float(held.sum()) / self.rest_density
-        self.latest = self.reconstruction.surface(position, volume=volume)
+        self.latest = self.reconstruction.surface(position, volume=volume, number=identity)
         most = self.reconstruction.most_in_a_cell(self.latest)
         if most > CLUMPED * self.full:
             raise RunStopped(
@@ -159,7 +163,7 @@ class SurfaceOfRun(SurfaceSamples):
         if owner is None:
             self.assign(samples.position, samples.normal, samples.area, samples.nearest)
         else:
-            self._keep_free(position, owner)
+            self._keep_free(position, identity, owner)
 
     def _library(self) -> tuple[Any, Callable[[Any], Any], Callable[[Any], Any]]:
         """(NumPy or CuPy, what shows it an array of this backend, what makes one)."""
@@ -184,7 +188,7 @@ class SurfaceOfRun(SurfaceSamples):
             place, owner = xp.concatenate(places), xp.concatenate(owners)
         return wrapped(xp.ascontiguousarray(place)), owner
 
-    def _keep_free(self, position: Any, owner: Any) -> None:
+    def _keep_free(self, position: Any, identity: Any, owner: Any) -> None:
         """Of the surface of liquid and images keep what bounds the liquid, and add the edges of its wetted areas.
 
         A wall is a plane of nodes, so that no facet crosses it. position of particles and images, owner of each.
@@ -211,7 +215,7 @@ class SurfaceOfRun(SurfaceSamples):
             lines.append(line)
             normals.append(out)
         edge, line, normal = (xp.ascontiguousarray(xp.concatenate(p).astype(dtype)) for p in (places, lines, normals))
-        nearest, _, _ = self.reconstruction.offsets(position, found.blocks, found.cells, wrapped(edge), False)
+        nearest, _, _ = self.reconstruction.offsets(position, identity, found.blocks, found.cells, wrapped(edge), False)
         beside = seen(nearest)
         tense = (beside >= 0) & (
             seen(found.component_size)[xp.maximum(beside, 0)] >= self.tension.least_component(self.dim)

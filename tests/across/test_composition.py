@@ -322,6 +322,22 @@ def test_runs_hold_and_launch_what_the_plan_says():
     assert json.loads(done.stdout.splitlines()[-1]) == [len(SETS), []]
 
 
+@pytest.mark.parametrize("effects", SETS, ids=names)
+def test_a_field_read_alone_is_that_of_all_passes(effects):
+    """The passes that it needs are all that it needs: what others compute is spoilt before."""
+    simulation = Simulation(scene(*effects), "numpy")
+    simulation.step()
+    simulation.evaluate()
+    expected = {name: simulation.field(name) for name in simulation.plan.fields}
+    derived = {name for _, p in simulation.force_passes for name in p.written if name in simulation.plan.fields}
+    for name in simulation.plan.fields:
+        for other in (n for n in derived if not simulation.plan.fields[n].state):
+            values = simulation.fields[other]
+            values[...] = np.nan if values.dtype.kind == "f" else 1
+        simulation.outdate()
+        assert simulation.field(name).tobytes() == expected[name].tobytes(), name
+
+
 def test_a_run_that_is_not_its_plan_is_told(monkeypatch):
     plain = make_plan(scene(LIQUID))
     monkeypatch.setattr(type(plain), "launches", lambda plan, on_demand=False: ())

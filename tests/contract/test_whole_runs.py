@@ -124,6 +124,16 @@ def test_frames_without_velocity_and_mass_are_judged_by_position(other, tmp_path
     assert "kinetic energy" not in measures
 
 
+@pytest.mark.parametrize("asked", ["0.0300172", "0.030017216"])
+def test_a_time_as_printed_finds_the_only_frame(asked, other, tmp_path, capsys):
+    """Of a frame at 0.03001722 s; a time that lies farther away is told with all its digits."""
+    scene, frames = other
+    folder = written(tmp_path / "run", [{"time": 0.03001722, "position": frames[-1]["position"]}])
+    judged(capsys, scene, folder, "--at", asked)
+    assert main(["contract", "--run", str(scene), folder, "--at", "0.0300175"]) == 2
+    assert "has no frame at 0.0300175 s; the nearest is at 0.03001722 s" in capsys.readouterr().err
+
+
 BAD = {
     "no folder": ((), {}, "there is no folder"),
     "no frames": ((), {"mine.txt": None}, "has no frames; give npz, vtp, vtu or vtk files"),

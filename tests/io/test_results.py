@@ -12,6 +12,7 @@ import pytest
 from refsim import (
     Ball,
     Cloud,
+    EnergyAudit,
     Gravity,
     HeatConduction,
     InputError,
@@ -154,6 +155,33 @@ def test_ledger_and_report_are_those_of_the_run(folder):
     assert run.report["ledger.start.mass"] == written["ledger"]["start"]["mass"]
     assert str(run.ledger).splitlines()[0].split() == ["quantity", "unit", "start", "end", "change"]
     assert "<td>mass</td>" in run.ledger._repr_html_()
+
+
+def test_tables_within_the_report_are_tables(tmp_path):
+    """With an audit as without, and where they are empty; an unknown entry gets a sentence."""
+    audited = scene(energy_audit=EnergyAudit(every=5))
+    for name, made in (("plain", scene()), ("audited", audited)):
+        simulate(made, 1e-3, backend="numpy", output=tmp_path / name)
+        report, written = open_run(tmp_path / name).report, json.loads((tmp_path / name / "report.json").read_text())
+        for entry, value in written.items():
+            assert report[entry] == value or isinstance(value, dict | list)
+    audit = report["energy_audit"]
+    assert audit["every"] == report["energy_audit.every"] == 5
+    assert audit["start"]["kinetic"] == written["energy_audit"]["start"]["kinetic"]
+    assert "energy_audit" in report
+    assert report.get("energy_audits") is None
+    with pytest.raises(InputError, match=r"report: there is no row .stepz.; did you mean steps\?"):
+        report["stepz"]
+
+
+def test_a_time_as_printed_finds_its_frame(tmp_path):
+    """The last frame's time to six digits may lie beyond it."""
+    simulate(scene(step=0.0), 3.0017216e-4, backend="numpy", output=tmp_path, every=1e-4)
+    run = open_run(tmp_path)
+    for time in (float(f"{run.times[-1]:.6g}"), 1.000004 * run.times[-1]):
+        assert run.at(time).number == len(run) - 1
+    with pytest.raises(InputError, match=f"no frame at {1.0001 * run.times[-1]:.9g} s"):
+        run.at(1.0001 * run.times[-1])
 
 
 def test_what_effects_keep_account_of_has_units(tmp_path):

@@ -76,6 +76,7 @@ CORNER = (
     "find_node(distance_field, jx + (c & 1), jy + (c >> 1 & 1), jz + (c >> 2))"
 )
 BOX = "x * x + y * y + z * z"
+FULL = "formulas.equally_near(best) < real(1)"
 NEAR = "reach == 2 and max(abs(dx), max(abs(dy), abs(dz)))"
 
 
@@ -418,6 +419,8 @@ HARMLESS = {
     ],
     "offsets": [
         ("range(1, 3)  ->  range(1, 4)", "no particle beyond 2 h is taken"),
+        ("range(2)  ->  range(3)", "a third turn finds nothing nearer"),
+        (f"reach == 2 and {FULL}  ->  reach == 3 and {FULL}", "cells farther away hold no other particle"),
         *(
             (f"{NEAR} < 2  ->  {NEAR.replace('reach == 2', after)} < 2", "the second round visits all cells")
             for after in ("reach != 2", "reach == 3")

@@ -87,13 +87,13 @@ class SurfaceGraph:
             return made[0] * MARGIN // (MARGIN + 1), made[1] * MARGIN // (MARGIN + 1)
         return int(found[EDGES]), int(found[FACETS])
 
-    def surface(self, position: Any) -> RecordedSurface | None:
-        """The surface of particles at `position` (n, 3) [m]; None where it does not fit."""
-        key = device.address(position)
+    def surface(self, position: Any, number: Any) -> RecordedSurface | None:
+        """The surface of particles `number` (n,) at `position` (n, 3) [m]; None where it does not fit."""
+        key = device.address(position), device.address(number)
         if key not in self.graphs:
             while len(self.graphs) >= GRAPHS:
                 del self.graphs[next(iter(self.graphs))]
-            parts = (lambda: self._level_set(position)), (lambda: self._samples(position))
+            parts = (lambda: self._level_set(position)), (lambda: self._samples(position, number))
             self.graphs[key] = tuple(map(self._recorded, parts))
         cut, fit = self.graphs[key]
         cut()
@@ -154,16 +154,16 @@ class SurfaceGraph:
         stages.count_cuts(a, blocks, self.table)
         self.found.send()
 
-    def _samples(self, position: Any) -> None:
+    def _samples(self, position: Any, number: Any) -> None:
         """Everything from vertices and facets to the samples."""
         a, blocks, term = self.arrays, self.blocks, self.owner.term
         stages.write_cuts(a, blocks, self.table)
-        stages.place_vertices(a, position, blocks, term)
-        stages.place_points(a, position, blocks, term)
+        stages.place_vertices(a, position, number, blocks, term)
+        stages.place_points(a, position, number, blocks, term)
         stages.sort_points(a, blocks, term)
         stages.sweep(a, blocks, term)
         stages.find_normals(a, blocks, term, self.mls)
-        stages.place_samples(a, position, blocks, term, self.least)
+        stages.place_samples(a, position, number, blocks, term, self.least)
         self.ended.send()
 
     def _component_size(self) -> Any:

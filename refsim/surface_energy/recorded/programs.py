@@ -38,7 +38,7 @@ def arrays(blocks: Any, real: Any, particles: int = 0, vertices: int = 0, facets
 
 
 def sorted_particles(position: Any, blocks: Any, term: Any, vertices: int = 0, facets: int = 0) -> dict[str, Any]:
-    """`arrays` with the particles at `position` (n, 3) [m] sorted by cell."""
+    """`arrays` with the particles at `position` (n, 3) [m] sorted by cell; their numbers are those of their rows."""
     a = arrays(blocks, position.dtype, position.shape[0], vertices, facets)
     sure = device.empty(blocks.keys.shape[0], np.uint8)
     device.fill(sure, 1)
@@ -46,7 +46,8 @@ def sorted_particles(position: Any, blocks: Any, term: Any, vertices: int = 0, f
     counts = a["counts"]
     a["counts"] = device.empty(COUNTS, np.int32)
     stages.sort_particles(a, position, blocks, term, sure)
-    return a | {"counts": counts}
+    number = device.wrapped(device.library().arange(position.shape[0], dtype=np.int32))
+    return a | {"counts": counts, "number": number}
 
 
 def node_states(interior_position: Any, cells: Any, blocks: Any, surface_term: Any, node_state: Any) -> None:
@@ -111,7 +112,7 @@ def exit_points(
     """Algorithm 1, lines 10 to 17."""
     a = sorted_particles(interior_position, blocks, surface_term, vertices=vertex_edge.shape[0])
     a |= {"node_state": node_state, "vertex_edge": vertex_edge, "vertex_position": vertex_position}
-    stages.place_vertices(a, interior_position, blocks, surface_term)
+    stages.place_vertices(a, interior_position, a["number"], blocks, surface_term)
 
 
 def facet_samples(
@@ -121,9 +122,9 @@ def facet_samples(
     """Samples without an inset; a particle stands on each vertex, so that every sample has one."""
     a = sorted_particles(vertex_position, blocks, surface_term, vertex_position.shape[0], facets.shape[0])
     a |= {"vertex_position": vertex_position, "facets": facets, "facet_normal": facet_normal}
-    stages.place_points(a, vertex_position, blocks, surface_term)
+    stages.place_points(a, vertex_position, a["number"], blocks, surface_term)
     a |= {"inset_position": vertex_position, "sample_position": sample_position, "sample_area": sample_area}
-    stages.place_samples(a, vertex_position, blocks, surface_term, np.int32(0))
+    stages.place_samples(a, vertex_position, a["number"], blocks, surface_term, np.int32(0))
 
 
 def _points_as_facets(a: dict[str, Any], position: Any) -> None:
@@ -134,8 +135,8 @@ def _points_as_facets(a: dict[str, Any], position: Any) -> None:
 
 
 def offsets(
-    interior_position: Any, cells: Any, blocks: Any, surface_term: Any, sample_position: Any, sample_cells: Any,
-    nearest: Any, offset_direction: Any, fit_position: Any,
+    interior_position: Any, interior_number: Any, cells: Any, blocks: Any, surface_term: Any, sample_position: Any,
+    sample_cells: Any, nearest: Any, offset_direction: Any, fit_position: Any,
 ) -> None:  # fmt: skip
     """Section 4.3.1, at facets without extent: directions and points of the fit, then the nearest particles."""
     count = sample_position.shape[0]
@@ -144,8 +145,8 @@ def offsets(
     a |= {"outward": offset_direction, "nearest": nearest}
     if fit_position is not None:
         a["fit_position"] = fit_position
-    stages.place_points(a, interior_position, blocks, surface_term)
-    stages.place_samples(a, interior_position, blocks, surface_term, np.int32(0))
+    stages.place_points(a, interior_position, interior_number, blocks, surface_term)
+    stages.place_samples(a, interior_position, interior_number, blocks, surface_term, np.int32(0))
 
 
 def sample_counts(
@@ -159,7 +160,8 @@ def sample_counts(
     a = sorted_particles(interior_position, blocks, surface_term, own.shape[0], own.shape[0])
     device.fill(sample_count, 0)
     _points_as_facets(a, position)
-    stages.place_samples(a | {"sample_count": sample_count}, interior_position, blocks, surface_term, np.int32(0))
+    a |= {"sample_count": sample_count}
+    stages.place_samples(a, interior_position, a["number"], blocks, surface_term, np.int32(0))
 
 
 def _sorted_points(fit_position: Any, fit_cells: Any, blocks: Any, term: Any) -> dict[str, Any]:

@@ -1,7 +1,8 @@
 """Vertices, samples and their nearest particles, normals, and the surface after the inset.
 
 A vertex or a facet is shared by LANES threads. What they look for, the farthest exit or the nearest particle, does not
-depend on the order. A search begins with the nearest particle of a vertex or a sample close by.
+depend on the order: of equally near particles the one with the lowest number is taken, as `kernels.offsets` does. A
+search begins with the nearest particle of a vertex or a sample close by.
 """
 
 import math
@@ -26,15 +27,18 @@ from refsim.surface_energy.recorded.cells_cuda import (
 )
 
 LANES = 2 if simulated() else 4
-MARGIN = 1e-4  # [h] by which a row of cells must be farther than a particle to have no nearer one: rounding is less
+MARGIN = 2 * formulas.EQUALLY_NEAR  # [h] by which a row of cells must be farther to have no particle as near
 
 
 @cuda_formula
-def nearest_of_lanes(lane, i, x, y, z, seed, interior_position, placed, cells, blocks, surface_term):
+def nearest_of_lanes(
+    lane, i, x, y, z, seed, interior_position, interior_number, placed, cells, blocks, surface_term
+):  # fmt: skip
     """(nearest particle, unit vector away from it) of a position [m] in cell i, as `kernels.offsets` finds them.
 
     `seed` is a particle that may be the nearest, or -1; each lane may have another one. The lanes take the rows of
-    cells by turns, and look at those that reach nearer than the nearest particle so far.
+    cells by turns, and look at those that reach nearer than the nearest particle so far; where another particle is as
+    near, a second round looks for the lowest number.
     """
     bits, b = block_bits(blocks), i >> 6
     space = bits == 2
@@ -43,7 +47,8 @@ def nearest_of_lanes(lane, i, x, y, z, seed, interior_position, placed, cells, b
     ox = formulas.grid_offset(x, jx, surface_term)
     oy = formulas.grid_offset(y, jy, surface_term)
     oz = formulas.grid_offset(z, jz, surface_term)
-    best, found = real(4), np.int32(-1)
+    best = real(formulas.REACH * formulas.REACH)
+    second, found = best, np.int32(-1)
     if seed >= 0:
         ux = ox - formulas.grid_offset(interior_position[seed, 0], jx, surface_term)
         uy = oy - formulas.grid_offset(interior_position[seed, 1], jy, surface_term)
@@ -51,45 +56,53 @@ def nearest_of_lanes(lane, i, x, y, z, seed, interior_position, placed, cells, b
         squared = ux * ux + uy * uy + uz * uz
         if squared < best:
             best, found = squared, np.int32(seed)
-    best, found = nearest_lane(lane, best, found)
+    best, second, found = nearest_lane(lane, best, second, found)
     ix, iy, iz = local_place(i, bits)
-    limit = farthest_row(best)
-    reach = math.sqrt(limit)
-    y0, y1 = cells_within(oy, reach, iy)
-    z0, z1 = np.int32(0), np.int32(0)
-    if space:
-        z0, z1 = cells_within(oz, reach, iz)
-    rows = y1 - y0 + 1
-    for row in range(lane, rows * (z1 - z0 + 1), LANES):
-        cz = np.int32(np.uint32(row) // np.uint32(rows))
-        cy, cz = y0 + row - rows * cz, z0 + cz
-        across, beyond = gap(oy, cy), gap(oz, cz) if space else real(0)
-        left = farthest_row(best) - across * across - beyond * beyond
-        if left >= real(0):
-            x0, x1 = cells_within(ox, math.sqrt(left), ix)
-            py, pz = oy - real(block_start(cy, bits)), oz - real(block_start(cz, bits)) if space else oz
-            for part in range(2):
-                begin, end, start = row_part(b, x0, x1, cy, cz, part, blocks, cells.first)
-                px = ox - real(start)
-                for at in range(begin, end):
-                    k = number(at)
-                    ux, uy, uz = px - placed[k, 0], py - placed[k, 1], pz - placed[k, 2]
-                    squared = ux * ux + uy * uy + uz * uz
-                    if squared < best or (squared == best and cells.point[k] < found):
-                        best, found = squared, np.int32(cells.point[k])
-    best, found = nearest_lane(lane, best, found)
-    if found >= 0:
-        ux = ox - formulas.grid_offset(interior_position[found, 0], jx, surface_term)
-        uy = oy - formulas.grid_offset(interior_position[found, 1], jy, surface_term)
-        uz = oz - formulas.grid_offset(interior_position[found, 2], jz, surface_term)
-        best = ux * ux + uy * uy + uz * uz
-    nx, ny, nz = kernels.away_from(found, best, ox, oy, oz, jx, jy, jz, interior_position, surface_term)
+    limit = formulas.equally_near(best)
+    for turn in range(2):
+        reach = math.sqrt(farthest_row(best))
+        y0, y1 = cells_within(oy, reach, iy)
+        z0, z1 = np.int32(0), np.int32(0)
+        if space:
+            z0, z1 = cells_within(oz, reach, iz)
+        rows = y1 - y0 + 1
+        for row in range(lane, rows * (z1 - z0 + 1), LANES):
+            cz = np.int32(np.uint32(row) // np.uint32(rows))
+            cy, cz = y0 + row - rows * cz, z0 + cz
+            across, beyond = gap(oy, cy), gap(oz, cz) if space else real(0)
+            left = farthest_row(best) - across * across - beyond * beyond
+            if left >= real(0):
+                x0, x1 = cells_within(ox, math.sqrt(left), ix)
+                py, pz = oy - real(block_start(cy, bits)), oz - real(block_start(cz, bits)) if space else oz
+                for part in range(2):
+                    begin, end, start = row_part(b, x0, x1, cy, cz, part, blocks, cells.first)
+                    px = ox - real(start)
+                    for at in range(begin, end):
+                        k = number(at)
+                        ux, uy, uz = px - placed[k, 0], py - placed[k, 1], pz - placed[k, 2]
+                        squared = ux * ux + uy * uy + uz * uz
+                        if turn == 1:
+                            if squared < limit and formulas.comes_before(cells.point[k], found, interior_number):
+                                found = np.int32(cells.point[k])
+                        elif squared < second and cells.point[k] != found:
+                            if squared < best:
+                                best, second, found = squared, best, np.int32(cells.point[k])
+                            else:
+                                second = squared
+        if turn == 1:
+            found = lowest_lane(lane, found, interior_number)
+        else:
+            best, second, found = nearest_lane(lane, best, second, found)
+            limit = formulas.equally_near(best)
+            if not second < limit:
+                break
+    nx, ny, nz = kernels.away_from(found, ox, oy, oz, jx, jy, jz, interior_position, surface_term)
     return found, nx, ny, nz
 
 
 @formula
 def farthest_row(best):
-    """Squared distance [h^2] = (sqrt(best) + MARGIN)^2 up to which a row of cells may have a nearer particle."""
+    """Squared distance [h^2] = (sqrt(best) + MARGIN)^2 up to which a row of cells may have one that is as near."""
     real = type(best)
     reach = math.sqrt(best) + real(MARGIN)
     return reach * reach
@@ -115,15 +128,31 @@ def gap(o, d):
 
 
 @cuda_formula
-def nearest_lane(lane, best, found):
-    """The nearest of what the lanes have found; of equally near particles the lowest number."""
+def nearest_lane(lane, best, second, found):
+    """The nearest of what the lanes have found, and the squared distances of it and of the next nearest."""
     step = 1
     while step < LANES:
         squared, other = across_lanes(best, lane, LANES, step), across_lanes(found, lane, LANES, step)
+        next_nearest = across_lanes(second, lane, LANES, step)
+        if other != found:
+            next_nearest = min(next_nearest, max(best, squared))
+        second = min(second, next_nearest)
         if squared < best or (squared == best and other < found):
             best, found = squared, other
         step *= 2
-    return best, found
+    return best, second, found
+
+
+@cuda_formula
+def lowest_lane(lane, found, interior_number):
+    """The particle of the lowest number of what the lanes have found."""
+    step = 1
+    while step < LANES:
+        other = across_lanes(found, lane, LANES, step)
+        if formulas.comes_before(other, found, interior_number):
+            found = other
+        step *= 2
+    return found
 
 
 @cuda_formula
@@ -161,8 +190,8 @@ def farthest_of_lanes(lane, i, ax, ay, az, towards, placed, cells, blocks, surfa
 
 @cuda_kernel(lanes=LANES, rows_of="vertex_edge")
 def place_vertices(
-    interior_position, placed, cells, blocks, node_state, surface_term, vertex_edge, counts, vertex_position,
-    vertex_nearest, outward,
+    interior_position, interior_number, placed, cells, blocks, node_state, surface_term, vertex_edge, counts,
+    vertex_position, vertex_nearest, outward,
 ):  # fmt: skip
     """Algorithm 1, lines 10 to 17: vertices on the union of spheres [m], and directions away from the liquid."""
     v, lane = cuda.grid(1) // LANES, cuda.grid(1) % LANES
@@ -184,7 +213,7 @@ def place_vertices(
         z = h * (real(jz) + real(az) * length)
         own = node_at(x, y, z, 0.0, i >> 6, blocks, surface_term)
         p, nx, ny, nz = nearest_of_lanes(
-            lane, own, x, y, z, seed, interior_position, placed, cells, blocks, surface_term
+            lane, own, x, y, z, seed, interior_position, interior_number, placed, cells, blocks, surface_term
         )
         if lane == 0:
             vertex_position[v, 0], vertex_position[v, 1], vertex_position[v, 2] = x, y, z
@@ -194,8 +223,9 @@ def place_vertices(
 
 @cuda_kernel(lanes=LANES, rows_of="facets")
 def place_points(
-    interior_position, placed, cells, blocks, surface_term, vertex_edge, vertex_position, vertex_nearest, facets,
-    counts, sample_place, nearest, facet_normal, outward, fit_position, fit_cell, fit_place, held_points,
+    interior_position, interior_number, placed, cells, blocks, surface_term, vertex_edge, vertex_position,
+    vertex_nearest, facets, counts, sample_place, nearest, facet_normal, outward, fit_position, fit_cell, fit_place,
+    held_points,
 ):  # fmt: skip
     """One sample to a facet, its nearest particle, the points of the fit [m] and their cells."""
     s, lane = cuda.grid(1) // LANES, cuda.grid(1) % LANES
@@ -206,7 +236,7 @@ def place_points(
         own = node_at(x, y, z, 0.0, guess, blocks, surface_term)
         seed = vertex_nearest[facets[s, lane % facets.shape[1]]]
         p, nx, ny, nz = nearest_of_lanes(
-            lane, own, x, y, z, seed, interior_position, placed, cells, blocks, surface_term
+            lane, own, x, y, z, seed, interior_position, interior_number, placed, cells, blocks, surface_term
         )
         for k in range(lane, 2, LANES):
             r = s
@@ -264,8 +294,8 @@ def find_normals(
 
 @cuda_kernel(lanes=LANES, rows_of="facets")
 def place_samples(
-    interior_position, placed, cells, blocks, surface_term, vertex_edge, inset_position, facets, node_label, members,
-    least, sample_position, sample_area, nearest, sample_count, counts,
+    interior_position, interior_number, placed, cells, blocks, surface_term, vertex_edge, inset_position, facets,
+    node_label, members, least, sample_position, sample_area, nearest, sample_count, counts,
 ):  # fmt: skip
     """Samples after the inset, their nearest particles, and areas, 0 on components of fewer than `least` particles."""
     s, lane = cuda.grid(1) // LANES, cuda.grid(1) % LANES
@@ -274,7 +304,7 @@ def place_samples(
         guess = (vertex_edge[facets[s, 0]] // 3) >> 6
         own = node_at(x, y, z, 0.0, guess, blocks, surface_term)
         p, _, _, _ = nearest_of_lanes(
-            lane, own, x, y, z, nearest[s], interior_position, placed, cells, blocks, surface_term
+            lane, own, x, y, z, nearest[s], interior_position, interior_number, placed, cells, blocks, surface_term
         )
         if lane == 0:
             has_tension = False

@@ -93,20 +93,20 @@ def write_cuts(a: Arrays, blocks: Any, table: Any) -> None:
     )  # fmt: skip
 
 
-def place_vertices(a: Arrays, position: Any, blocks: Any, term: Any) -> None:
+def place_vertices(a: Arrays, position: Any, number: Any, blocks: Any, term: Any) -> None:
     """Vertices on the union of spheres [m] and unit vectors away from their nearest particles."""
     samples_cuda.place_vertices(
-        position, a["placed"], listed(a), blocks, a["node_state"], term, a["vertex_edge"], a["counts"],
+        position, number, a["placed"], listed(a), blocks, a["node_state"], term, a["vertex_edge"], a["counts"],
         a["vertex_position"], a["vertex_nearest"], a["vertex_outward"],
     )  # fmt: skip
 
 
-def place_points(a: Arrays, position: Any, blocks: Any, term: Any) -> None:
+def place_points(a: Arrays, position: Any, number: Any, blocks: Any, term: Any) -> None:
     """Samples of facets, unit vectors away from their nearest particles, and the points of the fit [m]."""
     samples_cuda.place_points(
-        position, a["placed"], listed(a), blocks, term, a["vertex_edge"], a["vertex_position"], a["vertex_nearest"],
-        a["facets"], a["counts"], a["sample_place"], a["nearest"], a["facet_normal"], a["outward"], a["fit_position"],
-        a["fit_cell"], a["fit_place"], a["held_points"],
+        position, number, a["placed"], listed(a), blocks, term, a["vertex_edge"], a["vertex_position"],
+        a["vertex_nearest"], a["facets"], a["counts"], a["sample_place"], a["nearest"], a["facet_normal"], a["outward"],
+        a["fit_position"], a["fit_cell"], a["fit_place"], a["held_points"],
     )  # fmt: skip
 
 
@@ -140,10 +140,10 @@ def find_normals(a: Arrays, blocks: Any, term: Any, mls: Any) -> None:
     )  # fmt: skip
 
 
-def place_samples(a: Arrays, position: Any, blocks: Any, term: Any, least: Any) -> None:
+def place_samples(a: Arrays, position: Any, number: Any, blocks: Any, term: Any, least: Any) -> None:
     """Samples after the inset; areas are 0 on components of fewer than `least` particles."""
     samples_cuda.place_samples(
-        position, a["placed"], listed(a), blocks, term, a["vertex_edge"], a["inset_position"], a["facets"],
+        position, number, a["placed"], listed(a), blocks, term, a["vertex_edge"], a["inset_position"], a["facets"],
         a["node_label"], a["members"], least, a["sample_position"], a["sample_area"], a["nearest"], a["sample_count"],
         a["counts"],
     )  # fmt: skip

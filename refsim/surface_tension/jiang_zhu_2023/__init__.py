@@ -340,7 +340,9 @@ class JiangZhu2023(PairCohesion, HasErrata, frozen=True, kw_only=True):
         }
 
     def notes(self, grid: Discretisation, others: Mapping[str, Effect]) -> tuple[str, ...]:
-        return (*super().notes(grid, others), *self._unstable(grid, others))
+        borrows = self._acts() and self._marked() and SurfaceDetection.name not in others
+        said = self._detection(others).notes(grid, others) if borrows else ()
+        return (*super().notes(grid, others), *self._unstable(grid, others), *said)
 
     def margins(self, grid: Discretisation, others: Mapping[str, Effect]) -> Iterator[Margin]:
         yield from super().margins(grid, others)

@@ -1,0 +1,133 @@
+"""`Simulation.field`: every field belongs to the present state, and reading changes nothing of the run."""
+
+import numpy as np
+import pytest
+
+from refsim import (
+    Box,
+    BoxWalls,
+    Cloud,
+    EnergyAudit,
+    Gravity,
+    ImplicitPressure,
+    Scene,
+    Simulation,
+    SurfaceDetection,
+    WeaklyCompressible,
+    simulate,
+)
+from refsim.core.errors import InputError
+from refsim.engine.checkpoints import load_checkpoint
+
+D = 0.05
+
+
+def dam(*effects, **changes):
+    walls = BoxWalls(lower=(0.0, 0.0, 0.0), upper=(2.0, 2.0, 0.0))
+    liquid = WeaklyCompressible(sound_speed=20.0, dynamic_viscosity=2.0)
+    own = (liquid, Gravity(acceleration=(0.0, -9.81, 0.0)), walls, SurfaceDetection(), *effects)
+    values = {"fluid": (Box(cells=(8, 10, 1)),), "effects": own}
+    return Scene(dim=2, spacing=D, support_radius=2.6 * D, end_time=1.0, **values | changes)
+
+
+def advanced(backend, steps, **changes):
+    made = Simulation(dam(**changes), backend)
+    for _ in range(steps):
+        made.step()
+    return made
+
+
+@pytest.mark.parametrize("backend", ["numpy", "cpu"])
+@pytest.mark.parametrize("steps", [0, 1, 6])
+def test_fields_are_those_of_the_present_state(backend, steps):
+    """Before the first step as after each: as in a new run of particles that stand where these do."""
+    run = advanced(backend, steps, dtype="float64")
+    cloud = Cloud(position=run.field("position"), velocity=run.field("velocity"), mass=run.field("mass"))
+    new = Simulation(dam(dtype="float64", fluid=(cloud,)), "numpy")
+    new.evaluate()
+    for name, field in run.plan.fields.items():
+        if not field.state:
+            found, expected = run.field(name), new.field(name)
+            assert np.abs(expected).max() > 0, name
+            assert np.abs(found - expected.astype(float)).max() <= 1e-10 * np.abs(expected).max(), name
+
+
+@pytest.mark.parametrize("backend", ["numpy", "cpu"])
+def test_reading_changes_no_bit_of_the_run(backend):
+    plain, read = Simulation(dam(), backend), Simulation(dam(), backend)
+    for step in range(60):
+        assert plain.step() == read.step()
+        for name in ("surface", "density", "acceleration")[step % 3 :]:
+            read.field(name)
+    for name, field in plain.plan.fields.items():
+        if field.state:
+            assert plain.field(name).tobytes() == read.field(name).tobytes(), name
+
+
+def launches(run, call):
+    """Operations that a call launches."""
+    seen = []
+    original = run.timings.run
+    run.timings.run = lambda name, launch: (seen.append(name), original(name, launch))
+    call()
+    del run.timings.run
+    return seen
+
+
+def test_a_reading_launches_what_its_field_needs_and_once():
+    run = advanced("cpu", 2)
+    for name, field in run.plan.fields.items():
+        if field.state:
+            assert launches(run, lambda name=name: run.field(name)) == [], name
+    assert launches(run, lambda: run.field("density")) == ["sph.density"]
+    assert launches(run, lambda: run.field("density")) == []
+    scan = ["sph.density", "surface_detection.candidates", "surface_normal.color_gradient"]
+    assert launches(run, lambda: run.field("surface")) == [*scan, "surface_detection.fan_scan"]
+    assert launches(run, run.refresh).count("sph.density") == 1
+    assert launches(run, run.refresh) == []
+    assert launches(run, lambda: run.refresh(on_demand=True)) == []
+    assert launches(run, run.evaluate).count("sph.density") == 1
+    run.step()
+    assert launches(run, lambda: run.field("density")) == ["sph.density"]
+
+
+def test_an_audit_a_frame_and_a_checkpoint_of_one_state_take_one_evaluation(tmp_path, monkeypatch):
+    passes = []
+    original = Simulation.launch
+
+    def launch(run, only=None):
+        passes.append(only)
+        return original(run, only)
+
+    monkeypatch.setattr(Simulation, "launch", launch)
+    scene = dam(step=1e-3, energy_audit=EnergyAudit(every=1, bound=10.0))
+    simulate(scene, 2e-3, backend="cpu", output=tmp_path, every=1e-3, checkpoint_every=0.0)
+    steps, evaluations = passes.count(None), len(passes) - passes.count(None)
+    assert steps == 2
+    assert evaluations == 1 + 2 * steps  # after a step the audit's, then the frame's, which shows more fields
+
+
+def test_what_is_set_outdates_what_follows_from_it(tmp_path):
+    run = advanced("cpu", 3)
+    before = run.field("density")
+    run.set_field("position", 1.02 * run.field("position"))
+    assert run.field("density").mean() < 0.99 * before.mean()
+    run.set_field("mass", 2 * run.field("mass"))
+    assert run.field("density").mean() > 1.8 * before.mean()
+    run.checkpoint(tmp_path / "saved")
+    resumed = Simulation.resume(tmp_path / "saved")
+    assert resumed.field("density").tobytes() == run.field("density").tobytes()
+    assert load_checkpoint(tmp_path / "saved").clock.steps == 3
+
+
+def test_what_only_a_step_computes_is_refused_before_the_first(tmp_path):
+    effects = (WeaklyCompressible(sound_speed=20.0), ImplicitPressure())
+    run = Simulation(dam(effects=effects), "cpu")
+    assert run.field("density").min() > 0
+    for name in ("diagonal", "advected_density"):
+        with pytest.raises(InputError, match=f"field: '{name}' is computed in a step, and there was none yet"):
+            run.field(name)
+    run.step()
+    assert np.abs(run.field("diagonal")).max() > 0
+    report = simulate(dam(effects=effects), 1e-3, backend="cpu", output=tmp_path, every=5e-4)
+    assert report.reason is None
