@@ -454,8 +454,8 @@ def lossy(monkeypatch, share):
     """A scheme that cools every particle by a share of its temperature in each step."""
     real = Simulation.launch
 
-    def launch(self, on_demand):
-        yield from real(self, on_demand)
+    def launch(self, only=None):
+        yield from real(self, only)
         self.fields["temperature"] *= 1 - share
 
     monkeypatch.setattr(Simulation, "launch", launch)
