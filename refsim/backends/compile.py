@@ -46,15 +46,17 @@ ANY_ORDER = {"reassoc", "contract", "arcp", "nsz"}
 COMPILE_OPTIONS: dict[str, Any] = {"error_model": "numpy", "no_cfunc_wrapper": True}  # C never calls them
 
 
-def formula(function: Callable | None = None, *, inlined: bool = False) -> Any:
+def formula(function: Callable | None = None, *, inlined: bool = False, ordered: bool = False) -> Any:
     """Mark a scalar formula: plain Python when called from Python, compiled where a kernel calls it.
 
     `inlined` puts its code into every caller, however long it is. A call passes each array as seven words and each
-    group as all of its members, which costs more than a look-up in a table.
+    group as all of its members, which costs more than a look-up in a table. `ordered` keeps its operations as written
+    in every kernel: for what algebra would cancel.
     """
     if function is None:
-        return functools.partial(formula, inlined=inlined)
-    return overloaded(function, lambda *types: function, forceinline=inlined)
+        return functools.partial(formula, inlined=inlined, ordered=ordered)
+    exactly = {"fastmath": False} if ordered else {}
+    return overloaded(function, lambda *types: function, forceinline=inlined, **exactly)
 
 
 def overloaded(

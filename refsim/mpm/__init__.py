@@ -508,7 +508,9 @@ _ABSENT = dict.fromkeys(("cluster_share", "inverse_spread", "embedding"))
 _PLAIN = {**_ABSENT, "acceleration": None, "kernel_gradient": None}
 _LONE = {
     **_ABSENT,
-    **dict.fromkeys(("carrier_first", "carrier_position", "carrier_moment", "build_position", "deformation")),
+    **dict.fromkeys(
+        ("carrier_first", "carrier_position", "carrier_moment", "build_position", "deformation", "position_residual")
+    ),
 }
 
 
@@ -704,14 +706,17 @@ register(
         equation="(4.8), (4.12), (4.13), (4.16) with thesis M5, M9, M10",
         function="grid_to_particle",
         programs={"cpu": Program("grid_to_particle"), "cuda": Program("grid_to_particle_cuda")},
-        outputs=("displacement", "step_extremes", "velocity", "affine", "volume_ratio", "deformation", "position"),
+        outputs=(
+            "displacement", "step_extremes", "velocity", "affine", "volume_ratio", "deformation", "position_residual",
+            "position",
+        ),
         optional=(
             "cluster_share", "inverse_spread", "embedding", "carrier_first", "carrier_position", "carrier_moment",
-            "build_position", "deformation",
+            "build_position", "deformation", "position_residual",
         ),
         variants=(
             _LONE,
-            {"deformation": None},
+            {"deformation": None, "position_residual": None},
             {"embedding": _read_as(2), "build_position": None},
             {"embedding": _read_as(3), "deformation": None, "build_position": None},
             {name: value for name, value in _LONE.items() if name != "deformation"},
