@@ -55,7 +55,7 @@ def formula(function: Callable | None = None, *, inlined: bool = False, ordered:
     """
     if function is None:
         return functools.partial(formula, inlined=inlined, ordered=ordered)
-    exactly = {"fastmath": False} if ordered else {}
+    exactly: dict[str, Any] = {"fastmath": False} if ordered else {}
     return overloaded(function, lambda *types: function, forceinline=inlined, **exactly)
 
 

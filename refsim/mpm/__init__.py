@@ -408,6 +408,7 @@ class MpmWalls(Effect, frozen=True, kw_only=True):
     """
 
     name: ClassVar[str] = "mpm_walls"
+    places: ClassVar[tuple[str, ...]] = ("lower", "upper")
 
     lower: tuple[float, float, float]
     upper: tuple[float, float, float]
@@ -447,7 +448,7 @@ class MpmWalls(Effect, frozen=True, kw_only=True):
         inside = mpm_liquid_of(others).cell(grid) * 1e-6 if MpmLiquid.name in others else 0.0
         out = np.flatnonzero(((state.position < lower - inside) | (state.position > upper + inside)).any(1))
         if len(out):
-            where = ", ".join(f"{x:.6g}" for x in state.position[out[0], : grid.dim])
+            where = ", ".join(f"{x:.6g}" for x in grid.absolute(state.position[out[0]])[: grid.dim])
             raise InputError(
                 f"{self.name}: particle {out[0]} at ({where}) m is in a wall ({len(out)} such particles);"
                 " move the liquid or the wall, or open that face."

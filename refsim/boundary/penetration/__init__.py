@@ -86,7 +86,11 @@ register(
         cases=("towards_edges", "outside_the_grid"),
         tolerance_reason="one rounding in each product and sum; the scale counts those of distance and normal",
         variants=(
-            {"bounds": None, "timestep": lambda case, grid: _long(case, grid, 0.25)},
+            {
+                "bounds": None,
+                "position_residual": None,
+                "timestep": lambda case, grid: _long(case, grid, 0.25),
+            },
             {},
             {"bounds": None, "penetration": lambda case, grid: _other(case, grid, swept=0, printed=1)},
             {
