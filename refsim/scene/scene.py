@@ -32,9 +32,9 @@ from refsim.scene.solids import SolidBall, SolidBox, SolidCells, SolidMesh, Soli
 
 Vector = tuple[float, float, float]
 
-COARSE = 1e-3  # [spacings] a coarser resolution of positions gives a note
-FINE = 1e-5  # [spacings] up to this resolution of positions a scene is computed from its own origin,
-FAR = 4.0  # and where its particles are nearer than so many times their reach from their own middle
+COARSE = 1e-4  # [spacings] a coarser resolution of positions gives a note: accelerations are off by twice that share
+FINE = 1e-5  # [spacings] with a resolution of positions as fine as this a scene keeps its origin
+FAR = 4.0  # times nearer must an origin of its own be to its farthest particle
 LEAST = 1e-30  # smallest length [m] and time [s] that a scene may have
 SMALLEST = 1e-100  # magnitude of any other number that is not zero
 LONGEST_FIXED = 1.6  # stable steps that a fixed step may span; longer ones gained energy without diverging in tests
@@ -521,7 +521,7 @@ def _placed(grid: Discretisation, state: InitialState, effects: Mapping[str, Eff
     """
     cell = max((e.sorting_cell(grid) for e in having(effects, NeedsCellOrder)), default=0.0)
     unit = cell if cell > 0 and grid.solids is None else grid.spacing
-    middle = unit * np.rint(0.5 * (state.position.min(0) + state.position.max(0)) / unit)
+    middle = unit * np.rint(0.5 * (state.position.min(0) + state.position.max(0)) / unit) + 0.0  # no -0
     farthest, nearer = np.abs(state.position).max(), np.abs(state.position - middle).max()
     if _resolved(state.position, grid) <= FINE or farthest < FAR * nearer:
         return grid
@@ -539,8 +539,9 @@ def _coarse_places(grid: Discretisation, state: InitialState) -> tuple[str, ...]
     if step <= COARSE:
         return ()
     return (
-        f"{grid.dtype} resolves distances between particles {np.abs(state.position).max():.4g} m from the middle of the"
-        f" scene to {step:.2g} spacings only, and densities and accelerations no better: use float64",
+        f"the particles reach {np.abs(state.position).max():.4g} m from the place that positions are relative to, where"
+        f" {grid.dtype} resolves distances to {step:.2g} spacings only, and accelerations to about twice that share:"
+        " use float64",
     )
 
 
