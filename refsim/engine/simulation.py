@@ -36,7 +36,7 @@ from refsim.neighbours import NeighbourSearch
 from refsim.scene.scene import Plan, Scene, make_plan
 
 Compiling = Callable[[int, int], Callable[[], Any]]
-DERIVED = ("identity", "position_residual")  # state that nobody sets
+DERIVED = ("identity", "position_residual")  # state that is not set by hand
 MANY_FOR_ALL_PAIRS = 2000  # particles above which the numpy backend is announced as slow
 
 

@@ -336,7 +336,7 @@ def slow_and_far() -> Case:
 
 @closed_form("sph.kick_drift")
 def carried_on():
-    """A way of 2^-40 m is nothing beside 2^20 m in single and in double precision: all of it stays in the residual."""
+    """A shift by 2^-40 m is nothing beside 2^20 m in both precisions: all of it stays in the residual."""
     position = np.array([[2.0**20, -(2.0**20), 0.0]])
     return Exact(
         Case("carried_on", 3, position, spacing=1.0, support_radius=2.0),

@@ -49,15 +49,15 @@ def central_viscosity_pair(volume_j, central_viscosity, laplacian):
 
 
 @formula(ordered=True)
-def drifted(x, residual, way):
-    """x + (residual + way) = place + rest [m]: the sum rounded, and what rounding takes from it (Knuth's two-sum).
+def drifted(x, residual, shift):
+    """x + (residual + shift) = place + rest [m]: the sum rounded, and what rounding takes from it (Knuth's two-sum).
 
-    x is the rounded position, `residual` what rounding took from it before, `way` = dt v.
+    x is the rounded position, `residual` what rounding took from it before, `shift` = dt v.
     """
-    way = way + residual
-    place = x + way
+    shift = shift + residual
+    place = x + shift
     added = place - x
-    return place, (x - (place - added)) + (way - added)
+    return place, (x - (place - added)) + (shift - added)
 
 
 @formula

@@ -165,18 +165,18 @@ def extremes(velocity, acceleration, temperature, temperature_range, exchange_ra
     return {"extremes": (value, np.array([*value[:4], size]))}
 
 
-def carried(position, residual, way, size):
-    """x + residual + way [m], and what its rounding to the type of x leaves: ((sum, scale), (rest, scale)).
+def carried(position, residual, shift, size):
+    """x + residual + shift [m], and what its rounding to the type of x leaves: ((sum, scale), (rest, scale)).
 
-    size: scale of `way`. The rest is summed exactly (math.fsum); where it is within the rounding of `way` from half of
-    the distance to the next number, the sum may be rounded to that one, so that its scale is that of x.
+    size: scale of `shift`. The rest is summed exactly (math.fsum). Where it is within the rounding of `shift` from half
+    of the distance to the next number, the sum may be rounded to that one: there its scale is that of x.
     """
     x, r = np.asarray(position, dtype=float), np.asarray(residual, dtype=float)
     kind = np.asarray(position).dtype
-    added, small = r + way, np.abs(r) + size
+    added, small = r + shift, np.abs(r) + size
     place = (x + added).astype(kind).astype(float)
-    rest = np.array([math.fsum(parts) if np.isfinite(parts).all() else np.nan for parts in
-                     zip(x.ravel(), added.ravel(), -place.ravel())]).reshape(x.shape)  # fmt: skip
+    known, rest = np.isfinite(place), np.full(x.shape, np.nan)
+    rest[known] = [math.fsum(parts) for parts in zip(x[known], added[known], -place[known])]
     gap = np.abs(place - np.nextafter(place.astype(kind), kind.type(0)).astype(float))  # towards 0, the smaller one
     close = np.abs(rest) > 0.5 * gap - 32 * np.finfo(kind).eps * small
     return (x + added, np.abs(x) + small), (rest, small + np.where(close, 2 * np.abs(place), 0.0))

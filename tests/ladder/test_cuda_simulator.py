@@ -509,7 +509,7 @@ def test_largest_values_do_not_outlive_their_call(cuda):
     place = cuda.asarray(np.zeros((21, 3)))
     way = cuda.asarray(np.array([1e9, 5.0]))
     steps = cuda.asarray(np.array([0.0, 0.1]))
-    kernels.kick_drift(place, cuda.asarray(np.zeros((21, 3))), None, steps, way, cuda.asarray(velocity), place)
+    kernels.kick_drift(place, cuda.asarray(np.zeros((21, 3))), None, steps, way, None, cuda.asarray(velocity), place)
     assert cuda.host(way)[0] == np.inf  # the particle that is nowhere
     assert cuda.host(way)[1] == 0
 
@@ -662,7 +662,8 @@ def test_run_follows_the_references_and_repeats_bit_for_bit(scene, dtype, steps,
         if f.numpy_dtype(dtype).kind in "iub":
             assert np.array_equal(values, oracle.field(name)), name
         else:
-            largest = np.abs(oracle.field(name)).max()
+            whole = {"position_residual": "position"}.get(name, name)  # digits that are rounding, of another field
+            largest = np.abs(oracle.field(whole)).max()
             assert np.abs(values - oracle.field(name)).max() <= tolerance * largest, name
 
 
