@@ -332,7 +332,7 @@ class Gravity(Effect, frozen=True, kw_only=True):
         return (Pass("sph.gravity", updates=("acceleration",)),) if any(self.acceleration) else ()
 
     def energy(self, grid: Discretisation, others: Mapping[str, Effect]) -> EnergyAccount:
-        """-m g.x, zero at the origin."""
+        """-m g.x, zero at the grid's origin."""
         if not any(self.acceleration):
             return EnergyAccount()
         g = np.array(self.acceleration)
