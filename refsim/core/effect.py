@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple, TypeVar
 
 import msgspec
 import numpy as np
@@ -169,6 +169,7 @@ class StepLimit(NamedTuple):
 
 
 EFFECTS: dict[str, type[Effect]] = {}
+Kind = TypeVar("Kind", bound="Effect")
 
 
 class Effect(Checked, frozen=True, kw_only=True):
@@ -190,7 +191,7 @@ class Effect(Checked, frozen=True, kw_only=True):
         if cls.name:
             EFFECTS[cls.name] = cls
 
-    def local(self, grid: Discretisation) -> Effect:
+    def local(self: Kind, grid: Discretisation) -> Kind:
         """This effect with its `places` relative to the grid's origin."""
         moved = {name: tuple(map(float, grid.local(getattr(self, name)))) for name in self.places}
         return msgspec.structs.replace(self, **moved) if any(grid.origin) and moved else self

@@ -132,12 +132,12 @@ class MeshBoundary(
             )
         self.printed()
 
-    def local(self, grid: Discretisation) -> Effect:
+    def local(self, grid: Discretisation) -> MeshBoundary:
         if not any(grid.origin):
             return self
         from refsim.boundary.one_way_coupling.placing import placed_mesh
 
-        middle = placed_mesh(self.file, self.center, self.size, self.rotation).origin
+        middle = self.center or placed_mesh(self.file, None, self.size, self.rotation).origin
         return msgspec.structs.replace(self, center=tuple(map(float, grid.local(middle))))
 
     def placed(self, grid: Discretisation) -> PlacedSolid:
