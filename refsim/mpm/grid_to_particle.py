@@ -121,7 +121,7 @@ def deform(i, a, liquid, step, layers, deformation):
     return ratio
 
 
-@formula
+@formula(inlined=True)
 def move_particle(
     i, row, sums, fx, fy, fz, background, liquid, timestep, cluster_share, inverse_spread, embedding, carrier_first,
     carrier_position, carrier_moment, build_position, position, position_residual, volume_ratio, deformation, velocity,
