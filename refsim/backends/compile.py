@@ -51,13 +51,13 @@ def formula(function: Callable | None = None, *, inlined: bool = False, ordered:
     """Mark a scalar formula: plain Python when called from Python, compiled where a kernel calls it.
 
     `inlined` puts its code into every caller, however long it is. A call passes each array as seven words and each
-    group as all of its members, which costs more than a look-up in a table. `ordered` keeps the order as written in
-    kernels that do not (see `cpu_kernel`).
+    group as all of its members, which costs more than a look-up in a table. `ordered` keeps its operations as written
+    in every kernel: for what algebra would cancel.
     """
     if function is None:
         return functools.partial(formula, inlined=inlined, ordered=ordered)
-    order: dict[str, Any] = {"fastmath": ANY_ORDER - {"reassoc"}} if ordered else {}
-    return overloaded(function, lambda *types: function, forceinline=inlined, **order)
+    exactly: dict[str, Any] = {"fastmath": False} if ordered else {}
+    return overloaded(function, lambda *types: function, forceinline=inlined, **exactly)
 
 
 def overloaded(

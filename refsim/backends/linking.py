@@ -77,6 +77,4 @@ def linked(function: Callable, chosen: Callable, targets: tuple[str, ...], **opt
     """
     for target in targets:
         more = supported(options) | (_compiler() if target == "cpu" else {})
-        if target == "cuda":  # has no orders to choose from
-            more.pop("fastmath", None)
         overload(function, target=target, jit_options=more, strict=False)(chosen)

@@ -79,6 +79,7 @@ def describe_plan(plan: Plan, backend: str) -> dict[str, Any]:
         "spacing": grid.spacing,
         "support_radius": grid.support_radius,
         "period": list(grid.period),
+        "origin": list(grid.origin),
         "fields": fields,
         "passes": passes,
         "runner": runner,
@@ -237,6 +238,8 @@ def _time(predicted: list[Prediction]) -> str:
 def _text(found: dict[str, Any]) -> str:
     walls = f" and {found['wall_particles']:,} of walls" if found["wall_particles"] else ""
     around = "".join(f", periodic along {axis} over {m:g} m" for axis, m in zip("xyz", found["period"]) if m)
+    if any(found["origin"]):
+        around += f", positions relative to ({', '.join(f'{m:g}' for m in found['origin'])}) m"
     lines = [
         f"{found['scene']}: {found['particles']:,} particles{walls} in {found['dim']}D, {found['dtype']},"
         f" backend {found['backend']}",

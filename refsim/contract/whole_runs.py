@@ -228,7 +228,8 @@ def _run(scene: Scene, seed: int | None, until: float, backend: str) -> tuple[di
     simulation = Simulation(scene, backend)
     if seed is not None:
         position = simulation.field("position")
-        coarse = 2 * float(np.finfo(position.dtype).eps) * float(np.abs(position).max(initial=0.0))
+        grid = simulation.plan.grid
+        coarse = 2 * float(np.finfo(grid.dtype).eps) * float(np.abs(grid.local(position)).max(initial=0.0))
         amount = max(SHAKEN * scene.spacing, coarse)
         shift = np.random.default_rng(seed).uniform(-amount, amount, position.shape)
         shift[:, scene.dim :] = 0

@@ -477,6 +477,13 @@ def _build_position(case: Case, random: np.random.Generator) -> np.ndarray:
     return case.position + 0.02 * case.spacing * vectors(case, random)
 
 
+@particles("position_residual")
+def _position_residual(case: Case, random: np.random.Generator) -> np.ndarray:
+    """Up to half of the distance between two numbers of single precision; none in closed forms, of few particles."""
+    apart = np.spacing(np.abs(case.position).astype(np.float32)).astype(float)
+    return (case.count > 3) * random.uniform(-0.5, 0.5, case.position.shape) * apart * (case.position != 0)
+
+
 def vectors(case: Case, random: np.random.Generator) -> np.ndarray:
     """Random vectors (n, 3) of length about one; in the plane where the case is."""
     values = random.normal(size=(case.count, 3))

@@ -8,8 +8,9 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple, TypeVar
 
+import msgspec
 import numpy as np
 
 from refsim.core.checked import Checked, Printed
@@ -100,6 +101,15 @@ class Discretisation:
     solids: Nodes | None = field(default=None, compare=False)  # the first particles, where the scene has solid bodies
     period: Lengths = (0.0, 0.0, 0.0)  # lengths of the periodic box [m]; 0 along axes without a period
     period_lower: Lengths = (0.0, 0.0, 0.0)  # its lower corner [m]
+    origin: Lengths = (0.0, 0.0, 0.0)  # place in the scene [m] to which all that passes take is relative
+
+    def local(self, places: Any) -> Any:
+        """Places (..., 3) [m] of the scene relative to the origin, in float64; as they are where it is zero."""
+        return np.asarray(places, dtype=float) - self.origin if any(self.origin) else places
+
+    def absolute(self, places: Any) -> Any:
+        """Places in the scene (..., 3) [m] from those relative to the origin; like `local`."""
+        return np.asarray(places, dtype=float) + self.origin if any(self.origin) else places
 
     def real(self, value: float) -> Any:
         """`value` in the run's dtype."""
@@ -166,10 +176,13 @@ class StepLimit(NamedTuple):
 
 
 EFFECTS: dict[str, type[Effect]] = {}
+Kind = TypeVar("Kind", bound="Effect")
 
 
 class Effect(Checked, frozen=True, kw_only=True):
     """Base of all effects. Parameters are the struct's fields, in SI units.
+
+    Hooks that get a grid with particles see the scene relative to the grid's origin, and so are their own `places`.
 
     Hooks of a few effects only are capabilities, in `refsim.core.capabilities`.
     """
@@ -178,6 +191,7 @@ class Effect(Checked, frozen=True, kw_only=True):
     host_in_step: ClassVar[bool] = False  # its passes need the host, so that a step cannot be one CUDA graph
     periodic: ClassVar[bool] = False  # whether its passes take separations to the nearest image in a periodic box
     with_spacing: ClassVar[tuple[str, ...]] = ()  # its lengths [m] that follow the spacing if a scene is refined
+    places: ClassVar[tuple[str, ...]] = ()  # its parameters that are places in the scene [m]
 
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
@@ -188,6 +202,11 @@ class Effect(Checked, frozen=True, kw_only=True):
         super().__post_init__()
         if settle := getattr(self, "settle_literal", None):  # of the capability HasErrata
             settle()
+
+    def local(self: Kind, grid: Discretisation) -> Kind:
+        """This effect with its `places` relative to the grid's origin."""
+        moved = {name: tuple(map(float, grid.local(getattr(self, name)))) for name in self.places}
+        return msgspec.structs.replace(self, **moved) if any(grid.origin) and moved else self
 
     def needs(self) -> tuple[str, ...]:
         """Names of effects without which this one cannot work."""

@@ -42,6 +42,9 @@ class Field:
 
 
 POSITION = Field("position", "m", "particle position x", 3, state=True)
+POSITION_RESIDUAL = Field(
+    "position_residual", "m", "what rounding takes from the position: x lies at position + residual", 3, state=True
+)
 VELOCITY = Field("velocity", "m/s", "velocity v, half a step behind the position", 3, state=True)
 ACCELERATION = Field("acceleration", "m/s^2", "sum of all accelerations", 3)
 MASS = Field("mass", "kg (kg/m in 2D)", "particle mass m", state=True)

@@ -44,6 +44,7 @@ class Clock(msgspec.Struct, frozen=True, kw_only=True):
     search_log: str = "{}"
     energy_audit: str | None = None
     remarks: str = "{}"
+    origin: str | None = None  # of the positions, as JSON; None of a version whose positions had no residual
 
 
 @dataclass(frozen=True)
@@ -60,7 +61,7 @@ class SavedRun:
     search_log      counts of the neighbour search
     audit           state of the energy audit, where the scene has one
     remarks         notes that effects had made until then, by effect
-    notes           one sentence for each checkpoint that was passed over for it
+    notes           one sentence for each checkpoint that was passed over for it, and for an older one
     """
 
     file: Path
@@ -94,6 +95,7 @@ def load_checkpoint(path: str | os.PathLike[str]) -> SavedRun:
         log = msgspec.json.decode(clock.search_log, type=dict[str, int])
         remarks = msgspec.json.decode(clock.remarks, type=dict[str, str])
         audit = msgspec.json.decode(clock.energy_audit, type=AuditState) if clock.energy_audit else None
+        origin = msgspec.json.decode(clock.origin or "[0, 0, 0]", type=tuple[float, float, float])
     except (msgspec.MsgspecError, OverflowError, RecursionError) as error:
         words = str(error)[:200]
         raise wrong(f"its numbers are not those of a run ({words[:1].lower()}{words[1:]})") from None
@@ -115,6 +117,14 @@ def load_checkpoint(path: str | os.PathLike[str]) -> SavedRun:
         raise wrong(f"its search log has the entries {', '.join(log)}")
     shapes = {f"field.{name}": (f.shape(plan.grid.count), f.numpy_dtype(plan.grid.dtype))
               for name, f in plan.fields.items() if f.state}  # fmt: skip
+    if origin != plan.grid.origin:
+        raise wrong(f"its positions are relative to {list(origin)} m and the scene's to {list(plan.grid.origin)} m")
+    residual = "field.position_residual"
+    if clock.origin is None and residual in shapes:
+        shape, dtype = shapes[residual]
+        saved.arrays.setdefault(residual, np.zeros(shape, dtype))
+        older = f"checkpoint {file} is of a version that dropped what rounding takes from positions"
+        notes = (*notes, f"{older}: the run goes on from the same places, but not bit for bit as it would have there")
     shapes["build_position"] = shapes["field.position"]
     for name, (shape, dtype) in shapes.items():
         values = saved.arrays.get(name)
@@ -157,6 +167,7 @@ def snapshot(run: Run) -> Checkpoint:
         search_log=json.dumps({} if lists.search is None else dataclasses.asdict(lists.search.log)),
         energy_audit=None if run.auditor is None else run.auditor.saved(),
         remarks=json.dumps(run.remarks),
+        origin=json.dumps(run.plan.grid.origin),
     )
     stored = {f.encode_name: getattr(clock, f.name) for f in msgspec.structs.fields(Clock)}
     attributes = {"scene": text} | {name: value for name, value in stored.items() if value is not None}

@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 
 from refsim.core.errors import InputError, RunStopped
+from refsim.core.fields import POSITION_RESIDUAL
 from refsim.core.log import log
 from refsim.core.period import wrapped
 from refsim.core.plain import plain
@@ -223,7 +224,7 @@ class _Run:
             raise cannot_write("folder", self.folder, error, "nothing was changed") from error
         fields = {}
         for name, f in self.simulation.plan.particle_fields.items():
-            if name != "position":
+            if name not in ("position", POSITION_RESIDUAL.name):
                 dtype = f.numpy_dtype(self.simulation.plan.grid.dtype)
                 fields[name] = (f.components, "uint8" if dtype.kind == "b" else dtype)
         time = self.simulation.time if goes_on else None
@@ -313,7 +314,8 @@ class _Run:
         check_particles(simulation)
         with simulation.timings.of_host("frames"):
             simulation.refresh(on_demand=True)
-            values = {name: simulation.stored(name) for name in simulation.plan.particle_fields}
+            names = (name for name in simulation.plan.particle_fields if name != POSITION_RESIDUAL.name)
+            values = {name: simulation.stored(name) for name in names}
             values = {name: v.view(np.uint8) if v.dtype.kind == "b" else v for name, v in values.items()}
             scene = simulation.plan.scene
             position = wrapped(values.pop("position"), scene.period, scene.period_lower)

@@ -42,7 +42,8 @@ class NeighbourLists:
         self._walls: tuple[Any, Any] | None = None  # their positions and volumes on the backend, in cell order
         run._shared["neighbours"] = None
         if plan.walls is not None:
-            self._prepare_walls(plan.walls, np.dtype(grid.dtype))
+            walls = plan.walls._replace(position=grid.local(plan.walls.position))
+            self._prepare_walls(walls, np.dtype(grid.dtype))
 
     def _prepare_walls(self, walls: WallParticles, dtype: np.dtype) -> None:
         if self.search is None:

@@ -176,8 +176,10 @@ def _not_finite(values: np.ndarray) -> np.ndarray:
 
 
 def _host(simulation: Run, name: str) -> np.ndarray:
-    return np.array(simulation.backend.host(simulation.fields[name]))
+    """A field's values; positions as places in the scene."""
+    values = np.array(simulation.backend.host(simulation.fields[name]))
+    return simulation.plan.grid.absolute(values) if name == "position" else values
 
 
 def _build_position(simulation: Run) -> np.ndarray:
-    return np.array(simulation.backend.host(simulation.build_position))
+    return simulation.plan.grid.absolute(np.array(simulation.backend.host(simulation.build_position)))

@@ -45,6 +45,7 @@ from refsim.scene.scene import Plan, Scene, make_plan
 from refsim.sph import CROWD, DENSE, LIQUID
 
 Compiling = Callable[[int, int], Callable[[], Any]]
+DERIVED = ("identity", "position_residual")  # state that is not set by hand
 MANY_FOR_ALL_PAIRS = 2000  # particles above which the numpy backend is announced as slow
 
 
@@ -174,6 +175,9 @@ class Simulation:
         not changed by it. Velocities are half a step behind. What follows from a step's length, such as the pressure
         of `iisph` and the forces on solids, is of the last step and no part of "acceleration".
 
+        Reals are of the scene's dtype. Positions are float64, with what rounding took from them, where the scene lies
+        so far from the origin that it is computed relative to a place of its own (`plan.grid.origin`).
+
         Raises InputError where the scene has no such field, and where only a step computes it and there was none;
         RunStopped where the state does not allow to compute it.
         """
@@ -190,6 +194,9 @@ class Simulation:
     def stored(self, name: str) -> np.ndarray:
         """A field's values as they are on the backend, in the order of `field`."""
         values = self._host(name)
+        if name == "position" and any(self.plan.grid.origin):
+            values = self.plan.grid.absolute(values)
+            values += self._host("position_residual") if "position_residual" in self.fields else 0.0
         if self.plan.fields[name].rows is not None:
             return values
         ordered = np.empty_like(values)
@@ -201,11 +208,11 @@ class Simulation:
 
         name    a particle field that outlives the step: "position", "velocity", "mass", "temperature", ...; the
                 velocity is that of half a step before
-        values  one row for each particle, in the order and unit of `field`
+        values  one row for each particle, in the order and unit of `field`; positions are places in the scene
 
         Raises InputError where the scene has no such state, or the values have another shape or are not finite.
         """
-        known = [n for n, f in self.plan.particle_fields.items() if f.state and n != "identity"]
+        known = [n for n, f in self.plan.particle_fields.items() if f.state and n not in DERIVED]
         if name not in known:
             raise InputError(f"set_field: {name!r} is no state of this scene's particles; it has {', '.join(known)}.")
         values, wanted = np.asarray(values), self.plan.fields[name].shape(self.count)
@@ -461,4 +468,8 @@ class Simulation:
         return np.array(self.backend.host(self.fields[name]))
 
     def _set(self, name: str, values: np.ndarray) -> None:
+        if name == "position":
+            values = self.plan.grid.local(values)
+            if "position_residual" in self.fields:
+                self.backend.assign(self.fields["position_residual"], 0.0)
         self.backend.assign(self.fields[name], values.astype(self.fields[name].dtype))

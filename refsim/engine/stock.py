@@ -28,12 +28,13 @@ def stock(simulation: Simulation | Plan) -> dict[str, Any]:
         )  # of a lattice's particle
 
         def field(name: str) -> np.ndarray:
-            return values[name].astype(plan.fields[name].numpy_dtype(plan.grid.dtype))
+            far = name == "position" and any(plan.grid.origin)
+            return values[name].astype(float if far else plan.fields[name].numpy_dtype(plan.grid.dtype))
     else:
         plan, field = simulation.plan, simulation.field
     x, v, m = (field(name).astype(float) for name in ("position", "velocity", "mass"))
-    bounds = plan.shared.get("bounds")
-    outside = 0 if bounds is None else int(((x < bounds.lower) | (x > bounds.upper)).any(1).sum())
+    bounds, local = plan.shared.get("bounds"), plan.grid.local(x).astype(plan.grid.dtype)
+    outside = 0 if bounds is None else int(((local < bounds.lower) | (local > bounds.upper)).any(1).sum())
     result = {
         "particles": len(x),
         "mass": math.fsum(m),

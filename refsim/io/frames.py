@@ -39,6 +39,7 @@ import numpy as np
 from numpy.typing import DTypeLike
 
 from refsim.core.errors import InputError
+from refsim.core.fields import POSITION_RESIDUAL
 from refsim.core.reading import open_regular
 from refsim.io.checkpoint import cannot_write, replace_file, write_all
 from refsim.io.scenes import scene_to_checkpoint
@@ -93,7 +94,7 @@ class Origin:
 def origin_of(plan: Plan) -> Origin:
     """What particle files of a run of this plan say of it: its scene, and units and meanings of the particle fields."""
     scene, arrays = scene_to_checkpoint(plan)
-    fields = plan.particle_fields
+    fields = {name: f for name, f in plan.particle_fields.items() if name != POSITION_RESIDUAL.name}
     units = {name: field.unit_in(plan.grid.dim) for name, field in fields.items()}
     return Origin(scene, arrays, units, {name: field.meaning for name, field in fields.items()})
 

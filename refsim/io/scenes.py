@@ -19,6 +19,7 @@ from refsim.scene.solids import Solid, SolidCells, SolidMesh
 def scene_to_checkpoint(plan: Plan) -> tuple[str, dict[str, np.ndarray]]:
     """The scene as TOML, and copies of the files that it names: clouds, and the cells of meshes."""
     scene, solids = plan.scene, plan.grid.solids
+    cells = np.rint(np.array(plan.grid.origin) / plan.grid.spacing).astype(np.int32)
     parts = list(zip((*scene.solid, *scene.fluid), plan.state.sizes))
     cloud = np.repeat([isinstance(part, Cloud) for part, _ in parts], plan.state.sizes)
     arrays = {}
@@ -31,7 +32,7 @@ def scene_to_checkpoint(plan: Plan) -> tuple[str, dict[str, np.ndarray]]:
         kept = isinstance(part, SolidMesh | SolidCells)
         if kept and solids is not None:
             own = slice(*solids.lattice.first[number : number + 2])
-            arrays[f"start.cells.{number}"] = solids.lattice.cell[own]
+            arrays[f"start.cells.{number}"] = solids.lattice.cell[own] + cells
         solid.append(SolidCells(**_substance(part)) if kept else part)
     return scene_to_toml(msgspec.structs.replace(scene, fluid=fluid, solid=tuple(solid))), arrays
 

@@ -422,6 +422,7 @@ class MpmWalls(Effect, HasPlanes, frozen=True, kw_only=True):
     """
 
     name: ClassVar[str] = "mpm_walls"
+    places: ClassVar[tuple[str, ...]] = ("lower", "upper")
 
     lower: tuple[float, float, float]
     upper: tuple[float, float, float]
@@ -461,7 +462,7 @@ class MpmWalls(Effect, HasPlanes, frozen=True, kw_only=True):
         inside = mpm_liquid_of(others).cell(grid) * 1e-6 if MpmLiquid.name in others else 0.0
         out = np.flatnonzero(((state.position < lower - inside) | (state.position > upper + inside)).any(1))
         if len(out):
-            where = ", ".join(f"{x:.6g}" for x in state.position[out[0], : grid.dim])
+            where = ", ".join(f"{x:.6g}" for x in grid.absolute(state.position[out[0]])[: grid.dim])
             raise InputError(
                 f"{self.name}: particle {out[0]} at ({where}) m is in a wall ({len(out)} such particles);"
                 " move the liquid or the wall, or open that face."
@@ -521,7 +522,9 @@ _ABSENT = dict.fromkeys(("cluster_share", "inverse_spread", "embedding"))
 _PLAIN = {**_ABSENT, "acceleration": None, "kernel_gradient": None}
 _LONE = {
     **_ABSENT,
-    **dict.fromkeys(("carrier_first", "carrier_position", "carrier_moment", "build_position", "deformation")),
+    **dict.fromkeys(
+        ("carrier_first", "carrier_position", "carrier_moment", "build_position", "deformation", "position_residual")
+    ),
 }
 
 
@@ -717,14 +720,17 @@ register(
         equation="(4.8), (4.12), (4.13), (4.16) with thesis M5, M9, M10",
         function="grid_to_particle",
         programs={"cpu": Program("grid_to_particle"), "cuda": Program("grid_to_particle_cuda")},
-        outputs=("displacement", "step_extremes", "velocity", "affine", "volume_ratio", "deformation", "position"),
+        outputs=(
+            "displacement", "step_extremes", "velocity", "affine", "volume_ratio", "deformation", "position_residual",
+            "position",
+        ),
         optional=(
             "cluster_share", "inverse_spread", "embedding", "carrier_first", "carrier_position", "carrier_moment",
-            "build_position", "deformation",
+            "build_position", "deformation", "position_residual",
         ),
         variants=(
             _LONE,
-            {"deformation": None},
+            {"deformation": None, "position_residual": None},
             {"embedding": _read_as(2), "build_position": None},
             {"embedding": _read_as(3), "deformation": None, "build_position": None},
             {name: value for name, value in _LONE.items() if name != "deformation"},

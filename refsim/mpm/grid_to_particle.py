@@ -11,6 +11,7 @@ from refsim.backends.compile import formula, kernel
 from refsim.mpm.formulas import CLUSTER, CORRECTED, determinant, dilation, spline_weights
 from refsim.mpm.kernels import layer_weights, place, spread_of
 from refsim.sparse_grid.formulas import node_coordinates
+from refsim.sph.formulas import drifted
 
 # What a particle takes from the moments of its stencil
 
@@ -120,12 +121,15 @@ def deform(i, a, liquid, step, layers, deformation):
     return ratio
 
 
-@formula
+@formula(inlined=True)
 def move_particle(
     i, row, sums, fx, fy, fz, background, liquid, timestep, cluster_share, inverse_spread, embedding, carrier_first,
-    carrier_position, carrier_moment, build_position, position, volume_ratio, deformation, velocity, affine, moved,
+    carrier_position, carrier_moment, build_position, position, position_residual, volume_ratio, deformation, velocity,
+    affine, moved, rest,
 ):  # fmt: skip
     """(4.12), (4.13) or A of the cluster, (4.16), (4.8) of particle i; v, A, x go to `row` of velocity, affine, moved.
+
+    Where there is a residual, x + residual is advanced, and the new residual goes to `row` of `rest`.
 
     Returns (squared displacement since the list was built [m^2], J, |tr A| [1/s], squared displacement of the step
     [m^2]).
@@ -152,7 +156,10 @@ def move_particle(
     for c in range(3):
         velocity[row, c] = v[c]
         shift = step * v[c]
-        moved[row, c] = position[i, c] + shift
+        if position_residual is not None:
+            moved[row, c], rest[row, c] = drifted(position[i, c], position_residual[i, c], shift)
+        else:
+            moved[row, c] = position[i, c] + shift
         jump += shift * shift
         if build_position is not None:
             shift = moved[row, c] - build_position[i, c]
@@ -255,7 +262,7 @@ def moments(at, width, background, wx, wy, wz, values, sums):
 def gather(
     b, bins, node_velocity, cell, liquid, background, timestep, blocks, cluster_share, inverse_spread, embedding,
     carrier_first, carrier_position, carrier_moment, build_position, velocity, affine, volume_ratio, deformation,
-    position, extremes,
+    position_residual, position, extremes,
 ):  # fmt: skip
     """Velocity, gradient, volume ratio and position of the particles of block b from the nodes.
 
@@ -278,8 +285,8 @@ def gather(
             )  # fmt: skip
             squared, ratio, rate, leap = move_particle(
                 i, i, sums, fx, fy, fz, background, liquid, timestep, cluster_share, inverse_spread, embedding,
-                carrier_first, carrier_position, carrier_moment, build_position, position, volume_ratio,
-                deformation, velocity, affine, position,
+                carrier_first, carrier_position, carrier_moment, build_position, position, position_residual,
+                volume_ratio, deformation, velocity, affine, position, position_residual,
             )  # fmt: skip
             far, least, most, fast = max(far, squared), min(least, ratio), max(most, ratio), max(fast, rate)
             jump = max(jump, leap)
@@ -289,14 +296,14 @@ def gather(
 def grid_to_particle(
     node_velocity, liquid, background, timestep, cluster_share, inverse_spread, embedding, carrier_first,
     carrier_position, carrier_moment, build_position, grid, displacement, step_extremes, velocity, affine,
-    volume_ratio, deformation, position,
+    volume_ratio, deformation, position_residual, position,
 ):  # fmt: skip
     """(4.12), (4.13) or A of the cluster, (4.16), (4.8): velocity, affine matrix, volume ratio and position."""
     extremes = np.empty((len(grid.blocks.keys), 5), step_extremes.dtype)
     gather(
         grid.bins["particles"], node_velocity, grid.cells["particles"], liquid, background, timestep, grid.blocks,
         cluster_share, inverse_spread, embedding, carrier_first, carrier_position, carrier_moment, build_position,
-        velocity, affine, volume_ratio, deformation, position, extremes,
+        velocity, affine, volume_ratio, deformation, position_residual, position, extremes,
     )  # fmt: skip
     largest = extremes.max(0, initial=-math.inf)
     displacement[:] = max(largest[0], 0.0), 0.0

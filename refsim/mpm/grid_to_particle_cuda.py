@@ -136,7 +136,7 @@ def put_rows(numbers, count, width, rows, out):
 def gather(
     bins, node_velocity, cell, liquid, background, timestep, blocks, cluster_share, inverse_spread, embedding,
     carrier_first, carrier_position, carrier_moment, build_position, block_extremes, velocity, affine, volume_ratio,
-    deformation, position,
+    deformation, position_residual, position,
 ):  # fmt: skip
     """Velocity, gradient, volume ratio and position of every particle from the nodes.
 
@@ -155,6 +155,9 @@ def gather(
         matrix = cuda.shared.array((GATHERING, 9), velocity.dtype)
         speed = cuda.shared.array((GATHERING, 3), velocity.dtype)
         moved = cuda.shared.array((GATHERING, 3), velocity.dtype)
+        rest = moved
+        if position_residual is not None:
+            rest = cuda.shared.array((GATHERING, 3), velocity.dtype)
         numbers = cuda.shared.array(GATHERING, np.int32)
         origin = node_coordinates(blocks, b * 64)
         load_block(b, blocks, background, node_velocity, values)
@@ -166,8 +169,8 @@ def gather(
                 sums = moments(x, y, z, fx, fy, fz, background, values)
                 squared, ratio, rate, leap = move_particle(
                     i, thread, sums, fx, fy, fz, background, liquid, timestep, cluster_share, inverse_spread, embedding,
-                    carrier_first, carrier_position, carrier_moment, build_position, position, volume_ratio,
-                    deformation, speed, matrix, moved,
+                    carrier_first, carrier_position, carrier_moment, build_position, position, position_residual,
+                    volume_ratio, deformation, speed, matrix, moved, rest,
                 )  # fmt: skip
                 far, least, most, fast = max(far, squared), max(least, -ratio), max(most, ratio), max(fast, rate)
                 jump = max(jump, leap)
@@ -177,6 +180,8 @@ def gather(
             put_rows(numbers, count, 9, matrix, affine)
             put_rows(numbers, count, 3, speed, velocity)
             put_rows(numbers, count, 3, moved, position)
+            if position_residual is not None:
+                put_rows(numbers, count, 3, rest, position_residual)
             cuda.syncthreads()
             begin += GATHERING
         best[0, thread], best[1, thread], best[2, thread] = far, least, most
@@ -220,15 +225,14 @@ def reduce_extremes(block_extremes, displacement, step_extremes):
 def grid_to_particle(
     node_velocity, liquid, background, timestep, cluster_share, inverse_spread, embedding, carrier_first,
     carrier_position, carrier_moment, build_position, grid, displacement, step_extremes, velocity, affine,
-    volume_ratio, deformation, position,
+    volume_ratio, deformation, position_residual, position,
 ):  # fmt: skip
     """(4.12), (4.13) or A of the cluster, (4.16), (4.8): velocity, affine matrix, volume ratio and position."""
     extremes = grid.block_extremes
     gather(
         grid.bins["particles"], node_velocity, grid.cells["particles"], liquid, background, timestep, grid.blocks,
         cluster_share, inverse_spread, embedding, carrier_first, carrier_position, carrier_moment, build_position,
-        extremes,
-        velocity, affine, volume_ratio, deformation, position,
+        extremes, velocity, affine, volume_ratio, deformation, position_residual, position,
     )  # fmt: skip
     reduce_extremes(extremes, displacement, step_extremes)
 

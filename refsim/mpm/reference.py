@@ -8,6 +8,7 @@ change by the rounding of a particle's position in its cell.
 import numpy as np
 
 from refsim.sparse_grid.reference import Lookup, node_table
+from refsim.sph.reference import carried
 
 BLOCK_BYTES = 2**26
 FARTHEST = 2**20 - 16
@@ -356,13 +357,13 @@ def grid_to_carriers(node_velocity, carrier_position, background, grid):
 
 def grid_to_particle(
     node_velocity, liquid, background, timestep, cluster_share, inverse_spread, embedding, carrier_first,
-    carrier_position, carrier_moment, build_position, grid, volume_ratio, deformation, position,
+    carrier_position, carrier_moment, build_position, grid, volume_ratio, deformation, position_residual, position,
 ):  # fmt: skip
     """Velocity [m/s], A [1/s], J, F and position [m] of every particle after the step.
 
     (4.12) v_p = sum_j B v_j; (4.13) A_p = (4/h^2) sum_j B v_j (x_j - x_p)^T; in a cluster the weighted
     sums over its points, with D_p^-1; as printed (4.14). (4.16) J <- J (1 + dt tr A) or F <- (1 + dt A) F;
-    (4.8) x <- x + dt v.
+    (4.8) x <- x + dt v, with a residual x + residual, of which the rest of its rounding is the new one.
     """
     step, h, x = float(timestep[1]), float(background.cell_size), _f(position)
     v, v_scale, m, m_scale = _moments(position, background, grid, node_velocity)
@@ -412,7 +413,9 @@ def grid_to_particle(
                 new_scale[:, c, c] = root_scale if c < dim else 1.0
         answer["deformation"] = (new.reshape(n, 9), new_scale.reshape(n, 9))
     least, most = (ratio_new.min(), ratio_new.max()) if n else (1.0, 1.0)
-    x_new = x + step * v
+    x_new, x_scale = x + step * v, np.abs(x) + step * v_scale
+    if position_residual is not None:
+        (x_new, x_scale), answer["position_residual"] = carried(position, position_residual, step * v, step * v_scale)
     shift = x_new - _f(build_position) if build_position is not None else step * v
     squared = np.where(np.isfinite(ratio_new), (shift**2).sum(1), np.inf)
     shift_scale = (np.abs(x) if build_position is not None else 0) + step * v_scale
@@ -433,7 +436,7 @@ def grid_to_particle(
         "velocity": (v, v_scale),
         "affine": (a.reshape(n, 9), a_scale.reshape(n, 9)),
         "volume_ratio": (ratio_new, ratio_scale),
-        "position": (x_new, np.abs(x) + step * v_scale),
+        "position": (x_new, x_scale),
     }
 
 

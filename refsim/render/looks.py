@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -107,8 +108,11 @@ class Cut:
         return self.side * (np.asarray(points)[:, self.axis] - self.place)
 
 
-def cut_of(words: str | None, towards: NDArray, dim: int) -> Cut | None:
-    """The cut of "x=0", which leaves away the viewer's side; None without words. Raises InputError for others."""
+def cut_of(words: str | None, towards: NDArray, dim: int, origin: Sequence[float] = (0.0, 0.0, 0.0)) -> Cut | None:
+    """The cut of "x=0", which leaves away the viewer's side; None without words. Raises InputError for others.
+
+    origin  to which what is cut is relative [m]
+    """
     if words is None:
         return None
     axis, equals, place = words.replace(" ", "").partition("=")
@@ -119,4 +123,4 @@ def cut_of(words: str | None, towards: NDArray, dim: int) -> Cut | None:
     if axis not in tuple("xyz"[:dim]) or not equals or not math.isfinite(number):
         raise InputError(f"--cut {words!r} is no plane; give for example x=0, in metres.")
     index = "xyz".index(axis)
-    return Cut(index, number, 1 if towards[index] >= 0 else -1)
+    return Cut(index, number - origin[index], 1 if towards[index] >= 0 else -1)

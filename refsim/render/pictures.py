@@ -78,7 +78,7 @@ class Series:
         self.run, self.look, self.chosen = run, look, list(chosen)
         self.camera = camera_of(look.camera)
         towards = self.camera.axes(run.up)[2]
-        self.cut = cut_of(look.cut, towards, run.dim)
+        self.cut = cut_of(look.cut, towards, run.dim, run.plan.grid.origin)
         self.low, self.high = run.bounds(self.chosen)
         if run.box is not None:
             self.low, self.high = self._with_tank(*run.box)

@@ -27,7 +27,7 @@ COMPONENTS = "xyz"
 
 @dataclass(frozen=True)
 class SavedRun:
-    """A finished run.
+    """A finished run. All places that it gives are relative to the plan's origin.
 
     path    the particle file
     plan    of its scene
@@ -63,6 +63,7 @@ class SavedRun:
         for name in ("box_walls", "mpm_walls"):
             walls: Any = self.plan.effects.get(name)
             if walls is not None:
+                walls = walls.local(self.plan.grid)
                 return np.array(walls.lower, dtype=float), np.array(walls.upper, dtype=float)
         return None
 
@@ -99,7 +100,7 @@ class SavedRun:
         """The solid at rest that the liquid flows around; None without one."""
         for effect in self.plan.effects.values():
             if isinstance(effect, MeshBoundary):
-                return effect.placed(self.plan.grid)
+                return effect.local(self.plan.grid).placed(self.plan.grid)
         return None
 
     @property
@@ -153,7 +154,8 @@ class SavedRun:
         kept = [c for name, c in self.stored.items() if wanted is None or name in wanted]
         at_once = max(1, READ_AT_ONCE // (8 * max(1, sum(self.plan.state.sizes)) * (3 + sum(kept))))
         for first in range(0, len(chosen), at_once):
-            yield from read_particles(self.path, chosen[first : first + at_once], wanted)
+            for frame in read_particles(self.path, chosen[first : first + at_once], wanted):
+                yield Frame(frame.time, self.plan.grid.local(frame.position), frame.fields)
 
     def bounds(self, chosen: Sequence[int]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Corners (3,), (3,) [m] of the box that holds all particles of the chosen frames, and the solid at rest."""

@@ -16,23 +16,32 @@ from typing import Any, Literal
 import msgspec
 import numpy as np
 
-from refsim.core.capabilities import BringsWalls, JudgesStart, KnowsParticleMass, LimitsMassRatio, having
+from refsim.core.capabilities import (
+    BringsWalls,
+    JudgesStart,
+    KnowsParticleMass,
+    LimitsMassRatio,
+    NeedsCellOrder,
+    having,
+)
 from refsim.core.checked import Checked, suggestion
 from refsim.core.effect import EFFECTS, Discretisation, Effect, Extremes, InitialState, Nodes, Pass, require
 from refsim.core.energy import EnergyAudit
 from refsim.core.errors import InputError
-from refsim.core.fields import BASE, Field
+from refsim.core.fields import BASE, POSITION_RESIDUAL, Field
 from refsim.core.operation import PROCEDURES, REGISTRY
 from refsim.core.period import period_group
 from refsim.core.reading import GREATEST, open_regular
 from refsim.core.tables import html_table, in_bytes, table
 from refsim.neighbours import MOST_NEIGHBOURS
 from refsim.scene.accounts import accounts
-from refsim.scene.solids import SolidBall, SolidBox, SolidCells, SolidMesh, SolidTorus, countable, voxelised
+from refsim.scene.solids import SolidBall, SolidBox, SolidCells, SolidMesh, SolidTorus, countable, moved, voxelised
 
 Vector = tuple[float, float, float]
 
-COARSE = 1e-3  # [spacings] a coarser resolution of positions gives a note
+COARSE = 1e-4  # [spacings] a coarser resolution of positions gives a note: accelerations are off by twice that share
+FINE = 1e-5  # [spacings] with a resolution of positions as fine as this a scene keeps its origin
+FAR = 4.0  # times nearer must an origin of its own be to its farthest particle
 LEAST = 1e-30  # smallest length [m] and time [s] that a scene may have
 SMALLEST = 1e-100  # magnitude of any other number that is not zero
 WIDEST_SHARE = 3.0  # factor by which a part's mass may differ from that of its lattice: bodies of a few cells
@@ -225,6 +234,9 @@ def _changed(path: str, part: Any, name: str, value: Any) -> Any:
 class Plan:
     """What a scene needs: the fields, passes and lists of its effects and no others.
 
+    Scene, effects, state and walls are where the user has placed them; what passes take (`shared`, `parameters`, and
+    the fields of a run) is relative to `grid.origin`.
+
     start   once, when a simulation is made or resumed
     begin   at the beginning of every step, in order
     passes  forces, in order: before the step's length is known
@@ -394,9 +406,15 @@ def _planned(scene: Scene) -> Plan:
     for effect in postponed:
         effect.check(empty, effects)
     solids = voxelised(scene.solid, empty) if scene.solid else None
-    state = _initial_state(scene, empty, effects, solids)
-    grid = dataclasses.replace(empty, count=len(state.position), solids=solids)
-    fields = {f.name: f for f in BASE}
+    absolute = _initial_state(scene, empty, effects, solids)
+    given, grid = (
+        effects,
+        _placed(dataclasses.replace(empty, count=len(absolute.position), solids=solids), absolute, effects),
+    )
+    solids, effects = grid.solids, {name: effect.local(grid) for name, effect in given.items()}
+    state = dataclasses.replace(absolute, position=grid.local(absolute.position))
+    _check_coincident(state.position, scene.dtype)
+    fields = {f.name: f for f in (*BASE, *((POSITION_RESIDUAL,) if scene.dtype == "float32" else ()))}
     shared: dict[str, Any] = {"walls": None, "period": None}
     if any(scene.period):
         shared["period"] = period_group(scene.period, scene.dtype)
@@ -432,11 +450,12 @@ def _planned(scene: Scene) -> Plan:
     merged = None
     if walls:
         merged = type(walls[0])(*(np.concatenate(parts) for parts in zip(*walls)))
+        merged = merged._replace(position=grid.absolute(merged.position))
     return Plan(
         scene=scene,
         grid=grid,
-        effects=effects,
-        state=state,
+        effects=given,
+        state=dataclasses.replace(state, position=absolute.position),
         fields=fields,
         start=tuple((e, p) for e, p in asked if p.stage == "start"),
         begin=tuple((e, p) for e, p in asked if p.stage == "begin"),
@@ -447,7 +466,7 @@ def _planned(scene: Scene) -> Plan:
         parameters=parameters,
         walls=merged,
         notes=(
-            *_coarse_places(scene, state),
+            *_coarse_places(grid, state),
             *_unequal_masses(state, effects),
             *(note for e in having(effects, JudgesStart) for note in e.notes_on_start(grid, state, merged, effects)),
             *(note for e in effects.values() for note in e.notes(grid, effects)),
@@ -499,15 +518,39 @@ def _check_periodic(scene: Scene, effects: Mapping[str, Effect]) -> None:
             )
 
 
-def _coarse_places(scene: Scene, state: InitialState) -> tuple[str, ...]:
-    """A note if the dtype does not resolve positions to a thousandth of the spacing."""
-    farthest = np.abs(state.position).max()
-    step = float(np.spacing(farthest.astype(scene.dtype))) / scene.spacing
+def _resolved(position: np.ndarray, grid: Discretisation) -> float:
+    """Distance of two numbers of the run's dtype at the farthest coordinate [spacings]."""
+    return float(np.spacing(np.abs(position).max().astype(grid.dtype))) / grid.spacing
+
+
+def _placed(grid: Discretisation, state: InitialState, effects: Mapping[str, Effect]) -> Discretisation:
+    """The grid with its origin amid the particles, where they are far from the scene's compared with their extent.
+
+    The origin is a whole number of spacings away, or of an effect's cells; solids and period are relative to it.
+    """
+    cell = max((e.sorting_cell(grid) for e in having(effects, NeedsCellOrder)), default=0.0)
+    unit = cell if cell > 0 and grid.solids is None else grid.spacing
+    middle = unit * np.rint(0.5 * (state.position.min(0) + state.position.max(0)) / unit) + 0.0  # no -0
+    farthest, nearer = np.abs(state.position).max(), np.abs(state.position - middle).max()
+    if _resolved(state.position, grid) <= FINE or farthest < FAR * nearer:
+        return grid
+    solids = grid.solids
+    if solids is not None:
+        solids = moved(solids, np.rint(middle / unit).astype(np.int32))
+    origin: Vector = tuple(middle.tolist())
+    lower: Vector = tuple((grid.period_lower - middle).tolist())
+    return dataclasses.replace(grid, origin=origin, period_lower=lower, solids=solids)
+
+
+def _coarse_places(grid: Discretisation, state: InitialState) -> tuple[str, ...]:
+    """A note if the dtype does not resolve distances well enough, because the particles' own extent is wide."""
+    step = _resolved(state.position, grid)
     if step <= COARSE:
         return ()
     return (
-        f"{scene.dtype} resolves positions {farthest:.4g} m from the origin to {step:.2g} spacings only, so that slow"
-        " motion is lost there: move the scene to the origin, or use float64",
+        f"the particles reach {np.abs(state.position).max():.4g} m from the place that positions are relative to, where"
+        f" {grid.dtype} resolves distances to {step:.2g} spacings only, and accelerations to about twice that share:"
+        " use float64",
     )
 
 
@@ -665,8 +708,6 @@ def _numbers(values: Any) -> np.ndarray:
 
 
 def _check_particles(position: np.ndarray, velocity: np.ndarray, mass: np.ndarray, scene: Scene) -> None:
-    from refsim.neighbours import coincident_pairs
-
     for name, values in (("position", position), ("velocity", velocity), ("mass", mass)):
         with np.errstate(over="ignore"):  # reported below
             rounded = values.astype(scene.dtype)
@@ -694,11 +735,16 @@ def _check_particles(position: np.ndarray, velocity: np.ndarray, mass: np.ndarra
                 f" box from {low:g} to {low + length:g} m ({len(outside)} such particles); move it in, or change period"
                 " or period_lower."
             )
-    same = coincident_pairs(position.astype(scene.dtype))
+
+
+def _check_coincident(position: np.ndarray, dtype: str) -> None:
+    from refsim.neighbours import coincident_pairs
+
+    same = coincident_pairs(position.astype(dtype))
     if same:
         a, b = same[0]
         raise InputError(
-            f"scene: particles {a} and {b} are at the same place ({len(same)} such pairs in {scene.dtype});"
+            f"scene: particles {a} and {b} are at the same place ({len(same)} such pairs in {dtype});"
             " remove the duplicates or move them apart."
         )
 

@@ -6,6 +6,8 @@ The nodes are the first particles, body by body, in each sorted by cell.
 
 from __future__ import annotations
 
+import dataclasses
+import itertools
 import math
 from collections.abc import Iterable
 from typing import Any
@@ -213,6 +215,14 @@ def lattice_of(cells: list[np.ndarray]) -> Lattice:
     first = np.cumsum([0, *map(len, ordered)]).astype(np.int32)
     body = np.repeat(np.arange(len(ordered), dtype=np.int32), np.diff(first))
     return Lattice(cell, cell_key(cell), body, first)
+
+
+def moved(solids: Nodes, cells: np.ndarray) -> Nodes:
+    """The nodes, as many cells (3,) of the lattice further back."""
+    first = solids.lattice.first
+    return dataclasses.replace(
+        solids, lattice=lattice_of([solids.lattice.cell[a:b] - cells for a, b in itertools.pairwise(first)])
+    )
 
 
 def voxelised(solids: tuple[Solid, ...], grid: Discretisation) -> Nodes:

@@ -365,7 +365,7 @@ class Gravity(Effect, frozen=True, kw_only=True):
         return (Pass("sph.gravity", updates=("acceleration",)),) if any(self.acceleration) else ()
 
     def energy(self, grid: Discretisation, others: Mapping[str, Effect]) -> EnergyAccount:
-        """-m g.x, zero at the origin."""
+        """-m g.x, zero at the grid's origin."""
         if not any(self.acceleration):
             return EnergyAccount()
         g = np.array(self.acceleration)
@@ -545,9 +545,18 @@ register(
         equation="leap-frog with a changing step",
         function="kick_drift",
         programs=REDUCTIONS,
-        outputs=("displacement", "velocity", "position"),
-        optional=("bounds",),
-        variants=({"bounds": None}, {}),
+        outputs=("displacement", "position_residual", "velocity", "position"),
+        optional=("bounds", "position_residual"),
+        cases=("slow_and_far",),
+        variants=(
+            {"bounds": None, "position_residual": None},
+            {"position_residual": None},
+            {
+                "bounds": None,
+                "timestep": lambda case, grid: np.array([8e-7, 1e-6], grid.dtype) * grid.real(case.spacing),
+            },
+            {},
+        ),
         tolerance_reason="one rounding in each product and sum",
         invariants=("reordering",),
     )

@@ -11,7 +11,9 @@ from refsim.core.cases import (
     Exact,
     Variation,
     across_a_border,
+    case,
     closed_form,
+    cloud,
     codes,
     effect_of_cases,
     groups,
@@ -346,6 +348,31 @@ def densities_of_two_substances():
             "rest_density": np.array([500.0, 1500.0]), "density_bounds": DensityBounds(1000.0, 1.1, 1.5),
         },
         {"extremes": np.array([0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0])},
+    )  # fmt: skip
+
+
+@case
+def slow_and_far() -> Case:
+    """Up to 1e4 spacings from the origin, where single precision resolves no step."""
+    position = cloud("slow_and_far", 80, 3) + [1000.0, -300.0, 1.0]
+    return Case("slow_and_far", 3, position)
+
+
+@closed_form("sph.kick_drift")
+def carried_on():
+    """A shift by 2^-40 m is nothing beside 2^20 m in both precisions: all of it stays in the residual."""
+    position = np.array([[2.0**20, -(2.0**20), 0.0]])
+    return Exact(
+        Case("carried_on", 3, position, spacing=1.0, support_radius=2.0),
+        {
+            "velocity": np.array([[2.0**-40, 2.0**-40, 0.5]]), "acceleration": np.zeros((1, 3)),
+            "position_residual": np.array([[2.0**-40, -(2.0**-39), 0.0]]), "build_position": position,
+            "timestep": np.array([1.0, 1.0]), "bounds": None,
+        },
+        {
+            "position": position + [0.0, 0.0, 0.5], "velocity": np.array([[2.0**-40, 2.0**-40, 0.5]]),
+            "position_residual": np.array([[2.0**-39, -(2.0**-40), 0.0]]), "displacement": np.array([0.25, 0.0]),
+        },
     )  # fmt: skip
 
 

@@ -48,6 +48,18 @@ def central_viscosity_pair(volume_j, central_viscosity, laplacian):
     return central_viscosity.coefficient * volume_j * laplacian
 
 
+@formula(ordered=True)
+def drifted(x, residual, shift):
+    """x + (residual + shift) = place + rest [m]: the sum rounded, and what rounding takes from it (Knuth's two-sum).
+
+    x is the rounded position, `residual` what rounding took from it before, `shift` = dt v.
+    """
+    shift = shift + residual
+    place = x + shift
+    added = place - x
+    return place, (x - (place - added)) + (shift - added)
+
+
 @formula
 def wall_pressure_pair(wall_mass, pressure_i, density_i, slope, fluid):
     """Akinci 2012: factor f = -k s Psi_b p_i/rho_i^2 W'(r) of e_ib in the acceleration [m/s^2]; k = 2 for p_b = p_i."""

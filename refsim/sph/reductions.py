@@ -9,6 +9,7 @@ import numpy as np
 
 from refsim.backends.chunks import CHUNKS, limits
 from refsim.backends.compile import formula, kernel
+from refsim.sph.formulas import drifted
 
 
 @formula
@@ -84,8 +85,10 @@ def extremes_chunk(
 
 
 @formula
-def stepped(i, position, velocity, acceleration, build_position, bounds, timestep):
+def stepped(i, position, position_residual, velocity, acceleration, build_position, bounds, timestep):
     """Leap-frog with a changing step: v += (dt_previous + dt)/2 a, x += dt v, stopped at the walls' planes.
+
+    Where there is a residual, x + residual is advanced.
 
     Returns (squared displacement since the list was built [m^2], whether a wall's plane stopped the particle).
     """
@@ -93,12 +96,18 @@ def stepped(i, position, velocity, acceleration, build_position, bounds, timeste
     stopped = False
     for c in range(3):
         v = velocity[i, c] + timestep[0] * acceleration[i, c]
-        x = position[i, c] + timestep[1] * v
+        x, rest = position[i, c], type(v)(0)
+        if position_residual is not None:
+            x, rest = drifted(x, position_residual[i, c], timestep[1] * v)
+        else:
+            x = x + timestep[1] * v
         if bounds is not None:  # noqa: SIM102  (a test of its own is what Numba prunes)
             if x < bounds.lower[c] or x > bounds.upper[c]:
                 x = min(max(x, bounds.lower[c]), bounds.upper[c])
-                v = type(v)(0)
+                v, rest = type(v)(0), type(v)(0)
                 stopped = True
+        if position_residual is not None:
+            position_residual[i, c] = rest
         velocity[i, c] = v
         position[i, c] = x
         moved = x - build_position[i, c]
@@ -108,22 +117,26 @@ def stepped(i, position, velocity, acceleration, build_position, bounds, timeste
     return squared, stopped
 
 
-def kick_drift(acceleration, build_position, bounds, timestep, displacement, velocity, position):
+def kick_drift(
+    acceleration, build_position, bounds, timestep, displacement, position_residual, velocity, position
+):  # fmt: skip
     """Leap-frog step; `displacement` is the largest squared displacement since the list was built [m^2] and the number
     of particles that a wall's plane stopped."""
     partial = np.zeros((CHUNKS, len(displacement)), displacement.dtype)
-    step_chunk(acceleration, build_position, bounds, timestep, velocity, position, partial)
+    step_chunk(acceleration, build_position, bounds, timestep, position_residual, velocity, position, partial)
     displacement[:] = partial[:, 0].max(), partial[:, 1].sum()
 
 
 @kernel
-def step_chunk(chunk, acceleration, build_position, bounds, timestep, velocity, position, partial):
+def step_chunk(
+    chunk, acceleration, build_position, bounds, timestep, position_residual, velocity, position, partial
+):  # fmt: skip
     """`kick_drift` of a chunk of the particles: its largest squared displacement [m^2] and number of stops."""
     largest = partial.dtype.type(0)
     begin, end = limits(chunk, position.shape[0])
     stopped = 0
     for i in range(begin, end):
-        squared, hit = stepped(i, position, velocity, acceleration, build_position, bounds, timestep)
+        squared, hit = stepped(i, position, position_residual, velocity, acceleration, build_position, bounds, timestep)
         largest = max(largest, squared)
         stopped += hit
     partial[chunk, 0], partial[chunk, 1] = largest, stopped

@@ -79,11 +79,13 @@ def reduce_extremes(
             cuda.atomic.add(extremes, 2, real(count))
 
 
-def kick_drift(acceleration, build_position, bounds, timestep, displacement, velocity, position):
+def kick_drift(
+    acceleration, build_position, bounds, timestep, displacement, position_residual, velocity, position
+):  # fmt: skip
     """Leap-frog step; `displacement` is the largest squared displacement since the list was built [m^2] and the number
     of particles that a wall's plane stopped."""
     device.fill(displacement, 0)
-    step_and_reduce(acceleration, build_position, bounds, timestep, displacement, velocity, position)
+    step_and_reduce(acceleration, build_position, bounds, timestep, displacement, position_residual, velocity, position)
 
 
 @cuda_formula
@@ -99,11 +101,15 @@ def reduce_step(squared, stopped, displacement):
 
 
 @cuda_kernel
-def step_and_reduce(acceleration, build_position, bounds, timestep, displacement, velocity, position):
+def step_and_reduce(
+    acceleration, build_position, bounds, timestep, displacement, position_residual, velocity, position
+):  # fmt: skip
     """Leap-frog step; the largest displacement and the stops go into `displacement`, which is zero before."""
     i = cuda.grid(1)
     real = displacement.dtype.type
     squared, stopped = real(0), False
     if i < position.shape[0]:
-        squared, stopped = stepped(i, position, velocity, acceleration, build_position, bounds, timestep)
+        squared, stopped = stepped(
+            i, position, position_residual, velocity, acceleration, build_position, bounds, timestep
+        )
     reduce_step(squared, stopped, displacement)

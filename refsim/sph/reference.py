@@ -5,6 +5,8 @@ Arrays: position, velocity (n, 3); mass, density, pressure (n,); SI units. With 
 the nearest image. `rows` picks particles.
 """
 
+import math
+
 import numpy as np
 
 from refsim.neighbours.reference import other_particles, pair_blocks
@@ -171,18 +173,38 @@ def extremes(
     return {"extremes": (value, np.array([*value[:4], size, *counts]))}
 
 
-def kick_drift(acceleration, build_position, bounds, timestep, velocity, position):
+def carried(position, residual, shift, size):
+    """x + residual + shift [m], and what its rounding to the type of x leaves: ((sum, scale), (rest, scale)).
+
+    size: scale of `shift`. The rest is summed exactly (math.fsum). Where it is within the rounding of `shift` from half
+    of the distance to the next number, the sum may be rounded to that one: there its scale is that of x.
+    """
+    x, r = np.asarray(position, dtype=float), np.asarray(residual, dtype=float)
+    kind = np.asarray(position).dtype
+    added, small = r + shift, np.abs(r) + size
+    place = (x + added).astype(kind).astype(float)
+    known, rest = np.isfinite(place), np.full(x.shape, np.nan)
+    rest[known] = [math.fsum(parts) for parts in zip(x[known], added[known], -place[known])]
+    gap = np.abs(place - np.nextafter(place.astype(kind), kind.type(0)).astype(float))  # towards 0, the smaller one
+    close = np.abs(rest) > 0.5 * gap - 32 * np.finfo(kind).eps * small
+    return (x + added, np.abs(x) + small), (rest, small + np.where(close, 2 * np.abs(place), 0.0))
+
+
+def kick_drift(acceleration, build_position, bounds, timestep, position_residual, velocity, position):
     """Leap-frog: v += (dt_previous + dt)/2 a [m/s], x += dt v [m], stopped at the walls' planes `bounds` [m].
 
+    With a residual, x + residual is advanced, and the rest of its rounding is the new one; 0 at a plane.
     displacement: [largest squared displacement since the list was built [m^2], number of stopped particles].
     """
     kick, drift = (float(t) for t in timestep)
     a = np.asarray(acceleration, dtype=float)
     old_v, old_x = np.asarray(velocity, dtype=float), np.asarray(position, dtype=float)
     v = old_v + kick * a
-    x = old_x + drift * v
     v_scale = np.abs(old_v) + np.abs(kick * a)
-    x_scale = np.abs(old_x) + np.abs(drift) * v_scale
+    x, x_scale = old_x + drift * v, np.abs(old_x) + np.abs(drift) * v_scale
+    answer, rest = {}, None
+    if position_residual is not None:
+        (x, x_scale), rest = carried(position, position_residual, drift * v, np.abs(drift) * v_scale)
     stopped = np.zeros(len(x), dtype=bool)
     if bounds is not None:
         lower, upper = np.asarray(bounds.lower, dtype=float), np.asarray(bounds.upper, dtype=float)
@@ -190,10 +212,13 @@ def kick_drift(acceleration, build_position, bounds, timestep, velocity, positio
         v = np.where(beyond, 0.0, v)
         stopped = beyond.any(1)
         x = np.clip(x, lower, upper)
+        rest = None if rest is None else tuple(np.where(beyond, 0.0, part) for part in rest)
+    if rest is not None:
+        answer["position_residual"] = rest
     moved = x - np.asarray(build_position, dtype=float)
     squared = (moved**2).sum(1)
     bound = ((np.abs(moved) + x_scale) ** 2).sum(1)
-    return {
+    return answer | {
         "velocity": (v, v_scale),
         "position": (x, x_scale),
         "displacement": (

@@ -31,7 +31,7 @@ def bytes_of(plan: Plan, backend: str) -> dict[str, int]:
     if walls and listed:
         found["walls"] += n * (WALL_CAPACITY * 4 + 12)  # the list of walls near each particle
     for effect in having(plan.effects, HoldsOtherMemory):
-        found |= effect.bytes_at_start(grid, plan.state.position, plan.effects, backend)
+        found |= effect.bytes_at_start(grid, plan.grid.local(plan.state.position), plan.effects, backend)
     return found | {"total": sum(found.values())}
 
 

@@ -46,7 +46,7 @@ from refsim import (
 from refsim.commands.plan import describe_plan
 from refsim.core.capabilities import NeedsCellOrder, having
 from refsim.core.effect import EFFECTS
-from refsim.core.fields import BASE
+from refsim.core.fields import BASE, POSITION_RESIDUAL
 from refsim.core.operation import REGISTRY
 from refsim.mpm.memory import grid_bytes, surface_bytes, with_room
 from refsim.study.memory import bytes_of
@@ -124,7 +124,7 @@ SETS = [
     (CLAMPED, GRAVITY, WALLS, SHAPE, COUPLING, WARM, MELTING),
 ]
 # Fields of each of SETS, written by hand from the methods' equations, in the order of SETS.
-EVERY_SCENE = "position velocity acceleration mass identity"
+EVERY_SCENE = "position velocity acceleration mass identity position_residual"
 SPH = "density pressure"
 POINTS = "affine volume_ratio cell step_extremes"  # of MPM: C, J, the cell, the extremes for the step's length
 EXTENT = "extent crowding greatest_crowding"  # of MPM with a surface
@@ -209,7 +209,7 @@ class TestPlan:
 
     def test_every_field_is_used(self, effects):
         plan = make_plan(scene(*effects))
-        touched = {f.name for f in BASE}
+        touched = {f.name for f in (*BASE, POSITION_RESIDUAL)}
         for _, p in plan.all_passes():
             touched |= {*p.reads, *p.writes, *p.updates}
         touched |= set(REGISTRY["sph.extremes"].arguments("cpu"))  # the runner's own look at the state
@@ -522,7 +522,7 @@ def test_without_neighbours_there_is_no_search():
     simulation.step()
     assert simulation.plan.list_radius == 0
     assert simulation.search is None
-    assert set(simulation.fields) == {f.name for f in BASE}
+    assert set(simulation.fields) == {f.name for f in (*BASE, POSITION_RESIDUAL)}
 
 
 @pytest.mark.parametrize("dim", [2, 3])

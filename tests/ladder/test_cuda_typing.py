@@ -331,6 +331,20 @@ def test_operation_compiles(compiler, monkeypatch, name, program, variant, dtype
         assert_compiles(compiler, kernel, values, dtype)
 
 
+def test_what_rounding_takes_from_a_position_is_not_cancelled(compiler, monkeypatch):
+    """The six additions of the two-sum of each coordinate are all there, and none is fused with a product."""
+    import numba
+
+    found = []
+    for variant in (0, 2):  # without and with a residual
+        values = operation_arguments("sph.kick_drift", "cuda", variant, "float32").values()
+        (kernel, given), *_ = launches(monkeypatch, REGISTRY["sph.kick_drift"].program("cuda"), values)[-1:]
+        kinds = tuple(numba.typeof(value) for value in given)
+        ptx, _ = compiler.compile_ptx(kernel.function, kinds, cc=CAPABILITY, fastmath=kernel.fastmath)
+        found.append(len(re.findall(r"\b(?:add|sub)(?:\.rn)?\.f32\b", ptx)))
+    assert found[1] - found[0] == 3 * 6
+
+
 @pytest.mark.parametrize("dtype", DTYPES)
 def test_search_and_array_moves_compile(compiler, dtype):
     for kernel, values in support_launches(dtype):

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from refsim import InputError
+from refsim import Box, BoxWalls, InputError, Scene, WeaklyCompressible, simulate
 from refsim.__main__ import main
 from refsim.render.looks import Camera, camera_of, cut_of, level_axes
 from refsim.render.pictures import Look, Series, write_film, write_pictures
@@ -42,6 +42,22 @@ def volume(mesh):
 def is_closed(facets):
     edges = np.concatenate([facets[:, [0, 1]], facets[:, [1, 2]], facets[:, [2, 0]]])
     return {tuple(e) for e in edges.tolist()} == {(b, a) for a, b in edges.tolist()}
+
+
+def test_a_run_far_away_is_drawn_as_at_the_origin(tmp_path):
+    """Also where a cut is: at a place in the scene."""
+    pictures = []
+    for far in (0.0, 1e4):
+        block = Box(lower=(far + 0.02, 0.01, 0.0), cells=(9, 6, 1))
+        walls = BoxWalls(lower=(far, 0.0, 0.0), upper=(far + 0.2, 0.1, 0.0))
+        liquid = WeaklyCompressible(sound_speed=10.0, dynamic_viscosity=2.0)
+        scene = Scene(dim=2, spacing=0.01, support_radius=0.026, fluid=(block,), effects=(liquid, walls))
+        simulate(scene, until=1e-3, output=tmp_path / f"{far}")
+        look = Look(size=SMALL, cut=f"x={far + 0.065}")
+        pictures.append(Image.open(write_pictures(tmp_path / f"{far}", look, None, tmp_path / f"{far}.png")[0]))
+    near, away = (np.asarray(picture.convert("RGB")).astype(int) for picture in pictures)
+    assert np.ptp(near) > 100
+    assert (near != away).mean() < 1e-3
 
 
 # Surfaces

@@ -47,6 +47,7 @@ class BoxWalls(Effect, BringsWalls, HasPlanes, HasErrata, frozen=True, kw_only=T
     source: ClassVar[str] = "Akinci et al."
     errata: ClassVar[tuple[str, ...]] = ("g",)
     improvements: ClassVar[tuple[str, ...]] = errata
+    places: ClassVar[tuple[str, ...]] = ("lower", "upper")
 
     lower: tuple[float, float, float]
     upper: tuple[float, float, float]
@@ -192,7 +193,7 @@ class BoxWalls(Effect, BringsWalls, HasPlanes, HasErrata, frozen=True, kw_only=T
         x = state.position[first:]
         out = np.flatnonzero(((x < bounds.lower - slack) | (x > bounds.upper + slack)).any(1))
         if len(out):
-            where = ", ".join(f"{c:.6g}" for c in x[out[0], : grid.dim])
+            where = ", ".join(f"{c:.6g}" for c in grid.absolute(x[out[0]])[: grid.dim])
             raise InputError(
                 f"{self.name}: particle {first + out[0]} at ({where}) m is behind a wall ({len(out)} such particles);"
                 " move the liquid or the wall, or open that face."

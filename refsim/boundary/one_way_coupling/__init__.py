@@ -16,6 +16,7 @@ import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple
 
+import msgspec
 import numpy as np
 
 from refsim.boundary.akinci_2012 import wall_kernel_sums
@@ -134,6 +135,14 @@ class MeshBoundary(
                 f"{self.name}: correction = {self.correction!r} is unknown; choose one of swept, point, none."
             )
         self.printed()
+
+    def local(self, grid: Discretisation) -> MeshBoundary:
+        if not any(grid.origin):
+            return self
+        from refsim.boundary.one_way_coupling.placing import placed_mesh
+
+        middle = self.center or placed_mesh(self.file, None, self.size, self.rotation).origin
+        return msgspec.structs.replace(self, center=tuple(map(float, grid.local(middle))))
 
     def placed(self, grid: Discretisation) -> PlacedSolid:
         """The solid in its position: boundary particles and narrow band. Raises InputError for a defective mesh."""

@@ -80,13 +80,17 @@ register(
         equation="leap-frog and patent P8 with E26 to E28",
         function="kick_drift",
         programs={"cpu": Program("reductions"), "cuda": Program("reductions_cuda")},
-        outputs=("displacement", "corrections", "velocity", "position"),
+        outputs=("displacement", "corrections", "position_residual", "velocity", "position"),
         exact=("corrections",),
-        optional=("bounds",),
+        optional=("bounds", "position_residual"),
         cases=("towards_edges", "outside_the_grid"),
         tolerance_reason="one rounding in each product and sum; the scale counts those of distance and normal",
         variants=(
-            {"bounds": None, "timestep": lambda case, grid: _long(case, grid, 0.25)},
+            {
+                "bounds": None,
+                "position_residual": None,
+                "timestep": lambda case, grid: _long(case, grid, 0.25),
+            },
             {},
             {"bounds": None, "penetration": lambda case, grid: _other(case, grid, swept=0, printed=1)},
             {

@@ -9,6 +9,7 @@ from refsim.backends.compile import formula
 from refsim.boundary.penetration.formulas import pushed, rebound, reflected
 from refsim.boundary.signed_distance.formulas import beyond_inside, trilinear
 from refsim.sparse_grid.formulas import cell_coordinate, find_node
+from refsim.sph.formulas import drifted
 
 LONGEST = 4096  # samples along one path
 CLEARANCE = (
@@ -92,10 +93,12 @@ def outside_box(x, y, z, penetration):
 
 @formula
 def corrected_step(
-    i, position, velocity, acceleration, identity, corrections, build_position, bounds, timestep, solid_field,
-    penetration,
+    i, position, position_residual, velocity, acceleration, identity, corrections, build_position, bounds, timestep,
+    solid_field, penetration,
 ):  # fmt: skip
     """Leap-frog step v += (dt_previous + dt)/2 a, x += dt v, with patent P8 for particles that would enter the solid.
+
+    Where there is a residual, x + residual is advanced; a corrected place has none.
 
     Returns (squared displacement since the list was built [m^2], whether a wall's plane stopped the particle).
     """
@@ -104,7 +107,13 @@ def corrected_step(
     u = velocity[i, 0] + timestep[0] * acceleration[i, 0]
     v = velocity[i, 1] + timestep[0] * acceleration[i, 1]
     w = velocity[i, 2] + timestep[0] * acceleration[i, 2]
-    x, y, z = x0 + timestep[1] * u, y0 + timestep[1] * v, z0 + timestep[1] * w
+    rx, ry, rz = real(0), real(0), real(0)
+    if position_residual is not None:
+        x, rx = drifted(x0, position_residual[i, 0], timestep[1] * u)
+        y, ry = drifted(y0, position_residual[i, 1], timestep[1] * v)
+        z, rz = drifted(z0, position_residual[i, 2], timestep[1] * w)
+    else:
+        x, y, z = x0 + timestep[1] * u, y0 + timestep[1] * v, z0 + timestep[1] * w
     if penetration.swept:
         begun = real(1)
         if not outside_box(x0, y0, z0, penetration):
@@ -113,6 +122,7 @@ def corrected_step(
             t = entry(x0, y0, z0, x - x0, y - y0, z - z0, solid_field, penetration)
             if t < real(1):
                 x, y, z = x0 + t * (x - x0), y0 + t * (y - y0), z0 + t * (z - z0)
+                rx, ry, rz = real(0), real(0), real(0)
     if penetration.everywhere or not outside_box(x, y, z, penetration):
         share = rebound(identity[i], corrections[i], penetration)
         allowed = real(0)
@@ -126,22 +136,25 @@ def corrected_step(
             u, v, w = u + jump * nx, v + jump * ny, w + jump * nz
             distance = pushed(depth, steep, share)
             x, y, z = x + distance * nx, y + distance * ny, z + distance * nz
+            rx, ry, rz = real(0), real(0), real(0)
             if push == 0:
                 corrections[i] += 1
                 allowed = -solid_field.spacing / real(LEFT)
     stopped = False
     squared = real(0)
     for c in range(3):
-        place, speed = x, u
+        place, speed, rest = x, u, rx
         if c == 1:
-            place, speed = y, v
+            place, speed, rest = y, v, ry
         elif c == 2:
-            place, speed = z, w
+            place, speed, rest = z, w, rz
         if bounds is not None:  # noqa: SIM102  (a test of its own is what Numba prunes)
             if place < bounds.lower[c] or place > bounds.upper[c]:
                 place = min(max(place, bounds.lower[c]), bounds.upper[c])
-                speed = type(speed)(0)
+                speed, rest = real(0), real(0)
                 stopped = True
+        if position_residual is not None:
+            position_residual[i, c] = rest
         velocity[i, c] = speed
         position[i, c] = place
         moved = place - build_position[i, c]

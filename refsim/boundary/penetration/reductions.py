@@ -12,22 +12,22 @@ from refsim.boundary.penetration.kernels import corrected_step
 
 def kick_drift(
     acceleration, identity, build_position, bounds, timestep, solid_field, penetration, displacement, corrections,
-    velocity, position,
+    position_residual, velocity, position,
 ):  # fmt: skip
     """Leap-frog step with patent P8; `displacement` is the largest squared displacement since the list was built [m^2]
     and the number of particles that a wall's plane stopped."""
     partial = np.zeros((CHUNKS, len(displacement)), displacement.dtype)
     step_chunk(
-        acceleration, identity, build_position, bounds, timestep, solid_field, penetration, corrections, velocity,
-        position, partial,
+        acceleration, identity, build_position, bounds, timestep, solid_field, penetration, corrections,
+        position_residual, velocity, position, partial,
     )  # fmt: skip
     displacement[:] = partial[:, 0].max(), partial[:, 1].sum()
 
 
 @kernel
 def step_chunk(
-    chunk, acceleration, identity, build_position, bounds, timestep, solid_field, penetration, corrections, velocity,
-    position, partial,
+    chunk, acceleration, identity, build_position, bounds, timestep, solid_field, penetration, corrections,
+    position_residual, velocity, position, partial,
 ):  # fmt: skip
     """`kick_drift` of a chunk of the particles: its largest squared displacement [m^2] and number of stops."""
     largest = partial.dtype.type(0)
@@ -35,8 +35,8 @@ def step_chunk(
     stopped = 0
     for i in range(begin, end):
         squared, hit = corrected_step(
-            i, position, velocity, acceleration, identity, corrections, build_position, bounds, timestep,
-            solid_field, penetration,
+            i, position, position_residual, velocity, acceleration, identity, corrections, build_position, bounds,
+            timestep, solid_field, penetration,
         )  # fmt: skip
         largest = max(largest, squared)
         stopped += hit

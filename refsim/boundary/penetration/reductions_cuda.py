@@ -11,21 +11,21 @@ from refsim.sph.reductions_cuda import reduce_step
 
 def kick_drift(
     acceleration, identity, build_position, bounds, timestep, solid_field, penetration, displacement, corrections,
-    velocity, position,
+    position_residual, velocity, position,
 ):  # fmt: skip
     """Leap-frog step with patent P8; `displacement` is the largest squared displacement since the list was built [m^2]
     and the number of particles that a wall's plane stopped."""
     device.fill(displacement, 0)
     step_and_correct(
         acceleration, identity, build_position, bounds, timestep, solid_field, penetration, displacement,
-        corrections, velocity, position,
+        corrections, position_residual, velocity, position,
     )  # fmt: skip
 
 
 @cuda_kernel
 def step_and_correct(
     acceleration, identity, build_position, bounds, timestep, solid_field, penetration, displacement, corrections,
-    velocity, position,
+    position_residual, velocity, position,
 ):  # fmt: skip
     """Leap-frog step with patent P8; the largest displacement and the stops go into `displacement`, zero before."""
     i = cuda.grid(1)
@@ -33,7 +33,7 @@ def step_and_correct(
     squared, stopped = real(0), False
     if i < position.shape[0]:
         squared, stopped = corrected_step(
-            i, position, velocity, acceleration, identity, corrections, build_position, bounds, timestep,
-            solid_field, penetration,
+            i, position, position_residual, velocity, acceleration, identity, corrections, build_position, bounds,
+            timestep, solid_field, penetration,
         )  # fmt: skip
     reduce_step(squared, stopped, displacement)

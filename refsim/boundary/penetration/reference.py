@@ -3,6 +3,7 @@
 import numpy as np
 
 from refsim.sparse_grid.reference import Lookup
+from refsim.sph.reference import carried
 
 CLEARANCE = 4
 LONGEST = 4096
@@ -104,15 +105,15 @@ def entry(start, path, sampled, penetration):
 
 
 def kick_drift(
-    acceleration, identity, build_position, bounds, timestep, solid_field, penetration, corrections, velocity,
-    position,
+    acceleration, identity, build_position, bounds, timestep, solid_field, penetration, corrections,
+    position_residual, velocity, position,
 ):  # fmt: skip
     """Leap-frog: v += (dt_previous + dt)/2 a [m/s], x += dt v [m]; patent P8 where a particle would enter the solid.
 
     Swept: x becomes the first point of the path with phi < 0. P8 where phi < 0, n = grad phi/|grad phi|:
     v -= (1 + c_r)(v.n) n, unless v.n >= 0 (E27), x += (1 + D_r) |phi|/min(|grad phi|, 1) n (E28), the quotient at most
     2 |phi|; swept: repeated, up to 16 times in all, while phi < -h/128.
-    displacement: as `sph.kick_drift`.
+    position_residual, displacement: as `sph.kick_drift`; a corrected place has no residual.
     The scale is infinite where a distance on the path is within rounding of 0.
     """
     kick, drift = (float(t) for t in timestep)
@@ -121,9 +122,12 @@ def kick_drift(
     count = np.asarray(corrections, dtype=np.int64)
     sampled = Sampled(solid_field)
     v = old_v + kick * a
-    x = old_x + drift * v
     v_scale = np.abs(old_v) + np.abs(kick * a)
-    x_scale = np.abs(old_x) + np.abs(drift) * v_scale
+    x, x_scale = old_x + drift * v, np.abs(old_x) + np.abs(drift) * v_scale
+    answer, rest = {}, None
+    if position_residual is not None:
+        (x, x_scale), rest = carried(position, position_residual, drift * v, np.abs(drift) * v_scale)
+    hit = np.zeros(len(x), dtype=bool)
     margin, exact = np.full(len(x), np.inf), np.full(len(x), np.inf)
     if penetration.swept and len(x):
         begun, _ = sampled(old_x, penetration.everywhere)
@@ -171,10 +175,14 @@ def kick_drift(
         v = np.where(beyond, 0.0, v)
         stopped = beyond.any(1)
         x = np.clip(x, lower, upper)
+        rest = None if rest is None else tuple(np.where(beyond, 0.0, part) for part in rest)
+    if rest is not None:
+        value, scale = (np.where((hit | jumped)[:, None], 0.0, part) for part in rest)
+        answer["position_residual"] = (value, np.where(certain[:, None], scale, np.inf))
     moved = x - np.asarray(build_position, dtype=float)
     squared = (moved**2).sum(1)
     bound = ((np.abs(moved) + x_scale) ** 2).sum(1)
-    return {
+    return answer | {
         "corrections": (count + jumped, margin),
         "velocity": (v, v_scale),
         "position": (x, x_scale),

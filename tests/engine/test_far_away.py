@@ -1,0 +1,325 @@
+"""Scenes far from the origin: slow motion, forces and all that names a place are as in the same scene at the origin."""
+
+import json
+
+import numpy as np
+import pytest
+import trimesh
+
+from refsim import (
+    Box,
+    BoxWalls,
+    Cloud,
+    EnergyAudit,
+    Gravity,
+    HeatConduction,
+    InputError,
+    JiangZhu2023,
+    MeshBoundary,
+    MpmLiquid,
+    MpmWalls,
+    Scene,
+    ShapeMatching,
+    Simulation,
+    SolidBox,
+    SolidCells,
+    SurfaceEnergy,
+    TwoWayCoupling,
+    WeaklyCompressible,
+    make_plan,
+    open_run,
+    simulate,
+)
+from refsim.io.checkpoint import read_checkpoint, write_checkpoint
+from refsim.study.observables import observable_of
+from tests.engine.test_run import assert_same_run
+
+D, C = 0.01, 10.0
+LIQUID = WeaklyCompressible(sound_speed=C, dynamic_viscosity=2.0)
+FAR = 1_000_000
+
+
+def block(at, velocity=(0.0, 0.0, 0.0), cells=(6, 6, 6), dim=3, **changes):
+    """A block whose middle is `at` [spacings]."""
+    cells = (*cells[:2], cells[2] if dim == 3 else 1)
+    low = tuple((x - 0.5 * n) * D if axis < dim else 0.0 for axis, (x, n) in enumerate(zip(at, cells)))
+    given = {"spacing": D, "support_radius": 2.6 * D, "dim": dim, "effects": (LIQUID,)} | changes
+    return Scene(fluid=(Box(lower=low, cells=cells, velocity=velocity),), **given)
+
+
+def advanced(simulation, steps):
+    for _ in range(steps):
+        simulation.step()
+    return simulation
+
+
+def place(simulation):
+    """Positions in float64, with what rounding took from them."""
+    position = simulation.field("position")
+    rest = simulation.field("position_residual") if position.dtype == np.float32 else 0.0
+    return position.astype(float) + rest
+
+
+@pytest.mark.parametrize("dim, backend", [(2, "cpu"), (3, "cpu"), (2, "numpy")])
+@pytest.mark.parametrize("far", [1_000, -10_000, FAR])
+@pytest.mark.parametrize("mach", [1e-4, 1e-5])
+def test_a_slow_block_moves_by_its_velocity(dim, backend, far, mach):
+    velocity = (mach * C, -0.5 * mach * C, 0.0)
+    simulation = Simulation(block((far, 0.3 * far, -far * (dim == 3)), velocity, dim=dim), backend)
+    start = simulation.field("position")
+    advanced(simulation, 60 if backend == "cpu" else 10)
+    assert start.dtype == np.float64
+    moved = simulation.field("position") - start
+    assert moved.mean(0) == pytest.approx(simulation.time * np.array(velocity), rel=1e-4, abs=1e-6 * mach * C)
+    assert np.ptp(moved, axis=0).max() < 0.01 * simulation.time * mach * C
+
+
+def test_slow_blocks_of_a_wide_scene_move_by_their_velocity():
+    """2,000 spacings apart they have no common origin that helps, so that only the residual keeps what they move."""
+    parts = [block((x, 0, 0), (1e-5 * C, 1e-4 * C, 0), dim=2).fluid[0] for x in (-900, 1_100)]
+    simulation = Simulation(Scene(spacing=D, support_radius=2.6 * D, dim=2, fluid=tuple(parts), effects=(LIQUID,)))
+    assert simulation.plan.grid.origin == (0.0, 0.0, 0.0)
+    start = place(simulation)
+    moved = place(advanced(simulation, 100)) - start
+    assert simulation.field("position").dtype == np.float32
+    for part in (slice(36), slice(36, None)):
+        assert moved[part].mean(0) == pytest.approx(simulation.time * np.array([1e-5, 1e-4, 0]) * C, rel=0.01)
+
+
+def walls(at, reach, **changes):
+    low, high = ([(x + side * reach) * D for x in at] for side in (-1, 1))
+    return BoxWalls(lower=tuple(low), upper=tuple(high), **changes)
+
+
+@pytest.fixture(scope="module")
+def ball(tmp_path_factory):
+    """A ball in a file whose numbers are far from 0, too."""
+    made = trimesh.creation.icosphere(subdivisions=2, radius=3 * D)
+    made.apply_translation((FAR * D, 0.0, -FAR * D))
+    path = tmp_path_factory.mktemp("meshes") / "ball.ply"
+    made.export(path, vertex_normal=False)
+    return str(path)
+
+
+def shaken(at, dim, **changes):
+    """A cloud out of its lattice, denser than at rest, around `at` [spacings]."""
+    cells = np.stack(np.meshgrid(*[np.arange(-3, 3)] * dim, indexing="ij"), -1).reshape(-1, dim)
+    points = np.zeros((len(cells), 3))
+    points[:, :dim] = 0.95 * (cells + 0.5) + np.random.default_rng(3).uniform(-0.15, 0.15, cells.shape)
+    velocity = np.random.default_rng(4).normal(size=points.shape) * 0.02 * C * (np.arange(3) < dim)
+    given = {"spacing": D, "support_radius": 2.6 * D, "dim": dim, "effects": (LIQUID,)} | changes
+    return Scene(fluid=(Cloud(position=(points + at) * D, velocity=velocity),), **given)
+
+
+PULL = Gravity(acceleration=(0.0, -9.81, 0.0))
+
+
+def scenes(kind, at, ball=None):
+    """A scene of a kind, around `at` [spacings]."""
+    at = np.array(at, dtype=float)
+    low = tuple((at - 6.0) * D)
+    if kind == "walls":
+        friction = {"viscosity": 0.5, "moving_faces": ("-y",), "velocity": (0.3, 0.0, 0.0)}
+        return shaken(at - [0, 2, 0], 2, effects=(LIQUID, PULL, walls(at, 5.2, **friction)))
+    if kind == "tension":
+        return shaken(at, 3, effects=(LIQUID, JiangZhu2023(surface_tension=0.1)))
+    if kind == "period":
+        lengths = {"period": (12 * D, 0, 0), "period_lower": (low[0], 0.0, 0.0)}
+        open_faces = {"open_faces": ("-x", "+x", "-z", "+z")}
+        return shaken(at + [3, 0, 0], 2, effects=(LIQUID, PULL, walls(at, 4.0, **open_faces)), **lengths)
+    if kind == "mesh":
+        center = None if ball is not None and at[0] else tuple(at * D)
+        above = MeshBoundary(file=ball, center=center, size=6 * D, viscosity=0.1)
+        return shaken(at + [0.4, 7, 0.3], 3, effects=(LIQUID, PULL, above))
+    if kind == "mpm":
+        tension = SurfaceEnergy(surface_tension=1.0, contact_angle=60.0)
+        liquid = MpmLiquid(bulk_modulus=1000 * C**2)
+        box = MpmWalls(lower=low, upper=tuple((at + 6) * D))
+        return shaken(at - [0, 2, 0], 2, effects=(liquid, PULL, box, tension), energy_audit=EnergyAudit(every=5))
+    assert kind == "solid"
+    body = SolidBox(lower=tuple((at - [3, 0, 2]) * D), upper=tuple((at + [1, 3, 2]) * D), spin=(0.0, 1.0, 2.0))
+    cells = SolidCells(cells=(at + [[3, 0, 0], [3, 1, 0], [4, 0, 0], [3, 0, 1]]).astype(int), velocity=(-0.1, 0.0, 0.0))
+    return block(at - [0, 4, 0], cells=(6, 4, 6), solid=(body, cells), effects=(
+        LIQUID, PULL, ShapeMatching(), TwoWayCoupling(), HeatConduction(temperature=20.0), walls(at, 7.0),
+    ))  # fmt: skip
+
+
+KINDS = ("walls", "tension", "period", "mesh", "mpm", "solid")
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("at", [(FAR, 0, -FAR), (-1_000, 10_000, 1_000)])
+def test_a_scene_far_away_is_the_scene_at_the_origin(kind, at, ball):
+    if kind in ("walls", "period", "mpm"):
+        at = (*at[:2], 0)
+    if kind == "mesh":
+        at = (FAR, 0, -FAR)
+    near, far = (Simulation(scenes(kind, where, ball)) for where in ((0, 0, 0), at))
+    assert any(far.plan.grid.origin)
+    assert near.plan.fields == far.plan.fields
+    for step in range(21):
+        if step % 10 == 0:
+            assert place(far) - np.array(at) * D == pytest.approx(place(near), abs=2e-3 * D)
+        if step == 0:
+            for simulation in (near, far):
+                simulation.evaluate()
+            for name in {"density", "acceleration"} & set(near.plan.fields):
+                size = np.abs(near.field(name)).max()
+                assert far.field(name) == pytest.approx(near.field(name), abs=1e-4 * size), name
+        near.step()
+        far.step()
+    assert far.field("velocity") == pytest.approx(near.field("velocity"), abs=2e-3 * C)
+    assert far.stopped_at_walls == near.stopped_at_walls
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+@pytest.mark.parametrize("backend", ["numpy", "cpu"])
+def test_densities_and_accelerations_are_those_at_the_origin(dim, backend):
+    found = []
+    for at in (np.zeros(3), np.array([FAR, -FAR, FAR * (dim == 3)])):
+        simulation = Simulation(shaken(at, dim), backend)
+        simulation.evaluate()
+        found.append((simulation.field("density"), simulation.field("acceleration")))
+    for near, far in zip(*found):
+        assert far == pytest.approx(near, rel=1e-4, abs=1e-4 * np.abs(near).max())
+
+
+@pytest.mark.parametrize("kind", ["solid", "mpm"])
+def test_slow_solids_and_liquid_on_a_grid_move_by_their_velocity(kind):
+    at, velocity = np.array([FAR, 10_000, -FAR]), np.array([1e-5, -0.5e-5, 0.0]) * C
+    if kind == "mpm":
+        scene = block(at, tuple(velocity), effects=(MpmLiquid(bulk_modulus=1000 * C**2),))
+    else:
+        body = SolidBox(lower=tuple((at - 2) * D), upper=tuple((at + 2) * D), velocity=tuple(velocity))
+        effects = (LIQUID, ShapeMatching(), TwoWayCoupling())
+        scene = block(at + [20, 0, 0], tuple(velocity), cells=(3, 3, 3), solid=(body,), effects=effects)
+    simulation = Simulation(scene)
+    start = place(simulation)
+    moved = place(advanced(simulation, 100)) - start
+    assert moved.mean(0) == pytest.approx(simulation.time * velocity, rel=0.01, abs=1e-8)
+    assert moved[:64].mean(0) == pytest.approx(simulation.time * velocity, rel=0.01, abs=1e-8)
+
+
+def test_a_drop_far_away_falls_at_first_as_slowly_as_it_must():
+    """Released at rest in a box whose walls are 300 spacings off: x = g t^2/2 from the first micrometre on."""
+    at = (FAR, FAR, 0)
+    simulation = Simulation(block(at, dim=2, effects=(LIQUID, PULL, walls(at, 300))))
+    start = place(simulation)
+    for _ in range(40):
+        simulation.step()
+    fallen = (place(simulation) - start).mean(0)[1]
+    half = 0.5 * (simulation.time + simulation.last.length)
+    assert fallen == pytest.approx(-9.81 * simulation.time * half, rel=0.03)
+
+
+# What leaves
+
+
+@pytest.mark.parametrize("kind", ["walls", "solid", "mpm"])
+def test_a_run_far_away_is_resumed_bit_for_bit(tmp_path, kind):
+    at = (FAR, -1_000, FAR if kind == "solid" else 0)
+    plain = advanced(Simulation(scenes(kind, at)), 60)
+    written = advanced(Simulation(scenes(kind, at)), 25)
+    written.checkpoint(tmp_path / "c.h5")
+    resumed = Simulation.resume(tmp_path / "c.h5", scene=scenes(kind, at))
+    assert resumed.plan.grid.origin == plain.plan.grid.origin
+    assert not np.array_equal(plain._host("identity"), np.arange(plain.count))  # sorted
+    assert_same_run(plain, advanced(resumed, 60 - 25))
+    assert np.array_equal(resumed.field("position"), plain.field("position"))
+    assert resumed.plan.state.position.tobytes() == plain.plan.state.position.tobytes()
+
+
+def older(path, **changes):
+    """A checkpoint as versions without residual wrote it."""
+    saved = read_checkpoint(path)
+    arrays = {name: values for name, values in saved.arrays.items() if name != "field.position_residual"}
+    attributes = {name: value for name, value in (saved.attributes | changes).items() if value is not None}
+    write_checkpoint(path, arrays, attributes)
+
+
+def test_an_older_checkpoint_goes_on_near_the_origin_and_is_refused_far_away(tmp_path):
+    for far in (0, FAR):
+        scene = scenes("walls", (far, far, 0))
+        advanced(Simulation(scene), 10).checkpoint(tmp_path / f"{far}.h5")
+        older(tmp_path / f"{far}.h5", origin=None)
+    near = Simulation.resume(tmp_path / "0.h5")
+    assert any("dropped what rounding takes" in note for note in near.notes)
+    straight = advanced(Simulation(scenes("walls", (0, 0, 0))), 20)
+    assert advanced(near, 10).field("position") == pytest.approx(straight.field("position"), abs=1e-5 * D)
+    with pytest.raises(InputError, match=r"positions are relative to .* start the run again"):
+        Simulation.resume(tmp_path / f"{FAR}.h5")
+
+
+@pytest.mark.parametrize("change", [{"origin": "[0.0, 0.0, 1.0]"}, {"origin": "[0.0]"}, {"origin": "x"}, {}])
+def test_a_checkpoint_without_its_residual_or_of_another_origin_is_refused(tmp_path, change):
+    advanced(Simulation(scenes("walls", (0, 0, 0))), 2).checkpoint(tmp_path / "c.h5")
+    older(tmp_path / "c.h5", **change)
+    with pytest.raises(InputError, match=r"start the run again"):
+        Simulation.resume(tmp_path / "c.h5")
+
+
+def test_frames_reports_and_observables_are_places_in_the_scene(tmp_path):
+    at = np.array([FAR, FAR, 0])
+    simulation = Simulation(scenes("walls", at))
+    report = simulate(simulation, until=5e-3, output=tmp_path / "run", every=1e-3)
+    assert report.ledger["end"]["outside_walls"] == 0
+    run = open_run(tmp_path / "run")
+    assert run[-1].position.dtype == np.float64
+    assert np.array_equal(run[-1].sorted().position, simulation.field("position"))
+    assert "position_residual" not in run.fields
+    assert np.abs(simulation.field("position") / D - at).max() < 6
+    low = simulation.plan.effects["box_walls"].lower
+    assert simulation.plan.walls.position.min(0)[:2] == pytest.approx(np.array(low[:2]) - 0.5 * D, abs=1e-6 * D)
+    front = observable_of("front:+x", simulation.plan)
+    assert front(simulation) == pytest.approx(simulation.field("position")[:, 0].max() + 0.5 * D)
+
+
+def test_angular_momentum_of_the_ledger_begins_where_the_run_does(tmp_path):
+    report = simulate(Simulation(shaken((FAR, 0, 0), 2)), until=1e-4, output=tmp_path / "run")
+    begin, end = (report.ledger[when]["angular_momentum"][2] for when in ("start", "end"))
+    assert end == pytest.approx(begin, rel=1e-5)
+
+
+def test_a_post_mortem_names_places_in_the_scene(tmp_path):
+    simulation = Simulation(scenes("walls", (FAR, FAR, 0)))
+    simulation.fields["velocity"][7] = np.nan
+    with pytest.raises(Exception, match=r"finite|diverged"):
+        simulate(simulation, until=1e-2, output=tmp_path / "run")
+    found = json.loads((tmp_path / "run" / "postmortem.json").read_text())
+    assert np.abs(np.array(found["particle"]["position_at_list_build"]) / D - [FAR, FAR, 0]).max() < 6
+
+
+def test_positions_are_set_as_places_in_the_scene():
+    simulation = advanced(Simulation(scenes("walls", (FAR, FAR, 0))), 5)
+    wanted = simulation.field("position") + [0.25 * D, 0.0, 0.0]
+    simulation.set_field("position", wanted)
+    assert simulation.field("position") == pytest.approx(wanted, abs=1e-6 * D)
+    assert not simulation.field("position_residual").any()
+    with pytest.raises(InputError, match="no state"):
+        simulation.set_field("position_residual", np.zeros((simulation.count, 3)))
+
+
+def test_messages_name_places_in_the_scene():
+    inside, box = block((FAR, FAR, 0), dim=2), walls((FAR, FAR + 2, 0), 3.0)
+    with pytest.raises(InputError, match=r"particle 0 at \(9999.97, 9999.97\) m is behind a wall"):
+        make_plan(inside.with_(effects=(LIQUID, box)))
+
+
+# What is not changed, and what is not reached
+
+
+def test_scenes_near_the_origin_keep_it_and_double_precision_has_no_residual():
+    assert make_plan(block((80, 0, 0))).grid.origin == (0.0, 0.0, 0.0)
+    assert make_plan(block((1_000, 0, 0), cells=(700, 2, 1))).grid.origin == (0.0, 0.0, 0.0)
+    for at in ((0, 0, 0), (FAR, 0, 0)):
+        plan = make_plan(block(at, dtype="float64"))
+        assert plan.grid.origin == (0.0, 0.0, 0.0)
+        assert "position_residual" not in plan.fields
+
+
+@pytest.mark.parametrize("reach, noted", [(400, False), (4_000, True)])
+def test_the_plan_says_where_the_scene_itself_is_too_wide(reach, noted):
+    parts = tuple(block((FAR + x, 0, 0), cells=(3, 3, 3)).fluid[0] for x in (-reach, reach))
+    notes = make_plan(block((0, 0, 0)).with_(fluid=parts)).notes
+    assert any("resolves distances to" in note and "float64" in note for note in notes) == noted
+    assert not any("resolves" in n for n in make_plan(block((0, 0, 0), dtype="float64").with_(fluid=parts)).notes)
