@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
+import logging
 import os
+import warnings
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -12,8 +16,8 @@ from refsim.core.errors import InputError
 from refsim.core.reading import GREATEST, open_regular
 
 
-def read_mesh(path: str | os.PathLike[str], what: str = "mesh", process: bool = False) -> Any:
-    """The mesh in a file as trimesh holds it, in numbers that are finite; `process` has equal vertices joined.
+def read_mesh(path: str | os.PathLike[str], what: str = "mesh") -> Any:
+    """The mesh in a file as trimesh holds it, in numbers that are finite.
 
     what  first words of the messages
 
@@ -28,28 +32,54 @@ def read_mesh(path: str | os.PathLike[str], what: str = "mesh", process: bool = 
             with open_regular(os.path.join(self.parent, name.strip())) as file:
                 return file.read()
 
+    kind = Path(path).suffix[1:].lower()
+    options = {"skip_materials": True} if kind in ("gltf", "glb", "obj", "ply") else {}  # no texture has to be there
     try:
-        with open_regular(path) as file:
-            kind = Path(path).suffix[1:].lower()
-            read = trimesh.load(file, file_type=kind, force="mesh", process=process, resolver=Beside(str(path)))
+        with open_regular(path) as file, _silent():
+            read = trimesh.load(
+                file, file_type=kind, force="mesh", process=False, resolver=Beside(str(path)), **options
+            )
         vertices, faces = np.array(read.vertices, dtype=float), np.array(read.faces, dtype=np.int64)
-    except FileNotFoundError:
-        raise InputError(f"{what}: there is no file {str(path)!r}; give the path of a mesh.") from None
+    except FileNotFoundError as error:
+        if error.filename is not None and os.fspath(error.filename) == os.fspath(path):
+            raise InputError(f"{what}: there is no file {str(path)!r}; give the path of a mesh.") from None
+        name = os.path.basename(os.fspath(error.filename or str(error)))
+        raise InputError(
+            f"{what}: {str(path)!r} cannot be read: it is damaged, or needs the file {name!r}, which is not beside it;"
+            " save it again."
+        ) from None
     except ImportError as error:
         if error.name in ("charset_normalizer", "chardet"):  # trimesh guesses the encoding with them
             raise InputError(
                 f"{what}: {str(path)!r} cannot be read, because it is neither binary nor text in UTF-8, as its suffix"
                 " requires; save it again."
             ) from None
+        package = (
+            f"needs the package {error.name}" if error.name else f"needs a package ({' '.join(str(error).split())})"
+        )
         raise InputError(
-            f"{what}: {str(path)!r} cannot be read: its format needs the package {error.name}, which is not installed;"
-            " check the file, or install the package."
+            f"{what}: {str(path)!r} cannot be read: its format needs {package}, which is not installed; check the"
+            " file, or install the package."
         ) from None
     except Exception as error:  # trimesh raises whatever its readers do
         words = getattr(error, "strerror", None) or " ".join(str(error).split()) or type(error).__name__
         raise InputError(f"{what}: {str(path)!r} cannot be read ({words}); give a mesh file.") from None
     check_triangles(vertices, faces, str(path), what)
     return read
+
+
+@contextlib.contextmanager
+def _silent() -> Iterator[None]:
+    """Readers log tracebacks, print and warn about what they then raise, or about colours that nobody needs."""
+    log = logging.getLogger("trimesh")
+    before, log.disabled = log.disabled, True
+    try:
+        with warnings.catch_warnings(), open(os.devnull, "w") as nowhere:
+            warnings.simplefilter("ignore", DeprecationWarning)
+            with contextlib.redirect_stdout(nowhere), contextlib.redirect_stderr(nowhere):
+                yield
+    finally:
+        log.disabled = before
 
 
 def check_triangles(vertices: np.ndarray, faces: np.ndarray, source: str, what: str = "mesh") -> None:

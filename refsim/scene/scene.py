@@ -469,6 +469,7 @@ def _planned(scene: Scene) -> Plan:
             *_coarse_places(grid, state),
             *_unequal_masses(state, effects),
             *(note for e in having(effects, JudgesStart) for note in e.notes_on_start(grid, state, merged, effects)),
+            *(f"[[solid]] number {k}: {note}" for k, body in enumerate(scene.solid, 1) for note in body.notes()),
             *(note for e in effects.values() for note in e.notes(grid, effects)),
         ),
     )

@@ -18,6 +18,8 @@ from refsim.backends.arrays import host_memory
 from refsim.core.checked import Checked
 from refsim.core.effect import Discretisation, Lattice, Nodes, require
 from refsim.core.errors import InputError
+from refsim.scene.overlaps import winding
+from refsim.scene.surface_mesh import SurfaceMesh, placed_mesh
 
 Vector = tuple[float, float, float]
 BITS = 21  # of a cell's coordinate in its key, as in the neighbour search
@@ -48,6 +50,10 @@ class Solid(Checked, tag_field="shape", frozen=True, kw_only=True):
     def extent(self) -> tuple[np.ndarray, np.ndarray]:
         """Corners of a box around it [m]."""
         raise NotImplementedError
+
+    def notes(self) -> tuple[str, ...]:
+        """What a user should know about it, one sentence each."""
+        return ()
 
     def check(self, place: str) -> None:
         """Raise InputError, naming the body's place in the scene, for impossible numbers."""
@@ -142,33 +148,21 @@ class SolidMesh(Solid, tag="mesh", frozen=True, kw_only=True):
             for axis, value in zip("xyz", getattr(self, name)):
                 require(place, **{f"{name} along {axis}": (value, "finite")})
 
+    def notes(self) -> tuple[str, ...]:
+        return self.mesh().notes
+
     @np.errstate(over="warn", divide="warn", invalid="warn")
-    def mesh(self) -> Any:
-        """The mesh in its place, as trimesh holds it. Raises InputError where it cannot be read or is not closed."""
-        import trimesh
-
-        from refsim.scene.meshes import read_mesh
-
-        mesh = read_mesh(self.file, "solid mesh", process=True)
-        if not mesh.is_watertight:
-            edges = np.sort(mesh.edges, axis=1)
-            _, uses = np.unique(edges, axis=0, return_counts=True)
-            raise InputError(
-                f"solid mesh: {self.file!r} is not closed ({int((uses != 2).sum())} of its edges do not belong to two"
-                " triangles); fill its holes."
-            )
-        for angle, axis in zip(self.rotation, np.eye(3)):
-            mesh.apply_transform(trimesh.transformations.rotation_matrix(math.radians(angle), axis))
-        mesh.apply_translation(-mesh.bounds.mean(0))
-        if self.size > 0:
-            mesh.apply_scale(self.size / max(mesh.extents))
-        mesh.apply_translation(self.center)
-        return mesh
+    def mesh(self) -> SurfaceMesh:
+        """The mesh in its place. Raises InputError where it cannot be read or has no inside."""
+        return placed_mesh(self.file, self.center, self.size, self.rotation, "solid mesh")
 
     @np.errstate(over="warn", divide="warn", invalid="warn")
     def inside(self, points: np.ndarray) -> np.ndarray:
         """Odd number of crossings above, by one ray for each column of the lattice: a ray for each point is slow."""
-        mesh = self.mesh()
+        import trimesh
+
+        surface = self.mesh()
+        mesh = trimesh.Trimesh(surface.vertices + surface.origin, surface.faces, process=False)
         column, own = np.unique(points[:, :2], axis=0, return_inverse=True)
         own = own.reshape(-1)
         below = np.column_stack([column, np.full(len(column), mesh.bounds[0, 2] - 1.0)])
@@ -185,12 +179,12 @@ class SolidMesh(Solid, tag="mesh", frozen=True, kw_only=True):
         result = above % 2 == 1
         doubtful = crossings[own] % 2 == 1
         if doubtful.any():
-            result[doubtful] = mesh.contains(points[doubtful])
+            result[doubtful] = winding(points[doubtful] - surface.origin, surface.corners) > 0.5
         return result
 
     def extent(self) -> tuple[np.ndarray, np.ndarray]:
-        lower, upper = self.mesh().bounds
-        return lower, upper
+        mesh = self.mesh()
+        return mesh.vertices.min(0) + mesh.origin, mesh.vertices.max(0) + mesh.origin
 
 
 class SolidCells(Solid, tag="cells", frozen=True, kw_only=True):

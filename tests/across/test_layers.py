@@ -8,10 +8,10 @@ import refsim
 
 ROOT = pathlib.Path(refsim.__file__).parent
 ORDER = (
-    "core", "backends", "smoothing", "neighbours", "sparse_grid", "scene", "sph", "heat", "shape_matching",
-    "isosurface", "surface_normal", "surface_detection", "surface_tension", "surface_energy", "melting", "mpm",
-    "boundary", "io", "engine", "contract", "cluster", "study", "sweep", "render", "commands", "pytest_plugin",
-    "examples",
+    "core", "backends", "smoothing", "neighbours", "sparse_grid", "winding_number", "scene", "sph", "heat",
+    "shape_matching", "isosurface", "surface_normal", "surface_detection", "surface_tension", "surface_energy",
+    "melting", "mpm", "boundary", "io", "engine", "contract", "cluster", "study", "sweep", "render",
+    "commands", "pytest_plugin", "examples",
 )  # fmt: skip
 
 

@@ -248,16 +248,26 @@ def test_cells_of_a_mesh_outlive_its_file(tmp_path):
     assert (again.field("position") == simulation.field("position")).all()
 
 
-def test_an_open_mesh_is_refused(tmp_path):
+def test_a_solid_has_the_mesh_of_a_boundary(tmp_path):
+    """Two bricks half a face in contact, triangles apart: their union's cells, with a note; a bowl is refused."""
     import trimesh
 
     from refsim import SolidMesh
 
-    path = tmp_path / "open.stl"
-    ball = trimesh.creation.icosphere(subdivisions=1, radius=1.0)
-    ball.update_faces(np.arange(len(ball.faces)) != 7)
+    path = tmp_path / "solid.stl"
+    bricks = [trimesh.creation.box(bounds=b) for b in ([[0, 0, 0], [1, 2, 1]], [[1, 1, 0], [2, 3, 1]])]
+    corners = trimesh.util.concatenate(bricks).triangles.reshape(-1, 3)
+    corners = corners + np.random.default_rng(1).normal(size=corners.shape) * 1e-5
+    trimesh.Trimesh(corners, np.arange(len(corners)).reshape(-1, 3), process=False).export(path)
+    plan = make_plan(scene(solid=(SolidMesh(file=str(path), center=(1.0, 1.0, 2.0), size=1.2),)))
+    cells = 0.2 * (plan.grid.solids.lattice.cell + 0.5)
+    assert np.where(cells[:, 0] < 1, cells[:, 1] < 1.2, cells[:, 1] > 0.8).all()
+    assert len(cells) == 2 * (2 * 4 * 2)
+    assert any(note.startswith("[[solid]] number 1: 72 corners of open edges joined") for note in plan.notes)
+    ball = trimesh.creation.icosphere(subdivisions=2, radius=1.0)
+    ball.update_faces(ball.triangles_center[:, 2] < 0)
     ball.export(path)
-    with pytest.raises(InputError, match=r"is not closed \(3 of its edges"):
+    with pytest.raises(InputError, match=r"^solid mesh: .* is open"):
         make_plan(scene(solid=(SolidMesh(file=str(path), center=(0, 0, 0)),)))
     with pytest.raises(InputError, match="there is no file"):
         make_plan(scene(solid=(SolidMesh(file=str(tmp_path / "none.stl"), center=(0, 0, 0)),)))

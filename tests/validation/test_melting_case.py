@@ -167,6 +167,8 @@ def test_columns_of_rays_find_the_cells_in_a_mesh(tmp_path):
         body = SolidMesh(file=path, center=(0.0, 0.0, 0.0), size=size)
         cells = body_cells(body, "a body", 0.2)
         grid = np.stack(np.meshgrid(*[np.arange(-8, 8)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
-        wanted = grid[body.mesh().contains((grid + 0.5) * 0.2)]
+        surface = body.mesh()
+        mesh = trimesh.Trimesh(surface.vertices + surface.origin, surface.faces, process=False)
+        wanted = grid[mesh.contains((grid + 0.5) * 0.2)]
         assert set(map(tuple, cells.tolist())) == set(map(tuple, wanted.tolist()))
     assert len(cells) == 10 * 6 * 4

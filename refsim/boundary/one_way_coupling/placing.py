@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-import dataclasses
 import functools
-import math
 import os
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from refsim.boundary.mesh import SurfaceMesh, load_mesh
 from refsim.boundary.sampling import sample, sample_beneath
 from refsim.boundary.signed_distance import NarrowBand, signed_distance
 from refsim.core.errors import InputError
+from refsim.scene.surface_mesh import SurfaceMesh, placed_mesh
 
 BAND = 4.0  # width of the band in its spacings
 PROBE = 0.5  # depth under a boundary particle, in spacings of the band, where the field must be negative
@@ -42,34 +40,6 @@ class PlacedSolid:
     def distance(self, points: np.ndarray) -> np.ndarray:
         """Signed distances (n,) [m] of points (n, 3) [m], negative inside, clamped to the band."""
         return self.band.at(np.ascontiguousarray(points, dtype=float))[0]
-
-
-def placed_mesh(
-    file: str, center: tuple[float, float, float] | None, size: float, rotation: tuple[float, float, float]
-) -> SurfaceMesh:
-    """The mesh of a file, rotated, scaled to `size` [m] unless that is 0, and moved to `center` [m] unless None."""
-    mesh = load_mesh(file)
-    vertices = mesh.vertices
-    for axis, angle in enumerate(rotation):
-        if angle:
-            vertices = vertices @ _rotation(axis, math.radians(angle)).T
-    middle = 0.5 * (vertices.min(0) + vertices.max(0))
-    vertices = vertices - middle
-    origin = mesh.origin + middle
-    if size > 0:
-        vertices = vertices * (size / float(np.ptp(vertices, axis=0).max()))
-    if center is not None:
-        origin = np.array(center, dtype=float)
-    return dataclasses.replace(mesh, vertices=vertices, origin=origin)
-
-
-def _rotation(axis: int, angle: float) -> np.ndarray:
-    """(3, 3) matrix of a rotation by `angle` [rad] about an axis."""
-    c, s = math.cos(angle), math.sin(angle)
-    a, b = (axis + 1) % 3, (axis + 2) % 3
-    turn = np.eye(3)
-    turn[a, a], turn[a, b], turn[b, a], turn[b, b] = c, -s, s, c
-    return turn
 
 
 def placed_solid(

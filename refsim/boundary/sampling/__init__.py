@@ -92,7 +92,7 @@ class BoundarySample:
 def sample(
     mesh: SurfaceMesh, radius: float, *, seed: int = 0, density: float = HEXAGONAL, spacing: float | None = None,
     backend: str | Backend = "cpu", dtype: str = "float32", literal: Printed = (),
-    most_iterations: int = MOST_ITERATIONS, check_crossings: bool = True,
+    most_iterations: int = MOST_ITERATIONS,
     watch: Callable[[int, Any], None] | None = None,
 ) -> BoundarySample:  # fmt: skip
     """Boundary particles of radius r = `radius` [m] on a mesh.
@@ -125,7 +125,7 @@ def sample(
     expected = density * mesh.area / (math.pi * radius**2)
     countable(f"sampling: radius = {radius:g} m", [expected], kind="particles", advice="give a larger radius")
     notes: list[str] = []
-    band, corner, facets, area = _surface(mesh, radius, spacing, backend, dtype, check_crossings, notes)
+    band, corner, facets, area = _surface(mesh, radius, spacing, backend, dtype, notes)
     whole = mesh.area / float(area.sum(dtype=float))  # marching cubes cuts a little off at edges
     last = facet_counts(area, density * whole, radius, "E25" in printed)
     count = int(last[-1]) if len(last) else 0
@@ -163,13 +163,13 @@ def _on_mesh(band: NarrowBand, position: Any) -> tuple[Any, Any]:
 
 
 def _surface(
-    mesh: SurfaceMesh, radius: float, spacing: float | None, backend: Backend, dtype: str, check: bool, notes: list[str]
+    mesh: SurfaceMesh, radius: float, spacing: float | None, backend: Backend, dtype: str, notes: list[str]
 ) -> tuple[NarrowBand, Any, Any, np.ndarray]:
     """(band, vertices, facets, areas on the host) of the isosurface, on a grid that resolves all parts of the mesh."""
     grids = [share * radius for share in GRIDS] if spacing is None else [spacing]
     for attempt, wanted in enumerate(grids):
         h = min(wanted, 0.25 * float(mesh.extent.max()))
-        band = signed_distance(mesh, h, LEAST_BAND * h, backend, dtype, check_crossings=check and not attempt)
+        band = signed_distance(mesh, h, LEAST_BAND * h, backend, dtype)
         corner, facets = isosurface(band)
         area = backend.empty(facets.shape[0], dtype)
         REGISTRY["sampling.areas"].program(backend.name)(corner, facets, area)
@@ -233,7 +233,7 @@ def sample_beneath(mesh: SurfaceMesh, radius: float, depth: float, spacing: floa
 
     n is 0 if the solid is nowhere that thick. The particles lie on the level of the trilinear distance.
     """
-    band = signed_distance(mesh, spacing, depth + 2 * spacing, check_crossings=False)
+    band = signed_distance(mesh, spacing, depth + 2 * spacing)
     backend = band.backend
     corner, facets = isosurface(band, -depth)
     area = backend.empty(facets.shape[0], corner.dtype)

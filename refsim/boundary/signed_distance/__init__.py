@@ -1,7 +1,7 @@
 """Signed distance from a triangle mesh in a narrow band (patent CN104318598A, claim 2: patent P1 with E26).
 
 Contents: NarrowBand, signed_distance, DistanceField, Triangles, BandGrid, TriangleLists, triangle_table; operations
-signed_distance.count_blocks, .list_blocks, .nearest, .signs, .fill, .crossings, .interpolate, .project.
+signed_distance.count_blocks, .list_blocks, .nearest, .signs, .fill, .interpolate, .project.
 
 Nodes lie at h j relative to the mesh's origin. They are stored in blocks of 64, only near the surface, in a table of
 sorted keys. The distance is negative inside.
@@ -16,15 +16,18 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from refsim.backends.arrays import Backend, choose
-from refsim.boundary.mesh import SurfaceMesh
+from refsim.boundary.mesh import SurfaceMesh, areas
 from refsim.core.errors import InputError
 from refsim.core.operation import REGISTRY, Operation, register
+from refsim.scene.overlaps import edge_numbers
 from refsim.scene.solids import countable
 from refsim.sparse_grid import Blocks, inverse_cell, nodes
+from refsim.winding_number import Clusters, clusters
 
 LEAST_BAND = 2.0  # band over spacing: a cell that the surface meets has all its corners nearer than sqrt(3) spacings
 NODE_BYTES = 40  # memory for a node while the band is built
 FARTHEST = 1 << 20  # spacings that fit on either side of the origin
+SLENDER = 1e-6  # height of a face over the mesh's size, below which its normal gives no sign where triangles meet
 
 
 class Triangles(NamedTuple):
@@ -171,6 +174,26 @@ def triangle_table(mesh: SurfaceMesh, dtype: str) -> Triangles:
     )  # fmt: skip
 
 
+def unclear_features(mesh: SurfaceMesh) -> np.ndarray | None:
+    """(t, 7) uint8: 1 for a face, edge or corner beside which the winding number gives the sign; None if none is.
+
+    These are edges that not exactly two faces share, edges of faces whose triangles met others, corners of both, and
+    faces too slender for a normal.
+    """
+    edge, direction, ends = edge_numbers(mesh.faces)
+    doubtful = (np.bincount(edge.ravel()) != 2) | (np.bincount(edge.ravel(), direction.ravel()) != 0)
+    if len(mesh.meeting):
+        doubtful[edge[mesh.meeting]] = True
+    if not doubtful.any():
+        return None
+    corner = np.zeros(len(mesh.vertices), bool)
+    corner[ends[doubtful]] = True
+    sides = mesh.corners - np.roll(mesh.corners, 1, axis=1)
+    height = 2 * areas(mesh.corners) / np.linalg.norm(sides, axis=2).max(1)
+    thin = height < SLENDER * float(mesh.extent.max())
+    return np.concatenate([thin[:, None], doubtful[edge], corner[mesh.faces]], axis=1).astype(np.uint8)
+
+
 def _across(edge: np.ndarray) -> np.ndarray:
     """(t, 3) int32 triangle across each edge, given by the edges' numbers (t, 3); itself where there is no other."""
     order = np.argsort(edge.ravel(), kind="stable")
@@ -198,12 +221,14 @@ def band_grid(spacing: float, band: float, dtype: str) -> BandGrid:
 
 def signed_distance(
     mesh: SurfaceMesh, spacing: float, band: float | None = None, backend: str | Backend = "cpu",
-    dtype: str = "float32", check_crossings: bool = True,
+    dtype: str = "float32",
 ) -> NarrowBand:  # fmt: skip
     """The signed distance from a mesh on nodes `spacing` [m] apart, up to `band` [m] (3 spacings by default).
 
-    Raises InputError if the spacing is not positive, larger than the mesh or too small for it, if the band is narrower
-    than 2 spacings, and, unless `check_crossings` is False, if triangles of the mesh cross.
+    mesh  as `surface_mesh` makes it, which resolves triangles that cross
+
+    Raises InputError if the spacing is not positive, larger than the mesh or too small for it, or if the band is
+    narrower than 2 spacings.
     """
     backend = choose(backend) if isinstance(backend, str) else backend
     size = float(mesh.extent.max())
@@ -231,8 +256,6 @@ def signed_distance(
     host = triangle_table(mesh, dtype)
     triangles = Triangles(*map(backend.asarray, host))
     grid = band_grid(spacing, band, dtype)
-    if check_crossings:
-        _refuse_crossings(mesh, backend, triangles, dtype)
     blocks, lists = band_blocks(backend, triangles, grid)
     count = nodes(blocks)
     unsigned, closest = backend.empty(count, dtype), backend.empty(count, np.int32)
@@ -241,9 +264,12 @@ def signed_distance(
         unsigned_distance=unsigned, closest=closest,
     )  # fmt: skip
     distance, inside_after = backend.empty(count, dtype), backend.zeros(blocks.keys.shape[0], np.uint8)
+    unclear = unclear_features(mesh)
+    wound = Clusters(*map(backend.asarray, clusters(mesh.corners, dtype))) if unclear is not None else None
     _compute(
         backend, "signs", triangles=triangles, band_grid=grid, band_blocks=blocks, closest=closest,
-        unsigned_distance=unsigned, distance=distance,
+        unsigned_distance=unsigned, winding_clusters=wound, distance=distance,
+        unclear=None if unclear is None else backend.asarray(unclear),
     )  # fmt: skip
     rows = backend.asarray(block_rows(backend.host(blocks.keys)))
     _compute(
@@ -311,23 +337,6 @@ def block_rows(keys: np.ndarray) -> np.ndarray:
     return np.concatenate([[0], begins, [len(keys)]] if len(keys) else [[0]]).astype(np.int32)
 
 
-def _refuse_crossings(mesh: SurfaceMesh, backend: Backend, triangles: Triangles, dtype: str) -> None:
-    """Raise InputError if triangles cross; compares those that share a block of a grid as coarse as the mesh."""
-    sides = np.linalg.norm(np.roll(mesh.corners, -1, axis=1) - mesh.corners, axis=2)
-    spacing = max(0.5 * float(sides.mean()), float(mesh.extent.max()) / FARTHEST)
-    _, lists = band_blocks(backend, triangles, band_grid(spacing, spacing, dtype))  # blocks 2 sides wide
-    crossing = backend.empty((lists.first.shape[0] - 1, 3), np.int32)
-    _compute(backend, "crossings", triangles=triangles, triangle_lists=lists, crossing=crossing)
-    found = backend.host(crossing)
-    found = found[found[:, 0] > 0]
-    if len(found):
-        one, other = found[0, 1:]
-        raise InputError(
-            f"mesh: {mesh.source!r} crosses itself (for example triangles {one} and {other}), so inside and outside are"
-            " not defined there; unite its parts."
-        )
-
-
 _HERE = "refsim.boundary.signed_distance"
 _PAPER = "patent CN104318598A, 2014"
 _SHAPES = ("needle", "thin_plate", "thick_box")
@@ -380,9 +389,11 @@ register(
         name="signed_distance.signs",
         folder=_HERE,
         paper=_PAPER,
-        equation="patent P1 with E26: angle-weighted pseudonormal of the closest feature",
+        equation="patent P1 with E26: angle-weighted pseudonormal of the closest feature, or the winding number",
         function="signs",
         cases=_SHAPES,
+        optional=("winding_clusters", "unclear"),
+        variants=({"winding_clusters": None, "unclear": None}, {}),
         outputs=("distance",),
         entrywise=("distance",),
         tolerance=16.0,
@@ -402,20 +413,6 @@ register(
         entrywise=("distance",),
         tolerance=1.0,
         tolerance_reason="values are copied",
-    )
-)
-register(
-    Operation(
-        name="signed_distance.crossings",
-        folder=_HERE,
-        paper="standard",
-        equation="triangles of which one's edge pierces the other",
-        function="crossings",
-        cases=("crossed_boxes", "needle"),
-        outputs=("crossing",),
-        exact=("crossing",),
-        tolerance=64.0,
-        tolerance_reason="integers; the margin is that of products of three differences",
     )
 )
 register(

@@ -19,6 +19,7 @@ from refsim.boundary.signed_distance import (
 )
 from refsim.core.cases import CASES, VARIATIONS, Case, Exact, Variation, case, closed_form, groups, takes
 from refsim.sparse_grid import Blocks
+from refsim.winding_number import clusters
 
 OCTAHEDRON = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]], float)
 OCTAHEDRON_FACES = np.array(
@@ -123,6 +124,8 @@ def band_of(name: str, dtype: str) -> dict:
     h = SPACINGS.get(name, 0.25 * made.spacing)
     triangles, grid = triangle_table(mesh, dtype), band_grid(h, BANDS.get(name, 2.5) * h, dtype)
     found: dict = {"triangles": triangles, "band_grid": grid} | follow(triangles, grid, dtype)
+    found["unclear"] = made.random("unclear").integers(0, 2, (len(mesh.faces), 7)).astype(np.uint8)
+    found["winding_clusters"] = clusters(mesh.corners, dtype)
     origin = made.position[0] - _shift(made) if name not in SHAPES and made.count else np.zeros(3)
     x, y, z = map(np.float64, origin)
     found["distance_field"] = found["distance_field"]._replace(origin_x=x, origin_y=y, origin_z=z)
@@ -141,7 +144,7 @@ def follow(triangles: Triangles, grid: BandGrid, dtype: str) -> dict:
     lists = TriangleLists(np.append(begin, len(key)).astype(np.int32), triangle[order])
     near = {n: v for n, (v, _) in reference.nearest(triangles, grid, blocks, lists).items()}
     unsigned, closest = near["unsigned_distance"].astype(dtype), near["closest"].astype(np.int32)
-    signed = reference.signs(triangles, grid, blocks, closest, unsigned)["distance"][0].astype(dtype)
+    signed = reference.signs(triangles, grid, blocks, closest, unsigned, None, None)["distance"][0].astype(dtype)
     rows = block_rows(keys)
     filled = reference.fill(grid, rows, closest, signed)
     after = filled["inside_after"][0].astype(np.uint8)
@@ -153,7 +156,6 @@ def follow(triangles: Triangles, grid: BandGrid, dtype: str) -> dict:
         "block_count": count, "block_first": first, "pair_key": key, "pair_triangle": triangle, "band_blocks": blocks,
         "triangle_lists": lists, "unsigned_distance": unsigned, "closest": closest, "distance": signed,
         "row_first": rows, "inside_after": after, "distance_field": field,
-        "crossing": np.zeros((len(keys), 3), np.int32),
     }  # fmt: skip
 
 
@@ -173,7 +175,7 @@ def queries(made: Case, mesh: SurfaceMesh, grid: BandGrid) -> np.ndarray:
 @groups(
     "triangles", "band_grid", "block_count", "block_first", "pair_key", "pair_triangle", "band_blocks",
     "triangle_lists", "unsigned_distance", "closest", "distance", "row_first", "inside_after", "distance_field",
-    "crossing", "query",
+    "query", "unclear", "winding_clusters",
 )  # fmt: skip
 def _band(case, grid):
     return band_of(case.name, grid.dtype)
@@ -336,34 +338,6 @@ def beyond_two_edges():
 def beyond_two_edges_upright():
     """The plane of z and y."""
     return _obtuse([0, 2, 1])
-
-
-def _pierced(corner: np.ndarray, lists: TriangleLists, crossing: list[list[int]]) -> Exact:
-    """Triangles without common corners, those of each block, and the number of pairs that cross with the first pair."""
-    count = len(corner)
-    normal = np.zeros((count, 21))
-    side = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
-    normal[:, :3] = side / np.linalg.norm(side, axis=1, keepdims=True)
-    triangles = Triangles(corner.reshape(count, 9), normal, *_apart(count))
-    answer = np.array(crossing)
-    given = {"triangles": triangles, "triangle_lists": lists, "crossing": np.zeros(answer.shape, np.int32)}
-    return Exact(Case("one_crossing", 3, np.zeros((1, 3))), given, {"crossing": answer})
-
-
-@closed_form("signed_distance.crossings")
-def one_crossing():
-    """A vertical triangle pierces a horizontal one; a third lies 2 m above."""
-    flat = np.array([[0, 0, 0], [2, 0, 0], [0, 2, 0]], float)
-    upright = np.array([[0.5, 0.25, -1], [0.5, 0.25, 1], [3, 2, 0]])
-    lists = TriangleLists(np.array([0, 3, 5], np.int32), np.array([0, 1, 2, 0, 2], np.int32))
-    return _pierced(np.stack([flat, upright, flat + [0, 0, 2]]), lists, [[1, 0, 1], [0, -1, -1]])
-
-
-@closed_form("signed_distance.crossings")
-def crossing_near_the_third_corner():
-    """A vertical triangle at x = 1 m pierces a horizontal one with two corners at x = 4 m and the third at 0."""
-    corner = np.array([[[4, 3, 0], [4, 7, 0], [0, 5, 0]], [[1, 5, -1], [1, 5, 1], [1, 8, 0]]], float)
-    return _pierced(corner, TriangleLists(np.array([0, 2], np.int32), np.arange(2, dtype=np.int32)), [[1, 0, 1]])
 
 
 @closed_form("signed_distance.interpolate")

@@ -184,39 +184,3 @@ def trilinear_near(x, y, z, field, block):
     )
     gy = (one - w) * (f10 - f00) + w * (f11 - f01)
     return f0 + w * (f1 - f0), gx / h, gy / h, (f1 - f0) / h, node >> 6
-
-
-@formula
-def plane_side(ax, ay, az, nx, ny, nz, x, y, z):
-    """Signed height [m] of x above the plane through a with normal n: s = (x - a).n."""
-    return (x - ax) * nx + (y - ay) * ny + (z - az) * nz
-
-
-@formula
-def edge_pierces(t, k, other, corner, normal):
-    """Flag = (edge k of triangle t crosses the inside of triangle `other`).
-
-    Its ends stand on both sides of the other's plane, s_a s_b < 0, and it meets the plane at
-    (s_b a - s_a b)/(s_b - s_a), inside all three edges.
-    """
-    a = 3 * k
-    b = 3 * ((k + 1) % 3)
-    nx, ny, nz = normal[other, 0], normal[other, 1], normal[other, 2]
-    ox, oy, oz = corner[other, 0], corner[other, 1], corner[other, 2]
-    ax, ay, az = corner[t, a], corner[t, a + 1], corner[t, a + 2]
-    bx, by, bz = corner[t, b], corner[t, b + 1], corner[t, b + 2]
-    sa = plane_side(ox, oy, oz, nx, ny, nz, ax, ay, az)
-    sb = plane_side(ox, oy, oz, nx, ny, nz, bx, by, bz)
-    if not ((sa < 0 and sb > 0) or (sa > 0 and sb < 0)):
-        return False
-    share = sa / (sa - sb)
-    x, y, z = ax + share * (bx - ax), ay + share * (by - ay), az + share * (bz - az)
-    for e in range(3):
-        c = 3 * e
-        d = 3 * ((e + 1) % 3)
-        cx, cy, cz = corner[other, c], corner[other, c + 1], corner[other, c + 2]
-        ex, ey, ez = corner[other, d] - cx, corner[other, d + 1] - cy, corner[other, d + 2] - cz
-        mx, my, mz = ey * nz - ez * ny, ez * nx - ex * nz, ex * ny - ey * nx
-        if not (x - cx) * mx + (y - cy) * my + (z - cz) * mz < 0:
-            return False
-    return True

@@ -10,12 +10,12 @@ from refsim.boundary.signed_distance.formulas import (
     block_key,
     block_range,
     box_distance,
-    edge_pierces,
     step_in_block,
     triangle_offset,
     trilinear,
 )
 from refsim.sparse_grid.formulas import BLOCK, cell_coordinate, find_node, node_coordinates
+from refsim.winding_number.formulas import winding_at
 
 
 @kernel
@@ -107,10 +107,11 @@ def nearest(n, triangles, band_grid, band_blocks, triangle_lists, unsigned_dista
 
 
 @kernel
-def signs(n, triangles, band_grid, band_blocks, closest, unsigned_distance, distance):
+def signs(n, triangles, band_grid, band_blocks, closest, unsigned_distance, winding_clusters, unclear, distance):
     """Patent P1 with E26: phi [m] of node n, negative where (x_n - c).m < 0; beyond the band the value stays unsigned.
 
-    m is the angle-weighted pseudonormal of the face, edge or corner on which the closest point c lies.
+    m is the angle-weighted pseudonormal of the face, edge or corner on which the closest point c lies. Where that is
+    unclear phi < 0 if the winding number exceeds 1/2.
     """
     h = band_grid.spacing
     real = type(h)
@@ -121,7 +122,11 @@ def signs(n, triangles, band_grid, band_blocks, closest, unsigned_distance, dist
         px, py, pz = h * real(jx), h * real(jy), h * real(jz)
         normal = triangles.normal
         ox, oy, oz, f = triangle_offset(px, py, pz, t, triangles.corner, normal)
-        if ox * normal[t, 3 * f] + oy * normal[t, 3 * f + 1] + oz * normal[t, 3 * f + 2] < 0:
+        inside = ox * normal[t, 3 * f] + oy * normal[t, 3 * f + 1] + oz * normal[t, 3 * f + 2] < 0
+        if winding_clusters is not None:  # noqa: SIM102  (a test of its own is what Numba prunes)
+            if unclear[t, f]:
+                inside = winding_at(px, py, pz, winding_clusters) > real(0.5)
+        if inside:
             value = -value
     distance[n] = value
 
@@ -146,55 +151,6 @@ def fill(row, band_grid, row_first, closest, distance, inside_after):
                         distance[n] = band_grid.band
                 if line == 0:
                     inside_after[b] = inside
-
-
-@kernel
-def crossings(b, triangles, triangle_lists, crossing):
-    """Number of pairs of triangles of block b that cross, and the first such pair, or -1 and -1; dimensionless.
-
-    Triangles with a common corner are no pair; they could cross only along a fold without thickness.
-    """
-    count = 0
-    one, other = -1, -1
-    corner, normal = triangles.corner, triangles.normal
-    for k in range(triangle_lists.first[b], triangle_lists.first[b + 1]):
-        t = triangle_lists.triangle[k]
-        for m in range(k + 1, triangle_lists.first[b + 1]):
-            s = triangle_lists.triangle[m]
-            if boxes_meet(t, s, corner) and not share_corner(t, s, triangles.vertex):
-                found = False
-                for e in range(3):
-                    found = found or edge_pierces(t, e, s, corner, normal) or edge_pierces(s, e, t, corner, normal)
-                if found:
-                    if count == 0:
-                        one, other = t, s
-                    count += 1
-    crossing[b, 0], crossing[b, 1], crossing[b, 2] = count, one, other
-
-
-@formula
-def boxes_meet(t, s, corner):
-    """Whether the bounding boxes of two triangles overlap."""
-    for c in range(3):
-        low = max(
-            min(corner[t, c], corner[t, c + 3], corner[t, c + 6]), min(corner[s, c], corner[s, c + 3], corner[s, c + 6])
-        )
-        high = min(
-            max(corner[t, c], corner[t, c + 3], corner[t, c + 6]), max(corner[s, c], corner[s, c + 3], corner[s, c + 6])
-        )
-        if low > high:
-            return False
-    return True
-
-
-@formula
-def share_corner(t, s, vertex):
-    """Whether two triangles have a vertex in common."""
-    for a in range(3):
-        for b in range(3):
-            if vertex[t, a] == vertex[s, b]:
-                return True
-    return False
 
 
 @kernel

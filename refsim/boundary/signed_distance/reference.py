@@ -3,6 +3,7 @@
 import numpy as np
 
 from refsim.sparse_grid.reference import node_table
+from refsim.winding_number.reference import winding
 
 BLOCK_BYTES = 2e6  # stays in the cache
 OFFSET = 2**20
@@ -133,17 +134,27 @@ def nearest(triangles, band_grid, band_blocks, triangle_lists):
     }
 
 
-def signs(triangles, band_grid, band_blocks, closest, unsigned_distance):
-    """Patent P1 with E26: phi = -|phi| where (x - c).n < 0, n the pseudonormal of the closest feature; [m]."""
+def signs(triangles, band_grid, band_blocks, closest, unsigned_distance, winding_clusters, unclear):
+    """Patent P1 with E26: phi = -|phi| [m] where (x - c).n < 0, n the pseudonormal of the closest feature.
+
+    Where that feature is unclear, phi = -|phi| where the winding number exceeds 1/2.
+    """
     place = float(band_grid.spacing) * node_table(band_blocks)
     value = np.array(unsigned_distance, dtype=float)
+    scale = np.abs(place).max(1, initial=0.0) + float(band_grid.band)
     rows = np.flatnonzero(np.asarray(closest) >= 0)
     if len(rows):
         t = np.asarray(closest)[rows]
         offset, feature = triangle_offset(place[rows], _corners(triangles)[t])
         normal = np.asarray(triangles.normal, dtype=float).reshape(-1, 7, 3)[t, feature]
-        value[rows] = np.where((offset * normal).sum(1) < 0, -value[rows], value[rows])
-    return {"distance": (value, np.abs(place).max(1, initial=0.0) + float(band_grid.band))}
+        inside = (offset * normal).sum(1) < 0
+        if winding_clusters is not None:
+            asked = np.asarray(unclear)[t, feature] != 0
+            number, _ = winding(place[rows[asked]], winding_clusters)["winding_number"]
+            inside[asked] = number > 0.5
+            scale[rows[asked][np.abs(number - 0.5) < 1e-3]] = np.inf
+        value[rows] = np.where(inside, -value[rows], value[rows])
+    return {"distance": (value, scale)}
 
 
 def fill(band_grid, row_first, closest, distance):
@@ -162,60 +173,6 @@ def fill(band_grid, row_first, closest, distance):
         value[64 * begin : 64 * end] = filled.reshape(16, -1, 4).transpose(1, 0, 2).reshape(-1)
         after[begin:end] = side[0, 3::4] < 0
     return {"distance": (value, np.abs(value)), "inside_after": (after, np.ones(len(after)))}
-
-
-def crossings(triangles, triangle_lists):
-    """Number of pairs that cross in each block, n_b >= 0, and the first such pair, or -1; integers [dimensionless]."""
-    corners, first = _corners(triangles), np.asarray(triangle_lists.first)
-    vertex, listed = np.asarray(triangles.vertex), np.asarray(triangle_lists.triangle)
-    known = {}
-
-    def pair(t, s):
-        if (t, s) not in known:
-            known[t, s] = _cross(corners[t], corners[s])
-        return known[t, s]
-
-    value, margin = np.full((len(first) - 1, 3), -1.0), np.full((len(first) - 1, 3), np.inf)
-    value[:, 0] = 0
-    for b in range(len(first) - 1):
-        own = listed[first[b] : first[b + 1]].tolist()
-        for place, t in enumerate(own):
-            for s in own[place + 1 :]:
-                if set(vertex[t]) & set(vertex[s]):
-                    continue
-                crossing, certain = pair(t, s)
-                margin[b] = np.minimum(margin[b], certain)
-                if crossing:
-                    if value[b, 0] == 0:
-                        value[b, 1:] = t, s
-                    value[b, 0] += 1
-    return {"crossing": (value, margin)}
-
-
-def _cross(one, other):
-    """(whether an edge of either triangle pierces the other, relative margin), by determinants of tetrahedra."""
-    size = max(np.ptp(np.concatenate([one, other]), axis=0).max(), 1e-300)
-    span = 1 + np.abs(one).max() / size
-    found, margin = False, np.inf
-    for near, far in ((one, other), (other, one)):
-        for k in range(3):
-            a, b = near[k], near[(k + 1) % 3]
-            tetrahedra = [[far[1] - far[0], far[2] - far[0], p - far[0]] for p in (a, b)]
-            tetrahedra += [[b - a, far[e] - a, far[(e + 1) % 3] - a] for e in range(3)]
-            determinants = np.linalg.det(np.array(tetrahedra)).tolist()
-            sides, round_ = determinants[:2], determinants[2:]
-            apart = sides[0] * sides[1] < 0
-            inside = all(r > 0 for r in round_) or all(r < 0 for r in round_)
-            found = found or (apart and inside)
-            # what would have to change: one side, or all corners that lie on one side of the edge
-            turn = min(max(max(round_), 0.0), max(-min(round_), 0.0))
-            least = min(map(abs, sides))
-            if apart and inside:
-                certain = min(least, *map(abs, round_))
-            else:
-                certain = max(0.0 if apart else least, 0.0 if inside else turn)
-            margin = min(margin, certain / size**3 / span)
-    return found, margin
 
 
 def _node_values(field):

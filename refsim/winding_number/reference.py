@@ -1,0 +1,40 @@
+"""NumPy oracle of the winding number: every point against every triangle, float64."""
+
+import numpy as np
+
+UNDECIDED = (
+    1e-5  # relative distance from a triangle's plane, or from a cluster's reach, within which a row is not judged
+)
+
+
+def solid_angles(points, corners):
+    """((n, t) solid angles [sr] of triangles (t, 3, 3) about points (n, 3), (n, t) rounding's scale of each)."""
+    a, b, c = (corners[None, :, k] - points[:, None] for k in range(3))
+    la, lb, lc = (np.sqrt((v * v).sum(-1)) for v in (a, b, c))
+    above = np.linalg.det(np.stack([a, b, c], axis=-2))
+    below = la * lb * lc + (a * b).sum(-1) * lc + (b * c).sum(-1) * la + (c * a).sum(-1) * lb
+    size, length = la * lb * lc, np.hypot(above, below)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        scale = np.where(length > 0, size / length, np.inf)
+    scale = np.where((np.abs(above) <= UNDECIDED * size) & (below <= UNDECIDED * size), np.inf, scale)
+    return 2 * np.arctan2(above, below), scale
+
+
+def winding(viewpoint, clusters):
+    """Jacobson eq. 5, Barill eq. 4: w = sum Omega/(4 pi) [dimensionless], Omega = N.d/|d|^3 beyond the reach."""
+    points, first = np.asarray(viewpoint, dtype=float), np.asarray(clusters.first)
+    corners = np.asarray(clusters.corner, dtype=float).reshape(-1, 3, 3)
+    value, scale = np.zeros(len(points)), np.zeros(len(points))
+    for k in range(len(first) - 1):
+        away = np.asarray(clusters.middle[k], dtype=float) - points
+        distance, reach = np.linalg.norm(away, axis=1), float(clusters.reach[k])
+        far = distance > reach
+        near = np.flatnonzero(~far)
+        terms = away[far] * np.asarray(clusters.dipole[k], dtype=float) / distance[far, None] ** 3
+        value[far] += terms.sum(1)
+        scale[far] += np.abs(terms).sum(1)
+        angle, rounding = solid_angles(points[near], corners[first[k] : first[k + 1]])
+        value[near] += angle.sum(1)
+        scale[near] += (np.abs(angle) + rounding).sum(1)
+        scale[np.abs(distance - reach) <= UNDECIDED * reach] = np.inf
+    return {"winding_number": (value / (4 * np.pi), scale / (4 * np.pi))}

@@ -1,0 +1,362 @@
+"""Meshes whose triangles overlap, end, stand twice or do not meet: signs, distances and volume against closed forms."""
+
+import json
+import shutil
+
+import numpy as np
+import pytest
+import trimesh
+
+from refsim.__main__ import main
+from refsim.boundary.mesh import load_mesh, surface_mesh
+from refsim.boundary.sampling import sample
+from refsim.boundary.signed_distance import signed_distance
+from refsim.boundary.signed_distance.cases import crossed
+from refsim.core.errors import InputError
+from refsim.scene.overlaps import winding
+from refsim.winding_number.reference import solid_angles
+
+BOX = trimesh.creation.box((1.0, 1.0, 1.0))
+BALL = trimesh.creation.icosphere(3)
+UPRIGHT, TURN = np.eye(3), trimesh.transformations.rotation_matrix(0.7, [1.0, 2.0, -0.4])[:3, :3]
+
+
+def bricks(*corners):
+    """Vertices and faces of boxes, each given by two corners."""
+    made = [trimesh.creation.box(bounds=c) for c in corners]
+    both = trimesh.util.concatenate(made)
+    return np.array(both.vertices), np.array(both.faces)
+
+
+def soup(vertices, faces):
+    """The same triangles with corners of their own."""
+    corners = np.asarray(vertices)[faces]
+    return corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3)
+
+
+def cells_distance(occupied, points):
+    """Signed distance [m] of points (n, 3) from the union of the unit cells occupied (i, j, k)."""
+    padded = np.pad(occupied, 1)
+    distance = np.full(len(points), np.inf)
+    for axis in range(3):
+        for side in (0, 1):
+            bare = padded & ~np.roll(padded, 1 - 2 * side, axis)
+            for cell in np.argwhere(bare) - 1:
+                low, high = cell.astype(float), cell + 1.0
+                low[axis] = high[axis] = cell[axis] + side
+                away = np.maximum(np.maximum(low - points, points - high), 0)
+                distance = np.minimum(distance, np.linalg.norm(away, axis=1))
+    cell = np.clip(np.floor(points).astype(int), -1, np.array(occupied.shape)) + 1
+    return np.where(padded[tuple(cell.T)], -distance, distance)
+
+
+def assert_union(vertices, faces, occupied, turn=UPRIGHT, rounding=1e-6, spacing=0.13, count=2000):
+    """The mesh's field, volume and area are those of the union of unit cells, turned."""
+    mesh = surface_mesh(vertices @ turn.T, faces)
+    padded = np.pad(occupied, 1).astype(int)
+    assert mesh.volume == pytest.approx(occupied.sum(), rel=rounding)
+    assert mesh.area == pytest.approx(sum(np.abs(np.diff(padded, axis=a)).sum() for a in range(3)), rel=rounding)
+    points = np.random.default_rng(5).uniform(-0.6, np.array(occupied.shape) + 0.6, (count, 3))
+    known = cells_distance(occupied, points)
+    band = signed_distance(mesh, spacing)
+    found, _ = band.at(points @ turn.T)
+    clear = np.abs(known) > 0.5 * spacing
+    assert np.array_equal(found[clear] < 0, known[clear] < 0)
+    assert np.abs(found - np.clip(known, -band.band, band.band)).max() < 0.6 * spacing
+    return mesh
+
+
+@pytest.mark.parametrize("turn", [UPRIGHT, TURN], ids=["along_axes", "turned"])
+@pytest.mark.parametrize("seed", range(4))
+def test_boxes_whose_faces_lie_in_one_plane_are_their_union(seed, turn):
+    """Boxes with whole corners touch, overlap and share faces and edges; some are divided more finely."""
+    random = np.random.default_rng(seed)
+    occupied, parts = np.zeros((4, 4, 4), bool), []
+    for k in range(4):
+        low = random.integers(0, 3, 3)
+        high = np.minimum(4, low + random.integers(1, 4, 3))
+        occupied[tuple(map(slice, low, high))] = True
+        part = trimesh.creation.box(bounds=[low, high])
+        parts.append(part.subdivide() if k == 3 else part)
+    both = trimesh.util.concatenate(parts)
+    assert_union(np.array(both.vertices), np.array(both.faces), occupied, turn)
+
+
+@pytest.mark.parametrize("noise", [1e-9, 1e-6, 2e-5])
+def test_corners_that_differ_by_rounding_make_the_same_union(noise):
+    """Two bricks side by side, half a face in contact, all triangles apart, corners moved: joined, with a note."""
+    occupied = np.zeros((2, 3, 1), bool)
+    occupied[0, :2], occupied[1, 1:] = True, True
+    vertices, faces = soup(*bricks([[0, 0, 0], [1, 2, 1]], [[1, 1, 0], [2, 3, 1]]))
+    vertices = vertices + np.random.default_rng(2).normal(size=vertices.shape) * noise
+    mesh = assert_union(vertices, faces, occupied, TURN, rounding=20 * noise + 1e-9)
+    assert mesh.notes[0].startswith("72 corners of open edges joined, which lay up to ")
+
+
+def test_float32_coordinates_far_from_the_origin_are_in_one_plane():
+    """As a binary STL holds them: a turned pair of bricks 40 m away, rounded to 3.8e-6 m."""
+    vertices, faces = bricks([[0, 0, 0], [2, 2, 1]], [[0, 0, 1], [1, 1, 2]])
+    moved = (vertices @ TURN.T + 40).astype(np.float32).astype(float)
+    mesh = surface_mesh(*soup(moved, faces))
+    assert mesh.volume == pytest.approx(5.0, rel=1e-5)
+    assert mesh.area == pytest.approx(20.0, rel=1e-5)
+
+
+def gaps(part):
+    """A ball whose triangles are drawn towards their middles by a share of their size."""
+    corners = np.asarray(BALL.vertices)[BALL.faces]
+    drawn = corners + (corners.mean(1, keepdims=True) - corners) * part
+    return drawn.reshape(-1, 3), np.arange(3 * len(drawn)).reshape(-1, 3)
+
+
+@pytest.mark.parametrize("part", [1e-10, 1e-8, 1e-6, 1e-4])
+def test_triangles_with_gaps_are_joined(part):
+    mesh = surface_mesh(*gaps(part))
+    assert mesh.volume == pytest.approx(BALL.volume, rel=1e-9 + part)
+    assert len(mesh.vertices) == len(BALL.vertices)
+    distance, _ = signed_distance(mesh, 0.1).at(np.array([[0.0, 0, 0], [0, 0, 0.8], [0, 0, 1.2]]))
+    assert distance == pytest.approx([-0.3, -0.2, 0.2], abs=0.01)
+
+
+def test_joining_leaves_closed_thin_features_and_wide_gaps_alone():
+    """The bound is 1e-4 of the size, along open edges only: a closed plate of 2e-5 keeps its thickness."""
+    thin = trimesh.creation.box((1.0, 1.0, 2e-5))
+    assert surface_mesh(*soup(thin.vertices, thin.faces)).volume == pytest.approx(2e-5, rel=1e-9)
+    with pytest.raises(InputError, match="is open"):
+        surface_mesh(*gaps(0.5))
+
+
+def test_a_flap_of_two_opposite_faces_cancels():
+    a, c = BOX.faces[0][:2]
+    vertices = np.vstack([BOX.vertices, 0.9 * (BOX.vertices[a] + BOX.vertices[c])])
+    mesh = surface_mesh(vertices, np.vstack([BOX.faces, [[a, c, 8], [c, a, 8]]]))
+    assert mesh.notes == ("1 pair of faces that stand twice with opposite winding left out",)
+    assert mesh.volume == pytest.approx(1.0)
+
+
+def test_a_model_drawn_from_both_sides_is_taken_once():
+    mesh = surface_mesh(BALL.vertices, np.vstack([BALL.faces, BALL.faces[:, ::-1]]))
+    assert mesh.notes == ("1280 duplicated faces left out",)
+    assert mesh.volume == pytest.approx(BALL.volume)
+
+
+def test_fins_are_left_out():
+    vertices = np.vstack([BALL.vertices, 1.2 * BALL.vertices[BALL.faces[::100, 0]], 0.5 * BALL.vertices[:1]])
+    tips = len(BALL.vertices) + np.arange(14)
+    edges = np.vstack([BALL.faces[::100, :2], BALL.faces[7:8, :2]])
+    mesh = surface_mesh(vertices, np.vstack([BALL.faces, np.column_stack([edges, tips])]))
+    assert mesh.notes == ("14 triangles of open sheets, which enclose nothing, left out",)
+    assert mesh.volume == pytest.approx(BALL.volume)
+
+
+def test_edges_of_four_triangles_are_taken():
+    """Two boxes with an edge in common, and a ball of which pairs of vertices are one."""
+    vertices, faces = bricks([[0, 0, 0], [1, 1, 1]], [[1, 1, 0], [2, 2, 1]])
+    occupied = np.zeros((2, 2, 1), bool)
+    occupied[0, 0] = occupied[1, 1] = True
+    mesh = assert_union(vertices, faces, occupied)
+    assert mesh.notes[0].startswith("1 edge has more than two triangles, the first near (1, 1, 0.5)")
+    near = np.argsort(np.linalg.norm(BALL.vertices - BALL.vertices[0], axis=1))
+    one, other = near[0], near[10]
+    pinched = surface_mesh(BALL.vertices, np.where(BALL.faces == other, one, BALL.faces))
+    assert pinched.volume == pytest.approx(BALL.volume, rel=2e-3)
+    band = signed_distance(pinched, 0.1)
+    place = np.random.default_rng(3).uniform(-1.3, 1.3, (2000, 3))
+    clear = np.abs(np.linalg.norm(place, axis=1) - 1) > 0.05
+    assert np.array_equal((band.at(place)[0] < 0)[clear], (np.linalg.norm(place, axis=1) < 1)[clear])
+
+
+def test_crossing_bodies_are_their_union():
+    one = crossed()
+    mesh = surface_mesh(one.vertices, one.faces)
+    assert "meet others beyond common edges" in mesh.notes[0]
+    place = np.random.default_rng(8).uniform(-0.3, 0.3, (1500, 3))
+    inside = solid_angles(place, one.corners)[0].sum(1) > 2 * np.pi
+    band = signed_distance(mesh, 0.01)
+    distance = band.at(place)[0]
+    clear = np.abs(distance) > 0.005
+    assert np.array_equal((distance < 0)[clear], inside[clear])
+    wider = np.random.default_rng(9).uniform(-0.31, 0.31, (40000, 3))
+    share = (solid_angles(wider, one.corners)[0].sum(1) > 2 * np.pi).mean()
+    assert mesh.volume == pytest.approx(share * 0.62**3, rel=0.05)
+
+
+def test_two_holes_are_filled_and_a_bowl_is_refused():
+    middle = BALL.triangles_center
+    kept = (middle[:, 2] < 0.97) & (middle[:, 0] > -0.97)
+    mesh = surface_mesh(BALL.vertices, BALL.faces[kept])
+    assert mesh.notes[0].startswith("2 holes of ")
+    assert "filled by a fan, the widest 0.2" in mesh.notes[0]
+    assert mesh.volume == pytest.approx(BALL.volume, rel=0.01)
+    distance, _ = signed_distance(mesh, 0.05).at(np.array([[0, 0, 0.9], [0, 0, 1.05], [-0.9, 0, 0], [-1.05, 0, 0]]))
+    assert distance[0] < 0 < distance[1]
+    assert distance[2] < 0 < distance[3]
+    with pytest.raises(InputError, match=r"is open \(\d+ edges where it ends\).* 3\d % of its surface would be filled"):
+        surface_mesh(BALL.vertices, BALL.faces[middle[:, 2] < 0])
+
+
+def quad(a, b, c, d):
+    return [[a, b, c], [a, c, d]]
+
+
+def wall_with_a_hole(kind):
+    """(vertices, faces) of a wall 3 m x 0.2 m x 3 m with a hole of 1 m x 1 m, whose triangles overlap in two planes."""
+    outer, hole = [(0, 0), (3, 0), (3, 3), (0, 3)], [(1, 1), (2, 1), (2, 2), (1, 2)]
+    strips = [(0, 0, 1, 3), (2, 0, 3, 3), (0, 0, 3, 1), (0, 2, 3, 3)]
+    if kind == "boxes":
+        return bricks(*([[x, 0, z], [u, 0.2, w]] for x, z, u, w in strips))
+    if kind == "boxes_side_by_side":
+        return bricks(*([[x, 0, z], [u, 0.2, w]] for x, z, u, w in [*strips[:2], (1, 0, 2, 1), (1, 2, 2, 3)]))
+    if kind in ("fan", "doorway"):  # a polygon, for the wall around the hole, and a fan that leaves the polygon
+        ring = [*outer, outer[0], hole[0], *hole[:0:-1], hole[0]]
+        if kind == "doorway":  # open at the bottom, so that no edge has four triangles
+            ring = [(0, 0), (1, 0), (1, 2), (2, 2), (2, 0), (3, 0), (3, 3), (0, 3)]
+        n = len(ring)
+        front = [(0, k, k + 1) for k in range(1, n - 1)]
+        back = [(n, n + k + 1, n + k) for k in range(1, n - 1)]
+        sides = [f for k in range(n) for f in ((k, n + k, (k + 1) % n), ((k + 1) % n, n + k, n + (k + 1) % n))]
+        return np.array([(x, y, z) for y in (0, 0.2) for x, z in ring], float), np.array(front + back + sides)
+    triangles = []  # sheets: the panels of both planes overlap at the corners, and end there
+    for x, z, u, w in strips:
+        triangles += quad((x, 0, z), (u, 0, z), (u, 0, w), (x, 0, w))
+        triangles += quad((x, 0.2, z), (x, 0.2, w), (u, 0.2, w), (u, 0.2, z))
+    for ring, way in ((outer, -1), (hole, 1)):
+        for (x, z), (u, w) in zip(ring, [*ring[1:], ring[0]]):
+            triangles += quad(*[(x, 0, z), (u, 0, w), (u, 0.2, w), (x, 0.2, z)][::way])
+    return soup(np.array(triangles, float).reshape(-1, 3), np.arange(3 * len(triangles)).reshape(-1, 3))
+
+
+def wall_distance(points, kind):
+    """Signed distance [m] of points (n, 3) from the wall with a hole; inside only the sign is exact at corners."""
+
+    def box(low, high):
+        over = np.maximum(low - points, points - high)
+        return np.linalg.norm(np.maximum(over, 0), axis=1) + np.minimum(over.max(1), 0)
+
+    parts = [box(np.array([x, 0, z]), np.array([u, 0.2, w])) for x, z, u, w in
+             [(0, 0, 1, 3), (2, 0, 3, 3), (0, 2, 3, 3), (0, 0, 3 if kind != "doorway" else 1, 1)]]  # fmt: skip
+    return np.min(parts, axis=0)
+
+
+@pytest.mark.parametrize("kind", ["boxes", "boxes_side_by_side", "fan", "doorway", "sheets"])
+def test_a_wall_with_a_hole_is_open_in_the_hole_only(kind):
+    mesh = surface_mesh(*wall_with_a_hole(kind))
+    cut = 1 if kind != "doorway" else 2
+    assert mesh.volume == pytest.approx(0.2 * (9 - cut))
+    assert mesh.area == pytest.approx(2 * (9 - cut) + 16 * 0.2)
+    assert "inside is where the winding number exceeds 1/2" in "".join(mesh.notes)
+    place = np.random.default_rng(4).uniform(-0.4, 0.6 + np.array([2.8, 0.0, 2.8]), (4000, 3))
+    known = wall_distance(place, kind)
+    for backend in ("cpu", "numpy"):
+        band = signed_distance(mesh, 0.05 if backend == "cpu" else 0.15, backend=backend)
+        found, _ = band.at(place)
+        clear = np.abs(known) > 0.5 * band.spacing
+        assert np.array_equal((found < 0)[clear], (known < 0)[clear])
+        outside = known > 0
+        assert np.abs(found - np.minimum(known, band.band))[outside].max() < 0.6 * band.spacing
+    made = sample(mesh, 0.05, seed=2)
+    assert np.abs(wall_distance(made.position, kind)).max() < 1e-5
+    assert len(made.position) == pytest.approx(made.expected, abs=1)
+
+
+POUR = """
+spacing = 0.1
+support_radius = 0.2
+[[fluid]]
+shape = "box"
+lower = [0.85, 0.35, 0.85]
+cells = [13, 5, 13]
+[effects.weakly_compressible]
+sound_speed = 15.0
+[effects.gravity]
+acceleration = [0.0, -1.0, 0.0]
+[effects.box_walls]
+lower = [-0.2, -0.6, -0.2]
+upper = [3.2, 1.4, 3.2]
+[effects.mesh_boundary]
+file = "wall.stl"
+"""
+
+
+@pytest.mark.parametrize("kind", ["fan", "doorway"])
+def test_a_pour_onto_a_wall_with_a_hole_stays_calm(kind, tmp_path, monkeypatch, capsys):
+    """The wall lies flat; liquid falls onto its rim and through the hole, at most 1.5 times as fast as in free fall."""
+    from refsim import Simulation, load_scene
+
+    monkeypatch.chdir(tmp_path)
+    vertices, faces = wall_with_a_hole(kind)
+    trimesh.Trimesh(vertices, faces, process=False).export("wall.stl")
+    (tmp_path / "pour.toml").write_text(POUR)
+    assert main(["plan", "pour.toml"]) == 0
+    assert "inside is where the winding number exceeds 1/2" in " ".join(capsys.readouterr().out.split())
+    simulation = Simulation(load_scene("pour.toml"))
+    assert any("mesh_boundary: " in note and "winding number" in note for note in simulation.notes)
+    fastest = 0.0
+    while simulation.time < 0.9:
+        simulation.step()
+        fastest = max(fastest, float(np.linalg.norm(simulation.field("velocity"), axis=1).max()))
+    position = simulation.field("position").astype(float)
+    assert fastest < 1.5 * np.sqrt(2 * 1.0 * (0.85 + 0.6))
+    assert (position[:, 1] < -0.1).sum() > 30
+    assert wall_distance(position, kind).min() > -0.02
+
+
+def test_clusters_are_the_winding_number():
+    """Of a ball of 20,480 triangles, at points around it, and near two crossing balls."""
+    ball = trimesh.creation.icosphere(5)
+    corners = np.concatenate([ball.triangles, ball.triangles * 0.5 + [0.7, 0.1, 0.2]])
+    place = np.random.default_rng(1).uniform(-1.4, 1.4, (200, 3))
+    exact = solid_angles(place, corners)[0].sum(1) / (4 * np.pi)
+    assert np.abs(winding(place, corners) - exact).max() < 0.01
+    assert set(np.round(exact).astype(int)) == {0, 1, 2}
+
+
+PLY = """ply
+format ascii 1.0
+comment TextureFile {texture}
+element vertex 4
+property float x
+property float y
+property float z
+property float s
+property float t
+element face 4
+property list uchar int vertex_indices
+end_header
+0 0 0 0 0
+1 0 0 1 0
+0 1 0 0 1
+0 0 1 1 1
+3 0 2 1
+3 0 1 3
+3 1 2 3
+3 0 3 2
+"""
+
+
+@pytest.mark.parametrize("texture", ["none.png", "broken.png", "."])
+def test_a_texture_is_not_looked_for(tmp_path, texture, caplog, capfd):
+    (tmp_path / "broken.png").write_bytes(b"no picture")
+    (tmp_path / "a.ply").write_text(PLY.format(texture=texture))
+    assert load_mesh(tmp_path / "a.ply").volume == pytest.approx(1 / 6)
+    (tmp_path / "a.obj").write_text(BOX.export(file_type="obj") + f"\nmtllib none.mtl\nusemtl {texture}\n")
+    assert load_mesh(tmp_path / "a.obj").volume == pytest.approx(1.0)
+    assert not caplog.text
+    assert capfd.readouterr() == ("", "")
+
+
+def test_a_missing_buffer_is_named_in_one_sentence(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    for name, data in trimesh.exchange.gltf.export_gltf(trimesh.Scene(BOX)).items():
+        (tmp_path / name).write_bytes(data)
+    assert main(["sample", "model.gltf", "--radius", "0.1", "-o", "a.vtp"]) == 0
+    shutil.copy("model.gltf", "box.gltf")
+    buffer = json.loads((tmp_path / "box.gltf").read_text())["buffers"][0]["uri"]
+    for damage in (lambda: (tmp_path / buffer).write_bytes(b"xx"), (tmp_path / buffer).unlink):
+        damage()
+        capsys.readouterr()
+        assert main(["sample", "box.gltf", "--radius", "0.1", "-o", "b.vtp"]) == 2
+        told = capsys.readouterr().err
+        assert len(told.strip().splitlines()) == 1
+        assert "'box.gltf' cannot be read" in told
+    assert f"needs the file '{buffer}'" in told
